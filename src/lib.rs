@@ -1,0 +1,7 @@
+//! Global illumination without noise as a sum over virtual lights, in Vulkan compute.
+
+pub mod error;
+pub mod scene;
+pub mod settings;
+
+pub use error::{Error, Result};

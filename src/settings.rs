@@ -1,0 +1,108 @@
+//! Every knob of the renderer: meaning, unit, default, and what a higher and a lower value cost.
+
+use crate::error::{Error, Result};
+use crate::scene::RenderDefaults;
+
+/// Distance below which the 1/d^2 of a virtual light stops growing (row W6).
+///
+/// Below it 1/d^2 is replaced by 1/clip^2, which bounds the bright blotch around each virtual light. Higher: smoother
+/// corners, more energy cut off (a bias towards dark corners; with compensation it returns as more short paths, slower and
+/// with a little grain). Lower: brighter blotches at few passes; 0 is Keller's original estimator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Clip {
+    /// In scene units.
+    Distance(f32),
+    /// As a fraction of the diagonal of the scene's bounding box.
+    Fraction(f32),
+}
+
+/// Settings of one rendering. See each field for meaning, unit, default and cost.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Particles N started from the lights in each pass. Default 32. Cost of a pass grows linearly with it (the
+    /// shadow rays of a pixel are about N / (1 - rho)); more give less difference between passes.
+    pub paths: u32,
+    /// Greatest number of segments of a light path from eye to emitter: 1 emitters only, 2 direct light, 5 direct light
+    /// and three further reflections. Default 5. Higher is brighter and slower; 1 to 16.
+    pub max_depth: u32,
+    /// Clipping distance. Default 0.05 of the scene's diagonal.
+    pub clip: Clip,
+    /// Gather the part that clipping cuts off by short extra paths (Kollig and Keller 2004), so that the limit is
+    /// unbiased. Default true. False saves the extra rays and darkens corners.
+    pub compensation: bool,
+    /// Jitter the low-discrepancy points in their cells (Keller, 4.1). Default false. True trades structured error for noise.
+    pub jitter: bool,
+    /// Seed of every pseudo-random decision. Default 0. Same seed, device and settings: same bits.
+    pub seed: u64,
+    /// Lights that one dispatch of the shading pass may loop over. Default 8. Higher: fewer dispatches, but the
+    /// traversal steps that each light may take within one dispatch shrink (their product is bounded).
+    pub lights_per_dispatch: u32,
+    /// Rounds that a ray may take in a pass; it is carried on where the one before stopped. Default 4. Rounds that no ray
+    /// needs cost a few microseconds each. A ray left over after the last is reported, never dropped silently.
+    pub rounds: u32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings {
+            paths: 32,
+            max_depth: 5,
+            clip: Clip::Fraction(0.05),
+            compensation: true,
+            jitter: false,
+            seed: 0,
+            lights_per_dispatch: 8,
+            rounds: 4,
+        }
+    }
+}
+
+impl Settings {
+    /// Greatest `max_depth`: the table of sampling dimensions ends there.
+    pub const MAX_DEPTH: u32 = 16;
+    /// Greatest `paths`.
+    pub const MAX_PATHS: u32 = 65_536;
+
+    /// Takes over what a scene file's `[render]` says.
+    pub fn with_scene_defaults(mut self, render: &RenderDefaults) -> Self {
+        self.paths = render.paths.unwrap_or(self.paths);
+        self.max_depth = render.max_depth.unwrap_or(self.max_depth);
+        self.compensation = render.compensation.unwrap_or(self.compensation);
+        self.seed = render.seed.unwrap_or(self.seed);
+        if let Some(f) = render.clip_fraction {
+            self.clip = Clip::Fraction(f);
+        }
+        if let Some(d) = render.clip {
+            self.clip = Clip::Distance(d);
+        }
+        self
+    }
+
+    /// Checks every range; the error names the flag.
+    pub fn validate(&self) -> Result<()> {
+        let range = |name, value: u32, low: u32, high: u32| {
+            if (low..=high).contains(&value) {
+                Ok(())
+            } else {
+                Err(Error::Setting { name, message: format!("{value} is not in {low}..={high}") })
+            }
+        };
+        range("--paths", self.paths, 1, Self::MAX_PATHS)?;
+        range("--max-depth", self.max_depth, 1, Self::MAX_DEPTH)?;
+        range("--lights-per-dispatch", self.lights_per_dispatch, 1, 64)?;
+        range("--rounds", self.rounds, 1, 1024)?;
+        let (Clip::Distance(c) | Clip::Fraction(c)) = self.clip;
+        if !(c.is_finite() && c >= 0.0) {
+            return Err(Error::Setting { name: "--clip", message: format!("{c} is not a distance of 0 or more") });
+        }
+        Ok(())
+    }
+
+    /// Clipping distance in scene units for a scene of this diagonal.
+    pub fn clip_distance(&self, diagonal: f32) -> f32 {
+        match self.clip {
+            Clip::Distance(d) => d,
+            Clip::Fraction(f) => f * diagonal,
+        }
+    }
+}
