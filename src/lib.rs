@@ -1,6 +1,7 @@
 //! Global illumination without noise as a sum over virtual lights, in Vulkan compute.
 
 pub mod accel;
+pub mod bsdf;
 pub mod error;
 pub mod sampling;
 pub mod scene;

@@ -55,7 +55,7 @@ mod tests {
 
     #[test]
     fn dimensions_do_not_overlap() {
-        let mut used = vec![false; COUNT];
+        let mut used = [false; COUNT];
         let all = (0..MAX_SEGMENTS).flat_map(direction).chain(EMITTER);
         for d in all {
             assert!(!std::mem::replace(&mut used[d], true), "dimension {d} is used twice");

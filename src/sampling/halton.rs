@@ -158,7 +158,7 @@ pub(crate) mod tests {
             }
         }
         // In two dimensions: 2^3 x 3^2 boxes, one point each.
-        let mut hit = vec![false; 72];
+        let mut hit = [false; 72];
         for i in 0..72 {
             let (a, b) = ((halton(0, i) * 8.0) as usize, (f64::from(halton(1, i)) * 9.0 + 1e-3) as usize);
             assert!(!std::mem::replace(&mut hit[a * 9 + b], true));
