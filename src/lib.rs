@@ -3,6 +3,7 @@
 pub mod accel;
 pub mod bsdf;
 pub mod error;
+pub mod light;
 pub mod sampling;
 pub mod scene;
 pub mod settings;
