@@ -1,6 +1,10 @@
 //! Global illumination without noise as a sum over virtual lights, in Vulkan compute.
 
+pub mod accel;
+pub mod bsdf;
 pub mod error;
+pub mod light;
+pub mod sampling;
 pub mod scene;
 pub mod settings;
 

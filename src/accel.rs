@@ -1,0 +1,446 @@
+//! Bounding volume hierarchy: built by obvhs, flattened to a threaded array that CPU and GPU traverse alike.
+//!
+//! The binary tree is laid out depth first, and each node names the node to go on with when its subtree is done (its
+//! *skip*), so traversal needs no stack: a ray is a single index that only grows, and can be interrupted and carried on
+//! where it stopped. The price is a fixed order of children; the one with the larger surface comes first, since a random
+//! ray is more likely to end there.
+//!
+//! Node `i` is `node_min[i]`, `node_max[i]`:
+//!
+//! | field             | meaning |
+//! |-------------------|---------|
+//! | `node_min[i].xyz` | lower corner of the box, padded by [`BOX_PADDING`] |
+//! | `node_min[i].w`   | bits of a `u32`: skip, the index of the next node when this subtree is missed or done; `i < skip <= node count` |
+//! | `node_max[i].xyz` | upper corner of the box, padded likewise |
+//! | `node_max[i].w`   | bits of a `u32`: 0 for an inner node (its first child is `i + 1`), else `first << 3 \| count`: a leaf of `count` triangles (1..=4) from triangle `first` |
+//!
+//! Triangle `k`, in the order of the leaves, is `v0[k]`, `e1[k]`, `e2[k]`:
+//!
+//! | field       | meaning |
+//! |-------------|---------|
+//! | `v0[k].xyz` | first vertex |
+//! | `v0[k].w`   | bits of a `u32`: index of the material |
+//! | `e1[k].xyz` | second vertex minus first |
+//! | `e1[k].w`   | bits of a `u32`: index of the triangle in the scene |
+//! | `e2[k].xyz` | third vertex minus first |
+//! | `e2[k].w`   | 0 |
+//!
+//! One array for each vec4, since a single storage binding is limited to 128 MiB on the smallest devices.
+//!
+//! Every expression is plain f32 arithmetic in the order written, without contraction, so that a kernel that writes the
+//! same expressions gets the same numbers.
+
+use crate::error::{Error, Result};
+use crate::scene::Scene;
+use glam::{Vec3, Vec3A};
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::leaf_collapser::collapse;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+
+/// Greatest number of triangles in a leaf.
+pub const MAX_LEAF: u32 = 4;
+
+/// Barycentric coordinates this far outside still hit, so that triangles overlap along shared edges and do not crack.
+///
+/// Of rays aimed exactly at edges 1 in 10 slips through with slack 0, 1 in 2000 with 1e-6, 1 in 250,000 with 1e-5
+/// (slim triangles near the poles of a sphere: the rounding grows as they get slimmer).
+pub const BARYCENTRIC_SLACK: f32 = 1e-5;
+
+/// Widens the far end of a slab interval by more than the rounding of its three operations (Ize 2013), with room for a
+/// device whose division errs by 2.5 ulp.
+pub const SLAB_SLACK: f32 = 1.000_001;
+
+/// Boxes are padded by this fraction of the scene's largest coordinate on every side, a few ulp. A ray that runs exactly
+/// in the face of a box so is inside it, and triangles keep within their boxes with the rounding of their own test.
+pub const BOX_PADDING: f32 = 1.0 / 4_194_304.0;
+
+/// Components of a direction smaller than this are taken as this, keeping their sign. Their inverse then stays finite,
+/// and a finite number times the distance to a slab is never NaN, also where the origin lies in the slab's plane.
+pub const TINY_DIRECTION: f32 = 1e-30;
+
+/// A ray segment: the points `origin + t * direction` with `0 < t < t_max`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    /// Start, not part of the segment.
+    pub origin: Vec3,
+    /// End of the parameter, not part of the segment; infinite for a ray.
+    pub t_max: f32,
+    /// Direction; need not be of unit length.
+    pub direction: Vec3,
+}
+
+impl Ray {
+    /// The ray from `origin` to infinity.
+    pub fn new(origin: Vec3, direction: Vec3) -> Ray {
+        Ray { origin, t_max: f32::INFINITY, direction }
+    }
+
+    /// The open segment between two points; `t` runs from 0 to 1.
+    pub fn between(from: Vec3, to: Vec3) -> Ray {
+        Ray { origin: from, t_max: 1.0, direction: to - from }
+    }
+}
+
+/// Where a ray meets a triangle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Parameter along the ray.
+    pub t: f32,
+    /// Barycentric coordinate of the second vertex.
+    pub u: f32,
+    /// Barycentric coordinate of the third vertex.
+    pub v: f32,
+    /// Triangle in the order of the leaves.
+    pub triangle: u32,
+}
+
+/// What a traversal cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Steps {
+    /// Nodes whose box was tested.
+    pub nodes: u32,
+    /// Triangles tested.
+    pub triangles: u32,
+}
+
+/// The hierarchy; see the module's documentation for the arrays.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bvh {
+    /// Lower corners and skips.
+    pub node_min: Vec<[f32; 4]>,
+    /// Upper corners and leaves.
+    pub node_max: Vec<[f32; 4]>,
+    /// First vertices and materials.
+    pub v0: Vec<[f32; 4]>,
+    /// First edges and indices of the triangles in the scene.
+    pub e1: Vec<[f32; 4]>,
+    /// Second edges.
+    pub e2: Vec<[f32; 4]>,
+    /// Lower corner of the scene.
+    pub min: Vec3,
+    /// Upper corner of the scene.
+    pub max: Vec3,
+}
+
+fn xyz(a: &[f32; 4]) -> Vec3 {
+    Vec3::new(a[0], a[1], a[2])
+}
+
+fn with_bits(a: Vec3, w: u32) -> [f32; 4] {
+    [a.x, a.y, a.z, f32::from_bits(w)]
+}
+
+impl Bvh {
+    /// Builds the hierarchy over all triangles of a scene. The same scene gives the same arrays.
+    pub fn build(scene: &Scene) -> Result<Bvh> {
+        let count = scene.triangles.len();
+        if count == 0 {
+            return Err(Error::Scene(String::from(
+                "there is no triangle to build a hierarchy over; check the model file",
+            )));
+        }
+        // A leaf keeps 29 bits for its first triangle.
+        if count > 1 << 28 {
+            return Err(Error::Scene(format!("{count} triangles exceed the limit of {}; simplify the model", 1 << 28)));
+        }
+        let boxes: Vec<Aabb> = scene
+            .triangles
+            .iter()
+            .map(|t| Aabb::from_points(&t.vertices.map(|v| Vec3A::from(scene.positions[v as usize]))))
+            .collect();
+        // Above a million triangles reinsertion of every node would take tens of seconds for a few per cent of speed.
+        let (search, ratio) =
+            if count <= 1 << 20 { (PlocSearchDistance::High, 0.5) } else { (PlocSearchDistance::Medium, 0.05) };
+        let indices = (0..count as u32).collect();
+        let mut tree = PlocBuilder::with_capacity(count).build(search, &boxes, indices, SortPrecision::U64, 2);
+        let mut reinsertion = ReinsertionOptimizer::default();
+        reinsertion.run(&mut tree, ratio, None);
+        collapse(&mut tree, MAX_LEAF, 3.0);
+        reinsertion.run(&mut tree, ratio, None);
+
+        let mut bvh = Bvh {
+            node_min: Vec::with_capacity(tree.nodes.len()),
+            node_max: Vec::with_capacity(tree.nodes.len()),
+            v0: Vec::with_capacity(count),
+            e1: Vec::with_capacity(count),
+            e2: Vec::with_capacity(count),
+            min: tree.nodes[0].aabb().min.into(),
+            max: tree.nodes[0].aabb().max.into(),
+        };
+        let padding = Vec3::splat(bvh.scale() * BOX_PADDING);
+        enum Visit {
+            Enter(u32),
+            Leave(usize),
+        }
+        let mut stack = vec![Visit::Enter(0)];
+        while let Some(visit) = stack.pop() {
+            let node = match visit {
+                Visit::Enter(node) => &tree.nodes[node as usize],
+                Visit::Leave(index) => {
+                    bvh.node_min[index][3] = f32::from_bits(bvh.node_min.len() as u32);
+                    continue;
+                }
+            };
+            stack.push(Visit::Leave(bvh.node_min.len()));
+            bvh.node_min.push(with_bits(Vec3::from(node.aabb().min) - padding, 0));
+            let mut leaf = 0;
+            if node.is_leaf() {
+                leaf = (bvh.v0.len() as u32) << 3 | node.prim_count;
+                let first = node.first_index as usize;
+                for &index in &tree.primitive_indices[first..first + node.prim_count as usize] {
+                    let triangle = &scene.triangles[index as usize];
+                    let [a, b, c] = triangle.vertices.map(|v| scene.positions[v as usize]);
+                    bvh.v0.push(with_bits(a, triangle.material));
+                    bvh.e1.push(with_bits(b - a, index));
+                    bvh.e2.push(with_bits(c - a, 0));
+                }
+            } else {
+                let (mut first, mut second) = (node.first_index, node.first_index + 1);
+                let area = |n: u32| tree.nodes[n as usize].aabb().half_area();
+                if area(second) > area(first) {
+                    std::mem::swap(&mut first, &mut second);
+                }
+                stack.push(Visit::Enter(second));
+                stack.push(Visit::Enter(first));
+            }
+            bvh.node_max.push(with_bits(Vec3::from(node.aabb().max) + padding, leaf));
+        }
+        Ok(bvh)
+    }
+
+    /// Number of nodes.
+    pub fn node_count(&self) -> u32 {
+        self.node_min.len() as u32
+    }
+
+    /// Number of triangles.
+    pub fn triangle_count(&self) -> u32 {
+        self.v0.len() as u32
+    }
+
+    /// Largest absolute coordinate: the rounding of positions scales with it; for [`offset_origin`].
+    pub fn scale(&self) -> f32 {
+        self.min.abs().max(self.max.abs()).max_element()
+    }
+
+    /// Length of the bounding box's diagonal.
+    pub fn diagonal(&self) -> f32 {
+        (self.max - self.min).length()
+    }
+
+    /// Index in the scene of a triangle in the order of the leaves.
+    pub fn scene_triangle(&self, triangle: u32) -> u32 {
+        self.e1[triangle as usize][3].to_bits()
+    }
+
+    /// Material of a triangle in the order of the leaves.
+    pub fn material(&self, triangle: u32) -> u32 {
+        self.v0[triangle as usize][3].to_bits()
+    }
+
+    /// Unit normal of the front side of a triangle in the order of the leaves.
+    pub fn normal(&self, triangle: u32) -> Vec3 {
+        unit_normal(xyz(&self.e1[triangle as usize]), xyz(&self.e2[triangle as usize]))
+    }
+
+    /// Point of a hit from its barycentric coordinates: more exact than `origin + t * direction`.
+    pub fn position(&self, hit: &Hit) -> Vec3 {
+        let k = hit.triangle as usize;
+        xyz(&self.v0[k]) + xyz(&self.e1[k]) * hit.u + xyz(&self.e2[k]) * hit.v
+    }
+
+    /// The nearest hit; of several at the same distance the first in the order of the leaves.
+    pub fn closest(&self, ray: &Ray) -> Option<Hit> {
+        self.closest_counted(ray, &mut Steps::default())
+    }
+
+    /// [`Bvh::closest`], adding up what it cost.
+    pub fn closest_counted(&self, ray: &Ray, steps: &mut Steps) -> Option<Hit> {
+        let mut ray = *ray;
+        let mut nearest = None;
+        self.traverse(&ray.clone(), steps, |t_max, k| {
+            ray.t_max = *t_max;
+            if let Some(hit) = self.intersect(&ray, k) {
+                *t_max = hit.t;
+                nearest = Some(hit);
+            }
+            false
+        });
+        nearest
+    }
+
+    /// Whether anything lies on the open segment.
+    pub fn occluded(&self, ray: &Ray) -> bool {
+        self.occluded_counted(ray, &mut Steps::default())
+    }
+
+    /// [`Bvh::occluded`], adding up what it cost.
+    pub fn occluded_counted(&self, ray: &Ray, steps: &mut Steps) -> bool {
+        self.traverse(ray, steps, |_, k| self.intersect(ray, k).is_some())
+    }
+
+    /// Visits the triangles of the leaves that a ray meets, until `visit` says true. `visit` may shorten the ray.
+    fn traverse(&self, ray: &Ray, steps: &mut Steps, mut visit: impl FnMut(&mut f32, u32) -> bool) -> bool {
+        let inverse = inverse_direction(ray.direction);
+        let count = self.node_count();
+        let mut t_max = ray.t_max;
+        let mut node = 0;
+        while node < count {
+            steps.nodes += 1;
+            let (lower, upper) = (&self.node_min[node as usize], &self.node_max[node as usize]);
+            let leaf = upper[3].to_bits();
+            if !meets_box(ray.origin, inverse, t_max, xyz(lower), xyz(upper)) {
+                node = lower[3].to_bits();
+                continue;
+            }
+            let first = leaf >> 3;
+            for k in first..first + (leaf & 7) {
+                steps.triangles += 1;
+                if visit(&mut t_max, k) {
+                    return true;
+                }
+            }
+            // After a leaf its skip is the next node as well, so hit nodes need no distinction.
+            node += 1;
+        }
+        false
+    }
+
+    /// Moeller and Trumbore 1997, both sides. A determinant of exactly 0 (ray in the triangle's plane) misses.
+    pub fn intersect(&self, ray: &Ray, triangle: u32) -> Option<Hit> {
+        let k = triangle as usize;
+        let (v0, e1, e2) = (xyz(&self.v0[k]), xyz(&self.e1[k]), xyz(&self.e2[k]));
+        let p = ray.direction.cross(e2);
+        let determinant = e1.dot(p);
+        if determinant == 0.0 {
+            return None;
+        }
+        let inverse = 1.0 / determinant;
+        let s = ray.origin - v0;
+        let u = s.dot(p) * inverse;
+        let q = s.cross(e1);
+        let v = ray.direction.dot(q) * inverse;
+        let t = e2.dot(q) * inverse;
+        let inside = u >= -BARYCENTRIC_SLACK && v >= -BARYCENTRIC_SLACK && u + v <= 1.0 + BARYCENTRIC_SLACK;
+        (inside && t > 0.0 && t < ray.t_max).then_some(Hit { t, u, v, triangle })
+    }
+
+    /// Checks the whole structure against the scene: every triangle once, boxes that contain their children and
+    /// triangles, skips that close exactly the subtrees.
+    pub fn validate(&self, scene: &Scene) -> Result<()> {
+        let wrong = |message: String| Err(Error::Scene(format!("hierarchy is inconsistent: {message}")));
+        let (nodes, triangles) = (self.node_min.len(), self.v0.len());
+        if self.node_max.len() != nodes || self.e1.len() != triangles || self.e2.len() != triangles {
+            return wrong(String::from("arrays differ in length"));
+        }
+        if triangles != scene.triangles.len() {
+            return wrong(format!("{triangles} triangles for the scene's {}", scene.triangles.len()));
+        }
+        let mut seen = vec![false; triangles];
+        let mut next_triangle = 0;
+        // The inner nodes around the current one, with the number of children met so far.
+        let mut open: Vec<(usize, u32)> = Vec::new();
+        for i in 0..nodes {
+            let (lower, upper) = (xyz(&self.node_min[i]), xyz(&self.node_max[i]));
+            let skip = self.node_min[i][3].to_bits() as usize;
+            let leaf = self.node_max[i][3].to_bits();
+            while let Some(&(parent, children)) = open.last() {
+                if self.node_min[parent][3].to_bits() as usize > i {
+                    break;
+                }
+                if children != 2 || self.node_min[parent][3].to_bits() as usize != i {
+                    return wrong(format!("skip of node {parent} does not close its subtree"));
+                }
+                open.pop();
+            }
+            if let Some((parent, children)) = open.last_mut() {
+                *children += 1;
+                let (a, b) = (xyz(&self.node_min[*parent]), xyz(&self.node_max[*parent]));
+                if lower.cmplt(a).any() || upper.cmpgt(b).any() {
+                    return wrong(format!("node {i} sticks out of its parent {parent}"));
+                }
+            } else if i != 0 {
+                return wrong(format!("node {i} has no parent"));
+            }
+            if leaf == 0 {
+                open.push((i, 0));
+                continue;
+            }
+            let (first, count) = (leaf >> 3, leaf & 7);
+            if skip != i + 1 || count == 0 || count > MAX_LEAF || first as usize != next_triangle {
+                return wrong(format!("leaf {i}: skip {skip}, first {first}, count {count}"));
+            }
+            next_triangle += count as usize;
+            if next_triangle > triangles {
+                return wrong(format!("leaf {i} ends beyond the last triangle"));
+            }
+            for k in first..first + count {
+                let index = self.scene_triangle(k) as usize;
+                if index >= triangles || std::mem::replace(&mut seen[index], true) {
+                    return wrong(format!("triangle {index} is out of range or referred to twice"));
+                }
+                let source = &scene.triangles[index];
+                let corners = source.vertices.map(|v| scene.positions[v as usize]);
+                if corners.iter().any(|c| c.cmplt(lower).any() || c.cmpgt(upper).any()) {
+                    return wrong(format!("triangle {index} sticks out of leaf {i}"));
+                }
+                let [a, b, c] = corners;
+                let k = k as usize;
+                if xyz(&self.v0[k]) != a || xyz(&self.e1[k]) != b - a || xyz(&self.e2[k]) != c - a {
+                    return wrong(format!("triangle {index} has other vertices"));
+                }
+                if self.v0[k][3].to_bits() != source.material {
+                    return wrong(format!("triangle {index} has another material"));
+                }
+            }
+        }
+        let closed = open.iter().all(|&(p, children)| children == 2 && self.node_min[p][3].to_bits() as usize == nodes);
+        if !closed || next_triangle != triangles {
+            return wrong(String::from("the tree ends early"));
+        }
+        Ok(())
+    }
+}
+
+/// Unit normal from two edges. The edges are scaled first, so that neither tiny nor huge triangles lose their normal.
+pub fn unit_normal(e1: Vec3, e2: Vec3) -> Vec3 {
+    let largest = |e: Vec3| e.abs().max_element();
+    (e1 / largest(e1)).cross(e2 / largest(e2)).normalize()
+}
+
+/// 1 / direction with components near 0 replaced, see [`TINY_DIRECTION`].
+pub fn inverse_direction(d: Vec3) -> Vec3 {
+    let safe = |x: f32| if x.abs() < TINY_DIRECTION { TINY_DIRECTION.copysign(x) } else { x };
+    Vec3::new(1.0 / safe(d.x), 1.0 / safe(d.y), 1.0 / safe(d.z))
+}
+
+/// Slab test of the segment (0, t_max) against a box; may say yes a few ulp outside, never no inside.
+pub fn meets_box(origin: Vec3, inverse: Vec3, t_max: f32, lower: Vec3, upper: Vec3) -> bool {
+    let a = (lower - origin) * inverse;
+    let b = (upper - origin) * inverse;
+    let (near, far) = (a.min(b), a.max(b));
+    let t_near = near.x.max(near.y).max(near.z).max(0.0);
+    let t_far = (far.x.min(far.y).min(far.z) * SLAB_SLACK).min(t_max);
+    t_near <= t_far
+}
+
+/// Moves a point on a surface off it to the side of the unit normal `n`, far enough that a ray from it does not meet the
+/// surface again (Waechter and Binder 2019): by 256 ulp of each coordinate, and near 0, where ulps vanish but the
+/// rounding of the other coordinates does not, by a fixed fraction of the scene's largest coordinate `scale`.
+///
+/// Differs from the publication in that both constants for small coordinates are multiplied by `scale`.
+pub fn offset_origin(p: Vec3, n: Vec3, scale: f32) -> Vec3 {
+    let component = |p: f32, n: f32| {
+        if p.abs() < scale * (1.0 / 32.0) {
+            return p + n * (scale * (1.0 / 65536.0));
+        }
+        let ulps = (256.0 * n) as i32;
+        let bits = p.to_bits() as i32;
+        f32::from_bits((bits + if p < 0.0 { -ulps } else { ulps }) as u32)
+    };
+    Vec3::new(component(p.x, n.x), component(p.y, n.y), component(p.z, n.z))
+}
+
+#[cfg(test)]
+mod tests;

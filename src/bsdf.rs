@@ -1,0 +1,292 @@
+//! Reflection at a surface: Lambert plus a GGX lobe; Fresnel's equations; texture lookup.
+//!
+//! f_r = kd / pi + D G2 F / (4 cos cos'), D and G2 of GGX (G2 height-correlated, Smith), F after Schlick.
+//!
+//! The diffuse part is scaled by 1 - F_avg, F_avg = f0 + (f90 - f0) / 21 being the cosine mean of F. So the mean of the
+//! albedo over the hemisphere never exceeds 1, and the diffuse part stays a constant: a virtual light of it is
+//! Lambertian. The albedo of a single grazing direction can exceed 1 for a light and smooth dielectric.
+
+use crate::scene::{Material, Scene, Texture, Wrap};
+use glam::{Vec3, Vec4};
+use std::f32::consts::{PI, TAU};
+
+/// Smallest GGX alpha: below it the lobe is narrower than f32 resolves well.
+pub const MIN_ALPHA: f32 = 1e-3;
+
+/// Reflectance at a point, textures applied.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reflectance {
+    /// Diffuse albedo.
+    pub kd: Vec3,
+    /// Specular reflectance at normal incidence; 0 in all channels if there is no lobe.
+    pub f0: Vec3,
+    /// Specular reflectance at grazing incidence.
+    pub f90: f32,
+    /// GGX roughness.
+    pub alpha: f32,
+}
+
+impl Reflectance {
+    /// From base colour, metallic, perceptual roughness and the dielectric part's reflectance at normal incidence.
+    pub fn new(base: Vec3, metallic: f32, roughness: f32, specular: Vec3) -> Reflectance {
+        let f0 = specular + (base - specular) * metallic;
+        let f90 = (50.0 * f0.max_element()).clamp(0.0, 1.0);
+        let mut r = Reflectance { kd: Vec3::ZERO, f0, f90, alpha: (roughness * roughness).max(MIN_ALPHA) };
+        r.kd = base * (1.0 - metallic) * (Vec3::ONE - r.average_fresnel());
+        r
+    }
+
+    /// Of a material where its textures have these factors: base colour, and (roughness, metallic).
+    pub fn of(material: &Material, base: Vec3, roughness_metallic: [f32; 2]) -> Reflectance {
+        let [roughness, metallic] = roughness_metallic;
+        Reflectance::new(
+            material.base_color * base,
+            material.metallic * metallic,
+            material.roughness * roughness,
+            material.specular,
+        )
+    }
+
+    /// Of a material at texture coordinates.
+    pub fn at(scene: &Scene, material: &Material, uv: [f32; 2]) -> Reflectance {
+        let texel = |index: Option<u32>| index.map(|i| sample_texture(&scene.textures[i as usize], uv));
+        let base = texel(material.base_texture).unwrap_or(Vec4::ONE).truncate();
+        let mr = texel(material.metallic_roughness_texture).unwrap_or(Vec4::ONE);
+        Reflectance::of(material, base, [mr.y, mr.z])
+    }
+
+    /// Cosine mean of Schlick's F over the hemisphere: the lobe's albedo but for shadowing.
+    pub fn average_fresnel(&self) -> Vec3 {
+        self.f0 + (Vec3::splat(self.f90) - self.f0) * (1.0 / 21.0)
+    }
+
+    /// Probability of the diffuse lobe when one of the two is chosen; 1 if there is no specular lobe.
+    pub fn diffuse_probability(&self) -> f32 {
+        let diffuse = mean(self.kd);
+        let specular = mean(self.average_fresnel());
+        if specular <= 0.0 { 1.0 } else { diffuse / (diffuse + specular) }
+    }
+
+    /// The diffuse part of f_r.
+    pub fn eval_diffuse(&self) -> Vec3 {
+        self.kd * (1.0 / PI)
+    }
+
+    /// The specular part of f_r for unit directions that leave the surface; 0 if either is not above it.
+    pub fn eval_specular(&self, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
+        let (cos_i, cos_o) = (n.dot(wi), n.dot(wo));
+        if cos_i <= 0.0 || cos_o <= 0.0 || self.f90 <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let h = (wi + wo).normalize();
+        let d = ggx(n, h, self.alpha);
+        // G2 / (4 cos cos').
+        let a2 = self.alpha * self.alpha;
+        let masking = cos_o * (a2 + (1.0 - a2) * (cos_i * cos_i)).sqrt();
+        let shadowing = cos_i * (a2 + (1.0 - a2) * (cos_o * cos_o)).sqrt();
+        let visibility = 0.5 / (masking + shadowing);
+        schlick(self.f0, self.f90, wo.dot(h)) * (d * visibility)
+    }
+
+    /// f_r for unit directions that leave the surface; 0 if either is not above it.
+    pub fn eval(&self, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
+        if n.dot(wi) <= 0.0 || n.dot(wo) <= 0.0 {
+            return Vec3::ZERO;
+        }
+        self.eval_diffuse() + self.eval_specular(n, wi, wo)
+    }
+
+    /// Density over solid angle of [`Reflectance::sample`].
+    pub fn pdf(&self, n: Vec3, wi: Vec3, wo: Vec3) -> f32 {
+        let cos_i = n.dot(wi);
+        if cos_i <= 0.0 || n.dot(wo) <= 0.0 {
+            return 0.0;
+        }
+        let p = self.diffuse_probability();
+        let mut pdf = p * (cos_i / PI);
+        if p < 1.0 {
+            pdf += (1.0 - p) * pdf_specular(n, wi, wo, self.alpha);
+        }
+        pdf
+    }
+
+    /// A direction wi for wo: `choice` selects the lobe, `u` the direction. It may lie below the surface (then f_r is 0).
+    pub fn sample(&self, n: Vec3, wo: Vec3, choice: f32, u: [f32; 2]) -> Vec3 {
+        let (t, b) = basis(n);
+        let world = |w: Vec3| t * w.x + b * w.y + n * w.z;
+        if choice < self.diffuse_probability() {
+            return world(sample_diffuse(u));
+        }
+        world(sample_specular(Vec3::new(wo.dot(t), wo.dot(b), wo.dot(n)), self.alpha, u))
+    }
+}
+
+/// Mean of the three channels.
+pub fn mean(c: Vec3) -> f32 {
+    (c.x + c.y + c.z) * (1.0 / 3.0)
+}
+
+/// Geometric and shading normal turned to the side from which a surface is seen.
+///
+/// The shading normal is flipped to the geometric normal's side. Directions below either hemisphere reflect nothing, so
+/// no light leaks through a surface whose interpolated normals lean over.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Normals {
+    /// Geometric normal, on the side of wo.
+    pub geometric: Vec3,
+    /// Shading normal, on the side of the geometric one.
+    pub shading: Vec3,
+    /// Seen from the front (counter-clockwise) side.
+    pub front: bool,
+}
+
+impl Normals {
+    /// Turns both normals to the side of wo.
+    pub fn facing(geometric: Vec3, shading: Vec3, wo: Vec3) -> Normals {
+        let front = geometric.dot(wo) >= 0.0;
+        let geometric = if front { geometric } else { -geometric };
+        let shading = if shading.dot(geometric) >= 0.0 { shading } else { -shading };
+        Normals { geometric, shading, front }
+    }
+
+    /// Whether a direction is above both hemispheres.
+    pub fn above(&self, w: Vec3) -> bool {
+        self.geometric.dot(w) > 0.0 && self.shading.dot(w) > 0.0
+    }
+}
+
+/// Schlick's approximation of Fresnel reflectance.
+pub fn schlick(f0: Vec3, f90: f32, cos: f32) -> Vec3 {
+    let m = (1.0 - cos).clamp(0.0, 1.0);
+    let m2 = m * m;
+    f0 + (Vec3::splat(f90) - f0) * (m2 * m2 * m)
+}
+
+/// GGX distribution of normals. The denominator sin^2 + alpha^2 cos^2 takes the sine from a cross product: 1 - cos^2
+/// would lose the peak of a narrow lobe to rounding.
+pub fn ggx(n: Vec3, h: Vec3, alpha: f32) -> f32 {
+    let cos = n.dot(h);
+    let cross = n.cross(h);
+    let a = alpha * cos;
+    let k = alpha / (cross.dot(cross) + a * a);
+    k * k * (1.0 / PI)
+}
+
+/// Smith's masking function of GGX for one direction.
+fn masking(cos: f32, alpha: f32) -> f32 {
+    let a2 = alpha * alpha;
+    2.0 * cos / (cos + (a2 + (1.0 - a2) * (cos * cos)).sqrt())
+}
+
+/// Cosine-distributed direction around +z (Keller 1997, 3.2): (arcsin sqrt u, 2 pi v). Density cos / pi.
+pub fn sample_diffuse(u: [f32; 2]) -> Vec3 {
+    let sin = u[0].sqrt();
+    let cos = (1.0 - u[0]).sqrt();
+    let phi = TAU * u[1];
+    Vec3::new(sin * phi.cos(), sin * phi.sin(), cos)
+}
+
+/// Direction reflected at a visible GGX normal (Heitz 2018), around +z. May lie below the surface.
+pub fn sample_specular(wo: Vec3, alpha: f32, u: [f32; 2]) -> Vec3 {
+    // Stretched view direction and a basis around it.
+    let v = Vec3::new(alpha * wo.x, alpha * wo.y, wo.z).normalize();
+    let length2 = v.x * v.x + v.y * v.y;
+    let t1 = if length2 > 0.0 { Vec3::new(-v.y, v.x, 0.0) * (1.0 / length2.sqrt()) } else { Vec3::X };
+    let t2 = v.cross(t1);
+    // A point of the disc, its half towards the horizon squeezed.
+    let r = u[0].sqrt();
+    let phi = TAU * u[1];
+    let x = r * phi.cos();
+    let s = 0.5 * (1.0 + v.z);
+    let y = (1.0 - s) * (1.0 - x * x).max(0.0).sqrt() + s * (r * phi.sin());
+    // Onto the hemisphere, and stretched back.
+    let z = (1.0 - x * x - y * y).max(0.0).sqrt();
+    let m = t1 * x + t2 * y + v * z;
+    let h = Vec3::new(alpha * m.x, alpha * m.y, m.z.max(0.0)).normalize();
+    h * (2.0 * wo.dot(h)) - wo
+}
+
+/// Density over solid angle of [`sample_specular`]: G1(wo) D(h) / (4 cos_o).
+pub fn pdf_specular(n: Vec3, wi: Vec3, wo: Vec3, alpha: f32) -> f32 {
+    let cos_o = n.dot(wo);
+    if n.dot(wi) <= 0.0 || cos_o <= 0.0 {
+        return 0.0;
+    }
+    let h = (wi + wo).normalize();
+    masking(cos_o, alpha) * ggx(n, h, alpha) / (4.0 * cos_o)
+}
+
+/// Two unit vectors that complete the unit vector n to an orthonormal basis (Duff et al. 2017).
+pub fn basis(n: Vec3) -> (Vec3, Vec3) {
+    let sign = 1.0f32.copysign(n.z);
+    let a = -1.0 / (sign + n.z);
+    let b = n.x * n.y * a;
+    (Vec3::new(1.0 + sign * (n.x * n.x) * a, sign * b, -sign * n.x), Vec3::new(b, sign + n.y * n.y * a, -n.y))
+}
+
+/// Reflectance of a smooth dielectric for unpolarised light (Fresnel). `cos` is that of the incident direction, `eta` the
+/// index of the far side over that of the near side. Also the cosine of the refracted direction; None if all is reflected.
+pub fn fresnel_dielectric(cos: f32, eta: f32) -> (f32, Option<f32>) {
+    let cos = cos.clamp(0.0, 1.0);
+    let sin2_t = (1.0 - cos * cos) / (eta * eta);
+    if sin2_t >= 1.0 {
+        return (1.0, None);
+    }
+    let cos_t = (1.0 - sin2_t).sqrt();
+    let parallel = (eta * cos - cos_t) / (eta * cos + cos_t);
+    let perpendicular = (cos - eta * cos_t) / (cos + eta * cos_t);
+    (0.5 * (parallel * parallel + perpendicular * perpendicular), Some(cos_t))
+}
+
+/// Ideal reflection of wo at n.
+pub fn reflect(wo: Vec3, n: Vec3) -> Vec3 {
+    n * (2.0 * n.dot(wo)) - wo
+}
+
+/// Linear value of an sRGB-encoded one.
+pub fn srgb_to_linear(c: f32) -> f32 {
+    if c <= 0.04045 { c * (1.0 / 12.92) } else { ((c + 0.055) * (1.0 / 1.055)).powf(2.4) }
+}
+
+/// Bilinear lookup. Texel (i, j) has its centre at ((i + 0.5) / width, (j + 0.5) / height); colour is decoded before it is
+/// filtered; alpha is always linear.
+pub fn sample_texture(texture: &Texture, uv: [f32; 2]) -> Vec4 {
+    let (x0, x1, fx) = texel_pair(uv[0], texture.width, texture.wrap[0]);
+    let (y0, y1, fy) = texel_pair(uv[1], texture.height, texture.wrap[1]);
+    let texel = |x: u32, y: u32| {
+        let bytes = texture.texels[y as usize * texture.width as usize + x as usize];
+        let c = bytes.map(|b| f32::from(b) * (1.0 / 255.0));
+        let decode = |c| if texture.srgb { srgb_to_linear(c) } else { c };
+        Vec4::new(decode(c[0]), decode(c[1]), decode(c[2]), c[3])
+    };
+    let mix = |a: Vec4, b: Vec4, f: f32| a * (1.0 - f) + b * f;
+    mix(mix(texel(x0, y0), texel(x1, y0), fx), mix(texel(x0, y1), texel(x1, y1), fx), fy)
+}
+
+/// The two texels along one axis and the weight of the second.
+fn texel_pair(u: f32, size: u32, wrap: Wrap) -> (u32, u32, f32) {
+    // Into the first period first, so that the texel's number stays small and exact.
+    let u = match wrap {
+        Wrap::Repeat => u - u.floor(),
+        Wrap::Mirror => u - 2.0 * (u * 0.5).floor(),
+        Wrap::Clamp => u.clamp(0.0, 1.0),
+    };
+    let x = u * size as f32 - 0.5;
+    let cell = x.floor();
+    let size = size as i32;
+    let index = |i: i32| -> u32 {
+        let i = match wrap {
+            Wrap::Repeat => i.rem_euclid(size),
+            Wrap::Mirror => {
+                let i = i.rem_euclid(2 * size);
+                i.min(2 * size - 1 - i)
+            }
+            Wrap::Clamp => i.clamp(0, size - 1),
+        };
+        i as u32
+    };
+    (index(cell as i32), index(cell as i32 + 1), x - cell)
+}
+
+#[cfg(test)]
+mod tests;

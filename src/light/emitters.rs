@@ -1,0 +1,470 @@
+//! The emitters of a scene as a distribution to start particles from (Keller 1997, 3.2).
+//!
+//! An emitter is chosen in proportion to its power (mean of the channels) by the composition method: the number that
+//! chooses it is stretched to [0, 1) again and used for the point on it. The point comes by an area-preserving map of the
+//! unit square:
+//!
+//! - quad (two triangles that form a parallelogram): p0 + u e1 + v e2, an isometry up to shear and scale;
+//! - triangle: p0 + s (1 - v) e1 + s v e2, s = sqrt(1 - u): slices parallel to the edge opposite p0. It is continuous, but
+//!   squeezes one side of the square into p0; the map of Heitz (2019) distorts less at the price of a fold;
+//! - sphere: cylindrical equal-area map, z = 1 - 2u, phi = 2 pi v;
+//! - directional light: the disc of the scene's bounding sphere, across the direction, (sqrt u, 2 pi v).
+//!
+//! Point, spot, directional and virtual lights are *delta* lights: they start particles for indirect light, but a renderer
+//! lights with each of them exactly once by itself instead of with their particles' first vertices.
+
+use crate::accel::{Bvh, unit_normal};
+use crate::bsdf::{basis, mean, sample_diffuse};
+use crate::error::{Error, Result};
+use crate::sampling::ONE_MINUS_EPSILON;
+use crate::scene::{Light, Scene};
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+use std::collections::HashMap;
+use std::f32::consts::{PI, TAU};
+
+/// Stands for "no emitter" in [`Emitters::of_triangle`].
+pub const NO_EMITTER: u32 = u32::MAX;
+
+/// Kind of an emitter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Kind {
+    /// Triangle of a mesh.
+    Triangle = 0,
+    /// Parallelogram of two triangles of a mesh.
+    Quad = 1,
+    /// Sphere.
+    Sphere = 2,
+    /// Isotropic point.
+    Point = 3,
+    /// Spot.
+    Spot = 4,
+    /// Parallel light.
+    Directional = 5,
+    /// Point with cosine emission about a normal.
+    Virtual = 6,
+}
+
+/// One emitter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Emitter {
+    /// Its kind.
+    pub kind: Kind,
+    /// Triangle, quad: first corner. Sphere: centre. Directional: centre of the disc. Else: position.
+    pub p0: Vec3,
+    /// Triangle, quad: first edge. Directional: radius of the disc along one axis. Sphere: x holds the radius on which
+    /// particles start, see [`Emitters::of`]. Spot: x and y hold the cosines of the inner and the outer angle.
+    pub e1: Vec3,
+    /// Triangle, quad: second edge. Directional: radius of the disc along the other axis.
+    pub e2: Vec3,
+    /// Triangle, quad, virtual: unit normal of the side that emits. Spot, directional: unit direction of the light.
+    pub normal: Vec3,
+    /// Triangle, quad, sphere: radiance. Point, spot: radiant intensity. Directional: irradiance across its direction.
+    /// Virtual: flux.
+    pub radiance: Vec3,
+    /// Area of one side; directional: of the disc; 0 for points.
+    pub area: f32,
+    /// Emits from both sides.
+    pub two_sided: bool,
+    /// A sphere that emits inwards.
+    pub inward: bool,
+    /// Emitted flux, W.
+    pub power: Vec3,
+    /// Probability of being chosen, from the distribution as stored.
+    pub probability: f32,
+}
+
+impl Emitter {
+    /// Whether it has no area: lit by itself exactly once, not through particles.
+    pub fn is_delta(&self) -> bool {
+        matches!(self.kind, Kind::Point | Kind::Spot | Kind::Directional | Kind::Virtual)
+    }
+}
+
+/// An [`Emitter`] as kernels read it, 96 bytes. Numbers that are not floats are stored as the bits of a `u32`.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct EmitterRecord {
+    /// xyz: `p0`; w: bits of the [`Kind`].
+    pub p0: [f32; 4],
+    /// xyz: `e1`; w: `area`.
+    pub e1: [f32; 4],
+    /// xyz: `e2`; w: bits: 1 two-sided, 2 inward.
+    pub e2: [f32; 4],
+    /// xyz: `normal`; w: `probability`.
+    pub normal: [f32; 4],
+    /// xyz: `radiance`; w: the upper end of its interval in the distribution, as in [`Emitters::cdf`].
+    pub radiance: [f32; 4],
+    /// xyz: flux of a particle started here, `power / probability` (0 if never chosen); w: 0.
+    pub flux: [f32; 4],
+}
+
+/// Bit of `EmitterRecord::e2[3]`: emits from both sides.
+pub const FLAG_TWO_SIDED: u32 = 1;
+/// Bit of `EmitterRecord::e2[3]`: a sphere that emits inwards.
+pub const FLAG_INWARD: u32 = 2;
+
+/// Where a particle starts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start {
+    /// Index of the emitter.
+    pub emitter: u32,
+    /// Starting point, on the emitter itself.
+    pub position: Vec3,
+    /// Axis of the emission: normal of the emitting side, direction of a spot or parallel light; +z for a point.
+    pub normal: Vec3,
+    /// Flux of the particle if it were the only one; divide by the number of particles.
+    pub flux: Vec3,
+}
+
+/// All emitters of a scene and the distribution to choose from them.
+#[derive(Clone, Debug)]
+pub struct Emitters {
+    /// The emitters.
+    pub list: Vec<Emitter>,
+    /// Upper ends of the emitters' intervals of [0, 1); the last is 1.
+    pub cdf: Vec<f32>,
+    /// Indices of those without area, which a renderer lights with one by one.
+    pub delta: Vec<usize>,
+    /// Total emitted flux, W.
+    pub power: Vec3,
+    /// For each triangle of the scene its emitter, or [`NO_EMITTER`].
+    pub of_triangle: Vec<u32>,
+}
+
+impl Emitters {
+    /// Collects the emitters. `emissive` says whether emissive triangles and spheres count; if not they are only seen.
+    ///
+    /// Particles of a sphere start on the ideal sphere, or, where a triangle of its mesh is in front of that, on the nearest
+    /// concentric sphere that is in front of all of them. Flux and area stay those of the ideal sphere.
+    pub fn of(scene: &Scene, emissive: bool) -> Result<Emitters> {
+        let mut emitters = Emitters {
+            list: Vec::new(),
+            cdf: Vec::new(),
+            delta: Vec::new(),
+            power: Vec3::ZERO,
+            of_triangle: vec![NO_EMITTER; scene.triangles.len()],
+        };
+        let mut sphere_objects = HashMap::new();
+        for light in &scene.lights {
+            if let Light::Sphere { object, .. } = light {
+                sphere_objects.insert(*object, NO_EMITTER);
+            }
+            if emissive || !matches!(light, Light::Sphere { .. }) {
+                let index = emitters.list.len() as u32;
+                emitters.list.push(of_light(scene, light));
+                if let Light::Sphere { object, .. } = light {
+                    sphere_objects.insert(*object, index);
+                }
+            }
+        }
+        if emissive {
+            emitters.add_triangles(scene, &sphere_objects);
+        }
+        emitters.distribute()?;
+        Ok(emitters)
+    }
+
+    /// Adds emissive triangles; pairs that form a parallelogram become one quad.
+    fn add_triangles(&mut self, scene: &Scene, sphere_objects: &HashMap<u32, u32>) {
+        // Half-edges of single triangles so far, from the bits of their ends; -0 and 0 are the same place.
+        type Edge = [[u32; 3]; 2];
+        let end = |p: Vec3| (p + 0.0).to_array().map(f32::to_bits);
+        let mut half_edges: HashMap<Edge, (u32, usize)> = HashMap::new();
+        for (t, triangle) in scene.triangles.iter().enumerate() {
+            if let Some(&sphere) = sphere_objects.get(&triangle.object) {
+                self.of_triangle[t] = sphere;
+                if let Some(e) = self.list.get_mut(sphere as usize) {
+                    e.keep_in_front(triangle.vertices.map(|v| scene.positions[v as usize]));
+                }
+                continue;
+            }
+            let material = &scene.materials[triangle.material as usize];
+            if material.emission.max_element() <= 0.0 {
+                continue;
+            }
+            let corners = triangle.vertices.map(|v| scene.positions[v as usize]);
+            let partner = (0..3).find_map(|k| {
+                let (a, b, c) = (corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]);
+                let &(other, apex) = half_edges.get(&[end(b), end(a)])?;
+                let candidate = &scene.triangles[other as usize];
+                let opposite = scene.positions[candidate.vertices[apex] as usize];
+                let size = (b - a).length().max((c - a).length()).max((c - b).length());
+                // The corner across from c must be a + b - c, to the rounding of the coordinates.
+                let rounding = 1e-5 * size + 4.0 * f32::EPSILON * (a.abs().max(b.abs()).max_element());
+                let fits = ((a + b - c) - opposite).abs().max_element() <= rounding;
+                (candidate.material == triangle.material && fits).then_some((other, k))
+            });
+            if let Some((other, k)) = partner {
+                // Corner c with its two edges; counter-clockwise c, a, opposite, b.
+                let (a, b, c) = (corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]);
+                let index = self.of_triangle[other as usize];
+                self.of_triangle[t] = index;
+                self.list[index as usize] =
+                    of_surface(Kind::Quad, c, a - c, b - c, material.emission, material.two_sided);
+                let v = scene.triangles[other as usize].vertices.map(|v| scene.positions[v as usize]);
+                for i in 0..3 {
+                    half_edges.remove(&[end(v[i]), end(v[(i + 1) % 3])]);
+                }
+                continue;
+            }
+            self.of_triangle[t] = self.list.len() as u32;
+            let [a, b, c] = corners;
+            self.list.push(of_surface(Kind::Triangle, a, b - a, c - a, material.emission, material.two_sided));
+            for k in 0..3 {
+                half_edges.insert([end(corners[k]), end(corners[(k + 1) % 3])], (t as u32, (k + 2) % 3));
+            }
+        }
+    }
+
+    /// Builds the distribution by power.
+    fn distribute(&mut self) -> Result<()> {
+        let weight = |e: &Emitter| f64::from(mean(e.power));
+        let total: f64 = self.list.iter().map(weight).sum();
+        // The comparison is written so that NaN fails it.
+        if !(total > 0.0 && total.is_finite()) {
+            return Err(Error::Scene(format!(
+                "the {} lights and emissive faces have a total power of {total} W; give the scene a light or an emissive material",
+                self.list.len()
+            )));
+        }
+        let (mut sum, mut lower) = (0.0, 0.0f32);
+        // Emitters without power after the last with power must not get what rounding left over.
+        let last = self.list.iter().rposition(|e| weight(e) > 0.0).unwrap_or(0);
+        for (i, e) in self.list.iter_mut().enumerate() {
+            sum += weight(e);
+            let upper = if i >= last { 1.0 } else { (sum / total) as f32 };
+            e.probability = upper - lower;
+            lower = upper;
+            self.cdf.push(upper);
+            self.power += e.power;
+            if e.is_delta() {
+                self.delta.push(i);
+            }
+        }
+        Ok(())
+    }
+
+    /// Chooses an emitter with `u` in [0, 1): the first whose interval ends above `u`. Also `u` stretched to [0, 1).
+    pub fn choose(&self, u: f32) -> (u32, f32) {
+        let (mut low, mut high) = (0, self.cdf.len() - 1);
+        while low < high {
+            let middle = (low + high) / 2;
+            if self.cdf[middle] > u {
+                high = middle;
+            } else {
+                low = middle + 1;
+            }
+        }
+        let lower = if low > 0 { self.cdf[low - 1] } else { 0.0 };
+        let stretched = (u - lower) / self.list[low].probability;
+        (low as u32, stretched.clamp(0.0, ONE_MINUS_EPSILON))
+    }
+
+    /// Start of a particle from three numbers in [0, 1): the first also chooses the emitter, `side` the side of a
+    /// two-sided one.
+    pub fn sample_start(&self, u0: f32, u1: f32, side: f32) -> Start {
+        let (emitter, u0) = self.choose(u0);
+        let e = &self.list[emitter as usize];
+        let (position, normal) = e.sample_point(u0, u1, side);
+        Start { emitter, position, normal, flux: e.power / e.probability }
+    }
+
+    /// Direction in which a particle leaves its start; distributed as the emitter's radiance times the cosine.
+    pub fn sample_direction(&self, start: &Start, u: [f32; 2]) -> Vec3 {
+        let e = &self.list[start.emitter as usize];
+        let around = |w: Vec3| {
+            let (t, b) = basis(start.normal);
+            t * w.x + b * w.y + start.normal * w.z
+        };
+        match e.kind {
+            Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Virtual => around(sample_diffuse(u)),
+            Kind::Point => uniform_sphere(u),
+            Kind::Spot => {
+                // Exact inversion of the falloff's integral over the cosine: first the full cone, then the ramp, whose
+                // falloff is the square of a number s from 1 to 0.
+                let (inner, outer) = (e.e1.x, e.e1.y);
+                let (full, ramp) = (1.0 - inner, (inner - outer) * (1.0 / 3.0));
+                let x = u[0] * (full + ramp);
+                let cos = if x < full {
+                    1.0 - x
+                } else {
+                    let s3 = (1.0 - (x - full) / ramp).clamp(0.0, 1.0);
+                    outer + s3.powf(1.0 / 3.0) * (inner - outer)
+                };
+                let sin = (1.0 - cos * cos).max(0.0).sqrt();
+                let phi = TAU * u[1];
+                around(Vec3::new(sin * phi.cos(), sin * phi.sin(), cos))
+            }
+            Kind::Directional => e.normal,
+        }
+    }
+
+    /// The emitters as kernels read them.
+    pub fn records(&self) -> Vec<EmitterRecord> {
+        let vec4 = |a: Vec3, w: f32| [a.x, a.y, a.z, w];
+        let one = |(e, &end): (&Emitter, &f32)| {
+            let flags = if e.two_sided { FLAG_TWO_SIDED } else { 0 } | if e.inward { FLAG_INWARD } else { 0 };
+            let flux = if e.probability > 0.0 { e.power / e.probability } else { Vec3::ZERO };
+            EmitterRecord {
+                p0: vec4(e.p0, f32::from_bits(e.kind as u32)),
+                e1: vec4(e.e1, e.area),
+                e2: vec4(e.e2, f32::from_bits(flags)),
+                normal: vec4(e.normal, e.probability),
+                radiance: vec4(e.radiance, end),
+                flux: vec4(flux, 0.0),
+            }
+        };
+        self.list.iter().zip(&self.cdf).map(one).collect()
+    }
+}
+
+impl Emitter {
+    /// Point on the emitter from the unit square, and the axis of its emission there.
+    pub fn sample_point(&self, u0: f32, u1: f32, side: f32) -> (Vec3, Vec3) {
+        let flipped = if self.two_sided && side < 0.5 { -self.normal } else { self.normal };
+        match self.kind {
+            Kind::Triangle => {
+                let s = (1.0 - u0).sqrt();
+                (self.p0 + self.e1 * (s * (1.0 - u1)) + self.e2 * (s * u1), flipped)
+            }
+            Kind::Quad => (self.p0 + self.e1 * u0 + self.e2 * u1, flipped),
+            Kind::Sphere => {
+                let n = uniform_sphere([u0, u1]);
+                (self.p0 + n * self.e1.x, if self.inward { -n } else { n })
+            }
+            Kind::Directional => {
+                let r = u0.sqrt();
+                let phi = TAU * u1;
+                (self.p0 + self.e1 * (r * phi.cos()) + self.e2 * (r * phi.sin()), self.normal)
+            }
+            Kind::Point => (self.p0, Vec3::Z),
+            Kind::Spot | Kind::Virtual => (self.p0, self.normal),
+        }
+    }
+
+    /// Moves the starting radius of a sphere to the front of one of its triangles.
+    fn keep_in_front(&mut self, corners: [Vec3; 3]) {
+        let [a, b, c] = corners.map(|p| p - self.p0);
+        if self.inward {
+            // The plane's distance is at most that of the triangle's nearest point.
+            self.e1.x = self.e1.x.min(a.dot(unit_normal(b - a, c - a)).abs());
+        } else {
+            self.e1.x = self.e1.x.max(a.length()).max(b.length()).max(c.length());
+        }
+    }
+
+    /// Radiant intensity of a point-like emitter (point, spot, virtual) in a unit direction that leaves it.
+    pub fn intensity(&self, direction: Vec3) -> Vec3 {
+        match self.kind {
+            Kind::Point => self.radiance,
+            Kind::Spot => self.radiance * spot_falloff(self.normal.dot(direction), self.e1.x, self.e1.y),
+            Kind::Virtual => self.radiance * (self.normal.dot(direction).max(0.0) * (1.0 / PI)),
+            Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Directional => Vec3::ZERO,
+        }
+    }
+}
+
+/// Falloff of a spot as in KHR_lights_punctual: 1 inside the inner cone, 0 outside the outer, a squared ramp of the cosine
+/// between.
+pub fn spot_falloff(cos: f32, cos_inner: f32, cos_outer: f32) -> f32 {
+    let s = ((cos - cos_outer) / (cos_inner - cos_outer).max(1e-6)).clamp(0.0, 1.0);
+    s * s
+}
+
+/// Uniform direction: cylindrical equal-area map of the unit square.
+pub fn uniform_sphere(u: [f32; 2]) -> Vec3 {
+    let z = 1.0 - 2.0 * u[0];
+    let r = (1.0 - z * z).max(0.0).sqrt();
+    let phi = TAU * u[1];
+    Vec3::new(r * phi.cos(), r * phi.sin(), z)
+}
+
+/// An emitter with everything at 0 but its kind and place.
+fn blank(kind: Kind, p0: Vec3) -> Emitter {
+    Emitter {
+        kind,
+        p0,
+        e1: Vec3::ZERO,
+        e2: Vec3::ZERO,
+        normal: Vec3::Z,
+        radiance: Vec3::ZERO,
+        area: 0.0,
+        two_sided: false,
+        inward: false,
+        power: Vec3::ZERO,
+        probability: 0.0,
+    }
+}
+
+/// A triangle or quad: Phi = pi L A, twice that if both sides emit.
+fn of_surface(kind: Kind, p0: Vec3, e1: Vec3, e2: Vec3, radiance: Vec3, two_sided: bool) -> Emitter {
+    let parallelogram = e1.cross(e2).length();
+    let area = if kind == Kind::Quad { parallelogram } else { 0.5 * parallelogram };
+    let sides = if two_sided { 2.0 } else { 1.0 };
+    let power = radiance * (PI * area * sides);
+    Emitter { e1, e2, normal: unit_normal(e1, e2), radiance, area, two_sided, power, ..blank(kind, p0) }
+}
+
+fn of_light(scene: &Scene, light: &Light) -> Emitter {
+    match *light {
+        Light::Point { position, intensity } => {
+            Emitter { radiance: intensity, power: intensity * (4.0 * PI), ..blank(Kind::Point, position) }
+        }
+        Light::Spot { position, direction, intensity, inner, outer } => {
+            let (inner, outer) = (inner.cos(), outer.cos());
+            Emitter {
+                e1: Vec3::new(inner, outer, 0.0),
+                normal: direction,
+                radiance: intensity,
+                power: intensity * (TAU * ((1.0 - inner) + (inner - outer) * (1.0 / 3.0))),
+                ..blank(Kind::Spot, position)
+            }
+        }
+        Light::Directional { direction, irradiance } => {
+            let (low, high) = bounds(scene);
+            // Half the diagonal reaches every point of the box.
+            let radius = 0.5 * (high - low).length();
+            let (t, b) = basis(direction);
+            let area = PI * radius * radius;
+            Emitter {
+                e1: t * radius,
+                e2: b * radius,
+                normal: direction,
+                radiance: irradiance,
+                area,
+                power: irradiance * area,
+                ..blank(Kind::Directional, (low + high) * 0.5 - direction * radius)
+            }
+        }
+        Light::Sphere { center, radius, radiance, inward, object: _ } => {
+            let area = 4.0 * PI * radius * radius;
+            Emitter {
+                e1: Vec3::new(radius, 0.0, 0.0),
+                radiance,
+                area,
+                inward,
+                power: radiance * (PI * area),
+                ..blank(Kind::Sphere, center)
+            }
+        }
+        Light::Virtual { position, normal, power } => {
+            Emitter { normal, radiance: power, power, ..blank(Kind::Virtual, position) }
+        }
+    }
+}
+
+/// Corners of the box around all triangles.
+fn bounds(scene: &Scene) -> (Vec3, Vec3) {
+    let corners = scene.triangles.iter().flat_map(|t| t.vertices).map(|v| scene.positions[v as usize]);
+    corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+}
+
+/// Largest absolute coordinate that a ray of the renderer may start from: for [`crate::accel::offset_origin`].
+pub fn scale(bvh: &Bvh, emitters: &Emitters) -> f32 {
+    emitters.list.iter().fold(bvh.scale(), |s, e| s.max(e.p0.abs().max_element()))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,3 @@
+//! How light leaves the emitters.
+
+pub mod emitters;

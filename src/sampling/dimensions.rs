@@ -1,0 +1,67 @@
+//! The one table of who uses which dimension of the Halton sequence, and which stream of hashed numbers.
+//!
+//! | consumer                                        | Halton dimensions | bases |
+//! |-------------------------------------------------|-------------------|-------|
+//! | choice of the emitter, by composition           | 0 (then rescaled to [0, 1) and used again) | 2 |
+//! | point on the emitter                            | 0, 1              | 2, 3  |
+//! | direction of segment j of a particle, j = 0..16 | 2j + 2, 2j + 3    | 5, 7; 11, 13; ... |
+//! | ray of the compensation gather                  | 0, 1, rotated by stream `GATHER` | 2, 3 |
+//!
+//! Segment 0 leaves the emitter, segment j leaves the j-th reflection.
+//!
+//! | stream      | consumer of [`super::random::key`], with its two indices |
+//! |-------------|-----------------------------------------------------------|
+//! | [`SIDE`]    | side of a two-sided emitter: particle, 0                  |
+//! | [`LOBE`]    | diffuse or specular reflection: particle, reflection      |
+//! | [`JITTER`]  | jitter of a Halton component: particle, dimension         |
+//! | [`ROTATION`]| Cranley-Patterson rotation of the whole set: dimension, 0 |
+//! | [`GATHER`]  | rotation of the gather ray: pixel, 0 or 1                 |
+//! | [`PIXEL`]   | everything in the path tracer: pixel, running number      |
+
+use super::halton::PRIMES;
+
+/// Dimensions of the point on the emitter; the first also chooses the emitter.
+pub const EMITTER: [usize; 2] = [0, 1];
+/// Dimensions of the gather ray.
+pub const GATHER_RAY: [usize; 2] = [0, 1];
+/// Greatest number of segments of a particle's path.
+pub const MAX_SEGMENTS: usize = 16;
+/// Number of dimensions in use.
+pub const COUNT: usize = 2 * MAX_SEGMENTS + 2;
+
+const _: () = assert!(COUNT <= PRIMES.len());
+
+/// Dimensions of the direction of segment `j` (0 leaves the emitter).
+pub const fn direction(j: usize) -> [usize; 2] {
+    [2 * j + 2, 2 * j + 3]
+}
+
+/// Stream: side of a two-sided emitter.
+pub const SIDE: u32 = 1;
+/// Stream: diffuse or specular reflection.
+pub const LOBE: u32 = 2;
+/// Stream: jitter within a raster cell.
+pub const JITTER: u32 = 3;
+/// Stream: rotation of the whole point set.
+pub const ROTATION: u32 = 4;
+/// Stream: rotation of the gather ray of each pixel.
+pub const GATHER: u32 = 5;
+/// Stream: the path tracer.
+pub const PIXEL: u32 = 6;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dimensions_do_not_overlap() {
+        let mut used = [false; COUNT];
+        let all = (0..MAX_SEGMENTS).flat_map(direction).chain(EMITTER);
+        for d in all {
+            assert!(!std::mem::replace(&mut used[d], true), "dimension {d} is used twice");
+        }
+        assert!(used.iter().all(|&u| u));
+        assert_eq!(direction(0).map(|d| PRIMES[d]), [5, 7]);
+        assert_eq!(EMITTER.map(|d| PRIMES[d]), [2, 3]);
+    }
+}
