@@ -3,14 +3,32 @@
 //! Coordinates are the file's own, right-handed; radiance is in W/(m^2 sr), linear Rec. 709. A face emits from its
 //! front (counter-clockwise) side alone unless its material is `two_sided`; surfaces reflect on both sides.
 
+mod builder;
+pub mod builtin;
+mod description;
+mod export;
+mod gltf;
+mod gltf_accessor;
+mod obj;
+mod obj_material;
+mod tessellate;
+mod texture;
+mod validate;
+
+use std::path::Path;
+
 use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+
+pub use export::{VirtualLight, export_lights};
 
 /// A scene ready to be rendered: one flat triangle soup with materials, textures, lights and a camera.
 ///
 /// Every loader ends in [`Scene::validate`], so code after it may rely on: all numbers finite, every index in range, no
 /// triangle of zero area, at least one triangle, at least one light or emitter.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Scene {
     /// Name for messages and metadata (file stem or builtin name).
     pub name: String,
@@ -30,10 +48,131 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Lights that are not emissive triangles.
     pub lights: Vec<Light>,
+    /// Emissive triangles light the scene. False in a file written by [`export_lights`]: its virtual lights hold that
+    /// light already, and the emissive triangles are only seen.
+    pub emitters_are_lights: bool,
     /// Camera of the file, if it has one.
     pub camera: Option<Camera>,
     /// `[render]` of the scene file: defaults below the command line.
     pub render: RenderDefaults,
+}
+
+impl Default for Scene {
+    fn default() -> Self {
+        Scene {
+            name: String::new(),
+            positions: Vec::new(),
+            normals: Vec::new(),
+            uvs: Vec::new(),
+            triangles: Vec::new(),
+            objects: Vec::new(),
+            materials: Vec::new(),
+            textures: Vec::new(),
+            lights: Vec::new(),
+            emitters_are_lights: true,
+            camera: None,
+            render: RenderDefaults::default(),
+        }
+    }
+}
+
+/// Loads and validates a scene description (`.toml`) or a bare model (`.obj`, `.gltf`, `.glb`).
+///
+/// A bare model uses its vertex normals where it has them; a description ignores them unless it says
+/// `face_normals = false`.
+pub fn load(path: &Path) -> Result<Scene> {
+    let mut scene = match extension(path).as_str() {
+        "toml" => description::load(path)?,
+        _ => load_model(path, false)?,
+    };
+    scene.validate(path)?;
+    Ok(scene)
+}
+
+/// Reads a model without validating it: a description may still add lights and mend materials.
+fn load_model(path: &Path, photometric: bool) -> Result<Scene> {
+    let mut scene = match extension(path).as_str() {
+        "obj" => obj::load(path)?,
+        "gltf" | "glb" => gltf::load(path, photometric)?,
+        other => {
+            let message = format!("cannot read scenes of the kind {other:?}; use .toml, .obj, .gltf or .glb");
+            return Err(Error::file(path, message));
+        }
+    };
+    scene.name = stem(path);
+    Ok(scene)
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+impl Scene {
+    /// Corners of triangle `i`.
+    pub fn triangle_positions(&self, i: usize) -> [Vec3; 3] {
+        self.triangles[i].vertices.map(|v| self.positions[v as usize])
+    }
+
+    /// Area of triangle `i`.
+    pub fn triangle_area(&self, i: usize) -> f32 {
+        let [a, b, c] = self.triangle_positions(i);
+        0.5 * (b - a).cross(c - a).length()
+    }
+
+    /// Smallest and greatest corner of the box around all triangles.
+    pub fn bounds(&self) -> (Vec3, Vec3) {
+        let mut low = Vec3::INFINITY;
+        let mut high = Vec3::NEG_INFINITY;
+        for i in 0..self.triangles.len() {
+            for p in self.triangle_positions(i) {
+                low = low.min(p);
+                high = high.max(p);
+            }
+        }
+        (low, high)
+    }
+
+    /// Length of the diagonal of [`Scene::bounds`].
+    pub fn diagonal(&self) -> f32 {
+        let (low, high) = self.bounds();
+        (high - low).length()
+    }
+
+    /// Indices of the emissive triangles that light the scene: not those of sphere lights, which are sampled on the
+    /// ideal sphere, and none where virtual lights stand for them.
+    pub fn emitters(&self) -> Vec<u32> {
+        if !self.emitters_are_lights {
+            return Vec::new();
+        }
+        let mut sampled_elsewhere = vec![false; self.objects.len()];
+        for light in &self.lights {
+            if let Light::Sphere { object, .. } = light {
+                sampled_elsewhere[*object as usize] = true;
+            }
+        }
+        let emits = |t: &Triangle| {
+            self.materials[t.material as usize].emission.max_element() > 0.0 && !sampled_elsewhere[t.object as usize]
+        };
+        (0u32..).zip(&self.triangles).filter(|(_, t)| emits(t)).map(|(i, _)| i).collect()
+    }
+
+    /// Mean reflectivity (Keller 1997, 3.2): the area-weighted mean over all triangles of the mean of the RGB
+    /// reflectance kd + F0, textures by their average. Mirrors and glass count as 0, for they absorb particles.
+    pub fn mean_reflectivity(&self) -> f32 {
+        let averages: Vec<Vec3> = self.textures.iter().map(Texture::average).collect();
+        let reflectivity: Vec<f64> = self.materials.iter().map(|m| f64::from(m.mean_albedo(&averages))).collect();
+        let (mut reflecting, mut total) = (0.0f64, 0.0f64);
+        for (i, t) in self.triangles.iter().enumerate() {
+            let area = f64::from(self.triangle_area(i));
+            reflecting += area * reflectivity[t.material as usize];
+            total += area;
+        }
+        if total > 0.0 { (reflecting / total) as f32 } else { 0.0 }
+    }
 }
 
 /// One triangle, counter-clockwise seen from its front.
@@ -50,7 +189,8 @@ pub struct Triangle {
 }
 
 /// What happens to light at a surface.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Surface {
     /// Lambert plus a GGX lobe.
     #[default]
@@ -106,6 +246,31 @@ impl Default for Material {
             two_sided: false,
             ior: 1.5,
         }
+    }
+}
+
+impl Material {
+    /// Mean over RGB of the reflectance kd + F0, at most 1; `averages` are those of the scene's textures.
+    fn mean_albedo(&self, averages: &[Vec3]) -> f32 {
+        if self.surface != Surface::Opaque {
+            return 0.0;
+        }
+        let average = |texture: Option<u32>| texture.map_or(Vec3::ONE, |t| averages[t as usize]);
+        let base = self.base_color * average(self.base_texture);
+        let metallic = self.metallic * average(self.metallic_roughness_texture).z;
+        let albedo = base * (1.0 - metallic) + self.specular.lerp(base, metallic);
+        (albedo.element_sum() / 3.0).min(1.0)
+    }
+
+    /// Lowers the base colour so that no channel of diffuse and specular reflectance adds up to more than 1; returns
+    /// by how much the worst channel was too high.
+    fn limit_albedo(&mut self) -> f32 {
+        let room = Vec3::ONE - self.specular * (1.0 - self.metallic);
+        let excess = (self.base_color - room).max_element();
+        if excess > 0.0 {
+            self.base_color = self.base_color.min(room.max(Vec3::ZERO));
+        }
+        excess.max(0.0)
     }
 }
 
@@ -218,6 +383,13 @@ impl Camera {
     }
     fn default_resolution() -> [u32; 2] {
         [640, 480]
+    }
+
+    /// The camera's axes in the world: unit vectors to the right of the image, to its top and into the scene.
+    pub fn world_from_camera(&self) -> (Vec3, Vec3, Vec3) {
+        let forward = (self.target - self.eye).normalize();
+        let right = forward.cross(self.up).normalize();
+        (right, right.cross(forward), forward)
     }
 }
 

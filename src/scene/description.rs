@@ -1,0 +1,277 @@
+//! The scene description `scene.toml`.
+//!
+//! ```toml
+//! model = "room.obj"            # OBJ, glTF or GLB, relative to this file
+//! face_normals = true           # ignore the model's vertex normals (default)
+//! two_sided = false             # every emissive face emits from both sides
+//! photometric = false           # glTF lights are in candela and lux: divide by 683 lm/W
+//!
+//! [camera]                      # replaces the model's own
+//! eye = [0, 1, 3]
+//! target = [0, 1, 0]
+//! up = [0, 1, 0]
+//! fov_y = 45                    # full vertical angle, degrees
+//! resolution = [640, 480]
+//!
+//! [lights.lamp]                 # type: point, spot, directional, sphere or quad
+//! type = "spot"
+//! position = [0, 2, 0]
+//! direction = [0, -1, 0]
+//! intensity = [10, 10, 10]      # W/sr
+//! inner = 20                    # degrees
+//! outer = 30
+//!
+//! [materials.floor]             # changes a material of the model
+//! roughness = 0.3
+//!
+//! [render]                      # defaults for the flags of the same names
+//! passes = 64
+//! ```
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use glam::Vec3;
+use serde::Deserialize;
+use toml::Spanned;
+
+use super::tessellate::icosphere;
+use super::{Camera, Light, Material, RenderDefaults, Scene, Surface, load_model};
+use crate::error::{Error, Result};
+
+/// Subdivisions of the icosahedron that stands for a sphere light: 1280 triangles.
+const SPHERE_SUBDIVISIONS: u32 = 3;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Description {
+    model: Option<Spanned<PathBuf>>,
+    camera: Option<Spanned<Camera>>,
+    #[serde(default = "yes")]
+    face_normals: bool,
+    #[serde(default)]
+    two_sided: bool,
+    #[serde(default)]
+    photometric: bool,
+    #[serde(default)]
+    lights: BTreeMap<Spanned<String>, LightEntry>,
+    #[serde(default)]
+    materials: BTreeMap<Spanned<String>, MaterialEntry>,
+    #[serde(default)]
+    render: RenderDefaults,
+}
+
+fn yes() -> bool {
+    true
+}
+
+#[derive(Deserialize)]
+#[serde(tag = "type", rename_all = "lowercase", deny_unknown_fields)]
+enum LightEntry {
+    Point {
+        position: Vec3,
+        intensity: Vec3,
+    },
+    Spot {
+        position: Vec3,
+        direction: Vec3,
+        intensity: Vec3,
+        #[serde(default)]
+        inner: f32,
+        outer: f32,
+    },
+    Directional {
+        direction: Vec3,
+        irradiance: Vec3,
+    },
+    Sphere {
+        center: Vec3,
+        radius: f32,
+        radiance: Vec3,
+        #[serde(default)]
+        inward: bool,
+    },
+    Quad {
+        corner: Vec3,
+        edge_u: Vec3,
+        edge_v: Vec3,
+        radiance: Vec3,
+    },
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MaterialEntry {
+    surface: Option<Surface>,
+    base_color: Option<Vec3>,
+    metallic: Option<f32>,
+    roughness: Option<f32>,
+    specular: Option<Vec3>,
+    emission: Option<Vec3>,
+    two_sided: Option<bool>,
+    ior: Option<f32>,
+}
+
+/// Reads a description and the model that it names; the result is not validated yet.
+pub(super) fn load(path: &Path) -> Result<Scene> {
+    let text = std::fs::read_to_string(path).map_err(Error::io("reading", path))?;
+    let error = |span: Option<Range<usize>>, message: String| match span {
+        Some(span) => Error::at(path, line_of(&text, span.start), message),
+        None => Error::file(path, message),
+    };
+    let description: Description =
+        toml::from_str(&text).map_err(|e| error(e.span(), e.message().trim_end().to_string()))?;
+    let Some(model) = description.model else {
+        return Err(Error::file(path, "no `model`; name an OBJ, glTF or GLB file, relative to this file"));
+    };
+    let model_path = path.parent().unwrap_or(Path::new("")).join(model.get_ref());
+    if !model_path.is_file() {
+        let message = format!("model {} does not exist", model_path.display());
+        return Err(error(Some(model.span()), message));
+    }
+    let mut scene = load_model(&model_path, description.photometric)?;
+    scene.name = name_of(path);
+    scene.render = description.render;
+    if description.face_normals {
+        scene.triangles.iter_mut().for_each(|t| t.smooth = false);
+    }
+    if let Some(camera) = description.camera {
+        camera.get_ref().check().map_err(|m| error(Some(camera.span()), format!("[camera]: {m}")))?;
+        scene.camera = Some(camera.into_inner());
+    }
+    for (name, entry) in &description.materials {
+        change_material(&mut scene, name.get_ref(), entry)
+            .map_err(|m| error(Some(name.span()), format!("[materials.{name}]: {m}")))?;
+    }
+    if description.two_sided {
+        scene.materials.iter_mut().for_each(|m| m.two_sided = true);
+    }
+    for (name, entry) in &description.lights {
+        add_light(&mut scene, name.get_ref(), entry)
+            .map_err(|m| error(Some(name.span()), format!("[lights.{name}]: {m}")))?;
+    }
+    Ok(scene)
+}
+
+/// A description called `scene.toml` takes the name of its folder.
+fn name_of(path: &Path) -> String {
+    let stem = super::stem(path);
+    let folder = path.parent().and_then(Path::file_name).map(|f| f.to_string_lossy().into_owned());
+    if stem == "scene" { folder.unwrap_or(stem) } else { stem }
+}
+
+fn line_of(text: &str, offset: usize) -> usize {
+    text.bytes().take(offset).filter(|&b| b == b'\n').count() + 1
+}
+
+fn change_material(scene: &mut Scene, name: &str, entry: &MaterialEntry) -> Result<(), String> {
+    if !scene.materials.iter().any(|m| m.name == name) {
+        let known = nearest(name, scene.materials.iter().map(|m| m.name.as_str()));
+        return Err(format!("the model has no material of this name; the nearest are {known}"));
+    }
+    for m in scene.materials.iter_mut().filter(|m| m.name == name) {
+        m.surface = entry.surface.unwrap_or(m.surface);
+        m.base_color = entry.base_color.unwrap_or(m.base_color);
+        m.metallic = entry.metallic.unwrap_or(m.metallic);
+        m.roughness = entry.roughness.unwrap_or(m.roughness);
+        m.specular = entry.specular.unwrap_or(m.specular);
+        m.emission = entry.emission.unwrap_or(m.emission);
+        m.two_sided = entry.two_sided.unwrap_or(m.two_sided);
+        m.ior = entry.ior.unwrap_or(m.ior);
+        m.check()?;
+        if m.limit_albedo() > 1e-3 {
+            log::warn!("material {name:?} reflects more than it receives; lowered its base colour to {}", m.base_color);
+        }
+    }
+    Ok(())
+}
+
+fn add_light(scene: &mut Scene, name: &str, entry: &LightEntry) -> Result<(), String> {
+    let unit = |direction: Vec3| direction.try_normalize().ok_or(format!("direction {direction} has no length"));
+    let emitter = |radiance: Vec3| Material {
+        name: format!("light {name}"),
+        base_color: Vec3::ZERO,
+        emission: radiance,
+        ..Material::default()
+    };
+    let light = match *entry {
+        LightEntry::Point { position, intensity } => Light::Point { position, intensity },
+        LightEntry::Spot { position, direction, intensity, inner, outer } => Light::Spot {
+            position,
+            direction: unit(direction)?,
+            intensity,
+            inner: inner.to_radians(),
+            outer: outer.to_radians(),
+        },
+        LightEntry::Directional { direction, irradiance } => {
+            Light::Directional { direction: unit(direction)?, irradiance }
+        }
+        LightEntry::Sphere { center, radius, radiance, inward } => {
+            let object = scene.add_object(name);
+            let light = Light::Sphere { center, radius, radiance, inward, object };
+            light.check()?;
+            let (points, mut faces) = icosphere(SPHERE_SUBDIVISIONS);
+            let points: Vec<Vec3> = points.iter().map(|p| center + radius * *p).collect();
+            if inward {
+                faces.iter_mut().for_each(|f| f.swap(1, 2));
+            }
+            let material = scene.add_material(emitter(radiance));
+            scene.add_mesh(&points, &faces, material, object);
+            light
+        }
+        LightEntry::Quad { corner, edge_u, edge_v, radiance } => {
+            let area = edge_u.cross(edge_v).length();
+            if !(corner.is_finite() && area.is_normal()) {
+                return Err(String::from("corner and edges must be finite and span an area"));
+            }
+            let material = emitter(radiance);
+            material.check()?;
+            let object = scene.add_object(name);
+            let material = scene.add_material(material);
+            scene.add_quad(corner, edge_u, edge_v, material, object);
+            return Ok(());
+        }
+    };
+    light.check()?;
+    scene.lights.push(light);
+    Ok(())
+}
+
+/// The names nearest to a misspelt one, for a message.
+fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
+    let mut known: Vec<&str> = known.collect();
+    known.sort_unstable();
+    known.dedup();
+    known.sort_by_key(|k| edit_distance(&name.to_lowercase(), &k.to_lowercase()));
+    let names: Vec<String> = known.iter().take(5).map(|k| format!("{k:?}")).collect();
+    if names.is_empty() { String::from("none at all") } else { names.join(", ") }
+}
+
+/// Levenshtein's distance.
+fn edit_distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, ca) in a.chars().enumerate() {
+        let mut diagonal = i;
+        row[0] = i + 1;
+        for (j, cb) in b.iter().enumerate() {
+            let replaced = diagonal + usize::from(ca != *cb);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn misspelt_names_find_their_neighbours() {
+        assert_eq!(edit_distance("kitten", "sitting"), 3);
+        assert_eq!(edit_distance("", "ab"), 2);
+        assert!(nearest("flor", ["ceiling", "Floor", "wall"].into_iter()).starts_with("\"Floor\""));
+    }
+}

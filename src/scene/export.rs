@@ -1,0 +1,415 @@
+//! Writing a scene with its virtual lights as glTF, for other renderers and for reading back.
+
+use std::collections::BTreeMap;
+use std::f32::consts::{FRAC_PI_2, PI};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use glam::{Mat4, Quat, Vec3};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::{Camera, Light, Material, Scene, Surface, Texture, Wrap};
+use crate::error::{Error, Result};
+
+/// A point of a surface that stands for light it emits or reflects: radiance power / pi for each unit of area, one-sided.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VirtualLight {
+    /// Position.
+    pub position: Vec3,
+    /// Unit normal of the side that emits.
+    pub normal: Vec3,
+    /// Flux, W.
+    pub power: Vec3,
+}
+
+/// `asset.extras.lightsum`.
+#[derive(Serialize, Deserialize)]
+pub(super) struct AssetExtras {
+    /// The lights of the file hold what its emissive surfaces emit.
+    pub(super) lights_exported: bool,
+}
+
+/// `camera.extras.lightsum`: what glTF's cameras cannot hold.
+#[derive(Serialize, Deserialize)]
+pub(super) struct CameraExtras {
+    pub(super) camera: Camera,
+}
+
+/// `node.extras.lightsum` of a virtual light; its position is the node's.
+#[derive(Serialize, Deserialize)]
+pub(super) struct VirtualExtras {
+    #[serde(rename = "virtual")]
+    pub(super) is_virtual: bool,
+    pub(super) power: Vec3,
+    pub(super) normal: Vec3,
+}
+
+/// `material.extras.lightsum`: what glTF's materials cannot hold, or only rounded.
+#[derive(Serialize, Deserialize)]
+pub(super) struct MaterialExtras {
+    surface: Surface,
+    base_color: Vec3,
+    metallic: f32,
+    roughness: f32,
+    specular: Vec3,
+    emission: Vec3,
+    two_sided: bool,
+    ior: f32,
+}
+
+impl MaterialExtras {
+    fn of(m: &Material) -> Self {
+        MaterialExtras {
+            surface: m.surface,
+            base_color: m.base_color,
+            metallic: m.metallic,
+            roughness: m.roughness,
+            specular: m.specular,
+            emission: m.emission,
+            two_sided: m.two_sided,
+            ior: m.ior,
+        }
+    }
+
+    /// Gives a material read from glTF its exact values.
+    pub(super) fn apply(self, m: &mut Material) {
+        m.surface = self.surface;
+        m.base_color = self.base_color;
+        m.metallic = self.metallic;
+        m.roughness = self.roughness;
+        m.specular = self.specular;
+        m.emission = self.emission;
+        m.two_sided = self.two_sided;
+        m.ior = self.ior;
+    }
+}
+
+/// Writes `path` (`.gltf`), its buffer (`.bin`) and its textures (`.png`) beside it: geometry, materials, camera and lights.
+///
+/// `lights` stand for the emissive surfaces, sphere lights and reflections; the scene's own point, spot, directional
+/// and virtual lights are written as well. KHR_lights_punctual has no light with a cosine lobe, so each virtual light is a
+/// spot over the hemisphere whose intensity is the greatest one, power / pi (W/sr); `extras.lightsum` has the exact
+/// light, and reading the file back restores it. Emissive surfaces stay visible; reading the file back does not let
+/// them light the scene a second time.
+pub fn export_lights(path: &Path, scene: &Scene, lights: &[VirtualLight]) -> Result<()> {
+    if super::extension(path) != "gltf" {
+        return Err(Error::file(path, "lights are written as glTF; let the name end in .gltf"));
+    }
+    let bin_path = path.with_extension("bin");
+    let mut document = Writer::default();
+    document.meshes(scene);
+    document.camera(scene);
+    document.lights(scene, lights);
+    let images: Vec<PathBuf> = (0..scene.textures.len()).map(|i| texture_path(path, i)).collect();
+    for (texture, file) in scene.textures.iter().zip(&images) {
+        write(file, &png(texture).map_err(|why| Error::file(file, why))?)?;
+    }
+    write(&bin_path, &document.bin)?;
+    let json = document.json(scene, &bin_path, &images);
+    let text = serde_json::to_vec_pretty(&json).map_err(|e| Error::file(path, e.to_string()))?;
+    write(path, &text)
+}
+
+fn texture_path(path: &Path, index: usize) -> PathBuf {
+    path.with_file_name(format!("{}-{index}.png", super::stem(path)))
+}
+
+/// Writes beside the file, then renames, so that no reader ever meets half of it.
+fn write(path: &Path, bytes: &[u8]) -> Result<()> {
+    let mut name = path.file_name().unwrap_or_default().to_os_string();
+    name.push(".part");
+    let part = path.with_file_name(name);
+    std::fs::write(&part, bytes).map_err(Error::io("writing", &part))?;
+    std::fs::rename(&part, path).map_err(Error::io("renaming", path))
+}
+
+fn png(texture: &Texture) -> Result<Vec<u8>, String> {
+    let raw = texture.texels.iter().flatten().copied().collect();
+    let image = image::RgbaImage::from_raw(texture.width, texture.height, raw).ok_or("size and texels differ")?;
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image.write_to(&mut bytes, image::ImageFormat::Png).map_err(|e| e.to_string())?;
+    Ok(bytes.into_inner())
+}
+
+/// File name as a relative URI.
+fn uri(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let mut uri = String::new();
+    for byte in name.bytes() {
+        if byte.is_ascii_alphanumeric() || b"-._~".contains(&byte) {
+            uri.push(char::from(byte));
+        } else {
+            // Writing to a string cannot fail.
+            let _ = write!(uri, "%{byte:02X}");
+        }
+    }
+    uri
+}
+
+/// The shortest decimals that give the same single-precision number back.
+fn number(x: f32) -> Value {
+    format!("{x}").parse::<f64>().map_or(Value::Null, Value::from)
+}
+
+fn vector<const N: usize>(v: [f32; N]) -> Value {
+    v.iter().map(|&x| number(x)).collect()
+}
+
+/// By way of text, where single-precision numbers take their shortest form.
+fn extras<T: Serialize>(ours: T) -> Value {
+    let text = serde_json::to_string(&ours).unwrap_or_default();
+    json!({ "lightsum": serde_json::from_str::<Value>(&text).unwrap_or_default() })
+}
+
+#[derive(Default)]
+struct Writer {
+    bin: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+    meshes: Vec<Value>,
+    nodes: Vec<Value>,
+    cameras: Vec<Value>,
+    lights: Vec<Value>,
+}
+
+impl Writer {
+    /// Adds an accessor with a view of its own and returns its index.
+    fn accessor(&mut self, components: impl Iterator<Item = [u8; 4]>, count: usize, mut accessor: Value) -> usize {
+        let offset = self.bin.len();
+        self.bin.extend(components.flatten());
+        self.views.push(json!({ "buffer": 0, "byteOffset": offset, "byteLength": self.bin.len() - offset }));
+        accessor["bufferView"] = json!(self.views.len() - 1);
+        accessor["count"] = json!(count);
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+
+    /// One mesh and node for each object, one primitive for each of its materials and kinds of shading.
+    fn meshes(&mut self, scene: &Scene) {
+        let mut groups: BTreeMap<u32, BTreeMap<(u32, bool), Vec<[u32; 3]>>> = BTreeMap::new();
+        for t in &scene.triangles {
+            groups.entry(t.object).or_default().entry((t.material, t.smooth)).or_default().push(t.vertices);
+        }
+        for (object, primitives) in groups {
+            let primitives: Vec<Value> = primitives
+                .iter()
+                .map(|(&(material, smooth), faces)| self.primitive(scene, material, smooth, faces))
+                .collect();
+            let name = &scene.objects[object as usize];
+            self.meshes.push(json!({ "name": name, "primitives": primitives }));
+            self.nodes.push(json!({ "name": name, "mesh": self.meshes.len() - 1 }));
+        }
+    }
+
+    fn primitive(&mut self, scene: &Scene, material: u32, smooth: bool, faces: &[[u32; 3]]) -> Value {
+        let mut used: Vec<u32> = faces.iter().flatten().copied().collect();
+        used.sort_unstable();
+        used.dedup();
+        let local = |v: &u32| used.binary_search(v).unwrap_or_default() as u32;
+        let indices = faces.iter().flatten().map(|v| local(v).to_le_bytes());
+        let indices = self.accessor(indices, faces.len() * 3, json!({ "componentType": 5125, "type": "SCALAR" }));
+        let at = |v: &u32| scene.positions[*v as usize];
+        let low = used.iter().map(at).fold(Vec3::INFINITY, Vec3::min);
+        let high = used.iter().map(at).fold(Vec3::NEG_INFINITY, Vec3::max);
+        let shape = json!({ "componentType": 5126, "type": "VEC3", "min": vector(low.to_array()), "max": vector(high.to_array()) });
+        let positions = used.iter().flat_map(|v| at(v).to_array()).map(f32::to_le_bytes);
+        let mut attributes = json!({ "POSITION": self.accessor(positions, used.len(), shape) });
+        if smooth {
+            let normals = used.iter().flat_map(|v| scene.normals[*v as usize].to_array()).map(f32::to_le_bytes);
+            let shape = json!({ "componentType": 5126, "type": "VEC3" });
+            attributes["NORMAL"] = json!(self.accessor(normals, used.len(), shape));
+        }
+        let m = &scene.materials[material as usize];
+        if m.base_texture.or(m.metallic_roughness_texture).is_some() {
+            let uvs = used.iter().flat_map(|v| scene.uvs[*v as usize].to_array()).map(f32::to_le_bytes);
+            let shape = json!({ "componentType": 5126, "type": "VEC2" });
+            attributes["TEXCOORD_0"] = json!(self.accessor(uvs, used.len(), shape));
+        }
+        json!({ "attributes": attributes, "indices": indices, "material": material })
+    }
+
+    fn camera(&mut self, scene: &Scene) {
+        let Some(camera) = scene.camera else { return };
+        let [width, height] = camera.resolution.map(|r| r as f32);
+        self.cameras.push(json!({
+            "type": "perspective",
+            "perspective": {
+                "yfov": number(camera.fov_y.to_radians()),
+                "aspectRatio": number(width / height),
+                "znear": number(scene.diagonal() * 1e-4),
+            },
+            "extras": extras(CameraExtras { camera }),
+        }));
+        let (right, up, forward) = camera.world_from_camera();
+        let world = Mat4::from_cols(right.extend(0.0), up.extend(0.0), (-forward).extend(0.0), camera.eye.extend(1.0));
+        self.nodes.push(json!({ "name": "camera", "camera": 0, "matrix": vector(world.to_cols_array()) }));
+    }
+
+    fn lights(&mut self, scene: &Scene, lights: &[VirtualLight]) {
+        for light in &scene.lights {
+            match *light {
+                Light::Point { position, intensity } => {
+                    self.light("point", json!({ "type": "point" }), intensity, Some(position), None, None);
+                }
+                Light::Spot { position, direction, intensity, inner, outer } => {
+                    let cone = json!({ "innerConeAngle": number(inner), "outerConeAngle": number(outer) });
+                    let kind = json!({ "type": "spot", "spot": cone });
+                    self.light("spot", kind, intensity, Some(position), Some(direction), None);
+                }
+                Light::Directional { direction, irradiance } => {
+                    self.light(
+                        "directional",
+                        json!({ "type": "directional" }),
+                        irradiance,
+                        None,
+                        Some(direction),
+                        None,
+                    );
+                }
+                Light::Virtual { position, normal, power } => {
+                    self.virtual_light(&VirtualLight { position, normal, power });
+                }
+                // Its surface is a mesh, its light among the virtual lights.
+                Light::Sphere { .. } => {}
+            }
+        }
+        for light in lights {
+            self.virtual_light(light);
+        }
+    }
+
+    fn virtual_light(&mut self, &VirtualLight { position, normal, power }: &VirtualLight) {
+        let cone = json!({ "innerConeAngle": 0.0, "outerConeAngle": number(FRAC_PI_2) });
+        let exact = extras(VirtualExtras { is_virtual: true, power, normal });
+        let kind = json!({ "type": "spot", "spot": cone });
+        self.light("virtual", kind, power / PI, Some(position), Some(normal), Some(exact));
+    }
+
+    fn light(
+        &mut self,
+        name: &str,
+        mut kind: Value,
+        intensity: Vec3,
+        position: Option<Vec3>,
+        direction: Option<Vec3>,
+        extras: Option<Value>,
+    ) {
+        let greatest = intensity.max_element();
+        kind["intensity"] = number(greatest);
+        kind["color"] = vector((if greatest > 0.0 { intensity / greatest } else { Vec3::ONE }).to_array());
+        self.lights.push(kind);
+        let mut node = json!({
+            "name": format!("{name} {}", self.lights.len() - 1),
+            "extensions": { "KHR_lights_punctual": { "light": self.lights.len() - 1 } },
+        });
+        if let Some(position) = position {
+            node["translation"] = vector(position.to_array());
+        }
+        if let Some(direction) = direction {
+            node["rotation"] = vector(Quat::from_rotation_arc(Vec3::NEG_Z, direction).normalize().to_array());
+        }
+        if let Some(extras) = extras {
+            node["extras"] = extras;
+        }
+        self.nodes.push(node);
+    }
+
+    fn json(self, scene: &Scene, bin_path: &Path, images: &[PathBuf]) -> Value {
+        let mut extensions = vec!["KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_transmission"];
+        let mut document = json!({
+            "asset": {
+                "version": "2.0",
+                "generator": concat!("lightsum ", env!("CARGO_PKG_VERSION")),
+                "extras": extras(AssetExtras { lights_exported: true }),
+            },
+            "scene": 0,
+            "scenes": [{ "name": scene.name, "nodes": (0..self.nodes.len()).collect::<Vec<_>>() }],
+            "nodes": self.nodes,
+            "meshes": self.meshes,
+            "materials": scene.materials.iter().map(material).collect::<Vec<_>>(),
+            "accessors": self.accessors,
+            "bufferViews": self.views,
+            "buffers": [{ "uri": uri(bin_path), "byteLength": self.bin.len() }],
+        });
+        // glTF wants no empty arrays.
+        if !self.cameras.is_empty() {
+            document["cameras"] = json!(self.cameras);
+        }
+        if !self.lights.is_empty() {
+            extensions.push("KHR_lights_punctual");
+            document["extensions"] = json!({ "KHR_lights_punctual": { "lights": self.lights } });
+        }
+        if !scene.textures.is_empty() {
+            let indices = 0..scene.textures.len();
+            document["images"] = images.iter().map(|file| json!({ "uri": uri(file) })).collect();
+            document["samplers"] = scene.textures.iter().map(sampler).collect();
+            document["textures"] = indices.map(|i| json!({ "source": i, "sampler": i })).collect();
+        }
+        document["extensionsUsed"] = json!(extensions);
+        document
+    }
+}
+
+fn sampler(texture: &Texture) -> Value {
+    let [s, t] = texture.wrap.map(|wrap| match wrap {
+        Wrap::Repeat => 10497,
+        Wrap::Mirror => 33648,
+        Wrap::Clamp => 33071,
+    });
+    json!({ "wrapS": s, "wrapT": t })
+}
+
+fn material(m: &Material) -> Value {
+    let mirror = m.surface == Surface::Mirror;
+    let color = if mirror { m.specular } else { m.base_color };
+    let mut pbr = json!({
+        "baseColorFactor": vector(color.extend(1.0).to_array()),
+        "metallicFactor": number(if mirror { 1.0 } else { m.metallic }),
+        "roughnessFactor": number(if mirror { 0.0 } else { m.roughness }),
+    });
+    if let Some(texture) = m.base_texture {
+        pbr["baseColorTexture"] = json!({ "index": texture });
+    }
+    if let Some(texture) = m.metallic_roughness_texture {
+        pbr["metallicRoughnessTexture"] = json!({ "index": texture });
+    }
+    let mut material = json!({
+        "name": m.name,
+        "pbrMetallicRoughness": pbr,
+        "doubleSided": true,
+        "extras": extras(MaterialExtras::of(m)),
+    });
+    let greatest = m.emission.max_element();
+    if greatest > 0.0 {
+        material["emissiveFactor"] = vector((m.emission / greatest).to_array());
+        material["extensions"]["KHR_materials_emissive_strength"] = json!({ "emissiveStrength": number(greatest) });
+    }
+    if m.surface == Surface::Glass {
+        material["extensions"]["KHR_materials_ior"] = json!({ "ior": number(m.ior) });
+        material["extensions"]["KHR_materials_transmission"] = json!({ "transmissionFactor": 1.0 });
+    }
+    material
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_short_and_exact() {
+        assert_eq!(number(0.1).to_string(), "0.1");
+        for bits in (0..u32::MAX).step_by(7_919_317) {
+            let x = f32::from_bits(bits);
+            if x.is_finite() {
+                let back: f32 = serde_json::from_str(&number(x).to_string()).unwrap();
+                assert_eq!(back, x);
+            }
+        }
+    }
+
+    #[test]
+    fn uris_are_encoded() {
+        assert_eq!(uri(Path::new("dir/my lights:1.bin")), "my%20lights%3A1.bin");
+    }
+}

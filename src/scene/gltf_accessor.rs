@@ -1,0 +1,194 @@
+//! Reading glTF buffers with every bound checked before it is relied on.
+
+use std::path::Path;
+
+use gltf::accessor::sparse::IndexType;
+use gltf::accessor::{DataType, Dimensions};
+use gltf::{Accessor, Document, buffer};
+
+use crate::error::{Error, Result};
+
+/// Elements that an accessor without a buffer view may ask to be filled with zeros.
+const MOST_ZEROS: usize = 1 << 26;
+
+/// The buffers of a document.
+pub(super) struct Buffers<'a> {
+    path: &'a Path,
+    data: Vec<buffer::Data>,
+}
+
+impl<'a> Buffers<'a> {
+    /// Reads external files, data URIs and the binary chunk.
+    pub(super) fn read(path: &'a Path, document: &Document, mut blob: Option<Vec<u8>>) -> Result<Self> {
+        let mut data = Vec::new();
+        for buffer in document.buffers() {
+            let bytes = buffer::Data::from_source_and_blob(buffer.source(), path.parent(), &mut blob)
+                .map_err(|e| Error::file(path, format!("buffer {}: {}", buffer.index(), reason(&e))))?;
+            if bytes.len() < buffer.length() {
+                let (index, length) = (buffer.index(), buffer.length());
+                let message = format!("buffer {index}: {length} bytes are promised, {} are there", bytes.len());
+                return Err(Error::file(path, message));
+            }
+            data.push(bytes);
+        }
+        Ok(Buffers { path, data })
+    }
+
+    /// The bytes of a view.
+    pub(super) fn view(&self, view: &buffer::View) -> Result<&[u8]> {
+        let buffer = view.buffer();
+        let whole = &self.data[buffer.index()].0[..buffer.length()];
+        view.offset().checked_add(view.length()).and_then(|end| whole.get(view.offset()..end)).ok_or_else(|| {
+            let (index, offset, length) = (view.index(), view.offset(), view.length());
+            let message = format!(
+                "bufferView {index}: bytes {offset} + {length} reach beyond buffer {} of {}",
+                buffer.index(),
+                buffer.length()
+            );
+            Error::file(self.path, message)
+        })
+    }
+
+    /// The elements of an accessor, packed.
+    fn elements(&self, accessor: &Accessor) -> Result<Vec<u8>> {
+        let error = |message: String| Error::file(self.path, format!("accessor {}: {message}", accessor.index()));
+        let (size, count) = (accessor.size(), accessor.count());
+        let mut packed = match accessor.view() {
+            Some(view) => {
+                let bytes = self.view(&view)?;
+                let stride = view.stride().unwrap_or(size);
+                if stride < size {
+                    return Err(error(format!("stride {stride} is below the size of an element, {size}")));
+                }
+                strided(bytes, accessor.offset(), stride, size, count).ok_or_else(|| {
+                    error(format!("{count} elements reach beyond bufferView {} of {} bytes", view.index(), bytes.len()))
+                })?
+            }
+            None if count <= MOST_ZEROS => vec![0; count * size],
+            None => return Err(error(format!("{count} elements, but no bufferView to read them from"))),
+        };
+        if let Some(sparse) = accessor.sparse() {
+            let (indices, values) = (sparse.indices(), sparse.values());
+            let width = match indices.index_type() {
+                IndexType::U8 => 1,
+                IndexType::U16 => 2,
+                IndexType::U32 => 4,
+            };
+            let beyond = || error(String::from("sparse elements reach beyond their bufferView"));
+            let at = strided(self.view(&indices.view())?, indices.offset(), width, width, sparse.count());
+            let with = strided(self.view(&values.view())?, values.offset(), size, size, sparse.count());
+            let (at, with) = (at.ok_or_else(beyond)?, with.ok_or_else(beyond)?);
+            for (index, value) in at.chunks_exact(width).zip(with.chunks_exact(size)) {
+                let index = little_endian(index) as usize;
+                if index >= count {
+                    return Err(error(format!("sparse index {index} is out of range, there are {count} elements")));
+                }
+                packed[index * size..][..size].copy_from_slice(value);
+            }
+        }
+        Ok(packed)
+    }
+
+    /// An accessor of `N`-vectors: floats, or integers marked as normalised.
+    pub(super) fn vectors<const N: usize>(&self, accessor: &Accessor, what: &str) -> Result<Vec<[f32; N]>> {
+        let error =
+            |message: String| Error::file(self.path, format!("accessor {} ({what}): {message}", accessor.index()));
+        if accessor.dimensions().multiplicity() != N || !is_vector(accessor.dimensions()) {
+            return Err(error(format!("{:?} where a vector of {N} is needed", accessor.dimensions())));
+        }
+        let (kind, normalized) = (accessor.data_type(), accessor.normalized());
+        let component: fn(&[u8]) -> f32 = match (kind, normalized) {
+            (DataType::F32, _) => |b| f32::from_bits(little_endian(b)),
+            (DataType::U8, true) => |b| f32::from(b[0]) / 255.0,
+            (DataType::I8, true) => |b| (f32::from(b[0] as i8) / 127.0).max(-1.0),
+            (DataType::U16, true) => |b| little_endian(b) as f32 / 65535.0,
+            (DataType::I16, true) => |b| (f32::from(little_endian(b) as i16) / 32767.0).max(-1.0),
+            _ => return Err(error(format!("components of type {kind:?} must be floats or normalised integers"))),
+        };
+        let packed = self.elements(accessor)?;
+        let vectors: Vec<[f32; N]> = packed
+            .chunks_exact(N * kind.size())
+            .map(|element| {
+                let mut vector = [0.0; N];
+                for (value, bytes) in vector.iter_mut().zip(element.chunks_exact(kind.size())) {
+                    *value = component(bytes);
+                }
+                vector
+            })
+            .collect();
+        if let Some(i) = vectors.iter().position(|v| v.iter().any(|x| !x.is_finite())) {
+            return Err(error(format!("element {i} is {:?}: not finite", vectors[i])));
+        }
+        Ok(vectors)
+    }
+
+    /// An accessor of vertex indices, each below `limit`.
+    pub(super) fn indices(&self, accessor: &Accessor, limit: usize) -> Result<Vec<u32>> {
+        let error =
+            |message: String| Error::file(self.path, format!("accessor {} (indices): {message}", accessor.index()));
+        let kind = accessor.data_type();
+        if accessor.dimensions() != Dimensions::Scalar || !matches!(kind, DataType::U8 | DataType::U16 | DataType::U32)
+        {
+            return Err(error(format!("{:?} of {kind:?} where unsigned integers are needed", accessor.dimensions())));
+        }
+        let indices: Vec<u32> = self.elements(accessor)?.chunks_exact(kind.size()).map(little_endian).collect();
+        match indices.iter().find(|&&i| i as usize >= limit) {
+            Some(i) => Err(error(format!("vertex {i} is out of range, there are {limit}"))),
+            None => Ok(indices),
+        }
+    }
+}
+
+/// Packs `count` elements of `size` bytes, `stride` apart; `None` if they reach beyond the bytes.
+fn strided(bytes: &[u8], offset: usize, stride: usize, size: usize, count: usize) -> Option<Vec<u8>> {
+    if count == 0 {
+        return Some(Vec::new());
+    }
+    let end = stride.checked_mul(count - 1)?.checked_add(size)?.checked_add(offset)?;
+    let bytes = bytes.get(offset..end)?;
+    Some(bytes.chunks(stride).flat_map(|element| &element[..size]).copied().collect())
+}
+
+/// Unsigned integer of 1, 2 or 4 bytes.
+fn little_endian(bytes: &[u8]) -> u32 {
+    bytes.iter().rev().fold(0, |value, &byte| value << 8 | u32::from(byte))
+}
+
+fn is_vector(dimensions: Dimensions) -> bool {
+    matches!(dimensions, Dimensions::Vec2 | Dimensions::Vec3 | Dimensions::Vec4)
+}
+
+/// What a glTF error says, without Rust's names.
+pub(super) fn reason(error: &gltf::Error) -> String {
+    match error {
+        gltf::Error::Validation(errors) => {
+            let list: Vec<String> = errors.iter().take(3).map(|(at, what)| format!("{at}: {what}")).collect();
+            format!("invalid glTF: {}", list.join("; "))
+        }
+        gltf::Error::MissingBlob => String::from("there is no binary chunk to read it from"),
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strides_are_checked() {
+        let bytes: Vec<u8> = (0..10).collect();
+        assert_eq!(strided(&bytes, 1, 4, 2, 2), Some(vec![1, 2, 5, 6]));
+        // The last element needs no padding up to the stride.
+        assert_eq!(strided(&bytes, 0, 4, 2, 3), Some(vec![0, 1, 4, 5, 8, 9]));
+        assert_eq!(strided(&bytes, 1, 4, 2, 3), None);
+        assert_eq!(strided(&bytes, 0, usize::MAX, 2, 3), None);
+        assert_eq!(strided(&bytes, usize::MAX, 4, 2, 1), None);
+        assert_eq!(strided(&bytes, 0, 4, 2, 0), Some(vec![]));
+    }
+
+    #[test]
+    fn integers_are_little_endian() {
+        assert_eq!(little_endian(&[1, 2]), 0x201);
+        assert_eq!(little_endian(&[0xff; 4]), u32::MAX);
+    }
+}

@@ -1,0 +1,247 @@
+//! The checks that every scene passes before anything else sees it.
+
+use std::f32::consts::FRAC_PI_2;
+use std::path::Path;
+
+use glam::Vec3;
+
+use super::{Camera, Light, Material, Scene};
+use crate::error::{Error, Result};
+
+/// A triangle is degenerate where its height is below this fraction of its longest edge: its normal is noise then.
+const THINNEST: f64 = 1e-9;
+
+impl Scene {
+    /// Checks everything that later code relies on: parallel arrays, indices in range, finite numbers, materials,
+    /// lights and camera in range, at least one triangle and at least one light. `path` is for the messages.
+    ///
+    /// Triangles without area are dropped with a warning, unless they should emit light: that is an error.
+    pub fn validate(&mut self, path: &Path) -> Result<()> {
+        self.check_arrays(path)?;
+        for material in &self.materials {
+            material.check().map_err(|m| Error::file(path, format!("material {:?}: {m}", material.name)))?;
+        }
+        for texture in &self.textures {
+            if texture.width == 0 || texture.texels.len() as u64 != u64::from(texture.width) * u64::from(texture.height)
+            {
+                return Err(Error::file(
+                    path,
+                    format!("texture {:?}: its size does not match its texels", texture.name),
+                ));
+            }
+        }
+        self.drop_degenerate(path)?;
+        for (i, light) in self.lights.iter().enumerate() {
+            light.check().map_err(|m| Error::file(path, format!("light {i}: {m}")))?;
+        }
+        if let Some(camera) = &self.camera {
+            camera.check().map_err(|m| Error::file(path, format!("camera: {m}")))?;
+        }
+        if self.lights.is_empty() && self.emitters().is_empty() {
+            let message = "nothing emits light; give a material an emission (MTL `Ke`, glTF `emissiveFactor`, or \
+                           `[materials.NAME] emission = [1, 1, 1]` in a scene.toml) or add a light (`[lights.NAME]`)";
+            return Err(Error::file(path, message));
+        }
+        Ok(())
+    }
+
+    fn check_arrays(&self, path: &Path) -> Result<()> {
+        let count = self.positions.len();
+        if self.normals.len() != count || self.uvs.len() != count {
+            let message = format!(
+                "{count} positions, {} normals and {} texture coordinates should be of one number",
+                self.normals.len(),
+                self.uvs.len()
+            );
+            return Err(Error::file(path, message));
+        }
+        if u32::try_from(count).is_err() || u32::try_from(self.triangles.len()).is_err() {
+            return Err(Error::file(path, "more than 2^32 vertices or triangles; split the scene"));
+        }
+        if self.triangles.is_empty() {
+            return Err(Error::file(path, "no triangles; the model has no faces"));
+        }
+        for (i, t) in self.triangles.iter().enumerate() {
+            let Some(object) = self.objects.get(t.object as usize) else {
+                return Err(Error::file(path, format!("triangle {i}: object {} does not exist", t.object)));
+            };
+            let error = |what: String| Error::file(path, format!("object {object:?}, triangle {i}: {what}"));
+            if t.material as usize >= self.materials.len() {
+                return Err(error(format!("material {} does not exist", t.material)));
+            }
+            for v in t.vertices.map(|v| v as usize) {
+                if v >= count {
+                    return Err(error(format!("vertex {v} does not exist, there are {count}")));
+                }
+                if !self.positions[v].is_finite() {
+                    return Err(error(format!("vertex {v} is at {}", self.positions[v])));
+                }
+                if !self.uvs[v].is_finite() {
+                    return Err(error(format!("texture coordinate {} of vertex {v} is not finite", self.uvs[v])));
+                }
+                if t.smooth && !self.normals[v].is_normalized() {
+                    return Err(error(format!("normal {} of vertex {v} is not of unit length", self.normals[v])));
+                }
+            }
+        }
+        for m in &self.materials {
+            for texture in [m.base_texture, m.metallic_roughness_texture].into_iter().flatten() {
+                if texture as usize >= self.textures.len() {
+                    return Err(Error::file(path, format!("material {:?}: texture {texture} does not exist", m.name)));
+                }
+            }
+        }
+        for light in &self.lights {
+            if let Light::Sphere { object, .. } = light
+                && *object as usize >= self.objects.len()
+            {
+                return Err(Error::file(path, format!("sphere light: object {object} does not exist")));
+            }
+        }
+        Ok(())
+    }
+
+    fn drop_degenerate(&mut self, path: &Path) -> Result<()> {
+        let keep: Vec<bool> = (0..self.triangles.len()).map(|i| !is_degenerate(self.triangle_positions(i))).collect();
+        let Some(first) = keep.iter().position(|k| !k) else { return Ok(()) };
+        let object = |i: usize| &self.objects[self.triangles[i].object as usize];
+        let dropped = keep.iter().filter(|k| !**k).count();
+        if dropped == keep.len() {
+            let message = format!("object {:?}: no triangle of the scene has an area", object(first));
+            return Err(Error::file(path, message));
+        }
+        for (i, t) in self.triangles.iter().enumerate() {
+            let material = &self.materials[t.material as usize];
+            if !keep[i] && material.emission.max_element() > 0.0 {
+                let message = format!(
+                    "object {:?}, triangle {i}: a light of zero area cannot emit; remove it, or the emission of \
+                     material {:?}",
+                    object(i),
+                    material.name
+                );
+                return Err(Error::file(path, message));
+            }
+        }
+        log::warn!(
+            "{}: dropped {dropped} triangles of zero area, the first in object {:?}",
+            path.display(),
+            object(first)
+        );
+        let mut kept = keep.iter();
+        self.triangles.retain(|_| kept.next().copied().unwrap_or(true));
+        Ok(())
+    }
+}
+
+/// Whether a triangle has no area, no normal that single precision can hold, or overflows it.
+fn is_degenerate([a, b, c]: [Vec3; 3]) -> bool {
+    let twice_area = (b - a).cross(c - a).length();
+    let (da, db, dc) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
+    let longest = (db - da).length_squared().max((dc - db).length_squared()).max((da - dc).length_squared());
+    let exact = (db - da).cross(dc - da).length();
+    !(twice_area.is_normal() && exact > THINNEST * longest)
+}
+
+/// `Ok` if the number lies in [low, high]; NaN does not.
+fn range(name: &str, value: f32, low: f32, high: f32) -> Result<(), String> {
+    if (low..=high).contains(&value) { Ok(()) } else { Err(format!("{name} {value} is not in [{low}, {high}]")) }
+}
+
+fn color(name: &str, value: Vec3) -> Result<(), String> {
+    value.to_array().iter().try_for_each(|&channel| range(name, channel, 0.0, 1.0))
+}
+
+/// A radiometric quantity: finite, not negative, and for lights not zero.
+fn power(name: &str, value: Vec3, zero_allowed: bool) -> Result<(), String> {
+    if !value.is_finite() || value.min_element() < 0.0 {
+        return Err(format!("{name} {value} must be finite and not negative"));
+    }
+    if !zero_allowed && value.max_element() == 0.0 {
+        return Err(format!("{name} is zero; remove the light or raise it"));
+    }
+    Ok(())
+}
+
+fn place(name: &str, value: Vec3) -> Result<(), String> {
+    if value.is_finite() { Ok(()) } else { Err(format!("{name} {value} is not finite")) }
+}
+
+fn unit(name: &str, value: Vec3) -> Result<(), String> {
+    if value.is_normalized() { Ok(()) } else { Err(format!("{name} {value} is not of unit length")) }
+}
+
+impl Material {
+    /// Checks every range; the message lacks file and name.
+    pub(super) fn check(&self) -> Result<(), String> {
+        color("base_color", self.base_color)?;
+        color("specular", self.specular)?;
+        range("metallic", self.metallic, 0.0, 1.0)?;
+        range("roughness", self.roughness, 0.0, 1.0)?;
+        power("emission", self.emission, true)?;
+        // The widest that MTL allows for Ni.
+        range("ior", self.ior, 0.001, 10.0)
+    }
+}
+
+impl Light {
+    /// Checks every range; the message lacks file and name.
+    pub(super) fn check(&self) -> Result<(), String> {
+        match *self {
+            Light::Point { position, intensity } => {
+                place("position", position)?;
+                power("intensity", intensity, false)
+            }
+            Light::Spot { position, direction, intensity, inner, outer } => {
+                place("position", position)?;
+                unit("direction", direction)?;
+                power("intensity", intensity, false)?;
+                if inner >= 0.0 && inner < outer && outer <= FRAC_PI_2 {
+                    return Ok(());
+                }
+                let (inner, outer) = (inner.to_degrees(), outer.to_degrees());
+                Err(format!("cone angles need 0 <= inner ({inner}) < outer ({outer}) <= 90 degrees"))
+            }
+            Light::Directional { direction, irradiance } => {
+                unit("direction", direction)?;
+                power("irradiance", irradiance, false)
+            }
+            Light::Sphere { center, radius, radiance, .. } => {
+                place("center", center)?;
+                power("radiance", radiance, false)?;
+                if radius > 0.0 && radius.is_finite() {
+                    return Ok(());
+                }
+                Err(format!("radius {radius} must be above 0"))
+            }
+            Light::Virtual { position, normal, power: flux } => {
+                place("position", position)?;
+                unit("normal", normal)?;
+                power("power", flux, true)
+            }
+        }
+    }
+}
+
+impl Camera {
+    /// Checks that the camera sees anything; the message lacks the file.
+    pub(super) fn check(&self) -> Result<(), String> {
+        place("eye", self.eye)?;
+        place("target", self.target)?;
+        place("up", self.up)?;
+        let view = (self.target - self.eye).normalize_or_zero();
+        if view == Vec3::ZERO {
+            return Err(format!("eye and target coincide at {}", self.eye));
+        }
+        if view.cross(self.up.normalize_or_zero()).length() < 1e-4 {
+            return Err(format!("up {} is zero or parallel to the direction of view {view}", self.up));
+        }
+        if !(self.fov_y > 0.0 && self.fov_y < 180.0) {
+            return Err(format!("fov_y {} must lie between 0 and 180 degrees", self.fov_y));
+        }
+        if self.resolution.contains(&0) || self.resolution.iter().any(|&r| r > 65_536) {
+            let [w, h] = self.resolution;
+            return Err(format!("resolution {w}x{h} must lie between 1x1 and 65536x65536"));
+        }
+        Ok(())
+    }
+}
