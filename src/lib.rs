@@ -4,6 +4,7 @@ pub mod accel;
 pub mod bsdf;
 pub mod error;
 pub mod light;
+pub mod output;
 pub mod sampling;
 pub mod scene;
 pub mod settings;

@@ -1,0 +1,276 @@
+//! OpenEXR: colour as `R`, `G`, `B`, `A`, every other layer as `layer.channel`, ZIP-compressed, with metadata.
+
+use super::{Layers, Metadata};
+use crate::error::{Error, Result};
+use exr::meta::attribute::{Chromaticities, Text};
+use exr::prelude::*;
+use glam::Vec3;
+use std::io::Cursor;
+use std::path::Path;
+
+/// The greatest finite half.
+const HALF_MAX: f32 = 65504.0;
+
+/// Encodes the layers as a file's bytes; `path` is for messages.
+pub fn encode(path: &Path, layers: &Layers, metadata: &Metadata, float: bool) -> Result<Vec<u8>> {
+    let mut channels = Channels::default();
+    channels.vectors("", ["R", "G", "B"], &layers.color, float);
+    channels.scalars("A", &layers.alpha, float);
+    if channels.overflowed > 0 {
+        let pixels = channels.overflowed;
+        log::warn!(
+            "{}: {pixels} values of the colour exceed {HALF_MAX}, the greatest half, and were set to it; \
+             --float writes them as they are",
+            path.display()
+        );
+    }
+    channels.vectors("albedo.", ["R", "G", "B"], &layers.albedo, false);
+    channels.vectors("normal.", ["X", "Y", "Z"], &layers.normal, false);
+    channels.scalars("depth.Z", &layers.depth, true);
+    channels.vectors("irradiance_direct.", ["R", "G", "B"], &layers.direct, true);
+    channels.vectors("irradiance_indirect.", ["R", "G", "B"], &layers.indirect, true);
+
+    let size = Vec2(layers.width as usize, layers.height as usize);
+    let encoding = Encoding {
+        compression: Compression::ZIP16,
+        blocks: Blocks::ScanLines,
+        // Blocks are compressed on many threads; only an order that is asked for is the same each time.
+        line_order: LineOrder::Increasing,
+    };
+    let layer = Layer::new(size, attributes(metadata), encoding, AnyChannels::sort(channels.list.into()));
+    let mut image = Image::from_layer(layer);
+    image.attributes.chromaticities = Some(Chromaticities {
+        red: Vec2(0.64, 0.33),
+        green: Vec2(0.30, 0.60),
+        blue: Vec2(0.15, 0.06),
+        white: Vec2(0.3127, 0.3290),
+    });
+    let mut bytes = Vec::new();
+    let written = image.write().to_buffered(Cursor::new(&mut bytes));
+    written
+        .and_then(|()| sort_attributes(&mut bytes))
+        .map_err(|e| Error::file(path, format!("encoding failed: {e}")))?;
+    Ok(bytes)
+}
+
+/// Channels in the making.
+#[derive(Default)]
+struct Channels {
+    list: Vec<AnyChannel<FlatSamples>>,
+    /// Values that a half could not hold.
+    overflowed: u64,
+}
+
+impl Channels {
+    fn scalars(&mut self, name: &str, values: &[f32], float: bool) {
+        if !values.is_empty() {
+            self.add(name, values.iter().copied(), float);
+        }
+    }
+
+    fn vectors(&mut self, prefix: &str, names: [&str; 3], values: &[Vec3], float: bool) {
+        if !values.is_empty() {
+            for (axis, name) in names.into_iter().enumerate() {
+                self.add(&format!("{prefix}{name}"), values.iter().map(|v| v[axis]), float);
+            }
+        }
+    }
+
+    fn add(&mut self, name: &str, values: impl Iterator<Item = f32>, float: bool) {
+        let samples = if float {
+            FlatSamples::F32(values.collect())
+        } else {
+            let to_half = |value: f32| {
+                // Up to half a step above the greatest half is still rounded down to it.
+                self.overflowed += u64::from(value.abs() >= HALF_MAX + 16.0);
+                // NaN passes through the clamp and stays visible.
+                f16::from_f32(value.clamp(-HALF_MAX, HALF_MAX))
+            };
+            FlatSamples::F16(values.map(to_half).collect())
+        };
+        self.list.push(AnyChannel::new(name, samples));
+    }
+}
+
+fn attributes(metadata: &Metadata) -> LayerAttributes {
+    // The format's texts are bytes; readers take them as UTF-8, so no name is refused here.
+    let text = |s: &str| (!s.is_empty()).then(|| Text::from_slice_unchecked(s.as_bytes()));
+    let mut attributes = LayerAttributes { software_name: text(&metadata.software), ..LayerAttributes::default() };
+    let seed = metadata.seed.to_string();
+    let passes = metadata.passes.to_string();
+    let texts = [
+        ("scene", &metadata.scene),
+        ("settings", &metadata.settings),
+        ("seed", &seed),
+        ("passes", &passes),
+        ("camera", &metadata.camera),
+        ("device", &metadata.device),
+        ("driver", &metadata.driver),
+    ];
+    for (name, value) in texts {
+        if let Some(value) = text(value) {
+            attributes.other.insert(Text::from_slice_unchecked(name.as_bytes()), AttributeValue::Text(value));
+        }
+    }
+    attributes
+}
+
+/// Puts the header's attributes into the order of their names.
+///
+/// The encoder keeps them in a hash map whose order changes from run to run; sorted, the same image gives the same
+/// bytes. The header's length stays, so no offset in the file changes.
+fn sort_attributes(bytes: &mut [u8]) -> exr::error::UnitResult {
+    /// Magic number and version.
+    const START: usize = 8;
+    let damaged = || exr::error::Error::Invalid("header".into());
+    let mut list: Vec<(Vec<u8>, Vec<u8>)> = Vec::new();
+    let mut at = START;
+    loop {
+        let rest = bytes.get(at..).ok_or_else(damaged)?;
+        let name = rest.iter().position(|&b| b == 0).ok_or_else(damaged)?;
+        if name == 0 {
+            break;
+        }
+        let kind = rest[name + 1..].iter().position(|&b| b == 0).ok_or_else(damaged)?;
+        let size_at = name + 1 + kind + 1;
+        let size = rest.get(size_at..size_at + 4).and_then(|b| b.try_into().ok()).ok_or_else(damaged)?;
+        let end = size_at + 4 + usize::try_from(i32::from_le_bytes(size)).map_err(|_| damaged())?;
+        list.push((rest[..name].to_vec(), rest.get(..end).ok_or_else(damaged)?.to_vec()));
+        at += end;
+    }
+    list.sort();
+    let sorted: Vec<u8> = list.into_iter().flat_map(|(_, attribute)| attribute).collect();
+    bytes[START..at].copy_from_slice(&sorted);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::output::{self, write};
+
+    fn sample() -> (Layers, Metadata) {
+        let (width, height) = (37, 21);
+        let pixels = (width * height) as usize;
+        let ramp = |scale: f32| -> Vec<Vec3> {
+            (0..pixels).map(|i| Vec3::new(i as f32, 0.5 * i as f32, 1.0 + i as f32) * scale).collect()
+        };
+        let mut depth: Vec<f32> = (0..pixels).map(|i| 1.0 + i as f32 / 3.0).collect();
+        depth[5] = f32::INFINITY;
+        let layers = Layers {
+            width,
+            height,
+            color: ramp(0.125),
+            albedo: ramp(1.0 / 1024.0),
+            normal: vec![Vec3::new(0.0, 0.0, 1.0); pixels],
+            depth,
+            direct: ramp(0.1),
+            indirect: ramp(0.3),
+            alpha: vec![1.0; pixels],
+        };
+        let metadata = Metadata {
+            software: "lightsum test".into(),
+            scene: "Büro 🌞".into(),
+            settings: "{\"paths\":32}".into(),
+            seed: u64::MAX,
+            passes: 7,
+            camera: "{}".into(),
+            device: "device".into(),
+            driver: "driver 1.2".into(),
+        };
+        (layers, metadata)
+    }
+
+    fn read(path: &Path) -> (Layer<AnyChannels<FlatSamples>>, ImageAttributes) {
+        let image = exr::prelude::read_first_flat_layer_from_file(path).unwrap();
+        (image.layer_data, image.attributes)
+    }
+
+    fn channel(layer: &Layer<AnyChannels<FlatSamples>>, name: &str) -> Vec<f32> {
+        let found = layer.channel_data.list.iter().find(|c| c.name.as_slice() == name.as_bytes());
+        found.unwrap_or_else(|| panic!("no channel {name}")).sample_data.values_as_f32().collect()
+    }
+
+    #[test]
+    fn layers_and_metadata_come_back() {
+        let (layers, metadata) = sample();
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.exr");
+        write(&path, &layers, &metadata, &output::Encoding { float: true, ..Default::default() }).unwrap();
+        let (layer, attributes) = read(&path);
+        assert_eq!((layer.size.0, layer.size.1), (37, 21));
+        let names: Vec<String> = layer.channel_data.list.iter().map(|c| c.name.to_string()).collect();
+        let mut expected: Vec<String> =
+            ["R", "G", "B", "A", "depth.Z", "normal.X", "normal.Y", "normal.Z"].map(String::from).into();
+        for name in ["albedo", "irradiance_direct", "irradiance_indirect"] {
+            expected.extend(["R", "G", "B"].map(|c| format!("{name}.{c}")));
+        }
+        expected.sort();
+        assert_eq!(names, expected);
+        for (axis, name) in ["R", "G", "B"].into_iter().enumerate() {
+            let exact = |values: &[Vec3]| values.iter().map(|v| v[axis]).collect::<Vec<f32>>();
+            assert_eq!(channel(&layer, name), exact(&layers.color));
+            assert_eq!(channel(&layer, &format!("irradiance_direct.{name}")), exact(&layers.direct));
+            assert_eq!(channel(&layer, &format!("irradiance_indirect.{name}")), exact(&layers.indirect));
+            let albedo = channel(&layer, &format!("albedo.{name}"));
+            assert!(albedo.iter().zip(exact(&layers.albedo)).all(|(a, b)| (a - b).abs() <= 0.0005 * b));
+        }
+        assert_eq!(channel(&layer, "normal.Z"), vec![1.0; 37 * 21]);
+        assert_eq!(channel(&layer, "depth.Z"), layers.depth);
+
+        assert_eq!(layer.attributes.software_name.as_ref().unwrap().as_slice(), b"lightsum test");
+        assert!(attributes.chromaticities.is_some());
+        let text = |name: &str| {
+            let key = Text::from_slice_unchecked(name.as_bytes());
+            match layer.attributes.other.get(&key).or(attributes.other.get(&key)) {
+                Some(AttributeValue::Text(t)) => String::from_utf8(t.as_slice().to_vec()).unwrap(),
+                other => panic!("{name}: {other:?}"),
+            }
+        };
+        assert_eq!(text("scene"), metadata.scene);
+        assert_eq!(text("settings"), metadata.settings);
+        assert_eq!(text("seed"), u64::MAX.to_string());
+        assert_eq!(text("passes"), "7");
+        assert_eq!(text("driver"), metadata.driver);
+    }
+
+    #[test]
+    fn same_image_same_bytes() {
+        let (layers, metadata) = sample();
+        let first = encode(Path::new("a.exr"), &layers, &metadata, false).unwrap();
+        for _ in 0..8 {
+            assert!(encode(Path::new("a.exr"), &layers, &metadata, false).unwrap() == first);
+        }
+    }
+
+    #[test]
+    fn half_is_clamped_and_float_is_not() {
+        let values = [-1e9, 65504.0, 65519.0, 1e9, f32::INFINITY, 0.5];
+        let layers = Layers {
+            width: 6,
+            height: 1,
+            color: values.iter().map(|&v| Vec3::splat(v)).collect(),
+            ..Layers::default()
+        };
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.exr");
+        let metadata = Metadata::default();
+        write(&path, &layers, &metadata, &output::Encoding::default()).unwrap();
+        let (layer, _) = read(&path);
+        assert_eq!(layer.channel_data.list.len(), 3);
+        assert_eq!(channel(&layer, "G"), [-65504.0, 65504.0, 65504.0, 65504.0, 65504.0, 0.5]);
+        write(&path, &layers, &metadata, &output::Encoding { float: true, ..Default::default() }).unwrap();
+        assert_eq!(channel(&read(&path).0, "G"), values);
+
+        let mut channels = Channels::default();
+        channels.scalars("A", &values, false);
+        assert_eq!(channels.overflowed, 3);
+    }
+
+    #[test]
+    fn a_damaged_header_is_an_error() {
+        assert!(sort_attributes(&mut [0; 8]).is_err());
+        assert!(sort_attributes(&mut [0, 0, 0, 0, 0, 0, 0, 0, b'a', 0, b'b', 0, 255, 255, 255, 255]).is_err());
+        assert!(sort_attributes(&mut [0; 9]).is_ok());
+    }
+}

@@ -1,0 +1,305 @@
+//! What a rendering leaves behind: EXR with layers, PNG for the eye, statistics, and the state that a run resumes from.
+//!
+//! Every file is written beside its place under a temporary name and then renamed, so that a reader never meets half a
+//! file and a failed run leaves the file before it as it was. Same layers, same metadata: same bytes.
+
+mod exr;
+mod png;
+mod state;
+mod stats;
+
+pub use png::Tonemap;
+pub use state::State;
+pub use stats::Statistics;
+
+use crate::error::{Error, Result};
+use glam::Vec3;
+use std::ffi::OsString;
+use std::fs::{self, File, OpenOptions};
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+/// A rendered image with its layers: row by row from the top, linear Rec. 709, `width * height` values each.
+///
+/// A layer other than `color` may be empty; it is then left out of the file.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Layers {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Radiance L towards the eye, W/(m^2 sr).
+    pub color: Vec<Vec3>,
+    /// Diffuse albedo of what is seen, in [0, 1].
+    pub albedo: Vec<Vec3>,
+    /// Shading normal in world space, unit length; zero on the background.
+    pub normal: Vec<Vec3>,
+    /// Distance from the eye along the view direction, scene units; infinite on the background.
+    pub depth: Vec<f32>,
+    /// Irradiance E that comes straight from the emitters, W/m^2.
+    pub direct: Vec<Vec3>,
+    /// Irradiance E after one reflection or more, W/m^2.
+    pub indirect: Vec<Vec3>,
+    /// Share of the pixel that the scene covers, in [0, 1].
+    pub alpha: Vec<f32>,
+}
+
+impl Layers {
+    /// Checks that each layer has as many values as the image has pixels.
+    fn validate(&self, path: &Path) -> Result<()> {
+        let pixels = u64::from(self.width) * u64::from(self.height);
+        let check = |name: &str, length: usize, optional: bool| {
+            if length as u64 == pixels && pixels > 0 || optional && length == 0 {
+                return Ok(());
+            }
+            let (width, height) = (self.width, self.height);
+            Err(Error::file(path, format!("layer {name} has {length} values for an image of {width}x{height} pixels")))
+        };
+        check("color", self.color.len(), false)?;
+        check("albedo", self.albedo.len(), true)?;
+        check("normal", self.normal.len(), true)?;
+        check("depth", self.depth.len(), true)?;
+        check("irradiance_direct", self.direct.len(), true)?;
+        check("irradiance_indirect", self.indirect.len(), true)?;
+        check("alpha", self.alpha.len(), true)
+    }
+}
+
+/// How an image came about: attributes of the EXR file. An empty text is left out.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Metadata {
+    /// Program and version.
+    pub software: String,
+    /// Name of the scene.
+    pub scene: String,
+    /// Settings, as JSON.
+    pub settings: String,
+    /// Seed.
+    pub seed: u64,
+    /// Passes in the image.
+    pub passes: u32,
+    /// Camera, as JSON.
+    pub camera: String,
+    /// Name of the device.
+    pub device: String,
+    /// Name and version of its driver.
+    pub driver: String,
+}
+
+/// How pixels become a file.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Encoding {
+    /// Colour of an EXR file as 32-bit float in place of half: twice the size, no rounding, no overflow at 65504.
+    pub float: bool,
+    /// Exposure of a PNG file in stops: radiance is multiplied by 2^exposure.
+    pub exposure: f32,
+    /// Tone curve of a PNG file.
+    pub tonemap: Tonemap,
+}
+
+/// File formats of images.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// OpenEXR: linear, with layers.
+    Exr,
+    /// PNG: 8 bits for each channel, for display.
+    Png,
+}
+
+impl Format {
+    /// The format that the extension names.
+    pub fn of(path: &Path) -> Result<Format> {
+        let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        match extension.as_deref() {
+            Some("exr") => Ok(Format::Exr),
+            Some("png") => Ok(Format::Png),
+            _ => {
+                let message = format!("{}: the name must end in .exr or .png", path.display());
+                Err(Error::Setting { name: "--output", message })
+            }
+        }
+    }
+}
+
+/// Writes an image in the format that the path's extension names.
+pub fn write(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Encoding) -> Result<()> {
+    let format = Format::of(path)?;
+    layers.validate(path)?;
+    let bytes = match format {
+        Format::Exr => exr::encode(path, layers, metadata, encoding.float)?,
+        Format::Png => png::encode(path, layers, encoding.exposure, encoding.tonemap)?,
+    };
+    write_file(path, &[&bytes])
+}
+
+/// Writes `parts` one after the other to a file of this name: beside it first, then renamed over it.
+///
+/// A name that stands for a device or a pipe is written to directly.
+pub fn write_file(path: &Path, parts: &[&[u8]]) -> Result<()> {
+    let write_all = |file: &mut File| parts.iter().try_for_each(|part| file.write_all(part));
+    match Target::of(path)? {
+        Target::Stream => {
+            let mut file = OpenOptions::new().write(true).open(path).map_err(Error::io("opening", path))?;
+            write_all(&mut file).map_err(Error::io("writing", path))
+        }
+        Target::File(place) => {
+            let (mut file, temporary) = Temporary::create(path, &place)?;
+            write_all(&mut file).and_then(|()| file.sync_all()).map_err(Error::io("writing", path))?;
+            drop(file);
+            temporary.rename_to(&place).map_err(Error::io("renaming the finished file to", path))
+        }
+    }
+}
+
+/// Finds out before a long rendering whether [`write_file`] could write there.
+pub fn check_writable(path: &Path) -> Result<()> {
+    match Target::of(path)? {
+        Target::Stream => Ok(()),
+        Target::File(place) => Temporary::create(path, &place).map(drop),
+    }
+}
+
+/// What a path stands for.
+enum Target {
+    /// A device or pipe, which must not be replaced.
+    Stream,
+    /// A file, present or not, with links resolved so that a link is kept and its target replaced.
+    File(PathBuf),
+}
+
+impl Target {
+    fn of(path: &Path) -> Result<Target> {
+        match fs::metadata(path) {
+            Ok(data) if data.is_dir() => Err(Error::file(path, "is a directory; give the name of a file")),
+            Ok(data) if data.is_file() => Ok(Target::File(fs::canonicalize(path).map_err(Error::io("finding", path))?)),
+            Ok(_) => Ok(Target::Stream),
+            Err(e) if e.kind() == ErrorKind::NotFound => Ok(Target::File(path.to_path_buf())),
+            Err(e) => Err(Error::io("writing", path)(e)),
+        }
+    }
+}
+
+/// A temporary file that is removed unless it is renamed.
+struct Temporary(PathBuf);
+
+impl Temporary {
+    /// Creates one beside `place`; errors name `path`, which the user gave.
+    fn create(path: &Path, place: &Path) -> Result<(File, Temporary)> {
+        let Some(name) = place.file_name() else {
+            return Err(Error::file(path, "is not the name of a file"));
+        };
+        let mut attempt = 0;
+        loop {
+            let mut hidden = OsString::from(".");
+            hidden.push(name);
+            hidden.push(format!(".{}-{attempt}.tmp", std::process::id()));
+            let temporary = place.with_file_name(hidden);
+            match OpenOptions::new().write(true).create_new(true).open(&temporary) {
+                Ok(file) => return Ok((file, Temporary(temporary))),
+                // Another thread, or a killed process of the same number, has that name.
+                Err(e) if e.kind() == ErrorKind::AlreadyExists && attempt < 100 => attempt += 1,
+                Err(e) => return Err(Error::io("creating a file beside it", path)(e)),
+            }
+        }
+    }
+
+    fn rename_to(self, place: &Path) -> std::io::Result<()> {
+        fs::rename(&self.0, place)
+    }
+}
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        // After a rename nothing of this name is left, and that is no error.
+        let _ = fs::remove_file(&self.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(directory: &Path) -> Vec<String> {
+        let entries = fs::read_dir(directory).unwrap();
+        entries.map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect()
+    }
+
+    #[test]
+    fn a_file_is_replaced_and_nothing_else_is_left() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.bin");
+        write_file(&path, &[b"one", b"two"]).unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"onetwo");
+        write_file(&path, &[b"three"]).unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"three");
+        check_writable(&path).unwrap();
+        check_writable(&directory.path().join("b.bin")).unwrap();
+        assert_eq!(names(directory.path()), ["a.bin"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_is_kept_and_its_target_replaced() {
+        let directory = tempfile::tempdir().unwrap();
+        let (target, link) = (directory.path().join("target"), directory.path().join("link"));
+        fs::write(&target, "old").unwrap();
+        std::os::unix::fs::symlink(&target, &link).unwrap();
+        write_file(&link, &[b"new"]).unwrap();
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(fs::read(&target).unwrap(), b"new");
+    }
+
+    #[test]
+    fn errors_name_the_file_and_leave_nothing() {
+        let directory = tempfile::tempdir().unwrap();
+        let absent = directory.path().join("absent").join("a.exr");
+        for error in [write_file(&absent, &[b"x"]), check_writable(&absent)] {
+            let message = error.unwrap_err().to_string();
+            assert!(message.contains("absent") && message.contains("a.exr"), "{message}");
+        }
+        let file = directory.path().join("file");
+        fs::write(&file, "").unwrap();
+        assert!(check_writable(&file.join("a.exr")).is_err());
+        let message = write_file(directory.path(), &[b"x"]).unwrap_err().to_string();
+        assert!(message.contains("is a directory"), "{message}");
+        assert_eq!(names(directory.path()), ["file"]);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_full_device_is_an_error_that_names_it() {
+        let message = write_file(Path::new("/dev/full"), &[b"x"]).unwrap_err().to_string();
+        assert!(message.contains("/dev/full") && message.contains("writing"), "{message}");
+    }
+
+    #[test]
+    fn a_failed_write_leaves_no_file() {
+        let directory = tempfile::tempdir().unwrap();
+        let (_, temporary) = Temporary::create(Path::new("a"), &directory.path().join("a")).unwrap();
+        assert_eq!(names(directory.path()).len(), 1);
+        drop(temporary);
+        assert!(names(directory.path()).is_empty());
+    }
+
+    #[test]
+    fn the_extension_names_the_format() {
+        assert_eq!(Format::of(Path::new("x/a.EXR")).unwrap(), Format::Exr);
+        assert_eq!(Format::of(Path::new("a.b.png")).unwrap(), Format::Png);
+        for name in ["a.jpg", "exr", "a"] {
+            let message = Format::of(Path::new(name)).unwrap_err().to_string();
+            assert!(message.contains("--output") && message.contains(name), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_layer_of_another_length_is_refused() {
+        let mut layers = Layers { width: 2, height: 1, color: vec![Vec3::ONE; 2], ..Layers::default() };
+        layers.depth = vec![1.0];
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.png");
+        let message = write(&path, &layers, &Metadata::default(), &Encoding::default()).unwrap_err().to_string();
+        assert!(message.contains("layer depth has 1 values"), "{message}");
+        layers.depth.clear();
+        write(&path, &layers, &Metadata::default(), &Encoding::default()).unwrap();
+    }
+}

@@ -1,0 +1,172 @@
+//! The state of an unfinished rendering, from which `--resume` continues bit for bit.
+//!
+//! Little endian: magic "LSUMSTAT", version u32, width u32, height u32, passes u32, fingerprint u64, length of what
+//! follows u64, checksum u64 (FNV-1a over all other bytes), accumulators.
+
+use super::write_file;
+use crate::error::{Error, Result};
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+const MAGIC: [u8; 8] = *b"LSUMSTAT";
+const VERSION: u32 = 1;
+/// Bytes of the header up to the checksum.
+const FIELDS: usize = 8 + 4 * 4 + 2 * 8;
+/// Bytes of the whole header.
+const HEADER: usize = FIELDS + 8;
+
+/// What a rendering needs to go on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct State {
+    /// Of scene, camera and settings.
+    pub fingerprint: u64,
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Passes done.
+    pub passes: u32,
+    /// The renderer's sums.
+    pub accumulators: Vec<u8>,
+}
+
+impl State {
+    /// The state file that belongs to an output: its name with `.state` appended.
+    pub fn path_for(output: &Path) -> PathBuf {
+        let mut name = OsString::from(output);
+        name.push(".state");
+        PathBuf::from(name)
+    }
+
+    /// Writes the state.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let mut header = Vec::with_capacity(HEADER);
+        header.extend(MAGIC);
+        for value in [VERSION, self.width, self.height, self.passes] {
+            header.extend(value.to_le_bytes());
+        }
+        header.extend(self.fingerprint.to_le_bytes());
+        header.extend((self.accumulators.len() as u64).to_le_bytes());
+        let sum = checksum(&[&header, &self.accumulators]);
+        header.extend(sum.to_le_bytes());
+        write_file(path, &[&header, &self.accumulators])
+    }
+
+    /// Reads a state and checks that it is whole.
+    pub fn read(path: &Path) -> Result<State> {
+        const REMOVE: &str = "remove it to start anew";
+        let mut bytes = std::fs::read(path).map_err(Error::io("reading", path))?;
+        let refuse = |message: String| Err(Error::file(path, format!("{message}; {REMOVE}")));
+        if bytes.get(..8) != Some(&MAGIC) {
+            return refuse("this is not a state file of lightsum".into());
+        }
+        if bytes.len() < HEADER {
+            return refuse("the state is cut off".into());
+        }
+        // Both slices lie within the header, whose length was checked.
+        let u32_at = |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
+        let u64_at = |at: usize| u64::from(u32_at(at)) | u64::from(u32_at(at + 4)) << 32;
+        let version = u32_at(8);
+        if version != VERSION {
+            return refuse(format!("the state has version {version}, this program reads {VERSION}"));
+        }
+        let (width, height, passes) = (u32_at(12), u32_at(16), u32_at(20));
+        let (fingerprint, length, sum) = (u64_at(24), u64_at(32), u64_at(FIELDS));
+        let present = (bytes.len() - HEADER) as u64;
+        if length != present {
+            return refuse(format!("the state is cut off: {present} of {length} bytes are there"));
+        }
+        if sum != checksum(&[&bytes[..FIELDS], &bytes[HEADER..]]) {
+            return refuse("the state is damaged: its checksum is wrong".into());
+        }
+        bytes.drain(..HEADER);
+        Ok(State { fingerprint, width, height, passes, accumulators: bytes })
+    }
+
+    /// Refuses a state of another rendering.
+    pub fn check(&self, path: &Path, fingerprint: u64, [width, height]: [u32; 2]) -> Result<()> {
+        if (self.width, self.height) != (width, height) {
+            let message = format!(
+                "the state is of {}x{} pixels, this rendering is {width}x{height}; \
+                 give --resolution {}x{} or remove the state to start anew",
+                self.width, self.height, self.width, self.height
+            );
+            return Err(Error::file(path, message));
+        }
+        if self.fingerprint != fingerprint {
+            let message = "the state is of another scene, camera or settings; \
+                           give the same ones as before or remove the state to start anew";
+            return Err(Error::file(path, message));
+        }
+        Ok(())
+    }
+}
+
+/// FNV-1a, 64 bits.
+fn checksum(parts: &[&[u8]]) -> u64 {
+    let step = |hash: u64, &byte: &u8| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
+    parts.iter().copied().flatten().fold(0xcbf2_9ce4_8422_2325, step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample() -> State {
+        let accumulators = (0..1000u32).flat_map(u32::to_le_bytes).collect();
+        State { fingerprint: 0x0123_4567_89ab_cdef, width: 50, height: 20, passes: 3, accumulators }
+    }
+
+    #[test]
+    fn the_checksum_is_fnv_1a() {
+        // Published test vectors of the algorithm.
+        assert_eq!(checksum(&[b""]), 0xcbf2_9ce4_8422_2325);
+        assert_eq!(checksum(&[b"a"]), 0xaf63_dc4c_8601_ec8c);
+        assert_eq!(checksum(&[b"foo", b"bar"]), 0x8594_4171_f739_67e8);
+    }
+
+    #[test]
+    fn a_state_comes_back() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = State::path_for(&directory.path().join("a.exr"));
+        assert_eq!(path.file_name().unwrap(), "a.exr.state");
+        sample().write(&path).unwrap();
+        let read = State::read(&path).unwrap();
+        assert_eq!(read, sample());
+        read.check(&path, sample().fingerprint, [50, 20]).unwrap();
+        let other_size = read.check(&path, sample().fingerprint, [20, 50]).unwrap_err().to_string();
+        assert!(other_size.contains("50x20") && other_size.contains("20x50"), "{other_size}");
+        let other_scene = read.check(&path, 1, [50, 20]).unwrap_err().to_string();
+        assert!(other_scene.contains("another scene"), "{other_scene}");
+    }
+
+    #[test]
+    fn a_state_that_is_not_whole_is_refused_with_its_reason() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.state");
+        sample().write(&path).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        let reason = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            State::read(&path).unwrap_err().to_string()
+        };
+        assert!(reason(b"").contains("not a state file"));
+        assert!(reason(b"something else altogether, and long enough to hold a header").contains("not a state file"));
+        for length in [8, HEADER - 1, HEADER, whole.len() - 1] {
+            assert!(reason(&whole[..length]).contains("cut off"), "{length}");
+        }
+        let mut longer = whole.clone();
+        longer.push(0);
+        assert!(reason(&longer).contains("cut off"));
+        for place in [12, 20, 24, FIELDS, HEADER, whole.len() - 1] {
+            let mut damaged = whole.clone();
+            damaged[place] ^= 1;
+            assert!(reason(&damaged).contains("damaged"), "{place}");
+        }
+        let mut newer = whole.clone();
+        newer[8] = 2;
+        assert!(reason(&newer).contains("version 2"));
+        let absent = directory.path().join("absent");
+        assert!(State::read(&absent).unwrap_err().to_string().contains("absent"));
+    }
+}
