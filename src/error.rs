@@ -88,6 +88,9 @@ pub enum Error {
         /// naga's report.
         message: String,
     },
+    /// An interrupt came before there was anything to write.
+    #[error("interrupted before the first pass was done; nothing was written")]
+    Interrupted,
     /// A ray needed more traversal steps than all rounds of a pass allow.
     #[error("pass {pass}: {rays} rays did not finish within {steps} steps; raise --rounds")]
     Unfinished {

@@ -1,0 +1,364 @@
+//! The flags, their help and their syntax. What a value means together with others is decided in `render`.
+
+use clap::builder::{PathBufValueParser, TypedValueParser};
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use glam::Vec3;
+use lightsum::gpu::DeviceChoice;
+use lightsum::output::{Format, Tonemap};
+use lightsum::settings::Settings;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Greatest number of pixels of an image.
+pub const MAX_PIXELS: u64 = 1 << 26;
+
+/// Global illumination without noise: a sum over virtual lights (instant radiosity), computed by Vulkan.
+#[derive(Debug, Parser)]
+#[command(name = "lightsum", version, arg_required_else_help = true)]
+pub struct Arguments {
+    /// List the Vulkan devices, in the order of their index, and leave.
+    #[arg(long)]
+    pub list_devices: bool,
+    /// Say more on standard error: -v how the rendering goes, -vv every step.
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Render a scene to an image.
+    ///
+    /// A flag overrides the key of the same name in [render] of the scene file, which overrides the default.
+    Render(Box<Render>),
+}
+
+/// Flags of `render`.
+#[derive(Debug, Args)]
+pub struct Render {
+    /// Scene description (.toml) or bare model (.obj, .gltf, .glb).
+    #[arg(value_name = "SCENE", required_unless_present = "list_devices")]
+    pub scene: Option<PathBuf>,
+    /// List the Vulkan devices, in the order of their index, and leave.
+    #[arg(long)]
+    pub list_devices: bool,
+
+    #[command(flatten)]
+    pub output: Output,
+    #[command(flatten)]
+    pub stop: Stop,
+    #[command(flatten)]
+    pub light: Light,
+    #[command(flatten)]
+    pub camera: Camera,
+    #[command(flatten)]
+    pub device: Device,
+    #[command(flatten)]
+    pub reference: Reference,
+}
+
+/// Where the image goes and how it is encoded.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Output")]
+pub struct Output {
+    /// Image to write: .exr (linear, with layers) or .png (for display). May be given several times.
+    #[arg(short, long = "output", value_name = "FILE", value_parser = PathBufValueParser::new().try_map(image_path))]
+    #[arg(required_unless_present_any = ["list_devices", "export_lights", "stats"])]
+    pub outputs: Vec<PathBuf>,
+    /// Size of the image in pixels [default: the scene's, or 640x480]. Time and memory grow with their product.
+    #[arg(long, value_name = "WxH", value_parser = resolution)]
+    pub resolution: Option<[u32; 2]>,
+    /// Exposure of PNG files in stops; each stop doubles the brightness [default: the scene's, or 0].
+    #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = exposure)]
+    pub exposure: Option<f32>,
+    /// Tone curve of PNG files.
+    #[arg(long, value_name = "CURVE", value_enum, default_value = "srgb")]
+    pub tonemap: Curve,
+    /// Write the colour of EXR files as 32-bit float in place of half. The colour takes twice the space.
+    #[arg(long)]
+    pub float: bool,
+    /// Write device, counts, seconds of each stage and pass, and rays as JSON.
+    #[arg(long, value_name = "FILE.json")]
+    pub stats: Option<PathBuf>,
+    /// Write the virtual lights of the first pass, with the scene, as glTF (KHR_lights_punctual), to be loaded again.
+    ///
+    /// Without --output or --stats nothing is rendered.
+    #[arg(long, value_name = "FILE.gltf")]
+    pub export_lights: Option<PathBuf>,
+}
+
+/// When the rendering is done: at the first condition that is met.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "End")]
+pub struct Stop {
+    /// Passes in the image, those of a resumed state included [default: the scene's, or 64].
+    ///
+    /// Time grows linearly; the error falls at least like the square root. The default holds if none of --passes,
+    /// --time and --target-error is given.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub passes: Option<u32>,
+    /// Stop after this many seconds of rendering, at the end of the pass that runs then.
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
+    pub time: Option<Duration>,
+    /// Stop when the relative RMSE, as estimated from independent instances, has fallen to this (0.01: one percent).
+    ///
+    /// Half the error takes up to four times the passes.
+    #[arg(long, value_name = "E", allow_negative_numbers = true, value_parser = positive)]
+    pub target_error: Option<f32>,
+    /// Go on from the state file beside the first output (OUTPUT.state) if there is one; write it at the end.
+    ///
+    /// Scene, camera and settings must be the same. The result equals that of an unbroken run bit for bit. An
+    /// interrupt (Ctrl-C) writes image and state whether or not this is given.
+    #[arg(long, requires = "outputs")]
+    pub resume: bool,
+}
+
+/// How light is transported.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Light")]
+pub struct Light {
+    /// Particles started from the lights in each pass, 1 to 65536 [default: the scene's, or 32].
+    ///
+    /// The cost of a pass grows linearly; more make the passes differ less from each other.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PATHS)))]
+    pub paths: Option<u32>,
+    /// Segments of a light path from eye to emitter, 1 to 16 [default: the scene's, or 5].
+    ///
+    /// 1: emitters only, 2: direct light, 5: direct light and three further reflections. Higher is brighter and slower.
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_DEPTH)))]
+    pub max_depth: Option<u32>,
+    /// Distance below which the light of a virtual light grows no more, in scene units [default: see --clip-fraction].
+    ///
+    /// Higher: smoother corners, and more light that has to come back by compensation (slower, a little grain).
+    /// Lower: bright blotches that take more passes to vanish; 0 clips nothing.
+    #[arg(long, value_name = "D", allow_negative_numbers = true, value_parser = distance, conflicts_with = "clip_fraction")]
+    pub clip: Option<f32>,
+    /// The same as a fraction of the diagonal of the scene's bounding box [default: the scene's, or 0.05].
+    #[arg(long, value_name = "F", allow_negative_numbers = true, value_parser = distance)]
+    pub clip_fraction: Option<f32>,
+    /// Leave out what clipping cuts off: faster, but corners are too dark.
+    #[arg(long)]
+    pub no_compensation: bool,
+    /// Jitter the low-discrepancy points in their cells: noise in place of structured error.
+    #[arg(long)]
+    pub jitter: bool,
+    /// Seed of all randomness [default: the scene's, or 0]. Same seed, settings and device: same bits.
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    pub seed: Option<u64>,
+    /// A set of --paths, --clip-fraction, --no-compensation and --jitter; these flags override it, it overrides the scene.
+    #[arg(long, value_enum)]
+    pub preset: Option<Preset>,
+}
+
+/// The camera; each flag overrides that part of the scene's camera.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Camera (overrides the scene's; a model without one is seen from its front)")]
+pub struct Camera {
+    /// Eye point, scene units.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
+    pub eye: Option<Vec3>,
+    /// Point in the middle of the image, scene units.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
+    pub target: Option<Vec3>,
+    /// Upward direction, of any length [default: the scene's, or 0,1,0].
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
+    pub up: Option<Vec3>,
+    /// Vertical angle of view in degrees, between 0 and 180 [default: the scene's, or 45].
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = angle)]
+    pub fov: Option<f32>,
+}
+
+/// What computes.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Device")]
+pub struct Device {
+    /// Vulkan device: part of its name, its index in --list-devices, or cpu [default: the fastest kind there is].
+    #[arg(long, value_name = "NAME|INDEX|cpu")]
+    pub device: Option<DeviceChoice>,
+    /// Let the Vulkan validation layer check every call. Slower; the layer must be installed.
+    #[arg(long)]
+    pub validation: bool,
+    /// Lights that one dispatch of the shading pass loops over, 1 to 64 [default: 8].
+    ///
+    /// Higher: fewer dispatches, but fewer traversal steps for each light within one. Lower it if the driver resets the
+    /// device because a dispatch takes too long.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub lights_per_dispatch: Option<u32>,
+    /// Rounds in which the rays of a pass may be carried on, 1 to 1024 [default: 4].
+    ///
+    /// A round that no ray needs costs microseconds. Raise it if a rendering says that rays did not finish.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub rounds: Option<u32>,
+}
+
+/// Path tracing on the CPU, to compare with.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Reference")]
+pub struct Reference {
+    /// Render by path tracing on the CPU instead: same scene, camera and path length, noise in place of structured error.
+    #[arg(long, conflicts_with_all = [
+        "passes", "time", "target_error", "resume", "paths", "clip", "clip_fraction", "no_compensation", "jitter", "preset",
+        "device", "validation", "lights_per_dispatch", "rounds", "export_lights", "stats",
+    ])]
+    pub reference: bool,
+    /// Paths of --reference for each pixel [default: 64]. Time grows linearly, noise falls like the square root.
+    #[arg(long, value_name = "N", requires = "reference", value_parser = clap::value_parser!(u32).range(1..))]
+    pub spp: Option<u32>,
+    /// Let the paths of --reference go on at mirrors and glass, which are black otherwise.
+    #[arg(long, requires = "reference")]
+    pub specular_paths: bool,
+}
+
+/// Values of `--tonemap`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Curve {
+    /// Clip at 1, sRGB curve: exact, highlights burn out.
+    Srgb,
+    /// ACES as fitted by Hill: film-like contrast.
+    Aces,
+    /// AgX as approximated by Wrensch: soft, highlights fade to white.
+    Agx,
+}
+
+impl From<Curve> for Tonemap {
+    fn from(curve: Curve) -> Tonemap {
+        match curve {
+            Curve::Srgb => Tonemap::Srgb,
+            Curve::Aces => Tonemap::Aces,
+            Curve::Agx => Tonemap::Agx,
+        }
+    }
+}
+
+/// Values of `--preset`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Preset {
+    /// Unbiased in the limit, better with every pass: 32 paths, clipping at 0.05 of the diagonal with compensation.
+    Progressive,
+}
+
+fn image_path(path: PathBuf) -> Result<PathBuf, String> {
+    match Format::of(&path) {
+        Ok(_) => Ok(path),
+        Err(_) => Err("the name must end in .exr or .png".into()),
+    }
+}
+
+fn resolution(text: &str) -> Result<[u32; 2], String> {
+    let size = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    let size = size.ok_or("expected WIDTHxHEIGHT in pixels, such as 640x480")?;
+    check_resolution(size).map(|()| size)
+}
+
+/// Refuses an image of no pixels or of too many.
+pub fn check_resolution([width, height]: [u32; 2]) -> Result<(), String> {
+    match u64::from(width) * u64::from(height) {
+        0 => Err(format!("{width}x{height} has no pixels")),
+        1..=MAX_PIXELS => Ok(()),
+        pixels => Err(format!("{width}x{height} has {pixels} pixels; at most {MAX_PIXELS} are possible")),
+    }
+}
+
+fn vector(text: &str) -> Result<Vec3, String> {
+    let parts: Option<Vec<f32>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    match parts.as_deref() {
+        Some(&[x, y, z]) if x.is_finite() && y.is_finite() && z.is_finite() => Ok(Vec3::new(x, y, z)),
+        _ => Err("expected three numbers X,Y,Z".into()),
+    }
+}
+
+fn number(text: &str, good: impl Fn(f32) -> bool, expected: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|&v| f32::is_finite(v) && good(v)).ok_or_else(|| format!("expected {expected}"))
+}
+
+fn exposure(text: &str) -> Result<f32, String> {
+    number(text, |v| v.abs() <= 100.0, "a number of stops from -100 to 100")
+}
+
+fn distance(text: &str) -> Result<f32, String> {
+    number(text, |v| v >= 0.0, "a number of 0 or more")
+}
+
+fn positive(text: &str) -> Result<f32, String> {
+    number(text, |v| v > 0.0, "a number above 0")
+}
+
+fn angle(text: &str) -> Result<f32, String> {
+    number(text, |v| v > 0.0 && v < 180.0, "an angle in degrees between 0 and 180")
+}
+
+fn seconds(text: &str) -> Result<Duration, String> {
+    let duration = text.parse().ok().and_then(|s| Duration::try_from_secs_f64(s).ok()).filter(|d| !d.is_zero());
+    duration.ok_or_else(|| "expected a number of seconds above 0".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+    use clap::error::ErrorKind;
+
+    fn parse(line: &str) -> Result<Box<Render>, clap::Error> {
+        let arguments = Arguments::try_parse_from(["lightsum", "render"].into_iter().chain(line.split_whitespace()))?;
+        match arguments.command {
+            Some(Command::Render(render)) => Ok(render),
+            None => unreachable!("the line names a command"),
+        }
+    }
+
+    #[test]
+    fn the_definition_is_consistent() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn values_are_understood() {
+        let line =
+            "a.toml -o a.exr --output b.png --resolution 17x5 --eye -1,2.5,-3e2 --up 0,0,1 --exposure -1.5 --time 0.5";
+        let render = parse(line).unwrap();
+        assert_eq!(render.output.outputs, [PathBuf::from("a.exr"), PathBuf::from("b.png")]);
+        assert_eq!(render.output.resolution, Some([17, 5]));
+        assert_eq!(render.camera.eye, Some(Vec3::new(-1.0, 2.5, -300.0)));
+        assert_eq!(render.output.exposure, Some(-1.5));
+        assert_eq!(render.stop.time, Some(Duration::from_millis(500)));
+        parse("--list-devices").unwrap();
+        parse("a.obj --export-lights l.gltf").unwrap();
+    }
+
+    #[test]
+    fn wrong_use_is_refused() {
+        for line in [
+            "a.toml -o a.jpg",
+            "a.toml -o a.exr --resolution 0x5",
+            "a.toml -o a.exr --resolution 8193x8192",
+            "a.toml -o a.exr --resolution 65536x65536",
+            "a.toml -o a.exr --resolution 640",
+            "a.toml -o a.exr --eye 1,2",
+            "a.toml -o a.exr --eye 1,2,nan",
+            "a.toml -o a.exr --fov 180",
+            "a.toml -o a.exr --time 0",
+            "a.toml -o a.exr --time nan",
+            "a.toml -o a.exr --time 1e300",
+            "a.toml -o a.exr --clip -1",
+            "a.toml -o a.exr --target-error 0",
+            "a.toml -o a.exr --exposure inf",
+        ] {
+            let kind = parse(line).unwrap_err().kind();
+            assert!(matches!(kind, ErrorKind::ValueValidation | ErrorKind::UnknownArgument), "{line}: {kind:?}");
+        }
+        for line in ["a.toml -o a.exr --clip 1 --clip-fraction 1", "a.toml -o a.exr --reference --passes 4"] {
+            assert_eq!(parse(line).unwrap_err().kind(), ErrorKind::ArgumentConflict, "{line}");
+        }
+        for line in ["a.toml", "-o a.exr", "a.toml -o a.exr --spp 4"] {
+            assert_eq!(parse(line).unwrap_err().kind(), ErrorKind::MissingRequiredArgument, "{line}");
+        }
+    }
+
+    #[test]
+    fn the_greatest_image_is_allowed() {
+        assert!(check_resolution([8192, 8192]).is_ok());
+    }
+}

@@ -1,0 +1,83 @@
+//! The command line: `lightsum render SCENE -o IMAGE`.
+//!
+//! Exit codes: 0 done, 1 failed, 2 wrong use. Progress, warnings and errors go to standard error; what was asked for and
+//! the line that says where the output went go to standard output.
+
+mod args;
+mod camera;
+mod progress;
+mod reference;
+mod render;
+mod stop;
+
+use args::{Arguments, Command};
+use clap::Parser;
+use lightsum::{Error, Result, gpu};
+use std::io::Write;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    log_to_stderr(arguments.verbose);
+    let result = match &arguments.command {
+        Some(Command::Render(render)) if !render.list_devices => render::run(render),
+        _ => list_devices(),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            say_aside(&format!("error: {error}"));
+            // A setting out of range is wrong use, like those that the parser refuses.
+            ExitCode::from(if matches!(error, Error::Setting { .. }) { 2 } else { 1 })
+        }
+    }
+}
+
+/// Warnings always, more with each `-v`; `RUST_LOG` selects by module.
+fn log_to_stderr(verbose: u8) {
+    let level = match verbose {
+        0 => log::LevelFilter::Warn,
+        1 => log::LevelFilter::Info,
+        _ => log::LevelFilter::Debug,
+    };
+    env_logger::Builder::new()
+        .filter_level(level)
+        .parse_default_env()
+        .format(|out, record| {
+            let label = match record.level() {
+                log::Level::Error => "error",
+                log::Level::Warn => "warning",
+                log::Level::Info => "info",
+                log::Level::Debug => "debug",
+                log::Level::Trace => "trace",
+            };
+            writeln!(out, "{label}: {}", record.args())
+        })
+        .init();
+}
+
+/// A line for each device: what `--device` takes, and what there is to know for choosing.
+fn list_devices() -> Result<()> {
+    for device in gpu::list_devices()? {
+        let kind = format!("{:?}", device.device_type).to_lowercase().replace('_', " ");
+        let driver = [device.driver, device.driver_version].join(" ");
+        let (driver, api, subgroup) = (driver.trim(), device.api_version, device.subgroup_size);
+        let mut line =
+            format!("{}  {}  ({kind}; {driver}; Vulkan {api}; subgroups of {subgroup})", device.index, device.name);
+        if !device.missing.is_empty() {
+            line += &format!("  cannot be used: it lacks {}", device.missing.join(", "));
+        }
+        say(&line);
+    }
+    Ok(())
+}
+
+/// A line on standard output; a closed pipe is no reason to fail.
+fn say(line: &str) {
+    let _ = writeln!(std::io::stdout(), "{line}");
+}
+
+/// A line on standard error.
+fn say_aside(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{line}");
+}

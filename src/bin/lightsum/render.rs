@@ -1,0 +1,298 @@
+//! `lightsum render`: flags and scene become settings, passes run until a condition is met, files are written.
+
+use crate::args::{Preset, Render};
+use crate::progress::{Progress, duration};
+use crate::stop::{Stop, error_is_due};
+use crate::{camera, reference, say, say_aside};
+use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics};
+use lightsum::scene::{self, Camera, RenderDefaults, Scene};
+use lightsum::settings::{Clip, Settings};
+use lightsum::standalone::{RenderOptions, Renderer};
+use lightsum::{Error, Result};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Everything that is known before the first pass.
+pub struct Job {
+    /// Name of the scene.
+    name: String,
+    /// The camera, flags included.
+    pub camera: Camera,
+    /// The settings, flags included.
+    pub settings: Settings,
+    outputs: Vec<PathBuf>,
+    encoding: Encoding,
+    /// Seconds of each stage so far.
+    stages: Vec<(String, f64)>,
+}
+
+/// Runs the command.
+pub fn run(args: &Render) -> Result<()> {
+    let Some(path) = &args.scene else {
+        // The parser demands a scene unless devices are listed.
+        return Err(Error::Setting { name: "SCENE", message: "none is given".into() });
+    };
+    let state = args.output.outputs.first().map(|output| State::path_for(output));
+    let files = args.output.outputs.iter().chain(&args.output.stats).chain(&args.output.export_lights);
+    files.chain(&state).try_for_each(|file| output::check_writable(file))?;
+
+    let start = Instant::now();
+    let scene = scene::load(path)?;
+    let stages = vec![("load".into(), start.elapsed().as_secs_f64())];
+    let camera = camera::choose(&scene, &args.camera, args.output.resolution)?;
+    let settings = settings(args, &scene.render);
+    settings.validate()?;
+    let exposure = args.output.exposure.or(scene.render.exposure).unwrap_or(0.0);
+    let encoding = Encoding { float: args.output.float, exposure, tonemap: args.output.tonemap.into() };
+    log::info!("{}: {} triangles, {camera:?}, {settings:?}", path.display(), scene.triangles.len());
+    let outputs = args.output.outputs.clone();
+    let job = Job { name: scene.name.clone(), camera, settings, outputs, encoding, stages };
+    if args.reference.reference {
+        reference::run(&job, &scene, args)
+    } else {
+        radiosity(job, scene, args, state.as_deref())
+    }
+}
+
+/// Command line before preset before `[render]` of the scene before defaults.
+fn settings(args: &Render, render: &RenderDefaults) -> Settings {
+    let defaults = Settings::default();
+    let mut settings = defaults.clone().with_scene_defaults(render);
+    if let Some(Preset::Progressive) = args.light.preset {
+        settings.paths = defaults.paths;
+        settings.clip = defaults.clip;
+        settings.compensation = true;
+        settings.jitter = false;
+    }
+    let light = &args.light;
+    settings.paths = light.paths.unwrap_or(settings.paths);
+    settings.max_depth = light.max_depth.unwrap_or(settings.max_depth);
+    settings.clip = light.clip.map(Clip::Distance).or(light.clip_fraction.map(Clip::Fraction)).unwrap_or(settings.clip);
+    settings.compensation &= !light.no_compensation;
+    settings.jitter |= light.jitter;
+    settings.seed = light.seed.unwrap_or(settings.seed);
+    settings.lights_per_dispatch = args.device.lights_per_dispatch.unwrap_or(settings.lights_per_dispatch);
+    settings.rounds = args.device.rounds.unwrap_or(settings.rounds);
+    settings
+}
+
+/// Renders by instant radiosity and writes what was asked for.
+fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path>) -> Result<()> {
+    let interrupted = watch_for_interrupt();
+    let start = Instant::now();
+    let options = RenderOptions {
+        device: args.device.device.clone().unwrap_or_default(),
+        validation: args.device.validation,
+        pipeline_cache: pipeline_cache(),
+    };
+    let stop = Stop::choose(&args.stop, scene.render.passes);
+    let mut renderer = Renderer::new(scene, job.camera, job.settings.clone(), &options)?;
+    job.stages.push(("prepare".into(), start.elapsed().as_secs_f64()));
+
+    if let Some(path) = &args.output.export_lights {
+        let count = renderer.export_lights(path)?;
+        say(&format!("wrote {count} virtual lights to {}", path.display()));
+        if job.outputs.is_empty() && args.output.stats.is_none() {
+            return Ok(());
+        }
+    }
+    if let Some(path) = state_path.filter(|path| args.stop.resume && path.exists()) {
+        let state = State::read(path)?;
+        state.check(path, renderer.fingerprint(), job.camera.resolution)?;
+        renderer.load_state(state.passes, &state.accumulators)?;
+        log::info!("{}: going on after {} passes", path.display(), state.passes);
+    }
+
+    let passes_before = renderer.passes();
+    let (rendering, error) = passes(&mut renderer, &stop, &interrupted)?;
+    let (passes, seconds) = (renderer.passes(), rendering.as_secs_f64());
+    let broken_off = interrupted.load(Ordering::Relaxed);
+    if passes == 0 {
+        return Err(Error::Interrupted);
+    }
+    job.stages.push(("render".into(), seconds));
+
+    let start = Instant::now();
+    let statistics = renderer.statistics();
+    // A failure to write one file must not cost the others.
+    let mut outcome = write_image(&job, &renderer, &statistics);
+    if let Some(path) = state_path.filter(|_| args.stop.resume || broken_off) {
+        outcome = outcome.and(write_state(&job, &renderer, path));
+    }
+    job.stages.push(("write".into(), start.elapsed().as_secs_f64()));
+    if let Some(path) = &args.output.stats {
+        let stages = job.stages[..2].iter().chain(&statistics.stages).chain(&job.stages[2..]).cloned().collect();
+        let rays_per_second = if seconds > 0.0 { statistics.rays as f64 / seconds } else { 0.0 };
+        let statistics = Statistics {
+            scene: job.name.clone(),
+            resolution: job.camera.resolution,
+            passes,
+            passes_rendered: passes - passes_before,
+            rays_per_second,
+            error_estimate: error,
+            stages,
+            ..statistics
+        };
+        outcome = outcome.and(statistics.write(path));
+    }
+    outcome?;
+    if let Some(path) = state_path.filter(|_| broken_off) {
+        say_aside(&format!("interrupted: the state is in {}; the same command with --resume goes on", path.display()));
+    }
+    let error = error.map(|e| format!(", estimated error {e:.4}")).unwrap_or_default();
+    job.say_where(&format!("{}{error}, rendered in {}", count(passes), duration(rendering)));
+    Ok(())
+}
+
+/// Runs passes until `stop` or an interrupt; gives the time they took and the last estimate of the error.
+fn passes(renderer: &mut Renderer, stop: &Stop, interrupted: &AtomicBool) -> Result<(Duration, Option<f32>)> {
+    let before = renderer.passes();
+    let mut error = if before > 0 { renderer.error_estimate()? } else { None };
+    let mut progress = Progress::new();
+    loop {
+        let (passes, elapsed) = (renderer.passes(), progress.elapsed());
+        if interrupted.load(Ordering::Relaxed) || passes > 0 && stop.reached(passes, elapsed, error) {
+            break;
+        }
+        renderer.pass()?;
+        let passes = renderer.passes();
+        if error_is_due(passes) {
+            error = renderer.error_estimate()?;
+        }
+        let (rendered, elapsed) = (passes - before, progress.elapsed());
+        let text = || {
+            let rate = f64::from(rendered) / elapsed.as_secs_f64().max(1e-9);
+            let error = error.map(|e| format!(", error {e:.4}")).unwrap_or_default();
+            format!("{}, {rate:.2} passes/s{error}", count(passes))
+        };
+        progress.show(text, stop.fraction(passes, rendered, elapsed, error));
+    }
+    progress.finish();
+    let elapsed = progress.elapsed();
+    Ok((elapsed, if renderer.passes() > 0 { renderer.error_estimate()? } else { None }))
+}
+
+fn count(passes: u32) -> String {
+    format!("{passes} {}", if passes == 1 { "pass" } else { "passes" })
+}
+
+fn write_image(job: &Job, renderer: &Renderer, statistics: &Statistics) -> Result<()> {
+    if job.outputs.is_empty() {
+        return Ok(());
+    }
+    let mut metadata = metadata(job, &statistics.device, statistics.driver.clone());
+    metadata.passes = renderer.passes();
+    job.write_outputs(&renderer.layers()?, &metadata)
+}
+
+fn write_state(job: &Job, renderer: &Renderer, path: &Path) -> Result<()> {
+    let [width, height] = job.camera.resolution;
+    let accumulators = renderer.save_state()?;
+    State { fingerprint: renderer.fingerprint(), width, height, passes: renderer.passes(), accumulators }.write(path)
+}
+
+impl Job {
+    /// Writes every output; the first error is given back after all were tried.
+    pub fn write_outputs(&self, layers: &Layers, metadata: &Metadata) -> Result<()> {
+        let write = |path: &PathBuf| output::write(path, layers, metadata, &self.encoding);
+        self.outputs.iter().map(write).fold(Ok(()), Result::and)
+    }
+
+    /// The last line: what was done and where it is.
+    pub fn say_where(&self, what: &str) {
+        let names: Vec<String> = self.outputs.iter().map(|path| path.display().to_string()).collect();
+        let place = if names.is_empty() { String::new() } else { format!(" -> {}", names.join(", ")) };
+        say(&format!("{}: {what}{place}", self.name));
+    }
+}
+
+/// Metadata of a job's image, but for the passes.
+pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {
+    let s = &job.settings;
+    let clip = match s.clip {
+        Clip::Distance(d) => serde_json::json!({ "distance": d }),
+        Clip::Fraction(f) => serde_json::json!({ "fraction": f }),
+    };
+    let settings = serde_json::json!({
+        "paths": s.paths,
+        "max_depth": s.max_depth,
+        "clip": clip,
+        "compensation": s.compensation,
+        "jitter": s.jitter,
+        "seed": s.seed,
+        "lights_per_dispatch": s.lights_per_dispatch,
+        "rounds": s.rounds,
+    });
+    Metadata {
+        software: concat!("lightsum ", env!("CARGO_PKG_VERSION")).into(),
+        scene: job.name.clone(),
+        settings: settings.to_string(),
+        seed: s.seed,
+        passes: 0,
+        camera: serde_json::to_string(&job.camera).unwrap_or_default(),
+        device: device.into(),
+        driver,
+    }
+}
+
+/// The flag that Ctrl-C raises; the pass that runs is finished then. A second Ctrl-C ends the program at once.
+fn watch_for_interrupt() -> Arc<AtomicBool> {
+    let flag = Arc::new(AtomicBool::new(false));
+    let raised = flag.clone();
+    let handler = move || {
+        if raised.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+        say_aside("interrupted: finishing the pass; interrupt again to leave at once");
+    };
+    if let Err(error) = ctrlc::set_handler(handler) {
+        log::warn!("an interrupt will lose the image: {error}");
+    }
+    flag
+}
+
+/// Where compiled pipelines are kept between runs: the user's cache folder, if there is one.
+fn pipeline_cache() -> Option<PathBuf> {
+    let absolute = |name| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let folder = absolute("XDG_CACHE_HOME").or_else(|| Some(absolute("HOME")?.join(".cache")))?;
+    Some(folder.join("lightsum").join(concat!("pipelines-", env!("CARGO_PKG_VERSION"), ".bin")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::args::{Arguments, Command};
+    use clap::Parser;
+
+    fn chosen(line: &str, render: &RenderDefaults) -> Settings {
+        let start = ["lightsum", "render", "a.toml", "-o", "a.exr"];
+        let arguments = Arguments::try_parse_from(start.into_iter().chain(line.split_whitespace())).unwrap();
+        let Some(Command::Render(args)) = arguments.command else { unreachable!("the line names the command") };
+        settings(&args, render)
+    }
+
+    #[test]
+    fn flags_come_before_the_scene_and_the_scene_before_the_defaults() {
+        let defaults = Settings::default();
+        let scene = RenderDefaults {
+            paths: Some(7),
+            clip: Some(0.5),
+            compensation: Some(false),
+            seed: Some(9),
+            ..RenderDefaults::default()
+        };
+        assert_eq!(chosen("", &RenderDefaults::default()), defaults);
+        let from_scene = chosen("", &scene);
+        assert_eq!((from_scene.paths, from_scene.seed, from_scene.compensation), (7, 9, false));
+        assert_eq!(from_scene.clip, Clip::Distance(0.5));
+        let flags = chosen("--paths 3 --seed 1 --clip-fraction 0.1 --jitter --rounds 8 --max-depth 2", &scene);
+        assert_eq!((flags.paths, flags.seed, flags.rounds, flags.max_depth, flags.jitter), (3, 1, 8, 2, true));
+        assert_eq!(flags.clip, Clip::Fraction(0.1));
+        let preset = chosen("--preset progressive --paths 4", &scene);
+        assert_eq!((preset.paths, preset.clip, preset.compensation), (4, defaults.clip, true));
+        assert_eq!(preset.seed, 9);
+        assert!(!chosen("--preset progressive --no-compensation", &scene).compensation);
+    }
+}

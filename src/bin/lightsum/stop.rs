@@ -1,0 +1,105 @@
+//! When a rendering is done.
+
+use crate::args;
+use std::time::Duration;
+
+/// Passes if nothing says when to stop.
+const DEFAULT_PASSES: u32 = 64;
+
+/// The conditions, of which the first that is met ends the rendering; at least one is there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stop {
+    passes: Option<u32>,
+    time: Option<Duration>,
+    error: Option<f32>,
+}
+
+impl Stop {
+    /// Flags before the scene's number of passes before the default.
+    pub fn choose(flags: &args::Stop, scene_passes: Option<u32>) -> Stop {
+        let (time, error) = (flags.time, flags.target_error);
+        let otherwise = (time.is_none() && error.is_none()).then(|| scene_passes.unwrap_or(DEFAULT_PASSES));
+        Stop { passes: flags.passes.or(otherwise), time, error }
+    }
+
+    /// Whether it is done after `passes` passes in the image, `elapsed` of which time was spent by this run.
+    pub fn reached(&self, passes: u32, elapsed: Duration, error: Option<f32>) -> bool {
+        self.passes.is_some_and(|limit| passes >= limit)
+            || self.time.is_some_and(|limit| elapsed >= limit)
+            || self.error.zip(error).is_some_and(|(limit, error)| error <= limit)
+    }
+
+    /// Share of the work that is done, in [0, 1], where `passes` are in the image and `rendered` of them by this run.
+    ///
+    /// For a target error it takes the error to fall like the square root of the passes, as it does at worst.
+    pub fn fraction(&self, passes: u32, rendered: u32, elapsed: Duration, error: Option<f32>) -> f64 {
+        let before = f64::from(passes - rendered.min(passes));
+        let of_run = |total: f64| f64::from(rendered) / (total - before).max(1e-9);
+        let by_passes = self.passes.map(|limit| of_run(f64::from(limit)));
+        let by_time = self.time.map(|limit| elapsed.as_secs_f64() / limit.as_secs_f64());
+        let by_error = self.error.zip(error).map(|(limit, error)| {
+            let ratio = f64::from(error) / f64::from(limit);
+            of_run(f64::from(passes) * ratio * ratio)
+        });
+        [by_passes, by_time, by_error].into_iter().flatten().fold(0.0, f64::max).clamp(0.0, 1.0)
+    }
+}
+
+/// Whether the error is estimated after this many passes: at an eighth of the passes so far, rounded to a power of two.
+///
+/// It depends on the number alone, so that a resumed run stops where an unbroken one does.
+pub fn error_is_due(passes: u32) -> bool {
+    passes < 16 || passes.is_multiple_of(1 << (passes.ilog2() - 3))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flags(passes: Option<u32>, time: Option<u64>, target_error: Option<f32>) -> args::Stop {
+        args::Stop { passes, time: time.map(Duration::from_secs), target_error, resume: false }
+    }
+
+    #[test]
+    fn flags_come_before_the_scene_and_the_scene_before_the_default() {
+        assert_eq!(Stop::choose(&flags(None, None, None), None).passes, Some(64));
+        assert_eq!(Stop::choose(&flags(None, None, None), Some(9)).passes, Some(9));
+        assert_eq!(Stop::choose(&flags(Some(3), None, None), Some(9)).passes, Some(3));
+        assert_eq!(Stop::choose(&flags(None, Some(1), None), Some(9)).passes, None);
+        assert_eq!(Stop::choose(&flags(None, None, Some(0.1)), Some(9)).passes, None);
+    }
+
+    #[test]
+    fn the_first_condition_stops() {
+        let stop = Stop::choose(&flags(Some(10), Some(5), Some(0.1)), None);
+        let second = Duration::from_secs(1);
+        assert!(!stop.reached(9, second, Some(0.11)) && !stop.reached(9, second, None));
+        assert!(stop.reached(10, second, None));
+        assert!(stop.reached(1, 5 * second, None));
+        assert!(stop.reached(1, second, Some(0.1)));
+    }
+
+    #[test]
+    fn the_fraction_counts_this_run() {
+        let second = Duration::from_secs(1);
+        let passes = Stop::choose(&flags(Some(10), None, None), None);
+        assert_eq!(passes.fraction(5, 5, second, None), 0.5);
+        assert_eq!(passes.fraction(8, 2, second, None), 0.5);
+        assert_eq!(passes.fraction(12, 0, second, None), 0.0);
+        let time = Stop::choose(&flags(None, Some(4), None), None);
+        assert_eq!(time.fraction(7, 7, second, None), 0.25);
+        let error = Stop::choose(&flags(None, None, Some(0.1)), None);
+        assert_eq!(error.fraction(8, 8, second, None), 0.0);
+        assert!((error.fraction(8, 8, second, Some(0.2)) - 0.25).abs() < 1e-6);
+    }
+
+    #[test]
+    fn the_error_is_estimated_ever_more_rarely() {
+        let due: Vec<u32> = (0..40).filter(|&n| error_is_due(n)).collect();
+        assert_eq!(
+            due,
+            [(0..16).collect::<Vec<u32>>(), (16..32).step_by(2).collect(), (32..40).step_by(4).collect()].concat()
+        );
+        assert!(error_is_due(1 << 31) && !error_is_due(u32::MAX));
+    }
+}
