@@ -224,7 +224,7 @@ impl Light {
 
 impl Camera {
     /// Checks that the camera sees anything; the message lacks the file.
-    pub(super) fn check(&self) -> Result<(), String> {
+    pub fn check(&self) -> Result<(), String> {
         place("eye", self.eye)?;
         place("target", self.target)?;
         place("up", self.up)?;
