@@ -1,0 +1,35 @@
+# make demo               render the Cornell box into out/; installs a Vulkan driver first if there is none
+# make test               everything that is checked by running
+# make test-swiftshader   the tests on the device again, on another driver
+# make lint               formatting, clippy and documentation
+# make build              the program alone
+
+# Passes of the demo: more are smoother and take longer in proportion.
+DEMO_PASSES ?= 16
+
+.PHONY: build demo test test-swiftshader lint
+
+build:
+	cargo build --release
+
+demo:
+	scripts/setup.sh
+	cargo build --release
+	mkdir -p out
+	cargo run --release --quiet -- render scenes/cornell/scene.toml --resolution 640x480 \
+		--passes $(DEMO_PASSES) --output out/cornell.exr --output out/cornell.png
+	@echo "The Cornell box: $(CURDIR)/out/cornell.exr and $(CURDIR)/out/cornell.png"
+
+test:
+	scripts/setup.sh --tests
+	cargo test --no-fail-fast
+
+test-swiftshader:
+	scripts/setup.sh --tests
+	scripts/swiftshader.sh cargo test --test gpu
+
+lint:
+	cargo fmt --check
+	cargo clippy --all-targets -- -D warnings
+	cargo clippy --all-targets --features hot-reload -- -D warnings
+	RUSTDOCFLAGS=-Dwarnings cargo doc --no-deps
