@@ -4,6 +4,7 @@ pub mod accel;
 pub mod bsdf;
 pub mod error;
 pub mod light;
+pub mod path_trace;
 pub mod sampling;
 pub mod scene;
 pub mod settings;
