@@ -5,6 +5,7 @@ pub mod bsdf;
 pub mod error;
 pub mod light;
 pub mod output;
+pub mod path_trace;
 pub mod sampling;
 pub mod scene;
 pub mod settings;

@@ -1,0 +1,311 @@
+//! Path tracer on the CPU: the ground truth for tests and `--reference`.
+//!
+//! Paths start at the eye. At each point one emitter is chosen in proportion to its power and a point on it sampled by area;
+//! the path goes on by sampling the reflectance. Light that both could have found is weighted by the power heuristic
+//! (Veach and Guibas 1995). Paths are not cut off by Russian roulette but end after a given number of segments, so that
+//! the expectation is the same truncated series that instant radiosity sums.
+
+mod surface;
+
+pub use surface::SurfacePoint;
+
+use crate::accel::{Bvh, Ray, offset_origin};
+use crate::bsdf::{Reflectance, fresnel_dielectric, reflect};
+use crate::error::{Error, Result};
+use crate::light::emitters::{self, Emitter, Emitters, Kind, NO_EMITTER};
+use crate::sampling::dimensions::PIXEL;
+use crate::sampling::random::{hash, key, random_f32};
+use crate::scene::{Camera, Scene, Surface};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+/// How to render.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Width and height in pixels; overrides the camera's.
+    pub resolution: [u32; 2],
+    /// Paths for each pixel.
+    pub samples: u32,
+    /// Greatest number of segments of a path: 1 emitters seen directly, 2 direct light, 5 three further reflections.
+    pub max_depth: u32,
+    /// Seed; the same one gives the same bits.
+    pub seed: u64,
+    /// Follow mirrors and glass. False: they are black.
+    pub specular_paths: bool,
+}
+
+impl Options {
+    fn validate(&self) -> Result<()> {
+        let [width, height] = self.resolution;
+        let checks = [
+            ("--resolution", width.min(height), "needs at least one pixel each way"),
+            ("--passes", self.samples, "needs at least one sample for each pixel"),
+            ("--max-depth", self.max_depth, "needs at least one segment"),
+        ];
+        match checks.iter().find(|(_, value, _)| *value == 0) {
+            Some(&(name, _, message)) => Err(Error::Setting { name, message: message.to_string() }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Random numbers of one path: hashes of pixel and running number.
+#[derive(Clone, Copy, Debug)]
+pub struct Rng {
+    seed: u32,
+    pixel: u32,
+    counter: u32,
+}
+
+impl Rng {
+    /// Numbers that one path may draw before it meets those of the next sample.
+    const STRIDE: u32 = 256;
+
+    /// The numbers of a sample in a pixel.
+    pub fn new(seed: u64, pixel: u32, sample: u32) -> Rng {
+        Rng { seed: (seed as u32) ^ hash((seed >> 32) as u32), pixel, counter: sample.wrapping_mul(Self::STRIDE) }
+    }
+
+    /// The next number in [0, 1).
+    pub fn next_f32(&mut self) -> f32 {
+        let number = random_f32(key(self.seed, PIXEL, self.pixel, self.counter));
+        self.counter = self.counter.wrapping_add(1);
+        number
+    }
+
+    fn pair(&mut self) -> [f32; 2] {
+        [self.next_f32(), self.next_f32()]
+    }
+}
+
+/// Unit direction of the ray of a camera through a point of the image, in pixels from the upper left corner.
+pub fn camera_direction(camera: &Camera, resolution: [u32; 2], x: f32, y: f32) -> Vec3 {
+    let [width, height] = resolution.map(|n| n as f32);
+    let forward = (camera.target - camera.eye).normalize();
+    let right = forward.cross(camera.up).normalize();
+    let up = right.cross(forward);
+    let half = (camera.fov_y.to_radians() * 0.5).tan();
+    let across = (2.0 * x / width - 1.0) * half * (width / height);
+    let upwards = (1.0 - 2.0 * y / height) * half;
+    (forward + right * across + up * upwards).normalize()
+}
+
+/// Renders an image: linear radiance, rows from the top, box pixel filter.
+///
+/// `progress` hears the finished fraction after each round of samples over the whole image and says whether to go on; if
+/// not, the image is the mean of the rounds so far.
+pub fn render(
+    scene: &Scene,
+    bvh: &Bvh,
+    emitters: &Emitters,
+    camera: &Camera,
+    options: &Options,
+    progress: impl Fn(f32) -> bool,
+) -> Result<Vec<Vec3>> {
+    options.validate()?;
+    let tracer = Tracer::new(scene, bvh, emitters, options.max_depth, options.specular_paths);
+    let [width, height] = options.resolution;
+    let pixels = width as usize * height as usize;
+    let mut sums = vec![DVec3::ZERO; pixels];
+    // Rounds long enough to occupy every core on a small image.
+    let round = 65_536usize.div_ceil(pixels).min(1 << 16) as u32;
+    let mut done = 0;
+    while done < options.samples {
+        let end = options.samples.min(done.saturating_add(round));
+        sums.par_chunks_mut(width as usize).enumerate().for_each(|(y, row)| {
+            for (x, sum) in row.iter_mut().enumerate() {
+                let pixel = (y * width as usize + x) as u32;
+                for sample in done..end {
+                    let mut rng = Rng::new(options.seed, pixel, sample);
+                    let [dx, dy] = rng.pair();
+                    let direction = camera_direction(camera, options.resolution, x as f32 + dx, y as f32 + dy);
+                    *sum += tracer.radiance(Ray::new(camera.eye, direction), &mut rng).as_dvec3();
+                }
+            }
+        });
+        done = end;
+        if !progress(done as f32 / options.samples as f32) {
+            break;
+        }
+    }
+    Ok(sums.into_iter().map(|s| (s / f64::from(done)).as_vec3()).collect())
+}
+
+/// A scene with what is needed to trace paths through it.
+#[derive(Clone, Copy, Debug)]
+pub struct Tracer<'a> {
+    scene: &'a Scene,
+    bvh: &'a Bvh,
+    emitters: &'a Emitters,
+    scale: f32,
+    max_depth: u32,
+    specular_paths: bool,
+}
+
+impl<'a> Tracer<'a> {
+    /// For paths of at most `max_depth` segments. `specular_paths`: follow mirrors and glass, else they are black.
+    pub fn new(
+        scene: &'a Scene,
+        bvh: &'a Bvh,
+        emitters: &'a Emitters,
+        max_depth: u32,
+        specular_paths: bool,
+    ) -> Tracer<'a> {
+        Tracer { scene, bvh, emitters, scale: emitters::scale(bvh, emitters), max_depth, specular_paths }
+    }
+
+    /// One estimate of the radiance that arrives against a ray of unit direction.
+    pub fn radiance(&self, mut ray: Ray, rng: &mut Rng) -> Vec3 {
+        let mut radiance = Vec3::ZERO;
+        let mut beta = Vec3::ONE;
+        // Where the last reflection that sampling of an emitter shared was, and its density: None after the eye or an
+        // ideal mirror, whose light nothing else finds.
+        let mut last: Option<(Vec3, f32)> = None;
+        // Nothing but ideal mirrors and glass since the eye.
+        let mut directly = true;
+        for segment in 1..=self.max_depth {
+            let Some(hit) = self.bvh.closest(&ray) else { break };
+            let point = SurfacePoint::of(self.scene, self.bvh, &hit, -ray.direction);
+            radiance += beta * self.emission(&point, last, directly);
+            if segment == self.max_depth {
+                break;
+            }
+            let n = point.normals;
+            match point.material.surface {
+                Surface::Opaque => {
+                    let reflectance = point.reflectance(self.scene);
+                    radiance += beta * self.direct(&point, &reflectance, rng);
+                    let choice = rng.next_f32();
+                    let wi = reflectance.sample(n.shading, point.wo, choice, rng.pair());
+                    let pdf = reflectance.pdf(n.shading, wi, point.wo);
+                    // Written so that a density that is not a number ends the path as well.
+                    if !(n.above(wi) && pdf > 0.0) {
+                        break;
+                    }
+                    beta *= reflectance.eval(n.shading, wi, point.wo) * (n.shading.dot(wi) / pdf);
+                    last = Some((point.position, pdf));
+                    directly = false;
+                    ray = Ray::new(offset_origin(point.position, n.geometric, self.scale), wi);
+                }
+                _ if !self.specular_paths => break,
+                Surface::Mirror => {
+                    let wi = reflect(point.wo, n.shading);
+                    if !n.above(wi) {
+                        break;
+                    }
+                    beta *= point.material.specular;
+                    last = None;
+                    ray = Ray::new(offset_origin(point.position, n.geometric, self.scale), wi);
+                }
+                Surface::Glass => {
+                    let (wi, transport) = scatter_glass(&point, rng.next_f32());
+                    beta *= transport;
+                    last = None;
+                    let side = if n.geometric.dot(wi) > 0.0 { n.geometric } else { -n.geometric };
+                    ray = Ray::new(offset_origin(point.position, side, self.scale), wi);
+                }
+            }
+            if beta.max_element() <= 0.0 {
+                break;
+            }
+        }
+        radiance
+    }
+
+    /// Emission of a point that a path hit, weighted against the sampling of emitters at `last`.
+    fn emission(&self, point: &SurfacePoint, last: Option<(Vec3, f32)>, directly: bool) -> Vec3 {
+        let emission = point.emission();
+        if emission.max_element() <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let index = self.emitters.of_triangle[point.triangle as usize];
+        match last {
+            // What only is seen, and does not light, counts for the eye alone.
+            _ if index == NO_EMITTER => {
+                if directly {
+                    emission
+                } else {
+                    Vec3::ZERO
+                }
+            }
+            None => emission,
+            Some((from, pdf)) => {
+                let cos = point.normals.geometric.dot(point.wo);
+                let distance2 = (point.position - from).length_squared();
+                let pdf_light = area_pdf(&self.emitters.list[index as usize], distance2, cos);
+                emission * power_heuristic(pdf, pdf_light)
+            }
+        }
+    }
+
+    /// One estimate of the light that comes from emitters directly, with one shadow ray.
+    fn direct(&self, point: &SurfacePoint, reflectance: &Reflectance, rng: &mut Rng) -> Vec3 {
+        let (index, u0) = self.emitters.choose(rng.next_f32());
+        let u1 = rng.next_f32();
+        let e = &self.emitters.list[index as usize];
+        let n = point.normals;
+        let from = offset_origin(point.position, n.geometric, self.scale);
+        // f_r cos, or 0 where that is not lit.
+        let reflected = |wi: Vec3| {
+            if n.above(wi) { reflectance.eval(n.shading, wi, point.wo) * n.shading.dot(wi) } else { Vec3::ZERO }
+        };
+        if e.kind == Kind::Directional {
+            let wi = -e.normal;
+            let light = reflected(wi) * e.radiance / e.probability;
+            return self.unless(light, Ray::new(from, wi));
+        }
+        let (target, axis) = e.sample_point(u0, u1, 1.0);
+        let to_light = target - point.position;
+        let distance2 = to_light.length_squared();
+        if distance2 <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let wi = to_light / distance2.sqrt();
+        if e.is_delta() {
+            let light = reflected(wi) * e.intensity(-wi) / (distance2 * e.probability);
+            let target = if e.kind == Kind::Virtual { offset_origin(target, axis, self.scale) } else { target };
+            return self.unless(light, Ray::between(from, target));
+        }
+        let axis = if e.two_sided && axis.dot(wi) > 0.0 { -axis } else { axis };
+        let cos = -axis.dot(wi);
+        if cos <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let pdf = area_pdf(e, distance2, cos);
+        let weight = power_heuristic(pdf, reflectance.pdf(n.shading, wi, point.wo));
+        let light = reflected(wi) * e.radiance * (weight / pdf);
+        self.unless(light, Ray::between(from, offset_origin(target, axis, self.scale)))
+    }
+
+    /// `light`, or 0 if something is in the way.
+    fn unless(&self, light: Vec3, shadow: Ray) -> Vec3 {
+        if light.max_element() > 0.0 && !self.bvh.occluded(&shadow) { light } else { Vec3::ZERO }
+    }
+}
+
+/// Density over solid angle of choosing an emitter and a point on it by area.
+fn area_pdf(e: &Emitter, distance2: f32, cos: f32) -> f32 {
+    e.probability * distance2 / (e.area * cos.max(f32::MIN_POSITIVE))
+}
+
+/// Weight of a sample of density `a` that another strategy finds with density `b`.
+fn power_heuristic(a: f32, b: f32) -> f32 {
+    // The ratio first: squares of large densities would overflow.
+    let ratio = b / a;
+    1.0 / (1.0 + ratio * ratio)
+}
+
+/// Direction after a smooth dielectric and the factor of the radiance; reflection is chosen with its own probability.
+fn scatter_glass(point: &SurfacePoint, choice: f32) -> (Vec3, Vec3) {
+    let n = point.normals.shading;
+    let cos = n.dot(point.wo);
+    let eta = if point.normals.front { point.material.ior } else { 1.0 / point.material.ior };
+    match fresnel_dielectric(cos, eta) {
+        (reflectance, Some(cos_t)) if choice >= reflectance => {
+            // Refraction spreads or gathers the solid angle: radiance changes by the square of the index.
+            let wi = n * (cos / eta - cos_t) - point.wo / eta;
+            (wi.normalize(), Vec3::splat(1.0 / (eta * eta)))
+        }
+        _ => (reflect(point.wo, n), Vec3::ONE),
+    }
+}

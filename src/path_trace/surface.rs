@@ -1,0 +1,58 @@
+//! What a ray finds where it hits.
+
+use crate::accel::{Bvh, Hit};
+use crate::bsdf::{Normals, Reflectance};
+use crate::scene::{Material, Scene};
+use glam::{Vec2, Vec3};
+
+/// A point on a surface seen from a direction.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfacePoint<'a> {
+    /// Position, from the barycentric coordinates.
+    pub position: Vec3,
+    /// Unit direction back along the ray.
+    pub wo: Vec3,
+    /// Normals, turned to the side of `wo`.
+    pub normals: Normals,
+    /// Index of the triangle in the scene.
+    pub triangle: u32,
+    /// The triangle's material.
+    pub material: &'a Material,
+    /// Texture coordinates.
+    pub uv: Vec2,
+}
+
+impl<'a> SurfacePoint<'a> {
+    /// The point of a hit, seen from unit direction `wo`.
+    pub fn of(scene: &'a Scene, bvh: &Bvh, hit: &Hit, wo: Vec3) -> SurfacePoint<'a> {
+        let index = bvh.scene_triangle(hit.triangle);
+        let triangle = &scene.triangles[index as usize];
+        let [a, b, c] = triangle.vertices.map(|v| v as usize);
+        let w = 1.0 - hit.u - hit.v;
+        let geometric = bvh.normal(hit.triangle);
+        let shading = if triangle.smooth {
+            // Opposite vertex normals can cancel out; the face's own normal serves there.
+            (scene.normals[a] * w + scene.normals[b] * hit.u + scene.normals[c] * hit.v).normalize_or(geometric)
+        } else {
+            geometric
+        };
+        SurfacePoint {
+            position: bvh.position(hit),
+            wo,
+            normals: Normals::facing(geometric, shading, wo),
+            triangle: index,
+            material: &scene.materials[triangle.material as usize],
+            uv: scene.uvs[a] * w + scene.uvs[b] * hit.u + scene.uvs[c] * hit.v,
+        }
+    }
+
+    /// Emitted radiance towards `wo`.
+    pub fn emission(&self) -> Vec3 {
+        if self.normals.front || self.material.two_sided { self.material.emission } else { Vec3::ZERO }
+    }
+
+    /// Reflectance, textures applied.
+    pub fn reflectance(&self, scene: &Scene) -> Reflectance {
+        Reflectance::at(scene, self.material, self.uv.to_array())
+    }
+}
