@@ -119,6 +119,22 @@ impl Reflectance {
         }
         world(sample_specular(Vec3::new(wo.dot(t), wo.dot(b), wo.dot(n)), self.alpha, u))
     }
+
+    /// A direction from one lobe, by [`sample_diffuse`] or [`sample_specular`], and what it weighs: reflectance times cosine over
+    /// the lobe's own pdf and the probability of the lobe. Zero weight below the surface.
+    pub fn sample_lobe(&self, diffuse: bool, n: Vec3, wo: Vec3, u: f32, v: f32) -> (Vec3, Vec3) {
+        let (t, b) = basis(n);
+        let world = |w: Vec3| t * w.x + b * w.y + n * w.z;
+        let p = self.diffuse_probability();
+        if diffuse {
+            return (world(sample_diffuse([u, v])), self.kd / p);
+        }
+        let h = sample_specular(Vec3::new(t.dot(wo), b.dot(wo), n.dot(wo)), self.alpha, [u, v]);
+        let wi = world(h);
+        let pdf = pdf_specular(n, wi, wo, self.alpha) * (1.0 - p);
+        let weight = if pdf > 0.0 { self.eval_specular(n, wi, wo) * (n.dot(wi) / pdf) } else { Vec3::ZERO };
+        (wi, weight)
+    }
 }
 
 /// Mean of the three channels.

@@ -5,7 +5,7 @@
 //! | choice of the emitter, by composition           | 0 (then rescaled to [0, 1) and used again) | 2 |
 //! | point on the emitter                            | 0, 1              | 2, 3  |
 //! | direction of segment j of a particle, j = 0..16 | 2j + 2, 2j + 3    | 5, 7; 11, 13; ... |
-//! | ray of the compensation gather                  | 0, 1, rotated by stream `GATHER` | 2, 3 |
+//! | gather ray of bounce b                          | 2b, 2b + 1, rotated by stream `GATHER` | 2, 3; 5, 7; ... |
 //!
 //! Segment 0 leaves the emitter, segment j leaves the j-th reflection.
 //!
@@ -15,15 +15,16 @@
 //! | [`LOBE`]    | diffuse or specular reflection: particle, reflection      |
 //! | [`JITTER`]  | jitter of a Halton component: particle, dimension         |
 //! | [`ROTATION`]| Cranley-Patterson rotation of the whole set: dimension, 0 |
-//! | [`GATHER`]  | rotation of the gather ray: pixel, 0 or 1                 |
+//! | [`GATHER`]  | rotation of the gather ray: pixel, dimension              |
 //! | [`PIXEL`]   | everything in the path tracer: pixel, running number      |
+//! | [`GATHER_LOBE`] | lobe of the gather ray: pixel, bounce                 |
+//! | [`WINDOW`]  | where a pass enters its segment of the sequence: 0, 0     |
+//! | [`OFFSET`]  | rotation of a block of pixel offsets: block, 0 or 1       |
 
 use super::halton::PRIMES;
 
 /// Dimensions of the point on the emitter; the first also chooses the emitter.
 pub const EMITTER: [usize; 2] = [0, 1];
-/// Dimensions of the gather ray.
-pub const GATHER_RAY: [usize; 2] = [0, 1];
 /// Greatest number of segments of a particle's path.
 pub const MAX_SEGMENTS: usize = 16;
 /// Number of dimensions in use.
@@ -48,6 +49,12 @@ pub const ROTATION: u32 = 4;
 pub const GATHER: u32 = 5;
 /// Stream: the path tracer.
 pub const PIXEL: u32 = 6;
+/// Stream: lobe of the gather ray.
+pub const GATHER_LOBE: u32 = 7;
+/// Stream: where a pass enters its segment of the sequence.
+pub const WINDOW: u32 = 8;
+/// Stream: rotation of a block of pixel offsets.
+pub const OFFSET: u32 = 9;
 
 #[cfg(test)]
 mod tests {

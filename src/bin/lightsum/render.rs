@@ -85,6 +85,7 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
     let options = RenderOptions {
         device: args.device.device.clone().unwrap_or_default(),
         validation: args.device.validation,
+        checked_shaders: false,
         pipeline_cache: pipeline_cache(),
     };
     let stop = Stop::choose(&args.stop, scene.render.passes);
@@ -238,7 +239,7 @@ pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {
 }
 
 /// The flag that Ctrl-C raises; the pass that runs is finished then. A second Ctrl-C ends the program at once.
-fn watch_for_interrupt() -> Arc<AtomicBool> {
+pub fn watch_for_interrupt() -> Arc<AtomicBool> {
     let flag = Arc::new(AtomicBool::new(false));
     let raised = flag.clone();
     let handler = move || {

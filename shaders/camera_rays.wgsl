@@ -1,0 +1,20 @@
+// One ray for each pixel through the pass's offset in the pixel. See pass/camera_rays.rs.
+#include "frame.wgsl"
+
+@group(0) @binding(1) var<storage, read_write> ray_origin: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read_write> ray_direction: array<vec4<f32>>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let pixel = (group.x + group.y * groups.x) * 64u + lane;
+    if pixel >= frame.size.z {
+        return;
+    }
+    let x = f32(pixel % frame.size.x) + frame.pixel_offset.x;
+    let y = f32(pixel / frame.size.x) + frame.pixel_offset.y;
+    let s = 2.0 * x / f32(frame.size.x) - 1.0;
+    let t = 1.0 - 2.0 * y / f32(frame.size.y);
+    let d = frame.forward.xyz + s * frame.right.xyz + t * frame.up.xyz;
+    ray_origin[pixel] = vec4<f32>(frame.eye.xyz, 3.0e38);
+    ray_direction[pixel] = vec4<f32>(d / sqrt(dot(d, d)), 0.0);
+}

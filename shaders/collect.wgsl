@@ -1,0 +1,43 @@
+// Adds what gathered points send back to their pixels. See pass/collect.rs.
+#include "work.wgsl"
+#include "math.wgsl"
+
+@group(0) @binding(0) var<storage, read_write> work: Work;
+@group(0) @binding(1) var<storage, read> list: array<u32>;
+@group(0) @binding(2) var<storage, read> steps: array<Step>;
+@group(0) @binding(3) var<storage, read> beta: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> emitted: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> receiver_kd: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read> direct: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read> indirect: array<vec4<f32>>;
+@group(0) @binding(9) var<storage, read> specular: array<vec4<f32>>;
+@group(0) @binding(10) var<storage, read_write> pixel_direct: array<vec4<f32>>;
+@group(0) @binding(11) var<storage, read_write> pixel_indirect: array<vec4<f32>>;
+@group(0) @binding(12) var<storage, read_write> pixel_specular: array<vec4<f32>>;
+var<immediate> push: Push;
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let step = steps[push.step];
+    let slot = (group.x + group.y * groups.x) * 64u + lane;
+    if slot >= atomicLoad(&work.live) {
+        return;
+    }
+    let pixel = list[slot];
+    let kd = receiver_kd[pixel];
+    let b = beta[pixel];
+    let e = emitted[pixel].xyz;
+    let lit = receiver_wo[pixel].w > 0.0;
+    let reflected = kd.xyz * INV_PI * (direct[pixel].xyz + indirect[pixel].xyz) + specular[pixel].xyz;
+    let l = select(vec3<f32>(0.0), b.xyz * reflected, lit);
+    // An emitter met by the eye's own gather ray is direct light; all else came by way of a surface.
+    let first = step.bounce == 1u;
+    let diffuse = b.w == 0.0;
+    let as_direct = select(vec3<f32>(0.0), e, first && diffuse);
+    let as_indirect = select(vec3<f32>(0.0), l + select(e, vec3<f32>(0.0), first), diffuse);
+    let as_specular = select(l + e, vec3<f32>(0.0), diffuse);
+    pixel_direct[pixel] += vec4<f32>(as_direct, 0.0);
+    pixel_indirect[pixel] += vec4<f32>(as_indirect, 0.0);
+    pixel_specular[pixel] += vec4<f32>(as_specular, 0.0);
+}

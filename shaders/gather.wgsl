@@ -1,0 +1,55 @@
+// One short ray from each receiver, for the light that clipping cuts off. See pass/gather.rs.
+#include "frame.wgsl"
+#include "work.wgsl"
+#include "math.wgsl"
+#include "bsdf.wgsl"
+#include "receiver.wgsl"
+
+@group(0) @binding(1) var<storage, read_write> work: Work;
+@group(0) @binding(2) var<storage, read> list: array<u32>;
+@group(0) @binding(3) var<storage, read> steps: array<Step>;
+@group(0) @binding(4) var<storage, read> receiver_position: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> receiver_geometric: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> receiver_shading: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read> receiver_kd: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read> receiver_f0: array<vec4<f32>>;
+@group(0) @binding(9) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(10) var<storage, read_write> beta: array<vec4<f32>>;
+@group(0) @binding(11) var<storage, read_write> ray_origin: array<vec4<f32>>;
+@group(0) @binding(12) var<storage, read_write> ray_direction: array<vec4<f32>>;
+var<immediate> push: Push;
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let step = steps[push.step];
+    let slot = (group.x + group.y * groups.x) * 64u + lane;
+    if slot >= atomicLoad(&work.live) {
+        return;
+    }
+    let pixel = list[slot];
+    let geometric = receiver_geometric[pixel];
+    let shading = receiver_shading[pixel];
+    let kd = receiver_kd[pixel];
+    let f0 = receiver_f0[pixel];
+    let wo = receiver_wo[pixel].xyz;
+    // A Halton point of the pass, rotated for each pixel; the lobe by a pseudo-random number.
+    let bases = bitcast<vec2<u32>>(frame.shifts[step.bounce].zw);
+    let u = rotate(radical_inverse(bases.x, frame.size.w), random(key(frame.keys.y, STREAM_GATHER, pixel, 2u * step.bounce)));
+    let v = rotate(radical_inverse(bases.y, frame.size.w), random(key(frame.keys.y, STREAM_GATHER, pixel, 2u * step.bounce + 1u)));
+    let lobe = random(key(frame.keys.x, STREAM_GATHER_LOBE, pixel, step.bounce));
+
+    let r = Reflectance(kd.xyz, geometric.w, f0.xyz, shading.w);
+    let diffuse = lobe < kd.w;
+    let s = sample_lobe(r, diffuse, kd.w, shading.xyz, wo, u, v);
+    let above = dot(s.wi, geometric.xyz) > 0.0 && dot(s.wi, shading.xyz) > 0.0;
+    var weight = select(vec3<f32>(0.0), s.weight, above);
+    let before = beta[pixel];
+    // What comes in through the eye's diffuse lobe is kept as irradiance: pi times radiance, without the albedo.
+    let first = step.bounce == 0u;
+    let irradiance = vec3<f32>(select(0.0, PI / max(kd.w, 1e-6), above));
+    weight = select(weight, irradiance, first && diffuse);
+    beta[pixel] = vec4<f32>(before.xyz * weight, select(before.w, select(1.0, 0.0, diffuse), first));
+    let reach = select(0.0, frame.up.w, above);
+    ray_origin[pixel] = vec4<f32>(receiver_position[pixel].xyz, reach);
+    ray_direction[pixel] = vec4<f32>(s.wi, 0.0);
+}

@@ -1,0 +1,93 @@
+// Reflectance: Lambert plus a GGX lobe. CPU twin: bsdf.rs. Needs math.wgsl.
+
+struct Reflectance {
+    kd: vec3<f32>,
+    f90: f32,
+    f0: vec3<f32>,
+    alpha: f32,
+}
+
+// Mean of Schlick's Fresnel term over the cosine-weighted hemisphere.
+fn mean_fresnel(f0: vec3<f32>, f90: f32) -> vec3<f32> {
+    return f0 + (vec3<f32>(f90) - f0) * (1.0 / 21.0);
+}
+
+fn reflectance_of(base: vec3<f32>, metallic: f32, specular: vec3<f32>, roughness: f32, black: bool) -> Reflectance {
+    let f0 = mix(specular, base, metallic);
+    let f90 = clamp(50.0 * max(max(f0.x, f0.y), f0.z), 0.0, 1.0);
+    let kd = base * (1.0 - metallic) * (vec3<f32>(1.0) - mean_fresnel(f0, f90));
+    let keep = select(1.0, 0.0, black);
+    return Reflectance(kd * keep, f90 * keep, f0 * keep, max(roughness * roughness, 1e-3));
+}
+
+// Probability of following the diffuse lobe.
+fn diffuse_probability(r: Reflectance) -> f32 {
+    let d = mean3(r.kd);
+    let s = select(0.0, mean3(mean_fresnel(r.f0, r.f90)), r.f90 > 0.0);
+    return select(1.0, d / (d + s), d + s > 0.0);
+}
+
+fn schlick(r: Reflectance, cos_h: f32) -> vec3<f32> {
+    let m = clamp(1.0 - cos_h, 0.0, 1.0);
+    let m2 = m * m;
+    return r.f0 + (vec3<f32>(r.f90) - r.f0) * (m2 * m2 * m);
+}
+
+// The GGX lobe, with height-correlated Smith masking (Heitz 2014); without the cosine. Symmetric in wo and wi.
+fn eval_specular(r: Reflectance, n: vec3<f32>, wo: vec3<f32>, wi: vec3<f32>) -> vec3<f32> {
+    let cos_o = dot(n, wo);
+    let cos_i = dot(n, wi);
+    let sum = wo + wi;
+    let h = sum / sqrt(max(dot(sum, sum), 1e-20));
+    let cos_h = dot(n, h);
+    // 1 - cos_h^2 by the cross product: no cancellation for sharp lobes.
+    let c = cross(n, h);
+    let a2 = r.alpha * r.alpha;
+    let k = dot(c, c) + a2 * cos_h * cos_h;
+    let d = a2 / (PI * k * k);
+    let v = 0.5 / (cos_o * sqrt(a2 + (1.0 - a2) * cos_i * cos_i) + cos_i * sqrt(a2 + (1.0 - a2) * cos_o * cos_o));
+    let f = schlick(r, dot(wo, h)) * (d * v);
+    return select(vec3<f32>(0.0), f, cos_o > 0.0 && cos_i > 0.0);
+}
+
+struct LobeSample {
+    wi: vec3<f32>,
+    weight: vec3<f32>,      // f cos / pdf, divided by the lobe's probability
+}
+
+// A direction from one lobe: cosine law for the diffuse (Keller 1997, 3.2), visible normals for the specular one
+// (Heitz 2018). The caller drops directions below the surface.
+fn sample_lobe(r: Reflectance, diffuse: bool, p_diffuse: f32, n: vec3<f32>, wo: vec3<f32>, u: f32, v: f32) -> LobeSample {
+    let frame_n = basis(n);
+    let phi = 2.0 * PI * v;
+    let direction = sqrt(u) * (cos(phi) * frame_n[0] + sin(phi) * frame_n[1]) + sqrt(max(1.0 - u, 0.0)) * n;
+    var s = LobeSample(direction, r.kd / max(p_diffuse, 1e-6));
+    for (var i = select(1u, 0u, diffuse); i > 0u; i -= 1u) {
+        let local = vec3<f32>(dot(wo, frame_n[0]), dot(wo, frame_n[1]), dot(wo, n));
+        let stretched = vec3<f32>(r.alpha * local.x, r.alpha * local.y, local.z);
+        let vh = stretched / sqrt(dot(stretched, stretched));
+        let length2 = vh.x * vh.x + vh.y * vh.y;
+        let t1 = select(vec3<f32>(1.0, 0.0, 0.0), vec3<f32>(-vh.y, vh.x, 0.0) / sqrt(max(length2, 1e-30)), length2 > 1e-12);
+        let t2 = cross(vh, t1);
+        let radius = sqrt(u);
+        let p1 = radius * cos(phi);
+        let blend = 0.5 * (1.0 + vh.z);
+        let p2 = (1.0 - blend) * sqrt(max(1.0 - p1 * p1, 0.0)) + blend * radius * sin(phi);
+        let nh = p1 * t1 + p2 * t2 + sqrt(max(1.0 - p1 * p1 - p2 * p2, 0.0)) * vh;
+        let ne = vec3<f32>(r.alpha * nh.x, r.alpha * nh.y, max(nh.z, 1e-7));
+        let m = ne / sqrt(dot(ne, ne));
+        let h = m.x * frame_n[0] + m.y * frame_n[1] + m.z * n;
+        let cos_h = dot(wo, h);
+        let wi = 2.0 * cos_h * h - wo;
+        let cos_i = dot(n, wi);
+        let cos_o = local.z;
+        let a2 = r.alpha * r.alpha;
+        let lo = sqrt(a2 + (1.0 - a2) * cos_o * cos_o);
+        let li = sqrt(a2 + (1.0 - a2) * cos_i * cos_i);
+        // G2 / G1(wo) of the height-correlated masking.
+        let g = cos_i * (cos_o + lo) / (cos_o * li + cos_i * lo);
+        s.wi = wi;
+        s.weight = select(vec3<f32>(0.0), schlick(r, cos_h) * (g / max(1.0 - p_diffuse, 1e-6)), cos_i > 0.0);
+    }
+    return s;
+}

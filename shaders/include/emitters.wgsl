@@ -1,0 +1,25 @@
+// Where particles start. Needs math.wgsl. Host twin and CPU twin: light::emitters.
+
+struct EmitterRecord {
+    p0: vec4<f32>,          // first corner, centre or position; w: bits of the kind
+    e1: vec4<f32>,          // first edge (sphere: x radius; spot: x, y cosines of inner and outer angle); w: area
+    e2: vec4<f32>,          // second edge; w: bits: 1 two-sided, 2 inward
+    normal: vec4<f32>,      // normal or axis; w: probability
+    radiance: vec4<f32>,    // radiance, intensity or irradiance; w: upper end of its interval in the distribution
+    flux: vec4<f32>,        // flux of a particle: power / probability
+}
+
+const EMITTER_TRIANGLE: u32 = 0u;
+const EMITTER_QUAD: u32 = 1u;
+const EMITTER_SPHERE: u32 = 2u;
+const EMITTER_POINT: u32 = 3u;
+const EMITTER_SPOT: u32 = 4u;
+const EMITTER_DIRECTIONAL: u32 = 5u;
+const EMITTER_VIRTUAL: u32 = 6u;
+
+fn uniform_sphere(u: f32, v: f32) -> vec3<f32> {
+    let z = 1.0 - 2.0 * u;
+    let r = sqrt(max(1.0 - z * z, 0.0));
+    let phi = 2.0 * PI * v;
+    return vec3<f32>(r * cos(phi), r * sin(phi), z);
+}

@@ -1,0 +1,18 @@
+// The one structure for every kind of point light. Host twin: pass::layout::PointLight.
+//
+// Towards a receiver in direction wo (from the light), at distance r, a light gives the perpendicular irradiance
+//     I(wo) / max(r^2, clip^2),   I = emit * (surface ? max(cos, 0) : 1) * spot(cos)^2 + flux * f_s(wi, wo) * max(cos, 0)
+// with cos = wo . normal and spot(c) = clamp(c * spot_scale + spot_offset, 0, 1).
+struct PointLight {
+    position: vec4<f32>,    // position, ray-origin offset applied; w: bits of the flags below
+    normal: vec4<f32>,      // surface normal or axis, unit; w: spot_scale
+    emit: vec4<f32>,        // radiant intensity along the normal (directional: irradiance); w: spot_offset
+    wi: vec4<f32>,          // towards where the particle came from; w: GGX alpha
+    flux: vec4<f32>,        // incident flux, for the specular lobe; w: f90
+    f0: vec4<f32>,          // reflectance of the lobe at normal incidence; w: reflections so far
+}
+
+const LIGHT_SURFACE: u32 = 1u;      // cosine law
+const LIGHT_CLIPPED: u32 = 2u;      // clip distance applies
+const LIGHT_DIRECTIONAL: u32 = 4u;  // `normal` is the direction in which light travels; no falloff
+const LIGHT_GLOSSY: u32 = 8u;       // has a specular lobe

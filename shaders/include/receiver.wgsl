@@ -1,0 +1,7 @@
+// Receivers: the points that are lit, pixel by pixel, in parallel arrays. Host twin: pass::receivers::Receivers.
+//   position:  point with ray-origin offset towards wo; w: distance along the ray, negative where it hit nothing
+//   geometric: geometric normal on the side of wo; w: f90
+//   shading:   shading normal on the side of wo; w: alpha
+//   kd:        diffuse albedo; w: probability of following the diffuse lobe
+//   f0:        specular reflectance at normal incidence; w: 1 if there is a specular lobe, else 0
+//   wo:        direction back along the ray; w: 1 if light can reach the eye by way of it, else 0

@@ -1,0 +1,128 @@
+// What a hit point is made of. Needs math.wgsl and bsdf.wgsl. Host twins: pass::layout::{MaterialRecord, TextureRecord};
+// CPU twin: pass::receivers::surface_at.
+
+struct MaterialRecord {
+    base: vec4<f32>,        // base colour; w: metallic
+    specular: vec4<f32>,    // dielectric reflectance at normal incidence; w: roughness
+    emission: vec4<f32>,    // radiance; w unused
+    flags: vec4<u32>,       // base texture + 1, metallic-roughness texture + 1, 1: black (mirror, glass), 1: two-sided emission
+}
+
+struct TextureRecord {
+    first: u32,             // first texel
+    width: u32,
+    height: u32,
+    flags: u32,             // bit 0: sRGB; bits 1-2: wrap of u, 3-4: of v (0 repeat, 1 mirror, 2 clamp)
+}
+
+@group(0) @binding(1) var<storage, read> triangle_normals: array<vec4<u32>>;    // three octahedral normals; w: material << 1 | smooth
+@group(0) @binding(2) var<storage, read> triangle_uvs: array<vec4<f32>>;        // two for each triangle: uv0 uv1, uv2 -
+@group(0) @binding(3) var<storage, read> triangle_v0: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> triangle_e1: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> triangle_e2: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> materials: array<MaterialRecord>;
+@group(0) @binding(7) var<storage, read> textures: array<TextureRecord>;
+@group(0) @binding(8) var<storage, read> texels: array<u32>;
+
+struct Surface {
+    position: vec3<f32>,
+    geometric: vec3<f32>,   // on the side that the ray came from
+    shading: vec3<f32>,     // likewise
+    emission: vec3<f32>,    // towards where the ray came from
+    black: bool,
+    reflectance: Reflectance,
+}
+
+fn wrapped(i: i32, n: i32, mode: u32) -> i32 {
+    let clamped = clamp(i, 0, n - 1);
+    let repeated = ((i % n) + n) % n;
+    let period = ((i % (2 * n)) + 2 * n) % (2 * n);
+    let mirrored = min(period, 2 * n - 1 - period);
+    return select(select(clamped, mirrored, mode == 1u), repeated, mode == 0u);
+}
+
+fn srgb_to_linear(c: vec3<f32>) -> vec3<f32> {
+    return select(pow((c + 0.055) / 1.055, vec3<f32>(2.4)), c / 12.92, c <= vec3<f32>(0.04045));
+}
+
+fn texel(record: TextureRecord, x: i32, y: i32) -> vec3<f32> {
+    let tx = wrapped(x, i32(record.width), (record.flags >> 1u) & 3u);
+    let ty = wrapped(y, i32(record.height), (record.flags >> 3u) & 3u);
+    let c = unpack4x8unorm(texels[record.first + u32(ty) * record.width + u32(tx)]).xyz;
+    return select(c, srgb_to_linear(c), (record.flags & 1u) != 0u);
+}
+
+// Bilinear; texel centres lie at half-integers.
+fn sample_texture(index: u32, uv: vec2<f32>) -> vec3<f32> {
+    let record = textures[index];
+    // Far-off coordinates are brought near first, so that the conversion to integers is safe.
+    let period = vec2<f32>(2.0);
+    let near = uv - period * floor(uv / period);
+    let clamps = vec2<bool>(((record.flags >> 1u) & 3u) == 2u, ((record.flags >> 3u) & 3u) == 2u);
+    let st = select(near, clamp(uv, vec2<f32>(0.0), vec2<f32>(1.0)), clamps);
+    let p = st * vec2<f32>(f32(record.width), f32(record.height)) - 0.5;
+    let base = floor(p);
+    let f = p - base;
+    let x = i32(base.x);
+    let y = i32(base.y);
+    let top = mix(texel(record, x, y), texel(record, x + 1, y), f.x);
+    let bottom = mix(texel(record, x, y + 1), texel(record, x + 1, y + 1), f.x);
+    return mix(top, bottom, f.y);
+}
+
+// Octahedral encoding (Meyer et al. 2010), 2 x 16 bit signed.
+fn decode_normal(bits: u32) -> vec3<f32> {
+    let e = unpack2x16snorm(bits);
+    var n = vec3<f32>(e, 1.0 - abs(e.x) - abs(e.y));
+    let t = max(-n.z, 0.0);
+    n.x += select(t, -t, n.x >= 0.0);
+    n.y += select(t, -t, n.y >= 0.0);
+    return n / sqrt(dot(n, n));
+}
+
+fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> Surface {
+    let e1 = triangle_e1[triangle].xyz;
+    let e2 = triangle_e2[triangle].xyz;
+    let normals = triangle_normals[triangle];
+    let position = triangle_v0[triangle].xyz + u * e1 + v * e2;
+    let face = cross(e1, e2);
+    let face_normal = face / sqrt(dot(face, face));
+    let front = dot(face_normal, d) < 0.0;
+    let geometric = select(-face_normal, face_normal, front);
+    let w = 1.0 - u - v;
+    let blend = w * decode_normal(normals.x) + u * decode_normal(normals.y) + v * decode_normal(normals.z);
+    let smoothed = blend / sqrt(max(dot(blend, blend), 1e-20));
+    let sided = select(-smoothed, smoothed, dot(smoothed, geometric) >= 0.0);
+    let smooth_shading = (normals.w & 1u) != 0u;
+    var shading = select(geometric, sided, smooth_shading);
+    // Seen from behind the shading normal, the face's own serves: no black rims.
+    shading = select(geometric, shading, dot(shading, d) < 0.0);
+
+    let material = materials[normals.w >> 1u];
+    var base = material.base.xyz;
+    var metallic = material.base.w;
+    var roughness = material.specular.w;
+    for (var i = select(0u, 1u, (material.flags.x | material.flags.y) != 0u); i > 0u; i -= 1u) {
+        let a = triangle_uvs[2u * triangle];
+        let b = triangle_uvs[2u * triangle + 1u];
+        let uv = w * a.xy + u * a.zw + v * b.xy;
+        for (var j = select(0u, 1u, material.flags.x != 0u); j > 0u; j -= 1u) {
+            base *= sample_texture(material.flags.x - 1u, uv);
+        }
+        for (var j = select(0u, 1u, material.flags.y != 0u); j > 0u; j -= 1u) {
+            let mr = sample_texture(material.flags.y - 1u, uv);
+            roughness *= mr.y;
+            metallic *= mr.z;
+        }
+    }
+    let black = material.flags.z != 0u;
+    let emits = front || material.flags.w != 0u;
+    var s: Surface;
+    s.position = position;
+    s.geometric = geometric;
+    s.shading = shading;
+    s.emission = select(vec3<f32>(0.0), material.emission.xyz, emits);
+    s.black = black;
+    s.reflectance = reflectance_of(base, metallic, material.specular.xyz, roughness, black);
+    return s;
+}

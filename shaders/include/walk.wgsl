@@ -1,0 +1,15 @@
+// Numbers of the quasi-random walk. Needs frame.wgsl and math.wgsl. CPU twin: pass::walk_start::walk_numbers.
+
+// The two sample coordinates of a particle for its start (j = 0) or for the direction that leaves its vertex j - 1:
+// Halton dimensions 2j and 2j + 1 of its point of the sequence, rotated for the instance, jittered if asked
+// (Keller 1997, 4.1: by the grid resolution 1/N_j).
+fn walk_numbers(j: u32, particle: u32) -> vec2<f32> {
+    let index = frame.walk.x + (particle + frame.walk.z) % frame.walk.y;
+    let shifts = frame.shifts[j];
+    let bases = bitcast<vec2<u32>>(shifts.zw);
+    let x = vec2<f32>(radical_inverse(bases.x, index), radical_inverse(bases.y, index));
+    let range = bitcast<f32>(frame.depths[j].z) * f32(frame.keys.z);
+    let xi = vec2<f32>(random(key(frame.keys.x, STREAM_JITTER, particle, 2u * j)), random(key(frame.keys.x, STREAM_JITTER, particle, 2u * j + 1u)));
+    let moved = min(xi * range, vec2<f32>(ONE_MINUS_EPSILON));
+    return vec2<f32>(rotate(rotate(x.x, shifts.x), moved.x), rotate(rotate(x.y, shifts.y), moved.y));
+}

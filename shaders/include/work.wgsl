@@ -1,0 +1,35 @@
+// Work lists. Host twins: pass::layout::{Work, Step}.
+
+// How much there is to do, found by the device.
+struct Work {
+    live: atomic<u32>,          // receivers in the list
+    unfinished: atomic<u32>,    // rays of the present round that ran out of steps
+    reserved: vec2<u32>,
+    list_groups: vec4<u32>,     // indirect dispatch: one invocation for each receiver in the list
+    round_groups: vec4<u32>,    // indirect dispatch: the next round; 0 when no ray needs it
+}
+
+// What one dispatch does; fixed when the frame is built.
+struct Step {
+    first: u32,                 // first light of the chunk
+    end: u32,                   // one past the last
+    round: u32,                 // 0 starts rays, later rounds carry them on
+    bounce: u32,                // 0: what the eye sees
+    steps: u32,                 // traversal steps of one ray in this round
+    last: u32,                  // 1: the last round (rays left over are lost), or the last bounce
+    indirect: u32,              // 1: the receivers come from the list
+    fresh: u32,                 // 1: sums start at zero
+}
+
+struct Push {
+    step: u32,                  // index into steps
+}
+
+// Linear index of the workgroup, spread so that neighbouring groups, which cost alike, fall to different threads
+// of a driver that gives each thread one contiguous run.
+fn spread_group(group: vec3<u32>, groups: vec3<u32>) -> u32 {
+    let count = groups.x * groups.y;
+    let linear = group.x + group.y * groups.x;
+    let stride = select(7919u, 1u, count % 7919u == 0u || count > 500000u);
+    return (linear * stride) % count;
+}

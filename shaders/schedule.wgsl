@@ -1,0 +1,27 @@
+// Turns counts that the device found into indirect dispatches. See pass/schedule.rs.
+#include "work.wgsl"
+
+@group(0) @binding(0) var<storage, read_write> work: Work;
+@group(0) @binding(1) var<storage, read> steps: array<Step>;
+@group(0) @binding(2) var<storage, read_write> status: array<u32>;    // [0]: rays that a last round left over
+var<immediate> push: Push;
+
+@compute @workgroup_size(1)
+fn main() {
+    let step = steps[push.step];
+    let live = atomicLoad(&work.live);
+    // Spread over two dimensions: one holds at most 65,535 groups.
+    let groups = (live + 63u) / 64u;
+    let x = min(groups, 32768u);
+    let y = select(0u, (groups + x - 1u) / max(x, 1u), x > 0u);
+    let list = vec4<u32>(x, y, 1u, 0u);
+    work.list_groups = list;
+    // The rounds of a batch without a list run over all its rays.
+    let all = (step.end + 63u) / 64u;
+    let all_x = min(all, 32768u);
+    let all_y = (all + all_x - 1u) / max(all_x, 1u);
+    let groups_again = select(vec4<u32>(all_x, all_y, 1u, 0u), list, step.indirect == 1u);
+    let unfinished = atomicExchange(&work.unfinished, 0u);
+    work.round_groups = select(vec4<u32>(0u, 1u, 1u, 0u), groups_again, unfinished > 0u);
+    status[0] += select(0u, unfinished, step.last == 1u);
+}

@@ -1,0 +1,119 @@
+// Light from every point light of a chunk, with shadows. See pass/shade.rs.
+#include "frame.wgsl"
+#include "work.wgsl"
+#include "bvh.wgsl"
+#include "math.wgsl"
+#include "bsdf.wgsl"
+#include "lights.wgsl"
+#include "receiver.wgsl"
+
+@group(0) @binding(6) var<storage, read> receiver_position: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read> receiver_geometric: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read> receiver_shading: array<vec4<f32>>;
+@group(0) @binding(9) var<storage, read> receiver_f0: array<vec4<f32>>;
+@group(0) @binding(10) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(11) var<storage, read> lights: array<PointLight>;
+@group(0) @binding(12) var<storage, read> list: array<u32>;
+@group(0) @binding(13) var<storage, read_write> work: Work;
+@group(0) @binding(14) var<storage, read> steps: array<Step>;
+@group(0) @binding(15) var<storage, read_write> progress: array<vec2<u32>>;
+@group(0) @binding(16) var<storage, read_write> direct: array<vec4<f32>>;
+@group(0) @binding(17) var<storage, read_write> indirect: array<vec4<f32>>;
+@group(0) @binding(18) var<storage, read_write> specular: array<vec4<f32>>;
+var<immediate> push: Push;
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let step = steps[push.step];
+    let slot = spread_group(group, groups) * 64u + lane;
+    if slot >= atomicLoad(&work.live) {
+        return;
+    }
+    let pixel = list[slot];
+    let nodes = frame.scene.x;
+    var light = step.first;
+    var node = 0u;
+    if step.round > 0u {
+        let at = progress[pixel];
+        light = at.x;
+        node = at.y;
+    }
+    let origin = receiver_position[pixel].xyz;
+    let geometric = receiver_geometric[pixel];
+    let shading = receiver_shading[pixel];
+    let f0 = receiver_f0[pixel];
+    let wo = receiver_wo[pixel].xyz;
+    // The first chunk starts the sums; whatever an earlier frame left there is not read.
+    var e_direct = select(vec3<f32>(0.0), direct[pixel].xyz, step.fresh == 0u);
+    var e_indirect = select(vec3<f32>(0.0), indirect[pixel].xyz, step.fresh == 0u);
+    var l_specular = select(vec3<f32>(0.0), specular[pixel].xyz, step.fresh == 0u);
+
+    while light < step.end {
+        let l_position = lights[light].position;
+        let l_normal = lights[light].normal;
+        let l_emit = lights[light].emit;
+        let l_f0 = lights[light].f0;
+        let flags = bitcast<u32>(l_position.w);
+        let parallel = (flags & LIGHT_DIRECTIONAL) != 0u;
+        let surface = (flags & LIGHT_SURFACE) != 0u;
+        let d = select(l_position.xyz - origin, -frame.forward.w * l_normal.xyz, parallel);
+        let r2 = dot(d, d);
+        let wi = d / sqrt(max(r2, 1e-37));
+        let cos_light = -dot(wi, l_normal.xyz);
+        let spot = clamp(cos_light * l_normal.w + l_emit.w, 0.0, 1.0);
+        var intensity = l_emit.xyz * (select(1.0, max(cos_light, 0.0), surface) * spot * spot);
+        // Rare work stands in loops that mostly run zero times: under a SIMD driver an `if` would be executed by all.
+        for (var i = select(0u, 1u, (flags & LIGHT_GLOSSY) != 0u && cos_light > 0.0); i > 0u; i -= 1u) {
+            let l_wi = lights[light].wi;
+            let l_flux = lights[light].flux;
+            let lobe = Reflectance(vec3<f32>(0.0), l_flux.w, l_f0.xyz, l_wi.w);
+            intensity += l_flux.xyz * eval_specular(lobe, l_normal.xyz, l_wi.xyz, -wi) * cos_light;
+        }
+        let cos_receiver = dot(wi, shading.xyz);
+        let lit = cos_receiver > 0.0 && dot(wi, geometric.xyz) > 0.0 && mean3(intensity) > 0.0 && r2 > 0.0;
+
+        // Shadow ray from the receiver (t = 0) to the light (t = 1): any triangle strictly between blocks it.
+        let inverse = safe_inverse(d);
+        var left = step.steps;
+        node = select(nodes, node, lit);
+        var blocked = false;
+        while node < nodes && left > 0u {
+            left -= 1u;
+            let lo = node_min[node];
+            let hi = node_max[node];
+            let span = slab(lo.xyz, hi.xyz, origin, inverse, 1.0);
+            let inside = span.x <= span.y;
+            let leaf = bitcast<u32>(hi.w);
+            let first = leaf >> 3u;
+            let end = first + select(0u, leaf & 7u, inside);
+            for (var i = first; i < end; i += 1u) {
+                blocked = blocked || intersect_triangle(i, origin, d, 1.0).ok;
+            }
+            node = select(bitcast<u32>(lo.w), node + 1u, inside && leaf == 0u);
+            node = select(node, nodes, blocked);
+        }
+        if node < nodes {
+            break;
+        }
+        node = 0u;
+
+        let clip2 = select(0.0, frame.right.w, (flags & LIGHT_CLIPPED) != 0u);
+        let falloff = select(1.0 / max(max(r2, clip2), 1e-37), 1.0, parallel);
+        let e = intensity * select(0.0, cos_receiver * falloff, lit && !blocked);
+        let first_bounce = l_f0.w == 0.0;
+        e_direct += select(vec3<f32>(0.0), e, first_bounce);
+        e_indirect += select(e, vec3<f32>(0.0), first_bounce);
+        for (var i = select(0u, 1u, f0.w > 0.0 && lit && !blocked); i > 0u; i -= 1u) {
+            let lobe = Reflectance(vec3<f32>(0.0), geometric.w, f0.xyz, shading.w);
+            l_specular += e * eval_specular(lobe, shading.xyz, wo, wi);
+        }
+        light += 1u;
+    }
+    direct[pixel] = vec4<f32>(e_direct, 0.0);
+    indirect[pixel] = vec4<f32>(e_indirect, 0.0);
+    specular[pixel] = vec4<f32>(l_specular, 0.0);
+    progress[pixel] = vec2<u32>(light, node);
+    if light < step.end {
+        atomicAdd(&work.unfinished, 1u);
+    }
+}

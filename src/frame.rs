@@ -1,0 +1,408 @@
+//! The frame: each pass once, in order, outputs feeding inputs.
+
+use crate::error::Result;
+use crate::gpu::{Buffer, Context, Image, Memory, Recorder, Staging};
+use crate::pass::accumulate::{Accumulate, Film};
+use crate::pass::camera_rays::CameraRays;
+use crate::pass::collect::Collect;
+use crate::pass::gather::Gather;
+use crate::pass::layout::{self, PointLight, Step, Work};
+use crate::pass::receivers::{self, ReceiversPass};
+use crate::pass::resolve::Resolve;
+use crate::pass::schedule::Schedule;
+use crate::pass::shade::{self, Shade};
+use crate::pass::trace::Trace;
+use crate::pass::walk_reflect::WalkReflect;
+use crate::pass::walk_start::WalkStart;
+use crate::pass::{Kernels, List, Rays, Receivers, Sums, vec4s};
+use crate::plan::{LightPlan, StepTable, shade_steps, trace_steps};
+use crate::scene_buffers::SceneBuffers;
+use crate::settings::Settings;
+
+/// The passes of a frame with their buffers and steps.
+pub struct Frame {
+    /// Parameters, written at the start of each frame.
+    pub parameters: Buffer,
+    /// Lights: delta lights, then particles by number of reflections.
+    pub lights: Buffer,
+    /// Running sums.
+    pub film: Film,
+    /// The image for the host.
+    pub image: Image,
+    /// `[0]`: rays lost in this frame.
+    pub status: Buffer,
+    /// Particles' rays and fluxes.
+    pub particles: Rays,
+    /// Flux of each particle.
+    pub flux: Buffer,
+    /// Eye rays, then gather rays.
+    pub rays: Rays,
+    /// What the eye sees.
+    pub primary: Receivers,
+    /// What gather rays hit.
+    pub gathered: Receivers,
+    /// Light at the primary receivers.
+    pub pixel_sums: Sums,
+    /// Light at the gathered receivers.
+    pub gathered_sums: Sums,
+    /// Throughput of each pixel's gather path.
+    pub beta: Buffer,
+    /// For each bounce the receivers to light.
+    pub lists: Vec<List>,
+    batch: List,
+    clear_work: Buffer,
+    walk_start: WalkStart,
+    walk_trace: Trace,
+    walk_reflect: WalkReflect,
+    camera_rays: CameraRays,
+    eye_trace: Trace,
+    eye_receivers: ReceiversPass,
+    bounces: Vec<Bounce>,
+    accumulate: Accumulate,
+    resolve: Resolve,
+    steps: Steps,
+    paths: u32,
+    pixels: u32,
+}
+
+/// The passes of one bounce; bounce 0 is what the eye sees.
+struct Bounce {
+    /// How its receivers are found, for bounces after the first.
+    arrive: Option<Arrive>,
+    /// Turns the number of its receivers into dispatches.
+    schedule: Schedule,
+    /// Lights its receivers; the last bounce only emits.
+    shade: Option<Shade>,
+}
+
+/// From the receivers of the bounce before to those of this one, and their light back to the pixels.
+struct Arrive {
+    gather: Gather,
+    trace: Trace,
+    receivers: ReceiversPass,
+    collect: Collect,
+}
+
+/// Indices into the step table.
+struct Steps {
+    /// For j = 1, 2, ...: tracing rounds of the particles that make the j-th reflection, and the reflection.
+    walk: Vec<(Vec<u32>, u32)>,
+    eye_trace: Vec<u32>,
+    /// Rounds of every gather.
+    gather_trace: Vec<u32>,
+    /// For a list that was just filled.
+    list: u32,
+    /// Chunks of lights, each in rounds; bounces take prefixes.
+    shade: Vec<Vec<u32>>,
+    bounces: Vec<BounceSteps>,
+}
+
+struct BounceSteps {
+    /// Of the gather rays that leave the bounce before.
+    gather: u32,
+    /// Of receivers and their collection.
+    receivers: u32,
+    /// Chunks to light them with.
+    chunks: usize,
+}
+
+impl Steps {
+    fn new(table: &mut StepTable, settings: &Settings, plan: &LightPlan, pixels: u32) -> Steps {
+        let rounds = settings.rounds;
+        let trace = Step { steps: trace_steps(), ..Step::default() };
+        let walk = (1..plan.survivors.len())
+            .map(|j| {
+                // Ray j starts at every particle that has made j - 1 reflections and survives the next.
+                let rays = table.add_rounds(rounds, Step { end: plan.survivors[j], ..trace });
+                (rays, table.add(Step { bounce: j as u32, ..Step::default() }))
+            })
+            .collect();
+        let chunk_size = settings.lights_per_dispatch;
+        let chunk = Step { steps: shade_steps(chunk_size), indirect: 1, ..Step::default() };
+        let shade = plan
+            .chunks(chunk_size, plan.survivors.len())
+            .iter()
+            .map(|&(first, end)| {
+                table.add_rounds(rounds, Step { first, end, fresh: u32::from(first == 0), ..chunk })
+            })
+            .collect();
+        let depth = settings.max_depth;
+        let clips = !matches!(settings.clip, crate::settings::Clip::Distance(0.0) | crate::settings::Clip::Fraction(0.0));
+        let bounces = if settings.compensation && clips { depth } else { 1 };
+        let bounces = (0..bounces)
+            .map(|bounce| BounceSteps {
+                gather: table.add(Step { bounce: bounce.max(1) - 1, indirect: 1, ..Step::default() }),
+                receivers: table.add(Step {
+                    bounce,
+                    end: pixels,
+                    indirect: u32::from(bounce > 0),
+                    last: u32::from(bounce + 1 == depth),
+                    ..Step::default()
+                }),
+                // Eye segment, `bounce` gather rays, shadow ray and j reflections are bounce + j + 2 segments.
+                chunks: match (depth as usize).checked_sub(bounce as usize + 2) {
+                    Some(reflections) => plan.chunks(chunk_size, reflections).len(),
+                    None => 0,
+                },
+            })
+            .collect();
+        Steps {
+            walk,
+            eye_trace: table.add_rounds(rounds, Step { end: pixels, ..trace }),
+            gather_trace: table.add_rounds(rounds, Step { indirect: 1, ..trace }),
+            list: table.add(Step { indirect: 1, ..Step::default() }),
+            shade,
+            bounces,
+        }
+    }
+}
+
+impl Frame {
+    #[allow(clippy::too_many_arguments)]
+    /// Creates the passes for an image of this size. `delta` are the lights lit once in each pass.
+    pub fn new(
+        context: &Context,
+        kernels: &Kernels,
+        staging: &mut Staging,
+        scene: &SceneBuffers,
+        settings: &Settings,
+        plan: &LightPlan,
+        delta: &[PointLight],
+        [width, height]: [u32; 2],
+    ) -> Result<Frame> {
+        let film = Film::new(context, width * height)?;
+        let image = Image::new(context, "image", width, height, ash::vk::Format::R32G32B32A32_SFLOAT)?;
+        Self::with_film(context, kernels, staging, scene, settings, plan, delta, (film, image))
+    }
+
+    /// As [`Frame::new`], going on with the sums and image of another frame.
+    #[allow(clippy::too_many_arguments)]
+    pub fn with_film(
+        context: &Context,
+        kernels: &Kernels,
+        staging: &mut Staging,
+        scene: &SceneBuffers,
+        settings: &Settings,
+        plan: &LightPlan,
+        delta: &[PointLight],
+        (film, image): (Film, Image),
+    ) -> Result<Frame> {
+        let pixels = image.width() * image.height();
+        let mut table = StepTable::default();
+        let steps = Steps::new(&mut table, settings, plan, pixels);
+        let step_buffer = staging.stage(context, "steps", &table.steps)?;
+
+        let device = |name: &str, bytes: u64| Buffer::new(context, name, bytes, Memory::Device);
+        let parameters = device("frame parameters", size_of::<layout::Frame>() as u64)?;
+        let status = device("status", 16)?;
+        let mut light_contents = delta.to_vec();
+        light_contents.resize(plan.slots().max(1) as usize, PointLight::default());
+        let lights = staging.stage(context, "lights", &light_contents)?;
+        let particles = Rays::new(context, "particle", settings.paths)?;
+        let flux = vec4s(context, "particle flux", settings.paths)?;
+        let rays = Rays::new(context, "pixel", pixels)?;
+        let primary = Receivers::new(context, "primary", pixels)?;
+        let gathered = Receivers::new(context, "gathered", pixels)?;
+        let pixel_sums = Sums::new(context, "pixel", pixels)?;
+        let gathered_sums = Sums::new(context, "gathered", pixels)?;
+        let beta = vec4s(context, "beta", pixels)?;
+
+        // Receivers of a bounce are listed while those of the one before are still needed, so two lists take turns.
+        let list_pixels = [0, 1].map(|i| device(&format!("list {i}"), 4 * u64::from(pixels)));
+        let [even, odd] = list_pixels;
+        let list_pixels = [even?, odd?];
+        let lists: Vec<List> = (0..steps.bounces.len())
+            .map(|b| {
+                let work = device(&format!("work {b}"), size_of::<Work>() as u64)?;
+                Ok(List { pixels: list_pixels[b % 2].clone(), work })
+            })
+            .collect::<Result<_>>()?;
+        let batch =
+            List { pixels: list_pixels[0].clone(), work: device("batch work", size_of::<Work>() as u64)? };
+        let clear_work = staging.stage(context, "cleared work", &[Work::default()])?;
+
+        let trace = |rays: &Rays, list: &List| {
+            Trace::new(kernels, &parameters, scene, rays, list, &step_buffer, &status)
+        };
+        let receivers_pass = |list_in: &List, list_out: &List, receivers: &Receivers| {
+            ReceiversPass::new(
+                kernels,
+                &receivers::Inputs {
+                    frame: &parameters,
+                    scene,
+                    rays: &rays,
+                    list_in,
+                    list_out,
+                    beta: &beta,
+                    receivers,
+                    steps: &step_buffer,
+                },
+            )
+        };
+        let bounces = (0..steps.bounces.len())
+            .map(|b| {
+                let (receivers, sums) = if b == 0 { (&primary, &pixel_sums) } else { (&gathered, &gathered_sums) };
+                let list = &lists[b];
+                let arrive = match b.checked_sub(1).map(|before| &lists[before]) {
+                    None => None,
+                    Some(before) => {
+                        let from = if b == 1 { &primary } else { &gathered };
+                        Some(Arrive {
+                            gather: Gather::new(kernels, &parameters, from, before, &rays, &beta, &step_buffer)?,
+                            trace: trace(&rays, before)?,
+                            receivers: receivers_pass(before, list, &gathered)?,
+                            collect: Collect::new(
+                                kernels,
+                                &gathered,
+                                before,
+                                &beta,
+                                &gathered_sums,
+                                &pixel_sums,
+                                &step_buffer,
+                            )?,
+                        })
+                    }
+                };
+                let inputs = shade::Inputs {
+                    frame: &parameters,
+                    scene,
+                    receivers,
+                    list,
+                    lights: &lights,
+                    rays: &rays,
+                    sums,
+                    steps: &step_buffer,
+                    status: &status,
+                };
+                let lit = steps.bounces[b].chunks > 0;
+                Ok(Bounce {
+                    arrive,
+                    schedule: Schedule::new(kernels, &list.work, &step_buffer, &status)?,
+                    shade: if lit { Some(Shade::new(kernels, &inputs)?) } else { None },
+                })
+            })
+            .collect::<Result<_>>()?;
+
+        Ok(Frame {
+            walk_start: WalkStart::new(
+                kernels,
+                &parameters,
+                &scene.emitters,
+                &particles,
+                &flux,
+                &lights,
+                settings.paths,
+            )?,
+            walk_trace: trace(&particles, &batch)?,
+            walk_reflect: WalkReflect::new(kernels, &parameters, scene, &particles, &flux, &lights, &step_buffer)?,
+            camera_rays: CameraRays::new(kernels, &parameters, &rays, pixels)?,
+            eye_trace: trace(&rays, &batch)?,
+            eye_receivers: receivers_pass(&batch, &lists[0], &primary)?,
+            bounces,
+            accumulate: Accumulate::new(kernels, &parameters, &primary, &pixel_sums, &film, &status, pixels)?,
+            resolve: Resolve::new(kernels, &parameters, &film, &image, pixels)?,
+            parameters,
+            lights,
+            film,
+            image,
+            status,
+            particles,
+            flux,
+            rays,
+            primary,
+            gathered,
+            pixel_sums,
+            gathered_sums,
+            beta,
+            lists,
+            batch,
+            clear_work,
+            steps,
+            paths: settings.paths,
+            pixels,
+        })
+    }
+
+    /// Records what must happen once before the first frame: sums cleared, image in its layout.
+    pub fn record_clear(&self, rec: &mut Recorder) -> Result<()> {
+        for buffer in self.film.buffers() {
+            rec.fill(buffer, 0)?;
+        }
+        rec.image_to_general(&self.image)
+    }
+
+    /// Records one pass of the renderer: particles leave the lights and become point lights; what the eye sees is lit by
+    /// them; what clipping cut off is gathered, bounce by bounce; the image is added to the sums.
+    pub fn record(&self, rec: &mut Recorder, parameters: &layout::Frame) -> Result<()> {
+        self.record_start(rec, parameters)?;
+        rec.scope("walk", |rec| self.record_walk(rec))?;
+        rec.scope("eye", |rec| self.record_eye(rec))?;
+        for bounce in 0..self.bounces.len() {
+            rec.scope("gather", |rec| self.record_gather(rec, bounce))?;
+            rec.scope("shade", |rec| self.record_shade(rec, bounce))?;
+            rec.scope("collect", |rec| self.record_collect(rec, bounce))?;
+        }
+        rec.scope("accumulate", |rec| self.accumulate.record(rec, parameters.keys[3]))
+    }
+
+    /// Parameters and cleared counters.
+    pub fn record_start(&self, rec: &mut Recorder, parameters: &layout::Frame) -> Result<()> {
+        rec.begin();
+        rec.update(&self.parameters, 0, bytemuck::bytes_of(parameters))?;
+        rec.fill(&self.status, 0)?;
+        rec.copy(&self.clear_work, &self.batch.work)?;
+        for list in &self.lists {
+            rec.copy(&self.clear_work, &list.work)?;
+        }
+        Ok(())
+    }
+
+    /// Particles leave the lights, and each leaves a point light at every vertex of its path.
+    pub fn record_walk(&self, rec: &mut Recorder) -> Result<()> {
+        self.walk_start.record(rec)?;
+        for (rounds, reflect) in &self.steps.walk {
+            self.walk_trace.record(rec, rounds, Some(self.paths))?;
+            self.walk_reflect.record(rec, *reflect, self.paths)?;
+        }
+        Ok(())
+    }
+
+    /// What the eye sees.
+    pub fn record_eye(&self, rec: &mut Recorder) -> Result<()> {
+        self.camera_rays.record(rec)?;
+        self.eye_trace.record(rec, &self.steps.eye_trace, Some(self.pixels))?;
+        self.eye_receivers.record(rec, self.steps.bounces[0].receivers, Some(self.pixels))?;
+        self.bounces[0].schedule.record(rec, self.steps.list)
+    }
+
+    /// Short rays from the receivers of the bounce before find those of this one.
+    pub fn record_gather(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
+        let Some(arrive) = &self.bounces[bounce].arrive else { return Ok(()) };
+        let steps = &self.steps.bounces[bounce];
+        arrive.gather.record(rec, steps.gather)?;
+        arrive.trace.record(rec, &self.steps.gather_trace, None)?;
+        arrive.receivers.record(rec, steps.receivers, None)?;
+        self.bounces[bounce].schedule.record(rec, self.steps.list)
+    }
+
+    /// The receivers of this bounce are lit.
+    pub fn record_shade(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
+        match &self.bounces[bounce].shade {
+            Some(shade) => shade.record(rec, &self.steps.shade[..self.steps.bounces[bounce].chunks]),
+            None => Ok(()),
+        }
+    }
+
+    /// Light of this bounce's receivers goes back to the pixels.
+    pub fn record_collect(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
+        match &self.bounces[bounce].arrive {
+            Some(arrive) => arrive.collect.record(rec, self.steps.bounces[bounce].receivers),
+            None => Ok(()),
+        }
+    }
+
+    /// Records the mean of all passes into [`Frame::image`].
+    pub fn record_resolve(&self, rec: &mut Recorder) -> Result<()> {
+        rec.scope("resolve", |rec| self.resolve.record(rec))
+    }
+}

@@ -1,0 +1,142 @@
+//! Structures that host and shaders share, member by member the WGSL structs of the same names; the build checks every
+//! offset and size against the compiled shaders.
+
+use bytemuck::{Pod, Zeroable};
+
+pub use crate::light::emitters::EmitterRecord;
+
+/// Parameters of one frame; `shaders/include/frame.wgsl` says what each component is.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub struct Frame {
+    /// Eye point; w: coordinate scale of the scene.
+    pub eye: [f32; 4],
+    /// Image half width at unit distance; w: clip distance squared.
+    pub right: [f32; 4],
+    /// Image half height at unit distance; w: clip distance.
+    pub up: [f32; 4],
+    /// Unit view direction; w: a length beyond every surface.
+    pub forward: [f32; 4],
+    /// Sample offset in the pixel; z: least alpha of a virtual light's lobe; w: 1 / passes, this one included.
+    pub pixel_offset: [f32; 4],
+    /// Width, height, pixels, pass within the instance.
+    pub size: [u32; 4],
+    /// First sequence index, particles N, window rotation, delta lights.
+    pub walk: [u32; 4],
+    /// Keys of the pass and of the instance, jitter, instance.
+    pub keys: [u32; 4],
+    /// Nodes, emitters, greatest path length, unused.
+    pub scene: [u32; 4],
+    /// For j reflections: particles N_j, first light slot, bits of 1 / N_j, N_(j+1).
+    pub depths: [[u32; 4]; 16],
+    /// For j reflections: Cranley-Patterson shifts of dimensions 2j and 2j + 1, then bits of their bases.
+    pub shifts: [[f32; 4]; 16],
+}
+
+/// Counts that the device finds, and the indirect dispatches made of them.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub struct Work {
+    /// Receivers in the list.
+    pub live: u32,
+    /// Rays that ran out of steps in the present round.
+    pub unfinished: u32,
+    /// Unused.
+    pub reserved: [u32; 2],
+    /// Groups for one invocation a receiver.
+    pub list_groups: [u32; 4],
+    /// Groups for the next round.
+    pub round_groups: [u32; 4],
+}
+
+/// What one dispatch does.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Step {
+    /// First light of the chunk.
+    pub first: u32,
+    /// One past its last; for batches without a list the number of rays.
+    pub end: u32,
+    /// 0 starts rays, later rounds carry them on.
+    pub round: u32,
+    /// 0 is what the eye sees; for the walk the number of reflections.
+    pub bounce: u32,
+    /// Traversal steps of one ray in this round.
+    pub steps: u32,
+    /// 1 in the last round, or for the last bounce.
+    pub last: u32,
+    /// 1: work comes from the list.
+    pub indirect: u32,
+    /// 1: sums start at zero.
+    pub fresh: u32,
+}
+
+/// Push constants of every pass.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub struct Push {
+    /// Index into the table of steps.
+    pub step: u32,
+}
+
+/// One point light of any kind; `shaders/include/lights.wgsl` gives the formula.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct PointLight {
+    /// Position with ray-origin offset; w: bits of the flags.
+    pub position: [f32; 4],
+    /// Normal or axis; w: scale of the spot's falloff.
+    pub normal: [f32; 4],
+    /// Radiant intensity along the normal; w: offset of the spot's falloff.
+    pub emit: [f32; 4],
+    /// Towards where the particle came from; w: GGX alpha.
+    pub wi: [f32; 4],
+    /// Incident flux; w: f90.
+    pub flux: [f32; 4],
+    /// Lobe's reflectance at normal incidence; w: reflections so far.
+    pub f0: [f32; 4],
+}
+
+impl PointLight {
+    /// Cosine law about the normal.
+    pub const SURFACE: u32 = 1;
+    /// The clip distance applies.
+    pub const CLIPPED: u32 = 2;
+    /// Parallel light along the normal.
+    pub const DIRECTIONAL: u32 = 4;
+    /// Has a specular lobe.
+    pub const GLOSSY: u32 = 8;
+
+    /// The flags.
+    pub fn flags(&self) -> u32 {
+        self.position[3].to_bits()
+    }
+}
+
+/// A material as the shaders see it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub struct MaterialRecord {
+    /// Base colour; w: metallic.
+    pub base: [f32; 4],
+    /// Dielectric reflectance at normal incidence; w: roughness.
+    pub specular: [f32; 4],
+    /// Radiance.
+    pub emission: [f32; 4],
+    /// Base texture + 1, metallic-roughness texture + 1, black, two-sided emission.
+    pub flags: [u32; 4],
+}
+
+/// A texture's place among the texels.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub struct TextureRecord {
+    /// First texel.
+    pub first: u32,
+    /// Width in texels.
+    pub width: u32,
+    /// Height in texels.
+    pub height: u32,
+    /// Bit 0: sRGB; bits 1-2: wrap of u, 3-4 of v (0 repeat, 1 mirror, 2 clamp).
+    pub flags: u32,
+}

@@ -1,0 +1,171 @@
+//! The passes of a frame, one file each with its shader of the same stem, in the order of `frame.rs`.
+//!
+//! A pass file reads: what it computes and from which equation, its named inputs and outputs, `record`, and `reference`,
+//! the CPU oracle that the tests hold the shader against.
+
+pub mod accumulate;
+pub mod camera_rays;
+pub mod collect;
+pub mod gather;
+pub mod layout;
+pub mod receivers;
+pub mod resolve;
+pub mod schedule;
+pub mod shade;
+pub mod trace;
+pub mod walk_reflect;
+pub mod walk_start;
+
+use crate::error::Result;
+use crate::gpu::{Buffer, Context, Kernel, Memory, shaders};
+
+/// Invocations of a workgroup, in every pass but `schedule`.
+pub const GROUP: u64 = 64;
+
+/// Workgroups for `count` invocations.
+pub(crate) fn groups(count: u32) -> u64 {
+    u64::from(count).div_ceil(GROUP)
+}
+
+/// Push constants that select a step.
+pub(crate) fn push(step: u32) -> [u8; 4] {
+    step.to_le_bytes()
+}
+
+/// A device buffer of `count` elements of 16 bytes.
+pub(crate) fn vec4s(context: &Context, name: &str, count: u32) -> Result<Buffer> {
+    Buffer::new(context, name, 16 * u64::from(count), Memory::Device)
+}
+
+/// The compiled shaders, shared by all passes that run them.
+pub struct Kernels {
+    /// `accumulate.wgsl`
+    pub accumulate: Kernel,
+    /// `camera_rays.wgsl`
+    pub camera_rays: Kernel,
+    /// `collect.wgsl`
+    pub collect: Kernel,
+    /// `gather.wgsl`
+    pub gather: Kernel,
+    /// `receivers.wgsl`
+    pub receivers: Kernel,
+    /// `resolve.wgsl`
+    pub resolve: Kernel,
+    /// `schedule.wgsl`
+    pub schedule: Kernel,
+    /// `shade.wgsl`
+    pub shade: Kernel,
+    /// `trace.wgsl`
+    pub trace: Kernel,
+    /// `walk_reflect.wgsl`
+    pub walk_reflect: Kernel,
+    /// `walk_start.wgsl`
+    pub walk_start: Kernel,
+}
+
+impl Kernels {
+    /// Creates the pipelines.
+    pub fn new(context: &Context) -> Result<Kernels> {
+        Ok(Kernels {
+            accumulate: Kernel::new(context, &shaders::ACCUMULATE)?,
+            camera_rays: Kernel::new(context, &shaders::CAMERA_RAYS)?,
+            collect: Kernel::new(context, &shaders::COLLECT)?,
+            gather: Kernel::new(context, &shaders::GATHER)?,
+            receivers: Kernel::new(context, &shaders::RECEIVERS)?,
+            resolve: Kernel::new(context, &shaders::RESOLVE)?,
+            schedule: Kernel::new(context, &shaders::SCHEDULE)?,
+            shade: Kernel::new(context, &shaders::SHADE)?,
+            trace: Kernel::new(context, &shaders::TRACE)?,
+            walk_reflect: Kernel::new(context, &shaders::WALK_REFLECT)?,
+            walk_start: Kernel::new(context, &shaders::WALK_START)?,
+        })
+    }
+}
+
+/// A batch of rays and what they hit, in parallel arrays.
+#[derive(Clone)]
+pub struct Rays {
+    /// Origins; w: greatest t.
+    pub origin: Buffer,
+    /// Unit directions.
+    pub direction: Buffer,
+    /// t, u, v, bits of the triangle (all ones: none).
+    pub hits: Buffer,
+    /// Where the traversal stopped: light, node.
+    pub progress: Buffer,
+}
+
+impl Rays {
+    /// Room for `count` rays; `name` tells batches apart.
+    pub fn new(context: &Context, name: &str, count: u32) -> Result<Rays> {
+        Ok(Rays {
+            origin: vec4s(context, &format!("{name} ray origins"), count)?,
+            direction: vec4s(context, &format!("{name} ray directions"), count)?,
+            hits: vec4s(context, &format!("{name} hits"), count)?,
+            progress: Buffer::new(context, &format!("{name} progress"), 8 * u64::from(count), Memory::Device)?,
+        })
+    }
+}
+
+/// Receivers, pixel by pixel; `shaders/include/receiver.wgsl` says what each array holds.
+#[derive(Clone)]
+pub struct Receivers {
+    /// Points; w: distance along the ray, negative where it hit nothing.
+    pub position: Buffer,
+    /// Geometric normals; w: f90.
+    pub geometric: Buffer,
+    /// Shading normals; w: alpha.
+    pub shading: Buffer,
+    /// Diffuse albedo; w: probability of the diffuse lobe.
+    pub kd: Buffer,
+    /// Specular reflectance; w: has a lobe.
+    pub f0: Buffer,
+    /// Direction back along the ray; w: is lit.
+    pub wo: Buffer,
+    /// Emitted radiance times throughput; w: eye's first lobe (0 diffuse, 1 specular).
+    pub emitted: Buffer,
+}
+
+impl Receivers {
+    /// Room for `count` receivers.
+    pub fn new(context: &Context, name: &str, count: u32) -> Result<Receivers> {
+        let array = |what: &str| vec4s(context, &format!("{name} {what}"), count);
+        Ok(Receivers {
+            position: array("position")?,
+            geometric: array("geometric normal")?,
+            shading: array("shading normal")?,
+            kd: array("kd")?,
+            f0: array("f0")?,
+            wo: array("wo")?,
+            emitted: array("emitted")?,
+        })
+    }
+}
+
+/// Light that arrives at receivers, in parallel arrays.
+#[derive(Clone)]
+pub struct Sums {
+    /// Irradiance from the emitters.
+    pub direct: Buffer,
+    /// Irradiance from everything else.
+    pub indirect: Buffer,
+    /// Radiance that the specular lobe sends to wo.
+    pub specular: Buffer,
+}
+
+impl Sums {
+    /// Room for `count` receivers.
+    pub fn new(context: &Context, name: &str, count: u32) -> Result<Sums> {
+        let array = |what: &str| vec4s(context, &format!("{name} {what}"), count);
+        Ok(Sums { direct: array("direct")?, indirect: array("indirect")?, specular: array("specular")? })
+    }
+}
+
+/// A list of receivers and how many it holds.
+#[derive(Clone)]
+pub struct List {
+    /// Pixels.
+    pub pixels: Buffer,
+    /// A [`layout::Work`].
+    pub work: Buffer,
+}

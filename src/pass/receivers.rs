@@ -1,0 +1,129 @@
+//! Hits become receivers: position, normals, textures, material, emission.
+//!
+//! What the eye sees enters with its emission, the term L_e of Keller 1997, eq. 1. What a gather ray hits enters with the
+//! share 1 - d^2 / clip^2 that the clipped lights leave open (Kollig and Keller 2004), emission included.
+//! Receivers that can send light to the eye are put on a list; its order is not fixed, but nothing depends on it.
+//!
+//! Normals face the side that the ray came from, since surfaces reflect on both; a shading normal that the ray sees from
+//! behind gives way to the geometric one. Emission is one-sided unless the material says otherwise.
+//!
+//! Cost: 112 bytes read and 128 written for a hit, some 150 operations, and 4 texels for each texture.
+
+use glam::{Vec2, Vec3};
+
+use super::{Kernels, List, Rays, Receivers, groups, push};
+use crate::accel::{Bvh, Hit};
+use crate::bsdf::Reflectance;
+use crate::error::Result;
+use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::scene::{Scene, Surface};
+use crate::scene_buffers::SceneBuffers;
+
+use super::schedule::LIST_GROUPS;
+
+/// The pass for one bounce.
+pub struct ReceiversPass {
+    kernel: Kernel,
+    bindings: Bindings,
+    work_in: Buffer,
+}
+
+/// What the pass reads and writes.
+pub struct Inputs<'a> {
+    /// Frame parameters.
+    pub frame: &'a Buffer,
+    /// The scene.
+    pub scene: &'a SceneBuffers,
+    /// Traced rays.
+    pub rays: &'a Rays,
+    /// Rays to take, for bounces after the first.
+    pub list_in: &'a List,
+    /// Receivers found.
+    pub list_out: &'a List,
+    /// Throughput along the path; w: eye's first lobe.
+    pub beta: &'a Buffer,
+    /// Output.
+    pub receivers: &'a Receivers,
+    /// Steps.
+    pub steps: &'a Buffer,
+}
+
+impl ReceiversPass {
+    /// Writes `receivers`, `beta` and `list_out` from `rays`.
+    pub fn new(kernels: &Kernels, inputs: &Inputs) -> Result<Self> {
+        let kernel = kernels.receivers.clone();
+        let r = inputs.receivers;
+        let mut named = inputs.scene.surface_bindings();
+        named.extend([
+            ("frame", inputs.frame.into()),
+            ("hits", (&inputs.rays.hits).into()),
+            ("ray_direction", (&inputs.rays.direction).into()),
+            ("list_in", (&inputs.list_in.pixels).into()),
+            ("list_out", (&inputs.list_out.pixels).into()),
+            ("work_in", (&inputs.list_in.work).into()),
+            ("work_out", (&inputs.list_out.work).into()),
+            ("steps", inputs.steps.into()),
+            ("beta", inputs.beta.into()),
+            ("emitted", (&r.emitted).into()),
+            ("receiver_position", (&r.position).into()),
+            ("receiver_geometric", (&r.geometric).into()),
+            ("receiver_shading", (&r.shading).into()),
+            ("receiver_kd", (&r.kd).into()),
+            ("receiver_f0", (&r.f0).into()),
+            ("receiver_wo", (&r.wo).into()),
+        ]);
+        let bindings = kernel.bind(&named)?;
+        Ok(ReceiversPass { kernel, bindings, work_in: inputs.list_in.work.clone() })
+    }
+
+    /// Records the pass over `count` rays; `None`: the rays of the list.
+    pub fn record(&self, rec: &mut Recorder, step: u32, count: Option<u32>) -> Result<()> {
+        match count {
+            Some(count) => rec.dispatch(&self.kernel, &self.bindings, &push(step), groups(count)),
+            None => rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work_in, LIST_GROUPS),
+        }
+    }
+}
+
+/// What a hit point is made of, seen along the ray.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfacePoint {
+    /// Position.
+    pub position: Vec3,
+    /// Geometric normal, on the viewer's side.
+    pub geometric: Vec3,
+    /// Shading normal, likewise.
+    pub shading: Vec3,
+    /// Radiance emitted back along the ray.
+    pub emission: Vec3,
+    /// Mirrors and glass: no light is reflected here for now.
+    pub black: bool,
+    /// Reflectance; zero where black.
+    pub reflectance: Reflectance,
+}
+
+/// Oracle: the surface at a hit of a ray in direction `d`.
+pub fn surface_at(scene: &Scene, bvh: &Bvh, hit: &Hit, d: Vec3) -> SurfacePoint {
+    let triangle = &scene.triangles[bvh.scene_triangle(hit.triangle) as usize];
+    let face = bvh.normal(hit.triangle);
+    let front = face.dot(d) < 0.0;
+    let geometric = if front { face } else { -face };
+    let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
+    let corner = |k: usize| triangle.vertices[k] as usize;
+    let mut shading = geometric;
+    if triangle.smooth {
+        let n = (0..3).map(|k| scene.normals[corner(k)] * weights[k]).sum::<Vec3>().normalize_or(geometric);
+        let n = if n.dot(geometric) >= 0.0 { n } else { -n };
+        shading = if n.dot(d) < 0.0 { n } else { geometric };
+    }
+    let material = &scene.materials[triangle.material as usize];
+    let uv = || (0..3).map(|k| scene.uvs.get(corner(k)).map_or(Vec2::ZERO, |uv| *uv) * weights[k]).sum::<Vec2>();
+    let black = material.surface != Surface::Opaque;
+    let reflectance = if black {
+        Reflectance { kd: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, alpha: 1.0 }
+    } else {
+        Reflectance::at(scene, material, uv().to_array())
+    };
+    let emission = if front || material.two_sided { material.emission } else { Vec3::ZERO };
+    SurfacePoint { position: bvh.position(hit), geometric, shading, emission, black, reflectance }
+}

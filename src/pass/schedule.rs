@@ -1,0 +1,49 @@
+//! Counts that the device found become indirect dispatches, so that no count is read back in a frame.
+//!
+//! After a list is filled: groups for one invocation a receiver. After a round of traversal: the same groups once more if any
+//! ray ran out of steps, else none. Rays that the last round leaves over are added to `status[0]`.
+//! Cost: one invocation.
+
+use super::layout::{Step, Work};
+use super::{Kernels, push};
+use crate::error::Result;
+use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+
+/// Byte offset of [`Work::list_groups`].
+pub const LIST_GROUPS: u64 = std::mem::offset_of!(Work, list_groups) as u64;
+/// Byte offset of [`Work::round_groups`].
+pub const ROUND_GROUPS: u64 = std::mem::offset_of!(Work, round_groups) as u64;
+
+/// The pass over one [`Work`].
+pub struct Schedule {
+    kernel: Kernel,
+    bindings: Bindings,
+}
+
+impl Schedule {
+    /// Reads and writes `work`, adds to `status`.
+    pub fn new(kernels: &Kernels, work: &Buffer, steps: &Buffer, status: &Buffer) -> Result<Self> {
+        let kernel = kernels.schedule.clone();
+        let bindings = kernel.bind(&[("work", work.into()), ("steps", steps.into()), ("status", status.into())])?;
+        Ok(Schedule { kernel, bindings })
+    }
+
+    /// Records the pass.
+    pub fn record(&self, rec: &mut Recorder, step: u32) -> Result<()> {
+        rec.dispatch(&self.kernel, &self.bindings, &push(step), 1)
+    }
+}
+
+/// Oracle: the work after the pass, and the rays to add to the status.
+pub fn reference(work: &Work, step: &Step) -> (Work, u32) {
+    let spread = |count: u32| {
+        let groups = count.div_ceil(64);
+        let x = groups.min(32_768);
+        [x, if x > 0 { groups.div_ceil(x) } else { 0 }, 1, 0]
+    };
+    let list_groups = spread(work.live);
+    let again = if step.indirect == 1 { list_groups } else { spread(step.end) };
+    let round_groups = if work.unfinished > 0 { again } else { [0, 1, 1, 0] };
+    let lost = if step.last == 1 { work.unfinished } else { 0 };
+    (Work { unfinished: 0, list_groups, round_groups, ..*work }, lost)
+}

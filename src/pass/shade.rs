@@ -1,0 +1,165 @@
+//! Light from point lights, with shadows: the sum over lights of Keller 1997, eq. 3, for all pixels at once.
+//!
+//! For a receiver at x with normal n and each light at y (see `shaders/include/lights.wgsl` for I):
+//!
+//! ```text
+//! E += V(x, y) I(y -> x) cos(x) / max(|x - y|^2, clip^2)          (row W6: clipped distance)
+//! L += f_s(x, wi, wo) times the same                              (row K5: the lobe at the receiver)
+//! ```
+//!
+//! E is kept apart from the diffuse albedo, and light straight from emitters apart from the rest.
+//!
+//! Bias: clipping takes the share 1 - |x - y|^2 / clip^2 from lights nearer than the clip distance; `gather` brings it back.
+//! Lights of zero extent in the scene (point, spot, parallel) are not clipped: they are exact as they are.
+//!
+//! The lights are cut into chunks, one dispatch each, and each chunk into rounds, so that no invocation exceeds
+//! [`crate::plan::LOOP_BUDGET`] iterations; a ray that runs out of steps is carried on in the next round.
+//!
+//! Cost: for each receiver-light pair that faces each other one shadow ray (as in `trace`, any hit ends it) and some 60
+//! operations; grows linearly with receivers and lights.
+
+use glam::Vec3;
+
+use super::layout::PointLight;
+use super::schedule::{LIST_GROUPS, ROUND_GROUPS, Schedule};
+use super::{Kernels, List, Rays, Receivers, Sums, push};
+use crate::accel::{Bvh, Ray};
+use crate::bsdf::Reflectance;
+use crate::error::Result;
+use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::scene_buffers::SceneBuffers;
+
+/// The pass over one set of receivers.
+pub struct Shade {
+    kernel: Kernel,
+    bindings: Bindings,
+    schedule: Schedule,
+    work: Buffer,
+}
+
+/// What the pass reads and writes.
+pub struct Inputs<'a> {
+    /// Frame parameters.
+    pub frame: &'a Buffer,
+    /// The scene.
+    pub scene: &'a SceneBuffers,
+    /// The receivers.
+    pub receivers: &'a Receivers,
+    /// Which of them are lit.
+    pub list: &'a List,
+    /// [`PointLight`]s.
+    pub lights: &'a Buffer,
+    /// Where `progress` lies.
+    pub rays: &'a Rays,
+    /// Output.
+    pub sums: &'a Sums,
+    /// Steps.
+    pub steps: &'a Buffer,
+    /// Status.
+    pub status: &'a Buffer,
+}
+
+impl Shade {
+    /// Adds to `sums` of the receivers in `list`; the first chunk starts the sums.
+    pub fn new(kernels: &Kernels, inputs: &Inputs) -> Result<Self> {
+        let kernel = kernels.shade.clone();
+        let (scene, receivers) = (inputs.scene, inputs.receivers);
+        let bindings = kernel.bind(&[
+            ("frame", inputs.frame.into()),
+            ("node_min", (&scene.node_min).into()),
+            ("node_max", (&scene.node_max).into()),
+            ("triangle_v0", (&scene.v0).into()),
+            ("triangle_e1", (&scene.e1).into()),
+            ("triangle_e2", (&scene.e2).into()),
+            ("receiver_position", (&receivers.position).into()),
+            ("receiver_geometric", (&receivers.geometric).into()),
+            ("receiver_shading", (&receivers.shading).into()),
+            ("receiver_f0", (&receivers.f0).into()),
+            ("receiver_wo", (&receivers.wo).into()),
+            ("lights", inputs.lights.into()),
+            ("list", (&inputs.list.pixels).into()),
+            ("work", (&inputs.list.work).into()),
+            ("steps", inputs.steps.into()),
+            ("progress", (&inputs.rays.progress).into()),
+            ("direct", (&inputs.sums.direct).into()),
+            ("indirect", (&inputs.sums.indirect).into()),
+            ("specular", (&inputs.sums.specular).into()),
+        ])?;
+        let schedule = Schedule::new(kernels, &inputs.list.work, inputs.steps, inputs.status)?;
+        Ok(Shade { kernel, bindings, schedule, work: inputs.list.work.clone() })
+    }
+
+    /// Records the chunks, each in its rounds.
+    pub fn record(&self, rec: &mut Recorder, chunks: &[Vec<u32>]) -> Result<()> {
+        for rounds in chunks {
+            for (round, &step) in rounds.iter().enumerate() {
+                let groups = if round == 0 { LIST_GROUPS } else { ROUND_GROUPS };
+                rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work, groups)?;
+                self.schedule.record(rec, step)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A receiver as the oracle takes it.
+#[derive(Clone, Copy, Debug)]
+pub struct Receiver {
+    /// Point, offset applied.
+    pub position: Vec3,
+    /// Geometric normal.
+    pub geometric: Vec3,
+    /// Shading normal.
+    pub shading: Vec3,
+    /// Reflectance.
+    pub reflectance: Reflectance,
+    /// Direction to the viewer.
+    pub wo: Vec3,
+}
+
+/// Oracle: the perpendicular irradiance that `light` sends towards a point in direction `-wi` (wi from the point to the
+/// light) at squared distance `r2`, visibility aside.
+pub fn light_towards(light: &PointLight, wi: Vec3, r2: f32, clip2: f32) -> Vec3 {
+    let xyz = |a: [f32; 4]| Vec3::new(a[0], a[1], a[2]);
+    let flags = light.flags();
+    let normal = xyz(light.normal);
+    let cos = -wi.dot(normal);
+    let spot = (cos * light.normal[3] + light.emit[3]).clamp(0.0, 1.0);
+    let cosine_law = if flags & PointLight::SURFACE != 0 { cos.max(0.0) } else { 1.0 };
+    let mut intensity = xyz(light.emit) * (cosine_law * spot * spot);
+    if flags & PointLight::GLOSSY != 0 && cos > 0.0 {
+        let lobe = Reflectance { kd: Vec3::ZERO, f0: xyz(light.f0), f90: light.flux[3], alpha: light.wi[3] };
+        intensity += xyz(light.flux) * lobe.eval_specular(normal, xyz(light.wi), -wi) * cos;
+    }
+    let clip2 = if flags & PointLight::CLIPPED != 0 { clip2 } else { 0.0 };
+    let falloff = if flags & PointLight::DIRECTIONAL != 0 { 1.0 } else { 1.0 / r2.max(clip2) };
+    intensity * falloff
+}
+
+/// Oracle: direct irradiance, indirect irradiance and specular radiance of one receiver under all lights.
+pub fn reference(bvh: &Bvh, receiver: &Receiver, lights: &[PointLight], clip2: f32, far: f32) -> [Vec3; 3] {
+    let mut sums = [Vec3::ZERO; 3];
+    for light in lights {
+        let at = Vec3::new(light.position[0], light.position[1], light.position[2]);
+        let axis = Vec3::new(light.normal[0], light.normal[1], light.normal[2]);
+        let d = if light.flags() & PointLight::DIRECTIONAL != 0 { -far * axis } else { at - receiver.position };
+        let r2 = d.length_squared();
+        if r2 == 0.0 {
+            continue;
+        }
+        let wi = d / r2.sqrt();
+        let cos = wi.dot(receiver.shading);
+        if cos <= 0.0 || wi.dot(receiver.geometric) <= 0.0 {
+            continue;
+        }
+        let e = light_towards(light, wi, r2, clip2) * cos;
+        if e == Vec3::ZERO || bvh.occluded(&Ray { origin: receiver.position, t_max: 1.0, direction: d }) {
+            continue;
+        }
+        sums[usize::from(light.f0[3] != 0.0)] += e;
+        if receiver.reflectance.f90 > 0.0 {
+            sums[2] += e * receiver.reflectance.eval_specular(receiver.shading, receiver.wo, wi);
+        }
+    }
+    sums
+}

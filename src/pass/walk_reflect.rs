@@ -1,0 +1,95 @@
+//! The j-th reflection of the walk: particles that hit a surface leave a light there, and the first N_(j+1) fly on
+//! (fractional absorption, Keller 1997, 3.2 and figure 6).
+//!
+//! A light at a reflection keeps the particle's direction of incidence and the whole reflectance: its intensity towards wo
+//! is Phi / N_j f_r(wi, wo) cos. A particle that flies on takes the diffuse or the specular lobe at random.
+//!
+//! Differs from the paper in that: figure 6 multiplies by N / floor(rho^j N) at every reflection, although the text's factor is the
+//! ratio to the N that started, so each light here is divided by N_j once; surfaces may be glossy; and the adjoint
+//! of shading normals is accounted for (Veach 1997, 5.3). Lobes of lights are widened
+//! ([`crate::plan::LEAST_LIGHT_ALPHA`]) and stand about the geometric normal.
+//! Cost: as `receivers`, and some 200 operations, a particle.
+
+use super::layout::{self, PointLight};
+use super::receivers::SurfacePoint;
+use super::walk_start::walk_numbers;
+use super::{Kernels, Rays, groups, push};
+use crate::accel::{Ray, offset_origin};
+use crate::error::Result;
+use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::sampling::dimensions::LOBE;
+use crate::sampling::random::{key, random_f32};
+use crate::scene_buffers::SceneBuffers;
+use glam::Vec3;
+
+/// The pass.
+pub struct WalkReflect {
+    kernel: Kernel,
+    bindings: Bindings,
+}
+
+impl WalkReflect {
+    /// Reads `particles.hits`, writes lights, and `particles` and `flux` for those that fly on.
+    pub fn new(
+        kernels: &Kernels,
+        frame: &Buffer,
+        scene: &SceneBuffers,
+        particles: &Rays,
+        flux: &Buffer,
+        lights: &Buffer,
+        steps: &Buffer,
+    ) -> Result<Self> {
+        let kernel = kernels.walk_reflect.clone();
+        let mut named = scene.surface_bindings();
+        named.extend([
+            ("frame", frame.into()),
+            ("ray_origin", (&particles.origin).into()),
+            ("ray_direction", (&particles.direction).into()),
+            ("hits", (&particles.hits).into()),
+            ("flux", flux.into()),
+            ("lights", lights.into()),
+            ("steps", steps.into()),
+        ]);
+        let bindings = kernel.bind(&named)?;
+        Ok(WalkReflect { kernel, bindings })
+    }
+
+    /// Records the pass over at most `paths` particles.
+    pub fn record(&self, rec: &mut Recorder, step: u32, paths: u32) -> Result<()> {
+        rec.dispatch(&self.kernel, &self.bindings, &push(step), groups(paths))
+    }
+}
+
+/// Oracle: light, next ray and flux of a particle of flux `flux` that travels in direction `d` and hits `surface`.
+pub fn reference(
+    frame: &layout::Frame,
+    j: usize,
+    particle: u32,
+    d: Vec3,
+    flux: Vec3,
+    surface: Option<&SurfacePoint>,
+) -> (PointLight, Ray, Vec3) {
+    let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
+    let nothing = (PointLight::default(), Ray { origin: Vec3::ZERO, t_max: 0.0, direction: d }, Vec3::ZERO);
+    let Some(s) = surface.filter(|s| !s.black) else { return nothing };
+    let r = &s.reflectance;
+    let arriving = flux * (s.shading.dot(d) / s.geometric.dot(d).min(-1e-7)).min(4.0);
+    let share = f32::from_bits(frame.depths[j][2]);
+    let origin = offset_origin(s.position, s.geometric, frame.eye[3]);
+    let glossy = if r.f90 > 0.0 { PointLight::GLOSSY } else { 0 };
+    let light = PointLight {
+        position: with(origin, f32::from_bits(PointLight::SURFACE | PointLight::CLIPPED | glossy)),
+        normal: with(s.geometric, 0.0),
+        emit: with(arriving * share * r.eval_diffuse(), 1.0),
+        wi: with(-d, r.alpha.max(frame.pixel_offset[2])),
+        flux: with(arriving * share, r.f90),
+        f0: with(r.f0, j as f32),
+    };
+    let diffuse = random_f32(key(frame.keys[0], LOBE, particle, j as u32)) < r.diffuse_probability();
+    let [u, v] = walk_numbers(frame, j + 1, particle);
+    let (wi, weight) = r.sample_lobe(diffuse, s.shading, -d, u, v);
+    let (cos_geometric, cos_shading) = (wi.dot(s.geometric), wi.dot(s.shading));
+    let flies = particle < frame.depths[j][3] && cos_geometric > 0.0 && cos_shading > 0.0;
+    let flux = if flies { arriving * weight * (cos_geometric / cos_shading.max(1e-7)).min(4.0) } else { Vec3::ZERO };
+    (light, Ray { origin, t_max: if flies { 3.0e38 } else { 0.0 }, direction: wi }, flux)
+}

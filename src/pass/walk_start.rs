@@ -1,0 +1,96 @@
+//! Particles start at the emitters (Keller 1997, 3.2) and leave their first lights there.
+//!
+//! Emitter by the composition method in proportion to power, point by an area-preserving map of (Phi_2, Phi_3), direction
+//! by (Phi_5, Phi_7) distributed as the emission. Emitters without area start particles too, but are lit by themselves,
+//! once a pass, instead of through their particles' first vertices.
+//!
+//! Differs from the paper in that: the sequence is rotated for each of two independent instances, and the particles of a
+//! pass begin at a random place of their segment (see [`crate::plan`]).
+//! Cost: some 200 operations and 144 bytes a particle.
+
+use super::layout::{self, PointLight};
+use super::{Kernels, Rays, groups};
+use crate::accel::{Ray, offset_origin};
+use crate::error::Result;
+use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::light::emitters::{Emitters, Kind};
+use crate::sampling::dimensions::{JITTER, SIDE};
+use crate::sampling::halton::radical_inverse;
+use crate::sampling::random::{key, random_f32};
+use crate::sampling::{ONE_MINUS_EPSILON, rotate};
+use glam::Vec3;
+
+/// The pass.
+pub struct WalkStart {
+    kernel: Kernel,
+    bindings: Bindings,
+    paths: u32,
+}
+
+impl WalkStart {
+    /// Writes the lights of emitters, and `particles` and `flux` for those that fly on.
+    pub fn new(
+        kernels: &Kernels,
+        frame: &Buffer,
+        emitters: &Buffer,
+        particles: &Rays,
+        flux: &Buffer,
+        lights: &Buffer,
+        paths: u32,
+    ) -> Result<Self> {
+        let kernel = kernels.walk_start.clone();
+        let bindings = kernel.bind(&[
+            ("frame", frame.into()),
+            ("emitters", emitters.into()),
+            ("ray_origin", (&particles.origin).into()),
+            ("ray_direction", (&particles.direction).into()),
+            ("flux", flux.into()),
+            ("lights", lights.into()),
+        ])?;
+        Ok(WalkStart { kernel, bindings, paths })
+    }
+
+    /// Records the pass.
+    pub fn record(&self, rec: &mut Recorder) -> Result<()> {
+        rec.dispatch(&self.kernel, &self.bindings, &[], groups(self.paths))
+    }
+}
+
+/// Oracle: the two sample coordinates of a particle for its start (j = 0) or the direction that leaves vertex j - 1.
+pub fn walk_numbers(frame: &layout::Frame, j: usize, particle: u32) -> [f32; 2] {
+    let [first, paths, rotation, _] = frame.walk;
+    let index = first + (particle + rotation) % paths;
+    [0, 1].map(|d| {
+        let x = radical_inverse(frame.shifts[j][2 + d].to_bits(), index);
+        let range = f32::from_bits(frame.depths[j][2]) * frame.keys[2] as f32;
+        let xi = random_f32(key(frame.keys[0], JITTER, particle, (2 * j + d) as u32));
+        rotate(rotate(x, frame.shifts[j][d]), (xi * range).min(ONE_MINUS_EPSILON))
+    })
+}
+
+/// Oracle: light, ray and flux of a particle's start.
+pub fn reference(frame: &layout::Frame, emitters: &Emitters, particle: u32) -> (PointLight, Ray, Vec3) {
+    let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
+    let [u0, u1] = walk_numbers(frame, 0, particle);
+    let side = random_f32(key(frame.keys[0], SIDE, particle, 0));
+    let start = emitters.sample_start(u0, u1, side);
+    let kind = emitters.list[start.emitter as usize].kind;
+    let direction = emitters.sample_direction(&start, walk_numbers(frame, 1, particle));
+    let surface = matches!(kind, Kind::Triangle | Kind::Quad | Kind::Sphere);
+    let origin = if surface || kind == Kind::Virtual {
+        offset_origin(start.position, start.normal, frame.eye[3])
+    } else {
+        start.position
+    };
+    let share = if surface { f32::from_bits(frame.depths[0][2]) } else { 0.0 };
+    let light = PointLight {
+        position: with(origin, f32::from_bits(PointLight::SURFACE | PointLight::CLIPPED)),
+        normal: with(start.normal, 0.0),
+        emit: with(start.flux * (share * std::f32::consts::FRAC_1_PI), 1.0),
+        wi: with(start.normal, 1.0),
+        ..PointLight::default()
+    };
+    let flies = particle < frame.depths[0][3];
+    let ray = Ray { origin, t_max: if flies { 3.0e38 } else { 0.0 }, direction };
+    (light, ray, if flies { start.flux } else { Vec3::ZERO })
+}

@@ -1,0 +1,244 @@
+//! What a pass will do, worked out before it is recorded: how many particles survive each reflection, where their lights
+//! lie, how the work is cut into dispatches, and the sampling parameters of each pass.
+
+use glam::Vec3;
+
+use crate::error::{Error, Result};
+use crate::pass::layout::{self, Step};
+use crate::sampling::dimensions::{OFFSET, ROTATION, WINDOW};
+use crate::sampling::halton::PRIMES;
+use crate::sampling::random::{hash, key, random_f32};
+use crate::sampling::rotate;
+use crate::scene::Camera;
+use crate::settings::Settings;
+
+/// Iterations that all loops of one shader invocation's subgroup may share. lavapipe before Mesa 25 silently ends loops
+/// after 65,535; a watchdog is the same limit on a real device, only later.
+pub const LOOP_BUDGET: u32 = 60_000;
+
+/// Iterations of one traversal step at most: the node, up to four triangles, and the exit of their loop.
+const ITERATIONS_PER_STEP: u32 = 6;
+
+/// Pixel offsets come in blocks of this many passes, each a Hammersley set with a rotation of its own.
+const HAMMERSLEY_BLOCK: u32 = 16;
+
+/// Number of independent instances of the estimator, for the error estimate (Kollig and Keller 2002).
+pub const INSTANCES: u32 = 2;
+
+/// Lights of one rendering: slots in the light buffer by number of reflections.
+///
+/// Slots are: the delta lights, then for each number of reflections j the N_j particles that survive it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LightPlan {
+    /// Particles N_j with j reflections, j = 0..=max_depth - 2; empty if nothing is lit.
+    pub survivors: Vec<u32>,
+    /// Point, spot, directional and imported lights, each lit exactly once a pass.
+    pub delta: u32,
+}
+
+impl LightPlan {
+    /// N_j = floor(rho^j N) (Keller 1997, 3.2), but at least 1: otherwise long paths would be missing from the limit.
+    pub fn new(settings: &Settings, mean_reflectivity: f32, delta: u32) -> LightPlan {
+        let mut survivors = Vec::new();
+        let mut expected = f64::from(settings.paths);
+        for _ in 1..settings.max_depth {
+            survivors.push((expected.floor() as u32).max(1));
+            expected *= f64::from(mean_reflectivity.clamp(0.0, 1.0));
+        }
+        LightPlan { survivors, delta }
+    }
+
+    /// First slot of the lights with j reflections.
+    pub fn first_slot(&self, j: usize) -> u32 {
+        self.delta + self.survivors.iter().take(j).sum::<u32>()
+    }
+
+    /// All slots.
+    pub fn slots(&self) -> u32 {
+        self.first_slot(self.survivors.len())
+    }
+
+    /// Chunks of at most `size` lights that together hold every light with at most `reflections` reflections. No chunk
+    /// mixes numbers of reflections, so the chunks of fewer reflections are a prefix of those of more.
+    pub fn chunks(&self, size: u32, reflections: usize) -> Vec<(u32, u32)> {
+        let mut bounds = vec![(0, self.delta)];
+        for j in 0..self.survivors.len().min(reflections + 1) {
+            bounds.push((self.first_slot(j), self.first_slot(j + 1)));
+        }
+        let mut chunks = Vec::new();
+        for (first, end) in bounds {
+            let mut at = first;
+            while at < end {
+                chunks.push((at, end.min(at + size)));
+                at = end.min(at + size);
+            }
+        }
+        chunks
+    }
+}
+
+/// Traversal steps of one shadow ray in one dispatch of the shading pass over `lights` lights, such that the dispatch
+/// stays within [`LOOP_BUDGET`] whatever the scene: lights * (steps * 6 + 6) <= budget.
+pub fn shade_steps(lights: u32) -> u32 {
+    (LOOP_BUDGET / lights.max(1) - 6) / ITERATIONS_PER_STEP
+}
+
+/// Traversal steps of one ray in one dispatch of the closest-hit pass.
+pub fn trace_steps() -> u32 {
+    LOOP_BUDGET / ITERATIONS_PER_STEP - 1
+}
+
+/// The table of [`Step`]s of a frame, in the order of recording.
+#[derive(Default)]
+pub struct StepTable {
+    /// The steps.
+    pub steps: Vec<Step>,
+}
+
+impl StepTable {
+    /// Adds a step; its index is what the dispatch is given.
+    pub fn add(&mut self, step: Step) -> u32 {
+        self.steps.push(step);
+        self.steps.len() as u32 - 1
+    }
+
+    /// Adds the same step for each of `rounds` rounds.
+    pub fn add_rounds(&mut self, rounds: u32, step: Step) -> Vec<u32> {
+        (0..rounds)
+            .map(|round| {
+                let fresh = if round == 0 { step.fresh } else { 0 };
+                self.add(Step { round, fresh, last: u32::from(round + 1 == rounds), ..step })
+            })
+            .collect()
+    }
+}
+
+/// What stays the same over all passes of a rendering, as the parameters need it.
+#[derive(Clone, Debug)]
+pub struct ParameterSource {
+    /// The settings.
+    pub settings: Settings,
+    /// The camera, with the resolution to render.
+    pub camera: Camera,
+    /// Lights.
+    pub lights: LightPlan,
+    /// Nodes of the BVH.
+    pub nodes: u32,
+    /// Emitters.
+    pub emitters: u32,
+    /// Diagonal of the scene's bounding box.
+    pub diagonal: f32,
+    /// Largest coordinate of the scene, by magnitude.
+    pub coordinate_scale: f32,
+}
+
+impl ParameterSource {
+    /// Parameters of pass number `pass` (from 0). Passes alternate between the two instances; each instance walks along
+    /// its own randomly shifted Halton sequence, N points a pass.
+    pub fn frame(&self, pass: u32) -> Result<layout::Frame> {
+        let s = &self.settings;
+        let instance = pass % INSTANCES;
+        let local = pass / INSTANCES;
+        let first = local.checked_mul(s.paths).filter(|f| f.checked_add(s.paths).is_some()).ok_or(Error::Setting {
+            name: "--passes",
+            message: format!("pass {pass} of {} paths leaves the 2^32 points of the sequence", s.paths),
+        })?;
+        let instance_key = hash(hash(s.seed as u32) ^ (s.seed >> 32) as u32).wrapping_add(hash(instance));
+        let pass_key = hash(instance_key ^ hash(local));
+
+        let [width, height] = self.camera.resolution;
+        let (right, up, forward) = self.camera.world_from_camera();
+        let tan_y = (0.5 * self.camera.fov_y.to_radians()).tan();
+        let tan_x = tan_y * width as f32 / height as f32;
+        let clip = s.clip_distance(self.diagonal);
+
+        // The survivors of a pass are the first N_j of its particles. The segment is entered at a random place, because
+        // with N a power of the base the first N_j points of every segment would fill the same strata again and again.
+        let rotation = hash(key(pass_key, WINDOW, 0, 0)) % s.paths;
+        let mut depths = [[0; 4]; 16];
+        let mut shifts = [[0.0; 4]; 16];
+        for j in 0..16 {
+            let alive = self.lights.survivors.get(j).copied().unwrap_or(0);
+            let next = self.lights.survivors.get(j + 1).copied().unwrap_or(0);
+            depths[j] = [alive, self.lights.first_slot(j), (1.0 / alive.max(1) as f32).to_bits(), next];
+            for d in 0..2 {
+                shifts[j][d] = random_f32(key(instance_key, ROTATION, (2 * j + d) as u32, 0));
+                shifts[j][d + 2] = f32::from_bits(PRIMES[2 * j + d]);
+            }
+        }
+        let offset = pixel_offset(instance_key, local);
+        let xyzw = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
+        Ok(layout::Frame {
+            eye: xyzw(self.camera.eye, self.coordinate_scale.max(self.camera.eye.abs().max_element())),
+            right: xyzw(right * tan_x, clip * clip),
+            up: xyzw(up * tan_y, clip),
+            forward: xyzw(forward, 4.0 * self.diagonal),
+            pixel_offset: [offset[0], offset[1], LEAST_LIGHT_ALPHA, 1.0 / (pass + 1) as f32],
+            size: [width, height, width * height, local],
+            walk: [first, s.paths, rotation, self.lights.delta],
+            keys: [pass_key, instance_key, u32::from(s.jitter), instance],
+            scene: [self.nodes, self.emitters, s.max_depth, 0],
+            depths,
+            shifts,
+        })
+    }
+}
+
+/// Specular lobes of virtual lights are widened to this alpha, so that no light is a needle. Bias: the light that sharper
+/// lobes throw on other surfaces is spread over a wider cone; its energy stays. Lobes at receivers are exact.
+pub const LEAST_LIGHT_ALPHA: f32 = 0.25;
+
+/// Offset of the sample in its pixel: Hammersley points (Keller 1997, 4.1) in blocks of 16, each block rotated at random.
+/// The points of a block are taken in steps of 11, so that an unfinished block is spread well too.
+fn pixel_offset(instance_key: u32, local: u32) -> [f32; 2] {
+    let i = (local % HAMMERSLEY_BLOCK) * 11 % HAMMERSLEY_BLOCK;
+    let point = crate::sampling::hammersley::hammersley(i, HAMMERSLEY_BLOCK);
+    [0, 1].map(|d| {
+        rotate(point[d as usize], random_f32(key(instance_key, OFFSET, local / HAMMERSLEY_BLOCK, d)))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn survivors_follow_the_paper() {
+        let settings = Settings { paths: 32, max_depth: 6, ..Settings::default() };
+        let plan = LightPlan::new(&settings, 0.5, 3);
+        assert_eq!(plan.survivors, [32, 16, 8, 4, 2]);
+        assert_eq!(plan.first_slot(0), 3);
+        assert_eq!(plan.first_slot(2), 51);
+        assert_eq!(plan.slots(), 65);
+        let plan = LightPlan::new(&Settings { paths: 3, max_depth: 5, ..settings }, 0.5, 0);
+        assert_eq!(plan.survivors, [3, 1, 1, 1], "no depth dies out");
+    }
+
+    #[test]
+    fn chunks_cover_every_light_once_and_nest() {
+        let plan = LightPlan { survivors: vec![32, 17, 9], delta: 5 };
+        let all = plan.chunks(8, 2);
+        let mut next = 0;
+        for &(first, end) in &all {
+            assert_eq!(first, next);
+            assert!(end > first && end - first <= 8);
+            next = end;
+        }
+        assert_eq!(next, plan.slots());
+        for reflections in 0..3 {
+            let some = plan.chunks(8, reflections);
+            assert_eq!(some, all[..some.len()]);
+            assert_eq!(some.last().unwrap().1, plan.first_slot(reflections + 1));
+        }
+    }
+
+    #[test]
+    fn no_dispatch_exceeds_the_loop_budget() {
+        for lights in 1..=64 {
+            let steps = shade_steps(lights);
+            assert!(steps > 0);
+            assert!(lights * (steps * ITERATIONS_PER_STEP + 6) <= LOOP_BUDGET, "{lights} lights");
+        }
+        assert!(trace_steps() * ITERATIONS_PER_STEP < LOOP_BUDGET);
+    }
+}

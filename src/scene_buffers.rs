@@ -1,0 +1,200 @@
+//! The scene on the device: BVH, triangles, materials, textures, emitters, in arrays that each keep within one storage
+//! binding (128 MiB on the smallest devices: 8 million nodes, 4 million triangles with textures).
+
+use crate::accel::Bvh;
+use crate::error::{Error, Result};
+use crate::gpu::{Buffer, Context, Bound, Staging};
+use crate::light::emitters::Emitters;
+use crate::pass::layout::{MaterialRecord, PointLight, TextureRecord};
+use crate::scene::{Light, Scene, Surface, Texture, Wrap};
+use glam::{Vec2, Vec3};
+
+/// Device buffers of a scene; all written once, before the first frame.
+#[derive(Clone)]
+pub struct SceneBuffers {
+    /// Lower corners of the nodes and skips.
+    pub node_min: Buffer,
+    /// Upper corners of the nodes and leaves.
+    pub node_max: Buffer,
+    /// First vertices, in the order of the leaves.
+    pub v0: Buffer,
+    /// First edges.
+    pub e1: Buffer,
+    /// Second edges.
+    pub e2: Buffer,
+    /// Vertex normals, octahedral, with material and smoothness.
+    pub normals: Buffer,
+    /// Texture coordinates, two vec4 a triangle.
+    pub uvs: Buffer,
+    /// [`MaterialRecord`]s.
+    pub materials: Buffer,
+    /// [`TextureRecord`]s.
+    pub textures: Buffer,
+    /// RGBA8 texels of all textures.
+    pub texels: Buffer,
+    /// [`crate::light::emitters::EmitterRecord`]s.
+    pub emitters: Buffer,
+}
+
+impl SceneBuffers {
+    /// Creates the buffers and stages their contents.
+    pub fn new(
+        context: &Context,
+        staging: &mut Staging,
+        scene: &Scene,
+        bvh: &Bvh,
+        emitters: &Emitters,
+    ) -> Result<SceneBuffers> {
+        let (textures, texels) = pack_textures(&scene.textures)?;
+        let (normals, uvs) = shading_attributes(scene, bvh);
+        let materials: Vec<_> = scene.materials.iter().map(material_record).collect();
+        Ok(SceneBuffers {
+            node_min: staging.stage(context, "scene node minima", &bvh.node_min)?,
+            node_max: staging.stage(context, "scene node maxima", &bvh.node_max)?,
+            v0: staging.stage(context, "scene triangle vertices", &bvh.v0)?,
+            e1: staging.stage(context, "scene triangle edges 1", &bvh.e1)?,
+            e2: staging.stage(context, "scene triangle edges 2", &bvh.e2)?,
+            normals: staging.stage(context, "scene normals", &normals)?,
+            uvs: staging.stage(context, "scene texture coordinates", &uvs)?,
+            materials: staging.stage(context, "scene materials", &materials)?,
+            textures: staging.stage(context, "scene textures", &textures)?,
+            texels: staging.stage(context, "scene texels", &texels)?,
+            emitters: staging.stage(context, "scene emitters", &emitters.records())?,
+        })
+    }
+
+    /// The bindings of `shaders/include/surface.wgsl`.
+    pub fn surface_bindings(&self) -> Vec<(&'static str, Bound<'_>)> {
+        vec![
+            ("triangle_normals", (&self.normals).into()),
+            ("triangle_uvs", (&self.uvs).into()),
+            ("triangle_v0", (&self.v0).into()),
+            ("triangle_e1", (&self.e1).into()),
+            ("triangle_e2", (&self.e2).into()),
+            ("materials", (&self.materials).into()),
+            ("textures", (&self.textures).into()),
+            ("texels", (&self.texels).into()),
+        ]
+    }
+}
+
+fn material_record(m: &crate::scene::Material) -> MaterialRecord {
+    let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
+    MaterialRecord {
+        base: with(m.base_color, m.metallic),
+        specular: with(m.specular, m.roughness),
+        emission: with(m.emission, 0.0),
+        flags: [
+            m.base_texture.map_or(0, |t| t + 1),
+            m.metallic_roughness_texture.map_or(0, |t| t + 1),
+            u32::from(m.surface != Surface::Opaque),
+            u32::from(m.two_sided),
+        ],
+    }
+}
+
+/// All textures one after the other in one array, since a device need not index descriptors dynamically.
+fn pack_textures(textures: &[Texture]) -> Result<(Vec<TextureRecord>, Vec<u32>)> {
+    let total: u64 = textures.iter().map(|t| u64::from(t.width) * u64::from(t.height)).sum();
+    if total > u64::from(u32::MAX) {
+        return Err(Error::Scene(format!("{total} texels in all textures exceed 2^32; use smaller textures")));
+    }
+    let mut records = Vec::with_capacity(textures.len());
+    let mut texels = Vec::with_capacity(total as usize);
+    for t in textures {
+        let wrap = |w: Wrap| match w {
+            Wrap::Repeat => 0,
+            Wrap::Mirror => 1,
+            Wrap::Clamp => 2,
+        };
+        records.push(TextureRecord {
+            first: texels.len() as u32,
+            width: t.width,
+            height: t.height,
+            flags: u32::from(t.srgb) | wrap(t.wrap[0]) << 1 | wrap(t.wrap[1]) << 3,
+        });
+        texels.extend(t.texels.iter().map(|&t| u32::from_le_bytes(t)));
+    }
+    Ok((records, texels))
+}
+
+/// Octahedral encoding of a unit vector, 2 x 16 bit (Meyer et al. 2010).
+pub fn encode_normal(n: Vec3) -> u32 {
+    let p = n / (n.x.abs() + n.y.abs() + n.z.abs()).max(1e-20);
+    let sign = |x: f32| if x >= 0.0 { 1.0 } else { -1.0 };
+    let e = if p.z >= 0.0 {
+        Vec2::new(p.x, p.y)
+    } else {
+        Vec2::new((1.0 - p.y.abs()) * sign(p.x), (1.0 - p.x.abs()) * sign(p.y))
+    };
+    let snorm = |x: f32| (x.clamp(-1.0, 1.0) * 32767.0).round() as i16 as u16;
+    u32::from(snorm(e.x)) | u32::from(snorm(e.y)) << 16
+}
+
+fn shading_attributes(scene: &Scene, bvh: &Bvh) -> (Vec<[u32; 4]>, Vec<[f32; 4]>) {
+    let count = bvh.triangle_count();
+    let textured = scene.materials.iter().any(|m| m.base_texture.or(m.metallic_roughness_texture).is_some());
+    let mut normals = Vec::with_capacity(count as usize);
+    let mut uvs = Vec::new();
+    for i in 0..count {
+        let t = &scene.triangles[bvh.scene_triangle(i) as usize];
+        let mut n = [0; 4];
+        if t.smooth {
+            for k in 0..3 {
+                n[k] = encode_normal(scene.normals[t.vertices[k] as usize]);
+            }
+        }
+        n[3] = t.material << 1 | u32::from(t.smooth);
+        normals.push(n);
+        if textured {
+            let [a, b, c] = t.vertices.map(|v| scene.uvs.get(v as usize).copied().unwrap_or(Vec2::ZERO));
+            uvs.push([a.x, a.y, b.x, b.y]);
+            uvs.push([c.x, c.y, 0.0, 0.0]);
+        }
+    }
+    (normals, uvs)
+}
+
+/// The lights that every pass lights exactly once: point, spot and parallel lights, and imported virtual lights.
+pub fn delta_lights(scene: &Scene, coordinate_scale: f32) -> Vec<PointLight> {
+    let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
+    let flags = f32::from_bits;
+    scene
+        .lights
+        .iter()
+        .filter_map(|light| match *light {
+            Light::Point { position, intensity } => Some(PointLight {
+                position: with(position, flags(0)),
+                normal: with(Vec3::Z, 0.0),
+                emit: with(intensity, 1.0),
+                ..PointLight::default()
+            }),
+            Light::Spot { position, direction, intensity, inner, outer } => {
+                // KHR_lights_punctual: clamp((cos - cos outer) / (cos inner - cos outer))^2.
+                let scale = 1.0 / (inner.cos() - outer.cos()).max(1e-6);
+                Some(PointLight {
+                    position: with(position, flags(0)),
+                    normal: with(direction, scale),
+                    emit: with(intensity, -outer.cos() * scale),
+                    ..PointLight::default()
+                })
+            }
+            Light::Directional { direction, irradiance } => Some(PointLight {
+                position: with(Vec3::ZERO, flags(PointLight::DIRECTIONAL)),
+                normal: with(direction, 0.0),
+                emit: with(irradiance, 1.0),
+                ..PointLight::default()
+            }),
+            Light::Virtual { position, normal, power } => Some(PointLight {
+                position: with(
+                    crate::accel::offset_origin(position, normal, coordinate_scale),
+                    flags(PointLight::SURFACE | PointLight::CLIPPED),
+                ),
+                normal: with(normal, 0.0),
+                emit: with(power * std::f32::consts::FRAC_1_PI, 1.0),
+                ..PointLight::default()
+            }),
+            Light::Sphere { .. } => None,
+        })
+        .collect()
+}

@@ -1,0 +1,352 @@
+//! Rendering without a host: our own device, one pass at a time, submitted and waited for. What the command line runs.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use glam::{Vec3, Vec4};
+
+use crate::engine::Engine;
+use crate::error::{Error, Result};
+use crate::fingerprint::fingerprint;
+use crate::gpu::{Buffer, Context, ContextOptions, DeviceChoice, Memory, Timers, download};
+use crate::output::{Layers, Statistics};
+use crate::pass::layout::{PointLight, Work};
+use crate::plan::{INSTANCES, trace_steps};
+use crate::scene::{VirtualLight, export_lights};
+use crate::scene::{Camera, Scene};
+use crate::settings::Settings;
+
+/// Rounds beyond which a ray is given up as pathological: some ten million steps.
+const MAX_ROUNDS: u32 = 1024;
+
+/// Which device to run on, and how.
+#[derive(Clone, Debug, Default)]
+pub struct RenderOptions {
+    /// The device. Default: the fastest kind there is.
+    pub device: DeviceChoice,
+    /// Run under the validation layer; its messages become errors. Default false.
+    pub validation: bool,
+    /// Run the kernels that check every index. Default false.
+    pub checked_shaders: bool,
+    /// File that keeps compiled pipelines between runs. Default none.
+    pub pipeline_cache: Option<PathBuf>,
+}
+
+/// A scene being rendered.
+pub struct Renderer {
+    context: Context,
+    engine: Engine,
+    scene: Scene,
+    timers: Timers,
+    readback: Buffer,
+    fingerprint: u64,
+    stages: Vec<(String, f64)>,
+    gpu_passes: Vec<(String, f64)>,
+    rendered: u32,
+    rays: u64,
+}
+
+impl Renderer {
+    /// Opens the device, builds the acceleration structure, uploads the scene.
+    pub fn new(scene: Scene, camera: Camera, settings: Settings, options: &RenderOptions) -> Result<Renderer> {
+        let start = Instant::now();
+        let context = Context::headless(&ContextOptions {
+            device: options.device.clone(),
+            validation: options.validation,
+            checked_shaders: options.checked_shaders,
+            pipeline_cache: options.pipeline_cache.clone(),
+        })?;
+        let opened = start.elapsed().as_secs_f64();
+        let mut renderer = Renderer::with_context(context, scene, camera, settings)?;
+        renderer.stages.insert(0, (String::from("device"), opened));
+        Ok(renderer)
+    }
+
+    /// As [`Renderer::new`], on a device of ours that is open already.
+    pub fn with_context(context: Context, scene: Scene, camera: Camera, settings: Settings) -> Result<Renderer> {
+        let start = Instant::now();
+        let fingerprint = fingerprint(&scene, &camera, &settings);
+        let mut engine = Engine::new(&context, &scene, camera, settings)?;
+        let built = start.elapsed().as_secs_f64();
+        context.submit_and_wait("uploading the scene", None, |rec| engine.record_setup(rec))?;
+        engine.setup_finished();
+        let bounces = engine.frame().lists.len() as u64;
+        let readback =
+            Buffer::new(&context, "counts read back", 16 + bounces * size_of::<Work>() as u64, Memory::Readback)?;
+        let timers = Timers::new(&context, 128)?;
+        let total = start.elapsed().as_secs_f64();
+        Ok(Renderer {
+            context,
+            engine,
+            scene,
+            timers,
+            readback,
+            fingerprint,
+            stages: vec![(String::from("build"), built), (String::from("upload"), total - built)],
+            gpu_passes: Vec::new(),
+            rendered: 0,
+            rays: 0,
+        })
+    }
+
+    /// Renders one pass and adds it to the image. Rays that run out of steps get more rounds, and the pass is repeated.
+    pub fn pass(&mut self) -> Result<()> {
+        let start = Instant::now();
+        let number = self.engine.passes();
+        loop {
+            let (engine, readback) = (&mut self.engine, &self.readback);
+            self.context.submit_and_wait(&format!("in pass {number}"), Some(&self.timers), |rec| {
+                engine.record_pass(rec)?;
+                let frame = engine.frame();
+                rec.copy_range(&frame.status, 0, readback, 0, 16)?;
+                for (b, list) in frame.lists.iter().enumerate() {
+                    let bytes = size_of::<Work>() as u64;
+                    rec.copy_range(&list.work, 0, readback, 16 + b as u64 * bytes, bytes)?;
+                }
+                Ok(())
+            })?;
+            let counts = self.readback.read::<u32>()?;
+            let lost = counts[0];
+            if lost == 0 {
+                self.count_rays(&counts[4..]);
+                break;
+            }
+            self.engine.set_passes(number);
+            let rounds = self.engine.parameters().settings.rounds;
+            if rounds >= MAX_ROUNDS {
+                let steps = u64::from(rounds) * u64::from(trace_steps());
+                return Err(Error::Unfinished { pass: "shade or trace", rays: lost, steps });
+            }
+            log::info!("{lost} rays ran out of steps in pass {number}; going on with {} rounds", 4 * rounds);
+            self.engine.set_rounds((4 * rounds).min(MAX_ROUNDS))?;
+            self.context.submit_and_wait("uploading steps", None, |rec| self.engine.record_uploads(rec))?;
+            self.engine.setup_finished();
+        }
+        let messages = self.context.take_messages();
+        if let Some(message) = messages.first() {
+            return Err(Error::Resource { name: format!("pass {number}"), message: format!("validation: {message}") });
+        }
+        for (name, seconds) in self.timers.read()? {
+            match self.gpu_passes.iter_mut().find(|(n, _)| *n == name) {
+                Some((_, sum)) => *sum += seconds,
+                None => self.gpu_passes.push((name, seconds)),
+            }
+        }
+        self.add_stage("render", start);
+        self.rendered += 1;
+        Ok(())
+    }
+
+    /// Adds the rays of a pass: eye rays, particles, and for each bounce its receivers' shadow and gather rays.
+    fn count_rays(&mut self, work: &[u32]) {
+        let [width, height] = self.engine.parameters().camera.resolution;
+        let plan = &self.engine.parameters().lights;
+        let mut rays = u64::from(width) * u64::from(height) + plan.survivors.iter().skip(1).map(|&n| u64::from(n)).sum::<u64>();
+        let bounces = self.engine.frame().lists.len();
+        for (b, work) in work.chunks(size_of::<Work>() / 4).take(bounces).enumerate() {
+            let live = u64::from(work[0]);
+            let reflections = plan.survivors.len().saturating_sub(b);
+            rays += live * u64::from(plan.first_slot(reflections)) + if b + 1 < bounces { live } else { 0 };
+        }
+        self.rays += rays;
+    }
+
+    fn add_stage(&mut self, name: &str, start: Instant) {
+        let seconds = start.elapsed().as_secs_f64();
+        match self.stages.iter_mut().find(|(n, _)| n == name) {
+            Some((_, sum)) => *sum += seconds,
+            None => self.stages.push((name.to_owned(), seconds)),
+        }
+    }
+
+    /// Passes in the image.
+    pub fn passes(&self) -> u32 {
+        self.engine.passes()
+    }
+
+    /// The engine.
+    pub fn engine(&self) -> &Engine {
+        &self.engine
+    }
+
+    /// Relative RMSE of the image against its limit, estimated from the difference of the two independent instances
+    /// (Kollig and Keller 2002); `None` before each has a pass. Includes noise and structured error, no bias of clipping.
+    ///
+    /// sqrt(mean((a - b)^2 / 4 / (m^2 + 0.01 mean(m)^2))) over all pixels and channels, m the mean of a and b.
+    pub fn error_estimate(&self) -> Result<Option<f32>> {
+        if self.passes() < INSTANCES {
+            return Ok(None);
+        }
+        let images = self.instances()?;
+        let [a, b] = &images[..] else { return Ok(None) };
+        let mean = |p: &Vec4, q: &Vec4| (p.truncate().as_dvec3() + q.truncate().as_dvec3()) * 0.5;
+        let count = (3 * a.len()) as f64;
+        let level = a.iter().zip(b).map(|(p, q)| mean(p, q).element_sum()).sum::<f64>() / count;
+        if level <= 0.0 {
+            return Ok(Some(0.0));
+        }
+        let sum: f64 = a
+            .iter()
+            .zip(b)
+            .map(|(p, q)| {
+                let half = (p.truncate().as_dvec3() - q.truncate().as_dvec3()) * 0.5;
+                let m = mean(p, q);
+                (half * half / (m * m + glam::DVec3::splat(0.01 * level * level))).element_sum()
+            })
+            .sum();
+        Ok(Some((sum / count).sqrt() as f32))
+    }
+
+    /// The mean image of each instance.
+    fn instances(&self) -> Result<Vec<Vec<Vec4>>> {
+        let film = &self.engine.frame().film;
+        (film.color.iter().zip(&film.color_rest).enumerate())
+            .map(|(i, (sum, rest))| {
+                // Instance i has every INSTANCES-th pass from pass i.
+                let passes = (self.passes() + INSTANCES - 1 - i as u32) / INSTANCES;
+                self.mean(sum, Some(rest), passes)
+            })
+            .collect()
+    }
+
+    fn mean(&self, sum: &Buffer, rest: Option<&Buffer>, passes: u32) -> Result<Vec<Vec4>> {
+        let scale = 1.0 / f64::from(passes.max(1));
+        let pixels = self.pixels();
+        let sums = download::<Vec4>(&self.context, sum)?;
+        let rests = match rest {
+            Some(rest) => download::<Vec4>(&self.context, rest)?,
+            None => vec![Vec4::ZERO; sums.len()],
+        };
+        let mean = |(s, r): (&Vec4, &Vec4)| ((s.as_dvec4() - r.as_dvec4()) * scale).as_vec4();
+        Ok(sums.iter().zip(&rests).map(mean).take(pixels).collect())
+    }
+
+    fn pixels(&self) -> usize {
+        let [width, height] = self.engine.parameters().camera.resolution;
+        width as usize * height as usize
+    }
+
+    /// The image and its layers. Reads back about 200 bytes a pixel.
+    pub fn layers(&self) -> Result<Layers> {
+        let film = &self.engine.frame().film;
+        let passes = self.passes();
+        let [width, height] = self.engine.parameters().camera.resolution;
+        // Each pass counts alike, whichever instance it belongs to.
+        let mut color = vec![Vec4::ZERO; self.pixels()];
+        for (i, image) in self.instances()?.iter().enumerate() {
+            let share = ((passes + INSTANCES - 1 - i as u32) / INSTANCES) as f32 / passes.max(1) as f32;
+            for (c, v) in color.iter_mut().zip(image) {
+                *c += *v * share;
+            }
+        }
+        let direct = self.mean(&film.direct[0], Some(&film.direct[1]), passes)?;
+        let indirect = self.mean(&film.indirect[0], Some(&film.indirect[1]), passes)?;
+        let albedo = self.mean(&film.albedo, None, passes)?;
+        let normal = self.mean(&film.normal, None, passes)?;
+        let rgb = |v: Vec<Vec4>| v.into_iter().map(Vec4::truncate).collect::<Vec<Vec3>>();
+        let depth = normal.iter().zip(&albedo).map(|(n, a)| if a.w > 0.0 { n.w / a.w } else { f32::INFINITY });
+        Ok(Layers {
+            width,
+            height,
+            depth: depth.collect(),
+            normal: normal.iter().map(|n| n.truncate().normalize_or_zero()).collect(),
+            alpha: color.iter().map(|c| c.w).collect(),
+            color: rgb(color),
+            albedo: rgb(albedo),
+            direct: rgb(direct),
+            indirect: rgb(indirect),
+        })
+    }
+
+    /// The sums of all passes as bytes, little endian: with the number of passes all that a later run needs.
+    pub fn save_state(&self) -> Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        for buffer in self.engine.frame().film.buffers() {
+            let words = download::<u32>(&self.context, buffer)?;
+            bytes.extend(words.iter().flat_map(|w| w.to_le_bytes()));
+        }
+        Ok(bytes)
+    }
+
+    /// Goes on from what [`Renderer::save_state`] gave after `passes` passes of the same scene, camera and settings.
+    pub fn load_state(&mut self, passes: u32, bytes: &[u8]) -> Result<()> {
+        let frame = self.engine.frame();
+        let buffers = frame.film.buffers();
+        let expected: u64 = buffers.iter().map(|b| b.bytes()).sum();
+        if bytes.len() as u64 != expected {
+            return Err(Error::Scene(format!(
+                "the saved state has {} bytes where this image needs {expected}; start without --resume",
+                bytes.len()
+            )));
+        }
+        let mut staging = crate::gpu::Staging::new();
+        let mut rest = bytes;
+        for buffer in buffers {
+            let (part, tail) = rest.split_at(buffer.bytes() as usize);
+            let words: Vec<u32> = part.chunks_exact(4).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]])).collect();
+            staging.stage_into(&self.context, buffer, 0, &words)?;
+            rest = tail;
+        }
+        self.context.submit_and_wait("restoring the state", None, |rec| staging.record(rec))?;
+        self.engine.set_passes(passes);
+        Ok(())
+    }
+
+    /// Fingerprint of scene, camera and settings.
+    pub fn fingerprint(&self) -> u64 {
+        self.fingerprint
+    }
+
+    /// Counts and times so far.
+    pub fn statistics(&self) -> Statistics {
+        let info = self.context.info();
+        let seconds = self.stages.iter().find(|(n, _)| n == "render").map_or(0.0, |(_, s)| *s);
+        let p = self.engine.parameters();
+        Statistics {
+            device: info.name.clone(),
+            driver: format!("{} {}", info.driver, info.driver_version),
+            api: info.api_version.to_string(),
+            scene: self.scene.name.clone(),
+            resolution: p.camera.resolution,
+            triangles: u64::from(self.engine.bvh().triangle_count()),
+            nodes: u64::from(p.nodes),
+            lights_per_pass: f64::from(p.lights.slots()),
+            passes: self.passes(),
+            passes_rendered: self.rendered,
+            rays: self.rays,
+            rays_per_second: if seconds > 0.0 { self.rays as f64 / seconds } else { 0.0 },
+            error_estimate: self.error_estimate().unwrap_or_default(),
+            stages: self.stages.clone(),
+            gpu_passes: self.gpu_passes.clone(),
+        }
+    }
+
+    /// The lights of the latest pass.
+    pub fn lights(&self) -> Result<Vec<PointLight>> {
+        download::<PointLight>(&self.context, &self.engine.frame().lights)
+    }
+
+    /// Writes the virtual lights of the latest pass with the scene as glTF (Keller 1997, 5); returns how many.
+    ///
+    /// What a light's specular lobe reflects is left out: a file's lights have the cosine law.
+    pub fn export_lights(&mut self, path: &Path) -> Result<usize> {
+        if self.passes() == 0 {
+            self.pass()?;
+        }
+        let lights: Vec<VirtualLight> = self
+            .lights()?
+            .iter()
+            .filter(|l| l.flags() & PointLight::SURFACE != 0 && l.emit[..3].iter().any(|&e| e > 0.0))
+            .map(|l| {
+                let xyz = |a: [f32; 4]| Vec3::new(a[0], a[1], a[2]);
+                VirtualLight {
+                    position: xyz(l.position),
+                    normal: xyz(l.normal),
+                    power: xyz(l.emit) * std::f32::consts::PI,
+                }
+            })
+            .collect();
+        export_lights(path, &self.scene, &lights)?;
+        Ok(lights.len())
+    }
+}
