@@ -80,7 +80,15 @@ pub enum Error {
         /// What to do.
         advice: &'static str,
     },
-    /// A shader failed to compile (`hot-reload` only).
+    /// A device resource is used in a way it does not allow.
+    #[error("{name}: {message}")]
+    Resource {
+        /// Its name.
+        name: String,
+        /// What is wrong and what to do.
+        message: String,
+    },
+    /// A shader does not fit the device or what is bound to it, or failed to compile (`hot-reload`).
     #[error("shader {name}: {message}")]
     Shader {
         /// Stem of the shader.

@@ -1,0 +1,3 @@
+//! The passes of a frame, in frame order.
+
+pub mod layout;
