@@ -223,6 +223,12 @@ impl Context {
                     .into(),
             });
         }
+        if timers.is_some_and(|timers| !timers.belongs_to(self)) {
+            return Err(Error::Resource {
+                name: what.to_owned(),
+                message: "the timers belong to another context".into(),
+            });
+        }
         let submission = Submission::new(self, what)?;
         let device = self.device();
         let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);

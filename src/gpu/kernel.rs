@@ -2,7 +2,6 @@
 
 use std::collections::BTreeSet;
 use std::ffi::CStr;
-use std::io::Cursor;
 use std::sync::Arc;
 
 use ash::vk;
@@ -304,7 +303,7 @@ impl Drop for BindingsInner {
 #[cfg(not(feature = "hot-reload"))]
 fn code(ctx: &Context, shader: &'static Shader) -> Result<Vec<u32>> {
     let bytes = if ctx.inner.checked_shaders { shader.spirv_checked } else { shader.spirv };
-    ash::util::read_spv(&mut Cursor::new(bytes))
+    ash::util::read_spv(&mut std::io::Cursor::new(bytes))
         .map_err(|e| Error::Shader { name: shader.name.to_owned(), message: format!("embedded SPIR-V: {e}") })
 }
 

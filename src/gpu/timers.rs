@@ -39,6 +39,10 @@ impl Timers {
         Ok(Timers(Arc::new(inner)))
     }
 
+    pub(super) fn belongs_to(&self, ctx: &Context) -> bool {
+        Arc::ptr_eq(&self.0.ctx.inner, &ctx.inner)
+    }
+
     /// Seconds for each name of a scope, summed, in order of first use. The command buffer must have been executed.
     /// Empty where the device writes no timestamps.
     pub fn read(&self) -> Result<Vec<(String, f64)>> {

@@ -252,7 +252,10 @@ pub fn compile(source: &Source) -> Result<Compiled, String> {
     let module = naga::front::wgsl::parse_str(&source.text).map_err(|e| source.parse_error(&e))?;
     let mut validator = Validator::new(
         ValidationFlags::all(),
-        Capabilities::IMMEDIATES | Capabilities::SUBGROUP | Capabilities::SUBGROUP_BARRIER,
+        Capabilities::IMMEDIATES
+            | Capabilities::SUBGROUP
+            | Capabilities::SUBGROUP_BARRIER
+            | Capabilities::SHADER_FLOAT16_IN_FLOAT32,
     );
     let info = validator.validate(&module).map_err(|e| source.validation_error(&e))?;
 

@@ -154,6 +154,27 @@ fn indirect_dispatches_take_their_size_from_a_buffer() {
 }
 
 #[test]
+fn subgroups_workgroup_memory_and_atomics_work_at_any_subgroup_size() {
+    gpu_test(|ctx| {
+        let kernel = Kernel::new(ctx, &kernels::REDUCE).unwrap();
+        for size in AWKWARD_SIZES {
+            let input: Vec<u32> = (0..size as u32).map(|i| i.wrapping_mul(2_654_435_761) >> 8).collect();
+            let values = upload(ctx, "values", &input).unwrap();
+            let sums = Buffer::new(ctx, "sums", 16, Memory::Device).unwrap();
+            let bindings = kernel.bind(&[("totals", (&sums).into()), ("values", (&values).into())]).unwrap();
+            ctx.submit_and_wait("reduce", None, |rec| {
+                rec.update(&sums, 0, bytemuck::cast_slice(&[0, 0, SENTINEL, SENTINEL]))?;
+                rec.dispatch(&kernel, &bindings, &(size as u32).to_le_bytes(), size.div_ceil(64) as u64)
+            })
+            .unwrap();
+            let sum = input.iter().copied().fold(0, u32::wrapping_add);
+            let largest = input.iter().copied().max().unwrap();
+            assert_eq!(download::<u32>(ctx, &sums).unwrap(), [sum, largest, SENTINEL, SENTINEL]);
+        }
+    });
+}
+
+#[test]
 fn images_are_written_and_copied_out() {
     gpu_test(|ctx| {
         let kernel = Kernel::new(ctx, &kernels::PAINT).unwrap();

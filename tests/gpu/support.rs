@@ -19,8 +19,21 @@ pub struct FillPush {
     pub scale: u32,
 }
 
+/// Push constants of `kernels/reduce.wgsl`.
+#[repr(C)]
+pub struct ReducePush {
+    pub count: u32,
+}
+
+/// What `kernels/reduce.wgsl` adds to.
+#[repr(C)]
+pub struct Totals {
+    pub sum: u32,
+    pub largest: u32,
+}
+
 mod layout_checks {
-    use super::FillPush;
+    use super::{FillPush, ReducePush, Totals};
 
     include!(concat!(env!("OUT_DIR"), "/test_layout_checks.rs"));
 }
