@@ -1,0 +1,342 @@
+//! A device to compute on, our own or a host's.
+
+use std::ffi::CString;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use ash::{ext, vk};
+use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
+use gpu_allocator::{AllocationSizes, AllocatorDebugSettings};
+
+use super::cache::PipelineCache;
+use super::device::{DeviceChoice, DeviceInfo, compute_family, enumerate};
+use super::instance::{Instance, Messages, vulkan};
+use super::recorder::Recorder;
+use super::timers::Timers;
+use crate::error::{Error, Result};
+
+/// How to make a [`Context`].
+#[derive(Clone, Debug, Default)]
+pub struct ContextOptions {
+    /// Which device. Default: the fastest kind there is. A host's device is not chosen again.
+    pub device: DeviceChoice,
+    /// Enable the Khronos validation layer with its synchronisation checks and collect its messages. Default false.
+    /// On a host's device: the host's instance has VK_EXT_debug_utils enabled, so collect messages and name objects.
+    pub validation: bool,
+    /// Run the kernels that restrict every index to its array. Default false: they are slower.
+    pub checked_shaders: bool,
+    /// File that keeps compiled pipelines from run to run. Default none.
+    pub pipeline_cache: Option<PathBuf>,
+}
+
+/// What a host hands over. It stays the host's: nothing of it is destroyed here, nor is anything submitted to the queue
+/// or waited for.
+pub struct HostDevice {
+    /// The loader.
+    pub entry: ash::Entry,
+    /// The instance; it asked for Vulkan 1.1 or later.
+    pub instance: ash::Instance,
+    /// The physical device; see [`super::Requirements::check`].
+    pub physical_device: vk::PhysicalDevice,
+    /// The device.
+    pub device: ash::Device,
+    /// Family, with compute, of the queue that recorded command buffers will be submitted to.
+    pub queue_family: u32,
+    /// That queue.
+    pub queue: vk::Queue,
+}
+
+/// A device to compute on. Clones share it; it goes when the last object made from it is gone.
+#[derive(Clone)]
+pub struct Context {
+    pub(super) inner: Arc<Inner>,
+}
+
+/// Fields are dropped in this order: what stands on the device, the device, the instance.
+pub(super) struct Inner {
+    allocator: Mutex<Allocator>,
+    pub cache: PipelineCache,
+    pub debug: Option<ext::debug_utils::Device>,
+    pub device: Device,
+    pub info: DeviceInfo,
+    pub checked_shaders: bool,
+    pub physical: vk::PhysicalDevice,
+    /// Bits of a timestamp that count; 0 without timestamps.
+    pub timestamp_bits: u32,
+    queue_family: u32,
+    /// Vulkan wants one thread at a time on a queue.
+    queue: Mutex<vk::Queue>,
+    pub instance: Instance,
+}
+
+/// A device that is destroyed with its owner if it is our own.
+pub(super) struct Device {
+    pub raw: ash::Device,
+    owned: bool,
+}
+
+impl Drop for Device {
+    fn drop(&mut self) {
+        if self.owned {
+            // SAFETY: created by us; all that was made from it has been dropped before (order of `Inner`'s fields), and
+            // every submission has been waited for. A wait that fails (device lost) changes nothing about that.
+            unsafe {
+                let _ = self.raw.device_wait_idle();
+                self.raw.destroy_device(None);
+            }
+        }
+    }
+}
+
+impl Context {
+    /// A device of our own, without a window.
+    pub fn headless(options: &ContextOptions) -> Result<Context> {
+        let instance = Instance::create(options.validation)?;
+        let (handles, infos): (Vec<_>, Vec<_>) = enumerate(&instance)?.into_iter().unzip();
+        let index = options.device.pick(&infos)?;
+        let physical = handles[index]; // `pick` returns an index of the list it was given.
+        // SAFETY: the handle comes from this instance.
+        let family = unsafe { compute_family(&instance.raw, physical) };
+        let (queue_family, _) = family.ok_or_else(|| Error::NoDevice("the device has no compute queue".into()))?;
+        let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&[1.0])];
+        let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues);
+        // SAFETY: the physical device and the family are valid; no extension or feature is asked for.
+        let raw = unsafe { instance.raw.create_device(physical, &create, None) }.map_err(vulkan("vkCreateDevice"))?;
+        let device = Device { raw, owned: true };
+        // SAFETY: one queue of this family was created with the device.
+        let queue = unsafe { device.raw.get_device_queue(queue_family, 0) };
+        // SAFETY: all handles belong together.
+        unsafe { Context::assemble(instance, physical, device, queue_family, queue, index, options) }
+    }
+
+    /// Stands on a host's device.
+    ///
+    /// # Safety
+    /// The handles are valid, belong together and outlive the context and all objects made from it; the instance asked
+    /// for Vulkan 1.1 or later and [`super::Requirements::check`] found nothing missing; with `options.validation` the
+    /// instance has VK_EXT_debug_utils enabled.
+    pub unsafe fn adopt(host: HostDevice, options: &ContextOptions) -> Result<Context> {
+        // SAFETY: the caller's promise.
+        unsafe {
+            let index = match host.instance.enumerate_physical_devices() {
+                Ok(list) => list.iter().position(|other| *other == host.physical_device).unwrap_or(0),
+                Err(result) => return Err(vulkan("vkEnumeratePhysicalDevices")(result)),
+            };
+            let instance = Instance::adopt(host.entry, host.instance, options.validation)?;
+            let device = Device { raw: host.device, owned: false };
+            Context::assemble(instance, host.physical_device, device, host.queue_family, host.queue, index, options)
+        }
+    }
+
+    /// # Safety
+    /// The handles are valid and belong together.
+    unsafe fn assemble(
+        instance: Instance,
+        physical: vk::PhysicalDevice,
+        device: Device,
+        queue_family: u32,
+        queue: vk::Queue,
+        index: usize,
+        options: &ContextOptions,
+    ) -> Result<Context> {
+        const MIB: u64 = 1 << 20;
+        // SAFETY: the caller's promise.
+        let (mut info, families) = unsafe {
+            (
+                DeviceInfo::query(&instance.raw, physical, index),
+                instance.raw.get_physical_device_queue_family_properties(physical),
+            )
+        };
+        let family = families.get(queue_family as usize);
+        if !info.missing.is_empty() || !family.is_some_and(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE)) {
+            let lacks =
+                if info.missing.is_empty() { "compute on this queue".into() } else { info.missing.join(" and ") };
+            return Err(Error::NoDevice(format!("device {} lacks {lacks}", info.name)));
+        }
+        let timestamp_bits = family.map_or(0, |f| f.timestamp_valid_bits);
+        info.timestamps = timestamp_bits > 0;
+        let allocator = Allocator::new(&AllocatorCreateDesc {
+            instance: instance.raw.clone(),
+            device: device.raw.clone(),
+            physical_device: physical,
+            debug_settings: AllocatorDebugSettings::default(),
+            buffer_device_address: false,
+            // Small blocks first: a processor's memory is the host's, and a test needs little of it.
+            allocation_sizes: AllocationSizes::new(8 * MIB, 8 * MIB)
+                .with_max_device_memblock_size(256 * MIB)
+                .with_max_host_memblock_size(64 * MIB),
+        })
+        .map_err(|e| Error::NoDevice(format!("device {}: {e}", info.name)))?;
+        // SAFETY: the cache is dropped before the device (order of `Inner`'s fields).
+        let cache = unsafe { PipelineCache::load(device.raw.clone(), &info, options.pipeline_cache.clone()) }?;
+        let debug = instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &device.raw));
+        let inner = Inner {
+            allocator: Mutex::new(allocator),
+            cache,
+            debug,
+            device,
+            info,
+            checked_shaders: options.checked_shaders,
+            physical,
+            timestamp_bits,
+            queue_family,
+            queue: Mutex::new(queue),
+            instance,
+        };
+        Ok(Context { inner: Arc::new(inner) })
+    }
+
+    /// The device and its limits.
+    pub fn info(&self) -> &DeviceInfo {
+        &self.inner.info
+    }
+
+    /// The device is a host's.
+    pub fn is_adopted(&self) -> bool {
+        !self.inner.device.owned
+    }
+
+    /// Takes the validation layer's messages since the last call; empty without validation.
+    pub fn take_messages(&self) -> Vec<String> {
+        self.inner.instance.messages.take()
+    }
+
+    /// The list of messages itself, which outlives the context: leaks are reported while it goes.
+    pub fn messages(&self) -> Messages {
+        self.inner.instance.messages.clone()
+    }
+
+    /// Records commands, submits them to our own queue and waits until they are done. What earlier submissions wrote is
+    /// visible to the commands, and what they write is visible to the host and to later submissions.
+    ///
+    /// `what` names the work in errors. Refused on a host's device: it submits its command buffers itself.
+    pub fn submit_and_wait(
+        &self,
+        what: &str,
+        timers: Option<&Timers>,
+        record: impl FnOnce(&mut Recorder<'_>) -> Result<()>,
+    ) -> Result<()> {
+        if self.is_adopted() {
+            return Err(Error::Resource {
+                name: what.to_owned(),
+                message: "the device is the host's, which submits its own command buffers; record into one of them"
+                    .into(),
+            });
+        }
+        if timers.is_some_and(|timers| !timers.belongs_to(self)) {
+            return Err(Error::Resource {
+                name: what.to_owned(),
+                message: "the timers belong to another context".into(),
+            });
+        }
+        let submission = Submission::new(self, what)?;
+        let device = self.device();
+        let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: the command buffer is new and this thread's alone.
+        unsafe { device.begin_command_buffer(submission.commands, &begin) }.map_err(|r| self.failed(what, r))?;
+        // SAFETY: it is recording, on our own queue family; the retained objects are held until the wait is over.
+        let mut recorder = unsafe { Recorder::new(self, submission.commands, timers) };
+        recorder.begin();
+        record(&mut recorder)?;
+        recorder.end();
+        let retained = recorder.finish();
+        // SAFETY: as above; the command buffer is complete and submitted once, the queue is locked meanwhile.
+        unsafe {
+            device.end_command_buffer(submission.commands).map_err(|r| self.failed(what, r))?;
+            let commands = [submission.commands];
+            let submit = [vk::SubmitInfo::default().command_buffers(&commands)];
+            let queue = self.inner.queue.lock().unwrap_or_else(PoisonError::into_inner);
+            device.queue_submit(*queue, &submit, submission.fence).map_err(|r| self.failed(what, r))?;
+            drop(queue);
+            if let Err(result) = device.wait_for_fences(&[submission.fence], true, u64::MAX) {
+                // Only a lost device or lack of memory ends the wait early. Nothing may be destroyed that still runs.
+                let _ = device.device_wait_idle();
+                return Err(self.failed(what, result));
+            }
+        }
+        drop(retained);
+        Ok(())
+    }
+
+    /// The error for a failed call while `what` was made or run.
+    pub(super) fn failed(&self, what: &str, result: vk::Result) -> Error {
+        match result {
+            vk::Result::ERROR_OUT_OF_HOST_MEMORY | vk::Result::ERROR_OUT_OF_DEVICE_MEMORY => {
+                // Vulkan does not say how much was asked for: what is held already tells the user as much.
+                Error::OutOfMemory { resource: what.to_owned(), bytes: self.allocator().capacity() }
+            }
+            result => vulkan(what)(result),
+        }
+    }
+
+    /// The device, for calls of the caller's own.
+    pub fn raw_device(&self) -> &ash::Device {
+        &self.inner.device.raw
+    }
+
+    pub(super) fn device(&self) -> &ash::Device {
+        &self.inner.device.raw
+    }
+
+    pub(super) fn allocator(&self) -> MutexGuard<'_, Allocator> {
+        // The allocator's state is sound between its calls, which do not panic; poison comes from elsewhere.
+        self.inner.allocator.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Names an object for debuggers and for the layer's messages.
+    pub(super) fn name<H: vk::Handle>(&self, handle: H, name: &str) {
+        if let (Some(debug), Ok(name)) = (&self.inner.debug, CString::new(name)) {
+            let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(handle).object_name(&name);
+            // SAFETY: the extension is enabled, the handle is alive. A name that is refused is no loss.
+            let _ = unsafe { debug.set_debug_utils_object_name(&info) };
+        }
+    }
+}
+
+/// A command buffer for one submission, its pool and its fence.
+struct Submission<'a> {
+    ctx: &'a Context,
+    pool: vk::CommandPool,
+    commands: vk::CommandBuffer,
+    fence: vk::Fence,
+}
+
+impl<'a> Submission<'a> {
+    fn new(ctx: &'a Context, what: &str) -> Result<Submission<'a>> {
+        let device = ctx.device();
+        let mut submission = Submission {
+            ctx,
+            pool: vk::CommandPool::null(),
+            commands: vk::CommandBuffer::null(),
+            fence: vk::Fence::null(),
+        };
+        let pool = vk::CommandPoolCreateInfo::default()
+            .flags(vk::CommandPoolCreateFlags::TRANSIENT)
+            .queue_family_index(ctx.inner.queue_family);
+        // SAFETY: plain creations on a live device; `drop` destroys what was made before a failure.
+        unsafe {
+            submission.pool = device.create_command_pool(&pool, None).map_err(|r| ctx.failed(what, r))?;
+            submission.fence =
+                device.create_fence(&vk::FenceCreateInfo::default(), None).map_err(|r| ctx.failed(what, r))?;
+            let allocate = vk::CommandBufferAllocateInfo::default()
+                .command_pool(submission.pool)
+                .level(vk::CommandBufferLevel::PRIMARY)
+                .command_buffer_count(1);
+            submission.commands =
+                device.allocate_command_buffers(&allocate).map_err(|r| ctx.failed(what, r))?.swap_remove(0);
+        }
+        ctx.name(submission.commands, what);
+        ctx.name(submission.fence, what);
+        Ok(submission)
+    }
+}
+
+impl Drop for Submission<'_> {
+    fn drop(&mut self) {
+        // SAFETY: nothing of this is in use any more: it was waited for, or never submitted. Null handles are ignored.
+        unsafe {
+            self.ctx.device().destroy_fence(self.fence, None);
+            self.ctx.device().destroy_command_pool(self.pool, None);
+        }
+    }
+}

@@ -1,0 +1,314 @@
+//! Which devices there are, what they can do, which one to take, and what a host's device must have.
+
+use std::ffi::CStr;
+use std::str::FromStr;
+
+use ash::{khr, vk};
+
+use super::instance::{Instance, no_driver, vulkan};
+use crate::error::{Error, Result};
+
+/// A device and the limits that matter here.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DeviceInfo {
+    /// Place in Vulkan's list, as `--device` takes it.
+    pub index: usize,
+    /// Name of the device.
+    pub name: String,
+    /// Name of the driver; empty if it does not tell.
+    pub driver: String,
+    /// The driver's version in its own words.
+    pub driver_version: String,
+    /// Version of Vulkan, such as "1.3.230".
+    pub api_version: String,
+    /// Discrete, integrated, virtual, CPU.
+    pub device_type: vk::PhysicalDeviceType,
+    /// Invocations of a subgroup.
+    pub subgroup_size: u32,
+    /// Operations that compute shaders may do within a subgroup.
+    pub subgroup_operations: vk::SubgroupFeatureFlags,
+    /// Greatest storage buffer that a kernel can see, bytes.
+    pub max_storage_buffer_range: u64,
+    /// Greatest single allocation, bytes.
+    pub max_allocation: u64,
+    /// Greatest number of workgroups along each axis of a dispatch.
+    pub max_workgroup_count: [u32; 3],
+    /// Greatest extent of a workgroup along each axis.
+    pub max_workgroup_size: [u32; 3],
+    /// Greatest number of invocations of a workgroup.
+    pub max_workgroup_invocations: u32,
+    /// Memory shared by a workgroup, bytes.
+    pub max_workgroup_memory: u32,
+    /// Greatest size of push constants, bytes.
+    pub max_push_bytes: u32,
+    /// Greatest width and height of an image, pixels.
+    pub max_image_dimension: u32,
+    /// Memory of the device itself, bytes.
+    pub device_memory: u64,
+    /// Nanoseconds of one timestamp tick.
+    pub timestamp_period: f32,
+    /// The compute queue writes timestamps.
+    pub timestamps: bool,
+    /// What the device lacks for this library; empty if it can be used.
+    pub missing: Vec<String>,
+    pub(super) vendor_id: u32,
+    pub(super) device_id: u32,
+    pub(super) cache_uuid: [u8; vk::UUID_SIZE],
+}
+
+impl DeviceInfo {
+    /// Asks a device. `index` is its place in Vulkan's list.
+    ///
+    /// # Safety
+    /// The physical device belongs to the instance, which asked for Vulkan 1.1 or later.
+    pub(super) unsafe fn query(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize) -> DeviceInfo {
+        // SAFETY: the caller's promise; the 1.1 query is made of 1.1 devices only.
+        let (core, family, memory) = unsafe {
+            (
+                instance.get_physical_device_properties(physical),
+                compute_family(instance, physical),
+                instance.get_physical_device_memory_properties(physical),
+            )
+        };
+        let limits = &core.limits;
+        let mut missing = Vec::new();
+        if family.is_none() {
+            missing.push("a compute queue".to_owned());
+        }
+        let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
+        let mut maintenance = vk::PhysicalDeviceMaintenance3Properties::default();
+        let mut driver = vk::PhysicalDeviceDriverProperties::default();
+        if core.api_version < vk::API_VERSION_1_1 {
+            missing.push("Vulkan 1.1".to_owned());
+        } else {
+            // SAFETY: as above. Properties of an extension may be asked for where the device lists it.
+            unsafe {
+                let extensions = instance.enumerate_device_extension_properties(physical).unwrap_or_default();
+                let mut all =
+                    vk::PhysicalDeviceProperties2::default().push_next(&mut subgroup).push_next(&mut maintenance);
+                if extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(khr::driver_properties::NAME)) {
+                    all = all.push_next(&mut driver);
+                }
+                instance.get_physical_device_properties2(physical, &mut all);
+            }
+        }
+        let told = |text: std::result::Result<&CStr, _>| text.map(|t: &CStr| t.to_string_lossy().into_owned());
+        let version =
+            |v| format!("{}.{}.{}", vk::api_version_major(v), vk::api_version_minor(v), vk::api_version_patch(v));
+        let driver_version =
+            told(driver.driver_info_as_c_str()).ok().filter(|text| !text.is_empty()).unwrap_or_else(|| {
+                // Without the driver's own words the number is shown as it came: its parts differ by vendor.
+                format!("{:#x}", core.driver_version)
+            });
+        DeviceInfo {
+            index,
+            name: told(core.device_name_as_c_str()).unwrap_or_default(),
+            driver: told(driver.driver_name_as_c_str()).unwrap_or_default(),
+            driver_version,
+            api_version: version(core.api_version),
+            device_type: core.device_type,
+            subgroup_size: subgroup.subgroup_size,
+            subgroup_operations: if subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE) {
+                subgroup.supported_operations
+            } else {
+                vk::SubgroupFeatureFlags::empty()
+            },
+            max_storage_buffer_range: u64::from(limits.max_storage_buffer_range),
+            max_allocation: maintenance.max_memory_allocation_size,
+            max_workgroup_count: limits.max_compute_work_group_count,
+            max_workgroup_size: limits.max_compute_work_group_size,
+            max_workgroup_invocations: limits.max_compute_work_group_invocations,
+            max_workgroup_memory: limits.max_compute_shared_memory_size,
+            max_push_bytes: limits.max_push_constants_size,
+            max_image_dimension: limits.max_image_dimension2_d,
+            device_memory: memory
+                .memory_heaps_as_slice()
+                .iter()
+                .filter(|heap| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL))
+                .map(|heap| heap.size)
+                .sum(),
+            timestamp_period: limits.timestamp_period,
+            timestamps: family.is_some_and(|(_, bits)| bits > 0),
+            missing,
+            vendor_id: core.vendor_id,
+            device_id: core.device_id,
+            cache_uuid: core.pipeline_cache_uuid,
+        }
+    }
+
+    fn line(&self) -> String {
+        format!("{}: {} ({} {})", self.index, self.name, self.driver, self.driver_version)
+    }
+}
+
+/// A queue family with compute, and its timestamps' valid bits; one that writes timestamps where there is one.
+///
+/// # Safety
+/// The physical device belongs to the instance.
+pub(super) unsafe fn compute_family(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Option<(u32, u32)> {
+    // SAFETY: the caller's promise.
+    let families = unsafe { instance.get_physical_device_queue_family_properties(physical) };
+    let compute = || {
+        (0u32..)
+            .zip(&families)
+            .filter(|(_, family)| family.queue_flags.contains(vk::QueueFlags::COMPUTE))
+            .map(|(index, family)| (index, family.timestamp_valid_bits))
+    };
+    compute().find(|(_, bits)| *bits > 0).or_else(|| compute().next())
+}
+
+/// The devices of this machine in Vulkan's order, those that lack something included.
+pub fn list_devices() -> Result<Vec<DeviceInfo>> {
+    Ok(enumerate(&Instance::create(false)?)?.into_iter().map(|(_, info)| info).collect())
+}
+
+pub(super) fn enumerate(instance: &Instance) -> Result<Vec<(vk::PhysicalDevice, DeviceInfo)>> {
+    // SAFETY: the instance is alive and was created for Vulkan 1.1; the handles come from it.
+    let devices = unsafe { instance.raw.enumerate_physical_devices() }.map_err(|result| match result {
+        vk::Result::ERROR_INITIALIZATION_FAILED => no_driver(),
+        result => vulkan("vkEnumeratePhysicalDevices")(result),
+    })?;
+    let describe = |(index, physical)| {
+        // SAFETY: as above.
+        (physical, unsafe { DeviceInfo::query(&instance.raw, physical, index) })
+    };
+    Ok(devices.into_iter().enumerate().map(describe).collect())
+}
+
+/// Which device to render on.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum DeviceChoice {
+    /// A discrete GPU before an integrated one, that before a virtual one, that before the processor.
+    #[default]
+    Auto,
+    /// Place in the list of devices.
+    Index(usize),
+    /// Part of the device's name; case does not matter.
+    Name(String),
+    /// A driver that runs on the processor.
+    Cpu,
+}
+
+impl FromStr for DeviceChoice {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<DeviceChoice> {
+        let text = text.trim();
+        if text.is_empty() {
+            return Err(Error::Setting {
+                name: "device",
+                message: "give an index of --list-devices, a part of a name, or cpu".into(),
+            });
+        }
+        Ok(match (text.to_lowercase().as_str(), text.parse()) {
+            ("auto", _) => DeviceChoice::Auto,
+            ("cpu", _) => DeviceChoice::Cpu,
+            (_, Ok(index)) => DeviceChoice::Index(index),
+            (_, Err(_)) => DeviceChoice::Name(text.to_owned()),
+        })
+    }
+}
+
+impl DeviceChoice {
+    /// Picks from the list; devices that lack something are never picked silently.
+    pub(super) fn pick(&self, devices: &[DeviceInfo]) -> Result<usize> {
+        if devices.is_empty() {
+            return Err(no_driver());
+        }
+        let usable = |device: &&DeviceInfo| device.missing.is_empty();
+        let found = match self {
+            DeviceChoice::Auto => devices.iter().filter(usable).min_by_key(|device| match device.device_type {
+                vk::PhysicalDeviceType::DISCRETE_GPU => 0,
+                vk::PhysicalDeviceType::INTEGRATED_GPU => 1,
+                vk::PhysicalDeviceType::VIRTUAL_GPU => 2,
+                vk::PhysicalDeviceType::CPU => 3,
+                _ => 4,
+            }),
+            DeviceChoice::Index(index) => devices.get(*index),
+            DeviceChoice::Name(name) => {
+                let name = name.to_lowercase();
+                let named = || devices.iter().filter(|device| device.name.to_lowercase().contains(&name));
+                named().find(usable).or_else(|| named().next())
+            }
+            DeviceChoice::Cpu => {
+                devices.iter().filter(usable).find(|device| device.device_type == vk::PhysicalDeviceType::CPU)
+            }
+        };
+        match found {
+            Some(device) if device.missing.is_empty() => Ok(device.index),
+            Some(device) => {
+                Err(Error::NoDevice(format!("device {} lacks {}", device.line(), device.missing.join(" and "))))
+            }
+            None => {
+                let wanted = match self {
+                    DeviceChoice::Auto => "no device can be used".to_owned(),
+                    DeviceChoice::Index(index) => format!("there is no device {index}"),
+                    DeviceChoice::Name(name) => format!("no device has {name:?} in its name"),
+                    DeviceChoice::Cpu => {
+                        "no driver runs on the processor (Debian: apt install mesa-vulkan-drivers)".to_owned()
+                    }
+                };
+                let list: Vec<String> = devices.iter().map(|device| format!("\n  {}", device.line())).collect();
+                Err(Error::NoDevice(format!("{wanted}; the devices are{}", list.concat())))
+            }
+        }
+    }
+}
+
+/// What the library needs from a host's device; to be asked before the device is created.
+#[derive(Clone, Debug)]
+pub struct Requirements {
+    /// Version of Vulkan that the host's instance must ask for (`VkApplicationInfo::apiVersion`), at least.
+    pub api_version: u32,
+    /// Device extensions to enable. None are needed; a host that appends this list keeps working if that changes.
+    pub extensions: Vec<&'static CStr>,
+    /// Features to enable. None are needed.
+    pub features: vk::PhysicalDeviceFeatures,
+    /// A queue family that serves, if there is one. Any other with compute serves as well.
+    pub queue_family: Option<u32>,
+    /// What the device lacks; empty if it can be used.
+    pub missing: Vec<String>,
+}
+
+impl Requirements {
+    /// Compares a device with what is needed.
+    ///
+    /// # Safety
+    /// The physical device belongs to the instance, which belongs to the entry.
+    pub unsafe fn check(entry: &ash::Entry, instance: &ash::Instance, physical: vk::PhysicalDevice) -> Requirements {
+        // SAFETY: the caller's promise.
+        let (loader, family, properties) = unsafe {
+            (
+                entry.try_enumerate_instance_version().ok().flatten().unwrap_or(vk::API_VERSION_1_0),
+                compute_family(instance, physical),
+                instance.get_physical_device_properties(physical),
+            )
+        };
+        let mut missing = Vec::new();
+        if loader < vk::API_VERSION_1_1 {
+            missing.push("a Vulkan loader of version 1.1".to_owned());
+        }
+        if properties.api_version < vk::API_VERSION_1_1 {
+            missing.push("Vulkan 1.1".to_owned());
+        }
+        if family.is_none() {
+            missing.push("a compute queue".to_owned());
+        }
+        Requirements {
+            api_version: vk::API_VERSION_1_1,
+            extensions: Vec::new(),
+            features: vk::PhysicalDeviceFeatures::default(),
+            queue_family: family.map(|(index, _)| index),
+            missing,
+        }
+    }
+
+    /// Adds what is needed to what the host enables anyway.
+    pub fn add_to(&self, extensions: &mut Vec<&'static CStr>) {
+        for extension in &self.extensions {
+            if !extensions.contains(extension) {
+                extensions.push(extension);
+            }
+        }
+    }
+}

@@ -1,0 +1,376 @@
+//! Compute pipelines, and what is bound to them.
+
+use std::collections::BTreeSet;
+use std::ffi::CStr;
+use std::sync::Arc;
+
+use ash::vk;
+
+use super::context::Context;
+use super::memory::{Buffer, Image};
+use crate::error::{Error, Result};
+
+/// A compiled kernel; see [`super::shaders`].
+#[derive(Debug)]
+pub struct Shader {
+    /// Its name, which is also its label in messages.
+    pub name: &'static str,
+    /// The file it was compiled from, relative to the crate.
+    pub file: &'static str,
+    /// The flags it was compiled with.
+    pub flags: &'static [&'static str],
+    /// The compute function.
+    pub entry_point: &'static CStr,
+    /// SPIR-V without bounds checks.
+    pub spirv: &'static [u8],
+    /// SPIR-V with every index restricted to its array.
+    pub spirv_checked: &'static [u8],
+    /// Invocations of a workgroup along each axis.
+    pub workgroup_size: [u32; 3],
+    /// Buffers and images of group 0, sorted by slot.
+    pub bindings: &'static [BindingInfo],
+    /// Size of the push constants, bytes.
+    pub push_bytes: u32,
+    /// Bindings and structures in words; `hot-reload` refuses a new version that differs in them.
+    pub interface: &'static str,
+}
+
+/// A buffer or image that a kernel declares.
+#[derive(Debug)]
+pub struct BindingInfo {
+    /// Name of the variable.
+    pub name: &'static str,
+    /// Its `@binding`.
+    pub slot: u32,
+    /// What it is.
+    pub kind: BindingKind,
+}
+
+/// What a binding is, seen from the kernel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BindingKind {
+    /// `var<storage, read>`
+    StorageRead,
+    /// `var<storage, read_write>`
+    StorageReadWrite,
+    /// `texture_storage_2d`
+    StorageImage,
+}
+
+impl BindingKind {
+    fn descriptor(self) -> vk::DescriptorType {
+        match self {
+            BindingKind::StorageRead | BindingKind::StorageReadWrite => vk::DescriptorType::STORAGE_BUFFER,
+            BindingKind::StorageImage => vk::DescriptorType::STORAGE_IMAGE,
+        }
+    }
+}
+
+/// A compute pipeline. Clones share it.
+#[derive(Clone)]
+pub struct Kernel(pub(super) Arc<KernelInner>);
+
+pub(super) struct KernelInner {
+    pub ctx: Context,
+    pub shader: &'static Shader,
+    set_layout: vk::DescriptorSetLayout,
+    pub layout: vk::PipelineLayout,
+    pub pipeline: vk::Pipeline,
+}
+
+impl Kernel {
+    /// Makes the pipeline, through the context's pipeline cache. With `hot-reload` the kernel is compiled from its file.
+    pub fn new(ctx: &Context, shader: &'static Shader) -> Result<Kernel> {
+        let code = code(ctx, shader)?;
+        check_device(ctx, shader, &code)?;
+        let device = ctx.device();
+        let failed = |r| ctx.failed(shader.name, r);
+        let mut inner = KernelInner {
+            ctx: ctx.clone(),
+            shader,
+            set_layout: vk::DescriptorSetLayout::null(),
+            layout: vk::PipelineLayout::null(),
+            pipeline: vk::Pipeline::null(),
+        };
+        let slots: Vec<_> = shader
+            .bindings
+            .iter()
+            .map(|binding| {
+                vk::DescriptorSetLayoutBinding::default()
+                    .binding(binding.slot)
+                    .descriptor_type(binding.kind.descriptor())
+                    .descriptor_count(1)
+                    .stage_flags(vk::ShaderStageFlags::COMPUTE)
+            })
+            .collect();
+        let ranges =
+            [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(shader.push_bytes)];
+        // SAFETY: creations from valid structures on a live device; the SPIR-V was made and validated by naga and the
+        // layout from its reflection. What was made before a failure is destroyed by `inner`.
+        unsafe {
+            let create = vk::DescriptorSetLayoutCreateInfo::default().bindings(&slots);
+            inner.set_layout = device.create_descriptor_set_layout(&create, None).map_err(failed)?;
+            let layouts = [inner.set_layout];
+            let mut create = vk::PipelineLayoutCreateInfo::default().set_layouts(&layouts);
+            if shader.push_bytes > 0 {
+                create = create.push_constant_ranges(&ranges);
+            }
+            inner.layout = device.create_pipeline_layout(&create, None).map_err(failed)?;
+            let create = vk::ShaderModuleCreateInfo::default().code(&code);
+            let module = device.create_shader_module(&create, None).map_err(failed)?;
+            ctx.name(module, shader.name);
+            let stage = vk::PipelineShaderStageCreateInfo::default()
+                .stage(vk::ShaderStageFlags::COMPUTE)
+                .module(module)
+                .name(shader.entry_point);
+            let create = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(inner.layout)];
+            let made = device.create_compute_pipelines(ctx.inner.cache.handle, &create, None);
+            device.destroy_shader_module(module, None);
+            // One pipeline was asked for; on failure Vulkan returns null for it, which is nothing to destroy.
+            inner.pipeline = made.map_err(|(_, r)| failed(r))?.swap_remove(0);
+        }
+        ctx.name(inner.set_layout, shader.name);
+        ctx.name(inner.layout, shader.name);
+        ctx.name(inner.pipeline, shader.name);
+        Ok(Kernel(Arc::new(inner)))
+    }
+
+    /// The shader's name.
+    pub fn name(&self) -> &'static str {
+        self.0.shader.name
+    }
+
+    /// The shader it was made from.
+    pub fn shader(&self) -> &'static Shader {
+        self.0.shader
+    }
+
+    /// Joins the kernel with its buffers and images: each of its bindings is named exactly once.
+    pub fn bind(&self, resources: &[(&str, Bound<'_>)]) -> Result<Bindings> {
+        let KernelInner { ctx, shader, .. } = &*self.0;
+        let misuse = |message: String| Error::Shader { name: shader.name.to_owned(), message };
+        for (i, (name, _)) in resources.iter().enumerate() {
+            if shader.bindings.iter().all(|binding| binding.name != *name) {
+                return Err(misuse(format!("has no binding {name}")));
+            }
+            if resources[..i].iter().any(|(other, _)| other == name) {
+                return Err(misuse(format!("binding {name} is named twice")));
+            }
+        }
+        let mut chosen = Vec::with_capacity(shader.bindings.len());
+        for binding in shader.bindings {
+            let found = resources.iter().find(|(name, _)| *name == binding.name);
+            let (_, bound) = found.ok_or_else(|| misuse(format!("binding {} is missing", binding.name)))?;
+            bound.check(ctx, binding).map_err(|why| misuse(format!("binding {}: {why}", binding.name)))?;
+            chosen.push((binding, *bound));
+        }
+        let mut inner = BindingsInner {
+            kernel: self.clone(),
+            pool: vk::DescriptorPool::null(),
+            set: vk::DescriptorSet::null(),
+            _retained: chosen.iter().map(|(_, bound)| bound.retain()).collect(),
+        };
+        if chosen.is_empty() {
+            return Ok(Bindings(Arc::new(inner)));
+        }
+        let failed = |r| ctx.failed(shader.name, r);
+        let device = ctx.device();
+        let sizes: Vec<_> = [vk::DescriptorType::STORAGE_BUFFER, vk::DescriptorType::STORAGE_IMAGE]
+            .into_iter()
+            .map(|ty| {
+                let count = shader.bindings.iter().filter(|binding| binding.kind.descriptor() == ty).count();
+                vk::DescriptorPoolSize::default().ty(ty).descriptor_count(count as u32)
+            })
+            .filter(|size| size.descriptor_count > 0)
+            .collect();
+        // SAFETY: the pool holds exactly one set of this layout; `inner` destroys it.
+        unsafe {
+            let create = vk::DescriptorPoolCreateInfo::default().max_sets(1).pool_sizes(&sizes);
+            inner.pool = device.create_descriptor_pool(&create, None).map_err(failed)?;
+            let layouts = [self.0.set_layout];
+            let allocate = vk::DescriptorSetAllocateInfo::default().descriptor_pool(inner.pool).set_layouts(&layouts);
+            inner.set = device.allocate_descriptor_sets(&allocate).map_err(failed)?.swap_remove(0);
+        }
+        ctx.name(inner.pool, shader.name);
+        ctx.name(inner.set, shader.name);
+        for (binding, bound) in chosen {
+            let write = vk::WriteDescriptorSet::default()
+                .dst_set(inner.set)
+                .dst_binding(binding.slot)
+                .descriptor_type(binding.kind.descriptor());
+            // SAFETY: set, buffers and images are alive and of the declared types; no command uses the set yet.
+            match bound {
+                Bound::Buffer(buffer) => unsafe {
+                    let info = [vk::DescriptorBufferInfo::default().buffer(buffer.handle()).range(buffer.size())];
+                    device.update_descriptor_sets(&[write.buffer_info(&info)], &[]);
+                },
+                Bound::Image(image) => unsafe {
+                    let info = [vk::DescriptorImageInfo::default()
+                        .image_view(image.view())
+                        .image_layout(vk::ImageLayout::GENERAL)];
+                    device.update_descriptor_sets(&[write.image_info(&info)], &[]);
+                },
+            }
+        }
+        Ok(Bindings(Arc::new(inner)))
+    }
+}
+
+impl Drop for KernelInner {
+    fn drop(&mut self) {
+        let device = self.ctx.device();
+        // SAFETY: recorders retain the kernel until their commands are done. Null handles are ignored.
+        unsafe {
+            device.destroy_pipeline(self.pipeline, None);
+            device.destroy_pipeline_layout(self.layout, None);
+            device.destroy_descriptor_set_layout(self.set_layout, None);
+        }
+    }
+}
+
+/// A buffer or an image to bind.
+#[derive(Clone, Copy)]
+pub enum Bound<'a> {
+    /// A buffer as a whole.
+    Buffer(&'a Buffer),
+    /// An image, in the layout GENERAL.
+    Image(&'a Image),
+}
+
+impl<'a> From<&'a Buffer> for Bound<'a> {
+    fn from(buffer: &'a Buffer) -> Self {
+        Bound::Buffer(buffer)
+    }
+}
+
+impl<'a> From<&'a Image> for Bound<'a> {
+    fn from(image: &'a Image) -> Self {
+        Bound::Image(image)
+    }
+}
+
+impl Bound<'_> {
+    fn retain(&self) -> Arc<dyn Send + Sync> {
+        match self {
+            Bound::Buffer(buffer) => buffer.0.clone(),
+            Bound::Image(image) => image.0.clone(),
+        }
+    }
+
+    fn check(&self, ctx: &Context, binding: &BindingInfo) -> std::result::Result<(), String> {
+        let (ours, name) = match self {
+            Bound::Buffer(buffer) => (buffer.belongs_to(ctx), buffer.name()),
+            Bound::Image(image) => (image.belongs_to(ctx), image.name()),
+        };
+        if !ours {
+            return Err(format!("{name} belongs to another context"));
+        }
+        match (self, binding.kind) {
+            (Bound::Buffer(_), BindingKind::StorageImage) => Err(format!("wants an image, but {name} is a buffer")),
+            (Bound::Image(_), BindingKind::StorageRead | BindingKind::StorageReadWrite) => {
+                Err(format!("wants a buffer, but {name} is an image"))
+            }
+            (Bound::Buffer(buffer), _) if buffer.size() > ctx.info().max_storage_buffer_range => Err(format!(
+                "{name} has {} bytes, and kernels see no more than {} (maxStorageBufferRange)",
+                buffer.bytes(),
+                ctx.info().max_storage_buffer_range
+            )),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// What is bound to one kernel; keeps it alive. Clones share it.
+#[derive(Clone)]
+pub struct Bindings(pub(super) Arc<BindingsInner>);
+
+pub(super) struct BindingsInner {
+    pub kernel: Kernel,
+    pool: vk::DescriptorPool,
+    /// Null if the kernel binds nothing.
+    pub set: vk::DescriptorSet,
+    _retained: Vec<Arc<dyn Send + Sync>>,
+}
+
+impl Drop for BindingsInner {
+    fn drop(&mut self) {
+        // SAFETY: recorders retain the bindings until their commands are done; the set goes with its pool.
+        unsafe { self.kernel.0.ctx.device().destroy_descriptor_pool(self.pool, None) };
+    }
+}
+
+/// The SPIR-V to run.
+#[cfg(not(feature = "hot-reload"))]
+fn code(ctx: &Context, shader: &'static Shader) -> Result<Vec<u32>> {
+    let bytes = if ctx.inner.checked_shaders { shader.spirv_checked } else { shader.spirv };
+    ash::util::read_spv(&mut std::io::Cursor::new(bytes))
+        .map_err(|e| Error::Shader { name: shader.name.to_owned(), message: format!("embedded SPIR-V: {e}") })
+}
+
+/// The SPIR-V to run, compiled from the file as it is now: in the folder `LIGHTSUM_SHADERS` if that is set.
+#[cfg(feature = "hot-reload")]
+fn code(ctx: &Context, shader: &'static Shader) -> Result<Vec<u32>> {
+    use super::wgsl;
+    use std::path::{Path, PathBuf};
+
+    let failed = |message: String| Error::Shader { name: shader.name.to_owned(), message };
+    let file = Path::new(shader.file);
+    let (Some(parent), Some(stem)) = (file.parent(), file.file_stem().and_then(|stem| stem.to_str())) else {
+        return Err(failed(format!("{} is no path of a shader", shader.file)));
+    };
+    let dir = match std::env::var_os("LIGHTSUM_SHADERS") {
+        Some(dir) if parent == Path::new("shaders") => PathBuf::from(dir),
+        _ => Path::new(env!("CARGO_MANIFEST_DIR")).join(parent),
+    };
+    let source = wgsl::load(&dir, &dir.display().to_string(), stem, shader.flags).map_err(failed)?;
+    let compiled = wgsl::compile(&source).map_err(failed)?;
+    if compiled.interface() != shader.interface || compiled.workgroup_size != shader.workgroup_size {
+        return Err(failed("bindings, structures or workgroup size have changed; build the program again".into()));
+    }
+    Ok(if ctx.inner.checked_shaders { compiled.spirv_checked } else { compiled.spirv })
+}
+
+/// Refuses a kernel that the device cannot run.
+fn check_device(ctx: &Context, shader: &Shader, code: &[u32]) -> Result<()> {
+    let info = ctx.info();
+    let refuse = |message: String| Err(Error::Shader { name: shader.name.to_owned(), message });
+    if shader.push_bytes > info.max_push_bytes {
+        return refuse(format!(
+            "{} bytes of push constants, the device takes {}",
+            shader.push_bytes, info.max_push_bytes
+        ));
+    }
+    let invocations: u64 = shader.workgroup_size.iter().map(|n| u64::from(*n)).product();
+    let fits = shader.workgroup_size.iter().zip(info.max_workgroup_size).all(|(n, max)| *n <= max);
+    if !fits || invocations > u64::from(info.max_workgroup_invocations) {
+        return refuse(format!("workgroups of {:?} are more than the device takes", shader.workgroup_size));
+    }
+    for (operation, name) in subgroup_operations(code) {
+        if !info.subgroup_operations.contains(operation) {
+            return refuse(format!("needs subgroup operations ({name}) that {} does not have", info.name));
+        }
+    }
+    Ok(())
+}
+
+/// The subgroup operations that a SPIR-V module declares (OpCapability, numbers of the SPIR-V specification).
+fn subgroup_operations(code: &[u32]) -> BTreeSet<(vk::SubgroupFeatureFlags, &'static str)> {
+    const HEADER_WORDS: usize = 5;
+    const OP_CAPABILITY: u32 = 2 << 16 | 17;
+    // Capabilities come first in a module, two words each.
+    code.get(HEADER_WORDS..)
+        .unwrap_or_default()
+        .chunks_exact(2)
+        .take_while(|instruction| instruction[0] == OP_CAPABILITY)
+        .filter_map(|instruction| match instruction[1] {
+            61 => Some((vk::SubgroupFeatureFlags::BASIC, "basic")),
+            62 => Some((vk::SubgroupFeatureFlags::VOTE, "vote")),
+            63 => Some((vk::SubgroupFeatureFlags::ARITHMETIC, "arithmetic")),
+            64 => Some((vk::SubgroupFeatureFlags::BALLOT, "ballot")),
+            65 => Some((vk::SubgroupFeatureFlags::SHUFFLE, "shuffle")),
+            66 => Some((vk::SubgroupFeatureFlags::SHUFFLE_RELATIVE, "relative shuffle")),
+            68 => Some((vk::SubgroupFeatureFlags::QUAD, "quad")),
+            _ => None,
+        })
+        .collect()
+}

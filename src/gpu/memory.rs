@@ -1,0 +1,392 @@
+//! Buffers and images with their memory.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use ash::vk;
+use bytemuck::Pod;
+use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
+use gpu_allocator::{AllocationError, MemoryLocation};
+
+use super::context::Context;
+use crate::error::{Error, Result};
+
+/// Where a buffer lives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Memory {
+    /// On the device, out of the host's sight.
+    Device,
+    /// Written by the host, read by the device.
+    Upload,
+    /// Written by the device, read by the host.
+    Readback,
+}
+
+/// A storage buffer that can be copied from and to and hold the arguments of indirect dispatches. Clones share it.
+#[derive(Clone)]
+pub struct Buffer(pub(super) Arc<BufferInner>);
+
+pub(super) struct BufferInner {
+    ctx: Context,
+    name: String,
+    bytes: u64,
+    size: u64,
+    memory: Memory,
+    handle: vk::Buffer,
+    /// None only while dropping.
+    allocation: Option<Allocation>,
+    /// Held while the host reads or writes the memory, since clones may be used from several threads.
+    access: Mutex<()>,
+}
+
+impl Buffer {
+    /// Allocates a buffer of `bytes` bytes (rounded up to 4 inside, and to 16 if there are none). The content is undefined.
+    pub fn new(ctx: &Context, name: &str, bytes: u64, memory: Memory) -> Result<Buffer> {
+        let info = ctx.info();
+        let size = if bytes == 0 { 16 } else { bytes.next_multiple_of(4) };
+        // Kernels never see the buffers that the host maps as a whole; what is bound is checked again in `Kernel::bind`.
+        if memory == Memory::Device {
+            within(name, size, info.max_storage_buffer_range, "maxStorageBufferRange")?;
+        }
+        within(name, size, info.max_allocation, "maxMemoryAllocationSize")?;
+        let create = vk::BufferCreateInfo::default().size(size).usage(
+            vk::BufferUsageFlags::STORAGE_BUFFER
+                | vk::BufferUsageFlags::TRANSFER_SRC
+                | vk::BufferUsageFlags::TRANSFER_DST
+                | vk::BufferUsageFlags::INDIRECT_BUFFER,
+        );
+        let device = ctx.device();
+        // SAFETY: a plain creation on a live device; `inner` destroys it from here on.
+        let handle = unsafe { device.create_buffer(&create, None) }.map_err(|r| failed(name, size, r))?;
+        let mut inner = BufferInner {
+            ctx: ctx.clone(),
+            name: name.to_owned(),
+            bytes,
+            size,
+            memory,
+            handle,
+            allocation: None,
+            access: Mutex::new(()),
+        };
+        // SAFETY: the handle is alive; the memory fits its requirements and is bound once, at the offset it was given.
+        unsafe {
+            let requirements = device.get_buffer_memory_requirements(handle);
+            let location = match memory {
+                Memory::Device => MemoryLocation::GpuOnly,
+                Memory::Upload => MemoryLocation::CpuToGpu,
+                Memory::Readback => MemoryLocation::GpuToCpu,
+            };
+            let allocation = inner.allocation.insert(allocate(ctx, name, requirements, location, true)?);
+            device
+                .bind_buffer_memory(handle, allocation.memory(), allocation.offset())
+                .map_err(|r| failed(name, size, r))?;
+        }
+        ctx.name(handle, name);
+        Ok(Buffer(Arc::new(inner)))
+    }
+
+    /// Bytes asked for.
+    pub fn bytes(&self) -> u64 {
+        self.0.bytes
+    }
+
+    /// The buffer's name in messages.
+    pub fn name(&self) -> &str {
+        &self.0.name
+    }
+
+    /// Vulkan's handle.
+    pub fn handle(&self) -> vk::Buffer {
+        self.0.handle
+    }
+
+    /// Where it lives.
+    pub fn memory(&self) -> Memory {
+        self.0.memory
+    }
+
+    /// Bytes of the Vulkan buffer: a multiple of 4, not 0.
+    pub(super) fn size(&self) -> u64 {
+        self.0.size
+    }
+
+    pub(super) fn belongs_to(&self, ctx: &Context) -> bool {
+        Arc::ptr_eq(&self.0.ctx.inner, &ctx.inner)
+    }
+
+    pub(super) fn misuse(&self, message: String) -> Error {
+        Error::Resource { name: self.0.name.clone(), message }
+    }
+
+    /// Checks that `offset..offset + bytes` lies inside.
+    pub(super) fn check_range(&self, offset: u64, bytes: u64) -> Result<()> {
+        match offset.checked_add(bytes) {
+            Some(end) if end <= self.0.size => Ok(()),
+            _ => Err(self.misuse(format!("bytes {offset} + {bytes} lie outside the buffer's {}", self.0.size))),
+        }
+    }
+
+    /// The mapped memory of a buffer of this kind.
+    fn mapped(&self, memory: Memory, verb: &str) -> Result<*mut u8> {
+        let pointer = self.0.allocation.as_ref().and_then(Allocation::mapped_ptr);
+        match pointer {
+            Some(pointer) if self.0.memory == memory => Ok(pointer.as_ptr().cast()),
+            _ => Err(self.misuse(format!("only a buffer of Memory::{memory:?} can be {verb} by the host"))),
+        }
+    }
+
+    /// Writes into a buffer of [`Memory::Upload`]. The device must not be reading the same bytes meanwhile.
+    pub fn write(&self, offset: u64, bytes: &[u8]) -> Result<()> {
+        let pointer = self.mapped(Memory::Upload, "written")?;
+        self.check_range(offset, bytes.len() as u64)?;
+        let _access = self.0.access.lock().unwrap_or_else(PoisonError::into_inner);
+        // SAFETY: the range lies inside the mapped allocation, which no other thread of the host touches meanwhile. The
+        // allocator maps host-coherent memory only, so nothing is to be flushed.
+        unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), pointer.add(offset as usize), bytes.len()) };
+        Ok(())
+    }
+
+    /// Reads a buffer of [`Memory::Readback`] as a whole. The commands that wrote it must have been waited for.
+    pub fn read<T: Pod>(&self) -> Result<Vec<T>> {
+        let count = self.count_of::<T>()?;
+        let mut values = vec![T::zeroed(); count];
+        self.read_into(0, bytemuck::cast_slice_mut(&mut values))?;
+        Ok(values)
+    }
+
+    pub(super) fn read_into(&self, offset: u64, bytes: &mut [u8]) -> Result<()> {
+        let pointer = self.mapped(Memory::Readback, "read")?;
+        self.check_range(offset, bytes.len() as u64)?;
+        let _access = self.0.access.lock().unwrap_or_else(PoisonError::into_inner);
+        // SAFETY: as in `write`; coherent memory needs no invalidation.
+        unsafe { std::ptr::copy_nonoverlapping(pointer.add(offset as usize), bytes.as_mut_ptr(), bytes.len()) };
+        Ok(())
+    }
+
+    /// How many `T` the buffer holds.
+    pub(super) fn count_of<T: Pod>(&self) -> Result<usize> {
+        let size = size_of::<T>() as u64;
+        if size == 0 || !self.0.bytes.is_multiple_of(size) {
+            return Err(self.misuse(format!(
+                "{} bytes are no whole number of {} ({size} bytes each)",
+                self.0.bytes,
+                std::any::type_name::<T>()
+            )));
+        }
+        Ok((self.0.bytes / size) as usize)
+    }
+}
+
+impl Drop for BufferInner {
+    fn drop(&mut self) {
+        // SAFETY: whoever recorded commands with this buffer retained it until they were done.
+        unsafe { self.ctx.device().destroy_buffer(self.handle, None) };
+        release(&self.ctx, &self.name, self.allocation.take());
+    }
+}
+
+/// A two-dimensional storage image, copied from and sampled as well; kept in the layout GENERAL. Clones share it.
+#[derive(Clone)]
+pub struct Image(pub(super) Arc<ImageInner>);
+
+pub(super) struct ImageInner {
+    ctx: Context,
+    name: String,
+    width: u32,
+    height: u32,
+    format: vk::Format,
+    texel_bytes: u64,
+    handle: vk::Image,
+    view: vk::ImageView,
+    /// None only while dropping.
+    allocation: Option<Allocation>,
+}
+
+impl Image {
+    /// Allocates an image. Its content and layout are undefined until [`super::Recorder::image_to_general`].
+    pub fn new(ctx: &Context, name: &str, width: u32, height: u32, format: vk::Format) -> Result<Image> {
+        let misuse = |message: String| Error::Resource { name: name.to_owned(), message };
+        let texel_bytes = match format {
+            vk::Format::R32G32B32A32_SFLOAT | vk::Format::R32G32B32A32_UINT => 16,
+            vk::Format::R32G32_SFLOAT | vk::Format::R32G32_UINT | vk::Format::R16G16B16A16_SFLOAT => 8,
+            vk::Format::R32_SFLOAT | vk::Format::R32_UINT | vk::Format::R8G8B8A8_UNORM => 4,
+            _ => return Err(misuse(format!("{format:?} is none of the formats that images may have"))),
+        };
+        if width == 0 || height == 0 {
+            return Err(misuse(format!("an image of {width}x{height} pixels is empty")));
+        }
+        let usage = vk::ImageUsageFlags::STORAGE | vk::ImageUsageFlags::TRANSFER_SRC | vk::ImageUsageFlags::SAMPLED;
+        let (kind, tiling) = (vk::ImageType::TYPE_2D, vk::ImageTiling::OPTIMAL);
+        // SAFETY: the physical device is that of the context.
+        let most = unsafe {
+            ctx.inner.instance.raw.get_physical_device_image_format_properties(
+                ctx.inner.physical,
+                format,
+                kind,
+                tiling,
+                usage,
+                vk::ImageCreateFlags::empty(),
+            )
+        }
+        .map_err(|r| match r {
+            vk::Result::ERROR_FORMAT_NOT_SUPPORTED => {
+                misuse(format!("the device cannot store to images of {format:?}"))
+            }
+            r => ctx.failed(name, r),
+        })?;
+        if width > most.max_extent.width || height > most.max_extent.height {
+            return Err(misuse(format!(
+                "{width}x{height} pixels exceed the device's {}x{}; lower the resolution",
+                most.max_extent.width, most.max_extent.height
+            )));
+        }
+        let create = vk::ImageCreateInfo::default()
+            .image_type(kind)
+            .format(format)
+            .extent(vk::Extent3D { width, height, depth: 1 })
+            .mip_levels(1)
+            .array_layers(1)
+            .samples(vk::SampleCountFlags::TYPE_1)
+            .tiling(tiling)
+            .usage(usage)
+            .initial_layout(vk::ImageLayout::UNDEFINED);
+        let size = u64::from(width) * u64::from(height) * texel_bytes;
+        let device = ctx.device();
+        // SAFETY: the format and the extent were checked; `inner` destroys it from here on.
+        let handle = unsafe { device.create_image(&create, None) }.map_err(|r| failed(name, size, r))?;
+        let mut inner = ImageInner {
+            ctx: ctx.clone(),
+            name: name.to_owned(),
+            width,
+            height,
+            format,
+            texel_bytes,
+            handle,
+            view: vk::ImageView::null(),
+            allocation: None,
+        };
+        // SAFETY: the handle is alive; the memory fits its requirements and is bound once, before the view is made.
+        unsafe {
+            let requirements = device.get_image_memory_requirements(handle);
+            let allocation =
+                inner.allocation.insert(allocate(ctx, name, requirements, MemoryLocation::GpuOnly, false)?);
+            device
+                .bind_image_memory(handle, allocation.memory(), allocation.offset())
+                .map_err(|r| failed(name, size, r))?;
+            let view = vk::ImageViewCreateInfo::default()
+                .image(handle)
+                .view_type(vk::ImageViewType::TYPE_2D)
+                .format(format)
+                .subresource_range(WHOLE_IMAGE);
+            inner.view = device.create_image_view(&view, None).map_err(|r| failed(name, size, r))?;
+        }
+        ctx.name(handle, name);
+        ctx.name(inner.view, name);
+        Ok(Image(Arc::new(inner)))
+    }
+
+    /// The image's name in messages.
+    pub fn name(&self) -> &str {
+        &self.0.name
+    }
+
+    /// Vulkan's handle.
+    pub fn handle(&self) -> vk::Image {
+        self.0.handle
+    }
+
+    /// A view of the whole image.
+    pub fn view(&self) -> vk::ImageView {
+        self.0.view
+    }
+
+    /// Width in pixels.
+    pub fn width(&self) -> u32 {
+        self.0.width
+    }
+
+    /// Height in pixels.
+    pub fn height(&self) -> u32 {
+        self.0.height
+    }
+
+    /// The format.
+    pub fn format(&self) -> vk::Format {
+        self.0.format
+    }
+
+    /// Bytes of the image without padding, as [`super::Recorder::copy_image_to_buffer`] writes it.
+    pub fn bytes(&self) -> u64 {
+        u64::from(self.0.width) * u64::from(self.0.height) * self.0.texel_bytes
+    }
+
+    pub(super) fn belongs_to(&self, ctx: &Context) -> bool {
+        Arc::ptr_eq(&self.0.ctx.inner, &ctx.inner)
+    }
+}
+
+/// The one level and layer of an [`Image`].
+pub(super) const WHOLE_IMAGE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
+    aspect_mask: vk::ImageAspectFlags::COLOR,
+    base_mip_level: 0,
+    level_count: 1,
+    base_array_layer: 0,
+    layer_count: 1,
+};
+
+impl Drop for ImageInner {
+    fn drop(&mut self) {
+        // SAFETY: as for buffers; a view that was never made is null, which is ignored.
+        unsafe {
+            self.ctx.device().destroy_image_view(self.view, None);
+            self.ctx.device().destroy_image(self.handle, None);
+        }
+        release(&self.ctx, &self.name, self.allocation.take());
+    }
+}
+
+fn allocate(
+    ctx: &Context,
+    name: &str,
+    requirements: vk::MemoryRequirements,
+    location: MemoryLocation,
+    linear: bool,
+) -> Result<Allocation> {
+    within(name, requirements.size, ctx.info().max_allocation, "maxMemoryAllocationSize")?;
+    let desc = AllocationCreateDesc {
+        name,
+        requirements,
+        location,
+        linear,
+        allocation_scheme: AllocationScheme::GpuAllocatorManaged,
+    };
+    ctx.allocator().allocate(&desc).map_err(|error| match error {
+        AllocationError::OutOfMemory => Error::OutOfMemory { resource: name.to_owned(), bytes: requirements.size },
+        error => Error::Resource { name: name.to_owned(), message: format!("{error} ({} bytes)", requirements.size) },
+    })
+}
+
+/// Checks a size against a limit of the device.
+fn within(name: &str, bytes: u64, limit: u64, limit_name: &'static str) -> Result<()> {
+    if bytes <= limit {
+        return Ok(());
+    }
+    let advice = "lower the resolution or --paths, or simplify the scene";
+    Err(Error::DeviceLimit { resource: name.to_owned(), bytes, limit, limit_name, advice })
+}
+
+fn release(ctx: &Context, name: &str, allocation: Option<Allocation>) {
+    if let Some(allocation) = allocation
+        && let Err(error) = ctx.allocator().free(allocation)
+    {
+        log::warn!("{name}: memory not given back: {error}");
+    }
+}
+
+fn failed(name: &str, bytes: u64, result: vk::Result) -> Error {
+    match result {
+        vk::Result::ERROR_OUT_OF_HOST_MEMORY | vk::Result::ERROR_OUT_OF_DEVICE_MEMORY => {
+            Error::OutOfMemory { resource: name.to_owned(), bytes }
+        }
+        result => super::instance::vulkan(name)(result),
+    }
+}

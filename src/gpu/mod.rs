@@ -1,0 +1,47 @@
+//! The only code that speaks Vulkan. It knows nothing about light.
+//!
+//! A [`Context`] stands on a device of its own ([`Context::headless`]) or on a host's ([`Context::adopt`]). Kernels are
+//! compiled from WGSL by the build script ([`shaders`]); [`Kernel::bind`] joins one with its [`Buffer`]s and [`Image`]s,
+//! and a [`Recorder`] writes dispatches and copies into a command buffer, each followed by one global memory barrier: a
+//! command sees everything that the commands before it have written. Images stay in the layout GENERAL.
+//!
+//! Vulkan 1.1 with a compute queue suffices; no device extension and no feature is asked for.
+
+mod cache;
+mod context;
+mod device;
+mod instance;
+mod kernel;
+mod memory;
+mod recorder;
+mod staging;
+mod timers;
+#[cfg(any(feature = "hot-reload", test))]
+mod wgsl;
+#[cfg(test)]
+mod wgsl_emit;
+
+pub use context::{Context, ContextOptions, HostDevice};
+pub use device::{DeviceChoice, DeviceInfo, Requirements, list_devices};
+pub use instance::Messages;
+pub use kernel::{BindingInfo, BindingKind, Bindings, Bound, Kernel, Shader};
+pub use memory::{Buffer, Image, Memory};
+pub use recorder::{Recorder, Retained};
+pub use staging::{Staging, download, upload};
+pub use timers::Timers;
+
+/// The kernels, compiled from `shaders/` by the build script.
+pub mod shaders {
+    #[allow(unused_imports, reason = "unused only while shaders/ is empty")]
+    use super::{BindingInfo, BindingKind, Shader};
+
+    include!(concat!(env!("OUT_DIR"), "/shaders.rs"));
+}
+
+/// Compile-time checks that the structures of [`crate::pass::layout`] are those of the kernels.
+mod layout_checks {
+    #[allow(unused_imports, reason = "unused only while no kernel shares a structure with the host")]
+    use crate::pass::layout::*;
+
+    include!(concat!(env!("OUT_DIR"), "/layout_checks.rs"));
+}

@@ -1,0 +1,350 @@
+//! Writes commands into a command buffer, each followed by one global memory barrier.
+
+use std::sync::Arc;
+
+use ash::vk;
+
+use super::context::Context;
+use super::kernel::{Bindings, Kernel};
+use super::memory::{Buffer, Image, Memory, WHOLE_IMAGE};
+use super::timers::Timers;
+use crate::error::{Error, Result};
+
+/// Most workgroups along x; kernels find their linear index as `wg.x + wg.y * num_workgroups.x`.
+const MAX_GROUPS_X: u32 = 32768;
+
+/// Most bytes of one vkCmdUpdateBuffer.
+const UPDATE_BYTES: usize = 65536;
+
+/// Stages that use what earlier commands wrote: kernels, copies, the reading of indirect arguments.
+const USERS: vk::PipelineStageFlags = vk::PipelineStageFlags::from_raw(
+    vk::PipelineStageFlags::COMPUTE_SHADER.as_raw()
+        | vk::PipelineStageFlags::TRANSFER.as_raw()
+        | vk::PipelineStageFlags::DRAW_INDIRECT.as_raw(),
+);
+
+/// What those stages do.
+const USES: vk::AccessFlags = vk::AccessFlags::from_raw(
+    vk::AccessFlags::SHADER_READ.as_raw()
+        | vk::AccessFlags::SHADER_WRITE.as_raw()
+        | vk::AccessFlags::TRANSFER_READ.as_raw()
+        | vk::AccessFlags::TRANSFER_WRITE.as_raw()
+        | vk::AccessFlags::INDIRECT_COMMAND_READ.as_raw(),
+);
+
+/// What recorded commands use; to be kept until they have been executed.
+#[must_use = "dropping this destroys what the recorded commands may still use"]
+pub struct Retained {
+    _objects: Vec<Arc<dyn Send + Sync>>,
+}
+
+/// Records into one command buffer.
+pub struct Recorder<'a> {
+    ctx: Context,
+    commands: vk::CommandBuffer,
+    timers: Option<&'a Timers>,
+    retained: Vec<Arc<dyn Send + Sync>>,
+}
+
+impl<'a> Recorder<'a> {
+    /// Starts recording into a command buffer; records the reset of the timers.
+    ///
+    /// # Safety
+    /// The command buffer is in the recording state outside a render pass, was allocated on the context's device for a
+    /// family with compute, and is used by nobody else while this lives; the timers are of the same context. What [`Recorder::finish`] returns is kept until
+    /// the commands have been executed or the command buffer has been reset.
+    pub unsafe fn new(ctx: &Context, commands: vk::CommandBuffer, timers: Option<&'a Timers>) -> Recorder<'a> {
+        let mut retained: Vec<Arc<dyn Send + Sync>> = Vec::new();
+        if let Some(timers) = timers {
+            // SAFETY: the caller's promise.
+            unsafe { timers.0.reset(commands) };
+            retained.push(timers.0.clone());
+        }
+        Recorder { ctx: ctx.clone(), commands, timers, retained }
+    }
+
+    /// Ends recording (the command buffer itself stays open) and hands out what the commands use.
+    pub fn finish(self) -> Retained {
+        Retained { _objects: self.retained }
+    }
+
+    /// The command buffer, for commands of the caller's own.
+    pub fn command_buffer(&self) -> vk::CommandBuffer {
+        self.commands
+    }
+
+    /// Orders what follows after all earlier work of the queue, whoever recorded it.
+    pub fn begin(&mut self) {
+        self.barrier(vk::PipelineStageFlags::ALL_COMMANDS, vk::AccessFlags::MEMORY_WRITE, USERS, USES);
+    }
+
+    /// Makes what was written visible to the host.
+    pub(super) fn end(&mut self) {
+        self.barrier(
+            vk::PipelineStageFlags::ALL_COMMANDS,
+            vk::AccessFlags::MEMORY_WRITE,
+            vk::PipelineStageFlags::HOST,
+            vk::AccessFlags::HOST_READ,
+        );
+    }
+
+    /// Runs `groups` workgroups, spread over x and y. The kernel ignores those beyond `groups`, which it must know.
+    pub fn dispatch(&mut self, kernel: &Kernel, bindings: &Bindings, push: &[u8], groups: u64) -> Result<()> {
+        let [max_x, max_y, _] = self.ctx.info().max_workgroup_count;
+        let x = groups.min(u64::from(max_x.min(MAX_GROUPS_X)));
+        let y = if x == 0 { 0 } else { groups.div_ceil(x) };
+        if y > u64::from(max_y) {
+            return Err(Error::Shader {
+                name: kernel.name().to_owned(),
+                message: format!("{groups} workgroups exceed the device's {x} x {max_y}; lower the resolution"),
+            });
+        }
+        self.prepare(kernel, bindings, push)?;
+        if groups == 0 {
+            return Ok(());
+        }
+        // SAFETY: the command buffer is recording; pipeline, set and push constants were set by `prepare`.
+        unsafe { self.ctx.device().cmd_dispatch(self.commands, x as u32, y as u32, 1) };
+        self.after_dispatch();
+        Ok(())
+    }
+
+    /// Runs as many workgroups as `args` says: x, y, z as u32 at `offset`, written by an earlier command.
+    pub fn dispatch_indirect(
+        &mut self,
+        kernel: &Kernel,
+        bindings: &Bindings,
+        push: &[u8],
+        args: &Buffer,
+        offset: u64,
+    ) -> Result<()> {
+        self.check_buffer(args)?;
+        args.check_range(offset, size_of::<vk::DispatchIndirectCommand>() as u64)?;
+        if !offset.is_multiple_of(4) {
+            return Err(args.misuse(format!("arguments of a dispatch at byte {offset}, which is no multiple of 4")));
+        }
+        self.prepare(kernel, bindings, push)?;
+        self.retained.push(args.0.clone());
+        // SAFETY: as above; the arguments lie inside a buffer with indirect usage.
+        unsafe { self.ctx.device().cmd_dispatch_indirect(self.commands, args.handle(), offset) };
+        self.after_dispatch();
+        Ok(())
+    }
+
+    /// Binds everything for a dispatch.
+    fn prepare(&mut self, kernel: &Kernel, bindings: &Bindings, push: &[u8]) -> Result<()> {
+        let misuse = |message: String| Error::Shader { name: kernel.name().to_owned(), message };
+        if !Arc::ptr_eq(&kernel.0, &bindings.0.kernel.0) {
+            return Err(misuse(format!("the bindings are those of {}", bindings.0.kernel.name())));
+        }
+        if !Arc::ptr_eq(&kernel.0.ctx.inner, &self.ctx.inner) {
+            return Err(misuse("belongs to another context".into()));
+        }
+        let wanted = kernel.shader().push_bytes as usize;
+        if push.len() != wanted {
+            return Err(misuse(format!("{} bytes of push constants, {wanted} are declared", push.len())));
+        }
+        let device = self.ctx.device();
+        // SAFETY: the command buffer is recording; the set was allocated with the pipeline's layout.
+        unsafe {
+            device.cmd_bind_pipeline(self.commands, vk::PipelineBindPoint::COMPUTE, kernel.0.pipeline);
+            if bindings.0.set != vk::DescriptorSet::null() {
+                device.cmd_bind_descriptor_sets(
+                    self.commands,
+                    vk::PipelineBindPoint::COMPUTE,
+                    kernel.0.layout,
+                    0,
+                    &[bindings.0.set],
+                    &[],
+                );
+            }
+            if !push.is_empty() {
+                device.cmd_push_constants(self.commands, kernel.0.layout, vk::ShaderStageFlags::COMPUTE, 0, push);
+            }
+        }
+        // The bindings keep the kernel and all that is bound.
+        self.retained.push(bindings.0.clone());
+        Ok(())
+    }
+
+    /// Writes bytes that are stored in the command buffer itself; offset and length are multiples of 4.
+    pub fn update(&mut self, buffer: &Buffer, offset: u64, bytes: &[u8]) -> Result<()> {
+        self.check_buffer(buffer)?;
+        buffer.check_range(offset, bytes.len() as u64)?;
+        if !offset.is_multiple_of(4) || !bytes.len().is_multiple_of(4) {
+            return Err(buffer.misuse(format!("update of bytes {offset} + {}: no multiples of 4", bytes.len())));
+        }
+        self.retained.push(buffer.0.clone());
+        for (piece, at) in bytes.chunks(UPDATE_BYTES).zip((offset..).step_by(UPDATE_BYTES)) {
+            // SAFETY: the command buffer is recording; range and alignment were checked above.
+            unsafe { self.ctx.device().cmd_update_buffer(self.commands, buffer.handle(), at, piece) };
+        }
+        self.after_transfer(buffer);
+        Ok(())
+    }
+
+    /// Fills a buffer with a repeated value.
+    pub fn fill(&mut self, buffer: &Buffer, value: u32) -> Result<()> {
+        self.check_buffer(buffer)?;
+        self.retained.push(buffer.0.clone());
+        // SAFETY: the command buffer is recording; the size is that of the buffer, a multiple of 4.
+        unsafe { self.ctx.device().cmd_fill_buffer(self.commands, buffer.handle(), 0, buffer.size(), value) };
+        self.after_transfer(buffer);
+        Ok(())
+    }
+
+    /// Copies a buffer as a whole to the start of another that is at least as big.
+    pub fn copy(&mut self, src: &Buffer, dst: &Buffer) -> Result<()> {
+        self.copy_range(src, 0, dst, 0, src.bytes())
+    }
+
+    /// Copies `bytes` bytes.
+    pub fn copy_range(&mut self, src: &Buffer, src_at: u64, dst: &Buffer, dst_at: u64, bytes: u64) -> Result<()> {
+        self.check_buffer(src)?;
+        self.check_buffer(dst)?;
+        src.check_range(src_at, bytes)?;
+        dst.check_range(dst_at, bytes)?;
+        if src.handle() == dst.handle() && src_at < dst_at + bytes && dst_at < src_at + bytes {
+            return Err(src.misuse(format!("copy of bytes {src_at} + {bytes} onto themselves at {dst_at}")));
+        }
+        if bytes == 0 {
+            return Ok(());
+        }
+        self.retained.extend([src.0.clone() as Arc<dyn Send + Sync>, dst.0.clone()]);
+        let regions = [vk::BufferCopy { src_offset: src_at, dst_offset: dst_at, size: bytes }];
+        // SAFETY: the command buffer is recording; both ranges lie inside their buffers and do not overlap.
+        unsafe { self.ctx.device().cmd_copy_buffer(self.commands, src.handle(), dst.handle(), &regions) };
+        self.after_transfer(dst);
+        Ok(())
+    }
+
+    /// Copies an image, row by row without padding, to the start of a buffer that is at least as big.
+    pub fn copy_image_to_buffer(&mut self, image: &Image, buffer: &Buffer) -> Result<()> {
+        self.check_buffer(buffer)?;
+        self.check_image(image)?;
+        buffer.check_range(0, image.bytes())?;
+        self.retained.extend([image.0.clone() as Arc<dyn Send + Sync>, buffer.0.clone()]);
+        let regions = [vk::BufferImageCopy::default()
+            .image_subresource(vk::ImageSubresourceLayers {
+                aspect_mask: vk::ImageAspectFlags::COLOR,
+                mip_level: 0,
+                base_array_layer: 0,
+                layer_count: 1,
+            })
+            .image_extent(vk::Extent3D { width: image.width(), height: image.height(), depth: 1 })];
+        // SAFETY: the command buffer is recording; the buffer is big enough; images are kept in GENERAL.
+        unsafe {
+            self.ctx.device().cmd_copy_image_to_buffer(
+                self.commands,
+                image.handle(),
+                vk::ImageLayout::GENERAL,
+                buffer.handle(),
+                &regions,
+            );
+        }
+        self.after_transfer(buffer);
+        Ok(())
+    }
+
+    /// Brings an image from the undefined layout to GENERAL; its content is lost.
+    pub fn image_to_general(&mut self, image: &Image) -> Result<()> {
+        self.check_image(image)?;
+        self.retained.push(image.0.clone());
+        let barriers = [vk::ImageMemoryBarrier::default()
+            .dst_access_mask(
+                vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_READ,
+            )
+            .old_layout(vk::ImageLayout::UNDEFINED)
+            .new_layout(vk::ImageLayout::GENERAL)
+            .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+            .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+            .image(image.handle())
+            .subresource_range(WHOLE_IMAGE)];
+        // SAFETY: the command buffer is recording; the image is alive. All earlier use of the image is waited for.
+        unsafe {
+            self.ctx.device().cmd_pipeline_barrier(
+                self.commands,
+                vk::PipelineStageFlags::ALL_COMMANDS,
+                USERS,
+                vk::DependencyFlags::empty(),
+                &[],
+                &[],
+                &barriers,
+            );
+        }
+        Ok(())
+    }
+
+    /// Records under a name: a label for debuggers, and a time of the timers.
+    pub fn scope(&mut self, name: &str, record: impl FnOnce(&mut Self) -> Result<()>) -> Result<()> {
+        let commands = self.commands;
+        let debug = self.ctx.inner.debug.clone();
+        let label = std::ffi::CString::new(name).unwrap_or_default();
+        if let Some(debug) = &debug {
+            let label = vk::DebugUtilsLabelEXT::default().label_name(&label);
+            // SAFETY: the extension is enabled and the command buffer is recording; the label is closed below.
+            unsafe { debug.cmd_begin_debug_utils_label(commands, &label) };
+        }
+        // SAFETY: the command buffer is recording on the timers' device; they were reset at its start.
+        let query = self.timers.and_then(|timers| unsafe { timers.0.begin(commands, name) });
+        let result = record(self);
+        if let (Some(timers), Some(query)) = (self.timers, query) {
+            // SAFETY: as above.
+            unsafe { timers.0.end(commands, query) };
+        }
+        if let Some(debug) = &debug {
+            // SAFETY: closes the label opened above.
+            unsafe { debug.cmd_end_debug_utils_label(commands) };
+        }
+        result
+    }
+
+    fn check_buffer(&self, buffer: &Buffer) -> Result<()> {
+        if buffer.belongs_to(&self.ctx) {
+            return Ok(());
+        }
+        Err(buffer.misuse("belongs to another context".into()))
+    }
+
+    fn check_image(&self, image: &Image) -> Result<()> {
+        if image.belongs_to(&self.ctx) {
+            return Ok(());
+        }
+        Err(Error::Resource { name: image.name().to_owned(), message: "belongs to another context".into() })
+    }
+
+    fn after_dispatch(&mut self) {
+        self.barrier(vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_WRITE, USERS, USES);
+    }
+
+    fn after_transfer(&mut self, dst: &Buffer) {
+        let (mut stages, mut access) = (USERS, USES);
+        if dst.memory() == Memory::Readback {
+            stages |= vk::PipelineStageFlags::HOST;
+            access |= vk::AccessFlags::HOST_READ;
+        }
+        self.barrier(vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE, stages, access);
+    }
+
+    fn barrier(
+        &mut self,
+        src_stages: vk::PipelineStageFlags,
+        src_access: vk::AccessFlags,
+        dst_stages: vk::PipelineStageFlags,
+        dst_access: vk::AccessFlags,
+    ) {
+        let barrier = [vk::MemoryBarrier::default().src_access_mask(src_access).dst_access_mask(dst_access)];
+        // SAFETY: the command buffer is recording; a queue with compute knows all these stages.
+        unsafe {
+            self.ctx.device().cmd_pipeline_barrier(
+                self.commands,
+                src_stages,
+                dst_stages,
+                vk::DependencyFlags::empty(),
+                &barrier,
+                &[],
+                &[],
+            );
+        }
+    }
+}
