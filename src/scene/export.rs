@@ -162,6 +162,9 @@ fn extras<T: Serialize>(ours: T) -> Value {
     json!({ "lightsum": serde_json::from_str::<Value>(&text).unwrap_or_default() })
 }
 
+/// Faces of one object by material and kind of shading.
+type Primitives = BTreeMap<(u32, bool), Vec<[u32; 3]>>;
+
 #[derive(Default)]
 struct Writer {
     bin: Vec<u8>,
@@ -187,7 +190,7 @@ impl Writer {
 
     /// One mesh and node for each object, one primitive for each of its materials and kinds of shading.
     fn meshes(&mut self, scene: &Scene) {
-        let mut groups: BTreeMap<u32, BTreeMap<(u32, bool), Vec<[u32; 3]>>> = BTreeMap::new();
+        let mut groups: BTreeMap<u32, Primitives> = BTreeMap::new();
         for t in &scene.triangles {
             groups.entry(t.object).or_default().entry((t.material, t.smooth)).or_default().push(t.vertices);
         }

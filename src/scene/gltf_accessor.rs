@@ -9,7 +9,7 @@ use gltf::{Accessor, Document, buffer};
 use crate::error::{Error, Result};
 
 /// Elements that an accessor without a buffer view may ask to be filled with zeros.
-const MOST_ZEROS: usize = 1 << 26;
+const MOST_ZEROS: usize = 1 << 24;
 
 /// The buffers of a document.
 pub(super) struct Buffers<'a> {

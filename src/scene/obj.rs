@@ -171,21 +171,21 @@ impl Reader<'_> {
 
     fn library(&mut self, rest: &str) -> Result<()> {
         let folder = self.path.parent().unwrap_or(Path::new(""));
-        let whole = folder.join(rest.replace('\\', "/"));
-        // One name with spaces, or several names.
-        let files: Vec<_> = if whole.is_file() {
-            vec![whole]
-        } else {
-            rest.split_whitespace().map(|name| folder.join(name.replace('\\', "/"))).collect()
-        };
-        for file in files {
-            if file.is_file() {
-                let entries = obj_material::read(&file)?;
-                self.materials.add(&mut self.scene, entries);
-            } else {
-                let (path, file) = (self.path.display(), file.display());
-                log::warn!("{path}:{}: material library {file} does not exist; its materials are grey", self.line);
-            }
+        // One name, with spaces or not; else several, whose own spaces are escaped.
+        let mut files = vec![folder.join(rest.replace('\\', "/"))];
+        if !files[0].is_file() {
+            let escaped = rest.replace("\\ ", "\0");
+            let names = escaped.split_whitespace().map(|name| name.replace('\0', " ").replace('\\', "/"));
+            files = names.map(|name| folder.join(name)).collect();
+        }
+        let (found, missing): (Vec<_>, Vec<_>) = files.into_iter().partition(|file| file.is_file());
+        for file in found {
+            let entries = obj_material::read(&file)?;
+            self.materials.add(&mut self.scene, entries);
+        }
+        if !missing.is_empty() {
+            let path = self.path.display();
+            log::warn!("{path}:{}: no such material library; its materials are grey: {missing:?}", self.line);
         }
         Ok(())
     }

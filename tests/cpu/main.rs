@@ -1,0 +1,4 @@
+//! Tests that need no device.
+
+mod scene;
+mod scene_gltf;

@@ -1,0 +1,492 @@
+//! glTF models: what is read, what is refused, and lights exported and read back.
+
+use std::f32::consts::{FRAC_PI_2, PI};
+use std::path::{Path, PathBuf};
+
+use glam::{Vec2, Vec3};
+use lightsum::scene::{self, Light, Scene, Surface, Texture, VirtualLight, Wrap, builtin, export_lights};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+/// A folder with one glTF document.
+struct Case {
+    folder: TempDir,
+    document: Value,
+    bin: Vec<u8>,
+}
+
+impl Case {
+    /// A right triangle in the plane z = 0 with normals, texture coordinates and 16-bit indices; its material emits.
+    fn new() -> Case {
+        let mut bin = Vec::new();
+        let positions = [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+        let normals = [0.0f32, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.6, 0.8];
+        let uvs = [0.0f32, 0.0, 1.0, 0.0, 0.0, 1.0];
+        for x in positions.iter().chain(&normals).chain(&uvs) {
+            bin.extend(x.to_le_bytes());
+        }
+        for i in [0u16, 1, 2] {
+            bin.extend(i.to_le_bytes());
+        }
+        bin.extend([0, 0]);
+        let document = json!({
+            "asset": { "version": "2.0" },
+            "scenes": [{ "nodes": [0] }],
+            "nodes": [{ "mesh": 0, "name": "thing" }],
+            "meshes": [{ "primitives": [{
+                "attributes": { "POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2 }, "indices": 3, "material": 0,
+            }] }],
+            "materials": [{ "name": "lamp", "emissiveFactor": [1.0, 0.5, 0.0] }],
+            "accessors": [
+                { "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0] },
+                { "bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC3" },
+                { "bufferView": 2, "componentType": 5126, "count": 3, "type": "VEC2" },
+                { "bufferView": 3, "componentType": 5123, "count": 3, "type": "SCALAR" },
+            ],
+            "bufferViews": [
+                { "buffer": 0, "byteOffset": 0, "byteLength": 36 },
+                { "buffer": 0, "byteOffset": 36, "byteLength": 36 },
+                { "buffer": 0, "byteOffset": 72, "byteLength": 24 },
+                { "buffer": 0, "byteOffset": 96, "byteLength": 6 },
+            ],
+            "buffers": [{ "uri": "a.bin", "byteLength": 104 }],
+        });
+        Case { folder: TempDir::new().unwrap(), document, bin }
+    }
+
+    fn with(change: impl FnOnce(&mut Case)) -> Case {
+        let mut case = Case::new();
+        change(&mut case);
+        case
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn load(&self) -> lightsum::Result<Scene> {
+        std::fs::write(self.path("a.bin"), &self.bin).unwrap();
+        std::fs::write(self.path("a.gltf"), self.document.to_string()).unwrap();
+        scene::load(&self.path("a.gltf"))
+    }
+
+    fn glb(&self) -> Vec<u8> {
+        let mut document = self.document.clone();
+        document["buffers"][0].as_object_mut().unwrap().remove("uri");
+        let mut json = document.to_string().into_bytes();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        let mut glb = b"glTF\x02\0\0\0".to_vec();
+        glb.extend((28 + json.len() as u32 + self.bin.len() as u32).to_le_bytes());
+        for (kind, chunk) in [(b"JSON", &json), (b"BIN\0", &self.bin)] {
+            glb.extend((chunk.len() as u32).to_le_bytes());
+            glb.extend(kind);
+            glb.extend(chunk);
+        }
+        glb
+    }
+}
+
+fn base64(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::new();
+    for chunk in bytes.chunks(3) {
+        let value = chunk.iter().fold(0usize, |v, &b| v << 8 | usize::from(b)) << (8 * (3 - chunk.len()));
+        for i in 0..4 {
+            let digit = char::from(DIGITS[value >> (18 - 6 * i) & 63]);
+            text.push(if i > chunk.len() { '=' } else { digit });
+        }
+    }
+    text
+}
+
+fn png(texels: &[[u8; 4]], width: u32) -> Vec<u8> {
+    let raw = texels.iter().flatten().copied().collect();
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let image = image::RgbaImage::from_raw(width, texels.len() as u32 / width, raw).unwrap();
+    image.write_to(&mut bytes, image::ImageFormat::Png).unwrap();
+    bytes.into_inner()
+}
+
+fn normal(scene: &Scene, i: usize) -> Vec3 {
+    let [a, b, c] = scene.triangle_positions(i);
+    (b - a).cross(c - a).normalize()
+}
+
+fn near(a: Vec3, b: Vec3) -> bool {
+    (a - b).abs().max_element() < 1e-5
+}
+
+#[test]
+fn gltf_is_read_from_each_container() {
+    let case = Case::new();
+    let expected = case.load().unwrap();
+    assert_eq!(expected.triangles.len(), 1);
+    assert!(expected.triangles[0].smooth && expected.emitters_are_lights);
+    assert_eq!(expected.objects, ["thing"]);
+    assert_eq!(expected.positions, [Vec3::ZERO, Vec3::X, Vec3::Y]);
+    assert_eq!(expected.normals[2], Vec3::new(0.0, 0.6, 0.8));
+    assert_eq!(expected.uvs, [Vec2::ZERO, Vec2::X, Vec2::Y]);
+    let m = &expected.materials[0];
+    assert_eq!((m.name.as_str(), m.emission, m.metallic), ("lamp", Vec3::new(1.0, 0.5, 0.0), 1.0));
+    assert!(near(m.specular, Vec3::splat(0.04)) && !m.two_sided);
+
+    std::fs::write(case.path("a.glb"), case.glb()).unwrap();
+    let binary = scene::load(&case.path("a.glb")).unwrap();
+    assert_eq!((&binary.positions, &binary.triangles), (&expected.positions, &expected.triangles));
+    let embedded = Case::with(|c| {
+        c.document["buffers"][0]["uri"] = json!(format!("data:application/octet-stream;base64,{}", base64(&c.bin)));
+    });
+    let embedded = embedded.load().unwrap();
+    assert_eq!((&embedded.positions, &embedded.triangles), (&expected.positions, &expected.triangles));
+}
+
+#[test]
+fn nodes_are_flattened() {
+    let case = Case::with(|c| {
+        c.document["scenes"][0]["nodes"] = json!([0]);
+        c.document["nodes"] = json!([
+            { "children": [1, 2], "translation": [0, 0, 5], "scale": [2, 2, 2] },
+            { "mesh": 0, "translation": [1, 0, 0] },
+            // Mirrored in x: the winding must turn, so that the front stays at +z.
+            { "mesh": 0, "scale": [-1, 1, 1] },
+        ]);
+    });
+    let scene = case.load().unwrap();
+    assert_eq!(scene.triangles.len(), 2);
+    assert!(near(scene.triangle_positions(0)[1], Vec3::new(4.0, 0.0, 5.0)));
+    assert!(near(normal(&scene, 0), Vec3::Z) && near(normal(&scene, 1), Vec3::Z));
+    assert!(near(scene.normals[3], Vec3::Z) && near(scene.normals[5], Vec3::new(0.0, 0.6, 0.8)));
+    assert!(near(scene.bounds().0, Vec3::new(-2.0, 0.0, 5.0)));
+}
+
+#[test]
+fn materials_and_textures_are_read() {
+    let case = Case::with(|c| {
+        let image = png(&[[255, 0, 0, 255], [0, 0, 255, 255]], 1);
+        std::fs::write(c.path("my image.png"), &image).unwrap();
+        c.document["images"] = json!([
+            { "uri": "my%20image.png" },
+            { "uri": format!("data:image/png;base64,{}", base64(&image)) },
+        ]);
+        c.document["samplers"] = json!([{ "wrapS": 33071, "wrapT": 33648 }]);
+        c.document["textures"] = json!([{ "source": 0, "sampler": 0 }, { "source": 1 }]);
+        c.document["materials"][0] = json!({
+            "pbrMetallicRoughness": {
+                "baseColorFactor": [0.5, 0.25, 1.0, 1.0], "metallicFactor": 0.25, "roughnessFactor": 0.5,
+                "baseColorTexture": { "index": 0 }, "metallicRoughnessTexture": { "index": 1 },
+            },
+            "emissiveFactor": [1.0, 0.5, 1.0], "emissiveTexture": { "index": 0 }, "doubleSided": true,
+            "extensions": {
+                "KHR_materials_emissive_strength": { "emissiveStrength": 8.0 },
+                "KHR_materials_ior": { "ior": 2.0 },
+                "KHR_materials_transmission": { "transmissionFactor": 0.75 },
+            },
+        });
+    });
+    let scene = case.load().unwrap();
+    let m = &scene.materials[0];
+    assert_eq!(m.base_color, Vec3::new(0.5, 0.25, 1.0));
+    assert_eq!((m.metallic, m.roughness, m.two_sided), (0.25, 0.5, true));
+    assert_eq!((m.surface, m.ior), (Surface::Glass, 2.0));
+    assert!(near(m.specular, Vec3::splat(1.0 / 9.0)));
+    // 8 * factor * average (1/2, 0, 1/2) of the texture.
+    assert!(near(m.emission, Vec3::new(4.0, 0.0, 4.0)), "{}", m.emission);
+    let base = &scene.textures[m.base_texture.unwrap() as usize];
+    assert_eq!((base.width, base.height, base.srgb), (1, 2, true));
+    assert_eq!(base.wrap, [Wrap::Clamp, Wrap::Mirror]);
+    assert_eq!(base.texels, [[255, 0, 0, 255], [0, 0, 255, 255]]);
+    let packed = &scene.textures[m.metallic_roughness_texture.unwrap() as usize];
+    assert_eq!((packed.srgb, packed.wrap), (false, [Wrap::Repeat; 2]));
+}
+
+#[test]
+fn lights_and_camera_are_read() {
+    let turn = 0.5f32.sqrt();
+    let case = Case::with(|c| {
+        c.document["extensionsUsed"] = json!(["KHR_lights_punctual"]);
+        c.document["extensions"] = json!({ "KHR_lights_punctual": { "lights": [
+            { "type": "point", "color": [1, 0.5, 0.25], "intensity": 1366.0 },
+            { "type": "spot", "intensity": 2.0, "spot": { "innerConeAngle": 0.25, "outerConeAngle": 0.5 } },
+            { "type": "directional", "intensity": 3.0 },
+        ] } });
+        let light = |i: u32| json!({ "KHR_lights_punctual": { "light": i } });
+        c.document["nodes"].as_array_mut().unwrap().extend([
+            json!({ "translation": [1, 2, 3], "extensions": light(0) }),
+            // A quarter turn about x: -z becomes -y.
+            json!({ "rotation": [-turn, 0, 0, turn], "extensions": light(1) }),
+            json!({ "extensions": light(2) }),
+            json!({ "camera": 0, "translation": [0, 0, 5] }),
+        ]);
+        c.document["cameras"] =
+            json!([{ "type": "perspective", "perspective": { "yfov": 0.5, "aspectRatio": 1.5, "znear": 0.1 } }]);
+        c.document["scenes"][0]["nodes"] = json!([0, 1, 2, 3, 4]);
+    });
+    let scene = case.load().unwrap();
+    let camera = scene.camera.unwrap();
+    assert_eq!((camera.eye, camera.resolution), (Vec3::Z * 5.0, [720, 480]));
+    assert!(near(camera.target, Vec3::Z * 4.0) && (camera.fov_y - 0.5f32.to_degrees()).abs() < 1e-4);
+    let position = Vec3::new(1.0, 2.0, 3.0);
+    assert_eq!(scene.lights[0], Light::Point { position, intensity: Vec3::new(1366.0, 683.0, 341.5) });
+    let Light::Spot { direction, inner, outer, .. } = scene.lights[1] else { panic!("{:?}", scene.lights[1]) };
+    assert!(near(direction, Vec3::NEG_Y) && (inner, outer) == (0.25, 0.5));
+    assert_eq!(scene.lights[2], Light::Directional { direction: Vec3::NEG_Z, irradiance: Vec3::splat(3.0) });
+
+    std::fs::write(case.path("scene.toml"), "model = \"a.gltf\"\nphotometric = true\n").unwrap();
+    let photometric = scene::load(&case.path("scene.toml")).unwrap();
+    let Light::Point { intensity, .. } = photometric.lights[0] else { panic!("{:?}", photometric.lights[0]) };
+    assert!(near(intensity, Vec3::new(2.0, 1.0, 0.5)));
+    // The model's camera serves where the description has none.
+    assert_eq!(photometric.camera, scene.camera);
+}
+
+#[test]
+fn bad_gltf_is_refused() {
+    let refused = |change: &dyn Fn(&mut Case), parts: &[&str]| {
+        let error = Case::with(change).load().expect_err(&format!("{parts:?} should be refused")).to_string();
+        assert!(error.contains("a.gltf") && parts.iter().all(|p| error.contains(p)), "{error}");
+    };
+    refused(&|c| c.document["bufferViews"][1]["byteLength"] = json!(200), &["bufferView 1", "beyond buffer 0"]);
+    refused(&|c| c.document["bufferViews"][1]["byteOffset"] = json!(u64::MAX), &["bufferView 1"]);
+    refused(&|c| c.document["accessors"][0]["count"] = json!(4), &["accessor 0", "beyond bufferView 0"]);
+    refused(&|c| c.document["accessors"][0]["count"] = json!(u64::MAX), &["accessor 0"]);
+    refused(&|c| c.document["accessors"][0]["byteOffset"] = json!(4), &["accessor 0"]);
+    refused(&|c| c.document["accessors"][1]["count"] = json!(2), &["thing", "differ"]);
+    refused(&|c| c.document["accessors"][0]["type"] = json!("VEC2"), &["accessor 0", "Vec2"]);
+    refused(&|c| c.document["accessors"][3]["componentType"] = json!(5126), &["accessor 3", "F32"]);
+    refused(&|c| c.document["accessors"][2]["componentType"] = json!(5123), &["accessor 2", "normalised"]);
+    refused(&|c| c.document["bufferViews"][0]["byteStride"] = json!(4), &["stride 4"]);
+    refused(&|c| c.document["buffers"][0]["byteLength"] = json!(1000), &["buffer 0", "1000"]);
+    refused(&|c| c.document["buffers"][0]["uri"] = json!("none.bin"), &["buffer 0"]);
+    refused(&|c| c.document["buffers"][0]["uri"] = json!("https://host/a.bin"), &["buffer 0"]);
+    refused(&|c| c.document["buffers"][0]["uri"] = json!("%ff.bin"), &["a.gltf"]);
+    refused(&|c| c.document["buffers"][0]["uri"] = json!("data:;base64,@@"), &["buffer 0"]);
+    refused(&|c| c.bin[98] = 7, &["accessor 3", "vertex 7", "there are 3"]);
+    refused(&|c| c.bin[0..4].copy_from_slice(&f32::NAN.to_le_bytes()), &["accessor 0", "not finite"]);
+    refused(&|c| c.document["nodes"][0]["children"] = json!([0]), &["node 0", "ancestor"]);
+    refused(&|c| c.document["nodes"][0]["mesh"] = json!(5), &["nodes[0].mesh"]);
+    refused(&|c| c.document["nodes"][0]["scale"] = json!([1e38, 1e38, 1e38]), &["thing"]);
+    refused(&|c| c.document["nodes"][0]["scale"] = json!([0, 0, 0]), &["thing", "area"]);
+    refused(&|c| c.document["materials"][0]["emissiveFactor"] = json!([-1, 0, 0]), &["emissi"]);
+    refused(&|c| c.document["materials"][0]["emissiveFactor"] = json!([0, 0, 0]), &["nothing emits light"]);
+    refused(&|c| c.document["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]), &["extensionsRequired"]);
+    refused(&|c| c.document = json!([1, 2]), &["a.gltf"]);
+    refused(
+        &|c| {
+            c.document["images"] = json!([{ "uri": "none.png" }]);
+            c.document["textures"] = json!([{ "source": 0 }]);
+            c.document["materials"][0]["pbrMetallicRoughness"] = json!({ "baseColorTexture": { "index": 0 } });
+        },
+        &["none.png"],
+    );
+    // A light that does not exist, which the glTF crate does not check.
+    refused(
+        &|c| {
+            c.document["extensionsUsed"] = json!(["KHR_lights_punctual"]);
+            c.document["extensions"] = json!({ "KHR_lights_punctual": { "lights": [] } });
+            c.document["nodes"][0]["extensions"] = json!({ "KHR_lights_punctual": { "light": 3 } });
+        },
+        &["a.gltf"],
+    );
+    let case = Case::new();
+    let glb = case.glb();
+    for length in [0, 3, 11, 19, 40, glb.len() - 1] {
+        std::fs::write(case.path("a.glb"), &glb[..length]).unwrap();
+        assert!(scene::load(&case.path("a.glb")).is_err(), "{length}");
+    }
+}
+
+#[test]
+fn sparse_accessors_are_applied() {
+    let case = Case::with(|c| {
+        // Vertex 1 moves to (2, 0, 0).
+        c.bin.extend([1, 0, 0, 0]);
+        c.bin.extend([2.0f32, 0.0, 0.0].iter().flat_map(|x| x.to_le_bytes()));
+        c.document["buffers"][0]["byteLength"] = json!(120);
+        let views = c.document["bufferViews"].as_array_mut().unwrap();
+        views.push(json!({ "buffer": 0, "byteOffset": 104, "byteLength": 1 }));
+        views.push(json!({ "buffer": 0, "byteOffset": 108, "byteLength": 12 }));
+        c.document["accessors"][0]["sparse"] = json!({
+            "count": 1, "indices": { "bufferView": 4, "componentType": 5121 }, "values": { "bufferView": 5 },
+        });
+    });
+    assert_eq!(case.load().unwrap().positions, [Vec3::ZERO, Vec3::X * 2.0, Vec3::Y]);
+    let beyond = Case::with(|c| {
+        c.document = case.document.clone();
+        c.bin = case.bin.clone();
+        c.bin[104] = 3;
+    });
+    let error = beyond.load().unwrap_err().to_string();
+    assert!(error.contains("sparse index 3"), "{error}");
+}
+
+/// A scene with everything that an export must keep.
+fn rich_scene() -> Scene {
+    let mut scene = builtin::room(500);
+    let texel = |i: u8| [i.wrapping_mul(37), i.wrapping_mul(91), i.wrapping_mul(53), 255];
+    scene.textures.push(Texture {
+        name: String::from("noise"),
+        width: 4,
+        height: 3,
+        texels: (0..12).map(texel).collect(),
+        srgb: true,
+        wrap: [Wrap::Mirror, Wrap::Clamp],
+    });
+    scene.materials[0].base_texture = Some(0);
+    scene.materials[1].specular = Vec3::new(0.1, 0.2, 0.3);
+    scene.materials[1].roughness = 0.37;
+    scene.materials[2].surface = Surface::Mirror;
+    scene.materials[3].surface = Surface::Glass;
+    scene.materials[3].ior = 1.7;
+    scene.materials[4].two_sided = true;
+    scene.triangles[0].smooth = true;
+    for (i, uv) in scene.uvs.iter_mut().enumerate() {
+        *uv = Vec2::new(i as f32 * 0.1, 1.0 / (1.0 + i as f32));
+    }
+    scene.lights.push(Light::Point { position: Vec3::ONE, intensity: Vec3::new(1.0, 2.0, 4.0) });
+    scene.lights.push(Light::Directional { direction: Vec3::NEG_Y, irradiance: Vec3::ONE });
+    scene.validate(Path::new("rich")).unwrap();
+    scene
+}
+
+#[test]
+fn exported_lights_come_back() {
+    let scene = rich_scene();
+    let virtual_light = |i: u32| {
+        let x = i as f32;
+        VirtualLight {
+            position: Vec3::new(0.1 + x / 7.0, x / 3.0, 0.3),
+            normal: Vec3::new(x.sin(), x.cos(), 0.3 * x - 1.0).normalize(),
+            power: Vec3::new(0.1 * x, 1.0 / 3.0, 1e-7 * x),
+        }
+    };
+    let lights: Vec<VirtualLight> = (0..20).map(virtual_light).collect();
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("virtual lights.gltf");
+    export_lights(&path, &scene, &lights).unwrap();
+    let back = scene::load(&path).unwrap();
+
+    assert!(!back.emitters_are_lights && back.emitters().is_empty());
+    let virtual_lights = |scene: &Scene| -> Vec<Light> {
+        scene.lights.iter().filter(|l| matches!(l, Light::Virtual { .. })).copied().collect()
+    };
+    let expected: Vec<Light> =
+        lights.iter().map(|l| Light::Virtual { position: l.position, normal: l.normal, power: l.power }).collect();
+    assert_eq!(virtual_lights(&back), expected);
+    assert_eq!(back.lights[0], scene.lights[0]);
+    let Light::Directional { direction, .. } = back.lights[1] else { panic!("{:?}", back.lights[1]) };
+    assert!(near(direction, Vec3::NEG_Y));
+    assert_eq!(back.lights.len(), 22);
+    assert_eq!(back.camera, scene.camera);
+    assert_eq!(back.textures[0].texels, scene.textures[0].texels);
+    assert_eq!((back.textures[0].wrap, back.textures[0].srgb), (scene.textures[0].wrap, true));
+
+    // The triangles may have changed places within an object, nothing else.
+    let corners = |scene: &Scene| {
+        let mut list: Vec<String> = (0..scene.triangles.len())
+            .map(|i| {
+                let t = &scene.triangles[i];
+                let m = &scene.materials[t.material as usize];
+                let uvs = t.vertices.map(|v| if m.base_texture.is_some() { scene.uvs[v as usize] } else { Vec2::ZERO });
+                let normals = t.vertices.map(|v| if t.smooth { scene.normals[v as usize] } else { Vec3::ZERO });
+                let object = &scene.objects[t.object as usize];
+                format!("{object} {m:?} {:?} {uvs:?} {normals:?}", scene.triangle_positions(i))
+            })
+            .collect();
+        list.sort();
+        list
+    };
+    assert_eq!(corners(&back), corners(&scene));
+    assert_eq!(back.mean_reflectivity(), scene.mean_reflectivity());
+
+    // Exporting what came back gives the same lights again.
+    let again = folder.path().join("again.gltf");
+    export_lights(&again, &back, &[]).unwrap();
+    assert_eq!(virtual_lights(&scene::load(&again).unwrap()), expected);
+}
+
+#[test]
+fn exported_files_mean_the_same_to_others() {
+    let light = VirtualLight { position: Vec3::ONE, normal: Vec3::X, power: Vec3::new(1.0, 2.0, 0.5) };
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("lights.gltf");
+    export_lights(&path, &builtin::furnace(0.5, 3.0), &[light]).unwrap();
+    // Without our extras, the emission stays and the light is a spot over the hemisphere.
+    let mut document: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    let power = document["nodes"][2]["extras"]["lightsum"]["power"].to_string();
+    assert_eq!(power, "[1.0,2.0,0.5]");
+    for part in ["nodes", "materials", "cameras"] {
+        for item in document[part].as_array_mut().unwrap() {
+            item.as_object_mut().unwrap().remove("extras");
+        }
+    }
+    document["asset"].as_object_mut().unwrap().remove("extras");
+    std::fs::write(&path, document.to_string()).unwrap();
+    let scene = scene::load(&path).unwrap();
+    assert!(scene.emitters_are_lights);
+    assert!(near(scene.materials[0].emission, Vec3::splat(3.0)));
+    let Light::Spot { position, direction, intensity, outer, .. } = scene.lights[0] else {
+        panic!("{:?}", scene.lights)
+    };
+    assert!(near(direction, Vec3::X) && (position, outer) == (Vec3::ONE, FRAC_PI_2));
+    assert!(near(intensity, light.power / PI));
+
+    let names: Vec<String> =
+        std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    assert!(names.iter().all(|n| !n.ends_with(".part")), "{names:?}");
+    let error = export_lights(&folder.path().join("lights.obj"), &scene, &[]).unwrap_err().to_string();
+    assert!(error.contains(".gltf"), "{error}");
+    let error = export_lights(&folder.path().join("none/lights.gltf"), &scene, &[]).unwrap_err().to_string();
+    assert!(error.contains("none/lights"), "{error}");
+}
+
+#[test]
+fn damaged_files_never_panic() {
+    let case = Case::new();
+    let data =
+        |name: &str| std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cpu/data").join(name)).unwrap();
+    std::fs::write(case.path("four texels.png"), data("four texels.png")).unwrap();
+    case.load().unwrap();
+    let toml = "model = \"quarters.obj\"\n[camera]\neye = [0, 0, 5]\ntarget = [0, 0, 0]\nfov_y = 40\n\
+                [lights.a]\ntype = \"sphere\"\ncenter = [0, 0, 0]\nradius = 2\nradiance = [1, 1, 1]\n";
+    let files = [
+        ("quarters.mtl", "quarters.obj", data("quarters.mtl")),
+        ("quarters.obj", "quarters.obj", data("quarters.obj")),
+        ("four texels.png", "quarters.obj", data("four texels.png")),
+        ("a.bin", "a.gltf", case.bin.clone()),
+        ("a.gltf", "a.gltf", case.document.to_string().into_bytes()),
+        ("a.glb", "a.glb", case.glb()),
+        ("scene.toml", "scene.toml", toml.as_bytes().to_vec()),
+    ];
+    for (name, _, bytes) in &files {
+        std::fs::write(case.path(name), bytes).unwrap();
+    }
+    let mut state = 1u64;
+    let mut random = |below: usize| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % below
+    };
+    for (name, main, bytes) in &files {
+        assert!(scene::load(&case.path(main)).is_ok(), "{main}");
+        for _ in 0..300 {
+            let mut damaged = bytes.clone();
+            for _ in 0..=random(3) {
+                let at = random(damaged.len());
+                match random(4) {
+                    0 => damaged[at] = random(256) as u8,
+                    1 => damaged[at] = b"0123456789-.e[]{}\"/ \n"[random(21)],
+                    2 => damaged.truncate(at + 1),
+                    _ => drop(damaged.remove(at)),
+                }
+                if damaged.is_empty() {
+                    break;
+                }
+            }
+            std::fs::write(case.path(name), damaged).unwrap();
+            // Either a scene or an error; only a panic would fail here.
+            if let Ok(scene) = scene::load(&case.path(main)) {
+                assert!(!scene.triangles.is_empty());
+            }
+        }
+        std::fs::write(case.path(name), bytes).unwrap();
+    }
+}
