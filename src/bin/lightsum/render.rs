@@ -45,7 +45,12 @@ pub fn run(args: &Render) -> Result<()> {
     let settings = settings(args, &scene.render);
     settings.validate()?;
     let exposure = args.output.exposure.or(scene.render.exposure).unwrap_or(0.0);
-    let encoding = Encoding { float: args.output.float, exposure, tonemap: args.output.tonemap.into() };
+    let encoding = Encoding {
+        float: args.output.float,
+        color_only: args.output.no_layers,
+        exposure,
+        tonemap: args.output.tonemap.into(),
+    };
     log::info!("{}: {} triangles, {camera:?}, {settings:?}", path.display(), scene.triangles.len());
     let outputs = args.output.outputs.clone();
     let job = Job { name: scene.name.clone(), camera, settings, outputs, encoding, stages };
