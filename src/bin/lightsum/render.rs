@@ -242,15 +242,15 @@ pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {
     }
 }
 
-/// The flag that Ctrl-C raises; the pass that runs is finished then. A second Ctrl-C ends the program at once.
-fn watch_for_interrupt() -> Arc<AtomicBool> {
+/// The flag that Ctrl-C raises; what was begun (a pass, a path for each pixel) is finished then. A second Ctrl-C ends the program at once.
+pub fn watch_for_interrupt() -> Arc<AtomicBool> {
     let flag = Arc::new(AtomicBool::new(false));
     let raised = flag.clone();
     let handler = move || {
         if raised.swap(true, Ordering::Relaxed) {
             std::process::exit(130);
         }
-        say_aside("interrupted: finishing the pass; interrupt again to leave at once");
+        say_aside("interrupted: finishing what was begun; interrupt again to leave at once");
     };
     if let Err(error) = ctrlc::set_handler(handler) {
         log::warn!("an interrupt will lose the image: {error}");
