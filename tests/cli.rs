@@ -74,6 +74,7 @@ fn help_explains_every_flag() {
         "--exposure",
         "--tonemap",
         "--float",
+        "--no-layers",
         "--eye",
         "--target",
         "--up",

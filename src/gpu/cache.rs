@@ -46,6 +46,9 @@ impl PipelineCache {
         let mut beside = path.as_os_str().to_owned();
         beside.push(format!(".{}.tmp", std::process::id()));
         let beside = PathBuf::from(beside);
+        if let Some(folder) = path.parent() {
+            std::fs::create_dir_all(folder).map_err(Error::io("creating", folder))?;
+        }
         std::fs::write(&beside, file).map_err(Error::io("writing", &beside))?;
         std::fs::rename(&beside, path).map_err(|e| {
             // The rename's failure is what is reported; a leftover file is harmless.

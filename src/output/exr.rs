@@ -1,9 +1,13 @@
 //! OpenEXR: colour as `R`, `G`, `B`, `A`, every other layer as `layer.channel`, ZIP-compressed, with metadata.
 
-use super::{Layers, Metadata};
+use super::{Encoding, Layers, Metadata};
 use crate::error::{Error, Result};
+use exr::image::Encoding as Compressed;
 use exr::meta::attribute::{Chromaticities, Text};
-use exr::prelude::*;
+use exr::prelude::{
+    AnyChannel, AnyChannels, AttributeValue, Blocks, Compression, FlatSamples, Image, Layer, LayerAttributes,
+    LineOrder, Vec2, WritableImage, f16,
+};
 use glam::Vec3;
 use std::io::Cursor;
 use std::path::Path;
@@ -12,10 +16,10 @@ use std::path::Path;
 const HALF_MAX: f32 = 65504.0;
 
 /// Encodes the layers as a file's bytes; `path` is for messages.
-pub fn encode(path: &Path, layers: &Layers, metadata: &Metadata, float: bool) -> Result<Vec<u8>> {
+pub fn encode(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Encoding) -> Result<Vec<u8>> {
     let mut channels = Channels::default();
-    channels.vectors("", ["R", "G", "B"], &layers.color, float);
-    channels.scalars("A", &layers.alpha, float);
+    channels.vectors("", ["R", "G", "B"], &layers.color, encoding.float);
+    channels.scalars("A", &layers.alpha, encoding.float);
     if channels.overflowed > 0 {
         let pixels = channels.overflowed;
         log::warn!(
@@ -24,20 +28,22 @@ pub fn encode(path: &Path, layers: &Layers, metadata: &Metadata, float: bool) ->
             path.display()
         );
     }
-    channels.vectors("albedo.", ["R", "G", "B"], &layers.albedo, false);
-    channels.vectors("normal.", ["X", "Y", "Z"], &layers.normal, false);
-    channels.scalars("depth.Z", &layers.depth, true);
-    channels.vectors("irradiance_direct.", ["R", "G", "B"], &layers.direct, true);
-    channels.vectors("irradiance_indirect.", ["R", "G", "B"], &layers.indirect, true);
+    if !encoding.color_only {
+        channels.vectors("albedo.", ["R", "G", "B"], &layers.albedo, false);
+        channels.vectors("normal.", ["X", "Y", "Z"], &layers.normal, false);
+        channels.scalars("depth.Z", &layers.depth, true);
+        channels.vectors("irradiance_direct.", ["R", "G", "B"], &layers.direct, true);
+        channels.vectors("irradiance_indirect.", ["R", "G", "B"], &layers.indirect, true);
+    }
 
     let size = Vec2(layers.width as usize, layers.height as usize);
-    let encoding = Encoding {
+    let compressed = Compressed {
         compression: Compression::ZIP16,
         blocks: Blocks::ScanLines,
         // Blocks are compressed on many threads; only an order that is asked for is the same each time.
         line_order: LineOrder::Increasing,
     };
-    let layer = Layer::new(size, attributes(metadata), encoding, AnyChannels::sort(channels.list.into()));
+    let layer = Layer::new(size, attributes(metadata), compressed, AnyChannels::sort(channels.list.into()));
     let mut image = Image::from_layer(layer);
     image.attributes.chromaticities = Some(Chromaticities {
         red: Vec2(0.64, 0.33),
@@ -147,7 +153,8 @@ fn sort_attributes(bytes: &mut [u8]) -> exr::error::UnitResult {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output::{self, write};
+    use crate::output::write;
+    use exr::prelude::ImageAttributes;
 
     fn sample() -> (Layers, Metadata) {
         let (width, height) = (37, 21);
@@ -196,7 +203,7 @@ mod tests {
         let (layers, metadata) = sample();
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("a.exr");
-        write(&path, &layers, &metadata, &output::Encoding { float: true, ..Default::default() }).unwrap();
+        write(&path, &layers, &metadata, &Encoding { float: true, ..Default::default() }).unwrap();
         let (layer, attributes) = read(&path);
         assert_eq!((layer.size.0, layer.size.1), (37, 21));
         let names: Vec<String> = layer.channel_data.list.iter().map(|c| c.name.to_string()).collect();
@@ -237,9 +244,9 @@ mod tests {
     #[test]
     fn same_image_same_bytes() {
         let (layers, metadata) = sample();
-        let first = encode(Path::new("a.exr"), &layers, &metadata, false).unwrap();
+        let first = encode(Path::new("a.exr"), &layers, &metadata, &Encoding::default()).unwrap();
         for _ in 0..8 {
-            assert!(encode(Path::new("a.exr"), &layers, &metadata, false).unwrap() == first);
+            assert!(encode(Path::new("a.exr"), &layers, &metadata, &Encoding::default()).unwrap() == first);
         }
     }
 
@@ -255,16 +262,26 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("a.exr");
         let metadata = Metadata::default();
-        write(&path, &layers, &metadata, &output::Encoding::default()).unwrap();
+        write(&path, &layers, &metadata, &Encoding::default()).unwrap();
         let (layer, _) = read(&path);
         assert_eq!(layer.channel_data.list.len(), 3);
         assert_eq!(channel(&layer, "G"), [-65504.0, 65504.0, 65504.0, 65504.0, 65504.0, 0.5]);
-        write(&path, &layers, &metadata, &output::Encoding { float: true, ..Default::default() }).unwrap();
+        write(&path, &layers, &metadata, &Encoding { float: true, ..Default::default() }).unwrap();
         assert_eq!(channel(&read(&path).0, "G"), values);
 
         let mut channels = Channels::default();
         channels.scalars("A", &values, false);
         assert_eq!(channels.overflowed, 3);
+    }
+
+    #[test]
+    fn colour_alone_has_four_channels() {
+        let (layers, metadata) = sample();
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.exr");
+        write(&path, &layers, &metadata, &Encoding { color_only: true, ..Encoding::default() }).unwrap();
+        let names: Vec<String> = read(&path).0.channel_data.list.iter().map(|c| c.name.to_string()).collect();
+        assert_eq!(names, ["A", "B", "G", "R"]);
     }
 
     #[test]

@@ -91,6 +91,8 @@ pub struct Metadata {
 pub struct Encoding {
     /// Colour of an EXR file as 32-bit float in place of half: twice the size, no rounding, no overflow at 65504.
     pub float: bool,
+    /// Leave the layers out of an EXR file, for programs that read colour and alpha alone.
+    pub color_only: bool,
     /// Exposure of a PNG file in stops: radiance is multiplied by 2^exposure.
     pub exposure: f32,
     /// Tone curve of a PNG file.
@@ -126,7 +128,7 @@ pub fn write(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Encod
     let format = Format::of(path)?;
     layers.validate(path)?;
     let bytes = match format {
-        Format::Exr => exr::encode(path, layers, metadata, encoding.float)?,
+        Format::Exr => exr::encode(path, layers, metadata, encoding)?,
         Format::Png => png::encode(path, layers, encoding.exposure, encoding.tonemap)?,
     };
     write_file(path, &[&bytes])

@@ -80,6 +80,9 @@ pub struct Output {
     /// Write the colour of EXR files as 32-bit float in place of half. The colour takes twice the space.
     #[arg(long)]
     pub float: bool,
+    /// Leave the layers out of EXR files: smaller, and for programs that read colour and alpha alone.
+    #[arg(long)]
+    pub no_layers: bool,
     /// Write device, counts, seconds of each stage and pass, and rays as JSON.
     #[arg(long, value_name = "FILE.json")]
     pub stats: Option<PathBuf>,

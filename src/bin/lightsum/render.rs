@@ -45,7 +45,12 @@ pub fn run(args: &Render) -> Result<()> {
     let settings = settings(args, &scene.render);
     settings.validate()?;
     let exposure = args.output.exposure.or(scene.render.exposure).unwrap_or(0.0);
-    let encoding = Encoding { float: args.output.float, exposure, tonemap: args.output.tonemap.into() };
+    let encoding = Encoding {
+        float: args.output.float,
+        color_only: args.output.no_layers,
+        exposure,
+        tonemap: args.output.tonemap.into(),
+    };
     log::info!("{}: {} triangles, {camera:?}, {settings:?}", path.display(), scene.triangles.len());
     let outputs = args.output.outputs.clone();
     let job = Job { name: scene.name.clone(), camera, settings, outputs, encoding, stages };
@@ -238,7 +243,7 @@ pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {
     }
 }
 
-/// The flag that Ctrl-C raises; the pass that runs is finished then. A second Ctrl-C ends the program at once.
+/// The flag that Ctrl-C raises; what was begun (a pass, a path for each pixel) is finished then. A second Ctrl-C ends the program at once.
 pub fn watch_for_interrupt() -> Arc<AtomicBool> {
     let flag = Arc::new(AtomicBool::new(false));
     let raised = flag.clone();
@@ -246,7 +251,7 @@ pub fn watch_for_interrupt() -> Arc<AtomicBool> {
         if raised.swap(true, Ordering::Relaxed) {
             std::process::exit(130);
         }
-        say_aside("interrupted: finishing the pass; interrupt again to leave at once");
+        say_aside("interrupted: finishing what was begun; interrupt again to leave at once");
     };
     if let Err(error) = ctrlc::set_handler(handler) {
         log::warn!("an interrupt will lose the image: {error}");
