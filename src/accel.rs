@@ -3,7 +3,8 @@
 //! The binary tree is laid out depth first, and each node names the node to go on with when its subtree is done (its
 //! *skip*), so traversal needs no stack: a ray is a single index that only grows, and can be interrupted and carried on
 //! where it stopped. The price is a fixed order of children; the one with the larger surface comes first, since a random
-//! ray is more likely to end there (measured on four scenes: up to 5 % fewer nodes for shadow rays than the other way).
+//! ray is more likely to end there. It matters little: against the other order, shadow rays visited between 5 % fewer and 6 % more
+//! nodes on four scenes, fewer on three of them.
 //!
 //! Node `i` is `node_min[i]`, `node_max[i]`:
 //!
