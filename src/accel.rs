@@ -3,7 +3,8 @@
 //! The binary tree is laid out depth first, and each node names the node to go on with when its subtree is done (its
 //! *skip*), so traversal needs no stack: a ray is a single index that only grows, and can be interrupted and carried on
 //! where it stopped. The price is a fixed order of children; the one with the larger surface comes first, since a random
-//! ray is more likely to end there.
+//! ray is more likely to end there. It matters little: against the other order, shadow rays visited between 5 % fewer and 6 % more
+//! nodes on four scenes, fewer on three of them.
 //!
 //! Node `i` is `node_min[i]`, `node_max[i]`:
 //!
@@ -149,11 +150,14 @@ impl Bvh {
             .iter()
             .map(|t| Aabb::from_points(&t.vertices.map(|v| Vec3A::from(scene.positions[v as usize]))))
             .collect();
-        // Above a million triangles reinsertion of every node would take tens of seconds for a few per cent of speed.
+        // The builder takes quadratic time over a great many equal boxes, so those go in once.
+        let (order, starts) = group_equal(&boxes);
+        let unique: Vec<Aabb> = starts[..starts.len() - 1].iter().map(|&s| boxes[order[s] as usize]).collect();
+        // Above a million triangles reinsertion of half the nodes would cost more seconds than it saves.
         let (search, ratio) =
             if count <= 1 << 20 { (PlocSearchDistance::High, 0.5) } else { (PlocSearchDistance::Medium, 0.05) };
-        let indices = (0..count as u32).collect();
-        let mut tree = PlocBuilder::with_capacity(count).build(search, &boxes, indices, SortPrecision::U64, 2);
+        let indices = (0..unique.len() as u32).collect();
+        let mut tree = PlocBuilder::with_capacity(unique.len()).build(search, &unique, indices, SortPrecision::U64, 2);
         let mut reinsertion = ReinsertionOptimizer::default();
         reinsertion.run(&mut tree, ratio, None);
         collapse(&mut tree, MAX_LEAF, 3.0);
@@ -170,41 +174,60 @@ impl Bvh {
         };
         let padding = Vec3::splat(bvh.scale() * BOX_PADDING);
         enum Visit {
-            Enter(u32),
+            Node(u32),
+            Triangles(Vec<u32>, Aabb),
             Leave(usize),
         }
-        let mut stack = vec![Visit::Enter(0)];
+        let mut stack = vec![Visit::Node(0)];
         while let Some(visit) = stack.pop() {
-            let node = match visit {
-                Visit::Enter(node) => &tree.nodes[node as usize],
+            let own = bvh.node_min.len();
+            let (bounds, triangles) = match visit {
                 Visit::Leave(index) => {
-                    bvh.node_min[index][3] = f32::from_bits(bvh.node_min.len() as u32);
+                    bvh.node_min[index][3] = f32::from_bits(own as u32);
                     continue;
                 }
+                Visit::Triangles(triangles, bounds) => (bounds, triangles),
+                Visit::Node(index) => {
+                    let node = &tree.nodes[index as usize];
+                    let mut triangles = Vec::new();
+                    if node.is_leaf() {
+                        let first = node.first_index as usize;
+                        for &group in &tree.primitive_indices[first..first + node.prim_count as usize] {
+                            let group = group as usize;
+                            triangles.extend_from_slice(&order[starts[group]..starts[group + 1]]);
+                        }
+                    } else {
+                        let (mut first, mut second) = (node.first_index, node.first_index + 1);
+                        let area = |n: u32| tree.nodes[n as usize].aabb().half_area();
+                        if area(second) > area(first) {
+                            std::mem::swap(&mut first, &mut second);
+                        }
+                        stack.extend([Visit::Leave(own), Visit::Node(second), Visit::Node(first)]);
+                    }
+                    (*node.aabb(), triangles)
+                }
             };
-            stack.push(Visit::Leave(bvh.node_min.len()));
-            bvh.node_min.push(with_bits(Vec3::from(node.aabb().min) - padding, 0));
             let mut leaf = 0;
-            if node.is_leaf() {
-                leaf = (bvh.v0.len() as u32) << 3 | node.prim_count;
-                let first = node.first_index as usize;
-                for &index in &tree.primitive_indices[first..first + node.prim_count as usize] {
+            if triangles.len() > MAX_LEAF as usize {
+                // Equal boxes: any halves are as good.
+                let (a, b) = triangles.split_at(triangles.len() / 2);
+                let half = |t: &[u32]| Visit::Triangles(t.to_vec(), bounds);
+                stack.extend([Visit::Leave(own), half(b), half(a)]);
+            } else if !triangles.is_empty() {
+                leaf = (bvh.v0.len() as u32) << 3 | triangles.len() as u32;
+                stack.push(Visit::Leave(own));
+            }
+            bvh.node_min.push(with_bits(Vec3::from(bounds.min) - padding, 0));
+            bvh.node_max.push(with_bits(Vec3::from(bounds.max) + padding, leaf));
+            if leaf != 0 {
+                for index in triangles {
                     let triangle = &scene.triangles[index as usize];
                     let [a, b, c] = triangle.vertices.map(|v| scene.positions[v as usize]);
                     bvh.v0.push(with_bits(a, triangle.material));
                     bvh.e1.push(with_bits(b - a, index));
                     bvh.e2.push(with_bits(c - a, 0));
                 }
-            } else {
-                let (mut first, mut second) = (node.first_index, node.first_index + 1);
-                let area = |n: u32| tree.nodes[n as usize].aabb().half_area();
-                if area(second) > area(first) {
-                    std::mem::swap(&mut first, &mut second);
-                }
-                stack.push(Visit::Enter(second));
-                stack.push(Visit::Enter(first));
             }
-            bvh.node_max.push(with_bits(Vec3::from(node.aabb().max) + padding, leaf));
         }
         Ok(bvh)
     }
@@ -401,6 +424,27 @@ impl Bvh {
         }
         Ok(())
     }
+}
+
+/// Indices of the boxes in an order that has equal ones together, and where in it each group starts, with the end of all.
+/// Only great numbers of equal boxes are one group; else each box is its own.
+fn group_equal(boxes: &[Aabb]) -> (Vec<u32>, Vec<usize>) {
+    const MANY: usize = 64;
+    let bits = |i: u32| {
+        let b = &boxes[i as usize];
+        [b.min.x, b.min.y, b.min.z, b.max.x, b.max.y, b.max.z].map(f32::to_bits)
+    };
+    let mut order: Vec<u32> = (0..boxes.len() as u32).collect();
+    order.sort_unstable_by_key(|&i| (bits(i), i));
+    let mut starts = Vec::with_capacity(boxes.len() + 1);
+    let mut start = 0;
+    for equal in order.chunk_by(|&a, &b| bits(a) == bits(b)) {
+        let step = if equal.len() > MANY { equal.len() } else { 1 };
+        starts.extend((start..start + equal.len()).step_by(step));
+        start += equal.len();
+    }
+    starts.push(start);
+    (order, starts)
 }
 
 /// Unit normal from two edges. The edges are scaled first, so that neither tiny nor huge triangles lose their normal.

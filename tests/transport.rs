@@ -4,7 +4,7 @@
 use glam::{DVec3, Vec2, Vec3};
 use lightsum::accel::{Bvh, Ray};
 use lightsum::light::emitters::{Emitters, uniform_sphere};
-use lightsum::path_trace::{Options, Rng, Tracer, render};
+use lightsum::path_trace::{Options, Rng, Tracer, camera_direction, render};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, Triangle};
 use std::f32::consts::PI;
 
@@ -483,6 +483,20 @@ fn a_stopped_image_is_the_mean_so_far() {
     let samples = (told[0] * 600.0).round() as u32;
     let whole = render(&scene, &bvh, &emitters, &camera, &Options { samples, ..options }, |_| true).unwrap();
     assert_eq!(stopped, whole);
+}
+
+#[test]
+fn camera_looks_the_right_way() {
+    let (_, camera) = room();
+    let at = |x, y| camera_direction(&camera, [20, 12], x, y);
+    assert!((at(10.0, 6.0) - Vec3::Z).length() < 1e-6);
+    // Looking along +z with y up, +x is to the left; the angle of view is the vertical one.
+    assert!(at(0.0, 6.0).x > 0.0 && at(20.0, 6.0).x < 0.0);
+    let top = at(10.0, 0.0);
+    assert!(top.y > 0.0 && (top.angle_between(Vec3::Z).to_degrees() - 40.0).abs() < 1e-3);
+    // Square pixels.
+    let (right, up) = (at(11.0, 6.0), at(10.0, 5.0));
+    assert!((right.x / right.z + up.y / up.z).abs() < 1e-6);
 }
 
 #[test]
