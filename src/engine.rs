@@ -60,16 +60,8 @@ impl Engine {
         let kernels = Kernels::new(context)?;
         let mut staging = Staging::new();
         let scene_buffers = SceneBuffers::new(context, &mut staging, scene, &bvh, &emitters)?;
-        let frame = Frame::new(
-            context,
-            &kernels,
-            &mut staging,
-            &scene_buffers,
-            &settings,
-            &lights,
-            &delta,
-            camera.resolution,
-        )?;
+        let frame =
+            Frame::new(context, &kernels, &mut staging, &scene_buffers, &settings, &lights, &delta, camera.resolution)?;
         let parameters = ParameterSource {
             settings,
             camera,
