@@ -26,13 +26,16 @@ var<immediate> push: Push;
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
-    let index = (group.x + group.y * groups.x) * 64u + lane;
-    let count = select(step.end, atomicLoad(&work_in.live), step.indirect == 1u);
-    if index >= count {
+    let eye = step.bounce == 0u;
+    // The eye's pixels are taken in tiles of 8 x 8, so that neighbours on the list are neighbours in the scene.
+    let tile = group.x + group.y * groups.x;
+    let tiles_x = (frame.size.x + 7u) / 8u;
+    let at = vec2<u32>(8u * (tile % tiles_x) + (lane & 7u), 8u * (tile / tiles_x) + lane / 8u);
+    let slot_in = tile * 64u + lane;
+    if select(slot_in >= atomicLoad(&work_in.live), at.x >= frame.size.x || at.y >= frame.size.y, eye) {
         return;
     }
-    let pixel = select(index, list_in[index], step.indirect == 1u);
-    let eye = step.bounce == 0u;
+    let pixel = select(list_in[slot_in], at.x + at.y * frame.size.x, eye);
     let hit = hits[pixel];
     let triangle = bitcast<u32>(hit.w);
     let d = ray_direction[pixel].xyz;

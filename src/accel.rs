@@ -31,6 +31,8 @@
 //! Every expression is plain f32 arithmetic in the order written, without contraction, so that a kernel that writes the
 //! same expressions gets the same numbers.
 
+pub mod wide;
+
 use crate::error::{Error, Result};
 use crate::scene::Scene;
 use glam::{Vec3, Vec3A};

@@ -368,7 +368,7 @@ impl Frame {
     pub fn record_eye(&self, rec: &mut Recorder) -> Result<()> {
         self.camera_rays.record(rec)?;
         self.eye_trace.record(rec, &self.steps.eye_trace, Some(self.pixels))?;
-        self.eye_receivers.record(rec, self.steps.bounces[0].receivers, Some(self.pixels))?;
+        self.eye_receivers.record(rec, self.steps.bounces[0].receivers, Some([self.image.width(), self.image.height()]))?;
         self.bounces[0].schedule.record(rec, self.steps.list)
     }
 

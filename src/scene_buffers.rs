@@ -16,6 +16,8 @@ pub struct SceneBuffers {
     pub node_min: Buffer,
     /// Upper corners of the nodes and leaves.
     pub node_max: Buffer,
+    /// Nodes of the eight-wide hierarchy.
+    pub wide_nodes: Buffer,
     /// First vertices, in the order of the leaves.
     pub v0: Buffer,
     /// First edges.
@@ -51,6 +53,7 @@ impl SceneBuffers {
         Ok(SceneBuffers {
             node_min: staging.stage(context, "scene node minima", &bvh.node_min)?,
             node_max: staging.stage(context, "scene node maxima", &bvh.node_max)?,
+            wide_nodes: staging.stage(context, "scene wide nodes", &crate::accel::wide::WideBvh::build(bvh).nodes)?,
             v0: staging.stage(context, "scene triangle vertices", &bvh.v0)?,
             e1: staging.stage(context, "scene triangle edges 1", &bvh.e1)?,
             e2: staging.stage(context, "scene triangle edges 2", &bvh.e2)?,

@@ -55,6 +55,8 @@ pub struct Kernels {
     pub schedule: Kernel,
     /// `shade.wgsl`
     pub shade: Kernel,
+    /// `shade_cluster.wgsl`
+    pub shade_cluster: Kernel,
     /// `trace.wgsl`
     pub trace: Kernel,
     /// `walk_reflect.wgsl`
@@ -75,6 +77,7 @@ impl Kernels {
             resolve: Kernel::new(context, &shaders::RESOLVE)?,
             schedule: Kernel::new(context, &shaders::SCHEDULE)?,
             shade: Kernel::new(context, &shaders::SHADE)?,
+            shade_cluster: Kernel::new(context, &shaders::SHADE_CLUSTER)?,
             trace: Kernel::new(context, &shaders::TRACE)?,
             walk_reflect: Kernel::new(context, &shaders::WALK_REFLECT)?,
             walk_start: Kernel::new(context, &shaders::WALK_START)?,

@@ -11,7 +11,7 @@
 
 use glam::{Vec2, Vec3};
 
-use super::{Kernels, List, Rays, Receivers, groups, push};
+use super::{Kernels, List, Rays, Receivers, push};
 use crate::accel::{Bvh, Hit};
 use crate::bsdf::Reflectance;
 use crate::error::Result;
@@ -76,10 +76,10 @@ impl ReceiversPass {
         Ok(ReceiversPass { kernel, bindings, work_in: inputs.list_in.work.clone() })
     }
 
-    /// Records the pass over `count` rays; `None`: the rays of the list.
-    pub fn record(&self, rec: &mut Recorder, step: u32, count: Option<u32>) -> Result<()> {
-        match count {
-            Some(count) => rec.dispatch(&self.kernel, &self.bindings, &push(step), groups(count)),
+    /// Records the pass over the pixels of an image of this size, tile by tile; `None`: over the rays of the list.
+    pub fn record(&self, rec: &mut Recorder, step: u32, image: Option<[u32; 2]>) -> Result<()> {
+        match image.map(|size| size.map(|n| u64::from(n.div_ceil(8)))) {
+            Some([x, y]) => rec.dispatch(&self.kernel, &self.bindings, &push(step), x * y),
             None => rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work_in, LIST_GROUPS),
         }
     }

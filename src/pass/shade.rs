@@ -35,6 +35,8 @@ pub struct Shade {
     bindings: Bindings,
     schedule: Schedule,
     work: Buffer,
+    cluster: Kernel,
+    cluster_bindings: Bindings,
 }
 
 /// What the pass reads and writes.
@@ -85,8 +87,29 @@ impl Shade {
             ("indirect", (&inputs.sums.indirect).into()),
             ("specular", (&inputs.sums.specular).into()),
         ])?;
+        let cluster = kernels.shade_cluster.clone();
+        let cluster_bindings = cluster.bind(&[
+            ("frame", inputs.frame.into()),
+            ("wide_nodes", (&scene.wide_nodes).into()),
+            ("triangle_v0", (&scene.v0).into()),
+            ("triangle_e1", (&scene.e1).into()),
+            ("triangle_e2", (&scene.e2).into()),
+            ("receiver_position", (&receivers.position).into()),
+            ("receiver_geometric", (&receivers.geometric).into()),
+            ("receiver_shading", (&receivers.shading).into()),
+            ("receiver_f0", (&receivers.f0).into()),
+            ("receiver_wo", (&receivers.wo).into()),
+            ("lights", inputs.lights.into()),
+            ("list", (&inputs.list.pixels).into()),
+            ("work", (&inputs.list.work).into()),
+            ("steps", inputs.steps.into()),
+            ("progress", (&inputs.rays.progress).into()),
+            ("direct", (&inputs.sums.direct).into()),
+            ("indirect", (&inputs.sums.indirect).into()),
+            ("specular", (&inputs.sums.specular).into()),
+        ])?;
         let schedule = Schedule::new(kernels, &inputs.list.work, inputs.steps, inputs.status)?;
-        Ok(Shade { kernel, bindings, schedule, work: inputs.list.work.clone() })
+        Ok(Shade { kernel, bindings, schedule, work: inputs.list.work.clone(), cluster, cluster_bindings })
     }
 
     /// Records the chunks, each in its rounds.
@@ -94,7 +117,11 @@ impl Shade {
         for rounds in chunks {
             for (round, &step) in rounds.iter().enumerate() {
                 let groups = if round == 0 { LIST_GROUPS } else { ROUND_GROUPS };
-                rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work, groups)?;
+                if round == 0 && std::env::var_os("NOCLUSTER").is_none() {
+                    rec.dispatch_indirect(&self.cluster, &self.cluster_bindings, &push(step), &self.work, groups)?;
+                } else {
+                    rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work, groups)?;
+                }
                 self.schedule.record(rec, step)?;
             }
         }
