@@ -46,6 +46,31 @@ fn min_reduce(x: vec3<f32>) -> vec3<f32> {
     return y;
 }
 
+// Adds what a visible light gives to a receiver by way of specular lobes: all of it that the diffuse sums leave out.
+fn add_lobes(light: u32, p: u32, clip2: f32) {
+    let l = lights[light];
+    let position = receiver_position[p].xyz;
+    let geometric = receiver_geometric[p];
+    let shading = receiver_shading[p];
+    let f0 = receiver_f0[p];
+    let flags = bitcast<u32>(l.position.w);
+    let d = l.position.xyz - position;
+    let r2 = max(dot(d, d), 1e-37);
+    let wi = d / sqrt(r2);
+    let cos_light = -dot(wi, l.normal.xyz);
+    let cos_receiver = max(dot(wi, shading.xyz), 0.0);
+    let spot = clamp(cos_light * l.normal.w + l.emit.w, 0.0, 1.0);
+    let plain = l.emit.xyz * (select(1.0, max(cos_light, 0.0), (flags & LIGHT_SURFACE) != 0u) * spot * spot);
+    let light_lobe = Reflectance(vec3<f32>(0.0), l.flux.w, l.f0.xyz, l.wi.w);
+    let shiny = (flags & LIGHT_GLOSSY) != 0u && cos_light > 0.0;
+    let extra = select(vec3<f32>(0.0), l.flux.xyz * eval_specular(light_lobe, l.normal.xyz, l.wi.xyz, -wi) * cos_light, shiny);
+    let falloff = cos_receiver / max(r2, clip2);
+    indirect[p] += vec4<f32>(extra * falloff, 0.0);
+    let lobe = Reflectance(vec3<f32>(0.0), geometric.w, f0.xyz, shading.w);
+    let reflected = eval_specular(lobe, shading.xyz, receiver_wo[p].xyz, wi);
+    specular[p] += vec4<f32>(select(vec3<f32>(0.0), (plain + extra) * falloff * reflected, f0.w > 0.0), 0.0);
+}
+
 @compute @workgroup_size(8)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(subgroup_invocation_id) lane: u32) {
     let step = steps[push.step];
@@ -60,7 +85,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var shading: array<vec3<f32>, 8>;
     var pixel: array<u32, 8>;
     var sum: array<vec3<f32>, 8>;
-    var sum_specular: array<vec3<f32>, 8>;
     var present = 0u;
     var glossy = 0u;
     for (var r = 0u; r < RAYS; r += 1u) {
@@ -71,6 +95,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         geometric[r] = receiver_geometric[pixel[r]].xyz;
         shading[r] = receiver_shading[pixel[r]].xyz;
         glossy |= select(0u, 1u << r, receiver_f0[pixel[r]].w > 0.0);
+        if step.fresh == 1u && slot < live {
+            direct[pixel[r]] = vec4<f32>(0.0);
+            indirect[pixel[r]] = vec4<f32>(0.0);
+            specular[pixel[r]] = vec4<f32>(0.0);
+        }
     }
 
     var stack: array<u32, 128>;
@@ -217,38 +246,29 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let clip2 = select(0.0, frame.right.w, (flags & LIGHT_CLIPPED) != 0u);
         for (var r = 0u; r < RAYS; r += 1u) {
             let r2 = dot(d[r], d[r]);
-            let wi = -d[r] / sqrt(max(r2, 1e-37));
-            let cos_light = -dot(wi, l_normal.xyz);
+            let inverse_length = 1.0 / sqrt(max(r2, 1e-37));
+            let cos_light = dot(d[r], l_normal.xyz) * inverse_length;
+            let cos_receiver = max(-dot(d[r], shading[r]) * inverse_length, 0.0);
             let spot = clamp(cos_light * l_normal.w + l_emit.w, 0.0, 1.0);
-            var intensity = l_emit.xyz * (select(1.0, max(cos_light, 0.0), surface) * spot * spot);
-            let visible = ((alive >> r) & 1u) != 0u;
-            for (var i = select(0u, 1u, (flags & LIGHT_GLOSSY) != 0u && cos_light > 0.0); i > 0u; i -= 1u) {
-                let l_wi = lights[light].wi;
-                let l_flux = lights[light].flux;
-                let l_f0 = lights[light].f0;
-                let lobe = Reflectance(vec3<f32>(0.0), l_flux.w, l_f0.xyz, l_wi.w);
-                intensity += l_flux.xyz * eval_specular(lobe, l_normal.xyz, l_wi.xyz, -wi) * cos_light;
-            }
-            let cos_receiver = max(dot(wi, shading[r]), 0.0);
-            let e = intensity * select(0.0, cos_receiver / max(max(r2, clip2), 1e-37), visible && r2 > 0.0);
-            sum[r] += e;
-            for (var i = select(0u, 1u, ((glossy >> r) & 1u) != 0u && visible); i > 0u; i -= 1u) {
-                let p = pixel[r];
-                let lobe = Reflectance(vec3<f32>(0.0), receiver_geometric[p].w, receiver_f0[p].xyz, receiver_shading[p].w);
-                sum_specular[r] += e * eval_specular(lobe, shading[r], receiver_wo[p].xyz, wi);
-            }
+            let intensity = l_emit.xyz * (select(1.0, max(cos_light, 0.0), surface) * spot * spot);
+            let visible = ((alive >> r) & 1u) != 0u && r2 > 0.0;
+            sum[r] += intensity * select(0.0, cos_receiver / max(max(r2, clip2), 1e-37), visible);
+        }
+        // Specular lobes, of the light or of receivers, are rare: ray by ray, straight to memory.
+        let lobes = alive & select(glossy, present, (flags & LIGHT_GLOSSY) != 0u);
+        for (var rest = lobes; rest != 0u; rest &= rest - 1u) {
+            let p = list[cluster * 64u + firstTrailingBit(rest) * LANES + lane];
+            add_lobes(light, p, clip2);
         }
         light += 1u;
     }
     // The lights of a chunk have equally many reflections behind them.
     let first_bounce = lights[step.first].f0.w == 0.0;
-    let keep = select(vec3<f32>(1.0), vec3<f32>(0.0), step.fresh == 1u);
     for (var r = 0u; r < RAYS; r += 1u) {
         if ((present >> r) & 1u) != 0u {
             let p = pixel[r];
-            direct[p] = vec4<f32>(keep * direct[p].xyz + select(vec3<f32>(0.0), sum[r], first_bounce), 0.0);
-            indirect[p] = vec4<f32>(keep * indirect[p].xyz + select(sum[r], vec3<f32>(0.0), first_bounce), 0.0);
-            specular[p] = vec4<f32>(keep * specular[p].xyz + sum_specular[r], 0.0);
+            direct[p] = vec4<f32>(direct[p].xyz + select(vec3<f32>(0.0), sum[r], first_bounce), 0.0);
+            indirect[p] = vec4<f32>(indirect[p].xyz + select(sum[r], vec3<f32>(0.0), first_bounce), 0.0);
             progress[p] = vec2<u32>(light, 0u);
             if light < step.end {
                 atomicAdd(&work.unfinished, 1u);

@@ -69,6 +69,7 @@ impl Engine {
             nodes: bvh.node_count(),
             emitters: emitters.list.len() as u32,
             diagonal: bvh.diagonal(),
+            bounds: (bvh.min, bvh.max),
             coordinate_scale: bvh.scale(),
         };
         Ok(Engine {

@@ -11,6 +11,7 @@ use crate::pass::receivers::{self, ReceiversPass};
 use crate::pass::resolve::Resolve;
 use crate::pass::schedule::Schedule;
 use crate::pass::shade::{self, Shade};
+use crate::pass::sort::{Sort, SortBuffers, SortSteps};
 use crate::pass::trace::Trace;
 use crate::pass::walk_reflect::WalkReflect;
 use crate::pass::walk_start::WalkStart;
@@ -71,6 +72,8 @@ struct Bounce {
     arrive: Option<Arrive>,
     /// Turns the number of its receivers into dispatches.
     schedule: Schedule,
+    /// Brings neighbours together on the list of its receivers.
+    sort: Sort,
     /// Lights its receivers; the last bounce only emits.
     shade: Option<Shade>,
 }
@@ -94,6 +97,7 @@ struct Steps {
     list: u32,
     /// Chunks of lights, each in rounds; bounces take prefixes.
     shade: Vec<Vec<u32>>,
+    sort: SortSteps,
     bounces: Vec<BounceSteps>,
 }
 
@@ -151,6 +155,7 @@ impl Steps {
             gather_trace: table.add_rounds(rounds, Step { indirect: 1, ..trace }),
             list: table.add(Step { indirect: 1, ..Step::default() }),
             shade,
+            sort: SortSteps::new(table),
             bounces,
         }
     }
@@ -236,6 +241,7 @@ impl Frame {
                 },
             )
         };
+        let sort_buffers = SortBuffers::new(context, pixels)?;
         let bounces = (0..steps.bounces.len())
             .map(|b| {
                 let (receivers, sums) = if b == 0 { (&primary, &pixel_sums) } else { (&gathered, &gathered_sums) };
@@ -275,6 +281,7 @@ impl Frame {
                 Ok(Bounce {
                     arrive,
                     schedule: Schedule::new(kernels, &list.work, &step_buffer, &status)?,
+                    sort: Sort::new(kernels, &parameters, list, receivers, &sort_buffers, &step_buffer)?,
                     shade: if lit { Some(Shade::new(kernels, &inputs)?) } else { None },
                 })
             })
@@ -385,7 +392,10 @@ impl Frame {
     /// The receivers of this bounce are lit.
     pub fn record_shade(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
         match &self.bounces[bounce].shade {
-            Some(shade) => shade.record(rec, &self.steps.shade[..self.steps.bounces[bounce].chunks]),
+            Some(shade) => {
+                if std::env::var_os("NOSORT").is_none() { rec.scope("sort", |rec| self.bounces[bounce].sort.record(rec, &self.steps.sort))?; }
+                shade.record(rec, &self.steps.shade[..self.steps.bounces[bounce].chunks])
+            }
             None => Ok(()),
         }
     }

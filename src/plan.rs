@@ -128,6 +128,8 @@ pub struct ParameterSource {
     pub emitters: u32,
     /// Diagonal of the scene's bounding box.
     pub diagonal: f32,
+    /// Bounding box of the scene.
+    pub bounds: (Vec3, Vec3),
     /// Largest coordinate of the scene, by magnitude.
     pub coordinate_scale: f32,
 }
@@ -176,6 +178,7 @@ impl ParameterSource {
             right: xyzw(right * tan_x, clip * clip),
             up: xyzw(up * tan_y, clip),
             forward: xyzw(forward, 4.0 * self.diagonal),
+            bounds_min: xyzw(self.bounds.0, 1.0 / (self.bounds.1 - self.bounds.0).max_element().max(1e-30)),
             pixel_offset: [offset[0], offset[1], LEAST_LIGHT_ALPHA, 1.0 / (pass + 1) as f32],
             size: [width, height, width * height, local],
             walk: [first, s.paths, rotation, self.lights.delta],

@@ -17,6 +17,8 @@ pub struct Frame {
     pub up: [f32; 4],
     /// Unit view direction; w: a length beyond every surface.
     pub forward: [f32; 4],
+    /// Lower corner of the scene; w: 1 / greatest extent.
+    pub bounds_min: [f32; 4],
     /// Sample offset in the pixel; z: least alpha of a virtual light's lobe; w: 1 / passes, this one included.
     pub pixel_offset: [f32; 4],
     /// Width, height, pixels, pass within the instance.

@@ -12,6 +12,7 @@ pub mod receivers;
 pub mod resolve;
 pub mod schedule;
 pub mod shade;
+pub mod sort;
 pub mod trace;
 pub mod walk_reflect;
 pub mod walk_start;
@@ -57,6 +58,16 @@ pub struct Kernels {
     pub shade: Kernel,
     /// `shade_cluster.wgsl`
     pub shade_cluster: Kernel,
+    /// `sort_keys.wgsl`
+    pub sort_keys: Kernel,
+    /// `sort_count.wgsl`
+    pub sort_count: Kernel,
+    /// `sort_sum.wgsl`
+    pub sort_sum: Kernel,
+    /// `sort_scan.wgsl`
+    pub sort_scan: Kernel,
+    /// `sort_scatter.wgsl`
+    pub sort_scatter: Kernel,
     /// `trace.wgsl`
     pub trace: Kernel,
     /// `walk_reflect.wgsl`
@@ -78,6 +89,11 @@ impl Kernels {
             schedule: Kernel::new(context, &shaders::SCHEDULE)?,
             shade: Kernel::new(context, &shaders::SHADE)?,
             shade_cluster: Kernel::new(context, &shaders::SHADE_CLUSTER)?,
+            sort_keys: Kernel::new(context, &shaders::SORT_KEYS)?,
+            sort_count: Kernel::new(context, &shaders::SORT_COUNT)?,
+            sort_sum: Kernel::new(context, &shaders::SORT_SUM)?,
+            sort_scan: Kernel::new(context, &shaders::SORT_SCAN)?,
+            sort_scatter: Kernel::new(context, &shaders::SORT_SCATTER)?,
             trace: Kernel::new(context, &shaders::TRACE)?,
             walk_reflect: Kernel::new(context, &shaders::WALK_REFLECT)?,
             walk_start: Kernel::new(context, &shaders::WALK_START)?,

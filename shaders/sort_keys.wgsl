@@ -1,0 +1,30 @@
+// Keys of the receivers on a list: Morton codes of their positions. See pass/sort.rs.
+#include "frame.wgsl"
+#include "work.wgsl"
+
+@group(0) @binding(1) var<storage, read_write> work: Work;
+@group(0) @binding(2) var<storage, read> list: array<u32>;
+@group(0) @binding(3) var<storage, read> receiver_position: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read_write> keys: array<vec2<u32>>;
+
+// Every third bit, for 8 bits.
+fn spread_bits(x: u32) -> u32 {
+    var y = x & 0xffu;
+    y = (y | (y << 8u)) & 0x00f00fu;
+    y = (y | (y << 4u)) & 0x0c30c3u;
+    y = (y | (y << 2u)) & 0x249249u;
+    return y;
+}
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let slot = (group.x + group.y * groups.x) * 64u + lane;
+    if slot >= atomicLoad(&work.live) {
+        return;
+    }
+    let pixel = list[slot];
+    let unit = (receiver_position[pixel].xyz - frame.bounds_min.xyz) * frame.bounds_min.w;
+    let cell = vec3<u32>(clamp(unit * 256.0, vec3<f32>(0.0), vec3<f32>(255.0)));
+    let code = spread_bits(cell.x) | (spread_bits(cell.y) << 1u) | (spread_bits(cell.z) << 2u);
+    keys[slot] = vec2<u32>(code, pixel);
+}

@@ -1,0 +1,137 @@
+//! The receivers on a list are put in the order of the Morton codes of their positions, so that the 64 receivers of a cluster lie
+//! close together and the shaft from a light to them is narrow, also across silhouettes.
+//!
+//! Codes have 8 bits for each axis of the scene's bounding cube. A stable radix sort by three digits of 8 bits: count the digit in
+//! each run of 256 keys, scan the counts in three levels, scatter. Equal codes keep the list's order, which is that of
+//! screen tiles. Nothing in the image depends on the order; only the time does.
+//!
+//! Cost for n receivers: 60 n bytes and about 40 n operations a digit; 21 dispatches.
+
+use super::layout::Step;
+use super::schedule::LIST_GROUPS;
+use super::{Kernels, List, Receivers, push};
+use crate::error::Result;
+use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder};
+use crate::plan::StepTable;
+
+/// Keys that one invocation handles.
+pub const RUN: u32 = 256;
+/// Values of a digit.
+pub const DIGITS: u32 = 256;
+/// Bits of the key, three digits.
+const DIGIT_SHIFTS: [u32; 3] = [0, 8, 16];
+
+/// Room to sort in, shared by all lists of a frame.
+#[derive(Clone)]
+pub struct SortBuffers {
+    keys: [Buffer; 2],
+    levels: [Buffer; 3],
+}
+
+impl SortBuffers {
+    /// Room for `count` receivers.
+    pub fn new(context: &Context, count: u32) -> Result<SortBuffers> {
+        let runs = u64::from(count.div_ceil(RUN));
+        let device = |name: &str, bytes: u64| Buffer::new(context, name, bytes, Memory::Device);
+        Ok(SortBuffers {
+            keys: [device("sort keys 0", 8 * u64::from(count))?, device("sort keys 1", 8 * u64::from(count))?],
+            levels: [
+                device("sort counts", 4 * runs * u64::from(DIGITS))?,
+                device("sort sums", 4 * runs)?,
+                device("sort tops", 4 * runs.div_ceil(u64::from(DIGITS)))?,
+            ],
+        })
+    }
+}
+
+/// Steps of the sort.
+pub struct SortSteps {
+    digits: [u32; 3],
+    levels: [u32; 3],
+}
+
+impl SortSteps {
+    /// Adds them to the table.
+    pub fn new(table: &mut StepTable) -> SortSteps {
+        let last = DIGIT_SHIFTS[DIGIT_SHIFTS.len() - 1];
+        SortSteps {
+            digits: DIGIT_SHIFTS
+                .map(|first| table.add(Step { first, last: u32::from(first == last), ..Step::default() })),
+            levels: [0, 1, 2].map(|first| table.add(Step { first, ..Step::default() })),
+        }
+    }
+}
+
+/// The passes over one list.
+pub struct Sort {
+    work: Buffer,
+    keys: (Kernel, Bindings),
+    count: (Kernel, [Bindings; 2]),
+    sum: (Kernel, [Bindings; 2]),
+    scan: (Kernel, [Bindings; 3]),
+    scatter: (Kernel, [Bindings; 2]),
+}
+
+impl Sort {
+    /// Reorders `list.pixels` by the positions of `receivers`.
+    pub fn new(
+        kernels: &Kernels,
+        frame: &Buffer,
+        list: &List,
+        receivers: &Receivers,
+        buffers: &SortBuffers,
+        steps: &Buffer,
+    ) -> Result<Sort> {
+        let SortBuffers { keys, levels } = buffers;
+        let work = &list.work;
+        let common = |k: &Kernel, more: &[(&str, &Buffer)]| {
+            let mut named = vec![("work", work.into()), ("steps", steps.into())];
+            named.extend(more.iter().map(|&(name, buffer)| (name, buffer.into())));
+            k.bind(&named)
+        };
+        let key_bindings = kernels.sort_keys.bind(&[
+            ("frame", frame.into()),
+            ("work", work.into()),
+            ("list", (&list.pixels).into()),
+            ("receiver_position", (&receivers.position).into()),
+            ("keys", (&keys[0]).into()),
+        ])?;
+        let count = |i: usize| common(&kernels.sort_count, &[("keys", &keys[i]), ("counts", &levels[0])]);
+        let sum = |i: usize| common(&kernels.sort_sum, &[("below", &levels[i]), ("sums", &levels[i + 1])]);
+        // The top level has no bases; any buffer that it does not write stands in.
+        let scan = |i: usize| {
+            common(&kernels.sort_scan, &[("values", &levels[i]), ("bases", &levels[if i == 2 { 1 } else { i + 1 }])])
+        };
+        let scatter = |i: usize| {
+            let named =
+                [("keys", &keys[i]), ("counts", &levels[0]), ("sorted", &keys[1 - i]), ("list", &list.pixels)];
+            common(&kernels.sort_scatter, &named)
+        };
+        Ok(Sort {
+            work: work.clone(),
+            keys: (kernels.sort_keys.clone(), key_bindings),
+            count: (kernels.sort_count.clone(), [count(0)?, count(1)?]),
+            sum: (kernels.sort_sum.clone(), [sum(0)?, sum(1)?]),
+            scan: (kernels.sort_scan.clone(), [scan(0)?, scan(1)?, scan(2)?]),
+            scatter: (kernels.sort_scatter.clone(), [scatter(0)?, scatter(1)?]),
+        })
+    }
+
+    /// Records the sort.
+    pub fn record(&self, rec: &mut Recorder, steps: &SortSteps) -> Result<()> {
+        let run = |rec: &mut Recorder, kernel: &Kernel, bindings: &Bindings, step: u32| {
+            rec.dispatch_indirect(kernel, bindings, &push(step), &self.work, LIST_GROUPS)
+        };
+        rec.dispatch_indirect(&self.keys.0, &self.keys.1, &[], &self.work, LIST_GROUPS)?;
+        for (i, &digit) in steps.digits.iter().enumerate() {
+            run(rec, &self.count.0, &self.count.1[i % 2], digit)?;
+            run(rec, &self.sum.0, &self.sum.1[0], steps.levels[1])?;
+            run(rec, &self.sum.0, &self.sum.1[1], steps.levels[2])?;
+            for level in [2, 1, 0] {
+                run(rec, &self.scan.0, &self.scan.1[level], steps.levels[level])?;
+            }
+            run(rec, &self.scatter.0, &self.scatter.1[i % 2], digit)?;
+        }
+        Ok(())
+    }
+}
