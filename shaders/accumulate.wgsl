@@ -20,6 +20,7 @@
 @group(0) @binding(16) var<storage, read_write> rest_indirect: array<vec4<f32>>;
 @group(0) @binding(17) var<storage, read_write> sum_albedo: array<vec4<f32>>;
 @group(0) @binding(18) var<storage, read_write> sum_normal: array<vec4<f32>>;
+@group(0) @binding(19) var<storage, read_write> counts: array<u32>;     // passes in the sums of each instance
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -27,6 +28,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // A pass with lost rays leaves no trace; the host reports it or repeats it with more rounds.
     if pixel >= frame.size.z || status[0] != 0u {
         return;
+    }
+    if pixel == 0u {
+        counts[frame.keys.w] += 1u;
     }
     let distance = receiver_position[pixel].w;
     let hit = select(0.0, 1.0, distance >= 0.0);

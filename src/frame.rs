@@ -325,10 +325,13 @@ impl Frame {
 
     /// Records what must happen once before the first frame: sums cleared, image in its layout.
     pub fn record_clear(&self, rec: &mut Recorder) -> Result<()> {
-        for buffer in self.film.buffers() {
-            rec.fill(buffer, 0)?;
-        }
+        self.record_clear_sums(rec)?;
         rec.image_to_general(&self.image)
+    }
+
+    /// Records the clearing of the sums alone.
+    pub fn record_clear_sums(&self, rec: &mut Recorder) -> Result<()> {
+        self.film.buffers().into_iter().try_for_each(|buffer| rec.fill(buffer, 0))
     }
 
     /// Records one pass of the renderer: particles leave the lights and become point lights; what the eye sees is lit by

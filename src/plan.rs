@@ -173,7 +173,7 @@ impl ParameterSource {
             right: xyzw(right * tan_x, clip * clip),
             up: xyzw(up * tan_y, clip),
             forward: xyzw(forward, 4.0 * self.diagonal),
-            pixel_offset: [offset[0], offset[1], LEAST_LIGHT_ALPHA, 1.0 / (pass + 1) as f32],
+            pixel_offset: [offset[0], offset[1], LEAST_LIGHT_ALPHA, 0.0],
             size: [width, height, width * height, local],
             walk: [first, s.paths, rotation, self.lights.delta],
             keys: [pass_key, instance_key, u32::from(s.jitter), instance],

@@ -4,7 +4,7 @@ struct Frame {
     right: vec4<f32>,           // image half width at unit distance; w: clip distance squared
     up: vec4<f32>,              // image half height at unit distance; w: clip distance
     forward: vec4<f32>,         // unit view direction; w: length beyond every surface (directional lights)
-    pixel_offset: vec4<f32>,    // offset of the sample in its pixel, [0,1)^2; z: least alpha of a light's lobe; w: 1 / passes
+    pixel_offset: vec4<f32>,    // offset of the sample in its pixel, [0,1)^2; z: least alpha of a light's lobe; w unused
     size: vec4<u32>,            // width, height, pixels, index of the pass within its instance
     walk: vec4<u32>,            // first index of the sequence segment, N, window rotation, delta lights
     keys: vec4<u32>,            // key of the pass, key of the instance, jitter (0/1), instance

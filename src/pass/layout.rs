@@ -17,7 +17,7 @@ pub struct Frame {
     pub up: [f32; 4],
     /// Unit view direction; w: a length beyond every surface.
     pub forward: [f32; 4],
-    /// Sample offset in the pixel; z: least alpha of a virtual light's lobe; w: 1 / passes, this one included.
+    /// Sample offset in the pixel; z: least alpha of a virtual light's lobe; w unused.
     pub pixel_offset: [f32; 4],
     /// Width, height, pixels, pass within the instance.
     pub size: [u32; 4],

@@ -24,6 +24,7 @@ impl Resolve {
             ("rest_a", (&film.color_rest[0]).into()),
             ("sum_b", (&film.color[1]).into()),
             ("rest_b", (&film.color_rest[1]).into()),
+            ("counts", (&film.counts).into()),
             ("image", image.into()),
         ])?;
         Ok(Resolve { kernel, bindings, pixels })
