@@ -10,17 +10,18 @@
 //! What a host can rely on:
 //!
 //! - **Nothing is submitted, waited for or read back.** All commands are compute and transfer, outside a render pass.
-//! - **Order.** Command buffers are submitted in the order in which they were recorded, each once, all to one queue: a pass is
-//!   told apart from the others when it is recorded. One that is never submitted leaves its points of the sequence out, no more.
-//! - **Synchronisation.** Each `record_*` begins with a barrier after everything submitted to the queue before and ends with
-//!   one that makes its results visible to compute, transfer and indirect commands. So frames may be in flight one behind the
-//!   other, with other engines on the same queue, and a host needs a barrier of its own only to use the image in other stages (source:
-//!   COMPUTE_SHADER, SHADER_WRITE).
+//! - **Order.** Command buffers are submitted in the order in which they were recorded, each once, all to one queue:
+//!   a pass is told apart from the others when it is recorded. A pass that is never submitted is missing from the mean
+//!   and does no harm, unless it was the first after a restart or a change of rounds: then make that change again.
+//! - **Synchronisation.** Each `record_*` begins with a barrier after everything submitted to the queue before and
+//!   ends with one that makes its results visible to compute, transfer and indirect commands. So frames may be in
+//!   flight one behind the other, with other engines on the same queue, and a host needs a barrier of its own only to
+//!   use the image in other stages (source: COMPUTE_SHADER, SHADER_WRITE).
 //! - **Lifetime.** What recorded commands use is held by the [`Retained`](crate::gpu::Retained) that
-//!   [`Recorder::finish`](crate::gpu::Recorder::finish) or [`Context::record_into`] returns. Keep it until they have finished;
-//!   the engine itself may go before.
-//! - **Lost rays.** A pass in which a ray ran out of steps is left out of the sums and of the mean; [`Film::counts`] tells how
-//!   many are in them, and [`Engine::set_rounds`] gives rays more steps.
+//!   [`Recorder::finish`](crate::gpu::Recorder::finish) or [`Context::record_into`] returns. Keep it until they have
+//!   finished; the engine itself may go before.
+//! - **Lost rays.** A pass in which a ray ran out of steps is left out of the sums and of the mean; [`Film::counts`]
+//!   tells how many are in them, and [`Engine::set_rounds`] gives rays more steps.
 //!
 //! [`Film::counts`]: crate::pass::accumulate::Film::counts
 
@@ -74,16 +75,8 @@ impl Engine {
         let kernels = Kernels::new(context)?;
         let mut staging = Staging::new();
         let scene_buffers = SceneBuffers::new(context, &mut staging, scene, &bvh, &emitters)?;
-        let frame = Frame::new(
-            context,
-            &kernels,
-            &mut staging,
-            &scene_buffers,
-            &settings,
-            &lights,
-            &delta,
-            camera.resolution,
-        )?;
+        let frame =
+            Frame::new(context, &kernels, &mut staging, &scene_buffers, &settings, &lights, &delta, camera.resolution)?;
         let parameters = ParameterSource {
             settings,
             camera,
@@ -110,7 +103,8 @@ impl Engine {
         })
     }
 
-    /// Records the uploads, the clearing of the sums and the image's layout. The passes may follow in the same command buffer.
+    /// Records the uploads, the clearing of the sums and the image's layout. The passes may follow in the same command
+    /// buffer.
     pub fn record_setup(&mut self, rec: &mut Recorder) -> Result<()> {
         rec.begin();
         if let Some(staging) = &self.staging {
@@ -156,15 +150,16 @@ impl Engine {
 
     /// Records the mean of the passes so far into [`Engine::image`]; black before the first.
     ///
-    /// The image stays in layout GENERAL, written by compute shaders; the recorder's barrier makes it visible to later transfer
-    /// and compute commands of the queue.
+    /// The image stays in layout GENERAL, written by compute shaders; the recorder's barrier makes it visible to later
+    /// transfer and compute commands of the queue.
     pub fn record_image(&self, rec: &mut Recorder) -> Result<()> {
         rec.begin();
         self.frame.record_resolve(rec)
     }
 
-    /// Linear radiance, Rec. 709, RGBA 32-bit float; alpha is coverage. Layout GENERAL from [`Engine::record_setup`] on; leave it
-    /// so, or bring it back before the next [`Engine::record_image`]. Usage: storage, sampled, transfer source.
+    /// Linear radiance, Rec. 709, RGBA 32-bit float; alpha is coverage. Layout GENERAL from [`Engine::record_setup`]
+    /// on; leave it so, or bring it back before the next [`Engine::record_image`]. Usage: storage, sampled, transfer
+    /// source.
     pub fn image(&self) -> &Image {
         &self.frame.image
     }
@@ -179,8 +174,8 @@ impl Engine {
         self.passes = passes;
     }
 
-    /// Looks from another camera of the same resolution, and starts over. Takes effect with the next pass; commands recorded
-    /// before keep the camera they were recorded with.
+    /// Looks from another camera of the same resolution, and starts over. Takes effect with the next pass; commands
+    /// recorded before keep the camera they were recorded with.
     pub fn set_camera(&mut self, camera: Camera) -> Result<()> {
         check_camera(&camera)?;
         let [width, height] = self.parameters.camera.resolution;

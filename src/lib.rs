@@ -1,9 +1,9 @@
 //! Global illumination without noise as a sum over virtual lights, in Vulkan compute.
 //!
-//! Instant radiosity (Keller 1997): particles leave the emitters along quasi-random paths and leave a point light wherever they
-//! meet a surface; what the eye sees is lit by all of these lights, with shadows. What is usually noise becomes a smooth
-//! error that the next passes average away. Everything runs in compute shaders on any device with Vulkan 1.1, Mesa's
-//! lavapipe on the processor included.
+//! Instant radiosity (Keller 1997): particles leave the emitters along quasi-random paths and leave a point light
+//! wherever they meet a surface; what the eye sees is lit by all of these lights, with shadows. What is usually noise
+//! becomes a smooth error that the next passes average away. Everything runs in compute shaders on any device with
+//! Vulkan 1.1, Mesa's lavapipe on the processor included.
 //!
 //! # Architecture
 //!
@@ -31,14 +31,17 @@
 //!
 //! One pass of the renderer, as [`frame`] records it:
 //!
-//! 1. walk: [`walk_start`](pass::walk_start) sends particles from the emitters; for each reflection [`trace`](pass::trace) finds
-//!    what they hit and [`walk_reflect`](pass::walk_reflect) leaves a light there and sends the survivors on.
-//! 2. eye: [`camera_rays`](pass::camera_rays), [`trace`](pass::trace), and [`receivers`](pass::receivers) find what the pixels see
-//!    and list what is to be lit; [`schedule`](pass::schedule) turns counts into indirect dispatches, here and everywhere.
-//! 3. For each bounce: [`shade`](pass::shade) lights the receivers by all lights, no nearer than the clip distance; then
-//!    [`gather`](pass::gather), [`trace`](pass::trace) and [`receivers`](pass::receivers) follow one short ray from each for what clipping
-//!    cut off, and [`collect`](pass::collect) brings its light back to the pixels.
-//! 4. [`accumulate`](pass::accumulate) adds the pass to the running sums; [`resolve`](pass::resolve) writes their mean to an image.
+//! 1. walk: [`walk_start`](pass::walk_start) sends particles from the emitters; for each reflection
+//!    [`trace`](pass::trace) finds what they hit and [`walk_reflect`](pass::walk_reflect) leaves a light there and
+//!    sends the survivors on.
+//! 2. eye: [`camera_rays`](pass::camera_rays), [`trace`](pass::trace), and [`receivers`](pass::receivers) find what
+//!    the pixels see and list what is to be lit; [`schedule`](pass::schedule) turns counts into indirect dispatches,
+//!    here and everywhere.
+//! 3. For each bounce: [`shade`](pass::shade) lights the receivers by all lights, no nearer than the clip distance;
+//!    then [`gather`](pass::gather), [`trace`](pass::trace) and [`receivers`](pass::receivers) follow one short ray
+//!    from each for what clipping cut off, and [`collect`](pass::collect) brings its light back to the pixels.
+//! 4. [`accumulate`](pass::accumulate) adds the pass to the running sums; [`resolve`](pass::resolve) writes their
+//!    mean to an image.
 //!
 //! # Use
 //!
@@ -61,12 +64,13 @@
 //! ```
 //!
 //! On a host's device, recorded into the host's command buffer: [`gpu::Requirements`] says what the device needs,
-//! [`Context::adopt`] takes it, and [`Engine`] records. `examples/embed.rs` is such a host from the first line to the last.
+//! [`Context::adopt`] takes it, and [`Engine`] records. `examples/embed.rs` is such a host from the first line to the
+//! last.
 //!
 //! # Features
 //!
-//! - `hot-reload`: compile the kernels from `shaders/` (or the folder that `LIGHTSUM_SHADERS` names) whenever an engine is made,
-//!   for work on them.
+//! - `hot-reload`: compile the kernels from `shaders/` (or the folder that `LIGHTSUM_SHADERS` names) whenever an
+//!   engine is made, for work on them.
 
 #![warn(missing_docs)]
 #![deny(unsafe_op_in_unsafe_fn)]

@@ -263,9 +263,9 @@ impl Context {
     /// After an error nothing is kept alive: end or reset the command buffer, but do not submit it.
     ///
     /// # Safety
-    /// As for [`Recorder::new`]: the command buffer is recording outside a render pass, was allocated on this device for a family
-    /// with compute, and is used by nobody else meanwhile; the timers are of this context. What is returned is kept until the commands
-    /// have been executed or the command buffer has been reset.
+    /// As for [`Recorder::new`]: the command buffer is recording outside a render pass, was allocated on this device
+    /// for a family with compute, and is used by nobody else meanwhile; the timers are of this context. What is
+    /// returned is kept until the commands have been executed or the command buffer has been reset.
     pub unsafe fn record_into(
         &self,
         commands: vk::CommandBuffer,

@@ -1,8 +1,8 @@
 //! The pass's image is added to the running sums: L = L_e + kd / pi * (E_direct + E_indirect) + L_specular.
 //!
-//! Colour and irradiance are summed with compensation (Kahan 1965), so thousands of passes lose nothing to f32; colour is kept for
-//! each of the two independent instances, whose difference estimates the error.
-//! A pass in which rays were lost is left out (see `schedule`). Cost: 24 vec4 and 40 operations a pixel.
+//! Colour and irradiance are summed with compensation (Kahan 1965), so thousands of passes lose nothing to f32; colour
+//! is kept for each of the two independent instances, whose difference estimates the error. A pass in which rays were
+//! lost is left out (see `schedule`). Cost: 24 vec4 and 40 operations a pixel.
 
 use glam::{Vec3, Vec4};
 
@@ -49,7 +49,12 @@ impl Film {
     /// All buffers in a fixed order: the renderer's whole state besides the number of passes.
     pub fn buffers(&self) -> Vec<&Buffer> {
         let pairs = self.direct.iter().chain(&self.indirect);
-        self.color.iter().chain(&self.color_rest).chain(pairs).chain([&self.albedo, &self.normal, &self.counts]).collect()
+        self.color
+            .iter()
+            .chain(&self.color_rest)
+            .chain(pairs)
+            .chain([&self.albedo, &self.normal, &self.counts])
+            .collect()
     }
 }
 

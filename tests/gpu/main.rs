@@ -2,5 +2,8 @@
 //!
 //! One binary, so that one device serves all tests; each test's turn ends with a look at the validation layer's messages.
 
+mod embed;
 mod gpu_layer;
+#[cfg(feature = "hot-reload")]
+mod hot_reload;
 mod support;
