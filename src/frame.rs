@@ -300,7 +300,7 @@ impl Frame {
             eye_receivers: receivers_pass(&batch, &lists[0], &primary)?,
             bounces,
             accumulate: Accumulate::new(kernels, &parameters, &primary, &pixel_sums, &film, &status, pixels)?,
-            resolve: Resolve::new(kernels, &parameters, &film, &image, pixels)?,
+            resolve: Resolve::new(kernels, &film, &image, pixels)?,
             parameters,
             lights,
             film,
