@@ -38,7 +38,8 @@ pub fn fingerprint(scene: &Scene, camera: &Camera, settings: &Settings) -> u64 {
     }
     // Debug prints floats in their shortest exact form.
     let settings = Settings { rounds: 1, lights_per_dispatch: 1, ..settings.clone() };
-    let words = format!("{:?} {:?} {:?} {:?} {}", scene.materials, scene.lights, camera, settings, scene.emitters_are_lights);
+    let words =
+        format!("{:?} {:?} {:?} {:?} {}", scene.materials, scene.lights, camera, settings, scene.emitters_are_lights);
     hash.add(words.as_bytes());
     hash.0
 }

@@ -122,12 +122,11 @@ impl Steps {
         let shade = plan
             .chunks(chunk_size, plan.survivors.len())
             .iter()
-            .map(|&(first, end)| {
-                table.add_rounds(rounds, Step { first, end, fresh: u32::from(first == 0), ..chunk })
-            })
+            .map(|&(first, end)| table.add_rounds(rounds, Step { first, end, fresh: u32::from(first == 0), ..chunk }))
             .collect();
         let depth = settings.max_depth;
-        let clips = !matches!(settings.clip, crate::settings::Clip::Distance(0.0) | crate::settings::Clip::Fraction(0.0));
+        let clips =
+            !matches!(settings.clip, crate::settings::Clip::Distance(0.0) | crate::settings::Clip::Fraction(0.0));
         let bounces = if settings.compensation && clips { depth } else { 1 };
         let bounces = (0..bounces)
             .map(|bounce| BounceSteps {
@@ -217,13 +216,11 @@ impl Frame {
                 Ok(List { pixels: list_pixels[b % 2].clone(), work })
             })
             .collect::<Result<_>>()?;
-        let batch =
-            List { pixels: list_pixels[0].clone(), work: device("batch work", size_of::<Work>() as u64)? };
+        let batch = List { pixels: list_pixels[0].clone(), work: device("batch work", size_of::<Work>() as u64)? };
         let clear_work = staging.stage(context, "cleared work", &[Work::default()])?;
 
-        let trace = |rays: &Rays, list: &List| {
-            Trace::new(kernels, &parameters, scene, rays, list, &step_buffer, &status)
-        };
+        let trace =
+            |rays: &Rays, list: &List| Trace::new(kernels, &parameters, scene, rays, list, &step_buffer, &status);
         let receivers_pass = |list_in: &List, list_out: &List, receivers: &Receivers| {
             ReceiversPass::new(
                 kernels,

@@ -152,9 +152,12 @@ impl ParameterSource {
         let tan_x = tan_y * width as f32 / height as f32;
         let clip = s.clip_distance(self.diagonal);
 
-        // The survivors of a pass are the first N_j of its particles. The segment is entered at a random place, because
-        // with N a power of the base the first N_j points of every segment would fill the same strata again and again.
-        let rotation = hash(key(pass_key, WINDOW, 0, 0)) % s.paths;
+        // The survivors of a pass are the first N_j of its particles. The segment is entered at a new place in each pass,
+        // because with N a power of the base the first N_j points of every segment would fill the same strata again and
+        // again. The places are a golden-ratio sequence from a random start: spread evenly, and unrelated to any base.
+        let start = hash(key(instance_key, WINDOW, 0, 0));
+        let turn = start.wrapping_add(local.wrapping_mul(0x9e37_79b9));
+        let rotation = (u64::from(turn) * u64::from(s.paths) >> 32) as u32;
         let mut depths = [[0; 4]; 16];
         let mut shifts = [[0.0; 4]; 16];
         for j in 0..16 {
@@ -193,9 +196,7 @@ pub const LEAST_LIGHT_ALPHA: f32 = 0.25;
 fn pixel_offset(instance_key: u32, local: u32) -> [f32; 2] {
     let i = (local % HAMMERSLEY_BLOCK) * 11 % HAMMERSLEY_BLOCK;
     let point = crate::sampling::hammersley::hammersley(i, HAMMERSLEY_BLOCK);
-    [0, 1].map(|d| {
-        rotate(point[d as usize], random_f32(key(instance_key, OFFSET, local / HAMMERSLEY_BLOCK, d)))
-    })
+    [0, 1].map(|d| rotate(point[d as usize], random_f32(key(instance_key, OFFSET, local / HAMMERSLEY_BLOCK, d))))
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 
 use crate::accel::Bvh;
 use crate::error::{Error, Result};
-use crate::gpu::{Buffer, Context, Bound, Staging};
+use crate::gpu::{Bound, Buffer, Context, Staging};
 use crate::light::emitters::Emitters;
 use crate::pass::layout::{MaterialRecord, PointLight, TextureRecord};
 use crate::scene::{Light, Scene, Surface, Texture, Wrap};

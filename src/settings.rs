@@ -25,7 +25,7 @@ pub struct Settings {
     /// Greatest number of segments of a light path from eye to emitter: 1 emitters only, 2 direct light, 5 direct light
     /// and three further reflections. Default 5. Higher is brighter and slower; 1 to 16.
     pub max_depth: u32,
-    /// Clipping distance. Default 0.05 of the scene's diagonal.
+    /// Clipping distance. Default 0.1 of the scene's diagonal.
     pub clip: Clip,
     /// Gather the part that clipping cuts off by short extra paths (Kollig and Keller 2004), so that the limit is
     /// unbiased. Default true. False saves the extra rays and darkens corners.
@@ -47,7 +47,7 @@ impl Default for Settings {
         Settings {
             paths: 32,
             max_depth: 5,
-            clip: Clip::Fraction(0.05),
+            clip: Clip::Fraction(0.1),
             compensation: true,
             jitter: false,
             seed: 0,

@@ -18,7 +18,7 @@
 //! | [`GATHER`]  | rotation of the gather ray: pixel, dimension              |
 //! | [`PIXEL`]   | everything in the path tracer: pixel, running number      |
 //! | [`GATHER_LOBE`] | lobe of the gather ray: pixel, bounce                 |
-//! | [`WINDOW`]  | where a pass enters its segment of the sequence: 0, 0     |
+//! | [`WINDOW`]  | where the passes enter their segments of the sequence: 0, 0 |
 //! | [`OFFSET`]  | rotation of a block of pixel offsets: block, 0 or 1       |
 
 use super::halton::PRIMES;

@@ -139,7 +139,7 @@ pub struct Light {
     /// Lower: bright blotches that take more passes to vanish; 0 clips nothing.
     #[arg(long, value_name = "D", allow_negative_numbers = true, value_parser = distance, conflicts_with = "clip_fraction")]
     pub clip: Option<f32>,
-    /// The same as a fraction of the diagonal of the scene's bounding box [default: the scene's, or 0.05].
+    /// The same as a fraction of the diagonal of the scene's bounding box [default: the scene's, or 0.1].
     #[arg(long, value_name = "F", allow_negative_numbers = true, value_parser = distance)]
     pub clip_fraction: Option<f32>,
     /// Leave out what clipping cuts off: faster, but corners are too dark.
@@ -239,7 +239,7 @@ impl From<Curve> for Tonemap {
 /// Values of `--preset`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Preset {
-    /// Unbiased in the limit, better with every pass: 32 paths, clipping at 0.05 of the diagonal with compensation.
+    /// Unbiased in the limit, better with every pass: 32 paths, clipping at 0.1 of the diagonal with compensation.
     Progressive,
 }
 
