@@ -135,7 +135,9 @@ impl Engine {
             });
         }
         let parameters = self.parameters.frame(self.passes)?;
-        rec.begin();
+        if self.upload || self.clear {
+            rec.begin();
+        }
         if let (true, Some(staging)) = (self.upload, &self.staging) {
             staging.record(rec)?;
         }

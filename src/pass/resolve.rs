@@ -1,4 +1,5 @@
-//! The mean of all passes that are in the sums (see [`Film::counts`]), written to the image that a host shows or copies: linear radiance, alpha is coverage.
+//! The mean of the passes in the sums (see [`Film::counts`]), written to the image that a host shows or copies: linear
+//! radiance, alpha is coverage.
 //!
 //! Cost: 5 vec4 a pixel.
 
