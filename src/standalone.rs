@@ -12,8 +12,8 @@ use crate::gpu::{Buffer, Context, ContextOptions, DeviceChoice, Memory, Timers, 
 use crate::output::{Layers, Statistics};
 use crate::pass::layout::{PointLight, Work};
 use crate::plan::{INSTANCES, trace_steps};
-use crate::scene::{VirtualLight, export_lights};
 use crate::scene::{Camera, Scene};
+use crate::scene::{VirtualLight, export_lights};
 use crate::settings::Settings;
 
 /// Rounds beyond which a ray is given up as pathological: some ten million steps.
@@ -114,7 +114,7 @@ impl Renderer {
             self.engine.set_passes(number);
             let rounds = self.engine.parameters().settings.rounds;
             if rounds >= MAX_ROUNDS {
-                let steps = u64::from(rounds) * u64::from(trace_steps());
+                let steps = u64::from(rounds) * u64::from(trace_steps(self.engine.parameters().settings.loop_budget));
                 return Err(Error::Unfinished { pass: "shade or trace", rays: lost, steps });
             }
             log::info!("{lost} rays ran out of steps in pass {number}; going on with {} rounds", 4 * rounds);
@@ -141,7 +141,8 @@ impl Renderer {
     fn count_rays(&mut self, work: &[u32]) {
         let [width, height] = self.engine.parameters().camera.resolution;
         let plan = &self.engine.parameters().lights;
-        let mut rays = u64::from(width) * u64::from(height) + plan.survivors.iter().skip(1).map(|&n| u64::from(n)).sum::<u64>();
+        let mut rays =
+            u64::from(width) * u64::from(height) + plan.survivors.iter().skip(1).map(|&n| u64::from(n)).sum::<u64>();
         let bounces = self.engine.frame().lists.len();
         for (b, work) in work.chunks(size_of::<Work>() / 4).take(bounces).enumerate() {
             let live = u64::from(work[0]);
