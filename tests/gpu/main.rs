@@ -3,4 +3,9 @@
 //! One binary, so that one device serves all tests; each test's turn ends with a look at the validation layer's messages.
 
 mod gpu_layer;
+mod passes_eye;
+mod passes_light;
+mod passes_limits;
+mod passes_walk;
+mod rig;
 mod support;
