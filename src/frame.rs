@@ -109,7 +109,7 @@ struct BounceSteps {
 impl Steps {
     fn new(table: &mut StepTable, settings: &Settings, plan: &LightPlan, pixels: u32) -> Steps {
         let rounds = settings.rounds;
-        let trace = Step { steps: trace_steps(), ..Step::default() };
+        let trace = Step { steps: trace_steps(settings.loop_budget), ..Step::default() };
         let walk = (1..plan.survivors.len())
             .map(|j| {
                 // Ray j starts at every particle that has made j - 1 reflections and survives the next.
@@ -118,7 +118,7 @@ impl Steps {
             })
             .collect();
         let chunk_size = settings.lights_per_dispatch;
-        let chunk = Step { steps: shade_steps(chunk_size), indirect: 1, ..Step::default() };
+        let chunk = Step { steps: shade_steps(chunk_size, settings.loop_budget), indirect: 1, ..Step::default() };
         let shade = plan
             .chunks(chunk_size, plan.survivors.len())
             .iter()
@@ -359,12 +359,20 @@ impl Frame {
 
     /// Particles leave the lights, and each leaves a point light at every vertex of its path.
     pub fn record_walk(&self, rec: &mut Recorder) -> Result<()> {
-        self.walk_start.record(rec)?;
-        for (rounds, reflect) in &self.steps.walk {
-            self.walk_trace.record(rec, rounds, Some(self.paths))?;
-            self.walk_reflect.record(rec, *reflect, self.paths)?;
-        }
-        Ok(())
+        self.record_walk_start(rec)?;
+        (1..=self.steps.walk.len()).try_for_each(|j| self.record_walk_reflection(rec, j))
+    }
+
+    /// The part of [`Frame::record_walk`] up to the emitters' lights.
+    pub fn record_walk_start(&self, rec: &mut Recorder) -> Result<()> {
+        self.walk_start.record(rec)
+    }
+
+    /// The part of [`Frame::record_walk`] from one vertex to the next: the j-th reflection, j from 1.
+    pub fn record_walk_reflection(&self, rec: &mut Recorder, j: usize) -> Result<()> {
+        let Some((rounds, reflect)) = j.checked_sub(1).and_then(|i| self.steps.walk.get(i)) else { return Ok(()) };
+        self.walk_trace.record(rec, rounds, Some(self.paths))?;
+        self.walk_reflect.record(rec, *reflect, self.paths)
     }
 
     /// What the eye sees.

@@ -78,14 +78,19 @@ impl LightPlan {
 }
 
 /// Traversal steps of one shadow ray in one dispatch of the shading pass over `lights` lights, such that the dispatch
-/// stays within [`LOOP_BUDGET`] whatever the scene: lights * (steps * 6 + 6) <= budget.
-pub fn shade_steps(lights: u32) -> u32 {
-    (LOOP_BUDGET / lights.max(1) - 6) / ITERATIONS_PER_STEP
+/// stays within `budget` (at least [`least_loop_budget`]) whatever the scene: lights * (steps * 6 + 6) <= budget.
+pub fn shade_steps(lights: u32, budget: u32) -> u32 {
+    (budget / lights.max(1)).saturating_sub(6) / ITERATIONS_PER_STEP
+}
+
+/// Least loop budget of dispatches over `lights` lights: two steps for each.
+pub fn least_loop_budget(lights: u32) -> u32 {
+    3 * ITERATIONS_PER_STEP * lights.max(1)
 }
 
 /// Traversal steps of one ray in one dispatch of the closest-hit pass.
-pub fn trace_steps() -> u32 {
-    LOOP_BUDGET / ITERATIONS_PER_STEP - 1
+pub fn trace_steps(budget: u32) -> u32 {
+    (budget / ITERATIONS_PER_STEP).saturating_sub(1)
 }
 
 /// The table of [`Step`]s of a frame, in the order of recording.
@@ -236,10 +241,12 @@ mod tests {
     #[test]
     fn no_dispatch_exceeds_the_loop_budget() {
         for lights in 1..=64 {
-            let steps = shade_steps(lights);
-            assert!(steps > 0);
-            assert!(lights * (steps * ITERATIONS_PER_STEP + 6) <= LOOP_BUDGET, "{lights} lights");
+            for budget in [LOOP_BUDGET, least_loop_budget(lights)] {
+                let steps = shade_steps(lights, budget);
+                assert!(steps > 1);
+                assert!(lights * (steps * ITERATIONS_PER_STEP + 6) <= budget, "{lights} lights");
+                assert!(trace_steps(budget) > 1 && trace_steps(budget) * ITERATIONS_PER_STEP < budget);
+            }
         }
-        assert!(trace_steps() * ITERATIONS_PER_STEP < LOOP_BUDGET);
     }
 }

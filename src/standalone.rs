@@ -114,7 +114,7 @@ impl Renderer {
             self.engine.set_passes(number);
             let rounds = self.engine.parameters().settings.rounds;
             if rounds >= MAX_ROUNDS {
-                let steps = u64::from(rounds) * u64::from(trace_steps());
+                let steps = u64::from(rounds) * u64::from(trace_steps(self.engine.parameters().settings.loop_budget));
                 return Err(Error::Unfinished { pass: "shade or trace", rays: lost, steps });
             }
             log::info!("{lost} rays ran out of steps in pass {number}; going on with {} rounds", 4 * rounds);

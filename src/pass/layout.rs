@@ -25,7 +25,7 @@ pub struct Frame {
     pub walk: [u32; 4],
     /// Keys of the pass and of the instance, jitter, instance.
     pub keys: [u32; 4],
-    /// Nodes, emitters, greatest path length, unused.
+    /// Nodes, emitters, greatest path length, 0 (which no compiler knows, see `accumulate.wgsl`).
     pub scene: [u32; 4],
     /// For j reflections: particles N_j, first light slot, bits of 1 / N_j, N_(j+1).
     pub depths: [[u32; 4]; 16],

@@ -6,4 +6,9 @@ mod embed;
 mod gpu_layer;
 #[cfg(feature = "hot-reload")]
 mod hot_reload;
+mod passes_eye;
+mod passes_light;
+mod passes_limits;
+mod passes_walk;
+mod rig;
 mod support;
