@@ -3,4 +3,6 @@
 //! One binary, so that one device serves all tests; each test's turn ends with a look at the validation layer's messages.
 
 mod gpu_layer;
+mod scenes;
 mod support;
+mod transport;
