@@ -10,5 +10,8 @@ mod passes_eye;
 mod passes_light;
 mod passes_limits;
 mod passes_walk;
+mod renderer;
 mod rig;
+mod scenes;
 mod support;
+mod transport;
