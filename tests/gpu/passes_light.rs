@@ -501,8 +501,11 @@ fn resolve_writes_the_mean_of_the_film() {
             let out = Buffer::new(ctx, "copied image", image.bytes(), Memory::Readback).unwrap();
             let sum = [0, 1].map(|i| fill(ctx, &s.film.color[i], n, 100.0, |i| i as f32));
             let rest = [0, 1].map(|i| fill(ctx, &s.film.color_rest[i], n, 1e-3, |_| 0.0));
-            let pass = Resolve::new(&kernels, &s.frame, &s.film, &image, s.pixels).unwrap();
+            let pass = Resolve::new(&kernels, &s.film, &image, s.pixels).unwrap();
+            let mut counts = Staging::new();
+            counts.stage_into(ctx, &s.film.counts, 0, &[passes.div_ceil(2), passes / 2]).unwrap();
             ctx.submit_and_wait("resolve", None, |rec| {
+                counts.record(rec)?;
                 rec.image_to_general(&image)?;
                 pass.record(rec)?;
                 rec.copy_image_to_buffer(&image, &out)
