@@ -16,7 +16,7 @@
 //! - **Synchronisation.** Each `record_*` begins with a barrier after everything submitted to the queue before and
 //!   ends with one that makes its results visible to compute, transfer and indirect commands. So frames may be in
 //!   flight one behind the other, with other engines on the same queue, and a host needs a barrier of its own only to
-//!   use the image in other stages (source: COMPUTE_SHADER, SHADER_WRITE).
+//!   use the image in other stages (source: COMPUTE_SHADER, SHADER_WRITE) or on another queue family.
 //! - **Lifetime.** What recorded commands use is held by the [`Retained`](crate::gpu::Retained) that
 //!   [`Recorder::finish`](crate::gpu::Recorder::finish) or [`Context::record_into`] returns. Keep it until they have
 //!   finished; the engine itself may go before.

@@ -162,7 +162,7 @@ impl ParameterSource {
         // again. The places are a golden-ratio sequence from a random start: spread evenly, and unrelated to any base.
         let start = hash(key(instance_key, WINDOW, 0, 0));
         let turn = start.wrapping_add(local.wrapping_mul(0x9e37_79b9));
-        let rotation = (u64::from(turn) * u64::from(s.paths) >> 32) as u32;
+        let rotation = ((u64::from(turn) * u64::from(s.paths)) >> 32) as u32;
         let mut depths = [[0; 4]; 16];
         let mut shifts = [[0.0; 4]; 16];
         for j in 0..16 {

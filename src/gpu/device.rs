@@ -331,3 +331,21 @@ impl Requirements {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_device_with_few_storage_buffers_is_told_so() {
+        let limits = |per_stage, per_set| vk::PhysicalDeviceLimits {
+            max_per_stage_descriptor_storage_buffers: per_stage,
+            max_descriptor_set_storage_buffers: per_set,
+            ..vk::PhysicalDeviceLimits::default()
+        };
+        assert_eq!(missing_storage_buffers(&limits(64, 64)), None);
+        // 4 and 24 are what Vulkan 1.1 guarantees.
+        let missing = missing_storage_buffers(&limits(4, 24)).unwrap();
+        assert!(missing.contains("storage buffers") && missing.ends_with("is 4)"), "{missing}");
+    }
+}
