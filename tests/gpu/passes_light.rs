@@ -15,11 +15,19 @@ use lightsum::pass::shade::{self, Receiver};
 use lightsum::pass::{Kernels, Receivers, Sums, gather};
 use lightsum::settings::{Clip, Settings};
 
-use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, ray_of, same_hit, untouched, xyz};
+use crate::rig::{
+    AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error, untouched, xyz,
+};
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
-/// What may differ of a sum of many lights or a sampled direction: sines and cosines of a device, sharp lobes.
+/// What may differ of a direction of the diffuse lobe: Vulkan grants sines and cosines an error of 2^-11.
 const RELATIVE: f32 = 5e-4;
+
+/// Of a sum of many lights: divisions and roots.
+const DIFFUSE: f32 = 1e-4;
+
+/// Of light by way of a specular lobe, which magnifies what differs in the directions: SwiftShader is 1e-3 off at worst.
+const LOBE: f32 = 2e-3;
 
 /// Share of points that rounding may light otherwise: each has many shadow rays, and any may graze an edge.
 const STRAYS: f64 = 0.005;
@@ -52,10 +60,9 @@ fn at(sums: &[Vec<Vec4>; 3], i: usize) -> [Vec3; 3] {
     [0, 1, 2].map(|k| sums[k][i].truncate())
 }
 
-fn alike(a: [Vec3; 3], b: [Vec3; 3]) -> bool {
-    // Absolute: sums stand beside each other, and one may be the rest of what the other is full of.
-    let size = b.iter().fold(0.0, |m: f32, v| m.max(v.max_element()));
-    (0..3).all(|k| close(a[k], b[k], RELATIVE, 1e-6 * size))
+/// Whether sums are the same; `indirect` says how much the second may differ.
+fn alike(a: [Vec3; 3], b: [Vec3; 3], indirect: f32) -> bool {
+    [DIFFUSE, indirect, LOBE].into_iter().enumerate().all(|(k, relative)| close(a[k], b[k], relative, 1e-9))
 }
 
 /// What the stages of a bounce left behind: points gathered, of those lit, by specular lobes, and pixels with light of
@@ -69,7 +76,7 @@ struct Seen {
 }
 
 /// One short ray for each receiver of the bounce before, and what it meets.
-fn check_gather(rig: &Rig, bounce: usize, seen: &mut Seen) {
+fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
     let frame = rig.frame();
     let p = &rig.parameters;
     let before = receivers(rig, if bounce == 1 { &frame.primary } else { &frame.gathered });
@@ -92,9 +99,11 @@ fn check_gather(rig: &Rig, bounce: usize, seen: &mut Seen) {
         let (expected, weight, specular) =
             gather::reference(p, pixel, bounce as u32 - 1, &before[i], old[i].truncate());
         let ray = ray_of(origin[i], direction[i]);
+        // A microfacet near the rim of what is visible has the root of a small difference of sines in it.
+        let tolerance = if specular { 2.0 * sine.sqrt() } else { RELATIVE };
         let same = ray.origin == expected.origin
             && ray.t_max == expected.t_max
-            && close(ray.direction, expected.direction, 0.0, RELATIVE);
+            && close(ray.direction, expected.direction, 0.0, tolerance);
         tally.check(same, || format!("pixel {i}: {ray:?} for {expected:?}"));
         let hit = hit_of(hits[i]);
         traced.check(same_hit(hit, rig.bvh().closest(&ray)), || format!("pixel {i}: {hit:?} of {ray:?}"));
@@ -103,13 +112,13 @@ fn check_gather(rig: &Rig, bounce: usize, seen: &mut Seen) {
         let share = hit.map_or(0.0, |h| (1.0 - h.t * h.t / (clip * clip)).max(0.0));
         let weight = weight * share;
         let b = beta[i].truncate();
-        tally.check(close(b, weight, 2.0 * RELATIVE, 1e-6), || format!("pixel {i}: throughput {b} for {weight}"));
+        tally.check(close(b, weight, tolerance, 1e-6), || format!("pixel {i}: throughput {b} for {weight}"));
         let lobe = if bounce == 1 { f32::from(specular) } else { old[i].w };
         tally.check(beta[i].w == lobe && emitted[i].w == lobe, || format!("pixel {i}: lobe {}", beta[i].w));
         let surface = hit.map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction));
         let light = surface.map_or(Vec3::ZERO, |s| s.emission);
         let e = emitted[i].truncate();
-        met.check(close(e, weight * light, 2.0 * RELATIVE, 1e-6), || format!("pixel {i}: {e} for {}", weight * light));
+        met.check(close(e, weight * light, tolerance, 1e-6), || format!("pixel {i}: {e} for {}", weight * light));
         let last = bounce as u32 + 1 == p.scene[2];
         let reflects = surface.is_some_and(|s| s.reflectance.kd + s.reflectance.f0 != Vec3::ZERO);
         let expected = !last && share > 0.0 && reflects;
@@ -163,7 +172,7 @@ fn check_shade(rig: &Rig, bounce: usize) {
         if listed.binary_search(&(i as u32)).is_ok() {
             let expected = shade::reference(rig.bvh(), &receivers[i], lights, p.right[3], p.forward[3]);
             let found = at(&found, i);
-            tally.check(alike(found, expected), || format!("pixel {i}: {found:?} for {expected:?}"));
+            tally.check(alike(found, expected, LOBE), || format!("pixel {i}: {found:?} for {expected:?}"));
         } else {
             assert!((0..3).all(|k| untouched(found[k][i])), "pixel {i} is not lit");
         }
@@ -216,6 +225,7 @@ fn check_collect(rig: &Rig, bounce: usize) {
 fn shade_gather_and_collect_follow_their_oracles() {
     gpu_test(|ctx| {
         let scene = gallery();
+        let sine = sine_error(ctx, &scene);
         for resolution in AWKWARD_IMAGES {
             // A long clipping distance, so that most gather rays meet something.
             let settings =
@@ -228,7 +238,7 @@ fn shade_gather_and_collect_follow_their_oracles() {
             let mut seen = Seen::default();
             for bounce in 0..4 {
                 if bounce > 0 {
-                    check_gather(&rig, bounce, &mut seen);
+                    check_gather(&rig, bounce, sine, &mut seen);
                 }
                 check_shade(&rig, bounce);
                 check_collect(&rig, bounce);
@@ -328,11 +338,14 @@ fn shade_of_each_kind_of_light() {
             let found = sums(&rig, &rig.frame().pixel_sums);
             let receivers = receivers(&rig, &rig.frame().primary);
             let mut tally = Tally::new(format!("shade by a {name} light"));
+            let indirect = if light.flags() & PointLight::GLOSSY != 0 { LOBE } else { DIFFUSE };
             for &i in &rig.list(0) {
                 let i = i as usize;
                 let p = &rig.parameters;
                 let expected = shade::reference(rig.bvh(), &receivers[i], &[light], p.right[3], p.forward[3]);
-                tally.check(alike(at(&found, i), expected), || format!("{i}: {:?} for {expected:?}", at(&found, i)));
+                tally.check(alike(at(&found, i), expected, indirect), || {
+                    format!("{i}: {:?} for {expected:?}", at(&found, i))
+                });
             }
             tally.finish(STRAYS);
             let e = effects(&rig, &light);

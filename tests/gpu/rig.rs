@@ -8,7 +8,7 @@ use lightsum::accel::{Bvh, Hit, Ray};
 use lightsum::engine::Engine;
 use lightsum::frame::Frame;
 use lightsum::gpu::{Buffer, Context, Recorder, download};
-use lightsum::pass::layout;
+use lightsum::pass::{layout, walk_start};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
 use lightsum::scene_buffers::encode_normal;
 use lightsum::settings::Settings;
@@ -85,6 +85,24 @@ impl<'a> Rig<'a> {
     pub fn lost(&self) -> u32 {
         self.get::<u32>(&self.frame().status)[0]
     }
+}
+
+/// What a device's sine and cosine may be off: Vulkan grants 2^-11. SwiftShader comes close to it, lavapipe does not.
+pub const SINE: f32 = 5e-4;
+
+/// How much the directions in which particles start from the lights of a scene differ from the oracle's: the error of the
+/// device's sine and cosine, for it is all that is in them but roots.
+pub fn sine_error(ctx: &Context, scene: &Scene) -> f32 {
+    let rig = Rig::new(ctx, scene, [1, 1], Settings { paths: 2049, ..Settings::default() });
+    rig.run(|frame, rec| frame.record_walk_start(rec));
+    let directions = rig.vec4s(&rig.frame().particles.direction);
+    let error = |i: usize| {
+        let (_, ray, _) = walk_start::reference(&rig.parameters, rig.engine.emitters(), i as u32);
+        (directions[i].truncate() - ray.direction).length()
+    };
+    let worst = (0..directions.len()).map(error).fold(1e-6, f32::max);
+    assert!(worst < SINE, "sines and cosines are off by {worst}");
+    worst
 }
 
 /// Whether nobody wrote here since [`Rig::prefill`].
