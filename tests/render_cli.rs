@@ -336,3 +336,20 @@ fn a_full_disk_is_an_error_and_leaves_nothing() {
         assert!(after == before, "left: {:?}", after.keys());
     }
 }
+
+#[test]
+fn time_and_target_error_end_a_rendering() {
+    let folder = folder();
+    let stats = |flags: &str| -> serde_json::Value {
+        succeeds(folder.path(), &format!("render scene.toml --paths 8 --stats a.json {flags}"));
+        serde_json::from_slice(&fs::read(folder.path().join("a.json")).unwrap()).unwrap()
+    };
+    let by_error = stats("--target-error 0.1 --passes 100000");
+    assert!(by_error["error_estimate"].as_f64().is_some_and(|e| e > 0.0 && e <= 0.1), "{by_error}");
+    let passes = by_error["passes"].as_u64().unwrap_or_default();
+    assert!((2..100_000).contains(&passes), "{passes}");
+    let by_time = stats("--time 0.5 --passes 1000000");
+    let seconds = by_time["stages"]["render"].as_f64().unwrap_or_default();
+    // The pass that runs when time is up is finished.
+    assert!((0.5..30.0).contains(&seconds) && by_time["passes"].as_u64() < Some(1_000_000), "{by_time}");
+}
