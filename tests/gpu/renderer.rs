@@ -41,6 +41,16 @@ fn agrees(what: &str, image: &[Vec3], reference: &[Vec3], energy: f64, rmse: f64
     assert!(error <= rmse, "{what}: relative RMSE {error}, allowed is {rmse}");
 }
 
+/// Direct light, which shows every receiver's own reflectance sharply, and three reflections more. Over seeds the energy
+/// varies by 0.0005 and 0.003 (standard deviations), and the error is 0.015 and 0.03 to 0.05 without the reference's noise.
+#[track_caller]
+fn agrees_at_depths(ctx: &Context, scene: &Scene, camera: Camera) {
+    let direct = render(ctx, scene, camera, &settings(32, 2), 128);
+    agrees("direct light", &direct.color, &path_traced(scene, &camera, 1024, 2), 0.003, 0.03);
+    let global = render(ctx, scene, camera, &settings(32, 5), 128);
+    agrees("global light", &global.color, &path_traced(scene, &camera, 1024, 5), 0.01, 0.06);
+}
+
 #[test]
 fn cornell_box_against_the_path_tracer() {
     gpu_test(|ctx| {
@@ -98,9 +108,7 @@ fn glossy_surfaces_against_the_path_tracer() {
         // Seen from outside.
         soup.0.triangles[first..].iter_mut().for_each(|t| t.vertices.swap(1, 2));
         let camera = camera(Vec3::new(1.0, 0.9, 0.05), Vec3::new(1.0, 0.3, 1.5), 75.0, [32, 24]);
-        let reference = path_traced(&soup.0, &camera, 1024, 5);
-        let image = render(ctx, &soup.0, camera, &settings(32, 5), 128);
-        agrees("glossy", &image.color, &reference, 0.015, 0.06);
+        agrees_at_depths(ctx, &soup.0, camera);
     });
 }
 
@@ -134,9 +142,7 @@ fn textures_and_smooth_normals_against_the_path_tracer() {
         let white = soup.diffuse([0.7, 0.7, 0.8], 0.0);
         soup.ball(Vec3::new(0.8, 0.4, 1.2), 0.35, 12, white);
         let camera = camera(Vec3::new(1.0, 0.9, 0.05), Vec3::new(1.0, 0.3, 1.5), 75.0, [32, 24]);
-        let reference = path_traced(&soup.0, &camera, 1024, 5);
-        let image = render(ctx, &soup.0, camera, &settings(32, 5), 64);
-        agrees("textured", &image.color, &reference, 0.015, 0.06);
+        agrees_at_depths(ctx, &soup.0, camera);
     });
 }
 
@@ -302,7 +308,7 @@ fn layers_make_sense() {
         }
         println!("pixels of white, green, red: {seen:?}");
         assert!(seen.iter().all(|&n| n > 20), "{seen:?}");
-        assert!(layers.alpha.iter().any(|&a| a == 0.0), "the image is wider than the box");
+        assert!(layers.alpha.contains(&0.0), "the image is wider than the box");
         for (i, &alpha) in layers.alpha.iter().enumerate().filter(|(_, alpha)| **alpha == 0.0) {
             assert_eq!((layers.color[i], layers.normal[i], alpha), (Vec3::ZERO, Vec3::ZERO, 0.0));
             assert_eq!(layers.depth[i], f32::INFINITY);

@@ -447,3 +447,27 @@ fn walls_absorb_what_lamps_emit() {
         near("absorbed", absorbed, PI64 * 4.0, 0.01);
     });
 }
+
+#[test]
+fn no_light_passes_a_wall_without_thickness() {
+    gpu_test(|ctx| {
+        // A long room divided by one quad whose edges lie in the other walls; the lamp is beyond it. Far from the origin, where
+        // single precision is coarse, as well.
+        for corner in [Vec3::ZERO, Vec3::new(500.0, -300.0, 700.0)] {
+            let mut soup = Soup::new("two rooms");
+            let (wall, lamp) = (soup.diffuse(0.7, 0.0), soup.diffuse(0.0, 50.0));
+            soup.room(corner, corner + Vec3::new(1.0, 1.0, 2.0), [wall; 6]);
+            soup.quad(corner + Vec3::Z, Vec3::X, Vec3::Y, wall);
+            soup.quad(corner + Vec3::new(0.25, 0.95, 1.25), Vec3::X * 0.5, Vec3::Z * 0.5, lamp);
+            let dark = camera(corner + Vec3::new(0.5, 0.5, 0.1), corner + Vec3::new(0.5, 0.45, 1.0), 90.0, [24, 24]);
+            for settings in [settings(64, 5), original(64, 5)] {
+                let layers = render(ctx, &soup.0, dark, &settings, 8);
+                let lit = layers.color.iter().filter(|c| **c != Vec3::ZERO).count();
+                println!("at {corner}: {lit} pixels are lit, mean {}", grey(&layers.color));
+                assert_eq!(lit, 0, "light leaks at {corner}: mean {}", grey(&layers.color));
+            }
+            let bright = camera(corner + Vec3::new(0.5, 0.5, 1.9), corner + Vec3::new(0.5, 0.45, 1.0), 90.0, [8, 8]);
+            assert!(grey(&render(ctx, &soup.0, bright, &settings(64, 5), 1).color) > 1.0);
+        }
+    });
+}
