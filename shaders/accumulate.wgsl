@@ -20,6 +20,12 @@
 @group(0) @binding(16) var<storage, read_write> rest_indirect: array<vec4<f32>>;
 @group(0) @binding(17) var<storage, read_write> sum_albedo: array<vec4<f32>>;
 @group(0) @binding(18) var<storage, read_write> sum_normal: array<vec4<f32>>;
+@group(0) @binding(19) var<storage, read_write> counts: array<u32>;     // passes in the sums of each instance
+
+// The value itself, past what a compiler knows of it: it takes (a + b) - a for b otherwise, and the compensation for nothing.
+fn opaque(v: vec4<f32>) -> vec4<f32> {
+    return bitcast<vec4<f32>>(bitcast<vec4<u32>>(v) ^ vec4<u32>(frame.scene.w));
+}
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -27,6 +33,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // A pass with lost rays leaves no trace; the host reports it or repeats it with more rounds.
     if pixel >= frame.size.z || status[0] != 0u {
         return;
+    }
+    if pixel == 0u {
+        counts[frame.keys.w] += 1u;
     }
     let distance = receiver_position[pixel].w;
     let hit = select(0.0, 1.0, distance >= 0.0);
@@ -41,15 +50,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 
     // Compensated sums (Kahan): `rest` is what rounding took from the sum.
     let y0 = vec4<f32>(color, hit) - rest_color[pixel];
-    let t0 = sum_color[pixel] + y0;
+    let t0 = opaque(sum_color[pixel] + y0);
     rest_color[pixel] = (t0 - sum_color[pixel]) - y0;
     sum_color[pixel] = t0;
     let y1 = vec4<f32>(e_direct, 0.0) - rest_direct[pixel];
-    let t1 = sum_direct[pixel] + y1;
+    let t1 = opaque(sum_direct[pixel] + y1);
     rest_direct[pixel] = (t1 - sum_direct[pixel]) - y1;
     sum_direct[pixel] = t1;
     let y2 = vec4<f32>(e_indirect, 0.0) - rest_indirect[pixel];
-    let t2 = sum_indirect[pixel] + y2;
+    let t2 = opaque(sum_indirect[pixel] + y2);
     rest_indirect[pixel] = (t2 - sum_indirect[pixel]) - y2;
     sum_indirect[pixel] = t2;
     // Guides for filters; plain sums are exact enough.

@@ -1,19 +1,21 @@
 // The mean of all passes into the image that a host shows. See pass/resolve.rs.
-#include "frame.wgsl"
 
-@group(0) @binding(1) var<storage, read> sum_a: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read> rest_a: array<vec4<f32>>;
-@group(0) @binding(3) var<storage, read> sum_b: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read> rest_b: array<vec4<f32>>;
+@group(0) @binding(0) var<storage, read> sum_a: array<vec4<f32>>;
+@group(0) @binding(1) var<storage, read> rest_a: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> sum_b: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> rest_b: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> counts: array<u32>;    // passes in sum_a and in sum_b
 @group(0) @binding(5) var image: texture_storage_2d<rgba32float, write>;
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let pixel = (group.x + group.y * groups.x) * 64u + lane;
-    if pixel >= frame.size.z {
+    let size = textureDimensions(image);
+    if pixel >= size.x * size.y {
         return;
     }
     let sum = (sum_a[pixel] - rest_a[pixel]) + (sum_b[pixel] - rest_b[pixel]);
-    let at = vec2<u32>(pixel % frame.size.x, pixel / frame.size.x);
-    textureStore(image, at, sum * frame.pixel_offset.w);
+    let at = vec2<u32>(pixel % size.x, pixel / size.x);
+    // The device's own count: passes with lost rays are not in the sums. Black before the first.
+    textureStore(image, at, sum / f32(max(counts[0] + counts[1], 1u)));
 }

@@ -19,7 +19,7 @@ fn main() {
     // The rounds of a batch without a list run over all its rays.
     let all = (step.end + 63u) / 64u;
     let all_x = min(all, 32768u);
-    let all_y = (all + all_x - 1u) / max(all_x, 1u);
+    let all_y = select(0u, (all + all_x - 1u) / max(all_x, 1u), all_x > 0u);
     let groups_again = select(vec4<u32>(all_x, all_y, 1u, 0u), list, step.indirect == 1u);
     let unfinished = atomicExchange(&work.unfinished, 0u);
     work.round_groups = select(vec4<u32>(0u, 1u, 1u, 0u), groups_again, unfinished > 0u);

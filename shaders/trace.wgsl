@@ -17,11 +17,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let step = steps[push.step];
     let index = spread_group(group, groups) * 64u + lane;
     // Without a list, `end` is the number of rays.
-    let count = select(step.end, atomicLoad(&work.live), step.indirect == 1u);
+    let listed = step.indirect == 1u;
+    let count = select(step.end, atomicLoad(&work.live), listed);
     if index >= count {
         return;
     }
-    let ray = select(index, list[index], step.indirect == 1u);
+    // Both operands of `select` are evaluated, and the list may be shorter than a batch without one.
+    let ray = select(index, list[select(0u, index, listed)], listed);
     let nodes = frame.scene.x;
     let origin4 = ray_origin[ray];
     let origin = origin4.xyz;

@@ -234,7 +234,8 @@ pub fn pdf_specular(n: Vec3, wi: Vec3, wo: Vec3, alpha: f32) -> f32 {
 
 /// Two unit vectors that complete the unit vector n to an orthonormal basis (Duff et al. 2017).
 pub fn basis(n: Vec3) -> (Vec3, Vec3) {
-    let sign = 1.0f32.copysign(n.z);
+    // Not the sign bit: a kernel cannot tell -0 from 0.
+    let sign = if n.z < 0.0 { -1.0 } else { 1.0 };
     let a = -1.0 / (sign + n.z);
     let b = n.x * n.y * a;
     (Vec3::new(1.0 + sign * (n.x * n.x) * a, sign * b, -sign * n.x), Vec3::new(b, sign + n.y * n.y * a, -n.y))

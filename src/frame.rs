@@ -113,7 +113,7 @@ struct BounceSteps {
 impl Steps {
     fn new(table: &mut StepTable, settings: &Settings, plan: &LightPlan, pixels: u32) -> Steps {
         let rounds = settings.rounds;
-        let trace = Step { steps: trace_steps(), ..Step::default() };
+        let trace = Step { steps: trace_steps(settings.loop_budget), ..Step::default() };
         let walk = (1..plan.survivors.len())
             .map(|j| {
                 // Ray j starts at every particle that has made j - 1 reflections and survives the next.
@@ -122,7 +122,7 @@ impl Steps {
             })
             .collect();
         let chunk_size = settings.lights_per_dispatch;
-        let chunk = Step { steps: shade_steps(chunk_size), indirect: 1, ..Step::default() };
+        let chunk = Step { steps: shade_steps(chunk_size, settings.loop_budget), indirect: 1, ..Step::default() };
         let shade = plan
             .chunks(chunk_size, plan.survivors.len())
             .iter()
@@ -304,7 +304,7 @@ impl Frame {
             eye_receivers: receivers_pass(&batch, &lists[0], &primary)?,
             bounces,
             accumulate: Accumulate::new(kernels, &parameters, &primary, &pixel_sums, &film, &status, pixels)?,
-            resolve: Resolve::new(kernels, &parameters, &film, &image, pixels)?,
+            resolve: Resolve::new(kernels, &film, &image, pixels)?,
             parameters,
             lights,
             film,
@@ -329,10 +329,13 @@ impl Frame {
 
     /// Records what must happen once before the first frame: sums cleared, image in its layout.
     pub fn record_clear(&self, rec: &mut Recorder) -> Result<()> {
-        for buffer in self.film.buffers() {
-            rec.fill(buffer, 0)?;
-        }
+        self.record_clear_sums(rec)?;
         rec.image_to_general(&self.image)
+    }
+
+    /// Records the clearing of the sums alone.
+    pub fn record_clear_sums(&self, rec: &mut Recorder) -> Result<()> {
+        self.film.buffers().into_iter().try_for_each(|buffer| rec.fill(buffer, 0))
     }
 
     /// Records one pass of the renderer: particles leave the lights and become point lights; what the eye sees is lit by
@@ -363,12 +366,20 @@ impl Frame {
 
     /// Particles leave the lights, and each leaves a point light at every vertex of its path.
     pub fn record_walk(&self, rec: &mut Recorder) -> Result<()> {
-        self.walk_start.record(rec)?;
-        for (rounds, reflect) in &self.steps.walk {
-            self.walk_trace.record(rec, rounds, Some(self.paths))?;
-            self.walk_reflect.record(rec, *reflect, self.paths)?;
-        }
-        Ok(())
+        self.record_walk_start(rec)?;
+        (1..=self.steps.walk.len()).try_for_each(|j| self.record_walk_reflection(rec, j))
+    }
+
+    /// The part of [`Frame::record_walk`] up to the emitters' lights.
+    pub fn record_walk_start(&self, rec: &mut Recorder) -> Result<()> {
+        self.walk_start.record(rec)
+    }
+
+    /// The part of [`Frame::record_walk`] from one vertex to the next: the j-th reflection, j from 1.
+    pub fn record_walk_reflection(&self, rec: &mut Recorder, j: usize) -> Result<()> {
+        let Some((rounds, reflect)) = j.checked_sub(1).and_then(|i| self.steps.walk.get(i)) else { return Ok(()) };
+        self.walk_trace.record(rec, rounds, Some(self.paths))?;
+        self.walk_reflect.record(rec, *reflect, self.paths)
     }
 
     /// What the eye sees.

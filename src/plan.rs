@@ -78,14 +78,19 @@ impl LightPlan {
 }
 
 /// Traversal steps of one shadow ray in one dispatch of the shading pass over `lights` lights, such that the dispatch
-/// stays within [`LOOP_BUDGET`] whatever the scene: lights * (steps * 6 + 6) <= budget.
-pub fn shade_steps(lights: u32) -> u32 {
-    (LOOP_BUDGET / lights.max(1) - 6) / ITERATIONS_PER_STEP
+/// stays within `budget` (at least [`least_loop_budget`]) whatever the scene: lights * (steps * 6 + 6) <= budget.
+pub fn shade_steps(lights: u32, budget: u32) -> u32 {
+    (budget / lights.max(1)).saturating_sub(6) / ITERATIONS_PER_STEP
+}
+
+/// Least loop budget of dispatches over `lights` lights: two steps for each.
+pub fn least_loop_budget(lights: u32) -> u32 {
+    3 * ITERATIONS_PER_STEP * lights.max(1)
 }
 
 /// Traversal steps of one ray in one dispatch of the closest-hit pass.
-pub fn trace_steps() -> u32 {
-    LOOP_BUDGET / ITERATIONS_PER_STEP - 1
+pub fn trace_steps(budget: u32) -> u32 {
+    (budget / ITERATIONS_PER_STEP).saturating_sub(1)
 }
 
 /// The table of [`Step`]s of a frame, in the order of recording.
@@ -159,7 +164,7 @@ impl ParameterSource {
         // again. The places are a golden-ratio sequence from a random start: spread evenly, and unrelated to any base.
         let start = hash(key(instance_key, WINDOW, 0, 0));
         let turn = start.wrapping_add(local.wrapping_mul(0x9e37_79b9));
-        let rotation = (u64::from(turn) * u64::from(s.paths) >> 32) as u32;
+        let rotation = ((u64::from(turn) * u64::from(s.paths)) >> 32) as u32;
         let mut depths = [[0; 4]; 16];
         let mut shifts = [[0.0; 4]; 16];
         for j in 0..16 {
@@ -179,7 +184,7 @@ impl ParameterSource {
             up: xyzw(up * tan_y, clip),
             forward: xyzw(forward, 4.0 * self.diagonal),
             bounds_min: xyzw(self.bounds.0, 1.0 / (self.bounds.1 - self.bounds.0).max_element().max(1e-30)),
-            pixel_offset: [offset[0], offset[1], LEAST_LIGHT_ALPHA, 1.0 / (pass + 1) as f32],
+            pixel_offset: [offset[0], offset[1], LEAST_LIGHT_ALPHA, 0.0],
             size: [width, height, width * height, local],
             walk: [first, s.paths, rotation, self.lights.delta],
             keys: [pass_key, instance_key, u32::from(s.jitter), instance],
@@ -239,10 +244,12 @@ mod tests {
     #[test]
     fn no_dispatch_exceeds_the_loop_budget() {
         for lights in 1..=64 {
-            let steps = shade_steps(lights);
-            assert!(steps > 0);
-            assert!(lights * (steps * ITERATIONS_PER_STEP + 6) <= LOOP_BUDGET, "{lights} lights");
+            for budget in [LOOP_BUDGET, least_loop_budget(lights)] {
+                let steps = shade_steps(lights, budget);
+                assert!(steps > 1);
+                assert!(lights * (steps * ITERATIONS_PER_STEP + 6) <= budget, "{lights} lights");
+                assert!(trace_steps(budget) > 1 && trace_steps(budget) * ITERATIONS_PER_STEP < budget);
+            }
         }
-        assert!(trace_steps() * ITERATIONS_PER_STEP < LOOP_BUDGET);
     }
 }

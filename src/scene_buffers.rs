@@ -143,8 +143,8 @@ fn shading_attributes(scene: &Scene, bvh: &Bvh) -> (Vec<[u32; 4]>, Vec<[f32; 4]>
         let t = &scene.triangles[bvh.scene_triangle(i) as usize];
         let mut n = [0; 4];
         if t.smooth {
-            for k in 0..3 {
-                n[k] = encode_normal(scene.normals[t.vertices[k] as usize]);
+            for (n, &v) in n.iter_mut().zip(&t.vertices) {
+                *n = encode_normal(scene.normals[v as usize]);
             }
         }
         n[3] = t.material << 1 | u32::from(t.smooth);

@@ -1,6 +1,7 @@
 //! Every knob of the renderer: meaning, unit, default, and what a higher and a lower value cost.
 
 use crate::error::{Error, Result};
+use crate::plan::{LOOP_BUDGET, least_loop_budget};
 use crate::scene::RenderDefaults;
 
 /// Distance below which the 1/d^2 of a virtual light stops growing (row W6).
@@ -40,6 +41,9 @@ pub struct Settings {
     /// Rounds that a ray may take in a pass; it is carried on where the one before stopped. Default 4. Rounds that no ray
     /// needs cost a few microseconds each. A ray left over after the last is reported, never dropped silently.
     pub rounds: u32,
+    /// Loop iterations that one invocation's subgroup may take in one dispatch. Default [`LOOP_BUDGET`]. Lower: shorter
+    /// dispatches, for a device whose watchdog ends long ones, but more rounds.
+    pub loop_budget: u32,
 }
 
 impl Default for Settings {
@@ -53,6 +57,7 @@ impl Default for Settings {
             seed: 0,
             lights_per_dispatch: 8,
             rounds: 4,
+            loop_budget: LOOP_BUDGET,
         }
     }
 }
@@ -91,6 +96,7 @@ impl Settings {
         range("--max-depth", self.max_depth, 1, Self::MAX_DEPTH)?;
         range("--lights-per-dispatch", self.lights_per_dispatch, 1, 64)?;
         range("--rounds", self.rounds, 1, 1024)?;
+        range("loop_budget", self.loop_budget, least_loop_budget(self.lights_per_dispatch), LOOP_BUDGET)?;
         let (Clip::Distance(c) | Clip::Fraction(c)) = self.clip;
         if !(c.is_finite() && c >= 0.0) {
             return Err(Error::Setting { name: "--clip", message: format!("{c} is not a distance of 0 or more") });

@@ -114,14 +114,13 @@ impl Renderer {
             self.engine.set_passes(number);
             let rounds = self.engine.parameters().settings.rounds;
             if rounds >= MAX_ROUNDS {
-                let steps = u64::from(rounds) * u64::from(trace_steps());
+                let steps = u64::from(rounds) * u64::from(trace_steps(self.engine.parameters().settings.loop_budget));
                 return Err(Error::Unfinished { pass: "shade or trace", rays: lost, steps });
             }
             log::info!("{lost} rays ran out of steps in pass {number}; going on with {} rounds", 4 * rounds);
             self.engine.set_rounds((4 * rounds).min(MAX_ROUNDS))?;
-            self.context.submit_and_wait("uploading steps", None, |rec| self.engine.record_uploads(rec))?;
-            self.engine.setup_finished();
         }
+        self.engine.setup_finished();
         let messages = self.context.take_messages();
         if let Some(message) = messages.first() {
             return Err(Error::Resource { name: format!("pass {number}"), message: format!("validation: {message}") });

@@ -5,11 +5,11 @@ struct Frame {
     up: vec4<f32>,              // image half height at unit distance; w: clip distance
     forward: vec4<f32>,         // unit view direction; w: length beyond every surface (directional lights)
     bounds_min: vec4<f32>,      // lower corner of the scene; w: 1 / greatest extent
-    pixel_offset: vec4<f32>,    // offset of the sample in its pixel, [0,1)^2; z: least alpha of a light's lobe; w: 1 / passes
+    pixel_offset: vec4<f32>,    // offset of the sample in its pixel, [0,1)^2; z: least alpha of a light's lobe; w unused
     size: vec4<u32>,            // width, height, pixels, index of the pass within its instance
     walk: vec4<u32>,            // first index of the sequence segment, N, window rotation, delta lights
     keys: vec4<u32>,            // key of the pass, key of the instance, jitter (0/1), instance
-    scene: vec4<u32>,           // nodes, emitters, greatest path length, unused
+    scene: vec4<u32>,           // nodes, emitters, greatest path length, 0 (no compiler knows)
     depths: array<vec4<u32>, 16>,   // for j reflections: particles N_j, first light slot, bits of 1/N_j, N_(j+1)
     shifts: array<vec4<f32>, 16>,   // for j: Cranley-Patterson shifts of dimensions 2j, 2j+1; z, w: bits of their bases
 }

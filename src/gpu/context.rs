@@ -11,7 +11,7 @@ use gpu_allocator::{AllocationSizes, AllocatorDebugSettings};
 use super::cache::PipelineCache;
 use super::device::{DeviceChoice, DeviceInfo, compute_family, enumerate};
 use super::instance::{Instance, Messages, vulkan};
-use super::recorder::Recorder;
+use super::recorder::{Recorder, Retained};
 use super::timers::Timers;
 use crate::error::{Error, Result};
 
@@ -256,6 +256,26 @@ impl Context {
         }
         drop(retained);
         Ok(())
+    }
+
+    /// Records into a host's command buffer; what is returned keeps alive what the commands use.
+    ///
+    /// After an error nothing is kept alive: end or reset the command buffer, but do not submit it.
+    ///
+    /// # Safety
+    /// As for [`Recorder::new`]: the command buffer is recording outside a render pass, was allocated on this device
+    /// for a family with compute, and is used by nobody else meanwhile; the timers are of this context. What is
+    /// returned is kept until the commands have been executed or the command buffer has been reset.
+    pub unsafe fn record_into(
+        &self,
+        commands: vk::CommandBuffer,
+        timers: Option<&Timers>,
+        record: impl FnOnce(&mut Recorder<'_>) -> Result<()>,
+    ) -> Result<Retained> {
+        // SAFETY: the caller's promise.
+        let mut recorder = unsafe { Recorder::new(self, commands, timers) };
+        record(&mut recorder)?;
+        Ok(recorder.finish())
     }
 
     /// The error for a failed call while `what` was made or run.

@@ -29,6 +29,8 @@ pub struct DeviceInfo {
     pub subgroup_operations: vk::SubgroupFeatureFlags,
     /// Greatest storage buffer that a kernel can see, bytes.
     pub max_storage_buffer_range: u64,
+    /// Greatest number of storage buffers that one kernel can see.
+    pub max_storage_buffers: u32,
     /// Greatest single allocation, bytes.
     pub max_allocation: u64,
     /// Greatest number of workgroups along each axis of a dispatch.
@@ -75,6 +77,7 @@ impl DeviceInfo {
         if family.is_none() {
             missing.push("a compute queue".to_owned());
         }
+        missing.extend(missing_storage_buffers(limits));
         let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
         let mut maintenance = vk::PhysicalDeviceMaintenance3Properties::default();
         let mut driver = vk::PhysicalDeviceDriverProperties::default();
@@ -114,6 +117,7 @@ impl DeviceInfo {
                 vk::SubgroupFeatureFlags::empty()
             },
             max_storage_buffer_range: u64::from(limits.max_storage_buffer_range),
+            max_storage_buffers: storage_buffers(limits),
             max_allocation: maintenance.max_memory_allocation_size,
             max_workgroup_count: limits.max_compute_work_group_count,
             max_workgroup_size: limits.max_compute_work_group_size,
@@ -139,6 +143,20 @@ impl DeviceInfo {
     fn line(&self) -> String {
         format!("{}: {} ({} {})", self.index, self.name, self.driver, self.driver_version)
     }
+}
+
+/// Storage buffers that a kernel can see: the least of the limits that Vulkan sets on them.
+fn storage_buffers(limits: &vk::PhysicalDeviceLimits) -> u32 {
+    limits.max_per_stage_descriptor_storage_buffers.min(limits.max_descriptor_set_storage_buffers)
+}
+
+/// What a device lacks that shows kernels fewer storage buffers than one of ours declares.
+fn missing_storage_buffers(limits: &vk::PhysicalDeviceLimits) -> Option<String> {
+    let has = storage_buffers(limits);
+    let wanted = super::shaders::ALL.iter().map(|shader| shader.storage_buffers()).max().unwrap_or(0);
+    (has < wanted).then(|| {
+        format!("room for {wanted} storage buffers in a kernel (maxPerStageDescriptorStorageBuffers is {has})")
+    })
 }
 
 /// A queue family with compute, and its timestamps' valid bits; one that writes timestamps where there is one.
@@ -294,6 +312,7 @@ impl Requirements {
         if family.is_none() {
             missing.push("a compute queue".to_owned());
         }
+        missing.extend(missing_storage_buffers(&properties.limits));
         Requirements {
             api_version: vk::API_VERSION_1_1,
             extensions: Vec::new(),
@@ -310,5 +329,23 @@ impl Requirements {
                 extensions.push(extension);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_device_with_few_storage_buffers_is_told_so() {
+        let limits = |per_stage, per_set| vk::PhysicalDeviceLimits {
+            max_per_stage_descriptor_storage_buffers: per_stage,
+            max_descriptor_set_storage_buffers: per_set,
+            ..vk::PhysicalDeviceLimits::default()
+        };
+        assert_eq!(missing_storage_buffers(&limits(64, 64)), None);
+        // 4 and 24 are what Vulkan 1.1 guarantees.
+        let missing = missing_storage_buffers(&limits(4, 24)).unwrap();
+        assert!(missing.contains("storage buffers") && missing.ends_with("is 4)"), "{missing}");
     }
 }

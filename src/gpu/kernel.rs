@@ -35,6 +35,13 @@ pub struct Shader {
     pub interface: &'static str,
 }
 
+impl Shader {
+    /// Number of storage buffers that the kernel declares.
+    pub fn storage_buffers(&self) -> u32 {
+        self.bindings.iter().filter(|binding| binding.kind != BindingKind::StorageImage).count() as u32
+    }
+}
+
 /// A buffer or image that a kernel declares.
 #[derive(Debug)]
 pub struct BindingInfo {
@@ -338,6 +345,13 @@ fn check_device(ctx: &Context, shader: &Shader, code: &[u32]) -> Result<()> {
         return refuse(format!(
             "{} bytes of push constants, the device takes {}",
             shader.push_bytes, info.max_push_bytes
+        ));
+    }
+    if shader.storage_buffers() > info.max_storage_buffers {
+        return refuse(format!(
+            "{} storage buffers, the device takes {}",
+            shader.storage_buffers(),
+            info.max_storage_buffers
         ));
     }
     let invocations: u64 = shader.workgroup_size.iter().map(|n| u64::from(*n)).product();

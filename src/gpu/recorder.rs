@@ -51,8 +51,8 @@ impl<'a> Recorder<'a> {
     ///
     /// # Safety
     /// The command buffer is in the recording state outside a render pass, was allocated on the context's device for a
-    /// family with compute, and is used by nobody else while this lives; the timers are of the same context. What [`Recorder::finish`] returns is kept until
-    /// the commands have been executed or the command buffer has been reset.
+    /// family with compute, and is used by nobody else while this lives; the timers are of the same context. What
+    /// [`Recorder::finish`] returns is kept until the commands have been executed or the command buffer has been reset.
     pub unsafe fn new(ctx: &Context, commands: vk::CommandBuffer, timers: Option<&'a Timers>) -> Recorder<'a> {
         let mut retained: Vec<Arc<dyn Send + Sync>> = Vec::new();
         if let Some(timers) = timers {

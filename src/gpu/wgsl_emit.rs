@@ -125,6 +125,15 @@ pub fn emit_shaders(list: &[Built], prefix: &str) -> String {
         );
         debug_assert!(built.file.ends_with(&format!("{stem}.wgsl")));
     }
+    if !list.is_empty() {
+        let all: Vec<String> = list.iter().map(|built| format!("&{}", built.permutation.name.to_uppercase())).collect();
+        let _ = write!(
+            text,
+            "/// All kernels.\n#[allow(dead_code, reason = \"not every folder's kernels are asked for as a whole\")]\n\
+             pub static ALL: &[&Shader] = &[{}];\n",
+            all.join(", ")
+        );
+    }
     text
 }
 
@@ -234,6 +243,7 @@ struct LightList { count: u32, items: array<Light> }
             "BindingInfo { name: \"film\", slot: 1, kind: BindingKind::StorageImage }",
             "BindingInfo { name: \"radiance\", slot: 2, kind: BindingKind::StorageReadWrite }",
             "/kernel-shade_film.checked.spv",
+            "pub static ALL: &[&Shader] = &[&SHADE, &SHADE_FILM];",
         ] {
             assert!(text.contains(expected), "{expected}\nis not in\n{text}");
         }

@@ -1,14 +1,14 @@
 //! The pass's image is added to the running sums: L = L_e + kd / pi * (E_direct + E_indirect) + L_specular.
 //!
-//! Colour and irradiance are summed with compensation (Kahan 1965), so thousands of passes lose nothing to f32; colour is kept for
-//! each of the two independent instances, whose difference estimates the error.
-//! A pass in which rays were lost is left out (see `schedule`). Cost: 24 vec4 and 40 operations a pixel.
+//! Colour and irradiance are summed with compensation (Kahan 1965), so thousands of passes lose nothing to f32; colour
+//! is kept for each of the two independent instances, whose difference estimates the error. A pass in which rays were
+//! lost is left out (see `schedule`). Cost: 24 vec4 and 40 operations a pixel.
 
 use glam::{Vec3, Vec4};
 
 use super::{Kernels, Receivers, Sums, groups, vec4s};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Context, Kernel, Recorder};
+use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder};
 use crate::plan::INSTANCES;
 
 /// Running sums over the passes; these persist between frames.
@@ -26,6 +26,8 @@ pub struct Film {
     pub albedo: Buffer,
     /// Shading normal; w: depth along the view direction, both times coverage.
     pub normal: Buffer,
+    /// `[i]`: passes in the sums of instance i, counted by the device: a pass in which rays were lost is left out.
+    pub counts: Buffer,
 }
 
 impl Film {
@@ -40,13 +42,19 @@ impl Film {
             indirect: [array("film indirect")?, array("film indirect rest")?],
             albedo: array("film albedo")?,
             normal: array("film normal")?,
+            counts: Buffer::new(context, "film counts", 16, Memory::Device)?,
         })
     }
 
     /// All buffers in a fixed order: the renderer's whole state besides the number of passes.
     pub fn buffers(&self) -> Vec<&Buffer> {
         let pairs = self.direct.iter().chain(&self.indirect);
-        self.color.iter().chain(&self.color_rest).chain(pairs).chain([&self.albedo, &self.normal]).collect()
+        self.color
+            .iter()
+            .chain(&self.color_rest)
+            .chain(pairs)
+            .chain([&self.albedo, &self.normal, &self.counts])
+            .collect()
     }
 }
 
@@ -91,6 +99,7 @@ impl Accumulate {
                     ("rest_indirect", (&film.indirect[1]).into()),
                     ("sum_albedo", (&film.albedo).into()),
                     ("sum_normal", (&film.normal).into()),
+                    ("counts", (&film.counts).into()),
                 ])
             })
             .collect::<Result<_>>()?;

@@ -19,7 +19,7 @@ pub struct Frame {
     pub forward: [f32; 4],
     /// Lower corner of the scene; w: 1 / greatest extent.
     pub bounds_min: [f32; 4],
-    /// Sample offset in the pixel; z: least alpha of a virtual light's lobe; w: 1 / passes, this one included.
+    /// Sample offset in the pixel; z: least alpha of a virtual light's lobe; w unused.
     pub pixel_offset: [f32; 4],
     /// Width, height, pixels, pass within the instance.
     pub size: [u32; 4],
@@ -27,7 +27,7 @@ pub struct Frame {
     pub walk: [u32; 4],
     /// Keys of the pass and of the instance, jitter, instance.
     pub keys: [u32; 4],
-    /// Nodes, emitters, greatest path length, unused.
+    /// Nodes, emitters, greatest path length, 0 (which no compiler knows, see `accumulate.wgsl`).
     pub scene: [u32; 4],
     /// For j reflections: particles N_j, first light slot, bits of 1 / N_j, N_(j+1).
     pub depths: [[u32; 4]; 16],

@@ -4,9 +4,9 @@
 //! A light at a reflection keeps the particle's direction of incidence and the whole reflectance: its intensity towards wo
 //! is Phi / N_j f_r(wi, wo) cos. A particle that flies on takes the diffuse or the specular lobe at random.
 //!
-//! Differs from the paper in that: figure 6 multiplies by N / floor(rho^j N) at every reflection, although the text's factor is the
-//! ratio to the N that started, so each light here is divided by N_j once; surfaces may be glossy; and the adjoint
-//! of shading normals is accounted for (Veach 1997, 5.3). Lobes of lights are widened
+//! Differs from the paper in that: figure 6 multiplies by N / floor(rho^j N) at every reflection, although the text's
+//! factor is the ratio to the N that started, so each light here is divided by N_j once; surfaces may be glossy; and the
+//! adjoint of shading normals is accounted for (Veach 1997, 5.3). Lobes of lights are widened
 //! ([`crate::plan::LEAST_LIGHT_ALPHA`]) and stand about the geometric normal.
 //! Cost: as `receivers`, and some 200 operations, a particle.
 

@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 
 use super::{Camera, Light, Material, Scene, Surface, Texture, Wrap};
 use crate::error::{Error, Result};
+use crate::output::write_file;
 
 /// A point of a surface that stands for light it emits or reflects: radiance power / pi for each unit of area, one-sided.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,25 +104,16 @@ pub fn export_lights(path: &Path, scene: &Scene, lights: &[VirtualLight]) -> Res
     document.lights(scene, lights);
     let images: Vec<PathBuf> = (0..scene.textures.len()).map(|i| texture_path(path, i)).collect();
     for (texture, file) in scene.textures.iter().zip(&images) {
-        write(file, &png(texture).map_err(|why| Error::file(file, why))?)?;
+        write_file(file, &[&png(texture).map_err(|why| Error::file(file, why))?])?;
     }
-    write(&bin_path, &document.bin)?;
+    write_file(&bin_path, &[&document.bin])?;
     let json = document.json(scene, &bin_path, &images);
     let text = serde_json::to_vec_pretty(&json).map_err(|e| Error::file(path, e.to_string()))?;
-    write(path, &text)
+    write_file(path, &[&text])
 }
 
 fn texture_path(path: &Path, index: usize) -> PathBuf {
     path.with_file_name(format!("{}-{index}.png", super::stem(path)))
-}
-
-/// Writes beside the file, then renames, so that no reader ever meets half of it.
-fn write(path: &Path, bytes: &[u8]) -> Result<()> {
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(".part");
-    let part = path.with_file_name(name);
-    std::fs::write(&part, bytes).map_err(Error::io("writing", &part))?;
-    std::fs::rename(&part, path).map_err(Error::io("renaming", path))
 }
 
 fn png(texture: &Texture) -> Result<Vec<u8>, String> {

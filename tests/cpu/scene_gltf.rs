@@ -432,7 +432,7 @@ fn exported_files_mean_the_same_to_others() {
 
     let names: Vec<String> =
         std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
-    assert!(names.iter().all(|n| !n.ends_with(".part")), "{names:?}");
+    assert!(names.iter().all(|n| !n.ends_with(".tmp")), "{names:?}");
     let error = export_lights(&folder.path().join("lights.obj"), &scene, &[]).unwrap_err().to_string();
     assert!(error.contains(".gltf"), "{error}");
     let error = export_lights(&folder.path().join("none/lights.gltf"), &scene, &[]).unwrap_err().to_string();

@@ -2,5 +2,16 @@
 //!
 //! One binary, so that one device serves all tests; each test's turn ends with a look at the validation layer's messages.
 
+mod embed;
 mod gpu_layer;
+#[cfg(feature = "hot-reload")]
+mod hot_reload;
+mod passes_eye;
+mod passes_light;
+mod passes_limits;
+mod passes_walk;
+mod renderer;
+mod rig;
+mod scenes;
 mod support;
+mod transport;

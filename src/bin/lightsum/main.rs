@@ -3,6 +3,8 @@
 //! Exit codes: 0 done, 1 failed, 2 wrong use. Progress, warnings and errors go to standard error; what was asked for and
 //! the line that says where the output went go to standard output.
 
+#![forbid(unsafe_code)]
+
 mod args;
 mod camera;
 mod progress;

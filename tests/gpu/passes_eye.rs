@@ -1,0 +1,212 @@
+//! Eye rays, closest hits and receivers against their oracles.
+
+use glam::{Vec3, Vec4};
+use lightsum::accel::{Hit, Ray, offset_origin};
+use lightsum::pass::camera_rays;
+use lightsum::pass::receivers::surface_at;
+use lightsum::scene::{Scene, Surface, builtin};
+use lightsum::settings::{Clip, Settings};
+
+use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery, hit_of, ray_of, same_hit, untouched};
+use crate::support::gpu_test;
+
+/// What may differ: a device's divisions, roots and powers are less exact than ours.
+const RELATIVE: f32 = 1e-4;
+
+/// Share of rays that rounding may send elsewhere.
+const STRAYS: f64 = 0.003;
+
+/// The receivers of a bounce as the device left them, each component by its name in shaders/include/receiver.wgsl.
+struct Found {
+    position: Vec<Vec4>,
+    geometric: Vec<Vec4>,
+    shading: Vec<Vec4>,
+    kd: Vec<Vec4>,
+    f0: Vec<Vec4>,
+    wo: Vec<Vec4>,
+    emitted: Vec<Vec4>,
+    beta: Vec<Vec4>,
+}
+
+impl Found {
+    fn of(rig: &Rig) -> Found {
+        let r = &rig.frame().primary;
+        Found {
+            position: rig.vec4s(&r.position),
+            geometric: rig.vec4s(&r.geometric),
+            shading: rig.vec4s(&r.shading),
+            kd: rig.vec4s(&r.kd),
+            f0: rig.vec4s(&r.f0),
+            wo: rig.vec4s(&r.wo),
+            emitted: rig.vec4s(&r.emitted),
+            beta: rig.vec4s(&rig.frame().beta),
+        }
+    }
+
+    fn any_untouched(&self) -> bool {
+        let all =
+            [&self.position, &self.geometric, &self.shading, &self.kd, &self.f0, &self.wo, &self.emitted, &self.beta];
+        all.iter().any(|array| array.iter().any(|&v| untouched(v)))
+    }
+
+    /// Compares receiver `i` with the oracle's surface; returns whether it is lit.
+    fn check(&self, tally: &mut Tally, i: usize, rig: &Rig, ray: &Ray, hit: Option<Hit>) -> bool {
+        let lit = self.wo[i].w == 1.0;
+        let Some(hit) = hit else {
+            let nothing =
+                [self.kd[i], self.f0[i], self.emitted[i], self.beta[i]].iter().all(|v| v.truncate() == Vec3::ZERO);
+            tally.check(nothing && self.position[i].w < 0.0 && !lit, || format!("pixel {i} sees nothing"));
+            return false;
+        };
+        let s = surface_at(rig.scene, rig.bvh(), &hit, ray.direction);
+        let r = &s.reflectance;
+        let place = offset_origin(s.position, s.geometric, rig.parameters.eye[3]);
+        let near = |a: f32, b: f32| (a - b).abs() <= RELATIVE;
+        let reflects = r.kd != Vec3::ZERO || r.f0 != Vec3::ZERO;
+        tally.check(close(self.position[i].truncate(), place, 1e-5, 1e-6), || {
+            format!("position {i}: {}", self.position[i])
+        });
+        tally.check(self.position[i].w == hit.t, || format!("distance {i}"));
+        tally.check(close(self.geometric[i].truncate(), s.geometric, 0.0, RELATIVE), || format!("normal {i}"));
+        tally.check(close(self.shading[i].truncate(), s.shading, 0.0, RELATIVE), || {
+            format!("shading normal {i}: {} for {}", self.shading[i], s.shading)
+        });
+        let kd = [self.kd[i].truncate(), self.f0[i].truncate()];
+        tally.check(close(kd[0], r.kd, RELATIVE, 1e-5) && close(kd[1], r.f0, RELATIVE, 1e-5), || {
+            format!("reflectance {i}: {kd:?} for {r:?}")
+        });
+        tally.check(near(self.geometric[i].w, r.f90), || format!("f90 {i}: {} for {}", self.geometric[i].w, r.f90));
+        tally.check(near(self.shading[i].w, r.alpha) || s.black, || {
+            format!("alpha {i}: {} for {}", self.shading[i].w, r.alpha)
+        });
+        tally.check(!reflects || near(self.kd[i].w, r.diffuse_probability()), || format!("probability {i}"));
+        tally.check((self.f0[i].w == 1.0) == (r.f90 > 0.0), || format!("lobe {i}"));
+        tally.check(close(self.wo[i].truncate(), -ray.direction, 0.0, 0.0), || format!("wo {i}"));
+        tally.check(close(self.emitted[i].truncate(), s.emission, RELATIVE, 0.0), || {
+            format!("emission {i}: {} for {}", self.emitted[i], s.emission)
+        });
+        tally.check(self.beta[i] == Vec4::new(1.0, 1.0, 1.0, 0.0), || format!("beta {i}"));
+        tally.check(lit == reflects, || format!("lit {i}: {lit}"));
+        lit
+    }
+}
+
+/// Runs the eye's stages and compares each; returns the hits.
+fn look(rig: &Rig) -> Vec<Option<Hit>> {
+    let (frame, [width, height, ..]) = (rig.frame(), rig.parameters.size);
+    let r = &frame.primary;
+    rig.prefill(&[&frame.rays.origin, &frame.rays.direction, &frame.rays.hits, &frame.beta, &frame.lists[0].pixels]);
+    rig.prefill(&[&r.position, &r.geometric, &r.shading, &r.kd, &r.f0, &r.wo, &r.emitted]);
+    rig.run(|frame, rec| frame.record_eye(rec));
+    assert_eq!(rig.lost(), 0);
+    let what = format!("{width}x{height}");
+    let origins = rig.vec4s(&frame.rays.origin);
+    let directions = rig.vec4s(&frame.rays.direction);
+    let hits = rig.vec4s(&frame.rays.hits);
+    let found = Found::of(rig);
+    assert!(!found.any_untouched(), "{what}: every pixel has a receiver");
+    let mut traced = Tally::new(format!("trace, {what}"));
+    let mut surfaces = Tally::new(format!("receivers, {what}"));
+    let mut lit = Vec::new();
+    for i in 0..(width * height) as usize {
+        let expected = camera_rays::reference(&rig.parameters, i as u32);
+        let ray = ray_of(origins[i], directions[i]);
+        assert_eq!((ray.origin, ray.t_max), (expected.origin, expected.t_max), "{what}, pixel {i}");
+        assert!(close(ray.direction, expected.direction, 0.0, 1e-6), "{what}, pixel {i}: {ray:?} for {expected:?}");
+        let hit = hit_of(hits[i]);
+        traced.check(same_hit(hit, rig.bvh().closest(&ray)), || format!("pixel {i}: {hit:?} of {ray:?}"));
+        if found.check(&mut surfaces, i, rig, &ray, hit) {
+            lit.push(i as u32);
+        }
+    }
+    traced.finish(STRAYS);
+    surfaces.finish(0.0);
+    assert_eq!(rig.list(0), lit, "{what}: the list names the lit receivers, each once");
+    assert_eq!(rig.work(0).list_groups[0], (lit.len() as u32).div_ceil(64));
+    hits.into_iter().map(hit_of).collect()
+}
+
+#[test]
+fn camera_rays_trace_and_receivers_follow_their_oracles() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        let mut seen = vec![0; scene.materials.len()];
+        let mut missed = 0;
+        for resolution in AWKWARD_IMAGES {
+            let rig = Rig::new(ctx, &scene, resolution, Settings { paths: 1, ..Settings::default() });
+            for hit in look(&rig) {
+                match hit {
+                    Some(hit) => seen[rig.bvh().material(hit.triangle) as usize] += 1,
+                    None => missed += 1,
+                }
+            }
+        }
+        for (material, count) in scene.materials.iter().zip(&seen) {
+            assert!(*count > 0, "material {material:?} is not seen");
+        }
+        assert!(missed > 0, "every ray hits");
+        assert!(scene.materials.iter().any(|m| m.surface == Surface::Mirror));
+    });
+}
+
+/// What is seen from close by on both sides of a sheet.
+#[test]
+fn emission_of_each_side() {
+    gpu_test(|ctx| {
+        for (two_sided, expected) in [(false, [1.0, 0.0]), (true, [1.0, 1.0])] {
+            let mut scene = builtin::single_triangle_light();
+            scene.materials[1].two_sided = two_sided;
+            // The lamp looks down.
+            for (side, expected) in expected.into_iter().enumerate() {
+                let y = if side == 0 { 0.5 } else { 1.5 };
+                let camera = scene.camera.as_mut().unwrap();
+                (camera.eye, camera.target, camera.up) =
+                    (Vec3::new(0.25, y, 0.25), Vec3::new(0.25, 1.0, 0.25), Vec3::X);
+                camera.fov_y = 5.0;
+                let rig = Rig::new(ctx, &scene, [8, 8], Settings { paths: 1, ..Settings::default() });
+                look(&rig);
+                let emitted = rig.vec4s(&rig.frame().primary.emitted);
+                assert!(emitted.iter().all(|e| e.truncate() == Vec3::splat(expected)), "{two_sided} {side}");
+            }
+        }
+    });
+}
+
+/// Eye hits and irradiance of a scene with the work cut in rounds.
+fn in_rounds(ctx: &lightsum::gpu::Context, scene: &Scene, loop_budget: u32, rounds: u32) -> [Vec<[u32; 4]>; 3] {
+    let settings = Settings {
+        paths: 3,
+        max_depth: 3,
+        lights_per_dispatch: 1,
+        clip: Clip::Fraction(0.0),
+        loop_budget,
+        rounds,
+        ..Settings::default()
+    };
+    let rig = Rig::new(ctx, scene, [27, 1], settings);
+    rig.run(|frame, rec| {
+        frame.record_walk(rec)?;
+        frame.record_eye(rec)?;
+        frame.record_shade(rec, 0)
+    });
+    assert_eq!(rig.lost(), 0, "with {loop_budget} iterations and {rounds} rounds");
+    let sums = &rig.frame().pixel_sums;
+    [&rig.frame().rays.hits, &sums.direct, &sums.indirect].map(|b| rig.get(b))
+}
+
+#[test]
+fn rays_carried_on_over_many_rounds_end_alike() {
+    gpu_test(|ctx| {
+        let scene = builtin::deep_scene(60);
+        let at_once = in_rounds(ctx, &scene, lightsum::plan::LOOP_BUDGET, 1);
+        // Two steps a round.
+        let in_many = in_rounds(ctx, &scene, lightsum::plan::least_loop_budget(1), 100);
+        assert_eq!(lightsum::plan::trace_steps(18), 2);
+        assert_eq!(lightsum::plan::shade_steps(1, 18), 2);
+        assert!(at_once == in_many, "hits or sums depend on the rounds");
+        assert!(
+            at_once[1].iter().any(|e| f32::from_bits(e[0]) > 0.0)
+                && at_once[2].iter().any(|e| f32::from_bits(e[0]) > 0.0)
+        );
+    });
+}

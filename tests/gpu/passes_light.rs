@@ -1,0 +1,577 @@
+//! Shading, gathering, collecting and summing up against their oracles.
+
+use ash::vk;
+use glam::{Vec3, Vec4};
+use lightsum::accel::{Ray, offset_origin};
+use lightsum::bsdf::Reflectance;
+use lightsum::gpu::{Buffer, Context, Image, Memory, Staging, download, upload};
+use lightsum::pass::accumulate::{self, Accumulate, Film};
+use lightsum::pass::collect::{self, Gathered};
+use lightsum::pass::layout::{self, PointLight, Step, Work};
+use lightsum::pass::receivers::surface_at;
+use lightsum::pass::resolve::Resolve;
+use lightsum::pass::schedule::{self, Schedule};
+use lightsum::pass::shade::{self, Receiver};
+use lightsum::pass::{Kernels, Receivers, Sums, gather};
+use lightsum::settings::{Clip, Settings};
+
+use crate::rig::{
+    AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error, untouched, xyz,
+};
+use crate::support::{AWKWARD_SIZES, gpu_test};
+
+/// What may differ of a direction of the diffuse lobe: Vulkan grants sines and cosines an error of 2^-11.
+const RELATIVE: f32 = 5e-4;
+
+/// Of a sum of many lights: divisions and roots.
+const DIFFUSE: f32 = 1e-4;
+
+/// Of light by way of a specular lobe, which magnifies what differs in the directions: SwiftShader is 1e-3 off at worst.
+const LOBE: f32 = 2e-3;
+
+/// Share of points that rounding may light otherwise: each has many shadow rays, and any may graze an edge.
+const STRAYS: f64 = 0.005;
+
+/// The receivers as the oracles take them.
+fn receivers(rig: &Rig, r: &Receivers) -> Vec<Receiver> {
+    let [position, geometric, shading, kd, f0, wo] =
+        [&r.position, &r.geometric, &r.shading, &r.kd, &r.f0, &r.wo].map(|b| rig.vec4s(b));
+    (0..position.len())
+        .map(|i| Receiver {
+            position: position[i].truncate(),
+            geometric: geometric[i].truncate(),
+            shading: shading[i].truncate(),
+            reflectance: Reflectance {
+                kd: kd[i].truncate(),
+                f0: f0[i].truncate(),
+                f90: geometric[i].w,
+                alpha: shading[i].w,
+            },
+            wo: wo[i].truncate(),
+        })
+        .collect()
+}
+
+fn sums(rig: &Rig, sums: &Sums) -> [Vec<Vec4>; 3] {
+    [&sums.direct, &sums.indirect, &sums.specular].map(|b| rig.vec4s(b))
+}
+
+fn at(sums: &[Vec<Vec4>; 3], i: usize) -> [Vec3; 3] {
+    [0, 1, 2].map(|k| sums[k][i].truncate())
+}
+
+/// Whether sums are the same; `indirect` says how much the second may differ.
+fn alike(a: [Vec3; 3], b: [Vec3; 3], indirect: f32) -> bool {
+    [DIFFUSE, indirect, LOBE].into_iter().enumerate().all(|(k, relative)| close(a[k], b[k], relative, 1e-9))
+}
+
+/// What the stages of a bounce left behind: points gathered, of those lit, by specular lobes, and pixels with light of
+/// each of the three kinds.
+#[derive(Debug, Default)]
+struct Seen {
+    gathered: usize,
+    lit: usize,
+    specular: usize,
+    sums: [usize; 3],
+}
+
+/// One short ray for each receiver of the bounce before, and what it meets.
+fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
+    let frame = rig.frame();
+    let p = &rig.parameters;
+    let before = receivers(rig, if bounce == 1 { &frame.primary } else { &frame.gathered });
+    let old = rig.vec4s(&frame.beta);
+    rig.prefill(&[&frame.rays.origin, &frame.rays.direction, &frame.rays.hits]);
+    rig.run(|frame, rec| frame.record_gather(rec, bounce));
+    let r = &frame.gathered;
+    let rays = [&frame.rays.origin, &frame.rays.direction, &frame.rays.hits].map(|b| rig.vec4s(b));
+    let [origin, direction, hits] = &rays;
+    let [beta, emitted, position, wo] = [&frame.beta, &r.emitted, &r.position, &r.wo].map(|b| rig.vec4s(b));
+    let after = receivers(rig, r);
+    let what = format!("{}x{}, bounce {bounce}", p.size[0], p.size[1]);
+    let mut tally = Tally::new(format!("gather, {what}"));
+    let mut traced = Tally::new(format!("trace of gather rays, {what}"));
+    let mut met = Tally::new(format!("receivers of gather rays, {what}"));
+    let listed = rig.list(bounce - 1);
+    let mut lit = Vec::new();
+    for &pixel in &listed {
+        let i = pixel as usize;
+        let (expected, weight, specular) =
+            gather::reference(p, pixel, bounce as u32 - 1, &before[i], old[i].truncate());
+        let ray = ray_of(origin[i], direction[i]);
+        // A microfacet near the rim of what is visible has the root of a small difference of sines in it.
+        let tolerance = if specular { 2.0 * sine.sqrt() } else { RELATIVE };
+        let same = ray.origin == expected.origin
+            && ray.t_max == expected.t_max
+            && close(ray.direction, expected.direction, 0.0, tolerance);
+        tally.check(same, || format!("pixel {i}: {ray:?} for {expected:?}"));
+        let hit = hit_of(hits[i]);
+        traced.check(same_hit(hit, rig.bvh().closest(&ray)), || format!("pixel {i}: {hit:?} of {ray:?}"));
+        // The part of the light that clipping cuts off.
+        let clip = p.up[3];
+        let share = hit.map_or(0.0, |h| (1.0 - h.t * h.t / (clip * clip)).max(0.0));
+        let weight = weight * share;
+        let b = beta[i].truncate();
+        tally.check(close(b, weight, tolerance, 1e-6), || format!("pixel {i}: throughput {b} for {weight}"));
+        let lobe = if bounce == 1 { f32::from(specular) } else { old[i].w };
+        tally.check(beta[i].w == lobe && emitted[i].w == lobe, || format!("pixel {i}: lobe {}", beta[i].w));
+        let surface = hit.map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction));
+        let light = surface.map_or(Vec3::ZERO, |s| s.emission);
+        let e = emitted[i].truncate();
+        met.check(close(e, weight * light, tolerance, 1e-6), || format!("pixel {i}: {e} for {}", weight * light));
+        let last = bounce as u32 + 1 == p.scene[2];
+        let reflects = surface.is_some_and(|s| s.reflectance.kd + s.reflectance.f0 != Vec3::ZERO);
+        let expected = !last && share > 0.0 && reflects;
+        met.check((wo[i].w == 1.0) == expected, || format!("pixel {i}: lit {}", wo[i].w));
+        if let Some(s) = surface {
+            let place = offset_origin(s.position, s.geometric, p.eye[3]);
+            let same = close(after[i].position, place, 1e-5, 1e-6)
+                && position[i].w == hits[i].x
+                && close(after[i].geometric, s.geometric, 0.0, 1e-4)
+                && close(after[i].shading, s.shading, 0.0, 1e-4)
+                && close(after[i].reflectance.kd, s.reflectance.kd, 1e-4, 1e-5)
+                && close(after[i].reflectance.f0, s.reflectance.f0, 1e-4, 1e-5)
+                && after[i].wo == -ray.direction;
+            met.check(same, || format!("pixel {i}: {:?} for {s:?}", after[i]));
+            seen.gathered += 1;
+        }
+        seen.specular += usize::from(beta[i].w == 1.0);
+        if wo[i].w == 1.0 {
+            lit.push(pixel);
+        }
+    }
+    let others = (0..origin.len()).filter(|&i| listed.binary_search(&(i as u32)).is_err());
+    for i in others {
+        assert!(untouched(origin[i]) && untouched(direction[i]) && untouched(hits[i]), "{what}: pixel {i} has no ray");
+        assert_eq!(beta[i], old[i], "{what}: pixel {i}");
+    }
+    tally.finish(STRAYS);
+    traced.finish(STRAYS);
+    met.finish(STRAYS);
+    assert_eq!(rig.list(bounce), lit, "{what}: the list names the lit points, each once");
+    seen.lit += lit.len();
+}
+
+fn check_shade(rig: &Rig, bounce: usize) {
+    let frame = rig.frame();
+    let p = &rig.parameters;
+    let (targets, out) =
+        if bounce == 0 { (&frame.primary, &frame.pixel_sums) } else { (&frame.gathered, &frame.gathered_sums) };
+    rig.prefill(&[&out.direct, &out.indirect, &out.specular]);
+    rig.run(|frame, rec| frame.record_shade(rec, bounce));
+    // Eye segment, gather rays, shadow ray and j reflections are at most as many as the longest path has.
+    let plan = &rig.engine.parameters().lights;
+    let Some(reflections) = p.scene[2].checked_sub(bounce as u32 + 2) else { return };
+    let lights: Vec<PointLight> = rig.get(&frame.lights);
+    let lights = &lights[..plan.first_slot(reflections as usize + 1) as usize];
+    let found = sums(rig, out);
+    let receivers = receivers(rig, targets);
+    let listed = rig.list(bounce);
+    let mut tally = Tally::new(format!("shade, {}x{}, bounce {bounce}", p.size[0], p.size[1]));
+    for i in 0..receivers.len() {
+        if listed.binary_search(&(i as u32)).is_ok() {
+            let expected = shade::reference(rig.bvh(), &receivers[i], lights, p.right[3], p.forward[3]);
+            let found = at(&found, i);
+            tally.check(alike(found, expected, LOBE), || format!("pixel {i}: {found:?} for {expected:?}"));
+        } else {
+            assert!((0..3).all(|k| untouched(found[k][i])), "pixel {i} is not lit");
+        }
+    }
+    tally.finish(STRAYS);
+}
+
+fn check_collect(rig: &Rig, bounce: usize) {
+    let frame = rig.frame();
+    let before = sums(rig, &frame.pixel_sums);
+    rig.run(|frame, rec| frame.record_collect(rec, bounce));
+    let after = sums(rig, &frame.pixel_sums);
+    if bounce == 0 {
+        assert_eq!(before, after);
+        return;
+    }
+    let r = &frame.gathered;
+    let light = sums(rig, &frame.gathered_sums);
+    let [beta, emitted, kd, wo] = [&frame.beta, &r.emitted, &r.kd, &r.wo].map(|b| rig.vec4s(b));
+    let listed = rig.list(bounce - 1);
+    for i in 0..beta.len() {
+        if listed.binary_search(&(i as u32)).is_err() {
+            let bits = |sums: &[Vec<Vec4>; 3]| [0, 1, 2].map(|k| sums[k][i].to_array().map(f32::to_bits));
+            assert_eq!(bits(&before), bits(&after), "bounce {bounce}: pixel {i} gets nothing");
+            continue;
+        }
+        let point = Gathered {
+            beta: beta[i].truncate(),
+            specular: beta[i].w == 1.0,
+            emitted: emitted[i].truncate(),
+            kd: kd[i].truncate(),
+            lit: wo[i].w == 1.0,
+            sums: at(&light, i),
+        };
+        let added = collect::reference(&point, bounce as u32);
+        let (old, new) = (at(&before, i), at(&after, i));
+        for k in 0..3 {
+            assert!(
+                close(new[k], old[k] + added[k], 1e-6, 1e-12),
+                "pixel {i}, {k}: {} + {} = {}",
+                old[k],
+                added[k],
+                new[k]
+            );
+        }
+    }
+}
+
+#[test]
+fn shade_gather_and_collect_follow_their_oracles() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        let sine = sine_error(ctx, &scene);
+        for resolution in AWKWARD_IMAGES {
+            // A long clipping distance, so that most gather rays meet something.
+            let settings =
+                Settings { paths: 9, max_depth: 4, clip: Clip::Distance(1.2), seed: 3, ..Settings::default() };
+            let rig = Rig::new(ctx, &scene, resolution, settings);
+            rig.run(|frame, rec| {
+                frame.record_walk(rec)?;
+                frame.record_eye(rec)
+            });
+            let mut seen = Seen::default();
+            for bounce in 0..4 {
+                if bounce > 0 {
+                    check_gather(&rig, bounce, sine, &mut seen);
+                }
+                check_shade(&rig, bounce);
+                check_collect(&rig, bounce);
+                assert_eq!(rig.lost(), 0);
+            }
+            for (k, sum) in sums(&rig, &rig.frame().pixel_sums).iter().enumerate() {
+                seen.sums[k] = rig.list(0).len().min(sum.iter().filter(|s| !untouched(**s) && s.x > 0.0).count());
+            }
+            if resolution[0] > 600 {
+                let all = [seen.gathered, seen.lit, seen.specular, seen.sums[0], seen.sums[1], seen.sums[2]];
+                assert!(all.iter().all(|&n| n > 50), "{seen:?}");
+            }
+        }
+    });
+}
+
+/// What a single light does to the receivers of the gallery.
+#[derive(Debug, Default)]
+struct Effects {
+    lit: usize,
+    shadowed: usize,
+    clipped: usize,
+    specular: usize,
+}
+
+fn effects(rig: &Rig, light: &PointLight) -> Effects {
+    let p = &rig.parameters;
+    let (clip2, far) = (p.right[3], p.forward[3]);
+    let receivers = receivers(rig, &rig.frame().primary);
+    let mut effects = Effects::default();
+    for &i in &rig.list(0) {
+        let r = &receivers[i as usize];
+        let parallel = light.flags() & PointLight::DIRECTIONAL != 0;
+        let d = if parallel { -far * xyz(light.normal) } else { xyz(light.position) - r.position };
+        let wi = d.normalize();
+        let sent = shade::light_towards(light, wi, d.length_squared(), clip2);
+        if sent == Vec3::ZERO || wi.dot(r.shading) <= 0.0 || wi.dot(r.geometric) <= 0.0 {
+            continue;
+        }
+        let occluded = rig.bvh().occluded(&Ray { origin: r.position, t_max: 1.0, direction: d });
+        effects.shadowed += usize::from(occluded);
+        effects.lit += usize::from(!occluded);
+        effects.clipped += usize::from(!parallel && !occluded && d.length_squared() < clip2);
+        effects.specular += usize::from(!occluded && r.reflectance.f90 > 0.0);
+    }
+    effects
+}
+
+/// Replaces all lights of a rig by one, in the place of number `slot`.
+fn only(rig: &Rig, slot: usize, light: PointLight) {
+    let mut lights = vec![PointLight::default(); rig.engine.parameters().lights.slots() as usize];
+    lights[slot] = light;
+    let mut staging = Staging::new();
+    staging.stage_into(rig.ctx, &rig.frame().lights, 0, &lights).unwrap();
+    rig.run(|_, rec| staging.record(rec));
+}
+
+#[test]
+fn shade_of_each_kind_of_light() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        let settings = Settings { paths: 27, clip: Clip::Distance(1.0), seed: 3, ..Settings::default() };
+        let rig = Rig::new(ctx, &scene, [31, 17], settings);
+        rig.run(|frame, rec| {
+            frame.record_walk(rec)?;
+            frame.record_eye(rec)
+        });
+        let lights: Vec<PointLight> = rig.get(&rig.frame().lights);
+        let delta = rig.engine.delta_lights().len();
+        assert_eq!(delta, 4);
+        let reflected = rig.parameters.depths[1][1] as usize;
+        // Of those that send out anything, the one that lights most receivers.
+        let brightest = |range: std::ops::Range<usize>, of: fn(&PointLight) -> [f32; 4]| {
+            let sends = |i: usize| xyz(of(&lights[i])) != Vec3::ZERO;
+            range.max_by_key(|&i| if sends(i) { effects(&rig, &lights[i]).lit } else { 0 }).unwrap()
+        };
+        let on_emitter = brightest(delta..reflected, |l| l.emit);
+        let glossy = brightest(reflected..lights.len(), |l| if l.flags() & 8 != 0 { l.flux } else { [0.0; 4] });
+        assert_ne!(lights[glossy].flags() & PointLight::GLOSSY, 0);
+        let mut lobe = lights[glossy];
+        lobe.emit = [0.0, 0.0, 0.0, 1.0];
+        // Close above the floor in the room's middle, for clipping.
+        let mut near = lights[on_emitter];
+        (near.position[0], near.position[1], near.position[2]) = (-0.6, 0.5, -0.2);
+        for (name, slot, light, clips, shadows) in [
+            ("point", 0, lights[0], false, true),
+            ("spot", 1, lights[1], false, true),
+            ("directional", 2, lights[2], false, true),
+            ("virtual", 3, lights[3], true, true),
+            ("surface", on_emitter, lights[on_emitter], true, false),
+            ("glossy", glossy, lights[glossy], true, false),
+            ("specular lobe alone", glossy, lobe, true, false),
+            ("near surface", delta, near, true, true),
+        ] {
+            only(&rig, slot, light);
+            rig.run(|frame, rec| frame.record_shade(rec, 0));
+            let found = sums(&rig, &rig.frame().pixel_sums);
+            let receivers = receivers(&rig, &rig.frame().primary);
+            let mut tally = Tally::new(format!("shade by a {name} light"));
+            let indirect = if light.flags() & PointLight::GLOSSY != 0 { LOBE } else { DIFFUSE };
+            for &i in &rig.list(0) {
+                let i = i as usize;
+                let p = &rig.parameters;
+                let expected = shade::reference(rig.bvh(), &receivers[i], &[light], p.right[3], p.forward[3]);
+                tally.check(alike(at(&found, i), expected, indirect), || {
+                    format!("{i}: {:?} for {expected:?}", at(&found, i))
+                });
+            }
+            tally.finish(STRAYS);
+            let e = effects(&rig, &light);
+            assert!(e.lit > 10 && e.specular > 0, "{name}: {e:?}");
+            assert!(!shadows || e.shadowed > 0, "{name}: {e:?}");
+            assert!(clips || light.flags() & PointLight::CLIPPED == 0, "{name}");
+            assert!(name != "near surface" || e.clipped > 10, "{name}: {e:?}");
+        }
+    });
+}
+
+/// Everything that `accumulate` reads and writes, for `pixels` pixels of arbitrary content.
+struct Sheet {
+    parameters: layout::Frame,
+    frame: Buffer,
+    receivers: Receivers,
+    sums: Sums,
+    film: Film,
+    pixels: u32,
+}
+
+impl Sheet {
+    fn new(ctx: &Context, [width, height]: [u32; 2], passes: u32) -> Sheet {
+        let pixels = width * height;
+        let parameters = layout::Frame {
+            forward: [0.6, 0.0, 0.8, 10.0],
+            size: [width, height, pixels, 0],
+            pixel_offset: [0.0, 0.0, 0.25, 1.0 / passes as f32],
+            ..layout::Frame::default()
+        };
+        Sheet {
+            parameters,
+            frame: upload(ctx, "parameters", &[parameters]).unwrap(),
+            receivers: Receivers::new(ctx, "test", pixels).unwrap(),
+            sums: Sums::new(ctx, "test", pixels).unwrap(),
+            film: Film::new(ctx, pixels).unwrap(),
+            pixels,
+        }
+    }
+}
+
+fn fill(ctx: &Context, buffer: &Buffer, numbers: &mut Numbers, scale: f32, w: impl Fn(u32) -> f32) -> Vec<Vec4> {
+    let count = (buffer.bytes() / 16) as u32;
+    let values: Vec<Vec4> = (0..count).map(|i| (numbers.vec3() * scale).extend(w(i))).collect();
+    let mut staging = Staging::new();
+    staging.stage_into(ctx, buffer, 0, &values).unwrap();
+    ctx.submit_and_wait("fill", None, |rec| staging.record(rec)).unwrap();
+    values
+}
+
+#[test]
+fn accumulate_loses_nothing_over_thousands_of_passes() {
+    gpu_test(|ctx| {
+        const PASSES: u32 = 3000;
+        let kernels = Kernels::new(ctx).unwrap();
+        for size in AWKWARD_SIZES {
+            let s = Sheet::new(ctx, [size as u32, 1], PASSES);
+            let (r, n) = (&s.receivers, &mut Numbers(size as u32));
+            // Every third pixel sees nothing; every fifth is not lit, and what its sums hold is not its light.
+            let hit = |i: u32| if i % 3 == 2 { -1.0 } else { 2.5 };
+            let lit = |i: u32| if i % 5 == 4 { 0.0 } else { 1.0 };
+            fill(ctx, &r.position, n, 1.0, hit);
+            let shading = fill(ctx, &r.shading, n, 1.0, |_| 0.0);
+            let kd = fill(ctx, &r.kd, n, 1.0, |_| 1.0);
+            let f0 = fill(ctx, &r.f0, n, 1.0, |_| 1.0);
+            let wo = fill(ctx, &r.wo, n, -1.0, lit);
+            // Tiny beside the large sums: each alone would be rounded away.
+            let emitted = fill(ctx, &r.emitted, n, 1e-5, |_| 0.0);
+            let light = [&s.sums.direct, &s.sums.indirect, &s.sums.specular].map(|b| fill(ctx, b, n, 1e-5, |_| 0.0));
+            let large =
+                [&s.film.color[1], &s.film.direct[0], &s.film.indirect[0]].map(|b| fill(ctx, b, n, 1000.0, |_| 0.0));
+            let status = upload(ctx, "status", &[0u32, 0, 0, 0]).unwrap();
+            let pass = Accumulate::new(&kernels, &s.frame, r, &s.sums, &s.film, &status, s.pixels).unwrap();
+            ctx.submit_and_wait("accumulate", None, |rec| {
+                for b in [&s.film.color_rest[1], &s.film.direct[1], &s.film.indirect[1], &s.film.albedo, &s.film.normal]
+                {
+                    rec.fill(b, 0)?;
+                }
+                (0..2).try_for_each(|i| {
+                    if i == 0 { rec.fill(&s.film.color[0], 7) } else { rec.fill(&s.film.color_rest[0], 7) }
+                })?;
+                (0..PASSES).try_for_each(|_| pass.record(rec, 1))
+            })
+            .unwrap();
+            let get = |b: &Buffer| download::<Vec4>(ctx, b).unwrap();
+            let color = [get(&s.film.color[1]), get(&s.film.color_rest[1])];
+            let direct = s.film.direct.each_ref().map(get);
+            let indirect = s.film.indirect.each_ref().map(get);
+            let (albedo, normal) = (get(&s.film.albedo), get(&s.film.normal));
+            for i in 0..size {
+                let is_lit = lit(i as u32) > 0.0;
+                let light = [0, 1, 2].map(|k| if is_lit { light[k][i].truncate() } else { Vec3::ZERO });
+                let radiance = accumulate::reference(emitted[i].truncate(), kd[i].truncate(), light);
+                let covered = if hit(i as u32) >= 0.0 { 1.0 } else { 0.0 };
+                for (name, sum, start, x) in [
+                    ("color", &color, large[0][i], radiance.extend(covered)),
+                    ("direct", &direct, large[1][i], light[0].extend(0.0)),
+                    ("indirect", &indirect, large[2][i], light[1].extend(0.0)),
+                ] {
+                    let found = sum[0][i].as_dvec4() - sum[1][i].as_dvec4();
+                    let exact = start.as_dvec4() + x.as_dvec4() * f64::from(PASSES);
+                    // Three ulp of the sum; and the term itself is known to some ulp, PASSES times over.
+                    let error = (found - exact).abs();
+                    let bound =
+                        exact.abs() * 3.0 * f64::from(f32::EPSILON) + x.as_dvec4().abs() * f64::from(PASSES) * 1e-6;
+                    assert!(error.cmple(bound).all(), "{name} of pixel {i} of {size}: {found} for {exact}");
+                }
+                let depth = (-2.5 * wo[i].truncate().dot(xyz(s.parameters.forward))).max(0.0);
+                let guides = [
+                    (albedo[i], (kd[i].truncate() + f0[i].truncate()).extend(covered)),
+                    (normal[i], (shading[i].truncate() * covered).extend(covered * depth)),
+                ];
+                for (found, one) in guides {
+                    let expected = one * PASSES as f32;
+                    // Plain sums: an ulp at most each time, in the same direction at worst.
+                    assert!(
+                        (found - expected).abs().cmple(expected.abs() * 2e-4 + 1e-6).all(),
+                        "{found} for {expected}"
+                    );
+                }
+            }
+            let other = [get(&s.film.color[0]), get(&s.film.color_rest[0])];
+            let seven = |v: &Vec4| v.to_array().iter().all(|x| x.to_bits() == 7);
+            assert!(other.iter().flatten().all(seven), "the other instance is left alone");
+        }
+    });
+}
+
+#[test]
+fn accumulate_is_the_compensated_sum() {
+    gpu_test(|ctx| {
+        let kernels = Kernels::new(ctx).unwrap();
+        let s = Sheet::new(ctx, [64, 1], 1);
+        let (r, n) = (&s.receivers, &mut Numbers(5));
+        fill(ctx, &r.position, n, 1.0, |_| 1.0);
+        fill(ctx, &r.wo, n, 1.0, |_| 1.0);
+        let direct = fill(ctx, &s.sums.direct, n, 1.0, |_| 0.0);
+        let old = fill(ctx, &s.film.direct[0], n, 3000.0, |_| 0.0);
+        let rest = fill(ctx, &s.film.direct[1], n, 1e-4, |_| 0.0);
+        for lost in [1u32, 0] {
+            let status = upload(ctx, "status", &[lost, 0, 0, 0]).unwrap();
+            let pass = Accumulate::new(&kernels, &s.frame, r, &s.sums, &s.film, &status, s.pixels).unwrap();
+            ctx.submit_and_wait("accumulate", None, |rec| pass.record(rec, 0)).unwrap();
+            let found = s.film.direct.each_ref().map(|b| download::<Vec4>(ctx, b).unwrap());
+            for i in 0..64 {
+                let expected = match lost {
+                    // A pass that lost rays leaves no trace.
+                    1 => (old[i], rest[i]),
+                    _ => accumulate::compensated_add(old[i], rest[i], direct[i]),
+                };
+                // Additions and subtractions are exactly rounded on every device.
+                assert_eq!((found[0][i], found[1][i]), expected, "pixel {i}, {lost} rays lost");
+            }
+        }
+    });
+}
+
+#[test]
+fn resolve_writes_the_mean_of_the_film() {
+    gpu_test(|ctx| {
+        let kernels = Kernels::new(ctx).unwrap();
+        for (passes, [width, height]) in (1u32..).zip(AWKWARD_IMAGES) {
+            let s = Sheet::new(ctx, [width, height], passes);
+            let n = &mut Numbers(passes);
+            let image = Image::new(ctx, "image", width, height, vk::Format::R32G32B32A32_SFLOAT).unwrap();
+            let out = Buffer::new(ctx, "copied image", image.bytes(), Memory::Readback).unwrap();
+            let sum = [0, 1].map(|i| fill(ctx, &s.film.color[i], n, 100.0, |i| i as f32));
+            let rest = [0, 1].map(|i| fill(ctx, &s.film.color_rest[i], n, 1e-3, |_| 0.0));
+            let pass = Resolve::new(&kernels, &s.film, &image, s.pixels).unwrap();
+            let mut counts = Staging::new();
+            counts.stage_into(ctx, &s.film.counts, 0, &[passes.div_ceil(2), passes / 2]).unwrap();
+            ctx.submit_and_wait("resolve", None, |rec| {
+                counts.record(rec)?;
+                rec.image_to_general(&image)?;
+                pass.record(rec)?;
+                rec.copy_image_to_buffer(&image, &out)
+            })
+            .unwrap();
+            for (i, found) in out.read::<Vec4>().unwrap().into_iter().enumerate() {
+                let whole = [0, 1].map(|k| sum[k][i].as_dvec4() - rest[k][i].as_dvec4());
+                let mean = (whole[0] + whole[1]) / f64::from(passes);
+                let error = (found.as_dvec4() - mean).abs();
+                assert!(error.cmple(mean.abs() * 5e-7).all(), "{width}x{height}, pixel {i}: {found} for {mean}");
+            }
+        }
+    });
+}
+
+#[test]
+fn schedule_turns_counts_into_dispatches() {
+    gpu_test(|ctx| {
+        let kernels = Kernels::new(ctx).unwrap();
+        for live in [0u32, 1, 63, 64, 65, (1 << 21) + 1, u32::MAX - 63] {
+            for unfinished in [0, 1, 77] {
+                let steps: Vec<Step> = [0, 1, 27, 64, 65, 2049, 3 << 21]
+                    .into_iter()
+                    .flat_map(|end| [[0, 0], [1, 0], [0, 1], [1, 1]].map(|[last, indirect]| (end, last, indirect)))
+                    .map(|(end, last, indirect)| Step { end, last, indirect, ..Step::default() })
+                    .collect();
+                let step_buffer = upload(ctx, "steps", &steps).unwrap();
+                let before = Work { live, unfinished, round_groups: [9; 4], list_groups: [9; 4], ..Work::default() };
+                let works: Vec<Buffer> = steps.iter().map(|_| upload(ctx, "work", &[before]).unwrap()).collect();
+                let status = upload(ctx, "status", &[5u32, 6, 7, 8]).unwrap();
+                let passes: Vec<Schedule> =
+                    works.iter().map(|w| Schedule::new(&kernels, w, &step_buffer, &status).unwrap()).collect();
+                ctx.submit_and_wait("schedule", None, |rec| {
+                    (0u32..).zip(&passes).try_for_each(|(i, pass)| pass.record(rec, i))
+                })
+                .unwrap();
+                let mut lost = 0;
+                for (step, work) in steps.iter().zip(&works) {
+                    let found = download::<Work>(ctx, work).unwrap()[0];
+                    let (expected, more) = schedule::reference(&before, step);
+                    assert_eq!(
+                        bytemuck::bytes_of(&found),
+                        bytemuck::bytes_of(&expected),
+                        "{before:?} {step:?}: {found:?}"
+                    );
+                    lost += more;
+                    // Enough workgroups, within what every device allows.
+                    let [x, y, z, _] = found.list_groups;
+                    assert!(x <= 65_535 && y <= 65_535 && z == 1);
+                    assert!(u64::from(x) * u64::from(y) * 64 >= u64::from(live));
+                }
+                assert_eq!(download::<u32>(ctx, &status).unwrap(), [5 + lost, 6, 7, 8]);
+            }
+        }
+    });
+}

@@ -1,0 +1,236 @@
+//! The walk of the particles against its oracles, path by path.
+
+use glam::Vec4;
+use lightsum::accel::Ray;
+use lightsum::gpu::Context;
+use lightsum::light::emitters::Kind;
+use lightsum::pass::layout::PointLight;
+use lightsum::pass::receivers::surface_at;
+use lightsum::pass::{walk_reflect, walk_start};
+use lightsum::scene::Scene;
+use lightsum::settings::Settings;
+
+use crate::rig::{Rig, SINE, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error, untouched, xyz};
+use crate::support::{AWKWARD_SIZES, gpu_test};
+
+/// What may differ, relative to the largest component: divisions and roots are less exact on a device than ours.
+const RELATIVE: f32 = 2e-4;
+
+/// Share of paths that rounding may send elsewhere: at an edge, a horizon, or the threshold of a random choice.
+const STRAYS: f64 = 0.003;
+
+fn settings(paths: u32, jitter: bool) -> Settings {
+    Settings { paths, jitter, seed: 7, ..Settings::default() }
+}
+
+/// Whether a light sends out the same, from a place as near as `place`. Of lights that send out nothing, the rest is left
+/// open.
+fn same_light(a: &PointLight, b: &PointLight, place: f32) -> bool {
+    let v = |f: fn(&PointLight) -> [f32; 4], relative, absolute| close(xyz(f(a)), xyz(f(b)), relative, absolute);
+    let w = |f: fn(&PointLight) -> [f32; 4]| (f(a)[3] - f(b)[3]).abs() <= 1e-5;
+    let dark = |l: &PointLight| xyz(l.emit) == glam::Vec3::ZERO && xyz(l.flux) == glam::Vec3::ZERO;
+    if dark(a) || dark(b) {
+        return dark(a) && dark(b);
+    }
+    a.flags() == b.flags()
+        && v(|l| l.position, 1e-5, place)
+        && v(|l| l.normal, 0.0, SINE)
+        && v(|l| l.emit, RELATIVE, 0.0)
+        && v(|l| l.wi, 0.0, SINE)
+        && v(|l| l.flux, RELATIVE, 0.0)
+        && v(|l| l.f0, RELATIVE, 1e-6)
+        && w(|l| l.normal)
+        && w(|l| l.emit)
+        && w(|l| l.wi)
+        && w(|l| l.flux)
+        && w(|l| l.f0)
+}
+
+/// Whether rays start at the same place into the same direction, or both not at all.
+fn same_ray([origin, direction, flux]: [Vec4; 3], oracle: &Ray, oracle_flux: glam::Vec3, place: f32) -> bool {
+    let ray = ray_of(origin, direction);
+    if oracle.t_max == 0.0 || ray.t_max == 0.0 {
+        return oracle.t_max == ray.t_max && flux.truncate() == glam::Vec3::ZERO && oracle_flux == glam::Vec3::ZERO;
+    }
+    ray.t_max == oracle.t_max
+        && close(ray.origin, oracle.origin, 1e-5, place)
+        && close(ray.direction, oracle.direction, 0.0, 2.0 * SINE)
+        && close(flux.truncate(), oracle_flux, 2.0 * SINE, 0.0)
+}
+
+/// One walk, each stage from what the stage before it left on the device; returns the kinds of emitters that started
+/// particles and the numbers of lights with and without a specular lobe.
+fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usize; 2]) {
+    let what = format!("{} particles, jitter {}", settings.paths, settings.jitter);
+    let rig = Rig::new(ctx, scene, [1, 1], settings);
+    let (frame, p) = (rig.frame(), &rig.parameters);
+    let plan = &rig.engine.parameters().lights;
+    let delta: Vec<PointLight> = rig.engine.delta_lights().to_vec();
+    let particles = &frame.particles;
+    rig.prefill(&[&particles.origin, &particles.direction, &particles.hits, &frame.flux]);
+    rig.run(|frame, rec| frame.record_walk_start(rec));
+
+    let mut lights: Vec<PointLight> = rig.get(&frame.lights);
+    assert_eq!(lights[..delta.len()], delta, "{what}: delta lights stay as they are");
+    let mut origins = rig.vec4s(&particles.origin);
+    let mut directions = rig.vec4s(&particles.direction);
+    let mut fluxes = rig.vec4s(&frame.flux);
+    let mut tally = Tally::new(format!("walk_start, {what}"));
+    let mut kinds = Vec::new();
+    for i in 0..plan.survivors[0] {
+        let (light, ray, flux) = walk_start::reference(p, rig.engine.emitters(), i);
+        let n = i as usize;
+        let found = &lights[plan.first_slot(0) as usize + n];
+        let u = walk_start::walk_numbers(p, 0, i)[0];
+        let emitter = &rig.engine.emitters().list[rig.engine.emitters().choose(u).0 as usize];
+        kinds.push(emitter.kind);
+        // Points on discs and spheres are placed by sine and cosine.
+        let round = matches!(emitter.kind, Kind::Directional | Kind::Sphere);
+        let place = if round { SINE * emitter.e1.length() } else { 1e-5 };
+        tally.check(same_light(found, &light, place), || format!("particle {i}: {found:?}\nfor {light:?}"));
+        let same = same_ray([origins[n], directions[n], fluxes[n]], &ray, flux, place);
+        tally.check(same, || {
+            format!("particle {i}: {} {} {}\nfor {ray:?} {flux}", origins[n], directions[n], fluxes[n])
+        });
+    }
+    tally.finish(STRAYS);
+
+    let mut lobes = [0, 0];
+    for j in 1..plan.survivors.len() {
+        rig.prefill(&[&particles.hits]);
+        rig.run(|frame, rec| frame.record_walk_reflection(rec, j));
+        let hits = rig.vec4s(&particles.hits);
+        lights = rig.get(&frame.lights);
+        let after = [&particles.origin, &particles.direction, &frame.flux].map(|b| rig.vec4s(b));
+        let mut traced = Tally::new(format!("trace for reflection {j}, {what}"));
+        let mut tally = Tally::new(format!("walk_reflect {j}, {what}"));
+        let alive = plan.survivors[j] as usize;
+        for n in 0..alive {
+            let (hit, ray) = (hit_of(hits[n]), ray_of(origins[n], directions[n]));
+            traced.check(same_hit(hit, rig.bvh().closest(&ray)), || format!("particle {n}: {hit:?} of {ray:?}"));
+            let surface = hit.map(|hit| surface_at(scene, rig.bvh(), &hit, ray.direction));
+            let flux = fluxes[n].truncate();
+            let (light, next, next_flux) =
+                walk_reflect::reference(p, j, n as u32, ray.direction, flux, surface.as_ref());
+            let found = &lights[plan.first_slot(j) as usize + n];
+            tally.check(same_light(found, &light, 1e-5), || format!("particle {n}: {found:?}\nfor {light:?}"));
+            let same = same_ray([0, 1, 2].map(|k| after[k][n]), &next, next_flux, 1e-5);
+            tally.check(same, || {
+                format!("particle {n}: {} {} {}\nfor {next:?} {next_flux}", after[0][n], after[1][n], after[2][n])
+            });
+            if flux != glam::Vec3::ZERO && hit.is_some() {
+                lobes[usize::from(light.flags() & PointLight::GLOSSY != 0)] += 1;
+            }
+        }
+        assert!(hits[alive..].iter().all(|&h| untouched(h)), "reflection {j}, {what}: dead particles are not traced");
+        traced.finish(STRAYS);
+        tally.finish(STRAYS);
+        [origins, directions, fluxes] = after;
+    }
+    assert_eq!(rig.lost(), 0);
+    (kinds, lobes)
+}
+
+#[test]
+fn walk_start_and_walk_reflect_follow_their_oracles() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        for paths in AWKWARD_SIZES {
+            for jitter in [false, true] {
+                let (kinds, lobes) = follow(ctx, &scene, settings(paths as u32, jitter));
+                if paths < 1000 {
+                    continue;
+                }
+                let all = [Kind::Triangle, Kind::Quad, Kind::Sphere, Kind::Point, Kind::Spot, Kind::Directional];
+                for kind in all.into_iter().chain([Kind::Virtual]) {
+                    assert!(kinds.contains(&kind), "no particle starts at a {kind:?}");
+                }
+                assert!(lobes[0] > 100 && lobes[1] > 100, "diffuse and glossy reflections: {lobes:?}");
+            }
+        }
+    });
+}
+
+#[test]
+fn every_emitter_starts_particles() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        let rig = Rig::new(ctx, &scene, [1, 1], settings(2049, false));
+        let emitters = rig.engine.emitters();
+        let mut started = vec![0; emitters.list.len()];
+        let mut sides = [0, 0];
+        rig.run(|frame, rec| frame.record_walk(rec));
+        let lights: Vec<PointLight> = rig.get(&rig.frame().lights);
+        for i in 0..2049 {
+            let e = emitters.choose(walk_start::walk_numbers(&rig.parameters, 0, i)[0]).0 as usize;
+            started[e] += 1;
+            if emitters.list[e].two_sided {
+                let light = &lights[rig.parameters.walk[3] as usize + i as usize];
+                sides[usize::from(xyz(light.normal).dot(emitters.list[e].normal) > 0.0)] += 1;
+            }
+        }
+        for (e, (emitter, &count)) in emitters.list.iter().zip(&started).enumerate() {
+            // A Halton segment hits an interval of this length to within some log^2 N points.
+            let expected = 2049.0 * emitter.probability;
+            assert!((count as f32 - expected).abs() < 24.0, "emitter {e}, {:?}: {count} for {expected}", emitter.kind);
+        }
+        assert!(sides[0] > 0 && sides[1] > 0, "both sides of a two-sided emitter: {sides:?}");
+        let inward = |inward: bool| emitters.list.iter().any(|e| e.kind == Kind::Sphere && e.inward == inward);
+        assert!(inward(true) && inward(false));
+    });
+}
+
+/// The lights of a pass from the oracles alone.
+fn walk(rig: &Rig) -> Vec<PointLight> {
+    let (p, plan) = (&rig.parameters, &rig.engine.parameters().lights);
+    let mut lights = vec![PointLight::default(); plan.slots() as usize];
+    lights[..plan.delta as usize].copy_from_slice(rig.engine.delta_lights());
+    for i in 0..plan.survivors[0] {
+        let (light, mut ray, mut flux) = walk_start::reference(p, rig.engine.emitters(), i);
+        lights[(plan.first_slot(0) + i) as usize] = light;
+        for j in (1..plan.survivors.len()).take_while(|&j| i < plan.survivors[j]) {
+            let hit = rig.bvh().closest(&ray);
+            let surface = hit.map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction));
+            let (light, next, next_flux) = walk_reflect::reference(p, j, i, ray.direction, flux, surface.as_ref());
+            lights[(plan.first_slot(j) + i) as usize] = light;
+            (ray, flux) = (next, next_flux);
+        }
+    }
+    lights
+}
+
+#[test]
+fn the_walk_against_the_oracle_path_by_path() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        let sine = sine_error(ctx, &scene);
+        for (paths, jitter, pass) in [(1, false, 0), (27, true, 1), (64, false, 2), (2049, false, 0), (2049, true, 3)] {
+            let mut rig = Rig::new(ctx, &scene, [1, 1], settings(paths, jitter));
+            rig.parameters = rig.engine.parameters().frame(pass).unwrap();
+            let parameters = rig.parameters;
+            rig.run(|frame, rec| {
+                frame.record_start(rec, &parameters)?;
+                frame.record_walk(rec)
+            });
+            let found: Vec<PointLight> = rig.get(&rig.frame().lights);
+            let expected = walk(&rig);
+            assert_eq!(found.len(), expected.len());
+            let mut tally = Tally::new(format!("walk of {paths} particles, pass {pass}, jitter {jitter}"));
+            let extent = rig.bvh().diagonal();
+            for (slot, (a, b)) in found.iter().zip(&expected).enumerate() {
+                // Differences of rounding grow from vertex to vertex, most by curved surfaces and sharp lobes.
+                let grown = 30f32.powi(b.f0[3] as i32) * sine;
+                let place = close(xyz(a.position), xyz(b.position), 0.0, 1e-5 + extent * grown);
+                let power = 1e-3 + 10.0 * grown;
+                let power =
+                    close(xyz(a.emit), xyz(b.emit), power, 1e-6) && close(xyz(a.flux), xyz(b.flux), power, 1e-6);
+                let dark = a.emit[..3] == [0.0; 3] && b.emit[..3] == [0.0; 3] && a.flux[..3] == b.flux[..3];
+                tally.check(dark || place && power && a.flags() == b.flags(), || {
+                    format!("light {slot}: {a:?}\nfor {b:?}")
+                });
+            }
+            // A path that goes astray takes its up to three further lights with it.
+            tally.finish(3.0 * STRAYS);
+        }
+    });
+}

@@ -1,0 +1,361 @@
+//! A scene on the shared device whose frame is recorded stage by stage, and a gallery of all that stages must handle.
+
+use std::path::Path;
+
+use bytemuck::Pod;
+use glam::{Vec2, Vec3, Vec4};
+use lightsum::accel::{Bvh, Hit, Ray};
+use lightsum::engine::Engine;
+use lightsum::frame::Frame;
+use lightsum::gpu::{Buffer, Context, Recorder, download};
+use lightsum::pass::{layout, walk_start};
+use lightsum::scene::{Camera, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
+use lightsum::scene_buffers::encode_normal;
+use lightsum::settings::Settings;
+
+/// Image sizes at which off-by-one mistakes show: one pixel, part of a workgroup, one workgroup, 2049 pixels, a prime width.
+pub const AWKWARD_IMAGES: [[u32; 2]; 5] = [[1, 1], [27, 1], [8, 8], [683, 3], [31, 17]];
+
+/// A scene ready to be run in parts.
+pub struct Rig<'a> {
+    pub ctx: &'a Context,
+    pub scene: &'a Scene,
+    pub engine: Engine,
+    pub parameters: layout::Frame,
+}
+
+impl<'a> Rig<'a> {
+    /// Sets up the scene for its first pass, with parameters written and counters cleared.
+    pub fn new(ctx: &'a Context, scene: &'a Scene, resolution: [u32; 2], settings: Settings) -> Rig<'a> {
+        let camera = scene.camera.unwrap();
+        // The scene's angle of view, but along the longer side: a slit would see hardly anything by it.
+        let [width, height] = resolution.map(|n| n as f32);
+        let tan = (0.5 * camera.fov_y).to_radians().tan() * (height / width.max(height));
+        let camera = Camera { resolution, fov_y: 2.0 * tan.atan().to_degrees(), ..camera };
+        let mut engine = Engine::new(ctx, scene, camera, settings).unwrap();
+        let parameters = engine.parameters().frame(0).unwrap();
+        ctx.submit_and_wait("setup", None, |rec| {
+            engine.record_setup(rec)?;
+            engine.frame().record_start(rec, &parameters)
+        })
+        .unwrap();
+        engine.setup_finished();
+        Rig { ctx, scene, engine, parameters }
+    }
+
+    pub fn frame(&self) -> &Frame {
+        self.engine.frame()
+    }
+
+    pub fn bvh(&self) -> &Bvh {
+        self.engine.bvh()
+    }
+
+    /// Runs commands of the frame.
+    pub fn run(&self, record: impl FnOnce(&Frame, &mut Recorder) -> lightsum::Result<()>) {
+        self.ctx.submit_and_wait("a stage", None, |rec| record(self.frame(), rec)).unwrap();
+    }
+
+    /// Fills buffers with a value that no stage writes.
+    pub fn prefill(&self, buffers: &[&Buffer]) {
+        self.run(|_, rec| buffers.iter().try_for_each(|b| rec.fill(b, crate::support::SENTINEL)));
+    }
+
+    pub fn get<T: Pod>(&self, buffer: &Buffer) -> Vec<T> {
+        download(self.ctx, buffer).unwrap()
+    }
+
+    pub fn vec4s(&self, buffer: &Buffer) -> Vec<Vec4> {
+        self.get(buffer)
+    }
+
+    pub fn work(&self, bounce: usize) -> layout::Work {
+        self.get(&self.frame().lists[bounce].work)[0]
+    }
+
+    /// The receivers on the list of a bounce, sorted.
+    pub fn list(&self, bounce: usize) -> Vec<u32> {
+        let mut list: Vec<u32> = self.get(&self.frame().lists[bounce].pixels);
+        list.truncate(self.work(bounce).live as usize);
+        list.sort_unstable();
+        list
+    }
+
+    /// Rays lost so far.
+    pub fn lost(&self) -> u32 {
+        self.get::<u32>(&self.frame().status)[0]
+    }
+}
+
+/// What a device's sine and cosine may be off: Vulkan grants 2^-11. SwiftShader comes close to it, lavapipe does not.
+pub const SINE: f32 = 5e-4;
+
+/// How much the directions in which particles start from the lights of a scene differ from the oracle's: the error of the
+/// device's sine and cosine, for it is all that is in them but roots.
+pub fn sine_error(ctx: &Context, scene: &Scene) -> f32 {
+    let rig = Rig::new(ctx, scene, [1, 1], Settings { paths: 2049, ..Settings::default() });
+    rig.run(|frame, rec| frame.record_walk_start(rec));
+    let directions = rig.vec4s(&rig.frame().particles.direction);
+    let error = |i: usize| {
+        let (_, ray, _) = walk_start::reference(&rig.parameters, rig.engine.emitters(), i as u32);
+        (directions[i].truncate() - ray.direction).length()
+    };
+    let worst = (0..directions.len()).map(error).fold(1e-6, f32::max);
+    assert!(worst < SINE, "sines and cosines are off by {worst}");
+    worst
+}
+
+/// Whether nobody wrote here since [`Rig::prefill`].
+pub fn untouched(v: Vec4) -> bool {
+    v.to_array().iter().all(|x| x.to_bits() == crate::support::SENTINEL)
+}
+
+pub fn xyz(a: [f32; 4]) -> Vec3 {
+    Vec3::new(a[0], a[1], a[2])
+}
+
+/// The hit that `trace` wrote.
+pub fn hit_of(v: Vec4) -> Option<Hit> {
+    let triangle = v.w.to_bits();
+    (triangle != u32::MAX).then_some(Hit { t: v.x, u: v.y, v: v.z, triangle })
+}
+
+/// The ray that a stage wrote.
+pub fn ray_of(origin: Vec4, direction: Vec4) -> Ray {
+    Ray { origin: origin.truncate(), t_max: origin.w, direction: direction.truncate() }
+}
+
+/// Whether two vectors agree within `relative` of the larger one, or within `absolute`. NaN agrees with nothing.
+pub fn close(a: Vec3, b: Vec3, relative: f32, absolute: f32) -> bool {
+    let size = a.abs().max_element().max(b.abs().max_element());
+    (a - b).abs().cmple(Vec3::splat(absolute + relative * size)).all()
+}
+
+/// Whether two hits are of one triangle at one place, or of two at one distance (an edge, coincident faces).
+pub fn same_hit(a: Option<Hit>, b: Option<Hit>) -> bool {
+    match (a, b) {
+        (None, None) => true,
+        (Some(a), Some(b)) => {
+            let distance = (a.t - b.t).abs() <= 1e-4 * a.t.max(b.t);
+            let place = (a.u - b.u).abs().max((a.v - b.v).abs()) <= 1e-3;
+            distance && (a.triangle != b.triangle || place)
+        }
+        _ => false,
+    }
+}
+
+/// Counts comparisons. A few per mille may fail where rounding decides (a ray through an edge, a random number at a
+/// threshold), of small numbers none.
+pub struct Tally {
+    what: String,
+    compared: usize,
+    failures: Vec<String>,
+}
+
+impl Tally {
+    pub fn new(what: impl Into<String>) -> Tally {
+        Tally { what: what.into(), compared: 0, failures: Vec::new() }
+    }
+
+    pub fn check(&mut self, holds: bool, say: impl FnOnce() -> String) {
+        self.compared += 1;
+        if !holds {
+            self.failures.push(say());
+        }
+    }
+
+    /// Fails if more than `share` of the comparisons did.
+    pub fn finish(self, share: f64) {
+        let allowed = (self.compared as f64 * share) as usize;
+        let shown = self.failures[..self.failures.len().min(5)].join("\n");
+        assert!(
+            self.failures.len() <= allowed,
+            "{}: {} of {} differ, {allowed} may:\n{shown}",
+            self.what,
+            self.failures.len(),
+            self.compared
+        );
+    }
+}
+
+/// A generator of reproducible numbers in [0, 1).
+pub struct Numbers(pub u32);
+
+impl Numbers {
+    pub fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_add(1);
+        lightsum::sampling::random::random_f32(self.0)
+    }
+
+    pub fn vec3(&mut self) -> Vec3 {
+        Vec3::new(self.next(), self.next(), self.next())
+    }
+}
+
+/// Unit vector of an octahedral code of 2 x 16 bit (Meyer et al. 2010).
+fn decode_normal(code: u32) -> Vec3 {
+    let snorm = |x: u32| f32::from(x as u16 as i16) / 32767.0;
+    let (x, y) = (snorm(code), snorm(code >> 16));
+    let z = 1.0 - x.abs() - y.abs();
+    let fold = (-z).max(0.0);
+    Vec3::new(x - fold.copysign(x), y - fold.copysign(y), z).normalize()
+}
+
+/// Builds scenes.
+#[derive(Default)]
+pub struct Builder(pub Scene);
+
+impl Builder {
+    pub fn material(&mut self, material: Material) -> u32 {
+        self.0.materials.push(material);
+        self.0.materials.len() as u32 - 1
+    }
+
+    pub fn object(&mut self) -> u32 {
+        self.0.objects.push(format!("object {}", self.0.objects.len()));
+        self.0.objects.len() as u32 - 1
+    }
+
+    fn face(&mut self, corners: [(Vec3, Vec3, Vec2); 3], material: u32, object: u32, smooth: bool) {
+        let first = self.0.positions.len() as u32;
+        for (position, normal, uv) in corners {
+            self.0.positions.push(position);
+            // Normals that their codes hold exactly, so that only the arithmetic is compared.
+            let stored = decode_normal(encode_normal(normal.normalize()));
+            assert!((stored - normal.normalize()).length() < 1e-4, "{normal} is stored as {stored}");
+            self.0.normals.push(stored);
+            self.0.uvs.push(uv);
+        }
+        self.0.triangles.push(Triangle { vertices: [first, first + 1, first + 2], material, object, smooth });
+    }
+
+    pub fn triangle(&mut self, [a, b, c]: [Vec3; 3], material: u32) {
+        let object = self.object();
+        let n = (b - a).cross(c - a);
+        self.face([(a, n, Vec2::ZERO), (b, n, Vec2::X), (c, n, Vec2::Y)], material, object, false);
+    }
+
+    /// A parallelogram with texture coordinates from -`uv` to 2 `uv`, seen from the side to which cross(u, v) points.
+    pub fn quad(&mut self, corner: Vec3, u: Vec3, v: Vec3, material: u32, uv: f32) {
+        let object = self.object();
+        let n = u.cross(v);
+        let point = |s: f32, t: f32| (corner + u * s + v * t, n, Vec2::new((3.0 * s - 1.0) * uv, (3.0 * t - 1.0) * uv));
+        self.face([point(0.0, 0.0), point(1.0, 0.0), point(1.0, 1.0)], material, object, false);
+        self.face([point(0.0, 0.0), point(1.0, 1.0), point(0.0, 1.0)], material, object, false);
+    }
+
+    /// A sphere of 8 * 4^levels smooth triangles; returns its object.
+    pub fn sphere(&mut self, center: Vec3, radius: f32, levels: u32, material: u32, inward: bool) -> u32 {
+        let object = self.object();
+        for octant in 0..8 {
+            let sign = |bit: u32| if octant >> bit & 1 == 0 { 1.0 } else { -1.0 };
+            let mut faces = vec![[Vec3::X * sign(0), Vec3::Y * sign(1), Vec3::Z * sign(2)]];
+            for _ in 0..levels {
+                faces = (faces.iter())
+                    .flat_map(|&[a, b, c]| {
+                        let (ab, bc, ca) = ((a + b).normalize(), (b + c).normalize(), (c + a).normalize());
+                        [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+                    })
+                    .collect();
+            }
+            for [a, mut b, mut c] in faces {
+                if ((b - a).cross(c - a).dot(a) < 0.0) != inward {
+                    std::mem::swap(&mut b, &mut c);
+                }
+                let corner = |n: Vec3| (center + n * radius, if inward { -n } else { n }, Vec2::new(n.x, n.y));
+                self.face([corner(a), corner(b), corner(c)], material, object, true);
+            }
+        }
+        object
+    }
+
+    pub fn texture(&mut self, srgb: bool, wrap: [Wrap; 2]) -> u32 {
+        let (width, height) = (4, 3);
+        let texels = (0..width * height).map(|i| [40 + 17 * i as u8, 250 - 15 * i as u8, 90 + 60 * (i as u8 % 3), 255]);
+        let name = format!("texture {}", self.0.textures.len());
+        self.0.textures.push(Texture { name, width, height, texels: texels.collect(), srgb, wrap });
+        self.0.textures.len() as u32 - 1
+    }
+
+    pub fn finish(mut self, eye: Vec3, target: Vec3) -> Scene {
+        self.0.camera = Some(Camera { eye, target, up: Vec3::Y, fov_y: 75.0, resolution: [8, 8] });
+        self.0.validate(Path::new("test scene")).unwrap();
+        self.0
+    }
+}
+
+/// Lights of every kind that a scene lists beside its emissive faces.
+fn listed_lights(b: &mut Builder, glow: u32) {
+    let object = b.sphere(Vec3::new(-1.2, 0.5, 1.0), 0.25, 1, glow, false);
+    let center = Vec3::new(-1.2, 0.5, 1.0);
+    let radiance = Vec3::new(2.0, 1.0, 0.5);
+    b.0.lights.push(Light::Sphere { center, radius: 0.25, radiance, inward: false, object });
+    b.0.lights.push(Light::Point { position: Vec3::new(0.4, 1.1, -0.6), intensity: Vec3::new(0.3, 0.5, 0.2) });
+    b.0.lights.push(Light::Spot {
+        position: Vec3::new(1.2, 1.8, 0.2),
+        direction: Vec3::new(-0.3, -1.0, 0.2).normalize(),
+        intensity: Vec3::new(1.5, 1.2, 1.0),
+        inner: 0.3,
+        outer: 0.8,
+    });
+    b.0.lights.push(Light::Directional {
+        direction: Vec3::new(0.2, -0.6, 1.0).normalize(),
+        irradiance: Vec3::new(0.2, 0.3, 0.4),
+    });
+    b.0.lights.push(Light::Virtual {
+        position: Vec3::new(-1.9, 0.3, -0.5),
+        normal: Vec3::X,
+        power: Vec3::new(0.8, 0.3, 0.1),
+    });
+    // A closed glowing sphere behind the room: only who starts in it knows.
+    let center = Vec3::new(9.0, 0.0, 0.0);
+    let object = b.sphere(center, 0.5, 1, glow, true);
+    b.0.lights.push(Light::Sphere { center, radius: 0.5, radiance: Vec3::splat(0.3), inward: true, object });
+}
+
+/// A room four units wide, open at the camera and in a corner, with every kind of material, texture and light.
+pub fn gallery() -> Scene {
+    let mut b = Builder::default();
+    let plain = Material::default;
+    let rgb = Vec3::new;
+    let repeat = b.texture(true, [Wrap::Repeat, Wrap::Mirror]);
+    let clamp = b.texture(false, [Wrap::Clamp, Wrap::Repeat]);
+    let mirrored = b.texture(true, [Wrap::Mirror, Wrap::Clamp]);
+    let rough = b.texture(false, [Wrap::Repeat, Wrap::Repeat]);
+    let gray = b.material(Material { base_color: rgb(0.7, 0.6, 0.5), ..plain() });
+    let tiles = b.material(Material { base_color: rgb(0.9, 0.8, 0.7), base_texture: Some(repeat), ..plain() });
+    let cloth = b.material(Material { base_texture: Some(clamp), ..plain() });
+    let paint =
+        b.material(Material { base_texture: Some(mirrored), specular: Vec3::splat(0.04), roughness: 0.5, ..plain() });
+    let metal = b.material(Material {
+        base_color: rgb(0.9, 0.7, 0.4),
+        metallic: 0.9,
+        roughness: 0.8,
+        metallic_roughness_texture: Some(rough),
+        specular: Vec3::splat(0.04),
+        ..plain()
+    });
+    let gloss = b.material(Material { specular: rgb(0.2, 0.1, 0.05), roughness: 0.3, ..plain() });
+    let mirror = b.material(Material { surface: Surface::Mirror, ..plain() });
+    let glass = b.material(Material { surface: Surface::Glass, ..plain() });
+    let lamp = b.material(Material { emission: rgb(3.0, 2.5, 2.0), base_color: Vec3::ZERO, ..plain() });
+    let sheet = b.material(Material { emission: rgb(0.4, 0.6, 0.8), two_sided: true, ..plain() });
+    let glow = b.material(Material { emission: rgb(2.0, 1.0, 0.5), base_color: Vec3::ZERO, ..plain() });
+
+    let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+    b.quad(rgb(-2.0, 0.0, -2.0), z * 4.0, x * 4.0, tiles, 1.7);
+    b.quad(rgb(-2.0, 2.2, -2.0), x * 4.0, z * 4.0, gray, 1.0);
+    b.quad(rgb(-2.0, 0.0, 2.0), y * 2.2, x * 4.0, cloth, 0.9);
+    // The wall to the left ends before the corner: what looks past it sees nothing.
+    b.quad(rgb(-2.0, 0.0, -2.0), y * 2.2, z * 2.6, paint, 1.3);
+    b.quad(rgb(2.0, 0.0, -2.0), z * 4.0, y * 2.2, metal, 0.8);
+    b.sphere(rgb(0.6, 0.5, 0.9), 0.5, 2, gloss, false);
+    b.sphere(rgb(-0.3, 0.3, 0.2), 0.3, 2, metal, false);
+    b.quad(rgb(-1.5, 0.6, 1.9), y * 0.8, x * 0.8, mirror, 1.0);
+    b.quad(rgb(1.0, 0.8, 1.8), y * 0.8, x * 0.5, glass, 1.0);
+    b.quad(rgb(-0.5, 2.15, -0.5), x, z * 0.8, lamp, 1.0);
+    b.triangle([rgb(1.2, 2.1, 1.0), rgb(1.8, 2.1, 1.0), rgb(1.5, 2.1, 1.6)], lamp);
+    b.triangle([rgb(-1.0, 2.0, 1.2), rgb(-0.6, 1.7, 1.5), rgb(-1.1, 1.5, 1.4)], sheet);
+    listed_lights(&mut b, glow);
+    b.finish(rgb(0.1, 1.2, -2.6), rgb(0.0, 0.9, 1.0))
+}

@@ -1,0 +1,355 @@
+//! The command line with a device: what it writes, how it goes on, and how it fails.
+//!
+//! LIGHTSUM_DEVICE names the device, as for the other tests on one.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+use lightsum::output::State;
+
+/// A room without a front: floor, back wall, and a lamp that shines down.
+const MODEL: &str = "mtllib room.mtl
+v -1 0 -1\nv -1 0 1\nv 1 0 1\nv 1 0 -1
+v -0.5 1 -0.5\nv 0.5 1 -0.5\nv 0.5 1 0.5\nv -0.5 1 0.5
+v -1 1 -1\nv 1 1 -1
+usemtl floor\nf 1 2 3 4
+usemtl wall\nf 1 4 10 9
+usemtl lamp\nf 5 6 7 8
+";
+const MATERIALS: &str =
+    "newmtl floor\nKd 0.5 0.5 0.5\nnewmtl wall\nKd 0.2 0.6 0.3\nnewmtl lamp\nKd 0 0 0\nKe 10 10 10\n";
+const SCENE: &str = "model = \"room.obj\"
+[camera]
+eye = [0.0, 0.5, 4.0]
+target = [0.0, 0.4, 0.0]
+fov_y = 30.0
+resolution = [20, 16]
+";
+
+/// A folder with the scene.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    for (name, text) in [("room.obj", MODEL), ("room.mtl", MATERIALS), ("scene.toml", SCENE)] {
+        fs::write(folder.path().join(name), text).unwrap();
+    }
+    folder
+}
+
+/// The program in a folder, with a cache of its own.
+fn command(folder: &Path, arguments: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lightsum"));
+    command.args(arguments.split_whitespace()).current_dir(folder).env_remove("RUST_LOG");
+    if let (Ok(device), false) = (std::env::var("LIGHTSUM_DEVICE"), arguments.contains("--device")) {
+        command.args(["--device", &device]);
+    }
+    command.env("XDG_CACHE_HOME", folder.join("cache"));
+    command
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[track_caller]
+fn succeeds(folder: &Path, arguments: &str) -> Output {
+    let output = command(folder, arguments).output().expect("the program starts");
+    assert!(output.status.success(), "{arguments}: {}", text(&output.stderr));
+    output
+}
+
+/// Contents of the files of a folder by name, the cache left out.
+fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
+    entries.filter(|path| path.is_file()).map(|path| (name(&path), fs::read(&path).unwrap_or_default())).collect()
+}
+
+/// Runs it, checks the exit code, that the message names `names`, that no file was changed or left, and gives the message.
+#[track_caller]
+fn fails(folder: &Path, arguments: &str, code: i32, names: &[&str]) -> String {
+    fs::write(folder.join("old.exr"), "an image from before").unwrap();
+    let before = contents(folder);
+    let output = command(folder, arguments).output().expect("the program starts");
+    let message = text(&output.stderr);
+    println!("{arguments}\n    {}", message.trim_end());
+    assert_eq!(output.status.code(), Some(code), "{arguments}: {message}");
+    assert!(message.lines().any(|line| line.starts_with("error: ")), "{arguments}: {message}");
+    assert!(!message.contains("panicked"), "{arguments}: {message}");
+    for name in names {
+        assert!(message.contains(name), "{arguments}: no {name:?} in {message}");
+    }
+    assert!(contents(folder) == before, "{arguments} left or changed a file");
+    message
+}
+
+/// The channels of an EXR file by name.
+fn channels(path: &Path) -> BTreeMap<String, Vec<f32>> {
+    let image = exr::prelude::read_first_flat_layer_from_file(path).unwrap();
+    let list = image.layer_data.channel_data.list;
+    list.iter().map(|c| (c.name.to_string(), c.sample_data.values_as_f32().collect())).collect()
+}
+
+#[test]
+fn images_layers_and_statistics_are_written() {
+    let folder = folder();
+    let output = succeeds(
+        folder.path(),
+        "render scene.toml -o a.exr -o a.png --float --passes 6 --paths 8 --stats a.json --validation",
+    );
+    let last = text(&output.stdout).lines().last().unwrap_or_default().to_owned();
+    assert!(last.contains("6 passes") && last.ends_with("-> a.exr, a.png"), "{last}");
+    assert_eq!(image::image_dimensions(folder.path().join("a.png")).unwrap(), (20, 16));
+
+    let image = channels(&folder.path().join("a.exr"));
+    let mut names: Vec<String> = ["R", "G", "B", "A", "depth.Z"].map(String::from).into();
+    names.extend(["X", "Y", "Z"].map(|c| format!("normal.{c}")));
+    for layer in ["albedo", "irradiance_direct", "irradiance_indirect"] {
+        names.extend(["R", "G", "B"].map(|c| format!("{layer}.{c}")));
+    }
+    names.sort();
+    assert_eq!(image.keys().cloned().collect::<Vec<_>>(), names);
+    // Pixels that show the wall alone: L = albedo E / pi.
+    let shows_wall = |&i: &usize| image["A"][i] == 1.0 && (image["albedo.G"][i] - 0.6).abs() < 1e-3;
+    let wall: Vec<usize> = (0..20 * 16).filter(shows_wall).collect();
+    assert!(wall.len() > 20, "{} pixels show the wall", wall.len());
+    for i in wall {
+        let at = |name: &str| image[name][i];
+        assert!((at("albedo.R") - 0.2).abs() < 1e-3 && (at("albedo.B") - 0.3).abs() < 1e-3);
+        assert!((at("normal.Z") - 1.0).abs() < 1e-3, "the wall faces the eye");
+        assert!((at("depth.Z") - 5.0).abs() < 0.1, "the wall is five away along the view, not {}", at("depth.Z"));
+        for (c, albedo) in [("R", 0.2), ("G", 0.6), ("B", 0.3)] {
+            let e = at(&format!("irradiance_direct.{c}")) + at(&format!("irradiance_indirect.{c}"));
+            let l = albedo * e / std::f32::consts::PI;
+            assert!(e > 0.0 && (at(c) - l).abs() <= 1e-4 * l, "{} is not {l}", at(c));
+        }
+    }
+
+    let stats: serde_json::Value = serde_json::from_slice(&fs::read(folder.path().join("a.json")).unwrap()).unwrap();
+    for key in ["device", "driver", "api", "scene"] {
+        assert!(stats[key].as_str().is_some_and(|s| !s.is_empty()), "{key}: {}", stats[key]);
+    }
+    assert_eq!(stats["resolution"], serde_json::json!([20, 16]));
+    assert_eq!((&stats["triangles"], &stats["passes"], &stats["passes_rendered"]), (&6.into(), &6.into(), &6.into()));
+    for key in ["nodes", "lights_per_pass", "rays", "rays_per_second", "error_estimate"] {
+        assert!(stats[key].as_f64().is_some_and(|v| v > 0.0), "{key}: {}", stats[key]);
+    }
+    for stage in ["load", "prepare", "render", "write"] {
+        assert!(stats["stages"][stage].as_f64().is_some_and(|s| s >= 0.0), "{stage}: {}", stats["stages"]);
+    }
+    for pass in ["walk", "eye", "shade", "gather", "collect", "accumulate"] {
+        assert!(stats["gpu_passes"][pass].as_f64().is_some_and(|s| s >= 0.0), "{pass}: {}", stats["gpu_passes"]);
+    }
+}
+
+#[test]
+fn a_resumed_run_equals_an_unbroken_one() {
+    let folder = folder();
+    let run = |output: &str, passes: u32, more: &str| {
+        succeeds(folder.path(), &format!("render scene.toml -o {output} --paths 8 --passes {passes} {more}"))
+    };
+    run("whole.exr", 7, "");
+    run("parts.exr", 3, "--resume");
+    assert!(folder.path().join("parts.exr.state").exists());
+    run("parts.exr", 7, "--resume");
+    let image = |name: &str| fs::read(folder.path().join(name)).unwrap();
+    assert!(image("whole.exr") == image("parts.exr"));
+    // A second pass over nothing to do changes nothing.
+    run("parts.exr", 7, "--resume");
+    assert!(image("whole.exr") == image("parts.exr"));
+    assert!(!contents(folder.path()).keys().any(|name| name.contains(".tmp")));
+
+    // A state of another rendering, or a damaged one, is refused and kept.
+    let state = folder.path().join("parts.exr.state");
+    for (other, named) in [("--seed 1", "settings"), ("--max-depth 3", "settings"), ("--resolution 16x20", "20x16")] {
+        let line = format!("render scene.toml -o parts.exr --paths 8 --passes 9 --resume {other}");
+        fails(folder.path(), &line, 1, &["parts.exr.state", named]);
+    }
+    let whole = fs::read(&state).unwrap();
+    fs::copy(&state, folder.path().join("other.exr.state")).unwrap();
+    fs::write(folder.path().join("other.toml"), SCENE.replace("0.0, 0.4, 0.0", "0.0, 0.3, 0.0")).unwrap();
+    fails(
+        folder.path(),
+        "render other.toml -o other.exr --paths 8 --passes 9 --resume",
+        1,
+        &["other.exr.state", "another scene"],
+    );
+    let mut damaged = whole.clone();
+    damaged[whole.len() / 2] ^= 1;
+    for (bytes, named) in [(&whole[..whole.len() - 1], "cut off"), (&damaged[..], "damaged"), (b"PNG", "not a state")] {
+        fs::write(&state, bytes).unwrap();
+        let line = "render scene.toml -o parts.exr --paths 8 --passes 9 --resume";
+        fails(folder.path(), line, 1, &["parts.exr.state", named]);
+    }
+}
+
+#[test]
+fn an_interrupt_writes_what_there_is_and_resume_finishes() {
+    let folder = folder();
+    let line = "render scene.toml -o a.exr --paths 8 --resolution 96x64 --passes 1000000";
+    let mut run = command(folder.path(), line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut stderr = BufReader::new(run.stderr.take().unwrap());
+    let mut progress = String::new();
+    stderr.read_line(&mut progress).unwrap();
+    assert!(progress.contains("passes") && progress.contains("left"), "{progress}");
+    let killed = Command::new("sh").args(["-c", &format!("kill -INT {}", run.id())]).status().unwrap();
+    assert!(killed.success());
+    let mut rest = String::new();
+    stderr.read_to_string(&mut rest).unwrap();
+    let status = run.wait().unwrap();
+    assert_eq!(status.code(), Some(0), "{rest}");
+    assert!(rest.contains("interrupted") && rest.contains("a.exr.state") && rest.contains("--resume"), "{rest}");
+    assert!(channels(&folder.path().join("a.exr"))["R"].iter().any(|&r| r > 0.0));
+    let passes = State::read(&folder.path().join("a.exr.state")).unwrap().passes;
+    assert!(passes > 0);
+
+    let line =
+        |output: &str| format!("render scene.toml -o {output} --paths 8 --resolution 96x64 --passes {}", passes + 3);
+    succeeds(folder.path(), &format!("{} --resume", line("a.exr")));
+    succeeds(folder.path(), &line("b.exr"));
+    let image = |name: &str| fs::read(folder.path().join(name)).unwrap();
+    assert!(image("a.exr") == image("b.exr"), "after {passes} passes and three more");
+}
+
+#[test]
+fn exported_lights_are_rendered_again() {
+    let folder = folder();
+    let output = succeeds(folder.path(), "render scene.toml --paths 16 --export-lights lights.gltf");
+    assert!(text(&output.stdout).contains("virtual lights to lights.gltf"), "{}", text(&output.stdout));
+    let common = "--float --no-compensation --passes 1 --paths 16";
+    succeeds(folder.path(), &format!("render scene.toml -o a.exr {common}"));
+    succeeds(folder.path(), &format!("render lights.gltf -o b.exr --max-depth 2 {common}"));
+    let (a, b) = (channels(&folder.path().join("a.exr")), channels(&folder.path().join("b.exr")));
+    let sum = |c: &[f32]| c.iter().map(|&v| f64::from(v)).sum::<f64>();
+    let (a, b) = (sum(&a["G"]), sum(&b["G"]));
+    // Positions are moved off their surfaces a second time.
+    assert!((b / a - 1.0).abs() < 1e-3, "{a} and {b}");
+}
+
+#[test]
+fn damaged_scenes_are_refused() {
+    let folder = folder();
+    let write = |name: &str, text: String| fs::write(folder.path().join(name), text).unwrap();
+    let run = |scene: &str| format!("render {scene} -o old.exr --passes 1");
+    fails(folder.path(), &run("absent.toml"), 1, &["absent.toml"]);
+    write("nan.obj", MODEL.replace("v 1 0 1", "v 1 nan 1"));
+    fails(folder.path(), &run("nan.obj"), 1, &["nan.obj"]);
+    write("infinite.obj", MODEL.replace("v 1 0 1", "v 1 1e999 1"));
+    fails(folder.path(), &run("infinite.obj"), 1, &["infinite.obj"]);
+    write("index.obj", MODEL.replace("f 1 2 3 4", "f 1 2 3 99"));
+    fails(folder.path(), &run("index.obj"), 1, &["index.obj:13", "99"]);
+    write("flat.obj", MODEL.replace("f 5 6 7 8", "f 5 6 5"));
+    fails(folder.path(), &run("flat.obj"), 1, &["flat.obj"]);
+    write("dark.obj", MODEL.replace("usemtl lamp", "usemtl wall"));
+    fails(folder.path(), &run("dark.obj"), 1, &["dark.obj", "emits"]);
+    write("empty.obj", String::new());
+    fails(folder.path(), &run("empty.obj"), 1, &["empty.obj"]);
+    write("key.toml", SCENE.replace("fov_y", "fovy"));
+    fails(folder.path(), &run("key.toml"), 1, &["key.toml:", "fovy"]);
+    write("value.toml", SCENE.replace("30.0", "\"wide\""));
+    fails(folder.path(), &run("value.toml"), 1, &["value.toml:"]);
+    write("model.toml", SCENE.replace("room.obj", "hall.obj"));
+    fails(folder.path(), &run("model.toml"), 1, &["model.toml:1", "hall.obj"]);
+    write("material.toml", format!("{SCENE}[materials.flor]\nroughness = 0.5\n"));
+    fails(folder.path(), &run("material.toml"), 1, &["material.toml:", "flor", "floor"]);
+    write("setting.toml", format!("{SCENE}[render]\nmax_depth = 99\n"));
+    fails(folder.path(), &run("setting.toml"), 2, &["max-depth", "99"]);
+    write("broken.gltf", String::from("{ \"asset\": "));
+    fails(folder.path(), &run("broken.gltf"), 1, &["broken.gltf"]);
+    fails(folder.path(), &run("room.mtl"), 1, &["room.mtl"]);
+}
+
+#[test]
+fn wrong_use_with_a_scene_that_is_there() {
+    let folder = folder();
+    let run = |flags: &str| format!("render scene.toml -o old.exr {flags}");
+    fails(folder.path(), &run("--tonemap film"), 2, &["--tonemap", "film"]);
+    fails(folder.path(), &run("--resolution 100000x100000"), 2, &["--resolution", "100000x100000"]);
+    fails(folder.path(), &run("--device nonesuch"), 1, &["nonesuch"]);
+    fails(folder.path(), &run("--device 999"), 1, &["999"]);
+    fails(folder.path(), &run("--fov 30 --eye 0,0,0 --target 0,1,0"), 2, &["--up"]);
+}
+
+#[test]
+fn an_image_beyond_the_limits_of_the_device_is_refused_by_the_limits_name() {
+    let listed = lightsum::gpu::list_devices().expect("the tests need a Vulkan device");
+    println!("{} devices", listed.len());
+    let folder = folder();
+    // Four floats for each of 2^26 pixels are a gibibyte; a device that binds as much at once has no such limit.
+    let options = lightsum::gpu::ContextOptions {
+        device: std::env::var("LIGHTSUM_DEVICE").map_or_else(|_| Default::default(), |name| name.parse().unwrap()),
+        ..Default::default()
+    };
+    let context = lightsum::gpu::Context::headless(&options).unwrap();
+    let limit = context.info().max_storage_buffer_range;
+    if limit < 1 << 30 {
+        let limit = limit.to_string();
+        let line = "render scene.toml -o old.exr --passes 1 --resolution 8192x8192";
+        fails(folder.path(), line, 1, &["maxStorageBufferRange", &limit, "resolution"]);
+    }
+}
+
+#[test]
+fn places_that_cannot_be_written_are_refused_and_nothing_is_left() {
+    let folder = folder();
+    let run = |files: &str| format!("render scene.toml --passes 1 --paths 2 {files}");
+    for flag in ["-o", "-o old.exr --stats", "-o old.exr --export-lights"] {
+        let file = if flag.contains("lights") { "missing/lights.gltf" } else { "missing/a.exr" };
+        fails(folder.path(), &run(&format!("{flag} {file}")), 1, &[file]);
+        // Not even the administrator may create a file there.
+        let file = if flag.contains("lights") { "/proc/lights.gltf" } else { "/proc/a.exr" };
+        fails(folder.path(), &run(&format!("{flag} {file}")), 1, &[file]);
+    }
+    fails(folder.path(), &run("-o scene.toml/a.exr"), 1, &["scene.toml/a.exr"]);
+    fs::create_dir(folder.path().join("folder.exr")).unwrap();
+    fails(folder.path(), &run("-o folder.exr"), 1, &["folder.exr", "directory"]);
+}
+
+#[test]
+fn a_full_disk_is_an_error_and_leaves_nothing() {
+    let folder = folder();
+    std::os::unix::fs::symlink("/dev/full", folder.path().join("full.exr")).unwrap();
+    let output = command(folder.path(), "render scene.toml --passes 1 --paths 2 -o full.exr").output().unwrap();
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("error: full.exr: writing failed") && !message.contains("panicked"), "{message}");
+
+    // Files that may not grow beyond 4 KiB or so: writing breaks off in the middle.
+    fs::write(folder.path().join("old.exr"), "an image from before").unwrap();
+    let before = contents(folder.path());
+    for (output, file) in [("--resolution 128x96 -o", "old.exr"), ("--export-lights", "lights.gltf")] {
+        let inner = command(folder.path(), &format!("render scene.toml --passes 1 --paths 64 {output} {file}"));
+        let mut limited = Command::new("sh");
+        let line = "trap '' XFSZ; ulimit -f 4; exec \"$0\" \"$@\"";
+        limited.args(["-c", line]).arg(inner.get_program()).args(inner.get_args()).current_dir(folder.path());
+        limited.env_remove("RUST_LOG").env("XDG_CACHE_HOME", folder.path().join("cache"));
+        let output = limited.output().unwrap();
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{:?}: {message}", output.status);
+        assert!(message.contains(&format!("error: {file}: writing failed")), "{message}");
+        assert!(!message.contains("panicked"), "{message}");
+        let mut after = contents(folder.path());
+        // The geometry of exported lights is a file of its own, whole before the one that names it is begun.
+        after.remove("lights.bin");
+        assert!(after == before, "left: {:?}", after.keys());
+    }
+}
+
+#[test]
+fn time_and_target_error_end_a_rendering() {
+    let folder = folder();
+    let stats = |flags: &str| -> serde_json::Value {
+        succeeds(folder.path(), &format!("render scene.toml --paths 8 --stats a.json {flags}"));
+        serde_json::from_slice(&fs::read(folder.path().join("a.json")).unwrap()).unwrap()
+    };
+    let by_error = stats("--target-error 0.1 --passes 100000");
+    assert!(by_error["error_estimate"].as_f64().is_some_and(|e| e > 0.0 && e <= 0.1), "{by_error}");
+    let passes = by_error["passes"].as_u64().unwrap_or_default();
+    assert!((2..100_000).contains(&passes), "{passes}");
+    let by_time = stats("--time 0.5 --passes 1000000");
+    let seconds = by_time["stages"]["render"].as_f64().unwrap_or_default();
+    // The pass that runs when time is up is finished.
+    assert!((0.5..30.0).contains(&seconds) && by_time["passes"].as_u64() < Some(1_000_000), "{by_time}");
+}
