@@ -26,15 +26,26 @@
 @group(0) @binding(18) var<storage, read_write> specular: array<vec4<f32>>;
 var<immediate> push: Push;
 
+// Lanes of the subgroup, and rays that each lane holds: 64 together.
+#if LANES16
+const LANES: u32 = 16u;
+const RAYS: u32 = 4u;
+#else
 const LANES: u32 = 8u;
-const RAYS: u32 = 8u;           // for each lane; LANES * RAYS = 64
+const RAYS: u32 = 8u;
+#endif
+// Entries of the stack; the host takes this kernel only where the tree needs no more (accel::wide::WideBvh::stack_bound).
 const STACK: u32 = 128u;
 
+// Reductions by shuffles between fixed lanes: on a driver that runs lanes as one vector each is a single instruction.
 fn or_reduce(x: u32) -> u32 {
     var y = x;
     y |= subgroupShuffleXor(y, 1u);
     y |= subgroupShuffleXor(y, 2u);
     y |= subgroupShuffleXor(y, 4u);
+#if LANES16
+    y |= subgroupShuffleXor(y, 8u);
+#endif
     return y;
 }
 
@@ -43,35 +54,62 @@ fn min_reduce(x: vec3<f32>) -> vec3<f32> {
     y = min(y, subgroupShuffleXor(y, 1u));
     y = min(y, subgroupShuffleXor(y, 2u));
     y = min(y, subgroupShuffleXor(y, 4u));
+#if LANES16
+    y = min(y, subgroupShuffleXor(y, 8u));
+#endif
     return y;
 }
 
-// Adds what a visible light gives to a receiver by way of specular lobes: all of it that the diffuse sums leave out.
-fn add_lobes(light: u32, p: u32, clip2: f32) {
+// The interval of rays in a shaft: of d on each axis, from the light at the origin.
+struct Shaft {
+    positive: vec3<bool>,   // all d above 0
+    inverse_lo: vec3<f32>,  // 1 / the interval's ends; 0 on an axis whose interval spans 0, which bounds no t
+    inverse_hi: vec3<f32>,
+    unbounded: vec3<f32>,   // huge on such an axis, else 0
+    lo: vec3<f32>,          // the box of the light and all receivers
+    hi: vec3<f32>,
+}
+
+// Whether any point t d, 0 <= t <= 1, of the shaft may lie in a box. Says yes rather too often.
+fn shaft_meets(shaft: Shaft, lo: vec3<f32>, hi: vec3<f32>) -> bool {
+    let near_side = select(hi, lo, shaft.positive);
+    let far_side = select(lo, hi, shaft.positive);
+    let enter = min(near_side * shaft.inverse_lo, near_side * shaft.inverse_hi);
+    let exit = max(far_side * shaft.inverse_lo, far_side * shaft.inverse_hi) + shaft.unbounded;
+    let t_near = max(max(enter.x, enter.y), max(enter.z, 0.0));
+    let t_far = min(min(exit.x, exit.y), min(exit.z, 1.0)) * 1.000002;
+    return all(lo <= shaft.hi) && all(hi >= shaft.lo) && t_near <= t_far;
+}
+
+// What a visible light gives to a receiver by way of specular lobes: returns the irradiance that the light's own lobe adds,
+// and adds what the receiver's lobe reflects to `specular`.
+fn add_lobes(light: u32, p: u32, clip2: f32) -> vec3<f32> {
     let l = lights[light];
-    let position = receiver_position[p].xyz;
     let geometric = receiver_geometric[p];
     let shading = receiver_shading[p];
     let f0 = receiver_f0[p];
     let flags = bitcast<u32>(l.position.w);
-    let d = l.position.xyz - position;
-    let r2 = max(dot(d, d), 1e-37);
-    let wi = d / sqrt(r2);
+    let d = l.position.xyz - receiver_position[p].xyz;
+    let r2 = dot(d, d);
+    let wi = d / sqrt(max(r2, 1e-37));
     let cos_light = -dot(wi, l.normal.xyz);
-    let cos_receiver = max(dot(wi, shading.xyz), 0.0);
     let spot = clamp(cos_light * l.normal.w + l.emit.w, 0.0, 1.0);
     let plain = l.emit.xyz * (select(1.0, max(cos_light, 0.0), (flags & LIGHT_SURFACE) != 0u) * spot * spot);
     let light_lobe = Reflectance(vec3<f32>(0.0), l.flux.w, l.f0.xyz, l.wi.w);
     let shiny = (flags & LIGHT_GLOSSY) != 0u && cos_light > 0.0;
     let extra = select(vec3<f32>(0.0), l.flux.xyz * eval_specular(light_lobe, l.normal.xyz, l.wi.xyz, -wi) * cos_light, shiny);
-    let falloff = cos_receiver / max(r2, clip2);
-    indirect[p] += vec4<f32>(extra * falloff, 0.0);
+    let factor = max(dot(wi, shading.xyz), 0.0) * (1.0 / max(max(r2, clip2), 1e-37));
     let lobe = Reflectance(vec3<f32>(0.0), geometric.w, f0.xyz, shading.w);
     let reflected = eval_specular(lobe, shading.xyz, receiver_wo[p].xyz, wi);
-    specular[p] += vec4<f32>(select(vec3<f32>(0.0), (plain + extra) * falloff * reflected, f0.w > 0.0), 0.0);
+    specular[p] += vec4<f32>(select(vec3<f32>(0.0), (plain + extra) * factor * reflected, f0.w > 0.0), 0.0);
+    return extra * factor;
 }
 
+#if LANES16
+@compute @workgroup_size(16)
+#else
 @compute @workgroup_size(8)
+#endif
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(subgroup_invocation_id) lane: u32) {
     let step = steps[push.step];
     let live = atomicLoad(&work.live);
@@ -80,31 +118,35 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
 
-    var position: array<vec3<f32>, 8>;
-    var geometric: array<vec3<f32>, 8>;
-    var shading: array<vec3<f32>, 8>;
-    var pixel: array<u32, 8>;
-    var sum: array<vec3<f32>, 8>;
+    var position: array<vec3<f32>, RAYS>;
+    var geometric: array<vec3<f32>, RAYS>;
+    var shading: array<vec3<f32>, RAYS>;
+    var pixel: array<u32, RAYS>;
+    var sum: array<vec3<f32>, RAYS>;
     var present = 0u;
     var glossy = 0u;
+    // The lights of a chunk have equally many reflections behind them.
+    let first_bounce = lights[step.first].f0.w == 0.0;
     for (var r = 0u; r < RAYS; r += 1u) {
         let slot = cluster * 64u + r * LANES + lane;
-        pixel[r] = list[min(slot, live - 1u)];
+        let p = list[min(slot, live - 1u)];
+        pixel[r] = p;
+        position[r] = receiver_position[p].xyz;
+        geometric[r] = receiver_geometric[p].xyz;
+        shading[r] = receiver_shading[p].xyz;
         present |= select(0u, 1u << r, slot < live);
-        position[r] = receiver_position[pixel[r]].xyz;
-        geometric[r] = receiver_geometric[pixel[r]].xyz;
-        shading[r] = receiver_shading[pixel[r]].xyz;
-        glossy |= select(0u, 1u << r, receiver_f0[pixel[r]].w > 0.0);
+        glossy |= select(0u, 1u << r, slot < live && receiver_f0[p].w > 0.0);
         if step.fresh == 1u && slot < live {
-            direct[pixel[r]] = vec4<f32>(0.0);
-            indirect[pixel[r]] = vec4<f32>(0.0);
-            specular[pixel[r]] = vec4<f32>(0.0);
+            direct[p] = vec4<f32>(0.0);
+            indirect[p] = vec4<f32>(0.0);
+            specular[p] = vec4<f32>(0.0);
         }
+        sum[r] = select(indirect[p].xyz, direct[p].xyz, first_bounce) * select(1.0, 0.0, step.fresh == 1u);
     }
 
-    var stack: array<u32, 128>;
-    // Every loop below takes from one budget; what is left when it ends is carried on by the kernel for single rays.
-    var left = 50000u;
+    var stack: array<u32, STACK>;
+    // Every visit takes from one budget. What is left when it is spent is carried on by the kernel for single rays.
+    var left = step.steps;
     var light = step.first;
     while light < step.end && left > 0u {
         let l_position = lights[light].position;
@@ -112,19 +154,20 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let l_emit = lights[light].emit;
         let flags = bitcast<u32>(l_position.w);
         let surface = (flags & LIGHT_SURFACE) != 0u;
-        let origin = l_position.xyz;
         let dark = mean3(l_emit.xyz) <= 0.0 && (flags & LIGHT_GLOSSY) == 0u;
+        let origin = l_position.xyz;
 
-        var d: array<vec3<f32>, 8>;
-        var inverse: array<vec3<f32>, 8>;
+        // Rays run from the light (t = 0) to the receivers (t = 1).
+        var d: array<vec3<f32>, RAYS>;
+        var inverse: array<vec3<f32>, RAYS>;
         var alive = 0u;
         var lo = vec3<f32>(3.0e38);
         var hi = vec3<f32>(-3.0e38);
         for (var r = 0u; r < RAYS; r += 1u) {
             d[r] = position[r] - origin;
-            let cos_light = dot(d[r], l_normal.xyz);
-            let faces = dot(d[r], geometric[r]) < 0.0 && (cos_light > 0.0 || !surface);
-            let lit = faces && !dark && ((present >> r) & 1u) != 0u;
+            let faces = dot(d[r], geometric[r]) < 0.0 && dot(d[r], shading[r]) < 0.0;
+            let reaches = !surface || dot(d[r], l_normal.xyz) > 0.0;
+            let lit = faces && reaches && !dark && ((present >> r) & 1u) != 0u;
             alive |= select(0u, 1u << r, lit);
             lo = select(lo, min(lo, d[r]), lit);
             hi = select(hi, max(hi, d[r]), lit);
@@ -133,42 +176,33 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         }
         lo = min_reduce(lo);
         hi = -min_reduce(-hi);
-        let began = alive;
-        // The shaft: interval of d for each axis. Where it spans 0 the axis gives no bound on t.
         let positive = lo > vec3<f32>(0.0);
         let bounded = positive | (hi < vec3<f32>(0.0));
-        let i_lo = select(vec3<f32>(0.0), 1.0 / lo, bounded);
-        let i_hi = select(vec3<f32>(0.0), 1.0 / hi, bounded);
-        let unbounded = select(vec3<f32>(3.0e38), vec3<f32>(0.0), bounded);
-        // All rays run in the box of the light and the receivers.
-        let all_lo = min(lo, vec3<f32>(0.0));
-        let all_hi = max(hi, vec3<f32>(0.0));
+        var shaft: Shaft;
+        shaft.positive = positive;
+        shaft.inverse_lo = select(vec3<f32>(0.0), 1.0 / lo, bounded);
+        shaft.inverse_hi = select(vec3<f32>(0.0), 1.0 / hi, bounded);
+        shaft.unbounded = select(vec3<f32>(3.0e38), vec3<f32>(0.0), bounded);
+        shaft.lo = min(lo, vec3<f32>(0.0));
+        shaft.hi = max(hi, vec3<f32>(0.0));
 
-        var top = 0u;
-        let any_alive = or_reduce(alive);
+        // An entry of the stack: node or first triangle, and from bit 28 the triangles of a leaf.
         stack[0] = 0u;
-        top = select(0u, 1u, any_alive != 0u);
+        var top = select(0u, 1u, or_reduce(alive) != 0u);
         while top > 0u && left > 0u {
             left -= 1u;
             top -= 1u;
             let entry = stack[top];
             let count = entry >> 28u;
             let index = entry & 0x0fffffffu;
-            // An inner node: eight boxes against the shaft, the survivors against the rays.
+            // An inner node: lane k tests child k against the shaft; survivors are tested against the rays.
             for (var inner = select(0u, 1u, count == 0u); inner > 0u; inner -= 1u) {
                 let a = wide_nodes[16u * index + 2u * (lane & 7u)];
                 let b = wide_nodes[16u * index + 2u * (lane & 7u) + 1u];
                 let box_lo = a.xyz - origin;
                 let box_hi = b.xyz - origin;
-                let near_side = select(box_hi, box_lo, positive);
-                let far_side = select(box_lo, box_hi, positive);
-                let enter = min(near_side * i_lo, near_side * i_hi);
-                let exit = max(far_side * i_lo, far_side * i_hi) + unbounded;
-                let t_near = max(max(enter.x, enter.y), max(enter.z, 0.0));
-                let t_far = min(min(exit.x, exit.y), min(exit.z, 1.0)) * 1.000002;
-                let overlaps = all(box_lo <= all_hi) && all(box_hi >= all_lo);
                 let child = bitcast<u32>(a.w) | (bitcast<u32>(b.w) << 28u);
-                var survivors = or_reduce(select(0u, 1u << lane, overlaps && t_near <= t_far));
+                var survivors = or_reduce(select(0u, 1u << (lane & 7u), shaft_meets(shaft, box_lo, box_hi)));
                 while survivors != 0u {
                     left = max(left, 1u) - 1u;
                     let k = firstTrailingBit(survivors);
@@ -180,59 +214,47 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                     for (var r = 0u; r < RAYS; r += 1u) {
                         let t0 = k_lo * inverse[r];
                         let t1 = k_hi * inverse[r];
-                        let n3 = min(t0, t1);
-                        let f3 = max(t0, t1);
-                        let n = max(max(n3.x, n3.y), max(n3.z, 0.0));
-                        let f = min(min(f3.x, f3.y), min(f3.z, 1.0)) * 1.000001;
-                        met |= select(0u, 1u << r, n <= f);
+                        let near3 = min(t0, t1);
+                        let far3 = max(t0, t1);
+                        let near = max(max(near3.x, near3.y), max(near3.z, 0.0));
+                        let far = min(min(far3.x, far3.y), min(far3.z, 1.0)) * 1.000001;
+                        met |= select(0u, 1u << r, near <= far);
                     }
-                    let push_it = or_reduce(met & alive) != 0u;
-                    stack[top] = k_child;
-                    top += select(0u, 1u, push_it);
+                    stack[min(top, STACK - 1u)] = k_child;
+                    top += select(0u, 1u, or_reduce(met & alive) != 0u);
                 }
             }
-            // A leaf: eight triangles set up at once, each tested against the rays.
+            // A leaf: lane k sets up triangle k; those in the shaft are tested against the rays.
             for (var leaf = select(0u, 1u, count != 0u); leaf > 0u; leaf -= 1u) {
-                let i = index + min(lane, count - 1u);
+                let i = index + min(lane & 7u, count - 1u);
                 let a = triangle_v0[i].xyz - origin;
                 let e1 = triangle_e1[i].xyz;
                 let e2 = triangle_e2[i].xyz;
                 let b = a + e1;
                 let c = a + e2;
-                // Edge planes through the light, formed from differences; the third from the face's plane.
-                var n0 = cross(e1 - e2, b + c);
-                var n1 = cross(e2, c + a);
-                var n2 = cross(-e1, a + b);
-                var face = cross(e1, e2);
-                var depth = dot(face, a);
-                let flip = select(1.0, -1.0, depth < 0.0);
-                n0 *= flip;
-                n1 *= flip;
-                n2 *= flip;
-                face *= flip;
-                depth *= flip;
-                let tri_lo = min(a, min(b, c));
-                let tri_hi = max(a, max(b, c));
-                let near_side = select(tri_hi, tri_lo, positive);
-                let far_side = select(tri_lo, tri_hi, positive);
-                let enter = min(near_side * i_lo, near_side * i_hi);
-                let exit = max(far_side * i_lo, far_side * i_hi) + unbounded;
-                let t_near = max(max(enter.x, enter.y), max(enter.z, 0.0));
-                let t_far = min(min(exit.x, exit.y), min(exit.z, 1.0)) * 1.000002;
-                let overlaps = all(tri_lo <= all_hi) && all(tri_hi >= all_lo) && lane < count && depth > 0.0;
-                var survivors = or_reduce(select(0u, 1u << lane, overlaps && t_near <= t_far));
+                // Planes through the light and each edge, formed from differences: products of far corners would lose
+                // the depth of small triangles. All turned so that a ray inside has positive products.
+                let face = cross(e1, e2);
+                let depth = dot(face, a);
+                let side = select(1.0, -1.0, depth < 0.0);
+                let n0 = side * cross(e1 - e2, b + c);
+                let n1 = side * cross(e2, c + a);
+                let n2 = side * cross(-e1, a + b);
+                let in_shaft = shaft_meets(shaft, min(a, min(b, c)), max(a, max(b, c)));
+                let takes_part = in_shaft && (lane & 7u) < count && depth != 0.0;
+                var survivors = or_reduce(select(0u, 1u << (lane & 7u), takes_part));
                 while survivors != 0u {
                     left = max(left, 1u) - 1u;
                     let k = firstTrailingBit(survivors);
                     survivors &= survivors - 1u;
-                    let k0 = subgroupShuffle(n0, k);
-                    let k1 = subgroupShuffle(n1, k);
-                    let k2 = subgroupShuffle(n2, k);
-                    let kn = subgroupShuffle(face, k);
-                    let kd = subgroupShuffle(depth, k);
+                    let k_n0 = subgroupShuffle(n0, k);
+                    let k_n1 = subgroupShuffle(n1, k);
+                    let k_n2 = subgroupShuffle(n2, k);
+                    let k_face = subgroupShuffle(side * face, k);
+                    let k_depth = subgroupShuffle(side * depth, k);
                     for (var r = 0u; r < RAYS; r += 1u) {
-                        let inside = min(dot(k0, d[r]), min(dot(k1, d[r]), dot(k2, d[r]))) >= 0.0;
-                        let blocked = inside && dot(kn, d[r]) > kd;
+                        let inside = min(dot(k_n0, d[r]), min(dot(k_n1, d[r]), dot(k_n2, d[r]))) >= 0.0;
+                        let blocked = inside && dot(k_face, d[r]) > k_depth;
                         alive &= ~select(0u, 1u << r, blocked);
                     }
                 }
@@ -246,29 +268,31 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let clip2 = select(0.0, frame.right.w, (flags & LIGHT_CLIPPED) != 0u);
         for (var r = 0u; r < RAYS; r += 1u) {
             let r2 = dot(d[r], d[r]);
-            let inverse_length = 1.0 / sqrt(max(r2, 1e-37));
-            let cos_light = dot(d[r], l_normal.xyz) * inverse_length;
-            let cos_receiver = max(-dot(d[r], shading[r]) * inverse_length, 0.0);
+            let wi = -d[r] / sqrt(max(r2, 1e-37));
+            let cos_light = -dot(wi, l_normal.xyz);
             let spot = clamp(cos_light * l_normal.w + l_emit.w, 0.0, 1.0);
             let intensity = l_emit.xyz * (select(1.0, max(cos_light, 0.0), surface) * spot * spot);
-            let visible = ((alive >> r) & 1u) != 0u && r2 > 0.0;
-            sum[r] += intensity * select(0.0, cos_receiver / max(max(r2, clip2), 1e-37), visible);
+            let factor = dot(wi, shading[r]) * (1.0 / max(max(r2, clip2), 1e-37));
+            sum[r] += intensity * select(0.0, factor, ((alive >> r) & 1u) != 0u);
         }
-        // Specular lobes, of the light or of receivers, are rare: ray by ray, straight to memory.
-        let lobes = alive & select(glossy, present, (flags & LIGHT_GLOSSY) != 0u);
-        for (var rest = lobes; rest != 0u; rest &= rest - 1u) {
-            let p = list[cluster * 64u + firstTrailingBit(rest) * LANES + lane];
-            add_lobes(light, p, clip2);
+        // Specular lobes, of the light or of receivers, are rarer: ray by ray.
+        for (var rest = alive & select(glossy, present, (flags & LIGHT_GLOSSY) != 0u); rest != 0u; rest &= rest - 1u) {
+            let ray = firstTrailingBit(rest);
+            let extra = add_lobes(light, list[cluster * 64u + ray * LANES + lane], clip2);
+            for (var r = 0u; r < RAYS; r += 1u) {
+                sum[r] += select(vec3<f32>(0.0), extra, r == ray);
+            }
         }
         light += 1u;
     }
-    // The lights of a chunk have equally many reflections behind them.
-    let first_bounce = lights[step.first].f0.w == 0.0;
     for (var r = 0u; r < RAYS; r += 1u) {
         if ((present >> r) & 1u) != 0u {
             let p = pixel[r];
-            direct[p] = vec4<f32>(direct[p].xyz + select(vec3<f32>(0.0), sum[r], first_bounce), 0.0);
-            indirect[p] = vec4<f32>(indirect[p].xyz + select(sum[r], vec3<f32>(0.0), first_bounce), 0.0);
+            if first_bounce {
+                direct[p] = vec4<f32>(sum[r], 0.0);
+            } else {
+                indirect[p] = vec4<f32>(sum[r], 0.0);
+            }
             progress[p] = vec2<u32>(light, 0u);
             if light < step.end {
                 atomicAdd(&work.unfinished, 1u);

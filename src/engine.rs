@@ -72,9 +72,10 @@ impl Engine {
         let emitters = Emitters::of(scene, scene.emitters_are_lights)?;
         let delta = delta_lights(scene, bvh.scale());
         let lights = LightPlan::new(&settings, scene.mean_reflectivity(), delta.len() as u32);
-        let kernels = Kernels::new(context)?;
+        let kernels = Kernels::new(context, settings.traversal)?;
         let mut staging = Staging::new();
-        let scene_buffers = SceneBuffers::new(context, &mut staging, scene, &bvh, &emitters)?;
+        let scene_buffers =
+            SceneBuffers::new(context, &mut staging, scene, &bvh, &emitters, kernels.shade_cluster.is_some())?;
         let frame =
             Frame::new(context, &kernels, &mut staging, &scene_buffers, &settings, &lights, &delta, camera.resolution)?;
         let parameters = ParameterSource {

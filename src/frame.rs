@@ -10,13 +10,13 @@ use crate::pass::layout::{self, PointLight, Step, Work};
 use crate::pass::receivers::{self, ReceiversPass};
 use crate::pass::resolve::Resolve;
 use crate::pass::schedule::Schedule;
-use crate::pass::shade::{self, Shade};
+use crate::pass::shade::{self, Chunk, Shade};
 use crate::pass::sort::{Sort, SortBuffers, SortSteps};
 use crate::pass::trace::Trace;
 use crate::pass::walk_reflect::WalkReflect;
 use crate::pass::walk_start::WalkStart;
 use crate::pass::{Kernels, List, Rays, Receivers, Sums, vec4s};
-use crate::plan::{LightPlan, StepTable, shade_steps, trace_steps};
+use crate::plan::{LightPlan, StepTable, cluster_steps, shade_steps, trace_steps};
 use crate::scene_buffers::SceneBuffers;
 use crate::settings::Settings;
 
@@ -73,7 +73,7 @@ struct Bounce {
     /// Turns the number of its receivers into dispatches.
     schedule: Schedule,
     /// Brings neighbours together on the list of its receivers.
-    sort: Sort,
+    sort: Option<Sort>,
     /// Lights its receivers; the last bounce only emits.
     shade: Option<Shade>,
 }
@@ -96,7 +96,7 @@ struct Steps {
     /// For a list that was just filled.
     list: u32,
     /// Chunks of lights, each in rounds; bounces take prefixes.
-    shade: Vec<Vec<u32>>,
+    shade: Vec<Chunk>,
     sort: SortSteps,
     bounces: Vec<BounceSteps>,
 }
@@ -111,7 +111,14 @@ struct BounceSteps {
 }
 
 impl Steps {
-    fn new(table: &mut StepTable, settings: &Settings, plan: &LightPlan, pixels: u32) -> Steps {
+    fn new(
+        table: &mut StepTable,
+        settings: &Settings,
+        plan: &LightPlan,
+        delta: &[PointLight],
+        clusters: bool,
+        pixels: u32,
+    ) -> Steps {
         let rounds = settings.rounds;
         let trace = Step { steps: trace_steps(settings.loop_budget), ..Step::default() };
         let walk = (1..plan.survivors.len())
@@ -126,7 +133,18 @@ impl Steps {
         let shade = plan
             .chunks(chunk_size, plan.survivors.len())
             .iter()
-            .map(|&(first, end)| table.add_rounds(rounds, Step { first, end, fresh: u32::from(first == 0), ..chunk }))
+            .map(|&(first, end)| {
+                let mut rounds = table.add_rounds(rounds, Step { first, end, fresh: u32::from(first == 0), ..chunk });
+                // Parallel light comes from no place.
+                let places = delta.iter().take(end as usize).skip(first as usize);
+                let clusters = clusters && !places.into_iter().any(|l| l.flags() & PointLight::DIRECTIONAL != 0);
+                if clusters {
+                    let steps = cluster_steps(chunk_size, settings.loop_budget);
+                    let first_round = table.steps[rounds[0] as usize];
+                    rounds[0] = table.add(Step { steps, ..first_round });
+                }
+                Chunk { rounds, clusters }
+            })
             .collect();
         let depth = settings.max_depth;
         let clips =
@@ -193,7 +211,7 @@ impl Frame {
     ) -> Result<Frame> {
         let pixels = image.width() * image.height();
         let mut table = StepTable::default();
-        let steps = Steps::new(&mut table, settings, plan, pixels);
+        let steps = Steps::new(&mut table, settings, plan, delta, scene.wide_nodes.is_some(), pixels);
         let step_buffer = staging.stage(context, "steps", &table.steps)?;
 
         let device = |name: &str, bytes: u64| Buffer::new(context, name, bytes, Memory::Device);
@@ -278,12 +296,14 @@ impl Frame {
                     status: &status,
                 };
                 let lit = steps.bounces[b].chunks > 0;
-                Ok(Bounce {
-                    arrive,
-                    schedule: Schedule::new(kernels, &list.work, &step_buffer, &status)?,
-                    sort: Sort::new(kernels, &parameters, list, receivers, &sort_buffers, &step_buffer)?,
-                    shade: if lit { Some(Shade::new(kernels, &inputs)?) } else { None },
-                })
+                let shade = if lit { Some(Shade::new(kernels, &inputs)?) } else { None };
+                let sort = match &shade {
+                    Some(shade) if shade.has_clusters() => {
+                        Some(Sort::new(kernels, &parameters, list, receivers, &sort_buffers, &step_buffer)?)
+                    }
+                    _ => None,
+                };
+                Ok(Bounce { arrive, schedule: Schedule::new(kernels, &list.work, &step_buffer, &status)?, sort, shade })
             })
             .collect::<Result<_>>()?;
 
@@ -386,7 +406,11 @@ impl Frame {
     pub fn record_eye(&self, rec: &mut Recorder) -> Result<()> {
         self.camera_rays.record(rec)?;
         self.eye_trace.record(rec, &self.steps.eye_trace, Some(self.pixels))?;
-        self.eye_receivers.record(rec, self.steps.bounces[0].receivers, Some([self.image.width(), self.image.height()]))?;
+        self.eye_receivers.record(
+            rec,
+            self.steps.bounces[0].receivers,
+            Some([self.image.width(), self.image.height()]),
+        )?;
         self.bounces[0].schedule.record(rec, self.steps.list)
     }
 
@@ -404,7 +428,9 @@ impl Frame {
     pub fn record_shade(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
         match &self.bounces[bounce].shade {
             Some(shade) => {
-                if std::env::var_os("NOSORT").is_none() { rec.scope("sort", |rec| self.bounces[bounce].sort.record(rec, &self.steps.sort))?; }
+                if let Some(sort) = &self.bounces[bounce].sort {
+                    rec.scope("sort", |rec| sort.record(rec, &self.steps.sort))?;
+                }
                 shade.record(rec, &self.steps.shade[..self.steps.bounces[bounce].chunks])
             }
             None => Ok(()),

@@ -83,6 +83,12 @@ pub fn shade_steps(lights: u32, budget: u32) -> u32 {
     (budget / lights.max(1)).saturating_sub(6) / ITERATIONS_PER_STEP
 }
 
+/// Visits of one cluster in one dispatch of the cluster kernel over `lights` lights. A visit takes at most ten iterations
+/// (its loop, the two branches, a round over eight rays), a light besides them thirty.
+pub fn cluster_steps(lights: u32, budget: u32) -> u32 {
+    budget.saturating_sub(30 * lights + 60) / 10
+}
+
 /// Least loop budget of dispatches over `lights` lights: two steps for each.
 pub fn least_loop_budget(lights: u32) -> u32 {
     3 * ITERATIONS_PER_STEP * lights.max(1)
@@ -248,6 +254,10 @@ mod tests {
                 let steps = shade_steps(lights, budget);
                 assert!(steps > 1);
                 assert!(lights * (steps * ITERATIONS_PER_STEP + 6) <= budget, "{lights} lights");
+                for lights in 1..=64 {
+                    assert!(10 * cluster_steps(lights, LOOP_BUDGET) + 30 * lights + 60 <= LOOP_BUDGET);
+                    assert!(cluster_steps(lights, LOOP_BUDGET) > 5000);
+                }
                 assert!(trace_steps(budget) > 1 && trace_steps(budget) * ITERATIONS_PER_STEP < budget);
             }
         }

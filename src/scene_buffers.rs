@@ -2,12 +2,16 @@
 //! binding (128 MiB on the smallest devices: 8 million nodes, 4 million triangles with textures).
 
 use crate::accel::Bvh;
+use crate::accel::wide::WideBvh;
 use crate::error::{Error, Result};
 use crate::gpu::{Bound, Buffer, Context, Staging};
 use crate::light::emitters::Emitters;
 use crate::pass::layout::{MaterialRecord, PointLight, TextureRecord};
 use crate::scene::{Light, Scene, Surface, Texture, Wrap};
 use glam::{Vec2, Vec3};
+
+/// Entries of the stack in `shaders/shade_cluster.wgsl`.
+const CLUSTER_STACK: u32 = 128;
 
 /// Device buffers of a scene; all written once, before the first frame.
 #[derive(Clone)]
@@ -16,8 +20,8 @@ pub struct SceneBuffers {
     pub node_min: Buffer,
     /// Upper corners of the nodes and leaves.
     pub node_max: Buffer,
-    /// Nodes of the eight-wide hierarchy.
-    pub wide_nodes: Buffer,
+    /// Nodes of the eight-wide hierarchy; `None` if it is not wanted, or deeper than the kernel's stack.
+    pub wide_nodes: Option<Buffer>,
     /// First vertices, in the order of the leaves.
     pub v0: Buffer,
     /// First edges.
@@ -39,21 +43,27 @@ pub struct SceneBuffers {
 }
 
 impl SceneBuffers {
-    /// Creates the buffers and stages their contents.
+    /// Creates the buffers and stages their contents; `clusters`: with what the cluster kernel needs.
     pub fn new(
         context: &Context,
         staging: &mut Staging,
         scene: &Scene,
         bvh: &Bvh,
         emitters: &Emitters,
+        clusters: bool,
     ) -> Result<SceneBuffers> {
+        let wide = clusters.then(|| WideBvh::build(bvh)).filter(|wide| wide.stack_bound() <= CLUSTER_STACK);
+        let wide_nodes = match wide {
+            Some(wide) => Some(staging.stage(context, "scene wide nodes", &wide.nodes)?),
+            None => None,
+        };
         let (textures, texels) = pack_textures(&scene.textures)?;
         let (normals, uvs) = shading_attributes(scene, bvh);
         let materials: Vec<_> = scene.materials.iter().map(material_record).collect();
         Ok(SceneBuffers {
             node_min: staging.stage(context, "scene node minima", &bvh.node_min)?,
             node_max: staging.stage(context, "scene node maxima", &bvh.node_max)?,
-            wide_nodes: staging.stage(context, "scene wide nodes", &crate::accel::wide::WideBvh::build(bvh).nodes)?,
+            wide_nodes,
             v0: staging.stage(context, "scene triangle vertices", &bvh.v0)?,
             e1: staging.stage(context, "scene triangle edges 1", &bvh.e1)?,
             e2: staging.stage(context, "scene triangle edges 2", &bvh.e2)?,

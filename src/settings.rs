@@ -17,6 +17,20 @@ pub enum Clip {
     Fraction(f32),
 }
 
+/// How shadow rays are traced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Traversal {
+    /// Clusters where the device and the scene allow it, else single rays.
+    #[default]
+    Auto,
+    /// One ray for each invocation: runs on every device.
+    Single,
+    /// A subgroup walks the tree for a cluster of 64 receivers and one light together: several times faster. Needs
+    /// subgroups of 8 or 16 with shuffles. Visibility differs from that of single rays only for rays within
+    /// rounding of a triangle's edge or plane.
+    Cluster,
+}
+
 /// Settings of one rendering. See each field for meaning, unit, default and cost.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
@@ -44,6 +58,8 @@ pub struct Settings {
     /// Loop iterations that one invocation's subgroup may take in one dispatch. Default [`LOOP_BUDGET`]. Lower: shorter
     /// dispatches, for a device whose watchdog ends long ones, but more rounds.
     pub loop_budget: u32,
+    /// How shadow rays are traced. Default `Auto`.
+    pub traversal: Traversal,
 }
 
 impl Default for Settings {
@@ -58,6 +74,7 @@ impl Default for Settings {
             lights_per_dispatch: 8,
             rounds: 4,
             loop_budget: LOOP_BUDGET,
+            traversal: Traversal::Auto,
         }
     }
 }

@@ -128,7 +128,8 @@ impl WideBvh {
             }
             let (l, r) = (i + 1, bvh.node_min[i + 1][3].to_bits() as usize);
             let split = |k: usize, s: &[Subtree]| {
-                (1..k).map(|left| (s[l].cost[left - 1] + s[r].cost[k - left - 1], left as u8))
+                (1..k)
+                    .map(|left| (s[l].cost[left - 1] + s[r].cost[k - left - 1], left as u8))
                     .fold((f32::INFINITY, 0), |best, c| if c.0 < best.0 { c } else { best })
             };
             let triangles = subtrees[l].triangles + subtrees[r].triangles;
@@ -167,5 +168,60 @@ impl WideBvh {
         let r = bvh.node_min[l as usize][3].to_bits();
         Self::distribute(bvh, subtrees, l, left, false, children);
         Self::distribute(bvh, subtrees, r, k - left, false, children);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::builtin;
+
+    /// Walks the tree: every triangle in one leaf, in a box that contains it, at no more than the stated depth.
+    fn check(wide: &WideBvh, bvh: &Bvh) {
+        let mut seen = vec![false; bvh.triangle_count() as usize];
+        let mut stack = vec![(0u32, 1u32)];
+        let mut visited = 0;
+        while let Some((node, depth)) = stack.pop() {
+            visited += 1;
+            assert!(depth <= wide.depth);
+            for k in 0..WIDTH {
+                let at = 2 * (WIDTH * node as usize + k);
+                let (lower, upper) = (wide.nodes[at], wide.nodes[at + 1]);
+                let (index, count) = (lower[3].to_bits(), upper[3].to_bits());
+                if lower[0] > upper[0] {
+                    assert_eq!((index, count), (0, 0), "an empty child");
+                    continue;
+                }
+                if count == 0 {
+                    stack.push((index, depth + 1));
+                    continue;
+                }
+                assert!(count <= MAX_LEAF);
+                for t in index..index + count {
+                    assert!(!std::mem::replace(&mut seen[t as usize], true), "triangle {t} is in two leaves");
+                    let t = t as usize;
+                    for axis in 0..3 {
+                        let a = bvh.v0[t][axis];
+                        for x in [a, a + bvh.e1[t][axis], a + bvh.e2[t][axis]] {
+                            assert!(lower[axis] <= x && x <= upper[axis], "triangle {t} leaves its box");
+                        }
+                    }
+                }
+            }
+        }
+        assert_eq!(visited, wide.node_count());
+        assert!(seen.iter().all(|&s| s), "a triangle is missing");
+    }
+
+    #[test]
+    fn holds_every_triangle_once() {
+        for scene in [builtin::furnace(0.5, 1.0), builtin::room(200), builtin::room(20_000), builtin::deep_scene(700)] {
+            let bvh = Bvh::build(&scene).unwrap();
+            let wide = WideBvh::build(&bvh);
+            check(&wide, &bvh);
+            let leaves = wide.nodes.chunks(2).filter(|c| c[1][3].to_bits() > 0).count();
+            let filling = bvh.triangle_count() as f32 / leaves as f32;
+            assert!(wide.node_count() == 1 || filling > 2.0, "{filling} triangles a leaf");
+        }
     }
 }

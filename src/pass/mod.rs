@@ -17,8 +17,11 @@ pub mod trace;
 pub mod walk_reflect;
 pub mod walk_start;
 
-use crate::error::Result;
+use ash::vk;
+
+use crate::error::{Error, Result};
 use crate::gpu::{Buffer, Context, Kernel, Memory, shaders};
+use crate::settings::Traversal;
 
 /// Invocations of a workgroup, in every pass but `schedule`.
 pub const GROUP: u64 = 64;
@@ -56,8 +59,8 @@ pub struct Kernels {
     pub schedule: Kernel,
     /// `shade.wgsl`
     pub shade: Kernel,
-    /// `shade_cluster.wgsl`
-    pub shade_cluster: Kernel,
+    /// `shade_cluster.wgsl` for the device's subgroups; `None`: shadow rays are traced one by one.
+    pub shade_cluster: Option<Kernel>,
     /// `sort_keys.wgsl`
     pub sort_keys: Kernel,
     /// `sort_count.wgsl`
@@ -78,7 +81,28 @@ pub struct Kernels {
 
 impl Kernels {
     /// Creates the pipelines.
-    pub fn new(context: &Context) -> Result<Kernels> {
+    pub fn new(context: &Context, traversal: Traversal) -> Result<Kernels> {
+        let info = context.info();
+        let operations = vk::SubgroupFeatureFlags::BASIC | vk::SubgroupFeatureFlags::SHUFFLE;
+        let shader = match info.subgroup_size {
+            8 if info.subgroup_operations.contains(operations) => Some(&shaders::SHADE_CLUSTER),
+            16 if info.subgroup_operations.contains(operations) => Some(&shaders::SHADE_CLUSTER_16),
+            _ => None,
+        };
+        let shade_cluster = match (traversal, shader) {
+            (Traversal::Auto | Traversal::Cluster, Some(shader)) => Some(Kernel::new(context, shader)?),
+            (Traversal::Auto, None) | (Traversal::Single, _) => None,
+            (Traversal::Cluster, None) => {
+                let size = info.subgroup_size;
+                return Err(Error::Setting {
+                    name: "--traversal",
+                    message: format!(
+                        "{} has subgroups of {size}; clusters need subgroups of 8 or 16 with shuffles; use auto",
+                        info.name
+                    ),
+                });
+            }
+        };
         Ok(Kernels {
             accumulate: Kernel::new(context, &shaders::ACCUMULATE)?,
             camera_rays: Kernel::new(context, &shaders::CAMERA_RAYS)?,
@@ -88,7 +112,7 @@ impl Kernels {
             resolve: Kernel::new(context, &shaders::RESOLVE)?,
             schedule: Kernel::new(context, &shaders::SCHEDULE)?,
             shade: Kernel::new(context, &shaders::SHADE)?,
-            shade_cluster: Kernel::new(context, &shaders::SHADE_CLUSTER)?,
+            shade_cluster,
             sort_keys: Kernel::new(context, &shaders::SORT_KEYS)?,
             sort_count: Kernel::new(context, &shaders::SORT_COUNT)?,
             sort_sum: Kernel::new(context, &shaders::SORT_SUM)?,

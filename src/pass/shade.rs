@@ -15,8 +15,19 @@
 //! The lights are cut into chunks, one dispatch each, and each chunk into rounds, so that no invocation exceeds
 //! [`crate::plan::LOOP_BUDGET`] iterations; a ray that runs out of steps is carried on in the next round.
 //!
-//! Cost: for each receiver-light pair that faces each other one shadow ray (as in `trace`, any hit ends it) and some 60
-//! operations; grows linearly with receivers and lights.
+//! Two kernels compute the same sums ([`crate::settings::Traversal`]):
+//!
+//! - `shade.wgsl`: an invocation is a receiver and walks the binary tree by itself. It runs on every device.
+//! - `shade_cluster.wgsl`: a subgroup of 8 or 16 takes 64 receivers that stand together (see `sort`) and walks the eight-wide tree
+//!   for all of them and one light. The rays of a cluster share the light, so they lie in a narrow shaft: lane k tests child
+//!   k against the shaft by interval arithmetic, what survives is tested against the rays, and a leaf's triangles are set
+//!   up one a lane as planes through the light. What its budget does not suffice for goes on in the first kernel, and
+//!   so does parallel light, which comes from no place.
+//!
+//! Visibility is the same but for rays within rounding of a triangle's edge or plane.
+//!
+//! Cost: for each receiver-light pair that faces each other one shadow ray (as in `trace`, any hit ends it; in clusters a
+//! third to a fifth of that) and some 60 operations; grows linearly with receivers and lights.
 
 use glam::Vec3;
 
@@ -35,8 +46,15 @@ pub struct Shade {
     bindings: Bindings,
     schedule: Schedule,
     work: Buffer,
-    cluster: Kernel,
-    cluster_bindings: Bindings,
+    cluster: Option<(Kernel, Bindings)>,
+}
+
+/// Steps of one chunk of lights.
+pub struct Chunk {
+    /// Its rounds. The first may be taken by clusters; what they leave over goes on ray by ray.
+    pub rounds: Vec<u32>,
+    /// All its lights have a place, so that clusters can look at them.
+    pub clusters: bool,
 }
 
 /// What the pass reads and writes.
@@ -87,41 +105,52 @@ impl Shade {
             ("indirect", (&inputs.sums.indirect).into()),
             ("specular", (&inputs.sums.specular).into()),
         ])?;
-        let cluster = kernels.shade_cluster.clone();
-        let cluster_bindings = cluster.bind(&[
-            ("frame", inputs.frame.into()),
-            ("wide_nodes", (&scene.wide_nodes).into()),
-            ("triangle_v0", (&scene.v0).into()),
-            ("triangle_e1", (&scene.e1).into()),
-            ("triangle_e2", (&scene.e2).into()),
-            ("receiver_position", (&receivers.position).into()),
-            ("receiver_geometric", (&receivers.geometric).into()),
-            ("receiver_shading", (&receivers.shading).into()),
-            ("receiver_f0", (&receivers.f0).into()),
-            ("receiver_wo", (&receivers.wo).into()),
-            ("lights", inputs.lights.into()),
-            ("list", (&inputs.list.pixels).into()),
-            ("work", (&inputs.list.work).into()),
-            ("steps", inputs.steps.into()),
-            ("progress", (&inputs.rays.progress).into()),
-            ("direct", (&inputs.sums.direct).into()),
-            ("indirect", (&inputs.sums.indirect).into()),
-            ("specular", (&inputs.sums.specular).into()),
-        ])?;
+        let cluster = match (&kernels.shade_cluster, &scene.wide_nodes) {
+            (Some(kernel), Some(wide_nodes)) => {
+                let named = &[
+                    ("frame", inputs.frame.into()),
+                    ("wide_nodes", wide_nodes.into()),
+                    ("triangle_v0", (&scene.v0).into()),
+                    ("triangle_e1", (&scene.e1).into()),
+                    ("triangle_e2", (&scene.e2).into()),
+                    ("receiver_position", (&receivers.position).into()),
+                    ("receiver_geometric", (&receivers.geometric).into()),
+                    ("receiver_shading", (&receivers.shading).into()),
+                    ("receiver_f0", (&receivers.f0).into()),
+                    ("receiver_wo", (&receivers.wo).into()),
+                    ("lights", inputs.lights.into()),
+                    ("list", (&inputs.list.pixels).into()),
+                    ("work", (&inputs.list.work).into()),
+                    ("steps", inputs.steps.into()),
+                    ("progress", (&inputs.rays.progress).into()),
+                    ("direct", (&inputs.sums.direct).into()),
+                    ("indirect", (&inputs.sums.indirect).into()),
+                    ("specular", (&inputs.sums.specular).into()),
+                ];
+                Some((kernel.clone(), kernel.bind(named)?))
+            }
+            _ => None,
+        };
         let schedule = Schedule::new(kernels, &inputs.list.work, inputs.steps, inputs.status)?;
-        Ok(Shade { kernel, bindings, schedule, work: inputs.list.work.clone(), cluster, cluster_bindings })
+        Ok(Shade { kernel, bindings, schedule, work: inputs.list.work.clone(), cluster })
+    }
+
+    /// Whether clusters are traced together, so that an order in which neighbours stand together pays.
+    pub fn has_clusters(&self) -> bool {
+        self.cluster.is_some()
     }
 
     /// Records the chunks, each in its rounds.
-    pub fn record(&self, rec: &mut Recorder, chunks: &[Vec<u32>]) -> Result<()> {
-        for rounds in chunks {
-            for (round, &step) in rounds.iter().enumerate() {
+    pub fn record(&self, rec: &mut Recorder, chunks: &[Chunk]) -> Result<()> {
+        for chunk in chunks {
+            for (round, &step) in chunk.rounds.iter().enumerate() {
                 let groups = if round == 0 { LIST_GROUPS } else { ROUND_GROUPS };
-                if round == 0 && std::env::var_os("NOCLUSTER").is_none() {
-                    rec.dispatch_indirect(&self.cluster, &self.cluster_bindings, &push(step), &self.work, groups)?;
-                } else {
-                    rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work, groups)?;
-                }
+                // A cluster is a workgroup, as are 64 single rays.
+                let (kernel, bindings) = match &self.cluster {
+                    Some((kernel, bindings)) if round == 0 && chunk.clusters => (kernel, bindings),
+                    _ => (&self.kernel, &self.bindings),
+                };
+                rec.dispatch_indirect(kernel, bindings, &push(step), &self.work, groups)?;
                 self.schedule.record(rec, step)?;
             }
         }

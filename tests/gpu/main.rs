@@ -15,3 +15,4 @@ mod rig;
 mod scenes;
 mod support;
 mod transport;
+mod traversal;

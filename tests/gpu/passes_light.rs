@@ -13,7 +13,7 @@ use lightsum::pass::resolve::Resolve;
 use lightsum::pass::schedule::{self, Schedule};
 use lightsum::pass::shade::{self, Receiver};
 use lightsum::pass::{Kernels, Receivers, Sums, gather};
-use lightsum::settings::{Clip, Settings};
+use lightsum::settings::{Clip, Settings, Traversal};
 
 use crate::rig::{
     AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error, untouched, xyz,
@@ -289,7 +289,11 @@ fn effects(rig: &Rig, light: &PointLight) -> Effects {
 
 /// Replaces all lights of a rig by one, in the place of number `slot`.
 fn only(rig: &Rig, slot: usize, light: PointLight) {
-    let mut lights = vec![PointLight::default(); rig.engine.parameters().lights.slots() as usize];
+    // A light's slot says how many reflections it has behind it, lit or not.
+    let mut lights: Vec<PointLight> = rig.get(&rig.frame().lights);
+    for l in &mut lights {
+        *l = PointLight { f0: [0.0, 0.0, 0.0, l.f0[3]], ..PointLight::default() };
+    }
     lights[slot] = light;
     let mut staging = Staging::new();
     staging.stage_into(rig.ctx, &rig.frame().lights, 0, &lights).unwrap();
@@ -298,63 +302,68 @@ fn only(rig: &Rig, slot: usize, light: PointLight) {
 
 #[test]
 fn shade_of_each_kind_of_light() {
-    gpu_test(|ctx| {
-        let scene = gallery();
-        let settings = Settings { paths: 27, clip: Clip::Distance(1.0), seed: 3, ..Settings::default() };
-        let rig = Rig::new(ctx, &scene, [31, 17], settings);
-        rig.run(|frame, rec| {
-            frame.record_walk(rec)?;
-            frame.record_eye(rec)
-        });
-        let lights: Vec<PointLight> = rig.get(&rig.frame().lights);
-        let delta = rig.engine.delta_lights().len();
-        assert_eq!(delta, 4);
-        let reflected = rig.parameters.depths[1][1] as usize;
-        // Of those that send out anything, the one that lights most receivers.
-        let brightest = |range: std::ops::Range<usize>, of: fn(&PointLight) -> [f32; 4]| {
-            let sends = |i: usize| xyz(of(&lights[i])) != Vec3::ZERO;
-            range.max_by_key(|&i| if sends(i) { effects(&rig, &lights[i]).lit } else { 0 }).unwrap()
-        };
-        let on_emitter = brightest(delta..reflected, |l| l.emit);
-        let glossy = brightest(reflected..lights.len(), |l| if l.flags() & 8 != 0 { l.flux } else { [0.0; 4] });
-        assert_ne!(lights[glossy].flags() & PointLight::GLOSSY, 0);
-        let mut lobe = lights[glossy];
-        lobe.emit = [0.0, 0.0, 0.0, 1.0];
-        // Close above the floor in the room's middle, for clipping.
-        let mut near = lights[on_emitter];
-        (near.position[0], near.position[1], near.position[2]) = (-0.6, 0.5, -0.2);
-        for (name, slot, light, clips, shadows) in [
-            ("point", 0, lights[0], false, true),
-            ("spot", 1, lights[1], false, true),
-            ("directional", 2, lights[2], false, true),
-            ("virtual", 3, lights[3], true, true),
-            ("surface", on_emitter, lights[on_emitter], true, false),
-            ("glossy", glossy, lights[glossy], true, false),
-            ("specular lobe alone", glossy, lobe, true, false),
-            ("near surface", delta, near, true, true),
-        ] {
-            only(&rig, slot, light);
-            rig.run(|frame, rec| frame.record_shade(rec, 0));
-            let found = sums(&rig, &rig.frame().pixel_sums);
-            let receivers = receivers(&rig, &rig.frame().primary);
-            let mut tally = Tally::new(format!("shade by a {name} light"));
-            let indirect = if light.flags() & PointLight::GLOSSY != 0 { LOBE } else { DIFFUSE };
-            for &i in &rig.list(0) {
-                let i = i as usize;
-                let p = &rig.parameters;
-                let expected = shade::reference(rig.bvh(), &receivers[i], &[light], p.right[3], p.forward[3]);
-                tally.check(alike(at(&found, i), expected, indirect), || {
-                    format!("{i}: {:?} for {expected:?}", at(&found, i))
-                });
-            }
-            tally.finish(STRAYS);
-            let e = effects(&rig, &light);
-            assert!(e.lit > 10 && e.specular > 0, "{name}: {e:?}");
-            assert!(!shadows || e.shadowed > 0, "{name}: {e:?}");
-            assert!(clips || light.flags() & PointLight::CLIPPED == 0, "{name}");
-            assert!(name != "near surface" || e.clipped > 10, "{name}: {e:?}");
-        }
+    // One by one, and as the device does it best.
+    for traversal in [Traversal::Single, Traversal::Auto] {
+        gpu_test(|ctx| shade_each_kind(ctx, traversal));
+    }
+}
+
+fn shade_each_kind(ctx: &Context, traversal: Traversal) {
+    let scene = gallery();
+    let settings = Settings { paths: 27, clip: Clip::Distance(1.0), seed: 3, traversal, ..Settings::default() };
+    let rig = Rig::new(ctx, &scene, [31, 17], settings);
+    rig.run(|frame, rec| {
+        frame.record_walk(rec)?;
+        frame.record_eye(rec)
     });
+    let lights: Vec<PointLight> = rig.get(&rig.frame().lights);
+    let delta = rig.engine.delta_lights().len();
+    assert_eq!(delta, 4);
+    let reflected = rig.parameters.depths[1][1] as usize;
+    // Of those that send out anything, the one that lights most receivers.
+    let brightest = |range: std::ops::Range<usize>, of: fn(&PointLight) -> [f32; 4]| {
+        let sends = |i: usize| xyz(of(&lights[i])) != Vec3::ZERO;
+        range.max_by_key(|&i| if sends(i) { effects(&rig, &lights[i]).lit } else { 0 }).unwrap()
+    };
+    let on_emitter = brightest(delta..reflected, |l| l.emit);
+    let glossy = brightest(reflected..lights.len(), |l| if l.flags() & 8 != 0 { l.flux } else { [0.0; 4] });
+    assert_ne!(lights[glossy].flags() & PointLight::GLOSSY, 0);
+    let mut lobe = lights[glossy];
+    lobe.emit = [0.0, 0.0, 0.0, 1.0];
+    // Close above the floor in the room's middle, for clipping.
+    let mut near = lights[on_emitter];
+    (near.position[0], near.position[1], near.position[2]) = (-0.6, 0.5, -0.2);
+    for (name, slot, light, clips, shadows) in [
+        ("point", 0, lights[0], false, true),
+        ("spot", 1, lights[1], false, true),
+        ("directional", 2, lights[2], false, true),
+        ("virtual", 3, lights[3], true, true),
+        ("surface", on_emitter, lights[on_emitter], true, false),
+        ("glossy", glossy, lights[glossy], true, false),
+        ("specular lobe alone", glossy, lobe, true, false),
+        ("near surface", delta, near, true, true),
+    ] {
+        only(&rig, slot, light);
+        rig.run(|frame, rec| frame.record_shade(rec, 0));
+        let found = sums(&rig, &rig.frame().pixel_sums);
+        let receivers = receivers(&rig, &rig.frame().primary);
+        let mut tally = Tally::new(format!("shade by a {name} light"));
+        let indirect = if light.flags() & PointLight::GLOSSY != 0 { LOBE } else { DIFFUSE };
+        for &i in &rig.list(0) {
+            let i = i as usize;
+            let p = &rig.parameters;
+            let expected = shade::reference(rig.bvh(), &receivers[i], &[light], p.right[3], p.forward[3]);
+            tally.check(alike(at(&found, i), expected, indirect), || {
+                format!("{i}: {:?} for {expected:?}", at(&found, i))
+            });
+        }
+        tally.finish(STRAYS);
+        let e = effects(&rig, &light);
+        assert!(e.lit > 10 && e.specular > 0, "{name}: {e:?}");
+        assert!(!shadows || e.shadowed > 0, "{name}: {e:?}");
+        assert!(clips || light.flags() & PointLight::CLIPPED == 0, "{name}");
+        assert!(name != "near surface" || e.clipped > 10, "{name}: {e:?}");
+    }
 }
 
 /// Everything that `accumulate` reads and writes, for `pixels` pixels of arbitrary content.
@@ -400,7 +409,7 @@ fn fill(ctx: &Context, buffer: &Buffer, numbers: &mut Numbers, scale: f32, w: im
 fn accumulate_loses_nothing_over_thousands_of_passes() {
     gpu_test(|ctx| {
         const PASSES: u32 = 3000;
-        let kernels = Kernels::new(ctx).unwrap();
+        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
         for size in AWKWARD_SIZES {
             let s = Sheet::new(ctx, [size as u32, 1], PASSES);
             let (r, n) = (&s.receivers, &mut Numbers(size as u32));
@@ -477,7 +486,7 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
 #[test]
 fn accumulate_is_the_compensated_sum() {
     gpu_test(|ctx| {
-        let kernels = Kernels::new(ctx).unwrap();
+        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
         let s = Sheet::new(ctx, [64, 1], 1);
         let (r, n) = (&s.receivers, &mut Numbers(5));
         fill(ctx, &r.position, n, 1.0, |_| 1.0);
@@ -506,7 +515,7 @@ fn accumulate_is_the_compensated_sum() {
 #[test]
 fn resolve_writes_the_mean_of_the_film() {
     gpu_test(|ctx| {
-        let kernels = Kernels::new(ctx).unwrap();
+        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
         for (passes, [width, height]) in (1u32..).zip(AWKWARD_IMAGES) {
             let s = Sheet::new(ctx, [width, height], passes);
             let n = &mut Numbers(passes);
@@ -537,7 +546,7 @@ fn resolve_writes_the_mean_of_the_film() {
 #[test]
 fn schedule_turns_counts_into_dispatches() {
     gpu_test(|ctx| {
-        let kernels = Kernels::new(ctx).unwrap();
+        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
         for live in [0u32, 1, 63, 64, 65, (1 << 21) + 1, u32::MAX - 63] {
             for unfinished in [0, 1, 77] {
                 let steps: Vec<Step> = [0, 1, 27, 64, 65, 2049, 3 << 21]

@@ -6,6 +6,7 @@ use glam::Vec3;
 use lightsum::gpu::DeviceChoice;
 use lightsum::output::{Format, Tonemap};
 use lightsum::settings::Settings;
+use lightsum::settings::Traversal;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -195,6 +196,30 @@ pub struct Device {
     /// A round that no ray needs costs microseconds. Raise it if a rendering says that rays did not finish.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub rounds: Option<u32>,
+    /// How shadow rays are traced [default: auto].
+    #[arg(long, value_name = "HOW")]
+    pub traversal: Option<TraversalFlag>,
+}
+
+/// How shadow rays are traced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum TraversalFlag {
+    /// In clusters where device and scene allow it, else one by one
+    Auto,
+    /// One by one: on every device
+    Single,
+    /// In clusters of 64: several times faster; an error where the device cannot
+    Cluster,
+}
+
+impl From<TraversalFlag> for Traversal {
+    fn from(flag: TraversalFlag) -> Traversal {
+        match flag {
+            TraversalFlag::Auto => Traversal::Auto,
+            TraversalFlag::Single => Traversal::Single,
+            TraversalFlag::Cluster => Traversal::Cluster,
+        }
+    }
 }
 
 /// Path tracing on the CPU, to compare with.
@@ -204,7 +229,7 @@ pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise in place of structured error.
     #[arg(long, conflicts_with_all = [
         "passes", "time", "target_error", "resume", "paths", "clip", "clip_fraction", "no_compensation", "jitter", "preset",
-        "device", "validation", "lights_per_dispatch", "rounds", "export_lights", "stats",
+        "device", "validation", "lights_per_dispatch", "rounds", "traversal", "export_lights", "stats",
     ])]
     pub reference: bool,
     /// Paths of --reference for each pixel [default: 64]. Time grows linearly, noise falls like the square root.

@@ -80,6 +80,7 @@ fn settings(args: &Render, render: &RenderDefaults) -> Settings {
     settings.seed = light.seed.unwrap_or(settings.seed);
     settings.lights_per_dispatch = args.device.lights_per_dispatch.unwrap_or(settings.lights_per_dispatch);
     settings.rounds = args.device.rounds.unwrap_or(settings.rounds);
+    settings.traversal = args.device.traversal.map_or(settings.traversal, Into::into);
     settings
 }
 

@@ -1,0 +1,153 @@
+//! Shadow rays in clusters against shadow rays one by one.
+
+use glam::Vec3;
+use lightsum::gpu::Context;
+use lightsum::pass::sort;
+use lightsum::scene::{Camera, Light, Material, Scene, Triangle, builtin};
+use lightsum::settings::{Clip, Settings, Traversal};
+use lightsum::standalone::Renderer;
+
+use crate::rig::{Rig, gallery, xyz};
+use crate::support::gpu_test;
+
+fn settings(traversal: Traversal) -> Settings {
+    Settings { traversal, paths: 16, clip: Clip::Distance(0.0), compensation: false, ..Settings::default() }
+}
+
+/// Irradiance, direct and indirect, of every pixel after one pass.
+fn irradiance(ctx: &Context, scene: &Scene, camera: Camera, settings: &Settings) -> Vec<Vec3> {
+    let mut renderer = Renderer::with_context(ctx.clone(), scene.clone(), camera, settings.clone()).unwrap();
+    renderer.pass().unwrap();
+    let layers = renderer.layers().unwrap();
+    layers.direct.into_iter().chain(layers.indirect).collect()
+}
+
+/// Compares both ways; pixels that see a light past an edge may differ, `strays` of a thousand at most.
+fn compare(ctx: &Context, name: &str, scene: &Scene, camera: Camera, strays: usize) {
+    let single = irradiance(ctx, scene, camera, &settings(Traversal::Single));
+    let auto = irradiance(ctx, scene, camera, &settings(Traversal::Auto));
+    let level = single.iter().sum::<Vec3>() / single.len() as f32;
+    assert!(level.max_element() > 0.0, "{name}: nothing is lit");
+    let differ = (single.iter().zip(&auto))
+        .filter(|(s, c)| !(**s - **c).abs().cmple(s.abs() * 1e-4 + level * 1e-5).all())
+        .count();
+    eprintln!("{name}: {differ} of {} differ", single.len());
+    assert!(differ * 1000 <= strays * single.len(), "{name}: {differ} of {} differ", single.len());
+}
+
+fn with_camera(scene: Scene, resolution: [u32; 2]) -> (Scene, Camera) {
+    let camera = Camera { resolution, ..scene.camera.unwrap() };
+    (scene, camera)
+}
+
+#[test]
+fn clusters_see_what_single_rays_see() {
+    gpu_test(|ctx| {
+        for n in [300, 20_000] {
+            let (scene, camera) = with_camera(builtin::room(n), [83, 61]);
+            compare(ctx, &format!("room of {n}"), &scene, camera, 4);
+        }
+        let (scene, camera) = with_camera(builtin::furnace(0.5, 1.0), [31, 17]);
+        compare(ctx, "furnace", &scene, camera, 4);
+        let (scene, camera) = with_camera(builtin::sphere_point_lights(4), [27, 1]);
+        compare(ctx, "sphere", &scene, camera, 4);
+    });
+}
+
+#[test]
+fn clusters_may_span_the_whole_scene() {
+    gpu_test(|ctx| {
+        // Few pixels see everything, so one cluster's shaft is the room itself.
+        for resolution in [[1, 1], [8, 8], [3, 5]] {
+            let (scene, camera) = with_camera(builtin::room(5_000), resolution);
+            compare(ctx, &format!("{resolution:?}"), &scene, camera, 35);
+        }
+    });
+}
+
+#[test]
+fn a_tree_that_outlasts_the_budget_is_finished_ray_by_ray() {
+    gpu_test(|ctx| {
+        let (scene, camera) = with_camera(builtin::deep_scene(3_000), [16, 16]);
+        compare(ctx, "deep scene", &scene, camera, 10);
+    });
+}
+
+#[test]
+fn lights_in_awkward_places() {
+    gpu_test(|ctx| {
+        let (mut scene, camera) = with_camera(builtin::room(2_000), [41, 31]);
+        let (low, high) = scene.bounds();
+        let vertex = scene.positions[scene.positions.len() / 2];
+        let triangle = scene.triangle_positions(scene.triangles.len() / 3);
+        let centre = (triangle[0] + triangle[1] + triangle[2]) / 3.0;
+        let intensity = Vec3::splat(10.0);
+        // A light in the plane of faces touches or grazes them, and rounding decides whether they block it.
+        for (name, position, strays) in [
+            ("at a vertex", vertex, 200),
+            ("on a surface", centre, 200),
+            ("outside", high + (high - low), 4),
+            ("in a corner", low, 200),
+        ] {
+            // The room's own light stays, so that something is lit in any case.
+            scene.lights = vec![Light::Point { position, intensity }];
+            compare(ctx, name, &scene, camera, strays);
+        }
+        scene.lights = vec![
+            Light::Directional { direction: Vec3::new(0.3, -1.0, 0.2).normalize(), irradiance: Vec3::ONE },
+            Light::Point { position: (low + high) * 0.5, intensity },
+        ];
+        compare(ctx, "parallel light beside a point", &scene, camera, 4);
+    });
+}
+
+#[test]
+fn a_scene_of_one_triangle() {
+    gpu_test(|ctx| {
+        let material = Material::default();
+        let scene = Scene {
+            positions: vec![Vec3::new(-1.0, 0.0, -1.0), Vec3::new(0.0, 0.0, 1.0), Vec3::new(1.0, 0.0, -1.0)],
+            normals: vec![Vec3::Y; 3],
+            uvs: vec![glam::Vec2::ZERO; 3],
+            triangles: vec![Triangle { vertices: [0, 1, 2], material: 0, object: 0, smooth: false }],
+            objects: vec![String::from("triangle")],
+            materials: vec![material],
+            lights: vec![Light::Point { position: Vec3::Y, intensity: Vec3::ONE }],
+            ..Scene::default()
+        };
+        let camera = Camera {
+            eye: Vec3::new(0.0, 2.0, 0.1),
+            target: Vec3::ZERO,
+            up: Vec3::Y,
+            fov_y: 60.0,
+            resolution: [27, 19],
+        };
+        compare(ctx, "one triangle", &scene, camera, 4);
+    });
+}
+
+#[test]
+fn sort_brings_neighbours_together() {
+    gpu_test(|ctx| {
+        for [width, height] in [[1, 1], [27, 1], [8, 8], [683, 3], [31, 17], [157, 163]] {
+            let scene = gallery();
+            let rig = Rig::new(ctx, &scene, [width, height], settings(Traversal::Auto));
+            rig.run(|frame, rec| {
+                frame.record_walk(rec)?;
+                frame.record_eye(rec)
+            });
+            let list = || {
+                let live = rig.work(0).live as usize;
+                rig.get::<u32>(&rig.frame().lists[0].pixels)[..live].to_vec()
+            };
+            let before = list();
+            rig.run(|frame, rec| frame.record_shade(rec, 0));
+            let after = list();
+            let clusters = [8, 16].contains(&ctx.info().subgroup_size);
+            let positions: Vec<Vec3> =
+                rig.vec4s(&rig.frame().primary.position).into_iter().map(|p| xyz(p.to_array())).collect();
+            let expected = if clusters { sort::reference(&rig.parameters, &before, &positions) } else { before };
+            assert_eq!(after, expected, "{width}x{height}");
+        }
+    });
+}
