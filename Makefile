@@ -23,6 +23,7 @@ demo:
 test:
 	scripts/setup.sh --tests
 	cargo test --no-fail-fast
+	cargo test --features hot-reload --test gpu hot_reload
 
 test-swiftshader:
 	scripts/setup.sh --tests

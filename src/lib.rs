@@ -37,8 +37,8 @@
 //! 2. eye: [`camera_rays`](pass::camera_rays), [`trace`](pass::trace), and [`receivers`](pass::receivers) find what
 //!    the pixels see and list what is to be lit; [`schedule`](pass::schedule) turns counts into indirect dispatches,
 //!    here and everywhere.
-//! 3. For each bounce: [`shade`](pass::shade) lights the receivers by all lights, no nearer than the clip distance;
-//!    then [`gather`](pass::gather), [`trace`](pass::trace) and [`receivers`](pass::receivers) follow one short ray
+//! 3. For each bounce: [`sort`](pass::sort) brings neighbours together, [`shade`](pass::shade) lights the receivers by
+//!    all lights, no nearer than the clip distance; then [`gather`](pass::gather), [`trace`](pass::trace) and [`receivers`](pass::receivers) follow one short ray
 //!    from each for what clipping cut off, and [`collect`](pass::collect) brings its light back to the pixels.
 //! 4. [`accumulate`](pass::accumulate) adds the pass to the running sums; [`resolve`](pass::resolve) writes their
 //!    mean to an image.
