@@ -29,13 +29,25 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let eye = step.bounce == 0u;
     // The eye's pixels are taken in tiles of 8 x 8, so that neighbours on the list are neighbours in the scene.
     let tile = group.x + group.y * groups.x;
-    let tiles_x = (frame.size.x + 7u) / 8u;
-    let at = vec2<u32>(8u * (tile % tiles_x) + (lane & 7u), 8u * (tile / tiles_x) + lane / 8u);
-    let slot_in = tile * 64u + lane;
-    if select(slot_in >= atomicLoad(&work_in.live), at.x >= frame.size.x || at.y >= frame.size.y, eye) {
+    let tiles = (frame.size.xy + 7u) / 8u;
+    let at = vec2<u32>(8u * (tile % tiles.x) + (lane & 7u), 8u * (tile / tiles.x) + lane / 8u);
+    let slot = tile * 64u + lane;
+    let total = select(atomicLoad(&work_in.live), tiles.x * tiles.y * 64u, eye);
+    if slot >= total {
         return;
     }
-    let pixel = select(list_in[slot_in], at.x + at.y * frame.size.x, eye);
+    let ordered = step.fresh == 1u;
+    if ordered && slot == 0u {
+        work_out.total = total;
+    }
+    if eye && (at.x >= frame.size.x || at.y >= frame.size.y) {
+        if ordered {
+            list_out[slot] = NO_RECEIVER;
+        }
+        return;
+    }
+    // Slots of the eye may lie beyond the other list, and both sides of a select are evaluated.
+    let pixel = select(list_in[select(slot, 0u, eye)], at.x + at.y * frame.size.x, eye);
     let hit = hits[pixel];
     let triangle = bitcast<u32>(hit.w);
     let d = ray_direction[pixel].xyz;
@@ -60,8 +72,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     receiver_f0[pixel] = vec4<f32>(select(vec3<f32>(0.0), s.reflectance.f0, found), select(0.0, 1.0, glossy));
     receiver_wo[pixel] = vec4<f32>(-d, select(0.0, 1.0, lit));
     beta[pixel] = vec4<f32>(before.xyz * weight, before.w);
+    // The count does not depend on the order of the invocations; a list that is appended to does.
+    var place = slot;
     if lit {
-        let slot = atomicAdd(&work_out.live, 1u);
-        list_out[slot] = pixel;
+        let appended = atomicAdd(&work_out.live, 1u);
+        place = select(appended, slot, ordered);
+    }
+    if lit || ordered {
+        list_out[place] = select(NO_RECEIVER, pixel, lit);
     }
 }

@@ -154,7 +154,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let l_emit = lights[light].emit;
         let flags = bitcast<u32>(l_position.w);
         let surface = (flags & LIGHT_SURFACE) != 0u;
-        let dark = mean3(l_emit.xyz) <= 0.0 && (flags & LIGHT_GLOSSY) == 0u;
+        let dark = mean3(l_emit.xyz) <= 0.0 && ((flags & LIGHT_GLOSSY) == 0u || mean3(lights[light].flux.xyz) <= 0.0);
         let origin = l_position.xyz;
 
         // Rays run from the light (t = 0) to the receivers (t = 1).
@@ -253,7 +253,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                     let k_face = subgroupShuffle(side * face, k);
                     let k_depth = subgroupShuffle(side * depth, k);
                     for (var r = 0u; r < RAYS; r += 1u) {
-                        let inside = min(dot(k_n0, d[r]), min(dot(k_n1, d[r]), dot(k_n2, d[r]))) >= 0.0;
+                        // Proportional to barycentric coordinates, with the slack of a single ray's test.
+                        let b0 = dot(k_n0, d[r]);
+                        let b1 = dot(k_n1, d[r]);
+                        let b2 = dot(k_n2, d[r]);
+                        let inside = min(b0, min(b1, b2)) >= -1e-5 * (b0 + b1 + b2);
                         let blocked = inside && dot(k_face, d[r]) > k_depth;
                         alive &= ~select(0u, 1u << r, blocked);
                     }

@@ -11,8 +11,8 @@ var<immediate> push: Push;
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let run = (group.x + group.y * groups.x) * 64u + lane;
-    let live = atomicLoad(&work.live);
-    let runs = ceil_div(live, RUN);
+    let total = work.total;
+    let runs = ceil_div(total, RUN);
     if run >= runs {
         return;
     }
@@ -20,7 +20,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     for (var digit = 0u; digit < DIGITS; digit += 1u) {
         counts[digit * runs + run] = 0u;
     }
-    let end = min((run + 1u) * RUN, live);
+    let end = min((run + 1u) * RUN, total);
     for (var i = run * RUN; i < end; i += 1u) {
         let digit = (keys[i].x >> shift) & (DIGITS - 1u);
         counts[digit * runs + run] += 1u;

@@ -7,6 +7,9 @@
 @group(0) @binding(3) var<storage, read> receiver_position: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read_write> keys: array<vec2<u32>>;
 
+// Dead slots go to the end, behind all receivers.
+const DEAD_KEY: u32 = 0xffffffu;
+
 // Every third bit, for 8 bits.
 fn spread_bits(x: u32) -> u32 {
     var y = x & 0xffu;
@@ -19,12 +22,16 @@ fn spread_bits(x: u32) -> u32 {
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = (group.x + group.y * groups.x) * 64u + lane;
-    if slot >= atomicLoad(&work.live) {
+    if slot >= work.total {
         return;
     }
     let pixel = list[slot];
+    if pixel == NO_RECEIVER {
+        keys[slot] = vec2<u32>(DEAD_KEY, pixel);
+        return;
+    }
     let unit = (receiver_position[pixel].xyz - frame.bounds_min.xyz) * frame.bounds_min.w;
     let cell = vec3<u32>(clamp(unit * 256.0, vec3<f32>(0.0), vec3<f32>(255.0)));
     let code = spread_bits(cell.x) | (spread_bits(cell.y) << 1u) | (spread_bits(cell.z) << 2u);
-    keys[slot] = vec2<u32>(code, pixel);
+    keys[slot] = vec2<u32>(min(code, DEAD_KEY - 1u), pixel);
 }

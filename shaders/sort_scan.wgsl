@@ -12,7 +12,7 @@ var<immediate> push: Push;
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let stretch = (group.x + group.y * groups.x) * 64u + lane;
     let level = steps[push.step].first;
-    let length = level_length(level, atomicLoad(&work.live));
+    let length = level_length(level, work.total);
     let reach = select(DIGITS, TOP, level == 2u);
     if stretch * reach >= length {
         return;

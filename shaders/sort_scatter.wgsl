@@ -13,13 +13,13 @@ var<immediate> push: Push;
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let run = (group.x + group.y * groups.x) * 64u + lane;
-    let live = atomicLoad(&work.live);
-    let runs = ceil_div(live, RUN);
+    let total = work.total;
+    let runs = ceil_div(total, RUN);
     if run >= runs {
         return;
     }
     let step = steps[push.step];
-    let end = min((run + 1u) * RUN, live);
+    let end = min((run + 1u) * RUN, total);
     for (var i = run * RUN; i < end; i += 1u) {
         let key = keys[i];
         let slot = ((key.x >> step.first) & (DIGITS - 1u)) * runs + run;

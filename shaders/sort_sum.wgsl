@@ -12,11 +12,11 @@ var<immediate> push: Push;
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let stretch = (group.x + group.y * groups.x) * 64u + lane;
     let level = steps[push.step].first;
-    let live = atomicLoad(&work.live);
-    if stretch >= level_length(level, live) {
+    let total = work.total;
+    if stretch >= level_length(level, total) {
         return;
     }
-    let end = min((stretch + 1u) * DIGITS, level_length(level - 1u, live));
+    let end = min((stretch + 1u) * DIGITS, level_length(level - 1u, total));
     var sum = 0u;
     for (var i = stretch * DIGITS; i < end; i += 1u) {
         sum += below[i];

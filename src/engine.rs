@@ -35,7 +35,7 @@ use crate::pass::layout::PointLight;
 use crate::plan::{LightPlan, ParameterSource};
 use crate::scene::{Camera, Scene};
 use crate::scene_buffers::{SceneBuffers, delta_lights};
-use crate::settings::Settings;
+use crate::settings::{Settings, Traversal};
 
 /// Greatest number of pixels, so that products of it fit; a device's own limits on buffers mostly come first.
 const MAX_PIXELS: u64 = 1 << 26;
@@ -76,6 +76,15 @@ impl Engine {
         let mut staging = Staging::new();
         let scene_buffers =
             SceneBuffers::new(context, &mut staging, scene, &bvh, &emitters, kernels.shade_cluster.is_some())?;
+        if scene_buffers.wide_nodes.is_none() && kernels.shade_cluster.is_some() {
+            if settings.traversal == Traversal::Cluster {
+                return Err(Error::Setting {
+                    name: "--traversal",
+                    message: String::from("the scene's tree is too deep for the cluster kernel's stack; use auto"),
+                });
+            }
+            log::info!("the scene's tree is too deep for clusters; shadow rays are traced one by one");
+        }
         let frame =
             Frame::new(context, &kernels, &mut staging, &scene_buffers, &settings, &lights, &delta, camera.resolution)?;
         let parameters = ParameterSource {

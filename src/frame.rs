@@ -16,7 +16,7 @@ use crate::pass::trace::Trace;
 use crate::pass::walk_reflect::WalkReflect;
 use crate::pass::walk_start::WalkStart;
 use crate::pass::{Kernels, List, Rays, Receivers, Sums, vec4s};
-use crate::plan::{LightPlan, StepTable, cluster_steps, shade_steps, trace_steps};
+use crate::plan::{self, LightPlan, StepTable, shade_steps, trace_steps};
 use crate::scene_buffers::SceneBuffers;
 use crate::settings::Settings;
 
@@ -116,7 +116,7 @@ impl Steps {
         settings: &Settings,
         plan: &LightPlan,
         delta: &[PointLight],
-        clusters: bool,
+        clusters_in_scene: bool,
         pixels: u32,
     ) -> Steps {
         let rounds = settings.rounds;
@@ -130,41 +130,47 @@ impl Steps {
             .collect();
         let chunk_size = settings.lights_per_dispatch;
         let chunk = Step { steps: shade_steps(chunk_size, settings.loop_budget), indirect: 1, ..Step::default() };
+        let cluster_steps = plan::cluster_steps(chunk_size, settings.loop_budget);
+        let clusters = clusters_in_scene && cluster_steps >= plan::LEAST_CLUSTER_STEPS;
         let shade = plan
             .chunks(chunk_size, plan.survivors.len())
             .iter()
             .map(|&(first, end)| {
-                let mut rounds = table.add_rounds(rounds, Step { first, end, fresh: u32::from(first == 0), ..chunk });
+                let chunk = Step { first, end, fresh: u32::from(first == 0), ..chunk };
                 // Parallel light comes from no place.
-                let places = delta.iter().take(end as usize).skip(first as usize);
-                let clusters = clusters && !places.into_iter().any(|l| l.flags() & PointLight::DIRECTIONAL != 0);
-                if clusters {
-                    let steps = cluster_steps(chunk_size, settings.loop_budget);
-                    let first_round = table.steps[rounds[0] as usize];
-                    rounds[0] = table.add(Step { steps, ..first_round });
+                let mut places = delta.iter().take(end as usize).skip(first as usize);
+                let clusters = clusters && !places.any(|l| l.flags() & PointLight::DIRECTIONAL != 0);
+                if !clusters {
+                    return Chunk { rounds: table.add_rounds(rounds, chunk), clusters };
                 }
-                Chunk { rounds, clusters }
+                // What clusters leave over has all rounds of the single rays still before it.
+                let together = table.add(Step { steps: cluster_steps, ..chunk });
+                let one_by_one = (1..=rounds)
+                    .map(|round| table.add(Step { round, fresh: 0, last: u32::from(round == rounds), ..chunk }));
+                Chunk { rounds: [together].into_iter().chain(one_by_one).collect(), clusters }
             })
             .collect();
-        let depth = settings.max_depth;
+        let (depth, sorts) = (settings.max_depth, clusters_in_scene);
         let clips =
             !matches!(settings.clip, crate::settings::Clip::Distance(0.0) | crate::settings::Clip::Fraction(0.0));
         let bounces = if settings.compensation && clips { depth } else { 1 };
         let bounces = (0..bounces)
-            .map(|bounce| BounceSteps {
-                gather: table.add(Step { bounce: bounce.max(1) - 1, indirect: 1, ..Step::default() }),
-                receivers: table.add(Step {
-                    bounce,
-                    end: pixels,
-                    indirect: u32::from(bounce > 0),
-                    last: u32::from(bounce + 1 == depth),
-                    ..Step::default()
-                }),
+            .map(|bounce| {
                 // Eye segment, `bounce` gather rays, shadow ray and j reflections are bounce + j + 2 segments.
-                chunks: match (depth as usize).checked_sub(bounce as usize + 2) {
-                    Some(reflections) => plan.chunks(chunk_size, reflections).len(),
-                    None => 0,
-                },
+                let reflections = (depth as usize).checked_sub(bounce as usize + 2);
+                let chunks = reflections.map_or(0, |j| plan.chunks(chunk_size, j).len());
+                BounceSteps {
+                    gather: table.add(Step { bounce: bounce.max(1) - 1, indirect: 1, ..Step::default() }),
+                    receivers: table.add(Step {
+                        bounce,
+                        end: pixels,
+                        indirect: u32::from(bounce > 0),
+                        last: u32::from(bounce + 1 == depth),
+                        fresh: u32::from(sorts && chunks > 0),
+                        ..Step::default()
+                    }),
+                    chunks,
+                }
             })
             .collect();
         Steps {
@@ -210,6 +216,8 @@ impl Frame {
         (film, image): (Film, Image),
     ) -> Result<Frame> {
         let pixels = image.width() * image.height();
+        // The eye's receivers are listed in whole tiles.
+        let slots = image.width().div_ceil(8) * image.height().div_ceil(8) * 64;
         let mut table = StepTable::default();
         let steps = Steps::new(&mut table, settings, plan, delta, scene.wide_nodes.is_some(), pixels);
         let step_buffer = staging.stage(context, "steps", &table.steps)?;
@@ -230,7 +238,7 @@ impl Frame {
         let beta = vec4s(context, "beta", pixels)?;
 
         // Receivers of a bounce are listed while those of the one before are still needed, so two lists take turns.
-        let list_pixels = [0, 1].map(|i| device(&format!("list {i}"), 4 * u64::from(pixels)));
+        let list_pixels = [0, 1].map(|i| device(&format!("list {i}"), 4 * u64::from(slots)));
         let [even, odd] = list_pixels;
         let list_pixels = [even?, odd?];
         let lists: Vec<List> = (0..steps.bounces.len())
@@ -259,7 +267,10 @@ impl Frame {
                 },
             )
         };
-        let sort_buffers = SortBuffers::new(context, pixels)?;
+        let sort_buffers = match &scene.wide_nodes {
+            Some(_) => Some(SortBuffers::new(context, slots)?),
+            None => None,
+        };
         let bounces = (0..steps.bounces.len())
             .map(|b| {
                 let (receivers, sums) = if b == 0 { (&primary, &pixel_sums) } else { (&gathered, &gathered_sums) };
@@ -297,9 +308,9 @@ impl Frame {
                 };
                 let lit = steps.bounces[b].chunks > 0;
                 let shade = if lit { Some(Shade::new(kernels, &inputs)?) } else { None };
-                let sort = match &shade {
-                    Some(shade) if shade.has_clusters() => {
-                        Some(Sort::new(kernels, &parameters, list, receivers, &sort_buffers, &step_buffer)?)
+                let sort = match (&shade, &sort_buffers) {
+                    (Some(_), Some(buffers)) => {
+                        Some(Sort::new(kernels, &parameters, list, receivers, buffers, &step_buffer)?)
                     }
                     _ => None,
                 };
@@ -411,7 +422,17 @@ impl Frame {
             self.steps.bounces[0].receivers,
             Some([self.image.width(), self.image.height()]),
         )?;
-        self.bounces[0].schedule.record(rec, self.steps.list)
+        self.record_list(rec, 0)
+    }
+
+    /// The list of a bounce's receivers is complete: its length becomes dispatches, and neighbours are brought together.
+    fn record_list(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
+        let bounce = &self.bounces[bounce];
+        bounce.schedule.record(rec, self.steps.list)?;
+        match &bounce.sort {
+            Some(sort) => rec.scope("sort", |rec| sort.record(rec, &self.steps.sort)),
+            None => Ok(()),
+        }
     }
 
     /// Short rays from the receivers of the bounce before find those of this one.
@@ -421,18 +442,13 @@ impl Frame {
         arrive.gather.record(rec, steps.gather)?;
         arrive.trace.record(rec, &self.steps.gather_trace, None)?;
         arrive.receivers.record(rec, steps.receivers, None)?;
-        self.bounces[bounce].schedule.record(rec, self.steps.list)
+        self.record_list(rec, bounce)
     }
 
     /// The receivers of this bounce are lit.
     pub fn record_shade(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
         match &self.bounces[bounce].shade {
-            Some(shade) => {
-                if let Some(sort) = &self.bounces[bounce].sort {
-                    rec.scope("sort", |rec| sort.record(rec, &self.steps.sort))?;
-                }
-                shade.record(rec, &self.steps.shade[..self.steps.bounces[bounce].chunks])
-            }
+            Some(shade) => shade.record(rec, &self.steps.shade[..self.steps.bounces[bounce].chunks]),
             None => Ok(()),
         }
     }

@@ -9,7 +9,7 @@ fn ceil_div(a: u32, b: u32) -> u32 {
 }
 
 // Length of a level: 0 the counts of all digits in all runs, 1 and 2 sums over stretches of the level below.
-fn level_length(level: u32, live: u32) -> u32 {
-    let runs = ceil_div(live, RUN);
+fn level_length(level: u32, total: u32) -> u32 {
+    let runs = ceil_div(total, RUN);
     return select(select(ceil_div(runs, DIGITS), runs, level == 1u), runs * DIGITS, level == 0u);
 }

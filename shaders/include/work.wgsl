@@ -4,10 +4,15 @@
 struct Work {
     live: atomic<u32>,          // receivers in the list
     unfinished: atomic<u32>,    // rays of the present round that ran out of steps
-    reserved: vec2<u32>,
+    total: u32,                 // slots of a list that is still to be sorted, dead ones included
+    reserved: u32,
     list_groups: vec4<u32>,     // indirect dispatch: one invocation for each receiver in the list
     round_groups: vec4<u32>,    // indirect dispatch: the next round; 0 when no ray needs it
+    total_groups: vec4<u32>,    // indirect dispatch: one invocation for each slot
 }
+
+// A slot of an unsorted list that holds no receiver.
+const NO_RECEIVER: u32 = 0xffffffffu;
 
 // What one dispatch does; fixed when the frame is built.
 struct Step {
@@ -18,7 +23,7 @@ struct Step {
     steps: u32,                 // traversal steps of one ray in this round
     last: u32,                  // 1: the last round (rays left over are lost), or the last bounce
     indirect: u32,              // 1: the receivers come from the list
-    fresh: u32,                 // 1: sums start at zero
+    fresh: u32,                 // 1: sums start at zero; for receivers, 1: the list keeps the order of its rays, to be sorted
 }
 
 struct Push {

@@ -113,7 +113,8 @@ impl WideBvh {
             subtrees.push(Subtree {
                 first: leaf >> 3,
                 triangles: leaf & 7,
-                area: x * y + y * z + z * x,
+                // Areas of huge scenes overflow; any order of huge costs will do.
+                area: (x * y + y * z + z * x).min(1e30).max(0.0),
                 cost: [0.0; WIDTH],
                 left: [0; WIDTH],
                 leaf: true,
@@ -146,7 +147,7 @@ impl WideBvh {
             let first = subtrees[l].first;
             let s = &mut subtrees[i];
             (s.first, s.triangles, s.cost, s.left) = (first, triangles, cost, lefts);
-            s.leaf = as_leaf <= area + inner;
+            s.leaf = triangles <= MAX_LEAF && as_leaf <= area + inner;
         }
         subtrees
     }

@@ -28,7 +28,8 @@ pub struct Statistics {
     pub passes: u32,
     /// Passes that this run rendered; fewer than `passes` after a resume.
     pub passes_rendered: u32,
-    /// Rays traced by this run.
+    /// Eye and gather rays and receiver-light pairs of this run. Pairs that face away from each other count, though no
+    /// ray is traced for them.
     pub rays: u64,
     /// Rays for each second of stage "render".
     pub rays_per_second: f64,

@@ -43,12 +43,16 @@ pub struct Work {
     pub live: u32,
     /// Rays that ran out of steps in the present round.
     pub unfinished: u32,
+    /// Slots of a list that is still to be sorted, dead ones included.
+    pub total: u32,
     /// Unused.
-    pub reserved: [u32; 2],
+    pub reserved: u32,
     /// Groups for one invocation a receiver.
     pub list_groups: [u32; 4],
     /// Groups for the next round.
     pub round_groups: [u32; 4],
+    /// Groups for one invocation a slot.
+    pub total_groups: [u32; 4],
 }
 
 /// What one dispatch does.
@@ -69,7 +73,7 @@ pub struct Step {
     pub last: u32,
     /// 1: work comes from the list.
     pub indirect: u32,
-    /// 1: sums start at zero.
+    /// 1: sums start at zero; for receivers, 1: the list keeps the order of its rays, to be sorted.
     pub fresh: u32,
 }
 

@@ -1,4 +1,5 @@
-//! The passes of a frame, one file each with its shader of the same stem, in the order of `frame.rs`.
+//! The passes of a frame, one file each with its shader of the same stem (`shade` has a second one, `sort` one for each of
+//! its steps), in the order of `frame.rs`.
 //!
 //! A pass file reads: what it computes and from which equation, its named inputs and outputs, `record`, and `reference`,
 //! the CPU oracle that the tests hold the shader against.
@@ -23,7 +24,7 @@ use crate::error::{Error, Result};
 use crate::gpu::{Buffer, Context, Kernel, Memory, shaders};
 use crate::settings::Traversal;
 
-/// Invocations of a workgroup, in every pass but `schedule`.
+/// Invocations of a workgroup, in every pass but `schedule` and the cluster form of `shade`.
 pub const GROUP: u64 = 64;
 
 /// Workgroups for `count` invocations.

@@ -14,6 +14,9 @@ pub const LIST_GROUPS: u64 = std::mem::offset_of!(Work, list_groups) as u64;
 /// Byte offset of [`Work::round_groups`].
 pub const ROUND_GROUPS: u64 = std::mem::offset_of!(Work, round_groups) as u64;
 
+/// Byte offset of [`Work::total_groups`].
+pub const TOTAL_GROUPS: u64 = std::mem::offset_of!(Work, total_groups) as u64;
+
 /// The pass over one [`Work`].
 pub struct Schedule {
     kernel: Kernel,
@@ -45,5 +48,6 @@ pub fn reference(work: &Work, step: &Step) -> (Work, u32) {
     let again = if step.indirect == 1 { list_groups } else { spread(step.end) };
     let round_groups = if work.unfinished > 0 { again } else { [0, 1, 1, 0] };
     let lost = if step.last == 1 { work.unfinished } else { 0 };
-    (Work { unfinished: 0, list_groups, round_groups, ..*work }, lost)
+    let total_groups = spread(work.total);
+    (Work { unfinished: 0, list_groups, round_groups, total_groups, ..*work }, lost)
 }

@@ -23,6 +23,10 @@ fn main() -> ExitCode {
     log_to_stderr(arguments.verbose);
     let result = match &arguments.command {
         Some(Command::Render(render)) if !render.list_devices => render::run(render),
+        None if !arguments.list_devices => {
+            say_aside("error: nothing to do: give a command, such as render, or --list-devices; --help explains");
+            return ExitCode::from(2);
+        }
         _ => list_devices(),
     };
     match result {

@@ -112,15 +112,12 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
         log::info!("{}: going on after {} passes", path.display(), state.passes);
     }
 
-    let passes_before = renderer.passes();
     let (rendering, error) = passes(&mut renderer, &stop, &interrupted)?;
-    let (passes, seconds) = (renderer.passes(), rendering.as_secs_f64());
+    let passes = renderer.passes();
     let broken_off = interrupted.load(Ordering::Relaxed);
     if passes == 0 {
         return Err(Error::Interrupted);
     }
-    job.stages.push(("render".into(), seconds));
-
     let start = Instant::now();
     let statistics = renderer.statistics();
     // A failure to write one file must not cost the others.
@@ -130,14 +127,13 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
     }
     job.stages.push(("write".into(), start.elapsed().as_secs_f64()));
     if let Some(path) = &args.output.stats {
-        let stages = job.stages[..2].iter().chain(&statistics.stages).chain(&job.stages[2..]).cloned().collect();
-        let rays_per_second = if seconds > 0.0 { statistics.rays as f64 / seconds } else { 0.0 };
+        // In between stands what the renderer knows: its own set-up, and all passes, those of --export-lights included.
+        let (before, after) = job.stages.split_at(job.stages.len().min(2));
+        let stages = before.iter().chain(&statistics.stages).chain(after).cloned().collect();
         let statistics = Statistics {
             scene: job.name.clone(),
             resolution: job.camera.resolution,
             passes,
-            passes_rendered: passes - passes_before,
-            rays_per_second,
             error_estimate: error,
             stages,
             ..statistics
@@ -231,6 +227,7 @@ pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {
         "seed": s.seed,
         "lights_per_dispatch": s.lights_per_dispatch,
         "rounds": s.rounds,
+        "traversal": format!("{:?}", s.traversal),
     });
     Metadata {
         software: concat!("lightsum ", env!("CARGO_PKG_VERSION")).into(),
