@@ -46,7 +46,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var position = e.p0.xyz;
     var normal = axis;
     let disc = sqrt(u0);
-    let around = 2.0 * PI * u1;
+    let around = unit_circle(u1);
     switch kind {
         case EMITTER_TRIANGLE: {
             let s = sqrt(1.0 - u0);
@@ -66,7 +66,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             normal = vec3<f32>(0.0, 0.0, 1.0);
         }
         case EMITTER_DIRECTIONAL: {
-            position += e.e1.xyz * (disc * cos(around)) + e.e2.xyz * (disc * sin(around));
+            position += e.e1.xyz * (disc * around.x) + e.e2.xyz * (disc * around.y);
         }
         default: {
         }
@@ -90,15 +90,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             let s3 = clamp(1.0 - (x - full) / max(ramp, 1e-20), 0.0, 1.0);
             let c = select(outer + pow(s3, 1.0 / 3.0) * (inner - outer), 1.0 - x, x < full);
             let s = sqrt(max(1.0 - c * c, 0.0));
-            let phi = 2.0 * PI * leave.y;
-            direction = s * (cos(phi) * tangents[0] + sin(phi) * tangents[1]) + c * normal;
+            let p = unit_circle(leave.y);
+            direction = s * (p.x * tangents[0] + p.y * tangents[1]) + c * normal;
         }
         case EMITTER_DIRECTIONAL: {
         }
         default: {
             let s = sqrt(leave.x);
-            let phi = 2.0 * PI * leave.y;
-            direction = s * (cos(phi) * tangents[0] + sin(phi) * tangents[1]) + sqrt(1.0 - leave.x) * normal;
+            let p = unit_circle(leave.y);
+            direction = s * (p.x * tangents[0] + p.y * tangents[1]) + sqrt(1.0 - leave.x) * normal;
         }
     }
 

@@ -59,8 +59,8 @@ struct LobeSample {
 // (Heitz 2018). The caller drops directions below the surface.
 fn sample_lobe(r: Reflectance, diffuse: bool, p_diffuse: f32, n: vec3<f32>, wo: vec3<f32>, u: f32, v: f32) -> LobeSample {
     let frame_n = basis(n);
-    let phi = 2.0 * PI * v;
-    let direction = sqrt(u) * (cos(phi) * frame_n[0] + sin(phi) * frame_n[1]) + sqrt(max(1.0 - u, 0.0)) * n;
+    let circle = unit_circle(v);
+    let direction = sqrt(u) * (circle.x * frame_n[0] + circle.y * frame_n[1]) + sqrt(max(1.0 - u, 0.0)) * n;
     var s = LobeSample(direction, r.kd / max(p_diffuse, 1e-6));
     for (var i = select(1u, 0u, diffuse); i > 0u; i -= 1u) {
         let local = vec3<f32>(dot(wo, frame_n[0]), dot(wo, frame_n[1]), dot(wo, n));
@@ -70,9 +70,9 @@ fn sample_lobe(r: Reflectance, diffuse: bool, p_diffuse: f32, n: vec3<f32>, wo: 
         let t1 = select(vec3<f32>(1.0, 0.0, 0.0), vec3<f32>(-vh.y, vh.x, 0.0) / sqrt(max(length2, 1e-30)), length2 > 1e-12);
         let t2 = cross(vh, t1);
         let radius = sqrt(u);
-        let p1 = radius * cos(phi);
+        let p1 = radius * circle.x;
         let blend = 0.5 * (1.0 + vh.z);
-        let p2 = (1.0 - blend) * sqrt(max(1.0 - p1 * p1, 0.0)) + blend * radius * sin(phi);
+        let p2 = (1.0 - blend) * sqrt(max(1.0 - p1 * p1, 0.0)) + blend * radius * circle.y;
         let nh = p1 * t1 + p2 * t2 + sqrt(max(1.0 - p1 * p1 - p2 * p2, 0.0)) * vh;
         let ne = vec3<f32>(r.alpha * nh.x, r.alpha * nh.y, max(nh.z, 1e-7));
         let m = ne / sqrt(dot(ne, ne));

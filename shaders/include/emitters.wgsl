@@ -20,6 +20,5 @@ const EMITTER_VIRTUAL: u32 = 6u;
 fn uniform_sphere(u: f32, v: f32) -> vec3<f32> {
     let z = 1.0 - 2.0 * u;
     let r = sqrt(max(1.0 - z * z, 0.0));
-    let phi = 2.0 * PI * v;
-    return vec3<f32>(r * cos(phi), r * sin(phi), z);
+    return vec3<f32>(r * unit_circle(v), z);
 }

@@ -57,6 +57,14 @@ fn rotate(x: f32, shift: f32) -> f32 {
     return select(sum, sum - 1.0, sum >= 1.0);
 }
 
+// The point of the unit circle at 2 pi v, v in [0, 1). Vulkan promises sine and cosine to 2^-11 between -pi and pi alone, so
+// the angle is taken there, and the length is restored.
+fn unit_circle(v: f32) -> vec2<f32> {
+    let phi = 2.0 * PI * (v - select(0.0, 1.0, v > 0.5));
+    let p = vec2<f32>(cos(phi), sin(phi));
+    return p / sqrt(dot(p, p));
+}
+
 // Tangent and bitangent of a unit vector (Duff et al. 2017).
 fn basis(n: vec3<f32>) -> array<vec3<f32>, 2> {
     let s = select(1.0, -1.0, n.z < 0.0);

@@ -113,8 +113,8 @@ impl WideBvh {
             subtrees.push(Subtree {
                 first: leaf >> 3,
                 triangles: leaf & 7,
-                // Areas of huge scenes overflow; any order of huge costs will do.
-                area: (x * y + y * z + z * x).min(1e30).max(0.0),
+                // Areas of huge scenes overflow; any order among huge costs will do.
+                area: Some(x * y + y * z + z * x).filter(|a| a.is_finite()).unwrap_or(1e30),
                 cost: [0.0; WIDTH],
                 left: [0; WIDTH],
                 leaf: true,
