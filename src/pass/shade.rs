@@ -84,51 +84,33 @@ impl Shade {
     pub fn new(kernels: &Kernels, inputs: &Inputs) -> Result<Self> {
         let kernel = kernels.shade.clone();
         let (scene, receivers) = (inputs.scene, inputs.receivers);
-        let bindings = kernel.bind(&[
-            ("frame", inputs.frame.into()),
-            ("node_min", (&scene.node_min).into()),
-            ("node_max", (&scene.node_max).into()),
-            ("triangle_v0", (&scene.v0).into()),
-            ("triangle_e1", (&scene.e1).into()),
-            ("triangle_e2", (&scene.e2).into()),
-            ("receiver_position", (&receivers.position).into()),
-            ("receiver_geometric", (&receivers.geometric).into()),
-            ("receiver_shading", (&receivers.shading).into()),
-            ("receiver_f0", (&receivers.f0).into()),
-            ("receiver_wo", (&receivers.wo).into()),
-            ("lights", inputs.lights.into()),
-            ("list", (&inputs.list.pixels).into()),
-            ("work", (&inputs.list.work).into()),
-            ("steps", inputs.steps.into()),
-            ("progress", (&inputs.rays.progress).into()),
-            ("direct", (&inputs.sums.direct).into()),
-            ("indirect", (&inputs.sums.indirect).into()),
-            ("specular", (&inputs.sums.specular).into()),
-        ])?;
+        // The kernels differ in the tree that they walk.
+        let bind = |kernel: &Kernel, tree: &[(&'static str, &Buffer)]| {
+            let mut named = vec![
+                ("frame", inputs.frame.into()),
+                ("triangle_v0", (&scene.v0).into()),
+                ("triangle_e1", (&scene.e1).into()),
+                ("triangle_e2", (&scene.e2).into()),
+                ("receiver_position", (&receivers.position).into()),
+                ("receiver_geometric", (&receivers.geometric).into()),
+                ("receiver_shading", (&receivers.shading).into()),
+                ("receiver_f0", (&receivers.f0).into()),
+                ("receiver_wo", (&receivers.wo).into()),
+                ("lights", inputs.lights.into()),
+                ("list", (&inputs.list.pixels).into()),
+                ("work", (&inputs.list.work).into()),
+                ("steps", inputs.steps.into()),
+                ("progress", (&inputs.rays.progress).into()),
+                ("direct", (&inputs.sums.direct).into()),
+                ("indirect", (&inputs.sums.indirect).into()),
+                ("specular", (&inputs.sums.specular).into()),
+            ];
+            named.extend(tree.iter().map(|&(name, buffer)| (name, buffer.into())));
+            kernel.bind(&named)
+        };
+        let bindings = bind(&kernel, &[("node_min", &scene.node_min), ("node_max", &scene.node_max)])?;
         let cluster = match (&kernels.shade_cluster, &scene.wide_nodes) {
-            (Some(kernel), Some(wide_nodes)) => {
-                let named = &[
-                    ("frame", inputs.frame.into()),
-                    ("wide_nodes", wide_nodes.into()),
-                    ("triangle_v0", (&scene.v0).into()),
-                    ("triangle_e1", (&scene.e1).into()),
-                    ("triangle_e2", (&scene.e2).into()),
-                    ("receiver_position", (&receivers.position).into()),
-                    ("receiver_geometric", (&receivers.geometric).into()),
-                    ("receiver_shading", (&receivers.shading).into()),
-                    ("receiver_f0", (&receivers.f0).into()),
-                    ("receiver_wo", (&receivers.wo).into()),
-                    ("lights", inputs.lights.into()),
-                    ("list", (&inputs.list.pixels).into()),
-                    ("work", (&inputs.list.work).into()),
-                    ("steps", inputs.steps.into()),
-                    ("progress", (&inputs.rays.progress).into()),
-                    ("direct", (&inputs.sums.direct).into()),
-                    ("indirect", (&inputs.sums.indirect).into()),
-                    ("specular", (&inputs.sums.specular).into()),
-                ];
-                Some((kernel.clone(), kernel.bind(named)?))
-            }
+            (Some(kernel), Some(wide_nodes)) => Some((kernel.clone(), bind(kernel, &[("wide_nodes", wide_nodes)])?)),
             _ => None,
         };
         let schedule = Schedule::new(kernels, &inputs.list.work, inputs.steps, inputs.status)?;
