@@ -350,6 +350,6 @@ fn time_and_target_error_end_a_rendering() {
     assert!((2..100_000).contains(&passes), "{passes}");
     let by_time = stats("--time 0.5 --passes 1000000");
     let seconds = by_time["stages"]["render"].as_f64().unwrap_or_default();
-    // The pass that runs when time is up is finished.
-    assert!((0.5..30.0).contains(&seconds) && by_time["passes"].as_u64() < Some(1_000_000), "{by_time}");
+    // The pass that runs when time is up is finished. The stage holds the passes alone, not the estimates between them.
+    assert!((0.25..30.0).contains(&seconds) && by_time["passes"].as_u64() < Some(1_000_000), "{by_time}");
 }
