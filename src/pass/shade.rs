@@ -27,7 +27,7 @@
 //! Visibility is the same but for rays within rounding of a triangle's edge or plane.
 //!
 //! Cost: for each receiver-light pair that faces each other one shadow ray (as in `trace`, any hit ends it; in clusters a
-//! third to a fifth of that) and some 60 operations; grows linearly with receivers and lights.
+//! third to a quarter of that) and some 60 operations; grows linearly with receivers and lights.
 
 use glam::Vec3;
 
