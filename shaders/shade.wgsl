@@ -1,4 +1,5 @@
 // Light from every point light of a chunk, with shadows. See pass/shade.rs.
+// VISIBILITY: only counts the lights that each receiver sees. See pass/visibility.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "bvh.wgsl"
@@ -9,17 +10,24 @@
 
 @group(0) @binding(6) var<storage, read> receiver_position: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> receiver_geometric: array<vec4<f32>>;
+#if VISIBILITY
+#else
 @group(0) @binding(8) var<storage, read> receiver_shading: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read> receiver_f0: array<vec4<f32>>;
 @group(0) @binding(10) var<storage, read> receiver_wo: array<vec4<f32>>;
+#endif
 @group(0) @binding(11) var<storage, read> lights: array<PointLight>;
 @group(0) @binding(12) var<storage, read> list: array<u32>;
 @group(0) @binding(13) var<storage, read_write> work: Work;
 @group(0) @binding(14) var<storage, read> steps: array<Step>;
 @group(0) @binding(15) var<storage, read_write> progress: array<vec2<u32>>;
+#if VISIBILITY
+@group(0) @binding(16) var<storage, read_write> visible: array<u32>;
+#else
 @group(0) @binding(16) var<storage, read_write> direct: array<vec4<f32>>;
 @group(0) @binding(17) var<storage, read_write> indirect: array<vec4<f32>>;
 @group(0) @binding(18) var<storage, read_write> specular: array<vec4<f32>>;
+#endif
 var<immediate> push: Push;
 
 @compute @workgroup_size(64)
@@ -40,6 +48,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let origin = receiver_position[pixel].xyz;
     let geometric = receiver_geometric[pixel];
+#if VISIBILITY
+    var seen = select(0u, visible[pixel], step.fresh == 0u);
+#else
     let shading = receiver_shading[pixel];
     let f0 = receiver_f0[pixel];
     let wo = receiver_wo[pixel].xyz;
@@ -47,9 +58,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var e_direct = select(vec3<f32>(0.0), direct[pixel].xyz, step.fresh == 0u);
     var e_indirect = select(vec3<f32>(0.0), indirect[pixel].xyz, step.fresh == 0u);
     var l_specular = select(vec3<f32>(0.0), specular[pixel].xyz, step.fresh == 0u);
+#endif
 
     while light < step.end {
         let l_position = lights[light].position;
+#if VISIBILITY
+        let d = l_position.xyz - origin;
+        let lit = dot(d, geometric.xyz) > 0.0;
+#else
         let l_normal = lights[light].normal;
         let l_emit = lights[light].emit;
         let l_f0 = lights[light].f0;
@@ -71,6 +87,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         }
         let cos_receiver = dot(wi, shading.xyz);
         let lit = cos_receiver > 0.0 && dot(wi, geometric.xyz) > 0.0 && mean3(intensity) > 0.0 && r2 > 0.0;
+#endif
 
         // Shadow ray from the receiver (t = 0) to the light (t = 1): any triangle strictly between blocks it.
         let inverse = safe_inverse(d);
@@ -97,6 +114,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         }
         node = 0u;
 
+#if VISIBILITY
+        seen += select(0u, 1u, lit && !blocked);
+#else
         let clip2 = select(0.0, frame.right.w, (flags & LIGHT_CLIPPED) != 0u);
         let falloff = select(1.0 / max(max(r2, clip2), 1e-37), 1.0, parallel);
         let e = intensity * select(0.0, cos_receiver * falloff, lit && !blocked);
@@ -107,11 +127,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             let lobe = Reflectance(vec3<f32>(0.0), geometric.w, f0.xyz, shading.w);
             l_specular += e * eval_specular(lobe, shading.xyz, wo, wi);
         }
+#endif
         light += 1u;
     }
+#if VISIBILITY
+    visible[pixel] = seen;
+#else
     direct[pixel] = vec4<f32>(e_direct, 0.0);
     indirect[pixel] = vec4<f32>(e_indirect, 0.0);
     specular[pixel] = vec4<f32>(l_specular, 0.0);
+#endif
     progress[pixel] = vec2<u32>(light, node);
     if light < step.end {
         atomicAdd(&work.unfinished, 1u);

@@ -1,5 +1,6 @@
 // As shade.wgsl, for 64 receivers at once: a subgroup walks the tree for a whole cluster and one light.
 // See pass/shade.rs.
+// VISIBILITY: only counts the lights that each receiver sees. See pass/visibility.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -13,17 +14,24 @@
 @group(0) @binding(5) var<storage, read> triangle_e2: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read> receiver_position: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> receiver_geometric: array<vec4<f32>>;
+#if VISIBILITY
+#else
 @group(0) @binding(8) var<storage, read> receiver_shading: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read> receiver_f0: array<vec4<f32>>;
 @group(0) @binding(10) var<storage, read> receiver_wo: array<vec4<f32>>;
+#endif
 @group(0) @binding(11) var<storage, read> lights: array<PointLight>;
 @group(0) @binding(12) var<storage, read> list: array<u32>;
 @group(0) @binding(13) var<storage, read_write> work: Work;
 @group(0) @binding(14) var<storage, read> steps: array<Step>;
 @group(0) @binding(15) var<storage, read_write> progress: array<vec2<u32>>;
+#if VISIBILITY
+@group(0) @binding(16) var<storage, read_write> visible: array<u32>;
+#else
 @group(0) @binding(16) var<storage, read_write> direct: array<vec4<f32>>;
 @group(0) @binding(17) var<storage, read_write> indirect: array<vec4<f32>>;
 @group(0) @binding(18) var<storage, read_write> specular: array<vec4<f32>>;
+#endif
 var<immediate> push: Push;
 
 // Lanes of the subgroup, and rays that each lane holds: 64 together.
@@ -81,6 +89,8 @@ fn shaft_meets(shaft: Shaft, lo: vec3<f32>, hi: vec3<f32>) -> bool {
     return all(lo <= shaft.hi) && all(hi >= shaft.lo) && t_near <= t_far;
 }
 
+#if VISIBILITY
+#else
 // What a visible light gives to a receiver by way of specular lobes: returns the irradiance that the light's own lobe adds,
 // and adds what the receiver's lobe reflects to `specular`.
 fn add_lobes(light: u32, p: u32, clip2: f32) -> vec3<f32> {
@@ -104,6 +114,7 @@ fn add_lobes(light: u32, p: u32, clip2: f32) -> vec3<f32> {
     specular[p] += vec4<f32>(select(vec3<f32>(0.0), (plain + extra) * factor * reflected, f0.w > 0.0), 0.0);
     return extra * factor;
 }
+#endif
 
 #if LANES16
 @compute @workgroup_size(16)
@@ -120,21 +131,28 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 
     var position: array<vec3<f32>, RAYS>;
     var geometric: array<vec3<f32>, RAYS>;
-    var shading: array<vec3<f32>, RAYS>;
     var pixel: array<u32, RAYS>;
-    var sum: array<vec3<f32>, RAYS>;
     var present = 0u;
+#if VISIBILITY
+    var seen: array<u32, RAYS>;
+#else
+    var shading: array<vec3<f32>, RAYS>;
+    var sum: array<vec3<f32>, RAYS>;
     var glossy = 0u;
     // The lights of a chunk have equally many reflections behind them.
     let first_bounce = lights[step.first].f0.w == 0.0;
+#endif
     for (var r = 0u; r < RAYS; r += 1u) {
         let slot = cluster * 64u + r * LANES + lane;
         let p = list[min(slot, live - 1u)];
         pixel[r] = p;
         position[r] = receiver_position[p].xyz;
         geometric[r] = receiver_geometric[p].xyz;
-        shading[r] = receiver_shading[p].xyz;
         present |= select(0u, 1u << r, slot < live);
+#if VISIBILITY
+        seen[r] = select(visible[p], 0u, step.fresh == 1u);
+#else
+        shading[r] = receiver_shading[p].xyz;
         glossy |= select(0u, 1u << r, slot < live && receiver_f0[p].w > 0.0);
         if step.fresh == 1u && slot < live {
             direct[p] = vec4<f32>(0.0);
@@ -142,6 +160,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             specular[p] = vec4<f32>(0.0);
         }
         sum[r] = select(indirect[p].xyz, direct[p].xyz, first_bounce) * select(1.0, 0.0, step.fresh == 1u);
+#endif
     }
 
     var stack: array<u32, STACK>;
@@ -150,12 +169,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var light = step.first;
     while light < step.end && left > 0u {
         let l_position = lights[light].position;
+        let origin = l_position.xyz;
+#if VISIBILITY
+#else
         let l_normal = lights[light].normal;
         let l_emit = lights[light].emit;
         let flags = bitcast<u32>(l_position.w);
         let surface = (flags & LIGHT_SURFACE) != 0u;
         let dark = mean3(l_emit.xyz) <= 0.0 && ((flags & LIGHT_GLOSSY) == 0u || mean3(lights[light].flux.xyz) <= 0.0);
-        let origin = l_position.xyz;
+#endif
 
         // Rays run from the light (t = 0) to the receivers (t = 1).
         var d: array<vec3<f32>, RAYS>;
@@ -165,9 +187,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         var hi = vec3<f32>(-3.0e38);
         for (var r = 0u; r < RAYS; r += 1u) {
             d[r] = position[r] - origin;
+#if VISIBILITY
+            let lit = dot(d[r], geometric[r]) < 0.0 && ((present >> r) & 1u) != 0u;
+#else
             let faces = dot(d[r], geometric[r]) < 0.0 && dot(d[r], shading[r]) < 0.0;
             let reaches = !surface || dot(d[r], l_normal.xyz) > 0.0;
             let lit = faces && reaches && !dark && ((present >> r) & 1u) != 0u;
+#endif
             alive |= select(0u, 1u << r, lit);
             lo = select(lo, min(lo, d[r]), lit);
             hi = select(hi, max(hi, d[r]), lit);
@@ -269,6 +295,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             break;
         }
 
+#if VISIBILITY
+        for (var r = 0u; r < RAYS; r += 1u) {
+            seen[r] += (alive >> r) & 1u;
+        }
+#else
         let clip2 = select(0.0, frame.right.w, (flags & LIGHT_CLIPPED) != 0u);
         for (var r = 0u; r < RAYS; r += 1u) {
             let r2 = dot(d[r], d[r]);
@@ -287,16 +318,21 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 sum[r] += select(vec3<f32>(0.0), extra, r == ray);
             }
         }
+#endif
         light += 1u;
     }
     for (var r = 0u; r < RAYS; r += 1u) {
         if ((present >> r) & 1u) != 0u {
             let p = pixel[r];
+#if VISIBILITY
+            visible[p] = seen[r];
+#else
             if first_bounce {
                 direct[p] = vec4<f32>(sum[r], 0.0);
             } else {
                 indirect[p] = vec4<f32>(sum[r], 0.0);
             }
+#endif
             progress[p] = vec2<u32>(light, 0u);
             if light < step.end {
                 atomicAdd(&work.unfinished, 1u);

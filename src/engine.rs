@@ -75,8 +75,8 @@ impl Engine {
         let kernels = Kernels::new(context, settings.traversal)?;
         let mut staging = Staging::new();
         let scene_buffers =
-            SceneBuffers::new(context, &mut staging, scene, &bvh, &emitters, kernels.shade_cluster.is_some())?;
-        if scene_buffers.wide_nodes.is_none() && kernels.shade_cluster.is_some() {
+            SceneBuffers::new(context, &mut staging, scene, &bvh, &emitters, kernels.shade.cluster.is_some())?;
+        if scene_buffers.wide_nodes.is_none() && kernels.shade.cluster.is_some() {
             if settings.traversal == Traversal::Cluster {
                 return Err(Error::Setting {
                     name: "--traversal",

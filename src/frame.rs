@@ -16,7 +16,7 @@ use crate::pass::trace::Trace;
 use crate::pass::walk_reflect::WalkReflect;
 use crate::pass::walk_start::WalkStart;
 use crate::pass::{Kernels, List, Rays, Receivers, Sums, vec4s};
-use crate::plan::{self, LightPlan, StepTable, shade_steps, trace_steps};
+use crate::plan::{LightPlan, StepTable, trace_steps};
 use crate::scene_buffers::SceneBuffers;
 use crate::settings::Settings;
 
@@ -129,25 +129,14 @@ impl Steps {
             })
             .collect();
         let chunk_size = settings.lights_per_dispatch;
-        let chunk = Step { steps: shade_steps(chunk_size, settings.loop_budget), indirect: 1, ..Step::default() };
-        let cluster_steps = plan::cluster_steps(chunk_size, settings.loop_budget);
-        let clusters = clusters_in_scene && cluster_steps >= plan::LEAST_CLUSTER_STEPS;
         let shade = plan
             .chunks(chunk_size, plan.survivors.len())
             .iter()
             .map(|&(first, end)| {
-                let chunk = Step { first, end, fresh: u32::from(first == 0), ..chunk };
                 // Parallel light comes from no place.
                 let mut places = delta.iter().take(end as usize).skip(first as usize);
-                let clusters = clusters && !places.any(|l| l.flags() & PointLight::DIRECTIONAL != 0);
-                if !clusters {
-                    return Chunk { rounds: table.add_rounds(rounds, chunk), clusters };
-                }
-                // What clusters leave over has all rounds of the single rays still before it.
-                let together = table.add(Step { steps: cluster_steps, ..chunk });
-                let one_by_one = (1..=rounds)
-                    .map(|round| table.add(Step { round, fresh: 0, last: u32::from(round == rounds), ..chunk }));
-                Chunk { rounds: [together].into_iter().chain(one_by_one).collect(), clusters }
+                let parallel = places.any(|l| l.flags() & PointLight::DIRECTIONAL != 0);
+                Chunk::new(table, settings, (first, end), clusters_in_scene && !parallel)
             })
             .collect();
         let (depth, sorts) = (settings.max_depth, clusters_in_scene);

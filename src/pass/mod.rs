@@ -15,13 +15,14 @@ pub mod schedule;
 pub mod shade;
 pub mod sort;
 pub mod trace;
+pub mod visibility;
 pub mod walk_reflect;
 pub mod walk_start;
 
 use ash::vk;
 
 use crate::error::{Error, Result};
-use crate::gpu::{Buffer, Context, Kernel, Memory, shaders};
+use crate::gpu::{Buffer, Context, Kernel, Memory, Shader, shaders};
 use crate::settings::Traversal;
 
 /// Invocations of a workgroup, in every pass but `schedule` and the cluster form of `shade`.
@@ -42,6 +43,56 @@ pub(crate) fn vec4s(context: &Context, name: &str, count: u32) -> Result<Buffer>
     Buffer::new(context, name, 16 * u64::from(count), Memory::Device)
 }
 
+/// A kernel that traces shadow rays, in its two forms.
+pub struct Forms {
+    /// An invocation traces a ray.
+    pub single: Kernel,
+    /// A subgroup traces a cluster; `None`: shadow rays are traced one by one.
+    pub cluster: Option<Kernel>,
+}
+
+impl Forms {
+    /// Those of the pass `shade`.
+    pub fn shade(context: &Context, traversal: Traversal) -> Result<Forms> {
+        let clusters = [(8, &shaders::SHADE_CLUSTER), (16, &shaders::SHADE_CLUSTER_16)];
+        Forms::new(context, traversal, &shaders::SHADE, &clusters)
+    }
+
+    /// Those of the pass `visibility`.
+    pub fn visibility(context: &Context, traversal: Traversal) -> Result<Forms> {
+        let clusters = [(8, &shaders::VISIBILITY_CLUSTER), (16, &shaders::VISIBILITY_CLUSTER_16)];
+        Forms::new(context, traversal, &shaders::VISIBILITY, &clusters)
+    }
+
+    /// `clusters`: shaders by the size of the subgroup.
+    fn new(
+        context: &Context,
+        traversal: Traversal,
+        single: &'static Shader,
+        clusters: &[(u32, &'static Shader)],
+    ) -> Result<Forms> {
+        let info = context.info();
+        let operations = vk::SubgroupFeatureFlags::BASIC | vk::SubgroupFeatureFlags::SHUFFLE;
+        let able = info.subgroup_operations.contains(operations);
+        let shader = clusters.iter().find(|(size, _)| able && *size == info.subgroup_size);
+        let cluster = match (traversal, shader) {
+            (Traversal::Auto | Traversal::Cluster, Some((_, shader))) => Some(Kernel::new(context, shader)?),
+            (Traversal::Auto, None) | (Traversal::Single, _) => None,
+            (Traversal::Cluster, None) => {
+                let size = info.subgroup_size;
+                return Err(Error::Setting {
+                    name: "--traversal",
+                    message: format!(
+                        "{} has subgroups of {size}; clusters need subgroups of 8 or 16 with shuffles; use auto",
+                        info.name
+                    ),
+                });
+            }
+        };
+        Ok(Forms { single: Kernel::new(context, single)?, cluster })
+    }
+}
+
 /// The compiled shaders, shared by all passes that run them.
 pub struct Kernels {
     /// `accumulate.wgsl`
@@ -58,10 +109,8 @@ pub struct Kernels {
     pub resolve: Kernel,
     /// `schedule.wgsl`
     pub schedule: Kernel,
-    /// `shade.wgsl`
-    pub shade: Kernel,
-    /// `shade_cluster.wgsl` for the device's subgroups; `None`: shadow rays are traced one by one.
-    pub shade_cluster: Option<Kernel>,
+    /// `shade.wgsl` and `shade_cluster.wgsl`
+    pub shade: Forms,
     /// `sort_keys.wgsl`
     pub sort_keys: Kernel,
     /// `sort_count.wgsl`
@@ -83,27 +132,6 @@ pub struct Kernels {
 impl Kernels {
     /// Creates the pipelines.
     pub fn new(context: &Context, traversal: Traversal) -> Result<Kernels> {
-        let info = context.info();
-        let operations = vk::SubgroupFeatureFlags::BASIC | vk::SubgroupFeatureFlags::SHUFFLE;
-        let shader = match info.subgroup_size {
-            8 if info.subgroup_operations.contains(operations) => Some(&shaders::SHADE_CLUSTER),
-            16 if info.subgroup_operations.contains(operations) => Some(&shaders::SHADE_CLUSTER_16),
-            _ => None,
-        };
-        let shade_cluster = match (traversal, shader) {
-            (Traversal::Auto | Traversal::Cluster, Some(shader)) => Some(Kernel::new(context, shader)?),
-            (Traversal::Auto, None) | (Traversal::Single, _) => None,
-            (Traversal::Cluster, None) => {
-                let size = info.subgroup_size;
-                return Err(Error::Setting {
-                    name: "--traversal",
-                    message: format!(
-                        "{} has subgroups of {size}; clusters need subgroups of 8 or 16 with shuffles; use auto",
-                        info.name
-                    ),
-                });
-            }
-        };
         Ok(Kernels {
             accumulate: Kernel::new(context, &shaders::ACCUMULATE)?,
             camera_rays: Kernel::new(context, &shaders::CAMERA_RAYS)?,
@@ -112,8 +140,7 @@ impl Kernels {
             receivers: Kernel::new(context, &shaders::RECEIVERS)?,
             resolve: Kernel::new(context, &shaders::RESOLVE)?,
             schedule: Kernel::new(context, &shaders::SCHEDULE)?,
-            shade: Kernel::new(context, &shaders::SHADE)?,
-            shade_cluster,
+            shade: Forms::shade(context, traversal)?,
             sort_keys: Kernel::new(context, &shaders::SORT_KEYS)?,
             sort_count: Kernel::new(context, &shaders::SORT_COUNT)?,
             sort_sum: Kernel::new(context, &shaders::SORT_SUM)?,

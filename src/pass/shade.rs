@@ -31,22 +31,28 @@
 
 use glam::Vec3;
 
-use super::layout::PointLight;
+use super::layout::{PointLight, Step};
 use super::schedule::{LIST_GROUPS, ROUND_GROUPS, Schedule};
-use super::{Kernels, List, Rays, Receivers, Sums, push};
+use super::{Forms, Kernels, List, Rays, Receivers, Sums, push};
 use crate::accel::{Bvh, Ray};
 use crate::bsdf::Reflectance;
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::gpu::{Bindings, Bound, Buffer, Kernel, Recorder};
+use crate::plan::{self, StepTable};
 use crate::scene_buffers::SceneBuffers;
+use crate::settings::Settings;
 
 /// The pass over one set of receivers.
 pub struct Shade {
-    kernel: Kernel,
-    bindings: Bindings,
+    walkers: Walkers,
+}
+
+/// A kernel that traces shadow rays, in its two forms with what is bound to them.
+pub struct Walkers {
+    single: (Kernel, Bindings),
+    cluster: Option<(Kernel, Bindings)>,
     schedule: Schedule,
     work: Buffer,
-    cluster: Option<(Kernel, Bindings)>,
 }
 
 /// Steps of one chunk of lights.
@@ -82,44 +88,66 @@ pub struct Inputs<'a> {
 impl Shade {
     /// Adds to `sums` of the receivers in `list`; the first chunk starts the sums.
     pub fn new(kernels: &Kernels, inputs: &Inputs) -> Result<Self> {
-        let kernel = kernels.shade.clone();
-        let (scene, receivers) = (inputs.scene, inputs.receivers);
-        // The kernels differ in the tree that they walk.
-        let bind = |kernel: &Kernel, tree: &[(&'static str, &Buffer)]| {
-            let mut named = vec![
-                ("frame", inputs.frame.into()),
-                ("triangle_v0", (&scene.v0).into()),
-                ("triangle_e1", (&scene.e1).into()),
-                ("triangle_e2", (&scene.e2).into()),
-                ("receiver_position", (&receivers.position).into()),
-                ("receiver_geometric", (&receivers.geometric).into()),
-                ("receiver_shading", (&receivers.shading).into()),
-                ("receiver_f0", (&receivers.f0).into()),
-                ("receiver_wo", (&receivers.wo).into()),
-                ("lights", inputs.lights.into()),
-                ("list", (&inputs.list.pixels).into()),
-                ("work", (&inputs.list.work).into()),
-                ("steps", inputs.steps.into()),
-                ("progress", (&inputs.rays.progress).into()),
-                ("direct", (&inputs.sums.direct).into()),
-                ("indirect", (&inputs.sums.indirect).into()),
-                ("specular", (&inputs.sums.specular).into()),
-            ];
-            named.extend(tree.iter().map(|&(name, buffer)| (name, buffer.into())));
-            kernel.bind(&named)
-        };
-        let bindings = bind(&kernel, &[("node_min", &scene.node_min), ("node_max", &scene.node_max)])?;
-        let cluster = match (&kernels.shade_cluster, &scene.wide_nodes) {
-            (Some(kernel), Some(wide_nodes)) => Some((kernel.clone(), bind(kernel, &[("wide_nodes", wide_nodes)])?)),
-            _ => None,
-        };
+        let receivers = inputs.receivers;
+        let named = [
+            ("receiver_position", (&receivers.position).into()),
+            ("receiver_geometric", (&receivers.geometric).into()),
+            ("receiver_shading", (&receivers.shading).into()),
+            ("receiver_f0", (&receivers.f0).into()),
+            ("receiver_wo", (&receivers.wo).into()),
+            ("lights", inputs.lights.into()),
+            ("list", (&inputs.list.pixels).into()),
+            ("work", (&inputs.list.work).into()),
+            ("steps", inputs.steps.into()),
+            ("progress", (&inputs.rays.progress).into()),
+            ("direct", (&inputs.sums.direct).into()),
+            ("indirect", (&inputs.sums.indirect).into()),
+            ("specular", (&inputs.sums.specular).into()),
+        ];
         let schedule = Schedule::new(kernels, &inputs.list.work, inputs.steps, inputs.status)?;
-        Ok(Shade { kernel, bindings, schedule, work: inputs.list.work.clone(), cluster })
+        let walkers = Walkers::new(&kernels.shade, inputs.scene, inputs.frame, &named, schedule, &inputs.list.work)?;
+        Ok(Shade { walkers })
     }
 
     /// Whether clusters are traced together, so that an order in which neighbours stand together pays.
     pub fn has_clusters(&self) -> bool {
-        self.cluster.is_some()
+        self.walkers.cluster.is_some()
+    }
+
+    /// Records the chunks, each in its rounds.
+    pub fn record(&self, rec: &mut Recorder, chunks: &[Chunk]) -> Result<()> {
+        self.walkers.record(rec, chunks)
+    }
+}
+
+impl Walkers {
+    /// Binds both forms to the scene and to what is `named`.
+    pub fn new(
+        forms: &Forms,
+        scene: &SceneBuffers,
+        frame: &Buffer,
+        named: &[(&'static str, Bound)],
+        schedule: Schedule,
+        work: &Buffer,
+    ) -> Result<Walkers> {
+        // The forms differ in the tree that they walk.
+        let bind = |kernel: &Kernel, tree: &[(&'static str, &Buffer)]| {
+            let mut all = vec![
+                ("frame", frame.into()),
+                ("triangle_v0", (&scene.v0).into()),
+                ("triangle_e1", (&scene.e1).into()),
+                ("triangle_e2", (&scene.e2).into()),
+            ];
+            all.extend_from_slice(named);
+            all.extend(tree.iter().map(|&(name, buffer)| (name, buffer.into())));
+            Ok((kernel.clone(), kernel.bind(&all)?))
+        };
+        let single = bind(&forms.single, &[("node_min", &scene.node_min), ("node_max", &scene.node_max)])?;
+        let cluster = match (&forms.cluster, &scene.wide_nodes) {
+            (Some(kernel), Some(wide_nodes)) => Some(bind(kernel, &[("wide_nodes", wide_nodes)])?),
+            _ => None,
+        };
+        Ok(Walkers { single, cluster, schedule, work: work.clone() })
     }
 
     /// Records the chunks, each in its rounds.
@@ -129,14 +157,33 @@ impl Shade {
                 let groups = if round == 0 { LIST_GROUPS } else { ROUND_GROUPS };
                 // A cluster is a workgroup, as are 64 single rays.
                 let (kernel, bindings) = match &self.cluster {
-                    Some((kernel, bindings)) if round == 0 && chunk.clusters => (kernel, bindings),
-                    _ => (&self.kernel, &self.bindings),
+                    Some(cluster) if round == 0 && chunk.clusters => cluster,
+                    _ => &self.single,
                 };
                 rec.dispatch_indirect(kernel, bindings, &push(step), &self.work, groups)?;
                 self.schedule.record(rec, step)?;
             }
         }
         Ok(())
+    }
+}
+
+impl Chunk {
+    /// Steps for the lights `first..end` of a chunk, `clusters`: taken by clusters as far as their budget goes.
+    pub fn new(table: &mut StepTable, settings: &Settings, (first, end): (u32, u32), clusters: bool) -> Chunk {
+        let (size, rounds) = (settings.lights_per_dispatch, settings.rounds);
+        let steps = plan::shade_steps(size, settings.loop_budget);
+        let chunk = Step { first, end, steps, indirect: 1, fresh: u32::from(first == 0), ..Step::default() };
+        let cluster_steps = plan::cluster_steps(size, settings.loop_budget);
+        let clusters = clusters && cluster_steps >= plan::LEAST_CLUSTER_STEPS;
+        if !clusters {
+            return Chunk { rounds: table.add_rounds(rounds, chunk), clusters };
+        }
+        // What clusters leave over has all rounds of the single rays still before it.
+        let together = table.add(Step { steps: cluster_steps, ..chunk });
+        let one_by_one =
+            (1..=rounds).map(|round| table.add(Step { round, fresh: 0, last: u32::from(round == rounds), ..chunk }));
+        Chunk { rounds: [together].into_iter().chain(one_by_one).collect(), clusters }
     }
 }
 

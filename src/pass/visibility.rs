@@ -1,0 +1,146 @@
+//! How many lights each receiver sees: the kernels of [`shade`](super::shade) with everything but the shadow rays left out.
+//!
+//! For a receiver at x with normal n and lights at y_j:
+//!
+//! ```text
+//! visible(x) = sum over j of [n . (y_j - x) > 0] V(x, y_j)
+//! ```
+//!
+//! The frame does not use it. It measures what the traversal alone costs, and the tests hold it against the oracle ray by ray.
+//! Cost: as `shade` without its arithmetic for each visible pair.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::layout::{Frame, PointLight, Work};
+use super::schedule::Schedule;
+use super::shade::{Chunk, Walkers};
+use super::{Forms, Kernels, List};
+use crate::accel::{Bvh, Ray};
+use crate::error::Result;
+use crate::gpu::{Buffer, Context, Memory, Recorder, Staging};
+use crate::plan::StepTable;
+use crate::scene_buffers::SceneBuffers;
+use crate::settings::Settings;
+
+/// Receivers and lights between which there are shadow rays.
+#[derive(Clone, Debug, Default)]
+pub struct Workload {
+    /// Points, lifted off their surfaces, in the order in which they form clusters.
+    pub receivers: Vec<Vec3>,
+    /// Their normals.
+    pub normals: Vec<Vec3>,
+    /// Point lights.
+    pub lights: Vec<Vec3>,
+}
+
+impl Workload {
+    /// Whether light j lies above the horizon of receiver i.
+    pub fn faces(&self, i: usize, j: usize) -> bool {
+        (self.lights[j] - self.receivers[i]).dot(self.normals[i]) > 0.0
+    }
+
+    /// Pairs that face each other.
+    pub fn segments(&self) -> u64 {
+        let of = |i: usize| (0..self.lights.len()).filter(|&j| self.faces(i, j)).count() as u64;
+        (0..self.receivers.len()).into_par_iter().map(of).sum()
+    }
+}
+
+/// The pass over one workload.
+pub struct Visibility {
+    walkers: Walkers,
+    chunks: Vec<Chunk>,
+    work: Buffer,
+    work_at_start: Buffer,
+    /// Lights seen by each receiver.
+    pub visible: Buffer,
+    /// `[0]`: rays lost.
+    pub status: Buffer,
+}
+
+impl Visibility {
+    /// Creates the pass and stages the workload. Takes of `settings` the traversal, rounds, budget and lights for each dispatch.
+    pub fn new(
+        context: &Context,
+        kernels: &Kernels,
+        forms: &Forms,
+        staging: &mut Staging,
+        scene: &SceneBuffers,
+        bvh: &Bvh,
+        settings: &Settings,
+        workload: &Workload,
+    ) -> Result<Visibility> {
+        let count = workload.receivers.len() as u32;
+        let vec4s = |v: &[Vec3]| v.iter().map(|v| v.extend(0.0).to_array()).collect::<Vec<_>>();
+        let records: Vec<_> = (workload.lights.iter())
+            .map(|l| PointLight { position: l.extend(0.0).to_array(), ..PointLight::default() })
+            .collect();
+        let list: Vec<u32> = (0..count).collect();
+        let groups = count.div_ceil(64);
+        let x = groups.min(32_768);
+        let list_groups = [x, groups.div_ceil(x.max(1)), 1, 0];
+        let work = Work { live: count, list_groups, ..Work::default() };
+        let frame = Frame { scene: [bvh.node_count(), 0, 0, 0], ..Frame::default() };
+
+        let mut table = StepTable::default();
+        let lights = workload.lights.len() as u32;
+        let size = settings.lights_per_dispatch;
+        let chunks = (0..lights.div_ceil(size))
+            .map(|i| {
+                Chunk::new(&mut table, settings, (i * size, lights.min((i + 1) * size)), scene.wide_nodes.is_some())
+            })
+            .collect();
+        let steps = staging.stage(context, "visibility steps", &table.steps)?;
+        let device = |name: &str, bytes: u64| Buffer::new(context, name, bytes, Memory::Device);
+        let visible = device("visible lights", 4 * u64::from(count))?;
+        let progress = device("visibility progress", 8 * u64::from(count))?;
+        let status = device("visibility status", 16)?;
+        let frame = staging.stage(context, "visibility frame", &[frame])?;
+        let receivers = staging.stage(context, "visibility receivers", &vec4s(&workload.receivers))?;
+        let normals = staging.stage(context, "visibility normals", &vec4s(&workload.normals))?;
+        let lights = staging.stage(context, "visibility lights", &records)?;
+        let list = List {
+            pixels: staging.stage(context, "visibility list", &list)?,
+            work: staging.stage(context, "visibility work", &[work])?,
+        };
+        let named = [
+            ("receiver_position", (&receivers).into()),
+            ("receiver_geometric", (&normals).into()),
+            ("lights", (&lights).into()),
+            ("list", (&list.pixels).into()),
+            ("work", (&list.work).into()),
+            ("steps", (&steps).into()),
+            ("progress", (&progress).into()),
+            ("visible", (&visible).into()),
+        ];
+        let schedule = Schedule::new(kernels, &list.work, &steps, &status)?;
+        let walkers = Walkers::new(forms, scene, &frame, &named, schedule, &list.work)?;
+        Ok(Visibility {
+            walkers,
+            chunks,
+            work: list.work,
+            work_at_start: staging.stage(context, "work", &[work])?,
+            visible,
+            status,
+        })
+    }
+
+    /// Records the pass.
+    pub fn record(&self, rec: &mut Recorder) -> Result<()> {
+        rec.fill(&self.status, 0)?;
+        rec.copy(&self.work_at_start, &self.work)?;
+        self.walkers.record(rec, &self.chunks)
+    }
+}
+
+/// Oracle: for each receiver the lights that it sees, one ray after the other.
+pub fn reference(bvh: &Bvh, workload: &Workload) -> Vec<u32> {
+    let sees = |i: usize, j: usize| {
+        let origin = workload.receivers[i];
+        let ray = Ray { origin, t_max: 1.0, direction: workload.lights[j] - origin };
+        workload.faces(i, j) && !bvh.occluded(&ray)
+    };
+    let count = |i: usize| (0..workload.lights.len()).filter(|&j| sees(i, j)).count() as u32;
+    (0..workload.receivers.len()).into_par_iter().map(count).collect()
+}
