@@ -10,7 +10,7 @@
 //! | `nodes[16 n + 2 k + 1].xyz` | upper corner; -huge if there is no child |
 //! | `nodes[16 n + 2 k + 1].w`   | bits of a `u32`: 0 for an inner child, else the leaf's number of triangles (1..=8) |
 //!
-//! Empty children come last. The root is node 0, also where the whole scene is one leaf.
+//! Inner children come first, in nodes one after the other; empty children come last. The root is node 0, also where the whole scene is one leaf.
 //!
 //! Which subtrees become children is chosen by dynamic programming over the binary tree (as Ylitie et al. 2017 do for their compressed
 //! nodes), for a cost in which a leaf counts once however many triangles it has: a subgroup tests them together.
@@ -66,6 +66,8 @@ impl WideBvh {
             } else {
                 Self::distribute(bvh, &subtrees, node, WIDTH, true, &mut children);
             }
+            // Stable: otherwise children keep the order of the binary tree.
+            children.sort_by_key(|&child| subtrees[child as usize].leaf);
             for (k, &child) in children.iter().enumerate() {
                 let s = &subtrees[child as usize];
                 let (lower, upper) = (bvh.node_min[child as usize], bvh.node_max[child as usize]);
