@@ -128,6 +128,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if cluster * 64u >= live {
         return;
     }
+    // A cluster goes on with the light that it did not finish, from the start; all its receivers stand at the same one.
+    let start = select(step.first, progress[list[cluster * 64u]].x, step.round > 0u);
+    if start >= step.end {
+        return;
+    }
+    let fresh = step.fresh == 1u && step.round == 0u;
 
     var position: array<vec3<f32>, RAYS>;
     var geometric: array<vec3<f32>, RAYS>;
@@ -150,23 +156,22 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         geometric[r] = receiver_geometric[p].xyz;
         present |= select(0u, 1u << r, slot < live);
 #if VISIBILITY
-        seen[r] = select(visible[p], 0u, step.fresh == 1u);
+        seen[r] = select(visible[p], 0u, fresh);
 #else
         shading[r] = receiver_shading[p].xyz;
         glossy |= select(0u, 1u << r, slot < live && receiver_f0[p].w > 0.0);
-        if step.fresh == 1u && slot < live {
+        if fresh && slot < live {
             direct[p] = vec4<f32>(0.0);
             indirect[p] = vec4<f32>(0.0);
             specular[p] = vec4<f32>(0.0);
         }
-        sum[r] = select(indirect[p].xyz, direct[p].xyz, first_bounce) * select(1.0, 0.0, step.fresh == 1u);
+        sum[r] = select(indirect[p].xyz, direct[p].xyz, first_bounce) * select(1.0, 0.0, fresh);
 #endif
     }
 
-    var stack: array<u32, STACK>;
     // Every visit takes from one budget. What is left when it is spent is carried on by the kernel for single rays.
     var left = step.steps;
-    var light = step.first;
+    var light = start;
     while light < step.end && left > 0u {
         let l_position = lights[light].position;
         let origin = l_position.xyz;
@@ -212,47 +217,76 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         shaft.lo = min(lo, vec3<f32>(0.0));
         shaft.hi = max(hi, vec3<f32>(0.0));
 
-        // An entry of the stack: node or first triangle, and from bit 28 the triangles of a leaf.
-        stack[0] = 0u;
-        var top = select(0u, 1u, or_reduce(alive) != 0u);
-        while top > 0u && left > 0u {
-            left -= 1u;
-            top -= 1u;
-            let entry = stack[top];
-            let count = entry >> 28u;
-            let index = entry & 0x0fffffffu;
-            // An inner node: lane k tests child k against the shaft; survivors are tested against the rays.
-            for (var inner = select(0u, 1u, count == 0u); inner > 0u; inner -= 1u) {
-                let a = wide_nodes[16u * index + 2u * (lane & 7u)];
-                let b = wide_nodes[16u * index + 2u * (lane & 7u) + 1u];
+        // A word of the stack: children of one node that are still to be visited, as the first child's node and, from bit 24,
+        // a mask. Lane i holds word i (of the upper eight: word 8 + i).
+        var low = 0u;
+        var high = 0u;
+        var top = 0u;
+        var base = 0u;
+        var pending = select(0u, 1u, or_reduce(alive) != 0u);
+        while pending != 0u && left > 0u {
+            var leaves = 0u;
+            var child = 0u;
+            loop {
+                left = max(left, 1u) - 1u;
+                let node = base + firstTrailingBit(pending);
+                let rest = pending & (pending - 1u);
+                let push = rest != 0u;
+                let word = base | (rest << 24u);
+                low = select(low, word, push && lane == top);
+                high = select(high, word, push && lane + 8u == top);
+                top += select(0u, 1u, push);
+
+                let a = wide_nodes[16u * node + 2u * (lane & 7u)];
+                let b = wide_nodes[16u * node + 2u * (lane & 7u) + 1u];
                 let box_lo = a.xyz - origin;
                 let box_hi = b.xyz - origin;
-                let child = bitcast<u32>(a.w) | (bitcast<u32>(b.w) << 28u);
+                child = bitcast<u32>(a.w) | (bitcast<u32>(b.w) << 28u);
                 var survivors = or_reduce(select(0u, 1u << (lane & 7u), shaft_meets(shaft, box_lo, box_hi)));
-                while survivors != 0u {
+                var met_by = 0u;
+                loop {
                     left = max(left, 1u) - 1u;
-                    let k = firstTrailingBit(survivors);
-                    survivors &= survivors - 1u;
+                    let k = firstTrailingBit(survivors) & 7u;
                     let k_lo = subgroupShuffle(box_lo, k);
                     let k_hi = subgroupShuffle(box_hi, k);
-                    let k_child = subgroupShuffle(child, k);
                     var met = 0u;
                     for (var r = 0u; r < RAYS; r += 1u) {
-                        let t0 = k_lo * inverse[r];
-                        let t1 = k_hi * inverse[r];
+                        let t0 = bitcast<vec3<i32>>(k_lo * inverse[r]);
+                        let t1 = bitcast<vec3<i32>>(k_hi * inverse[r]);
                         let near3 = min(t0, t1);
                         let far3 = max(t0, t1);
-                        let near = max(max(near3.x, near3.y), max(near3.z, 0.0));
-                        let far = min(min(far3.x, far3.y), min(far3.z, 1.0)) * 1.000001;
+                        let near = bitcast<f32>(max(max(near3.x, near3.y), max(near3.z, 0)));
+                        let far = bitcast<f32>(min(min(far3.x, far3.y), min(far3.z, 0x3f800000))) * 1.000001;
                         met |= select(0u, 1u << r, near <= far);
                     }
-                    stack[min(top, STACK - 1u)] = k_child;
-                    top += select(0u, 1u, or_reduce(met & alive) != 0u);
+                    met_by |= select(0u, (survivors & (~survivors + 1u)), (met & alive) != 0u);
+                    survivors &= survivors - 1u;
+                    if survivors == 0u {
+                        break;
+                    }
+                }
+                met_by = or_reduce(met_by);
+                let is_leaf = or_reduce(select(0u, 1u << (lane & 7u), child >= 0x10000000u));
+                leaves = met_by & is_leaf;
+                pending = met_by & ~is_leaf;
+                base = subgroupShuffle(child, 0u);
+                let pop = pending == 0u && top > 0u;
+                top -= select(0u, 1u, pop);
+                let popped = subgroupShuffle(select(low, high, top >= 8u), top & 7u);
+                base = select(base, popped & 0xffffffu, pop);
+                pending = select(pending, popped >> 24u, pop);
+                if leaves != 0u || pending == 0u || left == 0u {
+                    break;
                 }
             }
-            // A leaf: lane k sets up triangle k; those in the shaft are tested against the rays.
-            for (var leaf = select(0u, 1u, count != 0u); leaf > 0u; leaf -= 1u) {
-                let i = index + min(lane & 7u, count - 1u);
+            // Leaves: lane k sets up triangle k; those in the shaft are tested against the rays.
+            loop {
+                left = max(left, 1u) - 1u;
+                let entry = subgroupShuffle(child, firstTrailingBit(leaves) & 7u);
+                let count = select(0u, entry >> 28u, leaves != 0u);
+                leaves &= leaves - 1u;
+                let index = entry & 0x0fffffffu;
+                let i = index + min(lane & 7u, max(count, 1u) - 1u);
                 let a = triangle_v0[i].xyz - origin;
                 let e1 = triangle_e1[i].xyz;
                 let e2 = triangle_e2[i].xyz;
@@ -263,34 +297,48 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 let face = cross(e1, e2);
                 let depth = dot(face, a);
                 let side = select(1.0, -1.0, depth < 0.0);
-                let n0 = side * cross(e1 - e2, b + c);
-                let n1 = side * cross(e2, c + a);
-                let n2 = side * cross(-e1, a + b);
+                let m0 = side * cross(e1 - e2, b + c);
+                let m1 = side * cross(e2, c + a);
+                let m2 = side * cross(-e1, a + b);
+                // The slack of a single ray's test.
+                let slack = 1e-5 * (m0 + m1 + m2);
+                let n0 = m0 + slack;
+                let n1 = m1 + slack;
+                let n2 = m2 + slack;
                 let in_shaft = shaft_meets(shaft, min(a, min(b, c)), max(a, max(b, c)));
                 let takes_part = in_shaft && (lane & 7u) < count && depth != 0.0;
                 var survivors = or_reduce(select(0u, 1u << (lane & 7u), takes_part));
-                while survivors != 0u {
+                loop {
                     left = max(left, 1u) - 1u;
-                    let k = firstTrailingBit(survivors);
+                    let k = firstTrailingBit(survivors) & 7u;
+                    let any = survivors != 0u;
                     survivors &= survivors - 1u;
                     let k_n0 = subgroupShuffle(n0, k);
                     let k_n1 = subgroupShuffle(n1, k);
                     let k_n2 = subgroupShuffle(n2, k);
                     let k_face = subgroupShuffle(side * face, k);
-                    let k_depth = subgroupShuffle(side * depth, k);
+                    let k_depth = select(3.0e38, subgroupShuffle(side * depth, k), any);
                     for (var r = 0u; r < RAYS; r += 1u) {
-                        // Proportional to barycentric coordinates, with the slack of a single ray's test.
                         let b0 = dot(k_n0, d[r]);
                         let b1 = dot(k_n1, d[r]);
                         let b2 = dot(k_n2, d[r]);
-                        let inside = min(b0, min(b1, b2)) >= -1e-5 * (b0 + b1 + b2);
-                        let blocked = inside && dot(k_face, d[r]) > k_depth;
+                        let blocked = b0 >= 0.0 && b1 >= 0.0 && b2 >= 0.0 && dot(k_face, d[r]) > k_depth;
                         alive &= ~select(0u, 1u << r, blocked);
                     }
+                    if survivors == 0u {
+                        break;
+                    }
                 }
-                top = select(0u, top, or_reduce(alive) != 0u);
+                let dead = or_reduce(alive) == 0u;
+                pending = select(pending, 0u, dead);
+                top = select(top, 0u, dead);
+                leaves = select(leaves, 0u, dead);
+                if leaves == 0u {
+                    break;
+                }
             }
         }
+        top = select(0u, 1u, pending != 0u);
         if top > 0u {
             break;
         }

@@ -55,9 +55,13 @@ pub struct Walkers {
     work: Buffer,
 }
 
+/// Rounds that are taken by clusters before single rays go on. In each a cluster finishes at least one light, unless its
+/// budget does not suffice for that alone.
+const CLUSTER_ROUNDS: u32 = 4;
+
 /// Steps of one chunk of lights.
 pub struct Chunk {
-    /// Its rounds. The first may be taken by clusters; what they leave over goes on ray by ray.
+    /// Its rounds. The first [`CLUSTER_ROUNDS`] may be taken by clusters; what they leave over goes on ray by ray.
     pub rounds: Vec<u32>,
     /// All its lights have a place, so that clusters can look at them.
     pub clusters: bool,
@@ -157,7 +161,7 @@ impl Walkers {
                 let groups = if round == 0 { LIST_GROUPS } else { ROUND_GROUPS };
                 // A cluster is a workgroup, as are 64 single rays.
                 let (kernel, bindings) = match &self.cluster {
-                    Some(cluster) if round == 0 && chunk.clusters => cluster,
+                    Some(cluster) if round < CLUSTER_ROUNDS as usize && chunk.clusters => cluster,
                     _ => &self.single,
                 };
                 rec.dispatch_indirect(kernel, bindings, &push(step), &self.work, groups)?;
@@ -179,11 +183,10 @@ impl Chunk {
         if !clusters {
             return Chunk { rounds: table.add_rounds(rounds, chunk), clusters };
         }
+        let together = (0..CLUSTER_ROUNDS).map(|round| Step { round, fresh: u32::from(round == 0) * chunk.fresh, steps: cluster_steps, ..chunk });
         // What clusters leave over has all rounds of the single rays still before it.
-        let together = table.add(Step { steps: cluster_steps, ..chunk });
-        let one_by_one =
-            (1..=rounds).map(|round| table.add(Step { round, fresh: 0, last: u32::from(round == rounds), ..chunk }));
-        Chunk { rounds: [together].into_iter().chain(one_by_one).collect(), clusters }
+        let one_by_one = (1..=rounds).map(|round| Step { round, fresh: 0, last: u32::from(round == rounds), ..chunk });
+        Chunk { rounds: together.chain(one_by_one).map(|step| table.add(step)).collect(), clusters }
     }
 }
 

@@ -50,6 +50,9 @@ pub struct ShadowRays {
     /// Point lights, taken evenly from those of a pass.
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub lights: u32,
+    /// Lights that one dispatch may loop over, 1 to 64 [default: that of the renderer].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub lights_per_dispatch: Option<u32>,
     /// Write triangles, receivers in cluster order, normals and lights as little-endian arrays to this folder.
     #[arg(long, value_name = "DIR")]
     pub dump_rays: Option<PathBuf>,

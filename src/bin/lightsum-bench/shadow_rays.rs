@@ -27,6 +27,7 @@ pub struct Bench {
     scene_buffers: SceneBuffers,
     bvh: Bvh,
     kernels: Kernels,
+    lights_per_dispatch: Option<u32>,
 }
 
 /// What a kernel did.
@@ -60,7 +61,7 @@ impl Bench {
         context.submit_and_wait("uploading the scene", None, |rec| staging.record(rec))?;
         let timers = Timers::new(&context, 4)?;
         let segments = workload.segments();
-        Ok(Bench { context, workload, segments, timers, scene_buffers, bvh, kernels })
+        Ok(Bench { context, workload, segments, timers, scene_buffers, bvh, kernels, lights_per_dispatch: args.lights_per_dispatch })
     }
 
     /// The kernels that this device can run.
@@ -77,7 +78,9 @@ impl Bench {
         };
         let forms = Forms::visibility(&self.context, traversal)?;
         let mut staging = Staging::new();
-        let settings = Settings { rounds: 64, ..Settings::default() };
+        let defaults = Settings::default();
+        let lights_per_dispatch = self.lights_per_dispatch.unwrap_or(defaults.lights_per_dispatch);
+        let settings = Settings { rounds: 64, lights_per_dispatch, ..defaults };
         let pass = Visibility::new(
             &self.context,
             &self.kernels,
