@@ -1,6 +1,7 @@
 // As shade.wgsl, for 64 receivers at once: a subgroup walks the tree for a whole cluster and one light.
 // See pass/shade.rs.
 // VISIBILITY: only counts the lights that each receiver sees. See pass/visibility.rs.
+// COUNTERS: with VISIBILITY, also counts what the clusters met.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -27,6 +28,10 @@
 @group(0) @binding(15) var<storage, read_write> progress: array<vec2<u32>>;
 #if VISIBILITY
 @group(0) @binding(16) var<storage, read_write> visible: array<u32>;
+#if COUNTERS
+// Pairs of a cluster and a light, their rays, nodes, children, leaves and triangles that were tested.
+@group(0) @binding(17) var<storage, read_write> counters: array<atomic<u32>, 6>;
+#endif
 #else
 @group(0) @binding(16) var<storage, read_write> direct: array<vec4<f32>>;
 @group(0) @binding(17) var<storage, read_write> indirect: array<vec4<f32>>;
@@ -34,26 +39,51 @@
 #endif
 var<immediate> push: Push;
 
-// Lanes of the subgroup, and rays that each lane holds: 64 together.
+// Lanes of the subgroup.
+#if LANES4
+const LANES: u32 = 4u;
+#else
 #if LANES16
 const LANES: u32 = 16u;
-const RAYS: u32 = 4u;
+#else
+#if LANES32
+const LANES: u32 = 32u;
+#else
+#if LANES64
+const LANES: u32 = 64u;
 #else
 const LANES: u32 = 8u;
-const RAYS: u32 = 8u;
 #endif
-// Entries of the stack; the host takes this kernel only where the tree needs no more (accel::wide::WideBvh::stack_bound).
-const STACK: u32 = 128u;
+#endif
+#endif
+#endif
+// Rays that each lane holds: a cluster has 64.
+const RAYS: u32 = 64u / LANES;
+// Children of a node, or triangles of a leaf, that each lane holds: eight in all; the lanes from 8 on repeat them.
+const PARTS: u32 = 8u / min(LANES, 8u);
+// Registers that hold the sixteen words of the stack, lane by lane. The host takes this kernel only where that is enough
+// (accel::wide::WideBvh::stack_bound).
+const WORDS: u32 = 16u / min(LANES, 16u);
+// Greatest number of lights for each mask of lights.
+const MASK: u32 = 32u;
 
 // Reductions by shuffles between fixed lanes: on a driver that runs lanes as one vector each is a single instruction.
 fn or_reduce(x: u32) -> u32 {
     var y = x;
     y |= subgroupShuffleXor(y, 1u);
     y |= subgroupShuffleXor(y, 2u);
-    y |= subgroupShuffleXor(y, 4u);
-#if LANES16
-    y |= subgroupShuffleXor(y, 8u);
-#endif
+    if LANES > 4u {
+        y |= subgroupShuffleXor(y, 4u);
+    }
+    if LANES > 8u {
+        y |= subgroupShuffleXor(y, 8u);
+    }
+    if LANES > 16u {
+        y |= subgroupShuffleXor(y, 16u);
+    }
+    if LANES > 32u {
+        y |= subgroupShuffleXor(y, 32u);
+    }
     return y;
 }
 
@@ -61,32 +91,53 @@ fn min_reduce(x: vec3<f32>) -> vec3<f32> {
     var y = x;
     y = min(y, subgroupShuffleXor(y, 1u));
     y = min(y, subgroupShuffleXor(y, 2u));
-    y = min(y, subgroupShuffleXor(y, 4u));
-#if LANES16
-    y = min(y, subgroupShuffleXor(y, 8u));
-#endif
+    if LANES > 4u {
+        y = min(y, subgroupShuffleXor(y, 4u));
+    }
+    if LANES > 8u {
+        y = min(y, subgroupShuffleXor(y, 8u));
+    }
+    if LANES > 16u {
+        y = min(y, subgroupShuffleXor(y, 16u));
+    }
+    if LANES > 32u {
+        y = min(y, subgroupShuffleXor(y, 32u));
+    }
     return y;
 }
 
-// The interval of rays in a shaft: of d on each axis, from the light at the origin.
+// All points t d, 0 <= t <= 1, with d in a box: what the rays from a light to a cluster lie in. On each axis t is at least
+// x_lo * enter_lo and x_hi * enter_hi for points x of a box, and at most x * leave + never with x the side that is left last.
 struct Shaft {
-    positive: vec3<bool>,   // all d above 0
-    inverse_lo: vec3<f32>,  // 1 / the interval's ends; 0 on an axis whose interval spans 0, which bounds no t
-    inverse_hi: vec3<f32>,
-    unbounded: vec3<f32>,   // huge on such an axis, else 0
-    lo: vec3<f32>,          // the box of the light and all receivers
-    hi: vec3<f32>,
+    enter_lo: vec3<f32>,    // 1 / greatest d if that is positive, else 0
+    enter_hi: vec3<f32>,    // 1 / least d if that is negative, else 0
+    leave: vec3<f32>,       // 1 / the d nearest to 0; 0 on an axis whose d take both signs, which bounds no t from above
+    never: vec3<f32>,       // huge on such an axis, else 0
+    positive: vec3<bool>,   // all d are positive
 }
 
-// Whether any point t d, 0 <= t <= 1, of the shaft may lie in a box. Says yes rather too often.
+fn make_shaft(lo: vec3<f32>, hi: vec3<f32>) -> Shaft {
+    // Anything smaller counts as 0, so that there are no infinities.
+    let tiny = vec3<f32>(1e-30);
+    let positive = lo > tiny;
+    let negative = hi < -tiny;
+    let one_sign = positive | negative;
+    var shaft: Shaft;
+    shaft.enter_lo = select(vec3<f32>(0.0), 1.0 / hi, hi > tiny);
+    shaft.enter_hi = select(vec3<f32>(0.0), 1.0 / lo, lo < -tiny);
+    shaft.leave = select(vec3<f32>(0.0), 1.0 / select(hi, lo, positive), one_sign);
+    shaft.never = select(vec3<f32>(3.0e38), vec3<f32>(0.0), one_sign);
+    shaft.positive = positive;
+    return shaft;
+}
+
+// Whether the shaft may meet a box. Says yes rather too often. Integers order like floats here: negative values need no order.
 fn shaft_meets(shaft: Shaft, lo: vec3<f32>, hi: vec3<f32>) -> bool {
-    let near_side = select(hi, lo, shaft.positive);
-    let far_side = select(lo, hi, shaft.positive);
-    let enter = min(near_side * shaft.inverse_lo, near_side * shaft.inverse_hi);
-    let exit = max(far_side * shaft.inverse_lo, far_side * shaft.inverse_hi) + shaft.unbounded;
-    let t_near = max(max(enter.x, enter.y), max(enter.z, 0.0));
-    let t_far = min(min(exit.x, exit.y), min(exit.z, 1.0)) * 1.000002;
-    return all(lo <= shaft.hi) && all(hi >= shaft.lo) && t_near <= t_far;
+    let enter = max(bitcast<vec3<i32>>(lo * shaft.enter_lo), bitcast<vec3<i32>>(hi * shaft.enter_hi));
+    let leave = bitcast<vec3<i32>>(select(lo, hi, shaft.positive) * shaft.leave + shaft.never);
+    let t_near = bitcast<f32>(max(max(enter.x, enter.y), max(enter.z, 0)));
+    let t_far = bitcast<f32>(min(min(leave.x, leave.y), min(leave.z, 0x3f800000))) * 1.000002;
+    return t_near <= t_far;
 }
 
 #if VISIBILITY
@@ -116,11 +167,13 @@ fn add_lobes(light: u32, p: u32, clip2: f32) -> vec3<f32> {
 }
 #endif
 
-#if LANES16
-@compute @workgroup_size(16)
-#else
-@compute @workgroup_size(8)
-#endif
+// Greatest n . d for n and d in boxes.
+fn greatest_dot(n_lo: vec3<f32>, n_hi: vec3<f32>, d_lo: vec3<f32>, d_hi: vec3<f32>) -> f32 {
+    let sides = max(max(n_lo * d_lo, n_lo * d_hi), max(n_hi * d_lo, n_hi * d_hi));
+    return sides.x + sides.y + sides.z;
+}
+
+@compute @workgroup_size(LANES)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(subgroup_invocation_id) lane: u32) {
     let step = steps[push.step];
     let live = atomicLoad(&work.live);
@@ -148,17 +201,30 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // The lights of a chunk have equally many reflections behind them.
     let first_bounce = lights[step.first].f0.w == 0.0;
 #endif
+    var lo = vec3<f32>(3.0e38);
+    var hi = vec3<f32>(-3.0e38);
+    var geometric_lo = vec3<f32>(1.0);
+    var geometric_hi = vec3<f32>(-1.0);
+    var shading_lo = vec3<f32>(1.0);
+    var shading_hi = vec3<f32>(-1.0);
     for (var r = 0u; r < RAYS; r += 1u) {
+        // Slots beyond the last receiver repeat it and take no part.
         let slot = cluster * 64u + r * LANES + lane;
         let p = list[min(slot, live - 1u)];
         pixel[r] = p;
         position[r] = receiver_position[p].xyz;
         geometric[r] = receiver_geometric[p].xyz;
         present |= select(0u, 1u << r, slot < live);
+        lo = min(lo, position[r]);
+        hi = max(hi, position[r]);
+        geometric_lo = min(geometric_lo, geometric[r]);
+        geometric_hi = max(geometric_hi, geometric[r]);
 #if VISIBILITY
         seen[r] = select(visible[p], 0u, fresh);
 #else
         shading[r] = receiver_shading[p].xyz;
+        shading_lo = min(shading_lo, shading[r]);
+        shading_hi = max(shading_hi, shading[r]);
         glossy |= select(0u, 1u << r, slot < live && receiver_f0[p].w > 0.0);
         if fresh && slot < live {
             direct[p] = vec4<f32>(0.0);
@@ -168,11 +234,55 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         sum[r] = select(indirect[p].xyz, direct[p].xyz, first_bounce) * select(1.0, 0.0, fresh);
 #endif
     }
+    lo = min_reduce(lo);
+    hi = -min_reduce(-hi);
+    geometric_lo = min_reduce(geometric_lo);
+    geometric_hi = -min_reduce(-geometric_hi);
 
-    // Every visit takes from one budget. What is left when it is spent is carried on by the kernel for single rays.
+    // Lane k looks at light k: which lights may send anything to the cluster?
+    let count = step.end - step.first;
+    var todo = 0u;
+#if VISIBILITY
+    for (var base = 0u; base < count; base += LANES) {
+        let i = base + lane;
+        let to_light = lights[step.first + min(i, count - 1u)].position.xyz;
+        let faces = greatest_dot(geometric_lo, geometric_hi, to_light - hi, to_light - lo) > 0.0;
+        todo |= select(0u, 1u << (i & 31u), faces && i < count && step.first + i >= start);
+    }
+#else
+    shading_lo = min_reduce(shading_lo);
+    shading_hi = -min_reduce(-shading_hi);
+    for (var base = 0u; base < count; base += LANES) {
+        let i = base + lane;
+        let l = lights[step.first + min(i, count - 1u)];
+        let d_lo = l.position.xyz - hi;
+        let d_hi = l.position.xyz - lo;
+        let flags = bitcast<u32>(l.position.w);
+        let faces = greatest_dot(geometric_lo, geometric_hi, d_lo, d_hi) > 0.0
+            && greatest_dot(shading_lo, shading_hi, d_lo, d_hi) > 0.0;
+        let reaches = (flags & LIGHT_SURFACE) == 0u || greatest_dot(l.normal.xyz, l.normal.xyz, -d_hi, -d_lo) > 0.0;
+        // The greatest irradiance, at the nearest point of the cluster's box.
+        let nearest = max(max(d_lo, -d_hi), vec3<f32>(0.0));
+        let clip2 = select(0.0, frame.right.w, (flags & LIGHT_CLIPPED) != 0u);
+        let greatest = max(l.emit.x, max(l.emit.y, l.emit.z)) / max(max(dot(nearest, nearest), clip2), 1e-37);
+        let glossy_light = (flags & LIGHT_GLOSSY) != 0u && mean3(l.flux.xyz) > 0.0;
+        let counts = glossy_light || greatest > frame.pixel_offset.w;
+        todo |= select(0u, 1u << (i & 31u), faces && reaches && counts && i < count && step.first + i >= start);
+    }
+#endif
+    todo = or_reduce(todo);
+    if lane == 0u && step.round == 0u {
+        atomicAdd(&work.culled, count - countOneBits(todo));
+    }
+
+#if COUNTERS
+    var met: array<u32, 6>;
+#endif
+    // Every visit takes from one budget. What is left when it is spent is carried on by the next round.
     var left = step.steps;
-    var light = start;
-    while light < step.end && left > 0u {
+    var blocker = 0u;
+    while todo != 0u && left > 0u {
+        let light = step.first + firstTrailingBit(todo);
         let l_position = lights[light].position;
         let origin = l_position.xyz;
 #if VISIBILITY
@@ -181,15 +291,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let l_emit = lights[light].emit;
         let flags = bitcast<u32>(l_position.w);
         let surface = (flags & LIGHT_SURFACE) != 0u;
-        let dark = mean3(l_emit.xyz) <= 0.0 && ((flags & LIGHT_GLOSSY) == 0u || mean3(lights[light].flux.xyz) <= 0.0);
 #endif
 
         // Rays run from the light (t = 0) to the receivers (t = 1).
         var d: array<vec3<f32>, RAYS>;
         var inverse: array<vec3<f32>, RAYS>;
         var alive = 0u;
-        var lo = vec3<f32>(3.0e38);
-        var hi = vec3<f32>(-3.0e38);
         for (var r = 0u; r < RAYS; r += 1u) {
             d[r] = position[r] - origin;
 #if VISIBILITY
@@ -197,132 +304,96 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #else
             let faces = dot(d[r], geometric[r]) < 0.0 && dot(d[r], shading[r]) < 0.0;
             let reaches = !surface || dot(d[r], l_normal.xyz) > 0.0;
-            let lit = faces && reaches && !dark && ((present >> r) & 1u) != 0u;
+            let lit = faces && reaches && ((present >> r) & 1u) != 0u;
 #endif
             alive |= select(0u, 1u << r, lit);
-            lo = select(lo, min(lo, d[r]), lit);
-            hi = select(hi, max(hi, d[r]), lit);
             let tiny = vec3<f32>(1e-30);
             inverse[r] = 1.0 / select(d[r], select(tiny, -tiny, d[r] < vec3<f32>(0.0)), abs(d[r]) < tiny);
         }
-        lo = min_reduce(lo);
-        hi = -min_reduce(-hi);
-        let positive = lo > vec3<f32>(0.0);
-        let bounded = positive | (hi < vec3<f32>(0.0));
-        var shaft: Shaft;
-        shaft.positive = positive;
-        shaft.inverse_lo = select(vec3<f32>(0.0), 1.0 / lo, bounded);
-        shaft.inverse_hi = select(vec3<f32>(0.0), 1.0 / hi, bounded);
-        shaft.unbounded = select(vec3<f32>(3.0e38), vec3<f32>(0.0), bounded);
-        shaft.lo = min(lo, vec3<f32>(0.0));
-        shaft.hi = max(hi, vec3<f32>(0.0));
+#if COUNTERS
+        met[0] += 1u;
+        met[1] += countOneBits(alive);
+#endif
+        let shaft = make_shaft(lo - origin, hi - origin);
 
         // A word of the stack: children of one node that are still to be visited, as the first child's node and, from bit 24,
-        // a mask. Lane i holds word i (of the upper eight: word 8 + i).
-        var low = 0u;
-        var high = 0u;
+        // a mask. Lane i holds word i, and where there are more words than lanes word i + LANES, and so on.
+        var stack: array<u32, WORDS>;
         var top = 0u;
         var base = 0u;
         var pending = select(0u, 1u, or_reduce(alive) != 0u);
-        while pending != 0u && left > 0u {
-            var leaves = 0u;
-            var child = 0u;
-            loop {
-                left = max(left, 1u) - 1u;
-                let node = base + firstTrailingBit(pending);
-                let rest = pending & (pending - 1u);
-                let push = rest != 0u;
-                let word = base | (rest << 24u);
-                low = select(low, word, push && lane == top);
-                high = select(high, word, push && lane + 8u == top);
-                top += select(0u, 1u, push);
-
-                let a = wide_nodes[16u * node + 2u * (lane & 7u)];
-                let b = wide_nodes[16u * node + 2u * (lane & 7u) + 1u];
-                let box_lo = a.xyz - origin;
-                let box_hi = b.xyz - origin;
-                child = bitcast<u32>(a.w) | (bitcast<u32>(b.w) << 28u);
-                var survivors = or_reduce(select(0u, 1u << (lane & 7u), shaft_meets(shaft, box_lo, box_hi)));
-                var met_by = 0u;
-                loop {
-                    left = max(left, 1u) - 1u;
-                    let k = firstTrailingBit(survivors) & 7u;
-                    let k_lo = subgroupShuffle(box_lo, k);
-                    let k_hi = subgroupShuffle(box_hi, k);
-                    var met = 0u;
-                    for (var r = 0u; r < RAYS; r += 1u) {
-                        let t0 = bitcast<vec3<i32>>(k_lo * inverse[r]);
-                        let t1 = bitcast<vec3<i32>>(k_hi * inverse[r]);
-                        let near3 = min(t0, t1);
-                        let far3 = max(t0, t1);
-                        let near = bitcast<f32>(max(max(near3.x, near3.y), max(near3.z, 0)));
-                        let far = bitcast<f32>(min(min(far3.x, far3.y), min(far3.z, 0x3f800000))) * 1.000001;
-                        met |= select(0u, 1u << r, near <= far);
-                    }
-                    met_by |= select(0u, (survivors & (~survivors + 1u)), (met & alive) != 0u);
-                    survivors &= survivors - 1u;
-                    if survivors == 0u {
-                        break;
-                    }
-                }
-                met_by = or_reduce(met_by);
-                let is_leaf = or_reduce(select(0u, 1u << (lane & 7u), child >= 0x10000000u));
-                leaves = met_by & is_leaf;
-                pending = met_by & ~is_leaf;
-                base = subgroupShuffle(child, 0u);
-                let pop = pending == 0u && top > 0u;
-                top -= select(0u, 1u, pop);
-                let popped = subgroupShuffle(select(low, high, top >= 8u), top & 7u);
-                base = select(base, popped & 0xffffffu, pop);
-                pending = select(pending, popped >> 24u, pop);
-                if leaves != 0u || pending == 0u || left == 0u {
-                    break;
-                }
-            }
+        // The leaf that blocked the last cluster-light pair is tried first: it often blocks this one too.
+        var child: array<u32, PARTS>;
+        for (var part = 0u; part < PARTS; part += 1u) {
+            child[part] = blocker;
+        }
+        var leaves = select(0u, 1u, pending != 0u && blocker != 0u);
+        var more = pending != 0u;
+        while more && left > 0u {
             // Leaves: lane k sets up triangle k; those in the shaft are tested against the rays.
             loop {
                 left = max(left, 1u) - 1u;
-                let entry = subgroupShuffle(child, firstTrailingBit(leaves) & 7u);
+                let leaf = firstTrailingBit(leaves) & 7u;
+                let entry = subgroupShuffle(select(child[0], child[PARTS - 1u], leaf >= LANES), leaf & (LANES - 1u));
                 let count = select(0u, entry >> 28u, leaves != 0u);
+#if COUNTERS
+                met[4] += select(0u, 1u, leaves != 0u);
+#endif
                 leaves &= leaves - 1u;
                 let index = entry & 0x0fffffffu;
-                let i = index + min(lane & 7u, max(count, 1u) - 1u);
-                let a = triangle_v0[i].xyz - origin;
-                let e1 = triangle_e1[i].xyz;
-                let e2 = triangle_e2[i].xyz;
-                let b = a + e1;
-                let c = a + e2;
-                // Planes through the light and each edge, formed from differences: products of far corners would lose
-                // the depth of small triangles. All turned so that a ray inside has positive products.
-                let face = cross(e1, e2);
-                let depth = dot(face, a);
-                let side = select(1.0, -1.0, depth < 0.0);
-                let m0 = side * cross(e1 - e2, b + c);
-                let m1 = side * cross(e2, c + a);
-                let m2 = side * cross(-e1, a + b);
-                // The slack of a single ray's test.
-                let slack = 1e-5 * (m0 + m1 + m2);
-                let n0 = m0 + slack;
-                let n1 = m1 + slack;
-                let n2 = m2 + slack;
-                let in_shaft = shaft_meets(shaft, min(a, min(b, c)), max(a, max(b, c)));
-                let takes_part = in_shaft && (lane & 7u) < count && depth != 0.0;
-                var survivors = or_reduce(select(0u, 1u << (lane & 7u), takes_part));
+                var n0: array<vec3<f32>, PARTS>;
+                var n1: array<vec3<f32>, PARTS>;
+                var n_sum: array<vec3<f32>, PARTS>;
+                var reach: array<f32, PARTS>;
+                var taking_part = 0u;
+                for (var part = 0u; part < PARTS; part += 1u) {
+                    let k = part * LANES + (lane & 7u);
+                    let i = index + min(k, max(count, 1u) - 1u);
+                    let a = triangle_v0[i].xyz - origin;
+                    let e1 = triangle_e1[i].xyz;
+                    let e2 = triangle_e2[i].xyz;
+                    let b = a + e1;
+                    let c = a + e2;
+                    // Planes through the light and each edge, formed from differences: products of far corners would lose
+                    // the depth of small triangles. All turned so that a ray inside has positive products, which are then
+                    // proportional to barycentric coordinates.
+                    let face = cross(e1, e2);
+                    let depth = dot(face, a);
+                    let side = select(1.0, -1.0, depth < 0.0);
+                    let m0 = side * cross(e1 - e2, b + c);
+                    let m1 = side * cross(e2, c + a);
+                    let m2 = side * cross(-e1, a + b);
+                    // The slack of a single ray's test, which makes each product larger by that share of their sum.
+                    const SLACK: f32 = 1e-5;
+                    let slack = SLACK * (m0 + m1 + m2);
+                    n0[part] = m0 + slack;
+                    n1[part] = m1 + slack;
+                    // The three planes add up to twice the triangle's own.
+                    n_sum[part] = (side * 2.0 * (1.0 + 3.0 * SLACK)) * face;
+                    reach[part] = abs(depth) * (2.0 * (1.0 + 3.0 * SLACK));
+                    let in_shaft = shaft_meets(shaft, min(a, min(b, c)), max(a, max(b, c)));
+                    taking_part |= select(0u, 1u << k, in_shaft && k < count && depth != 0.0);
+                }
+                var survivors = or_reduce(taking_part);
                 loop {
                     left = max(left, 1u) - 1u;
                     let k = firstTrailingBit(survivors) & 7u;
                     let any = survivors != 0u;
+#if COUNTERS
+                    met[5] += select(0u, 1u, any);
+#endif
                     survivors &= survivors - 1u;
-                    let k_n0 = subgroupShuffle(n0, k);
-                    let k_n1 = subgroupShuffle(n1, k);
-                    let k_n2 = subgroupShuffle(n2, k);
-                    let k_face = subgroupShuffle(side * face, k);
-                    let k_depth = select(3.0e38, subgroupShuffle(side * depth, k), any);
+                    let upper = k >= LANES;
+                    let at = k & (LANES - 1u);
+                    let k_n0 = subgroupShuffle(select(n0[0], n0[PARTS - 1u], upper), at);
+                    let k_n1 = subgroupShuffle(select(n1[0], n1[PARTS - 1u], upper), at);
+                    let k_sum = subgroupShuffle(select(n_sum[0], n_sum[PARTS - 1u], upper), at);
+                    let k_reach = select(3.0e38, subgroupShuffle(select(reach[0], reach[PARTS - 1u], upper), at), any);
                     for (var r = 0u; r < RAYS; r += 1u) {
                         let b0 = dot(k_n0, d[r]);
                         let b1 = dot(k_n1, d[r]);
-                        let b2 = dot(k_n2, d[r]);
-                        let blocked = b0 >= 0.0 && b1 >= 0.0 && b2 >= 0.0 && dot(k_face, d[r]) > k_depth;
+                        let b = dot(k_sum, d[r]); // b0 + b1 + b2
+                        let blocked = b0 >= 0.0 && b1 >= 0.0 && b - b0 >= b1 && b > k_reach;
                         alive &= ~select(0u, 1u << r, blocked);
                     }
                     if survivors == 0u {
@@ -330,6 +401,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                     }
                 }
                 let dead = or_reduce(alive) == 0u;
+                blocker = select(blocker, entry, dead);
                 pending = select(pending, 0u, dead);
                 top = select(top, 0u, dead);
                 leaves = select(leaves, 0u, dead);
@@ -337,9 +409,84 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                     break;
                 }
             }
+            leaves = 0u;
+            more = pending != 0u;
+            loop {
+                left = max(left, 1u) - 1u;
+                let node = select(0u, base + firstTrailingBit(pending), more);
+#if COUNTERS
+                met[2] += select(0u, 1u, more);
+#endif
+                let rest = pending & (pending - 1u);
+                let push = rest != 0u;
+                let word = base | (rest << 24u);
+                for (var w = 0u; w < WORDS; w += 1u) {
+                    stack[w] = select(stack[w], word, push && lane + w * LANES == top);
+                }
+                top += select(0u, 1u, push);
+
+                var box_lo: array<vec3<f32>, PARTS>;
+                var box_hi: array<vec3<f32>, PARTS>;
+                var in_shaft = 0u;
+                var is_leaf = 0u;
+                for (var part = 0u; part < PARTS; part += 1u) {
+                    let k = part * LANES + (lane & 7u);
+                    let a = wide_nodes[16u * node + 2u * k];
+                    let b = wide_nodes[16u * node + 2u * k + 1u];
+                    box_lo[part] = a.xyz - origin;
+                    box_hi[part] = b.xyz - origin;
+                    child[part] = bitcast<u32>(a.w) | (bitcast<u32>(b.w) << 28u);
+                    in_shaft |= select(0u, 1u << k, shaft_meets(shaft, box_lo[part], box_hi[part]));
+                    is_leaf |= select(0u, 1u << k, child[part] >= 0x10000000u);
+                }
+                var survivors = or_reduce(in_shaft);
+                var met_by = 0u;
+                loop {
+                    left = max(left, 1u) - 1u;
+                    let k = firstTrailingBit(survivors) & 7u;
+                    let upper = k >= LANES;
+                    let k_lo = subgroupShuffle(select(box_lo[0], box_lo[PARTS - 1u], upper), k & (LANES - 1u));
+                    let k_hi = subgroupShuffle(select(box_hi[0], box_hi[PARTS - 1u], upper), k & (LANES - 1u));
+#if COUNTERS
+                    met[3] += select(0u, 1u, survivors != 0u);
+#endif
+                    var hits = 0u;
+                    for (var r = 0u; r < RAYS; r += 1u) {
+                        let t0 = bitcast<vec3<i32>>(k_lo * inverse[r]);
+                        let t1 = bitcast<vec3<i32>>(k_hi * inverse[r]);
+                        let near3 = min(t0, t1);
+                        let far3 = max(t0, t1);
+                        let near = bitcast<f32>(max(max(near3.x, near3.y), max(near3.z, 0)));
+                        let far = bitcast<f32>(min(min(far3.x, far3.y), min(far3.z, 0x3f800000))) * 1.000001;
+                        hits |= select(0u, 1u << r, near <= far);
+                    }
+                    met_by |= select(0u, (survivors & (~survivors + 1u)), (hits & alive) != 0u);
+                    survivors &= survivors - 1u;
+                    if survivors == 0u {
+                        break;
+                    }
+                }
+                met_by = or_reduce(met_by);
+                let leaf_children = or_reduce(is_leaf);
+                leaves = select(0u, met_by & leaf_children, more);
+                pending = select(0u, met_by & ~leaf_children, more);
+                base = subgroupShuffle(child[0], 0u);
+                let pop = pending == 0u && top > 0u;
+                top -= select(0u, 1u, pop);
+                var words = stack[0];
+                for (var w = 1u; w < WORDS; w += 1u) {
+                    words = select(words, stack[w], top / LANES == w);
+                }
+                let popped = subgroupShuffle(words, top & (LANES - 1u));
+                base = select(base, popped & 0xffffffu, pop);
+                pending = select(pending, popped >> 24u, pop);
+                if leaves != 0u || pending == 0u || left == 0u {
+                    break;
+                }
+            }
+            more = leaves != 0u || pending != 0u;
         }
-        top = select(0u, 1u, pending != 0u);
-        if top > 0u {
+        if more {
             break;
         }
 
@@ -367,8 +514,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             }
         }
 #endif
-        light += 1u;
+        todo &= todo - 1u;
     }
+#if COUNTERS
+    // All lanes count the same, but for their rays.
+    for (var i = 0u; i < 6u; i += 1u) {
+        atomicAdd(&counters[i], select(0u, met[i], i == 1u || lane == 0u));
+    }
+#endif
+    let reached = select(step.first + firstTrailingBit(todo), step.end, todo == 0u);
     for (var r = 0u; r < RAYS; r += 1u) {
         if ((present >> r) & 1u) != 0u {
             let p = pixel[r];
@@ -381,8 +535,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 indirect[p] = vec4<f32>(sum[r], 0.0);
             }
 #endif
-            progress[p] = vec2<u32>(light, 0u);
-            if light < step.end {
+            progress[p] = vec2<u32>(reached, 0u);
+            if reached < step.end {
                 atomicAdd(&work.unfinished, 1u);
             }
         }

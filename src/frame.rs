@@ -116,7 +116,7 @@ impl Steps {
         settings: &Settings,
         plan: &LightPlan,
         delta: &[PointLight],
-        clusters_in_scene: bool,
+        lanes: Option<u32>,
         pixels: u32,
     ) -> Steps {
         let rounds = settings.rounds;
@@ -128,7 +128,7 @@ impl Steps {
                 (rays, table.add(Step { bounce: j as u32, ..Step::default() }))
             })
             .collect();
-        let chunk_size = settings.lights_per_dispatch;
+        let chunk_size = Chunk::size(settings, lanes.is_some());
         let shade = plan
             .chunks(chunk_size, plan.survivors.len())
             .iter()
@@ -136,10 +136,10 @@ impl Steps {
                 // Parallel light comes from no place.
                 let mut places = delta.iter().take(end as usize).skip(first as usize);
                 let parallel = places.any(|l| l.flags() & PointLight::DIRECTIONAL != 0);
-                Chunk::new(table, settings, (first, end), clusters_in_scene && !parallel)
+                Chunk::new(table, settings, (first, end), lanes.filter(|_| !parallel))
             })
             .collect();
-        let (depth, sorts) = (settings.max_depth, clusters_in_scene);
+        let (depth, sorts) = (settings.max_depth, lanes.is_some());
         let clips =
             !matches!(settings.clip, crate::settings::Clip::Distance(0.0) | crate::settings::Clip::Fraction(0.0));
         let bounces = if settings.compensation && clips { depth } else { 1 };
@@ -208,7 +208,7 @@ impl Frame {
         // The eye's receivers are listed in whole tiles.
         let slots = image.width().div_ceil(8) * image.height().div_ceil(8) * 64;
         let mut table = StepTable::default();
-        let steps = Steps::new(&mut table, settings, plan, delta, scene.wide_nodes.is_some(), pixels);
+        let steps = Steps::new(&mut table, settings, plan, delta, scene.cluster_lanes(context), pixels);
         let step_buffer = staging.stage(context, "steps", &table.steps)?;
 
         let device = |name: &str, bytes: u64| Buffer::new(context, name, bytes, Memory::Device);

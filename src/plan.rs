@@ -83,12 +83,17 @@ pub fn shade_steps(lights: u32, budget: u32) -> u32 {
     (budget / lights.max(1)).saturating_sub(6) / ITERATIONS_PER_STEP
 }
 
-/// Visits of one cluster in one dispatch of the cluster kernel over `lights` lights, such that the dispatch stays within
-/// `budget`. Loops over the eight rays of a lane take nine iterations, their exit included. A visit with n survivors counts
-/// 1 + n and takes 10 + 10 n; a light besides takes at most 28 and 80 for specular lobes; beginning and end take 30, and
-/// up to 80 are still under way when the budget is spent.
-pub fn cluster_steps(lights: u32, budget: u32) -> u32 {
-    budget.saturating_sub(110 * lights + 120) / 10
+/// Visits of one cluster in one dispatch of the cluster kernel over `lights` lights by subgroups of `lanes`, such that the
+/// dispatch stays within `budget`. A lane holds 64 / lanes rays, and a loop over them takes one iteration more, for its exit.
+/// Every visit (a node, a child, a leaf, a triangle) has at most one such loop or a few shorter ones. A light besides takes two
+/// of them, and specular lobes one for each ray; beginning and end take a few. When the budget is spent, at most the
+/// children and the leaves of one node are still under way.
+pub fn cluster_steps(lights: u32, budget: u32, lanes: u32) -> u32 {
+    let rays = 64 / lanes;
+    let visit = (rays + 2).max(10);
+    let light = 2 * (rays + 1) + rays * (rays + 3) + 12;
+    let under_way = 8 * visit + 8 * (3 + 8 * visit);
+    budget.saturating_sub(light * lights + under_way + 4 * rays + 40) / visit
 }
 
 /// With fewer visits than this clusters would mostly leave their work to single rays, so these do all of it.
@@ -261,12 +266,12 @@ mod tests {
                 assert!(lights * (steps * ITERATIONS_PER_STEP + 6) <= budget, "{lights} lights");
                 assert!(trace_steps(budget) > 1 && trace_steps(budget) * ITERATIONS_PER_STEP < budget);
             }
-            // Visits without survivors, visits that all survive, lights without any: none exceeds the sum.
-            let visits = cluster_steps(lights, LOOP_BUDGET);
-            assert!(visits > 10 * LEAST_CLUSTER_STEPS);
-            for survivors in [0, 1, 8] {
-                let iterations = visits / (1 + survivors) * (10 + 10 * survivors) + lights * (28 + 80) + 30 + 80;
-                assert!(iterations <= LOOP_BUDGET, "{lights} lights, {survivors} survivors: {iterations}");
+            // Whatever the visits are, none takes more than that many iterations.
+            for lanes in [4, 8, 16, 32, 64] {
+                let (visits, rays) = (cluster_steps(lights, LOOP_BUDGET, lanes), 64 / lanes);
+                assert!(visits > LEAST_CLUSTER_STEPS, "{lights} lights, {lanes} lanes");
+                let iterations = visits * (rays + 2) + lights * (rays + 1) * (rays + 4) + 8 * 9 * (rays + 2);
+                assert!(iterations <= LOOP_BUDGET, "{lights} lights, {lanes} lanes: {iterations}");
             }
         }
     }

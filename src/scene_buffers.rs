@@ -10,8 +10,11 @@ use crate::pass::layout::{MaterialRecord, PointLight, TextureRecord};
 use crate::scene::{Light, Scene, Surface, Texture, Wrap};
 use glam::{Vec2, Vec3};
 
-/// Entries of the stack in `shaders/shade_cluster.wgsl`.
-const CLUSTER_STACK: u32 = 128;
+/// Words of the stack in `shaders/shade_cluster.wgsl`.
+const CLUSTER_STACK: u32 = 16;
+
+/// Greatest number of wide nodes: a word of that stack has 24 bits for one.
+const MAX_WIDE_NODES: u32 = 1 << 24;
 
 /// Device buffers of a scene; all written once, before the first frame.
 #[derive(Clone)]
@@ -52,7 +55,9 @@ impl SceneBuffers {
         emitters: &Emitters,
         clusters: bool,
     ) -> Result<SceneBuffers> {
-        let wide = clusters.then(|| WideBvh::build(bvh)).filter(|wide| wide.stack_bound() <= CLUSTER_STACK);
+        let wide = clusters
+            .then(|| WideBvh::build(bvh))
+            .filter(|wide| wide.stack_bound() <= CLUSTER_STACK && wide.node_count() <= MAX_WIDE_NODES);
         let wide_nodes = match wide {
             Some(wide) => Some(staging.stage(context, "scene wide nodes", &wide.nodes)?),
             None => None,
@@ -74,6 +79,11 @@ impl SceneBuffers {
             texels: staging.stage(context, "scene texels", &texels)?,
             emitters: staging.stage(context, "scene emitters", &emitters.records())?,
         })
+    }
+
+    /// Lanes of the subgroup that takes a cluster, if the scene has what clusters need.
+    pub fn cluster_lanes(&self, context: &Context) -> Option<u32> {
+        self.wide_nodes.as_ref().map(|_| context.info().subgroup_size)
     }
 
     /// The bindings of `shaders/include/surface.wgsl`.

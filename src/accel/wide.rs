@@ -92,9 +92,9 @@ impl WideBvh {
         (self.nodes.len() / (2 * WIDTH)) as u32
     }
 
-    /// Entries that a stack needs at most: each visit takes one and leaves up to eight.
+    /// Words that a stack needs at most: one for each node on the way from the root that has further children to be visited.
     pub fn stack_bound(&self) -> u32 {
-        (WIDTH as u32 - 1) * self.depth + 1
+        self.depth.saturating_sub(1)
     }
 
     fn push_empty(&mut self) {

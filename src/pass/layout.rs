@@ -45,8 +45,8 @@ pub struct Work {
     pub unfinished: u32,
     /// Slots of a list that is still to be sorted, dead ones included.
     pub total: u32,
-    /// Unused.
-    pub reserved: u32,
+    /// Pairs of a cluster and a light that were dropped before any ray was traced.
+    pub culled: u32,
     /// Groups for one invocation a receiver.
     pub list_groups: [u32; 4],
     /// Groups for the next round.

@@ -49,19 +49,46 @@ pub struct Forms {
     pub single: Kernel,
     /// A subgroup traces a cluster; `None`: shadow rays are traced one by one.
     pub cluster: Option<Kernel>,
+    /// The cluster form counts what it meets.
+    pub count: bool,
 }
 
 impl Forms {
     /// Those of the pass `shade`.
     pub fn shade(context: &Context, traversal: Traversal) -> Result<Forms> {
-        let clusters = [(8, &shaders::SHADE_CLUSTER), (16, &shaders::SHADE_CLUSTER_16)];
+        let clusters = [
+            (4, &shaders::SHADE_CLUSTER_4),
+            (8, &shaders::SHADE_CLUSTER_8),
+            (16, &shaders::SHADE_CLUSTER_16),
+            (32, &shaders::SHADE_CLUSTER_32),
+            (64, &shaders::SHADE_CLUSTER_64),
+        ];
         Forms::new(context, traversal, &shaders::SHADE, &clusters)
     }
 
     /// Those of the pass `visibility`.
     pub fn visibility(context: &Context, traversal: Traversal) -> Result<Forms> {
-        let clusters = [(8, &shaders::VISIBILITY_CLUSTER), (16, &shaders::VISIBILITY_CLUSTER_16)];
+        let clusters = [
+            (4, &shaders::VISIBILITY_CLUSTER_4),
+            (8, &shaders::VISIBILITY_CLUSTER_8),
+            (16, &shaders::VISIBILITY_CLUSTER_16),
+            (32, &shaders::VISIBILITY_CLUSTER_32),
+            (64, &shaders::VISIBILITY_CLUSTER_64),
+        ];
         Forms::new(context, traversal, &shaders::VISIBILITY, &clusters)
+    }
+
+    /// Those of the pass `visibility` that count what clusters meet.
+    pub fn counters(context: &Context) -> Result<Forms> {
+        let clusters = [
+            (4, &shaders::COUNTERS_4),
+            (8, &shaders::COUNTERS_8),
+            (16, &shaders::COUNTERS_16),
+            (32, &shaders::COUNTERS_32),
+            (64, &shaders::COUNTERS_64),
+        ];
+        let forms = Forms::new(context, Traversal::Cluster, &shaders::VISIBILITY, &clusters)?;
+        Ok(Forms { count: true, ..forms })
     }
 
     /// `clusters`: shaders by the size of the subgroup.
@@ -83,13 +110,13 @@ impl Forms {
                 return Err(Error::Setting {
                     name: "--traversal",
                     message: format!(
-                        "{} has subgroups of {size}; clusters need subgroups of 8 or 16 with shuffles; use auto",
+                        "{} has subgroups of {size}; clusters need subgroups of 4, 8, 16, 32 or 64 with shuffles; use auto",
                         info.name
                     ),
                 });
             }
         };
-        Ok(Forms { single: Kernel::new(context, single)?, cluster })
+        Ok(Forms { single: Kernel::new(context, single)?, cluster, count: false })
     }
 }
 

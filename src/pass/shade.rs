@@ -59,6 +59,9 @@ pub struct Walkers {
 /// budget does not suffice for that alone.
 const CLUSTER_ROUNDS: u32 = 4;
 
+/// Greatest number of lights of a chunk that clusters take: they keep a mask of them in 32 bits.
+const CLUSTER_LIGHTS: u32 = 32;
+
 /// Steps of one chunk of lights.
 pub struct Chunk {
     /// Its rounds. The first [`CLUSTER_ROUNDS`] may be taken by clusters; what they leave over goes on ray by ray.
@@ -109,7 +112,8 @@ impl Shade {
             ("specular", (&inputs.sums.specular).into()),
         ];
         let schedule = Schedule::new(kernels, &inputs.list.work, inputs.steps, inputs.status)?;
-        let walkers = Walkers::new(&kernels.shade, inputs.scene, inputs.frame, &named, schedule, &inputs.list.work)?;
+        let walkers =
+            Walkers::new(&kernels.shade, inputs.scene, inputs.frame, &named, &[], schedule, &inputs.list.work)?;
         Ok(Shade { walkers })
     }
 
@@ -125,12 +129,13 @@ impl Shade {
 }
 
 impl Walkers {
-    /// Binds both forms to the scene and to what is `named`.
+    /// Binds both forms to the scene and to what is `named`, and the cluster form to `cluster_only` as well.
     pub fn new(
         forms: &Forms,
         scene: &SceneBuffers,
         frame: &Buffer,
         named: &[(&'static str, Bound)],
+        cluster_only: &[(&'static str, &Buffer)],
         schedule: Schedule,
         work: &Buffer,
     ) -> Result<Walkers> {
@@ -148,7 +153,9 @@ impl Walkers {
         };
         let single = bind(&forms.single, &[("node_min", &scene.node_min), ("node_max", &scene.node_max)])?;
         let cluster = match (&forms.cluster, &scene.wide_nodes) {
-            (Some(kernel), Some(wide_nodes)) => Some(bind(kernel, &[("wide_nodes", wide_nodes)])?),
+            (Some(kernel), Some(wide_nodes)) => {
+                Some(bind(kernel, &[&[("wide_nodes", wide_nodes)], cluster_only].concat())?)
+            }
             _ => None,
         };
         Ok(Walkers { single, cluster, schedule, work: work.clone() })
@@ -173,20 +180,27 @@ impl Walkers {
 }
 
 impl Chunk {
-    /// Steps for the lights `first..end` of a chunk, `clusters`: taken by clusters as far as their budget goes.
-    pub fn new(table: &mut StepTable, settings: &Settings, (first, end): (u32, u32), clusters: bool) -> Chunk {
-        let (size, rounds) = (settings.lights_per_dispatch, settings.rounds);
+    /// Greatest number of lights of a chunk. Clusters take more than single rays: they load their receivers once for all.
+    pub fn size(settings: &Settings, clusters: bool) -> u32 {
+        let single = settings.lights_per_dispatch;
+        if clusters { (4 * single).min(CLUSTER_LIGHTS) } else { single }
+    }
+
+    /// Steps for the lights `first..end` of a chunk; `lanes`: lanes of the subgroup that takes a cluster, if clusters do.
+    pub fn new(table: &mut StepTable, settings: &Settings, (first, end): (u32, u32), lanes: Option<u32>) -> Chunk {
+        let (size, rounds) = (Chunk::size(settings, lanes.is_some()), settings.rounds);
         let steps = plan::shade_steps(size, settings.loop_budget);
         let chunk = Step { first, end, steps, indirect: 1, fresh: u32::from(first == 0), ..Step::default() };
-        let cluster_steps = plan::cluster_steps(size, settings.loop_budget);
-        let clusters = clusters && cluster_steps >= plan::LEAST_CLUSTER_STEPS;
-        if !clusters {
-            return Chunk { rounds: table.add_rounds(rounds, chunk), clusters };
+        let cluster_steps = lanes.map_or(0, |lanes| plan::cluster_steps(size, settings.loop_budget, lanes));
+        if cluster_steps < plan::LEAST_CLUSTER_STEPS {
+            return Chunk { rounds: table.add_rounds(rounds, chunk), clusters: false };
         }
-        let together = (0..CLUSTER_ROUNDS).map(|round| Step { round, fresh: u32::from(round == 0) * chunk.fresh, steps: cluster_steps, ..chunk });
+        let fresh = |round: u32| if round == 0 { chunk.fresh } else { 0 };
+        let together =
+            (0..CLUSTER_ROUNDS).map(|round| Step { round, fresh: fresh(round), steps: cluster_steps, ..chunk });
         // What clusters leave over has all rounds of the single rays still before it.
         let one_by_one = (1..=rounds).map(|round| Step { round, fresh: 0, last: u32::from(round == rounds), ..chunk });
-        Chunk { rounds: together.chain(one_by_one).map(|step| table.add(step)).collect(), clusters }
+        Chunk { rounds: together.chain(one_by_one).map(|step| table.add(step)).collect(), clusters: true }
     }
 }
 

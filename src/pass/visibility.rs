@@ -51,26 +51,64 @@ impl Workload {
 pub struct Visibility {
     walkers: Walkers,
     chunks: Vec<Chunk>,
-    work: Buffer,
     work_at_start: Buffer,
     /// Lights seen by each receiver.
     pub visible: Buffer,
     /// `[0]`: rays lost.
     pub status: Buffer,
+    /// A [`Work`]: how many pairs were culled.
+    pub work: Buffer,
+    /// What clusters met, if the forms count it; see [`Counts`].
+    pub counters: Buffer,
+}
+
+/// What the pass is made of.
+pub struct Inputs<'a> {
+    /// The kernels.
+    pub kernels: &'a Kernels,
+    /// Those that trace.
+    pub forms: &'a Forms,
+    /// The scene on the device.
+    pub scene: &'a SceneBuffers,
+    /// Its hierarchy.
+    pub bvh: &'a Bvh,
+    /// Rounds, budget and lights for each dispatch.
+    pub settings: &'a Settings,
+    /// The rays.
+    pub workload: &'a Workload,
+}
+
+/// What the clusters of a workload met.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Pairs of a cluster and a light that were traced.
+    pub pairs: u32,
+    /// Their rays.
+    pub rays: u32,
+    /// Nodes whose children were tested.
+    pub nodes: u32,
+    /// Children in the shaft, tested against the rays.
+    pub children: u32,
+    /// Leaves whose triangles were tested.
+    pub leaves: u32,
+    /// Triangles in the shaft, tested against the rays.
+    pub triangles: u32,
+}
+
+impl Counts {
+    /// Words of [`Visibility::counters`].
+    pub const LENGTH: usize = 6;
+
+    /// Of the words that the device counted.
+    pub fn new([pairs, rays, nodes, children, leaves, triangles]: [u32; Counts::LENGTH]) -> Counts {
+        Counts { pairs, rays, nodes, children, leaves, triangles }
+    }
 }
 
 impl Visibility {
-    /// Creates the pass and stages the workload. Takes of `settings` the traversal, rounds, budget and lights for each dispatch.
-    pub fn new(
-        context: &Context,
-        kernels: &Kernels,
-        forms: &Forms,
-        staging: &mut Staging,
-        scene: &SceneBuffers,
-        bvh: &Bvh,
-        settings: &Settings,
-        workload: &Workload,
-    ) -> Result<Visibility> {
+    /// Creates the pass and stages the workload.
+    pub fn new(context: &Context, staging: &mut Staging, inputs: &Inputs) -> Result<Visibility> {
+        let Inputs { kernels, forms, scene, bvh, settings, workload } = *inputs;
         let count = workload.receivers.len() as u32;
         let vec4s = |v: &[Vec3]| v.iter().map(|v| v.extend(0.0).to_array()).collect::<Vec<_>>();
         let records: Vec<_> = (workload.lights.iter())
@@ -85,11 +123,10 @@ impl Visibility {
 
         let mut table = StepTable::default();
         let lights = workload.lights.len() as u32;
-        let size = settings.lights_per_dispatch;
+        let lanes = scene.cluster_lanes(context);
+        let size = Chunk::size(settings, lanes.is_some());
         let chunks = (0..lights.div_ceil(size))
-            .map(|i| {
-                Chunk::new(&mut table, settings, (i * size, lights.min((i + 1) * size)), scene.wide_nodes.is_some())
-            })
+            .map(|i| Chunk::new(&mut table, settings, (i * size, lights.min((i + 1) * size)), lanes))
             .collect();
         let steps = staging.stage(context, "visibility steps", &table.steps)?;
         let device = |name: &str, bytes: u64| Buffer::new(context, name, bytes, Memory::Device);
@@ -115,20 +152,18 @@ impl Visibility {
             ("visible", (&visible).into()),
         ];
         let schedule = Schedule::new(kernels, &list.work, &steps, &status)?;
-        let walkers = Walkers::new(forms, scene, &frame, &named, schedule, &list.work)?;
-        Ok(Visibility {
-            walkers,
-            chunks,
-            work: list.work,
-            work_at_start: staging.stage(context, "work", &[work])?,
-            visible,
-            status,
-        })
+        let counters = device("visibility counters", 4 * Counts::LENGTH as u64)?;
+        let counted = [("counters", &counters)];
+        let counted = if forms.count { &counted[..] } else { &[] };
+        let walkers = Walkers::new(forms, scene, &frame, &named, counted, schedule, &list.work)?;
+        let work_at_start = staging.stage(context, "visibility work at start", &[work])?;
+        Ok(Visibility { walkers, chunks, work_at_start, visible, status, work: list.work, counters })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
         rec.fill(&self.status, 0)?;
+        rec.fill(&self.counters, 0)?;
         rec.copy(&self.work_at_start, &self.work)?;
         self.walkers.record(rec, &self.chunks)
     }

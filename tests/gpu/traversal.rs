@@ -144,7 +144,7 @@ fn lists_are_sorted_and_the_same_in_every_run() {
                 (list, positions.collect::<Vec<Vec3>>(), lit.collect::<Vec<bool>>(), rig.parameters)
             };
             let (list, positions, lit, parameters) = run();
-            if [8, 16].contains(&ctx.info().subgroup_size) {
+            if [4, 8, 16, 32, 64].contains(&ctx.info().subgroup_size) {
                 // Tile by tile, row by row within a tile.
                 let mut slots: Vec<u32> = (0..width * height).filter(|&p| lit[p as usize]).collect();
                 slots.sort_by_key(|p| {

@@ -50,6 +50,12 @@ pub struct ShadowRays {
     /// Point lights, taken evenly from those of a pass.
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub lights: u32,
+    /// Count besides, in a run of its own, what the clusters meet: nodes, children, leaves and triangles for each light.
+    #[arg(long)]
+    pub counters: bool,
+    /// Measure this kernel alone.
+    #[arg(long, value_name = "KERNEL", value_parser = ["single", "cluster"])]
+    pub only: Option<String>,
     /// Lights that one dispatch may loop over, 1 to 64 [default: that of the renderer].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub lights_per_dispatch: Option<u32>,

@@ -5,7 +5,8 @@ use crate::{report, scene};
 use lightsum::accel::Bvh;
 use lightsum::gpu::{Context, ContextOptions, Staging, Timers, download};
 use lightsum::light::emitters::Emitters;
-use lightsum::pass::visibility::{Visibility, Workload};
+use lightsum::pass::layout::Work;
+use lightsum::pass::visibility::{Counts, Inputs, Visibility, Workload};
 use lightsum::pass::{Forms, Kernels};
 use lightsum::scene::Scene;
 use lightsum::scene_buffers::SceneBuffers;
@@ -28,6 +29,7 @@ pub struct Bench {
     bvh: Bvh,
     kernels: Kernels,
     lights_per_dispatch: Option<u32>,
+    only: Option<String>,
 }
 
 /// What a kernel did.
@@ -61,35 +63,64 @@ impl Bench {
         context.submit_and_wait("uploading the scene", None, |rec| staging.record(rec))?;
         let timers = Timers::new(&context, 4)?;
         let segments = workload.segments();
-        Ok(Bench { context, workload, segments, timers, scene_buffers, bvh, kernels, lights_per_dispatch: args.lights_per_dispatch })
+        Ok(Bench {
+            context,
+            workload,
+            segments,
+            timers,
+            scene_buffers,
+            bvh,
+            kernels,
+            lights_per_dispatch: args.lights_per_dispatch,
+            only: args.only.clone(),
+        })
+    }
+
+    /// Whether device and scene have what clusters need.
+    pub fn has_clusters(&self) -> bool {
+        self.kernels.shade.cluster.is_some() && self.scene_buffers.wide_nodes.is_some()
     }
 
     /// The kernels that this device can run.
     pub fn traversals(&self) -> Vec<Traversal> {
-        let cluster = self.kernels.shade.cluster.is_some() && self.scene_buffers.wide_nodes.is_some();
-        if cluster { vec![Traversal::Single, Traversal::Cluster] } else { vec![Traversal::Single] }
+        let cluster = self.has_clusters();
+        let all = [(Traversal::Single, true), (Traversal::Cluster, cluster)];
+        let wanted = |t: Traversal| self.only.as_deref().is_none_or(|only| only == name(t));
+        all.into_iter().filter(|&(t, able)| able && wanted(t)).map(|(t, _)| t).collect()
     }
 
     /// Traces the workload once to warm up and then `repeats` times.
     pub fn measure(&self, traversal: Traversal, repeats: u32) -> Result<Measured> {
-        let kernel = match traversal {
-            Traversal::Single => "single",
-            _ => "cluster",
-        };
+        let kernel = name(traversal);
         let forms = Forms::visibility(&self.context, traversal)?;
+        self.trace(&forms, kernel, repeats).map(|(measured, _)| measured)
+    }
+
+    /// What the clusters of the workload meet; and the pairs dropped before any ray was traced.
+    pub fn count(&self) -> Result<(Counts, u32)> {
+        let forms = Forms::counters(&self.context)?;
+        let (_, pass) = self.trace(&forms, "counters", 0)?;
+        let words = download::<u32>(&self.context, &pass.counters)?;
+        let culled = download::<Work>(&self.context, &pass.work)?[0].culled;
+        Ok((Counts::new([words[0], words[1], words[2], words[3], words[4], words[5]]), culled))
+    }
+
+    fn trace(&self, forms: &Forms, kernel: &'static str, repeats: u32) -> Result<(Measured, Visibility)> {
         let mut staging = Staging::new();
         let defaults = Settings::default();
         let lights_per_dispatch = self.lights_per_dispatch.unwrap_or(defaults.lights_per_dispatch);
         let settings = Settings { rounds: 64, lights_per_dispatch, ..defaults };
         let pass = Visibility::new(
             &self.context,
-            &self.kernels,
-            &forms,
             &mut staging,
-            &self.scene_buffers,
-            &self.bvh,
-            &settings,
-            &self.workload,
+            &Inputs {
+                kernels: &self.kernels,
+                forms,
+                scene: &self.scene_buffers,
+                bvh: &self.bvh,
+                settings: &settings,
+                workload: &self.workload,
+            },
         )?;
         self.context.submit_and_wait("uploading the rays", None, |rec| staging.record(rec))?;
         let mut times = Vec::new();
@@ -108,7 +139,14 @@ impl Bench {
             return Err(Error::Unfinished { pass: "visibility", rays: lost, steps: 0 });
         }
         let visible = download::<u32>(&self.context, &pass.visible)?.iter().map(|&n| u64::from(n)).sum();
-        Ok(Measured { kernel, visible, times })
+        Ok((Measured { kernel, visible, times }, pass))
+    }
+}
+
+fn name(traversal: Traversal) -> &'static str {
+    match traversal {
+        Traversal::Single => "single",
+        _ => "cluster",
     }
 }
 
@@ -142,6 +180,36 @@ pub fn run(args: &ShadowRays) -> Result<()> {
                     bench.segments,
                     measured.visible,
                     100.0 * report::spread(&measured.times)
+                );
+            }
+        }
+        if args.counters && bench.has_clusters() {
+            let (counts, culled) = bench.count()?;
+            let each = |n: u32| f64::from(n) / f64::from(counts.pairs.max(1));
+            if args.common.json {
+                let line = json!({
+                    "mode": "shadow-rays",
+                    "scene": name,
+                    "kernel": "counters",
+                    "pairs": counts.pairs,
+                    "culled_pairs": culled,
+                    "rays": counts.rays,
+                    "nodes_per_pair": each(counts.nodes),
+                    "children_per_pair": each(counts.children),
+                    "leaves_per_pair": each(counts.leaves),
+                    "triangles_per_pair": each(counts.triangles),
+                });
+                report::print_json(line, &environment);
+            } else {
+                println!(
+                    "{name:40} counters {} pairs of cluster and light, {culled} more culled; each {:.1} rays, {:.2} nodes, \
+                     {:.2} children, {:.2} leaves, {:.2} triangles",
+                    counts.pairs,
+                    each(counts.rays),
+                    each(counts.nodes),
+                    each(counts.children),
+                    each(counts.leaves),
+                    each(counts.triangles)
                 );
             }
         }
