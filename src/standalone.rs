@@ -32,6 +32,19 @@ pub struct RenderOptions {
     pub pipeline_cache: Option<PathBuf>,
 }
 
+/// What one pass took.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PassTimes {
+    /// Seconds by the wall clock, from recording to the end of the wait; longer if rays ran out of steps and the pass was
+    /// repeated.
+    pub seconds: f64,
+    /// Seconds of each GPU pass by its timestamps, in order; empty where the device writes none. "sort" is a part of
+    /// "eye" and "gather".
+    pub gpu_passes: Vec<(String, f64)>,
+    /// Rays, counted as in [`Statistics::rays`].
+    pub rays: u64,
+}
+
 /// A scene being rendered.
 pub struct Renderer {
     context: Context,
@@ -42,6 +55,7 @@ pub struct Renderer {
     fingerprint: u64,
     stages: Vec<(String, f64)>,
     gpu_passes: Vec<(String, f64)>,
+    last_pass: PassTimes,
     rendered: u32,
     rays: u64,
 }
@@ -84,6 +98,7 @@ impl Renderer {
             fingerprint,
             stages: vec![(String::from("build"), built), (String::from("upload"), total - built)],
             gpu_passes: Vec::new(),
+            last_pass: PassTimes::default(),
             rendered: 0,
             rays: 0,
         })
@@ -92,7 +107,7 @@ impl Renderer {
     /// Renders one pass and adds it to the image. Rays that run out of steps get more rounds, and the pass is repeated.
     pub fn pass(&mut self) -> Result<()> {
         let start = Instant::now();
-        let number = self.engine.passes();
+        let (number, rays) = (self.engine.passes(), self.rays);
         loop {
             let (engine, readback) = (&mut self.engine, &self.readback);
             self.context.submit_and_wait(&format!("in pass {number}"), Some(&self.timers), |rec| {
@@ -125,12 +140,15 @@ impl Renderer {
         if let Some(message) = messages.first() {
             return Err(Error::Resource { name: format!("pass {number}"), message: format!("validation: {message}") });
         }
-        for (name, seconds) in self.timers.read()? {
-            match self.gpu_passes.iter_mut().find(|(n, _)| *n == name) {
+        let gpu_passes = self.timers.read()?;
+        for (name, seconds) in &gpu_passes {
+            match self.gpu_passes.iter_mut().find(|(n, _)| n == name) {
                 Some((_, sum)) => *sum += seconds,
-                None => self.gpu_passes.push((name, seconds)),
+                None => self.gpu_passes.push((name.clone(), *seconds)),
             }
         }
+        let seconds = start.elapsed().as_secs_f64();
+        self.last_pass = PassTimes { seconds, gpu_passes, rays: self.rays - rays };
         self.add_stage("render", start);
         self.rendered += 1;
         Ok(())
@@ -162,6 +180,11 @@ impl Renderer {
     /// Passes in the image.
     pub fn passes(&self) -> u32 {
         self.engine.passes()
+    }
+
+    /// What the latest pass took; zeros before the first.
+    pub fn last_pass(&self) -> &PassTimes {
+        &self.last_pass
     }
 
     /// The engine.
