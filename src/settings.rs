@@ -3,13 +3,15 @@
 use crate::error::{Error, Result};
 use crate::plan::{LOOP_BUDGET, least_loop_budget};
 use crate::scene::RenderDefaults;
+use serde::Serialize;
 
 /// Distance below which the 1/d^2 of a virtual light stops growing (row W6).
 ///
 /// Below it 1/d^2 is replaced by 1/clip^2, which bounds the bright blotch around each virtual light. Higher: smoother
 /// corners, more energy cut off (a bias towards dark corners; with compensation it returns as more short paths, slower and
 /// with a little grain). Lower: brighter blotches at few passes; 0 is Keller's original estimator.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Clip {
     /// In scene units.
     Distance(f32),
@@ -18,7 +20,8 @@ pub enum Clip {
 }
 
 /// How shadow rays are traced.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Traversal {
     /// Clusters where the device and the scene allow it, else single rays.
     #[default]
@@ -32,7 +35,7 @@ pub enum Traversal {
 }
 
 /// Settings of one rendering. See each field for meaning, unit, default and cost.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Settings {
     /// Particles N started from the lights in each pass. Default 32. Cost of a pass grows linearly with it (the
     /// shadow rays of a pixel are about N / (1 - rho)); more give less difference between passes.

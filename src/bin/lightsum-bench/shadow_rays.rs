@@ -3,7 +3,7 @@
 use crate::args::ShadowRays;
 use crate::{report, scene};
 use lightsum::accel::Bvh;
-use lightsum::gpu::{Context, ContextOptions, Staging, Timers, download};
+use lightsum::gpu::{Context, Staging, Timers, download};
 use lightsum::light::emitters::Emitters;
 use lightsum::pass::visibility::{Visibility, Workload};
 use lightsum::pass::{Forms, Kernels};
@@ -43,9 +43,8 @@ impl Bench {
     /// Loads the scene, renders its receivers and lights.
     pub fn new(args: &ShadowRays, name: &str) -> Result<Bench> {
         let scene: Scene = scene::load(name)?;
-        let camera = scene::camera(&scene, args.common.resolution)?;
-        let device = args.common.device.clone().unwrap_or_default();
-        let context = Context::headless(&ContextOptions { device, ..ContextOptions::default() })?;
+        let camera = scene::camera(&scene, args.common.resolution);
+        let context = scene::open(&args.common)?;
         let mut engine = Engine::new(&context, &scene, camera, scene::settings(args.lights))?;
         let workload = scene::workload(&context, &mut engine, args.lights)?;
         if let Some(dir) = &args.dump_rays {
@@ -111,7 +110,8 @@ impl Bench {
 
 /// Runs the command.
 pub fn run(args: &ShadowRays) -> Result<()> {
-    for name in &args.common.scenes {
+    scene::check(&args.scenes)?;
+    for name in &args.scenes {
         let bench = Bench::new(args, name)?;
         let environment = report::environment(bench.context.info());
         for traversal in bench.traversals() {
@@ -122,6 +122,8 @@ pub fn run(args: &ShadowRays) -> Result<()> {
                 let line = json!({
                     "mode": "shadow-rays",
                     "scene": name,
+                    "resolution": args.common.resolution,
+                    "repeats": measured.times.len(),
                     "kernel": measured.kernel,
                     "receivers": bench.workload.receivers.len(),
                     "lights": bench.workload.lights.len(),
@@ -131,15 +133,15 @@ pub fn run(args: &ShadowRays) -> Result<()> {
                     "spread": report::spread(&measured.times),
                     "mega_segments_per_second": rate,
                 });
-                report::print_json(line, &environment);
+                report::print_json(line, &environment)?;
             } else {
-                println!(
-                    "{name:40} {:8} {:10} segments {:10} visible {seconds:8.4} s  {rate:8.2} M/s  +-{:.0} %",
+                report::say(&format!(
+                    "{name:40} {:8} {:10} segments {:10} visible {seconds:8.4} s  {rate:8.2} M/s  +-{}",
                     measured.kernel,
                     bench.segments,
                     measured.visible,
-                    100.0 * report::spread(&measured.times)
-                );
+                    report::percent(report::spread(&measured.times))
+                ))?;
             }
         }
     }
