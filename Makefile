@@ -1,13 +1,14 @@
 # make demo               render the Cornell box into out/; installs a Vulkan driver first if there is none
 # make test               everything that is checked by running
 # make test-swiftshader   the tests on the device again, on another driver
+# make bench              seconds of each pass, for the Cornell box and a generated room
 # make lint               formatting, clippy and documentation
 # make build              the program alone
 
 # Passes of the demo: more are smoother and take longer in proportion.
 DEMO_PASSES ?= 16
 
-.PHONY: build demo test test-swiftshader lint
+.PHONY: build demo test test-swiftshader bench lint
 
 build:
 	cargo build --release
@@ -28,6 +29,10 @@ test:
 test-swiftshader:
 	scripts/setup.sh --tests
 	scripts/swiftshader.sh cargo test --test gpu
+
+bench:
+	scripts/setup.sh
+	cargo run --release --quiet --bin lightsum-bench -- frame
 
 lint:
 	cargo fmt --check

@@ -1,4 +1,5 @@
-//! Compiles the kernels and writes them, with checks of the structures they share with the host, into OUT_DIR.
+//! Compiles the kernels and writes them, with checks of the structures they share with the host, into OUT_DIR. Tells the
+//! programs the commit that they were built from.
 
 #[path = "src/gpu/wgsl.rs"]
 mod wgsl;
@@ -6,7 +7,7 @@ mod wgsl;
 mod wgsl_emit;
 
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
+use std::process::{Command, ExitCode};
 
 fn main() -> ExitCode {
     let (Some(root), Some(out)) = (std::env::var_os("CARGO_MANIFEST_DIR"), std::env::var_os("OUT_DIR")) else {
@@ -14,6 +15,7 @@ fn main() -> ExitCode {
         return ExitCode::FAILURE;
     };
     let (root, out) = (PathBuf::from(root), PathBuf::from(out));
+    println!("cargo::rustc-env=LIGHTSUM_COMMIT={}", commit(&root).unwrap_or_else(|| "unknown".into()));
     let result = folder(&root, "shaders", &out, "").and_then(|()| folder(&root, "tests/gpu/kernels", &out, "test_"));
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -44,4 +46,24 @@ fn folder(root: &Path, label: &str, out: &Path, prefix: &str) -> Result<(), Stri
     }
     write(format!("{prefix}shaders.rs"), wgsl_emit::emit_shaders(&built, prefix).as_bytes())?;
     write(format!("{prefix}layout_checks.rs"), wgsl_emit::emit_layout_checks(&built).as_bytes())
+}
+
+/// The commit that is checked out here; `None` without git, or where the crate is not a repository of its own (a published
+/// crate that was unpacked within another one).
+fn commit(root: &Path) -> Option<String> {
+    let git = |arguments: &[&str]| {
+        let output = Command::new("git").args(arguments).current_dir(root).output().ok()?;
+        let text = String::from_utf8(output.stdout).ok()?;
+        output.status.success().then(|| text.trim().to_owned())
+    };
+    if !git(&["rev-parse", "--show-prefix"])?.is_empty() {
+        return None;
+    }
+    // Both change whenever another commit is checked out. Cargo would take a file that is not there for changed.
+    for name in ["HEAD", "logs/HEAD"] {
+        if let Some(path) = git(&["rev-parse", "--git-path", name]).map(|path| root.join(path)).filter(|p| p.exists()) {
+            println!("cargo::rerun-if-changed={}", path.display());
+        }
+    }
+    git(&["rev-parse", "--short", "HEAD"])
 }

@@ -246,6 +246,11 @@ impl Engine {
         &self.frame
     }
 
+    /// The scene on the device.
+    pub fn scene_buffers(&self) -> &SceneBuffers {
+        &self.scene_buffers
+    }
+
     /// What parameters are made of.
     pub fn parameters(&self) -> &ParameterSource {
         &self.parameters

@@ -24,6 +24,7 @@
 //! | [`frame`] | the frame: each pass once, in order |
 //! | [`engine`] | scene and frame together, recorded into a host's command buffer |
 //! | [`standalone`] | the engine on a device of its own, with readback; what the command line runs |
+//! | [`calibrate`] | which kernel traces shadow rays on a device |
 //! | [`path_trace`] | CPU path tracer, the ground truth |
 //! | [`output`] | EXR, PNG, statistics, resumable state |
 //! | [`fingerprint`] | tells renderings apart |
@@ -102,6 +103,7 @@ pub mod pass;
 pub mod frame;
 
 // What users hold.
+pub mod calibrate;
 pub mod engine;
 pub mod standalone;
 

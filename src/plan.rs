@@ -200,7 +200,7 @@ impl ParameterSource {
             up: xyzw(up * tan_y, clip),
             forward: xyzw(forward, 4.0 * self.diagonal),
             bounds_min: xyzw(self.bounds.0, 1.0 / (self.bounds.1 - self.bounds.0).max_element().max(1e-30)),
-            pixel_offset: [offset[0], offset[1], LEAST_LIGHT_ALPHA, 0.0],
+            pixel_offset: [offset[0], offset[1], LEAST_LIGHT_ALPHA, s.light_threshold],
             size: [width, height, width * height, local],
             walk: [first, s.paths, rotation, self.lights.delta],
             keys: [pass_key, instance_key, u32::from(s.jitter), instance],

@@ -86,6 +86,26 @@ impl SceneBuffers {
         self.wide_nodes.as_ref().map(|_| context.info().subgroup_size)
     }
 
+    /// Bytes of all buffers.
+    pub fn bytes(&self) -> u64 {
+        let SceneBuffers {
+            node_min,
+            node_max,
+            wide_nodes,
+            v0,
+            e1,
+            e2,
+            normals,
+            uvs,
+            materials,
+            textures,
+            texels,
+            emitters,
+        } = self;
+        let always = [node_min, node_max, v0, e1, e2, normals, uvs, materials, textures, texels, emitters];
+        always.into_iter().chain(wide_nodes).map(Buffer::bytes).sum()
+    }
+
     /// The bindings of `shaders/include/surface.wgsl`.
     pub fn surface_bindings(&self) -> Vec<(&'static str, Bound<'_>)> {
         vec![

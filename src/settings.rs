@@ -3,13 +3,15 @@
 use crate::error::{Error, Result};
 use crate::plan::{LOOP_BUDGET, least_loop_budget};
 use crate::scene::RenderDefaults;
+use serde::Serialize;
 
 /// Distance below which the 1/d^2 of a virtual light stops growing (row W6).
 ///
 /// Below it 1/d^2 is replaced by 1/clip^2, which bounds the bright blotch around each virtual light. Higher: smoother
 /// corners, more energy cut off (a bias towards dark corners; with compensation it returns as more short paths, slower and
 /// with a little grain). Lower: brighter blotches at few passes; 0 is Keller's original estimator.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Clip {
     /// In scene units.
     Distance(f32),
@@ -18,7 +20,8 @@ pub enum Clip {
 }
 
 /// How shadow rays are traced.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Traversal {
     /// Clusters where the device and the scene allow it, else single rays.
     #[default]
@@ -32,7 +35,7 @@ pub enum Traversal {
 }
 
 /// Settings of one rendering. See each field for meaning, unit, default and cost.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Settings {
     /// Particles N started from the lights in each pass. Default 32. Cost of a pass grows linearly with it (the
     /// shadow rays of a pixel are about N / (1 - rho)); more give less difference between passes.
@@ -45,6 +48,10 @@ pub struct Settings {
     /// Gather the part that clipping cuts off by short extra paths (Kollig and Keller 2004), so that the limit is
     /// unbiased. Default true. False saves the extra rays and darkens corners.
     pub compensation: bool,
+    /// Irradiance below which a light is dropped for a whole cluster of receivers before any ray is traced, in units of the
+    /// scene's radiance times pi. Default 0: only what sends nothing at all is dropped. Higher is faster and darker: a
+    /// receiver loses at most this much for each light of a pass. Single rays drop nothing by it.
+    pub light_threshold: f32,
     /// Jitter the low-discrepancy points in their cells (Keller, 4.1). Default false. True trades structured error for noise.
     pub jitter: bool,
     /// Seed of every pseudo-random decision. Default 0. Same seed, device and settings: same bits.
@@ -69,6 +76,7 @@ impl Default for Settings {
             max_depth: 5,
             clip: Clip::Fraction(0.1),
             compensation: true,
+            light_threshold: 0.0,
             jitter: false,
             seed: 0,
             lights_per_dispatch: 8,
@@ -117,6 +125,13 @@ impl Settings {
         let (Clip::Distance(c) | Clip::Fraction(c)) = self.clip;
         if !(c.is_finite() && c >= 0.0) {
             return Err(Error::Setting { name: "--clip", message: format!("{c} is not a distance of 0 or more") });
+        }
+        let t = self.light_threshold;
+        if !(t.is_finite() && t >= 0.0) {
+            return Err(Error::Setting {
+                name: "--light-threshold",
+                message: format!("{t} is not an irradiance of 0 or more"),
+            });
         }
         Ok(())
     }

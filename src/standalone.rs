@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use glam::{Vec3, Vec4};
 
+use crate::calibrate;
 use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::fingerprint::fingerprint;
@@ -14,7 +15,7 @@ use crate::pass::layout::{PointLight, Work};
 use crate::plan::{INSTANCES, trace_steps};
 use crate::scene::{Camera, Scene};
 use crate::scene::{VirtualLight, export_lights};
-use crate::settings::Settings;
+use crate::settings::{Settings, Traversal};
 
 /// Rounds beyond which a ray is given up as pathological: some ten million steps.
 const MAX_ROUNDS: u32 = 1024;
@@ -32,6 +33,19 @@ pub struct RenderOptions {
     pub pipeline_cache: Option<PathBuf>,
 }
 
+/// What one pass took.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PassTimes {
+    /// Seconds by the wall clock, from recording to the end of the wait; longer if rays ran out of steps and the pass was
+    /// repeated.
+    pub seconds: f64,
+    /// Seconds of each GPU pass by its timestamps, in order; empty where the device writes none. "sort" is a part of
+    /// "eye" and "gather".
+    pub gpu_passes: Vec<(String, f64)>,
+    /// Rays, counted as in [`Statistics::rays`].
+    pub rays: u64,
+}
+
 /// A scene being rendered.
 pub struct Renderer {
     context: Context,
@@ -42,8 +56,10 @@ pub struct Renderer {
     fingerprint: u64,
     stages: Vec<(String, f64)>,
     gpu_passes: Vec<(String, f64)>,
+    last_pass: PassTimes,
     rendered: u32,
     rays: u64,
+    culled: u64,
 }
 
 impl Renderer {
@@ -57,7 +73,11 @@ impl Renderer {
             pipeline_cache: options.pipeline_cache.clone(),
         })?;
         let opened = start.elapsed().as_secs_f64();
-        let mut renderer = Renderer::with_context(context, scene, camera, settings)?;
+        let traversal = match (settings.traversal, &options.pipeline_cache) {
+            (Traversal::Auto, Some(cache)) => calibrate::choose(&context, cache)?,
+            (traversal, _) => traversal,
+        };
+        let mut renderer = Renderer::with_context(context, scene, camera, Settings { traversal, ..settings })?;
         renderer.stages.insert(0, (String::from("device"), opened));
         Ok(renderer)
     }
@@ -84,15 +104,17 @@ impl Renderer {
             fingerprint,
             stages: vec![(String::from("build"), built), (String::from("upload"), total - built)],
             gpu_passes: Vec::new(),
+            last_pass: PassTimes::default(),
             rendered: 0,
             rays: 0,
+            culled: 0,
         })
     }
 
     /// Renders one pass and adds it to the image. Rays that run out of steps get more rounds, and the pass is repeated.
     pub fn pass(&mut self) -> Result<()> {
         let start = Instant::now();
-        let number = self.engine.passes();
+        let (number, rays) = (self.engine.passes(), self.rays);
         loop {
             let (engine, readback) = (&mut self.engine, &self.readback);
             self.context.submit_and_wait(&format!("in pass {number}"), Some(&self.timers), |rec| {
@@ -125,12 +147,15 @@ impl Renderer {
         if let Some(message) = messages.first() {
             return Err(Error::Resource { name: format!("pass {number}"), message: format!("validation: {message}") });
         }
-        for (name, seconds) in self.timers.read()? {
-            match self.gpu_passes.iter_mut().find(|(n, _)| *n == name) {
+        let gpu_passes = self.timers.read()?;
+        for (name, seconds) in &gpu_passes {
+            match self.gpu_passes.iter_mut().find(|(n, _)| n == name) {
                 Some((_, sum)) => *sum += seconds,
-                None => self.gpu_passes.push((name, seconds)),
+                None => self.gpu_passes.push((name.clone(), *seconds)),
             }
         }
+        let seconds = start.elapsed().as_secs_f64();
+        self.last_pass = PassTimes { seconds, gpu_passes, rays: self.rays - rays };
         self.add_stage("render", start);
         self.rendered += 1;
         Ok(())
@@ -145,6 +170,7 @@ impl Renderer {
         let bounces = self.engine.frame().lists.len();
         for (b, work) in work.chunks(size_of::<Work>() / 4).take(bounces).enumerate() {
             let live = u64::from(work[0]);
+            self.culled += u64::from(work[3]);
             let reflections = plan.survivors.len().saturating_sub(b);
             rays += live * u64::from(plan.first_slot(reflections)) + if b + 1 < bounces { live } else { 0 };
         }
@@ -162,6 +188,11 @@ impl Renderer {
     /// Passes in the image.
     pub fn passes(&self) -> u32 {
         self.engine.passes()
+    }
+
+    /// What the latest pass took; zeros before the first.
+    pub fn last_pass(&self) -> &PassTimes {
+        &self.last_pass
     }
 
     /// The engine.
@@ -314,6 +345,7 @@ impl Renderer {
             passes: self.passes(),
             passes_rendered: self.rendered,
             rays: self.rays,
+            culled_pairs: self.culled,
             rays_per_second: if seconds > 0.0 { self.rays as f64 / seconds } else { 0.0 },
             error_estimate: self.error_estimate().unwrap_or_default(),
             stages: self.stages.clone(),

@@ -5,7 +5,7 @@ struct Frame {
     up: vec4<f32>,              // image half height at unit distance; w: clip distance
     forward: vec4<f32>,         // unit view direction; w: length beyond every surface (directional lights)
     bounds_min: vec4<f32>,      // lower corner of the scene; w: 1 / greatest extent
-    pixel_offset: vec4<f32>,    // offset of the sample in its pixel, [0,1)^2; z: least alpha of a light's lobe; w unused
+    pixel_offset: vec4<f32>,    // offset of the sample in its pixel, [0,1)^2; z: least alpha of a light's lobe; w: irradiance that may be dropped
     size: vec4<u32>,            // width, height, pixels, index of the pass within its instance
     walk: vec4<u32>,            // first index of the sequence segment, N, window rotation, delta lights
     keys: vec4<u32>,            // key of the pass, key of the instance, jitter (0/1), instance

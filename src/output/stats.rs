@@ -31,6 +31,8 @@ pub struct Statistics {
     /// Eye and gather rays and receiver-light pairs of this run. Pairs that face away from each other count, though no
     /// ray is traced for them.
     pub rays: u64,
+    /// Pairs of a cluster and a light that were dropped before any ray was traced: at most 64 pairs of receiver and light each.
+    pub culled_pairs: u64,
     /// Rays for each second of stage "render".
     pub rays_per_second: f64,
     /// Relative RMSE of the image as estimated from independent instances; null while unknown.

@@ -19,7 +19,7 @@ pub struct Frame {
     pub forward: [f32; 4],
     /// Lower corner of the scene; w: 1 / greatest extent.
     pub bounds_min: [f32; 4],
-    /// Sample offset in the pixel; z: least alpha of a virtual light's lobe; w unused.
+    /// Sample offset in the pixel; z: least alpha of a virtual light's lobe; w: irradiance that may be dropped.
     pub pixel_offset: [f32; 4],
     /// Width, height, pixels, pass within the instance.
     pub size: [u32; 4],

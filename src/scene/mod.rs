@@ -385,6 +385,22 @@ impl Camera {
         [640, 480]
     }
 
+    /// A camera for a scene without one: on the side of positive z (a model's front in glTF), seeing the whole box.
+    pub fn in_front_of((low, high): (Vec3, Vec3), resolution: [u32; 2]) -> Camera {
+        /// Vertical angle of view, degrees.
+        const FOV: f32 = 45.0;
+        /// Room around the box.
+        const MARGIN: f32 = 1.1;
+        let center = 0.5 * (low + high);
+        let half = 0.5 * (high - low);
+        let aspect = resolution[0] as f32 / resolution[1] as f32;
+        let needed = half.y.max(half.x / aspect) * MARGIN;
+        // A flat or pointlike box is still looked at from somewhere else than its middle.
+        let distance =
+            half.z + (needed / (0.5 * FOV.to_radians()).tan()).max(0.1 * half.length()).max(f32::MIN_POSITIVE);
+        Camera { eye: center + distance * Vec3::Z, target: center, up: Vec3::Y, fov_y: FOV, resolution }
+    }
+
     /// The camera's axes in the world: unit vectors to the right of the image, to its top and into the scene.
     pub fn world_from_camera(&self) -> (Vec3, Vec3, Vec3) {
         let forward = (self.target - self.eye).normalize();
@@ -413,4 +429,29 @@ pub struct RenderDefaults {
     pub seed: Option<u64>,
     /// Exposure in stops for PNG output.
     pub exposure: Option<f32>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_whole_box_is_seen() {
+        for (low, high) in [
+            (Vec3::new(-1.0, -2.0, -3.0), Vec3::new(5.0, 2.0, 7.0)),
+            (Vec3::new(1e4, 0.0, 0.0), Vec3::new(1.5e4, 1.0, 1.0)),
+            (Vec3::ZERO, Vec3::new(0.0, 0.01, 3.0)),
+        ] {
+            for resolution in [[640, 480], [100, 900]] {
+                let camera = Camera::in_front_of((low, high), resolution);
+                let tan_y = (0.5 * camera.fov_y.to_radians()).tan();
+                let tan_x = tan_y * resolution[0] as f32 / resolution[1] as f32;
+                for corner in 0..8 {
+                    let pick = |axis: usize| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] };
+                    let to = Vec3::new(pick(0), pick(1), pick(2)) - camera.eye;
+                    assert!(to.z < 0.0 && to.x.abs() <= -to.z * tan_x && to.y.abs() <= -to.z * tan_y, "{low} {high}");
+                }
+            }
+        }
+    }
 }

@@ -16,3 +16,4 @@ mod scenes;
 mod support;
 mod transport;
 mod traversal;
+mod visibility;

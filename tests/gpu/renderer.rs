@@ -205,6 +205,30 @@ fn the_same_seed_gives_the_same_bits() {
 }
 
 #[test]
+fn times_and_rays_of_the_passes_add_up() {
+    gpu_test(|ctx| {
+        let (scene, camera) = cornell();
+        let mut renderer = renderer(ctx, &scene, camera, &settings(4, 3));
+        assert_eq!(renderer.last_pass().rays, 0);
+        let mut passes = Vec::new();
+        for _ in 0..3 {
+            renderer.pass().unwrap();
+            passes.push(renderer.last_pass().clone());
+        }
+        let statistics = renderer.statistics();
+        assert_eq!(passes.iter().map(|p| p.rays).sum::<u64>(), statistics.rays);
+        assert!(passes.iter().all(|p| p.rays > 32 * 24));
+        let render = statistics.stages.iter().find(|(name, _)| name == "render").unwrap().1;
+        let seconds = passes.iter().map(|p| p.seconds).sum::<f64>();
+        assert!(seconds <= render && seconds > 0.9 * render, "{seconds} s of {render} s");
+        for (i, (name, sum)) in statistics.gpu_passes.iter().enumerate() {
+            let each: f64 = passes.iter().map(|p| p.gpu_passes[i].1).sum();
+            assert!(passes.iter().all(|p| p.gpu_passes[i].0 == *name) && (each - sum).abs() < 1e-9, "{name}");
+        }
+    });
+}
+
+#[test]
 fn rays_that_run_out_of_steps_are_carried_on() {
     gpu_test(|ctx| {
         // With 64 lights to a dispatch a ray has some 150 steps in a round, and this scene asks for more.

@@ -1,10 +1,17 @@
 //! The flags.
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use lightsum::gpu::DeviceChoice;
+use lightsum::settings::{Settings, Traversal};
 use std::path::PathBuf;
 
+/// Greatest number of pixels of an image.
+pub const MAX_PIXELS: u64 = 1 << 26;
+
 /// Measures the passes of lightsum.
+///
+/// Results go to standard output, the rest to standard error. Exit codes: 0 done, 1 failed, 2 wrong use.
 #[derive(Debug, Parser)]
 #[command(name = "lightsum-bench", version, arg_required_else_help = true)]
 pub struct Arguments {
@@ -16,8 +23,17 @@ pub struct Arguments {
 /// What to measure.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// A frame: each GPU pass by timestamps and the whole by the wall clock, for scenes and settings.
+    Frame(Frame),
     /// Shadow rays a second, for each kernel: what an image's pixels and a pass's lights ask for.
     ShadowRays(ShadowRays),
+    /// Cost against triangles, lights and pixels, in a generated room.
+    Scaling(Scaling),
+    /// From nothing to the second pass, with empty caches and with filled ones.
+    Startup(Startup),
+    /// One start, by which `startup` measures processes of their own.
+    #[command(hide = true)]
+    StartupOnce(StartupOnce),
     /// Shadow rays against Embree on the same rays, in turn.
     Compare(Compare),
 }
@@ -25,26 +41,54 @@ pub enum Command {
 /// What every mode takes.
 #[derive(Clone, Debug, Args)]
 pub struct Common {
-    /// Scene description (.toml), model (.obj, .gltf, .glb), or room:N for a generated room of about N triangles.
-    #[arg(long = "scene", value_name = "SCENE", default_value = "room:140000")]
-    pub scenes: Vec<String>,
     /// Size of the image in pixels.
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = resolution)]
     pub resolution: [u32; 2],
     /// Measurements of each thing; the median counts. One more before them warms up.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
     pub repeats: u32,
-    /// Device: its index, or a part of its name [default: the fastest kind there is].
-    #[arg(long, value_name = "DEVICE")]
+    /// Vulkan device: part of its name, its index in lightsum --list-devices, or cpu [default: the fastest kind there is].
+    #[arg(long, value_name = "NAME|INDEX|cpu")]
     pub device: Option<DeviceChoice>,
-    /// Print a JSON object a line in place of a table.
+    /// Print a JSON object a line in place of tables.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Flags of `frame`. Those of settings may be given several times, or values with commas between: every combination is
+/// measured.
+#[derive(Clone, Debug, Args)]
+pub struct Frame {
+    /// Scene description (.toml), model (.obj, .gltf, .glb), or room:N for a generated room of about N triangles.
+    #[arg(long = "scene", value_name = "SCENE", default_values = ["scenes/cornell/scene.toml", "room:140000"])]
+    pub scenes: Vec<String>,
+    #[command(flatten)]
+    pub common: Common,
+    /// Particles started from the lights in each pass, 1 to 65536 [default: the scene's, or 32].
+    #[arg(long, value_name = "N,...", value_delimiter = ',')]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PATHS)))]
+    pub paths: Vec<u32>,
+    /// Segments of a light path, 1 to 16 [default: the scene's, or 5].
+    #[arg(long, value_name = "K,...", value_delimiter = ',')]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_DEPTH)))]
+    pub max_depth: Vec<u32>,
+    /// Lights that one dispatch of the shading pass loops over, 1 to 64 [default: 8].
+    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub lights_per_dispatch: Vec<u32>,
+    /// How shadow rays are traced: auto, single or cluster [default: auto].
+    #[arg(long, value_name = "HOW,...", value_delimiter = ',', value_parser = traversal())]
+    pub traversal: Vec<Traversal>,
+    /// Leave out what clipping cuts off, and with it the passes from the second bounce on.
+    #[arg(long)]
+    pub no_compensation: bool,
 }
 
 /// Flags of `shadow-rays`.
 #[derive(Clone, Debug, Args)]
 pub struct ShadowRays {
+    /// Scene description (.toml), model (.obj, .gltf, .glb), or room:N for a generated room of about N triangles.
+    #[arg(long = "scene", value_name = "SCENE", default_value = "room:140000")]
+    pub scenes: Vec<String>,
     #[command(flatten)]
     pub common: Common,
     /// Point lights, taken evenly from those of a pass.
@@ -53,6 +97,9 @@ pub struct ShadowRays {
     /// Count besides, in a run of its own, what the clusters meet: nodes, children, leaves and triangles for each light.
     #[arg(long)]
     pub counters: bool,
+    /// Count the receivers that see another number of lights than rays traced one by one on the processor find.
+    #[arg(long)]
+    pub verify: bool,
     /// Measure this kernel alone.
     #[arg(long, value_name = "KERNEL", value_parser = ["single", "cluster"])]
     pub only: Option<String>,
@@ -62,6 +109,61 @@ pub struct ShadowRays {
     /// Write triangles, receivers in cluster order, normals and lights as little-endian arrays to this folder.
     #[arg(long, value_name = "DIR")]
     pub dump_rays: Option<PathBuf>,
+}
+
+/// Flags of `scaling`.
+#[derive(Clone, Debug, Args)]
+pub struct Scaling {
+    /// What grows: triangles from 1,000 to 4,000,000, paths from 1 to 256, or pixels from a quarter of --resolution to
+    /// twice it each way [default: each in turn].
+    #[arg(long = "series", value_name = "WHAT,...", value_delimiter = ',', value_parser = series())]
+    pub series: Vec<Series>,
+    #[command(flatten)]
+    pub common: Common,
+    /// Greatest number of triangles; 4,000,000 take 2 GiB of memory.
+    #[arg(long, value_name = "N", default_value_t = 4_000_000, value_parser = clap::value_parser!(u32).range(300..=8_000_000))]
+    pub max_triangles: u32,
+    /// Greatest number of paths.
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PATHS)))]
+    pub max_paths: u32,
+}
+
+/// What grows in a series of `scaling`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Series {
+    /// Triangles of the room.
+    Triangles,
+    /// Particles started in each pass.
+    Lights,
+    /// Pixels.
+    Resolution,
+}
+
+/// Flags of `startup`.
+#[derive(Clone, Debug, Args)]
+pub struct Startup {
+    /// Scene description (.toml), model (.obj, .gltf, .glb), or room:N for a generated room of about N triangles.
+    #[arg(long = "scene", value_name = "SCENE", default_values = ["scenes/cornell/scene.toml", "room:140000"])]
+    pub scenes: Vec<String>,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+/// Flags of `startup-once`.
+#[derive(Clone, Debug, Args)]
+pub struct StartupOnce {
+    /// The scene.
+    #[arg(long)]
+    pub scene: String,
+    /// Size of the image in pixels.
+    #[arg(long, value_parser = resolution)]
+    pub resolution: [u32; 2],
+    /// The device.
+    #[arg(long)]
+    pub device: DeviceChoice,
+    /// File that keeps compiled pipelines.
+    #[arg(long)]
+    pub pipeline_cache: PathBuf,
 }
 
 /// Flags of `compare`.
@@ -78,9 +180,94 @@ pub struct Compare {
 }
 
 fn resolution(text: &str) -> Result<[u32; 2], String> {
-    let parts = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    let parts = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     match parts {
-        Some([w, h]) if w > 0 && h > 0 && u64::from(w) * u64::from(h) <= 1 << 26 => Ok([w, h]),
+        Some([w, h]) if w > 0 && h > 0 && u64::from(w) * u64::from(h) <= MAX_PIXELS => Ok([w, h]),
         _ => Err("is not a size like 640x480 of at most 2^26 pixels".into()),
+    }
+}
+
+fn traversal() -> impl TypedValueParser<Value = Traversal> {
+    PossibleValuesParser::new(["auto", "single", "cluster"]).map(|name| match name.as_str() {
+        "single" => Traversal::Single,
+        "cluster" => Traversal::Cluster,
+        _ => Traversal::Auto,
+    })
+}
+
+fn series() -> impl TypedValueParser<Value = Series> {
+    PossibleValuesParser::new(["triangles", "lights", "resolution"]).map(|name| match name.as_str() {
+        "triangles" => Series::Triangles,
+        "lights" => Series::Lights,
+        _ => Series::Resolution,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+    use clap::error::ErrorKind;
+
+    fn parse(line: &str) -> Result<Command, clap::Error> {
+        Arguments::try_parse_from(["lightsum-bench"].into_iter().chain(line.split_whitespace())).map(|a| a.command)
+    }
+
+    #[test]
+    fn the_definition_is_consistent() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn settings_are_lists() {
+        let Ok(Command::Frame(frame)) = parse(
+            "frame --paths 8,32 --paths 1 --max-depth 2 --traversal single,cluster --repeats 3 --resolution 17X5",
+        ) else {
+            panic!("the line is right")
+        };
+        assert_eq!((frame.paths, frame.max_depth), (vec![8, 32, 1], vec![2]));
+        assert_eq!(frame.traversal, [Traversal::Single, Traversal::Cluster]);
+        assert_eq!((frame.common.repeats, frame.common.resolution), (3, [17, 5]));
+        assert!(frame.lights_per_dispatch.is_empty() && !frame.no_compensation && !frame.common.json);
+    }
+
+    #[test]
+    fn scenes_replace_the_default_ones() {
+        let Ok(Command::Startup(default)) = parse("startup") else { panic!("the line is right") };
+        assert_eq!(default.scenes, ["scenes/cornell/scene.toml", "room:140000"]);
+        let Ok(Command::Startup(given)) = parse("startup --scene a.obj --scene b.glb --device cpu") else {
+            panic!("the line is right")
+        };
+        assert_eq!(given.scenes, ["a.obj", "b.glb"]);
+        assert_eq!(given.common.device, Some(DeviceChoice::Cpu));
+    }
+
+    #[test]
+    fn series_are_chosen() {
+        let Ok(Command::Scaling(scaling)) = parse("scaling --series lights,triangles --max-paths 4") else {
+            panic!("the line is right")
+        };
+        assert_eq!(scaling.series, [Series::Lights, Series::Triangles]);
+        assert_eq!((scaling.max_paths, scaling.max_triangles), (4, 4_000_000));
+    }
+
+    #[test]
+    fn wrong_use_is_refused() {
+        for (line, kind) in [
+            ("frame --paths 0", ErrorKind::ValueValidation),
+            ("frame --paths 1,70000", ErrorKind::ValueValidation),
+            ("frame --max-depth 17", ErrorKind::ValueValidation),
+            ("frame --traversal best", ErrorKind::InvalidValue),
+            ("frame --resolution 0x5", ErrorKind::ValueValidation),
+            ("frame --resolution 8193x8192", ErrorKind::ValueValidation),
+            ("frame --repeats 0", ErrorKind::ValueValidation),
+            ("frame --pathz 3", ErrorKind::UnknownArgument),
+            ("scaling --series colours", ErrorKind::InvalidValue),
+            ("scaling --max-triangles 10", ErrorKind::ValueValidation),
+            ("compare", ErrorKind::MissingRequiredArgument),
+            ("paint", ErrorKind::InvalidSubcommand),
+        ] {
+            assert_eq!(parse(line).expect_err(line).kind(), kind, "{line}");
+        }
     }
 }

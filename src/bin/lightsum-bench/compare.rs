@@ -1,8 +1,9 @@
 //! `compare`: Embree and each kernel in turn on the same rays.
 
 use crate::args::Compare;
-use crate::report;
+use crate::scratch::Scratch;
 use crate::shadow_rays::Bench;
+use crate::{report, scene};
 use lightsum::settings::Traversal;
 use lightsum::{Error, Result};
 use serde_json::{Value, json};
@@ -19,14 +20,10 @@ struct Peer {
 
 /// Runs the command.
 pub fn run(args: &Compare) -> Result<()> {
-    let own = std::env::temp_dir().join(format!("lightsum-bench-{}", std::process::id()));
-    let dir = args.rays.dump_rays.clone().unwrap_or_else(|| own.clone());
-    let result = args.rays.common.scenes.iter().try_for_each(|scene| compare(args, scene, &dir));
-    if dir == own {
-        // What cannot be removed does no harm.
-        let _ = std::fs::remove_dir_all(&own);
-    }
-    result
+    scene::check(&args.rays.scenes)?;
+    let own = Scratch::new()?;
+    let dir = args.rays.dump_rays.as_deref().unwrap_or(own.path());
+    args.rays.scenes.iter().try_for_each(|scene| compare(args, scene, dir))
 }
 
 fn compare(args: &Compare, scene: &str, dir: &Path) -> Result<()> {
@@ -66,9 +63,9 @@ fn compare(args: &Compare, scene: &str, dir: &Path) -> Result<()> {
             "ratio": report::median(&ratios),
         });
         if args.rays.common.json {
-            report::print_json(line, &environment);
+            report::print_json(line, &environment)?;
         } else {
-            println!(
+            report::say(&format!(
                 "{scene}: {kernel} {:.2} M/s, Embree in packets of {} {:.2} M/s: ratio {:.3}  (visible {visible} and {} of {} and {})",
                 report::median(rates),
                 best.packet,
@@ -77,11 +74,12 @@ fn compare(args: &Compare, scene: &str, dir: &Path) -> Result<()> {
                 best.visible,
                 bench.segments,
                 best.segments,
-            );
+            ))?;
         }
     }
     for other in &peers {
-        eprintln!("{scene}: Embree, packets of {:2}: {:?} M/s", other.packet, turns(&other.rates));
+        let rates = turns(&other.rates);
+        report::say_aside(&format!("{scene}: Embree, packets of {:2}: {rates:?} M/s", other.packet));
     }
     Ok(())
 }
@@ -93,13 +91,16 @@ fn peer(program: &Path, dir: &Path, peers: &mut Vec<Peer>) -> Result<()> {
         let said = String::from_utf8_lossy(&output.stderr);
         return Err(Error::file(program, format!("failed ({}): {}", output.status, said.trim())));
     }
-    for line in String::from_utf8_lossy(&output.stdout).lines() {
+    for line in String::from_utf8_lossy(&output.stdout).lines().filter(|line| !line.trim().is_empty()) {
         let value: Value =
             serde_json::from_str(line).map_err(|e| Error::file(program, format!("printed {line:?}: {e}")))?;
         let number = |key: &str| value.get(key).and_then(Value::as_f64);
-        let (Some(packet), Some(segments), Some(visible), Some(rate)) =
-            (number("packet"), number("segments"), number("visible"), number("mega_segments_per_second"))
-        else {
+        let (Some(packet), Some(segments), Some(visible), Some(rate)) = (
+            number("packet"),
+            number("segments"),
+            number("visible"),
+            number("mega_segments_per_second").filter(|&rate| rate > 0.0),
+        ) else {
             return Err(Error::file(program, format!("printed {line:?}, which lacks a measurement")));
         };
         let (packet, segments, visible) = (packet as u64, segments as u64, visible as u64);

@@ -7,25 +7,38 @@
 
 mod args;
 mod compare;
+mod frame;
+mod passes;
 mod report;
+mod scaling;
 mod scene;
+mod scratch;
 mod shadow_rays;
+mod startup;
 
+use args::Command;
 use clap::Parser;
 use lightsum::Error;
+use std::io::ErrorKind;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
     env_logger::Builder::new().filter_level(log::LevelFilter::Warn).parse_default_env().init();
     let arguments = args::Arguments::parse();
     let result = match &arguments.command {
-        args::Command::ShadowRays(args) => shadow_rays::run(args),
-        args::Command::Compare(args) => compare::run(args),
+        Command::Frame(args) => frame::run(args),
+        Command::ShadowRays(args) => shadow_rays::run(args),
+        Command::Scaling(args) => scaling::run(args),
+        Command::Startup(args) => startup::run(args),
+        Command::StartupOnce(args) => startup::once(args),
+        Command::Compare(args) => compare::run(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
+        // Whoever read the results has seen enough, as `head` does.
+        Err(Error::Io { source, .. }) if source.kind() == ErrorKind::BrokenPipe => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error}");
+            report::say_aside(&format!("error: {error}"));
             ExitCode::from(if matches!(error, Error::Setting { .. }) { 2 } else { 1 })
         }
     }

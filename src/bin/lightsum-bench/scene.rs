@@ -1,7 +1,8 @@
 //! Scenes by name, and the workload of shadow rays that an image of one asks for.
 
+use crate::args::Common;
 use glam::{Vec3, Vec4};
-use lightsum::gpu::{Context, download};
+use lightsum::gpu::{Context, ContextOptions, download};
 use lightsum::pass::layout::PointLight;
 use lightsum::pass::sort;
 use lightsum::pass::visibility::Workload;
@@ -10,25 +11,46 @@ use lightsum::settings::Settings;
 use lightsum::{Engine, Error, Result};
 use std::path::Path;
 
+/// Finds wrong names before anything is measured.
+pub fn check(names: &[String]) -> Result<()> {
+    for name in names {
+        if room(name)?.is_none() && !Path::new(name).exists() {
+            let message = "there is no such file; --scene takes a scene description (.toml), a model or room:N";
+            return Err(Error::file(Path::new(name), message));
+        }
+    }
+    Ok(())
+}
+
 /// Loads a file, or generates `room:N`.
 pub fn load(name: &str) -> Result<Scene> {
-    match name.strip_prefix("room:") {
-        Some(count) => {
-            let count: u32 = count.parse().ok().filter(|n| (300..=8_000_000).contains(n)).ok_or_else(|| {
-                Error::Setting { name: "--scene", message: format!("{name}: a room has 300 to 8000000 triangles") }
-            })?;
-            Ok(Scene { name: name.into(), ..builtin::room(count) })
-        }
+    match room(name)? {
+        Some(count) => Ok(Scene { name: name.into(), ..builtin::room(count) }),
         None => scene::load(Path::new(name)),
     }
 }
 
-/// The scene's camera at this resolution.
-pub fn camera(scene: &Scene, resolution: [u32; 2]) -> Result<Camera> {
-    let camera = scene
-        .camera
-        .ok_or_else(|| Error::Scene(format!("{} has no camera; write a scene.toml that sets one", scene.name)))?;
-    Ok(Camera { resolution, ..camera })
+/// N of `room:N`.
+fn room(name: &str) -> Result<Option<u32>> {
+    let Some(count) = name.strip_prefix("room:") else { return Ok(None) };
+    match count.parse() {
+        Ok(count @ 300..=8_000_000) => Ok(Some(count)),
+        _ => Err(Error::Setting { name: "--scene", message: format!("{name}: a room has 300 to 8000000 triangles") }),
+    }
+}
+
+/// Opens the device.
+pub fn open(common: &Common) -> Result<Context> {
+    let device = common.device.clone().unwrap_or_default();
+    Context::headless(&ContextOptions { device, ..ContextOptions::default() })
+}
+
+/// The scene's camera at this resolution, or one made up for a bare model.
+pub fn camera(scene: &Scene, resolution: [u32; 2]) -> Camera {
+    match scene.camera {
+        Some(camera) => Camera { resolution, ..camera },
+        None => Camera::in_front_of(scene.bounds(), resolution),
+    }
 }
 
 /// The receivers of one pass in cluster order, and `lights` of its lights, evenly chosen.

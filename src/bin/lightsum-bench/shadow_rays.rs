@@ -2,14 +2,12 @@
 
 use crate::args::ShadowRays;
 use crate::{report, scene};
-use lightsum::accel::Bvh;
-use lightsum::gpu::{Context, ContextOptions, Staging, Timers, download};
-use lightsum::light::emitters::Emitters;
+use lightsum::gpu::{Context, Staging, Timers, download};
 use lightsum::pass::layout::Work;
-use lightsum::pass::visibility::{Counts, Inputs, Visibility, Workload};
+use lightsum::pass::visibility::{self, Counts, Inputs, Visibility, Workload};
 use lightsum::pass::{Forms, Kernels};
+use lightsum::plan::shade_steps;
 use lightsum::scene::Scene;
-use lightsum::scene_buffers::SceneBuffers;
 use lightsum::settings::{Settings, Traversal};
 use lightsum::{Engine, Error, Result};
 use serde_json::json;
@@ -25,8 +23,7 @@ pub struct Bench {
     /// Pairs that face each other.
     pub segments: u64,
     timers: Timers,
-    scene_buffers: SceneBuffers,
-    bvh: Bvh,
+    engine: Engine,
     kernels: Kernels,
     lights_per_dispatch: Option<u32>,
     only: Option<String>,
@@ -38,6 +35,8 @@ pub struct Measured {
     pub kernel: &'static str,
     /// Pairs that see each other.
     pub visible: u64,
+    /// Lights that each receiver sees.
+    pub seen: Vec<u32>,
     /// Seconds of each repeat.
     pub times: Vec<f64>,
 }
@@ -46,21 +45,14 @@ impl Bench {
     /// Loads the scene, renders its receivers and lights.
     pub fn new(args: &ShadowRays, name: &str) -> Result<Bench> {
         let scene: Scene = scene::load(name)?;
-        let camera = scene::camera(&scene, args.common.resolution)?;
-        let device = args.common.device.clone().unwrap_or_default();
-        let context = Context::headless(&ContextOptions { device, ..ContextOptions::default() })?;
+        let camera = scene::camera(&scene, args.common.resolution);
+        let context = scene::open(&args.common)?;
         let mut engine = Engine::new(&context, &scene, camera, scene::settings(args.lights))?;
         let workload = scene::workload(&context, &mut engine, args.lights)?;
         if let Some(dir) = &args.dump_rays {
             dump(dir, &scene, &workload)?;
         }
-        let bvh = Bvh::build(&scene)?;
-        let emitters = Emitters::of(&scene, scene.emitters_are_lights)?;
         let kernels = Kernels::new(&context, Traversal::Auto)?;
-        let mut staging = Staging::new();
-        let scene_buffers =
-            SceneBuffers::new(&context, &mut staging, &scene, &bvh, &emitters, kernels.shade.cluster.is_some())?;
-        context.submit_and_wait("uploading the scene", None, |rec| staging.record(rec))?;
         let timers = Timers::new(&context, 4)?;
         let segments = workload.segments();
         Ok(Bench {
@@ -68,8 +60,7 @@ impl Bench {
             workload,
             segments,
             timers,
-            scene_buffers,
-            bvh,
+            engine,
             kernels,
             lights_per_dispatch: args.lights_per_dispatch,
             only: args.only.clone(),
@@ -78,7 +69,7 @@ impl Bench {
 
     /// Whether device and scene have what clusters need.
     pub fn has_clusters(&self) -> bool {
-        self.kernels.shade.cluster.is_some() && self.scene_buffers.wide_nodes.is_some()
+        self.kernels.shade.cluster.is_some() && self.engine.scene_buffers().wide_nodes.is_some()
     }
 
     /// The kernels that this device can run.
@@ -116,8 +107,8 @@ impl Bench {
             &Inputs {
                 kernels: &self.kernels,
                 forms,
-                scene: &self.scene_buffers,
-                bvh: &self.bvh,
+                scene: self.engine.scene_buffers(),
+                bvh: self.engine.bvh(),
                 settings: &settings,
                 workload: &self.workload,
             },
@@ -136,10 +127,12 @@ impl Bench {
         }
         let lost = download::<u32>(&self.context, &pass.status)?[0];
         if lost > 0 {
-            return Err(Error::Unfinished { pass: "visibility", rays: lost, steps: 0 });
+            let steps = u64::from(settings.rounds) * u64::from(shade_steps(lights_per_dispatch, settings.loop_budget));
+            return Err(Error::Unfinished { pass: "visibility", rays: lost, steps });
         }
-        let visible = download::<u32>(&self.context, &pass.visible)?.iter().map(|&n| u64::from(n)).sum();
-        Ok((Measured { kernel, visible, times }, pass))
+        let seen = download::<u32>(&self.context, &pass.visible)?;
+        let visible = seen.iter().map(|&n| u64::from(n)).sum();
+        Ok((Measured { kernel, visible, seen, times }, pass))
     }
 }
 
@@ -152,69 +145,94 @@ fn name(traversal: Traversal) -> &'static str {
 
 /// Runs the command.
 pub fn run(args: &ShadowRays) -> Result<()> {
-    for name in &args.common.scenes {
+    scene::check(&args.scenes)?;
+    for name in &args.scenes {
         let bench = Bench::new(args, name)?;
         let environment = report::environment(bench.context.info());
+        let expected = args.verify.then(|| visibility::reference(bench.engine.bvh(), &bench.workload));
         for traversal in bench.traversals() {
             let measured = bench.measure(traversal, args.common.repeats)?;
-            let seconds = report::median(&measured.times);
-            let rate = bench.segments as f64 / seconds * 1e-6;
-            if args.common.json {
-                let line = json!({
-                    "mode": "shadow-rays",
-                    "scene": name,
-                    "kernel": measured.kernel,
-                    "receivers": bench.workload.receivers.len(),
-                    "lights": bench.workload.lights.len(),
-                    "segments": bench.segments,
-                    "visible": measured.visible,
-                    "median_seconds": seconds,
-                    "spread": report::spread(&measured.times),
-                    "mega_segments_per_second": rate,
-                });
-                report::print_json(line, &environment);
-            } else {
-                println!(
-                    "{name:40} {:8} {:10} segments {:10} visible {seconds:8.4} s  {rate:8.2} M/s  +-{:.0} %",
-                    measured.kernel,
-                    bench.segments,
-                    measured.visible,
-                    100.0 * report::spread(&measured.times)
-                );
-            }
+            let differing = |seen: &Vec<u32>| seen.iter().zip(&measured.seen).filter(|(a, b)| a != b).count();
+            bench.tell(args, name, &measured, expected.as_ref().map(differing), &environment)?;
         }
         if args.counters && bench.has_clusters() {
-            let (counts, culled) = bench.count()?;
-            let each = |n: u32| f64::from(n) / f64::from(counts.pairs.max(1));
-            if args.common.json {
-                let line = json!({
-                    "mode": "shadow-rays",
-                    "scene": name,
-                    "kernel": "counters",
-                    "pairs": counts.pairs,
-                    "culled_pairs": culled,
-                    "rays": counts.rays,
-                    "nodes_per_pair": each(counts.nodes),
-                    "children_per_pair": each(counts.children),
-                    "leaves_per_pair": each(counts.leaves),
-                    "triangles_per_pair": each(counts.triangles),
-                });
-                report::print_json(line, &environment);
-            } else {
-                println!(
-                    "{name:40} counters {} pairs of cluster and light, {culled} more culled; each {:.1} rays, {:.2} nodes, \
-                     {:.2} children, {:.2} leaves, {:.2} triangles",
-                    counts.pairs,
-                    each(counts.rays),
-                    each(counts.nodes),
-                    each(counts.children),
-                    each(counts.leaves),
-                    each(counts.triangles)
-                );
-            }
+            bench.tell_counts(args, name, &environment)?;
         }
     }
     Ok(())
+}
+
+impl Bench {
+    /// Prints a measurement; `differing`: receivers that see another number of lights than the oracle says.
+    fn tell(
+        &self,
+        args: &ShadowRays,
+        name: &str,
+        measured: &Measured,
+        differing: Option<usize>,
+        environment: &report::Fields,
+    ) -> Result<()> {
+        let seconds = report::median(&measured.times);
+        let rate = self.segments as f64 / seconds * 1e-6;
+        let receivers = self.workload.receivers.len();
+        if args.common.json {
+            let line = json!({
+                "mode": "shadow-rays",
+                "scene": name,
+                "resolution": args.common.resolution,
+                "repeats": measured.times.len(),
+                "kernel": measured.kernel,
+                "receivers": receivers,
+                "lights": self.workload.lights.len(),
+                "segments": self.segments,
+                "visible": measured.visible,
+                "differing_receivers": differing,
+                "median_seconds": seconds,
+                "spread": report::spread(&measured.times),
+                "mega_segments_per_second": rate,
+            });
+            return report::print_json(line, environment);
+        }
+        let verified = differing.map_or(String::new(), |n| format!("  {n} of {receivers} receivers differ"));
+        report::say(&format!(
+            "{name:40} {:8} {:10} segments {:10} visible {seconds:8.4} s  {rate:8.2} M/s  +-{}{verified}",
+            measured.kernel,
+            self.segments,
+            measured.visible,
+            report::percent(report::spread(&measured.times))
+        ))
+    }
+
+    /// Counts what the clusters meet, and prints it.
+    fn tell_counts(&self, args: &ShadowRays, name: &str, environment: &report::Fields) -> Result<()> {
+        let (counts, culled) = self.count()?;
+        let each = |n: u32| f64::from(n) / f64::from(counts.pairs.max(1));
+        if args.common.json {
+            let line = json!({
+                "mode": "shadow-rays",
+                "scene": name,
+                "kernel": "counters",
+                "pairs": counts.pairs,
+                "culled_pairs": culled,
+                "rays": counts.rays,
+                "nodes_per_pair": each(counts.nodes),
+                "children_per_pair": each(counts.children),
+                "leaves_per_pair": each(counts.leaves),
+                "triangles_per_pair": each(counts.triangles),
+            });
+            return report::print_json(line, environment);
+        }
+        report::say(&format!(
+            "{name:40} counters {} pairs of a cluster and a light, {culled} more culled; a pair: {:.1} rays, {:.2} nodes, \
+             {:.2} children, {:.2} leaves, {:.2} triangles",
+            counts.pairs,
+            each(counts.rays),
+            each(counts.nodes),
+            each(counts.children),
+            each(counts.leaves),
+            each(counts.triangles)
+        ))
+    }
 }
 
 /// Writes the arrays, each beside its place first.

@@ -76,6 +76,7 @@ fn settings(args: &Render, render: &RenderDefaults) -> Settings {
     settings.max_depth = light.max_depth.unwrap_or(settings.max_depth);
     settings.clip = light.clip.map(Clip::Distance).or(light.clip_fraction.map(Clip::Fraction)).unwrap_or(settings.clip);
     settings.compensation &= !light.no_compensation;
+    settings.light_threshold = light.light_threshold.unwrap_or(settings.light_threshold);
     settings.jitter |= light.jitter;
     settings.seed = light.seed.unwrap_or(settings.seed);
     settings.lights_per_dispatch = args.device.lights_per_dispatch.unwrap_or(settings.lights_per_dispatch);
@@ -223,6 +224,7 @@ pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {
         "max_depth": s.max_depth,
         "clip": clip,
         "compensation": s.compensation,
+        "light_threshold": s.light_threshold,
         "jitter": s.jitter,
         "seed": s.seed,
         "lights_per_dispatch": s.lights_per_dispatch,

@@ -1,0 +1,117 @@
+//! `frame`: what a pass of the renderer takes, GPU pass by GPU pass, for scenes and settings.
+
+use crate::args::Frame;
+use crate::passes::{Passes, kernel};
+use crate::report::{self, Table, milliseconds, percent};
+use crate::scene;
+use lightsum::settings::Settings;
+use lightsum::{Renderer, Result};
+use serde_json::Value;
+
+/// Runs the command.
+pub fn run(args: &Frame) -> Result<()> {
+    scene::check(&args.scenes)?;
+    let context = scene::open(&args.common)?;
+    let environment = report::environment(context.info());
+    if !args.common.json {
+        report::print_environment(&environment)?;
+    }
+    for name in &args.scenes {
+        let scene = scene::load(name)?;
+        let camera = scene::camera(&scene, args.common.resolution);
+        for settings in combinations(args, Settings::default().with_scene_defaults(&scene.render)) {
+            let mut renderer = Renderer::with_context(context.clone(), scene.clone(), camera, settings)?;
+            let passes = Passes::measure(&mut renderer, args.common.repeats)?;
+            if args.common.json {
+                let mut line = passes.fields(name, &renderer);
+                line.insert("mode".into(), "frame".into());
+                report::print_json(Value::Object(line), &environment)?;
+            } else {
+                print(name, &renderer, &passes)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Every combination of the flags' values; a flag that is not given leaves what is in `base`.
+fn combinations(args: &Frame, base: Settings) -> Vec<Settings> {
+    fn each<T: Copy>(list: Vec<Settings>, values: &[T], set: impl Fn(&mut Settings, T)) -> Vec<Settings> {
+        if values.is_empty() {
+            return list;
+        }
+        let with = |settings: &Settings, value: T| {
+            let mut settings = settings.clone();
+            set(&mut settings, value);
+            settings
+        };
+        list.iter().flat_map(|settings| values.iter().map(|&value| with(settings, value))).collect()
+    }
+    let compensation = base.compensation && !args.no_compensation;
+    let list = vec![Settings { compensation, ..base }];
+    let list = each(list, &args.paths, |s, v| s.paths = v);
+    let list = each(list, &args.max_depth, |s, v| s.max_depth = v);
+    let list = each(list, &args.lights_per_dispatch, |s, v| s.lights_per_dispatch = v);
+    each(list, &args.traversal, |s, v| s.traversal = v)
+}
+
+fn print(name: &str, renderer: &Renderer, passes: &Passes) -> Result<()> {
+    let engine = renderer.engine();
+    let p = engine.parameters();
+    let ([width, height], s) = (p.camera.resolution, &p.settings);
+    report::say("")?;
+    report::say(&format!(
+        "{name}: {} triangles, {width}x{height}, {} lights of {} paths, depth {}{}, {} lights a dispatch, kernel {}",
+        engine.bvh().triangle_count(),
+        p.lights.slots(),
+        s.paths,
+        s.max_depth,
+        if s.compensation { "" } else { ", no compensation" },
+        s.lights_per_dispatch,
+        kernel(renderer),
+    ))?;
+    let frame = report::median(&passes.seconds);
+    let table = Table::head(&[("pass", 12), ("median ms", 9), ("+-", 5), ("of frame", 8)])?;
+    let gpu = passes.gpu.iter().map(|(name, seconds)| (name.as_str(), seconds));
+    for (name, seconds) in gpu.chain([("whole frame", &passes.seconds)]) {
+        let median = report::median(seconds);
+        let cells = [name.to_owned(), milliseconds(median), percent(report::spread(seconds)), percent(median / frame)];
+        table.row(&cells)?;
+    }
+    report::say(&format!("{:.2} M rays/s; sort is a part of eye and gather", passes.rays_per_second() * 1e-6))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::args::{Arguments, Command};
+    use clap::Parser;
+    use lightsum::settings::Traversal;
+
+    fn chosen(line: &str, base: Settings) -> Vec<Settings> {
+        let arguments = Arguments::try_parse_from(["bench", "frame"].into_iter().chain(line.split_whitespace()));
+        let Ok(Arguments { command: Command::Frame(args) }) = arguments else { panic!("{line}") };
+        combinations(&args, base)
+    }
+
+    #[test]
+    fn every_combination_once() {
+        let base = Settings { paths: 7, seed: 3, ..Settings::default() };
+        assert_eq!(chosen("", base.clone()), vec![base.clone()]);
+        let list = chosen("--paths 1,2 --traversal single,auto --max-depth 4 --no-compensation", base.clone());
+        let key = |s: &Settings| (s.paths, s.traversal, s.max_depth, s.compensation, s.seed);
+        let expected = [
+            (1, Traversal::Single, 4, false, 3),
+            (1, Traversal::Auto, 4, false, 3),
+            (2, Traversal::Single, 4, false, 3),
+            (2, Traversal::Auto, 4, false, 3),
+        ];
+        assert_eq!(list.iter().map(key).collect::<Vec<_>>(), expected);
+        // The scene's own settings stay where no flag is given.
+        let without = Settings { compensation: false, ..base };
+        assert_eq!(
+            chosen("--lights-per-dispatch 16", without.clone()),
+            [Settings { lights_per_dispatch: 16, ..without }]
+        );
+    }
+}

@@ -1,0 +1,160 @@
+//! Which kernel traces shadow rays on a device, decided by a short measurement that is kept beside the pipeline cache.
+//!
+//! A room is lit by a few lights, once by single rays and once by clusters; the faster kernel wins, and clusters only if they
+//! see what single rays see. It takes about as long as compiling both kernels does.
+//!
+//! File: one line of JSON with the device, its driver, this version of the program, and what was found.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use crate::accel::{Bvh, Ray, offset_origin};
+use crate::error::{Error, Result};
+use crate::gpu::{Context, DeviceInfo, Staging, download};
+use crate::light::emitters::Emitters;
+use crate::pass::visibility::{Inputs, Visibility, Workload};
+use crate::pass::{Forms, Kernels};
+use crate::scene::{Camera, builtin};
+use crate::scene_buffers::SceneBuffers;
+use crate::settings::{Settings, Traversal};
+
+/// Triangles of the room.
+const TRIANGLES: u32 = 5_000;
+/// Receivers along each axis of the image.
+const SIDE: u32 = 96;
+/// Repeats of each measurement, of which the fastest counts.
+const REPEATS: u32 = 3;
+/// Share of receivers whose count of lights may differ: rays within rounding of an edge.
+const STRAYS: f64 = 0.01;
+
+/// What was measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Measured {
+    /// Device, driver and program that it holds for.
+    of: String,
+    /// Seconds by single rays.
+    single: f64,
+    /// Seconds by clusters; `None`: they saw something else.
+    cluster: Option<f64>,
+}
+
+/// [`Traversal::Auto`] where clusters are to be taken whenever the scene allows, else [`Traversal::Single`].
+///
+/// Looks into the file first that belongs to the pipeline cache `cache`, and leaves what it measures there. A device without
+/// a kernel for clusters needs no measurement.
+pub fn choose(context: &Context, cache: &Path) -> Result<Traversal> {
+    if Forms::visibility(context, Traversal::Auto)?.cluster.is_none() {
+        return Ok(Traversal::Single);
+    }
+    let (file, of) = (beside(cache), describe(context.info()));
+    let known = std::fs::read_to_string(&file).ok().and_then(|text| serde_json::from_str::<Measured>(&text).ok());
+    let measured = match known.filter(|known| known.of == of) {
+        Some(known) => known,
+        None => {
+            let measured = measure(context, of)?;
+            if let Err(error) = write(&file, &measured) {
+                log::warn!("the choice of kernel is not kept: {error}");
+            }
+            measured
+        }
+    };
+    log::info!("shadow rays: {:.4} s one by one, {:?} s in clusters", measured.single, measured.cluster);
+    Ok(if measured.cluster.is_some_and(|cluster| cluster < measured.single) {
+        Traversal::Auto
+    } else {
+        Traversal::Single
+    })
+}
+
+fn beside(cache: &Path) -> PathBuf {
+    let mut name = cache.as_os_str().to_owned();
+    name.push(".traversal.json");
+    PathBuf::from(name)
+}
+
+fn describe(info: &DeviceInfo) -> String {
+    let DeviceInfo { name, driver, driver_version, subgroup_size, .. } = info;
+    format!("{name}, {driver} {driver_version}, subgroups of {subgroup_size}, lightsum {}", env!("CARGO_PKG_VERSION"))
+}
+
+fn write(file: &Path, measured: &Measured) -> Result<()> {
+    let text = serde_json::to_string(measured).map_err(|e| Error::file(file, e.to_string()))?;
+    if let Some(folder) = file.parent() {
+        std::fs::create_dir_all(folder).map_err(Error::io("creating", folder))?;
+    }
+    let beside = file.with_extension(format!("{}.tmp", std::process::id()));
+    std::fs::write(&beside, text).map_err(Error::io("writing", &beside))?;
+    std::fs::rename(&beside, file).map_err(|e| {
+        // The rename's failure is what is reported; a leftover file is harmless.
+        let _ = std::fs::remove_file(&beside);
+        Error::io("renaming", file)(e)
+    })
+}
+
+fn measure(context: &Context, of: String) -> Result<Measured> {
+    let scene = builtin::room(TRIANGLES);
+    let bvh = Bvh::build(&scene)?;
+    let emitters = Emitters::of(&scene, scene.emitters_are_lights)?;
+    let kernels = Kernels::new(context, Traversal::Auto)?;
+    let mut staging = Staging::new();
+    let buffers = SceneBuffers::new(context, &mut staging, &scene, &bvh, &emitters, true)?;
+    context.submit_and_wait("uploading a room to measure in", None, |rec| staging.record(rec))?;
+    let camera = scene.camera.ok_or_else(|| Error::Scene(String::from("the room has no camera")))?;
+    let workload = workload(&bvh, &camera);
+    let settings = Settings { rounds: 64, ..Settings::default() };
+    let run = |traversal: Traversal| -> Result<(f64, Vec<u32>)> {
+        let forms = Forms::visibility(context, traversal)?;
+        let mut staging = Staging::new();
+        let (scene, bvh, settings, workload) = (&buffers, &bvh, &settings, &workload);
+        let inputs = Inputs { kernels: &kernels, forms: &forms, scene, bvh, settings, workload };
+        let pass = Visibility::new(context, &mut staging, &inputs)?;
+        context.submit_and_wait("uploading rays to measure with", None, |rec| staging.record(rec))?;
+        let mut best = f64::INFINITY;
+        // The first run compiles.
+        for repeat in 0..=REPEATS {
+            let start = Instant::now();
+            context.submit_and_wait("measuring shadow rays", None, |rec| pass.record(rec))?;
+            if repeat > 0 {
+                best = best.min(start.elapsed().as_secs_f64());
+            }
+        }
+        Ok((best, download(context, &pass.visible)?))
+    };
+    let (single, seen_singly) = run(Traversal::Single)?;
+    let (cluster, seen_together) = run(Traversal::Auto)?;
+    let strays = seen_singly.iter().zip(&seen_together).filter(|(a, b)| a != b).count();
+    let agree = strays as f64 <= STRAYS * seen_singly.len() as f64;
+    if !agree {
+        log::warn!("clusters see something else than single rays on this device; shadow rays are traced one by one");
+    }
+    Ok(Measured { of, single, cluster: agree.then_some(cluster) })
+}
+
+/// What a small image of the room sees, tile by tile, and lights below its ceiling.
+fn workload(bvh: &Bvh, camera: &Camera) -> Workload {
+    let forward = (camera.target - camera.eye).normalize_or(Vec3::Z);
+    let right = forward.cross(camera.up).normalize_or(Vec3::X);
+    let up = right.cross(forward);
+    let half = (0.5 * camera.fov_y.to_radians()).tan();
+    let mut workload = Workload::default();
+    for tile in 0..(SIDE / 8) * (SIDE / 8) {
+        for i in 0..64 {
+            let x = 8 * (tile % (SIDE / 8)) + i % 8;
+            let y = 8 * (tile / (SIDE / 8)) + i / 8;
+            let at = |p: u32| (2.0 * (p as f32 + 0.5) / SIDE as f32 - 1.0) * half;
+            let direction = (forward + right * at(x) - up * at(y)).normalize_or(forward);
+            let Some(hit) = bvh.closest(&Ray::new(camera.eye, direction)) else { continue };
+            let n = bvh.normal(hit.triangle);
+            let n = if n.dot(direction) > 0.0 { -n } else { n };
+            workload.receivers.push(offset_origin(bvh.position(&hit), n, bvh.scale()));
+            workload.normals.push(n);
+        }
+    }
+    let size = bvh.max - bvh.min;
+    let place = |i: u32| bvh.min + size * Vec3::new((i as f32 + 0.5) / 8.0, 0.9, ((i * 3) % 8) as f32 / 8.0 + 0.06);
+    workload.lights = (0..8).map(place).collect();
+    workload
+}

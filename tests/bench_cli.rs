@@ -1,0 +1,308 @@
+//! The benchmark as a user meets it, at sizes that take no time: what it prints and writes in each mode, and how it fails.
+//!
+//! LIGHTSUM_DEVICE names the device, as for the other tests on one.
+
+use std::fs;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+use lightsum::scene::builtin;
+use serde_json::Value;
+
+/// What every mode is given.
+const TINY: &str = "--resolution 16x12 --repeats 1";
+
+/// The program in a folder, for temporary files too.
+fn command(folder: &Path, arguments: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lightsum-bench"));
+    command.args(arguments.split_whitespace()).current_dir(folder).env_remove("RUST_LOG");
+    let starts = ["--device", "--help"].iter().all(|flag| !arguments.contains(flag));
+    if let (Ok(device), true) = (std::env::var("LIGHTSUM_DEVICE"), starts) {
+        command.args(["--device", &device]);
+    }
+    command.env("TMPDIR", folder);
+    command
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().expect("a temporary folder")
+}
+
+#[track_caller]
+fn succeeds(folder: &Path, arguments: &str) -> Output {
+    let output = command(folder, arguments).output().expect("the program starts");
+    assert!(output.status.success(), "{arguments}: {}", text(&output.stderr));
+    output
+}
+
+/// Runs a mode with `--json` and gives its lines; each says what it was measured on.
+#[track_caller]
+fn lines(folder: &Path, arguments: &str) -> Vec<Value> {
+    let output = succeeds(folder, &format!("{arguments} {TINY} --json"));
+    let lines: Vec<Value> = text(&output.stdout).lines().map(|line| serde_json::from_str(line).expect(line)).collect();
+    assert!(!lines.is_empty(), "{arguments} prints nothing");
+    for line in &lines {
+        assert_eq!(line["program"], concat!("lightsum ", env!("CARGO_PKG_VERSION")));
+        let commit = line["commit"].as_str().unwrap();
+        assert!(commit == "unknown" || commit.len() >= 4 && commit.chars().all(|c| c.is_ascii_hexdigit()), "{commit}");
+        for key in ["device", "driver"] {
+            assert!(line[key].as_str().is_some_and(|text| !text.is_empty()), "{key} in {line}");
+        }
+        assert!(line["cores"].as_u64() > Some(0) && line["subgroup"].as_u64() > Some(0), "{line}");
+        assert!(line.get("processor").is_some() && line.get("clock_mhz").is_some(), "{line}");
+    }
+    lines
+}
+
+/// A number above 0.
+#[track_caller]
+fn positive(value: &Value) -> f64 {
+    value.as_f64().filter(|&v| v > 0.0).unwrap_or_else(|| panic!("{value} is no number above 0"))
+}
+
+/// Runs it, checks the exit code and gives the message, which names `names`.
+#[track_caller]
+fn fails(folder: &Path, arguments: &str, code: i32, names: &[&str]) {
+    let output = command(folder, arguments).output().expect("the program starts");
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments}: {message}");
+    assert!(message.starts_with("error: ") && !message.contains("panicked"), "{arguments}: {message}");
+    for name in names {
+        assert!(message.contains(name), "{arguments}: no {name:?} in {message}");
+    }
+}
+
+#[test]
+fn a_frame_is_measured_for_every_scene_and_setting() {
+    let folder = folder();
+    let cornell = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell/scene.toml");
+    let arguments = format!("frame --scene room:300 --scene {cornell} --paths 2,4 --traversal single --max-depth 3");
+    let lines = lines(folder.path(), &arguments);
+    let key = |line: &Value| (line["scene"].as_str().unwrap().to_owned(), line["settings"]["paths"].as_u64().unwrap());
+    let expected = [("room:300", 2), ("room:300", 4), (cornell, 2), (cornell, 4)].map(|(s, p)| (s.to_owned(), p));
+    assert_eq!(lines.iter().map(key).collect::<Vec<_>>(), expected);
+    for line in &lines {
+        assert_eq!((&line["mode"], &line["kernel"], &line["repeats"]), (&"frame".into(), &"single".into(), &1.into()));
+        assert_eq!(line["resolution"], serde_json::json!([16, 12]));
+        assert_eq!((&line["settings"]["max_depth"], &line["settings"]["traversal"]), (&3.into(), &"single".into()));
+        let (frame, rays) = (positive(&line["median_seconds"]), positive(&line["rays"]));
+        assert!(rays > 16.0 * 12.0, "more than the eye's rays");
+        assert!((positive(&line["rays_per_second"]) * frame / rays - 1.0).abs() < 1e-6, "{line}");
+        assert_eq!(line["spread"], 0.0);
+        let passes = line["gpu_passes"].as_array().unwrap();
+        let names: Vec<&str> = passes.iter().map(|pass| pass["pass"].as_str().unwrap()).collect();
+        let place =
+            |name: &str| names.iter().position(|n| *n == name).unwrap_or_else(|| panic!("no {name}: {names:?}"));
+        assert!(place("walk") < place("eye") && place("eye") < place("shade") && place("shade") < place("accumulate"));
+        let sum: f64 = passes.iter().filter(|p| p["pass"] != "sort").map(|p| positive(&p["median_seconds"])).sum();
+        assert!(sum <= frame * 1.05, "the passes take {sum} s of {frame} s");
+    }
+    assert!(positive(&lines[1]["lights"]) > positive(&lines[0]["lights"]));
+    assert_eq!(lines[0]["triangles"], builtin::room(300).triangles.len());
+}
+
+#[test]
+fn tables_are_aligned_and_name_what_they_measure() {
+    let folder = folder();
+    fs::write(folder.path().join("bare.obj"), BARE).unwrap();
+    fs::write(folder.path().join("bare.mtl"), "newmtl floor\nKd 0.5 0.5 0.5\nnewmtl lamp\nKe 10 10 10\n").unwrap();
+    let output = text(&succeeds(folder.path(), &format!("frame --scene bare.obj {TINY}")).stdout);
+    let rows: Vec<&str> = output.lines().collect();
+    let head = rows.iter().position(|row| row.starts_with("pass ")).expect("a head");
+    assert!(rows[head - 1].starts_with("bare.obj: 4 triangles, 16x12, "), "{output}");
+    let last = rows.iter().position(|row| row.starts_with("whole frame")).expect("a last row");
+    let column = rows[head].find("median ms").unwrap() + "median ms".len();
+    for row in &rows[head + 1..=last] {
+        let (number, rest) = row.split_at(column);
+        assert!(number.split_whitespace().last().unwrap().parse::<f64>().is_ok() && rest.starts_with(' '), "{row}");
+    }
+    assert!(rows[last].ends_with("100 %"), "{output}");
+}
+
+/// A floor under a lamp, without a camera.
+const BARE: &str = "mtllib bare.mtl
+v -1 0 -1\nv -1 0 1\nv 1 0 1\nv 1 0 -1
+v -0.5 1 -0.5\nv 0.5 1 -0.5\nv 0.5 1 0.5\nv -0.5 1 0.5
+usemtl floor\nf 1 2 3 4
+usemtl lamp\nf 5 6 7 8
+";
+
+#[test]
+fn three_series_scale() {
+    let folder = folder();
+    let lines = lines(folder.path(), "scaling --max-triangles 1500 --max-paths 2");
+    let of = |series: &str| lines.iter().filter(|line| line["series"] == series).collect::<Vec<_>>();
+    let (triangles, lights, resolution) = (of("triangles"), of("lights"), of("resolution"));
+    assert_eq!((triangles.len(), lights.len(), resolution.len(), lines.len()), (2, 2, 4, 8));
+    assert_eq!(triangles[0]["triangles"], builtin::room(1000).triangles.len());
+    assert_eq!(triangles[1]["scene"], "room:1500");
+    assert!(positive(&triangles[1]["scene_bytes"]) > positive(&triangles[0]["scene_bytes"]));
+    assert_eq!((&lights[0]["paths"], &lights[1]["paths"]), (&1.into(), &2.into()));
+    assert!(positive(&lights[1]["lights"]) > positive(&lights[0]["lights"]));
+    let sizes: Vec<_> = resolution.iter().map(|line| line["resolution"].to_string()).collect();
+    assert_eq!(sizes, ["[4,3]", "[8,6]", "[16,12]", "[32,24]"]);
+    for line in &lines {
+        assert_eq!(line["mode"], "scaling");
+        positive(&line["median_seconds"]);
+        positive(&line["bvh"]["median_seconds"]);
+        assert!(line.get("error").is_none());
+    }
+    let table = text(&succeeds(folder.path(), &format!("scaling --series lights --max-paths 1 {TINY}")).stdout);
+    assert!(table.contains("lights") && !table.contains("triangles  "), "{table}");
+}
+
+#[test]
+fn startup_is_measured_cold_and_warm() {
+    let folder = folder();
+    let lines = lines(folder.path(), "startup --scene room:300");
+    assert_eq!((lines.len(), &lines[0]["mode"], &lines[0]["scene"]), (1, &"startup".into(), &"room:300".into()));
+    assert!(lines[0]["settings"]["paths"].as_u64() > Some(0));
+    for caches in ["cold", "warm"] {
+        for step in ["load", "device", "pipelines", "bvh", "prepare", "first_pass", "second_pass"] {
+            let step = &lines[0][caches][step];
+            positive(&step["median_seconds"]);
+            assert_eq!(step["spread"], 0.0);
+        }
+    }
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "caches are left");
+}
+
+#[test]
+fn a_start_fills_the_file_of_pipelines() {
+    let folder = folder();
+    let file = folder.path().join("pipelines.bin");
+    let device = std::env::var("LIGHTSUM_DEVICE").unwrap_or_else(|_| String::from("auto"));
+    let arguments = "startup-once --scene room:300 --resolution 4x3 --pipeline-cache pipelines.bin";
+    let output = succeeds(folder.path(), &format!("{arguments} --device {device}"));
+    let times: Value = serde_json::from_slice(&output.stdout).unwrap();
+    positive(&times["pipelines"]);
+    assert!(fs::read(file).unwrap().starts_with(b"LSPIPES1"));
+}
+
+#[test]
+fn shadow_rays_are_counted_and_written() {
+    let folder = folder();
+    let lines = lines(folder.path(), "shadow-rays --scene room:300 --lights 3 --dump-rays rays");
+    for line in &lines {
+        assert_eq!((&line["mode"], &line["lights"]), (&"shadow-rays".into(), &3.into()));
+        assert!(positive(&line["segments"]) >= positive(&line["visible"]), "{line}");
+        positive(&line["mega_segments_per_second"]);
+    }
+    assert_eq!(lines[0]["kernel"], "single");
+    let room = builtin::room(300);
+    let receivers = lines[0]["receivers"].as_u64().unwrap();
+    let size = |name: &str| fs::metadata(folder.path().join("rays").join(name)).expect(name).len();
+    assert_eq!(size("vertices.f32"), 12 * room.positions.len() as u64);
+    assert_eq!(size("indices.u32"), 12 * room.triangles.len() as u64);
+    assert_eq!((size("receivers.f32"), size("normals.f32")), (12 * receivers, 12 * receivers));
+    assert_eq!(size("lights.f32"), 12 * 3);
+    let points = fs::read(folder.path().join("rays/vertices.f32")).unwrap();
+    let first: Vec<f32> = points[..12].chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect();
+    assert_eq!(first, room.positions[0].to_array());
+}
+
+/// A program that takes the place of Embree.
+fn peer(folder: &Path, script: &str) -> PathBuf {
+    use std::os::unix::fs::PermissionsExt;
+    let path = folder.join("peer");
+    fs::write(&path, format!("#!/bin/sh\n{script}\n")).unwrap();
+    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+    path
+}
+
+#[test]
+fn embree_is_compared_by_its_best_packets() {
+    let folder = folder();
+    // It finds the rays, and is run once in each turn.
+    peer(
+        folder.path(),
+        r#"[ -s "$1/lights.f32" ] && [ -s "$1/normals.f32" ] || exit 1
+echo run >> runs
+echo '{"peer": "embree", "packet": 8, "segments": 100, "visible": 60, "mega_segments_per_second": 20.0}'
+echo '{"peer": "embree", "packet": 16, "segments": 100, "visible": 61, "mega_segments_per_second": 40.0}'"#,
+    );
+    let lines = lines(folder.path(), "compare --scene room:300 --embree ./peer --turns 2");
+    for line in &lines {
+        assert_eq!((&line["mode"], &line["embree_packet"]), (&"compare".into(), &16.into()));
+        assert_eq!((&line["embree_segments"], &line["embree_visible"]), (&100.into(), &61.into()));
+        assert_eq!(line["embree_mega_segments_per_second"], 40.0);
+        assert_eq!(line["turns"].as_array().map(Vec::len), Some(2));
+        let ours = positive(&line["mega_segments_per_second"]);
+        assert!((positive(&line["ratio"]) - ours / 40.0).abs() < 1e-9, "{line}");
+    }
+    assert_eq!(fs::read_to_string(folder.path().join("runs")).unwrap(), "run\nrun\n");
+    let left: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(left.len(), 2, "the rays are left: {left:?}");
+}
+
+#[test]
+fn a_peer_that_does_not_work_is_named() {
+    let folder = folder();
+    let compare = format!("compare --scene room:300 --turns 1 {TINY} --embree");
+    let fails = |program: &str, names: &[&str]| fails(folder.path(), &format!("{compare} {program}"), 1, names);
+    fails("./absent", &["./absent", "running"]);
+    peer(folder.path(), "echo twenty million");
+    fails("./peer", &["./peer", "twenty million"]);
+    peer(folder.path(), r#"echo '{"packet": 8, "segments": 10, "visible": 5}'"#);
+    fails("./peer", &["./peer", "lacks a measurement"]);
+    peer(folder.path(), "true");
+    fails("./peer", &["./peer", "no measurement"]);
+    peer(folder.path(), "echo 'it is ill' >&2; exit 3");
+    fails("./peer", &["./peer", "it is ill", "3"]);
+}
+
+#[test]
+fn wrong_use_is_named() {
+    let folder = folder();
+    fs::write(folder.path().join("scene.toml"), "model = \"bare.obj\"\ncolour = 3\n").unwrap();
+    for mode in ["frame", "startup", "shadow-rays"] {
+        fails(folder.path(), &format!("{mode} --scene absent.toml"), 1, &["absent.toml"]);
+        fails(folder.path(), &format!("{mode} --scene room:20"), 2, &["room:20", "--scene"]);
+        fails(folder.path(), &format!("{mode} --scene scene.toml {TINY}"), 1, &["scene.toml", "colour"]);
+        // The second one is found before the first is measured.
+        fails(folder.path(), &format!("{mode} --scene room:8000000 --scene rooom:300"), 1, &["rooom:300"]);
+    }
+    fails(folder.path(), "frame", 1, &["scenes/cornell/scene.toml"]);
+    fails(folder.path(), "frame --scene room:300 --pathz 3", 2, &["--pathz"]);
+    fails(folder.path(), "frame --scene room:300 --paths 0", 2, &["--paths"]);
+    fails(folder.path(), "scaling --resolution 8192x8192", 2, &["--resolution", "8192x8192"]);
+    fails(folder.path(), "scaling --device no-such-device", 1, &["no-such-device"]);
+    fails(folder.path(), "paint", 2, &["paint"]);
+}
+
+#[test]
+fn what_the_device_cannot_hold_is_refused() {
+    let folder = folder();
+    // A gibibyte in each array, more than lavapipe binds; a graphics card may go on.
+    let arguments = "frame --scene room:300 --resolution 8192x8192 --paths 1 --max-depth 1 --repeats 1";
+    let output = command(folder.path(), arguments).output().expect("the program starts");
+    let message = text(&output.stderr);
+    match output.status.code() {
+        Some(0) => assert!(text(&output.stdout).contains("whole frame")),
+        code => {
+            assert_eq!(code, Some(1), "{message}");
+            assert!(message.starts_with("error: ") && message.contains("bytes"), "{message}");
+        }
+    }
+}
+
+#[test]
+fn a_closed_pipe_ends_it_quietly() {
+    let folder = folder();
+    let mut child = command(folder.path(), &format!("frame --scene room:300 --paths 1 --max-depth 2 {TINY}"))
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let mut first = String::new();
+    BufReader::new(child.stdout.take().unwrap()).read_line(&mut first).unwrap();
+    assert!(first.starts_with("lightsum "), "{first}");
+    let mut said = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+    assert_eq!((child.wait().unwrap().code(), said.as_str()), (Some(0), ""));
+}

@@ -1,0 +1,189 @@
+//! Which lights are seen: both kernels against rays traced one by one on the processor.
+
+use glam::Vec3;
+use lightsum::accel::{Bvh, offset_origin};
+use lightsum::gpu::{Context, Staging, download};
+use lightsum::light::emitters::Emitters;
+use lightsum::pass::layout::Work;
+use lightsum::pass::visibility::{Counts, Inputs, Visibility, Workload, reference};
+use lightsum::pass::{Forms, Kernels};
+use lightsum::scene::{Scene, builtin};
+use lightsum::scene_buffers::SceneBuffers;
+use lightsum::settings::{Settings, Traversal};
+use lightsum::standalone::Renderer;
+
+use crate::rig::{Numbers, gallery};
+use crate::support::gpu_test;
+
+/// A scene on the device.
+struct Stage<'a> {
+    ctx: &'a Context,
+    bvh: Bvh,
+    kernels: Kernels,
+    buffers: SceneBuffers,
+}
+
+impl Stage<'_> {
+    fn new<'a>(ctx: &'a Context, scene: &Scene) -> Stage<'a> {
+        let bvh = Bvh::build(scene).unwrap();
+        let emitters = Emitters::of(scene, scene.emitters_are_lights).unwrap();
+        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
+        let mut staging = Staging::new();
+        let buffers = SceneBuffers::new(ctx, &mut staging, scene, &bvh, &emitters, true).unwrap();
+        ctx.submit_and_wait("scene", None, |rec| staging.record(rec)).unwrap();
+        Stage { ctx, bvh, kernels, buffers }
+    }
+
+    fn run(&self, forms: &Forms, workload: &Workload) -> Visibility {
+        let settings = Settings { rounds: 64, ..Settings::default() };
+        let mut staging = Staging::new();
+        let (kernels, scene, bvh, settings) = (&self.kernels, &self.buffers, &self.bvh, &settings);
+        let inputs = Inputs { kernels, forms, scene, bvh, settings, workload };
+        let pass = Visibility::new(self.ctx, &mut staging, &inputs).unwrap();
+        self.ctx.submit_and_wait("rays", None, |rec| staging.record(rec)).unwrap();
+        self.ctx.submit_and_wait("tracing", None, |rec| pass.record(rec)).unwrap();
+        assert_eq!(download::<u32>(self.ctx, &pass.status).unwrap()[0], 0, "rays were lost");
+        pass
+    }
+
+    /// Both kernels see what the oracle sees, but for two rays and `strays` of a million more.
+    fn check(&self, name: &str, workload: &Workload, strays: u64) {
+        let expected = reference(&self.bvh, workload);
+        let pairs = (workload.receivers.len() * workload.lights.len()) as u64;
+        for traversal in [Traversal::Single, Traversal::Auto] {
+            let forms = Forms::visibility(self.ctx, traversal).unwrap();
+            let seen: Vec<u32> = download(self.ctx, &self.run(&forms, workload).visible).unwrap();
+            assert_eq!(seen.len(), expected.len());
+            let differ: u64 = seen.iter().zip(&expected).map(|(&a, &b)| u64::from(a.abs_diff(b))).sum();
+            eprintln!("{name}, {traversal:?}: {differ} of {pairs} pairs differ");
+            assert!(
+                differ <= 2 + pairs * strays / 1_000_000,
+                "{name}, {traversal:?}: {differ} of {pairs} pairs differ"
+            );
+        }
+    }
+}
+
+/// `count` receivers all over the surfaces, in no order, and `lights` lights in the air.
+fn all_over(scene: &Scene, count: usize, lights: usize) -> Workload {
+    let (low, high) = scene.bounds();
+    let scale = low.abs().max(high.abs()).max_element();
+    let mut numbers = Numbers(count as u32);
+    let mut workload = Workload::default();
+    for _ in 0..count {
+        let triangle = (numbers.next() * scene.triangles.len() as f32) as usize;
+        let [a, b, c] = scene.triangle_positions(triangle.min(scene.triangles.len() - 1));
+        let (u, v) = (numbers.next().sqrt(), numbers.next());
+        let n = (b - a).cross(c - a).normalize();
+        workload.receivers.push(offset_origin(a * (1.0 - u) + b * (u * (1.0 - v)) + c * (u * v), n, scale));
+        workload.normals.push(n);
+    }
+    workload.lights = (0..lights).map(|_| low + (high - low) * (numbers.vec3() * 0.98 + 0.01)).collect();
+    workload
+}
+
+#[test]
+fn both_kernels_see_what_the_oracle_sees() {
+    gpu_test(|ctx| {
+        let scenes = [builtin::room(300), builtin::room(20_000), builtin::deep_scene(700), gallery()];
+        for scene in &scenes {
+            let stage = Stage::new(ctx, scene);
+            // One cluster spans the whole scene here, since neighbours on the list are no neighbours in space.
+            for (count, lights) in [(1, 1), (27, 5), (64, 33), (2049, 9), (4099, 70)] {
+                stage.check(&scene.name, &all_over(scene, count, lights), 20);
+            }
+        }
+    });
+}
+
+#[test]
+fn lights_at_vertices_and_on_surfaces() {
+    gpu_test(|ctx| {
+        let scene = builtin::room(2_000);
+        let stage = Stage::new(ctx, &scene);
+        let mut workload = all_over(&scene, 2_000, 0);
+        // Lifted off as the walk lifts them. So near to a triangle the planes through light and edges depend on the last bits
+        // of the light's place.
+        let scale = stage.bvh.scale();
+        for triangle in [20, 333, 1_000, 1_600] {
+            let [a, b, c] = scene.triangle_positions(triangle);
+            let n = (b - a).cross(c - a).normalize();
+            workload.lights.extend([a, (a + b) * 0.5, (a + b + c) / 3.0].map(|p| offset_origin(p, n, scale)));
+        }
+        stage.check("lifted lights", &workload, 2_000);
+        // A light inside a sphere is seen by nobody outside, and the other way round.
+        workload.lights = vec![(stage.bvh.min + stage.bvh.max) * 0.5, stage.bvh.max * 3.0];
+        stage.check("inside and outside", &workload, 20);
+    });
+}
+
+#[test]
+fn what_faces_away_is_culled_and_counted() {
+    gpu_test(|ctx| {
+        if !lanes_known(ctx) {
+            return;
+        }
+        let scene = builtin::room(2_000);
+        let stage = Stage::new(ctx, &scene);
+        let (low, high) = scene.bounds();
+        let middle = (low + high) * 0.5;
+        // Two clusters on the floor, one of them upside down.
+        let at = |i: usize| Vec3::new(middle.x + i as f32 * 1e-3, low.y + 0.1, middle.z);
+        let mut workload = Workload {
+            receivers: (0..128).map(at).collect(),
+            normals: (0..128).map(|i| if i < 64 { Vec3::Y } else { -Vec3::Y }).collect(),
+            lights: (0..40).map(|i| Vec3::new(middle.x, high.y - 0.2, low.z + 0.1 * i as f32)).collect(),
+        };
+        let forms = Forms::counters(ctx).unwrap();
+        let counts = |workload: &Workload| {
+            let pass = stage.run(&forms, workload);
+            let words: Vec<u32> = download(ctx, &pass.counters).unwrap();
+            let culled = download::<Work>(ctx, &pass.work).unwrap()[0].culled;
+            (Counts::new(words[..Counts::LENGTH].try_into().unwrap()), culled)
+        };
+        let (counted, culled) = counts(&workload);
+        assert_eq!((counted.pairs, culled), (40, 40));
+        assert_eq!(counted.rays, 40 * 64);
+        assert!(
+            counted.nodes >= 40 && counted.children >= counted.nodes - 40 && counted.triangles >= counted.leaves / 8
+        );
+        // Every pair is either culled or traced, also where clusters are not full.
+        workload.receivers.truncate(99);
+        workload.normals.truncate(99);
+        let (counted, culled) = counts(&workload);
+        assert_eq!(counted.pairs + culled, 2 * 40);
+        assert_eq!(counted.rays, 40 * 64);
+    });
+}
+
+#[test]
+fn faint_lights_are_dropped_on_demand() {
+    gpu_test(|ctx| {
+        if !lanes_known(ctx) {
+            return;
+        }
+        let scene = builtin::room(2_000);
+        let camera = lightsum::Camera { resolution: [40, 30], ..scene.camera.unwrap() };
+        let run = |light_threshold: f32| {
+            let settings = Settings { light_threshold, paths: 16, compensation: false, ..Settings::default() };
+            let mut renderer = Renderer::with_context(ctx.clone(), scene.clone(), camera, settings).unwrap();
+            renderer.pass().unwrap();
+            let layers = renderer.layers().unwrap();
+            let light: Vec<Vec3> = layers.direct.iter().zip(&layers.indirect).map(|(a, b)| *a + *b).collect();
+            (light, renderer.statistics().culled_pairs, renderer.engine().parameters().lights.slots())
+        };
+        let (all, few_culled, lights) = run(0.0);
+        let threshold = 0.5;
+        let (most, more_culled, _) = run(threshold);
+        assert!(more_culled > few_culled, "{more_culled} pairs were culled, {few_culled} without a threshold");
+        let lost = all.iter().zip(&most).map(|(a, b)| (*a - *b).max_element()).fold(0.0, f32::max);
+        assert!(lost > 0.0 && lost <= threshold * lights as f32, "{lost} lost");
+        assert!(all.iter().zip(&most).all(|(a, b)| b.cmple(*a + 1e-4 * a.abs()).all()), "something became brighter");
+        assert!(run(1e9).0.iter().all(|light| *light == Vec3::ZERO));
+    });
+}
+
+/// Whether this device has a kernel for clusters; without one there is nothing to count.
+fn lanes_known(ctx: &Context) -> bool {
+    Forms::visibility(ctx, Traversal::Auto).unwrap().cluster.is_some()
+}
