@@ -5,8 +5,10 @@ use crate::gpu::{Buffer, Context, Image, Memory, Recorder, Staging};
 use crate::pass::accumulate::{Accumulate, Film};
 use crate::pass::camera_rays::CameraRays;
 use crate::pass::collect::Collect;
+use crate::pass::eye_paths::{self, EyePaths};
 use crate::pass::gather::Gather;
 use crate::pass::layout::{self, PointLight, Step, Work};
+use crate::pass::merge::Merge;
 use crate::pass::receivers::{self, ReceiversPass};
 use crate::pass::resolve::Resolve;
 use crate::pass::schedule::Schedule;
@@ -15,9 +17,9 @@ use crate::pass::sort::{Sort, SortBuffers, SortSteps};
 use crate::pass::trace::Trace;
 use crate::pass::walk_reflect::WalkReflect;
 use crate::pass::walk_start::WalkStart;
-use crate::pass::{Kernels, List, Rays, Receivers, Sums, vec4s};
+use crate::pass::{Kernels, List, Paths, Rays, Receivers, Sums, vec4s};
 use crate::plan::{LightPlan, StepTable, trace_steps};
-use crate::scene_buffers::SceneBuffers;
+use crate::scene_buffers::{Ideal, SceneBuffers};
 use crate::settings::Settings;
 
 /// The passes of a frame with their buffers and steps.
@@ -38,7 +40,9 @@ pub struct Frame {
     pub flux: Buffer,
     /// Eye rays, then gather rays.
     pub rays: Rays,
-    /// What the eye sees.
+    /// What eye rays carry through mirrors and glass.
+    pub paths: Paths,
+    /// What the eye sees: a slot for each pixel, and where paths are split as many again for the second components.
     pub primary: Receivers,
     /// What gather rays hit.
     pub gathered: Receivers,
@@ -46,8 +50,10 @@ pub struct Frame {
     pub pixel_sums: Sums,
     /// Light at the gathered receivers.
     pub gathered_sums: Sums,
-    /// Throughput of each pixel's gather path.
+    /// Throughput of each slot's gather path.
     pub beta: Buffer,
+    /// For each step of the eye paths the rays that go on.
+    pub eye_lists: Vec<List>,
     /// For each bounce the receivers to light.
     pub lists: Vec<List>,
     batch: List,
@@ -57,13 +63,23 @@ pub struct Frame {
     walk_reflect: WalkReflect,
     camera_rays: CameraRays,
     eye_trace: Trace,
+    eye_paths: Vec<Follow>,
     eye_receivers: ReceiversPass,
     bounces: Vec<Bounce>,
+    merge: Option<Merge>,
     accumulate: Accumulate,
     resolve: Resolve,
     steps: Steps,
-    paths: u32,
+    particle_count: u32,
     pixels: u32,
+    tiles: u64,
+}
+
+/// One step of eye paths through mirrors and glass.
+struct Follow {
+    pass: EyePaths,
+    schedule: Schedule,
+    trace: Trace,
 }
 
 /// The passes of one bounce; bounce 0 is what the eye sees.
@@ -91,8 +107,10 @@ struct Steps {
     /// For j = 1, 2, ...: tracing rounds of the particles that make the j-th reflection, and the reflection.
     walk: Vec<(Vec<u32>, u32)>,
     eye_trace: Vec<u32>,
-    /// Rounds of every gather.
-    gather_trace: Vec<u32>,
+    /// For each step of the eye paths.
+    eye_paths: Vec<u32>,
+    /// Rounds of every list of rays.
+    list_trace: Vec<u32>,
     /// For a list that was just filled.
     list: u32,
     /// Chunks of lights, each in rounds; bounces take prefixes.
@@ -117,8 +135,9 @@ impl Steps {
         plan: &LightPlan,
         delta: &[PointLight],
         clusters_in_scene: bool,
-        pixels: u32,
+        eye: &EyePlan,
     ) -> Steps {
+        let pixels = eye.pixels;
         let rounds = settings.rounds;
         let trace = Step { steps: trace_steps(settings.loop_budget), ..Step::default() };
         let walk = (1..plan.survivors.len())
@@ -151,6 +170,7 @@ impl Steps {
                 BounceSteps {
                     gather: table.add(Step { bounce: bounce.max(1) - 1, indirect: 1, ..Step::default() }),
                     receivers: table.add(Step {
+                        first: if bounce == 0 { eye.twins() } else { 0 },
                         bounce,
                         end: pixels,
                         indirect: u32::from(bounce > 0),
@@ -165,12 +185,47 @@ impl Steps {
         Steps {
             walk,
             eye_trace: table.add_rounds(rounds, Step { end: pixels, ..trace }),
-            gather_trace: table.add_rounds(rounds, Step { indirect: 1, ..trace }),
+            eye_paths: (0..eye.steps)
+                .map(|bounce| {
+                    let first = if bounce == 0 { eye.twins() } else { 0 };
+                    table.add(Step { first, bounce, indirect: u32::from(bounce > 0), ..Step::default() })
+                })
+                .collect(),
+            list_trace: table.add_rounds(rounds, Step { indirect: 1, ..trace }),
             list: table.add(Step { indirect: 1, ..Step::default() }),
             shade,
             sort: SortSteps::new(table),
             bounces,
         }
+    }
+}
+
+/// How far eye paths are followed, and the slots that this takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EyePlan {
+    /// Pixels of the image.
+    pub pixels: u32,
+    /// Mirrors and glass in a row.
+    pub steps: u32,
+    /// Slots for each pixel: 2 where paths are split.
+    pub components: u32,
+}
+
+impl EyePlan {
+    /// For a scene with such surfaces.
+    pub fn new(settings: &Settings, ideal: Ideal, pixels: u32) -> EyePlan {
+        let steps = if ideal.any { settings.max_specular } else { 0 };
+        EyePlan { pixels, steps, components: if settings.split && ideal.forks && steps > 0 { 2 } else { 1 } }
+    }
+
+    /// Slots of all receivers of the eye.
+    pub fn slots(&self) -> u32 {
+        self.pixels * self.components
+    }
+
+    /// First slot of second components; 0: there are none.
+    fn twins(&self) -> u32 {
+        if self.components == 2 { self.pixels } else { 0 }
     }
 }
 
@@ -205,10 +260,14 @@ impl Frame {
         (film, image): (Film, Image),
     ) -> Result<Frame> {
         let pixels = image.width() * image.height();
+        let eye = EyePlan::new(settings, scene.ideal, pixels);
+        let slots = eye.slots();
         // The eye's receivers are listed in whole tiles.
-        let slots = image.width().div_ceil(8) * image.height().div_ceil(8) * 64;
+        let tiles = image.width().div_ceil(8) * image.height().div_ceil(8) * eye.components;
+        let listed = 64 * tiles;
+        let tiles = u64::from(tiles);
         let mut table = StepTable::default();
-        let steps = Steps::new(&mut table, settings, plan, delta, scene.wide_nodes.is_some(), pixels);
+        let steps = Steps::new(&mut table, settings, plan, delta, scene.wide_nodes.is_some(), &eye);
         let step_buffer = staging.stage(context, "steps", &table.steps)?;
 
         let device = |name: &str, bytes: u64| Buffer::new(context, name, bytes, Memory::Device);
@@ -219,23 +278,27 @@ impl Frame {
         let lights = staging.stage(context, "lights", &light_contents)?;
         let particles = Rays::new(context, "particle", settings.paths)?;
         let flux = vec4s(context, "particle flux", settings.paths)?;
-        let rays = Rays::new(context, "pixel", pixels)?;
-        let primary = Receivers::new(context, "primary", pixels)?;
-        let gathered = Receivers::new(context, "gathered", pixels)?;
-        let pixel_sums = Sums::new(context, "pixel", pixels)?;
-        let gathered_sums = Sums::new(context, "gathered", pixels)?;
-        let beta = vec4s(context, "beta", pixels)?;
+        let rays = Rays::new(context, "pixel", slots)?;
+        let paths = Paths::new(context, slots, if eye.steps > 0 { slots } else { 0 })?;
+        let primary = Receivers::new(context, "primary", slots)?;
+        let gathered = Receivers::new(context, "gathered", slots)?;
+        let pixel_sums = Sums::new(context, "pixel", slots)?;
+        let gathered_sums = Sums::new(context, "gathered", slots)?;
+        let beta = vec4s(context, "beta", slots)?;
 
         // Receivers of a bounce are listed while those of the one before are still needed, so two lists take turns.
-        let list_pixels = [0, 1].map(|i| device(&format!("list {i}"), 4 * u64::from(slots)));
+        let list_pixels = [0, 1].map(|i| device(&format!("list {i}"), 4 * u64::from(listed)));
         let [even, odd] = list_pixels;
         let list_pixels = [even?, odd?];
-        let lists: Vec<List> = (0..steps.bounces.len())
-            .map(|b| {
-                let work = device(&format!("work {b}"), size_of::<Work>() as u64)?;
+        let take_turns = |name: &str, count: usize| -> Result<Vec<List>> {
+            let list = |b: usize| {
+                let work = device(&format!("{name} {b}"), size_of::<Work>() as u64)?;
                 Ok(List { pixels: list_pixels[b % 2].clone(), work })
-            })
-            .collect::<Result<_>>()?;
+            };
+            (0..count).map(list).collect()
+        };
+        let lists = take_turns("work", steps.bounces.len())?;
+        let eye_lists = take_turns("eye work", steps.eye_paths.len())?;
         let batch = List { pixels: list_pixels[0].clone(), work: device("batch work", size_of::<Work>() as u64)? };
         let clear_work = staging.stage(context, "cleared work", &[Work::default()])?;
 
@@ -251,13 +314,39 @@ impl Frame {
                     list_in,
                     list_out,
                     beta: &beta,
+                    paths: &paths,
                     receivers,
                     steps: &step_buffer,
                 },
             )
         };
+        let eye_paths = (0..eye_lists.len())
+            .map(|k| {
+                let list_out = &eye_lists[k];
+                let inputs = eye_paths::Inputs {
+                    frame: &parameters,
+                    scene,
+                    rays: &rays,
+                    paths: &paths,
+                    receivers: &primary,
+                    // The first step looks at all pixels; what stands in for its list is not read.
+                    list_in: k.checked_sub(1).map_or(&batch, |before| &eye_lists[before]),
+                    list_out,
+                    steps: &step_buffer,
+                };
+                Ok(Follow {
+                    pass: EyePaths::new(kernels, &inputs)?,
+                    schedule: Schedule::new(kernels, &list_out.work, &step_buffer, &status)?,
+                    trace: trace(&rays, list_out)?,
+                })
+            })
+            .collect::<Result<_>>()?;
+        let merge = match eye.components {
+            1 => None,
+            _ => Some(Merge::new(kernels, &parameters, &primary, &paths, &pixel_sums, pixels)?),
+        };
         let sort_buffers = match &scene.wide_nodes {
-            Some(_) => Some(SortBuffers::new(context, slots)?),
+            Some(_) => Some(SortBuffers::new(context, listed)?),
             None => None,
         };
         let bounces = (0..steps.bounces.len())
@@ -319,11 +408,13 @@ impl Frame {
             )?,
             walk_trace: trace(&particles, &batch)?,
             walk_reflect: WalkReflect::new(kernels, &parameters, scene, &particles, &flux, &lights, &step_buffer)?,
-            camera_rays: CameraRays::new(kernels, &parameters, &rays, pixels)?,
+            camera_rays: CameraRays::new(kernels, &parameters, &rays, &paths, &primary, pixels)?,
             eye_trace: trace(&rays, &batch)?,
             eye_receivers: receivers_pass(&batch, &lists[0], &primary)?,
+            eye_paths,
             bounces,
-            accumulate: Accumulate::new(kernels, &parameters, &primary, &pixel_sums, &film, &status, pixels)?,
+            merge,
+            accumulate: Accumulate::new(kernels, &parameters, &primary, &paths, &pixel_sums, &film, &status, pixels)?,
             resolve: Resolve::new(kernels, &film, &image, pixels)?,
             parameters,
             lights,
@@ -333,17 +424,20 @@ impl Frame {
             particles,
             flux,
             rays,
+            paths,
             primary,
             gathered,
             pixel_sums,
             gathered_sums,
             beta,
+            eye_lists,
             lists,
             batch,
             clear_work,
             steps,
-            paths: settings.paths,
+            particle_count: settings.paths,
             pixels,
+            tiles,
         })
     }
 
@@ -359,7 +453,8 @@ impl Frame {
     }
 
     /// Records one pass of the renderer: particles leave the lights and become point lights; what the eye sees is lit by
-    /// them; what clipping cut off is gathered, bounce by bounce; the image is added to the sums.
+    /// them; what clipping cut off is gathered, bounce by bounce; second components are added to their pixels; the image is
+    /// added to the sums.
     pub fn record(&self, rec: &mut Recorder, parameters: &layout::Frame) -> Result<()> {
         self.record_start(rec, parameters)?;
         rec.scope("walk", |rec| self.record_walk(rec))?;
@@ -369,6 +464,7 @@ impl Frame {
             rec.scope("shade", |rec| self.record_shade(rec, bounce))?;
             rec.scope("collect", |rec| self.record_collect(rec, bounce))?;
         }
+        self.record_merge(rec)?;
         rec.scope("accumulate", |rec| self.accumulate.record(rec, parameters.keys[3]))
     }
 
@@ -378,7 +474,7 @@ impl Frame {
         rec.update(&self.parameters, 0, bytemuck::bytes_of(parameters))?;
         rec.fill(&self.status, 0)?;
         rec.copy(&self.clear_work, &self.batch.work)?;
-        for list in &self.lists {
+        for list in self.lists.iter().chain(&self.eye_lists) {
             rec.copy(&self.clear_work, &list.work)?;
         }
         Ok(())
@@ -398,19 +494,36 @@ impl Frame {
     /// The part of [`Frame::record_walk`] from one vertex to the next: the j-th reflection, j from 1.
     pub fn record_walk_reflection(&self, rec: &mut Recorder, j: usize) -> Result<()> {
         let Some((rounds, reflect)) = j.checked_sub(1).and_then(|i| self.steps.walk.get(i)) else { return Ok(()) };
-        self.walk_trace.record(rec, rounds, Some(self.paths))?;
-        self.walk_reflect.record(rec, *reflect, self.paths)
+        self.walk_trace.record(rec, rounds, Some(self.particle_count))?;
+        self.walk_reflect.record(rec, *reflect, self.particle_count)
     }
 
-    /// What the eye sees.
+    /// What the eye sees, directly and through mirrors and glass.
     pub fn record_eye(&self, rec: &mut Recorder) -> Result<()> {
+        self.record_eye_rays(rec)?;
+        (0..self.eye_paths.len()).try_for_each(|step| self.record_eye_step(rec, step))?;
+        self.record_eye_receivers(rec)
+    }
+
+    /// The part of [`Frame::record_eye`] up to the first hits.
+    pub fn record_eye_rays(&self, rec: &mut Recorder) -> Result<()> {
         self.camera_rays.record(rec)?;
-        self.eye_trace.record(rec, &self.steps.eye_trace, Some(self.pixels))?;
-        self.eye_receivers.record(
-            rec,
-            self.steps.bounces[0].receivers,
-            Some([self.image.width(), self.image.height()]),
-        )?;
+        self.eye_trace.record(rec, &self.steps.eye_trace, Some(self.pixels))
+    }
+
+    /// The part of [`Frame::record_eye`] from mirrors and glass to what is seen through them; steps from 0.
+    pub fn record_eye_step(&self, rec: &mut Recorder, step: usize) -> Result<()> {
+        let (Some(follow), Some(&number)) = (self.eye_paths.get(step), self.steps.eye_paths.get(step)) else {
+            return Ok(());
+        };
+        follow.pass.record(rec, number, (step == 0).then_some(self.pixels))?;
+        follow.schedule.record(rec, self.steps.list)?;
+        follow.trace.record(rec, &self.steps.list_trace, None)
+    }
+
+    /// The part of [`Frame::record_eye`] in which the last hits become receivers.
+    pub fn record_eye_receivers(&self, rec: &mut Recorder) -> Result<()> {
+        self.eye_receivers.record(rec, self.steps.bounces[0].receivers, Some(self.tiles))?;
         self.record_list(rec, 0)
     }
 
@@ -429,7 +542,7 @@ impl Frame {
         let Some(arrive) = &self.bounces[bounce].arrive else { return Ok(()) };
         let steps = &self.steps.bounces[bounce];
         arrive.gather.record(rec, steps.gather)?;
-        arrive.trace.record(rec, &self.steps.gather_trace, None)?;
+        arrive.trace.record(rec, &self.steps.list_trace, None)?;
         arrive.receivers.record(rec, steps.receivers, None)?;
         self.record_list(rec, bounce)
     }
@@ -446,6 +559,14 @@ impl Frame {
     pub fn record_collect(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
         match &self.bounces[bounce].arrive {
             Some(arrive) => arrive.collect.record(rec, self.steps.bounces[bounce].receivers),
+            None => Ok(()),
+        }
+    }
+
+    /// The light of second components is added to their pixels.
+    pub fn record_merge(&self, rec: &mut Recorder) -> Result<()> {
+        match &self.merge {
+            Some(merge) => rec.scope("merge", |rec| merge.record(rec)),
             None => Ok(()),
         }
     }

@@ -7,8 +7,10 @@
 pub mod accumulate;
 pub mod camera_rays;
 pub mod collect;
+pub mod eye_paths;
 pub mod gather;
 pub mod layout;
+pub mod merge;
 pub mod receivers;
 pub mod resolve;
 pub mod schedule;
@@ -101,8 +103,12 @@ pub struct Kernels {
     pub camera_rays: Kernel,
     /// `collect.wgsl`
     pub collect: Kernel,
+    /// `eye_paths.wgsl`
+    pub eye_paths: Kernel,
     /// `gather.wgsl`
     pub gather: Kernel,
+    /// `merge.wgsl`
+    pub merge: Kernel,
     /// `receivers.wgsl`
     pub receivers: Kernel,
     /// `resolve.wgsl`
@@ -136,7 +142,9 @@ impl Kernels {
             accumulate: Kernel::new(context, &shaders::ACCUMULATE)?,
             camera_rays: Kernel::new(context, &shaders::CAMERA_RAYS)?,
             collect: Kernel::new(context, &shaders::COLLECT)?,
+            eye_paths: Kernel::new(context, &shaders::EYE_PATHS)?,
             gather: Kernel::new(context, &shaders::GATHER)?,
+            merge: Kernel::new(context, &shaders::MERGE)?,
             receivers: Kernel::new(context, &shaders::RECEIVERS)?,
             resolve: Kernel::new(context, &shaders::RESOLVE)?,
             schedule: Kernel::new(context, &shaders::SCHEDULE)?,
@@ -158,7 +166,7 @@ impl Kernels {
 pub struct Rays {
     /// Origins; w: greatest t.
     pub origin: Buffer,
-    /// Unit directions.
+    /// Unit directions; w, of eye paths: cosine of the first segment to the direction of view.
     pub direction: Buffer,
     /// t, u, v, bits of the triangle (all ones: none).
     pub hits: Buffer,
@@ -178,7 +186,27 @@ impl Rays {
     }
 }
 
-/// Receivers, pixel by pixel; `shaders/include/receiver.wgsl` says what each array holds.
+/// What eye paths carry to their receivers.
+#[derive(Clone)]
+pub struct Paths {
+    /// Throughput of the mirrors and glass on the way; w: depth along the direction of view, as if the way were straight, and
+    /// negative where the eye's own ray met nothing.
+    pub throughput: Buffer,
+    /// Bodies of glass around the ray, [`crate::bsdf::ideal::Media`].
+    pub media: Buffer,
+}
+
+impl Paths {
+    /// Room for `count` paths, `ideal` of which may meet mirrors and glass.
+    pub fn new(context: &Context, count: u32, ideal: u32) -> Result<Paths> {
+        Ok(Paths {
+            throughput: vec4s(context, "eye throughput", count)?,
+            media: vec4s(context, "eye media", ideal.max(1))?,
+        })
+    }
+}
+
+/// Receivers, slot by slot; `shaders/include/receiver.wgsl` says what each array holds.
 #[derive(Clone)]
 pub struct Receivers {
     /// Points; w: distance along the ray, negative where it hit nothing.
@@ -235,7 +263,7 @@ impl Sums {
 /// A list of receivers and how many it holds.
 #[derive(Clone)]
 pub struct List {
-    /// Pixels.
+    /// Slots: pixels, and after them the pixels' second components.
     pub pixels: Buffer,
     /// A [`layout::Work`].
     pub work: Buffer,

@@ -145,11 +145,12 @@ fn lists_are_sorted_and_the_same_in_every_run() {
             };
             let (list, positions, lit, parameters) = run();
             if [8, 16].contains(&ctx.info().subgroup_size) {
-                // Tile by tile, row by row within a tile.
-                let mut slots: Vec<u32> = (0..width * height).filter(|&p| lit[p as usize]).collect();
+                // Tile by tile, row by row within a tile; first components, then second ones.
+                let pixels = width * height;
+                let mut slots: Vec<u32> = (0..lit.len() as u32).filter(|&p| lit[p as usize]).collect();
                 slots.sort_by_key(|p| {
-                    let (x, y) = (p % width, p / width);
-                    (y / 8, x / 8, y % 8, x % 8)
+                    let (x, y) = (p % pixels % width, p % pixels / width);
+                    (p / pixels, y / 8, x / 8, y % 8, x % 8)
                 });
                 assert_eq!(list, sort::reference(&parameters, &slots, &positions), "{width}x{height}");
                 assert_eq!(list, run().0, "{width}x{height}, again");
@@ -157,7 +158,7 @@ fn lists_are_sorted_and_the_same_in_every_run() {
                 let mut sorted = list;
                 sorted.sort();
                 assert!(
-                    sorted.iter().copied().eq((0..width * height).filter(|&p| lit[p as usize])),
+                    sorted.iter().copied().eq((0..lit.len() as u32).filter(|&p| lit[p as usize])),
                     "{width}x{height}"
                 );
             }
