@@ -31,12 +31,19 @@ fn go_on(slot: u32, s: Surface, wi: vec3<f32>, cos_view: f32) {
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
     let first_hit = step.bounce == 0u;
-    let index = (group.x + group.y * groups.x) * 64u + lane;
-    let total = select(atomicLoad(&work_in.live), frame.size.z, first_hit);
-    if index >= total {
+    // The first hits come in tiles of 8 x 8 pixels, later ones as a list.
+    let group_index = group.x + group.y * groups.x;
+    let index = select(group_index * 64u + lane, group_index, first_hit);
+    if index >= atomicLoad(&work_in.live) {
         return;
     }
-    let slot = select(list_in[select(index, 0u, first_hit)], index, first_hit);
+    let tiles_across = (frame.size.x + 7u) / 8u;
+    let listed = list_in[index];
+    let at_pixel = vec2<u32>(8u * (listed % tiles_across) + (lane & 7u), 8u * (listed / tiles_across) + lane / 8u);
+    if first_hit && (at_pixel.x >= frame.size.x || at_pixel.y >= frame.size.y) {
+        return;
+    }
+    let slot = select(listed, at_pixel.x + at_pixel.y * frame.size.x, first_hit);
     // Slots of second components, `step.first` after those of the pixels, carry nothing unless a path is split.
     let splits = first_hit && step.first > 0u;
     let twin = slot + step.first;

@@ -28,32 +28,33 @@ var<immediate> push: Push;
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
     let eye = step.bounce == 0u;
-    // The eye's pixels are taken in tiles of 8 x 8, so that neighbours on the list are neighbours in the scene; after all first
-    // components come the second ones, whose slots begin at `step.first`.
+    // The eye's pixels are taken in tiles of 8 x 8, so that neighbours on the list are neighbours in the scene. First all
+    // tiles; then those of second components, whose slots begin at `step.first`, in a step of their own.
+    let second = eye && step.first > 0u;
     let group_index = group.x + group.y * groups.x;
     let tiles = (frame.size.xy + 7u) / 8u;
     let tile_count = tiles.x * tiles.y;
-    let second = eye && group_index >= tile_count;
-    let tile = select(group_index, group_index - tile_count, second);
-    let at = vec2<u32>(8u * (tile % tiles.x) + (lane & 7u), 8u * (tile / tiles.x) + lane / 8u);
-    let place_in = group_index * 64u + lane;
-    let total = select(atomicLoad(&work_in.live), tile_count * select(64u, 128u, step.first > 0u), eye);
+    let count = atomicLoad(&work_in.live);
+    let place_in = (group_index + select(0u, tile_count, second)) * 64u + lane;
+    let total = select(count, 64u * (tile_count + select(0u, count, second)), eye);
     if place_in >= total {
         return;
     }
     let ordered = step.fresh == 1u;
-    if ordered && place_in == 0u {
+    if ordered && group_index == 0u && lane == 0u {
         work_out.total = total;
     }
+    // Places of the eye may lie beyond the other list, and both sides of a select are evaluated.
+    let listed = list_in[select(select(place_in, 0u, eye), group_index, second)];
+    let tile = select(group_index, listed, second);
+    let at = vec2<u32>(8u * (tile % tiles.x) + (lane & 7u), 8u * (tile / tiles.x) + lane / 8u);
     if eye && (at.x >= frame.size.x || at.y >= frame.size.y) {
         if ordered {
             list_out[place_in] = NO_RECEIVER;
         }
         return;
     }
-    // Places of the eye may lie beyond the other list, and both sides of a select are evaluated.
-    let seen = at.x + at.y * frame.size.x + select(0u, step.first, second);
-    let slot = select(list_in[select(place_in, 0u, eye)], seen, eye);
+    let slot = select(listed, at.x + at.y * frame.size.x + select(0u, step.first, second), eye);
     let through = throughput[slot];
     // Second components that are none have no ray.
     let carries = max(max(through.x, through.y), through.z) > 0.0;

@@ -27,12 +27,12 @@
 
 use crate::accel::Bvh;
 use crate::error::{Error, Result};
-use crate::frame::{EyePlan, Frame};
+use crate::frame::Frame;
 use crate::gpu::{Context, Image, Recorder, Staging};
 use crate::light::emitters::Emitters;
 use crate::pass::Kernels;
 use crate::pass::layout::PointLight;
-use crate::plan::{LightPlan, ParameterSource};
+use crate::plan::{EyePlan, LightPlan, ParameterSource};
 use crate::scene::{Camera, Scene};
 use crate::scene_buffers::{SceneBuffers, delta_lights};
 use crate::settings::{Settings, Traversal};

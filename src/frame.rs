@@ -14,12 +14,13 @@ use crate::pass::resolve::Resolve;
 use crate::pass::schedule::Schedule;
 use crate::pass::shade::{self, Chunk, Shade};
 use crate::pass::sort::{Sort, SortBuffers, SortSteps};
+use crate::pass::tiles::Tiles;
 use crate::pass::trace::Trace;
 use crate::pass::walk_reflect::WalkReflect;
 use crate::pass::walk_start::WalkStart;
 use crate::pass::{Kernels, List, Paths, Rays, Receivers, Sums, vec4s};
-use crate::plan::{LightPlan, StepTable, trace_steps};
-use crate::scene_buffers::{Ideal, SceneBuffers};
+use crate::plan::{EyePlan, LightPlan, StepTable, trace_steps};
+use crate::scene_buffers::SceneBuffers;
 use crate::settings::Settings;
 
 /// The passes of a frame with their buffers and steps.
@@ -52,6 +53,8 @@ pub struct Frame {
     pub gathered_sums: Sums,
     /// Throughput of each slot's gather path.
     pub beta: Buffer,
+    /// Tiles of pixels that show mirrors or glass.
+    pub ideal_tiles: List,
     /// For each step of the eye paths the rays that go on.
     pub eye_lists: Vec<List>,
     /// For each bounce the receivers to light.
@@ -63,16 +66,17 @@ pub struct Frame {
     walk_reflect: WalkReflect,
     camera_rays: CameraRays,
     eye_trace: Trace,
+    tiles: Tiles,
     eye_paths: Vec<Follow>,
     eye_receivers: ReceiversPass,
+    second: Option<Second>,
     bounces: Vec<Bounce>,
-    merge: Option<Merge>,
     accumulate: Accumulate,
     resolve: Resolve,
     steps: Steps,
     particle_count: u32,
     pixels: u32,
-    tiles: u64,
+    tile_count: u32,
 }
 
 /// One step of eye paths through mirrors and glass.
@@ -80,6 +84,12 @@ struct Follow {
     pass: EyePaths,
     schedule: Schedule,
     trace: Trace,
+}
+
+/// What split paths need besides.
+struct Second {
+    receivers: ReceiversPass,
+    merge: Merge,
 }
 
 /// The passes of one bounce; bounce 0 is what the eye sees.
@@ -109,6 +119,8 @@ struct Steps {
     eye_trace: Vec<u32>,
     /// For each step of the eye paths.
     eye_paths: Vec<u32>,
+    /// Receivers of second components.
+    second: u32,
     /// Rounds of every list of rays.
     list_trace: Vec<u32>,
     /// For a list that was just filled.
@@ -162,7 +174,7 @@ impl Steps {
         let clips =
             !matches!(settings.clip, crate::settings::Clip::Distance(0.0) | crate::settings::Clip::Fraction(0.0));
         let bounces = if settings.compensation && clips { depth } else { 1 };
-        let bounces = (0..bounces)
+        let bounces: Vec<BounceSteps> = (0..bounces)
             .map(|bounce| {
                 // Eye segment, `bounce` gather rays, shadow ray and j reflections are bounce + j + 2 segments.
                 let reflections = (depth as usize).checked_sub(bounce as usize + 2);
@@ -170,7 +182,6 @@ impl Steps {
                 BounceSteps {
                     gather: table.add(Step { bounce: bounce.max(1) - 1, indirect: 1, ..Step::default() }),
                     receivers: table.add(Step {
-                        first: if bounce == 0 { eye.twins() } else { 0 },
                         bounce,
                         end: pixels,
                         indirect: u32::from(bounce > 0),
@@ -191,41 +202,13 @@ impl Steps {
                     table.add(Step { first, bounce, indirect: u32::from(bounce > 0), ..Step::default() })
                 })
                 .collect(),
+            second: table.add(Step { first: eye.twins(), ..table.steps[bounces[0].receivers as usize] }),
             list_trace: table.add_rounds(rounds, Step { indirect: 1, ..trace }),
             list: table.add(Step { indirect: 1, ..Step::default() }),
             shade,
             sort: SortSteps::new(table),
             bounces,
         }
-    }
-}
-
-/// How far eye paths are followed, and the slots that this takes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct EyePlan {
-    /// Pixels of the image.
-    pub pixels: u32,
-    /// Mirrors and glass in a row.
-    pub steps: u32,
-    /// Slots for each pixel: 2 where paths are split.
-    pub components: u32,
-}
-
-impl EyePlan {
-    /// For a scene with such surfaces.
-    pub fn new(settings: &Settings, ideal: Ideal, pixels: u32) -> EyePlan {
-        let steps = if ideal.any { settings.max_specular } else { 0 };
-        EyePlan { pixels, steps, components: if settings.split && ideal.forks && steps > 0 { 2 } else { 1 } }
-    }
-
-    /// Slots of all receivers of the eye.
-    pub fn slots(&self) -> u32 {
-        self.pixels * self.components
-    }
-
-    /// First slot of second components; 0: there are none.
-    fn twins(&self) -> u32 {
-        if self.components == 2 { self.pixels } else { 0 }
     }
 }
 
@@ -263,9 +246,8 @@ impl Frame {
         let eye = EyePlan::new(settings, scene.ideal, pixels);
         let slots = eye.slots();
         // The eye's receivers are listed in whole tiles.
-        let tiles = image.width().div_ceil(8) * image.height().div_ceil(8) * eye.components;
-        let listed = 64 * tiles;
-        let tiles = u64::from(tiles);
+        let tile_count = image.width().div_ceil(8) * image.height().div_ceil(8);
+        let listed = 64 * tile_count * eye.components;
         let mut table = StepTable::default();
         let steps = Steps::new(&mut table, settings, plan, delta, scene.wide_nodes.is_some(), &eye);
         let step_buffer = staging.stage(context, "steps", &table.steps)?;
@@ -299,6 +281,11 @@ impl Frame {
         };
         let lists = take_turns("work", steps.bounces.len())?;
         let eye_lists = take_turns("eye work", steps.eye_paths.len())?;
+        let ideal_tiles = List {
+            pixels: device("ideal tiles", 4 * u64::from(tile_count))?,
+            work: device("ideal tile work", size_of::<Work>() as u64)?,
+        };
+        let marks = device("tile marks", 4 * u64::from(tile_count))?;
         let batch = List { pixels: list_pixels[0].clone(), work: device("batch work", size_of::<Work>() as u64)? };
         let clear_work = staging.stage(context, "cleared work", &[Work::default()])?;
 
@@ -329,8 +316,7 @@ impl Frame {
                     rays: &rays,
                     paths: &paths,
                     receivers: &primary,
-                    // The first step looks at all pixels; what stands in for its list is not read.
-                    list_in: k.checked_sub(1).map_or(&batch, |before| &eye_lists[before]),
+                    list_in: k.checked_sub(1).map_or(&ideal_tiles, |before| &eye_lists[before]),
                     list_out,
                     steps: &step_buffer,
                 };
@@ -341,9 +327,12 @@ impl Frame {
                 })
             })
             .collect::<Result<_>>()?;
-        let merge = match eye.components {
+        let second = match eye.components {
             1 => None,
-            _ => Some(Merge::new(kernels, &parameters, &primary, &paths, &pixel_sums, pixels)?),
+            _ => Some(Second {
+                receivers: receivers_pass(&ideal_tiles, &lists[0], &primary)?,
+                merge: Merge::new(kernels, &parameters, &primary, &paths, &pixel_sums, &ideal_tiles)?,
+            }),
         };
         let sort_buffers = match &scene.wide_nodes {
             Some(_) => Some(SortBuffers::new(context, listed)?),
@@ -411,9 +400,10 @@ impl Frame {
             camera_rays: CameraRays::new(kernels, &parameters, &rays, &paths, &primary, pixels)?,
             eye_trace: trace(&rays, &batch)?,
             eye_receivers: receivers_pass(&batch, &lists[0], &primary)?,
+            tiles: Tiles::new(kernels, &parameters, scene, &rays, &marks, &ideal_tiles, tile_count)?,
             eye_paths,
+            second,
             bounces,
-            merge,
             accumulate: Accumulate::new(kernels, &parameters, &primary, &paths, &pixel_sums, &film, &status, pixels)?,
             resolve: Resolve::new(kernels, &film, &image, pixels)?,
             parameters,
@@ -430,6 +420,7 @@ impl Frame {
             pixel_sums,
             gathered_sums,
             beta,
+            ideal_tiles,
             eye_lists,
             lists,
             batch,
@@ -437,7 +428,7 @@ impl Frame {
             steps,
             particle_count: settings.paths,
             pixels,
-            tiles,
+            tile_count,
         })
     }
 
@@ -516,14 +507,25 @@ impl Frame {
         let (Some(follow), Some(&number)) = (self.eye_paths.get(step), self.steps.eye_paths.get(step)) else {
             return Ok(());
         };
-        follow.pass.record(rec, number, (step == 0).then_some(self.pixels))?;
+        if step == 0 {
+            self.record_tiles(rec)?;
+        }
+        follow.pass.record(rec, number)?;
         follow.schedule.record(rec, self.steps.list)?;
         follow.trace.record(rec, &self.steps.list_trace, None)
     }
 
+    /// The part of the first [`Frame::record_eye_step`] that finds out where there are mirrors and glass.
+    pub fn record_tiles(&self, rec: &mut Recorder) -> Result<()> {
+        self.tiles.record(rec)
+    }
+
     /// The part of [`Frame::record_eye`] in which the last hits become receivers.
     pub fn record_eye_receivers(&self, rec: &mut Recorder) -> Result<()> {
-        self.eye_receivers.record(rec, self.steps.bounces[0].receivers, Some(self.tiles))?;
+        self.eye_receivers.record(rec, self.steps.bounces[0].receivers, Some(u64::from(self.tile_count)))?;
+        if let Some(second) = &self.second {
+            second.receivers.record(rec, self.steps.second, None)?;
+        }
         self.record_list(rec, 0)
     }
 
@@ -565,8 +567,8 @@ impl Frame {
 
     /// The light of second components is added to their pixels.
     pub fn record_merge(&self, rec: &mut Recorder) -> Result<()> {
-        match &self.merge {
-            Some(merge) => rec.scope("merge", |rec| merge.record(rec)),
+        match &self.second {
+            Some(second) => rec.scope("merge", |rec| second.merge.record(rec)),
             None => Ok(()),
         }
     }

@@ -35,8 +35,8 @@
 //!    [`trace`](pass::trace) finds what they hit and [`walk_reflect`](pass::walk_reflect) leaves a light there and
 //!    sends the survivors on.
 //! 2. eye: [`camera_rays`](pass::camera_rays) and [`trace`](pass::trace) find what the pixels see;
-//!    [`eye_paths`](pass::eye_paths) and [`trace`](pass::trace), in turns, follow mirrors and glass, split in two where both
-//!    count; [`receivers`](pass::receivers) lists what is to be lit; [`schedule`](pass::schedule) turns counts into indirect dispatches,
+//!    [`tiles`](pass::tiles) of mirrors and glass are followed by [`eye_paths`](pass::eye_paths) and [`trace`](pass::trace) in
+//!    turns, split in two where both components count; [`receivers`](pass::receivers) lists what is to be lit; [`schedule`](pass::schedule) turns counts into indirect dispatches,
 //!    here and everywhere.
 //! 3. For each bounce: [`sort`](pass::sort) brings neighbours together, [`shade`](pass::shade) lights the receivers by
 //!    all lights, no nearer than the clip distance; then [`gather`](pass::gather), [`trace`](pass::trace) and [`receivers`](pass::receivers) follow one short ray

@@ -2,11 +2,13 @@
 //! L_e += L_e2 + throughput (kd / pi * (E_direct + E_indirect) + L_specular), all of the second component.
 //!
 //! So what follows knows of one receiver for each pixel, and the layers of the image show the first component: what is seen
-//! through glass rather than what it reflects, the surface rather than its gloss. Cost: 8 vec4 and 20 operations a pixel.
+//! through glass rather than what it reflects, the surface rather than its gloss. Cost: 8 vec4 and 20 operations for each pixel
+//! of a tile that shows mirrors or glass.
 
 use glam::Vec3;
 
-use super::{Kernels, Paths, Receivers, Sums, accumulate, groups};
+use super::schedule::LIST_GROUPS;
+use super::{Kernels, List, Paths, Receivers, Sums, accumulate};
 use crate::error::Result;
 use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
 
@@ -14,18 +16,18 @@ use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
 pub struct Merge {
     kernel: Kernel,
     bindings: Bindings,
-    pixels: u32,
+    tiles: Buffer,
 }
 
 impl Merge {
-    /// Adds to `receivers.emitted` of the first `pixels` slots what the others, lit by `sums`, send to the eye.
+    /// Adds to `receivers.emitted` of the pixels of `tiles` what their second components, lit by `sums`, send to the eye.
     pub fn new(
         kernels: &Kernels,
         frame: &Buffer,
         receivers: &Receivers,
         paths: &Paths,
         sums: &Sums,
-        pixels: u32,
+        tiles: &List,
     ) -> Result<Self> {
         let kernel = kernels.merge.clone();
         let bindings = kernel.bind(&[
@@ -37,13 +39,15 @@ impl Merge {
             ("indirect", (&sums.indirect).into()),
             ("specular", (&sums.specular).into()),
             ("emitted", (&receivers.emitted).into()),
+            ("work", (&tiles.work).into()),
+            ("tiles", (&tiles.pixels).into()),
         ])?;
-        Ok(Merge { kernel, bindings, pixels })
+        Ok(Merge { kernel, bindings, tiles: tiles.work.clone() })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        rec.dispatch(&self.kernel, &self.bindings, &[], groups(self.pixels))
+        rec.dispatch_indirect(&self.kernel, &self.bindings, &[], &self.tiles, LIST_GROUPS)
     }
 }
 

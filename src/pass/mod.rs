@@ -1,5 +1,5 @@
-//! The passes of a frame, one file each with its shader of the same stem (`shade` has a second one, `sort` one for each of
-//! its steps), in the order of `frame.rs`.
+//! The passes of a frame, one file each with its shader of the same stem (`shade` has a second one, `sort` and
+//! `tiles` one for each of their steps), in the order of `frame.rs`.
 //!
 //! A pass file reads: what it computes and from which equation, its named inputs and outputs, `record`, and `reference`,
 //! the CPU oracle that the tests hold the shader against.
@@ -16,6 +16,7 @@ pub mod resolve;
 pub mod schedule;
 pub mod shade;
 pub mod sort;
+pub mod tiles;
 pub mod trace;
 pub mod visibility;
 pub mod walk_reflect;
@@ -127,6 +128,10 @@ pub struct Kernels {
     pub sort_scan: Kernel,
     /// `sort_scatter.wgsl`
     pub sort_scatter: Kernel,
+    /// `tiles_mark.wgsl`
+    pub tiles_mark: Kernel,
+    /// `tiles_list.wgsl`
+    pub tiles_list: Kernel,
     /// `trace.wgsl`
     pub trace: Kernel,
     /// `walk_reflect.wgsl`
@@ -154,6 +159,8 @@ impl Kernels {
             sort_sum: Kernel::new(context, &shaders::SORT_SUM)?,
             sort_scan: Kernel::new(context, &shaders::SORT_SCAN)?,
             sort_scatter: Kernel::new(context, &shaders::SORT_SCATTER)?,
+            tiles_mark: Kernel::new(context, &shaders::TILES_MARK)?,
+            tiles_list: Kernel::new(context, &shaders::TILES_LIST)?,
             trace: Kernel::new(context, &shaders::TRACE)?,
             walk_reflect: Kernel::new(context, &shaders::WALK_REFLECT)?,
             walk_start: Kernel::new(context, &shaders::WALK_START)?,
@@ -260,10 +267,10 @@ impl Sums {
     }
 }
 
-/// A list of receivers and how many it holds.
+/// A list of receivers, or of tiles, and how many it holds.
 #[derive(Clone)]
 pub struct List {
-    /// Slots: pixels, and after them the pixels' second components.
+    /// Slots: pixels, and after them the pixels' second components. Or numbers of tiles.
     pub pixels: Buffer,
     /// A [`layout::Work`].
     pub work: Buffer,

@@ -38,7 +38,7 @@ pub struct Inputs<'a> {
     pub scene: &'a SceneBuffers,
     /// Traced rays.
     pub rays: &'a Rays,
-    /// Rays to take, for bounces after the first.
+    /// Rays to take, for bounces after the first; for the second components of the eye's paths, their tiles.
     pub list_in: &'a List,
     /// Receivers found.
     pub list_out: &'a List,
@@ -81,8 +81,7 @@ impl ReceiversPass {
         Ok(ReceiversPass { kernel, bindings, work_in: inputs.list_in.work.clone() })
     }
 
-    /// Records the pass over the tiles of 8 x 8 pixels, those of second components included; `None`: over the rays of the
-    /// list.
+    /// Records the pass over all tiles of 8 x 8 pixels; `None`: over the rays, or tiles, of the list.
     pub fn record(&self, rec: &mut Recorder, step: u32, tiles: Option<u64>) -> Result<()> {
         match tiles {
             Some(tiles) => rec.dispatch(&self.kernel, &self.bindings, &push(step), tiles),

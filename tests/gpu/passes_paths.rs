@@ -4,17 +4,18 @@ use std::collections::BTreeMap;
 
 use glam::{Vec3, Vec4};
 use lightsum::bsdf::ideal::Media;
-use lightsum::gpu::download;
+use lightsum::gpu::{download, upload};
 use lightsum::pass::Kernels;
 use lightsum::pass::eye_paths::{self, EyePath};
 use lightsum::pass::merge::{self, Merge};
 use lightsum::pass::receivers::surface_at;
+use lightsum::pass::{List, layout, tiles};
 use lightsum::scene::{Scene, builtin};
 use lightsum::settings::{Settings, Traversal};
 
 use crate::passes_light::{Sheet, fill};
 use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, ray_of, same_hit, untouched};
-use crate::support::{AWKWARD_SIZES, gpu_test};
+use crate::support::gpu_test;
 
 /// What may differ of a direction: refraction near the critical angle magnifies the rounding of roots and divisions.
 const DIRECTION: f32 = 1e-3;
@@ -89,6 +90,7 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
         Some(last) => rig.eye_list(last),
     };
     rig.run(|frame, rec| frame.record_eye_step(rec, step));
+    let in_tile: Vec<u32> = rig.ideal_pixels();
     let after = Paths::of(rig);
     let what = format!("{width}x{height}, step {step}");
     let mut expected = BTreeMap::new();
@@ -146,13 +148,28 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
     traced.finish(STRAYS);
     for slot in (0..slots).filter(|s| !expected.contains_key(s)) {
         let i = slot as usize;
-        if step == 0 && slot >= pixels {
+        if step == 0 && slot >= pixels && in_tile.binary_search(&(slot - pixels)).is_ok() {
             let nothing = after.throughput[i] == Vec4::ZERO && after.emitted[i] == Vec4::ZERO;
             assert!(nothing && untouched(after.hits[i]), "{what}: slot {slot} carries nothing");
         } else {
             assert!(before.bits(i) == after.bits(i), "{what}: slot {slot} is left alone");
         }
     }
+}
+
+/// Compares the list of tiles that show mirrors or glass.
+fn check_tiles(rig: &Rig) {
+    let List { pixels: list, work } = &rig.frame().ideal_tiles;
+    let [width, height, pixels, _] = rig.parameters.size;
+    let hits = rig.vec4s(&rig.frame().rays.hits);
+    let material = |hit: &Vec4| hit_of(*hit).map(|hit| rig.bvh().material(hit.triangle));
+    let materials: Vec<Option<u32>> = hits[..pixels as usize].iter().map(material).collect();
+    rig.run(|frame, rec| frame.record_tiles(rec));
+    let work: layout::Work = rig.get(work)[0];
+    let expected = tiles::reference(rig.scene, [width, height], &materials);
+    assert_eq!(rig.get::<u32>(list)[..work.live as usize], expected, "{width}x{height}");
+    let [x, y, z, _] = work.list_groups;
+    assert!(x * y >= work.live && x * y < work.live + x.max(1) && z == 1, "{work:?}");
 }
 
 /// Runs the steps of the eye paths, comparing each.
@@ -162,6 +179,7 @@ fn follow(rig: &Rig, seen: &mut Seen) {
     rig.prefill(&[&frame.rays.origin, &frame.rays.direction, &frame.rays.hits, &frame.primary.emitted]);
     rig.prefill(&[&paths.throughput, &paths.media]);
     rig.run(|frame, rec| frame.record_eye_rays(rec));
+    check_tiles(rig);
     for step in 0..frame.eye_lists.len() {
         check_step(rig, step, seen);
     }
@@ -208,12 +226,26 @@ fn scenes_without_mirrors_and_glass_do_not_pay() {
     });
 }
 
+/// Many tiles, few of them marked: the list keeps their order over all stretches.
+#[test]
+fn tiles_are_listed_in_order() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        for resolution in [[1, 1], [8, 513], [521, 9], [640, 200]] {
+            let rig = Rig::new(ctx, &scene, resolution, Settings { paths: 1, ..Settings::default() });
+            rig.run(|frame, rec| frame.record_eye_rays(rec));
+            check_tiles(&rig);
+        }
+    });
+}
+
 #[test]
 fn merge_adds_second_components_to_their_pixels() {
     gpu_test(|ctx| {
         let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
-        for size in AWKWARD_SIZES {
-            let s = Sheet::new(ctx, [size as u32, 1], 1);
+        for [width, height] in AWKWARD_IMAGES {
+            let size = (width * height) as usize;
+            let s = Sheet::new(ctx, [width, height], 1);
             let (r, n) = (&s.receivers, &mut Numbers(size as u32));
             // Every third second component is not lit, and what its sums hold is not its light.
             let lit = |i: u32| if i % 3 == 2 { 0.0 } else { 1.0 };
@@ -222,18 +254,28 @@ fn merge_adds_second_components_to_their_pixels() {
             let emitted = fill(ctx, &r.emitted, n, 1.0, |_| 0.0);
             let through = fill(ctx, &s.paths.throughput, n, 1.0, |_| 1.0);
             let light = [&s.sums.direct, &s.sums.indirect, &s.sums.specular].map(|b| fill(ctx, b, n, 1.0, |_| 0.0));
-            let pass = Merge::new(&kernels, &s.frame, r, &s.paths, &s.sums, s.pixels).unwrap();
+            // Every other tile.
+            let across = width.div_ceil(8);
+            let tiles: Vec<u32> = (0..across * height.div_ceil(8)).step_by(2).collect();
+            let live = tiles.len() as u32;
+            let work = layout::Work { live, list_groups: [live, 1, 1, 0], ..layout::Work::default() };
+            let list = List {
+                pixels: upload(ctx, "tiles", &tiles).unwrap(),
+                work: upload(ctx, "tile work", &[work]).unwrap(),
+            };
+            let pass = Merge::new(&kernels, &s.frame, r, &s.paths, &s.sums, &list).unwrap();
             ctx.submit_and_wait("merge", None, |rec| pass.record(rec)).unwrap();
             let found = download::<Vec4>(ctx, &r.emitted).unwrap();
             for i in 0..size {
-                let k = size + i;
+                let (x, y, k) = (i as u32 % width, i as u32 / width, size + i);
                 let is_lit = lit(k as u32) > 0.0;
                 let light = light.each_ref().map(|l| if is_lit { l[k].truncate() } else { Vec3::ZERO });
                 let vectors = [emitted[k], through[k], kd[k]].map(Vec4::truncate);
+                let listed = (x / 8 + y / 8 * across) % 2 == 0;
                 let more = merge::reference(vectors[0], vectors[1], vectors[2], light);
-                let expected = emitted[i].truncate() + more;
-                assert!(close(found[i].truncate(), expected, 1e-6, 0.0), "{i} of {size}: {} for {expected}", found[i]);
-                assert_eq!(found[k], emitted[k], "second component {i} of {size}");
+                let expected = emitted[i].truncate() + if listed { more } else { Vec3::ZERO };
+                assert!(close(found[i].truncate(), expected, 1e-6, 0.0), "{x} {y}: {} for {expected}", found[i]);
+                assert_eq!(found[k], emitted[k], "second component of {x} {y}");
             }
         }
     });

@@ -83,6 +83,14 @@ impl<'a> Rig<'a> {
         self.sorted(&self.frame().eye_lists[step])
     }
 
+    /// Pixels in tiles that show mirrors or glass, after the first step of the eye paths; in order.
+    pub fn ideal_pixels(&self) -> Vec<u32> {
+        let [width, height, ..] = self.parameters.size;
+        let tiles = self.sorted(&self.frame().ideal_tiles);
+        let of_tile = |pixel: u32| pixel % width / 8 + pixel / width / 8 * width.div_ceil(8);
+        (0..width * height).filter(|&pixel| tiles.binary_search(&of_tile(pixel)).is_ok()).collect()
+    }
+
     fn sorted(&self, list: &List) -> Vec<u32> {
         let live = self.get::<layout::Work>(&list.work)[0].live;
         let mut slots: Vec<u32> = self.get(&list.pixels);
