@@ -314,7 +314,7 @@ fn own_scenes_load() {
         .map(|e| e.unwrap().file_name().into_string().unwrap())
         .collect();
     names.sort();
-    assert_eq!(names, ["cornell", "furnace", "keller-room", "plates"]);
+    assert_eq!(names, ["cornell", "furnace", "glass-ball", "keller-room", "plates"]);
     for name in &names {
         let scene = scene::load(&repository(&format!("scenes/{name}/scene.toml"))).unwrap();
         assert_eq!(&scene.name, name);
@@ -357,6 +357,21 @@ fn keller_room_has_402_quads() {
     let obj = std::fs::read_to_string(repository("scenes/keller-room/room.obj")).unwrap();
     let quads = obj.lines().filter(|l| l.starts_with("f ")).map(|l| l.split_whitespace().count() - 1);
     assert_eq!(quads.filter(|&n| n == 4).count(), 402);
+}
+
+#[test]
+fn the_glass_ball_is_a_body_in_a_room_of_800_triangles() {
+    let scene = scene::load(&repository("scenes/glass-ball/scene.toml")).unwrap();
+    assert_eq!((scene.triangles.len(), scene.emitters().len()), (800, 2));
+    let (glass, mirror) = (material(&scene, "glass"), material(&scene, "mirror"));
+    assert_eq!((glass.surface, glass.thin, mirror.surface), (Surface::Glass, false, Surface::Mirror));
+    // Only the ball is smooth, and it is closed and faces outwards.
+    let mut ball = scene.clone();
+    ball.triangles.retain(|t| t.smooth);
+    assert_eq!(ball.triangles.len(), 672);
+    assert!(ball.triangles.iter().all(|t| std::ptr::eq(&scene.materials[t.material as usize], glass)));
+    let sphere = 4.0 / 3.0 * PI * 0.25f32.powi(3);
+    assert!((volume(&ball) / sphere - 1.0).abs() < 0.05, "{} of {sphere}", volume(&ball));
 }
 
 /// Signed volume by the divergence theorem: negative where a closed surface faces inwards.
