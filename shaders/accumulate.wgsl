@@ -21,6 +21,7 @@
 @group(0) @binding(17) var<storage, read_write> sum_albedo: array<vec4<f32>>;
 @group(0) @binding(18) var<storage, read_write> sum_normal: array<vec4<f32>>;
 @group(0) @binding(19) var<storage, read_write> counts: array<u32>;     // passes in the sums of each instance
+@group(0) @binding(20) var<storage, read> throughput: array<vec4<f32>>; // of mirrors and glass before the receiver; w: depth
 
 // The value itself, past what a compiler knows of it: it takes (a + b) - a for b otherwise, and the compensation for nothing.
 fn opaque(v: vec4<f32>) -> vec4<f32> {
@@ -37,16 +38,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if pixel == 0u {
         counts[frame.keys.w] += 1u;
     }
-    let distance = receiver_position[pixel].w;
-    let hit = select(0.0, 1.0, distance >= 0.0);
-    let depth = -distance * dot(receiver_wo[pixel].xyz, frame.forward.xyz);
+    let through = throughput[pixel];
+    let hit = select(0.0, 1.0, through.w >= 0.0);
+    let ends = select(0.0, 1.0, receiver_position[pixel].w >= 0.0);
     let lit = receiver_wo[pixel].w > 0.0;
     let zero = vec3<f32>(0.0);
     let e_direct = select(zero, direct[pixel].xyz, lit);
     let e_indirect = select(zero, indirect[pixel].xyz, lit);
     let l_specular = select(zero, specular[pixel].xyz, lit);
     let kd = receiver_kd[pixel].xyz;
-    let color = emitted[pixel].xyz + kd * INV_PI * (e_direct + e_indirect) + l_specular;
+    let color = emitted[pixel].xyz + through.xyz * (kd * INV_PI * (e_direct + e_indirect) + l_specular);
 
     // Compensated sums (Kahan): `rest` is what rounding took from the sum.
     let y0 = vec4<f32>(color, hit) - rest_color[pixel];
@@ -62,6 +63,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     rest_indirect[pixel] = (t2 - sum_indirect[pixel]) - y2;
     sum_indirect[pixel] = t2;
     // Guides for filters; plain sums are exact enough.
-    sum_albedo[pixel] += vec4<f32>(kd + receiver_f0[pixel].xyz, hit);
-    sum_normal[pixel] += vec4<f32>(hit * receiver_shading[pixel].xyz, hit * max(depth, 0.0));
+    sum_albedo[pixel] += vec4<f32>(through.xyz * (kd + receiver_f0[pixel].xyz), hit);
+    sum_normal[pixel] += vec4<f32>(ends * receiver_shading[pixel].xyz, hit * through.w);
 }

@@ -3,6 +3,8 @@
 
 @group(0) @binding(1) var<storage, read_write> ray_origin: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read_write> ray_direction: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read_write> throughput: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read_write> emitted: array<vec4<f32>>;
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -16,5 +18,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let t = 1.0 - 2.0 * y / f32(frame.size.y);
     let d = frame.forward.xyz + s * frame.right.xyz + t * frame.up.xyz;
     ray_origin[pixel] = vec4<f32>(frame.eye.xyz, 3.0e38);
-    ray_direction[pixel] = vec4<f32>(d / sqrt(dot(d, d)), 0.0);
+    let length = sqrt(dot(d, d));
+    ray_direction[pixel] = vec4<f32>(d / length, dot(d, frame.forward.xyz) / length);
+    throughput[pixel] = vec4<f32>(1.0, 1.0, 1.0, 0.0);
+    emitted[pixel] = vec4<f32>(0.0);
 }

@@ -21,64 +21,82 @@
 @group(0) @binding(25) var<storage, read_write> receiver_kd: array<vec4<f32>>;
 @group(0) @binding(26) var<storage, read_write> receiver_f0: array<vec4<f32>>;
 @group(0) @binding(27) var<storage, read_write> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(28) var<storage, read_write> throughput: array<vec4<f32>>;
 var<immediate> push: Push;
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
     let eye = step.bounce == 0u;
-    // The eye's pixels are taken in tiles of 8 x 8, so that neighbours on the list are neighbours in the scene.
-    let tile = group.x + group.y * groups.x;
+    // The eye's pixels are taken in tiles of 8 x 8, so that neighbours on the list are neighbours in the scene. First all
+    // tiles; then those of second components, whose slots begin at `step.first`, in a step of their own.
+    let second = eye && step.first > 0u;
+    let group_index = group.x + group.y * groups.x;
     let tiles = (frame.size.xy + 7u) / 8u;
-    let at = vec2<u32>(8u * (tile % tiles.x) + (lane & 7u), 8u * (tile / tiles.x) + lane / 8u);
-    let slot = tile * 64u + lane;
-    let total = select(atomicLoad(&work_in.live), tiles.x * tiles.y * 64u, eye);
-    if slot >= total {
+    let tile_count = tiles.x * tiles.y;
+    let count = atomicLoad(&work_in.live);
+    let place_in = (group_index + select(0u, tile_count, second)) * 64u + lane;
+    let total = select(count, 64u * (tile_count + select(0u, count, second)), eye);
+    if place_in >= total {
         return;
     }
     let ordered = step.fresh == 1u;
-    if ordered && slot == 0u {
+    if ordered && group_index == 0u && lane == 0u {
         work_out.total = total;
     }
+    // Places of the eye may lie beyond the other list, and both sides of a select are evaluated.
+    let listed = list_in[select(select(place_in, 0u, eye), group_index, second)];
+    let tile = select(group_index, listed, second);
+    let at = vec2<u32>(8u * (tile % tiles.x) + (lane & 7u), 8u * (tile / tiles.x) + lane / 8u);
     if eye && (at.x >= frame.size.x || at.y >= frame.size.y) {
         if ordered {
-            list_out[slot] = NO_RECEIVER;
+            list_out[place_in] = NO_RECEIVER;
         }
         return;
     }
-    // Slots of the eye may lie beyond the other list, and both sides of a select are evaluated.
-    let pixel = select(list_in[select(slot, 0u, eye)], at.x + at.y * frame.size.x, eye);
-    let hit = hits[pixel];
+    let slot = select(listed, at.x + at.y * frame.size.x + select(0u, step.first, second), eye);
+    let through = throughput[slot];
+    // Second components that are none have no ray.
+    let carries = max(max(through.x, through.y), through.z) > 0.0;
+    let has_ray = carries || !second;
+    let hit = select(vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(0xffffffffu)), hits[slot], has_ray);
     let triangle = bitcast<u32>(hit.w);
-    let d = ray_direction[pixel].xyz;
+    let ray = select(vec4<f32>(0.0), ray_direction[slot], has_ray);
+    let d = ray.xyz;
     let found = triangle != 0xffffffffu;
     let s = surface_at(select(0u, triangle, found), hit.y, hit.z, d);
 
     // What the eye sees has weight 1; a gathered point has the part that clipping cut off.
     let share = select(max(1.0 - hit.x * hit.x / max(frame.right.w, 1e-37), 0.0), 1.0, eye);
-    let before = select(beta[pixel], vec4<f32>(1.0, 1.0, 1.0, 0.0), eye);
+    let before = select(beta[slot], vec4<f32>(1.0, 1.0, 1.0, 0.0), eye);
     let weight = select(0.0, share, found);
-    emitted[pixel] = vec4<f32>(before.xyz * s.emission * weight, before.w);
+    let seen_emission = emitted[slot].xyz + select(vec3<f32>(0.0), through.xyz * s.emission, found);
+    emitted[slot] = select(vec4<f32>(before.xyz * s.emission * weight, before.w), vec4<f32>(seen_emission, 0.0), eye);
+    if eye {
+        // A mirror that shows nothing is as far away as it is itself.
+        let end = select(select(-1.0, through.w, through.w > 0.0), through.w + ray.w * hit.x, found);
+        throughput[slot] = vec4<f32>(through.xyz, end);
+    }
 
     let reflects = mean3(s.reflectance.kd) + mean3(s.reflectance.f0) > 0.0;
     // The last gathered points only emit: light that they reflect would exceed the greatest path length.
-    let lit = weight > 0.0 && reflects && step.last == 0u;
+    let lit = weight > 0.0 && reflects && step.last == 0u && (carries || !eye);
     let glossy = s.reflectance.f90 > 0.0;
     let depth = select(-1.0, hit.x, found);
-    receiver_position[pixel] = vec4<f32>(offset_origin(s.position, s.geometric, frame.eye.w), depth);
-    receiver_geometric[pixel] = vec4<f32>(s.geometric, s.reflectance.f90);
-    receiver_shading[pixel] = vec4<f32>(s.shading, s.reflectance.alpha);
-    receiver_kd[pixel] = vec4<f32>(select(vec3<f32>(0.0), s.reflectance.kd, found), diffuse_probability(s.reflectance));
-    receiver_f0[pixel] = vec4<f32>(select(vec3<f32>(0.0), s.reflectance.f0, found), select(0.0, 1.0, glossy));
-    receiver_wo[pixel] = vec4<f32>(-d, select(0.0, 1.0, lit));
-    beta[pixel] = vec4<f32>(before.xyz * weight, before.w);
+    receiver_position[slot] = vec4<f32>(offset_origin(s.position, s.geometric, frame.eye.w), depth);
+    receiver_geometric[slot] = vec4<f32>(s.geometric, s.reflectance.f90);
+    receiver_shading[slot] = vec4<f32>(s.shading, s.reflectance.alpha);
+    receiver_kd[slot] = vec4<f32>(select(vec3<f32>(0.0), s.reflectance.kd, found), diffuse_probability(s.reflectance));
+    receiver_f0[slot] = vec4<f32>(select(vec3<f32>(0.0), s.reflectance.f0, found), select(0.0, 1.0, glossy));
+    receiver_wo[slot] = vec4<f32>(-d, select(0.0, 1.0, lit));
+    beta[slot] = vec4<f32>(before.xyz * weight, before.w);
     // The count does not depend on the order of the invocations; a list that is appended to does.
-    var place = slot;
+    var place = place_in;
     if lit {
         let appended = atomicAdd(&work_out.live, 1u);
-        place = select(appended, slot, ordered);
+        place = select(appended, place_in, ordered);
     }
     if lit || ordered {
-        list_out[place] = select(NO_RECEIVER, pixel, lit);
+        list_out[place] = select(NO_RECEIVER, slot, lit);
     }
 }

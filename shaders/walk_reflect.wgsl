@@ -33,7 +33,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 
     // Flux is deposited by the geometric cosine and reflected by the shading one (Veach 1997, 5.3).
     let skew = min(dot(s.shading, d) / min(dot(s.geometric, d), -1e-7), 4.0);
-    let arriving = flux[particle].xyz * select(0.0, skew, found && !s.black);
+    let arriving = flux[particle].xyz * select(0.0, skew, found);
 
     let share = bitcast<f32>(depth.z);
     let glossy = r.f90 > 0.0;
@@ -55,7 +55,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let next = sample_lobe(r, diffuse, p_diffuse, s.shading, -d, rays.x, rays.y);
     let cos_geometric = dot(next.wi, s.geometric);
     let cos_shading = dot(next.wi, s.shading);
-    let flies = found && !s.black && particle < depth.w && cos_geometric > 0.0 && cos_shading > 0.0;
+    let flies = found && particle < depth.w && cos_geometric > 0.0 && cos_shading > 0.0;
     let leave = min(cos_geometric / max(cos_shading, 1e-7), 4.0);
     flux[particle] = vec4<f32>(select(vec3<f32>(0.0), arriving * next.weight * leave, flies), 0.0);
     ray_origin[particle] = vec4<f32>(position, select(0.0, 3.0e38, flies));

@@ -5,8 +5,12 @@
 //! The diffuse part is scaled by 1 - F_avg, F_avg = f0 + (f90 - f0) / 21 being the cosine mean of F. So the mean of the
 //! albedo over the hemisphere never exceeds 1, and the diffuse part stays a constant: a virtual light of it is
 //! Lambertian. The albedo of a single grazing direction can exceed 1 for a light and smooth dielectric.
+//!
+//! Where the lobe is ideal, see [`ideal`]: the reflectance here is then that of the diffuse base alone.
 
-use crate::scene::{Material, Scene, Texture, Wrap};
+pub mod ideal;
+
+use crate::scene::{Material, Scene, Surface, Texture, Wrap};
 use glam::{Vec3, Vec4};
 use std::f32::consts::{PI, TAU};
 
@@ -36,23 +40,9 @@ impl Reflectance {
         r
     }
 
-    /// Of a material where its textures have these factors: base colour, and (roughness, metallic).
-    pub fn of(material: &Material, base: Vec3, roughness_metallic: [f32; 2]) -> Reflectance {
-        let [roughness, metallic] = roughness_metallic;
-        Reflectance::new(
-            material.base_color * base,
-            material.metallic * metallic,
-            material.roughness * roughness,
-            material.specular,
-        )
-    }
-
-    /// Of a material at texture coordinates.
-    pub fn at(scene: &Scene, material: &Material, uv: [f32; 2]) -> Reflectance {
-        let texel = |index: Option<u32>| index.map(|i| sample_texture(&scene.textures[i as usize], uv));
-        let base = texel(material.base_texture).unwrap_or(Vec4::ONE).truncate();
-        let mr = texel(material.metallic_roughness_texture).unwrap_or(Vec4::ONE);
-        Reflectance::of(material, base, [mr.y, mr.z])
+    /// The same without its lobe.
+    fn base_alone(self) -> Reflectance {
+        Reflectance { kd: self.kd, f0: Vec3::ZERO, f90: 0.0, alpha: 1.0 }
     }
 
     /// Cosine mean of Schlick's F over the hemisphere: the lobe's albedo but for shadowing.
@@ -134,6 +124,43 @@ impl Reflectance {
         let pdf = pdf_specular(n, wi, wo, self.alpha) * (1.0 - p);
         let weight = if pdf > 0.0 { self.eval_specular(n, wi, wo) * (n.dot(wi) / pdf) } else { Vec3::ZERO };
         (wi, weight)
+    }
+}
+
+/// A material at a point, textures applied.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Finish {
+    /// What is reflected other than ideally.
+    pub reflectance: Reflectance,
+    /// Mirrors: reflectance at normal incidence. Glass: tint of what passes.
+    pub ideal: Vec3,
+    /// Mirrors: reflectance at grazing incidence.
+    pub ideal_f90: f32,
+}
+
+impl Finish {
+    /// Of a material where its textures have these factors: base colour, and (roughness, metallic).
+    pub fn of(material: &Material, base: Vec3, roughness_metallic: [f32; 2]) -> Finish {
+        let [roughness, metallic] = roughness_metallic;
+        let base = material.base_color * base;
+        let metallic = material.metallic * metallic;
+        let whole = Reflectance::new(base, metallic, material.roughness * roughness, material.specular);
+        match material.surface {
+            Surface::Opaque => Finish { reflectance: whole, ideal: Vec3::ZERO, ideal_f90: 0.0 },
+            Surface::Mirror => Finish { reflectance: whole.base_alone(), ideal: whole.f0, ideal_f90: whole.f90 },
+            Surface::Glass => {
+                let nothing = Reflectance { kd: Vec3::ZERO, ..whole.base_alone() };
+                Finish { reflectance: nothing, ideal: base, ideal_f90: 0.0 }
+            }
+        }
+    }
+
+    /// Of a material at texture coordinates.
+    pub fn at(scene: &Scene, material: &Material, uv: [f32; 2]) -> Finish {
+        let texel = |index: Option<u32>| index.map(|i| sample_texture(&scene.textures[i as usize], uv));
+        let base = texel(material.base_texture).unwrap_or(Vec4::ONE).truncate();
+        let mr = texel(material.metallic_roughness_texture).unwrap_or(Vec4::ONE);
+        Finish::of(material, base, [mr.y, mr.z])
     }
 }
 

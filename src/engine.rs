@@ -32,7 +32,7 @@ use crate::gpu::{Context, Image, Recorder, Staging};
 use crate::light::emitters::Emitters;
 use crate::pass::Kernels;
 use crate::pass::layout::PointLight;
-use crate::plan::{LightPlan, ParameterSource};
+use crate::plan::{EyePlan, LightPlan, ParameterSource};
 use crate::scene::{Camera, Scene};
 use crate::scene_buffers::{SceneBuffers, delta_lights};
 use crate::settings::{Settings, Traversal};
@@ -84,6 +84,17 @@ impl Engine {
                 });
             }
             log::info!("the scene's tree is too deep for clusters; shadow rays are traced one by one");
+        }
+        let [width, height] = camera.resolution;
+        let slots = EyePlan::new(&settings, scene_buffers.ideal, width * height).components;
+        if u64::from(width * height) * u64::from(slots) > MAX_PIXELS {
+            return Err(Error::Setting {
+                name: "--resolution",
+                message: format!(
+                    "{width}x{height} has more than {} pixels, too many to see glass in two ways; use --no-split",
+                    MAX_PIXELS / 2
+                ),
+            });
         }
         let frame =
             Frame::new(context, &kernels, &mut staging, &scene_buffers, &settings, &lights, &delta, camera.resolution)?;

@@ -5,18 +5,21 @@ use crate::gpu::{Buffer, Context, Image, Memory, Recorder, Staging};
 use crate::pass::accumulate::{Accumulate, Film};
 use crate::pass::camera_rays::CameraRays;
 use crate::pass::collect::Collect;
+use crate::pass::eye_paths::{self, EyePaths};
 use crate::pass::gather::Gather;
 use crate::pass::layout::{self, PointLight, Step, Work};
+use crate::pass::merge::Merge;
 use crate::pass::receivers::{self, ReceiversPass};
 use crate::pass::resolve::Resolve;
 use crate::pass::schedule::Schedule;
 use crate::pass::shade::{self, Chunk, Shade};
 use crate::pass::sort::{Sort, SortBuffers, SortSteps};
+use crate::pass::tiles::Tiles;
 use crate::pass::trace::Trace;
 use crate::pass::walk_reflect::WalkReflect;
 use crate::pass::walk_start::WalkStart;
-use crate::pass::{Kernels, List, Rays, Receivers, Sums, vec4s};
-use crate::plan::{LightPlan, StepTable, trace_steps};
+use crate::pass::{Kernels, List, Paths, Rays, Receivers, Sums, vec4s};
+use crate::plan::{EyePlan, LightPlan, StepTable, trace_steps};
 use crate::scene_buffers::SceneBuffers;
 use crate::settings::Settings;
 
@@ -38,7 +41,9 @@ pub struct Frame {
     pub flux: Buffer,
     /// Eye rays, then gather rays.
     pub rays: Rays,
-    /// What the eye sees.
+    /// What eye rays carry through mirrors and glass.
+    pub paths: Paths,
+    /// What the eye sees: a slot for each pixel, and where paths are split as many again for the second components.
     pub primary: Receivers,
     /// What gather rays hit.
     pub gathered: Receivers,
@@ -46,8 +51,12 @@ pub struct Frame {
     pub pixel_sums: Sums,
     /// Light at the gathered receivers.
     pub gathered_sums: Sums,
-    /// Throughput of each pixel's gather path.
+    /// Throughput of each slot's gather path.
     pub beta: Buffer,
+    /// Tiles of pixels that show mirrors or glass.
+    pub ideal_tiles: List,
+    /// For each step of the eye paths the rays that go on.
+    pub eye_lists: Vec<List>,
     /// For each bounce the receivers to light.
     pub lists: Vec<List>,
     batch: List,
@@ -57,13 +66,30 @@ pub struct Frame {
     walk_reflect: WalkReflect,
     camera_rays: CameraRays,
     eye_trace: Trace,
+    tiles: Tiles,
+    eye_paths: Vec<Follow>,
     eye_receivers: ReceiversPass,
+    second: Option<Second>,
     bounces: Vec<Bounce>,
     accumulate: Accumulate,
     resolve: Resolve,
     steps: Steps,
-    paths: u32,
+    particle_count: u32,
     pixels: u32,
+    tile_count: u32,
+}
+
+/// One step of eye paths through mirrors and glass.
+struct Follow {
+    pass: EyePaths,
+    schedule: Schedule,
+    trace: Trace,
+}
+
+/// What split paths need besides.
+struct Second {
+    receivers: ReceiversPass,
+    merge: Merge,
 }
 
 /// The passes of one bounce; bounce 0 is what the eye sees.
@@ -91,8 +117,12 @@ struct Steps {
     /// For j = 1, 2, ...: tracing rounds of the particles that make the j-th reflection, and the reflection.
     walk: Vec<(Vec<u32>, u32)>,
     eye_trace: Vec<u32>,
-    /// Rounds of every gather.
-    gather_trace: Vec<u32>,
+    /// For each step of the eye paths.
+    eye_paths: Vec<u32>,
+    /// Receivers of second components.
+    second: u32,
+    /// Rounds of every list of rays.
+    list_trace: Vec<u32>,
     /// For a list that was just filled.
     list: u32,
     /// Chunks of lights, each in rounds; bounces take prefixes.
@@ -117,8 +147,9 @@ impl Steps {
         plan: &LightPlan,
         delta: &[PointLight],
         lanes: Option<u32>,
-        pixels: u32,
+        eye: &EyePlan,
     ) -> Steps {
+        let pixels = eye.pixels;
         let rounds = settings.rounds;
         let trace = Step { steps: trace_steps(settings.loop_budget), ..Step::default() };
         let walk = (1..plan.survivors.len())
@@ -143,7 +174,7 @@ impl Steps {
         let clips =
             !matches!(settings.clip, crate::settings::Clip::Distance(0.0) | crate::settings::Clip::Fraction(0.0));
         let bounces = if settings.compensation && clips { depth } else { 1 };
-        let bounces = (0..bounces)
+        let bounces: Vec<BounceSteps> = (0..bounces)
             .map(|bounce| {
                 // Eye segment, `bounce` gather rays, shadow ray and j reflections are bounce + j + 2 segments.
                 let reflections = (depth as usize).checked_sub(bounce as usize + 2);
@@ -165,7 +196,14 @@ impl Steps {
         Steps {
             walk,
             eye_trace: table.add_rounds(rounds, Step { end: pixels, ..trace }),
-            gather_trace: table.add_rounds(rounds, Step { indirect: 1, ..trace }),
+            eye_paths: (0..eye.steps)
+                .map(|bounce| {
+                    let first = if bounce == 0 { eye.twins() } else { 0 };
+                    table.add(Step { first, bounce, indirect: u32::from(bounce > 0), ..Step::default() })
+                })
+                .collect(),
+            second: table.add(Step { first: eye.twins(), ..table.steps[bounces[0].receivers as usize] }),
+            list_trace: table.add_rounds(rounds, Step { indirect: 1, ..trace }),
             list: table.add(Step { indirect: 1, ..Step::default() }),
             shade,
             sort: SortSteps::new(table),
@@ -205,10 +243,13 @@ impl Frame {
         (film, image): (Film, Image),
     ) -> Result<Frame> {
         let pixels = image.width() * image.height();
+        let eye = EyePlan::new(settings, scene.ideal, pixels);
+        let slots = eye.slots();
         // The eye's receivers are listed in whole tiles.
-        let slots = image.width().div_ceil(8) * image.height().div_ceil(8) * 64;
+        let tile_count = image.width().div_ceil(8) * image.height().div_ceil(8);
+        let listed = 64 * tile_count * eye.components;
         let mut table = StepTable::default();
-        let steps = Steps::new(&mut table, settings, plan, delta, scene.cluster_lanes(context), pixels);
+        let steps = Steps::new(&mut table, settings, plan, delta, scene.cluster_lanes(context), &eye);
         let step_buffer = staging.stage(context, "steps", &table.steps)?;
 
         let device = |name: &str, bytes: u64| Buffer::new(context, name, bytes, Memory::Device);
@@ -219,23 +260,32 @@ impl Frame {
         let lights = staging.stage(context, "lights", &light_contents)?;
         let particles = Rays::new(context, "particle", settings.paths)?;
         let flux = vec4s(context, "particle flux", settings.paths)?;
-        let rays = Rays::new(context, "pixel", pixels)?;
-        let primary = Receivers::new(context, "primary", pixels)?;
-        let gathered = Receivers::new(context, "gathered", pixels)?;
-        let pixel_sums = Sums::new(context, "pixel", pixels)?;
-        let gathered_sums = Sums::new(context, "gathered", pixels)?;
-        let beta = vec4s(context, "beta", pixels)?;
+        let rays = Rays::new(context, "pixel", slots)?;
+        let paths = Paths::new(context, slots, if eye.steps > 0 { slots } else { 0 })?;
+        let primary = Receivers::new(context, "primary", slots)?;
+        let gathered = Receivers::new(context, "gathered", slots)?;
+        let pixel_sums = Sums::new(context, "pixel", slots)?;
+        let gathered_sums = Sums::new(context, "gathered", slots)?;
+        let beta = vec4s(context, "beta", slots)?;
 
         // Receivers of a bounce are listed while those of the one before are still needed, so two lists take turns.
-        let list_pixels = [0, 1].map(|i| device(&format!("list {i}"), 4 * u64::from(slots)));
+        let list_pixels = [0, 1].map(|i| device(&format!("list {i}"), 4 * u64::from(listed)));
         let [even, odd] = list_pixels;
         let list_pixels = [even?, odd?];
-        let lists: Vec<List> = (0..steps.bounces.len())
-            .map(|b| {
-                let work = device(&format!("work {b}"), size_of::<Work>() as u64)?;
+        let take_turns = |name: &str, count: usize| -> Result<Vec<List>> {
+            let list = |b: usize| {
+                let work = device(&format!("{name} {b}"), size_of::<Work>() as u64)?;
                 Ok(List { pixels: list_pixels[b % 2].clone(), work })
-            })
-            .collect::<Result<_>>()?;
+            };
+            (0..count).map(list).collect()
+        };
+        let lists = take_turns("work", steps.bounces.len())?;
+        let eye_lists = take_turns("eye work", steps.eye_paths.len())?;
+        let ideal_tiles = List {
+            pixels: device("ideal tiles", 4 * u64::from(tile_count))?,
+            work: device("ideal tile work", size_of::<Work>() as u64)?,
+        };
+        let marks = device("tile marks", 4 * u64::from(tile_count))?;
         let batch = List { pixels: list_pixels[0].clone(), work: device("batch work", size_of::<Work>() as u64)? };
         let clear_work = staging.stage(context, "cleared work", &[Work::default()])?;
 
@@ -251,13 +301,41 @@ impl Frame {
                     list_in,
                     list_out,
                     beta: &beta,
+                    paths: &paths,
                     receivers,
                     steps: &step_buffer,
                 },
             )
         };
+        let eye_paths = (0..eye_lists.len())
+            .map(|k| {
+                let list_out = &eye_lists[k];
+                let inputs = eye_paths::Inputs {
+                    frame: &parameters,
+                    scene,
+                    rays: &rays,
+                    paths: &paths,
+                    receivers: &primary,
+                    list_in: k.checked_sub(1).map_or(&ideal_tiles, |before| &eye_lists[before]),
+                    list_out,
+                    steps: &step_buffer,
+                };
+                Ok(Follow {
+                    pass: EyePaths::new(kernels, &inputs)?,
+                    schedule: Schedule::new(kernels, &list_out.work, &step_buffer, &status)?,
+                    trace: trace(&rays, list_out)?,
+                })
+            })
+            .collect::<Result<_>>()?;
+        let second = match eye.components {
+            1 => None,
+            _ => Some(Second {
+                receivers: receivers_pass(&ideal_tiles, &lists[0], &primary)?,
+                merge: Merge::new(kernels, &parameters, &primary, &paths, &pixel_sums, &ideal_tiles)?,
+            }),
+        };
         let sort_buffers = match &scene.wide_nodes {
-            Some(_) => Some(SortBuffers::new(context, slots)?),
+            Some(_) => Some(SortBuffers::new(context, listed)?),
             None => None,
         };
         let bounces = (0..steps.bounces.len())
@@ -319,11 +397,14 @@ impl Frame {
             )?,
             walk_trace: trace(&particles, &batch)?,
             walk_reflect: WalkReflect::new(kernels, &parameters, scene, &particles, &flux, &lights, &step_buffer)?,
-            camera_rays: CameraRays::new(kernels, &parameters, &rays, pixels)?,
+            camera_rays: CameraRays::new(kernels, &parameters, &rays, &paths, &primary, pixels)?,
             eye_trace: trace(&rays, &batch)?,
             eye_receivers: receivers_pass(&batch, &lists[0], &primary)?,
+            tiles: Tiles::new(kernels, &parameters, scene, &rays, &marks, &ideal_tiles, tile_count)?,
+            eye_paths,
+            second,
             bounces,
-            accumulate: Accumulate::new(kernels, &parameters, &primary, &pixel_sums, &film, &status, pixels)?,
+            accumulate: Accumulate::new(kernels, &parameters, &primary, &paths, &pixel_sums, &film, &status, pixels)?,
             resolve: Resolve::new(kernels, &film, &image, pixels)?,
             parameters,
             lights,
@@ -333,17 +414,21 @@ impl Frame {
             particles,
             flux,
             rays,
+            paths,
             primary,
             gathered,
             pixel_sums,
             gathered_sums,
             beta,
+            ideal_tiles,
+            eye_lists,
             lists,
             batch,
             clear_work,
             steps,
-            paths: settings.paths,
+            particle_count: settings.paths,
             pixels,
+            tile_count,
         })
     }
 
@@ -359,7 +444,8 @@ impl Frame {
     }
 
     /// Records one pass of the renderer: particles leave the lights and become point lights; what the eye sees is lit by
-    /// them; what clipping cut off is gathered, bounce by bounce; the image is added to the sums.
+    /// them; what clipping cut off is gathered, bounce by bounce; second components are added to their pixels; the image is
+    /// added to the sums.
     pub fn record(&self, rec: &mut Recorder, parameters: &layout::Frame) -> Result<()> {
         self.record_start(rec, parameters)?;
         rec.scope("walk", |rec| self.record_walk(rec))?;
@@ -369,6 +455,7 @@ impl Frame {
             rec.scope("shade", |rec| self.record_shade(rec, bounce))?;
             rec.scope("collect", |rec| self.record_collect(rec, bounce))?;
         }
+        self.record_merge(rec)?;
         rec.scope("accumulate", |rec| self.accumulate.record(rec, parameters.keys[3]))
     }
 
@@ -378,7 +465,7 @@ impl Frame {
         rec.update(&self.parameters, 0, bytemuck::bytes_of(parameters))?;
         rec.fill(&self.status, 0)?;
         rec.copy(&self.clear_work, &self.batch.work)?;
-        for list in &self.lists {
+        for list in self.lists.iter().chain(&self.eye_lists) {
             rec.copy(&self.clear_work, &list.work)?;
         }
         Ok(())
@@ -398,19 +485,47 @@ impl Frame {
     /// The part of [`Frame::record_walk`] from one vertex to the next: the j-th reflection, j from 1.
     pub fn record_walk_reflection(&self, rec: &mut Recorder, j: usize) -> Result<()> {
         let Some((rounds, reflect)) = j.checked_sub(1).and_then(|i| self.steps.walk.get(i)) else { return Ok(()) };
-        self.walk_trace.record(rec, rounds, Some(self.paths))?;
-        self.walk_reflect.record(rec, *reflect, self.paths)
+        self.walk_trace.record(rec, rounds, Some(self.particle_count))?;
+        self.walk_reflect.record(rec, *reflect, self.particle_count)
     }
 
-    /// What the eye sees.
+    /// What the eye sees, directly and through mirrors and glass.
     pub fn record_eye(&self, rec: &mut Recorder) -> Result<()> {
+        self.record_eye_rays(rec)?;
+        (0..self.eye_paths.len()).try_for_each(|step| self.record_eye_step(rec, step))?;
+        self.record_eye_receivers(rec)
+    }
+
+    /// The part of [`Frame::record_eye`] up to the first hits.
+    pub fn record_eye_rays(&self, rec: &mut Recorder) -> Result<()> {
         self.camera_rays.record(rec)?;
-        self.eye_trace.record(rec, &self.steps.eye_trace, Some(self.pixels))?;
-        self.eye_receivers.record(
-            rec,
-            self.steps.bounces[0].receivers,
-            Some([self.image.width(), self.image.height()]),
-        )?;
+        self.eye_trace.record(rec, &self.steps.eye_trace, Some(self.pixels))
+    }
+
+    /// The part of [`Frame::record_eye`] from mirrors and glass to what is seen through them; steps from 0.
+    pub fn record_eye_step(&self, rec: &mut Recorder, step: usize) -> Result<()> {
+        let (Some(follow), Some(&number)) = (self.eye_paths.get(step), self.steps.eye_paths.get(step)) else {
+            return Ok(());
+        };
+        if step == 0 {
+            self.record_tiles(rec)?;
+        }
+        follow.pass.record(rec, number)?;
+        follow.schedule.record(rec, self.steps.list)?;
+        follow.trace.record(rec, &self.steps.list_trace, None)
+    }
+
+    /// The part of the first [`Frame::record_eye_step`] that finds out where there are mirrors and glass.
+    pub fn record_tiles(&self, rec: &mut Recorder) -> Result<()> {
+        self.tiles.record(rec)
+    }
+
+    /// The part of [`Frame::record_eye`] in which the last hits become receivers.
+    pub fn record_eye_receivers(&self, rec: &mut Recorder) -> Result<()> {
+        self.eye_receivers.record(rec, self.steps.bounces[0].receivers, Some(u64::from(self.tile_count)))?;
+        if let Some(second) = &self.second {
+            second.receivers.record(rec, self.steps.second, None)?;
+        }
         self.record_list(rec, 0)
     }
 
@@ -429,7 +544,7 @@ impl Frame {
         let Some(arrive) = &self.bounces[bounce].arrive else { return Ok(()) };
         let steps = &self.steps.bounces[bounce];
         arrive.gather.record(rec, steps.gather)?;
-        arrive.trace.record(rec, &self.steps.gather_trace, None)?;
+        arrive.trace.record(rec, &self.steps.list_trace, None)?;
         arrive.receivers.record(rec, steps.receivers, None)?;
         self.record_list(rec, bounce)
     }
@@ -446,6 +561,14 @@ impl Frame {
     pub fn record_collect(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
         match &self.bounces[bounce].arrive {
             Some(arrive) => arrive.collect.record(rec, self.steps.bounces[bounce].receivers),
+            None => Ok(()),
+        }
+    }
+
+    /// The light of second components is added to their pixels.
+    pub fn record_merge(&self, rec: &mut Recorder) -> Result<()> {
+        match &self.second {
+            Some(second) => rec.scope("merge", |rec| second.merge.record(rec)),
             None => Ok(()),
         }
     }

@@ -14,7 +14,7 @@
 //! | [`settings`] | every knob: meaning, unit, default, cost |
 //! | [`error`] | the one error type |
 //! | [`scene`] | what is lit: OBJ, glTF, scene files, built-in scenes; plain data |
-//! | [`bsdf`] | how surfaces reflect: Lambert and a GGX lobe |
+//! | [`bsdf`] | how surfaces reflect: Lambert and a GGX lobe; mirrors and glass |
 //! | [`accel`] | the bounding volume hierarchy |
 //! | [`sampling`] | Halton and Hammersley points, hashes, and which consumer uses which dimension |
 //! | [`light`] | the emitters and how particles are spread over them |
@@ -35,13 +35,14 @@
 //! 1. walk: [`walk_start`](pass::walk_start) sends particles from the emitters; for each reflection
 //!    [`trace`](pass::trace) finds what they hit and [`walk_reflect`](pass::walk_reflect) leaves a light there and
 //!    sends the survivors on.
-//! 2. eye: [`camera_rays`](pass::camera_rays), [`trace`](pass::trace), and [`receivers`](pass::receivers) find what
-//!    the pixels see and list what is to be lit; [`schedule`](pass::schedule) turns counts into indirect dispatches,
+//! 2. eye: [`camera_rays`](pass::camera_rays) and [`trace`](pass::trace) find what the pixels see;
+//!    [`tiles`](pass::tiles) of mirrors and glass are followed by [`eye_paths`](pass::eye_paths) and [`trace`](pass::trace) in
+//!    turns, split in two where both components count; [`receivers`](pass::receivers) lists what is to be lit; [`schedule`](pass::schedule) turns counts into indirect dispatches,
 //!    here and everywhere.
 //! 3. For each bounce: [`sort`](pass::sort) brings neighbours together, [`shade`](pass::shade) lights the receivers by
 //!    all lights, no nearer than the clip distance; then [`gather`](pass::gather), [`trace`](pass::trace) and [`receivers`](pass::receivers) follow one short ray
 //!    from each for what clipping cut off, and [`collect`](pass::collect) brings its light back to the pixels.
-//! 4. [`accumulate`](pass::accumulate) adds the pass to the running sums; [`resolve`](pass::resolve) writes their
+//! 4. [`merge`](pass::merge) adds the second way of what was split; [`accumulate`](pass::accumulate) adds the pass to the running sums; [`resolve`](pass::resolve) writes their
 //!    mean to an image.
 //!
 //! # Use

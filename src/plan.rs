@@ -10,6 +10,7 @@ use crate::sampling::halton::PRIMES;
 use crate::sampling::random::{hash, key, random_f32};
 use crate::sampling::rotate;
 use crate::scene::Camera;
+use crate::scene_buffers::Ideal;
 use crate::settings::Settings;
 
 /// Iterations that all loops of one shader invocation's subgroup may share. lavapipe before Mesa 25 silently ends loops
@@ -107,6 +108,35 @@ pub fn least_loop_budget(lights: u32) -> u32 {
 /// Traversal steps of one ray in one dispatch of the closest-hit pass.
 pub fn trace_steps(budget: u32) -> u32 {
     (budget / ITERATIONS_PER_STEP).saturating_sub(1)
+}
+
+/// How far eye paths are followed, and the slots that this takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EyePlan {
+    /// Pixels of the image.
+    pub pixels: u32,
+    /// Mirrors and glass in a row.
+    pub steps: u32,
+    /// Slots for each pixel: 2 where paths are split.
+    pub components: u32,
+}
+
+impl EyePlan {
+    /// For a scene with such surfaces.
+    pub fn new(settings: &Settings, ideal: Ideal, pixels: u32) -> EyePlan {
+        let steps = if ideal.any { settings.max_specular } else { 0 };
+        EyePlan { pixels, steps, components: if settings.split && ideal.forks && steps > 0 { 2 } else { 1 } }
+    }
+
+    /// Slots of all receivers of the eye.
+    pub fn slots(&self) -> u32 {
+        self.pixels * self.components
+    }
+
+    /// First slot of second components; 0: there are none.
+    pub fn twins(&self) -> u32 {
+        if self.components == 2 { self.pixels } else { 0 }
+    }
 }
 
 /// The table of [`Step`]s of a frame, in the order of recording.

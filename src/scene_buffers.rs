@@ -43,6 +43,37 @@ pub struct SceneBuffers {
     pub texels: Buffer,
     /// [`crate::light::emitters::EmitterRecord`]s.
     pub emitters: Buffer,
+    /// What eye paths will meet.
+    pub ideal: Ideal,
+}
+
+/// Which surfaces of a scene reflect or refract ideally.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Ideal {
+    /// There are mirrors or glass.
+    pub any: bool,
+    /// Some have two components: glass, mirrors over a diffuse base.
+    pub forks: bool,
+}
+
+impl Ideal {
+    /// Looks at the materials that triangles have.
+    fn of(scene: &Scene) -> Ideal {
+        let mut used = vec![false; scene.materials.len()];
+        scene.triangles.iter().for_each(|t| used[t.material as usize] = true);
+        let mut ideal = Ideal::default();
+        for (m, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
+            ideal.any |= m.surface != Surface::Opaque;
+            ideal.forks |= match m.surface {
+                Surface::Opaque => false,
+                Surface::Mirror => {
+                    m.base_color != Vec3::ZERO && (m.metallic < 1.0 || m.metallic_roughness_texture.is_some())
+                }
+                Surface::Glass => true,
+            };
+        }
+        ideal
+    }
 }
 
 impl SceneBuffers {
@@ -78,6 +109,7 @@ impl SceneBuffers {
             textures: staging.stage(context, "scene textures", &textures)?,
             texels: staging.stage(context, "scene texels", &texels)?,
             emitters: staging.stage(context, "scene emitters", &emitters.records())?,
+            ideal: Ideal::of(scene),
         })
     }
 
@@ -101,6 +133,7 @@ impl SceneBuffers {
             textures,
             texels,
             emitters,
+            ideal: _,
         } = self;
         let always = [node_min, node_max, v0, e1, e2, normals, uvs, materials, textures, texels, emitters];
         always.into_iter().chain(wide_nodes).map(Buffer::bytes).sum()
@@ -126,11 +159,16 @@ fn material_record(m: &crate::scene::Material) -> MaterialRecord {
     MaterialRecord {
         base: with(m.base_color, m.metallic),
         specular: with(m.specular, m.roughness),
-        emission: with(m.emission, 0.0),
+        emission: with(m.emission, m.ior),
         flags: [
             m.base_texture.map_or(0, |t| t + 1),
             m.metallic_roughness_texture.map_or(0, |t| t + 1),
-            u32::from(m.surface != Surface::Opaque),
+            match m.surface {
+                Surface::Opaque => MaterialRecord::OPAQUE,
+                Surface::Mirror => MaterialRecord::MIRROR,
+                Surface::Glass if m.thin => MaterialRecord::PANE,
+                Surface::Glass => MaterialRecord::GLASS,
+            },
             u32::from(m.two_sided),
         ],
     }

@@ -43,6 +43,14 @@ pub struct Settings {
     /// Greatest number of segments of a light path from eye to emitter: 1 emitters only, 2 direct light, 5 direct light
     /// and three further reflections. Default 5. Higher is brighter and slower; 1 to 16.
     pub max_depth: u32,
+    /// Mirrors, and surfaces of glass, that a path from the eye follows in a row until it meets something else; they do not
+    /// count in `max_depth`. Default 8; 0 to 64. What lies behind more is black. Each costs a ray for every pixel that gets
+    /// there, and a few dispatches even if none does; scenes without mirrors and glass do not pay.
+    pub max_specular: u32,
+    /// Split the eye's path where it first meets a surface of two components (glass: seen through and reflected; a mirror
+    /// over a diffuse base), one path for each. Default true. False chooses one at random in each pass: the same limit
+    /// with half the memory and time for such pixels, but noise. Scenes without such surfaces do not pay.
+    pub split: bool,
     /// Clipping distance. Default 0.1 of the scene's diagonal.
     pub clip: Clip,
     /// Gather the part that clipping cuts off by short extra paths (Kollig and Keller 2004), so that the limit is
@@ -74,6 +82,8 @@ impl Default for Settings {
         Settings {
             paths: 32,
             max_depth: 5,
+            max_specular: 8,
+            split: true,
             clip: Clip::Fraction(0.1),
             compensation: true,
             light_threshold: 0.0,
@@ -90,6 +100,8 @@ impl Default for Settings {
 impl Settings {
     /// Greatest `max_depth`: the table of sampling dimensions ends there.
     pub const MAX_DEPTH: u32 = 16;
+    /// Greatest `max_specular`.
+    pub const MAX_SPECULAR: u32 = 64;
     /// Greatest `paths`.
     pub const MAX_PATHS: u32 = 65_536;
 
@@ -97,6 +109,8 @@ impl Settings {
     pub fn with_scene_defaults(mut self, render: &RenderDefaults) -> Self {
         self.paths = render.paths.unwrap_or(self.paths);
         self.max_depth = render.max_depth.unwrap_or(self.max_depth);
+        self.max_specular = render.max_specular.unwrap_or(self.max_specular);
+        self.split = render.split.unwrap_or(self.split);
         self.compensation = render.compensation.unwrap_or(self.compensation);
         self.seed = render.seed.unwrap_or(self.seed);
         if let Some(f) = render.clip_fraction {
@@ -119,6 +133,7 @@ impl Settings {
         };
         range("--paths", self.paths, 1, Self::MAX_PATHS)?;
         range("--max-depth", self.max_depth, 1, Self::MAX_DEPTH)?;
+        range("--max-specular", self.max_specular, 0, Self::MAX_SPECULAR)?;
         range("--lights-per-dispatch", self.lights_per_dispatch, 1, 64)?;
         range("--rounds", self.rounds, 1, 1024)?;
         range("loop_budget", self.loop_budget, least_loop_budget(self.lights_per_dispatch), LOOP_BUDGET)?;

@@ -90,9 +90,9 @@ impl Renderer {
         let built = start.elapsed().as_secs_f64();
         context.submit_and_wait("uploading the scene", None, |rec| engine.record_setup(rec))?;
         engine.setup_finished();
-        let bounces = engine.frame().lists.len() as u64;
+        let lists = (engine.frame().lists.len() + engine.frame().eye_lists.len()) as u64;
         let readback =
-            Buffer::new(&context, "counts read back", 16 + bounces * size_of::<Work>() as u64, Memory::Readback)?;
+            Buffer::new(&context, "counts read back", 16 + lists * size_of::<Work>() as u64, Memory::Readback)?;
         let timers = Timers::new(&context, 128)?;
         let total = start.elapsed().as_secs_f64();
         Ok(Renderer {
@@ -121,9 +121,9 @@ impl Renderer {
                 engine.record_pass(rec)?;
                 let frame = engine.frame();
                 rec.copy_range(&frame.status, 0, readback, 0, 16)?;
-                for (b, list) in frame.lists.iter().enumerate() {
+                for (i, list) in frame.lists.iter().chain(&frame.eye_lists).enumerate() {
                     let bytes = size_of::<Work>() as u64;
-                    rec.copy_range(&list.work, 0, readback, 16 + b as u64 * bytes, bytes)?;
+                    rec.copy_range(&list.work, 0, readback, 16 + i as u64 * bytes, bytes)?;
                 }
                 Ok(())
             })?;
@@ -161,15 +161,20 @@ impl Renderer {
         Ok(())
     }
 
-    /// Adds the rays of a pass: eye rays, particles, and for each bounce its receivers' shadow and gather rays.
+    /// Adds the rays of a pass: eye rays, particles, for each bounce its receivers' shadow and gather rays, and rays on from
+    /// mirrors and glass.
     fn count_rays(&mut self, work: &[u32]) {
         let [width, height] = self.engine.parameters().camera.resolution;
         let plan = &self.engine.parameters().lights;
         let mut rays =
             u64::from(width) * u64::from(height) + plan.survivors.iter().skip(1).map(|&n| u64::from(n)).sum::<u64>();
         let bounces = self.engine.frame().lists.len();
-        for (b, work) in work.chunks(size_of::<Work>() / 4).take(bounces).enumerate() {
+        for (b, work) in work.chunks(size_of::<Work>() / 4).enumerate() {
             let live = u64::from(work[0]);
+            if b >= bounces {
+                rays += live;
+                continue;
+            }
             self.culled += u64::from(work[3]);
             let reflections = plan.survivors.len().saturating_sub(b);
             rays += live * u64::from(plan.first_slot(reflections)) + if b + 1 < bounces { live } else { 0 };

@@ -58,6 +58,8 @@ fn help_explains_every_flag() {
         "--clip",
         "--clip-fraction",
         "--no-compensation",
+        "--max-specular",
+        "--no-split",
         "--jitter",
         "--seed",
         "--lights-per-dispatch",

@@ -30,6 +30,7 @@ const STREAM_LOBE: u32 = 2u;
 const STREAM_JITTER: u32 = 3u;
 const STREAM_GATHER: u32 = 5u;
 const STREAM_GATHER_LOBE: u32 = 7u;
+const STREAM_COMPONENT: u32 = 10u;
 
 const ONE_MINUS_EPSILON: f32 = 0.99999994;
 

@@ -4,9 +4,14 @@
 struct MaterialRecord {
     base: vec4<f32>,        // base colour; w: metallic
     specular: vec4<f32>,    // dielectric reflectance at normal incidence; w: roughness
-    emission: vec4<f32>,    // radiance; w unused
-    flags: vec4<u32>,       // base texture + 1, metallic-roughness texture + 1, 1: black (mirror, glass), 1: two-sided emission
+    emission: vec4<f32>,    // radiance; w: index of refraction
+    flags: vec4<u32>,       // base texture + 1, metallic-roughness texture + 1, kind of surface, 1: two-sided emission
 }
+
+const SURFACE_OPAQUE: u32 = 0u;
+const SURFACE_MIRROR: u32 = 1u;
+const SURFACE_GLASS: u32 = 2u;
+const SURFACE_PANE: u32 = 3u;       // thin glass
 
 struct TextureRecord {
     first: u32,             // first texel
@@ -29,8 +34,11 @@ struct Surface {
     geometric: vec3<f32>,   // on the side that the ray came from
     shading: vec3<f32>,     // likewise
     emission: vec3<f32>,    // towards where the ray came from
-    black: bool,
-    reflectance: Reflectance,
+    kind: u32,              // SURFACE_...
+    front: bool,            // seen from its front
+    material: u32,
+    reflectance: Reflectance,   // of mirrors the diffuse base, of glass nothing
+    ideal: Reflectance,     // mirrors: f0 and f90; glass: f0 is the tint
 }
 
 fn wrapped(i: i32, n: i32, mode: u32) -> i32 {
@@ -115,14 +123,20 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> Surface {
             metallic *= mr.z;
         }
     }
-    let black = material.flags.z != 0u;
+    let kind = material.flags.z;
+    let whole = reflectance_of(base, metallic, material.specular.xyz, roughness);
+    let lobe = select(0.0, 1.0, kind == SURFACE_OPAQUE);
+    let kd = select(whole.kd, vec3<f32>(0.0), kind > SURFACE_MIRROR);
     let emits = front || material.flags.w != 0u;
     var s: Surface;
     s.position = position;
     s.geometric = geometric;
     s.shading = shading;
     s.emission = select(vec3<f32>(0.0), material.emission.xyz, emits);
-    s.black = black;
-    s.reflectance = reflectance_of(base, metallic, material.specular.xyz, roughness, black);
+    s.kind = kind;
+    s.front = front;
+    s.material = normals.w >> 1u;
+    s.reflectance = Reflectance(kd, whole.f90 * lobe, whole.f0 * lobe, select(1.0, whole.alpha, kind == SURFACE_OPAQUE));
+    s.ideal = Reflectance(vec3<f32>(0.0), whole.f90, select(whole.f0, base, kind > SURFACE_MIRROR), 1.0);
     return s;
 }

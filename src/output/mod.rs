@@ -21,7 +21,8 @@ use std::path::{Path, PathBuf};
 
 /// A rendered image with its layers: row by row from the top, linear Rec. 709, `width * height` values each.
 ///
-/// A layer other than `color` may be empty; it is then left out of the file.
+/// A layer other than `color` may be empty; it is then left out of the file. In mirrors and through glass, layers show what is
+/// seen there; where that is two things, what is seen through glass and not what it reflects, the surface and not its gloss.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Layers {
     /// Width in pixels.
@@ -30,11 +31,12 @@ pub struct Layers {
     pub height: u32,
     /// Radiance L towards the eye, W/(m^2 sr).
     pub color: Vec<Vec3>,
-    /// Diffuse albedo of what is seen, in [0, 1].
+    /// Albedo (diffuse and specular) of what is seen, times what mirrors and glass on the way leave of it, in [0, 1].
     pub albedo: Vec<Vec3>,
     /// Shading normal in world space, unit length; zero on the background.
     pub normal: Vec<Vec3>,
-    /// Distance from the eye along the view direction, scene units; infinite on the background.
+    /// Distance from the eye along the view direction, scene units, as if the way through mirrors and glass were straight;
+    /// infinite on the background.
     pub depth: Vec<f32>,
     /// Irradiance E that comes straight from the emitters, W/m^2.
     pub direct: Vec<Vec3>,

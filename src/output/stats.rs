@@ -28,7 +28,7 @@ pub struct Statistics {
     pub passes: u32,
     /// Passes that this run rendered; fewer than `passes` after a resume.
     pub passes_rendered: u32,
-    /// Eye and gather rays and receiver-light pairs of this run. Pairs that face away from each other count, though no
+    /// Eye rays, with those that go on from mirrors and glass, gather rays and receiver-light pairs of this run. Pairs that face away from each other count, though no
     /// ray is traced for them.
     pub rays: u64,
     /// Pairs of a cluster and a light that were dropped before any ray was traced: at most 64 pairs of receiver and light each.

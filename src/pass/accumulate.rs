@@ -1,4 +1,10 @@
-//! The pass's image is added to the running sums: L = L_e + kd / pi * (E_direct + E_indirect) + L_specular.
+//! The pass's image is added to the running sums:
+//! L = L_e + throughput (kd / pi * (E_direct + E_indirect) + L_specular), the throughput that of mirrors and glass before the
+//! receiver (see `eye_paths`), L_e with what `merge` added.
+//!
+//! The layers are those of the receiver: irradiance as it is there, albedo times throughput (so that their product is the
+//! diffuse radiance), its normal, and its depth as if the way through mirrors and glass were straight, which in a plane
+//! mirror is the depth of the image. Coverage counts what the eye's own ray meets, so a mirror that shows nothing covers.
 //!
 //! Colour and irradiance are summed with compensation (Kahan 1965), so thousands of passes lose nothing to f32; colour
 //! is kept for each of the two independent instances, whose difference estimates the error. A pass in which rays were
@@ -6,7 +12,7 @@
 
 use glam::{Vec3, Vec4};
 
-use super::{Kernels, Receivers, Sums, groups, vec4s};
+use super::{Kernels, Paths, Receivers, Sums, groups, vec4s};
 use crate::error::Result;
 use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder};
 use crate::plan::INSTANCES;
@@ -22,9 +28,9 @@ pub struct Film {
     pub direct: [Buffer; 2],
     /// Indirect irradiance and what rounding took.
     pub indirect: [Buffer; 2],
-    /// Albedo (diffuse and specular) and coverage.
+    /// Albedo (diffuse and specular) times throughput, and coverage.
     pub albedo: Buffer,
-    /// Shading normal; w: depth along the view direction, both times coverage.
+    /// Shading normal; w: depth along the view direction times coverage.
     pub normal: Buffer,
     /// `[i]`: passes in the sums of instance i, counted by the device: a pass in which rays were lost is left out.
     pub counts: Buffer,
@@ -67,10 +73,12 @@ pub struct Accumulate {
 
 impl Accumulate {
     /// Adds to `film` unless `status[0]` says that rays were lost.
+    #[allow(clippy::too_many_arguments)]
     pub fn new(
         kernels: &Kernels,
         frame: &Buffer,
         receivers: &Receivers,
+        paths: &Paths,
         sums: &Sums,
         film: &Film,
         status: &Buffer,
@@ -88,6 +96,7 @@ impl Accumulate {
                     ("receiver_f0", (&receivers.f0).into()),
                     ("receiver_wo", (&receivers.wo).into()),
                     ("emitted", (&receivers.emitted).into()),
+                    ("throughput", (&paths.throughput).into()),
                     ("direct", (&sums.direct).into()),
                     ("indirect", (&sums.indirect).into()),
                     ("specular", (&sums.specular).into()),
@@ -120,6 +129,6 @@ pub fn compensated_add(sum: Vec4, rest: Vec4, x: Vec4) -> (Vec4, Vec4) {
 }
 
 /// Oracle: the radiance of a pixel.
-pub fn reference(emitted: Vec3, kd: Vec3, sums: [Vec3; 3]) -> Vec3 {
-    emitted + kd * std::f32::consts::FRAC_1_PI * (sums[0] + sums[1]) + sums[2]
+pub fn reference(emitted: Vec3, throughput: Vec3, kd: Vec3, sums: [Vec3; 3]) -> Vec3 {
+    emitted + throughput * (kd * std::f32::consts::FRAC_1_PI * (sums[0] + sums[1]) + sums[2])
 }

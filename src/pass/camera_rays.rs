@@ -1,10 +1,10 @@
 //! One ray for each pixel, through the pass's offset in the pixel (Keller 1997, 4.1: one Hammersley offset for each image).
 //!
-//! Cost: some 30 operations and 32 bytes written a pixel.
+//! Cost: some 30 operations and 64 bytes written a pixel.
 
 use glam::Vec3;
 
-use super::{Kernels, Rays, groups, layout};
+use super::{Kernels, Paths, Rays, Receivers, groups, layout};
 use crate::accel::Ray;
 use crate::error::Result;
 use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
@@ -17,13 +17,22 @@ pub struct CameraRays {
 }
 
 impl CameraRays {
-    /// Writes `rays.origin` and `rays.direction` of all pixels.
-    pub fn new(kernels: &Kernels, frame: &Buffer, rays: &Rays, pixels: u32) -> Result<Self> {
+    /// Writes `rays.origin` and `rays.direction` of all pixels, and starts their `paths` and what `receivers` emit.
+    pub fn new(
+        kernels: &Kernels,
+        frame: &Buffer,
+        rays: &Rays,
+        paths: &Paths,
+        receivers: &Receivers,
+        pixels: u32,
+    ) -> Result<Self> {
         let kernel = kernels.camera_rays.clone();
         let bindings = kernel.bind(&[
             ("frame", frame.into()),
             ("ray_origin", (&rays.origin).into()),
             ("ray_direction", (&rays.direction).into()),
+            ("throughput", (&paths.throughput).into()),
+            ("emitted", (&receivers.emitted).into()),
         ])?;
         Ok(CameraRays { kernel, bindings, pixels })
     }

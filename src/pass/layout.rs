@@ -59,13 +59,13 @@ pub struct Work {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct Step {
-    /// First light of the chunk.
+    /// First light of the chunk; for the eye's path the first slot of second components, 0 where paths are not split.
     pub first: u32,
     /// One past its last; for batches without a list the number of rays.
     pub end: u32,
     /// 0 starts rays, later rounds carry them on.
     pub round: u32,
-    /// 0 is what the eye sees; for the walk the number of reflections.
+    /// 0 is what the eye sees; for the walk the number of reflections; for the eye's path mirrors and glass so far.
     pub bounce: u32,
     /// Traversal steps of one ray in this round.
     pub steps: u32,
@@ -127,10 +127,21 @@ pub struct MaterialRecord {
     pub base: [f32; 4],
     /// Dielectric reflectance at normal incidence; w: roughness.
     pub specular: [f32; 4],
-    /// Radiance.
+    /// Radiance; w: index of refraction.
     pub emission: [f32; 4],
-    /// Base texture + 1, metallic-roughness texture + 1, black, two-sided emission.
+    /// Base texture + 1, metallic-roughness texture + 1, kind of surface, two-sided emission.
     pub flags: [u32; 4],
+}
+
+impl MaterialRecord {
+    /// Kind: diffuse base and a lobe.
+    pub const OPAQUE: u32 = 0;
+    /// Kind: diffuse base and an ideal mirror.
+    pub const MIRROR: u32 = 1;
+    /// Kind: the surface of a body of glass.
+    pub const GLASS: u32 = 2;
+    /// Kind: thin glass.
+    pub const PANE: u32 = 3;
 }
 
 /// A texture's place among the texels.

@@ -1,5 +1,5 @@
-//! The passes of a frame, one file each with its shader of the same stem (`shade` has a second one, `sort` one for each of
-//! its steps), in the order of `frame.rs`.
+//! The passes of a frame, one file each with its shader of the same stem (`shade` has a second one, `sort` and
+//! `tiles` one for each of their steps), in the order of `frame.rs`.
 //!
 //! A pass file reads: what it computes and from which equation, its named inputs and outputs, `record`, and `reference`,
 //! the CPU oracle that the tests hold the shader against.
@@ -7,13 +7,16 @@
 pub mod accumulate;
 pub mod camera_rays;
 pub mod collect;
+pub mod eye_paths;
 pub mod gather;
 pub mod layout;
+pub mod merge;
 pub mod receivers;
 pub mod resolve;
 pub mod schedule;
 pub mod shade;
 pub mod sort;
+pub mod tiles;
 pub mod trace;
 pub mod visibility;
 pub mod walk_reflect;
@@ -128,8 +131,12 @@ pub struct Kernels {
     pub camera_rays: Kernel,
     /// `collect.wgsl`
     pub collect: Kernel,
+    /// `eye_paths.wgsl`
+    pub eye_paths: Kernel,
     /// `gather.wgsl`
     pub gather: Kernel,
+    /// `merge.wgsl`
+    pub merge: Kernel,
     /// `receivers.wgsl`
     pub receivers: Kernel,
     /// `resolve.wgsl`
@@ -148,6 +155,10 @@ pub struct Kernels {
     pub sort_scan: Kernel,
     /// `sort_scatter.wgsl`
     pub sort_scatter: Kernel,
+    /// `tiles_mark.wgsl`
+    pub tiles_mark: Kernel,
+    /// `tiles_list.wgsl`
+    pub tiles_list: Kernel,
     /// `trace.wgsl`
     pub trace: Kernel,
     /// `walk_reflect.wgsl`
@@ -163,7 +174,9 @@ impl Kernels {
             accumulate: Kernel::new(context, &shaders::ACCUMULATE)?,
             camera_rays: Kernel::new(context, &shaders::CAMERA_RAYS)?,
             collect: Kernel::new(context, &shaders::COLLECT)?,
+            eye_paths: Kernel::new(context, &shaders::EYE_PATHS)?,
             gather: Kernel::new(context, &shaders::GATHER)?,
+            merge: Kernel::new(context, &shaders::MERGE)?,
             receivers: Kernel::new(context, &shaders::RECEIVERS)?,
             resolve: Kernel::new(context, &shaders::RESOLVE)?,
             schedule: Kernel::new(context, &shaders::SCHEDULE)?,
@@ -173,6 +186,8 @@ impl Kernels {
             sort_sum: Kernel::new(context, &shaders::SORT_SUM)?,
             sort_scan: Kernel::new(context, &shaders::SORT_SCAN)?,
             sort_scatter: Kernel::new(context, &shaders::SORT_SCATTER)?,
+            tiles_mark: Kernel::new(context, &shaders::TILES_MARK)?,
+            tiles_list: Kernel::new(context, &shaders::TILES_LIST)?,
             trace: Kernel::new(context, &shaders::TRACE)?,
             walk_reflect: Kernel::new(context, &shaders::WALK_REFLECT)?,
             walk_start: Kernel::new(context, &shaders::WALK_START)?,
@@ -185,7 +200,7 @@ impl Kernels {
 pub struct Rays {
     /// Origins; w: greatest t.
     pub origin: Buffer,
-    /// Unit directions.
+    /// Unit directions; w, of eye paths: cosine of the first segment to the direction of view.
     pub direction: Buffer,
     /// t, u, v, bits of the triangle (all ones: none).
     pub hits: Buffer,
@@ -205,7 +220,27 @@ impl Rays {
     }
 }
 
-/// Receivers, pixel by pixel; `shaders/include/receiver.wgsl` says what each array holds.
+/// What eye paths carry to their receivers.
+#[derive(Clone)]
+pub struct Paths {
+    /// Throughput of the mirrors and glass on the way; w: depth along the direction of view, as if the way were straight, and
+    /// negative where the eye's own ray met nothing.
+    pub throughput: Buffer,
+    /// Bodies of glass around the ray, [`crate::bsdf::ideal::Media`].
+    pub media: Buffer,
+}
+
+impl Paths {
+    /// Room for `count` paths, `ideal` of which may meet mirrors and glass.
+    pub fn new(context: &Context, count: u32, ideal: u32) -> Result<Paths> {
+        Ok(Paths {
+            throughput: vec4s(context, "eye throughput", count)?,
+            media: vec4s(context, "eye media", ideal.max(1))?,
+        })
+    }
+}
+
+/// Receivers, slot by slot; `shaders/include/receiver.wgsl` says what each array holds.
 #[derive(Clone)]
 pub struct Receivers {
     /// Points; w: distance along the ray, negative where it hit nothing.
@@ -259,10 +294,10 @@ impl Sums {
     }
 }
 
-/// A list of receivers and how many it holds.
+/// A list of receivers, or of tiles, and how many it holds.
 #[derive(Clone)]
 pub struct List {
-    /// Pixels.
+    /// Slots: pixels, and after them the pixels' second components. Or numbers of tiles.
     pub pixels: Buffer,
     /// A [`layout::Work`].
     pub work: Buffer,

@@ -1,7 +1,9 @@
 //! Hits become receivers: position, normals, textures, material, emission.
 //!
-//! What the eye sees enters with its emission, the term L_e of Keller 1997, eq. 1. What a gather ray hits enters with the
-//! share 1 - d^2 / clip^2 that the clipped lights leave open (Kollig and Keller 2004), emission included.
+//! What the eye sees, directly or by way of mirrors and glass (`eye_paths`), enters with its emission, the term L_e of Keller
+//! 1997, eq. 1, times the throughput of that way. What a gather ray hits enters with the share 1 - d^2 / clip^2 that the
+//! clipped lights leave open (Kollig and Keller 2004), emission included; mirrors enter with their diffuse base alone, and
+//! glass is black.
 //! Receivers that can send light to the eye are put on a list; its order is not fixed, but nothing depends on it.
 //!
 //! Normals face the side that the ray came from, since surfaces reflect on both; a shading normal that the ray sees from
@@ -11,12 +13,12 @@
 
 use glam::{Vec2, Vec3};
 
-use super::{Kernels, List, Rays, Receivers, push};
+use super::{Kernels, List, Paths, Rays, Receivers, push};
 use crate::accel::{Bvh, Hit};
-use crate::bsdf::Reflectance;
+use crate::bsdf::{Finish, Reflectance};
 use crate::error::Result;
 use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
-use crate::scene::{Scene, Surface};
+use crate::scene::Scene;
 use crate::scene_buffers::SceneBuffers;
 
 use super::schedule::LIST_GROUPS;
@@ -36,12 +38,14 @@ pub struct Inputs<'a> {
     pub scene: &'a SceneBuffers,
     /// Traced rays.
     pub rays: &'a Rays,
-    /// Rays to take, for bounces after the first.
+    /// Rays to take, for bounces after the first; for the second components of the eye's paths, their tiles.
     pub list_in: &'a List,
     /// Receivers found.
     pub list_out: &'a List,
-    /// Throughput along the path; w: eye's first lobe.
+    /// Throughput along the gather path; w: eye's first lobe.
     pub beta: &'a Buffer,
+    /// Throughput along the eye's path.
+    pub paths: &'a Paths,
     /// Output.
     pub receivers: &'a Receivers,
     /// Steps.
@@ -49,7 +53,7 @@ pub struct Inputs<'a> {
 }
 
 impl ReceiversPass {
-    /// Writes `receivers`, `beta` and `list_out` from `rays`.
+    /// Writes `receivers`, `beta` and `list_out` from `rays`, and the depth of eye paths.
     pub fn new(kernels: &Kernels, inputs: &Inputs) -> Result<Self> {
         let kernel = kernels.receivers.clone();
         let r = inputs.receivers;
@@ -64,6 +68,7 @@ impl ReceiversPass {
             ("work_out", (&inputs.list_out.work).into()),
             ("steps", inputs.steps.into()),
             ("beta", inputs.beta.into()),
+            ("throughput", (&inputs.paths.throughput).into()),
             ("emitted", (&r.emitted).into()),
             ("receiver_position", (&r.position).into()),
             ("receiver_geometric", (&r.geometric).into()),
@@ -76,10 +81,10 @@ impl ReceiversPass {
         Ok(ReceiversPass { kernel, bindings, work_in: inputs.list_in.work.clone() })
     }
 
-    /// Records the pass over the pixels of an image of this size, tile by tile; `None`: over the rays of the list.
-    pub fn record(&self, rec: &mut Recorder, step: u32, image: Option<[u32; 2]>) -> Result<()> {
-        match image.map(|size| size.map(|n| u64::from(n.div_ceil(8)))) {
-            Some([x, y]) => rec.dispatch(&self.kernel, &self.bindings, &push(step), x * y),
+    /// Records the pass over all tiles of 8 x 8 pixels; `None`: over the rays, or tiles, of the list.
+    pub fn record(&self, rec: &mut Recorder, step: u32, tiles: Option<u64>) -> Result<()> {
+        match tiles {
+            Some(tiles) => rec.dispatch(&self.kernel, &self.bindings, &push(step), tiles),
             None => rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work_in, LIST_GROUPS),
         }
     }
@@ -96,10 +101,14 @@ pub struct SurfacePoint {
     pub shading: Vec3,
     /// Radiance emitted back along the ray.
     pub emission: Vec3,
-    /// Mirrors and glass: no light is reflected here for now.
-    pub black: bool,
-    /// Reflectance; zero where black.
+    /// Reflectance; of mirrors the diffuse base, of glass zero.
     pub reflectance: Reflectance,
+    /// The same with what is ideal.
+    pub finish: Finish,
+    /// Seen from its front.
+    pub front: bool,
+    /// Index of its material.
+    pub material: u32,
 }
 
 /// Oracle: the surface at a hit of a ray in direction `d`.
@@ -117,13 +126,10 @@ pub fn surface_at(scene: &Scene, bvh: &Bvh, hit: &Hit, d: Vec3) -> SurfacePoint 
         shading = if n.dot(d) < 0.0 { n } else { geometric };
     }
     let material = &scene.materials[triangle.material as usize];
-    let uv = || (0..3).map(|k| scene.uvs.get(corner(k)).map_or(Vec2::ZERO, |uv| *uv) * weights[k]).sum::<Vec2>();
-    let black = material.surface != Surface::Opaque;
-    let reflectance = if black {
-        Reflectance { kd: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, alpha: 1.0 }
-    } else {
-        Reflectance::at(scene, material, uv().to_array())
-    };
+    let uv = (0..3).map(|k| scene.uvs.get(corner(k)).map_or(Vec2::ZERO, |uv| *uv) * weights[k]).sum::<Vec2>();
+    let finish = Finish::at(scene, material, uv.to_array());
     let emission = if front || material.two_sided { material.emission } else { Vec3::ZERO };
-    SurfacePoint { position: bvh.position(hit), geometric, shading, emission, black, reflectance }
+    let reflectance = finish.reflectance;
+    let material = triangle.material;
+    SurfacePoint { position: bvh.position(hit), geometric, shading, emission, reflectance, finish, front, material }
 }

@@ -7,7 +7,8 @@
 //! Differs from the paper in that: figure 6 multiplies by N / floor(rho^j N) at every reflection, although the text's
 //! factor is the ratio to the N that started, so each light here is divided by N_j once; surfaces may be glossy; and the
 //! adjoint of shading normals is accounted for (Veach 1997, 5.3). Lobes of lights are widened
-//! ([`crate::plan::LEAST_LIGHT_ALPHA`]) and stand about the geometric normal.
+//! ([`crate::plan::LEAST_LIGHT_ALPHA`]) and stand about the geometric normal. What mirrors reflect and glass lets through is
+//! left out: there a particle finds the diffuse base of a mirror alone, and nothing at glass.
 //! Cost: as `receivers`, and some 200 operations, a particle.
 
 use super::layout::{self, PointLight};
@@ -71,7 +72,7 @@ pub fn reference(
 ) -> (PointLight, Ray, Vec3) {
     let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
     let nothing = (PointLight::default(), Ray { origin: Vec3::ZERO, t_max: 0.0, direction: d }, Vec3::ZERO);
-    let Some(s) = surface.filter(|s| !s.black) else { return nothing };
+    let Some(s) = surface else { return nothing };
     let r = &s.reflectance;
     let arriving = flux * (s.shading.dot(d) / s.geometric.dot(d).min(-1e-7)).min(4.0);
     let share = f32::from_bits(frame.depths[j][2]);

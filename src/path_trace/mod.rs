@@ -4,18 +4,22 @@
 //! the path goes on by sampling the reflectance. Light that both could have found is weighted by the power heuristic
 //! (Veach and Guibas 1995). Paths are not cut off by Russian roulette but end after a given number of segments, so that
 //! the expectation is the same truncated series that instant radiosity sums.
+//!
+//! Mirrors and glass are followed as [`bsdf::ideal`](crate::bsdf::ideal) says, one component at random, and as far as
+//! [`SpecularPaths`] allows. What the eye sees through them does not count as segments: it has a limit of its own.
 
 mod surface;
 
 pub use surface::SurfacePoint;
 
 use crate::accel::{Bvh, Ray, offset_origin};
-use crate::bsdf::{Reflectance, fresnel_dielectric, reflect};
+use crate::bsdf::Reflectance;
+use crate::bsdf::ideal::{Media, Way, ways};
 use crate::error::{Error, Result};
 use crate::light::emitters::{self, Emitter, Emitters, Kind, NO_EMITTER};
 use crate::sampling::dimensions::PIXEL;
 use crate::sampling::random::{hash, key, random_f32};
-use crate::scene::{Camera, Scene, Surface};
+use crate::scene::{Camera, Scene};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -26,12 +30,27 @@ pub struct Options {
     pub resolution: [u32; 2],
     /// Paths for each pixel.
     pub samples: u32,
-    /// Greatest number of segments of a path: 1 emitters seen directly, 2 direct light, 5 three further reflections.
+    /// Greatest number of segments of a path: 1 emitters seen directly, 2 direct light, 5 three further reflections. Where
+    /// mirrors and glass lead the eye does not count.
     pub max_depth: u32,
+    /// Greatest number of mirrors and crossings of glass in a row that the eye looks through.
+    pub max_specular: u32,
     /// Seed; the same one gives the same bits.
     pub seed: u64,
-    /// Follow mirrors and glass. False: they are black.
-    pub specular_paths: bool,
+    /// Where mirrors and glass are followed.
+    pub specular_paths: SpecularPaths,
+}
+
+/// Where mirrors and glass are followed; where they are not, mirrors reflect by their diffuse base alone and glass is black.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SpecularPaths {
+    /// Nowhere.
+    None,
+    /// From the eye to the first other surface, as the renderer does.
+    Eye,
+    /// Everywhere: caustics, and light that mirrors throw on, which the renderer leaves out. After the first other surface
+    /// they count as segments.
+    All,
 }
 
 impl Options {
@@ -103,7 +122,7 @@ pub fn render(
     progress: impl Fn(f32) -> bool,
 ) -> Result<Vec<Vec3>> {
     options.validate()?;
-    let tracer = Tracer::new(scene, bvh, emitters, options.max_depth, options.specular_paths);
+    let tracer = Tracer::new(scene, bvh, emitters, options);
     let [width, height] = options.resolution;
     let pixels = width as usize * height as usize;
     let mut sums = vec![DVec3::ZERO; pixels];
@@ -139,19 +158,16 @@ pub struct Tracer<'a> {
     emitters: &'a Emitters,
     scale: f32,
     max_depth: u32,
-    specular_paths: bool,
+    max_specular: u32,
+    specular_paths: SpecularPaths,
 }
 
 impl<'a> Tracer<'a> {
-    /// For paths of at most `max_depth` segments. `specular_paths`: follow mirrors and glass, else they are black.
-    pub fn new(
-        scene: &'a Scene,
-        bvh: &'a Bvh,
-        emitters: &'a Emitters,
-        max_depth: u32,
-        specular_paths: bool,
-    ) -> Tracer<'a> {
-        Tracer { scene, bvh, emitters, scale: emitters::scale(bvh, emitters), max_depth, specular_paths }
+    /// Takes of the options how long paths are and where they go.
+    pub fn new(scene: &'a Scene, bvh: &'a Bvh, emitters: &'a Emitters, options: &Options) -> Tracer<'a> {
+        let Options { max_depth, max_specular, specular_paths, .. } = *options;
+        let scale = emitters::scale(bvh, emitters);
+        Tracer { scene, bvh, emitters, scale, max_depth, max_specular, specular_paths }
     }
 
     /// One estimate of the radiance that arrives against a ray of unit direction.
@@ -161,55 +177,68 @@ impl<'a> Tracer<'a> {
         // Where the last reflection that sampling of an emitter shared was, and its density: None after the eye or an
         // ideal mirror, whose light nothing else finds.
         let mut last: Option<(Vec3, f32)> = None;
-        // Nothing but ideal mirrors and glass since the eye.
-        let mut directly = true;
-        for segment in 1..=self.max_depth {
-            let Some(hit) = self.bvh.closest(&ray) else { break };
+        // Nothing but ideal mirrors and glass since the eye, and how many of them.
+        let (mut directly, mut seen_through) = (true, 0);
+        let mut media = Media::default();
+        let mut segment = 1;
+        while let Some(hit) = self.bvh.closest(&ray) {
             let point = SurfacePoint::of(self.scene, self.bvh, &hit, -ray.direction);
             radiance += beta * self.emission(&point, last, directly);
-            if segment == self.max_depth {
-                break;
-            }
             let n = point.normals;
-            match point.material.surface {
-                Surface::Opaque => {
-                    let reflectance = point.reflectance(self.scene);
-                    radiance += beta * self.direct(&point, &reflectance, rng);
-                    let choice = rng.next_f32();
-                    let wi = reflectance.sample(n.shading, point.wo, choice, rng.pair());
-                    let pdf = reflectance.pdf(n.shading, wi, point.wo);
-                    // Written so that a density that is not a number ends the path as well.
-                    if !(n.above(wi) && pdf > 0.0) {
-                        break;
-                    }
-                    beta *= reflectance.eval(n.shading, wi, point.wo) * (n.shading.dot(wi) / pdf);
-                    last = Some((point.position, pdf));
-                    directly = false;
-                    ray = Ray::new(offset_origin(point.position, n.geometric, self.scale), wi);
+            let followed = match self.specular_paths {
+                SpecularPaths::None => false,
+                SpecularPaths::Eye => directly && seen_through < self.max_specular,
+                SpecularPaths::All => !directly || seen_through < self.max_specular,
+            };
+            let (way, probability) = if followed { self.ideal(&point, &media, rng) } else { (None, 1.0) };
+            beta /= probability;
+            if !(directly && way.is_some()) {
+                if segment == self.max_depth {
+                    break;
                 }
-                _ if !self.specular_paths => break,
-                Surface::Mirror => {
-                    let wi = reflect(point.wo, n.shading);
-                    if !n.above(wi) {
-                        break;
-                    }
-                    beta *= point.material.specular;
-                    last = None;
-                    ray = Ray::new(offset_origin(point.position, n.geometric, self.scale), wi);
+                segment += 1;
+            }
+            if let Some(way) = way {
+                seen_through += u32::from(directly);
+                beta *= way.weight;
+                last = None;
+                if way.crosses {
+                    media = media.crossed(point.material_index, n.front);
                 }
-                Surface::Glass => {
-                    let (wi, transport) = scatter_glass(&point, rng.next_f32());
-                    beta *= transport;
-                    last = None;
-                    let side = if n.geometric.dot(wi) > 0.0 { n.geometric } else { -n.geometric };
-                    ray = Ray::new(offset_origin(point.position, side, self.scale), wi);
+                let side = if n.geometric.dot(way.wi) > 0.0 { n.geometric } else { -n.geometric };
+                ray = Ray::new(offset_origin(point.position, side, self.scale), way.wi);
+            } else {
+                let reflectance = point.finish(self.scene).reflectance;
+                radiance += beta * self.direct(&point, &reflectance, rng);
+                let choice = rng.next_f32();
+                let wi = reflectance.sample(n.shading, point.wo, choice, rng.pair());
+                let pdf = reflectance.pdf(n.shading, wi, point.wo);
+                // Written so that a density that is not a number ends the path as well.
+                if !(n.above(wi) && pdf > 0.0) {
+                    break;
                 }
+                beta *= reflectance.eval(n.shading, wi, point.wo) * (n.shading.dot(wi) / pdf);
+                last = Some((point.position, pdf));
+                directly = false;
+                ray = Ray::new(offset_origin(point.position, n.geometric, self.scale), wi);
             }
             if beta.max_element() <= 0.0 {
                 break;
             }
         }
         radiance
+    }
+
+    /// One of the ways on from a mirror or glass and the probability of this choice; no way: the path reflects otherwise.
+    fn ideal(&self, point: &SurfacePoint, media: &Media, rng: &mut Rng) -> (Option<Way>, f32) {
+        let finish = point.finish(self.scene);
+        let eta = media.relative_index(&self.scene.materials, point.material_index, point.normals.front);
+        let Some(ways) = ways(point.material, &finish, &point.normals, point.wo, eta) else { return (None, 1.0) };
+        let fork = ways.fork(finish.reflectance.kd);
+        match fork.second {
+            Some(second) if rng.next_f32() >= fork.probability => (Some(second), 1.0 - fork.probability),
+            _ => (fork.first, fork.probability),
+        }
     }
 
     /// Emission of a point that a path hit, weighted against the sampling of emitters at `last`.
@@ -293,19 +322,4 @@ fn power_heuristic(a: f32, b: f32) -> f32 {
     // The ratio first: squares of large densities would overflow.
     let ratio = b / a;
     1.0 / (1.0 + ratio * ratio)
-}
-
-/// Direction after a smooth dielectric and the factor of the radiance; reflection is chosen with its own probability.
-fn scatter_glass(point: &SurfacePoint, choice: f32) -> (Vec3, Vec3) {
-    let n = point.normals.shading;
-    let cos = n.dot(point.wo);
-    let eta = if point.normals.front { point.material.ior } else { 1.0 / point.material.ior };
-    match fresnel_dielectric(cos, eta) {
-        (reflectance, Some(cos_t)) if choice >= reflectance => {
-            // Refraction spreads or gathers the solid angle: radiance changes by the square of the index.
-            let wi = n * (cos / eta - cos_t) - point.wo / eta;
-            (wi.normalize(), Vec3::splat(1.0 / (eta * eta)))
-        }
-        _ => (reflect(point.wo, n), Vec3::ONE),
-    }
 }

@@ -1,7 +1,7 @@
 //! What a ray finds where it hits.
 
 use crate::accel::{Bvh, Hit};
-use crate::bsdf::{Normals, Reflectance};
+use crate::bsdf::{Finish, Normals};
 use crate::scene::{Material, Scene};
 use glam::{Vec2, Vec3};
 
@@ -18,6 +18,8 @@ pub struct SurfacePoint<'a> {
     pub triangle: u32,
     /// The triangle's material.
     pub material: &'a Material,
+    /// Its index in the scene.
+    pub material_index: u32,
     /// Texture coordinates.
     pub uv: Vec2,
 }
@@ -42,6 +44,7 @@ impl<'a> SurfacePoint<'a> {
             normals: Normals::facing(geometric, shading, wo),
             triangle: index,
             material: &scene.materials[triangle.material as usize],
+            material_index: triangle.material,
             uv: scene.uvs[a] * w + scene.uvs[b] * hit.u + scene.uvs[c] * hit.v,
         }
     }
@@ -51,8 +54,8 @@ impl<'a> SurfacePoint<'a> {
         if self.normals.front || self.material.two_sided { self.material.emission } else { Vec3::ZERO }
     }
 
-    /// Reflectance, textures applied.
-    pub fn reflectance(&self, scene: &Scene) -> Reflectance {
-        Reflectance::at(scene, self.material, self.uv.to_array())
+    /// The material with its textures applied.
+    pub fn finish(&self, scene: &Scene) -> Finish {
+        Finish::at(scene, self.material, self.uv.to_array())
     }
 }

@@ -20,6 +20,7 @@
 //! | [`GATHER_LOBE`] | lobe of the gather ray: pixel, bounce                 |
 //! | [`WINDOW`]  | where the passes enter their segments of the sequence: 0, 0 |
 //! | [`OFFSET`]  | rotation of a block of pixel offsets: block, 0 or 1       |
+//! | [`COMPONENT`] | what passes glass or is reflected: slot of the pixel, mirrors and glass so far |
 
 use super::halton::PRIMES;
 
@@ -55,6 +56,8 @@ pub const GATHER_LOBE: u32 = 7;
 pub const WINDOW: u32 = 8;
 /// Stream: rotation of a block of pixel offsets.
 pub const OFFSET: u32 = 9;
+/// Stream: component that an eye path takes at a mirror or glass.
+pub const COMPONENT: u32 = 10;
 
 #[cfg(test)]
 mod tests {

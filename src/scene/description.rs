@@ -24,6 +24,11 @@
 //! [materials.floor]             # changes a material of the model
 //! roughness = 0.3
 //!
+//! [materials.window]
+//! surface = "glass"             # opaque, mirror or glass
+//! thin = true                   # glass without an inside: a pane of one sheet
+//! ior = 1.52
+//!
 //! [render]                      # defaults for the flags of the same names
 //! passes = 64
 //! ```
@@ -111,6 +116,7 @@ struct MaterialEntry {
     emission: Option<Vec3>,
     two_sided: Option<bool>,
     ior: Option<f32>,
+    thin: Option<bool>,
 }
 
 /// Reads a description and the model that it names; the result is not validated yet.
@@ -179,8 +185,13 @@ fn change_material(scene: &mut Scene, name: &str, entry: &MaterialEntry) -> Resu
         m.emission = entry.emission.unwrap_or(m.emission);
         m.two_sided = entry.two_sided.unwrap_or(m.two_sided);
         m.ior = entry.ior.unwrap_or(m.ior);
+        m.thin = entry.thin.unwrap_or(m.thin);
+        if entry.surface == Some(Surface::Mirror) && m.specular == Vec3::ZERO && entry.metallic.is_none() {
+            // Nothing says what it mirrors: all of its colour.
+            m.metallic = 1.0;
+        }
         m.check()?;
-        if m.limit_albedo() > 1e-3 {
+        if m.surface != Surface::Glass && m.limit_albedo() > 1e-3 {
             log::warn!("material {name:?} reflects more than it receives; lowered its base colour to {}", m.base_color);
         }
     }

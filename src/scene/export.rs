@@ -57,6 +57,8 @@ pub(super) struct MaterialExtras {
     emission: Vec3,
     two_sided: bool,
     ior: f32,
+    #[serde(default)]
+    thin: bool,
 }
 
 impl MaterialExtras {
@@ -70,6 +72,7 @@ impl MaterialExtras {
             emission: m.emission,
             two_sided: m.two_sided,
             ior: m.ior,
+            thin: m.thin,
         }
     }
 
@@ -83,6 +86,7 @@ impl MaterialExtras {
         m.emission = self.emission;
         m.two_sided = self.two_sided;
         m.ior = self.ior;
+        m.thin = self.thin;
     }
 }
 
@@ -311,7 +315,8 @@ impl Writer {
     }
 
     fn json(self, scene: &Scene, bin_path: &Path, images: &[PathBuf]) -> Value {
-        let mut extensions = vec!["KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_transmission"];
+        let of_materials = ["emissive_strength", "ior", "transmission", "volume"];
+        let mut extensions: Vec<String> = of_materials.iter().map(|name| format!("KHR_materials_{name}")).collect();
         let mut document = json!({
             "asset": {
                 "version": "2.0",
@@ -332,7 +337,7 @@ impl Writer {
             document["cameras"] = json!(self.cameras);
         }
         if !self.lights.is_empty() {
-            extensions.push("KHR_lights_punctual");
+            extensions.push(String::from("KHR_lights_punctual"));
             document["extensions"] = json!({ "KHR_lights_punctual": { "lights": self.lights } });
         }
         if !scene.textures.is_empty() {
@@ -383,6 +388,9 @@ fn material(m: &Material) -> Value {
     if m.surface == Surface::Glass {
         material["extensions"]["KHR_materials_ior"] = json!({ "ior": number(m.ior) });
         material["extensions"]["KHR_materials_transmission"] = json!({ "transmissionFactor": 1.0 });
+        if !m.thin {
+            material["extensions"]["KHR_materials_volume"] = json!({ "thicknessFactor": 1.0 });
+        }
     }
     material
 }

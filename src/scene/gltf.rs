@@ -1,8 +1,9 @@
 //! glTF 2.0 models, `.gltf` and `.glb`.
 //!
 //! Nodes are flattened into world space. Used: triangles, strips and fans with normals and one set of texture coordinates;
-//! metallic-roughness materials with KHR_materials_emissive_strength, _ior and _transmission; KHR_lights_punctual;
-//! the first perspective camera. An emission texture counts by its average.
+//! metallic-roughness materials with KHR_materials_emissive_strength, _ior, _transmission and _volume (a thickness above 0
+//! makes a body of glass, else it is a pane); KHR_lights_punctual; the first perspective camera. An emission texture
+//! counts by its average. Lobes smoother than a point light can hit are ideal mirrors.
 
 use std::cell::Cell;
 use std::collections::{BTreeSet, HashMap};
@@ -22,7 +23,7 @@ use serde::de::DeserializeOwned;
 
 use super::export::{AssetExtras, CameraExtras, MaterialExtras, VirtualExtras};
 use super::gltf_accessor::{Buffers, reason};
-use super::{Camera, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
+use super::{Camera, Light, MIN_ROUGHNESS, Material, Scene, Surface, Texture, Triangle, Wrap};
 use crate::error::{Error, Result};
 
 /// Luminous efficacy by which photometric quantities become radiometric ones, lm/W.
@@ -282,10 +283,18 @@ impl Reader<'_> {
             emission,
             two_sided: material.double_sided(),
             ior: if ior == 0.0 { 1.5 } else { ior },
+            // By KHR_materials_volume a surface without thickness has no inside.
+            thin: material.volume().is_none_or(|v| v.thickness_factor() == 0.0),
         };
+        if converted.surface == Surface::Opaque
+            && metallic_roughness_texture.is_none()
+            && converted.roughness < MIN_ROUGHNESS
+        {
+            converted.surface = Surface::Mirror;
+        }
         if let Some(exact) = ours::<MaterialExtras>(material.extras()) {
             exact.apply(&mut converted);
-        } else if converted.surface == Surface::Opaque {
+        } else if converted.surface != Surface::Glass {
             converted.limit_albedo();
         }
         let index = self.scene.add_material(converted);

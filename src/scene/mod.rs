@@ -11,6 +11,7 @@ mod gltf;
 mod gltf_accessor;
 mod obj;
 mod obj_material;
+mod pane;
 mod tessellate;
 mod texture;
 mod validate;
@@ -23,6 +24,9 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result};
 
 pub use export::{VirtualLight, export_lights};
+
+/// Smoothest lobe that a file may ask for: a smoother one would be missed by every point light.
+const MIN_ROUGHNESS: f32 = 0.03;
 
 /// A scene ready to be rendered: one flat triangle soup with materials, textures, lights and a camera.
 ///
@@ -92,7 +96,11 @@ pub fn load(path: &Path) -> Result<Scene> {
 /// Reads a model without validating it: a description may still add lights and mend materials.
 fn load_model(path: &Path, photometric: bool) -> Result<Scene> {
     let mut scene = match extension(path).as_str() {
-        "obj" => obj::load(path)?,
+        "obj" => {
+            let mut scene = obj::load(path)?;
+            scene.find_panes();
+            scene
+        }
         "gltf" | "glb" => gltf::load(path, photometric)?,
         other => {
             let message = format!("cannot read scenes of the kind {other:?}; use .toml, .obj, .gltf or .glb");
@@ -161,7 +169,8 @@ impl Scene {
     }
 
     /// Mean reflectivity (Keller 1997, 3.2): the area-weighted mean over all triangles of the mean of the RGB
-    /// reflectance kd + F0, textures by their average. Mirrors and glass count as 0, for they absorb particles.
+    /// reflectance kd + F0, textures by their average. What mirrors and glass do ideally does not count, for there they absorb
+    /// particles.
     pub fn mean_reflectivity(&self) -> f32 {
         let averages: Vec<Vec3> = self.textures.iter().map(Texture::average).collect();
         let reflectivity: Vec<f64> = self.materials.iter().map(|m| f64::from(m.mean_albedo(&averages))).collect();
@@ -195,15 +204,17 @@ pub enum Surface {
     /// Lambert plus a GGX lobe.
     #[default]
     Opaque,
-    /// Ideal mirror of colour `specular` (MTL illum 3, 5). Shaded black for now; absorbs particles.
+    /// The same with an ideal mirror in place of the lobe (MTL illum 3, 5). Followed by paths from the eye. Particles and
+    /// gather rays find its diffuse base alone.
     Mirror,
-    /// Smooth dielectric of index `ior` (MTL illum 4, 6, 7, 9). Shaded black for now; absorbs particles.
+    /// Smooth dielectric of index `ior` that `base_color` tints (MTL illum 4, 6, 7, 9). Followed by paths from the eye;
+    /// black for gather rays, and it absorbs particles and blocks the light of the virtual lights.
     Glass,
 }
 
 /// A material: reflectance f_r = kd/pi + ks D G F / (4 cos cos').
 ///
-/// kd = base_color (1 - metallic), F0 = mix(specular, base_color, metallic), GGX alpha = roughness^2.
+/// kd = base_color (1 - metallic) (1 - mean F), F0 = mix(specular, base_color, metallic), GGX alpha = roughness^2.
 /// There is no specular lobe where F0 is 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
@@ -229,6 +240,9 @@ pub struct Material {
     pub two_sided: bool,
     /// Index of refraction (glass).
     pub ior: f32,
+    /// Glass that encloses nothing, such as a window of one sheet: light is not bent. Else every front leads into a body of
+    /// glass, and every back out of one. OBJ files cannot say so: there glass is thin if its surfaces are not closed.
+    pub thin: bool,
 }
 
 impl Default for Material {
@@ -245,20 +259,22 @@ impl Default for Material {
             emission: Vec3::ZERO,
             two_sided: false,
             ior: 1.5,
+            thin: false,
         }
     }
 }
 
 impl Material {
-    /// Mean over RGB of the reflectance kd + F0, at most 1; `averages` are those of the scene's textures.
+    /// Mean over RGB of the reflectance kd + F0 that particles find, at most 1; `averages` are those of the scene's textures.
     fn mean_albedo(&self, averages: &[Vec3]) -> f32 {
-        if self.surface != Surface::Opaque {
-            return 0.0;
-        }
         let average = |texture: Option<u32>| texture.map_or(Vec3::ONE, |t| averages[t as usize]);
         let base = self.base_color * average(self.base_texture);
         let metallic = self.metallic * average(self.metallic_roughness_texture).z;
-        let albedo = base * (1.0 - metallic) + self.specular.lerp(base, metallic);
+        let albedo = match self.surface {
+            Surface::Opaque => base * (1.0 - metallic) + self.specular.lerp(base, metallic),
+            Surface::Mirror => base * (1.0 - metallic),
+            Surface::Glass => Vec3::ZERO,
+        };
         (albedo.element_sum() / 3.0).min(1.0)
     }
 
@@ -419,6 +435,10 @@ pub struct RenderDefaults {
     pub paths: Option<u32>,
     /// Segments of a path.
     pub max_depth: Option<u32>,
+    /// Mirrors and glass in a row that paths from the eye follow.
+    pub max_specular: Option<u32>,
+    /// Split these paths at the first hit.
+    pub split: Option<bool>,
     /// Clipping distance in scene units.
     pub clip: Option<f32>,
     /// Clipping distance as a fraction of the scene's diagonal.

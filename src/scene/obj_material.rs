@@ -1,8 +1,9 @@
 //! MTL material libraries.
 //!
 //! `Kd`, `map_Kd` (their product is the base colour), `Ke` (radiance), `Ks` (reflectance at normal incidence), `Ns` or `Pr`
-//! (roughness), `Pm` (metallic), `illum` (0, 1 diffuse; 3, 5 mirror; 4, 6, 7, 9 glass; others diffuse and specular)
-//! and `Ni` are used; everything else is left out.
+//! (roughness), `Pm` (metallic), `illum` (0, 1 diffuse; 3, 5 diffuse and an ideal mirror of `Ks`; 4, 9 glass that does not
+//! bend light; 6, 7 glass that does; others diffuse and specular), `Tf` (tint of glass at each crossing) and `Ni` are
+//! used; everything else is left out. A mirror without `Kd` has no diffuse part; `Kd` and `Ks` of glass do not count.
 
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
@@ -10,11 +11,8 @@ use std::path::{Path, PathBuf};
 use glam::Vec3;
 
 use super::obj::{keyword, logical_lines, number};
-use super::{Material, Scene, Surface, Texture, Wrap};
+use super::{MIN_ROUGHNESS, Material, Scene, Surface, Texture, Wrap};
 use crate::error::{Error, Result};
-
-/// Smoothest lobe that `Ns` or `Pr` may ask for: a smoother one would be missed by every point light.
-const MIN_ROUGHNESS: f32 = 0.03;
 
 /// A material of a library.
 pub(super) struct Entry {
@@ -120,6 +118,7 @@ struct Statements {
     name: String,
     kd: Option<Vec3>,
     ks: Option<Vec3>,
+    tf: Option<Vec3>,
     ke: Vec3,
     ns: f32,
     ni: Option<f32>,
@@ -140,7 +139,12 @@ impl Statements {
             4 | 6 | 7 | 9 => Surface::Glass,
             _ => Surface::Opaque,
         };
-        let base_color = self.kd.unwrap_or(if self.map.is_some() { Vec3::ONE } else { Material::default().base_color });
+        let base_color = match surface {
+            Surface::Glass => self.tf.unwrap_or(Vec3::ONE),
+            _ if self.map.is_some() => self.kd.unwrap_or(Vec3::ONE),
+            Surface::Mirror => self.kd.unwrap_or(Vec3::ZERO),
+            Surface::Opaque => self.kd.unwrap_or(Material::default().base_color),
+        };
         let specular = match surface {
             Surface::Opaque if self.illum < 2 => Vec3::ZERO,
             Surface::Opaque => self.ks.unwrap_or(Vec3::ZERO),
@@ -159,9 +163,10 @@ impl Statements {
             specular,
             emission: self.ke,
             ior: self.ni.unwrap_or(1.5),
+            thin: matches!(self.illum, 4 | 9),
             ..Material::default()
         };
-        if surface == Surface::Opaque && material.limit_albedo() > 1e-3 {
+        if surface != Surface::Glass && material.limit_albedo() > 1e-3 {
             let (path, name) = (path.display(), &material.name);
             log::warn!(
                 "{path}: material {name:?} reflects more than it receives; lowered Kd to {}",
@@ -190,6 +195,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<Entry>> {
         match word {
             "Kd" => m.kd = reflectance(path, line, word, rest).map_err(error)?,
             "Ks" => m.ks = reflectance(path, line, word, rest).map_err(error)?,
+            "Tf" => m.tf = reflectance(path, line, word, rest).map_err(error)?,
             "Ke" => m.ke = color(rest).map_err(error)?.unwrap_or(Vec3::ZERO),
             "Ns" => m.ns = at_least(rest, 0.0).map_err(error)?,
             "Ni" => m.ni = Some(at_least(rest, 0.001).map_err(error)?),

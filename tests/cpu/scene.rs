@@ -89,8 +89,11 @@ fn obj_is_read() {
     assert_eq!((shared_out.metallic, shared_out.specular), (0.0, Vec3::splat(0.72)));
     let mirror = material(&scene, "mirror");
     assert_eq!((mirror.surface, mirror.specular), (Surface::Mirror, Vec3::new(0.9, 0.8, 0.7)));
+    assert_eq!(mirror.base_color, Vec3::ZERO, "without Kd it mirrors and nothing else");
     let pane = material(&scene, "pane");
-    assert_eq!((pane.surface, pane.ior), (Surface::Glass, 1.52));
+    // One triangle encloses nothing.
+    assert_eq!((pane.surface, pane.ior, pane.thin), (Surface::Glass, 1.52, true));
+    assert_eq!(pane.base_color, Vec3::new(0.9, 1.0, 0.8), "Tf");
     assert_eq!(material(&scene, "dull").specular, Vec3::ZERO);
     // Lowered so that no channel reflects more than it receives.
     assert!((material(&scene, "bright").base_color - Vec3::new(0.7, 0.8, 0.9)).abs().max_element() < 1e-6);
@@ -189,7 +192,7 @@ fn missing_and_unknown_files_are_named() {
 fn description_is_read() {
     let toml = format!(
         "model = \"a.obj\"\ntwo_sided = true\n{CAMERA}up = [0, 2, 0]\nresolution = [32, 16]\n\
-         [render]\npasses = 7\nclip_fraction = 0.1\n\
+         [render]\npasses = 7\nclip_fraction = 0.1\nmax_specular = 3\nsplit = false\n\
          [materials.lamp]\nemission = [3, 2, 1]\nroughness = 0.25\nsurface = \"mirror\"\n\
          [lights.a_point]\ntype = \"point\"\nposition = [1, 2, 3]\nintensity = [4, 5, 6]\n\
          [lights.b_spot]\ntype = \"spot\"\nposition = [1, 2, 3]\ndirection = [0, -2, 0]\nintensity = [1, 1, 1]\n\
@@ -205,7 +208,9 @@ fn description_is_read() {
     assert_eq!((scene.render.passes, scene.render.clip_fraction, scene.render.seed), (Some(7), Some(0.1), None));
     let lamp = material(&scene, "lamp");
     assert_eq!((lamp.emission, lamp.roughness), (Vec3::new(3.0, 2.0, 1.0), 0.25));
-    assert_eq!((lamp.surface, lamp.two_sided), (Surface::Mirror, true));
+    // Nothing says what it mirrors, so its base colour it is.
+    assert_eq!((lamp.surface, lamp.metallic, lamp.two_sided), (Surface::Mirror, 1.0, true));
+    assert_eq!((scene.render.max_specular, scene.render.split), (Some(3), Some(false)));
     assert_eq!(scene.lights.len(), 4);
     assert_eq!(
         scene.lights[0],
@@ -282,6 +287,7 @@ fn bad_description_is_refused() {
     refused("[materials.lamp]\nbase_color = [1, 1, 1.5]\n", &["scene.toml:2:", "base_color 1.5"]);
     refused("[materials.lamp]\nemission = [-1, 0, 0]\n", &["scene.toml:2:", "emission"]);
     refused("[materials.lamp]\nruoghness = 1\n", &["scene.toml:3:", "ruoghness"]);
+    refused("[materials.lamp]\nthin = 1\n", &["scene.toml:3:"]);
     refused("[materials.lamp]\nsurface = \"shiny\"\n", &["scene.toml:3:", "shiny", "mirror"]);
     refused("[lights.l]\ntype = \"lamp\"\n", &["scene.toml:3:", "lamp", "quad"]);
     refused("[lights.l]\nposition = [0, 0, 0]\n", &["scene.toml:2:", "type"]);
@@ -308,7 +314,7 @@ fn own_scenes_load() {
         .map(|e| e.unwrap().file_name().into_string().unwrap())
         .collect();
     names.sort();
-    assert_eq!(names, ["cornell", "furnace", "keller-room", "plates"]);
+    assert_eq!(names, ["cornell", "furnace", "glass-ball", "keller-room", "plates"]);
     for name in &names {
         let scene = scene::load(&repository(&format!("scenes/{name}/scene.toml"))).unwrap();
         assert_eq!(&scene.name, name);
@@ -351,6 +357,21 @@ fn keller_room_has_402_quads() {
     let obj = std::fs::read_to_string(repository("scenes/keller-room/room.obj")).unwrap();
     let quads = obj.lines().filter(|l| l.starts_with("f ")).map(|l| l.split_whitespace().count() - 1);
     assert_eq!(quads.filter(|&n| n == 4).count(), 402);
+}
+
+#[test]
+fn the_glass_ball_is_a_body_in_a_room_of_800_triangles() {
+    let scene = scene::load(&repository("scenes/glass-ball/scene.toml")).unwrap();
+    assert_eq!((scene.triangles.len(), scene.emitters().len()), (800, 2));
+    let (glass, mirror) = (material(&scene, "glass"), material(&scene, "mirror"));
+    assert_eq!((glass.surface, glass.thin, mirror.surface), (Surface::Glass, false, Surface::Mirror));
+    // Only the ball is smooth, and it is closed and faces outwards.
+    let mut ball = scene.clone();
+    ball.triangles.retain(|t| t.smooth);
+    assert_eq!(ball.triangles.len(), 672);
+    assert!(ball.triangles.iter().all(|t| std::ptr::eq(&scene.materials[t.material as usize], glass)));
+    let sphere = 4.0 / 3.0 * PI * 0.25f32.powi(3);
+    assert!((volume(&ball) / sphere - 1.0).abs() < 0.05, "{} of {sphere}", volume(&ball));
 }
 
 /// Signed volume by the divergence theorem: negative where a closed surface faces inwards.
@@ -418,7 +439,11 @@ fn mean_reflectivity_weighs_by_area() {
     assert!((builtin::facing_plates(1.0).mean_reflectivity() - 0.25).abs() < 1e-6);
     let mut plates = builtin::facing_plates(1.0);
     plates.materials[0].specular = Vec3::splat(0.2);
+    // Of a mirror particles find the diffuse base alone, and of glass nothing.
     plates.materials[1].surface = Surface::Mirror;
+    plates.materials[1].specular = Vec3::splat(0.3);
+    assert!((plates.mean_reflectivity() - 0.35).abs() < 1e-6);
+    plates.materials[1].surface = Surface::Glass;
     assert!((plates.mean_reflectivity() - 0.1).abs() < 1e-6);
     // A metal reflects its base colour; its dielectric part does not count.
     plates.materials[1].surface = Surface::Opaque;

@@ -187,7 +187,8 @@ fn materials_and_textures_are_read() {
     let m = &scene.materials[0];
     assert_eq!(m.base_color, Vec3::new(0.5, 0.25, 1.0));
     assert_eq!((m.metallic, m.roughness, m.two_sided), (0.25, 0.5, true));
-    assert_eq!((m.surface, m.ior), (Surface::Glass, 2.0));
+    // Glass without a volume is a pane.
+    assert_eq!((m.surface, m.ior, m.thin), (Surface::Glass, 2.0, true));
     assert!(near(m.specular, Vec3::splat(1.0 / 9.0)));
     // 8 * factor * average (1/2, 0, 1/2) of the texture.
     assert!(near(m.emission, Vec3::new(4.0, 0.0, 4.0)), "{}", m.emission);
@@ -197,6 +198,30 @@ fn materials_and_textures_are_read() {
     assert_eq!(base.texels, [[255, 0, 0, 255], [0, 0, 255, 255]]);
     let packed = &scene.textures[m.metallic_roughness_texture.unwrap() as usize];
     assert_eq!((packed.srgb, packed.wrap), (false, [Wrap::Repeat; 2]));
+}
+
+#[test]
+fn volumes_and_the_smoothest_lobes_are_read() {
+    let material = |json: serde_json::Value| {
+        let case = Case::with(|c| {
+            c.document["extensionsUsed"] = json!(["KHR_materials_transmission", "KHR_materials_volume"]);
+            c.document["materials"][0] = json;
+        });
+        let scene = case.load().unwrap();
+        scene.materials[0].clone()
+    };
+    for (thickness, thin) in [(0.0, true), (0.01, false)] {
+        let m = material(json!({ "emissiveFactor": [1, 1, 1], "extensions": {
+            "KHR_materials_transmission": { "transmissionFactor": 1.0 },
+            "KHR_materials_volume": { "thicknessFactor": thickness },
+        } }));
+        assert_eq!((m.surface, m.thin), (Surface::Glass, thin), "{thickness}");
+    }
+    for (roughness, surface) in [(0.0, Surface::Mirror), (0.1, Surface::Opaque)] {
+        let m =
+            material(json!({ "emissiveFactor": [1, 1, 1], "pbrMetallicRoughness": { "roughnessFactor": roughness } }));
+        assert_eq!((m.surface, m.metallic), (surface, 1.0));
+    }
 }
 
 #[test]
@@ -337,6 +362,7 @@ fn rich_scene() -> Scene {
     scene.materials[2].surface = Surface::Mirror;
     scene.materials[3].surface = Surface::Glass;
     scene.materials[3].ior = 1.7;
+    scene.materials[3].thin = true;
     scene.materials[4].two_sided = true;
     scene.triangles[0].smooth = true;
     for (i, uv) in scene.uvs.iter_mut().enumerate() {

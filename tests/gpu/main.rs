@@ -6,9 +6,11 @@ mod embed;
 mod gpu_layer;
 #[cfg(feature = "hot-reload")]
 mod hot_reload;
+mod mirrors_and_glass;
 mod passes_eye;
 mod passes_light;
 mod passes_limits;
+mod passes_paths;
 mod passes_walk;
 mod renderer;
 mod rig;

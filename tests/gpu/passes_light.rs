@@ -12,7 +12,7 @@ use lightsum::pass::receivers::surface_at;
 use lightsum::pass::resolve::Resolve;
 use lightsum::pass::schedule::{self, Schedule};
 use lightsum::pass::shade::{self, Receiver};
-use lightsum::pass::{Kernels, Receivers, Sums, gather};
+use lightsum::pass::{Kernels, Paths, Receivers, Sums, gather};
 use lightsum::settings::{Clip, Settings, Traversal};
 
 use crate::rig::{
@@ -366,37 +366,42 @@ fn shade_each_kind(ctx: &Context, traversal: Traversal) {
     }
 }
 
-/// Everything that `accumulate` reads and writes, for `pixels` pixels of arbitrary content.
-struct Sheet {
-    parameters: layout::Frame,
-    frame: Buffer,
-    receivers: Receivers,
-    sums: Sums,
+/// Everything that `merge` and `accumulate` read and write, for `pixels` pixels of arbitrary content, each of two components.
+pub struct Sheet {
+    pub frame: Buffer,
+    pub receivers: Receivers,
+    pub paths: Paths,
+    pub sums: Sums,
     film: Film,
-    pixels: u32,
+    pub pixels: u32,
 }
 
 impl Sheet {
-    fn new(ctx: &Context, [width, height]: [u32; 2], passes: u32) -> Sheet {
+    pub fn new(ctx: &Context, [width, height]: [u32; 2], passes: u32) -> Sheet {
         let pixels = width * height;
         let parameters = layout::Frame {
-            forward: [0.6, 0.0, 0.8, 10.0],
             size: [width, height, pixels, 0],
             pixel_offset: [0.0, 0.0, 0.25, 1.0 / passes as f32],
             ..layout::Frame::default()
         };
         Sheet {
-            parameters,
             frame: upload(ctx, "parameters", &[parameters]).unwrap(),
-            receivers: Receivers::new(ctx, "test", pixels).unwrap(),
-            sums: Sums::new(ctx, "test", pixels).unwrap(),
+            receivers: Receivers::new(ctx, "test", 2 * pixels).unwrap(),
+            paths: Paths::new(ctx, 2 * pixels, 0).unwrap(),
+            sums: Sums::new(ctx, "test", 2 * pixels).unwrap(),
             film: Film::new(ctx, pixels).unwrap(),
             pixels,
         }
     }
+
+    fn accumulate(&self, kernels: &Kernels, status: &Buffer) -> Accumulate {
+        Accumulate::new(kernels, &self.frame, &self.receivers, &self.paths, &self.sums, &self.film, status, self.pixels)
+            .unwrap()
+    }
 }
 
-fn fill(ctx: &Context, buffer: &Buffer, numbers: &mut Numbers, scale: f32, w: impl Fn(u32) -> f32) -> Vec<Vec4> {
+/// Fills a buffer with numbers up to `scale` and what `w` says; returns them.
+pub fn fill(ctx: &Context, buffer: &Buffer, numbers: &mut Numbers, scale: f32, w: impl Fn(u32) -> f32) -> Vec<Vec4> {
     let count = (buffer.bytes() / 16) as u32;
     let values: Vec<Vec4> = (0..count).map(|i| (numbers.vec3() * scale).extend(w(i))).collect();
     let mut staging = Staging::new();
@@ -413,21 +418,24 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
         for size in AWKWARD_SIZES {
             let s = Sheet::new(ctx, [size as u32, 1], PASSES);
             let (r, n) = (&s.receivers, &mut Numbers(size as u32));
-            // Every third pixel sees nothing; every fifth is not lit, and what its sums hold is not its light.
-            let hit = |i: u32| if i % 3 == 2 { -1.0 } else { 2.5 };
+            // Every third pixel sees nothing; every fifth is not lit, and what its sums hold is not its light; every seventh
+            // looks into a mirror that shows nothing.
+            let depth = |i: u32| if i % 3 == 2 { -1.0 } else { 2.5 };
             let lit = |i: u32| if i % 5 == 4 { 0.0 } else { 1.0 };
-            fill(ctx, &r.position, n, 1.0, hit);
+            let ends = |i: u32| if i % 7 == 6 { -1.0 } else { depth(i) };
+            fill(ctx, &r.position, n, 1.0, ends);
+            let through = fill(ctx, &s.paths.throughput, n, 1.0, depth);
             let shading = fill(ctx, &r.shading, n, 1.0, |_| 0.0);
             let kd = fill(ctx, &r.kd, n, 1.0, |_| 1.0);
             let f0 = fill(ctx, &r.f0, n, 1.0, |_| 1.0);
-            let wo = fill(ctx, &r.wo, n, -1.0, lit);
+            fill(ctx, &r.wo, n, -1.0, lit);
             // Tiny beside the large sums: each alone would be rounded away.
             let emitted = fill(ctx, &r.emitted, n, 1e-5, |_| 0.0);
             let light = [&s.sums.direct, &s.sums.indirect, &s.sums.specular].map(|b| fill(ctx, b, n, 1e-5, |_| 0.0));
             let large =
                 [&s.film.color[1], &s.film.direct[0], &s.film.indirect[0]].map(|b| fill(ctx, b, n, 1000.0, |_| 0.0));
             let status = upload(ctx, "status", &[0u32, 0, 0, 0]).unwrap();
-            let pass = Accumulate::new(&kernels, &s.frame, r, &s.sums, &s.film, &status, s.pixels).unwrap();
+            let pass = s.accumulate(&kernels, &status);
             ctx.submit_and_wait("accumulate", None, |rec| {
                 for b in [&s.film.color_rest[1], &s.film.direct[1], &s.film.indirect[1], &s.film.albedo, &s.film.normal]
                 {
@@ -447,8 +455,11 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
             for i in 0..size {
                 let is_lit = lit(i as u32) > 0.0;
                 let light = [0, 1, 2].map(|k| if is_lit { light[k][i].truncate() } else { Vec3::ZERO });
-                let radiance = accumulate::reference(emitted[i].truncate(), kd[i].truncate(), light);
-                let covered = if hit(i as u32) >= 0.0 { 1.0 } else { 0.0 };
+                let beta = through[i].truncate();
+                let radiance = accumulate::reference(emitted[i].truncate(), beta, kd[i].truncate(), light);
+                let one_if = |yes: bool| if yes { 1.0 } else { 0.0 };
+                let covered = one_if(depth(i as u32) >= 0.0);
+                let shown = one_if(ends(i as u32) >= 0.0);
                 for (name, sum, start, x) in [
                     ("color", &color, large[0][i], radiance.extend(covered)),
                     ("direct", &direct, large[1][i], light[0].extend(0.0)),
@@ -462,10 +473,9 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
                         exact.abs() * 3.0 * f64::from(f32::EPSILON) + x.as_dvec4().abs() * f64::from(PASSES) * 1e-6;
                     assert!(error.cmple(bound).all(), "{name} of pixel {i} of {size}: {found} for {exact}");
                 }
-                let depth = (-2.5 * wo[i].truncate().dot(xyz(s.parameters.forward))).max(0.0);
                 let guides = [
-                    (albedo[i], (kd[i].truncate() + f0[i].truncate()).extend(covered)),
-                    (normal[i], (shading[i].truncate() * covered).extend(covered * depth)),
+                    (albedo[i], (beta * (kd[i].truncate() + f0[i].truncate())).extend(covered)),
+                    (normal[i], (shading[i].truncate() * shown).extend(covered * depth(i as u32))),
                 ];
                 for (found, one) in guides {
                     let expected = one * PASSES as f32;
@@ -491,12 +501,13 @@ fn accumulate_is_the_compensated_sum() {
         let (r, n) = (&s.receivers, &mut Numbers(5));
         fill(ctx, &r.position, n, 1.0, |_| 1.0);
         fill(ctx, &r.wo, n, 1.0, |_| 1.0);
+        fill(ctx, &s.paths.throughput, n, 1.0, |_| 1.0);
         let direct = fill(ctx, &s.sums.direct, n, 1.0, |_| 0.0);
         let old = fill(ctx, &s.film.direct[0], n, 3000.0, |_| 0.0);
         let rest = fill(ctx, &s.film.direct[1], n, 1e-4, |_| 0.0);
         for lost in [1u32, 0] {
             let status = upload(ctx, "status", &[lost, 0, 0, 0]).unwrap();
-            let pass = Accumulate::new(&kernels, &s.frame, r, &s.sums, &s.film, &status, s.pixels).unwrap();
+            let pass = s.accumulate(&kernels, &status);
             ctx.submit_and_wait("accumulate", None, |rec| pass.record(rec, 0)).unwrap();
             let found = s.film.direct.each_ref().map(|b| download::<Vec4>(ctx, b).unwrap());
             for i in 0..64 {

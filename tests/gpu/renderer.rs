@@ -7,7 +7,7 @@ use lightsum::accel::Bvh;
 use lightsum::gpu::Context;
 use lightsum::light::emitters::Emitters;
 use lightsum::output::Layers;
-use lightsum::path_trace::{self, Options};
+use lightsum::path_trace::{self, Options, SpecularPaths};
 use lightsum::scene::{self, Camera, Material, Scene, Texture, Wrap, builtin};
 use lightsum::settings::{Clip, Settings, Traversal};
 
@@ -24,17 +24,19 @@ fn cornell() -> (Scene, Camera) {
     (scene, camera)
 }
 
-/// The path tracer's image of a scene.
-fn path_traced(scene: &Scene, camera: &Camera, samples: u32, max_depth: u32) -> Vec<Vec3> {
+/// The path tracer's image of a scene, mirrors and glass followed as by the renderer.
+pub fn path_traced(scene: &Scene, camera: &Camera, samples: u32, max_depth: u32) -> Vec<Vec3> {
     let bvh = Bvh::build(scene).unwrap();
     let emitters = Emitters::of(scene, scene.emitters_are_lights).unwrap();
-    let options = Options { resolution: camera.resolution, samples, max_depth, seed: 7, specular_paths: false };
+    let specular_paths = SpecularPaths::Eye;
+    let options =
+        Options { resolution: camera.resolution, samples, max_depth, max_specular: 8, seed: 7, specular_paths };
     path_trace::render(scene, &bvh, &emitters, camera, &options, |_| true).unwrap()
 }
 
 /// Renders and fails unless the energy is within `energy` and the relative RMSE at most `rmse`.
 #[track_caller]
-fn agrees(what: &str, image: &[Vec3], reference: &[Vec3], energy: f64, rmse: f64) {
+pub fn agrees(what: &str, image: &[Vec3], reference: &[Vec3], energy: f64, rmse: f64) {
     let (ratio, error) = compare(image, reference);
     println!("{what}: energy {ratio:.4}, relative RMSE {error:.4}");
     assert!((ratio - 1.0).abs() <= energy, "{what}: energy ratio {ratio}, allowed is {energy}");
@@ -44,7 +46,7 @@ fn agrees(what: &str, image: &[Vec3], reference: &[Vec3], energy: f64, rmse: f64
 /// Direct light, which shows every receiver's own reflectance sharply, and three reflections more. Over seeds the energy
 /// varies by 0.0005 and 0.003 (standard deviations), and the error is 0.015 and 0.03 to 0.05 without the reference's noise.
 #[track_caller]
-fn agrees_at_depths(ctx: &Context, scene: &Scene, camera: Camera) {
+pub fn agrees_at_depths(ctx: &Context, scene: &Scene, camera: Camera) {
     let direct = render(ctx, scene, camera, &settings(32, 2), 128);
     agrees("direct light", &direct.color, &path_traced(scene, &camera, 1024, 2), 0.003, 0.03);
     let global = render(ctx, scene, camera, &settings(32, 5), 128);
@@ -179,7 +181,7 @@ fn exported_lights_give_the_same_image() {
 }
 
 /// Bits of every layer of an image.
-fn bits(layers: &Layers) -> Vec<u32> {
+pub fn bits(layers: &Layers) -> Vec<u32> {
     let vectors = [&layers.color, &layers.albedo, &layers.normal, &layers.direct, &layers.indirect];
     let scalars = [&layers.depth, &layers.alpha];
     let words = vectors.into_iter().flatten().flat_map(|v| v.to_array());
@@ -373,13 +375,19 @@ fn what_cannot_be_rendered_is_refused() {
         let wrong = [
             Settings { paths: 0, ..Settings::default() },
             Settings { max_depth: 17, ..Settings::default() },
+            Settings { max_specular: 65, ..Settings::default() },
             Settings { rounds: 0, ..Settings::default() },
             Settings { lights_per_dispatch: 65, ..Settings::default() },
             Settings { clip: Clip::Distance(f32::NAN), ..Settings::default() },
         ];
-        for (settings, flag) in
-            wrong.into_iter().zip(["--paths", "--max-depth", "--rounds", "--lights-per-dispatch", "--clip"])
-        {
+        for (settings, flag) in wrong.into_iter().zip([
+            "--paths",
+            "--max-depth",
+            "--max-specular",
+            "--rounds",
+            "--lights-per-dispatch",
+            "--clip",
+        ]) {
             let message = refusal(ctx, &scene, camera, settings).to_string();
             assert!(message.contains(flag), "{message}");
         }

@@ -8,7 +8,7 @@ use lightsum::accel::{Bvh, Hit, Ray};
 use lightsum::engine::Engine;
 use lightsum::frame::Frame;
 use lightsum::gpu::{Buffer, Context, Recorder, download};
-use lightsum::pass::{layout, walk_start};
+use lightsum::pass::{List, layout, walk_start};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
 use lightsum::scene_buffers::encode_normal;
 use lightsum::settings::Settings;
@@ -75,10 +75,28 @@ impl<'a> Rig<'a> {
 
     /// The receivers on the list of a bounce, sorted.
     pub fn list(&self, bounce: usize) -> Vec<u32> {
-        let mut list: Vec<u32> = self.get(&self.frame().lists[bounce].pixels);
-        list.truncate(self.work(bounce).live as usize);
-        list.sort_unstable();
-        list
+        self.sorted(&self.frame().lists[bounce])
+    }
+
+    /// The slots whose paths went on in a step of the eye paths, sorted.
+    pub fn eye_list(&self, step: usize) -> Vec<u32> {
+        self.sorted(&self.frame().eye_lists[step])
+    }
+
+    /// Pixels in tiles that show mirrors or glass, after the first step of the eye paths; in order.
+    pub fn ideal_pixels(&self) -> Vec<u32> {
+        let [width, height, ..] = self.parameters.size;
+        let tiles = self.sorted(&self.frame().ideal_tiles);
+        let of_tile = |pixel: u32| pixel % width / 8 + pixel / width / 8 * width.div_ceil(8);
+        (0..width * height).filter(|&pixel| tiles.binary_search(&of_tile(pixel)).is_ok()).collect()
+    }
+
+    fn sorted(&self, list: &List) -> Vec<u32> {
+        let live = self.get::<layout::Work>(&list.work)[0].live;
+        let mut slots: Vec<u32> = self.get(&list.pixels);
+        slots.truncate(live as usize);
+        slots.sort_unstable();
+        slots
     }
 
     /// Rays lost so far.
@@ -336,8 +354,27 @@ pub fn gallery() -> Scene {
         ..plain()
     });
     let gloss = b.material(Material { specular: rgb(0.2, 0.1, 0.05), roughness: 0.3, ..plain() });
-    let mirror = b.material(Material { surface: Surface::Mirror, ..plain() });
-    let glass = b.material(Material { surface: Surface::Glass, ..plain() });
+    let mirror = |base_color: Vec3, specular: Vec3| Material {
+        surface: Surface::Mirror,
+        base_color,
+        specular,
+        emission: rgb(0.0, 0.02, 0.01),
+        two_sided: true,
+        ..plain()
+    };
+    let silver = b.material(mirror(Vec3::ZERO, rgb(0.9, 0.8, 0.7)));
+    let varnish = b.material(Material { base_texture: Some(repeat), ..mirror(rgb(0.7, 0.5, 0.3), Vec3::splat(0.2)) });
+    let glass = |ior: f32, thin: bool| Material {
+        surface: Surface::Glass,
+        base_color: rgb(0.8, 0.9, 1.0),
+        emission: rgb(0.01, 0.0, 0.02),
+        ior,
+        thin,
+        ..plain()
+    };
+    let pane = b.material(glass(1.5, true));
+    let crystal = b.material(glass(1.7, false));
+    let water = b.material(glass(1.33, false));
     let lamp = b.material(Material { emission: rgb(3.0, 2.5, 2.0), base_color: Vec3::ZERO, ..plain() });
     let sheet = b.material(Material { emission: rgb(0.4, 0.6, 0.8), two_sided: true, ..plain() });
     let glow = b.material(Material { emission: rgb(2.0, 1.0, 0.5), base_color: Vec3::ZERO, ..plain() });
@@ -351,8 +388,12 @@ pub fn gallery() -> Scene {
     b.quad(rgb(2.0, 0.0, -2.0), z * 4.0, y * 2.2, metal, 0.8);
     b.sphere(rgb(0.6, 0.5, 0.9), 0.5, 2, gloss, false);
     b.sphere(rgb(-0.3, 0.3, 0.2), 0.3, 2, metal, false);
-    b.quad(rgb(-1.5, 0.6, 1.9), y * 0.8, x * 0.8, mirror, 1.0);
-    b.quad(rgb(1.0, 0.8, 1.8), y * 0.8, x * 0.5, glass, 1.0);
+    b.quad(rgb(-1.5, 0.6, 1.9), y * 0.8, x * 0.8, silver, 1.0);
+    b.quad(rgb(-0.6, 1.2, 1.9), y * 0.7, x * 0.9, varnish, 1.0);
+    b.quad(rgb(1.0, 0.8, 1.8), y * 0.8, x * 0.5, pane, 1.0);
+    // One ball of glass partly in another.
+    b.sphere(rgb(-0.9, 1.4, 0.4), 0.35, 2, water, false);
+    b.sphere(rgb(-0.8, 1.45, 0.15), 0.2, 2, crystal, false);
     b.quad(rgb(-0.5, 2.15, -0.5), x, z * 0.8, lamp, 1.0);
     b.triangle([rgb(1.2, 2.1, 1.0), rgb(1.8, 2.1, 1.0), rgb(1.5, 2.1, 1.6)], lamp);
     b.triangle([rgb(-1.0, 2.0, 1.2), rgb(-0.6, 1.7, 1.5), rgb(-1.1, 1.5, 1.4)], sheet);

@@ -5,6 +5,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::Vec3;
 use lightsum::gpu::DeviceChoice;
 use lightsum::output::{Format, Tonemap};
+use lightsum::path_trace::SpecularPaths;
 use lightsum::settings::Settings;
 use lightsum::settings::Traversal;
 use std::path::PathBuf;
@@ -134,6 +135,17 @@ pub struct Light {
     /// 1: emitters only, 2: direct light, 5: direct light and three further reflections. Higher is brighter and slower.
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_DEPTH)))]
     pub max_depth: Option<u32>,
+    /// Mirrors and crossings of glass in a row that the eye looks through, 0 to 64 [default: the scene's, or 8].
+    ///
+    /// What lies behind more is black. Each costs a ray for every pixel that gets there; a scene without mirrors and glass
+    /// does not pay. They do not count in --max-depth.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_SPECULAR)))]
+    pub max_specular: Option<u32>,
+    /// Choose at random between what is seen through glass and what it reflects, in place of following both at the first hit.
+    ///
+    /// The same limit with half the memory, and less time for a pass, but noise at glass and mirrors over a diffuse base.
+    #[arg(long)]
+    pub no_split: bool,
     /// Distance below which the light of a virtual light grows no more, in scene units [default: see --clip-fraction].
     ///
     /// Higher: smoother corners, and more light that has to come back by compensation (slower, a little grain).
@@ -233,16 +245,37 @@ impl From<TraversalFlag> for Traversal {
 pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise in place of structured error.
     #[arg(long, conflicts_with_all = [
-        "passes", "time", "target_error", "resume", "paths", "clip", "clip_fraction", "no_compensation", "light_threshold", "jitter", "preset",
-        "device", "validation", "lights_per_dispatch", "rounds", "traversal", "export_lights", "stats",
+        "passes", "time", "target_error", "resume", "paths", "clip", "clip_fraction", "no_compensation", "no_split",
+        "light_threshold", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "export_lights", "stats",
     ])]
     pub reference: bool,
     /// Paths of --reference for each pixel [default: 64]. Time grows linearly, noise falls like the square root.
     #[arg(long, value_name = "N", requires = "reference", value_parser = clap::value_parser!(u32).range(1..))]
     pub spp: Option<u32>,
-    /// Let the paths of --reference go on at mirrors and glass, which are black otherwise.
-    #[arg(long, requires = "reference")]
-    pub specular_paths: bool,
+    /// Where the paths of --reference go on at mirrors and glass [default: eye].
+    #[arg(long, value_name = "WHERE", requires = "reference")]
+    pub specular_paths: Option<SpecularFlag>,
+}
+
+/// Values of `--specular-paths`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SpecularFlag {
+    /// Nowhere: glass is black, and mirrors but for their diffuse base
+    None,
+    /// Seen from the eye, as without --reference
+    Eye,
+    /// Everywhere: caustics as well, and what mirrors throw on, which the passes leave out
+    All,
+}
+
+impl From<SpecularFlag> for SpecularPaths {
+    fn from(flag: SpecularFlag) -> SpecularPaths {
+        match flag {
+            SpecularFlag::None => SpecularPaths::None,
+            SpecularFlag::Eye => SpecularPaths::Eye,
+            SpecularFlag::All => SpecularPaths::All,
+        }
+    }
 }
 
 /// Values of `--tonemap`.

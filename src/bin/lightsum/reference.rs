@@ -6,6 +6,7 @@ use crate::render::{Job, metadata, watch_for_interrupt};
 use lightsum::accel::Bvh;
 use lightsum::light::emitters::Emitters;
 use lightsum::output::Layers;
+use lightsum::path_trace::SpecularPaths;
 use lightsum::scene::Scene;
 use lightsum::{Result, path_trace};
 use std::cell::{Cell, RefCell};
@@ -22,8 +23,9 @@ pub fn run(job: &Job, scene: &Scene, args: &Render) -> Result<()> {
         resolution,
         samples: args.reference.spp.unwrap_or(DEFAULT_SPP),
         max_depth: job.settings.max_depth,
+        max_specular: job.settings.max_specular,
         seed: job.settings.seed,
-        specular_paths: args.reference.specular_paths,
+        specular_paths: args.reference.specular_paths.map_or(SpecularPaths::Eye, Into::into),
     };
     let bvh = Bvh::build(scene)?;
     let emitters = Emitters::of(scene, scene.emitters_are_lights)?;

@@ -74,6 +74,8 @@ fn settings(args: &Render, render: &RenderDefaults) -> Settings {
     let light = &args.light;
     settings.paths = light.paths.unwrap_or(settings.paths);
     settings.max_depth = light.max_depth.unwrap_or(settings.max_depth);
+    settings.max_specular = light.max_specular.unwrap_or(settings.max_specular);
+    settings.split &= !light.no_split;
     settings.clip = light.clip.map(Clip::Distance).or(light.clip_fraction.map(Clip::Fraction)).unwrap_or(settings.clip);
     settings.compensation &= !light.no_compensation;
     settings.light_threshold = light.light_threshold.unwrap_or(settings.light_threshold);
@@ -222,6 +224,8 @@ pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {
     let settings = serde_json::json!({
         "paths": s.paths,
         "max_depth": s.max_depth,
+        "max_specular": s.max_specular,
+        "split": s.split,
         "clip": clip,
         "compensation": s.compensation,
         "light_threshold": s.light_threshold,
@@ -284,6 +288,7 @@ mod tests {
         let defaults = Settings::default();
         let scene = RenderDefaults {
             paths: Some(7),
+            max_specular: Some(3),
             clip: Some(0.5),
             compensation: Some(false),
             seed: Some(9),
@@ -295,6 +300,9 @@ mod tests {
         assert_eq!(from_scene.clip, Clip::Distance(0.5));
         let flags = chosen("--paths 3 --seed 1 --clip-fraction 0.1 --jitter --rounds 8 --max-depth 2", &scene);
         assert_eq!((flags.paths, flags.seed, flags.rounds, flags.max_depth, flags.jitter), (3, 1, 8, 2, true));
+        assert_eq!((flags.max_specular, flags.split), (3, true));
+        let direct = chosen("--max-specular 0 --no-split", &scene);
+        assert_eq!((direct.max_specular, direct.split), (0, false));
         assert_eq!(flags.clip, Clip::Fraction(0.1));
         let preset = chosen("--preset progressive --paths 4", &scene);
         assert_eq!((preset.paths, preset.clip, preset.compensation), (4, defaults.clip, true));

@@ -1,0 +1,91 @@
+// Eye paths go on at mirrors and glass. See pass/eye_paths.rs.
+#include "frame.wgsl"
+#include "work.wgsl"
+#include "math.wgsl"
+#include "bsdf.wgsl"
+#include "surface.wgsl"
+#include "ideal.wgsl"
+
+@group(0) @binding(9) var<storage, read_write> work_in: Work;
+@group(0) @binding(10) var<storage, read> list_in: array<u32>;
+@group(0) @binding(11) var<storage, read_write> work_out: Work;
+@group(0) @binding(12) var<storage, read_write> list_out: array<u32>;
+@group(0) @binding(13) var<storage, read> steps: array<Step>;
+@group(0) @binding(14) var<storage, read> hits: array<vec4<f32>>;
+@group(0) @binding(15) var<storage, read_write> ray_origin: array<vec4<f32>>;
+@group(0) @binding(16) var<storage, read_write> ray_direction: array<vec4<f32>>;
+@group(0) @binding(17) var<storage, read_write> throughput: array<vec4<f32>>;
+@group(0) @binding(18) var<storage, read_write> media: array<vec4<u32>>;
+@group(0) @binding(19) var<storage, read_write> emitted: array<vec4<f32>>;
+var<immediate> push: Push;
+
+// Sends the path of a slot on and puts it on the list.
+fn go_on(slot: u32, s: Surface, wi: vec3<f32>, cos_view: f32) {
+    let side = select(-s.geometric, s.geometric, dot(wi, s.geometric) > 0.0);
+    ray_origin[slot] = vec4<f32>(offset_origin(s.position, side, frame.eye.w), 3.0e38);
+    ray_direction[slot] = vec4<f32>(wi, cos_view);
+    list_out[atomicAdd(&work_out.live, 1u)] = slot;
+}
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let step = steps[push.step];
+    let first_hit = step.bounce == 0u;
+    // The first hits come in tiles of 8 x 8 pixels, later ones as a list.
+    let group_index = group.x + group.y * groups.x;
+    let index = select(group_index * 64u + lane, group_index, first_hit);
+    if index >= atomicLoad(&work_in.live) {
+        return;
+    }
+    let tiles_across = (frame.size.x + 7u) / 8u;
+    let listed = list_in[index];
+    let at_pixel = vec2<u32>(8u * (listed % tiles_across) + (lane & 7u), 8u * (listed / tiles_across) + lane / 8u);
+    if first_hit && (at_pixel.x >= frame.size.x || at_pixel.y >= frame.size.y) {
+        return;
+    }
+    let slot = select(listed, at_pixel.x + at_pixel.y * frame.size.x, first_hit);
+    // Slots of second components, `step.first` after those of the pixels, carry nothing unless a path is split.
+    let splits = first_hit && step.first > 0u;
+    let twin = slot + step.first;
+    if splits {
+        throughput[twin] = vec4<f32>(0.0);
+        emitted[twin] = vec4<f32>(0.0);
+    }
+    let hit = hits[slot];
+    let triangle = bitcast<u32>(hit.w);
+    let found = triangle != 0xffffffffu;
+    let at = select(0u, triangle, found);
+    let ideal = found && materials[triangle_normals[at].w >> 1u].flags.z != SURFACE_OPAQUE;
+    // A loop, for it ends early where no ray of the subgroup met a mirror or glass.
+    for (var i = select(0u, 1u, ideal); i > 0u; i -= 1u) {
+        let ray = ray_direction[slot];
+        let s = surface_at(at, hit.y, hit.z, ray.xyz);
+        let inside = select(media[slot], vec4<u32>(0u), first_hit);
+        let fork = fork_at(s, -ray.xyz, relative_index(inside, s));
+        let before = throughput[slot];
+        let depth = before.w + ray.w * hit.x;
+
+        // Both components, or one by chance.
+        let xi = random(key(frame.keys.x, STREAM_COMPONENT, slot, step.bounce));
+        let takes_first = splits || xi < fork.probability;
+        let stays = takes_first && fork.stays;
+        let wi = select(fork.second_wi, fork.first_wi, takes_first);
+        let chance = select(select(1.0 - fork.probability, fork.probability, takes_first), 1.0, splits);
+        let weight = select(select(fork.second_weight, fork.first_weight, takes_first), vec3<f32>(1.0), stays);
+        let after = before.xyz * weight / chance;
+        let goes_on = !stays && max(max(after.x, after.y), after.z) > 0.0;
+        throughput[slot] = vec4<f32>(after, select(before.w, depth, goes_on));
+        // Emission of a mirror over a base belongs to the base, which has not been left yet.
+        emitted[slot] += vec4<f32>(select(before.xyz * s.emission, vec3<f32>(0.0), fork.stays), 0.0);
+        let beyond = crossed(inside, s.material + 1u, s.front);
+        media[slot] = select(inside, beyond, takes_first && fork.crosses);
+        if goes_on {
+            go_on(slot, s, wi, ray.w);
+        }
+        if splits && fork.probability < 1.0 {
+            throughput[twin] = vec4<f32>(before.xyz * fork.second_weight, depth);
+            media[twin] = inside;
+            go_on(twin, s, fork.second_wi, ray.w);
+        }
+    }
+}

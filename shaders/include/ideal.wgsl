@@ -1,0 +1,87 @@
+// Ideal reflection and refraction: the ways on from mirrors and glass. Needs bsdf.wgsl and surface.wgsl. CPU twin: bsdf::ideal.
+
+// The bodies of glass around a ray, the one entered last first: material + 1, 0 where there is none.
+// Entering puts a body on top, leaving takes it out from wherever it is.
+fn crossed(media: vec4<u32>, body: u32, enters: bool) -> vec4<u32> {
+    // What lies below the body that is taken out moves up.
+    let x = media.x == body;
+    let y = x || media.y == body;
+    let z = y || media.z == body;
+    let w = z || media.w == body;
+    let without = select(media, vec4<u32>(media.yzw, 0u), vec4<bool>(x, y, z, w));
+    return select(without, vec4<u32>(body, media.xyz), enters);
+}
+
+fn index_of(media: vec4<u32>) -> f32 {
+    return select(materials[max(media.x, 1u) - 1u].emission.w, 1.0, media.x == 0u);
+}
+
+// Index of refraction behind the surface over that before it. A pane is always entered.
+fn relative_index(media: vec4<u32>, s: Surface) -> f32 {
+    let enters = s.front || s.kind == SURFACE_PANE;
+    let own = materials[s.material].emission.w;
+    // Outside of all bodies and about to leave one: it began in there.
+    let near = select(index_of(media), own, media.x == 0u && !enters);
+    return index_of(crossed(media, s.material + 1u, enters)) / near;
+}
+
+// Reflectance of a smooth dielectric by Fresnel's equations, and the cosine of the refracted ray; below 0: all is reflected.
+fn fresnel_dielectric(cos_i: f32, eta: f32) -> vec2<f32> {
+    let c = clamp(cos_i, 0.0, 1.0);
+    let sin2_t = (1.0 - c * c) / (eta * eta);
+    let cos_t = sqrt(max(1.0 - sin2_t, 0.0));
+    let parallel = (eta * c - cos_t) / (eta * c + cos_t);
+    let perpendicular = (c - eta * cos_t) / (c + eta * cos_t);
+    let r = 0.5 * (parallel * parallel + perpendicular * perpendicular);
+    return select(vec2<f32>(r, cos_t), vec2<f32>(1.0, -1.0), sin2_t >= 1.0);
+}
+
+fn reflected(wo: vec3<f32>, n: vec3<f32>) -> vec3<f32> {
+    return n * (2.0 * dot(n, wo)) - wo;
+}
+
+fn refracted(wo: vec3<f32>, n: vec3<f32>, eta: f32, cos_t: f32) -> vec3<f32> {
+    let w = n * (dot(n, wo) / eta - cos_t) - wo / eta;
+    return w / sqrt(dot(w, w));
+}
+
+// The two components that a path may take.
+struct Fork {
+    stays: bool,                // the first is the diffuse base of a mirror: the path ends on it
+    probability: f32,           // of the first when one is chosen; 1: there is no second
+    first_wi: vec3<f32>,        // through glass, or reflected
+    first_weight: vec3<f32>,    // factor of the radiance
+    crosses: bool,              // the first crosses the surface of a body
+    second_wi: vec3<f32>,       // reflected
+    second_weight: vec3<f32>,
+}
+
+fn fork_at(s: Surface, wo: vec3<f32>, eta: f32) -> Fork {
+    // Where rays by the shading normal would end up on the wrong side, the face's own serves.
+    let bend = select(1.0, eta, s.kind == SURFACE_GLASS);
+    let leaning = fresnel_dielectric(dot(s.shading, wo), bend);
+    let above = dot(s.shading, wo) > 0.0 && dot(reflected(wo, s.shading), s.geometric) > 0.0;
+    let below = leaning.y < 0.0 || dot(refracted(wo, s.shading, bend, leaning.y), s.geometric) < 0.0;
+    let n = select(s.geometric, s.shading, above && below);
+    let cos_o = dot(n, wo);
+
+    let is_mirror = s.kind == SURFACE_MIRROR;
+    let is_pane = s.kind == SURFACE_PANE;
+    let f = fresnel_dielectric(cos_o, eta);
+    let r = select(f.x, 2.0 * f.x / (1.0 + f.x), is_pane);
+    let passes = !is_mirror && select(f.y >= 0.0, r < 1.0, is_pane);
+    let mirrored = select(vec3<f32>(r), schlick(s.ideal, cos_o), is_mirror);
+    let base = mean3(s.reflectance.kd);
+    let reflects = mean3(mirrored);
+
+    var fork: Fork;
+    fork.second_wi = reflected(wo, n);
+    fork.second_weight = mirrored;
+    fork.stays = is_mirror && base > 0.0;
+    fork.probability = select(select(1.0, base / (base + reflects), fork.stays), 1.0 - reflects, passes);
+    fork.crosses = passes && !is_pane;
+    fork.first_wi = select(fork.second_wi, select(refracted(wo, n, eta, f.y), -wo, is_pane), passes);
+    let through = s.ideal.f0 * select((1.0 - r) / (eta * eta), 1.0 - r, is_pane);
+    fork.first_weight = select(mirrored, through, passes);
+    return fork;
+}

@@ -1,0 +1,34 @@
+// Light of the second components is added to their pixels. See pass/merge.rs.
+#include "frame.wgsl"
+#include "work.wgsl"
+#include "math.wgsl"
+
+@group(0) @binding(1) var<storage, read> receiver_kd: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> throughput: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> direct: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> indirect: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> specular: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read_write> emitted: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read_write> work: Work;
+@group(0) @binding(9) var<storage, read> tiles: array<u32>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let index = group.x + group.y * groups.x;
+    if index >= atomicLoad(&work.live) {
+        return;
+    }
+    let across = (frame.size.x + 7u) / 8u;
+    let at = vec2<u32>(8u * (tiles[index] % across) + (lane & 7u), 8u * (tiles[index] / across) + lane / 8u);
+    if at.x >= frame.size.x || at.y >= frame.size.y {
+        return;
+    }
+    let pixel = at.x + at.y * frame.size.x;
+    let slot = pixel + frame.size.z;
+    // What is not lit has no sums.
+    let lit = receiver_wo[slot].w > 0.0;
+    let reflected = receiver_kd[slot].xyz * INV_PI * (direct[slot].xyz + indirect[slot].xyz) + specular[slot].xyz;
+    let l = select(vec3<f32>(0.0), throughput[slot].xyz * reflected, lit);
+    emitted[pixel] += vec4<f32>(emitted[slot].xyz + l, 0.0);
+}

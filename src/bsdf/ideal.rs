@@ -1,0 +1,306 @@
+//! Ideal reflection and refraction: where a ray goes on at a mirror, at glass and at a pane, and what it carries there.
+//!
+//! A mirror is the lobe of [`Reflectance`](super::Reflectance) without roughness: it reflects by Schlick's term into the one
+//! mirrored direction, over whatever diffuse base the material has. Smooth glass reflects the share R of Fresnel's equations
+//! and lets 1 - R through, bent by Snell's law and tinted by its base colour at each crossing; radiance changes by the
+//! square of the relative index on the way. A pane is glass of no thickness: light goes straight through, and of all
+//! reflections between its two faces 2R / (1 + R) comes back (the geometric series of R and (1 - R)^2 R^(2k+1)).
+//!
+//! Bodies of glass may lie in one another: [`Media`] says which index a ray leaves and which it enters.
+//!
+//! Smooth normals lean over at silhouettes. Where one would send a ray to the wrong side of the surface, the face's own normal
+//! serves, so that there are no black rims.
+
+use super::{Finish, Normals, fresnel_dielectric, mean, reflect, schlick};
+use crate::scene::{Material, Surface};
+use glam::Vec3;
+
+/// The bodies of glass that a ray is in, the one entered last first: numbers of their materials + 1, 0 where there is none.
+///
+/// The rule for glass in glass: **the body entered last counts.** Entering (through a front) puts a body on top, leaving
+/// (through a back) takes it out from wherever it is; the index is that of the topmost body, and 1 outside of all. So a
+/// bubble is a body of index 1, and a liquid whose body overlaps its vessel's wall a little meets it without a gap of air.
+/// A ray that leaves a body which it never entered began in it. A fifth body pushes out the first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Media(pub [u32; 4]);
+
+impl Media {
+    /// Index of refraction around the ray.
+    pub fn index(&self, materials: &[Material]) -> f32 {
+        match self.0[0] {
+            0 => 1.0,
+            top => materials[top as usize - 1].ior,
+        }
+    }
+
+    /// After passing a surface of material `material` from its front (`enters`) or from its back.
+    pub fn crossed(&self, material: u32, enters: bool) -> Media {
+        let [a, b, c, d] = self.0;
+        let body = material + 1;
+        Media(match (enters, self.0.iter().position(|&m| m == body)) {
+            (true, _) => [body, a, b, c],
+            (false, None) => self.0,
+            (false, Some(0)) => [b, c, d, 0],
+            (false, Some(1)) => [a, c, d, 0],
+            (false, Some(2)) => [a, b, d, 0],
+            (false, Some(_)) => [a, b, c, 0],
+        })
+    }
+
+    /// Index of refraction behind a surface over that before it, as Fresnel's equations take it. A pane is always entered.
+    pub fn relative_index(&self, materials: &[Material], material: u32, front: bool) -> f32 {
+        let own = &materials[material as usize];
+        let enters = front || own.thin;
+        // Outside of all bodies and about to leave one: it began in there.
+        let near = if self.0[0] == 0 && !enters { own.ior } else { self.index(materials) };
+        self.crossed(material, enters).index(materials) / near
+    }
+}
+
+/// Where a ray goes on, and by what its radiance is multiplied there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Way {
+    /// Unit direction.
+    pub wi: Vec3,
+    /// Factor of the radiance.
+    pub weight: Vec3,
+    /// It crosses the surface of a body.
+    pub crosses: bool,
+}
+
+/// The ways on from a mirror or glass.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ways {
+    /// Mirrored.
+    pub reflected: Way,
+    /// Through; `None` at mirrors and where all is reflected.
+    pub transmitted: Option<Way>,
+}
+
+/// The two components between which a path chooses, or into which it is split.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fork {
+    /// What passes glass, or what a mirror reflects; `None` is the diffuse base of a mirror: the path ends on it.
+    pub first: Option<Way>,
+    /// The reflection beside it, if there is any.
+    pub second: Option<Way>,
+    /// Probability of the first when one is chosen: 1 if there is no second.
+    pub probability: f32,
+}
+
+impl Ways {
+    /// At a surface of diffuse base `kd`. The probabilities are as the weights, so that no choice weighs more than the other.
+    pub fn fork(self, kd: Vec3) -> Fork {
+        let (base, reflected) = (mean(kd), mean(self.reflected.weight));
+        let (first, probability) = match self.transmitted {
+            Some(through) => (Some(through), 1.0 - reflected),
+            None if base > 0.0 => (None, base / (base + reflected)),
+            None => (Some(self.reflected), 1.0),
+        };
+        Fork { first, second: (probability < 1.0).then_some(self.reflected), probability }
+    }
+}
+
+/// The ways on from a surface of this material, `eta` the index of refraction behind it over that before it; `None` where it
+/// reflects otherwise.
+pub fn ways(material: &Material, finish: &Finish, normals: &Normals, wo: Vec3, eta: f32) -> Option<Ways> {
+    match material.surface {
+        Surface::Opaque => None,
+        Surface::Mirror => Some(mirror(normals, wo, finish.ideal, finish.ideal_f90)),
+        Surface::Glass if material.thin => Some(pane(normals, wo, eta, finish.ideal)),
+        Surface::Glass => Some(glass(normals, wo, eta, finish.ideal)),
+    }
+}
+
+/// A mirror of reflectance `f0` at normal and `f90` at grazing incidence.
+pub fn mirror(normals: &Normals, wo: Vec3, f0: Vec3, f90: f32) -> Ways {
+    let n = upright(normals, wo, 1.0);
+    Ways { reflected: reflected(wo, n, schlick(f0, f90, n.dot(wo))), transmitted: None }
+}
+
+/// Glass of relative index `eta` (far over near).
+pub fn glass(normals: &Normals, wo: Vec3, eta: f32, tint: Vec3) -> Ways {
+    let n = upright(normals, wo, eta);
+    let (r, cos_t) = fresnel_dielectric(n.dot(wo), eta);
+    let transmitted = cos_t.map(|cos_t| Way {
+        wi: refract(wo, n, eta, cos_t),
+        weight: tint * ((1.0 - r) / (eta * eta)),
+        crosses: true,
+    });
+    Ways { reflected: reflected(wo, n, Vec3::splat(r)), transmitted }
+}
+
+/// A pane of relative index `eta`.
+pub fn pane(normals: &Normals, wo: Vec3, eta: f32, tint: Vec3) -> Ways {
+    let n = upright(normals, wo, 1.0);
+    let (r, _) = fresnel_dielectric(n.dot(wo), eta);
+    let both = 2.0 * r / (1.0 + r);
+    let transmitted = (both < 1.0).then(|| Way { wi: -wo, weight: tint * (1.0 - both), crosses: false });
+    Ways { reflected: reflected(wo, n, Vec3::splat(both)), transmitted }
+}
+
+fn reflected(wo: Vec3, n: Vec3, weight: Vec3) -> Way {
+    Way { wi: reflect(wo, n), weight, crosses: false }
+}
+
+/// The shading normal, or the geometric one where rays by the shading normal would end up on the wrong side.
+fn upright(normals: &Normals, wo: Vec3, eta: f32) -> Vec3 {
+    let (n, face) = (normals.shading, normals.geometric);
+    let cos = n.dot(wo);
+    let above = cos > 0.0 && reflect(wo, n).dot(face) > 0.0;
+    let below = match fresnel_dielectric(cos, eta) {
+        (_, Some(cos_t)) => refract(wo, n, eta, cos_t).dot(face) < 0.0,
+        _ => true,
+    };
+    if above && below { n } else { face }
+}
+
+/// Snell's law: the direction behind the surface, `cos_t` its cosine.
+fn refract(wo: Vec3, n: Vec3, eta: f32, cos_t: f32) -> Vec3 {
+    (n * (n.dot(wo) / eta - cos_t) - wo / eta).normalize()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flat(wo: Vec3) -> Normals {
+        Normals::facing(Vec3::Z, Vec3::Z, wo)
+    }
+
+    fn from(degrees: f32) -> Vec3 {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        Vec3::new(sin, 0.0, cos)
+    }
+
+    #[test]
+    fn glass_bends_by_snell_and_keeps_the_energy() {
+        for (degrees, eta) in [(0.0, 1.5), (30.0, 1.5), (60.0, 1.5), (89.0, 1.5), (30.0, 1.0 / 1.5), (50.0, 1.0)] {
+            let wo = from(degrees);
+            let ways = glass(&flat(wo), wo, eta, Vec3::ONE);
+            let through = ways.transmitted.unwrap();
+            let sine = |w: Vec3| w.x.hypot(w.y);
+            assert!((sine(through.wi) * eta - sine(wo)).abs() < 1e-6, "{degrees} degrees, eta {eta}");
+            assert!(through.wi.z < 0.0 && through.wi.x <= 0.0 && through.wi.is_normalized());
+            assert!((ways.reflected.wi - Vec3::new(-wo.x, 0.0, wo.z)).length() < 1e-6);
+            // Power, not radiance: the beam's solid angle goes by the square of the index.
+            let power = ways.reflected.weight.x + through.weight.x * eta * eta;
+            assert!((power - 1.0).abs() < 1e-6, "{power}");
+        }
+        // Normal incidence 0.04; beyond the critical angle of 41.81 degrees nothing leaves glass.
+        assert!((glass(&flat(Vec3::Z), Vec3::Z, 1.5, Vec3::ONE).reflected.weight.x - 0.04).abs() < 1e-6);
+        let total = glass(&flat(from(42.0)), from(42.0), 1.0 / 1.5, Vec3::ONE);
+        assert_eq!((total.reflected.weight, total.transmitted), (Vec3::ONE, None));
+        let tinted = glass(&flat(Vec3::Z), Vec3::Z, 1.0, Vec3::new(0.5, 1.0, 0.25));
+        assert_eq!(tinted.transmitted.unwrap().weight, Vec3::new(0.5, 1.0, 0.25));
+        assert_eq!(tinted.reflected.weight, Vec3::ZERO);
+    }
+
+    #[test]
+    fn a_pane_is_the_sum_over_reflections_between_two_faces() {
+        for degrees in [0.0, 45.0, 80.0] {
+            let wo = from(degrees);
+            let ways = pane(&flat(wo), wo, 1.5, Vec3::ONE);
+            // R + (1 - R)^2 (R + R^3 + ...), both faces of one R, for the ray inside is bent by the same angle.
+            let r = f64::from(fresnel_dielectric(wo.z, 1.5).0);
+            let series: f64 = r + (0..200).map(|k| (1.0 - r).powi(2) * r.powi(2 * k + 1)).sum::<f64>();
+            assert!((f64::from(ways.reflected.weight.x) - series).abs() < 1e-6, "{degrees}: {series}");
+            let through = ways.transmitted.unwrap();
+            assert_eq!(through.wi, -wo);
+            assert!((through.weight.x + ways.reflected.weight.x - 1.0).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_mirror_follows_schlick() {
+        let f0 = Vec3::new(0.9, 0.5, 0.0);
+        let straight = mirror(&flat(Vec3::Z), Vec3::Z, f0, 1.0).reflected;
+        assert_eq!((straight.wi, straight.weight), (Vec3::Z, f0));
+        let ways = mirror(&flat(from(60.0)), from(60.0), f0, 1.0);
+        let expected = f0 + (1.0 - f0) * 0.5f32.powi(5);
+        assert!((ways.reflected.weight - expected).length() < 1e-6 && ways.transmitted.is_none());
+    }
+
+    #[test]
+    fn the_components_of_a_fork_add_up() {
+        let wo = from(60.0);
+        let ways = [
+            (glass(&flat(wo), wo, 1.5, Vec3::ONE), Vec3::ZERO),
+            (pane(&flat(wo), wo, 1.5, Vec3::ONE), Vec3::ZERO),
+            (glass(&flat(wo), wo, 1.0 / 1.5, Vec3::ONE), Vec3::ZERO),
+            (glass(&flat(wo), wo, 1.0, Vec3::ONE), Vec3::ZERO),
+            (mirror(&flat(wo), wo, Vec3::splat(0.2), 1.0), Vec3::splat(0.6)),
+            (mirror(&flat(wo), wo, Vec3::ZERO, 0.0), Vec3::splat(0.6)),
+            (mirror(&flat(wo), wo, Vec3::splat(0.2), 1.0), Vec3::ZERO),
+        ];
+        let forks = ways.map(|(ways, kd)| ways.fork(kd));
+        let probability = |i: usize| forks[i].probability;
+        assert!((probability(0) - (1.0 - 0.0892)).abs() < 1e-4, "{}", probability(0));
+        assert!(forks[0].first.unwrap().crosses && !forks[0].second.unwrap().crosses);
+        assert!(!forks[1].first.unwrap().crosses && forks[1].first.unwrap().wi == -wo);
+        // Total reflection, nothing to reflect, a base with nothing above it, a mirror with nothing below it.
+        for (i, base) in [(2, false), (3, false), (5, true), (6, false)] {
+            assert_eq!((forks[i].second, probability(i), forks[i].first.is_none()), (None, 1.0, base), "{i}");
+        }
+        assert!(forks[2].first.unwrap().wi.z > 0.0 && forks[3].first.unwrap().wi.z < 0.0);
+        let reflected = forks[4].second.unwrap().weight.x;
+        assert!(forks[4].first.is_none() && (probability(4) - 0.6 / (0.6 + reflected)).abs() < 1e-6);
+    }
+
+    #[test]
+    fn no_ray_goes_to_the_wrong_side_of_a_face() {
+        // Normals that lean over by up to 60 degrees, directions down to the horizon.
+        for lean in [-60.0, -30.0, 0.0, 30.0, 60.0] {
+            for degrees in [-89.9, -70.0, -20.0, 0.0, 45.0, 75.0, 89.9] {
+                let wo = from(degrees);
+                let normals = Normals::facing(Vec3::Z, from(lean), wo);
+                for eta in [1.5, 1.0 / 1.5, 1.0] {
+                    for ways in [glass(&normals, wo, eta, Vec3::ONE), pane(&normals, wo, eta, Vec3::ONE)] {
+                        assert!(ways.reflected.wi.z > 0.0, "{lean} {degrees} {eta}: {ways:?}");
+                        assert!(ways.transmitted.is_none_or(|w| w.wi.z < 0.0), "{lean} {degrees} {eta}: {ways:?}");
+                    }
+                }
+                assert!(mirror(&normals, wo, Vec3::ONE, 1.0).reflected.wi.z > 0.0);
+            }
+        }
+    }
+
+    #[test]
+    fn the_body_entered_last_counts() {
+        let of = |ior: f32| Material { ior, ..Material::default() };
+        let materials = [of(1.5), of(1.33), of(1.0)];
+        let [glass, water, bubble] = [0, 1, 2];
+        let air = Media::default();
+        let relative = |media: Media, body, enters| media.relative_index(&materials, body, enters);
+        assert_eq!(relative(air, glass, true), 1.5);
+        let in_glass = air.crossed(glass, true);
+        assert_eq!(in_glass.index(&materials), 1.5);
+        assert_eq!(relative(in_glass, glass, false), 1.0 / 1.5);
+        assert_eq!(in_glass.crossed(glass, false), air);
+        // A bubble, and out of it again.
+        assert_eq!(relative(in_glass, bubble, true), 1.0 / 1.5);
+        let in_bubble = in_glass.crossed(bubble, true);
+        assert_eq!(relative(in_bubble, bubble, false), 1.5);
+        assert_eq!(in_bubble.crossed(bubble, false), in_glass);
+        // Water overlaps the wall of its vessel: from glass into water, then the wall's inner face, which is not seen.
+        let both = in_glass.crossed(water, true);
+        assert_eq!(relative(in_glass, water, true), 1.33 / 1.5);
+        assert_eq!(relative(both, glass, false), 1.0);
+        let in_water = both.crossed(glass, false);
+        assert_eq!(in_water, air.crossed(water, true));
+        // And on the far side.
+        assert_eq!(relative(in_water, glass, true), 1.5 / 1.33);
+        let wall = in_water.crossed(glass, true);
+        assert_eq!(relative(wall, water, false), 1.0);
+        assert_eq!(wall.crossed(water, false), in_glass);
+        // An eye in glass.
+        assert_eq!(relative(air, glass, false), 1.0 / 1.5);
+        assert_eq!(air.crossed(glass, false), air);
+        // The fifth body pushes out the first.
+        let five = (0..5).fold(air, |media, body| media.crossed(body, true));
+        assert_eq!(five, Media([5, 4, 3, 2]));
+        assert_eq!(five.crossed(3, false), Media([5, 3, 2, 0]));
+        assert_eq!(five.crossed(2, false), Media([5, 4, 2, 0]));
+        assert_eq!(five.crossed(1, false), Media([5, 4, 3, 0]));
+    }
+}

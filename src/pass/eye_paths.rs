@@ -1,0 +1,158 @@
+//! Eye paths that met a mirror or glass go on until they meet something else, which becomes the pixel's receiver (Wald et al.
+//! 2002, section 4).
+//!
+//! Where a path first meets a surface of two components it is split, one path for each: what is seen through glass and what it
+//! reflects; the diffuse base of a mirror, where the path ends, and what the mirror reflects. The second component has a slot
+//! of its own, as many slots after that of the pixel as there are pixels, and is a receiver like any other until
+//! `merge` adds its light to the pixel. Later in the path one component is chosen, with a probability p as great as its
+//! share of the weights:
+//!
+//! ```text
+//! throughput *= f / p      f = F (mirror), R (reflected), (1 - R) tint / eta^2 (through glass), 1 (a mirror's base)
+//! ```
+//!
+//! [`crate::bsdf::ideal`] has the directions and f. Emission on the way is added to what the receiver emits. After
+//! `max_specular` of these steps what is met is taken as it is: mirrors show their diffuse base, glass is black.
+//!
+//! Differs from the paper in that: components are split once whatever their weight, and the diffuse and glossy lobes of a
+//! surface need no paths of their own, since point lights light both.
+//!
+//! Bias: this is how eye paths see. Light that reaches a receiver by way of mirrors and glass (caustics) is left out, and glass
+//! casts a shadow like anything else. The throughput enters when the image is put together, so what filters and layers
+//! call irradiance is that of the seen surface.
+//!
+//! Cost: for each pixel of a tile that shows mirrors or glass (see `tiles`), and for each path that goes on, 170 bytes read and 96
+//! written, 300 operations, and one ray of `trace`. A list of rays that is empty costs a few microseconds a step.
+
+use glam::Vec3;
+
+use super::receivers::SurfacePoint;
+use super::schedule::LIST_GROUPS;
+use super::{Kernels, List, Paths, Rays, Receivers, layout, push};
+use crate::accel::{Ray, offset_origin};
+use crate::bsdf::Normals;
+use crate::bsdf::ideal::{Media, Way, ways};
+use crate::error::Result;
+use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::sampling::dimensions::COMPONENT;
+use crate::sampling::random::{key, random_f32};
+use crate::scene::Scene;
+use crate::scene_buffers::SceneBuffers;
+
+/// One step of all paths.
+pub struct EyePaths {
+    kernel: Kernel,
+    bindings: Bindings,
+    work_in: Buffer,
+}
+
+/// What the pass reads and writes.
+pub struct Inputs<'a> {
+    /// Frame parameters.
+    pub frame: &'a Buffer,
+    /// The scene.
+    pub scene: &'a SceneBuffers,
+    /// Traced rays; those that go on.
+    pub rays: &'a Rays,
+    /// Throughput and media.
+    pub paths: &'a Paths,
+    /// `emitted` of these receivers-to-be.
+    pub receivers: &'a Receivers,
+    /// Rays to look at; for the first step tiles of pixels.
+    pub list_in: &'a List,
+    /// Rays to be traced.
+    pub list_out: &'a List,
+    /// Steps.
+    pub steps: &'a Buffer,
+}
+
+impl EyePaths {
+    /// Replaces `rays` that met a mirror or glass and puts them on `list_out`.
+    pub fn new(kernels: &Kernels, inputs: &Inputs) -> Result<Self> {
+        let kernel = kernels.eye_paths.clone();
+        let mut named = inputs.scene.surface_bindings();
+        named.extend([
+            ("frame", inputs.frame.into()),
+            ("work_in", (&inputs.list_in.work).into()),
+            ("list_in", (&inputs.list_in.pixels).into()),
+            ("work_out", (&inputs.list_out.work).into()),
+            ("list_out", (&inputs.list_out.pixels).into()),
+            ("steps", inputs.steps.into()),
+            ("hits", (&inputs.rays.hits).into()),
+            ("ray_origin", (&inputs.rays.origin).into()),
+            ("ray_direction", (&inputs.rays.direction).into()),
+            ("throughput", (&inputs.paths.throughput).into()),
+            ("media", (&inputs.paths.media).into()),
+            ("emitted", (&inputs.receivers.emitted).into()),
+        ]);
+        let bindings = kernel.bind(&named)?;
+        Ok(EyePaths { kernel, bindings, work_in: inputs.list_in.work.clone() })
+    }
+
+    /// Records the step.
+    pub fn record(&self, rec: &mut Recorder, step: u32) -> Result<()> {
+        rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work_in, LIST_GROUPS)
+    }
+}
+
+/// A path before or after a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EyePath {
+    /// Its slot.
+    pub slot: u32,
+    /// Its ray; `None`: it goes on no more.
+    pub ray: Option<Ray>,
+    /// Throughput so far.
+    pub throughput: Vec3,
+    /// Depth of the ray's origin, see [`Paths`].
+    pub depth: f32,
+    /// Bodies of glass around the ray.
+    pub media: Media,
+    /// Emission that it met.
+    pub emitted: Vec3,
+}
+
+/// Oracle: a path of cosine `cos_view` after its hit on `surface` at distance `t`, and the second component if it is split
+/// (into slot `twins` further on, 0: paths are not split). `None` where the surface is neither mirror nor glass.
+pub fn reference(
+    frame: &layout::Frame,
+    scene: &Scene,
+    step: u32,
+    twins: u32,
+    path: &EyePath,
+    (d, t, cos_view): (Vec3, f32, f32),
+    surface: &SurfacePoint,
+) -> Option<(EyePath, Option<EyePath>)> {
+    let material = &scene.materials[surface.material as usize];
+    let normals = Normals { geometric: surface.geometric, shading: surface.shading, front: surface.front };
+    let eta = path.media.relative_index(&scene.materials, surface.material, surface.front);
+    let fork = ways(material, &surface.finish, &normals, -d, eta)?.fork(surface.reflectance.kd);
+    let split = step == 0 && twins > 0;
+    let first = split || random_f32(key(frame.keys[0], COMPONENT, path.slot, step)) < fork.probability;
+    let (way, probability) = if first { (fork.first, fork.probability) } else { (fork.second, 1.0 - fork.probability) };
+    let chance = if split { 1.0 } else { probability };
+    let on = |slot: u32, way: Way, chance: f32| {
+        let side = if way.wi.dot(surface.geometric) > 0.0 { surface.geometric } else { -surface.geometric };
+        let origin = offset_origin(surface.position, side, frame.eye[3]);
+        let media = if way.crosses { path.media.crossed(surface.material, surface.front) } else { path.media };
+        let throughput = path.throughput * way.weight / chance;
+        let goes_on = throughput.max_element() > 0.0;
+        EyePath {
+            slot,
+            ray: goes_on.then_some(Ray { origin, t_max: 3.0e38, direction: way.wi }),
+            throughput,
+            depth: if goes_on { path.depth + cos_view * t } else { path.depth },
+            media,
+            emitted: Vec3::ZERO,
+        }
+    };
+    let mut next = match way {
+        Some(way) => on(path.slot, way, chance),
+        None => EyePath { ray: None, throughput: path.throughput / chance, ..*path },
+    };
+    // What a mirror over a base emits is left to the base.
+    let has_base = fork.first.is_none();
+    next.emitted = path.emitted + if has_base { Vec3::ZERO } else { path.throughput * surface.emission };
+    let twin = fork.second.filter(|_| split).map(|way| on(path.slot + twins, way, 1.0));
+    Some((next, twin))
+}

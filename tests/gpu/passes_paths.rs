@@ -1,0 +1,282 @@
+//! Eye paths through mirrors and glass, and what becomes of their second components, against their oracles.
+
+use std::collections::BTreeMap;
+
+use glam::{Vec3, Vec4};
+use lightsum::bsdf::ideal::Media;
+use lightsum::gpu::{download, upload};
+use lightsum::pass::Kernels;
+use lightsum::pass::eye_paths::{self, EyePath};
+use lightsum::pass::merge::{self, Merge};
+use lightsum::pass::receivers::surface_at;
+use lightsum::pass::{List, layout, tiles};
+use lightsum::scene::{Scene, builtin};
+use lightsum::settings::{Settings, Traversal};
+
+use crate::passes_light::{Sheet, fill};
+use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, ray_of, same_hit, untouched};
+use crate::support::gpu_test;
+
+/// What may differ of a direction: refraction near the critical angle magnifies the rounding of roots and divisions.
+const DIRECTION: f32 = 1e-3;
+
+/// Share of paths that rounding may send another way.
+const STRAYS: f64 = 0.005;
+
+/// The eye paths of all slots as the device left them.
+struct Paths {
+    origin: Vec<Vec4>,
+    direction: Vec<Vec4>,
+    hits: Vec<Vec4>,
+    throughput: Vec<Vec4>,
+    media: Vec<[u32; 4]>,
+    emitted: Vec<Vec4>,
+}
+
+impl Paths {
+    fn of(rig: &Rig) -> Paths {
+        let frame = rig.frame();
+        Paths {
+            origin: rig.vec4s(&frame.rays.origin),
+            direction: rig.vec4s(&frame.rays.direction),
+            hits: rig.vec4s(&frame.rays.hits),
+            throughput: rig.vec4s(&frame.paths.throughput),
+            media: rig.get(&frame.paths.media),
+            emitted: rig.vec4s(&frame.primary.emitted),
+        }
+    }
+
+    fn bits(&self, i: usize) -> Vec<u32> {
+        let vectors = [&self.origin, &self.direction, &self.hits, &self.throughput, &self.emitted];
+        vectors.iter().flat_map(|v| v[i].to_array().map(f32::to_bits)).chain(self.media[i]).collect()
+    }
+
+    /// Whether slot `i` is as the oracle says after its step.
+    fn is(&self, i: usize, expected: &EyePath, cos_view: f32) -> bool {
+        let state = close(self.throughput[i].truncate(), expected.throughput, DIRECTION, 1e-6)
+            && (self.throughput[i].w - expected.depth).abs() <= 1e-4 * expected.depth
+            && close(self.emitted[i].truncate(), expected.emitted, 1e-4, 1e-6);
+        let Some(ray) = expected.ray else { return state };
+        let found = ray_of(self.origin[i], self.direction[i]);
+        state
+            && close(found.origin, ray.origin, 1e-5, 1e-6)
+            && found.t_max == ray.t_max
+            && close(found.direction, ray.direction, 0.0, DIRECTION)
+            && self.direction[i].w == cos_view
+            && Media(self.media[i]) == expected.media
+    }
+}
+
+/// How often paths did what.
+#[derive(Debug, Default)]
+struct Seen {
+    split: usize,
+    first: usize,
+    second: usize,
+    stayed: usize,
+    crossed: usize,
+    within_two: usize,
+}
+
+/// Runs one step and compares it with the oracle.
+fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
+    let frame = rig.frame();
+    let [width, height, pixels, _] = rig.parameters.size;
+    let slots = (frame.paths.throughput.bytes() / 16) as u32;
+    let twins = if slots > pixels { pixels } else { 0 };
+    let before = Paths::of(rig);
+    let entering: Vec<u32> = match step.checked_sub(1) {
+        None => (0..pixels).collect(),
+        Some(last) => rig.eye_list(last),
+    };
+    rig.run(|frame, rec| frame.record_eye_step(rec, step));
+    let in_tile: Vec<u32> = rig.ideal_pixels();
+    let after = Paths::of(rig);
+    let what = format!("{width}x{height}, step {step}");
+    let mut expected = BTreeMap::new();
+    for &slot in &entering {
+        let i = slot as usize;
+        let Some(hit) = hit_of(before.hits[i]) else { continue };
+        let (d, cos_view) = (before.direction[i].truncate(), before.direction[i].w);
+        let path = EyePath {
+            slot,
+            ray: None,
+            throughput: before.throughput[i].truncate(),
+            depth: before.throughput[i].w,
+            media: if step == 0 { Media::default() } else { Media(before.media[i]) },
+            emitted: before.emitted[i].truncate(),
+        };
+        let surface = surface_at(rig.scene, rig.bvh(), &hit, d);
+        let way = (d, hit.t, cos_view);
+        let number = step as u32;
+        if let Some((next, twin)) =
+            eye_paths::reference(&rig.parameters, rig.scene, number, twins, &path, way, &surface)
+        {
+            seen.split += usize::from(twin.is_some());
+            seen.stayed += usize::from(next.ray.is_none());
+            seen.crossed += usize::from(next.media != path.media);
+            seen.within_two += usize::from(next.media.0[1] != 0);
+            if let Some(ray) = next.ray {
+                let through = ray.direction.dot(surface.geometric) < 0.0;
+                *(if through { &mut seen.first } else { &mut seen.second }) += 1;
+            }
+            for path in [Some(next), twin].into_iter().flatten() {
+                expected.insert(path.slot, (path, cos_view));
+            }
+        }
+    }
+    let mut tally = Tally::new(format!("eye_paths, {what}"));
+    for (&slot, (path, cos_view)) in &expected {
+        let i = slot as usize;
+        tally.check(after.is(i, path, *cos_view), || {
+            let (origin, direction) = (after.origin[i], after.direction[i]);
+            format!("slot {slot}: {origin} {direction} {} {:?} for {path:?}", after.throughput[i], after.media[i])
+        });
+    }
+    tally.finish(STRAYS);
+    // A path that chance sends the other way is on the list or not all the same, but for mirrors over a base.
+    let on: Vec<u32> = expected.iter().filter(|(_, (path, _))| path.ray.is_some()).map(|(&slot, _)| slot).collect();
+    let listed = rig.eye_list(step);
+    let strays = on.iter().filter(|s| !listed.contains(s)).chain(listed.iter().filter(|s| !on.contains(s))).count();
+    assert!(strays <= (on.len() as f64 * STRAYS) as usize, "{what}: {strays} of {} are listed wrongly", on.len());
+    let mut traced = Tally::new(format!("trace of eye paths, {what}"));
+    for &slot in &listed {
+        let i = slot as usize;
+        let (hit, ray) = (hit_of(after.hits[i]), ray_of(after.origin[i], after.direction[i]));
+        traced.check(same_hit(hit, rig.bvh().closest(&ray)), || format!("slot {slot}: {hit:?} of {ray:?}"));
+    }
+    traced.finish(STRAYS);
+    for slot in (0..slots).filter(|s| !expected.contains_key(s)) {
+        let i = slot as usize;
+        if step == 0 && slot >= pixels && in_tile.binary_search(&(slot - pixels)).is_ok() {
+            let nothing = after.throughput[i] == Vec4::ZERO && after.emitted[i] == Vec4::ZERO;
+            assert!(nothing && untouched(after.hits[i]), "{what}: slot {slot} carries nothing");
+        } else {
+            assert!(before.bits(i) == after.bits(i), "{what}: slot {slot} is left alone");
+        }
+    }
+}
+
+/// Compares the list of tiles that show mirrors or glass.
+fn check_tiles(rig: &Rig) {
+    let List { pixels: list, work } = &rig.frame().ideal_tiles;
+    let [width, height, pixels, _] = rig.parameters.size;
+    let hits = rig.vec4s(&rig.frame().rays.hits);
+    let material = |hit: &Vec4| hit_of(*hit).map(|hit| rig.bvh().material(hit.triangle));
+    let materials: Vec<Option<u32>> = hits[..pixels as usize].iter().map(material).collect();
+    rig.run(|frame, rec| frame.record_tiles(rec));
+    let work: layout::Work = rig.get(work)[0];
+    let expected = tiles::reference(rig.scene, [width, height], &materials);
+    assert_eq!(rig.get::<u32>(list)[..work.live as usize], expected, "{width}x{height}");
+    let [x, y, z, _] = work.list_groups;
+    assert!(x * y >= work.live && x * y < work.live + x.max(1) && z == 1, "{work:?}");
+}
+
+/// Runs the steps of the eye paths, comparing each.
+fn follow(rig: &Rig, seen: &mut Seen) {
+    let frame = rig.frame();
+    let paths = &frame.paths;
+    rig.prefill(&[&frame.rays.origin, &frame.rays.direction, &frame.rays.hits, &frame.primary.emitted]);
+    rig.prefill(&[&paths.throughput, &paths.media]);
+    rig.run(|frame, rec| frame.record_eye_rays(rec));
+    check_tiles(rig);
+    for step in 0..frame.eye_lists.len() {
+        check_step(rig, step, seen);
+    }
+    assert_eq!(rig.lost(), 0);
+}
+
+#[test]
+fn eye_paths_follow_their_oracle() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        for split in [true, false] {
+            let mut seen = Seen::default();
+            for (i, resolution) in AWKWARD_IMAGES.into_iter().enumerate() {
+                let settings = Settings { paths: 1, max_specular: 5, split, seed: i as u64, ..Settings::default() };
+                let rig = Rig::new(ctx, &scene, resolution, settings);
+                assert_eq!(rig.frame().eye_lists.len(), 5);
+                follow(&rig, &mut seen);
+            }
+            let all = [seen.first, seen.second, seen.stayed, seen.crossed, seen.within_two];
+            assert!(all.iter().all(|&n| n > 5) && (seen.split > 5) == split, "{seen:?}");
+        }
+    });
+}
+
+#[test]
+fn scenes_without_mirrors_and_glass_do_not_pay() {
+    gpu_test(|ctx| {
+        let steps = |scene: &Scene, settings: Settings| {
+            let rig = Rig::new(ctx, scene, [9, 5], settings);
+            let slots = rig.frame().primary.position.bytes() / 16;
+            (rig.frame().eye_lists.len(), slots / 45)
+        };
+        let defaults = Settings { paths: 1, ..Settings::default() };
+        assert_eq!(steps(&builtin::furnace(0.5, 1.0), defaults.clone()), (0, 1));
+        assert_eq!(steps(&gallery(), defaults.clone()), (8, 2));
+        assert_eq!(steps(&gallery(), Settings { split: false, ..defaults.clone() }), (8, 1));
+        assert_eq!(steps(&gallery(), Settings { max_specular: 0, ..defaults.clone() }), (0, 1));
+        // Mirrors without a base have one component.
+        let mut scene = builtin::furnace(0.5, 1.0);
+        scene.materials[0].surface = lightsum::scene::Surface::Mirror;
+        assert_eq!(steps(&scene, defaults.clone()), (8, 2));
+        scene.materials[0].metallic = 1.0;
+        assert_eq!(steps(&scene, defaults), (8, 1));
+    });
+}
+
+/// Many tiles, few of them marked: the list keeps their order over all stretches.
+#[test]
+fn tiles_are_listed_in_order() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        for resolution in [[1, 1], [8, 513], [521, 9], [640, 200]] {
+            let rig = Rig::new(ctx, &scene, resolution, Settings { paths: 1, ..Settings::default() });
+            rig.run(|frame, rec| frame.record_eye_rays(rec));
+            check_tiles(&rig);
+        }
+    });
+}
+
+#[test]
+fn merge_adds_second_components_to_their_pixels() {
+    gpu_test(|ctx| {
+        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
+        for [width, height] in AWKWARD_IMAGES {
+            let size = (width * height) as usize;
+            let s = Sheet::new(ctx, [width, height], 1);
+            let (r, n) = (&s.receivers, &mut Numbers(size as u32));
+            // Every third second component is not lit, and what its sums hold is not its light.
+            let lit = |i: u32| if i % 3 == 2 { 0.0 } else { 1.0 };
+            let kd = fill(ctx, &r.kd, n, 1.0, |_| 1.0);
+            fill(ctx, &r.wo, n, 1.0, lit);
+            let emitted = fill(ctx, &r.emitted, n, 1.0, |_| 0.0);
+            let through = fill(ctx, &s.paths.throughput, n, 1.0, |_| 1.0);
+            let light = [&s.sums.direct, &s.sums.indirect, &s.sums.specular].map(|b| fill(ctx, b, n, 1.0, |_| 0.0));
+            // Every other tile.
+            let across = width.div_ceil(8);
+            let tiles: Vec<u32> = (0..across * height.div_ceil(8)).step_by(2).collect();
+            let live = tiles.len() as u32;
+            let work = layout::Work { live, list_groups: [live, 1, 1, 0], ..layout::Work::default() };
+            let list = List {
+                pixels: upload(ctx, "tiles", &tiles).unwrap(),
+                work: upload(ctx, "tile work", &[work]).unwrap(),
+            };
+            let pass = Merge::new(&kernels, &s.frame, r, &s.paths, &s.sums, &list).unwrap();
+            ctx.submit_and_wait("merge", None, |rec| pass.record(rec)).unwrap();
+            let found = download::<Vec4>(ctx, &r.emitted).unwrap();
+            for i in 0..size {
+                let (x, y, k) = (i as u32 % width, i as u32 / width, size + i);
+                let is_lit = lit(k as u32) > 0.0;
+                let light = light.each_ref().map(|l| if is_lit { l[k].truncate() } else { Vec3::ZERO });
+                let vectors = [emitted[k], through[k], kd[k]].map(Vec4::truncate);
+                let listed = (x / 8 + y / 8 * across) % 2 == 0;
+                let more = merge::reference(vectors[0], vectors[1], vectors[2], light);
+                let expected = emitted[i].truncate() + if listed { more } else { Vec3::ZERO };
+                assert!(close(found[i].truncate(), expected, 1e-6, 0.0), "{x} {y}: {} for {expected}", found[i]);
+                assert_eq!(found[k], emitted[k], "second component of {x} {y}");
+            }
+        }
+    });
+}
