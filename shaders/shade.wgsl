@@ -60,7 +60,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var l_specular = select(vec3<f32>(0.0), specular[pixel].xyz, step.fresh == 0u);
 #endif
 
-    while light < step.end {
+    // A dispatch is bounded: what is left of a larger chunk goes on in the next round.
+    let end = min(step.end, light + step.bounce);
+    while light < end {
         let l_position = lights[light].position;
 #if VISIBILITY
         let d = l_position.xyz - origin;

@@ -159,7 +159,8 @@ impl Steps {
                 (rays, table.add(Step { bounce: j as u32, ..Step::default() }))
             })
             .collect();
-        let chunk_size = Chunk::size(settings, lanes.is_some());
+        let lanes_in_use = Chunk::lanes(settings, lanes);
+        let chunk_size = Chunk::size(settings, lanes_in_use.is_some());
         let shade = plan
             .chunks(chunk_size, plan.survivors.len())
             .iter()
@@ -167,7 +168,7 @@ impl Steps {
                 // Parallel light comes from no place.
                 let mut places = delta.iter().take(end as usize).skip(first as usize);
                 let parallel = places.any(|l| l.flags() & PointLight::DIRECTIONAL != 0);
-                Chunk::new(table, settings, (first, end), lanes.filter(|_| !parallel))
+                Chunk::new(table, settings, (first, end), lanes_in_use.filter(|_| !parallel))
             })
             .collect();
         let (depth, sorts) = (settings.max_depth, lanes.is_some());

@@ -23,13 +23,14 @@ pub enum Clip {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Traversal {
-    /// Clusters where the device and the scene allow it, else single rays.
+    /// Clusters where the device and the scene allow it, else single rays. A renderer that keeps a pipeline cache measures
+    /// once which are faster (see [`crate::calibrate`]).
     #[default]
     Auto,
     /// One ray for each invocation: runs on every device.
     Single,
     /// A subgroup walks the tree for a cluster of 64 receivers and one light together: several times faster. Needs
-    /// subgroups of 8 or 16 with shuffles. Visibility differs from that of single rays only for rays within
+    /// subgroups of 4, 8, 16, 32 or 64 with shuffles. Visibility differs from that of single rays only for rays within
     /// rounding of a triangle's edge or plane.
     Cluster,
 }

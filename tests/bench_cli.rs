@@ -206,6 +206,26 @@ fn shadow_rays_are_counted_and_written() {
     assert_eq!(first, room.positions[0].to_array());
 }
 
+#[test]
+fn shadow_rays_are_verified_and_what_clusters_meet_is_counted() {
+    let folder = folder();
+    let lines = lines(folder.path(), "shadow-rays --scene room:300 --lights 5 --verify --counters --only cluster");
+    for line in &lines {
+        if line["kernel"] == "cluster" {
+            assert!(
+                line["differing_receivers"].as_u64().unwrap() * 100 <= line["receivers"].as_u64().unwrap(),
+                "{line}"
+            );
+        } else {
+            assert_eq!(line["kernel"], "counters");
+            assert!(positive(&line["nodes_per_pair"]) >= 1.0, "{line}");
+            positive(&line["rays"]);
+        }
+    }
+    // A device without clusters has nothing to tell; the program has still succeeded.
+    assert!([0, 2].contains(&lines.len()), "{lines:?}");
+}
+
 /// A program that takes the place of Embree.
 fn peer(folder: &Path, script: &str) -> PathBuf {
     use std::os::unix::fs::PermissionsExt;

@@ -19,7 +19,7 @@ struct Step {
     first: u32,                 // first light of the chunk; for the eye's path the first slot of second components, 0: none
     end: u32,                   // one past the last
     round: u32,                 // 0 starts rays, later rounds carry them on
-    bounce: u32,                // 0: what the eye sees; for the eye's path mirrors and glass so far
+    bounce: u32,                // 0: what the eye sees; mirrors and glass so far; the most lights that a single ray takes
     steps: u32,                 // traversal steps of one ray in this round
     last: u32,                  // 1: the last round (rays left over are lost), or the last bounce
     indirect: u32,              // 1: the receivers come from the list

@@ -65,7 +65,8 @@ pub struct Step {
     pub end: u32,
     /// 0 starts rays, later rounds carry them on.
     pub round: u32,
-    /// 0 is what the eye sees; for the walk the number of reflections; for the eye's path mirrors and glass so far.
+    /// 0 is what the eye sees; for the walk the number of reflections; for the eye's path mirrors and glass so far; for
+    /// shading the most lights that a single ray takes in a round.
     pub bounce: u32,
     /// Traversal steps of one ray in this round.
     pub steps: u32,

@@ -18,16 +18,19 @@
 //! Two kernels compute the same sums ([`crate::settings::Traversal`]):
 //!
 //! - `shade.wgsl`: an invocation is a receiver and walks the binary tree by itself. It runs on every device.
-//! - `shade_cluster.wgsl`: a subgroup of 8 or 16 takes 64 receivers that stand together (see `sort`) and walks the eight-wide tree
-//!   for all of them and one light. The rays of a cluster share the light, so they lie in a narrow shaft: lane k tests child
-//!   k against the shaft by interval arithmetic, what survives is tested against the rays, and a leaf's triangles are set
-//!   up one a lane as planes through the light. What its budget does not suffice for goes on in the first kernel, and
-//!   so does parallel light, which comes from no place.
+//! - `shade_cluster.wgsl`: a subgroup of 4 to 64 takes 64 receivers that stand together (see `sort`) and walks the eight-wide tree
+//!   for all of them and one light. First, a lane for each light, lights are dropped that no receiver of the cluster can see:
+//!   all face away, or the light's back is turned to them, or the greatest irradiance at the nearest point of the cluster's box
+//!   does not exceed [`crate::settings::Settings::light_threshold`]. The rays of a cluster share the light, so they lie in a narrow
+//!   shaft: lane k tests child k against the shaft by interval arithmetic, what survives is tested against the rays, and a
+//!   leaf's triangles are set up one a lane as planes through the light. The stack holds a word for each node that has children
+//!   left, sixteen in all, in registers. The leaf that blocked the last light is tried first. What its budget does not suffice
+//!   for goes on in the next round, at last in the first kernel, and so does parallel light, which comes from no place.
 //!
 //! Visibility is the same but for rays within rounding of a triangle's edge or plane.
 //!
-//! Cost: for each receiver-light pair that faces each other one shadow ray (as in `trace`, any hit ends it; in clusters a
-//! third to a quarter of that) and some 60 operations; grows linearly with receivers and lights.
+//! Cost: for each receiver-light pair that faces each other one shadow ray (as in `trace`, any hit ends it; in clusters about a
+//! tenth of that on lavapipe, see `docs/benchmarks.md`) and some 60 operations; grows linearly with receivers and lights.
 
 use glam::Vec3;
 
@@ -180,21 +183,30 @@ impl Walkers {
 }
 
 impl Chunk {
+    /// Lanes of the subgroups that take clusters of the scene, if the budget of a dispatch suffices for them.
+    pub fn lanes(settings: &Settings, lanes: Option<u32>) -> Option<u32> {
+        let steps = |lanes: u32| plan::cluster_steps(Chunk::size(settings, true), settings.loop_budget, lanes);
+        lanes.filter(|&lanes| steps(lanes) >= plan::LEAST_CLUSTER_STEPS)
+    }
+
     /// Greatest number of lights of a chunk. Clusters take more than single rays: they load their receivers once for all.
     pub fn size(settings: &Settings, clusters: bool) -> u32 {
         let single = settings.lights_per_dispatch;
         if clusters { (4 * single).min(CLUSTER_LIGHTS) } else { single }
     }
 
-    /// Steps for the lights `first..end` of a chunk; `lanes`: lanes of the subgroup that takes a cluster, if clusters do.
+    /// Steps for the lights `first..end` of a chunk; `lanes`: as [`Chunk::lanes`] gives it, if clusters take the chunk.
     pub fn new(table: &mut StepTable, settings: &Settings, (first, end): (u32, u32), lanes: Option<u32>) -> Chunk {
-        let (size, rounds) = (Chunk::size(settings, lanes.is_some()), settings.rounds);
-        let steps = plan::shade_steps(size, settings.loop_budget);
-        let chunk = Step { first, end, steps, indirect: 1, fresh: u32::from(first == 0), ..Step::default() };
-        let cluster_steps = lanes.map_or(0, |lanes| plan::cluster_steps(size, settings.loop_budget, lanes));
-        if cluster_steps < plan::LEAST_CLUSTER_STEPS {
+        // Single rays take so many lights in a round, and as many more rounds for a larger chunk.
+        let most = settings.lights_per_dispatch;
+        let rounds = settings.rounds * (end - first).div_ceil(most).max(1);
+        let steps = plan::shade_steps(most, settings.loop_budget);
+        let fresh = u32::from(first == 0);
+        let chunk = Step { first, end, steps, bounce: most, indirect: 1, fresh, ..Step::default() };
+        let Some(lanes) = lanes else {
             return Chunk { rounds: table.add_rounds(rounds, chunk), clusters: false };
-        }
+        };
+        let cluster_steps = plan::cluster_steps(Chunk::size(settings, true), settings.loop_budget, lanes);
         let fresh = |round: u32| if round == 0 { chunk.fresh } else { 0 };
         let together =
             (0..CLUSTER_ROUNDS).map(|round| Step { round, fresh: fresh(round), steps: cluster_steps, ..chunk });

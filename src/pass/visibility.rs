@@ -123,7 +123,7 @@ impl Visibility {
 
         let mut table = StepTable::default();
         let lights = workload.lights.len() as u32;
-        let lanes = scene.cluster_lanes(context);
+        let lanes = Chunk::lanes(settings, scene.cluster_lanes(context).filter(|_| forms.cluster.is_some()));
         let size = Chunk::size(settings, lanes.is_some());
         let chunks = (0..lights.div_ceil(size))
             .map(|i| Chunk::new(&mut table, settings, (i * size, lights.min((i + 1) * size)), lanes))

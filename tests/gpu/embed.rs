@@ -3,6 +3,7 @@
 use ash::vk;
 use lightsum::gpu::{Context, DeviceChoice, Retained, download};
 use lightsum::scene::builtin;
+use lightsum::settings::Traversal;
 use lightsum::{Camera, Engine, Error, RenderOptions, Renderer, Scene, Settings};
 
 use crate::support::{assert_silent, gpu_test};
@@ -204,7 +205,14 @@ fn a_pass_with_lost_rays_is_left_out() {
         // Two thousand needles through one point, and 155 steps for each shadow ray: some cannot finish.
         let scene = builtin::deep_scene(2000);
         let camera = Camera { resolution: [9, 7], ..scene.camera.unwrap() };
-        let settings = Settings { paths: 4, max_depth: 2, lights_per_dispatch: 64, rounds: 1, ..Settings::default() };
+        let settings = Settings {
+            paths: 4,
+            max_depth: 2,
+            lights_per_dispatch: 64,
+            rounds: 1,
+            traversal: Traversal::Single,
+            ..Settings::default()
+        };
         let mut engine = ready(ctx, &scene, camera, &settings);
         let counts = |engine: &Engine| download::<u32>(ctx, &engine.frame().film.counts).unwrap()[..2].to_vec();
         let black = image(ctx, &mut engine, 1);

@@ -1,7 +1,9 @@
 //! Shadow rays in clusters against shadow rays one by one.
 
 use glam::Vec3;
+use lightsum::calibrate;
 use lightsum::gpu::Context;
+use lightsum::pass::Forms;
 use lightsum::pass::sort;
 use lightsum::scene::{Camera, Light, Material, Scene, Triangle, builtin};
 use lightsum::settings::{Clip, Settings, Traversal};
@@ -164,6 +166,38 @@ fn lists_are_sorted_and_the_same_in_every_run() {
                     "{width}x{height}"
                 );
             }
+        }
+    });
+}
+
+#[test]
+fn the_choice_of_kernel_is_measured_and_kept() {
+    gpu_test(|ctx| {
+        let dir = tempfile::tempdir().unwrap();
+        let cache = dir.path().join("pipelines.bin");
+        let file = dir.path().join("pipelines.bin.traversal.json");
+        let first = calibrate::choose(ctx, &cache).unwrap();
+        if Forms::visibility(ctx, Traversal::Auto).unwrap().cluster.is_none() {
+            assert_eq!((first, file.exists()), (Traversal::Single, false), "there is nothing to choose from");
+            return;
+        }
+        let read = || serde_json::from_str::<serde_json::Value>(&std::fs::read_to_string(&file).unwrap()).unwrap();
+        let mut measured = read();
+        let faster = measured["cluster"].as_f64().unwrap() < measured["single"].as_f64().unwrap();
+        assert_eq!(first, if faster { Traversal::Auto } else { Traversal::Single });
+        // What the file says counts.
+        for (single, choice) in [(1e9, Traversal::Auto), (1e-9, Traversal::Single)] {
+            measured["single"] = single.into();
+            std::fs::write(&file, measured.to_string()).unwrap();
+            assert_eq!(calibrate::choose(ctx, &cache).unwrap(), choice);
+            assert_eq!(read(), measured, "it was measured again");
+        }
+        // Unless it is of another device, or damaged.
+        measured["of"] = "another device".into();
+        for text in [measured.to_string(), String::from("{")] {
+            std::fs::write(&file, text).unwrap();
+            calibrate::choose(ctx, &cache).unwrap();
+            assert!(read()["single"].as_f64().unwrap() > 1e-6, "it was not measured again");
         }
     });
 }
