@@ -67,7 +67,7 @@ const CLUSTER_LIGHTS: u32 = 32;
 
 /// Steps of one chunk of lights.
 pub struct Chunk {
-    /// Its rounds. The first [`CLUSTER_ROUNDS`] may be taken by clusters; what they leave over goes on ray by ray.
+    /// Its rounds. The first four may be taken by clusters; what they leave over goes on ray by ray.
     pub rounds: Vec<u32>,
     /// All its lights have a place, so that clusters can look at them.
     pub clusters: bool,
