@@ -1,5 +1,7 @@
 //! The frame: each pass once, in order, outputs feeding inputs.
 
+mod steps;
+
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Image, Memory, Recorder, Staging};
 use crate::pass::accumulate::{Accumulate, Film};
@@ -7,21 +9,22 @@ use crate::pass::camera_rays::CameraRays;
 use crate::pass::collect::Collect;
 use crate::pass::eye_paths::{self, EyePaths};
 use crate::pass::gather::Gather;
-use crate::pass::layout::{self, PointLight, Step, Work};
+use crate::pass::layout::{self, PointLight, Work};
 use crate::pass::merge::Merge;
 use crate::pass::receivers::{self, ReceiversPass};
 use crate::pass::resolve::Resolve;
 use crate::pass::schedule::Schedule;
-use crate::pass::shade::{self, Chunk, Shade};
-use crate::pass::sort::{Sort, SortBuffers, SortSteps};
+use crate::pass::shade::{self, Shade};
+use crate::pass::sort::{Sort, SortBuffers};
 use crate::pass::tiles::Tiles;
 use crate::pass::trace::Trace;
 use crate::pass::walk_reflect::WalkReflect;
 use crate::pass::walk_start::WalkStart;
 use crate::pass::{Kernels, List, Paths, Rays, Receivers, Sums, vec4s};
-use crate::plan::{EyePlan, LightPlan, StepTable, trace_steps};
+use crate::plan::{EyePlan, LightPlan, StepTable};
 use crate::scene_buffers::SceneBuffers;
 use crate::settings::Settings;
+use steps::Steps;
 
 /// The passes of a frame with their buffers and steps.
 pub struct Frame {
@@ -110,107 +113,6 @@ struct Arrive {
     trace: Trace,
     receivers: ReceiversPass,
     collect: Collect,
-}
-
-/// Indices into the step table.
-struct Steps {
-    /// For j = 1, 2, ...: tracing rounds of the particles that make the j-th reflection, and the reflection.
-    walk: Vec<(Vec<u32>, u32)>,
-    eye_trace: Vec<u32>,
-    /// For each step of the eye paths.
-    eye_paths: Vec<u32>,
-    /// Receivers of second components.
-    second: u32,
-    /// Rounds of every list of rays.
-    list_trace: Vec<u32>,
-    /// For a list that was just filled.
-    list: u32,
-    /// Chunks of lights, each in rounds; bounces take prefixes.
-    shade: Vec<Chunk>,
-    sort: SortSteps,
-    bounces: Vec<BounceSteps>,
-}
-
-struct BounceSteps {
-    /// Of the gather rays that leave the bounce before.
-    gather: u32,
-    /// Of receivers and their collection.
-    receivers: u32,
-    /// Chunks to light them with.
-    chunks: usize,
-}
-
-impl Steps {
-    fn new(
-        table: &mut StepTable,
-        settings: &Settings,
-        plan: &LightPlan,
-        delta: &[PointLight],
-        lanes: Option<u32>,
-        eye: &EyePlan,
-    ) -> Steps {
-        let pixels = eye.pixels;
-        let rounds = settings.rounds;
-        let trace = Step { steps: trace_steps(settings.loop_budget), ..Step::default() };
-        let walk = (1..plan.survivors.len())
-            .map(|j| {
-                // Ray j starts at every particle that has made j - 1 reflections and survives the next.
-                let rays = table.add_rounds(rounds, Step { end: plan.survivors[j], ..trace });
-                (rays, table.add(Step { bounce: j as u32, ..Step::default() }))
-            })
-            .collect();
-        let lanes_in_use = Chunk::lanes(settings, lanes);
-        let chunk_size = Chunk::size(settings, lanes_in_use.is_some());
-        let shade = plan
-            .chunks(chunk_size, plan.survivors.len())
-            .iter()
-            .map(|&(first, end)| {
-                // Parallel light comes from no place.
-                let mut places = delta.iter().take(end as usize).skip(first as usize);
-                let parallel = places.any(|l| l.flags() & PointLight::DIRECTIONAL != 0);
-                Chunk::new(table, settings, (first, end), lanes_in_use.filter(|_| !parallel))
-            })
-            .collect();
-        let (depth, sorts) = (settings.max_depth, lanes.is_some());
-        let clips =
-            !matches!(settings.clip, crate::settings::Clip::Distance(0.0) | crate::settings::Clip::Fraction(0.0));
-        let bounces = if settings.compensation && clips { depth } else { 1 };
-        let bounces: Vec<BounceSteps> = (0..bounces)
-            .map(|bounce| {
-                // Eye segment, `bounce` gather rays, shadow ray and j reflections are bounce + j + 2 segments.
-                let reflections = (depth as usize).checked_sub(bounce as usize + 2);
-                let chunks = reflections.map_or(0, |j| plan.chunks(chunk_size, j).len());
-                BounceSteps {
-                    gather: table.add(Step { bounce: bounce.max(1) - 1, indirect: 1, ..Step::default() }),
-                    receivers: table.add(Step {
-                        bounce,
-                        end: pixels,
-                        indirect: u32::from(bounce > 0),
-                        last: u32::from(bounce + 1 == depth),
-                        fresh: u32::from(sorts && chunks > 0),
-                        ..Step::default()
-                    }),
-                    chunks,
-                }
-            })
-            .collect();
-        Steps {
-            walk,
-            eye_trace: table.add_rounds(rounds, Step { end: pixels, ..trace }),
-            eye_paths: (0..eye.steps)
-                .map(|bounce| {
-                    let first = if bounce == 0 { eye.twins() } else { 0 };
-                    table.add(Step { first, bounce, indirect: u32::from(bounce > 0), ..Step::default() })
-                })
-                .collect(),
-            second: table.add(Step { first: eye.twins(), ..table.steps[bounces[0].receivers as usize] }),
-            list_trace: table.add_rounds(rounds, Step { indirect: 1, ..trace }),
-            list: table.add(Step { indirect: 1, ..Step::default() }),
-            shade,
-            sort: SortSteps::new(table),
-            bounces,
-        }
-    }
 }
 
 impl Frame {

@@ -235,6 +235,7 @@ impl ParameterSource {
             walk: [first, s.paths, rotation, self.lights.delta],
             keys: [pass_key, instance_key, u32::from(s.jitter), instance],
             scene: [self.nodes, self.emitters, s.max_depth, 0],
+            pattern: [s.pattern[0], s.pattern[1], s.classes(), self.lights.slots()],
             depths,
             shifts,
         })

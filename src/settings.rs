@@ -41,6 +41,12 @@ pub struct Settings {
     /// Particles N started from the lights in each pass. Default 32. Cost of a pass grows linearly with it (the
     /// shadow rays of a pixel are about N / (1 - rho)); more give less difference between passes.
     pub paths: u32,
+    /// Interleaved sampling (Wald et al. 2002, 4.2; row W1): the pixel grid is cut into patterns of this width and height,
+    /// and each place in the pattern, a class of pixels, has virtual lights of its own. Default 1 x 1: all pixels share one
+    /// set; 1 to 8 each way. Larger: as many shadow rays for each pixel, but a neighbourhood sees that many times as many
+    /// lights; before a filter or many passes the pattern shows, and the pixels of a cluster lie farther apart, so tracing
+    /// them is slower.
+    pub pattern: [u32; 2],
     /// Greatest number of segments of a light path from eye to emitter: 1 emitters only, 2 direct light, 5 direct light
     /// and three further reflections. Default 5. Higher is brighter and slower; 1 to 16.
     pub max_depth: u32,
@@ -82,6 +88,7 @@ impl Default for Settings {
     fn default() -> Self {
         Settings {
             paths: 32,
+            pattern: [1, 1],
             max_depth: 5,
             max_specular: 8,
             split: true,
@@ -103,6 +110,8 @@ impl Settings {
     pub const MAX_DEPTH: u32 = 16;
     /// Greatest `max_specular`.
     pub const MAX_SPECULAR: u32 = 64;
+    /// Greatest width and height of `pattern`.
+    pub const MAX_PATTERN: u32 = 8;
     /// Greatest `paths`.
     pub const MAX_PATHS: u32 = 65_536;
 
@@ -133,6 +142,8 @@ impl Settings {
             }
         };
         range("--paths", self.paths, 1, Self::MAX_PATHS)?;
+        range("--interleave", self.pattern[0], 1, Self::MAX_PATTERN)?;
+        range("--interleave", self.pattern[1], 1, Self::MAX_PATTERN)?;
         range("--max-depth", self.max_depth, 1, Self::MAX_DEPTH)?;
         range("--max-specular", self.max_specular, 0, Self::MAX_SPECULAR)?;
         range("--lights-per-dispatch", self.lights_per_dispatch, 1, 64)?;
@@ -150,6 +161,11 @@ impl Settings {
             });
         }
         Ok(())
+    }
+
+    /// Classes of pixels: places in the pattern.
+    pub fn classes(&self) -> u32 {
+        self.pattern[0] * self.pattern[1]
     }
 
     /// Clipping distance in scene units for a scene of this diagonal.

@@ -10,6 +10,7 @@ struct Frame {
     walk: vec4<u32>,            // first index of the sequence segment, N, window rotation, delta lights
     keys: vec4<u32>,            // key of the pass, key of the instance, jitter (0/1), instance
     scene: vec4<u32>,           // nodes, emitters, greatest path length, 0 (no compiler knows)
+    pattern: vec4<u32>,         // width and height of the interleaving pattern, classes, lights of each class
     depths: array<vec4<u32>, 16>,   // for j reflections: particles N_j, first light slot, bits of 1/N_j, N_(j+1)
     shifts: array<vec4<f32>, 16>,   // for j: Cranley-Patterson shifts of dimensions 2j, 2j+1; z, w: bits of their bases
 }

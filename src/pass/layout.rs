@@ -29,6 +29,8 @@ pub struct Frame {
     pub keys: [u32; 4],
     /// Nodes, emitters, greatest path length, 0 (which no compiler knows, see `accumulate.wgsl`).
     pub scene: [u32; 4],
+    /// Width and height of the interleaving pattern, classes, lights of each class.
+    pub pattern: [u32; 4],
     /// For j reflections: particles N_j, first light slot, bits of 1 / N_j, N_(j+1).
     pub depths: [[u32; 4]; 16],
     /// For j reflections: Cranley-Patterson shifts of dimensions 2j and 2j + 1, then bits of their bases.
