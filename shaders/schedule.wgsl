@@ -6,23 +6,23 @@
 @group(0) @binding(2) var<storage, read_write> status: array<u32>;    // [0]: rays that a last round left over
 var<immediate> push: Push;
 
-// Groups of 64 for `count` invocations, spread over two dimensions: one holds at most 65,535.
-fn spread(count: u32) -> vec4<u32> {
-    let groups = count / 64u + select(0u, 1u, count % 64u != 0u);
+// Groups of 64 for `count` invocations and `more` if there are any, spread over two dimensions: one holds at most 65,535.
+fn spread(count: u32, more: u32) -> vec4<u32> {
+    let groups = count / 64u + select(0u, 1u, count % 64u != 0u) + select(0u, more, count > 0u);
     let x = min(groups, 32768u);
     let y = select(0u, (groups + x - 1u) / max(x, 1u), x > 0u);
-    return vec4<u32>(x, y, 1u, 0u);
+    return vec4<u32>(x, y, 1u, more);
 }
 
 @compute @workgroup_size(1)
 fn main() {
     let step = steps[push.step];
     let live = atomicLoad(&work.live);
-    let list = spread(live);
+    let list = spread(live, work.list_groups.w);
     work.list_groups = list;
-    work.total_groups = spread(work.total);
+    work.total_groups = spread(work.total, 0u);
     // The rounds of a batch without a list run over all its rays.
-    let all = spread(step.end);
+    let all = spread(step.end, 0u);
     let groups_again = select(all, list, step.indirect == 1u);
     let unfinished = atomicExchange(&work.unfinished, 0u);
     work.round_groups = select(vec4<u32>(0u, 1u, 1u, 0u), groups_again, unfinished > 0u);

@@ -38,6 +38,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let pixel = list[slot];
+#if VISIBILITY
+    let lights_of_class = 0u;
+#else
+    let lights_of_class = class_of(pixel) * frame.pattern.w;
+#endif
     let nodes = frame.scene.x;
     var light = step.first;
     var node = 0u;
@@ -63,14 +68,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // A dispatch is bounded: what is left of a larger chunk goes on in the next round.
     let end = min(step.end, light + step.bounce);
     while light < end {
-        let l_position = lights[light].position;
+        let place = lights_of_class + light;
+        let l_position = lights[place].position;
 #if VISIBILITY
         let d = l_position.xyz - origin;
         let lit = dot(d, geometric.xyz) > 0.0;
 #else
-        let l_normal = lights[light].normal;
-        let l_emit = lights[light].emit;
-        let l_f0 = lights[light].f0;
+        let l_normal = lights[place].normal;
+        let l_emit = lights[place].emit;
+        let l_f0 = lights[place].f0;
         let flags = bitcast<u32>(l_position.w);
         let parallel = (flags & LIGHT_DIRECTIONAL) != 0u;
         let surface = (flags & LIGHT_SURFACE) != 0u;
@@ -82,8 +88,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         var intensity = l_emit.xyz * (select(1.0, max(cos_light, 0.0), surface) * spot * spot);
         // Rare work stands in loops that mostly run zero times: under a SIMD driver an `if` would be executed by all.
         for (var i = select(0u, 1u, (flags & LIGHT_GLOSSY) != 0u && cos_light > 0.0); i > 0u; i -= 1u) {
-            let l_wi = lights[light].wi;
-            let l_flux = lights[light].flux;
+            let l_wi = lights[place].wi;
+            let l_flux = lights[place].flux;
             let lobe = Reflectance(vec3<f32>(0.0), l_flux.w, l_f0.xyz, l_wi.w);
             intensity += l_flux.xyz * eval_specular(lobe, l_normal.xyz, l_wi.xyz, -wi) * cos_light;
         }

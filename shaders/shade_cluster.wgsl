@@ -36,6 +36,7 @@
 @group(0) @binding(16) var<storage, read_write> direct: array<vec4<f32>>;
 @group(0) @binding(17) var<storage, read_write> indirect: array<vec4<f32>>;
 @group(0) @binding(18) var<storage, read_write> specular: array<vec4<f32>>;
+@group(0) @binding(19) var<storage, read> classes: array<vec2<u32>>;    // first cluster, first receiver
 #endif
 var<immediate> push: Push;
 
@@ -178,11 +179,26 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let step = steps[push.step];
     let live = atomicLoad(&work.live);
     let cluster = spread_group(group, groups);
-    if cluster * 64u >= live {
+#if VISIBILITY
+    let begin = cluster * 64u;
+    let end = live;
+    let lights_of_class = 0u;
+#else
+    // A cluster takes receivers of one class of pixels, which has lights of its own.
+    var of_class = 0u;
+    for (var k = 1u; k < frame.pattern.z; k += 1u) {
+        of_class = select(of_class, k, classes[k].x <= cluster);
+    }
+    let several = frame.pattern.z > 1u;
+    let begin = select(0u, classes[of_class].y - 64u * classes[of_class].x, several) + cluster * 64u;
+    let end = select(live, classes[of_class + 1u].y, several);
+    let lights_of_class = of_class * frame.pattern.w;
+#endif
+    if begin >= end {
         return;
     }
     // A cluster goes on with the light that it did not finish, from the start; all its receivers stand at the same one.
-    let start = select(step.first, progress[list[cluster * 64u]].x, step.round > 0u);
+    let start = select(step.first, progress[list[begin]].x, step.round > 0u);
     if start >= step.end {
         return;
     }
@@ -199,7 +215,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var sum: array<vec3<f32>, RAYS>;
     var glossy = 0u;
     // The lights of a chunk have equally many reflections behind them.
-    let first_bounce = lights[step.first].f0.w == 0.0;
+    let first_bounce = lights[lights_of_class + step.first].f0.w == 0.0;
 #endif
     var lo = vec3<f32>(3.0e38);
     var hi = vec3<f32>(-3.0e38);
@@ -209,12 +225,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var shading_hi = vec3<f32>(-1.0);
     for (var r = 0u; r < RAYS; r += 1u) {
         // Slots beyond the last receiver repeat it and take no part.
-        let slot = cluster * 64u + r * LANES + lane;
-        let p = list[min(slot, live - 1u)];
+        let slot = begin + r * LANES + lane;
+        let p = list[min(slot, end - 1u)];
         pixel[r] = p;
         position[r] = receiver_position[p].xyz;
         geometric[r] = receiver_geometric[p].xyz;
-        present |= select(0u, 1u << r, slot < live);
+        present |= select(0u, 1u << r, slot < end);
         lo = min(lo, position[r]);
         hi = max(hi, position[r]);
         geometric_lo = min(geometric_lo, geometric[r]);
@@ -225,8 +241,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         shading[r] = receiver_shading[p].xyz;
         shading_lo = min(shading_lo, shading[r]);
         shading_hi = max(shading_hi, shading[r]);
-        glossy |= select(0u, 1u << r, slot < live && receiver_f0[p].w > 0.0);
-        if fresh && slot < live {
+        glossy |= select(0u, 1u << r, slot < end && receiver_f0[p].w > 0.0);
+        if fresh && slot < end {
             direct[p] = vec4<f32>(0.0);
             indirect[p] = vec4<f32>(0.0);
             specular[p] = vec4<f32>(0.0);
@@ -245,7 +261,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if VISIBILITY
     for (var base = 0u; base < count; base += LANES) {
         let i = base + lane;
-        let to_light = lights[step.first + min(i, count - 1u)].position.xyz;
+        let to_light = lights[lights_of_class + step.first + min(i, count - 1u)].position.xyz;
         let faces = greatest_dot(geometric_lo, geometric_hi, to_light - hi, to_light - lo) > 0.0;
         todo |= select(0u, 1u << (i & 31u), faces && i < count && step.first + i >= start);
     }
@@ -254,7 +270,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     shading_hi = -min_reduce(-shading_hi);
     for (var base = 0u; base < count; base += LANES) {
         let i = base + lane;
-        let l = lights[step.first + min(i, count - 1u)];
+        let l = lights[lights_of_class + step.first + min(i, count - 1u)];
         let d_lo = l.position.xyz - hi;
         let d_hi = l.position.xyz - lo;
         let flags = bitcast<u32>(l.position.w);
@@ -282,13 +298,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var left = step.steps;
     var blocker = 0u;
     while todo != 0u && left > 0u {
-        let light = step.first + firstTrailingBit(todo);
-        let l_position = lights[light].position;
+        let place = lights_of_class + step.first + firstTrailingBit(todo);
+        let l_position = lights[place].position;
         let origin = l_position.xyz;
 #if VISIBILITY
 #else
-        let l_normal = lights[light].normal;
-        let l_emit = lights[light].emit;
+        let l_normal = lights[place].normal;
+        let l_emit = lights[place].emit;
         let flags = bitcast<u32>(l_position.w);
         let surface = (flags & LIGHT_SURFACE) != 0u;
 #endif
@@ -508,7 +524,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         // Specular lobes, of the light or of receivers, are rarer: ray by ray.
         for (var rest = alive & select(glossy, present, (flags & LIGHT_GLOSSY) != 0u); rest != 0u; rest &= rest - 1u) {
             let ray = firstTrailingBit(rest);
-            let extra = add_lobes(light, list[cluster * 64u + ray * LANES + lane], clip2);
+            let extra = add_lobes(place, list[begin + ray * LANES + lane], clip2);
             for (var r = 0u; r < RAYS; r += 1u) {
                 sum[r] += select(vec3<f32>(0.0), extra, r == ray);
             }

@@ -1,4 +1,4 @@
-// Keys of the receivers on a list: Morton codes of their positions. See pass/sort.rs.
+// Keys of the receivers on a list: Morton codes of their positions, and above them the class. See pass/sort.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 
@@ -8,7 +8,7 @@
 @group(0) @binding(4) var<storage, read_write> keys: array<vec2<u32>>;
 
 // Dead slots go to the end, behind all receivers.
-const DEAD_KEY: u32 = 0xffffffu;
+const DEAD_KEY: u32 = 0xffffffffu;
 
 // Every third bit, for 8 bits.
 fn spread_bits(x: u32) -> u32 {
@@ -33,5 +33,5 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let unit = (receiver_position[pixel].xyz - frame.bounds_min.xyz) * frame.bounds_min.w;
     let cell = vec3<u32>(clamp(unit * 256.0, vec3<f32>(0.0), vec3<f32>(255.0)));
     let code = spread_bits(cell.x) | (spread_bits(cell.y) << 1u) | (spread_bits(cell.z) << 2u);
-    keys[slot] = vec2<u32>(min(code, DEAD_KEY - 1u), pixel);
+    keys[slot] = vec2<u32>(min(code, 0xfffffeu) | (class_of(pixel) << 24u), pixel);
 }

@@ -21,7 +21,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let particle = (group.x + group.y * groups.x) * 64u + lane;
     let j = step.bounce;
     let depth = frame.depths[j];
-    if particle >= depth.x {
+    if particle >= depth.x * frame.pattern.z {
         return;
     }
     let hit = hits[particle];
@@ -39,7 +39,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let glossy = r.f90 > 0.0;
     let flags = LIGHT_SURFACE | LIGHT_CLIPPED | select(0u, LIGHT_GLOSSY, glossy);
     let position = offset_origin(s.position, s.geometric, frame.eye.w);
-    lights[depth.y + particle] = PointLight(
+    lights[light_slot(particle, depth.y)] = PointLight(
         vec4<f32>(position, bitcast<f32>(flags)),
         vec4<f32>(s.geometric, 0.0),
         vec4<f32>(arriving * share * r.kd * INV_PI, 1.0),
@@ -55,7 +55,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let next = sample_lobe(r, diffuse, p_diffuse, s.shading, -d, rays.x, rays.y);
     let cos_geometric = dot(next.wi, s.geometric);
     let cos_shading = dot(next.wi, s.shading);
-    let flies = found && particle < depth.w && cos_geometric > 0.0 && cos_shading > 0.0;
+    let flies = found && particle < depth.w * frame.pattern.z && cos_geometric > 0.0 && cos_shading > 0.0;
     let leave = min(cos_geometric / max(cos_shading, 1e-7), 4.0);
     flux[particle] = vec4<f32>(select(vec3<f32>(0.0), arriving * next.weight * leave, flies), 0.0);
     ray_origin[particle] = vec4<f32>(position, select(0.0, 3.0e38, flies));

@@ -27,7 +27,7 @@ fn choose(u: f32) -> u32 {
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let particle = (group.x + group.y * groups.x) * 64u + lane;
-    if particle >= frame.walk.y {
+    if particle >= frame.walk.y * frame.pattern.z {
         return;
     }
     // Composition method: the number that chooses the emitter is stretched and used again for the point on it.
@@ -107,7 +107,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let origin = select(position, offset_origin(position, normal, frame.eye.w), surface || kind == EMITTER_VIRTUAL);
     let depth = frame.depths[0];
     let share = select(0.0, bitcast<f32>(depth.z), surface);
-    lights[depth.y + particle] = PointLight(
+    lights[light_slot(particle, depth.y)] = PointLight(
         vec4<f32>(origin, bitcast<f32>(LIGHT_SURFACE | LIGHT_CLIPPED)),
         vec4<f32>(normal, 0.0),
         vec4<f32>(e.flux.xyz * (share * INV_PI), 1.0),
@@ -115,7 +115,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         vec4<f32>(0.0),
         vec4<f32>(0.0),
     );
-    let flies = particle < depth.w;
+    let flies = particle < depth.w * frame.pattern.z;
     flux[particle] = vec4<f32>(select(vec3<f32>(0.0), e.flux.xyz, flies), 0.0);
     ray_origin[particle] = vec4<f32>(origin, select(0.0, 3.0e38, flies));
     ray_direction[particle] = vec4<f32>(direction, 0.0);

@@ -30,7 +30,7 @@ use steps::Steps;
 pub struct Frame {
     /// Parameters, written at the start of each frame.
     pub parameters: Buffer,
-    /// Lights: delta lights, then particles by number of reflections.
+    /// Lights: for each class of pixels delta lights, then particles by number of reflections.
     pub lights: Buffer,
     /// Running sums.
     pub film: Film,
@@ -146,6 +146,7 @@ impl Frame {
         (film, image): (Film, Image),
     ) -> Result<Frame> {
         let pixels = image.width() * image.height();
+        let particle_count = settings.particles();
         let eye = EyePlan::new(settings, scene.ideal, pixels);
         let slots = eye.slots();
         // The eye's receivers are listed in whole tiles.
@@ -158,11 +159,12 @@ impl Frame {
         let device = |name: &str, bytes: u64| Buffer::new(context, name, bytes, Memory::Device);
         let parameters = device("frame parameters", size_of::<layout::Frame>() as u64)?;
         let status = device("status", 16)?;
-        let mut light_contents = delta.to_vec();
-        light_contents.resize(plan.slots().max(1) as usize, PointLight::default());
+        let mut of_class = delta.to_vec();
+        of_class.resize(plan.slots().max(1) as usize, PointLight::default());
+        let light_contents = of_class.repeat(settings.classes() as usize);
         let lights = staging.stage(context, "lights", &light_contents)?;
-        let particles = Rays::new(context, "particle", settings.paths)?;
-        let flux = vec4s(context, "particle flux", settings.paths)?;
+        let particles = Rays::new(context, "particle", particle_count)?;
+        let flux = vec4s(context, "particle flux", particle_count)?;
         let rays = Rays::new(context, "pixel", slots)?;
         let paths = Paths::new(context, slots, if eye.steps > 0 { slots } else { 0 })?;
         let primary = Receivers::new(context, "primary", slots)?;
@@ -190,7 +192,7 @@ impl Frame {
         };
         let marks = device("tile marks", 4 * u64::from(tile_count))?;
         let batch = List { pixels: list_pixels[0].clone(), work: device("batch work", size_of::<Work>() as u64)? };
-        let clear_work = staging.stage(context, "cleared work", &[Work::default()])?;
+        let clear_work = staging.stage(context, "cleared work", &[Work::of_classes(settings.classes())])?;
 
         let trace =
             |rays: &Rays, list: &List| Trace::new(kernels, &parameters, scene, rays, list, &step_buffer, &status);
@@ -238,7 +240,7 @@ impl Frame {
             }),
         };
         let sort_buffers = match &scene.wide_nodes {
-            Some(_) => Some(SortBuffers::new(context, listed)?),
+            Some(_) => Some(SortBuffers::new(context, listed, settings.classes())?),
             None => None,
         };
         let bounces = (0..steps.bounces.len())
@@ -275,6 +277,7 @@ impl Frame {
                     sums,
                     steps: &step_buffer,
                     status: &status,
+                    classes: sort_buffers.as_ref().map(|buffers| &buffers.classes),
                 };
                 let lit = steps.bounces[b].chunks > 0;
                 let shade = if lit { Some(Shade::new(kernels, &inputs)?) } else { None };
@@ -296,7 +299,7 @@ impl Frame {
                 &particles,
                 &flux,
                 &lights,
-                settings.paths,
+                particle_count,
             )?,
             walk_trace: trace(&particles, &batch)?,
             walk_reflect: WalkReflect::new(kernels, &parameters, scene, &particles, &flux, &lights, &step_buffer)?,
@@ -329,7 +332,7 @@ impl Frame {
             batch,
             clear_work,
             steps,
-            particle_count: settings.paths,
+            particle_count,
             pixels,
             tile_count,
         })

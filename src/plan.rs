@@ -28,7 +28,7 @@ pub const INSTANCES: u32 = 2;
 
 /// Lights of one rendering: slots in the light buffer by number of reflections.
 ///
-/// Slots are: the delta lights, then for each number of reflections j the N_j particles that survive it.
+/// Each class of pixels has as many, one class after the other. Slots are: the delta lights, then for each number of reflections j the N_j particles that survive it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LightPlan {
     /// Particles N_j with j reflections, j = 0..=max_depth - 2; empty if nothing is lit.
@@ -87,14 +87,14 @@ pub fn shade_steps(lights: u32, budget: u32) -> u32 {
 /// Visits of one cluster in one dispatch of the cluster kernel over `lights` lights by subgroups of `lanes`, such that the
 /// dispatch stays within `budget`. A lane holds 64 / lanes rays, and a loop over them takes one iteration more, for its exit.
 /// Every visit (a node, a child, a leaf, a triangle) has at most one such loop or a few shorter ones. A light besides takes two
-/// of them, and specular lobes one for each ray; beginning and end take a few. When the budget is spent, at most the
-/// children and the leaves of one node are still under way.
+/// of them, and specular lobes one for each ray; beginning and end take a few, and the classes of pixels one each. When the
+/// budget is spent, at most the children and the leaves of one node are still under way.
 pub fn cluster_steps(lights: u32, budget: u32, lanes: u32) -> u32 {
     let rays = 64 / lanes;
     let visit = (rays + 2).max(10);
     let light = 2 * (rays + 1) + rays * (rays + 3) + 12;
     let under_way = 8 * visit + 8 * (3 + 8 * visit);
-    budget.saturating_sub(light * lights + under_way + 4 * rays + 40) / visit
+    budget.saturating_sub(light * lights + under_way + 4 * rays + 40 + Settings::MAX_PATTERN.pow(2)) / visit
 }
 
 /// With fewer visits than this clusters would mostly leave their work to single rays, so these do all of it.
@@ -187,14 +187,15 @@ pub struct ParameterSource {
 
 impl ParameterSource {
     /// Parameters of pass number `pass` (from 0). Passes alternate between the two instances; each instance walks along
-    /// its own randomly shifted Halton sequence, N points a pass.
+    /// its own randomly shifted Halton sequence, N points a pass for each class of pixels.
     pub fn frame(&self, pass: u32) -> Result<layout::Frame> {
         let s = &self.settings;
         let instance = pass % INSTANCES;
         let local = pass / INSTANCES;
-        let first = local.checked_mul(s.paths).filter(|f| f.checked_add(s.paths).is_some()).ok_or(Error::Setting {
+        let of_pass = s.particles();
+        let first = local.checked_mul(of_pass).filter(|f| f.checked_add(of_pass).is_some()).ok_or(Error::Setting {
             name: "--passes",
-            message: format!("pass {pass} of {} paths leaves the 2^32 points of the sequence", s.paths),
+            message: format!("pass {pass} of {of_pass} paths leaves the 2^32 points of the sequence"),
         })?;
         let instance_key = hash(hash(s.seed as u32) ^ (s.seed >> 32) as u32).wrapping_add(hash(instance));
         let pass_key = hash(instance_key ^ hash(local));
@@ -301,7 +302,7 @@ mod tests {
             for lanes in [4, 8, 16, 32, 64] {
                 let (visits, rays) = (cluster_steps(lights, LOOP_BUDGET, lanes), 64 / lanes);
                 assert!(visits > LEAST_CLUSTER_STEPS, "{lights} lights, {lanes} lanes");
-                let iterations = visits * (rays + 2) + lights * (rays + 1) * (rays + 4) + 8 * 9 * (rays + 2);
+                let iterations = visits * (rays + 2) + lights * (rays + 1) * (rays + 4) + 8 * 9 * (rays + 2) + 64;
                 assert!(iterations <= LOOP_BUDGET, "{lights} lights, {lanes} lanes: {iterations}");
             }
         }

@@ -38,7 +38,7 @@ pub enum Traversal {
 /// Settings of one rendering. See each field for meaning, unit, default and cost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Settings {
-    /// Particles N started from the lights in each pass. Default 32. Cost of a pass grows linearly with it (the
+    /// Particles N started from the lights in each pass, for each class of pixels (see `pattern`). Default 32. Cost of a pass grows linearly with it (the
     /// shadow rays of a pixel are about N / (1 - rho)); more give less difference between passes.
     pub paths: u32,
     /// Interleaved sampling (Wald et al. 2002, 4.2; row W1): the pixel grid is cut into patterns of this width and height,
@@ -118,6 +118,7 @@ impl Settings {
     /// Takes over what a scene file's `[render]` says.
     pub fn with_scene_defaults(mut self, render: &RenderDefaults) -> Self {
         self.paths = render.paths.unwrap_or(self.paths);
+        self.pattern = render.interleave.unwrap_or(self.pattern);
         self.max_depth = render.max_depth.unwrap_or(self.max_depth);
         self.max_specular = render.max_specular.unwrap_or(self.max_specular);
         self.split = render.split.unwrap_or(self.split);
@@ -166,6 +167,11 @@ impl Settings {
     /// Classes of pixels: places in the pattern.
     pub fn classes(&self) -> u32 {
         self.pattern[0] * self.pattern[1]
+    }
+
+    /// Particles of a pass: `paths` for each class.
+    pub fn particles(&self) -> u32 {
+        self.paths * self.classes()
     }
 
     /// Clipping distance in scene units for a scene of this diagonal.

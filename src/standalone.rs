@@ -166,8 +166,9 @@ impl Renderer {
     fn count_rays(&mut self, work: &[u32]) {
         let [width, height] = self.engine.parameters().camera.resolution;
         let plan = &self.engine.parameters().lights;
-        let mut rays =
-            u64::from(width) * u64::from(height) + plan.survivors.iter().skip(1).map(|&n| u64::from(n)).sum::<u64>();
+        let classes = u64::from(self.engine.parameters().settings.classes());
+        let mut rays = u64::from(width) * u64::from(height)
+            + plan.survivors.iter().skip(1).map(|&n| u64::from(n) * classes).sum::<u64>();
         let bounces = self.engine.frame().lists.len();
         for (b, work) in work.chunks(size_of::<Work>() / 4).enumerate() {
             let live = u64::from(work[0]);
@@ -346,7 +347,7 @@ impl Renderer {
             resolution: p.camera.resolution,
             triangles: u64::from(self.engine.bvh().triangle_count()),
             nodes: u64::from(p.nodes),
-            lights_per_pass: f64::from(p.lights.slots()),
+            lights_per_pass: f64::from(p.lights.slots() * p.settings.classes()),
             passes: self.passes(),
             passes_rendered: self.rendered,
             rays: self.rays,
@@ -370,6 +371,8 @@ impl Renderer {
         if self.passes() == 0 {
             self.pass()?;
         }
+        // Each class of pixels has lights that stand for all the light; together they share it.
+        let classes = self.engine.parameters().settings.classes() as f32;
         let lights: Vec<VirtualLight> = self
             .lights()?
             .iter()
@@ -379,7 +382,7 @@ impl Renderer {
                 VirtualLight {
                     position: xyz(l.position),
                     normal: xyz(l.normal),
-                    power: xyz(l.emit) * std::f32::consts::PI,
+                    power: xyz(l.emit) * (std::f32::consts::PI / classes),
                 }
             })
             .collect();

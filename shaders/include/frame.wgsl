@@ -7,7 +7,7 @@ struct Frame {
     bounds_min: vec4<f32>,      // lower corner of the scene; w: 1 / greatest extent
     pixel_offset: vec4<f32>,    // offset of the sample in its pixel, [0,1)^2; z: least alpha of a light's lobe; w: irradiance that may be dropped
     size: vec4<u32>,            // width, height, pixels, index of the pass within its instance
-    walk: vec4<u32>,            // first index of the sequence segment, N, window rotation, delta lights
+    walk: vec4<u32>,            // first index of the sequence segment, N of a class, window rotation, delta lights
     keys: vec4<u32>,            // key of the pass, key of the instance, jitter (0/1), instance
     scene: vec4<u32>,           // nodes, emitters, greatest path length, 0 (no compiler knows)
     pattern: vec4<u32>,         // width and height of the interleaving pattern, classes, lights of each class
@@ -16,3 +16,9 @@ struct Frame {
 }
 
 @group(0) @binding(0) var<storage, read> frame: Frame;
+
+// Class of a slot by interleaved sampling: the place of its pixel in the pattern. Second components have that of their pixel.
+fn class_of(slot: u32) -> u32 {
+    let pixel = slot % frame.size.z;
+    return pixel % frame.size.x % frame.pattern.x + frame.pattern.x * (pixel / frame.size.x % frame.pattern.y);
+}

@@ -1,10 +1,18 @@
 // Numbers of the quasi-random walk. Needs frame.wgsl and math.wgsl. CPU twin: pass::walk_start::walk_numbers.
 
+// Where a particle leaves the light of a vertex: each class of pixels has a set of lights. Particle i of class k is number
+// i K + k, so that those that survive in any class stand before all others.
+fn light_slot(particle: u32, first: u32) -> u32 {
+    return particle % frame.pattern.z * frame.pattern.w + first + particle / frame.pattern.z;
+}
+
 // The two sample coordinates of a particle for its start (j = 0) or for the direction that leaves its vertex j - 1:
 // Halton dimensions 2j and 2j + 1 of its point of the sequence, rotated for the instance, jittered if asked
 // (Keller 1997, 4.1: by the grid resolution 1/N_j).
 fn walk_numbers(j: u32, particle: u32) -> vec2<f32> {
-    let index = frame.walk.x + (particle + frame.walk.z) % frame.walk.y;
+    // The classes of pixels take consecutive segments of the sequence.
+    let of_class = particle / frame.pattern.z;
+    let index = frame.walk.x + particle % frame.pattern.z * frame.walk.y + (of_class + frame.walk.z) % frame.walk.y;
     let shifts = frame.shifts[j];
     let bases = bitcast<vec2<u32>>(shifts.zw);
     let x = vec2<f32>(radical_inverse(bases.x, index), radical_inverse(bases.y, index));

@@ -6,7 +6,7 @@ struct Work {
     unfinished: atomic<u32>,    // rays of the present round that ran out of steps
     total: u32,                 // slots of a list that is still to be sorted, dead ones included
     culled: atomic<u32>,        // pairs of a cluster and a light dropped before any ray was traced
-    list_groups: vec4<u32>,     // indirect dispatch: one invocation for each receiver in the list
+    list_groups: vec4<u32>,     // indirect dispatch: one invocation for each receiver in the list; w: groups besides
     round_groups: vec4<u32>,    // indirect dispatch: the next round; 0 when no ray needs it
     total_groups: vec4<u32>,    // indirect dispatch: one invocation for each slot
 }

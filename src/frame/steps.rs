@@ -50,7 +50,7 @@ impl Steps {
         let walk = (1..plan.survivors.len())
             .map(|j| {
                 // Ray j starts at every particle that has made j - 1 reflections and survives the next.
-                let rays = table.add_rounds(rounds, Step { end: plan.survivors[j], ..trace });
+                let rays = table.add_rounds(rounds, Step { end: plan.survivors[j] * settings.classes(), ..trace });
                 (rays, table.add(Step { bounce: j as u32, ..Step::default() }))
             })
             .collect();
@@ -101,7 +101,7 @@ impl Steps {
             list_trace: table.add_rounds(rounds, Step { indirect: 1, ..trace }),
             list: table.add(Step { indirect: 1, ..Step::default() }),
             shade,
-            sort: SortSteps::new(table),
+            sort: SortSteps::new(table, settings.classes()),
             bounces,
         }
     }

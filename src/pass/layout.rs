@@ -23,7 +23,7 @@ pub struct Frame {
     pub pixel_offset: [f32; 4],
     /// Width, height, pixels, pass within the instance.
     pub size: [u32; 4],
-    /// First sequence index, particles N, window rotation, delta lights.
+    /// First sequence index, particles N of a class, window rotation, delta lights.
     pub walk: [u32; 4],
     /// Keys of the pass and of the instance, jitter, instance.
     pub keys: [u32; 4],
@@ -49,12 +49,19 @@ pub struct Work {
     pub total: u32,
     /// Pairs of a cluster and a light that were dropped before any ray was traced.
     pub culled: u32,
-    /// Groups for one invocation a receiver.
+    /// Groups for one invocation a receiver; w: groups besides, one for each class of pixels but the first.
     pub list_groups: [u32; 4],
     /// Groups for the next round.
     pub round_groups: [u32; 4],
     /// Groups for one invocation a slot.
     pub total_groups: [u32; 4],
+}
+
+impl Work {
+    /// Nothing to do yet, for lists whose receivers belong to so many classes.
+    pub fn of_classes(classes: u32) -> Work {
+        Work { list_groups: [0, 0, 0, classes - 1], ..Work::default() }
+    }
 }
 
 /// What one dispatch does.

@@ -145,6 +145,8 @@ pub struct Kernels {
     pub schedule: Kernel,
     /// `shade.wgsl` and `shade_cluster.wgsl`
     pub shade: Forms,
+    /// `sort_classes.wgsl`
+    pub sort_classes: Kernel,
     /// `sort_keys.wgsl`
     pub sort_keys: Kernel,
     /// `sort_count.wgsl`
@@ -181,6 +183,7 @@ impl Kernels {
             resolve: Kernel::new(context, &shaders::RESOLVE)?,
             schedule: Kernel::new(context, &shaders::SCHEDULE)?,
             shade: Forms::shade(context, traversal)?,
+            sort_classes: Kernel::new(context, &shaders::SORT_CLASSES)?,
             sort_keys: Kernel::new(context, &shaders::SORT_KEYS)?,
             sort_count: Kernel::new(context, &shaders::SORT_COUNT)?,
             sort_sum: Kernel::new(context, &shaders::SORT_SUM)?,

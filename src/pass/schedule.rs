@@ -1,6 +1,7 @@
 //! Counts that the device found become indirect dispatches, so that no count is read back in a frame.
 //!
-//! After a list is filled: groups for one invocation a receiver. After a round of traversal: the same groups once more if any
+//! After a list is filled: groups for one invocation a receiver, and for clusters one more for each further class of pixels,
+//! since no cluster mixes classes. After a round of traversal: the same groups once more if any
 //! ray ran out of steps, else none. Rays that the last round leaves over are added to `status[0]`.
 //! Cost: one invocation.
 
@@ -39,15 +40,15 @@ impl Schedule {
 
 /// Oracle: the work after the pass, and the rays to add to the status.
 pub fn reference(work: &Work, step: &Step) -> (Work, u32) {
-    let spread = |count: u32| {
-        let groups = count.div_ceil(64);
+    let spread = |count: u32, more: u32| {
+        let groups = count.div_ceil(64) + if count > 0 { more } else { 0 };
         let x = groups.min(32_768);
-        [x, if x > 0 { groups.div_ceil(x) } else { 0 }, 1, 0]
+        [x, if x > 0 { groups.div_ceil(x) } else { 0 }, 1, more]
     };
-    let list_groups = spread(work.live);
-    let again = if step.indirect == 1 { list_groups } else { spread(step.end) };
+    let list_groups = spread(work.live, work.list_groups[3]);
+    let again = if step.indirect == 1 { list_groups } else { spread(step.end, 0) };
     let round_groups = if work.unfinished > 0 { again } else { [0, 1, 1, 0] };
     let lost = if step.last == 1 { work.unfinished } else { 0 };
-    let total_groups = spread(work.total);
+    let total_groups = spread(work.total, 0);
     (Work { unfinished: 0, list_groups, round_groups, total_groups, ..*work }, lost)
 }

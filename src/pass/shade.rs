@@ -93,6 +93,8 @@ pub struct Inputs<'a> {
     pub steps: &'a Buffer,
     /// Status.
     pub status: &'a Buffer,
+    /// Where the classes of pixels begin on a sorted list, see [`super::sort::SortBuffers`]; needed for clusters.
+    pub classes: Option<&'a Buffer>,
 }
 
 impl Shade {
@@ -115,8 +117,9 @@ impl Shade {
             ("specular", (&inputs.sums.specular).into()),
         ];
         let schedule = Schedule::new(kernels, &inputs.list.work, inputs.steps, inputs.status)?;
+        let classes: Vec<_> = inputs.classes.iter().map(|&classes| ("classes", classes)).collect();
         let walkers =
-            Walkers::new(&kernels.shade, inputs.scene, inputs.frame, &named, &[], schedule, &inputs.list.work)?;
+            Walkers::new(&kernels.shade, inputs.scene, inputs.frame, &named, &classes, schedule, &inputs.list.work)?;
         Ok(Shade { walkers })
     }
 

@@ -55,9 +55,9 @@ impl WalkReflect {
         Ok(WalkReflect { kernel, bindings })
     }
 
-    /// Records the pass over at most `paths` particles.
-    pub fn record(&self, rec: &mut Recorder, step: u32, paths: u32) -> Result<()> {
-        rec.dispatch(&self.kernel, &self.bindings, &push(step), groups(paths))
+    /// Records the pass over at most `particle_count` particles.
+    pub fn record(&self, rec: &mut Recorder, step: u32, particle_count: u32) -> Result<()> {
+        rec.dispatch(&self.kernel, &self.bindings, &push(step), groups(particle_count))
     }
 }
 
@@ -90,7 +90,7 @@ pub fn reference(
     let [u, v] = walk_numbers(frame, j + 1, particle);
     let (wi, weight) = r.sample_lobe(diffuse, s.shading, -d, u, v);
     let (cos_geometric, cos_shading) = (wi.dot(s.geometric), wi.dot(s.shading));
-    let flies = particle < frame.depths[j][3] && cos_geometric > 0.0 && cos_shading > 0.0;
+    let flies = particle < frame.depths[j][3] * frame.pattern[2] && cos_geometric > 0.0 && cos_shading > 0.0;
     let flux = if flies { arriving * weight * (cos_geometric / cos_shading.max(1e-7)).min(4.0) } else { Vec3::ZERO };
     (light, Ray { origin, t_max: if flies { 3.0e38 } else { 0.0 }, direction: wi }, flux)
 }

@@ -4,6 +4,9 @@
 //! by (Phi_5, Phi_7) distributed as the emission. Emitters without area start particles too, but are lit by themselves,
 //! once a pass, instead of through their particles' first vertices.
 //!
+//! With interleaved sampling each class of pixels has N particles and a set of lights of its own, made of consecutive segments
+//! of the sequence (Wald et al. 2002, 4.2 and 4.4).
+//!
 //! Differs from the paper in that: the sequence is rotated for each of two independent instances, and the particles of a
 //! pass begin at a random place of their segment (see [`crate::plan`]).
 //! Cost: some 200 operations and 144 bytes a particle.
@@ -24,7 +27,7 @@ use glam::Vec3;
 pub struct WalkStart {
     kernel: Kernel,
     bindings: Bindings,
-    paths: u32,
+    particle_count: u32,
 }
 
 impl WalkStart {
@@ -36,7 +39,7 @@ impl WalkStart {
         particles: &Rays,
         flux: &Buffer,
         lights: &Buffer,
-        paths: u32,
+        particle_count: u32,
     ) -> Result<Self> {
         let kernel = kernels.walk_start.clone();
         let bindings = kernel.bind(&[
@@ -47,19 +50,27 @@ impl WalkStart {
             ("flux", flux.into()),
             ("lights", lights.into()),
         ])?;
-        Ok(WalkStart { kernel, bindings, paths })
+        Ok(WalkStart { kernel, bindings, particle_count })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        rec.dispatch(&self.kernel, &self.bindings, &[], groups(self.paths))
+        rec.dispatch(&self.kernel, &self.bindings, &[], groups(self.particle_count))
     }
+}
+
+/// Where a particle leaves the light of a vertex, with the first slot for lights of as many reflections: particle i of class k
+/// is number i K + k, so that those that survive in any of the K classes stand before all others.
+pub fn light_slot(frame: &layout::Frame, particle: u32, first: u32) -> u32 {
+    let [_, _, classes, lights] = frame.pattern;
+    particle % classes * lights + first + particle / classes
 }
 
 /// Oracle: the two sample coordinates of a particle for its start (j = 0) or the direction that leaves vertex j - 1.
 pub fn walk_numbers(frame: &layout::Frame, j: usize, particle: u32) -> [f32; 2] {
     let [first, paths, rotation, _] = frame.walk;
-    let index = first + (particle + rotation) % paths;
+    let (of_class, class) = (particle / frame.pattern[2], particle % frame.pattern[2]);
+    let index = first + class * paths + (of_class + rotation) % paths;
     [0, 1].map(|d| {
         let x = radical_inverse(frame.shifts[j][2 + d].to_bits(), index);
         let range = f32::from_bits(frame.depths[j][2]) * frame.keys[2] as f32;
@@ -90,7 +101,7 @@ pub fn reference(frame: &layout::Frame, emitters: &Emitters, particle: u32) -> (
         wi: with(start.normal, 1.0),
         ..PointLight::default()
     };
-    let flies = particle < frame.depths[0][3];
+    let flies = particle < frame.depths[0][3] * frame.pattern[2];
     let ray = Ray { origin, t_max: if flies { 3.0e38 } else { 0.0 }, direction };
     (light, ray, if flies { start.flux } else { Vec3::ZERO })
 }

@@ -12,7 +12,7 @@ use lightsum::pass::receivers::surface_at;
 use lightsum::pass::resolve::Resolve;
 use lightsum::pass::schedule::{self, Schedule};
 use lightsum::pass::shade::{self, Receiver};
-use lightsum::pass::{Kernels, Paths, Receivers, Sums, gather};
+use lightsum::pass::{Kernels, Paths, Receivers, Sums, gather, sort};
 use lightsum::settings::{Clip, Settings, Traversal};
 
 use crate::rig::{
@@ -165,14 +165,18 @@ fn check_shade(rig: &Rig, bounce: usize) {
     let plan = &rig.engine.parameters().lights;
     let Some(reflections) = p.scene[2].checked_sub(bounce as u32 + 2) else { return };
     let lights: Vec<PointLight> = rig.get(&frame.lights);
-    let lights = &lights[..plan.first_slot(reflections as usize + 1) as usize];
+    // Each class of pixels has lights of its own.
+    let lights_of = |slot: u32| {
+        let first = (sort::class_of(p, slot) * plan.slots()) as usize;
+        &lights[first..first + plan.first_slot(reflections as usize + 1) as usize]
+    };
     let found = sums(rig, out);
     let receivers = receivers(rig, targets);
     let listed = rig.list(bounce);
     let mut tally = Tally::new(format!("shade, {}x{}, bounce {bounce}", p.size[0], p.size[1]));
     for i in 0..receivers.len() {
         if listed.binary_search(&(i as u32)).is_ok() {
-            let expected = shade::reference(rig.bvh(), &receivers[i], lights, p.right[3], p.forward[3]);
+            let expected = shade::reference(rig.bvh(), &receivers[i], lights_of(i as u32), p.right[3], p.forward[3]);
             let found = at(&found, i);
             tally.check(alike(found, expected, LOBE), || format!("pixel {i}: {found:?} for {expected:?}"));
         } else {
@@ -228,10 +232,11 @@ fn shade_gather_and_collect_follow_their_oracles() {
     gpu_test(|ctx| {
         let scene = gallery();
         let sine = sine_error(ctx, &scene);
-        for resolution in AWKWARD_IMAGES {
+        let patterns = [[1, 1], [3, 3], [2, 3], [8, 8], [1, 1]];
+        for (resolution, pattern) in AWKWARD_IMAGES.into_iter().chain([[31, 17]; 3]).zip(patterns.into_iter().cycle()) {
             // A long clipping distance, so that most gather rays meet something.
             let settings =
-                Settings { paths: 9, max_depth: 4, clip: Clip::Distance(1.2), seed: 3, ..Settings::default() };
+                Settings { paths: 9, pattern, max_depth: 4, clip: Clip::Distance(1.2), seed: 3, ..Settings::default() };
             let rig = Rig::new(ctx, &scene, resolution, settings);
             rig.run(|frame, rec| {
                 frame.record_walk(rec)?;
@@ -568,7 +573,8 @@ fn schedule_turns_counts_into_dispatches() {
                     .map(|(end, last, indirect)| Step { end, last, indirect, ..Step::default() })
                     .collect();
                 let step_buffer = upload(ctx, "steps", &steps).unwrap();
-                let before = Work { live, unfinished, round_groups: [9; 4], list_groups: [9; 4], ..Work::default() };
+                let list_groups = [9, 9, 9, unfinished];
+                let before = Work { live, unfinished, round_groups: [9; 4], list_groups, ..Work::default() };
                 let works: Vec<Buffer> = steps.iter().map(|_| upload(ctx, "work", &[before]).unwrap()).collect();
                 let status = upload(ctx, "status", &[5u32, 6, 7, 8]).unwrap();
                 let passes: Vec<Schedule> =

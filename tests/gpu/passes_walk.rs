@@ -20,7 +20,11 @@ const RELATIVE: f32 = 2e-4;
 const STRAYS: f64 = 0.003;
 
 fn settings(paths: u32, jitter: bool) -> Settings {
-    Settings { paths, jitter, seed: 7, ..Settings::default() }
+    interleaved(paths, [1, 1], jitter)
+}
+
+fn interleaved(paths: u32, pattern: [u32; 2], jitter: bool) -> Settings {
+    Settings { paths, pattern, jitter, seed: 7, ..Settings::default() }
 }
 
 /// Whether a light sends out the same, from a place as near as `place`. Of lights that send out nothing, the rest is left
@@ -61,7 +65,8 @@ fn same_ray([origin, direction, flux]: [Vec4; 3], oracle: &Ray, oracle_flux: gla
 /// One walk, each stage from what the stage before it left on the device; returns the kinds of emitters that started
 /// particles and the numbers of lights with and without a specular lobe.
 fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usize; 2]) {
-    let what = format!("{} particles, jitter {}", settings.paths, settings.jitter);
+    let what = format!("{} particles of {:?}, jitter {}", settings.paths, settings.pattern, settings.jitter);
+    let classes = settings.classes();
     let rig = Rig::new(ctx, scene, [1, 1], settings);
     let (frame, p) = (rig.frame(), &rig.parameters);
     let plan = &rig.engine.parameters().lights;
@@ -71,16 +76,20 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
     rig.run(|frame, rec| frame.record_walk_start(rec));
 
     let mut lights: Vec<PointLight> = rig.get(&frame.lights);
-    assert_eq!(lights[..delta.len()], delta, "{what}: delta lights stay as they are");
+    for of_class in lights.chunks(plan.slots() as usize) {
+        assert_eq!(of_class[..delta.len()], delta, "{what}: delta lights stay as they are");
+    }
+    assert_eq!(lights.len() as u32, classes * plan.slots());
+    let slot = |n: usize, j: usize| walk_start::light_slot(p, n as u32, plan.first_slot(j)) as usize;
     let mut origins = rig.vec4s(&particles.origin);
     let mut directions = rig.vec4s(&particles.direction);
     let mut fluxes = rig.vec4s(&frame.flux);
     let mut tally = Tally::new(format!("walk_start, {what}"));
     let mut kinds = Vec::new();
-    for i in 0..plan.survivors[0] {
+    for i in 0..plan.survivors[0] * classes {
         let (light, ray, flux) = walk_start::reference(p, rig.engine.emitters(), i);
         let n = i as usize;
-        let found = &lights[plan.first_slot(0) as usize + n];
+        let found = &lights[slot(n, 0)];
         let u = walk_start::walk_numbers(p, 0, i)[0];
         let emitter = &rig.engine.emitters().list[rig.engine.emitters().choose(u).0 as usize];
         kinds.push(emitter.kind);
@@ -104,7 +113,7 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
         let after = [&particles.origin, &particles.direction, &frame.flux].map(|b| rig.vec4s(b));
         let mut traced = Tally::new(format!("trace for reflection {j}, {what}"));
         let mut tally = Tally::new(format!("walk_reflect {j}, {what}"));
-        let alive = plan.survivors[j] as usize;
+        let alive = (plan.survivors[j] * classes) as usize;
         for n in 0..alive {
             let (hit, ray) = (hit_of(hits[n]), ray_of(origins[n], directions[n]));
             traced.check(same_hit(hit, rig.bvh().closest(&ray)), || format!("particle {n}: {hit:?} of {ray:?}"));
@@ -112,7 +121,7 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
             let flux = fluxes[n].truncate();
             let (light, next, next_flux) =
                 walk_reflect::reference(p, j, n as u32, ray.direction, flux, surface.as_ref());
-            let found = &lights[plan.first_slot(j) as usize + n];
+            let found = &lights[slot(n, j)];
             tally.check(same_light(found, &light, 1e-5), || format!("particle {n}: {found:?}\nfor {light:?}"));
             let same = same_ray([0, 1, 2].map(|k| after[k][n]), &next, next_flux, 1e-5);
             tally.check(same, || {
@@ -152,6 +161,16 @@ fn walk_start_and_walk_reflect_follow_their_oracles() {
 }
 
 #[test]
+fn the_walk_of_each_class_follows_its_oracles() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        for (paths, pattern) in [(1, [8, 8]), (27, [3, 3]), (64, [2, 1]), (683, [1, 3])] {
+            follow(ctx, &scene, interleaved(paths, pattern, paths == 27));
+        }
+    });
+}
+
+#[test]
 fn every_emitter_starts_particles() {
     gpu_test(|ctx| {
         let scene = gallery();
@@ -183,16 +202,19 @@ fn every_emitter_starts_particles() {
 /// The lights of a pass from the oracles alone.
 fn walk(rig: &Rig) -> Vec<PointLight> {
     let (p, plan) = (&rig.parameters, &rig.engine.parameters().lights);
-    let mut lights = vec![PointLight::default(); plan.slots() as usize];
-    lights[..plan.delta as usize].copy_from_slice(rig.engine.delta_lights());
-    for i in 0..plan.survivors[0] {
+    let classes = p.pattern[2];
+    let mut of_class = vec![PointLight::default(); plan.slots() as usize];
+    of_class[..plan.delta as usize].copy_from_slice(rig.engine.delta_lights());
+    let mut lights = of_class.repeat(classes as usize);
+    let slot = |i: u32, j: usize| walk_start::light_slot(p, i, plan.first_slot(j)) as usize;
+    for i in 0..plan.survivors[0] * classes {
         let (light, mut ray, mut flux) = walk_start::reference(p, rig.engine.emitters(), i);
-        lights[(plan.first_slot(0) + i) as usize] = light;
-        for j in (1..plan.survivors.len()).take_while(|&j| i < plan.survivors[j]) {
+        lights[slot(i, 0)] = light;
+        for j in (1..plan.survivors.len()).take_while(|&j| i < plan.survivors[j] * classes) {
             let hit = rig.bvh().closest(&ray);
             let surface = hit.map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction));
             let (light, next, next_flux) = walk_reflect::reference(p, j, i, ray.direction, flux, surface.as_ref());
-            lights[(plan.first_slot(j) + i) as usize] = light;
+            lights[slot(i, j)] = light;
             (ray, flux) = (next, next_flux);
         }
     }
@@ -204,8 +226,16 @@ fn the_walk_against_the_oracle_path_by_path() {
     gpu_test(|ctx| {
         let scene = gallery();
         let sine = sine_error(ctx, &scene);
-        for (paths, jitter, pass) in [(1, false, 0), (27, true, 1), (64, false, 2), (2049, false, 0), (2049, true, 3)] {
-            let mut rig = Rig::new(ctx, &scene, [1, 1], settings(paths, jitter));
+        let one = [1, 1];
+        for (paths, pattern, jitter, pass) in [
+            (1, one, false, 0),
+            (27, one, true, 1),
+            (64, one, false, 2),
+            (2049, one, false, 0),
+            (2049, one, true, 3),
+            (229, [3, 3], false, 2),
+        ] {
+            let mut rig = Rig::new(ctx, &scene, [1, 1], interleaved(paths, pattern, jitter));
             rig.parameters = rig.engine.parameters().frame(pass).unwrap();
             let parameters = rig.parameters;
             rig.run(|frame, rec| {

@@ -49,6 +49,23 @@ fn furnace_after_each_reflection() {
 }
 
 #[test]
+fn every_class_of_pixels_sees_all_the_light() {
+    gpu_test(|ctx| {
+        for pattern in [[3, 3], [2, 1], [8, 8]] {
+            let scene = builtin::furnace(0.5, 2.0);
+            let camera = Camera { resolution: [24, 24], ..scene.camera.unwrap() };
+            let layers = render(ctx, &scene, camera, &Settings { pattern, ..settings(32, 4) }, 16);
+            for class in 0..pattern[0] * pattern[1] {
+                let of_class =
+                    (0..24 * 24u32).filter(|&p| p % 24 % pattern[0] + pattern[0] * (p / 24 % pattern[1]) == class);
+                let colors: Vec<Vec3> = of_class.map(|p| layers.color[p as usize]).collect();
+                near(&format!("class {class} of {pattern:?}"), grey(&colors), 2.0 * series(0.5, 4), 0.02);
+            }
+        }
+    });
+}
+
+#[test]
 fn furnace_of_the_scene_file() {
     gpu_test(|ctx| {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/furnace/scene.toml");

@@ -26,8 +26,13 @@ fn irradiance(ctx: &Context, scene: &Scene, camera: Camera, settings: &Settings)
 
 /// Compares both ways; pixels that see a light past an edge may differ, `strays` of a thousand at most.
 fn compare(ctx: &Context, name: &str, scene: &Scene, camera: Camera, strays: usize) {
-    let single = irradiance(ctx, scene, camera, &settings(Traversal::Single));
-    let auto = irradiance(ctx, scene, camera, &settings(Traversal::Auto));
+    compare_interleaved(ctx, name, scene, camera, [1, 1], strays);
+}
+
+/// As [`compare`], with lights for each class of pixels.
+fn compare_interleaved(ctx: &Context, name: &str, scene: &Scene, camera: Camera, pattern: [u32; 2], strays: usize) {
+    let by = |traversal| irradiance(ctx, scene, camera, &Settings { pattern, ..settings(traversal) });
+    let (single, auto) = (by(Traversal::Single), by(Traversal::Auto));
     let level = single.iter().sum::<Vec3>() / single.len() as f32;
     assert!(level.max_element() > 0.0, "{name}: nothing is lit");
     let differ = (single.iter().zip(&auto))
@@ -53,6 +58,11 @@ fn clusters_see_what_single_rays_see() {
         compare(ctx, "furnace", &scene, camera, 4);
         let (scene, camera) = with_camera(builtin::sphere_point_lights(4), [27, 1]);
         compare(ctx, "sphere", &scene, camera, 4);
+        // Clusters of one class of pixels, of as many classes as there may be, and of more than there are pixels.
+        for (resolution, pattern) in [([83, 61], [3, 3]), ([83, 61], [8, 8]), ([5, 7], [8, 8]), ([64, 27], [1, 2])] {
+            let (scene, camera) = with_camera(builtin::room(2_000), resolution);
+            compare_interleaved(ctx, &format!("{resolution:?} by {pattern:?}"), &scene, camera, pattern, 4);
+        }
     });
 }
 
@@ -131,10 +141,12 @@ fn a_scene_of_one_triangle() {
 #[test]
 fn lists_are_sorted_and_the_same_in_every_run() {
     gpu_test(|ctx| {
-        for [width, height] in [[1, 1], [27, 1], [8, 8], [683, 3], [31, 17], [157, 163]] {
+        let sizes = [[1, 1], [27, 1], [8, 8], [683, 3], [31, 17], [157, 163]];
+        let patterns = [[1, 1], [2, 1], [3, 3], [8, 8], [3, 2], [1, 1], [8, 5]];
+        for ([width, height], pattern) in sizes.into_iter().cycle().zip(patterns) {
             let scene = gallery();
             let run = || {
-                let rig = Rig::new(ctx, &scene, [width, height], settings(Traversal::Auto));
+                let rig = Rig::new(ctx, &scene, [width, height], Settings { pattern, ..settings(Traversal::Auto) });
                 // Second components outside of tiles with mirrors and glass are left alone; they are not lit.
                 rig.prefill(&[&rig.frame().primary.wo]);
                 rig.run(|frame, rec| {

@@ -130,6 +130,12 @@ pub struct Light {
     /// The cost of a pass grows linearly; more make the passes differ less from each other.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PATHS)))]
     pub paths: Option<u32>,
+    /// Pattern of pixels whose places have virtual lights of their own, 1x1 to 8x8 [default: the scene's, or 1x1].
+    ///
+    /// A larger one lights a neighbourhood by that many times as many lights at the same number of shadow rays, which are
+    /// traced more slowly; at few passes the pattern shows unless it is filtered.
+    #[arg(long, value_name = "NxM", value_parser = pattern)]
+    pub interleave: Option<[u32; 2]>,
     /// Segments of a light path from eye to emitter, 1 to 16 [default: the scene's, or 5].
     ///
     /// 1: emitters only, 2: direct light, 5: direct light and three further reflections. Higher is brighter and slower.
@@ -245,7 +251,7 @@ impl From<TraversalFlag> for Traversal {
 pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise in place of structured error.
     #[arg(long, conflicts_with_all = [
-        "passes", "time", "target_error", "resume", "paths", "clip", "clip_fraction", "no_compensation", "no_split",
+        "passes", "time", "target_error", "resume", "paths", "interleave", "clip", "clip_fraction", "no_compensation", "no_split",
         "light_threshold", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "export_lights", "stats",
     ])]
     pub reference: bool,
@@ -313,9 +319,18 @@ fn image_path(path: PathBuf) -> Result<PathBuf, String> {
     }
 }
 
+/// Two numbers with an x between them.
+fn extent(text: &str) -> Option<[u32; 2]> {
+    text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]))
+}
+
+fn pattern(text: &str) -> Result<[u32; 2], String> {
+    let fits = |pattern: &[u32; 2]| pattern.iter().all(|n| (1..=Settings::MAX_PATTERN).contains(n));
+    extent(text).filter(fits).ok_or_else(|| "expected a pattern from 1x1 to 8x8 pixels, such as 3x3".into())
+}
+
 fn resolution(text: &str) -> Result<[u32; 2], String> {
-    let size = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-    let size = size.ok_or("expected WIDTHxHEIGHT in pixels, such as 640x480")?;
+    let size = extent(text).ok_or("expected WIDTHxHEIGHT in pixels, such as 640x480")?;
     check_resolution(size).map(|()| size)
 }
 

@@ -73,6 +73,7 @@ fn settings(args: &Render, render: &RenderDefaults) -> Settings {
     }
     let light = &args.light;
     settings.paths = light.paths.unwrap_or(settings.paths);
+    settings.pattern = light.interleave.unwrap_or(settings.pattern);
     settings.max_depth = light.max_depth.unwrap_or(settings.max_depth);
     settings.max_specular = light.max_specular.unwrap_or(settings.max_specular);
     settings.split &= !light.no_split;
@@ -217,28 +218,11 @@ impl Job {
 /// Metadata of a job's image, but for the passes.
 pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {
     let s = &job.settings;
-    let clip = match s.clip {
-        Clip::Distance(d) => serde_json::json!({ "distance": d }),
-        Clip::Fraction(f) => serde_json::json!({ "fraction": f }),
-    };
-    let settings = serde_json::json!({
-        "paths": s.paths,
-        "max_depth": s.max_depth,
-        "max_specular": s.max_specular,
-        "split": s.split,
-        "clip": clip,
-        "compensation": s.compensation,
-        "light_threshold": s.light_threshold,
-        "jitter": s.jitter,
-        "seed": s.seed,
-        "lights_per_dispatch": s.lights_per_dispatch,
-        "rounds": s.rounds,
-        "traversal": format!("{:?}", s.traversal),
-    });
+    let settings = serde_json::to_string(s).unwrap_or_default();
     Metadata {
         software: concat!("lightsum ", env!("CARGO_PKG_VERSION")).into(),
         scene: job.name.clone(),
-        settings: settings.to_string(),
+        settings,
         seed: s.seed,
         passes: 0,
         camera: serde_json::to_string(&job.camera).unwrap_or_default(),
@@ -298,7 +282,9 @@ mod tests {
         let from_scene = chosen("", &scene);
         assert_eq!((from_scene.paths, from_scene.seed, from_scene.compensation), (7, 9, false));
         assert_eq!(from_scene.clip, Clip::Distance(0.5));
-        let flags = chosen("--paths 3 --seed 1 --clip-fraction 0.1 --jitter --rounds 8 --max-depth 2", &scene);
+        let flags =
+            chosen("--paths 3 --seed 1 --clip-fraction 0.1 --jitter --rounds 8 --max-depth 2 --interleave 2x5", &scene);
+        assert_eq!((flags.pattern, defaults.pattern), ([2, 5], [1, 1]));
         assert_eq!((flags.paths, flags.seed, flags.rounds, flags.max_depth, flags.jitter), (3, 1, 8, 2, true));
         assert_eq!((flags.max_specular, flags.split), (3, true));
         let direct = chosen("--max-specular 0 --no-split", &scene);

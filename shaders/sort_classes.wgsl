@@ -1,0 +1,19 @@
+// Where the receivers of each class of pixels begin on the sorted list, and their clusters. See pass/sort.rs.
+#include "frame.wgsl"
+#include "work.wgsl"
+#include "sort.wgsl"
+
+@group(0) @binding(1) var<storage, read_write> work: Work;
+@group(0) @binding(2) var<storage, read> counts: array<u32>;           // prefix sums of the digit that is the class
+@group(0) @binding(3) var<storage, read_write> classes: array<vec2<u32>>;  // first cluster, first receiver; one past the last: all
+
+@compute @workgroup_size(1)
+fn main() {
+    let runs = ceil_div(work.total, RUN);
+    var cluster = 0u;
+    for (var k = 0u; k <= frame.pattern.z; k += 1u) {
+        let begin = counts[k * runs];
+        classes[k] = vec2<u32>(cluster, begin);
+        cluster += ceil_div(counts[(k + 1u) * runs] - begin, 64u);
+    }
+}
