@@ -107,7 +107,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let origin = select(position, offset_origin(position, normal, frame.eye.w), surface || kind == EMITTER_VIRTUAL);
     let depth = frame.depths[0];
     let share = select(0.0, bitcast<f32>(depth.z), surface);
-    lights[light_slot(particle, depth.y)] = PointLight(
+    let light = PointLight(
         vec4<f32>(origin, bitcast<f32>(LIGHT_SURFACE | LIGHT_CLIPPED)),
         vec4<f32>(normal, 0.0),
         vec4<f32>(e.flux.xyz * (share * INV_PI), 1.0),
@@ -115,6 +115,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         vec4<f32>(0.0),
         vec4<f32>(0.0),
     );
+    // Not every particle leaves a light here.
+    if particle < depth.x * frame.pattern.z {
+        lights[light_slot(particle, depth.y)] = light;
+    }
     let flies = particle < depth.w * frame.pattern.z;
     flux[particle] = vec4<f32>(select(vec3<f32>(0.0), e.flux.xyz, flies), 0.0);
     ray_origin[particle] = vec4<f32>(origin, select(0.0, 3.0e38, flies));

@@ -31,20 +31,24 @@ pub const INSTANCES: u32 = 2;
 /// Each class of pixels has as many, one class after the other. Slots are: the delta lights, then for each number of reflections j the N_j particles that survive it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LightPlan {
-    /// Particles N_j with j reflections, j = 0..=max_depth - 2; empty if nothing is lit.
+    /// Particles N_j that leave a light after j reflections, j = 0..=max_depth - 2; empty if nothing is lit.
     pub survivors: Vec<u32>,
     /// Point, spot, directional and imported lights, each lit exactly once a pass.
     pub delta: u32,
 }
 
 impl LightPlan {
-    /// N_j = floor(rho^j N) (Keller 1997, 3.2), but at least 1: otherwise long paths would be missing from the limit.
+    /// N_j = floor(rho^j N) (Keller 1997, 3.2), but at least 1: otherwise long paths would be missing from the limit. N_0 is
+    /// what [`Settings::direct_lights`] says.
     pub fn new(settings: &Settings, mean_reflectivity: f32, delta: u32) -> LightPlan {
         let mut survivors = Vec::new();
         let mut expected = f64::from(settings.paths);
         for _ in 1..settings.max_depth {
             survivors.push((expected.floor() as u32).max(1));
             expected *= f64::from(mean_reflectivity.clamp(0.0, 1.0));
+        }
+        if let (Some(first), Some(direct)) = (survivors.first_mut(), settings.direct_lights) {
+            *first = direct;
         }
         LightPlan { survivors, delta }
     }
@@ -267,6 +271,8 @@ mod tests {
         assert_eq!(plan.first_slot(0), 3);
         assert_eq!(plan.first_slot(2), 51);
         assert_eq!(plan.slots(), 65);
+        let plan = LightPlan::new(&Settings { direct_lights: Some(4), ..settings.clone() }, 0.5, 0);
+        assert_eq!(plan.survivors, [4, 16, 8, 4, 2]);
         let plan = LightPlan::new(&Settings { paths: 3, max_depth: 5, ..settings }, 0.5, 0);
         assert_eq!(plan.survivors, [3, 1, 1, 1], "no depth dies out");
     }

@@ -4,6 +4,8 @@
 //! by (Phi_5, Phi_7) distributed as the emission. Emitters without area start particles too, but are lit by themselves,
 //! once a pass, instead of through their particles' first vertices.
 //!
+//! Only the first N_0 leave a light here (see [`crate::settings::Settings::direct_lights`]).
+//!
 //! With interleaved sampling each class of pixels has N particles and a set of lights of its own, made of consecutive segments
 //! of the sequence (Wald et al. 2002, 4.2 and 4.4).
 //!
@@ -79,7 +81,7 @@ pub fn walk_numbers(frame: &layout::Frame, j: usize, particle: u32) -> [f32; 2] 
     })
 }
 
-/// Oracle: light, ray and flux of a particle's start.
+/// Oracle: light, ray and flux of a particle's start; the light is left by the first N_0 of a class alone.
 pub fn reference(frame: &layout::Frame, emitters: &Emitters, particle: u32) -> (PointLight, Ray, Vec3) {
     let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
     let [u0, u1] = walk_numbers(frame, 0, particle);

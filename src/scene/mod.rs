@@ -433,6 +433,8 @@ pub struct RenderDefaults {
     pub passes: Option<u32>,
     /// Particles started for each pass.
     pub paths: Option<u32>,
+    /// Lights on the emitters themselves.
+    pub direct_lights: Option<u32>,
     /// Width and height of the interleaving pattern.
     pub interleave: Option<[u32; 2]>,
     /// Segments of a path.

@@ -130,6 +130,11 @@ pub struct Light {
     /// The cost of a pass grows linearly; more make the passes differ less from each other.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PATHS)))]
     pub paths: Option<u32>,
+    /// Lights that the particles leave on the emitters themselves, 1 to --paths [default: the scene's, or --paths].
+    ///
+    /// Fewer save shadow rays; the shadows of the single lights show until passes or a filter mix them.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PATHS)))]
+    pub direct_lights: Option<u32>,
     /// Pattern of pixels whose places have virtual lights of their own, 1x1 to 8x8 [default: the scene's, or 1x1].
     ///
     /// A larger one lights a neighbourhood by that many times as many lights at the same number of shadow rays, which are
@@ -251,7 +256,7 @@ impl From<TraversalFlag> for Traversal {
 pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise in place of structured error.
     #[arg(long, conflicts_with_all = [
-        "passes", "time", "target_error", "resume", "paths", "interleave", "clip", "clip_fraction", "no_compensation", "no_split",
+        "passes", "time", "target_error", "resume", "paths", "direct_lights", "interleave", "clip", "clip_fraction", "no_compensation", "no_split",
         "light_threshold", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "export_lights", "stats",
     ])]
     pub reference: bool,

@@ -73,6 +73,7 @@ fn settings(args: &Render, render: &RenderDefaults) -> Settings {
     }
     let light = &args.light;
     settings.paths = light.paths.unwrap_or(settings.paths);
+    settings.direct_lights = light.direct_lights.or(settings.direct_lights);
     settings.pattern = light.interleave.unwrap_or(settings.pattern);
     settings.max_depth = light.max_depth.unwrap_or(settings.max_depth);
     settings.max_specular = light.max_specular.unwrap_or(settings.max_specular);
