@@ -78,6 +78,9 @@ pub struct Frame {
     /// How shadow rays are traced: auto, single or cluster [default: auto].
     #[arg(long, value_name = "HOW,...", value_delimiter = ',', value_parser = traversal())]
     pub traversal: Vec<Traversal>,
+    /// Settings of lightsum's preset of that name in place of the defaults and the scene's; other flags override them.
+    #[arg(long)]
+    pub interactive: bool,
     /// Leave out what clipping cuts off, and with it the passes from the second bounce on.
     #[arg(long)]
     pub no_compensation: bool,

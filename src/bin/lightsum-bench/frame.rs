@@ -19,7 +19,12 @@ pub fn run(args: &Frame) -> Result<()> {
     for name in &args.scenes {
         let scene = scene::load(name)?;
         let camera = scene::camera(&scene, args.common.resolution);
-        for settings in combinations(args, Settings::default().with_scene_defaults(&scene.render)) {
+        let base = if args.interactive {
+            Settings::interactive()
+        } else {
+            Settings::default().with_scene_defaults(&scene.render)
+        };
+        for settings in combinations(args, base) {
             let mut renderer = Renderer::with_context(context.clone(), scene.clone(), camera, settings)?;
             let passes = Passes::measure(&mut renderer, args.common.repeats)?;
             if args.common.json {

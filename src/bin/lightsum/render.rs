@@ -65,13 +65,19 @@ pub fn run(args: &Render) -> Result<()> {
 fn settings(args: &Render, render: &RenderDefaults) -> Settings {
     let defaults = Settings::default();
     let mut settings = defaults.clone().with_scene_defaults(render);
-    if let Some(Preset::Progressive) = args.light.preset {
-        settings.paths = defaults.paths;
-        settings.clip = defaults.clip;
-        settings.compensation = true;
-        settings.jitter = false;
-    }
     let light = &args.light;
+    if let Some(preset) = light.preset {
+        let preset = match preset {
+            Preset::Progressive => defaults,
+            Preset::Interactive => Settings::interactive(),
+        };
+        settings.paths = preset.paths;
+        settings.direct_lights = preset.direct_lights;
+        settings.pattern = preset.pattern;
+        settings.clip = preset.clip;
+        settings.compensation = preset.compensation;
+        settings.jitter = preset.jitter;
+    }
     settings.paths = light.paths.unwrap_or(settings.paths);
     settings.direct_lights = light.direct_lights.or(settings.direct_lights);
     settings.pattern = light.interleave.unwrap_or(settings.pattern);
