@@ -214,8 +214,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var shading: array<vec3<f32>, RAYS>;
     var sum: array<vec3<f32>, RAYS>;
     var glossy = 0u;
-    // The lights of a chunk have equally many reflections behind them.
-    let first_bounce = lights[lights_of_class + step.first].f0.w == 0.0;
 #endif
     var lo = vec3<f32>(3.0e38);
     var hi = vec3<f32>(-3.0e38);
@@ -242,14 +240,17 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         shading_lo = min(shading_lo, shading[r]);
         shading_hi = max(shading_hi, shading[r]);
         glossy |= select(0u, 1u << r, slot < end && receiver_f0[p].w > 0.0);
-        if fresh && slot < end {
-            direct[p] = vec4<f32>(0.0);
-            indirect[p] = vec4<f32>(0.0);
-            specular[p] = vec4<f32>(0.0);
-        }
-        sum[r] = select(indirect[p].xyz, direct[p].xyz, first_bounce) * select(1.0, 0.0, fresh);
 #endif
     }
+#if VISIBILITY
+#else
+    // Under a SIMD driver a loop that does not run costs less than an `if`, of which all lanes execute both sides.
+    for (var r = select(RAYS, 0u, fresh); r < RAYS; r += 1u) {
+        if ((present >> r) & 1u) != 0u {
+            specular[pixel[r]] = vec4<f32>(0.0);
+        }
+    }
+#endif
     lo = min_reduce(lo);
     hi = -min_reduce(-hi);
     geometric_lo = min_reduce(geometric_lo);
@@ -297,8 +298,26 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // Every visit takes from one budget. What is left when it is spent is carried on by the next round.
     var left = step.steps;
     var blocker = 0u;
+#if VISIBILITY
     while todo != 0u && left > 0u {
         let place = lights_of_class + step.first + firstTrailingBit(todo);
+#else
+    // First the lights that shine directly, then those behind reflections; the first chunk starts the sums of both.
+    let directly = clamp(frame.depths[1].y, step.first, step.end) - step.first;
+    let direct_lights = select((1u << (directly & 31u)) - 1u, 0xffffffffu, directly >= 32u);
+    let first_kind = select(0u, 1u, directly == 0u && !fresh);
+    let end_kind = select(2u, 1u, directly == count && !fresh);
+    for (var kind = first_kind; kind < end_kind; kind += 1u) {
+    for (var r = 0u; r < RAYS; r += 1u) {
+        sum[r] = vec3<f32>(0.0);
+    }
+    for (var r = select(0u, RAYS, fresh); r < RAYS; r += 1u) {
+        sum[r] = select(indirect[pixel[r]].xyz, direct[pixel[r]].xyz, kind == 0u);
+    }
+    let of_kind = select(~direct_lights, direct_lights, kind == 0u);
+    while (todo & of_kind) != 0u && left > 0u {
+        let place = lights_of_class + step.first + firstTrailingBit(todo & of_kind);
+#endif
         let l_position = lights[place].position;
         let origin = l_position.xyz;
 #if VISIBILITY
@@ -532,6 +551,20 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #endif
         todo &= todo - 1u;
     }
+#if VISIBILITY
+#else
+    for (var r = select(RAYS, 0u, kind == 0u); r < RAYS; r += 1u) {
+        if ((present >> r) & 1u) != 0u {
+            direct[pixel[r]] = vec4<f32>(sum[r], 0.0);
+        }
+    }
+    for (var r = select(0u, RAYS, kind == 0u); r < RAYS; r += 1u) {
+        if ((present >> r) & 1u) != 0u {
+            indirect[pixel[r]] = vec4<f32>(sum[r], 0.0);
+        }
+    }
+    }
+#endif
 #if COUNTERS
     // All lanes count the same, but for their rays.
     for (var i = 0u; i < 6u; i += 1u) {
@@ -541,20 +574,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let reached = select(step.first + firstTrailingBit(todo), step.end, todo == 0u);
     for (var r = 0u; r < RAYS; r += 1u) {
         if ((present >> r) & 1u) != 0u {
-            let p = pixel[r];
 #if VISIBILITY
-            visible[p] = seen[r];
-#else
-            if first_bounce {
-                direct[p] = vec4<f32>(sum[r], 0.0);
-            } else {
-                indirect[p] = vec4<f32>(sum[r], 0.0);
-            }
+            visible[pixel[r]] = seen[r];
 #endif
-            progress[p] = vec2<u32>(reached, 0u);
-            if reached < step.end {
-                atomicAdd(&work.unfinished, 1u);
-            }
+            progress[pixel[r]] = vec2<u32>(reached, 0u);
         }
+    }
+    if reached < step.end {
+        atomicAdd(&work.unfinished, countOneBits(present));
     }
 }

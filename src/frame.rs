@@ -279,7 +279,7 @@ impl Frame {
                     status: &status,
                     classes: sort_buffers.as_ref().map(|buffers| &buffers.classes),
                 };
-                let lit = steps.bounces[b].chunks > 0;
+                let lit = !steps.bounces[b].shade.is_empty();
                 let shade = if lit { Some(Shade::new(kernels, &inputs)?) } else { None };
                 let sort = match (&shade, &sort_buffers) {
                     (Some(_), Some(buffers)) => {
@@ -458,7 +458,7 @@ impl Frame {
     /// The receivers of this bounce are lit.
     pub fn record_shade(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
         match &self.bounces[bounce].shade {
-            Some(shade) => shade.record(rec, &self.steps.shade[..self.steps.bounces[bounce].chunks]),
+            Some(shade) => shade.record(rec, &self.steps.bounces[bounce].shade),
             None => Ok(()),
         }
     }

@@ -19,8 +19,6 @@ pub(super) struct Steps {
     pub(super) list_trace: Vec<u32>,
     /// For a list that was just filled.
     pub(super) list: u32,
-    /// Chunks of lights, each in rounds; bounces take prefixes.
-    pub(super) shade: Vec<Chunk>,
     pub(super) sort: SortSteps,
     pub(super) bounces: Vec<BounceSteps>,
 }
@@ -30,8 +28,8 @@ pub(super) struct BounceSteps {
     pub(super) gather: u32,
     /// Of receivers and their collection.
     pub(super) receivers: u32,
-    /// Chunks to light them with.
-    pub(super) chunks: usize,
+    /// Chunks of the lights that light them, each in rounds.
+    pub(super) shade: Vec<Chunk>,
 }
 
 impl Steps {
@@ -56,16 +54,12 @@ impl Steps {
             .collect();
         let lanes_in_use = Chunk::lanes(settings, lanes);
         let chunk_size = Chunk::size(settings, lanes_in_use.is_some());
-        let shade = plan
-            .chunks(chunk_size, plan.survivors.len())
-            .iter()
-            .map(|&(first, end)| {
-                // Parallel light comes from no place.
-                let mut places = delta.iter().take(end as usize).skip(first as usize);
-                let parallel = places.any(|l| l.flags() & PointLight::DIRECTIONAL != 0);
-                Chunk::new(table, settings, (first, end), lanes_in_use.filter(|_| !parallel))
-            })
-            .collect();
+        let shade = |table: &mut StepTable, (first, end): (u32, u32)| {
+            // Parallel light comes from no place.
+            let mut places = delta.iter().take(end as usize).skip(first as usize);
+            let parallel = places.any(|l| l.flags() & PointLight::DIRECTIONAL != 0);
+            Chunk::new(table, settings, (first, end), lanes_in_use.filter(|_| !parallel))
+        };
         let (depth, sorts) = (settings.max_depth, lanes.is_some());
         let clips = !matches!(settings.clip, Clip::Distance(0.0) | Clip::Fraction(0.0));
         let bounces = if settings.compensation && clips { depth } else { 1 };
@@ -73,7 +67,7 @@ impl Steps {
             .map(|bounce| {
                 // Eye segment, `bounce` gather rays, shadow ray and j reflections are bounce + j + 2 segments.
                 let reflections = (depth as usize).checked_sub(bounce as usize + 2);
-                let chunks = reflections.map_or(0, |j| plan.chunks(chunk_size, j).len());
+                let chunks = reflections.map_or(Vec::new(), |j| plan.chunks(chunk_size, j));
                 BounceSteps {
                     gather: table.add(Step { bounce: bounce.max(1) - 1, indirect: 1, ..Step::default() }),
                     receivers: table.add(Step {
@@ -81,10 +75,10 @@ impl Steps {
                         end: pixels,
                         indirect: u32::from(bounce > 0),
                         last: u32::from(bounce + 1 == depth),
-                        fresh: u32::from(sorts && chunks > 0),
+                        fresh: u32::from(sorts && !chunks.is_empty()),
                         ..Step::default()
                     }),
-                    chunks,
+                    shade: chunks.into_iter().map(|chunk| shade(table, chunk)).collect(),
                 }
             })
             .collect();
@@ -100,7 +94,6 @@ impl Steps {
             second: table.add(Step { first: eye.twins(), ..table.steps[bounces[0].receivers as usize] }),
             list_trace: table.add_rounds(rounds, Step { indirect: 1, ..trace }),
             list: table.add(Step { indirect: 1, ..Step::default() }),
-            shade,
             sort: SortSteps::new(table, settings.classes()),
             bounces,
         }
