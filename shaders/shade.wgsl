@@ -1,5 +1,6 @@
 // Light from every point light of a chunk, with shadows. See pass/shade.rs.
 // VISIBILITY: only counts the lights that each receiver sees. See pass/visibility.rs.
+// AREA: with VISIBILITY, the lights are area lights and each ray goes to its own point of one.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "bvh.wgsl"
@@ -7,6 +8,9 @@
 #include "bsdf.wgsl"
 #include "lights.wgsl"
 #include "receiver.wgsl"
+#if AREA
+#include "area.wgsl"
+#endif
 
 @group(0) @binding(6) var<storage, read> receiver_position: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> receiver_geometric: array<vec4<f32>>;
@@ -69,7 +73,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let end = min(step.end, light + step.bounce);
     while light < end {
         let place = lights_of_class + light;
+#if AREA
+        let l_position = vec4<f32>(area_point(area_light(lights[place]), pixel, place), 0.0);
+#else
         let l_position = lights[place].position;
+#endif
 #if VISIBILITY
         let d = l_position.xyz - origin;
         let lit = dot(d, geometric.xyz) > 0.0;

@@ -2,12 +2,16 @@
 // See pass/shade.rs.
 // VISIBILITY: only counts the lights that each receiver sees. See pass/visibility.rs.
 // COUNTERS: with VISIBILITY, also counts what the clusters met.
+// AREA: with VISIBILITY, the lights are area lights and each ray goes to its own point of one.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"
 #include "lights.wgsl"
 #include "receiver.wgsl"
+#if AREA
+#include "area.wgsl"
+#endif
 
 @group(0) @binding(1) var<storage, read> wide_nodes: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> triangle_v0: array<vec4<f32>>;
@@ -40,24 +44,7 @@
 #endif
 var<immediate> push: Push;
 
-// Lanes of the subgroup.
-#if LANES4
-const LANES: u32 = 4u;
-#else
-#if LANES16
-const LANES: u32 = 16u;
-#else
-#if LANES32
-const LANES: u32 = 32u;
-#else
-#if LANES64
-const LANES: u32 = 64u;
-#else
-const LANES: u32 = 8u;
-#endif
-#endif
-#endif
-#endif
+#include "subgroup.wgsl"
 // Rays that each lane holds: a cluster has 64.
 const RAYS: u32 = 64u / LANES;
 // Children of a node, or triangles of a leaf, that each lane holds: eight in all; the lanes from 8 on repeat them.
@@ -68,78 +55,7 @@ const WORDS: u32 = 16u / min(LANES, 16u);
 // Greatest number of lights for each mask of lights.
 const MASK: u32 = 32u;
 
-// Reductions by shuffles between fixed lanes: on a driver that runs lanes as one vector each is a single instruction.
-fn or_reduce(x: u32) -> u32 {
-    var y = x;
-    y |= subgroupShuffleXor(y, 1u);
-    y |= subgroupShuffleXor(y, 2u);
-    if LANES > 4u {
-        y |= subgroupShuffleXor(y, 4u);
-    }
-    if LANES > 8u {
-        y |= subgroupShuffleXor(y, 8u);
-    }
-    if LANES > 16u {
-        y |= subgroupShuffleXor(y, 16u);
-    }
-    if LANES > 32u {
-        y |= subgroupShuffleXor(y, 32u);
-    }
-    return y;
-}
-
-fn min_reduce(x: vec3<f32>) -> vec3<f32> {
-    var y = x;
-    y = min(y, subgroupShuffleXor(y, 1u));
-    y = min(y, subgroupShuffleXor(y, 2u));
-    if LANES > 4u {
-        y = min(y, subgroupShuffleXor(y, 4u));
-    }
-    if LANES > 8u {
-        y = min(y, subgroupShuffleXor(y, 8u));
-    }
-    if LANES > 16u {
-        y = min(y, subgroupShuffleXor(y, 16u));
-    }
-    if LANES > 32u {
-        y = min(y, subgroupShuffleXor(y, 32u));
-    }
-    return y;
-}
-
-// All points t d, 0 <= t <= 1, with d in a box: what the rays from a light to a cluster lie in. On each axis t is at least
-// x_lo * enter_lo and x_hi * enter_hi for points x of a box, and at most x * leave + never with x the side that is left last.
-struct Shaft {
-    enter_lo: vec3<f32>,    // 1 / greatest d if that is positive, else 0
-    enter_hi: vec3<f32>,    // 1 / least d if that is negative, else 0
-    leave: vec3<f32>,       // 1 / the d nearest to 0; 0 on an axis whose d take both signs, which bounds no t from above
-    never: vec3<f32>,       // huge on such an axis, else 0
-    positive: vec3<bool>,   // all d are positive
-}
-
-fn make_shaft(lo: vec3<f32>, hi: vec3<f32>) -> Shaft {
-    // Anything smaller counts as 0, so that there are no infinities.
-    let tiny = vec3<f32>(1e-30);
-    let positive = lo > tiny;
-    let negative = hi < -tiny;
-    let one_sign = positive | negative;
-    var shaft: Shaft;
-    shaft.enter_lo = select(vec3<f32>(0.0), 1.0 / hi, hi > tiny);
-    shaft.enter_hi = select(vec3<f32>(0.0), 1.0 / lo, lo < -tiny);
-    shaft.leave = select(vec3<f32>(0.0), 1.0 / select(hi, lo, positive), one_sign);
-    shaft.never = select(vec3<f32>(3.0e38), vec3<f32>(0.0), one_sign);
-    shaft.positive = positive;
-    return shaft;
-}
-
-// Whether the shaft may meet a box. Says yes rather too often. Integers order like floats here: negative values need no order.
-fn shaft_meets(shaft: Shaft, lo: vec3<f32>, hi: vec3<f32>) -> bool {
-    let enter = max(bitcast<vec3<i32>>(lo * shaft.enter_lo), bitcast<vec3<i32>>(hi * shaft.enter_hi));
-    let leave = bitcast<vec3<i32>>(select(lo, hi, shaft.positive) * shaft.leave + shaft.never);
-    let t_near = bitcast<f32>(max(max(enter.x, enter.y), max(enter.z, 0)));
-    let t_far = bitcast<f32>(min(min(leave.x, leave.y), min(leave.z, 0x3f800000))) * 1.000002;
-    return t_near <= t_far;
-}
+#include "shaft.wgsl"
 
 #if VISIBILITY
 #else
@@ -262,8 +178,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if VISIBILITY
     for (var base = 0u; base < count; base += LANES) {
         let i = base + lane;
+#if AREA
+        let area = area_light(lights[lights_of_class + step.first + min(i, count - 1u)]);
+        let d_lo = area.centre - area.extent - hi;
+        let d_hi = area.centre + area.extent - lo;
+        let faces = greatest_dot(geometric_lo, geometric_hi, d_lo, d_hi) > 0.0;
+#else
         let to_light = lights[lights_of_class + step.first + min(i, count - 1u)].position.xyz;
         let faces = greatest_dot(geometric_lo, geometric_hi, to_light - hi, to_light - lo) > 0.0;
+#endif
         todo |= select(0u, 1u << (i & 31u), faces && i < count && step.first + i >= start);
     }
 #else
@@ -299,272 +222,330 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var left = step.steps;
     var blocker = 0u;
 #if VISIBILITY
-    while todo != 0u && left > 0u {
-        let place = lights_of_class + step.first + firstTrailingBit(todo);
+    let kinds = vec2<u32>(0u, 1u);
 #else
     // First the lights that shine directly, then those behind reflections; the first chunk starts the sums of both.
     let directly = clamp(frame.depths[1].y, step.first, step.end) - step.first;
     let direct_lights = select((1u << (directly & 31u)) - 1u, 0xffffffffu, directly >= 32u);
-    let first_kind = select(0u, 1u, directly == 0u && !fresh);
-    let end_kind = select(2u, 1u, directly == count && !fresh);
-    for (var kind = first_kind; kind < end_kind; kind += 1u) {
-    for (var r = 0u; r < RAYS; r += 1u) {
-        sum[r] = vec3<f32>(0.0);
-    }
-    for (var r = select(0u, RAYS, fresh); r < RAYS; r += 1u) {
-        sum[r] = select(indirect[pixel[r]].xyz, direct[pixel[r]].xyz, kind == 0u);
-    }
-    let of_kind = select(~direct_lights, direct_lights, kind == 0u);
-    while (todo & of_kind) != 0u && left > 0u {
-        let place = lights_of_class + step.first + firstTrailingBit(todo & of_kind);
+    let kinds = vec2<u32>(select(0u, 1u, directly == 0u && !fresh), select(2u, 1u, directly == count && !fresh));
 #endif
-        let l_position = lights[place].position;
-        let origin = l_position.xyz;
+    for (var kind = kinds.x; kind < kinds.y; kind += 1u) {
+#if VISIBILITY
+        let of_kind = todo;
+#else
+        for (var r = 0u; r < RAYS; r += 1u) {
+            sum[r] = vec3<f32>(0.0);
+        }
+        for (var r = select(0u, RAYS, fresh); r < RAYS; r += 1u) {
+            sum[r] = select(indirect[pixel[r]].xyz, direct[pixel[r]].xyz, kind == 0u);
+        }
+        let of_kind = select(~direct_lights, direct_lights, kind == 0u);
+#endif
+        while (todo & of_kind) != 0u && left > 0u {
+            let place = lights_of_class + step.first + firstTrailingBit(todo & of_kind);
+#if AREA
+            let area = area_light(lights[place]);
+            let origin = area.centre;
+            // Where the rays start, from the light's centre, and their moments q x d.
+            var q: array<vec3<f32>, RAYS>;
+            var moment: array<vec3<f32>, RAYS>;
+#else
+            let l_position = lights[place].position;
+            let origin = l_position.xyz;
+#endif
 #if VISIBILITY
 #else
-        let l_normal = lights[place].normal;
-        let l_emit = lights[place].emit;
-        let flags = bitcast<u32>(l_position.w);
-        let surface = (flags & LIGHT_SURFACE) != 0u;
+            let l_normal = lights[place].normal;
+            let l_emit = lights[place].emit;
+            let flags = bitcast<u32>(l_position.w);
+            let surface = (flags & LIGHT_SURFACE) != 0u;
 #endif
 
-        // Rays run from the light (t = 0) to the receivers (t = 1).
-        var d: array<vec3<f32>, RAYS>;
-        var inverse: array<vec3<f32>, RAYS>;
-        var alive = 0u;
-        for (var r = 0u; r < RAYS; r += 1u) {
-            d[r] = position[r] - origin;
-#if VISIBILITY
-            let lit = dot(d[r], geometric[r]) < 0.0 && ((present >> r) & 1u) != 0u;
-#else
-            let faces = dot(d[r], geometric[r]) < 0.0 && dot(d[r], shading[r]) < 0.0;
-            let reaches = !surface || dot(d[r], l_normal.xyz) > 0.0;
-            let lit = faces && reaches && ((present >> r) & 1u) != 0u;
-#endif
-            alive |= select(0u, 1u << r, lit);
-            let tiny = vec3<f32>(1e-30);
-            inverse[r] = 1.0 / select(d[r], select(tiny, -tiny, d[r] < vec3<f32>(0.0)), abs(d[r]) < tiny);
-        }
-#if COUNTERS
-        met[0] += 1u;
-        met[1] += countOneBits(alive);
-#endif
-        let shaft = make_shaft(lo - origin, hi - origin);
-
-        // A word of the stack: children of one node that are still to be visited, as the first child's node and, from bit 24,
-        // a mask. Lane i holds word i, and where there are more words than lanes word i + LANES, and so on.
-        var stack: array<u32, WORDS>;
-        var top = 0u;
-        var base = 0u;
-        var pending = select(0u, 1u, or_reduce(alive) != 0u);
-        // The leaf that blocked the last cluster-light pair is tried first: it often blocks this one too.
-        var child: array<u32, PARTS>;
-        for (var part = 0u; part < PARTS; part += 1u) {
-            child[part] = blocker;
-        }
-        var leaves = select(0u, 1u, pending != 0u && blocker != 0u);
-        var more = pending != 0u;
-        while more && left > 0u {
-            // Leaves: lane k sets up triangle k; those in the shaft are tested against the rays.
-            loop {
-                left = max(left, 1u) - 1u;
-                let leaf = firstTrailingBit(leaves) & 7u;
-                let entry = subgroupShuffle(select(child[0], child[PARTS - 1u], leaf >= LANES), leaf & (LANES - 1u));
-                let count = select(0u, entry >> 28u, leaves != 0u);
-#if COUNTERS
-                met[4] += select(0u, 1u, leaves != 0u);
-#endif
-                leaves &= leaves - 1u;
-                let index = entry & 0x0fffffffu;
-                var n0: array<vec3<f32>, PARTS>;
-                var n1: array<vec3<f32>, PARTS>;
-                var n_sum: array<vec3<f32>, PARTS>;
-                var reach: array<f32, PARTS>;
-                var taking_part = 0u;
-                for (var part = 0u; part < PARTS; part += 1u) {
-                    let k = part * LANES + (lane & 7u);
-                    let i = index + min(k, max(count, 1u) - 1u);
-                    let a = triangle_v0[i].xyz - origin;
-                    let e1 = triangle_e1[i].xyz;
-                    let e2 = triangle_e2[i].xyz;
-                    let b = a + e1;
-                    let c = a + e2;
-                    // Planes through the light and each edge, formed from differences: products of far corners would lose
-                    // the depth of small triangles. All turned so that a ray inside has positive products, which are then
-                    // proportional to barycentric coordinates.
-                    let face = cross(e1, e2);
-                    let depth = dot(face, a);
-                    let side = select(1.0, -1.0, depth < 0.0);
-                    let m0 = side * cross(e1 - e2, b + c);
-                    let m1 = side * cross(e2, c + a);
-                    let m2 = side * cross(-e1, a + b);
-                    // The slack of a single ray's test, which makes each product larger by that share of their sum.
-                    const SLACK: f32 = 1e-5;
-                    let slack = SLACK * (m0 + m1 + m2);
-                    n0[part] = m0 + slack;
-                    n1[part] = m1 + slack;
-                    // The three planes add up to twice the triangle's own.
-                    n_sum[part] = (side * 2.0 * (1.0 + 3.0 * SLACK)) * face;
-                    reach[part] = abs(depth) * (2.0 * (1.0 + 3.0 * SLACK));
-                    let in_shaft = shaft_meets(shaft, min(a, min(b, c)), max(a, max(b, c)));
-                    taking_part |= select(0u, 1u << k, in_shaft && k < count && depth != 0.0);
-                }
-                var survivors = or_reduce(taking_part);
-                loop {
-                    left = max(left, 1u) - 1u;
-                    let k = firstTrailingBit(survivors) & 7u;
-                    let any = survivors != 0u;
-#if COUNTERS
-                    met[5] += select(0u, 1u, any);
-#endif
-                    survivors &= survivors - 1u;
-                    let upper = k >= LANES;
-                    let at = k & (LANES - 1u);
-                    let k_n0 = subgroupShuffle(select(n0[0], n0[PARTS - 1u], upper), at);
-                    let k_n1 = subgroupShuffle(select(n1[0], n1[PARTS - 1u], upper), at);
-                    let k_sum = subgroupShuffle(select(n_sum[0], n_sum[PARTS - 1u], upper), at);
-                    let k_reach = select(3.0e38, subgroupShuffle(select(reach[0], reach[PARTS - 1u], upper), at), any);
-                    for (var r = 0u; r < RAYS; r += 1u) {
-                        let b0 = dot(k_n0, d[r]);
-                        let b1 = dot(k_n1, d[r]);
-                        let b = dot(k_sum, d[r]); // b0 + b1 + b2
-                        let blocked = b0 >= 0.0 && b1 >= 0.0 && b - b0 >= b1 && b > k_reach;
-                        alive &= ~select(0u, 1u << r, blocked);
-                    }
-                    if survivors == 0u {
-                        break;
-                    }
-                }
-                let dead = or_reduce(alive) == 0u;
-                blocker = select(blocker, entry, dead);
-                pending = select(pending, 0u, dead);
-                top = select(top, 0u, dead);
-                leaves = select(leaves, 0u, dead);
-                if leaves == 0u {
-                    break;
-                }
-            }
-            leaves = 0u;
-            more = pending != 0u;
-            loop {
-                left = max(left, 1u) - 1u;
-                let node = select(0u, base + firstTrailingBit(pending), more);
-#if COUNTERS
-                met[2] += select(0u, 1u, more);
-#endif
-                let rest = pending & (pending - 1u);
-                let push = rest != 0u;
-                let word = base | (rest << 24u);
-                for (var w = 0u; w < WORDS; w += 1u) {
-                    stack[w] = select(stack[w], word, push && lane + w * LANES == top);
-                }
-                top += select(0u, 1u, push);
-
-                var box_lo: array<vec3<f32>, PARTS>;
-                var box_hi: array<vec3<f32>, PARTS>;
-                var in_shaft = 0u;
-                var is_leaf = 0u;
-                for (var part = 0u; part < PARTS; part += 1u) {
-                    let k = part * LANES + (lane & 7u);
-                    let a = wide_nodes[16u * node + 2u * k];
-                    let b = wide_nodes[16u * node + 2u * k + 1u];
-                    box_lo[part] = a.xyz - origin;
-                    box_hi[part] = b.xyz - origin;
-                    child[part] = bitcast<u32>(a.w) | (bitcast<u32>(b.w) << 28u);
-                    in_shaft |= select(0u, 1u << k, shaft_meets(shaft, box_lo[part], box_hi[part]));
-                    is_leaf |= select(0u, 1u << k, child[part] >= 0x10000000u);
-                }
-                var survivors = or_reduce(in_shaft);
-                var met_by = 0u;
-                loop {
-                    left = max(left, 1u) - 1u;
-                    let k = firstTrailingBit(survivors) & 7u;
-                    let upper = k >= LANES;
-                    let k_lo = subgroupShuffle(select(box_lo[0], box_lo[PARTS - 1u], upper), k & (LANES - 1u));
-                    let k_hi = subgroupShuffle(select(box_hi[0], box_hi[PARTS - 1u], upper), k & (LANES - 1u));
-#if COUNTERS
-                    met[3] += select(0u, 1u, survivors != 0u);
-#endif
-                    var hits = 0u;
-                    for (var r = 0u; r < RAYS; r += 1u) {
-                        let t0 = bitcast<vec3<i32>>(k_lo * inverse[r]);
-                        let t1 = bitcast<vec3<i32>>(k_hi * inverse[r]);
-                        let near3 = min(t0, t1);
-                        let far3 = max(t0, t1);
-                        let near = bitcast<f32>(max(max(near3.x, near3.y), max(near3.z, 0)));
-                        let far = bitcast<f32>(min(min(far3.x, far3.y), min(far3.z, 0x3f800000))) * 1.000001;
-                        hits |= select(0u, 1u << r, near <= far);
-                    }
-                    met_by |= select(0u, (survivors & (~survivors + 1u)), (hits & alive) != 0u);
-                    survivors &= survivors - 1u;
-                    if survivors == 0u {
-                        break;
-                    }
-                }
-                met_by = or_reduce(met_by);
-                let leaf_children = or_reduce(is_leaf);
-                leaves = select(0u, met_by & leaf_children, more);
-                pending = select(0u, met_by & ~leaf_children, more);
-                base = subgroupShuffle(child[0], 0u);
-                let pop = pending == 0u && top > 0u;
-                top -= select(0u, 1u, pop);
-                var words = stack[0];
-                for (var w = 1u; w < WORDS; w += 1u) {
-                    words = select(words, stack[w], top / LANES == w);
-                }
-                let popped = subgroupShuffle(words, top & (LANES - 1u));
-                base = select(base, popped & 0xffffffu, pop);
-                pending = select(pending, popped >> 24u, pop);
-                if leaves != 0u || pending == 0u || left == 0u {
-                    break;
-                }
-            }
-            more = leaves != 0u || pending != 0u;
-        }
-        if more {
-            break;
-        }
-
-#if VISIBILITY
-        for (var r = 0u; r < RAYS; r += 1u) {
-            seen[r] += (alive >> r) & 1u;
-        }
-#else
-        let clip2 = select(0.0, frame.right.w, (flags & LIGHT_CLIPPED) != 0u);
-        for (var r = 0u; r < RAYS; r += 1u) {
-            let r2 = dot(d[r], d[r]);
-            let wi = -d[r] / sqrt(max(r2, 1e-37));
-            let cos_light = -dot(wi, l_normal.xyz);
-            let spot = clamp(cos_light * l_normal.w + l_emit.w, 0.0, 1.0);
-            let intensity = l_emit.xyz * (select(1.0, max(cos_light, 0.0), surface) * spot * spot);
-            let factor = dot(wi, shading[r]) * (1.0 / max(max(r2, clip2), 1e-37));
-            sum[r] += intensity * select(0.0, factor, ((alive >> r) & 1u) != 0u);
-        }
-        // Specular lobes, of the light or of receivers, are rarer: ray by ray.
-        for (var rest = alive & select(glossy, present, (flags & LIGHT_GLOSSY) != 0u); rest != 0u; rest &= rest - 1u) {
-            let ray = firstTrailingBit(rest);
-            let extra = add_lobes(place, list[begin + ray * LANES + lane], clip2);
+            // Rays run from the light (t = 0) to the receivers (t = 1).
+            var d: array<vec3<f32>, RAYS>;
+            var inverse: array<vec3<f32>, RAYS>;
+            var alive = 0u;
             for (var r = 0u; r < RAYS; r += 1u) {
-                sum[r] += select(vec3<f32>(0.0), extra, r == ray);
+#if AREA
+                let point = area_point(area, pixel[r], place);
+                q[r] = point - origin;
+                d[r] = position[r] - point;
+                moment[r] = cross(q[r], d[r]);
+#else
+                d[r] = position[r] - origin;
+#endif
+#if VISIBILITY
+                let lit = dot(d[r], geometric[r]) < 0.0 && ((present >> r) & 1u) != 0u;
+#else
+                let faces = dot(d[r], geometric[r]) < 0.0 && dot(d[r], shading[r]) < 0.0;
+                let reaches = !surface || dot(d[r], l_normal.xyz) > 0.0;
+                let lit = faces && reaches && ((present >> r) & 1u) != 0u;
+#endif
+                alive |= select(0u, 1u << r, lit);
+                let tiny = vec3<f32>(1e-30);
+                inverse[r] = 1.0 / select(d[r], select(tiny, -tiny, d[r] < vec3<f32>(0.0)), abs(d[r]) < tiny);
+            }
+#if COUNTERS
+            met[0] += 1u;
+            met[1] += countOneBits(alive);
+#endif
+#if AREA
+            let shaft = make_shaft(lo - origin, hi - origin, area.extent);
+#else
+            let shaft = make_shaft(lo - origin, hi - origin);
+#endif
+
+            // A word of the stack: children of one node that are still to be visited, as the first child's node and, from bit 24,
+            // a mask. Lane i holds word i, and where there are more words than lanes word i + LANES, and so on.
+            var stack: array<u32, WORDS>;
+            var top = 0u;
+            var base = 0u;
+            var pending = select(0u, 1u, or_reduce(alive) != 0u);
+            // The leaf that blocked the last cluster-light pair is tried first: it often blocks this one too.
+            var child: array<u32, PARTS>;
+            for (var part = 0u; part < PARTS; part += 1u) {
+                child[part] = blocker;
+            }
+            var leaves = select(0u, 1u, pending != 0u && blocker != 0u);
+            var more = pending != 0u;
+            while more && left > 0u {
+                // Leaves: lane k sets up triangle k; those in the shaft are tested against the rays.
+                loop {
+                    left = max(left, 1u) - 1u;
+                    let leaf = firstTrailingBit(leaves) & 7u;
+                    let entry = subgroupShuffle(select(child[0], child[PARTS - 1u], leaf >= LANES), leaf & (LANES - 1u));
+                    let count = select(0u, entry >> 28u, leaves != 0u);
+#if COUNTERS
+                    met[4] += select(0u, 1u, leaves != 0u);
+#endif
+                    leaves &= leaves - 1u;
+                    let index = entry & 0x0fffffffu;
+                    var n0: array<vec3<f32>, PARTS>;
+                    var n1: array<vec3<f32>, PARTS>;
+                    var n_sum: array<vec3<f32>, PARTS>;
+                    var reach: array<f32, PARTS>;
+#if AREA
+                    var edge0: array<vec3<f32>, PARTS>;
+                    var edge1: array<vec3<f32>, PARTS>;
+#endif
+                    var taking_part = 0u;
+                    for (var part = 0u; part < PARTS; part += 1u) {
+                        let k = part * LANES + (lane & 7u);
+                        let i = index + min(k, max(count, 1u) - 1u);
+                        let a = triangle_v0[i].xyz - origin;
+                        let e1 = triangle_e1[i].xyz;
+                        let e2 = triangle_e2[i].xyz;
+                        let b = a + e1;
+                        let c = a + e2;
+                        // Planes through the light and each edge, formed from differences: products of far corners would lose
+                        // the depth of small triangles. All turned so that a ray inside has positive products, which are then
+                        // proportional to barycentric coordinates.
+                        let face = cross(e1, e2);
+                        let depth = dot(face, a);
+#if AREA
+                        // Rays from different points may come from different sides: each ray turns the planes itself. These are
+                        // the planes through the light's centre; with q the sum b + c becomes b + c - 2 q.
+                        let side = 1.0;
+                        edge0[part] = 2.0 * (e1 - e2);
+                        edge1[part] = 2.0 * e2;
+#else
+                        let side = select(1.0, -1.0, depth < 0.0);
+#endif
+                        let m0 = side * cross(e1 - e2, b + c);
+                        let m1 = side * cross(e2, c + a);
+                        let m2 = side * cross(-e1, a + b);
+                        // The slack of a single ray's test, which makes each product larger by that share of their sum.
+                        const SLACK: f32 = 1e-5;
+                        let slack = SLACK * (m0 + m1 + m2);
+                        n0[part] = m0 + slack;
+                        n1[part] = m1 + slack;
+                        // The three planes add up to twice the triangle's own.
+                        n_sum[part] = (side * 2.0 * (1.0 + 3.0 * SLACK)) * face;
+#if AREA
+                        reach[part] = depth * (2.0 * (1.0 + 3.0 * SLACK));
+                        let takes_part = shaft_meets(shaft, min(a, min(b, c)), max(a, max(b, c))) && k < count;
+                        taking_part |= select(0u, 1u << k, takes_part);
+#else
+                        reach[part] = abs(depth) * (2.0 * (1.0 + 3.0 * SLACK));
+                        let in_shaft = shaft_meets(shaft, min(a, min(b, c)), max(a, max(b, c)));
+                        taking_part |= select(0u, 1u << k, in_shaft && k < count && depth != 0.0);
+#endif
+                    }
+                    var survivors = or_reduce(taking_part);
+                    loop {
+                        left = max(left, 1u) - 1u;
+                        let k = firstTrailingBit(survivors) & 7u;
+                        let any = survivors != 0u;
+#if COUNTERS
+                        met[5] += select(0u, 1u, any);
+#endif
+                        survivors &= survivors - 1u;
+                        let upper = k >= LANES;
+                        let at = k & (LANES - 1u);
+                        let k_n0 = subgroupShuffle(select(n0[0], n0[PARTS - 1u], upper), at);
+                        let k_n1 = subgroupShuffle(select(n1[0], n1[PARTS - 1u], upper), at);
+                        let k_sum = subgroupShuffle(select(n_sum[0], n_sum[PARTS - 1u], upper), at);
+                        let k_reach = select(3.0e38, subgroupShuffle(select(reach[0], reach[PARTS - 1u], upper), at), any);
+#if AREA
+                        let k_edge0 = subgroupShuffle(select(edge0[0], edge0[PARTS - 1u], upper), at);
+                        let k_edge1 = subgroupShuffle(select(edge1[0], edge1[PARTS - 1u], upper), at);
+#endif
+                        for (var r = 0u; r < RAYS; r += 1u) {
+#if AREA
+                            // What moving a plane to q takes away: (2 edge x q) . d = 2 edge . (q x d).
+                            let depth = k_reach - dot(k_sum, q[r]);
+                            let side = select(1.0, -1.0, depth < 0.0);
+                            let b0 = side * (dot(k_n0, d[r]) - dot(k_edge0, moment[r]));
+                            let b1 = side * (dot(k_n1, d[r]) - dot(k_edge1, moment[r]));
+                            let b = side * dot(k_sum, d[r]);
+                            let blocked = b0 >= 0.0 && b1 >= 0.0 && b - b0 >= b1 && b > abs(depth) && depth != 0.0;
+#else
+                            let b0 = dot(k_n0, d[r]);
+                            let b1 = dot(k_n1, d[r]);
+                            let b = dot(k_sum, d[r]); // b0 + b1 + b2
+                            let blocked = b0 >= 0.0 && b1 >= 0.0 && b - b0 >= b1 && b > k_reach;
+#endif
+                            alive &= ~select(0u, 1u << r, blocked);
+                        }
+                        if survivors == 0u {
+                            break;
+                        }
+                    }
+                    let dead = or_reduce(alive) == 0u;
+                    blocker = select(blocker, entry, dead);
+                    pending = select(pending, 0u, dead);
+                    top = select(top, 0u, dead);
+                    leaves = select(leaves, 0u, dead);
+                    if leaves == 0u {
+                        break;
+                    }
+                }
+                leaves = 0u;
+                more = pending != 0u;
+                loop {
+                    left = max(left, 1u) - 1u;
+                    let node = select(0u, base + firstTrailingBit(pending), more);
+#if COUNTERS
+                    met[2] += select(0u, 1u, more);
+#endif
+                    let rest = pending & (pending - 1u);
+                    let push = rest != 0u;
+                    let word = base | (rest << 24u);
+                    for (var w = 0u; w < WORDS; w += 1u) {
+                        stack[w] = select(stack[w], word, push && lane + w * LANES == top);
+                    }
+                    top += select(0u, 1u, push);
+
+                    var box_lo: array<vec3<f32>, PARTS>;
+                    var box_hi: array<vec3<f32>, PARTS>;
+                    var in_shaft = 0u;
+                    var is_leaf = 0u;
+                    for (var part = 0u; part < PARTS; part += 1u) {
+                        let k = part * LANES + (lane & 7u);
+                        let a = wide_nodes[16u * node + 2u * k];
+                        let b = wide_nodes[16u * node + 2u * k + 1u];
+                        box_lo[part] = a.xyz - origin;
+                        box_hi[part] = b.xyz - origin;
+                        child[part] = bitcast<u32>(a.w) | (bitcast<u32>(b.w) << 28u);
+                        in_shaft |= select(0u, 1u << k, shaft_meets(shaft, box_lo[part], box_hi[part]));
+                        is_leaf |= select(0u, 1u << k, child[part] >= 0x10000000u);
+                    }
+                    var survivors = or_reduce(in_shaft);
+                    var met_by = 0u;
+                    loop {
+                        left = max(left, 1u) - 1u;
+                        let k = firstTrailingBit(survivors) & 7u;
+                        let upper = k >= LANES;
+                        let k_lo = subgroupShuffle(select(box_lo[0], box_lo[PARTS - 1u], upper), k & (LANES - 1u));
+                        let k_hi = subgroupShuffle(select(box_hi[0], box_hi[PARTS - 1u], upper), k & (LANES - 1u));
+#if COUNTERS
+                        met[3] += select(0u, 1u, survivors != 0u);
+#endif
+                        var hits = 0u;
+                        for (var r = 0u; r < RAYS; r += 1u) {
+#if AREA
+                            let t0 = bitcast<vec3<i32>>((k_lo - q[r]) * inverse[r]);
+                            let t1 = bitcast<vec3<i32>>((k_hi - q[r]) * inverse[r]);
+#else
+                            let t0 = bitcast<vec3<i32>>(k_lo * inverse[r]);
+                            let t1 = bitcast<vec3<i32>>(k_hi * inverse[r]);
+#endif
+                            let near3 = min(t0, t1);
+                            let far3 = max(t0, t1);
+                            let near = bitcast<f32>(max(max(near3.x, near3.y), max(near3.z, 0)));
+                            let far = bitcast<f32>(min(min(far3.x, far3.y), min(far3.z, 0x3f800000))) * 1.000001;
+                            hits |= select(0u, 1u << r, near <= far);
+                        }
+                        met_by |= select(0u, (survivors & (~survivors + 1u)), (hits & alive) != 0u);
+                        survivors &= survivors - 1u;
+                        if survivors == 0u {
+                            break;
+                        }
+                    }
+                    met_by = or_reduce(met_by);
+                    let leaf_children = or_reduce(is_leaf);
+                    leaves = select(0u, met_by & leaf_children, more);
+                    pending = select(0u, met_by & ~leaf_children, more);
+                    base = subgroupShuffle(child[0], 0u);
+                    let pop = pending == 0u && top > 0u;
+                    top -= select(0u, 1u, pop);
+                    var words = stack[0];
+                    for (var w = 1u; w < WORDS; w += 1u) {
+                        words = select(words, stack[w], top / LANES == w);
+                    }
+                    let popped = subgroupShuffle(words, top & (LANES - 1u));
+                    base = select(base, popped & 0xffffffu, pop);
+                    pending = select(pending, popped >> 24u, pop);
+                    if leaves != 0u || pending == 0u || left == 0u {
+                        break;
+                    }
+                }
+                more = leaves != 0u || pending != 0u;
+            }
+            if more {
+                break;
+            }
+
+#if VISIBILITY
+            for (var r = 0u; r < RAYS; r += 1u) {
+                seen[r] += (alive >> r) & 1u;
+            }
+#else
+            let clip2 = select(0.0, frame.right.w, (flags & LIGHT_CLIPPED) != 0u);
+            for (var r = 0u; r < RAYS; r += 1u) {
+                let r2 = dot(d[r], d[r]);
+                let wi = -d[r] / sqrt(max(r2, 1e-37));
+                let cos_light = -dot(wi, l_normal.xyz);
+                let spot = clamp(cos_light * l_normal.w + l_emit.w, 0.0, 1.0);
+                let intensity = l_emit.xyz * (select(1.0, max(cos_light, 0.0), surface) * spot * spot);
+                let factor = dot(wi, shading[r]) * (1.0 / max(max(r2, clip2), 1e-37));
+                sum[r] += intensity * select(0.0, factor, ((alive >> r) & 1u) != 0u);
+            }
+            // Specular lobes, of the light or of receivers, are rarer: ray by ray.
+            for (var rest = alive & select(glossy, present, (flags & LIGHT_GLOSSY) != 0u); rest != 0u; rest &= rest - 1u) {
+                let ray = firstTrailingBit(rest);
+                let extra = add_lobes(place, list[begin + ray * LANES + lane], clip2);
+                for (var r = 0u; r < RAYS; r += 1u) {
+                    sum[r] += select(vec3<f32>(0.0), extra, r == ray);
+                }
+            }
+#endif
+            todo &= todo - 1u;
+        }
+#if VISIBILITY
+#else
+        for (var r = select(RAYS, 0u, kind == 0u); r < RAYS; r += 1u) {
+            if ((present >> r) & 1u) != 0u {
+                direct[pixel[r]] = vec4<f32>(sum[r], 0.0);
+            }
+        }
+        for (var r = select(0u, RAYS, kind == 0u); r < RAYS; r += 1u) {
+            if ((present >> r) & 1u) != 0u {
+                indirect[pixel[r]] = vec4<f32>(sum[r], 0.0);
             }
         }
 #endif
-        todo &= todo - 1u;
     }
-#if VISIBILITY
-#else
-    for (var r = select(RAYS, 0u, kind == 0u); r < RAYS; r += 1u) {
-        if ((present >> r) & 1u) != 0u {
-            direct[pixel[r]] = vec4<f32>(sum[r], 0.0);
-        }
-    }
-    for (var r = select(0u, RAYS, kind == 0u); r < RAYS; r += 1u) {
-        if ((present >> r) & 1u) != 0u {
-            indirect[pixel[r]] = vec4<f32>(sum[r], 0.0);
-        }
-    }
-    }
-#endif
 #if COUNTERS
     // All lanes count the same, but for their rays.
     for (var i = 0u; i < 6u; i += 1u) {

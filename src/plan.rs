@@ -86,7 +86,7 @@ pub fn cluster_steps(lights: u32, budget: u32, lanes: u32) -> u32 {
     let visit = (rays + 2).max(10);
     let light = 2 * (rays + 1) + rays * (rays + 3) + 12;
     let under_way = 8 * visit + 8 * (3 + 8 * visit);
-    budget.saturating_sub(light * lights + under_way + 4 * rays + 40 + Settings::MAX_PATTERN.pow(2)) / visit
+    budget.saturating_sub(light * lights + under_way + 16 * rays + 60 + Settings::MAX_PATTERN.pow(2)) / visit
 }
 
 /// With fewer visits than this clusters would mostly leave their work to single rays, so these do all of it.

@@ -226,6 +226,37 @@ fn shadow_rays_are_verified_and_what_clusters_meet_is_counted() {
     assert!([0, 2].contains(&lines.len()), "{lines:?}");
 }
 
+#[test]
+fn rays_to_area_lights_are_measured_and_verified() {
+    let folder = folder();
+    let measure =
+        |area: &str| lines(folder.path(), &format!("shadow-rays --scene room:300 --lights 5 --verify {area}"));
+    let (points, default, wide) = (measure(""), measure("--area --counters"), measure("--area 0.3"));
+    for (lines, area) in [(&points, Value::Null), (&default, 0.05.into()), (&wide, 0.3.into())] {
+        for line in lines.iter().filter(|line| line["kernel"] != "counters") {
+            assert_eq!(line["area"], area, "{line}");
+            let (differing, receivers) = (&line["differing_receivers"], line["receivers"].as_u64().unwrap());
+            assert!(differing.as_u64().unwrap() * 100 <= receivers, "{line}");
+            positive(&line["mega_segments_per_second"]);
+        }
+    }
+    // The same receivers, but other rays.
+    assert_eq!(points[0]["receivers"], wide[0]["receivers"]);
+    assert_ne!(points[0]["visible"], wide[0]["visible"]);
+    // Clusters are counted where there are any.
+    let of = |kernel: &str| default.iter().filter(|line| line["kernel"] == kernel).collect::<Vec<_>>();
+    let (clusters, counters) = (of("cluster"), of("counters"));
+    assert_eq!((of("single").len(), clusters.len()), (1, counters.len()));
+    for line in counters {
+        positive(&line["triangles_per_pair"]);
+    }
+
+    let arguments = "shadow-rays --scene room:300 --area --dump-rays rays";
+    fails(folder.path(), &format!("{arguments} {TINY}"), 2, &["--area", "point lights"]);
+    assert!(!folder.path().join("rays").exists());
+    fails(folder.path(), &format!("compare --scene room:300 --area --embree ./peer {TINY}"), 2, &["--area"]);
+}
+
 /// A program that takes the place of Embree.
 fn peer(folder: &Path, script: &str) -> PathBuf {
     use std::os::unix::fs::PermissionsExt;

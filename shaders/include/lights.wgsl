@@ -3,6 +3,9 @@
 // Towards a receiver in direction wo (from the light), at distance r, a light gives the perpendicular irradiance
 //     I(wo) / max(r^2, clip^2),   I = emit * (surface ? max(cos, 0) : 1) * spot(cos)^2 + flux * f_s(wi, wo) * max(cos, 0)
 // with cos = wo . normal and spot(c) = clamp(c * spot_scale + spot_offset, 0, 1).
+//
+// Where lights are area lights (flag AREA of the shadow-ray kernels, see area.wgsl), `position.xyz` is a corner of a parallelogram and
+// `wi.xyz` and `flux.xyz` are its edges from there.
 struct PointLight {
     position: vec4<f32>,    // position, ray-origin offset applied; w: bits of the flags below
     normal: vec4<f32>,      // surface normal or axis, unit; w: spot_scale

@@ -95,7 +95,8 @@ pub struct Push {
     pub step: u32,
 }
 
-/// One point light of any kind; `shaders/include/lights.wgsl` gives the formula.
+/// One point light of any kind; `shaders/include/lights.wgsl` gives the formula. For the shadow rays to area lights
+/// ([`super::visibility`]) `position` is a corner, `wi` and `flux` are the edges from there.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct PointLight {

@@ -81,6 +81,18 @@ impl Forms {
         Forms::new(context, traversal, &shaders::VISIBILITY, &clusters)
     }
 
+    /// Those of the pass `visibility` for area lights.
+    pub fn visibility_area(context: &Context, traversal: Traversal) -> Result<Forms> {
+        let clusters = [
+            (4, &shaders::VISIBILITY_AREA_CLUSTER_4),
+            (8, &shaders::VISIBILITY_AREA_CLUSTER_8),
+            (16, &shaders::VISIBILITY_AREA_CLUSTER_16),
+            (32, &shaders::VISIBILITY_AREA_CLUSTER_32),
+            (64, &shaders::VISIBILITY_AREA_CLUSTER_64),
+        ];
+        Forms::new(context, traversal, &shaders::VISIBILITY_AREA, &clusters)
+    }
+
     /// Those of the pass `visibility` that count what clusters meet.
     pub fn counters(context: &Context) -> Result<Forms> {
         let clusters = [
@@ -91,6 +103,19 @@ impl Forms {
             (64, &shaders::COUNTERS_64),
         ];
         let forms = Forms::new(context, Traversal::Cluster, &shaders::VISIBILITY, &clusters)?;
+        Ok(Forms { count: true, ..forms })
+    }
+
+    /// The same for area lights.
+    pub fn counters_area(context: &Context) -> Result<Forms> {
+        let clusters = [
+            (4, &shaders::COUNTERS_AREA_4),
+            (8, &shaders::COUNTERS_AREA_8),
+            (16, &shaders::COUNTERS_AREA_16),
+            (32, &shaders::COUNTERS_AREA_32),
+            (64, &shaders::COUNTERS_AREA_64),
+        ];
+        let forms = Forms::new(context, Traversal::Cluster, &shaders::VISIBILITY_AREA, &clusters)?;
         Ok(Forms { count: true, ..forms })
     }
 

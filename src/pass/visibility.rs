@@ -6,8 +6,26 @@
 //! visible(x) = sum over j of [n . (y_j - x) > 0] V(x, y_j)
 //! ```
 //!
+//! An area light is a parallelogram, corner c and edges e1, e2. To each of them a receiver x, number i of the workload, sends one
+//! ray, to the point
+//!
+//! ```text
+//! y_j(i) = c_j + u e1_j + v e2_j,   (u, v) = (frac(s_i + j / g), frac(t_i + j / g^2)),   g^3 = g + 1
+//! ```
+//!
+//! of the R2 sequence (Roberts 2018) over the lights, rotated by the hashes s_i and t_i of i. It is computed in integers, so that
+//! kernels and oracle trace the same segments. A cluster's rays then share no origin: `shade_cluster.wgsl` with AREA takes the
+//! light's centre as origin, from which a ray starts at q. Its shaft grows from the box of the light's points to that of the
+//! receivers; a child's box is moved by -q for each ray; a triangle's edge planes are affine in q, so that they are set up once,
+//! through the centre, and each ray adds what its moment q x d gives:
+//!
+//! ```text
+//! ((v1 - v2) x (b - q + c - q)) . d = ((v1 - v2) x (b + c)) . d - 2 (v1 - v2) . (q x d)
+//! ```
+//!
 //! The frame does not use it. It measures what the traversal alone costs, and the tests hold it against the oracle ray by ray.
-//! Cost: as `shade` without its arithmetic for each visible pair.
+//! Cost: as `shade` without its arithmetic for each visible pair; with area lights more children and triangles in wider shafts,
+//! and twice the arithmetic for a triangle and a ray (`docs/benchmarks.md`).
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -20,8 +38,12 @@ use crate::accel::{Bvh, Ray};
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Memory, Recorder, Staging};
 use crate::plan::StepTable;
+use crate::sampling::random::hash;
 use crate::scene_buffers::SceneBuffers;
-use crate::settings::Settings;
+use crate::settings::{Settings, Traversal};
+
+/// Steps of the R2 sequence, 1 / g and 1 / g^2 with g^3 = g + 1, in units of 2^-32.
+const R2: [u32; 2] = [0xc13f_a9a9, 0x91e1_0da5];
 
 /// Receivers and lights between which there are shadow rays.
 #[derive(Clone, Debug, Default)]
@@ -30,14 +52,52 @@ pub struct Workload {
     pub receivers: Vec<Vec3>,
     /// Their normals.
     pub normals: Vec<Vec3>,
-    /// Point lights.
+    /// Point lights, or corners of area lights.
     pub lights: Vec<Vec3>,
+    /// The two edges of each area light, from its corner; empty: all are point lights.
+    pub edges: Vec<[Vec3; 2]>,
 }
 
 impl Workload {
-    /// Whether light j lies above the horizon of receiver i.
+    /// Whether the lights are area lights.
+    pub fn has_areas(&self) -> bool {
+        !self.edges.is_empty()
+    }
+
+    /// The kernels that trace it.
+    pub fn forms(&self, context: &Context, traversal: Traversal) -> Result<Forms> {
+        if self.has_areas() {
+            Forms::visibility_area(context, traversal)
+        } else {
+            Forms::visibility(context, traversal)
+        }
+    }
+
+    /// The kernels that trace it and count what clusters meet.
+    pub fn counting_forms(&self, context: &Context) -> Result<Forms> {
+        if self.has_areas() { Forms::counters_area(context) } else { Forms::counters(context) }
+    }
+
+    /// The edges of light j.
+    fn edges_of(&self, j: usize) -> [Vec3; 2] {
+        self.edges.get(j).copied().unwrap_or_default()
+    }
+
+    /// The point of light j to which receiver i sends its ray.
+    pub fn point(&self, i: usize, j: usize) -> Vec3 {
+        if !self.has_areas() {
+            return self.lights[j];
+        }
+        let [e1, e2] = self.edges_of(j);
+        let turn = hash(i as u32);
+        // Fractions in units of 2^-32, which wrap by themselves; 24 bits of them make a float.
+        let of = |turn: u32, step: u32| (turn.wrapping_add((j as u32).wrapping_mul(step)) >> 8) as f32 / 16_777_216.0;
+        self.lights[j] + (e1 * of(turn, R2[0]) + e2 * of(hash(turn), R2[1]))
+    }
+
+    /// Whether the point of light j lies above the horizon of receiver i.
     pub fn faces(&self, i: usize, j: usize) -> bool {
-        (self.lights[j] - self.receivers[i]).dot(self.normals[i]) > 0.0
+        (self.point(i, j) - self.receivers[i]).dot(self.normals[i]) > 0.0
     }
 
     /// Pairs that face each other.
@@ -66,7 +126,7 @@ pub struct Visibility {
 pub struct Inputs<'a> {
     /// The kernels.
     pub kernels: &'a Kernels,
-    /// Those that trace.
+    /// Those that trace, see [`Workload::forms`].
     pub forms: &'a Forms,
     /// The scene on the device.
     pub scene: &'a SceneBuffers,
@@ -111,9 +171,11 @@ impl Visibility {
         let Inputs { kernels, forms, scene, bvh, settings, workload } = *inputs;
         let count = workload.receivers.len() as u32;
         let vec4s = |v: &[Vec3]| v.iter().map(|v| v.extend(0.0).to_array()).collect::<Vec<_>>();
-        let records: Vec<_> = (workload.lights.iter())
-            .map(|l| PointLight { position: l.extend(0.0).to_array(), ..PointLight::default() })
-            .collect();
+        let record = |j: usize| {
+            let [wi, flux] = workload.edges_of(j).map(|edge| edge.extend(0.0).to_array());
+            PointLight { position: workload.lights[j].extend(0.0).to_array(), wi, flux, ..PointLight::default() }
+        };
+        let records: Vec<_> = (0..workload.lights.len()).map(record).collect();
         let list: Vec<u32> = (0..count).collect();
         let groups = count.div_ceil(64);
         let x = groups.min(32_768);
@@ -173,9 +235,32 @@ impl Visibility {
 pub fn reference(bvh: &Bvh, workload: &Workload) -> Vec<u32> {
     let sees = |i: usize, j: usize| {
         let origin = workload.receivers[i];
-        let ray = Ray { origin, t_max: 1.0, direction: workload.lights[j] - origin };
+        let ray = Ray { origin, t_max: 1.0, direction: workload.point(i, j) - origin };
         workload.faces(i, j) && !bvh.occluded(&ray)
     };
     let count = |i: usize| (0..workload.lights.len()).filter(|&j| sees(i, j)).count() as u32;
     (0..workload.receivers.len()).into_par_iter().map(count).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_are_spread_over_an_area_light() {
+        let (corner, e1, e2) = (Vec3::new(1.0, 2.0, 3.0), Vec3::new(4.0, 0.0, 0.0), Vec3::new(0.0, 0.0, 2.0));
+        let workload = Workload { lights: vec![corner; 64], edges: vec![[e1, e2]; 64], ..Workload::default() };
+        // Over the lights of one receiver, and over the receivers of one light: every cell of four by four gets its share.
+        for (receivers, lights, least) in [(7..8, 0..64, 2), (0..640, 5..6, 20)] {
+            let mut cells = [0; 16];
+            for (i, j) in receivers.flat_map(|i| lights.clone().map(move |j| (i, j))) {
+                let p = (workload.point(i, j) - corner) / Vec3::new(4.0, 1.0, 2.0);
+                assert!((0.0..1.0).contains(&p.x) && p.y == 0.0 && (0.0..1.0).contains(&p.z), "{p}");
+                cells[(p.x * 4.0) as usize * 4 + (p.z * 4.0) as usize] += 1;
+            }
+            assert!(cells.iter().all(|&n| n >= least), "{cells:?}");
+        }
+        let points = Workload { edges: Vec::new(), ..workload };
+        assert_eq!(points.point(3, 4), corner);
+    }
 }

@@ -51,7 +51,7 @@ impl Stage<'_> {
         let expected = reference(&self.bvh, workload);
         let pairs = (workload.receivers.len() * workload.lights.len()) as u64;
         for traversal in [Traversal::Single, Traversal::Auto] {
-            let forms = Forms::visibility(self.ctx, traversal).unwrap();
+            let forms = workload.forms(self.ctx, traversal).unwrap();
             let seen: Vec<u32> = download(self.ctx, &self.run(&forms, workload).visible).unwrap();
             assert_eq!(seen.len(), expected.len());
             let differ: u64 = seen.iter().zip(&expected).map(|(&a, &b)| u64::from(a.abs_diff(b))).sum();
@@ -96,6 +96,103 @@ fn both_kernels_see_what_the_oracle_sees() {
     });
 }
 
+/// The same with area lights in any direction, with edges of up to `share` of the diagonal; every seventh is a line.
+fn areas(scene: &Scene, count: usize, lights: usize, share: f32) -> Workload {
+    let (low, high) = scene.bounds();
+    let mut numbers = Numbers(count as u32 ^ 0x55);
+    let mut edge = |long: bool| {
+        let direction = numbers.vec3() * 2.0 - 1.0;
+        if long {
+            direction.normalize_or(Vec3::X) * (numbers.next() * share * (high - low).length())
+        } else {
+            Vec3::ZERO
+        }
+    };
+    let edges = (0..lights).map(|j| [edge(true), edge(j % 7 != 6)]).collect();
+    Workload { edges, ..all_over(scene, count, lights) }
+}
+
+#[test]
+fn both_kernels_see_the_points_of_area_lights() {
+    gpu_test(|ctx| {
+        let scenes = [builtin::room(300), builtin::room(20_000), builtin::deep_scene(700), gallery()];
+        for scene in &scenes {
+            let stage = Stage::new(ctx, scene);
+            for (count, lights) in [(1, 1), (27, 5), (64, 33), (2049, 9), (4099, 70)] {
+                stage.check(&scene.name, &areas(scene, count, lights, 0.3), 20);
+            }
+        }
+    });
+}
+
+#[test]
+fn area_lights_on_surfaces_and_in_their_planes() {
+    gpu_test(|ctx| {
+        let scene = builtin::room(2_000);
+        let stage = Stage::new(ctx, &scene);
+        let mut workload = all_over(&scene, 2_000, 0);
+        // Parallelograms twice as large as the triangle that they lie on.
+        for triangle in [0, 20, 333, 1_000, 1_600] {
+            let [a, b, c] = scene.triangle_positions(triangle);
+            let n = (b - a).cross(c - a).normalize();
+            workload.lights.push(offset_origin(a, n, stage.bvh.scale()));
+            workload.edges.push([b - a, c - a]);
+        }
+        stage.check("lifted area lights", &workload, 2_000);
+    });
+}
+
+#[test]
+fn degenerate_triangles_hide_no_area_light() {
+    gpu_test(|ctx| {
+        let mut scene = builtin::room(300);
+        let workload = areas(&scene, 500, 12, 0.2);
+        let clear = reference(&Bvh::build(&scene).unwrap(), &workload);
+        // A point, and lines right across the room along an axis and askew.
+        let (low, high) = scene.bounds();
+        let middle = (low + high) * 0.5;
+        let ends = [(middle, middle), (Vec3::new(low.x, middle.y, middle.z), middle), (low, high)];
+        for (from, to) in ends {
+            let first = scene.positions.len() as u32;
+            scene.positions.extend([from, to, to]);
+            let model = scene.triangles[0];
+            scene.triangles.push(lightsum::scene::Triangle { vertices: [first, first + 1, first + 2], ..model });
+        }
+        let stage = Stage::new(ctx, &scene);
+        assert_eq!(reference(&stage.bvh, &workload), clear);
+        stage.check("degenerate triangles", &workload, 0);
+    });
+}
+
+#[test]
+fn tiny_area_lights_are_point_lights() {
+    gpu_test(|ctx| {
+        let scene = builtin::room(20_000);
+        let stage = Stage::new(ctx, &scene);
+        let points = all_over(&scene, 2_049, 33);
+        let seen = |workload: &Workload, traversal| -> Vec<u32> {
+            let forms = workload.forms(ctx, traversal).unwrap();
+            download(ctx, &stage.run(&forms, workload).visible).unwrap()
+        };
+        let with_edges = |length: f32| {
+            let edge = stage.bvh.diagonal() * length;
+            Workload { edges: vec![[Vec3::X * edge, Vec3::Z * edge]; 33], ..points.clone() }
+        };
+        for traversal in [Traversal::Single, Traversal::Auto] {
+            let expected = seen(&points, traversal);
+            assert_eq!(seen(&with_edges(0.0), traversal), expected, "{traversal:?}");
+            let differ = |length: f32| {
+                let tiny = seen(&with_edges(length), traversal);
+                tiny.iter().zip(&expected).map(|(&a, &b)| u64::from(a.abs_diff(b))).sum::<u64>()
+            };
+            // The rest of 67,617 rays that pass so near to an edge.
+            let (tiny, large) = (differ(1e-6), differ(0.2));
+            eprintln!("{traversal:?}: {tiny} rays differ for a millionth of the diagonal, {large} for a fifth");
+            assert!(tiny <= 20 && large > 2_000, "{traversal:?}: {tiny} and {large} rays differ");
+        }
+    });
+}
+
 #[test]
 fn lights_at_vertices_and_on_surfaces() {
     gpu_test(|ctx| {
@@ -134,6 +231,7 @@ fn what_faces_away_is_culled_and_counted() {
             receivers: (0..128).map(at).collect(),
             normals: (0..128).map(|i| if i < 64 { Vec3::Y } else { -Vec3::Y }).collect(),
             lights: (0..40).map(|i| Vec3::new(middle.x, high.y - 0.2, low.z + 0.1 * i as f32)).collect(),
+            ..Workload::default()
         };
         let forms = Forms::counters(ctx).unwrap();
         let counts = |workload: &Workload| {
@@ -148,6 +246,18 @@ fn what_faces_away_is_culled_and_counted() {
         assert!(
             counted.nodes >= 40 && counted.children >= counted.nodes - 40 && counted.triangles >= counted.leaves / 8
         );
+        // Area lights that reach from above the receivers to below them are culled by neither cluster; the rays that go to points
+        // below the first or above the second are not traced.
+        let mut deep = workload.clone();
+        deep.lights = vec![Vec3::new(middle.x, at(0).y - 1.0, middle.z); 20];
+        deep.edges = vec![[Vec3::X, 2.0 * Vec3::Y]; 20];
+        let forms = Forms::counters_area(ctx).unwrap();
+        let pass = stage.run(&forms, &deep);
+        let words: Vec<u32> = download(ctx, &pass.counters).unwrap();
+        assert_eq!((words[0], download::<Work>(ctx, &pass.work).unwrap()[0].culled), (2 * 20, 0));
+        assert_eq!(u64::from(words[1]), deep.segments());
+        assert!(deep.segments() > 900 && deep.segments() < 2 * 20 * 64 - 900);
+
         // Every pair is either culled or traced, also where clusters are not full.
         workload.receivers.truncate(99);
         workload.normals.truncate(99);

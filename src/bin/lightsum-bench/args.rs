@@ -109,6 +109,10 @@ pub struct ShadowRays {
     /// Lights that one dispatch may loop over, 1 to 64 [default: that of the renderer].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub lights_per_dispatch: Option<u32>,
+    /// Area lights in place of point lights, a ray to a point of its own from each receiver: squares in front of the lights, along
+    /// their surface, with edges of this share of the scene's diagonal, 0 to 0.5 [without a value: 0.05].
+    #[arg(long, value_name = "SHARE", num_args = 0..=1, default_missing_value = "0.05", value_parser = share)]
+    pub area: Option<f64>,
     /// Write triangles, receivers in cluster order, normals and lights as little-endian arrays to this folder.
     #[arg(long, value_name = "DIR")]
     pub dump_rays: Option<PathBuf>,
@@ -190,6 +194,13 @@ fn resolution(text: &str) -> Result<[u32; 2], String> {
     }
 }
 
+fn share(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(share) if (0.0..=0.5).contains(&share) => Ok(share),
+        _ => Err("is not a number from 0 to 0.5".into()),
+    }
+}
+
 fn traversal() -> impl TypedValueParser<Value = Traversal> {
     PossibleValuesParser::new(["auto", "single", "cluster"]).map(|name| match name.as_str() {
         "single" => Traversal::Single,
@@ -264,6 +275,8 @@ mod tests {
             ("frame --resolution 0x5", ErrorKind::ValueValidation),
             ("frame --resolution 8193x8192", ErrorKind::ValueValidation),
             ("frame --repeats 0", ErrorKind::ValueValidation),
+            ("shadow-rays --area 0.6", ErrorKind::ValueValidation),
+            ("shadow-rays --area large", ErrorKind::ValueValidation),
             ("frame --pathz 3", ErrorKind::UnknownArgument),
             ("scaling --series colours", ErrorKind::InvalidValue),
             ("scaling --max-triangles 10", ErrorKind::ValueValidation),

@@ -2,6 +2,8 @@
 
 use crate::args::Common;
 use glam::{Vec3, Vec4};
+use lightsum::accel::Bvh;
+use lightsum::bsdf::basis;
 use lightsum::gpu::{Context, ContextOptions, download};
 use lightsum::pass::layout::PointLight;
 use lightsum::pass::sort;
@@ -53,8 +55,9 @@ pub fn camera(scene: &Scene, resolution: [u32; 2]) -> Camera {
     }
 }
 
-/// The receivers of one pass in cluster order, and `lights` of its lights, evenly chosen.
-pub fn workload(context: &Context, engine: &mut Engine, lights: u32) -> Result<Workload> {
+/// The receivers of one pass in cluster order, and `lights` of its lights, evenly chosen; or, with `area`, a square in front of each of
+/// these with edges of that share of the diagonal.
+pub fn workload(context: &Context, engine: &mut Engine, lights: u32, area: Option<f64>) -> Result<Workload> {
     context.submit_and_wait("uploading the scene", None, |rec| engine.record_setup(rec))?;
     engine.setup_finished();
     let parameters = engine.parameters().frame(0)?;
@@ -79,19 +82,43 @@ pub fn workload(context: &Context, engine: &mut Engine, lights: u32) -> Result<W
     let mut list = sort::reference(&parameters, &list, &positions);
     // Whole packets of 16 only, so that every tracer gets the same rays.
     list.truncate(list.len() / 16 * 16);
-    let all: Vec<Vec3> = (download::<PointLight>(context, &frame.lights)?.iter())
-        .filter(|l| l.flags() & PointLight::DIRECTIONAL == 0 && l.emit[..3].iter().any(|&e| e > 0.0))
-        .map(|l| Vec3::new(l.position[0], l.position[1], l.position[2]))
-        .collect();
+    let mut all = download::<PointLight>(context, &frame.lights)?;
+    all.retain(|l| l.flags() & PointLight::DIRECTIONAL == 0 && l.emit[..3].iter().any(|&e| e > 0.0));
     let wanted = (lights as usize).min(all.len());
     if wanted == 0 || list.is_empty() {
         return Err(Error::Scene(String::from("no lit surface is seen, or no light has a place; choose another view")));
     }
-    Ok(Workload {
+    let mut workload = Workload {
         receivers: list.iter().map(|&p| positions[p as usize]).collect(),
         normals: list.iter().map(|&p| normals[p as usize]).collect(),
-        lights: (0..wanted).map(|i| all[i * all.len() / wanted]).collect(),
-    })
+        ..Workload::default()
+    };
+    for light in (0..wanted).map(|i| &all[i * all.len() / wanted]) {
+        let [place, normal] = [light.position, light.normal].map(|v| Vec4::from_array(v).truncate());
+        match area {
+            None => workload.lights.push(place),
+            Some(share) => {
+                let (corner, edges) = square(engine.bvh(), place, normal, share);
+                workload.lights.push(corner);
+                workload.edges.push(edges);
+            }
+        }
+    }
+    Ok(workload)
+}
+
+/// Corner and edges of a square in front of a light, perpendicular to its normal, moved into the scene's box where it sticks
+/// out. It hangs a hundredth of its edge in front: in the surface's own plane rounding alone would say which receivers on that
+/// surface face it.
+fn square(bvh: &Bvh, place: Vec3, normal: Vec3, share: f64) -> (Vec3, [Vec3; 2]) {
+    let normal = normal.try_normalize().unwrap_or(Vec3::Z);
+    let (tangent, bitangent) = basis(normal);
+    let length = share as f32 * bvh.diagonal();
+    let edges = [tangent * length, bitangent * length];
+    // A scene may be flatter than the square.
+    let half = ((edges[0].abs() + edges[1].abs()) * 0.5).min((bvh.max - bvh.min) * 0.5);
+    let centre = (place + normal * (0.01 * length)).max(bvh.min + half).min(bvh.max - half);
+    (centre - (edges[0] + edges[1]) * 0.5, edges)
 }
 
 /// Settings under which a pass has at least `lights` lights.

@@ -44,11 +44,16 @@ pub struct Measured {
 impl Bench {
     /// Loads the scene, renders its receivers and lights.
     pub fn new(args: &ShadowRays, name: &str) -> Result<Bench> {
+        if args.area.is_some() && args.dump_rays.is_some() {
+            let message =
+                "the arrays that are written for Embree hold rays to point lights only; leave it out for them";
+            return Err(Error::Setting { name: "--area", message: message.into() });
+        }
         let scene: Scene = scene::load(name)?;
         let camera = scene::camera(&scene, args.common.resolution);
         let context = scene::open(&args.common)?;
         let mut engine = Engine::new(&context, &scene, camera, scene::settings(args.lights))?;
-        let workload = scene::workload(&context, &mut engine, args.lights)?;
+        let workload = scene::workload(&context, &mut engine, args.lights, args.area)?;
         if let Some(dir) = &args.dump_rays {
             dump(dir, &scene, &workload)?;
         }
@@ -83,13 +88,13 @@ impl Bench {
     /// Traces the workload once to warm up and then `repeats` times.
     pub fn measure(&self, traversal: Traversal, repeats: u32) -> Result<Measured> {
         let kernel = name(traversal);
-        let forms = Forms::visibility(&self.context, traversal)?;
+        let forms = self.workload.forms(&self.context, traversal)?;
         self.trace(&forms, kernel, repeats).map(|(measured, _)| measured)
     }
 
     /// What the clusters of the workload meet; and the pairs dropped before any ray was traced.
     pub fn count(&self) -> Result<(Counts, u32)> {
-        let forms = Forms::counters(&self.context)?;
+        let forms = self.workload.counting_forms(&self.context)?;
         let (_, pass) = self.trace(&forms, "counters", 0)?;
         let words = download::<u32>(&self.context, &pass.counters)?;
         let culled = download::<Work>(&self.context, &pass.work)?[0].culled;
@@ -184,6 +189,7 @@ impl Bench {
                 "kernel": measured.kernel,
                 "receivers": receivers,
                 "lights": self.workload.lights.len(),
+                "area": args.area,
                 "segments": self.segments,
                 "visible": measured.visible,
                 "differing_receivers": differing,
