@@ -1,6 +1,7 @@
-// Keys of the receivers on a list: Morton codes of their positions, and above them the class. See pass/sort.rs.
+// Keys of the receivers on a list: the class, and below it the Morton codes of their positions. See pass/sort.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
+#include "sort.wgsl"
 
 @group(0) @binding(1) var<storage, read_write> work: Work;
 @group(0) @binding(2) var<storage, read> list: array<u32>;
@@ -32,6 +33,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let unit = (receiver_position[pixel].xyz - frame.bounds_min.xyz) * frame.bounds_min.w;
     let cell = vec3<u32>(clamp(unit * 256.0, vec3<f32>(0.0), vec3<f32>(255.0)));
+    let bits = class_bits(frame.pattern.z);
     let code = spread_bits(cell.x) | (spread_bits(cell.y) << 1u) | (spread_bits(cell.z) << 2u);
-    keys[slot] = vec2<u32>(min(code, 0xfffffeu) | (class_of(pixel) << 24u), pixel);
+    keys[slot] = vec2<u32>(min((code >> bits) | (class_of(pixel) << (24u - bits)), 0xfffffeu), pixel);
 }

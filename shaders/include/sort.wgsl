@@ -4,6 +4,11 @@ const RUN: u32 = 256u;          // keys for one invocation
 const DIGITS: u32 = 256u;       // values of a digit; also counts for one invocation
 const TOP: u32 = 1024u;         // greatest length of the topmost level: 2^26 keys
 
+// Bits at the top of a key's 24 that hold the class of K: enough to tell all of them from dead slots.
+fn class_bits(k: u32) -> u32 {
+    return select(0u, 32u - countLeadingZeros(k), k > 1u);
+}
+
 fn ceil_div(a: u32, b: u32) -> u32 {
     return (a + b - 1u) / b;
 }

@@ -1,13 +1,14 @@
 //! The receivers on a list are put in the order of the Morton codes of their positions, so that the 64 receivers of a cluster lie
 //! close together and the shaft from a light to them is narrow, also across silhouettes. With interleaved sampling the classes
-//! of pixels stand one after the other, each in this order, for each is lit by a set of lights of its own.
+//! of pixels stand one after the other, each in this order, for each is lit by a set of lights of its own; the class takes the
+//! topmost bits of the key, and the code loses as many at its end.
 //!
-//! Codes have 8 bits for each axis of the scene's bounding cube. A stable radix sort by three digits of 8 bits, and one more for the class: count the digit in
+//! Codes have 8 bits for each axis of the scene's bounding cube. A stable radix sort by three digits of 8 bits: count the digit in
 //! each run of 256 keys, scan the counts in three levels, scatter. Equal codes keep the list's order, which is that of
 //! screen tiles. Before the sort a list has a slot for every ray, dead ones too, which go to its end: so the order, and with
 //! it which receivers share a cluster, is the same in every run.
 //!
-//! Cost for n receivers: 60 n bytes and about 40 n operations a digit; 22 dispatches, or 30 with classes.
+//! Cost for n receivers: 60 n bytes and about 40 n operations a digit; 22 dispatches, or 23 with classes.
 
 use glam::Vec3;
 
@@ -22,11 +23,8 @@ use crate::plan::StepTable;
 pub const RUN: u32 = 256;
 /// Values of a digit.
 pub const DIGITS: u32 = 256;
-/// Bits of the key: three digits of the position, one of the class.
-const DIGIT_SHIFTS: [u32; 4] = [0, 8, 16, 24];
-
-/// The digit that is the class.
-const CLASS_SHIFT: u32 = 24;
+/// Bits of the key, three digits.
+const DIGIT_SHIFTS: [u32; 3] = [0, 8, 16];
 
 /// Room to sort in, shared by all lists of a frame.
 #[derive(Clone)]
@@ -56,20 +54,21 @@ impl SortBuffers {
 
 /// Steps of the sort.
 pub struct SortSteps {
-    digits: Vec<u32>,
+    digits: [u32; 3],
     levels: [u32; 3],
+    /// Whether there is more than one class.
+    classes: bool,
 }
 
 impl SortSteps {
-    /// Adds them to the table. Of a single class there is nothing to sort.
+    /// Adds them to the table.
     pub fn new(table: &mut StepTable, classes: u32) -> SortSteps {
-        let shifts = &DIGIT_SHIFTS[..if classes > 1 { 4 } else { 3 }];
-        let digit = |(i, &first): (usize, &u32)| {
-            table.add(Step { first, last: u32::from(i + 1 == shifts.len()), ..Step::default() })
-        };
+        let last = DIGIT_SHIFTS[DIGIT_SHIFTS.len() - 1];
         SortSteps {
-            digits: shifts.iter().enumerate().map(digit).collect(),
+            digits: DIGIT_SHIFTS
+                .map(|first| table.add(Step { first, last: u32::from(first == last), ..Step::default() })),
             levels: [0, 1, 2].map(|first| table.add(Step { first, ..Step::default() })),
+            classes: classes > 1,
         }
     }
 }
@@ -149,7 +148,7 @@ impl Sort {
             for level in [2, 1, 0] {
                 run(rec, &self.scan.0, &self.scan.1[level], steps.levels[level])?;
             }
-            if DIGIT_SHIFTS.get(i) == Some(&CLASS_SHIFT) {
+            if steps.classes && i + 1 == steps.digits.len() {
                 rec.dispatch(&self.classes.0, &self.classes.1, &[], 1)?;
             }
             run(rec, &self.scatter.0, &self.scatter.1[i % 2], digit)?;
@@ -181,6 +180,8 @@ pub fn class_of(frame: &Frame, slot: u32) -> u32 {
 /// Oracle: the list in the order of classes and keys, equal ones in the order they had.
 pub fn reference(frame: &Frame, list: &[u32], positions: &[Vec3]) -> Vec<u32> {
     let mut sorted = list.to_vec();
-    sorted.sort_by_key(|&slot| (class_of(frame, slot), morton(frame, positions[slot as usize])));
+    let classes = frame.pattern[2];
+    let bits = if classes > 1 { 32 - classes.leading_zeros() } else { 0 };
+    sorted.sort_by_key(|&slot| (class_of(frame, slot), morton(frame, positions[slot as usize]) >> bits));
     sorted
 }
