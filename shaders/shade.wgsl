@@ -4,6 +4,7 @@
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "bvh.wgsl"
+#include "triangle.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"
 #include "lights.wgsl"

@@ -2,6 +2,7 @@
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "bvh.wgsl"
+#include "triangle.wgsl"
 
 @group(0) @binding(6) var<storage, read> ray_origin: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> ray_direction: array<vec4<f32>>;

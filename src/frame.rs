@@ -304,7 +304,7 @@ impl Frame {
             walk_trace: trace(&particles, &batch)?,
             walk_reflect: WalkReflect::new(kernels, &parameters, scene, &particles, &flux, &lights, &step_buffer)?,
             camera_rays: CameraRays::new(kernels, &parameters, &rays, &paths, &primary, pixels)?,
-            eye_trace: trace(&rays, &batch)?,
+            eye_trace: Trace::of_eye(kernels, &parameters, scene, &rays, &batch, &step_buffer, &status)?,
             eye_receivers: receivers_pass(&batch, &lists[0], &primary)?,
             tiles: Tiles::new(kernels, &parameters, scene, &rays, &marks, &ideal_tiles, tile_count)?,
             eye_paths,
@@ -405,7 +405,7 @@ impl Frame {
     /// The part of [`Frame::record_eye`] up to the first hits.
     pub fn record_eye_rays(&self, rec: &mut Recorder) -> Result<()> {
         self.camera_rays.record(rec)?;
-        self.eye_trace.record(rec, &self.steps.eye_trace, Some(self.pixels))
+        self.eye_trace.record_eye(rec, &self.steps.eye_trace, self.tile_count, self.pixels)
     }
 
     /// The part of [`Frame::record_eye`] from mirrors and glass to what is seen through them; steps from 0.

@@ -3,6 +3,7 @@
 use crate::pass::layout::{PointLight, Step};
 use crate::pass::shade::Chunk;
 use crate::pass::sort::SortSteps;
+use crate::pass::trace::EyeSteps;
 use crate::plan::{EyePlan, LightPlan, StepTable, trace_steps};
 use crate::settings::{Clip, Settings};
 
@@ -10,7 +11,7 @@ use crate::settings::{Clip, Settings};
 pub(super) struct Steps {
     /// For j = 1, 2, ...: tracing rounds of the particles that make the j-th reflection, and the reflection.
     pub(super) walk: Vec<(Vec<u32>, u32)>,
-    pub(super) eye_trace: Vec<u32>,
+    pub(super) eye_trace: EyeSteps,
     /// For each step of the eye paths.
     pub(super) eye_paths: Vec<u32>,
     /// Receivers of second components.
@@ -84,7 +85,7 @@ impl Steps {
             .collect();
         Steps {
             walk,
-            eye_trace: table.add_rounds(rounds, Step { end: pixels, ..trace }),
+            eye_trace: EyeSteps::new(table, settings, pixels, lanes_in_use),
             eye_paths: (0..eye.steps)
                 .map(|bounce| {
                     let first = if bounce == 0 { eye.twins() } else { 0 };

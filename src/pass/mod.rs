@@ -1,4 +1,4 @@
-//! The passes of a frame, one file each with its shader of the same stem (`shade` has a second one, `sort` and
+//! The passes of a frame, one file each with its shader of the same stem (`shade` and `trace` have a second one, `sort` and
 //! `tiles` one for each of their steps), in the order of `frame.rs`.
 //!
 //! A pass file reads: what it computes and from which equation, its named inputs and outputs, `record`, and `reference`,
@@ -46,11 +46,11 @@ pub(crate) fn vec4s(context: &Context, name: &str, count: u32) -> Result<Buffer>
     Buffer::new(context, name, 16 * u64::from(count), Memory::Device)
 }
 
-/// A kernel that traces shadow rays, in its two forms.
+/// A kernel that traces rays, in its two forms.
 pub struct Forms {
     /// An invocation traces a ray.
     pub single: Kernel,
-    /// A subgroup traces a cluster; `None`: shadow rays are traced one by one.
+    /// A subgroup traces a cluster; `None`: rays are traced one by one.
     pub cluster: Option<Kernel>,
     /// The cluster form counts what it meets.
     pub count: bool,
@@ -67,6 +67,18 @@ impl Forms {
             (64, &shaders::SHADE_CLUSTER_64),
         ];
         Forms::new(context, traversal, &shaders::SHADE, &clusters)
+    }
+
+    /// Those of the pass `trace`.
+    pub fn trace(context: &Context, traversal: Traversal) -> Result<Forms> {
+        let clusters = [
+            (4, &shaders::TRACE_CLUSTER_4),
+            (8, &shaders::TRACE_CLUSTER_8),
+            (16, &shaders::TRACE_CLUSTER_16),
+            (32, &shaders::TRACE_CLUSTER_32),
+            (64, &shaders::TRACE_CLUSTER_64),
+        ];
+        Forms::new(context, traversal, &shaders::TRACE, &clusters)
     }
 
     /// Those of the pass `visibility`.
@@ -186,8 +198,8 @@ pub struct Kernels {
     pub tiles_mark: Kernel,
     /// `tiles_list.wgsl`
     pub tiles_list: Kernel,
-    /// `trace.wgsl`
-    pub trace: Kernel,
+    /// `trace.wgsl` and `trace_cluster.wgsl`
+    pub trace: Forms,
     /// `walk_reflect.wgsl`
     pub walk_reflect: Kernel,
     /// `walk_start.wgsl`
@@ -216,7 +228,7 @@ impl Kernels {
             sort_scatter: Kernel::new(context, &shaders::SORT_SCATTER)?,
             tiles_mark: Kernel::new(context, &shaders::TILES_MARK)?,
             tiles_list: Kernel::new(context, &shaders::TILES_LIST)?,
-            trace: Kernel::new(context, &shaders::TRACE)?,
+            trace: Forms::trace(context, traversal)?,
             walk_reflect: Kernel::new(context, &shaders::WALK_REFLECT)?,
             walk_start: Kernel::new(context, &shaders::WALK_START)?,
         })

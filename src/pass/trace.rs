@@ -2,20 +2,52 @@
 //!
 //! A ray's whole state is its best hit and the index of the next node, so a ray that runs out of steps is carried on by the
 //! next round. Rounds after the first are dispatched indirectly and cost nothing when no ray needs them.
+//! The eye's rays all start at one place, so clusters of 64 of them walk the eight-wide tree together, as shadow rays do in
+//! [`shade`](super::shade); of a node's children the nearest is visited first.
+//!
 //! Cost: for each ray and step 32 bytes of node and 20 operations, for each triangle 48 bytes and 50 operations; steps grow
-//! about with the square root of the triangles that a ray passes. Incoherent, so it suits walks and short gather rays.
+//! about with the square root of the triangles that a ray passes. Incoherent, so it suits walks and short gather rays. A cluster takes
+//! 256 bytes for each node and 384 for each leaf.
 
+use super::layout::Step;
 use super::schedule::{LIST_GROUPS, ROUND_GROUPS, Schedule};
 use super::{Kernels, List, Rays, groups, push};
 use crate::accel::{Bvh, Hit, Ray};
 use crate::error::Result;
 use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::plan::{StepTable, cluster_steps, trace_steps};
 use crate::scene_buffers::SceneBuffers;
+use crate::settings::Settings;
+
+/// Steps of the eye's rays.
+pub struct EyeSteps {
+    /// Round 0 by clusters, if there is one.
+    pub clusters: Option<u32>,
+    /// Rounds of single rays, from 0, or from 1 after clusters.
+    pub rounds: Vec<u32>,
+}
+
+impl EyeSteps {
+    /// Adds them to the table; `lanes` of clusters, if they are to take the rays first.
+    pub fn new(table: &mut StepTable, settings: &Settings, pixels: u32, lanes: Option<u32>) -> EyeSteps {
+        let single = Step { end: pixels, steps: trace_steps(settings.loop_budget), ..Step::default() };
+        let Some(lanes) = lanes else {
+            return EyeSteps { clusters: None, rounds: table.add_rounds(settings.rounds, single) };
+        };
+        let steps = cluster_steps(1, settings.loop_budget, lanes);
+        let clusters = Some(table.add(Step { steps, ..single }));
+        let last = |round: u32| u32::from(round == settings.rounds);
+        let rounds =
+            (1..=settings.rounds).map(|round| table.add(Step { round, last: last(round), ..single })).collect();
+        EyeSteps { clusters, rounds }
+    }
+}
 
 /// The pass over one batch.
 pub struct Trace {
     kernel: Kernel,
     bindings: Bindings,
+    cluster: Option<(Kernel, Bindings)>,
     schedule: Schedule,
     work: Buffer,
 }
@@ -31,7 +63,7 @@ impl Trace {
         steps: &Buffer,
         status: &Buffer,
     ) -> Result<Self> {
-        let kernel = kernels.trace.clone();
+        let kernel = kernels.trace.single.clone();
         let bindings = kernel.bind(&[
             ("frame", frame.into()),
             ("node_min", (&scene.node_min).into()),
@@ -48,7 +80,49 @@ impl Trace {
             ("steps", steps.into()),
         ])?;
         let schedule = Schedule::new(kernels, &list.work, steps, status)?;
-        Ok(Trace { kernel, bindings, schedule, work: list.work.clone() })
+        Ok(Trace { kernel, bindings, cluster: None, schedule, work: list.work.clone() })
+    }
+
+    /// As [`Trace::new`] for the eye's rays, one for each pixel, which start the same place: clusters of 8 x 8 pixels are traced
+    /// together where there is a kernel for it. What these do not finish is left to single rays.
+    pub fn of_eye(
+        kernels: &Kernels,
+        frame: &Buffer,
+        scene: &SceneBuffers,
+        rays: &Rays,
+        list: &List,
+        steps: &Buffer,
+        status: &Buffer,
+    ) -> Result<Self> {
+        let cluster = match (&kernels.trace.cluster, &scene.wide_nodes) {
+            (Some(kernel), Some(wide_nodes)) => {
+                let bindings = kernel.bind(&[
+                    ("frame", frame.into()),
+                    ("wide_nodes", wide_nodes.into()),
+                    ("triangle_v0", (&scene.v0).into()),
+                    ("triangle_e1", (&scene.e1).into()),
+                    ("triangle_e2", (&scene.e2).into()),
+                    ("ray_direction", (&rays.direction).into()),
+                    ("hits", (&rays.hits).into()),
+                    ("progress", (&rays.progress).into()),
+                    ("work", (&list.work).into()),
+                    ("steps", steps.into()),
+                ])?;
+                Some((kernel.clone(), bindings))
+            }
+            _ => None,
+        };
+        Ok(Trace { cluster, ..Trace::new(kernels, frame, scene, rays, list, steps, status)? })
+    }
+
+    /// Records the rounds over the eye's rays, `tiles` of 8 x 8. If `steps.clusters`, the first is one of clusters.
+    pub fn record_eye(&self, rec: &mut Recorder, steps: &EyeSteps, tiles: u32, pixels: u32) -> Result<()> {
+        let (Some((kernel, bindings)), Some(step)) = (&self.cluster, steps.clusters) else {
+            return self.record(rec, &steps.rounds, Some(pixels));
+        };
+        rec.dispatch(kernel, bindings, &push(step), u64::from(tiles))?;
+        self.schedule.record(rec, step)?;
+        steps.rounds.iter().try_for_each(|&step| self.record_round(rec, step))
     }
 
     /// Records the rounds over a batch of `count` rays; `None`: the rays of the list.
@@ -59,11 +133,20 @@ impl Trace {
                 (0, None) => {
                     rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work, LIST_GROUPS)?;
                 }
-                _ => rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work, ROUND_GROUPS)?,
+                _ => {
+                    self.record_round(rec, step)?;
+                    continue;
+                }
             }
             self.schedule.record(rec, step)?;
         }
         Ok(())
+    }
+
+    /// A round that carries on what those before left over.
+    fn record_round(&self, rec: &mut Recorder, step: u32) -> Result<()> {
+        rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work, ROUND_GROUPS)?;
+        self.schedule.record(rec, step)
     }
 }
 
