@@ -553,11 +553,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
 #endif
     let reached = select(step.first + firstTrailingBit(todo), step.end, todo == 0u);
+#if VISIBILITY
     for (var r = 0u; r < RAYS; r += 1u) {
         if ((present >> r) & 1u) != 0u {
-#if VISIBILITY
             visible[pixel[r]] = seen[r];
+        }
+    }
 #endif
+    // Receivers stand at no light (pass::shade::NO_LIGHT_LEFT) unless something is left to do.
+    for (var r = select(RAYS, 0u, reached < step.end || step.round > 0u); r < RAYS; r += 1u) {
+        if ((present >> r) & 1u) != 0u {
             progress[pixel[r]] = vec2<u32>(reached, 0u);
         }
     }

@@ -1,6 +1,6 @@
 // Shared by the passes of the sort. Host twin: pass::sort. One invocation handles a run of keys or a stretch of counts, so
 // the sort is stable, needs neither workgroup memory nor barriers, and its loops are bounded.
-const RUN: u32 = 256u;          // keys for one invocation
+const RUN: u32 = 512u;          // keys for one invocation
 const DIGITS: u32 = 256u;       // values of a digit; also counts for one invocation
 const TOP: u32 = 1024u;         // greatest length of the topmost level: 2^26 keys
 

@@ -56,7 +56,11 @@ pub struct Walkers {
     cluster: Option<(Kernel, Bindings)>,
     schedule: Schedule,
     work: Buffer,
+    progress: Buffer,
 }
+
+/// Where receivers stand that have all lights of a chunk behind them, unless they were told otherwise.
+const NO_LIGHT_LEFT: u32 = u32::MAX;
 
 /// Rounds that are taken by clusters before single rays go on. In each a cluster finishes at least one light, unless its
 /// budget does not suffice for that alone.
@@ -111,15 +115,15 @@ impl Shade {
             ("list", (&inputs.list.pixels).into()),
             ("work", (&inputs.list.work).into()),
             ("steps", inputs.steps.into()),
-            ("progress", (&inputs.rays.progress).into()),
             ("direct", (&inputs.sums.direct).into()),
             ("indirect", (&inputs.sums.indirect).into()),
             ("specular", (&inputs.sums.specular).into()),
         ];
         let schedule = Schedule::new(kernels, &inputs.list.work, inputs.steps, inputs.status)?;
         let classes: Vec<_> = inputs.classes.iter().map(|&classes| ("classes", classes)).collect();
+        let (work, progress) = (&inputs.list.work, &inputs.rays.progress);
         let walkers =
-            Walkers::new(&kernels.shade, inputs.scene, inputs.frame, &named, &classes, schedule, &inputs.list.work)?;
+            Walkers::new(&kernels.shade, inputs.scene, inputs.frame, &named, &classes, schedule, work, progress)?;
         Ok(Shade { walkers })
     }
 
@@ -135,6 +139,7 @@ impl Shade {
 }
 
 impl Walkers {
+    #[allow(clippy::too_many_arguments)]
     /// Binds both forms to the scene and to what is `named`, and the cluster form to `cluster_only` as well.
     pub fn new(
         forms: &Forms,
@@ -144,11 +149,13 @@ impl Walkers {
         cluster_only: &[(&'static str, &Buffer)],
         schedule: Schedule,
         work: &Buffer,
+        progress: &Buffer,
     ) -> Result<Walkers> {
         // The forms differ in the tree that they walk.
         let bind = |kernel: &Kernel, tree: &[(&'static str, &Buffer)]| {
             let mut all = vec![
                 ("frame", frame.into()),
+                ("progress", progress.into()),
                 ("triangle_v0", (&scene.v0).into()),
                 ("triangle_e1", (&scene.e1).into()),
                 ("triangle_e2", (&scene.e2).into()),
@@ -164,12 +171,15 @@ impl Walkers {
             }
             _ => None,
         };
-        Ok(Walkers { single, cluster, schedule, work: work.clone() })
+        Ok(Walkers { single, cluster, schedule, work: work.clone(), progress: progress.clone() })
     }
 
     /// Records the chunks, each in its rounds.
     pub fn record(&self, rec: &mut Recorder, chunks: &[Chunk]) -> Result<()> {
         for chunk in chunks {
+            if chunk.clusters && self.cluster.is_some() {
+                rec.fill(&self.progress, NO_LIGHT_LEFT)?;
+            }
             for (round, &step) in chunk.rounds.iter().enumerate() {
                 let groups = if round == 0 { LIST_GROUPS } else { ROUND_GROUPS };
                 // A cluster is a workgroup, as are 64 single rays.

@@ -4,7 +4,7 @@
 //! topmost bits of the key, and the code loses as many at its end.
 //!
 //! Codes have 8 bits for each axis of the scene's bounding cube. A stable radix sort by three digits of 8 bits: count the digit in
-//! each run of 256 keys, scan the counts in three levels, scatter. Equal codes keep the list's order, which is that of
+//! each run of 512 keys, scan the counts in three levels, scatter. Equal codes keep the list's order, which is that of
 //! screen tiles. Before the sort a list has a slot for every ray, dead ones too, which go to its end: so the order, and with
 //! it which receivers share a cluster, is the same in every run.
 //!
@@ -20,7 +20,7 @@ use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder};
 use crate::plan::StepTable;
 
 /// Keys that one invocation handles.
-pub const RUN: u32 = 256;
+pub const RUN: u32 = 512;
 /// Values of a digit.
 pub const DIGITS: u32 = 256;
 /// Bits of the key, three digits.

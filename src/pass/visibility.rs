@@ -210,14 +210,13 @@ impl Visibility {
             ("list", (&list.pixels).into()),
             ("work", (&list.work).into()),
             ("steps", (&steps).into()),
-            ("progress", (&progress).into()),
             ("visible", (&visible).into()),
         ];
         let schedule = Schedule::new(kernels, &list.work, &steps, &status)?;
         let counters = device("visibility counters", 4 * Counts::LENGTH as u64)?;
         let counted = [("counters", &counters)];
         let counted = if forms.count { &counted[..] } else { &[] };
-        let walkers = Walkers::new(forms, scene, &frame, &named, counted, schedule, &list.work)?;
+        let walkers = Walkers::new(forms, scene, &frame, &named, counted, schedule, &list.work, &progress)?;
         let work_at_start = staging.stage(context, "visibility work at start", &[work])?;
         Ok(Visibility { walkers, chunks, work_at_start, visible, status, work: list.work, counters })
     }
