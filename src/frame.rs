@@ -292,15 +292,7 @@ impl Frame {
             .collect::<Result<_>>()?;
 
         Ok(Frame {
-            walk_start: WalkStart::new(
-                kernels,
-                &parameters,
-                &scene.emitters,
-                &particles,
-                &flux,
-                &lights,
-                particle_count,
-            )?,
+            walk_start: WalkStart::new(kernels, &parameters, scene, &particles, &flux, &lights, particle_count)?,
             walk_trace: trace(&particles, &batch)?,
             walk_reflect: WalkReflect::new(kernels, &parameters, scene, &particles, &flux, &lights, &step_buffer)?,
             camera_rays: CameraRays::new(kernels, &parameters, &rays, &paths, &primary, pixels)?,

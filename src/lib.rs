@@ -16,7 +16,7 @@
 //! | [`scene`] | what is lit: OBJ, glTF, scene files, built-in scenes; plain data |
 //! | [`bsdf`] | how surfaces reflect: Lambert and a GGX lobe; mirrors and glass |
 //! | [`accel`] | the bounding volume hierarchy |
-//! | [`sampling`] | Halton and Hammersley points, hashes, and which consumer uses which dimension |
+//! | [`sampling`] | Halton, Hammersley and Sobol' points, hashes, and which consumer uses which dimension |
 //! | [`light`] | the emitters and how particles are spread over them |
 //! | [`plan`] | what a pass will do: surviving particles, dispatches, its parameters |
 //! | [`scene_buffers`] | the scene on the device |

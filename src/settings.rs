@@ -35,6 +35,17 @@ pub enum Traversal {
     Cluster,
 }
 
+/// The low-discrepancy sequence that particles and gather rays follow (row W4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Sequence {
+    /// Halton's, rotated at random: a prime base for each dimension (Keller 1997).
+    #[default]
+    Halton,
+    /// Sobol's, randomised by XOR: base 2 in all dimensions (Wald et al. 2002, 4.4). Evenest where `paths` is a power of two.
+    Sobol,
+}
+
 /// Settings of one rendering. See each field for meaning, unit, default and cost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Settings {
@@ -71,6 +82,9 @@ pub struct Settings {
     /// scene's radiance times pi. Default 0: only what sends nothing at all is dropped. Higher is faster and darker: a
     /// receiver loses at most this much for each light of a pass. Single rays drop nothing by it.
     pub light_threshold: f32,
+    /// The points that place particles on the lights and choose their directions and those of gather rays. Default `Halton`.
+    /// Both have the same limit and cost; `docs/benchmarks.md` compares their errors.
+    pub sequence: Sequence,
     /// Jitter the low-discrepancy points in their cells (Keller, 4.1). Default false. True trades structured error for noise.
     pub jitter: bool,
     /// Seed of every pseudo-random decision. Default 0. Same seed, device and settings: same bits.
@@ -100,6 +114,7 @@ impl Default for Settings {
             clip: Clip::Fraction(0.1),
             compensation: true,
             light_threshold: 0.0,
+            sequence: Sequence::Halton,
             jitter: false,
             seed: 0,
             lights_per_dispatch: 8,

@@ -15,6 +15,7 @@ mod passes_walk;
 mod renderer;
 mod rig;
 mod scenes;
+mod sequences;
 mod support;
 mod transport;
 mod traversal;
