@@ -5,11 +5,11 @@ use glam::Vec3;
 
 use crate::error::{Error, Result};
 use crate::pass::layout::{self, Step};
-use crate::sampling::dimensions::{OFFSET, ROTATION, WINDOW};
+use crate::sampling::dimensions::{OFFSET, REPLICA, ROTATION, WINDOW};
 use crate::sampling::halton::PRIMES;
 use crate::sampling::random::{hash, key, random_f32};
 use crate::sampling::rotate;
-use crate::sampling::sobol::sobol;
+use crate::sampling::sobol::{shuffled, sobol};
 use crate::scene::Camera;
 use crate::scene_buffers::Ideal;
 use crate::settings::{Sequence, Settings};
@@ -212,9 +212,10 @@ impl ParameterSource {
             let alive = self.lights.survivors.get(j).copied().unwrap_or(0);
             let next = self.lights.survivors.get(j + 1).copied().unwrap_or(0);
             depths[j] = [alive, self.lights.first_slot(j), (1.0 / alive.max(1) as f32).to_bits(), next];
+            let replica = shuffled(local, key(instance_key, REPLICA, j as u32, 0));
             for d in 0..2 {
                 words[j][d] = hash(key(instance_key, ROTATION, (2 * j + d) as u32, 0));
-                words[j][d + 2] = sobol(2 * j + d, local);
+                words[j][d + 2] = sobol(d, replica);
                 shifts[j][d] = random_f32(key(instance_key, ROTATION, (2 * j + d) as u32, 0));
                 shifts[j][d + 2] = f32::from_bits(PRIMES[2 * j + d]);
             }

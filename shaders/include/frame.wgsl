@@ -13,7 +13,7 @@ struct Frame {
     pattern: vec4<u32>,         // width and height of the interleaving pattern, classes, lights of each class
     depths: array<vec4<u32>, 16>,   // for j reflections: particles N_j, first light slot, bits of 1/N_j, N_(j+1)
     shifts: array<vec4<f32>, 16>,   // for j: Cranley-Patterson shifts of dimensions 2j, 2j+1; z, w: bits of their bases
-    sobol: array<vec4<u32>, 16>,    // for j: random words of dimensions 2j, 2j+1; z, w: the pass's own Sobol' point there
+    sobol: array<vec4<u32>, 16>,    // for j: random words of dimensions 2j, 2j+1; z, w: Sobol' point of the gather rays of bounce j
 }
 
 @group(0) @binding(0) var<storage, read> frame: Frame;

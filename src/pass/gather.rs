@@ -6,8 +6,9 @@
 //! visible normals), traced no farther than clip. What it hits becomes a receiver of the next bounce with that weight,
 //! lit by the same clipped lights and gathered from in turn until the path is as long as allowed.
 //!
-//! The directions of a pixel over the passes are a sequence of its own: one low-discrepancy sequence replicated for every pixel, each
-//! time randomised anew (padded replications, Wald et al. 2002, 4.4).
+//! The directions of a pixel over the passes follow one low-discrepancy sequence, randomised anew for every pixel. Of Sobol' points the
+//! same two dimensions serve all bounces, in another order for each (padded replications, Wald et al. 2002, 4.4; see
+//! [`crate::plan`]).
 //!
 //! Differs from the paper in that: there the geometry term is bounded as a whole, cosines included; here only 1/d^2 is,
 //! so that a ray of length clip is all that is ever needed.
@@ -26,7 +27,7 @@ use crate::sampling::dimensions::{GATHER, GATHER_LOBE};
 use crate::sampling::halton::radical_inverse;
 use crate::sampling::random::{hash, key, random_f32};
 use crate::sampling::rotate;
-use crate::sampling::sobol::{sobol, unit};
+use crate::sampling::sobol::unit;
 
 /// The pass from one set of receivers.
 pub struct Gather {
@@ -76,7 +77,7 @@ pub fn reference(frame: &layout::Frame, pixel: u32, bounce: u32, receiver: &Rece
     let [u, v] = [0, 1].map(|d| {
         let k = key(frame.keys[1], GATHER, pixel, 2 * bounce + d as u32);
         if frame.has(layout::Frame::SOBOL) {
-            return unit(sobol(2 * bounce as usize + d, frame.size[3]) ^ hash(k));
+            return unit(frame.sobol[bounce as usize][2 + d] ^ hash(k));
         }
         let base = frame.shifts[bounce as usize][2 + d].to_bits();
         rotate(radical_inverse(base, frame.size[3]), random_f32(k))

@@ -35,7 +35,7 @@ pub struct Frame {
     pub depths: [[u32; 4]; 16],
     /// For j reflections: Cranley-Patterson shifts of dimensions 2j and 2j + 1, then bits of their bases.
     pub shifts: [[f32; 4]; 16],
-    /// For j: random words of dimensions 2j and 2j + 1, then the pass's own Sobol' point there.
+    /// For j: random words of dimensions 2j and 2j + 1, then the point of the gather rays of bounce j.
     pub sobol: [[u32; 4]; 16],
 }
 

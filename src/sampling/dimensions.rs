@@ -9,6 +9,8 @@
 //!
 //! Sobol' points, where they are chosen, have the same dimensions and no bases; they are randomised by XOR where Halton's are rotated.
 //!
+//! Gather rays are padded replications: every bounce takes dimensions 0 and 1, in an order of its own (stream `REPLICA`).
+//!
 //! Segment 0 leaves the emitter, segment j leaves the j-th reflection.
 //!
 //! | stream      | consumer of [`super::random::key`], with its two indices |
@@ -23,6 +25,7 @@
 //! | [`WINDOW`]  | where the passes enter their segments of the sequence: 0, 0 |
 //! | [`OFFSET`]  | rotation of a block of pixel offsets: block, 0 or 1       |
 //! | [`COMPONENT`] | what passes glass or is reflected: slot of the pixel, mirrors and glass so far |
+//! | [`REPLICA`] | order of the Sobol' points of the gather rays: bounce, 0 |
 
 use super::halton::PRIMES;
 use super::sobol;
@@ -61,6 +64,8 @@ pub const WINDOW: u32 = 8;
 pub const OFFSET: u32 = 9;
 /// Stream: component that an eye path takes at a mirror or glass.
 pub const COMPONENT: u32 = 10;
+/// Stream: order of a replication of the Sobol' sequence.
+pub const REPLICA: u32 = 11;
 
 #[cfg(test)]
 mod tests {

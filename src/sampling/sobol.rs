@@ -58,6 +58,20 @@ pub fn sobol(dimension: usize, index: u32) -> u32 {
     columns.filter(|(k, _)| (index >> k) & 1 != 0).fold(0, |x, (_, column)| x ^ column)
 }
 
+/// Index that point `index` has in a replication of the sequence: a random permutation that maps every segment of 2^m indices from
+/// a multiple of 2^m on to one such segment, so that it is as good as the sequence itself (nested uniform permutation, Owen
+/// 1995, by the hash of Laine and Karras 2011).
+///
+/// Replications that differ by XOR alone would depend on each other: an XOR of the index is one of the points.
+pub fn shuffled(index: u32, seed: u32) -> u32 {
+    // In the reversed word each bit depends on those below it alone.
+    let mut x = index.reverse_bits().wrapping_add(seed);
+    for factor in [0x6c50_b47c, 0xb82f_1e52, 0xc7af_e638, 0x8d22_f6e6_u32] {
+        x ^= x.wrapping_mul(factor);
+    }
+    x.reverse_bits()
+}
+
 /// The columns of dimensions 2j and 2j + 1 in pairs, 32 pairs for each j, as `shaders/include/sobol.wgsl` reads them.
 pub fn column_pairs() -> Vec<[u32; 2]> {
     COLUMNS.chunks_exact(2).flat_map(|pair| pair[0].iter().zip(&pair[1]).map(|(&a, &b)| [a, b])).collect()
@@ -164,6 +178,25 @@ mod tests {
         }
         // A segment that does not start at a multiple of its length is none, so the test can tell.
         assert!(!is_net(4, 7, |_| 0));
+    }
+
+    #[test]
+    fn shuffled_segments_are_segments() {
+        let mut moved = 0;
+        for seed in (0..8).map(hash) {
+            for m in 0..=8 {
+                for segment in [0, 1, 5] {
+                    let start = segment << m;
+                    let mut found: Vec<u32> = (start..start + (1 << m)).map(|i| shuffled(i, seed)).collect();
+                    moved += u32::from(found.windows(2).any(|pair| pair[1] != pair[0] + 1));
+                    found.sort_unstable();
+                    let first = found[0];
+                    assert!(first.is_multiple_of(1 << m), "2^{m} from {start}: {first}");
+                    assert!((first..first + (1 << m)).eq(found), "2^{m} from {start}");
+                }
+            }
+        }
+        assert!(moved > 100, "{moved} segments are in another order");
     }
 
     #[test]
