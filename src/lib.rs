@@ -45,6 +45,9 @@
 //! 4. [`merge`](pass::merge) adds the second way of what was split; [`accumulate`](pass::accumulate) adds the pass to the running sums; [`resolve`](pass::resolve) writes their
 //!    mean to an image.
 //!
+//! Where particles choose emitters by contribution, the eye comes before the walk, and [`importance`](pass::importance) stands
+//! between them.
+//!
 //! # Use
 //!
 //! On a device of our own:

@@ -239,6 +239,7 @@ impl ParameterSource {
             depths,
             shifts,
             sobol: words,
+            choice: [s.light_floor, 0.0, 0.0, 0.0],
         })
     }
 }

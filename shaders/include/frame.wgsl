@@ -14,6 +14,7 @@ struct Frame {
     depths: array<vec4<u32>, 16>,   // for j reflections: particles N_j, first light slot, bits of 1/N_j, N_(j+1)
     shifts: array<vec4<f32>, 16>,   // for j: Cranley-Patterson shifts of dimensions 2j, 2j+1; z, w: bits of their bases
     sobol: array<vec4<u32>, 16>,    // for j: random words of dimensions 2j, 2j+1; z, w: Sobol' point of the gather rays of bounce j
+    choice: vec4<f32>,          // x: share of the choice of emitters that goes by power, where it goes by contribution
 }
 
 @group(0) @binding(0) var<storage, read> frame: Frame;

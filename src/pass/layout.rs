@@ -37,6 +37,8 @@ pub struct Frame {
     pub shifts: [[f32; 4]; 16],
     /// For j: random words of dimensions 2j and 2j + 1, then the point of the gather rays of bounce j.
     pub sobol: [[u32; 4]; 16],
+    /// x: share of the choice of emitters that goes by power, where it goes by contribution.
+    pub choice: [f32; 4],
 }
 
 impl Frame {

@@ -24,7 +24,6 @@ use crate::sampling::halton::radical_inverse;
 use crate::sampling::random::{key, random_f32};
 use crate::sampling::sobol::{sobol, unit};
 use crate::sampling::{ONE_MINUS_EPSILON, rotate};
-use crate::scene_buffers::SceneBuffers;
 use glam::Vec3;
 
 /// The pass.
@@ -35,11 +34,11 @@ pub struct WalkStart {
 }
 
 impl WalkStart {
-    /// Writes the lights of emitters, and `particles` and `flux` for those that fly on.
+    /// Chooses among `emitters`. Writes the lights that they leave, and `particles` and `flux` for those that fly on.
     pub fn new(
         kernels: &Kernels,
         frame: &Buffer,
-        scene: &SceneBuffers,
+        [emitters, sobol_columns]: [&Buffer; 2],
         particles: &Rays,
         flux: &Buffer,
         lights: &Buffer,
@@ -48,8 +47,8 @@ impl WalkStart {
         let kernel = kernels.walk_start.clone();
         let bindings = kernel.bind(&[
             ("frame", frame.into()),
-            ("emitters", (&scene.emitters).into()),
-            ("sobol_columns", (&scene.sobol_columns).into()),
+            ("emitters", emitters.into()),
+            ("sobol_columns", sobol_columns.into()),
             ("ray_origin", (&particles.origin).into()),
             ("ray_direction", (&particles.direction).into()),
             ("flux", flux.into()),

@@ -6,6 +6,7 @@ mod embed;
 mod gpu_layer;
 #[cfg(feature = "hot-reload")]
 mod hot_reload;
+mod importance;
 mod mirrors_and_glass;
 mod passes_eye;
 mod passes_light;

@@ -33,7 +33,7 @@ const LOBE: f32 = 2e-3;
 const STRAYS: f64 = 0.005;
 
 /// The receivers as the oracles take them.
-fn receivers(rig: &Rig, r: &Receivers) -> Vec<Receiver> {
+pub fn receivers(rig: &Rig, r: &Receivers) -> Vec<Receiver> {
     let [position, geometric, shading, kd, f0, wo] =
         [&r.position, &r.geometric, &r.shading, &r.kd, &r.f0, &r.wo].map(|b| rig.vec4s(b));
     (0..position.len())

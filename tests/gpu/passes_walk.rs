@@ -29,7 +29,7 @@ fn interleaved(paths: u32, pattern: [u32; 2], jitter: bool) -> Settings {
 
 /// Whether a light sends out the same, from a place as near as `place`. Of lights that send out nothing, the rest is left
 /// open.
-fn same_light(a: &PointLight, b: &PointLight, place: f32) -> bool {
+pub fn same_light(a: &PointLight, b: &PointLight, place: f32) -> bool {
     let v = |f: fn(&PointLight) -> [f32; 4], relative, absolute| close(xyz(f(a)), xyz(f(b)), relative, absolute);
     let w = |f: fn(&PointLight) -> [f32; 4]| (f(a)[3] - f(b)[3]).abs() <= 1e-5;
     let dark = |l: &PointLight| xyz(l.emit) == glam::Vec3::ZERO && xyz(l.flux) == glam::Vec3::ZERO;

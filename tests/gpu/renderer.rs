@@ -16,7 +16,7 @@ use crate::support::gpu_test;
 
 /// The Cornell box seen without its lamp: at the lamp's edges a whole row of pixels would tell how many passes met it, and
 /// little else.
-fn cornell() -> (Scene, Camera) {
+pub fn cornell() -> (Scene, Camera) {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell/scene.toml");
     let scene = scene::load(path.as_ref()).unwrap();
     let target = Vec3::new(278.0, 200.0, 280.0);

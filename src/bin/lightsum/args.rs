@@ -6,7 +6,7 @@ use glam::Vec3;
 use lightsum::gpu::DeviceChoice;
 use lightsum::output::{Format, Tonemap};
 use lightsum::path_trace::SpecularPaths;
-use lightsum::settings::{Sequence, Settings, Traversal};
+use lightsum::settings::{LightChoice, Sequence, Settings, Traversal};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -168,6 +168,14 @@ pub struct Light {
     /// Leave out what clipping cuts off: faster, but corners are too dark.
     #[arg(long)]
     pub no_compensation: bool,
+    /// By what particles choose the light they start from [default: power].
+    #[arg(long, value_name = "BY")]
+    pub light_choice: Option<LightChoiceFlag>,
+    /// Share of --light-choice contribution that goes by power all the same, above 0 to 1 [default: 0.2].
+    ///
+    /// Lower: the lights that matter to the view get more of the particles; those that were underestimated make more noise.
+    #[arg(long, value_name = "F", allow_negative_numbers = true, value_parser = share)]
+    pub light_floor: Option<f32>,
     /// Points that place particles on the lights and choose directions [default: halton].
     #[arg(long, value_name = "NAME")]
     pub sequence: Option<SequenceFlag>,
@@ -186,6 +194,24 @@ pub struct Light {
     /// it overrides the scene.
     #[arg(long, value_enum)]
     pub preset: Option<Preset>,
+}
+
+/// Values of `--light-choice`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LightChoiceFlag {
+    /// By its power
+    Power,
+    /// By what the eye will see of it, for scenes of many lights
+    Contribution,
+}
+
+impl From<LightChoiceFlag> for LightChoice {
+    fn from(flag: LightChoiceFlag) -> LightChoice {
+        match flag {
+            LightChoiceFlag::Power => LightChoice::Power,
+            LightChoiceFlag::Contribution => LightChoice::Contribution,
+        }
+    }
 }
 
 /// Values of `--sequence`.
@@ -278,7 +304,7 @@ pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise in place of structured error.
     #[arg(long, conflicts_with_all = [
         "passes", "time", "target_error", "resume", "paths", "direct_lights", "interleave", "clip", "clip_fraction", "no_compensation", "no_split",
-        "light_threshold", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "export_lights", "stats",
+        "light_threshold", "light_choice", "light_floor", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "export_lights", "stats",
     ])]
     pub reference: bool,
     /// Paths of --reference for each pixel [default: 64]. Time grows linearly, noise falls like the square root.
@@ -393,6 +419,10 @@ fn distance(text: &str) -> Result<f32, String> {
 
 fn positive(text: &str) -> Result<f32, String> {
     number(text, |v| v > 0.0, "a number above 0")
+}
+
+fn share(text: &str) -> Result<f32, String> {
+    number(text, |v| v > 0.0 && v <= 1.0, "a share above 0, at most 1")
 }
 
 fn angle(text: &str) -> Result<f32, String> {
