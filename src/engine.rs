@@ -31,11 +31,12 @@ use crate::frame::Frame;
 use crate::gpu::{Context, Image, Recorder, Staging};
 use crate::light::emitters::Emitters;
 use crate::pass::Kernels;
+use crate::pass::importance;
 use crate::pass::layout::PointLight;
 use crate::plan::{EyePlan, LightPlan, ParameterSource};
 use crate::scene::{Camera, Scene};
 use crate::scene_buffers::{SceneBuffers, delta_lights};
-use crate::settings::{Settings, Traversal};
+use crate::settings::{LightChoice, Settings, Traversal};
 
 /// Greatest number of pixels, so that products of it fit; a device's own limits on buffers mostly come first.
 const MAX_PIXELS: u64 = 1 << 26;
@@ -70,6 +71,16 @@ impl Engine {
         check_camera(&camera)?;
         let bvh = Bvh::build(scene)?;
         let emitters = Emitters::of(scene, scene.emitters_are_lights)?;
+        let count = emitters.list.len();
+        if settings.light_choice == LightChoice::Contribution && count > importance::MAX_EMITTERS as usize {
+            return Err(Error::Setting {
+                name: "--light-choice",
+                message: format!(
+                    "contribution takes up to {} emitters, and the scene has {count}; use power",
+                    importance::MAX_EMITTERS
+                ),
+            });
+        }
         let delta = delta_lights(scene, bvh.scale());
         let lights = LightPlan::new(&settings, scene.mean_reflectivity(), delta.len() as u32);
         let kernels = Kernels::new(context, settings.traversal)?;

@@ -9,6 +9,7 @@ use crate::pass::camera_rays::CameraRays;
 use crate::pass::collect::Collect;
 use crate::pass::eye_paths::{self, EyePaths};
 use crate::pass::gather::Gather;
+use crate::pass::importance::Importance;
 use crate::pass::layout::{self, PointLight, Work};
 use crate::pass::merge::Merge;
 use crate::pass::receivers::{self, ReceiversPass};
@@ -23,7 +24,7 @@ use crate::pass::walk_start::WalkStart;
 use crate::pass::{Kernels, List, Paths, Rays, Receivers, Sums, vec4s};
 use crate::plan::{EyePlan, LightPlan, StepTable};
 use crate::scene_buffers::SceneBuffers;
-use crate::settings::Settings;
+use crate::settings::{LightChoice, Settings};
 use steps::Steps;
 
 /// The passes of a frame with their buffers and steps.
@@ -62,6 +63,8 @@ pub struct Frame {
     pub eye_lists: Vec<List>,
     /// For each bounce the receivers to light.
     pub lists: Vec<List>,
+    /// Chooses the emitters of a pass by what the eye sees.
+    pub importance: Option<Importance>,
     batch: List,
     clear_work: Buffer,
     walk_start: WalkStart,
@@ -291,11 +294,18 @@ impl Frame {
             })
             .collect::<Result<_>>()?;
 
+        let importance = match settings.light_choice {
+            LightChoice::Power => None,
+            LightChoice::Contribution => {
+                Some(Importance::new(context, kernels, &parameters, &scene.emitters, &primary)?)
+            }
+        };
+        let emitters = importance.as_ref().map_or(&scene.emitters, |importance| &importance.emitters);
         Ok(Frame {
             walk_start: WalkStart::new(
                 kernels,
                 &parameters,
-                &scene.emitters,
+                [emitters, &scene.sobol_columns],
                 &particles,
                 &flux,
                 &lights,
@@ -329,6 +339,7 @@ impl Frame {
             ideal_tiles,
             eye_lists,
             lists,
+            importance,
             batch,
             clear_work,
             steps,
@@ -354,8 +365,15 @@ impl Frame {
     /// added to the sums.
     pub fn record(&self, rec: &mut Recorder, parameters: &layout::Frame) -> Result<()> {
         self.record_start(rec, parameters)?;
-        rec.scope("walk", |rec| self.record_walk(rec))?;
-        rec.scope("eye", |rec| self.record_eye(rec))?;
+        if self.importance.is_some() {
+            // Who is to be lit decides from where.
+            rec.scope("eye", |rec| self.record_eye(rec))?;
+            rec.scope("importance", |rec| self.record_importance(rec))?;
+            rec.scope("walk", |rec| self.record_walk(rec))?;
+        } else {
+            rec.scope("walk", |rec| self.record_walk(rec))?;
+            rec.scope("eye", |rec| self.record_eye(rec))?;
+        }
         for bounce in 0..self.bounces.len() {
             rec.scope("gather", |rec| self.record_gather(rec, bounce))?;
             rec.scope("shade", |rec| self.record_shade(rec, bounce))?;
@@ -375,6 +393,14 @@ impl Frame {
             rec.copy(&self.clear_work, &list.work)?;
         }
         Ok(())
+    }
+
+    /// The emitters get the probabilities by which the particles of this pass choose them, after what the eye sees.
+    pub fn record_importance(&self, rec: &mut Recorder) -> Result<()> {
+        match &self.importance {
+            Some(importance) => importance.record(rec),
+            None => Ok(()),
+        }
     }
 
     /// Particles leave the lights, and each leaves a point light at every vertex of its path.

@@ -16,7 +16,7 @@
 //! | [`scene`] | what is lit: OBJ, glTF, scene files, built-in scenes; plain data |
 //! | [`bsdf`] | how surfaces reflect: Lambert and a GGX lobe; mirrors and glass |
 //! | [`accel`] | the bounding volume hierarchy |
-//! | [`sampling`] | Halton and Hammersley points, hashes, and which consumer uses which dimension |
+//! | [`sampling`] | Halton, Hammersley and Sobol' points, hashes, and which consumer uses which dimension |
 //! | [`light`] | the emitters and how particles are spread over them |
 //! | [`plan`] | what a pass will do: surviving particles, dispatches, its parameters |
 //! | [`scene_buffers`] | the scene on the device |
@@ -44,6 +44,9 @@
 //!    from each for what clipping cut off, and [`collect`](pass::collect) brings its light back to the pixels.
 //! 4. [`merge`](pass::merge) adds the second way of what was split; [`accumulate`](pass::accumulate) adds the pass to the running sums; [`resolve`](pass::resolve) writes their
 //!    mean to an image.
+//!
+//! Where particles choose emitters by contribution, the eye comes before the walk, and [`importance`](pass::importance) stands
+//! between them.
 //!
 //! # Use
 //!

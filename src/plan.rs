@@ -5,13 +5,14 @@ use glam::Vec3;
 
 use crate::error::{Error, Result};
 use crate::pass::layout::{self, Step};
-use crate::sampling::dimensions::{OFFSET, ROTATION, WINDOW};
+use crate::sampling::dimensions::{OFFSET, REPLICA, ROTATION, WINDOW};
 use crate::sampling::halton::PRIMES;
 use crate::sampling::random::{hash, key, random_f32};
 use crate::sampling::rotate;
+use crate::sampling::sobol::{shuffled, sobol};
 use crate::scene::Camera;
 use crate::scene_buffers::Ideal;
-use crate::settings::Settings;
+use crate::settings::{Sequence, Settings};
 
 /// Iterations that all loops of one shader invocation's subgroup may share. lavapipe before Mesa 25 silently ends loops
 /// after 65,535; a watchdog is the same limit on a real device, only later.
@@ -179,7 +180,7 @@ pub struct ParameterSource {
 
 impl ParameterSource {
     /// Parameters of pass number `pass` (from 0). Passes alternate between the two instances; each instance walks along
-    /// its own randomly shifted Halton sequence, N points a pass for each class of pixels.
+    /// its own randomised sequence, N points a pass for each class of pixels.
     pub fn frame(&self, pass: u32) -> Result<layout::Frame> {
         let s = &self.settings;
         let instance = pass % INSTANCES;
@@ -206,15 +207,21 @@ impl ParameterSource {
         let rotation = ((u64::from(turn) * u64::from(s.paths)) >> 32) as u32;
         let mut depths = [[0; 4]; 16];
         let mut shifts = [[0.0; 4]; 16];
+        let mut words = [[0; 4]; 16];
         for j in 0..16 {
             let alive = self.lights.survivors.get(j).copied().unwrap_or(0);
             let next = self.lights.survivors.get(j + 1).copied().unwrap_or(0);
             depths[j] = [alive, self.lights.first_slot(j), (1.0 / alive.max(1) as f32).to_bits(), next];
+            let replica = shuffled(local, key(instance_key, REPLICA, j as u32, 0));
             for d in 0..2 {
+                words[j][d] = hash(key(instance_key, ROTATION, (2 * j + d) as u32, 0));
+                words[j][d + 2] = sobol(d, replica);
                 shifts[j][d] = random_f32(key(instance_key, ROTATION, (2 * j + d) as u32, 0));
                 shifts[j][d + 2] = f32::from_bits(PRIMES[2 * j + d]);
             }
         }
+        let bit = |set: bool, bit: u32| if set { bit } else { 0 };
+        let bits = bit(s.jitter, layout::Frame::JITTER) | bit(s.sequence == Sequence::Sobol, layout::Frame::SOBOL);
         let offset = pixel_offset(instance_key, local);
         let xyzw = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
         Ok(layout::Frame {
@@ -226,11 +233,13 @@ impl ParameterSource {
             pixel_offset: [offset[0], offset[1], LEAST_LIGHT_ALPHA, s.light_threshold],
             size: [width, height, width * height, local],
             walk: [first, s.paths, rotation, self.lights.delta],
-            keys: [pass_key, instance_key, u32::from(s.jitter), instance],
+            keys: [pass_key, instance_key, bits, instance],
             scene: [self.nodes, self.emitters, s.max_depth, 0],
             pattern: [s.pattern[0], s.pattern[1], s.classes(), self.lights.slots()],
             depths,
             shifts,
+            sobol: words,
+            choice: [s.light_floor, 0.0, 0.0, 0.0],
         })
     }
 }

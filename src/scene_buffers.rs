@@ -7,6 +7,7 @@ use crate::error::{Error, Result};
 use crate::gpu::{Bound, Buffer, Context, Staging};
 use crate::light::emitters::Emitters;
 use crate::pass::layout::{MaterialRecord, PointLight, TextureRecord};
+use crate::sampling::sobol;
 use crate::scene::{Light, Scene, Surface, Texture, Wrap};
 use glam::{Vec2, Vec3};
 
@@ -43,6 +44,8 @@ pub struct SceneBuffers {
     pub texels: Buffer,
     /// [`crate::light::emitters::EmitterRecord`]s.
     pub emitters: Buffer,
+    /// [`crate::sampling::sobol::column_pairs`], the same for every scene.
+    pub sobol_columns: Buffer,
     /// What eye paths will meet.
     pub ideal: Ideal,
 }
@@ -109,6 +112,7 @@ impl SceneBuffers {
             textures: staging.stage(context, "scene textures", &textures)?,
             texels: staging.stage(context, "scene texels", &texels)?,
             emitters: staging.stage(context, "scene emitters", &emitters.records())?,
+            sobol_columns: staging.stage(context, "columns of Sobol'", &sobol::column_pairs())?,
             ideal: Ideal::of(scene),
         })
     }
@@ -133,9 +137,11 @@ impl SceneBuffers {
             textures,
             texels,
             emitters,
+            sobol_columns,
             ideal: _,
         } = self;
-        let always = [node_min, node_max, v0, e1, e2, normals, uvs, materials, textures, texels, emitters];
+        let always =
+            [node_min, node_max, v0, e1, e2, normals, uvs, materials, textures, texels, emitters, sobol_columns];
         always.into_iter().chain(wide_nodes).map(Buffer::bytes).sum()
     }
 

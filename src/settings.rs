@@ -35,6 +35,29 @@ pub enum Traversal {
     Cluster,
 }
 
+/// The low-discrepancy sequence that particles and gather rays follow (row W4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Sequence {
+    /// Halton's, rotated at random: a prime base for each dimension (Keller 1997).
+    #[default]
+    Halton,
+    /// Sobol's, randomised by XOR: base 2 in all dimensions (Wald et al. 2002, 4.4). Evenest where `paths` is a power of two.
+    Sobol,
+}
+
+/// By what particles choose the emitter that they start from (row W8).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LightChoice {
+    /// By power alone (Keller 1997).
+    #[default]
+    Power,
+    /// By what the eye will see of them, estimated anew in each pass without shadows, mixed with their power: for scenes of many
+    /// lights of which few matter to the view.
+    Contribution,
+}
+
 /// Settings of one rendering. See each field for meaning, unit, default and cost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Settings {
@@ -71,6 +94,16 @@ pub struct Settings {
     /// scene's radiance times pi. Default 0: only what sends nothing at all is dropped. Higher is faster and darker: a
     /// receiver loses at most this much for each light of a pass. Single rays drop nothing by it.
     pub light_threshold: f32,
+    /// The points that place particles on the lights and choose their directions and those of gather rays. Default `Halton`.
+    /// Both have the same limit and cost; `docs/benchmarks.md` compares their errors.
+    pub sequence: Sequence,
+    /// By what particles choose emitters. Default `Power`. `Contribution` has the same limit; it costs a little time for each
+    /// emitter and pass, and takes particles away from lights that matter by reflections or from behind walls only.
+    pub light_choice: LightChoice,
+    /// Share of that choice which goes by power all the same, above 0 to 1. Default 0.2. Higher: less is gained where few lights
+    /// matter. Lower: more noise in what lights do whose contribution was underestimated; their particles are at most 1 / share
+    /// times as strong as by power alone.
+    pub light_floor: f32,
     /// Jitter the low-discrepancy points in their cells (Keller, 4.1). Default false. True trades structured error for noise.
     pub jitter: bool,
     /// Seed of every pseudo-random decision. Default 0. Same seed, device and settings: same bits.
@@ -100,6 +133,9 @@ impl Default for Settings {
             clip: Clip::Fraction(0.1),
             compensation: true,
             light_threshold: 0.0,
+            sequence: Sequence::Halton,
+            light_choice: LightChoice::Power,
+            light_floor: 0.2,
             jitter: false,
             seed: 0,
             lights_per_dispatch: 8,
@@ -166,6 +202,10 @@ impl Settings {
         let (Clip::Distance(c) | Clip::Fraction(c)) = self.clip;
         if !(c.is_finite() && c >= 0.0) {
             return Err(Error::Setting { name: "--clip", message: format!("{c} is not a distance of 0 or more") });
+        }
+        let f = self.light_floor;
+        if !(f > 0.0 && f <= 1.0) {
+            return Err(Error::Setting { name: "--light-floor", message: format!("{f} is not a share above 0 to 1") });
         }
         let t = self.light_threshold;
         if !(t.is_finite() && t >= 0.0) {

@@ -8,11 +8,13 @@ struct Frame {
     pixel_offset: vec4<f32>,    // offset of the sample in its pixel, [0,1)^2; z: least alpha of a light's lobe; w: irradiance that may be dropped
     size: vec4<u32>,            // width, height, pixels, index of the pass within its instance
     walk: vec4<u32>,            // first index of the sequence segment, N of a class, window rotation, delta lights
-    keys: vec4<u32>,            // key of the pass, key of the instance, jitter (0/1), instance
+    keys: vec4<u32>,            // key of the pass, key of the instance, bits (1 jitter, 2 Sobol' points), instance
     scene: vec4<u32>,           // nodes, emitters, greatest path length, 0 (no compiler knows)
     pattern: vec4<u32>,         // width and height of the interleaving pattern, classes, lights of each class
     depths: array<vec4<u32>, 16>,   // for j reflections: particles N_j, first light slot, bits of 1/N_j, N_(j+1)
     shifts: array<vec4<f32>, 16>,   // for j: Cranley-Patterson shifts of dimensions 2j, 2j+1; z, w: bits of their bases
+    sobol: array<vec4<u32>, 16>,    // for j: random words of dimensions 2j, 2j+1; z, w: Sobol' point of the gather rays of bounce j
+    choice: vec4<f32>,          // x: share of the choice of emitters that goes by power, where it goes by contribution
 }
 
 @group(0) @binding(0) var<storage, read> frame: Frame;

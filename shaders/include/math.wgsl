@@ -1,4 +1,4 @@
-// Sampling and geometry shared by the passes. CPU twins: sampling::{halton, random}, bsdf::basis, accel::offset_origin.
+// Sampling and geometry shared by the passes. CPU twins: sampling::{halton, random, sobol::unit}, bsdf::basis, accel::offset_origin.
 
 const PI: f32 = 3.14159265358979;
 const INV_PI: f32 = 0.318309886183791;
@@ -50,6 +50,11 @@ fn radical_inverse(base: u32, i: u32) -> f32 {
         rest = quotient;
     }
     return min(f32(reversed) / f32(power), ONE_MINUS_EPSILON);
+}
+
+// A word as a number in [0, 1): its upper 24 bits, exactly.
+fn unit(words: vec2<u32>) -> vec2<f32> {
+    return vec2<f32>(words >> vec2<u32>(8u)) * (1.0 / 16777216.0);
 }
 
 // Cranley-Patterson rotation.

@@ -1,4 +1,18 @@
 // Numbers of the quasi-random walk. Needs frame.wgsl and math.wgsl. CPU twin: pass::walk_start::walk_numbers.
+#include "sobol.wgsl"
+
+// Dimensions 2j and 2j + 1 of a point of the sequence, randomised for the instance: Halton's rotated, Sobol's by XOR.
+fn sequence_point(j: u32, index: u32) -> vec2<f32> {
+    if (frame.keys.z & 2u) != 0u {
+        return unit(sobol(j, index) ^ frame.sobol[j].xy);
+    }
+    let shifts = frame.shifts[j];
+    let bases = bitcast<vec2<u32>>(shifts.zw);
+    return vec2<f32>(
+        rotate(radical_inverse(bases.x, index), shifts.x),
+        rotate(radical_inverse(bases.y, index), shifts.y),
+    );
+}
 
 // Where a particle leaves the light of a vertex: each class of pixels has a set of lights. Particle i of class k is number
 // i K + k, so that those that survive in any class stand before all others.
@@ -7,17 +21,15 @@ fn light_slot(particle: u32, first: u32) -> u32 {
 }
 
 // The two sample coordinates of a particle for its start (j = 0) or for the direction that leaves its vertex j - 1:
-// Halton dimensions 2j and 2j + 1 of its point of the sequence, rotated for the instance, jittered if asked
+// dimensions 2j and 2j + 1 of its point of the sequence, jittered if asked
 // (Keller 1997, 4.1: by the grid resolution 1/N_j).
 fn walk_numbers(j: u32, particle: u32) -> vec2<f32> {
     // The classes of pixels take consecutive segments of the sequence.
     let of_class = particle / frame.pattern.z;
     let index = frame.walk.x + particle % frame.pattern.z * frame.walk.y + (of_class + frame.walk.z) % frame.walk.y;
-    let shifts = frame.shifts[j];
-    let bases = bitcast<vec2<u32>>(shifts.zw);
-    let x = vec2<f32>(radical_inverse(bases.x, index), radical_inverse(bases.y, index));
-    let range = bitcast<f32>(frame.depths[j].z) * f32(frame.keys.z);
+    let x = sequence_point(j, index);
+    let range = bitcast<f32>(frame.depths[j].z) * f32(frame.keys.z & 1u);
     let xi = vec2<f32>(random(key(frame.keys.x, STREAM_JITTER, particle, 2u * j)), random(key(frame.keys.x, STREAM_JITTER, particle, 2u * j + 1u)));
     let moved = min(xi * range, vec2<f32>(ONE_MINUS_EPSILON));
-    return vec2<f32>(rotate(rotate(x.x, shifts.x), moved.x), rotate(rotate(x.y, shifts.y), moved.y));
+    return vec2<f32>(rotate(x.x, moved.x), rotate(x.y, moved.y));
 }

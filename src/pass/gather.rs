@@ -6,6 +6,10 @@
 //! visible normals), traced no farther than clip. What it hits becomes a receiver of the next bounce with that weight,
 //! lit by the same clipped lights and gathered from in turn until the path is as long as allowed.
 //!
+//! The directions of a pixel over the passes follow one low-discrepancy sequence, randomised anew for every pixel. Of Sobol' points the
+//! same two dimensions serve all bounces, in another order for each (padded replications, Wald et al. 2002, 4.4; see
+//! [`crate::plan`]).
+//!
 //! Differs from the paper in that: there the geometry term is bounded as a whole, cosines included; here only 1/d^2 is,
 //! so that a ray of length clip is all that is ever needed.
 //!
@@ -21,8 +25,9 @@ use crate::error::Result;
 use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
 use crate::sampling::dimensions::{GATHER, GATHER_LOBE};
 use crate::sampling::halton::radical_inverse;
-use crate::sampling::random::{key, random_f32};
+use crate::sampling::random::{hash, key, random_f32};
 use crate::sampling::rotate;
+use crate::sampling::sobol::unit;
 
 /// The pass from one set of receivers.
 pub struct Gather {
@@ -69,10 +74,13 @@ impl Gather {
 
 /// Oracle: the ray, the throughput after it, and whether it left through the specular lobe.
 pub fn reference(frame: &layout::Frame, pixel: u32, bounce: u32, receiver: &Receiver, beta: Vec3) -> (Ray, Vec3, bool) {
-    let bases = frame.shifts[bounce as usize];
     let [u, v] = [0, 1].map(|d| {
-        let x = radical_inverse(bases[2 + d].to_bits(), frame.size[3]);
-        rotate(x, random_f32(key(frame.keys[1], GATHER, pixel, 2 * bounce + d as u32)))
+        let k = key(frame.keys[1], GATHER, pixel, 2 * bounce + d as u32);
+        if frame.has(layout::Frame::SOBOL) {
+            return unit(frame.sobol[bounce as usize][2 + d] ^ hash(k));
+        }
+        let base = frame.shifts[bounce as usize][2 + d].to_bits();
+        rotate(radical_inverse(base, frame.size[3]), random_f32(k))
     });
     let r = &receiver.reflectance;
     let p = r.diffuse_probability();

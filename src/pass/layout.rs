@@ -25,7 +25,7 @@ pub struct Frame {
     pub size: [u32; 4],
     /// First sequence index, particles N of a class, window rotation, delta lights.
     pub walk: [u32; 4],
-    /// Keys of the pass and of the instance, jitter, instance.
+    /// Keys of the pass and of the instance, bits ([`Frame::JITTER`], [`Frame::SOBOL`]), instance.
     pub keys: [u32; 4],
     /// Nodes, emitters, greatest path length, 0 (which no compiler knows, see `accumulate.wgsl`).
     pub scene: [u32; 4],
@@ -35,6 +35,22 @@ pub struct Frame {
     pub depths: [[u32; 4]; 16],
     /// For j reflections: Cranley-Patterson shifts of dimensions 2j and 2j + 1, then bits of their bases.
     pub shifts: [[f32; 4]; 16],
+    /// For j: random words of dimensions 2j and 2j + 1, then the point of the gather rays of bounce j.
+    pub sobol: [[u32; 4]; 16],
+    /// x: share of the choice of emitters that goes by power, where it goes by contribution.
+    pub choice: [f32; 4],
+}
+
+impl Frame {
+    /// Bit of `keys[2]`: points are jittered.
+    pub const JITTER: u32 = 1;
+    /// Bit of `keys[2]`: points are those of Sobol' and not of Halton.
+    pub const SOBOL: u32 = 2;
+
+    /// Whether a bit of `keys[2]` is set.
+    pub fn has(&self, bit: u32) -> bool {
+        self.keys[2] & bit != 0
+    }
 }
 
 /// Counts that the device finds, and the indirect dispatches made of them.

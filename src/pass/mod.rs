@@ -1,5 +1,5 @@
-//! The passes of a frame, one file each with its shader of the same stem (`shade` and `trace` have a second one, `sort` and
-//! `tiles` one for each of their steps), in the order of `frame.rs`.
+//! The passes of a frame, one file each with its shader of the same stem (`shade`, `trace` and `importance` have a second one,
+//! `sort` and `tiles` one for each of their steps), in the order of `frame.rs`.
 //!
 //! A pass file reads: what it computes and from which equation, its named inputs and outputs, `record`, and `reference`,
 //! the CPU oracle that the tests hold the shader against.
@@ -9,6 +9,7 @@ pub mod camera_rays;
 pub mod collect;
 pub mod eye_paths;
 pub mod gather;
+pub mod importance;
 pub mod layout;
 pub mod merge;
 pub mod receivers;
@@ -172,6 +173,10 @@ pub struct Kernels {
     pub eye_paths: Kernel,
     /// `gather.wgsl`
     pub gather: Kernel,
+    /// `importance.wgsl`
+    pub importance: Kernel,
+    /// `importance_scan.wgsl`
+    pub importance_scan: Kernel,
     /// `merge.wgsl`
     pub merge: Kernel,
     /// `receivers.wgsl`
@@ -215,6 +220,8 @@ impl Kernels {
             collect: Kernel::new(context, &shaders::COLLECT)?,
             eye_paths: Kernel::new(context, &shaders::EYE_PATHS)?,
             gather: Kernel::new(context, &shaders::GATHER)?,
+            importance: Kernel::new(context, &shaders::IMPORTANCE)?,
+            importance_scan: Kernel::new(context, &shaders::IMPORTANCE_SCAN)?,
             merge: Kernel::new(context, &shaders::MERGE)?,
             receivers: Kernel::new(context, &shaders::RECEIVERS)?,
             resolve: Kernel::new(context, &shaders::RESOLVE)?,

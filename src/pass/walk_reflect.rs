@@ -50,6 +50,7 @@ impl WalkReflect {
             ("flux", flux.into()),
             ("lights", lights.into()),
             ("steps", steps.into()),
+            ("sobol_columns", (&scene.sobol_columns).into()),
         ]);
         let bindings = kernel.bind(&named)?;
         Ok(WalkReflect { kernel, bindings })

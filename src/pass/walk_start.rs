@@ -22,6 +22,7 @@ use crate::light::emitters::{Emitters, Kind};
 use crate::sampling::dimensions::{JITTER, SIDE};
 use crate::sampling::halton::radical_inverse;
 use crate::sampling::random::{key, random_f32};
+use crate::sampling::sobol::{sobol, unit};
 use crate::sampling::{ONE_MINUS_EPSILON, rotate};
 use glam::Vec3;
 
@@ -33,11 +34,11 @@ pub struct WalkStart {
 }
 
 impl WalkStart {
-    /// Writes the lights of emitters, and `particles` and `flux` for those that fly on.
+    /// Chooses among `emitters`. Writes the lights that they leave, and `particles` and `flux` for those that fly on.
     pub fn new(
         kernels: &Kernels,
         frame: &Buffer,
-        emitters: &Buffer,
+        [emitters, sobol_columns]: [&Buffer; 2],
         particles: &Rays,
         flux: &Buffer,
         lights: &Buffer,
@@ -47,6 +48,7 @@ impl WalkStart {
         let bindings = kernel.bind(&[
             ("frame", frame.into()),
             ("emitters", emitters.into()),
+            ("sobol_columns", sobol_columns.into()),
             ("ray_origin", (&particles.origin).into()),
             ("ray_direction", (&particles.direction).into()),
             ("flux", flux.into()),
@@ -68,16 +70,26 @@ pub fn light_slot(frame: &layout::Frame, particle: u32, first: u32) -> u32 {
     particle % classes * lights + first + particle / classes
 }
 
+/// Oracle: a component of a point of the sequence, randomised for the instance.
+fn sequence_point(frame: &layout::Frame, dimension: usize, index: u32) -> f32 {
+    let (j, d) = (dimension / 2, dimension % 2);
+    if frame.has(layout::Frame::SOBOL) {
+        return unit(sobol(dimension, index) ^ frame.sobol[j][d]);
+    }
+    rotate(radical_inverse(frame.shifts[j][2 + d].to_bits(), index), frame.shifts[j][d])
+}
+
 /// Oracle: the two sample coordinates of a particle for its start (j = 0) or the direction that leaves vertex j - 1.
 pub fn walk_numbers(frame: &layout::Frame, j: usize, particle: u32) -> [f32; 2] {
     let [first, paths, rotation, _] = frame.walk;
     let (of_class, class) = (particle / frame.pattern[2], particle % frame.pattern[2]);
     let index = first + class * paths + (of_class + rotation) % paths;
     [0, 1].map(|d| {
-        let x = radical_inverse(frame.shifts[j][2 + d].to_bits(), index);
-        let range = f32::from_bits(frame.depths[j][2]) * frame.keys[2] as f32;
+        let x = sequence_point(frame, 2 * j + d, index);
+        let jitter = if frame.has(layout::Frame::JITTER) { 1.0 } else { 0.0 };
+        let range = f32::from_bits(frame.depths[j][2]) * jitter;
         let xi = random_f32(key(frame.keys[0], JITTER, particle, (2 * j + d) as u32));
-        rotate(rotate(x, frame.shifts[j][d]), (xi * range).min(ONE_MINUS_EPSILON))
+        rotate(x, (xi * range).min(ONE_MINUS_EPSILON))
     })
 }
 

@@ -1,11 +1,15 @@
-//! The one table of who uses which dimension of the Halton sequence, and which stream of hashed numbers.
+//! The one table of who uses which dimension of the low-discrepancy sequence, and which stream of hashed numbers.
 //!
-//! | consumer                                        | Halton dimensions | bases |
+//! | consumer                                        | dimensions | Halton's bases |
 //! |-------------------------------------------------|-------------------|-------|
 //! | choice of the emitter, by composition           | 0 (then rescaled to [0, 1) and used again) | 2 |
 //! | point on the emitter                            | 0, 1              | 2, 3  |
 //! | direction of segment j of a particle, j = 0..16 | 2j + 2, 2j + 3    | 5, 7; 11, 13; ... |
 //! | gather ray of bounce b                          | 2b, 2b + 1, rotated by stream `GATHER` | 2, 3; 5, 7; ... |
+//!
+//! Sobol' points, where they are chosen, have the same dimensions and no bases; they are randomised by XOR where Halton's are rotated.
+//!
+//! Gather rays are padded replications: every bounce takes dimensions 0 and 1, in an order of its own (stream `REPLICA`).
 //!
 //! Segment 0 leaves the emitter, segment j leaves the j-th reflection.
 //!
@@ -14,15 +18,17 @@
 //! | [`SIDE`]    | side of a two-sided emitter: particle, 0                  |
 //! | [`LOBE`]    | diffuse or specular reflection: particle, reflection      |
 //! | [`JITTER`]  | jitter of a Halton component: particle, dimension         |
-//! | [`ROTATION`]| Cranley-Patterson rotation of the whole set: dimension, 0 |
+//! | [`ROTATION`]| rotation or XOR of the whole set: dimension, 0 |
 //! | [`GATHER`]  | rotation of the gather ray: pixel, dimension              |
 //! | [`PIXEL`]   | everything in the path tracer: pixel, running number      |
 //! | [`GATHER_LOBE`] | lobe of the gather ray: pixel, bounce                 |
 //! | [`WINDOW`]  | where the passes enter their segments of the sequence: 0, 0 |
 //! | [`OFFSET`]  | rotation of a block of pixel offsets: block, 0 or 1       |
 //! | [`COMPONENT`] | what passes glass or is reflected: slot of the pixel, mirrors and glass so far |
+//! | [`REPLICA`] | order of the Sobol' points of the gather rays: bounce, 0 |
 
 use super::halton::PRIMES;
+use super::sobol;
 
 /// Dimensions of the point on the emitter; the first also chooses the emitter.
 pub const EMITTER: [usize; 2] = [0, 1];
@@ -31,7 +37,7 @@ pub const MAX_SEGMENTS: usize = 16;
 /// Number of dimensions in use.
 pub const COUNT: usize = 2 * MAX_SEGMENTS + 2;
 
-const _: () = assert!(COUNT <= PRIMES.len());
+const _: () = assert!(COUNT <= PRIMES.len() && COUNT <= sobol::DIMENSIONS);
 
 /// Dimensions of the direction of segment `j` (0 leaves the emitter).
 pub const fn direction(j: usize) -> [usize; 2] {
@@ -58,6 +64,8 @@ pub const WINDOW: u32 = 8;
 pub const OFFSET: u32 = 9;
 /// Stream: component that an eye path takes at a mirror or glass.
 pub const COMPONENT: u32 = 10;
+/// Stream: order of a replication of the Sobol' sequence.
+pub const REPLICA: u32 = 11;
 
 #[cfg(test)]
 mod tests {

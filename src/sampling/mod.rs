@@ -3,7 +3,9 @@
 pub mod dimensions;
 pub mod halton;
 pub mod hammersley;
+pub mod joe_kuo;
 pub mod random;
+pub mod sobol;
 
 /// The largest f32 below 1.
 pub const ONE_MINUS_EPSILON: f32 = 1.0 - f32::EPSILON / 2.0;

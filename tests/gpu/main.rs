@@ -6,6 +6,7 @@ mod embed;
 mod gpu_layer;
 #[cfg(feature = "hot-reload")]
 mod hot_reload;
+mod importance;
 mod mirrors_and_glass;
 mod passes_eye;
 mod passes_light;
@@ -15,6 +16,7 @@ mod passes_walk;
 mod renderer;
 mod rig;
 mod scenes;
+mod sequences;
 mod support;
 mod transport;
 mod traversal;

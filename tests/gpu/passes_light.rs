@@ -13,7 +13,7 @@ use lightsum::pass::resolve::Resolve;
 use lightsum::pass::schedule::{self, Schedule};
 use lightsum::pass::shade::{self, Receiver};
 use lightsum::pass::{Kernels, Paths, Receivers, Sums, gather, sort};
-use lightsum::settings::{Clip, Settings, Traversal};
+use lightsum::settings::{Clip, Sequence, Settings, Traversal};
 
 use crate::rig::{
     AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error, untouched, xyz,
@@ -33,7 +33,7 @@ const LOBE: f32 = 2e-3;
 const STRAYS: f64 = 0.005;
 
 /// The receivers as the oracles take them.
-fn receivers(rig: &Rig, r: &Receivers) -> Vec<Receiver> {
+pub fn receivers(rig: &Rig, r: &Receivers) -> Vec<Receiver> {
     let [position, geometric, shading, kd, f0, wo] =
         [&r.position, &r.geometric, &r.shading, &r.kd, &r.f0, &r.wo].map(|b| rig.vec4s(b));
     (0..position.len())
@@ -233,10 +233,13 @@ fn shade_gather_and_collect_follow_their_oracles() {
         let scene = gallery();
         let sine = sine_error(ctx, &scene);
         let patterns = [[1, 1], [3, 3], [2, 3], [8, 8], [1, 1]];
-        for (resolution, pattern) in AWKWARD_IMAGES.into_iter().chain([[31, 17]; 3]).zip(patterns.into_iter().cycle()) {
+        // The last with Sobol' points.
+        let sequence = |i: usize| if i == 7 { Sequence::Sobol } else { Sequence::Halton };
+        let images = AWKWARD_IMAGES.into_iter().chain([[31, 17]; 3]).zip(patterns.into_iter().cycle());
+        for (i, (resolution, pattern)) in images.enumerate() {
             // A long clipping distance, so that most gather rays meet something.
-            let settings =
-                Settings { paths: 9, pattern, max_depth: 4, clip: Clip::Distance(1.2), seed: 3, ..Settings::default() };
+            let (clip, sequence) = (Clip::Distance(1.2), sequence(i));
+            let settings = Settings { paths: 9, pattern, max_depth: 4, clip, sequence, seed: 3, ..Settings::default() };
             let rig = Rig::new(ctx, &scene, resolution, settings);
             rig.run(|frame, rec| {
                 frame.record_walk(rec)?;

@@ -8,7 +8,7 @@ use lightsum::pass::layout::PointLight;
 use lightsum::pass::receivers::surface_at;
 use lightsum::pass::{walk_reflect, walk_start};
 use lightsum::scene::Scene;
-use lightsum::settings::Settings;
+use lightsum::settings::{Sequence, Settings};
 
 use crate::rig::{Rig, SINE, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error, untouched, xyz};
 use crate::support::{AWKWARD_SIZES, gpu_test};
@@ -29,7 +29,7 @@ fn interleaved(paths: u32, pattern: [u32; 2], jitter: bool) -> Settings {
 
 /// Whether a light sends out the same, from a place as near as `place`. Of lights that send out nothing, the rest is left
 /// open.
-fn same_light(a: &PointLight, b: &PointLight, place: f32) -> bool {
+pub fn same_light(a: &PointLight, b: &PointLight, place: f32) -> bool {
     let v = |f: fn(&PointLight) -> [f32; 4], relative, absolute| close(xyz(f(a)), xyz(f(b)), relative, absolute);
     let w = |f: fn(&PointLight) -> [f32; 4]| (f(a)[3] - f(b)[3]).abs() <= 1e-5;
     let dark = |l: &PointLight| xyz(l.emit) == glam::Vec3::ZERO && xyz(l.flux) == glam::Vec3::ZERO;
@@ -65,7 +65,10 @@ fn same_ray([origin, direction, flux]: [Vec4; 3], oracle: &Ray, oracle_flux: gla
 /// One walk, each stage from what the stage before it left on the device; returns the kinds of emitters that started
 /// particles and the numbers of lights with and without a specular lobe.
 fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usize; 2]) {
-    let what = format!("{} particles of {:?}, jitter {}", settings.paths, settings.pattern, settings.jitter);
+    let what = format!(
+        "{:?}, {} particles of {:?}, jitter {}",
+        settings.sequence, settings.paths, settings.pattern, settings.jitter
+    );
     let classes = settings.classes();
     let rig = Rig::new(ctx, scene, [1, 1], settings);
     let (frame, p) = (rig.frame(), &rig.parameters);
@@ -148,8 +151,11 @@ fn walk_start_and_walk_reflect_follow_their_oracles() {
     gpu_test(|ctx| {
         let scene = gallery();
         for paths in AWKWARD_SIZES {
-            for jitter in [false, true] {
-                let (kinds, lobes) = follow(ctx, &scene, settings(paths as u32, jitter));
+            for (jitter, sequence) in
+                [(false, Sequence::Halton), (true, Sequence::Halton), (false, Sequence::Sobol), (true, Sequence::Sobol)]
+            {
+                let settings = Settings { sequence, ..settings(paths as u32, jitter) };
+                let (kinds, lobes) = follow(ctx, &scene, settings);
                 if paths < 1000 {
                     continue;
                 }

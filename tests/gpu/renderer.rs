@@ -9,14 +9,14 @@ use lightsum::light::emitters::Emitters;
 use lightsum::output::Layers;
 use lightsum::path_trace::{self, Options, SpecularPaths};
 use lightsum::scene::{self, Camera, Material, Scene, Texture, Wrap, builtin};
-use lightsum::settings::{Clip, Settings, Traversal};
+use lightsum::settings::{Clip, Sequence, Settings, Traversal};
 
 use crate::scenes::{Soup, camera, compare, mean, original, render, renderer, settings};
 use crate::support::gpu_test;
 
 /// The Cornell box seen without its lamp: at the lamp's edges a whole row of pixels would tell how many passes met it, and
 /// little else.
-fn cornell() -> (Scene, Camera) {
+pub fn cornell() -> (Scene, Camera) {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell/scene.toml");
     let scene = scene::load(path.as_ref()).unwrap();
     let target = Vec3::new(278.0, 200.0, 280.0);
@@ -62,6 +62,8 @@ fn cornell_box_against_the_path_tracer() {
         // 8192 paths: seeds differ by 0.006 in energy; their error is 0.035 to 0.045.
         let standard = render(ctx, &scene, camera, &settings(32, 5), 256);
         agrees("compensated", &standard.color, &reference, 0.015, 0.055);
+        let sobol = render(ctx, &scene, camera, &Settings { sequence: Sequence::Sobol, ..settings(32, 5) }, 256);
+        agrees("Sobol'", &sobol.color, &reference, 0.015, 0.055);
         let jittered = render(ctx, &scene, camera, &Settings { jitter: true, ..settings(32, 5) }, 256);
         agrees("jittered", &jittered.color, &reference, 0.015, 0.055);
         // Unclipped lights in corners leave bright spots: the energy is right, the error large.
@@ -198,6 +200,7 @@ fn the_same_seed_gives_the_same_bits() {
         assert!(same(base.clone()), "a second renderer");
         assert!(!same(Settings { seed: 1, ..base.clone() }), "another seed");
         assert!(!same(Settings { jitter: true, ..base.clone() }), "jitter");
+        assert!(!same(Settings { sequence: Sequence::Sobol, ..base.clone() }), "another sequence");
         // How the work is cut must not show.
         assert!(same(Settings { lights_per_dispatch: 1, ..base.clone() }), "one light in each dispatch");
         assert!(same(Settings { lights_per_dispatch: 64, ..base.clone() }), "all lights in one dispatch");
@@ -281,29 +284,30 @@ fn the_two_instances_are_independent_and_tell_the_error() {
     gpu_test(|ctx| {
         let (scene, camera) = cornell();
         // The limit of the estimator itself, clipping included: many passes of other seeds.
-        let settings = Settings { compensation: false, ..settings(32, 4) };
-        let image =
-            |seed: u64, passes| render(ctx, &scene, camera, &Settings { seed, ..settings.clone() }, passes).color;
+        let halton = Settings { compensation: false, ..settings(32, 4) };
+        let image = |seed: u64, passes| render(ctx, &scene, camera, &Settings { seed, ..halton.clone() }, passes).color;
         let mut limit = image(99, 512);
         limit.iter_mut().zip(image(98, 512)).for_each(|(a, b)| *a = (*a + b) * 0.5);
-        let (mut estimates, mut errors) = (0.0, 0.0);
-        for seed in 0..4 {
-            let mut renderer = renderer(ctx, &scene, camera, &Settings { seed, ..settings.clone() });
-            assert_eq!(renderer.error_estimate().unwrap(), None);
-            renderer.pass().unwrap();
-            assert_eq!(renderer.error_estimate().unwrap(), None, "one instance says nothing");
-            (1..48).for_each(|_| renderer.pass().unwrap());
-            let estimate = f64::from(renderer.error_estimate().unwrap().unwrap());
-            let (_, error) = compare(&renderer.layers().unwrap().color, &limit);
-            println!("seed {seed}: error {error:.4}, estimated {estimate:.4}");
-            assert!((0.5..2.0).contains(&(estimate / error)), "estimated {estimate}, true {error}");
-            estimates += estimate * estimate;
-            errors += error * error;
+        for sequence in [Sequence::Halton, Sequence::Sobol] {
+            let (mut estimates, mut errors) = (0.0, 0.0);
+            for seed in 0..4 {
+                let mut renderer = renderer(ctx, &scene, camera, &Settings { seed, sequence, ..halton.clone() });
+                assert_eq!(renderer.error_estimate().unwrap(), None);
+                renderer.pass().unwrap();
+                assert_eq!(renderer.error_estimate().unwrap(), None, "one instance says nothing");
+                (1..48).for_each(|_| renderer.pass().unwrap());
+                let estimate = f64::from(renderer.error_estimate().unwrap().unwrap());
+                let (_, error) = compare(&renderer.layers().unwrap().color, &limit);
+                println!("{sequence:?}, seed {seed}: error {error:.4}, estimated {estimate:.4}");
+                assert!((0.5..2.0).contains(&(estimate / error)), "estimated {estimate}, true {error}");
+                estimates += estimate * estimate;
+                errors += error * error;
+            }
+            // If the instances shared anything the estimate would be too small for all seeds.
+            let ratio = (estimates / errors).sqrt();
+            println!("{sequence:?}: over all seeds the estimate is {ratio:.3} of the error");
+            assert!((0.7..1.5).contains(&ratio), "{sequence:?}: {ratio}");
         }
-        // If the instances shared anything the estimate would be too small for all seeds.
-        let ratio = (estimates / errors).sqrt();
-        println!("over all seeds the estimate is {ratio:.3} of the error");
-        assert!((0.7..1.5).contains(&ratio), "{ratio}");
     });
 }
 

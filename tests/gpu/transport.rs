@@ -7,7 +7,7 @@ use glam::{DVec3, Vec2, Vec3};
 use lightsum::gpu::Context;
 use lightsum::path_trace::camera_direction;
 use lightsum::scene::{Camera, Light, Scene, builtin};
-use lightsum::settings::{Clip, Settings};
+use lightsum::settings::{Clip, Sequence, Settings};
 
 use crate::scenes::{Soup, camera, fov, mean, original, probe, render, renderer, settings};
 use crate::support::gpu_test;
@@ -36,14 +36,22 @@ fn series(x: f64, n: u32) -> f64 {
 #[test]
 fn furnace_after_each_reflection() {
     gpu_test(|ctx| {
-        for (rho, depth) in [(0.5, 1), (0.5, 2), (0.5, 3), (0.5, 4), (0.5, 5), (0.8, 5), (0.2, 3)] {
+        let halton =
+            [(0.5, 1), (0.5, 2), (0.5, 3), (0.5, 4), (0.5, 5), (0.8, 5), (0.2, 3)].map(|c| (Sequence::Halton, c));
+        let sobol = [(0.5, 2), (0.5, 5), (0.8, 5)].map(|c| (Sequence::Sobol, c));
+        for (sequence, (rho, depth)) in halton.into_iter().chain(sobol) {
             let scene = builtin::furnace(rho, 2.0);
             let camera = Camera { resolution: [16, 16], ..scene.camera.unwrap() };
-            let layers = render(ctx, &scene, camera, &settings(32, depth), 32);
+            let layers = render(ctx, &scene, camera, &Settings { sequence, ..settings(32, depth) }, 32);
             let expected = 2.0 * series(f64::from(rho), depth);
             // Three standard deviations over seeds, which are 0.005 at depth 5 for 1024 paths.
             let tolerance = if depth == 1 { 1e-6 } else { 0.003 * f64::from(depth) };
-            near(&format!("rho {rho}, {} reflections", depth - 1), grey(&layers.color), expected, tolerance);
+            near(
+                &format!("{sequence:?}, rho {rho}, {} reflections", depth - 1),
+                grey(&layers.color),
+                expected,
+                tolerance,
+            );
         }
     });
 }
@@ -253,17 +261,19 @@ fn a_sphere_of_unequal_patches() {
 #[test]
 fn facing_plates_exchange_their_form_factor() {
     gpu_test(|ctx| {
-        for (gap, expected) in [(0.5, 0.4152532836), (1.0, 0.1998248957), (2.0, 0.0685895888)] {
+        let halton = [(0.5, 0.4152532836), (1.0, 0.1998248957), (2.0, 0.0685895888)].map(|c| (Sequence::Halton, c));
+        let sobol = [(Sequence::Sobol, (0.5, 0.4152532836)), (Sequence::Sobol, (1.0, 0.1998248957))];
+        for (sequence, (gap, expected)) in halton.into_iter().chain(sobol) {
             let scene = builtin::facing_plates(gap);
             // The receiver fills the image, and its points project to pixels evenly.
             let mut camera = scene.camera.unwrap();
             camera.fov_y = fov(0.5, gap - camera.eye.y);
             camera.resolution = [32, 32];
-            let layers = render(ctx, &scene, camera, &settings(64, 2), 16);
+            let layers = render(ctx, &scene, camera, &Settings { sequence, ..settings(64, 2) }, 16);
             let coverage = layers.alpha.iter().map(|&a| f64::from(a)).sum::<f64>() / layers.alpha.len() as f64;
             assert!(coverage > 0.999, "{coverage}");
             // 1024 points on the emitter times as many pixels: 1e-3.
-            near(&format!("gap {gap}"), grey(&layers.direct) / PI64 / coverage, expected, 0.002);
+            near(&format!("{sequence:?}, gap {gap}"), grey(&layers.direct) / PI64 / coverage, expected, 0.002);
             assert_eq!(mean(&layers.indirect), DVec3::ZERO);
         }
     });

@@ -6,8 +6,7 @@ use glam::Vec3;
 use lightsum::gpu::DeviceChoice;
 use lightsum::output::{Format, Tonemap};
 use lightsum::path_trace::SpecularPaths;
-use lightsum::settings::Settings;
-use lightsum::settings::Traversal;
+use lightsum::settings::{LightChoice, Sequence, Settings, Traversal};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -169,6 +168,17 @@ pub struct Light {
     /// Leave out what clipping cuts off: faster, but corners are too dark.
     #[arg(long)]
     pub no_compensation: bool,
+    /// By what particles choose the light they start from [default: power].
+    #[arg(long, value_name = "BY")]
+    pub light_choice: Option<LightChoiceFlag>,
+    /// Share of --light-choice contribution that goes by power all the same, above 0 to 1 [default: 0.2].
+    ///
+    /// Lower: the lights that matter to the view get more of the particles; those that were underestimated make more noise.
+    #[arg(long, value_name = "F", allow_negative_numbers = true, value_parser = share)]
+    pub light_floor: Option<f32>,
+    /// Points that place particles on the lights and choose directions [default: halton].
+    #[arg(long, value_name = "NAME")]
+    pub sequence: Option<SequenceFlag>,
     /// Jitter the low-discrepancy points in their cells: noise in place of structured error.
     #[arg(long)]
     pub jitter: bool,
@@ -184,6 +194,42 @@ pub struct Light {
     /// it overrides the scene.
     #[arg(long, value_enum)]
     pub preset: Option<Preset>,
+}
+
+/// Values of `--light-choice`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LightChoiceFlag {
+    /// By its power
+    Power,
+    /// By what the eye will see of it, for scenes of many lights
+    Contribution,
+}
+
+impl From<LightChoiceFlag> for LightChoice {
+    fn from(flag: LightChoiceFlag) -> LightChoice {
+        match flag {
+            LightChoiceFlag::Power => LightChoice::Power,
+            LightChoiceFlag::Contribution => LightChoice::Contribution,
+        }
+    }
+}
+
+/// Values of `--sequence`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SequenceFlag {
+    /// Halton's, rotated at random
+    Halton,
+    /// Sobol's, randomised by XOR; evenest where --paths is a power of two
+    Sobol,
+}
+
+impl From<SequenceFlag> for Sequence {
+    fn from(flag: SequenceFlag) -> Sequence {
+        match flag {
+            SequenceFlag::Halton => Sequence::Halton,
+            SequenceFlag::Sobol => Sequence::Sobol,
+        }
+    }
 }
 
 /// The camera; each flag overrides that part of the scene's camera.
@@ -258,7 +304,7 @@ pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise in place of structured error.
     #[arg(long, conflicts_with_all = [
         "passes", "time", "target_error", "resume", "paths", "direct_lights", "interleave", "clip", "clip_fraction", "no_compensation", "no_split",
-        "light_threshold", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "export_lights", "stats",
+        "light_threshold", "light_choice", "light_floor", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "export_lights", "stats",
     ])]
     pub reference: bool,
     /// Paths of --reference for each pixel [default: 64]. Time grows linearly, noise falls like the square root.
@@ -373,6 +419,10 @@ fn distance(text: &str) -> Result<f32, String> {
 
 fn positive(text: &str) -> Result<f32, String> {
     number(text, |v| v > 0.0, "a number above 0")
+}
+
+fn share(text: &str) -> Result<f32, String> {
+    number(text, |v| v > 0.0 && v <= 1.0, "a share above 0, at most 1")
 }
 
 fn angle(text: &str) -> Result<f32, String> {

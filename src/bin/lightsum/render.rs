@@ -87,6 +87,9 @@ fn settings(args: &Render, render: &RenderDefaults) -> Settings {
     settings.clip = light.clip.map(Clip::Distance).or(light.clip_fraction.map(Clip::Fraction)).unwrap_or(settings.clip);
     settings.compensation &= !light.no_compensation;
     settings.light_threshold = light.light_threshold.unwrap_or(settings.light_threshold);
+    settings.light_choice = light.light_choice.map_or(settings.light_choice, Into::into);
+    settings.light_floor = light.light_floor.unwrap_or(settings.light_floor);
+    settings.sequence = light.sequence.map_or(settings.sequence, Into::into);
     settings.jitter |= light.jitter;
     settings.seed = light.seed.unwrap_or(settings.seed);
     settings.lights_per_dispatch = args.device.lights_per_dispatch.unwrap_or(settings.lights_per_dispatch);

@@ -1,0 +1,159 @@
+//! Which emitters particles start from, by what the eye will see of them (Wald et al. 2002, 5.1.4; row W8): in a scene of very many
+//! lights a few are chosen for each pass, and those that matter to the view more often.
+//!
+//! For emitter e the expected contribution is estimated at 256 points x that the eye sees, spread over the image, without shadows:
+//!
+//! ```text
+//! C(e) = 1/256 sum over x of rho(x) E(e, x),   E = L A cos(e) cos(x) / max(|x - y|^2 + A / pi, clip^2)   [W / m^2]
+//! ```
+//!
+//! with y the middle of the emitter, which is exact for a disc above its axis, and cos(x) widened by the sine of the disc's angular
+//! radius, so that what rises above the horizon in part is not left out. rho is the mean reflectance. Then
+//!
+//! ```text
+//! p(e) = s P(e) / sum P + (1 - s) C(e) / sum C,   flux of a particle = P(e) / p(e)
+//! ```
+//!
+//! with P the power and s [`crate::settings::Settings::light_floor`]: no emitter of any power has probability 0, so direct and
+//! indirect light have the same limits as with a choice by power alone, and no particle has more than 1 / s times the flux.
+//! p is the length of the interval as it is stored, so rounding costs variance and no bias; only what is less than 2^-24 of
+//! everything may be lost in it, as in a choice by power.
+//!
+//! Two kernels: `importance` has an invocation for each emitter; `importance_scan` is one workgroup whose lanes take runs of
+//! emitters, sums in a fixed order, so that the same frame gives the same bits.
+//!
+//! Differs from the paper in that: it does not say by what its lights are chosen. Particles of all path lengths start from the chosen
+//! emitters. Lights without area are still lit all, once each.
+//! Cost: 256 times some 60 operations an emitter.
+
+use glam::Vec3;
+
+use super::layout::{self, EmitterRecord};
+use super::shade::Receiver;
+use super::{Kernels, Receivers, groups};
+use crate::bsdf::mean;
+use crate::error::Result;
+use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder};
+use crate::light::emitters::{Emitter, Emitters, Kind, spot_falloff};
+use crate::sampling::halton::radical_inverse;
+
+/// Points of the image at which contributions are estimated.
+pub const PROBES: u32 = 256;
+
+/// Greatest number of emitters: the three runs of a lane of `importance_scan` keep within the loop budget.
+pub const MAX_EMITTERS: u32 = 1 << 20;
+
+/// The pass.
+pub struct Importance {
+    estimate: (Kernel, Bindings),
+    scan: (Kernel, Bindings),
+    count: u32,
+    /// [`EmitterRecord`]s with the new distribution and fluxes.
+    pub emitters: Buffer,
+}
+
+impl Importance {
+    /// Reads `emitters`, distributed by power, and the primary `receivers`.
+    pub fn new(
+        context: &Context,
+        kernels: &Kernels,
+        frame: &Buffer,
+        emitters: &Buffer,
+        receivers: &Receivers,
+    ) -> Result<Self> {
+        let count = (emitters.bytes() / size_of::<EmitterRecord>() as u64) as u32;
+        let contributions = Buffer::new(context, "contributions", 4 * u64::from(count), Memory::Device)?;
+        let chosen = Buffer::new(context, "emitters by contribution", emitters.bytes(), Memory::Device)?;
+        let estimate = kernels.importance.bind(&[
+            ("frame", frame.into()),
+            ("emitters", emitters.into()),
+            ("receiver_position", (&receivers.position).into()),
+            ("receiver_shading", (&receivers.shading).into()),
+            ("receiver_kd", (&receivers.kd).into()),
+            ("receiver_f0", (&receivers.f0).into()),
+            ("receiver_wo", (&receivers.wo).into()),
+            ("contributions", (&contributions).into()),
+        ])?;
+        let scan = kernels.importance_scan.bind(&[
+            ("frame", frame.into()),
+            ("emitters", emitters.into()),
+            ("contributions", (&contributions).into()),
+            ("chosen", (&chosen).into()),
+        ])?;
+        Ok(Importance {
+            estimate: (kernels.importance.clone(), estimate),
+            scan: (kernels.importance_scan.clone(), scan),
+            count,
+            emitters: chosen,
+        })
+    }
+
+    /// Records the pass.
+    pub fn record(&self, rec: &mut Recorder) -> Result<()> {
+        rec.dispatch(&self.estimate.0, &self.estimate.1, &[], groups(self.count))?;
+        rec.dispatch(&self.scan.0, &self.scan.1, &[], 1)
+    }
+}
+
+/// Oracle: pixels of the probes.
+pub fn probes([width, height]: [u32; 2]) -> impl Iterator<Item = u32> {
+    (0..PROBES).map(move |i| {
+        let x = ((i as f32 + 0.5) * (1.0 / PROBES as f32) * width as f32) as u32;
+        let y = (radical_inverse(2, i) * height as f32) as u32;
+        x.min(width - 1) + y.min(height - 1) * width
+    })
+}
+
+/// Oracle: irradiance (mean of the channels) at `x` under normal `n` from an emitter that nothing hides.
+pub fn irradiance(frame: &layout::Frame, e: &Emitter, x: Vec3, n: Vec3) -> f32 {
+    let middle = match e.kind {
+        Kind::Triangle => e.p0 + (e.e1 + e.e2) / 3.0,
+        Kind::Quad => e.p0 + (e.e1 + e.e2) / 2.0,
+        _ => e.p0,
+    };
+    let d = middle - x;
+    let r2 = d.length_squared();
+    let wi = d / r2.sqrt().max(1e-20);
+    let (cos, leaving) = (wi.dot(n), -wi.dot(e.normal));
+    let emitting = if e.two_sided { leaving.abs() } else { leaving.max(0.0) };
+    let nearest = frame.right[3].max(1e-8 * frame.eye[3] * frame.eye[3]);
+    let falloff = 1.0 / r2.max(nearest);
+    let pi = std::f32::consts::PI;
+    // A disc or sphere that is seen under this sine of the angular radius.
+    let widened = |sin: f32| (cos + sin).clamp(0.0, 1.0);
+    let geometry = match e.kind {
+        Kind::Triangle | Kind::Quad => {
+            let from_disc = r2 + e.area / pi;
+            e.area * emitting * widened((e.area / pi / from_disc).sqrt()) / from_disc.max(nearest)
+        }
+        Kind::Sphere => match (r2 < e.e1.x * e.e1.x, e.inward) {
+            (true, true) => pi,
+            (false, false) => pi * e.e1.x * e.e1.x * widened(e.e1.x / r2.sqrt()) * falloff,
+            _ => 0.0,
+        },
+        Kind::Point => cos.max(0.0) * falloff,
+        Kind::Spot => spot_falloff(leaving, e.e1.x, e.e1.y) * cos.max(0.0) * falloff,
+        Kind::Directional => (-e.normal.dot(n)).max(0.0),
+        Kind::Virtual => emitting * cos.max(0.0) * falloff / pi,
+    };
+    mean(e.radiance) * geometry
+}
+
+/// Oracle: probabilities of the emitters; `receivers`: those at the probes that are lit.
+pub fn reference(frame: &layout::Frame, emitters: &Emitters, receivers: &[Receiver]) -> Vec<f64> {
+    let contribution = |e: &Emitter| -> f64 {
+        let one = |r: &Receiver| {
+            let reflected = mean(r.reflectance.kd) + mean(r.reflectance.f0);
+            f64::from(reflected * irradiance(frame, e, r.position, r.shading))
+        };
+        receivers.iter().map(one).sum()
+    };
+    let contributions: Vec<f64> = emitters.list.iter().map(contribution).collect();
+    let total: f64 = contributions.iter().sum();
+    let floor = f64::from(frame.choice[0]);
+    let one = |(e, c): (&Emitter, &f64)| {
+        let by_power = f64::from(e.probability);
+        floor * by_power + (1.0 - floor) * if total > 0.0 { c / total } else { by_power }
+    };
+    emitters.list.iter().zip(&contributions).map(one).collect()
+}
