@@ -64,10 +64,13 @@ impl LightPlan {
         self.first_slot(self.survivors.len())
     }
 
-    /// Chunks of at most `size` lights that together hold every light with at most `reflections` reflections.
+    /// Chunks of at most `size` lights that together hold every light with at most `reflections` reflections. Delta lights are
+    /// not mixed with others, for clusters can't take those whose light is parallel.
     pub fn chunks(&self, size: u32, reflections: usize) -> Vec<(u32, u32)> {
-        let end = self.first_slot(reflections + 1);
-        (0..end.div_ceil(size)).map(|i| (i * size, end.min((i + 1) * size))).collect()
+        let cut = |first: u32, end: u32| {
+            (0..(end - first).div_ceil(size)).map(move |i| (first + i * size, end.min(first + (i + 1) * size)))
+        };
+        cut(0, self.delta).chain(cut(self.delta, self.first_slot(reflections + 1))).collect()
     }
 }
 
@@ -281,7 +284,7 @@ mod tests {
             let mut next = 0;
             for (first, end) in plan.chunks(8, reflections) {
                 assert_eq!(first, next);
-                assert!(end > first && end - first <= 8);
+                assert!(end > first && end - first <= 8 && (first >= plan.delta || end <= plan.delta));
                 next = end;
             }
             assert_eq!(next, lights);
