@@ -6,8 +6,10 @@
 //! | point on the emitter                            | 0, 1              | 2, 3  |
 //! | direction of segment j of a particle, j = 0..16 | 2j + 2, 2j + 3    | 5, 7; 11, 13; ... |
 //! | gather ray of bounce b                          | 2b, 2b + 1, rotated by stream `GATHER` | 2, 3; 5, 7; ... |
+//! | photon: direction; emitter and point; target    | 0, 1; 2, 3; 4, rotated by stream `PHOTON` | 2, 3; 5, 7; 11 |
 //!
-//! Segment 0 leaves the emitter, segment j leaves the j-th reflection.
+//! Segment 0 leaves the emitter, segment j leaves the j-th reflection. Photons walk along a sequence of their own, which begins at
+//! index 0 and is rotated otherwise: their light is added to that of the particles, so the two need not be independent.
 //!
 //! | stream      | consumer of [`super::random::key`], with its two indices |
 //! |-------------|-----------------------------------------------------------|
@@ -21,6 +23,9 @@
 //! | [`WINDOW`]  | where the passes enter their segments of the sequence: 0, 0 |
 //! | [`OFFSET`]  | rotation of a block of pixel offsets: block, 0 or 1       |
 //! | [`COMPONENT`] | what passes glass or is reflected: slot of the pixel, mirrors and glass so far |
+//! | [`PHOTON`]  | Cranley-Patterson rotation of the photons: dimension, 0   |
+//! | [`PHOTON_SIDE`] | side of a two-sided emitter: photon, 0                |
+//! | [`PHOTON_COMPONENT`] | what passes glass or is reflected: photon, mirrors and glass so far |
 
 use super::halton::PRIMES;
 
@@ -58,6 +63,15 @@ pub const WINDOW: u32 = 8;
 pub const OFFSET: u32 = 9;
 /// Stream: component that an eye path takes at a mirror or glass.
 pub const COMPONENT: u32 = 10;
+/// Stream: rotation of the photons' sequence.
+pub const PHOTON: u32 = 20;
+/// Stream: side of a two-sided emitter that a photon leaves.
+pub const PHOTON_SIDE: u32 = 21;
+/// Stream: component that a photon takes at a mirror or glass.
+pub const PHOTON_COMPONENT: u32 = 22;
+
+/// Dimensions of a photon: direction, place on the emitter (the first also chooses it), target.
+pub const PHOTON_DIMENSIONS: [usize; 5] = [0, 1, 2, 3, 4];
 
 #[cfg(test)]
 mod tests {
