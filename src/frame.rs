@@ -376,9 +376,9 @@ impl Frame {
         self.film.buffers().into_iter().try_for_each(|buffer| rec.fill(buffer, 0))
     }
 
-    /// Records one pass of the renderer: particles leave the lights and become point lights, photons leave them by
-    /// way of mirrors and glass; what the eye sees is lit by both; what clipping cut off is gathered, bounce by bounce; second components are added to their pixels; the image is
-    /// added to the sums.
+    /// Records one pass of the renderer: particles leave the lights and become point lights, photons leave them by way of
+    /// mirrors and glass; what the eye sees is lit by both; what clipping cut off is gathered, bounce by bounce; second
+    /// components are added to their pixels; the image is added to the sums.
     pub fn record(&self, rec: &mut Recorder, parameters: &layout::Frame) -> Result<()> {
         self.record_start(rec, parameters)?;
         rec.scope("walk", |rec| self.record_walk(rec))?;
