@@ -30,10 +30,11 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::gpu::{Context, Image, Recorder, Staging};
 use crate::light::emitters::Emitters;
+use crate::light::targets::Targets;
 use crate::pass::Kernels;
 use crate::pass::importance;
 use crate::pass::layout::PointLight;
-use crate::plan::{EyePlan, LightPlan, ParameterSource};
+use crate::plan::{EyePlan, LightPlan, ParameterSource, PhotonPlan};
 use crate::scene::{Camera, Scene};
 use crate::scene_buffers::{SceneBuffers, delta_lights};
 use crate::settings::{LightChoice, Settings, Traversal};
@@ -50,6 +51,7 @@ pub struct Engine {
     staging: Option<Staging>,
     frame: Frame,
     parameters: ParameterSource,
+    targets: Targets,
     delta: Vec<PointLight>,
     bvh: Bvh,
     emitters: Emitters,
@@ -85,7 +87,7 @@ impl Engine {
         let lights = LightPlan::new(&settings, scene.mean_reflectivity(), delta.len() as u32);
         let kernels = Kernels::new(context, settings.traversal)?;
         let mut staging = Staging::new();
-        let scene_buffers =
+        let mut scene_buffers =
             SceneBuffers::new(context, &mut staging, scene, &bvh, &emitters, kernels.shade.cluster.is_some())?;
         if scene_buffers.wide_nodes.is_none() && kernels.shade.cluster.is_some() {
             if settings.traversal == Traversal::Cluster {
@@ -96,6 +98,8 @@ impl Engine {
             }
             log::info!("the scene's tree is too deep for clusters; shadow rays are traced one by one");
         }
+        let targets = photon_targets(&settings, scene, &bvh);
+        scene_buffers.add_targets(context, &mut staging, &targets)?;
         let [width, height] = camera.resolution;
         let slots = EyePlan::new(&settings, scene_buffers.ideal, width * height).components;
         if u64::from(width * height) * u64::from(slots) > MAX_PIXELS {
@@ -110,6 +114,7 @@ impl Engine {
         let frame =
             Frame::new(context, &kernels, &mut staging, &scene_buffers, &settings, &lights, &delta, camera.resolution)?;
         let parameters = ParameterSource {
+            photons: PhotonPlan::new(&settings, targets.spheres.len() as u32),
             settings,
             camera,
             lights,
@@ -126,6 +131,7 @@ impl Engine {
             staging: Some(staging),
             frame,
             parameters,
+            targets,
             delta,
             bvh,
             emitters,
@@ -288,10 +294,20 @@ impl Engine {
         &self.emitters
     }
 
+    /// What photons are shot at; empty where there are none.
+    pub fn targets(&self) -> &Targets {
+        &self.targets
+    }
+
     /// The lights lit once in each pass.
     pub fn delta_lights(&self) -> &[PointLight] {
         &self.delta
     }
+}
+
+/// What photons are shot at; nothing unless there are photons.
+fn photon_targets(settings: &Settings, scene: &Scene, bvh: &Bvh) -> Targets {
+    if settings.photons > 0 { Targets::of(scene, bvh) } else { Targets::default() }
 }
 
 fn check_camera(camera: &Camera) -> Result<()> {

@@ -1,5 +1,6 @@
 //! The frame: each pass once, in order, outputs feeding inputs.
 
+mod photons;
 mod steps;
 
 use crate::error::Result;
@@ -22,10 +23,13 @@ use crate::pass::trace::Trace;
 use crate::pass::walk_reflect::WalkReflect;
 use crate::pass::walk_start::WalkStart;
 use crate::pass::{Kernels, List, Paths, Rays, Receivers, Sums, vec4s};
-use crate::plan::{EyePlan, LightPlan, StepTable};
+use crate::plan::{EyePlan, LightPlan, PhotonPlan, StepTable};
 use crate::scene_buffers::SceneBuffers;
 use crate::settings::{LightChoice, Settings};
+use photons::PhotonSteps;
 use steps::Steps;
+
+pub use photons::Photons;
 
 /// The passes of a frame with their buffers and steps.
 pub struct Frame {
@@ -65,6 +69,8 @@ pub struct Frame {
     pub lists: Vec<List>,
     /// Chooses the emitters of a pass by what the eye sees.
     pub importance: Option<Importance>,
+    /// Caustic photons; `None`: there are none, or nothing to shoot them at.
+    pub photons: Option<Photons>,
     batch: List,
     clear_work: Buffer,
     walk_start: WalkStart,
@@ -157,6 +163,9 @@ impl Frame {
         let listed = 64 * tile_count * eye.components;
         let mut table = StepTable::default();
         let steps = Steps::new(&mut table, settings, plan, delta, scene.cluster_lanes(context), &eye);
+        let targets = scene.targets.as_ref();
+        let photon_plan = targets.and_then(|t| PhotonPlan::new(settings, t.count));
+        let photon_steps = photon_plan.map(|plan| PhotonSteps::new(&mut table, settings, &plan));
         let step_buffer = staging.stage(context, "steps", &table.steps)?;
 
         let device = |name: &str, bytes: u64| Buffer::new(context, name, bytes, Memory::Device);
@@ -301,6 +310,23 @@ impl Frame {
             }
         };
         let emitters = importance.as_ref().map_or(&scene.emitters, |importance| &importance.emitters);
+        let photons = match (targets, photon_plan, photon_steps) {
+            (Some(targets), Some(plan), Some(numbers)) => {
+                let inputs = photons::Inputs {
+                    parameters: &parameters,
+                    scene,
+                    targets,
+                    receivers: &primary,
+                    list: &lists[0],
+                    sums: &pixel_sums,
+                    steps: &step_buffer,
+                    status: &status,
+                };
+                Some(Photons::new(context, kernels, staging, &plan, numbers, &inputs)?)
+            }
+            _ => None,
+        };
+
         Ok(Frame {
             walk_start: WalkStart::new(
                 kernels,
@@ -340,6 +366,7 @@ impl Frame {
             eye_lists,
             lists,
             importance,
+            photons,
             batch,
             clear_work,
             steps,
@@ -360,9 +387,9 @@ impl Frame {
         self.film.buffers().into_iter().try_for_each(|buffer| rec.fill(buffer, 0))
     }
 
-    /// Records one pass of the renderer: particles leave the lights and become point lights; what the eye sees is lit by
-    /// them; what clipping cut off is gathered, bounce by bounce; second components are added to their pixels; the image is
-    /// added to the sums.
+    /// Records one pass of the renderer: particles leave the lights and become point lights, photons leave them by way of
+    /// mirrors and glass; what the eye sees is lit by both; what clipping cut off is gathered, bounce by bounce; second
+    /// components are added to their pixels; the image is added to the sums.
     pub fn record(&self, rec: &mut Recorder, parameters: &layout::Frame) -> Result<()> {
         self.record_start(rec, parameters)?;
         if self.importance.is_some() {
@@ -374,9 +401,11 @@ impl Frame {
             rec.scope("walk", |rec| self.record_walk(rec))?;
             rec.scope("eye", |rec| self.record_eye(rec))?;
         }
+        self.record_photons(rec)?;
         for bounce in 0..self.bounces.len() {
             rec.scope("gather", |rec| self.record_gather(rec, bounce))?;
             rec.scope("shade", |rec| self.record_shade(rec, bounce))?;
+            self.record_photon_light(rec, bounce)?;
             rec.scope("collect", |rec| self.record_collect(rec, bounce))?;
         }
         self.record_merge(rec)?;
@@ -392,7 +421,7 @@ impl Frame {
         for list in self.lists.iter().chain(&self.eye_lists) {
             rec.copy(&self.clear_work, &list.work)?;
         }
-        Ok(())
+        self.photons.as_ref().map_or(Ok(()), |photons| photons.record_clear(rec))
     }
 
     /// The emitters get the probabilities by which the particles of this pass choose them, after what the eye sees.
@@ -419,6 +448,22 @@ impl Frame {
         let Some((rounds, reflect)) = j.checked_sub(1).and_then(|i| self.steps.walk.get(i)) else { return Ok(()) };
         self.walk_trace.record(rec, rounds, Some(self.particle_count))?;
         self.walk_reflect.record(rec, *reflect, self.particle_count)
+    }
+
+    /// Photons leave the lights by way of mirrors and glass and are sorted into their grid.
+    pub fn record_photons(&self, rec: &mut Recorder) -> Result<()> {
+        match &self.photons {
+            Some(photons) => rec.scope("photons", |rec| photons.record(rec)),
+            None => Ok(()),
+        }
+    }
+
+    /// What the eye sees, bounce 0, is lit by photons.
+    pub fn record_photon_light(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
+        match &self.photons {
+            Some(photons) if bounce == 0 => rec.scope("photons", |rec| photons.record_light(rec)),
+            _ => Ok(()),
+        }
     }
 
     /// What the eye sees, directly and through mirrors and glass.

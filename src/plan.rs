@@ -5,6 +5,7 @@ use glam::Vec3;
 
 use crate::error::{Error, Result};
 use crate::pass::layout::{self, Step};
+use crate::pass::photon_grid::MAX_BUCKET_BITS;
 use crate::sampling::dimensions::{OFFSET, REPLICA, ROTATION, WINDOW};
 use crate::sampling::halton::PRIMES;
 use crate::sampling::random::{hash, key, random_f32};
@@ -135,6 +136,63 @@ impl EyePlan {
     }
 }
 
+/// Caustic photons of a pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PhotonPlan {
+    /// Photons of each class of pixels.
+    pub each: u32,
+    /// Classes.
+    pub classes: u32,
+    /// Bodies of mirrors and glass to shoot at.
+    pub targets: u32,
+    /// Mirrors and glass in a row.
+    pub steps: u32,
+}
+
+impl PhotonPlan {
+    /// For a scene with so many targets; `None` where there are no photons, or nothing is lit.
+    pub fn new(settings: &Settings, targets: u32) -> Option<PhotonPlan> {
+        let plan =
+            PhotonPlan { each: settings.photons, classes: settings.classes(), targets, steps: settings.max_specular };
+        (plan.each > 0 && targets > 0 && plan.steps > 0 && settings.max_depth > 1).then_some(plan)
+    }
+
+    /// Photons of all classes.
+    pub fn total(&self) -> u32 {
+        self.each * self.classes
+    }
+
+    /// Bits of the number of a bucket of the hash table: at least twice as many buckets as photons.
+    pub fn bucket_bits(&self) -> u32 {
+        (self.total().next_power_of_two().trailing_zeros() + 1).min(MAX_BUCKET_BITS)
+    }
+
+    /// Photons that one dispatch of the look-up may loop over, so that it stays within `budget`: each of 8 loops may meet all of
+    /// them, and takes one iteration more for its exit.
+    pub fn chunk(budget: u32) -> u32 {
+        (budget / 8).saturating_sub(3).max(1)
+    }
+
+    /// Radius of the look-up in a scene of this diagonal, unless `photon_radius` says otherwise: sqrt(N) of them across a quarter
+    /// of the scene, so that caustics a tenth of the scene wide have some 20 photons in a look-up.
+    fn radius(&self, settings: &Settings, diagonal: f32) -> f32 {
+        settings.photon_radius.unwrap_or(0.25 * diagonal / (self.each as f32).sqrt().max(5.0))
+    }
+
+    /// [`layout::Frame::photons`] and [`layout::Frame::photon`] of a pass whose instance has had `local` passes.
+    fn parameters(&self, settings: &Settings, diagonal: f32, local: u32) -> Result<([u32; 4], [f32; 4])> {
+        let total = self.total();
+        let first = local.checked_mul(total).filter(|f| f.checked_add(total).is_some()).ok_or(Error::Setting {
+            name: "--passes",
+            message: format!("pass {local} of {total} photons leaves the 2^32 points of the sequence"),
+        })?;
+        let radius = self.radius(settings, diagonal);
+        let share = 1.0 / (std::f64::consts::PI * f64::from(radius) * f64::from(radius) * f64::from(self.each));
+        let integers = [self.each, first, self.targets, (1 << self.bucket_bits()) - 1];
+        Ok((integers, [radius, 0.5 / radius, share as f32, 0.0]))
+    }
+}
+
 /// The table of [`Step`]s of a frame, in the order of recording.
 #[derive(Default)]
 pub struct StepTable {
@@ -179,6 +237,8 @@ pub struct ParameterSource {
     pub bounds: (Vec3, Vec3),
     /// Largest coordinate of the scene, by magnitude.
     pub coordinate_scale: f32,
+    /// Caustic photons.
+    pub photons: Option<PhotonPlan>,
 }
 
 impl ParameterSource {
@@ -226,6 +286,10 @@ impl ParameterSource {
         let bit = |set: bool, bit: u32| if set { bit } else { 0 };
         let bits = bit(s.jitter, layout::Frame::JITTER) | bit(s.sequence == Sequence::Sobol, layout::Frame::SOBOL);
         let offset = pixel_offset(instance_key, local);
+        let (photons, photon) = match self.photons {
+            Some(plan) => plan.parameters(s, self.diagonal, local)?,
+            None => ([0; 4], [0.0; 4]),
+        };
         let xyzw = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
         Ok(layout::Frame {
             eye: xyzw(self.camera.eye, self.coordinate_scale.max(self.camera.eye.abs().max_element())),
@@ -239,6 +303,8 @@ impl ParameterSource {
             keys: [pass_key, instance_key, bits, instance],
             scene: [self.nodes, self.emitters, s.max_depth, 0],
             pattern: [s.pattern[0], s.pattern[1], s.classes(), self.lights.slots()],
+            photons,
+            photon,
             depths,
             shifts,
             sobol: words,
@@ -290,6 +356,25 @@ mod tests {
             assert_eq!(next, lights);
         }
         assert_eq!(LightPlan { survivors: Vec::new(), delta: 0 }.chunks(8, 3), []);
+    }
+
+    #[test]
+    fn photons_are_looked_up_within_the_loop_budget() {
+        for budget in [least_loop_budget(1), least_loop_budget(64), LOOP_BUDGET] {
+            let chunk = PhotonPlan::chunk(budget);
+            // The loop over 8 buckets, in each of which all photons of the chunk may lie, and the exits.
+            assert!(chunk >= 1 && 8 * (chunk + 1) + 9 <= budget.max(25), "{budget}: {chunk}");
+        }
+        let settings = Settings { photons: 500, pattern: [5, 5], ..Settings::default() };
+        let plan = PhotonPlan::new(&settings, 1).unwrap();
+        assert_eq!((plan.total(), plan.bucket_bits()), (12_500, 15));
+        assert_eq!(PhotonPlan { each: Settings::MAX_PHOTONS, classes: 1, ..plan }.bucket_bits(), 21);
+        assert_eq!(PhotonPlan::new(&Settings::default(), 1), None);
+        assert_eq!(PhotonPlan::new(&settings, 0), None);
+        assert_eq!(PhotonPlan::new(&Settings { max_depth: 1, ..settings.clone() }, 1), None);
+        // Without a radius of the user's the diagonal and the number decide.
+        assert!((plan.radius(&settings, 10.0) - 2.5 / 500f32.sqrt()).abs() < 1e-6);
+        assert_eq!(plan.radius(&Settings { photon_radius: Some(0.3), ..settings }, 10.0), 0.3);
     }
 
     #[test]

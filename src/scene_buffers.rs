@@ -6,6 +6,7 @@ use crate::accel::wide::WideBvh;
 use crate::error::{Error, Result};
 use crate::gpu::{Bound, Buffer, Context, Staging};
 use crate::light::emitters::Emitters;
+use crate::light::targets::Targets;
 use crate::pass::layout::{MaterialRecord, PointLight, TextureRecord};
 use crate::sampling::sobol;
 use crate::scene::{Light, Scene, Surface, Texture, Wrap};
@@ -48,6 +49,19 @@ pub struct SceneBuffers {
     pub sobol_columns: Buffer,
     /// What eye paths will meet.
     pub ideal: Ideal,
+    /// What photons are shot at; `None`: there are no photons.
+    pub targets: Option<TargetBuffers>,
+}
+
+/// Targets on the device.
+#[derive(Clone)]
+pub struct TargetBuffers {
+    /// Number of targets, at least 1.
+    pub count: u32,
+    /// Their spheres: centre, radius.
+    pub spheres: Buffer,
+    /// For each triangle the number of its target + 1, or 0.
+    pub of_triangle: Buffer,
 }
 
 /// Which surfaces of a scene reflect or refract ideally.
@@ -114,7 +128,22 @@ impl SceneBuffers {
             emitters: staging.stage(context, "scene emitters", &emitters.records())?,
             sobol_columns: staging.stage(context, "columns of Sobol'", &sobol::column_pairs())?,
             ideal: Ideal::of(scene),
+            targets: None,
         })
+    }
+
+    /// Adds what photons are shot at, if there is anything.
+    pub fn add_targets(&mut self, context: &Context, staging: &mut Staging, targets: &Targets) -> Result<()> {
+        if targets.spheres.is_empty() {
+            return Ok(());
+        }
+        let spheres: Vec<[f32; 4]> = targets.spheres.iter().map(|s| s.center.extend(s.radius).to_array()).collect();
+        self.targets = Some(TargetBuffers {
+            count: spheres.len() as u32,
+            spheres: staging.stage(context, "photon targets", &spheres)?,
+            of_triangle: staging.stage(context, "photon targets of triangles", &targets.of_triangle)?,
+        });
+        Ok(())
     }
 
     /// Lanes of the subgroup that takes a cluster, if the scene has what clusters need.
@@ -139,10 +168,12 @@ impl SceneBuffers {
             emitters,
             sobol_columns,
             ideal: _,
+            targets,
         } = self;
         let always =
             [node_min, node_max, v0, e1, e2, normals, uvs, materials, textures, texels, emitters, sobol_columns];
-        always.into_iter().chain(wide_nodes).map(Buffer::bytes).sum()
+        let of_photons = targets.iter().flat_map(|t| [&t.spheres, &t.of_triangle]);
+        always.into_iter().chain(wide_nodes).chain(of_photons).map(Buffer::bytes).sum()
     }
 
     /// The bindings of `shaders/include/surface.wgsl`.

@@ -9,8 +9,10 @@ use crate::calibrate;
 use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::fingerprint::fingerprint;
+use crate::frame::Frame;
 use crate::gpu::{Buffer, Context, ContextOptions, DeviceChoice, Memory, Timers, download};
 use crate::output::{Layers, Statistics};
+use crate::pass::List;
 use crate::pass::layout::{PointLight, Work};
 use crate::plan::{INSTANCES, trace_steps};
 use crate::scene::{Camera, Scene};
@@ -46,6 +48,12 @@ pub struct PassTimes {
     pub rays: u64,
 }
 
+/// The lists whose lengths are read back: receivers of each bounce, eye paths, photons that go on, photons in their grid.
+fn counted_lists(frame: &Frame) -> impl Iterator<Item = &List> {
+    let of_photons = frame.photons.iter().flat_map(|photons| photons.lists.iter().chain([&photons.grid.list]));
+    frame.lists.iter().chain(&frame.eye_lists).chain(of_photons)
+}
+
 /// A scene being rendered.
 pub struct Renderer {
     context: Context,
@@ -60,6 +68,7 @@ pub struct Renderer {
     rendered: u32,
     rays: u64,
     culled: u64,
+    photons: u64,
 }
 
 impl Renderer {
@@ -90,7 +99,7 @@ impl Renderer {
         let built = start.elapsed().as_secs_f64();
         context.submit_and_wait("uploading the scene", None, |rec| engine.record_setup(rec))?;
         engine.setup_finished();
-        let lists = (engine.frame().lists.len() + engine.frame().eye_lists.len()) as u64;
+        let lists = counted_lists(engine.frame()).count() as u64;
         let readback =
             Buffer::new(&context, "counts read back", 16 + lists * size_of::<Work>() as u64, Memory::Readback)?;
         let timers = Timers::new(&context, 128)?;
@@ -108,6 +117,7 @@ impl Renderer {
             rendered: 0,
             rays: 0,
             culled: 0,
+            photons: 0,
         })
     }
 
@@ -121,7 +131,7 @@ impl Renderer {
                 engine.record_pass(rec)?;
                 let frame = engine.frame();
                 rec.copy_range(&frame.status, 0, readback, 0, 16)?;
-                for (i, list) in frame.lists.iter().chain(&frame.eye_lists).enumerate() {
+                for (i, list) in counted_lists(frame).enumerate() {
                     let bytes = size_of::<Work>() as u64;
                     rec.copy_range(&list.work, 0, readback, 16 + i as u64 * bytes, bytes)?;
                 }
@@ -162,16 +172,25 @@ impl Renderer {
     }
 
     /// Adds the rays of a pass: eye rays, particles, for each bounce its receivers' shadow and gather rays, and rays on from
-    /// mirrors and glass.
+    /// mirrors and glass; photons alike. Also counts the photons that were stored.
     fn count_rays(&mut self, work: &[u32]) {
         let [width, height] = self.engine.parameters().camera.resolution;
         let plan = &self.engine.parameters().lights;
         let classes = u64::from(self.engine.parameters().settings.classes());
         let mut rays = u64::from(width) * u64::from(height)
             + plan.survivors.iter().skip(1).map(|&n| u64::from(n) * classes).sum::<u64>();
-        let bounces = self.engine.frame().lists.len();
+        let frame = self.engine.frame();
+        let bounces = frame.lists.len();
+        let grid = frame.photons.as_ref().map(|photons| {
+            rays += u64::from(photons.count);
+            bounces + frame.eye_lists.len() + photons.lists.len()
+        });
         for (b, work) in work.chunks(size_of::<Work>() / 4).enumerate() {
             let live = u64::from(work[0]);
+            if Some(b) == grid {
+                self.photons += live;
+                continue;
+            }
             if b >= bounces {
                 rays += live;
                 continue;
@@ -352,6 +371,7 @@ impl Renderer {
             passes_rendered: self.rendered,
             rays: self.rays,
             culled_pairs: self.culled,
+            photons: self.photons,
             rays_per_second: if seconds > 0.0 { self.rays as f64 / seconds } else { 0.0 },
             error_estimate: self.error_estimate().unwrap_or_default(),
             stages: self.stages.clone(),

@@ -60,6 +60,8 @@ fn help_explains_every_flag() {
         "--no-compensation",
         "--max-specular",
         "--no-split",
+        "--photons",
+        "--photon-radius",
         "--jitter",
         "--seed",
         "--lights-per-dispatch",

@@ -51,9 +51,16 @@ struct Fork {
     probability: f32,           // of the first when one is chosen; 1: there is no second
     first_wi: vec3<f32>,        // through glass, or reflected
     first_weight: vec3<f32>,    // factor of the radiance
+    first_adjoint: f32,         // factor of flux beside it
     crosses: bool,              // the first crosses the surface of a body
     second_wi: vec3<f32>,       // reflected
     second_weight: vec3<f32>,
+    second_adjoint: f32,
+}
+
+// What flux gains where the normal n leans against the face g (Veach 1997, 5.3).
+fn skew_of(g: vec3<f32>, n: vec3<f32>, wo: vec3<f32>, wi: vec3<f32>) -> f32 {
+    return min(abs(dot(n, wo) * dot(g, wi) / (dot(g, wo) * dot(n, wi))), 4.0);
 }
 
 fn fork_at(s: Surface, wo: vec3<f32>, eta: f32) -> Fork {
@@ -83,5 +90,9 @@ fn fork_at(s: Surface, wo: vec3<f32>, eta: f32) -> Fork {
     fork.first_wi = select(fork.second_wi, select(refracted(wo, n, eta, f.y), -wo, is_pane), passes);
     let through = s.ideal.f0 * select((1.0 - r) / (eta * eta), 1.0 - r, is_pane);
     fork.first_weight = select(mirrored, through, passes);
+    // A pane is passed straight, so its cosines are the same on both sides.
+    let spread = select(1.0, eta * eta, fork.crosses);
+    fork.first_adjoint = spread * skew_of(s.geometric, n, wo, fork.first_wi);
+    fork.second_adjoint = skew_of(s.geometric, n, wo, fork.second_wi);
     return fork;
 }

@@ -64,6 +64,10 @@ pub struct Way {
     pub wi: Vec3,
     /// Factor of the radiance.
     pub weight: Vec3,
+    /// Factor of flux beside it, for light that goes this way: eta^2 where it crosses a surface, since the flux of a beam is not
+    /// spread as its radiance is, and the correction for shading normals n over geometric ones g (Veach 1997, 5.3),
+    /// (n . wo) (g . wi) / ((g . wo) (n . wi)), at most 4.
+    pub adjoint: f32,
     /// It crosses the surface of a body.
     pub crosses: bool,
 }
@@ -115,19 +119,19 @@ pub fn ways(material: &Material, finish: &Finish, normals: &Normals, wo: Vec3, e
 /// A mirror of reflectance `f0` at normal and `f90` at grazing incidence.
 pub fn mirror(normals: &Normals, wo: Vec3, f0: Vec3, f90: f32) -> Ways {
     let n = upright(normals, wo, 1.0);
-    Ways { reflected: reflected(wo, n, schlick(f0, f90, n.dot(wo))), transmitted: None }
+    Ways { reflected: reflected(normals, wo, n, schlick(f0, f90, n.dot(wo))), transmitted: None }
 }
 
 /// Glass of relative index `eta` (far over near).
 pub fn glass(normals: &Normals, wo: Vec3, eta: f32, tint: Vec3) -> Ways {
     let n = upright(normals, wo, eta);
     let (r, cos_t) = fresnel_dielectric(n.dot(wo), eta);
-    let transmitted = cos_t.map(|cos_t| Way {
-        wi: refract(wo, n, eta, cos_t),
-        weight: tint * ((1.0 - r) / (eta * eta)),
-        crosses: true,
+    let transmitted = cos_t.map(|cos_t| {
+        let wi = refract(wo, n, eta, cos_t);
+        let adjoint = eta * eta * skew_of(normals, n, wo, wi);
+        Way { wi, weight: tint * ((1.0 - r) / (eta * eta)), adjoint, crosses: true }
     });
-    Ways { reflected: reflected(wo, n, Vec3::splat(r)), transmitted }
+    Ways { reflected: reflected(normals, wo, n, Vec3::splat(r)), transmitted }
 }
 
 /// A pane of relative index `eta`.
@@ -135,12 +139,19 @@ pub fn pane(normals: &Normals, wo: Vec3, eta: f32, tint: Vec3) -> Ways {
     let n = upright(normals, wo, 1.0);
     let (r, _) = fresnel_dielectric(n.dot(wo), eta);
     let both = 2.0 * r / (1.0 + r);
-    let transmitted = (both < 1.0).then(|| Way { wi: -wo, weight: tint * (1.0 - both), crosses: false });
-    Ways { reflected: reflected(wo, n, Vec3::splat(both)), transmitted }
+    let transmitted = (both < 1.0).then(|| Way { wi: -wo, weight: tint * (1.0 - both), adjoint: 1.0, crosses: false });
+    Ways { reflected: reflected(normals, wo, n, Vec3::splat(both)), transmitted }
 }
 
-fn reflected(wo: Vec3, n: Vec3, weight: Vec3) -> Way {
-    Way { wi: reflect(wo, n), weight, crosses: false }
+fn reflected(normals: &Normals, wo: Vec3, n: Vec3, weight: Vec3) -> Way {
+    let wi = reflect(wo, n);
+    Way { wi, weight, adjoint: skew_of(normals, n, wo, wi), crosses: false }
+}
+
+/// What flux gains where the normal `n` leans against the face.
+fn skew_of(normals: &Normals, n: Vec3, wo: Vec3, wi: Vec3) -> f32 {
+    let g = normals.geometric;
+    (n.dot(wo) * g.dot(wi) / (g.dot(wo) * n.dot(wi))).abs().min(4.0)
 }
 
 /// The shading normal, or the geometric one where rays by the shading normal would end up on the wrong side.
@@ -184,7 +195,7 @@ mod tests {
             assert!(through.wi.z < 0.0 && through.wi.x <= 0.0 && through.wi.is_normalized());
             assert!((ways.reflected.wi - Vec3::new(-wo.x, 0.0, wo.z)).length() < 1e-6);
             // Power, not radiance: the beam's solid angle goes by the square of the index.
-            let power = ways.reflected.weight.x + through.weight.x * eta * eta;
+            let power = ways.reflected.weight.x * ways.reflected.adjoint + through.weight.x * through.adjoint;
             assert!((power - 1.0).abs() < 1e-6, "{power}");
         }
         // Normal incidence 0.04; beyond the critical angle of 41.81 degrees nothing leaves glass.

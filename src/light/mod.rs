@@ -1,3 +1,4 @@
 //! How light leaves the emitters.
 
 pub mod emitters;
+pub mod targets;

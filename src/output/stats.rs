@@ -28,11 +28,13 @@ pub struct Statistics {
     pub passes: u32,
     /// Passes that this run rendered; fewer than `passes` after a resume.
     pub passes_rendered: u32,
-    /// Eye rays, with those that go on from mirrors and glass, gather rays and receiver-light pairs of this run. Pairs that face away from each other count, though no
+    /// Eye rays, with those that go on from mirrors and glass, photons' rays, gather rays and receiver-light pairs of this run. Pairs that face away from each other count, though no
     /// ray is traced for them.
     pub rays: u64,
     /// Pairs of a cluster and a light that were dropped before any ray was traced: at most 64 pairs of receiver and light each.
     pub culled_pairs: u64,
+    /// Caustic photons that were stored in this run.
+    pub photons: u64,
     /// Rays for each second of stage "render".
     pub rays_per_second: f64,
     /// Relative RMSE of the image as estimated from independent instances; null while unknown.

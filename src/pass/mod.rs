@@ -1,5 +1,5 @@
 //! The passes of a frame, one file each with its shader of the same stem (`shade`, `trace` and `importance` have a second one,
-//! `sort` and `tiles` one for each of their steps), in the order of `frame.rs`.
+//! `sort`, `tiles` and `photon_grid` one for each of their steps), in the order of `frame.rs`.
 //!
 //! A pass file reads: what it computes and from which equation, its named inputs and outputs, `record`, and `reference`,
 //! the CPU oracle that the tests hold the shader against.
@@ -12,6 +12,10 @@ pub mod gather;
 pub mod importance;
 pub mod layout;
 pub mod merge;
+pub mod photon_follow;
+pub mod photon_grid;
+pub mod photon_light;
+pub mod photon_start;
 pub mod receivers;
 pub mod resolve;
 pub mod schedule;
@@ -179,6 +183,16 @@ pub struct Kernels {
     pub importance_scan: Kernel,
     /// `merge.wgsl`
     pub merge: Kernel,
+    /// `photon_cells.wgsl`
+    pub photon_cells: Kernel,
+    /// `photon_follow.wgsl`
+    pub photon_follow: Kernel,
+    /// `photon_keys.wgsl`
+    pub photon_keys: Kernel,
+    /// `photon_light.wgsl`
+    pub photon_light: Kernel,
+    /// `photon_start.wgsl`
+    pub photon_start: Kernel,
     /// `receivers.wgsl`
     pub receivers: Kernel,
     /// `resolve.wgsl`
@@ -223,6 +237,11 @@ impl Kernels {
             importance: Kernel::new(context, &shaders::IMPORTANCE)?,
             importance_scan: Kernel::new(context, &shaders::IMPORTANCE_SCAN)?,
             merge: Kernel::new(context, &shaders::MERGE)?,
+            photon_cells: Kernel::new(context, &shaders::PHOTON_CELLS)?,
+            photon_follow: Kernel::new(context, &shaders::PHOTON_FOLLOW)?,
+            photon_keys: Kernel::new(context, &shaders::PHOTON_KEYS)?,
+            photon_light: Kernel::new(context, &shaders::PHOTON_LIGHT)?,
+            photon_start: Kernel::new(context, &shaders::PHOTON_START)?,
             receivers: Kernel::new(context, &shaders::RECEIVERS)?,
             resolve: Kernel::new(context, &shaders::RESOLVE)?,
             schedule: Kernel::new(context, &shaders::SCHEDULE)?,

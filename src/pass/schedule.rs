@@ -38,6 +38,13 @@ impl Schedule {
     }
 }
 
+/// Workgroups for one invocation each of `count`, spread over two dimensions; as the shader does it.
+pub fn groups_of(count: u32) -> [u32; 4] {
+    let groups = count.div_ceil(64);
+    let x = groups.min(32_768);
+    [x, if x > 0 { groups.div_ceil(x) } else { 0 }, 1, 0]
+}
+
 /// Oracle: the work after the pass, and the rays to add to the status.
 pub fn reference(work: &Work, step: &Step) -> (Work, u32) {
     let spread = |count: u32, more: u32| {
@@ -46,9 +53,9 @@ pub fn reference(work: &Work, step: &Step) -> (Work, u32) {
         [x, if x > 0 { groups.div_ceil(x) } else { 0 }, 1, more]
     };
     let list_groups = spread(work.live, work.list_groups[3]);
-    let again = if step.indirect == 1 { list_groups } else { spread(step.end, 0) };
+    let again = if step.indirect == 1 { list_groups } else { groups_of(step.end) };
     let round_groups = if work.unfinished > 0 { again } else { [0, 1, 1, 0] };
     let lost = if step.last == 1 { work.unfinished } else { 0 };
-    let total_groups = spread(work.total, 0);
+    let total_groups = groups_of(work.total);
     (Work { unfinished: 0, list_groups, round_groups, total_groups, ..*work }, lost)
 }

@@ -36,6 +36,16 @@ pub struct SortBuffers {
 }
 
 impl SortBuffers {
+    /// Keys and what they stand for, as they come.
+    pub fn unsorted(&self) -> &Buffer {
+        &self.keys[0]
+    }
+
+    /// The same in order, after a sort by three digits.
+    pub fn sorted(&self) -> &Buffer {
+        &self.keys[1]
+    }
+
     /// Room for `count` receivers of so many classes.
     pub fn new(context: &Context, count: u32, classes: u32) -> Result<SortBuffers> {
         let runs = u64::from(count.div_ceil(RUN));
@@ -94,6 +104,26 @@ impl Sort {
         buffers: &SortBuffers,
         steps: &Buffer,
     ) -> Result<Sort> {
+        let keys = kernels.sort_keys.bind(&[
+            ("frame", frame.into()),
+            ("work", (&list.work).into()),
+            ("list", (&list.pixels).into()),
+            ("receiver_position", (&receivers.position).into()),
+            ("keys", buffers.unsorted().into()),
+        ])?;
+        Sort::by_keys(kernels, frame, (kernels.sort_keys.clone(), keys), list, buffers, steps)
+    }
+
+    /// Puts into `list.pixels`, as many as `list.work` has in total, what other keys stand for, in their order. `keys` is the
+    /// kernel that writes [`SortBuffers::unsorted`]: pairs of a key and what it stands for. [`SortSteps`] say how many digits keys have.
+    pub fn by_keys(
+        kernels: &Kernels,
+        frame: &Buffer,
+        keys_by: (Kernel, Bindings),
+        list: &List,
+        buffers: &SortBuffers,
+        steps: &Buffer,
+    ) -> Result<Sort> {
         let SortBuffers { keys, levels, classes } = buffers;
         let work = &list.work;
         let common = |k: &Kernel, more: &[(&str, &Buffer)]| {
@@ -101,13 +131,6 @@ impl Sort {
             named.extend(more.iter().map(|&(name, buffer)| (name, buffer.into())));
             k.bind(&named)
         };
-        let key_bindings = kernels.sort_keys.bind(&[
-            ("frame", frame.into()),
-            ("work", work.into()),
-            ("list", (&list.pixels).into()),
-            ("receiver_position", (&receivers.position).into()),
-            ("keys", (&keys[0]).into()),
-        ])?;
         let count = |i: usize| common(&kernels.sort_count, &[("keys", &keys[i]), ("counts", &levels[0])]);
         let sum = |i: usize| common(&kernels.sort_sum, &[("below", &levels[i]), ("sums", &levels[i + 1])]);
         // The top level has no bases; any buffer that it does not write stands in.
@@ -126,7 +149,7 @@ impl Sort {
         ])?;
         Ok(Sort {
             work: work.clone(),
-            keys: (kernels.sort_keys.clone(), key_bindings),
+            keys: keys_by,
             count: (kernels.sort_count.clone(), [count(0)?, count(1)?]),
             sum: (kernels.sort_sum.clone(), [sum(0)?, sum(1)?]),
             scan: (kernels.sort_scan.clone(), [scan(0)?, scan(1)?, scan(2)?]),

@@ -6,12 +6,14 @@
 //! | point on the emitter                            | 0, 1              | 2, 3  |
 //! | direction of segment j of a particle, j = 0..16 | 2j + 2, 2j + 3    | 5, 7; 11, 13; ... |
 //! | gather ray of bounce b                          | 2b, 2b + 1, rotated by stream `GATHER` | 2, 3; 5, 7; ... |
+//! | photon: direction; emitter and point; target    | 0, 1; 2, 3; 4, rotated by stream `PHOTON` | 2, 3; 5, 7; 11 |
 //!
 //! Sobol' points, where they are chosen, have the same dimensions and no bases; they are randomised by XOR where Halton's are rotated.
 //!
 //! Gather rays are padded replications: every bounce takes dimensions 0 and 1, in an order of its own (stream `REPLICA`).
 //!
-//! Segment 0 leaves the emitter, segment j leaves the j-th reflection.
+//! Segment 0 leaves the emitter, segment j leaves the j-th reflection. Photons walk along a sequence of their own, which begins at
+//! index 0 and is rotated otherwise: their light is added to that of the particles, so the two need not be independent.
 //!
 //! | stream      | consumer of [`super::random::key`], with its two indices |
 //! |-------------|-----------------------------------------------------------|
@@ -26,6 +28,9 @@
 //! | [`OFFSET`]  | rotation of a block of pixel offsets: block, 0 or 1       |
 //! | [`COMPONENT`] | what passes glass or is reflected: slot of the pixel, mirrors and glass so far |
 //! | [`REPLICA`] | order of the Sobol' points of the gather rays: bounce, 0 |
+//! | [`PHOTON`]  | Cranley-Patterson rotation of the photons: dimension, 0   |
+//! | [`PHOTON_SIDE`] | side of a two-sided emitter: photon, 0                |
+//! | [`PHOTON_COMPONENT`] | what passes glass or is reflected: photon, mirrors and glass so far |
 
 use super::halton::PRIMES;
 use super::sobol;
@@ -66,6 +71,15 @@ pub const OFFSET: u32 = 9;
 pub const COMPONENT: u32 = 10;
 /// Stream: order of a replication of the Sobol' sequence.
 pub const REPLICA: u32 = 11;
+/// Stream: rotation of the photons' sequence.
+pub const PHOTON: u32 = 20;
+/// Stream: side of a two-sided emitter that a photon leaves.
+pub const PHOTON_SIDE: u32 = 21;
+/// Stream: component that a photon takes at a mirror or glass.
+pub const PHOTON_COMPONENT: u32 = 22;
+
+/// Dimensions of a photon: direction, place on the emitter (the first also chooses it), target.
+pub const PHOTON_DIMENSIONS: [usize; 5] = [0, 1, 2, 3, 4];
 
 #[cfg(test)]
 mod tests {

@@ -443,6 +443,10 @@ pub struct RenderDefaults {
     pub max_specular: Option<u32>,
     /// Split these paths at the first hit.
     pub split: Option<bool>,
+    /// Caustic photons of each class of pixels in a pass.
+    pub photons: Option<u32>,
+    /// Distance within which they light a point, in scene units.
+    pub photon_radius: Option<f32>,
     /// Clipping distance in scene units.
     pub clip: Option<f32>,
     /// Clipping distance as a fraction of the scene's diagonal.

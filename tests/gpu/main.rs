@@ -2,6 +2,7 @@
 //!
 //! One binary, so that one device serves all tests; each test's turn ends with a look at the validation layer's messages.
 
+mod caustics;
 mod embed;
 mod gpu_layer;
 #[cfg(feature = "hot-reload")]
@@ -12,6 +13,7 @@ mod passes_eye;
 mod passes_light;
 mod passes_limits;
 mod passes_paths;
+mod passes_photons;
 mod passes_walk;
 mod renderer;
 mod rig;

@@ -156,6 +156,16 @@ pub struct Light {
     /// The same limit with half the memory, and less time for a pass, but noise at glass and mirrors over a diffuse base.
     #[arg(long)]
     pub no_split: bool,
+    /// Caustic photons in each pass, for each class of pixels: light that mirrors and glass throw on [default: the scene's, or 0].
+    ///
+    /// Time grows linearly; more are smoother. A scene without mirrors and glass does not pay. At most 1048576 in all classes.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_PHOTONS)))]
+    pub photons: Option<u32>,
+    /// Distance within which photons light a point, in scene units [default: the scene's, or by its size and --photons].
+    ///
+    /// Larger: less noise, more blur, which does not go away with more passes.
+    #[arg(long, value_name = "R", allow_negative_numbers = true, value_parser = distance)]
+    pub photon_radius: Option<f32>,
     /// Distance below which the light of a virtual light grows no more, in scene units [default: see --clip-fraction].
     ///
     /// Higher: smoother corners, and more light that has to come back by compensation (slower, a little grain).
@@ -304,6 +314,7 @@ pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise in place of structured error.
     #[arg(long, conflicts_with_all = [
         "passes", "time", "target_error", "resume", "paths", "direct_lights", "interleave", "clip", "clip_fraction", "no_compensation", "no_split",
+        "photons", "photon_radius",
         "light_threshold", "light_choice", "light_floor", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "export_lights", "stats",
     ])]
     pub reference: bool,

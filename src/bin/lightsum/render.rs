@@ -84,6 +84,8 @@ fn settings(args: &Render, render: &RenderDefaults) -> Settings {
     settings.max_depth = light.max_depth.unwrap_or(settings.max_depth);
     settings.max_specular = light.max_specular.unwrap_or(settings.max_specular);
     settings.split &= !light.no_split;
+    settings.photons = light.photons.unwrap_or(settings.photons);
+    settings.photon_radius = light.photon_radius.or(settings.photon_radius);
     settings.clip = light.clip.map(Clip::Distance).or(light.clip_fraction.map(Clip::Fraction)).unwrap_or(settings.clip);
     settings.compensation &= !light.no_compensation;
     settings.light_threshold = light.light_threshold.unwrap_or(settings.light_threshold);

@@ -1,0 +1,103 @@
+// Where particles start and in which direction they leave. Needs frame.wgsl, math.wgsl, emitters.wgsl, and the emitters bound
+// as `emitters`. CPU twin: light::emitters.
+
+struct Start {
+    emitter: u32,
+    kind: u32,
+    position: vec3<f32>,    // on the emitter itself
+    origin: vec3<f32>,      // off it, where a ray may start
+    normal: vec3<f32>,      // axis of the emission
+}
+
+// The first emitter whose interval ends above u: at most 32 halvings.
+fn choose(u: f32) -> u32 {
+    var low = 0u;
+    var high = frame.scene.y - 1u;
+    while low < high {
+        let middle = (low + high) / 2u;
+        let above = emitters[middle].radiance.w > u;
+        high = select(high, middle, above);
+        low = select(middle + 1u, low, above);
+    }
+    return low;
+}
+
+// Composition method: the number that chooses the emitter is stretched and used again for the point on it. `side` chooses that
+// of an emitter of two sides.
+fn start_at(place: vec2<f32>, side: f32) -> Start {
+    let index = choose(place.x);
+    let e = emitters[index];
+    let lower = select(0.0, emitters[max(index, 1u) - 1u].radiance.w, index > 0u);
+    let u0 = clamp((place.x - lower) / e.normal.w, 0.0, ONE_MINUS_EPSILON);
+    let u1 = place.y;
+    let kind = bitcast<u32>(e.p0.w);
+    let flags = bitcast<u32>(e.e2.w);
+    let axis = e.normal.xyz;
+    let flipped = select(axis, -axis, (flags & 1u) != 0u && side < 0.5);
+
+    var position = e.p0.xyz;
+    var normal = axis;
+    let disc = sqrt(u0);
+    let around = unit_circle(u1);
+    switch kind {
+        case EMITTER_TRIANGLE: {
+            let s = sqrt(1.0 - u0);
+            position += e.e1.xyz * (s * (1.0 - u1)) + e.e2.xyz * (s * u1);
+            normal = flipped;
+        }
+        case EMITTER_QUAD: {
+            position += e.e1.xyz * u0 + e.e2.xyz * u1;
+            normal = flipped;
+        }
+        case EMITTER_SPHERE: {
+            let n = uniform_sphere(u0, u1);
+            position += n * e.e1.x;
+            normal = select(n, -n, (flags & 2u) != 0u);
+        }
+        case EMITTER_POINT: {
+            normal = vec3<f32>(0.0, 0.0, 1.0);
+        }
+        case EMITTER_DIRECTIONAL: {
+            position += e.e1.xyz * (disc * around.x) + e.e2.xyz * (disc * around.y);
+        }
+        default: {
+        }
+    }
+    let leaves_surface = kind <= EMITTER_SPHERE || kind == EMITTER_VIRTUAL;
+    let origin = select(position, offset_origin(position, normal, frame.eye.w), leaves_surface);
+    return Start(index, kind, position, origin, normal);
+}
+
+// Direction, distributed as radiance times cosine.
+fn direction_from(start: Start, leave: vec2<f32>) -> vec3<f32> {
+    let normal = start.normal;
+    let tangents = basis(normal);
+    var direction = normal;
+    switch start.kind {
+        case EMITTER_POINT: {
+            direction = uniform_sphere(leave.x, leave.y);
+        }
+        case EMITTER_SPOT: {
+            // Inversion of the falloff's integral over the cosine: the full cone, then the squared ramp.
+            let cosines = emitters[start.emitter].e1;
+            let inner = cosines.x;
+            let outer = cosines.y;
+            let full = 1.0 - inner;
+            let ramp = (inner - outer) * (1.0 / 3.0);
+            let x = leave.x * (full + ramp);
+            let s3 = clamp(1.0 - (x - full) / max(ramp, 1e-20), 0.0, 1.0);
+            let c = select(outer + pow(s3, 1.0 / 3.0) * (inner - outer), 1.0 - x, x < full);
+            let s = sqrt(max(1.0 - c * c, 0.0));
+            let p = unit_circle(leave.y);
+            direction = s * (p.x * tangents[0] + p.y * tangents[1]) + c * normal;
+        }
+        case EMITTER_DIRECTIONAL: {
+        }
+        default: {
+            let s = sqrt(leave.x);
+            let p = unit_circle(leave.y);
+            direction = s * (p.x * tangents[0] + p.y * tangents[1]) + sqrt(1.0 - leave.x) * normal;
+        }
+    }
+    return direction;
+}

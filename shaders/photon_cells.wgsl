@@ -1,0 +1,39 @@
+// The sorted photons one after the other, and where each bucket's begin and end. See pass/photon_grid.rs.
+#include "frame.wgsl"
+#include "work.wgsl"
+#include "math.wgsl"
+#include "photons.wgsl"
+
+@group(0) @binding(1) var<storage, read> keys: array<vec2<u32>>;            // sorted
+@group(0) @binding(2) var<storage, read_write> work: Work;
+@group(0) @binding(3) var<storage, read> codes: array<u32>;
+@group(0) @binding(4) var<storage, read> photon_position: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> photon_normal: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> ray_direction: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read> flux: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read_write> sorted_position: array<vec4<f32>>;   // w: bits of the code
+@group(0) @binding(9) var<storage, read_write> sorted_normal: array<vec4<f32>>;
+@group(0) @binding(10) var<storage, read_write> sorted_wi: array<vec4<f32>>;
+@group(0) @binding(11) var<storage, read_write> sorted_flux: array<vec4<f32>>;
+@group(0) @binding(12) var<storage, read_write> buckets: array<u32>;        // first, end of each; cleared before
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let i = (group.x + group.y * groups.x) * 64u + lane;
+    let live = atomicLoad(&work.live);
+    if i >= live {
+        return;
+    }
+    let bucket = keys[i].x;
+    let photon = keys[i].y;
+    sorted_position[i] = vec4<f32>(photon_position[photon].xyz, bitcast<f32>(codes[photon]));
+    sorted_normal[i] = photon_normal[photon];
+    sorted_wi[i] = vec4<f32>(-ray_direction[photon].xyz, 0.0);
+    sorted_flux[i] = flux[photon];
+    if i == 0u || keys[max(i, 1u) - 1u].x != bucket {
+        buckets[2u * bucket] = i;
+    }
+    if i + 1u == live || keys[min(i + 1u, live - 1u)].x != bucket {
+        buckets[2u * bucket + 1u] = i + 1u;
+    }
+}

@@ -1,0 +1,76 @@
+// Receivers are lit by the photons around them. See pass/photon_light.rs.
+#include "frame.wgsl"
+#include "work.wgsl"
+#include "math.wgsl"
+#include "bsdf.wgsl"
+#include "receiver.wgsl"
+#include "photons.wgsl"
+
+@group(0) @binding(1) var<storage, read_write> work: Work;
+@group(0) @binding(2) var<storage, read> list: array<u32>;
+@group(0) @binding(3) var<storage, read> steps: array<Step>;
+@group(0) @binding(4) var<storage, read> receiver_position: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> receiver_geometric: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> receiver_shading: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read> receiver_f0: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(9) var<storage, read> sorted_position: array<vec4<f32>>;
+@group(0) @binding(10) var<storage, read> sorted_normal: array<vec4<f32>>;
+@group(0) @binding(11) var<storage, read> sorted_wi: array<vec4<f32>>;
+@group(0) @binding(12) var<storage, read> sorted_flux: array<vec4<f32>>;
+@group(0) @binding(13) var<storage, read> buckets: array<u32>;
+@group(0) @binding(14) var<storage, read_write> indirect: array<vec4<f32>>;
+@group(0) @binding(15) var<storage, read_write> specular: array<vec4<f32>>;
+var<immediate> push: Push;
+
+// Least cosine between the normals of photon and receiver.
+const LEAST_COSINE: f32 = 0.5;
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let place = (group.x + group.y * groups.x) * 64u + lane;
+    if place >= atomicLoad(&work.live) {
+        return;
+    }
+    let step = steps[push.step];
+    let slot = list[place];
+    let receiver_class = class_of(slot);
+    let position = receiver_position[slot].xyz;
+    let geometric = receiver_geometric[slot];
+    let shading = receiver_shading[slot];
+    let f0 = receiver_f0[slot];
+    let wo = receiver_wo[slot].xyz;
+    let lobe = Reflectance(vec3<f32>(0.0), geometric.w, f0.xyz, shading.w);
+    let radius2 = frame.photon.x * frame.photon.x;
+    let share = frame.photon.z;
+
+    // A ball of radius r meets two cells of size 2r along each axis.
+    let lower = vec3<i32>(floor(in_cells(position) - 0.5));
+    var e = vec3<f32>(0.0);
+    var l = vec3<f32>(0.0);
+    for (var corner = 0u; corner < 8u; corner += 1u) {
+        let cell = lower + vec3<i32>(vec3<u32>(corner & 1u, (corner >> 1u) & 1u, corner >> 2u));
+        let code = code_of(cell, receiver_class);
+        let bucket = bucket_of(code);
+        // A dispatch takes the photons of its stretch alone, so its loops are bounded.
+        let end = min(buckets[2u * bucket + 1u], step.end);
+        for (var i = max(buckets[2u * bucket], step.first); i < end; i += 1u) {
+            let photon = sorted_position[i];
+            let off = photon.xyz - position;
+            let wi = sorted_wi[i].xyz;
+            let cos_geometric = dot(wi, geometric.xyz);
+            let cos_shading = dot(wi, shading.xyz);
+            let near = bitcast<u32>(photon.w) == code && dot(off, off) <= radius2;
+            let faces = dot(sorted_normal[i].xyz, geometric.xyz) > LEAST_COSINE && cos_geometric > 0.0 && cos_shading > 0.0;
+            // Flux arrives by the geometric cosine and is reflected by the shading one (Veach 1997, 5.3).
+            let skew = min(cos_shading / max(cos_geometric, 1e-7), 4.0);
+            let arriving = sorted_flux[i].xyz * select(0.0, skew * share, near && faces);
+            e += arriving;
+            for (var k = select(0u, 1u, near && faces && f0.w > 0.0); k > 0u; k -= 1u) {
+                l += arriving * eval_specular(lobe, shading.xyz, wo, wi);
+            }
+        }
+    }
+    indirect[slot] += vec4<f32>(e, 0.0);
+    specular[slot] += vec4<f32>(l, 0.0);
+}

@@ -1,0 +1,105 @@
+// Photons are shot from the emitters at mirrors and glass. See pass/photon_start.rs.
+#include "frame.wgsl"
+#include "math.wgsl"
+#include "emitters.wgsl"
+#include "emitter_start.wgsl"
+#include "photons.wgsl"
+
+@group(0) @binding(1) var<storage, read> emitters: array<EmitterRecord>;
+@group(0) @binding(2) var<storage, read> targets: array<vec4<f32>>;        // centre, radius
+@group(0) @binding(3) var<storage, read_write> ray_origin: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read_write> ray_direction: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read_write> flux: array<vec4<f32>>;     // w: bits of the target + 1
+@group(0) @binding(6) var<storage, read_write> photon_position: array<vec4<f32>>;  // w: 1 if stored, else 0
+
+// Squared sine of a sphere's half angle from which on a point counts as inside of it.
+const INSIDE: f32 = 0.999;
+
+// Weight of a target in the choice, about its solid angle.
+fn weight_of(t: u32, start: Start) -> f32 {
+    let s = targets[t];
+    let to = s.xyz - start.origin;
+    let r2 = s.w * s.w;
+    let oriented = start.kind <= EMITTER_SPHERE || start.kind == EMITTER_VIRTUAL;
+    let behind = oriented && dot(to, start.normal) <= -s.w;
+    let angle = select(r2 / max(dot(to, to), r2), 0.0, behind);
+    return select(angle, r2, start.kind == EMITTER_DIRECTIONAL);
+}
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let photon = (group.x + group.y * groups.x) * 64u + lane;
+    if photon >= photon_count() {
+        return;
+    }
+    let index = frame.photons.y + photon_class(photon) * frame.photons.x + photon / frame.pattern.z;
+    var u: array<f32, 5>;
+    let bases = array<u32, 5>(2u, 3u, 5u, 7u, 11u);
+    for (var d = 0u; d < 5u; d += 1u) {
+        u[d] = rotate(radical_inverse(bases[d], index), random(key(frame.keys.y, STREAM_PHOTON, d, 0u)));
+    }
+    let side = random(key(frame.keys.x, STREAM_PHOTON_SIDE, photon, 0u));
+    let start = start_at(vec2<f32>(u[2], u[3]), side);
+
+    // A target in proportion to its weight.
+    let count = frame.photons.z;
+    var sum = 0.0;
+    var last = count;
+    for (var t = 0u; t < count; t += 1u) {
+        let w = weight_of(t, start);
+        sum += w;
+        last = select(last, t, w > 0.0);
+    }
+    let aims = last < count;
+    var rest = u[4] * sum;
+    var chosen = select(0u, last, aims);
+    for (var t = 0u; t < select(0u, last, aims); t += 1u) {
+        let w = weight_of(t, start);
+        if rest < w {
+            chosen = t;
+            break;
+        }
+        rest -= w;
+    }
+    let sphere = targets[chosen];
+    let p = weight_of(chosen, start) / max(sum, 1e-37);
+
+    let e = emitters[start.emitter];
+    let to = sphere.xyz - start.origin;
+    let distance2 = max(dot(to, to), 1e-37);
+    let sin2 = sphere.w * sphere.w / distance2;
+    let inside = sin2 >= INSIDE;
+    let parallel = start.kind == EMITTER_DIRECTIONAL;
+
+    // The cone around the sphere; 1 - cos of it, without cancellation.
+    let cap = sin2 / (1.0 + sqrt(max(1.0 - sin2, 0.0)));
+    let h = u[0] * cap;
+    let sine = sqrt(max(h * (2.0 - h), 0.0));
+    let axis = select(to / sqrt(distance2), e.normal.xyz, parallel);
+    let across = basis(axis);
+    let circle = unit_circle(u[1]);
+    let in_cone = across[0] * (sine * circle.x) + across[1] * (sine * circle.y) + axis * (1.0 - h);
+    let free = direction_from(start, vec2<f32>(u[0], u[1]));
+    let direction = select(select(in_cone, free, inside), axis, parallel);
+
+    // Parallel light starts on the sphere's disc, before all of the scene.
+    let disc = sphere.w * sqrt(u[0]);
+    let before = sphere.xyz - axis * (2.0 * length(e.e1.xyz));
+    let on_disc = before + across[0] * (disc * circle.x) + across[1] * (disc * circle.y);
+    let origin = select(start.origin, on_disc, parallel);
+
+    let cosine = dot(start.normal, direction);
+    let ramp = clamp((cosine - e.e1.y) / max(e.e1.x - e.e1.y, 1e-6), 0.0, 1.0);
+    let of_point = e.radiance.xyz * (select(1.0, ramp * ramp, start.kind == EMITTER_SPOT) / e.normal.w);
+    let of_surface = e.flux.xyz * (INV_PI * max(cosine, 0.0));
+    let is_point = start.kind == EMITTER_POINT || start.kind == EMITTER_SPOT;
+    let into_cone = select(of_surface, of_point, is_point) * (2.0 * PI * cap);
+    let of_disc = e.radiance.xyz * (PI * sphere.w * sphere.w / e.normal.w);
+    let carried = select(select(into_cone, e.flux.xyz, inside), of_disc, parallel) / max(p, 1e-37);
+
+    let flies = aims && mean3(carried) > 0.0;
+    ray_origin[photon] = vec4<f32>(origin, select(0.0, 3.0e38, flies));
+    ray_direction[photon] = vec4<f32>(direction, 0.0);
+    flux[photon] = vec4<f32>(select(vec3<f32>(0.0), carried, flies), bitcast<f32>(chosen + 1u));
+    photon_position[photon] = vec4<f32>(0.0);
+}

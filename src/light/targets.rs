@@ -1,0 +1,225 @@
+//! Mirrors and bodies of glass as targets: where photons are shot (Wald et al. 2002, section 4).
+//!
+//! Triangles of ideal materials that share corners form a body, and each body has a bounding sphere. From a point y a photon is
+//! shot at a sphere t of radius R_t at distance d_t, chosen with probability
+//!
+//! ```text
+//! p_t = w_t / sum w      w_t = R_t^2 / max(d_t^2, R_t^2), about its solid angle; 0 behind the plane of an oriented emitter
+//!                        w_t = R_t^2 for parallel light
+//! ```
+//!
+//! and in a direction uniform in the cone of solid angle Omega around the sphere; from inside it, in one that is distributed as
+//! the emission. Its flux, if it were the only photon, is what is emitted over the density of its start and direction:
+//!
+//! ```text
+//! surfaces, virtual lights   Phi / pi cos Omega / p_t       point, spot   I(w) / p_e Omega / p_t       inside   Phi / p_t
+//! parallel light             E pi R_t^2 / (p_e p_t), from a uniform point of the sphere's disc
+//! ```
+//!
+//! with Phi = power / p_e. A photon is of use only if the first triangle it meets belongs to the chosen body: each body gets its
+//! light from its own photons alone, so spheres may overlap.
+
+use crate::accel::Bvh;
+use crate::bsdf::basis;
+use crate::light::emitters::{Emitters, Kind, Start};
+use crate::scene::{Scene, Surface};
+use glam::Vec3;
+use std::collections::HashMap;
+use std::f32::consts::{FRAC_1_PI, PI, TAU};
+
+/// Greatest number of targets: a shader looks at all of them for each photon.
+pub const MAX_TARGETS: usize = 64;
+
+/// A bounding sphere.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sphere {
+    /// Centre.
+    pub center: Vec3,
+    /// Radius, a little more than that of the triangles.
+    pub radius: f32,
+}
+
+/// The targets of a scene.
+#[derive(Clone, Debug, Default)]
+pub struct Targets {
+    /// Bounding spheres of the bodies; empty where nothing is ideal.
+    pub spheres: Vec<Sphere>,
+    /// For each triangle of the tree the number of its target + 1, or 0.
+    pub of_triangle: Vec<u32>,
+}
+
+/// A photon on its way to a target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shot {
+    /// The target.
+    pub target: u32,
+    /// Unit direction.
+    pub direction: Vec3,
+    /// Where the ray starts.
+    pub origin: Vec3,
+    /// Flux if it were the only photon; 0: nothing is emitted there.
+    pub flux: Vec3,
+}
+
+impl Targets {
+    /// Finds the bodies. More than [`MAX_TARGETS`] are grouped by place.
+    pub fn of(scene: &Scene, bvh: &Bvh) -> Targets {
+        let ideal: Vec<u32> = (0..bvh.triangle_count())
+            .filter(|&i| scene.materials[bvh.material(i) as usize].surface != Surface::Opaque)
+            .collect();
+        let corners = |i: u32| {
+            let vertices = scene.triangles[bvh.scene_triangle(i) as usize].vertices;
+            vertices.map(|v| scene.positions[v as usize])
+        };
+        let mut bodies: Vec<Vec<u32>> = bodies(&ideal, &corners);
+        let mut groups = Vec::new();
+        group(&mut bodies, MAX_TARGETS, &corners, &mut groups);
+
+        let mut targets = Targets { spheres: Vec::new(), of_triangle: vec![0; bvh.triangle_count() as usize] };
+        for triangles in groups {
+            targets.spheres.push(bounding_sphere(&triangles, &corners));
+            let number = targets.spheres.len() as u32;
+            triangles.iter().for_each(|&i| targets.of_triangle[i as usize] = number);
+        }
+        targets
+    }
+
+    /// Shoots a photon from a start (its ray may begin at `origin`) by three numbers in [0, 1): one for the target, two for the
+    /// direction. `None` where all targets are behind the emitter.
+    pub fn shoot(
+        &self,
+        emitters: &Emitters,
+        start: &Start,
+        origin: Vec3,
+        choice: f32,
+        leave: [f32; 2],
+    ) -> Option<Shot> {
+        let e = &emitters.list[start.emitter as usize];
+        let oriented = !matches!(e.kind, Kind::Point | Kind::Spot | Kind::Directional);
+        let weight = |s: &Sphere| {
+            let (to, r2) = (s.center - origin, s.radius * s.radius);
+            match e.kind {
+                Kind::Directional => r2,
+                _ if oriented && to.dot(start.normal) <= -s.radius => 0.0,
+                _ => r2 / to.length_squared().max(r2),
+            }
+        };
+        let weights: Vec<f32> = self.spheres.iter().map(weight).collect();
+        let sum: f32 = weights.iter().sum();
+        let last = weights.iter().rposition(|&w| w > 0.0)?;
+        let mut rest = choice * sum;
+        let mut target = last;
+        for (t, &w) in weights.iter().enumerate().take(last) {
+            if rest < w {
+                target = t;
+                break;
+            }
+            rest -= w;
+        }
+        let (sphere, p) = (self.spheres[target], weights[target] / sum);
+        let shot = |origin: Vec3, direction: Vec3, flux: Vec3| {
+            Some(Shot { target: target as u32, origin, direction, flux: flux / p })
+        };
+        if e.kind == Kind::Directional {
+            let (t, b) = basis(e.normal);
+            let (r, phi) = (sphere.radius * leave[0].sqrt(), TAU * leave[1]);
+            // The disc lies before all of the scene.
+            let centre = sphere.center - e.normal * (2.0 * e.e1.length());
+            let from = centre + t * (r * phi.cos()) + b * (r * phi.sin());
+            return shot(from, e.normal, e.radiance * (PI * sphere.radius * sphere.radius / e.probability));
+        }
+        let to = sphere.center - origin;
+        let sin2 = sphere.radius * sphere.radius / to.length_squared();
+        if sin2 >= INSIDE {
+            return shot(origin, emitters.sample_direction(start, leave), start.flux);
+        }
+        // 1 - cos of the cone, without cancellation.
+        let cap = sin2 / (1.0 + (1.0 - sin2).sqrt());
+        let h = leave[0] * cap;
+        let (sin, phi) = ((h * (2.0 - h)).sqrt(), TAU * leave[1]);
+        let axis = to.normalize();
+        let (t, b) = basis(axis);
+        let direction = t * (sin * phi.cos()) + b * (sin * phi.sin()) + axis * (1.0 - h);
+        let intensity = match e.kind {
+            Kind::Point | Kind::Spot => e.intensity(direction) / e.probability,
+            _ => start.flux * (FRAC_1_PI * start.normal.dot(direction).max(0.0)),
+        };
+        shot(origin, direction, intensity * (TAU * cap))
+    }
+}
+
+/// Squared sine of a sphere's half angle from which on a point counts as inside of it.
+pub const INSIDE: f32 = 0.999;
+
+/// Triangles that share corners.
+fn bodies(ideal: &[u32], corners: &impl Fn(u32) -> [Vec3; 3]) -> Vec<Vec<u32>> {
+    // A forest over `ideal`: each entry names one that is nearer to the root.
+    fn root(parent: &mut [usize], mut i: usize) -> usize {
+        while parent[i] != i {
+            parent[i] = parent[parent[i]];
+            i = parent[i];
+        }
+        i
+    }
+    let mut parent: Vec<usize> = (0..ideal.len()).collect();
+    let mut at: HashMap<[u32; 3], usize> = HashMap::new();
+    for (k, &i) in ideal.iter().enumerate() {
+        for corner in corners(i) {
+            // -0 and 0 are the same place.
+            let place = (corner + 0.0).to_array().map(f32::to_bits);
+            let other = *at.entry(place).or_insert(k);
+            let (a, b) = (root(&mut parent, k), root(&mut parent, other));
+            parent[a.max(b)] = a.min(b);
+        }
+    }
+    let mut bodies: Vec<Vec<u32>> = Vec::new();
+    let mut number: HashMap<usize, usize> = HashMap::new();
+    for (k, &i) in ideal.iter().enumerate() {
+        let body = *number.entry(root(&mut parent, k)).or_insert_with(|| {
+            bodies.push(Vec::new());
+            bodies.len() - 1
+        });
+        bodies[body].push(i);
+    }
+    bodies
+}
+
+fn box_of(triangles: &[u32], corners: &impl Fn(u32) -> [Vec3; 3]) -> (Vec3, Vec3) {
+    let all = triangles.iter().flat_map(|&i| corners(i));
+    all.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+}
+
+/// Puts bodies into at most `most` groups: halves along the longest axis, and halves of these.
+fn group(bodies: &mut [Vec<u32>], most: usize, corners: &impl Fn(u32) -> [Vec3; 3], groups: &mut Vec<Vec<u32>>) {
+    if bodies.len() <= most {
+        groups.extend(bodies.iter().cloned());
+        return;
+    }
+    if most == 1 {
+        groups.push(bodies.concat());
+        return;
+    }
+    let (low, high) = box_of(&bodies.concat(), corners);
+    let axis = (high - low).max_position();
+    let middle = |body: &Vec<u32>| {
+        let (low, high) = box_of(body, corners);
+        low[axis] + high[axis]
+    };
+    bodies.sort_by(|a, b| middle(a).total_cmp(&middle(b)));
+    let (first, second) = bodies.split_at_mut(bodies.len() / 2);
+    group(first, most / 2, corners, groups);
+    group(second, most - most / 2, corners, groups);
+}
+
+/// Around the middle of their box, with room for rounding.
+fn bounding_sphere(triangles: &[u32], corners: &impl Fn(u32) -> [Vec3; 3]) -> Sphere {
+    let (low, high) = box_of(triangles, corners);
+    let center = (low + high) * 0.5;
+    let farthest = triangles.iter().flat_map(|&i| corners(i)).map(|p| p.distance(center)).fold(0.0, f32::max);
+    // Offsets of rays' origins are a few 1e-5 of the coordinates.
+    let rounding = 1e-4 * farthest + 1e-5 * center.abs().max_element();
+    Sphere { center, radius: farthest + rounding }
+}
+
+#[cfg(test)]
+mod tests;

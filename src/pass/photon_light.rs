@@ -1,0 +1,114 @@
+//! What the eye sees is lit by the photons around it: the second sum of Wald et al. 2002, section 4, over photons of flux Phi_j
+//! that arrived in z_j from omega_j,
+//!
+//! ```text
+//! L(x, omega) += 1 / (pi r^2) sum_j B_r(z_j, x) f_r(omega_j, x, omega) Phi_j / N      B_r(z, x) = 1 if |z - x| <= r, else 0
+//! ```
+//!
+//! The radius r is fixed, and photons are found by 8 look-ups in the grid of cells of size 2r (4.1). The diffuse part is added
+//! to the indirect irradiance, the lobe's to the specular radiance. A photon counts if it arrived on the receiver's side, at a
+//! surface that lies within 60 degrees of the receiver's, so that light does not pass thin walls or turn round corners; and if its
+//! class is that of the pixel (4.2). Both components of a split eye path are receivers.
+//!
+//! No light is counted twice: virtual lights leave out what mirrors reflect and glass lets through (`walk_reflect`), shadow
+//! rays stop there, and so do gather rays (`receivers`). What gather rays find is not lit by photons: it would be the near part
+//! alone of light that goes on from caustics, whose far part virtual lights leave out.
+//!
+//! Bias: caustics are blurred by r, and fade within r of an edge. A concave corner lets photons of its own side only count.
+//!
+//! Cost for each receiver: 8 look-ups of 8 bytes, and 32 bytes and 40 operations for each photon in the buckets. The photons of
+//! a bucket may be many, so a dispatch takes a stretch of all photons, as many as its loops may ([`crate::plan::PhotonPlan::chunk`]).
+
+use glam::Vec3;
+
+use super::photon_grid::Grid;
+use super::schedule::LIST_GROUPS;
+use super::shade::Receiver;
+use super::sort::class_of;
+use super::{Kernels, List, Receivers, Sums, layout, push};
+use crate::error::Result;
+use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+
+/// Least cosine between the normals of photon and receiver.
+pub const LEAST_COSINE: f32 = 0.5;
+
+/// The pass.
+pub struct PhotonLight {
+    kernel: Kernel,
+    bindings: Bindings,
+    work: Buffer,
+}
+
+impl PhotonLight {
+    /// Adds to `sums` of the receivers on the list.
+    pub fn new(
+        kernels: &Kernels,
+        frame: &Buffer,
+        receivers: &Receivers,
+        list: &List,
+        grid: &Grid,
+        sums: &Sums,
+        steps: &Buffer,
+    ) -> Result<Self> {
+        let kernel = kernels.photon_light.clone();
+        let bindings = kernel.bind(&[
+            ("frame", frame.into()),
+            ("work", (&list.work).into()),
+            ("list", (&list.pixels).into()),
+            ("steps", steps.into()),
+            ("receiver_position", (&receivers.position).into()),
+            ("receiver_geometric", (&receivers.geometric).into()),
+            ("receiver_shading", (&receivers.shading).into()),
+            ("receiver_f0", (&receivers.f0).into()),
+            ("receiver_wo", (&receivers.wo).into()),
+            ("sorted_position", (&grid.position).into()),
+            ("sorted_normal", (&grid.normal).into()),
+            ("sorted_wi", (&grid.wi).into()),
+            ("sorted_flux", (&grid.flux).into()),
+            ("buckets", (&grid.buckets).into()),
+            ("indirect", (&sums.indirect).into()),
+            ("specular", (&sums.specular).into()),
+        ])?;
+        Ok(PhotonLight { kernel, bindings, work: list.work.clone() })
+    }
+
+    /// Records the look-ups in each of the stretches.
+    pub fn record(&self, rec: &mut Recorder, steps: &[u32]) -> Result<()> {
+        steps.iter().try_for_each(|&step| {
+            rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work, LIST_GROUPS)
+        })
+    }
+}
+
+/// A stored photon.
+#[derive(Clone, Copy, Debug)]
+pub struct Photon {
+    /// Where it is.
+    pub position: Vec3,
+    /// Geometric normal there, on the side of its arrival.
+    pub normal: Vec3,
+    /// Direction to where it came from.
+    pub wi: Vec3,
+    /// Flux if it were the only one of its class.
+    pub flux: Vec3,
+    /// Its class.
+    pub class: u32,
+}
+
+/// Oracle: irradiance and specular radiance that photons add at the receiver of a slot.
+pub fn reference(frame: &layout::Frame, slot: u32, receiver: &Receiver, photons: &[Photon]) -> [Vec3; 2] {
+    let [radius, _, share, _] = frame.photon;
+    let class = class_of(frame, slot);
+    let mut sums = [Vec3::ZERO; 2];
+    for photon in photons {
+        let (cos_geometric, cos_shading) = (photon.wi.dot(receiver.geometric), photon.wi.dot(receiver.shading));
+        let near = photon.class == class && photon.position.distance_squared(receiver.position) <= radius * radius;
+        let faces = photon.normal.dot(receiver.geometric) > LEAST_COSINE && cos_geometric > 0.0 && cos_shading > 0.0;
+        if near && faces {
+            let arriving = photon.flux * ((cos_shading / cos_geometric.max(1e-7)).min(4.0) * share);
+            sums[0] += arriving;
+            sums[1] += arriving * receiver.reflectance.eval_specular(receiver.shading, photon.wi, receiver.wo);
+        }
+    }
+    sums
+}

@@ -1,0 +1,96 @@
+//! Caustic photons are shot from the emitters at mirrors and glass (Wald et al. 2002, section 4).
+//!
+//! A point of an emitter is chosen as for particles, a body of mirrors or glass in proportion to about the solid angle of its
+//! bounding sphere, and a direction into the cone around that sphere; [`crate::light::targets`] has the densities and the flux.
+//! So nearly all photons meet what makes caustics, and their sum over N is what the emitters send there.
+//!
+//! Photon i of class k of pixels (Wald et al., 4.2) stands at i K + k, K classes, and takes point first + k N + i of a Halton
+//! sequence: each class has consecutive points, and so have all classes of a pass together.
+//!
+//! Differs from the paper in that: it says nothing of how photons are aimed.
+//! Cost: for each photon two looks at every target (at most 64), some 200 operations and 80 bytes.
+
+use super::layout;
+use super::{Kernels, Rays, groups};
+use crate::accel::{Ray, offset_origin};
+use crate::error::Result;
+use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::light::emitters::{Emitters, Kind};
+use crate::light::targets::Targets;
+use crate::sampling::dimensions::{PHOTON, PHOTON_DIMENSIONS, PHOTON_SIDE};
+use crate::sampling::halton::halton;
+use crate::sampling::random::{key, random_f32};
+use crate::sampling::rotate;
+use glam::Vec3;
+
+/// The pass.
+pub struct PhotonStart {
+    kernel: Kernel,
+    bindings: Bindings,
+    photons: u32,
+}
+
+impl PhotonStart {
+    /// Writes `rays`, `flux` (w: bits of the target + 1) and, with nothing stored yet, `position` of so many photons of all
+    /// classes.
+    pub fn new(
+        kernels: &Kernels,
+        frame: &Buffer,
+        emitters: &Buffer,
+        targets: &Buffer,
+        rays: &Rays,
+        [flux, position]: [&Buffer; 2],
+        photons: u32,
+    ) -> Result<Self> {
+        let kernel = kernels.photon_start.clone();
+        let bindings = kernel.bind(&[
+            ("frame", frame.into()),
+            ("emitters", emitters.into()),
+            ("targets", targets.into()),
+            ("ray_origin", (&rays.origin).into()),
+            ("ray_direction", (&rays.direction).into()),
+            ("flux", flux.into()),
+            ("photon_position", position.into()),
+        ])?;
+        Ok(PhotonStart { kernel, bindings, photons })
+    }
+
+    /// Records the pass.
+    pub fn record(&self, rec: &mut Recorder) -> Result<()> {
+        rec.dispatch(&self.kernel, &self.bindings, &[], groups(self.photons))
+    }
+}
+
+/// Oracle: the class of a photon.
+pub fn class_of(frame: &layout::Frame, photon: u32) -> u32 {
+    photon % frame.pattern[2]
+}
+
+/// Oracle: the five numbers of a photon.
+pub fn photon_numbers(frame: &layout::Frame, photon: u32) -> [f32; 5] {
+    let [each, first, ..] = frame.photons;
+    let index = first + class_of(frame, photon) * each + photon / frame.pattern[2];
+    PHOTON_DIMENSIONS.map(|d| rotate(halton(d, index), random_f32(key(frame.keys[1], PHOTON, d as u32, 0))))
+}
+
+/// Oracle: ray, flux and target of a photon; `None`: it carries nothing.
+pub fn reference(
+    frame: &layout::Frame,
+    emitters: &Emitters,
+    targets: &Targets,
+    photon: u32,
+) -> Option<(Ray, Vec3, u32)> {
+    let u = photon_numbers(frame, photon);
+    let side = random_f32(key(frame.keys[0], PHOTON_SIDE, photon, 0));
+    let start = emitters.sample_start(u[2], u[3], side);
+    let kind = emitters.list[start.emitter as usize].kind;
+    let origin = match kind {
+        Kind::Point | Kind::Spot | Kind::Directional => start.position,
+        Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Virtual => {
+            offset_origin(start.position, start.normal, frame.eye[3])
+        }
+    };
+    let shot = targets.shoot(emitters, &start, origin, u[4], [u[0], u[1]])?;
+    let ray = Ray { origin: shot.origin, t_max: 3.0e38, direction: shot.direction };
+    (shot.flux.max_element() > 0.0).then_some((ray, shot.flux, shot.target))
+}

@@ -1,0 +1,210 @@
+//! Caustics by photons: against closed forms, against the path tracer, and what they promise besides.
+
+use glam::{Vec3, Vec4};
+use lightsum::accel::Bvh;
+use lightsum::gpu::Context;
+use lightsum::light::emitters::Emitters;
+use lightsum::path_trace::{self, Options, SpecularPaths};
+use lightsum::scene::{Camera, Light, Material, Scene, Surface, builtin};
+use lightsum::settings::Settings;
+
+use crate::renderer::bits;
+use crate::rig::{Rig, gallery, hit_of};
+use crate::scenes::{Soup, camera, render, settings};
+use crate::support::gpu_test;
+
+/// A mirror that reflects all.
+fn perfect() -> Material {
+    Material { surface: Surface::Mirror, base_color: Vec3::ZERO, specular: Vec3::ONE, ..Material::default() }
+}
+
+fn shooting(photons: u32) -> Settings {
+    Settings { photons, ..settings(4, 2) }
+}
+
+/// The photons of a pass as they are shot: flux of those that arrive at their target.
+fn flux_at_targets(ctx: &Context, scene: &Scene, photons: u32) -> f64 {
+    let rig = Rig::new(ctx, scene, [8, 8], shooting(photons));
+    rig.run(|frame, rec| frame.photons.as_ref().unwrap().record_start(rec));
+    let p = rig.frame().photons.as_ref().unwrap();
+    let (hits, flux) = (rig.vec4s(&p.rays.hits), rig.vec4s(&p.flux));
+    let aimed = |(hit, flux): (&Vec4, &Vec4)| {
+        let hit = hit_of(*hit)?;
+        let target = rig.engine.targets().of_triangle[hit.triangle as usize];
+        (target > 0 && target == flux.w.to_bits()).then_some(f64::from(flux.x))
+    };
+    hits.iter().zip(&flux).filter_map(aimed).sum::<f64>() / f64::from(photons)
+}
+
+#[test]
+fn the_flux_at_mirrors_and_glass_is_what_lights_send_there() {
+    gpu_test(|ctx| {
+        let pi = std::f64::consts::PI;
+        let view = camera(Vec3::new(0.0, 1.0, -5.0), Vec3::ZERO, 60.0, [8, 8]);
+        let check = |what: &str, mut soup: Soup, expected: f64, tolerance: f64| {
+            soup.0.camera = Some(view);
+            let found = flux_at_targets(ctx, &soup.0, 16_384);
+            println!("{what}: {found} W for {expected}");
+            assert!((found / expected - 1.0).abs() < tolerance, "{what}: {found} for {expected}");
+        };
+        // A point light and a ball: I Omega; the ball's faces lie a little within it.
+        let mut soup = Soup::new("ball");
+        let glass = soup.material(Material { surface: Surface::Glass, ior: 1.5, ..Material::default() });
+        soup.ball(Vec3::ZERO, 0.5, 96, glass);
+        soup.0.lights.push(Light::Point { position: Vec3::Y * 2.0, intensity: Vec3::splat(3.0) });
+        check("a point and a ball", soup, 3.0 * 2.0 * pi * (1.0 - (1.0f64 - 1.0 / 16.0).sqrt()), 0.005);
+
+        // Parallel light on a slanted mirror: E A cos.
+        let mut soup = Soup::new("slanted");
+        let mirror = soup.material(perfect());
+        soup.quad(Vec3::new(-1.0, 0.0, -1.0), Vec3::Z * 2.0, Vec3::X * 2.0, mirror);
+        let direction = Vec3::new(0.6, -0.8, 0.0);
+        soup.0.lights.push(Light::Directional { direction, irradiance: Vec3::splat(2.0) });
+        check("parallel light and a mirror", soup, 2.0 * 4.0 * 0.8, 0.01);
+
+        // A square lamp over a square mirror, 2 x 2 and 2 apart: the form factor of parallel squares of side s = distance.
+        let mut soup = Soup::new("squares");
+        let mirror = soup.material(perfect());
+        let lamp = soup.diffuse(0.0, 5.0);
+        soup.quad(Vec3::new(-1.0, 0.0, -1.0), Vec3::Z * 2.0, Vec3::X * 2.0, mirror);
+        soup.quad(Vec3::new(-1.0, 2.0, -1.0), Vec3::X * 2.0, Vec3::Z * 2.0, lamp);
+        let form_factor = {
+            let (one, two) = (1.0f64, 2.0f64);
+            2.0 / pi
+                * ((two * two / (one + two)).sqrt().ln() + 2.0 * two.sqrt() * (one / two.sqrt()).atan()
+                    - 2.0 * one.atan())
+        };
+        check("a square lamp and a mirror", soup, form_factor * 5.0 * pi * 4.0, 0.01);
+    });
+}
+
+#[test]
+fn a_paraboloid_brings_parallel_light_to_its_focus() {
+    gpu_test(|ctx| {
+        // y = r^2 / (4 f) up to r = 1, and a plate at the focus that looks down into it.
+        let (f, half, rings, sectors) = (0.8f32, 0.05f32, 48, 96);
+        let mut soup = Soup::new("paraboloid");
+        let (mirror, plate) = (soup.material(perfect()), soup.diffuse(0.5, 0.0));
+        let point = |ring: usize, sector: usize| {
+            let (r, phi) = (ring as f32 / rings as f32, std::f32::consts::TAU * sector as f32 / sectors as f32);
+            let (x, z) = (r * phi.cos(), r * phi.sin());
+            let normal = Vec3::new(-x / (2.0 * f), 1.0, -z / (2.0 * f)).normalize();
+            (Vec3::new(x, r * r / (4.0 * f), z), normal)
+        };
+        for ring in 0..rings {
+            for sector in 0..sectors {
+                let next = (sector + 1) % sectors;
+                let [a, b, c, d] =
+                    [point(ring, sector), point(ring, next), point(ring + 1, next), point(ring + 1, sector)];
+                for face in [(ring > 0).then_some([a, b, c]), Some([a, c, d])].into_iter().flatten() {
+                    soup.triangle(face.map(|v| v.0), Some(face.map(|v| v.1)), [Default::default(); 3], mirror);
+                }
+            }
+        }
+        soup.quad(Vec3::new(-half, f, -half), Vec3::X * 2.0 * half, Vec3::Z * 2.0 * half, plate);
+        soup.0.lights.push(Light::Directional { direction: Vec3::NEG_Y, irradiance: Vec3::splat(2.0) });
+        soup.0.camera = Some(camera(Vec3::new(0.3, 0.3, 0.0), Vec3::Y * f, 40.0, [8, 8]));
+        let photons = 8192;
+        let rig = Rig::new(ctx, &soup.0, [8, 8], shooting(photons));
+        rig.run(|frame, rec| frame.record_photons(rec));
+        let p = rig.frame().photons.as_ref().unwrap();
+        let stored: Vec<(Vec3, f32)> = rig
+            .vec4s(&p.position)
+            .iter()
+            .zip(rig.vec4s(&p.flux))
+            .filter(|(place, _)| place.w == 1.0)
+            .map(|(place, flux)| (place.truncate(), flux.x))
+            .collect();
+        // All that enters the polygon of the rim beside the plate's shadow, and nothing of it is lost.
+        let n = sectors as f32;
+        let rim = 0.5 * n * (std::f32::consts::TAU / n).sin();
+        let expected = 2.0 * (rim - 4.0 * half * half);
+        let energy = stored.iter().map(|s| s.1).sum::<f32>() / photons as f32;
+        let weight: f32 = stored.iter().map(|s| s.1).sum();
+        let middle = stored.iter().map(|s| s.0 * s.1).sum::<Vec3>() / weight;
+        let spread = (stored.iter().map(|s| s.0.distance_squared(middle) * s.1).sum::<f32>() / weight).sqrt();
+        println!("{} photons, {energy} W for {expected}, around {middle}, spread {spread}", stored.len());
+        assert!((energy / expected - 1.0).abs() < 0.01, "{energy} W for {expected}");
+        assert!(middle.distance(Vec3::Y * f) < 1e-3 && spread < 5e-3, "{middle} {spread}");
+    });
+}
+
+/// What mirrors and glass throw on, by the path tracer: all light but what the renderer sees without photons.
+fn thrown(scene: &Scene, camera: &Camera, samples: u32, max_depth: u32) -> Vec<Vec3> {
+    let bvh = Bvh::build(scene).unwrap();
+    let emitters = Emitters::of(scene, scene.emitters_are_lights).unwrap();
+    let image = |specular_paths: SpecularPaths| {
+        let resolution = camera.resolution;
+        let options = Options { resolution, samples, max_depth, max_specular: 8, seed: 7, specular_paths };
+        path_trace::render(scene, &bvh, &emitters, camera, &options, |_| true).unwrap()
+    };
+    image(SpecularPaths::All).iter().zip(image(SpecularPaths::Eye)).map(|(all, eye)| *all - eye).collect()
+}
+
+/// A ball of glass over a dark floor under a lamp, and the floor seen from the side.
+fn lens() -> (Scene, Camera) {
+    let mut soup = Soup::new("lens");
+    let (floor, lamp) = (soup.diffuse(0.1, 0.0), soup.diffuse(0.0, 50.0));
+    let glass = soup.material(Material { surface: Surface::Glass, ior: 1.5, ..Material::default() });
+    soup.quad(Vec3::new(-2.0, 0.0, -2.0), Vec3::Z * 4.0, Vec3::X * 4.0, floor);
+    soup.ball(Vec3::new(0.0, 0.9, 0.0), 0.5, 48, glass);
+    soup.quad(Vec3::new(-0.3, 3.0, -0.3), Vec3::X * 0.6, Vec3::Z * 0.6, lamp);
+    (soup.0, camera(Vec3::new(1.2, 0.7, 0.0), Vec3::new(0.0, 0.0, 0.0), 40.0, [32, 24]))
+}
+
+#[test]
+fn the_caustic_of_a_ball_against_the_path_tracer() {
+    gpu_test(|ctx| {
+        let (scene, camera) = lens();
+        let reference = thrown(&scene, &camera, 1024, 6);
+        let image = |photons: u32| {
+            let settings = Settings { photons, photon_radius: Some(0.01), ..settings(4, 2) };
+            render(ctx, &scene, camera, &settings, 32).color
+        };
+        let (on, off) = (image(4000), image(0));
+        let sum = |region: &dyn Fn(usize) -> bool, value: &dyn Fn(usize) -> f32| -> f64 {
+            (0..reference.len()).filter(|&i| region(i)).map(|i| f64::from(value(i))).sum()
+        };
+        let (found, expected) = (|i: usize| on[i].y - off[i].y, |i: usize| reference[i].y);
+        let peak = reference.iter().map(|v| v.y).fold(0.0, f32::max);
+        let bright = |i: usize| reference[i].y > 0.3 * peak;
+        let pixels = (0..reference.len()).filter(|&i| bright(i)).count();
+        let energy = sum(&|_| true, &found) / sum(&|_| true, &expected);
+        let core = sum(&bright, &found) / sum(&bright, &expected);
+        println!("energy {energy:.4} of the path tracer's, {core:.4} in the {pixels} pixels of the core");
+        assert!((energy - 1.0).abs() < 0.03, "{energy}");
+        assert!(pixels > 5 && (core - 1.0).abs() < 0.06, "{core} in {pixels} pixels");
+        // Without photons the ball's shadow is dark.
+        assert!(sum(&bright, &|i| off[i].y) < 0.1 * sum(&bright, &|i| on[i].y));
+    });
+}
+
+#[test]
+fn the_same_seed_gives_the_same_caustics() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        let camera = Camera { resolution: [31, 17], ..scene.camera.unwrap() };
+        let base = Settings { photons: 300, pattern: [2, 2], ..settings(8, 3) };
+        let image = |settings: Settings| bits(&render(ctx, &scene, camera, &settings, 2));
+        let first = image(base.clone());
+        assert!(image(base.clone()) == first, "a second renderer");
+        assert!(image(Settings { rounds: 9, ..base.clone() }) == first, "nine rounds");
+        assert!(image(Settings { photons: 0, ..base.clone() }) != first, "no photons");
+        assert!(image(Settings { photon_radius: Some(0.5), ..base.clone() }) != first, "another radius");
+    });
+}
+
+#[test]
+fn scenes_without_mirrors_and_glass_have_no_photons() {
+    gpu_test(|ctx| {
+        let scene = builtin::single_triangle_light();
+        let rig = Rig::new(ctx, &scene, [8, 8], shooting(100));
+        assert!(rig.frame().photons.is_none() && rig.engine.scene_buffers().targets.is_none());
+        // Emitters alone are seen, or nothing ideal is followed.
+        let scene = gallery();
+        for settings in [Settings { max_depth: 1, ..shooting(100) }, Settings { max_specular: 0, ..shooting(100) }] {
+            assert!(Rig::new(ctx, &scene, [8, 8], settings).frame().photons.is_none());
+        }
+        assert!(Rig::new(ctx, &scene, [8, 8], shooting(0)).engine.scene_buffers().targets.is_none());
+    });
+}

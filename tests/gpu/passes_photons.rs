@@ -1,0 +1,255 @@
+//! Caustic photons from the lights to the pixels against their oracles.
+
+use glam::{Vec3, Vec4};
+use lightsum::bsdf::Reflectance;
+use lightsum::bsdf::ideal::Media;
+use lightsum::frame::Photons;
+use lightsum::gpu::Context;
+use lightsum::pass::layout::Work;
+use lightsum::pass::photon_follow::{self, Fate};
+use lightsum::pass::photon_light::{self, Photon};
+use lightsum::pass::receivers::surface_at;
+use lightsum::pass::shade::Receiver;
+use lightsum::pass::{photon_grid, photon_start};
+use lightsum::scene::Scene;
+use lightsum::settings::Settings;
+
+use crate::rig::{Rig, SINE, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error};
+use crate::support::{AWKWARD_SIZES, gpu_test};
+
+/// What may differ of a direction: refraction near the critical angle magnifies rounding.
+const DIRECTION: f32 = 1e-3;
+
+/// Share of photons that rounding may send elsewhere.
+const STRAYS: f64 = 0.005;
+
+fn photons<'a>(rig: &'a Rig) -> &'a Photons {
+    rig.frame().photons.as_ref().unwrap()
+}
+
+/// The photons as the device left them.
+struct State {
+    origin: Vec<Vec4>,
+    direction: Vec<Vec4>,
+    hits: Vec<Vec4>,
+    flux: Vec<Vec4>,
+    media: Vec<[u32; 4]>,
+    position: Vec<Vec4>,
+    normal: Vec<Vec4>,
+}
+
+impl State {
+    fn of(rig: &Rig) -> State {
+        let p = photons(rig);
+        State {
+            origin: rig.vec4s(&p.rays.origin),
+            direction: rig.vec4s(&p.rays.direction),
+            hits: rig.vec4s(&p.rays.hits),
+            flux: rig.vec4s(&p.flux),
+            media: rig.get(&p.media),
+            position: rig.vec4s(&p.position),
+            normal: rig.vec4s(&p.normal),
+        }
+    }
+}
+
+fn check_start(rig: &Rig, what: &str, sine: f32) {
+    let p = photons(rig);
+    rig.prefill(&[&p.rays.origin, &p.rays.direction, &p.rays.hits, &p.flux, &p.position, &p.media, &p.normal]);
+    rig.run(|frame, rec| frame.photons.as_ref().unwrap().record_start(rec));
+    let state = State::of(rig);
+    let mut tally = Tally::new(format!("photon_start, {what}"));
+    let mut traced = Tally::new(format!("trace of photons, {what}"));
+    for i in 0..p.count as usize {
+        let oracle = photon_start::reference(&rig.parameters, rig.engine.emitters(), rig.engine.targets(), i as u32);
+        let (ray, flux) = (ray_of(state.origin[i], state.direction[i]), state.flux[i]);
+        let same = match oracle {
+            None => ray.t_max == 0.0 && flux.truncate() == Vec3::ZERO,
+            Some((expected, expected_flux, target)) => {
+                close(ray.origin, expected.origin, 1e-5, 8.0 * sine)
+                    && ray.t_max == expected.t_max
+                    && close(ray.direction, expected.direction, 0.0, 4.0 * SINE)
+                    && close(flux.truncate(), expected_flux, 4.0 * SINE, 0.0)
+                    && flux.w.to_bits() == target + 1
+            }
+        };
+        tally.check(same, || format!("photon {i}: {ray:?} {flux} for {oracle:?}"));
+        assert_eq!(state.position[i], Vec4::ZERO, "{what}: photon {i} is not stored yet");
+        if ray.t_max > 0.0 {
+            traced.check(same_hit(hit_of(state.hits[i]), rig.bvh().closest(&ray)), || format!("photon {i}: {ray:?}"));
+        }
+    }
+    tally.finish(STRAYS);
+    traced.finish(STRAYS);
+}
+
+/// Runs a step; adds to the numbers of photons that were lost, stored and went on.
+fn check_step(rig: &Rig, what: &str, step: usize, seen: &mut [usize; 3]) {
+    let p = photons(rig);
+    let before = State::of(rig);
+    let sorted = |list: &lightsum::pass::List| {
+        let live = rig.get::<Work>(&list.work)[0].live as usize;
+        let mut slots: Vec<u32> = rig.get(&list.pixels);
+        slots.truncate(live);
+        slots.sort_unstable();
+        slots
+    };
+    let entering = match step.checked_sub(1) {
+        None => (0..p.count).collect(),
+        Some(last) => sorted(&p.lists[last]),
+    };
+    rig.run(|frame, rec| frame.photons.as_ref().unwrap().record_step(rec, step));
+    let (after, listed) = (State::of(rig), sorted(&p.lists[step]));
+    let last = step + 1 == p.lists.len();
+    let mut tally = Tally::new(format!("photon_follow, {what}, step {step}"));
+    for &photon in &entering {
+        let i = photon as usize;
+        let flux = before.flux[i];
+        let hit = hit_of(before.hits[i]).filter(|_| flux.truncate() != Vec3::ZERO);
+        let fate = hit.map_or(Fate::Lost, |hit| {
+            let d = before.direction[i].truncate();
+            let surface = surface_at(rig.scene, rig.bvh(), &hit, d);
+            let aimed = rig.engine.targets().of_triangle[hit.triangle as usize] == flux.w.to_bits();
+            let media = if step == 0 { Media::default() } else { Media(before.media[i]) };
+            let state = (d, flux.truncate(), media);
+            let number = (step as u32, last);
+            photon_follow::reference(&rig.parameters, rig.scene, number, photon, state, &surface, aimed)
+        });
+        let stored = after.position[i].w == 1.0;
+        let on = listed.binary_search(&photon).is_ok();
+        let same = match &fate {
+            Fate::Lost => !stored && !on,
+            Fate::Stored(expected) => {
+                let place = rig.bvh().position(&hit.unwrap());
+                stored
+                    && !on
+                    && close(after.flux[i].truncate(), *expected, DIRECTION, 0.0)
+                    && close(after.position[i].truncate(), place, 1e-5, 1e-6)
+                    && after.normal[i].truncate().dot(before.direction[i].truncate()) < 0.0
+                    && after.direction[i] == before.direction[i]
+            }
+            Fate::Flies(ray, expected, media) => {
+                let found = ray_of(after.origin[i], after.direction[i]);
+                !stored
+                    && on
+                    && close(found.origin, ray.origin, 1e-5, 1e-6)
+                    && close(found.direction, ray.direction, 0.0, DIRECTION)
+                    && close(after.flux[i].truncate(), *expected, 10.0 * DIRECTION, 0.0)
+                    && Media(after.media[i]) == *media
+            }
+        };
+        seen[match fate {
+            Fate::Lost => 0,
+            Fate::Stored(_) => 1,
+            Fate::Flies(..) => 2,
+        }] += 1;
+        tally.check(same, || {
+            format!("photon {photon}: stored {stored}, on {on}, {} {} for {fate:?}", after.direction[i], after.flux[i])
+        });
+    }
+    tally.finish(STRAYS);
+}
+
+/// Sorts the photons; gives those stored back in the order of the grid.
+fn check_grid(rig: &Rig, what: &str) -> Vec<Photon> {
+    let p = photons(rig);
+    let g = &p.grid;
+    rig.prefill(&[&g.position, &g.normal, &g.wi, &g.flux, &g.buckets]);
+    rig.run(|frame, rec| frame.photons.as_ref().unwrap().record_grid(rec));
+    let state = State::of(rig);
+    let positions: Vec<Option<Vec3>> = state.position.iter().map(|v| (v.w == 1.0).then_some(v.truncate())).collect();
+    let order = photon_grid::reference(&rig.parameters, &positions);
+    assert_eq!(rig.get::<Work>(&g.list.work)[0].live, order.len() as u32, "{what}: stored photons are counted");
+    let [position, normal, wi, flux] = [&g.position, &g.normal, &g.wi, &g.flux].map(|b| rig.vec4s(b));
+    let buckets: Vec<[u32; 2]> = rig.get(&g.buckets);
+    let mut counted = vec![[0, 0]; buckets.len()];
+    let sorted = order.iter().enumerate().map(|(i, &photon)| {
+        let from = photon as usize;
+        let place = state.position[from].truncate();
+        let (code, bucket) = photon_grid::place_of(&rig.parameters, photon, place);
+        assert_eq!((position[i].truncate(), position[i].w.to_bits()), (place, code), "{what}: place {i}");
+        assert_eq!((flux[i], normal[i]), (state.flux[from], state.normal[from]), "{what}: place {i}");
+        assert_eq!(wi[i].truncate(), -state.direction[from].truncate(), "{what}: place {i}");
+        let bounds = &mut counted[bucket as usize];
+        *bounds = [if bounds[1] == 0 { i as u32 } else { bounds[0] }, i as u32 + 1];
+        let class = photon_start::class_of(&rig.parameters, photon);
+        Photon { position: place, normal: normal[i].truncate(), wi: wi[i].truncate(), flux: flux[i].truncate(), class }
+    });
+    let sorted = sorted.collect();
+    assert!(buckets == counted, "{what}: first and end of each bucket");
+    sorted
+}
+
+/// Lights the image; returns the number of receivers that photons light, diffusely and by a lobe.
+fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
+    rig.run(|frame, rec| {
+        frame.record_walk(rec)?;
+        frame.record_eye(rec)?;
+        frame.record_shade(rec, 0)
+    });
+    let frame = rig.frame();
+    let sums = || [&frame.pixel_sums.indirect, &frame.pixel_sums.specular].map(|b| rig.vec4s(b));
+    let before = sums();
+    rig.run(|frame, rec| frame.record_photon_light(rec, 0));
+    assert_eq!(rig.lost(), 0, "{what}");
+    let after = sums();
+    let r = &frame.primary;
+    let [position, geometric, shading, f0, wo] =
+        [&r.position, &r.geometric, &r.shading, &r.f0, &r.wo].map(|b| rig.vec4s(b));
+    let mut tally = Tally::new(format!("photon_light, {what}"));
+    let mut lit = [0; 2];
+    for slot in rig.list(0) {
+        let i = slot as usize;
+        let reflectance =
+            Reflectance { kd: Vec3::ZERO, f0: f0[i].truncate(), f90: geometric[i].w, alpha: shading[i].w };
+        let receiver = Receiver {
+            position: position[i].truncate(),
+            geometric: geometric[i].truncate(),
+            shading: shading[i].truncate(),
+            reflectance,
+            wo: wo[i].truncate(),
+        };
+        let expected = photon_light::reference(&rig.parameters, slot, &receiver, photons);
+        for (k, sum) in expected.into_iter().enumerate() {
+            let found = (after[k][i] - before[k][i]).truncate();
+            let rounding = 1e-5 * before[k][i].truncate().max_element();
+            let wanted = if k == 1 && reflectance.f90 == 0.0 { Vec3::ZERO } else { sum };
+            tally.check(close(found, wanted, 1e-3, rounding), || format!("slot {slot}, sum {k}: {found} for {wanted}"));
+            lit[k] += usize::from(found != Vec3::ZERO);
+        }
+    }
+    tally.finish(STRAYS);
+    lit
+}
+
+/// Shoots, follows, sorts and looks up so many photons.
+fn follow(ctx: &Context, scene: &Scene, settings: Settings, sine: f32, seen: &mut [usize; 3]) -> [usize; 2] {
+    let what = format!("{} photons, pattern {:?}", settings.photons, settings.pattern);
+    let rig = Rig::new(ctx, scene, [31, 17], settings);
+    check_start(&rig, &what, sine);
+    for step in 0..photons(&rig).lists.len() {
+        check_step(&rig, &what, step, seen);
+    }
+    let stored = check_grid(&rig, &what);
+    check_light(&rig, &what, &stored)
+}
+
+#[test]
+fn photons_follow_their_oracles() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        let sine = sine_error(ctx, &scene);
+        let (mut seen, mut lit) = ([0; 3], [0; 2]);
+        let base = Settings { paths: 1, max_specular: 5, photon_radius: Some(0.3), ..Settings::default() };
+        for photons in AWKWARD_SIZES {
+            let settings = Settings { photons: photons as u32, seed: photons as u64, ..base.clone() };
+            lit = follow(ctx, &scene, settings, sine, &mut seen);
+        }
+        println!("lost, stored, gone on: {seen:?}; receivers lit diffusely and by a lobe: {lit:?}");
+        assert!(seen.iter().all(|&n| n > 100) && lit.iter().all(|&n| n > 10), "{seen:?} {lit:?}");
+        // Classes, and photons that are looked up in 15 stretches.
+        let settings = Settings { photons: 341, pattern: [3, 2], loop_budget: 1152, rounds: 100, ..base };
+        lit = follow(ctx, &scene, settings, sine, &mut seen);
+        assert!(lit[0] > 10, "{lit:?}");
+    });
+}
