@@ -42,7 +42,7 @@
 //! 3. For each bounce: [`sort`](pass::sort) brings neighbours together, [`shade`](pass::shade) lights the receivers by
 //!    all lights, no nearer than the clip distance; then [`gather`](pass::gather), [`trace`](pass::trace) and [`receivers`](pass::receivers) follow one short ray
 //!    from each for what clipping cut off, and [`collect`](pass::collect) brings its light back to the pixels.
-//! 4. [`merge`](pass::merge) adds the second way of what was split; [`accumulate`](pass::accumulate) adds the pass to the running sums; [`resolve`](pass::resolve) writes their
+//! 4. [`discontinuity`](pass::discontinuity), if asked for, averages irradiance over neighbours on one surface; [`merge`](pass::merge) adds the second way of what was split; [`accumulate`](pass::accumulate) adds the pass to the running sums; [`resolve`](pass::resolve) writes their
 //!    mean to an image.
 //!
 //! # Use

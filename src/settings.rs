@@ -56,7 +56,7 @@ pub struct Filter {
     /// pattern, rounded up to odd numbers, at least 3 x 3. Larger: smoother, blurs more, and costs in proportion to
     /// its area.
     pub window: Option<[u32; 2]>,
-    /// Direct light is filtered as well. Default true. False keeps its shadows sharp, and its noise; the filter costs a quarter less.
+    /// Direct light is filtered as well. Default true. False keeps its shadows sharp, and its noise; the filter costs a little less.
     pub direct: bool,
     /// When pixels agree. Default `Plane`.
     pub agreement: Agreement,
