@@ -8,6 +8,7 @@ use crate::gpu::{Buffer, Context, Image, Memory, Recorder, Staging};
 use crate::pass::accumulate::{Accumulate, Film};
 use crate::pass::camera_rays::CameraRays;
 use crate::pass::collect::Collect;
+use crate::pass::discontinuity::{self, Discontinuity};
 use crate::pass::eye_paths::{self, EyePaths};
 use crate::pass::gather::Gather;
 use crate::pass::importance::Importance;
@@ -59,6 +60,8 @@ pub struct Frame {
     pub pixel_sums: Sums,
     /// Light at the gathered receivers.
     pub gathered_sums: Sums,
+    /// The filter of that light.
+    pub discontinuity: Option<Discontinuity>,
     /// Throughput of each slot's gather path.
     pub beta: Buffer,
     /// Tiles of pixels that show mirrors or glass.
@@ -244,11 +247,30 @@ impl Frame {
                 })
             })
             .collect::<Result<_>>()?;
+        let discontinuity = match settings.filter {
+            None => None,
+            Some(filter) => Some(Discontinuity::new(
+                context,
+                &discontinuity::Inputs {
+                    frame: &parameters,
+                    receivers: &primary,
+                    paths: &paths,
+                    sums: &pixel_sums,
+                    ideal_tiles: &ideal_tiles,
+                    components: eye.components,
+                    size: [image.width(), image.height()],
+                    pattern: settings.pattern,
+                    filter,
+                },
+            )?),
+        };
+        // What is put together to the image.
+        let seen_sums = discontinuity.as_ref().map_or(&pixel_sums, |pass| &pass.filtered);
         let second = match eye.components {
             1 => None,
             _ => Some(Second {
                 receivers: receivers_pass(&ideal_tiles, &lists[0], &primary)?,
-                merge: Merge::new(kernels, &parameters, &primary, &paths, &pixel_sums, &ideal_tiles)?,
+                merge: Merge::new(kernels, &parameters, &primary, &paths, seen_sums, &ideal_tiles)?,
             }),
         };
         let sort_buffers = match &scene.wide_nodes {
@@ -346,7 +368,7 @@ impl Frame {
             eye_paths,
             second,
             bounces,
-            accumulate: Accumulate::new(kernels, &parameters, &primary, &paths, &pixel_sums, &film, &status, pixels)?,
+            accumulate: Accumulate::new(kernels, &parameters, &primary, &paths, seen_sums, &film, &status, pixels)?,
             resolve: Resolve::new(kernels, &film, &image, pixels)?,
             parameters,
             lights,
@@ -361,6 +383,7 @@ impl Frame {
             gathered,
             pixel_sums,
             gathered_sums,
+            discontinuity,
             beta,
             ideal_tiles,
             eye_lists,
@@ -388,8 +411,8 @@ impl Frame {
     }
 
     /// Records one pass of the renderer: particles leave the lights and become point lights, photons leave them by way of
-    /// mirrors and glass; what the eye sees is lit by both; what clipping cut off is gathered, bounce by bounce; second
-    /// components are added to their pixels; the image is added to the sums.
+    /// mirrors and glass; what the eye sees is lit by both; what clipping cut off is gathered, bounce by bounce; irradiance is
+    /// filtered; second components are added to their pixels; the image is added to the sums.
     pub fn record(&self, rec: &mut Recorder, parameters: &layout::Frame) -> Result<()> {
         self.record_start(rec, parameters)?;
         if self.importance.is_some() {
@@ -408,6 +431,7 @@ impl Frame {
             self.record_photon_light(rec, bounce)?;
             rec.scope("collect", |rec| self.record_collect(rec, bounce))?;
         }
+        self.record_discontinuity(rec)?;
         self.record_merge(rec)?;
         rec.scope("accumulate", |rec| self.accumulate.record(rec, parameters.keys[3]))
     }
@@ -538,6 +562,14 @@ impl Frame {
     pub fn record_collect(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
         match &self.bounces[bounce].arrive {
             Some(arrive) => arrive.collect.record(rec, self.steps.bounces[bounce].receivers),
+            None => Ok(()),
+        }
+    }
+
+    /// Irradiance is averaged over neighbours on one surface.
+    pub fn record_discontinuity(&self, rec: &mut Recorder) -> Result<()> {
+        match &self.discontinuity {
+            Some(pass) => rec.scope("discontinuity", |rec| pass.record(rec)),
             None => Ok(()),
         }
     }

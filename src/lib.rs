@@ -46,7 +46,7 @@
 //!    all lights, no nearer than the clip distance, and [`photon_light`](pass::photon_light) what the eye sees by the photons
 //!    around it; then [`gather`](pass::gather), [`trace`](pass::trace) and [`receivers`](pass::receivers) follow one short ray
 //!    from each for what clipping cut off, and [`collect`](pass::collect) brings its light back to the pixels.
-//! 4. [`merge`](pass::merge) adds the second way of what was split; [`accumulate`](pass::accumulate) adds the pass to the running sums; [`resolve`](pass::resolve) writes their
+//! 4. [`discontinuity`](pass::discontinuity), if asked for, averages irradiance over neighbours on one surface; [`merge`](pass::merge) adds the second way of what was split; [`accumulate`](pass::accumulate) adds the pass to the running sums; [`resolve`](pass::resolve) writes their
 //!    mean to an image.
 //!
 //! Where particles choose emitters by contribution, the eye comes before the walk, and [`importance`](pass::importance) stands

@@ -58,6 +58,49 @@ pub enum LightChoice {
     Contribution,
 }
 
+/// When two neighbouring pixels show one smooth surface, so that their irradiance may be averaged. `pass::discontinuity` gives both
+/// tests and their weights.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Agreement {
+    /// Where the way between their points lies in both tangent planes, as far as the surface is not itself curved. What a pixel
+    /// gains others lose, so that no energy is made or lost.
+    #[default]
+    Plane,
+    /// Where distances and normals differ little, and the mean of those that agree, as in the paper: mixes parallel planes that lie a
+    /// little apart, and leaves noise on surfaces that recede from the eye.
+    Paper,
+}
+
+/// Averaging of the irradiance of neighbouring pixels that show one surface (Wald et al. 2002, 4.3; row W3).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Filter {
+    /// Width and height of the window in pixels, odd, 1 to 9, at least the interleaving pattern. Default `None`: as wide as the
+    /// pattern, rounded up to odd numbers, at least 3 x 3. Larger: smoother, blurs more, and costs in proportion to
+    /// its area.
+    pub window: Option<[u32; 2]>,
+    /// Direct light is filtered as well. Default true. False keeps its shadows sharp, and its noise; the filter costs a little less.
+    pub direct: bool,
+    /// When pixels agree. Default `Plane`.
+    pub agreement: Agreement,
+}
+
+impl Default for Filter {
+    fn default() -> Self {
+        Filter { window: None, direct: true, agreement: Agreement::default() }
+    }
+}
+
+impl Filter {
+    /// Greatest width and height of `window`.
+    pub const MAX_WINDOW: u32 = 9;
+
+    /// Width and height of the window for images interleaved in this pattern.
+    pub fn window(&self, pattern: [u32; 2]) -> [u32; 2] {
+        self.window.unwrap_or(pattern.map(|n| (n | 1).max(3)))
+    }
+}
+
 /// Settings of one rendering. See each field for meaning, unit, default and cost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Settings {
@@ -74,6 +117,9 @@ pub struct Settings {
     /// lights; before a filter or many passes the pattern shows, and the pixels of a cluster lie farther apart, so tracing
     /// them is slower.
     pub pattern: [u32; 2],
+    /// Averages irradiance over neighbouring pixels that show one surface. Default `None`. A few passes, or interleaved ones, look
+    /// smooth by it; shadows and other detail of the light (never textures) are blurred over the window, in the limit as well.
+    pub filter: Option<Filter>,
     /// Greatest number of segments of a light path from eye to emitter: 1 emitters only, 2 direct light, 5 direct light
     /// and three further reflections. Default 5. Higher is brighter and slower; 1 to 16.
     pub max_depth: u32,
@@ -136,6 +182,7 @@ impl Default for Settings {
             paths: 32,
             direct_lights: None,
             pattern: [1, 1],
+            filter: None,
             max_depth: 5,
             max_specular: 8,
             split: true,
@@ -217,6 +264,15 @@ impl Settings {
         range("--photons", self.photons, 0, Self::MAX_PHOTONS / self.classes())?;
         if let Some(r) = self.photon_radius.filter(|r| !(r.is_finite() && *r > 0.0)) {
             return Err(Error::Setting { name: "--photon-radius", message: format!("{r} is not a distance above 0") });
+        }
+        for (size, least) in self.filter.iter().flat_map(|f| f.window(self.pattern).into_iter().zip(self.pattern)) {
+            range("--filter", size, least, Filter::MAX_WINDOW)?;
+            if size % 2 == 0 {
+                return Err(Error::Setting {
+                    name: "--filter",
+                    message: format!("{size} is even; a window has a middle, take {}", size + 1),
+                });
+            }
         }
         let (Clip::Distance(c) | Clip::Fraction(c)) = self.clip;
         if !(c.is_finite() && c >= 0.0) {

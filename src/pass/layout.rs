@@ -115,6 +115,22 @@ pub struct Push {
     pub step: u32,
 }
 
+/// Push constants of `discontinuity`; `shaders/include/discontinuity.wgsl` says what each member is.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Window {
+    /// Share of a neighbour 1, 2, 3, 4 columns away, that of the middle pixel being 1.
+    pub shares_x: [f32; 4],
+    /// Likewise for rows.
+    pub shares_y: [f32; 4],
+    /// Greatest offsets with a share.
+    pub reach: [i32; 2],
+    /// Share of the middle pixel in the whole window.
+    pub middle: f32,
+    /// 0: what pixels show; 1: second components.
+    pub component: u32,
+}
+
 /// One point light of any kind; `shaders/include/lights.wgsl` gives the formula. For the shadow rays to area lights
 /// ([`super::visibility`]) `position` is a corner, `wi` and `flux` are the edges from there.
 #[repr(C)]

@@ -314,7 +314,10 @@ fn own_scenes_load() {
         .map(|e| e.unwrap().file_name().into_string().unwrap())
         .collect();
     names.sort();
-    assert_eq!(names, ["cornell", "furnace", "glass-ball", "indirect-room", "keller-room", "plates"]);
+    assert_eq!(
+        names,
+        ["balls-and-sheets", "cornell", "furnace", "glass-ball", "indirect-room", "keller-room", "plates"]
+    );
     for name in &names {
         let scene = scene::load(&repository(&format!("scenes/{name}/scene.toml"))).unwrap();
         assert_eq!(&scene.name, name);

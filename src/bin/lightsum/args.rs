@@ -6,7 +6,7 @@ use glam::Vec3;
 use lightsum::gpu::DeviceChoice;
 use lightsum::output::{Format, Tonemap};
 use lightsum::path_trace::SpecularPaths;
-use lightsum::settings::{LightChoice, Sequence, Settings, Traversal};
+use lightsum::settings::{Agreement, LightChoice, Sequence, Settings, Traversal};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -197,6 +197,18 @@ pub struct Light {
     /// Higher: faster and darker, by at most this much for each light of a pass. 0 drops only what sends nothing.
     #[arg(long, value_name = "E", allow_negative_numbers = true, value_parser = distance)]
     pub light_threshold: Option<f32>,
+    /// Average irradiance over neighbouring pixels that show one surface, in a window of this size [default: off].
+    ///
+    /// auto: as wide as the interleaving pattern, at least 3x3; or odd numbers from 1 to 9, no smaller than the pattern. Smooth images from
+    /// few passes; shadows are blurred over the window, textures are not. Larger is smoother, blurs more and takes longer.
+    #[arg(long, value_name = "WxH|auto|off", value_parser = filter)]
+    pub filter: Option<FilterFlag>,
+    /// Keep direct light out of --filter: its shadows stay sharp, and noisy.
+    #[arg(long, requires = "filter")]
+    pub no_filter_direct: bool,
+    /// When neighbouring pixels show one surface [default: plane].
+    #[arg(long, value_name = "TEST", requires = "filter")]
+    pub filter_agreement: Option<AgreementFlag>,
     /// Seed of all randomness [default: the scene's, or 0]. Same seed, settings and device: same bits.
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub seed: Option<u64>,
@@ -286,6 +298,32 @@ pub struct Device {
     pub traversal: Option<TraversalFlag>,
 }
 
+/// Value of `--filter`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FilterFlag {
+    Off,
+    Auto,
+    Window([u32; 2]),
+}
+
+/// Values of `--filter-agreement`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum AgreementFlag {
+    /// Where the points lie in each other's tangent planes, with room for curvature; preserves energy
+    Plane,
+    /// Where depths and normals differ little, as in Wald et al. 2002
+    Paper,
+}
+
+impl From<AgreementFlag> for Agreement {
+    fn from(flag: AgreementFlag) -> Agreement {
+        match flag {
+            AgreementFlag::Plane => Agreement::Plane,
+            AgreementFlag::Paper => Agreement::Paper,
+        }
+    }
+}
+
 /// How shadow rays are traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum TraversalFlag {
@@ -314,7 +352,7 @@ pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise in place of structured error.
     #[arg(long, conflicts_with_all = [
         "passes", "time", "target_error", "resume", "paths", "direct_lights", "interleave", "clip", "clip_fraction", "no_compensation", "no_split",
-        "photons", "photon_radius",
+        "photons", "photon_radius", "filter",
         "light_threshold", "light_choice", "light_floor", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "export_lights", "stats",
     ])]
     pub reference: bool,
@@ -405,6 +443,17 @@ pub fn check_resolution([width, height]: [u32; 2]) -> Result<(), String> {
         0 => Err(format!("{width}x{height} has no pixels")),
         1..=MAX_PIXELS => Ok(()),
         pixels => Err(format!("{width}x{height} has {pixels} pixels; at most {MAX_PIXELS} are possible")),
+    }
+}
+
+fn filter(text: &str) -> Result<FilterFlag, String> {
+    match text {
+        "off" => Ok(FilterFlag::Off),
+        "auto" => Ok(FilterFlag::Auto),
+        _ => {
+            let size = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+            size.map(FilterFlag::Window).ok_or("expected WIDTHxHEIGHT in pixels, such as 3x3, or auto, or off".into())
+        }
     }
 }
 

@@ -1,12 +1,12 @@
 //! `lightsum render`: flags and scene become settings, passes run until a condition is met, files are written.
 
-use crate::args::{Preset, Render};
+use crate::args::{FilterFlag, Preset, Render};
 use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due};
 use crate::{camera, reference, say, say_aside};
 use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics};
 use lightsum::scene::{self, Camera, RenderDefaults, Scene};
-use lightsum::settings::{Clip, Settings};
+use lightsum::settings::{Agreement, Clip, Filter, Settings};
 use lightsum::standalone::{RenderOptions, Renderer};
 use lightsum::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -88,6 +88,15 @@ fn settings(args: &Render, render: &RenderDefaults) -> Settings {
     settings.photon_radius = light.photon_radius.or(settings.photon_radius);
     settings.clip = light.clip.map(Clip::Distance).or(light.clip_fraction.map(Clip::Fraction)).unwrap_or(settings.clip);
     settings.compensation &= !light.no_compensation;
+    settings.filter = match light.filter {
+        None => settings.filter,
+        Some(FilterFlag::Off) => None,
+        Some(size) => Some(Filter {
+            window: if let FilterFlag::Window(window) = size { Some(window) } else { None },
+            direct: !light.no_filter_direct,
+            agreement: light.filter_agreement.map_or(Agreement::default(), Into::into),
+        }),
+    };
     settings.light_threshold = light.light_threshold.unwrap_or(settings.light_threshold);
     settings.light_choice = light.light_choice.map_or(settings.light_choice, Into::into);
     settings.light_floor = light.light_floor.unwrap_or(settings.light_floor);
@@ -302,6 +311,11 @@ mod tests {
         let direct = chosen("--max-specular 0 --no-split", &scene);
         assert_eq!((direct.max_specular, direct.split), (0, false));
         assert_eq!(flags.clip, Clip::Fraction(0.1));
+        assert_eq!((flags.filter, chosen("--filter off", &scene).filter), (None, None));
+        assert_eq!(chosen("--filter auto", &scene).filter, Some(Filter::default()));
+        let filter = chosen("--filter 5x3 --no-filter-direct --filter-agreement paper", &scene).filter;
+        let expected = Filter { window: Some([5, 3]), direct: false, agreement: Agreement::Paper };
+        assert_eq!(filter, Some(expected));
         let preset = chosen("--preset progressive --paths 4", &scene);
         assert_eq!((preset.paths, preset.clip, preset.compensation), (4, defaults.clip, true));
         assert_eq!(preset.seed, 9);

@@ -1,0 +1,224 @@
+// Irradiance averaged over neighbours on one surface. See pass/discontinuity.rs.
+#include "frame.wgsl"
+#include "work.wgsl"
+#include "discontinuity.wgsl"
+
+@group(0) @binding(1) var<storage, read> guide_points: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> guide_normals: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> indirect: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read_write> filtered_indirect: array<vec4<f32>>;
+#if DIRECT
+@group(0) @binding(5) var<storage, read> direct: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read_write> filtered_direct: array<vec4<f32>>;
+#endif
+@group(0) @binding(7) var<storage, read_write> work: Work;
+@group(0) @binding(8) var<storage, read> tiles: array<u32>;
+
+// Host twins: pass::discontinuity::{LEAST_COSINE, PLANE_TOLERANCE, PAPER_TOLERANCE}.
+const LEAST_COSINE: f32 = 0.9;
+const PLANE_TOLERANCE: f32 = 0.05;
+const PAPER_TOLERANCE: f32 = 0.02;
+
+// A receiver with its irradiance.
+struct Cell {
+    point: vec3<f32>,
+    geometric: vec3<f32>,
+    shading: vec3<f32>,
+    extent: f32,            // its footprint, or depth, see discontinuity_guides.wgsl; 0: it takes no part
+    indirect: vec3<f32>,
+#if DIRECT
+    direct: vec3<f32>,
+#endif
+}
+
+// What a pixel gains from its neighbours.
+struct Gain {
+    indirect: vec3<f32>,
+#if DIRECT
+    direct: vec3<f32>,
+#endif
+    shares: f32,            // of those that agree
+}
+
+fn decode_normal(bits: u32) -> vec3<f32> {
+    let e = unpack2x16snorm(bits);
+    let z = 1.0 - abs(e.x) - abs(e.y);
+    let fold = max(-z, 0.0);
+    let n = vec3<f32>(e - select(vec2<f32>(-fold), vec2<f32>(fold), e >= vec2<f32>(0.0)), z);
+    return n / sqrt(dot(n, n));
+}
+
+fn load(at: vec2<i32>) -> Cell {
+    let inside = clamp(at, vec2<i32>(0), vec2<i32>(frame.size.xy) - 1);
+    let slot = slot_at(inside);
+    let point = guide_points[slot];
+    let normal = guide_normals[slot];
+    var cell: Cell;
+    cell.point = point.xyz;
+    cell.geometric = decode_normal(bitcast<u32>(point.w));
+    cell.shading = normal.xyz;
+    cell.extent = select(0.0, normal.w, all(at == inside));
+    cell.indirect = indirect[slot].xyz;
+#if DIRECT
+    cell.direct = direct[slot].xyz;
+#endif
+    return cell;
+}
+
+// Whether two receivers, `apart` their squared distance in pixels, lie on one smooth surface. It treats both alike.
+fn agree(a: Cell, b: Cell, apart: f32) -> bool {
+    let alike = min(a.extent, b.extent) > 0.0 && dot(a.shading, b.shading) >= LEAST_COSINE;
+#if PAPER
+    return alike && abs(a.extent - b.extent) <= PAPER_TOLERANCE * min(a.extent, b.extent);
+#else
+    let chord = b.point - a.point;
+    let length = dot(chord, chord);
+    let rise = dot(chord, a.geometric + b.geometric);
+    let turn = max(2.0 - 2.0 * dot(a.geometric, b.geometric), 0.0);
+    let rounding = frame.eye.w * (1.0 / 524288.0);
+    let flat_enough = rise * rise <= length * (turn + 4.0 * PLANE_TOLERANCE * PLANE_TOLERANCE) + rounding * rounding;
+    return alike && flat_enough && length <= apart * max(a.extent, b.extent);
+#endif
+}
+
+// Share of a neighbour so many columns or rows away.
+fn axis_share(shares: vec4<f32>, offset: i32) -> f32 {
+    let away = abs(offset);
+    if away == 0 {
+        return 1.0;
+    }
+    return select(shares[min(away, 4) - 1], 0.0, away > 4);
+}
+
+// The gain and that from the neighbour at an offset from the pixel.
+fn gained(gain: Gain, own: Cell, other: Cell, dx: i32, dy: i32) -> Gain {
+    let share = axis_share(window.shares_x, dx) * axis_share(window.shares_y, dy);
+    let taken = agree(own, other, f32(dx * dx + dy * dy)) && share > 0.0;
+    // Slots that are not lit hold anything, NaN too: they are not multiplied by 0 but left out.
+    var sum = gain;
+    sum.indirect += select(vec3<f32>(0.0), share * (other.indirect - own.indirect), taken);
+#if DIRECT
+    sum.direct += select(vec3<f32>(0.0), share * (other.direct - own.direct), taken);
+#endif
+    sum.shares += select(0.0, share, taken);
+    return sum;
+}
+
+fn finish(at: vec2<i32>, own: Cell, gain: Gain) {
+#if PAPER
+    // With its own share.
+    let weight = 1.0 / (1.0 + gain.shares);
+#else
+    let weight = window.middle;
+#endif
+    if at.y < i32(frame.size.y) {
+        let slot = slot_at(at);
+        filtered_indirect[slot] = vec4<f32>(own.indirect + weight * gain.indirect, 0.0);
+#if DIRECT
+        filtered_direct[slot] = vec4<f32>(own.direct + weight * gain.direct, 0.0);
+#endif
+    }
+}
+
+#if WIDE
+// What lies around a strip adds to its four pixels.
+fn strip(first: vec2<i32>) {
+    let down = vec2<i32>(0, 1);
+    let own0 = load(first);
+    let own1 = load(first + down);
+    let own2 = load(first + 2 * down);
+    let own3 = load(first + 3 * down);
+    var gain0: Gain;
+    var gain1: Gain;
+    var gain2: Gain;
+    var gain3: Gain;
+    for (var dy = -window.reach.y; dy < 4 + window.reach.y; dy += 1) {
+        for (var dx = -window.reach.x; dx <= window.reach.x; dx += 1) {
+            let other = load(first + vec2<i32>(dx, dy));
+            gain0 = gained(gain0, own0, other, dx, dy);
+            gain1 = gained(gain1, own1, other, dx, dy - 1);
+            gain2 = gained(gain2, own2, other, dx, dy - 2);
+            gain3 = gained(gain3, own3, other, dx, dy - 3);
+        }
+    }
+#if PAPER
+    // A pixel agrees with itself if it takes part.
+    gain0.shares = max(gain0.shares - 1.0, 0.0);
+    gain1.shares = max(gain1.shares - 1.0, 0.0);
+    gain2.shares = max(gain2.shares - 1.0, 0.0);
+    gain3.shares = max(gain3.shares - 1.0, 0.0);
+#endif
+    finish(first, own0, gain0);
+    finish(first + down, own1, gain1);
+    finish(first + 2 * down, own2, gain2);
+    finish(first + 3 * down, own3, gain3);
+}
+#else
+// The gain and that from three neighbours of the column dx, from above to below.
+fn gained_three(gain: Gain, own: Cell, above: Cell, beside: Cell, below: Cell, dx: i32) -> Gain {
+    return gained(gained(gained(gain, own, above, dx, -1), own, beside, dx, 0), own, below, dx, 1);
+}
+
+// Everything is named and in a straight line, for loops and arrays cost some devices much more.
+fn strip(first: vec2<i32>) {
+    let down = vec2<i32>(0, 1);
+    let right = vec2<i32>(1, 0);
+    let above = load(first - down);
+    let own0 = load(first);
+    let own1 = load(first + down);
+    let own2 = load(first + 2 * down);
+    let own3 = load(first + 3 * down);
+    let below = load(first + 4 * down);
+    var gain0: Gain;
+    var gain1: Gain;
+    var gain2: Gain;
+    var gain3: Gain;
+    gain0 = gained(gained(gain0, own0, above, 0, -1), own0, own1, 0, 1);
+    gain1 = gained(gained(gain1, own1, own0, 0, -1), own1, own2, 0, 1);
+    gain2 = gained(gained(gain2, own2, own1, 0, -1), own2, own3, 0, 1);
+    gain3 = gained(gained(gain3, own3, own2, 0, -1), own3, below, 0, 1);
+
+    let left0 = load(first - right - down);
+    let left1 = load(first - right);
+    let left2 = load(first - right + down);
+    let left3 = load(first - right + 2 * down);
+    let left4 = load(first - right + 3 * down);
+    let left5 = load(first - right + 4 * down);
+    gain0 = gained_three(gain0, own0, left0, left1, left2, -1);
+    gain1 = gained_three(gain1, own1, left1, left2, left3, -1);
+    gain2 = gained_three(gain2, own2, left2, left3, left4, -1);
+    gain3 = gained_three(gain3, own3, left3, left4, left5, -1);
+
+    let right0 = load(first + right - down);
+    let right1 = load(first + right);
+    let right2 = load(first + right + down);
+    let right3 = load(first + right + 2 * down);
+    let right4 = load(first + right + 3 * down);
+    let right5 = load(first + right + 4 * down);
+    gain0 = gained_three(gain0, own0, right0, right1, right2, 1);
+    gain1 = gained_three(gain1, own1, right1, right2, right3, 1);
+    gain2 = gained_three(gain2, own2, right2, right3, right4, 1);
+    gain3 = gained_three(gain3, own3, right3, right4, right5, 1);
+
+    finish(first, own0, gain0);
+    finish(first + down, own1, gain1);
+    finish(first + 2 * down, own2, gain2);
+    finish(first + 3 * down, own3, gain3);
+}
+#endif
+
+@compute @workgroup_size(16)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let index = group.x + group.y * groups.x;
+    let second = window.component == 1u;
+    let all_tiles = ((frame.size.x + 7u) / 8u) * ((frame.size.y + 7u) / 8u);
+    if index >= select(all_tiles, atomicLoad(&work.live), second) {
+        return;
+    }
+    // An invocation takes four pixels of a column, so that it loads what lies around for all of them.
+    let tile = select(index, tiles[select(0u, index, second)], second);
+    let first = tile_corner(tile) + vec2<i32>(vec2<u32>(lane & 7u, lane / 8u)) * vec2<i32>(1, 4);
+    if all(first < vec2<i32>(frame.size.xy)) {
+        strip(first);
+    }
+}

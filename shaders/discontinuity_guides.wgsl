@@ -1,0 +1,56 @@
+// What the discontinuity buffer compares, packed. See pass/discontinuity.rs.
+#include "frame.wgsl"
+#include "work.wgsl"
+#include "math.wgsl"
+#include "discontinuity.wgsl"
+
+@group(0) @binding(1) var<storage, read> receiver_position: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> receiver_geometric: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> receiver_shading: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> receiver_kd: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> throughput: array<vec4<f32>>;      // w: depth along the whole way
+@group(0) @binding(7) var<storage, read_write> guide_points: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read_write> guide_normals: array<vec4<f32>>;
+@group(0) @binding(9) var<storage, read_write> work: Work;
+@group(0) @binding(10) var<storage, read> tiles: array<u32>;
+
+// Octahedral encoding (Meyer et al. 2010), 2 x 16 bit signed.
+fn encode_normal(n: vec3<f32>) -> u32 {
+    let p = n.xy / (abs(n.x) + abs(n.y) + abs(n.z));
+    let folded = (1.0 - abs(p.yx)) * select(vec2<f32>(-1.0), vec2<f32>(1.0), p >= vec2<f32>(0.0));
+    return pack2x16snorm(select(folded, p, n.z >= 0.0));
+}
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let index = group.x + group.y * groups.x;
+    let second = window.component == 1u;
+    let all_tiles = ((frame.size.x + 7u) / 8u) * ((frame.size.y + 7u) / 8u);
+    if index >= select(all_tiles, atomicLoad(&work.live), second) {
+        return;
+    }
+    let at = tile_corner(select(index, tiles[select(0u, index, second)], second)) + vec2<i32>(vec2<u32>(lane & 7u, lane / 8u));
+    if any(at >= vec2<i32>(frame.size.xy)) {
+        return;
+    }
+    let slot = slot_at(at);
+    let position = receiver_position[slot];
+    let normal = receiver_geometric[slot].xyz;
+    let wo = receiver_wo[slot];
+    let depth = throughput[slot].w;
+    let takes_part = wo.w > 0.0 && mean3(receiver_kd[slot].xyz) > 0.0;
+#if PAPER
+    let extent = depth;
+#else
+    // Twice what a pixel covers there, along the longer of its diagonals, squared.
+    let size = vec2<f32>(frame.size.xy);
+    let pixel = 2.0 * max(sqrt(dot(frame.right.xyz, frame.right.xyz)) / size.x, sqrt(dot(frame.up.xyz, frame.up.xyz)) / size.y);
+    let covered = 2.0 * depth * pixel / max(dot(normal, wo.xyz), 0.02);
+    let extent = covered * covered;
+#endif
+    // Ray origins lie off the surface by steps that change along it; the comparison wants the surface itself.
+    let point = offset_origin(position.xyz, -normal, frame.eye.w);
+    guide_points[slot] = vec4<f32>(point, bitcast<f32>(encode_normal(normal)));
+    guide_normals[slot] = vec4<f32>(receiver_shading[slot].xyz, select(0.0, extent, takes_part));
+}

@@ -1,0 +1,26 @@
+// What the steps of the discontinuity buffer share. See pass/discontinuity.rs. Needs frame.wgsl and work.wgsl.
+
+// Push constants. Host twin: pass::layout::Window.
+struct Window {
+    shares_x: vec4<f32>,    // share of a neighbour 1, 2, 3, 4 columns away, that of the middle pixel being 1
+    shares_y: vec4<f32>,    // likewise for rows
+    reach: vec2<i32>,       // greatest offsets with a share
+    middle: f32,            // share of the middle pixel in the whole window
+    component: u32,         // 0: what pixels show; 1: second components, on the list of tiles
+}
+var<immediate> window: Window;
+
+// First slot of the present components.
+fn first_slot() -> i32 {
+    return i32(window.component * frame.size.z);
+}
+
+// Upper left pixel of a tile.
+fn tile_corner(tile: u32) -> vec2<i32> {
+    let across = (frame.size.x + 7u) / 8u;
+    return 8 * vec2<i32>(vec2<u32>(tile % across, tile / across));
+}
+
+fn slot_at(at: vec2<i32>) -> i32 {
+    return first_slot() + at.y * i32(frame.size.x) + at.x;
+}
