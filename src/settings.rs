@@ -216,10 +216,18 @@ impl Settings {
     /// Greatest `paths`.
     pub const MAX_PATHS: u32 = 65_536;
 
-    /// For frames in a fraction of a second, as in Wald et al. 2002, 5.1: 3 x 3 interleaved sampling, 4 direct lights and some
-    /// 18 others, no compensation of what clipping cuts off. Biased by clipping.
+    /// For frames in a fraction of a second, as in Wald et al. 2002, 5.1: 3 x 3 interleaved sampling with a filter as wide, 4 direct
+    /// lights and some 18 others, 500 photons, no compensation of what clipping cuts off. Biased by clipping and by the filter.
     pub fn interactive() -> Settings {
-        Settings { paths: 20, direct_lights: Some(4), pattern: [3, 3], compensation: false, ..Settings::default() }
+        Settings {
+            paths: 20,
+            direct_lights: Some(4),
+            pattern: [3, 3],
+            compensation: false,
+            photons: 56,
+            filter: Some(Filter::default()),
+            ..Settings::default()
+        }
     }
 
     /// Takes over what a scene file's `[render]` says.

@@ -77,6 +77,8 @@ fn settings(args: &Render, render: &RenderDefaults) -> Settings {
         settings.clip = preset.clip;
         settings.compensation = preset.compensation;
         settings.jitter = preset.jitter;
+        settings.photons = preset.photons;
+        settings.filter = preset.filter;
     }
     settings.paths = light.paths.unwrap_or(settings.paths);
     settings.direct_lights = light.direct_lights.or(settings.direct_lights);
