@@ -7,6 +7,7 @@ mod gpu_layer;
 #[cfg(feature = "hot-reload")]
 mod hot_reload;
 mod mirrors_and_glass;
+mod moving;
 mod passes_eye;
 mod passes_light;
 mod passes_limits;
