@@ -334,7 +334,11 @@ impl Engine {
             replaced |= !delta.iter().map(parallel).eq(self.delta.iter().map(parallel));
             self.delta = delta;
             if !replaced {
-                staging.stage_into(context, &self.frame.lights, 0, &self.delta)?;
+                // Each class of pixels begins with them.
+                let class = u64::from(lights.slots()) * size_of::<PointLight>() as u64;
+                for i in 0..u64::from(self.parameters.settings.classes()) {
+                    staging.stage_into(context, &self.frame.lights, i * class, &self.delta)?;
+                }
             }
         }
         if replaced {

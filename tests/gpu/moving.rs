@@ -71,7 +71,7 @@ fn settings_with(engine: &mut Engine, change: impl Fn(&mut Settings)) {
 type Edit = fn(&mut Engine);
 
 /// Every kind of edit.
-const EDITS: [(&str, Edit); 18] = [
+const EDITS: [(&str, Edit); 19] = [
     ("an object moves", |e| {
         let turn = Quat::from_rotation_y(0.3);
         let to = Affine3A::from_rotation_translation(turn, Vec3::new(-60.0, 20.0, 30.0));
@@ -115,6 +115,7 @@ const EDITS: [(&str, Edit); 18] = [
     ("a material becomes glass", |e| {
         change(e, "red", |m| (m.surface, m.thin, m.base_color) = (Surface::Glass, true, Vec3::ONE));
     }),
+    ("interleaved sampling", |e| settings_with(e, |s| s.pattern = [2, 1])),
     ("a light changes its intensity", |e| {
         let light = Light::Point { position: Vec3::new(100.0, 250.0, 100.0), intensity: Vec3::new(3e4, 9e3, 1e3) };
         e.set_light(0, light).unwrap();
