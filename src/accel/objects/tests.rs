@@ -36,7 +36,7 @@ fn check(scene: &Scene, trees: &ObjectTrees, bvh: &Bvh) {
         assert_eq!(bvh.occluded(&ray), expected.is_finite(), "ray {i}");
         hits += u32::from(expected.is_finite());
     }
-    assert!(hits > 30, "only {hits} rays hit");
+    assert!(hits > 20, "only {hits} rays hit");
 }
 
 fn build(scene: &mut Scene) -> (ObjectTrees, Bvh) {
