@@ -245,7 +245,7 @@ fn write<T: Pod>(
     ranges: &[Range<usize>],
 ) -> Result<bool> {
     if size_of_val(data) as u64 > buffer.bytes() {
-        *buffer = staging.stage(context, &buffer.name().to_owned(), data)?;
+        *buffer = staging.stage(context, buffer.name(), data)?;
         return Ok(true);
     }
     staging.stage_ranges(context, buffer, data, ranges)?;

@@ -65,7 +65,8 @@ fn a_moved_object_is_found_where_it_is() {
         let step = Affine3A::from_rotation_translation(angle, Vec3::new(0.3 * i as f32, 0.001, -0.1 * i as f32));
         for object in [table, spheres] {
             let changes = shift(&mut scene, &mut trees, &mut bvh, object, step);
-            shapes.insert(changes.nodes == [0..bvh.node_min.len()]);
+            let all = 0..bvh.node_min.len();
+            shapes.insert(changes.nodes == [all]);
             check(&scene, &trees, &bvh);
         }
     }
@@ -109,7 +110,8 @@ fn moving_back_gives_the_same_trees() {
     let (first, first_wide, rest) = (bvh.clone(), trees.wide.clone(), scene.positions.clone());
     let lamp = scene.objects_named("lamp")[0];
     let changes = shift(&mut scene, &mut trees, &mut bvh, lamp, Affine3A::from_translation(Vec3::Y * -2.0));
-    assert_eq!(changes.nodes, [0..bvh.node_min.len()], "another tree over the objects");
+    let all = 0..bvh.node_min.len();
+    assert_eq!(changes.nodes, [all], "another tree over the objects");
     assert_ne!(bvh, first);
     scene.positions = rest;
     trees.update(&mut bvh, &scene, &[lamp]);
