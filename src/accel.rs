@@ -31,6 +31,7 @@
 //! Every expression is plain f32 arithmetic in the order written, without contraction, so that a kernel that writes the
 //! same expressions gets the same numbers.
 
+pub mod objects;
 pub mod wide;
 
 use crate::error::{Error, Result};
@@ -134,6 +135,13 @@ fn with_bits(a: Vec3, w: u32) -> [f32; 4] {
     [a.x, a.y, a.z, f32::from_bits(w)]
 }
 
+/// A triangle of a scene as the three arrays hold it.
+fn triangle_record(scene: &Scene, index: u32) -> [[f32; 4]; 3] {
+    let triangle = &scene.triangles[index as usize];
+    let [a, b, c] = triangle.vertices.map(|v| scene.positions[v as usize]);
+    [with_bits(a, triangle.material), with_bits(b - a, index), with_bits(c - a, 0)]
+}
+
 impl Bvh {
     /// Builds the hierarchy over all triangles of a scene. The same scene gives the same arrays.
     pub fn build(scene: &Scene) -> Result<Bvh> {
@@ -147,10 +155,18 @@ impl Bvh {
         if count > 1 << 28 {
             return Err(Error::Scene(format!("{count} triangles exceed the limit of {}; simplify the model", 1 << 28)));
         }
-        let boxes: Vec<Aabb> = scene
-            .triangles
+        let all: Vec<u32> = (0..count as u32).collect();
+        Ok(Self::over(scene, &all, |scale| scale * BOX_PADDING))
+    }
+
+    /// Builds the hierarchy over some triangles of a scene, at least one and at most 2^28. `padding` of the boxes from the
+    /// largest coordinate of these triangles.
+    fn over(scene: &Scene, triangles: &[u32], padding: impl Fn(f32) -> f32) -> Bvh {
+        let count = triangles.len();
+        let boxes: Vec<Aabb> = triangles
             .iter()
-            .map(|t| Aabb::from_points(&t.vertices.map(|v| Vec3A::from(scene.positions[v as usize]))))
+            .map(|&t| scene.triangles[t as usize].vertices)
+            .map(|vertices| Aabb::from_points(&vertices.map(|v| Vec3A::from(scene.positions[v as usize]))))
             .collect();
         // The builder takes quadratic time over a great many equal boxes, so those go in once.
         let (order, starts) = group_equal(&boxes);
@@ -174,7 +190,7 @@ impl Bvh {
             min: tree.nodes[0].aabb().min.into(),
             max: tree.nodes[0].aabb().max.into(),
         };
-        let padding = Vec3::splat(bvh.scale() * BOX_PADDING);
+        let padding = Vec3::splat(padding(bvh.scale()));
         enum Visit {
             Node(u32),
             Triangles(Vec<u32>, Aabb),
@@ -183,20 +199,20 @@ impl Bvh {
         let mut stack = vec![Visit::Node(0)];
         while let Some(visit) = stack.pop() {
             let own = bvh.node_min.len();
-            let (bounds, triangles) = match visit {
+            let (bounds, members) = match visit {
                 Visit::Leave(index) => {
                     bvh.node_min[index][3] = f32::from_bits(own as u32);
                     continue;
                 }
-                Visit::Triangles(triangles, bounds) => (bounds, triangles),
+                Visit::Triangles(members, bounds) => (bounds, members),
                 Visit::Node(index) => {
                     let node = &tree.nodes[index as usize];
-                    let mut triangles = Vec::new();
+                    let mut members = Vec::new();
                     if node.is_leaf() {
                         let first = node.first_index as usize;
                         for &group in &tree.primitive_indices[first..first + node.prim_count as usize] {
                             let group = group as usize;
-                            triangles.extend_from_slice(&order[starts[group]..starts[group + 1]]);
+                            members.extend_from_slice(&order[starts[group]..starts[group + 1]]);
                         }
                     } else {
                         let (mut first, mut second) = (node.first_index, node.first_index + 1);
@@ -206,32 +222,31 @@ impl Bvh {
                         }
                         stack.extend([Visit::Leave(own), Visit::Node(second), Visit::Node(first)]);
                     }
-                    (*node.aabb(), triangles)
+                    (*node.aabb(), members)
                 }
             };
             let mut leaf = 0;
-            if triangles.len() > MAX_LEAF as usize {
+            if members.len() > MAX_LEAF as usize {
                 // Equal boxes: any halves are as good.
-                let (a, b) = triangles.split_at(triangles.len() / 2);
+                let (a, b) = members.split_at(members.len() / 2);
                 let half = |t: &[u32]| Visit::Triangles(t.to_vec(), bounds);
                 stack.extend([Visit::Leave(own), half(b), half(a)]);
-            } else if !triangles.is_empty() {
-                leaf = (bvh.v0.len() as u32) << 3 | triangles.len() as u32;
+            } else if !members.is_empty() {
+                leaf = (bvh.v0.len() as u32) << 3 | members.len() as u32;
                 stack.push(Visit::Leave(own));
             }
             bvh.node_min.push(with_bits(Vec3::from(bounds.min) - padding, 0));
             bvh.node_max.push(with_bits(Vec3::from(bounds.max) + padding, leaf));
             if leaf != 0 {
-                for index in triangles {
-                    let triangle = &scene.triangles[index as usize];
-                    let [a, b, c] = triangle.vertices.map(|v| scene.positions[v as usize]);
-                    bvh.v0.push(with_bits(a, triangle.material));
-                    bvh.e1.push(with_bits(b - a, index));
-                    bvh.e2.push(with_bits(c - a, 0));
+                for member in members {
+                    let [v0, e1, e2] = triangle_record(scene, triangles[member as usize]);
+                    bvh.v0.push(v0);
+                    bvh.e1.push(e1);
+                    bvh.e2.push(e2);
                 }
             }
         }
-        Ok(bvh)
+        bvh
     }
 
     /// Number of nodes.
@@ -363,7 +378,7 @@ impl Bvh {
             return wrong(format!("{triangles} triangles for the scene's {}", scene.triangles.len()));
         }
         let mut seen = vec![false; triangles];
-        let mut next_triangle = 0;
+        let mut in_leaf = vec![false; triangles];
         // The inner nodes around the current one, with the number of children met so far.
         let mut open: Vec<(usize, u32)> = Vec::new();
         for i in 0..nodes {
@@ -393,14 +408,16 @@ impl Bvh {
                 continue;
             }
             let (first, count) = (leaf >> 3, leaf & 7);
-            if skip != i + 1 || count == 0 || count > MAX_LEAF || first as usize != next_triangle {
+            if skip != i + 1 || count == 0 || count > MAX_LEAF {
                 return wrong(format!("leaf {i}: skip {skip}, first {first}, count {count}"));
             }
-            next_triangle += count as usize;
-            if next_triangle > triangles {
+            if (first + count) as usize > triangles {
                 return wrong(format!("leaf {i} ends beyond the last triangle"));
             }
             for k in first..first + count {
+                if std::mem::replace(&mut in_leaf[k as usize], true) {
+                    return wrong(format!("place {k} lies in two leaves"));
+                }
                 let index = self.scene_triangle(k) as usize;
                 if index >= triangles || std::mem::replace(&mut seen[index], true) {
                     return wrong(format!("triangle {index} is out of range or referred to twice"));
@@ -421,7 +438,7 @@ impl Bvh {
             }
         }
         let closed = open.iter().all(|&(p, children)| children == 2 && self.node_min[p][3].to_bits() as usize == nodes);
-        if !closed || next_triangle != triangles {
+        if !closed || in_leaf.contains(&false) {
             return wrong(String::from("the tree ends early"));
         }
         Ok(())

@@ -20,12 +20,21 @@
 //! - **Lifetime.** What recorded commands use is held by the [`Retained`](crate::gpu::Retained) that
 //!   [`Recorder::finish`](crate::gpu::Recorder::finish) or [`Context::record_into`] returns. Keep it until they have
 //!   finished; the engine itself may go before.
+//! - **Changes.** Camera, settings and, for an engine made by [`Engine::new_dynamic`], the scene may change between any two
+//!   passes, also while frames are in flight: uploads are recorded at the start of the next pass, from memory that its
+//!   `Retained` holds. What changes the image starts the sums over; what changes nothing does not. If the first pass after a
+//!   change is never submitted, call [`Engine::upload_again`].
 //! - **Lost rays.** A pass in which a ray ran out of steps is left out of the sums and of the mean; [`Film::counts`]
 //!   tells how many are in them, and [`Engine::set_rounds`] gives rays more steps.
 //!
 //! [`Film::counts`]: crate::pass::accumulate::Film::counts
 
+mod edit;
+
+pub use edit::EditTimes;
+
 use crate::accel::Bvh;
+use crate::accel::objects::ObjectTrees;
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::gpu::{Context, Image, Recorder, Staging};
@@ -36,7 +45,7 @@ use crate::pass::importance;
 use crate::pass::layout::PointLight;
 use crate::plan::{EyePlan, LightPlan, ParameterSource, PhotonPlan};
 use crate::scene::{Camera, Scene};
-use crate::scene_buffers::{SceneBuffers, delta_lights};
+use crate::scene_buffers::{Ideal, SceneBuffers, delta_lights};
 use crate::settings::{LightChoice, Settings, Traversal};
 
 /// Greatest number of pixels, so that products of it fit; a device's own limits on buffers mostly come first.
@@ -55,6 +64,9 @@ pub struct Engine {
     delta: Vec<PointLight>,
     bvh: Bvh,
     emitters: Emitters,
+    reflectivity: f32,
+    /// What an engine whose scene may change knows besides.
+    moving: Option<Box<edit::Moving>>,
     passes: u32,
     /// `record_setup` has been recorded.
     set_up: bool,
@@ -65,30 +77,42 @@ pub struct Engine {
 }
 
 impl Engine {
-    /// Builds the acceleration structure and creates all device resources. Nothing runs on the device yet.
+    /// Builds the acceleration structure and creates all device resources. Nothing runs on the device yet. The scene stays as
+    /// it is; [`Engine::new_dynamic`] makes an engine whose scene may change.
     ///
     /// Errors: camera or settings out of range, a scene without light, resources beyond the device's limits or memory.
     pub fn new(context: &Context, scene: &Scene, camera: Camera, settings: Settings) -> Result<Engine> {
+        Ok(Self::with_trees(context, scene, camera, settings, false)?.0)
+    }
+
+    /// `dynamic`: with a hierarchy whose objects can move.
+    fn with_trees(
+        context: &Context,
+        scene: &Scene,
+        camera: Camera,
+        settings: Settings,
+        dynamic: bool,
+    ) -> Result<(Engine, Option<ObjectTrees>)> {
         settings.validate()?;
         check_camera(&camera)?;
-        let bvh = Bvh::build(scene)?;
-        let emitters = Emitters::of(scene, scene.emitters_are_lights)?;
-        let count = emitters.list.len();
-        if settings.light_choice == LightChoice::Contribution && count > importance::MAX_EMITTERS as usize {
-            return Err(Error::Setting {
-                name: "--light-choice",
-                message: format!(
-                    "contribution takes up to {} emitters, and the scene has {count}; use power",
-                    importance::MAX_EMITTERS
-                ),
-            });
-        }
-        let delta = delta_lights(scene, bvh.scale());
-        let lights = LightPlan::new(&settings, scene.mean_reflectivity(), delta.len() as u32);
         let kernels = Kernels::new(context, settings.traversal)?;
+        let clusters = kernels.shade.cluster.is_some();
+        let (bvh, trees) = if dynamic {
+            let (trees, bvh) = ObjectTrees::build(scene, clusters)?;
+            (bvh, Some(trees))
+        } else {
+            (Bvh::build(scene)?, None)
+        };
+        let emitters = Emitters::of(scene, scene.emitters_are_lights)?;
+        check_choice(&settings, &emitters)?;
+        let delta = delta_lights(scene, bvh.scale());
+        let reflectivity = scene.mean_reflectivity();
+        let lights = LightPlan::new(&settings, reflectivity, delta.len() as u32);
         let mut staging = Staging::new();
-        let mut scene_buffers =
-            SceneBuffers::new(context, &mut staging, scene, &bvh, &emitters, kernels.shade.cluster.is_some())?;
+        let mut scene_buffers = match &trees {
+            Some(trees) => SceneBuffers::with_wide(context, &mut staging, scene, &bvh, &emitters, trees.wide.as_ref())?,
+            None => SceneBuffers::new(context, &mut staging, scene, &bvh, &emitters, clusters)?,
+        };
         if scene_buffers.wide_nodes.is_none() && kernels.shade.cluster.is_some() {
             if settings.traversal == Traversal::Cluster {
                 return Err(Error::Setting {
@@ -98,19 +122,9 @@ impl Engine {
             }
             log::info!("the scene's tree is too deep for clusters; shadow rays are traced one by one");
         }
-        let targets = photon_targets(&settings, scene, &bvh);
-        scene_buffers.add_targets(context, &mut staging, &targets)?;
-        let [width, height] = camera.resolution;
-        let slots = EyePlan::new(&settings, scene_buffers.ideal, width * height).components;
-        if u64::from(width * height) * u64::from(slots) > MAX_PIXELS {
-            return Err(Error::Setting {
-                name: "--resolution",
-                message: format!(
-                    "{width}x{height} has more than {} pixels, too many to see glass in two ways; use --no-split",
-                    MAX_PIXELS / 2
-                ),
-            });
-        }
+        let targets = Targets::of(scene, &bvh);
+        scene_buffers.update_targets(context, &mut staging, &targets)?;
+        check_slots(&settings, scene_buffers.ideal, camera.resolution)?;
         let frame =
             Frame::new(context, &kernels, &mut staging, &scene_buffers, &settings, &lights, &delta, camera.resolution)?;
         let parameters = ParameterSource {
@@ -124,7 +138,7 @@ impl Engine {
             bounds: (bvh.min, bvh.max),
             coordinate_scale: bvh.scale(),
         };
-        Ok(Engine {
+        let engine = Engine {
             context: context.clone(),
             kernels,
             scene_buffers,
@@ -135,16 +149,20 @@ impl Engine {
             delta,
             bvh,
             emitters,
+            reflectivity,
+            moving: None,
             passes: 0,
             set_up: false,
             upload: false,
             clear: false,
-        })
+        };
+        Ok((engine, trees))
     }
 
     /// Records the uploads, the clearing of the sums and the image's layout. The passes may follow in the same command
     /// buffer.
     pub fn record_setup(&mut self, rec: &mut Recorder) -> Result<()> {
+        self.apply_edits()?;
         rec.begin();
         if let Some(staging) = &self.staging {
             staging.record(rec)?;
@@ -156,7 +174,7 @@ impl Engine {
     }
 
     /// Frees the memory that uploads read from: those of [`Engine::record_setup`], or of the first pass after
-    /// [`Engine::set_rounds`]. To be called once they have been recorded; what is in flight is kept by its `Retained`.
+    /// [`Engine::set_rounds`] or another change. To be called once they have been recorded; what is in flight is kept by its `Retained`.
     pub fn setup_finished(&mut self) {
         if self.set_up && !self.upload {
             self.staging = None;
@@ -173,12 +191,13 @@ impl Engine {
                 message: String::from("a pass is recorded before record_setup; record that first"),
             });
         }
+        self.apply_edits()?;
         let parameters = self.parameters.frame(self.passes)?;
         if self.upload || self.clear {
             rec.begin();
         }
         if let (true, Some(staging)) = (self.upload, &self.staging) {
-            staging.record(rec)?;
+            rec.scope("upload", |rec| staging.record(rec))?;
         }
         if self.clear {
             self.frame.record_clear_sums(rec)?;
@@ -215,8 +234,8 @@ impl Engine {
         self.passes = passes;
     }
 
-    /// Looks from another camera of the same resolution, and starts over. Takes effect with the next pass; commands
-    /// recorded before keep the camera they were recorded with.
+    /// Looks from another camera of the same resolution, and starts over if it is another. Takes effect with the next pass;
+    /// commands recorded before keep the camera they were recorded with.
     pub fn set_camera(&mut self, camera: Camera) -> Result<()> {
         check_camera(&camera)?;
         let [width, height] = self.parameters.camera.resolution;
@@ -226,8 +245,10 @@ impl Engine {
                 message: format!("the engine was made for {width}x{height}; make another one for another size"),
             });
         }
-        self.parameters.camera = camera;
-        self.restart();
+        if camera != self.parameters.camera {
+            self.parameters.camera = camera;
+            self.restart();
+        }
         Ok(())
     }
 
@@ -247,21 +268,82 @@ impl Engine {
                 message: String::from("rounds are changed before record_setup; set them in Settings"),
             });
         }
-        let mut staging = Staging::new();
-        self.frame = Frame::with_film(
+        self.rebuild_frame(&settings, &self.parameters.lights.clone())?;
+        self.parameters.settings = settings;
+        Ok(())
+    }
+
+    /// Renders with other settings from the next pass on, and starts over if they change what a pass computes. Seed, clipping
+    /// distance, jitter and light threshold cost nothing; most others make new passes and buffers, which takes milliseconds
+    /// and, while frames are in flight, the memory of both. The image stays, and shows what it shows until the next pass.
+    ///
+    /// Errors, after which everything is as before: settings out of range; another `traversal`, which is chosen when the engine
+    /// is made.
+    pub fn set_settings(&mut self, settings: Settings) -> Result<()> {
+        settings.validate()?;
+        let old = &self.parameters.settings;
+        if settings.traversal != old.traversal {
+            return Err(Error::Setting {
+                name: "--traversal",
+                message: String::from("it is chosen when the engine is made; make another one for another traversal"),
+            });
+        }
+        let same_image = Settings { rounds: old.rounds, moving_passes: old.moving_passes, ..settings.clone() } == *old;
+        if same_image && settings.rounds != old.rounds && self.set_up {
+            self.set_rounds(settings.rounds)?;
+        } else if settings != *old {
+            let as_parameters = Settings {
+                seed: settings.seed,
+                clip: settings.clip,
+                jitter: settings.jitter,
+                light_threshold: settings.light_threshold,
+                moving_passes: settings.moving_passes,
+                ..old.clone()
+            };
+            if settings != as_parameters || settings.clips() != old.clips() {
+                check_slots(&settings, self.scene_buffers.ideal, self.parameters.camera.resolution)?;
+                check_choice(&settings, &self.emitters)?;
+                let lights = LightPlan::new(&settings, self.reflectivity, self.delta.len() as u32);
+                self.rebuild_frame(&settings, &lights)?;
+                self.parameters.lights = lights;
+                self.parameters.photons = PhotonPlan::new(&settings, self.scene_buffers.target_count());
+            }
+            if !same_image {
+                self.restart();
+            }
+        }
+        self.parameters.settings = settings;
+        Ok(())
+    }
+
+    /// Makes new passes that go on with the sums and the image; their uploads are recorded with the next pass.
+    fn rebuild_frame(&mut self, settings: &Settings, lights: &LightPlan) -> Result<()> {
+        let mut staging = self.take_staging();
+        let frame = Frame::with_film(
             &self.context,
             &self.kernels,
             &mut staging,
             &self.scene_buffers,
-            &settings,
-            &self.parameters.lights,
+            settings,
+            lights,
             &self.delta,
             (self.frame.film.clone(), self.frame.image.clone()),
-        )?;
-        self.staging = Some(staging);
-        self.upload = true;
-        self.parameters.settings = settings;
+        );
+        // What was staged before has to be uploaded whether or not there are new passes.
+        self.keep_staging(staging);
+        self.frame = frame?;
         Ok(())
+    }
+
+    /// Uploads that have not been recorded yet, to add to them.
+    fn take_staging(&mut self) -> Staging {
+        let waiting = self.upload || !self.set_up;
+        self.staging.take().filter(|_| waiting).unwrap_or_default()
+    }
+
+    fn keep_staging(&mut self, staging: Staging) {
+        self.staging = Some(staging);
+        self.upload = self.set_up;
     }
 
     /// The device.
@@ -305,9 +387,34 @@ impl Engine {
     }
 }
 
-/// What photons are shot at; nothing unless there are photons.
-fn photon_targets(settings: &Settings, scene: &Scene, bvh: &Bvh) -> Targets {
-    if settings.photons > 0 { Targets::of(scene, bvh) } else { Targets::default() }
+/// Checks that emitters are not too many to choose from.
+fn check_choice(settings: &Settings, emitters: &Emitters) -> Result<()> {
+    let count = emitters.list.len();
+    if settings.light_choice == LightChoice::Power || count <= importance::MAX_EMITTERS as usize {
+        return Ok(());
+    }
+    Err(Error::Setting {
+        name: "--light-choice",
+        message: format!(
+            "contribution takes up to {} emitters, and the scene has {count}; use power",
+            importance::MAX_EMITTERS
+        ),
+    })
+}
+
+/// Checks that the receivers of the eye are not too many.
+fn check_slots(settings: &Settings, ideal: Ideal, [width, height]: [u32; 2]) -> Result<()> {
+    let slots = EyePlan::new(settings, ideal, width * height).components;
+    if u64::from(width * height) * u64::from(slots) <= MAX_PIXELS {
+        return Ok(());
+    }
+    Err(Error::Setting {
+        name: "--resolution",
+        message: format!(
+            "{width}x{height} has more than {} pixels, too many to see glass in two ways; use --no-split",
+            MAX_PIXELS / 2
+        ),
+    })
 }
 
 fn check_camera(camera: &Camera) -> Result<()> {

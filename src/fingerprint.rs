@@ -22,7 +22,7 @@ impl Fnv {
 }
 
 /// Fingerprint of everything that the image depends on, to the last bit. `rounds` only says how often rays may be carried on
-/// and is left out; how work is cut into dispatches decides which rays of a hard scene clusters leave to single rays.
+/// and is left out, and so are the passes of an animation's frames; how work is cut into dispatches decides which rays of a hard scene clusters leave to single rays.
 pub fn fingerprint(scene: &Scene, camera: &Camera, settings: &Settings) -> u64 {
     let mut hash = Fnv::default();
     hash.add(bytemuck::cast_slice(&scene.positions));
@@ -38,7 +38,7 @@ pub fn fingerprint(scene: &Scene, camera: &Camera, settings: &Settings) -> u64 {
         hash.add(format!("{} {} {} {:?}", texture.width, texture.height, texture.srgb, texture.wrap).as_bytes());
     }
     // Debug prints floats in their shortest exact form.
-    let settings = Settings { rounds: 1, ..settings.clone() };
+    let settings = Settings { rounds: 1, moving_passes: 1, ..settings.clone() };
     let words =
         format!("{:?} {:?} {:?} {:?} {}", scene.materials, scene.lights, camera, settings, scene.emitters_are_lights);
     hash.add(words.as_bytes());

@@ -1,7 +1,10 @@
 //! The scene on the device: BVH, triangles, materials, textures, emitters, in arrays that each keep within one storage
 //! binding (128 MiB on the smallest devices: 8 million nodes, 4 million triangles with textures).
 
+use std::ops::Range;
+
 use crate::accel::Bvh;
+use crate::accel::objects::Changes;
 use crate::accel::wide::WideBvh;
 use crate::error::{Error, Result};
 use crate::gpu::{Bound, Buffer, Context, Staging};
@@ -10,6 +13,7 @@ use crate::light::targets::Targets;
 use crate::pass::layout::{MaterialRecord, PointLight, TextureRecord};
 use crate::sampling::sobol;
 use crate::scene::{Light, Scene, Surface, Texture, Wrap};
+use bytemuck::Pod;
 use glam::{Vec2, Vec3};
 
 /// Words of the stack in `shaders/shade_cluster.wgsl`.
@@ -18,7 +22,7 @@ const CLUSTER_STACK: u32 = 16;
 /// Greatest number of wide nodes: a word of that stack has 24 bits for one.
 const MAX_WIDE_NODES: u32 = 1 << 24;
 
-/// Device buffers of a scene; all written once, before the first frame.
+/// Device buffers of a scene; written before the first frame, and in part again before a frame in which the scene changes.
 #[derive(Clone)]
 pub struct SceneBuffers {
     /// Lower corners of the nodes and skips.
@@ -49,7 +53,7 @@ pub struct SceneBuffers {
     pub sobol_columns: Buffer,
     /// What eye paths will meet.
     pub ideal: Ideal,
-    /// What photons are shot at; `None`: there are no photons.
+    /// What photons are shot at; `None`: there is nothing.
     pub targets: Option<TargetBuffers>,
 }
 
@@ -75,7 +79,7 @@ pub struct Ideal {
 
 impl Ideal {
     /// Looks at the materials that triangles have.
-    fn of(scene: &Scene) -> Ideal {
+    pub(crate) fn of(scene: &Scene) -> Ideal {
         let mut used = vec![false; scene.materials.len()];
         scene.triangles.iter().for_each(|t| used[t.material as usize] = true);
         let mut ideal = Ideal::default();
@@ -103,15 +107,25 @@ impl SceneBuffers {
         emitters: &Emitters,
         clusters: bool,
     ) -> Result<SceneBuffers> {
-        let wide = clusters
-            .then(|| WideBvh::build(bvh))
-            .filter(|wide| wide.stack_bound() <= CLUSTER_STACK && wide.node_count() <= MAX_WIDE_NODES);
-        let wide_nodes = match wide {
+        let wide = clusters.then(|| WideBvh::build(bvh));
+        Self::with_wide(context, staging, scene, bvh, emitters, wide.as_ref())
+    }
+
+    /// As [`SceneBuffers::new`], with an eight-wide tree that is there already.
+    pub fn with_wide(
+        context: &Context,
+        staging: &mut Staging,
+        scene: &Scene,
+        bvh: &Bvh,
+        emitters: &Emitters,
+        wide: Option<&WideBvh>,
+    ) -> Result<SceneBuffers> {
+        let wide_nodes = match wide.filter(|wide| fits_kernel(wide)) {
             Some(wide) => Some(staging.stage(context, "scene wide nodes", &wide.nodes)?),
             None => None,
         };
         let (textures, texels) = pack_textures(&scene.textures)?;
-        let (normals, uvs) = shading_attributes(scene, bvh);
+        let (normals, uvs) = shading_attributes(scene, bvh, 0..bvh.triangle_count() as usize);
         let materials: Vec<_> = scene.materials.iter().map(material_record).collect();
         Ok(SceneBuffers {
             node_min: staging.stage(context, "scene node minima", &bvh.node_min)?,
@@ -132,18 +146,97 @@ impl SceneBuffers {
         })
     }
 
-    /// Adds what photons are shot at, if there is anything.
-    pub fn add_targets(&mut self, context: &Context, staging: &mut Staging, targets: &Targets) -> Result<()> {
-        if targets.spheres.is_empty() {
-            return Ok(());
-        }
+    /// Number of targets of photons.
+    pub fn target_count(&self) -> u32 {
+        self.targets.as_ref().map_or(0, |targets| targets.count)
+    }
+
+    /// Stages what photons are shot at, or what it has become. True: buffers were replaced, and whoever has bound them must bind
+    /// the new ones.
+    pub fn update_targets(&mut self, context: &Context, staging: &mut Staging, targets: &Targets) -> Result<bool> {
+        let count = targets.spheres.len() as u32;
         let spheres: Vec<[f32; 4]> = targets.spheres.iter().map(|s| s.center.extend(s.radius).to_array()).collect();
-        self.targets = Some(TargetBuffers {
-            count: spheres.len() as u32,
-            spheres: staging.stage(context, "photon targets", &spheres)?,
-            of_triangle: staging.stage(context, "photon targets of triangles", &targets.of_triangle)?,
-        });
+        match &self.targets {
+            None if count == 0 => return Ok(false),
+            Some(old) if old.count == count => {
+                staging.stage_into(context, &old.spheres, 0, &spheres)?;
+                staging.stage_into(context, &old.of_triangle, 0, &targets.of_triangle)?;
+                return Ok(false);
+            }
+            _ => {}
+        }
+        self.targets = match count {
+            0 => None,
+            _ => Some(TargetBuffers {
+                count,
+                spheres: staging.stage(context, "photon targets", &spheres)?,
+                of_triangle: staging.stage(context, "photon targets of triangles", &targets.of_triangle)?,
+            }),
+        };
+        Ok(true)
+    }
+
+    /// Stages what `changes` says of the hierarchy. True: buffers were replaced, and whoever has bound them must bind the new
+    /// ones. A wide tree that has become too deep is given up until it fits again.
+    pub fn update_hierarchy(
+        &mut self,
+        context: &Context,
+        staging: &mut Staging,
+        scene: &Scene,
+        bvh: &Bvh,
+        wide: Option<&WideBvh>,
+        changes: &Changes,
+    ) -> Result<bool> {
+        let mut replaced = write(context, staging, &mut self.node_min, &bvh.node_min, &changes.nodes)?;
+        replaced |= write(context, staging, &mut self.node_max, &bvh.node_max, &changes.nodes)?;
+        match (wide.filter(|wide| fits_kernel(wide)), &mut self.wide_nodes) {
+            (Some(wide), Some(buffer)) => replaced |= write(context, staging, buffer, &wide.nodes, &changes.wide)?,
+            (Some(wide), none) => {
+                *none = Some(staging.stage(context, "scene wide nodes", &wide.nodes)?);
+                replaced = true;
+            }
+            (None, buffer) => replaced |= buffer.take().is_some(),
+        }
+        staging.stage_ranges(context, &self.v0, &bvh.v0, &changes.triangles)?;
+        staging.stage_ranges(context, &self.e1, &bvh.e1, &changes.triangles)?;
+        staging.stage_ranges(context, &self.e2, &bvh.e2, &changes.triangles)?;
+        for range in &changes.triangles {
+            let reordered = changes.reordered.contains(range);
+            let smooth = |k: usize| scene.triangles[bvh.scene_triangle(k as u32) as usize].smooth;
+            if !reordered && !range.clone().any(smooth) {
+                continue;
+            }
+            let (normals, uvs) = shading_attributes(scene, bvh, range.clone());
+            staging.stage_into(context, &self.normals, (16 * range.start) as u64, &normals)?;
+            if reordered && !uvs.is_empty() {
+                staging.stage_into(context, &self.uvs, (32 * range.start) as u64, &uvs)?;
+            }
+        }
+        Ok(replaced)
+    }
+
+    /// Stages some materials.
+    pub fn update_materials(
+        &mut self,
+        context: &Context,
+        staging: &mut Staging,
+        scene: &Scene,
+        changed: &[u32],
+    ) -> Result<()> {
+        for &index in changed {
+            let record = material_record(&scene.materials[index as usize]);
+            let at = u64::from(index) * size_of::<MaterialRecord>() as u64;
+            staging.stage_into(context, &self.materials, at, &[record])?;
+        }
+        self.ideal = Ideal::of(scene);
         Ok(())
+    }
+
+    /// Stages other emitters. True: the buffer was replaced.
+    pub fn update_emitters(&mut self, context: &Context, staging: &mut Staging, emitters: &Emitters) -> Result<bool> {
+        let records = emitters.records();
+        let all = 0..records.len();
+        write(context, staging, &mut self.emitters, &records, &[all])
     }
 
     /// Lanes of the subgroup that takes a cluster, if the scene has what clusters need.
@@ -189,6 +282,27 @@ impl SceneBuffers {
             ("texels", (&self.texels).into()),
         ]
     }
+}
+
+/// Whether the cluster kernel can walk a tree: its stack holds every path, and its words every node.
+fn fits_kernel(wide: &WideBvh) -> bool {
+    wide.stack_bound() <= CLUSTER_STACK && wide.node_count() <= MAX_WIDE_NODES
+}
+
+/// Stages ranges of what a buffer is to hold, or replaces it where it is too small. True: it was replaced.
+fn write<T: Pod>(
+    context: &Context,
+    staging: &mut Staging,
+    buffer: &mut Buffer,
+    data: &[T],
+    ranges: &[Range<usize>],
+) -> Result<bool> {
+    if size_of_val(data) as u64 > buffer.bytes() {
+        *buffer = staging.stage(context, buffer.name(), data)?;
+        return Ok(true);
+    }
+    staging.stage_ranges(context, buffer, data, ranges)?;
+    Ok(false)
 }
 
 fn material_record(m: &crate::scene::Material) -> MaterialRecord {
@@ -249,13 +363,14 @@ pub fn encode_normal(n: Vec3) -> u32 {
     u32::from(snorm(e.x)) | u32::from(snorm(e.y)) << 16
 }
 
-fn shading_attributes(scene: &Scene, bvh: &Bvh) -> (Vec<[u32; 4]>, Vec<[f32; 4]>) {
-    let count = bvh.triangle_count();
-    let textured = scene.materials.iter().any(|m| m.base_texture.or(m.metallic_roughness_texture).is_some());
-    let mut normals = Vec::with_capacity(count as usize);
+/// Normals and texture coordinates of triangles in the order of the leaves; the latter only where there are textures, which
+/// any material may come to use.
+fn shading_attributes(scene: &Scene, bvh: &Bvh, range: Range<usize>) -> (Vec<[u32; 4]>, Vec<[f32; 4]>) {
+    let textured = !scene.textures.is_empty();
+    let mut normals = Vec::with_capacity(range.len());
     let mut uvs = Vec::new();
-    for i in 0..count {
-        let t = &scene.triangles[bvh.scene_triangle(i) as usize];
+    for i in range {
+        let t = &scene.triangles[bvh.scene_triangle(i as u32) as usize];
         let mut n = [0; 4];
         if t.smooth {
             for (n, &v) in n.iter_mut().zip(&t.vertices) {

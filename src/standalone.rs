@@ -33,6 +33,9 @@ pub struct RenderOptions {
     pub checked_shaders: bool,
     /// File that keeps compiled pipelines between runs. Default none.
     pub pipeline_cache: Option<PathBuf>,
+    /// The scene may change between passes, see [`Engine::new_dynamic`]. Default false. Costs memory, and some time for each
+    /// ray.
+    pub dynamic: bool,
 }
 
 /// What one pass took.
@@ -41,6 +44,8 @@ pub struct PassTimes {
     /// Seconds by the wall clock, from recording to the end of the wait; longer if rays ran out of steps and the pass was
     /// repeated.
     pub seconds: f64,
+    /// Seconds of these in which commands were recorded, by the processor.
+    pub record: f64,
     /// Seconds of each GPU pass by its timestamps, in order; empty where the device writes none. "sort" is a part of
     /// "eye" and "gather".
     pub gpu_passes: Vec<(String, f64)>,
@@ -86,7 +91,12 @@ impl Renderer {
             (Traversal::Auto, Some(cache)) => calibrate::choose(&context, cache)?,
             (traversal, _) => traversal,
         };
-        let mut renderer = Renderer::with_context(context, scene, camera, Settings { traversal, ..settings })?;
+        let settings = Settings { traversal, ..settings };
+        let mut renderer = if options.dynamic {
+            Renderer::with_context_dynamic(context, scene, camera, settings)?
+        } else {
+            Renderer::with_context(context, scene, camera, settings)?
+        };
         renderer.stages.insert(0, (String::from("device"), opened));
         Ok(renderer)
     }
@@ -95,13 +105,34 @@ impl Renderer {
     pub fn with_context(context: Context, scene: Scene, camera: Camera, settings: Settings) -> Result<Renderer> {
         let start = Instant::now();
         let fingerprint = fingerprint(&scene, &camera, &settings);
-        let mut engine = Engine::new(&context, &scene, camera, settings)?;
+        let engine = Engine::new(&context, &scene, camera, settings)?;
+        Self::with_engine(context, scene, engine, fingerprint, start)
+    }
+
+    /// As [`Renderer::with_context`], with a scene that may change: see [`Renderer::engine_mut`].
+    pub fn with_context_dynamic(
+        context: Context,
+        scene: Scene,
+        camera: Camera,
+        settings: Settings,
+    ) -> Result<Renderer> {
+        let start = Instant::now();
+        let fingerprint = fingerprint(&scene, &camera, &settings);
+        let engine = Engine::new_dynamic(&context, scene.clone(), camera, settings)?;
+        Self::with_engine(context, scene, engine, fingerprint, start)
+    }
+
+    fn with_engine(
+        context: Context,
+        scene: Scene,
+        mut engine: Engine,
+        fingerprint: u64,
+        start: Instant,
+    ) -> Result<Renderer> {
         let built = start.elapsed().as_secs_f64();
         context.submit_and_wait("uploading the scene", None, |rec| engine.record_setup(rec))?;
         engine.setup_finished();
-        let lists = counted_lists(engine.frame()).count() as u64;
-        let readback =
-            Buffer::new(&context, "counts read back", 16 + lists * size_of::<Work>() as u64, Memory::Readback)?;
+        let readback = readback(&context, &engine)?;
         let timers = Timers::new(&context, 128)?;
         let total = start.elapsed().as_secs_f64();
         Ok(Renderer {
@@ -124,11 +155,19 @@ impl Renderer {
     /// Renders one pass and adds it to the image. Rays that run out of steps get more rounds, and the pass is repeated.
     pub fn pass(&mut self) -> Result<()> {
         let start = Instant::now();
+        self.engine.apply_edits()?;
+        if self.readback.bytes() != readback_bytes(&self.engine) {
+            // Edits may change the number of lists.
+            self.readback = readback(&self.context, &self.engine)?;
+        }
         let (number, rays) = (self.engine.passes(), self.rays);
+        let mut record = 0.0;
         loop {
             let (engine, readback) = (&mut self.engine, &self.readback);
             self.context.submit_and_wait(&format!("in pass {number}"), Some(&self.timers), |rec| {
+                let start = Instant::now();
                 engine.record_pass(rec)?;
+                record += start.elapsed().as_secs_f64();
                 let frame = engine.frame();
                 rec.copy_range(&frame.status, 0, readback, 0, 16)?;
                 for (i, list) in counted_lists(frame).enumerate() {
@@ -165,7 +204,7 @@ impl Renderer {
             }
         }
         let seconds = start.elapsed().as_secs_f64();
-        self.last_pass = PassTimes { seconds, gpu_passes, rays: self.rays - rays };
+        self.last_pass = PassTimes { seconds, record, gpu_passes, rays: self.rays - rays };
         self.add_stage("render", start);
         self.rendered += 1;
         Ok(())
@@ -223,6 +262,16 @@ impl Renderer {
     /// The engine.
     pub fn engine(&self) -> &Engine {
         &self.engine
+    }
+
+    /// The engine, to change camera, settings and scene. What the engine records must go through [`Renderer::pass`].
+    pub fn engine_mut(&mut self) -> &mut Engine {
+        &mut self.engine
+    }
+
+    /// The scene as it is now.
+    pub fn scene(&self) -> &Scene {
+        self.engine.scene().unwrap_or(&self.scene)
     }
 
     /// Relative RMSE of the image against its limit, estimated from the difference of the two independent instances
@@ -348,7 +397,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// Fingerprint of scene, camera and settings.
+    /// Fingerprint of scene, camera and settings as they were at first.
     pub fn fingerprint(&self) -> u64 {
         self.fingerprint
     }
@@ -406,7 +455,16 @@ impl Renderer {
                 }
             })
             .collect();
-        export_lights(path, &self.scene, &lights)?;
+        export_lights(path, self.scene(), &lights)?;
         Ok(lights.len())
     }
+}
+
+/// Bytes of what is read back after each pass: the status and the work of all lists.
+fn readback_bytes(engine: &Engine) -> u64 {
+    16 + (counted_lists(engine.frame()).count() * size_of::<Work>()) as u64
+}
+
+fn readback(context: &Context, engine: &Engine) -> Result<Buffer> {
+    Buffer::new(context, "counts read back", readback_bytes(engine), Memory::Readback)
 }

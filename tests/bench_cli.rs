@@ -357,3 +357,19 @@ fn a_closed_pipe_ends_it_quietly() {
     child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
     assert_eq!((child.wait().unwrap().code(), said.as_str()), (Some(0), ""));
 }
+
+#[test]
+fn edits_are_measured() {
+    let folder = folder();
+    let lines = lines(folder.path(), "edits --scene room:900");
+    assert_eq!(lines.len(), 1);
+    let line = &lines[0];
+    assert_eq!((&line["mode"], &line["objects"]), (&"edits".into(), &26.into()));
+    assert!(line["object_triangles"].as_u64() > Some(0) && line["bytes"].as_u64() > Some(0), "{line}");
+    for key in ["vertices", "refit", "top_level", "lights", "staging", "upload", "pass"] {
+        assert!(line[key]["median_seconds"].as_f64() > Some(0.0), "{key}: {line}");
+    }
+    let output = command(folder.path(), "edits --scene room:900 --object tabl").output().expect("the program starts");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("\"table 0\""), "{}", text(&output.stderr));
+}

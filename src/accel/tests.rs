@@ -17,17 +17,17 @@ fn soup(triangles: &[[Vec3; 3]]) -> Scene {
     }
 }
 
-struct Random(u32);
+pub struct Random(pub u32);
 
 impl Random {
-    fn next(&mut self) -> f32 {
+    pub fn next(&mut self) -> f32 {
         self.0 += 1;
         random_f32(key(7, 0, self.0, 0))
     }
-    fn point(&mut self) -> Vec3 {
+    pub fn point(&mut self) -> Vec3 {
         Vec3::new(self.next(), self.next(), self.next())
     }
-    fn direction(&mut self) -> Vec3 {
+    pub fn direction(&mut self) -> Vec3 {
         loop {
             let d = self.point() * 2.0 - 1.0;
             if d.length_squared() > 0.01 && d.length_squared() < 1.0 {

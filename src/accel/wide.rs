@@ -1,7 +1,7 @@
 //! The hierarchy eight wide, for kernels in which a subgroup walks the tree for a cluster of rays together.
 //!
-//! It is collapsed from the binary one and shares its triangles: a subtree's triangles lie one after the other, so any subtree of
-//! at most [`MAX_LEAF`] triangles can be a leaf. A node is a block of eight children, sixteen vec4:
+//! It is collapsed from the binary one and shares its triangles: any subtree of at most [`MAX_LEAF`] triangles that lie one after
+//! the other, as those of one object do, can be a leaf. A node is a block of eight children, sixteen vec4:
 //!
 //! | field               | meaning |
 //! |---------------------|---------|
@@ -27,6 +27,22 @@ const LEAF_COST: f32 = 1.2;
 /// Corner of the box of a child that is not there: no ray meets a box whose lower corner is above its upper one.
 const HUGE: f32 = 3.0e38;
 
+/// Words that the stack of a walk needs at most in a tree of this depth.
+pub fn stack_bound(depth: u32) -> u32 {
+    depth.saturating_sub(1)
+}
+
+/// A node without children.
+pub(super) const EMPTY: [[f32; 4]; 2 * WIDTH] = {
+    let mut node = [[HUGE, HUGE, HUGE, 0.0]; 2 * WIDTH];
+    let mut k = 1;
+    while k < 2 * WIDTH {
+        node[k] = [-HUGE, -HUGE, -HUGE, 0.0];
+        k += 2;
+    }
+    node
+};
+
 /// The eight-wide hierarchy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WideBvh {
@@ -34,7 +50,12 @@ pub struct WideBvh {
     pub nodes: Vec<[f32; 4]>,
     /// Nodes on the longest path from the root.
     pub depth: u32,
+    /// For each child the binary node whose box it has; [`NONE`] for one that is not there.
+    pub sources: Vec<u32>,
 }
+
+/// Stands for "no node" in [`WideBvh::sources`].
+pub const NONE: u32 = u32::MAX;
 
 /// A binary node as the collapse sees it.
 struct Subtree {
@@ -53,8 +74,13 @@ struct Subtree {
 impl WideBvh {
     /// Collapses the binary hierarchy.
     pub fn build(bvh: &Bvh) -> WideBvh {
-        let subtrees = Self::costs(bvh);
-        let mut wide = WideBvh { nodes: Vec::new(), depth: 0 };
+        Self::collapse(&bvh.node_min, &bvh.node_max, MAX_LEAF)
+    }
+
+    /// Collapses binary nodes into a tree whose leaves have at most `max_leaf` triangles.
+    pub(super) fn collapse(node_min: &[[f32; 4]], node_max: &[[f32; 4]], max_leaf: u32) -> WideBvh {
+        let subtrees = Self::costs(node_min, node_max, max_leaf);
+        let mut wide = WideBvh { nodes: Vec::new(), depth: 0, sources: Vec::new() };
         // Nodes to be written: binary node, place in `nodes`, depth.
         let mut queue = std::collections::VecDeque::from([(0u32, 0u32, 1u32)]);
         wide.push_empty();
@@ -64,13 +90,13 @@ impl WideBvh {
             if subtrees[node as usize].leaf {
                 children.push(node);
             } else {
-                Self::distribute(bvh, &subtrees, node, WIDTH, true, &mut children);
+                Self::distribute(node_min, &subtrees, node, WIDTH, true, &mut children);
             }
             // Stable: otherwise children keep the order of the binary tree.
             children.sort_by_key(|&child| subtrees[child as usize].leaf);
             for (k, &child) in children.iter().enumerate() {
                 let s = &subtrees[child as usize];
-                let (lower, upper) = (bvh.node_min[child as usize], bvh.node_max[child as usize]);
+                let (lower, upper) = (node_min[child as usize], node_max[child as usize]);
                 let (index, count) = if s.leaf {
                     (s.first, s.triangles)
                 } else {
@@ -82,9 +108,24 @@ impl WideBvh {
                 let at = place as usize * 2 * WIDTH + 2 * k;
                 wide.nodes[at] = [lower[0], lower[1], lower[2], f32::from_bits(index)];
                 wide.nodes[at + 1] = [upper[0], upper[1], upper[2], f32::from_bits(count)];
+                wide.sources[at / 2] = child;
             }
         }
         wide
+    }
+
+    /// Takes over the boxes of the binary nodes, which have moved.
+    pub(super) fn refit(&mut self, node_min: &[[f32; 4]], node_max: &[[f32; 4]]) {
+        for (child, &source) in self.nodes.chunks_exact_mut(2).zip(&self.sources).filter(|(_, s)| **s != NONE) {
+            child[0][..3].copy_from_slice(&node_min[source as usize][..3]);
+            child[1][..3].copy_from_slice(&node_max[source as usize][..3]);
+        }
+    }
+
+    /// The whole tree as a leaf, first triangle and number, if it is one.
+    pub(super) fn single_leaf(&self) -> Option<(u32, u32)> {
+        let child = |k: usize| (self.nodes[2 * k][3].to_bits(), self.nodes[2 * k + 1][3].to_bits());
+        (self.sources[1] == NONE && child(0).1 > 0).then(|| child(0))
     }
 
     /// Number of nodes.
@@ -94,22 +135,20 @@ impl WideBvh {
 
     /// Words that a stack needs at most: one for each node on the way from the root that has further children to be visited.
     pub fn stack_bound(&self) -> u32 {
-        self.depth.saturating_sub(1)
+        stack_bound(self.depth)
     }
 
     fn push_empty(&mut self) {
-        for _ in 0..WIDTH {
-            self.nodes.push([HUGE, HUGE, HUGE, 0.0]);
-            self.nodes.push([-HUGE, -HUGE, -HUGE, 0.0]);
-        }
+        self.nodes.extend(EMPTY);
+        self.sources.extend([NONE; WIDTH]);
     }
 
     /// Costs of all subtrees, children before parents.
-    fn costs(bvh: &Bvh) -> Vec<Subtree> {
-        let count = bvh.node_count() as usize;
+    fn costs(node_min: &[[f32; 4]], node_max: &[[f32; 4]], max_leaf: u32) -> Vec<Subtree> {
+        let count = node_min.len();
         let mut subtrees: Vec<Subtree> = Vec::with_capacity(count);
         for i in 0..count {
-            let (a, b) = (bvh.node_min[i], bvh.node_max[i]);
+            let (a, b) = (node_min[i], node_max[i]);
             let [x, y, z] = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
             let leaf = b[3].to_bits();
             subtrees.push(Subtree {
@@ -129,7 +168,7 @@ impl WideBvh {
                 subtrees[i].cost = [LEAF_COST * area; WIDTH];
                 continue;
             }
-            let (l, r) = (i + 1, bvh.node_min[i + 1][3].to_bits() as usize);
+            let (l, r) = (i + 1, node_min[i + 1][3].to_bits() as usize);
             let split = |k: usize, s: &[Subtree]| {
                 (1..k)
                     .map(|left| (s[l].cost[left - 1] + s[r].cost[k - left - 1], left as u8))
@@ -137,7 +176,7 @@ impl WideBvh {
             };
             let triangles = subtrees[l].triangles + subtrees[r].triangles;
             let (inner, left) = split(WIDTH, &subtrees);
-            let as_leaf = if triangles <= MAX_LEAF { LEAF_COST * area } else { f32::INFINITY };
+            let as_leaf = if triangles <= max_leaf { LEAF_COST * area } else { f32::INFINITY };
             let mut cost = [0.0; WIDTH];
             let mut lefts = [0; WIDTH];
             cost[0] = as_leaf.min(area + inner);
@@ -149,13 +188,20 @@ impl WideBvh {
             let first = subtrees[l].first;
             let s = &mut subtrees[i];
             (s.first, s.triangles, s.cost, s.left) = (first, triangles, cost, lefts);
-            s.leaf = triangles <= MAX_LEAF && as_leaf <= area + inner;
+            s.leaf = triangles <= max_leaf && as_leaf <= area + inner;
         }
         subtrees
     }
 
     /// The subtrees that stand for `node` as at most `k` children. `open`: the node itself is replaced by its children.
-    fn distribute(bvh: &Bvh, subtrees: &[Subtree], node: u32, k: usize, open: bool, children: &mut Vec<u32>) {
+    fn distribute(
+        node_min: &[[f32; 4]],
+        subtrees: &[Subtree],
+        node: u32,
+        k: usize,
+        open: bool,
+        children: &mut Vec<u32>,
+    ) {
         let s = &subtrees[node as usize];
         // Fewer children than allowed may be as good.
         let mut k = k;
@@ -168,19 +214,21 @@ impl WideBvh {
         }
         let left = usize::from(s.left[if open { 0 } else { k - 1 }]);
         let l = node + 1;
-        let r = bvh.node_min[l as usize][3].to_bits();
-        Self::distribute(bvh, subtrees, l, left, false, children);
-        Self::distribute(bvh, subtrees, r, k - left, false, children);
+        let r = node_min[l as usize][3].to_bits();
+        Self::distribute(node_min, subtrees, l, left, false, children);
+        Self::distribute(node_min, subtrees, r, k - left, false, children);
     }
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::scene::builtin;
 
     /// Walks the tree: every triangle in one leaf, in a box that contains it, at no more than the stated depth.
-    fn check(wide: &WideBvh, bvh: &Bvh) {
+    /// Returns how many nodes were met.
+    #[track_caller]
+    pub fn check_nodes(wide: &WideBvh, bvh: &Bvh) -> u32 {
         let mut seen = vec![false; bvh.triangle_count() as usize];
         let mut stack = vec![(0u32, 1u32)];
         let mut visited = 0;
@@ -212,8 +260,8 @@ mod tests {
                 }
             }
         }
-        assert_eq!(visited, wide.node_count());
         assert!(seen.iter().all(|&s| s), "a triangle is missing");
+        visited
     }
 
     #[test]
@@ -221,7 +269,7 @@ mod tests {
         for scene in [builtin::furnace(0.5, 1.0), builtin::room(200), builtin::room(20_000), builtin::deep_scene(700)] {
             let bvh = Bvh::build(&scene).unwrap();
             let wide = WideBvh::build(&bvh);
-            check(&wide, &bvh);
+            assert_eq!(check_nodes(&wide, &bvh), wide.node_count());
             let leaves = wide.nodes.chunks(2).filter(|c| c[1][3].to_bits() > 0).count();
             let filling = bvh.triangle_count() as f32 / leaves as f32;
             assert!(wide.node_count() == 1 || filling > 2.0, "{filling} triangles a leaf");

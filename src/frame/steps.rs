@@ -5,7 +5,7 @@ use crate::pass::shade::Chunk;
 use crate::pass::sort::SortSteps;
 use crate::pass::trace::EyeSteps;
 use crate::plan::{EyePlan, LightPlan, StepTable, trace_steps};
-use crate::settings::{Clip, Settings};
+use crate::settings::Settings;
 
 /// Indices into the step table.
 pub(super) struct Steps {
@@ -62,8 +62,7 @@ impl Steps {
             Chunk::new(table, settings, (first, end), lanes_in_use.filter(|_| !parallel))
         };
         let (depth, sorts) = (settings.max_depth, lanes.is_some());
-        let clips = !matches!(settings.clip, Clip::Distance(0.0) | Clip::Fraction(0.0));
-        let bounces = if settings.compensation && clips { depth } else { 1 };
+        let bounces = if settings.compensation && settings.clips() { depth } else { 1 };
         let bounces: Vec<BounceSteps> = (0..bounces)
             .map(|bounce| {
                 // Eye segment, `bounce` gather rays, shadow ray and j reflections are bounce + j + 2 segments.

@@ -1,5 +1,7 @@
 //! Getting data onto the device and back.
 
+use std::ops::Range;
+
 use bytemuck::Pod;
 
 use super::context::Context;
@@ -14,8 +16,20 @@ const CHUNK: u64 = 64 << 20;
 /// commands are done (the recorder retains it).
 #[derive(Default)]
 pub struct Staging {
-    copies: Vec<(Buffer, Buffer, u64)>,
+    copies: Vec<Copy>,
 }
+
+/// Bytes of a staging buffer and where they go.
+struct Copy {
+    from: Buffer,
+    from_at: u64,
+    to: Buffer,
+    to_at: u64,
+    bytes: u64,
+}
+
+/// Ranges with fewer elements than this between them are copied as one: what is between them is the same there already.
+const GAP: usize = 64;
 
 impl Staging {
     /// Nothing staged yet.
@@ -35,17 +49,56 @@ impl Staging {
         let bytes: &[u8] = bytemuck::cast_slice(data);
         buffer.check_range(offset, bytes.len() as u64)?;
         if !bytes.is_empty() {
-            let staging =
-                Buffer::new(ctx, &format!("{} (staging)", buffer.name()), bytes.len() as u64, Memory::Upload)?;
-            staging.write(0, bytes)?;
-            self.copies.push((staging, buffer.clone(), offset));
+            let bytes_staged = bytes.len() as u64;
+            let from = Buffer::new(ctx, &format!("{} (staging)", buffer.name()), bytes_staged, Memory::Upload)?;
+            from.write(0, bytes)?;
+            self.copies.push(Copy { from, from_at: 0, to: buffer.clone(), to_at: offset, bytes: bytes_staged });
         }
         Ok(())
     }
 
+    /// Stages some elements of what a buffer is to hold as a whole. The buffer holds the others already.
+    pub fn stage_ranges<T: Pod>(
+        &mut self,
+        ctx: &Context,
+        buffer: &Buffer,
+        data: &[T],
+        ranges: &[Range<usize>],
+    ) -> Result<()> {
+        let mut sorted: Vec<Range<usize>> = ranges.iter().filter(|range| !range.is_empty()).cloned().collect();
+        sorted.sort_unstable_by_key(|range| range.start);
+        let mut merged: Vec<Range<usize>> = Vec::new();
+        for range in sorted {
+            match merged.last_mut() {
+                Some(last) if range.start <= last.end + GAP => last.end = last.end.max(range.end),
+                _ => merged.push(range),
+            }
+        }
+        let size = size_of::<T>() as u64;
+        let total = merged.iter().map(|range| range.len() as u64 * size).sum();
+        if total == 0 {
+            return Ok(());
+        }
+        let from = Buffer::new(ctx, &format!("{} (staging)", buffer.name()), total, Memory::Upload)?;
+        let mut from_at = 0;
+        for range in merged {
+            let (to_at, bytes) = (range.start as u64 * size, range.len() as u64 * size);
+            buffer.check_range(to_at, bytes)?;
+            from.write(from_at, bytemuck::cast_slice(&data[range]))?;
+            self.copies.push(Copy { from: from.clone(), from_at, to: buffer.clone(), to_at, bytes });
+            from_at += bytes;
+        }
+        Ok(())
+    }
+
+    /// Bytes staged.
+    pub fn bytes(&self) -> u64 {
+        self.copies.iter().map(|copy| copy.bytes).sum()
+    }
+
     /// Records all copies.
     pub fn record(&self, rec: &mut Recorder<'_>) -> Result<()> {
-        self.copies.iter().try_for_each(|(from, to, offset)| rec.copy_range(from, 0, to, *offset, from.bytes()))
+        self.copies.iter().try_for_each(|c| rec.copy_range(&c.from, c.from_at, &c.to, c.to_at, c.bytes))
     }
 }
 

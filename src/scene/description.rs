@@ -250,7 +250,7 @@ fn add_light(scene: &mut Scene, name: &str, entry: &LightEntry) -> Result<(), St
 }
 
 /// The names nearest to a misspelt one, for a message.
-fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
+pub(super) fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
     let mut known: Vec<&str> = known.collect();
     known.sort_unstable();
     known.dedup();

@@ -11,10 +11,11 @@ mod gltf;
 mod gltf_accessor;
 mod obj;
 mod obj_material;
+mod objects;
 mod pane;
 mod tessellate;
 mod texture;
-mod validate;
+pub(crate) mod validate;
 
 use std::path::Path;
 
@@ -266,7 +267,7 @@ impl Default for Material {
 
 impl Material {
     /// Mean over RGB of the reflectance kd + F0 that particles find, at most 1; `averages` are those of the scene's textures.
-    fn mean_albedo(&self, averages: &[Vec3]) -> f32 {
+    pub(crate) fn mean_albedo(&self, averages: &[Vec3]) -> f32 {
         let average = |texture: Option<u32>| texture.map_or(Vec3::ONE, |t| averages[t as usize]);
         let base = self.base_color * average(self.base_texture);
         let metallic = self.metallic * average(self.metallic_roughness_texture).z;
@@ -280,7 +281,7 @@ impl Material {
 
     /// Lowers the base colour so that no channel of diffuse and specular reflectance adds up to more than 1; returns
     /// by how much the worst channel was too high.
-    fn limit_albedo(&mut self) -> f32 {
+    pub(crate) fn limit_albedo(&mut self) -> f32 {
         let room = Vec3::ONE - self.specular * (1.0 - self.metallic);
         let excess = (self.base_color - room).max_element();
         if excess > 0.0 {

@@ -134,7 +134,7 @@ impl Scene {
 }
 
 /// Whether a triangle has no area, no normal that single precision can hold, or overflows it.
-fn is_degenerate([a, b, c]: [Vec3; 3]) -> bool {
+pub(crate) fn is_degenerate([a, b, c]: [Vec3; 3]) -> bool {
     let twice_area = (b - a).cross(c - a).length();
     let (da, db, dc) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
     let longest = (db - da).length_squared().max((dc - db).length_squared()).max((da - dc).length_squared());
@@ -172,7 +172,7 @@ fn unit(name: &str, value: Vec3) -> Result<(), String> {
 
 impl Material {
     /// Checks every range; the message lacks file and name.
-    pub(super) fn check(&self) -> Result<(), String> {
+    pub(crate) fn check(&self) -> Result<(), String> {
         color("base_color", self.base_color)?;
         color("specular", self.specular)?;
         range("metallic", self.metallic, 0.0, 1.0)?;
@@ -185,7 +185,7 @@ impl Material {
 
 impl Light {
     /// Checks every range; the message lacks file and name.
-    pub(super) fn check(&self) -> Result<(), String> {
+    pub(crate) fn check(&self) -> Result<(), String> {
         match *self {
             Light::Point { position, intensity } => {
                 place("position", position)?;

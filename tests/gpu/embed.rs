@@ -12,10 +12,10 @@ use crate::support::{assert_silent, gpu_test};
 #[path = "../../examples/embed.rs"]
 mod example;
 
-use example::{Host, Readback};
+pub use example::{Host, Readback};
 
 /// A scene with colour, its camera at a small, odd size, and cheap settings.
-fn small() -> (Scene, Camera, Settings) {
+pub fn small() -> (Scene, Camera, Settings) {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell/scene.toml");
     let scene = lightsum::scene::load(&path).unwrap();
     let camera = Camera { resolution: [33, 21], ..scene.camera.unwrap() };
@@ -23,7 +23,7 @@ fn small() -> (Scene, Camera, Settings) {
 }
 
 /// Records setup if asked, one pass and the image.
-fn record(context: &Context, commands: vk::CommandBuffer, engine: &mut Engine, setup: bool) -> Retained {
+pub fn record(context: &Context, commands: vk::CommandBuffer, engine: &mut Engine, setup: bool) -> Retained {
     // SAFETY: the command buffer comes from `Host::begin`; all callers hand what is returned to `Host::submit`.
     unsafe {
         context.record_into(commands, None, |rec| {
@@ -144,7 +144,7 @@ fn two_engines_share_a_device() {
 }
 
 /// Renders `passes` passes and reads the image.
-fn image(ctx: &Context, engine: &mut Engine, passes: u32) -> Vec<[f32; 4]> {
+pub fn image(ctx: &Context, engine: &mut Engine, passes: u32) -> Vec<[f32; 4]> {
     let readback =
         lightsum::gpu::Buffer::new(ctx, "image", engine.image().bytes(), lightsum::gpu::Memory::Readback).unwrap();
     ctx.submit_and_wait("passes", None, |rec| {
@@ -156,14 +156,14 @@ fn image(ctx: &Context, engine: &mut Engine, passes: u32) -> Vec<[f32; 4]> {
     readback.read().unwrap()
 }
 
-fn ready(ctx: &Context, scene: &Scene, camera: Camera, settings: &Settings) -> Engine {
+pub fn ready(ctx: &Context, scene: &Scene, camera: Camera, settings: &Settings) -> Engine {
     let mut engine = Engine::new(ctx, scene, camera, settings.clone()).unwrap();
     ctx.submit_and_wait("setup", None, |rec| engine.record_setup(rec)).unwrap();
     engine.setup_finished();
     engine
 }
 
-fn message<T>(result: lightsum::Result<T>) -> String {
+pub fn message<T>(result: lightsum::Result<T>) -> String {
     result.err().map(|error: Error| error.to_string()).unwrap_or_default()
 }
 

@@ -10,6 +10,7 @@ mod gpu_layer;
 mod hot_reload;
 mod importance;
 mod mirrors_and_glass;
+mod moving;
 mod passes_eye;
 mod passes_light;
 mod passes_limits;

@@ -36,6 +36,8 @@ pub enum Command {
     StartupOnce(StartupOnce),
     /// Shadow rays against Embree on the same rays, in turn.
     Compare(Compare),
+    /// What it costs to move an object: vertices, trees, uploads.
+    Edits(Edits),
 }
 
 /// What every mode takes.
@@ -84,6 +86,22 @@ pub struct Frame {
     /// Leave out what clipping cuts off, and with it the passes from the second bounce on.
     #[arg(long)]
     pub no_compensation: bool,
+    /// Keep a tree for each object, as scenes that move have it, in place of one over all triangles.
+    #[arg(long)]
+    pub dynamic: bool,
+}
+
+/// Flags of `edits`.
+#[derive(Clone, Debug, Args)]
+pub struct Edits {
+    /// Scene description (.toml), model (.obj, .gltf, .glb), or room:N for a generated room of about N triangles.
+    #[arg(long = "scene", value_name = "SCENE", default_values = ["room:12000", "room:1200000"])]
+    pub scenes: Vec<String>,
+    #[command(flatten)]
+    pub common: Common,
+    /// Name of the object to move [default: that with the most triangles].
+    #[arg(long, value_name = "NAME")]
+    pub object: Option<String>,
 }
 
 /// Flags of `shadow-rays`.

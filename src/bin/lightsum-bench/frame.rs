@@ -25,11 +25,13 @@ pub fn run(args: &Frame) -> Result<()> {
             Settings::default().with_scene_defaults(&scene.render)
         };
         for settings in combinations(args, base) {
-            let mut renderer = Renderer::with_context(context.clone(), scene.clone(), camera, settings)?;
+            let make = if args.dynamic { Renderer::with_context_dynamic } else { Renderer::with_context };
+            let mut renderer = make(context.clone(), scene.clone(), camera, settings)?;
             let passes = Passes::measure(&mut renderer, args.common.repeats)?;
             if args.common.json {
                 let mut line = passes.fields(name, &renderer);
                 line.insert("mode".into(), "frame".into());
+                line.insert("dynamic".into(), args.dynamic.into());
                 report::print_json(Value::Object(line), &environment)?;
             } else {
                 print(name, &renderer, &passes)?;

@@ -35,6 +35,43 @@ pub enum Command {
     ///
     /// A flag overrides the key of the same name in [render] of the scene file, which overrides the default.
     Render(Box<Render>),
+    /// Play a recorded path of camera and objects, and write its frames or what they cost.
+    ///
+    /// The scene is loaded once; between frames only what moves is changed. Frames between which nothing moves accumulate.
+    Animate(Box<Animate>),
+}
+
+/// Flags of `animate`.
+#[derive(Debug, Args)]
+pub struct Animate {
+    /// Scene description (.toml) or bare model (.obj, .gltf, .glb).
+    #[arg(value_name = "SCENE")]
+    pub scene: PathBuf,
+    /// Path file (.toml): frames, keys of the camera and of objects. The README describes it.
+    #[arg(long, value_name = "FILE.toml")]
+    pub path: PathBuf,
+    /// Images to write, with %d or %04d for the number of the frame: .exr or .png. Without it nothing but times are taken.
+    #[arg(short, long, value_name = "PATTERN", value_parser = PathBufValueParser::new().try_map(image_path))]
+    pub output: Option<PathBuf>,
+    /// Write the seconds of each frame (edits, recording, GPU passes) as JSON.
+    #[arg(long, value_name = "FILE.json")]
+    pub timings: Option<PathBuf>,
+    /// Passes of each frame, 1 to 4096 [default: 4]. Cost grows linearly; more flicker less.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_MOVING_PASSES)))]
+    pub moving_passes: Option<u32>,
+    /// Size of the images in pixels [default: the scene's, or 640x480].
+    #[arg(long, value_name = "WxH", value_parser = resolution)]
+    pub resolution: Option<[u32; 2]>,
+    /// Exposure of PNG files in stops [default: the scene's, or 0].
+    #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = exposure)]
+    pub exposure: Option<f32>,
+    /// Tone curve of PNG files.
+    #[arg(long, value_name = "CURVE", value_enum, default_value = "srgb")]
+    pub tonemap: Curve,
+    #[command(flatten)]
+    pub light: Light,
+    #[command(flatten)]
+    pub device: Device,
 }
 
 /// Flags of `render`.
@@ -504,7 +541,7 @@ mod tests {
         let arguments = Arguments::try_parse_from(["lightsum", "render"].into_iter().chain(line.split_whitespace()))?;
         match arguments.command {
             Some(Command::Render(render)) => Ok(render),
-            None => unreachable!("the line names a command"),
+            _ => unreachable!("the line names the command"),
         }
     }
 

@@ -1,12 +1,14 @@
-//! The command line: `lightsum render SCENE -o IMAGE`.
+//! The command line: `lightsum render SCENE -o IMAGE`, `lightsum animate SCENE --path FILE -o FRAME-%04d.png`.
 //!
 //! Exit codes: 0 done, 1 failed, 2 wrong use. Progress, warnings and errors go to standard error; what was asked for and
 //! the line that says where the output went go to standard output.
 
 #![forbid(unsafe_code)]
 
+mod animate;
 mod args;
 mod camera;
+mod path;
 mod progress;
 mod reference;
 mod render;
@@ -23,6 +25,7 @@ fn main() -> ExitCode {
     log_to_stderr(arguments.verbose);
     let result = match &arguments.command {
         Some(Command::Render(render)) if !render.list_devices => render::run(render),
+        Some(Command::Animate(animate)) => animate::run(animate),
         None if !arguments.list_devices => {
             say_aside("error: nothing to do: give a command, such as render, or --list-devices; --help explains");
             return ExitCode::from(2);

@@ -1,6 +1,6 @@
 //! `lightsum render`: flags and scene become settings, passes run until a condition is met, files are written.
 
-use crate::args::{FilterFlag, Preset, Render};
+use crate::args::{Device, FilterFlag, Light, Preset, Render};
 use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due};
 use crate::{camera, reference, say, say_aside};
@@ -17,15 +17,15 @@ use std::time::{Duration, Instant};
 /// Everything that is known before the first pass.
 pub struct Job {
     /// Name of the scene.
-    name: String,
+    pub name: String,
     /// The camera, flags included.
     pub camera: Camera,
     /// The settings, flags included.
     pub settings: Settings,
-    outputs: Vec<PathBuf>,
-    encoding: Encoding,
+    pub outputs: Vec<PathBuf>,
+    pub encoding: Encoding,
     /// Seconds of each stage so far.
-    stages: Vec<(String, f64)>,
+    pub stages: Vec<(String, f64)>,
 }
 
 /// Runs the command.
@@ -42,7 +42,7 @@ pub fn run(args: &Render) -> Result<()> {
     let scene = scene::load(path)?;
     let stages = vec![("load".into(), start.elapsed().as_secs_f64())];
     let camera = camera::choose(&scene, &args.camera, args.output.resolution)?;
-    let settings = settings(args, &scene.render);
+    let settings = settings(&args.light, &args.device, &scene.render);
     settings.validate()?;
     let exposure = args.output.exposure.or(scene.render.exposure).unwrap_or(0.0);
     let encoding = Encoding {
@@ -62,10 +62,9 @@ pub fn run(args: &Render) -> Result<()> {
 }
 
 /// Command line before preset before `[render]` of the scene before defaults.
-fn settings(args: &Render, render: &RenderDefaults) -> Settings {
+pub fn settings(light: &Light, device: &Device, render: &RenderDefaults) -> Settings {
     let defaults = Settings::default();
     let mut settings = defaults.clone().with_scene_defaults(render);
-    let light = &args.light;
     if let Some(preset) = light.preset {
         let preset = match preset {
             Preset::Progressive => defaults,
@@ -105,9 +104,9 @@ fn settings(args: &Render, render: &RenderDefaults) -> Settings {
     settings.sequence = light.sequence.map_or(settings.sequence, Into::into);
     settings.jitter |= light.jitter;
     settings.seed = light.seed.unwrap_or(settings.seed);
-    settings.lights_per_dispatch = args.device.lights_per_dispatch.unwrap_or(settings.lights_per_dispatch);
-    settings.rounds = args.device.rounds.unwrap_or(settings.rounds);
-    settings.traversal = args.device.traversal.map_or(settings.traversal, Into::into);
+    settings.lights_per_dispatch = device.lights_per_dispatch.unwrap_or(settings.lights_per_dispatch);
+    settings.rounds = device.rounds.unwrap_or(settings.rounds);
+    settings.traversal = device.traversal.map_or(settings.traversal, Into::into);
     settings
 }
 
@@ -120,6 +119,7 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
         validation: args.device.validation,
         checked_shaders: false,
         pipeline_cache: pipeline_cache(),
+        dynamic: false,
     };
     let stop = Stop::choose(&args.stop, scene.render.passes);
     let mut renderer = Renderer::new(scene, job.camera, job.settings.clone(), &options)?;
@@ -271,7 +271,7 @@ pub fn watch_for_interrupt() -> Arc<AtomicBool> {
 }
 
 /// Where compiled pipelines are kept between runs: the user's cache folder, if there is one.
-fn pipeline_cache() -> Option<PathBuf> {
+pub fn pipeline_cache() -> Option<PathBuf> {
     let absolute = |name| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let folder = absolute("XDG_CACHE_HOME").or_else(|| Some(absolute("HOME")?.join(".cache")))?;
     Some(folder.join("lightsum").join(concat!("pipelines-", env!("CARGO_PKG_VERSION"), ".bin")))
@@ -287,7 +287,7 @@ mod tests {
         let start = ["lightsum", "render", "a.toml", "-o", "a.exr"];
         let arguments = Arguments::try_parse_from(start.into_iter().chain(line.split_whitespace())).unwrap();
         let Some(Command::Render(args)) = arguments.command else { unreachable!("the line names the command") };
-        settings(&args, render)
+        settings(&args.light, &args.device, render)
     }
 
     #[test]

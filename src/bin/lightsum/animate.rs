@@ -1,0 +1,225 @@
+//! `lightsum animate`: a scene that is loaded once, and frames between which camera and objects move.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+use lightsum::output::{self, Encoding};
+use lightsum::scene;
+use lightsum::settings::Settings;
+use lightsum::standalone::{RenderOptions, Renderer};
+use lightsum::{Error, Result};
+use serde_json::{Value, json};
+
+use crate::args::{self, Animate};
+use crate::path::Motion;
+use crate::progress::{Progress, duration};
+use crate::render::{Job, metadata, pipeline_cache, settings, watch_for_interrupt};
+use crate::{camera, say, say_aside};
+
+/// File names with the number of the frame.
+struct Pattern {
+    before: String,
+    digits: usize,
+    after: String,
+}
+
+impl Pattern {
+    /// Splits `frame-%04d.png`.
+    fn new(path: &Path) -> Result<Pattern> {
+        let wrong = |message: &str| {
+            let message = format!("{}: {message}, as in frames/%04d.png", path.display());
+            Err(Error::Setting { name: "--output", message })
+        };
+        let Some(text) = path.to_str() else { return wrong("the name must be readable text") };
+        let Some((before, rest)) = text.split_once('%') else { return wrong("there must be a %d for the frame") };
+        let Some((digits, after)) = rest.split_once('d') else { return wrong("after % there must be a d") };
+        let number = digits.strip_prefix('0').unwrap_or(digits);
+        let digits = match number {
+            "" if digits.is_empty() => 1,
+            _ => match number.parse() {
+                Ok(digits @ 1..=9) => digits,
+                _ => return wrong("between % and d there may be a width from 01 to 09"),
+            },
+        };
+        if after.contains('%') {
+            return wrong("there must be one % alone");
+        }
+        Ok(Pattern { before: before.to_owned(), digits, after: after.to_owned() })
+    }
+
+    fn name(&self, frame: usize) -> PathBuf {
+        let Pattern { before, digits, after } = self;
+        PathBuf::from(format!("{before}{frame:0digits$}{after}"))
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Animate) -> Result<()> {
+    let pattern = args.output.as_deref().map(Pattern::new).transpose()?;
+    let first = pattern.as_ref().map(|pattern| pattern.name(0));
+    first.iter().chain(&args.timings).try_for_each(|file| output::check_writable(file))?;
+
+    let start = Instant::now();
+    let scene = scene::load(&args.scene)?;
+    let no_flags = args::Camera { eye: None, target: None, up: None, fov: None };
+    let still = camera::choose(&scene, &no_flags, args.resolution)?;
+    let motion = Motion::load(&args.path, &scene, still)?;
+    let settings = settings(&args.light, &args.device, &scene.render);
+    let settings = Settings { moving_passes: args.moving_passes.unwrap_or(settings.moving_passes), ..settings };
+    settings.validate()?;
+    let mut job = Job {
+        name: scene.name.clone(),
+        camera: still,
+        settings: settings.clone(),
+        outputs: Vec::new(),
+        encoding: Encoding {
+            float: false,
+            color_only: true,
+            exposure: args.exposure.or(scene.render.exposure).unwrap_or(0.0),
+            tonemap: args.tonemap.into(),
+        },
+        stages: vec![("load".into(), start.elapsed().as_secs_f64())],
+    };
+    let interrupted = watch_for_interrupt();
+    let options = RenderOptions {
+        device: args.device.device.clone().unwrap_or_default(),
+        validation: args.device.validation,
+        checked_shaders: false,
+        pipeline_cache: pipeline_cache(),
+        dynamic: true,
+    };
+    let mut renderer = Renderer::new(scene, still, settings, &options)?;
+
+    let mut progress = Progress::new();
+    let mut frames = Vec::new();
+    for (number, &time) in motion.times.iter().enumerate() {
+        if interrupted.load(Ordering::Relaxed) {
+            break;
+        }
+        job.camera = motion.camera(time).unwrap_or(still);
+        let edit = Instant::now();
+        place(&mut renderer, &motion, time, &job).map_err(|error| in_path(&args.path, error))?;
+        let edit = edit.elapsed().as_secs_f64();
+        let mut frame = render_frame(&mut renderer, job.settings.moving_passes)?;
+        let write = Instant::now();
+        if let Some(pattern) = &pattern {
+            job.outputs = vec![pattern.name(number)];
+            let statistics = renderer.statistics();
+            let mut metadata = metadata(&job, &statistics.device, statistics.driver);
+            metadata.passes = renderer.passes();
+            job.write_outputs(&renderer.layers()?, &metadata)?;
+        }
+        frame["frame"] = number.into();
+        frame["time"] = time.into();
+        frame["edit"] = edit.into();
+        frame["write"] = write.elapsed().as_secs_f64().into();
+        frames.push(frame);
+        let (done, all) = (number + 1, motion.times.len());
+        progress.show(|| format!("frame {done} of {all}"), done as f64 / all as f64);
+    }
+    progress.finish();
+    if frames.is_empty() {
+        return Err(Error::Interrupted);
+    }
+    let count = frames.len();
+    if let Some(path) = &args.timings {
+        write_timings(path, &job, &renderer, frames)?;
+    }
+    if count < motion.times.len() {
+        say_aside(&format!("interrupted after {count} of {} frames", motion.times.len()));
+    }
+    let place = args.output.iter().chain(&args.timings).map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ");
+    let arrow = if place.is_empty() { "" } else { " -> " };
+    let passes = job.settings.moving_passes;
+    say(&format!("{}: {count} frames of {passes} passes in {}{arrow}{place}", job.name, duration(progress.elapsed())));
+    Ok(())
+}
+
+/// Camera and objects go where they are at a time.
+fn place(renderer: &mut Renderer, motion: &Motion, time: f64, job: &Job) -> Result<(), (Option<usize>, Error)> {
+    let engine = renderer.engine_mut();
+    engine.set_camera(job.camera).map_err(|error| (None, error))?;
+    for track in &motion.objects {
+        let transform = track.transform(time);
+        for &object in &track.objects {
+            engine.set_transform(object, transform).map_err(|error| (Some(track.line), error))?;
+        }
+    }
+    engine.apply_edits().map_err(|error| (None, error))
+}
+
+/// What is wrong with the scene at some time comes from the path file.
+fn in_path(path: &Path, (line, error): (Option<usize>, Error)) -> Error {
+    match (line, error) {
+        (Some(line), Error::Scene(message)) => Error::at(path, line, message),
+        (None, Error::Scene(message)) => Error::file(path, message),
+        (_, error) => error,
+    }
+}
+
+/// Renders the passes of a frame; gives what they took.
+fn render_frame(renderer: &mut Renderer, passes: u32) -> Result<Value> {
+    let before = renderer.passes();
+    let (mut seconds, mut record) = (0.0, 0.0);
+    let mut gpu_passes: BTreeMap<String, f64> = BTreeMap::new();
+    for _ in 0..passes {
+        renderer.pass()?;
+        let times = renderer.last_pass();
+        seconds += times.seconds;
+        record += times.record;
+        for (name, seconds) in &times.gpu_passes {
+            *gpu_passes.entry(name.clone()).or_default() += seconds;
+        }
+    }
+    let times = renderer.engine().edit_times();
+    let parts = (before == 0).then(|| {
+        json!({
+            "vertices": times.vertices,
+            "refit": times.refit,
+            "top_level": times.top_level,
+            "lights": times.lights,
+            "staging": times.staging,
+            "bytes": times.bytes,
+        })
+    });
+    Ok(json!({
+        "passes": renderer.passes(),
+        "edit_parts": parts,
+        "render": seconds,
+        "record": record,
+        "gpu_passes": gpu_passes,
+    }))
+}
+
+fn write_timings(path: &Path, job: &Job, renderer: &Renderer, frames: Vec<Value>) -> Result<()> {
+    let statistics = renderer.statistics();
+    let value = json!({
+        "scene": job.name,
+        "device": statistics.device,
+        "driver": statistics.driver,
+        "resolution": job.camera.resolution,
+        "triangles": statistics.triangles,
+        "moving_passes": job.settings.moving_passes,
+        "frames": frames,
+    });
+    // Numbers and strings alone: nothing in it fails to be written.
+    let text = serde_json::to_string_pretty(&value).unwrap_or_default();
+    std::fs::write(path, text + "\n").map_err(Error::io("writing", path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patterns_have_one_number() {
+        for (pattern, name) in [("a/%04d.png", "a/0007.png"), ("f-%d.exr", "f-7.exr"), ("%3d.png", "007.png")] {
+            assert_eq!(Pattern::new(Path::new(pattern)).unwrap().name(7), Path::new(name));
+        }
+        for wrong in ["a.png", "a%.png", "a%xd.png", "%d-%d.png", "%00d.png", "%99d.png"] {
+            assert!(Pattern::new(Path::new(wrong)).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,315 @@
+//! A recorded path: where camera and objects are at which time.
+//!
+//! ```toml
+//! frames = 24                     # spread evenly from the first key to the last; or times = [0.0, 0.5, 2.0]
+//!
+//! [[camera]]                      # keys in the order of time; what a key leaves out is the scene's
+//! time = 0.0                      # seconds
+//! eye = [0, 1, 4]
+//! target = [0, 1, 0]
+//! fov = 40                        # vertical angle of view, degrees
+//!
+//! [[object]]
+//! name = "box"                    # all objects of this name
+//! axis = [0, 1, 0]                # of the rotation (default)
+//! pivot = [0, 0.5, 0]             # what rotation and scale leave in place (default: the middle of the object's box)
+//! keys = [
+//!     { time = 0.0, translation = [0, 0, 0], degrees = 0, scale = 1 },
+//!     { time = 2.0, translation = [1, 0, 0], degrees = 90, scale = [1, 2, 1] },
+//! ]
+//! ```
+//!
+//! Between keys every number is interpolated linearly; before the first key and after the last it stays.
+
+use std::ops::Range;
+use std::path::Path;
+
+use glam::{Affine3A, Quat, Vec3};
+use lightsum::scene::{Camera, Scene};
+use lightsum::{Error, Result};
+use serde::Deserialize;
+use toml::Spanned;
+
+/// Greatest number of frames.
+const MAX_FRAMES: usize = 1_000_000;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    frames: Option<Spanned<usize>>,
+    times: Option<Spanned<Vec<f64>>>,
+    #[serde(default)]
+    camera: Vec<Spanned<CameraKey>>,
+    #[serde(default)]
+    object: Vec<ObjectEntry>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CameraKey {
+    time: f64,
+    eye: Option<Vec3>,
+    target: Option<Vec3>,
+    fov: Option<f32>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ObjectEntry {
+    name: Spanned<String>,
+    axis: Option<Spanned<Vec3>>,
+    pivot: Option<Spanned<Vec3>>,
+    keys: Vec<Spanned<ObjectKey>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ObjectKey {
+    time: f64,
+    #[serde(default)]
+    translation: Vec3,
+    #[serde(default)]
+    degrees: f32,
+    scale: Option<Scale>,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(untagged)]
+enum Scale {
+    Even(f32),
+    Each(Vec3),
+}
+
+/// A path that fits a scene.
+pub struct Motion {
+    /// Time of each frame, seconds.
+    pub times: Vec<f64>,
+    camera: Vec<(f64, Camera)>,
+    /// The objects that move.
+    pub objects: Vec<Track>,
+}
+
+/// How objects of one name move.
+pub struct Track {
+    /// Indices of the objects.
+    pub objects: Vec<u32>,
+    /// Line of the name in the file.
+    pub line: usize,
+    axis: Vec3,
+    pivot: Vec3,
+    keys: Vec<(f64, Pose)>,
+}
+
+#[derive(Clone, Copy)]
+struct Pose {
+    translation: Vec3,
+    degrees: f32,
+    scale: Vec3,
+}
+
+impl Motion {
+    /// Reads a path for a scene seen by `camera`. A message names the file, the line and the key.
+    pub fn load(path: &Path, scene: &Scene, camera: Camera) -> Result<Motion> {
+        let text = std::fs::read_to_string(path).map_err(Error::io("reading", path))?;
+        let line = |span: Range<usize>| text.bytes().take(span.start).filter(|&b| b == b'\n').count() + 1;
+        let at = |span: Range<usize>, message: String| Error::at(path, line(span), message);
+        let file: File = toml::from_str(&text).map_err(|e| {
+            let message = e.message().trim_end().to_string();
+            e.span().map_or_else(|| Error::file(path, message.clone()), |span| at(span, message.clone()))
+        })?;
+
+        let cameras = keys(&file.camera, "[[camera]]", |key| key.time).map_err(|(span, message)| at(span, message))?;
+        let cameras = cameras
+            .into_iter()
+            .map(|(time, key, span)| {
+                let eye = key.eye.unwrap_or(camera.eye);
+                let target = key.target.unwrap_or(camera.target);
+                let camera = Camera { eye, target, fov_y: key.fov.unwrap_or(camera.fov_y), ..camera };
+                camera.check().map_err(|message| at(span, format!("[[camera]]: {message}")))?;
+                Ok((time, camera))
+            })
+            .collect::<Result<Vec<_>>>()?;
+        let objects = file
+            .object
+            .iter()
+            .map(|entry| entry.track(scene, line).map_err(|(span, message)| at(span, message)))
+            .collect::<Result<Vec<_>>>()?;
+
+        let ends = cameras.iter().map(|(time, _)| *time);
+        let ends = ends.chain(objects.iter().flat_map(|track| track.keys.iter().map(|(time, _)| *time)));
+        let (start, end) = ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), t| (low.min(t), high.max(t)));
+        let times = match (&file.frames, &file.times) {
+            (Some(frames), Some(_)) => {
+                return Err(at(frames.span(), String::from("both `frames` and `times` are given; keep one")));
+            }
+            (None, None) => return Err(Error::file(path, "no `frames`; say how many, or give their `times`")),
+            (Some(frames), None) => {
+                let count = *frames.get_ref();
+                if count == 0 || count > MAX_FRAMES {
+                    return Err(at(frames.span(), format!("`frames` {count} is not in 1..={MAX_FRAMES}")));
+                }
+                if start > end {
+                    return Err(at(frames.span(), String::from("no [[camera]] and no [[object]] has a key")));
+                }
+                let step = (end - start) / count.saturating_sub(1).max(1) as f64;
+                (0..count).map(|i| start + step * i as f64).collect()
+            }
+            (None, Some(times)) => {
+                if times.get_ref().is_empty() || times.get_ref().iter().any(|t| !t.is_finite()) {
+                    return Err(at(times.span(), String::from("`times` must be finite, and at least one")));
+                }
+                times.get_ref().clone()
+            }
+        };
+        Ok(Motion { times, camera: cameras, objects })
+    }
+
+    /// The camera at a time; `None` if it stays where it is.
+    pub fn camera(&self, time: f64) -> Option<Camera> {
+        let (a, b, f) = between(&self.camera, time)?;
+        Some(Camera {
+            eye: a.eye.lerp(b.eye, f),
+            target: a.target.lerp(b.target, f),
+            fov_y: lerp(a.fov_y, b.fov_y, f),
+            ..a
+        })
+    }
+}
+
+impl Track {
+    /// Where the objects are at a time.
+    pub fn transform(&self, time: f64) -> Affine3A {
+        let Some((a, b, f)) = between(&self.keys, time) else { return Affine3A::IDENTITY };
+        let angle = lerp(a.degrees, b.degrees, f).to_radians();
+        let translation = a.translation.lerp(b.translation, f);
+        let rotation = Quat::from_axis_angle(self.axis, angle);
+        let about_pivot =
+            Affine3A::from_scale_rotation_translation(a.scale.lerp(b.scale, f), rotation, translation + self.pivot);
+        about_pivot * Affine3A::from_translation(-self.pivot)
+    }
+}
+
+impl ObjectEntry {
+    fn track(&self, scene: &Scene, line: impl Fn(Range<usize>) -> usize) -> Result<Track, (Range<usize>, String)> {
+        let name = self.name.get_ref();
+        let what = format!("[[object]] {name:?}");
+        let objects = scene.objects_named(name);
+        if objects.is_empty() {
+            let message = format!("the scene has no object {name:?}; the nearest are {}", scene.objects_like(name));
+            return Err((self.name.span(), message));
+        }
+        let axis = match &self.axis {
+            None => Vec3::Y,
+            Some(axis) => axis
+                .get_ref()
+                .try_normalize()
+                .ok_or_else(|| (axis.span(), format!("{what}: `axis` {} has no direction", axis.get_ref())))?,
+        };
+        let pivot = match &self.pivot {
+            Some(pivot) if pivot.get_ref().is_finite() => *pivot.get_ref(),
+            Some(pivot) => return Err((pivot.span(), format!("{what}: `pivot` {} is not finite", pivot.get_ref()))),
+            None => {
+                let own = scene.triangles.iter().filter(|t| objects.contains(&t.object));
+                let corners = own.flat_map(|t| t.vertices).map(|v| scene.positions[v as usize]);
+                let (low, high) =
+                    corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
+                if low.cmpgt(high).any() {
+                    return Err((self.name.span(), format!("{what}: it has no triangles")));
+                }
+                0.5 * (low + high)
+            }
+        };
+        if self.keys.is_empty() {
+            return Err((self.name.span(), format!("{what}: `keys` is empty")));
+        }
+        let keys = keys(&self.keys, &what, |key| key.time)?
+            .into_iter()
+            .map(|(time, key, span)| {
+                let scale = match key.scale {
+                    None => Vec3::ONE,
+                    Some(Scale::Even(scale)) => Vec3::splat(scale),
+                    Some(Scale::Each(scale)) => scale,
+                };
+                if !(scale.is_finite() && scale.min_element() > 0.0) {
+                    return Err((span, format!("{what}: `scale` {scale} must be above 0")));
+                }
+                if !(key.translation.is_finite() && key.degrees.is_finite()) {
+                    let message = format!(
+                        "{what}: `translation` {} and `degrees` {} must be finite",
+                        key.translation, key.degrees
+                    );
+                    return Err((span, message));
+                }
+                Ok((time, Pose { translation: key.translation, degrees: key.degrees, scale }))
+            })
+            .collect::<Result<_, _>>()?;
+        Ok(Track { objects, line: line(self.name.span()), axis, pivot, keys })
+    }
+}
+
+/// Time of a key, the key, and its place in the file.
+type Placed<'a, T> = (f64, &'a T, Range<usize>);
+
+/// Keys with their times, which must grow, and their places in the file.
+fn keys<'a, T>(
+    keys: &'a [Spanned<T>],
+    what: &str,
+    time: impl Fn(&T) -> f64,
+) -> Result<Vec<Placed<'a, T>>, (Range<usize>, String)> {
+    let mut before = f64::NEG_INFINITY;
+    let mut found = Vec::with_capacity(keys.len());
+    for key in keys {
+        let now = time(key.get_ref());
+        if !now.is_finite() || now <= before {
+            return Err((
+                key.span(),
+                format!("{what}: `time` {now} must be finite and later than that of the key before"),
+            ));
+        }
+        before = now;
+        found.push((now, key.get_ref(), key.span()));
+    }
+    Ok(found)
+}
+
+fn lerp(a: f32, b: f32, f: f32) -> f32 {
+    a + (b - a) * f
+}
+
+/// The keys around a time, and how far it is from the first to the second.
+fn between<T: Copy>(keys: &[(f64, T)], time: f64) -> Option<(T, T, f32)> {
+    let after = keys.partition_point(|(t, _)| *t <= time);
+    let (last, first) = (keys.last()?, keys.first()?);
+    match (after.checked_sub(1).and_then(|i| keys.get(i)), keys.get(after)) {
+        (Some(a), Some(b)) => Some((a.1, b.1, ((time - a.0) / (b.0 - a.0)) as f32)),
+        (None, _) => Some((first.1, first.1, 0.0)),
+        (_, None) => Some((last.1, last.1, 0.0)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pose(degrees: f32) -> Pose {
+        Pose { translation: Vec3::new(degrees, 0.0, 0.0), degrees, scale: Vec3::ONE }
+    }
+
+    #[test]
+    fn numbers_are_interpolated_and_stay_at_the_ends() {
+        let pivot = Vec3::new(0.3, 7.0, -2.1);
+        let keys = vec![(1.0, pose(0.0)), (2.0, pose(90.0)), (4.0, pose(450.0))];
+        let track = Track { objects: vec![0], line: 1, axis: Vec3::Y, pivot, keys };
+        for (time, degrees) in
+            [(-1.0, 0.0), (1.0, 0.0), (1.5, 45.0), (2.0, 90.0), (3.0, 270.0), (4.0, 450.0), (9.0, 450.0)]
+        {
+            let transform = track.transform(time);
+            let moved = transform.transform_point3(pivot) - pivot;
+            assert!((moved - Vec3::new(degrees, 0.0, 0.0)).length() < 1e-4, "at {time}: {moved}");
+            let turned = transform.transform_vector3(Vec3::Z);
+            let expected = Quat::from_rotation_y(degrees.to_radians()) * Vec3::Z;
+            assert!((turned - expected).length() < 1e-5, "at {time}: {turned}");
+        }
+        assert_eq!(track.transform(0.0), Affine3A::IDENTITY, "exactly");
+    }
+}

@@ -1,0 +1,562 @@
+//! Changes of the scene between passes (row W11): objects move and deform, materials and lights change.
+//!
+//! An edit checks its input, takes effect in the engine's copy of the scene at once, and marks what it touches. The next
+//! [`Engine::record_pass`] brings hierarchy, emitters and buffers up to date for all edits since the one before, and records the
+//! uploads; [`Engine::apply_edits`] does the first half of that earlier, where a host prefers.
+
+use std::ops::Range;
+use std::time::Instant;
+
+use glam::{Affine3A, Mat3A, Vec3};
+
+use super::{Engine, check_slots};
+use crate::accel::objects::{Changes, ObjectTrees};
+use crate::error::{Error, Result};
+use crate::frame::Frame;
+use crate::gpu::Context;
+use crate::light::emitters::Emitters;
+use crate::light::targets::Targets;
+use crate::pass::layout::PointLight;
+use crate::plan::{LightPlan, PhotonPlan};
+use crate::scene::validate::is_degenerate;
+use crate::scene::{Camera, Light, Material, Scene, Surface, Texture};
+use crate::scene_buffers::{Ideal, SceneBuffers, delta_lights};
+use crate::settings::Settings;
+
+/// A transform whose columns differ from an orthonormal basis by no more than this is taken for rigid: areas stay.
+const RIGID: f32 = 1e-5;
+
+/// What the latest edits cost the processor, in seconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EditTimes {
+    /// Vertices: checking and moving them, when the edits were made.
+    pub vertices: f64,
+    /// Triangles and trees of the objects that moved.
+    pub refit: f64,
+    /// The tree over the objects.
+    pub top_level: f64,
+    /// Emitters and the number of particles.
+    pub lights: f64,
+    /// Staging of what is uploaded; passes made anew, where that was necessary.
+    pub staging: f64,
+    /// Bytes staged.
+    pub bytes: u64,
+}
+
+/// What an engine knows whose scene may change.
+pub(super) struct Moving {
+    scene: Scene,
+    /// Vertices of each object.
+    vertices: Vec<Range<usize>>,
+    /// Triangles of each object.
+    triangles: Vec<Vec<u32>>,
+    /// Vertices before the transforms.
+    rest_positions: Vec<Vec3>,
+    rest_normals: Vec<Vec3>,
+    /// Lights before the transforms.
+    rest_lights: Vec<Light>,
+    transforms: Vec<Affine3A>,
+    trees: ObjectTrees,
+    /// For each object the area of each of its materials.
+    areas: Vec<Vec<(u32, f64)>>,
+    /// Mean colours of the textures.
+    averages: Vec<Vec3>,
+    pending: Pending,
+    /// Seconds taken by vertices since the last upload.
+    vertex_seconds: f64,
+    times: EditTimes,
+}
+
+/// What edits have touched since the last upload.
+#[derive(Default)]
+struct Pending {
+    moved: Vec<u32>,
+    materials: Vec<u32>,
+    lights: bool,
+    emission: bool,
+    /// The device holds something else than is known here.
+    everything: bool,
+}
+
+impl Pending {
+    fn is_empty(&self) -> bool {
+        self.moved.is_empty() && self.materials.is_empty() && !self.lights && !self.emission && !self.everything
+    }
+}
+
+impl Engine {
+    /// As [`Engine::new`], for a scene that may change between passes. Every object gets a tree of its own (see
+    /// [`crate::accel::objects`]), so that moving one does not build the others anew; rays take somewhat longer. Vertices
+    /// are numbered anew, see [`Scene::separate_objects`].
+    pub fn new_dynamic(context: &Context, mut scene: Scene, camera: Camera, settings: Settings) -> Result<Engine> {
+        let vertices = scene.separate_objects();
+        let (mut engine, trees) = Self::with_trees(context, &scene, camera, settings, true)?;
+        engine.moving = trees.map(|trees| {
+            let mut triangles = vec![Vec::new(); scene.objects.len()];
+            (0..).zip(&scene.triangles).for_each(|(i, t)| triangles[t.object as usize].push(i));
+            let mut moving = Moving {
+                triangles,
+                rest_lights: scene.lights.clone(),
+                rest_positions: scene.positions.clone(),
+                rest_normals: scene.normals.clone(),
+                transforms: vec![Affine3A::IDENTITY; scene.objects.len()],
+                areas: vec![Vec::new(); scene.objects.len()],
+                averages: scene.textures.iter().map(Texture::average).collect(),
+                scene,
+                vertices,
+                trees,
+                pending: Pending::default(),
+                vertex_seconds: 0.0,
+                times: EditTimes::default(),
+            };
+            (0..moving.areas.len()).for_each(|object| moving.measure(object));
+            Box::new(moving)
+        });
+        Ok(engine)
+    }
+
+    /// The scene as edited; `None` if it cannot change.
+    pub fn scene(&self) -> Option<&Scene> {
+        self.moving.as_ref().map(|moving| &moving.scene)
+    }
+
+    /// Moves an object: `transform` takes it from where it was at first (or where [`Engine::set_vertices`] put it) to where it
+    /// is to be, whatever its transform was before. A sphere light moves along if the object is its surface.
+    ///
+    /// Errors, after which everything is as before: there is no such object; the transform is not finite, flattens the object
+    /// or turns it inside out; a triangle would lose its area; a sphere light would be no sphere.
+    pub fn set_transform(&mut self, object: u32, transform: Affine3A) -> Result<()> {
+        let moving = self.moving()?;
+        let name = moving.name(object)?;
+        if moving.transforms[object as usize] == transform {
+            return Ok(());
+        }
+        check_transform(&transform).map_err(|message| refused(&name, &message))?;
+        moving.place(object, transform, None)?;
+        self.restart();
+        Ok(())
+    }
+
+    /// The transform of an object.
+    pub fn transform(&self, object: u32) -> Result<Affine3A> {
+        let moving = self.moving.as_ref().ok_or_else(still)?;
+        moving.name(object)?;
+        Ok(moving.transforms[object as usize])
+    }
+
+    /// Gives an object other vertices: as many as it has, in the order of [`Engine::scene`], before its transform. Without
+    /// `normals`, those of smooth triangles become the mean of their faces'.
+    ///
+    /// Errors, after which everything is as before: there is no such object; another number of vertices; a triangle would lose
+    /// its area; the object is the surface of a sphere light.
+    pub fn set_vertices(&mut self, object: u32, positions: &[Vec3], normals: Option<&[Vec3]>) -> Result<()> {
+        let moving = self.moving()?;
+        let name = moving.name(object)?;
+        let range = moving.vertices[object as usize].clone();
+        if positions.len() != range.len() || normals.is_some_and(|normals| normals.len() != range.len()) {
+            let given = normals.map_or(positions.len(), |normals| normals.len().min(positions.len()));
+            return Err(refused(&name, &format!("it has {} vertices, {given} are given", range.len())));
+        }
+        if moving.sphere(object).is_some() {
+            return Err(refused(&name, "it is the surface of a sphere light, which can move but not change its shape"));
+        }
+        if let Some(n) = normals.iter().flat_map(|normals| normals.iter()).find(|n| !n.is_normalized()) {
+            return Err(refused(&name, &format!("normal {n} is not of unit length")));
+        }
+        let same_normals = normals.is_none_or(|normals| *normals == moving.rest_normals[range.clone()]);
+        if *positions == moving.rest_positions[range] && same_normals {
+            return Ok(());
+        }
+        let normals = match normals {
+            Some(normals) => normals.to_vec(),
+            None => moving.mean_normals(object, positions),
+        };
+        let transform = moving.transforms[object as usize];
+        moving.place(object, transform, Some((positions, normals)))?;
+        self.restart();
+        Ok(())
+    }
+
+    /// Changes a material; where it emits, its triangles become emitters. Reflecting more than it receives, it is lowered
+    /// as when a scene is loaded.
+    ///
+    /// Errors, after which everything is as before: there is no such material or texture; a value is out of range; nothing
+    /// would emit light.
+    pub fn set_material(&mut self, index: u32, mut material: Material) -> Result<()> {
+        let (settings, resolution) = (self.parameters.settings.clone(), self.parameters.camera.resolution);
+        let moving = self.moving()?;
+        let Some(old) = moving.scene.materials.get(index as usize).cloned() else {
+            let count = moving.scene.materials.len();
+            return Err(Error::Scene(format!("material {index} does not exist, there are {count}")));
+        };
+        let wrong = |message: String| Error::Scene(format!("material {:?}: {message}", old.name));
+        material.check().map_err(wrong)?;
+        for texture in [material.base_texture, material.metallic_roughness_texture].into_iter().flatten() {
+            if texture as usize >= moving.scene.textures.len() {
+                return Err(wrong(format!("texture {texture} does not exist")));
+            }
+        }
+        if material.surface != Surface::Glass {
+            material.limit_albedo();
+        }
+        if material == old {
+            return Ok(());
+        }
+        let emission = material.emission != old.emission || material.two_sided != old.two_sided;
+        moving.scene.materials[index as usize] = material;
+        if emission {
+            moving.match_sphere_lights(index);
+        }
+        let checked = check_light(&moving.scene, emission)
+            .and_then(|()| check_slots(&settings, Ideal::of(&moving.scene), resolution));
+        if let Err(error) = checked {
+            moving.scene.materials[index as usize] = old;
+            if emission {
+                moving.match_sphere_lights(index);
+            }
+            return Err(error);
+        }
+        moving.pending.emission |= emission;
+        moving.pending.materials.push(index);
+        self.restart();
+        Ok(())
+    }
+
+    /// Changes a point, spot, directional or virtual light, also into another of these kinds. Sphere lights change with their
+    /// object and its material.
+    ///
+    /// Errors, after which everything is as before: there is no such light; a value is out of range; it is or becomes a sphere.
+    pub fn set_light(&mut self, index: u32, light: Light) -> Result<()> {
+        let moving = self.moving()?;
+        let Some(&old) = moving.scene.lights.get(index as usize) else {
+            let count = moving.scene.lights.len();
+            return Err(Error::Scene(format!("light {index} does not exist, there are {count}")));
+        };
+        if matches!(old, Light::Sphere { .. }) || matches!(light, Light::Sphere { .. }) {
+            let message = "sphere lights change with their object and its material";
+            return Err(Error::Scene(format!("light {index}: {message}")));
+        }
+        light.check().map_err(|message| Error::Scene(format!("light {index}: {message}")))?;
+        if light == old {
+            return Ok(());
+        }
+        moving.scene.lights[index as usize] = light;
+        if let Err(error) = check_light(&moving.scene, true) {
+            moving.scene.lights[index as usize] = old;
+            return Err(error);
+        }
+        moving.pending.lights = true;
+        self.restart();
+        Ok(())
+    }
+
+    /// Uploads the whole scene again with the next pass: for a host that has not submitted the first pass after a change.
+    pub fn upload_again(&mut self) {
+        if let Some(moving) = &mut self.moving {
+            moving.pending.everything = true;
+        }
+        self.restart();
+    }
+
+    /// What the latest edits that were applied have cost; zeros if there were none.
+    pub fn edit_times(&self) -> EditTimes {
+        self.moving.as_ref().map_or(EditTimes::default(), |moving| moving.times)
+    }
+
+    /// Brings hierarchy, emitters and passes up to date with the edits, and stages the uploads. [`Engine::record_pass`] does so
+    /// by itself.
+    pub fn apply_edits(&mut self) -> Result<()> {
+        let Some(mut moving) = self.moving.take() else { return Ok(()) };
+        let result = if moving.pending.is_empty() { Ok(()) } else { self.apply(&mut moving) };
+        if result.is_err() {
+            // Some of it may be staged, some not.
+            moving.pending.everything = true;
+        }
+        self.moving = Some(moving);
+        result
+    }
+
+    fn apply(&mut self, moving: &mut Moving) -> Result<()> {
+        let mut pending = std::mem::take(&mut moving.pending);
+        pending.moved.sort_unstable();
+        pending.moved.dedup();
+        let scene = &moving.scene;
+        let bounds = (self.bvh.min, self.bvh.max);
+        let changes = match &pending.moved[..] {
+            [] => Changes::default(),
+            moved => moving.trees.update(&mut self.bvh, scene, moved),
+        };
+        let extended = bounds != (self.bvh.min, self.bvh.max);
+
+        let start = Instant::now();
+        let emits = |object: &u32| {
+            let mut materials = moving.areas[*object as usize].iter().map(|&(m, _)| &scene.materials[m as usize]);
+            materials.any(|m| m.emission.max_element() > 0.0)
+        };
+        // The disc of parallel light is as large as the scene.
+        let parallel = |light: &Light| matches!(light, Light::Directional { .. });
+        let other_emitters = pending.everything
+            || pending.emission
+            || pending.lights
+            || pending.moved.iter().any(emits)
+            || extended && scene.lights.iter().any(parallel);
+        if other_emitters {
+            self.emitters = Emitters::of(scene, scene.emitters_are_lights)?;
+        }
+        let other_delta = pending.lights || extended || pending.everything;
+        let delta = other_delta.then(|| delta_lights(scene, self.bvh.scale()));
+        let reflectivity = moving.mean_reflectivity();
+        let lights = LightPlan::new(&self.parameters.settings, reflectivity, self.delta.len() as u32);
+        moving.times.lights = start.elapsed().as_secs_f64();
+
+        let start = Instant::now();
+        let mut staging = self.take_staging();
+        let bytes = staging.bytes();
+        let (ideal, wide) = (self.scene_buffers.ideal, moving.trees.wide.as_ref());
+        let context = &self.context;
+        let buffers = &mut self.scene_buffers;
+        let mut replaced = pending.everything || lights != self.parameters.lights;
+        if pending.everything {
+            *buffers = SceneBuffers::with_wide(context, &mut staging, scene, &self.bvh, &self.emitters, wide)?;
+        } else {
+            if !pending.moved.is_empty() {
+                replaced |= buffers.update_hierarchy(context, &mut staging, scene, &self.bvh, wide, &changes)?;
+            }
+            if !pending.materials.is_empty() {
+                buffers.update_materials(context, &mut staging, scene, &pending.materials)?;
+            }
+            if other_emitters {
+                replaced |= buffers.update_emitters(context, &mut staging, &self.emitters)?;
+            }
+        }
+        replaced |= buffers.ideal != ideal;
+        if pending.everything || !pending.moved.is_empty() || !pending.materials.is_empty() {
+            let settings = &self.parameters.settings;
+            let targets = Targets::of(scene, &self.bvh);
+            replaced |= buffers.update_targets(context, &mut staging, &targets)?;
+            self.parameters.photons = PhotonPlan::new(settings, targets.spheres.len() as u32);
+        }
+        if let Some(delta) = delta {
+            let parallel = |light: &PointLight| light.flags() & PointLight::DIRECTIONAL;
+            replaced |= !delta.iter().map(parallel).eq(self.delta.iter().map(parallel));
+            self.delta = delta;
+            if !replaced {
+                // Each class of pixels begins with them.
+                let class = u64::from(lights.slots()) * size_of::<PointLight>() as u64;
+                for i in 0..u64::from(self.parameters.settings.classes()) {
+                    staging.stage_into(context, &self.frame.lights, i * class, &self.delta)?;
+                }
+            }
+        }
+        if replaced {
+            self.frame = Frame::with_film(
+                context,
+                &self.kernels,
+                &mut staging,
+                buffers,
+                &self.parameters.settings,
+                &lights,
+                &self.delta,
+                (self.frame.film.clone(), self.frame.image.clone()),
+            )?;
+        }
+        moving.times.vertices = std::mem::take(&mut moving.vertex_seconds);
+        moving.times.staging = start.elapsed().as_secs_f64();
+        moving.times.bytes = staging.bytes() - bytes;
+        (moving.times.refit, moving.times.top_level) = (changes.refit_seconds, changes.top_seconds);
+        self.keep_staging(staging);
+        self.reflectivity = reflectivity;
+        let parameters = &mut self.parameters;
+        parameters.lights = lights;
+        parameters.nodes = self.bvh.node_count();
+        parameters.emitters = self.emitters.list.len() as u32;
+        parameters.diagonal = self.bvh.diagonal();
+        parameters.bounds = (self.bvh.min, self.bvh.max);
+        parameters.coordinate_scale = self.bvh.scale();
+        Ok(())
+    }
+
+    fn moving(&mut self) -> Result<&mut Moving> {
+        self.moving.as_deref_mut().ok_or_else(still)
+    }
+}
+
+fn still() -> Error {
+    Error::Resource {
+        name: String::from("engine"),
+        message: String::from("its scene cannot change; make the engine by Engine::new_dynamic"),
+    }
+}
+
+fn refused(object: &str, message: &str) -> Error {
+    Error::Scene(format!("object {object:?}: {message}"))
+}
+
+/// Checks that a scene still emits light, if it may have lost some.
+fn check_light(scene: &Scene, changed: bool) -> Result<()> {
+    if changed { Emitters::of(scene, scene.emitters_are_lights).map(|_| ()) } else { Ok(()) }
+}
+
+fn check_transform(transform: &Affine3A) -> Result<(), String> {
+    let determinant = transform.matrix3.determinant();
+    if !transform.is_finite() || !determinant.is_finite() {
+        return Err(format!("its transform is not finite: {transform}"));
+    }
+    if determinant < 0.0 {
+        return Err(format!("its transform mirrors it, which would turn it inside out (determinant {determinant})"));
+    }
+    if !determinant.is_normal() {
+        return Err(format!("its transform leaves it without volume (determinant {determinant})"));
+    }
+    Ok(())
+}
+
+/// The factor by which a transform scales everything, if it is the same in all directions.
+fn similarity(matrix: &Mat3A) -> Option<f32> {
+    let scale = matrix.x_axis.length();
+    let product = matrix.transpose() * *matrix;
+    let even = (product - Mat3A::from_diagonal(Vec3::splat(scale * scale))).abs();
+    let worst = even.x_axis.max(even.y_axis).max(even.z_axis).max_element();
+    (worst <= RIGID * scale * scale).then_some(scale)
+}
+
+impl Moving {
+    /// Name of an object with triangles.
+    fn name(&self, object: u32) -> Result<String> {
+        let Some(name) = self.scene.objects.get(object as usize) else {
+            let count = self.scene.objects.len();
+            return Err(Error::Scene(format!("object {object} does not exist, there are {count}")));
+        };
+        if self.vertices[object as usize].is_empty() {
+            return Err(refused(name, "it has no triangles"));
+        }
+        Ok(name.clone())
+    }
+
+    /// The sphere light whose surface an object is.
+    fn sphere(&self, object: u32) -> Option<usize> {
+        let surface = |light: &Light| matches!(light, Light::Sphere { object: o, .. } if *o == object);
+        self.scene.lights.iter().position(surface)
+    }
+
+    /// Puts an object where a transform takes its vertices, or others.
+    fn place(&mut self, object: u32, transform: Affine3A, rest: Option<(&[Vec3], Vec<Vec3>)>) -> Result<()> {
+        let start = Instant::now();
+        let name = self.name(object)?;
+        let range = self.vertices[object as usize].clone();
+        let rest_positions = rest.as_ref().map_or(&self.rest_positions[range.clone()], |rest| rest.0);
+        let still = transform == Affine3A::IDENTITY;
+        let positions: Vec<Vec3> = if still {
+            rest_positions.to_vec()
+        } else {
+            rest_positions.iter().map(|&p| transform.transform_point3(p)).collect()
+        };
+        if let Some(p) = positions.iter().find(|p| !p.is_finite()) {
+            return Err(refused(&name, &format!("a vertex would be at {p}")));
+        }
+        let (mut smooth, first) = (false, range.start);
+        for &k in &self.triangles[object as usize] {
+            let triangle = &self.scene.triangles[k as usize];
+            smooth |= triangle.smooth;
+            if is_degenerate(triangle.vertices.map(|v| positions[v as usize - first])) {
+                return Err(refused(&name, &format!("triangle {k} of the scene would have no area")));
+            }
+        }
+        if let Some(index) = self.sphere(object)
+            && let Light::Sphere { center, radius, radiance, inward, object } = self.rest_lights[index]
+        {
+            let Some(scale) = similarity(&transform.matrix3) else {
+                let message = "it is the surface of a sphere light, and its transform would make it no sphere";
+                return Err(refused(&name, message));
+            };
+            let (center, radius) =
+                if still { (center, radius) } else { (transform.transform_point3(center), radius * scale) };
+            self.scene.lights[index] = Light::Sphere { center, radius, radiance, inward, object };
+        }
+        let other_areas = rest.is_some() || !is_rigid(&transform) || !is_rigid(&self.transforms[object as usize]);
+        if let Some((positions, normals)) = rest {
+            self.rest_positions[range.clone()].copy_from_slice(positions);
+            self.rest_normals[range.clone()].copy_from_slice(&normals);
+        }
+        self.scene.positions[range.clone()].copy_from_slice(&positions);
+        if still {
+            self.scene.normals[range.clone()].copy_from_slice(&self.rest_normals[range]);
+        } else if smooth {
+            // The cofactors are the inverse transposed but for a factor.
+            let m = transform.matrix3;
+            let (x, y, z) = (m.x_axis, m.y_axis, m.z_axis);
+            let cofactors = Mat3A::from_cols(y.cross(z), z.cross(x), x.cross(y));
+            for (normal, rest) in self.scene.normals[range.clone()].iter_mut().zip(&self.rest_normals[range]) {
+                *normal = (cofactors * *rest).normalize_or(*rest);
+            }
+        }
+        self.transforms[object as usize] = transform;
+        if other_areas {
+            self.measure(object as usize);
+        }
+        self.pending.moved.push(object);
+        self.vertex_seconds += start.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    /// Adds up the areas of an object; a rigid transform leaves them as they were, without rounding.
+    fn measure(&mut self, object: usize) {
+        let (first, rest) = (self.vertices[object].start, &self.rest_positions[self.vertices[object].clone()]);
+        let positions = if is_rigid(&self.transforms[object]) {
+            rest
+        } else {
+            &self.scene.positions[self.vertices[object].clone()]
+        };
+        let mut areas: Vec<(u32, f64)> = Vec::new();
+        for &k in &self.triangles[object] {
+            let triangle = &self.scene.triangles[k as usize];
+            let [a, b, c] = triangle.vertices.map(|v| positions[v as usize - first]);
+            let area = f64::from(0.5 * (b - a).cross(c - a).length());
+            match areas.iter_mut().find(|(material, _)| *material == triangle.material) {
+                Some((_, sum)) => *sum += area,
+                None => areas.push((triangle.material, area)),
+            }
+        }
+        self.areas[object] = areas;
+    }
+
+    /// [`Scene::mean_reflectivity`] from the areas of the objects.
+    fn mean_reflectivity(&self) -> f32 {
+        let albedo: Vec<f64> = self.scene.materials.iter().map(|m| f64::from(m.mean_albedo(&self.averages))).collect();
+        let (mut reflecting, mut total) = (0.0, 0.0);
+        for &(material, area) in self.areas.iter().flatten() {
+            reflecting += area * albedo[material as usize];
+            total += area;
+        }
+        if total > 0.0 { (reflecting / total) as f32 } else { 0.0 }
+    }
+
+    /// Unit normals of an object's vertices: the mean of the faces around each by their areas.
+    fn mean_normals(&self, object: u32, positions: &[Vec3]) -> Vec<Vec3> {
+        let first = self.vertices[object as usize].start;
+        let mut sums = vec![Vec3::ZERO; positions.len()];
+        for &k in &self.triangles[object as usize] {
+            let corners = self.scene.triangles[k as usize].vertices.map(|v| v as usize - first);
+            let [a, b, c] = corners.map(|v| positions[v]);
+            let twice_area = (b - a).cross(c - a);
+            corners.iter().for_each(|&v| sums[v] += twice_area);
+        }
+        sums.into_iter().map(|sum| sum.normalize_or(Vec3::Y)).collect()
+    }
+
+    /// Sphere lights emit what the material of their surface says.
+    fn match_sphere_lights(&mut self, material: u32) {
+        let emission = self.scene.materials[material as usize].emission;
+        for light in self.scene.lights.iter_mut().chain(&mut self.rest_lights) {
+            if let Light::Sphere { object, radiance, .. } = light
+                && self.areas[*object as usize].iter().any(|&(m, _)| m == material)
+            {
+                *radiance = emission;
+            }
+        }
+    }
+}
+
+fn is_rigid(transform: &Affine3A) -> bool {
+    similarity(&transform.matrix3).is_some_and(|scale| (scale - 1.0).abs() <= RIGID)
+}

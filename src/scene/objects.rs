@@ -1,0 +1,66 @@
+//! Objects as parts of a scene that move on their own.
+
+use std::ops::Range;
+
+use glam::{Vec2, Vec3};
+
+use super::Scene;
+use super::description::nearest;
+
+impl Scene {
+    /// Objects of this name; files may give one name to several.
+    pub fn objects_named(&self, name: &str) -> Vec<u32> {
+        (0..).zip(&self.objects).filter(|(_, known)| *known == name).map(|(i, _)| i).collect()
+    }
+
+    /// The names of objects nearest to a misspelt one, for a message.
+    pub fn objects_like(&self, name: &str) -> String {
+        nearest(name, self.objects.iter().map(String::as_str))
+    }
+
+    /// Gives each object vertices of its own, one after the other in the order in which they were, and drops vertices that no
+    /// triangle uses. Returns the range of each object's vertices.
+    pub fn separate_objects(&mut self) -> Vec<Range<usize>> {
+        let mut uses: Vec<(u32, u32)> = self.triangles.iter().flat_map(|t| t.vertices.map(|v| (t.object, v))).collect();
+        uses.sort_unstable();
+        uses.dedup();
+        for t in &mut self.triangles {
+            // Each use is in the list.
+            t.vertices = t.vertices.map(|v| uses.partition_point(|&u| u < (t.object, v)) as u32);
+        }
+        let take = |old: &[Vec3]| uses.iter().map(|&(_, v)| old[v as usize]).collect();
+        self.positions = take(&self.positions);
+        self.normals = take(&self.normals);
+        self.uvs = uses.iter().map(|&(_, v)| self.uvs.get(v as usize).copied().unwrap_or(Vec2::ZERO)).collect();
+        let start = |object: u32| uses.partition_point(|u| u.0 < object);
+        (0..self.objects.len() as u32).map(|object| start(object)..start(object + 1)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Triangle, builtin};
+    use super::*;
+
+    #[test]
+    fn objects_get_vertices_of_their_own() {
+        let mut scene = builtin::facing_plates(1.0);
+        // The second object uses two vertices of the first, and one vertex is used by none.
+        scene.positions.push(Vec3::splat(9.0));
+        scene.normals.push(Vec3::X);
+        scene.uvs.push(Vec2::ONE);
+        scene.triangles.push(Triangle { vertices: [0, 6, 1], material: 1, object: 1, smooth: false });
+        let corners: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
+        let ranges = scene.separate_objects();
+        assert_eq!(ranges, [0..4, 4..10]);
+        assert_eq!((scene.positions.len(), scene.normals.len(), scene.uvs.len()), (10, 10, 10));
+        for (i, triangle) in scene.triangles.iter().enumerate() {
+            assert_eq!(scene.triangle_positions(i), corners[i]);
+            assert!(triangle.vertices.iter().all(|&v| ranges[triangle.object as usize].contains(&(v as usize))));
+        }
+        let again = scene.clone().separate_objects();
+        assert_eq!(again, ranges);
+        assert_eq!((scene.objects_named("receiver"), scene.objects_named("lamp").len()), (vec![1], 0));
+        assert!(scene.objects_like("recever").starts_with("\"receiver\""));
+    }
+}
