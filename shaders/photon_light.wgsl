@@ -48,27 +48,44 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let lower = vec3<i32>(floor(in_cells(position) - 0.5));
     var e = vec3<f32>(0.0);
     var l = vec3<f32>(0.0);
+    var codes: array<u32, 8>;
+    // The photons of the cells one after the other: the first that is not of a cell or those before it, and what to add to a
+    // number among them all for its place in the grid.
+    var after: array<u32, 8>;
+    var add: array<u32, 8>;
+    var total = 0u;
     for (var corner = 0u; corner < 8u; corner += 1u) {
         let cell = lower + vec3<i32>(vec3<u32>(corner & 1u, (corner >> 1u) & 1u, corner >> 2u));
-        let code = code_of(cell, receiver_class);
-        let bucket = bucket_of(code);
-        // A dispatch takes the photons of its stretch alone, so its loops are bounded.
-        let end = min(buckets[2u * bucket + 1u], step.end);
-        for (var i = max(buckets[2u * bucket], step.first); i < end; i += 1u) {
-            let photon = sorted_position[i];
-            let off = photon.xyz - position;
-            let wi = sorted_wi[i].xyz;
-            let cos_geometric = dot(wi, geometric.xyz);
-            let cos_shading = dot(wi, shading.xyz);
-            let near = bitcast<u32>(photon.w) == code && dot(off, off) <= radius2;
-            let faces = dot(sorted_normal[i].xyz, geometric.xyz) > LEAST_COSINE && cos_geometric > 0.0 && cos_shading > 0.0;
-            // Flux arrives by the geometric cosine and is reflected by the shading one (Veach 1997, 5.3).
-            let skew = min(cos_shading / max(cos_geometric, 1e-7), 4.0);
-            let arriving = sorted_flux[i].xyz * select(0.0, skew * share, near && faces);
-            e += arriving;
-            for (var k = select(0u, 1u, near && faces && f0.w > 0.0); k > 0u; k -= 1u) {
-                l += arriving * eval_specular(lobe, shading.xyz, wo, wi);
-            }
+        codes[corner] = code_of(cell, receiver_class);
+        let bucket = bucket_of(codes[corner]);
+        // A dispatch takes the photons of its stretch alone, so its loop is bounded.
+        let begin = max(buckets[2u * bucket], step.first);
+        let end = max(min(buckets[2u * bucket + 1u], step.end), begin);
+        add[corner] = begin - total;
+        total += end - begin;
+        after[corner] = total;
+    }
+    // One loop and not one for each cell: most cells are empty, and a SIMD driver runs every loop at least once.
+    for (var j = 0u; j < total; j += 1u) {
+        var code = codes[0];
+        var i = j + add[0];
+        for (var corner = 1u; corner < 8u; corner += 1u) {
+            code = select(code, codes[corner], j >= after[corner - 1u]);
+            i = select(i, j + add[corner], j >= after[corner - 1u]);
+        }
+        let photon = sorted_position[i];
+        let off = photon.xyz - position;
+        let wi = sorted_wi[i].xyz;
+        let cos_geometric = dot(wi, geometric.xyz);
+        let cos_shading = dot(wi, shading.xyz);
+        let near = bitcast<u32>(photon.w) == code && dot(off, off) <= radius2;
+        let faces = dot(sorted_normal[i].xyz, geometric.xyz) > LEAST_COSINE && cos_geometric > 0.0 && cos_shading > 0.0;
+        // Flux arrives by the geometric cosine and is reflected by the shading one (Veach 1997, 5.3).
+        let skew = min(cos_shading / max(cos_geometric, 1e-7), 4.0);
+        let arriving = sorted_flux[i].xyz * select(0.0, skew * share, near && faces);
+        e += arriving;
+        for (var k = select(0u, 1u, near && faces && f0.w > 0.0); k > 0u; k -= 1u) {
+            l += arriving * eval_specular(lobe, shading.xyz, wo, wi);
         }
     }
     indirect[slot] += vec4<f32>(e, 0.0);
