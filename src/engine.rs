@@ -95,7 +95,7 @@ impl Engine {
     ) -> Result<(Engine, Option<ObjectTrees>)> {
         settings.validate()?;
         check_camera(&camera)?;
-        let kernels = Kernels::new(context, settings.traversal)?;
+        let kernels = Kernels::for_scene(context, settings.traversal, !scene.textures.is_empty())?;
         let clusters = kernels.shade.cluster.is_some();
         let (bvh, trees) = if dynamic {
             let (trees, bvh) = ObjectTrees::build(scene, clusters)?;

@@ -1,5 +1,6 @@
 // What a hit point is made of. Needs math.wgsl and bsdf.wgsl. Host twins: pass::layout::{MaterialRecord, TextureRecord};
 // CPU twin: pass::receivers::surface_at.
+// UNTEXTURED: no material has a texture.
 
 struct MaterialRecord {
     base: vec4<f32>,        // base colour; w: metallic
@@ -110,6 +111,9 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> Surface {
     var base = material.base.xyz;
     var metallic = material.base.w;
     var roughness = material.specular.w;
+#if UNTEXTURED
+#else
+    // A SIMD driver runs every loop at least once, so scenes without textures have kernels without these.
     for (var i = select(0u, 1u, (material.flags.x | material.flags.y) != 0u); i > 0u; i -= 1u) {
         let a = triangle_uvs[2u * triangle];
         let b = triangle_uvs[2u * triangle + 1u];
@@ -123,6 +127,7 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> Surface {
             metallic *= mr.z;
         }
     }
+#endif
     let kind = material.flags.z;
     let whole = reflectance_of(base, metallic, material.specular.xyz, roughness);
     let lobe = select(0.0, 1.0, kind == SURFACE_OPAQUE);

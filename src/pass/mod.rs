@@ -227,23 +227,29 @@ pub struct Kernels {
 }
 
 impl Kernels {
-    /// Creates the pipelines.
+    /// Creates the pipelines for any scene.
     pub fn new(context: &Context, traversal: Traversal) -> Result<Kernels> {
+        Self::for_scene(context, traversal, true)
+    }
+
+    /// Creates the pipelines for scenes that are `textured`, or for those that are not.
+    pub fn for_scene(context: &Context, traversal: Traversal, textured: bool) -> Result<Kernels> {
+        let surface = |with: &'static Shader, without| Kernel::new(context, if textured { with } else { without });
         Ok(Kernels {
             accumulate: Kernel::new(context, &shaders::ACCUMULATE)?,
             camera_rays: Kernel::new(context, &shaders::CAMERA_RAYS)?,
             collect: Kernel::new(context, &shaders::COLLECT)?,
-            eye_paths: Kernel::new(context, &shaders::EYE_PATHS)?,
+            eye_paths: surface(&shaders::EYE_PATHS, &shaders::EYE_PATHS_UNTEXTURED)?,
             gather: Kernel::new(context, &shaders::GATHER)?,
             importance: Kernel::new(context, &shaders::IMPORTANCE)?,
             importance_scan: Kernel::new(context, &shaders::IMPORTANCE_SCAN)?,
             merge: Kernel::new(context, &shaders::MERGE)?,
             photon_cells: Kernel::new(context, &shaders::PHOTON_CELLS)?,
-            photon_follow: Kernel::new(context, &shaders::PHOTON_FOLLOW)?,
+            photon_follow: surface(&shaders::PHOTON_FOLLOW, &shaders::PHOTON_FOLLOW_UNTEXTURED)?,
             photon_keys: Kernel::new(context, &shaders::PHOTON_KEYS)?,
             photon_light: Kernel::new(context, &shaders::PHOTON_LIGHT)?,
             photon_start: Kernel::new(context, &shaders::PHOTON_START)?,
-            receivers: Kernel::new(context, &shaders::RECEIVERS)?,
+            receivers: surface(&shaders::RECEIVERS, &shaders::RECEIVERS_UNTEXTURED)?,
             resolve: Kernel::new(context, &shaders::RESOLVE)?,
             schedule: Kernel::new(context, &shaders::SCHEDULE)?,
             shade: Forms::shade(context, traversal)?,
@@ -256,7 +262,7 @@ impl Kernels {
             tiles_mark: Kernel::new(context, &shaders::TILES_MARK)?,
             tiles_list: Kernel::new(context, &shaders::TILES_LIST)?,
             trace: Forms::trace(context, traversal)?,
-            walk_reflect: Kernel::new(context, &shaders::WALK_REFLECT)?,
+            walk_reflect: surface(&shaders::WALK_REFLECT, &shaders::WALK_REFLECT_UNTEXTURED)?,
             walk_start: Kernel::new(context, &shaders::WALK_START)?,
         })
     }
