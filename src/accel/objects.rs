@@ -13,7 +13,9 @@
 //!   over the objects, since inner children of a node must lie one after the other.
 //!
 //! Against a single tree over all triangles, rays that pass where the boxes of objects overlap visit more nodes. That is why
-//! scenes that do not move have a single tree.
+//! scenes that do not move have a single tree. Where the joined tree costs more than [`JOIN_RATIO`] times the single one by the surface
+//! area heuristic, because objects reach into each other, all objects share one tree: whatever moves, all of it is refitted, O(triangles),
+//! but rays pay nothing.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -31,6 +33,9 @@ use crate::scene::Scene;
 /// A refitted tree is built anew when its cost exceeds that at build time by this factor.
 pub const REBUILD_RATIO: f64 = 1.5;
 
+/// Trees of objects are joined unless that costs more than this factor of one tree for all.
+pub const JOIN_RATIO: f64 = 1.5;
+
 /// vec4 of a wide node.
 const BLOCK: usize = 2 * WIDTH;
 
@@ -38,7 +43,7 @@ const BLOCK: usize = 2 * WIDTH;
 #[derive(Clone, Debug)]
 pub struct ObjectTrees {
     subtrees: Vec<Subtree>,
-    /// For each object of the scene its subtree, if it has triangles.
+    /// For each object of the scene its subtree, if it has triangles; all may share one.
     of_object: Vec<Option<usize>>,
     /// The tree over the subtrees, depth first.
     places: Vec<Place>,
@@ -47,7 +52,7 @@ pub struct ObjectTrees {
     pub wide: Option<WideBvh>,
 }
 
-/// The tree of one object; indices of nodes count from its own root, those of triangles are of the whole.
+/// The tree of one object, or of all; indices of nodes count from its own root, those of triangles are of the whole.
 #[derive(Clone, Debug)]
 struct Subtree {
     triangles: Range<usize>,
@@ -130,18 +135,36 @@ impl ObjectTrees {
             wide: clusters.then(|| WideBvh { nodes: Vec::new(), depth: 0, sources: Vec::new() }),
         };
         for (object, members) in members.iter().enumerate().filter(|(_, members)| !members.is_empty()) {
-            let own = Bvh::over(scene, members, |_| padding);
-            let first = bvh.v0.len();
-            bvh.v0.extend_from_slice(&own.v0);
-            bvh.e1.extend_from_slice(&own.e1);
-            bvh.e2.extend_from_slice(&own.e2);
             trees.of_object[object] = Some(trees.subtrees.len());
-            trees.subtrees.push(Subtree::new(own, first, clusters));
+            trees.add(&mut bvh, Bvh::over(scene, members, |_| padding), clusters);
         }
         trees.places = trees.top_level();
         trees.assemble(&mut bvh);
+        if trees.subtrees.len() > 1 {
+            let all: Vec<u32> = (0..count as u32).collect();
+            let single = Bvh::over(scene, &all, |_| padding);
+            let ratio = cost(&bvh.node_min, &bvh.node_max) / cost(&single.node_min, &single.node_max);
+            log::info!("trees of {} objects cost {ratio:.2} times as much as one for all", trees.subtrees.len());
+            if ratio > JOIN_RATIO {
+                [&mut bvh.v0, &mut bvh.e1, &mut bvh.e2].into_iter().for_each(Vec::clear);
+                trees.subtrees.clear();
+                trees.of_object.iter_mut().flatten().for_each(|slot| *slot = 0);
+                trees.add(&mut bvh, single, clusters);
+                trees.places = trees.top_level();
+                trees.assemble(&mut bvh);
+            }
+        }
         trees.assemble_wide();
         Ok((trees, bvh))
+    }
+
+    /// Adds a tree whose triangles come after those of all before.
+    fn add(&mut self, bvh: &mut Bvh, own: Bvh, clusters: bool) {
+        let first = bvh.v0.len();
+        bvh.v0.extend_from_slice(&own.v0);
+        bvh.e1.extend_from_slice(&own.e1);
+        bvh.e2.extend_from_slice(&own.e2);
+        self.subtrees.push(Subtree::new(own, first, clusters));
     }
 
     /// Brings the trees and `bvh`, which [`ObjectTrees::build`] made, up to the positions that `scene` now has; `moved` are the
@@ -149,7 +172,9 @@ impl ObjectTrees {
     pub fn update(&mut self, bvh: &mut Bvh, scene: &Scene, moved: &[u32]) -> Changes {
         let start = Instant::now();
         let mut changes = Changes::default();
-        let moved: Vec<usize> = moved.iter().filter_map(|&object| self.of_object[object as usize]).collect();
+        let mut moved: Vec<usize> = moved.iter().filter_map(|&object| self.of_object[object as usize]).collect();
+        moved.sort_unstable();
+        moved.dedup();
         for &slot in &moved {
             self.subtrees[slot].place_triangles(bvh, scene);
             changes.triangles.push(self.subtrees[slot].triangles.clone());
@@ -483,14 +508,8 @@ impl Subtree {
         *self = Subtree::new(own, range.start, self.wide.is_some());
     }
 
-    /// Mean number of nodes and triangles that a ray meets which meets the root's box, by their areas.
     fn cost(&self) -> f64 {
-        let area = |i: usize| {
-            let d = (xyz(&self.node_max[i]) - xyz(&self.node_min[i])).as_dvec3();
-            d.x * d.y + d.y * d.z + d.z * d.x
-        };
-        let weight = |i: usize| f64::from((self.node_max[i][3].to_bits() & 7).max(1));
-        (0..self.node_min.len()).map(|i| area(i) * weight(i)).sum::<f64>() / area(0).max(f64::MIN_POSITIVE)
+        cost(&self.node_min, &self.node_max)
     }
 
     /// Writes the nodes, the root at `at`.
@@ -509,6 +528,16 @@ impl Subtree {
             child[0][3] = f32::from_bits(child[0][3].to_bits() - 1 + self.wide_at as u32);
         }
     }
+}
+
+/// Mean number of nodes and triangles that a ray meets which meets the root's box, by their areas.
+fn cost(node_min: &[[f32; 4]], node_max: &[[f32; 4]]) -> f64 {
+    let area = |i: usize| {
+        let d = (xyz(&node_max[i]) - xyz(&node_min[i])).as_dvec3();
+        d.x * d.y + d.y * d.z + d.z * d.x
+    };
+    let weight = |i: usize| f64::from((node_max[i][3].to_bits() & 7).max(1));
+    (0..node_min.len()).map(|i| area(i) * weight(i)).sum::<f64>() / area(0).max(f64::MIN_POSITIVE)
 }
 
 /// Padding of boxes for a scene of this largest coordinate: that of the next power of two, so that it rarely changes.

@@ -127,6 +127,26 @@ fn moving_back_gives_the_same_trees() {
 }
 
 #[test]
+fn objects_that_reach_into_each_other_share_a_tree() {
+    let mut scene = builtin::room(2000);
+    // Every object has parts everywhere.
+    let objects = scene.objects.len() as u32;
+    (0..).zip(&mut scene.triangles).for_each(|(i, triangle)| triangle.object = i % objects);
+    let (mut trees, mut bvh) = build(&mut scene);
+    assert_eq!(trees.subtrees.len(), 1);
+    check(&scene, &trees, &bvh);
+    for object in [3, 5] {
+        let changes =
+            shift(&mut scene, &mut trees, &mut bvh, object, Affine3A::from_translation(Vec3::new(0.1, 0.2, 0.0)));
+        assert_eq!(changes.triangles, [0..scene.triangles.len()]);
+        check(&scene, &trees, &bvh);
+    }
+    // Objects apart keep their own.
+    let (trees, _) = build(&mut builtin::room(2000));
+    assert!(trees.subtrees.len() > 20);
+}
+
+#[test]
 fn a_deformed_tree_is_built_anew() {
     let mut scene = builtin::room(2000);
     let (mut trees, mut bvh) = build(&mut scene);
