@@ -249,8 +249,8 @@ pub struct Light {
     /// Seed of all randomness [default: the scene's, or 0]. Same seed, settings and device: same bits.
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub seed: Option<u64>,
-    /// A set of --paths, --direct-lights, --interleave, --clip-fraction, --no-compensation and --jitter; these flags override it,
-    /// it overrides the scene.
+    /// A set of --paths, --direct-lights, --interleave, --photons, --filter, --clip-fraction, --no-compensation and --jitter; these
+    /// flags override it, it overrides the scene.
     #[arg(long, value_enum)]
     pub preset: Option<Preset>,
 }
@@ -448,7 +448,8 @@ impl From<Curve> for Tonemap {
 pub enum Preset {
     /// Unbiased in the limit, better with every pass: 32 paths, clipping at 0.1 of the diagonal with compensation.
     Progressive,
-    /// A smooth image after the first pass: 3x3 interleaved sampling, 20 paths that leave 4 direct lights, no compensation.
+    /// A smooth image after the first pass: 3x3 interleaved sampling with a filter as wide, 20 paths that leave 4 direct lights, 56
+    /// photons, no compensation.
     Interactive,
 }
 
