@@ -264,9 +264,13 @@ impl ParameterSource {
 
         // The survivors of a pass are the first N_j of its particles. The segment is entered at a new place in each pass,
         // because with N a power of the base the first N_j points of every segment would fill the same strata again and
-        // again. The places are a golden-ratio sequence from a random start: spread evenly, and unrelated to any base.
+        // again. The places are a golden-ratio sequence from a random start: spread evenly, and unrelated to any base. With Sobol's
+        // points, all of whose dimensions have base 2, random places give less error.
         let start = hash(key(instance_key, WINDOW, 0, 0));
-        let turn = start.wrapping_add(local.wrapping_mul(0x9e37_79b9));
+        let turn = match s.sequence {
+            Sequence::Halton => start.wrapping_add(local.wrapping_mul(0x9e37_79b9)),
+            Sequence::Sobol => hash(start ^ hash(local)),
+        };
         let rotation = ((u64::from(turn) * u64::from(s.paths)) >> 32) as u32;
         let mut depths = [[0; 4]; 16];
         let mut shifts = [[0.0; 4]; 16];
