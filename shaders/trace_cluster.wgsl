@@ -233,6 +233,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 break;
             }
         }
+        // This loop over the rays counts as a visit too.
+        left = max(left, 1u) - 1u;
         var farthest = best[0];
         for (var r = 1u; r < RAYS; r += 1u) {
             farthest = max(farthest, best[r]);

@@ -167,10 +167,10 @@ impl PhotonPlan {
         (self.total().next_power_of_two().trailing_zeros() + 1).min(MAX_BUCKET_BITS)
     }
 
-    /// Photons that one dispatch of the look-up may loop over, so that it stays within `budget`: each of 8 loops may meet all of
-    /// them, and takes one iteration more for its exit.
+    /// Photons that one dispatch of the look-up may loop over, so that it stays within `budget`: for each at most 11 iterations
+    /// (its own, 8 to find its cell with their exit, 2 for a specular lobe), besides 10 for the cells themselves and the exit.
     pub fn chunk(budget: u32) -> u32 {
-        (budget / 8).saturating_sub(3).max(1)
+        (budget.saturating_sub(10) / 11).max(1)
     }
 
     /// Radius of the look-up in a scene of this diagonal, unless `photon_radius` says otherwise: sqrt(N) of them across a quarter
@@ -366,8 +366,8 @@ mod tests {
     fn photons_are_looked_up_within_the_loop_budget() {
         for budget in [least_loop_budget(1), least_loop_budget(64), LOOP_BUDGET] {
             let chunk = PhotonPlan::chunk(budget);
-            // The loop over 8 buckets, in each of which all photons of the chunk may lie, and the exits.
-            assert!(chunk >= 1 && 8 * (chunk + 1) + 9 <= budget.max(25), "{budget}: {chunk}");
+            // Every photon of the chunk, with the loops over cells and for the lobe; before that the cells, and the exit.
+            assert!(chunk >= 1 && 11 * chunk + 10 <= budget.max(25), "{budget}: {chunk}");
         }
         let settings = Settings { photons: 500, pattern: [5, 5], ..Settings::default() };
         let plan = PhotonPlan::new(&settings, 1).unwrap();

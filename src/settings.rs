@@ -19,7 +19,7 @@ pub enum Clip {
     Fraction(f32),
 }
 
-/// How shadow rays are traced.
+/// How shadow rays, and the eye's rays up to the first hit, are traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Traversal {
@@ -172,7 +172,7 @@ pub struct Settings {
     /// Loop iterations that one invocation's subgroup may take in one dispatch. Default [`LOOP_BUDGET`]. Lower: shorter
     /// dispatches, for a device whose watchdog ends long ones, but more rounds.
     pub loop_budget: u32,
-    /// How shadow rays are traced. Default `Auto`.
+    /// How shadow rays and the eye's rays are traced. Default `Auto`.
     pub traversal: Traversal,
     /// Passes that each frame of an animation gets (moderate oversampling while something moves, Wald et al. 2002, 5.2; row
     /// W7). Default 4; 1 to 4096. Cost grows linearly; more flicker less. Does not change what a pass computes.

@@ -330,7 +330,7 @@ pub struct Device {
     /// A round that no ray needs costs microseconds. Raise it if a rendering says that rays did not finish.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub rounds: Option<u32>,
-    /// How shadow rays are traced [default: auto].
+    /// How shadow rays and the eye's rays are traced [default: auto].
     #[arg(long, value_name = "HOW")]
     pub traversal: Option<TraversalFlag>,
 }
@@ -361,7 +361,7 @@ impl From<AgreementFlag> for Agreement {
     }
 }
 
-/// How shadow rays are traced.
+/// How shadow rays and the eye's rays are traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum TraversalFlag {
     /// In clusters where device and scene allow it, else one by one
