@@ -35,13 +35,12 @@
 //! 1. walk: [`walk_start`](pass::walk_start) sends particles from the emitters; for each reflection
 //!    [`trace`](pass::trace) finds what they hit and [`walk_reflect`](pass::walk_reflect) leaves a light there and
 //!    sends the survivors on.
-//!    photons, if asked for: [`photon_start`](pass::photon_start) shoots them at mirrors and glass,
-//!    [`photon_follow`](pass::photon_follow) and [`trace`](pass::trace) follow them to where they are stored, and
-//!    [`photon_grid`](pass::photon_grid) sorts them.
 //! 2. eye: [`camera_rays`](pass::camera_rays) and [`trace`](pass::trace) find what the pixels see;
 //!    [`tiles`](pass::tiles) of mirrors and glass are followed by [`eye_paths`](pass::eye_paths) and [`trace`](pass::trace) in
 //!    turns, split in two where both components count; [`receivers`](pass::receivers) lists what is to be lit; [`schedule`](pass::schedule) turns counts into indirect dispatches,
-//!    here and everywhere.
+//!    here and everywhere. Then photons, if asked for: [`photon_start`](pass::photon_start) shoots them at mirrors and glass,
+//!    [`photon_follow`](pass::photon_follow) and [`trace`](pass::trace) follow them to where they are stored, and
+//!    [`photon_grid`](pass::photon_grid) sorts them.
 //! 3. For each bounce: [`sort`](pass::sort) brings neighbours together, [`shade`](pass::shade) lights the receivers by
 //!    all lights, no nearer than the clip distance, and [`photon_light`](pass::photon_light) what the eye sees by the photons
 //!    around it; then [`gather`](pass::gather), [`trace`](pass::trace) and [`receivers`](pass::receivers) follow one short ray

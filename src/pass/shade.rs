@@ -127,11 +127,6 @@ impl Shade {
         Ok(Shade { walkers })
     }
 
-    /// Whether clusters are traced together, so that an order in which neighbours stand together pays.
-    pub fn has_clusters(&self) -> bool {
-        self.walkers.cluster.is_some()
-    }
-
     /// Records the chunks, each in its rounds.
     pub fn record(&self, rec: &mut Recorder, chunks: &[Chunk]) -> Result<()> {
         self.walkers.record(rec, chunks)
