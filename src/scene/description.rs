@@ -23,6 +23,7 @@
 //!
 //! [materials.floor]             # changes a material of the model
 //! roughness = 0.3
+//! reflector = true              # its flat faces mirror the room, or not; without this word see docs/superposition.md
 //!
 //! [materials.window]
 //! surface = "glass"             # opaque, mirror or glass
@@ -117,6 +118,7 @@ struct MaterialEntry {
     two_sided: Option<bool>,
     ior: Option<f32>,
     thin: Option<bool>,
+    reflector: Option<bool>,
 }
 
 /// Reads a description and the model that it names; the result is not validated yet.
@@ -186,6 +188,7 @@ fn change_material(scene: &mut Scene, name: &str, entry: &MaterialEntry) -> Resu
         m.two_sided = entry.two_sided.unwrap_or(m.two_sided);
         m.ior = entry.ior.unwrap_or(m.ior);
         m.thin = entry.thin.unwrap_or(m.thin);
+        m.reflector = entry.reflector.or(m.reflector);
         if entry.surface == Some(Surface::Mirror) && m.specular == Vec3::ZERO && entry.metallic.is_none() {
             // Nothing says what it mirrors: all of its colour.
             m.metallic = 1.0;

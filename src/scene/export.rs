@@ -59,6 +59,8 @@ pub(super) struct MaterialExtras {
     ior: f32,
     #[serde(default)]
     thin: bool,
+    #[serde(default)]
+    reflector: Option<bool>,
 }
 
 impl MaterialExtras {
@@ -73,6 +75,7 @@ impl MaterialExtras {
             two_sided: m.two_sided,
             ior: m.ior,
             thin: m.thin,
+            reflector: m.reflector,
         }
     }
 
@@ -87,6 +90,7 @@ impl MaterialExtras {
         m.two_sided = self.two_sided;
         m.ior = self.ior;
         m.thin = self.thin;
+        m.reflector = self.reflector;
     }
 }
 

@@ -13,6 +13,7 @@ mod obj;
 mod obj_material;
 mod objects;
 mod pane;
+pub mod reflectors;
 mod tessellate;
 mod texture;
 pub(crate) mod validate;
@@ -244,6 +245,8 @@ pub struct Material {
     /// Glass that encloses nothing, such as a window of one sheet: light is not bent. Else every front leads into a body of
     /// glass, and every back out of one. OBJ files cannot say so: there glass is thin if its surfaces are not closed.
     pub thin: bool,
+    /// Whether flat faces of this material are planar reflectors; `None`: see [`Material::may_reflect`].
+    pub reflector: Option<bool>,
 }
 
 impl Default for Material {
@@ -261,6 +264,7 @@ impl Default for Material {
             two_sided: false,
             ior: 1.5,
             thin: false,
+            reflector: None,
         }
     }
 }

@@ -1,0 +1,200 @@
+//! Planar reflectors: coplanar triangles of one mirror or glossy material (Bastos 1999, section 6.3).
+
+use std::collections::HashMap;
+
+use glam::{IVec3, Vec3};
+
+use super::{Material, Scene, Surface, Triangle};
+
+/// Most reflectors of a scene; of more, those of the greatest area count.
+pub const MAX_REFLECTORS: usize = 255;
+
+/// Widest lobe that makes a reflector of itself: rougher planes show no images, and point lights do for them.
+const MAX_ALPHA: f32 = 0.3;
+
+/// Least reflectance at normal incidence, mean of the channels.
+const LEAST_F0: f32 = 0.02;
+
+/// Least share of the area of all triangles.
+const LEAST_AREA: f64 = 2e-4;
+
+/// Normals of one plane differ by no more than this in each coordinate.
+const SAME_NORMAL: f32 = 1e-3;
+
+/// Distances of one plane from the origin differ by no more than this share of the scene's diagonal.
+const SAME_OFFSET: f32 = 1e-4;
+
+/// Coplanar triangles of one mirror or glossy material.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reflector {
+    /// Index of the material.
+    pub material: u32,
+    /// Unit normal on the front side.
+    pub normal: Vec3,
+    /// The plane is `normal . p = offset`.
+    pub offset: f32,
+    /// Sum of the triangles' areas.
+    pub area: f32,
+    /// The triangles.
+    pub triangles: Vec<u32>,
+}
+
+impl Material {
+    /// Whether flat faces of this material may be planar reflectors: asked for, or a mirror, or a lobe that is narrow and strong
+    /// enough to show images. Textures count with their factors alone.
+    pub fn may_reflect(&self) -> bool {
+        let f0 = self.specular.lerp(self.base_color, self.metallic).element_sum() / 3.0;
+        let shows = match self.surface {
+            Surface::Opaque => f0 >= LEAST_F0 && self.roughness * self.roughness <= MAX_ALPHA,
+            Surface::Mirror => true,
+            Surface::Glass => return false,
+        };
+        self.reflector.unwrap_or(shows) && f0 > 0.0
+    }
+}
+
+impl Scene {
+    /// The planar reflectors, the greatest first. A scene's own word (`reflector` of a material) goes before the measure of area;
+    /// faces that are shaded as parts of a curved surface are none.
+    pub fn reflectors(&self) -> Vec<Reflector> {
+        let candidates: Vec<bool> = self.materials.iter().map(Material::may_reflect).collect();
+        let mut of_normal: HashMap<(u32, IVec3), usize> = HashMap::new();
+        let mut parallel: Vec<(u32, Vec3, Vec<(f32, u32)>)> = Vec::new();
+        for (i, t) in (0u32..).zip(&self.triangles) {
+            if !candidates[t.material as usize] {
+                continue;
+            }
+            let [a, b, c] = self.triangle_positions(i as usize);
+            let normal = (b - a).cross(c - a).normalize_or_zero();
+            if self.is_bent(t, normal) {
+                continue;
+            }
+            // Normals that rounding has put into neighbouring cells are found from either.
+            let cell = (normal / SAME_NORMAL).round().as_ivec3();
+            let near = (0..27)
+                .filter_map(|k| of_normal.get(&(t.material, cell + IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1))))
+                .copied()
+                .find(|&group| (parallel[group].1 - normal).abs().max_element() <= SAME_NORMAL);
+            let group = near.unwrap_or_else(|| {
+                parallel.push((t.material, normal, Vec::new()));
+                of_normal.insert((t.material, cell), parallel.len() - 1);
+                parallel.len() - 1
+            });
+            let middle = (a + b + c) / 3.0;
+            let offset = parallel[group].1.dot(middle);
+            parallel[group].2.push((offset, i));
+        }
+        if parallel.is_empty() {
+            return Vec::new();
+        }
+
+        let total: f64 = (0..self.triangles.len()).map(|i| f64::from(self.triangle_area(i))).sum();
+        let apart = SAME_OFFSET * self.diagonal();
+        let mut found = Vec::new();
+        for (material, normal, mut members) in parallel {
+            members.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            for plane in members.chunk_by(|a, b| b.0 - a.0 <= apart) {
+                let triangles: Vec<u32> = plane.iter().map(|&(_, i)| i).collect();
+                let area: f64 = triangles.iter().map(|&i| f64::from(self.triangle_area(i as usize))).sum();
+                let asked_for = self.materials[material as usize].reflector == Some(true);
+                if asked_for || area >= LEAST_AREA * total {
+                    let offset = plane[plane.len() / 2].0;
+                    found.push(Reflector { material, normal, offset, area: area as f32, triangles });
+                }
+            }
+        }
+        found.sort_by(|a, b| b.area.total_cmp(&a.area).then(a.triangles.cmp(&b.triangles)));
+        if found.len() > MAX_REFLECTORS {
+            let more = found.len() - MAX_REFLECTORS;
+            log::warn!("{more} planar reflectors beside the {MAX_REFLECTORS} greatest are lit by point lights alone");
+            found.truncate(MAX_REFLECTORS);
+        }
+        found
+    }
+
+    /// Whether a face is shaded as part of a curved surface.
+    fn is_bent(&self, t: &Triangle, normal: Vec3) -> bool {
+        let straight = |&v: &u32| self.normals[v as usize].dot(normal).abs() > 1.0 - SAME_NORMAL;
+        t.smooth && !t.vertices.iter().all(straight)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn glossy(scene: &mut Scene) -> u32 {
+        let specular = Vec3::splat(0.3);
+        scene.add_material(Material { specular, roughness: 0.2, ..Material::default() })
+    }
+
+    /// A floor of `n` x `n` quads at a height, and a wall.
+    fn room(n: u32, height: f32) -> Scene {
+        let mut scene = Scene::default();
+        let material = glossy(&mut scene);
+        let object = scene.add_object("floor");
+        for i in 0..n * n {
+            let side = 4.0 / n as f32;
+            let corner = Vec3::new((i % n) as f32 * side, height, (i / n) as f32 * side);
+            scene.add_quad(corner, Vec3::Z * side, Vec3::X * side, material, object);
+        }
+        scene.add_quad(Vec3::ZERO, Vec3::X * 4.0, Vec3::Y * 3.0, material, object);
+        scene
+    }
+
+    #[test]
+    fn coplanar_faces_are_one_reflector() {
+        let found = room(27, 0.3).reflectors();
+        assert_eq!(found.len(), 2);
+        assert_eq!(found[0].triangles.len(), 2 * 27 * 27);
+        assert!((found[0].area - 16.0).abs() < 1e-3 && (found[0].offset - 0.3).abs() < 1e-6);
+        assert!((found[0].normal - Vec3::Y).length() < 1e-6);
+        assert_eq!(found[1].triangles.len(), 2);
+    }
+
+    #[test]
+    fn planes_apart_and_other_materials_are_others() {
+        let mut scene = room(1, 0.0);
+        let (other, object) = (glossy(&mut scene), scene.add_object("table"));
+        scene.add_quad(Vec3::new(1.0, 1.0, 1.0), Vec3::Z, Vec3::X, 0, object);
+        scene.add_quad(Vec3::new(2.0, 0.0, 1.0), Vec3::Z, Vec3::X, other, object);
+        let found = scene.reflectors();
+        assert_eq!(found.len(), 4);
+        assert_eq!(found.iter().filter(|r| r.material == other).count(), 1);
+    }
+
+    #[test]
+    fn rough_curved_and_small_faces_are_none_unless_asked_for() {
+        let mut scene = room(1, 0.0);
+        scene.materials[0].roughness = 0.8;
+        assert!(scene.reflectors().is_empty());
+        scene.materials[0].reflector = Some(true);
+        assert_eq!(scene.reflectors().len(), 2);
+        scene.materials[0] = Material { surface: Surface::Mirror, ..Material::default() };
+        scene.materials[0].metallic = 1.0;
+        assert_eq!(scene.reflectors().len(), 2);
+        scene.materials[0].reflector = Some(false);
+        assert!(scene.reflectors().is_empty());
+
+        let mut scene = room(1, 0.0);
+        let object = scene.add_object("crumb");
+        scene.add_quad(Vec3::ONE, Vec3::Z * 0.01, Vec3::X * 0.01, 0, object);
+        assert_eq!(scene.reflectors().len(), 2);
+        scene.materials[0].reflector = Some(true);
+        assert_eq!(scene.reflectors().len(), 3);
+
+        let mut scene = room(1, 0.0);
+        scene.triangles.iter_mut().for_each(|t| t.smooth = true);
+        scene.normals = vec![Vec3::ONE.normalize(); scene.positions.len()];
+        assert!(scene.reflectors().is_empty());
+    }
+
+    #[test]
+    fn a_ball_has_none() {
+        let mut scene = room(1, 0.0);
+        let object = scene.add_object("ball");
+        let (points, faces) = super::super::tessellate::icosphere(4);
+        scene.add_mesh(&points, &faces, 0, object);
+        assert_eq!(scene.reflectors().len(), 2);
+    }
+}
