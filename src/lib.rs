@@ -18,6 +18,7 @@
 //! | [`accel`] | the bounding volume hierarchy |
 //! | [`sampling`] | Halton, Hammersley and Sobol' points, hashes, and which consumer uses which dimension |
 //! | [`light`] | the emitters and how particles are spread over them |
+//! | [`superposition`] | tables for glossy reflections by convolution: kernels and directional reflectance |
 //! | [`plan`] | what a pass will do: surviving particles, dispatches, its parameters |
 //! | [`scene_buffers`] | the scene on the device |
 //! | [`pass`] | the GPU passes, one file each beside its CPU oracle, each with a shader of the same stem |
@@ -99,6 +100,8 @@ pub mod accel;
 pub mod sampling;
 
 pub mod light;
+
+pub mod superposition;
 
 // The frame on the device.
 pub mod plan;

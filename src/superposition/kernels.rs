@@ -1,0 +1,317 @@
+//! Kernels of glossy reflections by angle of view (Bastos 1999, 7.4.2.2 "Getting convolution kernels from BRDFs").
+//!
+//! A pixel q of a mirror image spreads its light over a disc of diameter k_r = 4 z_r tan beta (equation 7.7; z_r: distance from the
+//! surface to what is mirrored at q). How wide and how the light is shared out within is tabulated here for each material, for
+//! [`VIEW_ANGLES`] cosines mu = cos theta_o.
+//!
+//! # One kernel
+//!
+//! Let r be the mirror direction of the view, and u, v unit vectors perpendicular to it: u in the plane of incidence, towards the
+//! surface normal; v parallel to the surface. The kernel covers the square of side 2 on the plane at unit distance along r, in
+//! units of its half width w = 2 tan beta; (x, y) in \[-1, 1\]^2 is seen in the direction wi = (r + w x u + w y v) / l,
+//! l = |r + w x u + w y v|, and
+//!
+//! k(x, y) ~ f(wi, wo) cos theta_i / l^3 within the unit disc, 0 outside and below the horizon,
+//!
+//! where l^-3 w^2 dx dy = d omega_i. A texel is the mean of k over its area; the texels sum to 1. f is the lobe without its
+//! Fresnel factor: that is a matter of [`reflectance`](super::reflectance). With it go
+//!
+//! - tan beta: beta is the half angle of the cone about r that receives [`CONE_SHARE`] of the lobe's energy, tan beta at most
+//!   [`MAX_TAN_BETA`];
+//! - the energy, the integral of f cos theta_i over the hemisphere (directional albedo with F = 1);
+//! - the share of the energy within the disc, whose half angle is atan(2 tan beta). The rest, the tail of the lobe, is what a
+//!   splat of this kernel draws towards the centre.
+//!
+//! # Look-up
+//!
+//! Layer i of [`VIEW_ANGLES`] = N belongs to mu_i = (i + 1) / N. Of a material whose first layer is `first`, with `a(i)` =
+//! `layers[first + i]`:
+//!
+//! ```text
+//! s = clamp(mu * N - 1, 0, N - 1);  i = floor(s);  j = min(i + 1, N - 1)
+//! tan_beta, energy, captured = mix(a(i), a(j), s - i).xyz
+//! weight of texel (p, q) = textures[((first + floor(s + 0.5)) * 32 + q) * 32 + p],  (x, y) = ((p, q) + 0.5) / 16 - 1
+//! ```
+//!
+//! # Where it differs from the thesis
+//!
+//! - The thesis takes the cone within which f is not 0, which for most lobes is the hemisphere.
+//! - Texels hold means of f cos theta_i over solid angle, not point samples of f: narrow lobes, and lobes at grazing angles,
+//!   are narrower than a texel.
+//! - tan beta and energy are interpolated between angles of view, so that the blur has no steps there.
+//!
+//! Cost: 4 KiB for each layer, 128 KiB a material; about 10^5 evaluations of f for each layer, once.
+
+use std::f64::consts::PI;
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::lobe::Lobe;
+use crate::error::{Error, Result};
+
+/// Texels along each side of a kernel.
+pub const KERNEL_TEXELS: usize = 32;
+
+/// Cosines of the angle of view at which kernels are tabulated; see [`view_cosine`].
+pub const VIEW_ANGLES: usize = 32;
+
+/// Share of a lobe's energy within beta of the mirror direction.
+pub const CONE_SHARE: f64 = 0.9;
+
+/// Bound of tan beta: the disc then reaches 63 degrees from the mirror direction and is four times as wide as what it mirrors is far.
+pub const MAX_TAN_BETA: f64 = 1.0;
+
+/// What [`GpuKernels::first_layer`] holds for materials without kernels.
+pub const NO_KERNEL: u32 = u32::MAX;
+
+/// Rings of the quadrature about the mirror direction, and directions on one half of each.
+const RINGS: usize = 256;
+const DIRECTIONS: usize = 128;
+
+/// Samples of each texel along u and v.
+const SAMPLES: [usize; 2] = [8, 16];
+
+/// Cosine of the angle of view of a layer: (layer + 1) / [`VIEW_ANGLES`].
+pub fn view_cosine(layer: usize) -> f64 {
+    (layer + 1) as f64 / VIEW_ANGLES as f64
+}
+
+/// A lobe seen from one direction.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Kernel {
+    /// Tangent of beta, half the tangent of the disc's half angle.
+    pub tan_beta: f32,
+    /// Integral of f cos theta_i over the hemisphere.
+    pub energy: f32,
+    /// Share of the energy within the disc.
+    pub captured: f32,
+    /// [`KERNEL_TEXELS`] rows along v of as many texels along u; they sum to 1.
+    pub texture: Vec<f32>,
+}
+
+impl Kernel {
+    /// Of a lobe for cos theta_o = `mu`, above 0 and at most 1.
+    pub fn new(lobe: &Lobe, mu: f64) -> Kernel {
+        let view = View::new(lobe, mu);
+        let cumulative = view.energy_by_angle();
+        let energy = cumulative[RINGS];
+        if energy <= 0.0 {
+            return Kernel { tan_beta: 0.0, energy: 0.0, captured: 0.0, texture: point() };
+        }
+        let beta = angle_of(&cumulative, CONE_SHARE * energy);
+        let tan_beta = if beta < MAX_TAN_BETA.atan() { beta.tan() } else { MAX_TAN_BETA };
+        let captured = energy_within(&cumulative, (2.0 * tan_beta).atan()) / energy;
+        Kernel {
+            tan_beta: tan_beta as f32,
+            energy: energy as f32,
+            captured: captured as f32,
+            texture: view.texture(2.0 * tan_beta),
+        }
+    }
+}
+
+/// The kernel of a lobe that sends nothing into its disc.
+fn point() -> Vec<f32> {
+    let mut texture = vec![0.0; KERNEL_TEXELS * KERNEL_TEXELS];
+    let half = KERNEL_TEXELS / 2;
+    for (i, j) in [(half - 1, half - 1), (half, half - 1), (half - 1, half), (half, half)] {
+        texture[j * KERNEL_TEXELS + i] = 0.25;
+    }
+    texture
+}
+
+/// A lobe, a view direction in the xz plane, and the frame about its mirror direction.
+struct View<'a> {
+    lobe: &'a Lobe,
+    wo: Vec3,
+    /// Mirror direction.
+    r: DVec3,
+    /// Perpendicular to it, towards the normal.
+    u: DVec3,
+}
+
+impl View<'_> {
+    fn new(lobe: &Lobe, mu: f64) -> View<'_> {
+        let sin = (1.0 - mu * mu).max(0.0).sqrt();
+        View { lobe, wo: DVec3::new(sin, 0.0, mu).as_vec3(), r: DVec3::new(-sin, 0.0, mu), u: DVec3::new(mu, 0.0, sin) }
+    }
+
+    /// f cos theta_i in the direction r + x u + y v, of any length.
+    fn f_cos(&self, along_r: f64, x: f64, y: f64) -> f64 {
+        let wi = (self.r * along_r + self.u * x + DVec3::Y * y).normalize();
+        if wi.z <= 0.0 { 0.0 } else { f64::from(self.lobe.eval(wi.as_vec3(), self.wo)) * wi.z }
+    }
+
+    /// Energy of the lobe within the edge of each ring of directions about r, from 0 to that of all rings.
+    ///
+    /// Rings are dense about r, for narrow lobes, and their directions in the plane of incidence, where a lobe at grazing angles is a ridge.
+    fn energy_by_angle(&self) -> Vec<f64> {
+        let mut cumulative = vec![0.0];
+        let mut sum = 0.0;
+        for ring in 0..RINGS {
+            let angle = ring_angle(ring as f64 + 0.5);
+            let (sin, cos) = angle.sin_cos();
+            // The other half mirrors this one.
+            let half: f64 = (0..DIRECTIONS)
+                .map(|k| {
+                    // phi = pi t - sin(2 pi t) / 2 for t from 0 to 1, so dphi ~ 1 - cos(2 pi t).
+                    let t = 2.0 * PI * (k as f64 + 0.5) / DIRECTIONS as f64;
+                    let (sin_phi, cos_phi) = (0.5 * (t - t.sin())).sin_cos();
+                    self.f_cos(cos, sin * cos_phi, sin * sin_phi) * (1.0 - t.cos())
+                })
+                .sum();
+            // d omega = sin dangle dphi, and dangle = 4 angle / rings dring.
+            sum += half * (2.0 * PI / DIRECTIONS as f64) * sin * 4.0 * angle / (ring as f64 + 0.5);
+            cumulative.push(sum);
+        }
+        cumulative
+    }
+
+    /// The texels for a half width.
+    fn texture(&self, half_width: f64) -> Vec<f32> {
+        let half = KERNEL_TEXELS / 2;
+        let texel = 1.0 / half as f64;
+        // One half; the other mirrors it.
+        let mut means = vec![0.0; KERNEL_TEXELS * half];
+        for (index, mean) in means.iter_mut().enumerate() {
+            let (i, j) = (index % KERNEL_TEXELS, index / KERNEL_TEXELS);
+            for b in 0..SAMPLES[1] {
+                // Dense towards v = 0, where a lobe at grazing angles is a ridge narrower than a texel: v = t^2 dv, so dv ~ t dt.
+                let t = (b as f64 + 0.5) / SAMPLES[1] as f64;
+                let y = (j as f64 + t * t) * texel;
+                for a in 0..SAMPLES[0] {
+                    let x = (i as f64 + (a as f64 + 0.5) / SAMPLES[0] as f64) * texel - 1.0;
+                    if x * x + y * y < 1.0 {
+                        let (x, y) = (half_width * x, half_width * y);
+                        let length2 = 1.0 + x * x + y * y;
+                        *mean += t * self.f_cos(1.0, x, y) / (length2 * length2.sqrt());
+                    }
+                }
+            }
+        }
+        let total = 2.0 * means.iter().sum::<f64>();
+        if total <= 0.0 {
+            return point();
+        }
+        let row = |j: usize| if j < half { half - 1 - j } else { j - half };
+        let texels = (0..KERNEL_TEXELS).flat_map(|j| &means[row(j) * KERNEL_TEXELS..][..KERNEL_TEXELS]);
+        texels.map(|mean| (mean / total) as f32).collect()
+    }
+}
+
+/// Angle from the mirror direction after so many rings.
+fn ring_angle(rings: f64) -> f64 {
+    PI * (rings / RINGS as f64).powi(4)
+}
+
+/// The angle within which an energy lies.
+fn angle_of(cumulative: &[f64], energy: f64) -> f64 {
+    let ring = cumulative.partition_point(|&c| c < energy).clamp(1, RINGS) - 1;
+    let (low, high) = (cumulative[ring], cumulative[ring + 1]);
+    ring_angle(ring as f64 + if high > low { (energy - low) / (high - low) } else { 1.0 })
+}
+
+/// The energy within an angle.
+fn energy_within(cumulative: &[f64], angle: f64) -> f64 {
+    let rings = RINGS as f64 * (angle / PI).sqrt().sqrt();
+    let ring = (rings as usize).min(RINGS - 1);
+    cumulative[ring] + (cumulative[ring + 1] - cumulative[ring]) * (rings - ring as f64)
+}
+
+/// The kernels of all glossy materials of a scene. Materials with equal lobes share theirs.
+#[derive(Clone, Debug, Default)]
+pub struct KernelLibrary {
+    /// One lobe for each [`VIEW_ANGLES`] layers.
+    lobes: Vec<Lobe>,
+    layers: Vec<Kernel>,
+    /// By material; [`NO_KERNEL`] where none was added.
+    first_layer: Vec<u32>,
+}
+
+/// What the device needs; the look-up is in the [module's documentation](self).
+#[derive(Clone, Debug, PartialEq)]
+pub struct GpuKernels {
+    /// The texels of layer after layer, [`KERNEL_TEXELS`]^2 each.
+    pub textures: Vec<f32>,
+    /// (tan beta, energy, captured share, 0) of each layer.
+    pub layers: Vec<[f32; 4]>,
+    /// First layer of each material up to the last that has one, [`NO_KERNEL`] for those that have none.
+    pub first_layer: Vec<u32>,
+}
+
+impl KernelLibrary {
+    /// Without materials.
+    pub fn new() -> KernelLibrary {
+        KernelLibrary::default()
+    }
+
+    /// Adds a material by its index in the scene, or changes its lobe; its first layer.
+    pub fn add(&mut self, material: u32, lobe: Lobe) -> Result<u32> {
+        lobe.check().map_err(|message| Error::Resource { name: format!("kernels of material {material}"), message })?;
+        let known = self.lobes.iter().position(|known| *known == lobe);
+        let index = known.unwrap_or_else(|| {
+            let layers = (0..VIEW_ANGLES).into_par_iter().map(|layer| Kernel::new(&lobe, view_cosine(layer)));
+            self.layers.par_extend(layers);
+            self.lobes.push(lobe);
+            self.lobes.len() - 1
+        });
+        let first = (index * VIEW_ANGLES) as u32;
+        let material = material as usize;
+        if self.first_layer.len() <= material {
+            self.first_layer.resize(material + 1, NO_KERNEL);
+        }
+        self.first_layer[material] = first;
+        Ok(first)
+    }
+
+    /// First layer of a material.
+    pub fn first_layer(&self, material: u32) -> Option<u32> {
+        self.first_layer.get(material as usize).copied().filter(|&first| first != NO_KERNEL)
+    }
+
+    /// All layers.
+    pub fn layers(&self) -> &[Kernel] {
+        &self.layers
+    }
+
+    /// The look-up for cos theta_o = `mu`, as a shader does it.
+    pub fn look_up(&self, material: u32, mu: f32) -> Option<LookUp<'_>> {
+        let layers = &self.layers[self.first_layer(material)? as usize..][..VIEW_ANGLES];
+        let s = (mu * VIEW_ANGLES as f32 - 1.0).clamp(0.0, (VIEW_ANGLES - 1) as f32);
+        let i = s as usize;
+        let (a, b, t) = (&layers[i], &layers[(i + 1).min(VIEW_ANGLES - 1)], s - i as f32);
+        let mix = |a: f32, b: f32| a + (b - a) * t;
+        Some(LookUp {
+            tan_beta: mix(a.tan_beta, b.tan_beta),
+            energy: mix(a.energy, b.energy),
+            captured: mix(a.captured, b.captured),
+            texture: &layers[(s + 0.5) as usize].texture,
+        })
+    }
+
+    /// The tables as the device takes them.
+    pub fn to_gpu(&self) -> GpuKernels {
+        GpuKernels {
+            textures: self.layers.iter().flat_map(|k| k.texture.iter().copied()).collect(),
+            layers: self.layers.iter().map(|k| [k.tan_beta, k.energy, k.captured, 0.0]).collect(),
+            first_layer: self.first_layer.clone(),
+        }
+    }
+}
+
+/// A kernel between the tabulated angles of view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LookUp<'a> {
+    /// Interpolated [`Kernel::tan_beta`].
+    pub tan_beta: f32,
+    /// Interpolated [`Kernel::energy`].
+    pub energy: f32,
+    /// Interpolated [`Kernel::captured`].
+    pub captured: f32,
+    /// [`Kernel::texture`] of the nearest layer.
+    pub texture: &'a [f32],
+}
+
+#[cfg(test)]
+mod tests;

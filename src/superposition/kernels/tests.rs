@@ -1,0 +1,314 @@
+//! Kernels against their lobes, which are integrated here by other means: in f64, from their equations, over points that are
+//! distributed as the lobe itself is.
+
+use super::super::lobe::{MAX_EXPONENT, Table};
+use super::*;
+use crate::bsdf::MIN_ALPHA;
+use std::sync::Arc;
+
+/// One point of a quadrature: a direction and f cos theta_i d omega_i there. The weights sum to the energy.
+type Sample = (DVec3, f64);
+
+const ROWS: usize = 900;
+
+fn view(mu: f64) -> DVec3 {
+    DVec3::new((1.0 - mu * mu).sqrt(), 0.0, mu)
+}
+
+/// Points of a lattice in the unit square mapped to directions. No row of it lies along an edge of the square: rings about the mirror
+/// direction are met evenly.
+fn quadrature(mut point: impl FnMut(f64, f64) -> Sample) -> Vec<Sample> {
+    let weight = ((ROWS * ROWS) as f64).recip();
+    let mut samples = Vec::with_capacity(ROWS * ROWS);
+    for i in 0..ROWS {
+        for j in 0..ROWS {
+            let b = j as f64 + 0.5;
+            let a = i as f64 + (b * 0.618_033_988_749_895).fract();
+            let (wi, f) = point(a / ROWS as f64, b / ROWS as f64);
+            if wi.z > 0.0 {
+                samples.push((wi, f * weight));
+            }
+        }
+    }
+    samples
+}
+
+/// GGX with F = 1 by its microfacet normals m (Walter et al. 2007): D(m) (n.m) d omega_m is uniform in (q, phi) for
+/// tan^2 theta_m = alpha^2 (1 - q) / q, and f cos theta_i d omega_i = D G2 (wo.m) / cos theta_o d omega_m. Of the steepest
+/// normals, q near 0, few count for much at grazing angles: q = a^3 meets them.
+fn ggx_samples(alpha: f64, mu: f64) -> Vec<Sample> {
+    let wo = view(mu);
+    let lambda = |cos: f64| 0.5 * ((1.0 + alpha * alpha * (1.0 / (cos * cos) - 1.0)).sqrt() - 1.0);
+    quadrature(|a, b| {
+        let q = a * a * a;
+        let tan = alpha * ((1.0 - q) / q).sqrt();
+        let (sin_phi, cos_phi) = (2.0 * PI * b).sin_cos();
+        let m = DVec3::new(tan * cos_phi, tan * sin_phi, 1.0).normalize();
+        let dot = wo.dot(m);
+        let wi = m * (2.0 * dot) - wo;
+        let weight = 3.0 * a * a * dot / (mu * m.z) / (1.0 + lambda(mu) + lambda(wi.z));
+        if dot > 0.0 { (wi, weight) } else { (DVec3::NEG_Z, 0.0) }
+    })
+}
+
+/// Phong: cos^n about the mirror direction is uniform in (a, phi) for cos^(n + 1) = a.
+fn phong_samples(n: f64, mu: f64) -> Vec<Sample> {
+    let (r, u) = frame(mu);
+    quadrature(|a, b| {
+        let cos = a.powf(1.0 / (n + 1.0));
+        let sin = (1.0 - cos * cos).sqrt();
+        let (sin_phi, cos_phi) = (2.0 * PI * b).sin_cos();
+        let wi = r * cos + (u * cos_phi + DVec3::Y * sin_phi) * sin;
+        (wi, (n + 2.0) / (n + 1.0) * wi.z)
+    })
+}
+
+fn frame(mu: f64) -> (DVec3, DVec3) {
+    let wo = view(mu);
+    let r = DVec3::new(-wo.x, 0.0, wo.z);
+    // Perpendicular to r, towards the normal.
+    (r, (DVec3::Z - r * r.z + DVec3::X * if mu == 1.0 { 1.0 } else { 0.0 }).normalize())
+}
+
+/// A quadrature sorted into the texels of a kernel.
+struct Exact {
+    energy: f64,
+    /// Shares of the energy within beta and within the disc.
+    cone: f64,
+    disc: f64,
+    /// Of the disc.
+    moments: Moments,
+    texture: Vec<f64>,
+}
+
+/// Means of x, y, x^2 and y^2.
+type Moments = [f64; 4];
+
+fn exact(samples: &[Sample], mu: f64, tan_beta: f64) -> Exact {
+    let (r, u) = frame(mu);
+    let mut e = Exact { energy: 0.0, cone: 0.0, disc: 0.0, moments: [0.0; 4], texture: vec![0.0; point().len()] };
+    for &(wi, weight) in samples {
+        e.energy += weight;
+        let scale = (wi.dot(r) * 2.0 * tan_beta).recip();
+        let (x, y) = (wi.dot(u) * scale, wi.y * scale);
+        let radius = x.hypot(y);
+        if scale > 0.0 && radius < 1.0 {
+            e.disc += weight;
+            e.cone += if radius < 0.5 { weight } else { 0.0 };
+            let texel = |x: f64| ((x + 1.0) * (KERNEL_TEXELS / 2) as f64) as usize;
+            e.texture[texel(y) * KERNEL_TEXELS + texel(x)] += weight;
+            e.moments.iter_mut().zip([x, y, x * x, y * y]).for_each(|(m, x)| *m += weight * x);
+        }
+    }
+    e.moments.iter_mut().chain(&mut e.texture).for_each(|m| *m /= e.disc);
+    e.cone /= e.energy;
+    e.disc /= e.energy;
+    e
+}
+
+fn moments(texture: &[f32]) -> Moments {
+    let mut sum = [0.0; 4];
+    for (index, &texel) in texture.iter().enumerate() {
+        let centre = |i: usize| (i as f64 + 0.5) / (KERNEL_TEXELS / 2) as f64 - 1.0;
+        let (x, y) = (centre(index % KERNEL_TEXELS), centre(index / KERNEL_TEXELS));
+        sum.iter_mut().zip([x, y, x * x, y * y]).for_each(|(m, x)| *m += f64::from(texel) * x);
+    }
+    sum
+}
+
+/// All that a kernel claims against a quadrature of its lobe.
+fn check(lobe: &Lobe, mu: f64, samples: &[Sample]) {
+    let kernel = Kernel::new(lobe, mu);
+    let tan_beta = f64::from(kernel.tan_beta);
+    let expected = exact(samples, mu, tan_beta);
+    let about = |found: f64, expected: f64, tolerance: f64, what: &str| {
+        assert!((found - expected).abs() <= tolerance, "{lobe:?} at {mu}: {what} {found} for {expected}");
+    };
+    about(f64::from(kernel.energy), expected.energy, 5e-4 * expected.energy, "energy");
+    about(f64::from(kernel.captured), expected.disc, 2e-3, "captured");
+    if tan_beta < MAX_TAN_BETA {
+        about(CONE_SHARE, expected.cone, 2e-3, "share of the cone");
+    } else {
+        assert!(expected.cone < CONE_SHARE + 2e-3, "{lobe:?} at {mu}: {} within the widest cone", expected.cone);
+    }
+    about(kernel.texture.iter().map(|&t| f64::from(t)).sum(), 1.0, 1e-5, "sum");
+    let misplaced: f64 =
+        kernel.texture.iter().zip(&expected.texture).map(|(&a, b)| 0.5 * (f64::from(a) - b).abs()).sum();
+    assert!(misplaced < 0.01, "{lobe:?} at {mu}: {misplaced} of the light lies in wrong texels");
+    // Means to a sixteenth of a texel, second moments to what a point of light between two texels has: a quarter of a texel squared.
+    let texel = 2.0 / KERNEL_TEXELS as f64;
+    let tolerances = [texel / 16.0, texel / 16.0, texel * texel / 4.0, texel * texel / 4.0];
+    for ((found, expected), tolerance) in moments(&kernel.texture).iter().zip(expected.moments).zip(tolerances) {
+        about(*found, expected, tolerance, "moment");
+    }
+}
+
+#[test]
+fn ggx_kernels_are_those_of_the_lobe() {
+    for alpha in [MIN_ALPHA, 0.01, 0.1, 0.25, 0.5, 1.0] {
+        for mu in [1.0, 0.7, 0.3, view_cosine(0)] {
+            check(&Lobe::Ggx { alpha }, mu, &ggx_samples(f64::from(alpha), mu));
+        }
+    }
+}
+
+#[test]
+fn phong_kernels_are_those_of_the_lobe() {
+    for exponent in [1.0, 30.0, 1000.0, MAX_EXPONENT] {
+        for mu in [1.0, 0.7, 0.3, view_cosine(0)] {
+            check(&Lobe::Phong { exponent }, mu, &phong_samples(f64::from(exponent), mu));
+        }
+    }
+    let head_on = Kernel::new(&Lobe::Phong { exponent: 30.0 }, 1.0);
+    assert!((head_on.energy - 1.0).abs() < 1e-4, "{}", head_on.energy);
+}
+
+#[test]
+fn ggx_reflects_no_more_than_it_receives_and_widens_with_alpha() {
+    for layer in [0, 1, 3, 7, 15, 31] {
+        let kernels: Vec<Kernel> = [MIN_ALPHA, 0.003, 0.01, 0.03, 0.1, 0.2, 0.4, 0.7, 1.0]
+            .iter()
+            .map(|&alpha| Kernel::new(&Lobe::Ggx { alpha }, view_cosine(layer)))
+            .collect();
+        assert!(kernels.iter().all(|k| k.energy > 0.3 && k.energy <= 1.0 + 1e-4), "{layer}");
+        let widest = |k: &Kernel| f64::from(k.tan_beta) == MAX_TAN_BETA;
+        assert!(kernels.iter().all(|k| widest(k) || f64::from(k.captured) >= CONE_SHARE), "{layer}");
+        assert!(kernels.iter().all(|k| k.captured > 0.0 && k.captured <= 1.0), "{layer}");
+        let wider = |pair: &[Kernel]| pair[0].tan_beta < pair[1].tan_beta || widest(&pair[0]) && widest(&pair[1]);
+        assert!(kernels.windows(2).all(wider), "{layer}");
+    }
+}
+
+/// Slopes of the microfacets are distributed as tan^2 theta_m = alpha^2 a / (1 - a), and a mirror turns by twice their angle.
+#[test]
+fn cone_of_a_narrow_lobe_head_on() {
+    let alpha = 0.01f64;
+    let kernel = Kernel::new(&Lobe::Ggx { alpha: alpha as f32 }, 1.0);
+    let expected = (2.0 * (alpha * (CONE_SHARE / (1.0 - CONE_SHARE)).sqrt()).atan()).tan();
+    assert!((f64::from(kernel.tan_beta) / expected - 1.0).abs() < 2e-3, "{} for {expected}", kernel.tan_beta);
+}
+
+#[test]
+fn symmetric_head_on_and_narrow_across_at_grazing_angles() {
+    let lobe = Lobe::Ggx { alpha: 0.1 };
+    let head_on = Kernel::new(&lobe, 1.0).texture;
+    let at = |texture: &[f32], i: usize, j: usize| texture[j * KERNEL_TEXELS + i];
+    let brightest = at(&head_on, KERNEL_TEXELS / 2, KERNEL_TEXELS / 2);
+    for i in 0..KERNEL_TEXELS {
+        for j in 0..KERNEL_TEXELS {
+            let here = at(&head_on, i, j);
+            // Mirrored in u, and turned by a right angle.
+            for there in [at(&head_on, KERNEL_TEXELS - 1 - i, j), at(&head_on, j, i)] {
+                assert!((here - there).abs() < 2e-3 * brightest, "{i} {j}: {here} {there}");
+            }
+        }
+    }
+    // Across the plane of incidence over along it, by standard deviations: as cos theta_o. Figures of the documentation.
+    for (mu, expected) in [(1.0, 1.0), (0.9, 0.918), (0.5, 0.571), (0.2, 0.292)] {
+        let [x, y, xx, yy] = moments(&Kernel::new(&Lobe::Ggx { alpha: 0.03 }, mu).texture);
+        let ratio = ((yy - y * y) / (xx - x * x)).sqrt();
+        assert!((ratio - expected).abs() < 5e-3, "{mu}: {ratio}");
+    }
+}
+
+/// A table of f at the given nodes.
+fn tabulate(lobe: &Lobe, cos: &[f32], azimuths: usize) -> Lobe {
+    // Squared towards pi, where the mirror direction is.
+    let azimuth: Vec<f32> = (0..azimuths)
+        .map(|k| {
+            let t = 1.0 - k as f32 / (azimuths - 1) as f32;
+            std::f32::consts::PI * (1.0 - t * t)
+        })
+        .collect();
+    let direction = |cos: f32, azimuth: f32| {
+        let sin = (1.0 - cos * cos).sqrt();
+        Vec3::new(sin * azimuth.cos(), sin * azimuth.sin(), cos)
+    };
+    let mut values = Vec::new();
+    for &i in cos {
+        for &o in cos {
+            values.extend(azimuth.iter().map(|&a| lobe.eval(direction(i, a), direction(o, 0.0))));
+        }
+    }
+    Lobe::Table(Arc::new(Table::new(cos.to_vec(), cos.to_vec(), azimuth, values).unwrap()))
+}
+
+#[test]
+fn table_of_a_lobe_has_its_kernels() {
+    let lobe = Lobe::Ggx { alpha: 0.1 };
+    // Even steps of the angle, from almost grazing.
+    let cos: Vec<f32> = (0..96).map(|i| (1.57 * (1.0 - i as f32 / 95.0)).cos()).collect();
+    let table = tabulate(&lobe, &cos, 64);
+    for mu in [1.0, 0.6, 0.25] {
+        let (expected, found) = (Kernel::new(&lobe, mu), Kernel::new(&table, mu));
+        let difference: f32 = expected.texture.iter().zip(&found.texture).map(|(a, b)| (a - b).abs()).sum();
+        assert!(difference < 0.02, "at {mu}: textures differ by {difference}");
+        assert!((found.tan_beta / expected.tan_beta - 1.0).abs() < 0.01);
+        assert!((found.energy / expected.energy - 1.0).abs() < 0.01);
+    }
+}
+
+#[test]
+fn lobe_without_light_at_its_mirror_direction() {
+    let table = |values: Vec<f32>| {
+        let azimuth = vec![0.0, 1.0, 1.1];
+        Lobe::Table(Arc::new(Table::new(vec![0.5], vec![0.5], azimuth, values).unwrap()))
+    };
+    let black = Kernel::new(&table(vec![0.0; 3]), 0.5);
+    assert_eq!((black.tan_beta, black.energy, black.captured), (0.0, 0.0, 0.0));
+    assert_eq!(black.texture.iter().sum::<f32>(), 1.0);
+    // Sends light back whence it came only.
+    let back = Kernel::new(&table(vec![1.0, 1.0, 0.0]), view_cosine(0));
+    assert!(back.energy > 0.1 && back.captured < 1e-6, "{} {}", back.energy, back.captured);
+    assert_eq!(f64::from(back.tan_beta), MAX_TAN_BETA);
+    assert_eq!(back.texture, black.texture);
+}
+
+#[test]
+fn library_shares_lobes_and_finds_layers() {
+    let mut library = KernelLibrary::new();
+    let (a, b) = (Lobe::Ggx { alpha: 0.2 }, Lobe::Phong { exponent: 50.0 });
+    assert_eq!(library.add(3, a.clone()).unwrap(), 0);
+    assert_eq!(library.add(1, b).unwrap(), VIEW_ANGLES as u32);
+    assert_eq!(library.add(5, a.clone()).unwrap(), 0);
+    assert_eq!((library.first_layer(5), library.first_layer(0), library.first_layer(9)), (Some(0), None, None));
+    let gpu = library.to_gpu();
+    assert_eq!(gpu.first_layer, [NO_KERNEL, 32, NO_KERNEL, 0, NO_KERNEL, 0]);
+    assert_eq!(
+        (gpu.layers.len(), gpu.textures.len()),
+        (2 * VIEW_ANGLES, 2 * VIEW_ANGLES * KERNEL_TEXELS * KERNEL_TEXELS)
+    );
+    // The look-up at nodes, between them and at the ends.
+    let layer = 40 - VIEW_ANGLES;
+    let found = library.look_up(1, view_cosine(layer) as f32).unwrap();
+    assert_eq!([found.tan_beta, found.energy, found.captured, 0.0], gpu.layers[40]);
+    assert_eq!(found.texture, &gpu.textures[40 * 1024..41 * 1024]);
+    let between = library.look_up(3, (view_cosine(9) + 0.75 / 32.0) as f32).unwrap();
+    let expected = 0.25 * gpu.layers[9][0] + 0.75 * gpu.layers[10][0];
+    assert!((between.tan_beta - expected).abs() < 1e-6);
+    assert_eq!(between.texture, library.layers()[10].texture);
+    assert_eq!(library.look_up(3, 0.0).unwrap().energy, gpu.layers[0][1]);
+    assert_eq!(library.look_up(3, 1.0).unwrap().energy, gpu.layers[31][1]);
+    assert!(library.look_up(2, 0.5).is_none());
+    // Half way between two layers: what interpolation costs.
+    for i in 3..VIEW_ANGLES - 1 {
+        let mu = 0.5 * (view_cosine(i) + view_cosine(i + 1));
+        let (exact, found) = (Kernel::new(&a, mu), library.look_up(3, mu as f32).unwrap());
+        assert!((found.tan_beta / exact.tan_beta - 1.0).abs() < 0.02, "{mu}");
+        assert!((found.energy / exact.energy - 1.0).abs() < 0.005, "{mu}");
+    }
+}
+
+#[test]
+fn library_refuses_impossible_lobes() {
+    let mut library = KernelLibrary::new();
+    for (lobe, expected) in [
+        (Lobe::Ggx { alpha: 0.0 }, "kernels of material 7: alpha of GGX is 0"),
+        (Lobe::Ggx { alpha: f32::NAN }, "alpha of GGX is NaN"),
+        (Lobe::Phong { exponent: 1e9 }, "the exponent of Phong is 1000000000"),
+    ] {
+        let refused = library.add(7, lobe).unwrap_err().to_string();
+        assert!(refused.contains(expected), "{refused}");
+    }
+    assert!(library.layers().is_empty() && library.first_layer(7).is_none());
+}
