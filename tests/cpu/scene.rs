@@ -314,13 +314,22 @@ fn own_scenes_load() {
         .map(|e| e.unwrap().file_name().into_string().unwrap())
         .collect();
     names.sort();
-    assert_eq!(
-        names,
-        ["balls-and-sheets", "cornell", "furnace", "glass-ball", "indirect-room", "keller-room", "plates"]
-    );
-    for name in &names {
+    let triangles = [
+        ("balls-and-sheets", 3762),
+        ("cornell", 32),
+        ("furnace", 12),
+        ("glass-ball", 800),
+        ("glossy-floor", 4068),
+        ("indirect-room", 9436),
+        ("keller-room", 804),
+        ("plates", 4),
+        ("six-rooms", 140_812),
+    ];
+    assert_eq!(names, triangles.map(|(name, _)| name));
+    for (name, triangles) in triangles {
         let scene = scene::load(&repository(&format!("scenes/{name}/scene.toml"))).unwrap();
-        assert_eq!(&scene.name, name);
+        assert_eq!(scene.triangles.len(), triangles, "{name}");
+        assert_eq!(scene.name, name);
         assert!(scene.camera.is_some() && !scene.emitters().is_empty());
         let readme = std::fs::read_to_string(repository(&format!("scenes/{name}/README.md"))).unwrap();
         assert!(readme.contains("Licence"), "{name}");
@@ -375,6 +384,56 @@ fn the_glass_ball_is_a_body_in_a_room_of_800_triangles() {
     assert!(ball.triangles.iter().all(|t| std::ptr::eq(&scene.materials[t.material as usize], glass)));
     let sphere = 4.0 / 3.0 * PI * 0.25f32.powi(3);
     assert!((volume(&ball) / sphere - 1.0).abs() < 0.05, "{} of {sphere}", volume(&ball));
+}
+
+#[test]
+fn the_glossy_floor_is_the_only_reflector_of_its_room() {
+    let scene = scene::load(&repository("scenes/glossy-floor/scene.toml")).unwrap();
+    let reflectors = scene.reflectors();
+    assert_eq!(reflectors.len(), 1);
+    assert_eq!(scene.materials[reflectors[0].material as usize].name, "floor");
+    assert_eq!((reflectors[0].normal, reflectors[0].offset), (Vec3::Y, 0.0));
+    assert_smooth_normals_agree(&scene);
+}
+
+#[test]
+fn the_house_has_five_reflectors_of_different_roughness() {
+    let scene = scene::load(&repository("scenes/six-rooms/scene.toml")).unwrap();
+    let reflectors = scene.reflectors();
+    let mut found: Vec<(&str, f32)> = reflectors
+        .iter()
+        .map(|r| &scene.materials[r.material as usize])
+        .map(|m| (m.name.as_str(), m.roughness))
+        .collect();
+    found.sort_by(|a, b| a.0.cmp(b.0));
+    let expected = [
+        ("reflector_1", 0.2),
+        ("reflector_2", 0.3),
+        ("reflector_3", 0.15),
+        ("reflector_4", 0.1),
+        ("reflector_5", 0.25),
+    ];
+    assert_eq!(found, expected);
+    // One lamp of two triangles under each ceiling.
+    let lamps = scene.emitters();
+    let ceilings = lamps.iter().filter(|&&i| {
+        let t = scene.triangles[i as usize];
+        scene.materials[t.material as usize].name == "ceiling_light"
+    });
+    assert_eq!(ceilings.count(), 2 * 6);
+    assert_smooth_normals_agree(&scene);
+}
+
+/// Normals of smooth triangles lie on the side that the triangles face.
+fn assert_smooth_normals_agree(scene: &Scene) {
+    for (i, t) in scene.triangles.iter().enumerate().filter(|(_, t)| t.smooth) {
+        let [a, b, c] = scene.triangle_positions(i);
+        let face = (b - a).cross(c - a).normalize();
+        for v in t.vertices {
+            let normal = scene.normals[v as usize];
+            assert!(face.dot(normal) > 0.3, "{}: {face} {normal}", scene.objects[t.object as usize]);
+        }
+    }
 }
 
 /// Signed volume by the divergence theorem: negative where a closed surface faces inwards.
