@@ -3,8 +3,10 @@
 #include "work.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"
+#include "receiver.wgsl"
 #include "surface.wgsl"
 #include "ideal.wgsl"
+#include "reflectors.wgsl"
 
 @group(0) @binding(9) var<storage, read_write> work_in: Work;
 @group(0) @binding(10) var<storage, read> list_in: array<u32>;
@@ -17,6 +19,8 @@
 @group(0) @binding(17) var<storage, read_write> throughput: array<vec4<f32>>;
 @group(0) @binding(18) var<storage, read_write> media: array<vec4<u32>>;
 @group(0) @binding(19) var<storage, read_write> emitted: array<vec4<f32>>;
+@group(0) @binding(20) var<storage, read_write> region: array<u32>;     // planar reflector that a pixel shows, 0: none
+@group(0) @binding(21) var<storage, read_write> widening: array<vec4<f32>>; // what further glossy planes do to its kernel
 var<immediate> push: Push;
 
 // Sends the path of a slot on and puts it on the list.
@@ -55,13 +59,30 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let triangle = bitcast<u32>(hit.w);
     let found = triangle != 0xffffffffu;
     let at = select(0u, triangle, found);
-    let ideal = found && materials[triangle_normals[at].w >> 1u].flags.z != SURFACE_OPAQUE;
+    let normals = triangle_normals[at];
+    // Of a glossy plane that is seen directly the mirror image is the second component, and what its lobe makes of it comes later.
+    // In a mirror image other glossy planes are base or mirror by chance.
+    let mirrors = frame.superposition.x > 0u;
+    let pixel = select(slot, slot - frame.size.z, slot >= frame.size.z);
+    let in_image = mirrors && slot >= frame.size.z && region[select(0u, pixel, mirrors)] > 0u;
+    let plane = select(0u, glossy_plane(normals), found && (splits || in_image));
+    if splits && mirrors {
+        region[slot] = plane;
+        widening[slot] = vec4<f32>(0.0);
+    }
+    let ideal = plane > 0u || (found && materials[material_of(normals)].flags.z != SURFACE_OPAQUE);
     // A loop, for it ends early where no ray of the subgroup met a mirror or glass.
     for (var i = select(0u, 1u, ideal); i > 0u; i -= 1u) {
         let ray = ray_direction[slot];
         let s = surface_at(at, hit.y, hit.z, ray.xyz);
         let inside = select(media[slot], vec4<u32>(0u), first_hit);
-        let fork = fork_at(s, -ray.xyz, relative_index(inside, s));
+        let other = fork_at(s, -ray.xyz, relative_index(inside, s));
+        var fork = other;
+        let mu = dot(s.geometric, -ray.xyz);
+        let lobe = lobe_at(reflectors[max(plane, 1u) - 1u].x, mu);
+        if plane > 0u {
+            fork = fork_of_plane(s, -ray.xyz, select(lobe.y * schlick(s.reflectance, mu), vec3<f32>(1.0), splits));
+        }
         let before = throughput[slot];
         let depth = before.w + ray.w * hit.x;
 
@@ -76,7 +97,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let goes_on = !stays && max(max(after.x, after.y), after.z) > 0.0;
         throughput[slot] = vec4<f32>(after, select(before.w, depth, goes_on));
         // Emission of a mirror over a base belongs to the base, which has not been left yet.
-        emitted[slot] += vec4<f32>(select(before.xyz * s.emission, vec3<f32>(0.0), fork.stays), 0.0);
+        // The lobe of a plane where a path stays is the other way that it could have gone.
+        let without_lobe = select(0.0, LOBE_FOLLOWED, stays && plane > 0u && in_image);
+        emitted[slot] += vec4<f32>(select(before.xyz * s.emission, vec3<f32>(0.0), fork.stays), without_lobe);
+        if goes_on && in_image {
+            let t2 = select(0.0, lobe.x * lobe.x, plane > 0u);
+            widening[pixel] += vec4<f32>(t2, t2 * depth, t2 * depth * depth, 0.0);
+        }
         let beyond = crossed(inside, s.material + 1u, s.front);
         media[slot] = select(inside, beyond, takes_first && fork.crosses);
         if goes_on {

@@ -12,6 +12,7 @@
 @group(0) @binding(7) var<storage, read_write> emitted: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read_write> work: Work;
 @group(0) @binding(9) var<storage, read> tiles: array<u32>;
+@group(0) @binding(10) var<storage, read_write> shown: array<vec4<f32>>;   // may be `emitted`
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -30,5 +31,5 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let lit = receiver_wo[slot].w > 0.0;
     let reflected = receiver_kd[slot].xyz * INV_PI * (direct[slot].xyz + indirect[slot].xyz) + specular[slot].xyz;
     let l = select(vec3<f32>(0.0), throughput[slot].xyz * reflected, lit);
-    emitted[pixel] += vec4<f32>(emitted[slot].xyz + l, 0.0);
+    shown[pixel] += vec4<f32>(emitted[slot].xyz + l, 0.0);
 }

@@ -38,7 +38,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let carried = flux[photon];
     let found = triangle != 0xffffffffu && mean3(carried.xyz) > 0.0;
     let at = select(0u, triangle, found);
-    let ideal = materials[triangle_normals[at].w >> 1u].flags.z != SURFACE_OPAQUE;
+    let ideal = materials[material_of(triangle_normals[at])].flags.z != SURFACE_OPAQUE;
     let aimed = !first_hit || target_of[at] == bitcast<u32>(carried.w);
     let d = ray_direction[photon].xyz;
     let s = surface_at(at, hit.y, hit.z, d);

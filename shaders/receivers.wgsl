@@ -64,29 +64,35 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let ray = select(vec4<f32>(0.0), ray_direction[slot], has_ray);
     let d = ray.xyz;
     let found = triangle != 0xffffffffu;
-    let s = surface_at(select(0u, triangle, found), hit.y, hit.z, d);
+    let at_triangle = select(0u, triangle, found);
+    let s = surface_at(at_triangle, hit.y, hit.z, d);
+    // What the eye sees directly of a glossy plane is its base; its lobe comes with the mirror image.
+    let direct = !second && through.w == 0.0 && glossy_plane(triangle_normals[at_triangle]) > 0u;
+    let met = emitted[slot];
+    let mirrors = eye && (direct || met.w == LOBE_FOLLOWED);
 
     // What the eye sees has weight 1; a gathered point has the part that clipping cut off.
     let share = select(max(1.0 - hit.x * hit.x / max(frame.right.w, 1e-37), 0.0), 1.0, eye);
     let before = select(beta[slot], vec4<f32>(1.0, 1.0, 1.0, 0.0), eye);
     let weight = select(0.0, share, found);
-    let seen_emission = emitted[slot].xyz + select(vec3<f32>(0.0), through.xyz * s.emission, found);
-    emitted[slot] = select(vec4<f32>(before.xyz * s.emission * weight, before.w), vec4<f32>(seen_emission, 0.0), eye);
+    let seen_emission = met.xyz + select(vec3<f32>(0.0), through.xyz * s.emission, found);
+    emitted[slot] = select(vec4<f32>(before.xyz * s.emission * weight, before.w), vec4<f32>(seen_emission, select(0.0, 1.0, through.w > 0.0)), eye);
     if eye {
         // A mirror that shows nothing is as far away as it is itself.
         let end = select(select(-1.0, through.w, through.w > 0.0), through.w + ray.w * hit.x, found);
         throughput[slot] = vec4<f32>(through.xyz, end);
     }
 
-    let reflects = mean3(s.reflectance.kd) + mean3(s.reflectance.f0) > 0.0;
+    let lobe = select(mean3(s.reflectance.f0), 0.0, mirrors);
+    let reflects = mean3(s.reflectance.kd) + lobe > 0.0;
     // The last gathered points only emit: light that they reflect would exceed the greatest path length.
     let lit = weight > 0.0 && reflects && step.last == 0u && (carries || !eye);
-    let glossy = s.reflectance.f90 > 0.0;
+    let glossy = s.reflectance.f90 > 0.0 && !mirrors;
     let depth = select(-1.0, hit.x, found);
     receiver_position[slot] = vec4<f32>(offset_origin(s.position, s.geometric, frame.eye.w), depth);
     receiver_geometric[slot] = vec4<f32>(s.geometric, s.reflectance.f90);
     receiver_shading[slot] = vec4<f32>(s.shading, s.reflectance.alpha);
-    receiver_kd[slot] = vec4<f32>(select(vec3<f32>(0.0), s.reflectance.kd, found), diffuse_probability(s.reflectance));
+    receiver_kd[slot] = vec4<f32>(select(vec3<f32>(0.0), s.reflectance.kd, found), select(diffuse_probability(s.reflectance), 1.0, mirrors));
     receiver_f0[slot] = vec4<f32>(select(vec3<f32>(0.0), s.reflectance.f0, found), select(0.0, 1.0, glossy));
     receiver_wo[slot] = vec4<f32>(-d, select(0.0, 1.0, lit));
     beta[slot] = vec4<f32>(before.xyz * weight, before.w);

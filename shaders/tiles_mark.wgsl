@@ -1,4 +1,4 @@
-// Marks the tiles of 8 x 8 pixels in which an eye ray met a mirror or glass. See pass/tiles.rs.
+// Marks the tiles of 8 x 8 pixels in which an eye ray met a mirror, glass or a glossy plane. See pass/tiles.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"
@@ -22,8 +22,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let at = low + vec2<u32>(i % size.x, i / size.x);
         let triangle = bitcast<u32>(hits[at.x + at.y * frame.size.x].w);
         let found = triangle != 0xffffffffu;
-        let kind = materials[triangle_normals[select(0u, triangle, found)].w >> 1u].flags.z;
-        mark = select(0u, 1u, found && kind != SURFACE_OPAQUE);
+        let normals = triangle_normals[select(0u, triangle, found)];
+        let ideal = materials[material_of(normals)].flags.z != SURFACE_OPAQUE || glossy_plane(normals) > 0u;
+        mark = select(0u, 1u, found && ideal);
     }
     marks[tile] = mark;
 }

@@ -129,6 +129,7 @@ impl Engine {
             Frame::new(context, &kernels, &mut staging, &scene_buffers, &settings, &lights, &delta, camera.resolution)?;
         let parameters = ParameterSource {
             photons: PhotonPlan::new(&settings, targets.spheres.len() as u32),
+            glossy_planes: scene_buffers.ideal.glossy_planes,
             settings,
             camera,
             lights,

@@ -1,5 +1,6 @@
 //! The frame: each pass once, in order, outputs feeding inputs.
 
+mod mirrors;
 mod photons;
 mod steps;
 
@@ -14,11 +15,13 @@ use crate::pass::gather::Gather;
 use crate::pass::importance::Importance;
 use crate::pass::layout::{self, PointLight, Work};
 use crate::pass::merge::Merge;
+use crate::pass::mirror_image::{Lobes, Planes, Tables};
 use crate::pass::receivers::{self, ReceiversPass};
 use crate::pass::resolve::Resolve;
 use crate::pass::schedule::Schedule;
 use crate::pass::shade::{self, Shade};
 use crate::pass::sort::{Sort, SortBuffers};
+use crate::pass::summands::Summands;
 use crate::pass::tiles::Tiles;
 use crate::pass::trace::Trace;
 use crate::pass::walk_reflect::WalkReflect;
@@ -30,6 +33,7 @@ use crate::settings::{LightChoice, Settings};
 use photons::PhotonSteps;
 use steps::Steps;
 
+pub use mirrors::Mirrors;
 pub use photons::Photons;
 
 /// The passes of a frame with their buffers and steps.
@@ -62,6 +66,12 @@ pub struct Frame {
     pub gathered_sums: Sums,
     /// The filter of that light.
     pub discontinuity: Option<Discontinuity>,
+    /// Mirror images on glossy planes.
+    pub mirrors: Option<Mirrors>,
+    /// Sums of the image's summands.
+    pub summands: Option<Summands>,
+    /// What the eye's paths note of glossy planes.
+    pub planes: Planes,
     /// Throughput of each slot's gather path.
     pub beta: Buffer,
     /// Tiles of pixels that show mirrors or glass.
@@ -140,7 +150,7 @@ impl Frame {
         delta: &[PointLight],
         [width, height]: [u32; 2],
     ) -> Result<Frame> {
-        let film = Film::new(context, width * height)?;
+        let film = Film::new(context, width * height, settings.summands)?;
         let image = Image::new(context, "image", width, height, ash::vk::Format::R32G32B32A32_SFLOAT)?;
         Self::with_film(context, kernels, staging, scene, settings, plan, delta, (film, image))
     }
@@ -158,6 +168,7 @@ impl Frame {
         (film, image): (Film, Image),
     ) -> Result<Frame> {
         let pixels = image.width() * image.height();
+        let film = film.with_summands(context, pixels, settings.summands)?;
         let particle_count = settings.particles();
         let eye = EyePlan::new(settings, scene.ideal, pixels);
         let slots = eye.slots();
@@ -187,6 +198,11 @@ impl Frame {
         let pixel_sums = Sums::new(context, "pixel", slots)?;
         let gathered_sums = Sums::new(context, "gathered", slots)?;
         let beta = vec4s(context, "beta", slots)?;
+        let planes = Planes::new(context, pixels, eye.mirrors)?;
+        let tables = match eye.mirrors {
+            true => Some(Tables::new(context, staging, &scene.finishes)?),
+            false => None,
+        };
 
         // Receivers of a bounce are listed while those of the one before are still needed, so two lists take turns.
         let list_pixels = [0, 1].map(|i| device(&format!("list {i}"), 4 * u64::from(listed)));
@@ -238,6 +254,8 @@ impl Frame {
                     receivers: &primary,
                     list_in: k.checked_sub(1).map_or(&ideal_tiles, |before| &eye_lists[before]),
                     list_out,
+                    planes: &planes,
+                    lobes: Lobes::of(tables.as_ref(), &planes),
                     steps: &step_buffer,
                 };
                 Ok(Follow {
@@ -266,11 +284,39 @@ impl Frame {
         };
         // What is put together to the image.
         let seen_sums = discontinuity.as_ref().map_or(&pixel_sums, |pass| &pass.filtered);
+        let summands = match &film.summands {
+            None => None,
+            Some(of_film) => {
+                let reflected = Summands::reflected(context, pixels)?;
+                let (status, sums) = (&status, seen_sums);
+                let pass =
+                    Summands::new(kernels, &parameters, &primary, &paths, sums, of_film, reflected, status, pixels)?;
+                Some(pass)
+            }
+        };
+        // What second components and mirror images are added to.
+        let shown = summands.as_ref().map_or(&primary.emitted, |pass| &pass.reflected);
+        let mirrors = match (settings.superposition, tables) {
+            (Some(superposition), Some(tables)) => {
+                let inputs = mirrors::Inputs {
+                    frame: &parameters,
+                    receivers: &primary,
+                    paths: &paths,
+                    sums: seen_sums,
+                    shown,
+                    tiles: &ideal_tiles,
+                    planes: &planes,
+                    size: [image.width(), image.height()],
+                };
+                Some(Mirrors::new(context, kernels, staging, &superposition, tables, &inputs)?)
+            }
+            _ => None,
+        };
         let second = match eye.components {
             1 => None,
             _ => Some(Second {
                 receivers: receivers_pass(&ideal_tiles, &lists[0], &primary)?,
-                merge: Merge::new(kernels, &parameters, &primary, &paths, seen_sums, &ideal_tiles)?,
+                merge: Merge::new(kernels, &parameters, &primary, &paths, seen_sums, &ideal_tiles, shown)?,
             }),
         };
         let sort_buffers = match &scene.wide_nodes {
@@ -384,6 +430,9 @@ impl Frame {
             pixel_sums,
             gathered_sums,
             discontinuity,
+            mirrors,
+            summands,
+            planes,
             beta,
             ideal_tiles,
             eye_lists,
@@ -412,7 +461,7 @@ impl Frame {
 
     /// Records one pass of the renderer: particles leave the lights and become point lights, photons leave them by way of
     /// mirrors and glass; what the eye sees is lit by both; what clipping cut off is gathered, bounce by bounce; irradiance is
-    /// filtered; second components are added to their pixels; the image is added to the sums.
+    /// filtered; mirror images are spread over glossy planes; second components are added to their pixels; the image is added to the sums.
     pub fn record(&self, rec: &mut Recorder, parameters: &layout::Frame) -> Result<()> {
         self.record_start(rec, parameters)?;
         if self.importance.is_some() {
@@ -432,7 +481,9 @@ impl Frame {
             rec.scope("collect", |rec| self.record_collect(rec, bounce))?;
         }
         self.record_discontinuity(rec)?;
+        self.record_mirrors(rec)?;
         self.record_merge(rec)?;
+        self.record_summands(rec)?;
         rec.scope("accumulate", |rec| self.accumulate.record(rec, parameters.keys[3]))
     }
 
@@ -441,10 +492,12 @@ impl Frame {
         rec.begin();
         rec.update(&self.parameters, 0, bytemuck::bytes_of(parameters))?;
         rec.fill(&self.status, 0)?;
+        rec.fill(&self.planes.region, 0)?;
         rec.copy(&self.clear_work, &self.batch.work)?;
         for list in self.lists.iter().chain(&self.eye_lists) {
             rec.copy(&self.clear_work, &list.work)?;
         }
+        self.summands.as_ref().map_or(Ok(()), |summands| summands.record_clear(rec))?;
         self.photons.as_ref().map_or(Ok(()), |photons| photons.record_clear(rec))
     }
 
@@ -574,10 +627,26 @@ impl Frame {
         }
     }
 
+    /// Mirror images are spread over their glossy planes.
+    pub fn record_mirrors(&self, rec: &mut Recorder) -> Result<()> {
+        match &self.mirrors {
+            Some(mirrors) => rec.scope("mirrors", |rec| mirrors.record(rec)),
+            None => Ok(()),
+        }
+    }
+
     /// The light of second components is added to their pixels.
     pub fn record_merge(&self, rec: &mut Recorder) -> Result<()> {
         match &self.second {
             Some(second) => rec.scope("merge", |rec| second.merge.record(rec)),
+            None => Ok(()),
+        }
+    }
+
+    /// The summands of the image are added to their sums.
+    pub fn record_summands(&self, rec: &mut Recorder) -> Result<()> {
+        match &self.summands {
+            Some(pass) => rec.scope("summands", |rec| pass.record(rec)),
             None => Ok(()),
         }
     }

@@ -116,13 +116,17 @@ pub struct EyePlan {
     pub steps: u32,
     /// Slots for each pixel: 2 where paths are split.
     pub components: u32,
+    /// Glossy planes mirror the room.
+    pub mirrors: bool,
 }
 
 impl EyePlan {
     /// For a scene with such surfaces.
     pub fn new(settings: &Settings, ideal: Ideal, pixels: u32) -> EyePlan {
-        let steps = if ideal.any { settings.max_specular } else { 0 };
-        EyePlan { pixels, steps, components: if settings.split && ideal.forks && steps > 0 { 2 } else { 1 } }
+        let mirrors = ideal.glossy_planes && settings.mirroring_planes() > 0;
+        let steps = if ideal.any || mirrors { settings.max_specular } else { 0 };
+        let forks = settings.split && (ideal.forks || mirrors) && steps > 0;
+        EyePlan { pixels, steps, components: if forks { 2 } else { 1 }, mirrors }
     }
 
     /// Slots of all receivers of the eye.
@@ -239,6 +243,8 @@ pub struct ParameterSource {
     pub coordinate_scale: f32,
     /// Caustic photons.
     pub photons: Option<PhotonPlan>,
+    /// The scene has planar reflectors with a lobe.
+    pub glossy_planes: bool,
 }
 
 impl ParameterSource {
@@ -294,6 +300,10 @@ impl ParameterSource {
             Some(plan) => plan.parameters(s, self.diagonal, local)?,
             None => ([0; 4], [0.0; 4]),
         };
+        let superposition = match s.superposition.filter(|_| self.glossy_planes) {
+            Some(superposition) => [superposition.reflectors, superposition.reflectance as u32, 0, 0],
+            None => [0; 4],
+        };
         let xyzw = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
         Ok(layout::Frame {
             eye: xyzw(self.camera.eye, self.coordinate_scale.max(self.camera.eye.abs().max_element())),
@@ -313,6 +323,7 @@ impl ParameterSource {
             shifts,
             sobol: words,
             choice: [s.light_floor, 0.0, 0.0, 0.0],
+            superposition,
         })
     }
 }

@@ -6,12 +6,14 @@ use std::ops::Range;
 use crate::accel::Bvh;
 use crate::accel::objects::Changes;
 use crate::accel::wide::WideBvh;
+use crate::bsdf::Reflectance;
 use crate::error::{Error, Result};
 use crate::gpu::{Bound, Buffer, Context, Staging};
 use crate::light::emitters::Emitters;
 use crate::light::targets::Targets;
 use crate::pass::layout::{MaterialRecord, PointLight, TextureRecord};
 use crate::sampling::sobol;
+use crate::scene::reflectors::Reflector;
 use crate::scene::{Light, Scene, Surface, Texture, Wrap};
 use bytemuck::Pod;
 use glam::{Vec2, Vec3};
@@ -21,6 +23,9 @@ const CLUSTER_STACK: u32 = 16;
 
 /// Greatest number of wide nodes: a word of that stack has 24 bits for one.
 const MAX_WIDE_NODES: u32 = 1 << 24;
+
+/// More materials than the words of `normals` have numbers for.
+const MAX_MATERIALS: usize = 1 << 23;
 
 /// Device buffers of a scene; written before the first frame, and in part again before a frame in which the scene changes.
 #[derive(Clone)]
@@ -37,7 +42,7 @@ pub struct SceneBuffers {
     pub e1: Buffer,
     /// Second edges.
     pub e2: Buffer,
-    /// Vertex normals, octahedral, with material and smoothness.
+    /// Vertex normals, octahedral, with reflector, material and smoothness.
     pub normals: Buffer,
     /// Texture coordinates, two vec4 a triangle.
     pub uvs: Buffer,
@@ -55,6 +60,10 @@ pub struct SceneBuffers {
     pub ideal: Ideal,
     /// What photons are shot at; `None`: there is nothing.
     pub targets: Option<TargetBuffers>,
+    /// Planar reflectors, number i + 1 in `normals` being `reflectors[i]`.
+    pub reflectors: Vec<Reflector>,
+    /// What they are made of, textures by their mean.
+    pub finishes: Vec<Reflectance>,
 }
 
 /// Targets on the device.
@@ -75,14 +84,17 @@ pub struct Ideal {
     pub any: bool,
     /// Some have two components: glass, mirrors over a diffuse base.
     pub forks: bool,
+    /// There are planar reflectors with a lobe, which superposition takes for mirrors over a base.
+    pub glossy_planes: bool,
 }
 
 impl Ideal {
     /// Looks at the materials that triangles have.
-    pub(crate) fn of(scene: &Scene) -> Ideal {
+    pub(crate) fn of(scene: &Scene, reflectors: &[Reflector]) -> Ideal {
         let mut used = vec![false; scene.materials.len()];
         scene.triangles.iter().for_each(|t| used[t.material as usize] = true);
-        let mut ideal = Ideal::default();
+        let glossy = |r: &Reflector| scene.materials[r.material as usize].surface == Surface::Opaque;
+        let mut ideal = Ideal { glossy_planes: reflectors.iter().any(glossy), ..Ideal::default() };
         for (m, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
             ideal.any |= m.surface != Surface::Opaque;
             ideal.forks |= match m.surface {
@@ -125,7 +137,15 @@ impl SceneBuffers {
             None => None,
         };
         let (textures, texels) = pack_textures(&scene.textures)?;
-        let (normals, uvs) = shading_attributes(scene, bvh, 0..bvh.triangle_count() as usize);
+        if scene.materials.len() >= MAX_MATERIALS {
+            let count = scene.materials.len();
+            return Err(Error::Scene(format!(
+                "{count} materials; the device's tables number fewer than {MAX_MATERIALS}"
+            )));
+        }
+        let reflectors = scene.reflectors();
+        let of_triangle = reflector_numbers(scene, &reflectors);
+        let (normals, uvs) = shading_attributes(scene, bvh, &of_triangle, 0..bvh.triangle_count() as usize);
         let materials: Vec<_> = scene.materials.iter().map(material_record).collect();
         Ok(SceneBuffers {
             node_min: staging.stage(context, "scene node minima", &bvh.node_min)?,
@@ -141,8 +161,10 @@ impl SceneBuffers {
             texels: staging.stage(context, "scene texels", &texels)?,
             emitters: staging.stage(context, "scene emitters", &emitters.records())?,
             sobol_columns: staging.stage(context, "columns of Sobol'", &sobol::column_pairs())?,
-            ideal: Ideal::of(scene),
+            ideal: Ideal::of(scene, &reflectors),
             targets: None,
+            finishes: finishes(scene, &reflectors),
+            reflectors,
         })
     }
 
@@ -200,19 +222,44 @@ impl SceneBuffers {
         staging.stage_ranges(context, &self.v0, &bvh.v0, &changes.triangles)?;
         staging.stage_ranges(context, &self.e1, &bvh.e1, &changes.triangles)?;
         staging.stage_ranges(context, &self.e2, &bvh.e2, &changes.triangles)?;
+        let of_triangle = reflector_numbers(scene, &self.reflectors);
         for range in &changes.triangles {
             let reordered = changes.reordered.contains(range);
             let smooth = |k: usize| scene.triangles[bvh.scene_triangle(k as u32) as usize].smooth;
             if !reordered && !range.clone().any(smooth) {
                 continue;
             }
-            let (normals, uvs) = shading_attributes(scene, bvh, range.clone());
+            let (normals, uvs) = shading_attributes(scene, bvh, &of_triangle, range.clone());
             staging.stage_into(context, &self.normals, (16 * range.start) as u64, &normals)?;
             if reordered && !uvs.is_empty() {
                 staging.stage_into(context, &self.uvs, (32 * range.start) as u64, &uvs)?;
             }
         }
         Ok(replaced)
+    }
+
+    /// Looks for planar reflectors again, and stages what has become of them. Nothing else may have moved since the hierarchy was
+    /// updated. True: they are made of something else, and tables of them must be made anew.
+    pub fn update_reflectors(
+        &mut self,
+        context: &Context,
+        staging: &mut Staging,
+        scene: &Scene,
+        bvh: &Bvh,
+    ) -> Result<bool> {
+        let reflectors = scene.reflectors();
+        let same = |(a, b): (&Reflector, &Reflector)| a.material == b.material && a.triangles == b.triangles;
+        let renumbered =
+            reflectors.len() != self.reflectors.len() || !reflectors.iter().zip(&self.reflectors).all(same);
+        self.reflectors = reflectors;
+        if renumbered {
+            let numbers = reflector_numbers(scene, &self.reflectors);
+            let (normals, _) = shading_attributes(scene, bvh, &numbers, 0..bvh.triangle_count() as usize);
+            staging.stage_into(context, &self.normals, 0, &normals)?;
+        }
+        self.ideal = Ideal::of(scene, &self.reflectors);
+        let before = std::mem::replace(&mut self.finishes, finishes(scene, &self.reflectors));
+        Ok(before != self.finishes)
     }
 
     /// Stages some materials.
@@ -228,7 +275,6 @@ impl SceneBuffers {
             let at = u64::from(index) * size_of::<MaterialRecord>() as u64;
             staging.stage_into(context, &self.materials, at, &[record])?;
         }
-        self.ideal = Ideal::of(scene);
         Ok(())
     }
 
@@ -262,6 +308,8 @@ impl SceneBuffers {
             sobol_columns,
             ideal: _,
             targets,
+            reflectors: _,
+            finishes: _,
         } = self;
         let always =
             [node_min, node_max, v0, e1, e2, normals, uvs, materials, textures, texels, emitters, sobol_columns];
@@ -363,21 +411,48 @@ pub fn encode_normal(n: Vec3) -> u32 {
     u32::from(snorm(e.x)) | u32::from(snorm(e.y)) << 16
 }
 
+/// What reflectors are made of, textures by their mean.
+fn finishes(scene: &Scene, reflectors: &[Reflector]) -> Vec<Reflectance> {
+    let mean = |texture: Option<u32>| texture.map_or(Vec3::ONE, |t| scene.textures[t as usize].average());
+    let finish = |reflector: &Reflector| {
+        let m = &scene.materials[reflector.material as usize];
+        let (base, mr) = (mean(m.base_texture), mean(m.metallic_roughness_texture));
+        Reflectance::new(m.base_color * base, m.metallic * mr.z, m.roughness * mr.y, m.specular)
+    };
+    reflectors.iter().map(finish).collect()
+}
+
+/// For each triangle the number of its reflector, 0 for none; nothing at all if there are none.
+fn reflector_numbers(scene: &Scene, reflectors: &[Reflector]) -> Vec<u8> {
+    let mut numbers = vec![0; if reflectors.is_empty() { 0 } else { scene.triangles.len() }];
+    for (number, reflector) in (1..=u8::MAX).zip(reflectors) {
+        reflector.triangles.iter().for_each(|&i| numbers[i as usize] = number);
+    }
+    numbers
+}
+
 /// Normals and texture coordinates of triangles in the order of the leaves; the latter only where there are textures, which
 /// any material may come to use.
-fn shading_attributes(scene: &Scene, bvh: &Bvh, range: Range<usize>) -> (Vec<[u32; 4]>, Vec<[f32; 4]>) {
+fn shading_attributes(
+    scene: &Scene,
+    bvh: &Bvh,
+    reflectors: &[u8],
+    range: Range<usize>,
+) -> (Vec<[u32; 4]>, Vec<[f32; 4]>) {
     let textured = !scene.textures.is_empty();
     let mut normals = Vec::with_capacity(range.len());
     let mut uvs = Vec::new();
     for i in range {
-        let t = &scene.triangles[bvh.scene_triangle(i as u32) as usize];
+        let index = bvh.scene_triangle(i as u32) as usize;
+        let t = &scene.triangles[index];
         let mut n = [0; 4];
         if t.smooth {
             for (n, &v) in n.iter_mut().zip(&t.vertices) {
                 *n = encode_normal(scene.normals[v as usize]);
             }
         }
-        n[3] = t.material << 1 | u32::from(t.smooth);
+        let reflector = reflectors.get(index).copied().unwrap_or(0);
+        n[3] = u32::from(reflector) << 24 | t.material << 1 | u32::from(t.smooth);
         normals.push(n);
         if textured {
             let [a, b, c] = t.vertices.map(|v| scene.uvs.get(v as usize).copied().unwrap_or(Vec2::ZERO));

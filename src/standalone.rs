@@ -349,17 +349,34 @@ impl Renderer {
         let albedo = self.mean(&film.albedo, None, passes)?;
         let normal = self.mean(&film.normal, None, passes)?;
         let rgb = |v: Vec<Vec4>| v.into_iter().map(Vec4::truncate).collect::<Vec<Vec3>>();
+        let alpha = color.iter().map(|c| c.w).collect();
+        let mut color = rgb(color);
+        let [emission, diffuse, specular] = match &film.summands {
+            None => [const { Vec::new() }; 3],
+            Some(summands) => {
+                let mean = |[sum, rest]: &[Buffer; 2]| Ok::<_, Error>(rgb(self.mean(sum, Some(rest), passes)?));
+                let [emission, diffuse, specular] = summands;
+                let [emission, diffuse, specular] = [mean(emission)?, mean(diffuse)?, mean(specular)?];
+                for (i, c) in color.iter_mut().enumerate() {
+                    *c = emission[i] + diffuse[i] + specular[i];
+                }
+                [emission, diffuse, specular]
+            }
+        };
         let depth = normal.iter().zip(&albedo).map(|(n, a)| if a.w > 0.0 { n.w / a.w } else { f32::INFINITY });
         Ok(Layers {
             width,
             height,
             depth: depth.collect(),
             normal: normal.iter().map(|n| n.truncate().normalize_or_zero()).collect(),
-            alpha: color.iter().map(|c| c.w).collect(),
-            color: rgb(color),
+            alpha,
+            color,
             albedo: rgb(albedo),
             direct: rgb(direct),
             indirect: rgb(indirect),
+            emission,
+            diffuse,
+            specular,
         })
     }
 

@@ -17,6 +17,7 @@ struct Frame {
     shifts: array<vec4<f32>, 16>,   // for j: Cranley-Patterson shifts of dimensions 2j, 2j+1; z, w: bits of their bases
     sobol: array<vec4<u32>, 16>,    // for j: random words of dimensions 2j, 2j+1; z, w: Sobol' point of the gather rays of bounce j
     choice: vec4<f32>,          // x: share of the choice of emitters that goes by power, where it goes by contribution
+    superposition: vec4<u32>,   // planar reflectors, by number, that mirror the room; form of their reflectance (settings::Reflectance)
 }
 
 @group(0) @binding(0) var<storage, read> frame: Frame;

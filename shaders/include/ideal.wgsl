@@ -96,3 +96,15 @@ fn fork_at(s: Surface, wo: vec3<f32>, eta: f32) -> Fork {
     fork.second_adjoint = skew_of(s.geometric, n, wo, fork.second_wi);
     return fork;
 }
+
+// At a glossy plane: its base, and its mirror image with a reflectance, 1 where the lobe spreads and dims it later.
+fn fork_of_plane(s: Surface, wo: vec3<f32>, reflectance: vec3<f32>) -> Fork {
+    let base = mean3(s.reflectance.kd);
+    var fork: Fork;
+    fork.stays = true;
+    fork.probability = base / (base + mean3(reflectance));
+    fork.first_weight = vec3<f32>(1.0);
+    fork.second_wi = reflected(wo, s.geometric);
+    fork.second_weight = reflectance;
+    return fork;
+}

@@ -5,3 +5,6 @@
 //   kd:        diffuse albedo; w: probability of following the diffuse lobe
 //   f0:        specular reflectance at normal incidence; w: 1 if there is a specular lobe, else 0
 //   wo:        direction back along the ray; w: 1 if light can reach the eye by way of it, else 0
+
+// emitted.w of a receiver-to-be that has no lobe because the eye's path has chosen its base.
+const LOBE_FOLLOWED: f32 = 2.0;

@@ -21,7 +21,7 @@ struct TextureRecord {
     flags: u32,             // bit 0: sRGB; bits 1-2: wrap of u, 3-4: of v (0 repeat, 1 mirror, 2 clamp)
 }
 
-@group(0) @binding(1) var<storage, read> triangle_normals: array<vec4<u32>>;    // three octahedral normals; w: material << 1 | smooth
+@group(0) @binding(1) var<storage, read> triangle_normals: array<vec4<u32>>;    // three octahedral normals; w: reflector << 24 | material << 1 | smooth
 @group(0) @binding(2) var<storage, read> triangle_uvs: array<vec4<f32>>;        // two for each triangle: uv0 uv1, uv2 -
 @group(0) @binding(3) var<storage, read> triangle_v0: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> triangle_e1: array<vec4<f32>>;
@@ -40,6 +40,17 @@ struct Surface {
     material: u32,
     reflectance: Reflectance,   // of mirrors the diffuse base, of glass nothing
     ideal: Reflectance,     // mirrors: f0 and f90; glass: f0 is the tint
+}
+
+fn material_of(normals: vec4<u32>) -> u32 {
+    return (normals.w & 0xffffffu) >> 1u;
+}
+
+// Number of the planar reflector that superposition takes a triangle for, 0 where it is none.
+fn glossy_plane(normals: vec4<u32>) -> u32 {
+    let number = normals.w >> 24u;
+    let counts = number <= frame.superposition.x && materials[material_of(normals)].flags.z == SURFACE_OPAQUE;
+    return select(0u, number, counts);
 }
 
 fn wrapped(i: i32, n: i32, mode: u32) -> i32 {
@@ -107,7 +118,7 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> Surface {
     // Seen from behind the shading normal, the face's own serves: no black rims.
     shading = select(geometric, shading, dot(shading, d) < 0.0);
 
-    let material = materials[normals.w >> 1u];
+    let material = materials[material_of(normals)];
     var base = material.base.xyz;
     var metallic = material.base.w;
     var roughness = material.specular.w;
@@ -140,7 +151,7 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> Surface {
     s.emission = select(vec3<f32>(0.0), material.emission.xyz, emits);
     s.kind = kind;
     s.front = front;
-    s.material = normals.w >> 1u;
+    s.material = material_of(normals);
     s.reflectance = Reflectance(kd, whole.f90 * lobe, whole.f0 * lobe, select(1.0, whole.alpha, kind == SURFACE_OPAQUE));
     s.ideal = Reflectance(vec3<f32>(0.0), whole.f90, select(whole.f0, base, kind > SURFACE_MIRROR), 1.0);
     return s;

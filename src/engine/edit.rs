@@ -208,7 +208,7 @@ impl Engine {
             moving.match_sphere_lights(index);
         }
         let checked = check_light(&moving.scene, emission)
-            .and_then(|()| check_slots(&settings, Ideal::of(&moving.scene), resolution));
+            .and_then(|()| check_slots(&settings, Ideal::of(&moving.scene, &moving.scene.reflectors()), resolution));
         if let Err(error) = checked {
             moving.scene.materials[index as usize] = old;
             if emission {
@@ -329,8 +329,14 @@ impl Engine {
                 replaced |= buffers.update_emitters(context, &mut staging, &self.emitters)?;
             }
         }
+        let other_shapes = pending.everything || !pending.moved.is_empty() || !pending.materials.is_empty();
+        if other_shapes {
+            let other_finishes = buffers.update_reflectors(context, &mut staging, scene, &self.bvh)?;
+            replaced |= other_finishes && self.parameters.settings.mirroring_planes() > 0;
+        }
         replaced |= buffers.ideal != ideal;
-        if pending.everything || !pending.moved.is_empty() || !pending.materials.is_empty() {
+        self.parameters.glossy_planes = buffers.ideal.glossy_planes;
+        if other_shapes {
             let settings = &self.parameters.settings;
             let targets = Targets::of(scene, &self.bvh);
             replaced |= buffers.update_targets(context, &mut staging, &targets)?;

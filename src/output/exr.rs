@@ -34,6 +34,9 @@ pub fn encode(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Enco
         channels.scalars("depth.Z", &layers.depth, true);
         channels.vectors("irradiance_direct.", ["R", "G", "B"], &layers.direct, true);
         channels.vectors("irradiance_indirect.", ["R", "G", "B"], &layers.indirect, true);
+        channels.vectors("emission.", ["R", "G", "B"], &layers.emission, true);
+        channels.vectors("diffuse.", ["R", "G", "B"], &layers.diffuse, true);
+        channels.vectors("specular.", ["R", "G", "B"], &layers.specular, true);
     }
 
     let size = Vec2(layers.width as usize, layers.height as usize);
@@ -173,6 +176,9 @@ mod tests {
             depth,
             direct: ramp(0.1),
             indirect: ramp(0.3),
+            emission: ramp(0.05),
+            diffuse: ramp(0.07),
+            specular: ramp(0.005),
             alpha: vec![1.0; pixels],
         };
         let metadata = Metadata {
@@ -209,7 +215,7 @@ mod tests {
         let names: Vec<String> = layer.channel_data.list.iter().map(|c| c.name.to_string()).collect();
         let mut expected: Vec<String> =
             ["R", "G", "B", "A", "depth.Z", "normal.X", "normal.Y", "normal.Z"].map(String::from).into();
-        for name in ["albedo", "irradiance_direct", "irradiance_indirect"] {
+        for name in ["albedo", "irradiance_direct", "irradiance_indirect", "emission", "diffuse", "specular"] {
             expected.extend(["R", "G", "B"].map(|c| format!("{name}.{c}")));
         }
         expected.sort();
@@ -219,6 +225,9 @@ mod tests {
             assert_eq!(channel(&layer, name), exact(&layers.color));
             assert_eq!(channel(&layer, &format!("irradiance_direct.{name}")), exact(&layers.direct));
             assert_eq!(channel(&layer, &format!("irradiance_indirect.{name}")), exact(&layers.indirect));
+            assert_eq!(channel(&layer, &format!("emission.{name}")), exact(&layers.emission));
+            assert_eq!(channel(&layer, &format!("diffuse.{name}")), exact(&layers.diffuse));
+            assert_eq!(channel(&layer, &format!("specular.{name}")), exact(&layers.specular));
             let albedo = channel(&layer, &format!("albedo.{name}"));
             assert!(albedo.iter().zip(exact(&layers.albedo)).all(|(a, b)| (a - b).abs() <= 0.0005 * b));
         }

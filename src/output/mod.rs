@@ -42,6 +42,12 @@ pub struct Layers {
     pub direct: Vec<Vec3>,
     /// Irradiance E after one reflection or more, W/m^2.
     pub indirect: Vec<Vec3>,
+    /// Radiance that the surface in view emits itself. With `diffuse` and `specular` it adds up to `color`.
+    pub emission: Vec<Vec3>,
+    /// Radiance that it reflects diffusely.
+    pub diffuse: Vec<Vec3>,
+    /// Radiance that it reflects or lets through by its lobe, or as a mirror or glass.
+    pub specular: Vec<Vec3>,
     /// Share of the pixel that the scene covers, in [0, 1].
     pub alpha: Vec<f32>,
 }
@@ -63,6 +69,9 @@ impl Layers {
         check("depth", self.depth.len(), true)?;
         check("irradiance_direct", self.direct.len(), true)?;
         check("irradiance_indirect", self.indirect.len(), true)?;
+        check("emission", self.emission.len(), true)?;
+        check("diffuse", self.diffuse.len(), true)?;
+        check("specular", self.specular.len(), true)?;
         check("alpha", self.alpha.len(), true)
     }
 }

@@ -32,24 +32,48 @@ pub struct Film {
     pub albedo: Buffer,
     /// Shading normal; w: depth along the view direction times coverage.
     pub normal: Buffer,
+    /// Emission, diffuse and specular light (see `summands`), each with what rounding took; `None`: not asked for.
+    pub summands: Option<[[Buffer; 2]; Film::SUMMANDS]>,
     /// `[i]`: passes in the sums of instance i, counted by the device: a pass in which rays were lost is left out.
     pub counts: Buffer,
 }
 
 impl Film {
-    /// Sums for `pixels` pixels. Clear them before the first pass.
-    pub fn new(context: &Context, pixels: u32) -> Result<Film> {
+    /// Number of the image's summands.
+    pub const SUMMANDS: usize = 3;
+
+    /// Sums for `pixels` pixels, those of the `summands` among them. Clear them before the first pass.
+    pub fn new(context: &Context, pixels: u32, summands: bool) -> Result<Film> {
         let array = |name: &str| vec4s(context, name, pixels);
         let each = |name: &str| (0..INSTANCES).map(|i| array(&format!("{name} {i}"))).collect::<Result<Vec<_>>>();
-        Ok(Film {
+        Film {
             color: each("film color")?,
             color_rest: each("film color rest")?,
             direct: [array("film direct")?, array("film direct rest")?],
             indirect: [array("film indirect")?, array("film indirect rest")?],
             albedo: array("film albedo")?,
             normal: array("film normal")?,
+            summands: None,
             counts: Buffer::new(context, "film counts", 16, Memory::Device)?,
-        })
+        }
+        .with_summands(context, pixels, summands)
+    }
+
+    /// The same sums with or without those of the summands.
+    pub fn with_summands(mut self, context: &Context, pixels: u32, summands: bool) -> Result<Film> {
+        if summands != self.summands.is_some() {
+            let pair = |name: &str| -> Result<_> {
+                Ok([
+                    vec4s(context, &format!("film {name}"), pixels)?,
+                    vec4s(context, &format!("film {name} rest"), pixels)?,
+                ])
+            };
+            self.summands = match summands {
+                true => Some([pair("emission")?, pair("diffuse")?, pair("specular")?]),
+                false => None,
+            };
+        }
+        Ok(self)
     }
 
     /// All buffers in a fixed order: the renderer's whole state besides the number of passes.
@@ -59,6 +83,7 @@ impl Film {
             .iter()
             .chain(&self.color_rest)
             .chain(pairs)
+            .chain(self.summands.iter().flatten().flatten())
             .chain([&self.albedo, &self.normal, &self.counts])
             .collect()
     }

@@ -14,6 +14,9 @@
 //! [`crate::bsdf::ideal`] has the directions and f. Emission on the way is added to what the receiver emits. After
 //! `max_specular` of these steps what is met is taken as it is: mirrors show their diffuse base, glass is black.
 //!
+//! Of a glossy plane that is seen directly (superposition, see `mirror_image`) the first component is the base, where the path
+//! ends, and the second the mirror image as it is, with throughput 1.
+//!
 //! Differs from the paper in that: components are split once whatever their weight, and the diffuse and glossy lobes of a
 //! surface need no paths of their own, since point lights light both.
 //!
@@ -26,12 +29,13 @@
 
 use glam::Vec3;
 
+use super::mirror_image::{Lobes, Planes};
 use super::receivers::SurfacePoint;
 use super::schedule::LIST_GROUPS;
 use super::{Kernels, List, Paths, Rays, Receivers, layout, push};
 use crate::accel::{Ray, offset_origin};
-use crate::bsdf::Normals;
 use crate::bsdf::ideal::{Media, Way, ways};
+use crate::bsdf::{Normals, mean};
 use crate::error::Result;
 use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
 use crate::sampling::dimensions::COMPONENT;
@@ -62,6 +66,10 @@ pub struct Inputs<'a> {
     pub list_in: &'a List,
     /// Rays to be traced.
     pub list_out: &'a List,
+    /// What is noted of glossy planes.
+    pub planes: &'a Planes,
+    /// Lobes of glossy planes.
+    pub lobes: Lobes<'a>,
     /// Steps.
     pub steps: &'a Buffer,
 }
@@ -84,6 +92,10 @@ impl EyePaths {
             ("throughput", (&inputs.paths.throughput).into()),
             ("media", (&inputs.paths.media).into()),
             ("emitted", (&inputs.receivers.emitted).into()),
+            ("region", (&inputs.planes.region).into()),
+            ("widening", (&inputs.planes.widening).into()),
+            ("reflectors", inputs.lobes.reflectors.into()),
+            ("lobes", inputs.lobes.lobes.into()),
         ]);
         let bindings = kernel.bind(&named)?;
         Ok(EyePaths { kernel, bindings, work_in: inputs.list_in.work.clone() })
@@ -113,7 +125,9 @@ pub struct EyePath {
 }
 
 /// Oracle: a path of cosine `cos_view` after its hit on `surface` at distance `t`, and the second component if it is split
-/// (into slot `twins` further on, 0: paths are not split). `None` where the surface is neither mirror nor glass.
+/// (into slot `twins` further on, 0: paths are not split). `None` where the surface is neither mirror nor glass. Of a `plane` that mirrors the room `plane` is
+/// the energy of the lobe.
+#[allow(clippy::too_many_arguments)]
 pub fn reference(
     frame: &layout::Frame,
     scene: &Scene,
@@ -122,7 +136,11 @@ pub fn reference(
     path: &EyePath,
     (d, t, cos_view): (Vec3, f32, f32),
     surface: &SurfacePoint,
+    plane: Option<f32>,
 ) -> Option<(EyePath, Option<EyePath>)> {
+    if let Some(energy) = plane {
+        return Some(at_plane(frame, step, twins, path, (d, cos_view * t), surface, energy));
+    }
     let material = &scene.materials[surface.material as usize];
     let normals = Normals { geometric: surface.geometric, shading: surface.shading, front: surface.front };
     let eta = path.media.relative_index(&scene.materials, surface.material, surface.front);
@@ -155,4 +173,31 @@ pub fn reference(
     next.emitted = path.emitted + if has_base { Vec3::ZERO } else { path.throughput * surface.emission };
     let twin = fork.second.filter(|_| split).map(|way| on(path.slot + twins, way, 1.0));
     Some((next, twin))
+}
+
+/// Oracle of glossy planes: both components at the first hit, later one of them.
+fn at_plane(
+    frame: &layout::Frame,
+    step: u32,
+    twins: u32,
+    path: &EyePath,
+    (d, depth): (Vec3, f32),
+    surface: &SurfacePoint,
+    energy: f32,
+) -> (EyePath, Option<EyePath>) {
+    let n = surface.geometric;
+    let origin = offset_origin(surface.position, n, frame.eye[3]);
+    let ray = Some(Ray { origin, t_max: 3.0e38, direction: d - 2.0 * d.dot(n) * n });
+    let mirrored = EyePath { ray, depth: path.depth + depth, ..*path };
+    if step == 0 {
+        let twin = EyePath { slot: path.slot + twins, emitted: Vec3::ZERO, ..mirrored };
+        return (EyePath { ray: None, ..*path }, Some(twin));
+    }
+    let r = &surface.reflectance;
+    let reflectance = energy * (r.f0 + (r.f90 - r.f0) * (1.0 + d.dot(n)).powi(5));
+    let probability = mean(r.kd) / (mean(r.kd) + mean(reflectance));
+    if random_f32(key(frame.keys[0], COMPONENT, path.slot, step)) < probability {
+        return (EyePath { ray: None, throughput: path.throughput / probability, ..*path }, None);
+    }
+    (EyePath { throughput: path.throughput * reflectance / (1.0 - probability), ..mirrored }, None)
 }

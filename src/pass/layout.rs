@@ -43,6 +43,8 @@ pub struct Frame {
     pub sobol: [[u32; 4]; 16],
     /// x: share of the choice of emitters that goes by power, where it goes by contribution.
     pub choice: [f32; 4],
+    /// Planar reflectors, by their number, that mirror the room; form of their reflectance, as in [`crate::settings::Reflectance`].
+    pub superposition: [u32; 4],
 }
 
 impl Frame {

@@ -20,7 +20,7 @@ pub struct Merge {
 }
 
 impl Merge {
-    /// Adds to `receivers.emitted` of the pixels of `tiles` what their second components, lit by `sums`, send to the eye.
+    /// Adds to `shown`, at the pixels of `tiles`, what their second components, lit by `sums`, send to the eye.
     pub fn new(
         kernels: &Kernels,
         frame: &Buffer,
@@ -28,6 +28,7 @@ impl Merge {
         paths: &Paths,
         sums: &Sums,
         tiles: &List,
+        shown: &Buffer,
     ) -> Result<Self> {
         let kernel = kernels.merge.clone();
         let bindings = kernel.bind(&[
@@ -41,6 +42,7 @@ impl Merge {
             ("emitted", (&receivers.emitted).into()),
             ("work", (&tiles.work).into()),
             ("tiles", (&tiles.pixels).into()),
+            ("shown", shown.into()),
         ])?;
         Ok(Merge { kernel, bindings, tiles: tiles.work.clone() })
     }

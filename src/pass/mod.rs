@@ -13,6 +13,7 @@ pub mod gather;
 pub mod importance;
 pub mod layout;
 pub mod merge;
+pub mod mirror_image;
 pub mod photon_follow;
 pub mod photon_grid;
 pub mod photon_light;
@@ -22,6 +23,8 @@ pub mod resolve;
 pub mod schedule;
 pub mod shade;
 pub mod sort;
+pub mod summands;
+pub mod superpose;
 pub mod tiles;
 pub mod trace;
 pub mod visibility;
@@ -184,6 +187,8 @@ pub struct Kernels {
     pub importance_scan: Kernel,
     /// `merge.wgsl`
     pub merge: Kernel,
+    /// `mirror_image.wgsl`
+    pub mirror_image: Kernel,
     /// `photon_cells.wgsl`
     pub photon_cells: Kernel,
     /// `photon_follow.wgsl`
@@ -214,6 +219,10 @@ pub struct Kernels {
     pub sort_scan: Kernel,
     /// `sort_scatter.wgsl`
     pub sort_scatter: Kernel,
+    /// `summands.wgsl`
+    pub summands: Kernel,
+    /// `superpose.wgsl`
+    pub superpose: Kernel,
     /// `tiles_mark.wgsl`
     pub tiles_mark: Kernel,
     /// `tiles_list.wgsl`
@@ -244,6 +253,7 @@ impl Kernels {
             importance: Kernel::new(context, &shaders::IMPORTANCE)?,
             importance_scan: Kernel::new(context, &shaders::IMPORTANCE_SCAN)?,
             merge: Kernel::new(context, &shaders::MERGE)?,
+            mirror_image: Kernel::new(context, &shaders::MIRROR_IMAGE)?,
             photon_cells: Kernel::new(context, &shaders::PHOTON_CELLS)?,
             photon_follow: surface(&shaders::PHOTON_FOLLOW, &shaders::PHOTON_FOLLOW_UNTEXTURED)?,
             photon_keys: Kernel::new(context, &shaders::PHOTON_KEYS)?,
@@ -259,6 +269,8 @@ impl Kernels {
             sort_sum: Kernel::new(context, &shaders::SORT_SUM)?,
             sort_scan: Kernel::new(context, &shaders::SORT_SCAN)?,
             sort_scatter: Kernel::new(context, &shaders::SORT_SCATTER)?,
+            summands: Kernel::new(context, &shaders::SUMMANDS)?,
+            superpose: Kernel::new(context, &shaders::SUPERPOSE)?,
             tiles_mark: Kernel::new(context, &shaders::TILES_MARK)?,
             tiles_list: Kernel::new(context, &shaders::TILES_LIST)?,
             trace: Forms::trace(context, traversal)?,
@@ -328,7 +340,8 @@ pub struct Receivers {
     pub f0: Buffer,
     /// Direction back along the ray; w: is lit.
     pub wo: Buffer,
-    /// Emitted radiance times throughput; w: eye's first lobe (0 diffuse, 1 specular).
+    /// Emitted radiance times throughput; w: eye's first lobe (0 diffuse, 1 specular); of what the eye sees 1 where it sees it
+    /// by way of mirrors or glass.
     pub emitted: Buffer,
 }
 

@@ -6,6 +6,8 @@
 //! glass is black.
 //! Receivers that can send light to the eye are put on a list; its order is not fixed, but nothing depends on it.
 //!
+//! A glossy plane that mirrors the room (see `mirror_image`) and is seen directly is a receiver without a lobe.
+//!
 //! Normals face the side that the ray came from, since surfaces reflect on both; a shading normal that the ray sees from
 //! behind gives way to the geometric one. Emission is one-sided unless the material says otherwise.
 //!

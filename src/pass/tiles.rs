@@ -1,4 +1,4 @@
-//! The tiles of 8 x 8 pixels in which eye rays met mirrors or glass, as a list: work at such pixels, and at their second
+//! The tiles of 8 x 8 pixels in which eye rays met mirrors, glass or glossy planes that mirror, as a list: work at such pixels, and at their second
 //! components, is dispatched over these tiles alone.
 //!
 //! The list is in the order of the tiles, so that what is appended to the receivers is in a fixed order as well.
@@ -7,7 +7,6 @@
 use super::{Kernels, List, Rays, groups};
 use crate::error::Result;
 use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
-use crate::scene::{Scene, Surface};
 use crate::scene_buffers::SceneBuffers;
 
 /// Both steps of the pass.
@@ -48,15 +47,12 @@ impl Tiles {
     }
 }
 
-/// Oracle: the tiles of an image of this size with such pixels; `materials` are what its pixels see.
-pub fn reference(scene: &Scene, [width, height]: [u32; 2], materials: &[Option<u32>]) -> Vec<u32> {
-    let ideal = |x: u32, y: u32| {
-        materials[(x + y * width) as usize].is_some_and(|m| scene.materials[m as usize].surface != Surface::Opaque)
-    };
+/// Oracle: the tiles of an image of this size with such pixels; `ideal`: what its pixels see is a mirror, glass or a glossy plane.
+pub fn reference([width, height]: [u32; 2], ideal: &[bool]) -> Vec<u32> {
     let across = width.div_ceil(8);
     let marked = |tile: &u32| {
         let (x, y) = (tile % across * 8, tile / across * 8);
-        (y..height.min(y + 8)).any(|y| (x..width.min(x + 8)).any(|x| ideal(x, y)))
+        (y..height.min(y + 8)).any(|y| (x..width.min(x + 8)).any(|x| ideal[(x + y * width) as usize]))
     };
     (0..across * height.div_ceil(8)).filter(marked).collect()
 }

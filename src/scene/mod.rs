@@ -24,6 +24,7 @@ use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::settings::Spread;
 
 pub use export::{VirtualLight, export_lights};
 
@@ -452,6 +453,8 @@ pub struct RenderDefaults {
     pub photons: Option<u32>,
     /// Distance within which they light a point, in scene units.
     pub photon_radius: Option<f32>,
+    /// How glossy planes spread their mirror image; without it they show none.
+    pub superposition: Option<Spread>,
     /// Clipping distance in scene units.
     pub clip: Option<f32>,
     /// Clipping distance as a fraction of the scene's diagonal.

@@ -39,6 +39,14 @@ pub struct Reflector {
     pub triangles: Vec<u32>,
 }
 
+/// Faces of one material with one normal.
+struct Parallel {
+    material: u32,
+    normal: Vec3,
+    /// How far along the normal each lies, and its triangle.
+    members: Vec<(f32, u32)>,
+}
+
 impl Material {
     /// Whether flat faces of this material may be planar reflectors: asked for, or a mirror, or a lobe that is narrow and strong
     /// enough to show images. Textures count with their factors alone.
@@ -59,7 +67,7 @@ impl Scene {
     pub fn reflectors(&self) -> Vec<Reflector> {
         let candidates: Vec<bool> = self.materials.iter().map(Material::may_reflect).collect();
         let mut of_normal: HashMap<(u32, IVec3), usize> = HashMap::new();
-        let mut parallel: Vec<(u32, Vec3, Vec<(f32, u32)>)> = Vec::new();
+        let mut parallel: Vec<Parallel> = Vec::new();
         for (i, t) in (0u32..).zip(&self.triangles) {
             if !candidates[t.material as usize] {
                 continue;
@@ -74,15 +82,15 @@ impl Scene {
             let near = (0..27)
                 .filter_map(|k| of_normal.get(&(t.material, cell + IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1))))
                 .copied()
-                .find(|&group| (parallel[group].1 - normal).abs().max_element() <= SAME_NORMAL);
+                .find(|&group| (parallel[group].normal - normal).abs().max_element() <= SAME_NORMAL);
             let group = near.unwrap_or_else(|| {
-                parallel.push((t.material, normal, Vec::new()));
+                parallel.push(Parallel { material: t.material, normal, members: Vec::new() });
                 of_normal.insert((t.material, cell), parallel.len() - 1);
                 parallel.len() - 1
             });
             let middle = (a + b + c) / 3.0;
-            let offset = parallel[group].1.dot(middle);
-            parallel[group].2.push((offset, i));
+            let group = &mut parallel[group];
+            group.members.push((group.normal.dot(middle), i));
         }
         if parallel.is_empty() {
             return Vec::new();
@@ -91,7 +99,7 @@ impl Scene {
         let total: f64 = (0..self.triangles.len()).map(|i| f64::from(self.triangle_area(i))).sum();
         let apart = SAME_OFFSET * self.diagonal();
         let mut found = Vec::new();
-        for (material, normal, mut members) in parallel {
+        for Parallel { material, normal, mut members } in parallel {
             members.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             for plane in members.chunk_by(|a, b| b.0 - a.0 <= apart) {
                 let triangles: Vec<u32> = plane.iter().map(|&(_, i)| i).collect();

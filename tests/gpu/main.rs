@@ -21,6 +21,7 @@ mod renderer;
 mod rig;
 mod scenes;
 mod sequences;
+mod superposition;
 mod support;
 mod transport;
 mod traversal;

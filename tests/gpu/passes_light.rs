@@ -399,7 +399,7 @@ impl Sheet {
             receivers: Receivers::new(ctx, "test", 2 * pixels).unwrap(),
             paths: Paths::new(ctx, 2 * pixels, 0).unwrap(),
             sums: Sums::new(ctx, "test", 2 * pixels).unwrap(),
-            film: Film::new(ctx, pixels).unwrap(),
+            film: Film::new(ctx, pixels, true).unwrap(),
             pixels,
         }
     }

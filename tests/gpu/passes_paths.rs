@@ -10,8 +10,8 @@ use lightsum::pass::eye_paths::{self, EyePath};
 use lightsum::pass::merge::{self, Merge};
 use lightsum::pass::receivers::surface_at;
 use lightsum::pass::{List, layout, tiles};
-use lightsum::scene::{Scene, builtin};
-use lightsum::settings::{Settings, Traversal};
+use lightsum::scene::{Scene, Surface, builtin};
+use lightsum::settings::{Settings, Superposition, Traversal};
 
 use crate::passes_light::{Sheet, fill};
 use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, ray_of, same_hit, untouched};
@@ -76,6 +76,8 @@ struct Seen {
     stayed: usize,
     crossed: usize,
     within_two: usize,
+    mirrored: usize,
+    in_mirrors: usize,
 }
 
 /// Runs one step and compares it with the oracle.
@@ -109,9 +111,21 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
         let surface = surface_at(rig.scene, rig.bvh(), &hit, d);
         let way = (d, hit.t, cos_view);
         let number = step as u32;
-        if let Some((next, twin)) =
-            eye_paths::reference(&rig.parameters, rig.scene, number, twins, &path, way, &surface)
-        {
+        let plane = rig.plane_lobe(&hit, d).filter(|_| {
+            step == 0 || (slot >= pixels && rig.get::<u32>(&frame.planes.region)[(slot - pixels) as usize] > 0)
+        });
+        seen.mirrored += usize::from(plane.is_some() && step == 0);
+        seen.in_mirrors += usize::from(plane.is_some() && step > 0);
+        if let Some((next, twin)) = eye_paths::reference(
+            &rig.parameters,
+            rig.scene,
+            number,
+            twins,
+            &path,
+            way,
+            &surface,
+            plane.map(|[_, energy]| energy),
+        ) {
             seen.split += usize::from(twin.is_some());
             seen.stayed += usize::from(next.ray.is_none());
             seen.crossed += usize::from(next.media != path.media);
@@ -162,11 +176,16 @@ fn check_tiles(rig: &Rig) {
     let List { pixels: list, work } = &rig.frame().ideal_tiles;
     let [width, height, pixels, _] = rig.parameters.size;
     let hits = rig.vec4s(&rig.frame().rays.hits);
-    let material = |hit: &Vec4| hit_of(*hit).map(|hit| rig.bvh().material(hit.triangle));
-    let materials: Vec<Option<u32>> = hits[..pixels as usize].iter().map(material).collect();
+    let ideal = |hit: &Vec4| {
+        hit_of(*hit).is_some_and(|hit| {
+            let material = rig.bvh().material(hit.triangle) as usize;
+            rig.scene.materials[material].surface != Surface::Opaque || rig.plane(&hit) > 0
+        })
+    };
+    let ideal: Vec<bool> = hits[..pixels as usize].iter().map(ideal).collect();
     rig.run(|frame, rec| frame.record_tiles(rec));
     let work: layout::Work = rig.get(work)[0];
-    let expected = tiles::reference(rig.scene, [width, height], &materials);
+    let expected = tiles::reference([width, height], &ideal);
     assert_eq!(rig.get::<u32>(list)[..work.live as usize], expected, "{width}x{height}");
     let [x, y, z, _] = work.list_groups;
     assert!(x * y >= work.live && x * y < work.live + x.max(1) && z == 1, "{work:?}");
@@ -190,16 +209,19 @@ fn follow(rig: &Rig, seen: &mut Seen) {
 fn eye_paths_follow_their_oracle() {
     gpu_test(|ctx| {
         let scene = gallery();
-        for split in [true, false] {
+        let planes = Some(Superposition::default());
+        for (split, superposition) in [(true, None), (false, None), (true, planes)] {
             let mut seen = Seen::default();
             for (i, resolution) in AWKWARD_IMAGES.into_iter().enumerate() {
-                let settings = Settings { paths: 1, max_specular: 5, split, seed: i as u64, ..Settings::default() };
+                let settings =
+                    Settings { paths: 1, max_specular: 5, split, superposition, seed: i as u64, ..Settings::default() };
                 let rig = Rig::new(ctx, &scene, resolution, settings);
                 assert_eq!(rig.frame().eye_lists.len(), 5);
                 follow(&rig, &mut seen);
             }
             let all = [seen.first, seen.second, seen.stayed, seen.crossed, seen.within_two];
             assert!(all.iter().all(|&n| n > 5) && (seen.split > 5) == split, "{seen:?}");
+            assert!((seen.mirrored > 5) == superposition.is_some(), "{seen:?}");
         }
     });
 }
@@ -263,7 +285,7 @@ fn merge_adds_second_components_to_their_pixels() {
                 pixels: upload(ctx, "tiles", &tiles).unwrap(),
                 work: upload(ctx, "tile work", &[work]).unwrap(),
             };
-            let pass = Merge::new(&kernels, &s.frame, r, &s.paths, &s.sums, &list).unwrap();
+            let pass = Merge::new(&kernels, &s.frame, r, &s.paths, &s.sums, &list, &r.emitted).unwrap();
             ctx.submit_and_wait("merge", None, |rec| pass.record(rec)).unwrap();
             let found = download::<Vec4>(ctx, &r.emitted).unwrap();
             for i in 0..size {

@@ -99,6 +99,24 @@ impl<'a> Rig<'a> {
         slots
     }
 
+    /// Number of the glossy plane that mirrors the room, where superposition takes a hit for one, else 0.
+    pub fn plane(&self, hit: &Hit) -> u32 {
+        let triangle = self.bvh().scene_triangle(hit.triangle);
+        let material = self.scene.triangles[triangle as usize].material;
+        let reflectors = &self.engine.scene_buffers().reflectors;
+        let number = reflectors.iter().position(|r| r.triangles.contains(&triangle)).map_or(0, |i| i as u32 + 1);
+        let glossy = self.scene.materials[material as usize].surface == Surface::Opaque;
+        if glossy && number <= self.engine.parameters().settings.mirroring_planes() { number } else { 0 }
+    }
+
+    /// tan(beta) and energy of the lobe of such a plane, seen along `d`.
+    pub fn plane_lobe(&self, hit: &Hit, d: Vec3) -> Option<[f32; 2]> {
+        let number = self.plane(hit).checked_sub(1)?;
+        let mu = self.bvh().normal(hit.triangle).dot(d).abs();
+        let lobe = self.frame().mirrors.as_ref()?.tables.library.look_up(number, mu)?;
+        Some([lobe.tan_beta, lobe.energy])
+    }
+
     /// Rays lost so far.
     pub fn lost(&self) -> u32 {
         self.get::<u32>(&self.frame().status)[0]

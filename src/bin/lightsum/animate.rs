@@ -66,7 +66,7 @@ pub fn run(args: &Animate) -> Result<()> {
     let no_flags = args::Camera { eye: None, target: None, up: None, fov: None };
     let still = camera::choose(&scene, &no_flags, args.resolution)?;
     let motion = Motion::load(&args.path, &scene, still)?;
-    let settings = settings(&args.light, &args.device, &scene.render);
+    let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
     let settings = Settings { moving_passes: args.moving_passes.unwrap_or(settings.moving_passes), ..settings };
     settings.validate()?;
     let mut job = Job {

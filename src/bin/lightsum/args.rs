@@ -1,5 +1,7 @@
 //! The flags, their help and their syntax. What a value means together with others is decided in `render`.
 
+mod superposition;
+
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::Vec3;
@@ -9,6 +11,8 @@ use lightsum::path_trace::SpecularPaths;
 use lightsum::settings::{Agreement, LightChoice, Sequence, Settings, Traversal};
 use std::path::PathBuf;
 use std::time::Duration;
+
+pub use superposition::Glossy;
 
 /// Greatest number of pixels of an image.
 pub const MAX_PIXELS: u64 = 1 << 26;
@@ -71,6 +75,8 @@ pub struct Animate {
     #[command(flatten)]
     pub light: Light,
     #[command(flatten)]
+    pub glossy: Glossy,
+    #[command(flatten)]
     pub device: Device,
 }
 
@@ -90,6 +96,8 @@ pub struct Render {
     pub stop: Stop,
     #[command(flatten)]
     pub light: Light,
+    #[command(flatten)]
+    pub glossy: Glossy,
     #[command(flatten)]
     pub camera: Camera,
     #[command(flatten)]
@@ -118,6 +126,9 @@ pub struct Output {
     /// Write the colour of EXR files as 32-bit float in place of half. The colour takes twice the space.
     #[arg(long)]
     pub float: bool,
+    /// Write emission, diffuse and specular light as layers of EXR files; the image is their sum to the last bit.
+    #[arg(long)]
+    pub summands: bool,
     /// Leave the layers out of EXR files: smaller, and for programs that read colour and alpha alone.
     #[arg(long)]
     pub no_layers: bool,
@@ -389,7 +400,7 @@ pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise in place of structured error.
     #[arg(long, conflicts_with_all = [
         "passes", "time", "target_error", "resume", "paths", "direct_lights", "interleave", "clip", "clip_fraction", "no_compensation", "no_split",
-        "photons", "photon_radius", "filter",
+        "photons", "photon_radius", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "summands",
         "light_threshold", "light_choice", "light_floor", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "export_lights", "stats",
     ])]
     pub reference: bool,

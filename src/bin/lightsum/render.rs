@@ -1,6 +1,6 @@
 //! `lightsum render`: flags and scene become settings, passes run until a condition is met, files are written.
 
-use crate::args::{Device, FilterFlag, Light, Preset, Render};
+use crate::args::{Device, FilterFlag, Glossy, Light, Preset, Render};
 use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due};
 use crate::{camera, reference, say, say_aside};
@@ -42,7 +42,8 @@ pub fn run(args: &Render) -> Result<()> {
     let scene = scene::load(path)?;
     let stages = vec![("load".into(), start.elapsed().as_secs_f64())];
     let camera = camera::choose(&scene, &args.camera, args.output.resolution)?;
-    let settings = settings(&args.light, &args.device, &scene.render);
+    let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
+    let settings = Settings { summands: args.output.summands, ..settings };
     settings.validate()?;
     let exposure = args.output.exposure.or(scene.render.exposure).unwrap_or(0.0);
     let encoding = Encoding {
@@ -62,7 +63,7 @@ pub fn run(args: &Render) -> Result<()> {
 }
 
 /// Command line before preset before `[render]` of the scene before defaults.
-pub fn settings(light: &Light, device: &Device, render: &RenderDefaults) -> Settings {
+pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &RenderDefaults) -> Settings {
     let defaults = Settings::default();
     let mut settings = defaults.clone().with_scene_defaults(render);
     if let Some(preset) = light.preset {
@@ -98,6 +99,7 @@ pub fn settings(light: &Light, device: &Device, render: &RenderDefaults) -> Sett
             agreement: light.filter_agreement.map_or(Agreement::default(), Into::into),
         }),
     };
+    glossy.apply(&mut settings);
     settings.light_threshold = light.light_threshold.unwrap_or(settings.light_threshold);
     settings.light_choice = light.light_choice.map_or(settings.light_choice, Into::into);
     settings.light_floor = light.light_floor.unwrap_or(settings.light_floor);
@@ -287,7 +289,7 @@ mod tests {
         let start = ["lightsum", "render", "a.toml", "-o", "a.exr"];
         let arguments = Arguments::try_parse_from(start.into_iter().chain(line.split_whitespace())).unwrap();
         let Some(Command::Render(args)) = arguments.command else { unreachable!("the line names the command") };
-        settings(&args.light, &args.device, render)
+        settings(&args.light, &args.glossy, &args.device, render)
     }
 
     #[test]

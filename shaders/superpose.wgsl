@@ -1,0 +1,60 @@
+// The spread mirror image, dimmed by the plane's reflectance, is added to its pixels. See pass/superpose.rs.
+#include "frame.wgsl"
+#include "work.wgsl"
+#include "math.wgsl"
+#include "bsdf.wgsl"
+#include "reflectors.wgsl"
+
+@group(0) @binding(1) var<storage, read> receiver_geometric: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> receiver_f0: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read_write> shown: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read_write> work: Work;
+@group(0) @binding(6) var<storage, read> tiles: array<u32>;
+@group(0) @binding(7) var<storage, read> region: array<u32>;
+@group(0) @binding(8) var<storage, read> spread: array<vec4<f32>>;
+@group(0) @binding(9) var<storage, read> maps: array<vec4<f32>>;       // reflectance maps
+
+const FORM_MAP: u32 = 1u;
+const FORM_FRESNEL: u32 = 2u;
+
+// Fresnel's term fitted to the reflectance at normal incidence (Bastos 1999, equations 6.10 to 6.14), by bands.
+fn fresnel_fitted(f0: vec3<f32>, cos: f32) -> vec3<f32> {
+    let root = sqrt(clamp(f0, vec3<f32>(0.0), vec3<f32>(0.999999)));
+    let n = (1.0 + root) / (1.0 - root);
+    let c = clamp(cos, 0.0, 1.0);
+    let g = sqrt(n * n + c * c - 1.0);
+    let perpendicular = (g - c) / (g + c);
+    let ratio = (c * (g + c) - 1.0) / (c * (g - c) + 1.0);
+    return select(0.5 * perpendicular * perpendicular * (1.0 + ratio * ratio), vec3<f32>(0.0), f0 <= vec3<f32>(0.0));
+}
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let index = group.x + group.y * groups.x;
+    if index >= atomicLoad(&work.live) {
+        return;
+    }
+    let across = (frame.size.x + 7u) / 8u;
+    let at = vec2<u32>(8u * (tiles[index] % across) + (lane & 7u), 8u * (tiles[index] / across) + lane / 8u);
+    if at.x >= frame.size.x || at.y >= frame.size.y {
+        return;
+    }
+    let pixel = at.x + at.y * frame.size.x;
+    let plane = region[pixel];
+    if plane == 0u {
+        return;
+    }
+    let geometric = receiver_geometric[pixel];
+    let f0 = receiver_f0[pixel].xyz;
+    let mu = dot(geometric.xyz, receiver_wo[pixel].xyz);
+    let tables = reflectors[plane - 1u];
+    let energy = lobe_at(tables.x, mu).y;
+    let form = frame.superposition.y;
+    let s = sqrt(clamp(mu, 0.0, 1.0)) * f32(MAP_TEXELS - 1u);
+    let i = u32(s);
+    let mapped = mix(maps[tables.y + i], maps[tables.y + min(i + 1u, MAP_TEXELS - 1u)], s - f32(i)).xyz;
+    let fresnel = select(schlick(Reflectance(vec3<f32>(0.0), geometric.w, f0, 1.0), mu), fresnel_fitted(f0, mu), form == FORM_FRESNEL);
+    let reflectance = select(energy * fresnel, mapped, form == FORM_MAP);
+    shown[pixel] += vec4<f32>(reflectance * spread[pixel].xyz, 0.0);
+}

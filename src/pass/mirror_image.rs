@@ -1,0 +1,226 @@
+//! The mirror image of the room on the glossy planes in view, and the kernel that spreads each of its pixels (Bastos 1999,
+//! sections 6.3 and 7.4.2.2).
+//!
+//! The eye paths of `eye_paths` follow the mirrored ray of each pixel that shows a glossy plane, which is the view of the
+//! mirrored eye (equations 6.3 and 6.4) for exactly the plane's pixels; what they end on is lit like any other receiver. Here
+//! its light becomes the source of the convolution:
+//!
+//! ```text
+//! L = L_e + throughput (kd / pi (E_direct + E_indirect) + L_specular)     of the second component
+//! k = 4 tan(beta) z_r / (t + z_r) f      diameter in pixels
+//! ```
+//!
+//! tan(beta) is that of the plane's material at this angle of view ([`crate::superposition::kernels`]), z_r the distance from
+//! the plane to the reflected point, t that from the eye to the plane, f the pixels of a unit of length at unit distance. 4 z_r
+//! tan(beta) is equation 7.7, the width of the lobe at the reflected point; z_r / (t + z_r) is what the eye sees of it, since the
+//! mirror image lies behind the plane as far as the room before it. A mirrored ray that meets nothing counts as infinitely far.
+//! The kernel's axes are those of the lobe, whose width differs along and across the plane of incidence.
+//!
+//! Of another glossy plane in the mirror image the path takes the base or the mirrored ray, by chance as at all mirrors but the first
+//! (section 8.1.2, to the limit of `max_specular`), and the lobes' widths at the end of the way add up in squares:
+//! sum over planes of (tan(beta_i) (z - z_i))^2, z and z_i the lengths of the whole way and of that to the plane.
+//!
+//! Differs from the thesis in that: the diameter takes perspective into account; the kernel holds the share of the lobe that
+//! `superposition::kernels` states, not all of it.
+//!
+//! Cost: for each pixel of a tile that shows mirrors, glass or glossy planes, 180 bytes read, 64 written and 150 operations.
+
+use glam::{Vec2, Vec3};
+
+use super::schedule::LIST_GROUPS;
+use super::{Kernels, List, Paths, Receivers, Sums, vec4s};
+use crate::bsdf::Reflectance;
+use crate::error::Result;
+use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder, Staging};
+use crate::pass::layout;
+use crate::superposition::kernels::{KernelLibrary, VIEW_ANGLES};
+use crate::superposition::lobe::Lobe;
+use crate::superposition::reflectance::{MAP_TEXELS, ReflectanceMap, fresnel_fitted_rgb};
+
+// shaders/include/reflectors.wgsl has the same numbers.
+const _: () = assert!(VIEW_ANGLES == 32 && MAP_TEXELS == 128);
+
+/// Tables of the planar reflectors of a scene, on the device.
+pub struct Tables {
+    /// For each reflector its first layer and the first texel of its reflectance map.
+    pub reflectors: Buffer,
+    /// Lobe of each layer: tan(beta), energy, captured share.
+    pub lobes: Buffer,
+    /// Kernel texture of each layer.
+    pub textures: Buffer,
+    /// Reflectance maps: energy of the lobe times Fresnel's term.
+    pub maps: Buffer,
+    /// The same on the host.
+    pub library: KernelLibrary,
+}
+
+/// The part of [`Tables`] that eye paths look up.
+pub struct Lobes<'a> {
+    /// [`Tables::reflectors`].
+    pub reflectors: &'a Buffer,
+    /// [`Tables::lobes`].
+    pub lobes: &'a Buffer,
+}
+
+impl<'a> Lobes<'a> {
+    /// Those of the tables, or where there are none something that can be bound.
+    pub fn of(tables: Option<&'a Tables>, planes: &'a Planes) -> Lobes<'a> {
+        let none = Lobes { reflectors: &planes.region, lobes: &planes.widening };
+        tables.map_or(none, |tables| Lobes { reflectors: &tables.reflectors, lobes: &tables.lobes })
+    }
+}
+
+impl Tables {
+    /// Makes them for reflectors of these finishes. Some 10 ms of one core for each lobe that differs from the others.
+    pub fn new(context: &Context, staging: &mut Staging, finishes: &[Reflectance]) -> Result<Tables> {
+        let mut library = KernelLibrary::new();
+        let (mut reflectors, mut maps) = (Vec::new(), Vec::new());
+        for (i, finish) in (0u32..).zip(finishes) {
+            let first = library.add(i, Lobe::Ggx { alpha: finish.alpha })?;
+            let map = ReflectanceMap::new(|mu| {
+                let energy = library.look_up(i, mu).map_or(0.0, |lobe| lobe.energy);
+                energy * fresnel_fitted_rgb(finish.f0, mu)
+            })?;
+            reflectors.push([first, i * MAP_TEXELS as u32, 0, 0]);
+            maps.extend(map.to_gpu());
+        }
+        let tables = library.to_gpu();
+        Ok(Tables {
+            reflectors: staging.stage(context, "reflectors", &reflectors)?,
+            lobes: staging.stage(context, "reflector lobes", &tables.layers)?,
+            textures: staging.stage(context, "reflector kernels", &tables.textures)?,
+            maps: staging.stage(context, "reflectance maps", &maps)?,
+            library,
+        })
+    }
+}
+
+/// A mirror image with the kernels that spread it, pixel by pixel.
+#[derive(Clone)]
+pub struct Image {
+    /// Radiance; w: depth of what is seen, along the direction of view and as if the way were straight.
+    pub source: Buffer,
+    /// Diameter of the kernel in pixels, its layer, and the direction of its u axis.
+    pub footprint: Buffer,
+}
+
+/// What eye paths note of glossy planes. Without planes that mirror, buffers that can be bound and hold no plane.
+#[derive(Clone)]
+pub struct Planes {
+    /// Number of the reflector that a pixel shows directly, 0: none.
+    pub region: Buffer,
+    /// Of the planes in its mirror image: sums of tan(beta)^2, times 1, z_i, z_i^2.
+    pub widening: Buffer,
+}
+
+impl Planes {
+    /// For so many pixels.
+    pub fn new(context: &Context, pixels: u32, mirrors: bool) -> Result<Planes> {
+        Ok(Planes {
+            region: Buffer::new(context, "region", if mirrors { 4 * u64::from(pixels) } else { 16 }, Memory::Device)?,
+            widening: vec4s(context, "widening", if mirrors { pixels } else { VIEW_ANGLES as u32 })?,
+        })
+    }
+}
+
+impl Image {
+    /// Of so many pixels.
+    pub fn new(context: &Context, pixels: u32) -> Result<Image> {
+        Ok(Image { source: vec4s(context, "mirror image", pixels)?, footprint: vec4s(context, "footprint", pixels)? })
+    }
+}
+
+/// The pass.
+pub struct MirrorImage {
+    kernel: Kernel,
+    bindings: Bindings,
+    tiles: Buffer,
+}
+
+/// What the pass reads and writes.
+pub struct Inputs<'a> {
+    /// Frame parameters.
+    pub frame: &'a Buffer,
+    /// Receivers of both components.
+    pub receivers: &'a Receivers,
+    /// Throughput and depth.
+    pub paths: &'a Paths,
+    /// Their light.
+    pub sums: &'a Sums,
+    /// Tiles that show mirrors, glass or glossy planes.
+    pub tiles: &'a List,
+    /// What eye paths noted.
+    pub planes: &'a Planes,
+    /// Tables.
+    pub tables: &'a Tables,
+    /// Output.
+    pub image: &'a Image,
+}
+
+impl MirrorImage {
+    /// Writes `image` where `region` is not 0, and clears the second components there: `merge` adds nothing of them.
+    pub fn new(kernels: &Kernels, inputs: &Inputs) -> Result<Self> {
+        let kernel = kernels.mirror_image.clone();
+        let (r, sums) = (inputs.receivers, inputs.sums);
+        let bindings = kernel.bind(&[
+            ("frame", inputs.frame.into()),
+            ("receiver_position", (&r.position).into()),
+            ("receiver_geometric", (&r.geometric).into()),
+            ("receiver_kd", (&r.kd).into()),
+            ("receiver_wo", (&r.wo).into()),
+            ("throughput", (&inputs.paths.throughput).into()),
+            ("direct", (&sums.direct).into()),
+            ("indirect", (&sums.indirect).into()),
+            ("specular", (&sums.specular).into()),
+            ("emitted", (&r.emitted).into()),
+            ("work", (&inputs.tiles.work).into()),
+            ("tiles", (&inputs.tiles.pixels).into()),
+            ("region", (&inputs.planes.region).into()),
+            ("widening", (&inputs.planes.widening).into()),
+            ("reflectors", (&inputs.tables.reflectors).into()),
+            ("lobes", (&inputs.tables.lobes).into()),
+            ("source", (&inputs.image.source).into()),
+            ("footprint", (&inputs.image.footprint).into()),
+        ])?;
+        Ok(MirrorImage { kernel, bindings, tiles: inputs.tiles.work.clone() })
+    }
+
+    /// Records the pass.
+    pub fn record(&self, rec: &mut Recorder) -> Result<()> {
+        rec.dispatch_indirect(&self.kernel, &self.bindings, &[], &self.tiles, LIST_GROUPS)
+    }
+}
+
+/// Depth of what a mirrored ray that meets nothing shows.
+pub const NOTHING_SEEN: f32 = 3.0e38;
+
+/// Oracle: diameter in pixels and direction of the u axis of the kernel at a pixel that shows along `d`
+/// the first of `planes`: of each tan(beta) and how far away it is along the direction of view. What they reflect is `seen` away, or
+/// nothing. From the projection of points: the diameter as the geometric mean of the disc's images along u and across.
+pub fn reference(
+    frame: &layout::Frame,
+    d: Vec3,
+    normal: Vec3,
+    planes: &[(f32, f32)],
+    seen: Option<f32>,
+) -> (f32, Vec2) {
+    let xyz = |v: [f32; 4]| Vec3::new(v[0], v[1], v[2]).as_dvec3();
+    let [right, up, forward] = [frame.right, frame.up, frame.forward].map(xyz);
+    let size = glam::DVec2::new(f64::from(frame.size[0]), f64::from(frame.size[1]));
+    let project = |p: glam::DVec3| {
+        let across = glam::DVec2::new(p.dot(right) / right.length_squared(), -p.dot(up) / up.length_squared());
+        0.5 * size * (across / p.dot(forward) + 1.0)
+    };
+    let (d, normal) = (d.as_dvec3(), normal.as_dvec3());
+    // A small disc across the virtual ray.
+    let u = (-normal - (-normal).dot(d) * d).normalize_or(d.any_orthonormal_vector());
+    let v = d.cross(u);
+    let small = 1e-6;
+    let [along, across] = [u, v].map(|w| (project(d + small * w) - project(d - small * w)) / (2.0 * small));
+    let area = along.perp_dot(across).abs();
+    let of_plane = |&(tan_beta, depth): &(f32, f32)| {
+        f64::from(tan_beta) * seen.map_or(1.0, |seen| 1.0 - f64::from(depth) / f64::from(seen))
+    };
+    let half = planes.iter().map(|plane| of_plane(plane).powi(2)).sum::<f64>().sqrt();
+    ((4.0 * half * area.sqrt()) as f32, along.normalize().as_vec2())
+}

@@ -1,0 +1,100 @@
+//! The summands of the image, each in running sums of its own (Bastos 1999, chapter 4, equation 4.15):
+//!
+//! ```text
+//! L = L_emission + L_diffuse + L_specular
+//! L_emission = L_e                                what the surface that the eye sees emits
+//! L_diffuse  = kd / pi (E_direct + E_indirect)    its view-independent reflection
+//! L_specular = lobe of the virtual lights + spread mirror image + second component + all that mirrors and glass show
+//! ```
+//!
+//! So the surface is the first that the eye's ray meets, and what a mirror or glass shows is the specular summand of that mirror or
+//! glass. The image of a rendering with summands is their sum, rounded once for each addition, to the last bit.
+//!
+//! The pass comes before `accumulate`. Second components and mirror images, which otherwise are added to what the pixels emit at
+//! once, have been kept apart up to here and are added now.
+//!
+//! Differs from the thesis in that: the three are those of one pass over the same receivers and not separate renderings.
+//!
+//! Cost: 21 vec4 and 40 operations a pixel, and 112 bytes of memory.
+
+use glam::Vec3;
+
+use super::{Kernels, Paths, Receivers, Sums, groups, vec4s};
+use crate::error::Result;
+use crate::gpu::{Bindings, Buffer, Context, Kernel, Recorder};
+use crate::pass::accumulate::Film;
+
+/// The pass.
+pub struct Summands {
+    /// Light of second components and of mirror images.
+    pub reflected: Buffer,
+    kernel: Kernel,
+    bindings: Bindings,
+    pixels: u32,
+}
+
+impl Summands {
+    /// Adds to the summands of `film`. `reflected` is what `merge` and `superpose` add to.
+    #[allow(clippy::too_many_arguments)]
+    pub fn new(
+        kernels: &Kernels,
+        frame: &Buffer,
+        receivers: &Receivers,
+        paths: &Paths,
+        sums: &Sums,
+        film: &[[Buffer; 2]; Film::SUMMANDS],
+        reflected: Buffer,
+        status: &Buffer,
+        pixels: u32,
+    ) -> Result<Self> {
+        let kernel = kernels.summands.clone();
+        let [emission, diffuse, specular] = film;
+        let bindings = kernel.bind(&[
+            ("frame", frame.into()),
+            ("status", status.into()),
+            ("receiver_kd", (&receivers.kd).into()),
+            ("receiver_wo", (&receivers.wo).into()),
+            ("emitted", (&receivers.emitted).into()),
+            ("direct", (&sums.direct).into()),
+            ("indirect", (&sums.indirect).into()),
+            ("specular", (&sums.specular).into()),
+            ("throughput", (&paths.throughput).into()),
+            ("reflected", (&reflected).into()),
+            ("sum_emission", (&emission[0]).into()),
+            ("rest_emission", (&emission[1]).into()),
+            ("sum_diffuse", (&diffuse[0]).into()),
+            ("rest_diffuse", (&diffuse[1]).into()),
+            ("sum_specular", (&specular[0]).into()),
+            ("rest_specular", (&specular[1]).into()),
+        ])?;
+        Ok(Summands { reflected, kernel, bindings, pixels })
+    }
+
+    /// Room for what is reflected at so many pixels.
+    pub fn reflected(context: &Context, pixels: u32) -> Result<Buffer> {
+        vec4s(context, "reflected", pixels)
+    }
+
+    /// Records the start of a frame: nothing is reflected yet.
+    pub fn record_clear(&self, rec: &mut Recorder) -> Result<()> {
+        rec.fill(&self.reflected, 0)
+    }
+
+    /// Records the pass.
+    pub fn record(&self, rec: &mut Recorder) -> Result<()> {
+        rec.dispatch(&self.kernel, &self.bindings, &[], groups(self.pixels))
+    }
+}
+
+/// Oracle: emission, diffuse and specular light of a pixel; `by_mirror`: it shows a mirror or glass.
+pub fn reference(
+    (emitted, by_mirror): (Vec3, bool),
+    throughput: Vec3,
+    kd: Vec3,
+    sums: [Vec3; 3],
+    reflected: Vec3,
+) -> [Vec3; 3] {
+    let body = throughput * kd * std::f32::consts::FRAC_1_PI * (sums[0] + sums[1]);
+    let gloss = throughput * sums[2] + reflected;
+    if by_mirror { [Vec3::ZERO, Vec3::ZERO, gloss + emitted + body] } else { [emitted, body, gloss] }
+}
