@@ -52,6 +52,8 @@
 //! Where particles choose emitters by contribution, the eye comes before the walk, and [`importance`](pass::importance) stands
 //! between them.
 //!
+//! Beside the frame stands [`convolve`](pass::convolve), which turns mirror images into glossy ones.
+//!
 //! # Use
 //!
 //! On a device of our own:

@@ -373,3 +373,29 @@ fn edits_are_measured() {
     assert_eq!(output.status.code(), Some(2));
     assert!(text(&output.stderr).contains("\"table 0\""), "{}", text(&output.stderr));
 }
+
+#[test]
+fn convolution_is_measured_for_every_width_and_form() {
+    let folder = folder();
+    let lines = lines(folder.path(), "convolve");
+    let key = |line: &Value| (line["kernel_width"].as_u64().unwrap(), line["form"].as_str().unwrap().to_owned());
+    let expected: Vec<_> = [1, 7, 15, 31, 63, 127]
+        .into_iter()
+        .flat_map(|width| ["direct", "fast", "invariant"].map(|form| (width, form.to_owned())))
+        .collect();
+    assert_eq!(lines.iter().map(key).collect::<Vec<_>>(), expected);
+    for line in &lines {
+        assert_eq!((&line["mode"], &line["repeats"]), (&"convolve".into(), &1.into()));
+        assert_eq!(line["resolution"], serde_json::json!([16, 12]));
+        positive(&line["median_seconds"]);
+        let error = &line["relative_rmse"];
+        match (line["form"].as_str(), line["kernel_width"].as_u64()) {
+            // One pixel wide: the image itself.
+            (Some("fast"), Some(1)) => assert_eq!(error, 0.0),
+            (Some("fast"), _) => assert!(error.as_f64() < Some(0.1), "{line}"),
+            _ => assert!(error.is_null(), "{line}"),
+        }
+    }
+    let table = text(&succeeds(folder.path(), &format!("convolve {TINY}")).stdout);
+    assert!(table.contains("width px") && table.contains("invariant"), "{table}");
+}

@@ -133,6 +133,46 @@ pub struct Window {
     pub component: u32,
 }
 
+/// A step of the convolution ([`super::convolve`]): a level of the pyramid, or rows of the window;
+/// `shaders/include/convolve.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ConvolveStep {
+    /// Texels of the level.
+    pub size: [u32; 2],
+    /// Its tiles of 8 x 8 texels.
+    pub tiles: [u32; 2],
+    /// Its first entry; from level 1 on two for each texel, one plane after the other.
+    pub first: u32,
+    /// Its first tile.
+    pub first_tile: u32,
+    /// Rows of the window in this round: first, one past the last.
+    pub rows: [i32; 2],
+    /// Bits, see below.
+    pub flags: u32,
+    /// Textures of the library.
+    pub layers: u32,
+    /// Edge of a texel in pixels.
+    pub texel: f32,
+    /// Diameters are no greater, pixels.
+    pub widest: f32,
+    /// Tiles that a source of the level reaches across.
+    pub reach: u32,
+    /// Nothing.
+    pub unused: u32,
+}
+
+impl ConvolveStep {
+    /// Sums start at zero.
+    pub const FIRST_ROUND: u32 = 1;
+    /// Sums are complete.
+    pub const LAST_ROUND: u32 = 2;
+    /// Nothing rises from this level.
+    pub const TOP_LEVEL: u32 = 4;
+    /// One footprint is that of all pixels.
+    pub const INVARIANT: u32 = 8;
+}
+
 /// One point light of any kind; `shaders/include/lights.wgsl` gives the formula. For the shadow rays to area lights
 /// ([`super::visibility`]) `position` is a corner, `wi` and `flux` are the edges from there.
 #[repr(C)]

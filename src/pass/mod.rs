@@ -7,6 +7,7 @@
 pub mod accumulate;
 pub mod camera_rays;
 pub mod collect;
+pub mod convolve;
 pub mod discontinuity;
 pub mod eye_paths;
 pub mod gather;

@@ -3,6 +3,7 @@
 //! One binary, so that one device serves all tests; each test's turn ends with a look at the validation layer's messages.
 
 mod caustics;
+mod convolve;
 mod discontinuity;
 mod embed;
 mod gpu_layer;

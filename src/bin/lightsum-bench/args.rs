@@ -38,6 +38,8 @@ pub enum Command {
     Compare(Compare),
     /// What it costs to move an object: vertices, trees, uploads.
     Edits(Edits),
+    /// The convolution of mirror images by kernels from 1 to 127 pixels wide, half the image being a reflector.
+    Convolve(Convolve),
 }
 
 /// What every mode takes.
@@ -102,6 +104,13 @@ pub struct Edits {
     /// Name of the object to move [default: that with the most triangles].
     #[arg(long, value_name = "NAME")]
     pub object: Option<String>,
+}
+
+/// Flags of `convolve`.
+#[derive(Clone, Debug, Args)]
+pub struct Convolve {
+    #[command(flatten)]
+    pub common: Common,
 }
 
 /// Flags of `shadow-rays`.

@@ -1,4 +1,4 @@
-//! The benchmark: `lightsum-bench frame`, `shadow-rays`, `scaling`, `startup`, `compare`, `edits`.
+//! The benchmark: `lightsum-bench frame`, `shadow-rays`, `scaling`, `startup`, `compare`, `edits`, `convolve`.
 //!
 //! Results go to standard output, as tables or with `--json` as one JSON object a line; the rest goes to standard error.
 //! Exit codes: 0 done, 1 failed, 2 wrong use.
@@ -7,6 +7,7 @@
 
 mod args;
 mod compare;
+mod convolve;
 mod edits;
 mod frame;
 mod passes;
@@ -34,6 +35,7 @@ fn main() -> ExitCode {
         Command::StartupOnce(args) => startup::once(args),
         Command::Compare(args) => compare::run(args),
         Command::Edits(args) => edits::run(args),
+        Command::Convolve(args) => convolve::run(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,0 +1,50 @@
+// What the steps of the convolution share. See pass/convolve.rs.
+
+// A step: a level of the pyramid, or rows of the window. Host twin: pass::layout::ConvolveStep.
+struct ConvolveStep {
+    size: vec2<u32>,        // texels of the level
+    tiles: vec2<u32>,       // its tiles of 8 x 8 texels
+    first: u32,             // its first entry; from level 1 on two for each texel, one plane after the other
+    first_tile: u32,        // its first tile
+    rows: vec2<i32>,        // rows of the window in this round: first, one past the last
+    flags: u32,             // bits, see below
+    layers: u32,            // textures of the library
+    texel: f32,             // edge of a texel in pixels
+    widest: f32,            // diameters are no greater, pixels
+    reach: u32,             // tiles that a source of the level reaches across
+    unused: u32,
+}
+
+const FIRST_ROUND: u32 = 1u;
+const LAST_ROUND: u32 = 2u;
+const TOP_LEVEL: u32 = 4u;
+const INVARIANT: u32 = 8u;
+
+struct Push {
+    step: u32,
+}
+
+@group(0) @binding(0) var<storage, read> steps: array<ConvolveStep>;
+var<immediate> push: Push;
+
+// Host twins: pass::convolve::{KERNEL_TEXELS, NORM_WIDTHS, NORM_ANGLES, ...}.
+const TEXELS: u32 = 32u;
+// Cells between the centres of texels, with a rim of zeros around the texture.
+const CELLS: u32 = 33u;
+const CELLS_OF_LAYER: u32 = 1089u;
+const NORM_STEPS: f32 = 8.0;
+const NORM_WIDTHS: u32 = 129u;
+const NORM_ANGLES: u32 = 8u;
+// How far a kernel reaches, in radii: texels whose centres lie in the disc, and the way to the next ones.
+const SUPPORT: f32 = 1.0885;
+// Sums of a kernel over the grid below this hit next to nothing of it.
+const LEAST_SUM: f32 = 1e-3;
+// Inverse radius of a source that stays where it is.
+const DELTA: f32 = 1e6;
+
+// An element of every invocation of workgroups of 64. The workgroups of a dispatch run in contiguous runs on the cores of some
+// devices: a stride shares out an image's busy part.
+fn spread_out(group: u32, groups: u32) -> u32 {
+    let stride = select(7919u, 1u, groups % 7919u == 0u || groups > 500000u);
+    return (group * stride) % groups;
+}

@@ -1,0 +1,16 @@
+// Kernels sampled. See pass/convolve.rs. Needs convolve.wgsl.
+
+@group(0) @binding(1) var<storage, read> quads: array<vec4<f32>>;      // the four texels around each cell of each layer
+
+// Value of a kernel: axis, inverse radius included, ratio of the inverse radius of v to that of u, layer; between the two pixels.
+fn kernel_at(axis: vec2<f32>, ratio: f32, layer: u32, offset: vec2<f32>) -> f32 {
+    let u = axis.x * offset.x + axis.y * offset.y;
+    let v = ratio * (axis.x * offset.y - axis.y * offset.x);
+    let at = vec2<f32>(u, v) * 16.0 + 16.5;
+    let inside = clamp(at, vec2<f32>(0.0), vec2<f32>(32.9999));
+    let cell = vec2<u32>(inside);
+    let part = inside - vec2<f32>(cell);
+    let quad = quads[layer * CELLS_OF_LAYER + cell.y * CELLS + cell.x];
+    let rows = mix(quad.xz, quad.yw, vec2<f32>(part.x));
+    return select(0.0, mix(rows.x, rows.y, part.y), all(at == inside));
+}

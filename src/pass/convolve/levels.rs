@@ -1,0 +1,140 @@
+//! What the convolution is going to do, in numbers: levels of the pyramid, rounds of the window.
+
+use std::ops::Range;
+
+use super::{Form, Inputs, MAX_WIDTH, SUMMED, SUPPORT};
+use crate::error::{Error, Result};
+use crate::pass::layout::ConvolveStep;
+
+/// Taps of an invocation in one dispatch; a single row of the window may be longer.
+const ROUND: u32 = 8192;
+
+/// Diameters are finite.
+const MAX_DIAMETER: f32 = 1e6;
+
+/// Kernels this many texels wide stay at their level as a whole.
+pub const STAYS: f32 = 6.0;
+/// Kernels this many texels wide rise to the next level as a whole.
+pub const LEAVES: f32 = 8.0;
+/// Least width of the disc that varies as much as a kernel, in diameters; narrower ones are taken for this.
+pub const LEAST_BREADTH: f32 = 0.5;
+/// Least share of a kernel's variance that is left when that of the pyramid is taken off.
+pub const LEAST_VARIANCE: f32 = 0.02;
+
+/// Levels, rounds and the table that tells the device of them.
+pub struct Levels {
+    /// A step for each level, one more above the top, and one for each round.
+    pub steps: Vec<ConvolveStep>,
+    /// Levels, the image itself included.
+    pub count: usize,
+    /// Entries of all levels but the image.
+    pub entries: u32,
+    /// Tiles of all levels.
+    pub tiles: u32,
+    /// Steps of the rounds that weigh sources.
+    pub weigh: Range<usize>,
+    /// Steps of the rounds that gather for pixels.
+    pub gather: Range<usize>,
+}
+
+impl Levels {
+    /// Those that `inputs` ask for.
+    pub fn new(inputs: &Inputs) -> Result<Levels> {
+        let [width, height] = inputs.size;
+        if width == 0 || height == 0 || width.max(height) > MAX_WIDTH {
+            let message = format!("convolution of {width}x{height} pixels; the sides may have 1 to {MAX_WIDTH}");
+            return Err(Error::Setting { name: "--resolution", message });
+        }
+        // Comparisons with what is no number fail.
+        let widest = if inputs.widest > 1.0 { inputs.widest.min(MAX_DIAMETER) } else { 1.0 };
+        let fast = inputs.chosen() == Form::Fast;
+        let invariant = inputs.footprint.bytes() == 16 && width * height > 1;
+        let invariant = if invariant { ConvolveStep::INVARIANT } else { 0 };
+        let whole = [-(MAX_WIDTH as i32), MAX_WIDTH as i32 + 1];
+        let mut levels = Levels { steps: Vec::new(), count: 1, entries: 0, tiles: 0, weigh: 0..0, gather: 0..1 };
+        let mut size = inputs.size;
+        let mut texel = 1.0;
+        let mut top = false;
+        loop {
+            let level = levels.steps.len();
+            // The one above the top has room only, so that no level needs to be told that it is the last.
+            let above_top = top;
+            top |= level > 0 && (widest <= STAYS * texel || size == [1, 1]) || !fast;
+            let tiles = size.map(|n| n.div_ceil(8));
+            let texels = if top { widest / texel } else { (widest / texel).min(LEAVES / LEAST_BREADTH) };
+            let reach = (0.5 * SUPPORT * texels).min(size[0].max(size[1]) as f32) as u32;
+            levels.steps.push(ConvolveStep {
+                size,
+                tiles,
+                first: if level == 0 { 0 } else { levels.entries },
+                first_tile: levels.tiles,
+                rows: whole,
+                flags: ConvolveStep::FIRST_ROUND
+                    | ConvolveStep::LAST_ROUND
+                    | if top { ConvolveStep::TOP_LEVEL } else { 0 }
+                    | invariant,
+                layers: inputs.library.layers,
+                texel,
+                widest,
+                reach: reach.div_ceil(8) + 1,
+                unused: 0,
+            });
+            levels.entries += if level == 0 { 0 } else { 2 * size[0] * size[1] };
+            levels.tiles += tiles[0] * tiles[1];
+            if above_top {
+                break;
+            }
+            levels.count = level + 1;
+            if !fast {
+                break;
+            }
+            size = size.map(|n| n.div_ceil(2));
+            texel *= 2.0;
+        }
+        if !fast {
+            let reach = (0.5 * SUPPORT * widest.min(SUMMED)) as u32;
+            levels.weigh = levels.rounds(reach, reach);
+            let reach = (0.5 * SUPPORT * widest) as u32;
+            levels.gather = levels.rounds(reach.min(width - 1), reach.min(height - 1));
+        }
+        Ok(levels)
+    }
+
+    /// Adds the rounds over a window that reaches so many columns and rows, as few as the bound on taps allows.
+    fn rounds(&mut self, columns: u32, rows: u32) -> Range<usize> {
+        let first = self.steps.len();
+        let image = self.steps[0];
+        let each = (ROUND / (2 * columns + 1)).max(1) as i32;
+        let rows = rows as i32;
+        let starts: Vec<i32> = (-rows..=rows).step_by(each as usize).collect();
+        for (i, &start) in starts.iter().enumerate() {
+            let mut step = ConvolveStep { rows: [start, start + each], ..image };
+            step.flags &= !(ConvolveStep::FIRST_ROUND | ConvolveStep::LAST_ROUND);
+            if i == 0 {
+                step.flags |= ConvolveStep::FIRST_ROUND;
+            }
+            if i + 1 == starts.len() {
+                step.flags |= ConvolveStep::LAST_ROUND;
+            }
+            self.steps.push(step);
+        }
+        first..self.steps.len()
+    }
+
+    /// Workgroups with an invocation for each texel of a level.
+    pub fn pixel_groups(&self, level: usize) -> u64 {
+        let [width, height] = self.steps[level].size;
+        crate::pass::groups(width * height)
+    }
+
+    /// Tiles of a level.
+    pub fn tile_count(&self, level: usize) -> u64 {
+        let [across, down] = self.steps[level].tiles;
+        u64::from(across) * u64::from(down)
+    }
+
+    /// Workgroups with an invocation for each tile of a level.
+    pub fn tile_groups(&self, level: usize) -> u64 {
+        self.tile_count(level).div_ceil(crate::pass::GROUP)
+    }
+}

@@ -1,0 +1,367 @@
+//! The convolution against its oracle, and what it promises: constants, energy and regions stay, the fast form keeps its error.
+
+use glam::{Vec2, Vec3, Vec4};
+use lightsum::gpu::{Context, Staging, download, upload};
+use lightsum::pass::convolve::reference::{Image, reference};
+use lightsum::pass::convolve::{Convolve, Form, Inputs, KERNEL_TEXELS, Library};
+
+use crate::rig::Numbers;
+use crate::support::gpu_test;
+
+/// Textures: a disc, a smooth lobe, a long lobe to one side, one that vanishes in its middle.
+fn library() -> Vec<f32> {
+    let lobes: [fn(Vec2) -> f32; 4] = [
+        |_| 3.0,
+        |at| (1.0 - at.length_squared()).powi(2),
+        |at| (-12.0 * (at - Vec2::new(0.2, 0.0)).dot((at - Vec2::new(0.2, 0.0)) * Vec2::new(0.2, 1.0))).exp(),
+        |at| at.length_squared(),
+    ];
+    let edge = KERNEL_TEXELS;
+    let at = |i: u32| Vec2::new((i % edge) as f32 + 0.5, (i / edge) as f32 + 0.5) * (2.0 / edge as f32) - 1.0;
+    let texel = |lobe: fn(Vec2) -> f32, i: u32| if at(i).length() <= 1.0 { lobe(at(i)) } else { 0.0 };
+    lobes.iter().flat_map(|&lobe| (0..edge * edge).map(move |i| texel(lobe, i))).collect()
+}
+
+/// An image to be convolved.
+struct Subject {
+    size: [u32; 2],
+    source: Vec<Vec4>,
+    footprint: Vec<Vec4>,
+    region: Vec<u32>,
+    kernels: Vec<f32>,
+    widest: f32,
+    form: Form,
+    occlusion: bool,
+}
+
+impl Subject {
+    /// Random radiance, depths in steps, every layer and direction, diameters up to `widest`; three regions, in part of single pixels,
+    /// and holes.
+    fn random(size: [u32; 2], widest: f32) -> Subject {
+        let mut numbers = Numbers(size[0] * 31 + size[1] * 7 + widest as u32);
+        let count = (size[0] * size[1]) as usize;
+        let source = (0..count).map(|_| numbers.vec3().extend(1.0 + (4.0 * numbers.next()).floor())).collect();
+        let footprint = (0..count)
+            .map(|_| {
+                let angle = numbers.next() * std::f32::consts::TAU;
+                Vec4::new(widest * numbers.next(), (4.0 * numbers.next()).floor(), angle.cos(), angle.sin())
+            })
+            .collect();
+        let region = (0..count as u32)
+            .map(|i| match numbers.next() {
+                n if n < 0.1 => 0,
+                n if n < 0.2 => 3,
+                _ => 1 + u32::from(i % size[0] > size[0] / 2),
+            })
+            .collect();
+        Subject { size, source, footprint, region, kernels: library(), widest, form: Form::Direct, occlusion: false }
+    }
+
+    /// What the pass makes of it.
+    fn convolved(&self, ctx: &Context) -> Vec<Vec4> {
+        let flat = |v: &[Vec4]| v.iter().flat_map(|v| v.to_array()).collect::<Vec<f32>>();
+        let source = upload(ctx, "source", &flat(&self.source)).unwrap();
+        let footprint = upload(ctx, "footprint", &flat(&self.footprint)).unwrap();
+        let region = upload(ctx, "region", &self.region).unwrap();
+        let kernels = upload(ctx, "kernels", &self.kernels).unwrap();
+        let mut staging = Staging::new();
+        let layers = self.kernels.len() as u32 / (KERNEL_TEXELS * KERNEL_TEXELS);
+        let library = Library::new(ctx, &mut staging, &kernels, layers).unwrap();
+        let inputs = Inputs {
+            library: &library,
+            source: &source,
+            footprint: &footprint,
+            region: &region,
+            size: self.size,
+            widest: self.widest,
+            form: self.form,
+            occlusion: self.occlusion,
+        };
+        let pass = Convolve::new(ctx, &mut staging, &inputs).unwrap();
+        ctx.submit_and_wait("convolution", None, |rec| {
+            staging.record(rec)?;
+            library.record(rec)?;
+            rec.fill(&pass.spread, crate::support::SENTINEL)?;
+            pass.record(rec)
+        })
+        .unwrap();
+        download::<[f32; 4]>(ctx, &pass.spread).unwrap().into_iter().map(Vec4::from).collect()
+    }
+
+    fn expected(&self) -> Vec<Vec4> {
+        reference(&Image {
+            size: self.size,
+            source: &self.source,
+            footprint: &self.footprint,
+            region: &self.region,
+            kernels: &self.kernels,
+            occlusion: self.occlusion,
+        })
+    }
+}
+
+#[track_caller]
+fn assert_close(found: &[Vec4], expected: &[Vec4], tolerance: f32, what: &str) {
+    for (i, (a, b)) in found.iter().zip(expected).enumerate() {
+        let off = (*a - *b).abs().max_element();
+        assert!(off <= tolerance * (1.0 + b.abs().max_element()), "{what}, pixel {i}: {a} for {b}");
+    }
+}
+
+/// Sizes at which off-by-one mistakes show, and kernel widths: none, narrow, wider than the image.
+const SIZES: [[u32; 2]; 5] = [[1, 1], [27, 1], [8, 8], [31, 17], [2049, 1]];
+const WIDTHS: [f32; 5] = [0.0, 1.0, 3.3, 7.0, 70.0];
+
+const FORMS: [Form; 2] = [Form::Direct, Form::Fast];
+
+#[test]
+fn convolve_follows_its_oracle() {
+    gpu_test(|ctx| {
+        for size in SIZES {
+            for widest in WIDTHS {
+                for occlusion in [false, true] {
+                    let subject = Subject { occlusion, ..Subject::random(size, widest) };
+                    let what = format!("{size:?}, widest {widest}, occlusion {occlusion}");
+                    assert_close(&subject.convolved(ctx), &subject.expected(), 2e-4, &what);
+                }
+            }
+        }
+        // More taps than one dispatch may take, and more than are summed for the norm.
+        let subject = Subject::random([300, 2], 420.0);
+        assert_close(&subject.convolved(ctx), &subject.expected(), 1e-3, "420 pixels wide");
+    });
+}
+
+/// Up to the narrowest kernels that rise in the pyramid the fast form takes the same sum, and where it does not its error is small.
+#[test]
+fn convolve_fast_errs_little() {
+    gpu_test(|ctx| {
+        for (layer, widest, greatest) in [
+            (0.0, 5.0, 0.006),
+            (0.0, 15.0, 0.03),
+            (0.0, 31.0, 0.03),
+            (0.0, 63.0, 0.06),
+            (1.0, 7.0, 0.001),
+            (1.0, 15.0, 0.015),
+            (1.0, 31.0, 0.015),
+            (1.0, 63.0, 0.025),
+            (2.0, 7.0, 0.001),
+            (2.0, 15.0, 0.02),
+            (2.0, 31.0, 0.02),
+            (2.0, 63.0, 0.02),
+        ] {
+            let direct = natural([160, 120], widest, layer);
+            let fast = Subject { form: Form::Fast, ..natural([160, 120], widest, layer) };
+            let error = relative_rmse(&fast.convolved(ctx), &direct.convolved(ctx));
+            println!("layer {layer}, {widest} pixels wide: {error:.4}");
+            assert!(error < greatest, "layer {layer}, {widest} pixels wide: {error}");
+        }
+    });
+}
+
+fn relative_rmse(image: &[Vec4], expected: &[Vec4]) -> f32 {
+    let mean = expected.iter().map(|v| v.truncate().element_sum()).sum::<f32>() / (3 * expected.len()) as f32;
+    let squares = image.iter().zip(expected).map(|(a, b)| (a.truncate() - b.truncate()).length_squared()).sum::<f32>();
+    (squares / (3 * expected.len()) as f32).sqrt() / mean
+}
+
+/// Each region is of one colour, which no other one may touch, and which stays up to its edges.
+#[test]
+fn convolve_keeps_constants_and_regions() {
+    gpu_test(|ctx| {
+        let colours = [Vec3::ZERO, Vec3::new(1.0, 0.5, 0.2), Vec3::new(0.1, 3.0, 7.0), Vec3::new(100.0, 0.0, 40.0)];
+        for size in SIZES {
+            for widest in WIDTHS {
+                for form in FORMS {
+                    let mut subject = Subject { form, ..Subject::random(size, widest) };
+                    for (light, &region) in subject.source.iter_mut().zip(&subject.region) {
+                        // What takes no part may hold anything.
+                        *light = if region == 0 { Vec4::NAN } else { colours[region as usize].extend(light.w) };
+                    }
+                    for (i, (found, &region)) in subject.convolved(ctx).iter().zip(&subject.region).enumerate() {
+                        let off = (found.truncate() - colours[region as usize]).abs().max_element();
+                        assert!(off < 1e-4, "{form:?}, {size:?}, widest {widest}, pixel {i} of {region}: {found}");
+                        assert!((region != 0) == (found.w > 0.0), "weight of pixel {i}: {found}");
+                    }
+                }
+            }
+        }
+    });
+}
+
+/// Wide and narrow kernels weigh alike: what is spread is what there was, away from edges.
+#[test]
+fn convolve_keeps_energy() {
+    gpu_test(|ctx| {
+        for (form, tolerance) in [(Form::Direct, 1e-4), (Form::Fast, 0.02)] {
+            for widest in [2.0, 9.0, 33.0] {
+                let size = [101, 97];
+                let mut subject = Subject { form, ..Subject::random(size, widest) };
+                subject.region.fill(1);
+                for (i, light) in subject.source.iter_mut().enumerate() {
+                    let at = Vec2::new((i as u32 % size[0]) as f32, (i as u32 / size[0]) as f32);
+                    let away = (at - Vec2::splat(49.0)).abs().max_element();
+                    *light = if away < 20.0 { *light } else { Vec3::ZERO.extend(light.w) };
+                }
+                let sum = |v: &[Vec4]| v.iter().map(|v| v.truncate()).sum::<Vec3>();
+                let spread: Vec<Vec4> = subject.convolved(ctx).iter().map(|v| v.truncate().extend(1.0) * v.w).collect();
+                let ratio = sum(&spread) / sum(&subject.source);
+                assert!((ratio - 1.0).abs().max_element() < tolerance, "{form:?}, widest {widest}: {ratio}");
+            }
+        }
+    });
+}
+
+/// Where nothing spreads the mirror image comes out, bit for bit.
+#[test]
+fn convolve_by_nothing_is_the_mirror_image() {
+    gpu_test(|ctx| {
+        for form in FORMS {
+            for (diameter, widest) in [(0.0, 0.0), (0.0, 100.0), (1.0, 20.0), (-5.0, 8.0), (f32::NAN, 8.0)] {
+                let mut subject = Subject { form, ..Subject::random([31, 17], widest) };
+                subject.footprint.iter_mut().for_each(|foot| foot.x = diameter);
+                for (i, found) in subject.convolved(ctx).iter().enumerate() {
+                    let part = if subject.region[i] == 0 { 0.0 } else { 1.0 };
+                    assert_eq!(*found, subject.source[i].truncate().extend(1.0) * part, "{form:?}, pixel {i}");
+                }
+            }
+        }
+    });
+}
+
+#[test]
+fn convolve_takes_one_footprint_for_all() {
+    gpu_test(|ctx| {
+        for form in FORMS {
+            for widest in [3.0, 25.0] {
+                let one = Vec4::new(widest, 2.0, 0.8, 0.6);
+                let same = || Subject { form, ..Subject::random([31, 17], widest) };
+                let everywhere = Subject { footprint: vec![one; 31 * 17], ..same() };
+                let alone = Subject { footprint: vec![one], ..same() };
+                assert_eq!(everywhere.convolved(ctx), alone.convolved(ctx), "{form:?}");
+            }
+        }
+    });
+}
+
+/// A ring whose middle is empty reaches nobody in a region of one pixel, which keeps what it shows.
+#[test]
+fn what_no_weight_reaches_keeps_its_own() {
+    gpu_test(|ctx| {
+        let edge = KERNEL_TEXELS as usize;
+        let ring = |i: usize| {
+            let at = Vec2::new((i % edge) as f32, (i / edge) as f32) - 15.5;
+            if (8.0..15.0).contains(&at.length()) { 1.0 } else { 0.0 }
+        };
+        for form in FORMS {
+            let mut subject = Subject { form, ..Subject::random([9, 9], 7.0) };
+            subject.kernels = (0..edge * edge).map(ring).collect();
+            subject.footprint.fill(Vec4::new(7.0, 0.0, 1.0, 0.0));
+            subject.region.fill(0);
+            subject.region[40] = 5;
+            let found = subject.convolved(ctx)[40];
+            assert_eq!(found, subject.source[40].truncate().extend(0.0), "{form:?}");
+        }
+    });
+}
+
+#[test]
+fn convolve_gives_the_same_bits_again() {
+    gpu_test(|ctx| {
+        for form in FORMS {
+            let subject = Subject { form, occlusion: true, ..Subject::random([61, 43], 30.0) };
+            let bits = || subject.convolved(ctx).iter().map(|v| v.to_array().map(f32::to_bits)).collect::<Vec<_>>();
+            assert_eq!(bits(), bits(), "{form:?}");
+        }
+    });
+}
+
+/// A near bright ball before a far wall that is blurred: with occlusion the wall does not bleed over it.
+#[test]
+fn what_lies_behind_stays_behind() {
+    gpu_test(|ctx| {
+        let mut subject = Subject::random([48, 48], 15.0);
+        let near = |i: usize| (Vec2::new((i % 48) as f32, (i / 48) as f32) - 23.5).length() < 8.0;
+        subject.region.fill(1);
+        for i in 0..48 * 48 {
+            let (light, depth, width) = if near(i) { (1.0, 1.0, 0.0) } else { (0.0, 2.0, 15.0) };
+            subject.source[i] = Vec3::splat(light).extend(depth);
+            subject.footprint[i] = Vec4::new(width, 1.0, 1.0, 0.0);
+        }
+        let least = |subject: &Subject| {
+            let found = subject.convolved(ctx);
+            (0..48 * 48).filter(|&i| near(i)).map(|i| found[i].x).fold(1.0, f32::min)
+        };
+        let [without, with] = [false, true].map(|occlusion| {
+            subject.occlusion = occlusion;
+            least(&subject)
+        });
+        assert!(without < 0.75 && with > 0.99, "{without} without, {with} with occlusion");
+    });
+}
+
+#[test]
+fn wrong_inputs_of_convolve_are_named() {
+    gpu_test(|ctx| {
+        let kernels = upload(ctx, "too few", &[1.0f32; 1000]).unwrap();
+        let error = Library::new(ctx, &mut Staging::new(), &kernels, 1).err().unwrap().to_string();
+        assert!(error.contains("too few") && error.contains("4000 bytes"), "{error}");
+        let mut staging = Staging::new();
+        let kernels = upload(ctx, "kernels", &library()).unwrap();
+        let library = Library::new(ctx, &mut staging, &kernels, 4).unwrap();
+        let [source, footprint, small] = [("source", 24), ("footprint", 4), ("small", 20)]
+            .map(|(name, n)| upload(ctx, name, &vec![0.0f32; n]).unwrap());
+        let region = upload(ctx, "region", &[0u32; 6]).unwrap();
+        let inputs = Inputs {
+            library: &library,
+            source: &source,
+            footprint: &footprint,
+            region: &region,
+            size: [3, 2],
+            widest: 3.0,
+            form: Form::Auto,
+            occlusion: false,
+        };
+        assert!(Convolve::new(ctx, &mut staging, &inputs).is_ok());
+        for (wrong, name) in [
+            (Inputs { source: &small, ..inputs }, "small"),
+            (Inputs { footprint: &small, ..inputs }, "small"),
+            (Inputs { region: &small, ..inputs }, "small"),
+            (Inputs { size: [0, 2], ..inputs }, "source"),
+        ] {
+            let error = Convolve::new(ctx, &mut staging, &wrong).err().unwrap().to_string();
+            assert!(error.contains(name), "{error}");
+        }
+    });
+}
+
+/// Soft shades, a chequered wall farther away and a bright ball near by; diameters grow with depth.
+fn natural(size: [u32; 2], widest: f32, layer: f32) -> Subject {
+    let mut subject = Subject::random(size, widest);
+    for (i, (light, foot)) in subject.source.iter_mut().zip(&mut subject.footprint).enumerate() {
+        let at = Vec2::new((i as u32 % size[0]) as f32, (i as u32 / size[0]) as f32) / size[1] as f32;
+        let wall = at.x > 0.6;
+        let ball = (at - Vec2::new(0.7, 0.5)).length() < 0.2;
+        let chequer = ((at.x * 12.0).floor() + (at.y * 12.0).floor()) as i32 % 2 == 0;
+        let depth = if ball {
+            0.15
+        } else if wall {
+            1.0
+        } else {
+            0.2 + 0.8 * at.y.min(1.0)
+        };
+        let shade = Vec3::new(0.4 + 0.3 * (5.0 * at.x).sin(), 0.5 + 0.4 * (3.0 * at.y).cos(), 0.3 + 0.2 * at.x);
+        let radiance = if ball {
+            Vec3::new(2.0, 1.5, 1.0)
+        } else if wall && chequer {
+            0.1 * shade
+        } else {
+            shade
+        };
+        *light = radiance.extend(depth);
+        let angle = 0.7 + at.x;
+        *foot = Vec4::new(widest * depth, layer, angle.cos(), angle.sin());
+    }
+    subject.region.fill(1);
+    subject
+}
