@@ -38,9 +38,10 @@
 //! - The thesis takes the cone within which f is not 0, which for most lobes is the hemisphere.
 //! - Texels hold means of f cos theta_i over solid angle, not point samples of f: narrow lobes, and lobes at grazing angles,
 //!   are narrower than a texel.
+//! - The cone is bounded ([`MAX_TAN_BETA`]).
 //! - tan beta and energy are interpolated between angles of view, so that the blur has no steps there.
 //!
-//! Cost: 4 KiB for each layer, 128 KiB a material; about 10^5 evaluations of f for each layer, once.
+//! Cost: 4 KiB for each layer, 128 KiB a lobe; about 10^5 evaluations of f for each layer, once.
 
 use std::f64::consts::PI;
 
@@ -145,7 +146,8 @@ impl View<'_> {
 
     /// Energy of the lobe within the edge of each ring of directions about r, from 0 to that of all rings.
     ///
-    /// Rings are dense about r, for narrow lobes, and their directions in the plane of incidence, where a lobe at grazing angles is a ridge.
+    /// Rings are dense about r, for narrow lobes, and their directions in the plane of incidence, where a lobe at grazing
+    /// angles is a ridge.
     fn energy_by_angle(&self) -> Vec<f64> {
         let mut cumulative = vec![0.0];
         let mut sum = 0.0;

@@ -28,7 +28,8 @@ pub fn effective_index(f0: f64) -> f64 {
 ///
 /// This is Fresnel's equation for unpolarised light and a real index of refraction, 1 or more: exact for dielectrics. For
 /// metals it dips below `f0` before it rises to 1, where light polarised in the plane of incidence passes its Brewster angle; a
-/// conductor, whose index is complex, dips less, and Schlick's approximation ([`schlick`](crate::bsdf::schlick)) not at all. 0 reflects nothing at any angle, 1 everything.
+/// conductor, whose index is complex, dips less, and Schlick's approximation ([`schlick`](crate::bsdf::schlick)) not at all.
+/// 0 reflects nothing at any angle, 1 everything.
 pub fn fresnel_fitted(f0: f32, cos: f32) -> f32 {
     if f0 <= 0.0 || f0 >= 1.0 {
         return f0.clamp(0.0, 1.0);
@@ -71,7 +72,7 @@ pub const MAP_TEXELS: usize = 128;
 /// ```
 ///
 /// Greatest and mean difference from [`fresnel_fitted`] over mu: 9.0e-5 and 1.4e-5 for glass (F0 = 0.04), 2.7e-4 and 1.3e-5 for
-/// F0 = 0.63, 1.2e-3 and 1.7e-5 for F0 = 0.9, greatest within the last degree before grazing.
+/// F0 = 0.63, 1.2e-3 and 1.7e-5 for F0 = 0.9, greatest within the last thousandth of a degree before grazing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReflectanceMap {
     texels: Vec<Vec3>,
