@@ -168,6 +168,7 @@ impl Engine {
         if let Some(staging) = &self.staging {
             staging.record(rec)?;
         }
+        self.frame.record_prepare(rec)?;
         self.frame.record_clear(rec)?;
         self.passes = 0;
         (self.set_up, self.upload, self.clear) = (true, false, false);
@@ -199,6 +200,7 @@ impl Engine {
         }
         if let (true, Some(staging)) = (self.upload, &self.staging) {
             rec.scope("upload", |rec| staging.record(rec))?;
+            self.frame.record_prepare(rec)?;
         }
         if self.clear {
             self.frame.record_clear_sums(rec)?;

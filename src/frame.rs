@@ -454,6 +454,11 @@ impl Frame {
         rec.image_to_general(&self.image)
     }
 
+    /// Records what must happen once after the uploads of a new frame, before its first pass.
+    pub fn record_prepare(&self, rec: &mut Recorder) -> Result<()> {
+        self.mirrors.as_ref().map_or(Ok(()), |mirrors| mirrors.record_setup(rec))
+    }
+
     /// Records the clearing of the sums alone.
     pub fn record_clear_sums(&self, rec: &mut Recorder) -> Result<()> {
         self.film.buffers().into_iter().try_for_each(|buffer| rec.fill(buffer, 0))

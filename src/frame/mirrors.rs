@@ -2,10 +2,12 @@
 
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Recorder, Staging};
+use crate::pass::convolve::{self, Convolve, Form, Library};
 use crate::pass::mirror_image::{self, Image, MirrorImage, Planes, Tables};
 use crate::pass::superpose::Superpose;
 use crate::pass::{Kernels, List, Paths, Receivers, Sums};
-use crate::settings::Superposition;
+use crate::settings::{Spread, Superposition};
+use crate::superposition::kernels::VIEW_ANGLES;
 
 /// The passes of glossy planes with their buffers.
 pub struct Mirrors {
@@ -14,7 +16,14 @@ pub struct Mirrors {
     /// The mirror image.
     pub image: Image,
     mirror_image: MirrorImage,
+    convolution: Option<Convolution>,
     superpose: Superpose,
+}
+
+/// How the mirror image is spread.
+struct Convolution {
+    library: Library,
+    pass: Convolve,
 }
 
 /// What the passes read and write.
@@ -54,7 +63,37 @@ impl Mirrors {
                 image: &image,
             },
         )?;
-        let spread = &image.source;
+        let convolution = match settings.spread {
+            Spread::Mirror => None,
+            Spread::Invariant | Spread::Variant => {
+                let layers = tables.library.layers().len() as u32;
+                let library = Library::new(context, staging, &tables.textures, layers)?;
+                let widest = width.max(height) as f32;
+                // One kernel for all: that of the greatest reflector seen head on.
+                let one = [settings.kernel_width as f32, (VIEW_ANGLES - 1) as f32, 1.0, 0.0];
+                let one = staging.stage(context, "footprint of all", &[one])?;
+                let (footprint, widest) = match settings.spread {
+                    Spread::Invariant => (&one, settings.kernel_width as f32),
+                    _ => (&image.footprint, widest),
+                };
+                let pass = Convolve::new(
+                    context,
+                    staging,
+                    &convolve::Inputs {
+                        library: &library,
+                        source: &image.source,
+                        footprint,
+                        region: &inputs.planes.region,
+                        size: inputs.size,
+                        widest,
+                        form: Form::Auto,
+                        occlusion: settings.occlusion && settings.spread == Spread::Variant,
+                    },
+                )?;
+                Some(Convolution { library, pass })
+            }
+        };
+        let spread = convolution.as_ref().map_or(&image.source, |convolution| &convolution.pass.spread);
         let superpose = Superpose::new(
             kernels,
             inputs.frame,
@@ -64,18 +103,32 @@ impl Mirrors {
             &tables,
             inputs.shown,
         )?;
-        Ok(Mirrors { tables, image, mirror_image, superpose })
+        Ok(Mirrors { tables, image, mirror_image, convolution, superpose })
+    }
+
+    /// Records what must happen once after the uploads: the kernels get the form in which they are sampled.
+    pub(super) fn record_setup(&self, rec: &mut Recorder) -> Result<()> {
+        self.convolution.as_ref().map_or(Ok(()), |convolution| convolution.library.record(rec))
     }
 
     /// Records the passes.
     pub(super) fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.record_image(rec)?;
+        self.record_spread(rec)?;
         self.record_superpose(rec)
     }
 
     /// The mirror image is put together.
     pub fn record_image(&self, rec: &mut Recorder) -> Result<()> {
         self.mirror_image.record(rec)
+    }
+
+    /// The mirror image is spread.
+    pub fn record_spread(&self, rec: &mut Recorder) -> Result<()> {
+        match &self.convolution {
+            Some(convolution) => rec.scope("convolve", |rec| convolution.pass.record(rec)),
+            None => Ok(()),
+        }
     }
 
     /// What has been spread is added to the pixels.
