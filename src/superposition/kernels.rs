@@ -8,18 +8,21 @@
 //!
 //! Let r be the mirror direction of the view, and u, v unit vectors perpendicular to it: u in the plane of incidence, towards the
 //! surface normal; v parallel to the surface. The kernel covers the square of side 2 on the plane at unit distance along r, in
-//! units of its half width w = 2 tan beta; (x, y) in \[-1, 1\]^2 is seen in the direction wi = (r + w x u + w y v) / l,
-//! l = |r + w x u + w y v|, and
+//! units of its half widths w = 2 tan beta along u and w' = 2^(-narrowing / 4) w along v; (x, y) in \[-1, 1\]^2 is seen in the
+//! direction wi = (r + w x u + w' y v) / l, l = |r + w x u + w' y v|, and
 //!
 //! k(x, y) ~ f(wi, wo) cos theta_i / l^3 within the unit disc, 0 outside and below the horizon,
 //!
-//! where l^-3 w^2 dx dy = d omega_i. A texel is the mean of k over its area; the texels sum to 1. f is the lobe without its
+//! where l^-3 w w' dx dy = d omega_i. A texel is the mean of k over its area; the texels sum to 1. f is the lobe without its
 //! Fresnel factor: that is a matter of [`reflectance`](super::reflectance). With it go
 //!
 //! - tan beta: beta is the half angle of the cone about r that receives [`CONE_SHARE`] of the lobe's energy, tan beta at most
 //!   [`MAX_TAN_BETA`];
 //! - the energy, the integral of f cos theta_i over the hemisphere (directional albedo with F = 1);
-//! - the share of the energy within the disc, whose half angle is atan(2 tan beta). The rest, the tail of the lobe, is what a
+//! - narrowing: at grazing angles a lobe is narrow across the plane of incidence, and so is its kernel, by steps of 2^(-1/4): by the
+//!   mean distances from r across and along;
+//! - grazing, the part of the energy that Schlick's formula weighs by F90;
+//! - the share of the energy within the ellipse. The rest, the tail of the lobe, is what a
 //!   splat of this kernel draws towards the centre.
 //!
 //! # Look-up
@@ -29,7 +32,7 @@
 //!
 //! ```text
 //! s = clamp(mu * N - 1, 0, N - 1);  i = floor(s);  j = min(i + 1, N - 1)
-//! tan_beta, energy, captured = mix(a(i), a(j), s - i).xyz
+//! tan_beta, energy, grazing, captured = mix(a(i), a(j), s - i)
 //! weight of texel (p, q) = textures[((first + floor(s + 0.5)) * 32 + q) * 32 + p],  (x, y) = ((p, q) + 0.5) / 16 - 1
 //! ```
 //!
@@ -45,7 +48,7 @@
 
 use std::f64::consts::PI;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::lobe::Lobe;
@@ -78,14 +81,25 @@ pub fn view_cosine(layer: usize) -> f64 {
     (layer + 1) as f64 / VIEW_ANGLES as f64
 }
 
+/// Steps of [`Kernel::narrowing`] in which the width across the plane of incidence halves.
+pub const NARROWINGS_TO_HALF: u32 = 4;
+
+/// Greatest [`Kernel::narrowing`].
+pub const MAX_NARROWING: u32 = 15;
+
 /// A lobe seen from one direction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Kernel {
-    /// Tangent of beta, half the tangent of the disc's half angle.
+    /// Tangent of beta, half the tangent of the half angle of the ellipse along the plane of incidence.
     pub tan_beta: f32,
+    /// The ellipse is 2^(-narrowing / 4) times as wide across the plane of incidence as along it.
+    pub narrowing: u32,
     /// Integral of f cos theta_i over the hemisphere.
     pub energy: f32,
-    /// Share of the energy within the disc.
+    /// The same of f cos theta_i (1 - wo.h)^5, h the half vector: with Schlick's formula the lobe reflects
+    /// F0 (energy - grazing) + F90 grazing.
+    pub grazing: f32,
+    /// Share of the energy within the ellipse.
     pub captured: f32,
     /// [`KERNEL_TEXELS`] rows along v of as many texels along u; they sum to 1.
     pub texture: Vec<f32>,
@@ -95,21 +109,70 @@ impl Kernel {
     /// Of a lobe for cos theta_o = `mu`, above 0 and at most 1.
     pub fn new(lobe: &Lobe, mu: f64) -> Kernel {
         let view = View::new(lobe, mu);
-        let cumulative = view.energy_by_angle();
-        let energy = cumulative[RINGS];
+        let samples = view.samples();
+        let mut cumulative = vec![0.0; RINGS + 1];
+        let (mut energy, mut grazing) = (0.0, 0.0);
+        for (ring, of_ring) in samples.chunks_exact(DIRECTIONS).enumerate() {
+            for sample in of_ring {
+                energy += sample.energy;
+                grazing += sample.energy * (1.0 - sample.cos_h).powi(5);
+            }
+            cumulative[ring + 1] = energy;
+        }
         if energy <= 0.0 {
-            return Kernel { tan_beta: 0.0, energy: 0.0, captured: 0.0, texture: point() };
+            return Kernel { tan_beta: 0.0, narrowing: 0, energy: 0.0, grazing: 0.0, captured: 0.0, texture: point() };
         }
         let beta = angle_of(&cumulative, CONE_SHARE * energy);
         let tan_beta = if beta < MAX_TAN_BETA.atan() { beta.tan() } else { MAX_TAN_BETA };
-        let captured = energy_within(&cumulative, (2.0 * tan_beta).atan()) / energy;
+        let half_width = 2.0 * tan_beta;
+        let narrowing = narrowing_of(&samples, half_width);
+        let aspect = aspect_of(narrowing);
+        let within = |(i, s): (usize, &Sample)| {
+            // The edge of the ellipse cuts through rings.
+            let [inner, outer] = [0.0, 1.0].map(|edge| ring_angle((i / DIRECTIONS) as f64 + edge).tan());
+            let stretch = s.at.x.hypot(s.at.y / aspect) / s.at.length();
+            let share = (half_width / stretch - inner) / (outer - inner);
+            if s.at.is_finite() && outer > inner { share.clamp(0.0, 1.0) * s.energy } else { 0.0 }
+        };
+        let captured: f64 = samples.iter().enumerate().map(within).sum();
         Kernel {
             tan_beta: tan_beta as f32,
+            narrowing,
             energy: energy as f32,
-            captured: captured as f32,
-            texture: view.texture(2.0 * tan_beta),
+            grazing: grazing as f32,
+            captured: (captured / energy) as f32,
+            texture: view.texture(half_width, half_width * aspect),
         }
     }
+
+    /// Width of the ellipse across the plane of incidence over that along it.
+    pub fn aspect(&self) -> f32 {
+        aspect_of(self.narrowing) as f32
+    }
+}
+
+/// Part of a lobe.
+struct Sample {
+    /// Where it is seen on the plane at unit distance along the mirror direction; infinitely far if it is not.
+    at: DVec2,
+    /// Cosine of the angle between view and half vector.
+    cos_h: f64,
+    /// f cos theta_i d omega_i.
+    energy: f64,
+}
+
+fn aspect_of(narrowing: u32) -> f64 {
+    (-f64::from(narrowing) / f64::from(NARROWINGS_TO_HALF)).exp2()
+}
+
+/// By the mean distances from the mirror direction across and along, within the disc of a half width.
+fn narrowing_of(samples: &[Sample], half_width: f64) -> u32 {
+    let near = samples.iter().filter(|s| s.at.length() < half_width);
+    let sums = near.map(|s| s.at.abs() * s.energy).sum::<DVec2>();
+    if sums.y <= 0.0 || sums.y >= sums.x {
+        return 0;
+    }
+    ((sums.x / sums.y).log2() * f64::from(NARROWINGS_TO_HALF)).min(f64::from(MAX_NARROWING)) as u32
 }
 
 /// The kernel of a lobe that sends nothing into its disc.
@@ -144,34 +207,34 @@ impl View<'_> {
         if wi.z <= 0.0 { 0.0 } else { f64::from(self.lobe.eval(wi.as_vec3(), self.wo)) * wi.z }
     }
 
-    /// Energy of the lobe within the edge of each ring of directions about r, from 0 to that of all rings.
+    /// The lobe in parts, ring by ring about r.
     ///
     /// Rings are dense about r, for narrow lobes, and their directions in the plane of incidence, where a lobe at grazing
-    /// angles is a ridge.
-    fn energy_by_angle(&self) -> Vec<f64> {
-        let mut cumulative = vec![0.0];
-        let mut sum = 0.0;
+    /// angles is a ridge. Each part stands for its mirror image in that plane as well.
+    fn samples(&self) -> Vec<Sample> {
+        let mut samples = Vec::with_capacity(RINGS * DIRECTIONS);
         for ring in 0..RINGS {
             let angle = ring_angle(ring as f64 + 0.5);
             let (sin, cos) = angle.sin_cos();
-            // The other half mirrors this one.
-            let half: f64 = (0..DIRECTIONS)
-                .map(|k| {
-                    // phi = pi t - sin(2 pi t) / 2 for t from 0 to 1, so dphi ~ 1 - cos(2 pi t).
-                    let t = 2.0 * PI * (k as f64 + 0.5) / DIRECTIONS as f64;
-                    let (sin_phi, cos_phi) = (0.5 * (t - t.sin())).sin_cos();
-                    self.f_cos(cos, sin * cos_phi, sin * sin_phi) * (1.0 - t.cos())
-                })
-                .sum();
             // d omega = sin dangle dphi, and dangle = 4 angle / rings dring.
-            sum += half * (2.0 * PI / DIRECTIONS as f64) * sin * 4.0 * angle / (ring as f64 + 0.5);
-            cumulative.push(sum);
+            let ring_area = (2.0 * PI / DIRECTIONS as f64) * sin * 4.0 * angle / (ring as f64 + 0.5);
+            for k in 0..DIRECTIONS {
+                // phi = pi t - sin(2 pi t) / 2 for t from 0 to 1, so dphi ~ 1 - cos(2 pi t).
+                let t = 2.0 * PI * (k as f64 + 0.5) / DIRECTIONS as f64;
+                let (sin_phi, cos_phi) = (0.5 * (t - t.sin())).sin_cos();
+                let wi = self.r * cos + self.u * (sin * cos_phi) + DVec3::Y * (sin * sin_phi);
+                samples.push(Sample {
+                    at: if cos > 0.0 { DVec2::new(cos_phi, sin_phi) * (sin / cos) } else { DVec2::INFINITY },
+                    cos_h: (0.5 * (1.0 + wi.dot(self.wo.as_dvec3()))).max(0.0).sqrt(),
+                    energy: self.f_cos(cos, sin * cos_phi, sin * sin_phi) * (1.0 - t.cos()) * ring_area,
+                });
+            }
         }
-        cumulative
+        samples
     }
 
-    /// The texels for a half width.
-    fn texture(&self, half_width: f64) -> Vec<f32> {
+    /// The texels for half widths along u and v.
+    fn texture(&self, half_u: f64, half_v: f64) -> Vec<f32> {
         let half = KERNEL_TEXELS / 2;
         let texel = 1.0 / half as f64;
         // One half; the other mirrors it.
@@ -185,7 +248,7 @@ impl View<'_> {
                 for a in 0..SAMPLES[0] {
                     let x = (i as f64 + (a as f64 + 0.5) / SAMPLES[0] as f64) * texel - 1.0;
                     if x * x + y * y < 1.0 {
-                        let (x, y) = (half_width * x, half_width * y);
+                        let (x, y) = (half_u * x, half_v * y);
                         let length2 = 1.0 + x * x + y * y;
                         *mean += t * self.f_cos(1.0, x, y) / (length2 * length2.sqrt());
                     }
@@ -214,13 +277,6 @@ fn angle_of(cumulative: &[f64], energy: f64) -> f64 {
     ring_angle(ring as f64 + if high > low { (energy - low) / (high - low) } else { 1.0 })
 }
 
-/// The energy within an angle.
-fn energy_within(cumulative: &[f64], angle: f64) -> f64 {
-    let rings = RINGS as f64 * (angle / PI).sqrt().sqrt();
-    let ring = (rings as usize).min(RINGS - 1);
-    cumulative[ring] + (cumulative[ring + 1] - cumulative[ring]) * (rings - ring as f64)
-}
-
 /// The kernels of all glossy materials of a scene. Materials with equal lobes share theirs.
 #[derive(Clone, Debug, Default)]
 pub struct KernelLibrary {
@@ -236,8 +292,10 @@ pub struct KernelLibrary {
 pub struct GpuKernels {
     /// The texels of layer after layer, [`KERNEL_TEXELS`]^2 each.
     pub textures: Vec<f32>,
-    /// (tan beta, energy, captured share, 0) of each layer.
+    /// (tan beta, energy, grazing, captured share) of each layer.
     pub layers: Vec<[f32; 4]>,
+    /// [`Kernel::narrowing`] of each layer.
+    pub narrowings: Vec<u32>,
     /// First layer of each material up to the last that has one, [`NO_KERNEL`] for those that have none.
     pub first_layer: Vec<u32>,
 }
@@ -287,6 +345,7 @@ impl KernelLibrary {
         Some(LookUp {
             tan_beta: mix(a.tan_beta, b.tan_beta),
             energy: mix(a.energy, b.energy),
+            grazing: mix(a.grazing, b.grazing),
             captured: mix(a.captured, b.captured),
             texture: &layers[(s + 0.5) as usize].texture,
         })
@@ -296,7 +355,8 @@ impl KernelLibrary {
     pub fn to_gpu(&self) -> GpuKernels {
         GpuKernels {
             textures: self.layers.iter().flat_map(|k| k.texture.iter().copied()).collect(),
-            layers: self.layers.iter().map(|k| [k.tan_beta, k.energy, k.captured, 0.0]).collect(),
+            layers: self.layers.iter().map(|k| [k.tan_beta, k.energy, k.grazing, k.captured]).collect(),
+            narrowings: self.layers.iter().map(|k| k.narrowing).collect(),
             first_layer: self.first_layer.clone(),
         }
     }
@@ -309,6 +369,8 @@ pub struct LookUp<'a> {
     pub tan_beta: f32,
     /// Interpolated [`Kernel::energy`].
     pub energy: f32,
+    /// Interpolated [`Kernel::grazing`].
+    pub grazing: f32,
     /// Interpolated [`Kernel::captured`].
     pub captured: f32,
     /// [`Kernel::texture`] of the nearest layer.
