@@ -74,10 +74,10 @@ fn gathered(so_far: Sums, place: Place, reach: i32, plane: u32, limit: vec2<f32>
     var result = so_far;
     let size = vec2<i32>(here.size);
     let rows = min(reach, size.y - 1);
-    let columns = min(reach, size.x - 1);
     let low = max(-rows, here.rows.x);
     let high = min(rows, here.rows.y - 1);
     for (var y = low; y <= high; y += 1) {
+        let columns = min(chord(reach, y), size.x - 1);
         let row = place.at.y + y;
         let safe_row = clamp(row, 0, size.y - 1);
         let start = i32(here.first + plane) + safe_row * size.x;

@@ -50,7 +50,5 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #endif
         }
     }
-    // The level ends there.
-    let most = i32(max(here.size.x, here.size.y)) - 1;
-    tiles[here.first_tile + tile] = vec4<i32>(min(reach0, most), min(reach1, most), busy, 0);
+    tiles[here.first_tile + tile] = vec4<i32>(reach0, reach1, busy, 0);
 }

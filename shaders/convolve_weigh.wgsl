@@ -35,7 +35,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let low = max(-reach, here.rows.x);
     let high = min(reach, here.rows.y - 1);
     for (var y = low; y <= high; y += 1) {
-        for (var x = -reach; x <= reach; x += 1) {
+        let columns = chord(reach, y);
+        for (var x = -columns; x <= columns; x += 1) {
             sum += kernel_at(axis, 1.0, layer, vec2<f32>(vec2<i32>(x, y)));
         }
     }

@@ -14,3 +14,9 @@ fn kernel_at(axis: vec2<f32>, ratio: f32, layer: u32, offset: vec2<f32>) -> f32 
     let rows = mix(quad.xz, quad.yw, vec2<f32>(part.x));
     return select(0.0, mix(rows.x, rows.y, part.y), all(at == inside));
 }
+
+// Columns of a window that reaches less than one texel more than `reach` that a disc covers in a row so far from its middle.
+fn chord(reach: i32, row: i32) -> i32 {
+    let radius = f32(reach + 1);
+    return i32(sqrt(max(radius * radius - f32(row * row), 0.0)));
+}

@@ -12,7 +12,8 @@
 //!
 //! The first division makes wide and narrow kernels weigh alike, so that energy is preserved away from edges; the second, by what
 //! reached p, leaves a constant image as it is, with no dark rims. Diameters up to one pixel are a delta, and so is a
-//! kernel that misses all pixels; between them, kernels whose middle is not 0 go over into it continuously. A pixel that no weight reaches keeps its own radiance.
+//! kernel that misses all pixels; kernels whose middle is not 0 go over into it continuously. A pixel that no weight reaches
+//! keeps its own radiance.
 //!
 //! **Inputs**, an entry for each pixel, row by row: radiance, with the depth of what is seen in w (any unit that orders);
 //! footprint: diameter in pixels, layer of the library (rounded here), unit vector of the kernel's u axis in the image (x to the
@@ -31,16 +32,16 @@
 //! [`levels::STAYS`] / 2 to [`levels::LEAVES`] texels wide, and over the last quarter of that range in two levels by shares; width is that of a disc
 //! with the kernel's standard deviations (their geometric mean), from a half to the whole of the diameter. Of what rises
 //! from a level, a texel holds premultiplied radiance, weight, and the means of diameter, axis and layer. On the way back
-//! quadratic B-splines double the resolution. Both ways together widen a kernel by a variance of (4^l - 1) / 3 square pixels along each axis at level l, which is
-//! taken off the kernel (down to [`levels::LEAST_VARIANCE`] of its own). Weights go the same ways as radiance, so constants are exact.
+//! quadratic B-splines double the resolution. Both ways together widen a kernel by a variance of (4^l - 1) / 3 square pixels along
+//! each axis at level l, which is taken off the kernel (down to [`levels::LEAST_VARIANCE`] of its own). Weights go the same ways as radiance, so constants are exact.
 //! Regions do not bleed: a texel holds the two regions with the most pixels, apart from each other. Sources of a third one
 //! stay at the finer level, with kernels no wider than it takes ([`levels::LEAVES`] texels): they are then sharper than they should be.
 //! Up to the width that stays in the image itself the sum is the direct one, but for sums of kernels from a table (0.2 % off for
 //! a disc).
 //!
 //! Error of the fast form, relative RMSE against the direct one on an image of soft shades, chequers and a bright ball, diameters
-//! proportional to depth with depth edges (`tests/gpu/convolve.rs`, 160x120): a disc 0.018, 0.021 and 0.043 for greatest diameters of 15, 31 and 63 pixels,
-//! a smooth lobe 0.009, 0.010 and 0.017, a long one to one side 0.013, 0.010 and 0.012.
+//! proportional to depth with depth edges (`tests/gpu/convolve.rs`, 160x120): a disc 0.018, 0.021 and 0.043 for greatest diameters
+//! of 15, 31 and 63 pixels, a smooth lobe 0.009, 0.010 and 0.017, a long one to one side 0.013, 0.010 and 0.012.
 //!
 //! **Occlusion**, off as in the thesis: of a source that lies behind the target, by more than [`DEPTH_TOLERANCE`] of the target's depth,
 //! weights count only within the disc of the target's own diameter, softened over a pixel. So what is blurred behind
@@ -50,8 +51,9 @@
 //! Differs from the thesis in: the normalisations (it has none), regions, the fast form; programs scatter, this gathers, in a fixed
 //! order, so that the same input gives the same bits.
 //!
-//! Cost. Direct: for a window of n pixels 3 n loads of 16 bytes and 60 n operations a pixel, and a third of that for the sums of the kernels. Fast: some 60 loads of 16
-//! bytes a pixel whatever the width, and the window of narrow kernels; docs/benchmarks.md has times. Memory: 48 bytes a pixel, and 60 more in the fast form.
+//! Cost. Direct: for a disc of n pixels three loads of 16 bytes and some 60 operations for each of them and each pixel, and
+//! half of that for the sums of the kernels. Fast: some 60 loads of 16 bytes a pixel whatever the width, and the windows of the kernels, the more the
+//! finer their level; docs/benchmarks.md has times. Memory: 48 bytes a pixel, and 60 more in the fast form.
 
 use super::layout::ConvolveStep;
 use super::vec4s;
@@ -89,7 +91,7 @@ pub const SUMMED: f32 = 256.0;
 pub const MAX_WIDTH: u32 = 16384;
 
 /// Widest kernels, in pixels, that [`Form::Auto`] gathers directly.
-pub const NARROW: f32 = 5.0;
+pub const NARROW: f32 = 4.0;
 
 /// How the sum is taken.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
