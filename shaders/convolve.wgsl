@@ -89,9 +89,9 @@ fn gathered(so_far: Sums, place: Place, reach: i32, plane: u32, limit: vec2<f32>
             let packed = bitcast<u32>(shape.w);
             let offset = vec2<f32>(vec2<i32>(-x, -y));
 #if FINE
-            var weight = kernel_at(shape.xy, 1.0, packed >> 16u, offset);
+            var weight = kernel_at(shape.xy, narrowed(packed >> 28u), (packed >> 16u) & 0xfffu, offset);
 #else
-            var weight = kernel_at(shape.xy, shape.z, packed >> 16u, offset);
+            var weight = kernel_at(shape.xy, shape.z, (packed >> 16u) & 0xfffu, offset);
 #endif
             weight = select(0.0, weight, row == safe_row && column == safe);
 #if OCCLUDED

@@ -4,6 +4,7 @@
 #include "convolve_kernel.wgsl"
 
 @group(0) @binding(2) var<storage, read_write> norms: array<f32>;
+@group(0) @binding(3) var<storage, read> narrowings: array<u32>;
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -16,10 +17,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let angle = f32(i % NORM_ANGLES) / f32(NORM_ANGLES) * 1.5707964;
     let axis = vec2<f32>(cos(angle), sin(angle)) * (2.0 / max(diameter, 1e-3));
     let reach = i32(0.5 * SUPPORT * diameter);
+    let ratio = narrowed(narrowings[layer]);
     var sum = 0.0;
     for (var y = -reach; y <= reach; y += 1) {
         for (var x = -reach; x <= reach; x += 1) {
-            sum += kernel_at(axis, 1.0, layer, vec2<f32>(vec2<i32>(x, y)));
+            sum += kernel_at(axis, ratio, layer, vec2<f32>(vec2<i32>(x, y)));
         }
     }
     norms[i] = sum;

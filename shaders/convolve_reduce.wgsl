@@ -51,6 +51,7 @@ fn settle(at: u32, entry: Entry, id: u32, held: bool, here: ConvolveStep) -> f32
     let layer = u32(entry.layer + 0.5);
     let stats = moments[2u * layer];
     let breadth = moments[2u * layer + 1u].x;
+    let narrowing = moments[2u * layer + 1u].y;
     let width = entry.diameter * breadth / here.texel;
     let top = (here.flags & TOP_LEVEL) != 0u;
     let rises = held && !top;
@@ -69,13 +70,16 @@ fn settle(at: u32, entry: Entry, id: u32, held: bool, here: ConvolveStep) -> f32
     let weight = select(1.0, 1.0 / whole, spreads) * share;
     let there = id != 0u && entry.light.w > 0.0;
     masses[at] = select(vec4<f32>(0.0), entry.light * weight, there);
-    let packed = bitcast<f32>(id | (select(here.layers, layer, spreads) << 16u));
+    let packed = id | (select(here.layers, layer, spreads) << 16u);
+    // The image itself has the depth where coarser levels have the ratio.
 #if FINE
     let third = entry.depth;
+    let with_steps = packed | (u32(narrowing) << 28u);
 #else
-    let third = select(1.0, radii.x / radii.y, spreads);
+    let third = select(1.0, exp2(0.25 * narrowing) * radii.x / radii.y, spreads);
+    let with_steps = packed;
 #endif
-    shapes[at] = vec4<f32>(select(vec2<f32>(DELTA, 0.0), axis / radii.x, spreads), third, packed);
+    shapes[at] = vec4<f32>(select(vec2<f32>(DELTA, 0.0), axis / radii.x, spreads), third, bitcast<f32>(with_steps));
     return select(0.0, 1.0 - share, there && rises);
 }
 

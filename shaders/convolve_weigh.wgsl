@@ -28,6 +28,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let layer = u32(foot.layer + 0.5);
     let moves = id != 0u && foot.diameter > 0.0;
     let axis = foot.axis * (2.0 / max(foot.diameter, 1.0));
+    let narrowing = u32(moments[2u * layer + 1u].y);
+    let ratio = narrowed(narrowing);
     let summed = moves && foot.diameter <= SUMMED;
     let reach = select(-1, i32(0.5 * SUPPORT * foot.diameter), summed);
     let before = masses[pixel].w;
@@ -37,7 +39,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     for (var y = low; y <= high; y += 1) {
         let columns = chord(reach, y);
         for (var x = -columns; x <= columns; x += 1) {
-            sum += kernel_at(axis, 1.0, layer, vec2<f32>(vec2<i32>(x, y)));
+            sum += kernel_at(axis, ratio, layer, vec2<f32>(vec2<i32>(x, y)));
         }
     }
     if (here.flags & LAST_ROUND) == 0u {
@@ -49,6 +51,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let light = source[pixel];
     let weight = select(1.0, 1.0 / whole, spreads);
     masses[pixel] = select(vec4<f32>(0.0), vec4<f32>(light.xyz * weight, weight), id != 0u);
-    let packed = bitcast<f32>(id | (select(here.layers, layer, spreads) << 16u));
+    let packed = bitcast<f32>(id | (select(here.layers, layer, spreads) << 16u) | (narrowing << 28u));
     shapes[pixel] = vec4<f32>(select(vec2<f32>(DELTA, 0.0), axis, spreads), light.w, packed);
 }

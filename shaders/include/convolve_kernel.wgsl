@@ -15,6 +15,11 @@ fn kernel_at(axis: vec2<f32>, ratio: f32, layer: u32, offset: vec2<f32>) -> f32 
     return select(0.0, mix(rows.x, rows.y, part.y), all(at == inside));
 }
 
+// Radius along u over that along v, by the number of steps in four of which it doubles.
+fn narrowed(steps: u32) -> f32 {
+    return exp2(0.25 * f32(steps));
+}
+
 // Columns of a window that reaches less than one texel more than `reach` that a disc covers in a row so far from its middle.
 fn chord(reach: i32, row: i32) -> i32 {
     let radius = f32(reach + 1);

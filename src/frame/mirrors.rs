@@ -66,8 +66,7 @@ impl Mirrors {
         let convolution = match settings.spread {
             Spread::Mirror => None,
             Spread::Invariant | Spread::Variant => {
-                let layers = tables.library.layers().len() as u32;
-                let library = Library::new(context, staging, &tables.textures, layers)?;
+                let library = Library::new(context, staging, &tables.textures, &tables.narrowings)?;
                 let widest = width.max(height) as f32;
                 // One kernel for all: that of the greatest reflector seen head on.
                 let one = [settings.kernel_width as f32, (VIEW_ANGLES - 1) as f32, 1.0, 0.0];

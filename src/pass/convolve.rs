@@ -2,8 +2,8 @@
 //! and B11): every pixel q spreads its radiance over the pixels around it by a kernel of its own, which turns the image that a
 //! mirror shows into the one that a glossy surface would show.
 //!
-//! With k_q the kernel of q, a texture of [`KERNEL_TEXELS`]^2 texels over a square whose edge is q's diameter, sampled
-//! bilinearly at p - q turned into q's axes, and the pixels q of p's region:
+//! With k_q the kernel of q, a texture of [`KERNEL_TEXELS`]^2 texels over a square whose edge is q's diameter (along v narrower by
+//! what the library says), sampled bilinearly at p - q turned into q's axes, and the pixels q of p's region:
 //!
 //! ```text
 //! w_qp = k_q(p - q) / sum of k_q over the unbounded grid of pixels
@@ -59,6 +59,7 @@ use super::layout::ConvolveStep;
 use super::vec4s;
 use crate::error::{Error, Result};
 use crate::gpu::{Bindings, Bound, Buffer, Context, Kernel, Memory, Recorder, Shader, Staging, shaders};
+use crate::superposition::kernels::MAX_NARROWING;
 
 pub mod levels;
 pub mod reference;
@@ -82,6 +83,9 @@ pub const SUPPORT: f32 = 1.0885;
 ///
 /// Higher: what lies a little behind spreads over edges before it. Lower: surfaces that recede from the eye stop spreading.
 pub const DEPTH_TOLERANCE: f32 = 0.01;
+
+/// Most textures of a library.
+pub const MAX_LAYERS: u32 = 4095;
 
 /// Widest kernel, in pixels, whose sum over the grid is taken; that of a wider one is its integral, which differs from it
 /// by less than 1e-4.
@@ -148,11 +152,13 @@ fn step(context: &Context, shader: &'static Shader, buffers: &[(&str, Bound)]) -
 }
 
 impl Library {
-    /// Prepares `layers` textures of `kernels`, one `f32` a texel.
-    pub fn new(context: &Context, staging: &mut Staging, kernels: &Buffer, layers: u32) -> Result<Library> {
+    /// Prepares the textures of `kernels`, one `f32` a texel. Each is so many steps narrower along v than along u: a disc's edge is
+    /// then an ellipse of 2^(-n / 4) times the diameter along v ([`crate::superposition::kernels`]).
+    pub fn new(context: &Context, staging: &mut Staging, kernels: &Buffer, narrowings: &[u32]) -> Result<Library> {
+        let layers = narrowings.len() as u32;
         let texels = u64::from(layers) * u64::from(KERNEL_TEXELS * KERNEL_TEXELS);
-        if layers == 0 || layers > 4096 || kernels.bytes() != 4 * texels {
-            let message = format!("{} bytes hold no library of {layers} kernels, 1 to 4096", kernels.bytes());
+        if layers == 0 || layers > MAX_LAYERS || kernels.bytes() != 4 * texels {
+            let message = format!("{} bytes hold no library of {layers} kernels, 1 to {MAX_LAYERS}", kernels.bytes());
             return Err(Error::Resource { name: kernels.name().to_owned(), message });
         }
         let quads = vec4s(context, "kernel cells", (layers + 1) * CELLS)?;
@@ -160,7 +166,10 @@ impl Library {
         let norms = Buffer::new(context, "kernel sums", 4 * u64::from(layers * NORMS), Memory::Device)?;
         let parameters = ConvolveStep { layers, ..ConvolveStep::default() };
         let parameters = staging.stage(context, "kernel library", &[parameters])?;
-        let buffers: [(&str, Bound); 5] = [
+        let narrowings: Vec<u32> = narrowings.iter().map(|&n| n.min(MAX_NARROWING)).collect();
+        let narrowings = staging.stage(context, "kernel narrowings", &narrowings)?;
+        let buffers: [(&str, Bound); 6] = [
+            ("narrowings", (&narrowings).into()),
             ("steps", (&parameters).into()),
             ("kernels", kernels.into()),
             ("quads", (&quads).into()),

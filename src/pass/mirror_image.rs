@@ -44,10 +44,12 @@ const _: () = assert!(VIEW_ANGLES == 32 && MAP_TEXELS == 128);
 pub struct Tables {
     /// For each reflector its first layer and the first texel of its reflectance map.
     pub reflectors: Buffer,
-    /// Lobe of each layer: tan(beta), energy, captured share.
+    /// Lobe of each layer: tan(beta), energy, its grazing part, captured share.
     pub lobes: Buffer,
     /// Kernel texture of each layer.
     pub textures: Buffer,
+    /// By how many steps each is narrower than its texture.
+    pub narrowings: Vec<u32>,
     /// Reflectance maps: energy of the lobe times Fresnel's term.
     pub maps: Buffer,
     /// The same on the host.
@@ -89,6 +91,7 @@ impl Tables {
             reflectors: staging.stage(context, "reflectors", &reflectors)?,
             lobes: staging.stage(context, "reflector lobes", &tables.layers)?,
             textures: staging.stage(context, "reflector kernels", &tables.textures)?,
+            narrowings: tables.narrowings,
             maps: staging.stage(context, "reflectance maps", &maps)?,
             library,
         })

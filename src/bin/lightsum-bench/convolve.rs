@@ -37,7 +37,7 @@ impl Subject {
         let region: Vec<u32> = pixels().map(|[_, y]| u32::from(2 * y >= height)).collect();
         let kernels = upload(context, "kernels", &lobe())?;
         let mut staging = Staging::new();
-        let library = Library::new(context, &mut staging, &kernels, 1)?;
+        let library = Library::new(context, &mut staging, &kernels, &[0])?;
         context.submit_and_wait("preparing kernels", None, |rec| {
             staging.record(rec)?;
             library.record(rec)

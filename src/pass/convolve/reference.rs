@@ -17,6 +17,8 @@ pub struct Image<'a> {
     pub region: &'a [u32],
     /// Textures, one after the other.
     pub kernels: &'a [f32],
+    /// Steps by which each is narrower along v, four to a half.
+    pub narrowings: &'a [u32],
     /// What lies behind a pixel spreads no farther over it than the pixel's own kernel.
     pub occlusion: bool,
 }
@@ -41,18 +43,21 @@ struct Splat<'a> {
     texture: &'a [f32],
     axis: DVec2,
     radius: f64,
+    /// Radius along u over that along v.
+    ratio: f64,
     /// Sum over the unbounded grid; 0: the source stays where it is.
     sum: f64,
 }
 
 impl<'a> Splat<'a> {
-    fn new(footprint: Vec4, kernels: &'a [f32]) -> Splat<'a> {
+    fn new(footprint: Vec4, kernels: &'a [f32], narrowings: &[u32]) -> Splat<'a> {
         let texels = (KERNEL_TEXELS * KERNEL_TEXELS) as usize;
         let layers = kernels.len() / texels;
         let layer = (footprint.y.max(0.0).round() as usize).min(layers - 1);
         let texture = &kernels[layer * texels..(layer + 1) * texels];
         let axis = DVec2::new(f64::from(footprint.z), f64::from(footprint.w)).try_normalize().unwrap_or(DVec2::X);
-        let mut splat = Splat { texture, axis, radius: 0.5 * f64::from(footprint.x), sum: 0.0 };
+        let ratio = (0.25 * f64::from(narrowings[layer])).exp2();
+        let mut splat = Splat { texture, axis, radius: 0.5 * f64::from(footprint.x), ratio, sum: 0.0 };
         if footprint.x > 1.0 {
             let reach = splat.reach();
             let peak = texture.iter().fold(0.0f32, |a, &b| a.max(b));
@@ -70,7 +75,7 @@ impl<'a> Splat<'a> {
 
     fn at(&self, x: i32, y: i32) -> f64 {
         let offset = DVec2::new(x.into(), y.into());
-        kernel(self.texture, DVec2::new(self.axis.dot(offset), self.axis.perp_dot(offset)) / self.radius)
+        kernel(self.texture, DVec2::new(self.axis.dot(offset), self.ratio * self.axis.perp_dot(offset)) / self.radius)
     }
 }
 
@@ -82,7 +87,7 @@ pub fn reference(image: &Image) -> Vec<Vec4> {
         if image.region[q] == 0 {
             continue;
         }
-        let splat = Splat::new(image.footprint[q], image.kernels);
+        let splat = Splat::new(image.footprint[q], image.kernels, image.narrowings);
         let light = image.source[q].truncate().as_dvec3();
         let (qx, qy) = (q as i32 % width, q as i32 / width);
         if splat.sum == 0.0 {

@@ -87,7 +87,8 @@ type Moments = [f64; 4];
 
 fn exact(samples: &[Point], mu: f64, tan_beta: f64, aspect: f64) -> Exact {
     let (r, u) = frame(mu);
-    let mut e = Exact { energy: 0.0, grazing: 0.0, cone: 0.0, disc: 0.0, moments: [0.0; 4], texture: vec![0.0; point().len()] };
+    let mut e =
+        Exact { energy: 0.0, grazing: 0.0, cone: 0.0, disc: 0.0, moments: [0.0; 4], texture: vec![0.0; point().len()] };
     for &(wi, weight) in samples {
         e.energy += weight;
         let scale = (wi.dot(r) * 2.0 * tan_beta).recip();
