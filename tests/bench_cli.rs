@@ -398,4 +398,7 @@ fn convolution_is_measured_for_every_width_and_form() {
     }
     let table = text(&succeeds(folder.path(), &format!("convolve {TINY}")).stdout);
     assert!(table.contains("width px") && table.contains("invariant"), "{table}");
+    let few = self::lines(folder.path(), "convolve --kernel-width 3,9 --form fast");
+    assert_eq!(few.iter().map(key).collect::<Vec<_>>(), [(3, "fast".to_owned()), (9, "fast".to_owned())]);
+    assert!(few.iter().all(|line| line["relative_rmse"].is_null()), "there is nothing to compare with");
 }

@@ -91,7 +91,7 @@ pub const SUMMED: f32 = 256.0;
 pub const MAX_WIDTH: u32 = 16384;
 
 /// Widest kernels, in pixels, that [`Form::Auto`] gathers directly.
-pub const NARROW: f32 = 5.0;
+pub const NARROW: f32 = 4.0;
 
 /// How the sum is taken.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

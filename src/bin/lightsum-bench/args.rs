@@ -111,6 +111,14 @@ pub struct Edits {
 pub struct Convolve {
     #[command(flatten)]
     pub common: Common,
+    /// Widths of the kernels in pixels, 1 to 4096.
+    #[arg(long, value_name = "N,...", value_delimiter = ',', default_value = "1,7,15,31,63,127")]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub kernel_width: Vec<u32>,
+    /// Forms of the pass: direct takes seconds from 31 pixels on; only beside it fast has an error.
+    #[arg(long, value_name = "FORM,...", value_delimiter = ',', default_value = "direct,fast,invariant")]
+    #[arg(value_parser = ["direct", "fast", "invariant"])]
+    pub form: Vec<String>,
 }
 
 /// Flags of `shadow-rays`.
@@ -307,6 +315,8 @@ mod tests {
             ("frame --pathz 3", ErrorKind::UnknownArgument),
             ("scaling --series colours", ErrorKind::InvalidValue),
             ("scaling --max-triangles 10", ErrorKind::ValueValidation),
+            ("convolve --kernel-width 0", ErrorKind::ValueValidation),
+            ("convolve --form slow", ErrorKind::InvalidValue),
             ("compare", ErrorKind::MissingRequiredArgument),
             ("paint", ErrorKind::InvalidSubcommand),
         ] {

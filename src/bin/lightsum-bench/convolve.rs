@@ -12,9 +12,7 @@ use lightsum::pass::convolve::{Convolve, Form, Inputs, KERNEL_TEXELS, Library};
 use serde_json::json;
 use std::time::Instant;
 
-/// Kernel widths in pixels.
-const WIDTHS: [u32; 6] = [1, 7, 15, 31, 63, 127];
-/// The direct form is measured once only for kernels wider than this, for it takes seconds.
+/// The direct form is measured once only, without a warm-up, for kernels wider than this, for it takes seconds.
 const DIRECT_REPEATED: u32 = 15;
 
 /// What is convolved.
@@ -130,33 +128,39 @@ pub fn run(args: &Flags) -> Result<()> {
             Some(Table::head(&columns)?)
         }
     };
-    for width in WIDTHS {
-        let repeats = args.common.repeats;
-        let of_direct = if width > DIRECT_REPEATED { 0 } else { repeats };
-        let direct = subject.measure(&context, width, Form::Direct, false, of_direct)?;
-        let fast = subject.measure(&context, width, Form::Fast, false, repeats)?;
-        let invariant = subject.measure(&context, width, Form::Auto, true, repeats)?;
-        let against = error(&fast.image, &direct.image);
-        for (form, measured, error) in
-            [("direct", &direct, None), ("fast", &fast, Some(against)), ("invariant", &invariant, None)]
-        {
+    for &width in &args.kernel_width {
+        let mut direct = None;
+        for name in ["direct", "fast", "invariant"].into_iter().filter(|name| args.form.iter().any(|f| f == name)) {
+            let (form, invariant) = match name {
+                "direct" => (Form::Direct, false),
+                "fast" => (Form::Fast, false),
+                _ => (Form::Auto, true),
+            };
+            let once = form == Form::Direct && width > DIRECT_REPEATED;
+            let repeats = if once { 0 } else { args.common.repeats };
+            let measured = subject.measure(&context, width, form, invariant, repeats)?;
+            let against = direct.as_ref().filter(|_| form == Form::Fast);
+            let error = against.map(|expected: &Vec<[f32; 4]>| error(&measured.image, expected));
             let (seconds, spread) = (report::median(&measured.times), report::spread(&measured.times));
-            let Some(table) = &table else {
+            if let Some(table) = &table {
+                let error = error.map_or(String::new(), |error| format!("{error:.4}"));
+                table.row(&[name.to_owned(), width.to_string(), milliseconds(seconds), percent(spread), error])?;
+            } else {
                 let line = json!({
                     "mode": "convolve",
                     "resolution": args.common.resolution,
                     "repeats": measured.times.len(),
-                    "form": form,
+                    "form": name,
                     "kernel_width": width,
                     "median_seconds": seconds,
                     "spread": spread,
                     "relative_rmse": error,
                 });
                 report::print_json(line, &environment)?;
-                continue;
-            };
-            let error = error.map_or(String::new(), |error| format!("{error:.4}"));
-            table.row(&[form.to_owned(), width.to_string(), milliseconds(seconds), percent(spread), error])?;
+            }
+            if form == Form::Direct {
+                direct = Some(measured.image);
+            }
         }
     }
     Ok(())
