@@ -85,7 +85,7 @@ pub fn view_cosine(layer: usize) -> f64 {
 pub const NARROWINGS_TO_HALF: u32 = 4;
 
 /// Greatest [`Kernel::narrowing`].
-pub const MAX_NARROWING: u32 = 15;
+pub const MAX_NARROWING: u32 = 6;
 
 /// A lobe seen from one direction.
 #[derive(Clone, Debug, PartialEq)]

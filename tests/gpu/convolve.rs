@@ -55,7 +55,7 @@ impl Subject {
                 _ => 1 + u32::from(i % size[0] > size[0] / 2),
             })
             .collect();
-        let (kernels, narrowings, form) = (library(), vec![0, 3, 9, 1], Form::Direct);
+        let (kernels, narrowings, form) = (library(), vec![0, 3, 6, 1], Form::Direct);
         Subject { size, source, footprint, region, kernels, narrowings, widest, form, occlusion: false }
     }
 
