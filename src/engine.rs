@@ -41,8 +41,8 @@ use crate::gpu::{Context, Image, Recorder, Staging};
 use crate::light::emitters::Emitters;
 use crate::light::targets::Targets;
 use crate::pass::Kernels;
-use crate::pass::importance;
 use crate::pass::layout::PointLight;
+use crate::pass::{delta_choice, importance};
 use crate::plan::{EyePlan, LightPlan, ParameterSource, PhotonPlan};
 use crate::scene::{Camera, Scene};
 use crate::scene_buffers::{Ideal, SceneBuffers, delta_lights};
@@ -384,14 +384,22 @@ impl Engine {
         &self.targets
     }
 
-    /// The lights lit once in each pass.
+    /// The lights without area, lit once in each pass or chosen from.
     pub fn delta_lights(&self) -> &[PointLight] {
         &self.delta
     }
 }
 
-/// Checks that emitters are not too many to choose from.
+/// Checks that emitters, and lights without area, are not too many to choose from.
 fn check_choice(settings: &Settings, emitters: &Emitters) -> Result<()> {
+    let delta = emitters.delta.len();
+    if settings.delta_lights.is_some() && delta > delta_choice::MAX_CANDIDATES {
+        let most = delta_choice::MAX_CANDIDATES;
+        return Err(Error::Setting {
+            name: "--delta-lights",
+            message: format!("it chooses among up to {most} lights, and the scene has {delta}; use all"),
+        });
+    }
     let count = emitters.list.len();
     if settings.light_choice == LightChoice::Power || count <= importance::MAX_EMITTERS as usize {
         return Ok(());

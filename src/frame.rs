@@ -9,6 +9,7 @@ use crate::gpu::{Buffer, Context, Image, Memory, Recorder, Staging};
 use crate::pass::accumulate::{Accumulate, Film};
 use crate::pass::camera_rays::CameraRays;
 use crate::pass::collect::Collect;
+use crate::pass::delta_choice::{Candidates, DeltaChoice};
 use crate::pass::discontinuity::{self, Discontinuity};
 use crate::pass::eye_paths::{self, EyePaths};
 use crate::pass::gather::Gather;
@@ -82,6 +83,8 @@ pub struct Frame {
     pub lists: Vec<List>,
     /// Chooses the emitters of a pass by what the eye sees.
     pub importance: Option<Importance>,
+    /// Chooses the lights without area that a pass is lit by; `None`: by all.
+    pub delta_choice: Option<DeltaChoice>,
     /// Caustic photons; `None`: there are none, or nothing to shoot them at.
     pub photons: Option<Photons>,
     batch: List,
@@ -139,7 +142,7 @@ struct Arrive {
 
 impl Frame {
     #[allow(clippy::too_many_arguments)]
-    /// Creates the passes for an image of this size. `delta` are the lights lit once in each pass.
+    /// Creates the passes for an image of this size. `delta` are the lights without area.
     pub fn new(
         context: &Context,
         kernels: &Kernels,
@@ -176,6 +179,9 @@ impl Frame {
         let tile_count = image.width().div_ceil(8) * image.height().div_ceil(8);
         let listed = 64 * tile_count * eye.components;
         let mut table = StepTable::default();
+        let slots_of_delta = plan.delta as usize;
+        let candidates = (slots_of_delta < delta.len()).then(|| Candidates::new(delta, &scene.delta_emitters));
+        let delta = candidates.as_ref().map_or(delta, |all| &all.lights[..slots_of_delta]);
         let steps = Steps::new(&mut table, settings, plan, delta, scene.cluster_lanes(context), &eye);
         let targets = scene.targets.as_ref();
         let photon_plan = targets.and_then(|t| PhotonPlan::new(settings, t.count));
@@ -378,6 +384,13 @@ impl Frame {
             }
         };
         let emitters = importance.as_ref().map_or(&scene.emitters, |importance| &importance.emitters);
+        let delta_choice = match &candidates {
+            None => None,
+            Some(all) => {
+                let classes = settings.classes();
+                Some(DeltaChoice::new(context, kernels, staging, &parameters, all, emitters, &lights, classes)?)
+            }
+        };
         let photons = match (targets, photon_plan, photon_steps) {
             (Some(targets), Some(plan), Some(numbers)) => {
                 let inputs = photons::Inputs {
@@ -438,6 +451,7 @@ impl Frame {
             eye_lists,
             lists,
             importance,
+            delta_choice,
             photons,
             batch,
             clear_work,
@@ -478,6 +492,7 @@ impl Frame {
             rec.scope("walk", |rec| self.record_walk(rec))?;
             rec.scope("eye", |rec| self.record_eye(rec))?;
         }
+        self.record_delta_choice(rec)?;
         self.record_photons(rec)?;
         for bounce in 0..self.bounces.len() {
             rec.scope("gather", |rec| self.record_gather(rec, bounce))?;
@@ -510,6 +525,14 @@ impl Frame {
     pub fn record_importance(&self, rec: &mut Recorder) -> Result<()> {
         match &self.importance {
             Some(importance) => importance.record(rec),
+            None => Ok(()),
+        }
+    }
+
+    /// The lights without area that this pass is lit by.
+    pub fn record_delta_choice(&self, rec: &mut Recorder) -> Result<()> {
+        match &self.delta_choice {
+            Some(pass) => rec.scope("delta_choice", |rec| pass.record(rec)),
             None => Ok(()),
         }
     }

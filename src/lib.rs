@@ -50,7 +50,7 @@
 //!    mean to an image.
 //!
 //! Where particles choose emitters by contribution, the eye comes before the walk, and [`importance`](pass::importance) stands
-//! between them.
+//! between them. Where not all point, spot and parallel lights are lit, [`delta_choice`](pass::delta_choice) follows.
 //!
 //! Beside the frame stands [`convolve`](pass::convolve), which turns mirror images into glossy ones.
 //!

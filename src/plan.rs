@@ -35,13 +35,14 @@ pub const INSTANCES: u32 = 2;
 pub struct LightPlan {
     /// Particles N_j that leave a light after j reflections, j = 0..=max_depth - 2; empty if nothing is lit.
     pub survivors: Vec<u32>,
-    /// Point, spot, directional and imported lights, each lit exactly once a pass.
+    /// Slots for point, spot, directional and imported lights: each has its own, or those that a pass chooses.
     pub delta: u32,
 }
 
 impl LightPlan {
     /// N_j = floor(rho^j N) (Keller 1997, 3.2), but at least 1: otherwise long paths would be missing from the limit. N_0 is
-    /// what [`Settings::direct_lights`] says.
+    /// what [`Settings::direct_lights`] says, and of the `delta` lights of the scene no more are lit than
+    /// [`Settings::delta_lights`].
     pub fn new(settings: &Settings, mean_reflectivity: f32, delta: u32) -> LightPlan {
         let mut survivors = Vec::new();
         let mut expected = f64::from(settings.paths);
@@ -52,7 +53,7 @@ impl LightPlan {
         if let (Some(first), Some(direct)) = (survivors.first_mut(), settings.direct_lights) {
             *first = direct;
         }
-        LightPlan { survivors, delta }
+        LightPlan { survivors, delta: settings.delta_lights.map_or(delta, |most| most.min(delta)) }
     }
 
     /// First slot of the lights with j reflections.

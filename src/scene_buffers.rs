@@ -54,6 +54,8 @@ pub struct SceneBuffers {
     pub texels: Buffer,
     /// [`crate::light::emitters::EmitterRecord`]s.
     pub emitters: Buffer,
+    /// Which of them are the lights without area, in the order of [`delta_lights`].
+    pub delta_emitters: Vec<u32>,
     /// [`crate::sampling::sobol::column_pairs`], the same for every scene.
     pub sobol_columns: Buffer,
     /// What eye paths will meet.
@@ -160,6 +162,7 @@ impl SceneBuffers {
             textures: staging.stage(context, "scene textures", &textures)?,
             texels: staging.stage(context, "scene texels", &texels)?,
             emitters: staging.stage(context, "scene emitters", &emitters.records())?,
+            delta_emitters: emitters.delta.iter().map(|&i| i as u32).collect(),
             sobol_columns: staging.stage(context, "columns of Sobol'", &sobol::column_pairs())?,
             ideal: Ideal::of(scene, &reflectors),
             targets: None,
@@ -281,6 +284,7 @@ impl SceneBuffers {
     /// Stages other emitters. True: the buffer was replaced.
     pub fn update_emitters(&mut self, context: &Context, staging: &mut Staging, emitters: &Emitters) -> Result<bool> {
         let records = emitters.records();
+        self.delta_emitters = emitters.delta.iter().map(|&i| i as u32).collect();
         let all = 0..records.len();
         write(context, staging, &mut self.emitters, &records, &[all])
     }
@@ -305,6 +309,7 @@ impl SceneBuffers {
             textures,
             texels,
             emitters,
+            delta_emitters: _,
             sobol_columns,
             ideal: _,
             targets,
@@ -463,7 +468,7 @@ fn shading_attributes(
     (normals, uvs)
 }
 
-/// The lights that every pass lights exactly once: point, spot and parallel lights, and imported virtual lights.
+/// The lights that every pass lights exactly once, or chooses from: point, spot and parallel lights, and imported virtual lights.
 pub fn delta_lights(scene: &Scene, coordinate_scale: f32) -> Vec<PointLight> {
     let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
     let flags = f32::from_bits;

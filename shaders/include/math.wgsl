@@ -31,6 +31,7 @@ const STREAM_JITTER: u32 = 3u;
 const STREAM_GATHER: u32 = 5u;
 const STREAM_GATHER_LOBE: u32 = 7u;
 const STREAM_COMPONENT: u32 = 10u;
+const STREAM_DELTA: u32 = 12u;
 const STREAM_PHOTON: u32 = 20u;
 const STREAM_PHOTON_SIDE: u32 = 21u;
 const STREAM_PHOTON_COMPONENT: u32 = 22u;

@@ -8,6 +8,7 @@ pub mod accumulate;
 pub mod camera_rays;
 pub mod collect;
 pub mod convolve;
+pub mod delta_choice;
 pub mod discontinuity;
 pub mod eye_paths;
 pub mod gather;
@@ -178,6 +179,8 @@ pub struct Kernels {
     pub camera_rays: Kernel,
     /// `collect.wgsl`
     pub collect: Kernel,
+    /// `delta_choice.wgsl`
+    pub delta_choice: Kernel,
     /// `eye_paths.wgsl`
     pub eye_paths: Kernel,
     /// `gather.wgsl`
@@ -249,6 +252,7 @@ impl Kernels {
             accumulate: Kernel::new(context, &shaders::ACCUMULATE)?,
             camera_rays: Kernel::new(context, &shaders::CAMERA_RAYS)?,
             collect: Kernel::new(context, &shaders::COLLECT)?,
+            delta_choice: Kernel::new(context, &shaders::DELTA_CHOICE)?,
             eye_paths: surface(&shaders::EYE_PATHS, &shaders::EYE_PATHS_UNTEXTURED)?,
             gather: Kernel::new(context, &shaders::GATHER)?,
             importance: Kernel::new(context, &shaders::IMPORTANCE)?,

@@ -4,6 +4,7 @@
 
 mod caustics;
 mod convolve;
+mod delta_choice;
 mod discontinuity;
 mod embed;
 mod gpu_layer;
