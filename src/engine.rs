@@ -39,6 +39,7 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::gpu::{Context, Image, Recorder, Staging};
 use crate::light::emitters::Emitters;
+use crate::light::mirrors::Mirrors;
 use crate::light::targets::Targets;
 use crate::pass::Kernels;
 use crate::pass::layout::PointLight;
@@ -61,6 +62,7 @@ pub struct Engine {
     frame: Frame,
     parameters: ParameterSource,
     targets: Targets,
+    mirrors: Mirrors,
     delta: Vec<PointLight>,
     bvh: Bvh,
     emitters: Emitters,
@@ -124,6 +126,8 @@ impl Engine {
         }
         let targets = Targets::of(scene, &bvh);
         scene_buffers.update_targets(context, &mut staging, &targets)?;
+        let mirrors = Mirrors::of(scene, &bvh);
+        scene_buffers.update_mirrors(context, &mut staging, &mirrors)?;
         check_slots(&settings, scene_buffers.ideal, camera.resolution)?;
         let frame =
             Frame::new(context, &kernels, &mut staging, &scene_buffers, &settings, &lights, &delta, camera.resolution)?;
@@ -138,6 +142,7 @@ impl Engine {
             diagonal: bvh.diagonal(),
             bounds: (bvh.min, bvh.max),
             coordinate_scale: bvh.scale(),
+            mirrors: scene_buffers.mirror_count(),
         };
         let engine = Engine {
             context: context.clone(),
@@ -147,6 +152,7 @@ impl Engine {
             frame,
             parameters,
             targets,
+            mirrors,
             delta,
             bvh,
             emitters,
@@ -382,6 +388,11 @@ impl Engine {
     /// What photons are shot at; empty where there are none.
     pub fn targets(&self) -> &Targets {
         &self.targets
+    }
+
+    /// The planar mirrors; empty where there are none.
+    pub fn mirrors(&self) -> &Mirrors {
+        &self.mirrors
     }
 
     /// The lights without area, lit once in each pass or chosen from.

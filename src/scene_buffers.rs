@@ -10,6 +10,7 @@ use crate::bsdf::Reflectance;
 use crate::error::{Error, Result};
 use crate::gpu::{Bound, Buffer, Context, Staging};
 use crate::light::emitters::Emitters;
+use crate::light::mirrors::Mirrors;
 use crate::light::targets::Targets;
 use crate::pass::layout::{MaterialRecord, PointLight, TextureRecord};
 use crate::sampling::sobol;
@@ -66,6 +67,19 @@ pub struct SceneBuffers {
     pub reflectors: Vec<Reflector>,
     /// What they are made of, textures by their mean.
     pub finishes: Vec<Reflectance>,
+    /// Planar mirrors; `None`: there are none.
+    pub mirrors: Option<MirrorBuffers>,
+}
+
+/// Planar mirrors on the device.
+#[derive(Clone)]
+pub struct MirrorBuffers {
+    /// Number of mirrors, at least 1.
+    pub count: u32,
+    /// [`crate::pass::layout::MirrorRecord`]s.
+    pub records: Buffer,
+    /// For each triangle the number of its mirror + 1, or 0.
+    pub of_triangle: Buffer,
 }
 
 /// Targets on the device.
@@ -168,6 +182,7 @@ impl SceneBuffers {
             targets: None,
             finishes: finishes(scene, &reflectors),
             reflectors,
+            mirrors: None,
         })
     }
 
@@ -196,6 +211,34 @@ impl SceneBuffers {
                 count,
                 spheres: staging.stage(context, "photon targets", &spheres)?,
                 of_triangle: staging.stage(context, "photon targets of triangles", &targets.of_triangle)?,
+            }),
+        };
+        Ok(true)
+    }
+
+    /// Number of planar mirrors.
+    pub fn mirror_count(&self) -> u32 {
+        self.mirrors.as_ref().map_or(0, |mirrors| mirrors.count)
+    }
+
+    /// Stages the planar mirrors, or what they have become. True: buffers were replaced, as above.
+    pub fn update_mirrors(&mut self, context: &Context, staging: &mut Staging, mirrors: &Mirrors) -> Result<bool> {
+        let count = mirrors.list.len() as u32;
+        match &self.mirrors {
+            None if count == 0 => return Ok(false),
+            Some(old) if old.count == count => {
+                staging.stage_into(context, &old.records, 0, &mirrors.list)?;
+                staging.stage_into(context, &old.of_triangle, 0, &mirrors.of_triangle)?;
+                return Ok(false);
+            }
+            _ => {}
+        }
+        self.mirrors = match count {
+            0 => None,
+            _ => Some(MirrorBuffers {
+                count,
+                records: staging.stage(context, "planar mirrors", &mirrors.list)?,
+                of_triangle: staging.stage(context, "planar mirrors of triangles", &mirrors.of_triangle)?,
             }),
         };
         Ok(true)
@@ -315,11 +358,13 @@ impl SceneBuffers {
             targets,
             reflectors: _,
             finishes: _,
+            mirrors,
         } = self;
         let always =
             [node_min, node_max, v0, e1, e2, normals, uvs, materials, textures, texels, emitters, sobol_columns];
         let of_photons = targets.iter().flat_map(|t| [&t.spheres, &t.of_triangle]);
-        always.into_iter().chain(wide_nodes).chain(of_photons).map(Buffer::bytes).sum()
+        let of_mirrors = mirrors.iter().flat_map(|m| [&m.records, &m.of_triangle]);
+        always.into_iter().chain(wide_nodes).chain(of_photons).chain(of_mirrors).map(Buffer::bytes).sum()
     }
 
     /// The bindings of `shaders/include/surface.wgsl`.

@@ -15,6 +15,7 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::gpu::Context;
 use crate::light::emitters::Emitters;
+use crate::light::mirrors::Mirrors;
 use crate::light::targets::Targets;
 use crate::pass::delta_choice::Candidates;
 use crate::pass::layout::PointLight;
@@ -342,6 +343,9 @@ impl Engine {
             let targets = Targets::of(scene, &self.bvh);
             replaced |= buffers.update_targets(context, &mut staging, &targets)?;
             self.parameters.photons = PhotonPlan::new(settings, targets.spheres.len() as u32);
+            self.mirrors = Mirrors::of(scene, &self.bvh);
+            replaced |= buffers.update_mirrors(context, &mut staging, &self.mirrors)?;
+            self.parameters.mirrors = buffers.mirror_count();
         }
         if let Some(delta) = delta {
             let parallel = |light: &PointLight| light.flags() & PointLight::DIRECTIONAL;

@@ -18,6 +18,8 @@
 //! pi is a whole number of 2^-20, at least 1 for every light, u as well, and the weight is taken from that number: the mean
 //! over u is the sum over all lights exactly, whatever is rounded.
 //!
+//! `mirror_lights` chooses by the same scheme (`shaders/include/systematic.wgsl`).
+//!
 //! Parallel lights stand first, so that only as many slots as there are of them can hold one: clusters can't take those.
 //!
 //! Differs from the paper in that: it does not say how its lights are chosen.

@@ -1,5 +1,5 @@
 //! The passes of a frame, one file each with its shader of the same stem (`shade`, `trace` and `importance` have a second one,
-//! `sort`, `tiles` and `photon_grid` one for each of their steps), in the order of `frame.rs`.
+//! `sort`, `tiles`, `photon_grid` and `mirror_lights` one for each of their steps), in the order of `frame.rs`.
 //!
 //! A pass file reads: what it computes and from which equation, its named inputs and outputs, `record`, and `reference`,
 //! the CPU oracle that the tests hold the shader against.
@@ -16,6 +16,7 @@ pub mod importance;
 pub mod layout;
 pub mod merge;
 pub mod mirror_image;
+pub mod mirror_lights;
 pub mod photon_follow;
 pub mod photon_grid;
 pub mod photon_light;
@@ -193,6 +194,14 @@ pub struct Kernels {
     pub merge: Kernel,
     /// `mirror_image.wgsl`
     pub mirror_image: Kernel,
+    /// `mirror_aim.wgsl`
+    pub mirror_aim: Kernel,
+    /// `mirror_choose.wgsl`
+    pub mirror_choose: Kernel,
+    /// `mirror_light.wgsl`
+    pub mirror_light: Kernel,
+    /// `mirror_turn.wgsl`
+    pub mirror_turn: Kernel,
     /// `photon_cells.wgsl`
     pub photon_cells: Kernel,
     /// `photon_follow.wgsl`
@@ -259,6 +268,10 @@ impl Kernels {
             importance_scan: Kernel::new(context, &shaders::IMPORTANCE_SCAN)?,
             merge: Kernel::new(context, &shaders::MERGE)?,
             mirror_image: Kernel::new(context, &shaders::MIRROR_IMAGE)?,
+            mirror_aim: Kernel::new(context, &shaders::MIRROR_AIM)?,
+            mirror_choose: Kernel::new(context, &shaders::MIRROR_CHOOSE)?,
+            mirror_light: Kernel::new(context, &shaders::MIRROR_LIGHT)?,
+            mirror_turn: surface(&shaders::MIRROR_TURN, &shaders::MIRROR_TURN_UNTEXTURED)?,
             photon_cells: Kernel::new(context, &shaders::PHOTON_CELLS)?,
             photon_follow: surface(&shaders::PHOTON_FOLLOW, &shaders::PHOTON_FOLLOW_UNTEXTURED)?,
             photon_keys: Kernel::new(context, &shaders::PHOTON_KEYS)?,

@@ -214,6 +214,12 @@ pub struct Light {
     /// Larger: less noise, more blur, which does not go away with more passes.
     #[arg(long, value_name = "R", allow_negative_numbers = true, value_parser = distance)]
     pub photon_radius: Option<f32>,
+    /// Lights that planar mirrors mirror in each pass, for each class of pixels, 0 to 1024 [default: 0].
+    ///
+    /// They light what the eye sees by way of mirrors, without the blur and the noise of photons, which leave this out then. Each
+    /// costs two rays for each pixel.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_MIRROR_LIGHTS)))]
+    pub mirror_lights: Option<u32>,
     /// Distance below which the light of a virtual light grows no more, in scene units [default: see --clip-fraction].
     ///
     /// Higher: smoother corners, and more light that has to come back by compensation (slower, a little grain).
@@ -409,7 +415,7 @@ pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise in place of structured error.
     #[arg(long, conflicts_with_all = [
         "passes", "time", "target_error", "resume", "paths", "direct_lights", "interleave", "clip", "clip_fraction", "no_compensation", "no_split",
-        "photons", "photon_radius", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "summands",
+        "photons", "photon_radius", "mirror_lights", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "summands",
         "light_threshold", "light_choice", "light_floor", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "export_lights", "stats",
     ])]
     pub reference: bool,
