@@ -31,6 +31,7 @@
 //! Differs from the paper in that: the paper mirrors each particle that meets a mirror, and lights the part of the scene in the pyramid
 //! of image and outline by a stencil; here those pairs are chosen that matter, and rays find the outline.
 //! Mirrors seen in mirrors throw nothing on (that is left to photons), and what gather rays find is not lit by mirrored lights.
+//! Sums are added to after those of photons; the same seed gives the same bits.
 //! Cost: N times two closest hits and some 200 operations for each receiver; 18 rounds of some 60 operations for each pair.
 
 use glam::Vec3;
