@@ -20,7 +20,11 @@
 @group(0) @binding(19) var<storage, read_write> photon_position: array<vec4<f32>>;
 @group(0) @binding(20) var<storage, read_write> photon_normal: array<vec4<f32>>;
 @group(0) @binding(21) var<storage, read> target_of: array<u32>;
+@group(0) @binding(22) var<storage, read> mirror_of: array<u32>;   // number of a planar mirror + 1, or 0
 var<immediate> push: Push;
+
+// In place of the target's number: the first hit was a planar mirror, and what it throws on is a matter of mirrored lights.
+const OFF_A_PLANE: f32 = -1.0;
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -40,6 +44,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let at = select(0u, triangle, found);
     let ideal = materials[material_of(triangle_normals[at])].flags.z != SURFACE_OPAQUE;
     let aimed = !first_hit || target_of[at] == bitcast<u32>(carried.w);
+    let mirrored_lights = step.fresh == 1u;
+    let off_a_plane = mirrored_lights && first_hit && mirror_of[at] > 0u;
     let d = ray_direction[photon].xyz;
     let s = surface_at(at, hit.y, hit.z, d);
 
@@ -69,8 +75,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             list_out[atomicAdd(&work_out.live, 1u)] = photon;
         }
     }
-    flux[photon] = vec4<f32>(after, carried.w);
-    if stored {
+    flux[photon] = vec4<f32>(after, select(carried.w, OFF_A_PLANE, off_a_plane));
+    if stored && !(mirrored_lights && step.bounce == 1u && carried.w == OFF_A_PLANE) {
         photon_position[photon] = vec4<f32>(s.position, 1.0);
         photon_normal[photon] = vec4<f32>(s.geometric, 0.0);
     }

@@ -39,10 +39,11 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::gpu::{Context, Image, Recorder, Staging};
 use crate::light::emitters::Emitters;
+use crate::light::mirrors::Mirrors;
 use crate::light::targets::Targets;
 use crate::pass::Kernels;
-use crate::pass::importance;
 use crate::pass::layout::PointLight;
+use crate::pass::{delta_choice, importance};
 use crate::plan::{EyePlan, LightPlan, ParameterSource, PhotonPlan};
 use crate::scene::{Camera, Scene};
 use crate::scene_buffers::{Ideal, SceneBuffers, delta_lights};
@@ -61,6 +62,7 @@ pub struct Engine {
     frame: Frame,
     parameters: ParameterSource,
     targets: Targets,
+    mirrors: Mirrors,
     delta: Vec<PointLight>,
     bvh: Bvh,
     emitters: Emitters,
@@ -124,6 +126,8 @@ impl Engine {
         }
         let targets = Targets::of(scene, &bvh);
         scene_buffers.update_targets(context, &mut staging, &targets)?;
+        let mirrors = Mirrors::of(scene, &bvh);
+        scene_buffers.update_mirrors(context, &mut staging, &mirrors)?;
         check_slots(&settings, scene_buffers.ideal, camera.resolution)?;
         let frame =
             Frame::new(context, &kernels, &mut staging, &scene_buffers, &settings, &lights, &delta, camera.resolution)?;
@@ -138,6 +142,7 @@ impl Engine {
             diagonal: bvh.diagonal(),
             bounds: (bvh.min, bvh.max),
             coordinate_scale: bvh.scale(),
+            mirrors: scene_buffers.mirror_count(),
         };
         let engine = Engine {
             context: context.clone(),
@@ -147,6 +152,7 @@ impl Engine {
             frame,
             parameters,
             targets,
+            mirrors,
             delta,
             bvh,
             emitters,
@@ -384,14 +390,27 @@ impl Engine {
         &self.targets
     }
 
-    /// The lights lit once in each pass.
+    /// The planar mirrors; empty where there are none.
+    pub fn mirrors(&self) -> &Mirrors {
+        &self.mirrors
+    }
+
+    /// The lights without area, lit once in each pass or chosen from.
     pub fn delta_lights(&self) -> &[PointLight] {
         &self.delta
     }
 }
 
-/// Checks that emitters are not too many to choose from.
+/// Checks that emitters, and lights without area, are not too many to choose from.
 fn check_choice(settings: &Settings, emitters: &Emitters) -> Result<()> {
+    let delta = emitters.delta.len();
+    if settings.delta_lights.is_some() && delta > delta_choice::MAX_CANDIDATES {
+        let most = delta_choice::MAX_CANDIDATES;
+        return Err(Error::Setting {
+            name: "--delta-lights",
+            message: format!("it chooses among up to {most} lights, and the scene has {delta}; use all"),
+        });
+    }
     let count = emitters.list.len();
     if settings.light_choice == LightChoice::Power || count <= importance::MAX_EMITTERS as usize {
         return Ok(());

@@ -1,6 +1,7 @@
 //! The frame: each pass once, in order, outputs feeding inputs.
 
 mod mirrors;
+mod optional;
 mod photons;
 mod steps;
 
@@ -9,6 +10,7 @@ use crate::gpu::{Buffer, Context, Image, Memory, Recorder, Staging};
 use crate::pass::accumulate::{Accumulate, Film};
 use crate::pass::camera_rays::CameraRays;
 use crate::pass::collect::Collect;
+use crate::pass::delta_choice::{Candidates, DeltaChoice};
 use crate::pass::discontinuity::{self, Discontinuity};
 use crate::pass::eye_paths::{self, EyePaths};
 use crate::pass::gather::Gather;
@@ -16,6 +18,7 @@ use crate::pass::importance::Importance;
 use crate::pass::layout::{self, PointLight, Work};
 use crate::pass::merge::Merge;
 use crate::pass::mirror_image::{Lobes, Planes, Tables};
+use crate::pass::mirror_lights::{self, MirrorLights, MirrorSteps};
 use crate::pass::receivers::{self, ReceiversPass};
 use crate::pass::resolve::Resolve;
 use crate::pass::schedule::Schedule;
@@ -27,7 +30,7 @@ use crate::pass::trace::Trace;
 use crate::pass::walk_reflect::WalkReflect;
 use crate::pass::walk_start::WalkStart;
 use crate::pass::{Kernels, List, Paths, Rays, Receivers, Sums, vec4s};
-use crate::plan::{EyePlan, LightPlan, PhotonPlan, StepTable};
+use crate::plan::{EyePlan, LightPlan, MirrorPlan, PhotonPlan, StepTable};
 use crate::scene_buffers::SceneBuffers;
 use crate::settings::{LightChoice, Settings};
 use photons::PhotonSteps;
@@ -82,6 +85,10 @@ pub struct Frame {
     pub lists: Vec<List>,
     /// Chooses the emitters of a pass by what the eye sees.
     pub importance: Option<Importance>,
+    /// Chooses the lights without area that a pass is lit by; `None`: by all.
+    pub delta_choice: Option<DeltaChoice>,
+    /// Lights mirrored by planar mirrors; `None`: there are none.
+    pub mirror_lights: Option<MirrorLights>,
     /// Caustic photons; `None`: there are none, or nothing to shoot them at.
     pub photons: Option<Photons>,
     batch: List,
@@ -139,7 +146,7 @@ struct Arrive {
 
 impl Frame {
     #[allow(clippy::too_many_arguments)]
-    /// Creates the passes for an image of this size. `delta` are the lights lit once in each pass.
+    /// Creates the passes for an image of this size. `delta` are the lights without area.
     pub fn new(
         context: &Context,
         kernels: &Kernels,
@@ -176,10 +183,15 @@ impl Frame {
         let tile_count = image.width().div_ceil(8) * image.height().div_ceil(8);
         let listed = 64 * tile_count * eye.components;
         let mut table = StepTable::default();
+        let slots_of_delta = plan.delta as usize;
+        let candidates = (slots_of_delta < delta.len()).then(|| Candidates::new(delta, &scene.delta_emitters));
+        let delta = candidates.as_ref().map_or(delta, |all| &all.lights[..slots_of_delta]);
         let steps = Steps::new(&mut table, settings, plan, delta, scene.cluster_lanes(context), &eye);
         let targets = scene.targets.as_ref();
         let photon_plan = targets.and_then(|t| PhotonPlan::new(settings, t.count));
-        let photon_steps = photon_plan.map(|plan| PhotonSteps::new(&mut table, settings, &plan));
+        let mirror_plan = MirrorPlan::new(settings, scene.mirror_count(), plan)?;
+        let mirror_steps = mirror_plan.map(|plan| MirrorSteps::new(&mut table, &plan, &steps.list_trace));
+        let photon_steps = photon_plan.map(|plan| PhotonSteps::new(&mut table, settings, &plan, mirror_plan.is_some()));
         let step_buffer = staging.stage(context, "steps", &table.steps)?;
 
         let device = |name: &str, bytes: u64| Buffer::new(context, name, bytes, Memory::Device);
@@ -378,6 +390,31 @@ impl Frame {
             }
         };
         let emitters = importance.as_ref().map_or(&scene.emitters, |importance| &importance.emitters);
+        let delta_choice = match &candidates {
+            None => None,
+            Some(all) => {
+                let classes = settings.classes();
+                Some(DeltaChoice::new(context, kernels, staging, &parameters, all, emitters, &lights, classes)?)
+            }
+        };
+        let mirror_lights = match (&scene.mirrors, mirror_plan, mirror_steps) {
+            (Some(mirrors), Some(plan), Some(numbers)) => {
+                let inputs = mirror_lights::Inputs {
+                    frame: &parameters,
+                    scene,
+                    mirrors,
+                    lights: &lights,
+                    receivers: &primary,
+                    list: &lists[0],
+                    rays: &rays,
+                    sums: &pixel_sums,
+                    steps: &step_buffer,
+                    status: &status,
+                };
+                Some(MirrorLights::new(context, kernels, &plan, numbers, slots, &inputs)?)
+            }
+            _ => None,
+        };
         let photons = match (targets, photon_plan, photon_steps) {
             (Some(targets), Some(plan), Some(numbers)) => {
                 let inputs = photons::Inputs {
@@ -438,6 +475,8 @@ impl Frame {
             eye_lists,
             lists,
             importance,
+            delta_choice,
+            mirror_lights,
             photons,
             batch,
             clear_work,
@@ -478,11 +517,14 @@ impl Frame {
             rec.scope("walk", |rec| self.record_walk(rec))?;
             rec.scope("eye", |rec| self.record_eye(rec))?;
         }
+        self.record_delta_choice(rec)?;
         self.record_photons(rec)?;
+        self.record_mirror_choice(rec)?;
         for bounce in 0..self.bounces.len() {
             rec.scope("gather", |rec| self.record_gather(rec, bounce))?;
             rec.scope("shade", |rec| self.record_shade(rec, bounce))?;
             self.record_photon_light(rec, bounce)?;
+            self.record_mirror_light(rec, bounce)?;
             rec.scope("collect", |rec| self.record_collect(rec, bounce))?;
         }
         self.record_discontinuity(rec)?;
@@ -506,14 +548,6 @@ impl Frame {
         self.photons.as_ref().map_or(Ok(()), |photons| photons.record_clear(rec))
     }
 
-    /// The emitters get the probabilities by which the particles of this pass choose them, after what the eye sees.
-    pub fn record_importance(&self, rec: &mut Recorder) -> Result<()> {
-        match &self.importance {
-            Some(importance) => importance.record(rec),
-            None => Ok(()),
-        }
-    }
-
     /// Particles leave the lights, and each leaves a point light at every vertex of its path.
     pub fn record_walk(&self, rec: &mut Recorder) -> Result<()> {
         self.record_walk_start(rec)?;
@@ -530,22 +564,6 @@ impl Frame {
         let Some((rounds, reflect)) = j.checked_sub(1).and_then(|i| self.steps.walk.get(i)) else { return Ok(()) };
         self.walk_trace.record(rec, rounds, Some(self.particle_count))?;
         self.walk_reflect.record(rec, *reflect, self.particle_count)
-    }
-
-    /// Photons leave the lights by way of mirrors and glass and are sorted into their grid.
-    pub fn record_photons(&self, rec: &mut Recorder) -> Result<()> {
-        match &self.photons {
-            Some(photons) => rec.scope("photons", |rec| photons.record(rec)),
-            None => Ok(()),
-        }
-    }
-
-    /// What the eye sees, bounce 0, is lit by photons.
-    pub fn record_photon_light(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
-        match &self.photons {
-            Some(photons) if bounce == 0 => rec.scope("photons", |rec| photons.record_light(rec)),
-            _ => Ok(()),
-        }
     }
 
     /// What the eye sees, directly and through mirrors and glass.
@@ -620,38 +638,6 @@ impl Frame {
     pub fn record_collect(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
         match &self.bounces[bounce].arrive {
             Some(arrive) => arrive.collect.record(rec, self.steps.bounces[bounce].receivers),
-            None => Ok(()),
-        }
-    }
-
-    /// Irradiance is averaged over neighbours on one surface.
-    pub fn record_discontinuity(&self, rec: &mut Recorder) -> Result<()> {
-        match &self.discontinuity {
-            Some(pass) => rec.scope("discontinuity", |rec| pass.record(rec)),
-            None => Ok(()),
-        }
-    }
-
-    /// Mirror images are spread over their glossy planes.
-    pub fn record_mirrors(&self, rec: &mut Recorder) -> Result<()> {
-        match &self.mirrors {
-            Some(mirrors) => rec.scope("mirrors", |rec| mirrors.record(rec)),
-            None => Ok(()),
-        }
-    }
-
-    /// The light of second components is added to their pixels.
-    pub fn record_merge(&self, rec: &mut Recorder) -> Result<()> {
-        match &self.second {
-            Some(second) => rec.scope("merge", |rec| second.merge.record(rec)),
-            None => Ok(()),
-        }
-    }
-
-    /// The summands of the image are added to their sums.
-    pub fn record_summands(&self, rec: &mut Recorder) -> Result<()> {
-        match &self.summands {
-            Some(pass) => rec.scope("summands", |rec| pass.record(rec)),
             None => Ok(()),
         }
     }

@@ -49,8 +49,11 @@
 //! 4. [`discontinuity`](pass::discontinuity), if asked for, averages irradiance over neighbours on one surface; [`merge`](pass::merge) adds the second way of what was split; [`accumulate`](pass::accumulate) adds the pass to the running sums; [`resolve`](pass::resolve) writes their
 //!    mean to an image.
 //!
+//! Where there are planar mirrors and it is asked for, [`mirror_lights`](pass::mirror_lights) add the light of mirrored virtual lights
+//! after that of photons.
+//!
 //! Where particles choose emitters by contribution, the eye comes before the walk, and [`importance`](pass::importance) stands
-//! between them.
+//! between them. Where not all point, spot and parallel lights are lit, [`delta_choice`](pass::delta_choice) follows.
 //!
 //! Beside the frame stands [`convolve`](pass::convolve), which turns mirror images into glossy ones.
 //!

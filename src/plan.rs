@@ -4,6 +4,7 @@
 use glam::Vec3;
 
 use crate::error::{Error, Result};
+use crate::pass::delta_choice::MAX_CANDIDATES;
 use crate::pass::layout::{self, Step};
 use crate::pass::photon_grid::MAX_BUCKET_BITS;
 use crate::sampling::dimensions::{OFFSET, REPLICA, ROTATION, WINDOW};
@@ -35,13 +36,14 @@ pub const INSTANCES: u32 = 2;
 pub struct LightPlan {
     /// Particles N_j that leave a light after j reflections, j = 0..=max_depth - 2; empty if nothing is lit.
     pub survivors: Vec<u32>,
-    /// Point, spot, directional and imported lights, each lit exactly once a pass.
+    /// Slots for point, spot, directional and imported lights: each has its own, or those that a pass chooses.
     pub delta: u32,
 }
 
 impl LightPlan {
     /// N_j = floor(rho^j N) (Keller 1997, 3.2), but at least 1: otherwise long paths would be missing from the limit. N_0 is
-    /// what [`Settings::direct_lights`] says.
+    /// what [`Settings::direct_lights`] says, and of the `delta` lights of the scene no more are lit than
+    /// [`Settings::delta_lights`].
     pub fn new(settings: &Settings, mean_reflectivity: f32, delta: u32) -> LightPlan {
         let mut survivors = Vec::new();
         let mut expected = f64::from(settings.paths);
@@ -52,7 +54,7 @@ impl LightPlan {
         if let (Some(first), Some(direct)) = (survivors.first_mut(), settings.direct_lights) {
             *first = direct;
         }
-        LightPlan { survivors, delta }
+        LightPlan { survivors, delta: settings.delta_lights.map_or(delta, |most| most.min(delta)) }
     }
 
     /// First slot of the lights with j reflections.
@@ -197,6 +199,41 @@ impl PhotonPlan {
     }
 }
 
+/// Mirrored lights of a pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MirrorPlan {
+    /// Mirrored lights of each class of pixels.
+    pub each: u32,
+    /// Classes.
+    pub classes: u32,
+    /// Lights of each class that may be mirrored, from its first on.
+    pub lights: u32,
+    /// Planar mirrors.
+    pub mirrors: u32,
+}
+
+impl MirrorPlan {
+    /// For a scene with so many planar mirrors; `None` where nothing is mirrored. The mirror takes a segment of the path: eye
+    /// segment, mirror, shadow ray and j reflections are j + 3.
+    pub fn new(settings: &Settings, mirrors: u32, lights: &LightPlan) -> Result<Option<MirrorPlan>> {
+        let (each, classes, depth) = (settings.mirror_lights, settings.classes(), settings.max_depth as usize);
+        if each == 0 || mirrors == 0 || depth < 3 {
+            return Ok(None);
+        }
+        let plan = MirrorPlan { each, classes, lights: lights.first_slot(depth - 2), mirrors };
+        if u64::from(plan.lights) * u64::from(mirrors) > MAX_CANDIDATES as u64 {
+            return Err(Error::Setting {
+                name: "--mirror-lights",
+                message: format!(
+                    "{} lights of a pass and {mirrors} mirrors are more than {MAX_CANDIDATES} pairs; use fewer --paths",
+                    plan.lights
+                ),
+            });
+        }
+        Ok(Some(plan))
+    }
+}
+
 /// The table of [`Step`]s of a frame, in the order of recording.
 #[derive(Default)]
 pub struct StepTable {
@@ -245,6 +282,8 @@ pub struct ParameterSource {
     pub photons: Option<PhotonPlan>,
     /// The scene has planar reflectors with a lobe.
     pub glossy_planes: bool,
+    /// Planar mirrors.
+    pub mirrors: u32,
 }
 
 impl ParameterSource {
@@ -324,6 +363,8 @@ impl ParameterSource {
             sobol: words,
             choice: [s.light_floor, 0.0, 0.0, 0.0],
             superposition,
+            mirrors: MirrorPlan::new(s, self.mirrors, &self.lights)?
+                .map_or([0; 4], |m| [m.each, m.lights, m.mirrors, 0]),
         })
     }
 }
@@ -390,6 +431,21 @@ mod tests {
         // Without a radius of the user's the diagonal and the number decide.
         assert!((plan.radius(&settings, 10.0) - 2.5 / 500f32.sqrt()).abs() < 1e-6);
         assert_eq!(plan.radius(&Settings { photon_radius: Some(0.3), ..settings }, 10.0), 0.3);
+    }
+
+    #[test]
+    fn lights_are_chosen_and_mirrored_as_far_as_paths_allow() {
+        let settings = Settings { paths: 32, max_depth: 5, mirror_lights: 4, ..Settings::default() };
+        let lights = LightPlan::new(&Settings { delta_lights: Some(3), ..settings.clone() }, 0.5, 300);
+        assert_eq!((lights.delta, LightPlan::new(&settings, 0.5, 300).delta), (3, 300));
+        // Eye, mirror, shadow ray and up to two reflections.
+        let plan = MirrorPlan::new(&settings, 2, &lights).unwrap().unwrap();
+        assert_eq!((plan.lights, plan.mirrors, plan.each), (3 + 32 + 16 + 8, 2, 4));
+        assert_eq!(MirrorPlan::new(&settings, 0, &lights).unwrap(), None);
+        assert_eq!(MirrorPlan::new(&Settings { max_depth: 2, ..settings.clone() }, 2, &lights).unwrap(), None);
+        let many = LightPlan { survivors: vec![65_536, 1, 1, 1], delta: 0 };
+        let message = MirrorPlan::new(&settings, 2, &many).unwrap_err().to_string();
+        assert!(message.contains("--mirror-lights"), "{message}");
     }
 
     #[test]

@@ -10,6 +10,7 @@ use crate::bsdf::Reflectance;
 use crate::error::{Error, Result};
 use crate::gpu::{Bound, Buffer, Context, Staging};
 use crate::light::emitters::Emitters;
+use crate::light::mirrors::Mirrors;
 use crate::light::targets::Targets;
 use crate::pass::layout::{MaterialRecord, PointLight, TextureRecord};
 use crate::sampling::sobol;
@@ -54,6 +55,8 @@ pub struct SceneBuffers {
     pub texels: Buffer,
     /// [`crate::light::emitters::EmitterRecord`]s.
     pub emitters: Buffer,
+    /// Which of them are the lights without area, in the order of [`delta_lights`].
+    pub delta_emitters: Vec<u32>,
     /// [`crate::sampling::sobol::column_pairs`], the same for every scene.
     pub sobol_columns: Buffer,
     /// What eye paths will meet.
@@ -64,6 +67,19 @@ pub struct SceneBuffers {
     pub reflectors: Vec<Reflector>,
     /// What they are made of, textures by their mean.
     pub finishes: Vec<Reflectance>,
+    /// Planar mirrors; `None`: there are none.
+    pub mirrors: Option<MirrorBuffers>,
+}
+
+/// Planar mirrors on the device.
+#[derive(Clone)]
+pub struct MirrorBuffers {
+    /// Number of mirrors, at least 1.
+    pub count: u32,
+    /// [`crate::pass::layout::MirrorRecord`]s.
+    pub records: Buffer,
+    /// For each triangle the number of its mirror + 1, or 0.
+    pub of_triangle: Buffer,
 }
 
 /// Targets on the device.
@@ -160,11 +176,13 @@ impl SceneBuffers {
             textures: staging.stage(context, "scene textures", &textures)?,
             texels: staging.stage(context, "scene texels", &texels)?,
             emitters: staging.stage(context, "scene emitters", &emitters.records())?,
+            delta_emitters: emitters.delta.iter().map(|&i| i as u32).collect(),
             sobol_columns: staging.stage(context, "columns of Sobol'", &sobol::column_pairs())?,
             ideal: Ideal::of(scene, &reflectors),
             targets: None,
             finishes: finishes(scene, &reflectors),
             reflectors,
+            mirrors: None,
         })
     }
 
@@ -193,6 +211,34 @@ impl SceneBuffers {
                 count,
                 spheres: staging.stage(context, "photon targets", &spheres)?,
                 of_triangle: staging.stage(context, "photon targets of triangles", &targets.of_triangle)?,
+            }),
+        };
+        Ok(true)
+    }
+
+    /// Number of planar mirrors.
+    pub fn mirror_count(&self) -> u32 {
+        self.mirrors.as_ref().map_or(0, |mirrors| mirrors.count)
+    }
+
+    /// Stages the planar mirrors, or what they have become. True: buffers were replaced, as above.
+    pub fn update_mirrors(&mut self, context: &Context, staging: &mut Staging, mirrors: &Mirrors) -> Result<bool> {
+        let count = mirrors.list.len() as u32;
+        match &self.mirrors {
+            None if count == 0 => return Ok(false),
+            Some(old) if old.count == count => {
+                staging.stage_into(context, &old.records, 0, &mirrors.list)?;
+                staging.stage_into(context, &old.of_triangle, 0, &mirrors.of_triangle)?;
+                return Ok(false);
+            }
+            _ => {}
+        }
+        self.mirrors = match count {
+            0 => None,
+            _ => Some(MirrorBuffers {
+                count,
+                records: staging.stage(context, "planar mirrors", &mirrors.list)?,
+                of_triangle: staging.stage(context, "planar mirrors of triangles", &mirrors.of_triangle)?,
             }),
         };
         Ok(true)
@@ -281,6 +327,7 @@ impl SceneBuffers {
     /// Stages other emitters. True: the buffer was replaced.
     pub fn update_emitters(&mut self, context: &Context, staging: &mut Staging, emitters: &Emitters) -> Result<bool> {
         let records = emitters.records();
+        self.delta_emitters = emitters.delta.iter().map(|&i| i as u32).collect();
         let all = 0..records.len();
         write(context, staging, &mut self.emitters, &records, &[all])
     }
@@ -305,16 +352,19 @@ impl SceneBuffers {
             textures,
             texels,
             emitters,
+            delta_emitters: _,
             sobol_columns,
             ideal: _,
             targets,
             reflectors: _,
             finishes: _,
+            mirrors,
         } = self;
         let always =
             [node_min, node_max, v0, e1, e2, normals, uvs, materials, textures, texels, emitters, sobol_columns];
         let of_photons = targets.iter().flat_map(|t| [&t.spheres, &t.of_triangle]);
-        always.into_iter().chain(wide_nodes).chain(of_photons).map(Buffer::bytes).sum()
+        let of_mirrors = mirrors.iter().flat_map(|m| [&m.records, &m.of_triangle]);
+        always.into_iter().chain(wide_nodes).chain(of_photons).chain(of_mirrors).map(Buffer::bytes).sum()
     }
 
     /// The bindings of `shaders/include/surface.wgsl`.
@@ -463,7 +513,7 @@ fn shading_attributes(
     (normals, uvs)
 }
 
-/// The lights that every pass lights exactly once: point, spot and parallel lights, and imported virtual lights.
+/// The lights that every pass lights exactly once, or chooses from: point, spot and parallel lights, and imported virtual lights.
 pub fn delta_lights(scene: &Scene, coordinate_scale: f32) -> Vec<PointLight> {
     let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
     let flags = f32::from_bits;

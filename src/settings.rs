@@ -205,6 +205,11 @@ pub struct Settings {
     /// Emission, diffuse and specular light are summed apart as well, so that each can be written as a layer whose sum is the image.
     /// Default false. True costs some milliseconds and 112 bytes a pixel.
     pub summands: bool,
+    /// Mirrored lights (Keller 1997, 4.2; row K6) of each class of pixels and pass: pairs of a light of the pass and a planar mirror,
+    /// chosen by how much light the mirror reflects of it, which light what the eye sees through the mirror's outline. Default 0:
+    /// planar mirrors throw no light on but by photons; 0 to 1024. More: less noise; each costs two rays for each pixel. Where there are
+    /// some, photons leave out what they do. Scenes without planar mirrors do not pay, nor does a `max_depth` below 3.
+    pub mirror_lights: u32,
     /// Clipping distance. Default 0.1 of the scene's diagonal.
     pub clip: Clip,
     /// Gather the part that clipping cuts off by short extra paths (Kollig and Keller 2004), so that the limit is
@@ -224,6 +229,11 @@ pub struct Settings {
     /// matter. Lower: more noise in what lights do whose contribution was underestimated; their particles are at most 1 / share
     /// times as strong as by power alone.
     pub light_floor: f32,
+    /// Point, spot and parallel lights, and imported virtual ones, that are lit in each pass and for each class of pixels, chosen
+    /// in proportion to what `light_choice` goes by (row W8). Default `None`: all of them; 1 to 2048. The limit is the same. Fewer:
+    /// less time for a pass of a scene of many lamps, in proportion to the shadow rays that are saved, but more noise. A scene
+    /// that has no more of them does not change in any bit.
+    pub delta_lights: Option<u32>,
     /// Jitter the low-discrepancy points in their cells (Keller, 4.1). Default false. True trades structured error for noise.
     pub jitter: bool,
     /// Seed of every pseudo-random decision. Default 0. Same seed, device and settings: same bits.
@@ -258,12 +268,14 @@ impl Default for Settings {
             photon_radius: None,
             superposition: None,
             summands: false,
+            mirror_lights: 0,
             clip: Clip::Fraction(0.1),
             compensation: true,
             light_threshold: 0.0,
             sequence: Sequence::Halton,
             light_choice: LightChoice::Power,
             light_floor: 0.2,
+            delta_lights: None,
             jitter: false,
             seed: 0,
             lights_per_dispatch: 8,
@@ -282,8 +294,12 @@ impl Settings {
     pub const MAX_SPECULAR: u32 = 64;
     /// Greatest width and height of `pattern`.
     pub const MAX_PATTERN: u32 = 8;
+    /// Greatest `mirror_lights`.
+    pub const MAX_MIRROR_LIGHTS: u32 = 1024;
     /// Greatest number of photons of all classes together.
     pub const MAX_PHOTONS: u32 = 1 << 20;
+    /// Greatest `delta_lights`.
+    pub const MAX_DELTA_LIGHTS: u32 = 2048;
     /// Greatest `moving_passes`.
     pub const MAX_MOVING_PASSES: u32 = 4096;
     /// Greatest `paths`.
@@ -338,10 +354,12 @@ impl Settings {
         };
         range("--paths", self.paths, 1, Self::MAX_PATHS)?;
         range("--direct-lights", self.direct_lights.unwrap_or(1), 1, self.paths)?;
+        range("--delta-lights", self.delta_lights.unwrap_or(1), 1, Self::MAX_DELTA_LIGHTS)?;
         range("--interleave", self.pattern[0], 1, Self::MAX_PATTERN)?;
         range("--interleave", self.pattern[1], 1, Self::MAX_PATTERN)?;
         range("--max-depth", self.max_depth, 1, Self::MAX_DEPTH)?;
         range("--max-specular", self.max_specular, 0, Self::MAX_SPECULAR)?;
+        range("--mirror-lights", self.mirror_lights, 0, Self::MAX_MIRROR_LIGHTS)?;
         range("--lights-per-dispatch", self.lights_per_dispatch, 1, 64)?;
         range("--rounds", self.rounds, 1, 1024)?;
         range("--moving-passes", self.moving_passes, 1, Self::MAX_MOVING_PASSES)?;

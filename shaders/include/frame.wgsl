@@ -18,6 +18,7 @@ struct Frame {
     sobol: array<vec4<u32>, 16>,    // for j: random words of dimensions 2j, 2j+1; z, w: Sobol' point of the gather rays of bounce j
     choice: vec4<f32>,          // x: share of the choice of emitters that goes by power, where it goes by contribution
     superposition: vec4<u32>,   // planar reflectors, by number, that mirror the room; form of their reflectance (settings::Reflectance)
+    mirrors: vec4<u32>,         // mirrored lights of each class N, lights to mirror, planar mirrors M, 0
 }
 
 @group(0) @binding(0) var<storage, read> frame: Frame;

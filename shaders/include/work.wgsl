@@ -23,7 +23,7 @@ struct Step {
     steps: u32,                 // traversal steps of one ray in this round
     last: u32,                  // 1: the last round (rays left over are lost), or the last bounce
     indirect: u32,              // 1: the receivers come from the list
-    fresh: u32,                 // 1: sums start at zero; for receivers, 1: the list keeps the order of its rays, to be sorted
+    fresh: u32,                 // 1: sums start at zero; for receivers, 1: the list keeps the order of its rays, to be sorted; for photons, 1: there are mirrored lights
 }
 
 struct Push {

@@ -15,7 +15,9 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::gpu::Context;
 use crate::light::emitters::Emitters;
+use crate::light::mirrors::Mirrors;
 use crate::light::targets::Targets;
+use crate::pass::delta_choice::Candidates;
 use crate::pass::layout::PointLight;
 use crate::plan::{LightPlan, PhotonPlan};
 use crate::scene::validate::is_degenerate;
@@ -341,16 +343,27 @@ impl Engine {
             let targets = Targets::of(scene, &self.bvh);
             replaced |= buffers.update_targets(context, &mut staging, &targets)?;
             self.parameters.photons = PhotonPlan::new(settings, targets.spheres.len() as u32);
+            self.mirrors = Mirrors::of(scene, &self.bvh);
+            replaced |= buffers.update_mirrors(context, &mut staging, &self.mirrors)?;
+            self.parameters.mirrors = buffers.mirror_count();
         }
         if let Some(delta) = delta {
             let parallel = |light: &PointLight| light.flags() & PointLight::DIRECTIONAL;
             replaced |= !delta.iter().map(parallel).eq(self.delta.iter().map(parallel));
             self.delta = delta;
             if !replaced {
-                // Each class of pixels begins with them.
+                // Each class of pixels begins with them, or with those that it chooses.
                 let class = u64::from(lights.slots()) * size_of::<PointLight>() as u64;
-                for i in 0..u64::from(self.parameters.settings.classes()) {
-                    staging.stage_into(context, &self.frame.lights, i * class, &self.delta)?;
+                match &self.frame.delta_choice {
+                    Some(choice) => {
+                        let candidates = Candidates::new(&self.delta, &buffers.delta_emitters);
+                        choice.stage(context, &mut staging, &candidates)?;
+                    }
+                    None => {
+                        for i in 0..u64::from(self.parameters.settings.classes()) {
+                            staging.stage_into(context, &self.frame.lights, i * class, &self.delta)?;
+                        }
+                    }
                 }
             }
         }

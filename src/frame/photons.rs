@@ -56,13 +56,21 @@ pub(super) struct PhotonSteps {
 
 impl PhotonSteps {
     /// Adds the steps to the table.
-    pub(super) fn new(table: &mut StepTable, settings: &Settings, plan: &PhotonPlan) -> PhotonSteps {
+    pub(super) fn new(
+        table: &mut StepTable,
+        settings: &Settings,
+        plan: &PhotonPlan,
+        mirrored_lights: bool,
+    ) -> PhotonSteps {
         let trace = Step { steps: trace_steps(settings.loop_budget), ..Step::default() };
+        let fresh = u32::from(mirrored_lights);
         let chunk = PhotonPlan::chunk(settings.loop_budget);
         PhotonSteps {
             first_trace: table.add_rounds(settings.rounds, Step { end: plan.total(), ..trace }),
             follow: (0..=plan.steps)
-                .map(|bounce| table.add(Step { bounce, last: u32::from(bounce == plan.steps), ..Step::default() }))
+                .map(|bounce| {
+                    table.add(Step { bounce, last: u32::from(bounce == plan.steps), fresh, ..Step::default() })
+                })
                 .collect(),
             list: table.add(Step { indirect: 1, ..Step::default() }),
             list_trace: table.add_rounds(settings.rounds, Step { indirect: 1, ..trace }),
@@ -127,6 +135,7 @@ impl Photons {
                     frame: parameters,
                     scene,
                     target_of: &targets.of_triangle,
+                    mirror_of: scene.mirrors.as_ref().map_or(&targets.of_triangle, |m| &m.of_triangle),
                     rays: &rays,
                     flux: &flux,
                     media: &media,

@@ -1,4 +1,5 @@
 //! How light leaves the emitters.
 
 pub mod emitters;
+pub mod mirrors;
 pub mod targets;

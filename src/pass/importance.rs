@@ -23,7 +23,7 @@
 //! emitters, sums in a fixed order, so that the same frame gives the same bits.
 //!
 //! Differs from the paper in that: it does not say by what its lights are chosen. Particles of all path lengths start from the chosen
-//! emitters. Lights without area are still lit all, once each.
+//! emitters. Lights without area are lit all, once each, or chosen by the same probabilities in [`super::delta_choice`].
 //! Cost: 256 times some 60 operations an emitter.
 
 use glam::Vec3;

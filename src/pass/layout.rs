@@ -45,6 +45,8 @@ pub struct Frame {
     pub choice: [f32; 4],
     /// Planar reflectors, by their number, that mirror the room; form of their reflectance, as in [`crate::settings::Reflectance`].
     pub superposition: [u32; 4],
+    /// Mirrored lights of each class N, lights to mirror, planar mirrors, 0.
+    pub mirrors: [u32; 4],
 }
 
 impl Frame {
@@ -105,7 +107,8 @@ pub struct Step {
     pub last: u32,
     /// 1: work comes from the list.
     pub indirect: u32,
-    /// 1: sums start at zero; for receivers, 1: the list keeps the order of its rays, to be sorted.
+    /// 1: sums start at zero; for receivers, 1: the list keeps the order of its rays, to be sorted; for photons, 1: there are
+    /// mirrored lights.
     pub fresh: u32,
 }
 
@@ -231,6 +234,18 @@ impl MaterialRecord {
     pub const GLASS: u32 = 2;
     /// Kind: thin glass.
     pub const PANE: u32 = 3;
+}
+
+/// A planar mirror; `shaders/include/mirror_lights.wgsl` says what each component is.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct MirrorRecord {
+    /// Unit normal n; w: o with n . p = o on the plane.
+    pub plane: [f32; 4],
+    /// Middle of the area; w: area.
+    pub middle: [f32; 4],
+    /// Reflectance at normal incidence without textures; w: greatest distance of a corner from the middle.
+    pub ideal: [f32; 4],
 }
 
 /// A texture's place among the texels.

@@ -1,5 +1,5 @@
 //! The passes of a frame, one file each with its shader of the same stem (`shade`, `trace` and `importance` have a second one,
-//! `sort`, `tiles` and `photon_grid` one for each of their steps), in the order of `frame.rs`.
+//! `sort`, `tiles`, `photon_grid` and `mirror_lights` one for each of their steps), in the order of `frame.rs`.
 //!
 //! A pass file reads: what it computes and from which equation, its named inputs and outputs, `record`, and `reference`,
 //! the CPU oracle that the tests hold the shader against.
@@ -8,6 +8,7 @@ pub mod accumulate;
 pub mod camera_rays;
 pub mod collect;
 pub mod convolve;
+pub mod delta_choice;
 pub mod discontinuity;
 pub mod eye_paths;
 pub mod gather;
@@ -15,6 +16,7 @@ pub mod importance;
 pub mod layout;
 pub mod merge;
 pub mod mirror_image;
+pub mod mirror_lights;
 pub mod photon_follow;
 pub mod photon_grid;
 pub mod photon_light;
@@ -178,6 +180,8 @@ pub struct Kernels {
     pub camera_rays: Kernel,
     /// `collect.wgsl`
     pub collect: Kernel,
+    /// `delta_choice.wgsl`
+    pub delta_choice: Kernel,
     /// `eye_paths.wgsl`
     pub eye_paths: Kernel,
     /// `gather.wgsl`
@@ -190,6 +194,14 @@ pub struct Kernels {
     pub merge: Kernel,
     /// `mirror_image.wgsl`
     pub mirror_image: Kernel,
+    /// `mirror_aim.wgsl`
+    pub mirror_aim: Kernel,
+    /// `mirror_choose.wgsl`
+    pub mirror_choose: Kernel,
+    /// `mirror_light.wgsl`
+    pub mirror_light: Kernel,
+    /// `mirror_turn.wgsl`
+    pub mirror_turn: Kernel,
     /// `photon_cells.wgsl`
     pub photon_cells: Kernel,
     /// `photon_follow.wgsl`
@@ -249,12 +261,17 @@ impl Kernels {
             accumulate: Kernel::new(context, &shaders::ACCUMULATE)?,
             camera_rays: Kernel::new(context, &shaders::CAMERA_RAYS)?,
             collect: Kernel::new(context, &shaders::COLLECT)?,
+            delta_choice: Kernel::new(context, &shaders::DELTA_CHOICE)?,
             eye_paths: surface(&shaders::EYE_PATHS, &shaders::EYE_PATHS_UNTEXTURED)?,
             gather: Kernel::new(context, &shaders::GATHER)?,
             importance: Kernel::new(context, &shaders::IMPORTANCE)?,
             importance_scan: Kernel::new(context, &shaders::IMPORTANCE_SCAN)?,
             merge: Kernel::new(context, &shaders::MERGE)?,
             mirror_image: Kernel::new(context, &shaders::MIRROR_IMAGE)?,
+            mirror_aim: Kernel::new(context, &shaders::MIRROR_AIM)?,
+            mirror_choose: Kernel::new(context, &shaders::MIRROR_CHOOSE)?,
+            mirror_light: Kernel::new(context, &shaders::MIRROR_LIGHT)?,
+            mirror_turn: surface(&shaders::MIRROR_TURN, &shaders::MIRROR_TURN_UNTEXTURED)?,
             photon_cells: Kernel::new(context, &shaders::PHOTON_CELLS)?,
             photon_follow: surface(&shaders::PHOTON_FOLLOW, &shaders::PHOTON_FOLLOW_UNTEXTURED)?,
             photon_keys: Kernel::new(context, &shaders::PHOTON_KEYS)?,

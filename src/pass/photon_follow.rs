@@ -13,6 +13,9 @@
 //! first hit all go on, with what the mirror reflects, since what comes to the base straight is direct light. After
 //! `max_specular` of these steps a photon that has met nothing else is dropped.
 //!
+//! Where there are mirrored lights ([`super::mirror_lights`]), photons whose one mirror before they are stored is a planar one are
+//! not stored.
+//!
 //! Differs from the paper in that: it does not say how components are chosen.
 //! Bias: light that takes more mirrors and surfaces of glass is left out. Light that was diffusely reflected before them is as
 //! well: those would be photons that start from virtual lights.
@@ -49,6 +52,8 @@ pub struct Inputs<'a> {
     pub scene: &'a SceneBuffers,
     /// For each triangle the number of its target + 1, or 0.
     pub target_of: &'a Buffer,
+    /// For each triangle the number of its planar mirror + 1, or 0; looked at where steps say that there are mirrored lights.
+    pub mirror_of: &'a Buffer,
     /// Traced rays; those that go on.
     pub rays: &'a Rays,
     /// Flux; w: bits of the target + 1.
@@ -87,6 +92,7 @@ impl PhotonFollow {
             ("photon_position", inputs.position.into()),
             ("photon_normal", inputs.normal.into()),
             ("target_of", inputs.target_of.into()),
+            ("mirror_of", inputs.mirror_of.into()),
         ]);
         let bindings = kernel.bind(&named)?;
         Ok(PhotonFollow { kernel, bindings, work_in: inputs.list_in.work.clone() })
@@ -112,7 +118,7 @@ pub enum Fate {
     Flies(Ray, Vec3, Media),
 }
 
-/// Oracle: a photon of flux `flux` in `media` that travelled in direction `d` and hit `surface`; `aimed` says whether that
+/// Oracle, without mirrored lights: a photon of flux `flux` in `media` that travelled in direction `d` and hit `surface`; `aimed` says whether that
 /// belongs to the photon's target, `last` whether it may go on no more.
 #[allow(clippy::too_many_arguments)]
 pub fn reference(

@@ -28,6 +28,8 @@
 //! | [`OFFSET`]  | rotation of a block of pixel offsets: block, 0 or 1       |
 //! | [`COMPONENT`] | what passes glass or is reflected: slot of the pixel, mirrors and glass so far |
 //! | [`REPLICA`] | order of the Sobol' points of the gather rays: bounce, 0 |
+//! | [`DELTA`]   | where the choice of lights without area begins: 0, 0 |
+//! | [`MIRROR`]  | where the choice of lights and mirrors begins: 0, 0   |
 //! | [`PHOTON`]  | Cranley-Patterson rotation of the photons: dimension, 0   |
 //! | [`PHOTON_SIDE`] | side of a two-sided emitter: photon, 0                |
 //! | [`PHOTON_COMPONENT`] | what passes glass or is reflected: photon, mirrors and glass so far |
@@ -71,6 +73,10 @@ pub const OFFSET: u32 = 9;
 pub const COMPONENT: u32 = 10;
 /// Stream: order of a replication of the Sobol' sequence.
 pub const REPLICA: u32 = 11;
+/// Stream: offset of the choice of lights without area.
+pub const DELTA: u32 = 12;
+/// Stream: offset of the choice of lights and mirrors.
+pub const MIRROR: u32 = 13;
 /// Stream: rotation of the photons' sequence.
 pub const PHOTON: u32 = 20;
 /// Stream: side of a two-sided emitter that a photon leaves.

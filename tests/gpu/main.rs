@@ -4,12 +4,14 @@
 
 mod caustics;
 mod convolve;
+mod delta_choice;
 mod discontinuity;
 mod embed;
 mod gpu_layer;
 #[cfg(feature = "hot-reload")]
 mod hot_reload;
 mod importance;
+mod mirror_lights;
 mod mirrors_and_glass;
 mod moving;
 mod passes_eye;

@@ -71,7 +71,7 @@ fn settings_with(engine: &mut Engine, change: impl Fn(&mut Settings)) {
 type Edit = fn(&mut Engine);
 
 /// Every kind of edit.
-const EDITS: [(&str, Edit); 19] = [
+const EDITS: [(&str, Edit); 24] = [
     ("an object moves", |e| {
         let turn = Quat::from_rotation_y(0.3);
         let to = Affine3A::from_rotation_translation(turn, Vec3::new(-60.0, 20.0, 30.0));
@@ -133,6 +133,19 @@ const EDITS: [(&str, Edit); 19] = [
     ("another clipping distance", |e| settings_with(e, |s| s.clip = Clip::Fraction(0.05))),
     ("more paths", |e| settings_with(e, |s| s.paths = 6)),
     ("no compensation", |e| settings_with(e, |s| s.compensation = false)),
+    ("of the lights without area one is chosen", |e| settings_with(e, |s| s.delta_lights = Some(1))),
+    ("one of those to choose from moves", |e| {
+        let light = Light::Point { position: Vec3::new(400.0, 350.0, 200.0), intensity: Vec3::new(1e4, 4e4, 2e4) };
+        e.set_light(0, light).unwrap();
+    }),
+    ("a wall becomes a mirror", |e| {
+        change(e, "green", |m| (m.surface, m.specular) = (Surface::Mirror, Vec3::splat(0.6)));
+    }),
+    ("mirrored lights", |e| settings_with(e, |s| s.mirror_lights = 3)),
+    ("an object moves before the mirror", |e| {
+        let to = Affine3A::from_rotation_translation(Quat::from_rotation_y(0.4), Vec3::new(20.0, 0.0, 10.0));
+        e.set_transform(0, to).unwrap();
+    }),
 ];
 
 #[test]

@@ -214,6 +214,12 @@ pub struct Light {
     /// Larger: less noise, more blur, which does not go away with more passes.
     #[arg(long, value_name = "R", allow_negative_numbers = true, value_parser = distance)]
     pub photon_radius: Option<f32>,
+    /// Lights that planar mirrors mirror in each pass, for each class of pixels, 0 to 1024 [default: 0].
+    ///
+    /// They light what the eye sees by way of mirrors, without the blur and the noise of photons, which leave this out then. Each
+    /// costs two rays for each pixel.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_MIRROR_LIGHTS)))]
+    pub mirror_lights: Option<u32>,
     /// Distance below which the light of a virtual light grows no more, in scene units [default: see --clip-fraction].
     ///
     /// Higher: smoother corners, and more light that has to come back by compensation (slower, a little grain).
@@ -234,6 +240,11 @@ pub struct Light {
     /// Lower: the lights that matter to the view get more of the particles; those that were underestimated make more noise.
     #[arg(long, value_name = "F", allow_negative_numbers = true, value_parser = share)]
     pub light_floor: Option<f32>,
+    /// Point, spot and parallel lights that are lit in each pass, chosen by --light-choice, 1 to 2048, or all [default: all].
+    ///
+    /// The same limit; fewer save shadow rays where there are hundreds of lamps, and make more noise.
+    #[arg(long, value_name = "N|all", value_parser = delta_lights)]
+    pub delta_lights: Option<DeltaLightsFlag>,
     /// Points that place particles on the lights and choose directions [default: halton].
     #[arg(long, value_name = "NAME")]
     pub sequence: Option<SequenceFlag>,
@@ -283,6 +294,10 @@ impl From<LightChoiceFlag> for LightChoice {
         }
     }
 }
+
+/// Value of `--delta-lights`: how many; `None`: all.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DeltaLightsFlag(pub Option<u32>);
 
 /// Values of `--sequence`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -400,8 +415,8 @@ pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise in place of structured error.
     #[arg(long, conflicts_with_all = [
         "passes", "time", "target_error", "resume", "paths", "direct_lights", "interleave", "clip", "clip_fraction", "no_compensation", "no_split",
-        "photons", "photon_radius", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "summands",
-        "light_threshold", "light_choice", "light_floor", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "export_lights", "stats",
+        "photons", "photon_radius", "mirror_lights", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "summands",
+        "light_threshold", "light_choice", "light_floor", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "export_lights", "stats",
     ])]
     pub reference: bool,
     /// Paths of --reference for each pixel [default: 64]. Time grows linearly, noise falls like the square root.
@@ -506,6 +521,14 @@ fn filter(text: &str) -> Result<FilterFlag, String> {
     }
 }
 
+fn delta_lights(text: &str) -> Result<DeltaLightsFlag, String> {
+    match (text, text.parse()) {
+        ("all", _) | (_, Ok(0)) => Ok(DeltaLightsFlag(None)),
+        (_, Ok(n)) if n <= Settings::MAX_DELTA_LIGHTS => Ok(DeltaLightsFlag(Some(n))),
+        _ => Err(format!("expected a number from 1 to {}, or all", Settings::MAX_DELTA_LIGHTS)),
+    }
+}
+
 fn vector(text: &str) -> Result<Vec3, String> {
     let parts: Option<Vec<f32>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
     match parts.as_deref() {
@@ -572,6 +595,10 @@ mod tests {
         assert_eq!(render.camera.eye, Some(Vec3::new(-1.0, 2.5, -300.0)));
         assert_eq!(render.output.exposure, Some(-1.5));
         assert_eq!(render.stop.time, Some(Duration::from_millis(500)));
+        for (text, number) in [("all", None), ("0", None), ("12", Some(12))] {
+            let render = parse(&format!("a.toml -o a.exr --delta-lights {text}")).unwrap();
+            assert_eq!(render.light.delta_lights, Some(DeltaLightsFlag(number)));
+        }
         parse("--list-devices").unwrap();
         parse("a.obj --export-lights l.gltf").unwrap();
     }
@@ -591,6 +618,8 @@ mod tests {
             "a.toml -o a.exr --time nan",
             "a.toml -o a.exr --time 1e300",
             "a.toml -o a.exr --clip -1",
+            "a.toml -o a.exr --delta-lights 2049",
+            "a.toml -o a.exr --delta-lights none",
             "a.toml -o a.exr --target-error 0",
             "a.toml -o a.exr --exposure inf",
         ] {

@@ -103,6 +103,8 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
     settings.light_threshold = light.light_threshold.unwrap_or(settings.light_threshold);
     settings.light_choice = light.light_choice.map_or(settings.light_choice, Into::into);
     settings.light_floor = light.light_floor.unwrap_or(settings.light_floor);
+    settings.mirror_lights = light.mirror_lights.unwrap_or(settings.mirror_lights);
+    settings.delta_lights = light.delta_lights.map_or(settings.delta_lights, |flag| flag.0);
     settings.sequence = light.sequence.map_or(settings.sequence, Into::into);
     settings.jitter |= light.jitter;
     settings.seed = light.seed.unwrap_or(settings.seed);

@@ -1,0 +1,48 @@
+// Receivers look at a mirrored light: rays to where its mirror should be. See pass/mirror_lights.rs.
+#include "frame.wgsl"
+#include "work.wgsl"
+#include "math.wgsl"
+#include "bsdf.wgsl"
+#include "lights.wgsl"
+#include "receiver.wgsl"
+#include "mirror_lights.wgsl"
+
+@group(0) @binding(1) var<storage, read_write> work: Work;
+@group(0) @binding(2) var<storage, read> list: array<u32>;
+@group(0) @binding(3) var<storage, read> steps: array<Step>;
+@group(0) @binding(4) var<storage, read> receiver_position: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> receiver_geometric: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> receiver_shading: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read> mirrored: array<PointLight>;
+@group(0) @binding(8) var<storage, read> mirror_number: array<u32>;
+@group(0) @binding(9) var<storage, read> mirrors: array<MirrorRecord>;
+@group(0) @binding(10) var<storage, read_write> ray_origin: array<vec4<f32>>;
+@group(0) @binding(11) var<storage, read_write> ray_direction: array<vec4<f32>>;
+var<immediate> push: Push;
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let place = (group.x + group.y * groups.x) * 64u + lane;
+    if place >= atomicLoad(&work.live) {
+        return;
+    }
+    let slot = list[place];
+    let chosen = class_of(slot) * frame.mirrors.x + steps[push.step].first;
+    let number = mirror_number[chosen];
+    let mirror = mirrors[max(number, 1u) - 1u];
+    let l = mirrored[chosen];
+    let x = receiver_position[slot].xyz;
+    let way = way_to(l, x);
+    let r2 = dot(way, way);
+    let wi = way / sqrt(max(r2, 1e-37));
+    // The mirror's plane lies between the two.
+    let height = height_of(mirror, x);
+    let fall = dot(way, mirror.plane.xyz);
+    let crosses = height * fall < 0.0 && abs(height) < abs(fall);
+    let faces = dot(wi, receiver_shading[slot].xyz) > 0.0 && dot(wi, receiver_geometric[slot].xyz) > 0.0;
+    let lit = number > 0u && crosses && faces && r2 > 0.0 && mean3(intensity_of(l, wi)) > 0.0;
+    // A little beyond the plane, for rounding; what lies there is not the mirror.
+    let reach = abs(height) / max(abs(dot(wi, mirror.plane.xyz)), 1e-20) * 1.001 + frame.eye.w * 1e-4;
+    ray_origin[slot] = vec4<f32>(x, select(0.0, reach, lit));
+    ray_direction[slot] = vec4<f32>(wi, 0.0);
+}

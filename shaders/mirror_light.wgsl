@@ -1,0 +1,50 @@
+// Receivers are lit by a mirrored light that they see. See pass/mirror_lights.rs.
+#include "frame.wgsl"
+#include "work.wgsl"
+#include "math.wgsl"
+#include "bsdf.wgsl"
+#include "lights.wgsl"
+#include "receiver.wgsl"
+#include "mirror_lights.wgsl"
+
+@group(0) @binding(1) var<storage, read_write> work: Work;
+@group(0) @binding(2) var<storage, read> list: array<u32>;
+@group(0) @binding(3) var<storage, read> steps: array<Step>;
+@group(0) @binding(4) var<storage, read> receiver_position: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> receiver_geometric: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> receiver_shading: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read> receiver_f0: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(9) var<storage, read> mirrored: array<PointLight>;
+@group(0) @binding(10) var<storage, read> reflectances: array<vec4<f32>>;
+@group(0) @binding(11) var<storage, read> hits: array<vec4<f32>>;
+@group(0) @binding(12) var<storage, read_write> indirect: array<vec4<f32>>;
+@group(0) @binding(13) var<storage, read_write> specular: array<vec4<f32>>;
+var<immediate> push: Push;
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let place = (group.x + group.y * groups.x) * 64u + lane;
+    if place >= atomicLoad(&work.live) {
+        return;
+    }
+    let slot = list[place];
+    let reflected = reflectances[slot].xyz;
+    let free = bitcast<u32>(hits[slot].w) == 0xffffffffu;
+    let l = mirrored[class_of(slot) * frame.mirrors.x + steps[push.step].first];
+    let way = way_to(l, receiver_position[slot].xyz);
+    let r2 = dot(way, way);
+    let wi = way / sqrt(max(r2, 1e-37));
+    let shading = receiver_shading[slot];
+    let geometric = receiver_geometric[slot];
+    let flags = bitcast<u32>(l.position.w);
+    let clip2 = select(0.0, frame.right.w, (flags & LIGHT_CLIPPED) != 0u);
+    let falloff = select(1.0 / max(max(r2, clip2), 1e-37), 1.0, (flags & LIGHT_DIRECTIONAL) != 0u);
+    let e = intensity_of(l, wi) * reflected * (max(dot(wi, shading.xyz), 0.0) * falloff);
+    let f0 = receiver_f0[slot];
+    let lobe = Reflectance(vec3<f32>(0.0), geometric.w, f0.xyz, shading.w);
+    let seen = free && mean3(reflected) > 0.0;
+    let gloss = select(vec3<f32>(0.0), e * eval_specular(lobe, shading.xyz, receiver_wo[slot].xyz, wi), f0.w > 0.0);
+    indirect[slot] += vec4<f32>(select(vec3<f32>(0.0), e, seen), 0.0);
+    specular[slot] += vec4<f32>(select(vec3<f32>(0.0), gloss, seen), 0.0);
+}

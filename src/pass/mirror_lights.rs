@@ -1,0 +1,325 @@
+//! Planar mirrors throw the light of virtual lights on: a light is mirrored by the plane and lights what sees it through the mirror's
+//! outline (Keller 1997, 4.2; row K6).
+//!
+//! For a receiver at x with normal n, a light at y, and its image y' behind a mirror, with p where the segment from x to y' meets the
+//! mirror's plane:
+//!
+//! ```text
+//! E += [p on the mirror] V(x, p) V(p, y) F(cos p) I'(y' -> x) cos(x) / max(|x - y'|^2, clip^2)
+//! L += f_s(x, wi, wo) times the same
+//! ```
+//!
+//! I' is the intensity of the light with its axes mirrored, F the mirror's reflectance, textures included, as in
+//! [`crate::bsdf::ideal`]. Parallel light is mirrored likewise, without falloff. E is part of the indirect irradiance. What is closer
+//! than the clip distance, by way of the mirror, is cut off and not gathered.
+//!
+//! N pairs of a light of the pass and a mirror are chosen for each class of pixels, as [`super::delta_choice`] chooses lights, with
+//! probability in proportion to about the flux that the mirror reflects,
+//!
+//! ```text
+//! w = F_0 I A |h| / d^3      h: height of y above the plane, d: distance of the mirror's middle; |h| / d at least 0.1,
+//!                            d at least that of a disc of area A; I the greatest towards the mirror's bounding sphere
+//! w = F_0 E A |cos|          parallel light
+//! ```
+//!
+//! and each is weighted by 1 / probability, so that the mean is that of all pairs whose weight is above 0, which leaves out lights in
+//! the mirror's plane and those that stand parallel to it and face away.
+//!
+//! Steps: `mirror_choose` for each class; then for each of the N `mirror_aim` sends a ray from each receiver towards y', `trace`
+//! finds the nearest surface, `mirror_turn` asks whether it is the mirror and goes on to y, `trace` again, and `mirror_light` adds.
+//!
+//! Differs from the paper in that: the paper mirrors each particle that meets a mirror, and lights the part of the scene in the pyramid
+//! of image and outline by a stencil; here those pairs are chosen that matter, and rays find the outline.
+//! Mirrors seen in mirrors throw nothing on (that is left to photons), and what gather rays find is not lit by mirrored lights.
+//! Sums are added to after those of photons; the same seed gives the same bits.
+//! Cost: N times two closest hits and some 200 operations for each receiver; 18 rounds of some 60 operations for each pair.
+
+use glam::Vec3;
+
+use super::layout::{Frame, MirrorRecord, PointLight};
+use super::schedule::LIST_GROUPS;
+use super::shade::{Receiver, light_towards};
+use super::trace::Trace;
+use super::{Kernels, List, Rays, Receivers, Sums, push, vec4s};
+use crate::accel::{Bvh, Ray, offset_origin};
+use crate::bsdf::{mean, schlick};
+use crate::error::Result;
+use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder};
+use crate::path_trace::SurfacePoint;
+use crate::plan::{MirrorPlan, StepTable};
+use crate::scene::Scene;
+use crate::scene_buffers::{MirrorBuffers, SceneBuffers};
+
+/// The pass over one set of receivers.
+pub struct MirrorLights {
+    choose: (Kernel, Bindings),
+    aim: (Kernel, Bindings),
+    turn: (Kernel, Bindings),
+    light: (Kernel, Bindings),
+    trace: Trace,
+    steps: Vec<u32>,
+    rounds: Vec<u32>,
+    work: Buffer,
+    classes: u32,
+    /// For each class N lights, mirrored, with their weights in them.
+    pub mirrored: Buffer,
+    /// The number of each one's mirror + 1; 0: there is none.
+    pub numbers: Buffer,
+}
+
+/// What the pass reads and writes.
+pub struct Inputs<'a> {
+    /// Frame parameters.
+    pub frame: &'a Buffer,
+    /// The scene.
+    pub scene: &'a SceneBuffers,
+    /// Its mirrors.
+    pub mirrors: &'a MirrorBuffers,
+    /// [`PointLight`]s of the pass.
+    pub lights: &'a Buffer,
+    /// The receivers.
+    pub receivers: &'a Receivers,
+    /// Which of them are lit.
+    pub list: &'a List,
+    /// Rays of the receivers' slots, to be overwritten.
+    pub rays: &'a Rays,
+    /// Output.
+    pub sums: &'a Sums,
+    /// Steps.
+    pub steps: &'a Buffer,
+    /// Status.
+    pub status: &'a Buffer,
+}
+
+/// Indices into the step table.
+pub struct MirrorSteps {
+    /// For each of the N lights.
+    each: Vec<u32>,
+    /// Rounds of a list of rays.
+    rounds: Vec<u32>,
+}
+
+impl MirrorSteps {
+    /// Adds the steps; `rounds` are those of every list of rays.
+    pub fn new(table: &mut StepTable, plan: &MirrorPlan, rounds: &[u32]) -> MirrorSteps {
+        let step = |first| super::layout::Step { first, ..Default::default() };
+        MirrorSteps { each: (0..plan.each).map(|k| table.add(step(k))).collect(), rounds: rounds.to_vec() }
+    }
+}
+
+impl MirrorLights {
+    /// Adds to `sums` of the receivers on the list; room for `slots` receivers.
+    pub fn new(
+        context: &Context,
+        kernels: &Kernels,
+        plan: &MirrorPlan,
+        numbers: MirrorSteps,
+        slots: u32,
+        inputs: &Inputs,
+    ) -> Result<MirrorLights> {
+        let Inputs { frame, scene, mirrors, lights, receivers, list, rays, sums, steps, status } = *inputs;
+        let count = u64::from(plan.each * plan.classes);
+        let mirrored = Buffer::new(context, "mirrored lights", count * size_of::<PointLight>() as u64, Memory::Device)?;
+        let mirror_number = Buffer::new(context, "mirrors of lights", 4 * count, Memory::Device)?;
+        let reflectances = vec4s(context, "reflectances of mirrors", slots)?;
+        let bind = |kernel: &Kernel, named: &[(&'static str, crate::gpu::Bound)]| -> Result<(Kernel, Bindings)> {
+            Ok((kernel.clone(), kernel.bind(named)?))
+        };
+        let choose = bind(
+            &kernels.mirror_choose,
+            &[
+                ("frame", frame.into()),
+                ("lights", lights.into()),
+                ("mirrors", (&mirrors.records).into()),
+                ("mirrored", (&mirrored).into()),
+                ("mirror_number", (&mirror_number).into()),
+            ],
+        )?;
+        let of_receivers = [
+            ("frame", frame.into()),
+            ("work", (&list.work).into()),
+            ("list", (&list.pixels).into()),
+            ("steps", steps.into()),
+            ("mirrored", (&mirrored).into()),
+        ];
+        let of_choice = [
+            ("mirror_number", (&mirror_number).into()),
+            ("mirrors", (&mirrors.records).into()),
+            ("ray_origin", (&rays.origin).into()),
+            ("ray_direction", (&rays.direction).into()),
+        ];
+        let mut named = [of_receivers.as_slice(), of_choice.as_slice()].concat();
+        let points = [
+            ("receiver_position", (&receivers.position).into()),
+            ("receiver_geometric", (&receivers.geometric).into()),
+            ("receiver_shading", (&receivers.shading).into()),
+        ];
+        let aim = bind(&kernels.mirror_aim, &[named.as_slice(), &points].concat())?;
+        named.extend(scene.surface_bindings());
+        named.extend([
+            ("hits", (&rays.hits).into()),
+            ("mirror_of", (&mirrors.of_triangle).into()),
+            ("reflectances", (&reflectances).into()),
+        ]);
+        let turn = bind(&kernels.mirror_turn, &named)?;
+        let mut named = [of_receivers.as_slice(), &points].concat();
+        named.extend([
+            ("receiver_f0", (&receivers.f0).into()),
+            ("receiver_wo", (&receivers.wo).into()),
+            ("reflectances", (&reflectances).into()),
+            ("hits", (&rays.hits).into()),
+            ("indirect", (&sums.indirect).into()),
+            ("specular", (&sums.specular).into()),
+        ]);
+        let light = bind(&kernels.mirror_light, &named)?;
+        Ok(MirrorLights {
+            choose,
+            aim,
+            turn,
+            light,
+            trace: Trace::new(kernels, frame, scene, rays, list, steps, status)?,
+            steps: numbers.each,
+            rounds: numbers.rounds,
+            work: list.work.clone(),
+            classes: plan.classes,
+            mirrored,
+            numbers: mirror_number,
+        })
+    }
+
+    /// Records the choice of lights and mirrors.
+    pub fn record_choice(&self, rec: &mut Recorder) -> Result<()> {
+        rec.dispatch(&self.choose.0, &self.choose.1, &[], u64::from(self.classes))
+    }
+
+    /// Records the light of those that were chosen.
+    pub fn record_light(&self, rec: &mut Recorder) -> Result<()> {
+        for &step in &self.steps {
+            let run = |rec: &mut Recorder, (kernel, bindings): &(Kernel, Bindings)| {
+                rec.dispatch_indirect(kernel, bindings, &push(step), &self.work, LIST_GROUPS)
+            };
+            run(rec, &self.aim)?;
+            self.trace.record(rec, &self.rounds, None)?;
+            run(rec, &self.turn)?;
+            self.trace.record(rec, &self.rounds, None)?;
+            run(rec, &self.light)?;
+        }
+        Ok(())
+    }
+}
+
+fn xyz(a: [f32; 4]) -> Vec3 {
+    Vec3::new(a[0], a[1], a[2])
+}
+
+/// Oracle: the weight of a pair in the choice.
+pub fn weight(light: &PointLight, mirror: &MirrorRecord) -> f64 {
+    let (n, normal) = (xyz(mirror.plane), xyz(light.normal));
+    let (area, f0, emit) = (mirror.middle[3], mean(xyz(mirror.ideal)), mean(xyz(light.emit)));
+    let has = |flag: u32| light.flags() & flag != 0;
+    if has(PointLight::DIRECTIONAL) {
+        return f64::from(f0 * emit * area * n.dot(normal).abs());
+    }
+    let height = n.dot(xyz(light.position)) - mirror.plane[3];
+    let to = xyz(mirror.middle) - xyz(light.position);
+    let far = to.length().max((area / std::f32::consts::PI).sqrt());
+    let mut intensity = emit;
+    if has(PointLight::GLOSSY) {
+        intensity += mean(xyz(light.flux)) * mean(xyz(light.f0)) / std::f32::consts::PI;
+    }
+    if has(PointLight::SURFACE) {
+        if normal.dot(n) * height.signum() > 0.99999 {
+            return 0.0;
+        }
+        intensity *= ((normal.dot(to) + mirror.ideal[3]) / far).clamp(0.0, 1.0);
+    }
+    let angle = if height == 0.0 { 0.0 } else { area * (height.abs() / far).clamp(0.1, 1.0) / (far * far) };
+    f64::from(f0 * intensity * angle)
+}
+
+/// Oracle: the image of a light behind a mirror.
+pub fn mirrored(light: &PointLight, mirror: &MirrorRecord) -> PointLight {
+    let n = xyz(mirror.plane);
+    let direction = |v: [f32; 4]| (xyz(v) - 2.0 * n.dot(xyz(v)) * n).extend(v[3]).to_array();
+    let height = n.dot(xyz(light.position)) - mirror.plane[3];
+    let position = (xyz(light.position) - 2.0 * height * n).extend(light.position[3]).to_array();
+    PointLight { position, normal: direction(light.normal), wi: direction(light.wi), ..*light }
+}
+
+/// Oracle: what an image, made by mirror `number`, adds to irradiance and specular radiance of a receiver.
+pub fn reference(
+    frame: &Frame,
+    scene: &Scene,
+    bvh: &Bvh,
+    (mirrors, of_triangle): (&[MirrorRecord], &[u32]),
+    receiver: &Receiver,
+    image: &PointLight,
+    number: u32,
+) -> [Vec3; 2] {
+    let none = [Vec3::ZERO; 2];
+    let mirror = &mirrors[number as usize];
+    let far = frame.forward[3];
+    let way = |light: &PointLight, x: Vec3| match light.flags() & PointLight::DIRECTIONAL {
+        0 => xyz(light.position) - x,
+        _ => -far * xyz(light.normal),
+    };
+    let d = way(image, receiver.position);
+    let (r2, wi) = (d.length_squared(), d.normalize_or_zero());
+    let cos = wi.dot(receiver.shading);
+    let side = xyz(mirror.plane).dot(receiver.position) - mirror.plane[3];
+    if cos <= 0.0 || wi.dot(receiver.geometric) <= 0.0 || side * xyz(mirror.plane).dot(wi) >= 0.0 {
+        return none;
+    }
+    let Some(hit) = bvh.closest(&Ray::new(receiver.position, wi)) else { return none };
+    if of_triangle[hit.triangle as usize] != number + 1 {
+        return none;
+    }
+    let point = SurfacePoint::of(scene, bvh, &hit, -wi);
+    let finish = point.finish(scene);
+    let reflected = schlick(finish.ideal, finish.ideal_f90, point.normals.shading.dot(-wi));
+    let origin = offset_origin(point.position, point.normals.geometric, frame.eye[3]);
+    let direction = way(&mirrored(image, mirror), origin);
+    if bvh.occluded(&Ray { origin, t_max: 1.0, direction }) {
+        return none;
+    }
+    let e = light_towards(image, wi, r2, frame.right[3]) * reflected * cos;
+    let gloss = if receiver.reflectance.f90 > 0.0 {
+        receiver.reflectance.eval_specular(receiver.shading, receiver.wo, wi)
+    } else {
+        Vec3::ZERO
+    };
+    [e, e * gloss]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_image_stands_behind_the_mirror_and_faces_it() {
+        // The plane y = 1, seen from above.
+        let mirror = MirrorRecord {
+            plane: [0.0, 1.0, 0.0, 1.0],
+            middle: [0.0, 1.0, 0.0, 4.0],
+            ideal: [0.5, 0.5, 0.5, std::f32::consts::SQRT_2],
+        };
+        let light = PointLight {
+            position: [2.0, 4.0, 3.0, f32::from_bits(PointLight::SURFACE)],
+            normal: [0.6, -0.8, 0.0, 0.0],
+            emit: [3.0, 3.0, 3.0, 1.0],
+            ..PointLight::default()
+        };
+        let image = mirrored(&light, &mirror);
+        assert_eq!(image.position[..3], [2.0, -2.0, 3.0]);
+        assert_eq!(image.normal[..3], [0.6, 0.8, 0.0]);
+        assert_eq!(mirrored(&image, &mirror), light);
+        // F_0 I A h / d^3, with the greatest cosine at the light; it faces away from the middle by (-2, -3, -3) . (0.6, -0.8, 0).
+        let d = 22f64.sqrt();
+        let wide = (1.2 + 2f64.sqrt()) / d;
+        assert!((weight(&light, &mirror) - 0.5 * 3.0 * wide * 4.0 * 3.0 / d.powi(3)).abs() < 1e-5);
+        let away = PointLight { normal: [0.0, 1.0, 0.0, 0.0], ..light };
+        assert_eq!(weight(&away, &mirror), 0.0);
+        let parallel = PointLight { position: [0.0, 0.0, 0.0, f32::from_bits(PointLight::DIRECTIONAL)], ..light };
+        assert!((weight(&parallel, &mirror) - 0.5 * 3.0 * 4.0 * 0.8).abs() < 1e-6);
+    }
+}
