@@ -29,11 +29,15 @@ const LEAST_COSINE: f32 = 0.5;
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let place = (group.x + group.y * groups.x) * 64u + lane;
-    if place >= atomicLoad(&work.live) {
+    // A list that has a total may have places without a receiver.
+    if place >= max(atomicLoad(&work.live), work.total) {
         return;
     }
     let step = steps[push.step];
     let slot = list[place];
+    if slot == NO_RECEIVER {
+        return;
+    }
     let receiver_class = class_of(slot);
     let position = receiver_position[slot].xyz;
     let geometric = receiver_geometric[slot];

@@ -5,6 +5,7 @@
 #include "bsdf.wgsl"
 #include "receiver.wgsl"
 #include "surface.wgsl"
+#include "clusters.wgsl"
 
 @group(0) @binding(12) var<storage, read> hits: array<vec4<f32>>;
 @group(0) @binding(14) var<storage, read> ray_direction: array<vec4<f32>>;
@@ -40,7 +41,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if index >= total {
         return;
     }
-    let ordered = step.fresh == 1u;
+    let ordered = step.fresh != 0u;
+    let by_screen = step.fresh == 2u;
     if ordered && group_index == 0u && lane == 0u {
         work_out.total = total;
     }
@@ -52,9 +54,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let in_tile = vec2<u32>(8u * (listed % tiles.x) + (lane & 7u), 8u * (listed / tiles.x) + lane / 8u);
     let at = select(in_rows, in_tile, second);
     let tiled = 64u * (at.x / 8u + at.y / 8u * tiles.x) + 8u * (at.y & 7u) + (at.x & 7u);
-    let place_in = select(index, tiled, eye && !second);
+    let on_screen = place_of(at) + select(0u, place_count(), second);
+    let place_in = select(select(index, tiled, eye && !second), on_screen, by_screen);
     if eye && (at.x >= frame.size.x || at.y >= frame.size.y) {
-        if ordered {
+        if ordered && !by_screen {
             list_out[place_in] = NO_RECEIVER;
         }
         return;

@@ -1,11 +1,12 @@
 //! The passes of a frame, one file each with its shader of the same stem (`shade`, `trace` and `importance` have a second one,
-//! `sort`, `tiles` and `photon_grid` one for each of their steps), in the order of `frame.rs`.
+//! `clusters`, `sort`, `tiles` and `photon_grid` one for each of their steps), in the order of `frame.rs`.
 //!
 //! A pass file reads: what it computes and from which equation, its named inputs and outputs, `record`, and `reference`,
 //! the CPU oracle that the tests hold the shader against.
 
 pub mod accumulate;
 pub mod camera_rays;
+pub mod clusters;
 pub mod collect;
 pub mod convolve;
 pub mod discontinuity;
@@ -176,6 +177,12 @@ pub struct Kernels {
     pub accumulate: Kernel,
     /// `camera_rays.wgsl`
     pub camera_rays: Kernel,
+    /// `clusters_fill.wgsl`
+    pub clusters_fill: Kernel,
+    /// `clusters_list.wgsl`
+    pub clusters_list: Kernel,
+    /// `clusters_mark.wgsl`
+    pub clusters_mark: Kernel,
     /// `collect.wgsl`
     pub collect: Kernel,
     /// `eye_paths.wgsl`
@@ -248,6 +255,9 @@ impl Kernels {
         Ok(Kernels {
             accumulate: Kernel::new(context, &shaders::ACCUMULATE)?,
             camera_rays: Kernel::new(context, &shaders::CAMERA_RAYS)?,
+            clusters_fill: Kernel::new(context, &shaders::CLUSTERS_FILL)?,
+            clusters_list: Kernel::new(context, &shaders::CLUSTERS_LIST)?,
+            clusters_mark: Kernel::new(context, &shaders::CLUSTERS_MARK)?,
             collect: Kernel::new(context, &shaders::COLLECT)?,
             eye_paths: surface(&shaders::EYE_PATHS, &shaders::EYE_PATHS_UNTEXTURED)?,
             gather: Kernel::new(context, &shaders::GATHER)?,
