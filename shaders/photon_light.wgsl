@@ -29,15 +29,11 @@ const LEAST_COSINE: f32 = 0.5;
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let place = (group.x + group.y * groups.x) * 64u + lane;
-    // A list that has a total may have places without a receiver.
-    if place >= max(atomicLoad(&work.live), work.total) {
+    if place >= atomicLoad(&work.live) {
         return;
     }
     let step = steps[push.step];
     let slot = list[place];
-    if slot == NO_RECEIVER {
-        return;
-    }
     let receiver_class = class_of(slot);
     let position = receiver_position[slot].xyz;
     let geometric = receiver_geometric[slot];
@@ -48,8 +44,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let radius2 = frame.photon.x * frame.photon.x;
     let share = frame.photon.z;
 
-    // A ball of radius r meets two cells of size 2r along each axis.
-    let lower = vec3<i32>(floor(in_cells(position) - 0.5));
+    let lower = first_cell(position);
     var e = vec3<f32>(0.0);
     var l = vec3<f32>(0.0);
     var codes: array<u32, 8>;

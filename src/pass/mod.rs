@@ -16,6 +16,7 @@ pub mod importance;
 pub mod layout;
 pub mod merge;
 pub mod mirror_image;
+pub mod photon_find;
 pub mod photon_follow;
 pub mod photon_grid;
 pub mod photon_light;
@@ -199,6 +200,8 @@ pub struct Kernels {
     pub mirror_image: Kernel,
     /// `photon_cells.wgsl`
     pub photon_cells: Kernel,
+    /// `photon_find.wgsl`
+    pub photon_find: Kernel,
     /// `photon_follow.wgsl`
     pub photon_follow: Kernel,
     /// `photon_keys.wgsl`
@@ -266,6 +269,7 @@ impl Kernels {
             merge: Kernel::new(context, &shaders::MERGE)?,
             mirror_image: Kernel::new(context, &shaders::MIRROR_IMAGE)?,
             photon_cells: Kernel::new(context, &shaders::PHOTON_CELLS)?,
+            photon_find: Kernel::new(context, &shaders::PHOTON_FIND)?,
             photon_follow: surface(&shaders::PHOTON_FOLLOW, &shaders::PHOTON_FOLLOW_UNTEXTURED)?,
             photon_keys: Kernel::new(context, &shaders::PHOTON_KEYS)?,
             photon_light: Kernel::new(context, &shaders::PHOTON_LIGHT)?,
