@@ -86,7 +86,10 @@ fn print(name: &str, renderer: &Renderer, passes: &Passes) -> Result<()> {
         let cells = [name.to_owned(), milliseconds(median), percent(report::spread(seconds)), percent(median / frame)];
         table.row(&cells)?;
     }
-    report::say(&format!("{:.2} M rays/s; sort is a part of eye and gather", passes.rays_per_second() * 1e-6))
+    report::say(&format!(
+        "{:.2} M rays/s; sort and clusters are parts of eye and gather",
+        passes.rays_per_second() * 1e-6
+    ))
 }
 
 #[cfg(test)]
