@@ -44,8 +44,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let radius2 = frame.photon.x * frame.photon.x;
     let share = frame.photon.z;
 
-    // A ball of radius r meets two cells of size 2r along each axis.
-    let lower = vec3<i32>(floor(in_cells(position) - 0.5));
+    let lower = first_cell(position);
     var e = vec3<f32>(0.0);
     var l = vec3<f32>(0.0);
     var codes: array<u32, 8>;

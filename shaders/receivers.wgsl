@@ -5,6 +5,7 @@
 #include "bsdf.wgsl"
 #include "receiver.wgsl"
 #include "surface.wgsl"
+#include "clusters.wgsl"
 
 @group(0) @binding(12) var<storage, read> hits: array<vec4<f32>>;
 @group(0) @binding(14) var<storage, read> ray_direction: array<vec4<f32>>;
@@ -28,28 +29,35 @@ var<immediate> push: Push;
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
     let eye = step.bounce == 0u;
-    // The eye's pixels are taken in tiles of 8 x 8, so that neighbours on the list are neighbours in the scene. First all
+    // The eye's pixels stand on the list in tiles of 8 x 8, so that neighbours on it are neighbours in the scene. First all
     // tiles; then those of second components, whose slots begin at `step.first`, in a step of their own.
     let second = eye && step.first > 0u;
     let group_index = group.x + group.y * groups.x;
     let tiles = (frame.size.xy + 7u) / 8u;
     let tile_count = tiles.x * tiles.y;
     let count = atomicLoad(&work_in.live);
-    let place_in = (group_index + select(0u, tile_count, second)) * 64u + lane;
+    let index = (group_index + select(0u, tile_count, second)) * 64u + lane;
     let total = select(count, 64u * (tile_count + select(0u, count, second)), eye);
-    if place_in >= total {
+    if index >= total {
         return;
     }
-    let ordered = step.fresh == 1u;
+    let ordered = step.fresh != 0u;
+    let by_screen = step.fresh == 2u;
     if ordered && group_index == 0u && lane == 0u {
         work_out.total = total;
     }
     // Places of the eye may lie beyond the other list, and both sides of a select are evaluated.
-    let listed = list_in[select(select(place_in, 0u, eye), group_index, second)];
-    let tile = select(group_index, listed, second);
-    let at = vec2<u32>(8u * (tile % tiles.x) + (lane & 7u), 8u * (tile / tiles.x) + lane / 8u);
+    let listed = list_in[select(select(index, 0u, eye), group_index, second)];
+    // All pixels are taken row by row, in the order of memory, which is what processors fetch ahead of loads.
+    let row = index / (8u * tiles.x);
+    let in_rows = vec2<u32>(index - row * 8u * tiles.x, row);
+    let in_tile = vec2<u32>(8u * (listed % tiles.x) + (lane & 7u), 8u * (listed / tiles.x) + lane / 8u);
+    let at = select(in_rows, in_tile, second);
+    let tiled = 64u * (at.x / 8u + at.y / 8u * tiles.x) + 8u * (at.y & 7u) + (at.x & 7u);
+    let on_screen = place_of(at) + select(0u, place_count(), second);
+    let place_in = select(select(index, tiled, eye && !second), on_screen, by_screen);
     if eye && (at.x >= frame.size.x || at.y >= frame.size.y) {
-        if ordered {
+        if ordered && !by_screen {
             list_out[place_in] = NO_RECEIVER;
         }
         return;

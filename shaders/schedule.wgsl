@@ -23,7 +23,7 @@ fn main() {
     work.total_groups = spread(work.total, 0u);
     // The rounds of a batch without a list run over all its rays.
     let all = spread(step.end, 0u);
-    let groups_again = select(all, list, step.indirect == 1u);
+    let groups_again = select(all, list, step.indirect != 0u);
     let unfinished = atomicExchange(&work.unfinished, 0u);
     work.round_groups = select(vec4<u32>(0u, 1u, 1u, 0u), groups_again, unfinished > 0u);
     status[0] += select(0u, unfinished, step.last == 1u);

@@ -39,10 +39,14 @@ var<immediate> push: Push;
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
     let slot = spread_group(group, groups) * 64u + lane;
-    if slot >= atomicLoad(&work.live) {
+    // A list that has a total may have slots without a receiver.
+    if slot >= max(atomicLoad(&work.live), work.total) {
         return;
     }
     let pixel = list[slot];
+    if pixel == NO_RECEIVER {
+        return;
+    }
 #if VISIBILITY
     let lights_of_class = 0u;
 #else

@@ -40,7 +40,8 @@
 @group(0) @binding(16) var<storage, read_write> direct: array<vec4<f32>>;
 @group(0) @binding(17) var<storage, read_write> indirect: array<vec4<f32>>;
 @group(0) @binding(18) var<storage, read_write> specular: array<vec4<f32>>;
-@group(0) @binding(19) var<storage, read> classes: array<vec2<u32>>;    // first cluster, first receiver
+// Of each class its first cluster and its first receiver; on a list in the order of the screen, of each cluster its class.
+@group(0) @binding(19) var<storage, read> classes: array<vec2<u32>>;
 #endif
 var<immediate> push: Push;
 
@@ -94,7 +95,7 @@ fn greatest_dot(n_lo: vec3<f32>, n_hi: vec3<f32>, d_lo: vec3<f32>, d_hi: vec3<f3
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(subgroup_invocation_id) lane: u32) {
     let step = steps[push.step];
     let live = atomicLoad(&work.live);
-    let cluster = spread_group(group, groups);
+    let cluster = spread_runs(group, groups);
 #if VISIBILITY
     let begin = cluster * 64u;
     let end = live;
@@ -106,15 +107,29 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         of_class = select(of_class, k, classes[k].x <= cluster);
     }
     let several = frame.pattern.z > 1u;
-    let begin = select(0u, classes[of_class].y - 64u * classes[of_class].x, several) + cluster * 64u;
-    let end = select(live, classes[of_class + 1u].y, several);
+    let by_screen = step.indirect == 2u;
+    let shift = select(0u, classes[of_class].y - 64u * classes[of_class].x, several && !by_screen);
+    let begin = shift + cluster * 64u;
+    let end = select(select(live, classes[of_class + 1u].y, several), work.total, by_screen);
+    of_class = select(of_class, classes[select(0u, cluster, by_screen)].x, by_screen);
     let lights_of_class = of_class * frame.pattern.w;
 #endif
     if begin >= end {
         return;
     }
+    var pixel: array<u32, RAYS>;
+    var present = 0u;
+    // Slots without a receiver, and those beyond the last, repeat another one and take no part.
+    var some = NO_RECEIVER;
+    for (var r = 0u; r < RAYS; r += 1u) {
+        let slot = begin + r * LANES + lane;
+        pixel[r] = select(NO_RECEIVER, list[min(slot, end - 1u)], slot < end);
+        present |= select(0u, 1u << r, pixel[r] != NO_RECEIVER);
+        some = min(some, pixel[r]);
+    }
+    some = least(some);
     // A cluster goes on with the light that it did not finish, from the start; all its receivers stand at the same one.
-    let start = select(step.first, progress[list[begin]].x, step.round > 0u);
+    let start = select(step.first, progress[some].x, step.round > 0u);
     if start >= step.end {
         return;
     }
@@ -122,8 +137,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 
     var position: array<vec3<f32>, RAYS>;
     var geometric: array<vec3<f32>, RAYS>;
-    var pixel: array<u32, RAYS>;
-    var present = 0u;
 #if VISIBILITY
     var seen: array<u32, RAYS>;
 #else
@@ -138,13 +151,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var shading_lo = vec3<f32>(1.0);
     var shading_hi = vec3<f32>(-1.0);
     for (var r = 0u; r < RAYS; r += 1u) {
-        // Slots beyond the last receiver repeat it and take no part.
-        let slot = begin + r * LANES + lane;
-        let p = list[min(slot, end - 1u)];
+        let p = select(pixel[r], some, pixel[r] == NO_RECEIVER);
         pixel[r] = p;
         position[r] = receiver_position[p].xyz;
         geometric[r] = receiver_geometric[p].xyz;
-        present |= select(0u, 1u << r, slot < end);
         lo = min(lo, position[r]);
         hi = max(hi, position[r]);
         geometric_lo = min(geometric_lo, geometric[r]);
@@ -155,7 +165,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         shading[r] = receiver_shading[p].xyz;
         shading_lo = min(shading_lo, shading[r]);
         shading_hi = max(shading_hi, shading[r]);
-        glossy |= select(0u, 1u << r, slot < end && receiver_f0[p].w > 0.0);
+        glossy |= select(0u, 1u << r, receiver_f0[p].w > 0.0) & present;
 #endif
     }
 #if VISIBILITY

@@ -46,7 +46,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let step = steps[push.step];
     let across = (frame.size.x + 7u) / 8u;
     let down = (frame.size.y + 7u) / 8u;
-    let cluster = spread_group(group, groups);
+    let cluster = spread_runs(group, groups);
     if cluster >= across * down {
         return;
     }

@@ -9,6 +9,7 @@ use crate::error::Result;
 use crate::gpu::{Buffer, Context, Image, Memory, Recorder, Staging};
 use crate::pass::accumulate::{Accumulate, Film};
 use crate::pass::camera_rays::CameraRays;
+use crate::pass::clusters::{self, Clusters};
 use crate::pass::collect::Collect;
 use crate::pass::delta_choice::{Candidates, DeltaChoice};
 use crate::pass::discontinuity::{self, Discontinuity};
@@ -83,6 +84,8 @@ pub struct Frame {
     pub eye_lists: Vec<List>,
     /// For each bounce the receivers to light.
     pub lists: Vec<List>,
+    /// Puts what the eye sees in clusters by its pixels; `None`: it is sorted, or not put in clusters.
+    pub clusters: Option<Clusters>,
     /// Chooses the emitters of a pass by what the eye sees.
     pub importance: Option<Importance>,
     /// Chooses the lights without area that a pass is lit by; `None`: by all.
@@ -181,7 +184,8 @@ impl Frame {
         let slots = eye.slots();
         // The eye's receivers are listed in whole tiles.
         let tile_count = image.width().div_ceil(8) * image.height().div_ceil(8);
-        let listed = 64 * tile_count * eye.components;
+        let cluster_count = clusters::count([image.width(), image.height()], settings.pattern) * eye.components;
+        let listed = 64 * cluster_count.max(tile_count * eye.components);
         let mut table = StepTable::default();
         let slots_of_delta = plan.delta as usize;
         let candidates = (slots_of_delta < delta.len()).then(|| Candidates::new(delta, &scene.delta_emitters));
@@ -229,6 +233,15 @@ impl Frame {
         };
         let lists = take_turns("work", steps.bounces.len())?;
         let eye_lists = take_turns("eye work", steps.eye_paths.len())?;
+        let clusters = if steps.by_screen {
+            let list = &lists[0];
+            Some(Clusters::new(context, kernels, &parameters, list, &step_buffer, &status, cluster_count)?)
+        } else {
+            None
+        };
+        // Where what the eye sees is put down.
+        let seen_places = clusters.as_ref().map_or(&lists[0].pixels, |clusters| &clusters.places);
+        let seen_list = List { pixels: seen_places.clone(), work: lists[0].work.clone() };
         let ideal_tiles = List {
             pixels: device("ideal tiles", 4 * u64::from(tile_count))?,
             work: device("ideal tile work", size_of::<Work>() as u64)?,
@@ -327,14 +340,15 @@ impl Frame {
         let second = match eye.components {
             1 => None,
             _ => Some(Second {
-                receivers: receivers_pass(&ideal_tiles, &lists[0], &primary)?,
+                receivers: receivers_pass(&ideal_tiles, &seen_list, &primary)?,
                 merge: Merge::new(kernels, &parameters, &primary, &paths, seen_sums, &ideal_tiles, shown)?,
             }),
         };
         let sort_buffers = match &scene.wide_nodes {
-            Some(_) => Some(SortBuffers::new(context, listed, settings.classes())?),
-            None => None,
+            Some(_) if !steps.by_screen => Some(SortBuffers::new(context, listed, settings.classes())?),
+            _ => None,
         };
+        let classes = sort_buffers.as_ref().map(|buffers| &buffers.classes);
         let bounces = (0..steps.bounces.len())
             .map(|b| {
                 let (receivers, sums) = if b == 0 { (&primary, &pixel_sums) } else { (&gathered, &gathered_sums) };
@@ -369,7 +383,7 @@ impl Frame {
                     sums,
                     steps: &step_buffer,
                     status: &status,
-                    classes: sort_buffers.as_ref().map(|buffers| &buffers.classes),
+                    classes: classes.or(clusters.as_ref().map(|clusters| &clusters.listed)),
                 };
                 let lit = !steps.bounces[b].shade.is_empty();
                 let shade = if lit { Some(Shade::new(kernels, &inputs)?) } else { None };
@@ -446,9 +460,10 @@ impl Frame {
             walk_reflect: WalkReflect::new(kernels, &parameters, scene, &particles, &flux, &lights, &step_buffer)?,
             camera_rays: CameraRays::new(kernels, &parameters, &rays, &paths, &primary, pixels)?,
             eye_trace: Trace::of_eye(kernels, &parameters, scene, &rays, &batch, &step_buffer, &status)?,
-            eye_receivers: receivers_pass(&batch, &lists[0], &primary)?,
+            eye_receivers: receivers_pass(&batch, &seen_list, &primary)?,
             tiles: Tiles::new(kernels, &parameters, scene, &rays, &marks, &ideal_tiles, tile_count)?,
             eye_paths,
+            clusters,
             second,
             bounces,
             accumulate: Accumulate::new(kernels, &parameters, &primary, &paths, seen_sums, &film, &status, pixels)?,
@@ -599,11 +614,17 @@ impl Frame {
 
     /// The part of [`Frame::record_eye`] in which the last hits become receivers.
     pub fn record_eye_receivers(&self, rec: &mut Recorder) -> Result<()> {
+        if let Some(clusters) = &self.clusters {
+            clusters.record_clear(rec)?;
+        }
         self.eye_receivers.record(rec, self.steps.bounces[0].receivers, Some(u64::from(self.tile_count)))?;
         if let Some(second) = &self.second {
             second.receivers.record(rec, self.steps.second, None)?;
         }
-        self.record_list(rec, 0)
+        match &self.clusters {
+            Some(clusters) => rec.scope("clusters", |rec| clusters.record(rec, self.steps.list)),
+            None => self.record_list(rec, 0),
+        }
     }
 
     /// The list of a bounce's receivers is complete: its length becomes dispatches, and neighbours are brought together.

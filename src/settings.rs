@@ -36,6 +36,17 @@ pub enum Traversal {
     Cluster,
 }
 
+/// By what the receivers that the eye sees are put in clusters of 64.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ClusterOrder {
+    /// By their pixels where no light is gathered (without `compensation`), else as `Space`.
+    #[default]
+    Screen,
+    /// By their positions, sorted along a Morton curve.
+    Space,
+}
+
 /// The low-discrepancy sequence that particles and gather rays follow (row W4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -249,6 +260,9 @@ pub struct Settings {
     pub loop_budget: u32,
     /// How shadow rays and the eye's rays are traced. Default `Auto`.
     pub traversal: Traversal,
+    /// By what receivers are put in clusters. Default `Screen`. `Space` sorts them, which takes some 45 ms for 640x480 pixels on two cores;
+    /// its clusters are narrower across silhouettes, so tracing them takes less. Images differ by rounding at most.
+    pub cluster_order: ClusterOrder,
     /// Passes that each frame of an animation gets (moderate oversampling while something moves, Wald et al. 2002, 5.2; row
     /// W7). Default 4; 1 to 4096. Cost grows linearly; more flicker less. Does not change what a pass computes.
     pub moving_passes: u32,
@@ -282,6 +296,7 @@ impl Default for Settings {
             rounds: 4,
             loop_budget: LOOP_BUDGET,
             traversal: Traversal::Auto,
+            cluster_order: ClusterOrder::Screen,
             moving_passes: 4,
         }
     }

@@ -27,3 +27,13 @@ fn in_cells(p: vec3<f32>) -> vec3<f32> {
 fn bucket_of(code: u32) -> u32 {
     return hash(code) & frame.photons.w;
 }
+
+// The first of the 8 cells that a look-up at a point visits: a ball of radius r meets two cells of size 2r along each axis.
+fn first_cell(p: vec3<f32>) -> vec3<i32> {
+    return vec3<i32>(floor(in_cells(p) - 0.5));
+}
+
+// Bit for the look-ups of a class that begin in a cell, among 16 for each bucket.
+fn near_bit(first: vec3<i32>, photon_class: u32) -> u32 {
+    return hash(code_of(first, photon_class)) & (frame.photons.w << 4u | 15u);
+}

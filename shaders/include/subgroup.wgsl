@@ -57,3 +57,22 @@ fn min_reduce(x: vec3<f32>) -> vec3<f32> {
     }
     return y;
 }
+
+fn least(x: u32) -> u32 {
+    var y = x;
+    y = min(y, subgroupShuffleXor(y, 1u));
+    y = min(y, subgroupShuffleXor(y, 2u));
+    if LANES > 4u {
+        y = min(y, subgroupShuffleXor(y, 4u));
+    }
+    if LANES > 8u {
+        y = min(y, subgroupShuffleXor(y, 8u));
+    }
+    if LANES > 16u {
+        y = min(y, subgroupShuffleXor(y, 16u));
+    }
+    if LANES > 32u {
+        y = min(y, subgroupShuffleXor(y, 32u));
+    }
+    return y;
+}

@@ -4,14 +4,14 @@
 struct Work {
     live: atomic<u32>,          // receivers in the list
     unfinished: atomic<u32>,    // rays of the present round that ran out of steps
-    total: u32,                 // slots of a list that is still to be sorted, dead ones included
+    total: u32,                 // slots of a list that is sorted or in the order of the screen, dead ones included
     culled: atomic<u32>,        // pairs of a cluster and a light dropped before any ray was traced
     list_groups: vec4<u32>,     // indirect dispatch: one invocation for each receiver in the list; w: groups besides
     round_groups: vec4<u32>,    // indirect dispatch: the next round; 0 when no ray needs it
     total_groups: vec4<u32>,    // indirect dispatch: one invocation for each slot
 }
 
-// A slot of an unsorted list that holds no receiver.
+// A slot of a list that holds no receiver.
 const NO_RECEIVER: u32 = 0xffffffffu;
 
 // What one dispatch does; fixed when the frame is built.
@@ -22,8 +22,8 @@ struct Step {
     bounce: u32,                // 0: what the eye sees; mirrors and glass so far; the most lights that a single ray takes
     steps: u32,                 // traversal steps of one ray in this round
     last: u32,                  // 1: the last round (rays left over are lost), or the last bounce
-    indirect: u32,              // 1: the receivers come from the list
-    fresh: u32,                 // 1: sums start at zero; for receivers, 1: the list keeps the order of its rays, to be sorted; for photons, 1: there are mirrored lights
+    indirect: u32,              // 1: the receivers come from the list; 2: from one in the order of the screen
+    fresh: u32,                 // 1: sums start at zero; for receivers, 1: the list keeps the order of its rays, to be sorted, 2: that of the screen; for photons, 1: there are mirrored lights
 }
 
 struct Push {
@@ -33,8 +33,18 @@ struct Push {
 // Linear index of the workgroup, spread so that neighbouring groups, which cost alike, fall to different threads
 // of a driver that gives each thread one contiguous run.
 fn spread_group(group: vec3<u32>, groups: vec3<u32>) -> u32 {
-    let count = groups.x * groups.y;
-    let linear = group.x + group.y * groups.x;
+    return spread_index(group.x + group.y * groups.x, groups.x * groups.y);
+}
+
+fn spread_index(linear: u32, count: u32) -> u32 {
     let stride = select(7919u, 1u, count % 7919u == 0u || count > 500000u);
     return (linear * stride) % count;
+}
+
+// The same for groups whose neighbours read the same lines of memory: runs of 64 stay together, and so does the rest.
+fn spread_runs(group: vec3<u32>, groups: vec3<u32>) -> u32 {
+    let linear = group.x + group.y * groups.x;
+    let runs = groups.x * groups.y / 64u;
+    let run = linear / 64u;
+    return 64u * select(run, spread_index(run, max(runs, 1u)), run < runs) + linear % 64u;
 }

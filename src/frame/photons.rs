@@ -3,6 +3,7 @@
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Memory, Recorder, Staging};
 use crate::pass::layout::{Step, Work};
+use crate::pass::photon_find::PhotonFind;
 use crate::pass::photon_follow::{self, PhotonFollow};
 use crate::pass::photon_grid::{Grid, PhotonGrid};
 use crate::pass::photon_light::PhotonLight;
@@ -33,6 +34,8 @@ pub struct Photons {
     pub lists: Vec<List>,
     /// The stored photons in their grid.
     pub grid: Grid,
+    /// The receivers that may have photons around them.
+    pub found: List,
     batch: List,
     clear_work: Buffer,
     grid_work: Buffer,
@@ -40,6 +43,7 @@ pub struct Photons {
     first_trace: Trace,
     steps: Vec<(PhotonFollow, Schedule, Trace)>,
     sort: PhotonGrid,
+    find: PhotonFind,
     light: PhotonLight,
     numbers: PhotonSteps,
 }
@@ -126,6 +130,10 @@ impl Photons {
             .map(|i| new_list(&format!("photon work {i}"), i))
             .collect::<Result<Vec<List>>>()?;
         let batch = new_list("photon batch work", 1)?;
+        let found = List {
+            pixels: device("receivers with photons", list.pixels.bytes())?,
+            work: device("photon_light work", size_of::<Work>() as u64)?,
+        };
         let trace = |list: &List| Trace::new(kernels, parameters, scene, &rays, list, steps, status);
         let follow = lists
             .iter()
@@ -173,7 +181,9 @@ impl Photons {
                 steps,
                 count,
             )?,
-            light: PhotonLight::new(kernels, parameters, receivers, list, &grid, sums, steps)?,
+            find: PhotonFind::new(kernels, parameters, receivers, list, &grid, &found, steps, status)?,
+            light: PhotonLight::new(kernels, parameters, receivers, &found, &grid, sums, steps)?,
+            found,
             clear_work: staging.stage(context, "cleared photon work", &[Work::default()])?,
             grid_work: staging.stage(context, "photon grid's first work", &[grid_work])?,
             rays,
@@ -190,7 +200,7 @@ impl Photons {
 
     /// Records the clearing of the counters.
     pub(super) fn record_clear(&self, rec: &mut Recorder) -> Result<()> {
-        for list in self.lists.iter().chain([&self.batch]) {
+        for list in self.lists.iter().chain([&self.batch, &self.found]) {
             rec.copy(&self.clear_work, &list.work)?;
         }
         rec.copy(&self.grid_work, &self.grid.list.work)
@@ -227,6 +237,7 @@ impl Photons {
 
     /// The photons' light is added to the sums of what the eye sees.
     pub fn record_light(&self, rec: &mut Recorder) -> Result<()> {
+        self.find.record(rec, self.numbers.list)?;
         self.light.record(rec, &self.numbers.light)
     }
 }

@@ -5,7 +5,7 @@ use crate::pass::shade::Chunk;
 use crate::pass::sort::SortSteps;
 use crate::pass::trace::EyeSteps;
 use crate::plan::{EyePlan, LightPlan, StepTable, trace_steps};
-use crate::settings::Settings;
+use crate::settings::{ClusterOrder, Settings};
 
 /// Indices into the step table.
 pub(super) struct Steps {
@@ -21,6 +21,8 @@ pub(super) struct Steps {
     /// For a list that was just filled.
     pub(super) list: u32,
     pub(super) sort: SortSteps,
+    /// What the eye sees is put in clusters by its pixels.
+    pub(super) by_screen: bool,
     pub(super) bounces: Vec<BounceSteps>,
 }
 
@@ -55,14 +57,16 @@ impl Steps {
             .collect();
         let lanes_in_use = Chunk::lanes(settings, lanes);
         let chunk_size = Chunk::size(settings, lanes_in_use.is_some());
+        let (depth, sorts) = (settings.max_depth, lanes.is_some());
+        let bounces = if settings.compensation && settings.clips() { depth } else { 1 };
+        // What gathers light wants a list without gaps.
+        let by_screen = settings.cluster_order == ClusterOrder::Screen && sorts && bounces == 1 && depth > 1;
         let shade = |table: &mut StepTable, (first, end): (u32, u32)| {
             // Parallel light comes from no place.
             let mut places = delta.iter().take(end as usize).skip(first as usize);
             let parallel = places.any(|l| l.flags() & PointLight::DIRECTIONAL != 0);
-            Chunk::new(table, settings, (first, end), lanes_in_use.filter(|_| !parallel))
+            Chunk::new(table, settings, (first, end), lanes_in_use.filter(|_| !parallel), by_screen)
         };
-        let (depth, sorts) = (settings.max_depth, lanes.is_some());
-        let bounces = if settings.compensation && settings.clips() { depth } else { 1 };
         let bounces: Vec<BounceSteps> = (0..bounces)
             .map(|bounce| {
                 // Eye segment, `bounce` gather rays, shadow ray and j reflections are bounce + j + 2 segments.
@@ -75,7 +79,7 @@ impl Steps {
                         end: pixels,
                         indirect: u32::from(bounce > 0),
                         last: u32::from(bounce + 1 == depth),
-                        fresh: u32::from(sorts && !chunks.is_empty()),
+                        fresh: if by_screen { 2 } else { u32::from(sorts && !chunks.is_empty()) },
                         ..Step::default()
                     }),
                     shade: chunks.into_iter().map(|chunk| shade(table, chunk)).collect(),
@@ -95,6 +99,7 @@ impl Steps {
             list_trace: table.add_rounds(rounds, Step { indirect: 1, ..trace }),
             list: table.add(Step { indirect: 1, ..Step::default() }),
             sort: SortSteps::new(table, settings.classes()),
+            by_screen,
             bounces,
         }
     }

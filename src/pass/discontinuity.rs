@@ -47,7 +47,7 @@
 //! Cost of a pixel: six vec4 read, two written, 70 operations for the guides; then for windows up to 3 x 3 22 / 4 times four vec4 read
 //! (three without direct light) and 9 x 60 operations, for wider ones of w x h pixels w (h + 3) / 4 times as many and w h x 70;
 //! two vec4 written. Second components cost the same for pixels of tiles that show mirrors or glass. 640x480 on two cores by
-//! lavapipe: 42 to 44 ms for 3 x 3, 62 to 68 for 5 x 5 (docs/filter.md). Memory: 48 or 64 bytes a slot.
+//! lavapipe: 23 to 31 ms for 3 x 3 (docs/interactive.md). Memory: 48 or 64 bytes a slot.
 
 use glam::{IVec2, Vec3, Vec4};
 

@@ -69,7 +69,7 @@ pub struct Work {
     pub live: u32,
     /// Rays that ran out of steps in the present round.
     pub unfinished: u32,
-    /// Slots of a list that is still to be sorted, dead ones included.
+    /// Slots of a list that is sorted or in the order of the screen, dead ones included.
     pub total: u32,
     /// Pairs of a cluster and a light that were dropped before any ray was traced.
     pub culled: u32,
@@ -105,10 +105,10 @@ pub struct Step {
     pub steps: u32,
     /// 1 in the last round, or for the last bounce.
     pub last: u32,
-    /// 1: work comes from the list.
+    /// 1: work comes from the list; 2: from one in the order of the screen.
     pub indirect: u32,
-    /// 1: sums start at zero; for receivers, 1: the list keeps the order of its rays, to be sorted; for photons, 1: there are
-    /// mirrored lights.
+    /// 1: sums start at zero; for receivers, 1: the list keeps the order of its rays, to be sorted, 2: that of the screen; for
+    /// photons, 1: there are mirrored lights.
     pub fresh: u32,
 }
 

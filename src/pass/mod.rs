@@ -1,11 +1,12 @@
 //! The passes of a frame, one file each with its shader of the same stem (`shade`, `trace` and `importance` have a second one,
-//! `sort`, `tiles`, `photon_grid` and `mirror_lights` one for each of their steps), in the order of `frame.rs`.
+//! `clusters`, `sort`, `tiles`, `photon_grid` and `mirror_lights` one for each of their steps), in the order of `frame.rs`.
 //!
 //! A pass file reads: what it computes and from which equation, its named inputs and outputs, `record`, and `reference`,
 //! the CPU oracle that the tests hold the shader against.
 
 pub mod accumulate;
 pub mod camera_rays;
+pub mod clusters;
 pub mod collect;
 pub mod convolve;
 pub mod delta_choice;
@@ -17,6 +18,7 @@ pub mod layout;
 pub mod merge;
 pub mod mirror_image;
 pub mod mirror_lights;
+pub mod photon_find;
 pub mod photon_follow;
 pub mod photon_grid;
 pub mod photon_light;
@@ -178,6 +180,12 @@ pub struct Kernels {
     pub accumulate: Kernel,
     /// `camera_rays.wgsl`
     pub camera_rays: Kernel,
+    /// `clusters_fill.wgsl`
+    pub clusters_fill: Kernel,
+    /// `clusters_list.wgsl`
+    pub clusters_list: Kernel,
+    /// `clusters_mark.wgsl`
+    pub clusters_mark: Kernel,
     /// `collect.wgsl`
     pub collect: Kernel,
     /// `delta_choice.wgsl`
@@ -204,6 +212,8 @@ pub struct Kernels {
     pub mirror_turn: Kernel,
     /// `photon_cells.wgsl`
     pub photon_cells: Kernel,
+    /// `photon_find.wgsl`
+    pub photon_find: Kernel,
     /// `photon_follow.wgsl`
     pub photon_follow: Kernel,
     /// `photon_keys.wgsl`
@@ -260,6 +270,9 @@ impl Kernels {
         Ok(Kernels {
             accumulate: Kernel::new(context, &shaders::ACCUMULATE)?,
             camera_rays: Kernel::new(context, &shaders::CAMERA_RAYS)?,
+            clusters_fill: Kernel::new(context, &shaders::CLUSTERS_FILL)?,
+            clusters_list: Kernel::new(context, &shaders::CLUSTERS_LIST)?,
+            clusters_mark: Kernel::new(context, &shaders::CLUSTERS_MARK)?,
             collect: Kernel::new(context, &shaders::COLLECT)?,
             delta_choice: Kernel::new(context, &shaders::DELTA_CHOICE)?,
             eye_paths: surface(&shaders::EYE_PATHS, &shaders::EYE_PATHS_UNTEXTURED)?,
@@ -273,6 +286,7 @@ impl Kernels {
             mirror_light: Kernel::new(context, &shaders::MIRROR_LIGHT)?,
             mirror_turn: surface(&shaders::MIRROR_TURN, &shaders::MIRROR_TURN_UNTEXTURED)?,
             photon_cells: Kernel::new(context, &shaders::PHOTON_CELLS)?,
+            photon_find: Kernel::new(context, &shaders::PHOTON_FIND)?,
             photon_follow: surface(&shaders::PHOTON_FOLLOW, &shaders::PHOTON_FOLLOW_UNTEXTURED)?,
             photon_keys: Kernel::new(context, &shaders::PHOTON_KEYS)?,
             photon_light: Kernel::new(context, &shaders::PHOTON_LIGHT)?,

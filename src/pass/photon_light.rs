@@ -16,7 +16,7 @@
 //!
 //! Bias: caustics are blurred by r, and fade within r of an edge. A concave corner lets photons of its own side only count.
 //!
-//! Cost for each receiver: 8 look-ups of 8 bytes, and 32 bytes and 40 operations for each photon in the buckets. The photons of
+//! Cost for each receiver that `photon_find` has listed: 8 look-ups of 8 bytes, and 32 bytes and 40 operations for each photon in the buckets. The photons of
 //! a bucket may be many, so a dispatch takes a stretch of all photons, as many as its loop may ([`crate::plan::PhotonPlan::chunk`]).
 
 use glam::Vec3;

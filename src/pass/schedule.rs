@@ -53,7 +53,7 @@ pub fn reference(work: &Work, step: &Step) -> (Work, u32) {
         [x, if x > 0 { groups.div_ceil(x) } else { 0 }, 1, more]
     };
     let list_groups = spread(work.live, work.list_groups[3]);
-    let again = if step.indirect == 1 { list_groups } else { groups_of(step.end) };
+    let again = if step.indirect != 0 { list_groups } else { groups_of(step.end) };
     let round_groups = if work.unfinished > 0 { again } else { [0, 1, 1, 0] };
     let lost = if step.last == 1 { work.unfinished } else { 0 };
     let total_groups = groups_of(work.total);

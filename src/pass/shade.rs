@@ -97,7 +97,8 @@ pub struct Inputs<'a> {
     pub steps: &'a Buffer,
     /// Status.
     pub status: &'a Buffer,
-    /// Where the classes of pixels begin on a sorted list, see [`super::sort::SortBuffers`]; needed for clusters.
+    /// Where the classes of pixels begin on a sorted list, see [`super::sort::SortBuffers`], or the classes of the clusters of
+    /// the screen, see [`super::clusters::Clusters::listed`]; needed for clusters.
     pub classes: Option<&'a Buffer>,
 }
 
@@ -204,13 +205,21 @@ impl Chunk {
     }
 
     /// Steps for the lights `first..end` of a chunk; `lanes`: as [`Chunk::lanes`] gives it, if clusters take the chunk.
-    pub fn new(table: &mut StepTable, settings: &Settings, (first, end): (u32, u32), lanes: Option<u32>) -> Chunk {
+    /// `by_screen`: the list is in the order of the screen.
+    pub fn new(
+        table: &mut StepTable,
+        settings: &Settings,
+        (first, end): (u32, u32),
+        lanes: Option<u32>,
+        by_screen: bool,
+    ) -> Chunk {
         // Single rays take so many lights in a round, and as many more rounds for a larger chunk.
         let most = settings.lights_per_dispatch;
         let rounds = settings.rounds * (end - first).div_ceil(most).max(1);
         let steps = plan::shade_steps(most, settings.loop_budget);
         let fresh = u32::from(first == 0);
-        let chunk = Step { first, end, steps, bounce: most, indirect: 1, fresh, ..Step::default() };
+        let indirect = if by_screen { 2 } else { 1 };
+        let chunk = Step { first, end, steps, bounce: most, indirect, fresh, ..Step::default() };
         let Some(lanes) = lanes else {
             return Chunk { rounds: table.add_rounds(rounds, chunk), clusters: false };
         };

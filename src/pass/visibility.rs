@@ -188,7 +188,7 @@ impl Visibility {
         let lanes = Chunk::lanes(settings, scene.cluster_lanes(context).filter(|_| forms.cluster.is_some()));
         let size = Chunk::size(settings, lanes.is_some());
         let chunks = (0..lights.div_ceil(size))
-            .map(|i| Chunk::new(&mut table, settings, (i * size, lights.min((i + 1) * size)), lanes))
+            .map(|i| Chunk::new(&mut table, settings, (i * size, lights.min((i + 1) * size)), lanes, false))
             .collect();
         let steps = staging.stage(context, "visibility steps", &table.steps)?;
         let device = |name: &str, bytes: u64| Buffer::new(context, name, bytes, Memory::Device);

@@ -158,7 +158,8 @@ fn convolve_fast_errs_little() {
         ] {
             // The smooth lobe once more with 2^(-6/4) of its width across.
             let (layer, narrowing) = if layer == 3.0 { (1.0, 6) } else { (layer, 0) };
-            let narrowed = |form| Subject { form, narrowings: vec![narrowing; 4], ..natural([160, 120], widest, layer) };
+            let narrowed =
+                |form| Subject { form, narrowings: vec![narrowing; 4], ..natural([160, 120], widest, layer) };
             let (direct, fast) = (narrowed(Form::Direct), narrowed(Form::Fast));
             let error = relative_rmse(&fast.convolved(ctx), &direct.convolved(ctx));
             println!("layer {layer}, {widest} pixels wide: {error:.4}");

@@ -10,7 +10,7 @@ use lightsum::pass::photon_follow::{self, Fate};
 use lightsum::pass::photon_light::{self, Photon};
 use lightsum::pass::receivers::surface_at;
 use lightsum::pass::shade::Receiver;
-use lightsum::pass::{photon_grid, photon_start};
+use lightsum::pass::{photon_find, photon_grid, photon_start};
 use lightsum::scene::Scene;
 use lightsum::settings::Settings;
 
@@ -150,6 +150,11 @@ fn check_step(rig: &Rig, what: &str, step: usize, seen: &mut [usize; 3]) {
     tally.finish(STRAYS);
 }
 
+/// The photons that are stored, and where.
+fn stored(positions: &[Option<Vec3>]) -> Vec<(u32, Vec3)> {
+    (0..).zip(positions).filter_map(|(photon, position)| position.map(|at| (photon, at))).collect()
+}
+
 /// Sorts the photons; gives those stored back in the order of the grid.
 fn check_grid(rig: &Rig, what: &str) -> Vec<Photon> {
     let p = photons(rig);
@@ -177,6 +182,13 @@ fn check_grid(rig: &Rig, what: &str) -> Vec<Photon> {
     });
     let sorted = sorted.collect();
     assert!(buckets == counted, "{what}: first and end of each bucket");
+    let mut bits = vec![0; (g.near.bytes() / 4) as usize];
+    for (photon, position) in stored(&positions) {
+        for bit in photon_grid::near_bits(&rig.parameters, photon, position) {
+            bits[bit as usize / 32] |= 1 << (bit % 32);
+        }
+    }
+    assert!(rig.get::<u32>(&g.near) == bits, "{what}: bits of the look-ups");
     sorted
 }
 
@@ -196,6 +208,14 @@ fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
     let r = &frame.primary;
     let [position, geometric, shading, f0, wo] =
         [&r.position, &r.geometric, &r.shading, &r.f0, &r.wo].map(|b| rig.vec4s(b));
+    let of_photons = State::of(rig).position.into_iter().map(|v| (v.w == 1.0).then_some(v.truncate()));
+    let of_photons = stored(&of_photons.collect::<Vec<_>>());
+    let listed: Vec<(u32, Vec3)> =
+        rig.list(0).into_iter().map(|slot| (slot, position[slot as usize].truncate())).collect();
+    let work = rig.get::<Work>(&frame.photons.as_ref().unwrap().found.work)[0];
+    let mut found = rig.get::<u32>(&frame.photons.as_ref().unwrap().found.pixels)[..work.live as usize].to_vec();
+    found.sort_unstable();
+    assert_eq!(found, photon_find::reference(&rig.parameters, &listed, &of_photons), "{what}: receivers found");
     let mut tally = Tally::new(format!("photon_light, {what}"));
     let mut lit = [0; 2];
     for slot in rig.list(0) {

@@ -8,6 +8,7 @@ use lightsum::accel::{Bvh, Hit, Ray};
 use lightsum::engine::Engine;
 use lightsum::frame::Frame;
 use lightsum::gpu::{Buffer, Context, Recorder, download};
+use lightsum::pass::clusters::NO_RECEIVER;
 use lightsum::pass::{List, layout, walk_start};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
 use lightsum::scene_buffers::encode_normal;
@@ -75,7 +76,17 @@ impl<'a> Rig<'a> {
 
     /// The receivers on the list of a bounce, sorted.
     pub fn list(&self, bounce: usize) -> Vec<u32> {
-        self.sorted(&self.frame().lists[bounce])
+        if bounce > 0 || self.frame().clusters.is_none() {
+            return self.sorted(&self.frame().lists[bounce]);
+        }
+        // Clusters of the screen have gaps.
+        let work = self.work(0);
+        let mut slots: Vec<u32> = self.get(&self.frame().lists[0].pixels);
+        slots.truncate(work.total as usize);
+        slots.retain(|&slot| slot != NO_RECEIVER);
+        assert_eq!(slots.len(), work.live as usize, "receivers on the list");
+        slots.sort_unstable();
+        slots
     }
 
     /// The slots whose paths went on in a step of the eye paths, sorted.

@@ -4,9 +4,10 @@ use glam::Vec3;
 use lightsum::calibrate;
 use lightsum::gpu::Context;
 use lightsum::pass::Forms;
+use lightsum::pass::clusters::{self, NO_RECEIVER};
 use lightsum::pass::sort;
 use lightsum::scene::{Camera, Light, Material, Scene, Triangle, builtin};
-use lightsum::settings::{Clip, Settings, Traversal};
+use lightsum::settings::{Clip, ClusterOrder, Settings, Traversal};
 use lightsum::standalone::Renderer;
 
 use crate::rig::{Rig, gallery, xyz};
@@ -146,7 +147,8 @@ fn lists_are_sorted_and_the_same_in_every_run() {
         for ([width, height], pattern) in sizes.into_iter().cycle().zip(patterns) {
             let scene = gallery();
             let run = || {
-                let rig = Rig::new(ctx, &scene, [width, height], Settings { pattern, ..settings(Traversal::Auto) });
+                let by_space = Settings { pattern, cluster_order: ClusterOrder::Space, ..settings(Traversal::Auto) };
+                let rig = Rig::new(ctx, &scene, [width, height], by_space);
                 // Second components outside of tiles with mirrors and glass are left alone; they are not lit.
                 rig.prefill(&[&rig.frame().primary.wo]);
                 rig.run(|frame, rec| {
@@ -178,6 +180,59 @@ fn lists_are_sorted_and_the_same_in_every_run() {
                     "{width}x{height}"
                 );
             }
+        }
+    });
+}
+
+#[test]
+fn clusters_of_the_screen_follow_their_oracle() {
+    gpu_test(|ctx| {
+        if ![4, 8, 16, 32, 64].contains(&ctx.info().subgroup_size) {
+            return;
+        }
+        let sizes = [[1, 1], [27, 1], [8, 8], [683, 3], [31, 17], [157, 163]];
+        let patterns = [[1, 1], [2, 1], [3, 3], [8, 8], [3, 2], [1, 1], [8, 5]];
+        for ([width, height], pattern) in sizes.into_iter().cycle().zip(patterns) {
+            let scene = gallery();
+            let rig = Rig::new(ctx, &scene, [width, height], Settings { pattern, ..settings(Traversal::Auto) });
+            rig.prefill(&[&rig.frame().primary.wo]);
+            rig.run(|frame, rec| {
+                frame.record_walk(rec)?;
+                frame.record_eye(rec)
+            });
+            let work = rig.work(0);
+            let list = rig.get::<u32>(&rig.frame().lists[0].pixels)[..work.total as usize].to_vec();
+            let wo = rig.vec4s(&rig.frame().primary.wo);
+            let lit: Vec<u32> = (0..wo.len() as u32).filter(|&slot| wo[slot as usize].w > 0.0).collect();
+            assert_eq!(list, clusters::reference(&rig.parameters, &lit), "{width}x{height} by {pattern:?}");
+            assert_eq!(work.live as usize, lit.len(), "{width}x{height} by {pattern:?}");
+            let [x, y, ..] = work.list_groups;
+            assert!(64 * x * y >= work.total, "{width}x{height} by {pattern:?}: {work:?}");
+            let listed = rig.get::<[u32; 2]>(&rig.frame().clusters.as_ref().unwrap().listed);
+            for (cluster, [class, _]) in list.chunks(64).zip(listed) {
+                let of = |slot: &u32| *slot == NO_RECEIVER || sort::class_of(&rig.parameters, *slot) == class;
+                assert!(cluster.iter().all(of), "{width}x{height} by {pattern:?}");
+            }
+        }
+    });
+}
+
+#[test]
+fn both_orders_of_clusters_give_the_same_light() {
+    gpu_test(|ctx| {
+        for (pattern, resolution) in [([1, 1], [83, 61]), ([3, 3], [83, 61]), ([3, 3], [5, 7]), ([8, 8], [64, 27])] {
+            let (scene, camera) = with_camera(builtin::room(2_000), resolution);
+            let by = |cluster_order| {
+                let settings = Settings { pattern, cluster_order, ..settings(Traversal::Auto) };
+                irradiance(ctx, &scene, camera, &settings)
+            };
+            let (space, screen) = (by(ClusterOrder::Space), by(ClusterOrder::Screen));
+            let level = space.iter().sum::<Vec3>() / space.len() as f32;
+            assert!(level.min_element() > 0.0, "{pattern:?}: nothing is lit");
+            // Shafts differ, and with them what is tested of the triangles that a ray just grazes.
+            let apart = |(a, b): &(&Vec3, &Vec3)| !(**a - **b).abs().cmple(a.abs() * 1e-5 + level * 1e-6).all();
+            let differ = space.iter().zip(&screen).filter(apart).count();
+            assert!(differ * 1000 <= 4 * space.len(), "{pattern:?}: {differ} of {} differ", space.len());
         }
     });
 }

@@ -3,7 +3,7 @@
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use lightsum::gpu::DeviceChoice;
-use lightsum::settings::{Settings, Traversal};
+use lightsum::settings::{ClusterOrder, Settings, Traversal};
 use std::path::PathBuf;
 
 /// Greatest number of pixels of an image.
@@ -82,6 +82,9 @@ pub struct Frame {
     /// How shadow rays are traced: auto, single or cluster [default: auto].
     #[arg(long, value_name = "HOW,...", value_delimiter = ',', value_parser = traversal())]
     pub traversal: Vec<Traversal>,
+    /// By what the points that the eye sees are put in clusters: screen or space [default: screen].
+    #[arg(long, value_name = "ORDER,...", value_delimiter = ',', value_parser = cluster_order())]
+    pub cluster_order: Vec<ClusterOrder>,
     /// Settings of lightsum's preset of that name in place of the defaults and the scene's; other flags override them.
     #[arg(long)]
     pub interactive: bool,
@@ -241,6 +244,13 @@ fn traversal() -> impl TypedValueParser<Value = Traversal> {
         "single" => Traversal::Single,
         "cluster" => Traversal::Cluster,
         _ => Traversal::Auto,
+    })
+}
+
+fn cluster_order() -> impl TypedValueParser<Value = ClusterOrder> {
+    PossibleValuesParser::new(["screen", "space"]).map(|name| match name.as_str() {
+        "space" => ClusterOrder::Space,
+        _ => ClusterOrder::Screen,
     })
 }
 

@@ -59,7 +59,8 @@ fn combinations(args: &Frame, base: Settings) -> Vec<Settings> {
     let list = each(list, &args.paths, |s, v| s.paths = v);
     let list = each(list, &args.max_depth, |s, v| s.max_depth = v);
     let list = each(list, &args.lights_per_dispatch, |s, v| s.lights_per_dispatch = v);
-    each(list, &args.traversal, |s, v| s.traversal = v)
+    let list = each(list, &args.traversal, |s, v| s.traversal = v);
+    each(list, &args.cluster_order, |s, v| s.cluster_order = v)
 }
 
 fn print(name: &str, renderer: &Renderer, passes: &Passes) -> Result<()> {
@@ -85,7 +86,10 @@ fn print(name: &str, renderer: &Renderer, passes: &Passes) -> Result<()> {
         let cells = [name.to_owned(), milliseconds(median), percent(report::spread(seconds)), percent(median / frame)];
         table.row(&cells)?;
     }
-    report::say(&format!("{:.2} M rays/s; sort is a part of eye and gather", passes.rays_per_second() * 1e-6))
+    report::say(&format!(
+        "{:.2} M rays/s; sort and clusters are parts of eye and gather",
+        passes.rays_per_second() * 1e-6
+    ))
 }
 
 #[cfg(test)]

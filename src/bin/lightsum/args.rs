@@ -8,7 +8,7 @@ use glam::Vec3;
 use lightsum::gpu::DeviceChoice;
 use lightsum::output::{Format, Tonemap};
 use lightsum::path_trace::SpecularPaths;
-use lightsum::settings::{Agreement, LightChoice, Sequence, Settings, Traversal};
+use lightsum::settings::{Agreement, ClusterOrder, LightChoice, Sequence, Settings, Traversal};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -359,6 +359,9 @@ pub struct Device {
     /// How shadow rays and the eye's rays are traced [default: auto].
     #[arg(long, value_name = "HOW")]
     pub traversal: Option<TraversalFlag>,
+    /// By what the points that the eye sees are put in clusters [default: screen].
+    #[arg(long, value_name = "ORDER")]
+    pub cluster_order: Option<ClusterOrderFlag>,
 }
 
 /// Value of `--filter`.
@@ -408,6 +411,24 @@ impl From<TraversalFlag> for Traversal {
     }
 }
 
+/// By what the points that the eye sees are put in clusters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ClusterOrderFlag {
+    /// By their pixels where no light is gathered (--no-compensation), else as space
+    Screen,
+    /// By their positions: takes a sort, but clusters are narrower
+    Space,
+}
+
+impl From<ClusterOrderFlag> for ClusterOrder {
+    fn from(flag: ClusterOrderFlag) -> ClusterOrder {
+        match flag {
+            ClusterOrderFlag::Screen => ClusterOrder::Screen,
+            ClusterOrderFlag::Space => ClusterOrder::Space,
+        }
+    }
+}
+
 /// Path tracing on the CPU, to compare with.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Reference")]
@@ -416,7 +437,7 @@ pub struct Reference {
     #[arg(long, conflicts_with_all = [
         "passes", "time", "target_error", "resume", "paths", "direct_lights", "interleave", "clip", "clip_fraction", "no_compensation", "no_split",
         "photons", "photon_radius", "mirror_lights", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "summands",
-        "light_threshold", "light_choice", "light_floor", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "export_lights", "stats",
+        "light_threshold", "light_choice", "light_floor", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats",
     ])]
     pub reference: bool,
     /// Paths of --reference for each pixel [default: 64]. Time grows linearly, noise falls like the square root.

@@ -111,6 +111,7 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
     settings.lights_per_dispatch = device.lights_per_dispatch.unwrap_or(settings.lights_per_dispatch);
     settings.rounds = device.rounds.unwrap_or(settings.rounds);
     settings.traversal = device.traversal.map_or(settings.traversal, Into::into);
+    settings.cluster_order = device.cluster_order.map_or(settings.cluster_order, Into::into);
     settings
 }
 
