@@ -31,10 +31,11 @@ fn main() -> Result<(), Box<dyn Error>> {
             let kernel = &library.layers()[layer];
             let (tan_beta, energy, captured) = (kernel.tan_beta, kernel.energy, kernel.captured);
             println!(
-                "  mu {:.3}: tan beta {tan_beta:.4}, energy {energy:.4}, captured {captured:.4}",
-                view_cosine(layer)
+                "  mu {:.3}: tan beta {tan_beta:.4}, energy {energy:.4}, captured {captured:.4}, of it core {:.4}",
+                view_cosine(layer),
+                kernel.core_share
             );
-            draw(&mut picture, &kernel.texture, column * PITCH, row * PITCH);
+            draw(&mut picture, &kernel.core.texture, column * PITCH, row * PITCH);
         }
         for from in [0, 3, 7] {
             println!("  half way between layers, from {from}: {}", between(&library, &lobe, from));
@@ -62,7 +63,8 @@ fn between(library: &KernelLibrary, lobe: &Lobe, from: usize) -> String {
         let mu = 0.5 * (view_cosine(layer) + view_cosine(layer + 1));
         let exact = Kernel::new(lobe, mu);
         let Some(found) = library.look_up(0, mu as f32) else { continue };
-        let misplaced: f32 = exact.texture.iter().zip(found.texture).map(|(a, b)| 0.5 * (a - b).abs()).sum();
+        let misplaced: f32 =
+            exact.core.texture.iter().zip(&found.nearest.core.texture).map(|(a, b)| 0.5 * (a - b).abs()).sum();
         let relative = |a: f32, b: f32| (a / b - 1.0).abs();
         let errors = [relative(found.tan_beta, exact.tan_beta), relative(found.energy, exact.energy), misplaced];
         worst = std::array::from_fn(|i| worst[i].max(errors[i]));

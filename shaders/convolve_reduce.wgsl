@@ -17,6 +17,8 @@ const STAYS: f32 = 6.0;
 const LEAVES: f32 = 8.0;
 // Least share of a kernel's variance that is left when that of the pyramid is taken off.
 const LEAST_VARIANCE: f32 = 0.02;
+// Least deviation that is left, in texels.
+const LEAST_DEVIATION: f32 = 0.4;
 
 struct Entry {
     light: vec4<f32>,       // radiance times weight, weight
@@ -62,7 +64,11 @@ fn settle(at: u32, entry: Entry, id: u32, held: bool, here: ConvolveStep) -> f32
     // The box of a texel and the splines of the way back widen a kernel.
     let added = (here.texel * here.texel - 1.0) / 3.0;
     let variance = max(stats.xy * stats.xy * radius * radius, vec2<f32>(1e-12));
-    let radii = sqrt(max(1.0 - added / variance, vec2<f32>(LEAST_VARIANCE))) * (radius / here.texel);
+    // The sums of the kernels over the grid are not those of ridges between its texels.
+    let whole_radius = radius / here.texel;
+    let narrowest = LEAST_DEVIATION / max(stats.xy, vec2<f32>(1e-6));
+    let taken_off = sqrt(max(1.0 - added / variance, vec2<f32>(LEAST_VARIANCE))) * whole_radius;
+    let radii = min(max(taken_off, narrowest), vec2<f32>(whole_radius));
     let length = sqrt(dot(entry.axis, entry.axis));
     let axis = select(vec2<f32>(1.0, 0.0), entry.axis / length, length > 1e-6);
     let whole = norm(layer, 2.0 * sqrt(radii.x * radii.y), axis, stats.z);

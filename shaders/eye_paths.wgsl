@@ -81,7 +81,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let mu = dot(s.geometric, -ray.xyz);
         let lobe = lobe_at(reflectors[max(plane, 1u) - 1u].x, mu);
         if plane > 0u {
-            fork = fork_of_plane(s, -ray.xyz, select(lobe.y * schlick(s.reflectance, mu), vec3<f32>(1.0), splits));
+            fork = fork_of_plane(s, -ray.xyz, select(reflectance_of_lobe(lobe, s.reflectance.f0, s.reflectance.f90), vec3<f32>(1.0), splits));
         }
         let before = throughput[slot];
         let depth = before.w + ray.w * hit.x;

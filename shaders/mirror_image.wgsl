@@ -16,10 +16,13 @@
 @group(0) @binding(10) var<storage, read_write> work: Work;
 @group(0) @binding(11) var<storage, read> tiles: array<u32>;
 @group(0) @binding(12) var<storage, read> region: array<u32>;
+@group(0) @binding(18) var<storage, read_write> core_footprint: array<vec4<f32>>; // the same for the peak of the kernel
 @group(0) @binding(17) var<storage, read> widening: array<vec4<f32>>;
 @group(0) @binding(15) var<storage, read_write> source: array<vec4<f32>>;     // radiance; w: depth of what is seen
-@group(0) @binding(16) var<storage, read_write> footprint: array<vec4<f32>>;  // diameter, layer, direction of the kernel's u axis
+@group(0) @binding(16) var<storage, read_write> footprint: array<vec4<f32>>;  // of the tail: diameter, texture, direction of the kernel's u axis
 
+// Radius of the core over that of the whole kernel.
+const CORE_RADIUS: f32 = 0.3;
 // Farther than everything.
 const NOTHING_SEEN: f32 = 3.0e38;
 
@@ -52,7 +55,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let wo = receiver_wo[pixel].xyz;
     let normal = receiver_geometric[pixel].xyz;
     let mu = dot(normal, wo);
-    let layer = reflectors[plane - 1u].x + layer_of(mu);
+    let tail = tail_of(reflectors[plane - 1u].x, mu);
     let tan_beta = lobe_at(reflectors[plane - 1u].x, mu).x;
     // What the eye sees of the disc at the reflected point: tan(beta) z_r / (t + z_r), from each plane on the way. Far away only the
     // angles count.
@@ -78,5 +81,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let scale = 0.5 * size.y * sqrt(dot(up, up)) / (f * sqrt(f));
     let diameter = 4.0 * half * scale;
     source[pixel] = vec4<f32>(l, end);
-    footprint[pixel] = vec4<f32>(diameter, f32(layer), axis);
+    footprint[pixel] = vec4<f32>(diameter, f32(tail), axis);
+    core_footprint[pixel] = vec4<f32>(CORE_RADIUS * diameter, f32(tail + VIEW_ANGLES), axis);
 }

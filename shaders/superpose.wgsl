@@ -2,7 +2,6 @@
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
-#include "bsdf.wgsl"
 #include "reflectors.wgsl"
 
 @group(0) @binding(1) var<storage, read> receiver_geometric: array<vec4<f32>>;
@@ -12,7 +11,8 @@
 @group(0) @binding(5) var<storage, read_write> work: Work;
 @group(0) @binding(6) var<storage, read> tiles: array<u32>;
 @group(0) @binding(7) var<storage, read> region: array<u32>;
-@group(0) @binding(8) var<storage, read> spread: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read> spread: array<vec4<f32>>;     // by the tail of the kernel
+@group(0) @binding(10) var<storage, read> core: array<vec4<f32>>;       // by its core
 @group(0) @binding(9) var<storage, read> maps: array<vec4<f32>>;       // reflectance maps
 
 const FORM_MAP: u32 = 1u;
@@ -49,12 +49,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let f0 = receiver_f0[pixel].xyz;
     let mu = dot(geometric.xyz, receiver_wo[pixel].xyz);
     let tables = reflectors[plane - 1u];
-    let energy = lobe_at(tables.x, mu).y;
+    let lobe = lobe_at(tables.x, mu);
     let form = frame.superposition.y;
     let s = sqrt(clamp(mu, 0.0, 1.0)) * f32(MAP_TEXELS - 1u);
     let i = u32(s);
     let mapped = mix(maps[tables.y + i], maps[tables.y + min(i + 1u, MAP_TEXELS - 1u)], s - f32(i)).xyz;
-    let fresnel = select(schlick(Reflectance(vec3<f32>(0.0), geometric.w, f0, 1.0), mu), fresnel_fitted(f0, mu), form == FORM_FRESNEL);
-    let reflectance = select(energy * fresnel, mapped, form == FORM_MAP);
-    shown[pixel] += vec4<f32>(reflectance * spread[pixel].xyz, 0.0);
+    let schlick = reflectance_of_lobe(lobe, f0, geometric.w);
+    let evaluated = select(schlick, lobe.y * fresnel_fitted(f0, mu), form == FORM_FRESNEL);
+    let reflectance = select(evaluated, mapped, form == FORM_MAP);
+    let l = mix(spread[pixel].xyz, core[pixel].xyz, lobe.w);
+    shown[pixel] += vec4<f32>(reflectance * l, 0.0);
 }

@@ -4,20 +4,26 @@ const VIEW_ANGLES: u32 = 32u;
 const MAP_TEXELS: u32 = 128u;
 
 @group(0) @binding(28) var<storage, read> reflectors: array<vec4<u32>>;    // first layer, first texel of the reflectance map
-@group(0) @binding(29) var<storage, read> lobes: array<vec4<f32>>;         // of each layer: tan beta, energy, captured share
+@group(0) @binding(29) var<storage, read> lobes: array<vec4<f32>>;         // of each layer: tan beta, energy, its grazing part, share of the core
 
 // Place among the layers of a material, from 0, where a cosine of the angle of view lies.
 fn view_place(mu: f32) -> f32 {
     return clamp(mu * f32(VIEW_ANGLES) - 1.0, 0.0, f32(VIEW_ANGLES - 1u));
 }
 
-fn layer_of(mu: f32) -> u32 {
-    return u32(view_place(mu) + 0.5);
+// Texture of the tail of the kernel; that of the core is VIEW_ANGLES further on.
+fn tail_of(first: u32, mu: f32) -> u32 {
+    return 2u * first + u32(view_place(mu) + 0.5);
 }
 
-// tan beta and energy, interpolated between angles of view.
-fn lobe_at(first: u32, mu: f32) -> vec2<f32> {
+// How much a lobe reflects by Schlick's formula.
+fn reflectance_of_lobe(lobe: vec4<f32>, f0: vec3<f32>, f90: f32) -> vec3<f32> {
+    return f0 * (lobe.y - lobe.z) + f90 * lobe.z;
+}
+
+// Those, interpolated between angles of view.
+fn lobe_at(first: u32, mu: f32) -> vec4<f32> {
     let s = view_place(mu);
     let i = u32(s);
-    return mix(lobes[first + i].xy, lobes[first + min(i + 1u, VIEW_ANGLES - 1u)].xy, s - f32(i));
+    return mix(lobes[first + i], lobes[first + min(i + 1u, VIEW_ANGLES - 1u)], s - f32(i));
 }

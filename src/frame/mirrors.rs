@@ -7,7 +7,7 @@ use crate::pass::mirror_image::{self, Image, MirrorImage, Planes, Tables};
 use crate::pass::superpose::Superpose;
 use crate::pass::{Kernels, List, Paths, Receivers, Sums};
 use crate::settings::{Spread, Superposition};
-use crate::superposition::kernels::VIEW_ANGLES;
+use crate::superposition::kernels::{CORE_RADIUS, VIEW_ANGLES};
 
 /// The passes of glossy planes with their buffers.
 pub struct Mirrors {
@@ -20,10 +20,11 @@ pub struct Mirrors {
     superpose: Superpose,
 }
 
-/// How the mirror image is spread.
+/// How the mirror image is spread: by the tails of the kernels, and by their cores.
 struct Convolution {
     library: Library,
-    pass: Convolve,
+    tail: Convolve,
+    core: Convolve,
 }
 
 /// What the passes read and write.
@@ -68,31 +69,35 @@ impl Mirrors {
             Spread::Invariant | Spread::Variant => {
                 let library = Library::new(context, staging, &tables.textures, &tables.narrowings)?;
                 let widest = width.max(height) as f32;
-                // One kernel for all: that of the greatest reflector seen head on.
-                let one = [settings.kernel_width as f32, (VIEW_ANGLES - 1) as f32, 1.0, 0.0];
-                let one = staging.stage(context, "footprint of all", &[one])?;
-                let (footprint, widest) = match settings.spread {
-                    Spread::Invariant => (&one, settings.kernel_width as f32),
-                    _ => (&image.footprint, widest),
+                let mut convolve = |radius: f32, texture: usize, footprint: &Buffer| {
+                    // One kernel for all: that of the greatest reflector seen head on.
+                    let width = radius * settings.kernel_width as f32;
+                    let one = staging.stage(context, "footprint of all", &[[width, texture as f32, 1.0, 0.0]])?;
+                    let (footprint, widest) = match settings.spread {
+                        Spread::Invariant => (&one, width),
+                        _ => (footprint, radius * widest),
+                    };
+                    Convolve::new(
+                        context,
+                        staging,
+                        &convolve::Inputs {
+                            library: &library,
+                            source: &image.source,
+                            footprint,
+                            region: &inputs.planes.region,
+                            size: inputs.size,
+                            widest,
+                            form: Form::Auto,
+                            occlusion: settings.occlusion && settings.spread == Spread::Variant,
+                        },
+                    )
                 };
-                let pass = Convolve::new(
-                    context,
-                    staging,
-                    &convolve::Inputs {
-                        library: &library,
-                        source: &image.source,
-                        footprint,
-                        region: &inputs.planes.region,
-                        size: inputs.size,
-                        widest,
-                        form: Form::Auto,
-                        occlusion: settings.occlusion && settings.spread == Spread::Variant,
-                    },
-                )?;
-                Some(Convolution { library, pass })
+                let tail = convolve(1.0, VIEW_ANGLES - 1, &image.footprint)?;
+                let core = convolve(CORE_RADIUS as f32, 2 * VIEW_ANGLES - 1, &image.core_footprint)?;
+                Some(Convolution { library, tail, core })
             }
         };
-        let spread = convolution.as_ref().map_or(&image.source, |convolution| &convolution.pass.spread);
+        let spread = convolution.as_ref().map_or([&image.source; 2], |c| [&c.tail.spread, &c.core.spread]);
         let superpose = Superpose::new(
             kernels,
             inputs.frame,
@@ -125,7 +130,10 @@ impl Mirrors {
     /// The mirror image is spread.
     pub fn record_spread(&self, rec: &mut Recorder) -> Result<()> {
         match &self.convolution {
-            Some(convolution) => rec.scope("convolve", |rec| convolution.pass.record(rec)),
+            Some(Convolution { tail, core, .. }) => rec.scope("convolve", |rec| {
+                tail.record(rec)?;
+                core.record(rec)
+            }),
             None => Ok(()),
         }
     }

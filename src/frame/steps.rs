@@ -60,7 +60,12 @@ impl Steps {
         let (depth, sorts) = (settings.max_depth, lanes.is_some());
         let bounces = if settings.compensation && settings.clips() { depth } else { 1 };
         // What gathers light wants a list without gaps.
-        let by_screen = settings.cluster_order == ClusterOrder::Screen && sorts && bounces == 1 && depth > 1;
+        // The rays of gathered and of mirrored light take lists without gaps.
+        let by_screen = settings.mirror_lights == 0
+            && settings.cluster_order == ClusterOrder::Screen
+            && sorts
+            && bounces == 1
+            && depth > 1;
         let shade = |table: &mut StepTable, (first, end): (u32, u32)| {
             // Parallel light comes from no place.
             let mut places = delta.iter().take(end as usize).skip(first as usize);

@@ -41,7 +41,7 @@
 //!
 //! Error of the fast form, relative RMSE against the direct one on an image of soft shades, chequers and a bright ball, diameters
 //! proportional to depth with depth edges (`tests/gpu/convolve.rs`, 160x120): a disc 0.018, 0.021 and 0.043 for greatest diameters
-//! of 15, 31 and 63 pixels, a smooth lobe 0.009, 0.010 and 0.017, a long one to one side 0.013, 0.010 and 0.012.
+//! of 15, 31 and 63 pixels, a smooth lobe 0.009, 0.010 and 0.017, the same of half the width along v 0.017, 0.017 and 0.015, a long one to one side 0.013, 0.010 and 0.011.
 //!
 //! **Occlusion**, off as in the thesis: of a source that lies behind the target, by more than [`DEPTH_TOLERANCE`] of the target's depth,
 //! weights count only within the disc of the target's own diameter, softened over a pixel. So what is blurred behind

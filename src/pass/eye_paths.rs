@@ -126,7 +126,7 @@ pub struct EyePath {
 
 /// Oracle: a path of cosine `cos_view` after its hit on `surface` at distance `t`, and the second component if it is split
 /// (into slot `twins` further on, 0: paths are not split). `None` where the surface is neither mirror nor glass. Of a `plane` that mirrors the room `plane` is
-/// the energy of the lobe.
+/// the energy of the lobe and its grazing part.
 #[allow(clippy::too_many_arguments)]
 pub fn reference(
     frame: &layout::Frame,
@@ -136,10 +136,10 @@ pub fn reference(
     path: &EyePath,
     (d, t, cos_view): (Vec3, f32, f32),
     surface: &SurfacePoint,
-    plane: Option<f32>,
+    plane: Option<[f32; 2]>,
 ) -> Option<(EyePath, Option<EyePath>)> {
-    if let Some(energy) = plane {
-        return Some(at_plane(frame, step, twins, path, (d, cos_view * t), surface, energy));
+    if let Some(lobe) = plane {
+        return Some(at_plane(frame, step, twins, path, (d, cos_view * t), surface, lobe));
     }
     let material = &scene.materials[surface.material as usize];
     let normals = Normals { geometric: surface.geometric, shading: surface.shading, front: surface.front };
@@ -183,7 +183,7 @@ fn at_plane(
     path: &EyePath,
     (d, depth): (Vec3, f32),
     surface: &SurfacePoint,
-    energy: f32,
+    [energy, grazing]: [f32; 2],
 ) -> (EyePath, Option<EyePath>) {
     let n = surface.geometric;
     let origin = offset_origin(surface.position, n, frame.eye[3]);
@@ -194,7 +194,7 @@ fn at_plane(
         return (EyePath { ray: None, ..*path }, Some(twin));
     }
     let r = &surface.reflectance;
-    let reflectance = energy * (r.f0 + (r.f90 - r.f0) * (1.0 + d.dot(n)).powi(5));
+    let reflectance = r.f0 * (energy - grazing) + r.f90 * grazing;
     let probability = mean(r.kd) / (mean(r.kd) + mean(reflectance));
     if random_f32(key(frame.keys[0], COMPONENT, path.slot, step)) < probability {
         return (EyePath { ray: None, throughput: path.throughput / probability, ..*path }, None);

@@ -13,7 +13,8 @@
 //! tan(beta) is that of the plane's material at this angle of view ([`crate::superposition::kernels`]), z_r the distance from
 //! the plane to the reflected point, t that from the eye to the plane, f the pixels of a unit of length at unit distance. 4 z_r
 //! tan(beta) is equation 7.7, the width of the lobe at the reflected point; z_r / (t + z_r) is what the eye sees of it, since the
-//! mirror image lies behind the plane as far as the room before it. A mirrored ray that meets nothing counts as infinitely far.
+//! mirror image lies behind the plane as far as the room before it. Kernels are spread in two parts, tail and core, each with a
+//! footprint of its own. A mirrored ray that meets nothing counts as infinitely far.
 //! The kernel's axes are those of the lobe, whose width differs along and across the plane of incidence.
 //!
 //! Of another glossy plane in the mirror image the path takes the base or the mirrored ray, by chance as at all mirrors but the first
@@ -33,18 +34,18 @@ use crate::bsdf::Reflectance;
 use crate::error::Result;
 use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder, Staging};
 use crate::pass::layout;
-use crate::superposition::kernels::{KernelLibrary, VIEW_ANGLES};
+use crate::superposition::kernels::{CORE_RADIUS, KernelLibrary, VIEW_ANGLES};
 use crate::superposition::lobe::Lobe;
 use crate::superposition::reflectance::{MAP_TEXELS, ReflectanceMap, fresnel_fitted_rgb};
 
 // shaders/include/reflectors.wgsl has the same numbers.
-const _: () = assert!(VIEW_ANGLES == 32 && MAP_TEXELS == 128);
+const _: () = assert!(VIEW_ANGLES == 32 && MAP_TEXELS == 128 && CORE_RADIUS == 0.3);
 
 /// Tables of the planar reflectors of a scene, on the device.
 pub struct Tables {
     /// For each reflector its first layer and the first texel of its reflectance map.
     pub reflectors: Buffer,
-    /// Lobe of each layer: tan(beta), energy, its grazing part, captured share.
+    /// Lobe of each layer: tan(beta), energy, its grazing part, share of the core.
     pub lobes: Buffer,
     /// Kernel texture of each layer.
     pub textures: Buffer,
@@ -103,8 +104,10 @@ impl Tables {
 pub struct Image {
     /// Radiance; w: depth of what is seen, along the direction of view and as if the way were straight.
     pub source: Buffer,
-    /// Diameter of the kernel in pixels, its layer, and the direction of its u axis.
+    /// Diameter of the kernel's tail in pixels, its texture, and the direction of its u axis.
     pub footprint: Buffer,
+    /// The same of its core.
+    pub core_footprint: Buffer,
 }
 
 /// What eye paths note of glossy planes. Without planes that mirror, buffers that can be bound and hold no plane.
@@ -129,7 +132,12 @@ impl Planes {
 impl Image {
     /// Of so many pixels.
     pub fn new(context: &Context, pixels: u32) -> Result<Image> {
-        Ok(Image { source: vec4s(context, "mirror image", pixels)?, footprint: vec4s(context, "footprint", pixels)? })
+        let array = |name: &str| vec4s(context, name, pixels);
+        Ok(Image {
+            source: array("mirror image")?,
+            footprint: array("footprint")?,
+            core_footprint: array("core footprint")?,
+        })
     }
 }
 
@@ -184,6 +192,7 @@ impl MirrorImage {
             ("lobes", (&inputs.tables.lobes).into()),
             ("source", (&inputs.image.source).into()),
             ("footprint", (&inputs.image.footprint).into()),
+            ("core_footprint", (&inputs.image.core_footprint).into()),
         ])?;
         Ok(MirrorImage { kernel, bindings, tiles: inputs.tiles.work.clone() })
     }

@@ -2,12 +2,13 @@
 //! (Bastos 1999, equation 4.15 and section 6.7): L += rho(mu) L_spread, mu the cosine of the angle of view.
 //!
 //! ```text
-//! rho = energy(mu) (F0 + (F90 - F0) (1 - mu)^5)      Schlick, as the lobe reflects point lights
-//! rho = energy(mu) F(mu)                             Fresnel, equations 6.10 to 6.14
-//! rho = map(mu)                                      the same from a table, F0 being the material's mean
+//! rho = F0 (energy(mu) - grazing(mu)) + F90 grazing(mu)      Schlick, as the lobe reflects point lights
+//! rho = energy(mu) F(mu)                                     Fresnel, equations 6.10 to 6.14
+//! rho = map(mu)                                              the same from a table, F0 being the material's mean
 //! ```
 //!
-//! energy(mu) is the lobe's own albedo ([`crate::superposition::kernels`]). [`crate::superposition::reflectance`] says how the
+//! L_spread is the mix of what core and tail of the kernel have spread, by the core's share. energy(mu) and grazing(mu) are the
+//! lobe's own albedo and the part of it that F90 weighs ([`crate::superposition::kernels`]). [`crate::superposition::reflectance`] says how the
 //! table is looked up and how far it is off.
 //!
 //! Differs from the thesis in that: equation 6.9's division by pi (N.L)(N.V) is left out, see there; Schlick's formula is the
@@ -34,13 +35,13 @@ pub struct Superpose {
 }
 
 impl Superpose {
-    /// Adds `spread` to `shown` where `region` is not 0.
+    /// Adds what tail and core of the kernels have spread to `shown` where `region` is not 0.
     pub fn new(
         kernels: &Kernels,
         frame: &Buffer,
         receivers: &Receivers,
         tiles: &List,
-        (region, spread): (&Buffer, &Buffer),
+        (region, [tail, core]): (&Buffer, [&Buffer; 2]),
         tables: &Tables,
         shown: &Buffer,
     ) -> Result<Self> {
@@ -56,7 +57,8 @@ impl Superpose {
             ("region", region.into()),
             ("reflectors", (&tables.reflectors).into()),
             ("lobes", (&tables.lobes).into()),
-            ("spread", spread.into()),
+            ("spread", tail.into()),
+            ("core", core.into()),
             ("maps", (&tables.maps).into()),
         ])?;
         Ok(Superpose { kernel, bindings, tiles: tiles.work.clone() })
@@ -68,16 +70,17 @@ impl Superpose {
     }
 }
 
-/// Oracle: the reflectance of a plane of this finish whose lobe has this energy at cosine `mu` of the angle of view.
+/// Oracle: the reflectance of a plane of this finish whose lobe has this energy and grazing part at cosine `mu` of the angle of
+/// view.
 pub fn reference(
     form: settings::Reflectance,
     finish: &Reflectance,
     map: &ReflectanceMap,
-    energy: f32,
+    [energy, grazing]: [f32; 2],
     mu: f32,
 ) -> Vec3 {
     match form {
-        settings::Reflectance::Schlick => energy * (finish.f0 + (finish.f90 - finish.f0) * (1.0 - mu).powi(5)),
+        settings::Reflectance::Schlick => finish.f0 * (energy - grazing) + finish.f90 * grazing,
         settings::Reflectance::Fresnel => energy * fresnel_fitted_rgb(finish.f0, mu),
         settings::Reflectance::Map => map.look_up(mu),
     }

@@ -13,7 +13,15 @@
 //!
 //! k(x, y) ~ f(wi, wo) cos theta_i / l^3 within the unit disc, 0 outside and below the horizon,
 //!
-//! where l^-3 w w' dx dy = d omega_i. A texel is the mean of k over its area; the texels sum to 1. f is the lobe without its
+//! where l^-3 w w' dx dy = d omega_i.
+//!
+//! # Core and tail
+//!
+//! A GGX lobe has a peak that is much narrower than its tail is wide: one texture, and one level of a pyramid, would lose it. So a
+//! kernel is the sum of two, each with a texture and a narrowing of its own: the core is what stands out above the greatest value that the
+//! kernel has at [`CORE_RADIUS`] of the half width, within that radius, and the tail is all the rest, with a flat top.
+//!
+//! A texel is the mean of k over its area; the texels sum to 1. f is the lobe without its
 //! Fresnel factor: that is a matter of [`reflectance`](super::reflectance). With it go
 //!
 //! - tan beta: beta is the half angle of the cone about r that receives [`CONE_SHARE`] of the lobe's energy, tan beta at most
@@ -32,8 +40,9 @@
 //!
 //! ```text
 //! s = clamp(mu * N - 1, 0, N - 1);  i = floor(s);  j = min(i + 1, N - 1)
-//! tan_beta, energy, grazing, captured = mix(a(i), a(j), s - i)
-//! weight of texel (p, q) = textures[((first + floor(s + 0.5)) * 32 + q) * 32 + p],  (x, y) = ((p, q) + 0.5) / 16 - 1
+//! tan_beta, energy, grazing, core_share = mix(a(i), a(j), s - i)
+//! tail = floor(s + 0.5) + 2 first;  core = tail + N
+//! weight of texel (p, q) = textures[(tail * 32 + q) * 32 + p],  (x, y) = ((p, q) + 0.5) / 16 - 1
 //! ```
 //!
 //! # Where it differs from the thesis
@@ -44,7 +53,7 @@
 //! - The cone is bounded ([`MAX_TAN_BETA`]).
 //! - tan beta and energy are interpolated between angles of view, so that the blur has no steps there.
 //!
-//! Cost: 4 KiB for each layer, 128 KiB a lobe; about 10^5 evaluations of f for each layer, once.
+//! Cost: 8 KiB for each layer, 256 KiB a lobe; about 10^5 evaluations of f for each layer, once.
 
 use std::f64::consts::PI;
 
@@ -85,24 +94,45 @@ pub fn view_cosine(layer: usize) -> f64 {
 pub const NARROWINGS_TO_HALF: u32 = 4;
 
 /// Greatest [`Kernel::narrowing`].
-pub const MAX_NARROWING: u32 = 6;
+pub const MAX_NARROWING: u32 = 4;
+
+/// Radius of the core over that of the whole kernel.
+pub const CORE_RADIUS: f64 = 0.3;
+
+/// A part of a kernel as a texture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// The texture's ellipse is 2^(-narrowing / 4) times as wide across the plane of incidence as along it.
+    pub narrowing: u32,
+    /// [`KERNEL_TEXELS`] rows along v of as many texels along u; they sum to 1.
+    pub texture: Vec<f32>,
+}
+
+impl Part {
+    /// Width of the ellipse across the plane of incidence over that along it.
+    pub fn aspect(&self) -> f32 {
+        aspect_of(self.narrowing) as f32
+    }
+}
 
 /// A lobe seen from one direction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Kernel {
     /// Tangent of beta, half the tangent of the half angle of the ellipse along the plane of incidence.
     pub tan_beta: f32,
-    /// The ellipse is 2^(-narrowing / 4) times as wide across the plane of incidence as along it.
-    pub narrowing: u32,
     /// Integral of f cos theta_i over the hemisphere.
     pub energy: f32,
     /// The same of f cos theta_i (1 - wo.h)^5, h the half vector: with Schlick's formula the lobe reflects
     /// F0 (energy - grazing) + F90 grazing.
     pub grazing: f32,
-    /// Share of the energy within the ellipse.
+    /// Share of the energy within the ellipse of the tail.
     pub captured: f32,
-    /// [`KERNEL_TEXELS`] rows along v of as many texels along u; they sum to 1.
-    pub texture: Vec<f32>,
+    /// Share of the core in what the kernel holds.
+    pub core_share: f32,
+    /// What is left of the kernel without its core, of half width 2 tan beta.
+    pub tail: Part,
+    /// The peak, of half width [`CORE_RADIUS`] 2 tan beta.
+    pub core: Part,
 }
 
 impl Kernel {
@@ -119,35 +149,43 @@ impl Kernel {
             }
             cumulative[ring + 1] = energy;
         }
+        let empty = || Part { narrowing: 0, texture: point() };
         if energy <= 0.0 {
-            return Kernel { tan_beta: 0.0, narrowing: 0, energy: 0.0, grazing: 0.0, captured: 0.0, texture: point() };
+            let (tail, core) = (empty(), empty());
+            return Kernel { tan_beta: 0.0, energy: 0.0, grazing: 0.0, captured: 0.0, core_share: 0.0, tail, core };
         }
         let beta = angle_of(&cumulative, CONE_SHARE * energy);
         let tan_beta = if beta < MAX_TAN_BETA.atan() { beta.tan() } else { MAX_TAN_BETA };
-        let half_width = 2.0 * tan_beta;
-        let narrowing = narrowing_of(&samples, half_width);
-        let aspect = aspect_of(narrowing);
+        let (width, core_width) = (2.0 * tan_beta, CORE_RADIUS * 2.0 * tan_beta);
+        let level = view.greatest_at(core_width);
+        let core_of = |s: &Sample| if s.at.length() < core_width { (1.0 - level / s.density).max(0.0) } else { 0.0 };
+        let tail_narrowing = narrowing_of(&samples, width, |s| 1.0 - core_of(s));
+        let core_narrowing = narrowing_of(&samples, core_width, core_of);
         let within = |(i, s): (usize, &Sample)| {
             // The edge of the ellipse cuts through rings.
             let [inner, outer] = [0.0, 1.0].map(|edge| ring_angle((i / DIRECTIONS) as f64 + edge).tan());
-            let stretch = s.at.x.hypot(s.at.y / aspect) / s.at.length();
-            let share = (half_width / stretch - inner) / (outer - inner);
+            let stretch = s.at.x.hypot(s.at.y / aspect_of(tail_narrowing)) / s.at.length();
+            let share = (width / stretch - inner) / (outer - inner);
             if s.at.is_finite() && outer > inner { share.clamp(0.0, 1.0) * s.energy } else { 0.0 }
         };
         let captured: f64 = samples.iter().enumerate().map(within).sum();
+        let core: f64 = samples.iter().filter(|s| s.energy > 0.0).map(|s| s.energy * core_of(s)).sum();
+        let in_core = |k: f64, at: DVec2| if at.length() < core_width { (k - level).max(0.0) } else { 0.0 };
         Kernel {
             tan_beta: tan_beta as f32,
-            narrowing,
             energy: energy as f32,
             grazing: grazing as f32,
             captured: (captured / energy) as f32,
-            texture: view.texture(half_width, half_width * aspect),
+            core_share: if captured > 0.0 { (core / captured).min(1.0) as f32 } else { 0.0 },
+            tail: Part {
+                narrowing: tail_narrowing,
+                texture: view.texture(width, aspect_of(tail_narrowing), |k, at| k - in_core(k, at)),
+            },
+            core: Part {
+                narrowing: core_narrowing,
+                texture: view.texture(core_width, aspect_of(core_narrowing), in_core),
+            },
         }
-    }
-
-    /// Width of the ellipse across the plane of incidence over that along it.
-    pub fn aspect(&self) -> f32 {
-        aspect_of(self.narrowing) as f32
     }
 }
 
@@ -159,16 +197,18 @@ struct Sample {
     cos_h: f64,
     /// f cos theta_i d omega_i.
     energy: f64,
+    /// f cos theta_i / l^3, the kernel there.
+    density: f64,
 }
 
 fn aspect_of(narrowing: u32) -> f64 {
     (-f64::from(narrowing) / f64::from(NARROWINGS_TO_HALF)).exp2()
 }
 
-/// By the mean distances from the mirror direction across and along, within the disc of a half width.
-fn narrowing_of(samples: &[Sample], half_width: f64) -> u32 {
-    let near = samples.iter().filter(|s| s.at.length() < half_width);
-    let sums = near.map(|s| s.at.abs() * s.energy).sum::<DVec2>();
+/// By the mean distances from the mirror direction across and along of a part of the kernel, within the disc of a half width.
+fn narrowing_of(samples: &[Sample], half_width: f64, part: impl Fn(&Sample) -> f64) -> u32 {
+    let near = samples.iter().filter(|s| s.at.length() < half_width && s.energy > 0.0);
+    let sums = near.map(|s| s.at.abs() * (s.energy * part(s))).sum::<DVec2>();
     if sums.y <= 0.0 || sums.y >= sums.x {
         return 0;
     }
@@ -223,18 +263,32 @@ impl View<'_> {
                 let t = 2.0 * PI * (k as f64 + 0.5) / DIRECTIONS as f64;
                 let (sin_phi, cos_phi) = (0.5 * (t - t.sin())).sin_cos();
                 let wi = self.r * cos + self.u * (sin * cos_phi) + DVec3::Y * (sin * sin_phi);
+                let f_cos = self.f_cos(cos, sin * cos_phi, sin * sin_phi);
                 samples.push(Sample {
                     at: if cos > 0.0 { DVec2::new(cos_phi, sin_phi) * (sin / cos) } else { DVec2::INFINITY },
                     cos_h: (0.5 * (1.0 + wi.dot(self.wo.as_dvec3()))).max(0.0).sqrt(),
-                    energy: self.f_cos(cos, sin * cos_phi, sin * sin_phi) * (1.0 - t.cos()) * ring_area,
+                    energy: f_cos * (1.0 - t.cos()) * ring_area,
+                    density: f_cos * cos.powi(3),
                 });
             }
         }
         samples
     }
 
-    /// The texels for half widths along u and v.
-    fn texture(&self, half_u: f64, half_v: f64) -> Vec<f32> {
+    /// The kernel where it is seen at `at`: f cos theta_i / l^3.
+    fn density(&self, at: DVec2) -> f64 {
+        let length2 = 1.0 + at.length_squared();
+        self.f_cos(1.0, at.x, at.y) / (length2 * length2.sqrt())
+    }
+
+    /// The kernel's greatest value at a distance from the mirror direction.
+    fn greatest_at(&self, distance: f64) -> f64 {
+        let angle = |k: usize| k as f64 * (PI / DIRECTIONS as f64);
+        (0..=DIRECTIONS).map(|k| self.density(DVec2::from_angle(angle(k)) * distance)).fold(0.0, f64::max)
+    }
+
+    /// The texels of a part of the kernel for a half width along u, and that along v over it.
+    fn texture(&self, half_width: f64, aspect: f64, part: impl Fn(f64, DVec2) -> f64) -> Vec<f32> {
         let half = KERNEL_TEXELS / 2;
         let texel = 1.0 / half as f64;
         // One half; the other mirrors it.
@@ -248,9 +302,8 @@ impl View<'_> {
                 for a in 0..SAMPLES[0] {
                     let x = (i as f64 + (a as f64 + 0.5) / SAMPLES[0] as f64) * texel - 1.0;
                     if x * x + y * y < 1.0 {
-                        let (x, y) = (half_u * x, half_v * y);
-                        let length2 = 1.0 + x * x + y * y;
-                        *mean += t * self.f_cos(1.0, x, y) / (length2 * length2.sqrt());
+                        let at = DVec2::new(x, y * aspect) * half_width;
+                        *mean += t * part(self.density(at), at);
                     }
                 }
             }
@@ -290,12 +343,12 @@ pub struct KernelLibrary {
 /// What the device needs; the look-up is in the [module's documentation](self).
 #[derive(Clone, Debug, PartialEq)]
 pub struct GpuKernels {
-    /// The texels of layer after layer, [`KERNEL_TEXELS`]^2 each.
+    /// [`KERNEL_TEXELS`]^2 texels each: of every lobe the tails of its layers, then their cores.
     pub textures: Vec<f32>,
-    /// (tan beta, energy, grazing, captured share) of each layer.
-    pub layers: Vec<[f32; 4]>,
-    /// [`Kernel::narrowing`] of each layer.
+    /// [`Part::narrowing`] of each texture.
     pub narrowings: Vec<u32>,
+    /// (tan beta, energy, grazing, share of the core) of each layer.
+    pub layers: Vec<[f32; 4]>,
     /// First layer of each material up to the last that has one, [`NO_KERNEL`] for those that have none.
     pub first_layer: Vec<u32>,
 }
@@ -347,16 +400,22 @@ impl KernelLibrary {
             energy: mix(a.energy, b.energy),
             grazing: mix(a.grazing, b.grazing),
             captured: mix(a.captured, b.captured),
-            texture: &layers[(s + 0.5) as usize].texture,
+            core_share: mix(a.core_share, b.core_share),
+            nearest: &layers[(s + 0.5) as usize],
         })
     }
 
     /// The tables as the device takes them.
     pub fn to_gpu(&self) -> GpuKernels {
+        let parts = || {
+            self.layers
+                .chunks(VIEW_ANGLES)
+                .flat_map(|of_lobe| of_lobe.iter().map(|k| &k.tail).chain(of_lobe.iter().map(|k| &k.core)))
+        };
         GpuKernels {
-            textures: self.layers.iter().flat_map(|k| k.texture.iter().copied()).collect(),
-            layers: self.layers.iter().map(|k| [k.tan_beta, k.energy, k.grazing, k.captured]).collect(),
-            narrowings: self.layers.iter().map(|k| k.narrowing).collect(),
+            textures: parts().flat_map(|part| part.texture.iter().copied()).collect(),
+            narrowings: parts().map(|part| part.narrowing).collect(),
+            layers: self.layers.iter().map(|k| [k.tan_beta, k.energy, k.grazing, k.core_share]).collect(),
             first_layer: self.first_layer.clone(),
         }
     }
@@ -373,8 +432,10 @@ pub struct LookUp<'a> {
     pub grazing: f32,
     /// Interpolated [`Kernel::captured`].
     pub captured: f32,
-    /// [`Kernel::texture`] of the nearest layer.
-    pub texture: &'a [f32],
+    /// Interpolated [`Kernel::core_share`].
+    pub core_share: f32,
+    /// The nearest layer, for its textures.
+    pub nearest: &'a Kernel,
 }
 
 #[cfg(test)]

@@ -55,7 +55,7 @@ impl Subject {
                 _ => 1 + u32::from(i % size[0] > size[0] / 2),
             })
             .collect();
-        let (kernels, narrowings, form) = (library(), vec![0, 3, 6, 1], Form::Direct);
+        let (kernels, narrowings, form) = (library(), vec![0, 3, 4, 1], Form::Direct);
         Subject { size, source, footprint, region, kernels, narrowings, widest, form, occlusion: false }
     }
 
@@ -151,13 +151,13 @@ fn convolve_fast_errs_little() {
             (2.0, 15.0, 0.02),
             (2.0, 31.0, 0.02),
             (2.0, 63.0, 0.02),
-            (3.0, 7.0, 0.05),
-            (3.0, 15.0, 0.05),
-            (3.0, 31.0, 0.05),
-            (3.0, 63.0, 0.05),
+            (3.0, 7.0, 0.002),
+            (3.0, 15.0, 0.025),
+            (3.0, 31.0, 0.025),
+            (3.0, 63.0, 0.025),
         ] {
-            // The smooth lobe once more with 2^(-6/4) of its width across.
-            let (layer, narrowing) = if layer == 3.0 { (1.0, 6) } else { (layer, 0) };
+            // The smooth lobe once more with half its width across.
+            let (layer, narrowing) = if layer == 3.0 { (1.0, 4) } else { (layer, 0) };
             let narrowed =
                 |form| Subject { form, narrowings: vec![narrowing; 4], ..natural([160, 120], widest, layer) };
             let (direct, fast) = (narrowed(Form::Direct), narrowed(Form::Fast));

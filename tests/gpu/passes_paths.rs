@@ -116,16 +116,9 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
         });
         seen.mirrored += usize::from(plane.is_some() && step == 0);
         seen.in_mirrors += usize::from(plane.is_some() && step > 0);
-        if let Some((next, twin)) = eye_paths::reference(
-            &rig.parameters,
-            rig.scene,
-            number,
-            twins,
-            &path,
-            way,
-            &surface,
-            plane.map(|[_, energy]| energy),
-        ) {
+        if let Some((next, twin)) =
+            eye_paths::reference(&rig.parameters, rig.scene, number, twins, &path, way, &surface, plane)
+        {
             seen.split += usize::from(twin.is_some());
             seen.stayed += usize::from(next.ray.is_none());
             seen.crossed += usize::from(next.media != path.media);

@@ -120,12 +120,12 @@ impl<'a> Rig<'a> {
         if glossy && number <= self.engine.parameters().settings.mirroring_planes() { number } else { 0 }
     }
 
-    /// tan(beta) and energy of the lobe of such a plane, seen along `d`.
+    /// Energy of the lobe of such a plane, seen along `d`, and its grazing part.
     pub fn plane_lobe(&self, hit: &Hit, d: Vec3) -> Option<[f32; 2]> {
         let number = self.plane(hit).checked_sub(1)?;
         let mu = self.bvh().normal(hit.triangle).dot(d).abs();
         let lobe = self.frame().mirrors.as_ref()?.tables.library.look_up(number, mu)?;
-        Some([lobe.tan_beta, lobe.energy])
+        Some([lobe.energy, lobe.grazing])
     }
 
     /// Rays lost so far.

@@ -135,9 +135,10 @@ fn planes_reflect_as_their_oracle_says() {
                 };
                 let mu = normal[i].truncate().dot(wo[i].truncate());
                 let finish: &Finish = &rig.engine.scene_buffers().finishes[plane as usize];
-                let look_up = |mu: f32| mirrors.tables.library.look_up(plane, mu).unwrap().energy;
-                let map = ReflectanceMap::new(|mu| look_up(mu) * fresnel_fitted_rgb(finish.f0, mu)).unwrap();
-                let rho = superpose::reference(reflectance, finish, &map, look_up(mu), mu);
+                let look_up = |mu: f32| mirrors.tables.library.look_up(plane, mu).unwrap();
+                let map = ReflectanceMap::new(|mu| look_up(mu).energy * fresnel_fitted_rgb(finish.f0, mu)).unwrap();
+                let lobe = look_up(mu);
+                let rho = superpose::reference(reflectance, finish, &map, [lobe.energy, lobe.grazing], mu);
                 let expected = rho * source[i].truncate();
                 let error = (more - expected).abs().max_element();
                 assert!(error <= 1e-4 * expected.max_element() + 1e-6, "{reflectance:?} {i}: {more} for {expected}");

@@ -74,39 +74,78 @@ fn frame(mu: f64) -> (DVec3, DVec3) {
 struct Exact {
     energy: f64,
     grazing: f64,
-    /// Shares of the energy within beta and within the ellipse.
+    /// Shares of the energy within beta and within the tail's ellipse, and of the core in the latter.
     cone: f64,
-    disc: f64,
-    /// Of the ellipse.
-    moments: Moments,
+    captured: f64,
+    core_share: f64,
+    tail: Texels,
+    core: Texels,
+}
+
+/// What falls on the texels of a part, and its moments, divided by its sum.
+struct Texels {
     texture: Vec<f64>,
+    moments: Moments,
 }
 
 /// Means of x, y, x^2 and y^2.
 type Moments = [f64; 4];
 
-fn exact(samples: &[Point], mu: f64, tan_beta: f64, aspect: f64) -> Exact {
+impl Texels {
+    /// Of a part of half width `width`, given where points are seen and what they hold of it.
+    fn new(width: f64, aspect: f64, points: impl Iterator<Item = (DVec2, f64)>) -> Texels {
+        let mut t = Texels { texture: vec![0.0; point().len()], moments: [0.0; 4] };
+        let mut sum = 0.0;
+        for (at, weight) in points {
+            let (x, y) = (at.x / width, at.y / (width * aspect));
+            if x.hypot(y) < 1.0 {
+                let texel = |x: f64| ((x + 1.0) * (KERNEL_TEXELS / 2) as f64) as usize;
+                t.texture[texel(y) * KERNEL_TEXELS + texel(x)] += weight;
+                t.moments.iter_mut().zip([x, y, x * x, y * y]).for_each(|(m, x)| *m += weight * x);
+                sum += weight;
+            }
+        }
+        t.moments.iter_mut().chain(&mut t.texture).for_each(|m| *m /= sum);
+        t
+    }
+}
+
+fn exact(lobe: &Lobe, points: &[Point], mu: f64, kernel: &Kernel) -> Exact {
     let (r, u) = frame(mu);
-    let mut e =
-        Exact { energy: 0.0, grazing: 0.0, cone: 0.0, disc: 0.0, moments: [0.0; 4], texture: vec![0.0; point().len()] };
-    for &(wi, weight) in samples {
-        e.energy += weight;
-        let scale = (wi.dot(r) * 2.0 * tan_beta).recip();
-        let (x, y) = (wi.dot(u) * scale, wi.y * scale / aspect);
-        e.cone += if scale > 0.0 && x.hypot(y * aspect) < 0.5 { weight } else { 0.0 };
-        let cos_h = (0.5 * (1.0 + wi.dot(view(mu)))).sqrt();
-        e.grazing += weight * (1.0 - cos_h).powi(5);
-        if scale > 0.0 && x.hypot(y) < 1.0 {
-            e.disc += weight;
-            let texel = |x: f64| ((x + 1.0) * (KERNEL_TEXELS / 2) as f64) as usize;
-            e.texture[texel(y) * KERNEL_TEXELS + texel(x)] += weight;
-            e.moments.iter_mut().zip([x, y, x * x, y * y]).for_each(|(m, x)| *m += weight * x);
+    let wo = view(mu);
+    let width = 2.0 * f64::from(kernel.tan_beta);
+    let density = |wi: DVec3| f64::from(lobe.eval(wi.as_vec3(), wo.as_vec3())) * wi.z * wi.dot(r).powi(3);
+    let rim = |k: usize| {
+        let at = DVec2::from_angle(k as f64 * PI / 180.0) * (CORE_RADIUS * width);
+        density((r + u * at.x + DVec3::Y * at.y).normalize())
+    };
+    let level = (0..=180).map(rim).fold(0.0, f64::max);
+    let (mut energy, mut grazing, mut cone, mut captured, mut core) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    // Where each point is seen, what the core holds of it, and the tail.
+    let mut seen = Vec::new();
+    for &(wi, weight) in points {
+        energy += weight;
+        grazing += weight * (1.0 - (0.5 * (1.0 + wi.dot(wo))).sqrt()).powi(5);
+        let cos = wi.dot(r);
+        if cos > 0.0 {
+            let at = DVec2::new(wi.dot(u), wi.y) / cos;
+            let peak = if at.length() < CORE_RADIUS * width { (1.0 - level / density(wi)).max(0.0) } else { 0.0 };
+            cone += if at.length() < 0.5 * width { weight } else { 0.0 };
+            captured += if at.x.hypot(at.y / f64::from(kernel.tail.aspect())) < width { weight } else { 0.0 };
+            core += weight * peak;
+            seen.push((at, weight * peak, weight * (1.0 - peak)));
         }
     }
-    e.moments.iter_mut().chain(&mut e.texture).for_each(|m| *m /= e.disc);
-    e.cone /= e.energy;
-    e.disc /= e.energy;
-    e
+    let aspects = [&kernel.tail, &kernel.core].map(|part| f64::from(part.aspect()));
+    Exact {
+        energy,
+        grazing,
+        cone: cone / energy,
+        captured: captured / energy,
+        core_share: core / captured,
+        tail: Texels::new(width, aspects[0], seen.iter().map(|&(at, _, tail)| (at, tail))),
+        core: Texels::new(CORE_RADIUS * width, aspects[1], seen.iter().map(|&(at, core, _)| (at, core))),
+    }
 }
 
 fn moments(texture: &[f32]) -> Moments {
@@ -120,30 +159,35 @@ fn moments(texture: &[f32]) -> Moments {
 }
 
 /// All that a kernel claims against a quadrature of its lobe.
-fn check(lobe: &Lobe, mu: f64, samples: &[Point]) {
+fn check(lobe: &Lobe, mu: f64, points: &[Point]) {
     let kernel = Kernel::new(lobe, mu);
-    let tan_beta = f64::from(kernel.tan_beta);
-    let expected = exact(samples, mu, tan_beta, f64::from(kernel.aspect()));
+    let expected = exact(lobe, points, mu, &kernel);
     let about = |found: f64, expected: f64, tolerance: f64, what: &str| {
         assert!((found - expected).abs() <= tolerance, "{lobe:?} at {mu}: {what} {found} for {expected}");
     };
     about(f64::from(kernel.energy), expected.energy, 5e-4 * expected.energy, "energy");
     about(f64::from(kernel.grazing), expected.grazing, 2e-3 * expected.grazing + 1e-6, "grazing");
-    about(f64::from(kernel.captured), expected.disc, 2e-3, "captured");
-    if tan_beta < MAX_TAN_BETA {
+    about(f64::from(kernel.captured), expected.captured, 2e-3, "captured");
+    about(f64::from(kernel.core_share), expected.core_share, 5e-3, "share of the core");
+    if f64::from(kernel.tan_beta) < MAX_TAN_BETA {
         about(CONE_SHARE, expected.cone, 2e-3, "share of the cone");
     } else {
         assert!(expected.cone < CONE_SHARE + 2e-3, "{lobe:?} at {mu}: {} within the widest cone", expected.cone);
     }
-    about(kernel.texture.iter().map(|&t| f64::from(t)).sum(), 1.0, 1e-5, "sum");
-    let misplaced: f64 =
-        kernel.texture.iter().zip(&expected.texture).map(|(&a, b)| 0.5 * (f64::from(a) - b).abs()).sum();
-    assert!(misplaced < 0.01, "{lobe:?} at {mu}: {misplaced} of the light lies in wrong texels");
-    // Means to a sixteenth of a texel, second moments to what a point of light between two texels has: a quarter of a texel squared.
-    let texel = 2.0 / KERNEL_TEXELS as f64;
-    let tolerances = [texel / 16.0, texel / 16.0, texel * texel / 4.0, texel * texel / 4.0];
-    for ((found, expected), tolerance) in moments(&kernel.texture).iter().zip(expected.moments).zip(tolerances) {
-        about(*found, expected, tolerance, "moment");
+    for (part, expected, what) in [(&kernel.tail, &expected.tail, "tail"), (&kernel.core, &expected.core, "core")] {
+        about(part.texture.iter().map(|&t| f64::from(t)).sum(), 1.0, 1e-5, "sum");
+        if what == "core" && kernel.core_share < 1e-3 {
+            continue;
+        }
+        let misplaced: f64 =
+            part.texture.iter().zip(&expected.texture).map(|(&a, b)| 0.5 * (f64::from(a) - b).abs()).sum();
+        assert!(misplaced < 0.02, "{lobe:?} at {mu}: {misplaced} of the {what} lies in wrong texels");
+        // Means to an eighth of a texel, second moments to what a point of light between two texels has: a quarter of a texel squared.
+        let texel = 2.0 / KERNEL_TEXELS as f64;
+        let tolerances = [texel / 8.0, texel / 8.0, texel * texel / 4.0, texel * texel / 4.0];
+        for ((found, expected), tolerance) in moments(&part.texture).iter().zip(expected.moments).zip(tolerances) {
+            about(*found, expected, tolerance, what);
+        }
     }
 }
 
@@ -195,7 +239,7 @@ fn cone_of_a_narrow_lobe_head_on() {
 #[test]
 fn symmetric_head_on_and_narrow_across_at_grazing_angles() {
     let lobe = Lobe::Ggx { alpha: 0.1 };
-    let head_on = Kernel::new(&lobe, 1.0).texture;
+    let head_on = Kernel::new(&lobe, 1.0).core.texture;
     let at = |texture: &[f32], i: usize, j: usize| texture[j * KERNEL_TEXELS + i];
     let brightest = at(&head_on, KERNEL_TEXELS / 2, KERNEL_TEXELS / 2);
     for i in 0..KERNEL_TEXELS {
@@ -208,10 +252,10 @@ fn symmetric_head_on_and_narrow_across_at_grazing_angles() {
         }
     }
     // Across the plane of incidence over along it, by standard deviations: as cos theta_o. Figures of the documentation.
-    for (mu, expected) in [(1.0, 1.0), (0.9, 0.918), (0.5, 0.521), (0.2, 0.224)] {
-        let kernel = Kernel::new(&Lobe::Ggx { alpha: 0.03 }, mu);
-        let [x, y, xx, yy] = moments(&kernel.texture);
-        let ratio = ((yy - y * y) / (xx - x * x)).sqrt() * f64::from(kernel.aspect());
+    for (mu, expected) in [(1.0, 1.0), (0.9, 0.901), (0.5, 0.501), (0.2, 0.203)] {
+        let core = Kernel::new(&Lobe::Ggx { alpha: 0.03 }, mu).core;
+        let [x, y, xx, yy] = moments(&core.texture);
+        let ratio = ((yy - y * y) / (xx - x * x)).sqrt() * f64::from(core.aspect());
         assert!((ratio - expected).abs() < 5e-3, "{mu}: {ratio}");
     }
 }
@@ -246,7 +290,7 @@ fn table_of_a_lobe_has_its_kernels() {
     let table = tabulate(&lobe, &cos, 64);
     for mu in [1.0, 0.6, 0.25] {
         let (expected, found) = (Kernel::new(&lobe, mu), Kernel::new(&table, mu));
-        let difference: f32 = expected.texture.iter().zip(&found.texture).map(|(a, b)| (a - b).abs()).sum();
+        let difference: f32 = expected.core.texture.iter().zip(&found.core.texture).map(|(a, b)| (a - b).abs()).sum();
         assert!(difference < 0.02, "at {mu}: textures differ by {difference}");
         assert!((found.tan_beta / expected.tan_beta - 1.0).abs() < 0.01);
         assert!((found.energy / expected.energy - 1.0).abs() < 0.01);
@@ -261,12 +305,12 @@ fn lobe_without_light_at_its_mirror_direction() {
     };
     let black = Kernel::new(&table(vec![0.0; 3]), 0.5);
     assert_eq!((black.tan_beta, black.energy, black.captured), (0.0, 0.0, 0.0));
-    assert_eq!(black.texture.iter().sum::<f32>(), 1.0);
+    assert_eq!(black.tail.texture.iter().sum::<f32>(), 1.0);
     // Sends light back whence it came only.
     let back = Kernel::new(&table(vec![1.0, 1.0, 0.0]), view_cosine(0));
     assert!(back.energy > 0.1 && back.captured < 1e-6, "{} {}", back.energy, back.captured);
     assert_eq!(f64::from(back.tan_beta), MAX_TAN_BETA);
-    assert_eq!(back.texture, black.texture);
+    assert_eq!(back.tail.texture, black.tail.texture);
 }
 
 #[test]
@@ -281,17 +325,20 @@ fn library_shares_lobes_and_finds_layers() {
     assert_eq!(gpu.first_layer, [NO_KERNEL, 32, NO_KERNEL, 0, NO_KERNEL, 0]);
     assert_eq!(
         (gpu.layers.len(), gpu.textures.len()),
-        (2 * VIEW_ANGLES, 2 * VIEW_ANGLES * KERNEL_TEXELS * KERNEL_TEXELS)
+        (2 * VIEW_ANGLES, 4 * VIEW_ANGLES * KERNEL_TEXELS * KERNEL_TEXELS)
     );
     // The look-up at nodes, between them and at the ends.
     let layer = 40 - VIEW_ANGLES;
     let found = library.look_up(1, view_cosine(layer) as f32).unwrap();
-    assert_eq!([found.tan_beta, found.energy, found.grazing, found.captured], gpu.layers[40]);
-    assert_eq!(found.texture, &gpu.textures[40 * 1024..41 * 1024]);
+    assert_eq!([found.tan_beta, found.energy, found.grazing, found.core_share], gpu.layers[40]);
+    let texture = |i: usize| &gpu.textures[1024 * i..1024 * (i + 1)];
+    let tail = layer + 2 * VIEW_ANGLES;
+    assert_eq!((&found.nearest.tail.texture[..], &found.nearest.core.texture[..]), (texture(tail), texture(tail + 32)));
+    assert_eq!(gpu.narrowings[tail], found.nearest.tail.narrowing);
     let between = library.look_up(3, (view_cosine(9) + 0.75 / 32.0) as f32).unwrap();
     let expected = 0.25 * gpu.layers[9][0] + 0.75 * gpu.layers[10][0];
     assert!((between.tan_beta - expected).abs() < 1e-6);
-    assert_eq!(between.texture, library.layers()[10].texture);
+    assert_eq!(between.nearest, &library.layers()[10]);
     assert_eq!(library.look_up(3, 0.0).unwrap().energy, gpu.layers[0][1]);
     assert_eq!(library.look_up(3, 1.0).unwrap().energy, gpu.layers[31][1]);
     assert!(library.look_up(2, 0.5).is_none());
