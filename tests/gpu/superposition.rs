@@ -3,11 +3,13 @@
 use glam::{Vec2, Vec3, Vec4};
 use lightsum::bsdf::Reflectance as Finish;
 use lightsum::pass::{accumulate, merge, mirror_image, summands, superpose};
-use lightsum::scene::{Material, Scene};
+use lightsum::scene::{Camera, Light, Material, Scene, Surface};
 use lightsum::settings::{Reflectance, Settings, Spread, Superposition};
 use lightsum::superposition::reflectance::{ReflectanceMap, fresnel_fitted_rgb};
 
+use crate::renderer::path_traced;
 use crate::rig::{AWKWARD_IMAGES, Builder, Rig, Tally, close};
+use crate::scenes::{self, Soup, camera, compare, render};
 use crate::support::gpu_test;
 
 /// A room with a glossy floor, a glossy wall of another finish across from the eye, and an opening to nothing.
@@ -187,6 +189,81 @@ fn summands_follow_their_oracle_and_add_up() {
                     assert!(close(sum, image, 1e-5, 1e-6), "{resolution:?} {i}: {sum} for {image}");
                 }
             }
+        }
+    });
+}
+
+/// Two planes that face each other, and a floor between them, all of one finish.
+fn facing(finish: Material) -> (Scene, Camera) {
+    let mut soup = Soup::new("facing planes");
+    let walls = [[0.6, 0.1, 0.1], [0.1, 0.5, 0.2], [0.5, 0.5, 0.4], [0.6, 0.6, 0.6]];
+    let walls = walls.map(|albedo| soup.diffuse(albedo, 0.0));
+    let shiny = soup.material(finish);
+    let faces = [shiny, shiny, walls[0], walls[1], walls[2], shiny];
+    soup.room(Vec3::ZERO, Vec3::new(2.0, 1.5, 2.0), faces);
+    soup.0.lights.push(Light::Point { position: Vec3::new(1.0, 1.3, 0.6), intensity: Vec3::new(3.0, 2.8, 2.2) });
+    soup.ball(Vec3::new(1.2, 0.4, 1.0), 0.25, 12, walls[3]);
+    (soup.0, camera(Vec3::new(1.0, 0.9, 0.05), Vec3::new(0.6, 0.5, 1.5), 75.0, [32, 24]))
+}
+
+/// Planes whose lobe is as narrow as lobes can be are mirrors, in corners and facing each other, seen in each other as often as
+/// paths are followed.
+#[test]
+fn planes_that_hardly_spread_are_mirrors() {
+    gpu_test(|ctx| {
+        let metal = Material { base_color: Vec3::new(0.9, 0.8, 0.7), metallic: 1.0, ..Material::default() };
+        let (mirrors, camera) = facing(Material { surface: Surface::Mirror, ..metal.clone() });
+        let (planes, _) = facing(Material { roughness: 0.03, ..metal });
+        assert_eq!(planes.reflectors().len(), 3);
+        for max_specular in [4, 8] {
+            let plain = Settings { max_specular, ..scenes::settings(1, 2) };
+            let superposition = Some(Superposition::default());
+            let expected = render(ctx, &mirrors, camera, &plain, 16);
+            let found = render(ctx, &planes, camera, &Settings { superposition, ..plain.clone() }, 16);
+            let (energy, error) = compare(&found.color, &expected.color);
+            println!("{max_specular} mirrors: energy {energy:.4}, error {error:.4}");
+            assert!((energy - 1.0).abs() < 0.01 && error < 0.05, "{max_specular}: {energy} {error}");
+        }
+    });
+}
+
+/// A metal floor that reflects stripes of light, rough enough to blur them, and nothing else.
+fn stripes(roughness: f32) -> (Scene, Camera) {
+    let mut soup = Soup::new("stripes");
+    let black = soup.diffuse([0.0; 3], 0.0);
+    let base_color = Vec3::new(0.63, 0.56, 0.37);
+    let floor = soup.material(Material { base_color, metallic: 1.0, roughness, ..Material::default() });
+    soup.quad(Vec3::new(-3.0, 0.0, 0.0), Vec3::Z * 4.0, Vec3::X * 6.0, floor);
+    for i in 0..8 {
+        let bright = soup.diffuse([0.0; 3], [[0.2, 0.3, 1.0], [2.0, 1.5, 0.5]][i % 2]);
+        let corner = Vec3::new(-4.0 + i as f32, 0.0, 4.0);
+        soup.quad(corner, Vec3::Y * 3.0, Vec3::X, bright);
+    }
+    soup.quad(Vec3::new(-4.0, 3.0, 0.0), Vec3::X * 8.0, Vec3::Z * 4.0, black);
+    (soup.0, camera(Vec3::new(0.0, 1.0, 0.2), Vec3::new(0.0, 0.2, 2.2), 50.0, [96, 64]))
+}
+
+#[test]
+fn a_rough_floor_reflects_as_much_as_the_path_tracer_says() {
+    gpu_test(|ctx| {
+        for (roughness, off, greatest) in [(0.2, 0.05, 0.1), (0.4, 0.08, 0.15)] {
+            let (scene, camera) = stripes(roughness);
+            // Towards the image's edges the lobe reaches for what the mirror image does not show.
+            let middle = |image: &[Vec3]| -> Vec<Vec3> {
+                let inside = |i: &usize| (24..72).contains(&(i % 96)) && (16..48).contains(&(i / 96));
+                (0..image.len()).filter(inside).map(|i| image[i]).collect()
+            };
+            let reference = middle(&path_traced(&scene, &camera, 1024, 2));
+            let shown = |superposition: Option<Superposition>| {
+                let settings = Settings { superposition, compensation: false, ..scenes::settings(1, 1) };
+                middle(&render(ctx, &scene, camera, &settings, 4).color)
+            };
+            let [variant, mirror] = [Spread::Variant, Spread::Mirror]
+                .map(|spread| shown(Some(Superposition { spread, ..Superposition::default() })))
+                .map(|image| compare(&image, &reference));
+            println!("roughness {roughness}: spread {variant:.4?}, mirror {mirror:.4?}");
+            assert!((variant.0 - 1.0).abs() < off && variant.1 < greatest, "{roughness}: {variant:?}");
+            assert!(mirror.1 > 2.0 * variant.1, "{roughness}: {mirror:?}");
         }
     });
 }
