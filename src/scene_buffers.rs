@@ -16,6 +16,7 @@ use crate::pass::layout::{MaterialRecord, PointLight, TextureRecord};
 use crate::sampling::sobol;
 use crate::scene::reflectors::Reflector;
 use crate::scene::{Light, Scene, Surface, Texture, Wrap};
+use crate::superposition::lobe::Lobe;
 use bytemuck::Pod;
 use glam::{Vec2, Vec3};
 
@@ -66,7 +67,7 @@ pub struct SceneBuffers {
     /// Planar reflectors, number i + 1 in `normals` being `reflectors[i]`.
     pub reflectors: Vec<Reflector>,
     /// What they are made of, textures by their mean.
-    pub finishes: Vec<Reflectance>,
+    pub finishes: Vec<Finish>,
     /// Planar mirrors; `None`: there are none.
     pub mirrors: Option<MirrorBuffers>,
 }
@@ -91,6 +92,15 @@ pub struct TargetBuffers {
     pub spheres: Buffer,
     /// For each triangle the number of its target + 1, or 0.
     pub of_triangle: Buffer,
+}
+
+/// What a planar reflector is made of, textures by their mean.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finish {
+    /// Reflectance and roughness.
+    pub reflectance: Reflectance,
+    /// The lobe that spreads its mirror image.
+    pub lobe: Lobe,
 }
 
 /// Which surfaces of a scene reflect or refract ideally.
@@ -462,12 +472,14 @@ pub fn encode_normal(n: Vec3) -> u32 {
 }
 
 /// What reflectors are made of, textures by their mean.
-fn finishes(scene: &Scene, reflectors: &[Reflector]) -> Vec<Reflectance> {
+fn finishes(scene: &Scene, reflectors: &[Reflector]) -> Vec<Finish> {
     let mean = |texture: Option<u32>| texture.map_or(Vec3::ONE, |t| scene.textures[t as usize].average());
     let finish = |reflector: &Reflector| {
         let m = &scene.materials[reflector.material as usize];
         let (base, mr) = (mean(m.base_texture), mean(m.metallic_roughness_texture));
-        Reflectance::new(m.base_color * base, m.metallic * mr.z, m.roughness * mr.y, m.specular)
+        let reflectance = Reflectance::new(m.base_color * base, m.metallic * mr.z, m.roughness * mr.y, m.specular);
+        let ggx = Lobe::Ggx { alpha: reflectance.alpha };
+        Finish { reflectance, lobe: m.lobe.clone().map_or(ggx, Lobe::Table) }
     };
     reflectors.iter().map(finish).collect()
 }

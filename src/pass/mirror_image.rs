@@ -30,16 +30,29 @@ use glam::{Vec2, Vec3};
 
 use super::schedule::LIST_GROUPS;
 use super::{Kernels, List, Paths, Receivers, Sums, vec4s};
-use crate::bsdf::Reflectance;
+use crate::bsdf::MIN_ALPHA;
 use crate::error::Result;
 use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder, Staging};
+use crate::pass::convolve::MAX_LAYERS;
 use crate::pass::layout;
+use crate::scene_buffers::Finish;
 use crate::superposition::kernels::{CORE_RADIUS, KernelLibrary, VIEW_ANGLES};
 use crate::superposition::lobe::Lobe;
 use crate::superposition::reflectance::{MAP_TEXELS, ReflectanceMap, fresnel_fitted_rgb};
 
 // shaders/include/reflectors.wgsl has the same numbers.
 const _: () = assert!(VIEW_ANGLES == 32 && MAP_TEXELS == 128 && CORE_RADIUS == 0.3);
+
+/// Most lobes for which there is room.
+const MAX_LOBES: usize = MAX_LAYERS as usize / (2 * VIEW_ANGLES);
+
+/// Where there are more lobes than that, those of GGX are taken in steps of a sixth: 36 over all roughnesses.
+fn coarsened(lobe: &Lobe) -> Lobe {
+    match lobe {
+        Lobe::Ggx { alpha } => Lobe::Ggx { alpha: ((alpha.ln() * 6.0).round() / 6.0).exp().max(MIN_ALPHA) },
+        other => other.clone(),
+    }
+}
 
 /// Tables of the planar reflectors of a scene, on the device.
 pub struct Tables {
@@ -74,15 +87,22 @@ impl<'a> Lobes<'a> {
 }
 
 impl Tables {
-    /// Makes them for reflectors of these finishes. Some 10 ms of one core for each lobe that differs from the others.
-    pub fn new(context: &Context, staging: &mut Staging, finishes: &[Reflectance]) -> Result<Tables> {
+    /// Makes them for reflectors of these finishes. Some 200 ms of one core for each lobe that differs from the others.
+    pub fn new(context: &Context, staging: &mut Staging, finishes: &[Finish]) -> Result<Tables> {
         let mut library = KernelLibrary::new();
+        let mut distinct: Vec<&Lobe> = Vec::new();
+        for finish in finishes {
+            if !distinct.contains(&&finish.lobe) {
+                distinct.push(&finish.lobe);
+            }
+        }
+        let coarse = distinct.len() > MAX_LOBES;
         let (mut reflectors, mut maps) = (Vec::new(), Vec::new());
         for (i, finish) in (0u32..).zip(finishes) {
-            let first = library.add(i, Lobe::Ggx { alpha: finish.alpha })?;
+            let first = library.add(i, if coarse { coarsened(&finish.lobe) } else { finish.lobe.clone() })?;
             let map = ReflectanceMap::new(|mu| {
                 let energy = library.look_up(i, mu).map_or(0.0, |lobe| lobe.energy);
-                energy * fresnel_fitted_rgb(finish.f0, mu)
+                energy * fresnel_fitted_rgb(finish.reflectance.f0, mu)
             })?;
             reflectors.push([first, i * MAP_TEXELS as u32, 0, 0]);
             maps.extend(map.to_gpu());

@@ -23,6 +23,7 @@
 //!
 //! [materials.floor]             # changes a material of the model
 //! roughness = 0.3
+//! lobe = "lobe.toml"            # measured lobe that spreads its mirror image: a table, see docs/superposition.md
 //! reflector = true              # its flat faces mirror the room, or not; without this word see docs/superposition.md
 //!
 //! [materials.window]
@@ -37,6 +38,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use glam::Vec3;
 use serde::Deserialize;
@@ -45,6 +47,7 @@ use toml::Spanned;
 use super::tessellate::icosphere;
 use super::{Camera, Light, Material, RenderDefaults, Scene, Surface, load_model};
 use crate::error::{Error, Result};
+use crate::superposition::lobe::Table;
 
 /// Subdivisions of the icosahedron that stands for a sphere light: 1280 triangles.
 const SPHERE_SUBDIVISIONS: u32 = 3;
@@ -119,6 +122,7 @@ struct MaterialEntry {
     ior: Option<f32>,
     thin: Option<bool>,
     reflector: Option<bool>,
+    lobe: Option<PathBuf>,
 }
 
 /// Reads a description and the model that it names; the result is not validated yet.
@@ -149,7 +153,11 @@ pub(super) fn load(path: &Path) -> Result<Scene> {
         scene.camera = Some(camera.into_inner());
     }
     for (name, entry) in &description.materials {
-        change_material(&mut scene, name.get_ref(), entry)
+        let lobe = match &entry.lobe {
+            Some(file) => Some(Arc::new(Table::load(&path.parent().unwrap_or(Path::new("")).join(file))?)),
+            None => None,
+        };
+        change_material(&mut scene, name.get_ref(), entry, lobe)
             .map_err(|m| error(Some(name.span()), format!("[materials.{name}]: {m}")))?;
     }
     if description.two_sided {
@@ -173,7 +181,12 @@ fn line_of(text: &str, offset: usize) -> usize {
     text.bytes().take(offset).filter(|&b| b == b'\n').count() + 1
 }
 
-fn change_material(scene: &mut Scene, name: &str, entry: &MaterialEntry) -> Result<(), String> {
+fn change_material(
+    scene: &mut Scene,
+    name: &str,
+    entry: &MaterialEntry,
+    lobe: Option<Arc<Table>>,
+) -> Result<(), String> {
     if !scene.materials.iter().any(|m| m.name == name) {
         let known = nearest(name, scene.materials.iter().map(|m| m.name.as_str()));
         return Err(format!("the model has no material of this name; the nearest are {known}"));
@@ -189,6 +202,7 @@ fn change_material(scene: &mut Scene, name: &str, entry: &MaterialEntry) -> Resu
         m.ior = entry.ior.unwrap_or(m.ior);
         m.thin = entry.thin.unwrap_or(m.thin);
         m.reflector = entry.reflector.or(m.reflector);
+        m.lobe = lobe.clone().or(m.lobe.take());
         if entry.surface == Some(Surface::Mirror) && m.specular == Vec3::ZERO && entry.metallic.is_none() {
             // Nothing says what it mirrors: all of its colour.
             m.metallic = 1.0;

@@ -286,6 +286,7 @@ impl Reader<'_> {
             // By KHR_materials_volume a surface without thickness has no inside.
             thin: material.volume().is_none_or(|v| v.thickness_factor() == 0.0),
             reflector: None,
+            lobe: None,
         };
         if converted.surface == Surface::Opaque
             && metallic_roughness_texture.is_none()

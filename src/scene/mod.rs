@@ -19,12 +19,14 @@ mod texture;
 pub(crate) mod validate;
 
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::settings::Spread;
+use crate::superposition::lobe::Table;
 
 pub use export::{VirtualLight, export_lights};
 
@@ -248,6 +250,9 @@ pub struct Material {
     pub thin: bool,
     /// Whether flat faces of this material are planar reflectors; `None`: see [`Material::may_reflect`].
     pub reflector: Option<bool>,
+    /// Measured reflectance distribution that spreads the mirror image of its planar reflectors, without Fresnel's factor; point lights are
+    /// reflected by the GGX lobe of `roughness` all the same.
+    pub lobe: Option<Arc<Table>>,
 }
 
 impl Default for Material {
@@ -266,6 +271,7 @@ impl Default for Material {
             ior: 1.5,
             thin: false,
             reflector: None,
+            lobe: None,
         }
     }
 }

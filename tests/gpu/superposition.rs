@@ -1,10 +1,13 @@
 //! Glossy planes: mirror image, reflectance and summands against their oracles, and whole images.
 
+use std::sync::Arc;
+
 use glam::{Vec2, Vec3, Vec4};
 use lightsum::bsdf::Reflectance as Finish;
 use lightsum::pass::{accumulate, merge, mirror_image, summands, superpose};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface};
 use lightsum::settings::{Reflectance, Settings, Spread, Superposition};
+use lightsum::superposition::lobe::{Lobe, Table};
 use lightsum::superposition::reflectance::{ReflectanceMap, fresnel_fitted_rgb};
 
 use crate::renderer::path_traced;
@@ -136,7 +139,7 @@ fn planes_reflect_as_their_oracle_says() {
                     continue;
                 };
                 let mu = normal[i].truncate().dot(wo[i].truncate());
-                let finish: &Finish = &rig.engine.scene_buffers().finishes[plane as usize];
+                let finish: &Finish = &rig.engine.scene_buffers().finishes[plane as usize].reflectance;
                 let look_up = |mu: f32| mirrors.tables.library.look_up(plane, mu).unwrap();
                 let map = ReflectanceMap::new(|mu| look_up(mu).energy * fresnel_fitted_rgb(finish.f0, mu)).unwrap();
                 let lobe = look_up(mu);
@@ -265,5 +268,34 @@ fn a_rough_floor_reflects_as_much_as_the_path_tracer_says() {
             assert!((variant.0 - 1.0).abs() < off && variant.1 < greatest, "{roughness}: {variant:?}");
             assert!(mirror.1 > 2.0 * variant.1, "{roughness}: {mirror:?}");
         }
+    });
+}
+
+/// A table of a lobe's values takes its place: the image is nearly the same.
+#[test]
+fn a_tabulated_lobe_spreads_as_the_lobe_does() {
+    gpu_test(|ctx| {
+        let (mut scene, camera) = stripes(0.4);
+        let lobe = Lobe::Ggx { alpha: 0.16 };
+        let cos: Vec<f32> = (0..64).map(|i| (1.57 * (1.0 - i as f32 / 63.0)).cos()).collect();
+        let azimuth: Vec<f32> =
+            (0..48).map(|k| std::f32::consts::PI * (1.0 - (1.0 - k as f32 / 47.0).powi(2))).collect();
+        let direction = |cos: f32, azimuth: f32| {
+            let sin = (1.0 - cos * cos).sqrt();
+            Vec3::new(sin * azimuth.cos(), sin * azimuth.sin(), cos)
+        };
+        let pairs = cos.iter().flat_map(|&i| cos.iter().map(move |&o| (i, o)));
+        let values = pairs
+            .flat_map(|(i, o)| azimuth.iter().map(move |&a| (i, o, a)))
+            .map(|(i, o, a)| lobe.eval(direction(i, a), direction(o, 0.0)))
+            .collect();
+        let settings =
+            Settings { superposition: Some(Superposition::default()), compensation: false, ..scenes::settings(1, 1) };
+        let expected = render(ctx, &scene, camera, &settings, 1).color;
+        scene.materials[1].lobe = Some(Arc::new(Table::new(cos.clone(), cos, azimuth, values).unwrap()));
+        let found = render(ctx, &scene, camera, &settings, 1).color;
+        let (energy, error) = compare(&found, &expected);
+        println!("energy {energy:.4}, error {error:.4}");
+        assert!((energy - 1.0).abs() < 0.01 && error < 0.02 && error > 0.0, "{energy} {error}");
     });
 }
