@@ -6,7 +6,7 @@ use lightsum::gpu::{Context, Staging};
 use lightsum::light::emitters::Emitters;
 use lightsum::scene::{self, Camera, Light, Scene, Surface, builtin};
 use lightsum::scene_buffers::SceneBuffers;
-use lightsum::settings::{Clip, Traversal};
+use lightsum::settings::{Clip, Spread, Superposition, Traversal};
 use lightsum::{Engine, Renderer, Settings};
 
 use crate::embed::{Host, Readback, image, message, ready, record, small};
@@ -71,7 +71,7 @@ fn settings_with(engine: &mut Engine, change: impl Fn(&mut Settings)) {
 type Edit = fn(&mut Engine);
 
 /// Every kind of edit.
-const EDITS: [(&str, Edit); 24] = [
+const EDITS: [(&str, Edit); 29] = [
     ("an object moves", |e| {
         let turn = Quat::from_rotation_y(0.3);
         let to = Affine3A::from_rotation_translation(turn, Vec3::new(-60.0, 20.0, 30.0));
@@ -146,6 +146,20 @@ const EDITS: [(&str, Edit); 24] = [
         let to = Affine3A::from_rotation_translation(Quat::from_rotation_y(0.4), Vec3::new(20.0, 0.0, 10.0));
         e.set_transform(0, to).unwrap();
     }),
+    ("glossy planes mirror the room", |e| {
+        change(e, "white", |m| (m.specular, m.roughness) = (Vec3::splat(0.2), 0.3));
+        settings_with(e, |s| s.superposition = Some(Superposition::default()));
+    }),
+    ("they become rougher", |e| change(e, "white", |m| m.roughness = 0.5)),
+    ("a glossy object moves", |e| {
+        e.set_transform(object(e, "tall_block"), Affine3A::from_translation(Vec3::new(30.0, 0.0, -20.0))).unwrap();
+    }),
+    ("they are mirrors", |e| {
+        settings_with(e, |s| {
+            s.superposition = Some(Superposition { spread: Spread::Mirror, ..Superposition::default() })
+        });
+    }),
+    ("they are glossy no more", |e| change(e, "white", |m| m.roughness = 0.9)),
 ];
 
 #[test]
