@@ -85,6 +85,9 @@ pub struct Frame {
     /// By what the points that the eye sees are put in clusters: screen or space [default: screen].
     #[arg(long, value_name = "ORDER,...", value_delimiter = ',', value_parser = cluster_order())]
     pub cluster_order: Vec<ClusterOrder>,
+    /// Glossy planes that mirror the room, the greatest first (superposition, in its variant form): 0 to 255.
+    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=255))]
+    pub reflectors: Vec<u32>,
     /// Settings of lightsum's preset of that name in place of the defaults and the scene's; other flags override them.
     #[arg(long)]
     pub interactive: bool,

@@ -4,7 +4,7 @@ use crate::args::Frame;
 use crate::passes::{Passes, kernel};
 use crate::report::{self, Table, milliseconds, percent};
 use crate::scene;
-use lightsum::settings::Settings;
+use lightsum::settings::{Settings, Superposition};
 use lightsum::{Renderer, Result};
 use serde_json::Value;
 
@@ -60,7 +60,10 @@ fn combinations(args: &Frame, base: Settings) -> Vec<Settings> {
     let list = each(list, &args.max_depth, |s, v| s.max_depth = v);
     let list = each(list, &args.lights_per_dispatch, |s, v| s.lights_per_dispatch = v);
     let list = each(list, &args.traversal, |s, v| s.traversal = v);
-    each(list, &args.cluster_order, |s, v| s.cluster_order = v)
+    let list = each(list, &args.cluster_order, |s, v| s.cluster_order = v);
+    each(list, &args.reflectors, |s, reflectors| {
+        s.superposition = Some(Superposition { reflectors, ..s.superposition.unwrap_or_default() });
+    })
 }
 
 fn print(name: &str, renderer: &Renderer, passes: &Passes) -> Result<()> {
@@ -69,12 +72,13 @@ fn print(name: &str, renderer: &Renderer, passes: &Passes) -> Result<()> {
     let ([width, height], s) = (p.camera.resolution, &p.settings);
     report::say("")?;
     report::say(&format!(
-        "{name}: {} triangles, {width}x{height}, {} lights of {} paths, depth {}{}, {} lights a dispatch, kernel {}",
+        "{name}: {} triangles, {width}x{height}, {} lights of {} paths, depth {}{}{}, {} lights a dispatch, kernel {}",
         engine.bvh().triangle_count(),
         p.lights.slots(),
         s.paths,
         s.max_depth,
         if s.compensation { "" } else { ", no compensation" },
+        s.superposition.map_or(String::new(), |s| format!(", up to {} reflectors", s.reflectors)),
         s.lights_per_dispatch,
         kernel(renderer),
     ))?;
