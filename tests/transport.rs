@@ -393,6 +393,8 @@ fn room() -> (Scene, Camera) {
         up: Vec3::Y,
         fov_y: 80.0,
         resolution: [20, 12],
+        aperture: 0.0,
+        focus: None,
     };
     (b.0, camera)
 }

@@ -33,6 +33,7 @@ struct Subject {
     widest: f32,
     form: Form,
     occlusion: bool,
+    layers: bool,
 }
 
 impl Subject {
@@ -56,7 +57,7 @@ impl Subject {
             })
             .collect();
         let (kernels, narrowings, form) = (library(), vec![0, 3, 4, 1], Form::Direct);
-        Subject { size, source, footprint, region, kernels, narrowings, widest, form, occlusion: false }
+        Subject { size, source, footprint, region, kernels, narrowings, widest, form, occlusion: false, layers: false }
     }
 
     /// What the pass makes of it.
@@ -77,6 +78,7 @@ impl Subject {
             widest: self.widest,
             form: self.form,
             occlusion: self.occlusion,
+            layers: self.layers,
         };
         let pass = Convolve::new(ctx, &mut staging, &inputs).unwrap();
         ctx.submit_and_wait("convolution", None, |rec| {
@@ -331,6 +333,7 @@ fn wrong_inputs_of_convolve_are_named() {
             widest: 3.0,
             form: Form::Auto,
             occlusion: false,
+            layers: false,
         };
         assert!(Convolve::new(ctx, &mut staging, &inputs).is_ok());
         for (wrong, name) in [
