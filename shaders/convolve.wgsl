@@ -1,5 +1,6 @@
 // Each texel gathers what the texels around it spread. See pass/convolve.rs.
-// FINE: the level is the image itself. PYRAMID: what coarser levels brought is added.
+// FINE: the level is the image itself. PYRAMID: what coarser levels brought is added. OCCLUDED: what lies behind is held back.
+// LAYERS: regions 1 and 2 spread over each other.
 #include "convolve.wgsl"
 #include "convolve_kernel.wgsl"
 
@@ -13,6 +14,14 @@
 
 // Relative difference of depths up to which nothing lies behind. Host twin: pass::convolve::DEPTH_TOLERANCE.
 const DEPTH_TOLERANCE: f32 = 0.01;
+#if LAYERS
+
+// Regions that are layers.
+const BEHIND: u32 = 1u;
+const FRONT: u32 = 2u;
+// Kernels up to this wide stay in the image. Host twin: pass::convolve::levels::STAYS.
+const STAYS: f32 = 6.0;
+#endif
 #endif
 @group(0) @binding(6) var<storage, read> masses: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> shapes: array<vec4<f32>>;
@@ -101,7 +110,11 @@ fn gathered(so_far: Sums, place: Place, reach: i32, plane: u32, limit: vec2<f32>
 #endif
             let mass = masses[entry] * weight;
             let id = packed & 0xffffu;
+#if LAYERS
+            result.sum0 += select(vec4<f32>(0.0), mass, id != 0u);
+#else
             result.sum0 += select(vec4<f32>(0.0), mass, id == place.id0);
+#endif
 #if FINE
 #else
             result.sum1 += select(vec4<f32>(0.0), mass, id == place.id1);
@@ -148,7 +161,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #endif
         sums = gathered(sums, place, tile.x, 0u, limit, here);
 #if PYRAMID
+#if LAYERS
+        // Of what rose behind no more than the pixel's own kernel lets through.
+        let through = min(2.0 * limit.x / STAYS, 1.0);
+        sums.sum0 += brought(place.at, FRONT, steps[push.step + 1u]);
+        sums.sum0 += select(0.0, through * through, foot.x > 1.0) * brought(place.at, BEHIND, steps[push.step + 1u]);
+#else
         sums.sum0 += brought(place.at, place.id0, steps[push.step + 1u]);
+#endif
 #endif
         let last = (here.flags & LAST_ROUND) != 0u;
         let reached = sums.sum0.w > 0.0;

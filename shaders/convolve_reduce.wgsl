@@ -195,9 +195,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     ids[1] = high & vec4<u32>(0xffffu);
     counts[1] = vec4<f32>(high >> vec4<u32>(16u));
 #endif
+#if LAYERS
+    // Both everywhere, for each spreads over the other.
+    let chosen0 = vec2<f32>(1.0, 1.0);
+    let chosen1 = vec2<f32>(2.0, 1.0);
+#else
     let chosen0 = choose(ids, counts, 0u);
+    let chosen1 = choose(ids, counts, u32(chosen0.x));
+#endif
     let id0 = u32(chosen0.x);
-    let chosen1 = choose(ids, counts, id0);
     let id1 = u32(chosen1.x);
 
     var light0 = vec4<f32>(0.0);

@@ -97,6 +97,7 @@ impl Engine {
     ) -> Result<(Engine, Option<ObjectTrees>)> {
         settings.validate()?;
         check_camera(&camera)?;
+        check_lens(&settings, &camera)?;
         let kernels = Kernels::for_scene(context, settings.traversal, !scene.textures.is_empty())?;
         let clusters = kernels.shade.cluster.is_some();
         let (bvh, trees) = if dynamic {
@@ -129,8 +130,17 @@ impl Engine {
         let mirrors = Mirrors::of(scene, &bvh);
         scene_buffers.update_mirrors(context, &mut staging, &mirrors)?;
         check_slots(&settings, scene_buffers.ideal, camera.resolution)?;
-        let frame =
-            Frame::new(context, &kernels, &mut staging, &scene_buffers, &settings, &lights, &delta, camera.resolution)?;
+        let frame = Frame::new(
+            context,
+            &kernels,
+            &mut staging,
+            &scene_buffers,
+            &settings,
+            &lights,
+            &delta,
+            camera.has_lens(),
+            camera.resolution,
+        )?;
         let parameters = ParameterSource {
             photons: PhotonPlan::new(&settings, targets.spheres.len() as u32),
             glossy_planes: scene_buffers.ideal.glossy_planes,
@@ -244,7 +254,8 @@ impl Engine {
     }
 
     /// Looks from another camera of the same resolution, and starts over if it is another. Takes effect with the next pass;
-    /// commands recorded before keep the camera they were recorded with.
+    /// commands recorded before keep the camera they were recorded with. A pinhole in place of a lens, or the other way round, makes
+    /// new passes and buffers, as [`Engine::set_settings`] does.
     pub fn set_camera(&mut self, camera: Camera) -> Result<()> {
         check_camera(&camera)?;
         let [width, height] = self.parameters.camera.resolution;
@@ -254,7 +265,12 @@ impl Engine {
                 message: format!("the engine was made for {width}x{height}; make another one for another size"),
             });
         }
+        check_lens(&self.parameters.settings, &camera)?;
         if camera != self.parameters.camera {
+            if camera.has_lens() != self.parameters.camera.has_lens() {
+                let (settings, lights) = (self.parameters.settings.clone(), self.parameters.lights.clone());
+                self.rebuild_frame(&settings, &lights, &camera)?;
+            }
             self.parameters.camera = camera;
             self.restart();
         }
@@ -277,7 +293,7 @@ impl Engine {
                 message: String::from("rounds are changed before record_setup; set them in Settings"),
             });
         }
-        self.rebuild_frame(&settings, &self.parameters.lights.clone())?;
+        self.rebuild_frame(&settings, &self.parameters.lights.clone(), &self.parameters.camera.clone())?;
         self.parameters.settings = settings;
         Ok(())
     }
@@ -312,8 +328,9 @@ impl Engine {
             if settings != as_parameters || settings.clips() != old.clips() {
                 check_slots(&settings, self.scene_buffers.ideal, self.parameters.camera.resolution)?;
                 check_choice(&settings, &self.emitters)?;
+                check_lens(&settings, &self.parameters.camera)?;
                 let lights = LightPlan::new(&settings, self.reflectivity, self.delta.len() as u32);
-                self.rebuild_frame(&settings, &lights)?;
+                self.rebuild_frame(&settings, &lights, &self.parameters.camera.clone())?;
                 self.parameters.lights = lights;
                 self.parameters.photons = PhotonPlan::new(&settings, self.scene_buffers.target_count());
             }
@@ -326,7 +343,7 @@ impl Engine {
     }
 
     /// Makes new passes that go on with the sums and the image; their uploads are recorded with the next pass.
-    fn rebuild_frame(&mut self, settings: &Settings, lights: &LightPlan) -> Result<()> {
+    fn rebuild_frame(&mut self, settings: &Settings, lights: &LightPlan, camera: &Camera) -> Result<()> {
         let mut staging = self.take_staging();
         let frame = Frame::with_film(
             &self.context,
@@ -336,6 +353,7 @@ impl Engine {
             settings,
             lights,
             &self.delta,
+            camera.has_lens(),
             (self.frame.film.clone(), self.frame.image.clone()),
         );
         // What was staged before has to be uploaded whether or not there are new passes.
@@ -435,6 +453,19 @@ fn check_slots(settings: &Settings, ideal: Ideal, [width, height]: [u32; 2]) -> 
         message: format!(
             "{width}x{height} has more than {} pixels, too many to see glass in two ways; use --no-split",
             MAX_PIXELS / 2
+        ),
+    })
+}
+
+/// Checks that an image that a lens blurs is not to be written as summands, each of which would be sharp.
+fn check_lens(settings: &Settings, camera: &Camera) -> Result<()> {
+    if !(settings.summands && camera.has_lens()) {
+        return Ok(());
+    }
+    Err(Error::Setting {
+        name: "--summands",
+        message: String::from(
+            "the lens blurs their sum alone, so that they would not add up; leave it out, or --aperture 0",
         ),
     })
 }

@@ -53,8 +53,15 @@ mod tests {
     fn every_part_counts() {
         let mut scene = Scene::default();
         scene.positions.push(glam::Vec3::X);
-        let camera =
-            Camera { eye: glam::Vec3::ZERO, target: glam::Vec3::Z, up: glam::Vec3::Y, fov_y: 40.0, resolution: [4, 3] };
+        let camera = Camera {
+            eye: glam::Vec3::ZERO,
+            target: glam::Vec3::Z,
+            up: glam::Vec3::Y,
+            fov_y: 40.0,
+            resolution: [4, 3],
+            aperture: 0.0,
+            focus: None,
+        };
         let settings = Settings::default();
         let base = fingerprint(&scene, &camera, &settings);
         assert_eq!(base, fingerprint(&scene.clone(), &camera, &settings));
@@ -62,6 +69,7 @@ mod tests {
         assert_eq!(base, fingerprint(&scene, &camera, &cut));
         assert_ne!(base, fingerprint(&scene, &camera, &Settings { seed: 1, ..settings.clone() }));
         assert_ne!(base, fingerprint(&scene, &Camera { resolution: [3, 4], ..camera }, &settings));
+        assert_ne!(base, fingerprint(&scene, &Camera { aperture: 0.1, ..camera }, &settings));
         scene.positions[0].y = 1e-30;
         assert_ne!(base, fingerprint(&scene, &camera, &settings));
     }

@@ -17,6 +17,7 @@ use crate::pass::eye_paths::{self, EyePaths};
 use crate::pass::gather::Gather;
 use crate::pass::importance::Importance;
 use crate::pass::layout::{self, PointLight, Work};
+use crate::pass::lens::{self, Lens};
 use crate::pass::merge::Merge;
 use crate::pass::mirror_image::{Lobes, Planes, Tables};
 use crate::pass::mirror_lights::{self, MirrorLights, MirrorSteps};
@@ -74,6 +75,8 @@ pub struct Frame {
     pub mirrors: Option<Mirrors>,
     /// Sums of the image's summands.
     pub summands: Option<Summands>,
+    /// Depth of field; `None`: the camera has no lens.
+    pub lens: Option<Lens>,
     /// What the eye's paths note of glossy planes.
     pub planes: Planes,
     /// Throughput of each slot's gather path.
@@ -149,7 +152,7 @@ struct Arrive {
 
 impl Frame {
     #[allow(clippy::too_many_arguments)]
-    /// Creates the passes for an image of this size. `delta` are the lights without area.
+    /// Creates the passes for an image of this size. `delta` are the lights without area; `lens`: what is out of focus is blurred.
     pub fn new(
         context: &Context,
         kernels: &Kernels,
@@ -158,11 +161,12 @@ impl Frame {
         settings: &Settings,
         plan: &LightPlan,
         delta: &[PointLight],
+        lens: bool,
         [width, height]: [u32; 2],
     ) -> Result<Frame> {
         let film = Film::new(context, width * height, settings.summands)?;
         let image = Image::new(context, "image", width, height, ash::vk::Format::R32G32B32A32_SFLOAT)?;
-        Self::with_film(context, kernels, staging, scene, settings, plan, delta, (film, image))
+        Self::with_film(context, kernels, staging, scene, settings, plan, delta, lens, (film, image))
     }
 
     /// As [`Frame::new`], going on with the sums and image of another frame.
@@ -175,6 +179,7 @@ impl Frame {
         settings: &Settings,
         plan: &LightPlan,
         delta: &[PointLight],
+        lens: bool,
         (film, image): (Film, Image),
     ) -> Result<Frame> {
         let pixels = image.width() * image.height();
@@ -344,6 +349,19 @@ impl Frame {
                 merge: Merge::new(kernels, &parameters, &primary, &paths, seen_sums, &ideal_tiles, shown)?,
             }),
         };
+        let lens = match lens {
+            false => None,
+            true => {
+                let inputs = lens::Inputs {
+                    frame: &parameters,
+                    receivers: &primary,
+                    paths: &paths,
+                    sums: seen_sums,
+                    size: [image.width(), image.height()],
+                };
+                Some(Lens::new(context, staging, &inputs)?)
+            }
+        };
         let sort_buffers = match &scene.wide_nodes {
             Some(_) if !steps.by_screen => Some(SortBuffers::new(context, listed, settings.classes())?),
             _ => None,
@@ -484,6 +502,7 @@ impl Frame {
             discontinuity,
             mirrors,
             summands,
+            lens,
             planes,
             beta,
             ideal_tiles,
@@ -510,7 +529,8 @@ impl Frame {
 
     /// Records what must happen once after the uploads of a new frame, before its first pass.
     pub fn record_prepare(&self, rec: &mut Recorder) -> Result<()> {
-        self.mirrors.as_ref().map_or(Ok(()), |mirrors| mirrors.record_setup(rec))
+        self.mirrors.as_ref().map_or(Ok(()), |mirrors| mirrors.record_setup(rec))?;
+        self.lens.as_ref().map_or(Ok(()), |lens| lens.record_setup(rec))
     }
 
     /// Records the clearing of the sums alone.
@@ -520,7 +540,8 @@ impl Frame {
 
     /// Records one pass of the renderer: particles leave the lights and become point lights, photons leave them by way of
     /// mirrors and glass; what the eye sees is lit by both; what clipping cut off is gathered, bounce by bounce; irradiance is
-    /// filtered; mirror images are spread over glossy planes; second components are added to their pixels; the image is added to the sums.
+    /// filtered; mirror images are spread over glossy planes; second components are added to their pixels; what is out of focus
+    /// is blurred; the image is added to the sums.
     pub fn record(&self, rec: &mut Recorder, parameters: &layout::Frame) -> Result<()> {
         self.record_start(rec, parameters)?;
         if self.importance.is_some() {
@@ -546,6 +567,7 @@ impl Frame {
         self.record_mirrors(rec)?;
         self.record_merge(rec)?;
         self.record_summands(rec)?;
+        self.record_lens(rec)?;
         rec.scope("accumulate", |rec| self.accumulate.record(rec, parameters.keys[3]))
     }
 

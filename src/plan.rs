@@ -365,6 +365,7 @@ impl ParameterSource {
             superposition,
             mirrors: MirrorPlan::new(s, self.mirrors, &self.lights)?
                 .map_or([0; 4], |m| [m.each, m.lights, m.mirrors, 0]),
+            lens: [0.5 * height as f32 / tan_y * self.camera.aperture, 1.0 / self.camera.focus_distance(), 0.0, 0.0],
         })
     }
 }

@@ -4,7 +4,7 @@
 use glam::{DVec3, Vec2, Vec3};
 use lightsum::accel::{Bvh, Ray};
 use lightsum::light::emitters::{Emitters, uniform_sphere};
-use lightsum::path_trace::{Options, Rng, SpecularPaths, Tracer, camera_direction, render};
+use lightsum::path_trace::{Options, Rng, SpecularPaths, Tracer, camera_direction, camera_ray, render};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, Triangle};
 use std::f32::consts::PI;
 
@@ -393,6 +393,8 @@ fn room() -> (Scene, Camera) {
         up: Vec3::Y,
         fov_y: 80.0,
         resolution: [20, 12],
+        aperture: 0.0,
+        focus: None,
     };
     (b.0, camera)
 }
@@ -457,6 +459,27 @@ fn camera_looks_the_right_way() {
     // Square pixels.
     let (right, up) = (at(11.0, 6.0), at(10.0, 5.0));
     assert!((right.x / right.z + up.y / up.z).abs() < 1e-6);
+}
+
+/// Whatever point of the lens they leave, rays through a point of the image meet in the plane in focus.
+#[test]
+fn rays_of_a_lens_meet_in_focus() {
+    let (_, camera) = room();
+    let camera = Camera { aperture: 0.2, focus: Some(0.7), ..camera };
+    let mut rng = Rng::new(3, 1, 4);
+    let mut mean_square = 0.0;
+    for i in 0..1000 {
+        let (x, y) = (20.0 * rng.next_f32(), 12.0 * rng.next_f32());
+        let d = camera_direction(&camera, [20, 12], x, y);
+        let ray = camera_ray(&camera, [20, 12], x, y, [rng.next_f32(), rng.next_f32()]);
+        let from = ray.origin - camera.eye;
+        assert!(from.z.abs() < 1e-6 && from.length() <= 0.1 + 1e-6, "{i}: {from}");
+        mean_square += from.length_squared() / 1000.0;
+        let [a, b] = [camera.eye + d * (0.7 / d.z), ray.origin + ray.direction * (0.7 / ray.direction.z)];
+        assert!((a - b).length() < 1e-5, "{i}: {a} {b}");
+    }
+    // A disc's is half the square of its radius.
+    assert!((mean_square - 0.005).abs() < 0.0005, "{mean_square}");
 }
 
 #[test]

@@ -19,6 +19,7 @@ struct Frame {
     choice: vec4<f32>,          // x: share of the choice of emitters that goes by power, where it goes by contribution
     superposition: vec4<u32>,   // planar reflectors, by number, that mirror the room; form of their reflectance (settings::Reflectance)
     mirrors: vec4<u32>,         // mirrored lights of each class N, lights to mirror, planar mirrors M, 0
+    lens: vec4<f32>,            // diameter times the pixels of a unit of length at unit distance, 1 / distance in focus, 0, 0
 }
 
 @group(0) @binding(0) var<storage, read> frame: Frame;

@@ -376,6 +376,7 @@ impl Engine {
                 &self.parameters.settings,
                 &lights,
                 &self.delta,
+                self.parameters.camera.has_lens(),
                 (self.frame.film.clone(), self.frame.image.clone()),
             )?;
         }

@@ -89,6 +89,7 @@ impl Mirrors {
                             widest,
                             form: Form::Auto,
                             occlusion: settings.occlusion && settings.spread == Spread::Variant,
+                            layers: false,
                         },
                     )
                 };

@@ -77,6 +77,14 @@ impl Frame {
         }
     }
 
+    /// What is out of focus is blurred.
+    pub fn record_lens(&self, rec: &mut Recorder) -> Result<()> {
+        match &self.lens {
+            Some(lens) => rec.scope("lens", |rec| lens.record(rec)),
+            None => Ok(()),
+        }
+    }
+
     /// The summands of the image are added to their sums.
     pub fn record_summands(&self, rec: &mut Recorder) -> Result<()> {
         match &self.summands {

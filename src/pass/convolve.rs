@@ -48,6 +48,10 @@
 //! does not bleed over what is sharp in front. In the fast form the rule
 //! holds for sources that stay in the image itself; what rises is not held back.
 //!
+//! **Layers** (depth of field): sources spread over all pixels, with occlusion, and the numbers of regions say what may be hidden: 1, what
+//! lies behind; 2, what lies in front. In the fast form the pyramid keeps the two apart wherever they are, and of what rose behind, a
+//! pixel of diameter d takes the share (d / [`levels::STAYS`])^2, at most 1: none of it where the pixel is sharp.
+//!
 //! Differs from the thesis in: the normalisations (it has none), regions, the fast form; programs scatter, this gathers, in a fixed
 //! order, so that the same input gives the same bits.
 //!
@@ -128,6 +132,8 @@ pub struct Inputs<'a> {
     pub form: Form,
     /// What lies behind a pixel spreads no farther over it than the pixel's own kernel.
     pub occlusion: bool,
+    /// Regions 1 and 2 are layers, one behind the other, that spread over each other; needs `occlusion`.
+    pub layers: bool,
 }
 
 /// A library of kernels in the form that the pass samples.
@@ -249,16 +255,22 @@ impl Convolve {
         let found: [(&str, Bound); 1] = [("tiles", (&tiles[0]).into())];
         let across: [(&str, Bound); 2] = [("from_tiles", (&tiles[0]).into()), ("to_tiles", (&tiles[1]).into())];
         let down: [(&str, Bound); 2] = [("from_tiles", (&tiles[1]).into()), ("to_tiles", (&tiles[0]).into())];
-        let gather = match (fast, inputs.occlusion) {
-            (true, false) => &shaders::CONVOLVE,
-            (true, true) => &shaders::CONVOLVE_OCCLUDED,
-            (false, false) => &shaders::CONVOLVE_DIRECT,
-            (false, true) => &shaders::CONVOLVE_DIRECT_OCCLUDED,
+        let gather = match (fast, inputs.occlusion, inputs.layers) {
+            (true, false, _) => &shaders::CONVOLVE,
+            (true, true, false) => &shaders::CONVOLVE_OCCLUDED,
+            (true, true, true) => &shaders::CONVOLVE_LAYERS,
+            (false, false, _) => &shaders::CONVOLVE_DIRECT,
+            (false, true, false) => &shaders::CONVOLVE_DIRECT_OCCLUDED,
+            (false, true, true) => &shaders::CONVOLVE_DIRECT_LAYERS,
+        };
+        let reduce = match inputs.layers {
+            false => [&shaders::CONVOLVE_REDUCE, &shaders::CONVOLVE_REDUCE_COARSE],
+            true => [&shaders::CONVOLVE_REDUCE_LAYERS, &shaders::CONVOLVE_REDUCE_COARSE_LAYERS],
         };
         let sources = if fast {
             Sources::Fast {
-                reduce: make(&shaders::CONVOLVE_REDUCE, &fine, &[])?,
-                reduce_coarse: make(&shaders::CONVOLVE_REDUCE_COARSE, &raised, &[])?,
+                reduce: make(reduce[0], &fine, &[])?,
+                reduce_coarse: make(reduce[1], &raised, &[])?,
                 tiles_coarse: make(&shaders::CONVOLVE_TILES_COARSE, &raised, &found)?,
                 gather_coarse: make(&shaders::CONVOLVE_COARSE, &raised, &found)?,
             }

@@ -15,6 +15,7 @@ pub mod eye_paths;
 pub mod gather;
 pub mod importance;
 pub mod layout;
+pub mod lens;
 pub mod merge;
 pub mod mirror_image;
 pub mod mirror_lights;

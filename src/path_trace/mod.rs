@@ -109,6 +109,16 @@ pub fn camera_direction(camera: &Camera, resolution: [u32; 2], x: f32, y: f32) -
     (forward + right * across + up * upwards).normalize()
 }
 
+/// Ray of a camera through a point of the image, as [`camera_direction`], from a point of its lens that `u` chooses evenly.
+pub fn camera_ray(camera: &Camera, resolution: [u32; 2], x: f32, y: f32, [u0, u1]: [f32; 2]) -> Ray {
+    let direction = camera_direction(camera, resolution, x, y);
+    let (right, up, forward) = camera.world_from_camera();
+    let in_focus = camera.eye + direction * (camera.focus_distance() / direction.dot(forward));
+    let (sin, cos) = (std::f32::consts::TAU * u1).sin_cos();
+    let origin = camera.eye + 0.5 * camera.aperture * u0.sqrt() * (cos * right + sin * up);
+    Ray::new(origin, (in_focus - origin).normalize())
+}
+
 /// Renders an image: linear radiance, rows from the top, box pixel filter.
 ///
 /// `progress` hears the finished fraction after each round of samples over the whole image and says whether to go on; if
@@ -137,8 +147,13 @@ pub fn render(
                 for sample in done..end {
                     let mut rng = Rng::new(options.seed, pixel, sample);
                     let [dx, dy] = rng.pair();
-                    let direction = camera_direction(camera, options.resolution, x as f32 + dx, y as f32 + dy);
-                    *sum += tracer.radiance(Ray::new(camera.eye, direction), &mut rng).as_dvec3();
+                    let (x, y) = (x as f32 + dx, y as f32 + dy);
+                    let ray = if camera.has_lens() {
+                        camera_ray(camera, options.resolution, x, y, rng.pair())
+                    } else {
+                        Ray::new(camera.eye, camera_direction(camera, options.resolution, x, y))
+                    };
+                    *sum += tracer.radiance(ray, &mut rng).as_dvec3();
                 }
             }
         });

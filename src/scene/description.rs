@@ -12,6 +12,8 @@
 //! up = [0, 1, 0]
 //! fov_y = 45                    # full vertical angle, degrees
 //! resolution = [640, 480]
+//! aperture = 0                  # diameter of the lens, scene units; 0 is a pinhole
+//! focus = 3                     # distance in focus along the view, scene units; without this word that of the target
 //!
 //! [lights.lamp]                 # type: point, spot, directional, sphere or quad
 //! type = "spot"

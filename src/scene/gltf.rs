@@ -384,6 +384,8 @@ fn perspective(world: Mat4, fov_y: f32, aspect: Option<f32>) -> Camera {
         up: world.transform_vector3(Vec3::Y),
         fov_y: fov_y.to_degrees(),
         resolution: [width as u32, 480],
+        aperture: 0.0,
+        focus: None,
     }
 }
 

@@ -387,7 +387,7 @@ pub enum Light {
     },
 }
 
-/// A pinhole camera.
+/// A camera with a pinhole, or with a thin lens across the direction of view.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
@@ -403,6 +403,13 @@ pub struct Camera {
     /// Width and height in pixels.
     #[serde(default = "Camera::default_resolution")]
     pub resolution: [u32; 2],
+    /// Diameter of the lens in scene units. Default 0: a pinhole, all is sharp. Wider: what is off the plane in focus is more
+    /// blurred, in proportion. The convolution that blurs it ([`crate::pass::lens`]) costs about as much at any width but 0.
+    #[serde(default)]
+    pub aperture: f32,
+    /// Distance of the plane in focus from the eye along the direction of view, scene units. Default `None`: that of `target`.
+    #[serde(default)]
+    pub focus: Option<f32>,
 }
 
 impl Camera {
@@ -426,7 +433,25 @@ impl Camera {
         // A flat or pointlike box is still looked at from somewhere else than its middle.
         let distance =
             half.z + (needed / (0.5 * FOV.to_radians()).tan()).max(0.1 * half.length()).max(f32::MIN_POSITIVE);
-        Camera { eye: center + distance * Vec3::Z, target: center, up: Vec3::Y, fov_y: FOV, resolution }
+        Camera {
+            eye: center + distance * Vec3::Z,
+            target: center,
+            up: Vec3::Y,
+            fov_y: FOV,
+            resolution,
+            aperture: 0.0,
+            focus: None,
+        }
+    }
+
+    /// Whether there is a lens, so that what is out of focus is blurred.
+    pub fn has_lens(&self) -> bool {
+        self.aperture > 0.0
+    }
+
+    /// Distance of the plane in focus along the direction of view.
+    pub fn focus_distance(&self) -> f32 {
+        self.focus.unwrap_or_else(|| (self.target - self.eye).length())
     }
 
     /// The camera's axes in the world: unit vectors to the right of the image, to its top and into the scene.

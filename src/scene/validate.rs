@@ -238,6 +238,12 @@ impl Camera {
         if !(self.fov_y > 0.0 && self.fov_y < 180.0) {
             return Err(format!("fov_y {} must lie between 0 and 180 degrees", self.fov_y));
         }
+        if !(self.aperture.is_finite() && self.aperture >= 0.0) {
+            return Err(format!("aperture {} is not a diameter of 0 or more", self.aperture));
+        }
+        if let Some(focus) = self.focus.filter(|f| !(f.is_finite() && *f > 0.0)) {
+            return Err(format!("focus {focus} is not a distance above 0"));
+        }
         if self.resolution.contains(&0) || self.resolution.iter().any(|&r| r > 65_536) {
             let [w, h] = self.resolution;
             return Err(format!("resolution {w}x{h} must lie between 1x1 and 65536x65536"));

@@ -62,6 +62,17 @@ fn refused_description(toml: &str, parts: &[&str]) {
 }
 
 #[test]
+fn lenses_are_read_and_checked() {
+    let camera = |words: &str| with_description(&format!("model = \"a.obj\"\n{CAMERA}{words}")).camera.unwrap();
+    assert!((camera("").aperture, camera("").focus_distance(), camera("").has_lens()) == (0.0, 5.0, false));
+    let lens = camera("aperture = 0.25\nfocus = 3\n");
+    assert!((lens.aperture, lens.focus_distance(), lens.has_lens()) == (0.25, 3.0, true));
+    for (words, part) in [("aperture = -1", "aperture"), ("aperture = nan", "aperture"), ("focus = 0", "focus")] {
+        refused_description(&format!("model = \"a.obj\"\n{CAMERA}{words}\n"), &["[camera]", part]);
+    }
+}
+
+#[test]
 fn obj_is_read() {
     let scene = scene::load(&repository("tests/cpu/data/quarters.obj")).unwrap();
     assert_eq!(scene.name, "quarters");

@@ -33,6 +33,7 @@ struct Subject {
     widest: f32,
     form: Form,
     occlusion: bool,
+    layers: bool,
 }
 
 impl Subject {
@@ -56,7 +57,7 @@ impl Subject {
             })
             .collect();
         let (kernels, narrowings, form) = (library(), vec![0, 3, 4, 1], Form::Direct);
-        Subject { size, source, footprint, region, kernels, narrowings, widest, form, occlusion: false }
+        Subject { size, source, footprint, region, kernels, narrowings, widest, form, occlusion: false, layers: false }
     }
 
     /// What the pass makes of it.
@@ -77,6 +78,7 @@ impl Subject {
             widest: self.widest,
             form: self.form,
             occlusion: self.occlusion,
+            layers: self.layers,
         };
         let pass = Convolve::new(ctx, &mut staging, &inputs).unwrap();
         ctx.submit_and_wait("convolution", None, |rec| {
@@ -286,6 +288,52 @@ fn convolve_gives_the_same_bits_again() {
     });
 }
 
+/// Layers spread over each other: directly as if they were one region; in the fast form too, but that what rose behind is held back by
+/// the pixel's own width.
+#[test]
+fn layers_spread_over_each_other() {
+    gpu_test(|ctx| {
+        for (size, widest) in [([27, 1], 3.3), ([31, 17], 6.0), ([2049, 1], 4.0)] {
+            for form in FORMS {
+                let mut subject = Subject { form, occlusion: true, layers: true, ..Subject::random(size, widest) };
+                subject.region.iter_mut().for_each(|r| *r = (*r).min(2));
+                let mut one = Subject { form, occlusion: true, ..Subject::random(size, widest) };
+                one.region = subject.region.iter().map(|&r| r.min(1)).collect();
+                let what = format!("{size:?}, widest {widest}, {form:?}");
+                // None of these kernels rises.
+                let (expected, tolerance) = match form {
+                    Form::Fast => (one.convolved(ctx), 1e-5),
+                    _ => (one.expected(), 2e-4),
+                };
+                assert_close(&subject.convolved(ctx), &expected, tolerance, &what);
+            }
+        }
+        // A blurred stripe in front spreads over a sharp board, which covers a blurred wall.
+        let mut subject = Subject::random([96, 64], 30.0);
+        (subject.occlusion, subject.layers, subject.form) = (true, true, Form::Fast);
+        for i in 0..96 * 64 {
+            let (light, depth, width, layer) = match i % 96 {
+                0..32 => (Vec3::X, 1.0, 20.0, 2),
+                32..64 => (Vec3::Y, 2.0, 0.0, 1),
+                _ => (Vec3::Z, 4.0, 30.0, 1),
+            };
+            subject.source[i] = light.extend(depth);
+            subject.footprint[i] = Vec4::new(width, 0.0, 1.0, 0.0);
+            subject.region[i] = layer;
+        }
+        let found = subject.convolved(ctx);
+        let at = |x: usize| found[32 * 96 + x].truncate();
+        for x in 0..96 {
+            let l = at(x);
+            assert!((l.element_sum() - 1.0).abs() < 1e-4, "{x}: {l}");
+            // The wall stays behind, the board is nowhere but where it is.
+            assert!((32..64).contains(&x) || l.y < 1e-4, "{x}: {l}");
+            assert!(x >= 64 || l.z < 1e-4, "{x}: {l}");
+        }
+        assert!(at(33).x > 0.25 && at(38).x > 0.02 && at(48).x < 1e-3, "{} {} {}", at(33), at(38), at(48));
+    });
+}
+
 /// A near bright ball before a far wall that is blurred: with occlusion the wall does not bleed over it.
 #[test]
 fn what_lies_behind_stays_behind() {
@@ -331,6 +379,7 @@ fn wrong_inputs_of_convolve_are_named() {
             widest: 3.0,
             form: Form::Auto,
             occlusion: false,
+            layers: false,
         };
         assert!(Convolve::new(ctx, &mut staging, &inputs).is_ok());
         for (wrong, name) in [

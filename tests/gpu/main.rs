@@ -11,6 +11,7 @@ mod gpu_layer;
 #[cfg(feature = "hot-reload")]
 mod hot_reload;
 mod importance;
+mod lens;
 mod mirror_lights;
 mod mirrors_and_glass;
 mod moving;

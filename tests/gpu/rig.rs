@@ -325,7 +325,8 @@ impl Builder {
     }
 
     pub fn finish(mut self, eye: Vec3, target: Vec3) -> Scene {
-        self.0.camera = Some(Camera { eye, target, up: Vec3::Y, fov_y: 75.0, resolution: [8, 8] });
+        let (up, resolution) = (Vec3::Y, [8, 8]);
+        self.0.camera = Some(Camera { eye, target, up, fov_y: 75.0, resolution, aperture: 0.0, focus: None });
         self.0.validate(Path::new("test scene")).unwrap();
         self.0
     }

@@ -204,7 +204,7 @@ fn in_a_sphere_every_light_lights_every_point_alike() {
     gpu_test(|ctx| {
         let patches = [(1.0, 0.2), (0.0, 0.8), (2.0, 0.5), (0.0, 0.3), (0.5, 0.6), (0.0, 0.4), (0.0, 0.7), (3.0, 0.1)];
         let scene = builtin::sphere_enclosure(4, &patches);
-        let camera = Camera { eye: Vec3::ZERO, target: Vec3::Z, up: Vec3::Y, fov_y: 130.0, resolution: [16, 16] };
+        let camera = camera(Vec3::ZERO, Vec3::Z, 130.0, [16, 16]);
         for paths in [1, 2, 27] {
             let mut renderer = renderer(ctx, &scene, camera, &original(paths, 6));
             renderer.pass().unwrap();
@@ -232,7 +232,7 @@ fn a_sphere_of_unequal_patches() {
         let depth = 12;
         let mut seen = [0; 8];
         for target in [Vec3::Z, Vec3::NEG_Z] {
-            let camera = Camera { eye: Vec3::ZERO, target, up: Vec3::Y, fov_y: 130.0, resolution };
+            let camera = camera(Vec3::ZERO, target, 130.0, resolution);
             let layers = render(ctx, &scene, camera, &original(256, depth), 16);
             let mut sums = [(0.0, 0); 8];
             for (i, color) in layers.color.iter().enumerate() {
@@ -443,7 +443,7 @@ fn mean_irradiance_of_a_room_of_one_albedo() {
             let intensity = Vec3::splat(10_000.0 / (4.0 * PI));
             soup.0.lights.push(Light::Point { position: Vec3::ZERO, intensity });
             // By symmetry one wall has the mean of all six; it fills the image evenly.
-            let camera = Camera { eye: Vec3::ZERO, target: Vec3::Z, up: Vec3::Y, fov_y: 90.0, resolution: [16, 16] };
+            let camera = camera(Vec3::ZERO, Vec3::Z, 90.0, [16, 16]);
             let depth = 12;
             let settings = Settings { lights_per_dispatch: 64, ..settings(512, depth) };
             let layers = render(ctx, &soup.0, camera, &settings, 16);

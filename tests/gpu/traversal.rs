@@ -134,6 +134,8 @@ fn a_scene_of_one_triangle() {
             up: Vec3::Y,
             fov_y: 60.0,
             resolution: [27, 19],
+            aperture: 0.0,
+            focus: None,
         };
         compare(ctx, "one triangle", &scene, camera, 4);
     });

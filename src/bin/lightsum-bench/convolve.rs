@@ -70,6 +70,7 @@ impl Subject {
             widest: width as f32,
             form,
             occlusion: false,
+            layers: false,
         };
         let pass = Convolve::new(context, &mut staging, &inputs)?;
         context.submit_and_wait("uploading steps", None, |rec| staging.record(rec))?;

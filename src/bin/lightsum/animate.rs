@@ -63,7 +63,7 @@ pub fn run(args: &Animate) -> Result<()> {
 
     let start = Instant::now();
     let scene = scene::load(&args.scene)?;
-    let no_flags = args::Camera { eye: None, target: None, up: None, fov: None };
+    let no_flags = args::Camera::default();
     let still = camera::choose(&scene, &no_flags, args.resolution)?;
     let motion = Motion::load(&args.path, &scene, still)?;
     let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);

@@ -1,5 +1,6 @@
 //! The flags, their help and their syntax. What a value means together with others is decided in `render`.
 
+mod camera;
 mod superposition;
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
@@ -12,6 +13,7 @@ use lightsum::settings::{Agreement, ClusterOrder, LightChoice, Sequence, Setting
 use std::path::PathBuf;
 use std::time::Duration;
 
+pub use camera::Camera;
 pub use superposition::Glossy;
 
 /// Greatest number of pixels of an image.
@@ -317,24 +319,6 @@ impl From<SequenceFlag> for Sequence {
     }
 }
 
-/// The camera; each flag overrides that part of the scene's camera.
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Camera (overrides the scene's; a model without one is seen from its front)")]
-pub struct Camera {
-    /// Eye point, scene units.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
-    pub eye: Option<Vec3>,
-    /// Point in the middle of the image, scene units.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
-    pub target: Option<Vec3>,
-    /// Upward direction, of any length [default: the scene's, or 0,1,0].
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
-    pub up: Option<Vec3>,
-    /// Vertical angle of view in degrees, between 0 and 180 [default: the scene's, or 45].
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = angle)]
-    pub fov: Option<f32>,
-}
-
 /// What computes.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Device")]
@@ -635,6 +619,10 @@ mod tests {
             "a.toml -o a.exr --eye 1,2",
             "a.toml -o a.exr --eye 1,2,nan",
             "a.toml -o a.exr --fov 180",
+            "a.toml -o a.exr --aperture -1",
+            "a.toml -o a.exr --aperture nan",
+            "a.toml -o a.exr --focus 0",
+            "a.toml -o a.exr --focus -2",
             "a.toml -o a.exr --time 0",
             "a.toml -o a.exr --time nan",
             "a.toml -o a.exr --time 1e300",

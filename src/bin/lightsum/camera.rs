@@ -20,8 +20,12 @@ pub fn choose(scene: &Scene, flags: &args::Camera, resolution: Option<[u32; 2]>)
     camera.target = flags.target.unwrap_or(camera.target);
     camera.up = flags.up.unwrap_or(camera.up);
     camera.fov_y = flags.fov.unwrap_or(camera.fov_y);
+    camera.aperture = flags.aperture.unwrap_or(camera.aperture);
+    camera.focus = flags.focus.or(camera.focus);
     camera.resolution = resolution.unwrap_or(camera.resolution);
     args::check_resolution(camera.resolution).map_err(|message| Error::Setting { name: "--resolution", message })?;
-    camera.check().map_err(|message| Error::Setting { name: "--eye, --target, --up, --fov", message })?;
+    camera
+        .check()
+        .map_err(|message| Error::Setting { name: "--eye, --target, --up, --fov, --aperture, --focus", message })?;
     Ok(camera)
 }

@@ -1,0 +1,255 @@
+//! Depth of field: the pass against its oracle, circles of confusion in closed form, and images beside path tracing through the lens.
+
+use std::f64::consts::PI;
+
+use glam::{Vec3, Vec4};
+use lightsum::accel::Bvh;
+use lightsum::light::emitters::Emitters;
+use lightsum::pass::{accumulate, lens};
+use lightsum::path_trace::{self, Options, SpecularPaths};
+use lightsum::scene::{Camera, Scene};
+use lightsum::settings::Settings;
+
+use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery};
+use crate::scenes::{Soup, camera, compare, fov, mean, render, renderer, settings};
+use crate::support::gpu_test;
+
+#[test]
+fn lens_follows_its_oracle() {
+    gpu_test(|ctx| {
+        let mut scene = gallery();
+        let (aperture, focus) = (0.3, 4.0);
+        let view = scene.camera.unwrap();
+        scene.camera = Some(Camera { aperture, focus: Some(focus), ..view });
+        let (mut before, mut behind, mut nothing) = (0, 0, 0);
+        for resolution in AWKWARD_IMAGES {
+            let rig = Rig::new(ctx, &scene, resolution, Settings { compensation: false, ..settings(4, 5) });
+            let frame = rig.frame();
+            rig.run(|frame, rec| {
+                frame.record_walk(rec)?;
+                frame.record_eye(rec)?;
+                frame.record_shade(rec, 0)?;
+                frame.record_merge(rec)
+            });
+            assert_eq!(rig.lost(), 0);
+            let (lens, r, sums) = (frame.lens.as_ref().unwrap(), &frame.primary, &frame.pixel_sums);
+            rig.prefill(&[&lens.image.source, &lens.image.footprint, &lens.region, &lens.convolution.spread]);
+            let [position, kd, wo, emitted] = [&r.position, &r.kd, &r.wo, &r.emitted].map(|b| rig.vec4s(b));
+            let lights = [&sums.direct, &sums.indirect, &sums.specular].map(|b| rig.vec4s(b));
+            let through = rig.vec4s(&frame.paths.throughput);
+            rig.run(|_, rec| lens.record_image(rec));
+            let (source, footprint) = (rig.vec4s(&lens.image.source), rig.vec4s(&lens.image.footprint));
+            let region = rig.get::<u32>(&lens.region);
+            let mut tally = Tally::new(format!("lens, {resolution:?}"));
+            for i in 0..region.len() {
+                let light = lights.each_ref().map(|l| if wo[i].w > 0.0 { l[i].truncate() } else { Vec3::ZERO });
+                let [e, beta, kd] = [emitted[i], through[i], kd[i]].map(Vec4::truncate);
+                let l = accumulate::reference(e, beta, kd, light);
+                tally.check(close(source[i].truncate(), l, 1e-5, 1e-6), || format!("{i}: {} for {l}", source[i]));
+                let depth = (position[i].w >= 0.0).then_some(through[i].w);
+                assert_eq!(source[i].w, depth.unwrap_or(lens::NOTHING_SEEN));
+                let diameter = lens::reference(&rig.parameters, aperture, focus, depth);
+                let off = (footprint[i].x - diameter).abs();
+                tally.check(off <= 1e-4 * diameter + 1e-4, || format!("{i}: {} for {diameter}", footprint[i]));
+                assert_eq!(footprint[i].to_array()[1..], [0.0, 1.0, 0.0]);
+                let front = depth.is_some_and(|z| z < focus);
+                assert_eq!(region[i], if front { 2 } else { 1 }, "{i}");
+                before += usize::from(front);
+                behind += usize::from(!front);
+                nothing += usize::from(depth.is_none());
+            }
+            tally.finish(0.0);
+            rig.run(|_, rec| lens.convolution.record(rec));
+            rig.run(|_, rec| lens.record_add(rec));
+            let (spread, added) = (rig.vec4s(&lens.convolution.spread), rig.vec4s(&r.emitted));
+            for i in 0..region.len() {
+                let expected = emitted[i].truncate() + (spread[i] - source[i]).truncate();
+                assert!(close(added[i].truncate(), expected, 1e-6, 1e-6), "{i}: {} for {expected}", added[i]);
+            }
+        }
+        assert!(before > 50 && behind > 50 && nothing > 5, "{before} {behind} {nothing}");
+    });
+}
+
+/// Pixels of a unit of length at unit distance.
+fn pixels_of_unit(camera: &Camera) -> f32 {
+    0.5 * camera.resolution[1] as f32 / (0.5 * camera.fov_y).to_radians().tan()
+}
+
+/// The camera with a lens that makes of a point at depth `z` a disc of so many pixels.
+fn with_circle(camera: Camera, focus: f32, z: f32, diameter: f32) -> Camera {
+    let aperture = diameter / (pixels_of_unit(&camera) * (1.0 / z - 1.0 / focus).abs());
+    Camera { aperture, focus: Some(focus), ..camera }
+}
+
+/// A small light out of focus becomes a disc of the right width, and keeps its energy, before and behind the plane in focus.
+#[test]
+fn points_become_discs() {
+    gpu_test(|ctx| {
+        let view = camera(Vec3::ZERO, Vec3::Z, 40.0, [65, 65]);
+        for (z, diameter) in [(2.0, 5.0), (2.0, 13.0), (8.0, 5.0), (8.0, 13.0), (2.0, 30.0)] {
+            let mut soup = Soup::new("point");
+            let glow = soup.diffuse(0.0, 1000.0);
+            let half = z / pixels_of_unit(&view);
+            let black = soup.diffuse(0.0, 0.0);
+            soup.quad(Vec3::new(-9.0, -9.0, 1.001 * z), Vec3::Y * 18.0, Vec3::X * 18.0, black);
+            soup.quad(Vec3::new(-half, -half, z), Vec3::Y * 2.0 * half, Vec3::X * 2.0 * half, glow);
+            let sharp = render(ctx, &soup.0, view, &settings(1, 1), 16).color;
+            let blurred = render(ctx, &soup.0, with_circle(view, 4.0, z, diameter), &settings(1, 1), 16).color;
+            let variance = |image: &[Vec3]| {
+                let of = |(i, l): (usize, &Vec3)| {
+                    let (x, y) = ((i % 65) as f64 - 32.0, (i / 65) as f64 - 32.0);
+                    f64::from(l.x) * 0.5 * (x * x + y * y)
+                };
+                image.iter().enumerate().map(of).sum::<f64>() / image.iter().map(|l| f64::from(l.x)).sum::<f64>()
+            };
+            // A disc's along an axis is D^2 / 16.
+            let found = 4.0 * (variance(&blurred) - variance(&sharp)).sqrt();
+            let energy = mean(&blurred).x / mean(&sharp).x;
+            println!("z {z}, D {diameter}: {found:.3}, energy {energy:.4}");
+            // High in the pyramid a disc is a few texels wide.
+            let tolerance = if diameter < 20.0 { 0.04 } else { 0.13 };
+            assert!((found / f64::from(diameter) - 1.0).abs() < tolerance, "z {z}: {found} for {diameter}");
+            assert!((energy - 1.0).abs() < 0.005, "z {z}, {diameter}: energy {energy}");
+        }
+    });
+}
+
+/// The edge between two halves of a wall out of focus: the share of the disc on either side.
+#[test]
+fn edges_become_the_disc_s_integral() {
+    gpu_test(|ctx| {
+        let view = camera(Vec3::ZERO, Vec3::Z, 40.0, [64, 65]);
+        let mut soup = Soup::new("edge");
+        let (dark, bright) = (soup.diffuse(0.0, 1.0), soup.diffuse(0.0, 3.0));
+        let z = 2.0;
+        soup.quad(Vec3::new(-9.0, -9.0, z), Vec3::Y * 18.0, Vec3::X * 9.0, dark);
+        soup.quad(Vec3::new(0.0, -9.0, z), Vec3::Y * 18.0, Vec3::X * 9.0, bright);
+        for (diameter, tolerance) in [(5.0, 0.015), (11.0, 0.03), (24.0, 0.05)] {
+            let image = render(ctx, &soup.0, with_circle(view, 4.0, z, diameter), &settings(1, 1), 16).color;
+            // The camera's right is -x.
+            let share = |x: usize| 0.5 * (f64::from(image[32 * 64 + x].x) - 1.0);
+            let mut worst = 0.0f64;
+            for x in 8..56 {
+                let s = ((31.5 - x as f64) / (0.5 * f64::from(diameter))).clamp(-1.0, 1.0);
+                let expected = 0.5 + (s * (1.0 - s * s).sqrt() + s.asin()) / PI;
+                worst = worst.max((share(x) - expected).abs());
+            }
+            println!("D {diameter}: worst {worst:.4}");
+            assert!(worst < tolerance, "{diameter}: {worst}");
+        }
+    });
+}
+
+/// A ball before a wall with shining bars, both lit by a lamp, and a ball nearer than both.
+fn balls() -> (Scene, Camera) {
+    let mut soup = Soup::new("balls");
+    let (gray, red) = (soup.diffuse(0.7, 0.0), soup.diffuse([0.7, 0.3, 0.2], 0.0));
+    let (blue, lamp) = (soup.diffuse([0.2, 0.3, 0.7], 0.0), soup.diffuse(0.0, 12.0));
+    soup.room(Vec3::new(-2.0, -1.0, -1.0), Vec3::new(2.0, 1.5, 6.0), [red, blue, gray, gray, gray, gray]);
+    soup.quad(Vec3::new(-0.7, 1.49, 2.0), Vec3::X * 1.4, Vec3::Z * 1.4, lamp);
+    let bar = soup.diffuse(0.0, 3.0);
+    for i in 0..6 {
+        let corner = Vec3::new(-1.8 + 0.6 * i as f32, -0.8, 5.99);
+        soup.quad(corner, Vec3::Y * 2.0, Vec3::X * 0.3, bar);
+    }
+    soup.ball(Vec3::new(0.5, -0.5, 3.0), 0.5, 16, red);
+    soup.ball(Vec3::new(-0.5, -0.3, 1.8), 0.25, 16, blue);
+    (soup.0, camera(Vec3::new(0.0, 0.0, -0.5), Vec3::new(0.0, -0.2, 3.0), 50.0, [64, 48]))
+}
+
+/// What lies in focus stays, to rounding, whatever is blurred behind it: nothing of that bleeds over it.
+#[test]
+fn what_is_in_focus_stays_sharp() {
+    gpu_test(|ctx| {
+        let mut soup = Soup::new("board");
+        let (glow, far) = (soup.diffuse(0.0, 2.0), soup.diffuse(0.0, 50.0));
+        soup.quad(Vec3::new(-0.5, -0.5, 2.0), Vec3::Y, Vec3::X, glow);
+        soup.quad(Vec3::new(-9.0, -9.0, 8.0), Vec3::Y * 18.0, Vec3::X * 18.0, far);
+        let view = camera(Vec3::ZERO, Vec3::Z, fov(1.0, 2.0), [61, 47]);
+        for diameter in [5.0, 31.0] {
+            let lens = with_circle(view, 2.0, 8.0, diameter);
+            let [sharp, blurred] = [view, lens].map(|camera| render(ctx, &soup.0, camera, &settings(1, 1), 1).color);
+            let mut seen = 0;
+            for (i, (a, b)) in sharp.iter().zip(&blurred).enumerate().filter(|(_, (a, _))| a.x == 2.0) {
+                seen += 1;
+                assert!(close(*a, *b, 1e-5, 0.0), "{diameter}, pixel {i}: {b} for {a}");
+            }
+            assert!(seen > 300, "{seen}");
+        }
+    });
+}
+
+/// Beside the path tracer's lens. What differs most is the rim of what is blurred in front, whose background no pixel shows.
+#[test]
+fn images_agree_with_path_tracing() {
+    gpu_test(|ctx| {
+        let (scene, view) = balls();
+        let bvh = Bvh::build(&scene).unwrap();
+        let emitters = Emitters::of(&scene, true).unwrap();
+        let options = Options {
+            resolution: view.resolution,
+            samples: 400,
+            max_depth: 2,
+            max_specular: 0,
+            seed: 7,
+            specular_paths: SpecularPaths::None,
+        };
+        // Circles of up to 5 and of up to 16 pixels.
+        for (aperture, limit) in [(0.5, 0.55), (1.5, 0.4)] {
+            let lens = Camera { aperture, focus: Some(3.4), ..view };
+            let [sharp, blurred] = [view, lens].map(|camera| render(ctx, &scene, camera, &settings(32, 2), 16).color);
+            let reference = path_trace::render(&scene, &bvh, &emitters, &lens, &options, |_| true).unwrap();
+            let ((energy, error), (_, without)) = (compare(&blurred, &reference), compare(&sharp, &reference));
+            println!("aperture {aperture}: energy {energy:.4}, error {error:.4}, without a lens {without:.4}");
+            assert!((energy - 1.0).abs() < 0.03, "{aperture}: energy {energy}");
+            assert!(error < limit * without, "{aperture}: {error}; without a lens {without}");
+        }
+    });
+}
+
+/// Apertures come and go with the camera: the image is that of an engine made for it, bit for bit.
+#[test]
+fn apertures_come_and_go() {
+    gpu_test(|ctx| {
+        let (scene, view) = balls();
+        let settings = settings(4, 3);
+        let wide = Camera { aperture: 0.2, ..view };
+        let near = Camera { focus: Some(1.0), ..wide };
+        let mut moving = renderer(ctx, &scene, view, &settings);
+        for camera in [wide, near, view, near] {
+            moving.engine_mut().set_camera(camera).unwrap();
+            moving.pass().unwrap();
+            moving.pass().unwrap();
+            let fresh = render(ctx, &scene, camera, &settings, 2);
+            assert!(moving.layers().unwrap().color == fresh.color, "{camera:?}");
+        }
+    });
+}
+
+#[test]
+fn summands_of_a_lens_are_refused() {
+    gpu_test(|ctx| {
+        let (scene, view) = balls();
+        let wide = Camera { aperture: 0.2, ..view };
+        let summands = Settings { summands: true, ..settings(4, 3) };
+        let both = |error: lightsum::Error| {
+            let text = error.to_string();
+            assert!(text.contains("--summands") && text.contains("--aperture"), "{text}");
+        };
+        both(lightsum::engine::Engine::new(ctx, &scene, wide, summands.clone()).err().unwrap());
+        let mut sharp = renderer(ctx, &scene, view, &summands);
+        both(sharp.engine_mut().set_camera(wide).unwrap_err());
+        let mut blurred = renderer(ctx, &scene, wide, &settings(4, 3));
+        both(blurred.engine_mut().set_settings(summands).unwrap_err());
+        for (camera, word) in [
+            (Camera { aperture: -1.0, ..view }, "aperture"),
+            (Camera { aperture: f32::NAN, ..view }, "aperture"),
+            (Camera { focus: Some(0.0), ..view }, "focus"),
+            (Camera { focus: Some(f32::INFINITY), ..view }, "focus"),
+        ] {
+            let text = sharp.engine_mut().set_camera(camera).unwrap_err().to_string();
+            assert!(text.contains(word), "{text}");
+        }
+    });
+}
