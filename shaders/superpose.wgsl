@@ -13,6 +13,7 @@
 @group(0) @binding(6) var<storage, read> tiles: array<u32>;
 @group(0) @binding(7) var<storage, read> region: array<u32>;
 @group(0) @binding(8) var<storage, read> spread: array<vec4<f32>>;
+@group(0) @binding(10) var<storage, read> panes: array<vec4<f32>>;     // two for each pixel of a frosted pane
 @group(0) @binding(9) var<storage, read> maps: array<vec4<f32>>;       // reflectance maps
 
 const FORM_MAP: u32 = 1u;
@@ -47,14 +48,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let geometric = receiver_geometric[pixel];
     let f0 = receiver_f0[pixel].xyz;
-    let mu = dot(geometric.xyz, receiver_wo[pixel].xyz);
     let tables = reflectors[plane - 1u];
+    let is_pane = tables.z != 0u;
+    let pane = panes[2u * select(0u, pixel, is_pane)];
+    let mu = select(dot(geometric.xyz, receiver_wo[pixel].xyz), pane.w, is_pane);
     let energy = lobe_at(tables.x, mu).y;
     let form = frame.superposition.y;
     let s = sqrt(clamp(mu, 0.0, 1.0)) * f32(MAP_TEXELS - 1u);
     let i = u32(s);
     let mapped = mix(maps[tables.y + i], maps[tables.y + min(i + 1u, MAP_TEXELS - 1u)], s - f32(i)).xyz;
     let fresnel = select(schlick(Reflectance(vec3<f32>(0.0), geometric.w, f0, 1.0), mu), fresnel_fitted(f0, mu), form == FORM_FRESNEL);
-    let reflectance = select(energy * fresnel, mapped, form == FORM_MAP);
+    let reflectance = select(select(energy * fresnel, mapped, form == FORM_MAP), energy * pane.xyz, is_pane);
     shown[pixel] += vec4<f32>(reflectance * spread[pixel].xyz, 0.0);
 }

@@ -7,6 +7,9 @@
 //! rho = map(mu)                                      the same from a table, F0 being the material's mean
 //! ```
 //!
+//! A frosted pane lets light through instead: rho = energy(mu) (1 - R(mu)) tint, R by Fresnel's equations as for a clear one
+//! ([`crate::bsdf::ideal`]), whatever the form.
+//!
 //! energy(mu) is the lobe's own albedo ([`crate::superposition::kernels`]). [`crate::superposition::reflectance`] says how the
 //! table is looked up and how far it is off.
 //!
@@ -17,7 +20,7 @@
 
 use glam::Vec3;
 
-use super::mirror_image::Tables;
+use super::mirror_image::{Planes, Tables};
 use super::schedule::LIST_GROUPS;
 use super::{Kernels, List, Receivers};
 use crate::bsdf::Reflectance;
@@ -34,13 +37,13 @@ pub struct Superpose {
 }
 
 impl Superpose {
-    /// Adds `spread` to `shown` where `region` is not 0.
+    /// Adds `spread` to `shown` where `planes` says that there is one.
     pub fn new(
         kernels: &Kernels,
         frame: &Buffer,
         receivers: &Receivers,
         tiles: &List,
-        (region, spread): (&Buffer, &Buffer),
+        (planes, spread): (&Planes, &Buffer),
         tables: &Tables,
         shown: &Buffer,
     ) -> Result<Self> {
@@ -53,7 +56,8 @@ impl Superpose {
             ("shown", shown.into()),
             ("work", (&tiles.work).into()),
             ("tiles", (&tiles.pixels).into()),
-            ("region", region.into()),
+            ("region", (&planes.region).into()),
+            ("panes", (&planes.panes).into()),
             ("reflectors", (&tables.reflectors).into()),
             ("lobes", (&tables.lobes).into()),
             ("spread", spread.into()),

@@ -29,6 +29,7 @@
 //! surface = "glass"             # opaque, mirror or glass
 //! thin = true                   # glass without an inside: a pane of one sheet
 //! ior = 1.52
+//! roughness = 0.3               # of such a pane: frosted glass; without this word clear, whatever the model says
 //!
 //! [render]                      # defaults for the flags of the same names
 //! passes = 64
@@ -188,6 +189,9 @@ fn change_material(scene: &mut Scene, name: &str, entry: &MaterialEntry) -> Resu
         m.two_sided = entry.two_sided.unwrap_or(m.two_sided);
         m.ior = entry.ior.unwrap_or(m.ior);
         m.thin = entry.thin.unwrap_or(m.thin);
+        if m.surface == Surface::Glass && m.thin {
+            m.frost = entry.roughness.unwrap_or(m.frost);
+        }
         m.reflector = entry.reflector.or(m.reflector);
         if entry.surface == Some(Surface::Mirror) && m.specular == Vec3::ZERO && entry.metallic.is_none() {
             // Nothing says what it mirrors: all of its colour.
