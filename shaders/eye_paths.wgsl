@@ -21,6 +21,7 @@
 @group(0) @binding(19) var<storage, read_write> emitted: array<vec4<f32>>;
 @group(0) @binding(20) var<storage, read_write> region: array<u32>;     // planar reflector that a pixel shows, 0: none
 @group(0) @binding(21) var<storage, read_write> widening: array<vec4<f32>>; // what further glossy planes do to its kernel
+@group(0) @binding(22) var<storage, read_write> panes: array<vec4<f32>>;    // two for each pixel of a frosted pane
 var<immediate> push: Push;
 
 // Sends the path of a slot on and puts it on the list.
@@ -64,10 +65,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // In a mirror image other glossy planes are base or mirror by chance.
     let mirrors = frame.superposition.x > 0u;
     let pixel = select(slot, slot - frame.size.z, slot >= frame.size.z);
-    let in_image = mirrors && slot >= frame.size.z && region[select(0u, pixel, mirrors)] > 0u;
+    let shows = select(0u, region[select(0u, pixel, mirrors)], mirrors && !first_hit);
+    let image_is_first = reflectors[max(shows, 1u) - 1u].z != 0u;
+    let in_image = shows > 0u && image_is_first == (slot < frame.size.z);
     let plane = select(0u, glossy_plane(normals), found && (splits || in_image));
+    // Seen directly, a frosted pane shows what is behind it, and what its lobe makes of it comes later.
+    let pane = select(0u, frosted_pane(normals), found && (splits || in_image));
+    let frosted = splits && pane > 0u;
     if splits && mirrors {
-        region[slot] = plane;
+        region[slot] = max(plane, pane);
         widening[slot] = vec4<f32>(0.0);
     }
     let ideal = plane > 0u || (found && materials[material_of(normals)].flags.z != SURFACE_OPAQUE);
@@ -79,9 +85,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let other = fork_at(s, -ray.xyz, relative_index(inside, s));
         var fork = other;
         let mu = dot(s.geometric, -ray.xyz);
-        let lobe = lobe_at(reflectors[max(plane, 1u) - 1u].x, mu);
+        let lobe = lobe_at(reflectors[max(max(plane, pane), 1u) - 1u].x, mu);
         if plane > 0u {
             fork = fork_of_plane(s, -ray.xyz, select(reflectance_of_lobe(lobe, s.reflectance.f0, s.reflectance.f90), vec3<f32>(1.0), splits));
+        }
+        if frosted {
+            let disc = image_of_disc(ray.xyz, -mu * ray.xyz - s.geometric);
+            panes[2u * slot] = vec4<f32>(fork.first_weight, mu);
+            panes[2u * slot + 1u] = vec4<f32>(disc, 0.0);
+            fork.first_weight = vec3<f32>(1.0);
         }
         let before = throughput[slot];
         let depth = before.w + ray.w * hit.x;
@@ -99,9 +111,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         // Emission of a mirror over a base belongs to the base, which has not been left yet.
         // The lobe of a plane where a path stays is the other way that it could have gone.
         let without_lobe = select(0.0, LOBE_FOLLOWED, stays && plane > 0u && in_image);
-        emitted[slot] += vec4<f32>(select(before.xyz * s.emission, vec3<f32>(0.0), fork.stays), without_lobe);
-        if goes_on && in_image {
-            let t2 = select(0.0, lobe.x * lobe.x, plane > 0u);
+        let emission = select(before.xyz * s.emission, vec3<f32>(0.0), fork.stays);
+        emitted[slot] += vec4<f32>(select(emission, vec3<f32>(0.0), frosted), without_lobe);
+        if frosted {
+            emitted[twin] = vec4<f32>(emission, 0.0);
+        }
+        if goes_on && (in_image || frosted) {
+            let t2 = select(0.0, lobe.x * lobe.x, max(plane, pane) > 0u);
             widening[pixel] += vec4<f32>(t2, t2 * depth, t2 * depth * depth, 0.0);
         }
         let beyond = crossed(inside, s.material + 1u, s.front);

@@ -1,4 +1,4 @@
-// The mirror image on glossy planes, and the kernel that spreads each of its pixels. See pass/mirror_image.rs.
+// The mirror image on glossy planes, what is behind frosted panes, and the kernel that spreads each pixel of them. See pass/mirror_image.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -18,6 +18,7 @@
 @group(0) @binding(12) var<storage, read> region: array<u32>;
 @group(0) @binding(18) var<storage, read_write> core_footprint: array<vec4<f32>>; // the same for the peak of the kernel
 @group(0) @binding(17) var<storage, read> widening: array<vec4<f32>>;
+@group(0) @binding(19) var<storage, read> panes: array<vec4<f32>>;      // two for each pixel of a frosted pane
 @group(0) @binding(15) var<storage, read_write> source: array<vec4<f32>>;     // radiance; w: depth of what is seen
 @group(0) @binding(16) var<storage, read_write> footprint: array<vec4<f32>>;  // of the tail: diameter, texture, direction of the kernel's u axis
 
@@ -38,49 +39,43 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let pixel = at.x + at.y * frame.size.x;
-    let slot = pixel + frame.size.z;
     let plane = region[pixel];
     if plane == 0u {
         return;
     }
+    // What is spread: the mirror image, a second component, or what is behind a frosted pane, the first.
+    let tables = reflectors[plane - 1u];
+    let is_pane = tables.z != 0u;
+    let slot = select(pixel + frame.size.z, pixel, is_pane);
     let through = throughput[slot];
     let lit = receiver_wo[slot].w > 0.0;
     let reflected = receiver_kd[slot].xyz * INV_PI * (direct[slot].xyz + indirect[slot].xyz) + specular[slot].xyz;
-    let l = emitted[slot].xyz + select(vec3<f32>(0.0), through.xyz * reflected, lit);
-    // This second component is no part of the pixel by itself.
-    emitted[slot] = vec4<f32>(0.0);
+    let met = emitted[slot];
+    let l = met.xyz + select(vec3<f32>(0.0), through.xyz * reflected, lit);
+    // This component is no part of the pixel by itself.
+    emitted[slot] = vec4<f32>(0.0, 0.0, 0.0, select(0.0, met.w, is_pane));
     throughput[slot] = vec4<f32>(0.0, 0.0, 0.0, through.w);
 
     let found = receiver_position[slot].w >= 0.0;
     let wo = receiver_wo[pixel].xyz;
     let normal = receiver_geometric[pixel].xyz;
-    let mu = dot(normal, wo);
-    let tail = tail_of(reflectors[plane - 1u].x, mu);
-    let tan_beta = lobe_at(reflectors[plane - 1u].x, mu).x;
+    let at_pane = 2u * select(0u, pixel, is_pane);
+    let mu = select(dot(normal, wo), panes[at_pane].w, is_pane);
+    let tail = tail_of(tables.x, mu);
+    let tan_beta = lobe_at(tables.x, mu).x;
     // What the eye sees of the disc at the reflected point: tan(beta) z_r / (t + z_r), from each plane on the way. Far away only the
-    // angles count.
+    // angles count. A pane that is seen directly is one of the others.
     let more = widening[pixel];
     let end = select(NOTHING_SEEN, through.w, found);
-    let own = tan_beta * (1.0 - throughput[pixel].w / end);
+    let own = select(tan_beta * (1.0 - throughput[pixel].w / end), 0.0, is_pane);
     let others = more.x + (more.z / end - 2.0 * more.y) / end;
     let half = sqrt(own * own + max(others, 0.0));
 
     // Behind the plane the virtual image goes on in the direction of the ray. The kernel's u axis, which points from the mirror
     // direction to the normal, is mirrored as well.
-    let d = -wo;
-    let u = mu * wo - normal;
-    let right = frame.right.xyz / dot(frame.right.xyz, frame.right.xyz);
-    let up = frame.up.xyz / dot(frame.up.xyz, frame.up.xyz);
-    let f = dot(d, frame.forward.xyz);
-    let g = dot(u, frame.forward.xyz);
-    let size = vec2<f32>(frame.size.xy);
-    let moved = vec2<f32>(dot(u, right) * f - dot(d, right) * g, dot(d, up) * g - dot(u, up) * f) * size;
-    let length2 = dot(moved, moved);
-    let axis = select(vec2<f32>(1.0, 0.0), moved / sqrt(length2), length2 > 1e-20);
-    // Pixels for a unit of length at unit distance, the mean of both directions.
-    let scale = 0.5 * size.y * sqrt(dot(up, up)) / (f * sqrt(f));
-    let diameter = 4.0 * half * scale;
+    let disc = select(image_of_disc(-wo, mu * wo - normal), panes[at_pane + 1u].xyz, is_pane);
+    let diameter = 4.0 * half * disc.z;
     source[pixel] = vec4<f32>(l, end);
-    footprint[pixel] = vec4<f32>(diameter, f32(tail), axis);
-    core_footprint[pixel] = vec4<f32>(CORE_RADIUS * diameter, f32(tail + VIEW_ANGLES), axis);
+    footprint[pixel] = vec4<f32>(diameter, f32(tail), disc.xy);
+    core_footprint[pixel] = vec4<f32>(CORE_RADIUS * diameter, f32(tail + VIEW_ANGLES), disc.xy);
 }

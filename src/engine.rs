@@ -125,6 +125,9 @@ impl Engine {
             }
             log::info!("the scene's tree is too deep for clusters; shadow rays are traced one by one");
         }
+        if scene_buffers.ideal.frosted_panes && settings.mirroring_planes() == 0 {
+            log::info!("frosted panes are shown clear without --superposition");
+        }
         let targets = Targets::of(scene, &bvh);
         scene_buffers.update_targets(context, &mut staging, &targets)?;
         let mirrors = Mirrors::of(scene, &bvh);
@@ -143,7 +146,7 @@ impl Engine {
         )?;
         let parameters = ParameterSource {
             photons: PhotonPlan::new(&settings, targets.spheres.len() as u32),
-            glossy_planes: scene_buffers.ideal.glossy_planes,
+            spreading_planes: scene_buffers.ideal.spreads(),
             settings,
             camera,
             lights,

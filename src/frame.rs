@@ -219,9 +219,9 @@ impl Frame {
         let pixel_sums = Sums::new(context, "pixel", slots)?;
         let gathered_sums = Sums::new(context, "gathered", slots)?;
         let beta = vec4s(context, "beta", slots)?;
-        let planes = Planes::new(context, pixels, eye.mirrors)?;
+        let planes = Planes::new(context, pixels, eye.mirrors, eye.panes)?;
         let tables = match eye.mirrors {
-            true => Some(Tables::new(context, staging, &scene.finishes)?),
+            true => Some(Tables::new(context, staging, &scene.finishes, &scene.reflectors)?),
             false => None,
         };
 

@@ -120,15 +120,19 @@ pub struct EyePlan {
     pub components: u32,
     /// Glossy planes mirror the room.
     pub mirrors: bool,
+    /// Some of these planes are frosted panes, and show what is behind them.
+    pub panes: bool,
 }
 
 impl EyePlan {
     /// For a scene with such surfaces.
     pub fn new(settings: &Settings, ideal: Ideal, pixels: u32) -> EyePlan {
-        let mirrors = ideal.glossy_planes && settings.mirroring_planes() > 0;
+        let spreads = settings.mirroring_planes() > 0;
+        let mirrors = ideal.spreads() && spreads;
+        let panes = ideal.frosted_panes && spreads;
         let steps = if ideal.any || mirrors { settings.max_specular } else { 0 };
         let forks = settings.split && (ideal.forks || mirrors) && steps > 0;
-        EyePlan { pixels, steps, components: if forks { 2 } else { 1 }, mirrors }
+        EyePlan { pixels, steps, components: if forks { 2 } else { 1 }, mirrors, panes }
     }
 
     /// Slots of all receivers of the eye.
@@ -281,7 +285,7 @@ pub struct ParameterSource {
     /// Caustic photons.
     pub photons: Option<PhotonPlan>,
     /// The scene has planar reflectors with a lobe.
-    pub glossy_planes: bool,
+    pub spreading_planes: bool,
     /// Planar mirrors.
     pub mirrors: u32,
 }
@@ -339,7 +343,7 @@ impl ParameterSource {
             Some(plan) => plan.parameters(s, self.diagonal, local)?,
             None => ([0; 4], [0.0; 4]),
         };
-        let superposition = match s.superposition.filter(|_| self.glossy_planes) {
+        let superposition = match s.superposition.filter(|_| self.spreading_planes) {
             Some(superposition) => [superposition.reflectors, superposition.reflectance as u32, 0, 0],
             None => [0; 4],
         };

@@ -7,6 +7,7 @@ use crate::accel::Bvh;
 use crate::accel::objects::Changes;
 use crate::accel::wide::WideBvh;
 use crate::bsdf::Reflectance;
+use crate::bsdf::ideal::frost;
 use crate::error::{Error, Result};
 use crate::gpu::{Bound, Buffer, Context, Staging};
 use crate::light::emitters::Emitters;
@@ -112,15 +113,26 @@ pub struct Ideal {
     pub forks: bool,
     /// There are planar reflectors with a lobe, which superposition takes for mirrors over a base.
     pub glossy_planes: bool,
+    /// There are frosted panes among the planar reflectors, which superposition spreads what is behind over.
+    pub frosted_panes: bool,
 }
 
 impl Ideal {
+    /// There are planes that superposition spreads images over.
+    pub fn spreads(&self) -> bool {
+        self.glossy_planes || self.frosted_panes
+    }
+
     /// Looks at the materials that triangles have.
     pub(crate) fn of(scene: &Scene, reflectors: &[Reflector]) -> Ideal {
         let mut used = vec![false; scene.materials.len()];
         scene.triangles.iter().for_each(|t| used[t.material as usize] = true);
         let glossy = |r: &Reflector| scene.materials[r.material as usize].surface == Surface::Opaque;
-        let mut ideal = Ideal { glossy_planes: reflectors.iter().any(glossy), ..Ideal::default() };
+        let mut ideal = Ideal {
+            glossy_planes: reflectors.iter().any(glossy),
+            frosted_panes: reflectors.iter().any(|r| r.pane),
+            ..Ideal::default()
+        };
         for (m, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
             ideal.any |= m.surface != Surface::Opaque;
             ideal.forks |= match m.surface {
@@ -471,11 +483,16 @@ pub fn encode_normal(n: Vec3) -> u32 {
     u32::from(snorm(e.x)) | u32::from(snorm(e.y)) << 16
 }
 
-/// What reflectors are made of, textures by their mean.
+/// What reflectors are made of, textures by their mean; of frosted panes the lobe alone.
 fn finishes(scene: &Scene, reflectors: &[Reflector]) -> Vec<Finish> {
     let mean = |texture: Option<u32>| texture.map_or(Vec3::ONE, |t| scene.textures[t as usize].average());
     let finish = |reflector: &Reflector| {
         let m = &scene.materials[reflector.material as usize];
+        if let Some(alpha) = frost(m) {
+            // What a pane lets through is weighed where it is seen.
+            let reflectance = Reflectance { kd: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, alpha };
+            return Finish { reflectance, lobe: m.lobe.clone().map_or(Lobe::Ggx { alpha }, Lobe::Table) };
+        }
         let (base, mr) = (mean(m.base_texture), mean(m.metallic_roughness_texture));
         let reflectance = Reflectance::new(m.base_color * base, m.metallic * mr.z, m.roughness * mr.y, m.specular);
         let ggx = Lobe::Ggx { alpha: reflectance.alpha };

@@ -3,7 +3,7 @@
 const VIEW_ANGLES: u32 = 32u;
 const MAP_TEXELS: u32 = 128u;
 
-@group(0) @binding(28) var<storage, read> reflectors: array<vec4<u32>>;    // first layer, first texel of the reflectance map
+@group(0) @binding(28) var<storage, read> reflectors: array<vec4<u32>>;    // first layer, first texel of the reflectance map, 1: frosted pane
 @group(0) @binding(29) var<storage, read> lobes: array<vec4<f32>>;         // of each layer: tan beta, energy, its grazing part, share of the core
 
 // Place among the layers of a material, from 0, where a cosine of the angle of view lies.
@@ -26,4 +26,18 @@ fn lobe_at(first: u32, mu: f32) -> vec4<f32> {
     let s = view_place(mu);
     let i = u32(s);
     return mix(lobes[first + i], lobes[first + min(i + 1u, VIEW_ANGLES - 1u)], s - f32(i));
+}
+
+// The image of a small disc across the direction of view d: direction of its u axis, pixels for a unit of length at unit distance, the
+// mean of both directions.
+fn image_of_disc(d: vec3<f32>, u: vec3<f32>) -> vec3<f32> {
+    let right = frame.right.xyz / dot(frame.right.xyz, frame.right.xyz);
+    let up = frame.up.xyz / dot(frame.up.xyz, frame.up.xyz);
+    let f = dot(d, frame.forward.xyz);
+    let g = dot(u, frame.forward.xyz);
+    let size = vec2<f32>(frame.size.xy);
+    let moved = vec2<f32>(dot(u, right) * f - dot(d, right) * g, dot(d, up) * g - dot(u, up) * f) * size;
+    let length2 = dot(moved, moved);
+    let axis = select(vec2<f32>(1.0, 0.0), moved / sqrt(length2), length2 > 1e-20);
+    return vec3<f32>(axis, 0.5 * size.y * sqrt(dot(up, up)) / (f * sqrt(f)));
 }

@@ -53,6 +53,13 @@ fn glossy_plane(normals: vec4<u32>) -> u32 {
     return select(0u, number, counts);
 }
 
+// Number of the frosted pane that superposition spreads what is behind over, 0 where a triangle is none.
+fn frosted_pane(normals: vec4<u32>) -> u32 {
+    let number = normals.w >> 24u;
+    let counts = number <= frame.superposition.x && materials[material_of(normals)].flags.z == SURFACE_PANE;
+    return select(0u, number, counts);
+}
+
 fn wrapped(i: i32, n: i32, mode: u32) -> i32 {
     let clamped = clamp(i, 0, n - 1);
     let repeated = ((i % n) + n) % n;

@@ -6,12 +6,14 @@
 //! square of the relative index on the way. A pane is glass of no thickness: light goes straight through, and of all
 //! reflections between its two faces 2R / (1 + R) comes back (the geometric series of R and (1 - R)^2 R^(2k+1)).
 //!
+//! A frosted pane spreads what is seen through it ([`frost`], [`Way::frosted`]).
+//!
 //! Bodies of glass may lie in one another: [`Media`] says which index a ray leaves and which it enters.
 //!
 //! Smooth normals lean over at silhouettes. Where one would send a ray to the wrong side of the surface, the face's own normal
 //! serves, so that there are no black rims.
 
-use super::{Finish, Normals, fresnel_dielectric, mean, reflect, schlick};
+use super::{Finish, MIN_ALPHA, Normals, Reflectance, fresnel_dielectric, mean, reflect, schlick};
 use crate::scene::{Material, Surface};
 use glam::Vec3;
 
@@ -70,6 +72,36 @@ pub struct Way {
     pub adjoint: f32,
     /// It crosses the surface of a body.
     pub crosses: bool,
+}
+
+/// GGX alpha of the lobe with which a frosted pane lets light through; `None`: it is clear.
+///
+/// The lobe is that of reflection mirrored to the other side, of roughness r scaled by the index of refraction n (Burley 2015,
+/// "Extending the Disney BRDF to a BSDF with integrated subsurface scattering", thin surfaces, figure 15):
+///
+/// ```text
+/// alpha = ((0.65 n - 0.35) r)^2
+/// ```
+///
+/// A slope m of one face turns a ray that passes by (n - 1) m, a slope of a mirror by 2 m. So of two rough faces the lobe has
+/// (n - 1) / sqrt 2 of the mirror's width, 0.35 for n = 1.5; the formula's is 0.39.
+pub fn frost(material: &Material) -> Option<f32> {
+    if material.surface != Surface::Glass || !material.thin {
+        return None;
+    }
+    let roughness = ((0.65 * material.ior - 0.35) * material.frost).clamp(0.0, 1.0);
+    let alpha = roughness * roughness;
+    (alpha > MIN_ALPHA).then_some(alpha)
+}
+
+impl Way {
+    /// One of the ways through a frosted pane of normal `n` and lobe `alpha` in place of this one straight through; `u`
+    /// chooses. Its weight is zero where the lobe would not leave the pane.
+    pub fn frosted(self, n: Vec3, wo: Vec3, alpha: f32, u: [f32; 2]) -> Way {
+        let lobe = Reflectance { kd: Vec3::ZERO, f0: Vec3::ONE, f90: 1.0, alpha };
+        let (wi, share) = lobe.sample_lobe(false, n, wo, u[0], u[1]);
+        Way { wi: wi - 2.0 * n.dot(wi) * n, weight: self.weight * share, ..self }
+    }
 }
 
 /// The ways on from a mirror or glass.
@@ -219,6 +251,37 @@ mod tests {
             let through = ways.transmitted.unwrap();
             assert_eq!(through.wi, -wo);
             assert!((through.weight.x + ways.reflected.weight.x - 1.0).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_frosted_pane_scatters_by_its_lobe() {
+        let material = Material { surface: Surface::Glass, thin: true, frost: 0.5, ..Material::default() };
+        let alpha = frost(&material).unwrap();
+        assert!((alpha - 0.3125f32.powi(2)).abs() < 1e-6, "{alpha}");
+        for degrees in [0.0, 40.0, 75.0] {
+            let wo = from(degrees);
+            let through = pane(&flat(wo), wo, 1.5, Vec3::new(1.0, 0.5, 0.2)).transmitted.unwrap();
+            // The share that leaves the pane, and how the light is spread about the way straight on, from samples and from the lobe.
+            let lobe = Reflectance { kd: Vec3::ZERO, f0: Vec3::ONE, f90: 1.0, alpha };
+            let n = 256;
+            let (mut sampled, mut integrated) = ([0.0; 2], [0.0; 2]);
+            for i in 0..n * n {
+                let u = [(i % n) as f32 + 0.5, (i / n) as f32 + 0.5].map(|x| x / n as f32);
+                let way = through.frosted(Vec3::Z, wo, alpha, u);
+                assert!(way.weight == Vec3::ZERO || way.wi.z < 0.0);
+                let share = f64::from(way.weight.x / through.weight.x) / f64::from(n * n);
+                let near = |wi: Vec3| if wi.dot(-wo) > 0.98 { 1.0 } else { 0.0 };
+                sampled = [sampled[0] + share, sampled[1] + share * near(way.wi)];
+                // Cosine-weighted directions behind the pane.
+                let up = super::super::sample_diffuse(u);
+                let f = f64::from(lobe.eval_specular(Vec3::Z, up, wo).x * std::f32::consts::PI) / f64::from(n * n);
+                integrated = [integrated[0] + f, integrated[1] + f * near(Vec3::new(up.x, up.y, -up.z))];
+            }
+            for (a, b) in sampled.into_iter().zip(integrated) {
+                assert!((a - b).abs() < 0.01, "{degrees} degrees: {sampled:?} for {integrated:?}");
+            }
+            assert!(sampled[1] > 0.2 && sampled[1] < 0.9 * sampled[0], "{sampled:?}");
         }
     }
 

@@ -337,7 +337,7 @@ impl Engine {
             replaced |= other_finishes && self.parameters.settings.mirroring_planes() > 0;
         }
         replaced |= buffers.ideal != ideal;
-        self.parameters.glossy_planes = buffers.ideal.glossy_planes;
+        self.parameters.spreading_planes = buffers.ideal.spreads();
         if other_shapes {
             let settings = &self.parameters.settings;
             let targets = Targets::of(scene, &self.bvh);

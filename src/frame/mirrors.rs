@@ -104,7 +104,7 @@ impl Mirrors {
             inputs.frame,
             inputs.receivers,
             inputs.tiles,
-            (&inputs.planes.region, spread),
+            (inputs.planes, spread),
             &tables,
             inputs.shown,
         )?;

@@ -15,7 +15,8 @@
 //! `max_specular` of these steps what is met is taken as it is: mirrors show their diffuse base, glass is black.
 //!
 //! Of a glossy plane that is seen directly (superposition, see `mirror_image`) the first component is the base, where the path
-//! ends, and the second the mirror image as it is, with throughput 1.
+//! ends, and the second the mirror image as it is, with throughput 1. Of a frosted pane the first is what is behind it as it is, with
+//! throughput 1 as well, and its emission goes with the second.
 //!
 //! Differs from the paper in that: components are split once whatever their weight, and the diffuse and glossy lobes of a
 //! surface need no paths of their own, since point lights light both.
@@ -94,6 +95,7 @@ impl EyePaths {
             ("emitted", (&inputs.receivers.emitted).into()),
             ("region", (&inputs.planes.region).into()),
             ("widening", (&inputs.planes.widening).into()),
+            ("panes", (&inputs.planes.panes).into()),
             ("reflectors", inputs.lobes.reflectors.into()),
             ("lobes", inputs.lobes.lobes.into()),
         ]);
@@ -124,9 +126,23 @@ pub struct EyePath {
     pub emitted: Vec3,
 }
 
+/// A plane that superposition spreads an image over.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Plane {
+    /// It mirrors the room with a lobe of this energy.
+    Glossy {
+        /// Albedo of the lobe without its Fresnel term.
+        energy: f32,
+        /// The part of it that F90 weighs.
+        grazing: f32,
+    },
+    /// It is a frosted pane.
+    Frosted,
+}
+
 /// Oracle: a path of cosine `cos_view` after its hit on `surface` at distance `t`, and the second component if it is split
-/// (into slot `twins` further on, 0: paths are not split). `None` where the surface is neither mirror nor glass. Of a `plane` that mirrors the room `plane` is
-/// the energy of the lobe and its grazing part.
+/// (into slot `twins` further on, 0: paths are not split). `None` where the surface is neither mirror nor glass. `plane`: it is one that
+/// superposition spreads an image over.
 #[allow(clippy::too_many_arguments)]
 pub fn reference(
     frame: &layout::Frame,
@@ -136,10 +152,10 @@ pub fn reference(
     path: &EyePath,
     (d, t, cos_view): (Vec3, f32, f32),
     surface: &SurfacePoint,
-    plane: Option<[f32; 2]>,
+    plane: Option<Plane>,
 ) -> Option<(EyePath, Option<EyePath>)> {
-    if let Some(lobe) = plane {
-        return Some(at_plane(frame, step, twins, path, (d, cos_view * t), surface, lobe));
+    if let Some(Plane::Glossy { energy, grazing }) = plane {
+        return Some(at_plane(frame, step, twins, path, (d, cos_view * t), surface, [energy, grazing]));
     }
     let material = &scene.materials[surface.material as usize];
     let normals = Normals { geometric: surface.geometric, shading: surface.shading, front: surface.front };
@@ -171,7 +187,11 @@ pub fn reference(
     // What a mirror over a base emits is left to the base.
     let has_base = fork.first.is_none();
     next.emitted = path.emitted + if has_base { Vec3::ZERO } else { path.throughput * surface.emission };
-    let twin = fork.second.filter(|_| split).map(|way| on(path.slot + twins, way, 1.0));
+    let mut twin = fork.second.filter(|_| split).map(|way| on(path.slot + twins, way, 1.0));
+    if let (Some(Plane::Frosted), true, Some(twin)) = (plane, split, &mut twin) {
+        twin.emitted = next.emitted - path.emitted;
+        next = EyePath { throughput: path.throughput, emitted: path.emitted, ..next };
+    }
     Some((next, twin))
 }
 

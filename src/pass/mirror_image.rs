@@ -21,6 +21,13 @@
 //! (section 8.1.2, to the limit of `max_specular`), and the lobes' widths at the end of the way add up in squares:
 //! sum over planes of (tan(beta_i) (z - z_i))^2, z and z_i the lengths of the whole way and of that to the plane.
 //!
+//! # Frosted panes
+//!
+//! A frosted pane is the same with the room behind it (section 8.2.3.1: translucency). Its lobe is a reflection's mirrored to
+//! the other side ([`crate::bsdf::ideal::frost`]), so the straight way on stands for the mirrored ray, and z_r is how far behind the
+//! pane lies what is seen. It is the first component of the pixel, not the second, that becomes the source: what the pixel itself
+//! shows of it is cleared. What the pane reflects remains an ideal reflection.
+//!
 //! Differs from the thesis in that: the diameter takes perspective into account; the kernel holds the share of the lobe that
 //! `superposition::kernels` states, not all of it.
 //!
@@ -35,6 +42,7 @@ use crate::error::Result;
 use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder, Staging};
 use crate::pass::convolve::MAX_LAYERS;
 use crate::pass::layout;
+use crate::scene::reflectors::Reflector;
 use crate::scene_buffers::Finish;
 use crate::superposition::kernels::{CORE_RADIUS, KernelLibrary, VIEW_ANGLES};
 use crate::superposition::lobe::Lobe;
@@ -56,7 +64,7 @@ fn coarsened(lobe: &Lobe) -> Lobe {
 
 /// Tables of the planar reflectors of a scene, on the device.
 pub struct Tables {
-    /// For each reflector its first layer and the first texel of its reflectance map.
+    /// For each reflector its first layer, the first texel of its reflectance map, and 1 if it is a frosted pane.
     pub reflectors: Buffer,
     /// Lobe of each layer: tan(beta), energy, its grazing part, share of the core.
     pub lobes: Buffer,
@@ -87,8 +95,8 @@ impl<'a> Lobes<'a> {
 }
 
 impl Tables {
-    /// Makes them for reflectors of these finishes. Some 200 ms of one core for each lobe that differs from the others.
-    pub fn new(context: &Context, staging: &mut Staging, finishes: &[Finish]) -> Result<Tables> {
+    /// Makes them for these reflectors and their finishes. Some 200 ms of one core for each lobe that differs from the others.
+    pub fn new(context: &Context, staging: &mut Staging, finishes: &[Finish], of: &[Reflector]) -> Result<Tables> {
         let mut library = KernelLibrary::new();
         let mut distinct: Vec<&Lobe> = Vec::new();
         for finish in finishes {
@@ -98,13 +106,13 @@ impl Tables {
         }
         let coarse = distinct.len() > MAX_LOBES;
         let (mut reflectors, mut maps) = (Vec::new(), Vec::new());
-        for (i, finish) in (0u32..).zip(finishes) {
+        for ((i, finish), reflector) in (0u32..).zip(finishes).zip(of) {
             let first = library.add(i, if coarse { coarsened(&finish.lobe) } else { finish.lobe.clone() })?;
             let map = ReflectanceMap::new(|mu| {
                 let energy = library.look_up(i, mu).map_or(0.0, |lobe| lobe.energy);
                 energy * fresnel_fitted_rgb(finish.reflectance.f0, mu)
             })?;
-            reflectors.push([first, i * MAP_TEXELS as u32, 0, 0]);
+            reflectors.push([first, i * MAP_TEXELS as u32, u32::from(reflector.pane), 0]);
             maps.extend(map.to_gpu());
         }
         let tables = library.to_gpu();
@@ -136,15 +144,20 @@ pub struct Planes {
     /// Number of the reflector that a pixel shows directly, 0: none.
     pub region: Buffer,
     /// Of the planes in its mirror image: sums of tan(beta)^2, times 1, z_i, z_i^2.
+    /// Of a frosted pane seen directly the pane is one of these planes.
     pub widening: Buffer,
+    /// For each pixel of a frosted pane two vectors: what passes of the spread light, w: cosine of the angle of view; direction of the kernel's
+    /// u axis, and pixels of a unit of length at unit distance.
+    pub panes: Buffer,
 }
 
 impl Planes {
     /// For so many pixels.
-    pub fn new(context: &Context, pixels: u32, mirrors: bool) -> Result<Planes> {
+    pub fn new(context: &Context, pixels: u32, mirrors: bool, panes: bool) -> Result<Planes> {
         Ok(Planes {
             region: Buffer::new(context, "region", if mirrors { 4 * u64::from(pixels) } else { 16 }, Memory::Device)?,
             widening: vec4s(context, "widening", if mirrors { pixels } else { VIEW_ANGLES as u32 })?,
+            panes: vec4s(context, "panes", if panes { 2 * pixels } else { 2 })?,
         })
     }
 }
@@ -189,7 +202,8 @@ pub struct Inputs<'a> {
 }
 
 impl MirrorImage {
-    /// Writes `image` where `region` is not 0, and clears the second components there: `merge` adds nothing of them.
+    /// Writes `image` where `region` is not 0, and clears the second components there, so that `merge` adds nothing of them; at frosted
+    /// panes the first ones, so that `accumulate` does not.
     pub fn new(kernels: &Kernels, inputs: &Inputs) -> Result<Self> {
         let kernel = kernels.mirror_image.clone();
         let (r, sums) = (inputs.receivers, inputs.sums);
@@ -208,6 +222,7 @@ impl MirrorImage {
             ("tiles", (&inputs.tiles.pixels).into()),
             ("region", (&inputs.planes.region).into()),
             ("widening", (&inputs.planes.widening).into()),
+            ("panes", (&inputs.planes.panes).into()),
             ("reflectors", (&inputs.tables.reflectors).into()),
             ("lobes", (&inputs.tables.lobes).into()),
             ("source", (&inputs.image.source).into()),

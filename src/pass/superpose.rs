@@ -7,6 +7,9 @@
 //! rho = map(mu)                                              the same from a table, F0 being the material's mean
 //! ```
 //!
+//! A frosted pane lets light through instead: rho = energy(mu) (1 - R(mu)) tint, R by Fresnel's equations as for a clear one
+//! ([`crate::bsdf::ideal`]), whatever the form.
+//!
 //! L_spread is the mix of what core and tail of the kernel have spread, by the core's share. energy(mu) and grazing(mu) are the
 //! lobe's own albedo and the part of it that F90 weighs ([`crate::superposition::kernels`]). [`crate::superposition::reflectance`] says how the
 //! table is looked up and how far it is off.
@@ -18,7 +21,7 @@
 
 use glam::Vec3;
 
-use super::mirror_image::Tables;
+use super::mirror_image::{Planes, Tables};
 use super::schedule::LIST_GROUPS;
 use super::{Kernels, List, Receivers};
 use crate::bsdf::Reflectance;
@@ -35,13 +38,13 @@ pub struct Superpose {
 }
 
 impl Superpose {
-    /// Adds what tail and core of the kernels have spread to `shown` where `region` is not 0.
+    /// Adds what tail and core of the kernels have spread to `shown` where `planes` says that there is a plane.
     pub fn new(
         kernels: &Kernels,
         frame: &Buffer,
         receivers: &Receivers,
         tiles: &List,
-        (region, [tail, core]): (&Buffer, [&Buffer; 2]),
+        (planes, [tail, core]): (&Planes, [&Buffer; 2]),
         tables: &Tables,
         shown: &Buffer,
     ) -> Result<Self> {
@@ -54,7 +57,8 @@ impl Superpose {
             ("shown", shown.into()),
             ("work", (&tiles.work).into()),
             ("tiles", (&tiles.pixels).into()),
-            ("region", region.into()),
+            ("region", (&planes.region).into()),
+            ("panes", (&planes.panes).into()),
             ("reflectors", (&tables.reflectors).into()),
             ("lobes", (&tables.lobes).into()),
             ("spread", tail.into()),

@@ -6,7 +6,7 @@
 //! the expectation is the same truncated series that instant radiosity sums.
 //!
 //! Mirrors and glass are followed as [`bsdf::ideal`](crate::bsdf::ideal) says, one component at random, and as far as
-//! [`SpecularPaths`] allows. What the eye sees through them does not count as segments: it has a limit of its own.
+//! [`SpecularPaths`] allows; frosted panes scatter what passes them, wherever they stand. What the eye sees through them does not count as segments: it has a limit of its own.
 
 mod surface;
 
@@ -14,7 +14,7 @@ pub use surface::SurfacePoint;
 
 use crate::accel::{Bvh, Ray, offset_origin};
 use crate::bsdf::Reflectance;
-use crate::bsdf::ideal::{Media, Way, ways};
+use crate::bsdf::ideal::{Media, Way, frost, ways};
 use crate::error::{Error, Result};
 use crate::light::emitters::{self, Emitter, Emitters, Kind, NO_EMITTER};
 use crate::sampling::dimensions::PIXEL;
@@ -252,7 +252,14 @@ impl<'a> Tracer<'a> {
         let fork = ways.fork(finish.reflectance.kd);
         match fork.second {
             Some(second) if rng.next_f32() >= fork.probability => (Some(second), 1.0 - fork.probability),
-            _ => (fork.first, fork.probability),
+            _ => {
+                let n = point.normals.geometric;
+                let through = fork.first.map(|way| match frost(point.material) {
+                    Some(alpha) if way.wi.dot(n) < 0.0 => way.frosted(n, point.wo, alpha, rng.pair()),
+                    _ => way,
+                });
+                (through, fork.probability)
+            }
         }
     }
 

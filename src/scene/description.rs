@@ -32,6 +32,7 @@
 //! surface = "glass"             # opaque, mirror or glass
 //! thin = true                   # glass without an inside: a pane of one sheet
 //! ior = 1.52
+//! roughness = 0.3               # of such a pane: frosted glass; without this word clear, whatever the model says
 //!
 //! [render]                      # defaults for the flags of the same names
 //! passes = 64
@@ -203,6 +204,9 @@ fn change_material(
         m.two_sided = entry.two_sided.unwrap_or(m.two_sided);
         m.ior = entry.ior.unwrap_or(m.ior);
         m.thin = entry.thin.unwrap_or(m.thin);
+        if m.surface == Surface::Glass && m.thin {
+            m.frost = entry.roughness.unwrap_or(m.frost);
+        }
         m.reflector = entry.reflector.or(m.reflector);
         m.lobe = lobe.clone().or(m.lobe.take());
         if entry.surface == Some(Surface::Mirror) && m.specular == Vec3::ZERO && entry.metallic.is_none() {

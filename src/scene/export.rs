@@ -60,6 +60,8 @@ pub(super) struct MaterialExtras {
     #[serde(default)]
     thin: bool,
     #[serde(default)]
+    frost: f32,
+    #[serde(default)]
     reflector: Option<bool>,
 }
 
@@ -75,6 +77,7 @@ impl MaterialExtras {
             two_sided: m.two_sided,
             ior: m.ior,
             thin: m.thin,
+            frost: m.frost,
             reflector: m.reflector,
         }
     }
@@ -90,6 +93,7 @@ impl MaterialExtras {
         m.two_sided = self.two_sided;
         m.ior = self.ior;
         m.thin = self.thin;
+        m.frost = self.frost;
         m.reflector = self.reflector;
     }
 }
@@ -370,7 +374,11 @@ fn material(m: &Material) -> Value {
     let mut pbr = json!({
         "baseColorFactor": vector(color.extend(1.0).to_array()),
         "metallicFactor": number(if mirror { 1.0 } else { m.metallic }),
-        "roughnessFactor": number(if mirror { 0.0 } else { m.roughness }),
+        "roughnessFactor": number(match m.surface {
+            Surface::Mirror => 0.0,
+            Surface::Glass if m.thin => m.frost,
+            _ => m.roughness,
+        }),
     });
     if let Some(texture) = m.base_texture {
         pbr["baseColorTexture"] = json!({ "index": texture });

@@ -265,6 +265,10 @@ impl Reader<'_> {
         }
         let ior = material.ior().unwrap_or(1.5);
         let transmission = material.transmission().map_or(0.0, |t| t.transmission_factor());
+        // By KHR_materials_volume a surface without thickness has no inside.
+        let thin = material.volume().is_none_or(|v| v.thickness_factor() == 0.0);
+        // 1 is what a file has that says nothing of roughness.
+        let roughens = transmission >= 0.5 && thin && pbr.roughness_factor() < 1.0;
         let name = match (material.name(), material.index()) {
             (Some(name), _) => name.to_string(),
             (None, Some(index)) => format!("material {index}"),
@@ -283,8 +287,8 @@ impl Reader<'_> {
             emission,
             two_sided: material.double_sided(),
             ior: if ior == 0.0 { 1.5 } else { ior },
-            // By KHR_materials_volume a surface without thickness has no inside.
-            thin: material.volume().is_none_or(|v| v.thickness_factor() == 0.0),
+            thin,
+            frost: if roughens { pbr.roughness_factor() } else { 0.0 },
             reflector: None,
             lobe: None,
         };

@@ -248,6 +248,8 @@ pub struct Material {
     /// Glass that encloses nothing, such as a window of one sheet: light is not bent. Else every front leads into a body of
     /// glass, and every back out of one. OBJ files cannot say so: there glass is thin if its surfaces are not closed.
     pub thin: bool,
+    /// Perceptual roughness in [0, 1] of thin glass, which spreads what is seen through it (see [`crate::bsdf::ideal::frost`]). 0: clear.
+    pub frost: f32,
     /// Whether flat faces of this material are planar reflectors; `None`: see [`Material::may_reflect`].
     pub reflector: Option<bool>,
     /// Measured reflectance distribution that spreads the mirror image of its planar reflectors, without Fresnel's factor; point lights are
@@ -270,6 +272,7 @@ impl Default for Material {
             two_sided: false,
             ior: 1.5,
             thin: false,
+            frost: 0.0,
             reflector: None,
             lobe: None,
         }

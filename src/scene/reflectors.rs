@@ -1,10 +1,12 @@
-//! Planar reflectors: coplanar triangles of one mirror or glossy material (Bastos 1999, section 6.3).
+//! Planar reflectors: coplanar triangles of one mirror or glossy material (Bastos 1999, section 6.3). Frosted panes, which spread
+//! what is seen through them, are found and numbered with them.
 
 use std::collections::HashMap;
 
 use glam::{IVec3, Vec3};
 
 use super::{Material, Scene, Surface, Triangle};
+use crate::bsdf::ideal::frost;
 
 /// Most reflectors of a scene; of more, those of the greatest area count.
 pub const MAX_REFLECTORS: usize = 255;
@@ -24,11 +26,13 @@ const SAME_NORMAL: f32 = 1e-3;
 /// Distances of one plane from the origin differ by no more than this share of the scene's diagonal.
 const SAME_OFFSET: f32 = 1e-4;
 
-/// Coplanar triangles of one mirror or glossy material.
+/// Coplanar triangles of one mirror, glossy or frosted material.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reflector {
     /// Index of the material.
     pub material: u32,
+    /// It is a frosted pane: it spreads what is seen through it, not what it mirrors.
+    pub pane: bool,
     /// Unit normal on the front side.
     pub normal: Vec3,
     /// The plane is `normal . p = offset`.
@@ -49,13 +53,15 @@ struct Parallel {
 
 impl Material {
     /// Whether flat faces of this material may be planar reflectors: asked for, or a mirror, or a lobe that is narrow and strong
-    /// enough to show images. Textures count with their factors alone.
+    /// enough to show images, or frosted glass of any roughness. Textures count with their factors alone.
     pub fn may_reflect(&self) -> bool {
         let f0 = self.specular.lerp(self.base_color, self.metallic).element_sum() / 3.0;
         let shows = match self.surface {
             Surface::Opaque => f0 >= LEAST_F0 && self.roughness * self.roughness <= MAX_ALPHA,
             Surface::Mirror => true,
-            Surface::Glass => return false,
+            Surface::Glass => {
+                return frost(self).is_some() && self.reflector != Some(false) && self.base_color != Vec3::ZERO;
+            }
         };
         self.reflector.unwrap_or(shows) && f0 > 0.0
     }
@@ -107,7 +113,8 @@ impl Scene {
                 let asked_for = self.materials[material as usize].reflector == Some(true);
                 if asked_for || area >= LEAST_AREA * total {
                     let offset = plane[plane.len() / 2].0;
-                    found.push(Reflector { material, normal, offset, area: area as f32, triangles });
+                    let pane = self.materials[material as usize].surface == Surface::Glass;
+                    found.push(Reflector { material, pane, normal, offset, area: area as f32, triangles });
                 }
             }
         }
@@ -195,6 +202,28 @@ mod tests {
         scene.triangles.iter_mut().for_each(|t| t.smooth = true);
         scene.normals = vec![Vec3::ONE.normalize(); scene.positions.len()];
         assert!(scene.reflectors().is_empty());
+    }
+
+    #[test]
+    fn frosted_panes_are_found_and_clear_ones_are_not() {
+        let mut scene = room(1, 0.0);
+        let pane = Material { surface: Surface::Glass, thin: true, ior: 1.5, ..Material::default() };
+        let (clear, object) = (scene.add_material(pane.clone()), scene.add_object("window"));
+        let frosted = scene.add_material(Material { frost: 0.4, ..pane.clone() });
+        let body = scene.add_material(Material { frost: 0.4, thin: false, ..pane });
+        for (i, material) in [clear, frosted, body].into_iter().enumerate() {
+            scene.add_quad(Vec3::new(i as f32, 1.0, 1.0), Vec3::X, Vec3::Y, material, object);
+        }
+        let found = scene.reflectors();
+        let panes: Vec<u32> = found.iter().filter(|r| r.pane).map(|r| r.material).collect();
+        assert_eq!((found.len(), panes), (3, vec![frosted]));
+        let alpha = frost(&scene.materials[frosted as usize]).unwrap();
+        assert!((alpha - 0.0625).abs() < 1e-6, "{alpha}");
+        scene.materials[frosted as usize].reflector = Some(false);
+        assert_eq!(scene.reflectors().len(), 2);
+        // Too smooth to tell from clear.
+        (scene.materials[clear as usize].frost, scene.materials[frosted as usize].reflector) = (0.05, None);
+        assert_eq!(scene.reflectors().len(), 3);
     }
 
     #[test]

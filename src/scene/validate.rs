@@ -177,6 +177,7 @@ impl Material {
         color("specular", self.specular)?;
         range("metallic", self.metallic, 0.0, 1.0)?;
         range("roughness", self.roughness, 0.0, 1.0)?;
+        range("frost", self.frost, 0.0, 1.0)?;
         power("emission", self.emission, true)?;
         // The widest that MTL allows for Ni.
         range("ior", self.ior, 0.001, 10.0)

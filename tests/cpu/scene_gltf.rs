@@ -188,7 +188,7 @@ fn materials_and_textures_are_read() {
     assert_eq!(m.base_color, Vec3::new(0.5, 0.25, 1.0));
     assert_eq!((m.metallic, m.roughness, m.two_sided), (0.25, 0.5, true));
     // Glass without a volume is a pane.
-    assert_eq!((m.surface, m.ior, m.thin), (Surface::Glass, 2.0, true));
+    assert_eq!((m.surface, m.ior, m.thin, m.frost), (Surface::Glass, 2.0, true, 0.5));
     assert!(near(m.specular, Vec3::splat(1.0 / 9.0)));
     // 8 * factor * average (1/2, 0, 1/2) of the texture.
     assert!(near(m.emission, Vec3::new(4.0, 0.0, 4.0)), "{}", m.emission);
@@ -215,7 +215,7 @@ fn volumes_and_the_smoothest_lobes_are_read() {
             "KHR_materials_transmission": { "transmissionFactor": 1.0 },
             "KHR_materials_volume": { "thicknessFactor": thickness },
         } }));
-        assert_eq!((m.surface, m.thin), (Surface::Glass, thin), "{thickness}");
+        assert_eq!((m.surface, m.thin, m.frost), (Surface::Glass, thin, 0.0), "{thickness}");
     }
     for (roughness, surface) in [(0.0, Surface::Mirror), (0.1, Surface::Opaque)] {
         let m =
@@ -362,7 +362,7 @@ fn rich_scene() -> Scene {
     scene.materials[2].surface = Surface::Mirror;
     scene.materials[3].surface = Surface::Glass;
     scene.materials[3].ior = 1.7;
-    scene.materials[3].thin = true;
+    (scene.materials[3].thin, scene.materials[3].frost) = (true, 0.3);
     scene.materials[4].two_sided = true;
     scene.triangles[0].smooth = true;
     for (i, uv) in scene.uvs.iter_mut().enumerate() {

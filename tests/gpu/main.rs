@@ -7,6 +7,7 @@ mod convolve;
 mod delta_choice;
 mod discontinuity;
 mod embed;
+mod frosted_panes;
 mod gpu_layer;
 #[cfg(feature = "hot-reload")]
 mod hot_reload;

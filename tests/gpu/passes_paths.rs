@@ -111,8 +111,9 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
         let surface = surface_at(rig.scene, rig.bvh(), &hit, d);
         let way = (d, hit.t, cos_view);
         let number = step as u32;
-        let plane = rig.plane_lobe(&hit, d).filter(|_| {
-            step == 0 || (slot >= pixels && rig.get::<u32>(&frame.planes.region)[(slot - pixels) as usize] > 0)
+        let plane = rig.spreading_plane(&hit, d).filter(|_| {
+            let shown = || rig.get::<u32>(&frame.planes.region)[(slot % pixels) as usize];
+            step == 0 || (shown() > 0 && rig.is_pane(shown()) == (slot < pixels))
         });
         seen.mirrored += usize::from(plane.is_some() && step == 0);
         seen.in_mirrors += usize::from(plane.is_some() && step > 0);
@@ -203,12 +204,15 @@ fn eye_paths_follow_their_oracle() {
     gpu_test(|ctx| {
         let scene = gallery();
         let planes = Some(Superposition::default());
-        for (split, superposition) in [(true, None), (false, None), (true, planes)] {
+        let mut frosted = scene.clone();
+        frosted.materials.iter_mut().filter(|m| m.thin).for_each(|m| m.frost = 0.5);
+        let cases = [(&scene, true, None), (&scene, false, None), (&scene, true, planes), (&frosted, true, planes)];
+        for (scene, split, superposition) in cases {
             let mut seen = Seen::default();
             for (i, resolution) in AWKWARD_IMAGES.into_iter().enumerate() {
                 let settings =
                     Settings { paths: 1, max_specular: 5, split, superposition, seed: i as u64, ..Settings::default() };
-                let rig = Rig::new(ctx, &scene, resolution, settings);
+                let rig = Rig::new(ctx, scene, resolution, settings);
                 assert_eq!(rig.frame().eye_lists.len(), 5);
                 follow(&rig, &mut seen);
             }

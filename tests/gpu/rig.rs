@@ -9,6 +9,7 @@ use lightsum::engine::Engine;
 use lightsum::frame::Frame;
 use lightsum::gpu::{Buffer, Context, Recorder, download};
 use lightsum::pass::clusters::NO_RECEIVER;
+use lightsum::pass::eye_paths::Plane;
 use lightsum::pass::{List, layout, walk_start};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
 use lightsum::scene_buffers::encode_normal;
@@ -110,22 +111,35 @@ impl<'a> Rig<'a> {
         slots
     }
 
-    /// Number of the glossy plane that mirrors the room, where superposition takes a hit for one, else 0.
-    pub fn plane(&self, hit: &Hit) -> u32 {
+    /// Number of the reflector that a hit lies on, where superposition takes it for one of these surfaces, else 0.
+    fn reflector(&self, hit: &Hit, kind: Surface) -> u32 {
         let triangle = self.bvh().scene_triangle(hit.triangle);
         let material = self.scene.triangles[triangle as usize].material;
         let reflectors = &self.engine.scene_buffers().reflectors;
         let number = reflectors.iter().position(|r| r.triangles.contains(&triangle)).map_or(0, |i| i as u32 + 1);
-        let glossy = self.scene.materials[material as usize].surface == Surface::Opaque;
-        if glossy && number <= self.engine.parameters().settings.mirroring_planes() { number } else { 0 }
+        let counts = self.scene.materials[material as usize].surface == kind;
+        if counts && number <= self.engine.parameters().settings.mirroring_planes() { number } else { 0 }
     }
 
-    /// Energy of the lobe of such a plane, seen along `d`, and its grazing part.
-    pub fn plane_lobe(&self, hit: &Hit, d: Vec3) -> Option<[f32; 2]> {
+    /// Number of the glossy plane that mirrors the room, where superposition takes a hit for one, else 0.
+    pub fn plane(&self, hit: &Hit) -> u32 {
+        self.reflector(hit, Surface::Opaque)
+    }
+
+    /// What superposition takes a hit for, seen along `d`.
+    pub fn spreading_plane(&self, hit: &Hit, d: Vec3) -> Option<Plane> {
+        if self.reflector(hit, Surface::Glass) > 0 {
+            return Some(Plane::Frosted);
+        }
         let number = self.plane(hit).checked_sub(1)?;
         let mu = self.bvh().normal(hit.triangle).dot(d).abs();
         let lobe = self.frame().mirrors.as_ref()?.tables.library.look_up(number, mu)?;
-        Some([lobe.energy, lobe.grazing])
+        Some(Plane::Glossy { energy: lobe.energy, grazing: lobe.grazing })
+    }
+
+    /// Whether a region, a number of a reflector, is a frosted pane.
+    pub fn is_pane(&self, region: u32) -> bool {
+        region > 0 && self.engine.scene_buffers().reflectors[region as usize - 1].pane
     }
 
     /// Rays lost so far.

@@ -157,7 +157,7 @@ fn planes_reflect_as_their_oracle_says() {
 #[test]
 fn summands_follow_their_oracle_and_add_up() {
     gpu_test(|ctx| {
-        for scene in [room(), crate::rig::gallery()] {
+        for scene in [room(), crate::rig::gallery(), crate::frosted_panes::room()] {
             for resolution in AWKWARD_IMAGES {
                 let settings = Settings { summands: true, ..settings(Superposition::default()) };
                 let rig = Rig::new(ctx, &scene, resolution, settings);
