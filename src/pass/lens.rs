@@ -28,8 +28,7 @@
 use glam::Vec3;
 
 use super::convolve::{self, Convolve, Form, KERNEL_TEXELS, Library};
-use super::mirror_image::Image;
-use super::{Paths, Receivers, Sums, groups, layout};
+use super::{Paths, Receivers, Sums, groups, layout, vec4s};
 use crate::error::Result;
 use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder, Staging, shaders};
 
@@ -40,8 +39,10 @@ pub const MAX_DIAMETER: f32 = 1e6;
 
 /// The pass.
 pub struct Lens {
-    /// What the pass shows without the lens, and the circle of each of its pixels.
-    pub image: Image,
+    /// What the pass shows without the lens; w: depth.
+    pub source: Buffer,
+    /// Circle of each pixel: diameter, kernel, u axis.
+    pub footprint: Buffer,
     /// Layer of each pixel: 1, in focus or behind; 2, before.
     pub region: Buffer,
     library: Library,
@@ -71,7 +72,8 @@ impl Lens {
     pub fn new(context: &Context, staging: &mut Staging, inputs: &Inputs) -> Result<Lens> {
         let [width, height] = inputs.size;
         let pixels = width * height;
-        let image = Image::new(context, pixels)?;
+        let source = vec4s(context, "sharp image", pixels)?;
+        let footprint = vec4s(context, "circles of confusion", pixels)?;
         let region = Buffer::new(context, "lens layers", 4 * u64::from(pixels), Memory::Device)?;
         let kernels = staging.stage(context, "lens kernel", &disc())?;
         let library = Library::new(context, staging, &kernels, &[0])?;
@@ -80,8 +82,8 @@ impl Lens {
             staging,
             &convolve::Inputs {
                 library: &library,
-                source: &image.source,
-                footprint: &image.footprint,
+                source: &source,
+                footprint: &footprint,
                 region: &region,
                 size: inputs.size,
                 widest: width.max(height) as f32,
@@ -102,19 +104,19 @@ impl Lens {
             ("indirect", (&sums.indirect).into()),
             ("specular", (&sums.specular).into()),
             ("emitted", (&r.emitted).into()),
-            ("source", (&image.source).into()),
-            ("footprint", (&image.footprint).into()),
+            ("source", (&source).into()),
+            ("footprint", (&footprint).into()),
             ("region", (&region).into()),
         ])?;
         let prepare = (kernel, bindings);
         let kernel = Kernel::new(context, &shaders::LENS_ADD)?;
         let bindings = kernel.bind(&[
             ("frame", inputs.frame.into()),
-            ("source", (&image.source).into()),
+            ("source", (&source).into()),
             ("spread", (&convolution.spread).into()),
             ("emitted", (&r.emitted).into()),
         ])?;
-        Ok(Lens { image, region, library, convolution, prepare, add: (kernel, bindings), pixels })
+        Ok(Lens { source, footprint, region, library, convolution, prepare, add: (kernel, bindings), pixels })
     }
 
     /// Records what must happen once after the uploads: the kernel gets the form in which it is sampled.

@@ -33,12 +33,12 @@ fn lens_follows_its_oracle() {
             });
             assert_eq!(rig.lost(), 0);
             let (lens, r, sums) = (frame.lens.as_ref().unwrap(), &frame.primary, &frame.pixel_sums);
-            rig.prefill(&[&lens.image.source, &lens.image.footprint, &lens.region, &lens.convolution.spread]);
+            rig.prefill(&[&lens.source, &lens.footprint, &lens.region, &lens.convolution.spread]);
             let [position, kd, wo, emitted] = [&r.position, &r.kd, &r.wo, &r.emitted].map(|b| rig.vec4s(b));
             let lights = [&sums.direct, &sums.indirect, &sums.specular].map(|b| rig.vec4s(b));
             let through = rig.vec4s(&frame.paths.throughput);
             rig.run(|_, rec| lens.record_image(rec));
-            let (source, footprint) = (rig.vec4s(&lens.image.source), rig.vec4s(&lens.image.footprint));
+            let (source, footprint) = (rig.vec4s(&lens.source), rig.vec4s(&lens.footprint));
             let region = rig.get::<u32>(&lens.region);
             let mut tally = Tally::new(format!("lens, {resolution:?}"));
             for i in 0..region.len() {
