@@ -328,6 +328,7 @@ fn own_scenes_load() {
     let triangles = [
         ("balls-and-sheets", 3762),
         ("cornell", 32),
+        ("frosted-pane", 312),
         ("furnace", 12),
         ("glass-ball", 800),
         ("glossy-floor", 4068),
@@ -395,6 +396,16 @@ fn the_glass_ball_is_a_body_in_a_room_of_800_triangles() {
     assert!(ball.triangles.iter().all(|t| std::ptr::eq(&scene.materials[t.material as usize], glass)));
     let sphere = 4.0 / 3.0 * PI * 0.25f32.powi(3);
     assert!((volume(&ball) / sphere - 1.0).abs() < 0.05, "{} of {sphere}", volume(&ball));
+}
+
+#[test]
+fn the_frosted_pane_is_the_only_reflector_of_its_room() {
+    let scene = scene::load(&repository("scenes/frosted-pane/scene.toml")).unwrap();
+    let reflectors = scene.reflectors();
+    assert_eq!(reflectors.len(), 1);
+    let material = &scene.materials[reflectors[0].material as usize];
+    assert_eq!((material.name.as_str(), material.frost, reflectors[0].pane), ("pane", 0.4, true));
+    assert_eq!((reflectors[0].normal, reflectors[0].offset), (Vec3::Z, 0.0));
 }
 
 #[test]
