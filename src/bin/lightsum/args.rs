@@ -2,12 +2,12 @@
 
 mod camera;
 mod superposition;
+mod values;
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use glam::Vec3;
 use lightsum::gpu::DeviceChoice;
-use lightsum::output::{Format, Tonemap};
+use lightsum::output::Tonemap;
 use lightsum::path_trace::SpecularPaths;
 use lightsum::settings::{Agreement, ClusterOrder, LightChoice, Sequence, Settings, Traversal};
 use std::path::PathBuf;
@@ -15,9 +15,8 @@ use std::time::Duration;
 
 pub use camera::Camera;
 pub use superposition::Glossy;
-
-/// Greatest number of pixels of an image.
-pub const MAX_PIXELS: u64 = 1 << 26;
+pub use values::check_resolution;
+use values::{delta_lights, distance, exposure, filter, image_path, pattern, positive, resolution, seconds, share};
 
 /// Global illumination without noise: a sum over virtual lights (instant radiosity), computed by Vulkan.
 #[derive(Debug, Parser)]
@@ -484,98 +483,12 @@ pub enum Preset {
     Interactive,
 }
 
-fn image_path(path: PathBuf) -> Result<PathBuf, String> {
-    match Format::of(&path) {
-        Ok(_) => Ok(path),
-        Err(_) => Err("the name must end in .exr or .png".into()),
-    }
-}
-
-/// Two numbers with an x between them.
-fn extent(text: &str) -> Option<[u32; 2]> {
-    text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]))
-}
-
-fn pattern(text: &str) -> Result<[u32; 2], String> {
-    let fits = |pattern: &[u32; 2]| pattern.iter().all(|n| (1..=Settings::MAX_PATTERN).contains(n));
-    extent(text).filter(fits).ok_or_else(|| "expected a pattern from 1x1 to 8x8 pixels, such as 3x3".into())
-}
-
-fn resolution(text: &str) -> Result<[u32; 2], String> {
-    let size = extent(text).ok_or("expected WIDTHxHEIGHT in pixels, such as 640x480")?;
-    check_resolution(size).map(|()| size)
-}
-
-/// Refuses an image of no pixels or of too many.
-pub fn check_resolution([width, height]: [u32; 2]) -> Result<(), String> {
-    match u64::from(width) * u64::from(height) {
-        0 => Err(format!("{width}x{height} has no pixels")),
-        1..=MAX_PIXELS => Ok(()),
-        pixels => Err(format!("{width}x{height} has {pixels} pixels; at most {MAX_PIXELS} are possible")),
-    }
-}
-
-fn filter(text: &str) -> Result<FilterFlag, String> {
-    match text {
-        "off" => Ok(FilterFlag::Off),
-        "auto" => Ok(FilterFlag::Auto),
-        _ => {
-            let size = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-            size.map(FilterFlag::Window).ok_or("expected WIDTHxHEIGHT in pixels, such as 3x3, or auto, or off".into())
-        }
-    }
-}
-
-fn delta_lights(text: &str) -> Result<DeltaLightsFlag, String> {
-    match (text, text.parse()) {
-        ("all", _) | (_, Ok(0)) => Ok(DeltaLightsFlag(None)),
-        (_, Ok(n)) if n <= Settings::MAX_DELTA_LIGHTS => Ok(DeltaLightsFlag(Some(n))),
-        _ => Err(format!("expected a number from 1 to {}, or all", Settings::MAX_DELTA_LIGHTS)),
-    }
-}
-
-fn vector(text: &str) -> Result<Vec3, String> {
-    let parts: Option<Vec<f32>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
-    match parts.as_deref() {
-        Some(&[x, y, z]) if x.is_finite() && y.is_finite() && z.is_finite() => Ok(Vec3::new(x, y, z)),
-        _ => Err("expected three numbers X,Y,Z".into()),
-    }
-}
-
-fn number(text: &str, good: impl Fn(f32) -> bool, expected: &str) -> Result<f32, String> {
-    text.parse().ok().filter(|&v| f32::is_finite(v) && good(v)).ok_or_else(|| format!("expected {expected}"))
-}
-
-fn exposure(text: &str) -> Result<f32, String> {
-    number(text, |v| v.abs() <= 100.0, "a number of stops from -100 to 100")
-}
-
-fn distance(text: &str) -> Result<f32, String> {
-    number(text, |v| v >= 0.0, "a number of 0 or more")
-}
-
-fn positive(text: &str) -> Result<f32, String> {
-    number(text, |v| v > 0.0, "a number above 0")
-}
-
-fn share(text: &str) -> Result<f32, String> {
-    number(text, |v| v > 0.0 && v <= 1.0, "a share above 0, at most 1")
-}
-
-fn angle(text: &str) -> Result<f32, String> {
-    number(text, |v| v > 0.0 && v < 180.0, "an angle in degrees between 0 and 180")
-}
-
-fn seconds(text: &str) -> Result<Duration, String> {
-    let duration = text.parse().ok().and_then(|s| Duration::try_from_secs_f64(s).ok()).filter(|d| !d.is_zero());
-    duration.ok_or_else(|| "expected a number of seconds above 0".into())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use clap::CommandFactory;
     use clap::error::ErrorKind;
+    use glam::Vec3;
 
     fn parse(line: &str) -> Result<Box<Render>, clap::Error> {
         let arguments = Arguments::try_parse_from(["lightsum", "render"].into_iter().chain(line.split_whitespace()))?;

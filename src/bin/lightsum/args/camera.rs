@@ -3,7 +3,7 @@
 use clap::Args;
 use glam::Vec3;
 
-use super::{angle, distance, positive, vector};
+use super::values::{angle, distance, positive, vector};
 
 /// The camera; each flag overrides that part of the scene's camera.
 #[derive(Debug, Default, Args)]

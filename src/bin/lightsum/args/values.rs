@@ -1,0 +1,100 @@
+//! The syntax of values.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use glam::Vec3;
+use lightsum::output::Format;
+use lightsum::settings::Settings;
+
+use super::{DeltaLightsFlag, FilterFlag};
+
+/// Greatest number of pixels of an image.
+pub const MAX_PIXELS: u64 = 1 << 26;
+
+pub(super) fn image_path(path: PathBuf) -> Result<PathBuf, String> {
+    match Format::of(&path) {
+        Ok(_) => Ok(path),
+        Err(_) => Err("the name must end in .exr or .png".into()),
+    }
+}
+
+/// Two numbers with an x between them.
+pub(super) fn extent(text: &str) -> Option<[u32; 2]> {
+    text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]))
+}
+
+pub(super) fn pattern(text: &str) -> Result<[u32; 2], String> {
+    let fits = |pattern: &[u32; 2]| pattern.iter().all(|n| (1..=Settings::MAX_PATTERN).contains(n));
+    extent(text).filter(fits).ok_or_else(|| "expected a pattern from 1x1 to 8x8 pixels, such as 3x3".into())
+}
+
+pub(super) fn resolution(text: &str) -> Result<[u32; 2], String> {
+    let size = extent(text).ok_or("expected WIDTHxHEIGHT in pixels, such as 640x480")?;
+    check_resolution(size).map(|()| size)
+}
+
+/// Refuses an image of no pixels or of too many.
+pub fn check_resolution([width, height]: [u32; 2]) -> Result<(), String> {
+    match u64::from(width) * u64::from(height) {
+        0 => Err(format!("{width}x{height} has no pixels")),
+        1..=MAX_PIXELS => Ok(()),
+        pixels => Err(format!("{width}x{height} has {pixels} pixels; at most {MAX_PIXELS} are possible")),
+    }
+}
+
+pub(super) fn filter(text: &str) -> Result<FilterFlag, String> {
+    match text {
+        "off" => Ok(FilterFlag::Off),
+        "auto" => Ok(FilterFlag::Auto),
+        _ => {
+            let size = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+            size.map(FilterFlag::Window).ok_or("expected WIDTHxHEIGHT in pixels, such as 3x3, or auto, or off".into())
+        }
+    }
+}
+
+pub(super) fn delta_lights(text: &str) -> Result<DeltaLightsFlag, String> {
+    match (text, text.parse()) {
+        ("all", _) | (_, Ok(0)) => Ok(DeltaLightsFlag(None)),
+        (_, Ok(n)) if n <= Settings::MAX_DELTA_LIGHTS => Ok(DeltaLightsFlag(Some(n))),
+        _ => Err(format!("expected a number from 1 to {}, or all", Settings::MAX_DELTA_LIGHTS)),
+    }
+}
+
+pub(super) fn vector(text: &str) -> Result<Vec3, String> {
+    let parts: Option<Vec<f32>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    match parts.as_deref() {
+        Some(&[x, y, z]) if x.is_finite() && y.is_finite() && z.is_finite() => Ok(Vec3::new(x, y, z)),
+        _ => Err("expected three numbers X,Y,Z".into()),
+    }
+}
+
+pub(super) fn number(text: &str, good: impl Fn(f32) -> bool, expected: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|&v| f32::is_finite(v) && good(v)).ok_or_else(|| format!("expected {expected}"))
+}
+
+pub(super) fn exposure(text: &str) -> Result<f32, String> {
+    number(text, |v| v.abs() <= 100.0, "a number of stops from -100 to 100")
+}
+
+pub(super) fn distance(text: &str) -> Result<f32, String> {
+    number(text, |v| v >= 0.0, "a number of 0 or more")
+}
+
+pub(super) fn positive(text: &str) -> Result<f32, String> {
+    number(text, |v| v > 0.0, "a number above 0")
+}
+
+pub(super) fn share(text: &str) -> Result<f32, String> {
+    number(text, |v| v > 0.0 && v <= 1.0, "a share above 0, at most 1")
+}
+
+pub(super) fn angle(text: &str) -> Result<f32, String> {
+    number(text, |v| v > 0.0 && v < 180.0, "an angle in degrees between 0 and 180")
+}
+
+pub(super) fn seconds(text: &str) -> Result<Duration, String> {
+    let duration = text.parse().ok().and_then(|s| Duration::try_from_secs_f64(s).ok()).filter(|d| !d.is_zero());
+    duration.ok_or_else(|| "expected a number of seconds above 0".into())
+}
