@@ -90,10 +90,10 @@ pub fn view_cosine(layer: usize) -> f64 {
     (layer + 1) as f64 / VIEW_ANGLES as f64
 }
 
-/// Steps of [`Kernel::narrowing`] in which the width across the plane of incidence halves.
+/// Steps of [`Part::narrowing`] in which the width across the plane of incidence halves.
 pub const NARROWINGS_TO_HALF: u32 = 4;
 
-/// Greatest [`Kernel::narrowing`].
+/// Greatest [`Part::narrowing`].
 pub const MAX_NARROWING: u32 = 4;
 
 /// Radius of the core over that of the whole kernel.
