@@ -1,6 +1,6 @@
 //! Ideal reflection and refraction: where a ray goes on at a mirror, at glass and at a pane, and what it carries there.
 //!
-//! A mirror is the lobe of [`Reflectance`](super::Reflectance) without roughness: it reflects by Schlick's term into the one
+//! A mirror is the lobe of [`Reflectance`] without roughness: it reflects by Schlick's term into the one
 //! mirrored direction, over whatever diffuse base the material has. Smooth glass reflects the share R of Fresnel's equations
 //! and lets 1 - R through, bent by Snell's law and tinted by its base colour at each crossing; radiance changes by the
 //! square of the relative index on the way. A pane is glass of no thickness: light goes straight through, and of all
