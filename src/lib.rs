@@ -56,7 +56,10 @@
 //! Where particles choose emitters by contribution, the eye comes before the walk, and [`importance`](pass::importance) stands
 //! between them. Where not all point, spot and parallel lights are lit, [`delta_choice`](pass::delta_choice) follows.
 //!
-//! Beside the frame stands [`convolve`](pass::convolve), which turns mirror images into glossy ones.
+//! Where glossy planes mirror the room, [`mirror_image`](pass::mirror_image) takes its image from the second components before
+//! [`merge`](pass::merge), [`convolve`](pass::convolve) spreads it, and [`superpose`](pass::superpose) adds it to the planes. Before
+//! [`accumulate`](pass::accumulate) come, if asked for, [`summands`](pass::summands), which sums emission, diffuse and specular light apart, and
+//! [`lens`](pass::lens), which blurs by [`convolve`](pass::convolve) what is out of focus.
 //!
 //! # Use
 //!
