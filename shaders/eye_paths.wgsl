@@ -42,9 +42,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if index >= atomicLoad(&work_in.live) {
         return;
     }
-    let tiles_across = (frame.size.x + 7u) / 8u;
     let listed = list_in[index];
-    let at_pixel = vec2<u32>(8u * (listed % tiles_across) + (lane & 7u), 8u * (listed / tiles_across) + lane / 8u);
+    let at_pixel = pixel_of_tile(listed, lane);
     if first_hit && (at_pixel.x >= frame.size.x || at_pixel.y >= frame.size.y) {
         return;
     }

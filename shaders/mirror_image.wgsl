@@ -33,8 +33,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if index >= atomicLoad(&work.live) {
         return;
     }
-    let across = (frame.size.x + 7u) / 8u;
-    let at = vec2<u32>(8u * (tiles[index] % across) + (lane & 7u), 8u * (tiles[index] / across) + lane / 8u);
+    let at = pixel_of_tile(tiles[index], lane);
     if at.x >= frame.size.x || at.y >= frame.size.y {
         return;
     }

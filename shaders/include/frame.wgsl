@@ -29,3 +29,9 @@ fn class_of(slot: u32) -> u32 {
     let pixel = slot % frame.size.z;
     return pixel % frame.size.x % frame.pattern.x + frame.pattern.x * (pixel / frame.size.x % frame.pattern.y);
 }
+
+// Pixel of a lane in a tile of 8 x 8 pixels; it may lie beyond the image.
+fn pixel_of_tile(tile: u32, lane: u32) -> vec2<u32> {
+    let across = (frame.size.x + 7u) / 8u;
+    return vec2<u32>(8u * (tile % across) + (lane & 7u), 8u * (tile / across) + lane / 8u);
+}
