@@ -12,10 +12,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if pixel >= frame.size.z {
         return;
     }
-    let x = f32(pixel % frame.size.x) + frame.pixel_offset.x;
-    let y = f32(pixel / frame.size.x) + frame.pixel_offset.y;
-    let s = 2.0 * x / f32(frame.size.x) - 1.0;
-    let t = 1.0 - 2.0 * y / f32(frame.size.y);
+    let x = f32(pixel % frame.size.x + frame.within.x) + frame.pixel_offset.x;
+    let y = f32(pixel / frame.size.x + frame.within.y) + frame.pixel_offset.y;
+    let s = 2.0 * x / f32(frame.within.z) - 1.0;
+    let t = 1.0 - 2.0 * y / f32(frame.within.w);
     let d = frame.forward.xyz + s * frame.right.xyz + t * frame.up.xyz;
     ray_origin[pixel] = vec4<f32>(frame.eye.xyz, 3.0e38);
     let length = sqrt(dot(d, d));

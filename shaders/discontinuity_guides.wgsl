@@ -49,7 +49,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let extent = depth;
 #else
     // Twice what a pixel covers there, along the longer of its diagonals, squared.
-    let size = vec2<f32>(frame.size.xy);
+    let size = vec2<f32>(frame.within.zw);
     let pixel = 2.0 * max(sqrt(dot(frame.right.xyz, frame.right.xyz)) / size.x, sqrt(dot(frame.up.xyz, frame.up.xyz)) / size.y);
     let covered = 2.0 * depth * pixel / max(dot(normal, wo.xyz), 0.02);
     let extent = covered * covered;

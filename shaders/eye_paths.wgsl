@@ -98,7 +98,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let depth = before.w + ray.w * hit.x;
 
         // Both components, or one by chance.
-        let xi = random(key(frame.keys.x, STREAM_COMPONENT, slot, step.bounce));
+        let xi = random(key(frame.keys.x, STREAM_COMPONENT, sample_of(slot), step.bounce));
         let takes_first = splits || xi < fork.probability;
         let stays = takes_first && fork.stays;
         let wi = select(fork.second_wi, fork.first_wi, takes_first);

@@ -33,7 +33,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let f0 = receiver_f0[pixel];
     let wo = receiver_wo[pixel].xyz;
     // A point of the pass, randomised for each pixel: Halton's rotated, Sobol's by XOR; the lobe by a pseudo-random number.
-    let keys = vec2<u32>(key(frame.keys.y, STREAM_GATHER, pixel, 2u * step.bounce), key(frame.keys.y, STREAM_GATHER, pixel, 2u * step.bounce + 1u));
+    let sample = sample_of(pixel);
+    let keys = vec2<u32>(key(frame.keys.y, STREAM_GATHER, sample, 2u * step.bounce), key(frame.keys.y, STREAM_GATHER, sample, 2u * step.bounce + 1u));
     let bases = bitcast<vec2<u32>>(frame.shifts[step.bounce].zw);
     let halton = vec2<f32>(
         rotate(radical_inverse(bases.x, frame.size.w), random(keys.x)),
@@ -43,7 +44,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let point = select(halton, sobol, (frame.keys.z & 2u) != 0u);
     let u = point.x;
     let v = point.y;
-    let lobe = random(key(frame.keys.x, STREAM_GATHER_LOBE, pixel, step.bounce));
+    let lobe = random(key(frame.keys.x, STREAM_GATHER_LOBE, sample, step.bounce));
 
     let r = Reflectance(kd.xyz, geometric.w, f0.xyz, shading.w);
     let diffuse = lobe < kd.w;

@@ -12,13 +12,12 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::accel::{Bvh, Ray, offset_origin};
+use crate::device_scene::DeviceScene;
 use crate::error::{Error, Result};
 use crate::gpu::{Context, DeviceInfo, Staging, download};
-use crate::light::emitters::Emitters;
+use crate::pass::TraversalKernels;
 use crate::pass::visibility::{Inputs, Visibility, Workload};
-use crate::pass::{Forms, Kernels};
 use crate::scene::{Camera, builtin};
-use crate::scene_buffers::SceneBuffers;
 use crate::settings::{Settings, Traversal};
 
 /// Triangles of the room.
@@ -46,7 +45,7 @@ struct Measured {
 /// Looks into the file first that belongs to the pipeline cache `cache`, and leaves what it measures there. A device without
 /// a kernel for clusters needs no measurement.
 pub fn choose(context: &Context, cache: &Path) -> Result<Traversal> {
-    if Forms::visibility(context, Traversal::Auto)?.cluster.is_none() {
+    if TraversalKernels::visibility(context, Traversal::Auto, false)?.cluster.is_none() {
         return Ok(Traversal::Single);
     }
     let (file, of) = (beside(cache), describe(context.info()));
@@ -96,20 +95,16 @@ fn write(file: &Path, measured: &Measured) -> Result<()> {
 
 fn measure(context: &Context, of: String) -> Result<Measured> {
     let scene = builtin::room(TRIANGLES);
-    let bvh = Bvh::build(&scene)?;
-    let emitters = Emitters::of(&scene, scene.emitters_are_lights)?;
-    let kernels = Kernels::new(context, Traversal::Auto)?;
     let mut staging = Staging::new();
-    let buffers = SceneBuffers::new(context, &mut staging, &scene, &bvh, &emitters, true)?;
+    let device_scene = DeviceScene::new(context, &mut staging, &scene, true)?;
     context.submit_and_wait("uploading a room to measure in", None, |rec| staging.record(rec))?;
     let camera = scene.camera.ok_or_else(|| Error::Scene(String::from("the room has no camera")))?;
-    let workload = workload(&bvh, &camera);
+    let workload = workload(&device_scene.bvh, &camera);
     let settings = Settings { rounds: 64, ..Settings::default() };
     let run = |traversal: Traversal| -> Result<(f64, Vec<u32>)> {
-        let forms = Forms::visibility(context, traversal)?;
+        let kernels = TraversalKernels::visibility(context, traversal, false)?;
         let mut staging = Staging::new();
-        let (scene, bvh, settings, workload) = (&buffers, &bvh, &settings, &workload);
-        let inputs = Inputs { kernels: &kernels, forms: &forms, scene, bvh, settings, workload };
+        let inputs = Inputs { kernels, scene: &device_scene, settings: &settings, workload: &workload };
         let pass = Visibility::new(context, &mut staging, &inputs)?;
         context.submit_and_wait("uploading rays to measure with", None, |rec| staging.record(rec))?;
         let mut best = f64::INFINITY;

@@ -27,48 +27,38 @@
 //! - **Lost rays.** A pass in which a ray ran out of steps is left out of the sums and of the mean; [`Film::counts`]
 //!   tells how many are in them, and [`Engine::set_rounds`] gives rays more steps.
 //!
-//! [`Film::counts`]: crate::pass::accumulate::Film::counts
+//! [`Film::counts`]: crate::film::Film::counts
 
 mod edit;
 
 pub use edit::EditTimes;
 
+use std::sync::Arc;
+
 use crate::accel::Bvh;
 use crate::accel::objects::ObjectTrees;
+use crate::device_scene::DeviceScene;
 use crate::error::{Error, Result};
+use crate::film::Film;
 use crate::frame::Frame;
 use crate::gpu::{Context, Image, Recorder, Staging};
 use crate::light::emitters::Emitters;
-use crate::light::mirrors::Mirrors;
-use crate::light::targets::Targets;
-use crate::pass::Kernels;
-use crate::pass::layout::PointLight;
-use crate::pass::{delta_choice, importance};
-use crate::plan::{EyePlan, LightPlan, ParameterSource, PhotonPlan};
+use crate::pass::TraversalKernels;
+use crate::plan::{self, Plan};
 use crate::scene::{Camera, Scene};
-use crate::scene_buffers::{Ideal, SceneBuffers, delta_lights};
-use crate::settings::{LightChoice, Settings, Traversal};
-
-/// Greatest number of pixels, so that products of it fit; a device's own limits on buffers mostly come first.
-const MAX_PIXELS: u64 = 1 << 26;
+use crate::settings::{Settings, Traversal};
+use crate::view::{Atlas, Region, View};
 
 /// A scene ready to be rendered on a device.
 pub struct Engine {
     context: Context,
-    kernels: Kernels,
-    scene_buffers: SceneBuffers,
+    scene: DeviceScene,
+    plan: Plan,
+    frame: Frame,
     /// Memory that uploads read from, until the caller says that they have finished.
     staging: Option<Staging>,
-    frame: Frame,
-    parameters: ParameterSource,
-    targets: Targets,
-    mirrors: Mirrors,
-    delta: Vec<PointLight>,
-    bvh: Bvh,
-    emitters: Emitters,
-    reflectivity: f32,
-    /// What an engine whose scene may change knows besides.
-    moving: Option<Box<edit::Moving>>,
+    /// State for scene edits; `None` if the scene is static.
+    dynamic: Option<Box<edit::DynamicScene>>,
     passes: u32,
     /// `record_setup` has been recorded.
     set_up: bool,
@@ -76,6 +66,8 @@ pub struct Engine {
     upload: bool,
     /// The next pass clears the sums first.
     clear: bool,
+    /// The image is new and has no layout yet.
+    new_image: bool,
 }
 
 impl Engine {
@@ -84,39 +76,33 @@ impl Engine {
     ///
     /// Errors: camera or settings out of range, a scene without light, resources beyond the device's limits or memory.
     pub fn new(context: &Context, scene: &Scene, camera: Camera, settings: Settings) -> Result<Engine> {
-        Ok(Self::with_trees(context, scene, camera, settings, false)?.0)
+        Self::with_view(context, scene, View::whole(camera), settings)
+    }
+
+    /// As [`Engine::new`], for a region of a camera's image or for texels on the scene's surfaces.
+    pub fn with_view(context: &Context, scene: &Scene, view: View, settings: Settings) -> Result<Engine> {
+        Ok(Self::with_trees(context, scene, view, settings, false)?.0)
     }
 
     /// `dynamic`: with a hierarchy whose objects can move.
     fn with_trees(
         context: &Context,
         scene: &Scene,
-        camera: Camera,
+        view: View,
         settings: Settings,
         dynamic: bool,
     ) -> Result<(Engine, Option<ObjectTrees>)> {
         settings.validate()?;
-        check_camera(&camera)?;
-        check_lens(&settings, &camera)?;
-        let kernels = Kernels::for_scene(context, settings.traversal, !scene.textures.is_empty())?;
-        let clusters = kernels.shade.cluster.is_some();
-        let (bvh, trees) = if dynamic {
-            let (trees, bvh) = ObjectTrees::build(scene, clusters)?;
-            (bvh, Some(trees))
-        } else {
-            (Bvh::build(scene)?, None)
-        };
-        let emitters = Emitters::of(scene, scene.emitters_are_lights)?;
-        check_choice(&settings, &emitters)?;
-        let delta = delta_lights(scene, bvh.scale());
-        let reflectivity = scene.mean_reflectivity();
-        let lights = LightPlan::new(&settings, reflectivity, delta.len() as u32);
+        view.check(&settings)?;
         let mut staging = Staging::new();
-        let mut scene_buffers = match &trees {
-            Some(trees) => SceneBuffers::with_wide(context, &mut staging, scene, &bvh, &emitters, trees.wide.as_ref())?,
-            None => SceneBuffers::new(context, &mut staging, scene, &bvh, &emitters, clusters)?,
+        let clusters = TraversalKernels::shade(context, settings.traversal)?.cluster.is_some();
+        let (mut scene, trees) = if dynamic {
+            let (scene, trees) = DeviceScene::new_dynamic(context, &mut staging, scene, clusters)?;
+            (scene, Some(trees))
+        } else {
+            (DeviceScene::new(context, &mut staging, scene, clusters)?, None)
         };
-        if scene_buffers.wide_nodes.is_none() && kernels.shade.cluster.is_some() {
+        if scene.wide_nodes.is_none() && clusters {
             if settings.traversal == Traversal::Cluster {
                 return Err(Error::Setting {
                     name: "--traversal",
@@ -125,56 +111,23 @@ impl Engine {
             }
             log::info!("the scene's tree is too deep for clusters; shadow rays are traced one by one");
         }
-        if scene_buffers.ideal.frosted_panes && settings.mirroring_planes() == 0 {
+        if scene.specular.frosted_panes && settings.mirroring_planes() == 0 {
             log::info!("frosted panes are shown clear without --superposition");
         }
-        let targets = Targets::of(scene, &bvh);
-        scene_buffers.update_targets(context, &mut staging, &targets)?;
-        let mirrors = Mirrors::of(scene, &bvh);
-        scene_buffers.update_mirrors(context, &mut staging, &mirrors)?;
-        check_slots(&settings, scene_buffers.ideal, camera.resolution)?;
-        let frame = Frame::new(
-            context,
-            &kernels,
-            &mut staging,
-            &scene_buffers,
-            &settings,
-            &lights,
-            &delta,
-            camera.has_lens(),
-            camera.resolution,
-        )?;
-        let parameters = ParameterSource {
-            photons: PhotonPlan::new(&settings, targets.spheres.len() as u32),
-            spreading_planes: scene_buffers.ideal.spreads(),
-            settings,
-            camera,
-            lights,
-            nodes: bvh.node_count(),
-            emitters: emitters.list.len() as u32,
-            diagonal: bvh.diagonal(),
-            bounds: (bvh.min, bvh.max),
-            coordinate_scale: bvh.scale(),
-            mirrors: scene_buffers.mirror_count(),
-        };
+        let plan = plan::derive(&scene, &settings, &view)?;
+        let frame = make_frame(context, &mut staging, &mut scene, &plan, None)?;
         let engine = Engine {
             context: context.clone(),
-            kernels,
-            scene_buffers,
-            staging: Some(staging),
+            scene,
+            plan,
             frame,
-            parameters,
-            targets,
-            mirrors,
-            delta,
-            bvh,
-            emitters,
-            reflectivity,
-            moving: None,
+            staging: Some(staging),
+            dynamic: None,
             passes: 0,
             set_up: false,
             upload: false,
             clear: false,
+            new_image: false,
         };
         Ok((engine, trees))
     }
@@ -187,10 +140,11 @@ impl Engine {
         if let Some(staging) = &self.staging {
             staging.record(rec)?;
         }
-        self.frame.record_prepare(rec)?;
-        self.frame.record_clear(rec)?;
+        self.frame.record_setup(rec)?;
+        self.frame.output.record_clear(rec)?;
+        rec.image_to_general(self.image())?;
         self.passes = 0;
-        (self.set_up, self.upload, self.clear) = (true, false, false);
+        (self.set_up, self.upload, self.clear, self.new_image) = (true, false, false, false);
         Ok(())
     }
 
@@ -213,20 +167,23 @@ impl Engine {
             });
         }
         self.apply_edits()?;
-        let parameters = self.parameters.frame(self.passes)?;
+        let parameters = self.plan.parameters(self.passes)?;
         if self.upload || self.clear {
             rec.begin();
         }
         if let (true, Some(staging)) = (self.upload, &self.staging) {
             rec.scope("upload", |rec| staging.record(rec))?;
-            self.frame.record_prepare(rec)?;
+            self.frame.record_setup(rec)?;
+        }
+        if self.new_image {
+            rec.image_to_general(self.image())?;
         }
         if self.clear {
-            self.frame.record_clear_sums(rec)?;
+            self.frame.output.record_clear(rec)?;
         }
         self.frame.record(rec, &parameters)?;
         self.passes += 1;
-        (self.upload, self.clear) = (false, false);
+        (self.upload, self.clear, self.new_image) = (false, false, false);
         Ok(())
     }
 
@@ -236,14 +193,17 @@ impl Engine {
     /// transfer and compute commands of the queue.
     pub fn record_image(&self, rec: &mut Recorder) -> Result<()> {
         rec.begin();
-        self.frame.record_resolve(rec)
+        if self.new_image {
+            rec.image_to_general(self.image())?;
+        }
+        self.frame.output.record_resolve(rec)
     }
 
     /// Linear radiance, Rec. 709, RGBA 32-bit float; alpha is coverage. Layout GENERAL from [`Engine::record_setup`]
     /// on; leave it so, or bring it back before the next [`Engine::record_image`]. Usage: storage, sampled, transfer
     /// source.
     pub fn image(&self) -> &Image {
-        &self.frame.image
+        &self.frame.output.image
     }
 
     /// Passes recorded since the sums were cleared.
@@ -256,28 +216,58 @@ impl Engine {
         self.passes = passes;
     }
 
-    /// Looks from another camera of the same resolution, and starts over if it is another. Takes effect with the next pass;
-    /// commands recorded before keep the camera they were recorded with. A pinhole in place of a lens, or the other way round, makes
-    /// new passes and buffers, as [`Engine::set_settings`] does.
+    /// Looks from another camera, and starts over if it is another. Takes effect with the next pass; commands recorded before keep
+    /// the camera they were recorded with. Another resolution is a resize; a pinhole in place of a lens, or the other way round,
+    /// makes new passes.
     pub fn set_camera(&mut self, camera: Camera) -> Result<()> {
-        check_camera(&camera)?;
-        let [width, height] = self.parameters.camera.resolution;
-        if camera.resolution != [width, height] {
+        self.set_view(View::whole(camera))
+    }
+
+    /// Renders in another size from the next pass on, and starts over. The camera keeps its vertical angle of view. Buffers of the size of the
+    /// image are made anew, and so is [`Engine::image`]; the tree, the scene's buffers and the pipelines stay.
+    ///
+    /// Errors, after which everything is as before: a size out of range or beyond the device's limits; the view is an atlas.
+    pub fn resize(&mut self, resolution: [u32; 2]) -> Result<()> {
+        let Some(camera) = self.plan.view.camera() else {
             return Err(Error::Setting {
                 name: "--resolution",
-                message: format!("the engine was made for {width}x{height}; make another one for another size"),
+                message: String::from("an atlas has no camera; set another view"),
+            });
+        };
+        self.set_camera(Camera { resolution, ..*camera })
+    }
+
+    /// Looks at something else, as [`Engine::set_camera`] and [`Engine::resize`] do: another camera, another region of its image,
+    /// an atlas.
+    pub fn set_view(&mut self, view: View) -> Result<()> {
+        if view == self.plan.view {
+            return Ok(());
+        }
+        let plan = plan::derive(&self.scene, &self.plan.settings, &view)?;
+        self.set_plan(plan)?;
+        self.restart();
+        Ok(())
+    }
+
+    /// Looks at the whole blocks of pixels around a region of the camera's image ([`Region::around`]); `None`: at all of it.
+    pub fn set_region(&mut self, region: Option<Region>) -> Result<()> {
+        let Some(&camera) = self.plan.view.camera() else {
+            return Err(Error::Setting { name: "--crop", message: String::from("an atlas has no camera") });
+        };
+        let whole = Region::whole(camera.resolution);
+        let region = region.map_or(whole, |region| region.around(&self.plan.settings, camera.resolution));
+        self.set_view(View::Camera { camera, region })
+    }
+
+    /// Looks at texels on surfaces. Refused where the scene may change, since texels are bound to its triangles.
+    pub fn set_atlas(&mut self, atlas: Arc<Atlas>) -> Result<()> {
+        if self.dynamic.is_some() {
+            return Err(Error::Setting {
+                name: "view",
+                message: String::from("texels of an atlas stay where they are; make the engine by Engine::new"),
             });
         }
-        check_lens(&self.parameters.settings, &camera)?;
-        if camera != self.parameters.camera {
-            if camera.has_lens() != self.parameters.camera.has_lens() {
-                let (settings, lights) = (self.parameters.settings.clone(), self.parameters.lights.clone());
-                self.rebuild_frame(&settings, &lights, &camera)?;
-            }
-            self.parameters.camera = camera;
-            self.restart();
-        }
-        Ok(())
+        self.set_view(View::Atlas(atlas))
     }
 
     /// Starts over: the next pass clears the sums and is the first again. Until it, the image keeps what it shows.
@@ -286,9 +276,9 @@ impl Engine {
         self.clear = true;
     }
 
-    /// Gives rays more rounds, from the next pass on. What the passes have summed up is kept.
+    /// Gives rays more rounds, from the next pass on. The sums of the passes so far are kept.
     pub fn set_rounds(&mut self, rounds: u32) -> Result<()> {
-        let settings = Settings { rounds, ..self.parameters.settings.clone() };
+        let settings = Settings { rounds, ..self.plan.settings.clone() };
         settings.validate()?;
         if !self.set_up {
             return Err(Error::Resource {
@@ -296,72 +286,57 @@ impl Engine {
                 message: String::from("rounds are changed before record_setup; set them in Settings"),
             });
         }
-        self.rebuild_frame(&settings, &self.parameters.lights.clone(), &self.parameters.camera.clone())?;
-        self.parameters.settings = settings;
-        Ok(())
+        self.set_plan(Plan { settings, ..self.plan.clone() })
     }
 
-    /// Renders with other settings from the next pass on, and starts over if they change what a pass computes. Seed, clipping
-    /// distance, jitter and light threshold cost nothing; most others make new passes and buffers, which takes milliseconds
-    /// and, while frames are in flight, the memory of both. The image stays, and shows what it shows until the next pass.
+    /// Renders with other settings from the next pass on, and starts over if they change the result of a pass. Those that only
+    /// uniforms hold (seed, clipping distance, jitter, light threshold, light floor, photon radius) cost nothing; others make new
+    /// passes and buffers, which takes milliseconds and, while frames are in flight, the memory of both. The image keeps its content
+    /// until the next pass.
     ///
     /// Errors, after which everything is as before: settings out of range; another `traversal`, which is chosen when the engine
     /// is made.
     pub fn set_settings(&mut self, settings: Settings) -> Result<()> {
         settings.validate()?;
-        let old = &self.parameters.settings;
+        let old = &self.plan.settings;
         if settings.traversal != old.traversal {
             return Err(Error::Setting {
                 name: "--traversal",
                 message: String::from("it is chosen when the engine is made; make another one for another traversal"),
             });
         }
-        let same_image = Settings { rounds: old.rounds, moving_passes: old.moving_passes, ..settings.clone() } == *old;
-        if same_image && settings.rounds != old.rounds && self.set_up {
-            self.set_rounds(settings.rounds)?;
-        } else if settings != *old {
-            let as_parameters = Settings {
-                seed: settings.seed,
-                clip: settings.clip,
-                jitter: settings.jitter,
-                light_threshold: settings.light_threshold,
-                moving_passes: settings.moving_passes,
-                ..old.clone()
-            };
-            if settings != as_parameters || settings.clips() != old.clips() {
-                check_slots(&settings, self.scene_buffers.ideal, self.parameters.camera.resolution)?;
-                check_choice(&settings, &self.emitters)?;
-                check_lens(&settings, &self.parameters.camera)?;
-                let lights = LightPlan::new(&settings, self.reflectivity, self.delta.len() as u32);
-                self.rebuild_frame(&settings, &lights, &self.parameters.camera.clone())?;
-                self.parameters.lights = lights;
-                self.parameters.photons = PhotonPlan::new(&settings, self.scene_buffers.target_count());
-            }
-            if !same_image {
-                self.restart();
-            }
+        if settings == *old {
+            return Ok(());
         }
-        self.parameters.settings = settings;
+        let same_image = Settings { rounds: old.rounds, moving_passes: old.moving_passes, ..settings.clone() } == *old;
+        let plan = plan::derive(&self.scene, &settings, &self.plan.view)?;
+        self.set_plan(plan)?;
+        if !same_image {
+            self.restart();
+        }
         Ok(())
     }
 
-    /// Makes new passes that go on with the sums and the image; their uploads are recorded with the next pass.
-    fn rebuild_frame(&mut self, settings: &Settings, lights: &LightPlan, camera: &Camera) -> Result<()> {
+    /// Goes over to another plan: with the same passes if these fit, else with new ones that go on with the film and the image if
+    /// these fit. Uploads are recorded with the next pass.
+    fn set_plan(&mut self, plan: Plan) -> Result<()> {
+        if !plan.fits_frame_of(&self.plan) {
+            self.make_frame(&plan)?;
+        }
+        self.plan = plan;
+        Ok(())
+    }
+
+    fn make_frame(&mut self, plan: &Plan) -> Result<()> {
+        let output = &self.frame.output;
+        let same_size = plan.view.size() == [output.image.width(), output.image.height()];
+        let kept = same_size.then(|| (output.film.clone(), output.image.clone()));
         let mut staging = self.take_staging();
-        let frame = Frame::with_film(
-            &self.context,
-            &self.kernels,
-            &mut staging,
-            &self.scene_buffers,
-            settings,
-            lights,
-            &self.delta,
-            camera.has_lens(),
-            (self.frame.film.clone(), self.frame.image.clone()),
-        );
+        let frame = make_frame(&self.context, &mut staging, &mut self.scene, plan, kept);
         // What was staged before has to be uploaded whether or not there are new passes.
         self.keep_staging(staging);
         self.frame = frame?;
+        self.new_image |= !same_size;
         Ok(())
     }
 
@@ -387,99 +362,51 @@ impl Engine {
     }
 
     /// The scene on the device.
-    pub fn scene_buffers(&self) -> &SceneBuffers {
-        &self.scene_buffers
+    pub fn device_scene(&self) -> &DeviceScene {
+        &self.scene
     }
 
-    /// What parameters are made of.
-    pub fn parameters(&self) -> &ParameterSource {
-        &self.parameters
+    /// Settings, view, and what follows from them.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &Settings {
+        &self.plan.settings
+    }
+
+    /// What is looked at.
+    pub fn view(&self) -> &View {
+        &self.plan.view
+    }
+
+    /// The running sums.
+    pub fn film(&self) -> &Film {
+        &self.frame.output.film
     }
 
     /// The acceleration structure.
     pub fn bvh(&self) -> &Bvh {
-        &self.bvh
+        &self.scene.bvh
     }
 
     /// The emitters.
     pub fn emitters(&self) -> &Emitters {
-        &self.emitters
-    }
-
-    /// What photons are shot at; empty where there are none.
-    pub fn targets(&self) -> &Targets {
-        &self.targets
-    }
-
-    /// The planar mirrors; empty where there are none.
-    pub fn mirrors(&self) -> &Mirrors {
-        &self.mirrors
-    }
-
-    /// The lights without area, lit once in each pass or chosen from.
-    pub fn delta_lights(&self) -> &[PointLight] {
-        &self.delta
+        &self.scene.emitters
     }
 }
 
-/// Checks that emitters, and lights without area, are not too many to choose from.
-fn check_choice(settings: &Settings, emitters: &Emitters) -> Result<()> {
-    let delta = emitters.delta.len();
-    if settings.delta_lights.is_some() && delta > delta_choice::MAX_CANDIDATES {
-        let most = delta_choice::MAX_CANDIDATES;
-        return Err(Error::Setting {
-            name: "--delta-lights",
-            message: format!("it chooses among up to {most} lights, and the scene has {delta}; use all"),
-        });
+/// The frame of a plan, with the tables that it looks up.
+fn make_frame(
+    context: &Context,
+    staging: &mut Staging,
+    scene: &mut DeviceScene,
+    plan: &Plan,
+    kept: Option<(Film, Image)>,
+) -> Result<Frame> {
+    if plan.eye.mirrors {
+        scene.make_tables(context, staging)?;
     }
-    let count = emitters.list.len();
-    if settings.light_choice == LightChoice::Power || count <= importance::MAX_EMITTERS as usize {
-        return Ok(());
-    }
-    Err(Error::Setting {
-        name: "--light-choice",
-        message: format!(
-            "contribution takes up to {} emitters, and the scene has {count}; use power",
-            importance::MAX_EMITTERS
-        ),
-    })
-}
-
-/// Checks that the receivers of the eye are not too many.
-fn check_slots(settings: &Settings, ideal: Ideal, [width, height]: [u32; 2]) -> Result<()> {
-    let slots = EyePlan::new(settings, ideal, width * height).components;
-    if u64::from(width * height) * u64::from(slots) <= MAX_PIXELS {
-        return Ok(());
-    }
-    Err(Error::Setting {
-        name: "--resolution",
-        message: format!(
-            "{width}x{height} has more than {} pixels, too many to see glass in two ways; use --no-split",
-            MAX_PIXELS / 2
-        ),
-    })
-}
-
-/// Checks that an image that a lens blurs is not to be written as summands, each of which would be sharp.
-fn check_lens(settings: &Settings, camera: &Camera) -> Result<()> {
-    if !(settings.summands && camera.has_lens()) {
-        return Ok(());
-    }
-    Err(Error::Setting {
-        name: "--summands",
-        message: String::from(
-            "the lens blurs their sum alone, so that they would not add up; leave it out, or --aperture 0",
-        ),
-    })
-}
-
-fn check_camera(camera: &Camera) -> Result<()> {
-    let [width, height] = camera.resolution;
-    if width == 0 || height == 0 || u64::from(width) * u64::from(height) > MAX_PIXELS {
-        return Err(Error::Setting {
-            name: "--resolution",
-            message: format!("{width}x{height} is empty or has more than {MAX_PIXELS} pixels"),
-        });
-    }
-    camera.check().map_err(|message| Error::Scene(format!("camera: {message}")))
+    Frame::new(context, staging, scene, plan, kept)
 }

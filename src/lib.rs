@@ -20,7 +20,7 @@
 //! | [`light`] | the emitters and how particles are spread over them |
 //! | [`superposition`] | tables for glossy reflections by convolution: kernels and directional reflectance |
 //! | [`plan`] | what a pass will do: surviving particles, dispatches, its parameters |
-//! | [`scene_buffers`] | the scene on the device |
+//! | [`device_scene`] | the scene on the device |
 //! | [`pass`] | the GPU passes, one file each beside its CPU oracle, each with a shader of the same stem |
 //! | [`frame`] | the frame: each pass once, in order |
 //! | [`engine`] | scene and frame together, recorded into a host's command buffer |
@@ -115,7 +115,13 @@ pub mod superposition;
 // The frame on the device.
 pub mod plan;
 
-pub mod scene_buffers;
+pub mod device_scene;
+
+pub mod film;
+
+pub mod view;
+
+pub mod stage;
 
 pub mod pass;
 

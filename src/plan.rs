@@ -1,20 +1,25 @@
 //! What a pass will do, worked out before it is recorded: how many particles survive each reflection, where their lights
 //! lie, how the work is cut into dispatches, and the sampling parameters of each pass.
 
+use std::borrow::Cow;
+
 use glam::Vec3;
 
+use crate::device_scene::{DeviceScene, SpecularFeatures};
 use crate::error::{Error, Result};
-use crate::pass::delta_choice::MAX_CANDIDATES;
-use crate::pass::layout::{self, Step};
+use crate::gpu::Resources;
+use crate::pass::Kit;
+use crate::pass::delta_choice::{Candidates, MAX_CANDIDATES};
+use crate::pass::importance::MAX_EMITTERS;
+use crate::pass::layout::{self, PointLight, Step};
 use crate::pass::photon_grid::MAX_BUCKET_BITS;
 use crate::sampling::dimensions::{OFFSET, REPLICA, ROTATION, WINDOW};
 use crate::sampling::halton::PRIMES;
 use crate::sampling::random::{hash, key, random_f32};
 use crate::sampling::rotate;
 use crate::sampling::sobol::{shuffled, sobol};
-use crate::scene::Camera;
-use crate::scene_buffers::Ideal;
-use crate::settings::{Sequence, Settings};
+use crate::settings::{LightChoice, Sequence, Settings};
+use crate::view::{MAX_PIXELS, View};
 
 /// Iterations that all loops of one shader invocation's subgroup may share. lavapipe before Mesa 25 silently ends loops
 /// after 65,535; a watchdog is the same limit on a real device, only later.
@@ -125,13 +130,18 @@ pub struct EyePlan {
 }
 
 impl EyePlan {
-    /// For a scene with such surfaces.
-    pub fn new(settings: &Settings, ideal: Ideal, pixels: u32) -> EyePlan {
+    /// For a scene with such surfaces. Texels of an atlas are seen as they are: mirrors are followed from a camera alone.
+    pub fn new(settings: &Settings, specular: SpecularFeatures, view: &View) -> EyePlan {
+        let [width, height] = view.size();
+        let pixels = width * height;
+        if view.camera().is_none() {
+            return EyePlan { pixels, steps: 0, components: 1, mirrors: false, panes: false };
+        }
         let spreads = settings.mirroring_planes() > 0;
-        let mirrors = ideal.spreads() && spreads;
-        let panes = ideal.frosted_panes && spreads;
-        let steps = if ideal.any || mirrors { settings.max_specular } else { 0 };
-        let forks = settings.split && (ideal.forks || mirrors) && steps > 0;
+        let mirrors = specular.spreads() && spreads;
+        let panes = specular.frosted_panes && spreads;
+        let steps = if specular.any || mirrors { settings.max_specular } else { 0 };
+        let forks = settings.split && (specular.forks || mirrors) && steps > 0;
         EyePlan { pixels, steps, components: if forks { 2 } else { 1 }, mirrors, panes }
     }
 
@@ -238,7 +248,8 @@ impl MirrorPlan {
     }
 }
 
-/// The table of [`Step`]s of a frame, in the order of recording.
+/// The [`Step`]s of a stage: what each of its dispatches does. Steps lie in a buffer and a push constant selects one, since drivers may
+/// compile a kernel anew for each value of a push constant that decides a branch (lavapipe does).
 #[derive(Default)]
 pub struct StepTable {
     /// The steps.
@@ -261,39 +272,184 @@ impl StepTable {
             })
             .collect()
     }
+
+    /// Adds the rounds in which a list of rays is traced.
+    pub fn add_list_rounds(&mut self, settings: &Settings) -> Vec<u32> {
+        let steps = trace_steps(settings.loop_budget);
+        self.add_rounds(settings.rounds, Step { indirect: 1, steps, ..Step::default() })
+    }
+
+    /// Adds the step that schedules a list that was just filled.
+    pub fn add_list(&mut self) -> u32 {
+        self.add(Step { indirect: 1, ..Step::default() })
+    }
+
+    /// Uploads the steps.
+    pub fn stage(self, kit: &Kit, name: &str) -> Result<Resources> {
+        // A stage without steps has nothing to look up, but kernels want something bound.
+        let steps = if self.steps.is_empty() { vec![Step::default()] } else { self.steps };
+        Ok(Resources::of([("steps", &kit.stage(name, &steps)?)]))
+    }
 }
 
-/// What stays the same over all passes of a rendering, as the parameters need it.
+/// What the passes of a rendering have in common: settings and view, and all that follows from them and the scene.
 #[derive(Clone, Debug)]
-pub struct ParameterSource {
+pub struct Plan {
     /// The settings.
     pub settings: Settings,
-    /// The camera, with the resolution to render.
-    pub camera: Camera,
-    /// Lights.
+    /// What is looked at.
+    pub view: View,
+    /// Virtual lights.
     pub lights: LightPlan,
-    /// Nodes of the BVH.
+    /// Eye paths.
+    pub eye: EyePlan,
+    /// Caustic photons; `None`: there are none, or nothing to shoot them at.
+    pub photons: Option<PhotonPlan>,
+    /// Mirrored lights; `None`: there are none.
+    pub mirrors: Option<MirrorPlan>,
+    /// Of the scene.
+    pub scene: SceneSize,
+}
+
+/// What a plan keeps of the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SceneSize {
+    /// Nodes of the tree.
     pub nodes: u32,
     /// Emitters.
     pub emitters: u32,
-    /// Diagonal of the scene's bounding box.
-    pub diagonal: f32,
-    /// Bounding box of the scene.
+    /// Corners of the bounding box.
     pub bounds: (Vec3, Vec3),
-    /// Largest coordinate of the scene, by magnitude.
+    /// Diagonal of the bounding box.
+    pub diagonal: f32,
+    /// Largest coordinate, by magnitude.
     pub coordinate_scale: f32,
-    /// Caustic photons.
-    pub photons: Option<PhotonPlan>,
-    /// The scene has planar reflectors with a lobe.
-    pub spreading_planes: bool,
-    /// Planar mirrors.
-    pub mirrors: u32,
 }
 
-impl ParameterSource {
+/// Derives the plan of a rendering. Errors: settings or view out of range, or what they ask for too much for the scene.
+pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<Plan> {
+    settings.validate()?;
+    view.check(settings)?;
+    check_choice(settings, scene)?;
+    if settings.summands && view.has_lens() {
+        return Err(Error::Setting {
+            name: "--summands",
+            message: String::from(
+                "the lens blurs their sum alone, so that they would not add up; leave it out, or --aperture 0",
+            ),
+        });
+    }
+    let lights = LightPlan::new(settings, scene.mean_reflectivity, scene.delta.len() as u32);
+    let eye = EyePlan::new(settings, scene.specular, view);
+    check_slots(settings, scene.specular, view)?;
+    Ok(Plan {
+        photons: PhotonPlan::new(settings, scene.target_count()),
+        mirrors: MirrorPlan::new(settings, scene.mirror_count(), &lights)?,
+        lights,
+        eye,
+        settings: settings.clone(),
+        view: view.clone(),
+        scene: SceneSize {
+            nodes: scene.bvh.node_count(),
+            emitters: scene.emitters.list.len() as u32,
+            bounds: (scene.bvh.min, scene.bvh.max),
+            diagonal: scene.bvh.diagonal(),
+            coordinate_scale: scene.bvh.scale(),
+        },
+    })
+}
+
+/// Checks that emitters, and lights without area, are not too many to choose from.
+fn check_choice(settings: &Settings, scene: &DeviceScene) -> Result<()> {
+    let delta = scene.delta.len();
+    if settings.delta_lights.is_some() && delta > MAX_CANDIDATES {
+        return Err(Error::Setting {
+            name: "--delta-lights",
+            message: format!("it chooses among up to {MAX_CANDIDATES} lights, and the scene has {delta}; use all"),
+        });
+    }
+    let count = scene.emitters.list.len();
+    if settings.light_choice == LightChoice::Power || count <= MAX_EMITTERS as usize {
+        return Ok(());
+    }
+    Err(Error::Setting {
+        name: "--light-choice",
+        message: format!("contribution takes up to {MAX_EMITTERS} emitters, and the scene has {count}; use power"),
+    })
+}
+
+/// Checks that the shading points of the eye are not too many, in a scene with such surfaces.
+pub(crate) fn check_slots(settings: &Settings, specular: SpecularFeatures, view: &View) -> Result<()> {
+    let [width, height] = view.size();
+    let eye = EyePlan::new(settings, specular, view);
+    if u64::from(width) * u64::from(height) * u64::from(eye.components) <= MAX_PIXELS {
+        return Ok(());
+    }
+    Err(Error::Setting {
+        name: "--resolution",
+        message: format!(
+            "{width}x{height} has more than {} pixels, too many to see glass in two ways; use --no-split",
+            MAX_PIXELS / 2
+        ),
+    })
+}
+
+impl Plan {
+    /// Sets of shading points that follow each other: that of the eye, and one for each gather ray.
+    pub fn bounces(&self) -> u32 {
+        let settings = &self.settings;
+        if settings.compensation && settings.clips() { settings.max_depth } else { 1 }
+    }
+
+    /// What the eye sees is lit by lights.
+    pub fn lights_points(&self) -> bool {
+        self.settings.max_depth > 1 && self.lights.slots() > 0
+    }
+
+    /// Not all lights without area are lit in a pass.
+    pub fn chooses_delta(&self, scene: &DeviceScene) -> bool {
+        (self.lights.delta as usize) < scene.delta.len()
+    }
+
+    /// The lights without area in the first slots of each class, as they are before any are chosen.
+    pub fn delta_slots<'a>(&self, scene: &'a DeviceScene) -> Cow<'a, [PointLight]> {
+        if !self.chooses_delta(scene) {
+            return Cow::Borrowed(&scene.delta);
+        }
+        let mut all = Candidates::new(&scene.delta, &scene.delta_emitters()).lights;
+        all.truncate(self.lights.delta as usize);
+        Cow::Owned(all)
+    }
+
+    /// Whether passes made for another plan can run with the parameters of this one: only what uniforms hold differs. The scene
+    /// must be the same, or have kept its buffers.
+    pub fn fits_frame_of(&self, other: &Plan) -> bool {
+        let of_uniforms = Settings {
+            seed: other.settings.seed,
+            clip: other.settings.clip,
+            jitter: other.settings.jitter,
+            light_threshold: other.settings.light_threshold,
+            light_floor: other.settings.light_floor,
+            photon_radius: other.settings.photon_radius,
+            moving_passes: other.settings.moving_passes,
+            ..self.settings.clone()
+        };
+        let same_view = match (&self.view, &other.view) {
+            (View::Camera { .. }, View::Camera { .. }) => {
+                self.view.size() == other.view.size() && self.view.has_lens() == other.view.has_lens()
+            }
+            (one, another) => one == another,
+        };
+        of_uniforms == other.settings
+            && self.settings.clips() == other.settings.clips()
+            && same_view
+            && (&self.lights, self.eye, self.photons, self.mirrors)
+                == (&other.lights, other.eye, other.photons, other.mirrors)
+    }
+
     /// Parameters of pass number `pass` (from 0). Passes alternate between the two instances; each instance walks along
     /// its own randomised sequence, N points a pass for each class of pixels.
-    pub fn frame(&self, pass: u32) -> Result<layout::Frame> {
+    pub fn parameters(&self, pass: u32) -> Result<layout::Frame> {
         let s = &self.settings;
         let instance = pass % INSTANCES;
         let local = pass / INSTANCES;
@@ -305,11 +461,10 @@ impl ParameterSource {
         let instance_key = hash(hash(s.seed as u32) ^ (s.seed >> 32) as u32).wrapping_add(hash(instance));
         let pass_key = hash(instance_key ^ hash(local));
 
-        let [width, height] = self.camera.resolution;
-        let (right, up, forward) = self.camera.world_from_camera();
-        let tan_y = (0.5 * self.camera.fov_y.to_radians()).tan();
-        let tan_x = tan_y * width as f32 / height as f32;
-        let clip = s.clip_distance(self.diagonal);
+        let [width, height] = self.view.size();
+        let whole = self.view.within();
+        let lookout = Lookout::of(&self.view);
+        let clip = s.clip_distance(self.scene.diagonal);
 
         // The survivors of a pass are the first N_j of its particles. The segment is entered at a new place in each pass,
         // because with N a power of the base the first N_j points of every segment would fill the same strata again and
@@ -340,25 +495,27 @@ impl ParameterSource {
         let bits = bit(s.jitter, layout::Frame::JITTER) | bit(s.sequence == Sequence::Sobol, layout::Frame::SOBOL);
         let offset = pixel_offset(instance_key, local);
         let (photons, photon) = match self.photons {
-            Some(plan) => plan.parameters(s, self.diagonal, local)?,
+            Some(plan) => plan.parameters(s, self.scene.diagonal, local)?,
             None => ([0; 4], [0.0; 4]),
         };
-        let superposition = match s.superposition.filter(|_| self.spreading_planes) {
+        let superposition = match s.superposition.filter(|_| self.eye.mirrors) {
             Some(superposition) => [superposition.reflectors, superposition.reflectance as u32, 0, 0],
             None => [0; 4],
         };
         let xyzw = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
+        let (lowest, highest) = self.scene.bounds;
         Ok(layout::Frame {
-            eye: xyzw(self.camera.eye, self.coordinate_scale.max(self.camera.eye.abs().max_element())),
-            right: xyzw(right * tan_x, clip * clip),
-            up: xyzw(up * tan_y, clip),
-            forward: xyzw(forward, 4.0 * self.diagonal),
-            bounds_min: xyzw(self.bounds.0, 1.0 / (self.bounds.1 - self.bounds.0).max_element().max(1e-30)),
+            eye: xyzw(lookout.eye, self.scene.coordinate_scale.max(lookout.eye.abs().max_element())),
+            right: xyzw(lookout.right, clip * clip),
+            up: xyzw(lookout.up, clip),
+            forward: xyzw(lookout.forward, 4.0 * self.scene.diagonal),
+            bounds_min: xyzw(lowest, 1.0 / (highest - lowest).max_element().max(1e-30)),
             pixel_offset: [offset[0], offset[1], LEAST_LIGHT_ALPHA, s.light_threshold],
             size: [width, height, width * height, local],
+            within: [whole.origin[0], whole.origin[1], whole.size[0], whole.size[1]],
             walk: [first, s.paths, rotation, self.lights.delta],
             keys: [pass_key, instance_key, bits, instance],
-            scene: [self.nodes, self.emitters, s.max_depth, 0],
+            scene: [self.scene.nodes, self.scene.emitters, s.max_depth, 0],
             pattern: [s.pattern[0], s.pattern[1], s.classes(), self.lights.slots()],
             photons,
             photon,
@@ -367,10 +524,38 @@ impl ParameterSource {
             sobol: words,
             choice: [s.light_floor, 0.0, 0.0, 0.0],
             superposition,
-            mirrors: MirrorPlan::new(s, self.mirrors, &self.lights)?
-                .map_or([0; 4], |m| [m.each, m.lights, m.mirrors, 0]),
-            lens: [0.5 * height as f32 / tan_y * self.camera.aperture, 1.0 / self.camera.focus_distance(), 0.0, 0.0],
+            mirrors: self.mirrors.map_or([0; 4], |m| [m.each, m.lights, m.mirrors, 0]),
+            lens: lookout.lens,
         })
+    }
+}
+
+/// The camera as the parameters of a frame hold it.
+struct Lookout {
+    eye: Vec3,
+    right: Vec3,
+    up: Vec3,
+    forward: Vec3,
+    lens: [f32; 4],
+}
+
+impl Lookout {
+    /// That of a view; an atlas has none, and nothing asks for it.
+    fn of(view: &View) -> Lookout {
+        let Some(camera) = view.camera() else {
+            return Lookout { eye: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: Vec3::Z, lens: [0.0; 4] };
+        };
+        let [width, height] = camera.resolution.map(|n| n as f32);
+        let (right, up, forward) = camera.world_from_camera();
+        let tan_y = (0.5 * camera.fov_y.to_radians()).tan();
+        let tan_x = tan_y * width / height;
+        Lookout {
+            eye: camera.eye,
+            right: right * tan_x,
+            up: up * tan_y,
+            forward,
+            lens: [0.5 * height / tan_y * camera.aperture, 1.0 / camera.focus_distance(), 0.0, 0.0],
+        }
     }
 }
 

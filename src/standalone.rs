@@ -53,10 +53,10 @@ pub struct PassTimes {
     pub rays: u64,
 }
 
-/// The lists whose lengths are read back: receivers of each bounce, eye paths, photons that go on, photons in their grid.
+/// The lists whose lengths are read back: shading points of each bounce, eye paths, photons that go on, photons in their grid.
 fn counted_lists(frame: &Frame) -> impl Iterator<Item = &List> {
     let of_photons = frame.photons.iter().flat_map(|photons| photons.lists.iter().chain([&photons.grid.list]));
-    frame.lists.iter().chain(&frame.eye_lists).chain(of_photons)
+    frame.point_lists().chain(&frame.eye.lists).chain(of_photons)
 }
 
 /// A scene being rendered.
@@ -183,9 +183,9 @@ impl Renderer {
                 break;
             }
             self.engine.set_passes(number);
-            let rounds = self.engine.parameters().settings.rounds;
+            let rounds = self.engine.settings().rounds;
             if rounds >= MAX_ROUNDS {
-                let steps = u64::from(rounds) * u64::from(trace_steps(self.engine.parameters().settings.loop_budget));
+                let steps = u64::from(rounds) * u64::from(trace_steps(self.engine.settings().loop_budget));
                 return Err(Error::Unfinished { pass: "shade or trace", rays: lost, steps });
             }
             log::info!("{lost} rays ran out of steps in pass {number}; going on with {} rounds", 4 * rounds);
@@ -213,16 +213,16 @@ impl Renderer {
     /// Adds the rays of a pass: eye rays, particles, for each bounce its receivers' shadow and gather rays, and rays on from
     /// mirrors and glass; photons alike. Also counts the photons that were stored.
     fn count_rays(&mut self, work: &[u32]) {
-        let [width, height] = self.engine.parameters().camera.resolution;
-        let plan = &self.engine.parameters().lights;
-        let classes = u64::from(self.engine.parameters().settings.classes());
+        let [width, height] = self.engine.view().size();
+        let plan = &self.engine.plan().lights;
+        let classes = u64::from(self.engine.settings().classes());
         let mut rays = u64::from(width) * u64::from(height)
             + plan.survivors.iter().skip(1).map(|&n| u64::from(n) * classes).sum::<u64>();
         let frame = self.engine.frame();
-        let bounces = frame.lists.len();
+        let bounces = frame.point_lists().count();
         let grid = frame.photons.as_ref().map(|photons| {
             rays += u64::from(photons.count);
-            bounces + frame.eye_lists.len() + photons.lists.len()
+            bounces + frame.eye.lists.len() + photons.lists.len()
         });
         for (b, work) in work.chunks(size_of::<Work>() / 4).enumerate() {
             let live = u64::from(work[0]);
@@ -304,7 +304,7 @@ impl Renderer {
 
     /// The mean image of each instance.
     fn instances(&self) -> Result<Vec<Vec<Vec4>>> {
-        let film = &self.engine.frame().film;
+        let film = self.engine.film();
         (film.color.iter().zip(&film.color_rest).enumerate())
             .map(|(i, (sum, rest))| {
                 // Instance i has every INSTANCES-th pass from pass i.
@@ -327,15 +327,15 @@ impl Renderer {
     }
 
     fn pixels(&self) -> usize {
-        let [width, height] = self.engine.parameters().camera.resolution;
+        let [width, height] = self.engine.view().size();
         width as usize * height as usize
     }
 
     /// The image and its layers. Reads back about 200 bytes a pixel.
     pub fn layers(&self) -> Result<Layers> {
-        let film = &self.engine.frame().film;
+        let film = self.engine.film();
         let passes = self.passes();
-        let [width, height] = self.engine.parameters().camera.resolution;
+        let [width, height] = self.engine.view().size();
         // Each pass counts alike, whichever instance it belongs to.
         let mut color = vec![Vec4::ZERO; self.pixels()];
         for (i, image) in self.instances()?.iter().enumerate() {
@@ -383,7 +383,7 @@ impl Renderer {
     /// The sums of all passes as bytes, little endian: with the number of passes all that a later run needs.
     pub fn save_state(&self) -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
-        for buffer in self.engine.frame().film.buffers() {
+        for buffer in self.engine.film().buffers() {
             let words = download::<u32>(&self.context, buffer)?;
             bytes.extend(words.iter().flat_map(|w| w.to_le_bytes()));
         }
@@ -392,8 +392,7 @@ impl Renderer {
 
     /// Goes on from what [`Renderer::save_state`] gave after `passes` passes of the same scene, camera and settings.
     pub fn load_state(&mut self, passes: u32, bytes: &[u8]) -> Result<()> {
-        let frame = self.engine.frame();
-        let buffers = frame.film.buffers();
+        let buffers = self.engine.film().buffers();
         let expected: u64 = buffers.iter().map(|b| b.bytes()).sum();
         if bytes.len() as u64 != expected {
             return Err(Error::Scene(format!(
@@ -423,15 +422,15 @@ impl Renderer {
     pub fn statistics(&self) -> Statistics {
         let info = self.context.info();
         let seconds = self.stages.iter().find(|(n, _)| n == "render").map_or(0.0, |(_, s)| *s);
-        let p = self.engine.parameters();
+        let p = self.engine.plan();
         Statistics {
             device: info.name.clone(),
             driver: format!("{} {}", info.driver, info.driver_version),
             api: info.api_version.to_string(),
             scene: self.scene.name.clone(),
-            resolution: p.camera.resolution,
+            resolution: p.view.size(),
             triangles: u64::from(self.engine.bvh().triangle_count()),
-            nodes: u64::from(p.nodes),
+            nodes: u64::from(p.scene.nodes),
             lights_per_pass: f64::from(p.lights.slots() * p.settings.classes()),
             passes: self.passes(),
             passes_rendered: self.rendered,
@@ -447,7 +446,7 @@ impl Renderer {
 
     /// The lights of the latest pass.
     pub fn lights(&self) -> Result<Vec<PointLight>> {
-        download::<PointLight>(&self.context, &self.engine.frame().lights)
+        download::<PointLight>(&self.context, self.engine.frame().lights())
     }
 
     /// Writes the virtual lights of the latest pass with the scene as glTF (Keller 1997, 5); returns how many.
@@ -458,7 +457,7 @@ impl Renderer {
             self.pass()?;
         }
         // Each class of pixels has lights that stand for all the light; together they share it.
-        let classes = self.engine.parameters().settings.classes() as f32;
+        let classes = self.engine.settings().classes() as f32;
         let lights: Vec<VirtualLight> = self
             .lights()?
             .iter()

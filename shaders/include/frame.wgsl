@@ -7,6 +7,7 @@ struct Frame {
     bounds_min: vec4<f32>,      // lower corner of the scene; w: 1 / greatest extent
     pixel_offset: vec4<f32>,    // offset of the sample in its pixel, [0,1)^2; z: least alpha of a light's lobe; w: irradiance that may be dropped
     size: vec4<u32>,            // width, height, pixels, index of the pass within its instance
+    within: vec4<u32>,          // place of the view in the whole image, width and height of the whole image
     walk: vec4<u32>,            // first index of the sequence segment, N of a class, window rotation, delta lights
     keys: vec4<u32>,            // key of the pass, key of the instance, bits (1 jitter, 2 Sobol' points), instance
     scene: vec4<u32>,           // nodes, emitters, greatest path length, 0 (no compiler knows)
@@ -28,6 +29,15 @@ struct Frame {
 fn class_of(slot: u32) -> u32 {
     let pixel = slot % frame.size.z;
     return pixel % frame.size.x % frame.pattern.x + frame.pattern.x * (pixel / frame.size.x % frame.pattern.y);
+}
+
+// Number of a slot in the whole image, for random numbers: a region of an image draws those of the whole.
+fn sample_of(slot: u32) -> u32 {
+    let second = select(0u, 1u, slot >= frame.size.z);
+    let pixel = slot - second * frame.size.z;
+    let row = pixel / frame.size.x;
+    let column = pixel - row * frame.size.x;
+    return column + frame.within.x + (row + frame.within.y + second * frame.within.w) * frame.within.z;
 }
 
 // Pixel of a lane in a tile of 8 x 8 pixels; it may lie beyond the image.

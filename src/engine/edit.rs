@@ -1,4 +1,4 @@
-//! Changes of the scene between passes (row W11): objects move and deform, materials and lights change.
+//! Changes of the scene between passes: objects move and deform, materials and lights change.
 //!
 //! An edit checks its input, takes effect in the engine's copy of the scene at once, and marks what it touches. The next
 //! [`Engine::record_pass`] brings hierarchy, emitters and buffers up to date for all edits since the one before, and records the
@@ -9,21 +9,17 @@ use std::time::Instant;
 
 use glam::{Affine3A, Mat3A, Vec3};
 
-use super::{Engine, check_slots};
-use crate::accel::objects::{Changes, ObjectTrees};
+use super::{Engine, make_frame};
+use crate::accel::objects::ObjectTrees;
+use crate::device_scene::{SceneChanges, SpecularFeatures};
 use crate::error::{Error, Result};
-use crate::frame::Frame;
 use crate::gpu::Context;
 use crate::light::emitters::Emitters;
-use crate::light::mirrors::Mirrors;
-use crate::light::targets::Targets;
-use crate::pass::delta_choice::Candidates;
-use crate::pass::layout::PointLight;
-use crate::plan::{LightPlan, PhotonPlan};
+use crate::plan::{self, check_slots};
 use crate::scene::validate::is_degenerate;
 use crate::scene::{Camera, Light, Material, Scene, Surface, Texture};
-use crate::scene_buffers::{Ideal, SceneBuffers, delta_lights};
 use crate::settings::Settings;
+use crate::view::View;
 
 /// A transform whose columns differ from an orthonormal basis by no more than this is taken for rigid: areas stay.
 const RIGID: f32 = 1e-5;
@@ -46,7 +42,7 @@ pub struct EditTimes {
 }
 
 /// What an engine knows whose scene may change.
-pub(super) struct Moving {
+pub(super) struct DynamicScene {
     scene: Scene,
     /// Vertices of each object.
     vertices: Vec<Range<usize>>,
@@ -63,27 +59,10 @@ pub(super) struct Moving {
     areas: Vec<Vec<(u32, f64)>>,
     /// Mean colours of the textures.
     averages: Vec<Vec3>,
-    pending: Pending,
+    pending: SceneChanges,
     /// Seconds taken by vertices since the last upload.
     vertex_seconds: f64,
     times: EditTimes,
-}
-
-/// What edits have touched since the last upload.
-#[derive(Default)]
-struct Pending {
-    moved: Vec<u32>,
-    materials: Vec<u32>,
-    lights: bool,
-    emission: bool,
-    /// The device holds something else than is known here.
-    everything: bool,
-}
-
-impl Pending {
-    fn is_empty(&self) -> bool {
-        self.moved.is_empty() && self.materials.is_empty() && !self.lights && !self.emission && !self.everything
-    }
 }
 
 impl Engine {
@@ -92,11 +71,11 @@ impl Engine {
     /// are numbered anew, see [`Scene::separate_objects`].
     pub fn new_dynamic(context: &Context, mut scene: Scene, camera: Camera, settings: Settings) -> Result<Engine> {
         let vertices = scene.separate_objects();
-        let (mut engine, trees) = Self::with_trees(context, &scene, camera, settings, true)?;
-        engine.moving = trees.map(|trees| {
+        let (mut engine, trees) = Self::with_trees(context, &scene, View::whole(camera), settings, true)?;
+        engine.dynamic = trees.map(|trees| {
             let mut triangles = vec![Vec::new(); scene.objects.len()];
             (0..).zip(&scene.triangles).for_each(|(i, t)| triangles[t.object as usize].push(i));
-            let mut moving = Moving {
+            let mut moving = DynamicScene {
                 triangles,
                 rest_lights: scene.lights.clone(),
                 rest_positions: scene.positions.clone(),
@@ -107,7 +86,7 @@ impl Engine {
                 scene,
                 vertices,
                 trees,
-                pending: Pending::default(),
+                pending: SceneChanges::default(),
                 vertex_seconds: 0.0,
                 times: EditTimes::default(),
             };
@@ -119,7 +98,7 @@ impl Engine {
 
     /// The scene as edited; `None` if it cannot change.
     pub fn scene(&self) -> Option<&Scene> {
-        self.moving.as_ref().map(|moving| &moving.scene)
+        self.dynamic.as_ref().map(|moving| &moving.scene)
     }
 
     /// Moves an object: `transform` takes it from where it was at first (or where [`Engine::set_vertices`] put it) to where it
@@ -141,7 +120,7 @@ impl Engine {
 
     /// The transform of an object.
     pub fn transform(&self, object: u32) -> Result<Affine3A> {
-        let moving = self.moving.as_ref().ok_or_else(still)?;
+        let moving = self.dynamic.as_ref().ok_or_else(still)?;
         moving.name(object)?;
         Ok(moving.transforms[object as usize])
     }
@@ -185,7 +164,7 @@ impl Engine {
     /// Errors, after which everything is as before: there is no such material or texture; a value is out of range; nothing
     /// would emit light.
     pub fn set_material(&mut self, index: u32, mut material: Material) -> Result<()> {
-        let (settings, resolution) = (self.parameters.settings.clone(), self.parameters.camera.resolution);
+        let (settings, view) = (self.plan.settings.clone(), self.plan.view.clone());
         let moving = self.moving()?;
         let Some(old) = moving.scene.materials.get(index as usize).cloned() else {
             let count = moving.scene.materials.len();
@@ -209,8 +188,9 @@ impl Engine {
         if emission {
             moving.match_sphere_lights(index);
         }
-        let checked = check_light(&moving.scene, emission)
-            .and_then(|()| check_slots(&settings, Ideal::of(&moving.scene, &moving.scene.reflectors()), resolution));
+        let checked = check_light(&moving.scene, emission).and_then(|()| {
+            check_slots(&settings, SpecularFeatures::of(&moving.scene, &moving.scene.reflectors()), &view)
+        });
         if let Err(error) = checked {
             moving.scene.materials[index as usize] = old;
             if emission {
@@ -254,7 +234,7 @@ impl Engine {
 
     /// Uploads the whole scene again with the next pass: for a host that has not submitted the first pass after a change.
     pub fn upload_again(&mut self) {
-        if let Some(moving) = &mut self.moving {
+        if let Some(moving) = &mut self.dynamic {
             moving.pending.everything = true;
         }
         self.restart();
@@ -262,142 +242,68 @@ impl Engine {
 
     /// What the latest edits that were applied have cost; zeros if there were none.
     pub fn edit_times(&self) -> EditTimes {
-        self.moving.as_ref().map_or(EditTimes::default(), |moving| moving.times)
+        self.dynamic.as_ref().map_or(EditTimes::default(), |moving| moving.times)
     }
 
     /// Brings hierarchy, emitters and passes up to date with the edits, and stages the uploads. [`Engine::record_pass`] does so
     /// by itself.
     pub fn apply_edits(&mut self) -> Result<()> {
-        let Some(mut moving) = self.moving.take() else { return Ok(()) };
+        let Some(mut moving) = self.dynamic.take() else { return Ok(()) };
         let result = if moving.pending.is_empty() { Ok(()) } else { self.apply(&mut moving) };
         if result.is_err() {
             // Some of it may be staged, some not.
             moving.pending.everything = true;
         }
-        self.moving = Some(moving);
+        self.dynamic = Some(moving);
         result
     }
 
-    fn apply(&mut self, moving: &mut Moving) -> Result<()> {
-        let mut pending = std::mem::take(&mut moving.pending);
-        pending.moved.sort_unstable();
-        pending.moved.dedup();
-        let scene = &moving.scene;
-        let bounds = (self.bvh.min, self.bvh.max);
-        let changes = match &pending.moved[..] {
-            [] => Changes::default(),
-            moved => moving.trees.update(&mut self.bvh, scene, moved),
-        };
-        let extended = bounds != (self.bvh.min, self.bvh.max);
-
+    fn apply(&mut self, moving: &mut DynamicScene) -> Result<()> {
+        let mut touched = std::mem::take(&mut moving.pending);
+        touched.moved.sort_unstable();
+        touched.moved.dedup();
         let start = Instant::now();
-        let emits = |object: &u32| {
-            let mut materials = moving.areas[*object as usize].iter().map(|&(m, _)| &scene.materials[m as usize]);
+        let reflectivity = moving.mean_reflectivity();
+        let reflectivity_seconds = start.elapsed().as_secs_f64();
+        let (scene, areas) = (&moving.scene, &moving.areas);
+        let emits = |object: u32| {
+            let mut materials = areas[object as usize].iter().map(|&(m, _)| &scene.materials[m as usize]);
             materials.any(|m| m.emission.max_element() > 0.0)
         };
-        // The disc of parallel light is as large as the scene.
-        let parallel = |light: &Light| matches!(light, Light::Directional { .. });
-        let other_emitters = pending.everything
-            || pending.emission
-            || pending.lights
-            || pending.moved.iter().any(emits)
-            || extended && scene.lights.iter().any(parallel);
-        if other_emitters {
-            self.emitters = Emitters::of(scene, scene.emitters_are_lights)?;
-        }
-        let other_delta = pending.lights || extended || pending.everything;
-        let delta = other_delta.then(|| delta_lights(scene, self.bvh.scale()));
-        let reflectivity = moving.mean_reflectivity();
-        let lights = LightPlan::new(&self.parameters.settings, reflectivity, self.delta.len() as u32);
-        moving.times.lights = start.elapsed().as_secs_f64();
 
-        let start = Instant::now();
         let mut staging = self.take_staging();
         let bytes = staging.bytes();
-        let (ideal, wide) = (self.scene_buffers.ideal, moving.trees.wide.as_ref());
-        let context = &self.context;
-        let buffers = &mut self.scene_buffers;
-        let mut replaced = pending.everything || lights != self.parameters.lights;
-        if pending.everything {
-            *buffers = SceneBuffers::with_wide(context, &mut staging, scene, &self.bvh, &self.emitters, wide)?;
-        } else {
-            if !pending.moved.is_empty() {
-                replaced |= buffers.update_hierarchy(context, &mut staging, scene, &self.bvh, wide, &changes)?;
+        let of_host = (scene, &mut moving.trees);
+        let updated = self.scene.update(&self.context, &mut staging, of_host, &touched, emits, reflectivity);
+        let start = Instant::now();
+        let result = updated.and_then(|update| {
+            let plan = plan::derive(&self.scene, &self.plan.settings, &self.plan.view)?;
+            if update.replaced || !plan.fits_frame_of(&self.plan) {
+                let output = &self.frame.output;
+                let kept = Some((output.film.clone(), output.image.clone()));
+                self.frame = make_frame(&self.context, &mut staging, &mut self.scene, &plan, kept)?;
+            } else if update.delta {
+                self.frame.stage_delta(&self.context, &mut staging, &self.scene)?;
             }
-            if !pending.materials.is_empty() {
-                buffers.update_materials(context, &mut staging, scene, &pending.materials)?;
-            }
-            if other_emitters {
-                replaced |= buffers.update_emitters(context, &mut staging, &self.emitters)?;
-            }
-        }
-        let other_shapes = pending.everything || !pending.moved.is_empty() || !pending.materials.is_empty();
-        if other_shapes {
-            let other_finishes = buffers.update_reflectors(context, &mut staging, scene, &self.bvh)?;
-            replaced |= other_finishes && self.parameters.settings.mirroring_planes() > 0;
-        }
-        replaced |= buffers.ideal != ideal;
-        self.parameters.spreading_planes = buffers.ideal.spreads();
-        if other_shapes {
-            let settings = &self.parameters.settings;
-            let targets = Targets::of(scene, &self.bvh);
-            replaced |= buffers.update_targets(context, &mut staging, &targets)?;
-            self.parameters.photons = PhotonPlan::new(settings, targets.spheres.len() as u32);
-            self.mirrors = Mirrors::of(scene, &self.bvh);
-            replaced |= buffers.update_mirrors(context, &mut staging, &self.mirrors)?;
-            self.parameters.mirrors = buffers.mirror_count();
-        }
-        if let Some(delta) = delta {
-            let parallel = |light: &PointLight| light.flags() & PointLight::DIRECTIONAL;
-            replaced |= !delta.iter().map(parallel).eq(self.delta.iter().map(parallel));
-            self.delta = delta;
-            if !replaced {
-                // Each class of pixels begins with them, or with those that it chooses.
-                let class = u64::from(lights.slots()) * size_of::<PointLight>() as u64;
-                match &self.frame.delta_choice {
-                    Some(choice) => {
-                        let candidates = Candidates::new(&self.delta, &buffers.delta_emitters);
-                        choice.stage(context, &mut staging, &candidates)?;
-                    }
-                    None => {
-                        for i in 0..u64::from(self.parameters.settings.classes()) {
-                            staging.stage_into(context, &self.frame.lights, i * class, &self.delta)?;
-                        }
-                    }
-                }
-            }
-        }
-        if replaced {
-            self.frame = Frame::with_film(
-                context,
-                &self.kernels,
-                &mut staging,
-                buffers,
-                &self.parameters.settings,
-                &lights,
-                &self.delta,
-                self.parameters.camera.has_lens(),
-                (self.frame.film.clone(), self.frame.image.clone()),
-            )?;
-        }
-        moving.times.vertices = std::mem::take(&mut moving.vertex_seconds);
-        moving.times.staging = start.elapsed().as_secs_f64();
-        moving.times.bytes = staging.bytes() - bytes;
-        (moving.times.refit, moving.times.top_level) = (changes.refit_seconds, changes.top_seconds);
+            Ok((update, plan))
+        });
+        let bytes = staging.bytes() - bytes;
         self.keep_staging(staging);
-        self.reflectivity = reflectivity;
-        let parameters = &mut self.parameters;
-        parameters.lights = lights;
-        parameters.nodes = self.bvh.node_count();
-        parameters.emitters = self.emitters.list.len() as u32;
-        parameters.diagonal = self.bvh.diagonal();
-        parameters.bounds = (self.bvh.min, self.bvh.max);
-        parameters.coordinate_scale = self.bvh.scale();
+        let (update, plan) = result?;
+        self.plan = plan;
+        moving.times = EditTimes {
+            vertices: std::mem::take(&mut moving.vertex_seconds),
+            refit: update.changes.refit_seconds,
+            top_level: update.changes.top_seconds,
+            lights: update.light_seconds + reflectivity_seconds,
+            staging: update.staging_seconds + start.elapsed().as_secs_f64(),
+            bytes,
+        };
         Ok(())
     }
 
-    fn moving(&mut self) -> Result<&mut Moving> {
-        self.moving.as_deref_mut().ok_or_else(still)
+    fn moving(&mut self) -> Result<&mut DynamicScene> {
+        self.dynamic.as_deref_mut().ok_or_else(still)
     }
 }
 
@@ -440,7 +346,7 @@ fn similarity(matrix: &Mat3A) -> Option<f32> {
     (worst <= RIGID * scale * scale).then_some(scale)
 }
 
-impl Moving {
+impl DynamicScene {
     /// Name of an object with triangles.
     fn name(&self, object: u32) -> Result<String> {
         let Some(name) = self.scene.objects.get(object as usize) else {

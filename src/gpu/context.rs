@@ -1,5 +1,6 @@
 //! A device to compute on, our own or a host's.
 
+use std::collections::HashMap;
 use std::ffi::CString;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -11,6 +12,7 @@ use gpu_allocator::{AllocationSizes, AllocatorDebugSettings};
 use super::cache::PipelineCache;
 use super::device::{DeviceChoice, DeviceInfo, compute_family, enumerate};
 use super::instance::{Instance, Messages, vulkan};
+use super::kernel::Kernel;
 use super::recorder::{Recorder, Retained};
 use super::timers::Timers;
 use crate::error::{Error, Result};
@@ -50,6 +52,8 @@ pub struct HostDevice {
 #[derive(Clone)]
 pub struct Context {
     pub(super) inner: Arc<Inner>,
+    /// Pipelines by the addresses of their shaders. Beside `inner`, which every pipeline holds.
+    kernels: Arc<Mutex<HashMap<usize, Kernel>>>,
 }
 
 /// Fields are dropped in this order: what stands on the device, the device, the instance.
@@ -183,7 +187,7 @@ impl Context {
             queue: Mutex::new(queue),
             instance,
         };
-        Ok(Context { inner: Arc::new(inner) })
+        Ok(Context { inner: Arc::new(inner), kernels: Arc::default() })
     }
 
     /// The device and its limits.
@@ -287,6 +291,21 @@ impl Context {
             }
             result => vulkan(what)(result),
         }
+    }
+
+    /// Pipelines made so far and kept.
+    pub fn pipeline_count(&self) -> usize {
+        self.kernels().len()
+    }
+
+    pub(super) fn kernels(&self) -> MutexGuard<'_, HashMap<usize, Kernel>> {
+        // A map of complete entries is sound whatever thread left it.
+        self.kernels.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The same device for a pipeline, which must not hold the table that holds it.
+    pub(super) fn without_kernels(&self) -> Context {
+        Context { inner: self.inner.clone(), kernels: Arc::default() }
     }
 
     /// The device, for calls of the caller's own.

@@ -8,6 +8,7 @@ use ash::vk;
 
 use super::context::Context;
 use super::memory::{Buffer, Image};
+use super::resources::Resources;
 use crate::error::{Error, Result};
 
 /// A compiled kernel; see [`super::shaders`].
@@ -87,13 +88,28 @@ pub(super) struct KernelInner {
 
 impl Kernel {
     /// Makes the pipeline, through the context's pipeline cache. With `hot-reload` the kernel is compiled from its file.
+    ///
+    /// A context makes each pipeline once and keeps it, except with `hot-reload`.
     pub fn new(ctx: &Context, shader: &'static Shader) -> Result<Kernel> {
+        if cfg!(feature = "hot-reload") {
+            return Kernel::make(ctx, shader);
+        }
+        let address = std::ptr::from_ref(shader) as usize;
+        if let Some(kernel) = ctx.kernels().get(&address) {
+            return Ok(kernel.clone());
+        }
+        let kernel = Kernel::make(ctx, shader)?;
+        ctx.kernels().insert(address, kernel.clone());
+        Ok(kernel)
+    }
+
+    fn make(ctx: &Context, shader: &'static Shader) -> Result<Kernel> {
         let code = code(ctx, shader)?;
         check_device(ctx, shader, &code)?;
         let device = ctx.device();
         let failed = |r| ctx.failed(shader.name, r);
         let mut inner = KernelInner {
-            ctx: ctx.clone(),
+            ctx: ctx.without_kernels(),
             shader,
             set_layout: vk::DescriptorSetLayout::null(),
             layout: vk::PipelineLayout::null(),
@@ -154,7 +170,7 @@ impl Kernel {
 
     /// Joins the kernel with its buffers and images: each of its bindings is named exactly once.
     pub fn bind(&self, resources: &[(&str, Bound<'_>)]) -> Result<Bindings> {
-        let KernelInner { ctx, shader, .. } = &*self.0;
+        let KernelInner { shader, .. } = &*self.0;
         let misuse = |message: String| Error::Shader { name: shader.name.to_owned(), message };
         for (i, (name, _)) in resources.iter().enumerate() {
             if shader.bindings.iter().all(|binding| binding.name != *name) {
@@ -164,12 +180,36 @@ impl Kernel {
                 return Err(misuse(format!("binding {name} is named twice")));
             }
         }
+        let find = |name: &str| resources.iter().find(|(other, _)| *other == name).map(|(_, bound)| *bound);
+        let chosen = shader.bindings.iter().map(|binding| (binding, find(binding.name)));
+        self.bind_chosen(chosen.collect())
+    }
+
+    /// Joins the kernel with what it declares of `sets`, or where they lack a name, of `shared`. Errors: a name is missing in
+    /// all of them, or stands twice in `sets`.
+    pub fn bind_from(&self, sets: &[&Resources], shared: &Resources) -> Result<Bindings> {
+        let shader = self.0.shader;
         let mut chosen = Vec::with_capacity(shader.bindings.len());
         for binding in shader.bindings {
-            let found = resources.iter().find(|(name, _)| *name == binding.name);
-            let (_, bound) = found.ok_or_else(|| misuse(format!("binding {} is missing", binding.name)))?;
+            let mut own = sets.iter().flat_map(|set| set.find(binding.name));
+            let first = own.next();
+            if own.next().is_some() {
+                let message = format!("binding {} is named twice", binding.name);
+                return Err(Error::Shader { name: shader.name.to_owned(), message });
+            }
+            chosen.push((binding, first.or_else(|| shared.find(binding.name).next())));
+        }
+        self.bind_chosen(chosen)
+    }
+
+    fn bind_chosen(&self, found: Vec<(&'static BindingInfo, Option<Bound<'_>>)>) -> Result<Bindings> {
+        let KernelInner { ctx, shader, .. } = &*self.0;
+        let misuse = |message: String| Error::Shader { name: shader.name.to_owned(), message };
+        let mut chosen = Vec::with_capacity(found.len());
+        for (binding, bound) in found {
+            let bound = bound.ok_or_else(|| misuse(format!("binding {} is missing", binding.name)))?;
             bound.check(ctx, binding).map_err(|why| misuse(format!("binding {}: {why}", binding.name)))?;
-            chosen.push((binding, *bound));
+            chosen.push((binding, bound));
         }
         let mut inner = BindingsInner {
             kernel: self.clone(),
@@ -290,6 +330,13 @@ impl Bound<'_> {
 /// What is bound to one kernel; keeps it alive. Clones share it.
 #[derive(Clone)]
 pub struct Bindings(pub(super) Arc<BindingsInner>);
+
+impl Bindings {
+    /// The kernel.
+    pub fn kernel(&self) -> &Kernel {
+        &self.0.kernel
+    }
+}
 
 pub(super) struct BindingsInner {
     pub kernel: Kernel,

@@ -1,7 +1,8 @@
 //! The only code that speaks Vulkan. It knows nothing about light.
 //!
 //! A [`Context`] stands on a device of its own ([`Context::headless`]) or on a host's ([`Context::adopt`]). Kernels are
-//! compiled from WGSL by the build script ([`shaders`]); [`Kernel::bind`] joins one with its [`Buffer`]s and [`Image`]s,
+//! compiled from WGSL by the build script ([`shaders`]), made into pipelines when they are first needed and shared by all users of a
+//! context; [`Kernel::bind_from`] joins one with [`Buffer`]s and [`Image`]s by their names,
 //! and a [`Recorder`] writes dispatches and copies into a command buffer, each followed by one global memory barrier: a
 //! command sees everything that the commands before it have written. Images stay in the layout GENERAL.
 //!
@@ -14,6 +15,7 @@ mod instance;
 mod kernel;
 mod memory;
 mod recorder;
+mod resources;
 mod staging;
 mod timers;
 #[cfg(any(feature = "hot-reload", test))]
@@ -27,6 +29,7 @@ pub use instance::Messages;
 pub use kernel::{BindingInfo, BindingKind, Bindings, Bound, Kernel, Shader};
 pub use memory::{Buffer, Image, Memory};
 pub use recorder::{Recorder, Retained};
+pub use resources::Resources;
 pub use staging::{Staging, download, upload};
 pub use timers::Timers;
 

@@ -14,9 +14,9 @@
 
 use super::layout::Frame;
 use super::schedule::{Schedule, TOTAL_GROUPS};
-use super::{Kernels, List, groups};
+use super::{BoundKernel, Kit, List, groups};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
 /// Slot of a place that holds no receiver.
 pub const NO_RECEIVER: u32 = u32::MAX;
@@ -32,9 +32,9 @@ pub struct Clusters {
     pub places: Buffer,
     /// For each cluster on the list its class, and its number among all.
     pub listed: Buffer,
-    mark: (Kernel, Bindings),
-    list: (Kernel, Bindings),
-    fill: (Kernel, Bindings),
+    mark: BoundKernel,
+    list: BoundKernel,
+    fill: BoundKernel,
     schedule: Schedule,
     work: Buffer,
     count: u32,
@@ -42,43 +42,22 @@ pub struct Clusters {
 
 impl Clusters {
     /// Fills `list` from the places; `count` clusters in all.
-    #[allow(clippy::too_many_arguments)]
-    pub fn new(
-        context: &Context,
-        kernels: &Kernels,
-        frame: &Buffer,
-        list: &List,
-        steps: &Buffer,
-        status: &Buffer,
-        count: u32,
-    ) -> Result<Clusters> {
-        let device = |name: &str, bytes: u64| Buffer::new(context, name, bytes * u64::from(count), Memory::Device);
-        let places = device("cluster places", 4 * 64)?;
-        let marks = device("cluster marks", 4)?;
+    pub fn new(kit: &Kit, list: &List, count: u32, steps: &Resources) -> Result<Clusters> {
+        let places = kit.array("cluster places", count, 4 * 64)?;
+        let marks = kit.array("cluster marks", count, 4)?;
         // As long as the table of classes is, whose kernel looks one beyond.
-        let listed = Buffer::new(context, "listed clusters", 8 * (u64::from(count) + 1), Memory::Device)?;
-        let mark = kernels.clusters_mark.bind(&[("places", (&places).into()), ("marks", (&marks).into())])?;
-        let listing = kernels.clusters_list.bind(&[
-            ("frame", frame.into()),
-            ("marks", (&marks).into()),
-            ("clusters", (&listed).into()),
-            ("work", (&list.work).into()),
-        ])?;
-        let fill = kernels.clusters_fill.bind(&[
-            ("work", (&list.work).into()),
-            ("clusters", (&listed).into()),
-            ("places", (&places).into()),
-            ("list", (&list.pixels).into()),
-        ])?;
+        let listed = kit.array("listed clusters", count + 1, 8)?;
+        let own = Resources::of([("places", &places), ("marks", &marks), ("clusters", &listed)]);
+        let bind = |shader| kit.bind(shader, &[&list.resources(), &own]);
         Ok(Clusters {
-            places,
-            listed,
-            mark: (kernels.clusters_mark.clone(), mark),
-            list: (kernels.clusters_list.clone(), listing),
-            fill: (kernels.clusters_fill.clone(), fill),
-            schedule: Schedule::new(kernels, &list.work, steps, status)?,
+            mark: bind(&shaders::CLUSTERS_MARK)?,
+            list: bind(&shaders::CLUSTERS_LIST)?,
+            fill: bind(&shaders::CLUSTERS_FILL)?,
+            schedule: Schedule::new(kit, &list.work, steps)?,
             work: list.work.clone(),
             count,
+            places,
+            listed,
         })
     }
 
@@ -89,10 +68,10 @@ impl Clusters {
 
     /// Records the pass; `step` is that of a list that was just filled.
     pub fn record(&self, rec: &mut Recorder, step: u32) -> Result<()> {
-        rec.dispatch(&self.mark.0, &self.mark.1, &[], groups(self.count))?;
-        rec.dispatch(&self.list.0, &self.list.1, &[], 1)?;
+        self.mark.run(rec, &[], groups(self.count))?;
+        self.list.run(rec, &[], 1)?;
         self.schedule.record(rec, step)?;
-        rec.dispatch_indirect(&self.fill.0, &self.fill.1, &[], &self.work, TOTAL_GROUPS)
+        self.fill.run_listed(rec, &[], &self.work, TOTAL_GROUPS)
     }
 }
 

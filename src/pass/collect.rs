@@ -6,50 +6,40 @@
 use glam::Vec3;
 
 use super::schedule::LIST_GROUPS;
-use super::{Kernels, List, Receivers, Sums, push};
+use super::{BoundKernel, Kit, Lighting, List, ShadingPoints, push};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
 /// The pass over the rays of one list.
 pub struct Collect {
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
     work: Buffer,
 }
 
 impl Collect {
-    /// Adds to `pixels` what `receivers`, lit by `sums` and weighted by `beta`, send back.
+    /// Adds to `pixels` what `points`, lit by `lighting` and weighted by `beta`, send back.
     pub fn new(
-        kernels: &Kernels,
-        receivers: &Receivers,
+        kit: &Kit,
+        points: &ShadingPoints,
         list: &List,
         beta: &Buffer,
-        sums: &Sums,
-        pixels: &Sums,
-        steps: &Buffer,
+        lighting: &Lighting,
+        pixels: &Lighting,
+        steps: &Resources,
     ) -> Result<Self> {
-        let kernel = kernels.collect.clone();
-        let bindings = kernel.bind(&[
-            ("work", (&list.work).into()),
-            ("list", (&list.pixels).into()),
-            ("steps", steps.into()),
-            ("beta", beta.into()),
-            ("emitted", (&receivers.emitted).into()),
-            ("receiver_kd", (&receivers.kd).into()),
-            ("receiver_wo", (&receivers.wo).into()),
-            ("direct", (&sums.direct).into()),
-            ("indirect", (&sums.indirect).into()),
-            ("specular", (&sums.specular).into()),
-            ("pixel_direct", (&pixels.direct).into()),
-            ("pixel_indirect", (&pixels.indirect).into()),
-            ("pixel_specular", (&pixels.specular).into()),
-        ])?;
-        Ok(Collect { kernel, bindings, work: list.work.clone() })
+        let own = Resources::of([
+            ("beta", beta),
+            ("pixel_direct", &pixels.direct),
+            ("pixel_indirect", &pixels.indirect),
+            ("pixel_specular", &pixels.specular),
+        ]);
+        let sets = [&points.resources(), &list.resources(), &lighting.resources(), &own, steps];
+        Ok(Collect { kernel: kit.bind(&shaders::COLLECT, &sets)?, work: list.work.clone() })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder, step: u32) -> Result<()> {
-        rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work, LIST_GROUPS)
+        self.kernel.run_listed(rec, &push(step), &self.work, LIST_GROUPS)
     }
 }
 

@@ -60,9 +60,9 @@
 //! finer their level; docs/benchmarks.md has times. Memory: 48 bytes a pixel, and 60 more in the fast form.
 
 use super::layout::ConvolveStep;
-use super::vec4s;
+use super::{BoundKernel, vec4s};
 use crate::error::{Error, Result};
-use crate::gpu::{Bindings, Bound, Buffer, Context, Kernel, Memory, Recorder, Shader, Staging, shaders};
+use crate::gpu::{Buffer, Context, Kernel, Memory, Recorder, Resources, Shader, Staging, shaders};
 use crate::superposition::kernels::MAX_NARROWING;
 
 pub mod levels;
@@ -143,18 +143,11 @@ pub struct Library {
     quads: Buffer,
     moments: Buffer,
     norms: Buffer,
-    steps: Vec<(Step, u64)>,
+    steps: Vec<(BoundKernel, u64)>,
 }
 
-/// A kernel with what is bound to it.
-type Step = (Kernel, Bindings);
-
-fn step(context: &Context, shader: &'static Shader, buffers: &[(&str, Bound)]) -> Result<Step> {
-    let kernel = Kernel::new(context, shader)?;
-    let declared: Vec<_> =
-        buffers.iter().filter(|(name, _)| shader.bindings.iter().any(|b| b.name == *name)).copied().collect();
-    let bindings = kernel.bind(&declared)?;
-    Ok((kernel, bindings))
+fn bind(context: &Context, shader: &'static Shader, sets: &[&Resources]) -> Result<BoundKernel> {
+    Ok(BoundKernel(Kernel::new(context, shader)?.bind_from(sets, &Resources::new())?))
 }
 
 impl Library {
@@ -174,28 +167,25 @@ impl Library {
         let parameters = staging.stage(context, "kernel library", &[parameters])?;
         let narrowings: Vec<u32> = narrowings.iter().map(|&n| n.min(MAX_NARROWING)).collect();
         let narrowings = staging.stage(context, "kernel narrowings", &narrowings)?;
-        let buffers: [(&str, Bound); 6] = [
-            ("narrowings", (&narrowings).into()),
-            ("steps", (&parameters).into()),
-            ("kernels", kernels.into()),
-            ("quads", (&quads).into()),
-            ("moments", (&moments).into()),
-            ("norms", (&norms).into()),
-        ];
+        let buffers = Resources::of([
+            ("narrowings", &narrowings),
+            ("steps", &parameters),
+            ("kernels", kernels),
+            ("quads", &quads),
+            ("moments", &moments),
+            ("norms", &norms),
+        ]);
         let steps = vec![
-            (step(context, &shaders::CONVOLVE_MOMENTS, &buffers)?, super::groups(layers)),
-            (step(context, &shaders::CONVOLVE_QUADS, &buffers)?, super::groups((layers + 1) * CELLS)),
-            (step(context, &shaders::CONVOLVE_NORMS, &buffers)?, super::groups(layers * NORMS)),
+            (bind(context, &shaders::CONVOLVE_MOMENTS, &[&buffers])?, super::groups(layers)),
+            (bind(context, &shaders::CONVOLVE_QUADS, &[&buffers])?, super::groups((layers + 1) * CELLS)),
+            (bind(context, &shaders::CONVOLVE_NORMS, &[&buffers])?, super::groups(layers * NORMS)),
         ];
         Ok(Library { layers, quads, moments, norms, steps })
     }
 
     /// Records the preparation: once, and again whenever the textures change.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        for ((kernel, bindings), groups) in &self.steps {
-            rec.dispatch(kernel, bindings, &super::push(0), *groups)?;
-        }
-        Ok(())
+        self.steps.iter().try_for_each(|(kernel, groups)| kernel.run(rec, &super::push(0), *groups))
     }
 }
 
@@ -205,17 +195,17 @@ pub struct Convolve {
     pub spread: Buffer,
     levels: Levels,
     sources: Sources,
-    tiles: Step,
-    reach: [Step; 2],
-    gather: Step,
+    tiles: BoundKernel,
+    reach: [BoundKernel; 2],
+    gather: BoundKernel,
 }
 
 /// How sources are made of pixels.
 enum Sources {
     /// Each by the sum of its kernel.
-    Direct { weigh: Step },
+    Direct { weigh: BoundKernel },
     /// By the pyramid.
-    Fast { reduce: Step, reduce_coarse: Step, tiles_coarse: Step, gather_coarse: Step },
+    Fast { reduce: BoundKernel, reduce_coarse: BoundKernel, tiles_coarse: BoundKernel, gather_coarse: BoundKernel },
 }
 
 impl Convolve {
@@ -234,27 +224,26 @@ impl Convolve {
         let members = Buffer::new(context, "convolution members", 4 * u64::from(coarse), Memory::Device)?;
         let tiles = [array("tiles", levels.tiles)?, array("tiles across", levels.tiles)?];
         let steps = staging.stage(context, "convolution steps", &levels.steps)?;
-        let make = |shader, level: &[Buffer; 2], own: &[(&str, Bound)]| {
-            let shared: [(&str, Bound); 13] = [
-                ("steps", (&steps).into()),
-                ("quads", (&inputs.library.quads).into()),
-                ("moments", (&inputs.library.moments).into()),
-                ("norms", (&inputs.library.norms).into()),
-                ("source", inputs.source.into()),
-                ("footprint", inputs.footprint.into()),
-                ("region", inputs.region.into()),
-                ("masses", (&level[0]).into()),
-                ("shapes", (&level[1]).into()),
-                ("rising", (&rising).into()),
-                ("members", (&members).into()),
-                ("levels", (&brought).into()),
-                ("spread", (&spread).into()),
-            ];
-            step(context, shader, &[&shared[..], own].concat())
+        let shared = Resources::of([
+            ("steps", &steps),
+            ("quads", &inputs.library.quads),
+            ("moments", &inputs.library.moments),
+            ("norms", &inputs.library.norms),
+            ("source", inputs.source),
+            ("footprint", inputs.footprint),
+            ("region", inputs.region),
+            ("rising", &rising),
+            ("members", &members),
+            ("levels", &brought),
+            ("spread", &spread),
+        ]);
+        let make = |shader, [masses, shapes]: &[Buffer; 2], own: &Resources| {
+            bind(context, shader, &[&shared, &Resources::of([("masses", masses), ("shapes", shapes)]), own])
         };
-        let found: [(&str, Bound); 1] = [("tiles", (&tiles[0]).into())];
-        let across: [(&str, Bound); 2] = [("from_tiles", (&tiles[0]).into()), ("to_tiles", (&tiles[1]).into())];
-        let down: [(&str, Bound); 2] = [("from_tiles", (&tiles[1]).into()), ("to_tiles", (&tiles[0]).into())];
+        let none = Resources::new();
+        let found = Resources::of([("tiles", &tiles[0])]);
+        let across = Resources::of([("from_tiles", &tiles[0]), ("to_tiles", &tiles[1])]);
+        let down = Resources::of([("from_tiles", &tiles[1]), ("to_tiles", &tiles[0])]);
         let gather = match (fast, inputs.occlusion, inputs.layers) {
             (true, false, _) => &shaders::CONVOLVE,
             (true, true, false) => &shaders::CONVOLVE_OCCLUDED,
@@ -269,13 +258,13 @@ impl Convolve {
         };
         let sources = if fast {
             Sources::Fast {
-                reduce: make(reduce[0], &fine, &[])?,
-                reduce_coarse: make(reduce[1], &raised, &[])?,
+                reduce: make(reduce[0], &fine, &none)?,
+                reduce_coarse: make(reduce[1], &raised, &none)?,
                 tiles_coarse: make(&shaders::CONVOLVE_TILES_COARSE, &raised, &found)?,
                 gather_coarse: make(&shaders::CONVOLVE_COARSE, &raised, &found)?,
             }
         } else {
-            Sources::Direct { weigh: make(&shaders::CONVOLVE_WEIGH, &fine, &[])? }
+            Sources::Direct { weigh: make(&shaders::CONVOLVE_WEIGH, &fine, &none)? }
         };
         let tiles = make(&shaders::CONVOLVE_TILES, &fine, &found)?;
         let reach = [
@@ -323,14 +312,14 @@ impl Convolve {
     }
 
     /// How far the sources that reach the tiles of a level reach.
-    fn record_tiles(&self, rec: &mut Recorder, tiles: &Step, level: usize) -> Result<()> {
+    fn record_tiles(&self, rec: &mut Recorder, tiles: &BoundKernel, level: usize) -> Result<()> {
         let [across, down] = &self.reach;
         [tiles, across, down].into_iter().try_for_each(|step| run(rec, step, level, self.levels.tile_groups(level)))
     }
 }
 
-fn run(rec: &mut Recorder, (kernel, bindings): &Step, step: usize, groups: u64) -> Result<()> {
-    rec.dispatch(kernel, bindings, &super::push(step as u32), groups)
+fn run(rec: &mut Recorder, kernel: &BoundKernel, step: usize, groups: u64) -> Result<()> {
+    kernel.run(rec, &super::push(step as u32), groups)
 }
 
 impl Inputs<'_> {

@@ -25,10 +25,10 @@
 //! Differs from the paper in that: it does not say how its lights are chosen.
 //! Cost: a workgroup for each class, 18 rounds of some 10 operations a light.
 
-use super::Kernels;
 use super::layout::{Frame, PointLight};
+use super::{BoundKernel, Kit};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Context, Kernel, Recorder, Staging};
+use crate::gpu::{Buffer, Context, Recorder, Resources, Staging, shaders};
 use crate::sampling::dimensions::DELTA;
 use crate::sampling::random::{hash, key};
 
@@ -58,8 +58,7 @@ impl Candidates {
 
 /// The pass.
 pub struct DeltaChoice {
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
     lights: Buffer,
     emitters: Buffer,
     classes: u32,
@@ -67,28 +66,17 @@ pub struct DeltaChoice {
 
 impl DeltaChoice {
     /// Chooses among the candidates by the probabilities of their `emitters`. Writes the first slots of each class of `lights`.
-    #[allow(clippy::too_many_arguments)]
-    pub fn new(
-        context: &Context,
-        kernels: &Kernels,
-        staging: &mut Staging,
-        frame: &Buffer,
-        candidates: &Candidates,
-        emitters: &Buffer,
-        lights: &Buffer,
-        classes: u32,
-    ) -> Result<Self> {
-        let kernel = kernels.delta_choice.clone();
-        let all = staging.stage(context, "lights to choose from", &candidates.lights)?;
-        let of_candidates = staging.stage(context, "emitters to choose from", &candidates.emitters)?;
-        let bindings = kernel.bind(&[
-            ("frame", frame.into()),
-            ("emitters", emitters.into()),
-            ("candidates", (&all).into()),
-            ("candidate_emitters", (&of_candidates).into()),
-            ("lights", lights.into()),
-        ])?;
-        Ok(DeltaChoice { kernel, bindings, lights: all, emitters: of_candidates, classes })
+    pub fn new(kit: &Kit, candidates: &Candidates, emitters: &Buffer, lights: &Buffer, classes: u32) -> Result<Self> {
+        let all = kit.stage("lights to choose from", &candidates.lights)?;
+        let of_candidates = kit.stage("emitters to choose from", &candidates.emitters)?;
+        let own = Resources::of([
+            ("emitters", emitters),
+            ("candidates", &all),
+            ("candidate_emitters", &of_candidates),
+            ("lights", lights),
+        ]);
+        let kernel = kit.bind(&shaders::DELTA_CHOICE, &[&own])?;
+        Ok(DeltaChoice { kernel, lights: all, emitters: of_candidates, classes })
     }
 
     /// Stages other lights, as many as before.
@@ -99,7 +87,7 @@ impl DeltaChoice {
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        rec.dispatch(&self.kernel, &self.bindings, &[], u64::from(self.classes))
+        self.kernel.run(rec, &[], u64::from(self.classes))
     }
 }
 

@@ -53,10 +53,10 @@ use glam::{IVec2, Vec3, Vec4};
 
 use super::layout::{self, Window};
 use super::schedule::LIST_GROUPS;
-use super::{List, Paths, Receivers, Sums, vec4s};
+use super::{BoundKernel, EyePathState, Kit, Lighting, List, ShadingPoints};
 use crate::accel::offset_origin;
 use crate::error::Result;
-use crate::gpu::{Bindings, Bound, Buffer, Context, Kernel, Recorder, shaders};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::settings::{Agreement, Filter};
 
 /// Least scalar product of the shading normals of pixels that agree.
@@ -81,9 +81,9 @@ pub struct Discontinuity {
     /// Shading normals; w: squared footprint, or depth, 0 where the slot takes no part.
     pub guide_normals: Buffer,
     /// The sums, filtered where they are filtered, else the same buffers.
-    pub filtered: Sums,
-    guides: (Kernel, Bindings),
-    average: (Kernel, Bindings),
+    pub filtered: Lighting,
+    guides: BoundKernel,
+    average: BoundKernel,
     windows: Vec<Window>,
     tiles: Buffer,
     tile_count: u32,
@@ -91,14 +91,12 @@ pub struct Discontinuity {
 
 /// What the pass reads, and how.
 pub struct Inputs<'a> {
-    /// Frame parameters.
-    pub frame: &'a Buffer,
     /// What the eye sees.
-    pub receivers: &'a Receivers,
+    pub points: &'a ShadingPoints,
     /// The ways on which it is seen.
-    pub paths: &'a Paths,
-    /// Light at the receivers.
-    pub sums: &'a Sums,
+    pub paths: &'a EyePathState,
+    /// Light at these points.
+    pub lighting: &'a Lighting,
     /// Tiles with second components.
     pub ideal_tiles: &'a List,
     /// Components of a pixel, 1 or 2.
@@ -112,16 +110,16 @@ pub struct Inputs<'a> {
 }
 
 impl Discontinuity {
-    /// Prepares the filter of `inputs.sums`.
-    pub fn new(context: &Context, inputs: &Inputs) -> Result<Self> {
-        let &Inputs { frame, receivers, paths, sums, ideal_tiles, components, size, pattern, filter } = inputs;
+    /// Prepares the filter of `inputs.lighting`.
+    pub fn new(kit: &Kit, inputs: &Inputs) -> Result<Self> {
+        let Inputs { points, paths, lighting, ideal_tiles, components, size, pattern, filter } = *inputs;
         let [width, height] = size;
-        let array = |what: &str| vec4s(context, &format!("discontinuity {what}"), width * height * components);
+        let array = |what: &str| kit.vec4s(&format!("discontinuity {what}"), width * height * components);
         let (guide_points, guide_normals) = (array("points")?, array("normals")?);
-        let filtered = Sums {
-            direct: if filter.direct { array("direct")? } else { sums.direct.clone() },
+        let filtered = Lighting {
+            direct: if filter.direct { array("direct")? } else { lighting.direct.clone() },
             indirect: array("indirect")?,
-            specular: sums.specular.clone(),
+            specular: lighting.specular.clone(),
         };
         let windows: Vec<Window> =
             (0..components).map(|component| Window { component, ..Window::new(&filter, pattern) }).collect();
@@ -138,32 +136,15 @@ impl Discontinuity {
             (true, true, true) => &shaders::DISCONTINUITY_WIDE_PAPER,
             (true, true, false) => &shaders::DISCONTINUITY_WIDE_PAPER_INDIRECT,
         };
-        let shared: [(&str, Bound); 5] = [
-            ("frame", frame.into()),
-            ("guide_points", (&guide_points).into()),
-            ("guide_normals", (&guide_normals).into()),
-            ("work", (&ideal_tiles.work).into()),
-            ("tiles", (&ideal_tiles.pixels).into()),
-        ];
-        let step = |shader, own: &[(&str, Bound)]| {
-            let kernel = Kernel::new(context, shader)?;
-            let bindings = kernel.bind(&[&shared[..], own].concat())?;
-            Ok((kernel, bindings))
-        };
-        let guides = step(
-            guides,
-            &[
-                ("receiver_position", (&receivers.position).into()),
-                ("receiver_geometric", (&receivers.geometric).into()),
-                ("receiver_shading", (&receivers.shading).into()),
-                ("receiver_kd", (&receivers.kd).into()),
-                ("receiver_wo", (&receivers.wo).into()),
-                ("throughput", (&paths.throughput).into()),
-            ],
-        )?;
-        let indirect = [("indirect", (&sums.indirect).into()), ("filtered_indirect", (&filtered.indirect).into())];
-        let direct = [("direct", (&sums.direct).into()), ("filtered_direct", (&filtered.direct).into())];
-        let average = step(average, &[&indirect[..], if filter.direct { &direct } else { &[] }].concat())?;
+        let own = Resources::of([
+            ("guide_points", &guide_points),
+            ("guide_normals", &guide_normals),
+            ("filtered_direct", &filtered.direct),
+            ("filtered_indirect", &filtered.indirect),
+        ]);
+        let (points, paths, lighting) = (points.resources(), paths.resources(), lighting.resources());
+        let bind = |shader| kit.bind(shader, &[&own, &points, &paths, &lighting, &ideal_tiles.as_tiles()]);
+        let (guides, average) = (bind(guides)?, bind(average)?);
         let tile_count = width.div_ceil(8) * height.div_ceil(8);
         let tiles = ideal_tiles.work.clone();
         Ok(Discontinuity { guide_points, guide_normals, filtered, guides, average, windows, tiles, tile_count })
@@ -175,12 +156,12 @@ impl Discontinuity {
             // Second components of the tiles that are not listed take no part.
             rec.fill(&self.guide_normals, 0)?;
         }
-        for (kernel, bindings) in [&self.guides, &self.average] {
+        for kernel in [&self.guides, &self.average] {
             for window in &self.windows {
                 let push = bytemuck::bytes_of(window);
                 match window.component {
-                    0 => rec.dispatch(kernel, bindings, push, self.tile_count.into())?,
-                    _ => rec.dispatch_indirect(kernel, bindings, push, &self.tiles, LIST_GROUPS)?,
+                    0 => kernel.run(rec, push, self.tile_count.into())?,
+                    _ => kernel.run_listed(rec, push, &self.tiles, LIST_GROUPS)?,
                 }
             }
         }

@@ -30,82 +30,60 @@
 
 use glam::Vec3;
 
-use super::mirror_image::{Lobes, Planes};
+use super::mirror_image::{Planes, Tables};
 use super::receivers::SurfacePoint;
 use super::schedule::LIST_GROUPS;
-use super::{Kernels, List, Paths, Rays, Receivers, layout, push};
+use super::{BoundKernel, EyePathState, Kit, List, Rays, ShadingPoints, layout, push};
 use crate::accel::{Ray, offset_origin};
 use crate::bsdf::ideal::{Media, Way, ways};
 use crate::bsdf::{Normals, mean};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::sampling::dimensions::COMPONENT;
 use crate::sampling::random::{key, random_f32};
 use crate::scene::Scene;
-use crate::scene_buffers::SceneBuffers;
 
 /// One step of all paths.
 pub struct EyePaths {
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
     work_in: Buffer,
 }
 
 /// What the pass reads and writes.
 pub struct Inputs<'a> {
-    /// Frame parameters.
-    pub frame: &'a Buffer,
-    /// The scene.
-    pub scene: &'a SceneBuffers,
     /// Traced rays; those that go on.
     pub rays: &'a Rays,
     /// Throughput and media.
-    pub paths: &'a Paths,
-    /// `emitted` of these receivers-to-be.
-    pub receivers: &'a Receivers,
+    pub paths: &'a EyePathState,
+    /// `emitted` of these shading points to be.
+    pub points: &'a ShadingPoints,
     /// Rays to look at; for the first step tiles of pixels.
     pub list_in: &'a List,
     /// Rays to be traced.
     pub list_out: &'a List,
     /// What is noted of glossy planes.
     pub planes: &'a Planes,
-    /// Lobes of glossy planes.
-    pub lobes: Lobes<'a>,
-    /// Steps.
-    pub steps: &'a Buffer,
+    /// Lobes of glossy planes; `None`: no plane spreads the room.
+    pub tables: Option<&'a Tables>,
 }
 
 impl EyePaths {
     /// Replaces `rays` that met a mirror or glass and puts them on `list_out`.
-    pub fn new(kernels: &Kernels, inputs: &Inputs) -> Result<Self> {
-        let kernel = kernels.eye_paths.clone();
-        let mut named = inputs.scene.surface_bindings();
-        named.extend([
-            ("frame", inputs.frame.into()),
-            ("work_in", (&inputs.list_in.work).into()),
-            ("list_in", (&inputs.list_in.pixels).into()),
-            ("work_out", (&inputs.list_out.work).into()),
-            ("list_out", (&inputs.list_out.pixels).into()),
-            ("steps", inputs.steps.into()),
-            ("hits", (&inputs.rays.hits).into()),
-            ("ray_origin", (&inputs.rays.origin).into()),
-            ("ray_direction", (&inputs.rays.direction).into()),
-            ("throughput", (&inputs.paths.throughput).into()),
-            ("media", (&inputs.paths.media).into()),
-            ("emitted", (&inputs.receivers.emitted).into()),
-            ("region", (&inputs.planes.region).into()),
-            ("widening", (&inputs.planes.widening).into()),
-            ("panes", (&inputs.planes.panes).into()),
-            ("reflectors", inputs.lobes.reflectors.into()),
-            ("lobes", inputs.lobes.lobes.into()),
-        ]);
-        let bindings = kernel.bind(&named)?;
-        Ok(EyePaths { kernel, bindings, work_in: inputs.list_in.work.clone() })
+    pub fn new(kit: &Kit, inputs: &Inputs, steps: &Resources) -> Result<Self> {
+        let Inputs { rays, paths, points, list_in, list_out, planes, tables } = *inputs;
+        // Without tables no region is ever looked up in them: the kernel only wants something bound.
+        let none = || Resources::of([("reflectors", &planes.region), ("lobes", &planes.widening)]);
+        let tables = tables.map_or_else(none, Tables::resources);
+        let (rays, paths, points) = (rays.resources(), paths.resources(), points.resources());
+        let (list_in_set, list_out) = (list_in.as_input(), list_out.as_output());
+        let sets = [&rays, &paths, &points, &list_in_set, &list_out, &planes.resources(), &tables, steps];
+        let shaders = [&shaders::EYE_PATHS, &shaders::EYE_PATHS_UNTEXTURED];
+        Ok(EyePaths { kernel: kit.bind_surface(shaders, &sets)?, work_in: list_in.work.clone() })
     }
 
     /// Records the step.
     pub fn record(&self, rec: &mut Recorder, step: u32) -> Result<()> {
-        rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work_in, LIST_GROUPS)
+        self.kernel.run_listed(rec, &push(step), &self.work_in, LIST_GROUPS)
     }
 }
 
@@ -118,7 +96,7 @@ pub struct EyePath {
     pub ray: Option<Ray>,
     /// Throughput so far.
     pub throughput: Vec3,
-    /// Depth of the ray's origin, see [`Paths`].
+    /// Depth of the ray's origin, see [`EyePathState`].
     pub depth: f32,
     /// Bodies of glass around the ray.
     pub media: Media,
@@ -162,7 +140,7 @@ pub fn reference(
     let eta = path.media.relative_index(&scene.materials, surface.material, surface.front);
     let fork = ways(material, &surface.finish, &normals, -d, eta)?.fork(surface.reflectance.kd);
     let split = step == 0 && twins > 0;
-    let first = split || random_f32(key(frame.keys[0], COMPONENT, path.slot, step)) < fork.probability;
+    let first = split || random_f32(key(frame.keys[0], COMPONENT, frame.sample_of(path.slot), step)) < fork.probability;
     let (way, probability) = if first { (fork.first, fork.probability) } else { (fork.second, 1.0 - fork.probability) };
     let chance = if split { 1.0 } else { probability };
     let on = |slot: u32, way: Way, chance: f32| {
@@ -216,7 +194,7 @@ fn at_plane(
     let r = &surface.reflectance;
     let reflectance = r.f0 * (energy - grazing) + r.f90 * grazing;
     let probability = mean(r.kd) / (mean(r.kd) + mean(reflectance));
-    if random_f32(key(frame.keys[0], COMPONENT, path.slot, step)) < probability {
+    if random_f32(key(frame.keys[0], COMPONENT, frame.sample_of(path.slot), step)) < probability {
         return (EyePath { ray: None, throughput: path.throughput / probability, ..*path }, None);
     }
     (EyePath { throughput: path.throughput * reflectance / (1.0 - probability), ..mirrored }, None)

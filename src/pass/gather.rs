@@ -19,63 +19,48 @@ use glam::Vec3;
 
 use super::schedule::LIST_GROUPS;
 use super::shade::Receiver;
-use super::{Kernels, List, Rays, Receivers, layout, push};
+use super::{BoundKernel, Kit, List, Rays, ShadingPoints, layout, push};
 use crate::accel::Ray;
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::sampling::dimensions::{GATHER, GATHER_LOBE};
 use crate::sampling::halton::radical_inverse;
 use crate::sampling::random::{hash, key, random_f32};
 use crate::sampling::rotate;
 use crate::sampling::sobol::unit;
 
-/// The pass from one set of receivers.
+/// The pass from one set of shading points.
 pub struct Gather {
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
     work: Buffer,
 }
 
 impl Gather {
-    /// Writes `rays` and multiplies `beta` for the receivers in `list`.
+    /// Writes `rays` and multiplies `beta` for the points in `list`.
     pub fn new(
-        kernels: &Kernels,
-        frame: &Buffer,
-        receivers: &Receivers,
+        kit: &Kit,
+        points: &ShadingPoints,
         list: &List,
         rays: &Rays,
         beta: &Buffer,
-        steps: &Buffer,
+        steps: &Resources,
     ) -> Result<Self> {
-        let kernel = kernels.gather.clone();
-        let bindings = kernel.bind(&[
-            ("frame", frame.into()),
-            ("work", (&list.work).into()),
-            ("list", (&list.pixels).into()),
-            ("steps", steps.into()),
-            ("receiver_position", (&receivers.position).into()),
-            ("receiver_geometric", (&receivers.geometric).into()),
-            ("receiver_shading", (&receivers.shading).into()),
-            ("receiver_kd", (&receivers.kd).into()),
-            ("receiver_f0", (&receivers.f0).into()),
-            ("receiver_wo", (&receivers.wo).into()),
-            ("beta", beta.into()),
-            ("ray_origin", (&rays.origin).into()),
-            ("ray_direction", (&rays.direction).into()),
-        ])?;
-        Ok(Gather { kernel, bindings, work: list.work.clone() })
+        let beta = Resources::of([("beta", beta)]);
+        let sets = [&points.resources(), &list.resources(), &rays.resources(), &beta, steps];
+        Ok(Gather { kernel: kit.bind(&shaders::GATHER, &sets)?, work: list.work.clone() })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder, step: u32) -> Result<()> {
-        rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work, LIST_GROUPS)
+        self.kernel.run_listed(rec, &push(step), &self.work, LIST_GROUPS)
     }
 }
 
 /// Oracle: the ray, the throughput after it, and whether it left through the specular lobe.
 pub fn reference(frame: &layout::Frame, pixel: u32, bounce: u32, receiver: &Receiver, beta: Vec3) -> (Ray, Vec3, bool) {
+    let sample = frame.sample_of(pixel);
     let [u, v] = [0, 1].map(|d| {
-        let k = key(frame.keys[1], GATHER, pixel, 2 * bounce + d as u32);
+        let k = key(frame.keys[1], GATHER, sample, 2 * bounce + d as u32);
         if frame.has(layout::Frame::SOBOL) {
             return unit(frame.sobol[bounce as usize][2 + d] ^ hash(k));
         }
@@ -84,7 +69,7 @@ pub fn reference(frame: &layout::Frame, pixel: u32, bounce: u32, receiver: &Rece
     });
     let r = &receiver.reflectance;
     let p = r.diffuse_probability();
-    let diffuse = random_f32(key(frame.keys[0], GATHER_LOBE, pixel, bounce)) < p;
+    let diffuse = random_f32(key(frame.keys[0], GATHER_LOBE, sample, bounce)) < p;
     let (wi, weight) = r.sample_lobe(diffuse, receiver.shading, receiver.wo, u, v);
     let above = wi.dot(receiver.geometric) > 0.0 && wi.dot(receiver.shading) > 0.0;
     let weight = match (above, bounce == 0 && diffuse) {

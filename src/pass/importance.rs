@@ -30,10 +30,10 @@ use glam::Vec3;
 
 use super::layout::{self, EmitterRecord};
 use super::shade::Receiver;
-use super::{Kernels, Receivers, groups};
+use super::{BoundKernel, Kit, ShadingPoints, groups};
 use crate::bsdf::mean;
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::light::emitters::{Emitter, Emitters, Kind, spot_falloff};
 use crate::sampling::halton::radical_inverse;
 
@@ -45,44 +45,23 @@ pub const MAX_EMITTERS: u32 = 1 << 20;
 
 /// The pass.
 pub struct Importance {
-    estimate: (Kernel, Bindings),
-    scan: (Kernel, Bindings),
+    estimate: BoundKernel,
+    scan: BoundKernel,
     count: u32,
     /// [`EmitterRecord`]s with the new distribution and fluxes.
     pub emitters: Buffer,
 }
 
 impl Importance {
-    /// Reads `emitters`, distributed by power, and the primary `receivers`.
-    pub fn new(
-        context: &Context,
-        kernels: &Kernels,
-        frame: &Buffer,
-        emitters: &Buffer,
-        receivers: &Receivers,
-    ) -> Result<Self> {
+    /// Reads `emitters`, distributed by power, and what the eye sees.
+    pub fn new(kit: &Kit, emitters: &Buffer, points: &ShadingPoints) -> Result<Self> {
         let count = (emitters.bytes() / size_of::<EmitterRecord>() as u64) as u32;
-        let contributions = Buffer::new(context, "contributions", 4 * u64::from(count), Memory::Device)?;
-        let chosen = Buffer::new(context, "emitters by contribution", emitters.bytes(), Memory::Device)?;
-        let estimate = kernels.importance.bind(&[
-            ("frame", frame.into()),
-            ("emitters", emitters.into()),
-            ("receiver_position", (&receivers.position).into()),
-            ("receiver_shading", (&receivers.shading).into()),
-            ("receiver_kd", (&receivers.kd).into()),
-            ("receiver_f0", (&receivers.f0).into()),
-            ("receiver_wo", (&receivers.wo).into()),
-            ("contributions", (&contributions).into()),
-        ])?;
-        let scan = kernels.importance_scan.bind(&[
-            ("frame", frame.into()),
-            ("emitters", emitters.into()),
-            ("contributions", (&contributions).into()),
-            ("chosen", (&chosen).into()),
-        ])?;
+        let contributions = kit.array("contributions", count, 4)?;
+        let chosen = kit.array("emitters by contribution", 1, emitters.bytes())?;
+        let own = Resources::of([("contributions", &contributions), ("chosen", &chosen)]);
         Ok(Importance {
-            estimate: (kernels.importance.clone(), estimate),
-            scan: (kernels.importance_scan.clone(), scan),
+            estimate: kit.bind(&shaders::IMPORTANCE, &[&points.resources(), &own])?,
+            scan: kit.bind(&shaders::IMPORTANCE_SCAN, &[&own])?,
             count,
             emitters: chosen,
         })
@@ -90,8 +69,8 @@ impl Importance {
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        rec.dispatch(&self.estimate.0, &self.estimate.1, &[], groups(self.count))?;
-        rec.dispatch(&self.scan.0, &self.scan.1, &[], 1)
+        self.estimate.run(rec, &[], groups(self.count))?;
+        self.scan.run(rec, &[], 1)
     }
 }
 

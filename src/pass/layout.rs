@@ -23,6 +23,8 @@ pub struct Frame {
     pub pixel_offset: [f32; 4],
     /// Width, height, pixels, pass within the instance.
     pub size: [u32; 4],
+    /// Place of the view in the whole image, width and height of the whole image.
+    pub within: [u32; 4],
     /// First sequence index, particles N of a class, window rotation, delta lights.
     pub walk: [u32; 4],
     /// Keys of the pass and of the instance, bits ([`Frame::JITTER`], [`Frame::SOBOL`]), instance.
@@ -56,6 +58,14 @@ impl Frame {
     pub const JITTER: u32 = 1;
     /// Bit of `keys[2]`: points are those of Sobol' and not of Halton.
     pub const SOBOL: u32 = 2;
+
+    /// Number of a slot in the whole image, by which random numbers are drawn.
+    pub fn sample_of(&self, slot: u32) -> u32 {
+        let [width, _, pixels, _] = self.size;
+        let [x, y, whole_width, whole_height] = self.within;
+        let (second, pixel) = (slot / pixels, slot % pixels);
+        pixel % width + x + (pixel / width + y + second * whole_height) * whole_width
+    }
 
     /// Whether a bit of `keys[2]` is set.
     pub fn has(&self, bit: u32) -> bool {
@@ -206,6 +216,11 @@ impl PointLight {
     pub const DIRECTIONAL: u32 = 4;
     /// Has a specular lobe.
     pub const GLOSSY: u32 = 8;
+
+    /// Parallel light, which comes from no place.
+    pub fn is_parallel(&self) -> bool {
+        self.flags() & PointLight::DIRECTIONAL != 0
+    }
 
     /// The flags.
     pub fn flags(&self) -> u32 {

@@ -28,9 +28,9 @@
 use glam::Vec3;
 
 use super::convolve::{self, Convolve, Form, KERNEL_TEXELS, Library};
-use super::{Paths, Receivers, Sums, groups, layout, vec4s};
+use super::{BoundKernel, EyePathState, Kit, Lighting, ShadingPoints, groups, layout};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder, Staging, shaders};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
 pub use super::mirror_image::NOTHING_SEEN;
 
@@ -48,38 +48,37 @@ pub struct Lens {
     library: Library,
     /// Spreads the image.
     pub convolution: Convolve,
-    prepare: (Kernel, Bindings),
-    add: (Kernel, Bindings),
+    prepare: BoundKernel,
+    add: BoundKernel,
     pixels: u32,
 }
 
 /// What the pass reads and writes.
 pub struct Inputs<'a> {
-    /// Frame parameters.
-    pub frame: &'a Buffer,
     /// What the eye sees; `emitted` is added to.
-    pub receivers: &'a Receivers,
+    pub points: &'a ShadingPoints,
     /// Throughput and depth.
-    pub paths: &'a Paths,
+    pub paths: &'a EyePathState,
     /// Their light.
-    pub sums: &'a Sums,
+    pub lighting: &'a Lighting,
     /// Width and height of the image.
     pub size: [u32; 2],
 }
 
 impl Lens {
     /// Prepares the pass.
-    pub fn new(context: &Context, staging: &mut Staging, inputs: &Inputs) -> Result<Lens> {
+    pub fn new(kit: &Kit, inputs: &Inputs) -> Result<Lens> {
         let [width, height] = inputs.size;
         let pixels = width * height;
-        let source = vec4s(context, "sharp image", pixels)?;
-        let footprint = vec4s(context, "circles of confusion", pixels)?;
-        let region = Buffer::new(context, "lens layers", 4 * u64::from(pixels), Memory::Device)?;
-        let kernels = staging.stage(context, "lens kernel", &disc())?;
-        let library = Library::new(context, staging, &kernels, &[0])?;
+        let source = kit.vec4s("sharp image", pixels)?;
+        let footprint = kit.vec4s("circles of confusion", pixels)?;
+        let region = kit.array("lens layers", pixels, 4)?;
+        let kernel = kit.stage("lens kernel", &disc())?;
+        let mut staging = kit.staging.borrow_mut();
+        let library = Library::new(kit.context, &mut staging, &kernel, &[0])?;
         let convolution = Convolve::new(
-            context,
-            staging,
+            kit.context,
+            &mut staging,
             &convolve::Inputs {
                 library: &library,
                 source: &source,
@@ -92,31 +91,16 @@ impl Lens {
                 layers: true,
             },
         )?;
-        let (r, sums) = (inputs.receivers, inputs.sums);
-        let kernel = Kernel::new(context, &shaders::LENS)?;
-        let bindings = kernel.bind(&[
-            ("frame", inputs.frame.into()),
-            ("receiver_position", (&r.position).into()),
-            ("receiver_kd", (&r.kd).into()),
-            ("receiver_wo", (&r.wo).into()),
-            ("throughput", (&inputs.paths.throughput).into()),
-            ("direct", (&sums.direct).into()),
-            ("indirect", (&sums.indirect).into()),
-            ("specular", (&sums.specular).into()),
-            ("emitted", (&r.emitted).into()),
-            ("source", (&source).into()),
-            ("footprint", (&footprint).into()),
-            ("region", (&region).into()),
-        ])?;
-        let prepare = (kernel, bindings);
-        let kernel = Kernel::new(context, &shaders::LENS_ADD)?;
-        let bindings = kernel.bind(&[
-            ("frame", inputs.frame.into()),
-            ("source", (&source).into()),
-            ("spread", (&convolution.spread).into()),
-            ("emitted", (&r.emitted).into()),
-        ])?;
-        Ok(Lens { source, footprint, region, library, convolution, prepare, add: (kernel, bindings), pixels })
+        let own = Resources::of([
+            ("source", &source),
+            ("footprint", &footprint),
+            ("region", &region),
+            ("spread", &convolution.spread),
+        ]);
+        let (points, paths) = (inputs.points.resources(), inputs.paths.resources());
+        let sets = [&own, &points, &paths, &inputs.lighting.resources()];
+        let (prepare, add) = (kit.bind(&shaders::LENS, &sets)?, kit.bind(&shaders::LENS_ADD, &sets)?);
+        Ok(Lens { source, footprint, region, library, convolution, prepare, add, pixels })
     }
 
     /// Records what must happen once after the uploads: the kernel gets the form in which it is sampled.
@@ -133,14 +117,12 @@ impl Lens {
 
     /// The image of the pass and its circles are put together.
     pub fn record_image(&self, rec: &mut Recorder) -> Result<()> {
-        let (kernel, bindings) = &self.prepare;
-        rec.dispatch(kernel, bindings, &[], groups(self.pixels))
+        self.prepare.run(rec, &[], groups(self.pixels))
     }
 
     /// What the lens changes is added to what the pixels emit.
     pub fn record_add(&self, rec: &mut Recorder) -> Result<()> {
-        let (kernel, bindings) = &self.add;
-        rec.dispatch(kernel, bindings, &[], groups(self.pixels))
+        self.add.run(rec, &[], groups(self.pixels))
     }
 }
 

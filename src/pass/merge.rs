@@ -8,48 +8,34 @@
 use glam::Vec3;
 
 use super::schedule::LIST_GROUPS;
-use super::{Kernels, List, Paths, Receivers, Sums, accumulate};
+use super::{BoundKernel, EyePathState, Kit, Lighting, List, ShadingPoints, accumulate};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
 /// The pass.
 pub struct Merge {
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
     tiles: Buffer,
 }
 
 impl Merge {
-    /// Adds to `shown`, at the pixels of `tiles`, what their second components, lit by `sums`, send to the eye.
+    /// Adds to `shown`, at the pixels of `tiles`, what their second components, lit by `lighting`, send to the eye.
     pub fn new(
-        kernels: &Kernels,
-        frame: &Buffer,
-        receivers: &Receivers,
-        paths: &Paths,
-        sums: &Sums,
+        kit: &Kit,
+        points: &ShadingPoints,
+        paths: &EyePathState,
+        lighting: &Lighting,
         tiles: &List,
         shown: &Buffer,
     ) -> Result<Self> {
-        let kernel = kernels.merge.clone();
-        let bindings = kernel.bind(&[
-            ("frame", frame.into()),
-            ("receiver_kd", (&receivers.kd).into()),
-            ("receiver_wo", (&receivers.wo).into()),
-            ("throughput", (&paths.throughput).into()),
-            ("direct", (&sums.direct).into()),
-            ("indirect", (&sums.indirect).into()),
-            ("specular", (&sums.specular).into()),
-            ("emitted", (&receivers.emitted).into()),
-            ("work", (&tiles.work).into()),
-            ("tiles", (&tiles.pixels).into()),
-            ("shown", shown.into()),
-        ])?;
-        Ok(Merge { kernel, bindings, tiles: tiles.work.clone() })
+        let shown = Resources::of([("shown", shown)]);
+        let sets = [&points.resources(), &paths.resources(), &lighting.resources(), &tiles.as_tiles(), &shown];
+        Ok(Merge { kernel: kit.bind(&shaders::MERGE, &sets)?, tiles: tiles.work.clone() })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        rec.dispatch_indirect(&self.kernel, &self.bindings, &[], &self.tiles, LIST_GROUPS)
+        self.kernel.run_listed(rec, &[], &self.tiles, LIST_GROUPS)
     }
 }
 

@@ -36,14 +36,14 @@
 use glam::{Vec2, Vec3};
 
 use super::schedule::LIST_GROUPS;
-use super::{Kernels, List, Paths, Receivers, Sums, vec4s};
+use super::{BoundKernel, EyePathState, Kit, Lighting, List, ShadingPoints, vec4s};
 use crate::bsdf::MIN_ALPHA;
+use crate::device_scene::Finish;
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder, Staging};
+use crate::gpu::{Buffer, Context, Recorder, Resources, Staging, shaders};
 use crate::pass::convolve::MAX_LAYERS;
 use crate::pass::layout;
 use crate::scene::reflectors::Reflector;
-use crate::scene_buffers::Finish;
 use crate::superposition::kernels::{CORE_RADIUS, KernelLibrary, VIEW_ANGLES};
 use crate::superposition::lobe::Lobe;
 use crate::superposition::reflectance::{MAP_TEXELS, ReflectanceMap, fresnel_fitted_rgb};
@@ -78,22 +78,6 @@ pub struct Tables {
     pub library: KernelLibrary,
 }
 
-/// The part of [`Tables`] that eye paths look up.
-pub struct Lobes<'a> {
-    /// [`Tables::reflectors`].
-    pub reflectors: &'a Buffer,
-    /// [`Tables::lobes`].
-    pub lobes: &'a Buffer,
-}
-
-impl<'a> Lobes<'a> {
-    /// Those of the tables, or where there are none something that can be bound.
-    pub fn of(tables: Option<&'a Tables>, planes: &'a Planes) -> Lobes<'a> {
-        let none = Lobes { reflectors: &planes.region, lobes: &planes.widening };
-        tables.map_or(none, |tables| Lobes { reflectors: &tables.reflectors, lobes: &tables.lobes })
-    }
-}
-
 impl Tables {
     /// Makes them for these reflectors and their finishes. Some 200 ms of one core for each lobe that differs from the others.
     pub fn new(context: &Context, staging: &mut Staging, finishes: &[Finish], of: &[Reflector]) -> Result<Tables> {
@@ -125,6 +109,11 @@ impl Tables {
             library,
         })
     }
+
+    /// By their names in shaders, but for the kernels.
+    pub fn resources(&self) -> Resources {
+        Resources::of([("reflectors", &self.reflectors), ("lobes", &self.lobes), ("maps", &self.maps)])
+    }
 }
 
 /// A mirror image with the kernels that spread it, pixel by pixel.
@@ -153,12 +142,17 @@ pub struct Planes {
 
 impl Planes {
     /// For so many pixels.
-    pub fn new(context: &Context, pixels: u32, mirrors: bool, panes: bool) -> Result<Planes> {
+    pub fn new(kit: &Kit, pixels: u32, mirrors: bool, panes: bool) -> Result<Planes> {
         Ok(Planes {
-            region: Buffer::new(context, "region", if mirrors { 4 * u64::from(pixels) } else { 16 }, Memory::Device)?,
-            widening: vec4s(context, "widening", if mirrors { pixels } else { VIEW_ANGLES as u32 })?,
-            panes: vec4s(context, "panes", if panes { 2 * pixels } else { 2 })?,
+            region: kit.array("region", if mirrors { pixels } else { 4 }, 4)?,
+            widening: kit.vec4s("widening", if mirrors { pixels } else { VIEW_ANGLES as u32 })?,
+            panes: kit.vec4s("panes", if panes { 2 * pixels } else { 2 })?,
         })
+    }
+
+    /// By their names in shaders.
+    pub fn resources(&self) -> Resources {
+        Resources::of([("region", &self.region), ("widening", &self.widening), ("panes", &self.panes)])
     }
 }
 
@@ -172,25 +166,31 @@ impl Image {
             core_footprint: array("core footprint")?,
         })
     }
+
+    /// By their names in shaders.
+    pub fn resources(&self) -> Resources {
+        Resources::of([
+            ("source", &self.source),
+            ("footprint", &self.footprint),
+            ("core_footprint", &self.core_footprint),
+        ])
+    }
 }
 
 /// The pass.
 pub struct MirrorImage {
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
     tiles: Buffer,
 }
 
 /// What the pass reads and writes.
 pub struct Inputs<'a> {
-    /// Frame parameters.
-    pub frame: &'a Buffer,
-    /// Receivers of both components.
-    pub receivers: &'a Receivers,
+    /// Shading points of both components.
+    pub points: &'a ShadingPoints,
     /// Throughput and depth.
-    pub paths: &'a Paths,
+    pub paths: &'a EyePathState,
     /// Their light.
-    pub sums: &'a Sums,
+    pub lighting: &'a Lighting,
     /// Tiles that show mirrors, glass or glossy planes.
     pub tiles: &'a List,
     /// What eye paths noted.
@@ -204,37 +204,17 @@ pub struct Inputs<'a> {
 impl MirrorImage {
     /// Writes `image` where `region` is not 0, and clears the second components there, so that `merge` adds nothing of them; at frosted
     /// panes the first ones, so that `accumulate` does not.
-    pub fn new(kernels: &Kernels, inputs: &Inputs) -> Result<Self> {
-        let kernel = kernels.mirror_image.clone();
-        let (r, sums) = (inputs.receivers, inputs.sums);
-        let bindings = kernel.bind(&[
-            ("frame", inputs.frame.into()),
-            ("receiver_position", (&r.position).into()),
-            ("receiver_geometric", (&r.geometric).into()),
-            ("receiver_kd", (&r.kd).into()),
-            ("receiver_wo", (&r.wo).into()),
-            ("throughput", (&inputs.paths.throughput).into()),
-            ("direct", (&sums.direct).into()),
-            ("indirect", (&sums.indirect).into()),
-            ("specular", (&sums.specular).into()),
-            ("emitted", (&r.emitted).into()),
-            ("work", (&inputs.tiles.work).into()),
-            ("tiles", (&inputs.tiles.pixels).into()),
-            ("region", (&inputs.planes.region).into()),
-            ("widening", (&inputs.planes.widening).into()),
-            ("panes", (&inputs.planes.panes).into()),
-            ("reflectors", (&inputs.tables.reflectors).into()),
-            ("lobes", (&inputs.tables.lobes).into()),
-            ("source", (&inputs.image.source).into()),
-            ("footprint", (&inputs.image.footprint).into()),
-            ("core_footprint", (&inputs.image.core_footprint).into()),
-        ])?;
-        Ok(MirrorImage { kernel, bindings, tiles: inputs.tiles.work.clone() })
+    pub fn new(kit: &Kit, inputs: &Inputs) -> Result<Self> {
+        let Inputs { points, paths, lighting, tiles, planes, tables, image } = *inputs;
+        let (points, paths, lighting) = (points.resources(), paths.resources(), lighting.resources());
+        let (planes, tables, image) = (planes.resources(), tables.resources(), image.resources());
+        let sets = [&points, &paths, &lighting, &tiles.as_tiles(), &planes, &tables, &image];
+        Ok(MirrorImage { kernel: kit.bind(&shaders::MIRROR_IMAGE, &sets)?, tiles: tiles.work.clone() })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        rec.dispatch_indirect(&self.kernel, &self.bindings, &[], &self.tiles, LIST_GROUPS)
+        self.kernel.run_listed(rec, &[], &self.tiles, LIST_GROUPS)
     }
 }
 

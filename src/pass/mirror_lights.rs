@@ -36,28 +36,30 @@
 
 use glam::Vec3;
 
-use super::layout::{Frame, MirrorRecord, PointLight};
+use super::layout::{Frame, MirrorRecord, PointLight, Step};
 use super::schedule::LIST_GROUPS;
 use super::shade::{Receiver, light_towards};
 use super::trace::Trace;
-use super::{Kernels, List, Rays, Receivers, Sums, push, vec4s};
+use super::{BoundKernel, Kit, Lighting, List, Rays, ShadingPoints, push};
 use crate::accel::{Bvh, Ray, offset_origin};
 use crate::bsdf::{mean, schlick};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::path_trace::SurfacePoint;
 use crate::plan::{MirrorPlan, StepTable};
 use crate::scene::Scene;
-use crate::scene_buffers::{MirrorBuffers, SceneBuffers};
+use crate::settings::Settings;
 
-/// The pass over one set of receivers.
+/// The pass over one set of shading points.
 pub struct MirrorLights {
-    choose: (Kernel, Bindings),
-    aim: (Kernel, Bindings),
-    turn: (Kernel, Bindings),
-    light: (Kernel, Bindings),
+    choose: BoundKernel,
+    aim: BoundKernel,
+    turn: BoundKernel,
+    light: BoundKernel,
     trace: Trace,
-    steps: Vec<u32>,
+    /// A step for each of the N lights.
+    each: Vec<u32>,
+    /// Rounds of a list of rays.
     rounds: Vec<u32>,
     work: Buffer,
     classes: u32,
@@ -69,135 +71,70 @@ pub struct MirrorLights {
 
 /// What the pass reads and writes.
 pub struct Inputs<'a> {
-    /// Frame parameters.
-    pub frame: &'a Buffer,
-    /// The scene.
-    pub scene: &'a SceneBuffers,
-    /// Its mirrors.
-    pub mirrors: &'a MirrorBuffers,
     /// [`PointLight`]s of the pass.
     pub lights: &'a Buffer,
-    /// The receivers.
-    pub receivers: &'a Receivers,
+    /// The shading points.
+    pub points: &'a ShadingPoints,
     /// Which of them are lit.
     pub list: &'a List,
-    /// Rays of the receivers' slots, to be overwritten.
+    /// Rays of the points' slots, to be overwritten.
     pub rays: &'a Rays,
     /// Output.
-    pub sums: &'a Sums,
-    /// Steps.
-    pub steps: &'a Buffer,
-    /// Status.
-    pub status: &'a Buffer,
-}
-
-/// Indices into the step table.
-pub struct MirrorSteps {
-    /// For each of the N lights.
-    each: Vec<u32>,
-    /// Rounds of a list of rays.
-    rounds: Vec<u32>,
-}
-
-impl MirrorSteps {
-    /// Adds the steps; `rounds` are those of every list of rays.
-    pub fn new(table: &mut StepTable, plan: &MirrorPlan, rounds: &[u32]) -> MirrorSteps {
-        let step = |first| super::layout::Step { first, ..Default::default() };
-        MirrorSteps { each: (0..plan.each).map(|k| table.add(step(k))).collect(), rounds: rounds.to_vec() }
-    }
+    pub lighting: &'a Lighting,
+    /// Room for so many points.
+    pub slots: u32,
 }
 
 impl MirrorLights {
-    /// Adds to `sums` of the receivers on the list; room for `slots` receivers.
-    pub fn new(
-        context: &Context,
-        kernels: &Kernels,
-        plan: &MirrorPlan,
-        numbers: MirrorSteps,
-        slots: u32,
-        inputs: &Inputs,
-    ) -> Result<MirrorLights> {
-        let Inputs { frame, scene, mirrors, lights, receivers, list, rays, sums, steps, status } = *inputs;
-        let count = u64::from(plan.each * plan.classes);
-        let mirrored = Buffer::new(context, "mirrored lights", count * size_of::<PointLight>() as u64, Memory::Device)?;
-        let mirror_number = Buffer::new(context, "mirrors of lights", 4 * count, Memory::Device)?;
-        let reflectances = vec4s(context, "reflectances of mirrors", slots)?;
-        let bind = |kernel: &Kernel, named: &[(&'static str, crate::gpu::Bound)]| -> Result<(Kernel, Bindings)> {
-            Ok((kernel.clone(), kernel.bind(named)?))
-        };
-        let choose = bind(
-            &kernels.mirror_choose,
-            &[
-                ("frame", frame.into()),
-                ("lights", lights.into()),
-                ("mirrors", (&mirrors.records).into()),
-                ("mirrored", (&mirrored).into()),
-                ("mirror_number", (&mirror_number).into()),
-            ],
-        )?;
-        let of_receivers = [
-            ("frame", frame.into()),
-            ("work", (&list.work).into()),
-            ("list", (&list.pixels).into()),
-            ("steps", steps.into()),
-            ("mirrored", (&mirrored).into()),
-        ];
-        let of_choice = [
-            ("mirror_number", (&mirror_number).into()),
-            ("mirrors", (&mirrors.records).into()),
-            ("ray_origin", (&rays.origin).into()),
-            ("ray_direction", (&rays.direction).into()),
-        ];
-        let mut named = [of_receivers.as_slice(), of_choice.as_slice()].concat();
-        let points = [
-            ("receiver_position", (&receivers.position).into()),
-            ("receiver_geometric", (&receivers.geometric).into()),
-            ("receiver_shading", (&receivers.shading).into()),
-        ];
-        let aim = bind(&kernels.mirror_aim, &[named.as_slice(), &points].concat())?;
-        named.extend(scene.surface_bindings());
-        named.extend([
-            ("hits", (&rays.hits).into()),
-            ("mirror_of", (&mirrors.of_triangle).into()),
-            ("reflectances", (&reflectances).into()),
+    /// Adds to `lighting` of the points on the list.
+    pub fn new(kit: &Kit, settings: &Settings, plan: &MirrorPlan, inputs: &Inputs) -> Result<MirrorLights> {
+        let Inputs { lights, points, list, rays, lighting, slots } = *inputs;
+        let mut table = StepTable::default();
+        let each = (0..plan.each).map(|first| table.add(Step { first, ..Step::default() })).collect();
+        let rounds = table.add_list_rounds(settings);
+        let steps = table.stage(kit, "mirror steps")?;
+        let count = plan.each * plan.classes;
+        let mirrored = kit.array("mirrored lights", count, size_of::<PointLight>() as u64)?;
+        let numbers = kit.array("mirrors of lights", count, 4)?;
+        let own = Resources::of([
+            ("lights", lights),
+            ("mirrored", &mirrored),
+            ("mirror_number", &numbers),
+            ("reflectances", &kit.vec4s("reflectances of mirrors", slots)?),
         ]);
-        let turn = bind(&kernels.mirror_turn, &named)?;
-        let mut named = [of_receivers.as_slice(), &points].concat();
-        named.extend([
-            ("receiver_f0", (&receivers.f0).into()),
-            ("receiver_wo", (&receivers.wo).into()),
-            ("reflectances", (&reflectances).into()),
-            ("hits", (&rays.hits).into()),
-            ("indirect", (&sums.indirect).into()),
-            ("specular", (&sums.specular).into()),
-        ]);
-        let light = bind(&kernels.mirror_light, &named)?;
+        let (rays_set, list_set, points) = (rays.resources(), list.resources(), points.resources());
+        let sets = [&own, &rays_set, &list_set, &points, &lighting.resources(), &steps];
         Ok(MirrorLights {
-            choose,
-            aim,
-            turn,
-            light,
-            trace: Trace::new(kernels, frame, scene, rays, list, steps, status)?,
-            steps: numbers.each,
-            rounds: numbers.rounds,
+            choose: kit.bind(&shaders::MIRROR_CHOOSE, &sets)?,
+            aim: kit.bind(&shaders::MIRROR_AIM, &sets)?,
+            turn: kit.bind_surface([&shaders::MIRROR_TURN, &shaders::MIRROR_TURN_UNTEXTURED], &sets)?,
+            light: kit.bind(&shaders::MIRROR_LIGHT, &sets)?,
+            trace: Trace::new(kit, rays, list, &steps)?,
+            each,
+            rounds,
             work: list.work.clone(),
             classes: plan.classes,
             mirrored,
-            numbers: mirror_number,
+            numbers,
         })
+    }
+
+    /// Records the choice of lights and mirrors, and the light of those that were chosen.
+    pub fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.record_choice(rec)?;
+        self.record_light(rec)
     }
 
     /// Records the choice of lights and mirrors.
     pub fn record_choice(&self, rec: &mut Recorder) -> Result<()> {
-        rec.dispatch(&self.choose.0, &self.choose.1, &[], u64::from(self.classes))
+        self.choose.run(rec, &[], u64::from(self.classes))
     }
 
     /// Records the light of those that were chosen.
     pub fn record_light(&self, rec: &mut Recorder) -> Result<()> {
-        for &step in &self.steps {
-            let run = |rec: &mut Recorder, (kernel, bindings): &(Kernel, Bindings)| {
-                rec.dispatch_indirect(kernel, bindings, &push(step), &self.work, LIST_GROUPS)
-            };
+        for &step in &self.each {
+            let run =
+                |rec: &mut Recorder, kernel: &BoundKernel| kernel.run_listed(rec, &push(step), &self.work, LIST_GROUPS);
             run(rec, &self.aim)?;
             self.trace.record(rec, &self.rounds, None)?;
             run(rec, &self.turn)?;

@@ -1,10 +1,13 @@
 //! The passes of a frame, one file each with its shader of the same stem (`shade`, `trace` and `importance` have a second one,
 //! `clusters`, `sort`, `tiles`, `photon_grid` and `mirror_lights` one for each of their steps), in the order of `frame.rs`.
 //!
+//! Passes are made from a [`Kit`], which has what all of them may bind, and from the buffers of the stage that owns them.
+//!
 //! A pass file reads: what it computes and from which equation, its named inputs and outputs, `record`, and `reference`,
 //! the CPU oracle that the tests hold the shader against.
 
 pub mod accumulate;
+pub mod atlas;
 pub mod camera_rays;
 pub mod clusters;
 pub mod collect;
@@ -37,10 +40,14 @@ pub mod visibility;
 pub mod walk_reflect;
 pub mod walk_start;
 
-use ash::vk;
+use std::cell::RefCell;
 
+use ash::vk;
+use bytemuck::Pod;
+
+use crate::device_scene::DeviceScene;
 use crate::error::{Error, Result};
-use crate::gpu::{Buffer, Context, Kernel, Memory, Shader, shaders};
+use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder, Resources, Shader, Staging, shaders};
 use crate::settings::Traversal;
 
 /// Invocations of a workgroup, in every pass but `schedule` and the cluster form of `shade`.
@@ -61,104 +68,183 @@ pub(crate) fn vec4s(context: &Context, name: &str, count: u32) -> Result<Buffer>
     Buffer::new(context, name, 16 * u64::from(count), Memory::Device)
 }
 
+/// What passes are made from: the device, uploads to come, and the resources that any kernel may use by name (the frame's
+/// parameters and status, the scene).
+pub struct Kit<'a> {
+    /// The device.
+    pub context: &'a Context,
+    /// Uploads that will be recorded before the first frame.
+    pub staging: RefCell<&'a mut Staging>,
+    /// Resources of all passes.
+    pub shared: Resources,
+    /// The scene has textures, so kernels look them up.
+    pub textured: bool,
+    /// Which forms of the kernels that trace rays are made.
+    pub traversal: Traversal,
+}
+
+impl<'a> Kit<'a> {
+    /// For passes over a scene, besides `own` resources.
+    pub fn new(
+        context: &'a Context,
+        staging: &'a mut Staging,
+        scene: &DeviceScene,
+        traversal: Traversal,
+        own: &Resources,
+    ) -> Kit<'a> {
+        Kit {
+            context,
+            staging: RefCell::new(staging),
+            shared: scene.resources().and(own),
+            textured: scene.textured,
+            traversal,
+        }
+    }
+
+    /// Makes a kernel and binds what it declares, from `sets` or else from the shared resources.
+    pub fn bind(&self, shader: &'static Shader, sets: &[&Resources]) -> Result<BoundKernel> {
+        Ok(BoundKernel(Kernel::new(self.context, shader)?.bind_from(sets, &self.shared)?))
+    }
+
+    /// The same for a kernel that looks up materials, in its variant with textures or without.
+    pub fn bind_surface(&self, [textured, plain]: [&'static Shader; 2], sets: &[&Resources]) -> Result<BoundKernel> {
+        self.bind(if self.textured { textured } else { plain }, sets)
+    }
+
+    /// A device buffer whose content is uploaded before the first frame.
+    pub fn stage<T: Pod>(&self, name: &str, data: &[T]) -> Result<Buffer> {
+        self.staging.borrow_mut().stage(self.context, name, data)
+    }
+
+    /// A device buffer of `count` elements of `bytes` bytes.
+    pub fn array(&self, name: &str, count: u32, bytes: u64) -> Result<Buffer> {
+        Buffer::new(self.context, name, bytes * u64::from(count), Memory::Device)
+    }
+
+    /// A device buffer of `count` elements of 16 bytes.
+    pub fn vec4s(&self, name: &str, count: u32) -> Result<Buffer> {
+        vec4s(self.context, name, count)
+    }
+
+    /// The counts of a list that the device fills.
+    pub fn work(&self, name: &str) -> Result<Buffer> {
+        self.array(name, 1, size_of::<layout::Work>() as u64)
+    }
+}
+
+/// A kernel with what is bound to it.
+#[derive(Clone)]
+pub struct BoundKernel(Bindings);
+
+impl BoundKernel {
+    /// Records `groups` workgroups.
+    pub fn run(&self, rec: &mut Recorder, push: &[u8], groups: u64) -> Result<()> {
+        rec.dispatch(self.0.kernel(), &self.0, push, groups)
+    }
+
+    /// Records as many workgroups as a [`layout::Work`] says at `offset`.
+    pub fn run_listed(&self, rec: &mut Recorder, push: &[u8], work: &Buffer, offset: u64) -> Result<()> {
+        rec.dispatch_indirect(self.0.kernel(), &self.0, push, work, offset)
+    }
+}
+
 /// A kernel that traces rays, in its two forms.
-pub struct Forms {
+#[derive(Clone, Copy)]
+pub struct TraversalKernels {
     /// An invocation traces a ray.
-    pub single: Kernel,
+    pub single: &'static Shader,
     /// A subgroup traces a cluster; `None`: rays are traced one by one.
-    pub cluster: Option<Kernel>,
+    pub cluster: Option<&'static Shader>,
     /// The cluster form counts what it meets.
     pub count: bool,
 }
 
-impl Forms {
+/// The cluster form of a kernel for subgroups of 4, 8, 16, 32 and 64.
+type BySubgroup = [&'static Shader; 5];
+
+impl TraversalKernels {
     /// Those of the pass `shade`.
-    pub fn shade(context: &Context, traversal: Traversal) -> Result<Forms> {
-        let clusters = [
-            (4, &shaders::SHADE_CLUSTER_4),
-            (8, &shaders::SHADE_CLUSTER_8),
-            (16, &shaders::SHADE_CLUSTER_16),
-            (32, &shaders::SHADE_CLUSTER_32),
-            (64, &shaders::SHADE_CLUSTER_64),
+    pub fn shade(context: &Context, traversal: Traversal) -> Result<TraversalKernels> {
+        const CLUSTERS: BySubgroup = [
+            &shaders::SHADE_CLUSTER_4,
+            &shaders::SHADE_CLUSTER_8,
+            &shaders::SHADE_CLUSTER_16,
+            &shaders::SHADE_CLUSTER_32,
+            &shaders::SHADE_CLUSTER_64,
         ];
-        Forms::new(context, traversal, &shaders::SHADE, &clusters)
+        TraversalKernels::new(context, traversal, &shaders::SHADE, CLUSTERS)
     }
 
     /// Those of the pass `trace`.
-    pub fn trace(context: &Context, traversal: Traversal) -> Result<Forms> {
-        let clusters = [
-            (4, &shaders::TRACE_CLUSTER_4),
-            (8, &shaders::TRACE_CLUSTER_8),
-            (16, &shaders::TRACE_CLUSTER_16),
-            (32, &shaders::TRACE_CLUSTER_32),
-            (64, &shaders::TRACE_CLUSTER_64),
+    pub fn trace(context: &Context, traversal: Traversal) -> Result<TraversalKernels> {
+        const CLUSTERS: BySubgroup = [
+            &shaders::TRACE_CLUSTER_4,
+            &shaders::TRACE_CLUSTER_8,
+            &shaders::TRACE_CLUSTER_16,
+            &shaders::TRACE_CLUSTER_32,
+            &shaders::TRACE_CLUSTER_64,
         ];
-        Forms::new(context, traversal, &shaders::TRACE, &clusters)
+        TraversalKernels::new(context, traversal, &shaders::TRACE, CLUSTERS)
     }
 
-    /// Those of the pass `visibility`.
-    pub fn visibility(context: &Context, traversal: Traversal) -> Result<Forms> {
-        let clusters = [
-            (4, &shaders::VISIBILITY_CLUSTER_4),
-            (8, &shaders::VISIBILITY_CLUSTER_8),
-            (16, &shaders::VISIBILITY_CLUSTER_16),
-            (32, &shaders::VISIBILITY_CLUSTER_32),
-            (64, &shaders::VISIBILITY_CLUSTER_64),
+    /// Those of the pass `visibility`, to point lights or to area lights.
+    pub fn visibility(context: &Context, traversal: Traversal, area: bool) -> Result<TraversalKernels> {
+        const CLUSTERS: BySubgroup = [
+            &shaders::VISIBILITY_CLUSTER_4,
+            &shaders::VISIBILITY_CLUSTER_8,
+            &shaders::VISIBILITY_CLUSTER_16,
+            &shaders::VISIBILITY_CLUSTER_32,
+            &shaders::VISIBILITY_CLUSTER_64,
         ];
-        Forms::new(context, traversal, &shaders::VISIBILITY, &clusters)
-    }
-
-    /// Those of the pass `visibility` for area lights.
-    pub fn visibility_area(context: &Context, traversal: Traversal) -> Result<Forms> {
-        let clusters = [
-            (4, &shaders::VISIBILITY_AREA_CLUSTER_4),
-            (8, &shaders::VISIBILITY_AREA_CLUSTER_8),
-            (16, &shaders::VISIBILITY_AREA_CLUSTER_16),
-            (32, &shaders::VISIBILITY_AREA_CLUSTER_32),
-            (64, &shaders::VISIBILITY_AREA_CLUSTER_64),
+        const AREA_CLUSTERS: BySubgroup = [
+            &shaders::VISIBILITY_AREA_CLUSTER_4,
+            &shaders::VISIBILITY_AREA_CLUSTER_8,
+            &shaders::VISIBILITY_AREA_CLUSTER_16,
+            &shaders::VISIBILITY_AREA_CLUSTER_32,
+            &shaders::VISIBILITY_AREA_CLUSTER_64,
         ];
-        Forms::new(context, traversal, &shaders::VISIBILITY_AREA, &clusters)
+        match area {
+            false => TraversalKernels::new(context, traversal, &shaders::VISIBILITY, CLUSTERS),
+            true => TraversalKernels::new(context, traversal, &shaders::VISIBILITY_AREA, AREA_CLUSTERS),
+        }
     }
 
     /// Those of the pass `visibility` that count what clusters meet.
-    pub fn counters(context: &Context) -> Result<Forms> {
-        let clusters = [
-            (4, &shaders::COUNTERS_4),
-            (8, &shaders::COUNTERS_8),
-            (16, &shaders::COUNTERS_16),
-            (32, &shaders::COUNTERS_32),
-            (64, &shaders::COUNTERS_64),
+    pub fn counters(context: &Context, area: bool) -> Result<TraversalKernels> {
+        const CLUSTERS: BySubgroup = [
+            &shaders::COUNTERS_4,
+            &shaders::COUNTERS_8,
+            &shaders::COUNTERS_16,
+            &shaders::COUNTERS_32,
+            &shaders::COUNTERS_64,
         ];
-        let forms = Forms::new(context, Traversal::Cluster, &shaders::VISIBILITY, &clusters)?;
-        Ok(Forms { count: true, ..forms })
+        const AREA_CLUSTERS: BySubgroup = [
+            &shaders::COUNTERS_AREA_4,
+            &shaders::COUNTERS_AREA_8,
+            &shaders::COUNTERS_AREA_16,
+            &shaders::COUNTERS_AREA_32,
+            &shaders::COUNTERS_AREA_64,
+        ];
+        let (single, clusters) = match area {
+            false => (&shaders::VISIBILITY, CLUSTERS),
+            true => (&shaders::VISIBILITY_AREA, AREA_CLUSTERS),
+        };
+        let kernels = TraversalKernels::new(context, Traversal::Cluster, single, clusters)?;
+        Ok(TraversalKernels { count: true, ..kernels })
     }
 
-    /// The same for area lights.
-    pub fn counters_area(context: &Context) -> Result<Forms> {
-        let clusters = [
-            (4, &shaders::COUNTERS_AREA_4),
-            (8, &shaders::COUNTERS_AREA_8),
-            (16, &shaders::COUNTERS_AREA_16),
-            (32, &shaders::COUNTERS_AREA_32),
-            (64, &shaders::COUNTERS_AREA_64),
-        ];
-        let forms = Forms::new(context, Traversal::Cluster, &shaders::VISIBILITY_AREA, &clusters)?;
-        Ok(Forms { count: true, ..forms })
-    }
-
-    /// `clusters`: shaders by the size of the subgroup.
     fn new(
         context: &Context,
         traversal: Traversal,
         single: &'static Shader,
-        clusters: &[(u32, &'static Shader)],
-    ) -> Result<Forms> {
+        clusters: BySubgroup,
+    ) -> Result<TraversalKernels> {
         let info = context.info();
         let operations = vk::SubgroupFeatureFlags::BASIC | vk::SubgroupFeatureFlags::SHUFFLE;
         let able = info.subgroup_operations.contains(operations);
-        let shader = clusters.iter().find(|(size, _)| able && *size == info.subgroup_size);
-        let cluster = match (traversal, shader) {
-            (Traversal::Auto | Traversal::Cluster, Some((_, shader))) => Some(Kernel::new(context, shader)?),
+        let of_size = [4, 8, 16, 32, 64].iter().zip(clusters).find(|(size, _)| able && **size == info.subgroup_size);
+        let cluster = match (traversal, of_size) {
+            (Traversal::Auto | Traversal::Cluster, Some((_, shader))) => Some(shader),
             (Traversal::Auto, None) | (Traversal::Single, _) => None,
             (Traversal::Cluster, None) => {
                 let size = info.subgroup_size;
@@ -171,145 +257,7 @@ impl Forms {
                 });
             }
         };
-        Ok(Forms { single: Kernel::new(context, single)?, cluster, count: false })
-    }
-}
-
-/// The compiled shaders, shared by all passes that run them.
-pub struct Kernels {
-    /// `accumulate.wgsl`
-    pub accumulate: Kernel,
-    /// `camera_rays.wgsl`
-    pub camera_rays: Kernel,
-    /// `clusters_fill.wgsl`
-    pub clusters_fill: Kernel,
-    /// `clusters_list.wgsl`
-    pub clusters_list: Kernel,
-    /// `clusters_mark.wgsl`
-    pub clusters_mark: Kernel,
-    /// `collect.wgsl`
-    pub collect: Kernel,
-    /// `delta_choice.wgsl`
-    pub delta_choice: Kernel,
-    /// `eye_paths.wgsl`
-    pub eye_paths: Kernel,
-    /// `gather.wgsl`
-    pub gather: Kernel,
-    /// `importance.wgsl`
-    pub importance: Kernel,
-    /// `importance_scan.wgsl`
-    pub importance_scan: Kernel,
-    /// `merge.wgsl`
-    pub merge: Kernel,
-    /// `mirror_image.wgsl`
-    pub mirror_image: Kernel,
-    /// `mirror_aim.wgsl`
-    pub mirror_aim: Kernel,
-    /// `mirror_choose.wgsl`
-    pub mirror_choose: Kernel,
-    /// `mirror_light.wgsl`
-    pub mirror_light: Kernel,
-    /// `mirror_turn.wgsl`
-    pub mirror_turn: Kernel,
-    /// `photon_cells.wgsl`
-    pub photon_cells: Kernel,
-    /// `photon_find.wgsl`
-    pub photon_find: Kernel,
-    /// `photon_follow.wgsl`
-    pub photon_follow: Kernel,
-    /// `photon_keys.wgsl`
-    pub photon_keys: Kernel,
-    /// `photon_light.wgsl`
-    pub photon_light: Kernel,
-    /// `photon_start.wgsl`
-    pub photon_start: Kernel,
-    /// `receivers.wgsl`
-    pub receivers: Kernel,
-    /// `resolve.wgsl`
-    pub resolve: Kernel,
-    /// `schedule.wgsl`
-    pub schedule: Kernel,
-    /// `shade.wgsl` and `shade_cluster.wgsl`
-    pub shade: Forms,
-    /// `sort_classes.wgsl`
-    pub sort_classes: Kernel,
-    /// `sort_keys.wgsl`
-    pub sort_keys: Kernel,
-    /// `sort_count.wgsl`
-    pub sort_count: Kernel,
-    /// `sort_sum.wgsl`
-    pub sort_sum: Kernel,
-    /// `sort_scan.wgsl`
-    pub sort_scan: Kernel,
-    /// `sort_scatter.wgsl`
-    pub sort_scatter: Kernel,
-    /// `summands.wgsl`
-    pub summands: Kernel,
-    /// `superpose.wgsl`
-    pub superpose: Kernel,
-    /// `tiles_mark.wgsl`
-    pub tiles_mark: Kernel,
-    /// `tiles_list.wgsl`
-    pub tiles_list: Kernel,
-    /// `trace.wgsl` and `trace_cluster.wgsl`
-    pub trace: Forms,
-    /// `walk_reflect.wgsl`
-    pub walk_reflect: Kernel,
-    /// `walk_start.wgsl`
-    pub walk_start: Kernel,
-}
-
-impl Kernels {
-    /// Creates the pipelines for any scene.
-    pub fn new(context: &Context, traversal: Traversal) -> Result<Kernels> {
-        Self::for_scene(context, traversal, true)
-    }
-
-    /// Creates the pipelines for scenes that are `textured`, or for those that are not.
-    pub fn for_scene(context: &Context, traversal: Traversal, textured: bool) -> Result<Kernels> {
-        let surface = |with: &'static Shader, without| Kernel::new(context, if textured { with } else { without });
-        Ok(Kernels {
-            accumulate: Kernel::new(context, &shaders::ACCUMULATE)?,
-            camera_rays: Kernel::new(context, &shaders::CAMERA_RAYS)?,
-            clusters_fill: Kernel::new(context, &shaders::CLUSTERS_FILL)?,
-            clusters_list: Kernel::new(context, &shaders::CLUSTERS_LIST)?,
-            clusters_mark: Kernel::new(context, &shaders::CLUSTERS_MARK)?,
-            collect: Kernel::new(context, &shaders::COLLECT)?,
-            delta_choice: Kernel::new(context, &shaders::DELTA_CHOICE)?,
-            eye_paths: surface(&shaders::EYE_PATHS, &shaders::EYE_PATHS_UNTEXTURED)?,
-            gather: Kernel::new(context, &shaders::GATHER)?,
-            importance: Kernel::new(context, &shaders::IMPORTANCE)?,
-            importance_scan: Kernel::new(context, &shaders::IMPORTANCE_SCAN)?,
-            merge: Kernel::new(context, &shaders::MERGE)?,
-            mirror_image: Kernel::new(context, &shaders::MIRROR_IMAGE)?,
-            mirror_aim: Kernel::new(context, &shaders::MIRROR_AIM)?,
-            mirror_choose: Kernel::new(context, &shaders::MIRROR_CHOOSE)?,
-            mirror_light: Kernel::new(context, &shaders::MIRROR_LIGHT)?,
-            mirror_turn: surface(&shaders::MIRROR_TURN, &shaders::MIRROR_TURN_UNTEXTURED)?,
-            photon_cells: Kernel::new(context, &shaders::PHOTON_CELLS)?,
-            photon_find: Kernel::new(context, &shaders::PHOTON_FIND)?,
-            photon_follow: surface(&shaders::PHOTON_FOLLOW, &shaders::PHOTON_FOLLOW_UNTEXTURED)?,
-            photon_keys: Kernel::new(context, &shaders::PHOTON_KEYS)?,
-            photon_light: Kernel::new(context, &shaders::PHOTON_LIGHT)?,
-            photon_start: Kernel::new(context, &shaders::PHOTON_START)?,
-            receivers: surface(&shaders::RECEIVERS, &shaders::RECEIVERS_UNTEXTURED)?,
-            resolve: Kernel::new(context, &shaders::RESOLVE)?,
-            schedule: Kernel::new(context, &shaders::SCHEDULE)?,
-            shade: Forms::shade(context, traversal)?,
-            sort_classes: Kernel::new(context, &shaders::SORT_CLASSES)?,
-            sort_keys: Kernel::new(context, &shaders::SORT_KEYS)?,
-            sort_count: Kernel::new(context, &shaders::SORT_COUNT)?,
-            sort_sum: Kernel::new(context, &shaders::SORT_SUM)?,
-            sort_scan: Kernel::new(context, &shaders::SORT_SCAN)?,
-            sort_scatter: Kernel::new(context, &shaders::SORT_SCATTER)?,
-            summands: Kernel::new(context, &shaders::SUMMANDS)?,
-            superpose: Kernel::new(context, &shaders::SUPERPOSE)?,
-            tiles_mark: Kernel::new(context, &shaders::TILES_MARK)?,
-            tiles_list: Kernel::new(context, &shaders::TILES_LIST)?,
-            trace: Forms::trace(context, traversal)?,
-            walk_reflect: surface(&shaders::WALK_REFLECT, &shaders::WALK_REFLECT_UNTEXTURED)?,
-            walk_start: Kernel::new(context, &shaders::WALK_START)?,
-        })
+        Ok(TraversalKernels { single, cluster, count: false })
     }
 }
 
@@ -336,11 +284,21 @@ impl Rays {
             progress: Buffer::new(context, &format!("{name} progress"), 8 * u64::from(count), Memory::Device)?,
         })
     }
+
+    /// By their names in shaders.
+    pub fn resources(&self) -> Resources {
+        Resources::of([
+            ("ray_origin", &self.origin),
+            ("ray_direction", &self.direction),
+            ("hits", &self.hits),
+            ("progress", &self.progress),
+        ])
+    }
 }
 
 /// What eye paths carry to their receivers.
 #[derive(Clone)]
-pub struct Paths {
+pub struct EyePathState {
     /// Throughput of the mirrors and glass on the way; w: depth along the direction of view, as if the way were straight, and
     /// negative where the eye's own ray met nothing.
     pub throughput: Buffer,
@@ -348,19 +306,24 @@ pub struct Paths {
     pub media: Buffer,
 }
 
-impl Paths {
+impl EyePathState {
     /// Room for `count` paths, `ideal` of which may meet mirrors and glass.
-    pub fn new(context: &Context, count: u32, ideal: u32) -> Result<Paths> {
-        Ok(Paths {
+    pub fn new(context: &Context, count: u32, ideal: u32) -> Result<EyePathState> {
+        Ok(EyePathState {
             throughput: vec4s(context, "eye throughput", count)?,
             media: vec4s(context, "eye media", ideal.max(1))?,
         })
+    }
+
+    /// By their names in shaders.
+    pub fn resources(&self) -> Resources {
+        Resources::of([("throughput", &self.throughput), ("media", &self.media)])
     }
 }
 
 /// Receivers, slot by slot; `shaders/include/receiver.wgsl` says what each array holds.
 #[derive(Clone)]
-pub struct Receivers {
+pub struct ShadingPoints {
     /// Points; w: distance along the ray, negative where it hit nothing.
     pub position: Buffer,
     /// Geometric normals; w: f90.
@@ -378,11 +341,11 @@ pub struct Receivers {
     pub emitted: Buffer,
 }
 
-impl Receivers {
+impl ShadingPoints {
     /// Room for `count` receivers.
-    pub fn new(context: &Context, name: &str, count: u32) -> Result<Receivers> {
+    pub fn new(context: &Context, name: &str, count: u32) -> Result<ShadingPoints> {
         let array = |what: &str| vec4s(context, &format!("{name} {what}"), count);
-        Ok(Receivers {
+        Ok(ShadingPoints {
             position: array("position")?,
             geometric: array("geometric normal")?,
             shading: array("shading normal")?,
@@ -392,11 +355,24 @@ impl Receivers {
             emitted: array("emitted")?,
         })
     }
+
+    /// By their names in shaders.
+    pub fn resources(&self) -> Resources {
+        Resources::of([
+            ("receiver_position", &self.position),
+            ("receiver_geometric", &self.geometric),
+            ("receiver_shading", &self.shading),
+            ("receiver_kd", &self.kd),
+            ("receiver_f0", &self.f0),
+            ("receiver_wo", &self.wo),
+            ("emitted", &self.emitted),
+        ])
+    }
 }
 
 /// Light that arrives at receivers, in parallel arrays.
 #[derive(Clone)]
-pub struct Sums {
+pub struct Lighting {
     /// Irradiance from the emitters.
     pub direct: Buffer,
     /// Irradiance from everything else.
@@ -405,11 +381,16 @@ pub struct Sums {
     pub specular: Buffer,
 }
 
-impl Sums {
+impl Lighting {
     /// Room for `count` receivers.
-    pub fn new(context: &Context, name: &str, count: u32) -> Result<Sums> {
+    pub fn new(context: &Context, name: &str, count: u32) -> Result<Lighting> {
         let array = |what: &str| vec4s(context, &format!("{name} {what}"), count);
-        Ok(Sums { direct: array("direct")?, indirect: array("indirect")?, specular: array("specular")? })
+        Ok(Lighting { direct: array("direct")?, indirect: array("indirect")?, specular: array("specular")? })
+    }
+
+    /// By their names in shaders.
+    pub fn resources(&self) -> Resources {
+        Resources::of([("direct", &self.direct), ("indirect", &self.indirect), ("specular", &self.specular)])
     }
 }
 
@@ -417,7 +398,34 @@ impl Sums {
 #[derive(Clone)]
 pub struct List {
     /// Slots: pixels, and after them the pixels' second components. Or numbers of tiles.
-    pub pixels: Buffer,
+    pub entries: Buffer,
     /// A [`layout::Work`].
     pub work: Buffer,
+}
+
+impl List {
+    /// A list that writes to `entries`, with counts of its own.
+    pub fn new(kit: &Kit, name: &str, entries: &Buffer) -> Result<List> {
+        Ok(List { entries: entries.clone(), work: kit.work(&format!("{name} work"))? })
+    }
+
+    /// As the one list of a kernel.
+    pub fn resources(&self) -> Resources {
+        Resources::of([("list", &self.entries), ("work", &self.work)])
+    }
+
+    /// As the list that a kernel reads.
+    pub fn as_input(&self) -> Resources {
+        Resources::of([("list_in", &self.entries), ("work_in", &self.work)])
+    }
+
+    /// As the list that a kernel fills.
+    pub fn as_output(&self) -> Resources {
+        Resources::of([("list_out", &self.entries), ("work_out", &self.work)])
+    }
+
+    /// As a list of tiles.
+    pub fn as_tiles(&self) -> Resources {
+        Resources::of([("tiles", &self.entries), ("work", &self.work)])
+    }
 }

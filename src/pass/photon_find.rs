@@ -13,48 +13,35 @@ use super::layout::Frame;
 use super::photon_grid::{self, Grid};
 use super::schedule::{LIST_GROUPS, Schedule};
 use super::sort::class_of;
-use super::{Kernels, List, Receivers};
+use super::{BoundKernel, Kit, List, ShadingPoints};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
 /// The pass.
 pub struct PhotonFind {
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
     schedule: Schedule,
     work: Buffer,
 }
 
 impl PhotonFind {
     /// Appends to `found` from `list`; gaps in it are left out.
-    #[allow(clippy::too_many_arguments)]
     pub fn new(
-        kernels: &Kernels,
-        frame: &Buffer,
-        receivers: &Receivers,
+        kit: &Kit,
+        points: &ShadingPoints,
         list: &List,
         grid: &Grid,
         found: &List,
-        steps: &Buffer,
-        status: &Buffer,
+        steps: &Resources,
     ) -> Result<Self> {
-        let kernel = kernels.photon_find.clone();
-        let bindings = kernel.bind(&[
-            ("frame", frame.into()),
-            ("work", (&list.work).into()),
-            ("list", (&list.pixels).into()),
-            ("receiver_position", (&receivers.position).into()),
-            ("near", (&grid.near).into()),
-            ("found", (&found.pixels).into()),
-            ("found_work", (&found.work).into()),
-        ])?;
-        let schedule = Schedule::new(kernels, &found.work, steps, status)?;
-        Ok(PhotonFind { kernel, bindings, schedule, work: list.work.clone() })
+        let own = Resources::of([("near", &grid.near), ("found", &found.entries), ("found_work", &found.work)]);
+        let kernel = kit.bind(&shaders::PHOTON_FIND, &[&points.resources(), &list.resources(), &own])?;
+        Ok(PhotonFind { kernel, schedule: Schedule::new(kit, &found.work, steps)?, work: list.work.clone() })
     }
 
     /// Records the pass; `step` is that of a list that was just filled.
     pub fn record(&self, rec: &mut Recorder, step: u32) -> Result<()> {
-        rec.dispatch_indirect(&self.kernel, &self.bindings, &[], &self.work, LIST_GROUPS)?;
+        self.kernel.run_listed(rec, &[], &self.work, LIST_GROUPS)?;
         self.schedule.record(rec, step)
     }
 }

@@ -26,34 +26,24 @@ use glam::Vec3;
 
 use super::receivers::SurfacePoint;
 use super::schedule::LIST_GROUPS;
-use super::{Kernels, List, Rays, groups, layout, push};
+use super::{BoundKernel, Kit, List, Rays, groups, layout, push};
 use crate::accel::{Ray, offset_origin};
 use crate::bsdf::Normals;
 use crate::bsdf::ideal::{Media, ways};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::sampling::dimensions::PHOTON_COMPONENT;
 use crate::sampling::random::{key, random_f32};
 use crate::scene::Scene;
-use crate::scene_buffers::SceneBuffers;
 
 /// One step of all photons.
 pub struct PhotonFollow {
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
     work_in: Buffer,
 }
 
 /// What the pass reads and writes.
 pub struct Inputs<'a> {
-    /// Frame parameters.
-    pub frame: &'a Buffer,
-    /// The scene.
-    pub scene: &'a SceneBuffers,
-    /// For each triangle the number of its target + 1, or 0.
-    pub target_of: &'a Buffer,
-    /// For each triangle the number of its planar mirror + 1, or 0; looked at where steps say that there are mirrored lights.
-    pub mirror_of: &'a Buffer,
     /// Traced rays; those that go on.
     pub rays: &'a Rays,
     /// Flux; w: bits of the target + 1.
@@ -68,41 +58,24 @@ pub struct Inputs<'a> {
     pub list_in: &'a List,
     /// Photons to be traced.
     pub list_out: &'a List,
-    /// Steps.
-    pub steps: &'a Buffer,
 }
 
 impl PhotonFollow {
     /// Replaces `rays` that met a mirror or glass and puts them on `list_out`; stores the others.
-    pub fn new(kernels: &Kernels, inputs: &Inputs) -> Result<Self> {
-        let kernel = kernels.photon_follow.clone();
-        let mut named = inputs.scene.surface_bindings();
-        named.extend([
-            ("frame", inputs.frame.into()),
-            ("work_in", (&inputs.list_in.work).into()),
-            ("list_in", (&inputs.list_in.pixels).into()),
-            ("work_out", (&inputs.list_out.work).into()),
-            ("list_out", (&inputs.list_out.pixels).into()),
-            ("steps", inputs.steps.into()),
-            ("hits", (&inputs.rays.hits).into()),
-            ("ray_origin", (&inputs.rays.origin).into()),
-            ("ray_direction", (&inputs.rays.direction).into()),
-            ("flux", inputs.flux.into()),
-            ("media", inputs.media.into()),
-            ("photon_position", inputs.position.into()),
-            ("photon_normal", inputs.normal.into()),
-            ("target_of", inputs.target_of.into()),
-            ("mirror_of", inputs.mirror_of.into()),
-        ]);
-        let bindings = kernel.bind(&named)?;
-        Ok(PhotonFollow { kernel, bindings, work_in: inputs.list_in.work.clone() })
+    pub fn new(kit: &Kit, inputs: &Inputs, steps: &Resources) -> Result<Self> {
+        let Inputs { rays, flux, media, position, normal, list_in, list_out } = *inputs;
+        let own =
+            Resources::of([("flux", flux), ("media", media), ("photon_position", position), ("photon_normal", normal)]);
+        let sets = [&rays.resources(), &list_in.as_input(), &list_out.as_output(), &own, steps];
+        let shaders = [&shaders::PHOTON_FOLLOW, &shaders::PHOTON_FOLLOW_UNTEXTURED];
+        Ok(PhotonFollow { kernel: kit.bind_surface(shaders, &sets)?, work_in: list_in.work.clone() })
     }
 
     /// Records the step over the photons of the list; the first over all, `count`.
     pub fn record(&self, rec: &mut Recorder, step: u32, count: Option<u32>) -> Result<()> {
         match count {
-            Some(count) => rec.dispatch(&self.kernel, &self.bindings, &push(step), groups(count)),
-            None => rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work_in, LIST_GROUPS),
+            Some(count) => self.kernel.run(rec, &push(step), groups(count)),
+            None => self.kernel.run_listed(rec, &push(step), &self.work_in, LIST_GROUPS),
         }
     }
 }

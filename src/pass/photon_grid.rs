@@ -20,9 +20,9 @@ use glam::Vec3;
 use super::layout::Frame;
 use super::photon_start::class_of;
 use super::sort::{Sort, SortBuffers, SortSteps};
-use super::{Kernels, List, Rays, groups, vec4s};
+use super::{BoundKernel, Kit, List, Rays, groups};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::plan::PhotonPlan;
 use crate::sampling::random::hash;
 
@@ -50,28 +50,36 @@ pub struct Grid {
 
 impl Grid {
     /// Room for the photons of a plan.
-    pub fn new(context: &Context, plan: &PhotonPlan) -> Result<Grid> {
-        let device = |name: &str, bytes: u64| Buffer::new(context, name, bytes, Memory::Device);
-        let count = plan.total();
+    pub fn new(kit: &Kit, plan: &PhotonPlan) -> Result<Grid> {
+        let (count, buckets) = (plan.total(), 1 << plan.bucket_bits());
         Ok(Grid {
-            list: List {
-                pixels: device("photon order", 4 * u64::from(count))?,
-                work: device("photon grid work", size_of::<super::layout::Work>() as u64)?,
-            },
-            position: vec4s(context, "sorted photon position", count)?,
-            normal: vec4s(context, "sorted photon normal", count)?,
-            wi: vec4s(context, "sorted photon wi", count)?,
-            flux: vec4s(context, "sorted photon flux", count)?,
-            buckets: device("photon buckets", 8 << plan.bucket_bits())?,
-            near: device("photons near", 2 << plan.bucket_bits())?,
+            list: List::new(kit, "photon grid", &kit.array("photon order", count, 4)?)?,
+            position: kit.vec4s("sorted photon position", count)?,
+            normal: kit.vec4s("sorted photon normal", count)?,
+            wi: kit.vec4s("sorted photon wi", count)?,
+            flux: kit.vec4s("sorted photon flux", count)?,
+            buckets: kit.array("photon buckets", buckets, 8)?,
+            near: kit.array("photons near", buckets, 2)?,
         })
+    }
+
+    /// By their names in shaders, but for the list.
+    pub fn resources(&self) -> Resources {
+        Resources::of([
+            ("sorted_position", &self.position),
+            ("sorted_normal", &self.normal),
+            ("sorted_wi", &self.wi),
+            ("sorted_flux", &self.flux),
+            ("buckets", &self.buckets),
+            ("near", &self.near),
+        ])
     }
 }
 
 /// The pass.
 pub struct PhotonGrid {
     sort: Sort,
-    cells: (Kernel, Bindings),
+    cells: BoundKernel,
     buckets: Buffer,
     near: Buffer,
     photons: u32,
@@ -80,44 +88,29 @@ pub struct PhotonGrid {
 impl PhotonGrid {
     /// Fills `grid` from the stored photons: their `position` (w: 1 if stored), `normal`, direction in `rays`, and `flux`.
     /// `grid.list.work` has the number of all photons as its total.
-    #[allow(clippy::too_many_arguments)]
     pub fn new(
-        context: &Context,
-        kernels: &Kernels,
-        frame: &Buffer,
+        kit: &Kit,
         rays: &Rays,
         [flux, position, normal]: [&Buffer; 3],
         grid: &Grid,
-        steps: &Buffer,
+        steps: &Resources,
         photons: u32,
     ) -> Result<PhotonGrid> {
-        let codes = Buffer::new(context, "photon codes", 4 * u64::from(photons), Memory::Device)?;
-        let buffers = SortBuffers::new(context, photons, 1)?;
-        let keys = kernels.photon_keys.bind(&[
-            ("frame", frame.into()),
-            ("photon_position", position.into()),
-            ("codes", (&codes).into()),
-            ("keys", buffers.unsorted().into()),
-            ("work", (&grid.list.work).into()),
-        ])?;
-        let sort = Sort::by_keys(kernels, frame, (kernels.photon_keys.clone(), keys), &grid.list, &buffers, steps)?;
-        let cells = kernels.photon_cells.bind(&[
-            ("frame", frame.into()),
-            ("keys", buffers.sorted().into()),
-            ("work", (&grid.list.work).into()),
-            ("codes", (&codes).into()),
-            ("photon_position", position.into()),
-            ("photon_normal", normal.into()),
-            ("ray_direction", (&rays.direction).into()),
-            ("flux", flux.into()),
-            ("sorted_position", (&grid.position).into()),
-            ("sorted_normal", (&grid.normal).into()),
-            ("sorted_wi", (&grid.wi).into()),
-            ("sorted_flux", (&grid.flux).into()),
-            ("buckets", (&grid.buckets).into()),
-            ("near", (&grid.near).into()),
-        ])?;
-        let cells = (kernels.photon_cells.clone(), cells);
+        let codes = kit.array("photon codes", photons, 4)?;
+        let buffers = SortBuffers::new(kit, photons, 1)?;
+        let work = Resources::of([("work", &grid.list.work)]);
+        let stored = Resources::of([
+            ("codes", &codes),
+            ("flux", flux),
+            ("photon_position", position),
+            ("photon_normal", normal),
+        ]);
+        let unsorted = Resources::of([("keys", buffers.unsorted())]);
+        let keys = kit.bind(&shaders::PHOTON_KEYS, &[&stored, &unsorted, &work])?;
+        let sort = Sort::by_keys(kit, keys, &grid.list, &buffers, steps)?;
+        let sorted = Resources::of([("keys", buffers.sorted())]);
+        let sets = [&stored, &sorted, &work, &rays.resources(), &grid.resources()];
+        let cells = kit.bind(&shaders::PHOTON_CELLS, &sets)?;
         Ok(PhotonGrid { sort, cells, buckets: grid.buckets.clone(), near: grid.near.clone(), photons })
     }
 
@@ -126,7 +119,7 @@ impl PhotonGrid {
         rec.fill(&self.buckets, 0)?;
         rec.fill(&self.near, 0)?;
         self.sort.record(rec, steps)?;
-        rec.dispatch(&self.cells.0, &self.cells.1, &[], groups(self.photons))
+        self.cells.run(rec, &[], groups(self.photons))
     }
 }
 

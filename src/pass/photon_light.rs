@@ -25,58 +25,36 @@ use super::photon_grid::Grid;
 use super::schedule::LIST_GROUPS;
 use super::shade::Receiver;
 use super::sort::class_of;
-use super::{Kernels, List, Receivers, Sums, layout, push};
+use super::{BoundKernel, Kit, Lighting, List, ShadingPoints, layout, push};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
 /// Least cosine between the normals of photon and receiver.
 pub const LEAST_COSINE: f32 = 0.5;
 
 /// The pass.
 pub struct PhotonLight {
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
     work: Buffer,
 }
 
 impl PhotonLight {
-    /// Adds to `sums` of the receivers on the list.
+    /// Adds to `lighting` of the points on the list.
     pub fn new(
-        kernels: &Kernels,
-        frame: &Buffer,
-        receivers: &Receivers,
+        kit: &Kit,
+        points: &ShadingPoints,
         list: &List,
         grid: &Grid,
-        sums: &Sums,
-        steps: &Buffer,
+        lighting: &Lighting,
+        steps: &Resources,
     ) -> Result<Self> {
-        let kernel = kernels.photon_light.clone();
-        let bindings = kernel.bind(&[
-            ("frame", frame.into()),
-            ("work", (&list.work).into()),
-            ("list", (&list.pixels).into()),
-            ("steps", steps.into()),
-            ("receiver_position", (&receivers.position).into()),
-            ("receiver_geometric", (&receivers.geometric).into()),
-            ("receiver_shading", (&receivers.shading).into()),
-            ("receiver_f0", (&receivers.f0).into()),
-            ("receiver_wo", (&receivers.wo).into()),
-            ("sorted_position", (&grid.position).into()),
-            ("sorted_normal", (&grid.normal).into()),
-            ("sorted_wi", (&grid.wi).into()),
-            ("sorted_flux", (&grid.flux).into()),
-            ("buckets", (&grid.buckets).into()),
-            ("indirect", (&sums.indirect).into()),
-            ("specular", (&sums.specular).into()),
-        ])?;
-        Ok(PhotonLight { kernel, bindings, work: list.work.clone() })
+        let sets = [&points.resources(), &list.resources(), &grid.resources(), &lighting.resources(), steps];
+        Ok(PhotonLight { kernel: kit.bind(&shaders::PHOTON_LIGHT, &sets)?, work: list.work.clone() })
     }
 
     /// Records the look-ups in each of the stretches.
     pub fn record(&self, rec: &mut Recorder, steps: &[u32]) -> Result<()> {
-        steps.iter().try_for_each(|&step| {
-            rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work, LIST_GROUPS)
-        })
+        steps.iter().try_for_each(|&step| self.kernel.run_listed(rec, &push(step), &self.work, LIST_GROUPS))
     }
 }
 

@@ -11,10 +11,10 @@
 //! Cost: for each photon two looks at every target (at most 64), some 200 operations and 80 bytes.
 
 use super::layout;
-use super::{Kernels, Rays, groups};
+use super::{BoundKernel, Kit, Rays, groups};
 use crate::accel::{Ray, offset_origin};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::light::emitters::{Emitters, Kind};
 use crate::light::targets::Targets;
 use crate::sampling::dimensions::{PHOTON, PHOTON_DIMENSIONS, PHOTON_SIDE};
@@ -25,39 +25,21 @@ use glam::Vec3;
 
 /// The pass.
 pub struct PhotonStart {
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
     photons: u32,
 }
 
 impl PhotonStart {
     /// Writes `rays`, `flux` (w: bits of the target + 1) and, with nothing stored yet, `position` of so many photons of all
     /// classes.
-    pub fn new(
-        kernels: &Kernels,
-        frame: &Buffer,
-        emitters: &Buffer,
-        targets: &Buffer,
-        rays: &Rays,
-        [flux, position]: [&Buffer; 2],
-        photons: u32,
-    ) -> Result<Self> {
-        let kernel = kernels.photon_start.clone();
-        let bindings = kernel.bind(&[
-            ("frame", frame.into()),
-            ("emitters", emitters.into()),
-            ("targets", targets.into()),
-            ("ray_origin", (&rays.origin).into()),
-            ("ray_direction", (&rays.direction).into()),
-            ("flux", flux.into()),
-            ("photon_position", position.into()),
-        ])?;
-        Ok(PhotonStart { kernel, bindings, photons })
+    pub fn new(kit: &Kit, rays: &Rays, [flux, position]: [&Buffer; 2], photons: u32) -> Result<Self> {
+        let own = Resources::of([("flux", flux), ("photon_position", position)]);
+        Ok(PhotonStart { kernel: kit.bind(&shaders::PHOTON_START, &[&rays.resources(), &own])?, photons })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        rec.dispatch(&self.kernel, &self.bindings, &[], groups(self.photons))
+        self.kernel.run(rec, &[], groups(self.photons))
     }
 }
 

@@ -15,29 +15,23 @@
 
 use glam::{Vec2, Vec3};
 
-use super::{Kernels, List, Paths, Rays, Receivers, push};
+use super::{BoundKernel, EyePathState, Kit, List, Rays, ShadingPoints, push};
 use crate::accel::{Bvh, Hit};
 use crate::bsdf::{Finish, Reflectance};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::scene::Scene;
-use crate::scene_buffers::SceneBuffers;
 
 use super::schedule::LIST_GROUPS;
 
 /// The pass for one bounce.
 pub struct ReceiversPass {
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
     work_in: Buffer,
 }
 
 /// What the pass reads and writes.
 pub struct Inputs<'a> {
-    /// Frame parameters.
-    pub frame: &'a Buffer,
-    /// The scene.
-    pub scene: &'a SceneBuffers,
     /// Traced rays.
     pub rays: &'a Rays,
     /// Rays to take, for bounces after the first; for the second components of the eye's paths, their tiles.
@@ -47,47 +41,27 @@ pub struct Inputs<'a> {
     /// Throughput along the gather path; w: eye's first lobe.
     pub beta: &'a Buffer,
     /// Throughput along the eye's path.
-    pub paths: &'a Paths,
+    pub paths: &'a EyePathState,
     /// Output.
-    pub receivers: &'a Receivers,
-    /// Steps.
-    pub steps: &'a Buffer,
+    pub points: &'a ShadingPoints,
 }
 
 impl ReceiversPass {
-    /// Writes `receivers`, `beta` and `list_out` from `rays`, and the depth of eye paths.
-    pub fn new(kernels: &Kernels, inputs: &Inputs) -> Result<Self> {
-        let kernel = kernels.receivers.clone();
-        let r = inputs.receivers;
-        let mut named = inputs.scene.surface_bindings();
-        named.extend([
-            ("frame", inputs.frame.into()),
-            ("hits", (&inputs.rays.hits).into()),
-            ("ray_direction", (&inputs.rays.direction).into()),
-            ("list_in", (&inputs.list_in.pixels).into()),
-            ("list_out", (&inputs.list_out.pixels).into()),
-            ("work_in", (&inputs.list_in.work).into()),
-            ("work_out", (&inputs.list_out.work).into()),
-            ("steps", inputs.steps.into()),
-            ("beta", inputs.beta.into()),
-            ("throughput", (&inputs.paths.throughput).into()),
-            ("emitted", (&r.emitted).into()),
-            ("receiver_position", (&r.position).into()),
-            ("receiver_geometric", (&r.geometric).into()),
-            ("receiver_shading", (&r.shading).into()),
-            ("receiver_kd", (&r.kd).into()),
-            ("receiver_f0", (&r.f0).into()),
-            ("receiver_wo", (&r.wo).into()),
-        ]);
-        let bindings = kernel.bind(&named)?;
-        Ok(ReceiversPass { kernel, bindings, work_in: inputs.list_in.work.clone() })
+    /// Writes `points`, `beta` and `list_out` from `rays`, and the depth of eye paths.
+    pub fn new(kit: &Kit, inputs: &Inputs, steps: &Resources) -> Result<Self> {
+        let Inputs { rays, list_in, list_out, beta, paths, points } = *inputs;
+        let beta = Resources::of([("beta", beta)]);
+        let (rays, paths, points) = (rays.resources(), paths.resources(), points.resources());
+        let sets = [&rays, &list_in.as_input(), &list_out.as_output(), &beta, &paths, &points, steps];
+        let shaders = [&shaders::RECEIVERS, &shaders::RECEIVERS_UNTEXTURED];
+        Ok(ReceiversPass { kernel: kit.bind_surface(shaders, &sets)?, work_in: list_in.work.clone() })
     }
 
     /// Records the pass over all tiles of 8 x 8 pixels; `None`: over the rays, or tiles, of the list.
     pub fn record(&self, rec: &mut Recorder, step: u32, tiles: Option<u64>) -> Result<()> {
         match tiles {
-            Some(tiles) => rec.dispatch(&self.kernel, &self.bindings, &push(step), tiles),
-            None => rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work_in, LIST_GROUPS),
+            Some(tiles) => self.kernel.run(rec, &push(step), tiles),
+            None => self.kernel.run_listed(rec, &push(step), &self.work_in, LIST_GROUPS),
         }
     }
 }

@@ -3,36 +3,27 @@
 //!
 //! Cost: 5 vec4 a pixel.
 
-use super::accumulate::Film;
-use super::{Kernels, groups};
+use super::{BoundKernel, Kit, groups};
 use crate::error::Result;
-use crate::gpu::{Bindings, Image, Kernel, Recorder};
+use crate::film::Film;
+use crate::gpu::{Image, Recorder, Resources, shaders};
 
 /// The pass.
 pub struct Resolve {
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
     pixels: u32,
 }
 
 impl Resolve {
     /// Writes `image` (RGBA, 32-bit float, layout GENERAL) from `film`. Needs no frame parameters, so it may come before
     /// the first pass.
-    pub fn new(kernels: &Kernels, film: &Film, image: &Image, pixels: u32) -> Result<Self> {
-        let kernel = kernels.resolve.clone();
-        let bindings = kernel.bind(&[
-            ("sum_a", (&film.color[0]).into()),
-            ("rest_a", (&film.color_rest[0]).into()),
-            ("sum_b", (&film.color[1]).into()),
-            ("rest_b", (&film.color_rest[1]).into()),
-            ("counts", (&film.counts).into()),
-            ("image", image.into()),
-        ])?;
-        Ok(Resolve { kernel, bindings, pixels })
+    pub fn new(kit: &Kit, film: &Film, image: &Image) -> Result<Self> {
+        let image_set = Resources::new().with_image("image", image);
+        Ok(Resolve { kernel: kit.bind(&shaders::RESOLVE, &[&film.as_means(), &image_set])?, pixels: film.pixels() })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        rec.dispatch(&self.kernel, &self.bindings, &[], groups(self.pixels))
+        self.kernel.run(rec, &[], groups(self.pixels))
     }
 }

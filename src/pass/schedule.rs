@@ -6,9 +6,9 @@
 //! Cost: one invocation.
 
 use super::layout::{Step, Work};
-use super::{Kernels, push};
+use super::{BoundKernel, Kit, push};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
 /// Byte offset of [`Work::list_groups`].
 pub const LIST_GROUPS: u64 = std::mem::offset_of!(Work, list_groups) as u64;
@@ -20,21 +20,18 @@ pub const TOTAL_GROUPS: u64 = std::mem::offset_of!(Work, total_groups) as u64;
 
 /// The pass over one [`Work`].
 pub struct Schedule {
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
 }
 
 impl Schedule {
-    /// Reads and writes `work`, adds to `status`.
-    pub fn new(kernels: &Kernels, work: &Buffer, steps: &Buffer, status: &Buffer) -> Result<Self> {
-        let kernel = kernels.schedule.clone();
-        let bindings = kernel.bind(&[("work", work.into()), ("steps", steps.into()), ("status", status.into())])?;
-        Ok(Schedule { kernel, bindings })
+    /// Reads and writes `work`, adds to the frame's status.
+    pub fn new(kit: &Kit, work: &Buffer, steps: &Resources) -> Result<Self> {
+        Ok(Schedule { kernel: kit.bind(&shaders::SCHEDULE, &[&Resources::of([("work", work)]), steps])? })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder, step: u32) -> Result<()> {
-        rec.dispatch(&self.kernel, &self.bindings, &push(step), 1)
+        self.kernel.run(rec, &push(step), 1)
     }
 }
 

@@ -36,30 +36,29 @@ use glam::Vec3;
 
 use super::layout::{PointLight, Step};
 use super::schedule::{LIST_GROUPS, ROUND_GROUPS, Schedule};
-use super::{Forms, Kernels, List, Rays, Receivers, Sums, push};
+use super::{BoundKernel, Kit, Lighting, List, ShadingPoints, TraversalKernels, push};
 use crate::accel::{Bvh, Ray};
 use crate::bsdf::Reflectance;
 use crate::error::Result;
-use crate::gpu::{Bindings, Bound, Buffer, Kernel, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources};
 use crate::plan::{self, StepTable};
-use crate::scene_buffers::SceneBuffers;
 use crate::settings::Settings;
 
-/// The pass over one set of receivers.
+/// The pass over one set of shading points.
 pub struct Shade {
-    walkers: Walkers,
+    rays: ShadowRays,
 }
 
 /// A kernel that traces shadow rays, in its two forms with what is bound to them.
-pub struct Walkers {
-    single: (Kernel, Bindings),
-    cluster: Option<(Kernel, Bindings)>,
+pub struct ShadowRays {
+    single: BoundKernel,
+    cluster: Option<BoundKernel>,
     schedule: Schedule,
     work: Buffer,
     progress: Buffer,
 }
 
-/// Where receivers stand that have all lights of a chunk behind them, unless they were told otherwise.
+/// Initial progress: done with this chunk unless a cluster says otherwise.
 const NO_LIGHT_LEFT: u32 = u32::MAX;
 
 /// Rounds that are taken by clusters before single rays go on. In each a cluster finishes at least one light, unless its
@@ -79,95 +78,62 @@ pub struct Chunk {
 
 /// What the pass reads and writes.
 pub struct Inputs<'a> {
-    /// Frame parameters.
-    pub frame: &'a Buffer,
-    /// The scene.
-    pub scene: &'a SceneBuffers,
-    /// The receivers.
-    pub receivers: &'a Receivers,
+    /// The shading points.
+    pub points: &'a ShadingPoints,
     /// Which of them are lit.
     pub list: &'a List,
     /// [`PointLight`]s.
     pub lights: &'a Buffer,
-    /// Where `progress` lies.
-    pub rays: &'a Rays,
+    /// Progress of the shadow rays of each point.
+    pub progress: &'a Buffer,
     /// Output.
-    pub sums: &'a Sums,
-    /// Steps.
-    pub steps: &'a Buffer,
-    /// Status.
-    pub status: &'a Buffer,
+    pub lighting: &'a Lighting,
     /// Where the classes of pixels begin on a sorted list, see [`super::sort::SortBuffers`], or the classes of the clusters of
-    /// the screen, see [`super::clusters::Clusters::listed`]; needed for clusters.
+    /// the screen, see [`super::clusters::Clusters::listed`]; `None`: points are in no clusters.
     pub classes: Option<&'a Buffer>,
 }
 
 impl Shade {
-    /// Adds to `sums` of the receivers in `list`; the first chunk starts the sums.
-    pub fn new(kernels: &Kernels, inputs: &Inputs) -> Result<Self> {
-        let receivers = inputs.receivers;
-        let named = [
-            ("receiver_position", (&receivers.position).into()),
-            ("receiver_geometric", (&receivers.geometric).into()),
-            ("receiver_shading", (&receivers.shading).into()),
-            ("receiver_f0", (&receivers.f0).into()),
-            ("receiver_wo", (&receivers.wo).into()),
-            ("lights", inputs.lights.into()),
-            ("list", (&inputs.list.pixels).into()),
-            ("work", (&inputs.list.work).into()),
-            ("steps", inputs.steps.into()),
-            ("direct", (&inputs.sums.direct).into()),
-            ("indirect", (&inputs.sums.indirect).into()),
-            ("specular", (&inputs.sums.specular).into()),
-        ];
-        let schedule = Schedule::new(kernels, &inputs.list.work, inputs.steps, inputs.status)?;
-        let classes: Vec<_> = inputs.classes.iter().map(|&classes| ("classes", classes)).collect();
-        let (work, progress) = (&inputs.list.work, &inputs.rays.progress);
-        let walkers =
-            Walkers::new(&kernels.shade, inputs.scene, inputs.frame, &named, &classes, schedule, work, progress)?;
-        Ok(Shade { walkers })
+    /// Adds to `lighting` of the points in `list`; the first chunk starts the sums.
+    pub fn new(kit: &Kit, inputs: &Inputs, steps: &Resources) -> Result<Self> {
+        let Inputs { points, list, lights, progress, lighting, classes } = *inputs;
+        let own = Resources::of([("lights", lights)]);
+        let classes = classes.map(|classes| Resources::of([("classes", classes)]));
+        let kernels = TraversalKernels::shade(kit.context, kit.traversal)?;
+        let sets = [&points.resources(), &lighting.resources(), &own];
+        Ok(Shade { rays: ShadowRays::new(kit, &kernels, &sets, classes.as_ref(), (list, progress), steps)? })
     }
 
     /// Records the chunks, each in its rounds.
     pub fn record(&self, rec: &mut Recorder, chunks: &[Chunk]) -> Result<()> {
-        self.walkers.record(rec, chunks)
+        self.rays.record(rec, chunks)
     }
 }
 
-impl Walkers {
-    #[allow(clippy::too_many_arguments)]
-    /// Binds both forms to the scene and to what is `named`, and the cluster form to `cluster_only` as well.
+impl ShadowRays {
+    /// Binds both forms to `sets`, and the cluster form to those `of_clusters` as well; without these there is none.
     pub fn new(
-        forms: &Forms,
-        scene: &SceneBuffers,
-        frame: &Buffer,
-        named: &[(&'static str, Bound)],
-        cluster_only: &[(&'static str, &Buffer)],
-        schedule: Schedule,
-        work: &Buffer,
-        progress: &Buffer,
-    ) -> Result<Walkers> {
-        // The forms differ in the tree that they walk.
-        let bind = |kernel: &Kernel, tree: &[(&'static str, &Buffer)]| {
-            let mut all = vec![
-                ("frame", frame.into()),
-                ("progress", progress.into()),
-                ("triangle_v0", (&scene.v0).into()),
-                ("triangle_e1", (&scene.e1).into()),
-                ("triangle_e2", (&scene.e2).into()),
-            ];
-            all.extend_from_slice(named);
-            all.extend(tree.iter().map(|&(name, buffer)| (name, buffer.into())));
-            Ok((kernel.clone(), kernel.bind(&all)?))
-        };
-        let single = bind(&forms.single, &[("node_min", &scene.node_min), ("node_max", &scene.node_max)])?;
-        let cluster = match (&forms.cluster, &scene.wide_nodes) {
-            (Some(kernel), Some(wide_nodes)) => {
-                Some(bind(kernel, &[&[("wide_nodes", wide_nodes)], cluster_only].concat())?)
-            }
+        kit: &Kit,
+        kernels: &TraversalKernels,
+        sets: &[&Resources],
+        of_clusters: Option<&Resources>,
+        (list, progress): (&List, &Buffer),
+        steps: &Resources,
+    ) -> Result<ShadowRays> {
+        let own = Resources::of([("progress", progress)]);
+        let list_set = list.resources();
+        let all = [sets, &[&own, &list_set, steps]].concat();
+        let cluster = match (kernels.cluster, of_clusters) {
+            (Some(kernel), Some(more)) => Some(kit.bind(kernel, &[&all[..], &[more]].concat())?),
             _ => None,
         };
-        Ok(Walkers { single, cluster, schedule, work: work.clone(), progress: progress.clone() })
+        Ok(ShadowRays {
+            single: kit.bind(kernels.single, &all)?,
+            cluster,
+            schedule: Schedule::new(kit, &list.work, steps)?,
+            work: list.work.clone(),
+            progress: progress.clone(),
+        })
     }
 
     /// Records the chunks, each in its rounds.
@@ -179,11 +145,11 @@ impl Walkers {
             for (round, &step) in chunk.rounds.iter().enumerate() {
                 let groups = if round == 0 { LIST_GROUPS } else { ROUND_GROUPS };
                 // A cluster is a workgroup, as are 64 single rays.
-                let (kernel, bindings) = match &self.cluster {
+                let kernel = match &self.cluster {
                     Some(cluster) if round < CLUSTER_ROUNDS as usize && chunk.clusters => cluster,
                     _ => &self.single,
                 };
-                rec.dispatch_indirect(kernel, bindings, &push(step), &self.work, groups)?;
+                kernel.run_listed(rec, &push(step), &self.work, groups)?;
                 self.schedule.record(rec, step)?;
             }
         }

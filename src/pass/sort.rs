@@ -14,9 +14,9 @@ use glam::Vec3;
 
 use super::layout::{Frame, Step};
 use super::schedule::TOTAL_GROUPS;
-use super::{Kernels, List, Receivers, push};
+use super::{BoundKernel, Kit, List, ShadingPoints, push};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::plan::StepTable;
 
 /// Keys that one invocation handles.
@@ -47,17 +47,16 @@ impl SortBuffers {
     }
 
     /// Room for `count` receivers of so many classes.
-    pub fn new(context: &Context, count: u32, classes: u32) -> Result<SortBuffers> {
-        let runs = u64::from(count.div_ceil(RUN));
-        let device = |name: &str, bytes: u64| Buffer::new(context, name, bytes, Memory::Device);
+    pub fn new(kit: &Kit, count: u32, classes: u32) -> Result<SortBuffers> {
+        let runs = count.div_ceil(RUN);
         Ok(SortBuffers {
-            keys: [device("sort keys 0", 8 * u64::from(count))?, device("sort keys 1", 8 * u64::from(count))?],
+            keys: [kit.array("sort keys 0", count, 8)?, kit.array("sort keys 1", count, 8)?],
             levels: [
-                device("sort counts", 4 * runs * u64::from(DIGITS))?,
-                device("sort sums", 4 * runs)?,
-                device("sort tops", 4 * runs.div_ceil(u64::from(DIGITS)))?,
+                kit.array("sort counts", runs, 4 * u64::from(DIGITS))?,
+                kit.array("sort sums", runs, 4)?,
+                kit.array("sort tops", runs.div_ceil(DIGITS), 4)?,
             ],
-            classes: device("sorted classes", 8 * u64::from(classes + 1))?,
+            classes: kit.array("sorted classes", classes + 1, 8)?,
         })
     }
 }
@@ -86,95 +85,78 @@ impl SortSteps {
 /// The passes over one list.
 pub struct Sort {
     work: Buffer,
-    keys: (Kernel, Bindings),
-    count: (Kernel, [Bindings; 2]),
-    sum: (Kernel, [Bindings; 2]),
-    scan: (Kernel, [Bindings; 3]),
-    classes: (Kernel, Bindings),
-    scatter: (Kernel, [Bindings; 2]),
+    keys: BoundKernel,
+    count: [BoundKernel; 2],
+    sum: [BoundKernel; 2],
+    scan: [BoundKernel; 3],
+    classes: BoundKernel,
+    scatter: [BoundKernel; 2],
 }
 
 impl Sort {
-    /// Reorders `list.pixels` by the positions of `receivers`.
+    /// Reorders `list.entries` by the positions of `points`.
     pub fn new(
-        kernels: &Kernels,
-        frame: &Buffer,
+        kit: &Kit,
         list: &List,
-        receivers: &Receivers,
+        points: &ShadingPoints,
         buffers: &SortBuffers,
-        steps: &Buffer,
+        steps: &Resources,
     ) -> Result<Sort> {
-        let keys = kernels.sort_keys.bind(&[
-            ("frame", frame.into()),
-            ("work", (&list.work).into()),
-            ("list", (&list.pixels).into()),
-            ("receiver_position", (&receivers.position).into()),
-            ("keys", buffers.unsorted().into()),
-        ])?;
-        Sort::by_keys(kernels, frame, (kernels.sort_keys.clone(), keys), list, buffers, steps)
+        let keys = Resources::of([("keys", buffers.unsorted())]);
+        let keys = kit.bind(&shaders::SORT_KEYS, &[&list.resources(), &points.resources(), &keys])?;
+        Sort::by_keys(kit, keys, list, buffers, steps)
     }
 
-    /// Puts into `list.pixels`, as many as `list.work` has in total, what other keys stand for, in their order. `keys` is the
+    /// Puts into `list.entries`, as many as `list.work` has in total, what other keys stand for, in their order. `keys` is the
     /// kernel that writes [`SortBuffers::unsorted`]: pairs of a key and what it stands for. [`SortSteps`] say how many digits keys have.
     pub fn by_keys(
-        kernels: &Kernels,
-        frame: &Buffer,
-        keys_by: (Kernel, Bindings),
+        kit: &Kit,
+        keys: BoundKernel,
         list: &List,
         buffers: &SortBuffers,
-        steps: &Buffer,
+        steps: &Resources,
     ) -> Result<Sort> {
-        let SortBuffers { keys, levels, classes } = buffers;
-        let work = &list.work;
-        let common = |k: &Kernel, more: &[(&str, &Buffer)]| {
-            let mut named = vec![("work", work.into()), ("steps", steps.into())];
-            named.extend(more.iter().map(|&(name, buffer)| (name, buffer.into())));
-            k.bind(&named)
-        };
-        let count = |i: usize| common(&kernels.sort_count, &[("keys", &keys[i]), ("counts", &levels[0])]);
-        let sum = |i: usize| common(&kernels.sort_sum, &[("below", &levels[i]), ("sums", &levels[i + 1])]);
+        let SortBuffers { keys: pairs, levels, classes } = buffers;
+        let bind = |shader, own: Resources| kit.bind(shader, &[&list.resources(), &own, steps]);
+        let count = |i: usize| bind(&shaders::SORT_COUNT, Resources::of([("keys", &pairs[i]), ("counts", &levels[0])]));
+        let sum = |i: usize| bind(&shaders::SORT_SUM, Resources::of([("below", &levels[i]), ("sums", &levels[i + 1])]));
         // The top level has no bases; any buffer that it does not write stands in.
         let scan = |i: usize| {
-            common(&kernels.sort_scan, &[("values", &levels[i]), ("bases", &levels[if i == 2 { 1 } else { i + 1 }])])
+            let bases = &levels[if i == 2 { 1 } else { i + 1 }];
+            bind(&shaders::SORT_SCAN, Resources::of([("values", &levels[i]), ("bases", bases)]))
         };
         let scatter = |i: usize| {
-            let named = [("keys", &keys[i]), ("counts", &levels[0]), ("sorted", &keys[1 - i]), ("list", &list.pixels)];
-            common(&kernels.sort_scatter, &named)
+            let own = Resources::of([("keys", &pairs[i]), ("counts", &levels[0]), ("sorted", &pairs[1 - i])]);
+            bind(&shaders::SORT_SCATTER, own)
         };
-        let class_bindings = kernels.sort_classes.bind(&[
-            ("frame", frame.into()),
-            ("work", work.into()),
-            ("counts", (&levels[0]).into()),
-            ("classes", classes.into()),
-        ])?;
         Ok(Sort {
-            work: work.clone(),
-            keys: keys_by,
-            count: (kernels.sort_count.clone(), [count(0)?, count(1)?]),
-            sum: (kernels.sort_sum.clone(), [sum(0)?, sum(1)?]),
-            scan: (kernels.sort_scan.clone(), [scan(0)?, scan(1)?, scan(2)?]),
-            classes: (kernels.sort_classes.clone(), class_bindings),
-            scatter: (kernels.sort_scatter.clone(), [scatter(0)?, scatter(1)?]),
+            work: list.work.clone(),
+            keys,
+            count: [count(0)?, count(1)?],
+            sum: [sum(0)?, sum(1)?],
+            scan: [scan(0)?, scan(1)?, scan(2)?],
+            classes: bind(&shaders::SORT_CLASSES, Resources::of([("counts", &levels[0]), ("classes", classes)]))?,
+            scatter: [scatter(0)?, scatter(1)?],
         })
     }
 
     /// Records the sort.
     pub fn record(&self, rec: &mut Recorder, steps: &SortSteps) -> Result<()> {
-        let run = |rec: &mut Recorder, kernel: &Kernel, bindings: &Bindings, step: u32| {
-            rec.dispatch_indirect(kernel, bindings, &push(step), &self.work, TOTAL_GROUPS)
+        let run = |rec: &mut Recorder, kernel: &BoundKernel, step: u32| {
+            kernel.run_listed(rec, &push(step), &self.work, TOTAL_GROUPS)
         };
-        rec.dispatch_indirect(&self.keys.0, &self.keys.1, &[], &self.work, TOTAL_GROUPS)?;
+        self.keys.run_listed(rec, &[], &self.work, TOTAL_GROUPS)?;
         for (i, &digit) in steps.digits.iter().enumerate() {
-            run(rec, &self.count.0, &self.count.1[i % 2], digit)?;
-            run(rec, &self.sum.0, &self.sum.1[0], steps.levels[1])?;
-            run(rec, &self.sum.0, &self.sum.1[1], steps.levels[2])?;
+            run(rec, &self.count[i % 2], digit)?;
+            run(rec, &self.sum[0], steps.levels[1])?;
+            run(rec, &self.sum[1], steps.levels[2])?;
             for level in [2, 1, 0] {
-                run(rec, &self.scan.0, &self.scan.1[level], steps.levels[level])?;
+                run(rec, &self.scan[level], steps.levels[level])?;
             }
             if steps.classes && i + 1 == steps.digits.len() {
-                rec.dispatch(&self.classes.0, &self.classes.1, &[], 1)?;
+                self.classes.run(rec, &[], 1)?;
             }
-            run(rec, &self.scatter.0, &self.scatter.1[i % 2], digit)?;
+            run(rec, &self.scatter[i % 2], digit)?;
         }
         Ok(())
     }

@@ -19,60 +19,42 @@
 
 use glam::Vec3;
 
-use super::{Kernels, Paths, Receivers, Sums, groups, vec4s};
+use super::{BoundKernel, EyePathState, Kit, Lighting, ShadingPoints, groups};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Context, Kernel, Recorder};
-use crate::pass::accumulate::Film;
+use crate::film::Film;
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
 /// The pass.
 pub struct Summands {
     /// Light of second components and of mirror images.
     pub reflected: Buffer,
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
     pixels: u32,
 }
 
 impl Summands {
-    /// Adds to the summands of `film`. `reflected` is what `merge` and `superpose` add to.
-    #[allow(clippy::too_many_arguments)]
+    /// Adds to the summands of `film`, which has `sums` for them. `reflected` is what `merge` and `superpose` add to.
     pub fn new(
-        kernels: &Kernels,
-        frame: &Buffer,
-        receivers: &Receivers,
-        paths: &Paths,
-        sums: &Sums,
-        film: &[[Buffer; 2]; Film::SUMMANDS],
-        reflected: Buffer,
-        status: &Buffer,
-        pixels: u32,
+        kit: &Kit,
+        points: &ShadingPoints,
+        paths: &EyePathState,
+        lighting: &Lighting,
+        film: &Film,
+        sums: &[[Buffer; 2]; Film::SUMMANDS],
     ) -> Result<Self> {
-        let kernel = kernels.summands.clone();
-        let [emission, diffuse, specular] = film;
-        let bindings = kernel.bind(&[
-            ("frame", frame.into()),
-            ("status", status.into()),
-            ("receiver_kd", (&receivers.kd).into()),
-            ("receiver_wo", (&receivers.wo).into()),
-            ("emitted", (&receivers.emitted).into()),
-            ("direct", (&sums.direct).into()),
-            ("indirect", (&sums.indirect).into()),
-            ("specular", (&sums.specular).into()),
-            ("throughput", (&paths.throughput).into()),
-            ("reflected", (&reflected).into()),
-            ("sum_emission", (&emission[0]).into()),
-            ("rest_emission", (&emission[1]).into()),
-            ("sum_diffuse", (&diffuse[0]).into()),
-            ("rest_diffuse", (&diffuse[1]).into()),
-            ("sum_specular", (&specular[0]).into()),
-            ("rest_specular", (&specular[1]).into()),
-        ])?;
-        Ok(Summands { reflected, kernel, bindings, pixels })
-    }
-
-    /// Room for what is reflected at so many pixels.
-    pub fn reflected(context: &Context, pixels: u32) -> Result<Buffer> {
-        vec4s(context, "reflected", pixels)
+        let reflected = kit.vec4s("reflected", film.pixels())?;
+        let [emission, diffuse, specular] = sums;
+        let own = Resources::of([
+            ("reflected", &reflected),
+            ("sum_emission", &emission[0]),
+            ("rest_emission", &emission[1]),
+            ("sum_diffuse", &diffuse[0]),
+            ("rest_diffuse", &diffuse[1]),
+            ("sum_specular", &specular[0]),
+            ("rest_specular", &specular[1]),
+        ]);
+        let sets = [&points.resources(), &paths.resources(), &lighting.resources(), &own];
+        Ok(Summands { kernel: kit.bind(&shaders::SUMMANDS, &sets)?, reflected, pixels: film.pixels() })
     }
 
     /// Records the start of a frame: nothing is reflected yet.
@@ -82,7 +64,7 @@ impl Summands {
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        rec.dispatch(&self.kernel, &self.bindings, &[], groups(self.pixels))
+        self.kernel.run(rec, &[], groups(self.pixels))
     }
 }
 

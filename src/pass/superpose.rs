@@ -23,54 +23,37 @@ use glam::Vec3;
 
 use super::mirror_image::{Planes, Tables};
 use super::schedule::LIST_GROUPS;
-use super::{Kernels, List, Receivers};
+use super::{BoundKernel, Kit, List, ShadingPoints};
 use crate::bsdf::Reflectance;
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::settings;
 use crate::superposition::reflectance::{ReflectanceMap, fresnel_fitted_rgb};
 
 /// The pass.
 pub struct Superpose {
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
     tiles: Buffer,
 }
 
 impl Superpose {
     /// Adds what tail and core of the kernels have spread to `shown` where `planes` says that there is a plane.
     pub fn new(
-        kernels: &Kernels,
-        frame: &Buffer,
-        receivers: &Receivers,
+        kit: &Kit,
+        points: &ShadingPoints,
         tiles: &List,
         (planes, [tail, core]): (&Planes, [&Buffer; 2]),
         tables: &Tables,
         shown: &Buffer,
     ) -> Result<Self> {
-        let kernel = kernels.superpose.clone();
-        let bindings = kernel.bind(&[
-            ("frame", frame.into()),
-            ("receiver_geometric", (&receivers.geometric).into()),
-            ("receiver_f0", (&receivers.f0).into()),
-            ("receiver_wo", (&receivers.wo).into()),
-            ("shown", shown.into()),
-            ("work", (&tiles.work).into()),
-            ("tiles", (&tiles.pixels).into()),
-            ("region", (&planes.region).into()),
-            ("panes", (&planes.panes).into()),
-            ("reflectors", (&tables.reflectors).into()),
-            ("lobes", (&tables.lobes).into()),
-            ("spread", tail.into()),
-            ("core", core.into()),
-            ("maps", (&tables.maps).into()),
-        ])?;
-        Ok(Superpose { kernel, bindings, tiles: tiles.work.clone() })
+        let own = Resources::of([("spread", tail), ("core", core), ("shown", shown)]);
+        let sets = [&points.resources(), &tiles.as_tiles(), &planes.resources(), &tables.resources(), &own];
+        Ok(Superpose { kernel: kit.bind(&shaders::SUPERPOSE, &sets)?, tiles: tiles.work.clone() })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        rec.dispatch_indirect(&self.kernel, &self.bindings, &[], &self.tiles, LIST_GROUPS)
+        self.kernel.run_listed(rec, &[], &self.tiles, LIST_GROUPS)
     }
 }
 

@@ -4,46 +4,32 @@
 //! The list is in the order of the tiles, so that what is appended to the receivers is in a fixed order as well.
 //! Cost: 24 bytes read for each pixel but in tiles that are marked early; then one workgroup over all tiles.
 
-use super::{Kernels, List, Rays, groups};
+use super::{BoundKernel, Kit, List, Rays, groups};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
-use crate::scene_buffers::SceneBuffers;
+use crate::gpu::{Recorder, Resources, shaders};
 
 /// Both steps of the pass.
 pub struct Tiles {
-    mark: (Kernel, Bindings),
-    list: (Kernel, Bindings),
+    mark: BoundKernel,
+    list: BoundKernel,
     tiles: u32,
 }
 
 impl Tiles {
-    /// Writes `list` (tiles, and one workgroup for each) from `rays.hits` of an image of so many `tiles`; `marks` has room for
-    /// one number a tile.
-    pub fn new(
-        kernels: &Kernels,
-        frame: &Buffer,
-        scene: &SceneBuffers,
-        rays: &Rays,
-        marks: &Buffer,
-        list: &List,
-        tiles: u32,
-    ) -> Result<Self> {
-        let mut named = scene.surface_bindings();
-        named.extend([("frame", frame.into()), ("hits", (&rays.hits).into()), ("marks", marks.into())]);
-        let mark = kernels.tiles_mark.bind(&named)?;
-        let list = kernels.tiles_list.bind(&[
-            ("frame", frame.into()),
-            ("marks", marks.into()),
-            ("list", (&list.pixels).into()),
-            ("work", (&list.work).into()),
-        ])?;
-        Ok(Tiles { mark: (kernels.tiles_mark.clone(), mark), list: (kernels.tiles_list.clone(), list), tiles })
+    /// Writes `list` (tiles, and one workgroup for each) from `rays.hits` of an image of so many `tiles`.
+    pub fn new(kit: &Kit, rays: &Rays, list: &List, tiles: u32) -> Result<Self> {
+        let marks = Resources::of([("marks", &kit.array("tile marks", tiles, 4)?)]);
+        Ok(Tiles {
+            mark: kit.bind(&shaders::TILES_MARK, &[&rays.resources(), &marks])?,
+            list: kit.bind(&shaders::TILES_LIST, &[&list.resources(), &marks])?,
+            tiles,
+        })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        rec.dispatch(&self.mark.0, &self.mark.1, &[], groups(self.tiles))?;
-        rec.dispatch(&self.list.0, &self.list.1, &[], 1)
+        self.mark.run(rec, &[], groups(self.tiles))?;
+        self.list.run(rec, &[], 1)
     }
 }
 

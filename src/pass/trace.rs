@@ -11,12 +11,11 @@
 
 use super::layout::Step;
 use super::schedule::{LIST_GROUPS, ROUND_GROUPS, Schedule};
-use super::{Kernels, List, Rays, groups, push};
+use super::{BoundKernel, Kit, List, Rays, TraversalKernels, groups, push};
 use crate::accel::{Bvh, Hit, Ray};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::plan::{StepTable, cluster_steps, trace_steps};
-use crate::scene_buffers::SceneBuffers;
 use crate::settings::Settings;
 
 /// Steps of the eye's rays.
@@ -45,82 +44,36 @@ impl EyeSteps {
 
 /// The pass over one batch.
 pub struct Trace {
-    kernel: Kernel,
-    bindings: Bindings,
-    cluster: Option<(Kernel, Bindings)>,
+    kernel: BoundKernel,
+    cluster: Option<BoundKernel>,
     schedule: Schedule,
     work: Buffer,
 }
 
 impl Trace {
     /// Reads `rays.origin` and `rays.direction`, writes `rays.hits`; `list` names the rays when steps say so.
-    pub fn new(
-        kernels: &Kernels,
-        frame: &Buffer,
-        scene: &SceneBuffers,
-        rays: &Rays,
-        list: &List,
-        steps: &Buffer,
-        status: &Buffer,
-    ) -> Result<Self> {
-        let kernel = kernels.trace.single.clone();
-        let bindings = kernel.bind(&[
-            ("frame", frame.into()),
-            ("node_min", (&scene.node_min).into()),
-            ("node_max", (&scene.node_max).into()),
-            ("triangle_v0", (&scene.v0).into()),
-            ("triangle_e1", (&scene.e1).into()),
-            ("triangle_e2", (&scene.e2).into()),
-            ("ray_origin", (&rays.origin).into()),
-            ("ray_direction", (&rays.direction).into()),
-            ("hits", (&rays.hits).into()),
-            ("progress", (&rays.progress).into()),
-            ("work", (&list.work).into()),
-            ("list", (&list.pixels).into()),
-            ("steps", steps.into()),
-        ])?;
-        let schedule = Schedule::new(kernels, &list.work, steps, status)?;
-        Ok(Trace { kernel, bindings, cluster: None, schedule, work: list.work.clone() })
+    pub fn new(kit: &Kit, rays: &Rays, list: &List, steps: &Resources) -> Result<Self> {
+        let sets = [&rays.resources(), &list.resources(), steps];
+        let kernel = kit.bind(&shaders::TRACE, &sets)?;
+        Ok(Trace { kernel, cluster: None, schedule: Schedule::new(kit, &list.work, steps)?, work: list.work.clone() })
     }
 
-    /// As [`Trace::new`] for the eye's rays, one for each pixel, which start the same place: clusters of 8 x 8 pixels are traced
-    /// together where there is a kernel for it. What these do not finish is left to single rays.
-    pub fn of_eye(
-        kernels: &Kernels,
-        frame: &Buffer,
-        scene: &SceneBuffers,
-        rays: &Rays,
-        list: &List,
-        steps: &Buffer,
-        status: &Buffer,
-    ) -> Result<Self> {
-        let cluster = match (&kernels.trace.cluster, &scene.wide_nodes) {
-            (Some(kernel), Some(wide_nodes)) => {
-                let bindings = kernel.bind(&[
-                    ("frame", frame.into()),
-                    ("wide_nodes", wide_nodes.into()),
-                    ("triangle_v0", (&scene.v0).into()),
-                    ("triangle_e1", (&scene.e1).into()),
-                    ("triangle_e2", (&scene.e2).into()),
-                    ("ray_direction", (&rays.direction).into()),
-                    ("hits", (&rays.hits).into()),
-                    ("progress", (&rays.progress).into()),
-                    ("work", (&list.work).into()),
-                    ("steps", steps.into()),
-                ])?;
-                Some((kernel.clone(), bindings))
-            }
-            _ => None,
+    /// As [`Trace::new`] for the eye's rays, one for each pixel, which start at the same place: clusters of 8 x 8 pixels are traced
+    /// together if the scene has a tree for `clusters`. What these do not finish is left to single rays.
+    pub fn of_eye(kit: &Kit, rays: &Rays, list: &List, steps: &Resources, clusters: bool) -> Result<Self> {
+        let cluster = match TraversalKernels::trace(kit.context, kit.traversal)?.cluster.filter(|_| clusters) {
+            Some(kernel) => Some(kit.bind(kernel, &[&rays.resources(), &list.resources(), steps])?),
+            None => None,
         };
-        Ok(Trace { cluster, ..Trace::new(kernels, frame, scene, rays, list, steps, status)? })
+        Ok(Trace { cluster, ..Trace::new(kit, rays, list, steps)? })
     }
 
     /// Records the rounds over the eye's rays, `tiles` of 8 x 8. If `steps.clusters`, the first is one of clusters.
     pub fn record_eye(&self, rec: &mut Recorder, steps: &EyeSteps, tiles: u32, pixels: u32) -> Result<()> {
-        let (Some((kernel, bindings)), Some(step)) = (&self.cluster, steps.clusters) else {
+        let (Some(kernel), Some(step)) = (&self.cluster, steps.clusters) else {
             return self.record(rec, &steps.rounds, Some(pixels));
         };
-        rec.dispatch(kernel, bindings, &push(step), u64::from(tiles))?;
+        kernel.run(rec, &push(step), u64::from(tiles))?;
         self.schedule.record(rec, step)?;
         steps.rounds.iter().try_for_each(|&step| self.record_round(rec, step))
     }
@@ -129,10 +82,8 @@ impl Trace {
     pub fn record(&self, rec: &mut Recorder, rounds: &[u32], count: Option<u32>) -> Result<()> {
         for (round, &step) in rounds.iter().enumerate() {
             match (round, count) {
-                (0, Some(count)) => rec.dispatch(&self.kernel, &self.bindings, &push(step), groups(count))?,
-                (0, None) => {
-                    rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work, LIST_GROUPS)?;
-                }
+                (0, Some(count)) => self.kernel.run(rec, &push(step), groups(count))?,
+                (0, None) => self.kernel.run_listed(rec, &push(step), &self.work, LIST_GROUPS)?,
                 _ => {
                     self.record_round(rec, step)?;
                     continue;
@@ -145,7 +96,7 @@ impl Trace {
 
     /// A round that carries on what those before left over.
     fn record_round(&self, rec: &mut Recorder, step: u32) -> Result<()> {
-        rec.dispatch_indirect(&self.kernel, &self.bindings, &push(step), &self.work, ROUND_GROUPS)?;
+        self.kernel.run_listed(rec, &push(step), &self.work, ROUND_GROUPS)?;
         self.schedule.record(rec, step)
     }
 }

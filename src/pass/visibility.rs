@@ -31,15 +31,14 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::layout::{Frame, PointLight, Work};
-use super::schedule::Schedule;
-use super::shade::{Chunk, Walkers};
-use super::{Forms, Kernels, List};
+use super::shade::{Chunk, ShadowRays};
+use super::{Kit, List, TraversalKernels};
 use crate::accel::{Bvh, Ray};
+use crate::device_scene::DeviceScene;
 use crate::error::Result;
-use crate::gpu::{Buffer, Context, Memory, Recorder, Staging};
+use crate::gpu::{Buffer, Context, Memory, Recorder, Resources, Staging};
 use crate::plan::StepTable;
 use crate::sampling::random::hash;
-use crate::scene_buffers::SceneBuffers;
 use crate::settings::{Settings, Traversal};
 
 /// Steps of the R2 sequence, 1 / g and 1 / g^2 with g^3 = g + 1, in units of 2^-32.
@@ -65,17 +64,13 @@ impl Workload {
     }
 
     /// The kernels that trace it.
-    pub fn forms(&self, context: &Context, traversal: Traversal) -> Result<Forms> {
-        if self.has_areas() {
-            Forms::visibility_area(context, traversal)
-        } else {
-            Forms::visibility(context, traversal)
-        }
+    pub fn kernels(&self, context: &Context, traversal: Traversal) -> Result<TraversalKernels> {
+        TraversalKernels::visibility(context, traversal, self.has_areas())
     }
 
     /// The kernels that trace it and count what clusters meet.
-    pub fn counting_forms(&self, context: &Context) -> Result<Forms> {
-        if self.has_areas() { Forms::counters_area(context) } else { Forms::counters(context) }
+    pub fn counting_kernels(&self, context: &Context) -> Result<TraversalKernels> {
+        TraversalKernels::counters(context, self.has_areas())
     }
 
     /// The edges of light j.
@@ -109,7 +104,7 @@ impl Workload {
 
 /// The pass over one workload.
 pub struct Visibility {
-    walkers: Walkers,
+    rays: ShadowRays,
     chunks: Vec<Chunk>,
     work_at_start: Buffer,
     /// Lights seen by each receiver.
@@ -124,14 +119,10 @@ pub struct Visibility {
 
 /// What the pass is made of.
 pub struct Inputs<'a> {
-    /// The kernels.
-    pub kernels: &'a Kernels,
-    /// Those that trace, see [`Workload::forms`].
-    pub forms: &'a Forms,
+    /// The kernels that trace, see [`Workload::kernels`].
+    pub kernels: TraversalKernels,
     /// The scene on the device.
-    pub scene: &'a SceneBuffers,
-    /// Its hierarchy.
-    pub bvh: &'a Bvh,
+    pub scene: &'a DeviceScene,
     /// Rounds, budget and lights for each dispatch.
     pub settings: &'a Settings,
     /// The rays.
@@ -168,7 +159,7 @@ impl Counts {
 impl Visibility {
     /// Creates the pass and stages the workload.
     pub fn new(context: &Context, staging: &mut Staging, inputs: &Inputs) -> Result<Visibility> {
-        let Inputs { kernels, forms, scene, bvh, settings, workload } = *inputs;
+        let Inputs { kernels, scene, settings, workload } = *inputs;
         let count = workload.receivers.len() as u32;
         let vec4s = |v: &[Vec3]| v.iter().map(|v| v.extend(0.0).to_array()).collect::<Vec<_>>();
         let record = |j: usize| {
@@ -181,44 +172,36 @@ impl Visibility {
         let x = groups.min(32_768);
         let list_groups = [x, groups.div_ceil(x.max(1)), 1, 0];
         let work = Work { live: count, list_groups, ..Work::default() };
-        let frame = Frame { scene: [bvh.node_count(), 0, 0, 0], ..Frame::default() };
+        let frame = Frame { scene: [scene.bvh.node_count(), 0, 0, 0], ..Frame::default() };
 
         let mut table = StepTable::default();
         let lights = workload.lights.len() as u32;
-        let lanes = Chunk::lanes(settings, scene.cluster_lanes(context).filter(|_| forms.cluster.is_some()));
+        let lanes = Chunk::lanes(settings, scene.cluster_lanes(context).filter(|_| kernels.cluster.is_some()));
         let size = Chunk::size(settings, lanes.is_some());
         let chunks = (0..lights.div_ceil(size))
             .map(|i| Chunk::new(&mut table, settings, (i * size, lights.min((i + 1) * size)), lanes, false))
             .collect();
-        let steps = staging.stage(context, "visibility steps", &table.steps)?;
-        let device = |name: &str, bytes: u64| Buffer::new(context, name, bytes, Memory::Device);
-        let visible = device("visible lights", 4 * u64::from(count))?;
-        let progress = device("visibility progress", 8 * u64::from(count))?;
-        let status = device("visibility status", 16)?;
         let frame = staging.stage(context, "visibility frame", &[frame])?;
-        let receivers = staging.stage(context, "visibility receivers", &vec4s(&workload.receivers))?;
-        let normals = staging.stage(context, "visibility normals", &vec4s(&workload.normals))?;
-        let lights = staging.stage(context, "visibility lights", &records)?;
-        let list = List {
-            pixels: staging.stage(context, "visibility list", &list)?,
-            work: staging.stage(context, "visibility work", &[work])?,
-        };
-        let named = [
-            ("receiver_position", (&receivers).into()),
-            ("receiver_geometric", (&normals).into()),
-            ("lights", (&lights).into()),
-            ("list", (&list.pixels).into()),
-            ("work", (&list.work).into()),
-            ("steps", (&steps).into()),
-            ("visible", (&visible).into()),
-        ];
-        let schedule = Schedule::new(kernels, &list.work, &steps, &status)?;
-        let counters = device("visibility counters", 4 * Counts::LENGTH as u64)?;
-        let counted = [("counters", &counters)];
-        let counted = if forms.count { &counted[..] } else { &[] };
-        let walkers = Walkers::new(forms, scene, &frame, &named, counted, schedule, &list.work, &progress)?;
-        let work_at_start = staging.stage(context, "visibility work at start", &[work])?;
-        Ok(Visibility { walkers, chunks, work_at_start, visible, status, work: list.work, counters })
+        let status = Buffer::new(context, "visibility status", 16, Memory::Device)?;
+        let own = Resources::of([("frame", &frame), ("status", &status)]);
+        let kit = Kit::new(context, staging, scene, settings.traversal, &own);
+        let steps = Resources::of([("steps", &kit.stage("visibility steps", &table.steps)?)]);
+        let visible = kit.array("visible lights", count, 4)?;
+        let progress = kit.array("visibility progress", count, 8)?;
+        let counters = kit.array("visibility counters", Counts::LENGTH as u32, 4)?;
+        let list = List { entries: kit.stage("visibility list", &list)?, work: kit.stage("visibility work", &[work])? };
+        let set = Resources::of([
+            ("receiver_position", &kit.stage("visibility receivers", &vec4s(&workload.receivers))?),
+            ("receiver_geometric", &kit.stage("visibility normals", &vec4s(&workload.normals))?),
+            ("lights", &kit.stage("visibility lights", &records)?),
+            ("visible", &visible),
+            ("counters", &counters),
+        ]);
+        let nothing_more = Resources::new();
+        let of_clusters = scene.wide_nodes.as_ref().map(|_| &nothing_more);
+        let rays = ShadowRays::new(&kit, &kernels, &[&set], of_clusters, (&list, &progress), &steps)?;
+        let work_at_start = kit.stage("visibility work at start", &[work])?;
+        Ok(Visibility { rays, chunks, work_at_start, visible, status, work: list.work, counters })
     }
 
     /// Records the pass.
@@ -226,7 +209,7 @@ impl Visibility {
         rec.fill(&self.status, 0)?;
         rec.fill(&self.counters, 0)?;
         rec.copy(&self.work_at_start, &self.work)?;
-        self.walkers.record(rec, &self.chunks)
+        self.rays.record(rec, &self.chunks)
     }
 }
 

@@ -14,51 +14,30 @@
 use super::layout::{self, PointLight};
 use super::receivers::SurfacePoint;
 use super::walk_start::walk_numbers;
-use super::{Kernels, Rays, groups, push};
+use super::{BoundKernel, Kit, Rays, groups, push};
 use crate::accel::{Ray, offset_origin};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::sampling::dimensions::LOBE;
 use crate::sampling::random::{key, random_f32};
-use crate::scene_buffers::SceneBuffers;
 use glam::Vec3;
 
 /// The pass.
 pub struct WalkReflect {
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
 }
 
 impl WalkReflect {
     /// Reads `particles.hits`, writes lights, and `particles` and `flux` for those that fly on.
-    pub fn new(
-        kernels: &Kernels,
-        frame: &Buffer,
-        scene: &SceneBuffers,
-        particles: &Rays,
-        flux: &Buffer,
-        lights: &Buffer,
-        steps: &Buffer,
-    ) -> Result<Self> {
-        let kernel = kernels.walk_reflect.clone();
-        let mut named = scene.surface_bindings();
-        named.extend([
-            ("frame", frame.into()),
-            ("ray_origin", (&particles.origin).into()),
-            ("ray_direction", (&particles.direction).into()),
-            ("hits", (&particles.hits).into()),
-            ("flux", flux.into()),
-            ("lights", lights.into()),
-            ("steps", steps.into()),
-            ("sobol_columns", (&scene.sobol_columns).into()),
-        ]);
-        let bindings = kernel.bind(&named)?;
-        Ok(WalkReflect { kernel, bindings })
+    pub fn new(kit: &Kit, particles: &Rays, [flux, lights]: [&Buffer; 2], steps: &Resources) -> Result<Self> {
+        let own = Resources::of([("flux", flux), ("lights", lights)]);
+        let shaders = [&shaders::WALK_REFLECT, &shaders::WALK_REFLECT_UNTEXTURED];
+        Ok(WalkReflect { kernel: kit.bind_surface(shaders, &[&particles.resources(), &own, steps])? })
     }
 
     /// Records the pass over at most `particle_count` particles.
     pub fn record(&self, rec: &mut Recorder, step: u32, particle_count: u32) -> Result<()> {
-        rec.dispatch(&self.kernel, &self.bindings, &push(step), groups(particle_count))
+        self.kernel.run(rec, &push(step), groups(particle_count))
     }
 }
 

@@ -14,10 +14,10 @@
 //! Cost: some 200 operations and 144 bytes a particle.
 
 use super::layout::{self, PointLight};
-use super::{Kernels, Rays, groups};
+use super::{BoundKernel, Kit, Rays, groups};
 use crate::accel::{Ray, offset_origin};
 use crate::error::Result;
-use crate::gpu::{Bindings, Buffer, Kernel, Recorder};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::light::emitters::{Emitters, Kind};
 use crate::sampling::dimensions::{JITTER, SIDE};
 use crate::sampling::halton::radical_inverse;
@@ -28,38 +28,26 @@ use glam::Vec3;
 
 /// The pass.
 pub struct WalkStart {
-    kernel: Kernel,
-    bindings: Bindings,
+    kernel: BoundKernel,
     particle_count: u32,
 }
 
 impl WalkStart {
     /// Chooses among `emitters`. Writes the lights that they leave, and `particles` and `flux` for those that fly on.
     pub fn new(
-        kernels: &Kernels,
-        frame: &Buffer,
-        [emitters, sobol_columns]: [&Buffer; 2],
+        kit: &Kit,
+        emitters: &Buffer,
         particles: &Rays,
-        flux: &Buffer,
-        lights: &Buffer,
+        [flux, lights]: [&Buffer; 2],
         particle_count: u32,
     ) -> Result<Self> {
-        let kernel = kernels.walk_start.clone();
-        let bindings = kernel.bind(&[
-            ("frame", frame.into()),
-            ("emitters", emitters.into()),
-            ("sobol_columns", sobol_columns.into()),
-            ("ray_origin", (&particles.origin).into()),
-            ("ray_direction", (&particles.direction).into()),
-            ("flux", flux.into()),
-            ("lights", lights.into()),
-        ])?;
-        Ok(WalkStart { kernel, bindings, particle_count })
+        let own = Resources::of([("emitters", emitters), ("flux", flux), ("lights", lights)]);
+        Ok(WalkStart { kernel: kit.bind(&shaders::WALK_START, &[&particles.resources(), &own])?, particle_count })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        rec.dispatch(&self.kernel, &self.bindings, &[], groups(self.particle_count))
+        self.kernel.run(rec, &[], groups(self.particle_count))
     }
 }
 

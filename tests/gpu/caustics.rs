@@ -199,7 +199,7 @@ fn scenes_without_mirrors_and_glass_have_no_photons() {
     gpu_test(|ctx| {
         let scene = builtin::single_triangle_light();
         let rig = Rig::new(ctx, &scene, [8, 8], shooting(100));
-        assert!(rig.frame().photons.is_none() && rig.engine.scene_buffers().targets.is_none());
+        assert!(rig.frame().photons.is_none() && rig.engine.device_scene().targets.is_none());
         // Emitters alone are seen, or nothing ideal is followed.
         let scene = gallery();
         for settings in [Settings { max_depth: 1, ..shooting(100) }, Settings { max_specular: 0, ..shooting(100) }] {

@@ -2,7 +2,7 @@
 
 use glam::{Vec3, Vec4};
 use lightsum::gpu::{Context, upload};
-use lightsum::pass::Sums;
+use lightsum::pass::Lighting;
 use lightsum::pass::discontinuity::{self, Discontinuity, Guide, Inputs, Receiver, agree, guide};
 use lightsum::pass::layout::Window;
 use lightsum::scene::{Light, Material, Scene, Texture, Wrap};
@@ -52,7 +52,7 @@ fn filtered(ctx: &Context, rig: &Rig, filter: Filter, irradiance: [&[Vec3]; 2]) 
         frame: &frame.parameters,
         receivers: &frame.primary,
         paths: &frame.paths,
-        sums: &Sums { direct, indirect, specular: frame.pixel_sums.specular.clone() },
+        sums: &Lighting { direct, indirect, specular: frame.pixel_sums.specular.clone() },
         ideal_tiles: &frame.ideal_tiles,
         components: irradiance[0].len() as u32 / pixels,
         size: [width, height],

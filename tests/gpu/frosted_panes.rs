@@ -75,7 +75,7 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
             let pixels = region.len();
             let mut tally = Tally::new(format!("behind panes, {resolution:?}"));
             for i in (0..pixels).filter(|&i| rig.is_pane(region[i])) {
-                let plane = &rig.engine.scene_buffers().reflectors[region[i] as usize - 1];
+                let plane = &rig.engine.device_scene().reflectors[region[i] as usize - 1];
                 panes[region[i] as usize] += 1;
                 let light = lights.each_ref().map(|l| if wo[i].w > 0.0 { l[i].truncate() } else { Vec3::ZERO });
                 let vectors = [emitted[i], through[i], kd[i]].map(Vec4::truncate);

@@ -2,10 +2,10 @@
 
 use glam::{Affine3A, Mat3A, Quat, Vec3};
 use lightsum::accel::objects::{Changes, ObjectTrees};
+use lightsum::device_scene::DeviceScene;
 use lightsum::gpu::{Context, Staging};
 use lightsum::light::emitters::Emitters;
 use lightsum::scene::{self, Camera, Light, Scene, Surface, builtin};
-use lightsum::scene_buffers::SceneBuffers;
 use lightsum::settings::{Clip, Spread, Superposition, Traversal};
 use lightsum::{Engine, Renderer, Settings};
 
@@ -370,7 +370,7 @@ fn a_wide_tree_that_is_too_deep_is_given_up_until_it_fits() {
         let emitters = Emitters::of(&scene, true).unwrap();
         let mut staging = Staging::new();
         let mut buffers =
-            SceneBuffers::with_wide(ctx, &mut staging, &scene, &bvh, &emitters, trees.wide.as_ref()).unwrap();
+            DeviceScene::with_wide(ctx, &mut staging, &scene, &bvh, &emitters, trees.wide.as_ref()).unwrap();
         assert!(buffers.wide_nodes.is_some());
         let mut update = |wide| {
             let (staging, changes) = (&mut staging, Changes::default());

@@ -112,7 +112,7 @@ impl Found {
 fn look(rig: &Rig) -> Vec<Option<Hit>> {
     let (frame, [width, height, pixels, _]) = (rig.frame(), rig.parameters.size);
     let r = &frame.primary;
-    rig.prefill(&[&frame.rays.origin, &frame.rays.direction, &frame.rays.hits, &frame.beta, &frame.lists[0].pixels]);
+    rig.prefill(&[&frame.rays.origin, &frame.rays.direction, &frame.rays.hits, &frame.beta, &frame.lists[0].entries]);
     rig.prefill(&[&r.position, &r.geometric, &r.shading, &r.kd, &r.f0, &r.wo, &r.emitted, &frame.paths.throughput]);
     rig.run(|frame, rec| frame.record_eye_rays(rec));
     let what = format!("{width}x{height}");

@@ -12,7 +12,7 @@ use lightsum::pass::receivers::surface_at;
 use lightsum::pass::resolve::Resolve;
 use lightsum::pass::schedule::{self, Schedule};
 use lightsum::pass::shade::{self, Receiver};
-use lightsum::pass::{Kernels, Paths, Receivers, Sums, gather, sort};
+use lightsum::pass::{EyePathState, Kernels, Lighting, ShadingPoints, gather, sort};
 use lightsum::settings::{Clip, Sequence, Settings, Traversal};
 
 use crate::rig::{
@@ -33,7 +33,7 @@ const LOBE: f32 = 2e-3;
 const STRAYS: f64 = 0.005;
 
 /// The receivers as the oracles take them.
-pub fn receivers(rig: &Rig, r: &Receivers) -> Vec<Receiver> {
+pub fn receivers(rig: &Rig, r: &ShadingPoints) -> Vec<Receiver> {
     let [position, geometric, shading, kd, f0, wo] =
         [&r.position, &r.geometric, &r.shading, &r.kd, &r.f0, &r.wo].map(|b| rig.vec4s(b));
     (0..position.len())
@@ -52,7 +52,7 @@ pub fn receivers(rig: &Rig, r: &Receivers) -> Vec<Receiver> {
         .collect()
 }
 
-fn sums(rig: &Rig, sums: &Sums) -> [Vec<Vec4>; 3] {
+fn sums(rig: &Rig, sums: &Lighting) -> [Vec<Vec4>; 3] {
     [&sums.direct, &sums.indirect, &sums.specular].map(|b| rig.vec4s(b))
 }
 
@@ -379,9 +379,9 @@ fn shade_each_kind(ctx: &Context, traversal: Traversal) {
 /// Everything that `merge` and `accumulate` read and write, for `pixels` pixels of arbitrary content, each of two components.
 pub struct Sheet {
     pub frame: Buffer,
-    pub receivers: Receivers,
-    pub paths: Paths,
-    pub sums: Sums,
+    pub receivers: ShadingPoints,
+    pub paths: EyePathState,
+    pub sums: Lighting,
     film: Film,
     pub pixels: u32,
 }
@@ -396,9 +396,9 @@ impl Sheet {
         };
         Sheet {
             frame: upload(ctx, "parameters", &[parameters]).unwrap(),
-            receivers: Receivers::new(ctx, "test", 2 * pixels).unwrap(),
-            paths: Paths::new(ctx, 2 * pixels, 0).unwrap(),
-            sums: Sums::new(ctx, "test", 2 * pixels).unwrap(),
+            receivers: ShadingPoints::new(ctx, "test", 2 * pixels).unwrap(),
+            paths: EyePathState::new(ctx, 2 * pixels, 0).unwrap(),
+            sums: Lighting::new(ctx, "test", 2 * pixels).unwrap(),
             film: Film::new(ctx, pixels, true).unwrap(),
             pixels,
         }

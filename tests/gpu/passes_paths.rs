@@ -24,7 +24,7 @@ const DIRECTION: f32 = 1e-3;
 const STRAYS: f64 = 0.005;
 
 /// The eye paths of all slots as the device left them.
-struct Paths {
+struct EyePathState {
     origin: Vec<Vec4>,
     direction: Vec<Vec4>,
     hits: Vec<Vec4>,
@@ -33,10 +33,10 @@ struct Paths {
     emitted: Vec<Vec4>,
 }
 
-impl Paths {
-    fn of(rig: &Rig) -> Paths {
+impl EyePathState {
+    fn of(rig: &Rig) -> EyePathState {
         let frame = rig.frame();
-        Paths {
+        EyePathState {
             origin: rig.vec4s(&frame.rays.origin),
             direction: rig.vec4s(&frame.rays.direction),
             hits: rig.vec4s(&frame.rays.hits),
@@ -86,14 +86,14 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
     let [width, height, pixels, _] = rig.parameters.size;
     let slots = (frame.paths.throughput.bytes() / 16) as u32;
     let twins = if slots > pixels { pixels } else { 0 };
-    let before = Paths::of(rig);
+    let before = EyePathState::of(rig);
     let entering: Vec<u32> = match step.checked_sub(1) {
         None => (0..pixels).collect(),
         Some(last) => rig.eye_list(last),
     };
     rig.run(|frame, rec| frame.record_eye_step(rec, step));
     let in_tile: Vec<u32> = rig.ideal_pixels();
-    let after = Paths::of(rig);
+    let after = EyePathState::of(rig);
     let what = format!("{width}x{height}, step {step}");
     let mut expected = BTreeMap::new();
     for &slot in &entering {
@@ -167,7 +167,7 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
 
 /// Compares the list of tiles that show mirrors or glass.
 fn check_tiles(rig: &Rig) {
-    let List { pixels: list, work } = &rig.frame().ideal_tiles;
+    let List { entries: list, work } = &rig.frame().ideal_tiles;
     let [width, height, pixels, _] = rig.parameters.size;
     let hits = rig.vec4s(&rig.frame().rays.hits);
     let ideal = |hit: &Vec4| {
@@ -279,7 +279,7 @@ fn merge_adds_second_components_to_their_pixels() {
             let live = tiles.len() as u32;
             let work = layout::Work { live, list_groups: [live, 1, 1, 0], ..layout::Work::default() };
             let list = List {
-                pixels: upload(ctx, "tiles", &tiles).unwrap(),
+                entries: upload(ctx, "tiles", &tiles).unwrap(),
                 work: upload(ctx, "tile work", &[work]).unwrap(),
             };
             let pass = Merge::new(&kernels, &s.frame, r, &s.paths, &s.sums, &list, &r.emitted).unwrap();

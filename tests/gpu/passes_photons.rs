@@ -89,7 +89,7 @@ fn check_step(rig: &Rig, what: &str, step: usize, seen: &mut [usize; 3]) {
     let before = State::of(rig);
     let sorted = |list: &lightsum::pass::List| {
         let live = rig.get::<Work>(&list.work)[0].live as usize;
-        let mut slots: Vec<u32> = rig.get(&list.pixels);
+        let mut slots: Vec<u32> = rig.get(&list.entries);
         slots.truncate(live);
         slots.sort_unstable();
         slots
@@ -213,7 +213,7 @@ fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
     let listed: Vec<(u32, Vec3)> =
         rig.list(0).into_iter().map(|slot| (slot, position[slot as usize].truncate())).collect();
     let work = rig.get::<Work>(&frame.photons.as_ref().unwrap().found.work)[0];
-    let mut found = rig.get::<u32>(&frame.photons.as_ref().unwrap().found.pixels)[..work.live as usize].to_vec();
+    let mut found = rig.get::<u32>(&frame.photons.as_ref().unwrap().found.entries)[..work.live as usize].to_vec();
     found.sort_unstable();
     assert_eq!(found, photon_find::reference(&rig.parameters, &listed, &of_photons), "{what}: receivers found");
     let mut tally = Tally::new(format!("photon_light, {what}"));

@@ -5,6 +5,7 @@ use std::path::Path;
 use bytemuck::Pod;
 use glam::{Vec2, Vec3, Vec4};
 use lightsum::accel::{Bvh, Hit, Ray};
+use lightsum::device_scene::encode_normal;
 use lightsum::engine::Engine;
 use lightsum::frame::Frame;
 use lightsum::gpu::{Buffer, Context, Recorder, download};
@@ -12,7 +13,6 @@ use lightsum::pass::clusters::NO_RECEIVER;
 use lightsum::pass::eye_paths::Plane;
 use lightsum::pass::{List, layout, walk_start};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
-use lightsum::scene_buffers::encode_normal;
 use lightsum::settings::Settings;
 
 /// Image sizes at which off-by-one mistakes show: one pixel, part of a workgroup, one workgroup, 2049 pixels, a prime width.
@@ -82,7 +82,7 @@ impl<'a> Rig<'a> {
         }
         // Clusters of the screen have gaps.
         let work = self.work(0);
-        let mut slots: Vec<u32> = self.get(&self.frame().lists[0].pixels);
+        let mut slots: Vec<u32> = self.get(&self.frame().lists[0].entries);
         slots.truncate(work.total as usize);
         slots.retain(|&slot| slot != NO_RECEIVER);
         assert_eq!(slots.len(), work.live as usize, "receivers on the list");
@@ -105,7 +105,7 @@ impl<'a> Rig<'a> {
 
     fn sorted(&self, list: &List) -> Vec<u32> {
         let live = self.get::<layout::Work>(&list.work)[0].live;
-        let mut slots: Vec<u32> = self.get(&list.pixels);
+        let mut slots: Vec<u32> = self.get(&list.entries);
         slots.truncate(live as usize);
         slots.sort_unstable();
         slots
@@ -115,7 +115,7 @@ impl<'a> Rig<'a> {
     fn reflector(&self, hit: &Hit, kind: Surface) -> u32 {
         let triangle = self.bvh().scene_triangle(hit.triangle);
         let material = self.scene.triangles[triangle as usize].material;
-        let reflectors = &self.engine.scene_buffers().reflectors;
+        let reflectors = &self.engine.device_scene().reflectors;
         let number = reflectors.iter().position(|r| r.triangles.contains(&triangle)).map_or(0, |i| i as u32 + 1);
         let counts = self.scene.materials[material as usize].surface == kind;
         if counts && number <= self.engine.parameters().settings.mirroring_planes() { number } else { 0 }
@@ -139,7 +139,7 @@ impl<'a> Rig<'a> {
 
     /// Whether a region, a number of a reflector, is a frosted pane.
     pub fn is_pane(&self, region: u32) -> bool {
-        region > 0 && self.engine.scene_buffers().reflectors[region as usize - 1].pane
+        region > 0 && self.engine.device_scene().reflectors[region as usize - 1].pane
     }
 
     /// Rays lost so far.

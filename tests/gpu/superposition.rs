@@ -139,7 +139,7 @@ fn planes_reflect_as_their_oracle_says() {
                     continue;
                 };
                 let mu = normal[i].truncate().dot(wo[i].truncate());
-                let finish: &Finish = &rig.engine.scene_buffers().finishes[plane as usize].reflectance;
+                let finish: &Finish = &rig.engine.device_scene().finishes[plane as usize].reflectance;
                 let look_up = |mu: f32| mirrors.tables.library.look_up(plane, mu).unwrap();
                 let map = ReflectanceMap::new(|mu| look_up(mu).energy * fresnel_fitted_rgb(finish.f0, mu)).unwrap();
                 let lobe = look_up(mu);

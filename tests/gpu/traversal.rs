@@ -3,7 +3,7 @@
 use glam::Vec3;
 use lightsum::calibrate;
 use lightsum::gpu::Context;
-use lightsum::pass::Forms;
+use lightsum::pass::TraversalKernels;
 use lightsum::pass::clusters::{self, NO_RECEIVER};
 use lightsum::pass::sort;
 use lightsum::scene::{Camera, Light, Material, Scene, Triangle, builtin};
@@ -158,7 +158,7 @@ fn lists_are_sorted_and_the_same_in_every_run() {
                     frame.record_eye(rec)
                 });
                 let live = rig.work(0).live as usize;
-                let list = rig.get::<u32>(&rig.frame().lists[0].pixels)[..live].to_vec();
+                let list = rig.get::<u32>(&rig.frame().lists[0].entries)[..live].to_vec();
                 let positions = rig.vec4s(&rig.frame().primary.position).into_iter().map(|p| xyz(p.to_array()));
                 let lit = rig.vec4s(&rig.frame().primary.wo).into_iter().map(|wo| wo.w > 0.0);
                 (list, positions.collect::<Vec<Vec3>>(), lit.collect::<Vec<bool>>(), rig.parameters)
@@ -203,7 +203,7 @@ fn clusters_of_the_screen_follow_their_oracle() {
                 frame.record_eye(rec)
             });
             let work = rig.work(0);
-            let list = rig.get::<u32>(&rig.frame().lists[0].pixels)[..work.total as usize].to_vec();
+            let list = rig.get::<u32>(&rig.frame().lists[0].entries)[..work.total as usize].to_vec();
             let wo = rig.vec4s(&rig.frame().primary.wo);
             let lit: Vec<u32> = (0..wo.len() as u32).filter(|&slot| wo[slot as usize].w > 0.0).collect();
             assert_eq!(list, clusters::reference(&rig.parameters, &lit), "{width}x{height} by {pattern:?}");
@@ -246,7 +246,7 @@ fn the_choice_of_kernel_is_measured_and_kept() {
         let cache = dir.path().join("pipelines.bin");
         let file = dir.path().join("pipelines.bin.traversal.json");
         let first = calibrate::choose(ctx, &cache).unwrap();
-        if Forms::visibility(ctx, Traversal::Auto).unwrap().cluster.is_none() {
+        if TraversalKernels::visibility(ctx, Traversal::Auto).unwrap().cluster.is_none() {
             assert_eq!((first, file.exists()), (Traversal::Single, false), "there is nothing to choose from");
             return;
         }

@@ -2,13 +2,13 @@
 
 use glam::Vec3;
 use lightsum::accel::{Bvh, offset_origin};
+use lightsum::device_scene::DeviceScene;
 use lightsum::gpu::{Context, Staging, download};
 use lightsum::light::emitters::Emitters;
 use lightsum::pass::layout::Work;
 use lightsum::pass::visibility::{Counts, Inputs, Visibility, Workload, reference};
-use lightsum::pass::{Forms, Kernels};
+use lightsum::pass::{Kernels, TraversalKernels};
 use lightsum::scene::{Scene, builtin};
-use lightsum::scene_buffers::SceneBuffers;
 use lightsum::settings::{Settings, Traversal};
 use lightsum::standalone::Renderer;
 
@@ -20,7 +20,7 @@ struct Stage<'a> {
     ctx: &'a Context,
     bvh: Bvh,
     kernels: Kernels,
-    buffers: SceneBuffers,
+    buffers: DeviceScene,
 }
 
 impl Stage<'_> {
@@ -29,12 +29,12 @@ impl Stage<'_> {
         let emitters = Emitters::of(scene, scene.emitters_are_lights).unwrap();
         let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
         let mut staging = Staging::new();
-        let buffers = SceneBuffers::new(ctx, &mut staging, scene, &bvh, &emitters, true).unwrap();
+        let buffers = DeviceScene::new(ctx, &mut staging, scene, &bvh, &emitters, true).unwrap();
         ctx.submit_and_wait("scene", None, |rec| staging.record(rec)).unwrap();
         Stage { ctx, bvh, kernels, buffers }
     }
 
-    fn run(&self, forms: &Forms, workload: &Workload) -> Visibility {
+    fn run(&self, forms: &TraversalKernels, workload: &Workload) -> Visibility {
         let settings = Settings { rounds: 64, ..Settings::default() };
         let mut staging = Staging::new();
         let (kernels, scene, bvh, settings) = (&self.kernels, &self.buffers, &self.bvh, &settings);
@@ -218,7 +218,7 @@ fn lights_at_vertices_and_on_surfaces() {
 fn what_faces_away_is_culled_and_counted() {
     gpu_test(|ctx| {
         if !has_clusters(ctx) {
-            assert!(Forms::counters(ctx).is_err(), "there is nothing to count");
+            assert!(TraversalKernels::counters(ctx).is_err(), "there is nothing to count");
             return;
         }
         let scene = builtin::room(2_000);
@@ -233,7 +233,7 @@ fn what_faces_away_is_culled_and_counted() {
             lights: (0..40).map(|i| Vec3::new(middle.x, high.y - 0.2, low.z + 0.1 * i as f32)).collect(),
             ..Workload::default()
         };
-        let forms = Forms::counters(ctx).unwrap();
+        let forms = TraversalKernels::counters(ctx).unwrap();
         let counts = |workload: &Workload| {
             let pass = stage.run(&forms, workload);
             let words: Vec<u32> = download(ctx, &pass.counters).unwrap();
@@ -251,7 +251,7 @@ fn what_faces_away_is_culled_and_counted() {
         let mut deep = workload.clone();
         deep.lights = vec![Vec3::new(middle.x, at(0).y - 1.0, middle.z); 20];
         deep.edges = vec![[Vec3::X, 2.0 * Vec3::Y]; 20];
-        let forms = Forms::counters_area(ctx).unwrap();
+        let forms = TraversalKernels::counters_area(ctx).unwrap();
         let pass = stage.run(&forms, &deep);
         let words: Vec<u32> = download(ctx, &pass.counters).unwrap();
         assert_eq!((words[0], download::<Work>(ctx, &pass.work).unwrap()[0].culled), (2 * 20, 0));
@@ -298,5 +298,5 @@ fn faint_lights_are_dropped_on_demand() {
 
 /// Whether this device has a kernel for clusters.
 fn has_clusters(ctx: &Context) -> bool {
-    Forms::visibility(ctx, Traversal::Auto).unwrap().cluster.is_some()
+    TraversalKernels::visibility(ctx, Traversal::Auto).unwrap().cluster.is_some()
 }

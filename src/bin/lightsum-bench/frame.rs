@@ -68,8 +68,8 @@ fn combinations(args: &Frame, base: Settings) -> Vec<Settings> {
 
 fn print(name: &str, renderer: &Renderer, passes: &Passes) -> Result<()> {
     let engine = renderer.engine();
-    let p = engine.parameters();
-    let ([width, height], s) = (p.camera.resolution, &p.settings);
+    let p = engine.plan();
+    let ([width, height], s) = (p.view.size(), &p.settings);
     report::say("")?;
     report::say(&format!(
         "{name}: {} triangles, {width}x{height}, {} lights of {} paths, depth {}{}{}, {} lights a dispatch, kernel {}",

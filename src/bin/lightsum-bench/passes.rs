@@ -44,7 +44,7 @@ impl Passes {
     /// The fields of a JSON line: what was rendered and what it took.
     pub fn fields(&self, scene: &str, renderer: &Renderer) -> Fields {
         let (engine, gpu) = (renderer.engine(), &self.gpu);
-        let p = engine.parameters();
+        let p = engine.plan();
         let gpu_passes = gpu.iter().map(|(name, seconds)| {
             let mut pass = report::fields(report::summary(seconds));
             pass.insert("pass".into(), name.as_str().into());
@@ -54,8 +54,8 @@ impl Passes {
             "scene": scene,
             "triangles": engine.bvh().triangle_count(),
             "nodes": engine.bvh().node_count(),
-            "scene_bytes": engine.scene_buffers().bytes(),
-            "resolution": p.camera.resolution,
+            "scene_bytes": engine.device_scene().bytes(),
+            "resolution": p.view.size(),
             "lights": p.lights.slots(),
             "settings": report::settings(&p.settings),
             "kernel": kernel(renderer),
@@ -71,7 +71,7 @@ impl Passes {
 
 /// How shadow rays are traced in fact.
 pub fn kernel(renderer: &Renderer) -> &'static str {
-    match renderer.engine().scene_buffers().wide_nodes {
+    match renderer.engine().device_scene().wide_nodes {
         Some(_) => "cluster",
         None => "single",
     }

@@ -10,6 +10,7 @@ use lightsum::pass::sort;
 use lightsum::pass::visibility::Workload;
 use lightsum::scene::{self, Camera, Scene, builtin};
 use lightsum::settings::Settings;
+use lightsum::stage::Stage;
 use lightsum::{Engine, Error, Result};
 use std::path::Path;
 
@@ -60,20 +61,20 @@ pub fn camera(scene: &Scene, resolution: [u32; 2]) -> Camera {
 pub fn workload(context: &Context, engine: &mut Engine, lights: u32, area: Option<f64>) -> Result<Workload> {
     context.submit_and_wait("uploading the scene", None, |rec| engine.record_setup(rec))?;
     engine.setup_finished();
-    let parameters = engine.parameters().frame(0)?;
+    let parameters = engine.plan().parameters(0)?;
     let frame = engine.frame();
     context.submit_and_wait("the workload", None, |rec| {
         frame.record_start(rec, &parameters)?;
-        frame.record_walk(rec)?;
-        frame.record_eye(rec)
+        frame.walk.record(rec)?;
+        frame.eye.record(rec)
     })?;
     let of = |buffer| {
         Ok::<_, Error>(download::<Vec4>(context, buffer)?.into_iter().map(Vec4::truncate).collect::<Vec<Vec3>>())
     };
-    let (positions, normals) = (of(&frame.primary.position)?, of(&frame.primary.geometric)?);
-    let lit = download::<Vec4>(context, &frame.primary.wo)?;
+    let (positions, normals) = (of(&frame.eye.points.position)?, of(&frame.eye.points.geometric)?);
+    let lit = download::<Vec4>(context, &frame.eye.points.wo)?;
     // Tile by tile, as the list is before it is sorted.
-    let [width, height] = engine.parameters().camera.resolution;
+    let [width, height] = engine.view().size();
     let mut list: Vec<u32> = (0..width * height).filter(|&p| lit[p as usize].w > 0.0).collect();
     list.sort_by_key(|p| {
         let (x, y) = (p % width, p / width);
@@ -82,7 +83,7 @@ pub fn workload(context: &Context, engine: &mut Engine, lights: u32, area: Optio
     let mut list = sort::reference(&parameters, &list, &positions);
     // Whole packets of 16 only, so that every tracer gets the same rays.
     list.truncate(list.len() / 16 * 16);
-    let mut all = download::<PointLight>(context, &frame.lights)?;
+    let mut all = download::<PointLight>(context, frame.lights())?;
     all.retain(|l| l.flags() & PointLight::DIRECTIONAL == 0 && l.emit[..3].iter().any(|&e| e > 0.0));
     let wanted = (lights as usize).min(all.len());
     if wanted == 0 || list.is_empty() {

@@ -3,9 +3,9 @@
 use crate::args::ShadowRays;
 use crate::{report, scene};
 use lightsum::gpu::{Context, Staging, Timers, download};
+use lightsum::pass::TraversalKernels;
 use lightsum::pass::layout::Work;
 use lightsum::pass::visibility::{self, Counts, Inputs, Visibility, Workload};
-use lightsum::pass::{Forms, Kernels};
 use lightsum::plan::shade_steps;
 use lightsum::scene::Scene;
 use lightsum::settings::{Settings, Traversal};
@@ -24,7 +24,6 @@ pub struct Bench {
     pub segments: u64,
     timers: Timers,
     engine: Engine,
-    kernels: Kernels,
     lights_per_dispatch: Option<u32>,
     only: Option<String>,
 }
@@ -57,7 +56,6 @@ impl Bench {
         if let Some(dir) = &args.dump_rays {
             dump(dir, &scene, &workload)?;
         }
-        let kernels = Kernels::new(&context, Traversal::Auto)?;
         let timers = Timers::new(&context, 4)?;
         let segments = workload.segments();
         Ok(Bench {
@@ -66,7 +64,6 @@ impl Bench {
             segments,
             timers,
             engine,
-            kernels,
             lights_per_dispatch: args.lights_per_dispatch,
             only: args.only.clone(),
         })
@@ -74,7 +71,8 @@ impl Bench {
 
     /// Whether device and scene have what clusters need.
     pub fn has_clusters(&self) -> bool {
-        self.kernels.shade.cluster.is_some() && self.engine.scene_buffers().wide_nodes.is_some()
+        TraversalKernels::shade(&self.context, Traversal::Auto).is_ok_and(|kernels| kernels.cluster.is_some())
+            && self.engine.device_scene().wide_nodes.is_some()
     }
 
     /// The kernels that this device can run.
@@ -88,20 +86,20 @@ impl Bench {
     /// Traces the workload once to warm up and then `repeats` times.
     pub fn measure(&self, traversal: Traversal, repeats: u32) -> Result<Measured> {
         let kernel = name(traversal);
-        let forms = self.workload.forms(&self.context, traversal)?;
-        self.trace(&forms, kernel, repeats).map(|(measured, _)| measured)
+        let kernels = self.workload.kernels(&self.context, traversal)?;
+        self.trace(kernels, kernel, repeats).map(|(measured, _)| measured)
     }
 
     /// What the clusters of the workload meet; and the pairs dropped before any ray was traced.
     pub fn count(&self) -> Result<(Counts, u32)> {
-        let forms = self.workload.counting_forms(&self.context)?;
-        let (_, pass) = self.trace(&forms, "counters", 0)?;
+        let kernels = self.workload.counting_kernels(&self.context)?;
+        let (_, pass) = self.trace(kernels, "counters", 0)?;
         let words = download::<u32>(&self.context, &pass.counters)?;
         let culled = download::<Work>(&self.context, &pass.work)?[0].culled;
         Ok((Counts::new([words[0], words[1], words[2], words[3], words[4], words[5]]), culled))
     }
 
-    fn trace(&self, forms: &Forms, kernel: &'static str, repeats: u32) -> Result<(Measured, Visibility)> {
+    fn trace(&self, kernels: TraversalKernels, kernel: &'static str, repeats: u32) -> Result<(Measured, Visibility)> {
         let mut staging = Staging::new();
         let defaults = Settings::default();
         let lights_per_dispatch = self.lights_per_dispatch.unwrap_or(defaults.lights_per_dispatch);
@@ -109,14 +107,7 @@ impl Bench {
         let pass = Visibility::new(
             &self.context,
             &mut staging,
-            &Inputs {
-                kernels: &self.kernels,
-                forms,
-                scene: self.engine.scene_buffers(),
-                bvh: self.engine.bvh(),
-                settings: &settings,
-                workload: &self.workload,
-            },
+            &Inputs { kernels, scene: self.engine.device_scene(), settings: &settings, workload: &self.workload },
         )?;
         self.context.submit_and_wait("uploading the rays", None, |rec| staging.record(rec))?;
         let mut times = Vec::new();

@@ -11,7 +11,6 @@ use crate::scene;
 use crate::scratch::Scratch;
 use lightsum::accel::Bvh;
 use lightsum::gpu::{Context, ContextOptions};
-use lightsum::pass::Kernels;
 use lightsum::settings::Settings;
 use lightsum::{Error, Renderer, Result};
 use serde_json::{Value, json};
@@ -122,8 +121,6 @@ pub fn once(args: &StartupOnce) -> Result<()> {
         ..ContextOptions::default()
     })?;
     done("device");
-    drop(Kernels::new(&context, settings.traversal)?);
-    done("pipelines");
     drop(Bvh::build(&scene)?);
     done("bvh");
     let mut renderer = Renderer::with_context(context, scene, camera, settings)?;

@@ -1,0 +1,336 @@
+//! The scene, ready for light transport: its tree, emitters, targets and mirrors on the host, and all of it on the device. It outlives
+//! frames, settings and image sizes.
+//!
+//! On the device: BVH, triangles, materials, textures, emitters, in arrays that each keep within one storage
+//! binding (128 MiB on the smallest devices: 8 million nodes, 4 million triangles with textures).
+
+mod records;
+mod update;
+
+use std::ops::Range;
+
+use bytemuck::Pod;
+use glam::Vec3;
+
+use crate::accel::Bvh;
+use crate::accel::objects::ObjectTrees;
+use crate::accel::wide::WideBvh;
+use crate::bsdf::Reflectance;
+use crate::error::{Error, Result};
+use crate::gpu::{Buffer, Context, Resources, Staging};
+use crate::light::emitters::Emitters;
+use crate::light::mirrors::Mirrors;
+use crate::light::targets::Targets;
+use crate::pass::layout::PointLight;
+use crate::pass::mirror_image::Tables;
+use crate::sampling::sobol;
+use crate::scene::reflectors::Reflector;
+use crate::scene::{Scene, Surface};
+use crate::superposition::lobe::Lobe;
+
+pub use records::{delta_lights, encode_normal};
+use records::{finishes, material_record, pack_textures, reflector_numbers, shading_attributes};
+pub use update::SceneChanges;
+
+/// Words of the stack in `shaders/shade_cluster.wgsl`.
+const CLUSTER_STACK: u32 = 16;
+
+/// Greatest number of wide nodes: a word of that stack has 24 bits for one.
+const MAX_WIDE_NODES: u32 = 1 << 24;
+
+/// More materials than the words of `normals` have numbers for.
+const MAX_MATERIALS: usize = 1 << 23;
+
+/// A scene on the device; written before the first frame, and in part again before a frame in which the scene changes.
+pub struct DeviceScene {
+    /// The acceleration structure.
+    pub bvh: Bvh,
+    /// The emitters.
+    pub emitters: Emitters,
+    /// The lights without area, lit once in each pass or chosen from.
+    pub delta: Vec<PointLight>,
+    /// Photons are shot at these.
+    pub targets: Targets,
+    /// Planar mirrors.
+    pub mirrors: Mirrors,
+    /// Planar reflectors, number i + 1 in `normals` being `reflectors[i]`.
+    pub reflectors: Vec<Reflector>,
+    /// What they are made of, textures by their mean.
+    pub finishes: Vec<Finish>,
+    /// Which surfaces eye paths will meet.
+    pub specular: SpecularFeatures,
+    /// Mean albedo, by area.
+    pub mean_reflectivity: f32,
+    /// There are textures.
+    pub textured: bool,
+    /// Lower corners of the nodes and skips.
+    pub node_min: Buffer,
+    /// Upper corners of the nodes and leaves.
+    pub node_max: Buffer,
+    /// Nodes of the eight-wide hierarchy; `None` if it is not wanted, or deeper than the kernel's stack.
+    pub wide_nodes: Option<Buffer>,
+    /// First vertices, in the order of the leaves.
+    pub v0: Buffer,
+    /// First edges.
+    pub e1: Buffer,
+    /// Second edges.
+    pub e2: Buffer,
+    /// Vertex normals, octahedral, with reflector, material and smoothness.
+    pub normals: Buffer,
+    /// Texture coordinates, two vec4 a triangle.
+    pub uvs: Buffer,
+    /// [`crate::pass::layout::MaterialRecord`]s.
+    pub materials: Buffer,
+    /// [`crate::pass::layout::TextureRecord`]s.
+    pub textures: Buffer,
+    /// RGBA8 texels of all textures.
+    pub texels: Buffer,
+    /// [`crate::light::emitters::EmitterRecord`]s.
+    pub emitter_records: Buffer,
+    /// [`crate::sampling::sobol::column_pairs`], the same for every scene.
+    pub sobol_columns: Buffer,
+    /// Spheres of the targets; `None`: there are none.
+    pub target_buffers: Option<TargetBuffers>,
+    /// Records of the planar mirrors; `None`: there are none.
+    pub mirror_buffers: Option<MirrorBuffers>,
+    /// Kernels and reflectances of the reflectors, made when they are first needed.
+    tables: Option<Tables>,
+}
+
+/// Planar mirrors on the device.
+#[derive(Clone)]
+pub struct MirrorBuffers {
+    /// [`crate::pass::layout::MirrorRecord`]s.
+    pub records: Buffer,
+    /// For each triangle the number of its mirror + 1, or 0.
+    pub of_triangle: Buffer,
+}
+
+/// Targets on the device.
+#[derive(Clone)]
+pub struct TargetBuffers {
+    /// Their spheres: centre, radius.
+    pub spheres: Buffer,
+    /// For each triangle the number of its target + 1, or 0.
+    pub of_triangle: Buffer,
+}
+
+/// What a planar reflector is made of, textures by their mean.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finish {
+    /// Reflectance and roughness.
+    pub reflectance: Reflectance,
+    /// The lobe that spreads its mirror image.
+    pub lobe: Lobe,
+}
+
+/// Which surfaces of a scene reflect or refract ideally.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SpecularFeatures {
+    /// There are mirrors or glass.
+    pub any: bool,
+    /// Some have two components: glass, mirrors over a diffuse base.
+    pub forks: bool,
+    /// There are planar reflectors with a lobe, which superposition takes for mirrors over a base.
+    pub glossy_planes: bool,
+    /// There are frosted panes among the planar reflectors, which superposition spreads what is behind over.
+    pub frosted_panes: bool,
+}
+
+impl SpecularFeatures {
+    /// There are planes that superposition spreads images over.
+    pub fn spreads(&self) -> bool {
+        self.glossy_planes || self.frosted_panes
+    }
+
+    /// Looks at the materials that triangles have.
+    pub(crate) fn of(scene: &Scene, reflectors: &[Reflector]) -> SpecularFeatures {
+        let mut used = vec![false; scene.materials.len()];
+        scene.triangles.iter().for_each(|t| used[t.material as usize] = true);
+        let glossy = |r: &Reflector| scene.materials[r.material as usize].surface == Surface::Opaque;
+        let mut ideal = SpecularFeatures {
+            glossy_planes: reflectors.iter().any(glossy),
+            frosted_panes: reflectors.iter().any(|r| r.pane),
+            ..SpecularFeatures::default()
+        };
+        for (m, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
+            ideal.any |= m.surface != Surface::Opaque;
+            ideal.forks |= match m.surface {
+                Surface::Opaque => false,
+                Surface::Mirror => {
+                    m.base_color != Vec3::ZERO && (m.metallic < 1.0 || m.metallic_roughness_texture.is_some())
+                }
+                Surface::Glass => true,
+            };
+        }
+        ideal
+    }
+}
+
+impl DeviceScene {
+    /// Builds the tree, finds what lights and mirrors the scene, creates the buffers and stages their contents. `clusters`: with
+    /// what the cluster kernels need.
+    ///
+    /// Errors: a scene without light, or beyond the device's limits or memory.
+    pub fn new(context: &Context, staging: &mut Staging, scene: &Scene, clusters: bool) -> Result<DeviceScene> {
+        let bvh = Bvh::build(scene)?;
+        let wide = clusters.then(|| WideBvh::build(&bvh));
+        Self::with_tree(context, staging, scene, bvh, wide.as_ref())
+    }
+
+    /// As [`DeviceScene::new`], with a tree of trees whose objects may move.
+    pub fn new_dynamic(
+        context: &Context,
+        staging: &mut Staging,
+        scene: &Scene,
+        clusters: bool,
+    ) -> Result<(DeviceScene, ObjectTrees)> {
+        let (trees, bvh) = ObjectTrees::build(scene, clusters)?;
+        Ok((Self::with_tree(context, staging, scene, bvh, trees.wide.as_ref())?, trees))
+    }
+
+    fn with_tree(
+        context: &Context,
+        staging: &mut Staging,
+        scene: &Scene,
+        bvh: Bvh,
+        wide: Option<&WideBvh>,
+    ) -> Result<DeviceScene> {
+        let emitters = Emitters::of(scene, scene.emitters_are_lights)?;
+        let wide_nodes = match wide.filter(|wide| fits_kernel(wide)) {
+            Some(wide) => Some(staging.stage(context, "scene wide nodes", &wide.nodes)?),
+            None => None,
+        };
+        let (textures, texels) = pack_textures(&scene.textures)?;
+        if scene.materials.len() >= MAX_MATERIALS {
+            let count = scene.materials.len();
+            return Err(Error::Scene(format!(
+                "{count} materials; the device's tables number fewer than {MAX_MATERIALS}"
+            )));
+        }
+        let reflectors = scene.reflectors();
+        let of_triangle = reflector_numbers(scene, &reflectors);
+        let (normals, uvs) = shading_attributes(scene, &bvh, &of_triangle, 0..bvh.triangle_count() as usize);
+        let materials: Vec<_> = scene.materials.iter().map(material_record).collect();
+        let mut device_scene = DeviceScene {
+            node_min: staging.stage(context, "scene node minima", &bvh.node_min)?,
+            node_max: staging.stage(context, "scene node maxima", &bvh.node_max)?,
+            wide_nodes,
+            v0: staging.stage(context, "scene triangle vertices", &bvh.v0)?,
+            e1: staging.stage(context, "scene triangle edges 1", &bvh.e1)?,
+            e2: staging.stage(context, "scene triangle edges 2", &bvh.e2)?,
+            normals: staging.stage(context, "scene normals", &normals)?,
+            uvs: staging.stage(context, "scene texture coordinates", &uvs)?,
+            materials: staging.stage(context, "scene materials", &materials)?,
+            textures: staging.stage(context, "scene textures", &textures)?,
+            texels: staging.stage(context, "scene texels", &texels)?,
+            emitter_records: staging.stage(context, "scene emitters", &emitters.records())?,
+            sobol_columns: staging.stage(context, "columns of Sobol'", &sobol::column_pairs())?,
+            delta: delta_lights(scene, bvh.scale()),
+            specular: SpecularFeatures::of(scene, &reflectors),
+            mean_reflectivity: scene.mean_reflectivity(),
+            textured: !scene.textures.is_empty(),
+            finishes: finishes(scene, &reflectors),
+            reflectors,
+            targets: Targets::default(),
+            mirrors: Mirrors::default(),
+            target_buffers: None,
+            mirror_buffers: None,
+            tables: None,
+            emitters,
+            bvh,
+        };
+        device_scene.update_targets(context, staging, scene)?;
+        device_scene.update_mirrors(context, staging, scene)?;
+        Ok(device_scene)
+    }
+
+    /// Makes the tables of the glossy planes unless they are there: some 200 ms for each kind of lobe.
+    pub fn make_tables(&mut self, context: &Context, staging: &mut Staging) -> Result<()> {
+        if self.tables.is_none() {
+            self.tables = Some(Tables::new(context, staging, &self.finishes, &self.reflectors)?);
+        }
+        Ok(())
+    }
+
+    /// Tables of the glossy planes, once made.
+    pub fn tables(&self) -> Option<&Tables> {
+        self.tables.as_ref()
+    }
+
+    /// Indices of the emitters that are the lights without area, in the order of [`DeviceScene::delta`].
+    pub fn delta_emitters(&self) -> Vec<u32> {
+        self.emitters.delta.iter().map(|&i| i as u32).collect()
+    }
+
+    /// Number of targets of photons.
+    pub fn target_count(&self) -> u32 {
+        self.targets.spheres.len() as u32
+    }
+
+    /// Number of planar mirrors.
+    pub fn mirror_count(&self) -> u32 {
+        self.mirrors.list.len() as u32
+    }
+
+    /// Lanes of the subgroup that takes a cluster, if the scene has what clusters need.
+    pub fn cluster_lanes(&self, context: &Context) -> Option<u32> {
+        self.wide_nodes.as_ref().map(|_| context.info().subgroup_size)
+    }
+
+    /// All buffers by their names in shaders.
+    pub fn resources(&self) -> Resources {
+        let mut all = Resources::of([
+            ("node_min", &self.node_min),
+            ("node_max", &self.node_max),
+            ("triangle_v0", &self.v0),
+            ("triangle_e1", &self.e1),
+            ("triangle_e2", &self.e2),
+            ("triangle_normals", &self.normals),
+            ("triangle_uvs", &self.uvs),
+            ("materials", &self.materials),
+            ("textures", &self.textures),
+            ("texels", &self.texels),
+            ("emitters", &self.emitter_records),
+            ("sobol_columns", &self.sobol_columns),
+        ]);
+        if let Some(wide_nodes) = &self.wide_nodes {
+            all = all.with("wide_nodes", wide_nodes);
+        }
+        if let Some(mirrors) = &self.mirror_buffers {
+            all = all.with("mirrors", &mirrors.records).with("mirror_of", &mirrors.of_triangle);
+        }
+        if let Some(targets) = &self.target_buffers {
+            all = all.with("targets", &targets.spheres).with("target_of", &targets.of_triangle);
+            // Photons look at the mirror of a triangle only where lights are mirrored; where there is no mirror this one stands in.
+            all = all.with("mirror_of", &targets.of_triangle);
+        }
+        all
+    }
+
+    /// Bytes of all buffers.
+    pub fn bytes(&self) -> u64 {
+        self.resources().bytes()
+    }
+}
+
+/// Whether the cluster kernel can walk a tree: its stack holds every path, and its words every node.
+fn fits_kernel(wide: &WideBvh) -> bool {
+    wide.stack_bound() <= CLUSTER_STACK && wide.node_count() <= MAX_WIDE_NODES
+}
+
+/// Stages ranges of what a buffer is to hold, or replaces it where it is too small. True: it was replaced.
+fn write<T: Pod>(
+    context: &Context,
+    staging: &mut Staging,
+    buffer: &mut Buffer,
+    data: &[T],
+    ranges: &[Range<usize>],
+) -> Result<bool> {
+    if size_of_val(data) as u64 > buffer.bytes() {
+        *buffer = staging.stage(context, buffer.name(), data)?;
+        return Ok(true);
+    }
+    staging.stage_ranges(context, buffer, data, ranges)?;
+    Ok(false)
+}

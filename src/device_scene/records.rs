@@ -1,0 +1,176 @@
+//! How parts of a scene are written for the device.
+
+use std::ops::Range;
+
+use glam::{Vec2, Vec3};
+
+use super::Finish;
+use crate::accel::Bvh;
+use crate::bsdf::Reflectance;
+use crate::bsdf::ideal::frost;
+use crate::error::{Error, Result};
+use crate::pass::layout::{MaterialRecord, PointLight, TextureRecord};
+use crate::scene::reflectors::Reflector;
+use crate::scene::{Light, Scene, Surface, Texture, Wrap};
+use crate::superposition::lobe::Lobe;
+
+pub(super) fn material_record(m: &crate::scene::Material) -> MaterialRecord {
+    let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
+    MaterialRecord {
+        base: with(m.base_color, m.metallic),
+        specular: with(m.specular, m.roughness),
+        emission: with(m.emission, m.ior),
+        flags: [
+            m.base_texture.map_or(0, |t| t + 1),
+            m.metallic_roughness_texture.map_or(0, |t| t + 1),
+            match m.surface {
+                Surface::Opaque => MaterialRecord::OPAQUE,
+                Surface::Mirror => MaterialRecord::MIRROR,
+                Surface::Glass if m.thin => MaterialRecord::PANE,
+                Surface::Glass => MaterialRecord::GLASS,
+            },
+            u32::from(m.two_sided),
+        ],
+    }
+}
+
+/// All textures one after the other in one array, since a device need not index descriptors dynamically.
+pub(super) fn pack_textures(textures: &[Texture]) -> Result<(Vec<TextureRecord>, Vec<u32>)> {
+    let total: u64 = textures.iter().map(|t| u64::from(t.width) * u64::from(t.height)).sum();
+    if total > u64::from(u32::MAX) {
+        return Err(Error::Scene(format!("{total} texels in all textures exceed 2^32; use smaller textures")));
+    }
+    let mut records = Vec::with_capacity(textures.len());
+    let mut texels = Vec::with_capacity(total as usize);
+    for t in textures {
+        let wrap = |w: Wrap| match w {
+            Wrap::Repeat => 0,
+            Wrap::Mirror => 1,
+            Wrap::Clamp => 2,
+        };
+        records.push(TextureRecord {
+            first: texels.len() as u32,
+            width: t.width,
+            height: t.height,
+            flags: u32::from(t.srgb) | wrap(t.wrap[0]) << 1 | wrap(t.wrap[1]) << 3,
+        });
+        texels.extend(t.texels.iter().map(|&t| u32::from_le_bytes(t)));
+    }
+    Ok((records, texels))
+}
+
+/// Octahedral encoding of a unit vector, 2 x 16 bit (Meyer et al. 2010).
+pub fn encode_normal(n: Vec3) -> u32 {
+    let p = n / (n.x.abs() + n.y.abs() + n.z.abs()).max(1e-20);
+    let sign = |x: f32| if x >= 0.0 { 1.0 } else { -1.0 };
+    let e = if p.z >= 0.0 {
+        Vec2::new(p.x, p.y)
+    } else {
+        Vec2::new((1.0 - p.y.abs()) * sign(p.x), (1.0 - p.x.abs()) * sign(p.y))
+    };
+    let snorm = |x: f32| (x.clamp(-1.0, 1.0) * 32767.0).round() as i16 as u16;
+    u32::from(snorm(e.x)) | u32::from(snorm(e.y)) << 16
+}
+
+/// What reflectors are made of, textures by their mean; of frosted panes the lobe alone.
+pub(super) fn finishes(scene: &Scene, reflectors: &[Reflector]) -> Vec<Finish> {
+    let mean = |texture: Option<u32>| texture.map_or(Vec3::ONE, |t| scene.textures[t as usize].average());
+    let finish = |reflector: &Reflector| {
+        let m = &scene.materials[reflector.material as usize];
+        if let Some(alpha) = frost(m) {
+            // What a pane lets through is weighed where it is seen.
+            let reflectance = Reflectance { kd: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, alpha };
+            return Finish { reflectance, lobe: m.lobe.clone().map_or(Lobe::Ggx { alpha }, Lobe::Table) };
+        }
+        let (base, mr) = (mean(m.base_texture), mean(m.metallic_roughness_texture));
+        let reflectance = Reflectance::new(m.base_color * base, m.metallic * mr.z, m.roughness * mr.y, m.specular);
+        let ggx = Lobe::Ggx { alpha: reflectance.alpha };
+        Finish { reflectance, lobe: m.lobe.clone().map_or(ggx, Lobe::Table) }
+    };
+    reflectors.iter().map(finish).collect()
+}
+
+/// For each triangle the number of its reflector, 0 for none; nothing at all if there are none.
+pub(super) fn reflector_numbers(scene: &Scene, reflectors: &[Reflector]) -> Vec<u8> {
+    let mut numbers = vec![0; if reflectors.is_empty() { 0 } else { scene.triangles.len() }];
+    for (number, reflector) in (1..=u8::MAX).zip(reflectors) {
+        reflector.triangles.iter().for_each(|&i| numbers[i as usize] = number);
+    }
+    numbers
+}
+
+/// Normals and texture coordinates of triangles in the order of the leaves; the latter only where there are textures, which
+/// any material may come to use.
+pub(super) fn shading_attributes(
+    scene: &Scene,
+    bvh: &Bvh,
+    reflectors: &[u8],
+    range: Range<usize>,
+) -> (Vec<[u32; 4]>, Vec<[f32; 4]>) {
+    let textured = !scene.textures.is_empty();
+    let mut normals = Vec::with_capacity(range.len());
+    let mut uvs = Vec::new();
+    for i in range {
+        let index = bvh.scene_triangle(i as u32) as usize;
+        let t = &scene.triangles[index];
+        let mut n = [0; 4];
+        if t.smooth {
+            for (n, &v) in n.iter_mut().zip(&t.vertices) {
+                *n = encode_normal(scene.normals[v as usize]);
+            }
+        }
+        let reflector = reflectors.get(index).copied().unwrap_or(0);
+        n[3] = u32::from(reflector) << 24 | t.material << 1 | u32::from(t.smooth);
+        normals.push(n);
+        if textured {
+            let [a, b, c] = t.vertices.map(|v| scene.uvs.get(v as usize).copied().unwrap_or(Vec2::ZERO));
+            uvs.push([a.x, a.y, b.x, b.y]);
+            uvs.push([c.x, c.y, 0.0, 0.0]);
+        }
+    }
+    (normals, uvs)
+}
+
+/// The lights that every pass lights exactly once, or chooses from: point, spot and parallel lights, and imported virtual lights.
+pub fn delta_lights(scene: &Scene, coordinate_scale: f32) -> Vec<PointLight> {
+    let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
+    let flags = f32::from_bits;
+    scene
+        .lights
+        .iter()
+        .filter_map(|light| match *light {
+            Light::Point { position, intensity } => Some(PointLight {
+                position: with(position, flags(0)),
+                normal: with(Vec3::Z, 0.0),
+                emit: with(intensity, 1.0),
+                ..PointLight::default()
+            }),
+            Light::Spot { position, direction, intensity, inner, outer } => {
+                // KHR_lights_punctual: clamp((cos - cos outer) / (cos inner - cos outer))^2.
+                let scale = 1.0 / (inner.cos() - outer.cos()).max(1e-6);
+                Some(PointLight {
+                    position: with(position, flags(0)),
+                    normal: with(direction, scale),
+                    emit: with(intensity, -outer.cos() * scale),
+                    ..PointLight::default()
+                })
+            }
+            Light::Directional { direction, irradiance } => Some(PointLight {
+                position: with(Vec3::ZERO, flags(PointLight::DIRECTIONAL)),
+                normal: with(direction, 0.0),
+                emit: with(irradiance, 1.0),
+                ..PointLight::default()
+            }),
+            Light::Virtual { position, normal, power } => Some(PointLight {
+                position: with(
+                    crate::accel::offset_origin(position, normal, coordinate_scale),
+                    flags(PointLight::SURFACE | PointLight::CLIPPED),
+                ),
+                normal: with(normal, 0.0),
+                emit: with(power * std::f32::consts::FRAC_1_PI, 1.0),
+                ..PointLight::default()
+            }),
+            Light::Sphere { .. } => None,
+        })
+        .collect()
+}

@@ -1,0 +1,247 @@
+//! A scene that has changed, brought up to date on the device.
+
+use super::records::{finishes, material_record, reflector_numbers, shading_attributes};
+use super::{DeviceScene, MirrorBuffers, SpecularFeatures, TargetBuffers, delta_lights, fits_kernel, write};
+use crate::accel::objects::{Changes, ObjectTrees};
+use crate::accel::wide::WideBvh;
+use crate::error::Result;
+use crate::gpu::{Context, Staging};
+use crate::light::emitters::Emitters;
+use crate::light::mirrors::Mirrors;
+use crate::light::targets::Targets;
+use crate::pass::layout::{MaterialRecord, PointLight};
+use crate::scene::reflectors::Reflector;
+use crate::scene::{Light, Scene};
+
+/// What edits have touched.
+#[derive(Default)]
+pub struct SceneChanges {
+    /// Objects that moved, each once.
+    pub moved: Vec<u32>,
+    /// Materials that changed.
+    pub materials: Vec<u32>,
+    /// Lights of the scene changed.
+    pub lights: bool,
+    /// Emission of materials changed.
+    pub emission: bool,
+    /// The device holds something else than is known here.
+    pub everything: bool,
+}
+
+/// What an update did.
+#[derive(Default)]
+pub struct Update {
+    /// Buffers were replaced, or what passes were made for has changed: they must be made anew.
+    pub replaced: bool,
+    /// The lights without area changed.
+    pub delta: bool,
+    /// Bytes of trees, and times.
+    pub changes: Changes,
+    /// Seconds for emitters and lights.
+    pub light_seconds: f64,
+    /// Seconds for staging what is uploaded.
+    pub staging_seconds: f64,
+}
+
+impl SceneChanges {
+    /// Nothing was touched.
+    pub fn is_empty(&self) -> bool {
+        self.moved.is_empty() && self.materials.is_empty() && !self.lights && !self.emission && !self.everything
+    }
+}
+
+impl DeviceScene {
+    /// Brings host and device up to date with `scene`. `emits`: whether an object has emissive triangles; `mean_reflectivity`: of the
+    /// scene as it is now.
+    pub fn update(
+        &mut self,
+        context: &Context,
+        staging: &mut Staging,
+        (scene, trees): (&Scene, &mut ObjectTrees),
+        touched: &SceneChanges,
+        emits: impl Fn(u32) -> bool,
+        mean_reflectivity: f32,
+    ) -> Result<Update> {
+        let bounds = (self.bvh.min, self.bvh.max);
+        let changes = match &touched.moved[..] {
+            [] => Changes::default(),
+            moved => trees.update(&mut self.bvh, scene, moved),
+        };
+        let extended = bounds != (self.bvh.min, self.bvh.max);
+
+        let start = std::time::Instant::now();
+        // The disc of parallel light is as large as the scene.
+        let parallel = |light: &Light| matches!(light, Light::Directional { .. });
+        let other_emitters = touched.everything
+            || touched.emission
+            || touched.lights
+            || touched.moved.iter().any(|&object| emits(object))
+            || extended && scene.lights.iter().any(parallel);
+        let emitters = if other_emitters { Some(Emitters::of(scene, scene.emitters_are_lights)?) } else { None };
+        let other_delta = touched.lights || extended || touched.everything;
+        let light_seconds = start.elapsed().as_secs_f64();
+
+        let start = std::time::Instant::now();
+        let mut replaced = touched.everything;
+        if touched.everything {
+            let bvh = self.bvh.clone();
+            let kept = self.delta.clone();
+            *self = DeviceScene::with_tree(context, staging, scene, bvh, trees.wide.as_ref())?;
+            self.delta = kept;
+        } else {
+            if !touched.moved.is_empty() {
+                replaced |= self.update_hierarchy(context, staging, scene, trees.wide.as_ref(), &changes)?;
+            }
+            self.update_materials(context, staging, scene, &touched.materials)?;
+            if let Some(emitters) = emitters {
+                let records = emitters.records();
+                replaced |= write(context, staging, &mut self.emitter_records, &records, &[0..records.len()])?;
+                self.emitters = emitters;
+            }
+            if !touched.moved.is_empty() || !touched.materials.is_empty() {
+                replaced |= self.update_reflectors(context, staging, scene)?;
+                replaced |= self.update_targets(context, staging, scene)?;
+                replaced |= self.update_mirrors(context, staging, scene)?;
+            }
+        }
+        self.mean_reflectivity = mean_reflectivity;
+        if other_delta {
+            let delta = delta_lights(scene, self.bvh.scale());
+            let parallel = |light: &PointLight| light.flags() & PointLight::DIRECTIONAL;
+            replaced |= !delta.iter().map(parallel).eq(self.delta.iter().map(parallel));
+            self.delta = delta;
+        }
+        let staging_seconds = start.elapsed().as_secs_f64();
+        Ok(Update { replaced, delta: other_delta, changes, light_seconds, staging_seconds })
+    }
+
+    /// Looks for targets of photons and stages them. True: buffers were replaced, and passes that bind them must be made anew.
+    pub(super) fn update_targets(&mut self, context: &Context, staging: &mut Staging, scene: &Scene) -> Result<bool> {
+        let before = self.targets.spheres.len();
+        self.targets = Targets::of(scene, &self.bvh);
+        let targets = &self.targets;
+        let count = targets.spheres.len();
+        let spheres: Vec<[f32; 4]> = targets.spheres.iter().map(|s| s.center.extend(s.radius).to_array()).collect();
+        match &self.target_buffers {
+            None if count == 0 => return Ok(false),
+            Some(old) if before == count => {
+                staging.stage_into(context, &old.spheres, 0, &spheres)?;
+                staging.stage_into(context, &old.of_triangle, 0, &targets.of_triangle)?;
+                return Ok(false);
+            }
+            _ => {}
+        }
+        self.target_buffers = match count {
+            0 => None,
+            _ => Some(TargetBuffers {
+                spheres: staging.stage(context, "photon targets", &spheres)?,
+                of_triangle: staging.stage(context, "photon targets of triangles", &targets.of_triangle)?,
+            }),
+        };
+        Ok(true)
+    }
+
+    /// Looks for planar mirrors and stages them. True: buffers were replaced, as above.
+    pub(super) fn update_mirrors(&mut self, context: &Context, staging: &mut Staging, scene: &Scene) -> Result<bool> {
+        let before = self.mirrors.list.len();
+        self.mirrors = Mirrors::of(scene, &self.bvh);
+        let mirrors = &self.mirrors;
+        let count = mirrors.list.len();
+        match &self.mirror_buffers {
+            None if count == 0 => return Ok(false),
+            Some(old) if before == count => {
+                staging.stage_into(context, &old.records, 0, &mirrors.list)?;
+                staging.stage_into(context, &old.of_triangle, 0, &mirrors.of_triangle)?;
+                return Ok(false);
+            }
+            _ => {}
+        }
+        self.mirror_buffers = match count {
+            0 => None,
+            _ => Some(MirrorBuffers {
+                records: staging.stage(context, "planar mirrors", &mirrors.list)?,
+                of_triangle: staging.stage(context, "planar mirrors of triangles", &mirrors.of_triangle)?,
+            }),
+        };
+        Ok(true)
+    }
+
+    /// Stages what `changes` says of the hierarchy. True: buffers were replaced, and whoever has bound them must bind the new
+    /// ones. A wide tree that has become too deep is given up until it fits again.
+    fn update_hierarchy(
+        &mut self,
+        context: &Context,
+        staging: &mut Staging,
+        scene: &Scene,
+        wide: Option<&WideBvh>,
+        changes: &Changes,
+    ) -> Result<bool> {
+        let bvh = &self.bvh;
+        let mut replaced = write(context, staging, &mut self.node_min, &bvh.node_min, &changes.nodes)?;
+        replaced |= write(context, staging, &mut self.node_max, &bvh.node_max, &changes.nodes)?;
+        match (wide.filter(|wide| fits_kernel(wide)), &mut self.wide_nodes) {
+            (Some(wide), Some(buffer)) => replaced |= write(context, staging, buffer, &wide.nodes, &changes.wide)?,
+            (Some(wide), none) => {
+                *none = Some(staging.stage(context, "scene wide nodes", &wide.nodes)?);
+                replaced = true;
+            }
+            (None, buffer) => replaced |= buffer.take().is_some(),
+        }
+        staging.stage_ranges(context, &self.v0, &bvh.v0, &changes.triangles)?;
+        staging.stage_ranges(context, &self.e1, &bvh.e1, &changes.triangles)?;
+        staging.stage_ranges(context, &self.e2, &bvh.e2, &changes.triangles)?;
+        let of_triangle = reflector_numbers(scene, &self.reflectors);
+        for range in &changes.triangles {
+            let reordered = changes.reordered.contains(range);
+            let smooth = |k: usize| scene.triangles[bvh.scene_triangle(k as u32) as usize].smooth;
+            if !reordered && !range.clone().any(smooth) {
+                continue;
+            }
+            let (normals, uvs) = shading_attributes(scene, bvh, &of_triangle, range.clone());
+            staging.stage_into(context, &self.normals, (16 * range.start) as u64, &normals)?;
+            if reordered && !uvs.is_empty() {
+                staging.stage_into(context, &self.uvs, (32 * range.start) as u64, &uvs)?;
+            }
+        }
+        Ok(replaced)
+    }
+
+    /// Looks for planar reflectors again, and stages what has become of them. Nothing else may have moved since the hierarchy was
+    /// updated. True: passes must be made anew.
+    fn update_reflectors(&mut self, context: &Context, staging: &mut Staging, scene: &Scene) -> Result<bool> {
+        let bvh = &self.bvh;
+        let reflectors = scene.reflectors();
+        let same = |(a, b): (&Reflector, &Reflector)| a.material == b.material && a.triangles == b.triangles;
+        let renumbered =
+            reflectors.len() != self.reflectors.len() || !reflectors.iter().zip(&self.reflectors).all(same);
+        self.reflectors = reflectors;
+        if renumbered {
+            let numbers = reflector_numbers(scene, &self.reflectors);
+            let (normals, _) = shading_attributes(scene, bvh, &numbers, 0..bvh.triangle_count() as usize);
+            staging.stage_into(context, &self.normals, 0, &normals)?;
+        }
+        let specular = SpecularFeatures::of(scene, &self.reflectors);
+        let mut replaced = std::mem::replace(&mut self.specular, specular) != specular;
+        let before = std::mem::replace(&mut self.finishes, finishes(scene, &self.reflectors));
+        if before != self.finishes {
+            replaced |= self.tables.take().is_some();
+        }
+        Ok(replaced)
+    }
+
+    /// Stages some materials.
+    fn update_materials(
+        &mut self,
+        context: &Context,
+        staging: &mut Staging,
+        scene: &Scene,
+        changed: &[u32],
+    ) -> Result<()> {
+        for &index in changed {
+            let record = material_record(&scene.materials[index as usize]);
+            let at = u64::from(index) * size_of::<MaterialRecord>() as u64;
+            staging.stage_into(context, &self.materials, at, &[record])?;
+        }
+        Ok(())
+    }
+}

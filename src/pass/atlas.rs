@@ -1,0 +1,73 @@
+//! The points of an atlas ([`crate::view::Atlas`]): each texel lies on a triangle and is seen from the front along its normal, as if a
+//! ray of length 1 had met it there. `receivers` makes a shading point of it as of any hit.
+//!
+//! Takes the place of `camera_rays` and the `trace` of its rays. A texel without a triangle is a ray that met nothing.
+//!
+//! Cost: 48 bytes read and 64 written for a texel, 20 operations.
+
+use glam::Vec3;
+
+use super::{BoundKernel, EyePathState, Kit, Rays, ShadingPoints, groups};
+use crate::accel::Bvh;
+use crate::error::{Error, Result};
+use crate::gpu::{Recorder, Resources, shaders};
+use crate::view::{self, Texel};
+
+/// Triangle of a texel that lies on none.
+const NONE: u32 = u32::MAX;
+
+/// The pass.
+pub struct Atlas {
+    kernel: BoundKernel,
+    texels: u32,
+}
+
+impl Atlas {
+    /// Writes `rays.hits` and `rays.direction`, and starts the `paths` and what `points` emit.
+    ///
+    /// Errors: a texel names a triangle that is not in the scene, or lies outside of it.
+    pub fn new(
+        kit: &Kit,
+        bvh: &Bvh,
+        atlas: &view::Atlas,
+        rays: &Rays,
+        paths: &EyePathState,
+        points: &ShadingPoints,
+    ) -> Result<Self> {
+        // The device numbers triangles in the order of the leaves.
+        let mut leaf_of = vec![NONE; bvh.triangle_count() as usize];
+        for leaf in 0..bvh.triangle_count() {
+            leaf_of[bvh.scene_triangle(leaf) as usize] = leaf;
+        }
+        let record = |(i, texel): (usize, &Option<Texel>)| {
+            let Some(Texel { triangle, uv: [u, v] }) = *texel else { return Ok([NONE, 0, 0, 0]) };
+            let Some(&leaf) = leaf_of.get(triangle as usize) else {
+                return Err(Error::Scene(format!(
+                    "texel {i} of the atlas lies on triangle {triangle}, which does not exist"
+                )));
+            };
+            if !(u >= 0.0 && v >= 0.0 && u + v <= 1.0 + 1e-6) {
+                return Err(Error::Scene(format!(
+                    "texel {i} of the atlas lies at ({u}, {v}), outside of its triangle"
+                )));
+            }
+            Ok([leaf, u.to_bits(), v.to_bits(), 0])
+        };
+        let records: Vec<_> = atlas.texels.iter().enumerate().map(record).collect::<Result<_>>()?;
+        let texels = Resources::of([("texels", &kit.stage("atlas", &records)?)]);
+        let sets = [&texels, &rays.resources(), &paths.resources(), &points.resources()];
+        Ok(Atlas { kernel: kit.bind(&shaders::ATLAS, &sets)?, texels: records.len() as u32 })
+    }
+
+    /// Records the pass.
+    pub fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.kernel.run(rec, &[], groups(self.texels))
+    }
+}
+
+/// Oracle: the point of a texel, and the direction in which it is seen.
+pub fn reference(scene: &crate::Scene, texel: &Texel) -> (Vec3, Vec3) {
+    let [a, b, c] = scene.triangles[texel.triangle as usize].vertices.map(|v| scene.positions[v as usize]);
+    let normal = crate::accel::unit_normal(b - a, c - a);
+    (a + texel.uv[0] * (b - a) + texel.uv[1] * (c - a), -normal)
+}

@@ -1,0 +1,169 @@
+//! Near light that clipping cut off: short rays from the shading points, whose hits are lit in turn (see [`crate::pass::gather`]).
+
+use super::points::{Finish, FinishSteps, chunks};
+use super::{Counts, Eye, Shade, Stage, Walk};
+use crate::device_scene::DeviceScene;
+use crate::error::Result;
+use crate::gpu::Recorder;
+use crate::pass::collect::Collect;
+use crate::pass::gather::Gather;
+use crate::pass::layout::Step;
+use crate::pass::receivers::{self, ReceiversPass};
+use crate::pass::shade::{self, Chunk};
+use crate::pass::trace::Trace;
+use crate::pass::{Kit, Lighting, List, ShadingPoints};
+use crate::plan::{Plan, StepTable};
+
+/// The stage.
+pub struct Compensation {
+    /// Shading points where the rays hit.
+    pub points: ShadingPoints,
+    /// Light there.
+    pub lighting: Lighting,
+    /// One after the other.
+    pub bounces: Vec<Bounce>,
+    counts: Counts,
+    list_rounds: Vec<u32>,
+}
+
+/// From one set of points to the next, and the light of these back to the pixels.
+pub struct Bounce {
+    /// The points that the rays hit.
+    pub list: List,
+    gather: (Gather, u32),
+    trace: Trace,
+    points: (ReceiversPass, u32),
+    finish: Finish,
+    shade: Option<(shade::Shade, Vec<Chunk>)>,
+    collect: Collect,
+}
+
+impl Compensation {
+    /// From the points of `eye`, lit by the lights of `walk`, to the lighting of `shade`. `None`: nothing is cut off.
+    pub fn new(
+        kit: &Kit,
+        scene: &DeviceScene,
+        plan: &Plan,
+        (eye, walk, shade): (&Eye, &Walk, &Shade),
+    ) -> Result<Option<Compensation>> {
+        if plan.bounces() == 1 {
+            return Ok(None);
+        }
+        let (settings, slots) = (&plan.settings, plan.eye.slots());
+        let points = ShadingPoints::new(kit.context, "gathered", slots)?;
+        let lighting = Lighting::new(kit.context, "gathered", slots)?;
+        let mut table = StepTable::default();
+        let list_rounds = table.add_list_rounds(settings);
+        let bounces: Vec<BounceSteps> =
+            (1..plan.bounces()).map(|bounce| BounceSteps::new(&mut table, kit, scene, plan, eye, bounce)).collect();
+        let steps = table.stage(kit, "compensation steps")?;
+        let mut before = (eye.list.clone(), &eye.points);
+        let mut made = Vec::new();
+        for (bounce, numbers) in (1..).zip(bounces) {
+            let list = eye.turns.list(kit, "gathered points", bounce)?;
+            let (list_in, from) = &before;
+            let lit = !numbers.chunks.is_empty();
+            let shade_inputs = shade::Inputs {
+                points: &points,
+                list: &list,
+                lights: &walk.lights,
+                progress: &eye.rays.progress,
+                lighting: &lighting,
+                classes: eye.classes(),
+            };
+            let inputs = receivers::Inputs {
+                rays: &eye.rays,
+                list_in,
+                list_out: &list,
+                beta: &eye.beta,
+                paths: &eye.paths,
+                points: &points,
+            };
+            let sort = eye.sort_buffers.as_ref().filter(|_| lit);
+            made.push(Bounce {
+                gather: (Gather::new(kit, from, list_in, &eye.rays, &eye.beta, &steps)?, numbers.gather),
+                trace: Trace::new(kit, &eye.rays, list_in, &steps)?,
+                points: (ReceiversPass::new(kit, &inputs, &steps)?, numbers.points),
+                finish: Finish::new(kit, &list, &points, sort, numbers.finish, &steps)?,
+                shade: match lit {
+                    true => Some((shade::Shade::new(kit, &shade_inputs, &steps)?, numbers.chunks)),
+                    false => None,
+                },
+                collect: Collect::new(kit, &points, list_in, &eye.beta, &lighting, &shade.lighting, &steps)?,
+                list: list.clone(),
+            });
+            before = (list, &points);
+        }
+        let counts = Counts::new(kit, settings.classes(), made.iter().map(|bounce| &bounce.list))?;
+        Ok(Some(Compensation { points, lighting, bounces: made, counts, list_rounds }))
+    }
+
+    /// Clears the counts.
+    pub fn record_clear(&self, rec: &mut Recorder) -> Result<()> {
+        self.counts.record_clear(rec)
+    }
+
+    /// Short rays from the points before find those of this bounce; bounces from 1.
+    pub fn record_gather(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
+        let bounce = &self.bounces[bounce - 1];
+        bounce.gather.0.record(rec, bounce.gather.1)?;
+        bounce.trace.record(rec, &self.list_rounds, None)?;
+        bounce.points.0.record(rec, bounce.points.1, None)?;
+        bounce.finish.record(rec)
+    }
+
+    /// The points of this bounce are lit; those of the last one only emit.
+    pub fn record_shade(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
+        match &self.bounces[bounce - 1].shade {
+            Some((shade, chunks)) => shade.record(rec, chunks),
+            None => Ok(()),
+        }
+    }
+
+    /// Their light goes back to the pixels.
+    pub fn record_collect(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
+        let bounce = &self.bounces[bounce - 1];
+        bounce.collect.record(rec, bounce.points.1)
+    }
+}
+
+/// Steps of one bounce.
+struct BounceSteps {
+    gather: u32,
+    /// Of the points and their collection.
+    points: u32,
+    finish: FinishSteps,
+    chunks: Vec<Chunk>,
+}
+
+impl BounceSteps {
+    fn new(table: &mut StepTable, kit: &Kit, scene: &DeviceScene, plan: &Plan, eye: &Eye, bounce: u32) -> BounceSteps {
+        let chunks = chunks(table, plan, (kit.context, scene), bounce, eye.order);
+        let last = u32::from(bounce + 1 == plan.settings.max_depth);
+        let fresh = eye.order.of_list(!chunks.is_empty());
+        BounceSteps {
+            gather: table.add(Step { bounce: bounce - 1, indirect: 1, ..Step::default() }),
+            points: table.add(Step { bounce, end: plan.eye.pixels, indirect: 1, last, fresh, ..Step::default() }),
+            finish: FinishSteps::new(table, plan.settings.classes()),
+            chunks,
+        }
+    }
+}
+
+impl Stage for Compensation {
+    const NAME: &'static str = "compensation";
+
+    fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.record_clear(rec)?;
+        (1..=self.bounces.len()).try_for_each(|bounce| {
+            rec.scope("gather", |rec| self.record_gather(rec, bounce))?;
+            rec.scope("shade", |rec| self.record_shade(rec, bounce))?;
+            rec.scope("collect", |rec| self.record_collect(rec, bounce))
+        })
+    }
+
+    /// Its parts have times of their own.
+    fn run(&self, rec: &mut Recorder) -> Result<()> {
+        self.record(rec)
+    }
+}

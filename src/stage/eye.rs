@@ -1,0 +1,246 @@
+//! What the eye sees: shading points, directly or through mirrors and glass, or the texels of an atlas.
+
+use super::points::{Finish, FinishSteps, Turns};
+use super::{Counts, PointOrder, Stage, batch};
+use crate::device_scene::DeviceScene;
+use crate::error::Result;
+use crate::gpu::{Buffer, Recorder};
+use crate::pass::atlas::Atlas;
+use crate::pass::camera_rays::CameraRays;
+use crate::pass::clusters::{self, Clusters};
+use crate::pass::eye_paths::{self, EyePaths};
+use crate::pass::layout::Step;
+use crate::pass::mirror_image::Planes;
+use crate::pass::receivers::{self, ReceiversPass};
+use crate::pass::schedule::Schedule;
+use crate::pass::shade::Chunk;
+use crate::pass::sort::SortBuffers;
+use crate::pass::tiles::Tiles;
+use crate::pass::trace::{EyeSteps, Trace};
+use crate::pass::{EyePathState, Kit, List, Rays, ShadingPoints};
+use crate::plan::{Plan, StepTable};
+use crate::view::View;
+
+/// The stage.
+pub struct Eye {
+    /// Eye rays; later stages trace rays of their own in them.
+    pub rays: Rays,
+    /// Light that eye paths carry through mirrors and glass.
+    pub paths: EyePathState,
+    /// The shading points: a slot for each entry of the view, and where paths are split as many again for the second components.
+    pub points: ShadingPoints,
+    /// Throughput of each slot's gather path, which starts here.
+    pub beta: Buffer,
+    /// What the paths note of glossy planes.
+    pub planes: Planes,
+    /// Tiles of pixels that show mirrors or glass.
+    pub ideal_tiles: List,
+    /// For each step through mirrors and glass the rays that go on.
+    pub lists: Vec<List>,
+    /// The points that are lit.
+    pub list: List,
+    /// Their order.
+    pub order: PointOrder,
+    /// Puts the points in clusters by their pixels, in the order [`PointOrder::Screen`].
+    pub clusters: Option<Clusters>,
+    /// Room to sort in, in the order [`PointOrder::Space`].
+    pub(super) sort_buffers: Option<SortBuffers>,
+    pub(super) turns: Turns,
+    counts: Counts,
+    first: FirstHits,
+    tiles: Tiles,
+    follow: Vec<Follow>,
+    points_pass: (ReceiversPass, u32),
+    second: Option<(ReceiversPass, u32)>,
+    finish: Finish,
+    list_step: u32,
+    list_rounds: Vec<u32>,
+    tile_count: u32,
+}
+
+/// Where the first hits come from.
+enum FirstHits {
+    Camera { rays: CameraRays, trace: Trace, steps: EyeSteps, pixels: u32 },
+    Atlas(Atlas),
+}
+
+/// One step of eye paths through mirrors and glass.
+struct Follow {
+    pass: EyePaths,
+    step: u32,
+    schedule: Schedule,
+    trace: Trace,
+}
+
+impl Eye {
+    /// For the view of a plan.
+    pub fn new(kit: &Kit, scene: &DeviceScene, plan: &Plan) -> Result<Eye> {
+        let (settings, eye) = (&plan.settings, plan.eye);
+        let (size, slots, pixels) = (plan.view.size(), eye.slots(), eye.pixels);
+        let order = PointOrder::of(plan, scene);
+        let tile_count = size[0].div_ceil(8) * size[1].div_ceil(8);
+        let cluster_count = clusters::count(size, settings.pattern) * eye.components;
+        // Lists hold whole tiles.
+        let listed = 64 * cluster_count.max(tile_count * eye.components);
+        let lit = plan.lights_points();
+
+        let mut table = StepTable::default();
+        let lanes = Chunk::lanes(settings, scene.cluster_lanes(kit.context));
+        let first_steps = EyeSteps::new(&mut table, settings, pixels, lanes);
+        let follow_steps: Vec<u32> = (0..eye.steps)
+            .map(|bounce| {
+                let first = if bounce == 0 { eye.twins() } else { 0 };
+                table.add(Step { first, bounce, indirect: u32::from(bounce > 0), ..Step::default() })
+            })
+            .collect();
+        let only_emits = u32::from(settings.max_depth == 1);
+        let step = Step { end: pixels, last: only_emits, fresh: order.of_list(lit), ..Step::default() };
+        let points_step = table.add(step);
+        let second_step = table.add(Step { first: eye.twins(), ..step });
+        let list_rounds = table.add_list_rounds(settings);
+        let list_step = table.add_list();
+        let finish_steps = FinishSteps::new(&mut table, settings.classes());
+        let steps = table.stage(kit, "eye steps")?;
+
+        let rays = Rays::new(kit.context, "eye", slots)?;
+        let paths = EyePathState::new(kit.context, slots, if eye.steps > 0 { slots } else { 0 })?;
+        let points = ShadingPoints::new(kit.context, "eye", slots)?;
+        let beta = kit.vec4s("beta", slots)?;
+        let planes = Planes::new(kit, pixels, eye.mirrors, eye.panes)?;
+        let turns = Turns::new(kit, listed)?;
+        let list = turns.list(kit, "eye points", 0)?;
+        let lists = (0..follow_steps.len()).map(|i| turns.list(kit, "eye paths", i)).collect::<Result<Vec<_>>>()?;
+        let ideal_tiles = List::new(kit, "ideal tiles", &kit.array("ideal tiles", tile_count, 4)?)?;
+        let batch = batch(kit, "eye rays")?;
+        let clusters = match order {
+            PointOrder::Screen => Some(Clusters::new(kit, &list, cluster_count, &steps)?),
+            _ => None,
+        };
+        let sort_buffers = match order {
+            PointOrder::Space => Some(SortBuffers::new(kit, listed, settings.classes())?),
+            _ => None,
+        };
+        // Clusters of the screen are filled from places, one for each pixel.
+        let places = clusters.as_ref().map_or(&list.entries, |clusters| &clusters.places);
+        let filled = List { entries: places.clone(), work: list.work.clone() };
+
+        let first = match &plan.view {
+            View::Camera { .. } => FirstHits::Camera {
+                rays: CameraRays::new(kit, &rays, &paths, &points, pixels)?,
+                trace: Trace::of_eye(kit, &rays, &batch, &steps, scene.wide_nodes.is_some())?,
+                steps: first_steps,
+                pixels,
+            },
+            View::Atlas(atlas) => FirstHits::Atlas(Atlas::new(kit, &scene.bvh, atlas, &rays, &paths, &points)?),
+        };
+        let tables = if eye.mirrors { scene.tables() } else { None };
+        let follow = (lists.iter().zip(follow_steps).enumerate())
+            .map(|(i, (list_out, step))| {
+                let list_in = i.checked_sub(1).map_or(&ideal_tiles, |before| &lists[before]);
+                let (rays, paths, points, planes) = (&rays, &paths, &points, &planes);
+                let inputs = eye_paths::Inputs { rays, paths, points, list_in, list_out, planes, tables };
+                Ok(Follow {
+                    pass: EyePaths::new(kit, &inputs, &steps)?,
+                    step,
+                    schedule: Schedule::new(kit, &list_out.work, &steps)?,
+                    trace: Trace::new(kit, rays, list_out, &steps)?,
+                })
+            })
+            .collect::<Result<_>>()?;
+        let points_of = |list_in: &List| {
+            let (rays, list_out, beta, paths, points) = (&rays, &filled, &beta, &paths, &points);
+            ReceiversPass::new(kit, &receivers::Inputs { rays, list_in, list_out, beta, paths, points }, &steps)
+        };
+        let sort = sort_buffers.as_ref().filter(|_| lit);
+        Ok(Eye {
+            counts: Counts::new(kit, settings.classes(), lists.iter().chain([&list, &batch]))?,
+            tiles: Tiles::new(kit, &rays, &ideal_tiles, tile_count)?,
+            points_pass: (points_of(&batch)?, points_step),
+            second: if eye.components > 1 { Some((points_of(&ideal_tiles)?, second_step)) } else { None },
+            finish: Finish::new(kit, &list, &points, sort, finish_steps, &steps)?,
+            first,
+            follow,
+            list_step,
+            list_rounds,
+            tile_count,
+            rays,
+            paths,
+            points,
+            beta,
+            planes,
+            ideal_tiles,
+            lists,
+            list,
+            order,
+            clusters,
+            sort_buffers,
+            turns,
+        })
+    }
+
+    /// Classes of the clusters, for the kernels that take clusters; `None`: there are none.
+    pub fn classes(&self) -> Option<&Buffer> {
+        let sorted = self.sort_buffers.as_ref().map(|buffers| &buffers.classes);
+        sorted.or(self.clusters.as_ref().map(|clusters| &clusters.listed))
+    }
+
+    /// The part up to the first hits.
+    pub fn record_first(&self, rec: &mut Recorder) -> Result<()> {
+        self.counts.record_clear(rec)?;
+        rec.fill(&self.planes.region, 0)?;
+        match &self.first {
+            FirstHits::Camera { rays, trace, steps, pixels } => {
+                rays.record(rec)?;
+                trace.record_eye(rec, steps, self.tile_count, *pixels)
+            }
+            FirstHits::Atlas(atlas) => atlas.record(rec),
+        }
+    }
+
+    /// Steps through mirrors and glass.
+    pub fn steps(&self) -> usize {
+        self.follow.len()
+    }
+
+    /// The part from mirrors and glass to what is seen through them; steps from 0.
+    pub fn record_step(&self, rec: &mut Recorder, step: usize) -> Result<()> {
+        let Some(follow) = self.follow.get(step) else { return Ok(()) };
+        if step == 0 {
+            self.record_tiles(rec)?;
+        }
+        follow.pass.record(rec, follow.step)?;
+        follow.schedule.record(rec, self.list_step)?;
+        follow.trace.record(rec, &self.list_rounds, None)
+    }
+
+    /// The part of the first step that finds where there are mirrors and glass.
+    pub fn record_tiles(&self, rec: &mut Recorder) -> Result<()> {
+        self.tiles.record(rec)
+    }
+
+    /// The part in which the last hits become shading points on a list.
+    pub fn record_points(&self, rec: &mut Recorder) -> Result<()> {
+        if let Some(clusters) = &self.clusters {
+            clusters.record_clear(rec)?;
+        }
+        let (pass, step) = &self.points_pass;
+        pass.record(rec, *step, Some(u64::from(self.tile_count)))?;
+        if let Some((pass, step)) = &self.second {
+            pass.record(rec, *step, None)?;
+        }
+        match &self.clusters {
+            Some(clusters) => rec.scope("clusters", |rec| clusters.record(rec, self.list_step)),
+            None => self.finish.record(rec),
+        }
+    }
+}
+
+impl Stage for Eye {
+    const NAME: &'static str = "eye";
+
+    fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.record_first(rec)?;
+        (0..self.steps()).try_for_each(|step| self.record_step(rec, step))?;
+        self.record_points(rec)
+    }
+}

@@ -1,0 +1,124 @@
+//! Glossy planes: the mirror image, its convolution, and its way into the pixels.
+
+use super::{Eye, Stage};
+use crate::error::Result;
+use crate::gpu::{Buffer, Recorder};
+use crate::pass::convolve::{self, Convolve, Form, Library};
+use crate::pass::mirror_image::{self, Image, MirrorImage, Tables};
+use crate::pass::superpose::Superpose;
+use crate::pass::{Kit, Lighting};
+use crate::plan::Plan;
+use crate::settings::Spread;
+use crate::superposition::kernels::{CORE_RADIUS, VIEW_ANGLES};
+
+/// The stage.
+pub struct GlossyPlanes {
+    /// The mirror image.
+    pub image: Image,
+    mirror_image: MirrorImage,
+    convolution: Option<Convolution>,
+    superpose: Superpose,
+}
+
+/// How the mirror image is spread: by the tails of the kernels, and by their cores.
+struct Convolution {
+    library: Library,
+    tail: Convolve,
+    core: Convolve,
+}
+
+impl GlossyPlanes {
+    /// Adds the light of the planes that `eye` sees, made of its second components lit by `lighting`, to `shown`. `None`: no plane
+    /// mirrors the room.
+    pub fn new(
+        kit: &Kit,
+        plan: &Plan,
+        tables: Option<&Tables>,
+        eye: &Eye,
+        lighting: &Lighting,
+        shown: &Buffer,
+    ) -> Result<Option<GlossyPlanes>> {
+        let (Some(settings), Some(tables), true) = (&plan.settings.superposition, tables, plan.eye.mirrors) else {
+            return Ok(None);
+        };
+        let size = plan.view.size();
+        let image = Image::new(kit.context, size[0] * size[1])?;
+        let (points, paths, tiles, planes) = (&eye.points, &eye.paths, &eye.ideal_tiles, &eye.planes);
+        let inputs = mirror_image::Inputs { points, paths, lighting, tiles, planes, tables, image: &image };
+        let mirror_image = MirrorImage::new(kit, &inputs)?;
+        let convolution = match settings.spread {
+            Spread::Mirror => None,
+            Spread::Invariant | Spread::Variant => {
+                let mut staging = kit.staging.borrow_mut();
+                let library = Library::new(kit.context, &mut staging, &tables.textures, &tables.narrowings)?;
+                let widest = size[0].max(size[1]) as f32;
+                let mut convolve = |radius: f32, texture: usize, footprint: &Buffer| {
+                    // One kernel for all: that of the greatest reflector seen head on.
+                    let width = radius * settings.kernel_width as f32;
+                    let one = staging.stage(kit.context, "footprint of all", &[[width, texture as f32, 1.0, 0.0]])?;
+                    let (footprint, widest) = match settings.spread {
+                        Spread::Invariant => (&one, width),
+                        _ => (footprint, radius * widest),
+                    };
+                    Convolve::new(
+                        kit.context,
+                        &mut staging,
+                        &convolve::Inputs {
+                            library: &library,
+                            source: &image.source,
+                            footprint,
+                            region: &planes.region,
+                            size,
+                            widest,
+                            form: Form::Auto,
+                            occlusion: settings.occlusion && settings.spread == Spread::Variant,
+                            layers: false,
+                        },
+                    )
+                };
+                let tail = convolve(1.0, VIEW_ANGLES - 1, &image.footprint)?;
+                let core = convolve(CORE_RADIUS as f32, 2 * VIEW_ANGLES - 1, &image.core_footprint)?;
+                Some(Convolution { library, tail, core })
+            }
+        };
+        let spread = convolution.as_ref().map_or([&image.source; 2], |c| [&c.tail.spread, &c.core.spread]);
+        let superpose = Superpose::new(kit, points, tiles, (planes, spread), tables, shown)?;
+        Ok(Some(GlossyPlanes { image, mirror_image, convolution, superpose }))
+    }
+
+    /// The mirror image is put together.
+    pub fn record_image(&self, rec: &mut Recorder) -> Result<()> {
+        self.mirror_image.record(rec)
+    }
+
+    /// The mirror image is spread.
+    pub fn record_spread(&self, rec: &mut Recorder) -> Result<()> {
+        match &self.convolution {
+            Some(Convolution { tail, core, .. }) => rec.scope("convolve", |rec| {
+                tail.record(rec)?;
+                core.record(rec)
+            }),
+            None => Ok(()),
+        }
+    }
+
+    /// What has been spread is added to the pixels.
+    pub fn record_superpose(&self, rec: &mut Recorder) -> Result<()> {
+        self.superpose.record(rec)
+    }
+}
+
+impl Stage for GlossyPlanes {
+    const NAME: &'static str = "mirrors";
+
+    /// The kernels get the form in which they are sampled.
+    fn record_setup(&self, rec: &mut Recorder) -> Result<()> {
+        self.convolution.as_ref().map_or(Ok(()), |convolution| convolution.library.record(rec))
+    }
+
+    fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.record_image(rec)?;
+        self.record_spread(rec)?;
+        self.record_superpose(rec)
+    }
+}

@@ -1,0 +1,124 @@
+//! The stages of a frame. Each owns its passes, its buffers and its steps, is made from the outputs of the stages before it, and records
+//! its work as a whole. [`crate::frame`] puts them in order.
+
+mod compensation;
+mod eye;
+mod glossy_planes;
+mod output;
+mod photons;
+mod points;
+mod shade;
+mod walk;
+
+pub use compensation::{Bounce, Compensation};
+pub use eye::Eye;
+pub use glossy_planes::GlossyPlanes;
+pub use output::Output;
+pub use photons::{PhotonLighting, Photons};
+pub use points::PointOrder;
+pub use shade::Shade;
+pub use walk::Walk;
+
+use crate::error::Result;
+use crate::gpu::{Buffer, Recorder};
+use crate::pass::delta_choice::DeltaChoice;
+use crate::pass::discontinuity::Discontinuity;
+use crate::pass::importance::Importance;
+use crate::pass::layout::Work;
+use crate::pass::lens::Lens;
+use crate::pass::merge::Merge;
+use crate::pass::mirror_lights::MirrorLights;
+use crate::pass::summands::Summands;
+use crate::pass::{Kit, List};
+
+/// A part of the frame that is recorded as a whole. A stage that some settings or scenes do without is an `Option` of one.
+pub trait Stage {
+    /// Label of its commands, and key of its time.
+    const NAME: &'static str;
+
+    /// Records what must happen once, after the uploads and before the first frame.
+    fn record_setup(&self, _rec: &mut Recorder) -> Result<()> {
+        Ok(())
+    }
+
+    /// Records its passes.
+    fn record(&self, rec: &mut Recorder) -> Result<()>;
+
+    /// Records its passes under its name.
+    fn run(&self, rec: &mut Recorder) -> Result<()> {
+        rec.scope(Self::NAME, |rec| self.record(rec))
+    }
+}
+
+impl<S: Stage> Stage for Option<S> {
+    const NAME: &'static str = S::NAME;
+
+    fn record_setup(&self, rec: &mut Recorder) -> Result<()> {
+        self.as_ref().map_or(Ok(()), |stage| stage.record_setup(rec))
+    }
+
+    fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.as_ref().map_or(Ok(()), |stage| stage.record(rec))
+    }
+
+    fn run(&self, rec: &mut Recorder) -> Result<()> {
+        self.as_ref().map_or(Ok(()), |stage| stage.run(rec))
+    }
+}
+
+/// Stages of a single pass.
+macro_rules! stages {
+    ($($pass:ty = $name:literal),* $(,)?) => {
+        $(impl Stage for $pass {
+            const NAME: &'static str = $name;
+
+            fn record(&self, rec: &mut Recorder) -> Result<()> {
+                <$pass>::record(self, rec)
+            }
+        })*
+    };
+}
+
+stages! {
+    Importance = "importance",
+    DeltaChoice = "delta_choice",
+    MirrorLights = "mirror_lights",
+    Discontinuity = "discontinuity",
+    Merge = "merge",
+    Summands = "summands",
+}
+
+impl Stage for Lens {
+    const NAME: &'static str = "lens";
+
+    fn record_setup(&self, rec: &mut Recorder) -> Result<()> {
+        Lens::record_setup(self, rec)
+    }
+
+    fn record(&self, rec: &mut Recorder) -> Result<()> {
+        Lens::record(self, rec)
+    }
+}
+
+/// Counts that are cleared when a stage begins.
+struct Counts {
+    cleared: Buffer,
+    of: Vec<Buffer>,
+}
+
+impl Counts {
+    /// Of these lists, whose entries belong to so many classes of pixels.
+    fn new<'a>(kit: &Kit, classes: u32, lists: impl IntoIterator<Item = &'a List>) -> Result<Counts> {
+        let of = lists.into_iter().map(|list| list.work.clone()).collect();
+        Ok(Counts { cleared: kit.stage("cleared work", &[Work::of_classes(classes)])?, of })
+    }
+
+    fn record_clear(&self, rec: &mut Recorder) -> Result<()> {
+        self.of.iter().try_for_each(|work| rec.copy(&self.cleared, work))
+    }
+}
+
+/// The list of a batch of rays that are all traced: only its counts are used.
+fn batch(kit: &Kit, name: &str) -> Result<List> {
+    List::new(kit, name, &kit.array(&format!("{name} list"), 4, 4)?)
+}

@@ -1,0 +1,46 @@
+//! The image of a pass is added to the film, and the film's mean becomes an image.
+
+use super::Eye;
+use crate::error::Result;
+use crate::film::Film;
+use crate::gpu::{Image, Recorder};
+use crate::pass::accumulate::Accumulate;
+use crate::pass::resolve::Resolve;
+use crate::pass::{Kit, Lighting};
+
+/// The stage.
+pub struct Output {
+    /// Running sums.
+    pub film: Film,
+    /// The image for the host.
+    pub image: Image,
+    accumulate: Accumulate,
+    resolve: Resolve,
+}
+
+impl Output {
+    /// Adds the points of `eye`, lit by `lighting`, to `film`.
+    pub fn new(kit: &Kit, eye: &Eye, lighting: &Lighting, (film, image): (Film, Image)) -> Result<Output> {
+        Ok(Output {
+            accumulate: Accumulate::new(kit, &eye.points, &eye.paths, lighting, &film)?,
+            resolve: Resolve::new(kit, &film, &image)?,
+            film,
+            image,
+        })
+    }
+
+    /// Records that the sums are empty.
+    pub fn record_clear(&self, rec: &mut Recorder) -> Result<()> {
+        self.film.buffers().into_iter().try_for_each(|buffer| rec.fill(buffer, 0))
+    }
+
+    /// Records the addition of a pass to the sums of an instance.
+    pub fn record_accumulate(&self, rec: &mut Recorder, instance: u32) -> Result<()> {
+        rec.scope("accumulate", |rec| self.accumulate.record(rec, instance))
+    }
+
+    /// Records the mean of all passes into the image.
+    pub fn record_resolve(&self, rec: &mut Recorder) -> Result<()> {
+        rec.scope("resolve", |rec| self.resolve.record(rec))
+    }
+}

@@ -1,0 +1,210 @@
+//! Caustic photons: shot, followed, sorted into a grid, and looked up where the eye sees something.
+
+use super::{Counts, Eye, Shade, Stage, batch};
+use crate::error::Result;
+use crate::gpu::{Buffer, Recorder};
+use crate::pass::layout::{Step, Work};
+use crate::pass::photon_find::PhotonFind;
+use crate::pass::photon_follow::{self, PhotonFollow};
+use crate::pass::photon_grid::{Grid, PhotonGrid};
+use crate::pass::photon_light::PhotonLight;
+use crate::pass::photon_start::PhotonStart;
+use crate::pass::schedule::{Schedule, groups_of};
+use crate::pass::sort::SortSteps;
+use crate::pass::trace::Trace;
+use crate::pass::{Kit, List, Rays};
+use crate::plan::{PhotonPlan, Plan, StepTable, trace_steps};
+
+/// Photons leave the lights towards mirrors and glass and are sorted into their grid.
+pub struct Photons {
+    /// Photons of all classes.
+    pub count: u32,
+    /// Their rays; where a photon is stored, that of its arrival.
+    pub rays: Rays,
+    /// Flux of each if it were the only one of its class; w: bits of its target + 1.
+    pub flux: Buffer,
+    /// Bodies of glass around each.
+    pub media: Buffer,
+    /// Where each is stored; w: 1 if it is.
+    pub position: Buffer,
+    /// Geometric normal there, on the side of its arrival.
+    pub normal: Buffer,
+    /// For each step the photons that go on.
+    pub lists: Vec<List>,
+    /// The stored photons in their grid.
+    pub grid: Grid,
+    counts: Counts,
+    grid_work: Buffer,
+    start: PhotonStart,
+    first_trace: (Trace, Vec<u32>),
+    follow: Vec<Follow>,
+    list_step: u32,
+    list_rounds: Vec<u32>,
+    sort: (PhotonGrid, SortSteps),
+}
+
+/// A step of the photons' paths.
+struct Follow {
+    pass: PhotonFollow,
+    step: u32,
+    schedule: Schedule,
+    trace: Trace,
+}
+
+impl Photons {
+    /// `None`: there are no photons, or nothing to shoot them at.
+    pub fn new(kit: &Kit, plan: &Plan) -> Result<Option<Photons>> {
+        let (settings, Some(photons)) = (&plan.settings, &plan.photons) else { return Ok(None) };
+        let count = photons.total();
+        let mut table = StepTable::default();
+        let steps = trace_steps(settings.loop_budget);
+        let first_rounds = table.add_rounds(settings.rounds, Step { end: count, steps, ..Step::default() });
+        // Photons that planar mirrors would store are left to mirrored lights where there are these.
+        let fresh = u32::from(plan.mirrors.is_some());
+        let follow_steps: Vec<u32> = (0..=photons.steps)
+            .map(|bounce| {
+                table.add(Step { bounce, last: u32::from(bounce == photons.steps), fresh, ..Step::default() })
+            })
+            .collect();
+        let list_step = table.add_list();
+        let list_rounds = table.add_list_rounds(settings);
+        let sort_steps = SortSteps::new(&mut table, 1);
+        let steps = table.stage(kit, "photon steps")?;
+
+        let rays = Rays::new(kit.context, "photon", count)?;
+        let flux = kit.vec4s("photon flux", count)?;
+        let media = kit.vec4s("photon media", count)?;
+        let position = kit.vec4s("photon position", count)?;
+        let normal = kit.vec4s("photon normal", count)?;
+        let grid = Grid::new(kit, photons)?;
+        // Photons are listed while the list before is still needed, so two take turns.
+        let turns = [kit.array("photon list 0", count, 4)?, kit.array("photon list 1", count, 4)?];
+        let list = |i: usize| List::new(kit, &format!("photons {i}"), &turns[i % 2]);
+        let lists = (0..follow_steps.len()).map(list).collect::<Result<Vec<List>>>()?;
+        let batch = batch(kit, "photons")?;
+        let follow = (lists.iter().zip(follow_steps).enumerate())
+            .map(|(i, (list_out, step))| {
+                let inputs = photon_follow::Inputs {
+                    rays: &rays,
+                    flux: &flux,
+                    media: &media,
+                    position: &position,
+                    normal: &normal,
+                    list_in: i.checked_sub(1).map_or(&batch, |before| &lists[before]),
+                    list_out,
+                };
+                Ok(Follow {
+                    pass: PhotonFollow::new(kit, &inputs, &steps)?,
+                    step,
+                    schedule: Schedule::new(kit, &list_out.work, &steps)?,
+                    trace: Trace::new(kit, &rays, list_out, &steps)?,
+                })
+            })
+            .collect::<Result<_>>()?;
+        let grid_work = Work { total: count, total_groups: groups_of(count), ..Work::default() };
+        let stored = [&flux, &position, &normal];
+        Ok(Some(Photons {
+            count,
+            counts: Counts::new(kit, 1, lists.iter().chain([&batch]))?,
+            grid_work: kit.stage("photon grid's first work", &[grid_work])?,
+            start: PhotonStart::new(kit, &rays, [&flux, &position], count)?,
+            first_trace: (Trace::new(kit, &rays, &batch, &steps)?, first_rounds),
+            follow,
+            list_step,
+            list_rounds,
+            sort: (PhotonGrid::new(kit, &rays, stored, &grid, &steps, count)?, sort_steps),
+            rays,
+            flux,
+            media,
+            position,
+            normal,
+            lists,
+            grid,
+        }))
+    }
+
+    /// Photons leave the lights and are traced to their first hits.
+    pub fn record_start(&self, rec: &mut Recorder) -> Result<()> {
+        self.counts.record_clear(rec)?;
+        rec.copy(&self.grid_work, &self.grid.list.work)?;
+        self.start.record(rec)?;
+        self.first_trace.0.record(rec, &self.first_trace.1, Some(self.count))
+    }
+
+    /// Photons go on at mirrors and glass, or are stored; steps from 0. After the last nothing is traced.
+    pub fn record_step(&self, rec: &mut Recorder, step: usize) -> Result<()> {
+        let follow = &self.follow[step];
+        follow.pass.record(rec, follow.step, (step == 0).then_some(self.count))?;
+        if step + 1 == self.follow.len() {
+            return Ok(());
+        }
+        follow.schedule.record(rec, self.list_step)?;
+        follow.trace.record(rec, &self.list_rounds, None)
+    }
+
+    /// The stored photons are sorted into the grid.
+    pub fn record_grid(&self, rec: &mut Recorder) -> Result<()> {
+        self.sort.0.record(rec, &self.sort.1)
+    }
+}
+
+impl Stage for Photons {
+    const NAME: &'static str = "photons";
+
+    fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.record_start(rec)?;
+        (0..self.follow.len()).try_for_each(|step| self.record_step(rec, step))?;
+        self.record_grid(rec)
+    }
+}
+
+/// The photons' light is added to the lighting of what the eye sees.
+pub struct PhotonLighting {
+    /// The shading points that may have photons around them.
+    pub found: List,
+    counts: Counts,
+    find: PhotonFind,
+    light: PhotonLight,
+    list_step: u32,
+    stretches: Vec<u32>,
+}
+
+impl PhotonLighting {
+    /// Adds to the lighting of `shade`. `None`: there are no photons.
+    pub fn new(
+        kit: &Kit,
+        plan: &Plan,
+        photons: Option<&Photons>,
+        (eye, shade): (&Eye, &Shade),
+    ) -> Result<Option<PhotonLighting>> {
+        let Some(photons) = photons else { return Ok(None) };
+        let mut table = StepTable::default();
+        let list_step = table.add_list();
+        let chunk = PhotonPlan::chunk(plan.settings.loop_budget);
+        let stretches = (0..photons.count)
+            .step_by(chunk as usize)
+            .map(|first| table.add(Step { first, end: photons.count.min(first + chunk), ..Step::default() }))
+            .collect();
+        let steps = table.stage(kit, "photon light steps")?;
+        let entries = kit.array("points with photons", 1, eye.list.entries.bytes())?;
+        let found = List::new(kit, "points with photons", &entries)?;
+        Ok(Some(PhotonLighting {
+            counts: Counts::new(kit, 1, [&found])?,
+            find: PhotonFind::new(kit, &eye.points, &eye.list, &photons.grid, &found, &steps)?,
+            light: PhotonLight::new(kit, &eye.points, &found, &photons.grid, &shade.lighting, &steps)?,
+            list_step,
+            stretches,
+            found,
+        }))
+    }
+}
+
+impl Stage for PhotonLighting {
+    const NAME: &'static str = "photons";
+
+    fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.counts.record_clear(rec)?;
+        self.find.record(rec, self.list_step)?;
+        self.light.record(rec, &self.stretches)
+    }
+}

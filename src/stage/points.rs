@@ -1,0 +1,134 @@
+//! The order in which shading points stand on their list.
+
+use crate::device_scene::DeviceScene;
+use crate::error::Result;
+use crate::gpu::{Buffer, Context, Recorder, Resources};
+use crate::pass::schedule::Schedule;
+use crate::pass::shade::Chunk;
+use crate::pass::sort::{Sort, SortBuffers, SortSteps};
+use crate::pass::{Kit, List, ShadingPoints};
+use crate::plan::{Plan, StepTable};
+use crate::settings::ClusterOrder;
+
+/// How shading points are put in clusters of 64.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PointOrder {
+    /// Not at all: a list has them as they come.
+    Any,
+    /// Sorted by their places in space.
+    Space,
+    /// By their pixels; the list has gaps.
+    Screen,
+}
+
+impl PointOrder {
+    /// Of the points of a plan.
+    pub fn of(plan: &Plan, scene: &DeviceScene) -> PointOrder {
+        let settings = &plan.settings;
+        // The rays of gathered and of mirrored light take lists without gaps.
+        let gaps = settings.mirror_lights == 0 && plan.bounces() == 1;
+        match scene.wide_nodes {
+            None => PointOrder::Any,
+            Some(_) if gaps && settings.cluster_order == ClusterOrder::Screen && settings.max_depth > 1 => {
+                PointOrder::Screen
+            }
+            Some(_) => PointOrder::Space,
+        }
+    }
+
+    /// [`crate::pass::layout::Step::fresh`] of the pass that makes the list; `lit`: the points will be shaded.
+    pub(super) fn of_list(self, lit: bool) -> u32 {
+        match self {
+            PointOrder::Screen => 2,
+            PointOrder::Space => u32::from(lit),
+            PointOrder::Any => 0,
+        }
+    }
+}
+
+/// Finishes a list of shading points: its length becomes dispatches, and neighbours are brought together.
+pub(super) struct Finish {
+    schedule: Schedule,
+    list_step: u32,
+    sort: Option<(Sort, SortSteps)>,
+}
+
+/// Steps of [`Finish`].
+pub(super) struct FinishSteps {
+    list: u32,
+    sort: SortSteps,
+}
+
+impl FinishSteps {
+    pub(super) fn new(table: &mut StepTable, classes: u32) -> FinishSteps {
+        FinishSteps { list: table.add_list(), sort: SortSteps::new(table, classes) }
+    }
+}
+
+impl Finish {
+    /// `sort`: room to sort in, if the points are sorted.
+    pub(super) fn new(
+        kit: &Kit,
+        list: &List,
+        points: &ShadingPoints,
+        sort: Option<&SortBuffers>,
+        numbers: FinishSteps,
+        steps: &Resources,
+    ) -> Result<Finish> {
+        let sort = match sort {
+            Some(buffers) => Some((Sort::new(kit, list, points, buffers, steps)?, numbers.sort)),
+            None => None,
+        };
+        Ok(Finish { schedule: Schedule::new(kit, &list.work, steps)?, list_step: numbers.list, sort })
+    }
+
+    pub(super) fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.schedule.record(rec, self.list_step)?;
+        match &self.sort {
+            Some((sort, steps)) => rec.scope("sort", |rec| sort.record(rec, steps)),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The chunks of lights that light points after so many gather rays.
+pub(super) fn chunks(
+    table: &mut StepTable,
+    plan: &Plan,
+    (context, scene): (&Context, &DeviceScene),
+    bounce: u32,
+    order: PointOrder,
+) -> Vec<Chunk> {
+    let settings = &plan.settings;
+    let lanes = Chunk::lanes(settings, scene.cluster_lanes(context));
+    let size = Chunk::size(settings, lanes.is_some());
+    // Eye segment, gather rays, shadow ray and j reflections are bounce + j + 2 segments.
+    let reflections = (settings.max_depth as usize).checked_sub(bounce as usize + 2);
+    let ranges = reflections.map_or(Vec::new(), |j| plan.lights.chunks(size, j));
+    let delta = plan.delta_slots(scene);
+    ranges
+        .into_iter()
+        .map(|(first, end)| {
+            // Parallel light comes from no place.
+            let mut places = delta.iter().take(end as usize).skip(first as usize);
+            let parallel = places.any(|l| l.is_parallel());
+            let lanes = lanes.filter(|_| !parallel);
+            Chunk::new(table, settings, (first, end), lanes, order == PointOrder::Screen)
+        })
+        .collect()
+}
+
+/// Two buffers for lists of which the one before is still needed: they take turns.
+#[derive(Clone)]
+pub(super) struct Turns([Buffer; 2]);
+
+impl Turns {
+    pub(super) fn new(kit: &Kit, entries: u32) -> Result<Turns> {
+        Ok(Turns([kit.array("list 0", entries, 4)?, kit.array("list 1", entries, 4)?]))
+    }
+
+    /// List number `i`, which may overwrite number i - 2.
+    pub(super) fn list(&self, kit: &Kit, name: &str, i: usize) -> Result<List> {
+        List::new(kit, &format!("{name} {i}"), &self.0[i % 2])
+    }
+}

@@ -1,0 +1,45 @@
+//! The shading points of the eye are lit by the lights of the pass.
+
+use super::points::chunks;
+use super::{Eye, Stage, Walk};
+use crate::device_scene::DeviceScene;
+use crate::error::Result;
+use crate::gpu::Recorder;
+use crate::pass::shade::{self, Chunk};
+use crate::pass::{Kit, Lighting};
+use crate::plan::{Plan, StepTable};
+
+/// The stage.
+pub struct Shade {
+    /// Light at the shading points; later stages add to it.
+    pub lighting: Lighting,
+    pass: shade::Shade,
+    chunks: Vec<Chunk>,
+}
+
+impl Shade {
+    /// Lights the points of `eye` by the lights of `walk`.
+    pub fn new(kit: &Kit, scene: &DeviceScene, plan: &Plan, eye: &Eye, walk: &Walk) -> Result<Shade> {
+        let mut table = StepTable::default();
+        let chunks = chunks(&mut table, plan, (kit.context, scene), 0, eye.order);
+        let steps = table.stage(kit, "shade steps")?;
+        let lighting = Lighting::new(kit.context, "eye", plan.eye.slots())?;
+        let inputs = shade::Inputs {
+            points: &eye.points,
+            list: &eye.list,
+            lights: &walk.lights,
+            progress: &eye.rays.progress,
+            lighting: &lighting,
+            classes: eye.classes(),
+        };
+        Ok(Shade { pass: shade::Shade::new(kit, &inputs, &steps)?, lighting, chunks })
+    }
+}
+
+impl Stage for Shade {
+    const NAME: &'static str = "shade";
+
+    fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.pass.record(rec, &self.chunks)
+    }
+}

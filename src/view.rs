@@ -1,0 +1,212 @@
+//! Where light is wanted: the pixels of a camera, a region of them, or an atlas of texels on surfaces.
+//!
+//! A view yields shading points, one or two for each of its entries, row by row; everything after the eye's paths works on
+//! shading points and does not ask where they come from.
+//!
+//! A **region** of a camera is rendered with the bits that the whole image would have there. It begins where blocks of the screen
+//! begin ([`Region::around`]), so that clusters and classes of pixels are those of the whole image, and random numbers are those of
+//! the pixel's place in the whole image.
+//!
+//! An **atlas** has a point on a triangle for each texel, seen along its normal from the front. Texels lie 8 x 8 to a cluster, as
+//! pixels do.
+
+use std::sync::Arc;
+
+use crate::error::{Error, Result};
+use crate::scene::Camera;
+use crate::settings::Settings;
+
+/// Pixels beyond a region that filters look at, rounded up: windows are 9 pixels wide at most, and guides look one further.
+const APRON: u32 = 8;
+
+/// A rectangle of pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Region {
+    /// Its upper left pixel, x to the right, y down.
+    pub origin: [u32; 2],
+    /// Width and height.
+    pub size: [u32; 2],
+}
+
+impl Region {
+    /// All pixels of an image.
+    pub fn whole(size: [u32; 2]) -> Region {
+        Region { origin: [0, 0], size }
+    }
+
+    /// The smallest region around this one whose pixels, rendered alone, have the bits of the whole image: with room for the filter,
+    /// and on the borders of blocks of 8 x 8 pixels of each class.
+    pub fn around(&self, settings: &Settings, image: [u32; 2]) -> Region {
+        let apron = if settings.filter.is_some() { APRON } else { 0 };
+        let span = |axis: usize| {
+            let block = 8 * settings.pattern[axis];
+            let first = self.origin[axis].saturating_sub(apron) / block * block;
+            let end = (self.origin[axis] + self.size[axis] + apron).div_ceil(block) * block;
+            (first, end.min(image[axis]) - first)
+        };
+        let [(x, width), (y, height)] = [span(0), span(1)];
+        Region { origin: [x, y], size: [width, height] }
+    }
+
+    /// Pixels in it.
+    pub fn pixels(&self) -> u64 {
+        u64::from(self.size[0]) * u64::from(self.size[1])
+    }
+}
+
+/// A point of an atlas.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Texel {
+    /// Index of the triangle in [`crate::Scene::triangles`].
+    pub triangle: u32,
+    /// Weights of its second and third vertex.
+    pub uv: [f32; 2],
+}
+
+/// Texels on the surfaces of a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Atlas {
+    /// Width and height.
+    pub size: [u32; 2],
+    /// The texels, row by row; `None` lies on no surface and stays black.
+    pub texels: Vec<Option<Texel>>,
+}
+
+/// What is looked at.
+#[derive(Clone, Debug, PartialEq)]
+pub enum View {
+    /// A region of the pixels of a camera.
+    Camera {
+        /// The camera, with the resolution of the whole image.
+        camera: Camera,
+        /// Which of its pixels.
+        region: Region,
+    },
+    /// Texels on surfaces.
+    Atlas(Arc<Atlas>),
+}
+
+impl View {
+    /// All pixels of a camera.
+    pub fn whole(camera: Camera) -> View {
+        View::Camera { camera, region: Region::whole(camera.resolution) }
+    }
+
+    /// Width and height in entries: pixels or texels.
+    pub fn size(&self) -> [u32; 2] {
+        match self {
+            View::Camera { region, .. } => region.size,
+            View::Atlas(atlas) => atlas.size,
+        }
+    }
+
+    /// Its place in the whole image, and the whole image's width and height.
+    pub fn within(&self) -> Region {
+        match self {
+            View::Camera { camera, region } => Region { origin: region.origin, size: camera.resolution },
+            View::Atlas(atlas) => Region::whole(atlas.size),
+        }
+    }
+
+    /// The camera; `None`: an atlas has none.
+    pub fn camera(&self) -> Option<&Camera> {
+        match self {
+            View::Camera { camera, .. } => Some(camera),
+            View::Atlas(_) => None,
+        }
+    }
+
+    /// It shows a part of a larger image.
+    pub fn is_part(&self) -> bool {
+        self.size() != self.within().size
+    }
+
+    /// It is blurred by a lens.
+    pub fn has_lens(&self) -> bool {
+        self.camera().is_some_and(Camera::has_lens)
+    }
+
+    /// Checks it against the settings. Errors: an empty view, a region outside of its image or not on the borders of blocks, a
+    /// combination whose result would depend on pixels that are not in the region.
+    pub fn check(&self, settings: &Settings) -> Result<()> {
+        let resolution = |message: String| Error::Setting { name: "--resolution", message };
+        let [width, height] = self.size();
+        if width == 0 || height == 0 || u64::from(width) * u64::from(height) > MAX_PIXELS {
+            return Err(resolution(format!("{width}x{height} is empty or has more than {MAX_PIXELS} pixels")));
+        }
+        match self {
+            View::Camera { camera, region } => {
+                camera.check().map_err(|message| Error::Scene(format!("camera: {message}")))?;
+                let fits = |axis: usize| {
+                    let end = u64::from(region.origin[axis]) + u64::from(region.size[axis]);
+                    let block = 8 * settings.pattern[axis];
+                    region.origin[axis] % block == 0 && end <= u64::from(camera.resolution[axis])
+                };
+                if !(fits(0) && fits(1)) {
+                    let message = format!("{region:?} does not lie on the blocks of {:?}", camera.resolution);
+                    return Err(Error::Setting { name: "--crop", message });
+                }
+                self.check_part(settings)
+            }
+            View::Atlas(atlas) => {
+                let refuse = |message: &str| Err(Error::Setting { name: "view", message: message.to_owned() });
+                if atlas.texels.len() as u64 != u64::from(width) * u64::from(height) {
+                    return refuse("an atlas has as many texels as its size says");
+                }
+                match settings {
+                    Settings { filter: Some(_), .. } => {
+                        refuse("an atlas has no pixels to filter over; use --filter off")
+                    }
+                    Settings { superposition: Some(_), .. } => {
+                        refuse("mirror images need a camera; use --superposition off")
+                    }
+                    _ => Ok(()),
+                }
+            }
+        }
+    }
+
+    /// Refuses a region whose pixels depend on others.
+    fn check_part(&self, settings: &Settings) -> Result<()> {
+        let why = match self.needs_whole(settings) {
+            Some(why) if self.is_part() => why,
+            _ => return Ok(()),
+        };
+        let message = format!("{why}; render the image as a whole");
+        Err(Error::Setting { name: "--crop", message })
+    }
+
+    /// Why a part of the image cannot be rendered by itself with the same bits, if so.
+    pub fn needs_whole(&self, settings: &Settings) -> Option<&'static str> {
+        match settings {
+            _ if self.has_lens() => Some("a lens blurs over the whole image"),
+            Settings { superposition: Some(_), .. } => Some("mirror images spread over the whole image"),
+            Settings { light_choice: crate::settings::LightChoice::Contribution, .. } => {
+                Some("--light-choice contribution looks at the whole image")
+            }
+            _ => None,
+        }
+    }
+}
+
+/// Greatest number of entries of a view, so that products of it fit; a device's own limits on buffers mostly come first.
+pub const MAX_PIXELS: u64 = 1 << 26;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regions_grow_to_whole_blocks() {
+        let plain = Settings::default();
+        let crop = Region { origin: [17, 9], size: [30, 5] };
+        assert_eq!(crop.around(&plain, [640, 480]), Region { origin: [16, 8], size: [32, 8] });
+        // Blocks of a 3 x 2 pattern are 24 x 16 pixels; the image may end within one.
+        let pattern = Settings { pattern: [3, 2], ..plain.clone() };
+        assert_eq!(crop.around(&pattern, [60, 480]), Region { origin: [0, 0], size: [48, 16] });
+        let at_edge = Region { origin: [50, 470], size: [10, 10] };
+        assert_eq!(at_edge.around(&pattern, [60, 480]), Region { origin: [48, 464], size: [12, 16] });
+        let filtered = Settings { filter: Settings::interactive().filter, ..plain };
+        assert_eq!(crop.around(&filtered, [640, 480]), Region { origin: [8, 0], size: [48, 24] });
+    }
+}
