@@ -2,6 +2,7 @@
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
+#include "radiance.wgsl"
 #include "reflectors.wgsl"
 
 @group(0) @binding(1) var<storage, read> receiver_position: array<vec4<f32>>;
@@ -47,10 +48,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let is_pane = tables.z != 0u;
     let slot = select(pixel + frame.size.z, pixel, is_pane);
     let through = throughput[slot];
-    let lit = receiver_wo[slot].w > 0.0;
-    let reflected = receiver_kd[slot].xyz * INV_PI * (direct[slot].xyz + indirect[slot].xyz) + specular[slot].xyz;
     let met = emitted[slot];
-    let l = met.xyz + select(vec3<f32>(0.0), through.xyz * reflected, lit);
+    let l = met.xyz + through.xyz * reflected_radiance(receiver_kd[slot].xyz, lighting_of(slot));
     // This component is no part of the pixel by itself.
     emitted[slot] = vec4<f32>(0.0, 0.0, 0.0, select(0.0, met.w, is_pane));
     throughput[slot] = vec4<f32>(0.0, 0.0, 0.0, through.w);
