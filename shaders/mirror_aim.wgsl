@@ -4,6 +4,7 @@
 #include "math.wgsl"
 #include "bsdf.wgsl"
 #include "lights.wgsl"
+#include "light_at.wgsl"
 #include "receiver.wgsl"
 #include "mirror_lights.wgsl"
 
@@ -27,17 +28,17 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let slot = list[place];
-    let chosen = class_of(slot) * frame.mirrors.x + steps[push.step].first;
+    let chosen = mirrored_index(slot, steps[push.step].first);
     let number = mirror_number[chosen];
     let mirror = mirrors[max(number, 1u) - 1u];
     let l = mirrored[chosen];
     let x = receiver_position[slot].xyz;
-    let way = way_to(l, x);
-    let r2 = dot(way, way);
-    let wi = way / sqrt(max(r2, 1e-37));
+    let d = to_light(l.position, l.normal, x);
+    let r2 = dot(d, d);
+    let wi = d / sqrt(max(r2, 1e-37));
     // The mirror's plane lies between the two.
     let height = height_of(mirror, x);
-    let fall = dot(way, mirror.plane.xyz);
+    let fall = dot(d, mirror.plane.xyz);
     let crosses = height * fall < 0.0 && abs(height) < abs(fall);
     let faces = dot(wi, receiver_shading[slot].xyz) > 0.0 && dot(wi, receiver_geometric[slot].xyz) > 0.0;
     let lit = number > 0u && crosses && faces && r2 > 0.0 && mean3(intensity_of(l, wi)) > 0.0;

@@ -2,7 +2,6 @@
 // pass/mirror_lights.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
-#include "bsdf.wgsl"
 #include "lights.wgsl"
 #include "mirror_lights.wgsl"
 
@@ -67,10 +66,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
             let number = i % frame.mirrors.z;
             let mirror = mirrors[number];
             let factor = f32(ONE) / f32(share);
-            var l = lights[class_lights + i / frame.mirrors.z];
-            l.position = vec4<f32>(mirrored_point(mirror, l.position.xyz), l.position.w);
-            l.normal = vec4<f32>(mirrored_direction(mirror, l.normal.xyz), l.normal.w);
-            l.wi = vec4<f32>(mirrored_direction(mirror, l.wi.xyz), l.wi.w);
+            var l = mirrored_light(mirror, lights[class_lights + i / frame.mirrors.z]);
             l.emit = vec4<f32>(l.emit.xyz * factor, l.emit.w);
             l.flux = vec4<f32>(l.flux.xyz * factor, l.flux.w);
             mirrored[first_slot + slot] = l;

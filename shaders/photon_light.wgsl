@@ -40,7 +40,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let shading = receiver_shading[slot];
     let f0 = receiver_f0[slot];
     let wo = receiver_wo[slot].xyz;
-    let lobe = Reflectance(vec3<f32>(0.0), geometric.w, f0.xyz, shading.w);
+    let lobe = receiver_lobe(geometric, shading, f0);
     let radius2 = frame.photon.x * frame.photon.x;
     let share = frame.photon.z;
 

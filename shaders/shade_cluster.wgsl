@@ -12,6 +12,10 @@
 #if AREA
 #include "area.wgsl"
 #endif
+#if VISIBILITY
+#else
+#include "light_at.wgsl"
+#endif
 
 @group(0) @binding(1) var<storage, read> wide_nodes: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> triangle_v0: array<vec4<f32>>;
@@ -72,14 +76,10 @@ fn add_lobes(light: u32, p: u32, clip2: f32) -> vec3<f32> {
     let r2 = dot(d, d);
     let wi = d / sqrt(max(r2, 1e-37));
     let cos_light = -dot(wi, l.normal.xyz);
-    let spot = clamp(cos_light * l.normal.w + l.emit.w, 0.0, 1.0);
-    let plain = l.emit.xyz * (select(1.0, max(cos_light, 0.0), (flags & LIGHT_SURFACE) != 0u) * spot * spot);
-    let light_lobe = Reflectance(vec3<f32>(0.0), l.flux.w, l.f0.xyz, l.wi.w);
-    let shiny = (flags & LIGHT_GLOSSY) != 0u && cos_light > 0.0;
-    let extra = select(vec3<f32>(0.0), l.flux.xyz * eval_specular(light_lobe, l.normal.xyz, l.wi.xyz, -wi) * cos_light, shiny);
-    let factor = max(dot(wi, shading.xyz), 0.0) * (1.0 / max(max(r2, clip2), 1e-37));
-    let lobe = Reflectance(vec3<f32>(0.0), geometric.w, f0.xyz, shading.w);
-    let reflected = eval_specular(lobe, shading.xyz, receiver_wo[p].xyz, wi);
+    let plain = plain_intensity(l.normal, l.emit, flags, cos_light);
+    let extra = lobe_intensity(l, wi, cos_light);
+    let factor = max(dot(wi, shading.xyz), 0.0) * inverse_square(r2, clip2);
+    let reflected = eval_specular(receiver_lobe(geometric, shading, f0), shading.xyz, receiver_wo[p].xyz, wi);
     specular[p] += vec4<f32>(select(vec3<f32>(0.0), (plain + extra) * factor * reflected, f0.w > 0.0), 0.0);
     return extra * factor;
 }
@@ -213,8 +213,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let reaches = (flags & LIGHT_SURFACE) == 0u || greatest_dot(l.normal.xyz, l.normal.xyz, -d_hi, -d_lo) > 0.0;
         // The greatest irradiance, at the nearest point of the cluster's box.
         let nearest = max(max(d_lo, -d_hi), vec3<f32>(0.0));
-        let clip2 = select(0.0, frame.right.w, (flags & LIGHT_CLIPPED) != 0u);
-        let greatest = max(l.emit.x, max(l.emit.y, l.emit.z)) / max(max(dot(nearest, nearest), clip2), 1e-37);
+        let greatest = max(l.emit.x, max(l.emit.y, l.emit.z)) / max(max(dot(nearest, nearest), clip2_of(flags)), 1e-37);
         let glossy_light = (flags & LIGHT_GLOSSY) != 0u && mean3(l.flux.xyz) > 0.0;
         let counts = glossy_light || greatest > frame.pixel_offset.w;
         todo |= select(0u, 1u << (i & 31u), faces && reaches && counts && i < count && step.first + i >= start);
@@ -521,14 +520,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 seen[r] += (alive >> r) & 1u;
             }
 #else
-            let clip2 = select(0.0, frame.right.w, (flags & LIGHT_CLIPPED) != 0u);
+            let clip2 = clip2_of(flags);
             for (var r = 0u; r < RAYS; r += 1u) {
                 let r2 = dot(d[r], d[r]);
                 let wi = -d[r] / sqrt(max(r2, 1e-37));
                 let cos_light = -dot(wi, l_normal.xyz);
-                let spot = clamp(cos_light * l_normal.w + l_emit.w, 0.0, 1.0);
-                let intensity = l_emit.xyz * (select(1.0, max(cos_light, 0.0), surface) * spot * spot);
-                let factor = dot(wi, shading[r]) * (1.0 / max(max(r2, clip2), 1e-37));
+                let intensity = plain_intensity(l_normal, l_emit, flags, cos_light);
+                let factor = dot(wi, shading[r]) * inverse_square(r2, clip2);
                 sum[r] += intensity * select(0.0, factor, ((alive >> r) & 1u) != 0u);
             }
             // Specular lobes, of the light or of receivers, are rarer: ray by ray.

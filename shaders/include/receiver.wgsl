@@ -1,4 +1,4 @@
-// Receivers: the points that are lit, pixel by pixel, in parallel arrays. Host twin: pass::receivers::Receivers.
+// Receivers: the points that are lit, pixel by pixel, in parallel arrays. Needs bsdf.wgsl. Host twin: pass::receivers::Receivers.
 //   position:  point with ray-origin offset towards wo; w: distance along the ray, negative where it hit nothing
 //   geometric: geometric normal on the side of wo; w: f90
 //   shading:   shading normal on the side of wo; w: alpha
@@ -8,3 +8,8 @@
 
 // emitted.w of a receiver-to-be that has no lobe because the eye's path has chosen its base.
 const LOBE_FOLLOWED: f32 = 2.0;
+
+// The specular lobe alone.
+fn receiver_lobe(geometric: vec4<f32>, shading: vec4<f32>, f0: vec4<f32>) -> Reflectance {
+    return Reflectance(vec3<f32>(0.0), geometric.w, f0.xyz, shading.w);
+}
