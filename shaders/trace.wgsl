@@ -1,6 +1,7 @@
 // Closest hits of a batch of rays, in rounds of bounded length. See pass/trace.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
+#include "math.wgsl"
 #include "bvh.wgsl"
 #include "triangle.wgsl"
 

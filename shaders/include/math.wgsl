@@ -91,3 +91,11 @@ fn offset_origin(p: vec3<f32>, n: vec3<f32>, scale: f32) -> vec3<f32> {
     let near_zero = p + n * (scale * (1.0 / 65536.0));
     return select(bitcast<vec3<f32>>(bits), near_zero, abs(p) < vec3<f32>(scale * (1.0 / 32.0)));
 }
+
+// 1/d without infinities: a component too small to divide by counts as a tiny one of the same sign, so that no product in
+// a slab test is 0 * inf and no NaN reaches min or max.
+fn safe_inverse(d: vec3<f32>) -> vec3<f32> {
+    let tiny = vec3<f32>(1e-30);
+    let guarded = select(d, select(tiny, -tiny, d < vec3<f32>(0.0)), abs(d) < tiny);
+    return 1.0 / guarded;
+}

@@ -66,12 +66,19 @@ fn make_shaft(lo: vec3<f32>, hi: vec3<f32>) -> Shaft {
     return shaft;
 }
 
-// Whether the shaft may meet a box. Says yes rather too often. Integers order like floats here: negative values need no order.
-fn shaft_meets(shaft: Shaft, lo: vec3<f32>, hi: vec3<f32>) -> bool {
+// Where the shaft enters and leaves a box, with t <= t_max; it misses the box if it enters behind where it leaves. Integers order
+// like floats here: negative values need no order.
+fn shaft_span(shaft: Shaft, lo: vec3<f32>, hi: vec3<f32>, t_max: f32) -> vec2<f32> {
     let enter = max(bitcast<vec3<i32>>(lo * shaft.enter_lo), bitcast<vec3<i32>>(hi * shaft.enter_hi));
     let leave = bitcast<vec3<i32>>(select(lo, hi, shaft.positive) * shaft.leave + shaft.never);
     let t_near = bitcast<f32>(max(max(enter.x, enter.y), max(enter.z, 0)));
-    let t_far = bitcast<f32>(min(min(leave.x, leave.y), min(leave.z, 0x3f800000))) * 1.000002;
-    return t_near <= t_far;
+    let t_far = bitcast<f32>(min(min(leave.x, leave.y), min(leave.z, bitcast<i32>(t_max)))) * 1.000002;
+    return vec2<f32>(t_near, t_far);
+}
+
+// Whether the shaft may meet a box. Says yes rather too often.
+fn shaft_meets(shaft: Shaft, lo: vec3<f32>, hi: vec3<f32>) -> bool {
+    let span = shaft_span(shaft, lo, hi, 1.0);
+    return span.x <= span.y;
 }
 #endif

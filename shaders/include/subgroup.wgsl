@@ -58,13 +58,23 @@ fn min_reduce(x: vec3<f32>) -> vec3<f32> {
     return y;
 }
 
-fn least(x: u32) -> u32 {
+fn max_reduce(x: vec3<f32>) -> vec3<f32> {
+    return -min_reduce(-x);
+}
+
+// The minimum where the lanes from eight on repeat those before.
+fn min_of_eight(x: u32) -> u32 {
     var y = x;
     y = min(y, subgroupShuffleXor(y, 1u));
     y = min(y, subgroupShuffleXor(y, 2u));
     if LANES > 4u {
         y = min(y, subgroupShuffleXor(y, 4u));
     }
+    return y;
+}
+
+fn min_reduce_u32(x: u32) -> u32 {
+    var y = min_of_eight(x);
     if LANES > 8u {
         y = min(y, subgroupShuffleXor(y, 8u));
     }
