@@ -20,9 +20,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let class_number = group.x;
     let slots = frame.walk.w;
     let count = arrayLength(&candidate_emitters);
-    let run = (count + 63u) / 64u;
-    let first = min(lane * run, count);
-    let end = min(first + run, count);
+    let stretch = stretch_of(lane, count);
     let first_slot = class_number * frame.pattern.w;
 
     // Slots that nobody takes send nothing.
@@ -30,15 +28,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         lights[first_slot + k] = PointLight(vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0));
     }
 
-    let scale = scale_of(lane, first, end, count, slots);
+    let scale = scale_of(lane, stretch, count, slots);
     var share_sum = 0u;
-    for (var i = first; i < end; i += 1u) {
+    for (var i = stretch.first; i < stretch.end; i += 1u) {
         share_sum += share_of(weight_of(i), scale);
     }
     storageBarrier();
-    var begin = begin_of(lane, share_sum);
+    var begin = sum_before(lane, share_sum);
     let offset = offset_of(STREAM_DELTA, class_number);
-    for (var i = first; i < end; i += 1u) {
+    for (var i = stretch.first; i < stretch.end; i += 1u) {
         let share = share_of(weight_of(i), scale);
         let slot = slot_at(begin, offset);
         if slot * ONE + offset < begin + share {

@@ -1,6 +1,7 @@
 // Irradiance averaged over neighbours on one surface. See pass/discontinuity.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
+#include "octahedral.wgsl"
 #include "discontinuity.wgsl"
 
 @group(0) @binding(1) var<storage, read> guide_points: array<vec4<f32>>;
@@ -38,14 +39,6 @@ struct Gain {
     direct: vec3<f32>,
 #endif
     shares: f32,            // of those that agree
-}
-
-fn decode_normal(bits: u32) -> vec3<f32> {
-    let e = unpack2x16snorm(bits);
-    let z = 1.0 - abs(e.x) - abs(e.y);
-    let fold = max(-z, 0.0);
-    let n = vec3<f32>(e - select(vec2<f32>(-fold), vec2<f32>(fold), e >= vec2<f32>(0.0)), z);
-    return n / sqrt(dot(n, n));
 }
 
 fn load(at: vec2<i32>) -> Cell {

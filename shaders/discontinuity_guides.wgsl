@@ -2,6 +2,7 @@
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
+#include "octahedral.wgsl"
 #include "discontinuity.wgsl"
 
 @group(0) @binding(1) var<storage, read> receiver_position: array<vec4<f32>>;
@@ -14,13 +15,6 @@
 @group(0) @binding(8) var<storage, read_write> guide_normals: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read_write> work: Work;
 @group(0) @binding(10) var<storage, read> tiles: array<u32>;
-
-// Octahedral encoding (Meyer et al. 2010), 2 x 16 bit signed.
-fn encode_normal(n: vec3<f32>) -> u32 {
-    let p = n.xy / (abs(n.x) + abs(n.y) + abs(n.z));
-    let folded = (1.0 - abs(p.yx)) * select(vec2<f32>(-1.0), vec2<f32>(1.0), p >= vec2<f32>(0.0));
-    return pack2x16snorm(select(folded, p, n.z >= 0.0));
-}
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {

@@ -40,25 +40,23 @@ fn weight_of(i: u32) -> f32 {
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slots = frame.mirrors.x;
     let count = frame.mirrors.y * frame.mirrors.z;
-    let run = (count + 63u) / 64u;
-    let first = min(lane * run, count);
-    let end = min(first + run, count);
+    let stretch = stretch_of(lane, count);
     let first_slot = group.x * slots;
     class_lights = group.x * frame.pattern.w;
 
     for (var k = lane; k < slots; k += 64u) {
         mirror_number[first_slot + k] = 0u;
     }
-    let scale = scale_of(lane, first, end, count, slots);
+    let scale = scale_of(lane, stretch, count, slots);
     var share_sum = 0u;
-    for (var i = first; i < end; i += 1u) {
+    for (var i = stretch.first; i < stretch.end; i += 1u) {
         let weight = weight_of(i);
         share_sum += select(0u, share_of(weight, scale), weight > 0.0);
     }
     storageBarrier();
-    var begin = begin_of(lane, share_sum);
+    var begin = sum_before(lane, share_sum);
     let offset = offset_of(STREAM_MIRROR, group.x);
-    for (var i = first; i < end; i += 1u) {
+    for (var i = stretch.first; i < stretch.end; i += 1u) {
         let weight = weight_of(i);
         let share = select(0u, share_of(weight, scale), weight > 0.0);
         let slot = slot_at(begin, offset);

@@ -1,6 +1,7 @@
 // What a hit point is made of. Needs math.wgsl and bsdf.wgsl. Host twins: pass::layout::{MaterialRecord, TextureRecord};
 // CPU twin: pass::receivers::surface_at.
 // UNTEXTURED: no material has a texture.
+#include "octahedral.wgsl"
 
 struct MaterialRecord {
     base: vec4<f32>,        // base colour; w: metallic
@@ -95,16 +96,6 @@ fn sample_texture(index: u32, uv: vec2<f32>) -> vec3<f32> {
     let top = mix(texel(record, x, y), texel(record, x + 1, y), f.x);
     let bottom = mix(texel(record, x, y + 1), texel(record, x + 1, y + 1), f.x);
     return mix(top, bottom, f.y);
-}
-
-// Octahedral encoding (Meyer et al. 2010), 2 x 16 bit signed.
-fn decode_normal(bits: u32) -> vec3<f32> {
-    let e = unpack2x16snorm(bits);
-    var n = vec3<f32>(e, 1.0 - abs(e.x) - abs(e.y));
-    let t = max(-n.z, 0.0);
-    n.x += select(t, -t, n.x >= 0.0);
-    n.y += select(t, -t, n.y >= 0.0);
-    return n / sqrt(dot(n, n));
 }
 
 fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> Surface {
