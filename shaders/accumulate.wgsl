@@ -1,4 +1,4 @@
-// One pass's image added to the running sums. See pass/accumulate.rs.
+// Adds the image of one pass to the running sums. See pass/accumulate.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "radiance.wgsl"

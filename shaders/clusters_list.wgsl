@@ -1,4 +1,4 @@
-// Lists the marked clusters in their order, each with its class. See pass/clusters.rs.
+// Lists the marked clusters in order, each with its class. See pass/clusters.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "stretches.wgsl"
@@ -23,7 +23,7 @@ fn main(@builtin(local_invocation_index) lane: u32) {
             place += 1u;
         }
     }
-    // The last stretch ends with the last cluster. The list takes a group for each, however few of its places hold a receiver.
+    // The last lane knows the number of listed clusters. Each takes a workgroup, even if few of its places hold a receiver.
     if lane == 63u {
         let live = atomicLoad(&work.live);
         work.total = 64u * place;

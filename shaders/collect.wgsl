@@ -1,4 +1,4 @@
-// Adds what gathered points send back to their pixels. See pass/collect.rs.
+// Adds the light that gathered points reflect to their pixels. See pass/collect.rs.
 #include "work.wgsl"
 #include "math.wgsl"
 #include "radiance.wgsl"
@@ -29,7 +29,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let b = beta[pixel];
     let e = emitted[pixel].xyz;
     let l = b.xyz * reflected_radiance(receiver_kd[pixel].xyz, lighting_of(pixel));
-    // An emitter met by the eye's own gather ray is direct light; all else came by way of a surface.
+    // An emitter hit by the first gather ray is direct light; all other light was reflected before.
     let first = step.bounce == 1u;
     let diffuse = b.w == 0.0;
     let as_direct = select(vec3<f32>(0.0), e, first && diffuse);

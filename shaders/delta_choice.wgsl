@@ -1,4 +1,4 @@
-// Lights without area are chosen for a pass, for each class of pixels so many. See pass/delta_choice.rs.
+// Chooses a number of lights without area for each class of pixels. See pass/delta_choice.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "emitters.wgsl"
@@ -23,7 +23,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let stretch = stretch_of(lane, count);
     let first_slot = class_number * frame.pattern.w;
 
-    // Slots that nobody takes send nothing.
+    // Slots that no light takes emit nothing.
     for (var k = lane; k < slots; k += 64u) {
         lights[first_slot + k] = PointLight(vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0));
     }

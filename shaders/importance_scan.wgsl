@@ -1,4 +1,4 @@
-// Contributions and powers become the distribution by which particles choose emitters. See pass/importance.rs.
+// Turns contributions and powers into the distribution by which particles choose emitters. See pass/importance.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "emitters.wgsl"
@@ -19,14 +19,14 @@ fn sum_to(end: u32) -> f32 {
     return sum;
 }
 
-// Share of an emitter, before the shares are made to sum up to 1.
+// Share of an emitter before normalisation.
 fn mixed(i: u32, total: f32) -> f32 {
     let by_power = emitters[i].normal.w;
     let by_contribution = select(by_power, contributions[i] / max(total, 1e-37), total > 0.0);
     return frame.choice.x * by_power + (1.0 - frame.choice.x) * by_contribution;
 }
 
-// Upper end of the interval of emitter i. What the distribution by power never chooses stays out.
+// Upper end of the interval of emitter i. Emitters that the distribution by power never chooses stay out.
 fn upper_end(i: u32, sum: f32, whole: f32) -> f32 {
     return select(min(sum / whole, 1.0), 1.0, emitters[i].radiance.w >= 1.0);
 }

@@ -1,4 +1,4 @@
-// The pass's whole image as a source of the convolution, and the circle of confusion of each pixel. See pass/lens.rs.
+// Writes the pass's image as the source of the convolution, and the circle of confusion of each pixel. See pass/lens.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "radiance.wgsl"
@@ -15,9 +15,9 @@
 @group(0) @binding(10) var<storage, read_write> footprint: array<vec4<f32>>;  // diameter, layer, u axis
 @group(0) @binding(11) var<storage, read_write> region: array<u32>;           // 1: in focus or behind; 2: before
 
-// Farther than everything. Host twin: pass::lens::NOTHING_SEEN.
+// Depth of pixels that see nothing, beyond every surface. Host twin: pass::lens::NOTHING_SEEN.
 const NOTHING_SEEN: f32 = 3.0e38;
-// Circles are no greater, pixels. Host twin: pass::lens::MAX_DIAMETER.
+// Maximum diameter of circles, in pixels. Host twin: pass::lens::MAX_DIAMETER.
 const MAX_DIAMETER: f32 = 1e6;
 
 @compute @workgroup_size(64)

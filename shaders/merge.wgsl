@@ -1,4 +1,4 @@
-// Light of the second components is added to their pixels. See pass/merge.rs.
+// Adds the light of second components to their pixels. See pass/merge.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"

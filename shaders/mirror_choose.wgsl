@@ -1,5 +1,4 @@
-// Lights of a pass and the planar mirrors that mirror them are chosen, for each class of pixels so many pairs. See
-// pass/mirror_lights.rs.
+// Chooses a number of pairs of a light and a planar mirror for each class of pixels. See pass/mirror_lights.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "lights.wgsl"
@@ -12,7 +11,7 @@
 
 var<private> class_lights: u32;
 
-// About the flux that a mirror reflects of a light; candidate i is light i / M and mirror i % M.
+// Approximate flux of a light that a mirror reflects; candidate i is light i / M and mirror i % M.
 fn weight_of(i: u32) -> f32 {
     let l = lights[class_lights + i / frame.mirrors.z];
     let mirror = mirrors[i % frame.mirrors.z];
@@ -22,7 +21,7 @@ fn weight_of(i: u32) -> f32 {
     let to = mirror.middle.xyz - l.position.xyz;
     let far2 = max(dot(to, to), max(mirror.middle.w * INV_PI, 1e-30));
     let far = sqrt(far2);
-    // Greatest cosine at the light towards the mirror's bounding sphere.
+    // Maximum cosine at the light over directions to the mirror's bounding sphere.
     let surface = (flags & LIGHT_SURFACE) != 0u;
     let wide = clamp((dot(l.normal.xyz, to) + mirror.ideal.w) / far, 0.0, 1.0);
     let turned_away = surface && dot(l.normal.xyz, n) * sign(height) > 0.99999;

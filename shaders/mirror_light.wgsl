@@ -1,4 +1,4 @@
-// Receivers are lit by a mirrored light that they see. See pass/mirror_lights.rs.
+// Lights the receivers that see a mirrored light. See pass/mirror_lights.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"

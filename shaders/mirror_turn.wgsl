@@ -1,4 +1,4 @@
-// Rays that met the mirror they were to meet go on to the light. See pass/mirror_lights.rs.
+// Reflects the rays that hit their mirror, towards the light. See pass/mirror_lights.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -40,7 +40,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let s = surface_at(at, hit.y, hit.z, d);
     let reflected = schlick(s.ideal, -dot(s.shading, d));
 
-    // Back to where the light is.
+    // The mirror image of the mirrored light is the light itself.
     let l = mirrored_light(mirror, mirrored[chosen]);
     let origin = offset_origin(s.position, s.geometric, frame.eye.w);
     ray_origin[slot] = vec4<f32>(origin, select(0.0, 1.0, by_mirror));

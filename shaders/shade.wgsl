@@ -1,5 +1,5 @@
-// Light from every point light of a chunk, with shadows. See pass/shade.rs.
-// VISIBILITY: only counts the lights that each receiver sees. See pass/visibility.rs.
+// Lights receivers by every point light of a chunk, with shadows. See pass/shade.rs.
+// VISIBILITY: only counts the lights visible to each receiver. See pass/visibility.rs.
 // AREA: with VISIBILITY, the lights are area lights and each ray goes to its own point of one.
 #include "frame.wgsl"
 #include "work.wgsl"
@@ -43,7 +43,7 @@ var<immediate> push: Push;
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
     let slot = spread_group(group, groups) * 64u + lane;
-    // A list that has a total may have slots without a receiver.
+    // A sorted list, or one in the order of the screen, may have slots without a receiver.
     if slot >= max(atomicLoad(&work.live), work.total) {
         return;
     }
@@ -72,13 +72,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let shading = receiver_shading[pixel];
     let f0 = receiver_f0[pixel];
     let wo = receiver_wo[pixel].xyz;
-    // The first chunk starts the sums; whatever an earlier frame left there is not read.
+    // The first chunk starts the sums; values of an earlier frame are not read.
     var e_direct = select(vec3<f32>(0.0), direct[pixel].xyz, step.fresh == 0u);
     var e_indirect = select(vec3<f32>(0.0), indirect[pixel].xyz, step.fresh == 0u);
     var l_specular = select(vec3<f32>(0.0), specular[pixel].xyz, step.fresh == 0u);
 #endif
 
-    // A dispatch is bounded: what is left of a larger chunk goes on in the next round.
+    // A dispatch takes a bounded number of lights; the next round continues a larger chunk.
     let end = min(step.end, light + step.bounce);
     while light < end {
         let place = lights_of_class + light;
@@ -99,7 +99,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let wi = d / sqrt(max(r2, 1e-37));
         let cos_light = -dot(wi, l_normal.xyz);
         var intensity = plain_intensity(l_normal, l_emit, flags, cos_light);
-        // Rare work stands in loops that mostly run zero times: under a SIMD driver an `if` would be executed by all.
+        // Rare work is in loops that mostly run zero times: a SIMD driver executes an `if` for all lanes.
         for (var i = select(0u, 1u, lobe_shines(flags, cos_light)); i > 0u; i -= 1u) {
             intensity += lobe_intensity(lights[place], wi, cos_light);
         }

@@ -1,7 +1,7 @@
 // As shade.wgsl, for 64 receivers at once: a subgroup walks the tree for a whole cluster and one light.
 // See pass/shade.rs.
-// VISIBILITY: only counts the lights that each receiver sees. See pass/visibility.rs.
-// COUNTERS: with VISIBILITY, also counts what the clusters met.
+// VISIBILITY: only counts the lights visible to each receiver. See pass/visibility.rs.
+// COUNTERS: with VISIBILITY, also counts visited nodes and tests.
 // AREA: with VISIBILITY, the lights are area lights and each ray goes to its own point of one.
 #include "frame.wgsl"
 #include "work.wgsl"
@@ -37,22 +37,22 @@
 #if VISIBILITY
 @group(0) @binding(16) var<storage, read_write> visible: array<u32>;
 #if COUNTERS
-// Pairs of a cluster and a light, their rays, nodes, children, leaves and triangles that were tested.
+// Pairs of a cluster and a light; their rays; tested nodes, children, leaves and triangles.
 @group(0) @binding(17) var<storage, read_write> counters: array<atomic<u32>, 6>;
 #endif
 #else
 @group(0) @binding(16) var<storage, read_write> direct: array<vec4<f32>>;
 @group(0) @binding(17) var<storage, read_write> indirect: array<vec4<f32>>;
 @group(0) @binding(18) var<storage, read_write> specular: array<vec4<f32>>;
-// Of each class its first cluster and its first receiver; on a list in the order of the screen, of each cluster its class.
+// First cluster and first receiver of each class; on a list in the order of the screen, the class of each cluster.
 @group(0) @binding(19) var<storage, read> classes: array<vec2<u32>>;
 #endif
 var<immediate> push: Push;
 
 #if VISIBILITY
 #else
-// What a visible light gives to a receiver by way of specular lobes: returns the irradiance that the light's own lobe adds,
-// and adds what the receiver's lobe reflects to `specular`.
+// Light from a visible light through specular lobes: returns the irradiance by the light's own lobe, and adds the radiance that
+// the receiver's lobe reflects to `specular`.
 fn add_lobes(light: u32, p: u32, clip2: f32) -> vec3<f32> {
     let l = lights[light];
     let geometric = receiver_geometric[p];
@@ -72,7 +72,7 @@ fn add_lobes(light: u32, p: u32, clip2: f32) -> vec3<f32> {
 }
 #endif
 
-// Greatest n . d for n and d in boxes.
+// Maximum of n . d over n and d in boxes.
 fn greatest_dot(n_lo: vec3<f32>, n_hi: vec3<f32>, d_lo: vec3<f32>, d_hi: vec3<f32>) -> f32 {
     let sides = max(max(n_lo * d_lo, n_lo * d_hi), max(n_hi * d_lo, n_hi * d_hi));
     return sides.x + sides.y + sides.z;
@@ -106,7 +106,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     var pixel: array<u32, RAYS>;
     var present = 0u;
-    // Slots without a receiver, and those beyond the last, repeat another one and take no part.
+    // Slots without a receiver, and slots beyond the last, repeat another receiver and take no part.
     var some = NO_RECEIVER;
     for (var r = 0u; r < RAYS; r += 1u) {
         let slot = begin + r * LANES + lane;
@@ -115,7 +115,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         some = min(some, pixel[r]);
     }
     some = min_reduce_u32(some);
-    // A cluster goes on with the light that it did not finish, from the start; all its receivers stand at the same one.
+    // A cluster starts again with the light that it did not finish; all its receivers have the same progress.
     let start = select(step.first, progress[some].x, step.round > 0u);
     if start >= step.end {
         return;
@@ -157,7 +157,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
 #if VISIBILITY
 #else
-    // Under a SIMD driver a loop that does not run costs less than an `if`, of which all lanes execute both sides.
+    // With a SIMD driver a loop that runs zero times costs less than an `if`, of which all lanes execute both sides.
     for (var r = select(RAYS, 0u, fresh); r < RAYS; r += 1u) {
         if ((present >> r) & 1u) != 0u {
             specular[pixel[r]] = vec4<f32>(0.0);
@@ -169,7 +169,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     geometric_lo = min_reduce(geometric_lo);
     geometric_hi = max_reduce(geometric_hi);
 
-    // Lane k looks at light k: which lights may send anything to the cluster?
+    // Lane k tests whether light k may reach the cluster.
     let count = step.end - step.first;
     var todo = 0u;
 #if VISIBILITY
@@ -198,7 +198,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let faces = greatest_dot(geometric_lo, geometric_hi, d_lo, d_hi) > 0.0
             && greatest_dot(shading_lo, shading_hi, d_lo, d_hi) > 0.0;
         let reaches = (flags & LIGHT_SURFACE) == 0u || greatest_dot(l.normal.xyz, l.normal.xyz, -d_hi, -d_lo) > 0.0;
-        // The greatest irradiance, at the nearest point of the cluster's box.
+        // Upper bound of the irradiance, at the nearest point of the cluster's box.
         let nearest = max(max(d_lo, -d_hi), vec3<f32>(0.0));
         let greatest = max(l.emit.x, max(l.emit.y, l.emit.z)) / max(max(dot(nearest, nearest), clip2_of(flags)), 1e-37);
         let glossy_light = (flags & LIGHT_GLOSSY) != 0u && mean3(l.flux.xyz) > 0.0;
@@ -214,13 +214,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if COUNTERS
     var met: array<u32, 6>;
 #endif
-    // Every visit takes from one budget. What is left when it is spent is carried on by the next round.
+    // All visits share one budget. The next round continues the lights that exceed it.
     var left = step.steps;
     var blocker = 0u;
 #if VISIBILITY
     let kinds = vec2<u32>(0u, 1u);
 #else
-    // First the lights that shine directly, then those behind reflections; the first chunk starts the sums of both.
+    // First the lights of emitters, then those after reflections; the first chunk starts the sums of both.
     let directly = clamp(frame.depths[1].y, step.first, step.end) - step.first;
     let direct_lights = select((1u << (directly & 31u)) - 1u, 0xffffffffu, directly >= 32u);
     let kinds = vec2<u32>(select(0u, 1u, directly == 0u && !fresh), select(2u, 1u, directly == count && !fresh));
@@ -242,7 +242,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if AREA
             let area = area_light(lights[place]);
             let origin = area.centre;
-            // Where the rays start, from the light's centre, and their moments q x d.
+            // Start points of the rays relative to the light's centre, and their moments q x d.
             var q: array<vec3<f32>, RAYS>;
             var moment: array<vec3<f32>, RAYS>;
 #else
@@ -301,7 +301,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             var leaves = select(0u, 1u, walk.pending != 0u && blocker != 0u);
             var more = walk.pending != 0u;
             while more && left > 0u {
-                // Leaves: lane k sets up triangle k; those in the shaft are tested against the rays.
+                // Leaves: lane k sets up triangle k; triangles in the shaft are tested against the rays.
                 loop {
                     left = max(left, 1u) - 1u;
                     let leaf = firstTrailingBit(leaves) & 7u;
@@ -463,7 +463,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #endif
     }
 #if COUNTERS
-    // All lanes count the same, but for their rays.
+    // All lanes have the same counts, except for their rays.
     for (var i = 0u; i < 6u; i += 1u) {
         atomicAdd(&counters[i], select(0u, met[i], i == 1u || lane == 0u));
     }
@@ -476,7 +476,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         }
     }
 #endif
-    // Receivers stand at no light (pass::shade::NO_LIGHT_LEFT) unless something is left to do.
+    // Their progress says that no light is left (pass::shade::NO_LIGHT_LEFT) unless it is set here.
     for (var r = select(RAYS, 0u, reached < step.end || step.round > 0u); r < RAYS; r += 1u) {
         if ((present >> r) & 1u) != 0u {
             progress[pixel[r]] = vec2<u32>(reached, 0u);

@@ -1,4 +1,4 @@
-// The summands of a pass's image, each added to its own running sums. See pass/summands.rs.
+// Adds each summand of a pass's image to its own running sums. See pass/summands.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "radiance.wgsl"
@@ -32,12 +32,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let zero = vec3<f32>(0.0);
     let body = diffuse_radiance(through * receiver_kd[pixel].xyz, light.e_direct + light.e_indirect);
     let gloss = through * light.l_specular + reflected[pixel].xyz;
-    // What is seen in a mirror or through glass is the specular summand of the mirror or the glass.
+    // Light seen in a mirror or through glass belongs to the specular summand of the mirror or the glass.
     let by_mirror = seen.w > 0.0;
     let emission = select(seen.xyz, zero, by_mirror);
     let diffuse = select(body, zero, by_mirror);
     let mirrored = gloss + select(zero, seen.xyz + body, by_mirror);
-    // Whoever adds up the image knows of no second components.
+    // `accumulate` reads no second components, so their light is added here.
     emitted[pixel] = vec4<f32>(seen.xyz + reflected[pixel].xyz, seen.w);
     if status[0] != 0u {
         return;

@@ -1,4 +1,4 @@
-// Lists the marked tiles in their order. See pass/tiles.rs.
+// Lists the marked tiles in order. See pass/tiles.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "stretches.wgsl"
@@ -24,7 +24,7 @@ fn main(@builtin(local_invocation_index) lane: u32) {
             place += 1u;
         }
     }
-    // The last stretch ends with the last tile. A workgroup for each listed tile, spread over two dimensions.
+    // The last lane knows the number of listed tiles. One workgroup for each, spread over two dimensions.
     if lane == 63u {
         atomicStore(&work.live, place);
         let x = min(place, 32768u);

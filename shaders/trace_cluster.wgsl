@@ -1,4 +1,4 @@
-// Closest hits of the eye's rays, 64 at once: a subgroup walks the tree for a tile of 8 x 8 pixels. See pass/trace.rs.
+// Finds the closest hits of 64 eye rays at once: a subgroup walks the tree for a tile of 8 x 8 pixels. See pass/trace.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -17,7 +17,7 @@ var<immediate> push: Push;
 const FAR: f32 = 3.0e38;
 const NOTHING: u32 = 0xffffffffu;
 
-// Where the shaft enters a box, no farther than `far`; FAR if it misses the box.
+// Distance at which the shaft enters a box, at most `far`; FAR if it misses the box.
 fn shaft_enters(shaft: Shaft, lo: vec3<f32>, hi: vec3<f32>, far: f32) -> f32 {
     let span = shaft_span(shaft, lo, hi, far);
     return select(FAR, span.x, span.x <= span.y);
@@ -36,7 +36,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var ray: array<u32, RAYS>;
     var d: array<vec3<f32>, RAYS>;
     var inverse: array<vec3<f32>, RAYS>;
-    // Closest so far: distance and triangle.
+    // Closest hit so far: distance and triangle.
     var best: array<f32, RAYS>;
     var nearest: array<u32, RAYS>;
     var present = 0u;
@@ -125,7 +125,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         }
         more = walk.pending != 0u;
 
-        // Leaves: lane k sets up triangle k; those in the shaft are tested against the rays.
+        // Leaves: lane k sets up triangle k; triangles in the shaft are tested against the rays.
         loop {
             left = max(left, 1u) - 1u;
             let leaf = firstTrailingBit(leaves) & 7u;
@@ -172,7 +172,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         far = -min_reduce(vec3<f32>(-farthest)).x;
     }
 
-    // Place on the triangle as a single ray finds it. Single rays carry on from the root what is left.
+    // The place on the triangle is that of the test for single rays. Single rays finish, from the root, tiles out of budget.
     let node = select(frame.scene.x, 0u, more);
     for (var r = 0u; r < RAYS; r += 1u) {
         if ((present >> r) & 1u) != 0u {

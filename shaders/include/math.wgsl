@@ -39,7 +39,7 @@ const STREAM_PHOTON_COMPONENT: u32 = 22u;
 
 const ONE_MINUS_EPSILON: f32 = 0.99999994;
 
-// The digits of i in `base`, mirrored at the radix point; the digits are reversed as an integer and divided once.
+// The digits of i in `base`, mirrored at the radix point; the reversed digits are one integer, which is divided once.
 fn radical_inverse(base: u32, i: u32) -> f32 {
     if base == 2u {
         return f32(reverseBits(i) >> 8u) * (1.0 / 16777216.0);
@@ -84,7 +84,7 @@ fn basis(n: vec3<f32>) -> array<vec3<f32>, 2> {
     return array<vec3<f32>, 2>(vec3<f32>(1.0 + s * n.x * n.x * a, s * b, -s * n.x), vec3<f32>(b, s + n.y * n.y * a, -n.y));
 }
 
-// Off a surface to the side of n (Waechter and Binder 2019), with constants for small coordinates scaled by the scene.
+// Moves a point off a surface to the side of n (Waechter and Binder 2019); the constants for small coordinates scale with the scene.
 fn offset_origin(p: vec3<f32>, n: vec3<f32>, scale: f32) -> vec3<f32> {
     let ulps = vec3<i32>(256.0 * n);
     let bits = bitcast<vec3<i32>>(p) + select(ulps, -ulps, p < vec3<f32>(0.0));

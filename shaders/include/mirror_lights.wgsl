@@ -1,8 +1,8 @@
-// Planar mirrors, and lights that are mirrored by them. Needs lights.wgsl. Host twin: pass::layout::MirrorRecord.
+// Planar mirrors and the lights that they mirror. Needs lights.wgsl. Host twin: pass::layout::MirrorRecord.
 struct MirrorRecord {
     plane: vec4<f32>,       // unit normal n; w: o with n . p = o on the plane
-    middle: vec4<f32>,      // middle of the area; w: area
-    ideal: vec4<f32>,       // reflectance at normal incidence without textures; w: greatest distance of a corner from the middle
+    middle: vec4<f32>,      // centre of the area; w: area
+    ideal: vec4<f32>,       // reflectance at normal incidence without textures; w: maximum distance of a corner from the centre
 }
 
 fn height_of(mirror: MirrorRecord, p: vec3<f32>) -> f32 {
@@ -17,7 +17,7 @@ fn mirrored_point(mirror: MirrorRecord, p: vec3<f32>) -> vec3<f32> {
     return p - 2.0 * height_of(mirror, p) * mirror.plane.xyz;
 }
 
-// A light and its mirror image; twice gives the light again.
+// The mirror image of a light. The mirror image of that is the light itself.
 fn mirrored_light(mirror: MirrorRecord, l: PointLight) -> PointLight {
     var image = l;
     image.position = vec4<f32>(mirrored_point(mirror, l.position.xyz), l.position.w);
@@ -26,7 +26,7 @@ fn mirrored_light(mirror: MirrorRecord, l: PointLight) -> PointLight {
     return image;
 }
 
-// Index of the light that a step mirrors for the class of a slot.
+// Index of mirrored light `number` of the class of a slot.
 fn mirrored_index(slot: u32, number: u32) -> u32 {
     return class_of(slot) * frame.mirrors.x + number;
 }
