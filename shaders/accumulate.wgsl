@@ -1,6 +1,8 @@
-// One pass's image added to the running sums. See pass/accumulate.rs.
+// Adds the image of one pass to the running sums. See pass/accumulate.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
+#include "radiance.wgsl"
+#include "kahan.wgsl"
 
 @group(0) @binding(1) var<storage, read> status: array<u32>;
 @group(0) @binding(2) var<storage, read> receiver_position: array<vec4<f32>>;
@@ -23,11 +25,6 @@
 @group(0) @binding(19) var<storage, read_write> counts: array<u32>;     // passes in the sums of each instance
 @group(0) @binding(20) var<storage, read> throughput: array<vec4<f32>>; // of mirrors and glass before the receiver; w: depth
 
-// The value itself, past what a compiler knows of it: it takes (a + b) - a for b otherwise, and the compensation for nothing.
-fn opaque(v: vec4<f32>) -> vec4<f32> {
-    return bitcast<vec4<f32>>(bitcast<vec4<u32>>(v) ^ vec4<u32>(frame.scene.w));
-}
-
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let pixel = (group.x + group.y * groups.x) * 64u + lane;
@@ -41,27 +38,19 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let through = throughput[pixel];
     let hit = select(0.0, 1.0, through.w >= 0.0);
     let ends = select(0.0, 1.0, receiver_position[pixel].w >= 0.0);
-    let lit = receiver_wo[pixel].w > 0.0;
-    let zero = vec3<f32>(0.0);
-    let e_direct = select(zero, direct[pixel].xyz, lit);
-    let e_indirect = select(zero, indirect[pixel].xyz, lit);
-    let l_specular = select(zero, specular[pixel].xyz, lit);
+    let light = lighting_of(pixel);
     let kd = receiver_kd[pixel].xyz;
-    let color = emitted[pixel].xyz + through.xyz * (kd * INV_PI * (e_direct + e_indirect) + l_specular);
+    let color = emitted[pixel].xyz + through.xyz * reflected_radiance(kd, light);
 
-    // Compensated sums (Kahan): `rest` is what rounding took from the sum.
-    let y0 = vec4<f32>(color, hit) - rest_color[pixel];
-    let t0 = opaque(sum_color[pixel] + y0);
-    rest_color[pixel] = (t0 - sum_color[pixel]) - y0;
-    sum_color[pixel] = t0;
-    let y1 = vec4<f32>(e_direct, 0.0) - rest_direct[pixel];
-    let t1 = opaque(sum_direct[pixel] + y1);
-    rest_direct[pixel] = (t1 - sum_direct[pixel]) - y1;
-    sum_direct[pixel] = t1;
-    let y2 = vec4<f32>(e_indirect, 0.0) - rest_indirect[pixel];
-    let t2 = opaque(sum_indirect[pixel] + y2);
-    rest_indirect[pixel] = (t2 - sum_indirect[pixel]) - y2;
-    sum_indirect[pixel] = t2;
+    let color_sum = sum_with(CompensatedSum(sum_color[pixel], rest_color[pixel]), vec4<f32>(color, hit));
+    sum_color[pixel] = color_sum.sum;
+    rest_color[pixel] = color_sum.rest;
+    let direct_sum = sum_with(CompensatedSum(sum_direct[pixel], rest_direct[pixel]), vec4<f32>(light.e_direct, 0.0));
+    sum_direct[pixel] = direct_sum.sum;
+    rest_direct[pixel] = direct_sum.rest;
+    let indirect_sum = sum_with(CompensatedSum(sum_indirect[pixel], rest_indirect[pixel]), vec4<f32>(light.e_indirect, 0.0));
+    sum_indirect[pixel] = indirect_sum.sum;
+    rest_indirect[pixel] = indirect_sum.rest;
     // Guides for filters; plain sums are exact enough.
     sum_albedo[pixel] += vec4<f32>(through.xyz * (kd + receiver_f0[pixel].xyz), hit);
     sum_normal[pixel] += vec4<f32>(ends * receiver_shading[pixel].xyz, hit * through.w);

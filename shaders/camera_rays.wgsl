@@ -1,4 +1,4 @@
-// One ray for each pixel through the pass's offset in the pixel. See pass/camera_rays.rs.
+// Writes one ray for each pixel, through the pass's offset in the pixel. See pass/camera_rays.rs.
 #include "frame.wgsl"
 
 @group(0) @binding(1) var<storage, read_write> ray_origin: array<vec4<f32>>;

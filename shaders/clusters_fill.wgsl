@@ -1,4 +1,4 @@
-// The list of receivers: the places of the listed clusters one after the other. See pass/clusters.rs.
+// Fills the list of receivers with the places of the listed clusters, cluster by cluster. See pass/clusters.rs.
 #include "work.wgsl"
 
 @group(0) @binding(0) var<storage, read_write> work: Work;

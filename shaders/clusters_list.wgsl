@@ -1,37 +1,29 @@
-// Lists the marked clusters in their order, each with its class. See pass/clusters.rs.
+// Lists the marked clusters in order, each with its class. See pass/clusters.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
+#include "stretches.wgsl"
 
 @group(0) @binding(1) var<storage, read> marks: array<u32>;
 @group(0) @binding(2) var<storage, read_write> clusters: array<vec2<u32>>;     // class, number among all
 @group(0) @binding(3) var<storage, read_write> work: Work;
 
-var<workgroup> sums: array<u32, 64>;
-
-// One workgroup, each invocation of which has a stretch of the clusters.
+// One workgroup.
 @compute @workgroup_size(64)
 fn main(@builtin(local_invocation_index) lane: u32) {
     let count = arrayLength(&marks);
-    let stretch = (count + 63u) / 64u;
-    let first = min(lane * stretch, count);
-    let end = min(first + stretch, count);
-    var sum = 0u;
-    for (var i = first; i < end; i += 1u) {
-        sum += marks[i];
+    let stretch = stretch_of(lane, count);
+    var marked = 0u;
+    for (var i = stretch.first; i < stretch.end; i += 1u) {
+        marked += marks[i];
     }
-    sums[lane] = sum;
-    workgroupBarrier();
-    var place = 0u;
-    for (var i = 0u; i < lane; i += 1u) {
-        place += sums[i];
-    }
-    for (var i = first; i < end; i += 1u) {
+    var place = sum_before(lane, marked);
+    for (var i = stretch.first; i < stretch.end; i += 1u) {
         if marks[i] != 0u {
             clusters[place] = vec2<u32>(i % frame.pattern.z, i);
             place += 1u;
         }
     }
-    // The last stretch ends with the last cluster. The list takes a group for each, however few of its places hold a receiver.
+    // The last lane knows the number of listed clusters. Each takes a workgroup, even if few of its places hold a receiver.
     if lane == 63u {
         let live = atomicLoad(&work.live);
         work.total = 64u * place;

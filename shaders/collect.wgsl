@@ -1,6 +1,7 @@
-// Adds what gathered points send back to their pixels. See pass/collect.rs.
+// Adds the light that gathered points reflect to their pixels. See pass/collect.rs.
 #include "work.wgsl"
 #include "math.wgsl"
+#include "radiance.wgsl"
 
 @group(0) @binding(0) var<storage, read_write> work: Work;
 @group(0) @binding(1) var<storage, read> list: array<u32>;
@@ -25,13 +26,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let pixel = list[slot];
-    let kd = receiver_kd[pixel];
     let b = beta[pixel];
     let e = emitted[pixel].xyz;
-    let lit = receiver_wo[pixel].w > 0.0;
-    let reflected = kd.xyz * INV_PI * (direct[pixel].xyz + indirect[pixel].xyz) + specular[pixel].xyz;
-    let l = select(vec3<f32>(0.0), b.xyz * reflected, lit);
-    // An emitter met by the eye's own gather ray is direct light; all else came by way of a surface.
+    let l = b.xyz * reflected_radiance(receiver_kd[pixel].xyz, lighting_of(pixel));
+    // An emitter hit by the first gather ray is direct light; all other light was reflected before.
     let first = step.bounce == 1u;
     let diffuse = b.w == 0.0;
     let as_direct = select(vec3<f32>(0.0), e, first && diffuse);

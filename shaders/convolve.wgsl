@@ -1,5 +1,5 @@
 // Each texel gathers what the texels around it spread. See pass/convolve.rs.
-// FINE: the level is the image itself. PYRAMID: what coarser levels brought is added. OCCLUDED: what lies behind is held back.
+// FINE: the level is the image itself. PYRAMID: adds the sums of coarser levels. OCCLUDED: limits light from behind.
 // LAYERS: regions 1 and 2 spread over each other.
 #include "convolve.wgsl"
 #include "convolve_kernel.wgsl"
@@ -12,7 +12,7 @@
 #if OCCLUDED
 @group(0) @binding(3) var<storage, read> footprint: array<vec4<f32>>;
 
-// Relative difference of depths up to which nothing lies behind. Host twin: pass::convolve::DEPTH_TOLERANCE.
+// A source lies behind a pixel if its depth is greater by more than this share. Host twin: pass::convolve::DEPTH_TOLERANCE.
 const DEPTH_TOLERANCE: f32 = 0.01;
 #if LAYERS
 
@@ -44,7 +44,7 @@ struct Sums {
 }
 
 #if PYRAMID
-// Quadratic B-splines halve the texel: of four texels around, those that hold the region.
+// Upsampling by quadratic B-splines: sums over those of the four texels around that hold the region.
 struct Above {
     sum: vec4<f32>,
     share: f32,
@@ -65,7 +65,7 @@ fn above_at(so_far: Above, at: vec2<i32>, share: f32, id: u32, above: ConvolveSt
     return result;
 }
 
-// What the next level brings for a region, per texel of this level.
+// Light of a region upsampled from the next coarser level, per texel of this level.
 fn brought(at: vec2<i32>, id: u32, above: ConvolveStep) -> vec4<f32> {
     let near = at / 2;
     let far = near + 2 * (at & vec2<i32>(1)) - 1;
@@ -78,7 +78,7 @@ fn brought(at: vec2<i32>, id: u32, above: ConvolveStep) -> vec4<f32> {
 }
 #endif
 
-// Adds what one plane's sources spread to a place.
+// Adds the light that the sources of one plane spread to a place.
 fn gathered(so_far: Sums, place: Place, reach: i32, plane: u32, limit: vec2<f32>, here: ConvolveStep) -> Sums {
     var result = so_far;
     let size = vec2<i32>(here.size);
@@ -104,7 +104,7 @@ fn gathered(so_far: Sums, place: Place, reach: i32, plane: u32, limit: vec2<f32>
 #endif
             weight = select(0.0, weight, row == safe_row && column == safe);
 #if OCCLUDED
-            // What lies behind spreads no farther than the pixel's own kernel.
+            // Sources behind the pixel spread no farther than the pixel's own kernel.
             let near_enough = clamp(limit.x + 0.5 - sqrt(dot(offset, offset)), 0.0, 1.0);
             weight *= select(1.0, near_enough, shape.z > limit.y);
 #endif
@@ -146,7 +146,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     place.id0 = region[entry] & 0xffffu;
-    // Nobody's tiles have nothing to gather.
+    // Tiles outside every region gather nothing.
     for (var once = 0; once < tile.z; once += 1) {
         let own = source[entry];
         let first = (here.flags & FIRST_ROUND) != 0u;
@@ -162,7 +162,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         sums = gathered(sums, place, tile.x, 0u, limit, here);
 #if PYRAMID
 #if LAYERS
-        // Of what rose behind no more than the pixel's own kernel lets through.
+        // The pixel's own kernel limits the light that comes from behind through coarser levels.
         let through = min(2.0 * limit.x / STAYS, 1.0);
         sums.sum0 += brought(place.at, FRONT, steps[push.step + 1u]);
         sums.sum0 += select(0.0, through * through, foot.x > 1.0) * brought(place.at, BEHIND, steps[push.step + 1u]);

@@ -1,4 +1,4 @@
-// Mean, greatest value and deviations of the kernels of a library. See pass/convolve.rs.
+// Mean, maximum and standard deviations of each kernel of a library. See pass/convolve.rs.
 #include "convolve.wgsl"
 
 @group(0) @binding(2) var<storage, read> kernels: array<f32>;
@@ -26,10 +26,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let mean = first / max(sum, 1e-30);
     let deviation = sqrt(max(second / max(sum, 1e-30) - mean * mean, vec2<f32>(0.0)));
     let scale = 1.0 / max(greatest, 1e-30);
-    // The kernel is so much narrower along v than its texture.
+    // The kernel is narrower along v than its texture, by the factor `aspect`.
     let narrowing = narrowings[layer];
     let aspect = exp2(-0.25 * f32(narrowing));
     moments[2u * layer] = vec4<f32>(deviation * vec2<f32>(1.0, aspect), sum * scale * aspect / f32(TEXELS * TEXELS), scale);
-    // Width of the disc that varies as much along its narrower and its wider axis on average, in diameters.
+    // Diameter of the disc with the same geometric mean of its deviations, as a share of the kernel's diameter.
     moments[2u * layer + 1u] = vec4<f32>(clamp(2.0 * sqrt(deviation.x * deviation.y * aspect), 0.5, 1.0), f32(narrowing), 0.0, 0.0);
 }

@@ -1,4 +1,4 @@
-// The texels around each cell, scaled to a greatest value of 1. See pass/convolve.rs.
+// The four texels around each cell, scaled to a maximum of 1. See pass/convolve.rs.
 #include "convolve.wgsl"
 
 @group(0) @binding(2) var<storage, read> kernels: array<f32>;
@@ -17,7 +17,7 @@ fn texel(layer: u32, x: i32, y: i32) -> f32 {
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let i = (group.x + group.y * groups.x) * 64u + lane;
     let layers = steps[push.step].layers;
-    // One layer more is 1 everywhere, for sources that stay where they are.
+    // An additional layer is 1 everywhere; sources that do not spread use it.
     if i >= (layers + 1u) * CELLS_OF_LAYER {
         return;
     }

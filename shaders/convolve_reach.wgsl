@@ -1,4 +1,4 @@
-// How far the sources that reach a tile from its row (or, DOWN, its column) reach. See pass/convolve.rs.
+// Longest reach among the sources of a row of tiles that reach a tile. DOWN: of a column of tiles. See pass/convolve.rs.
 #include "convolve.wgsl"
 
 @group(0) @binding(2) var<storage, read> from_tiles: array<vec4<i32>>;
@@ -26,7 +26,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let high = min(i32(here.reach), end - at);
     for (var d = low; d <= high; d += 1) {
         let other = from_tiles[own + d * stride];
-        // Texels between the nearest ones of the two tiles.
+        // Distance between the nearest texels of the two tiles.
         let apart = max(8 * abs(d) - 7, 0);
         found.x = max(found.x, select(-1, other.x, other.x >= apart));
         found.y = max(found.y, select(-1, other.y, other.y >= apart));

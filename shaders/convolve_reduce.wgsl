@@ -1,4 +1,5 @@
-// A level of the pyramid: what each texel spreads there, and what rises to the next level. See pass/convolve.rs.
+// A level of the pyramid: writes the light that each texel spreads on this level, and the light that rises to the next level.
+// See pass/convolve.rs.
 // FINE: the level is the image itself.
 #include "convolve.wgsl"
 #if FINE
@@ -15,9 +16,9 @@
 // Kernels this many texels wide stay at their level as a whole up to STAYS, in part up to LEAVES. Host twins in pass/convolve.rs.
 const STAYS: f32 = 6.0;
 const LEAVES: f32 = 8.0;
-// Least share of a kernel's variance that is left when that of the pyramid is taken off.
+// Minimum share of a kernel's variance that remains after subtracting the variance of the pyramid.
 const LEAST_VARIANCE: f32 = 0.02;
-// Least deviation that is left, in texels.
+// Minimum standard deviation that remains, in texels.
 const LEAST_DEVIATION: f32 = 0.4;
 
 struct Entry {
@@ -33,7 +34,7 @@ fn staying(width: f32) -> f32 {
     return 1.0 - clamp((width - STAYS) / (LEAVES - STAYS), 0.0, 1.0);
 }
 
-// Sum of a kernel over the grid, by the table or beyond it by the integral.
+// Sum of a kernel over the grid: from the table, or for wider kernels from the integral.
 fn norm(layer: u32, diameter: f32, axis: vec2<f32>, mean: f32) -> f32 {
     let width = min(diameter * NORM_STEPS, f32(NORM_WIDTHS - 1u));
     let low = u32(width);
@@ -48,7 +49,7 @@ fn norm(layer: u32, diameter: f32, axis: vec2<f32>, mean: f32) -> f32 {
     return select(sums, mean * diameter * diameter, diameter * NORM_STEPS > f32(NORM_WIDTHS - 1u));
 }
 
-// Writes what an entry spreads at this level, and gives the share that rises.
+// Writes the light that an entry spreads at this level and returns the share that rises.
 fn settle(at: u32, entry: Entry, id: u32, held: bool, here: ConvolveStep) -> f32 {
     let layer = u32(entry.layer + 0.5);
     let stats = moments[2u * layer];
@@ -58,13 +59,13 @@ fn settle(at: u32, entry: Entry, id: u32, held: bool, here: ConvolveStep) -> f32
     let top = (here.flags & TOP_LEVEL) != 0u;
     let rises = held && !top;
     let share = select(1.0, staying(width), rises);
-    // What cannot rise is narrowed, for a level reaches only so far.
+    // A kernel that cannot rise is narrowed, because the reach of a level is limited.
     let diameter = select(min(entry.diameter, LEAVES * here.texel / breadth), entry.diameter, top || rises);
     let radius = 0.5 * diameter;
-    // The box of a texel and the splines of the way back widen a kernel.
+    // The box filter of a texel and the splines of the upsampling widen a kernel.
     let added = (here.texel * here.texel - 1.0) / 3.0;
     let variance = max(stats.xy * stats.xy * radius * radius, vec2<f32>(1e-12));
-    // The sums of the kernels over the grid are not those of ridges between its texels.
+    // Kernels narrower than this could fall between the texels; the sums over the grid do not hold for them.
     let whole_radius = radius / here.texel;
     let narrowest = LEAST_DEVIATION / max(stats.xy, vec2<f32>(1e-6));
     let taken_off = sqrt(max(1.0 - added / variance, vec2<f32>(LEAST_VARIANCE))) * whole_radius;
@@ -77,7 +78,7 @@ fn settle(at: u32, entry: Entry, id: u32, held: bool, here: ConvolveStep) -> f32
     let there = id != 0u && entry.light.w > 0.0;
     masses[at] = select(vec4<f32>(0.0), entry.light * weight, there);
     let packed = id | (select(here.layers, layer, spreads) << 16u);
-    // The image itself has the depth where coarser levels have the ratio.
+    // On the image itself the third component is the depth, on coarser levels the ratio.
 #if FINE
     let third = entry.depth;
     let with_steps = packed | (u32(narrowing) << 28u);
@@ -114,13 +115,13 @@ fn load_entry(at: u32, here: ConvolveStep) -> Entry {
 }
 #endif
 
-// Pixels of a region among the entries.
+// Number of pixels of a region among the entries.
 fn votes(id: u32, ids: array<vec4<u32>, 2>, counts: array<vec4<f32>, 2>) -> f32 {
     let all = select(vec4<f32>(0.0), counts[0], ids[0] == vec4<u32>(id)) + select(vec4<f32>(0.0), counts[1], ids[1] == vec4<u32>(id));
     return select(0.0, (all.x + all.y) + (all.z + all.w), id != 0u);
 }
 
-// The better one of a region and a candidate; of equals the lower number.
+// The region with more pixels; on a tie the lower number.
 fn better(best: vec2<f32>, id: u32, ids: array<vec4<u32>, 2>, counts: array<vec4<f32>, 2>, not_this: u32) -> vec2<f32> {
     let found = select(votes(id, ids, counts), 0.0, id == not_this);
     let wins = found > best.y || (found == best.y && f32(id) < best.x);
@@ -196,7 +197,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     counts[1] = vec4<f32>(high >> vec4<u32>(16u));
 #endif
 #if LAYERS
-    // Both everywhere, for each spreads over the other.
+    // Every entry holds both layers, because each spreads over the other.
     let chosen0 = vec2<f32>(1.0, 1.0);
     let chosen1 = vec2<f32>(2.0, 1.0);
 #else
@@ -210,7 +211,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var light1 = vec4<f32>(0.0);
     var means0 = vec4<f32>(0.0);
     var means1 = vec4<f32>(0.0);
-    // Entries of nobody are only marked as such; a loop that runs or does not is what skips work on any device.
+    // Entries outside every region are only cleared. A loop that runs zero times skips work on every device.
     let live = select(0u, 4u * PLANES, id0 != 0u);
     for (var i = live; i < 4u * PLANES; i += 1u) {
         let child = i & 3u;
@@ -228,7 +229,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             let share = settle(at, entry, id, id == id0 || id == id1, here);
             let light = entry.light * share;
             let means = vec4<f32>(entry.diameter, entry.axis, entry.layer) * light.w;
-            // What takes no part may hold anything.
+            // Entries that take no part may hold any value, NaN too.
             let takes0 = id != 0u && id == id0 && share > 0.0;
             let takes1 = id != 0u && id == id1 && share > 0.0;
             light0 += select(vec4<f32>(0.0), light, takes0);

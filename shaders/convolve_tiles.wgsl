@@ -1,4 +1,4 @@
-// How far the sources of each tile of 8 x 8 texels reach, and whether it has any pixels. See pass/convolve.rs.
+// Finds how far the sources of each tile of 8 x 8 texels reach, and whether the tile has pixels of a region. See pass/convolve.rs.
 // FINE: the level is the image itself.
 #include "convolve.wgsl"
 
@@ -11,7 +11,7 @@
 #endif
 @group(0) @binding(11) var<storage, read_write> tiles: array<vec4<i32>>;   // texels that either plane's sources reach, -1: none; 1: has pixels
 
-// Texels that a source reaches.
+// Reach of a source in texels.
 fn reach_of(shape: vec4<f32>, ratio: f32) -> i32 {
     let radius = max(1.0, 1.0 / ratio) / sqrt(shape.x * shape.x + shape.y * shape.y);
     return i32(SUPPORT * radius);

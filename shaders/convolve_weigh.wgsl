@@ -1,4 +1,4 @@
-// What each pixel spreads, divided by the sum of its kernel over the grid, which rounds add up. See pass/convolve.rs.
+// Divides the light of each pixel by the sum of its kernel over the grid. Several rounds add up that sum. See pass/convolve.rs.
 #include "convolve.wgsl"
 #include "convolve_kernel.wgsl"
 #include "convolve_source.wgsl"

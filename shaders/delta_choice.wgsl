@@ -1,4 +1,4 @@
-// Lights without area are chosen for a pass, for each class of pixels so many. See pass/delta_choice.rs.
+// Chooses a number of lights without area for each class of pixels. See pass/delta_choice.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "emitters.wgsl"
@@ -20,25 +20,23 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let class_number = group.x;
     let slots = frame.walk.w;
     let count = arrayLength(&candidate_emitters);
-    let run = (count + 63u) / 64u;
-    let first = min(lane * run, count);
-    let end = min(first + run, count);
+    let stretch = stretch_of(lane, count);
     let first_slot = class_number * frame.pattern.w;
 
-    // Slots that nobody takes send nothing.
+    // Slots that no light takes emit nothing.
     for (var k = lane; k < slots; k += 64u) {
         lights[first_slot + k] = PointLight(vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0));
     }
 
-    let scale = scale_of(lane, first, end, count, slots);
+    let scale = scale_of(lane, stretch, count, slots);
     var share_sum = 0u;
-    for (var i = first; i < end; i += 1u) {
+    for (var i = stretch.first; i < stretch.end; i += 1u) {
         share_sum += share_of(weight_of(i), scale);
     }
     storageBarrier();
-    var begin = begin_of(lane, share_sum);
+    var begin = sum_before(lane, share_sum);
     let offset = offset_of(STREAM_DELTA, class_number);
-    for (var i = first; i < end; i += 1u) {
+    for (var i = stretch.first; i < stretch.end; i += 1u) {
         let share = share_of(weight_of(i), scale);
         let slot = slot_at(begin, offset);
         if slot * ONE + offset < begin + share {

@@ -1,6 +1,7 @@
-// Irradiance averaged over neighbours on one surface. See pass/discontinuity.rs.
+// Averages irradiance over neighbours on the same surface. See pass/discontinuity.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
+#include "octahedral.wgsl"
 #include "discontinuity.wgsl"
 
 @group(0) @binding(1) var<storage, read> guide_points: array<vec4<f32>>;
@@ -31,21 +32,13 @@ struct Cell {
 #endif
 }
 
-// What a pixel gains from its neighbours.
+// Sums over the neighbours of a pixel: shares times the differences from the pixel.
 struct Gain {
     indirect: vec3<f32>,
 #if DIRECT
     direct: vec3<f32>,
 #endif
-    shares: f32,            // of those that agree
-}
-
-fn decode_normal(bits: u32) -> vec3<f32> {
-    let e = unpack2x16snorm(bits);
-    let z = 1.0 - abs(e.x) - abs(e.y);
-    let fold = max(-z, 0.0);
-    let n = vec3<f32>(e - select(vec2<f32>(-fold), vec2<f32>(fold), e >= vec2<f32>(0.0)), z);
-    return n / sqrt(dot(n, n));
+    shares: f32,            // shares of those that agree
 }
 
 fn load(at: vec2<i32>) -> Cell {
@@ -65,7 +58,7 @@ fn load(at: vec2<i32>) -> Cell {
     return cell;
 }
 
-// Whether two receivers, `apart` their squared distance in pixels, lie on one smooth surface. It treats both alike.
+// Whether two receivers lie on one smooth surface; `apart` is their squared distance in pixels. Symmetric in a and b.
 fn agree(a: Cell, b: Cell, apart: f32) -> bool {
     let alike = min(a.extent, b.extent) > 0.0 && dot(a.shading, b.shading) >= LEAST_COSINE;
 #if PAPER
@@ -81,7 +74,7 @@ fn agree(a: Cell, b: Cell, apart: f32) -> bool {
 #endif
 }
 
-// Share of a neighbour so many columns or rows away.
+// Share of a neighbour `offset` columns or rows away.
 fn axis_share(shares: vec4<f32>, offset: i32) -> f32 {
     let away = abs(offset);
     if away == 0 {
@@ -90,11 +83,11 @@ fn axis_share(shares: vec4<f32>, offset: i32) -> f32 {
     return select(shares[min(away, 4) - 1], 0.0, away > 4);
 }
 
-// The gain and that from the neighbour at an offset from the pixel.
+// Adds the neighbour at an offset from the pixel.
 fn gained(gain: Gain, own: Cell, other: Cell, dx: i32, dy: i32) -> Gain {
     let share = axis_share(window.shares_x, dx) * axis_share(window.shares_y, dy);
     let taken = agree(own, other, f32(dx * dx + dy * dy)) && share > 0.0;
-    // Slots that are not lit hold anything, NaN too: they are not multiplied by 0 but left out.
+    // Slots that are not lit may hold any value, NaN too: they are left out, not multiplied by 0.
     var sum = gain;
     sum.indirect += select(vec3<f32>(0.0), share * (other.indirect - own.indirect), taken);
 #if DIRECT
@@ -106,7 +99,7 @@ fn gained(gain: Gain, own: Cell, other: Cell, dx: i32, dy: i32) -> Gain {
 
 fn finish(at: vec2<i32>, own: Cell, gain: Gain) {
 #if PAPER
-    // With its own share.
+    // Normalised by the shares found, the own one included.
     let weight = 1.0 / (1.0 + gain.shares);
 #else
     let weight = window.middle;
@@ -121,7 +114,7 @@ fn finish(at: vec2<i32>, own: Cell, gain: Gain) {
 }
 
 #if WIDE
-// What lies around a strip adds to its four pixels.
+// Filters a strip of four pixels.
 fn strip(first: vec2<i32>) {
     let down = vec2<i32>(0, 1);
     let own0 = load(first);
@@ -154,12 +147,12 @@ fn strip(first: vec2<i32>) {
     finish(first + 3 * down, own3, gain3);
 }
 #else
-// The gain and that from three neighbours of the column dx, from above to below.
+// Adds three neighbours in column dx, from top to bottom.
 fn gained_three(gain: Gain, own: Cell, above: Cell, beside: Cell, below: Cell, dx: i32) -> Gain {
     return gained(gained(gained(gain, own, above, dx, -1), own, beside, dx, 0), own, below, dx, 1);
 }
 
-// Everything is named and in a straight line, for loops and arrays cost some devices much more.
+// Straight-line code: loops and arrays are much slower on some devices.
 fn strip(first: vec2<i32>) {
     let down = vec2<i32>(0, 1);
     let right = vec2<i32>(1, 0);
@@ -215,8 +208,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if index >= select(all_tiles, atomicLoad(&work.live), second) {
         return;
     }
-    // An invocation takes four pixels of a column, so that it loads what lies around for all of them.
-    // All pixels are taken row by row, as in discontinuity_guides.wgsl.
+    // An invocation filters four pixels of a column, which share the neighbours that it loads.
+    // Pixels are taken row by row, as in discontinuity_guides.wgsl.
     let across = 8u * ((frame.size.x + 7u) / 8u);
     let place = 16u * index + lane;
     let in_rows = vec2<u32>(place % across, place / across);

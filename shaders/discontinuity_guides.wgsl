@@ -1,7 +1,8 @@
-// What the discontinuity buffer compares, packed. See pass/discontinuity.rs.
+// Packs the values that the discontinuity buffer compares. See pass/discontinuity.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
+#include "octahedral.wgsl"
 #include "discontinuity.wgsl"
 
 @group(0) @binding(1) var<storage, read> receiver_position: array<vec4<f32>>;
@@ -9,18 +10,11 @@
 @group(0) @binding(3) var<storage, read> receiver_shading: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> receiver_kd: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> receiver_wo: array<vec4<f32>>;
-@group(0) @binding(6) var<storage, read> throughput: array<vec4<f32>>;      // w: depth along the whole way
+@group(0) @binding(6) var<storage, read> throughput: array<vec4<f32>>;      // w: depth along the whole path
 @group(0) @binding(7) var<storage, read_write> guide_points: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read_write> guide_normals: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read_write> work: Work;
 @group(0) @binding(10) var<storage, read> tiles: array<u32>;
-
-// Octahedral encoding (Meyer et al. 2010), 2 x 16 bit signed.
-fn encode_normal(n: vec3<f32>) -> u32 {
-    let p = n.xy / (abs(n.x) + abs(n.y) + abs(n.z));
-    let folded = (1.0 - abs(p.yx)) * select(vec2<f32>(-1.0), vec2<f32>(1.0), p >= vec2<f32>(0.0));
-    return pack2x16snorm(select(folded, p, n.z >= 0.0));
-}
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -30,7 +24,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if index >= select(all_tiles, atomicLoad(&work.live), second) {
         return;
     }
-    // All pixels are taken row by row, in the order of memory, which is what processors fetch ahead of loads.
+    // Pixels are taken row by row, in the order of memory, which processors prefetch.
     let across = 8u * ((frame.size.x + 7u) / 8u);
     let place = 64u * index + lane;
     let in_rows = vec2<i32>(vec2<u32>(place % across, place / across));
@@ -48,13 +42,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if PAPER
     let extent = depth;
 #else
-    // Twice what a pixel covers there, along the longer of its diagonals, squared.
+    // Square of twice the extent of a pixel on the surface, along the longer diagonal.
     let size = vec2<f32>(frame.within.zw);
     let pixel = 2.0 * max(sqrt(dot(frame.right.xyz, frame.right.xyz)) / size.x, sqrt(dot(frame.up.xyz, frame.up.xyz)) / size.y);
     let covered = 2.0 * depth * pixel / max(dot(normal, wo.xyz), 0.02);
     let extent = covered * covered;
 #endif
-    // Ray origins lie off the surface by steps that change along it; the comparison wants the surface itself.
+    // Ray origins have an offset that changes along the surface; the comparison needs points on the surface.
     let point = offset_origin(position.xyz, -normal, frame.eye.w);
     guide_points[slot] = vec4<f32>(point, bitcast<f32>(encode_normal(normal)));
     guide_normals[slot] = vec4<f32>(receiver_shading[slot].xyz, select(0.0, extent, takes_part));

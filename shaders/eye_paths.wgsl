@@ -1,4 +1,4 @@
-// Eye paths go on at mirrors and glass. See pass/eye_paths.rs.
+// Continues eye paths at mirrors and glass. See pass/eye_paths.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -20,11 +20,11 @@
 @group(0) @binding(18) var<storage, read_write> media: array<vec4<u32>>;
 @group(0) @binding(19) var<storage, read_write> emitted: array<vec4<f32>>;
 @group(0) @binding(20) var<storage, read_write> region: array<u32>;     // planar reflector that a pixel shows, 0: none
-@group(0) @binding(21) var<storage, read_write> widening: array<vec4<f32>>; // what further glossy planes do to its kernel
+@group(0) @binding(21) var<storage, read_write> widening: array<vec4<f32>>; // widening of its kernel by further glossy planes
 @group(0) @binding(22) var<storage, read_write> panes: array<vec4<f32>>;    // two for each pixel of a frosted pane
 var<immediate> push: Push;
 
-// Sends the path of a slot on and puts it on the list.
+// Continues the path of a slot and puts it on the list.
 fn go_on(slot: u32, s: Surface, wi: vec3<f32>, cos_view: f32) {
     let side = select(-s.geometric, s.geometric, dot(wi, s.geometric) > 0.0);
     ray_origin[slot] = vec4<f32>(offset_origin(s.position, side, frame.eye.w), 3.0e38);
@@ -36,7 +36,7 @@ fn go_on(slot: u32, s: Surface, wi: vec3<f32>, cos_view: f32) {
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
     let first_hit = step.bounce == 0u;
-    // The first hits come in tiles of 8 x 8 pixels, later ones as a list.
+    // First hits are taken in tiles of 8 x 8 pixels, later hits from a list.
     let group_index = group.x + group.y * groups.x;
     let index = select(group_index * 64u + lane, group_index, first_hit);
     if index >= atomicLoad(&work_in.live) {
@@ -48,7 +48,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let slot = select(listed, at_pixel.x + at_pixel.y * frame.size.x, first_hit);
-    // Slots of second components, `step.first` after those of the pixels, carry nothing unless a path is split.
+    // The slot of the second component, `step.first` after that of the pixel, has no throughput unless the path splits.
     let splits = first_hit && step.first > 0u;
     let twin = slot + step.first;
     if splits {
@@ -60,15 +60,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let found = triangle != 0xffffffffu;
     let at = select(0u, triangle, found);
     let normals = triangle_normals[at];
-    // Of a glossy plane that is seen directly the mirror image is the second component, and what its lobe makes of it comes later.
-    // In a mirror image other glossy planes are base or mirror by chance.
+    // For a glossy plane seen directly the second component is the mirror image; the lobe is applied to it later.
+    // Within a mirror image a path takes the base or the mirror image of further glossy planes at random.
     let mirrors = frame.superposition.x > 0u;
     let pixel = select(slot, slot - frame.size.z, slot >= frame.size.z);
     let shows = select(0u, region[select(0u, pixel, mirrors)], mirrors && !first_hit);
     let image_is_first = reflectors[max(shows, 1u) - 1u].z != 0u;
     let in_image = shows > 0u && image_is_first == (slot < frame.size.z);
     let plane = select(0u, glossy_plane(normals), found && (splits || in_image));
-    // Seen directly, a frosted pane shows what is behind it, and what its lobe makes of it comes later.
+    // A frosted pane seen directly shows the scene behind it; the lobe is applied to that later.
     let pane = select(0u, frosted_pane(normals), found && (splits || in_image));
     let frosted = splits && pane > 0u;
     if splits && mirrors {
@@ -76,7 +76,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         widening[slot] = vec4<f32>(0.0);
     }
     let ideal = plane > 0u || (found && materials[material_of(normals)].flags.z != SURFACE_OPAQUE);
-    // A loop, for it ends early where no ray of the subgroup met a mirror or glass.
+    // A loop, because it runs zero times if no ray of the subgroup hit a mirror or glass.
     for (var i = select(0u, 1u, ideal); i > 0u; i -= 1u) {
         let ray = ray_direction[slot];
         let s = surface_at(at, hit.y, hit.z, ray.xyz);
@@ -97,7 +97,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let before = throughput[slot];
         let depth = before.w + ray.w * hit.x;
 
-        // Both components, or one by chance.
+        // Follows both components, or one at random.
         let xi = random(key(frame.keys.x, STREAM_COMPONENT, sample_of(slot), step.bounce));
         let takes_first = splits || xi < fork.probability;
         let stays = takes_first && fork.stays;
@@ -107,8 +107,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let after = before.xyz * weight / chance;
         let goes_on = !stays && max(max(after.x, after.y), after.z) > 0.0;
         throughput[slot] = vec4<f32>(after, select(before.w, depth, goes_on));
-        // Emission of a mirror over a base belongs to the base, which has not been left yet.
-        // The lobe of a plane where a path stays is the other way that it could have gone.
+        // A mirror over a base emits from the base: `receivers` adds that where the path stays.
+        // The path stopped on the base; do not also shade the lobe.
         let without_lobe = select(0.0, LOBE_FOLLOWED, stays && plane > 0u && in_image);
         let emission = select(before.xyz * s.emission, vec3<f32>(0.0), fork.stays);
         emitted[slot] += vec4<f32>(select(emission, vec3<f32>(0.0), frosted), without_lobe);

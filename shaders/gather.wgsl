@@ -1,4 +1,4 @@
-// One short ray from each receiver, for the light that clipping cuts off. See pass/gather.rs.
+// Writes one short ray from each receiver, to gather the light that clipping removes. See pass/gather.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -32,7 +32,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let kd = receiver_kd[pixel];
     let f0 = receiver_f0[pixel];
     let wo = receiver_wo[pixel].xyz;
-    // A point of the pass, randomised for each pixel: Halton's rotated, Sobol's by XOR; the lobe by a pseudo-random number.
+    // The pass's sample point, randomised for each pixel: Halton points by rotation, Sobol' points by XOR. A pseudo-random
+    // number chooses the lobe.
     let sample = sample_of(pixel);
     let keys = vec2<u32>(key(frame.keys.y, STREAM_GATHER, sample, 2u * step.bounce), key(frame.keys.y, STREAM_GATHER, sample, 2u * step.bounce + 1u));
     let bases = bitcast<vec2<u32>>(frame.shifts[step.bounce].zw);
@@ -52,7 +53,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let above = dot(s.wi, geometric.xyz) > 0.0 && dot(s.wi, shading.xyz) > 0.0;
     var weight = select(vec3<f32>(0.0), s.weight, above);
     let before = beta[pixel];
-    // What comes in through the eye's diffuse lobe is kept as irradiance: pi times radiance, without the albedo.
+    // Light that the first receiver reflects diffusely is kept as irradiance: pi times radiance, without the albedo.
     let first = step.bounce == 0u;
     let irradiance = vec3<f32>(select(0.0, PI / max(kd.w, 1e-6), above));
     weight = select(weight, irradiance, first && diffuse);

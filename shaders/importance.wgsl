@@ -1,4 +1,4 @@
-// What each emitter would give to points that the eye sees if nothing stood in between. See pass/importance.rs.
+// Estimates the unshadowed contribution of each emitter to points that the eye sees. See pass/importance.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "emitters.wgsl"
@@ -25,7 +25,7 @@ fn irradiance(e: EmitterRecord, x: vec3<f32>, n: vec3<f32>) -> f32 {
     let cosine = dot(wi, n);
     let leaving = -dot(wi, e.normal.xyz);
     let emitting = select(max(leaving, 0.0), abs(leaving), (flags & 1u) != 0u);
-    // Not even with nothing to clip may a point on a light count for all.
+    // A minimum distance even without clipping: otherwise one point on a light could outweigh all others.
     let nearest = max(frame.right.w, 1e-8 * frame.eye.w * frame.eye.w);
     let spread = e.e1.w * INV_PI;
     let radius2 = e.e1.x * e.e1.x;

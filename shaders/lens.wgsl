@@ -1,6 +1,7 @@
-// The pass's whole image as a source of the convolution, and the circle of confusion of each pixel. See pass/lens.rs.
+// Writes the pass's image as the source of the convolution, and the circle of confusion of each pixel. See pass/lens.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
+#include "radiance.wgsl"
 
 @group(0) @binding(1) var<storage, read> receiver_position: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> receiver_kd: array<vec4<f32>>;
@@ -14,9 +15,9 @@
 @group(0) @binding(10) var<storage, read_write> footprint: array<vec4<f32>>;  // diameter, layer, u axis
 @group(0) @binding(11) var<storage, read_write> region: array<u32>;           // 1: in focus or behind; 2: before
 
-// Farther than everything. Host twin: pass::lens::NOTHING_SEEN.
+// Depth of pixels that see nothing, beyond every surface. Host twin: pass::lens::NOTHING_SEEN.
 const NOTHING_SEEN: f32 = 3.0e38;
-// Circles are no greater, pixels. Host twin: pass::lens::MAX_DIAMETER.
+// Maximum diameter of circles, in pixels. Host twin: pass::lens::MAX_DIAMETER.
 const MAX_DIAMETER: f32 = 1e6;
 
 @compute @workgroup_size(64)
@@ -26,10 +27,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let through = throughput[pixel];
-    // What is not lit has no sums.
-    let lit = receiver_wo[pixel].w > 0.0;
-    let reflected = receiver_kd[pixel].xyz * INV_PI * (direct[pixel].xyz + indirect[pixel].xyz) + specular[pixel].xyz;
-    let l = emitted[pixel].xyz + select(vec3<f32>(0.0), through.xyz * reflected, lit);
+    let l = emitted[pixel].xyz + through.xyz * reflected_radiance(receiver_kd[pixel].xyz, lighting_of(pixel));
     let found = receiver_position[pixel].w >= 0.0;
     let nearness = select(0.0, 1.0 / max(through.w, 1e-30), found);
     let diameter = min(frame.lens.x * abs(nearness - frame.lens.y), MAX_DIAMETER);

@@ -1,4 +1,4 @@
-// What the lens changes in the image is added to what the pixels emit. See pass/lens.rs.
+// Adds the difference that the lens makes to the emission of the pixels. See pass/lens.rs.
 #include "frame.wgsl"
 
 @group(0) @binding(1) var<storage, read> source: array<vec4<f32>>;

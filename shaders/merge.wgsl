@@ -1,7 +1,8 @@
-// Light of the second components is added to their pixels. See pass/merge.rs.
+// Adds the light of second components to their pixels. See pass/merge.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
+#include "radiance.wgsl"
 
 @group(0) @binding(1) var<storage, read> receiver_kd: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> receiver_wo: array<vec4<f32>>;
@@ -26,9 +27,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let pixel = at.x + at.y * frame.size.x;
     let slot = pixel + frame.size.z;
-    // What is not lit has no sums.
-    let lit = receiver_wo[slot].w > 0.0;
-    let reflected = receiver_kd[slot].xyz * INV_PI * (direct[slot].xyz + indirect[slot].xyz) + specular[slot].xyz;
-    let l = select(vec3<f32>(0.0), throughput[slot].xyz * reflected, lit);
+    let l = throughput[slot].xyz * reflected_radiance(receiver_kd[slot].xyz, lighting_of(slot));
     shown[pixel] += vec4<f32>(emitted[slot].xyz + l, 0.0);
 }

@@ -1,9 +1,10 @@
-// Receivers look at a mirrored light: rays to where its mirror should be. See pass/mirror_lights.rs.
+// Aims rays at a mirrored light: from each receiver to the plane of the mirror. See pass/mirror_lights.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"
 #include "lights.wgsl"
+#include "light_at.wgsl"
 #include "receiver.wgsl"
 #include "mirror_lights.wgsl"
 
@@ -27,21 +28,21 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let slot = list[place];
-    let chosen = class_of(slot) * frame.mirrors.x + steps[push.step].first;
+    let chosen = mirrored_index(slot, steps[push.step].first);
     let number = mirror_number[chosen];
     let mirror = mirrors[max(number, 1u) - 1u];
     let l = mirrored[chosen];
     let x = receiver_position[slot].xyz;
-    let way = way_to(l, x);
-    let r2 = dot(way, way);
-    let wi = way / sqrt(max(r2, 1e-37));
-    // The mirror's plane lies between the two.
+    let d = to_light(l.position, l.normal, x);
+    let r2 = dot(d, d);
+    let wi = d / sqrt(max(r2, 1e-37));
+    // The mirror's plane must separate the receiver and the mirrored light.
     let height = height_of(mirror, x);
-    let fall = dot(way, mirror.plane.xyz);
+    let fall = dot(d, mirror.plane.xyz);
     let crosses = height * fall < 0.0 && abs(height) < abs(fall);
     let faces = dot(wi, receiver_shading[slot].xyz) > 0.0 && dot(wi, receiver_geometric[slot].xyz) > 0.0;
     let lit = number > 0u && crosses && faces && r2 > 0.0 && mean3(intensity_of(l, wi)) > 0.0;
-    // A little beyond the plane, for rounding; what lies there is not the mirror.
+    // A little beyond the plane, because of rounding. A hit there is not on the mirror.
     let reach = abs(height) / max(abs(dot(wi, mirror.plane.xyz)), 1e-20) * 1.001 + frame.eye.w * 1e-4;
     ray_origin[slot] = vec4<f32>(x, select(0.0, reach, lit));
     ray_direction[slot] = vec4<f32>(wi, 0.0);

@@ -1,8 +1,6 @@
-// Lights of a pass and the planar mirrors that mirror them are chosen, for each class of pixels so many pairs. See
-// pass/mirror_lights.rs.
+// Chooses a number of pairs of a light and a planar mirror for each class of pixels. See pass/mirror_lights.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
-#include "bsdf.wgsl"
 #include "lights.wgsl"
 #include "mirror_lights.wgsl"
 
@@ -13,7 +11,7 @@
 
 var<private> class_lights: u32;
 
-// About the flux that a mirror reflects of a light; candidate i is light i / M and mirror i % M.
+// Approximate flux of a light that a mirror reflects; candidate i is light i / M and mirror i % M.
 fn weight_of(i: u32) -> f32 {
     let l = lights[class_lights + i / frame.mirrors.z];
     let mirror = mirrors[i % frame.mirrors.z];
@@ -23,7 +21,7 @@ fn weight_of(i: u32) -> f32 {
     let to = mirror.middle.xyz - l.position.xyz;
     let far2 = max(dot(to, to), max(mirror.middle.w * INV_PI, 1e-30));
     let far = sqrt(far2);
-    // Greatest cosine at the light towards the mirror's bounding sphere.
+    // Maximum cosine at the light over directions to the mirror's bounding sphere.
     let surface = (flags & LIGHT_SURFACE) != 0u;
     let wide = clamp((dot(l.normal.xyz, to) + mirror.ideal.w) / far, 0.0, 1.0);
     let turned_away = surface && dot(l.normal.xyz, n) * sign(height) > 0.99999;
@@ -41,25 +39,23 @@ fn weight_of(i: u32) -> f32 {
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slots = frame.mirrors.x;
     let count = frame.mirrors.y * frame.mirrors.z;
-    let run = (count + 63u) / 64u;
-    let first = min(lane * run, count);
-    let end = min(first + run, count);
+    let stretch = stretch_of(lane, count);
     let first_slot = group.x * slots;
     class_lights = group.x * frame.pattern.w;
 
     for (var k = lane; k < slots; k += 64u) {
         mirror_number[first_slot + k] = 0u;
     }
-    let scale = scale_of(lane, first, end, count, slots);
+    let scale = scale_of(lane, stretch, count, slots);
     var share_sum = 0u;
-    for (var i = first; i < end; i += 1u) {
+    for (var i = stretch.first; i < stretch.end; i += 1u) {
         let weight = weight_of(i);
         share_sum += select(0u, share_of(weight, scale), weight > 0.0);
     }
     storageBarrier();
-    var begin = begin_of(lane, share_sum);
+    var begin = sum_before(lane, share_sum);
     let offset = offset_of(STREAM_MIRROR, group.x);
-    for (var i = first; i < end; i += 1u) {
+    for (var i = stretch.first; i < stretch.end; i += 1u) {
         let weight = weight_of(i);
         let share = select(0u, share_of(weight, scale), weight > 0.0);
         let slot = slot_at(begin, offset);
@@ -67,10 +63,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
             let number = i % frame.mirrors.z;
             let mirror = mirrors[number];
             let factor = f32(ONE) / f32(share);
-            var l = lights[class_lights + i / frame.mirrors.z];
-            l.position = vec4<f32>(mirrored_point(mirror, l.position.xyz), l.position.w);
-            l.normal = vec4<f32>(mirrored_direction(mirror, l.normal.xyz), l.normal.w);
-            l.wi = vec4<f32>(mirrored_direction(mirror, l.wi.xyz), l.wi.w);
+            var l = mirrored_light(mirror, lights[class_lights + i / frame.mirrors.z]);
             l.emit = vec4<f32>(l.emit.xyz * factor, l.emit.w);
             l.flux = vec4<f32>(l.flux.xyz * factor, l.flux.w);
             mirrored[first_slot + slot] = l;

@@ -1,7 +1,9 @@
-// The mirror image on glossy planes, what is behind frosted panes, and the kernel that spreads each pixel of them. See pass/mirror_image.rs.
+// Writes the mirror image on glossy planes and the scene behind frosted panes, and the kernel that spreads each of their pixels.
+// See pass/mirror_image.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
+#include "radiance.wgsl"
 #include "reflectors.wgsl"
 
 @group(0) @binding(1) var<storage, read> receiver_position: array<vec4<f32>>;
@@ -19,12 +21,12 @@
 @group(0) @binding(18) var<storage, read_write> core_footprint: array<vec4<f32>>; // the same for the peak of the kernel
 @group(0) @binding(17) var<storage, read> widening: array<vec4<f32>>;
 @group(0) @binding(19) var<storage, read> panes: array<vec4<f32>>;      // two for each pixel of a frosted pane
-@group(0) @binding(15) var<storage, read_write> source: array<vec4<f32>>;     // radiance; w: depth of what is seen
-@group(0) @binding(16) var<storage, read_write> footprint: array<vec4<f32>>;  // of the tail: diameter, texture, direction of the kernel's u axis
+@group(0) @binding(15) var<storage, read_write> source: array<vec4<f32>>;     // radiance; w: depth of the point seen
+@group(0) @binding(16) var<storage, read_write> footprint: array<vec4<f32>>;  // of the tail: diameter, texture, direction of the u axis
 
 // Radius of the core over that of the whole kernel.
 const CORE_RADIUS: f32 = 0.3;
-// Farther than everything.
+// Depth of pixels that see nothing, beyond every surface.
 const NOTHING_SEEN: f32 = 3.0e38;
 
 @compute @workgroup_size(64)
@@ -42,16 +44,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if plane == 0u {
         return;
     }
-    // What is spread: the mirror image, a second component, or what is behind a frosted pane, the first.
+    // The mirror image of a glossy plane is a second component, the scene behind a frosted pane a first one.
     let tables = reflectors[plane - 1u];
     let is_pane = tables.z != 0u;
     let slot = select(pixel + frame.size.z, pixel, is_pane);
     let through = throughput[slot];
-    let lit = receiver_wo[slot].w > 0.0;
-    let reflected = receiver_kd[slot].xyz * INV_PI * (direct[slot].xyz + indirect[slot].xyz) + specular[slot].xyz;
     let met = emitted[slot];
-    let l = met.xyz + select(vec3<f32>(0.0), through.xyz * reflected, lit);
-    // This component is no part of the pixel by itself.
+    let l = met.xyz + through.xyz * reflected_radiance(receiver_kd[slot].xyz, lighting_of(slot));
+    // The pixel shows this component only after it has been spread.
     emitted[slot] = vec4<f32>(0.0, 0.0, 0.0, select(0.0, met.w, is_pane));
     throughput[slot] = vec4<f32>(0.0, 0.0, 0.0, through.w);
 
@@ -62,8 +62,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let mu = select(dot(normal, wo), panes[at_pane].w, is_pane);
     let tail = tail_of(tables.x, mu);
     let tan_beta = lobe_at(tables.x, mu).x;
-    // What the eye sees of the disc at the reflected point: tan(beta) z_r / (t + z_r), from each plane on the way. Far away only the
-    // angles count. A pane that is seen directly is one of the others.
+    // Size of the disc at the reflected point, as the eye sees it: tan(beta) z_r / (t + z_r) for each plane on the path. For points
+    // far away only the angles count. A pane seen directly counts among the other planes.
     let more = widening[pixel];
     let end = select(NOTHING_SEEN, through.w, found);
     let own = select(tan_beta * (1.0 - throughput[pixel].w / end), 0.0, is_pane);

@@ -1,9 +1,10 @@
-// Receivers are lit by a mirrored light that they see. See pass/mirror_lights.rs.
+// Lights the receivers that see a mirrored light. See pass/mirror_lights.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"
 #include "lights.wgsl"
+#include "light_at.wgsl"
 #include "receiver.wgsl"
 #include "mirror_lights.wgsl"
 
@@ -31,18 +32,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let slot = list[place];
     let reflected = reflectances[slot].xyz;
     let free = bitcast<u32>(hits[slot].w) == 0xffffffffu;
-    let l = mirrored[class_of(slot) * frame.mirrors.x + steps[push.step].first];
-    let way = way_to(l, receiver_position[slot].xyz);
-    let r2 = dot(way, way);
-    let wi = way / sqrt(max(r2, 1e-37));
+    let l = mirrored[mirrored_index(slot, steps[push.step].first)];
+    let d = to_light(l.position, l.normal, receiver_position[slot].xyz);
+    let r2 = dot(d, d);
+    let wi = d / sqrt(max(r2, 1e-37));
     let shading = receiver_shading[slot];
     let geometric = receiver_geometric[slot];
-    let flags = bitcast<u32>(l.position.w);
-    let clip2 = select(0.0, frame.right.w, (flags & LIGHT_CLIPPED) != 0u);
-    let falloff = select(1.0 / max(max(r2, clip2), 1e-37), 1.0, (flags & LIGHT_DIRECTIONAL) != 0u);
+    let falloff = falloff_of(bitcast<u32>(l.position.w), r2);
     let e = intensity_of(l, wi) * reflected * (max(dot(wi, shading.xyz), 0.0) * falloff);
     let f0 = receiver_f0[slot];
-    let lobe = Reflectance(vec3<f32>(0.0), geometric.w, f0.xyz, shading.w);
+    let lobe = receiver_lobe(geometric, shading, f0);
     let seen = free && mean3(reflected) > 0.0;
     let gloss = select(vec3<f32>(0.0), e * eval_specular(lobe, shading.xyz, receiver_wo[slot].xyz, wi), f0.w > 0.0);
     indirect[slot] += vec4<f32>(select(vec3<f32>(0.0), e, seen), 0.0);

@@ -1,10 +1,11 @@
-// Rays that met the mirror they were to meet go on to the light. See pass/mirror_lights.rs.
+// Reflects the rays that hit their mirror, towards the light. See pass/mirror_lights.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"
 #include "surface.wgsl"
 #include "lights.wgsl"
+#include "light_at.wgsl"
 #include "mirror_lights.wgsl"
 
 @group(0) @binding(9) var<storage, read_write> work: Work;
@@ -27,10 +28,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let slot = list[place];
-    let chosen = class_of(slot) * frame.mirrors.x + steps[push.step].first;
+    let chosen = mirrored_index(slot, steps[push.step].first);
     let number = mirror_number[chosen];
     let mirror = mirrors[max(number, 1u) - 1u];
-    var l = mirrored[chosen];
     let hit = hits[slot];
     let triangle = bitcast<u32>(hit.w);
     let found = triangle != 0xffffffffu;
@@ -40,11 +40,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let s = surface_at(at, hit.y, hit.z, d);
     let reflected = schlick(s.ideal, -dot(s.shading, d));
 
-    // Back to where the light is.
-    l.position = vec4<f32>(mirrored_point(mirror, l.position.xyz), l.position.w);
-    l.normal = vec4<f32>(mirrored_direction(mirror, l.normal.xyz), l.normal.w);
+    // The mirror image of the mirrored light is the light itself.
+    let l = mirrored_light(mirror, mirrored[chosen]);
     let origin = offset_origin(s.position, s.geometric, frame.eye.w);
     ray_origin[slot] = vec4<f32>(origin, select(0.0, 1.0, by_mirror));
-    ray_direction[slot] = vec4<f32>(way_to(l, origin), 0.0);
+    ray_direction[slot] = vec4<f32>(to_light(l.position, l.normal, origin), 0.0);
     reflectances[slot] = vec4<f32>(select(vec3<f32>(0.0), reflected, by_mirror), 0.0);
 }

@@ -1,4 +1,4 @@
-// The sorted photons one after the other, and where each bucket's begin and end. See pass/photon_grid.rs.
+// Writes the sorted photons, and the first and the end of each bucket. See pass/photon_grid.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -17,7 +17,7 @@
 @group(0) @binding(11) var<storage, read_write> sorted_flux: array<vec4<f32>>;
 @group(0) @binding(12) var<storage, read_write> buckets: array<u32>;        // first, end of each; cleared before
 
-@group(0) @binding(13) var<storage, read_write> near: array<atomic<u32>>;  // a bit for look-ups that visit a cell with photons; cleared before
+@group(0) @binding(13) var<storage, read_write> near: array<atomic<u32>>;  // bits of look-ups that visit a cell with photons; cleared before
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -38,7 +38,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if i + 1u == live || keys[min(i + 1u, live - 1u)].x != bucket {
         buckets[2u * bucket + 1u] = i + 1u;
     }
-    // Look-ups that visit the photon's cell begin there or one cell before along each axis.
+    // Look-ups that visit the photon's cell begin in that cell or in the one before it along each axis.
     let cell = vec3<i32>(floor(in_cells(photon_position[photon].xyz)));
     for (var corner = 0u; corner < 8u; corner += 1u) {
         let first = cell - vec3<i32>(vec3<u32>(corner & 1u, (corner >> 1u) & 1u, corner >> 2u));

@@ -14,7 +14,7 @@
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let place = (group.x + group.y * groups.x) * 64u + lane;
-    // A list that has a total may have places without a receiver.
+    // A sorted list, or one in the order of the screen, may have places without a receiver.
     if place >= max(atomicLoad(&work.live), work.total) {
         return;
     }

@@ -1,4 +1,4 @@
-// Photons go on at mirrors and glass and are stored where they meet something else. See pass/photon_follow.rs.
+// Continues photons at mirrors and glass and stores them where they hit another surface. See pass/photon_follow.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -23,14 +23,14 @@
 @group(0) @binding(22) var<storage, read> mirror_of: array<u32>;   // number of a planar mirror + 1, or 0
 var<immediate> push: Push;
 
-// In place of the target's number: the first hit was a planar mirror, and what it throws on is a matter of mirrored lights.
+// In place of the target's number: the first hit was a planar mirror, whose reflection is left to mirrored lights.
 const OFF_A_PLANE: f32 = -1.0;
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
     let first_hit = step.bounce == 0u;
-    // At first all photons, later those on the list.
+    // The first hits are those of all photons, later hits those of a list.
     let index = (group.x + group.y * groups.x) * 64u + lane;
     let count = select(atomicLoad(&work_in.live), photon_count(), first_hit);
     if index >= count {
@@ -51,11 +51,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 
     var stored = found && !ideal && !first_hit;
     var after = carried.xyz;
-    // A loop, for it ends early where no photon of the subgroup met a mirror or glass.
+    // A loop, because it runs zero times if no photon of the subgroup hit a mirror or glass.
     for (var i = select(0u, 1u, found && ideal && aimed && step.last == 0u); i > 0u; i -= 1u) {
         let inside = select(media[photon], vec4<u32>(0u), first_hit);
         let fork = fork_at(s, -d, relative_index(inside, s));
-        // Light that comes straight to the base of a mirror is direct light and no matter of photons.
+        // Light that reaches the base of a mirror straight from the emitter is direct light; photons leave it out.
         let by_mirror = first_hit && fork.stays;
         let xi = random(key(frame.keys.x, STREAM_PHOTON_COMPONENT, photon, step.bounce));
         let takes_first = xi < fork.probability && !by_mirror;

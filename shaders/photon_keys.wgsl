@@ -1,4 +1,4 @@
-// Keys to sort photons by: their buckets of the hash table. See pass/photon_grid.rs.
+// Writes the keys by which photons are sorted: their buckets of the hash table. See pass/photon_grid.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"

@@ -1,4 +1,4 @@
-// Receivers are lit by the photons around them. See pass/photon_light.rs.
+// Lights receivers by the photons around them. See pass/photon_light.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -23,7 +23,7 @@
 @group(0) @binding(15) var<storage, read_write> specular: array<vec4<f32>>;
 var<immediate> push: Push;
 
-// Least cosine between the normals of photon and receiver.
+// Minimum cosine between the normals of photon and receiver.
 const LEAST_COSINE: f32 = 0.5;
 
 @compute @workgroup_size(64)
@@ -40,7 +40,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let shading = receiver_shading[slot];
     let f0 = receiver_f0[slot];
     let wo = receiver_wo[slot].xyz;
-    let lobe = Reflectance(vec3<f32>(0.0), geometric.w, f0.xyz, shading.w);
+    let lobe = receiver_lobe(geometric, shading, f0);
     let radius2 = frame.photon.x * frame.photon.x;
     let share = frame.photon.z;
 
@@ -48,8 +48,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var e = vec3<f32>(0.0);
     var l = vec3<f32>(0.0);
     var codes: array<u32, 8>;
-    // The photons of the cells one after the other: the first that is not of a cell or those before it, and what to add to a
-    // number among them all for its place in the grid.
+    // The photons of the eight cells are counted through: `after` is one past the last of a cell, `add` the offset from the count
+    // to the place in the grid.
     var after: array<u32, 8>;
     var add: array<u32, 8>;
     var total = 0u;
@@ -57,14 +57,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let cell = lower + vec3<i32>(vec3<u32>(corner & 1u, (corner >> 1u) & 1u, corner >> 2u));
         codes[corner] = code_of(cell, receiver_class);
         let bucket = bucket_of(codes[corner]);
-        // A dispatch takes the photons of its stretch alone, so its loop is bounded.
+        // A dispatch takes only the photons of its own stretch, so its loop is bounded.
         let begin = max(buckets[2u * bucket], step.first);
         let end = max(min(buckets[2u * bucket + 1u], step.end), begin);
         add[corner] = begin - total;
         total += end - begin;
         after[corner] = total;
     }
-    // One loop and not one for each cell: most cells are empty, and a SIMD driver runs every loop at least once.
+    // One loop for all cells: most cells are empty, and a SIMD driver runs every loop at least once.
     for (var j = 0u; j < total; j += 1u) {
         var code = codes[0];
         var i = j + add[0];

@@ -1,4 +1,4 @@
-// Photons are shot from the emitters at mirrors and glass. See pass/photon_start.rs.
+// Shoots photons from the emitters at mirrors and glass. See pass/photon_start.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "emitters.wgsl"
@@ -12,10 +12,10 @@
 @group(0) @binding(5) var<storage, read_write> flux: array<vec4<f32>>;     // w: bits of the target + 1
 @group(0) @binding(6) var<storage, read_write> photon_position: array<vec4<f32>>;  // w: 1 if stored, else 0
 
-// Squared sine of a sphere's half angle from which on a point counts as inside of it.
+// A point counts as inside a sphere if the squared sine of the sphere's half angle is at least this.
 const INSIDE: f32 = 0.999;
 
-// Weight of a target in the choice, about its solid angle.
+// Weight of a target in the choice: approximately its solid angle.
 fn weight_of(t: u32, start: Start) -> f32 {
     let s = targets[t];
     let to = s.xyz - start.origin;
@@ -41,7 +41,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let side = random(key(frame.keys.x, STREAM_PHOTON_SIDE, photon, 0u));
     let start = start_at(vec2<f32>(u[2], u[3]), side);
 
-    // A target in proportion to its weight.
+    // Chooses a target with probability proportional to its weight.
     let count = frame.photons.z;
     var sum = 0.0;
     var last = count;
@@ -71,7 +71,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let inside = sin2 >= INSIDE;
     let parallel = start.kind == EMITTER_DIRECTIONAL;
 
-    // The cone around the sphere; 1 - cos of it, without cancellation.
+    // 1 - cos of the cone around the sphere, without cancellation.
     let cap = sin2 / (1.0 + sqrt(max(1.0 - sin2, 0.0)));
     let h = u[0] * cap;
     let sine = sqrt(max(h * (2.0 - h), 0.0));
@@ -82,7 +82,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let free = direction_from(start, vec2<f32>(u[0], u[1]));
     let direction = select(select(in_cone, free, inside), axis, parallel);
 
-    // Parallel light starts on the sphere's disc, before all of the scene.
+    // Parallel light starts on the sphere's disc, outside the scene.
     let disc = sphere.w * sqrt(u[0]);
     let before = sphere.xyz - axis * (2.0 * length(e.e1.xyz));
     let on_disc = before + across[0] * (disc * circle.x) + across[1] * (disc * circle.y);

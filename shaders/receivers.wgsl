@@ -1,4 +1,4 @@
-// Hits become receivers: surface, material and textures looked up, emission taken. See pass/receivers.rs.
+// Turns hits into receivers: looks up surface, material and textures, and adds emission. See pass/receivers.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -29,8 +29,8 @@ var<immediate> push: Push;
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
     let eye = step.bounce == 0u;
-    // The eye's pixels stand on the list in tiles of 8 x 8, so that neighbours on it are neighbours in the scene. First all
-    // tiles; then those of second components, whose slots begin at `step.first`, in a step of their own.
+    // The list takes the eye's pixels in tiles of 8 x 8, so that neighbours on it are neighbours in the scene. One step takes all
+    // tiles; another takes those with second components, whose slots begin at `step.first`.
     let second = eye && step.first > 0u;
     let group_index = group.x + group.y * groups.x;
     let tiles = (frame.size.xy + 7u) / 8u;
@@ -46,9 +46,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if ordered && group_index == 0u && lane == 0u {
         work_out.total = total;
     }
-    // Places of the eye may lie beyond the other list, and both sides of a select are evaluated.
+    // Places of eye paths may lie beyond the other list, and select evaluates both operands.
     let listed = list_in[select(select(index, 0u, eye), group_index, second)];
-    // All pixels are taken row by row, in the order of memory, which is what processors fetch ahead of loads.
+    // Pixels are taken row by row, in the order of memory, which processors prefetch.
     let row = index / (8u * tiles.x);
     let in_rows = vec2<u32>(index - row * 8u * tiles.x, row);
     let in_tile = vec2<u32>(8u * (listed % tiles.x) + (lane & 7u), 8u * (listed / tiles.x) + lane / 8u);
@@ -64,7 +64,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let slot = select(listed, at.x + at.y * frame.size.x + select(0u, step.first, second), eye);
     let through = throughput[slot];
-    // Second components that are none have no ray.
+    // Second components of paths that did not split have no ray.
     let carries = max(max(through.x, through.y), through.z) > 0.0;
     let has_ray = carries || !second;
     let hit = select(vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(0xffffffffu)), hits[slot], has_ray);
@@ -74,19 +74,19 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let found = triangle != 0xffffffffu;
     let at_triangle = select(0u, triangle, found);
     let s = surface_at(at_triangle, hit.y, hit.z, d);
-    // What the eye sees directly of a glossy plane is its base; its lobe comes with the mirror image.
+    // A glossy plane seen directly shows only its base here; the lobe comes with the mirror image.
     let direct = !second && through.w == 0.0 && glossy_plane(triangle_normals[at_triangle]) > 0u;
     let met = emitted[slot];
     let mirrors = eye && (direct || met.w == LOBE_FOLLOWED);
 
-    // What the eye sees has weight 1; a gathered point has the part that clipping cut off.
+    // Points that the eye sees have weight 1, gathered points the share of light that clipping removed.
     let share = select(max(1.0 - hit.x * hit.x / max(frame.right.w, 1e-37), 0.0), 1.0, eye);
     let before = select(beta[slot], vec4<f32>(1.0, 1.0, 1.0, 0.0), eye);
     let weight = select(0.0, share, found);
     let seen_emission = met.xyz + select(vec3<f32>(0.0), through.xyz * s.emission, found);
     emitted[slot] = select(vec4<f32>(before.xyz * s.emission * weight, before.w), vec4<f32>(seen_emission, select(0.0, 1.0, through.w > 0.0)), eye);
     if eye {
-        // A mirror that shows nothing is as far away as it is itself.
+        // The depth of a mirror that shows nothing is its own.
         let end = select(select(-1.0, through.w, through.w > 0.0), through.w + ray.w * hit.x, found);
         throughput[slot] = vec4<f32>(through.xyz, end);
     }

@@ -1,4 +1,4 @@
-// The mean of all passes into the image that a host shows. See pass/resolve.rs.
+// Writes the mean of all passes to the image that a host shows. See pass/resolve.rs.
 
 @group(0) @binding(0) var<storage, read> sum_a: array<vec4<f32>>;
 @group(0) @binding(1) var<storage, read> rest_a: array<vec4<f32>>;
@@ -16,6 +16,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let sum = (sum_a[pixel] - rest_a[pixel]) + (sum_b[pixel] - rest_b[pixel]);
     let at = vec2<u32>(pixel % size.x, pixel / size.x);
-    // The device's own count: passes with lost rays are not in the sums. Black before the first.
+    // Counted by the device, because passes with lost rays are not in the sums. Black before the first pass.
     textureStore(image, at, sum / f32(max(counts[0] + counts[1], 1u)));
 }

@@ -1,4 +1,4 @@
-// Turns counts that the device found into indirect dispatches. See pass/schedule.rs.
+// Turns counts found by the device into indirect dispatches. See pass/schedule.rs.
 #include "work.wgsl"
 
 @group(0) @binding(0) var<storage, read_write> work: Work;

@@ -1,5 +1,5 @@
-// Light from every point light of a chunk, with shadows. See pass/shade.rs.
-// VISIBILITY: only counts the lights that each receiver sees. See pass/visibility.rs.
+// Lights receivers by every point light of a chunk, with shadows. See pass/shade.rs.
+// VISIBILITY: only counts the lights visible to each receiver. See pass/visibility.rs.
 // AREA: with VISIBILITY, the lights are area lights and each ray goes to its own point of one.
 #include "frame.wgsl"
 #include "work.wgsl"
@@ -11,6 +11,10 @@
 #include "receiver.wgsl"
 #if AREA
 #include "area.wgsl"
+#endif
+#if VISIBILITY
+#else
+#include "light_at.wgsl"
 #endif
 
 @group(0) @binding(6) var<storage, read> receiver_position: array<vec4<f32>>;
@@ -39,7 +43,7 @@ var<immediate> push: Push;
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
     let slot = spread_group(group, groups) * 64u + lane;
-    // A list that has a total may have slots without a receiver.
+    // A sorted list, or one in the order of the screen, may have slots without a receiver.
     if slot >= max(atomicLoad(&work.live), work.total) {
         return;
     }
@@ -68,13 +72,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let shading = receiver_shading[pixel];
     let f0 = receiver_f0[pixel];
     let wo = receiver_wo[pixel].xyz;
-    // The first chunk starts the sums; whatever an earlier frame left there is not read.
+    // The first chunk starts the sums; values of an earlier frame are not read.
     var e_direct = select(vec3<f32>(0.0), direct[pixel].xyz, step.fresh == 0u);
     var e_indirect = select(vec3<f32>(0.0), indirect[pixel].xyz, step.fresh == 0u);
     var l_specular = select(vec3<f32>(0.0), specular[pixel].xyz, step.fresh == 0u);
 #endif
 
-    // A dispatch is bounded: what is left of a larger chunk goes on in the next round.
+    // A dispatch takes a bounded number of lights; the next round continues a larger chunk.
     let end = min(step.end, light + step.bounce);
     while light < end {
         let place = lights_of_class + light;
@@ -89,22 +93,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #else
         let l_normal = lights[place].normal;
         let l_emit = lights[place].emit;
-        let l_f0 = lights[place].f0;
         let flags = bitcast<u32>(l_position.w);
-        let parallel = (flags & LIGHT_DIRECTIONAL) != 0u;
-        let surface = (flags & LIGHT_SURFACE) != 0u;
-        let d = select(l_position.xyz - origin, -frame.forward.w * l_normal.xyz, parallel);
+        let d = to_light(l_position, l_normal, origin);
         let r2 = dot(d, d);
         let wi = d / sqrt(max(r2, 1e-37));
         let cos_light = -dot(wi, l_normal.xyz);
-        let spot = clamp(cos_light * l_normal.w + l_emit.w, 0.0, 1.0);
-        var intensity = l_emit.xyz * (select(1.0, max(cos_light, 0.0), surface) * spot * spot);
-        // Rare work stands in loops that mostly run zero times: under a SIMD driver an `if` would be executed by all.
-        for (var i = select(0u, 1u, (flags & LIGHT_GLOSSY) != 0u && cos_light > 0.0); i > 0u; i -= 1u) {
-            let l_wi = lights[place].wi;
-            let l_flux = lights[place].flux;
-            let lobe = Reflectance(vec3<f32>(0.0), l_flux.w, l_f0.xyz, l_wi.w);
-            intensity += l_flux.xyz * eval_specular(lobe, l_normal.xyz, l_wi.xyz, -wi) * cos_light;
+        var intensity = plain_intensity(l_normal, l_emit, flags, cos_light);
+        // Rare work is in loops that mostly run zero times: a SIMD driver executes an `if` for all lanes.
+        for (var i = select(0u, 1u, lobe_shines(flags, cos_light)); i > 0u; i -= 1u) {
+            intensity += lobe_intensity(lights[place], wi, cos_light);
         }
         let cos_receiver = dot(wi, shading.xyz);
         let lit = cos_receiver > 0.0 && dot(wi, geometric.xyz) > 0.0 && mean3(intensity) > 0.0 && r2 > 0.0;
@@ -138,15 +135,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if VISIBILITY
         seen += select(0u, 1u, lit && !blocked);
 #else
-        let clip2 = select(0.0, frame.right.w, (flags & LIGHT_CLIPPED) != 0u);
-        let falloff = select(1.0 / max(max(r2, clip2), 1e-37), 1.0, parallel);
-        let e = intensity * select(0.0, cos_receiver * falloff, lit && !blocked);
-        let first_bounce = l_f0.w == 0.0;
+        let e = intensity * select(0.0, cos_receiver * falloff_of(flags, r2), lit && !blocked);
+        let first_bounce = lights[place].f0.w == 0.0;
         e_direct += select(vec3<f32>(0.0), e, first_bounce);
         e_indirect += select(e, vec3<f32>(0.0), first_bounce);
         for (var i = select(0u, 1u, f0.w > 0.0 && lit && !blocked); i > 0u; i -= 1u) {
-            let lobe = Reflectance(vec3<f32>(0.0), geometric.w, f0.xyz, shading.w);
-            l_specular += e * eval_specular(lobe, shading.xyz, wo, wi);
+            l_specular += e * eval_specular(receiver_lobe(geometric, shading, f0), shading.xyz, wo, wi);
         }
 #endif
         light += 1u;

@@ -1,7 +1,7 @@
 // As shade.wgsl, for 64 receivers at once: a subgroup walks the tree for a whole cluster and one light.
 // See pass/shade.rs.
-// VISIBILITY: only counts the lights that each receiver sees. See pass/visibility.rs.
-// COUNTERS: with VISIBILITY, also counts what the clusters met.
+// VISIBILITY: only counts the lights visible to each receiver. See pass/visibility.rs.
+// COUNTERS: with VISIBILITY, also counts visited nodes and tests.
 // AREA: with VISIBILITY, the lights are area lights and each ray goes to its own point of one.
 #include "frame.wgsl"
 #include "work.wgsl"
@@ -9,14 +9,18 @@
 #include "bsdf.wgsl"
 #include "lights.wgsl"
 #include "receiver.wgsl"
+#include "triangle.wgsl"
+#include "subgroup.wgsl"
+#include "cluster_walk.wgsl"
+#include "shaft.wgsl"
 #if AREA
 #include "area.wgsl"
 #endif
+#if VISIBILITY
+#else
+#include "light_at.wgsl"
+#endif
 
-@group(0) @binding(1) var<storage, read> wide_nodes: array<vec4<f32>>;
-@group(0) @binding(3) var<storage, read> triangle_v0: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read> triangle_e1: array<vec4<f32>>;
-@group(0) @binding(5) var<storage, read> triangle_e2: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read> receiver_position: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> receiver_geometric: array<vec4<f32>>;
 #if VISIBILITY
@@ -33,35 +37,22 @@
 #if VISIBILITY
 @group(0) @binding(16) var<storage, read_write> visible: array<u32>;
 #if COUNTERS
-// Pairs of a cluster and a light, their rays, nodes, children, leaves and triangles that were tested.
+// Pairs of a cluster and a light; their rays; tested nodes, children, leaves and triangles.
 @group(0) @binding(17) var<storage, read_write> counters: array<atomic<u32>, 6>;
 #endif
 #else
 @group(0) @binding(16) var<storage, read_write> direct: array<vec4<f32>>;
 @group(0) @binding(17) var<storage, read_write> indirect: array<vec4<f32>>;
 @group(0) @binding(18) var<storage, read_write> specular: array<vec4<f32>>;
-// Of each class its first cluster and its first receiver; on a list in the order of the screen, of each cluster its class.
+// First cluster and first receiver of each class; on a list in the order of the screen, the class of each cluster.
 @group(0) @binding(19) var<storage, read> classes: array<vec2<u32>>;
 #endif
 var<immediate> push: Push;
 
-#include "subgroup.wgsl"
-// Rays that each lane holds: a cluster has 64.
-const RAYS: u32 = 64u / LANES;
-// Children of a node, or triangles of a leaf, that each lane holds: eight in all; the lanes from 8 on repeat them.
-const PARTS: u32 = 8u / min(LANES, 8u);
-// Registers that hold the sixteen words of the stack, lane by lane. The host takes this kernel only where that is enough
-// (accel::wide::WideBvh::stack_bound).
-const WORDS: u32 = 16u / min(LANES, 16u);
-// Greatest number of lights for each mask of lights.
-const MASK: u32 = 32u;
-
-#include "shaft.wgsl"
-
 #if VISIBILITY
 #else
-// What a visible light gives to a receiver by way of specular lobes: returns the irradiance that the light's own lobe adds,
-// and adds what the receiver's lobe reflects to `specular`.
+// Light from a visible light through specular lobes: returns the irradiance by the light's own lobe, and adds the radiance that
+// the receiver's lobe reflects to `specular`.
 fn add_lobes(light: u32, p: u32, clip2: f32) -> vec3<f32> {
     let l = lights[light];
     let geometric = receiver_geometric[p];
@@ -72,20 +63,16 @@ fn add_lobes(light: u32, p: u32, clip2: f32) -> vec3<f32> {
     let r2 = dot(d, d);
     let wi = d / sqrt(max(r2, 1e-37));
     let cos_light = -dot(wi, l.normal.xyz);
-    let spot = clamp(cos_light * l.normal.w + l.emit.w, 0.0, 1.0);
-    let plain = l.emit.xyz * (select(1.0, max(cos_light, 0.0), (flags & LIGHT_SURFACE) != 0u) * spot * spot);
-    let light_lobe = Reflectance(vec3<f32>(0.0), l.flux.w, l.f0.xyz, l.wi.w);
-    let shiny = (flags & LIGHT_GLOSSY) != 0u && cos_light > 0.0;
-    let extra = select(vec3<f32>(0.0), l.flux.xyz * eval_specular(light_lobe, l.normal.xyz, l.wi.xyz, -wi) * cos_light, shiny);
-    let factor = max(dot(wi, shading.xyz), 0.0) * (1.0 / max(max(r2, clip2), 1e-37));
-    let lobe = Reflectance(vec3<f32>(0.0), geometric.w, f0.xyz, shading.w);
-    let reflected = eval_specular(lobe, shading.xyz, receiver_wo[p].xyz, wi);
+    let plain = plain_intensity(l.normal, l.emit, flags, cos_light);
+    let extra = lobe_intensity(l, wi, cos_light);
+    let factor = max(dot(wi, shading.xyz), 0.0) * inverse_square(r2, clip2);
+    let reflected = eval_specular(receiver_lobe(geometric, shading, f0), shading.xyz, receiver_wo[p].xyz, wi);
     specular[p] += vec4<f32>(select(vec3<f32>(0.0), (plain + extra) * factor * reflected, f0.w > 0.0), 0.0);
     return extra * factor;
 }
 #endif
 
-// Greatest n . d for n and d in boxes.
+// Maximum of n . d over n and d in boxes.
 fn greatest_dot(n_lo: vec3<f32>, n_hi: vec3<f32>, d_lo: vec3<f32>, d_hi: vec3<f32>) -> f32 {
     let sides = max(max(n_lo * d_lo, n_lo * d_hi), max(n_hi * d_lo, n_hi * d_hi));
     return sides.x + sides.y + sides.z;
@@ -119,7 +106,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     var pixel: array<u32, RAYS>;
     var present = 0u;
-    // Slots without a receiver, and those beyond the last, repeat another one and take no part.
+    // Slots without a receiver, and slots beyond the last, repeat another receiver and take no part.
     var some = NO_RECEIVER;
     for (var r = 0u; r < RAYS; r += 1u) {
         let slot = begin + r * LANES + lane;
@@ -127,8 +114,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         present |= select(0u, 1u << r, pixel[r] != NO_RECEIVER);
         some = min(some, pixel[r]);
     }
-    some = least(some);
-    // A cluster goes on with the light that it did not finish, from the start; all its receivers stand at the same one.
+    some = min_reduce_u32(some);
+    // A cluster starts again with the light that it did not finish; all its receivers have the same progress.
     let start = select(step.first, progress[some].x, step.round > 0u);
     if start >= step.end {
         return;
@@ -170,7 +157,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
 #if VISIBILITY
 #else
-    // Under a SIMD driver a loop that does not run costs less than an `if`, of which all lanes execute both sides.
+    // With a SIMD driver a loop that runs zero times costs less than an `if`, of which all lanes execute both sides.
     for (var r = select(RAYS, 0u, fresh); r < RAYS; r += 1u) {
         if ((present >> r) & 1u) != 0u {
             specular[pixel[r]] = vec4<f32>(0.0);
@@ -178,11 +165,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
 #endif
     lo = min_reduce(lo);
-    hi = -min_reduce(-hi);
+    hi = max_reduce(hi);
     geometric_lo = min_reduce(geometric_lo);
-    geometric_hi = -min_reduce(-geometric_hi);
+    geometric_hi = max_reduce(geometric_hi);
 
-    // Lane k looks at light k: which lights may send anything to the cluster?
+    // Lane k tests whether light k may reach the cluster.
     let count = step.end - step.first;
     var todo = 0u;
 #if VISIBILITY
@@ -201,7 +188,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
 #else
     shading_lo = min_reduce(shading_lo);
-    shading_hi = -min_reduce(-shading_hi);
+    shading_hi = max_reduce(shading_hi);
     for (var base = 0u; base < count; base += LANES) {
         let i = base + lane;
         let l = lights[lights_of_class + step.first + min(i, count - 1u)];
@@ -211,10 +198,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let faces = greatest_dot(geometric_lo, geometric_hi, d_lo, d_hi) > 0.0
             && greatest_dot(shading_lo, shading_hi, d_lo, d_hi) > 0.0;
         let reaches = (flags & LIGHT_SURFACE) == 0u || greatest_dot(l.normal.xyz, l.normal.xyz, -d_hi, -d_lo) > 0.0;
-        // The greatest irradiance, at the nearest point of the cluster's box.
+        // Upper bound of the irradiance, at the nearest point of the cluster's box.
         let nearest = max(max(d_lo, -d_hi), vec3<f32>(0.0));
-        let clip2 = select(0.0, frame.right.w, (flags & LIGHT_CLIPPED) != 0u);
-        let greatest = max(l.emit.x, max(l.emit.y, l.emit.z)) / max(max(dot(nearest, nearest), clip2), 1e-37);
+        let greatest = max(l.emit.x, max(l.emit.y, l.emit.z)) / max(max(dot(nearest, nearest), clip2_of(flags)), 1e-37);
         let glossy_light = (flags & LIGHT_GLOSSY) != 0u && mean3(l.flux.xyz) > 0.0;
         let counts = glossy_light || greatest > frame.pixel_offset.w;
         todo |= select(0u, 1u << (i & 31u), faces && reaches && counts && i < count && step.first + i >= start);
@@ -228,13 +214,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if COUNTERS
     var met: array<u32, 6>;
 #endif
-    // Every visit takes from one budget. What is left when it is spent is carried on by the next round.
+    // All visits share one budget. The next round continues the lights that exceed it.
     var left = step.steps;
     var blocker = 0u;
 #if VISIBILITY
     let kinds = vec2<u32>(0u, 1u);
 #else
-    // First the lights that shine directly, then those behind reflections; the first chunk starts the sums of both.
+    // First the lights of emitters, then those after reflections; the first chunk starts the sums of both.
     let directly = clamp(frame.depths[1].y, step.first, step.end) - step.first;
     let direct_lights = select((1u << (directly & 31u)) - 1u, 0xffffffffu, directly >= 32u);
     let kinds = vec2<u32>(select(0u, 1u, directly == 0u && !fresh), select(2u, 1u, directly == count && !fresh));
@@ -256,7 +242,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if AREA
             let area = area_light(lights[place]);
             let origin = area.centre;
-            // Where the rays start, from the light's centre, and their moments q x d.
+            // Start points of the rays relative to the light's centre, and their moments q x d.
             var q: array<vec3<f32>, RAYS>;
             var moment: array<vec3<f32>, RAYS>;
 #else
@@ -292,8 +278,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 let lit = faces && reaches && ((present >> r) & 1u) != 0u;
 #endif
                 alive |= select(0u, 1u << r, lit);
-                let tiny = vec3<f32>(1e-30);
-                inverse[r] = 1.0 / select(d[r], select(tiny, -tiny, d[r] < vec3<f32>(0.0)), abs(d[r]) < tiny);
+                inverse[r] = safe_inverse(d[r]);
             }
 #if COUNTERS
             met[0] += 1u;
@@ -305,81 +290,36 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             let shaft = make_shaft(lo - origin, hi - origin);
 #endif
 
-            // A word of the stack: children of one node that are still to be visited, as the first child's node and, from bit 24,
-            // a mask. Lane i holds word i, and where there are more words than lanes word i + LANES, and so on.
-            var stack: array<u32, WORDS>;
-            var top = 0u;
-            var base = 0u;
-            var pending = select(0u, 1u, or_reduce(alive) != 0u);
+            // The root is pending unless no ray is alive.
+            var walk: Walk;
+            walk.pending = select(0u, 1u, or_reduce(alive) != 0u);
             // The leaf that blocked the last cluster-light pair is tried first: it often blocks this one too.
             var child: array<u32, PARTS>;
             for (var part = 0u; part < PARTS; part += 1u) {
                 child[part] = blocker;
             }
-            var leaves = select(0u, 1u, pending != 0u && blocker != 0u);
-            var more = pending != 0u;
+            var leaves = select(0u, 1u, walk.pending != 0u && blocker != 0u);
+            var more = walk.pending != 0u;
             while more && left > 0u {
-                // Leaves: lane k sets up triangle k; those in the shaft are tested against the rays.
+                // Leaves: lane k sets up triangle k; triangles in the shaft are tested against the rays.
                 loop {
                     left = max(left, 1u) - 1u;
                     let leaf = firstTrailingBit(leaves) & 7u;
-                    let entry = subgroupShuffle(select(child[0], child[PARTS - 1u], leaf >= LANES), leaf & (LANES - 1u));
+                    let entry = u32_of(&child, leaf);
                     let count = select(0u, entry >> 28u, leaves != 0u);
 #if COUNTERS
                     met[4] += select(0u, 1u, leaves != 0u);
 #endif
                     leaves &= leaves - 1u;
                     let index = entry & 0x0fffffffu;
-                    var n0: array<vec3<f32>, PARTS>;
-                    var n1: array<vec3<f32>, PARTS>;
-                    var n_sum: array<vec3<f32>, PARTS>;
-                    var reach: array<f32, PARTS>;
-#if AREA
-                    var edge0: array<vec3<f32>, PARTS>;
-                    var edge1: array<vec3<f32>, PARTS>;
-#endif
+                    var planes: array<Planes, PARTS>;
                     var taking_part = 0u;
                     for (var part = 0u; part < PARTS; part += 1u) {
-                        let k = part * LANES + (lane & 7u);
-                        let i = index + min(k, max(count, 1u) - 1u);
-                        let a = triangle_v0[i].xyz - origin;
-                        let e1 = triangle_e1[i].xyz;
-                        let e2 = triangle_e2[i].xyz;
-                        let b = a + e1;
-                        let c = a + e2;
-                        // Planes through the light and each edge, formed from differences: products of far corners would lose
-                        // the depth of small triangles. All turned so that a ray inside has positive products, which are then
-                        // proportional to barycentric coordinates.
-                        let face = cross(e1, e2);
-                        let depth = dot(face, a);
-#if AREA
-                        // Rays from different points may come from different sides: each ray turns the planes itself. These are
-                        // the planes through the light's centre; with q the sum b + c becomes b + c - 2 q.
-                        let side = 1.0;
-                        edge0[part] = 2.0 * (e1 - e2);
-                        edge1[part] = 2.0 * e2;
-#else
-                        let side = select(1.0, -1.0, depth < 0.0);
-#endif
-                        let m0 = side * cross(e1 - e2, b + c);
-                        let m1 = side * cross(e2, c + a);
-                        let m2 = side * cross(-e1, a + b);
-                        // The slack of a single ray's test, which makes each product larger by that share of their sum.
-                        const SLACK: f32 = 1e-5;
-                        let slack = SLACK * (m0 + m1 + m2);
-                        n0[part] = m0 + slack;
-                        n1[part] = m1 + slack;
-                        // The three planes add up to twice the triangle's own.
-                        n_sum[part] = (side * 2.0 * (1.0 + 3.0 * SLACK)) * face;
-#if AREA
-                        reach[part] = depth * (2.0 * (1.0 + 3.0 * SLACK));
-                        let takes_part = shaft_meets(shaft, min(a, min(b, c)), max(a, max(b, c))) && k < count;
-                        taking_part |= select(0u, 1u << k, takes_part);
-#else
-                        reach[part] = abs(depth) * (2.0 * (1.0 + 3.0 * SLACK));
-                        let in_shaft = shaft_meets(shaft, min(a, min(b, c)), max(a, max(b, c)));
-                        taking_part |= select(0u, 1u << k, in_shaft && k < count && depth != 0.0);
-#endif
+                        let k = number_of(part, lane);
+                        let triangle = set_up_triangle(index + min(k, max(count, 1u) - 1u), origin);
+                        planes[part] = triangle.planes;
+                        let in_shaft = shaft_meets(shaft, triangle.lo, triangle.hi);
+                        taking_part |= select(0u, 1u << k, in_shaft && k < count && !triangle.edge_on);
                     }
                     var survivors = or_reduce(taking_part);
                     loop {
@@ -390,30 +330,19 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                         met[5] += select(0u, 1u, any);
 #endif
                         survivors &= survivors - 1u;
-                        let upper = k >= LANES;
-                        let at = k & (LANES - 1u);
-                        let k_n0 = subgroupShuffle(select(n0[0], n0[PARTS - 1u], upper), at);
-                        let k_n1 = subgroupShuffle(select(n1[0], n1[PARTS - 1u], upper), at);
-                        let k_sum = subgroupShuffle(select(n_sum[0], n_sum[PARTS - 1u], upper), at);
-                        let k_reach = select(3.0e38, subgroupShuffle(select(reach[0], reach[PARTS - 1u], upper), at), any);
-#if AREA
-                        let k_edge0 = subgroupShuffle(select(edge0[0], edge0[PARTS - 1u], upper), at);
-                        let k_edge1 = subgroupShuffle(select(edge1[0], edge1[PARTS - 1u], upper), at);
-#endif
+                        let k_planes = planes_of(&planes, k);
+                        let reach = select(3.0e38, k_planes.reach, any);
                         for (var r = 0u; r < RAYS; r += 1u) {
 #if AREA
-                            // What moving a plane to q takes away: (2 edge x q) . d = 2 edge . (q x d).
-                            let depth = k_reach - dot(k_sum, q[r]);
+                            // The planes move to q: (2 edge x q) . d = 2 edge . (q x d).
+                            let depth = reach - dot(k_planes.n_sum, q[r]);
                             let side = select(1.0, -1.0, depth < 0.0);
-                            let b0 = side * (dot(k_n0, d[r]) - dot(k_edge0, moment[r]));
-                            let b1 = side * (dot(k_n1, d[r]) - dot(k_edge1, moment[r]));
-                            let b = side * dot(k_sum, d[r]);
-                            let blocked = b0 >= 0.0 && b1 >= 0.0 && b - b0 >= b1 && b > abs(depth) && depth != 0.0;
+                            let moves = vec3<f32>(dot(k_planes.edge0, moment[r]), dot(k_planes.edge1, moment[r]), 0.0);
+                            let b = side * (products(k_planes, d[r]) - moves);
+                            let blocked = passes_inside(b) && b.z > abs(depth) && depth != 0.0;
 #else
-                            let b0 = dot(k_n0, d[r]);
-                            let b1 = dot(k_n1, d[r]);
-                            let b = dot(k_sum, d[r]); // b0 + b1 + b2
-                            let blocked = b0 >= 0.0 && b1 >= 0.0 && b - b0 >= b1 && b > k_reach;
+                            let b = products(k_planes, d[r]);
+                            let blocked = passes_inside(b) && b.z > reach;
 #endif
                             alive &= ~select(0u, 1u << r, blocked);
                         }
@@ -423,68 +352,54 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                     }
                     let dead = or_reduce(alive) == 0u;
                     blocker = select(blocker, entry, dead);
-                    pending = select(pending, 0u, dead);
-                    top = select(top, 0u, dead);
+                    walk.pending = select(walk.pending, 0u, dead);
+                    walk.top = select(walk.top, 0u, dead);
                     leaves = select(leaves, 0u, dead);
                     if leaves == 0u {
                         break;
                     }
                 }
                 leaves = 0u;
-                more = pending != 0u;
+                more = walk.pending != 0u;
                 loop {
                     left = max(left, 1u) - 1u;
-                    let node = select(0u, base + firstTrailingBit(pending), more);
+                    let node = select(0u, walk.base + firstTrailingBit(walk.pending), more);
 #if COUNTERS
                     met[2] += select(0u, 1u, more);
 #endif
-                    let rest = pending & (pending - 1u);
-                    let push = rest != 0u;
-                    let word = base | (rest << 24u);
-                    for (var w = 0u; w < WORDS; w += 1u) {
-                        stack[w] = select(stack[w], word, push && lane + w * LANES == top);
-                    }
-                    top += select(0u, 1u, push);
+                    push_rest(&walk, walk.pending & (walk.pending - 1u), lane);
 
                     var box_lo: array<vec3<f32>, PARTS>;
                     var box_hi: array<vec3<f32>, PARTS>;
                     var in_shaft = 0u;
                     var is_leaf = 0u;
                     for (var part = 0u; part < PARTS; part += 1u) {
-                        let k = part * LANES + (lane & 7u);
-                        let a = wide_nodes[16u * node + 2u * k];
-                        let b = wide_nodes[16u * node + 2u * k + 1u];
-                        box_lo[part] = a.xyz - origin;
-                        box_hi[part] = b.xyz - origin;
-                        child[part] = bitcast<u32>(a.w) | (bitcast<u32>(b.w) << 28u);
-                        in_shaft |= select(0u, 1u << k, shaft_meets(shaft, box_lo[part], box_hi[part]));
-                        is_leaf |= select(0u, 1u << k, child[part] >= 0x10000000u);
+                        let k = number_of(part, lane);
+                        let loaded = load_child(node, k, origin);
+                        box_lo[part] = loaded.lo;
+                        box_hi[part] = loaded.hi;
+                        child[part] = loaded.entry;
+                        in_shaft |= select(0u, 1u << k, shaft_meets(shaft, loaded.lo, loaded.hi));
+                        is_leaf |= select(0u, 1u << k, is_leaf_entry(loaded.entry));
                     }
                     var survivors = or_reduce(in_shaft);
                     var met_by = 0u;
                     loop {
                         left = max(left, 1u) - 1u;
                         let k = firstTrailingBit(survivors) & 7u;
-                        let upper = k >= LANES;
-                        let k_lo = subgroupShuffle(select(box_lo[0], box_lo[PARTS - 1u], upper), k & (LANES - 1u));
-                        let k_hi = subgroupShuffle(select(box_hi[0], box_hi[PARTS - 1u], upper), k & (LANES - 1u));
+                        let k_lo = vec3_of(&box_lo, k);
+                        let k_hi = vec3_of(&box_hi, k);
 #if COUNTERS
                         met[3] += select(0u, 1u, survivors != 0u);
 #endif
                         var hits = 0u;
                         for (var r = 0u; r < RAYS; r += 1u) {
 #if AREA
-                            let t0 = bitcast<vec3<i32>>((k_lo - q[r]) * inverse[r]);
-                            let t1 = bitcast<vec3<i32>>((k_hi - q[r]) * inverse[r]);
+                            let meets = slabs_meet((k_lo - q[r]) * inverse[r], (k_hi - q[r]) * inverse[r], 1.0);
 #else
-                            let t0 = bitcast<vec3<i32>>(k_lo * inverse[r]);
-                            let t1 = bitcast<vec3<i32>>(k_hi * inverse[r]);
+                            let meets = slabs_meet(k_lo * inverse[r], k_hi * inverse[r], 1.0);
 #endif
-                            let near3 = min(t0, t1);
-                            let far3 = max(t0, t1);
-                            let near = bitcast<f32>(max(max(near3.x, near3.y), max(near3.z, 0)));
-                            let far = bitcast<f32>(min(min(far3.x, far3.y), min(far3.z, 0x3f800000))) * 1.000001;
-                            hits |= select(0u, 1u << r, near <= far);
+                            hits |= select(0u, 1u << r, meets);
                         }
                         met_by |= select(0u, (survivors & (~survivors + 1u)), (hits & alive) != 0u);
                         survivors &= survivors - 1u;
@@ -495,22 +410,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                     met_by = or_reduce(met_by);
                     let leaf_children = or_reduce(is_leaf);
                     leaves = select(0u, met_by & leaf_children, more);
-                    pending = select(0u, met_by & ~leaf_children, more);
-                    base = subgroupShuffle(child[0], 0u);
-                    let pop = pending == 0u && top > 0u;
-                    top -= select(0u, 1u, pop);
-                    var words = stack[0];
-                    for (var w = 1u; w < WORDS; w += 1u) {
-                        words = select(words, stack[w], top / LANES == w);
-                    }
-                    let popped = subgroupShuffle(words, top & (LANES - 1u));
-                    base = select(base, popped & 0xffffffu, pop);
-                    pending = select(pending, popped >> 24u, pop);
-                    if leaves != 0u || pending == 0u || left == 0u {
+                    walk.pending = select(0u, met_by & ~leaf_children, more);
+                    walk.base = subgroupShuffle(child[0], 0u);
+                    _ = pop_if_done(&walk);
+                    if leaves != 0u || walk.pending == 0u || left == 0u {
                         break;
                     }
                 }
-                more = leaves != 0u || pending != 0u;
+                more = leaves != 0u || walk.pending != 0u;
             }
             if more {
                 break;
@@ -521,14 +428,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 seen[r] += (alive >> r) & 1u;
             }
 #else
-            let clip2 = select(0.0, frame.right.w, (flags & LIGHT_CLIPPED) != 0u);
+            let clip2 = clip2_of(flags);
             for (var r = 0u; r < RAYS; r += 1u) {
                 let r2 = dot(d[r], d[r]);
                 let wi = -d[r] / sqrt(max(r2, 1e-37));
                 let cos_light = -dot(wi, l_normal.xyz);
-                let spot = clamp(cos_light * l_normal.w + l_emit.w, 0.0, 1.0);
-                let intensity = l_emit.xyz * (select(1.0, max(cos_light, 0.0), surface) * spot * spot);
-                let factor = dot(wi, shading[r]) * (1.0 / max(max(r2, clip2), 1e-37));
+                let intensity = plain_intensity(l_normal, l_emit, flags, cos_light);
+                let factor = dot(wi, shading[r]) * inverse_square(r2, clip2);
                 sum[r] += intensity * select(0.0, factor, ((alive >> r) & 1u) != 0u);
             }
             // Specular lobes, of the light or of receivers, are rarer: ray by ray.
@@ -557,7 +463,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #endif
     }
 #if COUNTERS
-    // All lanes count the same, but for their rays.
+    // All lanes have the same counts, except for their rays.
     for (var i = 0u; i < 6u; i += 1u) {
         atomicAdd(&counters[i], select(0u, met[i], i == 1u || lane == 0u));
     }
@@ -570,7 +476,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         }
     }
 #endif
-    // Receivers stand at no light (pass::shade::NO_LIGHT_LEFT) unless something is left to do.
+    // Their progress says that no light is left (pass::shade::NO_LIGHT_LEFT) unless it is set here.
     for (var r = select(RAYS, 0u, reached < step.end || step.round > 0u); r < RAYS; r += 1u) {
         if ((present >> r) & 1u) != 0u {
             progress[pixel[r]] = vec2<u32>(reached, 0u);

@@ -1,4 +1,4 @@
-// Where the receivers of each class of pixels begin on the sorted list, and their clusters. See pass/sort.rs.
+// Finds the first receiver and the first cluster of each class of pixels on the sorted list. See pass/sort.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "sort.wgsl"

@@ -1,4 +1,4 @@
-// How often each digit occurs in each run. See pass/sort.rs.
+// Counts the occurrences of each digit in each run. See pass/sort.rs.
 #include "work.wgsl"
 #include "sort.wgsl"
 

@@ -1,4 +1,4 @@
-// Keys of the receivers on a list: the class, and below it the Morton codes of their positions. See pass/sort.rs.
+// Writes the keys of the receivers on a list: the class in the upper bits, below it the Morton code of the position. See pass/sort.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "sort.wgsl"
@@ -8,10 +8,10 @@
 @group(0) @binding(3) var<storage, read> receiver_position: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read_write> keys: array<vec2<u32>>;
 
-// Dead slots go to the end, behind all receivers.
+// Slots without a receiver go to the end.
 const DEAD_KEY: u32 = 0xffffffffu;
 
-// Every third bit, for 8 bits.
+// Spreads 8 bits to every third bit.
 fn spread_bits(x: u32) -> u32 {
     var y = x & 0xffu;
     y = (y | (y << 8u)) & 0x00f00fu;

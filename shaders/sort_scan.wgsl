@@ -1,4 +1,4 @@
-// A level of the scan: counts become exclusive prefix sums, stretch by stretch, each from its base. See pass/sort.rs.
+// A level of the scan: turns counts into exclusive prefix sums, each stretch from its base. See pass/sort.rs.
 #include "work.wgsl"
 #include "sort.wgsl"
 

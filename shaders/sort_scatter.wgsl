@@ -1,4 +1,4 @@
-// Keys move to their places by the present digit. See pass/sort.rs.
+// Moves keys to their places by the present digit. See pass/sort.rs.
 #include "work.wgsl"
 #include "sort.wgsl"
 
@@ -26,7 +26,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let place = counts[slot];
         counts[slot] = place + 1u;
         sorted[place] = key;
-        // The last digit leaves the list itself in order.
+        // After the last digit the list itself is in order.
         list[select(i, place, step.last == 1u)] = key.y;
     }
 }

@@ -1,4 +1,4 @@
-// A level of the scan: the sum of each stretch of the level below. See pass/sort.rs.
+// A level of the scan: sums up each stretch of the level below. See pass/sort.rs.
 #include "work.wgsl"
 #include "sort.wgsl"
 

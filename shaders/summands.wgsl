@@ -1,6 +1,8 @@
-// The summands of a pass's image, each added to its own running sums. See pass/summands.rs.
+// Adds each summand of a pass's image to its own running sums. See pass/summands.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
+#include "radiance.wgsl"
+#include "kahan.wgsl"
 
 @group(0) @binding(1) var<storage, read> status: array<u32>;
 @group(0) @binding(2) var<storage, read> receiver_kd: array<vec4<f32>>;
@@ -18,11 +20,6 @@
 @group(0) @binding(14) var<storage, read_write> sum_specular: array<vec4<f32>>;
 @group(0) @binding(15) var<storage, read_write> rest_specular: array<vec4<f32>>;
 
-// As in accumulate.wgsl.
-fn opaque(v: vec4<f32>) -> vec4<f32> {
-    return bitcast<vec4<f32>>(bitcast<vec4<u32>>(v) ^ vec4<u32>(frame.scene.w));
-}
-
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let pixel = (group.x + group.y * groups.x) * 64u + lane;
@@ -31,31 +28,27 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let seen = emitted[pixel];
     let through = throughput[pixel].xyz;
-    let lit = receiver_wo[pixel].w > 0.0;
+    let light = lighting_of(pixel);
     let zero = vec3<f32>(0.0);
-    let irradiance = select(zero, direct[pixel].xyz + indirect[pixel].xyz, lit);
-    let body = through * receiver_kd[pixel].xyz * INV_PI * irradiance;
-    let gloss = select(zero, through * specular[pixel].xyz, lit) + reflected[pixel].xyz;
-    // What is seen in a mirror or through glass is the specular summand of the mirror or the glass.
+    let body = diffuse_radiance(through * receiver_kd[pixel].xyz, light.e_direct + light.e_indirect);
+    let gloss = through * light.l_specular + reflected[pixel].xyz;
+    // Light seen in a mirror or through glass belongs to the specular summand of the mirror or the glass.
     let by_mirror = seen.w > 0.0;
     let emission = select(seen.xyz, zero, by_mirror);
     let diffuse = select(body, zero, by_mirror);
     let mirrored = gloss + select(zero, seen.xyz + body, by_mirror);
-    // Whoever adds up the image knows of no second components.
+    // `accumulate` reads no second components, so their light is added here.
     emitted[pixel] = vec4<f32>(seen.xyz + reflected[pixel].xyz, seen.w);
     if status[0] != 0u {
         return;
     }
-    let y0 = vec4<f32>(emission, 0.0) - rest_emission[pixel];
-    let t0 = opaque(sum_emission[pixel] + y0);
-    rest_emission[pixel] = (t0 - sum_emission[pixel]) - y0;
-    sum_emission[pixel] = t0;
-    let y1 = vec4<f32>(diffuse, 0.0) - rest_diffuse[pixel];
-    let t1 = opaque(sum_diffuse[pixel] + y1);
-    rest_diffuse[pixel] = (t1 - sum_diffuse[pixel]) - y1;
-    sum_diffuse[pixel] = t1;
-    let y2 = vec4<f32>(mirrored, 0.0) - rest_specular[pixel];
-    let t2 = opaque(sum_specular[pixel] + y2);
-    rest_specular[pixel] = (t2 - sum_specular[pixel]) - y2;
-    sum_specular[pixel] = t2;
+    let emission_sum = sum_with(CompensatedSum(sum_emission[pixel], rest_emission[pixel]), vec4<f32>(emission, 0.0));
+    sum_emission[pixel] = emission_sum.sum;
+    rest_emission[pixel] = emission_sum.rest;
+    let diffuse_sum = sum_with(CompensatedSum(sum_diffuse[pixel], rest_diffuse[pixel]), vec4<f32>(diffuse, 0.0));
+    sum_diffuse[pixel] = diffuse_sum.sum;
+    rest_diffuse[pixel] = diffuse_sum.rest;
+    let specular_sum = sum_with(CompensatedSum(sum_specular[pixel], rest_specular[pixel]), vec4<f32>(mirrored, 0.0));
+    sum_specular[pixel] = specular_sum.sum;
+    rest_specular[pixel] = specular_sum.rest;
 }

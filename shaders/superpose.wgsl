@@ -1,4 +1,4 @@
-// The spread mirror image, dimmed by the plane's reflectance, is added to its pixels. See pass/superpose.rs.
+// Adds the spread mirror image, times the plane's reflectance, to its pixels. See pass/superpose.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -11,15 +11,15 @@
 @group(0) @binding(5) var<storage, read_write> work: Work;
 @group(0) @binding(6) var<storage, read> tiles: array<u32>;
 @group(0) @binding(7) var<storage, read> region: array<u32>;
-@group(0) @binding(8) var<storage, read> spread: array<vec4<f32>>;     // by the tail of the kernel
-@group(0) @binding(10) var<storage, read> core: array<vec4<f32>>;       // by its core
+@group(0) @binding(8) var<storage, read> spread: array<vec4<f32>>;     // spread by the tail of the kernel
+@group(0) @binding(10) var<storage, read> core: array<vec4<f32>>;       // spread by its core
 @group(0) @binding(11) var<storage, read> panes: array<vec4<f32>>;     // two for each pixel of a frosted pane
 @group(0) @binding(9) var<storage, read> maps: array<vec4<f32>>;       // reflectance maps
 
 const FORM_MAP: u32 = 1u;
 const FORM_FRESNEL: u32 = 2u;
 
-// Fresnel's term fitted to the reflectance at normal incidence (Bastos 1999, equations 6.10 to 6.14), by bands.
+// Fresnel term fitted to the reflectance at normal incidence (Bastos 1999, equations 6.10 to 6.14), for each band.
 fn fresnel_fitted(f0: vec3<f32>, cos: f32) -> vec3<f32> {
     let root = sqrt(clamp(f0, vec3<f32>(0.0), vec3<f32>(0.999999)));
     let n = (1.0 + root) / (1.0 - root);

@@ -1,38 +1,30 @@
-// Lists the marked tiles in their order. See pass/tiles.rs.
+// Lists the marked tiles in order. See pass/tiles.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
+#include "stretches.wgsl"
 
 @group(0) @binding(1) var<storage, read> marks: array<u32>;
 @group(0) @binding(2) var<storage, read_write> list: array<u32>;
 @group(0) @binding(3) var<storage, read_write> work: Work;
 
-var<workgroup> sums: array<u32, 64>;
-
-// One workgroup, each invocation of which has a stretch of the tiles.
+// One workgroup.
 @compute @workgroup_size(64)
 fn main(@builtin(local_invocation_index) lane: u32) {
     let tiles = (frame.size.xy + 7u) / 8u;
     let count = tiles.x * tiles.y;
-    let stretch = (count + 63u) / 64u;
-    let first = min(lane * stretch, count);
-    let end = min(first + stretch, count);
-    var sum = 0u;
-    for (var i = first; i < end; i += 1u) {
-        sum += marks[i];
+    let stretch = stretch_of(lane, count);
+    var marked = 0u;
+    for (var i = stretch.first; i < stretch.end; i += 1u) {
+        marked += marks[i];
     }
-    sums[lane] = sum;
-    workgroupBarrier();
-    var place = 0u;
-    for (var i = 0u; i < lane; i += 1u) {
-        place += sums[i];
-    }
-    for (var i = first; i < end; i += 1u) {
+    var place = sum_before(lane, marked);
+    for (var i = stretch.first; i < stretch.end; i += 1u) {
         if marks[i] != 0u {
             list[place] = i;
             place += 1u;
         }
     }
-    // The last stretch ends with the last tile. A workgroup for each listed tile, spread over two dimensions.
+    // The last lane knows the number of listed tiles. One workgroup for each, spread over two dimensions.
     if lane == 63u {
         atomicStore(&work.live, place);
         let x = min(place, 32768u);

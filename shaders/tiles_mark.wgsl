@@ -1,4 +1,4 @@
-// Marks the tiles of 8 x 8 pixels in which an eye ray met a mirror, glass or a glossy plane. See pass/tiles.rs.
+// Marks the tiles of 8 x 8 pixels in which an eye ray hit a mirror, glass or a glossy plane. See pass/tiles.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"

@@ -1,6 +1,7 @@
-// Closest hits of a batch of rays, in rounds of bounded length. See pass/trace.rs.
+// Finds the closest hits of a batch of rays, in rounds of bounded length. See pass/trace.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
+#include "math.wgsl"
 #include "bvh.wgsl"
 #include "triangle.wgsl"
 
@@ -23,7 +24,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if index >= count {
         return;
     }
-    // Both operands of `select` are evaluated, and the list may be shorter than a batch without one.
+    // `select` evaluates both operands, and the list may be shorter than a batch without a list.
     let ray = select(index, list[select(0u, index, listed)], listed);
     let nodes = frame.scene.x;
     let origin4 = ray_origin[ray];

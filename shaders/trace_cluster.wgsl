@@ -1,11 +1,12 @@
-// Closest hits of the eye's rays, 64 at once: a subgroup walks the tree for a tile of 8 x 8 pixels. See pass/trace.rs.
+// Finds the closest hits of 64 eye rays at once: a subgroup walks the tree for a tile of 8 x 8 pixels. See pass/trace.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
+#include "math.wgsl"
 #include "triangle.wgsl"
 #include "subgroup.wgsl"
+#include "cluster_walk.wgsl"
 #include "shaft.wgsl"
 
-@group(0) @binding(1) var<storage, read> wide_nodes: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> ray_direction: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read_write> hits: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read_write> progress: array<vec2<u32>>;
@@ -13,32 +14,13 @@
 @group(0) @binding(12) var<storage, read> steps: array<Step>;
 var<immediate> push: Push;
 
-// As in shade_cluster.wgsl.
-const RAYS: u32 = 64u / LANES;
-const PARTS: u32 = 8u / min(LANES, 8u);
-const WORDS: u32 = 16u / min(LANES, 16u);
-
 const FAR: f32 = 3.0e38;
 const NOTHING: u32 = 0xffffffffu;
 
-fn min_of(x: u32) -> u32 {
-    var y = x;
-    y = min(y, subgroupShuffleXor(y, 1u));
-    y = min(y, subgroupShuffleXor(y, 2u));
-    if LANES > 4u {
-        y = min(y, subgroupShuffleXor(y, 4u));
-    }
-    // From eight lanes on they repeat each other.
-    return y;
-}
-
-// Where the shaft enters a box; beyond `far` if it does not. As shaft_meets, but for rays without an end.
+// Distance at which the shaft enters a box, at most `far`; FAR if it misses the box.
 fn shaft_enters(shaft: Shaft, lo: vec3<f32>, hi: vec3<f32>, far: f32) -> f32 {
-    let enter = max(bitcast<vec3<i32>>(lo * shaft.enter_lo), bitcast<vec3<i32>>(hi * shaft.enter_hi));
-    let leave = bitcast<vec3<i32>>(select(lo, hi, shaft.positive) * shaft.leave + shaft.never);
-    let t_near = bitcast<f32>(max(max(enter.x, enter.y), max(enter.z, 0)));
-    let t_far = bitcast<f32>(min(min(leave.x, leave.y), min(leave.z, bitcast<i32>(far)))) * 1.000002;
-    return select(FAR, t_near, t_near <= t_far);
+    let span = shaft_span(shaft, lo, hi, far);
+    return select(FAR, span.x, span.x <= span.y);
 }
 
 @compute @workgroup_size(LANES)
@@ -54,7 +36,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var ray: array<u32, RAYS>;
     var d: array<vec3<f32>, RAYS>;
     var inverse: array<vec3<f32>, RAYS>;
-    // Closest so far: distance and triangle.
+    // Closest hit so far: distance and triangle.
     var best: array<f32, RAYS>;
     var nearest: array<u32, RAYS>;
     var present = 0u;
@@ -68,21 +50,18 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         present |= select(0u, 1u << r, all(at == inside));
         ray[r] = inside.x + inside.y * frame.size.x;
         d[r] = ray_direction[ray[r]].xyz;
-        let tiny = vec3<f32>(1e-30);
-        inverse[r] = 1.0 / select(d[r], select(tiny, -tiny, d[r] < vec3<f32>(0.0)), abs(d[r]) < tiny);
+        inverse[r] = safe_inverse(d[r]);
         best[r] = FAR;
         nearest[r] = NOTHING;
         lo = min(lo, d[r]);
         hi = max(hi, d[r]);
     }
-    let shaft = make_shaft(min_reduce(lo), -min_reduce(-hi));
+    let shaft = make_shaft(min_reduce(lo), max_reduce(hi));
 
     var left = step.steps;
-    // The stack is that of shade_cluster.wgsl; of a node's children the nearest is visited first.
-    var stack: array<u32, WORDS>;
-    var top = 0u;
-    var base = 0u;
-    var pending = 1u;
+    // The nearest of a node's children is visited first.
+    var walk: Walk;
+    walk.pending = 1u;
     var chosen = 0u;
     var far = FAR;
     var more = true;
@@ -91,14 +70,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         var leaves = 0u;
         loop {
             left = max(left, 1u) - 1u;
-            let node = base + chosen;
-            let rest = pending & ~(1u << chosen);
-            let push = rest != 0u;
-            let word = base | (rest << 24u);
-            for (var w = 0u; w < WORDS; w += 1u) {
-                stack[w] = select(stack[w], word, push && lane + w * LANES == top);
-            }
-            top += select(0u, 1u, push);
+            let node = walk.base + chosen;
+            push_rest(&walk, walk.pending & ~(1u << chosen), lane);
 
             var box_lo: array<vec3<f32>, PARTS>;
             var box_hi: array<vec3<f32>, PARTS>;
@@ -107,34 +80,26 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             var in_shaft = 0u;
             var is_leaf = 0u;
             for (var part = 0u; part < PARTS; part += 1u) {
-                let k = part * LANES + (lane & 7u);
-                let a = wide_nodes[16u * node + 2u * k];
-                let b = wide_nodes[16u * node + 2u * k + 1u];
-                box_lo[part] = a.xyz - eye;
-                box_hi[part] = b.xyz - eye;
-                child[part] = bitcast<u32>(a.w) | (bitcast<u32>(b.w) << 28u);
-                let enter = shaft_enters(shaft, box_lo[part], box_hi[part], far);
+                let k = number_of(part, lane);
+                let loaded = load_child(node, k, eye);
+                box_lo[part] = loaded.lo;
+                box_hi[part] = loaded.hi;
+                child[part] = loaded.entry;
+                let enter = shaft_enters(shaft, loaded.lo, loaded.hi, far);
                 order[part] = (bitcast<u32>(enter) & ~7u) | k;
                 in_shaft |= select(0u, 1u << k, enter < FAR);
-                is_leaf |= select(0u, 1u << k, child[part] >= 0x10000000u);
+                is_leaf |= select(0u, 1u << k, is_leaf_entry(loaded.entry));
             }
             var survivors = or_reduce(in_shaft);
             var met_by = 0u;
             loop {
                 left = max(left, 1u) - 1u;
                 let k = firstTrailingBit(survivors) & 7u;
-                let upper = k >= LANES;
-                let k_lo = subgroupShuffle(select(box_lo[0], box_lo[PARTS - 1u], upper), k & (LANES - 1u));
-                let k_hi = subgroupShuffle(select(box_hi[0], box_hi[PARTS - 1u], upper), k & (LANES - 1u));
+                let k_lo = vec3_of(&box_lo, k);
+                let k_hi = vec3_of(&box_hi, k);
                 var met = false;
                 for (var r = 0u; r < RAYS; r += 1u) {
-                    let t0 = bitcast<vec3<i32>>(k_lo * inverse[r]);
-                    let t1 = bitcast<vec3<i32>>(k_hi * inverse[r]);
-                    let near3 = min(t0, t1);
-                    let far3 = max(t0, t1);
-                    let near = bitcast<f32>(max(max(near3.x, near3.y), max(near3.z, 0)));
-                    let end = bitcast<f32>(min(min(far3.x, far3.y), min(far3.z, bitcast<i32>(best[r])))) * 1.000001;
-                    met = met || near <= end;
+                    met = met || slabs_meet(k_lo * inverse[r], k_hi * inverse[r], best[r]);
                 }
                 met_by |= select(0u, (survivors & (~survivors + 1u)), met);
                 survivors &= survivors - 1u;
@@ -145,65 +110,37 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             met_by = or_reduce(met_by);
             let leaf_children = or_reduce(is_leaf);
             leaves = met_by & leaf_children;
-            pending = met_by & ~leaf_children;
-            base = subgroupShuffle(child[0], 0u);
+            walk.pending = met_by & ~leaf_children;
+            walk.base = subgroupShuffle(child[0], 0u);
             var first = NOTHING;
             for (var part = 0u; part < PARTS; part += 1u) {
-                first = min(first, select(NOTHING, order[part], ((pending >> (order[part] & 7u)) & 1u) != 0u));
+                first = min(first, select(NOTHING, order[part], ((walk.pending >> (order[part] & 7u)) & 1u) != 0u));
             }
-            chosen = min_of(first) & 7u;
-            let pop = pending == 0u && top > 0u;
-            top -= select(0u, 1u, pop);
-            var words = stack[0];
-            for (var w = 1u; w < WORDS; w += 1u) {
-                words = select(words, stack[w], top / LANES == w);
-            }
-            let popped = subgroupShuffle(words, top & (LANES - 1u));
-            base = select(base, popped & 0xffffffu, pop);
-            pending = select(pending, popped >> 24u, pop);
-            chosen = select(chosen, firstTrailingBit(pending) & 7u, pop);
-            if leaves != 0u || pending == 0u || left == 0u {
+            chosen = min_of_eight(first) & 7u;
+            let popped = pop_if_done(&walk);
+            chosen = select(chosen, firstTrailingBit(walk.pending) & 7u, popped);
+            if leaves != 0u || walk.pending == 0u || left == 0u {
                 break;
             }
         }
-        more = pending != 0u;
+        more = walk.pending != 0u;
 
-        // Leaves: lane k sets up triangle k; those in the shaft are tested against the rays.
+        // Leaves: lane k sets up triangle k; triangles in the shaft are tested against the rays.
         loop {
             left = max(left, 1u) - 1u;
             let leaf = firstTrailingBit(leaves) & 7u;
-            let entry = subgroupShuffle(select(child[0], child[PARTS - 1u], leaf >= LANES), leaf & (LANES - 1u));
+            let entry = u32_of(&child, leaf);
             let count = select(0u, entry >> 28u, leaves != 0u);
             leaves &= leaves - 1u;
             let index = entry & 0x0fffffffu;
-            var n0: array<vec3<f32>, PARTS>;
-            var n1: array<vec3<f32>, PARTS>;
-            var n_sum: array<vec3<f32>, PARTS>;
-            var reach: array<f32, PARTS>;
+            var planes: array<Planes, PARTS>;
             var taking_part = 0u;
             for (var part = 0u; part < PARTS; part += 1u) {
-                let k = part * LANES + (lane & 7u);
-                let i = index + min(k, max(count, 1u) - 1u);
-                let a = triangle_v0[i].xyz - eye;
-                let e1 = triangle_e1[i].xyz;
-                let e2 = triangle_e2[i].xyz;
-                let b = a + e1;
-                let c = a + e2;
-                // Planes through the eye and each edge, as in shade_cluster.wgsl.
-                let face = cross(e1, e2);
-                let depth = dot(face, a);
-                let side = select(1.0, -1.0, depth < 0.0);
-                let m0 = side * cross(e1 - e2, b + c);
-                let m1 = side * cross(e2, c + a);
-                let m2 = side * cross(-e1, a + b);
-                const SLACK: f32 = 1e-5;
-                let slack = SLACK * (m0 + m1 + m2);
-                n0[part] = m0 + slack;
-                n1[part] = m1 + slack;
-                n_sum[part] = (side * 2.0 * (1.0 + 3.0 * SLACK)) * face;
-                reach[part] = abs(depth) * (2.0 * (1.0 + 3.0 * SLACK));
-                let in_shaft = shaft_enters(shaft, min(a, min(b, c)), max(a, max(b, c)), far) < FAR;
-                taking_part |= select(0u, 1u << k, in_shaft && k < count && depth != 0.0);
+                let k = number_of(part, lane);
+                let triangle = set_up_triangle(index + min(k, max(count, 1u) - 1u), eye);
+                planes[part] = triangle.planes;
+                let in_shaft = shaft_enters(shaft, triangle.lo, triangle.hi, far) < FAR;
+                taking_part |= select(0u, 1u << k, in_shaft && k < count && !triangle.edge_on);
             }
             var survivors = or_reduce(taking_part);
             loop {
@@ -211,18 +148,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 let k = firstTrailingBit(survivors) & 7u;
                 let any = survivors != 0u;
                 survivors &= survivors - 1u;
-                let upper = k >= LANES;
-                let at = k & (LANES - 1u);
-                let k_n0 = subgroupShuffle(select(n0[0], n0[PARTS - 1u], upper), at);
-                let k_n1 = subgroupShuffle(select(n1[0], n1[PARTS - 1u], upper), at);
-                let k_sum = subgroupShuffle(select(n_sum[0], n_sum[PARTS - 1u], upper), at);
-                let k_reach = subgroupShuffle(select(reach[0], reach[PARTS - 1u], upper), at);
+                let k_planes = planes_of(&planes, k);
                 for (var r = 0u; r < RAYS; r += 1u) {
-                    let b0 = dot(k_n0, d[r]);
-                    let b1 = dot(k_n1, d[r]);
-                    let b = dot(k_sum, d[r]); // b0 + b1 + b2
-                    let closer = any && b0 >= 0.0 && b1 >= 0.0 && b - b0 >= b1 && b * best[r] > k_reach;
-                    best[r] = select(best[r], k_reach / b, closer);
+                    let b = products(k_planes, d[r]);
+                    let closer = any && passes_inside(b) && b.z * best[r] > k_planes.reach;
+                    best[r] = select(best[r], k_planes.reach / b.z, closer);
                     nearest[r] = select(nearest[r], index + k, closer);
                 }
                 if survivors == 0u {
@@ -242,7 +172,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         far = -min_reduce(vec3<f32>(-farthest)).x;
     }
 
-    // Place on the triangle as a single ray finds it. Single rays carry on from the root what is left.
+    // The place on the triangle is that of the test for single rays. Single rays finish, from the root, tiles out of budget.
     let node = select(frame.scene.x, 0u, more);
     for (var r = 0u; r < RAYS; r += 1u) {
         if ((present >> r) & 1u) != 0u {

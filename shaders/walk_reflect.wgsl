@@ -1,4 +1,4 @@
-// Particles that hit a surface leave a light there and fly on. See pass/walk_reflect.rs.
+// Leaves a light where a particle hits a surface, and reflects the particle. See pass/walk_reflect.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -48,7 +48,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         vec4<f32>(r.f0, f32(j)),
     );
 
-    // The first N_(j+1) fly on; the others have done their part.
+    // The first N_(j+1) particles continue; the others end here.
     let rays = walk_numbers(j + 1u, particle);
     let p_diffuse = diffuse_probability(r);
     let diffuse = random(key(frame.keys.x, STREAM_LOBE, particle, j)) < p_diffuse;

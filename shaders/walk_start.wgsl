@@ -1,4 +1,4 @@
-// Particles start at the emitters and leave their first lights there. See pass/walk_start.rs.
+// Starts particles on the emitters and leaves their first lights there. See pass/walk_start.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "emitters.wgsl"
@@ -23,7 +23,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let direction = direction_from(start, walk_numbers(1u, particle));
     let emitted = emitters[start.emitter].flux.xyz;
 
-    // Lights without area are lit once by themselves; here only surfaces leave a light.
+    // Emitters without area are point lights already; only surfaces leave a light here.
     let depth = frame.depths[0];
     let share = select(0.0, bitcast<f32>(depth.z), start.kind <= EMITTER_SPHERE);
     let light = PointLight(

@@ -7,14 +7,6 @@
 @group(0) @binding(1) var<storage, read> node_min: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> node_max: array<vec4<f32>>;
 
-// 1/d without infinities: a component too small to divide by counts as a tiny one of the same sign, so that no product in
-// the slab test is 0 * inf and no NaN reaches min or max.
-fn safe_inverse(d: vec3<f32>) -> vec3<f32> {
-    let tiny = vec3<f32>(1e-30);
-    let guarded = select(d, select(tiny, -tiny, d < vec3<f32>(0.0)), abs(d) < tiny);
-    return 1.0 / guarded;
-}
-
 // The part of the ray inside a box, as (near, far); empty when near > far. Far is widened by more than
 // the rounding of the test: it may never lose a triangle.
 fn slab(lo: vec3<f32>, hi: vec3<f32>, origin: vec3<f32>, inverse: vec3<f32>, t_max: f32) -> vec2<f32> {

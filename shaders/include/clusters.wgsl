@@ -1,12 +1,12 @@
-// Clusters of the screen: blocks of pixels, 8 times the interleaving pattern wide and high, in each of which every class of pixels
-// has one cluster of 8 x 8. Needs frame.wgsl. CPU twin: pass::clusters::place_of.
+// Clusters of the screen: in each block of pixels, 8 times as wide and high as the interleaving pattern, every class of pixels has
+// one cluster of 8 x 8. Needs frame.wgsl. CPU twin: pass::clusters::place_of.
 
-// A quotient of numbers below 2^20, exactly, by floats: some SIMD processors divide integers one by one.
+// The exact quotient of numbers below 2^20, by floats: some SIMD processors divide integers one by one.
 fn quotient(a: vec2<u32>, b: vec2<u32>) -> vec2<u32> {
     return vec2<u32>((vec2<f32>(a) + 0.5) / vec2<f32>(b));
 }
 
-// Where a pixel's receiver stands among the places of its component: clusters of 64, class by class, block by block.
+// Index of a pixel's receiver among the places of its component: clusters of 64, class by class, block by block.
 fn place_of(at: vec2<u32>) -> u32 {
     let pattern = frame.pattern.xy;
     let in_pattern = quotient(at, pattern);
@@ -17,7 +17,7 @@ fn place_of(at: vec2<u32>) -> u32 {
     return 64u * cluster + 8u * (in_pattern.y & 7u) + (in_pattern.x & 7u);
 }
 
-// Places of one component.
+// Number of places of one component.
 fn place_count() -> u32 {
     let block = 8u * frame.pattern.xy;
     let blocks = (frame.size.xy + block - 1u) / block;

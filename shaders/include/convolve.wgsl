@@ -1,4 +1,4 @@
-// What the steps of the convolution share. See pass/convolve.rs.
+// Shared by the steps of the convolution. See pass/convolve.rs.
 
 // A step: a level of the pyramid, or rows of the window. Host twin: pass::layout::ConvolveStep.
 struct ConvolveStep {
@@ -10,8 +10,8 @@ struct ConvolveStep {
     flags: u32,             // bits, see below
     layers: u32,            // textures of the library
     texel: f32,             // edge of a texel in pixels
-    widest: f32,            // diameters are no greater, pixels
-    reach: u32,             // tiles that a source of the level reaches across
+    widest: f32,            // maximum diameter in pixels
+    reach: u32,             // reach of a source of the level, in tiles
     unused: u32,
 }
 
@@ -35,15 +35,15 @@ const CELLS_OF_LAYER: u32 = 1089u;
 const NORM_STEPS: f32 = 8.0;
 const NORM_WIDTHS: u32 = 129u;
 const NORM_ANGLES: u32 = 8u;
-// How far a kernel reaches, in radii: texels whose centres lie in the disc, and the way to the next ones.
+// Reach of a kernel in radii: to texels with centres in the disc, and on to the next texels.
 const SUPPORT: f32 = 1.0885;
-// Sums of a kernel over the grid below this hit next to nothing of it.
+// A kernel with a smaller sum over the grid falls between its texels.
 const LEAST_SUM: f32 = 1e-3;
-// Inverse radius of a source that stays where it is.
+// Inverse radius of a source that does not spread.
 const DELTA: f32 = 1e6;
 
-// An element of every invocation of workgroups of 64. The workgroups of a dispatch run in contiguous runs on the cores of some
-// devices: a stride shares out an image's busy part.
+// Index of the workgroup, permuted by a stride. Some devices give each core a contiguous run of workgroups; the stride shares out
+// the expensive parts of an image.
 fn spread_out(group: u32, groups: u32) -> u32 {
     let stride = select(7919u, 1u, groups % 7919u == 0u || groups > 500000u);
     return (group * stride) % groups;

@@ -1,8 +1,8 @@
-// Kernels sampled. See pass/convolve.rs. Needs convolve.wgsl.
+// Samples kernels. See pass/convolve.rs. Needs convolve.wgsl.
 
 @group(0) @binding(1) var<storage, read> quads: array<vec4<f32>>;      // the four texels around each cell of each layer
 
-// Value of a kernel: axis, inverse radius included, ratio of the inverse radius of v to that of u, layer; between the two pixels.
+// Value of a kernel at an offset between two pixels. axis: u axis / radius; ratio: inverse radius along v over that along u.
 fn kernel_at(axis: vec2<f32>, ratio: f32, layer: u32, offset: vec2<f32>) -> f32 {
     let u = axis.x * offset.x + axis.y * offset.y;
     let v = ratio * (axis.x * offset.y - axis.y * offset.x);
@@ -15,12 +15,12 @@ fn kernel_at(axis: vec2<f32>, ratio: f32, layer: u32, offset: vec2<f32>) -> f32 
     return select(0.0, mix(rows.x, rows.y, part.y), all(at == inside));
 }
 
-// Radius along u over that along v, by the number of steps in four of which it doubles.
+// Radius along u over that along v; it doubles every four steps.
 fn narrowed(steps: u32) -> f32 {
     return exp2(0.25 * f32(steps));
 }
 
-// Columns of a window that reaches less than one texel more than `reach` that a disc covers in a row so far from its middle.
+// Half the number of columns that a disc of radius `reach` + 1 covers, `row` rows from its centre.
 fn chord(reach: i32, row: i32) -> i32 {
     let radius = f32(reach + 1);
     return i32(sqrt(max(radius * radius - f32(row * row), 0.0)));

@@ -5,7 +5,7 @@
 @group(0) @binding(4) var<storage, read> region: array<u32>;
 
 struct Footprint {
-    diameter: f32,          // pixels; 0: the source stays where it is
+    diameter: f32,          // pixels; 0: the source does not spread
     axis: vec2<f32>,        // unit vector
     layer: f32,
 }
@@ -13,7 +13,7 @@ struct Footprint {
 fn load_footprint(pixel: u32, here: ConvolveStep) -> Footprint {
     let found = footprint[select(pixel, 0u, (here.flags & INVARIANT) != 0u)];
     var result: Footprint;
-    // Comparisons with what is no number fail.
+    // Comparisons with NaN are false.
     let spreads = found.x > 1.0;
     result.diameter = select(0.0, min(found.x, here.widest), spreads);
     let length = sqrt(dot(found.zw, found.zw));
@@ -23,7 +23,7 @@ fn load_footprint(pixel: u32, here: ConvolveStep) -> Footprint {
     return result;
 }
 
-// Number of the region, 16 bits.
+// Number of the region: 16 bits.
 fn region_of(pixel: u32) -> u32 {
     return region[pixel] & 0xffffu;
 }

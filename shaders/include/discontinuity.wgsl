@@ -1,12 +1,12 @@
-// What the steps of the discontinuity buffer share. See pass/discontinuity.rs. Needs frame.wgsl and work.wgsl.
+// Shared by the steps of the discontinuity buffer. See pass/discontinuity.rs. Needs frame.wgsl and work.wgsl.
 
 // Push constants. Host twin: pass::layout::Window.
 struct Window {
-    shares_x: vec4<f32>,    // share of a neighbour 1, 2, 3, 4 columns away, that of the middle pixel being 1
-    shares_y: vec4<f32>,    // likewise for rows
-    reach: vec2<i32>,       // greatest offsets with a share
-    middle: f32,            // share of the middle pixel in the whole window
-    component: u32,         // 0: what pixels show; 1: second components, on the list of tiles
+    shares_x: vec4<f32>,    // share of a neighbour 1, 2, 3, 4 columns away; the centre pixel has 1
+    shares_y: vec4<f32>,    // the same for rows
+    reach: vec2<i32>,       // maximum offsets with a share
+    middle: f32,            // share of the centre pixel in the whole window
+    component: u32,         // 0: first components; 1: second components, on the list of tiles
 }
 var<immediate> window: Window;
 

@@ -1,11 +1,11 @@
-// Where particles start and in which direction they leave. Needs frame.wgsl, math.wgsl, emitters.wgsl, and the emitters bound
+// Start points and directions of particles. Needs frame.wgsl, math.wgsl, emitters.wgsl, and the emitters bound
 // as `emitters`. CPU twin: light::emitters.
 
 struct Start {
     emitter: u32,
     kind: u32,
     position: vec3<f32>,    // on the emitter itself
-    origin: vec3<f32>,      // off it, where a ray may start
+    origin: vec3<f32>,      // the same with the ray-origin offset
     normal: vec3<f32>,      // axis of the emission
 }
 
@@ -22,8 +22,8 @@ fn choose(u: f32) -> u32 {
     return low;
 }
 
-// Composition method: the number that chooses the emitter is stretched and used again for the point on it. `side` chooses that
-// of an emitter of two sides.
+// Composition method: the number that chooses the emitter is stretched and used again for the point on it. `side` chooses the side
+// of a two-sided emitter.
 fn start_at(place: vec2<f32>, side: f32) -> Start {
     let index = choose(place.x);
     let e = emitters[index];

@@ -1,4 +1,4 @@
-// Where particles start. Needs math.wgsl. Host twin and CPU twin: light::emitters.
+// Emitters. Needs math.wgsl. Host twin and CPU twin: light::emitters.
 
 struct EmitterRecord {
     p0: vec4<f32>,          // first corner, centre or position; w: bits of the kind

@@ -3,29 +3,29 @@ struct Frame {
     eye: vec4<f32>,             // eye point; w: coordinate scale of the scene (for ray-origin offsets)
     right: vec4<f32>,           // image half width at unit distance; w: clip distance squared
     up: vec4<f32>,              // image half height at unit distance; w: clip distance
-    forward: vec4<f32>,         // unit view direction; w: length beyond every surface (directional lights)
-    bounds_min: vec4<f32>,      // lower corner of the scene; w: 1 / greatest extent
-    pixel_offset: vec4<f32>,    // offset of the sample in its pixel, [0,1)^2; z: least alpha of a light's lobe; w: irradiance that may be dropped
+    forward: vec4<f32>,         // unit view direction; w: distance beyond every surface (directional lights)
+    bounds_min: vec4<f32>,      // lower corner of the scene; w: 1 / maximum extent
+    pixel_offset: vec4<f32>,    // offset of the sample in its pixel, [0,1)^2; z: minimum alpha of a light's lobe; w: irradiance that may be dropped
     size: vec4<u32>,            // width, height, pixels, index of the pass within its instance
     within: vec4<u32>,          // place of the view in the whole image, width and height of the whole image
     walk: vec4<u32>,            // first index of the sequence segment, N of a class, window rotation, delta lights
     keys: vec4<u32>,            // key of the pass, key of the instance, bits (1 jitter, 2 Sobol' points), instance
-    scene: vec4<u32>,           // nodes, emitters, greatest path length, 0 (no compiler knows)
+    scene: vec4<u32>,           // nodes, emitters, maximum path length, 0 (unknown to compilers, see kahan.wgsl)
     pattern: vec4<u32>,         // width and height of the interleaving pattern, classes, lights of each class
     photons: vec4<u32>,         // caustic photons of each class N, first index of their sequence, targets, buckets - 1 (a power of 2)
     photon: vec4<f32>,          // radius r of the look-up, 1 / (2r), 1 / (pi r^2 N), 0
     depths: array<vec4<u32>, 16>,   // for j reflections: particles N_j, first light slot, bits of 1/N_j, N_(j+1)
     shifts: array<vec4<f32>, 16>,   // for j: Cranley-Patterson shifts of dimensions 2j, 2j+1; z, w: bits of their bases
     sobol: array<vec4<u32>, 16>,    // for j: random words of dimensions 2j, 2j+1; z, w: Sobol' point of the gather rays of bounce j
-    choice: vec4<f32>,          // x: share of the choice of emitters that goes by power, where it goes by contribution
-    superposition: vec4<u32>,   // planar reflectors, by number, that mirror the room; form of their reflectance (settings::Reflectance)
+    choice: vec4<f32>,          // x: fraction of emitter samples still chosen by power where contributions choose (defensive sampling)
+    superposition: vec4<u32>,   // number of planar reflectors handled by superposition; form of their reflectance (settings::Reflectance)
     mirrors: vec4<u32>,         // mirrored lights of each class N, lights to mirror, planar mirrors M, 0
-    lens: vec4<f32>,            // diameter times the pixels of a unit of length at unit distance, 1 / distance in focus, 0, 0
+    lens: vec4<f32>,            // aperture diameter times the pixels of a unit of length at unit distance, 1 / focus distance, 0, 0
 }
 
 @group(0) @binding(0) var<storage, read> frame: Frame;
 
-// Class of a slot by interleaved sampling: the place of its pixel in the pattern. Second components have that of their pixel.
+// Class of a slot by interleaved sampling: the place of its pixel in the pattern. Second components have the class of their pixel.
 fn class_of(slot: u32) -> u32 {
     let pixel = slot % frame.size.z;
     return pixel % frame.size.x % frame.pattern.x + frame.pattern.x * (pixel / frame.size.x % frame.pattern.y);

@@ -1,9 +1,9 @@
-// Ideal reflection and refraction: the ways on from mirrors and glass. Needs bsdf.wgsl and surface.wgsl. CPU twin: bsdf::ideal.
+// Ideal reflection and refraction at mirrors and glass. Needs bsdf.wgsl and surface.wgsl. CPU twin: bsdf::ideal.
 
-// The bodies of glass around a ray, the one entered last first: material + 1, 0 where there is none.
-// Entering puts a body on top, leaving takes it out from wherever it is.
+// The bodies of glass around a ray, the last one entered first: material + 1, or 0 for none.
+// Entering puts a body on top; leaving removes it at any depth.
 fn crossed(media: vec4<u32>, body: u32, enters: bool) -> vec4<u32> {
-    // What lies below the body that is taken out moves up.
+    // The bodies below the removed one move up.
     let x = media.x == body;
     let y = x || media.y == body;
     let z = y || media.z == body;
@@ -20,12 +20,12 @@ fn index_of(media: vec4<u32>) -> f32 {
 fn relative_index(media: vec4<u32>, s: Surface) -> f32 {
     let enters = s.front || s.kind == SURFACE_PANE;
     let own = materials[s.material].emission.w;
-    // Outside of all bodies and about to leave one: it began in there.
+    // A ray outside all bodies that is about to leave one started inside it.
     let near = select(index_of(media), own, media.x == 0u && !enters);
     return index_of(crossed(media, s.material + 1u, enters)) / near;
 }
 
-// Reflectance of a smooth dielectric by Fresnel's equations, and the cosine of the refracted ray; below 0: all is reflected.
+// Reflectance of a smooth dielectric by Fresnel's equations, and the cosine of the refracted ray; negative: total reflection.
 fn fresnel_dielectric(cos_i: f32, eta: f32) -> vec2<f32> {
     let c = clamp(cos_i, 0.0, 1.0);
     let sin2_t = (1.0 - c * c) / (eta * eta);
@@ -48,23 +48,23 @@ fn refracted(wo: vec3<f32>, n: vec3<f32>, eta: f32, cos_t: f32) -> vec3<f32> {
 // The two components that a path may take.
 struct Fork {
     stays: bool,                // the first is the diffuse base of a mirror: the path ends on it
-    probability: f32,           // of the first when one is chosen; 1: there is no second
+    probability: f32,           // of the first if one is chosen at random; 1: there is no second
     first_wi: vec3<f32>,        // through glass, or reflected
     first_weight: vec3<f32>,    // factor of the radiance
-    first_adjoint: f32,         // factor of flux beside it
+    first_adjoint: f32,         // additional factor of flux
     crosses: bool,              // the first crosses the surface of a body
     second_wi: vec3<f32>,       // reflected
     second_weight: vec3<f32>,
     second_adjoint: f32,
 }
 
-// What flux gains where the normal n leans against the face g (Veach 1997, 5.3).
+// Factor of flux for a shading normal n on a face g (Veach 1997, 5.3).
 fn skew_of(g: vec3<f32>, n: vec3<f32>, wo: vec3<f32>, wi: vec3<f32>) -> f32 {
     return min(abs(dot(n, wo) * dot(g, wi) / (dot(g, wo) * dot(n, wi))), 4.0);
 }
 
 fn fork_at(s: Surface, wo: vec3<f32>, eta: f32) -> Fork {
-    // Where rays by the shading normal would end up on the wrong side, the face's own serves.
+    // The geometric normal replaces the shading normal if that would send a ray to the wrong side.
     let bend = select(1.0, eta, s.kind == SURFACE_GLASS);
     let leaning = fresnel_dielectric(dot(s.shading, wo), bend);
     let above = dot(s.shading, wo) > 0.0 && dot(reflected(wo, s.shading), s.geometric) > 0.0;
@@ -90,14 +90,14 @@ fn fork_at(s: Surface, wo: vec3<f32>, eta: f32) -> Fork {
     fork.first_wi = select(fork.second_wi, select(refracted(wo, n, eta, f.y), -wo, is_pane), passes);
     let through = s.ideal.f0 * select((1.0 - r) / (eta * eta), 1.0 - r, is_pane);
     fork.first_weight = select(mirrored, through, passes);
-    // A pane is passed straight, so its cosines are the same on both sides.
+    // Rays pass a pane straight, so the cosines are the same on both sides.
     let spread = select(1.0, eta * eta, fork.crosses);
     fork.first_adjoint = spread * skew_of(s.geometric, n, wo, fork.first_wi);
     fork.second_adjoint = skew_of(s.geometric, n, wo, fork.second_wi);
     return fork;
 }
 
-// At a glossy plane: its base, and its mirror image with a reflectance, 1 where the lobe spreads and dims it later.
+// At a glossy plane: its base, and its mirror image times `reflectance`, which is 1 if the lobe is applied later.
 fn fork_of_plane(s: Surface, wo: vec3<f32>, reflectance: vec3<f32>) -> Fork {
     let base = mean3(s.reflectance.kd);
     var fork: Fork;

@@ -4,13 +4,13 @@
 //     I(wo) / max(r^2, clip^2),   I = emit * (surface ? max(cos, 0) : 1) * spot(cos)^2 + flux * f_s(wi, wo) * max(cos, 0)
 // with cos = wo . normal and spot(c) = clamp(c * spot_scale + spot_offset, 0, 1).
 //
-// Where lights are area lights (flag AREA of the shadow-ray kernels, see area.wgsl), `position.xyz` is a corner of a parallelogram and
-// `wi.xyz` and `flux.xyz` are its edges from there.
+// Area lights (flag AREA of the shadow-ray kernels, see area.wgsl) are parallelograms: `position.xyz` is a corner, `wi.xyz` and
+// `flux.xyz` are the edges from there.
 struct PointLight {
     position: vec4<f32>,    // position, ray-origin offset applied; w: bits of the flags below
     normal: vec4<f32>,      // surface normal or axis, unit; w: spot_scale
     emit: vec4<f32>,        // radiant intensity along the normal (directional: irradiance); w: spot_offset
-    wi: vec4<f32>,          // towards where the particle came from; w: GGX alpha
+    wi: vec4<f32>,          // direction back along the particle's path; w: GGX alpha
     flux: vec4<f32>,        // incident flux, for the specular lobe; w: f90
     f0: vec4<f32>,          // reflectance of the lobe at normal incidence; w: reflections so far
 }

@@ -39,7 +39,7 @@ const STREAM_PHOTON_COMPONENT: u32 = 22u;
 
 const ONE_MINUS_EPSILON: f32 = 0.99999994;
 
-// The digits of i in `base`, mirrored at the radix point; the digits are reversed as an integer and divided once.
+// The digits of i in `base`, mirrored at the radix point; the reversed digits are one integer, which is divided once.
 fn radical_inverse(base: u32, i: u32) -> f32 {
     if base == 2u {
         return f32(reverseBits(i) >> 8u) * (1.0 / 16777216.0);
@@ -84,10 +84,18 @@ fn basis(n: vec3<f32>) -> array<vec3<f32>, 2> {
     return array<vec3<f32>, 2>(vec3<f32>(1.0 + s * n.x * n.x * a, s * b, -s * n.x), vec3<f32>(b, s + n.y * n.y * a, -n.y));
 }
 
-// Off a surface to the side of n (Waechter and Binder 2019), with constants for small coordinates scaled by the scene.
+// Moves a point off a surface to the side of n (Waechter and Binder 2019); the constants for small coordinates scale with the scene.
 fn offset_origin(p: vec3<f32>, n: vec3<f32>, scale: f32) -> vec3<f32> {
     let ulps = vec3<i32>(256.0 * n);
     let bits = bitcast<vec3<i32>>(p) + select(ulps, -ulps, p < vec3<f32>(0.0));
     let near_zero = p + n * (scale * (1.0 / 65536.0));
     return select(bitcast<vec3<f32>>(bits), near_zero, abs(p) < vec3<f32>(scale * (1.0 / 32.0)));
+}
+
+// 1/d without infinities: a component too small to divide by counts as a tiny one of the same sign, so that no product in
+// a slab test is 0 * inf and no NaN reaches min or max.
+fn safe_inverse(d: vec3<f32>) -> vec3<f32> {
+    let tiny = vec3<f32>(1e-30);
+    let guarded = select(d, select(tiny, -tiny, d < vec3<f32>(0.0)), abs(d) < tiny);
+    return 1.0 / guarded;
 }

@@ -1,8 +1,8 @@
-// Planar mirrors, and lights that are mirrored by them. Needs bsdf.wgsl and lights.wgsl. Host twin: pass::layout::MirrorRecord.
+// Planar mirrors and the lights that they mirror. Needs lights.wgsl. Host twin: pass::layout::MirrorRecord.
 struct MirrorRecord {
     plane: vec4<f32>,       // unit normal n; w: o with n . p = o on the plane
-    middle: vec4<f32>,      // middle of the area; w: area
-    ideal: vec4<f32>,       // reflectance at normal incidence without textures; w: greatest distance of a corner from the middle
+    middle: vec4<f32>,      // centre of the area; w: area
+    ideal: vec4<f32>,       // reflectance at normal incidence without textures; w: maximum distance of a corner from the centre
 }
 
 fn height_of(mirror: MirrorRecord, p: vec3<f32>) -> f32 {
@@ -17,19 +17,16 @@ fn mirrored_point(mirror: MirrorRecord, p: vec3<f32>) -> vec3<f32> {
     return p - 2.0 * height_of(mirror, p) * mirror.plane.xyz;
 }
 
-// From a point to a light, not of unit length.
-fn way_to(l: PointLight, x: vec3<f32>) -> vec3<f32> {
-    let parallel = (bitcast<u32>(l.position.w) & LIGHT_DIRECTIONAL) != 0u;
-    return select(l.position.xyz - x, -frame.forward.w * l.normal.xyz, parallel);
+// The mirror image of a light. The mirror image of that is the light itself.
+fn mirrored_light(mirror: MirrorRecord, l: PointLight) -> PointLight {
+    var image = l;
+    image.position = vec4<f32>(mirrored_point(mirror, l.position.xyz), l.position.w);
+    image.normal = vec4<f32>(mirrored_direction(mirror, l.normal.xyz), l.normal.w);
+    image.wi = vec4<f32>(mirrored_direction(mirror, l.wi.xyz), l.wi.w);
+    return image;
 }
 
-// Intensity of a light towards a point that sees it in direction wi.
-fn intensity_of(l: PointLight, wi: vec3<f32>) -> vec3<f32> {
-    let flags = bitcast<u32>(l.position.w);
-    let cosine = -dot(wi, l.normal.xyz);
-    let spot = clamp(cosine * l.normal.w + l.emit.w, 0.0, 1.0);
-    let plain = l.emit.xyz * (select(1.0, max(cosine, 0.0), (flags & LIGHT_SURFACE) != 0u) * spot * spot);
-    let lobe = Reflectance(vec3<f32>(0.0), l.flux.w, l.f0.xyz, l.wi.w);
-    let shiny = (flags & LIGHT_GLOSSY) != 0u && cosine > 0.0;
-    return plain + select(vec3<f32>(0.0), l.flux.xyz * eval_specular(lobe, l.normal.xyz, l.wi.xyz, -wi) * cosine, shiny);
+// Index of mirrored light `number` of the class of a slot.
+fn mirrored_index(slot: u32, number: u32) -> u32 {
+    return class_of(slot) * frame.mirrors.x + number;
 }

@@ -6,19 +6,19 @@ fn photon_class(photon: u32) -> u32 {
     return photon % frame.pattern.z;
 }
 
-// All photons of a pass.
+// Number of photons of a pass.
 fn photon_count() -> u32 {
     return frame.photons.x * frame.pattern.z;
 }
 
-// Cell of the grid, of size 2r, and the class. Codes of the 8 cells around a point differ for any two classes, for no sum of
-// some of the factors is another's.
+// Code of a cell of the grid, of size 2r, and a class. Codes of the 8 cells around a point differ for any two classes, because no
+// sum of some of the factors equals another.
 fn code_of(cell: vec3<i32>, photon_class: u32) -> u32 {
     let c = bitcast<vec3<u32>>(cell);
     return c.x * 0x9e3779b1u + c.y * 0x85ebca77u + c.z * 0xc2b2ae3du + photon_class * 0x27d4eb2fu;
 }
 
-// A place in cells; what is beyond all integers stays at their end.
+// A position in cells, clamped to the range of integers.
 fn in_cells(p: vec3<f32>) -> vec3<f32> {
     return clamp(p * frame.photon.y, vec3<f32>(-1e9), vec3<f32>(1e9));
 }

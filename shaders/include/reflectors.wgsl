@@ -6,7 +6,7 @@ const MAP_TEXELS: u32 = 128u;
 @group(0) @binding(28) var<storage, read> reflectors: array<vec4<u32>>;    // first layer, first texel of the reflectance map, 1: frosted pane
 @group(0) @binding(29) var<storage, read> lobes: array<vec4<f32>>;         // of each layer: tan beta, energy, its grazing part, share of the core
 
-// Place among the layers of a material, from 0, where a cosine of the angle of view lies.
+// Position of the cosine of a view angle among the layers of a material, from 0.
 fn view_place(mu: f32) -> f32 {
     return clamp(mu * f32(VIEW_ANGLES) - 1.0, 0.0, f32(VIEW_ANGLES - 1u));
 }
@@ -16,20 +16,20 @@ fn tail_of(first: u32, mu: f32) -> u32 {
     return 2u * first + u32(view_place(mu) + 0.5);
 }
 
-// How much a lobe reflects by Schlick's formula.
+// Reflectance of a lobe by Schlick's formula.
 fn reflectance_of_lobe(lobe: vec4<f32>, f0: vec3<f32>, f90: f32) -> vec3<f32> {
     return f0 * (lobe.y - lobe.z) + f90 * lobe.z;
 }
 
-// Those, interpolated between angles of view.
+// Row of `lobes`, interpolated between view angles.
 fn lobe_at(first: u32, mu: f32) -> vec4<f32> {
     let s = view_place(mu);
     let i = u32(s);
     return mix(lobes[first + i], lobes[first + min(i + 1u, VIEW_ANGLES - 1u)], s - f32(i));
 }
 
-// The image of a small disc across the direction of view d: direction of its u axis, pixels for a unit of length at unit distance, the
-// mean of both directions.
+// The image of a small disc across the view direction d: direction of its u axis; pixels for a unit of length at unit distance,
+// averaged over both directions.
 fn image_of_disc(d: vec3<f32>, u: vec3<f32>) -> vec3<f32> {
     let right = frame.right.xyz / dot(frame.right.xyz, frame.right.xyz);
     let up = frame.up.xyz / dot(frame.up.xyz, frame.up.xyz);

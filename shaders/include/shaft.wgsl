@@ -1,10 +1,9 @@
-// What all rays of a cluster lie in, by which boxes are dropped for all of them at once.
+// Shaft: a volume around all rays of a cluster. Boxes outside it are dropped for all rays at once.
 // AREA: the rays come from an area light, each from its own point of it.
 
 #if AREA
-// What the rays from an area light to a cluster lie in: at t the box of the light's points for t = 0 (around the origin, which is
-// the light's centre), that of the receivers for t = 1, and those in between. On each axis its lower side is
-// -extent + t slope_lo and its upper side extent + t slope_hi.
+// A box that moves with t: at t = 0 around the points of the area light (the origin is the light's centre), at t = 1 around the
+// receivers. On each axis its lower side is -extent + t slope_lo and its upper side extent + t slope_hi.
 struct Shaft {
     extent: vec3<f32>,          // half of the light's box
     inverse_lo: vec3<f32>,      // 1 / slope of the lower side, finite
@@ -27,8 +26,8 @@ fn make_shaft(lo: vec3<f32>, hi: vec3<f32>, extent: vec3<f32>) -> Shaft {
     return shaft;
 }
 
-// Whether the shaft may meet a box: is there a t at which on every axis its lower side lies below the upper side of the box, and
-// its upper side above the lower one? Says yes rather too often.
+// Whether the shaft may meet a box: at some t its lower side lies below the upper side of the box on every axis, and its upper
+// side above the lower side of the box. Conservative: may say yes for a box outside the shaft.
 fn shaft_meets(shaft: Shaft, lo: vec3<f32>, hi: vec3<f32>) -> bool {
     let t_lo = (hi + shaft.extent) * shaft.inverse_lo;
     let t_hi = (lo - shaft.extent) * shaft.inverse_hi;
@@ -41,18 +40,18 @@ fn shaft_meets(shaft: Shaft, lo: vec3<f32>, hi: vec3<f32>) -> bool {
     return near <= far;
 }
 #else
-// All points t d, 0 <= t <= 1, with d in a box: what the rays from a light to a cluster lie in. On each axis t is at least
-// x_lo * enter_lo and x_hi * enter_hi for points x of a box, and at most x * leave + never with x the side that is left last.
+// All points t d with d in the box of the cluster's directions. For points x of a box, t is on each axis at least x_lo * enter_lo
+// and x_hi * enter_hi, and at most x * leave + never with x the side that is left last.
 struct Shaft {
-    enter_lo: vec3<f32>,    // 1 / greatest d if that is positive, else 0
-    enter_hi: vec3<f32>,    // 1 / least d if that is negative, else 0
+    enter_lo: vec3<f32>,    // 1 / maximum d if that is positive, else 0
+    enter_hi: vec3<f32>,    // 1 / minimum d if that is negative, else 0
     leave: vec3<f32>,       // 1 / the d nearest to 0; 0 on an axis whose d take both signs, which bounds no t from above
     never: vec3<f32>,       // huge on such an axis, else 0
     positive: vec3<bool>,   // all d are positive
 }
 
 fn make_shaft(lo: vec3<f32>, hi: vec3<f32>) -> Shaft {
-    // Anything smaller counts as 0, so that there are no infinities.
+    // Smaller values count as 0, so that there are no infinities.
     let tiny = vec3<f32>(1e-30);
     let positive = lo > tiny;
     let negative = hi < -tiny;
@@ -66,12 +65,19 @@ fn make_shaft(lo: vec3<f32>, hi: vec3<f32>) -> Shaft {
     return shaft;
 }
 
-// Whether the shaft may meet a box. Says yes rather too often. Integers order like floats here: negative values need no order.
-fn shaft_meets(shaft: Shaft, lo: vec3<f32>, hi: vec3<f32>) -> bool {
+// The interval of t <= t_max in which the shaft meets a box; it misses the box if the interval is empty. Integers order like
+// floats here: negative values need no order.
+fn shaft_span(shaft: Shaft, lo: vec3<f32>, hi: vec3<f32>, t_max: f32) -> vec2<f32> {
     let enter = max(bitcast<vec3<i32>>(lo * shaft.enter_lo), bitcast<vec3<i32>>(hi * shaft.enter_hi));
     let leave = bitcast<vec3<i32>>(select(lo, hi, shaft.positive) * shaft.leave + shaft.never);
     let t_near = bitcast<f32>(max(max(enter.x, enter.y), max(enter.z, 0)));
-    let t_far = bitcast<f32>(min(min(leave.x, leave.y), min(leave.z, 0x3f800000))) * 1.000002;
-    return t_near <= t_far;
+    let t_far = bitcast<f32>(min(min(leave.x, leave.y), min(leave.z, bitcast<i32>(t_max)))) * 1.000002;
+    return vec2<f32>(t_near, t_far);
+}
+
+// Whether the shaft may meet a box. Conservative: may say yes for a box outside the shaft.
+fn shaft_meets(shaft: Shaft, lo: vec3<f32>, hi: vec3<f32>) -> bool {
+    let span = shaft_span(shaft, lo, hi, 1.0);
+    return span.x <= span.y;
 }
 #endif

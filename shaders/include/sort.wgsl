@@ -2,9 +2,9 @@
 // the sort is stable, needs neither workgroup memory nor barriers, and its loops are bounded.
 const RUN: u32 = 512u;          // keys for one invocation
 const DIGITS: u32 = 256u;       // values of a digit; also counts for one invocation
-const TOP: u32 = 1024u;         // greatest length of the topmost level: 2^26 keys
+const TOP: u32 = 1024u;         // maximum length of the topmost level: 2^26 keys
 
-// Bits at the top of a key's 24 that hold the class of K: enough to tell all of them from dead slots.
+// Number of upper bits of a 24-bit key that hold one of k classes and tell it from slots without a receiver.
 fn class_bits(k: u32) -> u32 {
     return select(0u, 32u - countLeadingZeros(k), k > 1u);
 }

@@ -1,4 +1,4 @@
-// A subgroup that works on one thing together. LANES4, LANES16, LANES32, LANES64: its size, else 8.
+// Reductions over a subgroup. LANES4, LANES16, LANES32, LANES64: its size, else 8.
 
 // Lanes of the subgroup.
 #if LANES4
@@ -19,7 +19,7 @@ const LANES: u32 = 8u;
 #endif
 #endif
 
-// Reductions by shuffles between fixed lanes: on a driver that runs lanes as one vector each is a single instruction.
+// Shuffles between fixed lanes: on a driver that runs the lanes as one vector each shuffle is a single instruction.
 fn or_reduce(x: u32) -> u32 {
     var y = x;
     y |= subgroupShuffleXor(y, 1u);
@@ -58,13 +58,23 @@ fn min_reduce(x: vec3<f32>) -> vec3<f32> {
     return y;
 }
 
-fn least(x: u32) -> u32 {
+fn max_reduce(x: vec3<f32>) -> vec3<f32> {
+    return -min_reduce(-x);
+}
+
+// The minimum if the lanes from eight on repeat the first eight.
+fn min_of_eight(x: u32) -> u32 {
     var y = x;
     y = min(y, subgroupShuffleXor(y, 1u));
     y = min(y, subgroupShuffleXor(y, 2u));
     if LANES > 4u {
         y = min(y, subgroupShuffleXor(y, 4u));
     }
+    return y;
+}
+
+fn min_reduce_u32(x: u32) -> u32 {
+    var y = min_of_eight(x);
     if LANES > 8u {
         y = min(y, subgroupShuffleXor(y, 8u));
     }

@@ -1,6 +1,7 @@
-// What a hit point is made of. Needs math.wgsl and bsdf.wgsl. Host twins: pass::layout::{MaterialRecord, TextureRecord};
+// Surface at a hit point. Needs math.wgsl and bsdf.wgsl. Host twins: pass::layout::{MaterialRecord, TextureRecord};
 // CPU twin: pass::receivers::surface_at.
 // UNTEXTURED: no material has a texture.
+#include "octahedral.wgsl"
 
 struct MaterialRecord {
     base: vec4<f32>,        // base colour; w: metallic
@@ -33,8 +34,8 @@ struct TextureRecord {
 struct Surface {
     position: vec3<f32>,
     geometric: vec3<f32>,   // on the side that the ray came from
-    shading: vec3<f32>,     // likewise
-    emission: vec3<f32>,    // towards where the ray came from
+    shading: vec3<f32>,     // on the same side
+    emission: vec3<f32>,    // back along the ray
     kind: u32,              // SURFACE_...
     front: bool,            // seen from its front
     material: u32,
@@ -46,14 +47,14 @@ fn material_of(normals: vec4<u32>) -> u32 {
     return (normals.w & 0xffffffu) >> 1u;
 }
 
-// Number of the planar reflector that superposition takes a triangle for, 0 where it is none.
+// Number of the glossy plane that a triangle belongs to under superposition, or 0.
 fn glossy_plane(normals: vec4<u32>) -> u32 {
     let number = normals.w >> 24u;
     let counts = number <= frame.superposition.x && materials[material_of(normals)].flags.z == SURFACE_OPAQUE;
     return select(0u, number, counts);
 }
 
-// Number of the frosted pane that superposition spreads what is behind over, 0 where a triangle is none.
+// Number of the frosted pane that a triangle belongs to under superposition, or 0.
 fn frosted_pane(normals: vec4<u32>) -> u32 {
     let number = normals.w >> 24u;
     let counts = number <= frame.superposition.x && materials[material_of(normals)].flags.z == SURFACE_PANE;
@@ -82,7 +83,7 @@ fn texel(record: TextureRecord, x: i32, y: i32) -> vec3<f32> {
 // Bilinear; texel centres lie at half-integers.
 fn sample_texture(index: u32, uv: vec2<f32>) -> vec3<f32> {
     let record = textures[index];
-    // Far-off coordinates are brought near first, so that the conversion to integers is safe.
+    // Large coordinates are reduced first, so that the conversion to integers is safe.
     let period = vec2<f32>(2.0);
     let near = uv - period * floor(uv / period);
     let clamps = vec2<bool>(((record.flags >> 1u) & 3u) == 2u, ((record.flags >> 3u) & 3u) == 2u);
@@ -95,16 +96,6 @@ fn sample_texture(index: u32, uv: vec2<f32>) -> vec3<f32> {
     let top = mix(texel(record, x, y), texel(record, x + 1, y), f.x);
     let bottom = mix(texel(record, x, y + 1), texel(record, x + 1, y + 1), f.x);
     return mix(top, bottom, f.y);
-}
-
-// Octahedral encoding (Meyer et al. 2010), 2 x 16 bit signed.
-fn decode_normal(bits: u32) -> vec3<f32> {
-    let e = unpack2x16snorm(bits);
-    var n = vec3<f32>(e, 1.0 - abs(e.x) - abs(e.y));
-    let t = max(-n.z, 0.0);
-    n.x += select(t, -t, n.x >= 0.0);
-    n.y += select(t, -t, n.y >= 0.0);
-    return n / sqrt(dot(n, n));
 }
 
 fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> Surface {
@@ -122,7 +113,7 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> Surface {
     let sided = select(-smoothed, smoothed, dot(smoothed, geometric) >= 0.0);
     let smooth_shading = (normals.w & 1u) != 0u;
     var shading = select(geometric, sided, smooth_shading);
-    // Seen from behind the shading normal, the face's own serves: no black rims.
+    // Behind the shading normal the geometric one replaces it, to avoid black rims.
     shading = select(geometric, shading, dot(shading, d) < 0.0);
 
     let material = materials[material_of(normals)];
@@ -131,7 +122,7 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> Surface {
     var roughness = material.specular.w;
 #if UNTEXTURED
 #else
-    // A SIMD driver runs every loop at least once, so scenes without textures have kernels without these.
+    // A SIMD driver runs every loop at least once, so scenes without textures have kernels without these loops.
     for (var i = select(0u, 1u, (material.flags.x | material.flags.y) != 0u); i > 0u; i -= 1u) {
         let a = triangle_uvs[2u * triangle];
         let b = triangle_uvs[2u * triangle + 1u];

@@ -1,7 +1,7 @@
 // Numbers of the quasi-random walk. Needs frame.wgsl and math.wgsl. CPU twin: pass::walk_start::walk_numbers.
 #include "sobol.wgsl"
 
-// Dimensions 2j and 2j + 1 of a point of the sequence, randomised for the instance: Halton's rotated, Sobol's by XOR.
+// Dimensions 2j and 2j + 1 of a point of the sequence, randomised for the instance: Halton points by rotation, Sobol' points by XOR.
 fn sequence_point(j: u32, index: u32) -> vec2<f32> {
     if (frame.keys.z & 2u) != 0u {
         return unit(sobol(j, index) ^ frame.sobol[j].xy);
@@ -14,8 +14,8 @@ fn sequence_point(j: u32, index: u32) -> vec2<f32> {
     );
 }
 
-// Where a particle leaves the light of a vertex: each class of pixels has a set of lights. Particle i of class k is number
-// i K + k, so that those that survive in any class stand before all others.
+// Index of the light that a particle leaves at a vertex; each class of pixels has a set of lights. Particle i of class k of K is
+// number i K + k, so that the particles that continue come first in every class.
 fn light_slot(particle: u32, first: u32) -> u32 {
     return particle % frame.pattern.z * frame.pattern.w + first + particle / frame.pattern.z;
 }

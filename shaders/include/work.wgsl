@@ -1,13 +1,13 @@
 // Work lists. Host twins: pass::layout::{Work, Step}.
 
-// How much there is to do, found by the device.
+// Counts found by the device.
 struct Work {
     live: atomic<u32>,          // receivers in the list
     unfinished: atomic<u32>,    // rays of the present round that ran out of steps
-    total: u32,                 // slots of a list that is sorted or in the order of the screen, dead ones included
+    total: u32,                 // slots of a list that is sorted or in the order of the screen, with slots without a receiver
     culled: atomic<u32>,        // pairs of a cluster and a light dropped before any ray was traced
-    list_groups: vec4<u32>,     // indirect dispatch: one invocation for each receiver in the list; w: groups besides
-    round_groups: vec4<u32>,    // indirect dispatch: the next round; 0 when no ray needs it
+    list_groups: vec4<u32>,     // indirect dispatch: one invocation for each receiver in the list; w: additional groups
+    round_groups: vec4<u32>,    // indirect dispatch: the next round; 0 if no ray needs it
     total_groups: vec4<u32>,    // indirect dispatch: one invocation for each slot
 }
 
@@ -30,8 +30,8 @@ struct Push {
     step: u32,                  // index into steps
 }
 
-// Linear index of the workgroup, spread so that neighbouring groups, which cost alike, fall to different threads
-// of a driver that gives each thread one contiguous run.
+// Linear index of the workgroup, permuted: neighbouring groups cost alike, and some drivers give each thread a contiguous run of
+// groups.
 fn spread_group(group: vec3<u32>, groups: vec3<u32>) -> u32 {
     return spread_index(group.x + group.y * groups.x, groups.x * groups.y);
 }
@@ -41,7 +41,7 @@ fn spread_index(linear: u32, count: u32) -> u32 {
     return (linear * stride) % count;
 }
 
-// The same for groups whose neighbours read the same lines of memory: runs of 64 stay together, and so does the rest.
+// The same for groups whose neighbours read the same lines of memory: runs of 64 groups stay together, and so do the remaining ones.
 fn spread_runs(group: vec3<u32>, groups: vec3<u32>) -> u32 {
     let linear = group.x + group.y * groups.x;
     let runs = groups.x * groups.y / 64u;

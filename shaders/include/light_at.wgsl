@@ -1,0 +1,45 @@
+// A point light seen from a receiver, by the formula of lights.wgsl. Needs frame.wgsl, bsdf.wgsl and lights.wgsl.
+// CPU twin: pass::shade::light_towards.
+
+// Vector from x to a light, not normalised.
+fn to_light(position: vec4<f32>, normal: vec4<f32>, x: vec3<f32>) -> vec3<f32> {
+    let parallel = (bitcast<u32>(position.w) & LIGHT_DIRECTIONAL) != 0u;
+    return select(position.xyz - x, -frame.forward.w * normal.xyz, parallel);
+}
+
+// Intensity without the specular lobe; `cosine` is that of the angle between the normal and the direction to the receiver.
+fn plain_intensity(normal: vec4<f32>, emit: vec4<f32>, flags: u32, cosine: f32) -> vec3<f32> {
+    let spot = clamp(cosine * normal.w + emit.w, 0.0, 1.0);
+    return emit.xyz * (select(1.0, max(cosine, 0.0), (flags & LIGHT_SURFACE) != 0u) * spot * spot);
+}
+
+fn lobe_shines(flags: u32, cosine: f32) -> bool {
+    return (flags & LIGHT_GLOSSY) != 0u && cosine > 0.0;
+}
+
+// Intensity of the specular lobe alone; `wi` points from the receiver to the light.
+fn lobe_intensity(l: PointLight, wi: vec3<f32>, cosine: f32) -> vec3<f32> {
+    let lobe = Reflectance(vec3<f32>(0.0), l.flux.w, l.f0.xyz, l.wi.w);
+    let intensity = l.flux.xyz * eval_specular(lobe, l.normal.xyz, l.wi.xyz, -wi) * cosine;
+    return select(vec3<f32>(0.0), intensity, lobe_shines(bitcast<u32>(l.position.w), cosine));
+}
+
+fn intensity_of(l: PointLight, wi: vec3<f32>) -> vec3<f32> {
+    let cosine = -dot(wi, l.normal.xyz);
+    return plain_intensity(l.normal, l.emit, bitcast<u32>(l.position.w), cosine) + lobe_intensity(l, wi, cosine);
+}
+
+// Square of the clip distance, 0 for lights that are not clipped.
+fn clip2_of(flags: u32) -> f32 {
+    return select(0.0, frame.right.w, (flags & LIGHT_CLIPPED) != 0u);
+}
+
+// Inverse square law with clipping.
+fn inverse_square(r2: f32, clip2: f32) -> f32 {
+    return 1.0 / max(max(r2, clip2), 1e-37);
+}
+
+// Perpendicular irradiance for an intensity of 1.
+fn falloff_of(flags: u32, r2: f32) -> f32 {
+    return select(inverse_square(r2, clip2_of(flags)), 1.0, (flags & LIGHT_DIRECTIONAL) != 0u);
+}
