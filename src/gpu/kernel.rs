@@ -205,12 +205,13 @@ impl Kernel {
                 .dst_set(inner.set)
                 .dst_binding(binding.slot)
                 .descriptor_type(binding.kind.descriptor());
-            // SAFETY: set, buffers and images are alive and of the declared types; no command uses the set yet.
             match bound {
+                // SAFETY: set and buffer are alive and of the declared type; no command uses the set yet.
                 Bound::Buffer(buffer) => unsafe {
                     let info = [vk::DescriptorBufferInfo::default().buffer(buffer.handle()).range(buffer.size())];
                     device.update_descriptor_sets(&[write.buffer_info(&info)], &[]);
                 },
+                // SAFETY: set and image are alive and of the declared type; no command uses the set yet.
                 Bound::Image(image) => unsafe {
                     let info = [vk::DescriptorImageInfo::default()
                         .image_view(image.view())
