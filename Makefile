@@ -1,17 +1,22 @@
+# make help               list these commands
 # make demo               render the Cornell box into out/; installs a Vulkan driver first if there is none
 # make test               everything that is checked by running
 # make test-swiftshader   the tests on the device again, on another driver
 # make bench              seconds of each pass, for the Cornell box and a generated room
 # make lint               formatting, clippy and documentation
 # make build              the program alone
+# cargo bench             host stages and GPU passes by criterion; --bench host needs no device
 
 # Passes of the demo: more are smoother and take longer in proportion.
 DEMO_PASSES ?= 16
 
-.PHONY: build demo test test-swiftshader bench lint
+.PHONY: help build demo test test-swiftshader bench lint
 
 build:
 	cargo build --release
+
+help:
+	@sed -nE 's/^# ((make|cargo) .*)/\1/p' $(firstword $(MAKEFILE_LIST))
 
 demo:
 	scripts/setup.sh

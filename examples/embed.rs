@@ -1,11 +1,11 @@
-//! A host with a Vulkan device of its own lets lightsum record into its command buffer.
+//! A host with its own Vulkan device: lightsum records into its command buffer.
 //!
 //! ```text
 //! cargo run --release --example embed -- [IMAGE.png [SCENE.toml]]
 //! ```
 //!
-//! The host here is as small as a host can be; what an application does anyway (instance, device, command buffers,
-//! submission, memory) is in `impl Host`, and what lightsum asks of it is in [`Host::new`], [`Host::lend`] and [`run`].
+//! The host here is minimal. `impl Host` does the work of any Vulkan application (instance, device, command buffers,
+//! submission, memory); [`Host::new`], [`Host::lend`] and [`run`] contain everything specific to lightsum.
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -58,7 +58,7 @@ pub fn run(host: &Host, scene: &Scene, camera: Camera, settings: Settings, passe
     Ok(Picture { size: [engine.image().width(), engine.image().height()], texels: readback.texels() })
 }
 
-/// The host: everything that Vulkan needs before anybody can compute.
+/// The host: instance, device, queue and command pool.
 pub struct Host {
     entry: ash::Entry,
     instance: ash::Instance,
@@ -71,7 +71,7 @@ pub struct Host {
 }
 
 impl Host {
-    /// Takes the first device on which lightsum runs. With `validation`, under the Khronos layer.
+    /// Opens the first device that lightsum can use; with `validation`, under the Khronos layer.
     pub fn new(validation: bool) -> Result<Host> {
         // SAFETY: plain Vulkan. All pointers are to values that live until the end of the call they are given to.
         unsafe {
@@ -95,7 +95,7 @@ impl Host {
             }
             let instance = entry.create_instance(&create, None)?;
 
-            // Ask before the device exists: a host may then enable what is wanted, or do without lightsum.
+            // Check before the device is created: a host can then enable the requirements, or do without lightsum.
             let mut refused = String::new();
             let mut chosen = None;
             for physical_device in instance.enumerate_physical_devices().unwrap_or_default() {
@@ -140,7 +140,7 @@ impl Host {
         }
     }
 
-    /// Lends the device to lightsum. The context and all that is made from it must be gone before the host is.
+    /// Lends the device to lightsum. The context and all objects made from it must be dropped before the host.
     pub fn lend(&self) -> Result<Context> {
         let lent = HostDevice {
             entry: self.entry.clone(),
@@ -169,7 +169,7 @@ impl Host {
         }
     }
 
-    /// Submits a command buffer with what lightsum recorded into it.
+    /// Submits a command buffer with lightsum's commands; `recorded` keeps their resources alive.
     pub fn submit(&self, commands: vk::CommandBuffer, recorded: Retained) -> Result<Submission<'_>> {
         // SAFETY: the command buffer is recording, and submitted once; nobody else uses the queue meanwhile.
         unsafe {
@@ -198,12 +198,12 @@ impl Drop for Host {
     }
 }
 
-/// Commands on their way.
+/// A submission in flight.
 pub struct Submission<'a> {
     host: &'a Host,
     commands: vk::CommandBuffer,
     fence: vk::Fence,
-    /// Keeps alive what the commands use; dropped after the wait.
+    /// Keeps the commands' resources alive; dropped after the wait.
     _recorded: Retained,
 }
 
@@ -227,7 +227,7 @@ impl Drop for Submission<'_> {
     }
 }
 
-/// Memory of the host's into which the image is copied.
+/// Host memory that receives a copy of the image.
 pub struct Readback<'a> {
     host: &'a Host,
     buffer: vk::Buffer,

@@ -1,8 +1,8 @@
-//! The kernels of GGX lobes: a table of their sizes and a picture, one row for each alpha.
+//! The convolution kernels of GGX lobes: a table of their sizes and a picture, one row for each alpha.
 //!
 //!     cargo run --release --example kernels -- kernels.png 0.02 0.1
 //!
-//! Each kernel is scaled to its brightest texel. The plane of incidence is upright, the surface normal above.
+//! Each kernel is scaled to its brightest texel. The plane of incidence is vertical, the surface normal points up.
 
 use std::error::Error;
 use std::time::Instant;
@@ -56,7 +56,7 @@ fn draw(picture: &mut GrayImage, texture: &[f32], left: usize, top: usize) {
     }
 }
 
-/// Greatest errors of the look-up: of tan beta, of the energy, and the share of light that the nearest texture misplaces.
+/// Maximum errors of the look-up: of tan beta, of the energy, and the share of light misplaced by the nearest texture.
 fn between(library: &KernelLibrary, lobe: &Lobe, from: usize) -> String {
     let mut worst = [0.0f32; 3];
     for layer in from..VIEW_ANGLES - 1 {

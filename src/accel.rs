@@ -1,10 +1,10 @@
-//! Bounding volume hierarchy: built by obvhs, flattened to a threaded array that CPU and GPU traverse alike.
+//! Bounding volume hierarchy: built by obvhs, flattened to a threaded array that CPU and GPU traverse in the same way.
 //!
-//! The binary tree is laid out depth first, and each node names the node to go on with when its subtree is done (its
-//! *skip*), so traversal needs no stack: a ray is a single index that only grows, and can be interrupted and carried on
-//! where it stopped. The price is a fixed order of children; the one with the larger surface comes first, since a random
-//! ray is more likely to end there. It matters little: against the other order, shadow rays visited between 5 % fewer and 6 % more
-//! nodes on four scenes, fewer on three of them.
+//! The binary tree is laid out depth first, and each node stores the next node after its subtree (its
+//! *skip*), so traversal needs no stack: the state of a ray is a single increasing index, and a ray can be interrupted and
+//! resumed. The price is a fixed order of children; the one with the larger surface comes first, because a random
+//! ray is more likely to end there. It matters little: compared with the other order, shadow rays visited between 5 % fewer and
+//! 6 % more nodes on four scenes, fewer on three of them.
 //!
 //! Node `i` is `node_min[i]`, `node_max[i]`:
 //!
@@ -26,7 +26,7 @@
 //! | `e2[k].xyz` | third vertex minus first |
 //! | `e2[k].w`   | 0 |
 //!
-//! One array for each vec4, since a single storage binding is limited to 128 MiB on the smallest devices.
+//! One array for each vec4, because a single storage binding is limited to 128 MiB on the smallest devices.
 //!
 //! Every expression is plain f32 arithmetic in the order written, without contraction, so that a kernel that writes the
 //! same expressions gets the same numbers.
@@ -42,25 +42,25 @@ use obvhs::bvh2::leaf_collapser::collapse;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
-/// Greatest number of triangles in a leaf.
+/// Maximum number of triangles in a leaf.
 pub const MAX_LEAF: u32 = 4;
 
-/// Barycentric coordinates this far outside still hit, so that triangles overlap along shared edges and do not crack.
+/// Tolerance of barycentric coordinates, so that triangles overlap along shared edges and do not crack.
 ///
 /// Of rays aimed exactly at edges 1 in 10 slips through with slack 0, 1 in 2000 with 1e-6, 1 in 250,000 with 1e-5
 /// (slim triangles near the poles of a sphere: the rounding grows as they get slimmer).
 pub const BARYCENTRIC_SLACK: f32 = 1e-5;
 
-/// Widens the far end of a slab interval by more than the rounding of its three operations (Ize 2013), with room for a
-/// device whose division errs by 2.5 ulp.
+/// Widens the far end of a slab interval by more than the rounding of its three operations (Ize 2013), with a margin for
+/// devices whose division has an error of 2.5 ulp.
 pub const SLAB_SLACK: f32 = 1.000_001;
 
-/// Boxes are padded by this fraction of the scene's largest coordinate on every side, a few ulp. A ray that runs exactly
-/// in the face of a box so is inside it, and triangles keep within their boxes with the rounding of their own test.
+/// Padding of boxes on every side as a fraction of the scene's largest coordinate, a few ulp. A ray exactly in the face of a
+/// box is then inside it, and triangles stay within their boxes despite the rounding of their own test.
 pub const BOX_PADDING: f32 = 1.0 / 4_194_304.0;
 
-/// Components of a direction smaller than this are taken as this, keeping their sign. Their inverse then stays finite,
-/// and a finite number times the distance to a slab is never NaN, also where the origin lies in the slab's plane.
+/// Minimum magnitude of a direction's components; smaller ones are replaced by it with their sign. Their inverse then stays
+/// finite, and a finite number times the distance to a slab is never NaN, even with the origin in the slab's plane.
 pub const TINY_DIRECTION: f32 = 1e-30;
 
 /// A ray segment: the points `origin + t * direction` with `0 < t < t_max`.
@@ -86,7 +86,7 @@ impl Ray {
     }
 }
 
-/// Where a ray meets a triangle.
+/// Intersection of a ray and a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Parameter along the ray.
@@ -99,7 +99,7 @@ pub struct Hit {
     pub triangle: u32,
 }
 
-/// What a traversal cost.
+/// Cost of a traversal.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Steps {
     /// Nodes whose box was tested.
@@ -135,7 +135,7 @@ fn with_bits(a: Vec3, w: u32) -> [f32; 4] {
     [a.x, a.y, a.z, f32::from_bits(w)]
 }
 
-/// A triangle of a scene as the three arrays hold it.
+/// A triangle of a scene in the form of the three arrays.
 fn triangle_record(scene: &Scene, index: u32) -> [[f32; 4]; 3] {
     let triangle = &scene.triangles[index as usize];
     let [a, b, c] = triangle.vertices.map(|v| scene.positions[v as usize]);
@@ -168,7 +168,7 @@ impl Bvh {
             .map(|&t| scene.triangles[t as usize].vertices)
             .map(|vertices| Aabb::from_points(&vertices.map(|v| Vec3A::from(scene.positions[v as usize]))))
             .collect();
-        // The builder takes quadratic time over a great many equal boxes, so those go in once.
+        // The builder takes quadratic time for many equal boxes, so each group of them enters once.
         let (order, starts) = group_equal(&boxes);
         let unique: Vec<Aabb> = starts[..starts.len() - 1].iter().map(|&s| boxes[order[s] as usize]).collect();
         // Above a million triangles reinsertion of half the nodes would cost more seconds than it saves.
@@ -227,7 +227,7 @@ impl Bvh {
             };
             let mut leaf = 0;
             if members.len() > MAX_LEAF as usize {
-                // Equal boxes: any halves are as good.
+                // Equal boxes: any two halves are equivalent.
                 let (a, b) = members.split_at(members.len() / 2);
                 let half = |t: &[u32]| Visit::Triangles(t.to_vec(), bounds);
                 stack.extend([Visit::Leave(own), half(b), half(a)]);
@@ -295,7 +295,7 @@ impl Bvh {
         self.closest_counted(ray, &mut Steps::default())
     }
 
-    /// [`Bvh::closest`], adding up what it cost.
+    /// [`Bvh::closest`], adding its cost to `steps`.
     pub fn closest_counted(&self, ray: &Ray, steps: &mut Steps) -> Option<Hit> {
         let mut ray = *ray;
         let mut nearest = None;
@@ -315,12 +315,12 @@ impl Bvh {
         self.occluded_counted(ray, &mut Steps::default())
     }
 
-    /// [`Bvh::occluded`], adding up what it cost.
+    /// [`Bvh::occluded`], adding its cost to `steps`.
     pub fn occluded_counted(&self, ray: &Ray, steps: &mut Steps) -> bool {
         self.traverse(ray, steps, |_, k| self.intersect(ray, k).is_some())
     }
 
-    /// Visits the triangles of the leaves that a ray meets, until `visit` says true. `visit` may shorten the ray.
+    /// Visits the triangles of the leaves that a ray meets, until `visit` returns true. `visit` may shorten the ray.
     fn traverse(&self, ray: &Ray, steps: &mut Steps, mut visit: impl FnMut(&mut f32, u32) -> bool) -> bool {
         let inverse = inverse_direction(ray.direction);
         let count = self.node_count();
@@ -379,7 +379,7 @@ impl Bvh {
         }
         let mut seen = vec![false; triangles];
         let mut in_leaf = vec![false; triangles];
-        // The inner nodes around the current one, with the number of children met so far.
+        // The inner nodes around the current one, with the number of children visited so far.
         let mut open: Vec<(usize, u32)> = Vec::new();
         for i in 0..nodes {
             let (lower, upper) = (xyz(&self.node_min[i]), xyz(&self.node_max[i]));
@@ -445,8 +445,8 @@ impl Bvh {
     }
 }
 
-/// Indices of the boxes in an order that has equal ones together, and where in it each group starts, with the end of all.
-/// Only great numbers of equal boxes are one group; else each box is its own.
+/// Indices of the boxes in an order that keeps equal ones together, and the start of each group in it, followed by the end.
+/// Only large numbers of equal boxes form a group; every other box is its own.
 fn group_equal(boxes: &[Aabb]) -> (Vec<u32>, Vec<usize>) {
     const MANY: usize = 64;
     let bits = |i: u32| {
@@ -478,7 +478,7 @@ pub fn inverse_direction(d: Vec3) -> Vec3 {
     Vec3::new(1.0 / safe(d.x), 1.0 / safe(d.y), 1.0 / safe(d.z))
 }
 
-/// Slab test of the segment (0, t_max) against a box; may say yes a few ulp outside, never no inside.
+/// Conservative slab test of the segment (0, t_max) against a box: may hit a few ulp outside, never misses inside.
 pub fn meets_box(origin: Vec3, inverse: Vec3, t_max: f32, lower: Vec3, upper: Vec3) -> bool {
     let a = (lower - origin) * inverse;
     let b = (upper - origin) * inverse;
@@ -488,7 +488,7 @@ pub fn meets_box(origin: Vec3, inverse: Vec3, t_max: f32, lower: Vec3, upper: Ve
     t_near <= t_far
 }
 
-/// Moves a point on a surface off it to the side of the unit normal `n`, far enough that a ray from it does not meet the
+/// Offsets a point on a surface to the side of the unit normal `n`, far enough that a ray from it does not meet the
 /// surface again (Waechter and Binder 2019): by 256 ulp of each coordinate, and near 0, where ulps vanish but the
 /// rounding of the other coordinates does not, by a fixed fraction of the scene's largest coordinate `scale`.
 ///

@@ -6,7 +6,7 @@
 //! albedo over the hemisphere never exceeds 1, and the diffuse part stays a constant: a virtual light of it is
 //! Lambertian. The albedo of a single grazing direction can exceed 1 for a light and smooth dielectric.
 //!
-//! Where the lobe is ideal, see [`ideal`]: the reflectance here is then that of the diffuse base alone.
+//! For ideal lobes see [`ideal`]: the reflectance here is then that of the diffuse base alone.
 
 pub mod ideal;
 
@@ -14,7 +14,7 @@ use crate::scene::{Material, Scene, Surface, Texture, Wrap};
 use glam::{Vec3, Vec4};
 use std::f32::consts::{PI, TAU};
 
-/// Smallest GGX alpha: below it the lobe is narrower than f32 resolves well.
+/// Minimum GGX alpha: f32 does not resolve narrower lobes well.
 pub const MIN_ALPHA: f32 = 1e-3;
 
 /// Reflectance at a point, textures applied.
@@ -40,12 +40,12 @@ impl Reflectance {
         r
     }
 
-    /// The same without its lobe.
+    /// The same without the specular lobe.
     fn base_alone(self) -> Reflectance {
         Reflectance { kd: self.kd, f0: Vec3::ZERO, f90: 0.0, alpha: 1.0 }
     }
 
-    /// Cosine mean of Schlick's F over the hemisphere: the lobe's albedo but for shadowing.
+    /// Cosine mean of Schlick's F over the hemisphere: the lobe's albedo without shadowing.
     pub fn average_fresnel(&self) -> Vec3 {
         self.f0 + (Vec3::splat(self.f90) - self.f0) * (1.0 / 21.0)
     }
@@ -110,7 +110,7 @@ impl Reflectance {
         world(sample_specular(Vec3::new(wo.dot(t), wo.dot(b), wo.dot(n)), self.alpha, u))
     }
 
-    /// A direction from one lobe, by [`sample_diffuse`] or [`sample_specular`], and what it weighs: reflectance times cosine over
+    /// A direction from one lobe, by [`sample_diffuse`] or [`sample_specular`], and its weight: reflectance times cosine over
     /// the lobe's own pdf and the probability of the lobe. Zero weight below the surface.
     pub fn sample_lobe(&self, diffuse: bool, n: Vec3, wo: Vec3, u: f32, v: f32) -> (Vec3, Vec3) {
         let (t, b) = basis(n);
@@ -130,16 +130,16 @@ impl Reflectance {
 /// A material at a point, textures applied.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Finish {
-    /// What is reflected other than ideally.
+    /// The non-ideal reflectance.
     pub reflectance: Reflectance,
-    /// Mirrors: reflectance at normal incidence. Glass: tint of what passes.
+    /// Mirrors: reflectance at normal incidence. Glass: tint of the transmitted light.
     pub ideal: Vec3,
     /// Mirrors: reflectance at grazing incidence.
     pub ideal_f90: f32,
 }
 
 impl Finish {
-    /// Of a material where its textures have these factors: base colour, and (roughness, metallic).
+    /// Of a material with these texture values: base colour, and (roughness, metallic).
     pub fn of(material: &Material, base: Vec3, roughness_metallic: [f32; 2]) -> Finish {
         let [roughness, metallic] = roughness_metallic;
         let base = material.base_color * base;
@@ -242,7 +242,7 @@ pub fn sample_specular(wo: Vec3, alpha: f32, u: [f32; 2]) -> Vec3 {
     let x = r * phi.cos();
     let s = 0.5 * (1.0 + v.z);
     let y = (1.0 - s) * (1.0 - x * x).max(0.0).sqrt() + s * (r * phi.sin());
-    // Onto the hemisphere, and stretched back.
+    // Projected onto the hemisphere, and unstretched.
     let z = (1.0 - x * x - y * y).max(0.0).sqrt();
     let m = t1 * x + t2 * y + v * z;
     let h = Vec3::new(alpha * m.x, alpha * m.y, m.z.max(0.0)).normalize();
@@ -269,7 +269,8 @@ pub fn basis(n: Vec3) -> (Vec3, Vec3) {
 }
 
 /// Reflectance of a smooth dielectric for unpolarised light (Fresnel). `cos` is that of the incident direction, `eta` the
-/// index of the far side over that of the near side. Also the cosine of the refracted direction; None if all is reflected.
+/// index of the far side over that of the near side. Also returns the cosine of the refracted direction; `None` at total
+/// reflection.
 pub fn fresnel_dielectric(cos: f32, eta: f32) -> (f32, Option<f32>) {
     let cos = cos.clamp(0.0, 1.0);
     let sin2_t = (1.0 - cos * cos) / (eta * eta);
@@ -287,7 +288,7 @@ pub fn reflect(wo: Vec3, n: Vec3) -> Vec3 {
     n * (2.0 * n.dot(wo)) - wo
 }
 
-/// Linear value of an sRGB-encoded one.
+/// Linear value of an sRGB-encoded value.
 pub fn srgb_to_linear(c: f32) -> f32 {
     if c <= 0.04045 { c * (1.0 / 12.92) } else { ((c + 0.055) * (1.0 / 1.055)).powf(2.4) }
 }
@@ -309,7 +310,7 @@ pub fn sample_texture(texture: &Texture, uv: [f32; 2]) -> Vec4 {
 
 /// The two texels along one axis and the weight of the second.
 fn texel_pair(u: f32, size: u32, wrap: Wrap) -> (u32, u32, f32) {
-    // Into the first period first, so that the texel's number stays small and exact.
+    // Reduced to the first period first, so that the texel's index stays small and exact.
     let u = match wrap {
         Wrap::Repeat => u - u.floor(),
         Wrap::Mirror => u - 2.0 * (u * 0.5).floor(),

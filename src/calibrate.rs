@@ -1,9 +1,9 @@
-//! Which kernel traces shadow rays on a device, decided by a short measurement that is kept beside the pipeline cache.
+//! Choice of the traversal kernel for shadow rays on a device, by a short measurement that is kept next to the pipeline cache.
 //!
-//! A room is lit by a few lights, once by single rays and once by clusters; the faster kernel wins, and clusters only if they
-//! see what single rays see. It takes about as long as compiling both kernels does.
+//! Lights a room by a few lights, once with single rays and once with clusters, and chooses the faster kernel; clusters only if
+//! their visibility agrees with that of single rays. It takes about as long as compiling both kernels.
 //!
-//! File: one line of JSON with the device, its driver, this version of the program, and what was found.
+//! File: one line of JSON with the device, its driver, this version of the program, and the measurement.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -24,26 +24,26 @@ use crate::settings::{Settings, Traversal};
 const TRIANGLES: u32 = 5_000;
 /// Receivers along each axis of the image.
 const SIDE: u32 = 96;
-/// Repeats of each measurement, of which the fastest counts.
+/// Repeats of each measurement; the fastest counts.
 const REPEATS: u32 = 3;
-/// Share of receivers whose count of lights may differ: rays within rounding of an edge.
+/// Fraction of receivers whose number of visible lights may differ: rays within rounding of an edge.
 const STRAYS: f64 = 0.01;
 
-/// What was measured.
+/// A measurement.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Measured {
-    /// Device, driver and program that it holds for.
+    /// Device, driver and program of the measurement.
     of: String,
     /// Seconds by single rays.
     single: f64,
-    /// Seconds by clusters; `None`: they saw something else.
+    /// Seconds by clusters; `None` if their visibility disagreed.
     cluster: Option<f64>,
 }
 
-/// [`Traversal::Auto`] where clusters are to be taken whenever the scene allows, else [`Traversal::Single`].
+/// [`Traversal::Auto`] if clusters are faster, else [`Traversal::Single`].
 ///
-/// Looks into the file first that belongs to the pipeline cache `cache`, and leaves what it measures there. A device without
-/// a kernel for clusters needs no measurement.
+/// Reads an earlier measurement from the file next to the pipeline cache `cache`, or measures and writes it there. A device
+/// without a kernel for clusters needs no measurement.
 pub fn choose(context: &Context, cache: &Path) -> Result<Traversal> {
     if TraversalKernels::visibility(context, Traversal::Auto, false)?.cluster.is_none() {
         return Ok(Traversal::Single);
@@ -87,7 +87,7 @@ fn write(file: &Path, measured: &Measured) -> Result<()> {
     let beside = file.with_extension(format!("{}.tmp", std::process::id()));
     std::fs::write(&beside, text).map_err(Error::io("writing", &beside))?;
     std::fs::rename(&beside, file).map_err(|e| {
-        // The rename's failure is what is reported; a leftover file is harmless.
+        // The error of the rename is reported; a leftover file is harmless.
         let _ = std::fs::remove_file(&beside);
         Error::io("renaming", file)(e)
     })
@@ -128,7 +128,7 @@ fn measure(context: &Context, of: String) -> Result<Measured> {
     Ok(Measured { of, single, cluster: agree.then_some(cluster) })
 }
 
-/// What a small image of the room sees, tile by tile, and lights below its ceiling.
+/// The visible points of a small image of the room, tile by tile, and lights below its ceiling.
 fn workload(bvh: &Bvh, camera: &Camera) -> Workload {
     let forward = (camera.target - camera.eye).normalize_or(Vec3::Z);
     let right = forward.cross(camera.up).normalize_or(Vec3::X);

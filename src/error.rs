@@ -1,11 +1,11 @@
-//! The one error type. A message names the file, pass, material or resource concerned and says what to do.
+//! The error type. A message names the file, pass, material or resource, and the remedy.
 
 use std::path::{Path, PathBuf};
 
 /// Result with [`Error`].
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// Everything that can go wrong, with enough in the message to mend it.
+/// Error of any operation of the library. The message contains what is needed to fix it.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A file cannot be read or written.
@@ -13,7 +13,7 @@ pub enum Error {
     Io {
         /// The file.
         path: PathBuf,
-        /// What was tried: "reading", "writing", "renaming".
+        /// The action: "reading", "writing", "renaming".
         action: &'static str,
         /// The system's reason.
         source: std::io::Error,
@@ -23,9 +23,9 @@ pub enum Error {
     File {
         /// The file.
         path: PathBuf,
-        /// The line, where known (from 1).
+        /// The line, if known (from 1).
         line: Option<usize>,
-        /// What is wrong, which object, and what to do.
+        /// The problem, its object, and the remedy.
         message: String,
     },
     /// The scene as a whole cannot be rendered.
@@ -36,7 +36,7 @@ pub enum Error {
     Setting {
         /// Name of the setting, as on the command line.
         name: &'static str,
-        /// What is wrong and which values are right.
+        /// The problem and the valid values.
         message: String,
     },
     /// There is no usable Vulkan device, driver or layer.
@@ -47,7 +47,7 @@ pub enum Error {
     Vulkan {
         /// The call or pass.
         what: String,
-        /// Vulkan's answer.
+        /// Vulkan's result code.
         result: ash::vk::Result,
     },
     /// The device was lost while a pass ran.
@@ -55,13 +55,13 @@ pub enum Error {
         "the device was lost {during}: the driver reset it (watchdog or fault); lower --lights-per-dispatch or the resolution"
     )]
     DeviceLost {
-        /// What was being run.
+        /// The work in progress.
         during: String,
     },
     /// Device or host memory ran out.
     #[error("{resource}: no memory for {bytes} bytes; lower the resolution or --paths, or simplify the scene")]
     OutOfMemory {
-        /// The resource asked for.
+        /// The requested resource.
         resource: String,
         /// Its size.
         bytes: u64,
@@ -77,18 +77,18 @@ pub enum Error {
         limit: u64,
         /// The limit's name in Vulkan.
         limit_name: &'static str,
-        /// What to do.
+        /// The remedy.
         advice: &'static str,
     },
-    /// A device resource is used in a way it does not allow.
+    /// Invalid use of a device resource.
     #[error("{name}: {message}")]
     Resource {
         /// Its name.
         name: String,
-        /// What is wrong and what to do.
+        /// The problem and the remedy.
         message: String,
     },
-    /// A shader does not fit the device or what is bound to it, or failed to compile (`hot-reload`).
+    /// A shader does not fit the device or its bindings, or failed to compile (`hot-reload`).
     #[error("shader {name}: {message}")]
     Shader {
         /// Stem of the shader.
@@ -96,10 +96,10 @@ pub enum Error {
         /// naga's report.
         message: String,
     },
-    /// An interrupt came before there was anything to write.
+    /// An interrupt before the first result.
     #[error("interrupted before the first pass was done; nothing was written")]
     Interrupted,
-    /// A ray needed more traversal steps than all rounds of a pass allow.
+    /// A ray needed more traversal steps than the rounds of a pass allow.
     #[error("pass {pass}: {rays} rays did not finish within {steps} steps; raise --rounds")]
     Unfinished {
         /// The pass.

@@ -1,4 +1,4 @@
-//! A number that tells scenes, cameras and settings apart, so that a state is resumed only by the run it belongs to.
+//! Hash of scene, camera and settings, so that a state is resumed only by the rendering that it belongs to.
 
 use crate::scene::{Camera, Scene};
 use crate::settings::Settings;
@@ -13,7 +13,7 @@ impl Default for Fnv {
 }
 
 impl Fnv {
-    /// Takes in bytes.
+    /// Hashes bytes.
     pub fn add(&mut self, bytes: &[u8]) {
         for &b in bytes {
             self.0 = (self.0 ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3);
@@ -21,8 +21,9 @@ impl Fnv {
     }
 }
 
-/// Fingerprint of everything that the image depends on, to the last bit. `rounds` only says how often rays may be carried on
-/// and is left out, and so are the passes of an animation's frames; how work is cut into dispatches decides which rays of a hard scene clusters leave to single rays.
+/// Fingerprint of everything that affects any bit of the image. `rounds` (how often rays may be resumed) and the passes of an
+/// animation's frames do not, and are excluded. The partition into dispatches does: it decides which rays of a difficult scene
+/// clusters leave to single rays.
 pub fn fingerprint(scene: &Scene, camera: &Camera, settings: &Settings) -> u64 {
     let mut hash = Fnv::default();
     hash.add(bytemuck::cast_slice(&scene.positions));

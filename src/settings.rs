@@ -1,4 +1,4 @@
-//! Every knob of the renderer: meaning, unit, default, and what a higher and a lower value cost.
+//! The renderer's settings: meaning, unit, default, and the cost of higher and lower values.
 
 use crate::error::{Error, Result};
 use crate::plan::{LOOP_BUDGET, least_loop_budget};
@@ -6,10 +6,10 @@ use crate::scene::RenderDefaults;
 use crate::scene::reflectors::MAX_REFLECTORS;
 use serde::{Deserialize, Serialize};
 
-/// Distance below which the 1/d^2 of a virtual light stops growing (row W6).
+/// Clipping distance: the distance below which the 1/d^2 of a virtual light stops growing (Wald et al. 2002).
 ///
-/// Below it 1/d^2 is replaced by 1/clip^2, which bounds the bright blotch around each virtual light. Higher: smoother
-/// corners, more energy cut off (a bias towards dark corners; with compensation it returns as more short paths, slower and
+/// Closer than this, 1/d^2 is replaced by 1/clip^2, which bounds the bright blotch around each virtual light. Higher: smoother
+/// corners, more energy cut off (a bias towards dark corners; compensation restores it with short extra paths, slower and
 /// with a little grain). Lower: brighter blotches at few passes; 0 is Keller's original estimator.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -20,80 +20,80 @@ pub enum Clip {
     Fraction(f32),
 }
 
-/// How shadow rays, and the eye's rays up to the first hit, are traced.
+/// Traversal kernel for shadow rays, and for eye rays up to the first hit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Traversal {
-    /// Clusters where the device and the scene allow it, else single rays. A renderer that keeps a pipeline cache measures
-    /// once which are faster (see [`crate::calibrate`]).
+    /// Clusters if the device and the scene allow them, else single rays. A renderer that keeps a pipeline cache measures
+    /// once which is faster (see [`crate::calibrate`]).
     #[default]
     Auto,
-    /// One ray for each invocation: runs on every device.
+    /// One ray per invocation. Runs on every supported device.
     Single,
     /// A subgroup walks the tree for a cluster of 64 receivers and one light together: several times faster. Needs
-    /// subgroups of 4, 8, 16, 32 or 64 with shuffles. Visibility differs from that of single rays only for rays within
-    /// rounding of a triangle's edge or plane.
+    /// subgroups of 4, 8, 16, 32 or 64 with shuffles. Visibility differs from single rays only for rays within rounding of
+    /// a triangle's edge or plane.
     Cluster,
 }
 
-/// By what the receivers that the eye sees are put in clusters of 64.
+/// Order in which visible points are grouped into clusters of 64.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ClusterOrder {
-    /// By their pixels where no light is gathered (without `compensation`), else as `Space`.
+    /// By pixel if no light is gathered (without `compensation`), else as `Space`.
     #[default]
     Screen,
-    /// By their positions, sorted along a Morton curve.
+    /// By position, sorted along a Morton curve.
     Space,
 }
 
-/// The low-discrepancy sequence that particles and gather rays follow (row W4).
+/// Low-discrepancy sequence for particles and gather rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Sequence {
-    /// Halton's, rotated at random: a prime base for each dimension (Keller 1997).
+    /// Halton, rotated at random: a prime base for each dimension (Keller 1997).
     #[default]
     Halton,
-    /// Sobol's, randomised by XOR: base 2 in all dimensions (Wald et al. 2002, 4.4). Evenest where `paths` is a power of two.
+    /// Sobol', randomised by XOR: base 2 in all dimensions (Wald et al. 2002, 4.4). Most uniform if `paths` is a power of two.
     Sobol,
 }
 
-/// By what particles choose the emitter that they start from (row W8).
+/// Probability with which a particle starts from an emitter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LightChoice {
-    /// By power alone (Keller 1997).
+    /// Proportional to power (Keller 1997).
     #[default]
     Power,
-    /// By what the eye will see of them, estimated anew in each pass without shadows, mixed with their power: for scenes of many
-    /// lights of which few matter to the view.
+    /// Proportional to the emitter's contribution to the image, estimated in each pass without shadows, mixed with power
+    /// (after Wald et al. 2002). For scenes with many lights of which few matter to the view.
     Contribution,
 }
 
-/// When two neighbouring pixels show one smooth surface, so that their irradiance may be averaged. `pass::discontinuity` gives both
-/// tests and their weights.
+/// Test that decides whether two neighbouring pixels show one smooth surface, so that their irradiance may be averaged.
+/// `pass::discontinuity` gives both tests and their weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Agreement {
-    /// Where the way between their points lies in both tangent planes, as far as the surface is not itself curved. What a pixel
-    /// gains others lose, so that no energy is made or lost.
+    /// The segment between the two points lies in both tangent planes, with tolerance for curvature. Symmetric weights
+    /// conserve energy.
     #[default]
     Plane,
-    /// Where distances and normals differ little, and the mean of those that agree, as in the paper: mixes parallel planes that lie a
-    /// little apart, and leaves noise on surfaces that recede from the eye.
+    /// Depth and normal differ by less than a threshold; the result is the mean of the pixels that agree (Wald et al. 2002,
+    /// 4.3). Mixes parallel planes that lie close together, and leaves noise on surfaces at grazing angles.
     Paper,
 }
 
-/// Averaging of the irradiance of neighbouring pixels that show one surface (Wald et al. 2002, 4.3; row W3).
+/// Discontinuity buffer: averages the irradiance of neighbouring pixels that show one surface (Wald et al. 2002, 4.3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Filter {
-    /// Width and height of the window in pixels, odd, 1 to 9, at least the interleaving pattern. Default `None`: as wide as the
-    /// pattern, rounded up to odd numbers, at least 3 x 3. Larger: smoother, blurs more, and costs in proportion to
+    /// Width and height of the window in pixels, odd, 1 to 9, at least the interleaving pattern. Default `None`: the pattern's
+    /// size rounded up to odd numbers, at least 3 x 3. Larger: smoother, blurs more, and costs in proportion to
     /// its area.
     pub window: Option<[u32; 2]>,
-    /// Direct light is filtered as well. Default true. False keeps its shadows sharp, and its noise; the filter costs a little less.
+    /// Filter direct light too. Default true. False keeps its shadows sharp, and its noise; the filter costs a little less.
     pub direct: bool,
-    /// When pixels agree. Default `Plane`.
+    /// Test for agreement between pixels. Default `Plane`.
     pub agreement: Agreement,
 }
 
@@ -104,7 +104,7 @@ impl Default for Filter {
 }
 
 impl Filter {
-    /// Greatest width and height of `window`.
+    /// Maximum width and height of `window`.
     pub const MAX_WINDOW: u32 = 9;
 
     /// Width and height of the window for images interleaved in this pattern.
@@ -113,48 +113,48 @@ impl Filter {
     }
 }
 
-/// How a glossy plane spreads its mirror image (Bastos 1999, section 7.4).
+/// Convolution of the mirror image of a glossy plane (Bastos 1999, section 7.4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Spread {
-    /// Not at all: every glossy plane is a mirror.
+    /// None: every glossy plane is a mirror.
     Mirror,
-    /// By one kernel of a fixed width for the whole image: as blurred near the plane as far from it.
+    /// One kernel of fixed width for the whole image: the blur does not depend on the distance from the plane.
     Invariant,
-    /// By the kernel of the material, wider where the reflected point is farther.
+    /// The material's kernel, wider for reflected points farther away.
     #[default]
     Variant,
 }
 
-/// How the reflectance of a glossy plane in a direction is found (Bastos 1999, section 6.7).
+/// Directional reflectance of a glossy plane (Bastos 1999, section 6.7).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reflectance {
-    /// From the lobe's energy and Schlick's formula, as point lights are reflected.
+    /// The lobe's energy times Schlick's approximation, as for point lights.
     #[default]
     Schlick,
-    /// From a table over directions that holds Fresnel's term fitted to the reflectance at normal incidence. Textures of base colour
-    /// and metal count with their mean.
+    /// A table over directions of the Fresnel term, fitted to the reflectance at normal incidence. Textures of base colour
+    /// and metallic enter with their mean.
     Map,
-    /// The same term evaluated at each pixel.
+    /// The same Fresnel term evaluated at each pixel.
     Fresnel,
 }
 
-/// Superposition (Bastos 1999): a glossy plane that the eye sees directly shows its base, lit as everything is, and the mirror
-/// image of the room, spread by the kernel of its material. Without it glossy planes show the highlights of the virtual lights.
+/// Superposition (Bastos 1999): a glossy plane that the eye sees directly shows its lit base plus the mirror image of the room,
+/// convolved with the kernel of its material. Without it glossy planes show only the highlights of the virtual lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Superposition {
-    /// Default `Variant`. `Mirror` and `Invariant` are for comparison, and cost less.
+    /// Convolution. Default `Variant`. `Mirror` and `Invariant` are for comparison, and cost less.
     pub spread: Spread,
-    /// Default `Schlick`.
+    /// Reflectance model. Default `Schlick`.
     pub reflectance: Reflectance,
-    /// The blurred image of what is far does not run over the sharp one of what is near. Default true. False is the program of
+    /// Keep the blurred image of far surfaces from bleeding over sharp near ones. Default true. False is the algorithm of
     /// the thesis, which is a little faster.
     pub occlusion: bool,
     /// Diameter in pixels of the kernel of `Invariant`. Default 15; 0 to 4096.
     pub kernel_width: u32,
-    /// Planar reflectors that mirror the room, the greatest first. Default 255, which is the most; fewer cost less. The others
-    /// show highlights alone.
+    /// Number of planar reflectors that mirror the room, largest first. Default 255, the maximum; fewer cost less. The
+    /// others show highlights only.
     pub reflectors: u32,
 }
 
@@ -170,101 +170,104 @@ impl Default for Superposition {
     }
 }
 
-/// Settings of one rendering. See each field for meaning, unit, default and cost.
+/// Settings of a rendering. Each field documents meaning, unit, default and cost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Settings {
-    /// Particles N started from the lights in each pass, for each class of pixels (see `pattern`). Default 32. Cost of a pass grows linearly with it (the
-    /// shadow rays of a pixel are about N / (1 - rho)); more give less difference between passes.
+    /// Particles N started from the lights in each pass, for each class of pixels (see `pattern`). Default 32; 1 to 65,536. The
+    /// cost of a pass is linear in N (about N / (1 - rho) shadow rays per pixel); more particles reduce the difference
+    /// between passes.
     pub paths: u32,
-    /// Lights that the particles of a class leave on the emitters themselves. Default `None`: one for each particle. Fewer
+    /// Virtual lights on the emitters for direct light, per class. Default `None`: one for each particle; 1 to `paths`. Fewer
     /// save shadow rays: 4 for soft shadows of a filtered image (Wald et al. 2002, 5.1.1) beside some 18 for indirect light;
-    /// the shadows of the single lights show until passes or a filter mix them. 1 to `paths`.
+    /// shadows of single lights show until passes or a filter average them.
     pub direct_lights: Option<u32>,
-    /// Interleaved sampling (Wald et al. 2002, 4.2; row W1): the pixel grid is cut into patterns of this width and height,
-    /// and each place in the pattern, a class of pixels, has virtual lights of its own. Default 1 x 1: all pixels share one
-    /// set; 1 to 8 each way. Larger: as many shadow rays for each pixel, but a neighbourhood sees that many times as many
-    /// lights; before a filter or many passes the pattern shows, and the pixels of a cluster lie farther apart, so tracing
-    /// them is slower.
+    /// Interleaved sampling (Wald et al. 2002, 4.2): width and height of the pattern that tiles the pixel grid. Each position
+    /// in the pattern is a class of pixels with its own set of virtual lights. Default 1 x 1: all pixels share one
+    /// set; 1 to 8 each way. Larger: a neighbourhood of pixels sees that many times as many lights at the same number of shadow
+    /// rays per pixel; the pattern shows without a filter or many passes, and tracing is slower because the pixels of a
+    /// cluster lie farther apart.
     pub pattern: [u32; 2],
-    /// Averages irradiance over neighbouring pixels that show one surface. Default `None`. A few passes, or interleaved ones, look
-    /// smooth by it; shadows and other detail of the light (never textures) are blurred over the window, in the limit as well.
+    /// Discontinuity buffer. Default `None`. Makes few or interleaved passes look smooth; blurs shadows and other detail of the
+    /// lighting (never textures) over the window, also in the limit.
     pub filter: Option<Filter>,
-    /// Greatest number of segments of a light path from eye to emitter: 1 emitters only, 2 direct light, 5 direct light
-    /// and three further reflections. Default 5. Higher is brighter and slower; 1 to 16.
+    /// Maximum number of segments of a light path from eye to emitter: 1 emitters only, 2 direct light, 5 direct light
+    /// and three further reflections. Default 5; 1 to 16. Higher is brighter and slower.
     pub max_depth: u32,
-    /// Mirrors, and surfaces of glass, that a path from the eye follows in a row until it meets something else; they do not
-    /// count in `max_depth`. Default 8; 0 to 64. What lies behind more is black. Each costs a ray for every pixel that gets
-    /// there, and a few dispatches even if none does; scenes without mirrors and glass do not pay.
+    /// Maximum number of consecutive interactions with mirrors and glass on an eye path; they do not count in `max_depth`.
+    /// Default 8; 0 to 64. Longer chains are black. Each interaction costs a ray for every pixel that gets there, and a few
+    /// dispatches even if none does. No cost in scenes without mirrors and glass.
     pub max_specular: u32,
-    /// Split the eye's path where it first meets a surface of two components (glass: seen through and reflected; a mirror
-    /// over a diffuse base), one path for each. Default true. False chooses one at random in each pass: the same limit
-    /// with half the memory and time for such pixels, but noise. Scenes without such surfaces do not pay.
+    /// Split the eye path at its first surface with two components (glass: transmission and reflection; a mirror over a
+    /// diffuse base), one path for each. Default true. False chooses one at random in each pass: the same limit
+    /// with half the memory and time for such pixels, but noise. No cost in scenes without such surfaces.
     pub split: bool,
-    /// Caustic photons (Wald et al. 2002, 4.1; row W2) for each class of pixels and pass, shot from the lights at mirrors and
-    /// glass and stored where they arrive. Default 0: mirrors and glass throw no light on; at most 2^20 over all classes. More:
-    /// smoother caustics from each pass; the cost of a pass grows linearly with them, and with those around a pixel. Scenes
-    /// without mirrors and glass do not pay.
+    /// Caustic photons (Wald et al. 2002, 4.1) for each class of pixels and pass, shot from the lights at mirrors and
+    /// glass and stored where they arrive. Default 0: no caustics; at most 2^20 over all classes. More:
+    /// smoother caustics from each pass; the cost of a pass is linear in their number, and in those near a pixel. No cost in
+    /// scenes without mirrors and glass.
     pub photons: u32,
-    /// Distance within which photons light a point, in scene units. Default `None`: a quarter of the scene's diagonal over
-    /// sqrt(photons), at most 0.05 of the diagonal. Larger: less noise, more blur, and more photons to look at. The blur does not
-    /// go away with more passes.
+    /// Radius of the photon density estimate, in scene units. Default `None`: a quarter of the scene's diagonal over
+    /// sqrt(photons), at most 0.05 of the diagonal. Larger: less noise, more blur, and more photons to visit. More passes do
+    /// not remove the blur.
     pub photon_radius: Option<f32>,
-    /// Mirror images on glossy planes. Default `None`. Costs a ray for each pixel that shows such a plane, the light of what it meets,
-    /// and the convolution. Biased: what each point of the plane sees is taken from the mirror image that the eye sees there. Needs
-    /// `split` and `max_specular` of 1 or more; scenes without such planes do not pay.
+    /// Mirror images on glossy planes. Default `None`. Costs one ray for each pixel that shows such a plane, the lighting of its
+    /// hit point, and the convolution. Biased: the incident light at each point of the plane is taken from the mirror image
+    /// that the eye sees there. Needs `split` and `max_specular` of 1 or more. No cost in scenes without such planes.
     pub superposition: Option<Superposition>,
-    /// Emission, diffuse and specular light are summed apart as well, so that each can be written as a layer whose sum is the image.
-    /// Default false. True costs some milliseconds and 112 bytes a pixel.
+    /// Also sum emission, diffuse and specular light separately, as layers that add up to the image.
+    /// Default false. True costs some milliseconds a pass and 112 bytes a pixel.
     pub summands: bool,
-    /// Mirrored lights (Keller 1997, 4.2; row K6) of each class of pixels and pass: pairs of a light of the pass and a planar mirror,
-    /// chosen by how much light the mirror reflects of it, which light what the eye sees through the mirror's outline. Default 0:
-    /// planar mirrors throw no light on but by photons; 0 to 1024. More: less noise; each costs two rays for each pixel. Where there are
-    /// some, photons leave out what they do. Scenes without planar mirrors do not pay, nor does a `max_depth` below 3.
+    /// Mirrored lights (Keller 1997, 4.2) for each class of pixels and pass: pairs of a virtual light and a planar mirror,
+    /// chosen by the power that the mirror reflects, which light visible points through the mirror's outline. Default 0:
+    /// light after a planar mirror comes from photons only; 0 to 1024. More: less noise; each costs two rays per pixel. Photons
+    /// omit the paths that mirrored lights cover. No cost in scenes without planar mirrors, or if `max_depth` is below 3.
     pub mirror_lights: u32,
     /// Clipping distance. Default 0.1 of the scene's diagonal.
     pub clip: Clip,
-    /// Gather the part that clipping cuts off by short extra paths (Kollig and Keller 2004), so that the limit is
+    /// Gather the light that clipping cuts off by short extra paths (Kollig and Keller 2004), so that the limit is
     /// unbiased. Default true. False saves the extra rays and darkens corners.
     pub compensation: bool,
-    /// Irradiance below which a light is dropped for a whole cluster of receivers before any ray is traced, in units of the
-    /// scene's radiance times pi. Default 0: only what sends nothing at all is dropped. Higher is faster and darker: a
-    /// receiver loses at most this much for each light of a pass. Single rays drop nothing by it.
+    /// Irradiance, in units of the scene's radiance times pi, below which a light is dropped for a whole cluster of receivers
+    /// before any ray is traced. Default 0: drops only lights that contribute nothing. Higher is faster and darker: a
+    /// receiver loses at most this much for each light of a pass. No effect on single rays.
     pub light_threshold: f32,
-    /// The points that place particles on the lights and choose their directions and those of gather rays. Default `Halton`.
+    /// Sequence that places particles on the lights and chooses their directions and those of gather rays. Default `Halton`.
     /// Both have the same limit and cost; `docs/benchmarks.md` compares their errors.
     pub sequence: Sequence,
-    /// By what particles choose emitters. Default `Power`. `Contribution` has the same limit; it costs a little time for each
-    /// emitter and pass, and takes particles away from lights that matter by reflections or from behind walls only.
+    /// Distribution of particles over emitters. Default `Power`. `Contribution` has the same limit; it costs a little time for
+    /// each emitter and pass, and takes particles away from lights that reach the view only by reflection or from behind walls.
     pub light_choice: LightChoice,
-    /// Share of that choice which goes by power all the same, above 0 to 1. Default 0.2. Higher: less is gained where few lights
-    /// matter. Lower: more noise in what lights do whose contribution was underestimated; their particles are at most 1 / share
-    /// times as strong as by power alone.
+    /// Fraction of emitter samples still drawn by power (defensive sampling), above 0 to 1. Default 0.2. Higher: less gain if
+    /// few lights matter. Lower: more noise from lights whose contribution was underestimated; the weight of their particles
+    /// is at most 1 / fraction times that of sampling by power alone.
     pub light_floor: f32,
-    /// Point, spot and parallel lights, and imported virtual ones, that are lit in each pass and for each class of pixels, chosen
-    /// in proportion to what `light_choice` goes by (row W8). Default `None`: all of them; 1 to 2048. The limit is the same. Fewer:
-    /// less time for a pass of a scene of many lamps, in proportion to the shadow rays that are saved, but more noise. A scene
-    /// that has no more of them does not change in any bit.
+    /// Number of point, spot, directional and imported virtual lights evaluated in each pass for each class of pixels, chosen
+    /// in proportion to the estimate of `light_choice`. Default `None`: all; 1 to 2048. The limit is the same. Fewer:
+    /// faster passes in scenes with many lamps, in proportion to the shadow rays saved, but more noise. The image of a scene
+    /// with no more lights than this does not change in any bit.
     pub delta_lights: Option<u32>,
-    /// Jitter the low-discrepancy points in their cells (Keller, 4.1). Default false. True trades structured error for noise.
+    /// Jitter the low-discrepancy points in their cells (Keller 1997, 4.1). Default false. True trades structured error for
+    /// noise.
     pub jitter: bool,
     /// Seed of every pseudo-random decision. Default 0. Same seed, device and settings: same bits.
     pub seed: u64,
-    /// Lights that one dispatch of the shading pass may loop over. Default 8. Higher: fewer dispatches, but the
-    /// traversal steps that each light may take within one dispatch shrink (their product is bounded).
+    /// Maximum number of lights in one dispatch of the shading pass. Default 8; 1 to 64. Higher: fewer dispatches, but fewer
+    /// traversal steps for each light within one dispatch (their product is bounded).
     pub lights_per_dispatch: u32,
-    /// Rounds that a ray may take in a pass; it is carried on where the one before stopped. Default 4. Rounds that no ray
-    /// needs cost a few microseconds each. A ray left over after the last is reported, never dropped silently.
+    /// Dispatches over which a ray may spread in a pass; each resumes where the one before stopped. Default 4; 1 to 1024.
+    /// Rounds that no ray needs cost a few microseconds each. A ray left over after the last is reported, never dropped
+    /// silently.
     pub rounds: u32,
-    /// Loop iterations that one invocation's subgroup may take in one dispatch. Default [`LOOP_BUDGET`]. Lower: shorter
+    /// Maximum loop iterations of one subgroup in one dispatch. Default [`LOOP_BUDGET`]. Lower: shorter
     /// dispatches, for a device whose watchdog ends long ones, but more rounds.
     pub loop_budget: u32,
-    /// How shadow rays and the eye's rays are traced. Default `Auto`.
+    /// Traversal kernel for shadow rays and eye rays. Default `Auto`.
     pub traversal: Traversal,
-    /// By what receivers are put in clusters. Default `Screen`. `Space` sorts them, which takes some 45 ms for 640x480 pixels on two cores;
-    /// its clusters are narrower across silhouettes, so tracing them takes less. Images differ by rounding at most.
+    /// Order of receivers in clusters. Default `Screen`. `Space` sorts them, which takes some 45 ms for 640x480 pixels on two
+    /// cores; its clusters are narrower at silhouettes and faster to trace. Images differ by rounding at most.
     pub cluster_order: ClusterOrder,
-    /// Passes that each frame of an animation gets (moderate oversampling while something moves, Wald et al. 2002, 5.2; row
-    /// W7). Default 4; 1 to 4096. Cost grows linearly; more flicker less. Does not change what a pass computes.
+    /// Passes per frame of an animation (moderate oversampling while something moves, Wald et al. 2002, 5.2). Default 4; 1 to
+    /// 4096. The cost is linear; more passes flicker less. Does not change the result of a pass.
     pub moving_passes: u32,
 }
 
@@ -303,25 +306,25 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Greatest `max_depth`: the table of sampling dimensions ends there.
+    /// Maximum `max_depth`: the table of sampling dimensions ends there.
     pub const MAX_DEPTH: u32 = 16;
-    /// Greatest `max_specular`.
+    /// Maximum `max_specular`.
     pub const MAX_SPECULAR: u32 = 64;
-    /// Greatest width and height of `pattern`.
+    /// Maximum width and height of `pattern`.
     pub const MAX_PATTERN: u32 = 8;
-    /// Greatest `mirror_lights`.
+    /// Maximum `mirror_lights`.
     pub const MAX_MIRROR_LIGHTS: u32 = 1024;
-    /// Greatest number of photons of all classes together.
+    /// Maximum number of photons over all classes.
     pub const MAX_PHOTONS: u32 = 1 << 20;
-    /// Greatest `delta_lights`.
+    /// Maximum `delta_lights`.
     pub const MAX_DELTA_LIGHTS: u32 = 2048;
-    /// Greatest `moving_passes`.
+    /// Maximum `moving_passes`.
     pub const MAX_MOVING_PASSES: u32 = 4096;
-    /// Greatest `paths`.
+    /// Maximum `paths`.
     pub const MAX_PATHS: u32 = 65_536;
 
-    /// For frames in a fraction of a second, as in Wald et al. 2002, 5.1: 3 x 3 interleaved sampling with a filter as wide, 4 direct
-    /// lights and some 18 others, 500 photons, no compensation of what clipping cuts off. Biased by clipping and by the filter.
+    /// Preset for interactive frame rates, as in Wald et al. 2002, 5.1: 3 x 3 interleaved sampling with a 3 x 3 filter, 4 direct
+    /// lights and some 18 others, 500 photons, no compensation. Biased by clipping and by the filter.
     pub fn interactive() -> Settings {
         Settings {
             paths: 20,
@@ -334,7 +337,7 @@ impl Settings {
         }
     }
 
-    /// Takes over what a scene file's `[render]` says.
+    /// Applies the `[render]` section of a scene file.
     pub fn with_scene_defaults(mut self, render: &RenderDefaults) -> Self {
         self.paths = render.paths.unwrap_or(self.paths);
         self.direct_lights = render.direct_lights.or(self.direct_lights);
@@ -358,7 +361,7 @@ impl Settings {
         self
     }
 
-    /// Checks every range; the error names the flag.
+    /// Checks every range. Errors: [`Error::Setting`], which names the flag.
     pub fn validate(&self) -> Result<()> {
         let range = |name, value: u32, low: u32, high: u32| {
             if (low..=high).contains(&value) {
@@ -422,7 +425,7 @@ impl Settings {
         Ok(())
     }
 
-    /// Classes of pixels: places in the pattern.
+    /// Number of pixel classes: positions in the pattern.
     pub fn classes(&self) -> u32 {
         self.pattern[0] * self.pattern[1]
     }
@@ -432,12 +435,12 @@ impl Settings {
         self.paths * self.classes()
     }
 
-    /// Planar reflectors, by their number, that mirror the room if they are glossy.
+    /// Number of planar reflectors that mirror the room if they are glossy.
     pub fn mirroring_planes(&self) -> u32 {
         self.superposition.map_or(0, |superposition| superposition.reflectors)
     }
 
-    /// Whether there is a clipping distance at all.
+    /// Whether the clipping distance is above 0.
     pub fn clips(&self) -> bool {
         !matches!(self.clip, Clip::Distance(0.0) | Clip::Fraction(0.0))
     }

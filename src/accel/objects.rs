@@ -1,20 +1,20 @@
 //! A hierarchy for scenes whose objects move: a tree for each object, joined by a small tree over the objects.
 //!
-//! Both levels lie in one array of nodes, in world space and in the form that [`super`] describes, so kernels walk it as any
-//! other. What a moved object costs:
+//! Both levels lie in one array of nodes, in world space and in the form that [`super`] describes, so kernels traverse it like
+//! any other. When an object moves:
 //!
 //! - its triangles are written again and its own tree is *refitted*: same nodes, new boxes. Refitting lets boxes overlap
-//!   more and more; when the cost of the tree by the surface area heuristic (mean number of nodes and triangles that a ray meets
-//!   which meets its box) exceeds [`REBUILD_RATIO`] times that at the time it was built, it is built anew;
-//! - the tree over the objects is built anew from their boxes, O(objects log objects). It depends on nothing else, so objects
-//!   that return to a place find the same tree there. If it has another shape than before, the nodes of all objects are copied
-//!   to their new places in the array, else only what changed is written;
-//! - the eight-wide tree likewise: the nodes of an object stay where they are, apart from its root, which lies among the nodes
-//!   over the objects, since inner children of a node must lie one after the other.
+//!   more and more; when the cost of the tree by the surface area heuristic (mean number of nodes and triangles visited by a ray
+//!   that hits its box) exceeds [`REBUILD_RATIO`] times that at build time, it is rebuilt;
+//! - the tree over the objects is rebuilt from their boxes, O(objects log objects). It depends on nothing else, so objects
+//!   that return to a position get the same tree again. If its shape changes, the nodes of all objects are copied
+//!   to their new positions in the array, else only changed nodes are written;
+//! - the eight-wide tree is treated in the same way: the nodes of an object stay in place, apart from its root, which lies among
+//!   the nodes over the objects, because inner children of a node must be contiguous.
 //!
-//! Against a single tree over all triangles, rays that pass where the boxes of objects overlap visit more nodes. That is why
-//! scenes that do not move have a single tree. Where the joined tree costs more than [`JOIN_RATIO`] times the single one by the surface
-//! area heuristic, because objects reach into each other, all objects share one tree: whatever moves, all of it is refitted, O(triangles),
+//! Compared with a single tree over all triangles, rays through overlapping boxes of objects visit more nodes, so
+//! static scenes use a single tree. If the joined tree costs more than [`JOIN_RATIO`] times the single one by the surface
+//! area heuristic, because objects reach into each other, all objects share one tree: any motion then refits all of it, O(triangles),
 //! but rays pay nothing.
 
 use std::ops::Range;
@@ -30,7 +30,7 @@ use super::{BOX_PADDING, Bvh, triangle_record, with_bits, xyz};
 use crate::error::{Error, Result};
 use crate::scene::Scene;
 
-/// A refitted tree is built anew when its cost exceeds that at build time by this factor.
+/// A refitted tree is rebuilt when its cost exceeds that at build time by this factor.
 pub const REBUILD_RATIO: f64 = 1.5;
 
 /// Trees of objects are joined unless that costs more than this factor of one tree for all.
@@ -39,20 +39,20 @@ pub const JOIN_RATIO: f64 = 1.5;
 /// vec4 of a wide node.
 const BLOCK: usize = 2 * WIDTH;
 
-/// The trees of the objects and how they are joined.
+/// The trees of the objects and the tree that joins them.
 #[derive(Clone, Debug)]
 pub struct ObjectTrees {
     subtrees: Vec<Subtree>,
-    /// For each object of the scene its subtree, if it has triangles; all may share one.
+    /// Subtree of each object of the scene, if it has triangles; all may share one.
     of_object: Vec<Option<usize>>,
     /// The tree over the subtrees, depth first.
     places: Vec<Place>,
     padding: f32,
-    /// The eight-wide tree over everything, if it was asked for; its `sources` are empty.
+    /// The eight-wide tree over everything, if requested; its `sources` are empty.
     pub wide: Option<WideBvh>,
 }
 
-/// The tree of one object, or of all; indices of nodes count from its own root, those of triangles are of the whole.
+/// The tree of one object, or of all; node indices are relative to its own root, triangle indices are global.
 #[derive(Clone, Debug)]
 struct Subtree {
     triangles: Range<usize>,
@@ -62,7 +62,7 @@ struct Subtree {
     node_max: Vec<[f32; 4]>,
     built_cost: f64,
     wide: Option<WideBvh>,
-    /// Where its wide nodes after the root begin.
+    /// Index of its first wide node after the root.
     wide_at: usize,
 }
 
@@ -75,25 +75,25 @@ enum Place {
     Object(usize),
 }
 
-/// A [`Place`] with its box and where it lies.
+/// A [`Place`] with its box and its position in the arrays.
 #[derive(Clone, Copy, Default)]
 struct Joint {
     lower: Vec3,
     upper: Vec3,
     /// The place after its subtree.
     skip: usize,
-    /// Nodes of its subtree, those of objects included.
+    /// Nodes of its subtree, including those of objects.
     nodes: usize,
     /// Its node.
     at: usize,
 }
 
-/// Parts of the arrays that an update has written.
+/// Ranges of the arrays written by an update, and its times.
 #[derive(Clone, Debug, Default)]
 pub struct Changes {
     /// Triangles with other vertices or in another order.
     pub triangles: Vec<Range<usize>>,
-    /// Of these, the triangles of trees that were built anew: they have another order.
+    /// Of these, the triangles of rebuilt trees, which have another order.
     pub reordered: Vec<Range<usize>>,
     /// Nodes.
     pub nodes: Vec<Range<usize>>,
@@ -106,7 +106,9 @@ pub struct Changes {
 }
 
 impl ObjectTrees {
-    /// Builds the trees of all objects and joins them; `clusters`: also the eight-wide tree.
+    /// Builds the trees of all objects and joins them; with `clusters` also the eight-wide tree.
+    ///
+    /// Errors: [`Error::Scene`] without triangles, or with more than 2^28.
     pub fn build(scene: &Scene, clusters: bool) -> Result<(ObjectTrees, Bvh)> {
         let count = scene.triangles.len();
         if count == 0 || count > 1 << 28 {
@@ -167,8 +169,8 @@ impl ObjectTrees {
         self.subtrees.push(Subtree::new(own, first, clusters));
     }
 
-    /// Brings the trees and `bvh`, which [`ObjectTrees::build`] made, up to the positions that `scene` now has; `moved` are the
-    /// objects with other positions than before.
+    /// Updates the trees and `bvh`, both from [`ObjectTrees::build`], to the present positions of `scene`; `moved` are the
+    /// objects whose positions have changed.
     pub fn update(&mut self, bvh: &mut Bvh, scene: &Scene, moved: &[u32]) -> Changes {
         let start = Instant::now();
         let mut changes = Changes::default();
@@ -243,7 +245,7 @@ impl ObjectTrees {
             if node.is_leaf() {
                 let first = node.first_index as usize;
                 let members = &tree.primitive_indices[first..first + node.prim_count as usize];
-                // Of several members all but the last hang on a chain of inner nodes.
+                // All members but the last are attached to a chain of inner nodes.
                 for (k, &member) in members.iter().enumerate() {
                     if k + 1 < members.len() {
                         places.push(Place::Inner { second: places.len() + 2 });
@@ -305,7 +307,7 @@ impl ObjectTrees {
         }
     }
 
-    /// Writes the nodes of some subtrees, and those above them that have another box.
+    /// Writes the nodes of some subtrees, and those above them whose box has changed.
     fn write_changed(&self, bvh: &mut Bvh, slots: &[usize], changes: &mut Changes) {
         let mut changed = vec![false; self.subtrees.len()];
         slots.iter().for_each(|&slot| changed[slot] = true);
@@ -345,7 +347,7 @@ impl ObjectTrees {
         }
     }
 
-    /// Writes the wide nodes of a subtree but for its root; gives the vec4 written.
+    /// Writes the wide nodes of a subtree except its root; returns the range of vec4 written.
     fn write_wide(&mut self, slot: usize) -> Option<Range<usize>> {
         let subtree = &self.subtrees[slot];
         let (joined, own) = (self.wide.as_mut()?, subtree.wide.as_ref()?);
@@ -356,7 +358,7 @@ impl ObjectTrees {
         Some(range).filter(|range| !range.is_empty())
     }
 
-    /// Writes the wide nodes over the objects and the roots of these; gives the number of vec4.
+    /// Writes the wide nodes over the objects and the roots of these; returns the number of vec4.
     fn join_wide(&mut self) -> usize {
         let Some(mut joined) = self.wide.take() else { return 0 };
         let joints = self.joints();
@@ -455,7 +457,7 @@ impl Subtree {
         subtree
     }
 
-    /// Writes the triangles where the scene now has them, and finds their box.
+    /// Writes the triangles at their present positions, and their box.
     fn place_triangles(&mut self, bvh: &mut Bvh, scene: &Scene) {
         (self.lower, self.upper) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for k in self.triangles.clone() {
@@ -468,7 +470,7 @@ impl Subtree {
         }
     }
 
-    /// Boxes of the same nodes around the triangles where they are now.
+    /// Refits the boxes of the nodes to the present positions of the triangles.
     fn refit(&mut self, bvh: &Bvh, scene: &Scene, padding: f32) {
         let padding = Vec3::splat(padding);
         // Children come after their parents.
@@ -495,7 +497,7 @@ impl Subtree {
         }
     }
 
-    /// Builds the tree anew.
+    /// Rebuilds the tree.
     fn rebuild(&mut self, bvh: &mut Bvh, scene: &Scene, padding: f32) {
         let range = self.triangles.clone();
         let mut members: Vec<u32> = bvh.e1[range.clone()].iter().map(|e1| e1[3].to_bits()).collect();
@@ -521,7 +523,7 @@ impl Subtree {
         }
     }
 
-    /// Turns the index of an inner child from one that counts from the own root to where the child lies.
+    /// Converts the index of an inner child from relative to the own root to its position in the array.
     fn link(&self, child: &mut [[f32; 4]]) {
         let there = child[0][0] <= child[1][0];
         if there && child[1][3].to_bits() == 0 {
@@ -530,7 +532,7 @@ impl Subtree {
     }
 }
 
-/// Mean number of nodes and triangles that a ray meets which meets the root's box, by their areas.
+/// Mean number of nodes and triangles visited by a ray that hits the root's box, by their areas.
 fn cost(node_min: &[[f32; 4]], node_max: &[[f32; 4]]) -> f64 {
     let area = |i: usize| {
         let d = (xyz(&node_max[i]) - xyz(&node_min[i])).as_dvec3();

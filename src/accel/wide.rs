@@ -1,7 +1,7 @@
 //! The hierarchy eight wide, for kernels in which a subgroup walks the tree for a cluster of rays together.
 //!
-//! It is collapsed from the binary one and shares its triangles: any subtree of at most [`MAX_LEAF`] triangles that lie one after
-//! the other, as those of one object do, can be a leaf. A node is a block of eight children, sixteen vec4:
+//! It is collapsed from the binary one and shares its triangles: any subtree of at most [`MAX_LEAF`] contiguous triangles, such
+//! as those of one object, can be a leaf. A node is a block of eight children, sixteen vec4:
 //!
 //! | field               | meaning |
 //! |---------------------|---------|
@@ -10,24 +10,24 @@
 //! | `nodes[16 n + 2 k + 1].xyz` | upper corner; -huge if there is no child |
 //! | `nodes[16 n + 2 k + 1].w`   | bits of a `u32`: 0 for an inner child, else the leaf's number of triangles (1..=8) |
 //!
-//! Inner children come first, in nodes one after the other; empty children come last. The root is node 0, also where the whole scene is one leaf.
+//! Inner children come first, in contiguous nodes; empty children come last. The root is node 0, even if the whole scene is one leaf.
 //!
-//! Which subtrees become children is chosen by dynamic programming over the binary tree (as Ylitie et al. 2017 do for their compressed
-//! nodes), for a cost in which a leaf counts once however many triangles it has: a subgroup tests them together.
+//! Dynamic programming over the binary tree chooses the subtrees that become children (as in Ylitie et al. 2017 for compressed
+//! nodes), with a cost that counts a leaf once for any number of triangles, because a subgroup tests them together.
 
 use super::Bvh;
 
-/// Greatest number of triangles in a leaf.
+/// Maximum number of triangles in a leaf.
 pub const MAX_LEAF: u32 = 8;
 /// Children of a node.
 pub const WIDTH: usize = 8;
 
-/// Cost of a leaf against that of a node, for one visit.
+/// Cost of visiting a leaf relative to that of a node.
 const LEAF_COST: f32 = 1.2;
-/// Corner of the box of a child that is not there: no ray meets a box whose lower corner is above its upper one.
+/// Corner of the box of an absent child: no ray meets a box whose lower corner is above its upper one.
 const HUGE: f32 = 3.0e38;
 
-/// Words that the stack of a walk needs at most in a tree of this depth.
+/// Maximum stack size of a traversal, in words, for a tree of this depth.
 pub fn stack_bound(depth: u32) -> u32 {
     depth.saturating_sub(1)
 }
@@ -50,19 +50,19 @@ pub struct WideBvh {
     pub nodes: Vec<[f32; 4]>,
     /// Nodes on the longest path from the root.
     pub depth: u32,
-    /// For each child the binary node whose box it has; [`NONE`] for one that is not there.
+    /// Binary node of each child; [`NONE`] if there is no child.
     pub sources: Vec<u32>,
 }
 
-/// Stands for "no node" in [`WideBvh::sources`].
+/// "No node" in [`WideBvh::sources`].
 pub const NONE: u32 = u32::MAX;
 
-/// A binary node as the collapse sees it.
+/// A binary node during the collapse.
 struct Subtree {
     first: u32,
     triangles: u32,
     area: f32,
-    /// For k in 1..=8: least cost of representing this subtree by at most k children of a wide node above it.
+    /// For k in 1..=8: minimum cost of representing this subtree by at most k children of a wide node above it.
     cost: [f32; WIDTH],
     /// For k in 2..=8: how many of them go to the left child; 0: no more than k - 1 are used. For k = 1: how many of its own
     /// eight children, as a wide node.
@@ -81,7 +81,7 @@ impl WideBvh {
     pub(super) fn collapse(node_min: &[[f32; 4]], node_max: &[[f32; 4]], max_leaf: u32) -> WideBvh {
         let subtrees = Self::costs(node_min, node_max, max_leaf);
         let mut wide = WideBvh { nodes: Vec::new(), depth: 0, sources: Vec::new() };
-        // Nodes to be written: binary node, place in `nodes`, depth.
+        // Nodes to be written: binary node, index in `nodes`, depth.
         let mut queue = std::collections::VecDeque::from([(0u32, 0u32, 1u32)]);
         wide.push_empty();
         while let Some((node, place, depth)) = queue.pop_front() {
@@ -114,7 +114,7 @@ impl WideBvh {
         wide
     }
 
-    /// Takes over the boxes of the binary nodes, which have moved.
+    /// Copies the boxes of the binary nodes after a refit.
     pub(super) fn refit(&mut self, node_min: &[[f32; 4]], node_max: &[[f32; 4]]) {
         for (child, &source) in self.nodes.chunks_exact_mut(2).zip(&self.sources).filter(|(_, s)| **s != NONE) {
             child[0][..3].copy_from_slice(&node_min[source as usize][..3]);
@@ -133,7 +133,7 @@ impl WideBvh {
         (self.nodes.len() / (2 * WIDTH)) as u32
     }
 
-    /// Words that a stack needs at most: one for each node on the way from the root that has further children to be visited.
+    /// Maximum stack size in words: one for each node on the path from the root with unvisited children.
     pub fn stack_bound(&self) -> u32 {
         stack_bound(self.depth)
     }
@@ -154,7 +154,7 @@ impl WideBvh {
             subtrees.push(Subtree {
                 first: leaf >> 3,
                 triangles: leaf & 7,
-                // Areas of huge scenes overflow; any order among huge costs will do.
+                // Areas of huge scenes overflow; any order among huge costs is acceptable.
                 area: Some(x * y + y * z + z * x).filter(|a| a.is_finite()).unwrap_or(1e30),
                 cost: [0.0; WIDTH],
                 left: [0; WIDTH],
@@ -193,7 +193,7 @@ impl WideBvh {
         subtrees
     }
 
-    /// The subtrees that stand for `node` as at most `k` children. `open`: the node itself is replaced by its children.
+    /// The subtrees that represent `node` as at most `k` children. `open`: the node itself is replaced by its children.
     fn distribute(
         node_min: &[[f32; 4]],
         subtrees: &[Subtree],
@@ -226,7 +226,7 @@ pub(super) mod tests {
     use crate::scene::builtin;
 
     /// Walks the tree: every triangle in one leaf, in a box that contains it, at no more than the stated depth.
-    /// Returns how many nodes were met.
+    /// Returns the number of nodes visited.
     #[track_caller]
     pub fn check_nodes(wide: &WideBvh, bvh: &Bvh) -> u32 {
         let mut seen = vec![false; bvh.triangle_count() as usize];

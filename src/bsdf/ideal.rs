@@ -1,28 +1,28 @@
-//! Ideal reflection and refraction: where a ray goes on at a mirror, at glass and at a pane, and what it carries there.
+//! Ideal reflection and refraction at mirrors, glass and panes: directions and weights of the continued rays.
 //!
 //! A mirror is the lobe of [`Reflectance`] without roughness: it reflects by Schlick's term into the one
-//! mirrored direction, over whatever diffuse base the material has. Smooth glass reflects the share R of Fresnel's equations
-//! and lets 1 - R through, bent by Snell's law and tinted by its base colour at each crossing; radiance changes by the
-//! square of the relative index on the way. A pane is glass of no thickness: light goes straight through, and of all
-//! reflections between its two faces 2R / (1 + R) comes back (the geometric series of R and (1 - R)^2 R^(2k+1)).
+//! mirrored direction, over the diffuse base of the material. Smooth glass reflects the fraction R of Fresnel's equations
+//! and transmits 1 - R, refracted by Snell's law and tinted by its base colour at each crossing; radiance changes by the
+//! square of the relative index. A pane is glass of no thickness: light passes straight through, and all
+//! reflections between its two faces add up to 2R / (1 + R) (the geometric series of R and (1 - R)^2 R^(2k+1)).
 //!
-//! A frosted pane spreads what is seen through it ([`frost`], [`Way::frosted`]).
+//! A frosted pane blurs the image behind it ([`frost`], [`Way::frosted`]).
 //!
-//! Bodies of glass may lie in one another: [`Media`] says which index a ray leaves and which it enters.
+//! Bodies of glass can be nested: [`Media`] gives the indices that a ray leaves and enters.
 //!
-//! Smooth normals lean over at silhouettes. Where one would send a ray to the wrong side of the surface, the face's own normal
-//! serves, so that there are no black rims.
+//! Smooth normals lean over at silhouettes. If one would send a ray to the wrong side of the surface, the face normal is used,
+//! so that there are no black rims.
 
 use super::{Finish, MIN_ALPHA, Normals, Reflectance, fresnel_dielectric, mean, reflect, schlick};
 use crate::scene::{Material, Surface};
 use glam::Vec3;
 
-/// The bodies of glass that a ray is in, the one entered last first: numbers of their materials + 1, 0 where there is none.
+/// Stack of the bodies of glass around a ray, the one entered last first: material index + 1, 0 if empty.
 ///
-/// The rule for glass in glass: **the body entered last counts.** Entering (through a front) puts a body on top, leaving
-/// (through a back) takes it out from wherever it is; the index is that of the topmost body, and 1 outside of all. So a
-/// bubble is a body of index 1, and a liquid whose body overlaps its vessel's wall a little meets it without a gap of air.
-/// A ray that leaves a body which it never entered began in it. A fifth body pushes out the first.
+/// The rule for nested glass: **the body entered last counts.** Entering (through a front face) pushes a body, leaving
+/// (through a back face) removes it from any position; the index is that of the topmost body, and 1 outside all bodies. So a
+/// bubble is a body of index 1, and a liquid whose body slightly overlaps its vessel's wall touches it without a gap of air.
+/// A ray that leaves a body which it never entered started inside. A fifth body displaces the first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Media(pub [u32; 4]);
 
@@ -53,28 +53,28 @@ impl Media {
     pub fn relative_index(&self, materials: &[Material], material: u32, front: bool) -> f32 {
         let own = &materials[material as usize];
         let enters = front || own.thin;
-        // Outside of all bodies and about to leave one: it began in there.
+        // Outside all bodies and about to leave one: it started inside.
         let near = if self.0[0] == 0 && !enters { own.ior } else { self.index(materials) };
         self.crossed(material, enters).index(materials) / near
     }
 }
 
-/// Where a ray goes on, and by what its radiance is multiplied there.
+/// A continuation of a ray: direction and factor of its radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Way {
     /// Unit direction.
     pub wi: Vec3,
     /// Factor of the radiance.
     pub weight: Vec3,
-    /// Factor of flux beside it, for light that goes this way: eta^2 where it crosses a surface, since the flux of a beam is not
-    /// spread as its radiance is, and the correction for shading normals n over geometric ones g (Veach 1997, 5.3),
+    /// Additional factor of flux, for photons: eta^2 if it crosses a surface, because the flux of a beam does not
+    /// scale as its radiance does, and the correction for shading normals n over geometric ones g (Veach 1997, 5.3),
     /// (n . wo) (g . wi) / ((g . wo) (n . wi)), at most 4.
     pub adjoint: f32,
-    /// It crosses the surface of a body.
+    /// Whether it crosses the surface of a body.
     pub crosses: bool,
 }
 
-/// GGX alpha of the lobe with which a frosted pane lets light through; `None`: it is clear.
+/// GGX alpha of a frosted pane's transmission lobe; `None` for a clear pane.
 ///
 /// The lobe is that of reflection mirrored to the other side, of roughness r scaled by the index of refraction n (Burley 2015,
 /// "Extending the Disney BRDF to a BSDF with integrated subsurface scattering", thin surfaces, figure 15):
@@ -83,8 +83,8 @@ pub struct Way {
 /// alpha = ((0.65 n - 0.35) r)^2
 /// ```
 ///
-/// A slope m of one face turns a ray that passes by (n - 1) m, a slope of a mirror by 2 m. So of two rough faces the lobe has
-/// (n - 1) / sqrt 2 of the mirror's width, 0.35 for n = 1.5; the formula's is 0.39.
+/// A slope m of one face turns a transmitted ray by (n - 1) m, a slope of a mirror by 2 m. So the lobe of two rough faces has
+/// (n - 1) / sqrt 2 of the mirror's width, 0.35 for n = 1.5; the formula gives 0.39.
 pub fn frost(material: &Material) -> Option<f32> {
     if material.surface != Surface::Glass || !material.thin {
         return None;
@@ -95,8 +95,8 @@ pub fn frost(material: &Material) -> Option<f32> {
 }
 
 impl Way {
-    /// One of the ways through a frosted pane of normal `n` and lobe `alpha` in place of this one straight through; `u`
-    /// chooses. Its weight is zero where the lobe would not leave the pane.
+    /// A sample of a frosted pane's transmission, of normal `n` and lobe `alpha`, instead of this straight one; `u`
+    /// chooses it. Its weight is zero if it would not leave the pane.
     pub fn frosted(self, n: Vec3, wo: Vec3, alpha: f32, u: [f32; 2]) -> Way {
         let lobe = Reflectance { kd: Vec3::ZERO, f0: Vec3::ONE, f90: 1.0, alpha };
         let (wi, share) = lobe.sample_lobe(false, n, wo, u[0], u[1]);
@@ -104,28 +104,29 @@ impl Way {
     }
 }
 
-/// The ways on from a mirror or glass.
+/// The continuations of a ray at a mirror or glass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ways {
-    /// Mirrored.
+    /// Reflection.
     pub reflected: Way,
-    /// Through; `None` at mirrors and where all is reflected.
+    /// Transmission; `None` at mirrors and at total reflection.
     pub transmitted: Option<Way>,
 }
 
-/// The two components between which a path chooses, or into which it is split.
+/// The two components of a surface: a path chooses one at random, or is split.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fork {
-    /// What passes glass, or what a mirror reflects; `None` is the diffuse base of a mirror: the path ends on it.
+    /// Glass: transmission. Total reflection, or a mirror without diffuse base: reflection. `None`: the diffuse base of a
+    /// mirror, which ends the path.
     pub first: Option<Way>,
-    /// The reflection beside it, if there is any.
+    /// The reflection, if `first` is another component.
     pub second: Option<Way>,
     /// Probability of the first when one is chosen: 1 if there is no second.
     pub probability: f32,
 }
 
 impl Ways {
-    /// At a surface of diffuse base `kd`. The probabilities are as the weights, so that no choice weighs more than the other.
+    /// At a surface of diffuse base `kd`. The probabilities are proportional to the weights, so that neither choice has the larger weight.
     pub fn fork(self, kd: Vec3) -> Fork {
         let (base, reflected) = (mean(kd), mean(self.reflected.weight));
         let (first, probability) = match self.transmitted {
@@ -137,8 +138,8 @@ impl Ways {
     }
 }
 
-/// The ways on from a surface of this material, `eta` the index of refraction behind it over that before it; `None` where it
-/// reflects otherwise.
+/// The continuations at a surface of this material, `eta` the index of refraction behind it over that in front of it; `None`
+/// for opaque surfaces.
 pub fn ways(material: &Material, finish: &Finish, normals: &Normals, wo: Vec3, eta: f32) -> Option<Ways> {
     match material.surface {
         Surface::Opaque => None,
@@ -180,13 +181,13 @@ fn reflected(normals: &Normals, wo: Vec3, n: Vec3, weight: Vec3) -> Way {
     Way { wi, weight, adjoint: skew_of(normals, n, wo, wi), crosses: false }
 }
 
-/// What flux gains where the normal `n` leans against the face.
+/// Factor of flux for a shading normal `n` that deviates from the face normal.
 fn skew_of(normals: &Normals, n: Vec3, wo: Vec3, wi: Vec3) -> f32 {
     let g = normals.geometric;
     (n.dot(wo) * g.dot(wi) / (g.dot(wo) * n.dot(wi))).abs().min(4.0)
 }
 
-/// The shading normal, or the geometric one where rays by the shading normal would end up on the wrong side.
+/// The shading normal, or the geometric one if rays by the shading normal would end up on the wrong side.
 fn upright(normals: &Normals, wo: Vec3, eta: f32) -> Vec3 {
     let (n, face) = (normals.shading, normals.geometric);
     let cos = n.dot(wo);

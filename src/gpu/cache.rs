@@ -1,4 +1,4 @@
-//! The driver's compiled pipelines, kept in a file from run to run.
+//! The driver's compiled pipelines, kept in a file between runs.
 //!
 //! File: `LSPIPES1`, FNV-1a of the data (u64, little endian), the data of vkGetPipelineCacheData. Drivers check the
 //! header of the data but not its body, hence the checksum.
@@ -18,7 +18,7 @@ pub(super) struct PipelineCache {
     device: ash::Device,
     pub handle: vk::PipelineCache,
     path: Option<PathBuf>,
-    /// Checksum of what was read, so that an unchanged cache is not written again.
+    /// Checksum of the data read, so that an unchanged cache is not written again.
     loaded: Option<u64>,
 }
 
@@ -51,7 +51,7 @@ impl PipelineCache {
         }
         std::fs::write(&beside, file).map_err(Error::io("writing", &beside))?;
         std::fs::rename(&beside, path).map_err(|e| {
-            // The rename's failure is what is reported; a leftover file is harmless.
+            // The error of the rename is reported; a leftover file is harmless.
             let _ = std::fs::remove_file(&beside);
             Error::io("renaming", path)(e)
         })
@@ -70,7 +70,7 @@ impl Drop for PipelineCache {
     }
 }
 
-/// The data of a file made by this driver for this device; anything else counts as no file.
+/// The data of a file made by this driver for this device; any other file is ignored.
 fn read(path: &Path, info: &DeviceInfo) -> Option<Vec<u8>> {
     let file = match std::fs::read(path) {
         Ok(file) => file,

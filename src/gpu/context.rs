@@ -31,7 +31,7 @@ pub struct ContextOptions {
     pub pipeline_cache: Option<PathBuf>,
 }
 
-/// What a host hands over. It stays the host's: nothing of it is destroyed here, nor is anything submitted to the queue
+/// Vulkan handles of a host. The host keeps ownership: they are not destroyed here, and nothing is submitted to the queue
 /// or waited for.
 pub struct HostDevice {
     /// The loader.
@@ -210,8 +210,8 @@ impl Context {
         self.inner.instance.messages.clone()
     }
 
-    /// Records commands, submits them to our own queue and waits until they are done. What earlier submissions wrote is
-    /// visible to the commands, and what they write is visible to the host and to later submissions.
+    /// Records commands, submits them to our own queue and waits until they are done. Writes of earlier submissions are
+    /// visible to the commands, and their writes are visible to the host and to later submissions.
     ///
     /// `what` names the work in errors. Refused on a host's device: it submits its command buffers itself.
     pub fn submit_and_wait(
@@ -262,14 +262,14 @@ impl Context {
         Ok(())
     }
 
-    /// Records into a host's command buffer; what is returned keeps alive what the commands use.
+    /// Records into a host's command buffer; the returned object keeps alive the resources of the commands.
     ///
     /// After an error nothing is kept alive: end or reset the command buffer, but do not submit it.
     ///
     /// # Safety
     /// As for [`Recorder::new`]: the command buffer is recording outside a render pass, was allocated on this device
-    /// for a family with compute, and is used by nobody else meanwhile; the timers are of this context. What is
-    /// returned is kept until the commands have been executed or the command buffer has been reset.
+    /// for a family with compute, and is used by nobody else meanwhile; the timers are of this context. The
+    /// returned object is kept until the commands have been executed or the command buffer has been reset.
     pub unsafe fn record_into(
         &self,
         commands: vk::CommandBuffer,

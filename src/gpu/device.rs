@@ -1,4 +1,4 @@
-//! Which devices there are, what they can do, which one to take, and what a host's device must have.
+//! Devices: enumeration, limits, choice, and the requirements for a host's device.
 
 use std::ffi::CStr;
 use std::str::FromStr;
@@ -11,13 +11,13 @@ use crate::error::{Error, Result};
 /// A device and the limits that matter here.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DeviceInfo {
-    /// Place in Vulkan's list, as `--device` takes it.
+    /// Index in Vulkan's list, as for `--device`.
     pub index: usize,
     /// Name of the device.
     pub name: String,
-    /// Name of the driver; empty if it does not tell.
+    /// Name of the driver; empty if unknown.
     pub driver: String,
-    /// The driver's version in its own words.
+    /// Version of the driver, in its own format.
     pub driver_version: String,
     /// Version of Vulkan, such as "1.3.230".
     pub api_version: String,
@@ -25,33 +25,33 @@ pub struct DeviceInfo {
     pub device_type: vk::PhysicalDeviceType,
     /// Invocations of a subgroup.
     pub subgroup_size: u32,
-    /// Operations that compute shaders may do within a subgroup.
+    /// Subgroup operations available to compute shaders.
     pub subgroup_operations: vk::SubgroupFeatureFlags,
-    /// Greatest storage buffer that a kernel can see, bytes.
+    /// Maximum size of a storage buffer binding, bytes.
     pub max_storage_buffer_range: u64,
-    /// Greatest number of storage buffers that one kernel can see.
+    /// Maximum number of storage buffers of one kernel.
     pub max_storage_buffers: u32,
-    /// Greatest single allocation, bytes.
+    /// Maximum size of one allocation, bytes.
     pub max_allocation: u64,
-    /// Greatest number of workgroups along each axis of a dispatch.
+    /// Maximum number of workgroups along each axis of a dispatch.
     pub max_workgroup_count: [u32; 3],
-    /// Greatest extent of a workgroup along each axis.
+    /// Maximum size of a workgroup along each axis.
     pub max_workgroup_size: [u32; 3],
-    /// Greatest number of invocations of a workgroup.
+    /// Maximum number of invocations of a workgroup.
     pub max_workgroup_invocations: u32,
     /// Memory shared by a workgroup, bytes.
     pub max_workgroup_memory: u32,
-    /// Greatest size of push constants, bytes.
+    /// Maximum size of push constants, bytes.
     pub max_push_bytes: u32,
-    /// Greatest width and height of an image, pixels.
+    /// Maximum width and height of an image, pixels.
     pub max_image_dimension: u32,
     /// Memory of the device itself, bytes.
     pub device_memory: u64,
     /// Nanoseconds of one timestamp tick.
     pub timestamp_period: f32,
-    /// The compute queue writes timestamps.
+    /// Whether the compute queue writes timestamps.
     pub timestamps: bool,
-    /// What the device lacks for this library; empty if it can be used.
+    /// Requirements of this library that the device lacks; empty if it can be used.
     pub missing: Vec<String>,
     pub(super) vendor_id: u32,
     pub(super) device_id: u32,
@@ -59,7 +59,7 @@ pub struct DeviceInfo {
 }
 
 impl DeviceInfo {
-    /// Asks a device. `index` is its place in Vulkan's list.
+    /// Queries a device. `index` is its position in Vulkan's list.
     ///
     /// # Safety
     /// The physical device belongs to the instance, which asked for Vulkan 1.1 or later.
@@ -145,12 +145,12 @@ impl DeviceInfo {
     }
 }
 
-/// Storage buffers that a kernel can see: the least of the limits that Vulkan sets on them.
+/// Maximum number of storage buffers of a kernel: the minimum of Vulkan's limits on them.
 fn storage_buffers(limits: &vk::PhysicalDeviceLimits) -> u32 {
     limits.max_per_stage_descriptor_storage_buffers.min(limits.max_descriptor_set_storage_buffers)
 }
 
-/// What a device lacks that shows kernels fewer storage buffers than one of ours declares.
+/// The missing requirement of a device that allows fewer storage buffers than our kernels declare.
 fn missing_storage_buffers(limits: &vk::PhysicalDeviceLimits) -> Option<String> {
     let has = storage_buffers(limits);
     let wanted = super::shaders::ALL.iter().map(|shader| shader.storage_buffers()).max().unwrap_or(0);
@@ -159,7 +159,7 @@ fn missing_storage_buffers(limits: &vk::PhysicalDeviceLimits) -> Option<String> 
     })
 }
 
-/// A queue family with compute, and its timestamps' valid bits; one that writes timestamps where there is one.
+/// A queue family with compute, and the valid bits of its timestamps; preferably one that writes timestamps.
 ///
 /// # Safety
 /// The physical device belongs to the instance.
@@ -175,7 +175,7 @@ pub(super) unsafe fn compute_family(instance: &ash::Instance, physical: vk::Phys
     compute().find(|(_, bits)| *bits > 0).or_else(|| compute().next())
 }
 
-/// The devices of this machine in Vulkan's order, those that lack something included.
+/// The devices of this machine in Vulkan's order, including unusable ones.
 pub fn list_devices() -> Result<Vec<DeviceInfo>> {
     Ok(enumerate(&Instance::create(false)?)?.into_iter().map(|(_, info)| info).collect())
 }
@@ -196,14 +196,14 @@ pub(super) fn enumerate(instance: &Instance) -> Result<Vec<(vk::PhysicalDevice, 
 /// Which device to render on.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum DeviceChoice {
-    /// A discrete GPU before an integrated one, that before a virtual one, that before the processor.
+    /// In order of preference: a discrete GPU, an integrated one, a virtual one, the CPU.
     #[default]
     Auto,
-    /// Place in the list of devices.
+    /// Index in the list of devices.
     Index(usize),
     /// Part of the device's name; case does not matter.
     Name(String),
-    /// A driver that runs on the processor.
+    /// A driver that runs on the CPU.
     Cpu,
 }
 
@@ -228,7 +228,7 @@ impl FromStr for DeviceChoice {
 }
 
 impl DeviceChoice {
-    /// Picks from the list; devices that lack something are never picked silently.
+    /// Picks from the list; an unusable device is never picked silently.
     pub(super) fn pick(&self, devices: &[DeviceInfo]) -> Result<usize> {
         if devices.is_empty() {
             return Err(no_driver());
@@ -273,23 +273,23 @@ impl DeviceChoice {
     }
 }
 
-/// What the library needs from a host's device; to be asked before the device is created.
+/// Requirements for a host's device, to be checked before the device is created.
 #[derive(Clone, Debug)]
 pub struct Requirements {
-    /// Version of Vulkan that the host's instance must ask for (`VkApplicationInfo::apiVersion`), at least.
+    /// Minimum Vulkan version that the host's instance must request (`VkApplicationInfo::apiVersion`).
     pub api_version: u32,
-    /// Device extensions to enable. None are needed; a host that appends this list keeps working if that changes.
+    /// Device extensions to enable. At present none; a host that appends this list keeps working if that changes.
     pub extensions: Vec<&'static CStr>,
-    /// Features to enable. None are needed.
+    /// Features to enable. At present none.
     pub features: vk::PhysicalDeviceFeatures,
-    /// A queue family that serves, if there is one. Any other with compute serves as well.
+    /// A suitable queue family, if there is one. Any other with compute is suitable too.
     pub queue_family: Option<u32>,
-    /// What the device lacks; empty if it can be used.
+    /// Requirements that the device lacks; empty if it can be used.
     pub missing: Vec<String>,
 }
 
 impl Requirements {
-    /// Compares a device with what is needed.
+    /// Checks a device.
     ///
     /// # Safety
     /// The physical device belongs to the instance, which belongs to the entry.
@@ -322,7 +322,7 @@ impl Requirements {
         }
     }
 
-    /// Adds what is needed to what the host enables anyway.
+    /// Appends the required extensions to those of the host.
     pub fn add_to(&self, extensions: &mut Vec<&'static CStr>) {
         for extension in &self.extensions {
             if !extensions.contains(extension) {
@@ -344,7 +344,7 @@ mod tests {
             ..vk::PhysicalDeviceLimits::default()
         };
         assert_eq!(missing_storage_buffers(&limits(64, 64)), None);
-        // 4 and 24 are what Vulkan 1.1 guarantees.
+        // 4 and 24 are guaranteed by Vulkan 1.1.
         let missing = missing_storage_buffers(&limits(4, 24)).unwrap();
         assert!(missing.contains("storage buffers") && missing.ends_with("is 4)"), "{missing}");
     }

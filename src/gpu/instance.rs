@@ -13,7 +13,7 @@ const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 /// TRANSFER_SRC_OPTIMAL. Images stay in GENERAL, so that one kind of barrier does for everything; they are copied once.
 const SILENCED_GENERAL_LAYOUT: &str = "layout should be VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL instead of GENERAL";
 
-/// Messages of the validation layer, kept until somebody takes them. Clones share the list, which outlives the context.
+/// Messages of the validation layer, kept until they are taken. Clones share the list, which outlives the context.
 #[derive(Clone, Debug, Default)]
 pub struct Messages(Arc<Mutex<Vec<String>>>);
 
@@ -162,7 +162,7 @@ impl Instance {
         Ok(instance)
     }
 
-    /// Stands on a host's instance. With `debug_utils` the host says that it has enabled VK_EXT_debug_utils.
+    /// Wraps a host's instance. `debug_utils`: the host has enabled VK_EXT_debug_utils.
     ///
     /// # Safety
     /// The instance is valid while this lives, and `debug_utils` is true only if the extension is enabled.
@@ -199,7 +199,7 @@ impl Drop for Instance {
     }
 }
 
-/// What to do when the loader finds no driver.
+/// Remedy if the loader finds no driver.
 pub(super) fn no_driver() -> Error {
     Error::NoDevice(
         "no Vulkan driver; install the one of your GPU, or Mesa's for the processor (Debian: apt install \

@@ -1,4 +1,4 @@
-//! Compute pipelines, and what is bound to them.
+//! Compute pipelines and their bindings.
 
 use std::collections::BTreeSet;
 use std::ffi::CStr;
@@ -50,11 +50,11 @@ pub struct BindingInfo {
     pub name: &'static str,
     /// Its `@binding`.
     pub slot: u32,
-    /// What it is.
+    /// Its kind.
     pub kind: BindingKind,
 }
 
-/// What a binding is, seen from the kernel.
+/// Kind of a binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BindingKind {
     /// `var<storage, read>`
@@ -129,7 +129,7 @@ impl Kernel {
         let ranges =
             [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(shader.push_bytes)];
         // SAFETY: creations from valid structures on a live device; the SPIR-V was made and validated by naga and the
-        // layout from its reflection. What was made before a failure is destroyed by `inner`.
+        // layout from its reflection. After a failure `inner` destroys the objects made before it.
         unsafe {
             let create = vk::DescriptorSetLayoutCreateInfo::default().bindings(&slots);
             inner.set_layout = device.create_descriptor_set_layout(&create, None).map_err(failed)?;
@@ -245,12 +245,13 @@ impl Kernel {
                 .dst_set(inner.set)
                 .dst_binding(binding.slot)
                 .descriptor_type(binding.kind.descriptor());
-            // SAFETY: set, buffers and images are alive and of the declared types; no command uses the set yet.
             match bound {
+                // SAFETY: set and buffer are alive and of the declared type; no command uses the set yet.
                 Bound::Buffer(buffer) => unsafe {
                     let info = [vk::DescriptorBufferInfo::default().buffer(buffer.handle()).range(buffer.size())];
                     device.update_descriptor_sets(&[write.buffer_info(&info)], &[]);
                 },
+                // SAFETY: set and image are alive and of the declared type; no command uses the set yet.
                 Bound::Image(image) => unsafe {
                     let info = [vk::DescriptorImageInfo::default()
                         .image_view(image.view())
@@ -327,7 +328,7 @@ impl Bound<'_> {
     }
 }
 
-/// What is bound to one kernel; keeps it alive. Clones share it.
+/// The resources bound to one kernel, kept alive. Clones share them.
 #[derive(Clone)]
 pub struct Bindings(pub(super) Arc<BindingsInner>);
 

@@ -10,10 +10,10 @@ use gpu_allocator::{AllocationError, MemoryLocation};
 use super::context::Context;
 use crate::error::{Error, Result};
 
-/// Where a buffer lives.
+/// Memory of a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Memory {
-    /// On the device, out of the host's sight.
+    /// On the device, not visible to the host.
     Device,
     /// Written by the host, read by the device.
     Upload,
@@ -43,7 +43,7 @@ impl Buffer {
     pub fn new(ctx: &Context, name: &str, bytes: u64, memory: Memory) -> Result<Buffer> {
         let info = ctx.info();
         let size = if bytes == 0 { 16 } else { bytes.next_multiple_of(4) };
-        // Kernels never see the buffers that the host maps as a whole; what is bound is checked again in `Kernel::bind`.
+        // Kernels never use host-mapped buffers as a whole; `Kernel::bind` checks every binding again.
         if memory == Memory::Device {
             within(name, size, info.max_storage_buffer_range, "maxStorageBufferRange")?;
         }
@@ -84,7 +84,7 @@ impl Buffer {
         Ok(Buffer(Arc::new(inner)))
     }
 
-    /// Bytes asked for.
+    /// Requested size, bytes.
     pub fn bytes(&self) -> u64 {
         self.0.bytes
     }
@@ -99,7 +99,7 @@ impl Buffer {
         self.0.handle
     }
 
-    /// Where it lives.
+    /// Its memory.
     pub fn memory(&self) -> Memory {
         self.0.memory
     }
@@ -162,7 +162,7 @@ impl Buffer {
         Ok(())
     }
 
-    /// How many `T` the buffer holds.
+    /// Number of `T` in the buffer.
     pub(super) fn count_of<T: Pod>(&self) -> Result<usize> {
         let size = size_of::<T>() as u64;
         if size == 0 || !self.0.bytes.is_multiple_of(size) {

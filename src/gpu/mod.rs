@@ -1,8 +1,8 @@
-//! The only code that speaks Vulkan. It knows nothing about light.
+//! The only code that calls Vulkan. It knows nothing about light.
 //!
-//! A [`Context`] stands on a device of its own ([`Context::headless`]) or on a host's ([`Context::adopt`]). Kernels are
-//! compiled from WGSL by the build script ([`shaders`]), made into pipelines when they are first needed and shared by all users of a
-//! context; [`Kernel::bind_from`] joins one with [`Buffer`]s and [`Image`]s by their names,
+//! A [`Context`] uses its own device ([`Context::headless`]) or a host's ([`Context::adopt`]). Kernels are compiled from WGSL by the
+//! build script ([`shaders`]), made into pipelines when they are first needed and shared by all users of a context;
+//! [`Kernel::bind_from`] joins one with [`Buffer`]s and [`Image`]s by their names,
 //! and a [`Recorder`] writes dispatches and copies into a command buffer, each followed by one global memory barrier: a
 //! command sees everything that the commands before it have written. Images stay in the layout GENERAL.
 //!

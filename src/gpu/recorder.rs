@@ -10,20 +10,20 @@ use super::memory::{Buffer, Image, Memory, WHOLE_IMAGE};
 use super::timers::Timers;
 use crate::error::{Error, Result};
 
-/// Most workgroups along x; kernels find their linear index as `wg.x + wg.y * num_workgroups.x`.
+/// Maximum workgroups along x; kernels compute their linear index as `wg.x + wg.y * num_workgroups.x`.
 const MAX_GROUPS_X: u32 = 32768;
 
-/// Most bytes of one vkCmdUpdateBuffer.
+/// Maximum bytes of one vkCmdUpdateBuffer.
 const UPDATE_BYTES: usize = 65536;
 
-/// Stages that use what earlier commands wrote: kernels, copies, the reading of indirect arguments.
+/// Pipeline stages in use: kernels, copies, indirect arguments.
 const USERS: vk::PipelineStageFlags = vk::PipelineStageFlags::from_raw(
     vk::PipelineStageFlags::COMPUTE_SHADER.as_raw()
         | vk::PipelineStageFlags::TRANSFER.as_raw()
         | vk::PipelineStageFlags::DRAW_INDIRECT.as_raw(),
 );
 
-/// What those stages do.
+/// Accesses of those stages.
 const USES: vk::AccessFlags = vk::AccessFlags::from_raw(
     vk::AccessFlags::SHADER_READ.as_raw()
         | vk::AccessFlags::SHADER_WRITE.as_raw()
@@ -32,7 +32,7 @@ const USES: vk::AccessFlags = vk::AccessFlags::from_raw(
         | vk::AccessFlags::INDIRECT_COMMAND_READ.as_raw(),
 );
 
-/// What recorded commands use; to be kept until they have been executed.
+/// The resources of recorded commands; keep it until the commands have been executed.
 #[must_use = "dropping this destroys what the recorded commands may still use"]
 pub struct Retained {
     _objects: Vec<Arc<dyn Send + Sync>>,
@@ -63,7 +63,7 @@ impl<'a> Recorder<'a> {
         Recorder { ctx: ctx.clone(), commands, timers, retained }
     }
 
-    /// Ends recording (the command buffer itself stays open) and hands out what the commands use.
+    /// Ends recording (the command buffer itself stays open) and returns the resources of the commands.
     pub fn finish(self) -> Retained {
         Retained { _objects: self.retained }
     }
@@ -73,12 +73,12 @@ impl<'a> Recorder<'a> {
         self.commands
     }
 
-    /// Orders what follows after all earlier work of the queue, whoever recorded it.
+    /// Orders the following commands after all earlier work of the queue, from any recorder.
     pub fn begin(&mut self) {
         self.barrier(vk::PipelineStageFlags::ALL_COMMANDS, vk::AccessFlags::MEMORY_WRITE, USERS, USES);
     }
 
-    /// Makes what was written visible to the host.
+    /// Makes all writes visible to the host.
     pub(super) fn end(&mut self) {
         self.barrier(
             vk::PipelineStageFlags::ALL_COMMANDS,
@@ -109,7 +109,7 @@ impl<'a> Recorder<'a> {
         Ok(())
     }
 
-    /// Runs as many workgroups as `args` says: x, y, z as u32 at `offset`, written by an earlier command.
+    /// Runs the number of workgroups in `args`: x, y, z as u32 at `offset`, written by an earlier command.
     pub fn dispatch_indirect(
         &mut self,
         kernel: &Kernel,
@@ -162,7 +162,7 @@ impl<'a> Recorder<'a> {
                 device.cmd_push_constants(self.commands, kernel.0.layout, vk::ShaderStageFlags::COMPUTE, 0, push);
             }
         }
-        // The bindings keep the kernel and all that is bound.
+        // The bindings keep the kernel and all its resources.
         self.retained.push(bindings.0.clone());
         Ok(())
     }
@@ -275,7 +275,7 @@ impl<'a> Recorder<'a> {
         Ok(())
     }
 
-    /// Records under a name: a label for debuggers, and a time of the timers.
+    /// Records under a name: a label for debuggers, and a scope of the timers.
     pub fn scope(&mut self, name: &str, record: impl FnOnce(&mut Self) -> Result<()>) -> Result<()> {
         let commands = self.commands;
         let debug = self.ctx.inner.debug.clone();

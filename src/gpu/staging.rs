@@ -1,4 +1,4 @@
-//! Getting data onto the device and back.
+//! Uploads and downloads.
 
 use std::ops::Range;
 
@@ -9,7 +9,7 @@ use super::memory::{Buffer, Memory};
 use super::recorder::Recorder;
 use crate::error::Result;
 
-/// Most that is staged at once by [`upload`] and [`download`].
+/// Maximum bytes staged at once by [`upload`] and [`download`].
 const CHUNK: u64 = 64 << 20;
 
 /// Uploads that are recorded into a caller's command buffer. The staging memory lives until this is dropped and the
@@ -19,7 +19,7 @@ pub struct Staging {
     copies: Vec<Copy>,
 }
 
-/// Bytes of a staging buffer and where they go.
+/// Bytes of a staging buffer and their destination.
 struct Copy {
     from: Buffer,
     from_at: u64,
@@ -28,11 +28,11 @@ struct Copy {
     bytes: u64,
 }
 
-/// Ranges with fewer elements than this between them are copied as one: what is between them is the same there already.
+/// Ranges with fewer elements than this between them are copied as one; the elements between them are unchanged.
 const GAP: usize = 64;
 
 impl Staging {
-    /// Nothing staged yet.
+    /// Without uploads.
     pub fn new() -> Staging {
         Staging::default()
     }
@@ -44,7 +44,7 @@ impl Staging {
         Ok(buffer)
     }
 
-    /// Stages a new content for a part of a buffer; `offset` in bytes.
+    /// Stages new content for a part of a buffer; `offset` in bytes.
     pub fn stage_into<T: Pod>(&mut self, ctx: &Context, buffer: &Buffer, offset: u64, data: &[T]) -> Result<()> {
         let bytes: &[u8] = bytemuck::cast_slice(data);
         buffer.check_range(offset, bytes.len() as u64)?;
@@ -57,7 +57,7 @@ impl Staging {
         Ok(())
     }
 
-    /// Stages some elements of what a buffer is to hold as a whole. The buffer holds the others already.
+    /// Stages ranges of a buffer's whole content. The buffer already holds the other elements.
     pub fn stage_ranges<T: Pod>(
         &mut self,
         ctx: &Context,

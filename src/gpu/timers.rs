@@ -12,7 +12,7 @@ pub struct Timers(pub(super) Arc<TimersInner>);
 
 pub(super) struct TimersInner {
     ctx: Context,
-    /// Null where the queue writes no timestamps.
+    /// Null if the queue writes no timestamps.
     pool: vk::QueryPool,
     capacity: u32,
     /// Names of the scopes recorded since the last reset; scope i has the queries 2i and 2i + 1.
@@ -44,7 +44,7 @@ impl Timers {
     }
 
     /// Seconds for each name of a scope, summed, in order of first use. The command buffer must have been executed.
-    /// Empty where the device writes no timestamps.
+    /// Empty if the device writes no timestamps.
     pub fn read(&self) -> Result<Vec<(String, f64)>> {
         let inner = &*self.0;
         let names = inner.names.lock().unwrap_or_else(PoisonError::into_inner).clone();

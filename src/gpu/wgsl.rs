@@ -1,9 +1,9 @@
-//! From a file of WGSL to SPIR-V: includes, conditionals, naga, reflection.
+//! WGSL files to SPIR-V: includes, conditionals, naga, reflection.
 //!
 //! The build script compiles this file too (through `#[path]`), so it depends on nothing else in the crate.
 //!
-//! Directives stand alone on a line: `#include "file.wgsl"` (from `include/`, once for each module however often it is
-//! named), `#if FLAG`, `#else`, `#endif`. Which flags a module is compiled with is said in `permutations.txt`.
+//! Directives stand alone on a line: `#include "file.wgsl"` (from `include/`, at most once per module), `#if FLAG`, `#else`,
+//! `#endif`. `permutations.txt` lists the flags of each module.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -13,7 +13,7 @@ use naga::back::spv;
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
-/// Text after the directives have been resolved, and where each of its lines stood.
+/// Text with resolved directives, and the origin of each line.
 pub struct Source {
     /// The module's own file as messages show it, such as `shaders/shade.wgsl`.
     pub file: String,
@@ -23,7 +23,7 @@ pub struct Source {
     files: Vec<String>,
 }
 
-/// What a binding is, seen from the kernel.
+/// Kind of a binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// `var<storage, read>`
@@ -233,7 +233,7 @@ impl Source {
     }
 }
 
-/// What kernels may ask of a device: nothing but subgroup operations, which every kernel's creation checks.
+/// Device capabilities allowed to kernels: only subgroup operations, which are checked when a kernel is created.
 const CAPABILITIES: [spv::Capability; 10] = [
     spv::Capability::Shader,
     spv::Capability::Matrix,

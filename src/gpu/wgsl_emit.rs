@@ -1,4 +1,4 @@
-//! What the build script writes: the compiled kernels as Rust statics, and checks of structure layouts.
+//! Output of the build script: the compiled kernels as Rust statics, and checks of structure layouts.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;

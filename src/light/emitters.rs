@@ -1,17 +1,17 @@
-//! The emitters of a scene as a distribution to start particles from (Keller 1997, 3.2).
+//! The emitters of a scene, and the distribution of particles over them (Keller 1997, 3.2).
 //!
 //! An emitter is chosen in proportion to its power (mean of the channels) by the composition method: the number that
-//! chooses it is stretched to [0, 1) again and used for the point on it. The point comes by an area-preserving map of the
+//! chooses it is rescaled to [0, 1) and used again for the point on it. The point comes from an area-preserving map of the
 //! unit square:
 //!
 //! - quad (two triangles that form a parallelogram): p0 + u e1 + v e2, an isometry up to shear and scale;
 //! - triangle: p0 + s (1 - v) e1 + s v e2, s = sqrt(1 - u): slices parallel to the edge opposite p0. It is continuous, but
 //!   squeezes one side of the square into p0; the map of Heitz (2019) distorts less at the price of a fold;
 //! - sphere: cylindrical equal-area map, z = 1 - 2u, phi = 2 pi v;
-//! - directional light: the disc of the scene's bounding sphere, across the direction, (sqrt u, 2 pi v).
+//! - directional light: the disc of the scene's bounding sphere, perpendicular to the direction, (sqrt u, 2 pi v).
 //!
-//! Point, spot, directional and virtual lights are *delta* lights: they start particles for indirect light, but a renderer
-//! lights with each of them exactly once by itself instead of with their particles' first vertices.
+//! Point, spot, directional and virtual lights are *delta* lights: they start particles for indirect light, but for direct
+//! light a renderer evaluates each of them exactly once instead of their particles' first vertices.
 
 use crate::accel::{Bvh, unit_normal};
 use crate::bsdf::{basis, mean, sample_diffuse};
@@ -23,7 +23,7 @@ use glam::Vec3;
 use std::collections::HashMap;
 use std::f32::consts::{PI, TAU};
 
-/// Stands for "no emitter" in [`Emitters::of_triangle`].
+/// "No emitter" in [`Emitters::of_triangle`].
 pub const NO_EMITTER: u32 = u32::MAX;
 
 /// Kind of an emitter.
@@ -76,13 +76,13 @@ pub struct Emitter {
 }
 
 impl Emitter {
-    /// Whether it has no area: lit by itself exactly once, not through particles.
+    /// Whether it has no area: evaluated directly, not through particles.
     pub fn is_delta(&self) -> bool {
         matches!(self.kind, Kind::Point | Kind::Spot | Kind::Directional | Kind::Virtual)
     }
 }
 
-/// An [`Emitter`] as kernels read it, 96 bytes. Numbers that are not floats are stored as the bits of a `u32`.
+/// The device form of an [`Emitter`], 96 bytes. Numbers that are not floats are stored as the bits of a `u32`.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct EmitterRecord {
@@ -105,7 +105,7 @@ pub const FLAG_TWO_SIDED: u32 = 1;
 /// Bit of `EmitterRecord::e2[3]`: a sphere that emits inwards.
 pub const FLAG_INWARD: u32 = 2;
 
-/// Where a particle starts.
+/// Start of a particle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
     /// Index of the emitter.
@@ -125,19 +125,19 @@ pub struct Emitters {
     pub list: Vec<Emitter>,
     /// Upper ends of the emitters' intervals of [0, 1); the last is 1.
     pub cdf: Vec<f32>,
-    /// Indices of those without area, which a renderer lights with one by one.
+    /// Indices of the delta lights, which a renderer evaluates one by one.
     pub delta: Vec<usize>,
     /// Total emitted flux, W.
     pub power: Vec3,
-    /// For each triangle of the scene its emitter, or [`NO_EMITTER`].
+    /// Emitter of each triangle of the scene, or [`NO_EMITTER`].
     pub of_triangle: Vec<u32>,
 }
 
 impl Emitters {
-    /// Collects the emitters. `emissive` says whether emissive triangles and spheres count; if not they are only seen.
+    /// Collects the emitters. `emissive`: whether emissive triangles and spheres light the scene; else they are only visible.
     ///
-    /// Particles of a sphere start on the ideal sphere, or, where a triangle of its mesh is in front of that, on the nearest
-    /// concentric sphere that is in front of all of them. Flux and area stay those of the ideal sphere.
+    /// Particles of a sphere start on the ideal sphere, or, if a triangle of its mesh is in front of it, on the nearest
+    /// concentric sphere in front of all triangles. Flux and area stay those of the ideal sphere.
     pub fn of(scene: &Scene, emissive: bool) -> Result<Emitters> {
         let mut emitters = Emitters {
             list: Vec::new(),
@@ -230,7 +230,7 @@ impl Emitters {
             )));
         }
         let (mut sum, mut lower) = (0.0, 0.0f32);
-        // Emitters without power after the last with power must not get what rounding left over.
+        // Emitters without power after the last one with power must not get the rounding remainder.
         let last = self.list.iter().rposition(|e| weight(e) > 0.0).unwrap_or(0);
         for (i, e) in self.list.iter_mut().enumerate() {
             sum += weight(e);
@@ -246,7 +246,7 @@ impl Emitters {
         Ok(())
     }
 
-    /// Chooses an emitter with `u` in [0, 1): the first whose interval ends above `u`. Also `u` stretched to [0, 1).
+    /// Chooses an emitter with `u` in [0, 1): the first whose interval ends above `u`. Also returns `u` rescaled to [0, 1).
     pub fn choose(&self, u: f32) -> (u32, f32) {
         let (mut low, mut high) = (0, self.cdf.len() - 1);
         while low < high {
@@ -301,7 +301,7 @@ impl Emitters {
         }
     }
 
-    /// The emitters as kernels read them.
+    /// The emitters in device form.
     pub fn records(&self) -> Vec<EmitterRecord> {
         let vec4 = |a: Vec3, w: f32| [a.x, a.y, a.z, w];
         let one = |(e, &end): (&Emitter, &f32)| {
@@ -344,7 +344,7 @@ impl Emitter {
         }
     }
 
-    /// Moves the starting radius of a sphere to the front of one of its triangles.
+    /// Moves the starting radius of a sphere in front of one of its triangles.
     fn keep_in_front(&mut self, corners: [Vec3; 3]) {
         let [a, b, c] = corners.map(|p| p - self.p0);
         if self.inward {
@@ -455,7 +455,7 @@ fn of_light(scene: &Scene, light: &Light) -> Emitter {
     }
 }
 
-/// Corners of the box around all triangles.
+/// Corners of the bounding box of all triangles.
 fn bounds(scene: &Scene) -> (Vec3, Vec3) {
     let corners = scene.triangles.iter().flat_map(|t| t.vertices).map(|v| scene.positions[v as usize]);
     corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))

@@ -1,4 +1,4 @@
-//! Planar mirrors: what mirrors the lights of a pass (Keller 1997, 4.2).
+//! Planar mirrors, for mirrored lights (Keller 1997, 4.2).
 
 use glam::Vec3;
 
@@ -6,7 +6,7 @@ use crate::accel::Bvh;
 use crate::pass::layout::MirrorRecord;
 use crate::scene::{Material, Scene, Surface};
 
-/// Greatest number of them: of more the largest count.
+/// Maximum number of mirrors; the largest by area are kept.
 pub const MAX_MIRRORS: usize = 64;
 
 /// The planar mirrors of a scene.
@@ -14,12 +14,12 @@ pub const MAX_MIRRORS: usize = 64;
 pub struct Mirrors {
     /// The mirrors, the largest first.
     pub list: Vec<MirrorRecord>,
-    /// For each triangle of the tree the number of its mirror + 1, or 0.
+    /// Mirror of each triangle of the tree, as index + 1, or 0.
     pub of_triangle: Vec<u32>,
 }
 
 impl Mirrors {
-    /// Those of the scene's planar reflectors that reflect ideally.
+    /// Collects the scene's ideal planar reflectors.
     pub fn of(scene: &Scene, bvh: &Bvh) -> Mirrors {
         let ideal = |m: &Material| m.surface == Surface::Mirror;
         if !scene.materials.iter().any(ideal) {

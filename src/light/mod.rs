@@ -1,4 +1,4 @@
-//! How light leaves the emitters.
+//! Emission: emitters and the sampling of particles, targets of photons, planar mirrors.
 
 pub mod emitters;
 pub mod mirrors;

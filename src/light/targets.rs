@@ -1,4 +1,4 @@
-//! Mirrors and bodies of glass as targets: where photons are shot (Wald et al. 2002, section 4).
+//! Targets of photons: mirrors and bodies of glass (Wald et al. 2002, section 4).
 //!
 //! Triangles of ideal materials that share corners form a body, and each body has a bounding sphere. From a point y a photon is
 //! shot at a sphere t of radius R_t at distance d_t, chosen with probability
@@ -8,16 +8,16 @@
 //!                        w_t = R_t^2 for parallel light
 //! ```
 //!
-//! and in a direction uniform in the cone of solid angle Omega around the sphere; from inside it, in one that is distributed as
-//! the emission. Its flux, if it were the only photon, is what is emitted over the density of its start and direction:
+//! and in a direction uniform in the cone of solid angle Omega around the sphere; from inside the sphere, in a direction
+//! distributed as the emission. The flux of a photon, if it were the only one, is the emission over the density of start and direction:
 //!
 //! ```text
 //! surfaces, virtual lights   Phi / pi cos Omega / p_t       point, spot   I(w) / p_e Omega / p_t       inside   Phi / p_t
 //! parallel light             E pi R_t^2 / (p_e p_t), from a uniform point of the sphere's disc
 //! ```
 //!
-//! with Phi = power / p_e. A photon is of use only if the first triangle it meets belongs to the chosen body: each body gets its
-//! light from its own photons alone, so spheres may overlap.
+//! with Phi = power / p_e. A photon counts only if the first triangle that it hits belongs to the chosen body: each body gets
+//! light only from its own photons, so spheres may overlap.
 
 use crate::accel::Bvh;
 use crate::bsdf::basis;
@@ -27,7 +27,7 @@ use glam::Vec3;
 use std::collections::HashMap;
 use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
-/// Greatest number of targets: a shader looks at all of them for each photon.
+/// Maximum number of targets: a shader visits all of them for each photon.
 pub const MAX_TARGETS: usize = 64;
 
 /// A bounding sphere.
@@ -35,16 +35,16 @@ pub const MAX_TARGETS: usize = 64;
 pub struct Sphere {
     /// Centre.
     pub center: Vec3,
-    /// Radius, a little more than that of the triangles.
+    /// Radius, slightly larger than that of the triangles.
     pub radius: f32,
 }
 
 /// The targets of a scene.
 #[derive(Clone, Debug, Default)]
 pub struct Targets {
-    /// Bounding spheres of the bodies; empty where nothing is ideal.
+    /// Bounding spheres of the bodies; empty without ideal surfaces.
     pub spheres: Vec<Sphere>,
-    /// For each triangle of the tree the number of its target + 1, or 0.
+    /// Target of each triangle of the tree, as index + 1, or 0.
     pub of_triangle: Vec<u32>,
 }
 
@@ -55,14 +55,14 @@ pub struct Shot {
     pub target: u32,
     /// Unit direction.
     pub direction: Vec3,
-    /// Where the ray starts.
+    /// Origin of the ray.
     pub origin: Vec3,
     /// Flux if it were the only photon; 0: nothing is emitted there.
     pub flux: Vec3,
 }
 
 impl Targets {
-    /// Finds the bodies. More than [`MAX_TARGETS`] are grouped by place.
+    /// Finds the bodies. More than [`MAX_TARGETS`] are grouped by position.
     pub fn of(scene: &Scene, bvh: &Bvh) -> Targets {
         let ideal: Vec<u32> = (0..bvh.triangle_count())
             .filter(|&i| scene.materials[bvh.material(i) as usize].surface != Surface::Opaque)
@@ -85,7 +85,7 @@ impl Targets {
     }
 
     /// Shoots a photon from a start (its ray may begin at `origin`) by three numbers in [0, 1): one for the target, two for the
-    /// direction. `None` where all targets are behind the emitter.
+    /// direction. `None` if all targets are behind the emitter.
     pub fn shoot(
         &self,
         emitters: &Emitters,
@@ -123,7 +123,7 @@ impl Targets {
         if e.kind == Kind::Directional {
             let (t, b) = basis(e.normal);
             let (r, phi) = (sphere.radius * leave[0].sqrt(), TAU * leave[1]);
-            // The disc lies before all of the scene.
+            // The disc is in front of the whole scene.
             let centre = sphere.center - e.normal * (2.0 * e.e1.length());
             let from = centre + t * (r * phi.cos()) + b * (r * phi.sin());
             return shot(from, e.normal, e.radiance * (PI * sphere.radius * sphere.radius / e.probability));
@@ -148,12 +148,12 @@ impl Targets {
     }
 }
 
-/// Squared sine of a sphere's half angle from which on a point counts as inside of it.
+/// Squared sine of a sphere's half angle above which a point counts as inside the sphere.
 pub const INSIDE: f32 = 0.999;
 
 /// Triangles that share corners.
 fn bodies(ideal: &[u32], corners: &impl Fn(u32) -> [Vec3; 3]) -> Vec<Vec<u32>> {
-    // A forest over `ideal`: each entry names one that is nearer to the root.
+    // A union-find forest over `ideal`: each entry is closer to the root.
     fn root(parent: &mut [usize], mut i: usize) -> usize {
         while parent[i] != i {
             parent[i] = parent[parent[i]];
@@ -211,7 +211,7 @@ fn group(bodies: &mut [Vec<u32>], most: usize, corners: &impl Fn(u32) -> [Vec3; 
     group(second, most - most / 2, corners, groups);
 }
 
-/// Around the middle of their box, with room for rounding.
+/// Bounding sphere around the centre of their box, with a margin for rounding.
 fn bounding_sphere(triangles: &[u32], corners: &impl Fn(u32) -> [Vec3; 3]) -> Sphere {
     let (low, high) = box_of(triangles, corners);
     let center = (low + high) * 0.5;

@@ -12,7 +12,7 @@ use glam::Vec3;
 use std::io::Cursor;
 use std::path::Path;
 
-/// The greatest finite half.
+/// The maximum finite half.
 const HALF_MAX: f32 = 65504.0;
 
 /// Encodes the layers as a file's bytes; `path` is for messages.
@@ -43,7 +43,7 @@ pub fn encode(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Enco
     let compressed = Compressed {
         compression: Compression::ZIP16,
         blocks: Blocks::ScanLines,
-        // Blocks are compressed on many threads; only an order that is asked for is the same each time.
+        // Blocks are compressed on several threads; a fixed line order makes the file reproducible.
         line_order: LineOrder::Increasing,
     };
     let layer = Layer::new(size, attributes(metadata), compressed, AnyChannels::sort(channels.list.into()));
@@ -62,7 +62,7 @@ pub fn encode(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Enco
     Ok(bytes)
 }
 
-/// Channels in the making.
+/// Channels under construction.
 #[derive(Default)]
 struct Channels {
     list: Vec<AnyChannel<FlatSamples>>,
@@ -90,7 +90,7 @@ impl Channels {
             FlatSamples::F32(values.collect())
         } else {
             let to_half = |value: f32| {
-                // Up to half a step above the greatest half is still rounded down to it.
+                // Up to half a step above the maximum is still rounded down to it.
                 self.overflowed += u64::from(value.abs() >= HALF_MAX + 16.0);
                 // NaN passes through the clamp and stays visible.
                 f16::from_f32(value.clamp(-HALF_MAX, HALF_MAX))
@@ -102,7 +102,7 @@ impl Channels {
 }
 
 fn attributes(metadata: &Metadata) -> LayerAttributes {
-    // The format's texts are bytes; readers take them as UTF-8, so no name is refused here.
+    // The format's texts are bytes, which readers decode as UTF-8, so every name is accepted.
     let text = |s: &str| (!s.is_empty()).then(|| Text::from_slice_unchecked(s.as_bytes()));
     let mut attributes = LayerAttributes { software_name: text(&metadata.software), ..LayerAttributes::default() };
     let seed = metadata.seed.to_string();
@@ -124,10 +124,10 @@ fn attributes(metadata: &Metadata) -> LayerAttributes {
     attributes
 }
 
-/// Puts the header's attributes into the order of their names.
+/// Sorts the header's attributes by name.
 ///
 /// The encoder keeps them in a hash map whose order changes from run to run; sorted, the same image gives the same
-/// bytes. The header's length stays, so no offset in the file changes.
+/// bytes. The header's length does not change, so offsets in the file stay valid.
 fn sort_attributes(bytes: &mut [u8]) -> exr::error::UnitResult {
     /// Magic number and version.
     const START: usize = 8;

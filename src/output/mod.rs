@@ -1,7 +1,7 @@
-//! What a rendering leaves behind: EXR with layers, PNG for the eye, statistics, and the state that a run resumes from.
+//! Output files: EXR with layers, PNG for display, statistics, and the state for resuming.
 //!
-//! Every file is written beside its place under a temporary name and then renamed, so that a reader never meets half a
-//! file and a failed run leaves the file before it as it was. Same layers, same metadata: same bytes.
+//! Every file is written under a temporary name in the same folder and then renamed, so that a reader never sees a partial
+//! file and a failed run leaves an existing file unchanged. Same layers, same metadata: same bytes.
 
 mod exr;
 mod png;
@@ -21,8 +21,8 @@ use std::path::{Path, PathBuf};
 
 /// A rendered image with its layers: row by row from the top, linear Rec. 709, `width * height` values each.
 ///
-/// A layer other than `color` may be empty; it is then left out of the file. In mirrors and through glass, layers show what is
-/// seen there; where that is two things, what is seen through glass and not what it reflects, the surface and not its gloss.
+/// A layer other than `color` may be empty; it is then omitted from the file. In mirrors and through glass, layers show the
+/// surface seen there; of two components they show transmission rather than reflection, and the base rather than its gloss.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Layers {
     /// Width in pixels.
@@ -31,24 +31,24 @@ pub struct Layers {
     pub height: u32,
     /// Radiance L towards the eye, W/(m^2 sr).
     pub color: Vec<Vec3>,
-    /// Albedo (diffuse and specular) of what is seen, times what mirrors and glass on the way leave of it, in [0, 1].
+    /// Albedo (diffuse and specular) of the visible surface, times the weight of mirrors and glass on the way, in [0, 1].
     pub albedo: Vec<Vec3>,
     /// Shading normal in world space, unit length; zero on the background.
     pub normal: Vec<Vec3>,
-    /// Distance from the eye along the view direction, scene units, as if the way through mirrors and glass were straight;
-    /// infinite on the background.
+    /// Distance from the eye along the view direction, scene units, with paths through mirrors and glass unfolded to a straight
+    /// line; infinite on the background.
     pub depth: Vec<f32>,
-    /// Irradiance E that comes straight from the emitters, W/m^2.
+    /// Direct irradiance E from the emitters, W/m^2.
     pub direct: Vec<Vec3>,
-    /// Irradiance E after one reflection or more, W/m^2.
+    /// Indirect irradiance E, after one or more reflections, W/m^2.
     pub indirect: Vec<Vec3>,
-    /// Radiance that the surface in view emits itself. With `diffuse` and `specular` it adds up to `color`.
+    /// Radiance emitted by the visible surface. With `diffuse` and `specular` it adds up to `color`.
     pub emission: Vec<Vec3>,
-    /// Radiance that it reflects diffusely.
+    /// Radiance reflected diffusely.
     pub diffuse: Vec<Vec3>,
-    /// Radiance that it reflects or lets through by its lobe, or as a mirror or glass.
+    /// Radiance reflected or transmitted by the specular lobe, a mirror or glass.
     pub specular: Vec<Vec3>,
-    /// Share of the pixel that the scene covers, in [0, 1].
+    /// Coverage of the pixel by the scene, in [0, 1].
     pub alpha: Vec<f32>,
 }
 
@@ -76,7 +76,7 @@ impl Layers {
     }
 }
 
-/// How an image came about: attributes of the EXR file. An empty text is left out.
+/// Provenance of an image, written as attributes of the EXR file. Empty texts are omitted.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Metadata {
     /// Program and version.
@@ -97,12 +97,12 @@ pub struct Metadata {
     pub driver: String,
 }
 
-/// How pixels become a file.
+/// Encoding of an image file.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Encoding {
-    /// Colour of an EXR file as 32-bit float in place of half: twice the size, no rounding, no overflow at 65504.
+    /// Colour of an EXR file as 32-bit float instead of half: twice the size, no rounding, no overflow at 65504.
     pub float: bool,
-    /// Leave the layers out of an EXR file, for programs that read colour and alpha alone.
+    /// Write an EXR file without layers, for programs that read only colour and alpha.
     pub color_only: bool,
     /// Exposure of a PNG file in stops: radiance is multiplied by 2^exposure.
     pub exposure: f32,
@@ -120,7 +120,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format that the extension names.
+    /// The format for the path's extension. Errors: [`Error::Setting`] for any other extension.
     pub fn of(path: &Path) -> Result<Format> {
         let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
         match extension.as_deref() {
@@ -134,7 +134,10 @@ impl Format {
     }
 }
 
-/// Writes an image in the format that the path's extension names.
+/// Writes an image in the format of the path's extension.
+///
+/// Errors: [`Error::Setting`] for an unknown extension, [`Error::File`] for layers of the wrong size, [`Error::Io`] if the file
+/// cannot be written.
 pub fn write(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Encoding) -> Result<()> {
     let format = Format::of(path)?;
     layers.validate(path)?;
@@ -145,9 +148,9 @@ pub fn write(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Encod
     write_file(path, &[&bytes])
 }
 
-/// Writes `parts` one after the other to a file of this name: beside it first, then renamed over it.
+/// Writes the concatenation of `parts` to a file, through a temporary file that is then renamed.
 ///
-/// A name that stands for a device or a pipe is written to directly.
+/// Devices and pipes are written directly.
 pub fn write_file(path: &Path, parts: &[&[u8]]) -> Result<()> {
     let write_all = |file: &mut File| parts.iter().try_for_each(|part| file.write_all(part));
     match Target::of(path)? {
@@ -164,7 +167,7 @@ pub fn write_file(path: &Path, parts: &[&[u8]]) -> Result<()> {
     }
 }
 
-/// Finds out before a long rendering whether [`write_file`] could write there.
+/// Checks before a long rendering whether [`write_file`] can write to a path.
 pub fn check_writable(path: &Path) -> Result<()> {
     match Target::of(path)? {
         Target::Stream => Ok(()),
@@ -172,11 +175,11 @@ pub fn check_writable(path: &Path) -> Result<()> {
     }
 }
 
-/// What a path stands for.
+/// Kind of a path's target.
 enum Target {
     /// A device or pipe, which must not be replaced.
     Stream,
-    /// A file, present or not, with links resolved so that a link is kept and its target replaced.
+    /// A file, which may not exist yet, with links resolved so that a link is kept and its target replaced.
     File(PathBuf),
 }
 
@@ -196,7 +199,7 @@ impl Target {
 struct Temporary(PathBuf);
 
 impl Temporary {
-    /// Creates one beside `place`; errors name `path`, which the user gave.
+    /// Creates one next to `place`; errors name `path`, as given by the user.
     fn create(path: &Path, place: &Path) -> Result<(File, Temporary)> {
         let Some(name) = place.file_name() else {
             return Err(Error::file(path, "is not the name of a file"));
@@ -209,7 +212,7 @@ impl Temporary {
             let temporary = place.with_file_name(hidden);
             match OpenOptions::new().write(true).create_new(true).open(&temporary) {
                 Ok(file) => return Ok((file, Temporary(temporary))),
-                // Another thread, or a killed process of the same number, has that name.
+                // The name is taken by another thread, or by a killed process with the same id.
                 Err(e) if e.kind() == ErrorKind::AlreadyExists && attempt < 100 => attempt += 1,
                 Err(e) => return Err(Error::io("creating a file beside it", path)(e)),
             }
@@ -223,7 +226,7 @@ impl Temporary {
 
 impl Drop for Temporary {
     fn drop(&mut self) {
-        // After a rename nothing of this name is left, and that is no error.
+        // After a rename there is no file of this name; that is no error.
         let _ = fs::remove_file(&self.0);
     }
 }

@@ -1,4 +1,4 @@
-//! PNG for the eye: exposure, a tone curve, 8 bits for each channel.
+//! PNG for display: exposure, a tone curve, 8 bits for each channel.
 
 use super::Layers;
 use crate::error::{Error, Result};
@@ -7,7 +7,7 @@ use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use std::path::Path;
 
-/// How radiance becomes a displayed colour.
+/// Tone curve from radiance to displayed colour.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Tonemap {
     /// Clipped at 1 and encoded by the sRGB curve: exact below 1, burnt out above.
@@ -22,7 +22,7 @@ pub enum Tonemap {
 impl Tonemap {
     /// Display-encoded colour, each channel in [0, 1].
     pub fn apply(self, color: Vec3) -> Vec3 {
-        // NaN becomes black; infinity becomes the greatest number, so that no curve meets inf / inf.
+        // NaN becomes black; infinity becomes the maximum number, so that no curve computes inf / inf.
         let color = color.map(|c| if c > 0.0 { c.min(1e18) } else { 0.0 });
         match self {
             Tonemap::Srgb => color.map(srgb),
@@ -67,7 +67,7 @@ fn aces(color: Vec3) -> Vec3 {
     out.transpose() * (into.transpose() * color).map(fit)
 }
 
-/// Wrensch, "Minimal AgX Implementation" (2023): inset, log2 of 16.5 stops, a polynomial of degree 6 in place of the
+/// Wrensch, "Minimal AgX Implementation" (2023): inset, log2 of 16.5 stops, a polynomial of degree 6 instead of the
 /// contrast table, outset. The result is display-encoded already.
 fn agx(color: Vec3) -> Vec3 {
     let inset = Mat3::from_cols(

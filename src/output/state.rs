@@ -1,7 +1,7 @@
 //! The state of an unfinished rendering, from which `--resume` continues bit for bit.
 //!
-//! Little endian: magic "LSUMSTAT", version u32, width u32, height u32, passes u32, fingerprint u64, length of what
-//! follows u64, checksum u64 (FNV-1a over all other bytes), accumulators.
+//! Little endian: magic "LSUMSTAT", version u32, width u32, height u32, passes u32, fingerprint u64, length of the
+//! accumulators u64, checksum u64 (FNV-1a over all other bytes), accumulators.
 
 use super::write_file;
 use crate::error::{Error, Result};
@@ -15,7 +15,7 @@ const FIELDS: usize = 8 + 4 * 4 + 2 * 8;
 /// Bytes of the whole header.
 const HEADER: usize = FIELDS + 8;
 
-/// What a rendering needs to go on.
+/// State of an unfinished rendering.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct State {
     /// Of scene, camera and settings.
@@ -52,7 +52,7 @@ impl State {
         write_file(path, &[&header, &self.accumulators])
     }
 
-    /// Reads a state and checks that it is whole.
+    /// Reads a state. Errors: [`Error::Io`]; [`Error::File`] if the state is incomplete, damaged or of another version.
     pub fn read(path: &Path) -> Result<State> {
         const REMOVE: &str = "remove it to start anew";
         let mut bytes = std::fs::read(path).map_err(Error::io("reading", path))?;
@@ -83,7 +83,7 @@ impl State {
         Ok(State { fingerprint, width, height, passes, accumulators: bytes })
     }
 
-    /// Refuses a state of another rendering.
+    /// Checks that the state belongs to this rendering. Errors: [`Error::File`] for another size or fingerprint.
     pub fn check(&self, path: &Path, fingerprint: u64, [width, height]: [u32; 2]) -> Result<()> {
         if (self.width, self.height) != (width, height) {
             let message = format!(

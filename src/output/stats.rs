@@ -5,14 +5,14 @@ use crate::error::{Error, Result};
 use serde::{Serialize, Serializer};
 use std::path::Path;
 
-/// What a rendering took; the keys of the JSON file are the fields' names.
+/// Statistics of a rendering; the keys of the JSON file are the fields' names.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Statistics {
     /// Name of the device.
     pub device: String,
     /// Name and version of its driver.
     pub driver: String,
-    /// Version of Vulkan that it offers.
+    /// Vulkan version of the device.
     pub api: String,
     /// Name of the scene.
     pub scene: String,
@@ -28,16 +28,16 @@ pub struct Statistics {
     pub passes: u32,
     /// Passes that this run rendered; fewer than `passes` after a resume.
     pub passes_rendered: u32,
-    /// Eye rays, with those that go on from mirrors and glass, photons' rays, gather rays and receiver-light pairs of this run. Pairs that face away from each other count, though no
-    /// ray is traced for them.
+    /// Eye rays (including those after mirrors and glass), photon rays, gather rays and receiver-light pairs of this run. Pairs
+    /// that face away from each other are included, although no ray is traced for them.
     pub rays: u64,
-    /// Pairs of a cluster and a light that were dropped before any ray was traced: at most 64 pairs of receiver and light each.
+    /// Pairs of a cluster and a light dropped before any ray was traced: at most 64 pairs of receiver and light each.
     pub culled_pairs: u64,
-    /// Caustic photons that were stored in this run.
+    /// Caustic photons stored in this run.
     pub photons: u64,
-    /// Rays for each second of stage "render".
+    /// Rays per second of stage "render".
     pub rays_per_second: f64,
-    /// Relative RMSE of the image as estimated from independent instances; null while unknown.
+    /// Relative RMSE of the image, estimated from independent instances; null while unknown.
     pub error_estimate: Option<f32>,
     /// Seconds of each stage, in order.
     #[serde(serialize_with = "as_object")]

@@ -1,12 +1,13 @@
 //! Path tracer on the CPU: the ground truth for tests and `--reference`.
 //!
 //! Paths start at the eye. At each point one emitter is chosen in proportion to its power and a point on it sampled by area;
-//! the path goes on by sampling the reflectance. Light that both could have found is weighted by the power heuristic
-//! (Veach and Guibas 1995). Paths are not cut off by Russian roulette but end after a given number of segments, so that
+//! the path continues by sampling the reflectance. The power heuristic weights the two strategies
+//! (Veach and Guibas 1995). There is no Russian roulette: paths end after a given number of segments, so that
 //! the expectation is the same truncated series that instant radiosity sums.
 //!
-//! Mirrors and glass are followed as [`bsdf::ideal`](crate::bsdf::ideal) says, one component at random, and as far as
-//! [`SpecularPaths`] allows; frosted panes scatter what passes them, wherever they stand. What the eye sees through them does not count as segments: it has a limit of its own.
+//! Paths follow mirrors and glass by [`bsdf::ideal`](crate::bsdf::ideal), one component at random, as far as
+//! [`SpecularPaths`] allows; frosted panes scatter transmitted light everywhere. Mirrors and glass on the way from the eye do not
+//! count as segments; they have their own limit.
 
 mod surface;
 
@@ -23,33 +24,33 @@ use crate::scene::{Camera, Scene};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-/// How to render.
+/// Options of the path tracer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     /// Width and height in pixels; overrides the camera's.
     pub resolution: [u32; 2],
-    /// Paths for each pixel.
+    /// Samples per pixel.
     pub samples: u32,
-    /// Greatest number of segments of a path: 1 emitters seen directly, 2 direct light, 5 three further reflections. Where
-    /// mirrors and glass lead the eye does not count.
+    /// Maximum number of segments of a path: 1 emitters seen directly, 2 direct light, 5 three further reflections. Mirrors
+    /// and glass on the way from the eye do not count.
     pub max_depth: u32,
-    /// Greatest number of mirrors and crossings of glass in a row that the eye looks through.
+    /// Maximum number of consecutive mirrors and glass surfaces on an eye path.
     pub max_specular: u32,
     /// Seed; the same one gives the same bits.
     pub seed: u64,
-    /// Where mirrors and glass are followed.
+    /// Paths that follow mirrors and glass.
     pub specular_paths: SpecularPaths,
 }
 
-/// Where mirrors and glass are followed; where they are not, mirrors reflect by their diffuse base alone and glass is black.
+/// Paths that follow mirrors and glass; for other paths mirrors reflect only by their diffuse base, and glass is black.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SpecularPaths {
-    /// Nowhere.
+    /// None.
     None,
     /// From the eye to the first other surface, as the renderer does.
     Eye,
-    /// Everywhere: caustics, and light that mirrors throw on, which the renderer leaves out. After the first other surface
-    /// they count as segments.
+    /// All paths: includes caustics, and light after mirrors that the renderer leaves out. After the first other surface
+    /// mirrors and glass count as segments.
     All,
 }
 
@@ -77,7 +78,7 @@ pub struct Rng {
 }
 
 impl Rng {
-    /// Numbers that one path may draw before it meets those of the next sample.
+    /// Numbers reserved for one path.
     const STRIDE: u32 = 256;
 
     /// The numbers of a sample in a pixel.
@@ -109,7 +110,7 @@ pub fn camera_direction(camera: &Camera, resolution: [u32; 2], x: f32, y: f32) -
     (forward + right * across + up * upwards).normalize()
 }
 
-/// Ray of a camera through a point of the image, as [`camera_direction`], from a point of its lens that `u` chooses evenly.
+/// Ray of a camera through a point of the image, as [`camera_direction`], from a point of its lens chosen uniformly by `u`.
 pub fn camera_ray(camera: &Camera, resolution: [u32; 2], x: f32, y: f32, [u0, u1]: [f32; 2]) -> Ray {
     let direction = camera_direction(camera, resolution, x, y);
     let (right, up, forward) = camera.world_from_camera();
@@ -121,7 +122,7 @@ pub fn camera_ray(camera: &Camera, resolution: [u32; 2], x: f32, y: f32, [u0, u1
 
 /// Renders an image: linear radiance, rows from the top, box pixel filter.
 ///
-/// `progress` hears the finished fraction after each round of samples over the whole image and says whether to go on; if
+/// `progress` receives the finished fraction after each round of samples over the whole image and returns whether to continue; if
 /// not, the image is the mean of the rounds so far.
 pub fn render(
     scene: &Scene,
@@ -165,7 +166,7 @@ pub fn render(
     Ok(sums.into_iter().map(|s| (s / f64::from(done)).as_vec3()).collect())
 }
 
-/// A scene with what is needed to trace paths through it.
+/// A scene with its acceleration structure and emitters.
 #[derive(Clone, Copy, Debug)]
 pub struct Tracer<'a> {
     scene: &'a Scene,
@@ -178,7 +179,7 @@ pub struct Tracer<'a> {
 }
 
 impl<'a> Tracer<'a> {
-    /// Takes of the options how long paths are and where they go.
+    /// Applies the options for path lengths and specular paths.
     pub fn new(scene: &'a Scene, bvh: &'a Bvh, emitters: &'a Emitters, options: &Options) -> Tracer<'a> {
         let Options { max_depth, max_specular, specular_paths, .. } = *options;
         let scale = emitters::scale(bvh, emitters);
@@ -189,10 +190,10 @@ impl<'a> Tracer<'a> {
     pub fn radiance(&self, mut ray: Ray, rng: &mut Rng) -> Vec3 {
         let mut radiance = Vec3::ZERO;
         let mut beta = Vec3::ONE;
-        // Where the last reflection that sampling of an emitter shared was, and its density: None after the eye or an
-        // ideal mirror, whose light nothing else finds.
+        // Position and density of the last reflection with emitter sampling; None after the eye or an ideal mirror, whose
+        // light no other strategy finds.
         let mut last: Option<(Vec3, f32)> = None;
-        // Nothing but ideal mirrors and glass since the eye, and how many of them.
+        // Whether there were only ideal mirrors and glass since the eye, and their number.
         let (mut directly, mut seen_through) = (true, 0);
         let mut media = Media::default();
         let mut segment = 1;
@@ -228,7 +229,7 @@ impl<'a> Tracer<'a> {
                 let choice = rng.next_f32();
                 let wi = reflectance.sample(n.shading, point.wo, choice, rng.pair());
                 let pdf = reflectance.pdf(n.shading, wi, point.wo);
-                // Written so that a density that is not a number ends the path as well.
+                // Written so that NaN also ends the path.
                 if !(n.above(wi) && pdf > 0.0) {
                     break;
                 }
@@ -244,7 +245,7 @@ impl<'a> Tracer<'a> {
         radiance
     }
 
-    /// One of the ways on from a mirror or glass and the probability of this choice; no way: the path reflects otherwise.
+    /// A continuation at a mirror or glass and the probability of this choice; `None`: the path reflects non-ideally.
     fn ideal(&self, point: &SurfacePoint, media: &Media, rng: &mut Rng) -> (Option<Way>, f32) {
         let finish = point.finish(self.scene);
         let eta = media.relative_index(&self.scene.materials, point.material_index, point.normals.front);
@@ -263,7 +264,7 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// Emission of a point that a path hit, weighted against the sampling of emitters at `last`.
+    /// Emission of a point hit by a path, weighted against the sampling of emitters at `last`.
     fn emission(&self, point: &SurfacePoint, last: Option<(Vec3, f32)>, directly: bool) -> Vec3 {
         let emission = point.emission();
         if emission.max_element() <= 0.0 {
@@ -271,7 +272,7 @@ impl<'a> Tracer<'a> {
         }
         let index = self.emitters.of_triangle[point.triangle as usize];
         match last {
-            // What only is seen, and does not light, counts for the eye alone.
+            // Emission that does not light the scene counts only for the eye.
             _ if index == NO_EMITTER => {
                 if directly {
                     emission
@@ -296,7 +297,7 @@ impl<'a> Tracer<'a> {
         let e = &self.emitters.list[index as usize];
         let n = point.normals;
         let from = offset_origin(point.position, n.geometric, self.scale);
-        // f_r cos, or 0 where that is not lit.
+        // f_r cos, or 0 below the surface.
         let reflected = |wi: Vec3| {
             if n.above(wi) { reflectance.eval(n.shading, wi, point.wo) * n.shading.dot(wi) } else { Vec3::ZERO }
         };
@@ -328,7 +329,7 @@ impl<'a> Tracer<'a> {
         self.unless(light, Ray::between(from, offset_origin(target, axis, self.scale)))
     }
 
-    /// `light`, or 0 if something is in the way.
+    /// `light`, or 0 if occluded.
     fn unless(&self, light: Vec3, shadow: Ray) -> Vec3 {
         if light.max_element() > 0.0 && !self.bvh.occluded(&shadow) { light } else { Vec3::ZERO }
     }

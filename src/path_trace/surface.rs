@@ -1,4 +1,4 @@
-//! What a ray finds where it hits.
+//! Surface properties at the hit of a ray.
 
 use crate::accel::{Bvh, Hit};
 use crate::bsdf::{Finish, Normals};
@@ -33,7 +33,7 @@ impl<'a> SurfacePoint<'a> {
         let w = 1.0 - hit.u - hit.v;
         let geometric = bvh.normal(hit.triangle);
         let shading = if triangle.smooth {
-            // Opposite vertex normals can cancel out; the face's own normal serves there.
+            // Opposite vertex normals can cancel; then the face normal is used.
             (scene.normals[a] * w + scene.normals[b] * hit.u + scene.normals[c] * hit.v).normalize_or(geometric)
         } else {
             geometric

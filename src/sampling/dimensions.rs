@@ -1,19 +1,18 @@
-//! The one table of who uses which dimension of the low-discrepancy sequence, and which stream of hashed numbers.
+//! Assignment of the dimensions of the low-discrepancy sequence, and of the streams of hashed numbers.
 //!
 //! | consumer                                        | dimensions | Halton's bases |
 //! |-------------------------------------------------|-------------------|-------|
 //! | choice of the emitter, by composition           | 0 (then rescaled to [0, 1) and used again) | 2 |
 //! | point on the emitter                            | 0, 1              | 2, 3  |
-//! | direction of segment j of a particle, j = 0..16 | 2j + 2, 2j + 3    | 5, 7; 11, 13; ... |
+//! | direction of segment j of a particle, j in 0..16 | 2j + 2, 2j + 3   | 5, 7; 11, 13; ... |
 //! | gather ray of bounce b                          | 2b, 2b + 1, rotated by stream `GATHER` | 2, 3; 5, 7; ... |
 //! | photon: direction; emitter and point; target    | 0, 1; 2, 3; 4, rotated by stream `PHOTON` | 2, 3; 5, 7; 11 |
 //!
-//! Sobol' points, where they are chosen, have the same dimensions and no bases; they are randomised by XOR where Halton's are rotated.
+//! Sobol' points use the same dimensions, without bases; they are randomised by XOR instead of rotation. Their gather rays
+//! are padded replications: every bounce uses dimensions 0 and 1, each in its own order (stream `REPLICA`).
 //!
-//! Gather rays are padded replications: every bounce takes dimensions 0 and 1, in an order of its own (stream `REPLICA`).
-//!
-//! Segment 0 leaves the emitter, segment j leaves the j-th reflection. Photons walk along a sequence of their own, which begins at
-//! index 0 and is rotated otherwise: their light is added to that of the particles, so the two need not be independent.
+//! Segment 0 leaves the emitter, segment j leaves the j-th reflection. Photons use their own sequence, which begins at
+//! index 0 and has another rotation: their light is added to that of the particles, so the two need not be independent.
 //!
 //! | stream      | consumer of [`super::random::key`], with its two indices |
 //! |-------------|-----------------------------------------------------------|
@@ -24,22 +23,22 @@
 //! | [`GATHER`]  | rotation of the gather ray: pixel, dimension              |
 //! | [`PIXEL`]   | everything in the path tracer: pixel, running number      |
 //! | [`GATHER_LOBE`] | lobe of the gather ray: pixel, bounce                 |
-//! | [`WINDOW`]  | where the passes enter their segments of the sequence: 0, 0 |
+//! | [`WINDOW`]  | offset of the passes in their segments of the sequence: 0, 0 |
 //! | [`OFFSET`]  | rotation of a block of pixel offsets: block, 0 or 1       |
-//! | [`COMPONENT`] | what passes glass or is reflected: slot of the pixel, mirrors and glass so far |
+//! | [`COMPONENT`] | transmission or reflection: slot of the pixel, mirrors and glass so far |
 //! | [`REPLICA`] | order of the Sobol' points of the gather rays: bounce, 0 |
-//! | [`DELTA`]   | where the choice of lights without area begins: 0, 0 |
-//! | [`MIRROR`]  | where the choice of lights and mirrors begins: 0, 0   |
+//! | [`DELTA`]   | offset of the choice of delta lights: 0, 0             |
+//! | [`MIRROR`]  | offset of the choice of lights and mirrors: 0, 0       |
 //! | [`PHOTON`]  | Cranley-Patterson rotation of the photons: dimension, 0   |
 //! | [`PHOTON_SIDE`] | side of a two-sided emitter: photon, 0                |
-//! | [`PHOTON_COMPONENT`] | what passes glass or is reflected: photon, mirrors and glass so far |
+//! | [`PHOTON_COMPONENT`] | transmission or reflection: photon, mirrors and glass so far |
 
 use super::halton::PRIMES;
 use super::sobol;
 
 /// Dimensions of the point on the emitter; the first also chooses the emitter.
 pub const EMITTER: [usize; 2] = [0, 1];
-/// Greatest number of segments of a particle's path.
+/// Maximum number of segments of a particle's path.
 pub const MAX_SEGMENTS: usize = 16;
 /// Number of dimensions in use.
 pub const COUNT: usize = 2 * MAX_SEGMENTS + 2;
@@ -65,7 +64,7 @@ pub const GATHER: u32 = 5;
 pub const PIXEL: u32 = 6;
 /// Stream: lobe of the gather ray.
 pub const GATHER_LOBE: u32 = 7;
-/// Stream: where a pass enters its segment of the sequence.
+/// Stream: offset of a pass in its segment of the sequence.
 pub const WINDOW: u32 = 8;
 /// Stream: rotation of a block of pixel offsets.
 pub const OFFSET: u32 = 9;
@@ -73,7 +72,7 @@ pub const OFFSET: u32 = 9;
 pub const COMPONENT: u32 = 10;
 /// Stream: order of a replication of the Sobol' sequence.
 pub const REPLICA: u32 = 11;
-/// Stream: offset of the choice of lights without area.
+/// Stream: offset of the choice of delta lights.
 pub const DELTA: u32 = 12;
 /// Stream: offset of the choice of lights and mirrors.
 pub const MIRROR: u32 = 13;

@@ -14,9 +14,9 @@ pub const PRIMES: [u32; 64] = [
 /// Computed so that a shader gets the same bits: the digits are reversed as an integer and there is one rounding at the
 /// end. Base 2 reverses the bits and keeps the upper 24, exactly. Other bases reverse digits while the power of the base
 /// fits 32 bits (at most 20 digits) and divide once. As long as that power is at most 2^24 the quotient is the correctly
-/// rounded one; beyond, three roundings add up to 1.5 ulp, and digits worth less than 2^-23 are left out.
+/// rounded one; beyond, three roundings add up to 1.5 ulp, and digits worth less than 2^-23 are ignored.
 ///
-/// Differs from figure 2 in that: the figure sums fractions in floating point, with as many roundings as digits.
+/// Differs from figure 2, which sums fractions in floating point, with as many roundings as digits.
 pub fn radical_inverse(base: u32, i: u32) -> f32 {
     if base == 2 {
         return (i.reverse_bits() >> 8) as f32 * (1.0 / 16_777_216.0);
@@ -37,7 +37,7 @@ pub fn halton(dimension: usize, i: u32) -> f32 {
     radical_inverse(PRIMES[dimension], i)
 }
 
-/// Successive radical inverses, each from the one before (Halton and Weller 1964; figure 3).
+/// Successive radical inverses, each from its predecessor (Halton and Weller 1964; figure 3).
 ///
 /// In f64: the figure's guard 1e-10 against rounding at the carry is below the resolution of f32. It holds for some
 /// 1e9 points, since the smallest distance between values must stay above it.

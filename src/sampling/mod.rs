@@ -1,4 +1,4 @@
-//! Where the numbers come from that place samples: low-discrepancy points, hashes, and the table of who uses which.
+//! Sample points: low-discrepancy sequences, hashed random numbers, and the assignment of dimensions and streams.
 
 pub mod dimensions;
 pub mod halton;
@@ -28,8 +28,8 @@ pub fn grid_resolution(base: u32, count: u32) -> f32 {
 
 /// Jittered low-discrepancy sampling (Keller, 4.1): moves `x` within its raster cell by `xi * resolution`, `xi` in [0, 1).
 ///
-/// The first b^n points keep to their cells. Points of a later segment of the sequence may pass 1 and come round again,
-/// which keeps their distribution.
+/// The first b^n points stay in their cells. Points of a later segment of the sequence may pass 1 and wrap around,
+/// which preserves their distribution.
 pub fn jitter(x: f32, xi: f32, resolution: f32) -> f32 {
     rotate(x, (xi * resolution).min(ONE_MINUS_EPSILON))
 }

@@ -7,7 +7,7 @@ pub fn hash(x: u32) -> u32 {
     (word >> 22) ^ word
 }
 
-/// One key of four numbers: seed, consumer (a constant of [`super::dimensions`]), and two indices of the consumer's own.
+/// Combines four numbers into a key: seed, stream (a constant of [`super::dimensions`]), and the stream's two indices.
 pub fn key(seed: u32, stream: u32, a: u32, b: u32) -> u32 {
     let mut k = hash(seed ^ stream.wrapping_mul(0x9e37_79b9));
     k = hash(k ^ a);

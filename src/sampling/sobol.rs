@@ -3,10 +3,10 @@
 //! A point is a word of 32 bits in each dimension, x / 2^32 in [0, 1): the XOR of those columns of the dimension's generator matrix
 //! whose bits are set in the index. The randomised point is x XOR b with a random word b for each instance and dimension,
 //! formed before the conversion to floating point. An XOR permutes the elementary intervals of every size among themselves, so
-//! it keeps the net: 2^m points from a multiple of 2^m on stand as evenly as before, and each is uniform by itself.
+//! it preserves the net: 2^m points that start at a multiple of 2^m stay as uniform as before, and each point is uniformly distributed.
 //!
-//! Points are taken in the order of the binary index and not in that of the Gray code, so that any point can be had by itself;
-//! segments of 2^m points that start at a multiple of 2^m hold the same points in both orders.
+//! Points are in the order of the binary index rather than of the Gray code, so that each point can be computed independently;
+//! segments of 2^m points that start at a multiple of 2^m contain the same points in both orders.
 
 use super::joe_kuo::ROWS;
 
@@ -58,11 +58,11 @@ pub fn sobol(dimension: usize, index: u32) -> u32 {
     columns.filter(|(k, _)| (index >> k) & 1 != 0).fold(0, |x, (_, column)| x ^ column)
 }
 
-/// Index that point `index` has in a replication of the sequence: a random permutation that maps every segment of 2^m indices from
-/// a multiple of 2^m on to one such segment, so that it is as good as the sequence itself (nested uniform permutation, Owen
-/// 1995, by the hash of Laine and Karras 2011).
+/// Index of point `index` in a replication of the sequence: a random permutation that maps every segment of 2^m indices that
+/// starts at a multiple of 2^m to another such segment, so the replication is as uniform as the sequence (nested uniform
+/// permutation, Owen 1995, by the hash of Laine and Karras 2011).
 ///
-/// Replications that differ by XOR alone would depend on each other: an XOR of the index is one of the points.
+/// Replications that differ only by an XOR would be correlated: an XOR of the index is one of the points.
 pub fn shuffled(index: u32, seed: u32) -> u32 {
     // In the reversed word each bit depends on those below it alone.
     let mut x = index.reverse_bits().wrapping_add(seed);

@@ -1,4 +1,4 @@
-//! Adding shapes to a scene.
+//! Shapes added to a scene in memory.
 
 use glam::{Vec2, Vec3};
 
@@ -44,7 +44,7 @@ impl Scene {
             let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
             let edge = |k: usize| Vec3::AXES[k] * size[k];
             for (corner, at_high) in [(low, false), (low + edge(axis), true)] {
-                // cross(edge u, edge v) points along the axis: outwards at the high end alone.
+                // cross(edge u, edge v) points along the axis: outwards only at the high end.
                 let (first, second) = if at_high != inward { (u, v) } else { (v, u) };
                 self.add_quad(corner, edge(first), edge(second), material, object);
             }

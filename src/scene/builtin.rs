@@ -1,6 +1,6 @@
-//! Generated scenes: analytic ones whose solution is known, and ones that try an implementation hard.
+//! Generated scenes: analytic ones with a known solution, and stress tests.
 //!
-//! All are valid: [`Scene::validate`] accepts them as they are, which the tests check.
+//! All are valid: [`Scene::validate`] accepts them unchanged (tested).
 
 use std::f32::consts::{PI, TAU};
 
@@ -61,7 +61,7 @@ pub fn sphere_enclosure(subdivisions: u32, patches: &[(f32, f32); 8]) -> Scene {
 }
 
 /// pbrt's test: a unit sphere seen from inside, reflectance 1/2, with `n` point lights of intensity pi / n at its centre,
-/// as 1280 triangles. Radiance 1 - 2^-k after k reflections, 1 in the limit, but for the tessellation.
+/// as 1280 triangles. Radiance 1 - 2^-k after k reflections, 1 in the limit, up to the error of the tessellation.
 pub fn sphere_point_lights(n: u32) -> Scene {
     let mut scene = named("sphere_point_lights");
     let (points, mut faces) = icosphere(3);
@@ -76,7 +76,7 @@ pub fn sphere_point_lights(n: u32) -> Scene {
 }
 
 /// Two unit squares facing each other: a black one at y = 0 that emits radiance 1 upwards, and above it at y = `gap` one of
-/// reflectance 1/2. The camera looks up from just above the emitter and sees the receiver fill the image.
+/// reflectance 1/2. The camera looks up from just above the emitter; the receiver fills the image.
 pub fn facing_plates(gap: f32) -> Scene {
     let mut scene = named("facing_plates");
     let emitter = scene.add_material(diffuse("emitter", 0.0, 1.0));
@@ -104,7 +104,7 @@ pub fn room(n: u32) -> Scene {
     let size = Vec3::new(8.0, 3.0, 6.0);
     let object = scene.add_object("walls");
     scene.add_box(Vec3::ZERO, size, true, wall, object);
-    // The fifth and sixth triangles of a box are its face of lowest y.
+    // The fifth and sixth triangles of a box are its face of minimum y.
     let first = 4;
     scene.triangles[first..first + 2].iter_mut().for_each(|t| t.material = floor);
     let object = scene.add_object("lamp");
@@ -139,8 +139,8 @@ pub fn room(n: u32) -> Scene {
     scene
 }
 
-/// `n` long, thin triangles that cross in the middle of a box with an area light: their boxes overlap nearly everywhere,
-/// so that a ray visits most of any hierarchy.
+/// `n` long, thin triangles that cross at the centre of a box with an area light: their bounding boxes overlap nearly everywhere,
+/// so a ray visits most of any hierarchy.
 pub fn deep_scene(n: u32) -> Scene {
     let mut scene = named("deep_scene");
     let wall = scene.add_material(diffuse("wall", 0.6, 0.0));
@@ -167,7 +167,7 @@ pub fn deep_scene(n: u32) -> Scene {
 }
 
 /// A floor of reflectance 1/2, four units square at y = 0, and one triangle at y = 1 with corners (0, 0), (1, 0), (0, 1) in x and
-/// z that emits radiance 1 downwards: the least scene that is lit by a triangle.
+/// z that emits radiance 1 downwards: the minimal scene lit by a triangle.
 pub fn single_triangle_light() -> Scene {
     let mut scene = named("single_triangle_light");
     let floor = scene.add_material(diffuse("floor", 0.5, 0.0));

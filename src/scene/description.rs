@@ -13,7 +13,7 @@
 //! fov_y = 45                    # full vertical angle, degrees
 //! resolution = [640, 480]
 //! aperture = 0                  # diameter of the lens, scene units; 0 is a pinhole
-//! focus = 3                     # distance in focus along the view, scene units; without this word that of the target
+//! focus = 3                     # focus distance along the view, scene units; default: that of the target
 //!
 //! [lights.lamp]                 # type: point, spot, directional, sphere or quad
 //! type = "spot"
@@ -23,16 +23,16 @@
 //! inner = 20                    # degrees
 //! outer = 30
 //!
-//! [materials.floor]             # changes a material of the model
+//! [materials.floor]             # overrides a material of the model
 //! roughness = 0.3
-//! lobe = "lobe.toml"            # measured lobe that spreads its mirror image: a table, see docs/superposition.md
-//! reflector = true              # its flat faces mirror the room, or not; without this word see docs/superposition.md
+//! lobe = "lobe.toml"            # measured lobe that blurs its mirror image: a table, see docs/superposition.md
+//! reflector = true              # whether its flat faces mirror the room; default: see docs/superposition.md
 //!
 //! [materials.window]
 //! surface = "glass"             # opaque, mirror or glass
-//! thin = true                   # glass without an inside: a pane of one sheet
+//! thin = true                   # a thin sheet without refraction
 //! ior = 1.52
-//! roughness = 0.3               # of such a pane: frosted glass; without this word clear, whatever the model says
+//! roughness = 0.3               # of a thin sheet: frosted glass; default: clear, whatever the model specifies
 //!
 //! [render]                      # defaults for the flags of the same names
 //! passes = 64
@@ -52,7 +52,7 @@ use super::{Camera, Light, Material, RenderDefaults, Scene, Surface, load_model}
 use crate::error::{Error, Result};
 use crate::superposition::lobe::Table;
 
-/// Subdivisions of the icosahedron that stands for a sphere light: 1280 triangles.
+/// Subdivisions of the icosahedron that represents a sphere light: 1280 triangles.
 const SPHERE_SUBDIVISIONS: u32 = 3;
 
 #[derive(Deserialize)]
@@ -210,7 +210,7 @@ fn change_material(
         m.reflector = entry.reflector.or(m.reflector);
         m.lobe = lobe.clone().or(m.lobe.take());
         if entry.surface == Some(Surface::Mirror) && m.specular == Vec3::ZERO && entry.metallic.is_none() {
-            // Nothing says what it mirrors: all of its colour.
+            // No specular reflectance is given: it mirrors its whole base colour.
             m.metallic = 1.0;
         }
         m.check()?;
@@ -272,7 +272,7 @@ fn add_light(scene: &mut Scene, name: &str, entry: &LightEntry) -> Result<(), St
     Ok(())
 }
 
-/// The names nearest to a misspelt one, for a message.
+/// The names most similar to a misspelt one, for a message.
 pub(super) fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
     let mut known: Vec<&str> = known.collect();
     known.sort_unstable();
@@ -282,7 +282,7 @@ pub(super) fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> S
     if names.is_empty() { String::from("none at all") } else { names.join(", ") }
 }
 
-/// Levenshtein's distance.
+/// Levenshtein distance.
 fn edit_distance(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().collect();
     let mut row: Vec<usize> = (0..=b.len()).collect();

@@ -13,7 +13,7 @@ use super::{Camera, Light, Material, Scene, Surface, Texture, Wrap};
 use crate::error::{Error, Result};
 use crate::output::write_file;
 
-/// A point of a surface that stands for light it emits or reflects: radiance power / pi for each unit of area, one-sided.
+/// A virtual light on a surface: one-sided cosine emission of total flux `power`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VirtualLight {
     /// Position.
@@ -27,11 +27,11 @@ pub struct VirtualLight {
 /// `asset.extras.lightsum`.
 #[derive(Serialize, Deserialize)]
 pub(super) struct AssetExtras {
-    /// The lights of the file hold what its emissive surfaces emit.
+    /// The lights of the file include the light of its emissive surfaces.
     pub(super) lights_exported: bool,
 }
 
-/// `camera.extras.lightsum`: what glTF's cameras cannot hold.
+/// `camera.extras.lightsum`: properties that glTF's cameras do not have.
 #[derive(Serialize, Deserialize)]
 pub(super) struct CameraExtras {
     pub(super) camera: Camera,
@@ -46,7 +46,7 @@ pub(super) struct VirtualExtras {
     pub(super) normal: Vec3,
 }
 
-/// `material.extras.lightsum`: what glTF's materials cannot hold, or only rounded.
+/// `material.extras.lightsum`: properties that glTF's materials do not have, or only rounded.
 #[derive(Serialize, Deserialize)]
 pub(super) struct MaterialExtras {
     surface: Surface,
@@ -82,7 +82,7 @@ impl MaterialExtras {
         }
     }
 
-    /// Gives a material read from glTF its exact values.
+    /// Restores the exact values of a material read from glTF.
     pub(super) fn apply(self, m: &mut Material) {
         m.surface = self.surface;
         m.base_color = self.base_color;
@@ -100,11 +100,12 @@ impl MaterialExtras {
 
 /// Writes `path` (`.gltf`), its buffer (`.bin`) and its textures (`.png`) beside it: geometry, materials, camera and lights.
 ///
-/// `lights` stand for the emissive surfaces, sphere lights and reflections; the scene's own point, spot, directional
+/// `lights` represent the emissive surfaces, sphere lights and reflections; the scene's own point, spot, directional
 /// and virtual lights are written as well. KHR_lights_punctual has no light with a cosine lobe, so each virtual light is a
-/// spot over the hemisphere whose intensity is the greatest one, power / pi (W/sr); `extras.lightsum` has the exact
-/// light, and reading the file back restores it. Emissive surfaces stay visible; reading the file back does not let
-/// them light the scene a second time.
+/// spot over the hemisphere with the maximum intensity, power / pi (W/sr); `extras.lightsum` has the exact light, which
+/// reading the file restores. Emissive surfaces stay visible, but do not light the scene a second time when the file is read.
+///
+/// Errors: [`Error::File`] if the name does not end in `.gltf`; [`Error::Io`] if a file cannot be written.
 pub fn export_lights(path: &Path, scene: &Scene, lights: &[VirtualLight]) -> Result<()> {
     if super::extension(path) != "gltf" {
         return Err(Error::file(path, "lights are written as glTF; let the name end in .gltf"));
@@ -151,7 +152,7 @@ fn uri(path: &Path) -> String {
     uri
 }
 
-/// The shortest decimals that give the same single-precision number back.
+/// The shortest decimal representation of the same single-precision number.
 fn number(x: f32) -> Value {
     format!("{x}").parse::<f64>().map_or(Value::Null, Value::from)
 }
@@ -160,7 +161,7 @@ fn vector<const N: usize>(v: [f32; N]) -> Value {
     v.iter().map(|&x| number(x)).collect()
 }
 
-/// By way of text, where single-precision numbers take their shortest form.
+/// Serialises through text, in which single-precision numbers take their shortest form.
 fn extras<T: Serialize>(ours: T) -> Value {
     let text = serde_json::to_string(&ours).unwrap_or_default();
     json!({ "lightsum": serde_json::from_str::<Value>(&text).unwrap_or_default() })
@@ -181,7 +182,7 @@ struct Writer {
 }
 
 impl Writer {
-    /// Adds an accessor with a view of its own and returns its index.
+    /// Adds an accessor with its own view and returns its index.
     fn accessor(&mut self, components: impl Iterator<Item = [u8; 4]>, count: usize, mut accessor: Value) -> usize {
         let offset = self.bin.len();
         self.bin.extend(components.flatten());
@@ -340,7 +341,7 @@ impl Writer {
             "bufferViews": self.views,
             "buffers": [{ "uri": uri(bin_path), "byteLength": self.bin.len() }],
         });
-        // glTF wants no empty arrays.
+        // glTF does not allow empty arrays.
         if !self.cameras.is_empty() {
             document["cameras"] = json!(self.cameras);
         }

@@ -3,7 +3,7 @@
 //! Nodes are flattened into world space. Used: triangles, strips and fans with normals and one set of texture coordinates;
 //! metallic-roughness materials with KHR_materials_emissive_strength, _ior, _transmission and _volume (a thickness above 0
 //! makes a body of glass, else it is a pane); KHR_lights_punctual; the first perspective camera. An emission texture
-//! counts by its average. Lobes smoother than a point light can hit are ideal mirrors.
+//! is replaced by its average. Lobes too smooth for point lights become ideal mirrors.
 
 use std::cell::Cell;
 use std::collections::{BTreeSet, HashMap};
@@ -26,7 +26,7 @@ use super::gltf_accessor::{Buffers, reason};
 use super::{Camera, Light, MIN_ROUGHNESS, Material, Scene, Surface, Texture, Triangle, Wrap};
 use crate::error::{Error, Result};
 
-/// Luminous efficacy by which photometric quantities become radiometric ones, lm/W.
+/// Luminous efficacy that converts photometric to radiometric quantities, lm/W.
 const EFFICACY: f32 = 683.0;
 
 /// Reads a glTF file; the result is not validated yet.
@@ -34,14 +34,14 @@ const EFFICACY: f32 = 683.0;
 /// With `photometric`, intensities are in candela and irradiances in lux (as Blender writes them), else in W.
 pub(super) fn load(path: &Path, photometric: bool) -> Result<Scene> {
     let bytes = std::fs::read(path).map_err(Error::io("reading", path))?;
-    // The glTF crate trusts some of what a file says (indices inside extensions, percent signs in URIs).
+    // The glTF crate does not check everything in a file (indices inside extensions, percent signs in URIs).
     match quietly(|| read(path, &bytes, photometric)) {
         Ok(result) => result,
         Err(message) => Err(Error::file(path, format!("malformed glTF: {message}"))),
     }
 }
 
-/// Runs `f` and gives a panic's message instead of printing it.
+/// Runs `f` and returns a panic's message instead of printing it.
 fn quietly<T>(f: impl FnOnce() -> T) -> Result<T, String> {
     thread_local!(static QUIET: Cell<bool> = const { Cell::new(false) });
     static HOOK: Once = Once::new();
@@ -83,7 +83,7 @@ fn read(path: &Path, bytes: &[u8], photometric: bool) -> Result<Scene> {
             document.nodes().filter(|n| !children.contains(&n.index())).collect()
         }
     };
-    // A stack of our own: a chain of nodes may be longer than the thread's stack is deep.
+    // An explicit stack: a chain of nodes may be deeper than the thread's stack.
     let mut stack: Vec<(Node, Mat4)> = roots.into_iter().rev().map(|n| (n, Mat4::IDENTITY)).collect();
     let mut visited = vec![false; document.nodes().len()];
     while let Some((node, parent)) = stack.pop() {
@@ -104,7 +104,7 @@ fn read(path: &Path, bytes: &[u8], photometric: bool) -> Result<Scene> {
     Ok(reader.scene)
 }
 
-/// What the exporter left in an object's `extras.lightsum`.
+/// The exporter's data in an object's `extras.lightsum`.
 fn ours<T: DeserializeOwned>(extras: &Extras) -> Option<T> {
     let mut value: serde_json::Value = serde_json::from_str(extras.as_ref()?.get()).ok()?;
     serde_json::from_value(value.get_mut("lightsum")?.take()).ok()
@@ -197,7 +197,7 @@ impl Reader<'_> {
         }
         let first = first as u32;
         let linear = Mat3::from_mat4(world);
-        // The cofactors are the inverse transposed but for a factor, and exist for any matrix.
+        // The cofactor matrix is the inverse transpose up to a factor, and exists for any matrix.
         let cofactors = Mat3::from_cols(
             linear.y_axis.cross(linear.z_axis),
             linear.z_axis.cross(linear.x_axis),
@@ -265,9 +265,9 @@ impl Reader<'_> {
         }
         let ior = material.ior().unwrap_or(1.5);
         let transmission = material.transmission().map_or(0.0, |t| t.transmission_factor());
-        // By KHR_materials_volume a surface without thickness has no inside.
+        // KHR_materials_volume: a surface without thickness has no inside.
         let thin = material.volume().is_none_or(|v| v.thickness_factor() == 0.0);
-        // 1 is what a file has that says nothing of roughness.
+        // 1 is the default of a file without roughness.
         let roughens = transmission >= 0.5 && thin && pbr.roughness_factor() < 1.0;
         let name = match (material.name(), material.index()) {
             (Some(name), _) => name.to_string(),
@@ -282,7 +282,7 @@ impl Reader<'_> {
             metallic: pbr.metallic_factor(),
             roughness: pbr.roughness_factor(),
             metallic_roughness_texture,
-            // By KHR_materials_ior an index of 0 stands for full reflection, as the formula gives.
+            // KHR_materials_ior: an index of 0 means full reflection, as does the formula.
             specular: Vec3::splat(((ior - 1.0) / (ior + 1.0)).powi(2)),
             emission,
             two_sided: material.double_sided(),

@@ -1,4 +1,4 @@
-//! Reading glTF buffers with every bound checked before it is relied on.
+//! glTF buffers, with every bound checked before use.
 
 use std::path::Path;
 
@@ -158,7 +158,7 @@ fn is_vector(dimensions: Dimensions) -> bool {
     matches!(dimensions, Dimensions::Vec2 | Dimensions::Vec3 | Dimensions::Vec4)
 }
 
-/// What a glTF error says, without Rust's names.
+/// Message of a glTF error, without Rust's names.
 pub(super) fn reason(error: &gltf::Error) -> String {
     match error {
         gltf::Error::Validation(errors) => {

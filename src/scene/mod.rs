@@ -1,7 +1,7 @@
-//! What is lit: plain data, no Vulkan.
+//! The scene: geometry, materials, textures, lights and camera as plain data, and the loaders. No Vulkan.
 //!
-//! Coordinates are the file's own, right-handed; radiance is in W/(m^2 sr), linear Rec. 709. A face emits from its
-//! front (counter-clockwise) side alone unless its material is `two_sided`; surfaces reflect on both sides.
+//! Coordinates are the file's own, right-handed; radiance is in W/(m^2 sr), linear Rec. 709. A face emits only from its
+//! front (counter-clockwise) side unless its material is `two_sided`; surfaces reflect on both sides.
 
 mod builder;
 pub mod builtin;
@@ -30,13 +30,13 @@ use crate::superposition::lobe::Table;
 
 pub use export::{VirtualLight, export_lights};
 
-/// Smoothest lobe that a file may ask for: a smoother one would be missed by every point light.
+/// Minimum roughness of a lobe in a file: no point light would hit a smoother one.
 const MIN_ROUGHNESS: f32 = 0.03;
 
-/// A scene ready to be rendered: one flat triangle soup with materials, textures, lights and a camera.
+/// A scene ready for rendering: a flat list of triangles with materials, textures, lights and a camera.
 ///
-/// Every loader ends in [`Scene::validate`], so code after it may rely on: all numbers finite, every index in range, no
-/// triangle of zero area, at least one triangle, at least one light or emitter.
+/// Every loader ends with [`Scene::validate`], which guarantees: all numbers finite, every index in range, no
+/// triangle of zero area, at least one triangle, at least one light or emitter. Call it for a scene built in memory.
 #[derive(Clone, Debug)]
 pub struct Scene {
     /// Name for messages and metadata (file stem or builtin name).
@@ -49,7 +49,7 @@ pub struct Scene {
     pub uvs: Vec<Vec2>,
     /// The triangles.
     pub triangles: Vec<Triangle>,
-    /// Names of the objects that triangles came from, for messages.
+    /// Names of the objects; [`Triangle::object`] indexes them.
     pub objects: Vec<String>,
     /// The materials.
     pub materials: Vec<Material>,
@@ -57,12 +57,12 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Lights that are not emissive triangles.
     pub lights: Vec<Light>,
-    /// Emissive triangles light the scene. False in a file written by [`export_lights`]: its virtual lights hold that
-    /// light already, and the emissive triangles are only seen.
+    /// Whether emissive triangles light the scene. False in a file written by [`export_lights`]: its virtual lights
+    /// already include that light, and the emissive triangles are only visible.
     pub emitters_are_lights: bool,
     /// Camera of the file, if it has one.
     pub camera: Option<Camera>,
-    /// `[render]` of the scene file: defaults below the command line.
+    /// `[render]` of the scene file: defaults that the command line overrides.
     pub render: RenderDefaults,
 }
 
@@ -87,8 +87,10 @@ impl Default for Scene {
 
 /// Loads and validates a scene description (`.toml`) or a bare model (`.obj`, `.gltf`, `.glb`).
 ///
-/// A bare model uses its vertex normals where it has them; a description ignores them unless it says
+/// A bare model uses its vertex normals where it has them; a description ignores them unless it has
 /// `face_normals = false`.
+///
+/// Errors: [`Error::Io`] if a file cannot be read; [`Error::File`], with the line if known, if it is invalid.
 pub fn load(path: &Path) -> Result<Scene> {
     let mut scene = match extension(path).as_str() {
         "toml" => description::load(path)?,
@@ -98,7 +100,7 @@ pub fn load(path: &Path) -> Result<Scene> {
     Ok(scene)
 }
 
-/// Reads a model without validating it: a description may still add lights and mend materials.
+/// Reads a model without validating it: a description may still add lights and change materials.
 fn load_model(path: &Path, photometric: bool) -> Result<Scene> {
     let mut scene = match extension(path).as_str() {
         "obj" => {
@@ -136,7 +138,7 @@ impl Scene {
         0.5 * (b - a).cross(c - a).length()
     }
 
-    /// Smallest and greatest corner of the box around all triangles.
+    /// Minimum and maximum corner of the bounding box of all triangles.
     pub fn bounds(&self) -> (Vec3, Vec3) {
         let mut low = Vec3::INFINITY;
         let mut high = Vec3::NEG_INFINITY;
@@ -155,8 +157,8 @@ impl Scene {
         (high - low).length()
     }
 
-    /// Indices of the emissive triangles that light the scene: not those of sphere lights, which are sampled on the
-    /// ideal sphere, and none where virtual lights stand for them.
+    /// Indices of the emissive triangles that light the scene: without those of sphere lights, which are sampled on the
+    /// ideal sphere, and none if virtual lights represent them.
     pub fn emitters(&self) -> Vec<u32> {
         if !self.emitters_are_lights {
             return Vec::new();
@@ -174,7 +176,7 @@ impl Scene {
     }
 
     /// Mean reflectivity (Keller 1997, 3.2): the area-weighted mean over all triangles of the mean of the RGB
-    /// reflectance kd + F0, textures by their average. What mirrors and glass do ideally does not count, for there they absorb
+    /// reflectance kd + F0, textures by their average. Ideal reflection and transmission do not count, because they absorb
     /// particles.
     pub fn mean_reflectivity(&self) -> f32 {
         let averages: Vec<Vec3> = self.textures.iter().map(Texture::average).collect();
@@ -198,22 +200,22 @@ pub struct Triangle {
     pub material: u32,
     /// Index into `objects`.
     pub object: u32,
-    /// Interpolate the vertex normals for shading; else the face's own normal serves.
+    /// Shade with interpolated vertex normals; else with the face normal.
     pub smooth: bool,
 }
 
-/// What happens to light at a surface.
+/// Kind of light scattering at a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Surface {
     /// Lambert plus a GGX lobe.
     #[default]
     Opaque,
-    /// The same with an ideal mirror in place of the lobe (MTL illum 3, 5). Followed by paths from the eye. Particles and
-    /// gather rays find its diffuse base alone.
+    /// Lambert plus an ideal mirror instead of the lobe (MTL illum 3, 5). Eye paths follow it; particles and
+    /// gather rays see only its diffuse base.
     Mirror,
-    /// Smooth dielectric of index `ior` that `base_color` tints (MTL illum 4, 6, 7, 9). Followed by paths from the eye;
-    /// black for gather rays, and it absorbs particles and blocks the light of the virtual lights.
+    /// Smooth dielectric of index `ior`, tinted by `base_color` (MTL illum 4, 6, 7, 9). Eye paths follow it. It is
+    /// black for gather rays, absorbs particles and blocks virtual lights.
     Glass,
 }
 
@@ -227,7 +229,7 @@ pub struct Material {
     pub name: String,
     /// Kind of surface.
     pub surface: Surface,
-    /// Base colour, each channel in [0, 1]; multiplied by `base_texture` where there is one.
+    /// Base colour, each channel in [0, 1]; multiplied by `base_texture` if there is one.
     pub base_color: Vec3,
     /// Index into `textures` (sRGB).
     pub base_texture: Option<u32>,
@@ -245,15 +247,15 @@ pub struct Material {
     pub two_sided: bool,
     /// Index of refraction (glass).
     pub ior: f32,
-    /// Glass that encloses nothing, such as a window of one sheet: light is not bent. Else every front leads into a body of
-    /// glass, and every back out of one. OBJ files cannot say so: there glass is thin if its surfaces are not closed.
+    /// Thin glass, such as a window pane: no refraction. Else every front face leads into a body of
+    /// glass, and every back face out of one. OBJ files have no such property: there glass is thin if its surfaces are not closed.
     pub thin: bool,
-    /// Perceptual roughness in [0, 1] of thin glass, which spreads what is seen through it (see [`crate::bsdf::ideal::frost`]). 0: clear.
+    /// Perceptual roughness in [0, 1] of thin glass, which blurs the image behind it (see [`crate::bsdf::ideal::frost`]). 0: clear.
     pub frost: f32,
     /// Whether flat faces of this material are planar reflectors; `None`: see [`Material::may_reflect`].
     pub reflector: Option<bool>,
-    /// Measured reflectance distribution that spreads the mirror image of its planar reflectors, without Fresnel's factor; point lights are
-    /// reflected by the GGX lobe of `roughness` all the same.
+    /// Measured reflectance distribution, without the Fresnel factor, that convolves the mirror image of its planar reflectors.
+    /// Point lights are still reflected by the GGX lobe of `roughness`.
     pub lobe: Option<Arc<Table>>,
 }
 
@@ -280,7 +282,7 @@ impl Default for Material {
 }
 
 impl Material {
-    /// Mean over RGB of the reflectance kd + F0 that particles find, at most 1; `averages` are those of the scene's textures.
+    /// Mean over RGB of the reflectance kd + F0 seen by particles, at most 1; `averages` are those of the scene's textures.
     pub(crate) fn mean_albedo(&self, averages: &[Vec3]) -> f32 {
         let average = |texture: Option<u32>| texture.map_or(Vec3::ONE, |t| averages[t as usize]);
         let base = self.base_color * average(self.base_texture);
@@ -293,8 +295,8 @@ impl Material {
         (albedo.element_sum() / 3.0).min(1.0)
     }
 
-    /// Lowers the base colour so that no channel of diffuse and specular reflectance adds up to more than 1; returns
-    /// by how much the worst channel was too high.
+    /// Lowers the base colour so that diffuse plus specular reflectance is at most 1 in every channel; returns the largest
+    /// excess.
     pub(crate) fn limit_albedo(&mut self) -> f32 {
         let room = Vec3::ONE - self.specular * (1.0 - self.metallic);
         let excess = (self.base_color - room).max_element();
@@ -305,7 +307,7 @@ impl Material {
     }
 }
 
-/// How texture coordinates outside [0, 1] are taken.
+/// Addressing of texture coordinates outside [0, 1].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Wrap {
     /// Periodic.
@@ -390,15 +392,15 @@ pub enum Light {
     },
 }
 
-/// A camera with a pinhole, or with a thin lens across the direction of view.
+/// A pinhole camera, or a thin-lens camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
     /// Eye point.
     pub eye: Vec3,
-    /// Point in the image's centre.
+    /// Point at the image's centre.
     pub target: Vec3,
-    /// Upward direction.
+    /// Up direction.
     #[serde(default = "Camera::default_up")]
     pub up: Vec3,
     /// Full vertical angle of view, degrees, in (0, 180).
@@ -406,11 +408,11 @@ pub struct Camera {
     /// Width and height in pixels.
     #[serde(default = "Camera::default_resolution")]
     pub resolution: [u32; 2],
-    /// Diameter of the lens in scene units. Default 0: a pinhole, all is sharp. Wider: what is off the plane in focus is more
-    /// blurred, in proportion. The convolution that blurs it ([`crate::pass::lens`]) costs about as much at any width but 0.
+    /// Diameter of the lens in scene units. Default 0: a pinhole. The blur of surfaces out of focus grows in proportion. The
+    /// cost of the convolution ([`crate::pass::lens`]) hardly depends on the diameter, except for 0.
     #[serde(default)]
     pub aperture: f32,
-    /// Distance of the plane in focus from the eye along the direction of view, scene units. Default `None`: that of `target`.
+    /// Distance of the focal plane from the eye along the viewing direction, scene units. Default `None`: that of `target`.
     #[serde(default)]
     pub focus: Option<f32>,
 }
@@ -423,17 +425,17 @@ impl Camera {
         [640, 480]
     }
 
-    /// A camera for a scene without one: on the side of positive z (a model's front in glTF), seeing the whole box.
+    /// A camera for a scene without one: looks from positive z (a model's front in glTF) at the whole bounding box.
     pub fn in_front_of((low, high): (Vec3, Vec3), resolution: [u32; 2]) -> Camera {
         /// Vertical angle of view, degrees.
         const FOV: f32 = 45.0;
-        /// Room around the box.
+        /// Margin around the box.
         const MARGIN: f32 = 1.1;
         let center = 0.5 * (low + high);
         let half = 0.5 * (high - low);
         let aspect = resolution[0] as f32 / resolution[1] as f32;
         let needed = half.y.max(half.x / aspect) * MARGIN;
-        // A flat or pointlike box is still looked at from somewhere else than its middle.
+        // Even a flat or pointlike box is viewed from a distance above 0.
         let distance =
             half.z + (needed / (0.5 * FOV.to_radians()).tan()).max(0.1 * half.length()).max(f32::MIN_POSITIVE);
         Camera {
@@ -447,17 +449,17 @@ impl Camera {
         }
     }
 
-    /// Whether there is a lens, so that what is out of focus is blurred.
+    /// Whether the aperture is above 0: surfaces out of focus are blurred.
     pub fn has_lens(&self) -> bool {
         self.aperture > 0.0
     }
 
-    /// Distance of the plane in focus along the direction of view.
+    /// Distance of the focal plane along the viewing direction.
     pub fn focus_distance(&self) -> f32 {
         self.focus.unwrap_or_else(|| (self.target - self.eye).length())
     }
 
-    /// The camera's axes in the world: unit vectors to the right of the image, to its top and into the scene.
+    /// The camera's axes in world space: unit vectors to the image's right, its top and into the scene.
     pub fn world_from_camera(&self) -> (Vec3, Vec3, Vec3) {
         let forward = (self.target - self.eye).normalize();
         let right = forward.cross(self.up).normalize();
@@ -465,7 +467,7 @@ impl Camera {
     }
 }
 
-/// `[render]` of a scene file; each key as the command-line flag of the same name.
+/// `[render]` of a scene file; each key corresponds to the command-line flag of the same name.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RenderDefaults {
@@ -473,27 +475,27 @@ pub struct RenderDefaults {
     pub passes: Option<u32>,
     /// Particles started for each pass.
     pub paths: Option<u32>,
-    /// Lights on the emitters themselves.
+    /// Virtual lights on the emitters.
     pub direct_lights: Option<u32>,
     /// Width and height of the interleaving pattern.
     pub interleave: Option<[u32; 2]>,
-    /// Segments of a path.
+    /// Maximum segments of a path.
     pub max_depth: Option<u32>,
-    /// Mirrors and glass in a row that paths from the eye follow.
+    /// Maximum consecutive mirrors and glass surfaces on an eye path.
     pub max_specular: Option<u32>,
-    /// Split these paths at the first hit.
+    /// Split eye paths at the first surface with two components.
     pub split: Option<bool>,
     /// Caustic photons of each class of pixels in a pass.
     pub photons: Option<u32>,
-    /// Distance within which they light a point, in scene units.
+    /// Radius of the photon density estimate, in scene units.
     pub photon_radius: Option<f32>,
-    /// How glossy planes spread their mirror image; without it they show none.
+    /// Convolution of the mirror image on glossy planes; without it they show none.
     pub superposition: Option<Spread>,
     /// Clipping distance in scene units.
     pub clip: Option<f32>,
     /// Clipping distance as a fraction of the scene's diagonal.
     pub clip_fraction: Option<f32>,
-    /// Gather what clipping cuts off.
+    /// Gather the light that clipping cuts off.
     pub compensation: Option<bool>,
     /// Seed.
     pub seed: Option<u64>,

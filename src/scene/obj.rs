@@ -1,7 +1,7 @@
 //! Wavefront OBJ models.
 //!
-//! Read here rather than by a crate so that every complaint has its line, faces with and without normals may mix, concave
-//! polygons keep their shape and no input can panic. Curves, surfaces, points and lines are left out.
+//! A parser of our own rather than a crate: every error has its line, faces with and without normals may be mixed, concave
+//! polygons keep their shape, and no input can panic. Curves, surfaces, points and lines are ignored.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -63,7 +63,7 @@ pub(super) fn logical_lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, 
     })
 }
 
-/// Splits a line into its keyword and what follows, without comments.
+/// Splits a line into its keyword and the rest, without comments.
 pub(super) fn keyword(line: &str) -> Option<(&str, &str)> {
     let line = line.trim();
     if line.is_empty() || line.starts_with('#') {
@@ -99,7 +99,7 @@ struct Reader<'a> {
     uvs: Vec<Vec2>,
     /// Unit length, or zero where the file's normal has no direction.
     normals: Vec<Vec3>,
-    /// Scene vertex of each corner met.
+    /// Scene vertex of each distinct corner.
     vertices: HashMap<Corner, u32>,
     objects: HashMap<String, u32>,
     object_name: String,
@@ -111,7 +111,7 @@ struct Reader<'a> {
     corners: Vec<Corner>,
     /// Line of the first face with fewer than three corners, and how many there are.
     incomplete: Option<(usize, usize)>,
-    /// First statement that means nothing here, and its line.
+    /// First unsupported statement, and its line.
     unknown: Option<(String, usize)>,
     scene: Scene,
 }
@@ -124,7 +124,7 @@ impl Reader<'_> {
     fn statement(&mut self, line: &str) -> Result<()> {
         let Some((word, rest)) = keyword(line) else { return Ok(()) };
         match word {
-            // A fourth number is a weight for curves, or begins a vertex colour: neither matters here.
+            // A fourth number is a weight for curves, or begins a vertex colour: both are ignored.
             "v" => {
                 let p = self.numbers::<3>("vertex", rest)?;
                 self.positions.push(Vec3::from_array(p));
@@ -193,7 +193,7 @@ impl Reader<'_> {
     fn index(&self, what: &str, word: &str, count: usize) -> Result<u32> {
         let index: i64 =
             word.parse().map_err(|_| self.error(format!("face: {what} index {word:?} is not a whole number")))?;
-        // Negative indices count back from the last; zero means nothing.
+        // Negative indices count back from the last; zero is invalid.
         let absolute = if index < 0 { index + count as i64 } else { index - 1 };
         match u32::try_from(absolute) {
             Ok(i) if index != 0 && (i as usize) < count => Ok(i),

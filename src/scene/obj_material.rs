@@ -3,7 +3,7 @@
 //! `Kd`, `map_Kd` (their product is the base colour), `Ke` (radiance), `Ks` (reflectance at normal incidence), `Ns` or `Pr`
 //! (roughness), `Pm` (metallic), `illum` (0, 1 diffuse; 3, 5 diffuse and an ideal mirror of `Ks`; 4, 9 glass that does not
 //! bend light; 6, 7 glass that does; others diffuse and specular), `Tf` (tint of glass at each crossing) and `Ni` are
-//! used; everything else is left out. A mirror without `Kd` has no diffuse part; `Kd` and `Ks` of glass do not count.
+//! used; everything else is ignored. A mirror without `Kd` has no diffuse part; `Kd` and `Ks` of glass are ignored.
 
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ pub(super) struct Entry {
     map: Option<Map>,
 }
 
-/// `map_Kd`: the file, and where it is asked for.
+/// `map_Kd`: the file, and the place of the statement.
 struct Map {
     file: PathBuf,
     wrap: Wrap,
@@ -59,7 +59,7 @@ impl Library {
         }
     }
 
-    /// Index of a material; a grey one stands in until a library defines it.
+    /// Index of a material; a grey placeholder until a library defines it.
     pub(super) fn named(&mut self, scene: &mut Scene, name: &str) -> u32 {
         if let Some(&index) = self.by_name.get(name) {
             return index;
@@ -77,7 +77,7 @@ impl Library {
         index
     }
 
-    /// Reads the texture of a material now that a face has it.
+    /// Reads the texture of a material when the first face uses it.
     pub(super) fn mark_used(&mut self, scene: &mut Scene, material: u32) -> Result<()> {
         if self.waiting.is_empty() {
             return Ok(());
@@ -104,7 +104,7 @@ impl Library {
         Ok(())
     }
 
-    /// Says which names no library has defined.
+    /// Reports names that no library has defined.
     pub(super) fn warn_undefined(&self, path: &Path) {
         if !self.undefined.is_empty() {
             log::warn!("{}: materials {:?} are not defined anywhere; they are grey", path.display(), self.undefined);
@@ -112,7 +112,7 @@ impl Library {
     }
 }
 
-/// What the statements of one `newmtl` say.
+/// The statements of one `newmtl`.
 #[derive(Default)]
 struct Statements {
     name: String,
@@ -152,7 +152,7 @@ impl Statements {
         };
         // Phong's exponent n matches a GGX lobe of alpha = sqrt(2 / (n + 2)), and alpha = roughness^2.
         let roughness = self.pr.unwrap_or((2.0 / (self.ns + 2.0)).powf(0.25)).max(MIN_ROUGHNESS);
-        // A metal's colour is in Kd, unless the file has shared it out already: Kd by 1 - Pm and Ks by Pm.
+        // A metal's colour is in Kd, unless the file has already split it: Kd by 1 - Pm and Ks by Pm.
         let shared_out = self.map.is_none() && (base_color * self.pm).cmple(specular * (1.0 - self.pm) + 1e-4).all();
         let mut material = Material {
             name: self.name,

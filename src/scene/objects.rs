@@ -1,4 +1,4 @@
-//! Objects as parts of a scene that move on their own.
+//! Objects: parts of a scene that move independently.
 
 use std::ops::Range;
 
@@ -8,24 +8,24 @@ use super::Scene;
 use super::description::nearest;
 
 impl Scene {
-    /// Objects of this name; files may give one name to several.
+    /// Indices of the objects of this name; a file may use one name for several objects.
     pub fn objects_named(&self, name: &str) -> Vec<u32> {
         (0..).zip(&self.objects).filter(|(_, known)| *known == name).map(|(i, _)| i).collect()
     }
 
-    /// The names of objects nearest to a misspelt one, for a message.
+    /// The object names most similar to a misspelt one, for a message.
     pub fn objects_like(&self, name: &str) -> String {
         nearest(name, self.objects.iter().map(String::as_str))
     }
 
-    /// Gives each object vertices of its own, one after the other in the order in which they were, and drops vertices that no
-    /// triangle uses. Returns the range of each object's vertices.
+    /// Gives each object its own contiguous range of vertices, in the previous order, and drops vertices that no
+    /// triangle uses. Returns the range of each object.
     pub fn separate_objects(&mut self) -> Vec<Range<usize>> {
         let mut uses: Vec<(u32, u32)> = self.triangles.iter().flat_map(|t| t.vertices.map(|v| (t.object, v))).collect();
         uses.sort_unstable();
         uses.dedup();
         for t in &mut self.triangles {
-            // Each use is in the list.
+            // Every use is in the list.
             t.vertices = t.vertices.map(|v| uses.partition_point(|&u| u < (t.object, v)) as u32);
         }
         let take = |old: &[Vec3]| uses.iter().map(|&(_, v)| old[v as usize]).collect();

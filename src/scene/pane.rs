@@ -1,4 +1,4 @@
-//! Tells panes from bodies of glass in models that cannot say which they mean.
+//! Tells thin panes from bodies of glass in model formats without that distinction.
 
 use std::collections::HashMap;
 
@@ -6,12 +6,12 @@ use glam::{DVec3, Vec3};
 
 use super::{Scene, Surface};
 
-/// A closed surface's area vectors cancel, those of a sheet add up; in between lie vessels without thickness.
+/// The area vectors of a closed surface cancel, those of a sheet add up; vessels without thickness are in between.
 const OPEN: f64 = 0.05;
 
 impl Scene {
-    /// Makes glass thin where most of its area is in sheets: connected triangles (by position) the vectors of whose areas do not
-    /// cancel. Small cracks in a body do no harm.
+    /// Makes glass thin if most of its area is in sheets: connected triangles (by position) whose area vectors do not
+    /// cancel. Tolerates small cracks in a body.
     pub(super) fn find_panes(&mut self) {
         for material in 0..self.materials.len() {
             let m = &self.materials[material];

@@ -1,5 +1,5 @@
-//! Planar reflectors: coplanar triangles of one mirror or glossy material (Bastos 1999, section 6.3). Frosted panes, which spread
-//! what is seen through them, are found and numbered with them.
+//! Planar reflectors: coplanar triangles of one mirror or glossy material (Bastos 1999, section 6.3). Frosted panes, which blur
+//! the image behind them, are found and numbered with them.
 
 use std::collections::HashMap;
 
@@ -8,22 +8,22 @@ use glam::{IVec3, Vec3};
 use super::{Material, Scene, Surface, Triangle};
 use crate::bsdf::ideal::frost;
 
-/// Most reflectors of a scene; of more, those of the greatest area count.
+/// Maximum number of reflectors of a scene; the largest by area are kept.
 pub const MAX_REFLECTORS: usize = 255;
 
-/// Widest lobe that makes a reflector of itself: rougher planes show no images, and point lights do for them.
+/// Maximum alpha of a reflector's lobe: rougher planes show no images, and highlights of point lights suffice.
 const MAX_ALPHA: f32 = 0.3;
 
-/// Least reflectance at normal incidence, mean of the channels.
+/// Minimum reflectance at normal incidence, mean of the channels.
 const LEAST_F0: f32 = 0.02;
 
-/// Least share of the area of all triangles.
+/// Minimum area as a fraction of the area of all triangles.
 const LEAST_AREA: f64 = 2e-4;
 
 /// Normals of one plane differ by no more than this in each coordinate.
 const SAME_NORMAL: f32 = 1e-3;
 
-/// Distances of one plane from the origin differ by no more than this share of the scene's diagonal.
+/// Distances of one plane from the origin differ by no more than this fraction of the scene's diagonal.
 const SAME_OFFSET: f32 = 1e-4;
 
 /// Coplanar triangles of one mirror, glossy or frosted material.
@@ -31,7 +31,7 @@ const SAME_OFFSET: f32 = 1e-4;
 pub struct Reflector {
     /// Index of the material.
     pub material: u32,
-    /// It is a frosted pane: it spreads what is seen through it, not what it mirrors.
+    /// Whether it is a frosted pane: it blurs the transmitted image, not the reflected one.
     pub pane: bool,
     /// Unit normal on the front side.
     pub normal: Vec3,
@@ -47,13 +47,13 @@ pub struct Reflector {
 struct Parallel {
     material: u32,
     normal: Vec3,
-    /// How far along the normal each lies, and its triangle.
+    /// Offset of each along the normal, and its triangle.
     members: Vec<(f32, u32)>,
 }
 
 impl Material {
-    /// Whether flat faces of this material may be planar reflectors: asked for, or a mirror, or a lobe that is narrow and strong
-    /// enough to show images, or frosted glass of any roughness. Textures count with their factors alone.
+    /// Whether flat faces of this material may be planar reflectors: on request, or for a mirror, a lobe narrow and strong
+    /// enough to show images, or frosted glass of any roughness. Textures are ignored, only their factors count.
     pub fn may_reflect(&self) -> bool {
         let f0 = self.specular.lerp(self.base_color, self.metallic).element_sum() / 3.0;
         let shows = match self.surface {
@@ -68,8 +68,8 @@ impl Material {
 }
 
 impl Scene {
-    /// The planar reflectors, the greatest first. A scene's own word (`reflector` of a material) goes before the measure of area;
-    /// faces that are shaded as parts of a curved surface are none.
+    /// The planar reflectors, largest first. The `reflector` property of a material overrides the minimum area; faces shaded
+    /// as part of a curved surface do not count.
     pub fn reflectors(&self) -> Vec<Reflector> {
         let candidates: Vec<bool> = self.materials.iter().map(Material::may_reflect).collect();
         let mut of_normal: HashMap<(u32, IVec3), usize> = HashMap::new();
@@ -83,7 +83,7 @@ impl Scene {
             if self.is_bent(t, normal) {
                 continue;
             }
-            // Normals that rounding has put into neighbouring cells are found from either.
+            // Rounding may put equal normals into neighbouring cells: look in both.
             let cell = (normal / SAME_NORMAL).round().as_ivec3();
             let near = (0..27)
                 .filter_map(|k| of_normal.get(&(t.material, cell + IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1))))

@@ -42,14 +42,14 @@ pub(super) fn octasphere(subdivisions: u32) -> Mesh {
     let faces = (0..8u32)
         .map(|octant| {
             let (x, y, z) = (octant & 1, 2 + (octant >> 1 & 1), 4 + (octant >> 2));
-            // Each reflection turns the winding round.
+            // Each reflection reverses the winding.
             if octant.count_ones() % 2 == 0 { [x, y, z] } else { [x, z, y] }
         })
         .collect();
     subdivide((points, faces), subdivisions)
 }
 
-/// Splits each triangle of a unit sphere into four, in place of the old one, `times` over.
+/// Replaces each triangle of a unit sphere by four, `times` times.
 fn subdivide((mut points, mut faces): Mesh, times: u32) -> Mesh {
     for _ in 0..times {
         let mut middles: HashMap<(u32, u32), u32> = HashMap::new();
@@ -79,7 +79,7 @@ pub(super) fn triangulate(points: &[Vec3]) -> Vec<[usize; 3]> {
     if n < 3 {
         return Vec::new();
     }
-    // Newell's normal, right for concave polygons also.
+    // Newell's normal, also correct for concave polygons.
     let normal: Vec3 = (0..n).map(|i| (points[i] - points[0]).cross(points[(i + 1) % n] - points[0])).sum();
     let corner = |a: usize, b: usize, c: usize| (points[b] - points[a]).cross(points[c] - points[b]).dot(normal);
     if n == 3 || (0..n).all(|i| corner(i, (i + 1) % n, (i + 2) % n) >= 0.0) {

@@ -35,7 +35,7 @@ impl Texture {
         Vec3::new(mean(&counts[0]), mean(&counts[1]), mean(&counts[2]))
     }
 
-    /// Linear value of a texel of integer coordinates inside the texture (alpha is linear as it stands).
+    /// Linear value of a texel at integer coordinates inside the texture (alpha is stored linearly).
     pub fn linear_texel(&self, x: u32, y: u32) -> Vec4 {
         let [r, g, b, a] = self.texels[y as usize * self.width as usize + x as usize];
         Vec4::new(self.decode_channel(r), self.decode_channel(g), self.decode_channel(b), f32::from(a) / 255.0)
@@ -47,7 +47,7 @@ impl Texture {
     }
 }
 
-/// Linear value of an sRGB-encoded one (IEC 61966-2-1).
+/// Linear value of an sRGB-encoded value (IEC 61966-2-1).
 pub fn srgb_to_linear(x: f32) -> f32 {
     if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }

@@ -1,4 +1,4 @@
-//! The checks that every scene passes before anything else sees it.
+//! Validation of scenes.
 
 use std::f32::consts::FRAC_PI_2;
 use std::path::Path;
@@ -8,14 +8,15 @@ use glam::Vec3;
 use super::{Camera, Light, Material, Scene};
 use crate::error::{Error, Result};
 
-/// A triangle is degenerate where its height is below this fraction of its longest edge: its normal is noise then.
+/// A triangle is degenerate if its height is below this fraction of its longest edge: its normal is then noise.
 const THINNEST: f64 = 1e-9;
 
 impl Scene {
-    /// Checks everything that later code relies on: parallel arrays, indices in range, finite numbers, materials,
-    /// lights and camera in range, at least one triangle and at least one light. `path` is for the messages.
+    /// Checks all invariants of a scene: parallel arrays, indices in range, finite numbers, materials,
+    /// lights and camera in range, at least one triangle and at least one light. Messages name `path`.
     ///
-    /// Triangles without area are dropped with a warning, unless they should emit light: that is an error.
+    /// Triangles without area are dropped with a warning. Errors: [`Error::File`] if an invariant is broken, or if a
+    /// triangle without area should emit light.
     pub fn validate(&mut self, path: &Path) -> Result<()> {
         self.check_arrays(path)?;
         for material in &self.materials {
@@ -171,7 +172,7 @@ fn unit(name: &str, value: Vec3) -> Result<(), String> {
 }
 
 impl Material {
-    /// Checks every range; the message lacks file and name.
+    /// Checks every range; the message does not name file and object.
     pub(crate) fn check(&self) -> Result<(), String> {
         color("base_color", self.base_color)?;
         color("specular", self.specular)?;
@@ -179,13 +180,13 @@ impl Material {
         range("roughness", self.roughness, 0.0, 1.0)?;
         range("frost", self.frost, 0.0, 1.0)?;
         power("emission", self.emission, true)?;
-        // The widest that MTL allows for Ni.
+        // The range of Ni in MTL.
         range("ior", self.ior, 0.001, 10.0)
     }
 }
 
 impl Light {
-    /// Checks every range; the message lacks file and name.
+    /// Checks every range; the message does not name file and object.
     pub(crate) fn check(&self) -> Result<(), String> {
         match *self {
             Light::Point { position, intensity } => {
@@ -224,7 +225,7 @@ impl Light {
 }
 
 impl Camera {
-    /// Checks that the camera sees anything; the message lacks the file.
+    /// Checks that the camera has a view; the message does not name the file.
     pub fn check(&self) -> Result<(), String> {
         place("eye", self.eye)?;
         place("target", self.target)?;

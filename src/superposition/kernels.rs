@@ -1,14 +1,14 @@
 //! Kernels of glossy reflections by angle of view (Bastos 1999, 7.4.2.2 "Getting convolution kernels from BRDFs").
 //!
-//! A pixel q of a mirror image spreads its light over a disc of diameter k_r = 4 z_r tan beta (equation 7.7; z_r: distance from the
-//! surface to what is mirrored at q). How wide and how the light is shared out within is tabulated here for each material, for
-//! [`VIEW_ANGLES`] cosines mu = cos theta_o.
+//! A pixel q of a mirror image is spread over a disc of diameter k_r = 4 z_r tan beta (equation 7.7; z_r: distance from the
+//! surface to the point mirrored at q). The width of the disc and the distribution of light in it are tabulated here for each
+//! material, for [`VIEW_ANGLES`] cosines mu = cos theta_o.
 //!
 //! # One kernel
 //!
 //! Let r be the mirror direction of the view, and u, v unit vectors perpendicular to it: u in the plane of incidence, towards the
 //! surface normal; v parallel to the surface. The kernel covers the square of side 2 on the plane at unit distance along r, in
-//! units of its half widths w = 2 tan beta along u and w' = 2^(-narrowing / 4) w along v; (x, y) in \[-1, 1\]^2 is seen in the
+//! units of its half widths w = 2 tan beta along u and w' = 2^(-narrowing / 4) w along v; (x, y) in \[-1, 1\]^2 lies in the
 //! direction wi = (r + w x u + w' y v) / l, l = |r + w x u + w' y v|, and
 //!
 //! k(x, y) ~ f(wi, wo) cos theta_i / l^3 within the unit disc, 0 outside and below the horizon,
@@ -17,25 +17,25 @@
 //!
 //! # Core and tail
 //!
-//! A GGX lobe has a peak that is much narrower than its tail is wide: one texture, and one level of a pyramid, would lose it. So a
-//! kernel is the sum of two, each with a texture and a narrowing of its own: the core is what stands out above the greatest value that the
-//! kernel has at [`CORE_RADIUS`] of the half width, within that radius, and the tail is all the rest, with a flat top.
+//! The peak of a GGX lobe is much narrower than its tail: one texture, and one level of a pyramid, would lose it. So a
+//! kernel is the sum of two parts, each with its own texture and narrowing: the core is the excess over the maximum of the
+//! kernel at [`CORE_RADIUS`] of the half width, within that radius; the tail is the rest, with a flat top.
 //!
 //! A texel is the mean of k over its area; the texels sum to 1. f is the lobe without its
-//! Fresnel factor: that is a matter of [`reflectance`](super::reflectance). With it go
+//! Fresnel factor, which is handled by [`reflectance`](super::reflectance). Further values of a kernel:
 //!
 //! - tan beta: beta is the half angle of the cone about r that receives [`CONE_SHARE`] of the lobe's energy, tan beta at most
 //!   [`MAX_TAN_BETA`];
 //! - the energy, the integral of f cos theta_i over the hemisphere (directional albedo with F = 1);
 //! - narrowing: at grazing angles a lobe is narrow across the plane of incidence, and so is its kernel, by steps of 2^(-1/4): by the
 //!   mean distances from r across and along;
-//! - grazing, the part of the energy that Schlick's formula weighs by F90;
-//! - the share of the energy within the ellipse. The rest, the tail of the lobe, is what a
-//!   splat of this kernel draws towards the centre.
+//! - grazing, the part of the energy that Schlick's formula weights by F90;
+//! - the share of the energy within the ellipse. A splat of this kernel moves the rest, the tail of the lobe, towards the
+//!   centre.
 //!
 //! # Look-up
 //!
-//! Layer i of [`VIEW_ANGLES`] = N belongs to mu_i = (i + 1) / N. Of a material whose first layer is `first`, with `a(i)` =
+//! Layer i of [`VIEW_ANGLES`] = N belongs to mu_i = (i + 1) / N. For a material whose first layer is `first`, with `a(i)` =
 //! `layers[first + i]`:
 //!
 //! ```text
@@ -45,7 +45,7 @@
 //! weight of texel (p, q) = textures[(tail * 32 + q) * 32 + p],  (x, y) = ((p, q) + 0.5) / 16 - 1
 //! ```
 //!
-//! # Where it differs from the thesis
+//! # Differences from the thesis
 //!
 //! - The thesis takes the cone within which f is not 0, which for most lobes is the hemisphere.
 //! - Texels hold means of f cos theta_i over solid angle, not point samples of f: narrow lobes, and lobes at grazing angles,
@@ -72,10 +72,11 @@ pub const VIEW_ANGLES: usize = 32;
 /// Share of a lobe's energy within beta of the mirror direction.
 pub const CONE_SHARE: f64 = 0.9;
 
-/// Bound of tan beta: the disc then reaches 63 degrees from the mirror direction and is four times as wide as what it mirrors is far.
+/// Upper bound of tan beta: the disc then reaches 63 degrees from the mirror direction, and its diameter is four times the
+/// distance of the mirrored point.
 pub const MAX_TAN_BETA: f64 = 1.0;
 
-/// What [`GpuKernels::first_layer`] holds for materials without kernels.
+/// Value of [`GpuKernels::first_layer`] for materials without kernels.
 pub const NO_KERNEL: u32 = u32::MAX;
 
 /// Rings of the quadrature about the mirror direction, and directions on one half of each.
@@ -93,7 +94,7 @@ pub fn view_cosine(layer: usize) -> f64 {
 /// Steps of [`Part::narrowing`] in which the width across the plane of incidence halves.
 pub const NARROWINGS_TO_HALF: u32 = 4;
 
-/// Greatest [`Part::narrowing`].
+/// Maximum [`Part::narrowing`].
 pub const MAX_NARROWING: u32 = 4;
 
 /// Radius of the core over that of the whole kernel.
@@ -122,21 +123,21 @@ pub struct Kernel {
     pub tan_beta: f32,
     /// Integral of f cos theta_i over the hemisphere.
     pub energy: f32,
-    /// The same of f cos theta_i (1 - wo.h)^5, h the half vector: with Schlick's formula the lobe reflects
+    /// Integral of f cos theta_i (1 - wo.h)^5, h the half vector: with Schlick's formula the lobe reflects
     /// F0 (energy - grazing) + F90 grazing.
     pub grazing: f32,
     /// Share of the energy within the ellipse of the tail.
     pub captured: f32,
-    /// Share of the core in what the kernel holds.
+    /// Share of the core in the kernel.
     pub core_share: f32,
-    /// What is left of the kernel without its core, of half width 2 tan beta.
+    /// The kernel minus its core, of half width 2 tan beta.
     pub tail: Part,
     /// The peak, of half width [`CORE_RADIUS`] 2 tan beta.
     pub core: Part,
 }
 
 impl Kernel {
-    /// Of a lobe for cos theta_o = `mu`, above 0 and at most 1.
+    /// The kernel of a lobe for cos theta_o = `mu`, above 0 and at most 1.
     pub fn new(lobe: &Lobe, mu: f64) -> Kernel {
         let view = View::new(lobe, mu);
         let samples = view.samples();
@@ -191,7 +192,7 @@ impl Kernel {
 
 /// Part of a lobe.
 struct Sample {
-    /// Where it is seen on the plane at unit distance along the mirror direction; infinitely far if it is not.
+    /// Position on the plane at unit distance along the mirror direction; infinite if behind it.
     at: DVec2,
     /// Cosine of the angle between view and half vector.
     cos_h: f64,
@@ -205,7 +206,8 @@ fn aspect_of(narrowing: u32) -> f64 {
     (-f64::from(narrowing) / f64::from(NARROWINGS_TO_HALF)).exp2()
 }
 
-/// By the mean distances from the mirror direction across and along of a part of the kernel, within the disc of a half width.
+/// Narrowing from the mean distances from the mirror direction, across and along, of a part of the kernel within the disc of a
+/// half width.
 fn narrowing_of(samples: &[Sample], half_width: f64, part: impl Fn(&Sample) -> f64) -> u32 {
     let near = samples.iter().filter(|s| s.at.length() < half_width && s.energy > 0.0);
     let sums = near.map(|s| s.at.abs() * (s.energy * part(s))).sum::<DVec2>();
@@ -215,7 +217,7 @@ fn narrowing_of(samples: &[Sample], half_width: f64, part: impl Fn(&Sample) -> f
     ((sums.x / sums.y).log2() * f64::from(NARROWINGS_TO_HALF)).min(f64::from(MAX_NARROWING)) as u32
 }
 
-/// The kernel of a lobe that sends nothing into its disc.
+/// The kernel of a lobe without energy in its disc.
 fn point() -> Vec<f32> {
     let mut texture = vec![0.0; KERNEL_TEXELS * KERNEL_TEXELS];
     let half = KERNEL_TEXELS / 2;
@@ -249,8 +251,8 @@ impl View<'_> {
 
     /// The lobe in parts, ring by ring about r.
     ///
-    /// Rings are dense about r, for narrow lobes, and their directions in the plane of incidence, where a lobe at grazing
-    /// angles is a ridge. Each part stands for its mirror image in that plane as well.
+    /// Rings are dense about r, for narrow lobes, and directions are dense in the plane of incidence, where a lobe at grazing
+    /// angles is a ridge. Each part also represents its mirror image in that plane.
     fn samples(&self) -> Vec<Sample> {
         let mut samples = Vec::with_capacity(RINGS * DIRECTIONS);
         for ring in 0..RINGS {
@@ -275,13 +277,13 @@ impl View<'_> {
         samples
     }
 
-    /// The kernel where it is seen at `at`: f cos theta_i / l^3.
+    /// The kernel at position `at` of the plane: f cos theta_i / l^3.
     fn density(&self, at: DVec2) -> f64 {
         let length2 = 1.0 + at.length_squared();
         self.f_cos(1.0, at.x, at.y) / (length2 * length2.sqrt())
     }
 
-    /// The kernel's greatest value at a distance from the mirror direction.
+    /// The kernel's maximum at a distance from the mirror direction.
     fn greatest_at(&self, distance: f64) -> f64 {
         let angle = |k: usize| k as f64 * (PI / DIRECTIONS as f64);
         (0..=DIRECTIONS).map(|k| self.density(DVec2::from_angle(angle(k)) * distance)).fold(0.0, f64::max)
@@ -318,12 +320,12 @@ impl View<'_> {
     }
 }
 
-/// Angle from the mirror direction after so many rings.
+/// Angle from the mirror direction after a number of rings.
 fn ring_angle(rings: f64) -> f64 {
     PI * (rings / RINGS as f64).powi(4)
 }
 
-/// The angle within which an energy lies.
+/// The angle that contains a given energy.
 fn angle_of(cumulative: &[f64], energy: f64) -> f64 {
     let ring = cumulative.partition_point(|&c| c < energy).clamp(1, RINGS) - 1;
     let (low, high) = (cumulative[ring], cumulative[ring + 1]);
@@ -336,30 +338,32 @@ pub struct KernelLibrary {
     /// One lobe for each [`VIEW_ANGLES`] layers.
     lobes: Vec<Lobe>,
     layers: Vec<Kernel>,
-    /// By material; [`NO_KERNEL`] where none was added.
+    /// First layer of each material; [`NO_KERNEL`] if none was added.
     first_layer: Vec<u32>,
 }
 
-/// What the device needs; the look-up is in the [module's documentation](self).
+/// The tables in device form; the look-up is in the [module's documentation](self).
 #[derive(Clone, Debug, PartialEq)]
 pub struct GpuKernels {
-    /// [`KERNEL_TEXELS`]^2 texels each: of every lobe the tails of its layers, then their cores.
+    /// [`KERNEL_TEXELS`]^2 texels each: for every lobe the tails of its layers, then their cores.
     pub textures: Vec<f32>,
     /// [`Part::narrowing`] of each texture.
     pub narrowings: Vec<u32>,
     /// (tan beta, energy, grazing, share of the core) of each layer.
     pub layers: Vec<[f32; 4]>,
-    /// First layer of each material up to the last that has one, [`NO_KERNEL`] for those that have none.
+    /// First layer of each material up to the last one with kernels, [`NO_KERNEL`] for those without.
     pub first_layer: Vec<u32>,
 }
 
 impl KernelLibrary {
-    /// Without materials.
+    /// An empty library.
     pub fn new() -> KernelLibrary {
         KernelLibrary::default()
     }
 
-    /// Adds a material by its index in the scene, or changes its lobe; its first layer.
+    /// Adds a material by its index in the scene, or changes its lobe; returns its first layer.
+    ///
+    /// Errors: a lobe whose parameters are out of range.
     pub fn add(&mut self, material: u32, lobe: Lobe) -> Result<u32> {
         lobe.check().map_err(|message| Error::Resource { name: format!("kernels of material {material}"), message })?;
         let known = self.lobes.iter().position(|known| *known == lobe);
@@ -388,7 +392,7 @@ impl KernelLibrary {
         &self.layers
     }
 
-    /// The look-up for cos theta_o = `mu`, as a shader does it.
+    /// The look-up for cos theta_o = `mu`, as in a shader; `None` without kernels.
     pub fn look_up(&self, material: u32, mu: f32) -> Option<LookUp<'_>> {
         let layers = &self.layers[self.first_layer(material)? as usize..][..VIEW_ANGLES];
         let s = (mu * VIEW_ANGLES as f32 - 1.0).clamp(0.0, (VIEW_ANGLES - 1) as f32);
@@ -405,7 +409,7 @@ impl KernelLibrary {
         })
     }
 
-    /// The tables as the device takes them.
+    /// The tables in device form.
     pub fn to_gpu(&self) -> GpuKernels {
         let parts = || {
             self.layers

@@ -1,4 +1,4 @@
-//! Reflectance distributions of glossy lobes, without their Fresnel factor: what [`kernels`](super::kernels) are made of.
+//! Reflectance distributions of glossy lobes, without their Fresnel factor: the input of [`kernels`](super::kernels).
 //!
 //! Directions are unit vectors away from the surface, whose normal is +z. All lobes are isotropic.
 
@@ -13,7 +13,7 @@ use serde::Deserialize;
 use crate::bsdf::{MIN_ALPHA, Reflectance};
 use crate::error::{Error, Result};
 
-/// Largest exponent of [`Lobe::Phong`]: the lobe is as narrow there as GGX at its smallest alpha.
+/// Maximum exponent of [`Lobe::Phong`]: the lobe is then as narrow as GGX with the minimum alpha.
 pub const MAX_EXPONENT: f32 = 1e6;
 
 /// A glossy lobe.
@@ -24,8 +24,8 @@ pub enum Lobe {
         /// Roughness, [`MIN_ALPHA`] to 1; the square of the perceptual roughness.
         alpha: f32,
     },
-    /// The lobe about the mirror direction r that keeps its shape (thesis 7.4.2), in the form of Lafortune and Willems 1994, which is
-    /// reciprocal and never reflects more than it receives: f = (n + 2) / (2 pi) (r.wi)^n.
+    /// A lobe of constant shape about the mirror direction r (thesis 7.4.2), in the form of Lafortune and Willems 1994, which is
+    /// reciprocal and conserves energy: f = (n + 2) / (2 pi) (r.wi)^n.
     ///
     /// `Ns` of an MTL file is the exponent of the cosine at the half vector instead. The renderer reads it as GGX with
     /// alpha^2 = 2 / (Ns + 2); about the mirror direction, which turns twice as fast, its exponent is near Ns / 4.
@@ -33,7 +33,7 @@ pub enum Lobe {
         /// The exponent n, 1 to [`MAX_EXPONENT`].
         exponent: f32,
     },
-    /// A table.
+    /// Tabulated values.
     Table(Arc<Table>),
 }
 
@@ -49,7 +49,7 @@ impl Lobe {
                 white.eval_specular(Vec3::Z, wi, wo).x
             }
             Lobe::Phong { exponent } => {
-                // cos^n from the chord, |wi - r|^2 = 2 (1 - cos): near 1 the cosine itself has no digits left.
+                // cos^n from the chord, |wi - r|^2 = 2 (1 - cos): near 1 the cosine itself has lost its digits.
                 let mirror = Vec3::new(-wo.x, -wo.y, wo.z);
                 let one_minus_cos = 0.5 * wi.distance_squared(mirror);
                 if one_minus_cos >= 1.0 {
@@ -61,7 +61,7 @@ impl Lobe {
         }
     }
 
-    /// Says what is wrong with the parameters.
+    /// Checks the parameters; the error describes the problem.
     pub(super) fn check(&self) -> Result<(), String> {
         match self {
             Lobe::Ggx { alpha } if !(MIN_ALPHA..=1.0).contains(alpha) => {
@@ -78,7 +78,7 @@ impl Lobe {
 /// An isotropic reflectance distribution given by its values at the nodes of a grid, trilinear between them and constant
 /// beyond the outermost ones.
 ///
-/// The nodes need not be evenly spaced. They must lie closer than a lobe is wide: what falls between two of them is lost.
+/// The nodes need not be evenly spaced. Their spacing must be smaller than the lobe: a peak between two nodes is lost.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
     cos_i: Vec<f32>,
@@ -98,10 +98,11 @@ struct TableFile {
 }
 
 impl Table {
-    /// Of the nodes of the three axes, and the values f in 1/sr at all their combinations: `cos_i` varies slowest, `azimuth` fastest.
+    /// From the nodes of the three axes, and the values f in 1/sr at all their combinations: `cos_i` varies slowest, `azimuth` fastest.
     ///
     /// `azimuth` is the angle in radians between the projections of the two directions, 0 to pi; pi is the plane of mirror
-    /// reflection. Cosines lie between 0 and 1.
+    /// reflection. Cosines are between 0 and 1. Errors: axes that do not increase or are out of range, a wrong number of
+    /// values, values that are negative or not finite.
     pub fn new(cos_i: Vec<f32>, cos_o: Vec<f32>, azimuth: Vec<f32>, values: Vec<f32>) -> Result<Table> {
         let table = Table { cos_i, cos_o, azimuth, values };
         match table.check() {
@@ -211,7 +212,7 @@ mod tests {
             }
         }
         let table = Lobe::Table(Arc::new(Table::new(cos_i, cos_o, azimuth, values).unwrap()));
-        // Multilinear functions are reproduced; the azimuth is that between the two, whatever its sign.
+        // Multilinear functions are reproduced; the sign of the azimuth does not matter.
         for (a, b, c) in [(0.2, 0.5, 1.0), (0.7, 0.9, -2.5), (0.3, 0.2, 0.5), (0.5, 0.6, 3.1)] {
             let found = table.eval(direction(a, 0.7 + c), direction(b, 0.7));
             let expected = f(a, b, c.abs());
@@ -262,7 +263,7 @@ mod tests {
         let expected = 42.0 / (2.0 * PI) * a.dot(Vec3::new(-b.x, -b.y, b.z)).powf(40.0);
         assert!((lobe.eval(a, b) / expected - 1.0).abs() < 1e-4);
         assert!((lobe.eval(b, a) / expected - 1.0).abs() < 1e-4);
-        // Half its peak at cos^n = 1/2, also where 1 - cos is below the rounding of f32.
+        // Half its peak at cos^n = 1/2, even if 1 - cos is below the rounding of f32.
         let narrow = Lobe::Phong { exponent: MAX_EXPONENT };
         let half = (2.0 * std::f32::consts::LN_2 / MAX_EXPONENT).sqrt();
         let ratio = narrow.eval(Vec3::new(half.sin(), 0.0, half.cos()), Vec3::Z) / narrow.eval(Vec3::Z, Vec3::Z);

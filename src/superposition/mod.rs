@@ -1,15 +1,15 @@
-//! Superposition rendering (Bastos 1999): what its passes look up.
+//! Superposition rendering (Bastos 1999): the tables of its passes.
 //!
-//! A glossy reflection is a mirror image that is blurred by the lobe of the material and modulated by how much the
-//! material reflects in that direction. Both factors are tables that are made once for each material:
+//! A glossy reflection is a mirror image, convolved with the lobe of the material and modulated by its directional
+//! reflectance. Both factors are tabulated once for each material:
 //!
 //! | module | table |
 //! |---|---|
-//! | [`lobe`] | the reflectance distributions that tables are made of: GGX, Phong, measured |
+//! | [`lobe`] | the underlying reflectance distributions: GGX, Phong, measured |
 //! | [`kernels`] | shape and size of the blur for each angle of view (7.4.2.2) |
 //! | [`reflectance`] | the modulation for each angle of view (6.7) |
 //!
-//! `docs/superposition.md` has the definitions in one place, with what was measured.
+//! `docs/superposition.md` has all definitions and measurements.
 
 pub mod kernels;
 pub mod lobe;

@@ -1,15 +1,15 @@
 //! Direction-dependent reflectance (Bastos 1999, 6.7).
 //!
-//! A mirror image is modulated by how much the surface reflects towards the eye. The reflectance follows Fresnel's equations
-//! for the index that yields the known reflectance at normal incidence ([`fresnel_fitted`], equations 6.10 to 6.14), for each colour band
-//! by itself, so that metals lose their colour towards grazing angles. It is evaluated exactly, or looked up in a [`ReflectanceMap`], which
-//! holds any other isotropic modulation as well.
+//! A mirror image is modulated by the surface's reflectance towards the eye. The reflectance follows Fresnel's equations
+//! for the index that yields the known reflectance at normal incidence ([`fresnel_fitted`], equations 6.10 to 6.14), separately for
+//! each colour band, so metals lose their colour towards grazing angles. It is evaluated exactly, or looked up in a [`ReflectanceMap`],
+//! which can hold any other isotropic modulation.
 //!
-//! # Where it differs from the thesis
+//! # Differences from the thesis
 //!
 //! - Equation 6.9 divides F by pi (N.L)(N.V). That factor belongs to a reflectance distribution; for a mirror image, whose light
-//!   comes from one direction and not from a solid angle, it would be F / (pi cos^2): a third of F head on, and without bound at
-//!   grazing angles. The thesis' own map (figure 6.23) is of F alone. So F modulates; [`rho`] is equation 6.9 as it stands.
+//!   comes from one direction and not from a solid angle, it would be F / (pi cos^2): a third of F at normal incidence, and unbounded
+//!   at grazing angles. The thesis' own map (figure 6.23) is of F alone. So F modulates; [`rho`] is equation 6.9 as printed.
 //! - Equation 6.11 takes (L + V) / 2 for H. It must have unit length, or c would be the squared cosine in a mirror image.
 //! - The map is not a sphere map; see [`ReflectanceMap`].
 
@@ -27,7 +27,7 @@ pub fn effective_index(f0: f64) -> f64 {
 /// cosine `cos` (0 to 1).
 ///
 /// This is Fresnel's equation for unpolarised light and a real index of refraction, 1 or more: exact for dielectrics. For
-/// metals it dips below `f0` before it rises to 1, where light polarised in the plane of incidence passes its Brewster angle; a
+/// metals it dips below `f0` before it rises to 1, at the Brewster angle of light polarised in the plane of incidence; a
 /// conductor, whose index is complex, dips less, and Schlick's approximation ([`schlick`](crate::bsdf::schlick)) not at all.
 /// 0 reflects nothing at any angle, 1 everything.
 pub fn fresnel_fitted(f0: f32, cos: f32) -> f32 {
@@ -61,9 +61,9 @@ pub const MAP_TEXELS: usize = 128;
 
 /// An isotropic modulation tabulated over the angle of view.
 ///
-/// The thesis stores it in a sphere map and lists (end of 6.7.3) what that costs: directional resolution that is not constant and
-/// poorest at grazing angles, where reflectance varies most; interpolation across the map where it should wrap; filters that reach
-/// over its edge. All come from two coordinates for a function of one. This map has one, mu = cos theta_o, warped so that its
+/// The thesis stores it in a sphere map and lists its drawbacks (end of 6.7.3): directional resolution that is not constant and
+/// lowest at grazing angles, where reflectance varies most; interpolation across the map where it should wrap; filters that reach
+/// over its edge. All result from two coordinates for a function of one. This map has one, mu = cos theta_o, warped so that its
 /// texels are densest at grazing angles: texel i belongs to mu_i = (i / (N - 1))^2, N = [`MAP_TEXELS`], both ends included. There is
 /// nothing to wrap. Look-up:
 ///
@@ -71,15 +71,17 @@ pub const MAP_TEXELS: usize = 128;
 /// s = sqrt(mu) * (N - 1);  i = floor(s);  mix(map[i], map[min(i + 1, N - 1)], s - i)
 /// ```
 ///
-/// Greatest and mean difference from [`fresnel_fitted`] over mu: 9.0e-5 and 1.4e-5 for glass (F0 = 0.04), 2.7e-4 and 1.3e-5 for
-/// F0 = 0.63, 1.2e-3 and 1.7e-5 for F0 = 0.9, greatest within the last thousandth of a degree before grazing.
+/// Maximum and mean difference from [`fresnel_fitted`] over mu: 9.0e-5 and 1.4e-5 for glass (F0 = 0.04), 2.7e-4 and 1.3e-5 for
+/// F0 = 0.63, 1.2e-3 and 1.7e-5 for F0 = 0.9; the maximum lies within the last thousandth of a degree before grazing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReflectanceMap {
     texels: Vec<Vec3>,
 }
 
 impl ReflectanceMap {
-    /// Of any modulation, a function of mu = cos theta_o from 0 to 1 in three bands. It must be finite.
+    /// From any modulation, a function of mu = cos theta_o from 0 to 1 in three bands.
+    ///
+    /// Errors: values that are not finite.
     pub fn new(modulation: impl Fn(f32) -> Vec3) -> Result<ReflectanceMap> {
         let texels: Vec<Vec3> = (0..MAP_TEXELS).map(|i| modulation(texel_cosine(i))).collect();
         if let Some(i) = texels.iter().position(|texel| !texel.is_finite()) {
@@ -90,19 +92,19 @@ impl ReflectanceMap {
         Ok(ReflectanceMap { texels })
     }
 
-    /// Of [`fresnel_fitted`] for the reflectances at normal incidence.
+    /// From [`fresnel_fitted`] for the reflectances at normal incidence.
     pub fn fresnel(f0: Vec3) -> Result<ReflectanceMap> {
         ReflectanceMap::new(|mu| fresnel_fitted_rgb(f0, mu))
     }
 
-    /// The look-up for cos theta_o = `mu`, as a shader does it.
+    /// The look-up for cos theta_o = `mu`, as in a shader.
     pub fn look_up(&self, mu: f32) -> Vec3 {
         let s = mu.clamp(0.0, 1.0).sqrt() * (MAP_TEXELS - 1) as f32;
         let i = s as usize;
         self.texels[i].lerp(self.texels[(i + 1).min(MAP_TEXELS - 1)], s - i as f32)
     }
 
-    /// The texels as the device takes them; the fourth component is 0.
+    /// The texels in device form; the fourth component is 0.
     pub fn to_gpu(&self) -> Vec<[f32; 4]> {
         self.texels.iter().map(|texel| Vec4::from((*texel, 0.0)).to_array()).collect()
     }
@@ -131,7 +133,7 @@ mod tests {
         (0..=10_000).map(|i| (i as f32 / 10_000.0).powi(3))
     }
 
-    /// Greatest difference, the cosine where it is, and the mean over the cosine.
+    /// Maximum difference, its cosine, and the mean over the cosine.
     fn difference(a: impl Fn(f32) -> f32, b: impl Fn(f32) -> f32) -> (f32, f32, f32) {
         let (mut greatest, mut at, mut sum) = (0.0, 0.0, 0.0);
         for c in cosines() {
@@ -204,7 +206,7 @@ mod tests {
         }
     }
 
-    /// Schlick's approximation, which the renderer uses, less the fitted equations: the figures of the documentation.
+    /// Schlick's approximation, which the renderer uses, minus the fitted equations: the figures of the documentation.
     #[test]
     fn schlick_against_fitted() {
         for (f0, greatest, mean) in
@@ -257,7 +259,7 @@ mod tests {
         // In a mirror image H is the normal.
         let found = rho(0.63, Vec3::Z, at(0.5, 1.0), at(0.5, -1.0));
         assert!((found / (fresnel_fitted(0.63, 0.5) / (std::f32::consts::PI * 0.25)) - 1.0).abs() < 1e-5, "{found}");
-        // Back to where it came from F is that of normal incidence.
+        // Retroreflection: F is that of normal incidence.
         let found = rho(0.63, Vec3::Z, at(0.8, 1.0), at(0.8, 1.0));
         assert!((found / (0.63 / (std::f32::consts::PI * 0.64)) - 1.0).abs() < 1e-5, "{found}");
         // Reciprocal.

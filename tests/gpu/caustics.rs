@@ -30,7 +30,7 @@ fn flux_at_targets(ctx: &Context, scene: &Scene, photons: u32) -> f64 {
     let (hits, flux) = (rig.vec4s(&p.rays.hits), rig.vec4s(&p.flux));
     let aimed = |(hit, flux): (&Vec4, &Vec4)| {
         let hit = hit_of(*hit)?;
-        let target = rig.engine.targets().of_triangle[hit.triangle as usize];
+        let target = rig.engine.device_scene().targets.of_triangle[hit.triangle as usize];
         (target > 0 && target == flux.w.to_bits()).then_some(f64::from(flux.x))
     };
     hits.iter().zip(&flux).filter_map(aimed).sum::<f64>() / f64::from(photons)
@@ -106,7 +106,7 @@ fn a_paraboloid_brings_parallel_light_to_its_focus() {
         soup.0.camera = Some(camera(Vec3::new(0.3, 0.3, 0.0), Vec3::Y * f, 40.0, [8, 8]));
         let photons = 8192;
         let rig = Rig::new(ctx, &soup.0, [8, 8], shooting(photons));
-        rig.run(|frame, rec| frame.record_photons(rec));
+        rig.run(|frame, rec| frame.photons.record(rec));
         let p = rig.frame().photons.as_ref().unwrap();
         let stored: Vec<(Vec3, f32)> = rig
             .vec4s(&p.position)

@@ -63,7 +63,7 @@ fn change(engine: &mut Engine, name: &str, change: impl Fn(&mut scene::Material)
 }
 
 fn settings_with(engine: &mut Engine, change: impl Fn(&mut Settings)) {
-    let mut settings = engine.parameters().settings.clone();
+    let mut settings = engine.plan().settings.clone();
     change(&mut settings);
     engine.set_settings(settings).unwrap();
 }
@@ -189,7 +189,7 @@ fn every_edit_starts_over_and_gives_what_a_fresh_engine_gives() {
                 assert!(edited == expected, "{name}: the tree is the same, the image is not");
             }
             assert_eq!(engine.emitters().list, fresh.emitters().list, "{name}");
-            assert_eq!(engine.parameters().lights, fresh.parameters().lights, "{name}");
+            assert_eq!(engine.plan().lights, fresh.plan().lights, "{name}");
             // More passes go on with the sums.
             assert_eq!(image(ctx, &mut engine, 1).len(), edited.len());
             assert_eq!(engine.passes(), 3, "{name}");
@@ -408,7 +408,7 @@ fn a_renderer_follows_its_engine() {
             renderer.pass().unwrap();
             renderer.pass().unwrap();
             assert!(renderer.last_pass().rays > 0 && renderer.last_pass().record > 0.0);
-            assert_eq!(renderer.engine().parameters().settings, change);
+            assert_eq!(renderer.engine().plan().settings, change);
             let layers = renderer.layers().unwrap();
             assert!(layers.color.iter().any(|c| c.max_element() > 0.0));
         }

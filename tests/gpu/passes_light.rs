@@ -79,14 +79,15 @@ struct Seen {
 fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
     let frame = rig.frame();
     let p = &rig.parameters;
-    let before = receivers(rig, if bounce == 1 { &frame.primary } else { &frame.gathered });
-    let old = rig.vec4s(&frame.beta);
-    rig.prefill(&[&frame.rays.origin, &frame.rays.direction, &frame.rays.hits]);
+    let before =
+        receivers(rig, if bounce == 1 { &frame.eye.points } else { &frame.compensation.as_ref().unwrap().points });
+    let old = rig.vec4s(&frame.eye.beta);
+    rig.prefill(&[&frame.eye.rays.origin, &frame.eye.rays.direction, &frame.eye.rays.hits]);
     rig.run(|frame, rec| frame.record_gather(rec, bounce));
-    let r = &frame.gathered;
-    let rays = [&frame.rays.origin, &frame.rays.direction, &frame.rays.hits].map(|b| rig.vec4s(b));
+    let r = &frame.compensation.as_ref().unwrap().points;
+    let rays = [&frame.eye.rays.origin, &frame.eye.rays.direction, &frame.eye.rays.hits].map(|b| rig.vec4s(b));
     let [origin, direction, hits] = &rays;
-    let [beta, emitted, position, wo] = [&frame.beta, &r.emitted, &r.position, &r.wo].map(|b| rig.vec4s(b));
+    let [beta, emitted, position, wo] = [&frame.eye.beta, &r.emitted, &r.position, &r.wo].map(|b| rig.vec4s(b));
     let after = receivers(rig, r);
     let what = format!("{}x{}, bounce {bounce}", p.size[0], p.size[1]);
     let mut tally = Tally::new(format!("gather, {what}"));
@@ -157,14 +158,17 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
 fn check_shade(rig: &Rig, bounce: usize) {
     let frame = rig.frame();
     let p = &rig.parameters;
-    let (targets, out) =
-        if bounce == 0 { (&frame.primary, &frame.pixel_sums) } else { (&frame.gathered, &frame.gathered_sums) };
+    let (targets, out) = if bounce == 0 {
+        (&frame.eye.points, &frame.shade.lighting)
+    } else {
+        (&frame.compensation.as_ref().unwrap().points, &frame.compensation.as_ref().unwrap().lighting)
+    };
     rig.prefill(&[&out.direct, &out.indirect, &out.specular]);
     rig.run(|frame, rec| frame.record_shade(rec, bounce));
     // Eye segment, gather rays, shadow ray and j reflections are at most as many as the longest path has.
-    let plan = &rig.engine.parameters().lights;
+    let plan = &rig.engine.plan().lights;
     let Some(reflections) = p.scene[2].checked_sub(bounce as u32 + 2) else { return };
-    let lights: Vec<PointLight> = rig.get(&frame.lights);
+    let lights: Vec<PointLight> = rig.get(&frame.walk.lights);
     // Each class of pixels has lights of its own.
     let lights_of = |slot: u32| {
         let first = (sort::class_of(p, slot) * plan.slots()) as usize;
@@ -188,16 +192,16 @@ fn check_shade(rig: &Rig, bounce: usize) {
 
 fn check_collect(rig: &Rig, bounce: usize) {
     let frame = rig.frame();
-    let before = sums(rig, &frame.pixel_sums);
+    let before = sums(rig, &frame.shade.lighting);
     rig.run(|frame, rec| frame.record_collect(rec, bounce));
-    let after = sums(rig, &frame.pixel_sums);
+    let after = sums(rig, &frame.shade.lighting);
     if bounce == 0 {
         assert_eq!(before, after);
         return;
     }
-    let r = &frame.gathered;
-    let light = sums(rig, &frame.gathered_sums);
-    let [beta, emitted, kd, wo] = [&frame.beta, &r.emitted, &r.kd, &r.wo].map(|b| rig.vec4s(b));
+    let r = &frame.compensation.as_ref().unwrap().points;
+    let light = sums(rig, &frame.compensation.as_ref().unwrap().lighting);
+    let [beta, emitted, kd, wo] = [&frame.eye.beta, &r.emitted, &r.kd, &r.wo].map(|b| rig.vec4s(b));
     let listed = rig.list(bounce - 1);
     for i in 0..beta.len() {
         if listed.binary_search(&(i as u32)).is_err() {
@@ -242,8 +246,8 @@ fn shade_gather_and_collect_follow_their_oracles() {
             let settings = Settings { paths: 9, pattern, max_depth: 4, clip, sequence, seed: 3, ..Settings::default() };
             let rig = Rig::new(ctx, &scene, resolution, settings);
             rig.run(|frame, rec| {
-                frame.record_walk(rec)?;
-                frame.record_eye(rec)
+                frame.walk.record(rec)?;
+                frame.eye.record(rec)
             });
             let mut seen = Seen::default();
             for bounce in 0..4 {
@@ -254,7 +258,7 @@ fn shade_gather_and_collect_follow_their_oracles() {
                 check_collect(&rig, bounce);
                 assert_eq!(rig.lost(), 0);
             }
-            for (k, sum) in sums(&rig, &rig.frame().pixel_sums).iter().enumerate() {
+            for (k, sum) in sums(&rig, &rig.frame().shade.lighting).iter().enumerate() {
                 seen.sums[k] = rig.list(0).len().min(sum.iter().filter(|s| !untouched(**s) && s.x > 0.0).count());
             }
             if resolution[0] > 600 {
@@ -277,7 +281,7 @@ struct Effects {
 fn effects(rig: &Rig, light: &PointLight) -> Effects {
     let p = &rig.parameters;
     let (clip2, far) = (p.right[3], p.forward[3]);
-    let receivers = receivers(rig, &rig.frame().primary);
+    let receivers = receivers(rig, &rig.frame().eye.points);
     let mut effects = Effects::default();
     for &i in &rig.list(0) {
         let r = &receivers[i as usize];
@@ -300,13 +304,13 @@ fn effects(rig: &Rig, light: &PointLight) -> Effects {
 /// Replaces all lights of a rig by one, in the place of number `slot`.
 fn only(rig: &Rig, slot: usize, light: PointLight) {
     // A light's slot says how many reflections it has behind it, lit or not.
-    let mut lights: Vec<PointLight> = rig.get(&rig.frame().lights);
+    let mut lights: Vec<PointLight> = rig.get(&rig.frame().walk.lights);
     for l in &mut lights {
         *l = PointLight { f0: [0.0, 0.0, 0.0, l.f0[3]], ..PointLight::default() };
     }
     lights[slot] = light;
     let mut staging = Staging::new();
-    staging.stage_into(rig.ctx, &rig.frame().lights, 0, &lights).unwrap();
+    staging.stage_into(rig.ctx, &rig.frame().walk.lights, 0, &lights).unwrap();
     rig.run(|_, rec| staging.record(rec));
 }
 
@@ -323,11 +327,11 @@ fn shade_each_kind(ctx: &Context, traversal: Traversal) {
     let settings = Settings { paths: 27, clip: Clip::Distance(1.0), seed: 3, traversal, ..Settings::default() };
     let rig = Rig::new(ctx, &scene, [31, 17], settings);
     rig.run(|frame, rec| {
-        frame.record_walk(rec)?;
-        frame.record_eye(rec)
+        frame.walk.record(rec)?;
+        frame.eye.record(rec)
     });
-    let lights: Vec<PointLight> = rig.get(&rig.frame().lights);
-    let delta = rig.engine.delta_lights().len();
+    let lights: Vec<PointLight> = rig.get(&rig.frame().walk.lights);
+    let delta = rig.engine.device_scene().delta.len();
     assert_eq!(delta, 4);
     let reflected = rig.parameters.depths[1][1] as usize;
     // Of those that send out anything, the one that lights most receivers.
@@ -354,9 +358,9 @@ fn shade_each_kind(ctx: &Context, traversal: Traversal) {
         ("near surface", delta, near, true, true),
     ] {
         only(&rig, slot, light);
-        rig.run(|frame, rec| frame.record_shade(rec, 0));
-        let found = sums(&rig, &rig.frame().pixel_sums);
-        let receivers = receivers(&rig, &rig.frame().primary);
+        rig.run(|frame, rec| frame.shade.record(rec));
+        let found = sums(&rig, &rig.frame().shade.lighting);
+        let receivers = receivers(&rig, &rig.frame().eye.points);
         let mut tally = Tally::new(format!("shade by a {name} light"));
         let indirect = if light.flags() & PointLight::GLOSSY != 0 { LOBE } else { DIFFUSE };
         for &i in &rig.list(0) {

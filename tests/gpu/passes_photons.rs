@@ -61,7 +61,12 @@ fn check_start(rig: &Rig, what: &str, sine: f32) {
     let mut tally = Tally::new(format!("photon_start, {what}"));
     let mut traced = Tally::new(format!("trace of photons, {what}"));
     for i in 0..p.count as usize {
-        let oracle = photon_start::reference(&rig.parameters, rig.engine.emitters(), rig.engine.targets(), i as u32);
+        let oracle = photon_start::reference(
+            &rig.parameters,
+            rig.engine.emitters(),
+            rig.engine.device_scene().targets,
+            i as u32,
+        );
         let (ray, flux) = (ray_of(state.origin[i], state.direction[i]), state.flux[i]);
         let same = match oracle {
             None => ray.t_max == 0.0 && flux.truncate() == Vec3::ZERO,
@@ -109,7 +114,7 @@ fn check_step(rig: &Rig, what: &str, step: usize, seen: &mut [usize; 3]) {
         let fate = hit.map_or(Fate::Lost, |hit| {
             let d = before.direction[i].truncate();
             let surface = surface_at(rig.scene, rig.bvh(), &hit, d);
-            let aimed = rig.engine.targets().of_triangle[hit.triangle as usize] == flux.w.to_bits();
+            let aimed = rig.engine.device_scene().targets.of_triangle[hit.triangle as usize] == flux.w.to_bits();
             let media = if step == 0 { Media::default() } else { Media(before.media[i]) };
             let state = (d, flux.truncate(), media);
             let number = (step as u32, last);
@@ -195,17 +200,17 @@ fn check_grid(rig: &Rig, what: &str) -> Vec<Photon> {
 /// Lights the image; returns the number of receivers that photons light, diffusely and by a lobe.
 fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
     rig.run(|frame, rec| {
-        frame.record_walk(rec)?;
-        frame.record_eye(rec)?;
-        frame.record_shade(rec, 0)
+        frame.walk.record(rec)?;
+        frame.eye.record(rec)?;
+        frame.shade.record(rec)
     });
     let frame = rig.frame();
-    let sums = || [&frame.pixel_sums.indirect, &frame.pixel_sums.specular].map(|b| rig.vec4s(b));
+    let sums = || [&frame.shade.lighting.indirect, &frame.shade.lighting.specular].map(|b| rig.vec4s(b));
     let before = sums();
-    rig.run(|frame, rec| frame.record_photon_light(rec, 0));
+    rig.run(|frame, rec| frame.photon_lighting.record(rec));
     assert_eq!(rig.lost(), 0, "{what}");
     let after = sums();
-    let r = &frame.primary;
+    let r = &frame.eye.points;
     let [position, geometric, shading, f0, wo] =
         [&r.position, &r.geometric, &r.shading, &r.f0, &r.wo].map(|b| rig.vec4s(b));
     let of_photons = State::of(rig).position.into_iter().map(|v| (v.w == 1.0).then_some(v.truncate()));

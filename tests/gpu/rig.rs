@@ -35,7 +35,7 @@ impl<'a> Rig<'a> {
         let tan = (0.5 * camera.fov_y).to_radians().tan() * (height / width.max(height));
         let camera = Camera { resolution, fov_y: 2.0 * tan.atan().to_degrees(), ..camera };
         let mut engine = Engine::new(ctx, scene, camera, settings).unwrap();
-        let parameters = engine.parameters().frame(0).unwrap();
+        let parameters = engine.plan().parameters(0).unwrap();
         ctx.submit_and_wait("setup", None, |rec| {
             engine.record_setup(rec)?;
             engine.frame().record_start(rec, &parameters)
@@ -72,17 +72,17 @@ impl<'a> Rig<'a> {
     }
 
     pub fn work(&self, bounce: usize) -> layout::Work {
-        self.get(&self.frame().lists[bounce].work)[0]
+        self.get(&self.frame().point_lists().nth(bounce).unwrap().work)[0]
     }
 
     /// The receivers on the list of a bounce, sorted.
     pub fn list(&self, bounce: usize) -> Vec<u32> {
-        if bounce > 0 || self.frame().clusters.is_none() {
-            return self.sorted(&self.frame().lists[bounce]);
+        if bounce > 0 || self.frame().eye.clusters.is_none() {
+            return self.sorted(&self.frame().point_lists().nth(bounce).unwrap());
         }
         // Clusters of the screen have gaps.
         let work = self.work(0);
-        let mut slots: Vec<u32> = self.get(&self.frame().lists[0].entries);
+        let mut slots: Vec<u32> = self.get(&self.frame().eye.list.entries);
         slots.truncate(work.total as usize);
         slots.retain(|&slot| slot != NO_RECEIVER);
         assert_eq!(slots.len(), work.live as usize, "receivers on the list");
@@ -92,13 +92,13 @@ impl<'a> Rig<'a> {
 
     /// The slots whose paths went on in a step of the eye paths, sorted.
     pub fn eye_list(&self, step: usize) -> Vec<u32> {
-        self.sorted(&self.frame().eye_lists[step])
+        self.sorted(&self.frame().eye.lists[step])
     }
 
     /// Pixels in tiles that show mirrors or glass, after the first step of the eye paths; in order.
     pub fn ideal_pixels(&self) -> Vec<u32> {
         let [width, height, ..] = self.parameters.size;
-        let tiles = self.sorted(&self.frame().ideal_tiles);
+        let tiles = self.sorted(&self.frame().eye.ideal_tiles);
         let of_tile = |pixel: u32| pixel % width / 8 + pixel / width / 8 * width.div_ceil(8);
         (0..width * height).filter(|&pixel| tiles.binary_search(&of_tile(pixel)).is_ok()).collect()
     }
@@ -118,7 +118,7 @@ impl<'a> Rig<'a> {
         let reflectors = &self.engine.device_scene().reflectors;
         let number = reflectors.iter().position(|r| r.triangles.contains(&triangle)).map_or(0, |i| i as u32 + 1);
         let counts = self.scene.materials[material as usize].surface == kind;
-        if counts && number <= self.engine.parameters().settings.mirroring_planes() { number } else { 0 }
+        if counts && number <= self.engine.plan().settings.mirroring_planes() { number } else { 0 }
     }
 
     /// Number of the glossy plane that mirrors the room, where superposition takes a hit for one, else 0.
@@ -133,7 +133,7 @@ impl<'a> Rig<'a> {
         }
         let number = self.plane(hit).checked_sub(1)?;
         let mu = self.bvh().normal(hit.triangle).dot(d).abs();
-        let lobe = self.frame().mirrors.as_ref()?.tables.library.look_up(number, mu)?;
+        let lobe = self.frame().glossy_planes.as_ref()?.tables.library.look_up(number, mu)?;
         Some(Plane::Glossy { energy: lobe.energy, grazing: lobe.grazing })
     }
 
@@ -155,8 +155,8 @@ pub const SINE: f32 = 5e-4;
 /// device's sine and cosine, for it is all that is in them but roots.
 pub fn sine_error(ctx: &Context, scene: &Scene) -> f32 {
     let rig = Rig::new(ctx, scene, [1, 1], Settings { paths: 2049, ..Settings::default() });
-    rig.run(|frame, rec| frame.record_walk_start(rec));
-    let directions = rig.vec4s(&rig.frame().particles.direction);
+    rig.run(|frame, rec| frame.walk.record_start(rec));
+    let directions = rig.vec4s(&rig.frame().walk.particles.direction);
     let error = |i: usize| {
         let (_, ray, _) = walk_start::reference(&rig.parameters, rig.engine.emitters(), i as u32);
         (directions[i].truncate() - ray.direction).length()

@@ -45,9 +45,9 @@ fn settings(superposition: Superposition) -> Settings {
 /// Lights what the eye sees.
 fn light(rig: &Rig) {
     rig.run(|frame, rec| {
-        frame.record_walk(rec)?;
-        frame.record_eye(rec)?;
-        frame.record_shade(rec, 0)
+        frame.walk.record(rec)?;
+        frame.eye.record(rec)?;
+        frame.shade.record(rec)
     });
     assert_eq!(rig.lost(), 0);
 }
@@ -61,17 +61,17 @@ fn mirror_images_follow_their_oracle() {
             let rig = Rig::new(ctx, &scene, resolution, settings(Superposition::default()));
             let frame = rig.frame();
             light(&rig);
-            let r = &frame.primary;
+            let r = &frame.eye.points;
             let [position, normal, kd, wo, emitted] =
                 [&r.position, &r.geometric, &r.kd, &r.wo, &r.emitted].map(|b| rig.vec4s(b));
-            let sums = &frame.pixel_sums;
+            let sums = &frame.shade.lighting;
             let lights = [&sums.direct, &sums.indirect, &sums.specular].map(|b| rig.vec4s(b));
-            let (through, region) = (rig.vec4s(&frame.paths.throughput), rig.get::<u32>(&frame.planes.region));
-            let widening = rig.vec4s(&frame.planes.widening);
-            let mirrors = frame.mirrors.as_ref().unwrap();
+            let (through, region) = (rig.vec4s(&frame.eye.paths.throughput), rig.get::<u32>(&frame.eye.planes.region));
+            let widening = rig.vec4s(&frame.eye.planes.widening);
+            let mirrors = frame.glossy_planes.as_ref().unwrap();
             rig.run(|_, rec| mirrors.record_image(rec));
             let (source, footprint) = (rig.vec4s(&mirrors.image.source), rig.vec4s(&mirrors.image.footprint));
-            let [cleared, left] = [&r.emitted, &frame.paths.throughput].map(|b| rig.vec4s(b));
+            let [cleared, left] = [&r.emitted, &frame.eye.paths.throughput].map(|b| rig.vec4s(b));
             let pixels = region.len();
             let mut tally = Tally::new(format!("mirror image, {resolution:?}"));
             for i in (0..pixels).filter(|&i| region[i] > 0) {
@@ -123,14 +123,14 @@ fn planes_reflect_as_their_oracle_says() {
             let rig = Rig::new(ctx, &scene, [64, 48], settings(superposition));
             let frame = rig.frame();
             light(&rig);
-            let mirrors = frame.mirrors.as_ref().unwrap();
+            let mirrors = frame.glossy_planes.as_ref().unwrap();
             rig.run(|_, rec| mirrors.record_image(rec));
-            let before = rig.vec4s(&frame.primary.emitted);
+            let before = rig.vec4s(&frame.eye.points.emitted);
             rig.run(|_, rec| mirrors.record_superpose(rec));
-            let after = rig.vec4s(&frame.primary.emitted);
-            let region = rig.get::<u32>(&frame.planes.region);
+            let after = rig.vec4s(&frame.eye.points.emitted);
+            let region = rig.get::<u32>(&frame.eye.planes.region);
             let source = rig.vec4s(&mirrors.image.source);
-            let [normal, wo] = [&frame.primary.geometric, &frame.primary.wo].map(|b| rig.vec4s(b));
+            let [normal, wo] = [&frame.eye.points.geometric, &frame.eye.points.wo].map(|b| rig.vec4s(b));
             let mut compared = 0;
             for i in 0..region.len() {
                 let more = (after[i] - before[i]).truncate();
@@ -164,17 +164,17 @@ fn summands_follow_their_oracle_and_add_up() {
                 let frame = rig.frame();
                 light(&rig);
                 rig.run(|frame, rec| {
-                    frame.record_mirrors(rec)?;
-                    frame.record_merge(rec)
+                    frame.glossy_planes.record(rec)?;
+                    frame.merge.record(rec)
                 });
                 let pass = frame.summands.as_ref().unwrap();
-                let r = &frame.primary;
+                let r = &frame.eye.points;
                 let [kd, wo, emitted] = [&r.kd, &r.wo, &r.emitted].map(|b| rig.vec4s(b));
-                let sums = &frame.pixel_sums;
+                let sums = &frame.shade.lighting;
                 let lights = [&sums.direct, &sums.indirect, &sums.specular].map(|b| rig.vec4s(b));
-                let (through, reflected) = (rig.vec4s(&frame.paths.throughput), rig.vec4s(&pass.reflected));
-                rig.run(|frame, rec| frame.record_summands(rec));
-                let film = frame.film.summands.as_ref().unwrap();
+                let (through, reflected) = (rig.vec4s(&frame.eye.paths.throughput), rig.vec4s(&pass.reflected));
+                rig.run(|frame, rec| frame.summands.record(rec));
+                let film = frame.output.film.summands.as_ref().unwrap();
                 let found = film.each_ref().map(|[sum, _]| rig.vec4s(sum));
                 let whole = rig.vec4s(&r.emitted);
                 for i in 0..reflected.len() {

@@ -278,7 +278,7 @@ fn faint_lights_are_dropped_on_demand() {
             renderer.pass().unwrap();
             let layers = renderer.layers().unwrap();
             let light: Vec<Vec3> = layers.direct.iter().zip(&layers.indirect).map(|(a, b)| *a + *b).collect();
-            (light, renderer.statistics().culled_pairs, renderer.engine().parameters().lights.slots())
+            (light, renderer.statistics().culled_pairs, renderer.engine().plan().lights.slots())
         };
         let (all, few_culled, lights) = run(0.0);
         let threshold = 0.5;

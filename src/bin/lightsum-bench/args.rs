@@ -6,7 +6,7 @@ use lightsum::gpu::DeviceChoice;
 use lightsum::settings::{ClusterOrder, Settings, Traversal};
 use std::path::PathBuf;
 
-/// Greatest number of pixels of an image.
+/// Maximum number of pixels of an image.
 pub const MAX_PIXELS: u64 = 1 << 26;
 
 /// Measures the passes of lightsum.
@@ -15,52 +15,51 @@ pub const MAX_PIXELS: u64 = 1 << 26;
 #[derive(Debug, Parser)]
 #[command(name = "lightsum-bench", version, arg_required_else_help = true)]
 pub struct Arguments {
-    /// What to measure.
+    /// The subcommand.
     #[command(subcommand)]
     pub command: Command,
 }
 
-/// What to measure.
+/// The subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// A frame: each GPU pass by timestamps and the whole by the wall clock, for scenes and settings.
+    /// A frame: each GPU pass by timestamps, and the whole frame by the wall clock, for scenes and settings.
     Frame(Frame),
-    /// Shadow rays a second, for each kernel: what an image's pixels and a pass's lights ask for.
+    /// Shadow rays per second of each kernel, for the pixels of an image and the lights of a pass.
     ShadowRays(ShadowRays),
-    /// Cost against triangles, lights and pixels, in a generated room.
+    /// Scaling with triangles, lights and pixels, in a generated room.
     Scaling(Scaling),
-    /// From nothing to the second pass, with empty caches and with filled ones.
+    /// From process start to the second pass, with empty and with filled caches.
     Startup(Startup),
-    /// One start, by which `startup` measures processes of their own.
+    /// A single start: the process that `startup` measures.
     #[command(hide = true)]
     StartupOnce(StartupOnce),
-    /// Shadow rays against Embree on the same rays, in turn.
+    /// Shadow rays of each kernel and of Embree on the same rays, in turn.
     Compare(Compare),
-    /// What it costs to move an object: vertices, trees, uploads.
+    /// Cost of moving an object: vertices, trees, uploads.
     Edits(Edits),
-    /// The convolution of mirror images by kernels from 1 to 127 pixels wide, half the image being a reflector.
+    /// Convolution of mirror images with kernels from 1 to 127 pixels wide; half the image is a reflector.
     Convolve(Convolve),
 }
 
-/// What every mode takes.
+/// Flags common to all subcommands.
 #[derive(Clone, Debug, Args)]
 pub struct Common {
-    /// Size of the image in pixels.
+    /// Image size in pixels.
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = resolution)]
     pub resolution: [u32; 2],
-    /// Measurements of each thing; the median counts. One more before them warms up.
+    /// Measurements of each item, after one that is not counted; the tables show medians.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
     pub repeats: u32,
-    /// Vulkan device: part of its name, its index in lightsum --list-devices, or cpu [default: the fastest kind there is].
+    /// Vulkan device: part of its name, its index in lightsum --list-devices, or cpu [default: the fastest kind available].
     #[arg(long, value_name = "NAME|INDEX|cpu")]
     pub device: Option<DeviceChoice>,
-    /// Print a JSON object a line in place of tables.
+    /// Print one JSON object per line instead of tables.
     #[arg(long)]
     pub json: bool,
 }
 
-/// Flags of `frame`. Those of settings may be given several times, or values with commas between: every combination is
-/// measured.
+/// Flags of `frame`. Flags of settings can be repeated, or take a list with commas: every combination is measured.
 #[derive(Clone, Debug, Args)]
 pub struct Frame {
     /// Scene description (.toml), model (.obj, .gltf, .glb), or room:N for a generated room of about N triangles.
@@ -72,29 +71,29 @@ pub struct Frame {
     #[arg(long, value_name = "N,...", value_delimiter = ',')]
     #[arg(value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PATHS)))]
     pub paths: Vec<u32>,
-    /// Segments of a light path, 1 to 16 [default: the scene's, or 5].
+    /// Maximum segments of a light path, 1 to 16 [default: the scene's, or 5].
     #[arg(long, value_name = "K,...", value_delimiter = ',')]
     #[arg(value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_DEPTH)))]
     pub max_depth: Vec<u32>,
-    /// Lights that one dispatch of the shading pass loops over, 1 to 64 [default: 8].
+    /// Maximum lights in one dispatch of the shading pass, 1 to 64 [default: 8].
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=64))]
     pub lights_per_dispatch: Vec<u32>,
-    /// How shadow rays are traced: auto, single or cluster [default: auto].
+    /// Traversal kernel for shadow rays: auto, single or cluster [default: auto].
     #[arg(long, value_name = "HOW,...", value_delimiter = ',', value_parser = traversal())]
     pub traversal: Vec<Traversal>,
-    /// By what the points that the eye sees are put in clusters: screen or space [default: screen].
+    /// Order in which visible points are grouped into clusters: screen or space [default: screen].
     #[arg(long, value_name = "ORDER,...", value_delimiter = ',', value_parser = cluster_order())]
     pub cluster_order: Vec<ClusterOrder>,
-    /// Glossy planes that mirror the room, the greatest first (superposition, in its variant form): 0 to 255.
+    /// Maximum number of glossy planes that mirror the room, largest first (--superposition variant): 0 to 255.
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=255))]
     pub reflectors: Vec<u32>,
-    /// Settings of lightsum's preset of that name in place of the defaults and the scene's; other flags override them.
+    /// Use the settings of --preset interactive instead of the defaults and the scene's; other flags override them.
     #[arg(long)]
     pub interactive: bool,
-    /// Leave out what clipping cuts off, and with it the passes from the second bounce on.
+    /// Do not restore the light that clipping cuts off, which drops the passes from the second bounce on.
     #[arg(long)]
     pub no_compensation: bool,
-    /// Keep a tree for each object, as scenes that move have it, in place of one over all triangles.
+    /// Build a tree for each object, as dynamic scenes do, instead of one over all triangles.
     #[arg(long)]
     pub dynamic: bool,
 }
@@ -107,7 +106,7 @@ pub struct Edits {
     pub scenes: Vec<String>,
     #[command(flatten)]
     pub common: Common,
-    /// Name of the object to move [default: that with the most triangles].
+    /// Name of the object to move [default: the one with the most triangles].
     #[arg(long, value_name = "NAME")]
     pub object: Option<String>,
 }
@@ -121,7 +120,7 @@ pub struct Convolve {
     #[arg(long, value_name = "N,...", value_delimiter = ',', default_value = "1,7,15,31,63,127")]
     #[arg(value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub kernel_width: Vec<u32>,
-    /// Forms of the pass: direct takes seconds from 31 pixels on; only beside it fast has an error.
+    /// Algorithms: direct takes seconds from 31 pixels on; the error of fast is measured against direct.
     #[arg(long, value_name = "FORM,...", value_delimiter = ',', default_value = "direct,fast,invariant")]
     #[arg(value_parser = ["direct", "fast", "invariant"])]
     pub form: Vec<String>,
@@ -135,23 +134,24 @@ pub struct ShadowRays {
     pub scenes: Vec<String>,
     #[command(flatten)]
     pub common: Common,
-    /// Point lights, taken evenly from those of a pass.
+    /// Number of point lights, chosen evenly from those of a pass.
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub lights: u32,
-    /// Count besides, in a run of its own, what the clusters meet: nodes, children, leaves and triangles for each light.
+    /// Also count, in a separate run, the nodes, children, leaves and triangles that clusters visit for each light.
     #[arg(long)]
     pub counters: bool,
-    /// Count the receivers that see another number of lights than rays traced one by one on the processor find.
+    /// Count the receivers whose number of visible lights differs from that of rays traced on the CPU.
     #[arg(long)]
     pub verify: bool,
-    /// Measure this kernel alone.
+    /// Measure only this kernel.
     #[arg(long, value_name = "KERNEL", value_parser = ["single", "cluster"])]
     pub only: Option<String>,
-    /// Lights that one dispatch may loop over, 1 to 64 [default: that of the renderer].
+    /// Maximum lights in one dispatch, 1 to 64 [default: the renderer's].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub lights_per_dispatch: Option<u32>,
-    /// Area lights in place of point lights, a ray to a point of its own from each receiver: squares in front of the lights, along
-    /// their surface, with edges of this share of the scene's diagonal, 0 to 0.5 [without a value: 0.05].
+    /// Area lights instead of point lights: each receiver traces a ray to its own point on a square in front of each light.
+    ///
+    /// The value is the edge of the square as a fraction of the scene's diagonal, 0 to 0.5 [without a value: 0.05].
     #[arg(long, value_name = "SHARE", num_args = 0..=1, default_missing_value = "0.05", value_parser = share)]
     pub area: Option<f64>,
     /// Write triangles, receivers in cluster order, normals and lights as little-endian arrays to this folder.
@@ -162,21 +162,21 @@ pub struct ShadowRays {
 /// Flags of `scaling`.
 #[derive(Clone, Debug, Args)]
 pub struct Scaling {
-    /// What grows: triangles from 1,000 to 4,000,000, paths from 1 to 256, or pixels from a quarter of --resolution to
+    /// The variable: triangles from 1,000 to 4,000,000, paths from 1 to 256, or pixels from a quarter of --resolution to
     /// twice it each way [default: each in turn].
     #[arg(long = "series", value_name = "WHAT,...", value_delimiter = ',', value_parser = series())]
     pub series: Vec<Series>,
     #[command(flatten)]
     pub common: Common,
-    /// Greatest number of triangles; 4,000,000 take 2 GiB of memory.
+    /// Maximum number of triangles; 4,000,000 take 2 GiB of memory.
     #[arg(long, value_name = "N", default_value_t = 4_000_000, value_parser = clap::value_parser!(u32).range(300..=8_000_000))]
     pub max_triangles: u32,
-    /// Greatest number of paths.
+    /// Maximum number of paths.
     #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PATHS)))]
     pub max_paths: u32,
 }
 
-/// What grows in a series of `scaling`.
+/// The variable of a series of `scaling`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Series {
     /// Triangles of the room.
@@ -203,7 +203,7 @@ pub struct StartupOnce {
     /// The scene.
     #[arg(long)]
     pub scene: String,
-    /// Size of the image in pixels.
+    /// Image size in pixels.
     #[arg(long, value_parser = resolution)]
     pub resolution: [u32; 2],
     /// The device.
@@ -219,10 +219,10 @@ pub struct StartupOnce {
 pub struct Compare {
     #[command(flatten)]
     pub rays: ShadowRays,
-    /// Program that traces a dumped workload by Embree: PATH DIR prints a JSON line for each size of packet.
+    /// Program that traces a dumped workload with Embree: PATH DIR prints one JSON line for each packet size.
     #[arg(long, value_name = "PATH")]
     pub embree: PathBuf,
-    /// Times that the two take turns.
+    /// Number of turns of each program.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
     pub turns: u32,
 }

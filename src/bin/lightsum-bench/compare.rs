@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use std::path::Path;
 use std::process::Command;
 
-/// What Embree did with packets of one size.
+/// Result of Embree with packets of one size.
 struct Peer {
     packet: u64,
     segments: u64,
@@ -84,7 +84,7 @@ fn compare(args: &Compare, scene: &str, dir: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Runs the peer once and adds what it says.
+/// Runs the peer once and adds its results.
 fn peer(program: &Path, dir: &Path, peers: &mut Vec<Peer>) -> Result<()> {
     let output = Command::new(program).arg(dir).output().map_err(Error::io("running", program))?;
     if !output.status.success() {

@@ -1,6 +1,6 @@
-//! `convolve`: the convolution of a mirror image, by the width of its kernels and for each form of the pass.
+//! `convolve`: the convolution of a mirror image, by kernel width and for each algorithm.
 //!
-//! The lower half of the image is one reflector, all of whose kernels are of one width (the worst case of that width); it shows
+//! The lower half of the image is one reflector whose kernels all have one width (the worst case of that width); it shows
 //! soft shades, chequers and a bright ball. Directions turn from pixel to pixel, except in the invariant form.
 
 use crate::args::Convolve as Flags;
@@ -12,10 +12,10 @@ use lightsum::pass::convolve::{Convolve, Form, Inputs, KERNEL_TEXELS, Library};
 use serde_json::json;
 use std::time::Instant;
 
-/// The direct form is measured once only, without a warm-up, for kernels wider than this, for it takes seconds.
+/// For wider kernels the direct form, which takes seconds, is measured only once, without a warm-up.
 const DIRECT_REPEATED: u32 = 15;
 
-/// What is convolved.
+/// Input of the convolution.
 struct Subject {
     size: [u32; 2],
     source: Buffer,
@@ -23,7 +23,7 @@ struct Subject {
     library: Library,
 }
 
-/// What a form did.
+/// Result of one form.
 struct Measured {
     times: Vec<f64>,
     image: Vec<[f32; 4]>,
@@ -106,7 +106,7 @@ fn lobe() -> Vec<f32> {
     (0..edge * edge).map(|i| (1.0 - at(i % edge).powi(2) - at(i / edge).powi(2)).max(0.0).powi(2)).collect()
 }
 
-/// Relative RMSE of an image's radiance where it is not 0 against another's.
+/// Relative RMSE of an image's radiance against another's, over the pixels that are not 0.
 fn error(image: &[[f32; 4]], expected: &[[f32; 4]]) -> f64 {
     let channels =
         |v: &[[f32; 4]]| v.iter().filter(|v| v[3] > 0.0).flat_map(|v| [v[0], v[1], v[2]]).collect::<Vec<_>>();

@@ -1,6 +1,6 @@
-//! `edits`: what it costs to move an object, by the processor's clock and, for the upload, by the device's.
+//! `edits`: cost of moving an object, by the CPU's clock and, for the upload, by GPU timestamps.
 //!
-//! The object is moved by a hundredth of the scene's diagonal, there and back in turn, and a pass is rendered after each move.
+//! The object moves by a hundredth of the scene's diagonal, there and back in turn; a pass is rendered after each move.
 
 use crate::args::Edits;
 use crate::report::{self, Table, milliseconds, percent};
@@ -10,7 +10,7 @@ use lightsum::settings::Settings;
 use lightsum::{Error, Renderer, Result, Scene};
 use serde_json::{Value, json};
 
-/// What is timed, in order, with a line for the table.
+/// The measured steps in order: key and label in the table.
 const STEPS: [(&str, &str); 7] = [
     ("vertices", "check and move vertices"),
     ("refit", "triangles and tree of the object"),
@@ -80,7 +80,7 @@ pub fn run(args: &Edits) -> Result<()> {
     Ok(())
 }
 
-/// The object of this name, or that with the most triangles.
+/// The object of this name, or the one with the most triangles.
 fn choose(scene: &Scene, name: Option<&str>) -> Result<u32> {
     if let Some(name) = name {
         return scene.objects_named(name).first().copied().ok_or_else(|| Error::Setting {

@@ -1,4 +1,4 @@
-//! `frame`: what a pass of the renderer takes, GPU pass by GPU pass, for scenes and settings.
+//! `frame`: time of each GPU pass and of the whole frame, for scenes and settings.
 
 use crate::args::Frame;
 use crate::passes::{Passes, kernel};
@@ -41,7 +41,7 @@ pub fn run(args: &Frame) -> Result<()> {
     Ok(())
 }
 
-/// Every combination of the flags' values; a flag that is not given leaves what is in `base`.
+/// Every combination of the flags' values; a missing flag keeps the value in `base`.
 fn combinations(args: &Frame, base: Settings) -> Vec<Settings> {
     fn each<T: Copy>(list: Vec<Settings>, values: &[T], set: impl Fn(&mut Settings, T)) -> Vec<Settings> {
         if values.is_empty() {

@@ -39,7 +39,7 @@ fn main() -> ExitCode {
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
-        // Whoever read the results has seen enough, as `head` does.
+        // The reader of the pipe has closed it, as `head` does.
         Err(Error::Io { source, .. }) if source.kind() == ErrorKind::BrokenPipe => ExitCode::SUCCESS,
         Err(error) => {
             report::say_aside(&format!("error: {error}"));

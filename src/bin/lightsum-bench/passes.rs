@@ -4,7 +4,7 @@ use crate::report::{self, Fields};
 use lightsum::{Renderer, Result};
 use serde_json::{Value, json};
 
-/// What passes of one renderer took, a warm-up before them left out.
+/// Times of the passes of one renderer, without the warm-up.
 #[derive(Default)]
 pub struct Passes {
     /// Seconds of each by the wall clock.
@@ -69,7 +69,7 @@ impl Passes {
     }
 }
 
-/// How shadow rays are traced in fact.
+/// The traversal kernel in use for shadow rays.
 pub fn kernel(renderer: &Renderer) -> &'static str {
     match renderer.engine().device_scene().wide_nodes {
         Some(_) => "cluster",

@@ -1,4 +1,4 @@
-//! Medians and spreads, what was measured on, and how it is printed.
+//! Medians and spreads, the environment of the measurement, and output.
 
 use lightsum::gpu::DeviceInfo;
 use lightsum::settings::Settings;
@@ -24,7 +24,7 @@ pub fn spread(times: &[f64]) -> f64 {
     0.5 * (quantile(times, 0.75) - quantile(times, 0.25)) / middle
 }
 
-/// The value below which this share of the values lies, between two of them by linear interpolation; 0 of none.
+/// Quantile by linear interpolation between two values; 0 of none.
 fn quantile(values: &[f64], share: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -42,7 +42,7 @@ pub fn summary(times: &[f64]) -> Value {
 
 /// Program, device and processor, for every JSON line.
 pub fn environment(info: &DeviceInfo) -> Fields {
-    // Systems without this file do not say.
+    // Not every system has this file.
     let (model, clock) = processor(&std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default());
     fields(json!({
         "program": concat!("lightsum ", env!("CARGO_PKG_VERSION")),
@@ -56,7 +56,7 @@ pub fn environment(info: &DeviceInfo) -> Fields {
     }))
 }
 
-/// Model of the processor, and the median clock of its cores in MHz, where the text of /proc/cpuinfo says so.
+/// Model of the processor, and the median clock of its cores in MHz, if the text of /proc/cpuinfo has them.
 fn processor(cpuinfo: &str) -> (Option<String>, Option<f64>) {
     let entries = || cpuinfo.lines().filter_map(|line| line.split_once(':')).map(|(k, v)| (k.trim(), v.trim()));
     let of = |key: &'static str| entries().filter(move |(k, _)| *k == key).map(|(_, value)| value);
@@ -65,7 +65,7 @@ fn processor(cpuinfo: &str) -> (Option<String>, Option<f64>) {
     (model, (!clocks.is_empty()).then(|| median(&clocks)))
 }
 
-/// Settings as JSON; by way of text, in which single-precision numbers keep their shortest form.
+/// Settings as JSON, through text, in which single-precision numbers keep their shortest form.
 pub fn settings(settings: &Settings) -> Value {
     serde_json::to_string(settings).and_then(|text| serde_json::from_str(&text)).unwrap_or_default()
 }
@@ -85,7 +85,7 @@ pub fn print_json(line: Value, environment: &Fields) -> Result<()> {
     say(&Value::Object(line).to_string())
 }
 
-/// Prints what the tables after it were measured on.
+/// Prints the environment of the tables that follow.
 pub fn print_environment(environment: &Fields) -> Result<()> {
     let text = |key: &str| match environment.get(key) {
         Some(Value::String(text)) => text.clone(),
@@ -103,7 +103,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// Prints the head: the name of each column, and how wide its cells are at most.
+    /// Prints the head: name and width of each column.
     pub fn head(columns: &[(&str, usize)]) -> Result<Table> {
         let widths = columns.iter().map(|(name, width)| *width.max(&name.chars().count())).collect();
         let table = Table { widths };
@@ -125,7 +125,7 @@ impl Table {
     }
 }
 
-/// Milliseconds to three or four digits.
+/// Milliseconds with three or four digits.
 pub fn milliseconds(seconds: f64) -> String {
     let ms = seconds * 1e3;
     let digits = if ms < 10.0 {
@@ -138,17 +138,17 @@ pub fn milliseconds(seconds: f64) -> String {
     format!("{ms:.digits$}")
 }
 
-/// A share in per cent.
+/// A fraction as a percentage.
 pub fn percent(share: f64) -> String {
     format!("{:.0} %", 100.0 * share)
 }
 
-/// A line on standard output.
+/// Prints a line to standard output.
 pub fn say(line: &str) -> Result<()> {
     writeln!(std::io::stdout(), "{line}").map_err(Error::io("writing", Path::new("standard output")))
 }
 
-/// A line on standard error; whether anybody reads it does not matter.
+/// Prints a line to standard error; ignores failures.
 pub fn say_aside(line: &str) {
     let _ = writeln!(std::io::stderr(), "{line}");
 }

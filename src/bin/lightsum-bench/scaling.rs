@@ -1,4 +1,4 @@
-//! `scaling`: what a frame of the generated room costs as triangles, lights or pixels grow.
+//! `scaling`: cost of a frame of the generated room for growing numbers of triangles, lights or pixels.
 
 use crate::args::{MAX_PIXELS, Scaling, Series};
 use crate::passes::Passes;
@@ -12,7 +12,7 @@ use lightsum::{Error, Renderer, Result};
 use serde_json::{Value, json};
 use std::time::Instant;
 
-/// Triangles of the room in the first series, about.
+/// Approximate number of triangles of the room in the first series.
 const TRIANGLES: [u32; 7] = [1_000, 4_000, 16_000, 64_000, 256_000, 1_000_000, 4_000_000];
 /// Triangles of the room in the other two.
 const ROOM: u32 = 64_000;
@@ -27,15 +27,15 @@ struct Point {
     resolution: [u32; 2],
 }
 
-/// What building the hierarchy over a scene takes, measured where the scene is new.
+/// Times to build the hierarchy over a scene, measured when the scene is new.
 struct Built {
     triangles: u32,
     scene: Scene,
     seconds: Vec<f64>,
 }
 
-/// Runs the command. A point beyond the limits of the device is printed as such, the others are measured all the same, and
-/// the first refusal is what the command fails with.
+/// Runs the command. A point beyond the limits of the device is printed as refused and the others are still measured; the
+/// command then fails with the first refusal.
 pub fn run(args: &Scaling) -> Result<()> {
     let all = [Series::Triangles, Series::Lights, Series::Resolution];
     let chosen = if args.series.is_empty() { &all[..] } else { &args.series };
@@ -94,7 +94,7 @@ fn name(series: Series) -> &'static str {
     }
 }
 
-/// What a series measures, growing.
+/// The points of a series, in increasing order.
 fn points(args: &Scaling, series: Series) -> Vec<Point> {
     let resolution = args.common.resolution;
     let paths = Settings::default().paths.min(args.max_paths);
@@ -102,7 +102,7 @@ fn points(args: &Scaling, series: Series) -> Vec<Point> {
     match series {
         Series::Triangles => {
             let within = TRIANGLES.into_iter().filter(|&n| n < args.max_triangles);
-            // The greatest itself ends the series, also where the list goes on or has ended before.
+            // The maximum ends the series, whether the list is longer or shorter.
             within.chain([args.max_triangles]).map(|triangles| Point { triangles, paths, resolution }).collect()
         }
         Series::Lights => {
@@ -116,7 +116,7 @@ fn points(args: &Scaling, series: Series) -> Vec<Point> {
     }
 }
 
-/// The device, not a mistake, stands against it.
+/// Whether the error is a limit of the device rather than a mistake.
 fn is_refusal(error: &Error) -> bool {
     matches!(error, Error::DeviceLimit { .. } | Error::OutOfMemory { .. })
 }
@@ -157,7 +157,7 @@ fn head(series: Series) -> Result<Table> {
 fn row(table: &Table, series: Series, point: &Point, measured: &Fields) -> Result<()> {
     let [width, height] = point.resolution;
     let first = match series {
-        // The room has some fewer than were asked for.
+        // The room has somewhat fewer triangles than requested.
         Series::Triangles => measured.get("triangles").map_or(point.triangles.to_string(), Value::to_string),
         Series::Lights => measured.get("lights").map_or(format!("{} paths", point.paths), Value::to_string),
         Series::Resolution => format!("{width}x{height}"),

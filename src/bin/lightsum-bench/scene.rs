@@ -1,4 +1,4 @@
-//! Scenes by name, and the workload of shadow rays that an image of one asks for.
+//! Scenes by name, and the shadow-ray workload of an image of a scene.
 
 use crate::args::Common;
 use glam::{Vec3, Vec4};
@@ -14,7 +14,7 @@ use lightsum::stage::Stage;
 use lightsum::{Engine, Error, Result};
 use std::path::Path;
 
-/// Finds wrong names before anything is measured.
+/// Checks the names before anything is measured.
 pub fn check(names: &[String]) -> Result<()> {
     for name in names {
         if room(name)?.is_none() && !Path::new(name).exists() {
@@ -48,7 +48,7 @@ pub fn open(common: &Common) -> Result<Context> {
     Context::headless(&ContextOptions { device, ..ContextOptions::default() })
 }
 
-/// The scene's camera at this resolution, or one made up for a bare model.
+/// The scene's camera at this resolution, or a default one for a bare model.
 pub fn camera(scene: &Scene, resolution: [u32; 2]) -> Camera {
     match scene.camera {
         Some(camera) => Camera { resolution, ..camera },
@@ -56,8 +56,8 @@ pub fn camera(scene: &Scene, resolution: [u32; 2]) -> Camera {
     }
 }
 
-/// The receivers of one pass in cluster order, and `lights` of its lights, evenly chosen; or, with `area`, a square in front of each of
-/// these with edges of that share of the diagonal.
+/// The receivers of one pass in cluster order, and `lights` of its lights, evenly chosen; with `area`, a square in front of each
+/// of these, whose edge is that fraction of the diagonal.
 pub fn workload(context: &Context, engine: &mut Engine, lights: u32, area: Option<f64>) -> Result<Workload> {
     context.submit_and_wait("uploading the scene", None, |rec| engine.record_setup(rec))?;
     engine.setup_finished();
@@ -73,7 +73,7 @@ pub fn workload(context: &Context, engine: &mut Engine, lights: u32, area: Optio
     };
     let (positions, normals) = (of(&frame.eye.points.position)?, of(&frame.eye.points.geometric)?);
     let lit = download::<Vec4>(context, &frame.eye.points.wo)?;
-    // Tile by tile, as the list is before it is sorted.
+    // Tile by tile, as in the list before sorting.
     let [width, height] = engine.view().size();
     let mut list: Vec<u32> = (0..width * height).filter(|&p| lit[p as usize].w > 0.0).collect();
     list.sort_by_key(|p| {
@@ -81,7 +81,7 @@ pub fn workload(context: &Context, engine: &mut Engine, lights: u32, area: Optio
         (y / 8, x / 8, y % 8, x % 8)
     });
     let mut list = sort::reference(&parameters, &list, &positions);
-    // Whole packets of 16 only, so that every tracer gets the same rays.
+    // Only whole packets of 16, so that every tracer gets the same rays.
     list.truncate(list.len() / 16 * 16);
     let mut all = download::<PointLight>(context, frame.lights())?;
     all.retain(|l| l.flags() & PointLight::DIRECTIONAL == 0 && l.emit[..3].iter().any(|&e| e > 0.0));
@@ -108,9 +108,9 @@ pub fn workload(context: &Context, engine: &mut Engine, lights: u32, area: Optio
     Ok(workload)
 }
 
-/// Corner and edges of a square in front of a light, perpendicular to its normal, moved into the scene's box where it sticks
-/// out. It hangs a hundredth of its edge in front: in the surface's own plane rounding alone would say which receivers on that
-/// surface face it.
+/// Corner and edges of a square in front of a light, perpendicular to its normal, moved into the scene's bounding box if it
+/// sticks out. Its distance from the light is a hundredth of its edge: in the surface's own plane, rounding would decide which
+/// receivers on that surface face it.
 fn square(bvh: &Bvh, place: Vec3, normal: Vec3, share: f64) -> (Vec3, [Vec3; 2]) {
     let normal = normal.try_normalize().unwrap_or(Vec3::Z);
     let (tangent, bitangent) = basis(normal);

@@ -1,24 +1,24 @@
-//! A folder for files that nobody needs afterwards.
+//! A temporary folder.
 
 use lightsum::{Error, Result};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// A new empty folder of our own, removed with all that is in it when dropped.
+/// A new empty folder, removed with its contents when dropped.
 pub struct Scratch(PathBuf);
 
 impl Scratch {
-    /// Creates it among the system's temporary files.
+    /// Creates it in the system's folder for temporary files.
     pub fn new() -> Result<Scratch> {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let count = COUNT.fetch_add(1, Ordering::Relaxed);
         let path = std::env::temp_dir().join(format!("lightsum-bench-{}-{count}", std::process::id()));
-        // Fails if it is there already: it would be somebody else's.
+        // Fails if it exists: it would belong to another process.
         std::fs::create_dir(&path).map_err(Error::io("creating", &path))?;
         Ok(Scratch(path))
     }
 
-    /// Where it is.
+    /// Its path.
     pub fn path(&self) -> &Path {
         &self.0
     }
@@ -26,7 +26,7 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        // What cannot be removed does no harm.
+        // A leftover file does no harm.
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }

@@ -1,4 +1,4 @@
-//! `shadow-rays`: how many shadow rays a second each kernel traces.
+//! `shadow-rays`: shadow rays per second of each kernel.
 
 use crate::args::ShadowRays;
 use crate::{report, scene};
@@ -14,7 +14,7 @@ use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
 
-/// A scene with its rays, ready to be traced.
+/// A scene with its rays, ready for tracing.
 pub struct Bench {
     /// The device.
     pub context: Context,
@@ -28,7 +28,7 @@ pub struct Bench {
     only: Option<String>,
 }
 
-/// What a kernel did.
+/// Result of a kernel.
 pub struct Measured {
     /// Name of the kernel.
     pub kernel: &'static str,
@@ -69,7 +69,7 @@ impl Bench {
         })
     }
 
-    /// Whether device and scene have what clusters need.
+    /// Whether device and scene support clusters.
     pub fn has_clusters(&self) -> bool {
         TraversalKernels::shade(&self.context, Traversal::Auto).is_ok_and(|kernels| kernels.cluster.is_some())
             && self.engine.device_scene().wide_nodes.is_some()
@@ -90,7 +90,7 @@ impl Bench {
         self.trace(kernels, kernel, repeats).map(|(measured, _)| measured)
     }
 
-    /// What the clusters of the workload meet; and the pairs dropped before any ray was traced.
+    /// Traversal steps of the clusters of the workload, and the pairs dropped before any ray was traced.
     pub fn count(&self) -> Result<(Counts, u32)> {
         let kernels = self.workload.counting_kernels(&self.context)?;
         let (_, pass) = self.trace(kernels, "counters", 0)?;
@@ -159,7 +159,7 @@ pub fn run(args: &ShadowRays) -> Result<()> {
 }
 
 impl Bench {
-    /// Prints a measurement; `differing`: receivers that see another number of lights than the oracle says.
+    /// Prints a measurement; `differing`: receivers whose number of visible lights differs from the oracle's.
     fn tell(
         &self,
         args: &ShadowRays,
@@ -200,7 +200,7 @@ impl Bench {
         ))
     }
 
-    /// Counts what the clusters meet, and prints it.
+    /// Counts the traversal steps of the clusters, and prints them.
     fn tell_counts(&self, args: &ShadowRays, name: &str, environment: &report::Fields) -> Result<()> {
         let (counts, culled) = self.count()?;
         let each = |n: u32| f64::from(n) / f64::from(counts.pairs.max(1));
@@ -232,7 +232,7 @@ impl Bench {
     }
 }
 
-/// Writes the arrays, each beside its place first.
+/// Writes the arrays, each to a temporary file that is then renamed.
 fn dump(dir: &Path, scene: &Scene, workload: &Workload) -> Result<()> {
     std::fs::create_dir_all(dir).map_err(Error::io("creating", dir))?;
     let write = |name: &str, bytes: Vec<u8>| {

@@ -1,4 +1,4 @@
-//! `lightsum animate`: a scene that is loaded once, and frames between which camera and objects move.
+//! `lightsum animate`: loads a scene once and renders frames between which camera and objects move.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ use crate::progress::{Progress, duration};
 use crate::render::{Job, metadata, pipeline_cache, settings, watch_for_interrupt};
 use crate::{camera, say, say_aside};
 
-/// File names with the number of the frame.
+/// File name pattern with a frame number.
 struct Pattern {
     before: String,
     digits: usize,
@@ -26,7 +26,7 @@ struct Pattern {
 }
 
 impl Pattern {
-    /// Splits `frame-%04d.png`.
+    /// Parses a pattern such as `frame-%04d.png`.
     fn new(path: &Path) -> Result<Pattern> {
         let wrong = |message: &str| {
             let message = format!("{}: {message}, as in frames/%04d.png", path.display());
@@ -137,7 +137,7 @@ pub fn run(args: &Animate) -> Result<()> {
     Ok(())
 }
 
-/// Camera and objects go where they are at a time.
+/// Moves camera and objects to their poses at a time.
 fn place(renderer: &mut Renderer, motion: &Motion, time: f64, job: &Job) -> Result<(), (Option<usize>, Error)> {
     let engine = renderer.engine_mut();
     engine.set_camera(job.camera).map_err(|error| (None, error))?;
@@ -150,7 +150,7 @@ fn place(renderer: &mut Renderer, motion: &Motion, time: f64, job: &Job) -> Resu
     engine.apply_edits().map_err(|error| (None, error))
 }
 
-/// What is wrong with the scene at some time comes from the path file.
+/// Attributes an error in the scene at some time to the path file.
 fn in_path(path: &Path, (line, error): (Option<usize>, Error)) -> Error {
     match (line, error) {
         (Some(line), Error::Scene(message)) => Error::at(path, line, message),
@@ -159,7 +159,7 @@ fn in_path(path: &Path, (line, error): (Option<usize>, Error)) -> Error {
     }
 }
 
-/// Renders the passes of a frame; gives what they took.
+/// Renders the passes of a frame; returns their times.
 fn render_frame(renderer: &mut Renderer, passes: u32) -> Result<Value> {
     let before = renderer.passes();
     let (mut seconds, mut record) = (0.0, 0.0);
@@ -204,7 +204,7 @@ fn write_timings(path: &Path, job: &Job, renderer: &Renderer, frames: Vec<Value>
         "moving_passes": job.settings.moving_passes,
         "frames": frames,
     });
-    // Numbers and strings alone: nothing in it fails to be written.
+    // Numbers and strings only: serialisation cannot fail.
     let text = serde_json::to_string_pretty(&value).unwrap_or_default();
     std::fs::write(path, text + "\n").map_err(Error::io("writing", path))
 }

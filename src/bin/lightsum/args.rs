@@ -1,4 +1,4 @@
-//! The flags, their help and their syntax. What a value means together with others is decided in `render`.
+//! The flags, their help and their syntax. `render` decides how they combine.
 
 mod camera;
 mod superposition;
@@ -22,27 +22,27 @@ use values::{delta_lights, distance, exposure, filter, image_path, pattern, posi
 #[derive(Debug, Parser)]
 #[command(name = "lightsum", version, arg_required_else_help = true)]
 pub struct Arguments {
-    /// List the Vulkan devices, in the order of their index, and leave.
+    /// List the Vulkan devices with their indices, then exit.
     #[arg(long)]
     pub list_devices: bool,
-    /// Say more on standard error: -v how the rendering goes, -vv every step.
+    /// Verbose output on standard error: -v for progress, -vv for every step.
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     pub verbose: u8,
-    /// What to do.
+    /// The subcommand.
     #[command(subcommand)]
     pub command: Option<Command>,
 }
 
-/// What to do.
+/// The subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Render a scene to an image.
     ///
-    /// A flag overrides the key of the same name in [render] of the scene file, which overrides the default.
+    /// A flag overrides the key of the same name in the scene file's [render] section, which overrides the default.
     Render(Box<Render>),
-    /// Play a recorded path of camera and objects, and write its frames or what they cost.
+    /// Play a recorded path of camera and objects, and write its frames, their timings, or both.
     ///
-    /// The scene is loaded once; between frames only what moves is changed. Frames between which nothing moves accumulate.
+    /// The scene is loaded once; each frame updates only the objects that move. Frames without changes accumulate.
     Animate(Box<Animate>),
 }
 
@@ -52,19 +52,19 @@ pub struct Animate {
     /// Scene description (.toml) or bare model (.obj, .gltf, .glb).
     #[arg(value_name = "SCENE")]
     pub scene: PathBuf,
-    /// Path file (.toml): frames, keys of the camera and of objects. The README describes it.
+    /// Path file (.toml): frames, and keyframes of camera and objects. See the README for its format.
     #[arg(long, value_name = "FILE.toml")]
     pub path: PathBuf,
-    /// Images to write, with %d or %04d for the number of the frame: .exr or .png. Without it nothing but times are taken.
+    /// Images to write (.exr or .png), with %d or %04d for the frame number. Without it no image is written.
     #[arg(short, long, value_name = "PATTERN", value_parser = PathBufValueParser::new().try_map(image_path))]
     pub output: Option<PathBuf>,
     /// Write the seconds of each frame (edits, recording, GPU passes) as JSON.
     #[arg(long, value_name = "FILE.json")]
     pub timings: Option<PathBuf>,
-    /// Passes of each frame, 1 to 4096 [default: 4]. Cost grows linearly; more flicker less.
+    /// Passes per frame, 1 to 4096 [default: 4]. Time grows linearly; more passes reduce flicker.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_MOVING_PASSES)))]
     pub moving_passes: Option<u32>,
-    /// Size of the images in pixels [default: the scene's, or 640x480].
+    /// Image size in pixels [default: the scene's, or 640x480].
     #[arg(long, value_name = "WxH", value_parser = resolution)]
     pub resolution: Option<[u32; 2]>,
     /// Exposure of PNG files in stops [default: the scene's, or 0].
@@ -87,7 +87,7 @@ pub struct Render {
     /// Scene description (.toml) or bare model (.obj, .gltf, .glb).
     #[arg(value_name = "SCENE", required_unless_present = "list_devices")]
     pub scene: Option<PathBuf>,
-    /// List the Vulkan devices, in the order of their index, and leave.
+    /// List the Vulkan devices with their indices, then exit.
     #[arg(long)]
     pub list_devices: bool,
 
@@ -107,15 +107,15 @@ pub struct Render {
     pub reference: Reference,
 }
 
-/// Where the image goes and how it is encoded.
+/// Output files and their encoding.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Output")]
 pub struct Output {
-    /// Image to write: .exr (linear, with layers) or .png (for display). May be given several times.
+    /// Image to write: .exr (linear, with layers) or .png (for display). Can be repeated.
     #[arg(short, long = "output", value_name = "FILE", value_parser = PathBufValueParser::new().try_map(image_path))]
     #[arg(required_unless_present_any = ["list_devices", "export_lights", "stats"])]
     pub outputs: Vec<PathBuf>,
-    /// Size of the image in pixels [default: the scene's, or 640x480]. Time and memory grow with their product.
+    /// Image size in pixels [default: the scene's, or 640x480]. Time and memory grow with the number of pixels.
     #[arg(long, value_name = "WxH", value_parser = resolution)]
     pub resolution: Option<[u32; 2]>,
     /// Exposure of PNG files in stops; each stop doubles the brightness [default: the scene's, or 0].
@@ -124,156 +124,158 @@ pub struct Output {
     /// Tone curve of PNG files.
     #[arg(long, value_name = "CURVE", value_enum, default_value = "srgb")]
     pub tonemap: Curve,
-    /// Write the colour of EXR files as 32-bit float in place of half. The colour takes twice the space.
+    /// Write the colour of EXR files as 32-bit float instead of 16-bit half. Doubles its size.
     #[arg(long)]
     pub float: bool,
-    /// Write emission, diffuse and specular light as layers of EXR files; the image is their sum to the last bit.
+    /// Also write emission, diffuse and specular light as layers of EXR files; they add up to the image exactly.
     #[arg(long)]
     pub summands: bool,
-    /// Leave the layers out of EXR files: smaller, and for programs that read colour and alpha alone.
+    /// Write EXR files without layers: smaller, and for programs that read only colour and alpha.
     #[arg(long)]
     pub no_layers: bool,
-    /// Write device, counts, seconds of each stage and pass, and rays as JSON.
+    /// Write device, counts, rays and the seconds of each stage and GPU pass as JSON.
     #[arg(long, value_name = "FILE.json")]
     pub stats: Option<PathBuf>,
-    /// Write the virtual lights of the first pass, with the scene, as glTF (KHR_lights_punctual), to be loaded again.
+    /// Write the scene with the virtual lights of a pass as glTF (KHR_lights_punctual).
     ///
-    /// Without --output or --stats nothing is rendered.
+    /// lightsum and other renderers can load the file. Without --output or --stats no image is rendered.
     #[arg(long, value_name = "FILE.gltf")]
     pub export_lights: Option<PathBuf>,
 }
 
-/// When the rendering is done: at the first condition that is met.
+/// Stopping conditions: the first one met ends the rendering.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "End")]
 pub struct Stop {
-    /// Passes in the image, those of a resumed state included [default: the scene's, or 64].
+    /// Number of passes, including those of a resumed state [default: the scene's, or 64].
     ///
-    /// Time grows linearly; the error falls at least like the square root. The default holds if none of --passes,
+    /// Time grows linearly; the error falls at least with the square root. The default applies if none of --passes,
     /// --time and --target-error is given.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub passes: Option<u32>,
-    /// Stop after this many seconds of rendering, at the end of the pass that runs then.
+    /// Stop after this many seconds of rendering, at the end of the current pass.
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
     pub time: Option<Duration>,
-    /// Stop when the relative RMSE, as estimated from independent instances, has fallen to this (0.01: one percent).
+    /// Stop when the relative RMSE, estimated from two independent instances, is at most E (0.01: one percent).
     ///
     /// Half the error takes up to four times the passes.
     #[arg(long, value_name = "E", allow_negative_numbers = true, value_parser = positive)]
     pub target_error: Option<f32>,
-    /// Go on from the state file beside the first output (OUTPUT.state) if there is one; write it at the end.
+    /// Resume from the state file next to the first output (OUTPUT.state) if it exists, and write it at the end.
     ///
-    /// Scene, camera and settings must be the same. The result equals that of an unbroken run bit for bit. An
-    /// interrupt (Ctrl-C) writes image and state whether or not this is given.
+    /// Scene, camera and settings must be the same. The result equals that of an uninterrupted run bit for bit. An
+    /// interrupt (Ctrl-C) writes image and state with or without this flag.
     #[arg(long, requires = "outputs")]
     pub resume: bool,
 }
 
-/// How light is transported.
+/// Light transport.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Light")]
 pub struct Light {
     /// Particles started from the lights in each pass, 1 to 65536 [default: the scene's, or 32].
     ///
-    /// The cost of a pass grows linearly; more make the passes differ less from each other.
+    /// The time of a pass grows linearly; more particles reduce the difference between passes.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PATHS)))]
     pub paths: Option<u32>,
-    /// Lights that the particles leave on the emitters themselves, 1 to --paths [default: the scene's, or --paths].
+    /// Virtual lights on the emitters, for direct light, 1 to --paths [default: the scene's, or --paths].
     ///
-    /// Fewer save shadow rays; the shadows of the single lights show until passes or a filter mix them.
+    /// Fewer save shadow rays; shadows of single lights show until passes or a filter average them.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PATHS)))]
     pub direct_lights: Option<u32>,
-    /// Pattern of pixels whose places have virtual lights of their own, 1x1 to 8x8 [default: the scene's, or 1x1].
+    /// Interleaved sampling: size of the pixel pattern, 1x1 to 8x8 [default: the scene's, or 1x1].
     ///
-    /// A larger one lights a neighbourhood by that many times as many lights at the same number of shadow rays, which are
-    /// traced more slowly; at few passes the pattern shows unless it is filtered.
+    /// Each position in the pattern has its own virtual lights. A larger pattern lights a neighbourhood with more lights at
+    /// the same number of shadow rays, traced more slowly; the pattern shows without a filter or many passes.
     #[arg(long, value_name = "NxM", value_parser = pattern)]
     pub interleave: Option<[u32; 2]>,
-    /// Segments of a light path from eye to emitter, 1 to 16 [default: the scene's, or 5].
+    /// Maximum segments of a light path from eye to emitter, 1 to 16 [default: the scene's, or 5].
     ///
-    /// 1: emitters only, 2: direct light, 5: direct light and three further reflections. Higher is brighter and slower.
+    /// 1: emitters only; 2: direct light; 5: direct light and three further reflections. Higher is brighter and slower.
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_DEPTH)))]
     pub max_depth: Option<u32>,
-    /// Mirrors and crossings of glass in a row that the eye looks through, 0 to 64 [default: the scene's, or 8].
+    /// Maximum consecutive mirrors and glass surfaces on an eye path, 0 to 64 [default: the scene's, or 8].
     ///
-    /// What lies behind more is black. Each costs a ray for every pixel that gets there; a scene without mirrors and glass
-    /// does not pay. They do not count in --max-depth.
+    /// Longer chains are black. Each surface costs a ray for every pixel that gets there; no cost in scenes without mirrors
+    /// and glass. They do not count in --max-depth.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_SPECULAR)))]
     pub max_specular: Option<u32>,
-    /// Choose at random between what is seen through glass and what it reflects, in place of following both at the first hit.
+    /// At the first glass, choose transmission or reflection at random instead of following both.
     ///
-    /// The same limit with half the memory, and less time for a pass, but noise at glass and mirrors over a diffuse base.
+    /// The same limit with half the memory, and faster passes, but noise on glass and on mirrors over a diffuse base.
     #[arg(long)]
     pub no_split: bool,
-    /// Caustic photons in each pass, for each class of pixels: light that mirrors and glass throw on [default: the scene's, or 0].
+    /// Caustic photons in each pass, for each class of pixels; 0: no caustics [default: the scene's, or 0].
     ///
-    /// Time grows linearly; more are smoother. A scene without mirrors and glass does not pay. At most 1048576 in all classes.
+    /// Time grows linearly; more are smoother. No cost in scenes without mirrors and glass. At most 1048576 over all classes.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_PHOTONS)))]
     pub photons: Option<u32>,
-    /// Distance within which photons light a point, in scene units [default: the scene's, or by its size and --photons].
+    /// Radius of the photon density estimate, in scene units [default: the scene's, or by its size and --photons].
     ///
-    /// Larger: less noise, more blur, which does not go away with more passes.
+    /// Larger: less noise and more blur. More passes do not remove the blur.
     #[arg(long, value_name = "R", allow_negative_numbers = true, value_parser = distance)]
     pub photon_radius: Option<f32>,
-    /// Lights that planar mirrors mirror in each pass, for each class of pixels, 0 to 1024 [default: 0].
+    /// Mirrored lights in each pass, for each class of pixels, 0 to 1024 [default: 0].
     ///
-    /// They light what the eye sees by way of mirrors, without the blur and the noise of photons, which leave this out then. Each
-    /// costs two rays for each pixel.
+    /// They light visible points through planar mirrors, without the blur and the noise of photons, which then omit these
+    /// paths. Each costs two rays for each pixel.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_MIRROR_LIGHTS)))]
     pub mirror_lights: Option<u32>,
-    /// Distance below which the light of a virtual light grows no more, in scene units [default: see --clip-fraction].
+    /// Clipping distance: closer than this, a virtual light grows no brighter, in scene units [default: see --clip-fraction].
     ///
-    /// Higher: smoother corners, and more light that has to come back by compensation (slower, a little grain).
+    /// Higher: smoother corners, and more light for compensation to restore (slower, a little grain).
     /// Lower: bright blotches that take more passes to vanish; 0 clips nothing.
     #[arg(long, value_name = "D", allow_negative_numbers = true, value_parser = distance, conflicts_with = "clip_fraction")]
     pub clip: Option<f32>,
-    /// The same as a fraction of the diagonal of the scene's bounding box [default: the scene's, or 0.1].
+    /// Clipping distance as a fraction of the diagonal of the scene's bounding box [default: the scene's, or 0.1].
     #[arg(long, value_name = "F", allow_negative_numbers = true, value_parser = distance)]
     pub clip_fraction: Option<f32>,
-    /// Leave out what clipping cuts off: faster, but corners are too dark.
+    /// Do not restore the light that clipping cuts off: faster, but corners are too dark.
     #[arg(long)]
     pub no_compensation: bool,
-    /// By what particles choose the light they start from [default: power].
+    /// Probability with which a particle starts from an emitter [default: power].
     #[arg(long, value_name = "BY")]
     pub light_choice: Option<LightChoiceFlag>,
-    /// Share of --light-choice contribution that goes by power all the same, above 0 to 1 [default: 0.2].
+    /// Fraction of --light-choice contribution still drawn by power, above 0 to 1 [default: 0.2].
     ///
-    /// Lower: the lights that matter to the view get more of the particles; those that were underestimated make more noise.
+    /// Lower: lights that matter to the view get more of the particles; underestimated lights are noisier.
     #[arg(long, value_name = "F", allow_negative_numbers = true, value_parser = share)]
     pub light_floor: Option<f32>,
-    /// Point, spot and parallel lights that are lit in each pass, chosen by --light-choice, 1 to 2048, or all [default: all].
+    /// Point, spot and directional lights evaluated in each pass, chosen by --light-choice, 1 to 2048, or all [default: all].
     ///
-    /// The same limit; fewer save shadow rays where there are hundreds of lamps, and make more noise.
+    /// The same limit; fewer save shadow rays in scenes with hundreds of lamps, and are noisier.
     #[arg(long, value_name = "N|all", value_parser = delta_lights)]
     pub delta_lights: Option<DeltaLightsFlag>,
-    /// Points that place particles on the lights and choose directions [default: halton].
+    /// Low-discrepancy sequence of the particles [default: halton].
     #[arg(long, value_name = "NAME")]
     pub sequence: Option<SequenceFlag>,
-    /// Jitter the low-discrepancy points in their cells: noise in place of structured error.
+    /// Jitter the low-discrepancy points in their cells: noise instead of structured error.
     #[arg(long)]
     pub jitter: bool,
-    /// Drop a light for a cluster of 64 neighbouring points that it can give no more than this irradiance [default: 0].
+    /// Drop a light for a cluster of 64 neighbouring points if its irradiance there is at most E [default: 0].
     ///
-    /// Higher: faster and darker, by at most this much for each light of a pass. 0 drops only what sends nothing.
+    /// Higher: faster and darker, by at most E for each light of a pass. 0 drops only lights that contribute nothing.
     #[arg(long, value_name = "E", allow_negative_numbers = true, value_parser = distance)]
     pub light_threshold: Option<f32>,
-    /// Average irradiance over neighbouring pixels that show one surface, in a window of this size [default: off].
+    /// Average irradiance over neighbouring pixels of one surface, in a window of this size [default: off].
     ///
-    /// auto: as wide as the interleaving pattern, at least 3x3; or odd numbers from 1 to 9, no smaller than the pattern. Smooth images from
-    /// few passes; shadows are blurred over the window, textures are not. Larger is smoother, blurs more and takes longer.
+    /// auto: the size of the interleaving pattern, at least 3x3; else odd numbers from 1 to 9, no smaller than the pattern.
+    /// Smooth images from few passes; blurs shadows over the window, but not textures. Larger is smoother, blurs more and
+    /// takes longer.
     #[arg(long, value_name = "WxH|auto|off", value_parser = filter)]
     pub filter: Option<FilterFlag>,
-    /// Keep direct light out of --filter: its shadows stay sharp, and noisy.
+    /// Do not apply --filter to direct light: its shadows stay sharp, and noisy.
     #[arg(long, requires = "filter")]
     pub no_filter_direct: bool,
-    /// When neighbouring pixels show one surface [default: plane].
+    /// Test for pixels of one surface [default: plane].
     #[arg(long, value_name = "TEST", requires = "filter")]
     pub filter_agreement: Option<AgreementFlag>,
-    /// Seed of all randomness [default: the scene's, or 0]. Same seed, settings and device: same bits.
+    /// Random seed [default: the scene's, or 0]. Same seed, settings and device: same bits.
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub seed: Option<u64>,
-    /// A set of --paths, --direct-lights, --interleave, --photons, --filter, --clip-fraction, --no-compensation and --jitter; these
-    /// flags override it, it overrides the scene.
+    /// Preset for --paths, --direct-lights, --interleave, --photons, --filter, --clip-fraction, --no-compensation and --jitter.
+    ///
+    /// These flags override the preset; the preset overrides the scene.
     #[arg(long, value_enum)]
     pub preset: Option<Preset>,
 }
@@ -281,9 +283,9 @@ pub struct Light {
 /// Values of `--light-choice`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum LightChoiceFlag {
-    /// By its power
+    /// Proportional to its power
     Power,
-    /// By what the eye will see of it, for scenes of many lights
+    /// Proportional to its estimated contribution to the image, for scenes with many lights
     Contribution,
 }
 
@@ -296,16 +298,16 @@ impl From<LightChoiceFlag> for LightChoice {
     }
 }
 
-/// Value of `--delta-lights`: how many; `None`: all.
+/// Value of `--delta-lights`; `None` is all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DeltaLightsFlag(pub Option<u32>);
 
 /// Values of `--sequence`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SequenceFlag {
-    /// Halton's, rotated at random
+    /// Halton, rotated at random
     Halton,
-    /// Sobol's, randomised by XOR; evenest where --paths is a power of two
+    /// Sobol', randomised by XOR; most uniform if --paths is a power of two
     Sobol,
 }
 
@@ -318,31 +320,31 @@ impl From<SequenceFlag> for Sequence {
     }
 }
 
-/// What computes.
+/// Device and execution.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Device")]
 pub struct Device {
-    /// Vulkan device: part of its name, its index in --list-devices, or cpu [default: the fastest kind there is].
+    /// Vulkan device: part of its name, its index in --list-devices, or cpu [default: the fastest kind available].
     #[arg(long, value_name = "NAME|INDEX|cpu")]
     pub device: Option<DeviceChoice>,
-    /// Let the Vulkan validation layer check every call. Slower; the layer must be installed.
+    /// Run under the Vulkan validation layer, which must be installed. Slower.
     #[arg(long)]
     pub validation: bool,
-    /// Lights that one dispatch of the shading pass loops over, 1 to 64 [default: 8].
+    /// Maximum lights in one dispatch of the shading pass, 1 to 64 [default: 8].
     ///
     /// Higher: fewer dispatches, but fewer traversal steps for each light within one. Lower it if the driver resets the
     /// device because a dispatch takes too long.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub lights_per_dispatch: Option<u32>,
-    /// Rounds in which the rays of a pass may be carried on, 1 to 1024 [default: 4].
+    /// Dispatches over which a ray of a pass may spread, 1 to 1024 [default: 4].
     ///
-    /// A round that no ray needs costs microseconds. Raise it if a rendering says that rays did not finish.
+    /// A round that no ray needs costs microseconds. Raise it if a rendering reports unfinished rays.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub rounds: Option<u32>,
-    /// How shadow rays and the eye's rays are traced [default: auto].
+    /// Traversal kernel for shadow rays and eye rays [default: auto].
     #[arg(long, value_name = "HOW")]
     pub traversal: Option<TraversalFlag>,
-    /// By what the points that the eye sees are put in clusters [default: screen].
+    /// Order in which visible points are grouped into clusters [default: screen].
     #[arg(long, value_name = "ORDER")]
     pub cluster_order: Option<ClusterOrderFlag>,
 }
@@ -358,9 +360,9 @@ pub enum FilterFlag {
 /// Values of `--filter-agreement`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum AgreementFlag {
-    /// Where the points lie in each other's tangent planes, with room for curvature; preserves energy
+    /// The points lie in each other's tangent planes, with tolerance for curvature; conserves energy
     Plane,
-    /// Where depths and normals differ little, as in Wald et al. 2002
+    /// Depths and normals differ little, as in Wald et al. 2002
     Paper,
 }
 
@@ -373,14 +375,14 @@ impl From<AgreementFlag> for Agreement {
     }
 }
 
-/// How shadow rays and the eye's rays are traced.
+/// Values of `--traversal`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum TraversalFlag {
-    /// In clusters where device and scene allow it, else one by one
+    /// Clusters if device and scene allow them and they are faster, else single rays
     Auto,
-    /// One by one: on every device
+    /// Single rays: runs on every supported device
     Single,
-    /// In clusters of 64: several times faster; an error where the device cannot
+    /// Clusters of 64 rays: several times faster; an error if the device does not support them
     Cluster,
 }
 
@@ -394,12 +396,12 @@ impl From<TraversalFlag> for Traversal {
     }
 }
 
-/// By what the points that the eye sees are put in clusters.
+/// Values of `--cluster-order`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ClusterOrderFlag {
-    /// By their pixels where no light is gathered (--no-compensation), else as space
+    /// By pixel if no light is gathered (--no-compensation), else as space
     Screen,
-    /// By their positions: takes a sort, but clusters are narrower
+    /// By position: needs a sort, but clusters are narrower
     Space,
 }
 
@@ -412,21 +414,21 @@ impl From<ClusterOrderFlag> for ClusterOrder {
     }
 }
 
-/// Path tracing on the CPU, to compare with.
+/// Path tracing on the CPU, for comparison.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Reference")]
 pub struct Reference {
-    /// Render by path tracing on the CPU instead: same scene, camera and path length, noise in place of structured error.
+    /// Render by path tracing on the CPU instead: same scene, camera and path length, noise instead of structured error.
     #[arg(long, conflicts_with_all = [
         "passes", "time", "target_error", "resume", "paths", "direct_lights", "interleave", "clip", "clip_fraction", "no_compensation", "no_split",
         "photons", "photon_radius", "mirror_lights", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "summands",
         "light_threshold", "light_choice", "light_floor", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats",
     ])]
     pub reference: bool,
-    /// Paths of --reference for each pixel [default: 64]. Time grows linearly, noise falls like the square root.
+    /// Samples per pixel of --reference [default: 64]. Time grows linearly, noise falls with the square root.
     #[arg(long, value_name = "N", requires = "reference", value_parser = clap::value_parser!(u32).range(1..))]
     pub spp: Option<u32>,
-    /// Where the paths of --reference go on at mirrors and glass [default: eye].
+    /// Paths of --reference that continue at mirrors and glass [default: eye].
     #[arg(long, value_name = "WHERE", requires = "reference")]
     pub specular_paths: Option<SpecularFlag>,
 }
@@ -434,11 +436,11 @@ pub struct Reference {
 /// Values of `--specular-paths`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SpecularFlag {
-    /// Nowhere: glass is black, and mirrors but for their diffuse base
+    /// None: glass is black, and a mirror shows only its diffuse base
     None,
-    /// Seen from the eye, as without --reference
+    /// Paths from the eye, as without --reference
     Eye,
-    /// Everywhere: caustics as well, and what mirrors throw on, which the passes leave out
+    /// All paths: includes caustics, and light after mirrors that the passes leave out
     All,
 }
 
@@ -455,7 +457,7 @@ impl From<SpecularFlag> for SpecularPaths {
 /// Values of `--tonemap`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Curve {
-    /// Clip at 1, sRGB curve: exact, highlights burn out.
+    /// sRGB curve, clipped at 1: exact below, highlights burn out.
     Srgb,
     /// ACES as fitted by Hill: film-like contrast.
     Aces,
@@ -478,8 +480,8 @@ impl From<Curve> for Tonemap {
 pub enum Preset {
     /// Unbiased in the limit, better with every pass: 32 paths, clipping at 0.1 of the diagonal with compensation.
     Progressive,
-    /// A smooth image after the first pass: 3x3 interleaved sampling with a filter as wide, 20 paths that leave 4 direct lights, 56
-    /// photons, no compensation.
+    /// A smooth image after the first pass: 3x3 interleaved sampling with a 3x3 filter, 20 paths, 4 direct lights, 56 photons, no
+    /// compensation.
     Interactive,
 }
 

@@ -1,4 +1,4 @@
-//! The camera: the scene's, or one made up for a bare model, with the flags laid over it.
+//! The camera: the scene's, or a default one for a bare model, overridden by the flags.
 
 use crate::args;
 use lightsum::scene::{Camera, Scene};

@@ -1,7 +1,7 @@
 //! The command line: `lightsum render SCENE -o IMAGE`, `lightsum animate SCENE --path FILE -o FRAME-%04d.png`.
 //!
-//! Exit codes: 0 done, 1 failed, 2 wrong use. Progress, warnings and errors go to standard error; what was asked for and
-//! the line that says where the output went go to standard output.
+//! Exit codes: 0 done, 1 failed, 2 wrong use. Progress, warnings and errors go to standard error; requested output and
+//! the line that names the files written go to standard output.
 
 #![forbid(unsafe_code)]
 
@@ -36,7 +36,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             say_aside(&format!("error: {error}"));
-            // A setting out of range is wrong use, like those that the parser refuses.
+            // A setting out of range is wrong use, like a value that the parser refuses.
             ExitCode::from(if matches!(error, Error::Setting { .. }) { 2 } else { 1 })
         }
     }
@@ -65,7 +65,7 @@ fn log_to_stderr(verbose: u8) {
         .init();
 }
 
-/// A line for each device: what `--device` takes, and what there is to know for choosing.
+/// One line per device: index, name and the properties that help to choose.
 fn list_devices() -> Result<()> {
     for device in gpu::list_devices()? {
         let kind = format!("{:?}", device.device_type).to_lowercase().replace('_', " ");
@@ -81,12 +81,12 @@ fn list_devices() -> Result<()> {
     Ok(())
 }
 
-/// A line on standard output; a closed pipe is no reason to fail.
+/// Prints a line to standard output; ignores a closed pipe.
 fn say(line: &str) {
     let _ = writeln!(std::io::stdout(), "{line}");
 }
 
-/// A line on standard error.
+/// Prints a line to standard error.
 fn say_aside(line: &str) {
     let _ = writeln!(std::io::stderr(), "{line}");
 }

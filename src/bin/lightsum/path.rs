@@ -1,9 +1,9 @@
-//! A recorded path: where camera and objects are at which time.
+//! A recorded path: keyframes of camera and objects.
 //!
 //! ```toml
 //! frames = 24                     # spread evenly from the first key to the last; or times = [0.0, 0.5, 2.0]
 //!
-//! [[camera]]                      # keys in the order of time; what a key leaves out is the scene's
+//! [[camera]]                      # keys in the order of time; missing values are the scene's
 //! time = 0.0                      # seconds
 //! eye = [0, 1, 4]
 //! target = [0, 1, 0]
@@ -12,14 +12,14 @@
 //! [[object]]
 //! name = "box"                    # all objects of this name
 //! axis = [0, 1, 0]                # of the rotation (default)
-//! pivot = [0, 0.5, 0]             # what rotation and scale leave in place (default: the middle of the object's box)
+//! pivot = [0, 0.5, 0]             # fixed point of rotation and scale (default: centre of the object's bounding box)
 //! keys = [
 //!     { time = 0.0, translation = [0, 0, 0], degrees = 0, scale = 1 },
 //!     { time = 2.0, translation = [1, 0, 0], degrees = 90, scale = [1, 2, 1] },
 //! ]
 //! ```
 //!
-//! Between keys every number is interpolated linearly; before the first key and after the last it stays.
+//! Between keys every number is interpolated linearly; before the first key and after the last it is constant.
 
 use std::ops::Range;
 use std::path::Path;
@@ -30,7 +30,7 @@ use lightsum::{Error, Result};
 use serde::Deserialize;
 use toml::Spanned;
 
-/// Greatest number of frames.
+/// Maximum number of frames.
 const MAX_FRAMES: usize = 1_000_000;
 
 #[derive(Deserialize)]
@@ -80,7 +80,7 @@ enum Scale {
     Each(Vec3),
 }
 
-/// A path that fits a scene.
+/// A path resolved against a scene.
 pub struct Motion {
     /// Time of each frame, seconds.
     pub times: Vec<f64>,
@@ -89,7 +89,7 @@ pub struct Motion {
     pub objects: Vec<Track>,
 }
 
-/// How objects of one name move.
+/// Motion of the objects of one name.
 pub struct Track {
     /// Indices of the objects.
     pub objects: Vec<u32>,
@@ -108,7 +108,7 @@ struct Pose {
 }
 
 impl Motion {
-    /// Reads a path for a scene seen by `camera`. A message names the file, the line and the key.
+    /// Reads a path for a scene seen by `camera`. Errors name the file, the line and the key.
     pub fn load(path: &Path, scene: &Scene, camera: Camera) -> Result<Motion> {
         let text = std::fs::read_to_string(path).map_err(Error::io("reading", path))?;
         let line = |span: Range<usize>| text.bytes().take(span.start).filter(|&b| b == b'\n').count() + 1;
@@ -164,7 +164,7 @@ impl Motion {
         Ok(Motion { times, camera: cameras, objects })
     }
 
-    /// The camera at a time; `None` if it stays where it is.
+    /// The camera at a time; `None` if the path has no camera keys.
     pub fn camera(&self, time: f64) -> Option<Camera> {
         let (a, b, f) = between(&self.camera, time)?;
         Some(Camera {
@@ -177,7 +177,7 @@ impl Motion {
 }
 
 impl Track {
-    /// Where the objects are at a time.
+    /// The transforms of the objects at a time.
     pub fn transform(&self, time: f64) -> Affine3A {
         let Some((a, b, f)) = between(&self.keys, time) else { return Affine3A::IDENTITY };
         let angle = lerp(a.degrees, b.degrees, f).to_radians();
@@ -247,10 +247,10 @@ impl ObjectEntry {
     }
 }
 
-/// Time of a key, the key, and its place in the file.
+/// Time of a key, the key, and its position in the file.
 type Placed<'a, T> = (f64, &'a T, Range<usize>);
 
-/// Keys with their times, which must grow, and their places in the file.
+/// Keys with their times, which must increase, and their positions in the file.
 fn keys<'a, T>(
     keys: &'a [Spanned<T>],
     what: &str,
@@ -276,7 +276,7 @@ fn lerp(a: f32, b: f32, f: f32) -> f32 {
     a + (b - a) * f
 }
 
-/// The keys around a time, and how far it is from the first to the second.
+/// The two keys around a time, and the interpolation weight of the second.
 fn between<T: Copy>(keys: &[(f64, T)], time: f64) -> Option<(T, T, f32)> {
     let after = keys.partition_point(|(t, _)| *t <= time);
     let (last, first) = (keys.last()?, keys.first()?);

@@ -5,12 +5,12 @@ use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
-/// Between two plain lines.
+/// Interval between two plain lines.
 const LINES: Duration = Duration::from_secs(5);
 /// Steps of the bar.
 const STEPS: u64 = 1000;
 
-/// Shows how far the work is.
+/// Progress display.
 pub struct Progress {
     bar: Option<ProgressBar>,
     start: Instant,
@@ -31,7 +31,7 @@ impl Progress {
         self.start.elapsed()
     }
 
-    /// `done` says what is done in words; `fraction` is the share of this run's work, in [0, 1].
+    /// Updates the display. `done`: progress in words; `fraction`: share of this run's work, in [0, 1].
     pub fn show(&mut self, done: impl FnOnce() -> String, fraction: f64) {
         if self.bar.is_none() && self.line.elapsed() < LINES {
             return;
@@ -60,7 +60,7 @@ impl Progress {
     }
 }
 
-/// Time that the rest takes if it goes on like this; none before there is anything to go by.
+/// Estimated remaining time at the present rate; `None` before any work is done.
 fn remaining(elapsed: Duration, fraction: f64) -> Option<Duration> {
     let rest = elapsed.as_secs_f64() * (1.0 / fraction - 1.0);
     Duration::try_from_secs_f64(rest).ok().filter(|_| fraction > 0.0)

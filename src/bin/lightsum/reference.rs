@@ -12,7 +12,7 @@ use lightsum::{Result, path_trace};
 use std::cell::{Cell, RefCell};
 use std::sync::atomic::Ordering;
 
-/// Paths for each pixel unless `--spp` says otherwise.
+/// Default of `--spp`.
 const DEFAULT_SPP: u32 = 64;
 
 /// Renders and writes the outputs; an interrupt writes the mean of the paths so far.

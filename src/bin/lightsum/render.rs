@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Everything that is known before the first pass.
+/// Everything known before the first pass.
 pub struct Job {
     /// Name of the scene.
     pub name: String,
@@ -62,7 +62,7 @@ pub fn run(args: &Render) -> Result<()> {
     }
 }
 
-/// Command line before preset before `[render]` of the scene before defaults.
+/// Settings in order of precedence: command line, preset, `[render]` of the scene, defaults.
 pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &RenderDefaults) -> Settings {
     let defaults = Settings::default();
     let mut settings = defaults.clone().with_scene_defaults(render);
@@ -115,7 +115,7 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
     settings
 }
 
-/// Renders by instant radiosity and writes what was asked for.
+/// Renders by instant radiosity and writes the requested files.
 fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path>) -> Result<()> {
     let interrupted = watch_for_interrupt();
     let start = Instant::now();
@@ -152,14 +152,14 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
     }
     let start = Instant::now();
     let statistics = renderer.statistics();
-    // A failure to write one file must not cost the others.
+    // A failure to write one file must not prevent the others.
     let mut outcome = write_image(&job, &renderer, &statistics);
     if let Some(path) = state_path.filter(|_| args.stop.resume || broken_off) {
         outcome = outcome.and(write_state(&job, &renderer, path));
     }
     job.stages.push(("write".into(), start.elapsed().as_secs_f64()));
     if let Some(path) = &args.output.stats {
-        // In between stands what the renderer knows: its own set-up, and all passes, those of --export-lights included.
+        // In between: the renderer's set-up and all its passes, including those of --export-lights.
         let (before, after) = job.stages.split_at(job.stages.len().min(2));
         let stages = before.iter().chain(&statistics.stages).chain(after).cloned().collect();
         let statistics = Statistics {
@@ -181,7 +181,7 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
     Ok(())
 }
 
-/// Runs passes until `stop` or an interrupt; gives the time they took and the last estimate of the error.
+/// Runs passes until `stop` or an interrupt; returns their time and the last error estimate.
 fn passes(renderer: &mut Renderer, stop: &Stop, interrupted: &AtomicBool) -> Result<(Duration, Option<f32>)> {
     let before = renderer.passes();
     let mut error = if before > 0 { renderer.error_estimate()? } else { None };
@@ -229,13 +229,13 @@ fn write_state(job: &Job, renderer: &Renderer, path: &Path) -> Result<()> {
 }
 
 impl Job {
-    /// Writes every output; the first error is given back after all were tried.
+    /// Writes every output; returns the first error after all have been tried.
     pub fn write_outputs(&self, layers: &Layers, metadata: &Metadata) -> Result<()> {
         let write = |path: &PathBuf| output::write(path, layers, metadata, &self.encoding);
         self.outputs.iter().map(write).fold(Ok(()), Result::and)
     }
 
-    /// The last line: what was done and where it is.
+    /// The last line: a summary and the names of the files.
     pub fn say_where(&self, what: &str) {
         let names: Vec<String> = self.outputs.iter().map(|path| path.display().to_string()).collect();
         let place = if names.is_empty() { String::new() } else { format!(" -> {}", names.join(", ")) };
@@ -243,7 +243,7 @@ impl Job {
     }
 }
 
-/// Metadata of a job's image, but for the passes.
+/// Metadata of a job's image, without the number of passes.
 pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {
     let s = &job.settings;
     let settings = serde_json::to_string(s).unwrap_or_default();
@@ -259,7 +259,7 @@ pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {
     }
 }
 
-/// The flag that Ctrl-C raises; what was begun (a pass, a path for each pixel) is finished then. A second Ctrl-C ends the program at once.
+/// The flag that Ctrl-C sets; the current pass (or path per pixel) is finished first. A second Ctrl-C ends the program at once.
 pub fn watch_for_interrupt() -> Arc<AtomicBool> {
     let flag = Arc::new(AtomicBool::new(false));
     let raised = flag.clone();
@@ -275,7 +275,7 @@ pub fn watch_for_interrupt() -> Arc<AtomicBool> {
     flag
 }
 
-/// Where compiled pipelines are kept between runs: the user's cache folder, if there is one.
+/// File that keeps compiled pipelines between runs, in the user's cache folder if there is one.
 pub fn pipeline_cache() -> Option<PathBuf> {
     let absolute = |name| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let folder = absolute("XDG_CACHE_HOME").or_else(|| Some(absolute("HOME")?.join(".cache")))?;

@@ -1,12 +1,12 @@
-//! When a rendering is done.
+//! Stopping conditions of a rendering.
 
 use crate::args;
 use std::time::Duration;
 
-/// Passes if nothing says when to stop.
+/// Number of passes if no condition is given.
 const DEFAULT_PASSES: u32 = 64;
 
-/// The conditions, of which the first that is met ends the rendering; at least one is there.
+/// The conditions, at least one; the first one met ends the rendering.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
     passes: Option<u32>,
@@ -15,23 +15,23 @@ pub struct Stop {
 }
 
 impl Stop {
-    /// Flags before the scene's number of passes before the default.
+    /// In order of precedence: the flags, the scene's number of passes, the default.
     pub fn choose(flags: &args::Stop, scene_passes: Option<u32>) -> Stop {
         let (time, error) = (flags.time, flags.target_error);
         let otherwise = (time.is_none() && error.is_none()).then(|| scene_passes.unwrap_or(DEFAULT_PASSES));
         Stop { passes: flags.passes.or(otherwise), time, error }
     }
 
-    /// Whether it is done after `passes` passes in the image, `elapsed` of which time was spent by this run.
+    /// Whether the rendering is done with `passes` passes in the image, after this run has taken `elapsed`.
     pub fn reached(&self, passes: u32, elapsed: Duration, error: Option<f32>) -> bool {
         self.passes.is_some_and(|limit| passes >= limit)
             || self.time.is_some_and(|limit| elapsed >= limit)
             || self.error.zip(error).is_some_and(|(limit, error)| error <= limit)
     }
 
-    /// Share of the work that is done, in [0, 1], where `passes` are in the image and `rendered` of them by this run.
+    /// Fraction of the work done, in [0, 1], with `passes` in the image, `rendered` of them by this run.
     ///
-    /// For a target error it takes the error to fall like the square root of the passes, as it does at worst.
+    /// For a target error it assumes that the error falls with the square root of the passes, the worst case.
     pub fn fraction(&self, passes: u32, rendered: u32, elapsed: Duration, error: Option<f32>) -> f64 {
         let before = f64::from(passes - rendered.min(passes));
         let of_run = |total: f64| f64::from(rendered) / (total - before).max(1e-9);
@@ -47,7 +47,7 @@ impl Stop {
 
 /// Whether the error is estimated after this many passes: at an eighth of the passes so far, rounded to a power of two.
 ///
-/// It depends on the number alone, so that a resumed run stops where an unbroken one does.
+/// Depends on the number of passes only, so that a resumed run stops at the same pass as an uninterrupted one.
 pub fn error_is_due(passes: u32) -> bool {
     passes < 16 || passes.is_multiple_of(1 << (passes.ilog2() - 3))
 }

@@ -4,7 +4,7 @@ use crate::sampling::halton::halton;
 use crate::scene::{Light, Material, Triangle};
 use glam::Vec2;
 
-/// Squares of side 2 that face up, around these middles, of mirrors; the last one is diffuse.
+/// Upward mirror squares of side 2 around these centres; the last one is diffuse.
 fn squares(middles: &[Vec3], lights: Vec<Light>) -> Scene {
     let mut scene = Scene { lights, objects: vec![String::from("all")], ..Scene::default() };
     scene.materials = vec![Material { surface: Surface::Mirror, ..Material::default() }, Material::default()];
@@ -65,7 +65,7 @@ fn many_bodies_are_grouped_by_place() {
     }
 }
 
-/// Flux that photons of a light bring to the mirrors.
+/// Flux from a light to the mirrors, by photons.
 fn arriving(scene: &Scene, count: u32) -> f32 {
     let bvh = Bvh::build(scene).unwrap();
     let emitters = Emitters::of(scene, true).unwrap();
@@ -82,7 +82,7 @@ fn arriving(scene: &Scene, count: u32) -> f32 {
     (sum / f64::from(count)) as f32
 }
 
-/// Solid angle of a square of half side `a` seen from height `h` over its middle.
+/// Solid angle of a square of half side `a` seen from height `h` above its centre.
 fn square_angle(a: f32, h: f32) -> f32 {
     4.0 * (a * a / (h * (h * h + 2.0 * a * a).sqrt())).atan()
 }
@@ -117,7 +117,7 @@ fn the_flux_that_arrives_is_what_the_light_sends() {
     }
 }
 
-/// Solid angle of the square around the origin from `eye`, by summing up its cells.
+/// Solid angle of the square around the origin from `eye`, by a sum over cells.
 fn side_angle(eye: Vec3) -> f32 {
     let n = 200;
     let place = |i: i32| (i as f32 + 0.5) / n as f32 * 2.0 - 1.0;

@@ -1,5 +1,5 @@
-//! Kernels against their lobes, which are integrated here by other means: in f64, from their equations, over points that are
-//! distributed as the lobe itself is.
+//! Kernels against their lobes, which are integrated here independently: in f64, from their equations, over points
+//! distributed as the lobe itself.
 
 use super::super::lobe::{MAX_EXPONENT, Table};
 use super::*;
@@ -15,8 +15,8 @@ fn view(mu: f64) -> DVec3 {
     DVec3::new((1.0 - mu * mu).sqrt(), 0.0, mu)
 }
 
-/// Points of a lattice in the unit square mapped to directions. No row of it lies along an edge of the square: rings about the mirror
-/// direction are met evenly.
+/// Points of a lattice in the unit square mapped to directions. No lattice line is parallel to an edge of the square, so rings
+/// about the mirror direction are sampled evenly.
 fn quadrature(mut point: impl FnMut(f64, f64) -> Point) -> Vec<Point> {
     let weight = ((ROWS * ROWS) as f64).recip();
     let mut samples = Vec::with_capacity(ROWS * ROWS);
@@ -34,8 +34,8 @@ fn quadrature(mut point: impl FnMut(f64, f64) -> Point) -> Vec<Point> {
 }
 
 /// GGX with F = 1 by its microfacet normals m (Walter et al. 2007): D(m) (n.m) d omega_m is uniform in (q, phi) for
-/// tan^2 theta_m = alpha^2 (1 - q) / q, and f cos theta_i d omega_i = D G2 (wo.m) / cos theta_o d omega_m. Of the steepest
-/// normals, q near 0, few count for much at grazing angles: q = a^3 meets them.
+/// tan^2 theta_m = alpha^2 (1 - q) / q, and f cos theta_i d omega_i = D G2 (wo.m) / cos theta_o d omega_m. At grazing angles
+/// a few of the steepest normals, q near 0, have large weights: q = a^3 samples them densely.
 fn ggx_samples(alpha: f64, mu: f64) -> Vec<Point> {
     let wo = view(mu);
     let lambda = |cos: f64| 0.5 * ((1.0 + alpha * alpha * (1.0 / (cos * cos) - 1.0)).sqrt() - 1.0);
@@ -82,7 +82,7 @@ struct Exact {
     core: Texels,
 }
 
-/// What falls on the texels of a part, and its moments, divided by its sum.
+/// Energy in the texels of a part, and its moments, divided by its sum.
 struct Texels {
     texture: Vec<f64>,
     moments: Moments,
@@ -92,7 +92,7 @@ struct Texels {
 type Moments = [f64; 4];
 
 impl Texels {
-    /// Of a part of half width `width`, given where points are seen and what they hold of it.
+    /// Of a part of half width `width`, from the points' positions and weights.
     fn new(width: f64, aspect: f64, points: impl Iterator<Item = (DVec2, f64)>) -> Texels {
         let mut t = Texels { texture: vec![0.0; point().len()], moments: [0.0; 4] };
         let mut sum = 0.0;
@@ -121,7 +121,7 @@ fn exact(lobe: &Lobe, points: &[Point], mu: f64, kernel: &Kernel) -> Exact {
     };
     let level = (0..=180).map(rim).fold(0.0, f64::max);
     let (mut energy, mut grazing, mut cone, mut captured, mut core) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    // Where each point is seen, what the core holds of it, and the tail.
+    // Position of each point, and its weights in core and tail.
     let mut seen = Vec::new();
     for &(wi, weight) in points {
         energy += weight;
@@ -158,7 +158,7 @@ fn moments(texture: &[f32]) -> Moments {
     sum
 }
 
-/// All that a kernel claims against a quadrature of its lobe.
+/// All values of a kernel against a quadrature of its lobe.
 fn check(lobe: &Lobe, mu: f64, points: &[Point]) {
     let kernel = Kernel::new(lobe, mu);
     let expected = exact(lobe, points, mu, &kernel);
@@ -184,7 +184,7 @@ fn check(lobe: &Lobe, mu: f64, points: &[Point]) {
             part.texture.iter().zip(&expected.texture).map(|(&a, b)| 0.5 * (f64::from(a) - b).abs()).sum();
         let share = if what == "core" { kernel.core_share } else { 1.0 - kernel.core_share };
         all_misplaced += misplaced * f64::from(share);
-        // Means to a sixteenth of a texel, second moments to what a point of light between two texels has: a quarter of a texel squared.
+        // Means to a sixteenth of a texel, second moments to that of a point of light between two texels: a quarter of a texel squared.
         let texel = 2.0 / KERNEL_TEXELS as f64;
         let tolerances = [texel / 16.0, texel / 16.0, texel * texel / 4.0, texel * texel / 4.0];
         for ((found, expected), tolerance) in moments(&part.texture).iter().zip(expected.moments).zip(tolerances) {
@@ -309,7 +309,7 @@ fn lobe_without_light_at_its_mirror_direction() {
     let black = Kernel::new(&table(vec![0.0; 3]), 0.5);
     assert_eq!((black.tan_beta, black.energy, black.captured), (0.0, 0.0, 0.0));
     assert_eq!(black.tail.texture.iter().sum::<f32>(), 1.0);
-    // Sends light back whence it came only.
+    // Purely retroreflective.
     let back = Kernel::new(&table(vec![1.0, 1.0, 0.0]), view_cosine(0));
     assert!(back.energy > 0.1 && back.captured < 1e-6, "{} {}", back.energy, back.captured);
     assert_eq!(f64::from(back.tan_beta), MAX_TAN_BETA);

@@ -5,28 +5,28 @@ use glam::Vec3;
 
 use super::values::{angle, distance, positive, vector};
 
-/// The camera; each flag overrides that part of the scene's camera.
+/// The camera; each flag overrides a value of the scene's camera.
 #[derive(Debug, Default, Args)]
 #[command(next_help_heading = "Camera (overrides the scene's; a model without one is seen from its front)")]
 pub struct Camera {
     /// Eye point, scene units.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
     pub eye: Option<Vec3>,
-    /// Point in the middle of the image, scene units.
+    /// Point at the centre of the image, scene units.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
     pub target: Option<Vec3>,
-    /// Upward direction, of any length [default: the scene's, or 0,1,0].
+    /// Up direction, of any length [default: the scene's, or 0,1,0].
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
     pub up: Option<Vec3>,
     /// Vertical angle of view in degrees, between 0 and 180 [default: the scene's, or 45].
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = angle)]
     pub fov: Option<f32>,
-    /// Diameter of the lens in scene units: what is out of focus is blurred [default: the scene's, or 0, a pinhole].
+    /// Diameter of the lens in scene units, for depth of field [default: the scene's, or 0, a pinhole].
     ///
-    /// Higher blurs more, in proportion. Any value but 0 costs a convolution in each pass.
+    /// The blur grows in proportion. Any value but 0 costs a convolution in each pass.
     #[arg(long, value_name = "DIAMETER", allow_negative_numbers = true, value_parser = distance)]
     pub aperture: Option<f32>,
-    /// Distance in focus along the direction of view, scene units [default: the scene's, or that of the target].
+    /// Focus distance along the viewing direction, scene units [default: the scene's, or that of the target].
     #[arg(long, value_name = "DISTANCE", allow_negative_numbers = true, value_parser = positive)]
     pub focus: Option<f32>,
 }

@@ -1,4 +1,4 @@
-//! The syntax of values.
+//! Parsers of flag values.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -9,7 +9,7 @@ use lightsum::settings::Settings;
 
 use super::{DeltaLightsFlag, FilterFlag};
 
-/// Greatest number of pixels of an image.
+/// Maximum number of pixels of an image.
 pub const MAX_PIXELS: u64 = 1 << 26;
 
 pub(super) fn image_path(path: PathBuf) -> Result<PathBuf, String> {
@@ -19,7 +19,7 @@ pub(super) fn image_path(path: PathBuf) -> Result<PathBuf, String> {
     }
 }
 
-/// Two numbers with an x between them.
+/// Two numbers separated by an x.
 pub(super) fn extent(text: &str) -> Option<[u32; 2]> {
     text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]))
 }
@@ -34,7 +34,7 @@ pub(super) fn resolution(text: &str) -> Result<[u32; 2], String> {
     check_resolution(size).map(|()| size)
 }
 
-/// Refuses an image of no pixels or of too many.
+/// Refuses an image without pixels or with too many.
 pub fn check_resolution([width, height]: [u32; 2]) -> Result<(), String> {
     match u64::from(width) * u64::from(height) {
         0 => Err(format!("{width}x{height} has no pixels")),
