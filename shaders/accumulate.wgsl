@@ -1,8 +1,8 @@
-// Adds the image of one pass to the running sums. See pass/accumulate.rs.
+// Adds the image of one pass to the film. See pass/accumulate.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "radiance.wgsl"
-#include "kahan.wgsl"
+#include "exact_sum.wgsl"
 
 @group(0) @binding(1) var<storage, read> status: array<u32>;
 @group(0) @binding(2) var<storage, read> receiver_position: array<vec4<f32>>;
@@ -23,6 +23,11 @@
 @group(0) @binding(17) var<storage, read_write> sum_albedo: array<vec4<f32>>;
 @group(0) @binding(18) var<storage, read_write> sum_normal: array<vec4<f32>>;
 @group(0) @binding(19) var<storage, read_write> counts: array<u32>;     // passes in the sums of each instance
+@group(0) @binding(21) var<storage, read_write> tail_color: array<vec4<f32>>;
+@group(0) @binding(22) var<storage, read_write> tail_direct: array<vec4<f32>>;
+@group(0) @binding(23) var<storage, read_write> tail_indirect: array<vec4<f32>>;
+@group(0) @binding(24) var<storage, read_write> rest_albedo: array<vec4<f32>>;
+@group(0) @binding(25) var<storage, read_write> rest_normal: array<vec4<f32>>;
 @group(0) @binding(20) var<storage, read> throughput: array<vec4<f32>>; // of mirrors and glass before the receiver; w: depth
 
 @compute @workgroup_size(64)
@@ -40,18 +45,28 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let ends = select(0.0, 1.0, receiver_position[pixel].w >= 0.0);
     let light = lighting_of(pixel);
     let kd = receiver_kd[pixel].xyz;
-    let color = emitted[pixel].xyz + through.xyz * reflected_radiance(kd, light);
+    let radiance = emitted[pixel].xyz + through.xyz * reflected_radiance(kd, light);
 
-    let color_sum = sum_with(CompensatedSum(sum_color[pixel], rest_color[pixel]), vec4<f32>(color, hit));
-    sum_color[pixel] = color_sum.sum;
-    rest_color[pixel] = color_sum.rest;
-    let direct_sum = sum_with(CompensatedSum(sum_direct[pixel], rest_direct[pixel]), vec4<f32>(light.e_direct, 0.0));
-    sum_direct[pixel] = direct_sum.sum;
-    rest_direct[pixel] = direct_sum.rest;
-    let indirect_sum = sum_with(CompensatedSum(sum_indirect[pixel], rest_indirect[pixel]), vec4<f32>(light.e_indirect, 0.0));
-    sum_indirect[pixel] = indirect_sum.sum;
-    rest_indirect[pixel] = indirect_sum.rest;
-    // Guides for filters; plain sums are exact enough.
-    sum_albedo[pixel] += vec4<f32>(through.xyz * (kd + receiver_f0[pixel].xyz), hit);
-    sum_normal[pixel] += vec4<f32>(ends * receiver_shading[pixel].xyz, hit * through.w);
+    let color = sum_with(ExactSum(sum_color[pixel], rest_color[pixel], tail_color[pixel]), vec4<f32>(radiance, hit));
+    sum_color[pixel] = color.high;
+    rest_color[pixel] = color.middle;
+    tail_color[pixel] = color.low;
+    let e_direct = sum_with(ExactSum(sum_direct[pixel], rest_direct[pixel], tail_direct[pixel]), vec4<f32>(light.e_direct, 0.0));
+    sum_direct[pixel] = e_direct.high;
+    rest_direct[pixel] = e_direct.middle;
+    tail_direct[pixel] = e_direct.low;
+    let e_indirect = sum_with(ExactSum(sum_indirect[pixel], rest_indirect[pixel], tail_indirect[pixel]), vec4<f32>(light.e_indirect, 0.0));
+    sum_indirect[pixel] = e_indirect.high;
+    rest_indirect[pixel] = e_indirect.middle;
+    tail_indirect[pixel] = e_indirect.low;
+    // Guides for filters, in units far below what they are good for; the depth's is that of ray origins.
+    let unit = 1.0 / 4194304.0;
+    let albedo = in_units(vec4<f32>(through.xyz * (kd + receiver_f0[pixel].xyz), hit), vec4<f32>(unit));
+    let normal = in_units(vec4<f32>(ends * receiver_shading[pixel].xyz, hit * through.w), vec4<f32>(vec3<f32>(unit), frame.lens.z));
+    let sum_a = sum_of_units(RoundedSum(sum_albedo[pixel], rest_albedo[pixel]), albedo);
+    sum_albedo[pixel] = sum_a.sum;
+    rest_albedo[pixel] = sum_a.error;
+    let sum_n = sum_of_units(RoundedSum(sum_normal[pixel], rest_normal[pixel]), normal);
+    sum_normal[pixel] = sum_n.sum;
+    rest_normal[pixel] = sum_n.error;
 }

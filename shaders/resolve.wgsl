@@ -14,7 +14,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if pixel >= size.x * size.y {
         return;
     }
-    let sum = (sum_a[pixel] - rest_a[pixel]) + (sum_b[pixel] - rest_b[pixel]);
+    let sum = (sum_a[pixel] + rest_a[pixel]) + (sum_b[pixel] + rest_b[pixel]);
     let at = vec2<u32>(pixel % size.x, pixel / size.x);
     // Counted by the device, because passes with lost rays are not in the sums. Black before the first pass.
     textureStore(image, at, sum / f32(max(counts[0] + counts[1], 1u)));

@@ -2,7 +2,7 @@
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "radiance.wgsl"
-#include "kahan.wgsl"
+#include "exact_sum.wgsl"
 
 @group(0) @binding(1) var<storage, read> status: array<u32>;
 @group(0) @binding(2) var<storage, read> receiver_kd: array<vec4<f32>>;
@@ -19,6 +19,9 @@
 @group(0) @binding(13) var<storage, read_write> rest_diffuse: array<vec4<f32>>;
 @group(0) @binding(14) var<storage, read_write> sum_specular: array<vec4<f32>>;
 @group(0) @binding(15) var<storage, read_write> rest_specular: array<vec4<f32>>;
+@group(0) @binding(16) var<storage, read_write> tail_emission: array<vec4<f32>>;
+@group(0) @binding(17) var<storage, read_write> tail_diffuse: array<vec4<f32>>;
+@group(0) @binding(18) var<storage, read_write> tail_specular: array<vec4<f32>>;
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -42,13 +45,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if status[0] != 0u {
         return;
     }
-    let emission_sum = sum_with(CompensatedSum(sum_emission[pixel], rest_emission[pixel]), vec4<f32>(emission, 0.0));
-    sum_emission[pixel] = emission_sum.sum;
-    rest_emission[pixel] = emission_sum.rest;
-    let diffuse_sum = sum_with(CompensatedSum(sum_diffuse[pixel], rest_diffuse[pixel]), vec4<f32>(diffuse, 0.0));
-    sum_diffuse[pixel] = diffuse_sum.sum;
-    rest_diffuse[pixel] = diffuse_sum.rest;
-    let specular_sum = sum_with(CompensatedSum(sum_specular[pixel], rest_specular[pixel]), vec4<f32>(mirrored, 0.0));
-    sum_specular[pixel] = specular_sum.sum;
-    rest_specular[pixel] = specular_sum.rest;
+    let emission_sum = sum_with(ExactSum(sum_emission[pixel], rest_emission[pixel], tail_emission[pixel]), vec4<f32>(emission, 0.0));
+    sum_emission[pixel] = emission_sum.high;
+    rest_emission[pixel] = emission_sum.middle;
+    tail_emission[pixel] = emission_sum.low;
+    let diffuse_sum = sum_with(ExactSum(sum_diffuse[pixel], rest_diffuse[pixel], tail_diffuse[pixel]), vec4<f32>(diffuse, 0.0));
+    sum_diffuse[pixel] = diffuse_sum.high;
+    rest_diffuse[pixel] = diffuse_sum.middle;
+    tail_diffuse[pixel] = diffuse_sum.low;
+    let specular_sum = sum_with(ExactSum(sum_specular[pixel], rest_specular[pixel], tail_specular[pixel]), vec4<f32>(mirrored, 0.0));
+    sum_specular[pixel] = specular_sum.high;
+    rest_specular[pixel] = specular_sum.middle;
+    tail_specular[pixel] = specular_sum.low;
 }

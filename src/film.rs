@@ -1,27 +1,52 @@
-//! The film: running sums of an image over its passes.
+//! The film: sums of an image over its passes.
+//!
+//! Sums are exact, so their order does not matter: films of disjoint passes of a rendering, merged in any order, have the bits of one
+//! film of all ([`HostFilm::merge`]). A sum of radiance or irradiance is held as three floats that add up to it (cascaded summation
+//! with Knuth's two-sum, as in Ogita, Rump and Oishi 2005), which is exact while the addends of a pixel, from the largest to the last bit of the smallest, span no
+//! more than 2^72; guides are rounded to units first and need two.
+//!
+//! [`Film`] is on the device; [`HostFilm`] is its copy on the host, which merges and takes means.
 
-use crate::error::Result;
-use crate::gpu::{Buffer, Context, Memory, Resources};
+use glam::{DVec4, Vec3, Vec4};
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::gpu::{Buffer, Context, Memory, Resources, Staging, download};
+use crate::output::Layers;
 use crate::pass::vec4s;
 use crate::plan::INSTANCES;
 
-/// Running sums over the passes; these persist between frames.
+/// A sum for each pixel: floats of decreasing size that add up to it.
+#[derive(Clone)]
+pub struct Sum(pub Vec<Buffer>);
+
+impl Sum {
+    fn new(context: &Context, name: &str, pixels: u32, levels: usize) -> Result<Sum> {
+        let level = |i: usize| vec4s(context, &format!("film {name} {i}"), pixels);
+        Ok(Sum((0..levels).map(level).collect::<Result<_>>()?))
+    }
+}
+
+/// Floats of a sum of radiance or irradiance.
+const RADIANCE: usize = 3;
+/// Floats of a sum of guides.
+const GUIDE: usize = 2;
+
+/// Sums over the passes, on the device; these persist between frames.
 #[derive(Clone)]
 pub struct Film {
     /// Radiance and coverage, a sum for each instance.
-    pub color: Vec<Buffer>,
-    /// What rounding took from it.
-    pub color_rest: Vec<Buffer>,
-    /// Direct irradiance and what rounding took.
-    pub direct: [Buffer; 2],
-    /// Indirect irradiance and what rounding took.
-    pub indirect: [Buffer; 2],
+    pub color: Vec<Sum>,
+    /// Direct irradiance.
+    pub direct: Sum,
+    /// Indirect irradiance.
+    pub indirect: Sum,
     /// Albedo (diffuse and specular) times throughput, and coverage.
-    pub albedo: Buffer,
+    pub albedo: Sum,
     /// Shading normal; w: depth along the view direction times coverage.
-    pub normal: Buffer,
-    /// Emission, diffuse and specular light (see `summands`), each with what rounding took; `None`: not asked for.
-    pub summands: Option<[[Buffer; 2]; Film::SUMMANDS]>,
+    pub normal: Sum,
+    /// Emission, diffuse and specular light (see `summands`); `None`: not asked for.
+    pub summands: Option<[Sum; Film::SUMMANDS]>,
     /// `[i]`: passes in the sums of instance i, counted by the device: a pass in which rays were lost is left out.
     pub counts: Buffer,
     pixels: u32,
@@ -33,15 +58,13 @@ impl Film {
 
     /// Sums for `pixels` pixels, those of the `summands` among them. Clear them before the first pass.
     pub fn new(context: &Context, pixels: u32, summands: bool) -> Result<Film> {
-        let array = |name: &str| vec4s(context, name, pixels);
-        let each = |name: &str| (0..INSTANCES).map(|i| array(&format!("{name} {i}"))).collect::<Result<Vec<_>>>();
+        let sum = |name: &str, levels: usize| Sum::new(context, name, pixels, levels);
         Film {
-            color: each("film color")?,
-            color_rest: each("film color rest")?,
-            direct: [array("film direct")?, array("film direct rest")?],
-            indirect: [array("film indirect")?, array("film indirect rest")?],
-            albedo: array("film albedo")?,
-            normal: array("film normal")?,
+            color: (0..INSTANCES).map(|i| sum(&format!("color of instance {i}"), RADIANCE)).collect::<Result<_>>()?,
+            direct: sum("direct", RADIANCE)?,
+            indirect: sum("indirect", RADIANCE)?,
+            albedo: sum("albedo", GUIDE)?,
+            normal: sum("normal", GUIDE)?,
             summands: None,
             counts: Buffer::new(context, "film counts", 16, Memory::Device)?,
             pixels,
@@ -56,57 +79,335 @@ impl Film {
 
     /// The same sums with or without those of the summands.
     pub fn with_summands(mut self, context: &Context, summands: bool) -> Result<Film> {
-        let pixels = self.pixels;
         if summands != self.summands.is_some() {
-            let pair = |name: &str| -> Result<_> {
-                Ok([
-                    vec4s(context, &format!("film {name}"), pixels)?,
-                    vec4s(context, &format!("film {name} rest"), pixels)?,
-                ])
-            };
+            let sum = |name: &str| Sum::new(context, name, self.pixels, RADIANCE);
             self.summands = match summands {
-                true => Some([pair("emission")?, pair("diffuse")?, pair("specular")?]),
+                true => Some([sum("emission")?, sum("diffuse")?, sum("specular")?]),
                 false => None,
             };
         }
         Ok(self)
     }
 
-    /// All buffers in a fixed order: the renderer's whole state besides the number of passes.
-    pub fn buffers(&self) -> Vec<&Buffer> {
-        let pairs = self.direct.iter().chain(&self.indirect);
-        self.color
-            .iter()
-            .chain(&self.color_rest)
-            .chain(pairs)
-            .chain(self.summands.iter().flatten().flatten())
-            .chain([&self.albedo, &self.normal, &self.counts])
-            .collect()
+    /// All sums in a fixed order.
+    fn sums(&self) -> impl Iterator<Item = &Sum> {
+        let first = self.color.iter().chain([&self.direct, &self.indirect, &self.albedo, &self.normal]);
+        first.chain(self.summands.iter().flatten())
+    }
+
+    /// All buffers.
+    pub fn buffers(&self) -> impl Iterator<Item = &Buffer> {
+        self.sums().flat_map(|sum| &sum.0).chain([&self.counts])
     }
 
     /// By the names that `accumulate` has for them, those of an instance.
     pub fn as_sums(&self, instance: u32) -> Resources {
+        let [color, direct, indirect] = [&self.color[instance as usize].0, &self.direct.0, &self.indirect.0];
         Resources::of([
-            ("sum_color", &self.color[instance as usize]),
-            ("rest_color", &self.color_rest[instance as usize]),
-            ("sum_direct", &self.direct[0]),
-            ("rest_direct", &self.direct[1]),
-            ("sum_indirect", &self.indirect[0]),
-            ("rest_indirect", &self.indirect[1]),
-            ("sum_albedo", &self.albedo),
-            ("sum_normal", &self.normal),
+            ("sum_color", &color[0]),
+            ("rest_color", &color[1]),
+            ("tail_color", &color[2]),
+            ("sum_direct", &direct[0]),
+            ("rest_direct", &direct[1]),
+            ("tail_direct", &direct[2]),
+            ("sum_indirect", &indirect[0]),
+            ("rest_indirect", &indirect[1]),
+            ("tail_indirect", &indirect[2]),
+            ("sum_albedo", &self.albedo.0[0]),
+            ("rest_albedo", &self.albedo.0[1]),
+            ("sum_normal", &self.normal.0[0]),
+            ("rest_normal", &self.normal.0[1]),
             ("counts", &self.counts),
         ])
     }
 
+    /// By the names that `summands` has for them.
+    pub fn as_summands(&self) -> Option<Resources> {
+        let [Sum(emission), Sum(diffuse), Sum(specular)] = self.summands.as_ref()?;
+        Some(Resources::of([
+            ("sum_emission", &emission[0]),
+            ("rest_emission", &emission[1]),
+            ("tail_emission", &emission[2]),
+            ("sum_diffuse", &diffuse[0]),
+            ("rest_diffuse", &diffuse[1]),
+            ("tail_diffuse", &diffuse[2]),
+            ("sum_specular", &specular[0]),
+            ("rest_specular", &specular[1]),
+            ("tail_specular", &specular[2]),
+        ]))
+    }
+
     /// By the names that `resolve` has for them.
     pub fn as_means(&self) -> Resources {
+        let [a, b] = [&self.color[0].0, &self.color[1].0];
         Resources::of([
-            ("sum_a", &self.color[0]),
-            ("rest_a", &self.color_rest[0]),
-            ("sum_b", &self.color[1]),
-            ("rest_b", &self.color_rest[1]),
+            ("sum_a", &a[0]),
+            ("rest_a", &a[1]),
+            ("sum_b", &b[0]),
+            ("rest_b", &b[1]),
             ("counts", &self.counts),
         ])
+    }
+
+    /// Reads the film back.
+    pub fn download(&self, context: &Context, size: [u32; 2]) -> Result<HostFilm> {
+        let sums = self.sums().map(|sum| HostSum::of(context, sum, self.pixels)).collect::<Result<_>>()?;
+        Ok(HostFilm { size, counts: self.download_counts(context)?, sums, summands: self.summands.is_some() })
+    }
+
+    /// Passes of each instance in the sums.
+    fn download_counts(&self, context: &Context) -> Result<[u32; INSTANCES as usize]> {
+        let counts = download::<u32>(context, &self.counts)?;
+        Ok(std::array::from_fn(|i| counts[i]))
+    }
+
+    /// Reads back the mean radiance and coverage of each instance.
+    pub fn download_instances(&self, context: &Context) -> Result<Vec<Vec<Vec4>>> {
+        let counts = self.download_counts(context)?;
+        (self.color.iter().zip(counts))
+            .map(|(sum, passes)| Ok(HostSum::of(context, sum, self.pixels)?.mean(passes)))
+            .collect()
+    }
+
+    /// Stages the content of a film of the same size and summands.
+    pub fn stage(&self, context: &Context, staging: &mut Staging, film: &HostFilm) -> Result<()> {
+        for (sum, host) in self.sums().zip(&film.sums) {
+            for (buffer, level) in sum.0.iter().zip(&host.0) {
+                staging.stage_into(context, buffer, 0, level)?;
+            }
+        }
+        staging.stage_into(context, &self.counts, 0, &film.counts)
+    }
+}
+
+/// A sum on the host, level by level.
+#[derive(Clone, Debug, PartialEq)]
+struct HostSum(Vec<Vec<Vec4>>);
+
+impl HostSum {
+    fn of(context: &Context, sum: &Sum, pixels: u32) -> Result<HostSum> {
+        let level = |buffer: &Buffer| {
+            let mut level = download::<Vec4>(context, buffer)?;
+            level.truncate(pixels as usize);
+            Ok(level)
+        };
+        Ok(HostSum(sum.0.iter().map(level).collect::<Result<_>>()?))
+    }
+
+    /// The exact sum of a pixel, each component as two doubles.
+    fn exact(&self, pixel: usize) -> (DVec4, DVec4) {
+        self.0.iter().fold((DVec4::ZERO, DVec4::ZERO), |sum, level| add(sum, level[pixel].as_dvec4()))
+    }
+
+    fn mean(&self, passes: u32) -> Vec<Vec4> {
+        let scale = 1.0 / f64::from(passes.max(1));
+        let mean = |pixel| {
+            let (high, low) = self.exact(pixel);
+            ((high + low) * scale).as_vec4()
+        };
+        (0..self.0[0].len()).into_par_iter().map(mean).collect()
+    }
+
+    /// Adds another sum. The levels that result depend on the exact sum alone.
+    fn merge(&mut self, other: Option<&HostSum>) {
+        let levels = self.0.len();
+        let merged: Vec<Vec<Vec4>> = (0..self.0[0].len())
+            .into_par_iter()
+            .map(|pixel| {
+                let own = self.exact(pixel);
+                let mut rest = match other.map(|other| other.exact(pixel)) {
+                    Some((high, low)) => add(add(own, high), low),
+                    None => own,
+                };
+                (0..levels)
+                    .map(|_| {
+                        let level = rest.0.as_vec4();
+                        rest = add(rest, -level.as_dvec4());
+                        level
+                    })
+                    .collect()
+            })
+            .collect();
+        for (i, level) in self.0.iter_mut().enumerate() {
+            *level = merged.iter().map(|levels| levels[i]).collect();
+        }
+    }
+}
+
+/// Adds to a sum of two doubles, without error within their 106 bits; the larger one is the sum rounded.
+fn add((high, low): (DVec4, DVec4), x: DVec4) -> (DVec4, DVec4) {
+    let (sum, error) = two_sum(high, x);
+    two_sum(sum, low + error)
+}
+
+/// a + b and its rounding error (Knuth 1969).
+fn two_sum(a: DVec4, b: DVec4) -> (DVec4, DVec4) {
+    let sum = a + b;
+    let of_b = sum - a;
+    (sum, (a - (sum - of_b)) + (b - of_b))
+}
+
+/// A film on the host.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HostFilm {
+    size: [u32; 2],
+    counts: [u32; INSTANCES as usize],
+    sums: Vec<HostSum>,
+    summands: bool,
+}
+
+/// Places among the sums, after those of the instances' radiance.
+const DIRECT: usize = INSTANCES as usize;
+const INDIRECT: usize = DIRECT + 1;
+const ALBEDO: usize = DIRECT + 2;
+const NORMAL: usize = DIRECT + 3;
+const SUMMANDS: usize = DIRECT + 4;
+
+impl HostFilm {
+    /// Width and height.
+    pub fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
+    /// Passes in the sums.
+    pub fn passes(&self) -> u32 {
+        self.counts.iter().sum()
+    }
+
+    /// Adds the passes of another film of the same size, which must be others of the same rendering. The result has the same bits
+    /// in whatever order films are merged, and those of [`HostFilm::canonical`] of a film of all passes.
+    pub fn merge(&mut self, other: &HostFilm) -> Result<()> {
+        if (self.size, self.summands) != (other.size, other.summands) {
+            let [[w, h], [v, u]] = [self.size, other.size];
+            let message = format!("films of {w}x{h} and {v}x{u} pixels, or with other layers, do not add up");
+            return Err(Error::Resource { name: String::from("film"), message });
+        }
+        self.sums.iter_mut().zip(&other.sums).for_each(|(sum, other)| sum.merge(Some(other)));
+        self.counts.iter_mut().zip(other.counts).for_each(|(count, other)| *count += other);
+        Ok(())
+    }
+
+    /// The same sums in the one form that equal sums share; the device's form depends on the order of the passes.
+    pub fn canonical(mut self) -> HostFilm {
+        self.sums.iter_mut().for_each(|sum| sum.merge(None));
+        self
+    }
+
+    /// The mean of all passes, as an image with its layers.
+    pub fn mean(&self) -> Layers {
+        let passes = self.passes();
+        let rgb = |v: Vec<Vec4>| v.into_iter().map(Vec4::truncate).collect::<Vec<Vec3>>();
+        // Each pass counts alike, whichever instance it belongs to.
+        let mut color = vec![Vec4::ZERO; self.sums[0].0[0].len()];
+        for (sum, count) in self.sums.iter().zip(self.counts) {
+            let share = count as f32 / passes.max(1) as f32;
+            color.iter_mut().zip(sum.mean(count)).for_each(|(c, v)| *c += v * share);
+        }
+        let alpha = color.iter().map(|c| c.w).collect();
+        let mut color = rgb(color);
+        let summands = match self.summands {
+            true => [0, 1, 2].map(|i| rgb(self.sums[SUMMANDS + i].mean(passes))),
+            false => [const { Vec::new() }; 3],
+        };
+        let [emission, diffuse, specular] = summands;
+        if self.summands {
+            color = (0..color.len()).map(|i| emission[i] + diffuse[i] + specular[i]).collect();
+        }
+        let (albedo, normal) = (self.sums[ALBEDO].mean(passes), self.sums[NORMAL].mean(passes));
+        let depth = normal.iter().zip(&albedo).map(|(n, a)| if a.w > 0.0 { n.w / a.w } else { f32::INFINITY });
+        Layers {
+            width: self.size[0],
+            height: self.size[1],
+            depth: depth.collect(),
+            normal: normal.iter().map(|n| n.truncate().normalize_or_zero()).collect(),
+            alpha,
+            color,
+            albedo: rgb(albedo),
+            direct: rgb(self.sums[DIRECT].mean(passes)),
+            indirect: rgb(self.sums[INDIRECT].mean(passes)),
+            emission,
+            diffuse,
+            specular,
+        }
+    }
+
+    /// All sums and counts as bytes, little endian.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let floats = self.sums.iter().flat_map(|sum| sum.0.iter().flatten()).flat_map(|v| v.to_array());
+        let counts = self.counts.iter().flat_map(|count| count.to_le_bytes());
+        floats.flat_map(|x| x.to_bits().to_le_bytes()).chain(counts).collect()
+    }
+
+    /// The film of this size and with or without summands that [`HostFilm::to_bytes`] gave. Errors: another number of bytes.
+    pub fn from_bytes(bytes: &[u8], size: [u32; 2], summands: bool) -> Result<HostFilm> {
+        let pixels = size[0] as usize * size[1] as usize;
+        let mut levels = vec![RADIANCE; INSTANCES as usize + 2];
+        levels.extend([GUIDE; 2]);
+        levels.extend(if summands { vec![RADIANCE; Film::SUMMANDS] } else { Vec::new() });
+        let expected = 16 * pixels * levels.iter().sum::<usize>() + 4 * INSTANCES as usize;
+        if bytes.len() != expected {
+            return Err(Error::Scene(format!(
+                "the saved state has {} bytes where this image needs {expected}; start without --resume",
+                bytes.len()
+            )));
+        }
+        let mut words = bytes.chunks_exact(4).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]]));
+        // The length was checked: no word is missing.
+        let mut word = || words.next().unwrap_or(0);
+        let mut level = || (0..pixels).map(|_| Vec4::from_array([(); 4].map(|()| f32::from_bits(word())))).collect();
+        let sums = levels.iter().map(|&count| HostSum((0..count).map(|_| level()).collect())).collect();
+        let counts = [(); INSTANCES as usize].map(|()| word());
+        Ok(HostFilm { size, counts, sums, summands })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A film of one pixel whose sums have these levels.
+    fn film(levels: &[f32]) -> HostFilm {
+        let sum = |count: usize| HostSum((0..count).map(|i| vec![Vec4::splat(levels[i])]).collect());
+        let sums = [[RADIANCE; 4].as_slice(), &[GUIDE; 2]].concat().into_iter().map(sum).collect();
+        HostFilm { size: [1, 1], counts: [1, 0], sums, summands: false }
+    }
+
+    #[test]
+    fn equal_sums_have_one_form() {
+        // 1 + 2^-30 + 2^-50 in three ways.
+        let (a, b) = (2f32.powi(-30), 2f32.powi(-50));
+        let forms = [[1.0, a, b], [1.0 + 2f32.powi(-23), a - 2f32.powi(-23), b], [a, b, 1.0]];
+        for form in forms {
+            assert_eq!(film(&form).canonical().sums[0], film(&[1.0, a, b]).sums[0], "{form:?}");
+        }
+        assert_ne!(film(&[1.0, a, 2.0 * b]).canonical().sums[0], film(&[1.0, a, b]).sums[0]);
+    }
+
+    #[test]
+    fn merging_knows_no_order() {
+        let parts: Vec<HostFilm> =
+            (0..40).map(|i| film(&[1.0 + 0.37 * i as f32, 1e-9 * i as f32, 3e-17 * (40 - i) as f32])).collect();
+        let merged = |order: &mut dyn Iterator<Item = usize>| {
+            let mut film = parts[order.next().unwrap()].clone();
+            order.for_each(|i| film.merge(&parts[i]).unwrap());
+            film
+        };
+        let forth = merged(&mut (0..40));
+        assert_eq!(forth, merged(&mut (0..40).rev()));
+        assert_eq!(forth, merged(&mut (0..40).map(|i| i * 7 % 40)));
+        assert_eq!(forth.passes(), 40);
+        let exact: f64 = parts.iter().map(|p| f64::from(p.sums[0].0[0][0].x)).sum();
+        assert!((f64::from(forth.mean().color[0].x) - exact / 40.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn bytes_come_back() {
+        let one = film(&[0.25, 1e-9, -3e-18]);
+        assert_eq!(HostFilm::from_bytes(&one.to_bytes(), [1, 1], false).unwrap(), one);
+        for (bytes, summands) in [(one.to_bytes(), true), (one.to_bytes()[1..].to_vec(), false)] {
+            assert!(HostFilm::from_bytes(&bytes, [1, 1], summands).unwrap_err().to_string().contains("--resume"));
+        }
+        let mut one = one;
+        assert!(one.merge(&HostFilm { size: [2, 1], ..film(&[0.0; 3]) }).is_err());
     }
 }

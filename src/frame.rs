@@ -126,9 +126,9 @@ impl Frame {
             )?),
         };
         let lighting = discontinuity.as_ref().map_or(&shade.lighting, |filter| &filter.filtered);
-        let summands = match &film.summands {
+        let summands = match film.as_summands() {
             None => None,
-            Some(sums) => Some(Summands::new(kit, &eye.points, &eye.paths, lighting, &film, sums)?),
+            Some(sums) => Some(Summands::new(kit, &eye.points, &eye.paths, lighting, &film, &sums)?),
         };
         // Second components and mirror images are added here.
         let shown = summands.as_ref().map_or(&eye.points.emitted, |summands| &summands.reflected);

@@ -131,6 +131,7 @@ pub mod frame;
 pub mod calibrate;
 pub mod engine;
 pub mod standalone;
+pub mod tiles;
 
 // Ground truth and results.
 pub mod path_trace;

@@ -504,8 +504,11 @@ impl Plan {
         };
         let xyzw = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
         let (lowest, highest) = self.scene.bounds;
+        let coordinate_scale = self.scene.coordinate_scale.max(lookout.eye.abs().max_element());
+        // Depths are sums of few coordinates, whose rounding is as large.
+        let depth_unit = 2f32.powi(coordinate_scale.max(f32::MIN_POSITIVE).log2().ceil() as i32 - 22);
         Ok(layout::Frame {
-            eye: xyzw(lookout.eye, self.scene.coordinate_scale.max(lookout.eye.abs().max_element())),
+            eye: xyzw(lookout.eye, coordinate_scale),
             right: xyzw(lookout.right, clip * clip),
             up: xyzw(lookout.up, clip),
             forward: xyzw(lookout.forward, 4.0 * self.scene.diagonal),
@@ -525,7 +528,7 @@ impl Plan {
             choice: [s.light_floor, 0.0, 0.0, 0.0],
             superposition,
             mirrors: self.mirrors.map_or([0; 4], |m| [m.each, m.lights, m.mirrors, 0]),
-            lens: lookout.lens,
+            lens: [lookout.lens[0], lookout.lens[1], depth_unit, 0.0],
         })
     }
 }
@@ -536,14 +539,14 @@ struct Lookout {
     right: Vec3,
     up: Vec3,
     forward: Vec3,
-    lens: [f32; 4],
+    lens: [f32; 2],
 }
 
 impl Lookout {
     /// That of a view; an atlas has none, and nothing asks for it.
     fn of(view: &View) -> Lookout {
         let Some(camera) = view.camera() else {
-            return Lookout { eye: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: Vec3::Z, lens: [0.0; 4] };
+            return Lookout { eye: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: Vec3::Z, lens: [0.0; 2] };
         };
         let [width, height] = camera.resolution.map(|n| n as f32);
         let (right, up, forward) = camera.world_from_camera();
@@ -554,7 +557,7 @@ impl Lookout {
             right: right * tan_x,
             up: up * tan_y,
             forward,
-            lens: [0.5 * height / tan_y * camera.aperture, 1.0 / camera.focus_distance(), 0.0, 0.0],
+            lens: [0.5 * height / tan_y * camera.aperture, 1.0 / camera.focus_distance()],
         }
     }
 }

@@ -8,7 +8,8 @@ use glam::{Vec3, Vec4};
 use crate::calibrate;
 use crate::engine::Engine;
 use crate::error::{Error, Result};
-use crate::fingerprint::fingerprint;
+use crate::film::HostFilm;
+use crate::fingerprint::{Fnv, fingerprint};
 use crate::frame::Frame;
 use crate::gpu::{Buffer, Context, ContextOptions, DeviceChoice, Memory, Timers, download};
 use crate::output::{Layers, Statistics};
@@ -18,6 +19,8 @@ use crate::plan::{INSTANCES, trace_steps};
 use crate::scene::{Camera, Scene};
 use crate::scene::{VirtualLight, export_lights};
 use crate::settings::{Settings, Traversal};
+use crate::tiles;
+use crate::view::{Region, View};
 
 /// Rounds beyond which a ray is given up as pathological: some ten million steps.
 const MAX_ROUNDS: u32 = 1024;
@@ -36,6 +39,11 @@ pub struct RenderOptions {
     /// The scene may change between passes, see [`Engine::new_dynamic`]. Default false. Costs memory, and some time for each
     /// ray.
     pub dynamic: bool,
+    /// Render a part of the image, see [`Renderer::set_crop`]. Default: all of it.
+    pub crop: Option<Region>,
+    /// If the image is too large for the device, set the renderer up for the first of [`Renderer::strips`]. Default false: too
+    /// large an image is an error.
+    pub strips: bool,
 }
 
 /// What one pass took.
@@ -74,6 +82,23 @@ pub struct Renderer {
     rays: u64,
     culled: u64,
     photons: u64,
+    crop: Option<Region>,
+    strips: Vec<Region>,
+}
+
+/// The view that holds a part of a camera's image: the blocks around it, or all of the image where a part cannot be rendered by
+/// itself.
+fn view_of(camera: Camera, settings: &Settings, crop: Option<Region>) -> Result<View> {
+    let whole = View::whole(camera);
+    let Some(crop) = crop else { return Ok(whole) };
+    crop.check(camera.resolution)?;
+    match whole.needs_whole(settings) {
+        Some(why) => {
+            log::info!("the whole image is rendered for its part: {why}");
+            Ok(whole)
+        }
+        None => Ok(View::Camera { camera, region: crop.around(settings, camera.resolution) }),
+    }
 }
 
 impl Renderer {
@@ -92,21 +117,46 @@ impl Renderer {
             (traversal, _) => traversal,
         };
         let settings = Settings { traversal, ..settings };
+        let strips = match options.strips {
+            true => tiles::strips(context.info(), &scene, &camera, &settings),
+            false => Vec::new(),
+        };
+        let crop = if strips.len() > 1 { strips.first().copied() } else { options.crop };
         let mut renderer = if options.dynamic {
             Renderer::with_context_dynamic(context, scene, camera, settings)?
         } else {
-            Renderer::with_context(context, scene, camera, settings)?
+            Renderer::with_crop(context, scene, camera, settings, crop)?
         };
+        if strips.len() > 1 {
+            renderer.strips = strips;
+        }
         renderer.stages.insert(0, (String::from("device"), opened));
         Ok(renderer)
     }
 
     /// As [`Renderer::new`], on a device of ours that is open already.
     pub fn with_context(context: Context, scene: Scene, camera: Camera, settings: Settings) -> Result<Renderer> {
+        Self::with_crop(context, scene, camera, settings, None)
+    }
+
+    /// As [`Renderer::with_context`], for a part of the image.
+    fn with_crop(
+        context: Context,
+        scene: Scene,
+        camera: Camera,
+        settings: Settings,
+        crop: Option<Region>,
+    ) -> Result<Renderer> {
         let start = Instant::now();
-        let fingerprint = fingerprint(&scene, &camera, &settings);
-        let engine = Engine::new(&context, &scene, camera, settings)?;
-        Self::with_engine(context, scene, engine, fingerprint, start)
+        let mut fingerprint = Fnv(fingerprint(&scene, &camera, &settings));
+        if let Some(Region { origin, size }) = crop {
+            fingerprint.add(bytemuck::cast_slice(&[origin, size]));
+        }
+        let view = view_of(camera, &settings, crop)?;
+        let engine = Engine::with_view(&context, &scene, view, settings)?;
+        let mut renderer = Self::with_engine(context, scene, engine, fingerprint.0, start)?;
+        renderer.crop = crop;
+        Ok(renderer)
     }
 
     /// As [`Renderer::with_context`], with a scene that may change: see [`Renderer::engine_mut`].
@@ -149,6 +199,8 @@ impl Renderer {
             rays: 0,
             culled: 0,
             photons: 0,
+            crop: None,
+            strips: Vec::new(),
         })
     }
 
@@ -282,7 +334,7 @@ impl Renderer {
         if self.passes() < INSTANCES {
             return Ok(None);
         }
-        let images = self.instances()?;
+        let images = self.engine.film().download_instances(&self.context)?;
         let [a, b] = &images[..] else { return Ok(None) };
         let mean = |p: &Vec4, q: &Vec4| (p.truncate().as_dvec3() + q.truncate().as_dvec3()) * 0.5;
         let count = (3 * a.len()) as f64;
@@ -302,113 +354,56 @@ impl Renderer {
         Ok(Some((sum / count).sqrt() as f32))
     }
 
-    /// The mean image of each instance.
-    fn instances(&self) -> Result<Vec<Vec<Vec4>>> {
-        let film = self.engine.film();
-        (film.color.iter().zip(&film.color_rest).enumerate())
-            .map(|(i, (sum, rest))| {
-                // Instance i has every INSTANCES-th pass from pass i.
-                let passes = (self.passes() + INSTANCES - 1 - i as u32) / INSTANCES;
-                self.mean(sum, Some(rest), passes)
-            })
-            .collect()
-    }
-
-    fn mean(&self, sum: &Buffer, rest: Option<&Buffer>, passes: u32) -> Result<Vec<Vec4>> {
-        let scale = 1.0 / f64::from(passes.max(1));
-        let pixels = self.pixels();
-        let sums = download::<Vec4>(&self.context, sum)?;
-        let rests = match rest {
-            Some(rest) => download::<Vec4>(&self.context, rest)?,
-            None => vec![Vec4::ZERO; sums.len()],
-        };
-        let mean = |(s, r): (&Vec4, &Vec4)| ((s.as_dvec4() - r.as_dvec4()) * scale).as_vec4();
-        Ok(sums.iter().zip(&rests).map(mean).take(pixels).collect())
-    }
-
-    fn pixels(&self) -> usize {
-        let [width, height] = self.engine.view().size();
-        width as usize * height as usize
-    }
-
-    /// The image and its layers. Reads back about 200 bytes a pixel.
+    /// The image and its layers, of the part that [`Renderer::set_crop`] says. Reads back about 300 bytes a pixel.
     pub fn layers(&self) -> Result<Layers> {
-        let film = self.engine.film();
-        let passes = self.passes();
-        let [width, height] = self.engine.view().size();
-        // Each pass counts alike, whichever instance it belongs to.
-        let mut color = vec![Vec4::ZERO; self.pixels()];
-        for (i, image) in self.instances()?.iter().enumerate() {
-            let share = ((passes + INSTANCES - 1 - i as u32) / INSTANCES) as f32 / passes.max(1) as f32;
-            for (c, v) in color.iter_mut().zip(image) {
-                *c += *v * share;
-            }
-        }
-        let direct = self.mean(&film.direct[0], Some(&film.direct[1]), passes)?;
-        let indirect = self.mean(&film.indirect[0], Some(&film.indirect[1]), passes)?;
-        let albedo = self.mean(&film.albedo, None, passes)?;
-        let normal = self.mean(&film.normal, None, passes)?;
-        let rgb = |v: Vec<Vec4>| v.into_iter().map(Vec4::truncate).collect::<Vec<Vec3>>();
-        let alpha = color.iter().map(|c| c.w).collect();
-        let mut color = rgb(color);
-        let [emission, diffuse, specular] = match &film.summands {
-            None => [const { Vec::new() }; 3],
-            Some(summands) => {
-                let mean = |[sum, rest]: &[Buffer; 2]| Ok::<_, Error>(rgb(self.mean(sum, Some(rest), passes)?));
-                let [emission, diffuse, specular] = summands;
-                let [emission, diffuse, specular] = [mean(emission)?, mean(diffuse)?, mean(specular)?];
-                for (i, c) in color.iter_mut().enumerate() {
-                    *c = emission[i] + diffuse[i] + specular[i];
-                }
-                [emission, diffuse, specular]
-            }
+        let layers = self.film()?.mean();
+        let (Some(crop), View::Camera { region, .. }) = (self.crop, self.engine.view()) else { return Ok(layers) };
+        let origin = [0, 1].map(|axis| crop.origin[axis] - region.origin[axis]);
+        Ok(layers.cut(Region { origin, ..crop }))
+    }
+
+    /// Renders a part of the camera's image from now on, with the bits that the whole image has there; `None`: all of it. Starts
+    /// over. What needs the whole image (superposition, a lens, the choice of emitters by contribution) renders it all the same.
+    pub fn set_crop(&mut self, crop: Option<Region>) -> Result<()> {
+        let Some(&camera) = self.engine.view().camera() else {
+            return Err(Error::Setting { name: "--crop", message: String::from("an atlas has no camera") });
         };
-        let depth = normal.iter().zip(&albedo).map(|(n, a)| if a.w > 0.0 { n.w / a.w } else { f32::INFINITY });
-        Ok(Layers {
-            width,
-            height,
-            depth: depth.collect(),
-            normal: normal.iter().map(|n| n.truncate().normalize_or_zero()).collect(),
-            alpha,
-            color,
-            albedo: rgb(albedo),
-            direct: rgb(direct),
-            indirect: rgb(indirect),
-            emission,
-            diffuse,
-            specular,
-        })
+        self.engine.set_view(view_of(camera, self.engine.settings(), crop)?)?;
+        self.crop = crop;
+        Ok(())
+    }
+
+    /// The strips in which [`crate::tiles::render`] renders an image that is too large for the device; empty: it is not.
+    pub fn strips(&self) -> &[Region] {
+        &self.strips
+    }
+
+    /// A copy of the film: the sums of all passes.
+    pub fn film(&self) -> Result<HostFilm> {
+        self.engine.film().download(&self.context, self.engine.view().size())
     }
 
     /// The sums of all passes as bytes, little endian: with the number of passes all that a later run needs.
     pub fn save_state(&self) -> Result<Vec<u8>> {
-        let mut bytes = Vec::new();
-        for buffer in self.engine.film().buffers() {
-            let words = download::<u32>(&self.context, buffer)?;
-            bytes.extend(words.iter().flat_map(|w| w.to_le_bytes()));
-        }
-        Ok(bytes)
+        Ok(self.film()?.to_bytes())
     }
 
     /// Goes on from what [`Renderer::save_state`] gave after `passes` passes of the same scene, camera and settings.
     pub fn load_state(&mut self, passes: u32, bytes: &[u8]) -> Result<()> {
-        let buffers = self.engine.film().buffers();
-        let expected: u64 = buffers.iter().map(|b| b.bytes()).sum();
-        if bytes.len() as u64 != expected {
-            return Err(Error::Scene(format!(
-                "the saved state has {} bytes where this image needs {expected}; start without --resume",
-                bytes.len()
-            )));
+        let (size, summands) = (self.engine.view().size(), self.engine.settings().summands);
+        self.load_film(passes, &HostFilm::from_bytes(bytes, size, summands)?)
+    }
+
+    /// Goes on from a film with pass number `passes`: that of a film of fewer passes continues it, and that of an empty
+    /// film renders these passes alone, to be merged with others.
+    pub fn load_film(&mut self, passes: u32, film: &HostFilm) -> Result<()> {
+        if film.size() != self.engine.view().size() {
+            let message = String::from("the film has another size than the image");
+            return Err(Error::Resource { name: String::from("film"), message });
         }
         let mut staging = crate::gpu::Staging::new();
-        let mut rest = bytes;
-        for buffer in buffers {
-            let (part, tail) = rest.split_at(buffer.bytes() as usize);
-            let words: Vec<u32> = part.chunks_exact(4).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]])).collect();
-            staging.stage_into(&self.context, buffer, 0, &words)?;
-            rest = tail;
-        }
-        self.context.submit_and_wait("restoring the state", None, |rec| staging.record(rec))?;
+        self.engine.film().stage(&self.context, &mut staging, film)?;
+        self.context.submit_and_wait("restoring the film", None, |rec| staging.record(rec))?;
         self.engine.set_passes(passes);
         Ok(())
     }

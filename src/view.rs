@@ -48,6 +48,20 @@ impl Region {
         Region { origin: [x, y], size: [width, height] }
     }
 
+    /// Errors: it is empty, or reaches beyond an image of this size.
+    pub fn check(&self, image: [u32; 2]) -> Result<()> {
+        let inside = |axis: usize| {
+            let end = u64::from(self.origin[axis]) + u64::from(self.size[axis]);
+            self.size[axis] > 0 && end <= u64::from(image[axis])
+        };
+        if inside(0) && inside(1) {
+            return Ok(());
+        }
+        let ([x, y], [width, height], [w, h]) = (self.origin, self.size, image);
+        let message = format!("{width}x{height} pixels at {x},{y} are empty or reach beyond the image of {w}x{h}");
+        Err(Error::Setting { name: "--crop", message })
+    }
+
     /// Pixels in it.
     pub fn pixels(&self) -> u64 {
         u64::from(self.size[0]) * u64::from(self.size[1])
@@ -137,13 +151,9 @@ impl View {
         match self {
             View::Camera { camera, region } => {
                 camera.check().map_err(|message| Error::Scene(format!("camera: {message}")))?;
-                let fits = |axis: usize| {
-                    let end = u64::from(region.origin[axis]) + u64::from(region.size[axis]);
-                    let block = 8 * settings.pattern[axis];
-                    region.origin[axis] % block == 0 && end <= u64::from(camera.resolution[axis])
-                };
-                if !(fits(0) && fits(1)) {
-                    let message = format!("{region:?} does not lie on the blocks of {:?}", camera.resolution);
+                region.check(camera.resolution)?;
+                if [0, 1].iter().any(|&axis| region.origin[axis] % (8 * settings.pattern[axis]) != 0) {
+                    let message = format!("{region:?} does not begin at a block of pixels of all classes");
                     return Err(Error::Setting { name: "--crop", message });
                 }
                 self.check_part(settings)

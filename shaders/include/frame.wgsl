@@ -10,7 +10,7 @@ struct Frame {
     within: vec4<u32>,          // place of the view in the whole image, width and height of the whole image
     walk: vec4<u32>,            // first index of the sequence segment, N of a class, window rotation, delta lights
     keys: vec4<u32>,            // key of the pass, key of the instance, bits (1 jitter, 2 Sobol' points), instance
-    scene: vec4<u32>,           // nodes, emitters, maximum path length, 0 (unknown to compilers, see kahan.wgsl)
+    scene: vec4<u32>,           // nodes, emitters, maximum path length, 0 (unknown to compilers, see exact_sum.wgsl)
     pattern: vec4<u32>,         // width and height of the interleaving pattern, classes, lights of each class
     photons: vec4<u32>,         // caustic photons of each class N, first index of their sequence, targets, buckets - 1 (a power of 2)
     photon: vec4<f32>,          // radius r of the look-up, 1 / (2r), 1 / (pi r^2 N), 0
@@ -20,7 +20,7 @@ struct Frame {
     choice: vec4<f32>,          // x: fraction of emitter samples still chosen by power where contributions choose (defensive sampling)
     superposition: vec4<u32>,   // number of planar reflectors handled by superposition; form of their reflectance (settings::Reflectance)
     mirrors: vec4<u32>,         // mirrored lights of each class N, lights to mirror, planar mirrors M, 0
-    lens: vec4<f32>,            // aperture diameter times the pixels of a unit of length at unit distance, 1 / focus distance, 0, 0
+    lens: vec4<f32>,            // aperture diameter times the pixels of a unit of length at unit distance, 1 / focus distance, unit of depths (a power of two), 0
 }
 
 @group(0) @binding(0) var<storage, read> frame: Frame;

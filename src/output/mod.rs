@@ -13,6 +13,7 @@ pub use state::State;
 pub use stats::Statistics;
 
 use crate::error::{Error, Result};
+use crate::view::Region;
 use glam::Vec3;
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
@@ -53,6 +54,47 @@ pub struct Layers {
 }
 
 impl Layers {
+    /// Every layer of colours, then those of numbers.
+    fn parts(&mut self) -> ([&mut Vec<Vec3>; 8], [&mut Vec<f32>; 2]) {
+        let colors = [
+            &mut self.color,
+            &mut self.albedo,
+            &mut self.normal,
+            &mut self.direct,
+            &mut self.indirect,
+            &mut self.emission,
+            &mut self.diffuse,
+            &mut self.specular,
+        ];
+        (colors, [&mut self.depth, &mut self.alpha])
+    }
+
+    /// The part of the image within a region, which must lie in it.
+    pub fn cut(mut self, region: Region) -> Layers {
+        fn cut<T: Copy>(layer: &mut Vec<T>, width: usize, region: Region) {
+            let [x, y] = region.origin.map(|n| n as usize);
+            let [columns, rows] = region.size.map(|n| n as usize);
+            if !layer.is_empty() {
+                *layer = (y..y + rows).flat_map(|y| &layer[y * width + x..][..columns]).copied().collect();
+            }
+        }
+        let width = self.width as usize;
+        let (colors, numbers) = self.parts();
+        colors.into_iter().for_each(|layer| cut(layer, width, region));
+        numbers.into_iter().for_each(|layer| cut(layer, width, region));
+        [self.width, self.height] = region.size;
+        self
+    }
+
+    /// Puts the rows of another image of the same width and layers below those of this one; an empty image becomes the other.
+    pub fn append_rows(&mut self, mut other: Layers) {
+        let (own, new) = (self.parts(), other.parts());
+        own.0.into_iter().zip(new.0).for_each(|(own, new)| own.append(new));
+        own.1.into_iter().zip(new.1).for_each(|(own, new)| own.append(new));
+        self.width = other.width;
+        self.height += other.height;
+    }
+
     /// Checks that each layer has as many values as the image has pixels.
     fn validate(&self, path: &Path) -> Result<()> {
         let pixels = u64::from(self.width) * u64::from(self.height);

@@ -6,9 +6,9 @@
 //! diffuse radiance), its normal, and its depth as if the way through mirrors and glass were straight, which in a plane
 //! mirror is the depth of the image. Coverage counts what the eye's own ray meets, so a mirror that shows nothing covers.
 //!
-//! Colour and irradiance are summed with compensation (Kahan 1965), so thousands of passes lose nothing to f32; colour
+//! Sums are exact ([`crate::film`]), so thousands of passes lose nothing to f32 and their order does not matter; colour
 //! is kept for each of the two independent instances, whose difference estimates the error. A pass in which rays were
-//! lost is left out (see `schedule`). Cost: 24 vec4 and 40 operations a pixel.
+//! lost is left out (see `schedule`). Cost: 36 vec4 and 250 operations a pixel.
 
 use glam::{Vec3, Vec4};
 
@@ -44,11 +44,24 @@ impl Accumulate {
     }
 }
 
-/// Oracle: one compensated addition; returns the new sum and rest.
-pub fn compensated_add(sum: Vec4, rest: Vec4, x: Vec4) -> (Vec4, Vec4) {
-    let y = x - rest;
-    let t = sum + y;
-    (t, (t - sum) - y)
+/// Oracle: a sum of radiance with one addend more.
+pub fn sum_with([high, middle, low]: [Vec4; 3], x: Vec4) -> [Vec4; 3] {
+    let (high, error) = two_sum(high, x);
+    let (middle, error) = two_sum(middle, error);
+    [high, middle, low + error]
+}
+
+/// Oracle: a sum of guides with one addend more, rounded to `unit`.
+pub fn sum_of_units([sum, rest]: [Vec4; 2], x: Vec4, unit: Vec4) -> [Vec4; 2] {
+    let (sum, error) = two_sum(sum, (x / unit).round() * unit);
+    let (sum, rest) = two_sum(sum, rest + error);
+    [sum, rest]
+}
+
+fn two_sum(a: Vec4, b: Vec4) -> (Vec4, Vec4) {
+    let sum = a + b;
+    let of_b = sum - a;
+    (sum, (a - (sum - of_b)) + (b - of_b))
 }
 
 /// Oracle: the radiance of a pixel.

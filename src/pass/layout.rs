@@ -49,7 +49,7 @@ pub struct Frame {
     pub superposition: [u32; 4],
     /// Mirrored lights of each class N, lights to mirror, planar mirrors, 0.
     pub mirrors: [u32; 4],
-    /// Of the lens: its diameter times the pixels of a unit of length at unit distance, 1 / distance in focus, 0, 0.
+    /// Of the lens: its diameter times the pixels of a unit of length at unit distance, 1 / distance in focus; z: unit of depths in the film, a power of two.
     pub lens: [f32; 4],
 }
 

@@ -33,27 +33,18 @@ pub struct Summands {
 }
 
 impl Summands {
-    /// Adds to the summands of `film`, which has `sums` for them. `reflected` is what `merge` and `superpose` add to.
+    /// Adds to the summands of `film`, which are `sums`. `reflected` is what `merge` and `superpose` add to.
     pub fn new(
         kit: &Kit,
         points: &ShadingPoints,
         paths: &EyePathState,
         lighting: &Lighting,
         film: &Film,
-        sums: &[[Buffer; 2]; Film::SUMMANDS],
+        sums: &Resources,
     ) -> Result<Self> {
         let reflected = kit.vec4s("reflected", film.pixels())?;
-        let [emission, diffuse, specular] = sums;
-        let own = Resources::of([
-            ("reflected", &reflected),
-            ("sum_emission", &emission[0]),
-            ("rest_emission", &emission[1]),
-            ("sum_diffuse", &diffuse[0]),
-            ("rest_diffuse", &diffuse[1]),
-            ("sum_specular", &specular[0]),
-            ("rest_specular", &specular[1]),
-        ]);
-        let sets = [&points.resources(), &paths.resources(), &lighting.resources(), &own];
+        let own = Resources::of([("reflected", &reflected)]);
+        let sets = [&points.resources(), &paths.resources(), &lighting.resources(), &own, sums];
         Ok(Summands { kernel: kit.bind(&shaders::SUMMANDS, &sets)?, reflected, pixels: film.pixels() })
     }
 

@@ -31,7 +31,7 @@ impl Output {
 
     /// Records that the sums are empty.
     pub fn record_clear(&self, rec: &mut Recorder) -> Result<()> {
-        self.film.buffers().into_iter().try_for_each(|buffer| rec.fill(buffer, 0))
+        self.film.buffers().try_for_each(|buffer| rec.fill(buffer, 0))
     }
 
     /// Records the addition of a pass to the sums of an instance.

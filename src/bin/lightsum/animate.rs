@@ -89,6 +89,7 @@ pub fn run(args: &Animate) -> Result<()> {
         checked_shaders: false,
         pipeline_cache: pipeline_cache(),
         dynamic: true,
+        ..RenderOptions::default()
     };
     let mut renderer = Renderer::new(scene, still, settings, &options)?;
 

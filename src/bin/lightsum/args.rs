@@ -10,13 +10,16 @@ use lightsum::gpu::DeviceChoice;
 use lightsum::output::Tonemap;
 use lightsum::path_trace::SpecularPaths;
 use lightsum::settings::{Agreement, ClusterOrder, LightChoice, Sequence, Settings, Traversal};
+use lightsum::view::Region;
 use std::path::PathBuf;
 use std::time::Duration;
 
 pub use camera::Camera;
 pub use superposition::Glossy;
 pub use values::check_resolution;
-use values::{delta_lights, distance, exposure, filter, image_path, pattern, positive, resolution, seconds, share};
+use values::{
+    crop, delta_lights, distance, exposure, filter, image_path, pattern, positive, resolution, seconds, share,
+};
 
 /// Global illumination without noise: a sum over virtual lights (instant radiosity), computed by Vulkan.
 #[derive(Debug, Parser)]
@@ -118,6 +121,12 @@ pub struct Output {
     /// Image size in pixels [default: the scene's, or 640x480]. Time and memory grow with the number of pixels.
     #[arg(long, value_name = "WxH", value_parser = resolution)]
     pub resolution: Option<[u32; 2]>,
+    /// Render this part of the image alone: left, top, width and height in pixels.
+    ///
+    /// It has the bits that the whole image has there, at the cost of the blocks of pixels around it. Superposition, a lens and
+    /// `--light-choice contribution` render the whole image all the same.
+    #[arg(long, value_name = "X,Y,W,H", value_parser = crop)]
+    pub crop: Option<Region>,
     /// Exposure of PNG files in stops; each stop doubles the brightness [default: the scene's, or 0].
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = exposure)]
     pub exposure: Option<f32>,

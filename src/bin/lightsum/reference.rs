@@ -39,7 +39,10 @@ pub fn run(job: &Job, scene: &Scene, args: &Render) -> Result<()> {
     let progress = progress.into_inner();
     progress.finish();
     let [width, height] = resolution;
-    let layers = Layers { width, height, color, ..Layers::default() };
+    let mut layers = Layers { width, height, color, ..Layers::default() };
+    if let Some(crop) = args.output.crop {
+        layers = layers.cut(crop);
+    }
     let mut metadata = metadata(job, "path tracing on the CPU", String::new());
     metadata.passes = samples.get();
     job.write_outputs(&layers, &metadata)?;

@@ -8,7 +8,7 @@ use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics};
 use lightsum::scene::{self, Camera, RenderDefaults, Scene};
 use lightsum::settings::{Agreement, Clip, Filter, Settings};
 use lightsum::standalone::{RenderOptions, Renderer};
-use lightsum::{Error, Result};
+use lightsum::{Error, Result, tiles};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -42,6 +42,7 @@ pub fn run(args: &Render) -> Result<()> {
     let scene = scene::load(path)?;
     let stages = vec![("load".into(), start.elapsed().as_secs_f64())];
     let camera = camera::choose(&scene, &args.camera, args.output.resolution)?;
+    args.output.crop.map_or(Ok(()), |crop| crop.check(camera.resolution))?;
     let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
     let settings = Settings { summands: args.output.summands, ..settings };
     settings.validate()?;
@@ -125,11 +126,16 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
         checked_shaders: false,
         pipeline_cache: pipeline_cache(),
         dynamic: false,
+        crop: args.output.crop,
+        strips: args.output.crop.is_none(),
     };
     let stop = Stop::choose(&args.stop, scene.render.passes);
     let mut renderer = Renderer::new(scene, job.camera, job.settings.clone(), &options)?;
     job.stages.push(("prepare".into(), start.elapsed().as_secs_f64()));
 
+    if !renderer.strips().is_empty() {
+        return in_strips(job, renderer, args, &interrupted);
+    }
     if let Some(path) = &args.output.export_lights {
         let count = renderer.export_lights(path)?;
         say(&format!("wrote {count} virtual lights to {}", path.display()));
@@ -139,7 +145,7 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
     }
     if let Some(path) = state_path.filter(|path| args.stop.resume && path.exists()) {
         let state = State::read(path)?;
-        state.check(path, renderer.fingerprint(), job.camera.resolution)?;
+        state.check(path, renderer.fingerprint(), renderer.engine().view().size())?;
         renderer.load_state(state.passes, &state.accumulators)?;
         log::info!("{}: going on after {} passes", path.display(), state.passes);
     }
@@ -155,7 +161,7 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
     // A failure to write one file must not prevent the others.
     let mut outcome = write_image(&job, &renderer, &statistics);
     if let Some(path) = state_path.filter(|_| args.stop.resume || broken_off) {
-        outcome = outcome.and(write_state(&job, &renderer, path));
+        outcome = outcome.and(write_state(&renderer, path));
     }
     job.stages.push(("write".into(), start.elapsed().as_secs_f64()));
     if let Some(path) = &args.output.stats {
@@ -178,6 +184,50 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
     }
     let error = error.map(|e| format!(", estimated error {e:.4}")).unwrap_or_default();
     job.say_where(&format!("{}{error}, rendered in {}", count(passes), duration(rendering)));
+    Ok(())
+}
+
+/// Renders an image that is too large for the device, strip by strip.
+fn in_strips(job: Job, mut renderer: Renderer, args: &Render, interrupted: &AtomicBool) -> Result<()> {
+    let [width, height] = job.camera.resolution;
+    let too_large = |name: &'static str| Error::Setting {
+        name,
+        message: format!("{width}x{height} is too large for the device at once, and strips take --passes alone"),
+    };
+    let flags = &args.stop;
+    let excluded = [
+        (flags.time.is_some(), "--time"),
+        (flags.target_error.is_some(), "--target-error"),
+        (flags.resume, "--resume"),
+        (args.output.export_lights.is_some(), "--export-lights"),
+    ];
+    if let Some((_, name)) = excluded.into_iter().find(|(given, _)| *given) {
+        return Err(too_large(name));
+    }
+    let passes = Stop::choose(flags, renderer.scene().render.passes).passes().ok_or_else(|| too_large("--passes"))?;
+    let strips = renderer.strips().to_vec();
+    log::info!("{width}x{height} is rendered in {} strips", strips.len());
+    let total = passes * strips.len() as u32;
+    let mut progress = Progress::new();
+    let rendered = tiles::render(&mut renderer, &strips, passes, |done| {
+        progress
+            .show(|| format!("strip {} of {}", done / passes + 1, strips.len()), f64::from(done) / f64::from(total));
+        !interrupted.load(Ordering::Relaxed)
+    })?;
+    progress.finish();
+    let layers = rendered.ok_or(Error::Interrupted)?;
+    let statistics = renderer.statistics();
+    let mut metadata = metadata(&job, &statistics.device, statistics.driver.clone());
+    metadata.passes = passes;
+    let mut outcome = job.write_outputs(&layers, &metadata);
+    if let Some(path) = &args.output.stats {
+        let resolution = job.camera.resolution;
+        let statistics = Statistics { scene: job.name.clone(), resolution, passes, error_estimate: None, ..statistics };
+        outcome = outcome.and(statistics.write(path));
+    }
+    outcome?;
+    let what = format!("{} in {} strips, rendered in {}", count(passes), strips.len(), duration(progress.elapsed()));
+    job.say_where(&what);
     Ok(())
 }
 
@@ -222,8 +272,8 @@ fn write_image(job: &Job, renderer: &Renderer, statistics: &Statistics) -> Resul
     job.write_outputs(&renderer.layers()?, &metadata)
 }
 
-fn write_state(job: &Job, renderer: &Renderer, path: &Path) -> Result<()> {
-    let [width, height] = job.camera.resolution;
+fn write_state(renderer: &Renderer, path: &Path) -> Result<()> {
+    let [width, height] = renderer.engine().view().size();
     let accumulators = renderer.save_state()?;
     State { fingerprint: renderer.fingerprint(), width, height, passes: renderer.passes(), accumulators }.write(path)
 }

@@ -22,6 +22,11 @@ impl Stop {
         Stop { passes: flags.passes.or(otherwise), time, error }
     }
 
+    /// The number of passes, if that is a condition.
+    pub fn passes(&self) -> Option<u32> {
+        self.passes
+    }
+
     /// Whether the rendering is done with `passes` passes in the image, after this run has taken `elapsed`.
     pub fn reached(&self, passes: u32, elapsed: Duration, error: Option<f32>) -> bool {
         self.passes.is_some_and(|limit| passes >= limit)

@@ -6,6 +6,7 @@ use std::time::Duration;
 use glam::Vec3;
 use lightsum::output::Format;
 use lightsum::settings::Settings;
+use lightsum::view::Region;
 
 use super::{DeltaLightsFlag, FilterFlag};
 
@@ -22,6 +23,15 @@ pub(super) fn image_path(path: PathBuf) -> Result<PathBuf, String> {
 /// Two numbers separated by an x.
 pub(super) fn extent(text: &str) -> Option<[u32; 2]> {
     text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]))
+}
+
+/// Four numbers separated by commas.
+pub(super) fn crop(text: &str) -> Result<Region, String> {
+    let numbers: Option<Vec<u32>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, width, height]) if width > 0 && height > 0 => Ok(Region { origin: [x, y], size: [width, height] }),
+        _ => Err("expected X,Y,WIDTH,HEIGHT in pixels, such as 100,50,64,48".into()),
+    }
 }
 
 pub(super) fn pattern(text: &str) -> Result<[u32; 2], String> {

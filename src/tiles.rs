@@ -1,0 +1,87 @@
+//! Images that are too large for a device's buffers, rendered strip by strip.
+//!
+//! A strip is a region of the image as wide as the image ([`crate::view`]), and each is rendered with all its passes before the next, with the
+//! bits that it would have in the whole image. Whatever looks at the whole image is refused: superposition, a lens, the choice of
+//! emitters by contribution.
+
+use crate::device_scene::SpecularFeatures;
+use crate::error::Result;
+use crate::gpu::DeviceInfo;
+use crate::output::Layers;
+use crate::plan::EyePlan;
+use crate::scene::{Camera, Scene};
+use crate::settings::Settings;
+use crate::standalone::Renderer;
+use crate::view::{Region, View};
+
+/// Bytes of the largest element that a view has for each of its slots.
+const SLOT_BYTES: u64 = 16;
+
+/// The strips of an image from top to bottom, such that the buffers of each keep within what the device binds; a single one if the
+/// whole image fits.
+pub fn strips(info: &DeviceInfo, scene: &Scene, camera: &Camera, settings: &Settings) -> Vec<Region> {
+    let specular = SpecularFeatures::of(scene, &scene.reflectors());
+    let eye = EyePlan::new(settings, specular, &View::whole(*camera));
+    let slots = info.max_storage_buffer_range / SLOT_BYTES / u64::from(eye.components);
+    cut(camera.resolution, settings, slots)
+}
+
+/// Strips of at most so many pixels each, room for the filter included, unless a single row of blocks has more.
+pub fn cut([width, height]: [u32; 2], settings: &Settings, pixels: u64) -> Vec<Region> {
+    let image = [width, height];
+    if u64::from(width) * u64::from(height) <= pixels {
+        return vec![Region::whole(image)];
+    }
+    let block = 8 * settings.pattern[1];
+    let strip = |first: u32, rows: u32| Region { origin: [0, first], size: [width, rows.min(height - first)] };
+    // The highest strip of whole blocks in the middle of the image whose surroundings fit.
+    let fits = |rows: &u32| strip(block.min(height - 1), *rows).around(settings, image).pixels() <= pixels;
+    let rows = (1..=height.div_ceil(block)).map(|n| n * block).take_while(fits).last().unwrap_or(block);
+    (0..height).step_by(rows as usize).map(|first| strip(first, rows)).collect()
+}
+
+/// Renders `passes` passes of each strip; `done` is told the passes of all strips so far and ends the rendering early by `false`.
+/// `None`: it did.
+pub fn render(
+    renderer: &mut Renderer,
+    strips: &[Region],
+    passes: u32,
+    mut done: impl FnMut(u32) -> bool,
+) -> Result<Option<Layers>> {
+    let mut image = Layers::default();
+    for (i, &strip) in (0..).zip(strips) {
+        renderer.set_crop(Some(strip))?;
+        for pass in 0..passes {
+            if !done(i * passes + pass) {
+                return Ok(None);
+            }
+            renderer.pass()?;
+        }
+        image.append_rows(renderer.layers()?);
+    }
+    Ok(Some(image))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strips_cover_the_image_within_the_limit() {
+        for settings in [Settings::default(), Settings::interactive()] {
+            for (image, pixels) in [([640, 480], 50_000), ([100, 1000], 9_000), ([7, 3], 100), ([301, 211], 20_000)] {
+                let strips = cut(image, &settings, pixels);
+                let mut next = 0;
+                for strip in &strips {
+                    assert_eq!((strip.origin, strip.size[0]), ([0, next], image[0]));
+                    assert!(strip.around(&settings, image).pixels() <= pixels, "{strip:?}");
+                    next += strip.size[1];
+                }
+                assert_eq!(next, image[1]);
+                assert_eq!(strips.len() == 1, u64::from(image[0] * image[1]) <= pixels);
+            }
+        }
+        // A row of blocks is the least.
+        assert_eq!(cut([640, 480], &Settings::default(), 1).len(), 60);
+    }
+}
