@@ -1,4 +1,4 @@
-//! GPU passes: the timestamps of each pass of a frame, on small scenes that together run every pass.
+//! GPU passes: the timestamps of each pass of a frame, on small scenes that together cover the passes.
 //!
 //! ```text
 //! cargo bench --bench gpu                      # all; needs a Vulkan device
@@ -14,9 +14,11 @@ use std::path::Path;
 use std::time::Duration;
 
 use criterion::{Criterion, SamplingMode, criterion_group, criterion_main};
+use glam::Vec3;
 use lightsum::gpu::{Context, ContextOptions, DeviceChoice};
+use lightsum::scene::{self, Light};
 use lightsum::settings::{Filter, LightChoice, Superposition};
-use lightsum::{Camera, Renderer, Settings, scene};
+use lightsum::{Camera, Renderer, Settings};
 
 /// Frames measured for each configuration.
 const FRAMES: usize = 20;
@@ -29,6 +31,8 @@ struct Frame {
     scene: &'static str,
     /// Diameter of the lens in scene units.
     aperture: f32,
+    /// Point lights added to the scene.
+    lamps: u32,
     settings: Settings,
 }
 
@@ -36,14 +40,15 @@ fn frames() -> Vec<Frame> {
     let base = Settings { paths: 8, ..Settings::default() };
     vec![
         // Walk, eye, shading, gathering.
-        Frame { name: "cornell", scene: "cornell", aperture: 0.0, settings: base.clone() },
+        Frame { name: "cornell", scene: "cornell", aperture: 0.0, lamps: 0, settings: base.clone() },
         // The preset for interactive rates: interleaving, photons, filter; eye paths through glass.
-        Frame { name: "interactive", scene: "glass-ball", aperture: 0.0, settings: Settings::interactive() },
+        Frame { name: "interactive", scene: "glass-ball", aperture: 0.0, lamps: 0, settings: Settings::interactive() },
         // Mirror images, their convolution, and a lens.
         Frame {
             name: "glossy",
             scene: "glossy-floor",
             aperture: 0.1,
+            lamps: 0,
             settings: Settings { superposition: Some(Superposition::default()), ..base.clone() },
         },
         // Emitters by contribution, mirrored lights, summands.
@@ -51,6 +56,7 @@ fn frames() -> Vec<Frame> {
             name: "choices",
             scene: "glass-ball",
             aperture: 0.0,
+            lamps: 0,
             settings: Settings {
                 light_choice: LightChoice::Contribution,
                 mirror_lights: 8,
@@ -59,12 +65,13 @@ fn frames() -> Vec<Frame> {
                 ..base.clone()
             },
         },
-        // One point, spot or directional light of many in each pass.
+        // A random choice of a few among many point lights.
         Frame {
             name: "lamps",
-            scene: "six-rooms",
+            scene: "cornell",
             aperture: 0.0,
-            settings: Settings { delta_lights: Some(1), ..base },
+            lamps: 64,
+            settings: Settings { delta_lights: Some(8), ..base },
         },
     ]
 }
@@ -72,8 +79,14 @@ fn frames() -> Vec<Frame> {
 /// Seconds of the whole frame and of each pass, one value for each rendered frame.
 fn measure(context: &Context, frame: &Frame) -> lightsum::Result<Vec<(String, Vec<f64>)>> {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(frame.scene).join("scene.toml");
-    let scene = scene::load(&file)?;
-    let camera = scene.camera.unwrap_or_else(|| Camera::in_front_of(scene.bounds(), RESOLUTION));
+    let mut scene = scene::load(&file)?;
+    let (low, high) = scene.bounds();
+    scene.lights.extend((0..frame.lamps).map(|i| {
+        // A grid of 8 lamps a row, half way up; their light does not matter.
+        let place = Vec3::new((i % 8) as f32 + 0.5, 4.0, (i / 8) as f32 + 0.5) / 8.0;
+        Light::Point { position: low + (high - low) * place, intensity: Vec3::ONE }
+    }));
+    let camera = scene.camera.unwrap_or_else(|| Camera::in_front_of((low, high), RESOLUTION));
     let camera = Camera { resolution: RESOLUTION, aperture: frame.aperture, ..camera };
     let mut renderer = Renderer::with_context(context.clone(), scene, camera, frame.settings.clone())?;
     // Drivers may compile at the first dispatch.
