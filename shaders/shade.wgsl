@@ -93,6 +93,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #else
         let l_normal = lights[place].normal;
         let l_emit = lights[place].emit;
+        let l_f0 = lights[place].f0;
         let flags = bitcast<u32>(l_position.w);
         let d = to_light(l_position, l_normal, origin);
         let r2 = dot(d, d);
@@ -136,7 +137,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         seen += select(0u, 1u, lit && !blocked);
 #else
         let e = intensity * select(0.0, cos_receiver * falloff_of(flags, r2), lit && !blocked);
-        let first_bounce = lights[place].f0.w == 0.0;
+        let first_bounce = l_f0.w == 0.0;
         e_direct += select(vec3<f32>(0.0), e, first_bounce);
         e_indirect += select(e, vec3<f32>(0.0), first_bounce);
         for (var i = select(0u, 1u, f0.w > 0.0 && lit && !blocked); i > 0u; i -= 1u) {

@@ -319,7 +319,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                         let triangle = set_up_triangle(index + min(k, max(count, 1u) - 1u), origin);
                         planes[part] = triangle.planes;
                         let in_shaft = shaft_meets(shaft, triangle.lo, triangle.hi);
-                        taking_part |= select(0u, 1u << k, in_shaft && k < count && !triangle.edge_on);
+#if AREA
+                        taking_part |= select(0u, 1u << k, in_shaft && k < count);
+#else
+                        taking_part |= select(0u, 1u << k, in_shaft && k < count && triangle.planes.reach != 0.0);
+#endif
                     }
                     var survivors = or_reduce(taking_part);
                     loop {

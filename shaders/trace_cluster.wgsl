@@ -99,7 +99,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 let k_hi = vec3_of(&box_hi, k);
                 var met = false;
                 for (var r = 0u; r < RAYS; r += 1u) {
-                    met = met || slabs_meet(k_lo * inverse[r], k_hi * inverse[r], best[r]);
+                    // Apart, because a call behind || or && becomes a branch.
+                    let meets = slabs_meet(k_lo * inverse[r], k_hi * inverse[r], best[r]);
+                    met = met || meets;
                 }
                 met_by |= select(0u, (survivors & (~survivors + 1u)), met);
                 survivors &= survivors - 1u;
@@ -140,7 +142,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 let triangle = set_up_triangle(index + min(k, max(count, 1u) - 1u), eye);
                 planes[part] = triangle.planes;
                 let in_shaft = shaft_enters(shaft, triangle.lo, triangle.hi, far) < FAR;
-                taking_part |= select(0u, 1u << k, in_shaft && k < count && !triangle.edge_on);
+                taking_part |= select(0u, 1u << k, in_shaft && k < count && triangle.planes.reach != 0.0);
             }
             var survivors = or_reduce(taking_part);
             loop {
@@ -151,7 +153,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 let k_planes = planes_of(&planes, k);
                 for (var r = 0u; r < RAYS; r += 1u) {
                     let b = products(k_planes, d[r]);
-                    let closer = any && passes_inside(b) && b.z * best[r] > k_planes.reach;
+                    let inside = passes_inside(b);
+                    let closer = any && inside && b.z * best[r] > k_planes.reach;
                     best[r] = select(best[r], k_planes.reach / b.z, closer);
                     nearest[r] = select(nearest[r], index + k, closer);
                 }

@@ -94,7 +94,7 @@ struct Planes {
     n0: vec3<f32>,
     n1: vec3<f32>,
     n_sum: vec3<f32>,       // sum of all three: twice the triangle's own normal
-    reach: f32,             // n_sum . d of a ray that ends on the triangle's plane
+    reach: f32,             // n_sum . d of a ray that ends on the triangle's plane; 0: seen exactly edge on
 #if AREA
     // To move the planes to another origin q, the sum b + c of corners becomes b + c - 2 q.
     edge0: vec3<f32>,
@@ -106,7 +106,6 @@ struct TriangleSetUp {
     planes: Planes,
     lo: vec3<f32>,          // box
     hi: vec3<f32>,
-    edge_on: bool,          // seen exactly edge on, which no ray meets
 }
 
 // The slack of a single ray's test makes each product larger by that share of their sum.
@@ -140,10 +139,8 @@ fn set_up_triangle(i: u32, origin: vec3<f32>) -> TriangleSetUp {
     t.planes.reach = depth * (2.0 * (1.0 + 3.0 * SLACK));
     t.planes.edge0 = 2.0 * (e1 - e2);
     t.planes.edge1 = 2.0 * e2;
-    t.edge_on = false;
 #else
     t.planes.reach = abs(depth) * (2.0 * (1.0 + 3.0 * SLACK));
-    t.edge_on = depth == 0.0;
 #endif
     t.lo = min(a, min(b, c));
     t.hi = max(a, max(b, c));
