@@ -7,6 +7,7 @@ use lightsum::light::emitters::Emitters;
 use lightsum::path_trace::{self, Options, SpecularPaths};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, builtin};
 use lightsum::settings::Settings;
+use lightsum::stage::Stage;
 
 use crate::renderer::bits;
 use crate::rig::{Rig, gallery, hit_of};
@@ -30,7 +31,7 @@ fn flux_at_targets(ctx: &Context, scene: &Scene, photons: u32) -> f64 {
     let (hits, flux) = (rig.vec4s(&p.rays.hits), rig.vec4s(&p.flux));
     let aimed = |(hit, flux): (&Vec4, &Vec4)| {
         let hit = hit_of(*hit)?;
-        let target = rig.engine.targets().of_triangle[hit.triangle as usize];
+        let target = rig.engine.device_scene().targets.of_triangle[hit.triangle as usize];
         (target > 0 && target == flux.w.to_bits()).then_some(f64::from(flux.x))
     };
     hits.iter().zip(&flux).filter_map(aimed).sum::<f64>() / f64::from(photons)
@@ -106,7 +107,7 @@ fn a_paraboloid_brings_parallel_light_to_its_focus() {
         soup.0.camera = Some(camera(Vec3::new(0.3, 0.3, 0.0), Vec3::Y * f, 40.0, [8, 8]));
         let photons = 8192;
         let rig = Rig::new(ctx, &soup.0, [8, 8], shooting(photons));
-        rig.run(|frame, rec| frame.record_photons(rec));
+        rig.run(|frame, rec| frame.photons.record(rec));
         let p = rig.frame().photons.as_ref().unwrap();
         let stored: Vec<(Vec3, f32)> = rig
             .vec4s(&p.position)
@@ -199,7 +200,7 @@ fn scenes_without_mirrors_and_glass_have_no_photons() {
     gpu_test(|ctx| {
         let scene = builtin::single_triangle_light();
         let rig = Rig::new(ctx, &scene, [8, 8], shooting(100));
-        assert!(rig.frame().photons.is_none() && rig.engine.device_scene().targets.is_none());
+        assert!(rig.frame().photons.is_none() && rig.engine.device_scene().target_buffers.is_none());
         // Emitters alone are seen, or nothing ideal is followed.
         let scene = gallery();
         for settings in [Settings { max_depth: 1, ..shooting(100) }, Settings { max_specular: 0, ..shooting(100) }] {

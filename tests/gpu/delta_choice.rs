@@ -7,6 +7,7 @@ use lightsum::pass::delta_choice::{Candidates, ONE, offset, reference};
 use lightsum::pass::layout::{EmitterRecord, PointLight};
 use lightsum::scene::{Camera, Light, Scene};
 use lightsum::settings::{LightChoice, Settings};
+use lightsum::stage::Stage;
 
 use crate::rig::{Builder, Numbers, Rig, xyz};
 use crate::scenes::{Soup, camera, compare, mean, render, settings};
@@ -42,17 +43,17 @@ fn place(light: &PointLight) -> [u32; 8] {
 
 /// The lights of each class that the choice left in a pass.
 fn choose(rig: &Rig, pass: u32) -> (lightsum::pass::layout::Frame, Vec<Vec<PointLight>>) {
-    let parameters = rig.engine.parameters().frame(pass).unwrap();
+    let parameters = rig.engine.plan().parameters(pass).unwrap();
     rig.run(|frame, rec| {
         frame.record_start(rec, &parameters)?;
         if frame.importance.is_some() {
-            frame.record_eye(rec)?;
-            frame.record_importance(rec)?;
+            frame.eye.record(rec)?;
+            frame.importance.record(rec)?;
         }
-        frame.record_delta_choice(rec)
+        frame.delta_choice.record(rec)
     });
-    let plan = &rig.engine.parameters().lights;
-    let lights: Vec<PointLight> = rig.get(&rig.frame().lights);
+    let plan = &rig.engine.plan().lights;
+    let lights: Vec<PointLight> = rig.get(&rig.frame().walk.lights);
     let of_class = |class: &[PointLight]| class[..plan.delta as usize].to_vec();
     (parameters, lights.chunks(plan.slots() as usize).map(of_class).collect())
 }
@@ -67,12 +68,12 @@ fn delta_choice_follows_its_oracle() {
             let base = Settings { delta_lights: Some(slots), light_choice, pattern: [3, 2], ..Settings::default() };
             let rig = Rig::new(ctx, &scene, [31, 17], base);
             let indices: Vec<u32> = rig.engine.emitters().delta.iter().map(|&i| i as u32).collect();
-            let all = Candidates::new(rig.engine.delta_lights(), &indices);
+            let all = Candidates::new(&rig.engine.device_scene().delta, &indices);
             let number: HashMap<_, _> = all.lights.iter().enumerate().map(|(i, l)| (place(l), i)).collect();
             assert_eq!(number.len(), count as usize);
             let parallel = |l: &PointLight| l.flags() & PointLight::DIRECTIONAL != 0;
             let parallels = all.lights.iter().filter(|l| parallel(l)).count();
-            rig.prefill(&[&rig.frame().lights]);
+            rig.prefill(&[&rig.frame().walk.lights]);
             let mut excess = vec![0.0; count as usize];
             for pass in 0..48 {
                 let (parameters, classes) = choose(&rig, pass);

@@ -7,6 +7,7 @@ use lightsum::pass::discontinuity::{self, Discontinuity, Guide, Inputs, Receiver
 use lightsum::pass::layout::Window;
 use lightsum::scene::{Light, Material, Scene, Texture, Wrap};
 use lightsum::settings::{Agreement, Filter, Settings};
+use lightsum::stage::Stage;
 
 use crate::rig::{Builder, Numbers, Rig, Tally, close, gallery, untouched};
 use crate::scenes::{Soup, camera, render};
@@ -17,10 +18,10 @@ const STRAYS: f64 = 0.005;
 
 /// The guides of all slots by the oracle; second components of tiles that are not listed take no part.
 fn guides(rig: &Rig, agreement: Agreement) -> Vec<Guide> {
-    let (r, pixels) = (&rig.frame().primary, rig.parameters.size[2] as usize);
+    let (r, pixels) = (&rig.frame().eye.points, rig.parameters.size[2] as usize);
     let [position, geometric, shading, kd, wo] =
         [&r.position, &r.geometric, &r.shading, &r.kd, &r.wo].map(|b| rig.vec4s(b));
-    let throughput = rig.vec4s(&rig.frame().paths.throughput);
+    let throughput = rig.vec4s(&rig.frame().eye.paths.throughput);
     let listed = rig.ideal_pixels();
     let of_slot = |i: usize| {
         if i >= pixels && listed.binary_search(&((i - pixels) as u32)).is_err() {
@@ -49,17 +50,16 @@ fn filtered(ctx: &Context, rig: &Rig, filter: Filter, irradiance: [&[Vec3]; 2]) 
     let [width, height, pixels, _] = rig.parameters.size;
     let [pattern_width, pattern_height, ..] = rig.parameters.pattern;
     let inputs = Inputs {
-        frame: &frame.parameters,
-        receivers: &frame.primary,
-        paths: &frame.paths,
-        sums: &Lighting { direct, indirect, specular: frame.pixel_sums.specular.clone() },
-        ideal_tiles: &frame.ideal_tiles,
+        points: &frame.eye.points,
+        paths: &frame.eye.paths,
+        lighting: &Lighting { direct, indirect, specular: frame.shade.lighting.specular.clone() },
+        ideal_tiles: &frame.eye.ideal_tiles,
         components: irradiance[0].len() as u32 / pixels,
         size: [width, height],
         pattern: [pattern_width, pattern_height],
         filter,
     };
-    let pass = Discontinuity::new(ctx, &inputs).unwrap();
+    let pass = rig.make(|kit| Discontinuity::new(kit, &inputs));
     rig.prefill(&[&pass.filtered.indirect]);
     if filter.direct {
         rig.prefill(&[&pass.filtered.direct]);
@@ -71,7 +71,7 @@ fn filtered(ctx: &Context, rig: &Rig, filter: Filter, irradiance: [&[Vec3]; 2]) 
 /// What the eye sees of a scene.
 fn seen<'a>(ctx: &'a Context, scene: &'a Scene, size: [u32; 2], pattern: [u32; 2]) -> Rig<'a> {
     let rig = Rig::new(ctx, scene, size, Settings { paths: 1, pattern, ..Settings::default() });
-    rig.run(|frame, rec| frame.record_eye(rec));
+    rig.run(|frame, rec| frame.eye.record(rec));
     rig
 }
 
@@ -213,7 +213,8 @@ fn edges_of_a_cube_stay_sharp() {
         let scene = b.finish(Vec3::new(2.4, 2.2, -2.6), Vec3::ZERO);
         for (filter, pattern) in filters() {
             let rig = seen(ctx, &scene, [61, 43], pattern);
-            let normals: Vec<Vec3> = rig.vec4s(&rig.frame().primary.geometric).iter().map(|n| n.truncate()).collect();
+            let normals: Vec<Vec3> =
+                rig.vec4s(&rig.frame().eye.points.geometric).iter().map(|n| n.truncate()).collect();
             let guides = guides(&rig, filter.agreement);
             let live: Vec<usize> = (0..guides.len()).filter(|&i| guides[i].extent > 0.0).collect();
             let face: Vec<Vec3> = normals.iter().map(|n| n.abs() * Vec3::new(1.0, 2.0, 4.0)).collect();
@@ -239,7 +240,7 @@ fn offset_planes_stay_apart() {
         let scene = b.finish(Vec3::new(0.0, 3.0, -1.0), Vec3::ZERO);
         let rig = seen(ctx, &scene, [61, 43], [1, 1]);
         let height: Vec<Vec3> = rig
-            .vec4s(&rig.frame().primary.position)
+            .vec4s(&rig.frame().eye.points.position)
             .iter()
             .map(|p| if p.y > 0.01 { Vec3::ONE } else { Vec3::ZERO })
             .collect();

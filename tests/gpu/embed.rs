@@ -214,7 +214,7 @@ fn a_pass_with_lost_rays_is_left_out() {
             ..Settings::default()
         };
         let mut engine = ready(ctx, &scene, camera, &settings);
-        let counts = |engine: &Engine| download::<u32>(ctx, &engine.frame().film.counts).unwrap()[..2].to_vec();
+        let counts = |engine: &Engine| download::<u32>(ctx, &engine.frame().output.film.counts).unwrap()[..2].to_vec();
         let black = image(ctx, &mut engine, 1);
         assert!(black.iter().flatten().all(|&x| x == 0.0), "a pass with lost rays is in the image");
         assert_eq!(counts(&engine), [0, 0]);

@@ -56,22 +56,18 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
             let settings = Settings { paths: 4, compensation: false, superposition, ..Settings::default() };
             let rig = Rig::new(ctx, &scene, resolution, settings);
             let frame = rig.frame();
-            rig.run(|frame, rec| {
-                frame.record_walk(rec)?;
-                frame.record_eye(rec)?;
-                frame.record_shade(rec, 0)
-            });
+            rig.light();
             assert_eq!(rig.lost(), 0);
-            let r = &frame.primary;
+            let r = &frame.eye.points;
             let [position, kd, wo, emitted] = [&r.position, &r.kd, &r.wo, &r.emitted].map(|b| rig.vec4s(b));
-            let sums = &frame.pixel_sums;
+            let sums = &frame.shade.lighting;
             let lights = [&sums.direct, &sums.indirect, &sums.specular].map(|b| rig.vec4s(b));
-            let (through, region) = (rig.vec4s(&frame.paths.throughput), rig.get::<u32>(&frame.planes.region));
-            let (widening, weights) = (rig.vec4s(&frame.planes.widening), rig.vec4s(&frame.planes.panes));
-            let mirrors = frame.mirrors.as_ref().unwrap();
+            let (through, region) = (rig.vec4s(&frame.eye.paths.throughput), rig.get::<u32>(&frame.eye.planes.region));
+            let (widening, weights) = (rig.vec4s(&frame.eye.planes.widening), rig.vec4s(&frame.eye.planes.panes));
+            let mirrors = frame.glossy_planes.as_ref().unwrap();
             rig.run(|_, rec| mirrors.record_image(rec));
             let (source, footprint) = (rig.vec4s(&mirrors.image.source), rig.vec4s(&mirrors.image.footprint));
-            let [cleared, left] = [&r.emitted, &frame.paths.throughput].map(|b| rig.vec4s(b));
+            let [cleared, left] = [&r.emitted, &frame.eye.paths.throughput].map(|b| rig.vec4s(b));
             let pixels = region.len();
             let mut tally = Tally::new(format!("behind panes, {resolution:?}"));
             for i in (0..pixels).filter(|&i| rig.is_pane(region[i])) {
@@ -98,7 +94,7 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
                 tally.check(close(of.truncate(), weight, 1e-4, 1e-5), || format!("weight of {i}: {of} for {weight}"));
                 tally.check((of.w - mu).abs() < 1e-5, || format!("cosine of {i}: {} for {mu}", of.w));
 
-                let lobe = mirrors.tables.library.look_up(region[i] - 1, mu).unwrap();
+                let lobe = rig.library().look_up(region[i] - 1, mu).unwrap();
                 let mut planes = vec![(lobe.tan_beta, depth)];
                 let own = lobe.tan_beta.powi(2) * Vec3::new(1.0, depth, depth * depth);
                 let more = widening[i].truncate() - own;

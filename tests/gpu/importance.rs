@@ -9,6 +9,7 @@ use lightsum::pass::layout::PointLight;
 use lightsum::pass::walk_start;
 use lightsum::scene::{Light, Material, Scene};
 use lightsum::settings::{Clip, LightChoice, Settings};
+use lightsum::stage::Stage;
 
 use crate::passes_light::receivers;
 use crate::passes_walk::same_light;
@@ -61,8 +62,8 @@ fn distribution(rig: &Rig) -> Vec<EmitterRecord> {
     let emitters = &rig.frame().importance.as_ref().unwrap().emitters;
     rig.prefill(&[emitters]);
     rig.run(|frame, rec| {
-        frame.record_eye(rec)?;
-        frame.record_importance(rec)
+        frame.eye.record(rec)?;
+        frame.importance.record(rec)
     });
     rig.get(emitters)
 }
@@ -78,8 +79,8 @@ fn importance_follows_its_oracle_and_no_emitter_falls_below_the_floor() {
             let records = distribution(&rig);
             let emitters = rig.engine.emitters();
             assert_eq!((records.len(), emitters.list.len()), (count, count));
-            let primary = receivers(&rig, &rig.frame().primary);
-            let wo = rig.vec4s(&rig.frame().primary.wo);
+            let primary = receivers(&rig, &rig.frame().eye.points);
+            let wo = rig.vec4s(&rig.frame().eye.points.wo);
             let seen: Vec<_> =
                 probes([31, 17]).filter(|&p| wo[p as usize].w > 0.0).map(|p| primary[p as usize]).collect();
             assert!(seen.len() > 60, "{} probes see the floor", seen.len());
@@ -134,11 +135,11 @@ fn particles_start_by_the_distribution_of_importance() {
         let scene = lamps(64);
         let rig = Rig::new(ctx, &scene, [31, 17], by_contribution(settings(2049, 3)));
         let records = distribution(&rig);
-        rig.run(|frame, rec| frame.record_walk_start(rec));
+        rig.run(|frame, rec| frame.walk.record_start(rec));
         let mut emitters: Emitters = rig.engine.emitters().clone();
         emitters.cdf = records.iter().map(|r| r.radiance[3]).collect();
         emitters.list.iter_mut().zip(&records).for_each(|(e, r)| e.probability = r.normal[3]);
-        let lights: Vec<PointLight> = rig.get(&rig.frame().lights);
+        let lights: Vec<PointLight> = rig.get(&rig.frame().walk.lights);
         let first = rig.parameters.depths[0][1];
         let mut tally = Tally::new("walk_start by contribution");
         let mut started = vec![0.0f32; emitters.list.len()];

@@ -9,6 +9,7 @@ use lightsum::pass::{accumulate, lens};
 use lightsum::path_trace::{self, Options, SpecularPaths};
 use lightsum::scene::{Camera, Scene};
 use lightsum::settings::Settings;
+use lightsum::stage::Stage;
 
 use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery};
 use crate::scenes::{Soup, camera, compare, fov, mean, render, renderer, settings};
@@ -26,17 +27,17 @@ fn lens_follows_its_oracle() {
             let rig = Rig::new(ctx, &scene, resolution, Settings { compensation: false, ..settings(4, 5) });
             let frame = rig.frame();
             rig.run(|frame, rec| {
-                frame.record_walk(rec)?;
-                frame.record_eye(rec)?;
-                frame.record_shade(rec, 0)?;
-                frame.record_merge(rec)
+                frame.walk.record(rec)?;
+                frame.eye.record(rec)?;
+                frame.shade.record(rec)?;
+                frame.merge.record(rec)
             });
             assert_eq!(rig.lost(), 0);
-            let (lens, r, sums) = (frame.lens.as_ref().unwrap(), &frame.primary, &frame.pixel_sums);
+            let (lens, r, sums) = (frame.lens.as_ref().unwrap(), &frame.eye.points, &frame.shade.lighting);
             rig.prefill(&[&lens.source, &lens.footprint, &lens.region, &lens.convolution.spread]);
             let [position, kd, wo, emitted] = [&r.position, &r.kd, &r.wo, &r.emitted].map(|b| rig.vec4s(b));
             let lights = [&sums.direct, &sums.indirect, &sums.specular].map(|b| rig.vec4s(b));
-            let through = rig.vec4s(&frame.paths.throughput);
+            let through = rig.vec4s(&frame.eye.paths.throughput);
             rig.run(|_, rec| lens.record_image(rec));
             let (source, footprint) = (rig.vec4s(&lens.source), rig.vec4s(&lens.footprint));
             let region = rig.get::<u32>(&lens.region);

@@ -9,6 +9,7 @@ use lightsum::pass::mirror_lights::{mirrored, reference, weight};
 use lightsum::path_trace::{self, Options, SpecularPaths};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface};
 use lightsum::settings::Settings;
+use lightsum::stage::Stage;
 
 use crate::passes_light::receivers;
 use crate::renderer::bits;
@@ -41,16 +42,16 @@ fn lights_and_mirrors_are_chosen_by_their_oracle() {
         for (n, paths) in [(1, 1), (7, 27), (64, 64), (1024, 64), (40, 2049)] {
             let base = Settings { mirror_lights: n, pattern: [2, 1], ..settings(paths, 5) };
             let rig = Rig::new(ctx, &scene, [8, 8], base);
-            let mirrors = &rig.engine.mirrors().list;
+            let mirrors = &rig.engine.device_scene().mirrors.list;
             let [each, count, planes, _] = rig.parameters.mirrors;
             assert_eq!((each, planes as usize, mirrors.len()), (n, 2, 2));
-            assert_eq!(count, rig.engine.parameters().lights.first_slot(3));
+            assert_eq!(count, rig.engine.plan().lights.first_slot(3));
             rig.prefill(&[&rig.frame().mirror_lights.as_ref().unwrap().numbers]);
             rig.run(|frame, rec| {
-                frame.record_walk(rec)?;
-                frame.record_mirror_choice(rec)
+                frame.walk.record(rec)?;
+                frame.mirror_lights.as_ref().unwrap().record_choice(rec)
             });
-            let lights: Vec<PointLight> = rig.get(&rig.frame().lights);
+            let lights: Vec<PointLight> = rig.get(&rig.frame().walk.lights);
             let mut found = 0;
             for (class, images) in chosen(&rig).iter().enumerate() {
                 let of_class = &lights[class * rig.parameters.pattern[3] as usize..][..count as usize];
@@ -96,17 +97,17 @@ fn mirror_lights_follow_their_oracle() {
         for (resolution, pattern) in AWKWARD_IMAGES.into_iter().zip([[1, 1], [2, 1], [1, 1], [1, 2], [3, 2]]) {
             let base = Settings { mirror_lights: 9, pattern, ..settings(27, 5) };
             let rig = Rig::new(ctx, &scene, resolution, base);
-            let sums = &rig.frame().pixel_sums;
+            let sums = &rig.frame().shade.lighting;
             rig.run(|frame, rec| {
-                frame.record_walk(rec)?;
-                frame.record_eye(rec)?;
-                frame.record_mirror_choice(rec)?;
+                frame.walk.record(rec)?;
+                frame.eye.record(rec)?;
+                frame.mirror_lights.as_ref().unwrap().record_choice(rec)?;
                 [&sums.indirect, &sums.specular].into_iter().try_for_each(|b| rec.fill(b, 0))?;
-                frame.record_mirror_light(rec, 0)
+                frame.mirror_lights.as_ref().unwrap().record_light(rec)
             });
             assert_eq!(rig.lost(), 0);
-            let mirrors = rig.engine.mirrors();
-            let all = receivers(&rig, &rig.frame().primary);
+            let mirrors = &rig.engine.device_scene().mirrors;
+            let all = receivers(&rig, &rig.frame().eye.points);
             let (images, indirect, specular) = (chosen(&rig), rig.vec4s(&sums.indirect), rig.vec4s(&sums.specular));
             let mut tally = Tally::new(format!("mirror_lights at {resolution:?}"));
             let (mut lit, mut shiny) = (0, 0);
@@ -151,9 +152,9 @@ fn a_mirror_throws_the_light_of_the_image_on_a_wall() {
         let (scene, light) = beam();
         let rig = Rig::new(ctx, &scene, [61, 47], Settings { mirror_lights: 3, ..settings(4, 3) });
         rig.run(|frame, rec| frame.record(rec, &rig.parameters));
-        let indirect = rig.vec4s(&rig.frame().pixel_sums.indirect);
+        let indirect = rig.vec4s(&rig.frame().shade.lighting.indirect);
         let image = light * Vec3::new(1.0, -1.0, 1.0);
-        let all = receivers(&rig, &rig.frame().primary);
+        let all = receivers(&rig, &rig.frame().eye.points);
         let (mut bright, mut dark, mut sum) = (0, 0, 0.0);
         for slot in rig.list(0) {
             let r = &all[slot as usize];

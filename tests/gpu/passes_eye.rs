@@ -31,7 +31,7 @@ struct Found {
 
 impl Found {
     fn of(rig: &Rig) -> Found {
-        let r = &rig.frame().primary;
+        let r = &rig.frame().eye.points;
         Found {
             position: rig.vec4s(&r.position),
             geometric: rig.vec4s(&r.geometric),
@@ -40,8 +40,8 @@ impl Found {
             f0: rig.vec4s(&r.f0),
             wo: rig.vec4s(&r.wo),
             emitted: rig.vec4s(&r.emitted),
-            beta: rig.vec4s(&rig.frame().beta),
-            throughput: rig.vec4s(&rig.frame().paths.throughput),
+            beta: rig.vec4s(&rig.frame().eye.beta),
+            throughput: rig.vec4s(&rig.frame().eye.paths.throughput),
         }
     }
 
@@ -111,15 +111,21 @@ impl Found {
 /// Runs the eye's stages and compares each but the steps at mirrors and glass; returns the first hits.
 fn look(rig: &Rig) -> Vec<Option<Hit>> {
     let (frame, [width, height, pixels, _]) = (rig.frame(), rig.parameters.size);
-    let r = &frame.primary;
-    rig.prefill(&[&frame.rays.origin, &frame.rays.direction, &frame.rays.hits, &frame.beta, &frame.lists[0].entries]);
-    rig.prefill(&[&r.position, &r.geometric, &r.shading, &r.kd, &r.f0, &r.wo, &r.emitted, &frame.paths.throughput]);
-    rig.run(|frame, rec| frame.record_eye_rays(rec));
+    let r = &frame.eye.points;
+    rig.prefill(&[
+        &frame.eye.rays.origin,
+        &frame.eye.rays.direction,
+        &frame.eye.rays.hits,
+        &frame.eye.beta,
+        &frame.eye.list.entries,
+    ]);
+    rig.prefill(&[&r.position, &r.geometric, &r.shading, &r.kd, &r.f0, &r.wo, &r.emitted, &frame.eye.paths.throughput]);
+    rig.run(|frame, rec| frame.eye.record_first(rec));
     let what = format!("{width}x{height}");
-    let origins = rig.vec4s(&frame.rays.origin);
-    let directions = rig.vec4s(&frame.rays.direction);
-    let hits = rig.vec4s(&frame.rays.hits);
-    let [through, emitted] = [&frame.paths.throughput, &r.emitted].map(|b| rig.vec4s(b));
+    let origins = rig.vec4s(&frame.eye.rays.origin);
+    let directions = rig.vec4s(&frame.eye.rays.direction);
+    let hits = rig.vec4s(&frame.eye.rays.hits);
+    let [through, emitted] = [&frame.eye.paths.throughput, &r.emitted].map(|b| rig.vec4s(b));
     let mut traced = Tally::new(format!("trace, {what}"));
     for i in 0..pixels as usize {
         let expected = camera_rays::reference(&rig.parameters, i as u32);
@@ -134,10 +140,11 @@ fn look(rig: &Rig) -> Vec<Option<Hit>> {
     }
     traced.finish(STRAYS);
 
-    rig.run(|frame, rec| (0..frame.eye_lists.len()).try_for_each(|step| frame.record_eye_step(rec, step)));
-    let [through, met, directions] = [&frame.paths.throughput, &r.emitted, &frame.rays.direction].map(|b| rig.vec4s(b));
-    let last_hits = rig.vec4s(&frame.rays.hits);
-    rig.run(|frame, rec| frame.record_eye_receivers(rec));
+    rig.run(|frame, rec| (0..frame.eye.lists.len()).try_for_each(|step| frame.eye.record_step(rec, step)));
+    let [through, met, directions] =
+        [&frame.eye.paths.throughput, &r.emitted, &frame.eye.rays.direction].map(|b| rig.vec4s(b));
+    let last_hits = rig.vec4s(&frame.eye.rays.hits);
+    rig.run(|frame, rec| frame.eye.record_points(rec));
     assert_eq!(rig.lost(), 0);
     let found = Found::of(rig);
     let ideal = rig.ideal_pixels();
@@ -207,7 +214,7 @@ fn emission_of_each_side() {
                 camera.fov_y = 5.0;
                 let rig = Rig::new(ctx, &scene, [8, 8], Settings { paths: 1, ..Settings::default() });
                 look(&rig);
-                let emitted = rig.vec4s(&rig.frame().primary.emitted);
+                let emitted = rig.vec4s(&rig.frame().eye.points.emitted);
                 assert!(emitted.iter().all(|e| e.truncate() == Vec3::splat(expected)), "{two_sided} {side}");
             }
         }
@@ -226,14 +233,10 @@ fn in_rounds(ctx: &lightsum::gpu::Context, scene: &Scene, loop_budget: u32, roun
         ..Settings::default()
     };
     let rig = Rig::new(ctx, scene, [27, 1], settings);
-    rig.run(|frame, rec| {
-        frame.record_walk(rec)?;
-        frame.record_eye(rec)?;
-        frame.record_shade(rec, 0)
-    });
+    rig.light();
     assert_eq!(rig.lost(), 0, "with {loop_budget} iterations and {rounds} rounds");
-    let sums = &rig.frame().pixel_sums;
-    [&rig.frame().rays.hits, &sums.direct, &sums.indirect].map(|b| rig.get(b))
+    let sums = &rig.frame().shade.lighting;
+    [&rig.frame().eye.rays.hits, &sums.direct, &sums.indirect].map(|b| rig.get(b))
 }
 
 #[test]

@@ -4,19 +4,21 @@ use ash::vk;
 use glam::{Vec3, Vec4};
 use lightsum::accel::{Ray, offset_origin};
 use lightsum::bsdf::Reflectance;
-use lightsum::gpu::{Buffer, Context, Image, Memory, Staging, download, upload};
-use lightsum::pass::accumulate::{self, Accumulate, Film};
+use lightsum::film::Film;
+use lightsum::gpu::{Buffer, Context, Image, Memory, Resources, Staging, download, upload};
+use lightsum::pass::accumulate::{self, Accumulate};
 use lightsum::pass::collect::{self, Gathered};
 use lightsum::pass::layout::{self, PointLight, Step, Work};
 use lightsum::pass::receivers::surface_at;
 use lightsum::pass::resolve::Resolve;
 use lightsum::pass::schedule::{self, Schedule};
 use lightsum::pass::shade::{self, Receiver};
-use lightsum::pass::{EyePathState, Kernels, Lighting, ShadingPoints, gather, sort};
+use lightsum::pass::{EyePathState, Lighting, ShadingPoints, gather, sort};
 use lightsum::settings::{Clip, Sequence, Settings, Traversal};
+use lightsum::stage::Stage;
 
 use crate::rig::{
-    AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error, untouched, xyz,
+    AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, make, ray_of, same_hit, sine_error, untouched, xyz,
 };
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
@@ -79,14 +81,19 @@ struct Seen {
 fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
     let frame = rig.frame();
     let p = &rig.parameters;
-    let before = receivers(rig, if bounce == 1 { &frame.primary } else { &frame.gathered });
-    let old = rig.vec4s(&frame.beta);
-    rig.prefill(&[&frame.rays.origin, &frame.rays.direction, &frame.rays.hits]);
-    rig.run(|frame, rec| frame.record_gather(rec, bounce));
-    let r = &frame.gathered;
-    let rays = [&frame.rays.origin, &frame.rays.direction, &frame.rays.hits].map(|b| rig.vec4s(b));
+    let before = receivers(rig, if bounce == 1 { &frame.eye.points } else { &rig.compensation().points });
+    let old = rig.vec4s(&frame.eye.beta);
+    rig.prefill(&[&frame.eye.rays.origin, &frame.eye.rays.direction, &frame.eye.rays.hits]);
+    rig.run(|_, rec| {
+        if bounce == 1 {
+            rig.compensation().record_clear(rec)?;
+        }
+        rig.compensation().record_gather(rec, bounce)
+    });
+    let r = &rig.compensation().points;
+    let rays = [&frame.eye.rays.origin, &frame.eye.rays.direction, &frame.eye.rays.hits].map(|b| rig.vec4s(b));
     let [origin, direction, hits] = &rays;
-    let [beta, emitted, position, wo] = [&frame.beta, &r.emitted, &r.position, &r.wo].map(|b| rig.vec4s(b));
+    let [beta, emitted, position, wo] = [&frame.eye.beta, &r.emitted, &r.position, &r.wo].map(|b| rig.vec4s(b));
     let after = receivers(rig, r);
     let what = format!("{}x{}, bounce {bounce}", p.size[0], p.size[1]);
     let mut tally = Tally::new(format!("gather, {what}"));
@@ -157,14 +164,19 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
 fn check_shade(rig: &Rig, bounce: usize) {
     let frame = rig.frame();
     let p = &rig.parameters;
-    let (targets, out) =
-        if bounce == 0 { (&frame.primary, &frame.pixel_sums) } else { (&frame.gathered, &frame.gathered_sums) };
+    let (targets, out) = match bounce {
+        0 => (&frame.eye.points, &frame.shade.lighting),
+        _ => (&rig.compensation().points, &rig.compensation().lighting),
+    };
     rig.prefill(&[&out.direct, &out.indirect, &out.specular]);
-    rig.run(|frame, rec| frame.record_shade(rec, bounce));
+    rig.run(|frame, rec| match bounce {
+        0 => frame.shade.record(rec),
+        _ => rig.compensation().record_shade(rec, bounce),
+    });
     // Eye segment, gather rays, shadow ray and j reflections are at most as many as the longest path has.
-    let plan = &rig.engine.parameters().lights;
+    let plan = &rig.engine.plan().lights;
     let Some(reflections) = p.scene[2].checked_sub(bounce as u32 + 2) else { return };
-    let lights: Vec<PointLight> = rig.get(&frame.lights);
+    let lights: Vec<PointLight> = rig.get(&frame.walk.lights);
     // Each class of pixels has lights of its own.
     let lights_of = |slot: u32| {
         let first = (sort::class_of(p, slot) * plan.slots()) as usize;
@@ -188,16 +200,12 @@ fn check_shade(rig: &Rig, bounce: usize) {
 
 fn check_collect(rig: &Rig, bounce: usize) {
     let frame = rig.frame();
-    let before = sums(rig, &frame.pixel_sums);
-    rig.run(|frame, rec| frame.record_collect(rec, bounce));
-    let after = sums(rig, &frame.pixel_sums);
-    if bounce == 0 {
-        assert_eq!(before, after);
-        return;
-    }
-    let r = &frame.gathered;
-    let light = sums(rig, &frame.gathered_sums);
-    let [beta, emitted, kd, wo] = [&frame.beta, &r.emitted, &r.kd, &r.wo].map(|b| rig.vec4s(b));
+    let before = sums(rig, &frame.shade.lighting);
+    rig.run(|_, rec| rig.compensation().record_collect(rec, bounce));
+    let after = sums(rig, &frame.shade.lighting);
+    let r = &rig.compensation().points;
+    let light = sums(rig, &rig.compensation().lighting);
+    let [beta, emitted, kd, wo] = [&frame.eye.beta, &r.emitted, &r.kd, &r.wo].map(|b| rig.vec4s(b));
     let listed = rig.list(bounce - 1);
     for i in 0..beta.len() {
         if listed.binary_search(&(i as u32)).is_err() {
@@ -241,20 +249,19 @@ fn shade_gather_and_collect_follow_their_oracles() {
             let (clip, sequence) = (Clip::Distance(1.2), sequence(i));
             let settings = Settings { paths: 9, pattern, max_depth: 4, clip, sequence, seed: 3, ..Settings::default() };
             let rig = Rig::new(ctx, &scene, resolution, settings);
-            rig.run(|frame, rec| {
-                frame.record_walk(rec)?;
-                frame.record_eye(rec)
-            });
+            rig.walk_and_look();
             let mut seen = Seen::default();
             for bounce in 0..4 {
                 if bounce > 0 {
                     check_gather(&rig, bounce, sine, &mut seen);
                 }
                 check_shade(&rig, bounce);
-                check_collect(&rig, bounce);
+                if bounce > 0 {
+                    check_collect(&rig, bounce);
+                }
                 assert_eq!(rig.lost(), 0);
             }
-            for (k, sum) in sums(&rig, &rig.frame().pixel_sums).iter().enumerate() {
+            for (k, sum) in sums(&rig, &rig.frame().shade.lighting).iter().enumerate() {
                 seen.sums[k] = rig.list(0).len().min(sum.iter().filter(|s| !untouched(**s) && s.x > 0.0).count());
             }
             if resolution[0] > 600 {
@@ -277,7 +284,7 @@ struct Effects {
 fn effects(rig: &Rig, light: &PointLight) -> Effects {
     let p = &rig.parameters;
     let (clip2, far) = (p.right[3], p.forward[3]);
-    let receivers = receivers(rig, &rig.frame().primary);
+    let receivers = receivers(rig, &rig.frame().eye.points);
     let mut effects = Effects::default();
     for &i in &rig.list(0) {
         let r = &receivers[i as usize];
@@ -300,13 +307,13 @@ fn effects(rig: &Rig, light: &PointLight) -> Effects {
 /// Replaces all lights of a rig by one, in the place of number `slot`.
 fn only(rig: &Rig, slot: usize, light: PointLight) {
     // A light's slot says how many reflections it has behind it, lit or not.
-    let mut lights: Vec<PointLight> = rig.get(&rig.frame().lights);
+    let mut lights: Vec<PointLight> = rig.get(&rig.frame().walk.lights);
     for l in &mut lights {
         *l = PointLight { f0: [0.0, 0.0, 0.0, l.f0[3]], ..PointLight::default() };
     }
     lights[slot] = light;
     let mut staging = Staging::new();
-    staging.stage_into(rig.ctx, &rig.frame().lights, 0, &lights).unwrap();
+    staging.stage_into(rig.ctx, &rig.frame().walk.lights, 0, &lights).unwrap();
     rig.run(|_, rec| staging.record(rec));
 }
 
@@ -322,12 +329,9 @@ fn shade_each_kind(ctx: &Context, traversal: Traversal) {
     let scene = gallery();
     let settings = Settings { paths: 27, clip: Clip::Distance(1.0), seed: 3, traversal, ..Settings::default() };
     let rig = Rig::new(ctx, &scene, [31, 17], settings);
-    rig.run(|frame, rec| {
-        frame.record_walk(rec)?;
-        frame.record_eye(rec)
-    });
-    let lights: Vec<PointLight> = rig.get(&rig.frame().lights);
-    let delta = rig.engine.delta_lights().len();
+    rig.walk_and_look();
+    let lights: Vec<PointLight> = rig.get(&rig.frame().walk.lights);
+    let delta = rig.engine.device_scene().delta.len();
     assert_eq!(delta, 4);
     let reflected = rig.parameters.depths[1][1] as usize;
     // Of those that send out anything, the one that lights most receivers.
@@ -354,9 +358,9 @@ fn shade_each_kind(ctx: &Context, traversal: Traversal) {
         ("near surface", delta, near, true, true),
     ] {
         only(&rig, slot, light);
-        rig.run(|frame, rec| frame.record_shade(rec, 0));
-        let found = sums(&rig, &rig.frame().pixel_sums);
-        let receivers = receivers(&rig, &rig.frame().primary);
+        rig.run(|frame, rec| frame.shade.record(rec));
+        let found = sums(&rig, &rig.frame().shade.lighting);
+        let receivers = receivers(&rig, &rig.frame().eye.points);
         let mut tally = Tally::new(format!("shade by a {name} light"));
         let indirect = if light.flags() & PointLight::GLOSSY != 0 { LOBE } else { DIFFUSE };
         for &i in &rig.list(0) {
@@ -383,7 +387,6 @@ pub struct Sheet {
     pub paths: EyePathState,
     pub sums: Lighting,
     film: Film,
-    pub pixels: u32,
 }
 
 impl Sheet {
@@ -391,6 +394,7 @@ impl Sheet {
         let pixels = width * height;
         let parameters = layout::Frame {
             size: [width, height, pixels, 0],
+            within: [0, 0, width, height],
             pixel_offset: [0.0, 0.0, 0.25, 1.0 / passes as f32],
             ..layout::Frame::default()
         };
@@ -400,13 +404,12 @@ impl Sheet {
             paths: EyePathState::new(ctx, 2 * pixels, 0).unwrap(),
             sums: Lighting::new(ctx, "test", 2 * pixels).unwrap(),
             film: Film::new(ctx, pixels, true).unwrap(),
-            pixels,
         }
     }
 
-    fn accumulate(&self, kernels: &Kernels, status: &Buffer) -> Accumulate {
-        Accumulate::new(kernels, &self.frame, &self.receivers, &self.paths, &self.sums, &self.film, status, self.pixels)
-            .unwrap()
+    fn accumulate(&self, ctx: &Context, status: &Buffer) -> Accumulate {
+        let shared = Resources::of([("frame", &self.frame), ("status", status)]);
+        make(ctx, shared, |kit| Accumulate::new(kit, &self.receivers, &self.paths, &self.sums, &self.film))
     }
 }
 
@@ -424,7 +427,6 @@ pub fn fill(ctx: &Context, buffer: &Buffer, numbers: &mut Numbers, scale: f32, w
 fn accumulate_loses_nothing_over_thousands_of_passes() {
     gpu_test(|ctx| {
         const PASSES: u32 = 3000;
-        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
         for size in AWKWARD_SIZES {
             let s = Sheet::new(ctx, [size as u32, 1], PASSES);
             let (r, n) = (&s.receivers, &mut Numbers(size as u32));
@@ -445,7 +447,7 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
             let large =
                 [&s.film.color[1], &s.film.direct[0], &s.film.indirect[0]].map(|b| fill(ctx, b, n, 1000.0, |_| 0.0));
             let status = upload(ctx, "status", &[0u32, 0, 0, 0]).unwrap();
-            let pass = s.accumulate(&kernels, &status);
+            let pass = s.accumulate(ctx, &status);
             ctx.submit_and_wait("accumulate", None, |rec| {
                 for b in [&s.film.color_rest[1], &s.film.direct[1], &s.film.indirect[1], &s.film.albedo, &s.film.normal]
                 {
@@ -506,7 +508,6 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
 #[test]
 fn accumulate_is_the_compensated_sum() {
     gpu_test(|ctx| {
-        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
         let s = Sheet::new(ctx, [64, 1], 1);
         let (r, n) = (&s.receivers, &mut Numbers(5));
         fill(ctx, &r.position, n, 1.0, |_| 1.0);
@@ -517,7 +518,7 @@ fn accumulate_is_the_compensated_sum() {
         let rest = fill(ctx, &s.film.direct[1], n, 1e-4, |_| 0.0);
         for lost in [1u32, 0] {
             let status = upload(ctx, "status", &[lost, 0, 0, 0]).unwrap();
-            let pass = s.accumulate(&kernels, &status);
+            let pass = s.accumulate(ctx, &status);
             ctx.submit_and_wait("accumulate", None, |rec| pass.record(rec, 0)).unwrap();
             let found = s.film.direct.each_ref().map(|b| download::<Vec4>(ctx, b).unwrap());
             for i in 0..64 {
@@ -536,7 +537,6 @@ fn accumulate_is_the_compensated_sum() {
 #[test]
 fn resolve_writes_the_mean_of_the_film() {
     gpu_test(|ctx| {
-        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
         for (passes, [width, height]) in (1u32..).zip(AWKWARD_IMAGES) {
             let s = Sheet::new(ctx, [width, height], passes);
             let n = &mut Numbers(passes);
@@ -544,7 +544,7 @@ fn resolve_writes_the_mean_of_the_film() {
             let out = Buffer::new(ctx, "copied image", image.bytes(), Memory::Readback).unwrap();
             let sum = [0, 1].map(|i| fill(ctx, &s.film.color[i], n, 100.0, |i| i as f32));
             let rest = [0, 1].map(|i| fill(ctx, &s.film.color_rest[i], n, 1e-3, |_| 0.0));
-            let pass = Resolve::new(&kernels, &s.film, &image, s.pixels).unwrap();
+            let pass = make(ctx, Resources::new(), |kit| Resolve::new(kit, &s.film, &image));
             let mut counts = Staging::new();
             counts.stage_into(ctx, &s.film.counts, 0, &[passes.div_ceil(2), passes / 2]).unwrap();
             ctx.submit_and_wait("resolve", None, |rec| {
@@ -567,7 +567,6 @@ fn resolve_writes_the_mean_of_the_film() {
 #[test]
 fn schedule_turns_counts_into_dispatches() {
     gpu_test(|ctx| {
-        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
         for live in [0u32, 1, 63, 64, 65, (1 << 21) + 1, u32::MAX - 63] {
             for unfinished in [0, 1, 77] {
                 let steps: Vec<Step> = [0, 1, 27, 64, 65, 2049, 3 << 21]
@@ -575,13 +574,14 @@ fn schedule_turns_counts_into_dispatches() {
                     .flat_map(|end| [[0, 0], [1, 0], [0, 1], [1, 1]].map(|[last, indirect]| (end, last, indirect)))
                     .map(|(end, last, indirect)| Step { end, last, indirect, ..Step::default() })
                     .collect();
-                let step_buffer = upload(ctx, "steps", &steps).unwrap();
+                let step_set = Resources::of([("steps", &upload(ctx, "steps", &steps).unwrap())]);
                 let list_groups = [9, 9, 9, unfinished];
                 let before = Work { live, unfinished, round_groups: [9; 4], list_groups, ..Work::default() };
                 let works: Vec<Buffer> = steps.iter().map(|_| upload(ctx, "work", &[before]).unwrap()).collect();
                 let status = upload(ctx, "status", &[5u32, 6, 7, 8]).unwrap();
-                let passes: Vec<Schedule> =
-                    works.iter().map(|w| Schedule::new(&kernels, w, &step_buffer, &status).unwrap()).collect();
+                let passes: Vec<Schedule> = make(ctx, Resources::of([("status", &status)]), |kit| {
+                    works.iter().map(|work| Schedule::new(kit, work, &step_set)).collect()
+                });
                 ctx.submit_and_wait("schedule", None, |rec| {
                     (0u32..).zip(&passes).try_for_each(|(i, pass)| pass.record(rec, i))
                 })

@@ -9,6 +9,7 @@ use lightsum::pass::shade::{self, Receiver};
 use lightsum::plan::{LOOP_BUDGET, least_loop_budget};
 use lightsum::scene::{Camera, Scene, builtin};
 use lightsum::settings::{Clip, Settings};
+use lightsum::stage::Stage;
 use lightsum::standalone::Renderer;
 
 use crate::rig::{Rig, close, gallery, xyz};
@@ -42,19 +43,16 @@ fn more_work_than_the_driver_lets_one_dispatch_do() {
         let scene = builtin::deep_scene(1500);
         let settings = Settings { paths: 4096, clip: Clip::Distance(0.0), ..Settings::default() };
         let rig = Rig::new(ctx, &scene, [8, 1], settings);
-        rig.run(|frame, rec| {
-            frame.record_walk(rec)?;
-            frame.record_eye(rec)
-        });
-        rig.run(|frame, rec| frame.record_shade(rec, 0));
+        rig.walk_and_look();
+        rig.run(|frame, rec| frame.shade.record(rec));
         assert_eq!(rig.lost(), 0);
         let frame = rig.frame();
-        let lights: Vec<PointLight> = rig.get(&frame.lights);
+        let lights: Vec<PointLight> = rig.get(&frame.walk.lights);
         assert!(lights.len() > 8000, "{} lights", lights.len());
-        let r = &frame.primary;
+        let r = &frame.eye.points;
         let [position, geometric, shading, kd, wo] =
             [&r.position, &r.geometric, &r.shading, &r.kd, &r.wo].map(|b| rig.vec4s(b));
-        let sums = [&frame.pixel_sums.direct, &frame.pixel_sums.indirect].map(|b| rig.vec4s(b));
+        let sums = [&frame.shade.lighting.direct, &frame.shade.lighting.indirect].map(|b| rig.vec4s(b));
         let mut compared = 0;
         for i in rig.list(0).into_iter().map(|i| i as usize).step_by(2) {
             let receiver = Receiver {
@@ -88,10 +86,11 @@ fn a_trace_of_more_steps_than_the_driver_lets_one_dispatch_do() {
         let scene = builtin::deep_scene(40_000);
         let settings = Settings { paths: 8, rounds: 16, ..Settings::default() };
         let rig = Rig::new(ctx, &scene, [4, 2], settings);
-        rig.run(|frame, rec| frame.record_eye(rec));
+        rig.run(|frame, rec| frame.eye.record(rec));
         assert_eq!(rig.lost(), 0);
         let [origin, direction, hits] =
-            [&rig.frame().rays.origin, &rig.frame().rays.direction, &rig.frame().rays.hits].map(|b| rig.vec4s(b));
+            [&rig.frame().eye.rays.origin, &rig.frame().eye.rays.direction, &rig.frame().eye.rays.hits]
+                .map(|b| rig.vec4s(b));
         let mut most = 0;
         for i in 0..8 {
             let mut steps = Steps::default();
@@ -125,7 +124,7 @@ fn rays_that_run_out_of_steps_are_reported_and_leave_no_trace() {
     gpu_test(|ctx| {
         let scene = builtin::deep_scene(60);
         let mut rig = Rig::new(ctx, &scene, [27, 1], starved());
-        let film: Vec<Buffer> = rig.frame().film.buffers().into_iter().cloned().collect();
+        let film: Vec<Buffer> = rig.frame().output.film.buffers().into_iter().cloned().collect();
         rig.prefill(&film.iter().collect::<Vec<_>>());
         ctx.submit_and_wait("a pass", None, |rec| rig.engine.record_pass(rec)).unwrap();
         let lost = rig.lost();
@@ -149,10 +148,10 @@ fn a_renderer_recovers_lost_rays_by_more_rounds() {
     gpu_test(|ctx| {
         let scene = builtin::deep_scene(60);
         let hungry = render(ctx, &scene, [9, 3], starved(), 2);
-        assert!(hungry.engine().parameters().settings.rounds > 1);
+        assert!(hungry.engine().plan().settings.rounds > 1);
         let fed = Settings { loop_budget: LOOP_BUDGET, rounds: 4, ..starved() };
         let fed = render(ctx, &scene, [9, 3], fed, 2);
-        assert_eq!(fed.engine().parameters().settings.rounds, 4);
+        assert_eq!(fed.engine().plan().settings.rounds, 4);
         assert_eq!(hungry.passes(), 2);
         // A ray carried on has the same numbers as one that is not.
         assert!(hungry.save_state().unwrap() == fed.save_state().unwrap(), "the images differ");

@@ -4,17 +4,16 @@ use std::collections::BTreeMap;
 
 use glam::{Vec3, Vec4};
 use lightsum::bsdf::ideal::Media;
-use lightsum::gpu::{download, upload};
-use lightsum::pass::Kernels;
+use lightsum::gpu::{Resources, download, upload};
 use lightsum::pass::eye_paths::{self, EyePath};
 use lightsum::pass::merge::{self, Merge};
 use lightsum::pass::receivers::surface_at;
 use lightsum::pass::{List, layout, tiles};
 use lightsum::scene::{Scene, Surface, builtin};
-use lightsum::settings::{Settings, Superposition, Traversal};
+use lightsum::settings::{Settings, Superposition};
 
 use crate::passes_light::{Sheet, fill};
-use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, ray_of, same_hit, untouched};
+use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, make, ray_of, same_hit, untouched};
 use crate::support::gpu_test;
 
 /// What may differ of a direction: refraction near the critical angle magnifies the rounding of roots and divisions.
@@ -37,12 +36,12 @@ impl EyePathState {
     fn of(rig: &Rig) -> EyePathState {
         let frame = rig.frame();
         EyePathState {
-            origin: rig.vec4s(&frame.rays.origin),
-            direction: rig.vec4s(&frame.rays.direction),
-            hits: rig.vec4s(&frame.rays.hits),
-            throughput: rig.vec4s(&frame.paths.throughput),
-            media: rig.get(&frame.paths.media),
-            emitted: rig.vec4s(&frame.primary.emitted),
+            origin: rig.vec4s(&frame.eye.rays.origin),
+            direction: rig.vec4s(&frame.eye.rays.direction),
+            hits: rig.vec4s(&frame.eye.rays.hits),
+            throughput: rig.vec4s(&frame.eye.paths.throughput),
+            media: rig.get(&frame.eye.paths.media),
+            emitted: rig.vec4s(&frame.eye.points.emitted),
         }
     }
 
@@ -84,14 +83,14 @@ struct Seen {
 fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
     let frame = rig.frame();
     let [width, height, pixels, _] = rig.parameters.size;
-    let slots = (frame.paths.throughput.bytes() / 16) as u32;
+    let slots = (frame.eye.paths.throughput.bytes() / 16) as u32;
     let twins = if slots > pixels { pixels } else { 0 };
     let before = EyePathState::of(rig);
     let entering: Vec<u32> = match step.checked_sub(1) {
         None => (0..pixels).collect(),
         Some(last) => rig.eye_list(last),
     };
-    rig.run(|frame, rec| frame.record_eye_step(rec, step));
+    rig.run(|frame, rec| frame.eye.record_step(rec, step));
     let in_tile: Vec<u32> = rig.ideal_pixels();
     let after = EyePathState::of(rig);
     let what = format!("{width}x{height}, step {step}");
@@ -112,7 +111,7 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
         let way = (d, hit.t, cos_view);
         let number = step as u32;
         let plane = rig.spreading_plane(&hit, d).filter(|_| {
-            let shown = || rig.get::<u32>(&frame.planes.region)[(slot % pixels) as usize];
+            let shown = || rig.get::<u32>(&frame.eye.planes.region)[(slot % pixels) as usize];
             step == 0 || (shown() > 0 && rig.is_pane(shown()) == (slot < pixels))
         });
         seen.mirrored += usize::from(plane.is_some() && step == 0);
@@ -167,9 +166,9 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
 
 /// Compares the list of tiles that show mirrors or glass.
 fn check_tiles(rig: &Rig) {
-    let List { entries: list, work } = &rig.frame().ideal_tiles;
+    let List { entries: list, work } = &rig.frame().eye.ideal_tiles;
     let [width, height, pixels, _] = rig.parameters.size;
-    let hits = rig.vec4s(&rig.frame().rays.hits);
+    let hits = rig.vec4s(&rig.frame().eye.rays.hits);
     let ideal = |hit: &Vec4| {
         hit_of(*hit).is_some_and(|hit| {
             let material = rig.bvh().material(hit.triangle) as usize;
@@ -177,7 +176,7 @@ fn check_tiles(rig: &Rig) {
         })
     };
     let ideal: Vec<bool> = hits[..pixels as usize].iter().map(ideal).collect();
-    rig.run(|frame, rec| frame.record_tiles(rec));
+    rig.run(|frame, rec| frame.eye.record_tiles(rec));
     let work: layout::Work = rig.get(work)[0];
     let expected = tiles::reference([width, height], &ideal);
     assert_eq!(rig.get::<u32>(list)[..work.live as usize], expected, "{width}x{height}");
@@ -188,12 +187,12 @@ fn check_tiles(rig: &Rig) {
 /// Runs the steps of the eye paths, comparing each.
 fn follow(rig: &Rig, seen: &mut Seen) {
     let frame = rig.frame();
-    let paths = &frame.paths;
-    rig.prefill(&[&frame.rays.origin, &frame.rays.direction, &frame.rays.hits, &frame.primary.emitted]);
+    let paths = &frame.eye.paths;
+    rig.prefill(&[&frame.eye.rays.origin, &frame.eye.rays.direction, &frame.eye.rays.hits, &frame.eye.points.emitted]);
     rig.prefill(&[&paths.throughput, &paths.media]);
-    rig.run(|frame, rec| frame.record_eye_rays(rec));
+    rig.run(|frame, rec| frame.eye.record_first(rec));
     check_tiles(rig);
-    for step in 0..frame.eye_lists.len() {
+    for step in 0..frame.eye.lists.len() {
         check_step(rig, step, seen);
     }
     assert_eq!(rig.lost(), 0);
@@ -213,7 +212,7 @@ fn eye_paths_follow_their_oracle() {
                 let settings =
                     Settings { paths: 1, max_specular: 5, split, superposition, seed: i as u64, ..Settings::default() };
                 let rig = Rig::new(ctx, scene, resolution, settings);
-                assert_eq!(rig.frame().eye_lists.len(), 5);
+                assert_eq!(rig.frame().eye.lists.len(), 5);
                 follow(&rig, &mut seen);
             }
             let all = [seen.first, seen.second, seen.stayed, seen.crossed, seen.within_two];
@@ -228,8 +227,8 @@ fn scenes_without_mirrors_and_glass_do_not_pay() {
     gpu_test(|ctx| {
         let steps = |scene: &Scene, settings: Settings| {
             let rig = Rig::new(ctx, scene, [9, 5], settings);
-            let slots = rig.frame().primary.position.bytes() / 16;
-            (rig.frame().eye_lists.len(), slots / 45)
+            let slots = rig.frame().eye.points.position.bytes() / 16;
+            (rig.frame().eye.lists.len(), slots / 45)
         };
         let defaults = Settings { paths: 1, ..Settings::default() };
         assert_eq!(steps(&builtin::furnace(0.5, 1.0), defaults.clone()), (0, 1));
@@ -252,7 +251,7 @@ fn tiles_are_listed_in_order() {
         let scene = gallery();
         for resolution in [[1, 1], [8, 513], [521, 9], [640, 200]] {
             let rig = Rig::new(ctx, &scene, resolution, Settings { paths: 1, ..Settings::default() });
-            rig.run(|frame, rec| frame.record_eye_rays(rec));
+            rig.run(|frame, rec| frame.eye.record_first(rec));
             check_tiles(&rig);
         }
     });
@@ -261,7 +260,6 @@ fn tiles_are_listed_in_order() {
 #[test]
 fn merge_adds_second_components_to_their_pixels() {
     gpu_test(|ctx| {
-        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
         for [width, height] in AWKWARD_IMAGES {
             let size = (width * height) as usize;
             let s = Sheet::new(ctx, [width, height], 1);
@@ -282,7 +280,8 @@ fn merge_adds_second_components_to_their_pixels() {
                 entries: upload(ctx, "tiles", &tiles).unwrap(),
                 work: upload(ctx, "tile work", &[work]).unwrap(),
             };
-            let pass = Merge::new(&kernels, &s.frame, r, &s.paths, &s.sums, &list, &r.emitted).unwrap();
+            let shared = Resources::of([("frame", &s.frame)]);
+            let pass = make(ctx, shared, |kit| Merge::new(kit, r, &s.paths, &s.sums, &list, &r.emitted));
             ctx.submit_and_wait("merge", None, |rec| pass.record(rec)).unwrap();
             let found = download::<Vec4>(ctx, &r.emitted).unwrap();
             for i in 0..size {

@@ -3,7 +3,6 @@
 use glam::{Vec3, Vec4};
 use lightsum::bsdf::Reflectance;
 use lightsum::bsdf::ideal::Media;
-use lightsum::frame::Photons;
 use lightsum::gpu::Context;
 use lightsum::pass::layout::Work;
 use lightsum::pass::photon_follow::{self, Fate};
@@ -13,6 +12,7 @@ use lightsum::pass::shade::Receiver;
 use lightsum::pass::{photon_find, photon_grid, photon_start};
 use lightsum::scene::Scene;
 use lightsum::settings::Settings;
+use lightsum::stage::{Photons, Stage};
 
 use crate::rig::{Rig, SINE, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error};
 use crate::support::{AWKWARD_SIZES, gpu_test};
@@ -60,8 +60,9 @@ fn check_start(rig: &Rig, what: &str, sine: f32) {
     let state = State::of(rig);
     let mut tally = Tally::new(format!("photon_start, {what}"));
     let mut traced = Tally::new(format!("trace of photons, {what}"));
+    let targets = &rig.engine.device_scene().targets;
     for i in 0..p.count as usize {
-        let oracle = photon_start::reference(&rig.parameters, rig.engine.emitters(), rig.engine.targets(), i as u32);
+        let oracle = photon_start::reference(&rig.parameters, rig.engine.emitters(), targets, i as u32);
         let (ray, flux) = (ray_of(state.origin[i], state.direction[i]), state.flux[i]);
         let same = match oracle {
             None => ray.t_max == 0.0 && flux.truncate() == Vec3::ZERO,
@@ -109,7 +110,7 @@ fn check_step(rig: &Rig, what: &str, step: usize, seen: &mut [usize; 3]) {
         let fate = hit.map_or(Fate::Lost, |hit| {
             let d = before.direction[i].truncate();
             let surface = surface_at(rig.scene, rig.bvh(), &hit, d);
-            let aimed = rig.engine.targets().of_triangle[hit.triangle as usize] == flux.w.to_bits();
+            let aimed = rig.engine.device_scene().targets.of_triangle[hit.triangle as usize] == flux.w.to_bits();
             let media = if step == 0 { Media::default() } else { Media(before.media[i]) };
             let state = (d, flux.truncate(), media);
             let number = (step as u32, last);
@@ -194,26 +195,23 @@ fn check_grid(rig: &Rig, what: &str) -> Vec<Photon> {
 
 /// Lights the image; returns the number of receivers that photons light, diffusely and by a lobe.
 fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
-    rig.run(|frame, rec| {
-        frame.record_walk(rec)?;
-        frame.record_eye(rec)?;
-        frame.record_shade(rec, 0)
-    });
+    rig.light();
     let frame = rig.frame();
-    let sums = || [&frame.pixel_sums.indirect, &frame.pixel_sums.specular].map(|b| rig.vec4s(b));
+    let sums = || [&frame.shade.lighting.indirect, &frame.shade.lighting.specular].map(|b| rig.vec4s(b));
     let before = sums();
-    rig.run(|frame, rec| frame.record_photon_light(rec, 0));
+    rig.run(|frame, rec| frame.photon_lighting.record(rec));
     assert_eq!(rig.lost(), 0, "{what}");
     let after = sums();
-    let r = &frame.primary;
+    let r = &frame.eye.points;
     let [position, geometric, shading, f0, wo] =
         [&r.position, &r.geometric, &r.shading, &r.f0, &r.wo].map(|b| rig.vec4s(b));
     let of_photons = State::of(rig).position.into_iter().map(|v| (v.w == 1.0).then_some(v.truncate()));
     let of_photons = stored(&of_photons.collect::<Vec<_>>());
     let listed: Vec<(u32, Vec3)> =
         rig.list(0).into_iter().map(|slot| (slot, position[slot as usize].truncate())).collect();
-    let work = rig.get::<Work>(&frame.photons.as_ref().unwrap().found.work)[0];
-    let mut found = rig.get::<u32>(&frame.photons.as_ref().unwrap().found.entries)[..work.live as usize].to_vec();
+    let list = &frame.photon_lighting.as_ref().unwrap().found;
+    let work = rig.get::<Work>(&list.work)[0];
+    let mut found = rig.get::<u32>(&list.entries)[..work.live as usize].to_vec();
     found.sort_unstable();
     assert_eq!(found, photon_find::reference(&rig.parameters, &listed, &of_photons), "{what}: receivers found");
     let mut tally = Tally::new(format!("photon_light, {what}"));

@@ -9,6 +9,7 @@ use lightsum::pass::receivers::surface_at;
 use lightsum::pass::{walk_reflect, walk_start};
 use lightsum::scene::Scene;
 use lightsum::settings::{Sequence, Settings};
+use lightsum::stage::Stage;
 
 use crate::rig::{Rig, SINE, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error, untouched, xyz};
 use crate::support::{AWKWARD_SIZES, gpu_test};
@@ -72,13 +73,13 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
     let classes = settings.classes();
     let rig = Rig::new(ctx, scene, [1, 1], settings);
     let (frame, p) = (rig.frame(), &rig.parameters);
-    let plan = &rig.engine.parameters().lights;
-    let delta: Vec<PointLight> = rig.engine.delta_lights().to_vec();
-    let particles = &frame.particles;
-    rig.prefill(&[&particles.origin, &particles.direction, &particles.hits, &frame.flux]);
-    rig.run(|frame, rec| frame.record_walk_start(rec));
+    let plan = &rig.engine.plan().lights;
+    let delta: Vec<PointLight> = rig.engine.device_scene().delta.to_vec();
+    let particles = &frame.walk.particles;
+    rig.prefill(&[&particles.origin, &particles.direction, &particles.hits, &frame.walk.flux]);
+    rig.run(|frame, rec| frame.walk.record_start(rec));
 
-    let mut lights: Vec<PointLight> = rig.get(&frame.lights);
+    let mut lights: Vec<PointLight> = rig.get(&frame.walk.lights);
     for of_class in lights.chunks(plan.slots() as usize) {
         assert_eq!(of_class[..delta.len()], delta, "{what}: delta lights stay as they are");
     }
@@ -86,11 +87,11 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
     let slot = |n: usize, j: usize| walk_start::light_slot(p, n as u32, plan.first_slot(j)) as usize;
     let mut origins = rig.vec4s(&particles.origin);
     let mut directions = rig.vec4s(&particles.direction);
-    let mut fluxes = rig.vec4s(&frame.flux);
+    let mut fluxes = rig.vec4s(&frame.walk.flux);
     let mut tally = Tally::new(format!("walk_start, {what}"));
     let mut kinds = Vec::new();
     let direct = plan.survivors[0] * classes;
-    for i in 0..rig.engine.parameters().settings.particles() {
+    for i in 0..rig.engine.plan().settings.particles() {
         let (light, ray, flux) = walk_start::reference(p, rig.engine.emitters(), i);
         let n = i as usize;
         let u = walk_start::walk_numbers(p, 0, i)[0];
@@ -113,10 +114,10 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
     let mut lobes = [0, 0];
     for j in 1..plan.survivors.len() {
         rig.prefill(&[&particles.hits]);
-        rig.run(|frame, rec| frame.record_walk_reflection(rec, j));
+        rig.run(|frame, rec| frame.walk.record_reflection(rec, j));
         let hits = rig.vec4s(&particles.hits);
-        lights = rig.get(&frame.lights);
-        let after = [&particles.origin, &particles.direction, &frame.flux].map(|b| rig.vec4s(b));
+        lights = rig.get(&frame.walk.lights);
+        let after = [&particles.origin, &particles.direction, &frame.walk.flux].map(|b| rig.vec4s(b));
         let mut traced = Tally::new(format!("trace for reflection {j}, {what}"));
         let mut tally = Tally::new(format!("walk_reflect {j}, {what}"));
         let alive = (plan.survivors[j] * classes) as usize;
@@ -189,8 +190,8 @@ fn every_emitter_starts_particles() {
         let emitters = rig.engine.emitters();
         let mut started = vec![0; emitters.list.len()];
         let mut sides = [0, 0];
-        rig.run(|frame, rec| frame.record_walk(rec));
-        let lights: Vec<PointLight> = rig.get(&rig.frame().lights);
+        rig.run(|frame, rec| frame.walk.record(rec));
+        let lights: Vec<PointLight> = rig.get(&rig.frame().walk.lights);
         for i in 0..2049 {
             let e = emitters.choose(walk_start::walk_numbers(&rig.parameters, 0, i)[0]).0 as usize;
             started[e] += 1;
@@ -212,13 +213,13 @@ fn every_emitter_starts_particles() {
 
 /// The lights of a pass from the oracles alone.
 fn walk(rig: &Rig) -> Vec<PointLight> {
-    let (p, plan) = (&rig.parameters, &rig.engine.parameters().lights);
+    let (p, plan) = (&rig.parameters, &rig.engine.plan().lights);
     let classes = p.pattern[2];
     let mut of_class = vec![PointLight::default(); plan.slots() as usize];
-    of_class[..plan.delta as usize].copy_from_slice(rig.engine.delta_lights());
+    of_class[..plan.delta as usize].copy_from_slice(&rig.engine.device_scene().delta);
     let mut lights = of_class.repeat(classes as usize);
     let slot = |i: u32, j: usize| walk_start::light_slot(p, i, plan.first_slot(j)) as usize;
-    for i in 0..rig.engine.parameters().settings.particles() {
+    for i in 0..rig.engine.plan().settings.particles() {
         let (light, mut ray, mut flux) = walk_start::reference(p, rig.engine.emitters(), i);
         if i < plan.survivors[0] * classes {
             lights[slot(i, 0)] = light;
@@ -249,13 +250,13 @@ fn the_walk_against_the_oracle_path_by_path() {
             (229, [3, 3], false, 2),
         ] {
             let mut rig = Rig::new(ctx, &scene, [1, 1], interleaved(paths, pattern, jitter));
-            rig.parameters = rig.engine.parameters().frame(pass).unwrap();
+            rig.parameters = rig.engine.plan().parameters(pass).unwrap();
             let parameters = rig.parameters;
             rig.run(|frame, rec| {
                 frame.record_start(rec, &parameters)?;
-                frame.record_walk(rec)
+                frame.walk.record(rec)
             });
-            let found: Vec<PointLight> = rig.get(&rig.frame().lights);
+            let found: Vec<PointLight> = rig.get(&rig.frame().walk.lights);
             let expected = walk(&rig);
             assert_eq!(found.len(), expected.len());
             let mut tally = Tally::new(format!("walk of {paths} particles, pass {pass}, jitter {jitter}"));

@@ -164,7 +164,7 @@ fn exported_lights_give_the_same_image() {
         // All but those of particles that left through the open front.
         let lit = first.lights().unwrap().iter().filter(|l| l.emit[..3].iter().any(|&e| e > 0.0)).count();
         assert_eq!(count, lit);
-        let slots = first.engine().parameters().lights.slots() as usize;
+        let slots = first.engine().plan().lights.slots() as usize;
         assert!(count < slots && count > slots / 2, "{count} of {slots}");
 
         let again = scene::load(&path).unwrap();
@@ -247,7 +247,7 @@ fn rays_that_run_out_of_steps_are_carried_on() {
         let mut renderer = renderer(ctx, &scene, camera, &many);
         renderer.pass().unwrap();
         renderer.pass().unwrap();
-        assert!(renderer.engine().parameters().settings.rounds > 1, "the scene is not deep enough");
+        assert!(renderer.engine().plan().settings.rounds > 1, "the scene is not deep enough");
         assert!(bits(&renderer.layers().unwrap()) == bits(&expected));
     });
 }

@@ -1,5 +1,6 @@
 //! A scene on the shared device whose frame is recorded stage by stage, and a gallery of all that stages must handle.
 
+use std::cell::RefCell;
 use std::path::Path;
 
 use bytemuck::Pod;
@@ -8,12 +9,14 @@ use lightsum::accel::{Bvh, Hit, Ray};
 use lightsum::device_scene::encode_normal;
 use lightsum::engine::Engine;
 use lightsum::frame::Frame;
-use lightsum::gpu::{Buffer, Context, Recorder, download};
+use lightsum::gpu::{Buffer, Context, Recorder, Resources, Staging, download};
 use lightsum::pass::clusters::NO_RECEIVER;
 use lightsum::pass::eye_paths::Plane;
-use lightsum::pass::{List, layout, walk_start};
+use lightsum::pass::{Kit, List, layout, walk_start};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
-use lightsum::settings::Settings;
+use lightsum::settings::{Settings, Traversal};
+use lightsum::stage::{Compensation, Stage};
+use lightsum::superposition::kernels::KernelLibrary;
 
 /// Image sizes at which off-by-one mistakes show: one pixel, part of a workgroup, one workgroup, 2049 pixels, a prime width.
 pub const AWKWARD_IMAGES: [[u32; 2]; 5] = [[1, 1], [27, 1], [8, 8], [683, 3], [31, 17]];
@@ -35,7 +38,7 @@ impl<'a> Rig<'a> {
         let tan = (0.5 * camera.fov_y).to_radians().tan() * (height / width.max(height));
         let camera = Camera { resolution, fov_y: 2.0 * tan.atan().to_degrees(), ..camera };
         let mut engine = Engine::new(ctx, scene, camera, settings).unwrap();
-        let parameters = engine.parameters().frame(0).unwrap();
+        let parameters = engine.plan().parameters(0).unwrap();
         ctx.submit_and_wait("setup", None, |rec| {
             engine.record_setup(rec)?;
             engine.frame().record_start(rec, &parameters)
@@ -49,6 +52,25 @@ impl<'a> Rig<'a> {
         self.engine.frame()
     }
 
+    /// The stage that brings back what clipping cut off.
+    pub fn compensation(&self) -> &Compensation {
+        self.frame().compensation.as_ref().unwrap()
+    }
+
+    /// Particles walk, and the eye looks.
+    pub fn walk_and_look(&self) {
+        self.run(|frame, rec| {
+            frame.walk.record(rec)?;
+            frame.eye.record(rec)
+        });
+    }
+
+    /// Particles walk, the eye looks, and lights light what it sees.
+    pub fn light(&self) {
+        self.walk_and_look();
+        self.run(|frame, rec| frame.shade.record(rec));
+    }
+
     pub fn bvh(&self) -> &Bvh {
         self.engine.bvh()
     }
@@ -56,6 +78,16 @@ impl<'a> Rig<'a> {
     /// Runs commands of the frame.
     pub fn run(&self, record: impl FnOnce(&Frame, &mut Recorder) -> lightsum::Result<()>) {
         self.ctx.submit_and_wait("a stage", None, |rec| record(self.frame(), rec)).unwrap();
+    }
+
+    /// Makes one more pass of the frame.
+    pub fn make<T>(&self, pass: impl FnOnce(&Kit) -> lightsum::Result<T>) -> T {
+        let own = Resources::of([("frame", &self.frame().parameters), ("status", &self.frame().status)]);
+        let mut staging = Staging::new();
+        let traversal = self.engine.settings().traversal;
+        let made = pass(&Kit::new(self.ctx, &mut staging, self.engine.device_scene(), traversal, &own)).unwrap();
+        self.run(|_, rec| staging.record(rec));
+        made
     }
 
     /// Fills buffers with a value that no stage writes.
@@ -72,17 +104,17 @@ impl<'a> Rig<'a> {
     }
 
     pub fn work(&self, bounce: usize) -> layout::Work {
-        self.get(&self.frame().lists[bounce].work)[0]
+        self.get(&self.frame().point_lists().nth(bounce).unwrap().work)[0]
     }
 
     /// The receivers on the list of a bounce, sorted.
     pub fn list(&self, bounce: usize) -> Vec<u32> {
-        if bounce > 0 || self.frame().clusters.is_none() {
-            return self.sorted(&self.frame().lists[bounce]);
+        if bounce > 0 || self.frame().eye.clusters.is_none() {
+            return self.sorted(self.frame().point_lists().nth(bounce).unwrap());
         }
         // Clusters of the screen have gaps.
         let work = self.work(0);
-        let mut slots: Vec<u32> = self.get(&self.frame().lists[0].entries);
+        let mut slots: Vec<u32> = self.get(&self.frame().eye.list.entries);
         slots.truncate(work.total as usize);
         slots.retain(|&slot| slot != NO_RECEIVER);
         assert_eq!(slots.len(), work.live as usize, "receivers on the list");
@@ -92,13 +124,13 @@ impl<'a> Rig<'a> {
 
     /// The slots whose paths went on in a step of the eye paths, sorted.
     pub fn eye_list(&self, step: usize) -> Vec<u32> {
-        self.sorted(&self.frame().eye_lists[step])
+        self.sorted(&self.frame().eye.lists[step])
     }
 
     /// Pixels in tiles that show mirrors or glass, after the first step of the eye paths; in order.
     pub fn ideal_pixels(&self) -> Vec<u32> {
         let [width, height, ..] = self.parameters.size;
-        let tiles = self.sorted(&self.frame().ideal_tiles);
+        let tiles = self.sorted(&self.frame().eye.ideal_tiles);
         let of_tile = |pixel: u32| pixel % width / 8 + pixel / width / 8 * width.div_ceil(8);
         (0..width * height).filter(|&pixel| tiles.binary_search(&of_tile(pixel)).is_ok()).collect()
     }
@@ -118,12 +150,17 @@ impl<'a> Rig<'a> {
         let reflectors = &self.engine.device_scene().reflectors;
         let number = reflectors.iter().position(|r| r.triangles.contains(&triangle)).map_or(0, |i| i as u32 + 1);
         let counts = self.scene.materials[material as usize].surface == kind;
-        if counts && number <= self.engine.parameters().settings.mirroring_planes() { number } else { 0 }
+        if counts && number <= self.engine.plan().settings.mirroring_planes() { number } else { 0 }
     }
 
     /// Number of the glossy plane that mirrors the room, where superposition takes a hit for one, else 0.
     pub fn plane(&self, hit: &Hit) -> u32 {
         self.reflector(hit, Surface::Opaque)
+    }
+
+    /// Kernels of the glossy planes.
+    pub fn library(&self) -> &KernelLibrary {
+        &self.engine.device_scene().tables().unwrap().library
     }
 
     /// What superposition takes a hit for, seen along `d`.
@@ -133,7 +170,7 @@ impl<'a> Rig<'a> {
         }
         let number = self.plane(hit).checked_sub(1)?;
         let mu = self.bvh().normal(hit.triangle).dot(d).abs();
-        let lobe = self.frame().mirrors.as_ref()?.tables.library.look_up(number, mu)?;
+        let lobe = self.library().look_up(number, mu)?;
         Some(Plane::Glossy { energy: lobe.energy, grazing: lobe.grazing })
     }
 
@@ -148,6 +185,15 @@ impl<'a> Rig<'a> {
     }
 }
 
+/// Makes a pass that shares these resources with no others, and has no scene.
+pub fn make<T>(ctx: &Context, shared: Resources, pass: impl FnOnce(&Kit) -> lightsum::Result<T>) -> T {
+    let mut staging = Staging::new();
+    let (uploads, traversal) = (RefCell::new(&mut staging), Traversal::Auto);
+    let made = pass(&Kit { context: ctx, staging: uploads, shared, textured: false, traversal }).unwrap();
+    ctx.submit_and_wait("uploads", None, |rec| staging.record(rec)).unwrap();
+    made
+}
+
 /// What a device's sine and cosine may be off: Vulkan grants 2^-11. SwiftShader comes close to it, lavapipe does not.
 pub const SINE: f32 = 5e-4;
 
@@ -155,8 +201,8 @@ pub const SINE: f32 = 5e-4;
 /// device's sine and cosine, for it is all that is in them but roots.
 pub fn sine_error(ctx: &Context, scene: &Scene) -> f32 {
     let rig = Rig::new(ctx, scene, [1, 1], Settings { paths: 2049, ..Settings::default() });
-    rig.run(|frame, rec| frame.record_walk_start(rec));
-    let directions = rig.vec4s(&rig.frame().particles.direction);
+    rig.run(|frame, rec| frame.walk.record_start(rec));
+    let directions = rig.vec4s(&rig.frame().walk.particles.direction);
     let error = |i: usize| {
         let (_, ray, _) = walk_start::reference(&rig.parameters, rig.engine.emitters(), i as u32);
         (directions[i].truncate() - ray.direction).length()

@@ -7,6 +7,7 @@ use lightsum::bsdf::Reflectance as Finish;
 use lightsum::pass::{accumulate, merge, mirror_image, summands, superpose};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface};
 use lightsum::settings::{Reflectance, Settings, Spread, Superposition};
+use lightsum::stage::Stage;
 use lightsum::superposition::lobe::{Lobe, Table};
 use lightsum::superposition::reflectance::{ReflectanceMap, fresnel_fitted_rgb};
 
@@ -44,11 +45,7 @@ fn settings(superposition: Superposition) -> Settings {
 
 /// Lights what the eye sees.
 fn light(rig: &Rig) {
-    rig.run(|frame, rec| {
-        frame.record_walk(rec)?;
-        frame.record_eye(rec)?;
-        frame.record_shade(rec, 0)
-    });
+    rig.light();
     assert_eq!(rig.lost(), 0);
 }
 
@@ -61,17 +58,17 @@ fn mirror_images_follow_their_oracle() {
             let rig = Rig::new(ctx, &scene, resolution, settings(Superposition::default()));
             let frame = rig.frame();
             light(&rig);
-            let r = &frame.primary;
+            let r = &frame.eye.points;
             let [position, normal, kd, wo, emitted] =
                 [&r.position, &r.geometric, &r.kd, &r.wo, &r.emitted].map(|b| rig.vec4s(b));
-            let sums = &frame.pixel_sums;
+            let sums = &frame.shade.lighting;
             let lights = [&sums.direct, &sums.indirect, &sums.specular].map(|b| rig.vec4s(b));
-            let (through, region) = (rig.vec4s(&frame.paths.throughput), rig.get::<u32>(&frame.planes.region));
-            let widening = rig.vec4s(&frame.planes.widening);
-            let mirrors = frame.mirrors.as_ref().unwrap();
+            let (through, region) = (rig.vec4s(&frame.eye.paths.throughput), rig.get::<u32>(&frame.eye.planes.region));
+            let widening = rig.vec4s(&frame.eye.planes.widening);
+            let mirrors = frame.glossy_planes.as_ref().unwrap();
             rig.run(|_, rec| mirrors.record_image(rec));
             let (source, footprint) = (rig.vec4s(&mirrors.image.source), rig.vec4s(&mirrors.image.footprint));
-            let [cleared, left] = [&r.emitted, &frame.paths.throughput].map(|b| rig.vec4s(b));
+            let [cleared, left] = [&r.emitted, &frame.eye.paths.throughput].map(|b| rig.vec4s(b));
             let pixels = region.len();
             let mut tally = Tally::new(format!("mirror image, {resolution:?}"));
             for i in (0..pixels).filter(|&i| region[i] > 0) {
@@ -85,7 +82,7 @@ fn mirror_images_follow_their_oracle() {
                 let seen = (position[k].w >= 0.0).then_some(through[k].w);
                 assert_eq!(source[i].w, seen.unwrap_or(mirror_image::NOTHING_SEEN));
                 let (d, n) = (-wo[i].truncate(), normal[i].truncate());
-                let lobe = mirrors.tables.library.look_up(region[i] - 1, -d.dot(n)).unwrap();
+                let lobe = rig.library().look_up(region[i] - 1, -d.dot(n)).unwrap();
                 let mut seen_planes = vec![(lobe.tan_beta, through[i].w)];
                 let more = widening[i];
                 if more.x > 0.0 {
@@ -123,14 +120,14 @@ fn planes_reflect_as_their_oracle_says() {
             let rig = Rig::new(ctx, &scene, [64, 48], settings(superposition));
             let frame = rig.frame();
             light(&rig);
-            let mirrors = frame.mirrors.as_ref().unwrap();
+            let mirrors = frame.glossy_planes.as_ref().unwrap();
             rig.run(|_, rec| mirrors.record_image(rec));
-            let before = rig.vec4s(&frame.primary.emitted);
+            let before = rig.vec4s(&frame.eye.points.emitted);
             rig.run(|_, rec| mirrors.record_superpose(rec));
-            let after = rig.vec4s(&frame.primary.emitted);
-            let region = rig.get::<u32>(&frame.planes.region);
+            let after = rig.vec4s(&frame.eye.points.emitted);
+            let region = rig.get::<u32>(&frame.eye.planes.region);
             let source = rig.vec4s(&mirrors.image.source);
-            let [normal, wo] = [&frame.primary.geometric, &frame.primary.wo].map(|b| rig.vec4s(b));
+            let [normal, wo] = [&frame.eye.points.geometric, &frame.eye.points.wo].map(|b| rig.vec4s(b));
             let mut compared = 0;
             for i in 0..region.len() {
                 let more = (after[i] - before[i]).truncate();
@@ -140,7 +137,7 @@ fn planes_reflect_as_their_oracle_says() {
                 };
                 let mu = normal[i].truncate().dot(wo[i].truncate());
                 let finish: &Finish = &rig.engine.device_scene().finishes[plane as usize].reflectance;
-                let look_up = |mu: f32| mirrors.tables.library.look_up(plane, mu).unwrap();
+                let look_up = |mu: f32| rig.library().look_up(plane, mu).unwrap();
                 let map = ReflectanceMap::new(|mu| look_up(mu).energy * fresnel_fitted_rgb(finish.f0, mu)).unwrap();
                 let lobe = look_up(mu);
                 let rho = superpose::reference(reflectance, finish, &map, [lobe.energy, lobe.grazing], mu);
@@ -164,17 +161,17 @@ fn summands_follow_their_oracle_and_add_up() {
                 let frame = rig.frame();
                 light(&rig);
                 rig.run(|frame, rec| {
-                    frame.record_mirrors(rec)?;
-                    frame.record_merge(rec)
+                    frame.glossy_planes.record(rec)?;
+                    frame.merge.record(rec)
                 });
                 let pass = frame.summands.as_ref().unwrap();
-                let r = &frame.primary;
+                let r = &frame.eye.points;
                 let [kd, wo, emitted] = [&r.kd, &r.wo, &r.emitted].map(|b| rig.vec4s(b));
-                let sums = &frame.pixel_sums;
+                let sums = &frame.shade.lighting;
                 let lights = [&sums.direct, &sums.indirect, &sums.specular].map(|b| rig.vec4s(b));
-                let (through, reflected) = (rig.vec4s(&frame.paths.throughput), rig.vec4s(&pass.reflected));
-                rig.run(|frame, rec| frame.record_summands(rec));
-                let film = frame.film.summands.as_ref().unwrap();
+                let (through, reflected) = (rig.vec4s(&frame.eye.paths.throughput), rig.vec4s(&pass.reflected));
+                rig.run(|frame, rec| frame.summands.record(rec));
+                let film = frame.output.film.summands.as_ref().unwrap();
                 let found = film.each_ref().map(|[sum, _]| rig.vec4s(sum));
                 let whole = rig.vec4s(&r.emitted);
                 for i in 0..reflected.len() {

@@ -152,15 +152,12 @@ fn lists_are_sorted_and_the_same_in_every_run() {
                 let by_space = Settings { pattern, cluster_order: ClusterOrder::Space, ..settings(Traversal::Auto) };
                 let rig = Rig::new(ctx, &scene, [width, height], by_space);
                 // Second components outside of tiles with mirrors and glass are left alone; they are not lit.
-                rig.prefill(&[&rig.frame().primary.wo]);
-                rig.run(|frame, rec| {
-                    frame.record_walk(rec)?;
-                    frame.record_eye(rec)
-                });
+                rig.prefill(&[&rig.frame().eye.points.wo]);
+                rig.walk_and_look();
                 let live = rig.work(0).live as usize;
-                let list = rig.get::<u32>(&rig.frame().lists[0].entries)[..live].to_vec();
-                let positions = rig.vec4s(&rig.frame().primary.position).into_iter().map(|p| xyz(p.to_array()));
-                let lit = rig.vec4s(&rig.frame().primary.wo).into_iter().map(|wo| wo.w > 0.0);
+                let list = rig.get::<u32>(&rig.frame().eye.list.entries)[..live].to_vec();
+                let positions = rig.vec4s(&rig.frame().eye.points.position).into_iter().map(|p| xyz(p.to_array()));
+                let lit = rig.vec4s(&rig.frame().eye.points.wo).into_iter().map(|wo| wo.w > 0.0);
                 (list, positions.collect::<Vec<Vec3>>(), lit.collect::<Vec<bool>>(), rig.parameters)
             };
             let (list, positions, lit, parameters) = run();
@@ -197,20 +194,17 @@ fn clusters_of_the_screen_follow_their_oracle() {
         for ([width, height], pattern) in sizes.into_iter().cycle().zip(patterns) {
             let scene = gallery();
             let rig = Rig::new(ctx, &scene, [width, height], Settings { pattern, ..settings(Traversal::Auto) });
-            rig.prefill(&[&rig.frame().primary.wo]);
-            rig.run(|frame, rec| {
-                frame.record_walk(rec)?;
-                frame.record_eye(rec)
-            });
+            rig.prefill(&[&rig.frame().eye.points.wo]);
+            rig.walk_and_look();
             let work = rig.work(0);
-            let list = rig.get::<u32>(&rig.frame().lists[0].entries)[..work.total as usize].to_vec();
-            let wo = rig.vec4s(&rig.frame().primary.wo);
+            let list = rig.get::<u32>(&rig.frame().eye.list.entries)[..work.total as usize].to_vec();
+            let wo = rig.vec4s(&rig.frame().eye.points.wo);
             let lit: Vec<u32> = (0..wo.len() as u32).filter(|&slot| wo[slot as usize].w > 0.0).collect();
             assert_eq!(list, clusters::reference(&rig.parameters, &lit), "{width}x{height} by {pattern:?}");
             assert_eq!(work.live as usize, lit.len(), "{width}x{height} by {pattern:?}");
             let [x, y, ..] = work.list_groups;
             assert!(64 * x * y >= work.total, "{width}x{height} by {pattern:?}: {work:?}");
-            let listed = rig.get::<[u32; 2]>(&rig.frame().clusters.as_ref().unwrap().listed);
+            let listed = rig.get::<[u32; 2]>(&rig.frame().eye.clusters.as_ref().unwrap().listed);
             for (cluster, [class, _]) in list.chunks(64).zip(listed) {
                 let of = |slot: &u32| *slot == NO_RECEIVER || sort::class_of(&rig.parameters, *slot) == class;
                 assert!(cluster.iter().all(of), "{width}x{height} by {pattern:?}");
@@ -246,7 +240,7 @@ fn the_choice_of_kernel_is_measured_and_kept() {
         let cache = dir.path().join("pipelines.bin");
         let file = dir.path().join("pipelines.bin.traversal.json");
         let first = calibrate::choose(ctx, &cache).unwrap();
-        if TraversalKernels::visibility(ctx, Traversal::Auto).unwrap().cluster.is_none() {
+        if TraversalKernels::visibility(ctx, Traversal::Auto, false).unwrap().cluster.is_none() {
             assert_eq!((first, file.exists()), (Traversal::Single, false), "there is nothing to choose from");
             return;
         }

@@ -19,10 +19,9 @@ use std::process::Command;
 use std::time::Instant;
 
 /// What is timed, in order, with a line for the table.
-const STEPS: [(&str, &str); 7] = [
+const STEPS: [(&str, &str); 6] = [
     ("load", "load the scene"),
     ("device", "open the device"),
-    ("pipelines", "make the pipelines"),
     ("bvh", "build the BVH"),
     ("prepare", "make the renderer: pipelines, BVH, upload"),
     ("first_pass", "first pass"),
