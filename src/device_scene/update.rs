@@ -1,5 +1,7 @@
 //! A scene that has changed, brought up to date on the device.
 
+use std::slice::from_ref;
+
 use super::records::{finishes, material_record, reflector_numbers, shading_attributes};
 use super::{DeviceScene, MirrorBuffers, SpecularFeatures, TargetBuffers, delta_lights, fits_kernel, write};
 use crate::accel::objects::{Changes, ObjectTrees};
@@ -95,7 +97,8 @@ impl DeviceScene {
             self.update_materials(context, staging, scene, &touched.materials)?;
             if let Some(emitters) = emitters {
                 let records = emitters.records();
-                replaced |= write(context, staging, &mut self.emitter_records, &records, &[0..records.len()])?;
+                let all = 0..records.len();
+                replaced |= write(context, staging, &mut self.emitter_records, &records, from_ref(&all))?;
                 self.emitters = emitters;
             }
             if !touched.moved.is_empty() || !touched.materials.is_empty() {
@@ -168,7 +171,7 @@ impl DeviceScene {
 
     /// Stages what `changes` says of the hierarchy. True: buffers were replaced, and whoever has bound them must bind the new
     /// ones. A wide tree that has become too deep is given up until it fits again.
-    fn update_hierarchy(
+    pub fn update_hierarchy(
         &mut self,
         context: &Context,
         staging: &mut Staging,

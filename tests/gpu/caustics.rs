@@ -7,6 +7,7 @@ use lightsum::light::emitters::Emitters;
 use lightsum::path_trace::{self, Options, SpecularPaths};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, builtin};
 use lightsum::settings::Settings;
+use lightsum::stage::Stage;
 
 use crate::renderer::bits;
 use crate::rig::{Rig, gallery, hit_of};
@@ -199,7 +200,7 @@ fn scenes_without_mirrors_and_glass_have_no_photons() {
     gpu_test(|ctx| {
         let scene = builtin::single_triangle_light();
         let rig = Rig::new(ctx, &scene, [8, 8], shooting(100));
-        assert!(rig.frame().photons.is_none() && rig.engine.device_scene().targets.is_none());
+        assert!(rig.frame().photons.is_none() && rig.engine.device_scene().target_buffers.is_none());
         // Emitters alone are seen, or nothing ideal is followed.
         let scene = gallery();
         for settings in [Settings { max_depth: 1, ..shooting(100) }, Settings { max_specular: 0, ..shooting(100) }] {

@@ -7,6 +7,7 @@ use lightsum::pass::delta_choice::{Candidates, ONE, offset, reference};
 use lightsum::pass::layout::{EmitterRecord, PointLight};
 use lightsum::scene::{Camera, Light, Scene};
 use lightsum::settings::{LightChoice, Settings};
+use lightsum::stage::Stage;
 
 use crate::rig::{Builder, Numbers, Rig, xyz};
 use crate::scenes::{Soup, camera, compare, mean, render, settings};
@@ -67,7 +68,7 @@ fn delta_choice_follows_its_oracle() {
             let base = Settings { delta_lights: Some(slots), light_choice, pattern: [3, 2], ..Settings::default() };
             let rig = Rig::new(ctx, &scene, [31, 17], base);
             let indices: Vec<u32> = rig.engine.emitters().delta.iter().map(|&i| i as u32).collect();
-            let all = Candidates::new(rig.engine.device_scene().delta, &indices);
+            let all = Candidates::new(&rig.engine.device_scene().delta, &indices);
             let number: HashMap<_, _> = all.lights.iter().enumerate().map(|(i, l)| (place(l), i)).collect();
             assert_eq!(number.len(), count as usize);
             let parallel = |l: &PointLight| l.flags() & PointLight::DIRECTIONAL != 0;

@@ -7,6 +7,7 @@ use lightsum::pass::discontinuity::{self, Discontinuity, Guide, Inputs, Receiver
 use lightsum::pass::layout::Window;
 use lightsum::scene::{Light, Material, Scene, Texture, Wrap};
 use lightsum::settings::{Agreement, Filter, Settings};
+use lightsum::stage::Stage;
 
 use crate::rig::{Builder, Numbers, Rig, Tally, close, gallery, untouched};
 use crate::scenes::{Soup, camera, render};
@@ -49,17 +50,16 @@ fn filtered(ctx: &Context, rig: &Rig, filter: Filter, irradiance: [&[Vec3]; 2]) 
     let [width, height, pixels, _] = rig.parameters.size;
     let [pattern_width, pattern_height, ..] = rig.parameters.pattern;
     let inputs = Inputs {
-        frame: &frame.parameters,
-        receivers: &frame.eye.points,
+        points: &frame.eye.points,
         paths: &frame.eye.paths,
-        sums: &Lighting { direct, indirect, specular: frame.shade.lighting.specular.clone() },
+        lighting: &Lighting { direct, indirect, specular: frame.shade.lighting.specular.clone() },
         ideal_tiles: &frame.eye.ideal_tiles,
         components: irradiance[0].len() as u32 / pixels,
         size: [width, height],
         pattern: [pattern_width, pattern_height],
         filter,
     };
-    let pass = Discontinuity::new(ctx, &inputs).unwrap();
+    let pass = rig.make(|kit| Discontinuity::new(kit, &inputs));
     rig.prefill(&[&pass.filtered.indirect]);
     if filter.direct {
         rig.prefill(&[&pass.filtered.direct]);

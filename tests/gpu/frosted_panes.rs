@@ -56,11 +56,7 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
             let settings = Settings { paths: 4, compensation: false, superposition, ..Settings::default() };
             let rig = Rig::new(ctx, &scene, resolution, settings);
             let frame = rig.frame();
-            rig.run(|frame, rec| {
-                frame.walk.record(rec)?;
-                frame.eye.record(rec)?;
-                frame.shade.record(rec)
-            });
+            rig.light();
             assert_eq!(rig.lost(), 0);
             let r = &frame.eye.points;
             let [position, kd, wo, emitted] = [&r.position, &r.kd, &r.wo, &r.emitted].map(|b| rig.vec4s(b));
@@ -98,7 +94,7 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
                 tally.check(close(of.truncate(), weight, 1e-4, 1e-5), || format!("weight of {i}: {of} for {weight}"));
                 tally.check((of.w - mu).abs() < 1e-5, || format!("cosine of {i}: {} for {mu}", of.w));
 
-                let lobe = mirrors.tables.library.look_up(region[i] - 1, mu).unwrap();
+                let lobe = rig.library().look_up(region[i] - 1, mu).unwrap();
                 let mut planes = vec![(lobe.tan_beta, depth)];
                 let own = lobe.tan_beta.powi(2) * Vec3::new(1.0, depth, depth * depth);
                 let more = widening[i].truncate() - own;

@@ -9,6 +9,7 @@ use lightsum::pass::layout::PointLight;
 use lightsum::pass::walk_start;
 use lightsum::scene::{Light, Material, Scene};
 use lightsum::settings::{Clip, LightChoice, Settings};
+use lightsum::stage::Stage;
 
 use crate::passes_light::receivers;
 use crate::passes_walk::same_light;

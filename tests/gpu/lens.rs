@@ -9,6 +9,7 @@ use lightsum::pass::{accumulate, lens};
 use lightsum::path_trace::{self, Options, SpecularPaths};
 use lightsum::scene::{Camera, Scene};
 use lightsum::settings::Settings;
+use lightsum::stage::Stage;
 
 use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery};
 use crate::scenes::{Soup, camera, compare, fov, mean, render, renderer, settings};

@@ -30,4 +30,5 @@ mod superposition;
 mod support;
 mod transport;
 mod traversal;
+mod views;
 mod visibility;

@@ -9,6 +9,7 @@ use lightsum::pass::mirror_lights::{mirrored, reference, weight};
 use lightsum::path_trace::{self, Options, SpecularPaths};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface};
 use lightsum::settings::Settings;
+use lightsum::stage::Stage;
 
 use crate::passes_light::receivers;
 use crate::renderer::bits;
@@ -105,7 +106,7 @@ fn mirror_lights_follow_their_oracle() {
                 frame.mirror_lights.as_ref().unwrap().record_light(rec)
             });
             assert_eq!(rig.lost(), 0);
-            let mirrors = rig.engine.device_scene().mirrors;
+            let mirrors = &rig.engine.device_scene().mirrors;
             let all = receivers(&rig, &rig.frame().eye.points);
             let (images, indirect, specular) = (chosen(&rig), rig.vec4s(&sums.indirect), rig.vec4s(&sums.specular));
             let mut tally = Tally::new(format!("mirror_lights at {resolution:?}"));

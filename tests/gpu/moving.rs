@@ -1,10 +1,9 @@
 //! Scenes that change between passes (rows W11 and W7): what an edit shows, what it starts over, and what it refuses.
 
 use glam::{Affine3A, Mat3A, Quat, Vec3};
-use lightsum::accel::objects::{Changes, ObjectTrees};
+use lightsum::accel::objects::Changes;
 use lightsum::device_scene::DeviceScene;
 use lightsum::gpu::{Context, Staging};
-use lightsum::light::emitters::Emitters;
 use lightsum::scene::{self, Camera, Light, Scene, Surface, builtin};
 use lightsum::settings::{Clip, Spread, Superposition, Traversal};
 use lightsum::{Engine, Renderer, Settings};
@@ -125,7 +124,7 @@ const EDITS: [(&str, Edit); 29] = [
         e.set_light(1, Light::Directional { direction, irradiance: Vec3::splat(2.0) }).unwrap();
     }),
     ("the camera moves", |e| {
-        let camera = e.parameters().camera;
+        let camera = *e.view().camera().unwrap();
         let (eye, target) = (Vec3::new(300.0, 250.0, -700.0), Vec3::new(278.0, 273.0, 0.0));
         e.set_camera(Camera { eye, target, ..camera }).unwrap();
     }),
@@ -177,9 +176,8 @@ fn every_edit_starts_over_and_gives_what_a_fresh_engine_gives() {
 
             edit(&mut engine);
             assert_eq!(engine.passes(), 2, "{name}: the same again changes nothing");
-            let parameters = engine.parameters();
-            let fresh_settings = parameters.settings.clone();
-            let mut fresh = dynamic(ctx, engine.scene().unwrap(), parameters.camera, &fresh_settings);
+            let camera = *engine.view().camera().unwrap();
+            let mut fresh = dynamic(ctx, engine.scene().unwrap(), camera, engine.settings());
             let expected = image(ctx, &mut fresh, 2);
             let error = difference(&edited, &expected);
             println!("{name}: relative RMSE {error:.2e} against a fresh engine");
@@ -366,17 +364,14 @@ fn a_wide_tree_that_is_too_deep_is_given_up_until_it_fits() {
     gpu_test(|ctx| {
         let mut scene = builtin::room(900);
         scene.separate_objects();
-        let (trees, bvh) = ObjectTrees::build(&scene, true).unwrap();
-        let emitters = Emitters::of(&scene, true).unwrap();
         let mut staging = Staging::new();
-        let mut buffers =
-            DeviceScene::with_wide(ctx, &mut staging, &scene, &bvh, &emitters, trees.wide.as_ref()).unwrap();
-        assert!(buffers.wide_nodes.is_some());
+        let (mut device_scene, trees) = DeviceScene::new_dynamic(ctx, &mut staging, &scene, true).unwrap();
+        assert!(device_scene.wide_nodes.is_some());
         let mut update = |wide| {
             let (staging, changes) = (&mut staging, Changes::default());
-            buffers
-                .update_hierarchy(ctx, staging, &scene, &bvh, wide, &changes)
-                .map(|r| (r, buffers.wide_nodes.is_some()))
+            device_scene
+                .update_hierarchy(ctx, staging, &scene, wide, &changes)
+                .map(|r| (r, device_scene.wide_nodes.is_some()))
         };
         let wide = trees.wide.unwrap();
         // The kernel's stack has 16 words, one for each node above the deepest.

@@ -233,11 +233,7 @@ fn in_rounds(ctx: &lightsum::gpu::Context, scene: &Scene, loop_budget: u32, roun
         ..Settings::default()
     };
     let rig = Rig::new(ctx, scene, [27, 1], settings);
-    rig.run(|frame, rec| {
-        frame.walk.record(rec)?;
-        frame.eye.record(rec)?;
-        frame.shade.record(rec)
-    });
+    rig.light();
     assert_eq!(rig.lost(), 0, "with {loop_budget} iterations and {rounds} rounds");
     let sums = &rig.frame().shade.lighting;
     [&rig.frame().eye.rays.hits, &sums.direct, &sums.indirect].map(|b| rig.get(b))

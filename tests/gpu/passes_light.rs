@@ -1,22 +1,24 @@
 //! Shading, gathering, collecting and summing up against their oracles.
 
 use ash::vk;
-use glam::{Vec3, Vec4};
+use glam::{DVec4, Vec3, Vec4};
 use lightsum::accel::{Ray, offset_origin};
 use lightsum::bsdf::Reflectance;
-use lightsum::gpu::{Buffer, Context, Image, Memory, Staging, download, upload};
-use lightsum::pass::accumulate::{self, Accumulate, Film};
+use lightsum::film::{Film, Sum};
+use lightsum::gpu::{Buffer, Context, Image, Memory, Resources, Staging, download, upload};
+use lightsum::pass::accumulate::{self, Accumulate};
 use lightsum::pass::collect::{self, Gathered};
 use lightsum::pass::layout::{self, PointLight, Step, Work};
 use lightsum::pass::receivers::surface_at;
 use lightsum::pass::resolve::Resolve;
 use lightsum::pass::schedule::{self, Schedule};
 use lightsum::pass::shade::{self, Receiver};
-use lightsum::pass::{EyePathState, Kernels, Lighting, ShadingPoints, gather, sort};
+use lightsum::pass::{EyePathState, Lighting, ShadingPoints, gather, sort};
 use lightsum::settings::{Clip, Sequence, Settings, Traversal};
+use lightsum::stage::Stage;
 
 use crate::rig::{
-    AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error, untouched, xyz,
+    AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, make, ray_of, same_hit, sine_error, untouched, xyz,
 };
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
@@ -79,12 +81,16 @@ struct Seen {
 fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
     let frame = rig.frame();
     let p = &rig.parameters;
-    let before =
-        receivers(rig, if bounce == 1 { &frame.eye.points } else { &frame.compensation.as_ref().unwrap().points });
+    let before = receivers(rig, if bounce == 1 { &frame.eye.points } else { &rig.compensation().points });
     let old = rig.vec4s(&frame.eye.beta);
     rig.prefill(&[&frame.eye.rays.origin, &frame.eye.rays.direction, &frame.eye.rays.hits]);
-    rig.run(|frame, rec| frame.record_gather(rec, bounce));
-    let r = &frame.compensation.as_ref().unwrap().points;
+    rig.run(|_, rec| {
+        if bounce == 1 {
+            rig.compensation().record_clear(rec)?;
+        }
+        rig.compensation().record_gather(rec, bounce)
+    });
+    let r = &rig.compensation().points;
     let rays = [&frame.eye.rays.origin, &frame.eye.rays.direction, &frame.eye.rays.hits].map(|b| rig.vec4s(b));
     let [origin, direction, hits] = &rays;
     let [beta, emitted, position, wo] = [&frame.eye.beta, &r.emitted, &r.position, &r.wo].map(|b| rig.vec4s(b));
@@ -158,13 +164,15 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
 fn check_shade(rig: &Rig, bounce: usize) {
     let frame = rig.frame();
     let p = &rig.parameters;
-    let (targets, out) = if bounce == 0 {
-        (&frame.eye.points, &frame.shade.lighting)
-    } else {
-        (&frame.compensation.as_ref().unwrap().points, &frame.compensation.as_ref().unwrap().lighting)
+    let (targets, out) = match bounce {
+        0 => (&frame.eye.points, &frame.shade.lighting),
+        _ => (&rig.compensation().points, &rig.compensation().lighting),
     };
     rig.prefill(&[&out.direct, &out.indirect, &out.specular]);
-    rig.run(|frame, rec| frame.record_shade(rec, bounce));
+    rig.run(|frame, rec| match bounce {
+        0 => frame.shade.record(rec),
+        _ => rig.compensation().record_shade(rec, bounce),
+    });
     // Eye segment, gather rays, shadow ray and j reflections are at most as many as the longest path has.
     let plan = &rig.engine.plan().lights;
     let Some(reflections) = p.scene[2].checked_sub(bounce as u32 + 2) else { return };
@@ -193,14 +201,10 @@ fn check_shade(rig: &Rig, bounce: usize) {
 fn check_collect(rig: &Rig, bounce: usize) {
     let frame = rig.frame();
     let before = sums(rig, &frame.shade.lighting);
-    rig.run(|frame, rec| frame.record_collect(rec, bounce));
+    rig.run(|_, rec| rig.compensation().record_collect(rec, bounce));
     let after = sums(rig, &frame.shade.lighting);
-    if bounce == 0 {
-        assert_eq!(before, after);
-        return;
-    }
-    let r = &frame.compensation.as_ref().unwrap().points;
-    let light = sums(rig, &frame.compensation.as_ref().unwrap().lighting);
+    let r = &rig.compensation().points;
+    let light = sums(rig, &rig.compensation().lighting);
     let [beta, emitted, kd, wo] = [&frame.eye.beta, &r.emitted, &r.kd, &r.wo].map(|b| rig.vec4s(b));
     let listed = rig.list(bounce - 1);
     for i in 0..beta.len() {
@@ -245,17 +249,16 @@ fn shade_gather_and_collect_follow_their_oracles() {
             let (clip, sequence) = (Clip::Distance(1.2), sequence(i));
             let settings = Settings { paths: 9, pattern, max_depth: 4, clip, sequence, seed: 3, ..Settings::default() };
             let rig = Rig::new(ctx, &scene, resolution, settings);
-            rig.run(|frame, rec| {
-                frame.walk.record(rec)?;
-                frame.eye.record(rec)
-            });
+            rig.walk_and_look();
             let mut seen = Seen::default();
             for bounce in 0..4 {
                 if bounce > 0 {
                     check_gather(&rig, bounce, sine, &mut seen);
                 }
                 check_shade(&rig, bounce);
-                check_collect(&rig, bounce);
+                if bounce > 0 {
+                    check_collect(&rig, bounce);
+                }
                 assert_eq!(rig.lost(), 0);
             }
             for (k, sum) in sums(&rig, &rig.frame().shade.lighting).iter().enumerate() {
@@ -326,10 +329,7 @@ fn shade_each_kind(ctx: &Context, traversal: Traversal) {
     let scene = gallery();
     let settings = Settings { paths: 27, clip: Clip::Distance(1.0), seed: 3, traversal, ..Settings::default() };
     let rig = Rig::new(ctx, &scene, [31, 17], settings);
-    rig.run(|frame, rec| {
-        frame.walk.record(rec)?;
-        frame.eye.record(rec)
-    });
+    rig.walk_and_look();
     let lights: Vec<PointLight> = rig.get(&rig.frame().walk.lights);
     let delta = rig.engine.device_scene().delta.len();
     assert_eq!(delta, 4);
@@ -387,7 +387,6 @@ pub struct Sheet {
     pub paths: EyePathState,
     pub sums: Lighting,
     film: Film,
-    pub pixels: u32,
 }
 
 impl Sheet {
@@ -395,6 +394,7 @@ impl Sheet {
         let pixels = width * height;
         let parameters = layout::Frame {
             size: [width, height, pixels, 0],
+            within: [0, 0, width, height],
             pixel_offset: [0.0, 0.0, 0.25, 1.0 / passes as f32],
             ..layout::Frame::default()
         };
@@ -404,15 +404,17 @@ impl Sheet {
             paths: EyePathState::new(ctx, 2 * pixels, 0).unwrap(),
             sums: Lighting::new(ctx, "test", 2 * pixels).unwrap(),
             film: Film::new(ctx, pixels, true).unwrap(),
-            pixels,
         }
     }
 
-    fn accumulate(&self, kernels: &Kernels, status: &Buffer) -> Accumulate {
-        Accumulate::new(kernels, &self.frame, &self.receivers, &self.paths, &self.sums, &self.film, status, self.pixels)
-            .unwrap()
+    fn accumulate(&self, ctx: &Context, status: &Buffer) -> Accumulate {
+        let shared = Resources::of([("frame", &self.frame), ("status", status)]);
+        make(ctx, shared, |kit| Accumulate::new(kit, &self.receivers, &self.paths, &self.sums, &self.film))
     }
 }
+
+/// Unit of the film's guides.
+const UNIT: f32 = 1.0 / 4_194_304.0;
 
 /// Fills a buffer with numbers up to `scale` and what `w` says; returns them.
 pub fn fill(ctx: &Context, buffer: &Buffer, numbers: &mut Numbers, scale: f32, w: impl Fn(u32) -> f32) -> Vec<Vec4> {
@@ -428,7 +430,6 @@ pub fn fill(ctx: &Context, buffer: &Buffer, numbers: &mut Numbers, scale: f32, w
 fn accumulate_loses_nothing_over_thousands_of_passes() {
     gpu_test(|ctx| {
         const PASSES: u32 = 3000;
-        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
         for size in AWKWARD_SIZES {
             let s = Sheet::new(ctx, [size as u32, 1], PASSES);
             let (r, n) = (&s.receivers, &mut Numbers(size as u32));
@@ -446,26 +447,27 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
             // Tiny beside the large sums: each alone would be rounded away.
             let emitted = fill(ctx, &r.emitted, n, 1e-5, |_| 0.0);
             let light = [&s.sums.direct, &s.sums.indirect, &s.sums.specular].map(|b| fill(ctx, b, n, 1e-5, |_| 0.0));
-            let large =
-                [&s.film.color[1], &s.film.direct[0], &s.film.indirect[0]].map(|b| fill(ctx, b, n, 1000.0, |_| 0.0));
+            let large = [&s.film.color[1], &s.film.direct, &s.film.indirect].map(|sum| {
+                let large = fill(ctx, &sum.0[0], n, 1000.0, |_| 0.0);
+                let small = fill(ctx, &sum.0[1], n, 1e-5, |_| 0.0);
+                large.into_iter().zip(small).map(|(a, b)| a.as_dvec4() + b.as_dvec4()).collect::<Vec<_>>()
+            });
             let status = upload(ctx, "status", &[0u32, 0, 0, 0]).unwrap();
-            let pass = s.accumulate(&kernels, &status);
+            let pass = s.accumulate(ctx, &status);
             ctx.submit_and_wait("accumulate", None, |rec| {
-                for b in [&s.film.color_rest[1], &s.film.direct[1], &s.film.indirect[1], &s.film.albedo, &s.film.normal]
-                {
-                    rec.fill(b, 0)?;
+                for sum in [&s.film.color[1], &s.film.direct, &s.film.indirect] {
+                    rec.fill(&sum.0[2], 0)?;
                 }
-                (0..2).try_for_each(|i| {
-                    if i == 0 { rec.fill(&s.film.color[0], 7) } else { rec.fill(&s.film.color_rest[0], 7) }
-                })?;
+                s.film.albedo.0.iter().chain(&s.film.normal.0).try_for_each(|b| rec.fill(b, 0))?;
+                s.film.color[0].0.iter().try_for_each(|b| rec.fill(b, 7))?;
                 (0..PASSES).try_for_each(|_| pass.record(rec, 1))
             })
             .unwrap();
             let get = |b: &Buffer| download::<Vec4>(ctx, b).unwrap();
-            let color = [get(&s.film.color[1]), get(&s.film.color_rest[1])];
-            let direct = s.film.direct.each_ref().map(get);
-            let indirect = s.film.indirect.each_ref().map(get);
-            let (albedo, normal) = (get(&s.film.albedo), get(&s.film.normal));
+            let levels = |sum: &Sum| sum.0.iter().map(get).collect::<Vec<_>>();
+            let [color, direct, indirect] = [&s.film.color[1], &s.film.direct, &s.film.indirect].map(levels);
+            let (albedo, normal) = (levels(&s.film.albedo), levels(&s.film.normal));
+            let total = |sum: &[Vec<Vec4>], i: usize| sum.iter().map(|level| level[i].as_dvec4()).sum::<DVec4>();
             for i in 0..size {
                 let is_lit = lit(i as u32) > 0.0;
                 let light = [0, 1, 2].map(|k| if is_lit { light[k][i].truncate() } else { Vec3::ZERO });
@@ -479,28 +481,25 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
                     ("direct", &direct, large[1][i], light[0].extend(0.0)),
                     ("indirect", &indirect, large[2][i], light[1].extend(0.0)),
                 ] {
-                    let found = sum[0][i].as_dvec4() - sum[1][i].as_dvec4();
-                    let exact = start.as_dvec4() + x.as_dvec4() * f64::from(PASSES);
-                    // Three ulp of the sum; and the term itself is known to some ulp, PASSES times over.
+                    let found = total(sum, i);
+                    let exact = start + x.as_dvec4() * f64::from(PASSES);
+                    // The sum is exact; the addend itself is known to some ulp, PASSES times over.
                     let error = (found - exact).abs();
-                    let bound =
-                        exact.abs() * 3.0 * f64::from(f32::EPSILON) + x.as_dvec4().abs() * f64::from(PASSES) * 1e-6;
+                    let bound = exact.abs() * f64::EPSILON * 8.0 + x.as_dvec4().abs() * f64::from(PASSES) * 1e-6;
                     assert!(error.cmple(bound).all(), "{name} of pixel {i} of {size}: {found} for {exact}");
                 }
                 let guides = [
-                    (albedo[i], (beta * (kd[i].truncate() + f0[i].truncate())).extend(covered)),
-                    (normal[i], (shading[i].truncate() * shown).extend(covered * depth(i as u32))),
+                    (total(&albedo, i), (beta * (kd[i].truncate() + f0[i].truncate())).extend(covered)),
+                    (total(&normal, i), (shading[i].truncate() * shown).extend(covered * depth(i as u32))),
                 ];
                 for (found, one) in guides {
-                    let expected = one * PASSES as f32;
-                    // Plain sums: an ulp at most each time, in the same direction at worst.
-                    assert!(
-                        (found - expected).abs().cmple(expected.abs() * 2e-4 + 1e-6).all(),
-                        "{found} for {expected}"
-                    );
+                    let expected = one.as_dvec4() * f64::from(PASSES);
+                    // An addend is off by half a unit and some ulp.
+                    let bound = expected.abs() * 1e-6 + f64::from(PASSES) * f64::from(UNIT);
+                    assert!((found - expected).abs().cmple(bound).all(), "{found} for {expected}");
                 }
             }
-            let other = [get(&s.film.color[0]), get(&s.film.color_rest[0])];
+            let other = levels(&s.film.color[0]);
             let seven = |v: &Vec4| v.to_array().iter().all(|x| x.to_bits() == 7);
             assert!(other.iter().flatten().all(seven), "the other instance is left alone");
         }
@@ -508,30 +507,44 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
 }
 
 #[test]
-fn accumulate_is_the_compensated_sum() {
+fn accumulate_is_the_exact_sum() {
     gpu_test(|ctx| {
-        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
         let s = Sheet::new(ctx, [64, 1], 1);
         let (r, n) = (&s.receivers, &mut Numbers(5));
         fill(ctx, &r.position, n, 1.0, |_| 1.0);
         fill(ctx, &r.wo, n, 1.0, |_| 1.0);
         fill(ctx, &s.paths.throughput, n, 1.0, |_| 1.0);
         let direct = fill(ctx, &s.sums.direct, n, 1.0, |_| 0.0);
-        let old = fill(ctx, &s.film.direct[0], n, 3000.0, |_| 0.0);
-        let rest = fill(ctx, &s.film.direct[1], n, 1e-4, |_| 0.0);
+        let albedo = fill(ctx, &r.kd, n, 1.0, |_| 0.0);
+        fill(ctx, &r.f0, n, 0.0, |_| 0.0);
+        fill(ctx, &r.shading, n, 1.0, |_| 0.0);
+        let old: Vec<Vec<Vec4>> = (s.film.direct.0.iter().zip([3000.0, 1e-4, 1e-12]))
+            .map(|(level, scale)| fill(ctx, level, n, scale, |_| 0.0))
+            .collect();
+        let old_albedo: Vec<Vec<Vec4>> = (s.film.albedo.0.iter().zip([1e6, 0.0]))
+            .map(|(level, scale)| fill(ctx, level, n, scale, |_| 0.0))
+            .collect();
+        let through = download::<Vec4>(ctx, &s.paths.throughput).unwrap();
         for lost in [1u32, 0] {
             let status = upload(ctx, "status", &[lost, 0, 0, 0]).unwrap();
-            let pass = s.accumulate(&kernels, &status);
+            let pass = s.accumulate(ctx, &status);
             ctx.submit_and_wait("accumulate", None, |rec| pass.record(rec, 0)).unwrap();
-            let found = s.film.direct.each_ref().map(|b| download::<Vec4>(ctx, b).unwrap());
+            let get = |sum: &Sum| sum.0.iter().map(|b| download::<Vec4>(ctx, b).unwrap()).collect::<Vec<_>>();
+            let (found, found_albedo) = (get(&s.film.direct), get(&s.film.albedo));
             for i in 0..64 {
-                let expected = match lost {
+                let (before, before_albedo) = ([0, 1, 2].map(|k| old[k][i]), [0, 1].map(|k| old_albedo[k][i]));
+                let one = (through[i].truncate() * albedo[i].truncate()).extend(1.0);
+                let (expected, expected_albedo) = match lost {
                     // A pass that lost rays leaves no trace.
-                    1 => (old[i], rest[i]),
-                    _ => accumulate::compensated_add(old[i], rest[i], direct[i]),
+                    1 => (before, before_albedo),
+                    _ => (
+                        accumulate::sum_with(before, direct[i].truncate().extend(0.0)),
+                        accumulate::sum_of_units(before_albedo, one, Vec4::splat(UNIT)),
+                    ),
                 };
                 // Additions and subtractions are exactly rounded on every device.
-                assert_eq!((found[0][i], found[1][i]), expected, "pixel {i}, {lost} rays lost");
+                assert_eq!([0, 1, 2].map(|k| found[k][i]), expected, "pixel {i}, {lost} rays lost");
+                assert_eq!([0, 1].map(|k| found_albedo[k][i]), expected_albedo, "albedo of pixel {i}");
             }
         }
     });
@@ -540,15 +553,14 @@ fn accumulate_is_the_compensated_sum() {
 #[test]
 fn resolve_writes_the_mean_of_the_film() {
     gpu_test(|ctx| {
-        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
         for (passes, [width, height]) in (1u32..).zip(AWKWARD_IMAGES) {
             let s = Sheet::new(ctx, [width, height], passes);
             let n = &mut Numbers(passes);
             let image = Image::new(ctx, "image", width, height, vk::Format::R32G32B32A32_SFLOAT).unwrap();
             let out = Buffer::new(ctx, "copied image", image.bytes(), Memory::Readback).unwrap();
-            let sum = [0, 1].map(|i| fill(ctx, &s.film.color[i], n, 100.0, |i| i as f32));
-            let rest = [0, 1].map(|i| fill(ctx, &s.film.color_rest[i], n, 1e-3, |_| 0.0));
-            let pass = Resolve::new(&kernels, &s.film, &image, s.pixels).unwrap();
+            let sum = [0, 1].map(|i| fill(ctx, &s.film.color[i].0[0], n, 100.0, |i| i as f32));
+            let rest = [0, 1].map(|i| fill(ctx, &s.film.color[i].0[1], n, 1e-3, |_| 0.0));
+            let pass = make(ctx, Resources::new(), |kit| Resolve::new(kit, &s.film, &image));
             let mut counts = Staging::new();
             counts.stage_into(ctx, &s.film.counts, 0, &[passes.div_ceil(2), passes / 2]).unwrap();
             ctx.submit_and_wait("resolve", None, |rec| {
@@ -559,7 +571,7 @@ fn resolve_writes_the_mean_of_the_film() {
             })
             .unwrap();
             for (i, found) in out.read::<Vec4>().unwrap().into_iter().enumerate() {
-                let whole = [0, 1].map(|k| sum[k][i].as_dvec4() - rest[k][i].as_dvec4());
+                let whole = [0, 1].map(|k| sum[k][i].as_dvec4() + rest[k][i].as_dvec4());
                 let mean = (whole[0] + whole[1]) / f64::from(passes);
                 let error = (found.as_dvec4() - mean).abs();
                 assert!(error.cmple(mean.abs() * 5e-7).all(), "{width}x{height}, pixel {i}: {found} for {mean}");
@@ -571,7 +583,6 @@ fn resolve_writes_the_mean_of_the_film() {
 #[test]
 fn schedule_turns_counts_into_dispatches() {
     gpu_test(|ctx| {
-        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
         for live in [0u32, 1, 63, 64, 65, (1 << 21) + 1, u32::MAX - 63] {
             for unfinished in [0, 1, 77] {
                 let steps: Vec<Step> = [0, 1, 27, 64, 65, 2049, 3 << 21]
@@ -579,13 +590,14 @@ fn schedule_turns_counts_into_dispatches() {
                     .flat_map(|end| [[0, 0], [1, 0], [0, 1], [1, 1]].map(|[last, indirect]| (end, last, indirect)))
                     .map(|(end, last, indirect)| Step { end, last, indirect, ..Step::default() })
                     .collect();
-                let step_buffer = upload(ctx, "steps", &steps).unwrap();
+                let step_set = Resources::of([("steps", &upload(ctx, "steps", &steps).unwrap())]);
                 let list_groups = [9, 9, 9, unfinished];
                 let before = Work { live, unfinished, round_groups: [9; 4], list_groups, ..Work::default() };
                 let works: Vec<Buffer> = steps.iter().map(|_| upload(ctx, "work", &[before]).unwrap()).collect();
                 let status = upload(ctx, "status", &[5u32, 6, 7, 8]).unwrap();
-                let passes: Vec<Schedule> =
-                    works.iter().map(|w| Schedule::new(&kernels, w, &step_buffer, &status).unwrap()).collect();
+                let passes: Vec<Schedule> = make(ctx, Resources::of([("status", &status)]), |kit| {
+                    works.iter().map(|work| Schedule::new(kit, work, &step_set)).collect()
+                });
                 ctx.submit_and_wait("schedule", None, |rec| {
                     (0u32..).zip(&passes).try_for_each(|(i, pass)| pass.record(rec, i))
                 })

@@ -9,6 +9,7 @@ use lightsum::pass::shade::{self, Receiver};
 use lightsum::plan::{LOOP_BUDGET, least_loop_budget};
 use lightsum::scene::{Camera, Scene, builtin};
 use lightsum::settings::{Clip, Settings};
+use lightsum::stage::Stage;
 use lightsum::standalone::Renderer;
 
 use crate::rig::{Rig, close, gallery, xyz};
@@ -42,10 +43,7 @@ fn more_work_than_the_driver_lets_one_dispatch_do() {
         let scene = builtin::deep_scene(1500);
         let settings = Settings { paths: 4096, clip: Clip::Distance(0.0), ..Settings::default() };
         let rig = Rig::new(ctx, &scene, [8, 1], settings);
-        rig.run(|frame, rec| {
-            frame.walk.record(rec)?;
-            frame.eye.record(rec)
-        });
+        rig.walk_and_look();
         rig.run(|frame, rec| frame.shade.record(rec));
         assert_eq!(rig.lost(), 0);
         let frame = rig.frame();
@@ -126,7 +124,7 @@ fn rays_that_run_out_of_steps_are_reported_and_leave_no_trace() {
     gpu_test(|ctx| {
         let scene = builtin::deep_scene(60);
         let mut rig = Rig::new(ctx, &scene, [27, 1], starved());
-        let film: Vec<Buffer> = rig.frame().output.film.buffers().into_iter().cloned().collect();
+        let film: Vec<Buffer> = rig.frame().output.film.buffers().cloned().collect();
         rig.prefill(&film.iter().collect::<Vec<_>>());
         ctx.submit_and_wait("a pass", None, |rec| rig.engine.record_pass(rec)).unwrap();
         let lost = rig.lost();

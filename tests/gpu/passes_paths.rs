@@ -4,17 +4,16 @@ use std::collections::BTreeMap;
 
 use glam::{Vec3, Vec4};
 use lightsum::bsdf::ideal::Media;
-use lightsum::gpu::{download, upload};
-use lightsum::pass::Kernels;
+use lightsum::gpu::{Resources, download, upload};
 use lightsum::pass::eye_paths::{self, EyePath};
 use lightsum::pass::merge::{self, Merge};
 use lightsum::pass::receivers::surface_at;
 use lightsum::pass::{List, layout, tiles};
 use lightsum::scene::{Scene, Surface, builtin};
-use lightsum::settings::{Settings, Superposition, Traversal};
+use lightsum::settings::{Settings, Superposition};
 
 use crate::passes_light::{Sheet, fill};
-use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, ray_of, same_hit, untouched};
+use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, make, ray_of, same_hit, untouched};
 use crate::support::gpu_test;
 
 /// What may differ of a direction: refraction near the critical angle magnifies the rounding of roots and divisions.
@@ -261,7 +260,6 @@ fn tiles_are_listed_in_order() {
 #[test]
 fn merge_adds_second_components_to_their_pixels() {
     gpu_test(|ctx| {
-        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
         for [width, height] in AWKWARD_IMAGES {
             let size = (width * height) as usize;
             let s = Sheet::new(ctx, [width, height], 1);
@@ -282,7 +280,8 @@ fn merge_adds_second_components_to_their_pixels() {
                 entries: upload(ctx, "tiles", &tiles).unwrap(),
                 work: upload(ctx, "tile work", &[work]).unwrap(),
             };
-            let pass = Merge::new(&kernels, &s.frame, r, &s.paths, &s.sums, &list, &r.emitted).unwrap();
+            let shared = Resources::of([("frame", &s.frame)]);
+            let pass = make(ctx, shared, |kit| Merge::new(kit, r, &s.paths, &s.sums, &list, &r.emitted));
             ctx.submit_and_wait("merge", None, |rec| pass.record(rec)).unwrap();
             let found = download::<Vec4>(ctx, &r.emitted).unwrap();
             for i in 0..size {

@@ -3,7 +3,6 @@
 use glam::{Vec3, Vec4};
 use lightsum::bsdf::Reflectance;
 use lightsum::bsdf::ideal::Media;
-use lightsum::frame::Photons;
 use lightsum::gpu::Context;
 use lightsum::pass::layout::Work;
 use lightsum::pass::photon_follow::{self, Fate};
@@ -13,6 +12,7 @@ use lightsum::pass::shade::Receiver;
 use lightsum::pass::{photon_find, photon_grid, photon_start};
 use lightsum::scene::Scene;
 use lightsum::settings::Settings;
+use lightsum::stage::{Photons, Stage};
 
 use crate::rig::{Rig, SINE, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error};
 use crate::support::{AWKWARD_SIZES, gpu_test};
@@ -60,13 +60,9 @@ fn check_start(rig: &Rig, what: &str, sine: f32) {
     let state = State::of(rig);
     let mut tally = Tally::new(format!("photon_start, {what}"));
     let mut traced = Tally::new(format!("trace of photons, {what}"));
+    let targets = &rig.engine.device_scene().targets;
     for i in 0..p.count as usize {
-        let oracle = photon_start::reference(
-            &rig.parameters,
-            rig.engine.emitters(),
-            rig.engine.device_scene().targets,
-            i as u32,
-        );
+        let oracle = photon_start::reference(&rig.parameters, rig.engine.emitters(), targets, i as u32);
         let (ray, flux) = (ray_of(state.origin[i], state.direction[i]), state.flux[i]);
         let same = match oracle {
             None => ray.t_max == 0.0 && flux.truncate() == Vec3::ZERO,
@@ -199,11 +195,7 @@ fn check_grid(rig: &Rig, what: &str) -> Vec<Photon> {
 
 /// Lights the image; returns the number of receivers that photons light, diffusely and by a lobe.
 fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
-    rig.run(|frame, rec| {
-        frame.walk.record(rec)?;
-        frame.eye.record(rec)?;
-        frame.shade.record(rec)
-    });
+    rig.light();
     let frame = rig.frame();
     let sums = || [&frame.shade.lighting.indirect, &frame.shade.lighting.specular].map(|b| rig.vec4s(b));
     let before = sums();
@@ -217,8 +209,9 @@ fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
     let of_photons = stored(&of_photons.collect::<Vec<_>>());
     let listed: Vec<(u32, Vec3)> =
         rig.list(0).into_iter().map(|slot| (slot, position[slot as usize].truncate())).collect();
-    let work = rig.get::<Work>(&frame.photons.as_ref().unwrap().found.work)[0];
-    let mut found = rig.get::<u32>(&frame.photons.as_ref().unwrap().found.entries)[..work.live as usize].to_vec();
+    let list = &frame.photon_lighting.as_ref().unwrap().found;
+    let work = rig.get::<Work>(&list.work)[0];
+    let mut found = rig.get::<u32>(&list.entries)[..work.live as usize].to_vec();
     found.sort_unstable();
     assert_eq!(found, photon_find::reference(&rig.parameters, &listed, &of_photons), "{what}: receivers found");
     let mut tally = Tally::new(format!("photon_light, {what}"));

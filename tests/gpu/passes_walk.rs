@@ -9,6 +9,7 @@ use lightsum::pass::receivers::surface_at;
 use lightsum::pass::{walk_reflect, walk_start};
 use lightsum::scene::Scene;
 use lightsum::settings::{Sequence, Settings};
+use lightsum::stage::Stage;
 
 use crate::rig::{Rig, SINE, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error, untouched, xyz};
 use crate::support::{AWKWARD_SIZES, gpu_test};
@@ -215,7 +216,7 @@ fn walk(rig: &Rig) -> Vec<PointLight> {
     let (p, plan) = (&rig.parameters, &rig.engine.plan().lights);
     let classes = p.pattern[2];
     let mut of_class = vec![PointLight::default(); plan.slots() as usize];
-    of_class[..plan.delta as usize].copy_from_slice(rig.engine.device_scene().delta);
+    of_class[..plan.delta as usize].copy_from_slice(&rig.engine.device_scene().delta);
     let mut lights = of_class.repeat(classes as usize);
     let slot = |i: u32, j: usize| walk_start::light_slot(p, i, plan.first_slot(j)) as usize;
     for i in 0..rig.engine.plan().settings.particles() {

@@ -1,5 +1,6 @@
 //! A scene on the shared device whose frame is recorded stage by stage, and a gallery of all that stages must handle.
 
+use std::cell::RefCell;
 use std::path::Path;
 
 use bytemuck::Pod;
@@ -8,12 +9,14 @@ use lightsum::accel::{Bvh, Hit, Ray};
 use lightsum::device_scene::encode_normal;
 use lightsum::engine::Engine;
 use lightsum::frame::Frame;
-use lightsum::gpu::{Buffer, Context, Recorder, download};
+use lightsum::gpu::{Buffer, Context, Recorder, Resources, Staging, download};
 use lightsum::pass::clusters::NO_RECEIVER;
 use lightsum::pass::eye_paths::Plane;
-use lightsum::pass::{List, layout, walk_start};
+use lightsum::pass::{Kit, List, layout, walk_start};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
-use lightsum::settings::Settings;
+use lightsum::settings::{Settings, Traversal};
+use lightsum::stage::{Compensation, Stage};
+use lightsum::superposition::kernels::KernelLibrary;
 
 /// Image sizes at which off-by-one mistakes show: one pixel, part of a workgroup, one workgroup, 2049 pixels, a prime width.
 pub const AWKWARD_IMAGES: [[u32; 2]; 5] = [[1, 1], [27, 1], [8, 8], [683, 3], [31, 17]];
@@ -49,6 +52,25 @@ impl<'a> Rig<'a> {
         self.engine.frame()
     }
 
+    /// The stage that brings back what clipping cut off.
+    pub fn compensation(&self) -> &Compensation {
+        self.frame().compensation.as_ref().unwrap()
+    }
+
+    /// Particles walk, and the eye looks.
+    pub fn walk_and_look(&self) {
+        self.run(|frame, rec| {
+            frame.walk.record(rec)?;
+            frame.eye.record(rec)
+        });
+    }
+
+    /// Particles walk, the eye looks, and lights light what it sees.
+    pub fn light(&self) {
+        self.walk_and_look();
+        self.run(|frame, rec| frame.shade.record(rec));
+    }
+
     pub fn bvh(&self) -> &Bvh {
         self.engine.bvh()
     }
@@ -56,6 +78,16 @@ impl<'a> Rig<'a> {
     /// Runs commands of the frame.
     pub fn run(&self, record: impl FnOnce(&Frame, &mut Recorder) -> lightsum::Result<()>) {
         self.ctx.submit_and_wait("a stage", None, |rec| record(self.frame(), rec)).unwrap();
+    }
+
+    /// Makes one more pass of the frame.
+    pub fn make<T>(&self, pass: impl FnOnce(&Kit) -> lightsum::Result<T>) -> T {
+        let own = Resources::of([("frame", &self.frame().parameters), ("status", &self.frame().status)]);
+        let mut staging = Staging::new();
+        let traversal = self.engine.settings().traversal;
+        let made = pass(&Kit::new(self.ctx, &mut staging, self.engine.device_scene(), traversal, &own)).unwrap();
+        self.run(|_, rec| staging.record(rec));
+        made
     }
 
     /// Fills buffers with a value that no stage writes.
@@ -78,7 +110,7 @@ impl<'a> Rig<'a> {
     /// The receivers on the list of a bounce, sorted.
     pub fn list(&self, bounce: usize) -> Vec<u32> {
         if bounce > 0 || self.frame().eye.clusters.is_none() {
-            return self.sorted(&self.frame().point_lists().nth(bounce).unwrap());
+            return self.sorted(self.frame().point_lists().nth(bounce).unwrap());
         }
         // Clusters of the screen have gaps.
         let work = self.work(0);
@@ -126,6 +158,11 @@ impl<'a> Rig<'a> {
         self.reflector(hit, Surface::Opaque)
     }
 
+    /// Kernels of the glossy planes.
+    pub fn library(&self) -> &KernelLibrary {
+        &self.engine.device_scene().tables().unwrap().library
+    }
+
     /// What superposition takes a hit for, seen along `d`.
     pub fn spreading_plane(&self, hit: &Hit, d: Vec3) -> Option<Plane> {
         if self.reflector(hit, Surface::Glass) > 0 {
@@ -133,7 +170,7 @@ impl<'a> Rig<'a> {
         }
         let number = self.plane(hit).checked_sub(1)?;
         let mu = self.bvh().normal(hit.triangle).dot(d).abs();
-        let lobe = self.frame().glossy_planes.as_ref()?.tables.library.look_up(number, mu)?;
+        let lobe = self.library().look_up(number, mu)?;
         Some(Plane::Glossy { energy: lobe.energy, grazing: lobe.grazing })
     }
 
@@ -146,6 +183,15 @@ impl<'a> Rig<'a> {
     pub fn lost(&self) -> u32 {
         self.get::<u32>(&self.frame().status)[0]
     }
+}
+
+/// Makes a pass that shares these resources with no others, and has no scene.
+pub fn make<T>(ctx: &Context, shared: Resources, pass: impl FnOnce(&Kit) -> lightsum::Result<T>) -> T {
+    let mut staging = Staging::new();
+    let (uploads, traversal) = (RefCell::new(&mut staging), Traversal::Auto);
+    let made = pass(&Kit { context: ctx, staging: uploads, shared, textured: false, traversal }).unwrap();
+    ctx.submit_and_wait("uploads", None, |rec| staging.record(rec)).unwrap();
+    made
 }
 
 /// What a device's sine and cosine may be off: Vulkan grants 2^-11. SwiftShader comes close to it, lavapipe does not.

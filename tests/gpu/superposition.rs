@@ -7,6 +7,7 @@ use lightsum::bsdf::Reflectance as Finish;
 use lightsum::pass::{accumulate, merge, mirror_image, summands, superpose};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface};
 use lightsum::settings::{Reflectance, Settings, Spread, Superposition};
+use lightsum::stage::Stage;
 use lightsum::superposition::lobe::{Lobe, Table};
 use lightsum::superposition::reflectance::{ReflectanceMap, fresnel_fitted_rgb};
 
@@ -44,11 +45,7 @@ fn settings(superposition: Superposition) -> Settings {
 
 /// Lights what the eye sees.
 fn light(rig: &Rig) {
-    rig.run(|frame, rec| {
-        frame.walk.record(rec)?;
-        frame.eye.record(rec)?;
-        frame.shade.record(rec)
-    });
+    rig.light();
     assert_eq!(rig.lost(), 0);
 }
 
@@ -85,7 +82,7 @@ fn mirror_images_follow_their_oracle() {
                 let seen = (position[k].w >= 0.0).then_some(through[k].w);
                 assert_eq!(source[i].w, seen.unwrap_or(mirror_image::NOTHING_SEEN));
                 let (d, n) = (-wo[i].truncate(), normal[i].truncate());
-                let lobe = mirrors.tables.library.look_up(region[i] - 1, -d.dot(n)).unwrap();
+                let lobe = rig.library().look_up(region[i] - 1, -d.dot(n)).unwrap();
                 let mut seen_planes = vec![(lobe.tan_beta, through[i].w)];
                 let more = widening[i];
                 if more.x > 0.0 {
@@ -140,7 +137,7 @@ fn planes_reflect_as_their_oracle_says() {
                 };
                 let mu = normal[i].truncate().dot(wo[i].truncate());
                 let finish: &Finish = &rig.engine.device_scene().finishes[plane as usize].reflectance;
-                let look_up = |mu: f32| mirrors.tables.library.look_up(plane, mu).unwrap();
+                let look_up = |mu: f32| rig.library().look_up(plane, mu).unwrap();
                 let map = ReflectanceMap::new(|mu| look_up(mu).energy * fresnel_fitted_rgb(finish.f0, mu)).unwrap();
                 let lobe = look_up(mu);
                 let rho = superpose::reference(reflectance, finish, &map, [lobe.energy, lobe.grazing], mu);
@@ -175,7 +172,7 @@ fn summands_follow_their_oracle_and_add_up() {
                 let (through, reflected) = (rig.vec4s(&frame.eye.paths.throughput), rig.vec4s(&pass.reflected));
                 rig.run(|frame, rec| frame.summands.record(rec));
                 let film = frame.output.film.summands.as_ref().unwrap();
-                let found = film.each_ref().map(|[sum, _]| rig.vec4s(sum));
+                let found = film.each_ref().map(|sum| rig.vec4s(&sum.0[0]));
                 let whole = rig.vec4s(&r.emitted);
                 for i in 0..reflected.len() {
                     let lit = wo[i].w > 0.0;

@@ -153,10 +153,7 @@ fn lists_are_sorted_and_the_same_in_every_run() {
                 let rig = Rig::new(ctx, &scene, [width, height], by_space);
                 // Second components outside of tiles with mirrors and glass are left alone; they are not lit.
                 rig.prefill(&[&rig.frame().eye.points.wo]);
-                rig.run(|frame, rec| {
-                    frame.walk.record(rec)?;
-                    frame.eye.record(rec)
-                });
+                rig.walk_and_look();
                 let live = rig.work(0).live as usize;
                 let list = rig.get::<u32>(&rig.frame().eye.list.entries)[..live].to_vec();
                 let positions = rig.vec4s(&rig.frame().eye.points.position).into_iter().map(|p| xyz(p.to_array()));
@@ -198,10 +195,7 @@ fn clusters_of_the_screen_follow_their_oracle() {
             let scene = gallery();
             let rig = Rig::new(ctx, &scene, [width, height], Settings { pattern, ..settings(Traversal::Auto) });
             rig.prefill(&[&rig.frame().eye.points.wo]);
-            rig.run(|frame, rec| {
-                frame.walk.record(rec)?;
-                frame.eye.record(rec)
-            });
+            rig.walk_and_look();
             let work = rig.work(0);
             let list = rig.get::<u32>(&rig.frame().eye.list.entries)[..work.total as usize].to_vec();
             let wo = rig.vec4s(&rig.frame().eye.points.wo);
@@ -246,7 +240,7 @@ fn the_choice_of_kernel_is_measured_and_kept() {
         let cache = dir.path().join("pipelines.bin");
         let file = dir.path().join("pipelines.bin.traversal.json");
         let first = calibrate::choose(ctx, &cache).unwrap();
-        if TraversalKernels::visibility(ctx, Traversal::Auto).unwrap().cluster.is_none() {
+        if TraversalKernels::visibility(ctx, Traversal::Auto, false).unwrap().cluster.is_none() {
             assert_eq!((first, file.exists()), (Traversal::Single, false), "there is nothing to choose from");
             return;
         }

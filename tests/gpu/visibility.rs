@@ -4,10 +4,9 @@ use glam::Vec3;
 use lightsum::accel::{Bvh, offset_origin};
 use lightsum::device_scene::DeviceScene;
 use lightsum::gpu::{Context, Staging, download};
-use lightsum::light::emitters::Emitters;
+use lightsum::pass::TraversalKernels;
 use lightsum::pass::layout::Work;
 use lightsum::pass::visibility::{Counts, Inputs, Visibility, Workload, reference};
-use lightsum::pass::{Kernels, TraversalKernels};
 use lightsum::scene::{Scene, builtin};
 use lightsum::settings::{Settings, Traversal};
 use lightsum::standalone::Renderer;
@@ -18,27 +17,25 @@ use crate::support::gpu_test;
 /// A scene on the device.
 struct Stage<'a> {
     ctx: &'a Context,
-    bvh: Bvh,
-    kernels: Kernels,
-    buffers: DeviceScene,
+    scene: DeviceScene,
 }
 
 impl Stage<'_> {
     fn new<'a>(ctx: &'a Context, scene: &Scene) -> Stage<'a> {
-        let bvh = Bvh::build(scene).unwrap();
-        let emitters = Emitters::of(scene, scene.emitters_are_lights).unwrap();
-        let kernels = Kernels::new(ctx, Traversal::Auto).unwrap();
         let mut staging = Staging::new();
-        let buffers = DeviceScene::new(ctx, &mut staging, scene, &bvh, &emitters, true).unwrap();
+        let scene = DeviceScene::new(ctx, &mut staging, scene, true).unwrap();
         ctx.submit_and_wait("scene", None, |rec| staging.record(rec)).unwrap();
-        Stage { ctx, bvh, kernels, buffers }
+        Stage { ctx, scene }
     }
 
-    fn run(&self, forms: &TraversalKernels, workload: &Workload) -> Visibility {
+    fn bvh(&self) -> &Bvh {
+        &self.scene.bvh
+    }
+
+    fn run(&self, kernels: TraversalKernels, workload: &Workload) -> Visibility {
         let settings = Settings { rounds: 64, ..Settings::default() };
         let mut staging = Staging::new();
-        let (kernels, scene, bvh, settings) = (&self.kernels, &self.buffers, &self.bvh, &settings);
-        let inputs = Inputs { kernels, forms, scene, bvh, settings, workload };
+        let inputs = Inputs { kernels, scene: &self.scene, settings: &settings, workload };
         let pass = Visibility::new(self.ctx, &mut staging, &inputs).unwrap();
         self.ctx.submit_and_wait("rays", None, |rec| staging.record(rec)).unwrap();
         self.ctx.submit_and_wait("tracing", None, |rec| pass.record(rec)).unwrap();
@@ -48,11 +45,11 @@ impl Stage<'_> {
 
     /// Both kernels see what the oracle sees, but for two rays and `strays` of a million more.
     fn check(&self, name: &str, workload: &Workload, strays: u64) {
-        let expected = reference(&self.bvh, workload);
+        let expected = reference(self.bvh(), workload);
         let pairs = (workload.receivers.len() * workload.lights.len()) as u64;
         for traversal in [Traversal::Single, Traversal::Auto] {
-            let forms = workload.forms(self.ctx, traversal).unwrap();
-            let seen: Vec<u32> = download(self.ctx, &self.run(&forms, workload).visible).unwrap();
+            let kernels = workload.kernels(self.ctx, traversal).unwrap();
+            let seen: Vec<u32> = download(self.ctx, &self.run(kernels, workload).visible).unwrap();
             assert_eq!(seen.len(), expected.len());
             let differ: u64 = seen.iter().zip(&expected).map(|(&a, &b)| u64::from(a.abs_diff(b))).sum();
             eprintln!("{name}, {traversal:?}: {differ} of {pairs} pairs differ");
@@ -135,7 +132,7 @@ fn area_lights_on_surfaces_and_in_their_planes() {
         for triangle in [0, 20, 333, 1_000, 1_600] {
             let [a, b, c] = scene.triangle_positions(triangle);
             let n = (b - a).cross(c - a).normalize();
-            workload.lights.push(offset_origin(a, n, stage.bvh.scale()));
+            workload.lights.push(offset_origin(a, n, stage.bvh().scale()));
             workload.edges.push([b - a, c - a]);
         }
         stage.check("lifted area lights", &workload, 2_000);
@@ -159,7 +156,7 @@ fn degenerate_triangles_hide_no_area_light() {
             scene.triangles.push(lightsum::scene::Triangle { vertices: [first, first + 1, first + 2], ..model });
         }
         let stage = Stage::new(ctx, &scene);
-        assert_eq!(reference(&stage.bvh, &workload), clear);
+        assert_eq!(reference(stage.bvh(), &workload), clear);
         stage.check("degenerate triangles", &workload, 0);
     });
 }
@@ -171,11 +168,11 @@ fn tiny_area_lights_are_point_lights() {
         let stage = Stage::new(ctx, &scene);
         let points = all_over(&scene, 2_049, 33);
         let seen = |workload: &Workload, traversal| -> Vec<u32> {
-            let forms = workload.forms(ctx, traversal).unwrap();
-            download(ctx, &stage.run(&forms, workload).visible).unwrap()
+            let kernels = workload.kernels(ctx, traversal).unwrap();
+            download(ctx, &stage.run(kernels, workload).visible).unwrap()
         };
         let with_edges = |length: f32| {
-            let edge = stage.bvh.diagonal() * length;
+            let edge = stage.bvh().diagonal() * length;
             Workload { edges: vec![[Vec3::X * edge, Vec3::Z * edge]; 33], ..points.clone() }
         };
         for traversal in [Traversal::Single, Traversal::Auto] {
@@ -201,7 +198,7 @@ fn lights_at_vertices_and_on_surfaces() {
         let mut workload = all_over(&scene, 2_000, 0);
         // Lifted off as the walk lifts them. So near to a triangle the planes through light and edges depend on the last bits
         // of the light's place.
-        let scale = stage.bvh.scale();
+        let scale = stage.bvh().scale();
         for triangle in [20, 333, 1_000, 1_600] {
             let [a, b, c] = scene.triangle_positions(triangle);
             let n = (b - a).cross(c - a).normalize();
@@ -209,7 +206,7 @@ fn lights_at_vertices_and_on_surfaces() {
         }
         stage.check("lifted lights", &workload, 2_000);
         // A light inside a sphere is seen by nobody outside, and the other way round.
-        workload.lights = vec![(stage.bvh.min + stage.bvh.max) * 0.5, stage.bvh.max * 3.0];
+        workload.lights = vec![(stage.bvh().min + stage.bvh().max) * 0.5, stage.bvh().max * 3.0];
         stage.check("inside and outside", &workload, 20);
     });
 }
@@ -218,7 +215,7 @@ fn lights_at_vertices_and_on_surfaces() {
 fn what_faces_away_is_culled_and_counted() {
     gpu_test(|ctx| {
         if !has_clusters(ctx) {
-            assert!(TraversalKernels::counters(ctx).is_err(), "there is nothing to count");
+            assert!(TraversalKernels::counters(ctx, false).is_err(), "there is nothing to count");
             return;
         }
         let scene = builtin::room(2_000);
@@ -233,9 +230,9 @@ fn what_faces_away_is_culled_and_counted() {
             lights: (0..40).map(|i| Vec3::new(middle.x, high.y - 0.2, low.z + 0.1 * i as f32)).collect(),
             ..Workload::default()
         };
-        let forms = TraversalKernels::counters(ctx).unwrap();
+        let kernels = workload.counting_kernels(ctx).unwrap();
         let counts = |workload: &Workload| {
-            let pass = stage.run(&forms, workload);
+            let pass = stage.run(kernels, workload);
             let words: Vec<u32> = download(ctx, &pass.counters).unwrap();
             let culled = download::<Work>(ctx, &pass.work).unwrap()[0].culled;
             (Counts::new(words[..Counts::LENGTH].try_into().unwrap()), culled)
@@ -251,8 +248,8 @@ fn what_faces_away_is_culled_and_counted() {
         let mut deep = workload.clone();
         deep.lights = vec![Vec3::new(middle.x, at(0).y - 1.0, middle.z); 20];
         deep.edges = vec![[Vec3::X, 2.0 * Vec3::Y]; 20];
-        let forms = TraversalKernels::counters_area(ctx).unwrap();
-        let pass = stage.run(&forms, &deep);
+        let kernels = deep.counting_kernels(ctx).unwrap();
+        let pass = stage.run(kernels, &deep);
         let words: Vec<u32> = download(ctx, &pass.counters).unwrap();
         assert_eq!((words[0], download::<Work>(ctx, &pass.work).unwrap()[0].culled), (2 * 20, 0));
         assert_eq!(u64::from(words[1]), deep.segments());
@@ -298,5 +295,5 @@ fn faint_lights_are_dropped_on_demand() {
 
 /// Whether this device has a kernel for clusters.
 fn has_clusters(ctx: &Context) -> bool {
-    TraversalKernels::visibility(ctx, Traversal::Auto).unwrap().cluster.is_some()
+    TraversalKernels::visibility(ctx, Traversal::Auto, false).unwrap().cluster.is_some()
 }

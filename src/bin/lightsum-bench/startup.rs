@@ -1,9 +1,9 @@
-//! `startup`: from process start to the second pass.
+//! `startup`: from nothing to the second pass.
 //!
-//! Each measurement is a separate process, because a driver keeps loaded and compiled code for the lifetime of the process.
-//! Two processes share a cache folder: the first finds it empty, the second finds the pipeline file and the driver's own disk
-//! cache that the first left. Some drivers, lavapipe among them, compile at the first dispatch rather than at pipeline
-//! creation; that time shows in the first pass.
+//! Each measurement is a process of its own, since a driver keeps what it has loaded and compiled for as long as the process
+//! lives. Two processes share a folder for caches: the first finds it empty, the second finds what the first left, the file
+//! of pipelines and the driver's own cache on disk. Some drivers, lavapipe among them, compile at the first dispatch rather
+//! than when pipelines are made; then that shows in the first pass.
 
 use crate::args::{Startup, StartupOnce};
 use crate::report::{self, Fields, Table, milliseconds, percent};
@@ -18,18 +18,17 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-/// The measured steps in order: key and label in the table.
-const STEPS: [(&str, &str); 7] = [
+/// What is timed, in order, with a line for the table.
+const STEPS: [(&str, &str); 6] = [
     ("load", "load the scene"),
     ("device", "open the device"),
-    ("pipelines", "make the pipelines"),
     ("bvh", "build the BVH"),
     ("prepare", "make the renderer: pipelines, BVH, upload"),
     ("first_pass", "first pass"),
     ("second_pass", "second pass"),
 ];
 
-/// Environment variables for the drivers' cache folders: Mesa, NVIDIA, any other.
+/// Variables that tell drivers where to keep their caches: Mesa, NVIDIA, any other.
 const CACHE_VARIABLES: [&str; 3] = ["MESA_SHADER_CACHE_DIR", "__GL_SHADER_DISK_CACHE_PATH", "XDG_CACHE_HOME"];
 
 /// For each step its seconds in each repeat.
@@ -53,7 +52,7 @@ pub fn run(args: &Startup) -> Result<()> {
             for times in [&mut cold, &mut warm] {
                 let (once, used) = start(scene, args.common.resolution, device, caches.path())?;
                 settings = used;
-                // The very first run loads program and driver into the system's file cache.
+                // The first of all brings program and driver into the system's file cache.
                 if repeat > 0 {
                     times.iter_mut().zip(once).for_each(|(all, seconds)| all.push(seconds));
                 }
@@ -77,7 +76,7 @@ pub fn run(args: &Startup) -> Result<()> {
     Ok(())
 }
 
-/// Runs a process that keeps all its caches in `caches`; returns its times and settings.
+/// Runs a process that keeps all its caches in `caches`, and gives its times and its settings.
 fn start(scene: &str, [width, height]: [u32; 2], device: usize, caches: &Path) -> Result<([f64; STEPS.len()], Value)> {
     let program = std::env::current_exe().map_err(Error::io("finding", Path::new("lightsum-bench")))?;
     let mut command = Command::new(&program);
