@@ -1,8 +1,8 @@
 //! Global illumination without noise as a sum over virtual lights, in Vulkan compute.
 //!
 //! Instant radiosity (Keller 1997): particles leave the emitters along quasi-random paths and leave a point light
-//! wherever they meet a surface; what the eye sees is lit by all of these lights, with shadows. What is usually noise
-//! becomes a smooth error that the next passes average away. Everything runs in compute shaders on any device with
+//! wherever they meet a surface; everything that the eye sees is lit by all of these lights, with shadows. The usual
+//! noise becomes a smooth error that the next passes average away. Everything runs in compute shaders on any device with
 //! Vulkan 1.1, Mesa's lavapipe on the processor included.
 //!
 //! # Architecture
@@ -11,55 +11,67 @@
 //!
 //! | module | role |
 //! |---|---|
-//! | [`settings`] | every knob: meaning, unit, default, cost |
+//! | [`settings`] | every setting: meaning, unit, default, cost |
 //! | [`error`] | the one error type |
-//! | [`scene`] | what is lit: OBJ, glTF, scene files, built-in scenes; plain data |
-//! | [`bsdf`] | how surfaces reflect: Lambert and a GGX lobe; mirrors and glass |
+//! | [`scene`] | the scene as plain data: OBJ, glTF, scene files, built-in scenes |
+//! | [`bsdf`] | reflectance: Lambert and a GGX lobe; mirrors and glass |
 //! | [`accel`] | the bounding volume hierarchy |
-//! | [`sampling`] | Halton, Hammersley and Sobol' points, hashes, and which consumer uses which dimension |
-//! | [`light`] | the emitters and how particles are spread over them |
+//! | [`sampling`] | Halton, Hammersley and Sobol' points, hashes, and the dimensions of each consumer |
+//! | [`light`] | the emitters, and how particles are spread over them |
 //! | [`superposition`] | tables for glossy reflections by convolution: kernels and directional reflectance |
-//! | [`plan`] | what a pass will do: surviving particles, dispatches, its parameters |
-//! | [`device_scene`] | the scene on the device |
+//! | [`device_scene`] | the scene on the device; outlives frames, settings and sizes |
+//! | [`view`] | where light is wanted: a camera, a region of its image, an atlas of texels |
+//! | [`film`] | exact sums over passes, on the device and on the host; merging, means |
+//! | [`plan`] | all that follows from scene, settings and view; the parameters of each pass |
 //! | [`pass`] | the GPU passes, one file each beside its CPU oracle, each with a shader of the same stem |
-//! | [`frame`] | the frame: each pass once, in order |
-//! | [`engine`] | scene and frame together, recorded into a host's command buffer |
-//! | [`standalone`] | the engine on a device of its own, with readback; what the command line runs |
-//! | [`calibrate`] | which kernel traces shadow rays on a device |
+//! | [`stage`] | the stages of a frame, each with its passes, buffers and steps |
+//! | [`frame`] | the frame: each stage once, in order |
+//! | [`engine`] | scene, view, film and frame together, recorded into a host's command buffer |
+//! | [`standalone`] | the engine on a device of its own, with readback; used by the command line |
+//! | [`tiles`] | images too large for a device, strip by strip |
+//! | [`calibrate`] | the faster kernel for shadow rays on a device |
 //! | [`path_trace`] | CPU path tracer, the ground truth |
 //! | [`output`] | EXR, PNG, statistics, resumable state |
-//! | [`fingerprint`] | tells renderings apart |
-//! | [`gpu`] | the only code that speaks Vulkan; it knows nothing about light |
+//! | [`fingerprint`] | a hash that tells renderings apart |
+//! | [`gpu`] | the only code that calls Vulkan; it knows nothing about light |
 //!
-//! One pass of the renderer, as [`frame`] records it:
+//! ```text
+//! DeviceScene --+
+//! Settings -----+--> plan::derive --> Plan --> Frame::new --> Frame (stages) --> Film --> image, layers
+//! View ---------+                      |                        ^
+//!                                      +-- parameters(pass) ----+
+//! ```
 //!
-//! 1. walk: [`walk_start`](pass::walk_start) sends particles from the emitters; for each reflection
-//!    [`trace`](pass::trace) finds what they hit and [`walk_reflect`](pass::walk_reflect) leaves a light there and
-//!    sends the survivors on.
-//! 2. eye: [`camera_rays`](pass::camera_rays) and [`trace`](pass::trace) find what the pixels see;
-//!    [`tiles`](pass::tiles) of mirrors and glass are followed by [`eye_paths`](pass::eye_paths) and [`trace`](pass::trace) in
-//!    turns, split in two where both components count; [`receivers`](pass::receivers) lists what is to be lit; [`schedule`](pass::schedule) turns counts into indirect dispatches,
-//!    here and everywhere. Then photons, if asked for: [`photon_start`](pass::photon_start) shoots them at mirrors and glass,
-//!    [`photon_follow`](pass::photon_follow) and [`trace`](pass::trace) follow them to where they are stored, and
-//!    [`photon_grid`](pass::photon_grid) sorts them.
-//! 3. For each bounce: [`sort`](pass::sort) brings neighbours together, or [`clusters`](pass::clusters) where the eye's receivers
-//!    are the only ones; [`shade`](pass::shade) lights the receivers by
-//!    all lights, no nearer than the clip distance, and [`photon_light`](pass::photon_light) what the eye sees by the photons
-//!    around it, where [`photon_find`](pass::photon_find) has found some; then [`gather`](pass::gather), [`trace`](pass::trace) and [`receivers`](pass::receivers) follow one short ray
-//!    from each for what clipping cut off, and [`collect`](pass::collect) brings its light back to the pixels.
-//! 4. [`discontinuity`](pass::discontinuity), if asked for, averages irradiance over neighbours on one surface; [`merge`](pass::merge) adds the second way of what was split; [`accumulate`](pass::accumulate) adds the pass to the running sums; [`resolve`](pass::resolve) writes their
-//!    mean to an image.
+//! One pass of the renderer, in the order in which [`frame`] records its stages:
 //!
-//! Where there are planar mirrors and it is asked for, [`mirror_lights`](pass::mirror_lights) add the light of mirrored virtual lights
-//! after that of photons.
+//! 1. [`Eye`](stage::Eye): [`camera_rays`](pass::camera_rays) and [`trace`](pass::trace) find the first hits. Tiles of pixels with
+//!    mirrors or glass ([`tiles`](pass::tiles)) are followed by [`eye_paths`](pass::eye_paths) and [`trace`](pass::trace) in turns,
+//!    split in two where both components count. [`receivers`](pass::receivers) turns hits into shading points on a list, and
+//!    [`clusters`](pass::clusters) or [`sort`](pass::sort) brings neighbours together. An [`atlas`](pass::atlas) takes the place of
+//!    camera rays where texels are lit. [`schedule`](pass::schedule) turns counts into indirect dispatches, here and everywhere.
+//! 2. [`importance`](pass::importance) estimates the contribution of each emitter to the points seen, if emitters are chosen by it.
+//! 3. [`Walk`](stage::Walk): [`walk_start`](pass::walk_start) sends particles from the emitters. For each reflection
+//!    [`trace`](pass::trace) finds their hits and [`walk_reflect`](pass::walk_reflect) leaves a light there and sends the survivors
+//!    on. [`delta_choice`](pass::delta_choice) chooses among lights without area where not all are lit.
+//! 4. [`Photons`](stage::Photons): [`photon_start`](pass::photon_start) shoots photons at mirrors and glass,
+//!    [`photon_follow`](pass::photon_follow) and [`trace`](pass::trace) follow them until they are stored, and
+//!    [`photon_grid`](pass::photon_grid) sorts them into a hash grid.
+//! 5. [`Shade`](stage::Shade): [`shade`](pass::shade) lights the points by all lights, no nearer than the clip distance.
+//!    [`PhotonLighting`](stage::PhotonLighting): [`photon_find`](pass::photon_find) lists the points near photons and
+//!    [`photon_light`](pass::photon_light) adds their light. [`mirror_lights`](pass::mirror_lights) adds the light of virtual
+//!    lights after one planar mirror.
+//! 6. [`Compensation`](stage::Compensation), bounce by bounce: [`gather`](pass::gather), [`trace`](pass::trace) and
+//!    [`receivers`](pass::receivers) follow one short ray from each point for the light that clipping cut off, [`shade`](pass::shade)
+//!    lights their hits, and [`collect`](pass::collect) brings the light back to the pixels.
+//! 7. [`discontinuity`](pass::discontinuity) averages irradiance over neighbours on one surface.
+//! 8. [`GlossyPlanes`](stage::GlossyPlanes): [`mirror_image`](pass::mirror_image) takes the image of glossy planes from the second
+//!    components, [`convolve`](pass::convolve) spreads it, and [`superpose`](pass::superpose) adds it to the planes.
+//! 9. [`merge`](pass::merge) adds the light of the other second components to their pixels, [`summands`](pass::summands) sums
+//!    emission, diffuse and specular light apart, and [`lens`](pass::lens) blurs by [`convolve`](pass::convolve) what is out of focus.
+//! 10. [`Output`](stage::Output): [`accumulate`](pass::accumulate) adds the pass to the film, and [`resolve`](pass::resolve) writes
+//!     the film's mean to an image.
 //!
-//! Where particles choose emitters by contribution, the eye comes before the walk, and [`importance`](pass::importance) stands
-//! between them. Where not all point, spot and parallel lights are lit, [`delta_choice`](pass::delta_choice) follows.
-//!
-//! Where glossy planes mirror the room, [`mirror_image`](pass::mirror_image) takes its image from the second components before
-//! [`merge`](pass::merge), [`convolve`](pass::convolve) spreads it, and [`superpose`](pass::superpose) adds it to the planes. Before
-//! [`accumulate`](pass::accumulate) come, if asked for, [`summands`](pass::summands), which sums emission, diffuse and specular light apart, and
-//! [`lens`](pass::lens), which blurs by [`convolve`](pass::convolve) what is out of focus.
+//! All but 1, 3, 5 and 10 run only where settings and scene ask for them.
 //!
 //! # Use
 //!
@@ -94,53 +106,41 @@
 #![deny(unsafe_op_in_unsafe_fn)]
 #![deny(unsafe_code)]
 
-// Spoken of everywhere.
+// Used everywhere.
 pub mod error;
 pub mod settings;
 
-// What is lit.
+// The scene as data.
 pub mod scene;
 
-// Light transport on the host: what passes are made of and measured against.
-pub mod bsdf;
-
+// Light transport on the host: the material of the passes, and their measure.
 pub mod accel;
-
-pub mod sampling;
-
+pub mod bsdf;
 pub mod light;
-
+pub mod sampling;
 pub mod superposition;
 
 // The frame on the device.
-pub mod plan;
-
 pub mod device_scene;
-
 pub mod film;
-
+pub mod frame;
+pub mod pass;
+pub mod plan;
+pub mod stage;
 pub mod view;
 
-pub mod stage;
-
-pub mod pass;
-
-pub mod frame;
-
-// What users hold.
+// Interfaces for users.
 pub mod calibrate;
 pub mod engine;
 pub mod standalone;
 pub mod tiles;
 
 // Ground truth and results.
+pub mod fingerprint;
+pub mod output;
 pub mod path_trace;
 
-pub mod output;
-
-pub mod fingerprint;
-
-// Beneath everything.
+// Vulkan.
 #[allow(unsafe_code)]
 pub mod gpu;
 
@@ -150,3 +150,4 @@ pub use gpu::Context;
 pub use scene::{Camera, Scene};
 pub use settings::{Clip, Settings};
 pub use standalone::{RenderOptions, Renderer};
+pub use view::View;
