@@ -216,11 +216,21 @@ impl Engine {
         self.passes = passes;
     }
 
-    /// Looks from another camera, and starts over if it is another. Takes effect with the next pass; commands recorded before keep
-    /// the camera they were recorded with. Another resolution is a resize; a pinhole in place of a lens, or the other way round,
-    /// makes new passes.
+    /// Looks from another camera of the same resolution, and starts over if it is another. Takes effect with the next pass; commands
+    /// recorded before keep the camera they were recorded with. A pinhole in place of a lens, or the other way round, makes new
+    /// passes. A region of the image stays the same region.
     pub fn set_camera(&mut self, camera: Camera) -> Result<()> {
-        self.set_view(View::whole(camera))
+        let Region { size: [width, height], .. } = self.plan.view.within();
+        if camera.resolution != [width, height] {
+            return Err(Error::Setting {
+                name: "--resolution",
+                message: format!("the engine renders {width}x{height}; use Engine::resize for another size"),
+            });
+        }
+        match self.plan.view {
+            View::Camera { region, .. } => self.set_view(View::Camera { camera, region }),
+            View::Atlas(_) => self.set_view(View::whole(camera)),
+        }
     }
 
     /// Renders in another size from the next pass on, and starts over. The camera keeps its vertical angle of view. Buffers of the size of the
@@ -234,7 +244,7 @@ impl Engine {
                 message: String::from("an atlas has no camera; set another view"),
             });
         };
-        self.set_camera(Camera { resolution, ..*camera })
+        self.set_view(View::whole(Camera { resolution, ..*camera }))
     }
 
     /// Looks at something else, as [`Engine::set_camera`] and [`Engine::resize`] do: another camera, another region of its image,
