@@ -53,7 +53,9 @@ pub fn sum_with([high, middle, low]: [Vec4; 3], x: Vec4) -> [Vec4; 3] {
 
 /// Oracle: a sum of guides with one addend more, rounded to `unit`.
 pub fn sum_of_units([sum, rest]: [Vec4; 2], x: Vec4, unit: Vec4) -> [Vec4; 2] {
-    let (sum, error) = two_sum(sum, (x / unit).round() * unit);
+    // Shaders round halves to even.
+    let rounded = Vec4::from_array((x / unit).to_array().map(f32::round_ties_even)) * unit;
+    let (sum, error) = two_sum(sum, rounded);
     let (sum, rest) = two_sum(sum, rest + error);
     [sum, rest]
 }

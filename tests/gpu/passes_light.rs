@@ -396,6 +396,7 @@ impl Sheet {
             size: [width, height, pixels, 0],
             within: [0, 0, width, height],
             pixel_offset: [0.0, 0.0, 0.25, 1.0 / passes as f32],
+            lens: [0.0, 0.0, UNIT, 0.0],
             ..layout::Frame::default()
         };
         Sheet {

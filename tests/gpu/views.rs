@@ -187,7 +187,7 @@ fn films_of_disjoint_passes_merge_to_the_film_of_all() {
             let mut all = renderer(ctx, &scene, camera, &settings);
             let empty = all.film().unwrap();
             let whole = film(&mut all, 7).canonical();
-            let mut shard = |passes: &[u32]| {
+            let shard = |passes: &[u32]| {
                 let mut part = renderer(ctx, &scene, camera, &settings);
                 part.load_film(passes[0], &empty).unwrap();
                 for &pass in passes {
