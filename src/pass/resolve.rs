@@ -1,5 +1,5 @@
-//! The mean of the passes in the sums (see [`Film::counts`]), written to the image that a host shows or copies: linear
-//! radiance, alpha is coverage.
+//! Writes the mean of the passes in the sums (see [`Film::counts`]) to the image that a host shows or copies: linear
+//! radiance; alpha is coverage.
 //!
 //! Cost: 5 vec4 a pixel.
 
