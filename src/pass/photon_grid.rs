@@ -88,8 +88,8 @@ pub struct PhotonGrid {
 }
 
 impl PhotonGrid {
-    /// Fills `grid` from the stored photons: their `position` (w: 1 if stored), `normal`, direction in `rays`, and `flux`.
-    /// `grid.list.work` holds the number of all photons as its total.
+    /// Fills `grid` from the stored photons: their `position` (w: 1 if stored), `normal`, direction in `rays`, and
+    /// `flux`. `grid.list.work` holds the number of all photons as its total.
     pub fn new(
         kit: &Kit,
         rays: &Rays,

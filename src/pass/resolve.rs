@@ -15,8 +15,8 @@ pub struct Resolve {
 }
 
 impl Resolve {
-    /// Writes `image` (RGBA, 32-bit float, layout GENERAL) from `film`. Needs no frame parameters, so it may come before
-    /// the first pass.
+    /// Writes `image` (RGBA, 32-bit float, layout GENERAL) from `film`. Needs no frame parameters, so it may come
+    /// before the first pass.
     pub fn new(kit: &Kit, film: &Film, image: &Image) -> Result<Self> {
         let image_set = Resources::new().with_image("image", image);
         Ok(Resolve { kernel: kit.bind(&shaders::RESOLVE, &[&film.as_means(), &image_set])?, pixels: film.pixels() })
