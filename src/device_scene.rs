@@ -1,8 +1,8 @@
-//! The scene, ready for light transport: its tree, emitters, targets and mirrors on the host, and all of it on the device. It outlives
-//! frames, settings and image sizes.
+//! The scene, ready for light transport: its tree, emitters, targets and mirrors on the host, and their buffers on the
+//! device. It outlives frames, settings and image sizes.
 //!
-//! On the device: BVH, triangles, materials, textures, emitters, in arrays that each keep within one storage
-//! binding (128 MiB on the smallest devices: 8 million nodes, 4 million triangles with textures).
+//! On the device: BVH, triangles, materials, textures, emitters, in arrays that each fit one storage binding (128 MiB
+//! on the smallest devices: 8 million nodes, 4 million triangles with textures).
 
 mod records;
 mod update;
@@ -35,39 +35,39 @@ pub use update::SceneChanges;
 /// Words of the stack in `shaders/shade_cluster.wgsl`.
 const CLUSTER_STACK: u32 = 16;
 
-/// Greatest number of wide nodes: a word of that stack has 24 bits for one.
+/// Maximum number of wide nodes: a word of that stack has 24 bits for one.
 const MAX_WIDE_NODES: u32 = 1 << 24;
 
-/// More materials than the words of `normals` have numbers for.
+/// Exclusive upper bound of the number of materials: a word of `normals` has 23 bits for one.
 const MAX_MATERIALS: usize = 1 << 23;
 
-/// A scene on the device; written before the first frame, and in part again before a frame in which the scene changes.
+/// A scene on the device; written before the first frame, and in part again before frames that follow scene edits.
 pub struct DeviceScene {
     /// The acceleration structure.
     pub bvh: Bvh,
     /// The emitters.
     pub emitters: Emitters,
-    /// The lights without area, lit once in each pass or chosen from.
+    /// Lights without area, each used once a pass or chosen from.
     pub delta: Vec<PointLight>,
-    /// Photons are shot at these.
+    /// Targets of photons.
     pub targets: Targets,
     /// Planar mirrors.
     pub mirrors: Mirrors,
-    /// Planar reflectors, number i + 1 in `normals` being `reflectors[i]`.
+    /// Planar reflectors; number i + 1 in `normals` is `reflectors[i]`.
     pub reflectors: Vec<Reflector>,
-    /// What they are made of, textures by their mean.
+    /// Finishes of the reflectors, with mean texture values.
     pub finishes: Vec<Finish>,
-    /// Which surfaces eye paths will meet.
+    /// Ideal surfaces that eye paths may meet.
     pub specular: SpecularFeatures,
     /// Mean albedo, by area.
     pub mean_reflectivity: f32,
-    /// There are textures.
+    /// Whether there are textures.
     pub textured: bool,
-    /// Lower corners of the nodes and skips.
+    /// Lower corners of the nodes, and skip indices.
     pub node_min: Buffer,
-    /// Upper corners of the nodes and leaves.
+    /// Upper corners of the nodes, and leaf words.
     pub node_max: Buffer,
-    /// Nodes of the eight-wide hierarchy; `None` if it is not wanted, or deeper than the kernel's stack.
+    /// Nodes of the eight-wide hierarchy; `None` if it is not used, or deeper than the kernel's stack.
     pub wide_nodes: Option<Buffer>,
     /// First vertices, in the order of the leaves.
     pub v0: Buffer,
@@ -89,11 +89,11 @@ pub struct DeviceScene {
     pub emitter_records: Buffer,
     /// [`crate::sampling::sobol::column_pairs`], the same for every scene.
     pub sobol_columns: Buffer,
-    /// Spheres of the targets; `None`: there are none.
+    /// Targets; `None`: there are none.
     pub target_buffers: Option<TargetBuffers>,
     /// Records of the planar mirrors; `None`: there are none.
     pub mirror_buffers: Option<MirrorBuffers>,
-    /// Kernels and reflectances of the reflectors, made when they are first needed.
+    /// Kernels and reflectances of the reflectors, made on first use.
     tables: Option<Tables>,
 }
 
@@ -109,13 +109,13 @@ pub struct MirrorBuffers {
 /// Targets on the device.
 #[derive(Clone)]
 pub struct TargetBuffers {
-    /// Their spheres: centre, radius.
+    /// Bounding spheres: centre, radius.
     pub spheres: Buffer,
     /// For each triangle the number of its target + 1, or 0.
     pub of_triangle: Buffer,
 }
 
-/// What a planar reflector is made of, textures by their mean.
+/// Finish of a planar reflector, with mean texture values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finish {
     /// Reflectance and roughness.
@@ -124,26 +124,26 @@ pub struct Finish {
     pub lobe: Lobe,
 }
 
-/// Which surfaces of a scene reflect or refract ideally.
+/// Kinds of ideally reflecting or refracting surfaces in a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SpecularFeatures {
-    /// There are mirrors or glass.
+    /// Whether there are mirrors or glass.
     pub any: bool,
-    /// Some have two components: glass, mirrors over a diffuse base.
+    /// Whether some have two components: glass, mirrors over a diffuse base.
     pub forks: bool,
-    /// There are planar reflectors with a lobe, which superposition takes for mirrors over a base.
+    /// Whether there are planar reflectors with a lobe; superposition treats them as mirrors over a base.
     pub glossy_planes: bool,
-    /// There are frosted panes among the planar reflectors, which superposition spreads what is behind over.
+    /// Whether there are frosted panes among the planar reflectors; superposition spreads the scene behind them.
     pub frosted_panes: bool,
 }
 
 impl SpecularFeatures {
-    /// There are planes that superposition spreads images over.
+    /// Whether superposition has planes to spread images over.
     pub fn spreads(&self) -> bool {
         self.glossy_planes || self.frosted_panes
     }
 
-    /// Looks at the materials that triangles have.
+    /// From the materials in use.
     pub(crate) fn of(scene: &Scene, reflectors: &[Reflector]) -> SpecularFeatures {
         let mut used = vec![false; scene.materials.len()];
         scene.triangles.iter().for_each(|t| used[t.material as usize] = true);
@@ -168,8 +168,8 @@ impl SpecularFeatures {
 }
 
 impl DeviceScene {
-    /// Builds the tree, finds what lights and mirrors the scene, creates the buffers and stages their contents. `clusters`: with
-    /// what the cluster kernels need.
+    /// Builds the tree, finds emitters, targets and mirrors, creates the buffers and stages their contents. `clusters`:
+    /// includes what the cluster kernels need.
     ///
     /// Errors: a scene without light, or beyond the device's limits or memory.
     pub fn new(context: &Context, staging: &mut Staging, scene: &Scene, clusters: bool) -> Result<DeviceScene> {
@@ -178,7 +178,7 @@ impl DeviceScene {
         Self::with_tree(context, staging, scene, bvh, wide.as_ref())
     }
 
-    /// As [`DeviceScene::new`], with a tree of trees whose objects may move.
+    /// As [`DeviceScene::new`], with a tree of object trees whose objects may move.
     pub fn new_dynamic(
         context: &Context,
         staging: &mut Staging,
@@ -245,7 +245,7 @@ impl DeviceScene {
         Ok(device_scene)
     }
 
-    /// Makes the tables of the glossy planes unless they are there: some 200 ms for each kind of lobe.
+    /// Makes the tables of the glossy planes on first use: some 200 ms for each kind of lobe.
     pub fn make_tables(&mut self, context: &Context, staging: &mut Staging) -> Result<()> {
         if self.tables.is_none() {
             self.tables = Some(Tables::new(context, staging, &self.finishes, &self.reflectors)?);
@@ -258,7 +258,7 @@ impl DeviceScene {
         self.tables.as_ref()
     }
 
-    /// Indices of the emitters that are the lights without area, in the order of [`DeviceScene::delta`].
+    /// Indices of the emitters without area, in the order of [`DeviceScene::delta`].
     pub fn delta_emitters(&self) -> Vec<u32> {
         self.emitters.delta.iter().map(|&i| i as u32).collect()
     }
@@ -273,7 +273,7 @@ impl DeviceScene {
         self.mirrors.list.len() as u32
     }
 
-    /// Lanes of the subgroup that takes a cluster, if the scene has what clusters need.
+    /// Subgroup size of the cluster kernels, if the scene has what they need.
     pub fn cluster_lanes(&self, context: &Context) -> Option<u32> {
         self.wide_nodes.as_ref().map(|_| context.info().subgroup_size)
     }
@@ -302,7 +302,8 @@ impl DeviceScene {
         }
         if let Some(targets) = &self.target_buffers {
             all = all.with("targets", &targets.spheres).with("target_of", &targets.of_triangle);
-            // Photons look at the mirror of a triangle only where lights are mirrored; where there is no mirror this one stands in.
+            // Photons read the mirror of a triangle only if lights are mirrored; without mirrors this buffer takes the
+            // binding.
             all = all.with("mirror_of", &targets.of_triangle);
         }
         all
@@ -319,7 +320,7 @@ fn fits_kernel(wide: &WideBvh) -> bool {
     wide.stack_bound() <= CLUSTER_STACK && wide.node_count() <= MAX_WIDE_NODES
 }
 
-/// Stages ranges of what a buffer is to hold, or replaces it where it is too small. True: it was replaced.
+/// Stages ranges of a buffer's new content, or replaces the buffer if it is too small. Returns whether it was replaced.
 fn write<T: Pod>(
     context: &Context,
     staging: &mut Staging,

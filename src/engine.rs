@@ -1,4 +1,4 @@
-//! The engine: a scene on a device, recorded pass by pass into the caller's command buffer.
+//! The engine: renders a scene on a device, recorded pass by pass into the caller's command buffer.
 //!
 //! ```text
 //! host's device --Context::adopt--> Engine::new(context, scene, camera, settings)
@@ -7,25 +7,25 @@
 //!     record_image    the mean of the passes so far, in Engine::image()
 //! ```
 //!
-//! What a host can rely on:
+//! Guarantees to hosts:
 //!
 //! - **Nothing is submitted, waited for or read back.** All commands are compute and transfer, outside a render pass.
-//! - **Order.** Command buffers are submitted in the order in which they were recorded, each once, all to one queue:
-//!   a pass is told apart from the others when it is recorded. A pass that is never submitted is missing from the mean
-//!   and does no harm, unless it was the first after a restart or a change of rounds: then make that change again.
-//! - **Synchronisation.** Each `record_*` begins with a barrier after everything submitted to the queue before and
-//!   ends with one that makes its results visible to compute, transfer and indirect commands. So frames may be in
-//!   flight one behind the other, with other engines on the same queue, and a host needs a barrier of its own only to
-//!   use the image in other stages (source: COMPUTE_SHADER, SHADER_WRITE) or on another queue family.
-//! - **Lifetime.** What recorded commands use is held by the [`Retained`](crate::gpu::Retained) that
-//!   [`Recorder::finish`](crate::gpu::Recorder::finish) or [`Context::record_into`] returns. Keep it until they have
-//!   finished; the engine itself may go before.
-//! - **Changes.** Camera, settings and, for an engine made by [`Engine::new_dynamic`], the scene may change between any two
-//!   passes, also while frames are in flight: uploads are recorded at the start of the next pass, from memory that its
-//!   `Retained` holds. What changes the image starts the sums over; what changes nothing does not. If the first pass after a
-//!   change is never submitted, call [`Engine::upload_again`].
+//! - **Order.** Submit command buffers to one queue, each once, in the order in which they were recorded: the number of
+//!   a pass is fixed when it is recorded. A pass that is never submitted is missing from the mean and does no harm,
+//!   unless it was the first after a restart or a change of rounds: then make that change again.
+//! - **Synchronisation.** Each `record_*` begins with a barrier after all earlier submissions to the queue and ends
+//!   with one that makes its results visible to compute, transfer and indirect commands. So several frames may be in
+//!   flight, also with other engines on the same queue, and a host needs a barrier of its own only to use the image in
+//!   other stages (source: COMPUTE_SHADER, SHADER_WRITE) or on another queue family.
+//! - **Lifetime.** The [`Retained`](crate::gpu::Retained) that [`Recorder::finish`](crate::gpu::Recorder::finish) or
+//!   [`Context::record_into`] returns holds the resources of the recorded commands. Keep it until they have finished;
+//!   the engine itself may be dropped before.
+//! - **Changes.** Camera, settings and, for an engine made by [`Engine::new_dynamic`], the scene may change between any
+//!   two passes, also while frames are in flight: uploads are recorded at the start of the next pass, from memory that
+//!   its `Retained` holds. A change that affects the image restarts the sums; other changes do not. If the first pass
+//!   after a change is never submitted, call [`Engine::upload_again`].
 //! - **Lost rays.** A pass in which a ray ran out of steps is left out of the sums and of the mean; [`Film::counts`]
-//!   tells how many are in them, and [`Engine::set_rounds`] gives rays more steps.
+//!   has the number of passes in them, and [`Engine::set_rounds`] gives rays more steps.
 //!
 //! [`Film::counts`]: crate::film::Film::counts
 
@@ -49,42 +49,42 @@ use crate::scene::{Camera, Scene};
 use crate::settings::{Settings, Traversal};
 use crate::view::{Atlas, Region, View};
 
-/// A scene ready to be rendered on a device.
+/// Renders a scene on a device.
 pub struct Engine {
     context: Context,
     scene: DeviceScene,
     plan: Plan,
     frame: Frame,
-    /// Memory that uploads read from, until the caller says that they have finished.
+    /// Memory that uploads read from, until the caller reports that they have finished.
     staging: Option<Staging>,
     /// State for scene edits; `None` if the scene is static.
     dynamic: Option<Box<edit::DynamicScene>>,
     passes: u32,
-    /// `record_setup` has been recorded.
+    /// Whether `record_setup` has been recorded.
     set_up: bool,
-    /// The next pass records the uploads first.
+    /// Whether the next pass records the uploads first.
     upload: bool,
-    /// The next pass clears the sums first.
+    /// Whether the next pass clears the sums first.
     clear: bool,
-    /// The image is new and has no layout yet.
+    /// Whether the image is new and has no layout yet.
     new_image: bool,
 }
 
 impl Engine {
-    /// Builds the acceleration structure and creates all device resources. Nothing runs on the device yet. The scene stays as
-    /// it is; [`Engine::new_dynamic`] makes an engine whose scene may change.
+    /// Builds the acceleration structure and creates all device resources. Nothing runs on the device yet. The scene is
+    /// static; [`Engine::new_dynamic`] makes an engine whose scene may change.
     ///
     /// Errors: camera or settings out of range, a scene without light, resources beyond the device's limits or memory.
     pub fn new(context: &Context, scene: &Scene, camera: Camera, settings: Settings) -> Result<Engine> {
         Self::with_view(context, scene, View::whole(camera), settings)
     }
 
-    /// As [`Engine::new`], for a region of a camera's image or for texels on the scene's surfaces.
+    /// [`Engine::new`] for a region of a camera's image or for texels on the scene's surfaces.
     pub fn with_view(context: &Context, scene: &Scene, view: View, settings: Settings) -> Result<Engine> {
         Ok(Self::with_trees(context, scene, view, settings, false)?.0)
     }
 
-    /// `dynamic`: with a hierarchy whose objects can move.
+    /// `dynamic`: with a hierarchy of objects that can move.
     fn with_trees(
         context: &Context,
         scene: &Scene,
@@ -149,7 +149,8 @@ impl Engine {
     }
 
     /// Frees the memory that uploads read from: those of [`Engine::record_setup`], or of the first pass after
-    /// [`Engine::set_rounds`] or another change. To be called once they have been recorded; what is in flight is kept by its `Retained`.
+    /// [`Engine::set_rounds`] or another change. Call it once they have been recorded; the `Retained` keeps the memory
+    /// in flight.
     pub fn setup_finished(&mut self) {
         if self.set_up && !self.upload {
             self.staging = None;
@@ -158,7 +159,7 @@ impl Engine {
 
     /// Records the next pass.
     ///
-    /// After an error the command buffer is not to be submitted; the engine is as before.
+    /// After an error do not submit the command buffer; the engine is unchanged.
     pub fn record_pass(&mut self, rec: &mut Recorder) -> Result<()> {
         if !self.set_up {
             return Err(Error::Resource {
@@ -200,7 +201,7 @@ impl Engine {
     }
 
     /// Linear radiance, Rec. 709, RGBA 32-bit float; alpha is coverage. Layout GENERAL from [`Engine::record_setup`]
-    /// on; leave it so, or bring it back before the next [`Engine::record_image`]. Usage: storage, sampled, transfer
+    /// on; keep this layout, or restore it before the next [`Engine::record_image`]. Usage: storage, sampled, transfer
     /// source.
     pub fn image(&self) -> &Image {
         &self.frame.output.image
@@ -211,14 +212,15 @@ impl Engine {
         self.passes
     }
 
-    /// Takes up after `passes` passes whose sums were put back by the caller, or steps back over a pass that failed.
+    /// Sets the number of passes, for a caller that has restored the sums of `passes` passes, or to repeat a failed
+    /// pass.
     pub fn set_passes(&mut self, passes: u32) {
         self.passes = passes;
     }
 
-    /// Looks from another camera of the same resolution, and starts over if it is another. Takes effect with the next pass; commands
-    /// recorded before keep the camera they were recorded with. A pinhole in place of a lens, or the other way round, makes new
-    /// passes. A region of the image stays the same region.
+    /// Changes to a camera of the same resolution, and restarts if it differs. Takes effect with the next pass; commands
+    /// recorded earlier keep their camera. A change between pinhole and lens makes new passes. A region of the image
+    /// stays the same region.
     pub fn set_camera(&mut self, camera: Camera) -> Result<()> {
         let Region { size: [width, height], .. } = self.plan.view.within();
         if camera.resolution != [width, height] {
@@ -233,10 +235,12 @@ impl Engine {
         }
     }
 
-    /// Renders in another size from the next pass on, and starts over. The camera keeps its vertical angle of view. Buffers of the size of the
-    /// image are made anew, and so is [`Engine::image`]; the tree, the scene's buffers and the pipelines stay.
+    /// Changes the image size from the next pass on, and restarts. The camera keeps its vertical angle of view. Buffers
+    /// of the image's size are made anew, and so is [`Engine::image`]; the tree, the scene's buffers and the pipelines
+    /// stay.
     ///
-    /// Errors, after which everything is as before: a size out of range or beyond the device's limits; the view is an atlas.
+    /// Errors, which leave everything unchanged: a size out of range or beyond the device's limits; the view is an
+    /// atlas.
     pub fn resize(&mut self, resolution: [u32; 2]) -> Result<()> {
         let Some(camera) = self.plan.view.camera() else {
             return Err(Error::Setting {
@@ -247,8 +251,8 @@ impl Engine {
         self.set_view(View::whole(Camera { resolution, ..*camera }))
     }
 
-    /// Looks at something else, as [`Engine::set_camera`] and [`Engine::resize`] do: another camera, another region of its image,
-    /// an atlas.
+    /// Changes the view, as [`Engine::set_camera`] and [`Engine::resize`] do: to another camera, another region of its
+    /// image, or an atlas.
     pub fn set_view(&mut self, view: View) -> Result<()> {
         if view == self.plan.view {
             return Ok(());
@@ -259,7 +263,8 @@ impl Engine {
         Ok(())
     }
 
-    /// Looks at the whole blocks of pixels around a region of the camera's image ([`Region::around`]); `None`: at all of it.
+    /// Restricts the view to the whole blocks of pixels around a region of the camera's image ([`Region::around`]);
+    /// `None`: shows the whole image.
     pub fn set_region(&mut self, region: Option<Region>) -> Result<()> {
         let Some(&camera) = self.plan.view.camera() else {
             return Err(Error::Setting { name: "--crop", message: String::from("an atlas has no camera") });
@@ -269,7 +274,8 @@ impl Engine {
         self.set_view(View::Camera { camera, region })
     }
 
-    /// Looks at texels on surfaces. Refused where the scene may change, since texels are bound to its triangles.
+    /// Changes the view to texels on surfaces. An error if the scene may change, since texels are bound to its
+    /// triangles.
     pub fn set_atlas(&mut self, atlas: Arc<Atlas>) -> Result<()> {
         if self.dynamic.is_some() {
             return Err(Error::Setting {
@@ -280,13 +286,13 @@ impl Engine {
         self.set_view(View::Atlas(atlas))
     }
 
-    /// Starts over: the next pass clears the sums and is the first again. Until it, the image keeps what it shows.
+    /// Restarts: the next pass clears the sums and is pass 0. Until then the image keeps its content.
     pub fn restart(&mut self) {
         self.passes = 0;
         self.clear = true;
     }
 
-    /// Gives rays more rounds, from the next pass on. The sums of the passes so far are kept.
+    /// Gives rays more rounds, from the next pass on. Keeps the sums of earlier passes.
     pub fn set_rounds(&mut self, rounds: u32) -> Result<()> {
         let settings = Settings { rounds, ..self.plan.settings.clone() };
         settings.validate()?;
@@ -299,13 +305,13 @@ impl Engine {
         self.set_plan(Plan { settings, ..self.plan.clone() })
     }
 
-    /// Renders with other settings from the next pass on, and starts over if they change the result of a pass. Those that only
-    /// uniforms hold (seed, clipping distance, jitter, light threshold, light floor, photon radius) cost nothing; others make new
-    /// passes and buffers, which takes milliseconds and, while frames are in flight, the memory of both. The image keeps its content
-    /// until the next pass.
+    /// Changes the settings from the next pass on, and restarts if they change the result of a pass. Settings that only
+    /// affect uniforms (seed, clipping distance, jitter, light threshold, light floor, photon radius) cost nothing;
+    /// others make new passes and buffers, which takes milliseconds and, while frames are in flight, the memory of
+    /// both. The image keeps its content until the next pass.
     ///
-    /// Errors, after which everything is as before: settings out of range; another `traversal`, which is chosen when the engine
-    /// is made.
+    /// Errors, which leave everything unchanged: settings out of range; a different `traversal`, which is fixed when
+    /// the engine is made.
     pub fn set_settings(&mut self, settings: Settings) -> Result<()> {
         settings.validate()?;
         let old = &self.plan.settings;
@@ -327,8 +333,8 @@ impl Engine {
         Ok(())
     }
 
-    /// Goes over to another plan: with the same passes if these fit, else with new ones that go on with the film and the image if
-    /// these fit. Uploads are recorded with the next pass.
+    /// Switches to another plan: keeps the passes if they fit, else makes new ones, which keep the film and the image
+    /// if these fit. Uploads are recorded with the next pass.
     fn set_plan(&mut self, plan: Plan) -> Result<()> {
         if !plan.fits_frame_of(&self.plan) {
             self.make_frame(&plan)?;
@@ -343,14 +349,14 @@ impl Engine {
         let kept = same_size.then(|| (output.film.clone(), output.image.clone()));
         let mut staging = self.take_staging();
         let frame = make_frame(&self.context, &mut staging, &mut self.scene, plan, kept);
-        // What was staged before has to be uploaded whether or not there are new passes.
+        // Data staged earlier must be uploaded whether or not there are new passes.
         self.keep_staging(staging);
         self.frame = frame?;
         self.new_image |= !same_size;
         Ok(())
     }
 
-    /// Uploads that have not been recorded yet, to add to them.
+    /// Takes the uploads that have not been recorded yet, to add to them.
     fn take_staging(&mut self) -> Staging {
         let waiting = self.upload || !self.set_up;
         self.staging.take().filter(|_| waiting).unwrap_or_default()
@@ -376,7 +382,7 @@ impl Engine {
         &self.scene
     }
 
-    /// Settings, view, and what follows from them.
+    /// Settings, view, and everything derived from them.
     pub fn plan(&self) -> &Plan {
         &self.plan
     }
@@ -386,7 +392,7 @@ impl Engine {
         &self.plan.settings
     }
 
-    /// What is looked at.
+    /// The view.
     pub fn view(&self) -> &View {
         &self.plan.view
     }
@@ -407,7 +413,7 @@ impl Engine {
     }
 }
 
-/// The frame of a plan, with the tables that it looks up.
+/// Makes the frame of a plan, and the tables that it needs.
 fn make_frame(
     context: &Context,
     staging: &mut Staging,

@@ -1,11 +1,12 @@
 //! The film: sums of an image over its passes.
 //!
-//! Sums are exact, so their order does not matter: films of disjoint passes of a rendering, merged in any order, have the bits of one
-//! film of all ([`HostFilm::merge`]). A sum of radiance or irradiance is held as three floats that add up to it (cascaded summation
-//! with Knuth's two-sum, as in Ogita, Rump and Oishi 2005), which is exact while the addends of a pixel, from the largest to the last bit of the smallest, span no
-//! more than 2^72; guides are rounded to units first and need two.
+//! Sums are exact, so their order does not matter: films of disjoint passes of a rendering, merged in any order, have
+//! the same bits as one film of all passes ([`HostFilm::merge`]). A sum of radiance or irradiance is stored as three
+//! floats that add up to it (cascaded summation with Knuth's two-sum, as in Ogita, Rump and Oishi 2005). This is exact
+//! as long as the addends of a pixel, from the largest to the last bit of the smallest, span at most 2^72; guides are
+//! rounded to units first and need two floats.
 //!
-//! [`Film`] is on the device; [`HostFilm`] is its copy on the host, which merges and takes means.
+//! [`Film`] is on the device; [`HostFilm`] is its copy on the host, which merges films and computes means.
 
 use glam::{DVec4, Vec3, Vec4};
 use rayon::prelude::*;
@@ -16,7 +17,7 @@ use crate::output::Layers;
 use crate::pass::vec4s;
 use crate::plan::INSTANCES;
 
-/// A sum for each pixel: floats of decreasing size that add up to it.
+/// A sum for each pixel: floats of decreasing magnitude that add up to it.
 #[derive(Clone)]
 pub struct Sum(pub Vec<Buffer>);
 
@@ -27,12 +28,12 @@ impl Sum {
     }
 }
 
-/// Floats of a sum of radiance or irradiance.
+/// Floats in a sum of radiance or irradiance.
 const RADIANCE: usize = 3;
-/// Floats of a sum of guides.
+/// Floats in a sum of guides.
 const GUIDE: usize = 2;
 
-/// Sums over the passes, on the device; these persist between frames.
+/// Sums over the passes, on the device; they persist between frames.
 #[derive(Clone)]
 pub struct Film {
     /// Radiance and coverage, a sum for each instance.
@@ -45,18 +46,18 @@ pub struct Film {
     pub albedo: Sum,
     /// Shading normal; w: depth along the view direction times coverage.
     pub normal: Sum,
-    /// Emission, diffuse and specular light (see `summands`); `None`: not asked for.
+    /// Emission, diffuse and specular light (see `summands`); `None`: not requested.
     pub summands: Option<[Sum; Film::SUMMANDS]>,
-    /// `[i]`: passes in the sums of instance i, counted by the device: a pass in which rays were lost is left out.
+    /// `[i]`: number of passes in the sums of instance i, counted by the device: passes that lost rays are left out.
     pub counts: Buffer,
     pixels: u32,
 }
 
 impl Film {
-    /// Number of the image's summands.
+    /// Number of summands of the image.
     pub const SUMMANDS: usize = 3;
 
-    /// Sums for `pixels` pixels, those of the `summands` among them. Clear them before the first pass.
+    /// Sums for `pixels` pixels, with those of the summands if `summands`. Clear them before the first pass.
     pub fn new(context: &Context, pixels: u32, summands: bool) -> Result<Film> {
         let sum = |name: &str, levels: usize| Sum::new(context, name, pixels, levels);
         Film {
@@ -72,7 +73,7 @@ impl Film {
         .with_summands(context, summands)
     }
 
-    /// Pixels.
+    /// Number of pixels.
     pub fn pixels(&self) -> u32 {
         self.pixels
     }
@@ -100,7 +101,7 @@ impl Film {
         self.sums().flat_map(|sum| &sum.0).chain([&self.counts])
     }
 
-    /// By the names that `accumulate` has for them, those of an instance.
+    /// The sums of an instance by the names in `accumulate`.
     pub fn as_sums(&self, instance: u32) -> Resources {
         let [color, direct, indirect] = [&self.color[instance as usize].0, &self.direct.0, &self.indirect.0];
         Resources::of([
@@ -121,7 +122,7 @@ impl Film {
         ])
     }
 
-    /// By the names that `summands` has for them.
+    /// The sums by the names in `summands`.
     pub fn as_summands(&self) -> Option<Resources> {
         let [Sum(emission), Sum(diffuse), Sum(specular)] = self.summands.as_ref()?;
         Some(Resources::of([
@@ -137,7 +138,7 @@ impl Film {
         ]))
     }
 
-    /// By the names that `resolve` has for them.
+    /// The sums by the names in `resolve`.
     pub fn as_means(&self) -> Resources {
         let [a, b] = [&self.color[0].0, &self.color[1].0];
         Resources::of([
@@ -155,7 +156,7 @@ impl Film {
         Ok(HostFilm { size, counts: self.download_counts(context)?, sums, summands: self.summands.is_some() })
     }
 
-    /// Passes of each instance in the sums.
+    /// Number of passes of each instance in the sums.
     fn download_counts(&self, context: &Context) -> Result<[u32; INSTANCES as usize]> {
         let counts = download::<u32>(context, &self.counts)?;
         Ok(std::array::from_fn(|i| counts[i]))
@@ -208,7 +209,7 @@ impl HostSum {
         (0..self.0[0].len()).into_par_iter().map(mean).collect()
     }
 
-    /// Adds another sum. The levels that result depend on the exact sum alone.
+    /// Adds another sum. The resulting levels depend only on the exact sum.
     fn merge(&mut self, other: Option<&HostSum>) {
         let levels = self.0.len();
         let merged: Vec<Vec<Vec4>> = (0..self.0[0].len())
@@ -234,7 +235,7 @@ impl HostSum {
     }
 }
 
-/// Adds to a sum of two doubles, without error within their 106 bits; the larger one is the sum rounded.
+/// Adds to a sum of two doubles, without error within their 106 bits; the larger one is the rounded sum.
 fn add((high, low): (DVec4, DVec4), x: DVec4) -> (DVec4, DVec4) {
     let (sum, error) = two_sum(high, x);
     two_sum(sum, low + error)
@@ -256,7 +257,7 @@ pub struct HostFilm {
     summands: bool,
 }
 
-/// Places among the sums, after those of the instances' radiance.
+/// Indices of the sums after those of the instances' radiance.
 const DIRECT: usize = INSTANCES as usize;
 const INDIRECT: usize = DIRECT + 1;
 const ALBEDO: usize = DIRECT + 2;
@@ -269,13 +270,14 @@ impl HostFilm {
         self.size
     }
 
-    /// Passes in the sums.
+    /// Number of passes in the sums.
     pub fn passes(&self) -> u32 {
         self.counts.iter().sum()
     }
 
-    /// Adds the passes of another film of the same size, which must be others of the same rendering. The result has the same bits
-    /// in whatever order films are merged, and those of [`HostFilm::canonical`] of a film of all passes.
+    /// Adds the passes of another film of the same size, which must be different passes of the same rendering. The
+    /// result has the same bits for every order of merging; these are the bits of [`HostFilm::canonical`] of a film of
+    /// all passes.
     pub fn merge(&mut self, other: &HostFilm) -> Result<()> {
         if (self.size, self.summands) != (other.size, other.summands) {
             let [[w, h], [v, u]] = [self.size, other.size];
@@ -287,7 +289,7 @@ impl HostFilm {
         Ok(())
     }
 
-    /// The same sums in the one form that equal sums share; the device's form depends on the order of the passes.
+    /// The same sums in canonical form, which equal sums share; the device's form depends on the order of the passes.
     pub fn canonical(mut self) -> HostFilm {
         self.sums.iter_mut().for_each(|sum| sum.merge(None));
         self
@@ -297,7 +299,7 @@ impl HostFilm {
     pub fn mean(&self) -> Layers {
         let passes = self.passes();
         let rgb = |v: Vec<Vec4>| v.into_iter().map(Vec4::truncate).collect::<Vec<Vec3>>();
-        // Each pass counts alike, whichever instance it belongs to.
+        // All passes have equal weight, in either instance.
         let mut color = vec![Vec4::ZERO; self.sums[0].0[0].len()];
         for (sum, count) in self.sums.iter().zip(self.counts) {
             let share = count as f32 / passes.max(1) as f32;
@@ -338,7 +340,8 @@ impl HostFilm {
         floats.flat_map(|x| x.to_bits().to_le_bytes()).chain(counts).collect()
     }
 
-    /// The film of this size and with or without summands that [`HostFilm::to_bytes`] gave. Errors: another number of bytes.
+    /// Restores a film of this size, with or without summands, from [`HostFilm::to_bytes`]. Errors: wrong number of
+    /// bytes.
     pub fn from_bytes(bytes: &[u8], size: [u32; 2], summands: bool) -> Result<HostFilm> {
         let pixels = size[0] as usize * size[1] as usize;
         let mut levels = vec![RADIANCE; INSTANCES as usize + 2];
@@ -374,7 +377,7 @@ mod tests {
 
     #[test]
     fn equal_sums_have_one_form() {
-        // 1 + 2^-30 + 2^-50 in three ways.
+        // 1 + 2^-30 + 2^-50 in three forms.
         let (a, b) = (2f32.powi(-30), 2f32.powi(-50));
         let forms = [[1.0, a, b], [1.0 + 2f32.powi(-23), a - 2f32.powi(-23), b], [a, b, 1.0]];
         for form in forms {

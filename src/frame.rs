@@ -19,47 +19,47 @@ use crate::plan::Plan;
 use crate::settings::LightChoice;
 use crate::stage::{Compensation, Eye, GlossyPlanes, Output, PhotonLighting, Photons, Shade, Stage, Walk};
 
-/// The stages of a frame with their buffers.
+/// The stages of a frame and its buffers.
 pub struct Frame {
     /// Parameters, written at the start of each frame.
     pub parameters: Buffer,
     /// `[0]`: rays lost in this frame.
     pub status: Buffer,
-    /// What the eye sees.
+    /// Finds the visible shading points.
     pub eye: Eye,
-    /// The emitters get the probabilities by which the particles of this pass choose them, after what the eye sees.
+    /// Sets the probabilities by which the particles of this pass choose emitters, from the visible points.
     pub importance: Option<Importance>,
-    /// Particles leave the emitters and become point lights.
+    /// Traces particles from the emitters, which become point lights.
     pub walk: Walk,
-    /// The lights without area that this pass is lit by; `None`: by all.
+    /// Chooses the lights without area that light this pass; `None`: all of them do.
     pub delta_choice: Option<DeltaChoice>,
-    /// Photons leave the emitters towards mirrors and glass and are sorted into a grid.
+    /// Shoots photons from the emitters at mirrors and glass and sorts them into a grid.
     pub photons: Option<Photons>,
-    /// Point lights light what the eye sees, no nearer than the clip distance.
+    /// Lights the visible points by point lights, with clipped distances.
     pub shade: Shade,
-    /// Photons light what the eye sees.
+    /// Lights the visible points by photons.
     pub photon_lighting: Option<PhotonLighting>,
-    /// Point lights light it once more by planar mirrors.
+    /// Lights the visible points by point lights over planar mirrors.
     pub mirror_lights: Option<MirrorLights>,
-    /// Short rays bring back what clipping cut off, bounce by bounce.
+    /// Restores the light that clipping removed, by short rays, bounce by bounce.
     pub compensation: Option<Compensation>,
-    /// Irradiance is averaged over neighbours on one surface.
+    /// Averages irradiance over neighbours on the same surface.
     pub discontinuity: Option<Discontinuity>,
-    /// Mirror images are spread over their glossy planes.
+    /// Spreads mirror images over their glossy planes.
     pub glossy_planes: Option<GlossyPlanes>,
-    /// Light of the second components is added to their pixels.
+    /// Adds the light of second components to their pixels.
     pub merge: Option<Merge>,
-    /// Emission, diffuse and specular light are summed apart.
+    /// Sums emission, diffuse and specular light separately.
     pub summands: Option<Summands>,
-    /// What is out of focus is blurred.
+    /// Blurs pixels out of focus.
     pub lens: Option<Lens>,
-    /// The image is added to the film.
+    /// Adds the image to the film.
     pub output: Output,
 }
 
 impl Frame {
-    /// Makes the stages of a plan for a scene (which has tables of its glossy planes, if they mirror the room). `kept`: the film and image
-    /// to go on with, of the same size; `None`: new ones.
+    /// Makes the stages of a plan for a scene; if glossy planes mirror the room the scene must have their tables.
+    /// `kept`: film and image to continue with, of the same size; `None`: new ones.
     pub fn new(
         context: &Context,
         staging: &mut Staging,
@@ -130,7 +130,7 @@ impl Frame {
             None => None,
             Some(sums) => Some(Summands::new(kit, &eye.points, &eye.paths, lighting, &film, &sums)?),
         };
-        // Second components and mirror images are added here.
+        // Second components and mirror images are added to this buffer.
         let shown = summands.as_ref().map_or(&eye.points.emitted, |summands| &summands.reflected);
         let glossy_planes = GlossyPlanes::new(kit, plan, scene.tables(), &eye, lighting, shown)?;
         let merge = match plan.eye.components {
@@ -193,7 +193,7 @@ impl Frame {
         self.output.record_accumulate(rec, parameters.keys[3])
     }
 
-    /// Writes the parameters of a pass; nothing is lost yet.
+    /// Records the parameters of a pass, and clears the count of lost rays.
     pub fn record_start(&self, rec: &mut Recorder, parameters: &layout::Frame) -> Result<()> {
         rec.begin();
         rec.update(&self.parameters, 0, bytemuck::bytes_of(parameters))?;
@@ -201,13 +201,13 @@ impl Frame {
         self.summands.as_ref().map_or(Ok(()), |summands| summands.record_clear(rec))
     }
 
-    /// Records what must happen once after the uploads of a new frame, before its first pass.
+    /// Records work needed once, after the uploads of a new frame and before its first pass.
     pub fn record_setup(&self, rec: &mut Recorder) -> Result<()> {
         self.glossy_planes.record_setup(rec)?;
         self.lens.record_setup(rec)
     }
 
-    /// Stages the lights without area of a scene in which these have changed, but for their number and kinds.
+    /// Stages changed lights without area; their number and kinds must not have changed.
     pub fn stage_delta(&self, context: &Context, staging: &mut Staging, scene: &DeviceScene) -> Result<()> {
         match &self.delta_choice {
             Some(choice) => {

@@ -1,5 +1,5 @@
-//! What a pass will do, worked out before it is recorded: how many particles survive each reflection, where their lights
-//! lie, how the work is cut into dispatches, and the sampling parameters of each pass.
+//! Plans a pass before it is recorded: the number of particles that survive each reflection, the slots of their lights,
+//! the division of work into dispatches, and the sampling parameters of each pass.
 
 use std::borrow::Cow;
 
@@ -21,11 +21,11 @@ use crate::sampling::sobol::{shuffled, sobol};
 use crate::settings::{LightChoice, Sequence, Settings};
 use crate::view::{MAX_PIXELS, View};
 
-/// Iterations that all loops of one shader invocation's subgroup may share. lavapipe before Mesa 25 silently ends loops
-/// after 65,535; a watchdog is the same limit on a real device, only later.
+/// Maximum iterations of all loops of a shader invocation's subgroup together. lavapipe before Mesa 25 silently ends
+/// loops after 65,535; on a real device the watchdog sets a similar, higher limit.
 pub const LOOP_BUDGET: u32 = 60_000;
 
-/// Iterations of one traversal step at most: the node, up to four triangles, and the exit of their loop.
+/// Maximum iterations of one traversal step: the node, up to four triangles, and the exit of their loop.
 const ITERATIONS_PER_STEP: u32 = 6;
 
 /// Pixel offsets come in blocks of this many passes, each a Hammersley set with a rotation of its own.
@@ -34,21 +34,22 @@ const HAMMERSLEY_BLOCK: u32 = 16;
 /// Number of independent instances of the estimator, for the error estimate (Kollig and Keller 2002).
 pub const INSTANCES: u32 = 2;
 
-/// Lights of one rendering: slots in the light buffer by number of reflections.
+/// Virtual lights of a rendering: slots in the light buffer by number of reflections.
 ///
-/// Each class of pixels has as many, one class after the other. Slots are: the delta lights, then for each number of reflections j the N_j particles that survive it.
+/// Every class of pixels has the same number of slots, one class after the other. Slots of a class: the delta lights,
+/// then for each number of reflections j the N_j particles that survive it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LightPlan {
-    /// Particles N_j that leave a light after j reflections, j = 0..=max_depth - 2; empty if nothing is lit.
+    /// Number N_j of particles that leave a light after j reflections, j = 0..=max_depth - 2; empty if nothing is lit.
     pub survivors: Vec<u32>,
-    /// Slots for point, spot, directional and imported lights: each has its own, or those that a pass chooses.
+    /// Slots for point, spot, directional and imported lights: one for each, or one for each light that a pass chooses.
     pub delta: u32,
 }
 
 impl LightPlan {
-    /// N_j = floor(rho^j N) (Keller 1997, 3.2), but at least 1: otherwise long paths would be missing from the limit. N_0 is
-    /// what [`Settings::direct_lights`] says, and of the `delta` lights of the scene no more are lit than
-    /// [`Settings::delta_lights`].
+    /// N_j = floor(rho^j N) (Keller 1997, 3.2), but at least 1: otherwise long paths would be missing from the limit.
+    /// [`Settings::direct_lights`] limits N_0; [`Settings::delta_lights`] limits the number of `delta` lights of the
+    /// scene that light a pass.
     pub fn new(settings: &Settings, mean_reflectivity: f32, delta: u32) -> LightPlan {
         let mut survivors = Vec::new();
         let mut expected = f64::from(settings.paths);
@@ -67,13 +68,13 @@ impl LightPlan {
         self.delta + self.survivors.iter().take(j).sum::<u32>()
     }
 
-    /// All slots.
+    /// Number of slots of a class.
     pub fn slots(&self) -> u32 {
         self.first_slot(self.survivors.len())
     }
 
-    /// Chunks of at most `size` lights that together hold every light with at most `reflections` reflections. Delta lights are
-    /// not mixed with others, for clusters can't take those whose light is parallel.
+    /// Chunks of at most `size` lights that together hold every light with at most `reflections` reflections. Delta
+    /// lights have chunks of their own, since clusters cannot take parallel light.
     pub fn chunks(&self, size: u32, reflections: usize) -> Vec<(u32, u32)> {
         let cut = |first: u32, end: u32| {
             (0..(end - first).div_ceil(size)).map(move |i| (first + i * size, end.min(first + (i + 1) * size)))
@@ -83,16 +84,16 @@ impl LightPlan {
 }
 
 /// Traversal steps of one shadow ray in one dispatch of the shading pass over `lights` lights, such that the dispatch
-/// stays within `budget` (at least [`least_loop_budget`]) whatever the scene: lights * (steps * 6 + 6) <= budget.
+/// stays within `budget` (at least [`least_loop_budget`]) for every scene: lights * (steps * 6 + 6) <= budget.
 pub fn shade_steps(lights: u32, budget: u32) -> u32 {
     (budget / lights.max(1)).saturating_sub(6) / ITERATIONS_PER_STEP
 }
 
-/// Visits of one cluster in one dispatch of the cluster kernel over `lights` lights by subgroups of `lanes`, such that the
-/// dispatch stays within `budget`. A lane holds 64 / lanes rays, and a loop over them takes one iteration more, for its exit.
-/// Every visit (a node, a child, a leaf, a triangle) has at most one such loop or a few shorter ones. A light besides takes two
-/// of them, and specular lobes one for each ray; beginning and end take a few, and the classes of pixels one each. When the
-/// budget is spent, at most the children and the leaves of one node are still under way.
+/// Visits of one cluster in one dispatch of the cluster kernel over `lights` lights by subgroups of `lanes`, such that
+/// the dispatch stays within `budget`. A lane holds 64 / lanes rays, and a loop over them takes one more iteration for
+/// its exit. Every visit (of a node, child, leaf or triangle) has at most one such loop or a few shorter ones. Each
+/// light adds two such loops, specular lobes one for each ray; start and end take a few, and the classes of pixels one
+/// each. When the budget runs out, at most the children and the leaves of one node are still unfinished.
 pub fn cluster_steps(lights: u32, budget: u32, lanes: u32) -> u32 {
     let rays = 64 / lanes;
     let visit = (rays + 2).max(10);
@@ -101,10 +102,11 @@ pub fn cluster_steps(lights: u32, budget: u32, lanes: u32) -> u32 {
     budget.saturating_sub(light * lights + under_way + 16 * rays + 60 + Settings::MAX_PATTERN.pow(2)) / visit
 }
 
-/// With fewer visits than this clusters would mostly leave their work to single rays, so these do all of it.
+/// Minimum visits for clusters: with fewer they would leave most of their work to single rays, so single rays do all of
+/// it.
 pub const LEAST_CLUSTER_STEPS: u32 = 500;
 
-/// Least loop budget of dispatches over `lights` lights: two steps for each.
+/// Minimum loop budget of dispatches over `lights` lights: two steps for each.
 pub fn least_loop_budget(lights: u32) -> u32 {
     3 * ITERATIONS_PER_STEP * lights.max(1)
 }
@@ -114,23 +116,24 @@ pub fn trace_steps(budget: u32) -> u32 {
     (budget / ITERATIONS_PER_STEP).saturating_sub(1)
 }
 
-/// How far eye paths are followed, and the slots that this takes.
+/// Length of eye paths, and the slots that they need.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EyePlan {
     /// Pixels of the image.
     pub pixels: u32,
-    /// Mirrors and glass in a row.
+    /// Maximum consecutive mirrors and glass surfaces.
     pub steps: u32,
-    /// Slots for each pixel: 2 where paths are split.
+    /// Slots for each pixel: 2 if paths are split.
     pub components: u32,
-    /// Glossy planes mirror the room.
+    /// Whether glossy planes mirror the room.
     pub mirrors: bool,
-    /// Some of these planes are frosted panes, and show what is behind them.
+    /// Whether some of these planes are frosted panes, which show the scene behind them.
     pub panes: bool,
 }
 
 impl EyePlan {
-    /// For a scene with such surfaces. Texels of an atlas are seen as they are: mirrors are followed from a camera alone.
+    /// For a scene with these surfaces. The texels of an atlas are shaded as they are: only camera paths follow
+    /// mirrors.
     pub fn new(settings: &Settings, specular: SpecularFeatures, view: &View) -> EyePlan {
         let [width, height] = view.size();
         let pixels = width * height;
@@ -145,7 +148,7 @@ impl EyePlan {
         EyePlan { pixels, steps, components: if forks { 2 } else { 1 }, mirrors, panes }
     }
 
-    /// Slots of all receivers of the eye.
+    /// Slots of all shading points of the eye.
     pub fn slots(&self) -> u32 {
         self.pixels * self.components
     }
@@ -161,16 +164,16 @@ impl EyePlan {
 pub struct PhotonPlan {
     /// Photons of each class of pixels.
     pub each: u32,
-    /// Classes.
+    /// Number of classes.
     pub classes: u32,
-    /// Bodies of mirrors and glass to shoot at.
+    /// Number of targets: bodies of mirrors or glass.
     pub targets: u32,
-    /// Mirrors and glass in a row.
+    /// Maximum consecutive mirrors and glass surfaces.
     pub steps: u32,
 }
 
 impl PhotonPlan {
-    /// For a scene with so many targets; `None` where there are no photons, or nothing is lit.
+    /// For a scene with `targets` targets; `None` if there are no photons, or nothing is lit.
     pub fn new(settings: &Settings, targets: u32) -> Option<PhotonPlan> {
         let plan =
             PhotonPlan { each: settings.photons, classes: settings.classes(), targets, steps: settings.max_specular };
@@ -182,24 +185,24 @@ impl PhotonPlan {
         self.each * self.classes
     }
 
-    /// Bits of the number of a bucket of the hash table: at least twice as many buckets as photons.
+    /// Bits of a bucket number of the hash table: at least twice as many buckets as photons.
     pub fn bucket_bits(&self) -> u32 {
         (self.total().next_power_of_two().trailing_zeros() + 1).min(MAX_BUCKET_BITS)
     }
 
-    /// Photons that one dispatch of the look-up may loop over, so that it stays within `budget`: for each at most 11 iterations
-    /// (its own, 8 to find its cell with their exit, 2 for a specular lobe), besides 10 for the cells themselves and the exit.
+    /// Photons that one dispatch of the look-up may loop over within `budget`: each takes at most 11 iterations (its
+    /// own, 8 to find its cell including the exit, 2 for a specular lobe), besides 10 for the cells and the exit.
     pub fn chunk(budget: u32) -> u32 {
         (budget.saturating_sub(10) / 11).max(1)
     }
 
-    /// Radius of the look-up in a scene of this diagonal, unless `photon_radius` says otherwise: sqrt(N) of them across a quarter
-    /// of the scene, so that caustics a tenth of the scene wide have some 20 photons in a look-up.
+    /// Radius of the look-up in a scene of this diagonal, unless `photon_radius` sets it: sqrt(N) radii make a quarter
+    /// of the diagonal, so that caustics a tenth of the scene wide have some 20 photons in a look-up.
     fn radius(&self, settings: &Settings, diagonal: f32) -> f32 {
         settings.photon_radius.unwrap_or(0.25 * diagonal / (self.each as f32).sqrt().max(5.0))
     }
 
-    /// [`layout::Frame::photons`] and [`layout::Frame::photon`] of a pass whose instance has had `local` passes.
+    /// [`layout::Frame::photons`] and [`layout::Frame::photon`] for pass number `local` of its instance.
     fn parameters(&self, settings: &Settings, diagonal: f32, local: u32) -> Result<([u32; 4], [f32; 4])> {
         let total = self.total();
         let first = local.checked_mul(total).filter(|f| f.checked_add(total).is_some()).ok_or(Error::Setting {
@@ -218,17 +221,17 @@ impl PhotonPlan {
 pub struct MirrorPlan {
     /// Mirrored lights of each class of pixels.
     pub each: u32,
-    /// Classes.
+    /// Number of classes.
     pub classes: u32,
-    /// Lights of each class that may be mirrored, from its first on.
+    /// Lights of each class that may be mirrored: the first ones.
     pub lights: u32,
-    /// Planar mirrors.
+    /// Number of planar mirrors.
     pub mirrors: u32,
 }
 
 impl MirrorPlan {
-    /// For a scene with so many planar mirrors; `None` where nothing is mirrored. The mirror takes a segment of the path: eye
-    /// segment, mirror, shadow ray and j reflections are j + 3.
+    /// For a scene with `mirrors` planar mirrors; `None` if nothing is mirrored. The mirror adds a segment to the path:
+    /// eye segment, mirror, shadow ray and j reflections are j + 3.
     pub fn new(settings: &Settings, mirrors: u32, lights: &LightPlan) -> Result<Option<MirrorPlan>> {
         let (each, classes, depth) = (settings.mirror_lights, settings.classes(), settings.max_depth as usize);
         if each == 0 || mirrors == 0 || depth < 3 {
@@ -248,8 +251,9 @@ impl MirrorPlan {
     }
 }
 
-/// The [`Step`]s of a stage: what each of its dispatches does. Steps lie in a buffer and a push constant selects one, since drivers may
-/// compile a kernel anew for each value of a push constant that decides a branch (lavapipe does).
+/// The [`Step`]s of a stage: the parameters of each of its dispatches. Steps are in a buffer and a push constant
+/// selects one, since drivers may recompile a kernel for each value of a push constant that decides a branch (lavapipe
+/// does).
 #[derive(Default)]
 pub struct StepTable {
     /// The steps.
@@ -257,7 +261,7 @@ pub struct StepTable {
 }
 
 impl StepTable {
-    /// Adds a step; its index is what the dispatch is given.
+    /// Adds a step and returns its index, the push constant of the dispatch.
     pub fn add(&mut self, step: Step) -> u32 {
         self.steps.push(step);
         self.steps.len() as u32 - 1
@@ -273,26 +277,27 @@ impl StepTable {
             .collect()
     }
 
-    /// Adds the rounds in which a list of rays is traced.
+    /// Adds the rounds that trace a list of rays.
     pub fn add_list_rounds(&mut self, settings: &Settings) -> Vec<u32> {
         let steps = trace_steps(settings.loop_budget);
         self.add_rounds(settings.rounds, Step { indirect: 1, steps, ..Step::default() })
     }
 
-    /// Adds the step that schedules a list that was just filled.
+    /// Adds the step that schedules a newly filled list.
     pub fn add_list(&mut self) -> u32 {
         self.add(Step { indirect: 1, ..Step::default() })
     }
 
     /// Uploads the steps.
     pub fn stage(self, kit: &Kit, name: &str) -> Result<Resources> {
-        // A stage without steps has nothing to look up, but kernels want something bound.
+        // Without steps the kernels never read the buffer, but it must exist.
         let steps = if self.steps.is_empty() { vec![Step::default()] } else { self.steps };
         Ok(Resources::of([("steps", &kit.stage(name, &steps)?)]))
     }
 }
 
-/// What the passes of a rendering have in common: settings and view, and all that follows from them and the scene.
+/// Inputs that the passes of a rendering have in common: settings, view, and everything derived from them and the
+/// scene.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// The settings.
@@ -303,15 +308,15 @@ pub struct Plan {
     pub lights: LightPlan,
     /// Eye paths.
     pub eye: EyePlan,
-    /// Caustic photons; `None`: there are none, or nothing to shoot them at.
+    /// Caustic photons; `None`: there are none, or no targets.
     pub photons: Option<PhotonPlan>,
     /// Mirrored lights; `None`: there are none.
     pub mirrors: Option<MirrorPlan>,
-    /// Of the scene.
+    /// Sizes of the scene.
     pub scene: SceneSize,
 }
 
-/// What a plan keeps of the scene.
+/// Sizes of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneSize {
     /// Nodes of the tree.
@@ -322,11 +327,11 @@ pub struct SceneSize {
     pub bounds: (Vec3, Vec3),
     /// Diagonal of the bounding box.
     pub diagonal: f32,
-    /// Largest coordinate, by magnitude.
+    /// Maximum coordinate, by magnitude.
     pub coordinate_scale: f32,
 }
 
-/// Derives the plan of a rendering. Errors: settings or view out of range, or what they ask for too much for the scene.
+/// Derives the plan of a rendering. Errors: settings or view out of range, or beyond what the scene supports.
 pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<Plan> {
     settings.validate()?;
     view.check(settings)?;
@@ -359,7 +364,7 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
     })
 }
 
-/// Checks that emitters, and lights without area, are not too many to choose from.
+/// Checks the number of emitters, and of lights without area, against the maximum that can be chosen from.
 fn check_choice(settings: &Settings, scene: &DeviceScene) -> Result<()> {
     let delta = scene.delta.len();
     if settings.delta_lights.is_some() && delta > MAX_CANDIDATES {
@@ -378,7 +383,7 @@ fn check_choice(settings: &Settings, scene: &DeviceScene) -> Result<()> {
     })
 }
 
-/// Checks that the shading points of the eye are not too many, in a scene with such surfaces.
+/// Checks the number of the eye's shading points, in a scene with these surfaces, against its maximum.
 pub(crate) fn check_slots(settings: &Settings, specular: SpecularFeatures, view: &View) -> Result<()> {
     let [width, height] = view.size();
     let eye = EyePlan::new(settings, specular, view);
@@ -395,23 +400,23 @@ pub(crate) fn check_slots(settings: &Settings, specular: SpecularFeatures, view:
 }
 
 impl Plan {
-    /// Sets of shading points that follow each other: that of the eye, and one for each gather ray.
+    /// Number of sets of shading points: the eye's, and one for each gather ray.
     pub fn bounces(&self) -> u32 {
         let settings = &self.settings;
         if settings.compensation && settings.clips() { settings.max_depth } else { 1 }
     }
 
-    /// What the eye sees is lit by lights.
+    /// Whether lights light the visible points.
     pub fn lights_points(&self) -> bool {
         self.settings.max_depth > 1 && self.lights.slots() > 0
     }
 
-    /// Not all lights without area are lit in a pass.
+    /// Whether a pass chooses among the lights without area.
     pub fn chooses_delta(&self, scene: &DeviceScene) -> bool {
         (self.lights.delta as usize) < scene.delta.len()
     }
 
-    /// The lights without area in the first slots of each class, as they are before any are chosen.
+    /// The initial lights without area in the first slots of each class, before any choice.
     pub fn delta_slots<'a>(&self, scene: &'a DeviceScene) -> Cow<'a, [PointLight]> {
         if !self.chooses_delta(scene) {
             return Cow::Borrowed(&scene.delta);
@@ -421,8 +426,8 @@ impl Plan {
         Cow::Owned(all)
     }
 
-    /// Whether passes made for another plan can run with the parameters of this one: only what uniforms hold differs. The scene
-    /// must be the same, or have kept its buffers.
+    /// Whether passes made for another plan can run with the parameters of this one: the plans differ only in uniforms.
+    /// The scene must be the same, or have kept its buffers.
     pub fn fits_frame_of(&self, other: &Plan) -> bool {
         let of_uniforms = Settings {
             seed: other.settings.seed,
@@ -447,8 +452,8 @@ impl Plan {
                 == (&other.lights, other.eye, other.photons, other.mirrors)
     }
 
-    /// Parameters of pass number `pass` (from 0). Passes alternate between the two instances; each instance walks along
-    /// its own randomised sequence, N points a pass for each class of pixels.
+    /// Parameters of pass number `pass` (from 0). Passes alternate between the two instances; each instance follows its
+    /// own randomised sequence, with N points a pass for each class of pixels.
     pub fn parameters(&self, pass: u32) -> Result<layout::Frame> {
         let s = &self.settings;
         let instance = pass % INSTANCES;
@@ -466,10 +471,10 @@ impl Plan {
         let lookout = Lookout::of(&self.view);
         let clip = s.clip_distance(self.scene.diagonal);
 
-        // The survivors of a pass are the first N_j of its particles. The segment is entered at a new place in each pass,
-        // because with N a power of the base the first N_j points of every segment would fill the same strata again and
-        // again. The places are a golden-ratio sequence from a random start: spread evenly, and unrelated to any base. With Sobol's
-        // points, all of whose dimensions have base 2, random places give less error.
+        // The survivors of a pass are the first N_j of its particles. Each pass starts at a new point of its segment,
+        // because with N a power of the base the first N_j points of every segment would fill the same strata every
+        // time. The starting points are a golden-ratio sequence from a random start: evenly spread, and unrelated to
+        // any base. For Sobol's points, all of whose dimensions have base 2, random starting points give less error.
         let start = hash(key(instance_key, WINDOW, 0, 0));
         let turn = match s.sequence {
             Sequence::Halton => start.wrapping_add(local.wrapping_mul(0x9e37_79b9)),
@@ -505,7 +510,7 @@ impl Plan {
         let xyzw = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
         let (lowest, highest) = self.scene.bounds;
         let coordinate_scale = self.scene.coordinate_scale.max(lookout.eye.abs().max_element());
-        // Depths are sums of few coordinates, whose rounding is as large.
+        // A depth is a sum of a few coordinates and has rounding errors of their size.
         let depth_unit = 2f32.powi(coordinate_scale.max(f32::MIN_POSITIVE).log2().ceil() as i32 - 22);
         Ok(layout::Frame {
             eye: xyzw(lookout.eye, coordinate_scale),
@@ -533,7 +538,7 @@ impl Plan {
     }
 }
 
-/// The camera as the parameters of a frame hold it.
+/// The camera in the form of the frame's parameters.
 struct Lookout {
     eye: Vec3,
     right: Vec3,
@@ -543,7 +548,7 @@ struct Lookout {
 }
 
 impl Lookout {
-    /// That of a view; an atlas has none, and nothing asks for it.
+    /// That of a view; an atlas has none, and its passes do not read it.
     fn of(view: &View) -> Lookout {
         let Some(camera) = view.camera() else {
             return Lookout { eye: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: Vec3::Z, lens: [0.0; 2] };
@@ -562,12 +567,13 @@ impl Lookout {
     }
 }
 
-/// Specular lobes of virtual lights are widened to this alpha, so that no light is a needle. Bias: the light that sharper
-/// lobes throw on other surfaces is spread over a wider cone; its energy stays. Lobes at receivers are exact.
+/// Specular lobes of virtual lights are widened to this alpha, so that no light has an extremely narrow lobe. Bias:
+/// light that sharper lobes reflect onto other surfaces is spread over a wider cone, with the same energy. Lobes at
+/// shading points are exact.
 pub const LEAST_LIGHT_ALPHA: f32 = 0.25;
 
-/// Offset of the sample in its pixel: Hammersley points (Keller 1997, 4.1) in blocks of 16, each block rotated at random.
-/// The points of a block are taken in steps of 11, so that an unfinished block is spread well too.
+/// Offset of the sample in its pixel: Hammersley points (Keller 1997, 4.1) in blocks of 16, each block rotated at
+/// random. The points of a block are taken in steps of 11, so that an unfinished block is spread evenly too.
 fn pixel_offset(instance_key: u32, local: u32) -> [f32; 2] {
     let i = (local % HAMMERSLEY_BLOCK) * 11 % HAMMERSLEY_BLOCK;
     let point = crate::sampling::hammersley::hammersley(i, HAMMERSLEY_BLOCK);
@@ -611,7 +617,8 @@ mod tests {
     fn photons_are_looked_up_within_the_loop_budget() {
         for budget in [least_loop_budget(1), least_loop_budget(64), LOOP_BUDGET] {
             let chunk = PhotonPlan::chunk(budget);
-            // Every photon of the chunk, with the loops over cells and for the lobe; before that the cells, and the exit.
+            // Every photon of the chunk, with the loops over cells and for the lobe; in addition the cells, and the
+            // exit.
             assert!(chunk >= 1 && 11 * chunk + 10 <= budget.max(25), "{budget}: {chunk}");
         }
         let settings = Settings { photons: 500, pattern: [5, 5], ..Settings::default() };
@@ -621,7 +628,7 @@ mod tests {
         assert_eq!(PhotonPlan::new(&Settings::default(), 1), None);
         assert_eq!(PhotonPlan::new(&settings, 0), None);
         assert_eq!(PhotonPlan::new(&Settings { max_depth: 1, ..settings.clone() }, 1), None);
-        // Without a radius of the user's the diagonal and the number decide.
+        // Without a radius from the user the diagonal and the number decide.
         assert!((plan.radius(&settings, 10.0) - 2.5 / 500f32.sqrt()).abs() < 1e-6);
         assert_eq!(plan.radius(&Settings { photon_radius: Some(0.3), ..settings }, 10.0), 0.3);
     }
@@ -650,7 +657,7 @@ mod tests {
                 assert!(lights * (steps * ITERATIONS_PER_STEP + 6) <= budget, "{lights} lights");
                 assert!(trace_steps(budget) > 1 && trace_steps(budget) * ITERATIONS_PER_STEP < budget);
             }
-            // Whatever the visits are, none takes more than that many iterations.
+            // No visit takes more than this number of iterations, whatever its kind.
             for lanes in [4, 8, 16, 32, 64] {
                 let (visits, rays) = (cluster_steps(lights, LOOP_BUDGET, lanes), 64 / lanes);
                 assert!(visits > LEAST_CLUSTER_STEPS, "{lights} lights, {lanes} lanes");

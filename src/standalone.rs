@@ -1,4 +1,5 @@
-//! Rendering without a host: our own device, one pass at a time, submitted and waited for. What the command line runs.
+//! Rendering without a host: a device of its own, one pass at a time, submitted and waited for. The command line uses
+//! it.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -22,13 +23,13 @@ use crate::settings::{Settings, Traversal};
 use crate::tiles;
 use crate::view::{Region, View};
 
-/// Rounds beyond which a ray is given up as pathological: some ten million steps.
+/// Maximum number of rounds: beyond them, after some ten million steps, a ray is given up as pathological.
 const MAX_ROUNDS: u32 = 1024;
 
-/// Which device to run on, and how.
+/// Choice of the device, and options.
 #[derive(Clone, Debug, Default)]
 pub struct RenderOptions {
-    /// The device. Default: the fastest kind there is.
+    /// The device. Default: the fastest kind available.
     pub device: DeviceChoice,
     /// Run under the validation layer; its messages become errors. Default false.
     pub validation: bool,
@@ -46,22 +47,23 @@ pub struct RenderOptions {
     pub strips: bool,
 }
 
-/// What one pass took.
+/// Times of one pass.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PassTimes {
     /// Seconds by the wall clock, from recording to the end of the wait; longer if rays ran out of steps and the pass was
     /// repeated.
     pub seconds: f64,
-    /// Seconds of these in which commands were recorded, by the processor.
+    /// Seconds of these for recording commands, on the CPU.
     pub record: f64,
-    /// Seconds of each GPU pass by its timestamps, in order; empty where the device writes none. "sort" is a part of
-    /// "eye" and "gather".
+    /// Seconds of each GPU pass by its timestamps, in order; empty if the device writes none. "sort" is a part of "eye"
+    /// and "gather".
     pub gpu_passes: Vec<(String, f64)>,
     /// Rays, counted as in [`Statistics::rays`].
     pub rays: u64,
 }
 
-/// The lists whose lengths are read back: shading points of each bounce, eye paths, photons that go on, photons in their grid.
+/// The lists whose lengths are read back: shading points of each bounce, eye paths, photons that continue, photons in
+/// their grid.
 fn counted_lists(frame: &Frame) -> impl Iterator<Item = &List> {
     let of_photons = frame.photons.iter().flat_map(|photons| photons.lists.iter().chain([&photons.grid.list]));
     frame.point_lists().chain(&frame.eye.lists).chain(of_photons)
@@ -86,8 +88,8 @@ pub struct Renderer {
     strips: Vec<Region>,
 }
 
-/// The view that holds a part of a camera's image: the blocks around it, or all of the image where a part cannot be rendered by
-/// itself.
+/// The view that contains a part of a camera's image: the blocks around it, or the whole image if the part cannot be
+/// rendered alone.
 fn view_of(camera: Camera, settings: &Settings, crop: Option<Region>) -> Result<View> {
     let whole = View::whole(camera);
     let Some(crop) = crop else { return Ok(whole) };
@@ -134,12 +136,12 @@ impl Renderer {
         Ok(renderer)
     }
 
-    /// As [`Renderer::new`], on a device of ours that is open already.
+    /// [`Renderer::new`] on a device that is open already.
     pub fn with_context(context: Context, scene: Scene, camera: Camera, settings: Settings) -> Result<Renderer> {
         Self::with_crop(context, scene, camera, settings, None)
     }
 
-    /// As [`Renderer::with_context`], for a part of the image.
+    /// [`Renderer::with_context`] for a part of the image.
     fn with_crop(
         context: Context,
         scene: Scene,
@@ -159,7 +161,7 @@ impl Renderer {
         Ok(renderer)
     }
 
-    /// As [`Renderer::with_context`], with a scene that may change: see [`Renderer::engine_mut`].
+    /// [`Renderer::with_context`] with a scene that may change: see [`Renderer::engine_mut`].
     pub fn with_context_dynamic(
         context: Context,
         scene: Scene,
@@ -262,8 +264,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Adds the rays of a pass: eye rays, particles, for each bounce its receivers' shadow and gather rays, and rays on from
-    /// mirrors and glass; photons alike. Also counts the photons that were stored.
+    /// Adds the rays of a pass: eye rays, particles, shadow and gather rays of the shading points of each bounce, and
+    /// continuations at mirrors and glass, of photons too. Also counts the stored photons.
     fn count_rays(&mut self, work: &[u32]) {
         let [width, height] = self.engine.view().size();
         let plan = &self.engine.plan().lights;
@@ -301,12 +303,12 @@ impl Renderer {
         }
     }
 
-    /// Passes in the image.
+    /// Number of passes in the image.
     pub fn passes(&self) -> u32 {
         self.engine.passes()
     }
 
-    /// What the latest pass took; zeros before the first.
+    /// Times of the latest pass; zeros before the first.
     pub fn last_pass(&self) -> &PassTimes {
         &self.last_pass
     }
@@ -354,7 +356,7 @@ impl Renderer {
         Ok(Some((sum / count).sqrt() as f32))
     }
 
-    /// The image and its layers, of the part that [`Renderer::set_crop`] says. Reads back about 300 bytes a pixel.
+    /// The image and its layers, for the part of [`Renderer::set_crop`]. Reads back about 300 bytes a pixel.
     pub fn layers(&self) -> Result<Layers> {
         let layers = self.film()?.mean();
         let (Some(crop), View::Camera { region, .. }) = (self.crop, self.engine.view()) else { return Ok(layers) };
@@ -362,8 +364,9 @@ impl Renderer {
         Ok(layers.cut(Region { origin, ..crop }))
     }
 
-    /// Renders a part of the camera's image from now on, with the bits that the whole image has there; `None`: all of it. Starts
-    /// over. What needs the whole image (superposition, a lens, the choice of emitters by contribution) renders it all the same.
+    /// Renders a part of the camera's image from now on, bit for bit as in the whole image; `None`: all of it.
+    /// Restarts. Settings that need the whole image (superposition, a lens, the choice of emitters by contribution)
+    /// still render all of it.
     pub fn set_crop(&mut self, crop: Option<Region>) -> Result<()> {
         let Some(&camera) = self.engine.view().camera() else {
             return Err(Error::Setting { name: "--crop", message: String::from("an atlas has no camera") });
@@ -373,7 +376,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// The strips in which [`crate::tiles::render`] renders an image that is too large for the device; empty: it is not.
+    /// The strips in which [`crate::tiles::render`] renders an image that is too large for the device; empty if it
+    /// fits.
     pub fn strips(&self) -> &[Region] {
         &self.strips
     }
@@ -383,19 +387,19 @@ impl Renderer {
         self.engine.film().download(&self.context, self.engine.view().size())
     }
 
-    /// The sums of all passes as bytes, little endian: with the number of passes all that a later run needs.
+    /// The sums of all passes as bytes, little endian: with the number of passes, the complete state for a later run.
     pub fn save_state(&self) -> Result<Vec<u8>> {
         Ok(self.film()?.to_bytes())
     }
 
-    /// Goes on from what [`Renderer::save_state`] gave after `passes` passes of the same scene, camera and settings.
+    /// Continues from [`Renderer::save_state`] after `passes` passes of the same scene, camera and settings.
     pub fn load_state(&mut self, passes: u32, bytes: &[u8]) -> Result<()> {
         let (size, summands) = (self.engine.view().size(), self.engine.settings().summands);
         self.load_film(passes, &HostFilm::from_bytes(bytes, size, summands)?)
     }
 
-    /// Goes on from a film with pass number `passes`: that of a film of fewer passes continues it, and that of an empty
-    /// film renders these passes alone, to be merged with others.
+    /// Continues from a film with pass number `passes`: a film of the earlier passes is completed; an empty film gets
+    /// only the passes from this number on, to be merged with others.
     pub fn load_film(&mut self, passes: u32, film: &HostFilm) -> Result<()> {
         if film.size() != self.engine.view().size() {
             let message = String::from("the film has another size than the image");
@@ -408,7 +412,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// Fingerprint of scene, camera and settings as they were at first.
+    /// Fingerprint of scene, camera and settings at the start.
     pub fn fingerprint(&self) -> u64 {
         self.fingerprint
     }
@@ -439,19 +443,19 @@ impl Renderer {
         }
     }
 
-    /// The lights of the latest pass.
+    /// The virtual lights of the latest pass.
     pub fn lights(&self) -> Result<Vec<PointLight>> {
         download::<PointLight>(&self.context, self.engine.frame().lights())
     }
 
-    /// Writes the virtual lights of the latest pass with the scene as glTF (Keller 1997, 5); returns how many.
+    /// Writes the virtual lights of the latest pass with the scene as glTF (Keller 1997, 5); returns their number.
     ///
-    /// What a light's specular lobe reflects is left out: a file's lights have the cosine law.
+    /// Leaves out the specular lobes of the lights: a file's lights have the cosine law.
     pub fn export_lights(&mut self, path: &Path) -> Result<usize> {
         if self.passes() == 0 {
             self.pass()?;
         }
-        // Each class of pixels has lights that stand for all the light; together they share it.
+        // The lights of each class represent all the light; divide it among the classes.
         let classes = self.engine.settings().classes() as f32;
         let lights: Vec<VirtualLight> = self
             .lights()?
@@ -471,7 +475,7 @@ impl Renderer {
     }
 }
 
-/// Bytes of what is read back after each pass: the status and the work of all lists.
+/// Bytes read back after each pass: the status and the work of all lists.
 fn readback_bytes(engine: &Engine) -> u64 {
     16 + (counted_lists(engine.frame()).count() * size_of::<Work>()) as u64
 }

@@ -1,8 +1,8 @@
-//! Images that are too large for a device's buffers, rendered strip by strip.
+//! Images too large for a device's buffers, rendered strip by strip.
 //!
-//! A strip is a region of the image as wide as the image ([`crate::view`]), and each is rendered with all its passes before the next, with the
-//! bits that it would have in the whole image. Whatever looks at the whole image is refused: superposition, a lens, the choice of
-//! emitters by contribution.
+//! A strip is a region of the image as wide as the image ([`crate::view`]). Each is rendered with all its passes before
+//! the next, bit for bit as in the whole image. Features that need the whole image are refused: superposition, a lens,
+//! the choice of emitters by contribution.
 
 use crate::device_scene::SpecularFeatures;
 use crate::error::Result;
@@ -14,11 +14,11 @@ use crate::settings::Settings;
 use crate::standalone::Renderer;
 use crate::view::{Region, View};
 
-/// Bytes of the largest element that a view has for each of its slots.
+/// Bytes of the largest element that a view has for each slot.
 const SLOT_BYTES: u64 = 16;
 
-/// The strips of an image from top to bottom, such that the buffers of each keep within what the device binds; a single one if the
-/// whole image fits.
+/// The strips of an image from top to bottom, such that the buffers of each fit the device's bindings; a single one if
+/// the whole image fits.
 pub fn strips(info: &DeviceInfo, scene: &Scene, camera: &Camera, settings: &Settings) -> Vec<Region> {
     let specular = SpecularFeatures::of(scene, &scene.reflectors());
     let eye = EyePlan::new(settings, specular, &View::whole(*camera));
@@ -26,7 +26,7 @@ pub fn strips(info: &DeviceInfo, scene: &Scene, camera: &Camera, settings: &Sett
     cut(camera.resolution, settings, slots)
 }
 
-/// Strips of at most so many pixels each, room for the filter included, unless a single row of blocks has more.
+/// Strips of at most `pixels` pixels each, including the apron of the filter, unless a single row of blocks has more.
 pub fn cut([width, height]: [u32; 2], settings: &Settings, pixels: u64) -> Vec<Region> {
     let image = [width, height];
     if u64::from(width) * u64::from(height) <= pixels {
@@ -34,14 +34,14 @@ pub fn cut([width, height]: [u32; 2], settings: &Settings, pixels: u64) -> Vec<R
     }
     let block = 8 * settings.pattern[1];
     let strip = |first: u32, rows: u32| Region { origin: [0, first], size: [width, rows.min(height - first)] };
-    // The highest strip of whole blocks in the middle of the image whose surroundings fit.
+    // The tallest strip of whole blocks, with neighbours above and below, that fits with its apron.
     let fits = |rows: &u32| strip(block.min(height - 1), *rows).around(settings, image).pixels() <= pixels;
     let rows = (1..=height.div_ceil(block)).map(|n| n * block).take_while(fits).last().unwrap_or(block);
     (0..height).step_by(rows as usize).map(|first| strip(first, rows)).collect()
 }
 
-/// Renders `passes` passes of each strip; `done` is told the passes of all strips so far and ends the rendering early by `false`.
-/// `None`: it did.
+/// Renders `passes` passes of each strip. `done` receives the number of passes of all strips so far; if it returns
+/// false the rendering ends early with `None`.
 pub fn render(
     renderer: &mut Renderer,
     strips: &[Region],
@@ -81,7 +81,7 @@ mod tests {
                 assert_eq!(strips.len() == 1, u64::from(image[0] * image[1]) <= pixels);
             }
         }
-        // A row of blocks is the least.
+        // A row of blocks is the minimum.
         assert_eq!(cut([640, 480], &Settings::default(), 1).len(), 60);
     }
 }

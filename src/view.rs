@@ -1,14 +1,14 @@
-//! Where light is wanted: the pixels of a camera, a region of them, or an atlas of texels on surfaces.
+//! The entries to compute light for: the pixels of a camera, a region of them, or an atlas of texels on surfaces.
 //!
-//! A view yields shading points, one or two for each of its entries, row by row; everything after the eye's paths works on
-//! shading points and does not ask where they come from.
+//! A view yields shading points, one or two for each of its entries, row by row; everything after the eye paths works
+//! on shading points, whatever their origin.
 //!
-//! A **region** of a camera is rendered with the bits that the whole image would have there. It begins where blocks of the screen
-//! begin ([`Region::around`]), so that clusters and classes of pixels are those of the whole image, and random numbers are those of
-//! the pixel's place in the whole image.
+//! A **region** of a camera is rendered bit for bit as in the whole image. It starts on the borders of screen blocks
+//! ([`Region::around`]), so that clusters and classes of pixels are those of the whole image, and random numbers depend
+//! on the pixel's position in the whole image.
 //!
-//! An **atlas** has a point on a triangle for each texel, seen along its normal from the front. Texels lie 8 x 8 to a cluster, as
-//! pixels do.
+//! An **atlas** has a point on a triangle for each texel, seen along its normal from the front. 8 x 8 texels form a
+//! cluster, as pixels do.
 
 use std::sync::Arc;
 
@@ -16,7 +16,8 @@ use crate::error::{Error, Result};
 use crate::scene::Camera;
 use crate::settings::Settings;
 
-/// Pixels beyond a region that filters look at, rounded up: windows are 9 pixels wide at most, and guides look one further.
+/// Pixels beyond a region that filters read, rounded up: windows are at most 9 pixels wide, and guides read one pixel
+/// further.
 const APRON: u32 = 8;
 
 /// A rectangle of pixels.
@@ -34,8 +35,8 @@ impl Region {
         Region { origin: [0, 0], size }
     }
 
-    /// The smallest region around this one whose pixels, rendered alone, have the bits of the whole image: with room for the filter,
-    /// and on the borders of blocks of 8 x 8 pixels of each class.
+    /// The smallest region around this one whose pixels, rendered alone, have the bits of the whole image: with an
+    /// apron for the filter, and on the borders of blocks of 8 x 8 pixels of each class.
     pub fn around(&self, settings: &Settings, image: [u32; 2]) -> Region {
         let apron = if settings.filter.is_some() { APRON } else { 0 };
         let span = |axis: usize| {
@@ -48,7 +49,7 @@ impl Region {
         Region { origin: [x, y], size: [width, height] }
     }
 
-    /// Errors: it is empty, or reaches beyond an image of this size.
+    /// Errors: it is empty, or extends beyond an image of this size.
     pub fn check(&self, image: [u32; 2]) -> Result<()> {
         let inside = |axis: usize| {
             let end = u64::from(self.origin[axis]) + u64::from(self.size[axis]);
@@ -62,7 +63,7 @@ impl Region {
         Err(Error::Setting { name: "--crop", message })
     }
 
-    /// Pixels in it.
+    /// Number of pixels.
     pub fn pixels(&self) -> u64 {
         u64::from(self.size[0]) * u64::from(self.size[1])
     }
@@ -82,18 +83,18 @@ pub struct Texel {
 pub struct Atlas {
     /// Width and height.
     pub size: [u32; 2],
-    /// The texels, row by row; `None` lies on no surface and stays black.
+    /// The texels, row by row; `None` is on no surface and stays black.
     pub texels: Vec<Option<Texel>>,
 }
 
-/// What is looked at.
+/// A camera or an atlas.
 #[derive(Clone, Debug, PartialEq)]
 pub enum View {
     /// A region of the pixels of a camera.
     Camera {
         /// The camera, with the resolution of the whole image.
         camera: Camera,
-        /// Which of its pixels.
+        /// The pixels to render.
         region: Region,
     },
     /// Texels on surfaces.
@@ -114,7 +115,7 @@ impl View {
         }
     }
 
-    /// Its place in the whole image, and the whole image's width and height.
+    /// Position in the whole image, and the whole image's width and height.
     pub fn within(&self) -> Region {
         match self {
             View::Camera { camera, region } => Region { origin: region.origin, size: camera.resolution },
@@ -122,7 +123,7 @@ impl View {
         }
     }
 
-    /// The camera; `None`: an atlas has none.
+    /// The camera; `None` for an atlas.
     pub fn camera(&self) -> Option<&Camera> {
         match self {
             View::Camera { camera, .. } => Some(camera),
@@ -130,18 +131,18 @@ impl View {
         }
     }
 
-    /// It shows a part of a larger image.
+    /// Whether it shows a part of a larger image.
     pub fn is_part(&self) -> bool {
         self.size() != self.within().size
     }
 
-    /// It is blurred by a lens.
+    /// Whether a lens blurs it.
     pub fn has_lens(&self) -> bool {
         self.camera().is_some_and(Camera::has_lens)
     }
 
-    /// Checks it against the settings. Errors: an empty view, a region outside of its image or not on the borders of blocks, a
-    /// combination whose result would depend on pixels that are not in the region.
+    /// Checks it against the settings. Errors: an empty view, a region outside its image or not on the borders of
+    /// blocks, a combination whose result would depend on pixels outside the region.
     pub fn check(&self, settings: &Settings) -> Result<()> {
         let resolution = |message: String| Error::Setting { name: "--resolution", message };
         let [width, height] = self.size();
@@ -186,7 +187,7 @@ impl View {
         Err(Error::Setting { name: "--crop", message })
     }
 
-    /// Why a part of the image cannot be rendered by itself with the same bits, if so.
+    /// The reason why a part of the image cannot be rendered alone with the same bits, if there is one.
     pub fn needs_whole(&self, settings: &Settings) -> Option<&'static str> {
         match settings {
             _ if self.has_lens() => Some("a lens blurs over the whole image"),
@@ -199,7 +200,8 @@ impl View {
     }
 }
 
-/// Greatest number of entries of a view, so that products of it fit; a device's own limits on buffers mostly come first.
+/// Maximum number of entries of a view, so that products with it fit; a device's own limits on buffers usually are
+/// lower.
 pub const MAX_PIXELS: u64 = 1 << 26;
 
 #[cfg(test)]

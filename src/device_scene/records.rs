@@ -1,4 +1,4 @@
-//! How parts of a scene are written for the device.
+//! Conversion of parts of a scene into device records.
 
 use std::ops::Range;
 
@@ -34,7 +34,7 @@ pub(super) fn material_record(m: &crate::scene::Material) -> MaterialRecord {
     }
 }
 
-/// All textures one after the other in one array, since a device need not index descriptors dynamically.
+/// All textures, concatenated in one array, since a device need not support dynamic indexing of descriptors.
 pub(super) fn pack_textures(textures: &[Texture]) -> Result<(Vec<TextureRecord>, Vec<u32>)> {
     let total: u64 = textures.iter().map(|t| u64::from(t.width) * u64::from(t.height)).sum();
     if total > u64::from(u32::MAX) {
@@ -72,13 +72,13 @@ pub fn encode_normal(n: Vec3) -> u32 {
     u32::from(snorm(e.x)) | u32::from(snorm(e.y)) << 16
 }
 
-/// What reflectors are made of, textures by their mean; of frosted panes the lobe alone.
+/// Finishes of reflectors, with mean texture values; for frosted panes only the lobe.
 pub(super) fn finishes(scene: &Scene, reflectors: &[Reflector]) -> Vec<Finish> {
     let mean = |texture: Option<u32>| texture.map_or(Vec3::ONE, |t| scene.textures[t as usize].average());
     let finish = |reflector: &Reflector| {
         let m = &scene.materials[reflector.material as usize];
         if let Some(alpha) = frost(m) {
-            // What a pane lets through is weighed where it is seen.
+            // The transmittance of a pane is applied where it is seen.
             let reflectance = Reflectance { kd: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, alpha };
             return Finish { reflectance, lobe: m.lobe.clone().map_or(Lobe::Ggx { alpha }, Lobe::Table) };
         }
@@ -90,7 +90,7 @@ pub(super) fn finishes(scene: &Scene, reflectors: &[Reflector]) -> Vec<Finish> {
     reflectors.iter().map(finish).collect()
 }
 
-/// For each triangle the number of its reflector, 0 for none; nothing at all if there are none.
+/// For each triangle the number of its reflector, 0: none; empty if there are no reflectors.
 pub(super) fn reflector_numbers(scene: &Scene, reflectors: &[Reflector]) -> Vec<u8> {
     let mut numbers = vec![0; if reflectors.is_empty() { 0 } else { scene.triangles.len() }];
     for (number, reflector) in (1..=u8::MAX).zip(reflectors) {
@@ -99,8 +99,8 @@ pub(super) fn reflector_numbers(scene: &Scene, reflectors: &[Reflector]) -> Vec<
     numbers
 }
 
-/// Normals and texture coordinates of triangles in the order of the leaves; the latter only where there are textures, which
-/// any material may come to use.
+/// Normals and texture coordinates of triangles in leaf order; the latter only if there are textures, since edits may
+/// give a texture to any material.
 pub(super) fn shading_attributes(
     scene: &Scene,
     bvh: &Bvh,
@@ -131,7 +131,8 @@ pub(super) fn shading_attributes(
     (normals, uvs)
 }
 
-/// The lights that every pass lights exactly once, or chooses from: point, spot and parallel lights, and imported virtual lights.
+/// The lights without area, which every pass uses exactly once, or chooses from: point, spot and parallel lights, and
+/// imported virtual lights.
 pub fn delta_lights(scene: &Scene, coordinate_scale: f32) -> Vec<PointLight> {
     let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
     let flags = f32::from_bits;

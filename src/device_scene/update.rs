@@ -1,4 +1,4 @@
-//! A scene that has changed, brought up to date on the device.
+//! Brings a changed scene up to date on the device.
 
 use std::slice::from_ref;
 
@@ -15,46 +15,47 @@ use crate::pass::layout::{MaterialRecord, PointLight};
 use crate::scene::reflectors::Reflector;
 use crate::scene::{Light, Scene};
 
-/// What edits have touched.
+/// Parts of the scene touched by edits.
 #[derive(Default)]
 pub struct SceneChanges {
-    /// Objects that moved, each once.
+    /// Objects that moved, without duplicates.
     pub moved: Vec<u32>,
     /// Materials that changed.
     pub materials: Vec<u32>,
-    /// Lights of the scene changed.
+    /// Whether lights of the scene changed.
     pub lights: bool,
-    /// Emission of materials changed.
+    /// Whether emission of materials changed.
     pub emission: bool,
-    /// The device holds something else than is known here.
+    /// Whether the device's content is unknown, so that everything is uploaded.
     pub everything: bool,
 }
 
-/// What an update did.
+/// Results of an update.
 #[derive(Default)]
 pub struct Update {
-    /// Buffers were replaced, or what passes were made for has changed: they must be made anew.
+    /// Whether passes must be made anew, because buffers were replaced or a property that they were made for has
+    /// changed.
     pub replaced: bool,
-    /// The lights without area changed.
+    /// Whether the lights without area changed.
     pub delta: bool,
-    /// Bytes of trees, and times.
+    /// Bytes of trees, and timings.
     pub changes: Changes,
     /// Seconds for emitters and lights.
     pub light_seconds: f64,
-    /// Seconds for staging what is uploaded.
+    /// Seconds for staging uploads.
     pub staging_seconds: f64,
 }
 
 impl SceneChanges {
-    /// Nothing was touched.
+    /// Whether nothing was touched.
     pub fn is_empty(&self) -> bool {
         self.moved.is_empty() && self.materials.is_empty() && !self.lights && !self.emission && !self.everything
     }
 }
 
 impl DeviceScene {
-    /// Brings host and device up to date with `scene`. `emits`: whether an object has emissive triangles; `mean_reflectivity`: of the
-    /// scene as it is now.
+    /// Brings host and device up to date with `scene`. `emits`: whether an object has emissive triangles;
+    /// `mean_reflectivity`: that of the edited scene.
     pub fn update(
         &mut self,
         context: &Context,
@@ -72,7 +73,7 @@ impl DeviceScene {
         let extended = bounds != (self.bvh.min, self.bvh.max);
 
         let start = std::time::Instant::now();
-        // The disc of parallel light is as large as the scene.
+        // The disc that emits parallel light is as large as the scene.
         let parallel = |light: &Light| matches!(light, Light::Directional { .. });
         let other_emitters = touched.everything
             || touched.emission
@@ -118,7 +119,8 @@ impl DeviceScene {
         Ok(Update { replaced, delta: other_delta, changes, light_seconds, staging_seconds })
     }
 
-    /// Looks for targets of photons and stages them. True: buffers were replaced, and passes that bind them must be made anew.
+    /// Finds and stages the targets of photons. Returns whether buffers were replaced; passes that bind them must then
+    /// be made anew.
     pub(super) fn update_targets(&mut self, context: &Context, staging: &mut Staging, scene: &Scene) -> Result<bool> {
         let before = self.targets.spheres.len();
         self.targets = Targets::of(scene, &self.bvh);
@@ -144,7 +146,7 @@ impl DeviceScene {
         Ok(true)
     }
 
-    /// Looks for planar mirrors and stages them. True: buffers were replaced, as above.
+    /// Finds and stages the planar mirrors. Returns whether buffers were replaced, as above.
     pub(super) fn update_mirrors(&mut self, context: &Context, staging: &mut Staging, scene: &Scene) -> Result<bool> {
         let before = self.mirrors.list.len();
         self.mirrors = Mirrors::of(scene, &self.bvh);
@@ -169,8 +171,8 @@ impl DeviceScene {
         Ok(true)
     }
 
-    /// Stages what `changes` says of the hierarchy. True: buffers were replaced, and whoever has bound them must bind the new
-    /// ones. A wide tree that has become too deep is given up until it fits again.
+    /// Stages the `changes` of the hierarchy. Returns whether buffers were replaced, so that they must be bound again.
+    /// If the wide tree has become too deep for the kernel, it is dropped until it fits again.
     pub fn update_hierarchy(
         &mut self,
         context: &Context,
@@ -209,8 +211,8 @@ impl DeviceScene {
         Ok(replaced)
     }
 
-    /// Looks for planar reflectors again, and stages what has become of them. Nothing else may have moved since the hierarchy was
-    /// updated. True: passes must be made anew.
+    /// Finds the planar reflectors again and stages the changes. No other edits may come between the update of the
+    /// hierarchy and this one. Returns whether passes must be made anew.
     fn update_reflectors(&mut self, context: &Context, staging: &mut Staging, scene: &Scene) -> Result<bool> {
         let bvh = &self.bvh;
         let reflectors = scene.reflectors();

@@ -1,8 +1,8 @@
 //! Changes of the scene between passes: objects move and deform, materials and lights change.
 //!
-//! An edit checks its input, takes effect in the engine's copy of the scene at once, and marks what it touches. The next
-//! [`Engine::record_pass`] brings hierarchy, emitters and buffers up to date for all edits since the one before, and records the
-//! uploads; [`Engine::apply_edits`] does the first half of that earlier, where a host prefers.
+//! An edit checks its input, takes effect in the engine's copy of the scene at once, and marks what it touches. The
+//! next [`Engine::record_pass`] updates hierarchy, emitters and buffers for all edits since the last one, and records
+//! the uploads; [`Engine::apply_edits`] does the first half earlier, if a host prefers.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -21,27 +21,27 @@ use crate::scene::{Camera, Light, Material, Scene, Surface, Texture};
 use crate::settings::Settings;
 use crate::view::View;
 
-/// A transform whose columns differ from an orthonormal basis by no more than this is taken for rigid: areas stay.
+/// Maximum difference between the columns of a rigid transform and an orthonormal basis; such a transform keeps areas.
 const RIGID: f32 = 1e-5;
 
-/// What the latest edits cost the processor, in seconds.
+/// CPU times of the latest edits, in seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EditTimes {
-    /// Vertices: checking and moving them, when the edits were made.
+    /// Vertices: checking and moving them, at the time of the edits.
     pub vertices: f64,
     /// Triangles and trees of the objects that moved.
     pub refit: f64,
-    /// The tree over the objects.
+    /// The tree of objects.
     pub top_level: f64,
     /// Emitters and the number of particles.
     pub lights: f64,
-    /// Staging of what is uploaded; passes made anew, where that was necessary.
+    /// Staging of uploads, and of new passes where needed.
     pub staging: f64,
     /// Bytes staged.
     pub bytes: u64,
 }
 
-/// What an engine knows whose scene may change.
+/// State for scene edits.
 pub(super) struct DynamicScene {
     scene: Scene,
     /// Vertices of each object.
@@ -55,20 +55,20 @@ pub(super) struct DynamicScene {
     rest_lights: Vec<Light>,
     transforms: Vec<Affine3A>,
     trees: ObjectTrees,
-    /// For each object the area of each of its materials.
+    /// For each object, the area of each of its materials.
     areas: Vec<Vec<(u32, f64)>>,
     /// Mean colours of the textures.
     averages: Vec<Vec3>,
     pending: SceneChanges,
-    /// Seconds taken by vertices since the last upload.
+    /// Seconds for vertices since the last upload.
     vertex_seconds: f64,
     times: EditTimes,
 }
 
 impl Engine {
-    /// As [`Engine::new`], for a scene that may change between passes. Every object gets a tree of its own (see
-    /// [`crate::accel::objects`]), so that moving one does not build the others anew; rays take somewhat longer. Vertices
-    /// are numbered anew, see [`Scene::separate_objects`].
+    /// [`Engine::new`] for a scene that may change between passes. Every object gets a tree of its own (see
+    /// [`crate::accel::objects`]), so that moving one object does not rebuild the others; rays take somewhat longer.
+    /// Vertices are renumbered, see [`Scene::separate_objects`].
     pub fn new_dynamic(context: &Context, mut scene: Scene, camera: Camera, settings: Settings) -> Result<Engine> {
         let vertices = scene.separate_objects();
         let (mut engine, trees) = Self::with_trees(context, &scene, View::whole(camera), settings, true)?;
@@ -96,16 +96,16 @@ impl Engine {
         Ok(engine)
     }
 
-    /// The scene as edited; `None` if it cannot change.
+    /// The scene as edited; `None` if it is static.
     pub fn scene(&self) -> Option<&Scene> {
         self.dynamic.as_ref().map(|moving| &moving.scene)
     }
 
-    /// Moves an object: `transform` takes it from where it was at first (or where [`Engine::set_vertices`] put it) to where it
-    /// is to be, whatever its transform was before. A sphere light moves along if the object is its surface.
+    /// Moves an object: `transform` maps its initial position (or its vertices from [`Engine::set_vertices`]) to the
+    /// new one, regardless of earlier transforms. A sphere light moves along if the object is its surface.
     ///
-    /// Errors, after which everything is as before: there is no such object; the transform is not finite, flattens the object
-    /// or turns it inside out; a triangle would lose its area; a sphere light would be no sphere.
+    /// Errors, which leave everything unchanged: there is no such object; the transform is not finite, flattens the
+    /// object or turns it inside out; a triangle would lose its area; a sphere light would no longer be a sphere.
     pub fn set_transform(&mut self, object: u32, transform: Affine3A) -> Result<()> {
         let moving = self.moving()?;
         let name = moving.name(object)?;
@@ -125,11 +125,11 @@ impl Engine {
         Ok(moving.transforms[object as usize])
     }
 
-    /// Gives an object other vertices: as many as it has, in the order of [`Engine::scene`], before its transform. Without
-    /// `normals`, those of smooth triangles become the mean of their faces'.
+    /// Replaces the vertices of an object: the same number, in the order of [`Engine::scene`], before its transform.
+    /// Without `normals`, those of smooth triangles become the mean of their faces'.
     ///
-    /// Errors, after which everything is as before: there is no such object; another number of vertices; a triangle would lose
-    /// its area; the object is the surface of a sphere light.
+    /// Errors, which leave everything unchanged: there is no such object; the number of vertices differs; a triangle
+    /// would lose its area; the object is the surface of a sphere light.
     pub fn set_vertices(&mut self, object: u32, positions: &[Vec3], normals: Option<&[Vec3]>) -> Result<()> {
         let moving = self.moving()?;
         let name = moving.name(object)?;
@@ -158,10 +158,10 @@ impl Engine {
         Ok(())
     }
 
-    /// Changes a material; where it emits, its triangles become emitters. Reflecting more than it receives, it is lowered
-    /// as when a scene is loaded.
+    /// Changes a material; if it emits, its triangles become emitters. A material that reflects more than it receives
+    /// is scaled down as when a scene is loaded.
     ///
-    /// Errors, after which everything is as before: there is no such material or texture; a value is out of range; nothing
+    /// Errors, which leave everything unchanged: there is no such material or texture; a value is out of range; nothing
     /// would emit light.
     pub fn set_material(&mut self, index: u32, mut material: Material) -> Result<()> {
         let (settings, view) = (self.plan.settings.clone(), self.plan.view.clone());
@@ -204,10 +204,11 @@ impl Engine {
         Ok(())
     }
 
-    /// Changes a point, spot, directional or virtual light, also into another of these kinds. Sphere lights change with their
-    /// object and its material.
+    /// Changes a point, spot, directional or virtual light, also into another of these kinds. Sphere lights change with
+    /// their object and its material.
     ///
-    /// Errors, after which everything is as before: there is no such light; a value is out of range; it is or becomes a sphere.
+    /// Errors, which leave everything unchanged: there is no such light; a value is out of range; it is or becomes a
+    /// sphere.
     pub fn set_light(&mut self, index: u32, light: Light) -> Result<()> {
         let moving = self.moving()?;
         let Some(&old) = moving.scene.lights.get(index as usize) else {
@@ -240,18 +241,18 @@ impl Engine {
         self.restart();
     }
 
-    /// What the latest edits that were applied have cost; zeros if there were none.
+    /// Costs of the latest applied edits; zeros if there were none.
     pub fn edit_times(&self) -> EditTimes {
         self.dynamic.as_ref().map_or(EditTimes::default(), |moving| moving.times)
     }
 
-    /// Brings hierarchy, emitters and passes up to date with the edits, and stages the uploads. [`Engine::record_pass`] does so
-    /// by itself.
+    /// Updates hierarchy, emitters and passes for the edits, and stages the uploads. [`Engine::record_pass`] does this
+    /// itself.
     pub fn apply_edits(&mut self) -> Result<()> {
         let Some(mut moving) = self.dynamic.take() else { return Ok(()) };
         let result = if moving.pending.is_empty() { Ok(()) } else { self.apply(&mut moving) };
         if result.is_err() {
-            // Some of it may be staged, some not.
+            // Some of the data may be staged, some not.
             moving.pending.everything = true;
         }
         self.dynamic = Some(moving);
@@ -318,7 +319,7 @@ fn refused(object: &str, message: &str) -> Error {
     Error::Scene(format!("object {object:?}: {message}"))
 }
 
-/// Checks that a scene still emits light, if it may have lost some.
+/// Checks that a scene still emits light, after an edit that may have removed the last emitter.
 fn check_light(scene: &Scene, changed: bool) -> Result<()> {
     if changed { Emitters::of(scene, scene.emitters_are_lights).map(|_| ()) } else { Ok(()) }
 }
@@ -337,7 +338,7 @@ fn check_transform(transform: &Affine3A) -> Result<(), String> {
     Ok(())
 }
 
-/// The factor by which a transform scales everything, if it is the same in all directions.
+/// The factor by which a transform scales lengths, if it is the same in all directions.
 fn similarity(matrix: &Mat3A) -> Option<f32> {
     let scale = matrix.x_axis.length();
     let product = matrix.transpose() * *matrix;
@@ -365,7 +366,7 @@ impl DynamicScene {
         self.scene.lights.iter().position(surface)
     }
 
-    /// Puts an object where a transform takes its vertices, or others.
+    /// Moves an object's vertices, or new ones, by a transform.
     fn place(&mut self, object: u32, transform: Affine3A, rest: Option<(&[Vec3], Vec<Vec3>)>) -> Result<()> {
         let start = Instant::now();
         let name = self.name(object)?;
@@ -408,7 +409,7 @@ impl DynamicScene {
         if still {
             self.scene.normals[range.clone()].copy_from_slice(&self.rest_normals[range]);
         } else if smooth {
-            // The cofactors are the inverse transposed but for a factor.
+            // The cofactors are the inverse transpose up to a factor.
             let m = transform.matrix3;
             let (x, y, z) = (m.x_axis, m.y_axis, m.z_axis);
             let cofactors = Mat3A::from_cols(y.cross(z), z.cross(x), x.cross(y));
@@ -425,7 +426,7 @@ impl DynamicScene {
         Ok(())
     }
 
-    /// Adds up the areas of an object; a rigid transform leaves them as they were, without rounding.
+    /// Sums the areas of an object; a rigid transform keeps them, without rounding.
     fn measure(&mut self, object: usize) {
         let (first, rest) = (self.vertices[object].start, &self.rest_positions[self.vertices[object].clone()]);
         let positions = if is_rigid(&self.transforms[object]) {
@@ -457,7 +458,7 @@ impl DynamicScene {
         if total > 0.0 { (reflecting / total) as f32 } else { 0.0 }
     }
 
-    /// Unit normals of an object's vertices: the mean of the faces around each by their areas.
+    /// Unit normals of an object's vertices: the area-weighted mean of the faces around each.
     fn mean_normals(&self, object: u32, positions: &[Vec3]) -> Vec<Vec3> {
         let first = self.vertices[object as usize].start;
         let mut sums = vec![Vec3::ZERO; positions.len()];
@@ -470,7 +471,7 @@ impl DynamicScene {
         sums.into_iter().map(|sum| sum.normalize_or(Vec3::Y)).collect()
     }
 
-    /// Sphere lights emit what the material of their surface says.
+    /// Gives sphere lights the emission of the material of their surface.
     fn match_sphere_lights(&mut self, material: u32) {
         let emission = self.scene.materials[material as usize].emission;
         for light in self.scene.lights.iter_mut().chain(&mut self.rest_lights) {

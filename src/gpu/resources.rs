@@ -1,4 +1,4 @@
-//! Named buffers and images, from which kernels take those that they declare.
+//! Named buffers and images; kernels bind those that they declare.
 
 use super::kernel::Bound;
 use super::memory::{Buffer, Image};
@@ -22,8 +22,8 @@ impl From<&Image> for Resource {
     }
 }
 
-/// A set of buffers and images under the names that shaders have for them. [`super::Kernel::bind_from`] takes from sets what a
-/// kernel declares, so that a set may hold more than any one kernel uses.
+/// A set of buffers and images under their names in shaders. [`super::Kernel::bind_from`] takes the ones that a kernel
+/// declares, so a set may hold more than a kernel uses.
 #[derive(Clone, Default)]
 pub struct Resources(Vec<(&'static str, Resource)>);
 
@@ -71,7 +71,7 @@ impl Resources {
         (0..self.0.len()).filter(|&i| distinct(i)).map(|i| bytes(&self.0[i].1)).sum()
     }
 
-    /// What stands under a name, all of them.
+    /// All resources of a name.
     pub(super) fn find<'a>(&'a self, name: &'a str) -> impl Iterator<Item = Bound<'a>> {
         self.0.iter().filter(move |(other, _)| *other == name).map(|(_, resource)| match resource {
             Resource::Buffer(buffer) => Bound::Buffer(buffer),

@@ -1,14 +1,15 @@
-//! The pass's image is added to the running sums:
-//! L = L_e + throughput (kd / pi * (E_direct + E_indirect) + L_specular), the throughput that of mirrors and glass before the
-//! receiver (see `eye_paths`), L_e with what `merge` added.
+//! Adds the image of a pass to the running sums:
+//! L = L_e + throughput (kd / pi * (E_direct + E_indirect) + L_specular). The throughput is that of the mirrors and
+//! glass before the shading point (see `eye_paths`); L_e includes the light that `merge` added.
 //!
-//! The layers are those of the receiver: irradiance as it is there, albedo times throughput (so that their product is the
-//! diffuse radiance), its normal, and its depth as if the way through mirrors and glass were straight, which in a plane
-//! mirror is the depth of the image. Coverage counts what the eye's own ray meets, so a mirror that shows nothing covers.
+//! The layers describe the shading point: its irradiance; its albedo times throughput (so that irradiance and albedo
+//! multiply to the diffuse radiance); its normal; and its depth along the unfolded path through mirrors and glass,
+//! which in a plane mirror is the depth of the mirror image. Coverage counts hits of the eye ray itself, so a mirror
+//! that shows the background covers its pixel.
 //!
-//! Sums are exact ([`crate::film`]), so thousands of passes lose nothing to f32 and their order does not matter; colour
-//! is kept for each of the two independent instances, whose difference estimates the error. A pass in which rays were
-//! lost is left out (see `schedule`). Cost: 36 vec4 and 250 operations a pixel.
+//! Sums are exact ([`crate::film`]), so thousands of passes lose nothing to f32 and their order does not matter. Colour
+//! has a sum for each of the two independent instances; their difference estimates the error. A pass that lost rays is
+//! left out (see `schedule`). Cost: 36 vec4 and 250 operations a pixel.
 
 use glam::{Vec3, Vec4};
 
@@ -18,14 +19,14 @@ use crate::film::Film;
 use crate::gpu::{Recorder, shaders};
 use crate::plan::INSTANCES;
 
-/// The pass, for each instance.
+/// The pass, one kernel for each instance.
 pub struct Accumulate {
     instances: Vec<BoundKernel>,
     pixels: u32,
 }
 
 impl Accumulate {
-    /// Adds to `film` unless the frame's status says that rays were lost.
+    /// Adds to `film` unless the frame's status reports lost rays.
     pub fn new(
         kit: &Kit,
         points: &ShadingPoints,
@@ -44,14 +45,14 @@ impl Accumulate {
     }
 }
 
-/// Oracle: a sum of radiance with one addend more.
+/// Oracle: a sum of radiance plus one more addend.
 pub fn sum_with([high, middle, low]: [Vec4; 3], x: Vec4) -> [Vec4; 3] {
     let (high, error) = two_sum(high, x);
     let (middle, error) = two_sum(middle, error);
     [high, middle, low + error]
 }
 
-/// Oracle: a sum of guides with one addend more, rounded to `unit`.
+/// Oracle: a sum of guides plus one more addend, rounded to `unit`.
 pub fn sum_of_units([sum, rest]: [Vec4; 2], x: Vec4, unit: Vec4) -> [Vec4; 2] {
     // Shaders round halves to even.
     let rounded = Vec4::from_array((x / unit).to_array().map(f32::round_ties_even)) * unit;

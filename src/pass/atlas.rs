@@ -1,9 +1,9 @@
-//! The points of an atlas ([`crate::view::Atlas`]): each texel lies on a triangle and is seen from the front along its normal, as if a
-//! ray of length 1 had met it there. `receivers` makes a shading point of it as of any hit.
+//! The points of an atlas ([`crate::view::Atlas`]): each texel lies on a triangle and is seen from the front along its
+//! normal, as if a ray of length 1 had hit it. `receivers` makes a shading point of it like of any hit.
 //!
-//! Takes the place of `camera_rays` and the `trace` of its rays. A texel without a triangle is a ray that met nothing.
+//! Replaces `camera_rays` and the `trace` of its rays. A texel without a triangle counts as a ray that hit nothing.
 //!
-//! Cost: 48 bytes read and 64 written for a texel, 20 operations.
+//! Cost: 48 bytes read, 64 bytes written and 20 operations a texel.
 
 use glam::Vec3;
 
@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::gpu::{Recorder, Resources, shaders};
 use crate::view::{self, Texel};
 
-/// Triangle of a texel that lies on none.
+/// Triangle number of a texel that lies on no triangle.
 const NONE: u32 = u32::MAX;
 
 /// The pass.
@@ -23,9 +23,9 @@ pub struct Atlas {
 }
 
 impl Atlas {
-    /// Writes `rays.hits` and `rays.direction`, and starts the `paths` and what `points` emit.
+    /// Writes `rays.hits` and `rays.direction`, and initialises `paths` and the emission of `points`.
     ///
-    /// Errors: a texel names a triangle that is not in the scene, or lies outside of it.
+    /// Errors: a texel names a triangle that is not in the scene, or lies outside its triangle.
     pub fn new(
         kit: &Kit,
         bvh: &Bvh,
@@ -65,7 +65,7 @@ impl Atlas {
     }
 }
 
-/// Oracle: the point of a texel, and the direction in which it is seen.
+/// Oracle: the point of a texel and its viewing direction.
 pub fn reference(scene: &crate::Scene, texel: &Texel) -> (Vec3, Vec3) {
     let [a, b, c] = scene.triangles[texel.triangle as usize].vertices.map(|v| scene.positions[v as usize]);
     let normal = crate::accel::unit_normal(b - a, c - a);

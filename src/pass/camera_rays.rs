@@ -1,4 +1,5 @@
-//! One ray for each pixel, through the pass's offset in the pixel (Keller 1997, 4.1: one Hammersley offset for each image).
+//! One ray for each pixel, through the sample offset of the pass (Keller 1997, 4.1: one Hammersley offset for each
+//! image).
 //!
 //! Cost: some 30 operations and 64 bytes written a pixel.
 
@@ -16,7 +17,7 @@ pub struct CameraRays {
 }
 
 impl CameraRays {
-    /// Writes `rays.origin` and `rays.direction` of all pixels, and starts their `paths` and what `points` emit.
+    /// Writes `rays.origin` and `rays.direction` of all pixels, and initialises `paths` and the emission of `points`.
     pub fn new(kit: &Kit, rays: &Rays, paths: &EyePathState, points: &ShadingPoints, pixels: u32) -> Result<Self> {
         let sets = [&rays.resources(), &paths.resources(), &points.resources()];
         Ok(CameraRays { kernel: kit.bind(&shaders::CAMERA_RAYS, &sets)?, pixels })

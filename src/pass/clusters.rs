@@ -1,16 +1,16 @@
-//! Clusters in the order of the screen: the receivers of what the eye sees are put in clusters of 64 by their pixels, where `sort`
-//! does it by their positions in space.
+//! Clusters in screen order: groups the shading points that the eye sees into clusters of 64 by their pixels; `sort`
+//! groups them by their positions in space instead.
 //!
-//! A block of pixels is 8 times as wide and high as the interleaving pattern; in it each class has 8 x 8 pixels, which are a
-//! cluster. So clusters need no sort, the receivers of one are near each other in memory, and so are the clusters that come
-//! one after the other. In return a cluster may reach across silhouettes, and tracing it costs more there.
+//! A block of pixels is 8 times as wide and high as the interleaving pattern; each class has 8 x 8 pixels in it, which
+//! form a cluster. So clusters need no sort, the points of a cluster are near each other in memory, and so are
+//! consecutive clusters. The price: a cluster may reach across silhouettes, and tracing it costs more there.
 //!
-//! Every pixel, and after all of them every second component, has a place of its own ([`place_of`]), into which `receivers` writes
-//! its slot. Clusters without any receiver, above all those of second components, are left out of the list; in the others
-//! places without one hold 0xffffffff.
+//! Every pixel has a place of its own ([`place_of`]), and after all pixels every second component has one; `receivers`
+//! writes the slot of the shading point into it. The list leaves out clusters without any point, most of them of second
+//! components; in the others, places without a point hold 0xffffffff.
 //!
-//! Cost for n pixels: 20 n bytes, a few operations; one workgroup that goes over all n / 64 clusters; 3 dispatches. With second
-//! components, as much again for those.
+//! Cost for n pixels: 20 n bytes, a few operations a pixel; one workgroup that visits all n / 64 clusters; 3
+//! dispatches. Second components cost the same once more.
 
 use super::layout::Frame;
 use super::schedule::{Schedule, TOTAL_GROUPS};
@@ -18,19 +18,19 @@ use super::{BoundKernel, Kit, List, groups};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
-/// Slot of a place that holds no receiver.
+/// Slot in a place without a shading point.
 pub const NO_RECEIVER: u32 = u32::MAX;
 
-/// Clusters of one component of an image.
+/// Number of clusters of one component of an image.
 pub fn count([width, height]: [u32; 2], [across, down]: [u32; 2]) -> u32 {
     width.div_ceil(8 * across) * height.div_ceil(8 * down) * across * down
 }
 
 /// The pass.
 pub struct Clusters {
-    /// Slot of the receiver of each place; `receivers` writes it.
+    /// Slot of the shading point of each place; `receivers` writes it.
     pub places: Buffer,
-    /// For each cluster on the list its class, and its number among all.
+    /// Class and number of each cluster on the list.
     pub listed: Buffer,
     mark: BoundKernel,
     list: BoundKernel,
@@ -41,11 +41,11 @@ pub struct Clusters {
 }
 
 impl Clusters {
-    /// Fills `list` from the places; `count` clusters in all.
+    /// Fills `list` from the places of `count` clusters.
     pub fn new(kit: &Kit, list: &List, count: u32, steps: &Resources) -> Result<Clusters> {
         let places = kit.array("cluster places", count, 4 * 64)?;
         let marks = kit.array("cluster marks", count, 4)?;
-        // As long as the table of classes is, whose kernel looks one beyond.
+        // The length of the table of classes of `sort`: the kernel reads one entry past the end.
         let listed = kit.array("listed clusters", count + 1, 8)?;
         let own = Resources::of([("places", &places), ("marks", &marks), ("clusters", &listed)]);
         let bind = |shader| kit.bind(shader, &[&list.resources(), &own]);
@@ -61,12 +61,12 @@ impl Clusters {
         })
     }
 
-    /// Records that no place holds a receiver, before `receivers` writes those that do.
+    /// Records the clearing of all places, before `receivers` writes them.
     pub fn record_clear(&self, rec: &mut Recorder) -> Result<()> {
         rec.fill(&self.places, NO_RECEIVER)
     }
 
-    /// Records the pass; `step` is that of a list that was just filled.
+    /// Records the pass; `step` is that of a newly filled list.
     pub fn record(&self, rec: &mut Recorder, step: u32) -> Result<()> {
         self.mark.run(rec, &[], groups(self.count))?;
         self.list.run(rec, &[], 1)?;
@@ -75,7 +75,7 @@ impl Clusters {
     }
 }
 
-/// Oracle: the place of a pixel among those of its component.
+/// Oracle: the place of a pixel within its component.
 pub fn place_of(frame: &Frame, [x, y]: [u32; 2]) -> u32 {
     let [width, ..] = frame.size;
     let [across, down, classes, _] = frame.pattern;
@@ -85,7 +85,7 @@ pub fn place_of(frame: &Frame, [x, y]: [u32; 2]) -> u32 {
     64 * (block * classes + class) + 8 * (y / down % 8) + x / across % 8
 }
 
-/// Oracle: the list of these receivers, slots of pixels and of second components.
+/// Oracle: the list for these slots of pixels and second components.
 pub fn reference(frame: &Frame, receivers: &[u32]) -> Vec<u32> {
     let [width, height, pixels, _] = frame.size;
     let [across, down, ..] = frame.pattern;

@@ -1,63 +1,69 @@
-//! Spatially variant splat convolution of a mirror image (Bastos 1999, 7.4.2.1, 7.4.2.2 and 7.4.3, programs 7.12 and 7.17; rows B10
-//! and B11): every pixel q spreads its radiance over the pixels around it by a kernel of its own, which turns the image that a
-//! mirror shows into the one that a glossy surface would show.
+//! Spatially variant splat convolution of a mirror image (Bastos 1999, 7.4.2.1, 7.4.2.2 and 7.4.3, programs 7.12 and
+//! 7.17): every pixel q spreads its radiance over the pixels around it by a kernel of its own. This turns the image in
+//! a perfect mirror into the image in a glossy surface.
 //!
-//! With k_q the kernel of q, a texture of [`KERNEL_TEXELS`]^2 texels over a square whose edge is q's diameter (along v narrower by
-//! what the library says), sampled bilinearly at p - q turned into q's axes, and the pixels q of p's region:
+//! Let k_q be the kernel of q: a texture of [`KERNEL_TEXELS`]^2 texels over a square whose edge is the diameter of q
+//! (shorter along v by the narrowing that the library states), sampled bilinearly at p - q rotated into the axes of q.
+//! With the pixels q of the region of p:
 //!
 //! ```text
 //! w_qp = k_q(p - q) / sum of k_q over the unbounded grid of pixels
 //! L'_p = sum_q w_qp L_q / sum_q w_qp
 //! ```
 //!
-//! The first division makes wide and narrow kernels weigh alike, so that energy is preserved away from edges; the second, by what
-//! reached p, leaves a constant image as it is, with no dark rims. Diameters up to one pixel are a delta, and so is a
-//! kernel that misses all pixels; kernels whose middle is not 0 go over into it continuously. A pixel that no weight reaches
-//! keeps its own radiance.
+//! The first division gives wide and narrow kernels equal weight, so that energy is preserved away from edges; the
+//! second, by the weight that reached p, preserves a constant image, without dark rims. Diameters up to one pixel are a
+//! delta, and so is a kernel that misses all pixels; kernels whose centre is not 0 converge to a delta continuously. A
+//! pixel that no weight reaches keeps its own radiance.
 //!
-//! **Inputs**, an entry for each pixel, row by row: radiance, with the depth of what is seen in w (any unit that orders);
-//! footprint: diameter in pixels, layer of the library (rounded here), unit vector of the kernel's u axis in the image (x to the
-//! right, y down); region: 0, the pixel takes no part and gets 0, else the number of its reflector, up to 65535: sources
-//! spread over their own region only. **Output**, [`Convolve::spread`]: radiance; w: the sum of the weights, so that rgb times w is
-//! what program 7.17 sums up.
+//! **Inputs**, an entry for each pixel, row by row. Radiance; w: depth of the visible point (any unit that orders).
+//! Footprint: diameter in pixels, layer of the library (rounded here), unit vector of the kernel's u axis in the image
+//! (x to the right, y down). Region: 0 if the pixel takes no part and gets 0, else the number of its reflector, up to
+//! 65535: sources spread only within their own region. **Output**, [`Convolve::spread`]: radiance; w: the sum of the
+//! weights, so that rgb times w is the sum of program 7.17.
 //!
-//! **Invariant** (program 7.12): a footprint buffer of a single entry is that of all pixels; the caller modulates the image before or
-//! after by what varies with direction.
+//! **Invariant** (program 7.12): a footprint buffer of a single entry applies to all pixels; factors that vary with
+//! direction are applied to the image before or after by the caller.
 //!
-//! **Direct.** Each pixel gathers the sum as it is written. Tiles of 8 x 8 pixels know how far the sources that reach them reach, so
-//! that a window is no wider than it must be. The window is cut into rounds of some 8000 taps, a dispatch each. The
-//! same rounds sum up the kernels beforehand; those wider than [`SUMMED`] are normalised by their integral.
+//! **Direct.** Each pixel gathers the sum as stated. Tiles of 8 x 8 pixels store the maximum reach of the sources that
+//! reach them, so that a window is no wider than necessary. The window is cut into rounds of some 8000 taps, one
+//! dispatch each. The same rounds sum up the kernels beforehand; kernels wider than [`SUMMED`] are normalised by their
+//! integral.
 //!
-//! **Fast.** A pyramid, each level of which halves the image. A kernel is convolved at the level where it is
-//! [`levels::STAYS`] / 2 to [`levels::LEAVES`] texels wide, and over the last quarter of that range in two levels by shares; width is that of a disc
-//! with the kernel's standard deviations (their geometric mean), from a half to the whole of the diameter. Of what rises
-//! from a level, a texel holds premultiplied radiance, weight, and the means of diameter, axis and layer. On the way back
-//! quadratic B-splines double the resolution. Both ways together widen a kernel by a variance of (4^l - 1) / 3 square pixels along
-//! each axis at level l, which is taken off the kernel (down to [`levels::LEAST_VARIANCE`] of its own). Weights go the same ways as radiance, so constants are exact.
-//! Regions do not bleed: a texel holds the two regions with the most pixels, apart from each other. Sources of a third one
-//! stay at the finer level, with kernels no wider than it takes ([`levels::LEAVES`] texels): they are then sharper than they should be.
-//! Up to the width that stays in the image itself the sum is the direct one, but for sums of kernels from a table (0.2 % off for
-//! a disc).
+//! **Fast.** A pyramid whose levels each halve the image. A kernel is applied at the level where it is
+//! [`levels::STAYS`] / 2 to [`levels::LEAVES`] texels wide, and over the last quarter of that range blended between two
+//! levels. Its width is that of a disc with the kernel's standard deviations (their geometric mean), between half the
+//! diameter and the diameter. For the sources passed on to a coarser level, a texel holds premultiplied radiance,
+//! weight, and the means of diameter, axis and layer. Quadratic B-splines double the resolution on the way back. Going
+//! up and down widens a kernel by a variance of (4^l - 1) / 3 square pixels along each axis at level l; this variance
+//! is subtracted from the kernel (down to [`levels::LEAST_VARIANCE`] of its own). Weights pass through the same filters
+//! as radiance, so constants are exact. Regions do not bleed: a texel holds the two regions with the most pixels,
+//! separately. Sources of a third region stay at the finer level, with kernels limited to [`levels::LEAVES`] texels,
+//! and are then too sharp. For kernels narrow enough for level 0 the sum is the direct one, except that the sums of
+//! kernels come from a table (0.2 % off for a disc).
 //!
-//! Error of the fast form, relative RMSE against the direct one on an image of soft shades, chequers and a bright ball, diameters
-//! proportional to depth with depth edges (`tests/gpu/convolve.rs`, 160x120): a disc 0.018, 0.021 and 0.043 for greatest diameters
-//! of 15, 31 and 63 pixels, a smooth lobe 0.009, 0.010 and 0.017, the same of half the width along v 0.017, 0.017 and 0.015, a long one to one side 0.013, 0.010 and 0.011.
+//! Error of the fast form, relative RMSE against the direct one, on an image of soft shades, chequers and a bright
+//! ball, with diameters proportional to depth and with depth edges (`tests/gpu/convolve.rs`, 160x120): a disc 0.018,
+//! 0.021 and 0.043 for maximum diameters of 15, 31 and 63 pixels; a smooth lobe 0.009, 0.010 and 0.017; the same at
+//! half the width along v 0.017, 0.017 and 0.015; a long, one-sided one 0.013, 0.010 and 0.011.
 //!
-//! **Occlusion**, off as in the thesis: of a source that lies behind the target, by more than [`DEPTH_TOLERANCE`] of the target's depth,
-//! weights count only within the disc of the target's own diameter, softened over a pixel. So what is blurred behind
-//! does not bleed over what is sharp in front. In the fast form the rule
-//! holds for sources that stay in the image itself; what rises is not held back.
+//! **Occlusion**, off as in the thesis: if a source lies behind the target by more than [`DEPTH_TOLERANCE`] of the
+//! target's depth, its weights count only within the disc of the target's own diameter, with an edge softened over a
+//! pixel. So a blurred background does not bleed over a sharp foreground. In the fast form the rule applies to sources
+//! of level 0 only, not to those in the pyramid.
 //!
-//! **Layers** (depth of field): sources spread over all pixels, with occlusion, and the numbers of regions say what may be hidden: 1, what
-//! lies behind; 2, what lies in front. In the fast form the pyramid keeps the two apart wherever they are, and of what rose behind, a
-//! pixel of diameter d takes the share (d / [`levels::STAYS`])^2, at most 1: none of it where the pixel is sharp.
+//! **Layers** (depth of field): sources spread over all pixels, with occlusion, and the region number marks the layer:
+//! 1, the back layer, which may be hidden; 2, the front layer. In the fast form the pyramid keeps the layers separate
+//! everywhere, and a pixel of diameter d takes the fraction (d / [`levels::STAYS`])^2, at most 1, of the back layer's
+//! pyramid: none where the pixel is sharp.
 //!
-//! Differs from the thesis in: the normalisations (it has none), regions, the fast form; programs scatter, this gathers, in a fixed
-//! order, so that the same input gives the same bits.
+//! Differs from the thesis in: the normalisations (it has none), regions, the fast form; its programs scatter, this
+//! pass gathers, in a fixed order, so that the same input gives the same bits.
 //!
-//! Cost. Direct: for a disc of n pixels three loads of 16 bytes and some 60 operations for each of them and each pixel, and
-//! half of that for the sums of the kernels. Fast: some 60 loads of 16 bytes a pixel whatever the width, and the windows of the kernels, the more the
-//! finer their level; docs/benchmarks.md has times. Memory: 48 bytes a pixel, and 60 more in the fast form.
+//! Cost. Direct: a disc of n pixels takes three loads of 16 bytes and some 60 operations for each of its pixels, at
+//! each pixel of the image, and half of that for the sums of the kernels. Fast: some 60 loads of 16 bytes a pixel
+//! whatever the width, plus the kernel windows, which cost more at finer levels; docs/benchmarks.md has times. Memory:
+//! 48 bytes a pixel, 60 more in the fast form.
 
 use super::layout::ConvolveStep;
 use super::{BoundKernel, vec4s};
@@ -75,70 +81,71 @@ use levels::Levels;
 /// Edge of a kernel texture in texels.
 pub const KERNEL_TEXELS: u32 = 32;
 
-/// Cells of a texture between the centres of its texels, with a rim of zeros around.
+/// Cells between the texel centres of a texture, including a rim of zeros.
 const CELLS: u32 = (KERNEL_TEXELS + 1) * (KERNEL_TEXELS + 1);
-/// Entries of the table of a kernel's sums over the grid: eighths of a texel up to 16, directions of a quarter turn.
+/// Entries of the table of kernel sums over the grid: diameters up to 16 in eighths of a texel, directions over a
+/// quarter turn.
 const NORMS: u32 = 129 * 8;
 
-/// How far a kernel reaches, in radii: texels whose centres lie in the disc, and the way to the next ones.
+/// Reach of a kernel in radii: texels whose centres lie in the disc, plus the interpolation to the next texels.
 pub const SUPPORT: f32 = 1.0885;
 
-/// Relative difference of depths up to which a source does not lie behind a target.
+/// Relative difference of depths up to which a source counts as not behind a target.
 ///
-/// Higher: what lies a little behind spreads over edges before it. Lower: surfaces that recede from the eye stop spreading.
+/// Higher: things slightly behind an edge spread over it. Lower: surfaces that recede from the eye stop spreading.
 pub const DEPTH_TOLERANCE: f32 = 0.01;
 
-/// Most textures of a library.
+/// Maximum number of textures in a library.
 pub const MAX_LAYERS: u32 = 4095;
 
-/// Widest kernel, in pixels, whose sum over the grid is taken; that of a wider one is its integral, which differs from it
-/// by less than 1e-4.
+/// Maximum width, in pixels, of kernels that are summed over the grid; a wider one takes its integral, which differs
+/// from the sum by less than 1e-4.
 pub const SUMMED: f32 = 256.0;
 
-/// Longest row of an image: a dispatch takes at least one row of the window.
+/// Maximum width of an image: a dispatch takes at least one row of the window.
 pub const MAX_WIDTH: u32 = 16384;
 
-/// Widest kernels, in pixels, that [`Form::Auto`] gathers directly.
+/// Maximum kernel width, in pixels, that [`Form::Auto`] gathers directly.
 pub const NARROW: f32 = 4.0;
 
-/// How the sum is taken.
+/// Algorithm that takes the sum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Form {
     /// Direct up to [`NARROW`], else fast.
     #[default]
     Auto,
-    /// As it is written.
+    /// Gathers the sum as stated.
     Direct,
-    /// By the pyramid.
+    /// Uses the pyramid.
     Fast,
 }
 
-/// What the pass reads, and how.
+/// Inputs and options.
 #[derive(Clone, Copy)]
 pub struct Inputs<'a> {
     /// Kernels.
     pub library: &'a Library,
     /// Radiance; w: depth, in any unit that orders.
     pub source: &'a Buffer,
-    /// Kernel diameter in pixels, layer, unit vector of the u axis; for each pixel, or one for all.
+    /// Kernel diameter in pixels, layer, unit vector of the u axis; one entry for each pixel, or one for all.
     pub footprint: &'a Buffer,
-    /// Number of the region up to 65535, 0: the pixel takes no part.
+    /// Region number up to 65535; 0: the pixel takes no part.
     pub region: &'a Buffer,
     /// Width and height of the image.
     pub size: [u32; 2],
-    /// Diameters are taken to be no greater, pixels.
+    /// Upper bound of the diameters, pixels; greater ones are clamped.
     pub widest: f32,
-    /// How.
+    /// Algorithm.
     pub form: Form,
-    /// What lies behind a pixel spreads no farther over it than the pixel's own kernel.
+    /// Sources behind a pixel spread over it no farther than the pixel's own kernel.
     pub occlusion: bool,
-    /// Regions 1 and 2 are layers, one behind the other, that spread over each other; needs `occlusion`.
+    /// Regions 1 and 2 are layers, the back and the front one, that spread over each other; needs `occlusion`.
     pub layers: bool,
 }
 
-/// A library of kernels in the form that the pass samples.
+/// A library of kernels, prepared for sampling.
 pub struct Library {
-    /// Textures.
+    /// Number of textures.
     pub layers: u32,
     quads: Buffer,
     moments: Buffer,
@@ -151,8 +158,9 @@ fn bind(context: &Context, shader: &'static Shader, sets: &[&Resources]) -> Resu
 }
 
 impl Library {
-    /// Prepares the textures of `kernels`, one `f32` a texel. Each is so many steps narrower along v than along u: a disc's edge is
-    /// then an ellipse of 2^(-n / 4) times the diameter along v ([`crate::superposition::kernels`]).
+    /// Prepares the textures of `kernels`, one `f32` a texel. `narrowings` states for each by how many steps it is
+    /// narrower along v than along u: the edge of a disc is then an ellipse of 2^(-n / 4) times the diameter along v
+    /// ([`crate::superposition::kernels`]).
     pub fn new(context: &Context, staging: &mut Staging, kernels: &Buffer, narrowings: &[u32]) -> Result<Library> {
         let layers = narrowings.len() as u32;
         let texels = u64::from(layers) * u64::from(KERNEL_TEXELS * KERNEL_TEXELS);
@@ -183,7 +191,7 @@ impl Library {
         Ok(Library { layers, quads, moments, norms, steps })
     }
 
-    /// Records the preparation: once, and again whenever the textures change.
+    /// Records the preparation; needed once, and again whenever the textures change.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.steps.iter().try_for_each(|(kernel, groups)| kernel.run(rec, &super::push(0), *groups))
     }
@@ -191,7 +199,7 @@ impl Library {
 
 /// The pass.
 pub struct Convolve {
-    /// Convolved radiance; w: sum of the weights. 0 where a pixel takes no part.
+    /// Convolved radiance; w: sum of the weights. 0 for pixels that take no part.
     pub spread: Buffer,
     levels: Levels,
     sources: Sources,
@@ -200,11 +208,11 @@ pub struct Convolve {
     gather: BoundKernel,
 }
 
-/// How sources are made of pixels.
+/// How pixels become sources.
 enum Sources {
-    /// Each by the sum of its kernel.
+    /// Each is weighted by the sum of its kernel.
     Direct { weigh: BoundKernel },
-    /// By the pyramid.
+    /// They are reduced into the pyramid.
     Fast { reduce: BoundKernel, reduce_coarse: BoundKernel, tiles_coarse: BoundKernel, gather_coarse: BoundKernel },
 }
 
@@ -275,7 +283,7 @@ impl Convolve {
         Ok(Convolve { spread, levels, sources, tiles, reach, gather })
     }
 
-    /// The form that was chosen.
+    /// The form in use.
     pub fn form(&self) -> Form {
         match self.sources {
             Sources::Direct { .. } => Form::Direct,
@@ -311,7 +319,7 @@ impl Convolve {
         Ok(())
     }
 
-    /// How far the sources that reach the tiles of a level reach.
+    /// Records the reach of the sources that reach each tile of a level.
     fn record_tiles(&self, rec: &mut Recorder, tiles: &BoundKernel, level: usize) -> Result<()> {
         let [across, down] = &self.reach;
         [tiles, across, down].into_iter().try_for_each(|step| run(rec, step, level, self.levels.tile_groups(level)))
@@ -323,7 +331,7 @@ fn run(rec: &mut Recorder, kernel: &BoundKernel, step: usize, groups: u64) -> Re
 }
 
 impl Inputs<'_> {
-    /// Finds buffers that are not of the image's size.
+    /// Checks that the buffers fit the size of the image.
     fn check(&self) -> Result<()> {
         let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
         for (buffer, element) in [(self.source, 16), (self.footprint, 16), (self.region, 4)] {
@@ -338,7 +346,7 @@ impl Inputs<'_> {
         Ok(())
     }
 
-    /// The form that is used.
+    /// The form that `Auto` resolves to.
     fn chosen(&self) -> Form {
         match self.form {
             Form::Auto if self.widest <= NARROW => Form::Direct,

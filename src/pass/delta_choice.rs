@@ -1,28 +1,33 @@
-//! Which lights without area a pass is lit by, where a scene has more of them than [`crate::settings::Settings::delta_lights`]
-//! (Wald et al. 2002, 5.1.4; row W8). Point, spot, parallel and imported lights are not reached through particles, so without this
-//! a hall of hundreds of lamps has as many shadow rays for each receiver.
+//! Chooses the lights without area that light a pass, where a scene has more than
+//! [`crate::settings::Settings::delta_lights`] of them (Wald et al. 2002, 5.1.4). Particles do not reach point, spot,
+//! parallel and imported lights, so without this pass a hall with hundreds of lamps needs as many shadow rays for each
+//! shading point.
 //!
-//! N of n lights are chosen in proportion to weights w: the probabilities by which particles start from them, which go by power or,
-//! after [`super::importance`], by what the eye will see of them, with a share by power. No light is taken twice: those that would be
-//! are always lit, and the rest of the N slots goes to the others,
+//! N of n lights are chosen in proportion to weights w: the probabilities by which particles start from them,
+//! proportional to power or, after [`super::importance`], to their estimated contribution to the image, mixed with a
+//! fraction by power. No light is chosen twice: lights whose probability would exceed 1 are always chosen, and the
+//! other lights share the remaining slots,
 //!
 //! ```text
 //! pi(i) = min(1, s w(i)),   sum of pi = N,   I of a chosen light = I(i) / pi(i)
 //! ```
 //!
-//! with s found by sixteen rounds of s = (N - lights at 1) / sum of the other w, less a thousandth for rounding; so the sum stays a
-//! little below N, more so where these rounds do not suffice, and the last slot is empty now and then. The pi stand one after the other on a line of length N, and the lights are chosen that hold the
-//! points u, u + 1, ... (systematic sampling): u begins at random, goes on by the golden ratio from pass to pass and by 1 / K from one
-//! of the K classes of pixels to the next, so that a filter over all of them sees the K N points of a finer set.
+//! Sixteen rounds of s = (N - lights at 1) / sum of the other w determine s, reduced by a thousandth for rounding; so
+//! the sum is slightly below N (more so if sixteen rounds do not suffice), and the last slot is sometimes empty. The pi
+//! form consecutive intervals on a line of length N, and the lights are chosen whose intervals contain the points u, u
+//! + 1, ... (systematic sampling). u starts at random and advances by the golden ratio from pass to pass and by 1 / K
+//! from one of the K classes of pixels to the next, so that a filter over all classes sees the K N points of a finer
+//! set.
 //!
-//! pi is a whole number of 2^-20, at least 1 for every light, u as well, and the weight is taken from that number: the mean
-//! over u is the sum over all lights exactly, whatever is rounded.
+//! pi and u are multiples of 2^-20, pi at least 2^-20 for every light, and the weight is computed from the rounded pi:
+//! the mean over u is exactly the sum over all lights, however pi is rounded.
 //!
 //! `mirror_lights` chooses by the same scheme (`shaders/include/systematic.wgsl`).
 //!
-//! Parallel lights stand first, so that only as many slots as there are of them can hold one: clusters can't take those.
+//! Parallel lights come first, so that only as many slots as there are parallel lights can hold one: clusters cannot
+//! take those slots.
 //!
-//! Differs from the paper in that: it does not say how its lights are chosen.
+//! Differs from the paper in that: the paper does not say how it chooses lights.
 //! Cost: a workgroup for each class, 18 rounds of some 10 operations a light.
 
 use super::layout::{Frame, PointLight};
@@ -32,7 +37,7 @@ use crate::gpu::{Buffer, Context, Recorder, Resources, Staging, shaders};
 use crate::sampling::dimensions::DELTA;
 use crate::sampling::random::{hash, key};
 
-/// Greatest number of lights to choose from: the eighteen runs of a lane keep within the loop budget.
+/// Maximum number of lights to choose from: the eighteen runs of a lane stay within the loop budget.
 pub const MAX_CANDIDATES: usize = 1 << 17;
 
 /// Probability 1.
@@ -47,7 +52,7 @@ pub struct Candidates {
 }
 
 impl Candidates {
-    /// Puts lights and their emitters in order.
+    /// Orders the lights and their emitters, parallel lights first.
     pub fn new(lights: &[PointLight], emitters: &[u32]) -> Candidates {
         let mut both: Vec<_> = lights.iter().copied().zip(emitters.iter().copied()).collect();
         both.sort_by_key(|(light, _)| light.flags() & PointLight::DIRECTIONAL == 0);
@@ -65,7 +70,8 @@ pub struct DeltaChoice {
 }
 
 impl DeltaChoice {
-    /// Chooses among the candidates by the probabilities of their `emitters`. Writes the first slots of each class of `lights`.
+    /// Chooses among the candidates by the probabilities of their `emitters`. Writes the first slots of each class of
+    /// `lights`.
     pub fn new(kit: &Kit, candidates: &Candidates, emitters: &Buffer, lights: &Buffer, classes: u32) -> Result<Self> {
         let all = kit.stage("lights to choose from", &candidates.lights)?;
         let of_candidates = kit.stage("emitters to choose from", &candidates.emitters)?;
@@ -79,7 +85,7 @@ impl DeltaChoice {
         Ok(DeltaChoice { kernel, lights: all, emitters: of_candidates, classes })
     }
 
-    /// Stages other lights, as many as before.
+    /// Stages changed lights; their number must not change.
     pub fn stage(&self, context: &Context, staging: &mut Staging, candidates: &Candidates) -> Result<()> {
         staging.stage_into(context, &self.lights, 0, &candidates.lights)?;
         staging.stage_into(context, &self.emitters, 0, &candidates.emitters)
@@ -91,17 +97,17 @@ impl DeltaChoice {
     }
 }
 
-/// Oracle: the probability pi of each light, from its weight.
+/// Oracle: the probability pi of each light, from the weights.
 pub fn reference(weights: &[f64], slots: u32) -> Vec<f64> {
     let mut order: Vec<usize> = (0..weights.len()).collect();
     order.sort_by(|&a, &b| weights[b].total_cmp(&weights[a]));
     let mut pi = vec![0.0; weights.len()];
     let (mut room, mut rest) = (f64::from(slots), weights.iter().sum::<f64>());
-    // From the greatest on: who would be taken more than once is taken for certain, and leaves the rest to the others.
+    // In descending order: a light whose probability would exceed 1 gets 1, and the remaining slots go to the others.
     for i in order {
         pi[i] = (room * weights[i] / rest.max(1e-300)).min(1.0);
         if pi[i] < 1.0 {
-            // From here on all shares are of the same room and rest.
+            // The remaining lights share this room and rest.
             continue;
         }
         room -= 1.0;
@@ -110,14 +116,14 @@ pub fn reference(weights: &[f64], slots: u32) -> Vec<f64> {
     pi
 }
 
-/// Oracle: the first of the points of a pass and class, in units of 1 / [`ONE`].
+/// Oracle: the first point of a pass and class, in units of 1 / [`ONE`].
 pub fn offset(frame: &Frame, class: u32) -> u32 {
     let start = hash(key(frame.keys[1], DELTA, 0, 0));
     let of_pass = start.wrapping_add(frame.size[3].wrapping_mul(0x9e37_79b9));
     of_pass.wrapping_add(class.wrapping_mul(u32::MAX / frame.pattern[2])) >> 12
 }
 
-/// Oracle: the light in each slot, from all lights' shares of a line in units of 1 / [`ONE`].
+/// Oracle: the light in each slot, from the intervals of all lights in units of 1 / [`ONE`].
 pub fn chosen(shares: &[u32], slots: u32, offset: u32) -> Vec<Option<usize>> {
     let mut ends = Vec::with_capacity(shares.len());
     let mut sum = 0u64;
@@ -142,7 +148,7 @@ mod tests {
         assert_eq!(reference(&[1.0, 1.0, 1.0, 1.0], 2), [0.5; 4]);
         // One of them is certain; the others share the second slot.
         assert_eq!(reference(&[1.0, 6.0, 1.0], 2), [0.5, 1.0, 0.5]);
-        // With the greatest out of the way the second is certain as well.
+        // Without the brightest light the second one is certain as well.
         assert_eq!(reference(&[100.0, 10.0, 1.0, 1.0, 2.0], 3), [1.0, 1.0, 0.25, 0.25, 0.5]);
         assert_eq!(reference(&[0.0, 0.0], 1), [0.0, 0.0]);
     }

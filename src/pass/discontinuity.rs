@@ -1,53 +1,59 @@
-//! The discontinuity buffer (Wald et al. 2002, 4.3; row W3): irradiance is averaged over the neighbours of a pixel that lie on
-//! its surface, and only then multiplied by the pixel's own reflectance, so that textures stay sharp.
+//! The discontinuity buffer (Wald et al. 2002, 4.3): averages irradiance over the neighbours of a pixel that lie on the
+//! same surface, before the multiplication by the pixel's own reflectance, so that textures stay sharp.
 //!
-//! Of a pixel i and the pixels j of a window around it, with shares s_ij of the window and a_ij = 1 where both lie on one smooth
-//! surface, else 0, irradiance E (W/m^2) becomes
+//! For a pixel i and the pixels j of a window around it, with window weights s_ij, and a_ij = 1 if both lie on one
+//! smooth surface, else 0, the filtered irradiance E (W/m^2) is
 //!
 //! ```text
 //! E'_i = E_i + sum_j s_ij a_ij (E_j - E_i) / sum_j s_ij             Agreement::Plane
 //! E'_i = sum_j s_ij a_ij E_j / sum_j s_ij a_ij                      Agreement::Paper
 //! ```
 //!
-//! for direct and indirect irradiance each; where all agree both are the window's mean. Sums of the filtered passes accumulate like
-//! those of unfiltered ones. The radiance of specular lobes stays as it is: it belongs to one direction and one gloss, so it
-//! has no neighbours to share it with. Background, emitters, glass, and what reflects nothing diffusely take no part.
+//! for direct and indirect irradiance separately; where all pixels agree both are the window's mean. Sums of filtered
+//! passes accumulate like those of unfiltered ones. The radiance of specular lobes is not filtered: it depends on one
+//! direction and one roughness, so neighbours cannot share it. Background, emitters, glass, and surfaces without
+//! diffuse reflection take no part.
 //!
-//! **What is preserved.** A constant irradiance is, by both, up to rounding. The first has symmetrical weights, so what a
-//! pixel gains others lose: the sum of irradiance over a surface is preserved whatever agrees. The second, the paper's, divides
-//! by what was included: it smooths more beside edges, and preserves the sum only where all agree.
+//! **Preserved quantities.** Both forms preserve a constant irradiance up to rounding. The weights of the first are
+//! symmetrical, so a gain of one pixel is a loss of others: it preserves the sum of irradiance over a surface,
+//! whichever pixels agree. The second, the paper's, divides by the sum of the weights used: it smooths more beside
+//! edges, and preserves the sum only where all agree.
 //!
-//! **Window.** With a pattern of n x m classes (interleaved sampling) each class must count alike, or the pattern would
-//! show. Along each axis the shares are those of a box of n pixels smoothed by a box that brings it to the window's odd width: convolution
-//! with a box of n gives each class the same sum exactly. Width 3: 1 1 1 for n = 1 and 3, 1/2 1 1/2 for n = 2; width 5: 1/2 1 1 1 1/2 for n = 4,
-//! 1/3 2/3 1 2/3 1/3 for n = 3.
+//! **Window.** With a pattern of n x m classes (interleaved sampling) all classes need the same total weight, or the
+//! pattern would show. Along each axis the weights are those of a box of n pixels convolved with a box that brings it
+//! to the window's odd width: convolution with a box of n gives each class exactly the same sum. Width 3: 1 1 1 for n =
+//! 1 and 3, 1/2 1 1/2 for n = 2; width 5: 1/2 1 1 1 1/2 for n = 4, 1/3 2/3 1 2/3 1/3 for n = 3.
 //!
-//! **Agreement.** Both tests treat i and j alike, and both ask for shading normals within 26 degrees, [`LEAST_COSINE`].
-//! [`Agreement::Paper`] thresholds the difference of distances from the eye besides, here depths along the whole way and relative to the nearer
-//! one, [`PAPER_TOLERANCE`]. It fails on surfaces that recede from the eye, curved ones at their rims, and on parallel planes a
-//! little apart. [`Agreement::Plane`] asks of the chord d between the points, with geometric normals n_i and n_j:
+//! **Agreement.** Both tests are symmetric in i and j, and both require shading normals within 26 degrees,
+//! [`LEAST_COSINE`]. [`Agreement::Paper`] also thresholds the difference of distances from the eye, here depths along
+//! the whole path and relative to the smaller one, [`PAPER_TOLERANCE`]. It fails on surfaces that recede from the eye,
+//! on curved surfaces at their silhouettes, and on parallel planes a small distance apart. [`Agreement::Plane`]
+//! requires of the chord d between the points, with geometric normals n_i and n_j:
 //!
-//! - |d (n_i + n_j)|^2 <= |d|^2 (|n_i - n_j|^2 + (2 tolerance)^2): seen from the tangent planes the chord rises no more than the surface turns on
-//!   the way ([`PLANE_TOLERANCE`]). It holds across planes, and on curved surfaces, where the bound widens with their
-//!   curvature, whether tessellated or not; it fails where one plane lies above another;
-//! - |d| <= 2 r max(f_i, f_j) for pixels r apart, f what a pixel covers there: the points are no farther apart than
-//!   neighbours on a surface so inclined.
+//! - |d (n_i + n_j)|^2 <= |d|^2 (|n_i - n_j|^2 + (2 tolerance)^2): the slope of the chord against the tangent planes
+//!   does not exceed the turn of the normal between the points ([`PLANE_TOLERANCE`]). It holds across planes, and on
+//!   curved surfaces, where the bound grows with curvature, whether tessellated or not; it fails where one plane lies
+//!   above another;
+//! - |d| <= 2 r max(f_i, f_j) for pixels r apart, f the footprint of a pixel on the surface: the points are no farther
+//!   apart than neighbours on a surface of that inclination.
 //!
-//! **Mirrors and glass.** Second components (see `eye_paths`) are filtered among themselves, from and to their own slots, before
-//! `merge`. Receivers are compared where they are, and depths and footprints are those of the whole way: what is seen
-//! directly is averaged with what a mirror shows only if both are the same piece of a surface, whose irradiance does not depend
-//! on the way by which it is seen.
+//! **Mirrors and glass.** Second components (see `eye_paths`) are filtered among themselves, in their own slots, before
+//! `merge`. Positions are those of the shading points, depths and footprints those of the whole path: a directly
+//! visible point is averaged with a point in a mirror only if both belong to the same piece of a surface, whose
+//! irradiance does not depend on the path.
 //!
-//! Differs from the paper in: the test and the weights unless [`Agreement::Paper`] is chosen (it compares depths in place of distances, and
-//! gives no thresholds); windows smoothed as above; caustics are not in yet.
+//! Differs from the paper in: the test and the weights unless [`Agreement::Paper`] is chosen (which compares depths
+//! instead of distances, with thresholds that the paper does not give); windows smoothed as above; caustics are not
+//! included.
 //!
-//! Bias: shadows and anything else in the irradiance is blurred over the window, in the limit as well. A pixel's filtered irradiance is
-//! what the layers show.
+//! Bias: shadows and other detail of the irradiance are blurred over the window, in the limit as well. The layers
+//! contain the filtered irradiance.
 //!
-//! Cost of a pixel: six vec4 read, two written, 70 operations for the guides; then for windows up to 3 x 3 22 / 4 times four vec4 read
-//! (three without direct light) and 9 x 60 operations, for wider ones of w x h pixels w (h + 3) / 4 times as many and w h x 70;
-//! two vec4 written. Second components cost the same for pixels of tiles that show mirrors or glass. 640x480 on two cores by
-//! lavapipe: 23 to 31 ms for 3 x 3 (docs/interactive.md). Memory: 48 or 64 bytes a slot.
+//! Cost of a pixel: six vec4 read, two written, 70 operations for the guides; then for windows up to 3 x 3 22 / 4 times
+//! four vec4 read (three without direct light) and 9 x 60 operations, for wider ones of w x h pixels w (h + 3) / 4
+//! times as many and w h x 70; two vec4 written. Second components cost the same for pixels of tiles that show mirrors
+//! or glass. 640x480 on two cores by lavapipe: 23 to 31 ms for 3 x 3 (docs/interactive.md). Memory: 48 or 64 bytes a
+//! slot.
 
 use glam::{IVec2, Vec3, Vec4};
 
@@ -59,28 +65,30 @@ use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::settings::{Agreement, Filter};
 
-/// Least scalar product of the shading normals of pixels that agree.
+/// Minimum scalar product of the shading normals of pixels that agree.
 ///
-/// Lower: rounder things are smoothed, and creases blurred. Higher: noise stays on what turns within a window.
+/// Lower: surfaces of higher curvature are smoothed, and creases blurred. Higher: noise remains on surfaces that curve
+/// within a window.
 pub const LEAST_COSINE: f32 = 0.9;
 
-/// Slope of a chord against the tangent planes that is taken for none.
+/// Maximum slope of a chord against the tangent planes.
 ///
-/// Higher: sheets that lie higher above what they cover are mixed with it. Lower: nothing gained, down to the rounding of points.
+/// Higher: irradiance bleeds between sheets farther above each other. Lower: no gain, down to the rounding of points.
 pub const PLANE_TOLERANCE: f32 = 0.05;
 
-/// Difference of depths that the paper's test takes for smooth, relative to the nearer one.
+/// Maximum difference of depths by the paper's test, relative to the smaller depth.
 ///
-/// Higher: parallel planes farther apart are mixed. Lower: surfaces that recede from the eye are not smoothed.
+/// Higher: parallel planes farther apart bleed into each other. Lower: surfaces that recede from the eye are not
+/// smoothed.
 pub const PAPER_TOLERANCE: f32 = 0.02;
 
 /// The pass.
 pub struct Discontinuity {
     /// Points on the surface; w: octahedral code of the geometric normal.
     pub guide_points: Buffer,
-    /// Shading normals; w: squared footprint, or depth, 0 where the slot takes no part.
+    /// Shading normals; w: squared footprint, or depth; 0 if the slot takes no part.
     pub guide_normals: Buffer,
-    /// The sums, filtered where they are filtered, else the same buffers.
+    /// The lighting; filtered quantities have buffers of their own, the others share those of the input.
     pub filtered: Lighting,
     guides: BoundKernel,
     average: BoundKernel,
@@ -89,13 +97,13 @@ pub struct Discontinuity {
     tile_count: u32,
 }
 
-/// What the pass reads, and how.
+/// Inputs and options.
 pub struct Inputs<'a> {
-    /// What the eye sees.
+    /// Shading points that the eye sees.
     pub points: &'a ShadingPoints,
-    /// The ways on which it is seen.
+    /// State of the eye paths to these points.
     pub paths: &'a EyePathState,
-    /// Light at these points.
+    /// Lighting of these points.
     pub lighting: &'a Lighting,
     /// Tiles with second components.
     pub ideal_tiles: &'a List,
@@ -105,7 +113,7 @@ pub struct Inputs<'a> {
     pub size: [u32; 2],
     /// Width and height of the interleaving pattern.
     pub pattern: [u32; 2],
-    /// How to filter.
+    /// The filter.
     pub filter: Filter,
 }
 
@@ -184,7 +192,7 @@ impl Window {
         }
     }
 
-    /// Share of the neighbour at an offset, the middle pixel's being 1.
+    /// Weight of the neighbour at an offset, relative to the centre pixel's.
     pub fn share(&self, offset: IVec2) -> f32 {
         let axis = |shares: [f32; 4], away: i32| match away.unsigned_abs() as usize {
             0 => 1.0,
@@ -194,17 +202,17 @@ impl Window {
     }
 }
 
-/// Shares of the pixels 0, 1, ... away from the middle of a window of this odd width over `classes` classes: a box of as many pixels,
-/// smoothed by another one that brings it to the width. The middle one's is 1.
+/// Weights of the pixels 0, 1, ... away from the centre of a window of this odd width: a box of `classes` pixels
+/// convolved with a box that brings it to the width. The centre has weight 1.
 fn shares(width: u32, classes: u32) -> Vec<f32> {
     let other = width + 1 - classes;
     let reach = width as i32 / 2;
-    // Pixels that both boxes cover when one is moved across the other.
+    // Pixels in the overlap of the two boxes, one shifted by `away`.
     let overlap = |away: i32| (reach + 1 - away).clamp(0, classes.min(other) as i32) as f32;
     (0..=reach).map(|away| overlap(away) / overlap(0)).collect()
 }
 
-/// What is compared of a receiver.
+/// Quantities of a shading point that the test compares.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Guide {
     /// Point on the surface.
@@ -213,11 +221,11 @@ pub struct Guide {
     pub geometric: Vec3,
     /// Shading normal.
     pub shading: Vec3,
-    /// Twice what a pixel covers there, squared, or with the paper's test the depth; 0: it takes no part.
+    /// Squared double footprint of a pixel, or with the paper's test the depth; 0: the point takes no part.
     pub extent: f32,
 }
 
-/// A receiver as the passes before left it.
+/// A shading point, as earlier passes left it.
 #[derive(Clone, Copy, Debug)]
 pub struct Receiver {
     /// Position, ray-origin offset applied.
@@ -228,13 +236,13 @@ pub struct Receiver {
     pub shading: Vec4,
     /// Diffuse albedo.
     pub kd: Vec4,
-    /// Direction to the eye; w: is lit.
+    /// Direction to the eye; w: whether it is lit.
     pub wo: Vec4,
-    /// Depth along the way from the eye.
+    /// Depth along the path from the eye.
     pub depth: f32,
 }
 
-/// Oracle: the guide of a receiver.
+/// Oracle: the guide of a shading point.
 pub fn guide(frame: &layout::Frame, agreement: Agreement, receiver: &Receiver) -> Guide {
     let length = |v: [f32; 4]| Vec4::from(v).truncate().length();
     let [width, height, ..] = frame.size;
@@ -254,7 +262,7 @@ pub fn guide(frame: &layout::Frame, agreement: Agreement, receiver: &Receiver) -
     }
 }
 
-/// Oracle: whether two receivers, `apart` pixels from each other, lie on one smooth surface.
+/// Oracle: whether two shading points, `apart` pixels from each other, lie on one smooth surface.
 pub fn agree(frame: &layout::Frame, agreement: Agreement, a: &Guide, b: &Guide, apart: f32) -> bool {
     let alike = a.extent.min(b.extent) > 0.0 && a.shading.dot(b.shading) >= LEAST_COSINE;
     alike

@@ -1,32 +1,32 @@
-//! Eye paths that met a mirror or glass go on until they meet something else, which becomes the pixel's receiver (Wald et al.
-//! 2002, section 4).
+//! Continues eye paths that met a mirror or glass until they meet another surface, which becomes the pixel's shading
+//! point (Wald et al. 2002, section 4).
 //!
-//! Where a path first meets a surface of two components it is split, one path for each: what is seen through glass and what it
-//! reflects; the diffuse base of a mirror, where the path ends, and what the mirror reflects. The second component has a slot
-//! of its own, as many slots after that of the pixel as there are pixels, and is a receiver like any other until
-//! `merge` adds its light to the pixel. Later in the path one component is chosen, with a probability p as great as its
-//! share of the weights:
+//! Where a path first meets a surface of two components it is split, one path for each: transmission and reflection of
+//! glass; the diffuse base of a mirror, where the path ends, and its reflection. The second component has a slot of its
+//! own, which follows that of the pixel by the number of pixels, and is a shading point like any other until `merge`
+//! adds its light to the pixel. Later in the path one component is chosen, with a probability p in proportion to the
+//! weights:
 //!
 //! ```text
 //! throughput *= f / p      f = F (mirror), R (reflected), (1 - R) tint / eta^2 (through glass), 1 (a mirror's base)
 //! ```
 //!
-//! [`crate::bsdf::ideal`] has the directions and f. Emission on the way is added to what the receiver emits. After
-//! `max_specular` of these steps what is met is taken as it is: mirrors show their diffuse base, glass is black.
+//! [`crate::bsdf::ideal`] has the directions and f. Emission along the path is added to that of the shading point.
+//! After `max_specular` of these steps the path ends: mirrors show their diffuse base, glass is black.
 //!
-//! Of a glossy plane that is seen directly (superposition, see `mirror_image`) the first component is the base, where the path
-//! ends, and the second the mirror image as it is, with throughput 1. Of a frosted pane the first is what is behind it as it is, with
-//! throughput 1 as well, and its emission goes with the second.
+//! For a glossy plane seen directly (superposition, see `mirror_image`) the first component is the base, where the path
+//! ends, and the second the mirror image itself, with throughput 1. For a frosted pane the first component is the scene
+//! behind it, also with throughput 1, and the pane's emission goes with the second.
 //!
-//! Differs from the paper in that: components are split once whatever their weight, and the diffuse and glossy lobes of a
-//! surface need no paths of their own, since point lights light both.
+//! Differs from the paper in that: a path is split once, whatever the weights of the components; the diffuse and glossy
+//! lobes of a surface need no paths of their own, since point lights light both.
 //!
-//! Bias: this is how eye paths see. Light that reaches a receiver by way of mirrors and glass (caustics) is left out, and glass
-//! casts a shadow like anything else. The throughput enters when the image is put together, so what filters and layers
-//! call irradiance is that of the seen surface.
+//! Bias: only eye paths pass mirrors and glass here. Light that reaches a shading point through mirrors and glass
+//! (caustics) is missing, and glass casts a shadow like any opaque surface. The throughput is applied when the image is
+//! composed, so irradiance, for filters and layers, is that of the visible surface.
 //!
-//! Cost: for each pixel of a tile that shows mirrors or glass (see `tiles`), and for each path that goes on, 170 bytes read and 96
-//! written, 300 operations, and one ray of `trace`. A list of rays that is empty costs a few microseconds a step.
+//! Cost: for each pixel of a tile that shows mirrors or glass (see `tiles`), and for each path that continues, 170
+//! bytes read and 96 written, 300 operations, and one ray of `trace`. An empty list costs a few microseconds a step.
 
 use glam::Vec3;
 
@@ -49,29 +49,29 @@ pub struct EyePaths {
     work_in: Buffer,
 }
 
-/// What the pass reads and writes.
+/// Inputs and outputs.
 pub struct Inputs<'a> {
-    /// Traced rays; those that go on.
+    /// Traced rays; overwritten by the next ones.
     pub rays: &'a Rays,
     /// Throughput and media.
     pub paths: &'a EyePathState,
-    /// `emitted` of these shading points to be.
+    /// Receives the emission along the paths, in `emitted`.
     pub points: &'a ShadingPoints,
-    /// Rays to look at; for the first step tiles of pixels.
+    /// Rays to continue; for the first step, tiles of pixels.
     pub list_in: &'a List,
-    /// Rays to be traced.
+    /// Rays to trace.
     pub list_out: &'a List,
-    /// What is noted of glossy planes.
+    /// Receives the glossy planes on the paths.
     pub planes: &'a Planes,
-    /// Lobes of glossy planes; `None`: no plane spreads the room.
+    /// Lobes of glossy planes; `None`: no plane mirrors the room.
     pub tables: Option<&'a Tables>,
 }
 
 impl EyePaths {
-    /// Replaces `rays` that met a mirror or glass and puts them on `list_out`.
+    /// Replaces `rays` that met a mirror or glass and appends them to `list_out`.
     pub fn new(kit: &Kit, inputs: &Inputs, steps: &Resources) -> Result<Self> {
         let Inputs { rays, paths, points, list_in, list_out, planes, tables } = *inputs;
-        // Without tables no region is ever looked up in them: the kernel only wants something bound.
+        // Without tables the kernel never reads these bindings, but they must exist.
         let none = || Resources::of([("reflectors", &planes.region), ("lobes", &planes.widening)]);
         let tables = tables.map_or_else(none, Tables::resources);
         let (rays, paths, points) = (rays.resources(), paths.resources(), points.resources());
@@ -92,7 +92,7 @@ impl EyePaths {
 pub struct EyePath {
     /// Its slot.
     pub slot: u32,
-    /// Its ray; `None`: it goes on no more.
+    /// Its ray; `None`: the path has ended.
     pub ray: Option<Ray>,
     /// Throughput so far.
     pub throughput: Vec3,
@@ -100,27 +100,28 @@ pub struct EyePath {
     pub depth: f32,
     /// Bodies of glass around the ray.
     pub media: Media,
-    /// Emission that it met.
+    /// Emission along the path.
     pub emitted: Vec3,
 }
 
-/// A plane that superposition spreads an image over.
+/// A plane with an image by superposition.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Plane {
-    /// It mirrors the room with a lobe of this energy.
+    /// Mirrors the room with a lobe of this energy.
     Glossy {
         /// Albedo of the lobe without its Fresnel term.
         energy: f32,
-        /// The part of it that F90 weighs.
+        /// The part of it that is weighted by F90.
         grazing: f32,
     },
-    /// It is a frosted pane.
+    /// A frosted pane.
     Frosted,
 }
 
-/// Oracle: a path of cosine `cos_view` after its hit on `surface` at distance `t`, and the second component if it is split
-/// (into slot `twins` further on, 0: paths are not split). `None` where the surface is neither mirror nor glass. `plane`: it is one that
-/// superposition spreads an image over.
+/// Oracle: the path after its hit on `surface` at distance `t`, `cos_view` the cosine between its first segment and the
+/// view direction; and the second component if the path is split (its slot is `twins` after that of the path; 0: paths
+/// are not split). `None` if the surface is neither mirror nor glass. `plane`: the surface has an image by
+/// superposition.
 #[allow(clippy::too_many_arguments)]
 pub fn reference(
     frame: &layout::Frame,
@@ -162,7 +163,7 @@ pub fn reference(
         Some(way) => on(path.slot, way, chance),
         None => EyePath { ray: None, throughput: path.throughput / chance, ..*path },
     };
-    // What a mirror over a base emits is left to the base.
+    // The emission of a mirror with a base is counted at the base.
     let has_base = fork.first.is_none();
     next.emitted = path.emitted + if has_base { Vec3::ZERO } else { path.throughput * surface.emission };
     let mut twin = fork.second.filter(|_| split).map(|way| on(path.slot + twins, way, 1.0));
@@ -173,7 +174,7 @@ pub fn reference(
     Some((next, twin))
 }
 
-/// Oracle of glossy planes: both components at the first hit, later one of them.
+/// Oracle for glossy planes: both components at the first hit, one of them at later hits.
 fn at_plane(
     frame: &layout::Frame,
     step: u32,

@@ -1,29 +1,30 @@
-//! Which emitters particles start from, by what the eye will see of them (Wald et al. 2002, 5.1.4; row W8): in a scene of very many
-//! lights a few are chosen for each pass, and those that matter to the view more often.
+//! Chooses the emitters that particles start from by their estimated contribution to the image (Wald et al. 2002,
+//! 5.1.4): in a scene of very many lights each pass uses a few, and more often those that matter to the view.
 //!
-//! For emitter e the expected contribution is estimated at 256 points x that the eye sees, spread over the image, without shadows:
+//! The contribution of emitter e is estimated at 256 visible points x, spread over the image, without shadows:
 //!
 //! ```text
 //! C(e) = 1/256 sum over x of rho(x) E(e, x),   E = L A cos(e) cos(x) / max(|x - y|^2 + A / pi, clip^2)   [W / m^2]
 //! ```
 //!
-//! with y the middle of the emitter, which is exact for a disc above its axis, and cos(x) widened by the sine of the disc's angular
-//! radius, so that what rises above the horizon in part is not left out. rho is the mean reflectance. Then
+//! y is the centre of the emitter, which is exact for points on the axis of a disc. cos(x) is increased by the sine of
+//! the disc's angular radius, so that emitters partly above the horizon count. rho is the mean reflectance. Then
 //!
 //! ```text
 //! p(e) = s P(e) / sum P + (1 - s) C(e) / sum C,   flux of a particle = P(e) / p(e)
 //! ```
 //!
-//! with P the power and s [`crate::settings::Settings::light_floor`]: no emitter of any power has probability 0, so direct and
-//! indirect light have the same limits as with a choice by power alone, and no particle has more than 1 / s times the flux.
-//! p is the length of the interval as it is stored, so rounding costs variance and no bias; only what is less than 2^-24 of
-//! everything may be lost in it, as in a choice by power.
+//! P is the power and s [`crate::settings::Settings::light_floor`]: every emitter with power has positive probability,
+//! so direct and indirect light have the same limits as with a choice by power alone, and no particle has more than 1 /
+//! s times the flux. p is the length of the interval as stored, so rounding costs variance but no bias; as in a choice
+//! by power, only emitters below 2^-24 of the total may be lost.
 //!
-//! Two kernels: `importance` has an invocation for each emitter; `importance_scan` is one workgroup whose lanes take runs of
-//! emitters, sums in a fixed order, so that the same frame gives the same bits.
+//! Two kernels: `importance` has an invocation for each emitter; `importance_scan` is one workgroup whose lanes take
+//! runs of emitters and sum in a fixed order, so that the same frame gives the same bits.
 //!
-//! Differs from the paper in that: it does not say by what its lights are chosen. Particles of all path lengths start from the chosen
-//! emitters. Lights without area are lit all, once each, or chosen by the same probabilities in [`super::delta_choice`].
+//! Differs from the paper in that: the paper does not say how it chooses lights. Particles of all path lengths start
+//! from the chosen emitters. Lights without area are all used, once each, or chosen by the same probabilities in
+//! [`super::delta_choice`].
 //! Cost: 256 times some 60 operations an emitter.
 
 use glam::Vec3;
@@ -40,7 +41,7 @@ use crate::sampling::halton::radical_inverse;
 /// Points of the image at which contributions are estimated.
 pub const PROBES: u32 = 256;
 
-/// Greatest number of emitters: the three runs of a lane of `importance_scan` keep within the loop budget.
+/// Maximum number of emitters: the three runs of a lane of `importance_scan` stay within the loop budget.
 pub const MAX_EMITTERS: u32 = 1 << 20;
 
 /// The pass.
@@ -53,7 +54,7 @@ pub struct Importance {
 }
 
 impl Importance {
-    /// Reads `emitters`, distributed by power, and what the eye sees.
+    /// Reads `emitters`, distributed by power, and the visible `points`.
     pub fn new(kit: &Kit, emitters: &Buffer, points: &ShadingPoints) -> Result<Self> {
         let count = (emitters.bytes() / size_of::<EmitterRecord>() as u64) as u32;
         let contributions = kit.array("contributions", count, 4)?;
@@ -74,7 +75,7 @@ impl Importance {
     }
 }
 
-/// Oracle: pixels of the probes.
+/// Oracle: pixels of the estimate's points.
 pub fn probes([width, height]: [u32; 2]) -> impl Iterator<Item = u32> {
     (0..PROBES).map(move |i| {
         let x = ((i as f32 + 0.5) * (1.0 / PROBES as f32) * width as f32) as u32;
@@ -83,7 +84,7 @@ pub fn probes([width, height]: [u32; 2]) -> impl Iterator<Item = u32> {
     })
 }
 
-/// Oracle: irradiance (mean of the channels) at `x` under normal `n` from an emitter that nothing hides.
+/// Oracle: irradiance (mean of the channels) at `x` with normal `n` from an unoccluded emitter.
 pub fn irradiance(frame: &layout::Frame, e: &Emitter, x: Vec3, n: Vec3) -> f32 {
     let middle = match e.kind {
         Kind::Triangle => e.p0 + (e.e1 + e.e2) / 3.0,
@@ -98,7 +99,7 @@ pub fn irradiance(frame: &layout::Frame, e: &Emitter, x: Vec3, n: Vec3) -> f32 {
     let nearest = frame.right[3].max(1e-8 * frame.eye[3] * frame.eye[3]);
     let falloff = 1.0 / r2.max(nearest);
     let pi = std::f32::consts::PI;
-    // A disc or sphere that is seen under this sine of the angular radius.
+    // Cosine towards a disc or sphere with this sine of the angular radius.
     let widened = |sin: f32| (cos + sin).clamp(0.0, 1.0);
     let geometry = match e.kind {
         Kind::Triangle | Kind::Quad => {
@@ -118,7 +119,7 @@ pub fn irradiance(frame: &layout::Frame, e: &Emitter, x: Vec3, n: Vec3) -> f32 {
     mean(e.radiance) * geometry
 }
 
-/// Oracle: probabilities of the emitters; `receivers`: those at the probes that are lit.
+/// Oracle: probabilities of the emitters; `receivers`: the lit shading points at [`probes`].
 pub fn reference(frame: &layout::Frame, emitters: &Emitters, receivers: &[Receiver]) -> Vec<f64> {
     let contribution = |e: &Emitter| -> f64 {
         let one = |r: &Receiver| {

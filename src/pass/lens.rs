@@ -1,8 +1,8 @@
-//! Depth of field by the convolution (Bastos 1999, section 8.2.3.1; row B12): "the kernel shape represents the impulse response
-//! of the camera lens, the support is proportional to the distance from the in-focus plane".
+//! Depth of field by convolution (Bastos 1999, section 8.2.3.1): "the kernel shape represents the impulse response of
+//! the camera lens, the support is proportional to the distance from the in-focus plane".
 //!
-//! The image of the pass is the source, and each pixel is spread by the disc that a thin lens of diameter a, focused on the plane at
-//! distance F, makes of a point at depth z:
+//! The source is the image of the pass. Each pixel is spread over the disc into which a thin lens of diameter a,
+//! focused on the plane at distance F, images a point at depth z:
 //!
 //! ```text
 //! L = L_e + throughput (kd / pi (E_direct + E_indirect) + L_specular)     what accumulate would add
@@ -10,20 +10,22 @@
 //! L_e += L' - L                                                           L' is L convolved
 //! ```
 //!
-//! f are the pixels of a unit of length at unit distance, depths are along the direction of view, so the circle is the same all over
-//! the image; it is that of the image on the plane in focus, so that a wide field does not deform it. What is seen through mirrors and glass
-//! has the depth of its mirror image; a ray that meets nothing is infinitely far. The kernel is a uniform disc.
+//! f is the number of pixels in a unit of length at unit distance. Depths are along the view direction, so the circle
+//! is the same all over the image; it is measured on the plane in focus, so that a wide field of view does not deform
+//! it. Points seen through mirrors and glass have the depth of their mirror image; a ray that hits nothing has infinite
+//! depth. The kernel is a uniform disc.
 //!
-//! So `accumulate` finds the blurred radiance and its other layers stay sharp. With [`super::convolve`]'s occlusion
-//! what is blurred behind does not bleed over what is sharp in front: the pixels behind the plane in focus are one of its layers and those
-//! before it are the other.
+//! So `accumulate` sees the blurred radiance, and its other layers stay sharp. With the occlusion of
+//! [`super::convolve`] a blurred background does not bleed over a sharp foreground: pixels behind the plane in focus
+//! form one of its layers, and pixels in front of it the other.
 //!
-//! Differs from the thesis in: the circle is exactly that of the thin lens, its normalisation and occlusion. From a lens: there is one layer of
-//! pixels, so what is hidden behind the rim of a blurred object in front, or just beyond the image's border, is missing, and the rim of such an object
-//! stays hard on its inside. What glossy planes and glass show besides the first component has its pixel's depth. Circles are no wider than the image.
+//! Differs from the thesis in: the circle is exactly that of the thin lens; normalisation and occlusion. Differs from a
+//! lens in: the image has a single layer of visible points, so points hidden behind the edge of a blurred foreground
+//! object, or just outside the image, are missing, and such an object's edge stays hard on its inside. Second
+//! components of glossy planes and glass have the depth of their pixel. Circles are limited to the width of the image.
 //!
-//! Cost: 11 vec4 and 30 operations a pixel before the convolution, 4 vec4 after it; 36 bytes of memory a pixel, and those of the convolution,
-//! which takes by far the most time.
+//! Cost: 11 vec4 and 30 operations a pixel before the convolution, 4 vec4 after it; 36 bytes of memory a pixel. The
+//! convolution adds its own memory and takes most of the time.
 
 use glam::Vec3;
 
@@ -34,16 +36,16 @@ use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
 pub use super::mirror_image::NOTHING_SEEN;
 
-/// Circles are no greater, pixels.
+/// Maximum diameter of a circle, pixels.
 pub const MAX_DIAMETER: f32 = 1e6;
 
 /// The pass.
 pub struct Lens {
-    /// What the pass shows without the lens; w: depth.
+    /// Image of the pass without the lens; w: depth.
     pub source: Buffer,
     /// Circle of each pixel: diameter, kernel, u axis.
     pub footprint: Buffer,
-    /// Layer of each pixel: 1, in focus or behind; 2, before.
+    /// Layer of each pixel: 1, in focus or behind; 2, in front.
     pub region: Buffer,
     library: Library,
     /// Spreads the image.
@@ -53,13 +55,13 @@ pub struct Lens {
     pixels: u32,
 }
 
-/// What the pass reads and writes.
+/// Inputs and outputs.
 pub struct Inputs<'a> {
-    /// What the eye sees; `emitted` is added to.
+    /// Visible shading points; the difference that the lens makes is added to `emitted`.
     pub points: &'a ShadingPoints,
     /// Throughput and depth.
     pub paths: &'a EyePathState,
-    /// Their light.
+    /// Lighting of these points.
     pub lighting: &'a Lighting,
     /// Width and height of the image.
     pub size: [u32; 2],
@@ -103,7 +105,7 @@ impl Lens {
         Ok(Lens { source, footprint, region, library, convolution, prepare, add, pixels })
     }
 
-    /// Records what must happen once after the uploads: the kernel gets the form in which it is sampled.
+    /// Records the preparation of the kernel, once after the uploads.
     pub fn record_setup(&self, rec: &mut Recorder) -> Result<()> {
         self.library.record(rec)
     }
@@ -115,12 +117,12 @@ impl Lens {
         self.record_add(rec)
     }
 
-    /// The image of the pass and its circles are put together.
+    /// Records the image of the pass and its circles.
     pub fn record_image(&self, rec: &mut Recorder) -> Result<()> {
         self.prepare.run(rec, &[], groups(self.pixels))
     }
 
-    /// What the lens changes is added to what the pixels emit.
+    /// Records the addition of the difference that the lens makes to `emitted`.
     pub fn record_add(&self, rec: &mut Recorder) -> Result<()> {
         self.add.run(rec, &[], groups(self.pixels))
     }
@@ -133,8 +135,8 @@ pub fn disc() -> Vec<f32> {
     (0..KERNEL_TEXELS * KERNEL_TEXELS).map(|i| if inside(i) { 1.0 } else { 0.0 }).collect()
 }
 
-/// Oracle: diameter in pixels of the disc that a lens `aperture` wide, focused on `focus`, makes of a point at a depth, or
-/// infinitely far: the rays from the lens's rim through the point, cut by the plane in focus.
+/// Oracle: diameter in pixels of the disc into which a lens of diameter `aperture`, focused on `focus`, images a point
+/// at a depth (`None`: infinite): the rays from the lens's rim through the point, intersected with the plane in focus.
 pub fn reference(frame: &layout::Frame, aperture: f32, focus: f32, depth: Option<f32>) -> f32 {
     let [width, half_width] = [frame.size[0] as f32, Vec3::from_slice(&frame.right[..3]).length()];
     let on_plane = depth.map_or(aperture, |z| aperture * (focus - z).abs() / z);

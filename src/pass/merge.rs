@@ -1,9 +1,9 @@
-//! The light of second components (see `eye_paths`) is added to what their pixels emit:
+//! Adds the light of second components (see `eye_paths`) to the emission of their pixels:
 //! L_e += L_e2 + throughput (kd / pi * (E_direct + E_indirect) + L_specular), all of the second component.
 //!
-//! So what follows knows of one receiver for each pixel, and the layers of the image show the first component: what is seen
-//! through glass rather than what it reflects, the surface rather than its gloss. Cost: 8 vec4 and 20 operations for each pixel
-//! of a tile that shows mirrors or glass.
+//! Later passes then handle one shading point for each pixel, and the layers of the image show the first component: the
+//! scene behind glass instead of its reflection, the surface of a mirror instead of its gloss. Cost: 8 vec4 and 20
+//! operations for each pixel of a tile that shows mirrors or glass.
 
 use glam::Vec3;
 
@@ -19,7 +19,7 @@ pub struct Merge {
 }
 
 impl Merge {
-    /// Adds to `shown`, at the pixels of `tiles`, what their second components, lit by `lighting`, send to the eye.
+    /// Adds the radiance of second components, lit by `lighting`, to `shown` at the pixels of `tiles`.
     pub fn new(
         kit: &Kit,
         points: &ShadingPoints,
@@ -39,7 +39,7 @@ impl Merge {
     }
 }
 
-/// Oracle: what a second component adds to its pixel; `sums` are zero where it is not lit.
+/// Oracle: radiance that a second component adds to its pixel; `sums` are zero if it is not lit.
 pub fn reference(emitted: Vec3, throughput: Vec3, kd: Vec3, sums: [Vec3; 3]) -> Vec3 {
     accumulate::reference(emitted, throughput, kd, sums)
 }

@@ -1,37 +1,41 @@
-//! The mirror image of the room on the glossy planes in view, and the kernel that spreads each of its pixels (Bastos 1999,
-//! sections 6.3 and 7.4.2.2).
+//! The mirror image of the room in the visible glossy planes, and the kernel that spreads each of its pixels (Bastos
+//! 1999, sections 6.3 and 7.4.2.2).
 //!
-//! The eye paths of `eye_paths` follow the mirrored ray of each pixel that shows a glossy plane, which is the view of the
-//! mirrored eye (equations 6.3 and 6.4) for exactly the plane's pixels; what they end on is lit like any other receiver. Here
-//! its light becomes the source of the convolution:
+//! The eye paths of `eye_paths` follow the mirrored ray of each pixel that shows a glossy plane, which is the view of
+//! the mirrored eye (equations 6.3 and 6.4), restricted to the plane's pixels; the ends of these paths are lit like
+//! other shading points. This pass turns their light into the source of the convolution:
 //!
 //! ```text
 //! L = L_e + throughput (kd / pi (E_direct + E_indirect) + L_specular)     of the second component
 //! k = 4 tan(beta) z_r / (t + z_r) f      diameter in pixels
 //! ```
 //!
-//! tan(beta) is that of the plane's material at this angle of view ([`crate::superposition::kernels`]), z_r the distance from
-//! the plane to the reflected point, t that from the eye to the plane, f the pixels of a unit of length at unit distance. 4 z_r
-//! tan(beta) is equation 7.7, the width of the lobe at the reflected point; z_r / (t + z_r) is what the eye sees of it, since the
-//! mirror image lies behind the plane as far as the room before it. Kernels are spread in two parts, tail and core, each with a
-//! footprint of its own. A mirrored ray that meets nothing counts as infinitely far.
-//! The kernel's axes are those of the lobe, whose width differs along and across the plane of incidence.
+//! tan(beta) belongs to the plane's material at this viewing angle ([`crate::superposition::kernels`]); z_r is the
+//! distance from the plane to the reflected point, t that from the eye to the plane, and f the number of pixels in a
+//! unit of length at unit distance. 4 z_r tan(beta) is equation 7.7, the width of the lobe at the reflected point; z_r
+//! / (t + z_r) is its size as the eye sees it, since the mirror image is as far behind the plane as the room is in
+//! front of it. Each kernel is spread in two parts, tail and core, with a footprint each. A mirrored ray that hits
+//! nothing counts as infinitely far. The kernel's axes are those of the lobe, whose width differs along and across the
+//! plane of incidence.
 //!
-//! Of another glossy plane in the mirror image the path takes the base or the mirrored ray, by chance as at all mirrors but the first
-//! (section 8.1.2, to the limit of `max_specular`), and the lobes' widths at the end of the way add up in squares:
-//! sum over planes of (tan(beta_i) (z - z_i))^2, z and z_i the lengths of the whole way and of that to the plane.
+//! At another glossy plane within the mirror image the path continues to the base or along the mirrored ray, at random
+//! as at all mirrors but the first (section 8.1.2, up to `max_specular` steps), and the squares of the lobes' widths at
+//! the end of the path add up: sum over planes of (tan(beta_i) (z - z_i))^2, with z the length of the whole path and
+//! z_i the length up to the plane.
 //!
 //! # Frosted panes
 //!
-//! A frosted pane is the same with the room behind it (section 8.2.3.1: translucency). Its lobe is a reflection's mirrored to
-//! the other side ([`crate::bsdf::ideal::frost`]), so the straight way on stands for the mirrored ray, and z_r is how far behind the
-//! pane lies what is seen. It is the first component of the pixel, not the second, that becomes the source: what the pixel itself
-//! shows of it is cleared. What the pane reflects remains an ideal reflection.
+//! A frosted pane is treated likewise, with the room behind it (section 8.2.3.1: translucency). Its lobe is a
+//! reflection lobe mirrored to the other side ([`crate::bsdf::ideal::frost`]), so the straight continuation replaces
+//! the mirrored ray, and z_r is the distance from the pane to the point behind it. The source is the first component of
+//! the pixel instead of the second; it is cleared in the pixel itself. The pane's reflection remains an ideal
+//! reflection.
 //!
-//! Differs from the thesis in that: the diameter takes perspective into account; the kernel holds the share of the lobe that
-//! `superposition::kernels` states, not all of it.
+//! Differs from the thesis in that: the diameter takes perspective into account; the kernel holds the fraction of the
+//! lobe that `superposition::kernels` states, not all of it.
 //!
-//! Cost: for each pixel of a tile that shows mirrors, glass or glossy planes, 250 bytes read, 80 written and 150 operations; of a pane 32 bytes more.
+//! Cost: for each pixel of a tile that shows mirrors, glass or glossy planes, 250 bytes read, 80 written and 150
+//! operations; for a pane 32 bytes more.
 
 use glam::{Vec2, Vec3};
 
@@ -51,10 +55,10 @@ use crate::superposition::reflectance::{MAP_TEXELS, ReflectanceMap, fresnel_fitt
 // shaders/include/reflectors.wgsl has the same numbers.
 const _: () = assert!(VIEW_ANGLES == 32 && MAP_TEXELS == 128 && CORE_RADIUS == 0.3);
 
-/// Most lobes for which there is room.
+/// Maximum number of lobes in the tables.
 const MAX_LOBES: usize = MAX_LAYERS as usize / (2 * VIEW_ANGLES);
 
-/// Where there are more lobes than that, those of GGX are taken in steps of a sixth: 36 over all roughnesses.
+/// The GGX lobes that are used if there are more than [`MAX_LOBES`]: ln(alpha) in steps of a sixth, 36 lobes in all.
 fn coarsened(lobe: &Lobe) -> Lobe {
     match lobe {
         Lobe::Ggx { alpha } => Lobe::Ggx { alpha: ((alpha.ln() * 6.0).round() / 6.0).exp().max(MIN_ALPHA) },
@@ -64,22 +68,22 @@ fn coarsened(lobe: &Lobe) -> Lobe {
 
 /// Tables of the planar reflectors of a scene, on the device.
 pub struct Tables {
-    /// For each reflector its first layer, the first texel of its reflectance map, and 1 if it is a frosted pane.
+    /// For each reflector: its first layer, the first texel of its reflectance map, and 1 if it is a frosted pane.
     pub reflectors: Buffer,
-    /// Lobe of each layer: tan(beta), energy, its grazing part, share of the core.
+    /// Lobe of each layer: tan(beta), energy, its grazing part, fraction of the core.
     pub lobes: Buffer,
     /// Kernel texture of each layer.
     pub textures: Buffer,
-    /// By how many steps each is narrower than its texture.
+    /// By how many steps each layer is narrower than its texture.
     pub narrowings: Vec<u32>,
     /// Reflectance maps: energy of the lobe times Fresnel's term.
     pub maps: Buffer,
-    /// The same on the host.
+    /// The tables on the host.
     pub library: KernelLibrary,
 }
 
 impl Tables {
-    /// Makes them for these reflectors and their finishes. Some 200 ms of one core for each lobe that differs from the others.
+    /// Makes the tables for these reflectors and their finishes. Takes some 200 ms of one core for each distinct lobe.
     pub fn new(context: &Context, staging: &mut Staging, finishes: &[Finish], of: &[Reflector]) -> Result<Tables> {
         let mut library = KernelLibrary::new();
         let mut distinct: Vec<&Lobe> = Vec::new();
@@ -110,38 +114,38 @@ impl Tables {
         })
     }
 
-    /// By their names in shaders, but for the kernels.
+    /// The buffers by their names in shaders, without the kernels.
     pub fn resources(&self) -> Resources {
         Resources::of([("reflectors", &self.reflectors), ("lobes", &self.lobes), ("maps", &self.maps)])
     }
 }
 
-/// A mirror image with the kernels that spread it, pixel by pixel.
+/// A mirror image and the kernels that spread it, pixel by pixel.
 #[derive(Clone)]
 pub struct Image {
-    /// Radiance; w: depth of what is seen, along the direction of view and as if the way were straight.
+    /// Radiance; w: depth of the visible point along the view direction, on the unfolded path.
     pub source: Buffer,
-    /// Diameter of the kernel's tail in pixels, its texture, and the direction of its u axis.
+    /// Tail of the kernel: diameter in pixels, texture, direction of the u axis.
     pub footprint: Buffer,
-    /// The same of its core.
+    /// Core of the kernel, likewise.
     pub core_footprint: Buffer,
 }
 
-/// What eye paths note of glossy planes. Without planes that mirror, buffers that can be bound and hold no plane.
+/// Glossy planes on the eye paths. Without planes that mirror the room, minimal buffers that mark no plane.
 #[derive(Clone)]
 pub struct Planes {
-    /// Number of the reflector that a pixel shows directly, 0: none.
+    /// Reflector that a pixel shows directly, 0: none.
     pub region: Buffer,
-    /// Of the planes in its mirror image: sums of tan(beta)^2, times 1, z_i, z_i^2.
-    /// Of a frosted pane seen directly the pane is one of these planes.
+    /// Sums over the planes within the mirror image: tan(beta)^2 times 1, z_i, z_i^2. A frosted pane seen directly
+    /// counts as one of these planes.
     pub widening: Buffer,
-    /// For each pixel of a frosted pane two vectors: what passes of the spread light, w: cosine of the angle of view; direction of the kernel's
-    /// u axis, and pixels of a unit of length at unit distance.
+    /// Two vectors for each pixel of a frosted pane: transmittance of the spread light, w: cosine of the viewing angle;
+    /// direction of the kernel's u axis, pixels in a unit of length at unit distance.
     pub panes: Buffer,
 }
 
 impl Planes {
-    /// For so many pixels.
+    /// Allocates `pixels` pixels, or minimal buffers for what the scene does not have.
     pub fn new(kit: &Kit, pixels: u32, mirrors: bool, panes: bool) -> Result<Planes> {
         Ok(Planes {
             region: kit.array("region", if mirrors { pixels } else { 4 }, 4)?,
@@ -150,14 +154,14 @@ impl Planes {
         })
     }
 
-    /// By their names in shaders.
+    /// The buffers by their names in shaders.
     pub fn resources(&self) -> Resources {
         Resources::of([("region", &self.region), ("widening", &self.widening), ("panes", &self.panes)])
     }
 }
 
 impl Image {
-    /// Of so many pixels.
+    /// Allocates `pixels` pixels.
     pub fn new(context: &Context, pixels: u32) -> Result<Image> {
         let array = |name: &str| vec4s(context, name, pixels);
         Ok(Image {
@@ -167,7 +171,7 @@ impl Image {
         })
     }
 
-    /// By their names in shaders.
+    /// The buffers by their names in shaders.
     pub fn resources(&self) -> Resources {
         Resources::of([
             ("source", &self.source),
@@ -183,27 +187,27 @@ pub struct MirrorImage {
     tiles: Buffer,
 }
 
-/// What the pass reads and writes.
+/// Inputs and outputs.
 pub struct Inputs<'a> {
     /// Shading points of both components.
     pub points: &'a ShadingPoints,
     /// Throughput and depth.
     pub paths: &'a EyePathState,
-    /// Their light.
+    /// Lighting of the points.
     pub lighting: &'a Lighting,
     /// Tiles that show mirrors, glass or glossy planes.
     pub tiles: &'a List,
-    /// What eye paths noted.
+    /// Glossy planes on the eye paths.
     pub planes: &'a Planes,
-    /// Tables.
+    /// Lobes and kernels.
     pub tables: &'a Tables,
     /// Output.
     pub image: &'a Image,
 }
 
 impl MirrorImage {
-    /// Writes `image` where `region` is not 0, and clears the second components there, so that `merge` adds nothing of them; at frosted
-    /// panes the first ones, so that `accumulate` does not.
+    /// Writes `image` where `region` is not 0, and clears the second components there, so that `merge` adds nothing; at
+    /// frosted panes it clears the first components, so that `accumulate` adds nothing.
     pub fn new(kit: &Kit, inputs: &Inputs) -> Result<Self> {
         let Inputs { points, paths, lighting, tiles, planes, tables, image } = *inputs;
         let (points, paths, lighting) = (points.resources(), paths.resources(), lighting.resources());
@@ -218,12 +222,13 @@ impl MirrorImage {
     }
 }
 
-/// Depth of what a mirrored ray that meets nothing shows.
+/// Depth of a mirrored ray that hits nothing.
 pub const NOTHING_SEEN: f32 = 3.0e38;
 
-/// Oracle: diameter in pixels and direction of the u axis of the kernel at a pixel that shows along `d`
-/// the first of `planes`: of each tan(beta) and how far away it is along the direction of view. What they reflect is `seen` away, or
-/// nothing. From the projection of points: the diameter as the geometric mean of the disc's images along u and across.
+/// Oracle: diameter in pixels and direction of the u axis of the kernel at a pixel that shows the first of `planes`
+/// along `d`. `planes` has tan(beta) and the distance along the view direction of each plane; `seen` is the distance of
+/// the reflected point, `None` if there is none. Computed by projecting points: the diameter is the geometric mean of
+/// the disc's images along u and across.
 pub fn reference(
     frame: &layout::Frame,
     d: Vec3,
@@ -239,7 +244,7 @@ pub fn reference(
         0.5 * size * (across / p.dot(forward) + 1.0)
     };
     let (d, normal) = (d.as_dvec3(), normal.as_dvec3());
-    // A small disc across the virtual ray.
+    // A small disc perpendicular to the virtual ray.
     let u = (-normal - (-normal).dot(d) * d).normalize_or(d.any_orthonormal_vector());
     let v = d.cross(u);
     let small = 1e-6;

@@ -1,8 +1,8 @@
-//! Planar mirrors throw the light of virtual lights on: a light is mirrored by the plane and lights what sees it through the mirror's
-//! outline (Keller 1997, 4.2; row K6).
+//! Light from virtual lights after one planar reflection: the mirror image of a light lights the points that see it
+//! through the mirror's outline (Keller 1997, 4.2).
 //!
-//! For a receiver at x with normal n, a light at y, and its image y' behind a mirror, with p where the segment from x to y' meets the
-//! mirror's plane:
+//! For a point at x with normal n, a light at y, its image y' behind a mirror, and the intersection p of the segment
+//! from x to y' with the mirror's plane:
 //!
 //! ```text
 //! E += [p on the mirror] V(x, p) V(p, y) F(cos p) I'(y' -> x) cos(x) / max(|x - y'|^2, clip^2)
@@ -10,29 +10,30 @@
 //! ```
 //!
 //! I' is the intensity of the light with its axes mirrored, F the mirror's reflectance, textures included, as in
-//! [`crate::bsdf::ideal`]. Parallel light is mirrored likewise, without falloff. E is part of the indirect irradiance. What is closer
-//! than the clip distance, by way of the mirror, is cut off and not gathered.
+//! [`crate::bsdf::ideal`]. Parallel light is mirrored likewise, without falloff. E is part of the indirect irradiance.
+//! Distances over the mirror are clipped, and the light thus lost is not gathered.
 //!
-//! N pairs of a light of the pass and a mirror are chosen for each class of pixels, as [`super::delta_choice`] chooses lights, with
-//! probability in proportion to about the flux that the mirror reflects,
+//! For each class of pixels N pairs of a light of the pass and a mirror are chosen, as [`super::delta_choice`] chooses
+//! lights, with probability roughly in proportion to the flux that the mirror reflects,
 //!
 //! ```text
-//! w = F_0 I A |h| / d^3      h: height of y above the plane, d: distance of the mirror's middle; |h| / d at least 0.1,
-//!                            d at least that of a disc of area A; I the greatest towards the mirror's bounding sphere
+//! w = F_0 I A |h| / d^3      h: height of y above the plane, d: distance of the mirror's centre; |h| / d at least 0.1,
+//!                            d at least that of a disc of area A; I the maximum towards the mirror's bounding sphere
 //! w = F_0 E A |cos|          parallel light
 //! ```
 //!
-//! and each is weighted by 1 / probability, so that the mean is that of all pairs whose weight is above 0, which leaves out lights in
-//! the mirror's plane and those that stand parallel to it and face away.
+//! and each is weighted by 1 / probability, so that the mean is the sum over all pairs of positive weight. This leaves
+//! out lights in the mirror's plane, and surface lights parallel to it that face away.
 //!
-//! Steps: `mirror_choose` for each class; then for each of the N `mirror_aim` sends a ray from each receiver towards y', `trace`
-//! finds the nearest surface, `mirror_turn` asks whether it is the mirror and goes on to y, `trace` again, and `mirror_light` adds.
+//! Steps: `mirror_choose` for each class; then for each of the N pairs `mirror_aim` sends a ray from each point towards
+//! y', `trace` finds the nearest surface, `mirror_turn` tests whether it is the mirror and continues to y, `trace` runs
+//! again, and `mirror_light` adds the light.
 //!
-//! Differs from the paper in that: the paper mirrors each particle that meets a mirror, and lights the part of the scene in the pyramid
-//! of image and outline by a stencil; here those pairs are chosen that matter, and rays find the outline.
-//! Mirrors seen in mirrors throw nothing on (that is left to photons), and what gather rays find is not lit by mirrored lights.
-//! Sums are added to after those of photons; the same seed gives the same bits.
-//! Cost: N times two closest hits and some 200 operations for each receiver; 18 rounds of some 60 operations for each pair.
+//! Differs from the paper in that: the paper mirrors each particle that meets a mirror, and lights the part of the
+//! scene in the pyramid of image and outline by a stencil; here the important pairs are chosen, and rays find the
+//! outline. There is a single mirror reflection (more are left to photons), and mirrored lights do not light the hits
+//! of gather rays. Their light is added after that of photons; the same seed gives the same bits. Cost: N times two
+//! closest hits and some 200 operations for each point; 18 rounds of some 60 operations for each pair.
 
 use glam::Vec3;
 
@@ -57,31 +58,31 @@ pub struct MirrorLights {
     turn: BoundKernel,
     light: BoundKernel,
     trace: Trace,
-    /// A step for each of the N lights.
+    /// Steps of each of the N lights.
     each: Vec<u32>,
-    /// Rounds of a list of rays.
+    /// Rounds for a list of rays.
     rounds: Vec<u32>,
     work: Buffer,
     classes: u32,
-    /// For each class N lights, mirrored, with their weights in them.
+    /// For each class N mirrored lights, weights applied.
     pub mirrored: Buffer,
-    /// The number of each one's mirror + 1; 0: there is none.
+    /// Number of the mirror of each light, plus 1; 0: the slot is empty.
     pub numbers: Buffer,
 }
 
-/// What the pass reads and writes.
+/// Inputs and outputs.
 pub struct Inputs<'a> {
     /// [`PointLight`]s of the pass.
     pub lights: &'a Buffer,
     /// The shading points.
     pub points: &'a ShadingPoints,
-    /// Which of them are lit.
+    /// The lit ones among them.
     pub list: &'a List,
-    /// Rays of the points' slots, to be overwritten.
+    /// Rays, one for each slot; overwritten.
     pub rays: &'a Rays,
-    /// Output.
+    /// Receives the light.
     pub lighting: &'a Lighting,
-    /// Room for so many points.
+    /// Number of slots.
     pub slots: u32,
 }
 
@@ -119,7 +120,7 @@ impl MirrorLights {
         })
     }
 
-    /// Records the choice of lights and mirrors, and the light of those that were chosen.
+    /// Records the choice of lights and mirrors, and the light of the chosen pairs.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.record_choice(rec)?;
         self.record_light(rec)
@@ -130,7 +131,7 @@ impl MirrorLights {
         self.choose.run(rec, &[], u64::from(self.classes))
     }
 
-    /// Records the light of those that were chosen.
+    /// Records the light of the chosen pairs.
     pub fn record_light(&self, rec: &mut Recorder) -> Result<()> {
         for &step in &self.each {
             let run =
@@ -149,7 +150,7 @@ fn xyz(a: [f32; 4]) -> Vec3 {
     Vec3::new(a[0], a[1], a[2])
 }
 
-/// Oracle: the weight of a pair in the choice.
+/// Oracle: the weight of a pair.
 pub fn weight(light: &PointLight, mirror: &MirrorRecord) -> f64 {
     let (n, normal) = (xyz(mirror.plane), xyz(light.normal));
     let (area, f0, emit) = (mirror.middle[3], mean(xyz(mirror.ideal)), mean(xyz(light.emit)));
@@ -174,7 +175,7 @@ pub fn weight(light: &PointLight, mirror: &MirrorRecord) -> f64 {
     f64::from(f0 * intensity * angle)
 }
 
-/// Oracle: the image of a light behind a mirror.
+/// Oracle: the mirror image of a light.
 pub fn mirrored(light: &PointLight, mirror: &MirrorRecord) -> PointLight {
     let n = xyz(mirror.plane);
     let direction = |v: [f32; 4]| (xyz(v) - 2.0 * n.dot(xyz(v)) * n).extend(v[3]).to_array();
@@ -183,7 +184,7 @@ pub fn mirrored(light: &PointLight, mirror: &MirrorRecord) -> PointLight {
     PointLight { position, normal: direction(light.normal), wi: direction(light.wi), ..*light }
 }
 
-/// Oracle: what an image, made by mirror `number`, adds to irradiance and specular radiance of a receiver.
+/// Oracle: irradiance and specular radiance that a mirrored light of mirror `number` adds at a shading point.
 pub fn reference(
     frame: &Frame,
     scene: &Scene,
@@ -250,7 +251,8 @@ mod tests {
         assert_eq!(image.position[..3], [2.0, -2.0, 3.0]);
         assert_eq!(image.normal[..3], [0.6, 0.8, 0.0]);
         assert_eq!(mirrored(&image, &mirror), light);
-        // F_0 I A h / d^3, with the greatest cosine at the light; it faces away from the middle by (-2, -3, -3) . (0.6, -0.8, 0).
+        // F_0 I A h / d^3, with the maximum cosine at the light; it faces away from the centre by (-2, -3, -3) . (0.6,
+        // -0.8, 0).
         let d = 22f64.sqrt();
         let wide = (1.2 + 2f64.sqrt()) / d;
         assert!((weight(&light, &mirror) - 0.5 * 3.0 * wide * 4.0 * 3.0 / d.powi(3)).abs() < 1e-5);

@@ -1,10 +1,12 @@
-//! The passes of a frame, one file each with its shader of the same stem (`shade`, `trace` and `importance` have a second one,
-//! `clusters`, `sort`, `tiles`, `photon_grid` and `mirror_lights` one for each of their steps), in the order of `frame.rs`.
+//! The passes of a frame. Each has a file of its own and a shader of the same stem (`shade`, `trace` and `importance`
+//! have a second one; `clusters`, `sort`, `tiles`, `photon_grid` and `mirror_lights` have one for each of their steps).
+//! `frame.rs` has their order.
 //!
-//! Passes are made from a [`Kit`], which has what all of them may bind, and from the buffers of the stage that owns them.
+//! A pass is made from a [`Kit`], which holds the resources that every pass may bind, and from the buffers of the stage
+//! that owns it.
 //!
-//! A pass file reads: what it computes and from which equation, its named inputs and outputs, `record`, and `reference`,
-//! the CPU oracle that the tests hold the shader against.
+//! A pass file contains: the quantity that the pass computes and its equation, named inputs and outputs, `record`, and
+//! `reference`, the CPU oracle that the tests compare the shader with.
 
 pub mod accumulate;
 pub mod atlas;
@@ -50,7 +52,7 @@ use crate::error::{Error, Result};
 use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder, Resources, Shader, Staging, shaders};
 use crate::settings::Traversal;
 
-/// Invocations of a workgroup, in every pass but `schedule` and the cluster form of `shade`.
+/// Invocations in a workgroup of every pass but `schedule` and the cluster form of `shade`.
 pub const GROUP: u64 = 64;
 
 /// Workgroups for `count` invocations.
@@ -68,23 +70,23 @@ pub(crate) fn vec4s(context: &Context, name: &str, count: u32) -> Result<Buffer>
     Buffer::new(context, name, 16 * u64::from(count), Memory::Device)
 }
 
-/// What passes are made from: the device, uploads to come, and the resources that any kernel may use by name (the frame's
-/// parameters and status, the scene).
+/// The inputs that all passes have in common: the device, pending uploads, and the resources that any kernel may bind
+/// by name (the parameters and status of the frame, the scene).
 pub struct Kit<'a> {
     /// The device.
     pub context: &'a Context,
-    /// Uploads that will be recorded before the first frame.
+    /// Uploads, recorded before the first frame.
     pub staging: RefCell<&'a mut Staging>,
-    /// Resources of all passes.
+    /// Resources that every pass may bind.
     pub shared: Resources,
-    /// The scene has textures, so kernels look them up.
+    /// Whether the scene has textures. If not, kernels without texture look-up are chosen.
     pub textured: bool,
-    /// Which forms of the kernels that trace rays are made.
+    /// Selects the form of the kernels that trace rays.
     pub traversal: Traversal,
 }
 
 impl<'a> Kit<'a> {
-    /// For passes over a scene, besides `own` resources.
+    /// For passes over a scene; `own` resources are shared as well.
     pub fn new(
         context: &'a Context,
         staging: &'a mut Staging,
@@ -101,12 +103,12 @@ impl<'a> Kit<'a> {
         }
     }
 
-    /// Makes a kernel and binds what it declares, from `sets` or else from the shared resources.
+    /// Makes a kernel and binds its resources by name, from `sets` or else from the shared resources.
     pub fn bind(&self, shader: &'static Shader, sets: &[&Resources]) -> Result<BoundKernel> {
         Ok(BoundKernel(Kernel::new(self.context, shader)?.bind_from(sets, &self.shared)?))
     }
 
-    /// The same for a kernel that looks up materials, in its variant with textures or without.
+    /// [`Kit::bind`] for a kernel that looks up materials; chooses its variant with textures or without.
     pub fn bind_surface(&self, [textured, plain]: [&'static Shader; 2], sets: &[&Resources]) -> Result<BoundKernel> {
         self.bind(if self.textured { textured } else { plain }, sets)
     }
@@ -126,13 +128,13 @@ impl<'a> Kit<'a> {
         vec4s(self.context, name, count)
     }
 
-    /// The counts of a list that the device fills.
+    /// A buffer for the counts of a list that the device fills.
     pub fn work(&self, name: &str) -> Result<Buffer> {
         self.array(name, 1, size_of::<layout::Work>() as u64)
     }
 }
 
-/// A kernel with what is bound to it.
+/// A kernel and its bindings.
 #[derive(Clone)]
 pub struct BoundKernel(Bindings);
 
@@ -142,28 +144,28 @@ impl BoundKernel {
         rec.dispatch(self.0.kernel(), &self.0, push, groups)
     }
 
-    /// Records as many workgroups as a [`layout::Work`] says at `offset`.
+    /// Records the number of workgroups that a [`layout::Work`] has at `offset`.
     pub fn run_listed(&self, rec: &mut Recorder, push: &[u8], work: &Buffer, offset: u64) -> Result<()> {
         rec.dispatch_indirect(self.0.kernel(), &self.0, push, work, offset)
     }
 }
 
-/// A kernel that traces rays, in its two forms.
+/// The two forms of a kernel that traces rays.
 #[derive(Clone, Copy)]
 pub struct TraversalKernels {
-    /// An invocation traces a ray.
+    /// One invocation traces one ray.
     pub single: &'static Shader,
-    /// A subgroup traces a cluster; `None`: rays are traced one by one.
+    /// A subgroup traces a cluster of rays; `None`: rays are traced one by one.
     pub cluster: Option<&'static Shader>,
-    /// The cluster form counts what it meets.
+    /// Whether the cluster form counts the nodes and triangles that it visits.
     pub count: bool,
 }
 
-/// The cluster form of a kernel for subgroups of 4, 8, 16, 32 and 64.
+/// The cluster form of a kernel for subgroup sizes 4, 8, 16, 32 and 64.
 type BySubgroup = [&'static Shader; 5];
 
 impl TraversalKernels {
-    /// Those of the pass `shade`.
+    /// Kernels of the pass `shade`.
     pub fn shade(context: &Context, traversal: Traversal) -> Result<TraversalKernels> {
         const CLUSTERS: BySubgroup = [
             &shaders::SHADE_CLUSTER_4,
@@ -175,7 +177,7 @@ impl TraversalKernels {
         TraversalKernels::new(context, traversal, &shaders::SHADE, CLUSTERS)
     }
 
-    /// Those of the pass `trace`.
+    /// Kernels of the pass `trace`.
     pub fn trace(context: &Context, traversal: Traversal) -> Result<TraversalKernels> {
         const CLUSTERS: BySubgroup = [
             &shaders::TRACE_CLUSTER_4,
@@ -187,7 +189,7 @@ impl TraversalKernels {
         TraversalKernels::new(context, traversal, &shaders::TRACE, CLUSTERS)
     }
 
-    /// Those of the pass `visibility`, to point lights or to area lights.
+    /// Kernels of the pass `visibility`, to point lights or to area lights.
     pub fn visibility(context: &Context, traversal: Traversal, area: bool) -> Result<TraversalKernels> {
         const CLUSTERS: BySubgroup = [
             &shaders::VISIBILITY_CLUSTER_4,
@@ -209,7 +211,7 @@ impl TraversalKernels {
         }
     }
 
-    /// Those of the pass `visibility` that count what clusters meet.
+    /// Kernels of the pass `visibility` that count the nodes and triangles that clusters visit.
     pub fn counters(context: &Context, area: bool) -> Result<TraversalKernels> {
         const CLUSTERS: BySubgroup = [
             &shaders::COUNTERS_4,
@@ -261,12 +263,12 @@ impl TraversalKernels {
     }
 }
 
-/// A batch of rays and what they hit, in parallel arrays.
+/// A batch of rays and their hits, in parallel arrays.
 #[derive(Clone)]
 pub struct Rays {
-    /// Origins; w: greatest t.
+    /// Origins; w: maximum t.
     pub origin: Buffer,
-    /// Unit directions; w, of eye paths: cosine of the first segment to the direction of view.
+    /// Unit directions; w, for eye paths: cosine between the first segment and the view direction.
     pub direction: Buffer,
     /// t, u, v, bits of the triangle (all ones: none).
     pub hits: Buffer,
@@ -275,7 +277,7 @@ pub struct Rays {
 }
 
 impl Rays {
-    /// Room for `count` rays; `name` tells batches apart.
+    /// Allocates `count` rays; `name` prefixes the buffer names.
     pub fn new(context: &Context, name: &str, count: u32) -> Result<Rays> {
         Ok(Rays {
             origin: vec4s(context, &format!("{name} ray origins"), count)?,
@@ -285,7 +287,7 @@ impl Rays {
         })
     }
 
-    /// By their names in shaders.
+    /// The buffers by their names in shaders.
     pub fn resources(&self) -> Resources {
         Resources::of([
             ("ray_origin", &self.origin),
@@ -296,18 +298,18 @@ impl Rays {
     }
 }
 
-/// What eye paths carry to their receivers.
+/// State that eye paths carry to their shading points.
 #[derive(Clone)]
 pub struct EyePathState {
-    /// Throughput of the mirrors and glass on the way; w: depth along the direction of view, as if the way were straight, and
-    /// negative where the eye's own ray met nothing.
+    /// Product of the throughputs of the mirrors and glass on the path; w: depth of the unfolded (straightened) path
+    /// along the view direction, negative if the eye ray hit nothing.
     pub throughput: Buffer,
-    /// Bodies of glass around the ray, [`crate::bsdf::ideal::Media`].
+    /// Glass media around the ray, [`crate::bsdf::ideal::Media`].
     pub media: Buffer,
 }
 
 impl EyePathState {
-    /// Room for `count` paths, `ideal` of which may meet mirrors and glass.
+    /// Allocates `count` paths, `ideal` of which may meet mirrors and glass.
     pub fn new(context: &Context, count: u32, ideal: u32) -> Result<EyePathState> {
         Ok(EyePathState {
             throughput: vec4s(context, "eye throughput", count)?,
@@ -315,13 +317,13 @@ impl EyePathState {
         })
     }
 
-    /// By their names in shaders.
+    /// The buffers by their names in shaders.
     pub fn resources(&self) -> Resources {
         Resources::of([("throughput", &self.throughput), ("media", &self.media)])
     }
 }
 
-/// Receivers, slot by slot; `shaders/include/receiver.wgsl` says what each array holds.
+/// Shading points (a G-buffer), slot by slot; `shaders/include/receiver.wgsl` documents each array.
 #[derive(Clone)]
 pub struct ShadingPoints {
     /// Points; w: distance along the ray, negative where it hit nothing.
@@ -332,17 +334,17 @@ pub struct ShadingPoints {
     pub shading: Buffer,
     /// Diffuse albedo; w: probability of the diffuse lobe.
     pub kd: Buffer,
-    /// Specular reflectance; w: has a lobe.
+    /// Specular reflectance; w: whether there is a lobe.
     pub f0: Buffer,
-    /// Direction back along the ray; w: is lit.
+    /// Direction back along the ray; w: whether the point is lit.
     pub wo: Buffer,
-    /// Emitted radiance times throughput; w: eye's first lobe (0 diffuse, 1 specular); of what the eye sees 1 where it sees it
-    /// by way of mirrors or glass.
+    /// Emitted radiance times throughput; w: first lobe of the eye path (0 diffuse, 1 specular); for points that the
+    /// eye sees, 1 if it sees them through mirrors or glass.
     pub emitted: Buffer,
 }
 
 impl ShadingPoints {
-    /// Room for `count` receivers.
+    /// Allocates `count` points.
     pub fn new(context: &Context, name: &str, count: u32) -> Result<ShadingPoints> {
         let array = |what: &str| vec4s(context, &format!("{name} {what}"), count);
         Ok(ShadingPoints {
@@ -356,7 +358,7 @@ impl ShadingPoints {
         })
     }
 
-    /// By their names in shaders.
+    /// The buffers by their names in shaders.
     pub fn resources(&self) -> Resources {
         Resources::of([
             ("receiver_position", &self.position),
@@ -370,61 +372,61 @@ impl ShadingPoints {
     }
 }
 
-/// Light that arrives at receivers, in parallel arrays.
+/// Light that arrives at shading points, in parallel arrays.
 #[derive(Clone)]
 pub struct Lighting {
     /// Irradiance from the emitters.
     pub direct: Buffer,
-    /// Irradiance from everything else.
+    /// Irradiance from all other light.
     pub indirect: Buffer,
     /// Radiance that the specular lobe sends to wo.
     pub specular: Buffer,
 }
 
 impl Lighting {
-    /// Room for `count` receivers.
+    /// Allocates `count` points.
     pub fn new(context: &Context, name: &str, count: u32) -> Result<Lighting> {
         let array = |what: &str| vec4s(context, &format!("{name} {what}"), count);
         Ok(Lighting { direct: array("direct")?, indirect: array("indirect")?, specular: array("specular")? })
     }
 
-    /// By their names in shaders.
+    /// The buffers by their names in shaders.
     pub fn resources(&self) -> Resources {
         Resources::of([("direct", &self.direct), ("indirect", &self.indirect), ("specular", &self.specular)])
     }
 }
 
-/// A list of receivers, or of tiles, and how many it holds.
+/// A list of shading points or of tiles, and its length.
 #[derive(Clone)]
 pub struct List {
-    /// Slots: pixels, and after them the pixels' second components. Or numbers of tiles.
+    /// Slots: first one for each pixel, then one for the second component of each pixel. Or numbers of tiles.
     pub entries: Buffer,
     /// A [`layout::Work`].
     pub work: Buffer,
 }
 
 impl List {
-    /// A list that writes to `entries`, with counts of its own.
+    /// A list in `entries`, with counts of its own.
     pub fn new(kit: &Kit, name: &str, entries: &Buffer) -> Result<List> {
         Ok(List { entries: entries.clone(), work: kit.work(&format!("{name} work"))? })
     }
 
-    /// As the one list of a kernel.
+    /// Bound as the only list of a kernel.
     pub fn resources(&self) -> Resources {
         Resources::of([("list", &self.entries), ("work", &self.work)])
     }
 
-    /// As the list that a kernel reads.
+    /// Bound as the list that a kernel reads.
     pub fn as_input(&self) -> Resources {
         Resources::of([("list_in", &self.entries), ("work_in", &self.work)])
     }
 
-    /// As the list that a kernel fills.
+    /// Bound as the list that a kernel fills.
     pub fn as_output(&self) -> Resources {
         Resources::of([("list_out", &self.entries), ("work_out", &self.work)])
     }
 
-    /// As a list of tiles.
+    /// Bound as a list of tiles.
     pub fn as_tiles(&self) -> Resources {
         Resources::of([("tiles", &self.entries), ("work", &self.work)])
     }

@@ -1,9 +1,9 @@
-//! Lists the receivers that photons may light, so that `photon_light` looks at those alone.
+//! Lists the shading points that photons may light, so that `photon_light` visits only those.
 //!
-//! A receiver is listed if the bit of its look-up is set ([`photon_grid::near_bit`]): there are photons in one of the 8 cells that
-//! the look-up visits, or other cells share the bit. The order of the list is not fixed, but nothing depends on it.
+//! A point is listed if the bit of its look-up is set ([`photon_grid::near_bit`]): one of the 8 cells that the look-up
+//! visits holds photons, or another look-up shares the bit. The order of the list varies, but nothing depends on it.
 //!
-//! Cost for each receiver: 24 bytes read and 40 operations.
+//! Cost for each point: 24 bytes read and 40 operations.
 
 use std::collections::HashSet;
 
@@ -25,7 +25,7 @@ pub struct PhotonFind {
 }
 
 impl PhotonFind {
-    /// Appends to `found` from `list`; gaps in it are left out.
+    /// Appends to `found` from `list`, skipping gaps.
     pub fn new(
         kit: &Kit,
         points: &ShadingPoints,
@@ -39,14 +39,14 @@ impl PhotonFind {
         Ok(PhotonFind { kernel, schedule: Schedule::new(kit, &found.work, steps)?, work: list.work.clone() })
     }
 
-    /// Records the pass; `step` is that of a list that was just filled.
+    /// Records the pass; `step` is that of a newly filled list.
     pub fn record(&self, rec: &mut Recorder, step: u32) -> Result<()> {
         self.kernel.run_listed(rec, &[], &self.work, LIST_GROUPS)?;
         self.schedule.record(rec, step)
     }
 }
 
-/// Oracle: of the receivers at these slots and positions those that are listed, where photons are stored at `photons`.
+/// Oracle: the listed ones among the points at these slots and positions; photons are stored at `photons`.
 pub fn reference(frame: &Frame, receivers: &[(u32, Vec3)], photons: &[(u32, Vec3)]) -> Vec<u32> {
     let bits = photons.iter().flat_map(|&(photon, position)| photon_grid::near_bits(frame, photon, position));
     let set: HashSet<u32> = bits.collect();

@@ -1,26 +1,26 @@
-//! Photons go on at mirrors and glass and are stored at the first surface of another kind (Wald et al. 2002, section 4): the
+//! Photons continue at mirrors and glass and are stored at the first other surface (Wald et al. 2002, section 4): the
 //! paths L S+ D.
 //!
-//! A photon whose first hit is not the body that it was shot at carries nothing: it is direct light, or another photon's. At
-//! glass one component is chosen with probability p, by its share of the weights, and flux goes by the adjoint of how radiance
-//! does ([`crate::bsdf::ideal::Way`]):
+//! A photon whose first hit is not its target is dropped: it is direct light, or another photon's. At glass one
+//! component is chosen with probability p, in proportion to the weights, and flux is scaled by the adjoint of the
+//! throughput of radiance ([`crate::bsdf::ideal::Way`]):
 //!
 //! ```text
-//! Phi *= f a / p      f as in `eye_paths`, a = eta^2 through a surface of glass, times the correction for shading normals
+//! Phi *= f a / p      f as in `eye_paths`, a = eta^2 through glass, times the correction for shading normals
 //! ```
 //!
-//! A mirror over a diffuse base takes as a share of its photons what its base is of its weights, and stores them; but at the
-//! first hit all go on, with what the mirror reflects, since what comes to the base straight is direct light. After
-//! `max_specular` of these steps a photon that has met nothing else is dropped.
+//! A mirror over a diffuse base stores a fraction of its photons, in proportion to the weight of the base; but at the
+//! first hit all photons are reflected, since light that reaches the base straight is direct light. A photon that has
+//! met nothing else after `max_specular` of these steps is dropped.
 //!
-//! Where there are mirrored lights ([`super::mirror_lights`]), photons whose one mirror before they are stored is a planar one are
+//! If there are mirrored lights ([`super::mirror_lights`]), photons whose only reflection was at a planar mirror are
 //! not stored.
 //!
-//! Differs from the paper in that: it does not say how components are chosen.
-//! Bias: light that takes more mirrors and surfaces of glass is left out. Light that was diffusely reflected before them is as
-//! well: those would be photons that start from virtual lights.
+//! Differs from the paper in that: the paper does not say how it chooses components.
+//! Bias: light over more mirrors and glass surfaces is missing. So are caustics of indirect light: its photons would
+//! have to start from virtual lights.
 //!
-//! Cost: for each photon that still flies 220 bytes, 300 operations and one ray of `trace`.
+//! Cost: for each photon still in flight 220 bytes, 300 operations and one ray of `trace`.
 
 use glam::Vec3;
 
@@ -42,26 +42,26 @@ pub struct PhotonFollow {
     work_in: Buffer,
 }
 
-/// What the pass reads and writes.
+/// Inputs and outputs.
 pub struct Inputs<'a> {
-    /// Traced rays; those that go on.
+    /// Traced rays; overwritten by the next ones.
     pub rays: &'a Rays,
     /// Flux; w: bits of the target + 1.
     pub flux: &'a Buffer,
-    /// Bodies of glass around the photons.
+    /// Glass media around the photons.
     pub media: &'a Buffer,
-    /// Where photons are stored; w: 1 if they are.
+    /// Positions of stored photons; w: 1 if stored.
     pub position: &'a Buffer,
-    /// Geometric normals there, on the side of their arrival.
+    /// Geometric normals there, on the side of arrival.
     pub normal: &'a Buffer,
-    /// Photons to look at, for steps after the first.
+    /// Photons to continue, for steps after the first.
     pub list_in: &'a List,
-    /// Photons to be traced.
+    /// Photons to trace.
     pub list_out: &'a List,
 }
 
 impl PhotonFollow {
-    /// Replaces `rays` that met a mirror or glass and puts them on `list_out`; stores the others.
+    /// Replaces `rays` that met a mirror or glass and appends them to `list_out`; stores the other photons.
     pub fn new(kit: &Kit, inputs: &Inputs, steps: &Resources) -> Result<Self> {
         let Inputs { rays, flux, media, position, normal, list_in, list_out } = *inputs;
         let own =
@@ -71,7 +71,7 @@ impl PhotonFollow {
         Ok(PhotonFollow { kernel: kit.bind_surface(shaders, &sets)?, work_in: list_in.work.clone() })
     }
 
-    /// Records the step over the photons of the list; the first over all, `count`.
+    /// Records the step over the photons of the list; `count`: over this number of photons, for the first step.
     pub fn record(&self, rec: &mut Recorder, step: u32, count: Option<u32>) -> Result<()> {
         match count {
             Some(count) => self.kernel.run(rec, &push(step), groups(count)),
@@ -80,19 +80,19 @@ impl PhotonFollow {
     }
 }
 
-/// What becomes of a photon in a step.
+/// Result of a step for a photon.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fate {
     /// It is dropped.
     Lost,
     /// It is stored with this flux.
     Stored(Vec3),
-    /// It goes on with this ray, flux and bodies of glass around it.
+    /// It continues with this ray, flux and glass media.
     Flies(Ray, Vec3, Media),
 }
 
-/// Oracle, without mirrored lights: a photon of flux `flux` in `media` that travelled in direction `d` and hit `surface`; `aimed` says whether that
-/// belongs to the photon's target, `last` whether it may go on no more.
+/// Oracle, without mirrored lights: a photon of flux `flux` in `media` that travelled in direction `d` and hit
+/// `surface`; `aimed`: the surface belongs to the photon's target; `last`: the photon may not continue.
 #[allow(clippy::too_many_arguments)]
 pub fn reference(
     frame: &layout::Frame,

@@ -1,19 +1,21 @@
-//! Photons are sorted into a grid of cells of size 2r, kept as a hash table (Wald et al. 2002, 4.1), on the device in each frame.
+//! Sorts photons into a grid of cells of size 2r, kept as a hash table (Wald et al. 2002, 4.1), on the device in each
+//! frame.
 //!
 //! ```text
 //! cell = floor(z / 2r)      code = cell . (a, b, c) + class d  mod 2^32      bucket = hash(code) mod buckets
 //! ```
 //!
-//! Photons are sorted by bucket (see `sort`, which is stable: within a bucket they keep their order), then laid out one after
-//! the other, and each bucket notes its first and its end. So what a look-up adds up is in the same order in every run. A
-//! photon carries its code, for a bucket may hold several cells. The factors of the code are such that the 8 cells of a look-up
-//! differ in it from each other in all classes: no photon is counted twice, and none of another class.
+//! Photons are sorted by bucket (see `sort`, which is stable: within a bucket they keep their order) and stored
+//! consecutively; each bucket records its first photon and its end. So a look-up adds in the same order in every run. A
+//! photon stores its code, since a bucket may hold several cells. The factors of the code give the 8 cells of a look-up
+//! distinct codes, in all classes: no photon is counted twice, and none of another class.
 //!
-//! Most receivers have no photons around them. A look-up visits 8 cells, which its first one names; each photon sets a bit for each of the
-//! 8 look-ups that visit its cell, so that `photon_find` reads one word for a receiver where a look-up reads 16.
+//! Most shading points have no photons around them. A look-up visits 8 cells and is identified by the first; each
+//! photon sets a bit for each of the 8 look-ups that visit its cell, so that `photon_find` reads one word for a point
+//! where a look-up reads 16.
 //!
 //! Differs from the paper in that: sets of all classes share one table, with the class in the code.
-//! Cost for n photons: 230 n bytes beside the sort's, 24 dispatches.
+//! Cost for n photons: 230 n bytes plus those of the sort, 24 dispatches.
 
 use glam::Vec3;
 
@@ -26,21 +28,21 @@ use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::plan::PhotonPlan;
 use crate::sampling::random::hash;
 
-/// Greatest number of bits of a bucket's number: keys have 24, and photons that are not stored go behind all buckets.
+/// Maximum number of bits of a bucket number: keys have 24, and photons that are not stored follow all buckets.
 pub const MAX_BUCKET_BITS: u32 = 22;
 
 /// Photons in the order of their buckets.
 #[derive(Clone)]
 pub struct Grid {
-    /// Number of photons in it, as [`super::layout::Work::live`], and the order of all of them.
+    /// Number of photons in the grid, as [`super::layout::Work::live`], and the order of all photons.
     pub list: List,
     /// Positions; w: bits of the code.
     pub position: Buffer,
-    /// Geometric normals on the side of their arrival.
+    /// Geometric normals on the side of arrival.
     pub normal: Buffer,
-    /// Directions to where they came from.
+    /// Directions back along the photons' last rays.
     pub wi: Buffer,
-    /// Flux if each were the only one of its class.
+    /// Flux if the class had this photon only.
     pub flux: Buffer,
     /// First photon and end of each bucket.
     pub buckets: Buffer,
@@ -49,7 +51,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Room for the photons of a plan.
+    /// Allocates the photons of a plan.
     pub fn new(kit: &Kit, plan: &PhotonPlan) -> Result<Grid> {
         let (count, buckets) = (plan.total(), 1 << plan.bucket_bits());
         Ok(Grid {
@@ -63,7 +65,7 @@ impl Grid {
         })
     }
 
-    /// By their names in shaders, but for the list.
+    /// The buffers by their names in shaders, without the list.
     pub fn resources(&self) -> Resources {
         Resources::of([
             ("sorted_position", &self.position),
@@ -86,8 +88,8 @@ pub struct PhotonGrid {
 }
 
 impl PhotonGrid {
-    /// Fills `grid` from the stored photons: their `position` (w: 1 if stored), `normal`, direction in `rays`, and `flux`.
-    /// `grid.list.work` has the number of all photons as its total.
+    /// Fills `grid` from the stored photons: their `position` (w: 1 if stored), `normal`, direction in `rays`, and
+    /// `flux`. `grid.list.work` holds the number of all photons as its total.
     pub fn new(
         kit: &Kit,
         rays: &Rays,
@@ -136,25 +138,25 @@ pub fn place_of(frame: &Frame, photon: u32, position: Vec3) -> (u32, u32) {
     (code, hash(code) & frame.photons[3])
 }
 
-/// Oracle: the bit of the look-ups of a class that begin in this cell.
+/// Oracle: the bit of the look-ups of a class whose first cell this is.
 pub fn near_bit(frame: &Frame, first: [i32; 3], class: u32) -> u32 {
     hash(code_of(first, class)) & (frame.photons[3] << 4 | 15)
 }
 
-/// Oracle: the bits that a photon sets, stored at `position`.
+/// Oracle: the bits that a photon stored at `position` sets.
 pub fn near_bits(frame: &Frame, photon: u32, position: Vec3) -> [u32; 8] {
     let [x, y, z] = cell_of(frame, position, 0.0);
     let first = |corner: i32| [x - (corner & 1), y - (corner >> 1 & 1), z - (corner >> 2)];
     std::array::from_fn(|corner| near_bit(frame, first(corner as i32), class_of(frame, photon)))
 }
 
-/// Oracle: the cell at `position`, or so many cells before it along each axis.
+/// Oracle: the cell at `position`, or the cell `before` cells earlier along each axis.
 pub fn cell_of(frame: &Frame, position: Vec3, before: f32) -> [i32; 3] {
     let cell = (position * frame.photon[1]).clamp(Vec3::splat(-1e9), Vec3::splat(1e9));
     (cell - before).floor().to_array().map(|c| c as i32)
 }
 
-/// Oracle: the stored photons in the order of the grid; `positions` are `None` for those that are not stored.
+/// Oracle: the stored photons in grid order; `positions` are `None` for photons that are not stored.
 pub fn reference(frame: &Frame, positions: &[Option<Vec3>]) -> Vec<u32> {
     let bucket = |photon: u32| positions[photon as usize].map(|p| place_of(frame, photon, p).1);
     let mut order: Vec<u32> = (0..positions.len() as u32).filter(|&i| positions[i as usize].is_some()).collect();
@@ -170,7 +172,7 @@ mod tests {
     #[test]
     fn no_two_cells_of_a_look_up_share_a_code_in_any_classes() {
         let classes = Settings::MAX_PATTERN * Settings::MAX_PATTERN;
-        // Differences of two of 8 cells are -1, 0 or 1 along each axis; of two classes, up to 63 either way.
+        // Two of 8 cells differ by -1, 0 or 1 along each axis; two classes by up to 63 either way.
         for x in -1..=1 {
             for y in -1..=1 {
                 for z in -1..=1 {
@@ -188,7 +190,7 @@ mod tests {
         let frame =
             Frame { photon: [0.5, 1.0, 1.0, 0.0], photons: [8, 0, 1, 15], pattern: [1, 1, 1, 0], ..Frame::default() };
         assert_eq!(place_of(&frame, 0, Vec3::new(-0.25, 1.0, 2.5)).0, code_of([-1, 1, 2], 0));
-        // Not stored: 1; the same bucket keeps the order of the photons.
+        // Photon 1 is not stored; photons of a bucket keep their order.
         let at = |x: f32| Some(Vec3::new(x, 0.0, 0.0));
         let order = reference(&frame, &[at(3.5), None, at(0.5), at(3.25), at(0.75)]);
         let [near, far] = [0.5, 3.5].map(|x| place_of(&frame, 0, Vec3::new(x, 0.0, 0.0)).1);

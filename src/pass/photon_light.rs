@@ -1,23 +1,25 @@
-//! What the eye sees is lit by the photons around it: the second sum of Wald et al. 2002, section 4, over photons of flux Phi_j
-//! that arrived in z_j from omega_j,
+//! Photons light the visible shading points around them: the second sum of Wald et al. 2002, section 4, over photons of
+//! flux Phi_j that arrived at z_j from omega_j,
 //!
 //! ```text
 //! L(x, omega) += 1 / (pi r^2) sum_j B_r(z_j, x) f_r(omega_j, x, omega) Phi_j / N      B_r(z, x) = 1 if |z - x| <= r, else 0
 //! ```
 //!
-//! The radius r is fixed, and photons are found by 8 look-ups in the grid of cells of size 2r (4.1). The diffuse part is added
-//! to the indirect irradiance, the lobe's to the specular radiance. A photon counts if it arrived on the receiver's side, at a
-//! surface that lies within 60 degrees of the receiver's, so that light does not pass thin walls or turn round corners; and if its
-//! class is that of the pixel (4.2). Both components of a split eye path are receivers.
+//! The radius r is fixed, and photons are found by 8 look-ups in the grid of cells of size 2r (4.1). The diffuse part
+//! is added to the indirect irradiance, the lobe's to the specular radiance. A photon counts if it arrived on the
+//! point's side, at a surface within 60 degrees of the point's, so that light does not pass thin walls or turn around
+//! corners; and if its class is that of the pixel (4.2). Both components of a split eye path are lit.
 //!
-//! No light is counted twice: virtual lights leave out what mirrors reflect and glass lets through (`walk_reflect`), shadow
-//! rays stop there, and so do gather rays (`receivers`). What gather rays find is not lit by photons: it would be the near part
-//! alone of light that goes on from caustics, whose far part virtual lights leave out.
+//! No light is counted twice: virtual lights leave out ideal reflection and transmission (`walk_reflect`), and shadow
+//! rays and gather rays (`receivers`) end at mirrors and glass. The hits of gather rays are not lit by photons: that
+//! would add only the near part of light that continues from caustics, whose far part virtual lights leave out.
 //!
-//! Bias: caustics are blurred by r, and fade within r of an edge. A concave corner lets photons of its own side only count.
+//! Bias: caustics are blurred by r, and fade within r of an edge. In a concave corner only photons of the point's own
+//! side count.
 //!
-//! Cost for each receiver that `photon_find` has listed: 8 look-ups of 8 bytes, and 32 bytes and 40 operations for each photon in the buckets. The photons of
-//! a bucket may be many, so a dispatch takes a stretch of all photons, as many as its loop may ([`crate::plan::PhotonPlan::chunk`]).
+//! Cost for each point that `photon_find` has listed: 8 look-ups of 8 bytes, and 32 bytes and 40 operations for each
+//! photon in the buckets. A bucket may hold many photons, so a dispatch takes a range of all photons, as many as its
+//! loop may ([`crate::plan::PhotonPlan::chunk`]).
 
 use glam::Vec3;
 
@@ -29,7 +31,7 @@ use super::{BoundKernel, Kit, Lighting, List, ShadingPoints, layout, push};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
-/// Least cosine between the normals of photon and receiver.
+/// Minimum cosine between the normals of photon and shading point.
 pub const LEAST_COSINE: f32 = 0.5;
 
 /// The pass.
@@ -52,7 +54,7 @@ impl PhotonLight {
         Ok(PhotonLight { kernel: kit.bind(&shaders::PHOTON_LIGHT, &sets)?, work: list.work.clone() })
     }
 
-    /// Records the look-ups in each of the stretches.
+    /// Records the look-ups, one dispatch for each range of photons.
     pub fn record(&self, rec: &mut Recorder, steps: &[u32]) -> Result<()> {
         steps.iter().try_for_each(|&step| self.kernel.run_listed(rec, &push(step), &self.work, LIST_GROUPS))
     }
@@ -61,19 +63,19 @@ impl PhotonLight {
 /// A stored photon.
 #[derive(Clone, Copy, Debug)]
 pub struct Photon {
-    /// Where it is.
+    /// Its position.
     pub position: Vec3,
-    /// Geometric normal there, on the side of its arrival.
+    /// Geometric normal there, on the side of arrival.
     pub normal: Vec3,
-    /// Direction to where it came from.
+    /// Direction back along its last ray.
     pub wi: Vec3,
-    /// Flux if it were the only one of its class.
+    /// Flux if the class had this photon only.
     pub flux: Vec3,
     /// Its class.
     pub class: u32,
 }
 
-/// Oracle: irradiance and specular radiance that photons add at the receiver of a slot.
+/// Oracle: irradiance and specular radiance that photons add at the shading point of a slot.
 pub fn reference(frame: &layout::Frame, slot: u32, receiver: &Receiver, photons: &[Photon]) -> [Vec3; 2] {
     let [radius, _, share, _] = frame.photon;
     let class = class_of(frame, slot);

@@ -1,14 +1,15 @@
-//! Caustic photons are shot from the emitters at mirrors and glass (Wald et al. 2002, section 4).
+//! Shoots caustic photons from the emitters at mirrors and glass (Wald et al. 2002, section 4).
 //!
-//! A point of an emitter is chosen as for particles, a body of mirrors or glass in proportion to about the solid angle of its
-//! bounding sphere, and a direction into the cone around that sphere; [`crate::light::targets`] has the densities and the flux.
-//! So nearly all photons meet what makes caustics, and their sum over N is what the emitters send there.
+//! A point on an emitter is chosen as for particles, a body of mirrors or glass (a target) roughly in proportion to the
+//! solid angle of its bounding sphere, and a direction in the cone around that sphere; [`crate::light::targets`] has
+//! the densities and the flux. So nearly all photons hit something that makes caustics, and their sum over N is the
+//! flux that the emitters send there.
 //!
-//! Photon i of class k of pixels (Wald et al., 4.2) stands at i K + k, K classes, and takes point first + k N + i of a Halton
-//! sequence: each class has consecutive points, and so have all classes of a pass together.
+//! Photon i of class k of pixels (Wald et al., 4.2) has number i K + k, with K classes, and takes point first + k N + i
+//! of a Halton sequence: the points of each class are consecutive, and so are those of all classes of a pass together.
 //!
-//! Differs from the paper in that: it says nothing of how photons are aimed.
-//! Cost: for each photon two looks at every target (at most 64), some 200 operations and 80 bytes.
+//! Differs from the paper in that: the paper does not say how it aims photons.
+//! Cost for each photon: two visits of every target (at most 64), some 200 operations and 80 bytes.
 
 use super::layout;
 use super::{BoundKernel, Kit, Rays, groups};
@@ -30,8 +31,8 @@ pub struct PhotonStart {
 }
 
 impl PhotonStart {
-    /// Writes `rays`, `flux` (w: bits of the target + 1) and, with nothing stored yet, `position` of so many photons of all
-    /// classes.
+    /// Writes `rays`, `flux` (w: bits of the target + 1) and `position` (marked as not stored) of `photons` photons,
+    /// those of all classes.
     pub fn new(kit: &Kit, rays: &Rays, [flux, position]: [&Buffer; 2], photons: u32) -> Result<Self> {
         let own = Resources::of([("flux", flux), ("photon_position", position)]);
         Ok(PhotonStart { kernel: kit.bind(&shaders::PHOTON_START, &[&rays.resources(), &own])?, photons })
@@ -48,14 +49,14 @@ pub fn class_of(frame: &layout::Frame, photon: u32) -> u32 {
     photon % frame.pattern[2]
 }
 
-/// Oracle: the five numbers of a photon.
+/// Oracle: the five sample coordinates of a photon.
 pub fn photon_numbers(frame: &layout::Frame, photon: u32) -> [f32; 5] {
     let [each, first, ..] = frame.photons;
     let index = first + class_of(frame, photon) * each + photon / frame.pattern[2];
     PHOTON_DIMENSIONS.map(|d| rotate(halton(d, index), random_f32(key(frame.keys[1], PHOTON, d as u32, 0))))
 }
 
-/// Oracle: ray, flux and target of a photon; `None`: it carries nothing.
+/// Oracle: ray, flux and target of a photon; `None`: it carries no flux.
 pub fn reference(
     frame: &layout::Frame,
     emitters: &Emitters,

@@ -1,5 +1,5 @@
-//! The mean of the passes in the sums (see [`Film::counts`]), written to the image that a host shows or copies: linear
-//! radiance, alpha is coverage.
+//! Writes the mean of the passes in the sums (see [`Film::counts`]) to the image that a host shows or copies: linear
+//! radiance; alpha is coverage.
 //!
 //! Cost: 5 vec4 a pixel.
 
@@ -15,8 +15,8 @@ pub struct Resolve {
 }
 
 impl Resolve {
-    /// Writes `image` (RGBA, 32-bit float, layout GENERAL) from `film`. Needs no frame parameters, so it may come before
-    /// the first pass.
+    /// Writes `image` (RGBA, 32-bit float, layout GENERAL) from `film`. Needs no frame parameters, so it may come
+    /// before the first pass.
     pub fn new(kit: &Kit, film: &Film, image: &Image) -> Result<Self> {
         let image_set = Resources::new().with_image("image", image);
         Ok(Resolve { kernel: kit.bind(&shaders::RESOLVE, &[&film.as_means(), &image_set])?, pixels: film.pixels() })

@@ -1,8 +1,8 @@
-//! Counts that the device found become indirect dispatches, so that no count is read back in a frame.
+//! Turns counts that the device found into indirect dispatches, so that no count is read back within a frame.
 //!
-//! After a list is filled: groups for one invocation a receiver, and for clusters one more for each further class of pixels,
-//! since no cluster mixes classes. After a round of traversal: the same groups once more if any
-//! ray ran out of steps, else none. Rays that the last round leaves over are added to `status[0]`.
+//! After a list is filled: groups for one invocation a shading point, and for clusters one group more for each class of
+//! pixels after the first, since no cluster mixes classes. After a round of traversal: the same groups again if any ray
+//! ran out of steps, else none. Rays left unfinished by the last round are added to `status[0]`.
 //! Cost: one invocation.
 
 use super::layout::{Step, Work};
@@ -24,7 +24,7 @@ pub struct Schedule {
 }
 
 impl Schedule {
-    /// Reads and writes `work`, adds to the frame's status.
+    /// Reads and writes `work`, and adds to the frame's status.
     pub fn new(kit: &Kit, work: &Buffer, steps: &Resources) -> Result<Self> {
         Ok(Schedule { kernel: kit.bind(&shaders::SCHEDULE, &[&Resources::of([("work", work)]), steps])? })
     }
@@ -35,14 +35,14 @@ impl Schedule {
     }
 }
 
-/// Workgroups for one invocation each of `count`, spread over two dimensions; as the shader does it.
+/// Workgroups for `count` invocations, spread over two dimensions as the shader does.
 pub fn groups_of(count: u32) -> [u32; 4] {
     let groups = count.div_ceil(64);
     let x = groups.min(32_768);
     [x, if x > 0 { groups.div_ceil(x) } else { 0 }, 1, 0]
 }
 
-/// Oracle: the work after the pass, and the rays to add to the status.
+/// Oracle: the work after the pass, and the number of rays to add to the status.
 pub fn reference(work: &Work, step: &Step) -> (Work, u32) {
     let spread = |count: u32, more: u32| {
         let groups = count.div_ceil(64) + if count > 0 { more } else { 0 };

@@ -1,36 +1,39 @@
 //! Light from point lights, with shadows: the sum over lights of Keller 1997, eq. 3, for all pixels at once.
 //!
-//! For a receiver at x with normal n and each light at y (see `shaders/include/lights.wgsl` for I):
+//! For a shading point at x with normal n and each light at y (see `shaders/include/lights.wgsl` for I):
 //!
 //! ```text
-//! E += V(x, y) I(y -> x) cos(x) / max(|x - y|^2, clip^2)          (row W6: clipped distance)
-//! L += f_s(x, wi, wo) times the same                              (row K5: the lobe at the receiver)
+//! E += V(x, y) I(y -> x) cos(x) / max(|x - y|^2, clip^2)          clipped distance, Wald et al. 2002
+//! L += f_s(x, wi, wo) times the same                              the lobe at the shading point, Keller 1997
 //! ```
 //!
-//! E is kept apart from the diffuse albedo, and light straight from emitters apart from the rest.
+//! E is kept separate from the diffuse albedo, and direct light from indirect light.
 //!
-//! Bias: clipping takes the share 1 - |x - y|^2 / clip^2 from lights nearer than the clip distance; `gather` brings it back.
-//! Lights of zero extent in the scene (point, spot, parallel) are not clipped: they are exact as they are.
+//! Bias: clipping removes the fraction 1 - |x - y|^2 / clip^2 from lights nearer than the clip distance; `gather`
+//! restores it. Lights without area in the scene (point, spot, parallel) are not clipped: they need no clipping to be
+//! exact.
 //!
-//! The lights are cut into chunks, one dispatch each, and each chunk into rounds, so that no invocation exceeds
-//! [`crate::plan::LOOP_BUDGET`] iterations; a ray that runs out of steps is carried on in the next round.
+//! The lights are split into chunks, one dispatch each, and each chunk into rounds, so that no invocation exceeds
+//! [`crate::plan::LOOP_BUDGET`] iterations; a ray that runs out of steps continues in the next round.
 //!
 //! Two kernels compute the same sums ([`crate::settings::Traversal`]):
 //!
-//! - `shade.wgsl`: an invocation is a receiver and walks the binary tree by itself. It runs on every device.
-//! - `shade_cluster.wgsl`: a subgroup of 4 to 64 takes 64 receivers that stand together (see `sort`) and walks the eight-wide tree
-//!   for all of them and one light. First, a lane for each light, lights are dropped that no receiver of the cluster can see:
-//!   all face away, or the light's back is turned to them, or the greatest irradiance at the nearest point of the cluster's box
-//!   does not exceed [`crate::settings::Settings::light_threshold`]. The rays of a cluster share the light, so they lie in a narrow
-//!   shaft: lane k tests child k against the shaft by interval arithmetic, what survives is tested against the rays, and a
-//!   leaf's triangles are set up one a lane as planes through the light. The stack holds a word for each node that has children
-//!   left, sixteen in all, in registers. The leaf that blocked the last light is tried first. What its budget does not suffice
-//!   for goes on in the next round, at last in the first kernel, and so does parallel light, which comes from no place.
+//! - `shade.wgsl`: an invocation takes a shading point and walks the binary tree alone. It runs on every device.
+//! - `shade_cluster.wgsl`: a subgroup of 4 to 64 takes 64 neighbouring shading points (see `sort`) and walks the
+//!   eight-wide tree for all of them and one light. First, with a lane for each light, it drops lights that no point of
+//!   the cluster can see: all points face away, or the light faces away, or the maximum irradiance at the nearest point
+//!   of the cluster's box does not exceed [`crate::settings::Settings::light_threshold`]. The rays of a cluster share
+//!   the light, so they lie in a narrow shaft: lane k tests child k against the shaft by interval arithmetic, surviving
+//!   children are tested against the rays, and the triangles of a leaf are set up one a lane as planes through the
+//!   light. The stack holds a word for each node with children left, sixteen in all, in registers. The leaf that
+//!   blocked the last light is tried first. Work that exceeds the budget continues in the next round, and in the end in
+//!   the first kernel; so does parallel light, which has no position.
 //!
-//! Visibility is the same but for rays within rounding of a triangle's edge or plane.
+//! Visibility is the same except for rays within rounding of a triangle's edge or plane.
 //!
-//! Cost: for each receiver-light pair that faces each other one shadow ray (as in `trace`, any hit ends it; in clusters about a
-//! tenth of that on lavapipe, see `docs/benchmarks.md`) and some 60 operations; grows linearly with receivers and lights.
+//! Cost: for each pair of a shading point and a light that face each other one shadow ray (as in `trace`, any hit ends
+//! it; in clusters about a tenth of that on lavapipe, see `docs/benchmarks.md`) and some 60 operations; linear in
+//! points and in lights.
 
 use glam::Vec3;
 
@@ -49,7 +52,7 @@ pub struct Shade {
     rays: ShadowRays,
 }
 
-/// A kernel that traces shadow rays, in its two forms with what is bound to them.
+/// The two forms of a kernel that traces shadow rays, with their bindings.
 pub struct ShadowRays {
     single: BoundKernel,
     cluster: Option<BoundKernel>,
@@ -61,40 +64,40 @@ pub struct ShadowRays {
 /// Initial progress: done with this chunk unless a cluster says otherwise.
 const NO_LIGHT_LEFT: u32 = u32::MAX;
 
-/// Rounds that are taken by clusters before single rays go on. In each a cluster finishes at least one light, unless its
-/// budget does not suffice for that alone.
+/// Rounds of clusters before the single rays continue. In each a cluster finishes at least one light, unless its budget
+/// is too small even for that.
 const CLUSTER_ROUNDS: u32 = 4;
 
-/// Greatest number of lights of a chunk that clusters take: they keep a mask of them in 32 bits.
+/// Maximum number of lights of a chunk for clusters: they keep a mask of them in 32 bits.
 const CLUSTER_LIGHTS: u32 = 32;
 
-/// Steps of one chunk of lights.
+/// Steps of a chunk of lights.
 pub struct Chunk {
-    /// Its rounds. The first four may be taken by clusters; what they leave over goes on ray by ray.
+    /// Its rounds. If `clusters`, the first four are taken by clusters; what they leave continues ray by ray.
     pub rounds: Vec<u32>,
-    /// All its lights have a place, so that clusters can look at them.
+    /// Whether all its lights have a position, so that clusters can take them.
     pub clusters: bool,
 }
 
-/// What the pass reads and writes.
+/// Inputs and outputs.
 pub struct Inputs<'a> {
     /// The shading points.
     pub points: &'a ShadingPoints,
-    /// Which of them are lit.
+    /// The lit ones among them.
     pub list: &'a List,
     /// [`PointLight`]s.
     pub lights: &'a Buffer,
     /// Progress of the shadow rays of each point.
     pub progress: &'a Buffer,
-    /// Output.
+    /// Receives the light.
     pub lighting: &'a Lighting,
-    /// Where the classes of pixels begin on a sorted list, see [`super::sort::SortBuffers`], or the classes of the clusters of
-    /// the screen, see [`super::clusters::Clusters::listed`]; `None`: points are in no clusters.
+    /// Starts of the classes of pixels on a sorted list, see [`super::sort::SortBuffers`], or classes of the clusters
+    /// in screen order, see [`super::clusters::Clusters::listed`]; `None`: the points form no clusters.
     pub classes: Option<&'a Buffer>,
 }
 
 impl Shade {
-    /// Adds to `lighting` of the points in `list`; the first chunk starts the sums.
+    /// Adds to `lighting` of the points in `list`; the first chunk initialises the sums.
     pub fn new(kit: &Kit, inputs: &Inputs, steps: &Resources) -> Result<Self> {
         let Inputs { points, list, lights, progress, lighting, classes } = *inputs;
         let own = Resources::of([("lights", lights)]);
@@ -111,7 +114,7 @@ impl Shade {
 }
 
 impl ShadowRays {
-    /// Binds both forms to `sets`, and the cluster form to those `of_clusters` as well; without these there is none.
+    /// Binds both forms to `sets`, and the cluster form also to `of_clusters`; without these there is no cluster form.
     pub fn new(
         kit: &Kit,
         kernels: &TraversalKernels,
@@ -144,7 +147,7 @@ impl ShadowRays {
             }
             for (round, &step) in chunk.rounds.iter().enumerate() {
                 let groups = if round == 0 { LIST_GROUPS } else { ROUND_GROUPS };
-                // A cluster is a workgroup, as are 64 single rays.
+                // Both kernels take 64 rays a workgroup.
                 let kernel = match &self.cluster {
                     Some(cluster) if round < CLUSTER_ROUNDS as usize && chunk.clusters => cluster,
                     _ => &self.single,
@@ -158,20 +161,21 @@ impl ShadowRays {
 }
 
 impl Chunk {
-    /// Lanes of the subgroups that take clusters of the scene, if the budget of a dispatch suffices for them.
+    /// Subgroup size of the cluster kernel, if the budget of a dispatch suffices for clusters.
     pub fn lanes(settings: &Settings, lanes: Option<u32>) -> Option<u32> {
         let steps = |lanes: u32| plan::cluster_steps(Chunk::size(settings, true), settings.loop_budget, lanes);
         lanes.filter(|&lanes| steps(lanes) >= plan::LEAST_CLUSTER_STEPS)
     }
 
-    /// Greatest number of lights of a chunk. Clusters take more than single rays: they load their receivers once for all.
+    /// Maximum number of lights in a chunk. Chunks for clusters are larger: a cluster loads its points once for all
+    /// lights.
     pub fn size(settings: &Settings, clusters: bool) -> u32 {
         let single = settings.lights_per_dispatch;
         if clusters { (4 * single).min(CLUSTER_LIGHTS) } else { single }
     }
 
-    /// Steps for the lights `first..end` of a chunk; `lanes`: as [`Chunk::lanes`] gives it, if clusters take the chunk.
-    /// `by_screen`: the list is in the order of the screen.
+    /// Steps for the lights `first..end` of a chunk. `lanes`: from [`Chunk::lanes`], if clusters take the chunk;
+    /// `by_screen`: the list is in screen order.
     pub fn new(
         table: &mut StepTable,
         settings: &Settings,
@@ -179,7 +183,7 @@ impl Chunk {
         lanes: Option<u32>,
         by_screen: bool,
     ) -> Chunk {
-        // Single rays take so many lights in a round, and as many more rounds for a larger chunk.
+        // Single rays take at most this number of lights in a round; a larger chunk has more rounds in proportion.
         let most = settings.lights_per_dispatch;
         let rounds = settings.rounds * (end - first).div_ceil(most).max(1);
         let steps = plan::shade_steps(most, settings.loop_budget);
@@ -193,16 +197,16 @@ impl Chunk {
         let fresh = |round: u32| if round == 0 { chunk.fresh } else { 0 };
         let together =
             (0..CLUSTER_ROUNDS).map(|round| Step { round, fresh: fresh(round), steps: cluster_steps, ..chunk });
-        // What clusters leave over has all rounds of the single rays still before it.
+        // The work that clusters leave over has all rounds of the single rays ahead.
         let one_by_one = (1..=rounds).map(|round| Step { round, fresh: 0, last: u32::from(round == rounds), ..chunk });
         Chunk { rounds: together.chain(one_by_one).map(|step| table.add(step)).collect(), clusters: true }
     }
 }
 
-/// A receiver as the oracle takes it.
+/// A shading point, for the oracle.
 #[derive(Clone, Copy, Debug)]
 pub struct Receiver {
-    /// Point, offset applied.
+    /// Point, with ray-origin offset.
     pub position: Vec3,
     /// Geometric normal.
     pub geometric: Vec3,
@@ -233,7 +237,7 @@ pub fn light_towards(light: &PointLight, wi: Vec3, r2: f32, clip2: f32) -> Vec3 
     intensity * falloff
 }
 
-/// Oracle: direct irradiance, indirect irradiance and specular radiance of one receiver under all lights.
+/// Oracle: direct irradiance, indirect irradiance and specular radiance of a shading point under all lights.
 pub fn reference(bvh: &Bvh, receiver: &Receiver, lights: &[PointLight], clip2: f32, far: f32) -> [Vec3; 3] {
     let mut sums = [Vec3::ZERO; 3];
     for light in lights {

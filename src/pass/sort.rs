@@ -1,14 +1,14 @@
-//! The receivers on a list are put in the order of the Morton codes of their positions, so that the 64 receivers of a cluster lie
-//! close together and the shaft from a light to them is narrow, also across silhouettes. With interleaved sampling the classes
-//! of pixels stand one after the other, each in this order, for each is lit by a set of lights of its own; the class takes the
-//! topmost bits of the key, and the code loses as many at its end.
+//! Sorts the shading points of a list by the Morton codes of their positions, so that the 64 points of a cluster are
+//! close together and the shaft from a light to them is narrow, also across silhouettes. With interleaved sampling the
+//! classes of pixels follow one another, each in this order, since each has a set of lights of its own; the class takes
+//! the topmost bits of the key, and the code loses as many low bits.
 //!
-//! Codes have 8 bits for each axis of the scene's bounding cube. A stable radix sort by three digits of 8 bits: count the digit in
-//! each run of 512 keys, scan the counts in three levels, scatter. Equal codes keep the list's order, which is that of
-//! screen tiles. Before the sort a list has a slot for every ray, dead ones too, which go to its end: so the order, and with
-//! it which receivers share a cluster, is the same in every run.
+//! Codes have 8 bits for each axis of the scene's bounding cube. A stable radix sort by three digits of 8 bits: count
+//! the digits in each run of 512 keys, scan the counts in three levels, scatter. Equal codes keep the order of the
+//! list, which is that of screen tiles. Before the sort a list has a slot for every ray; dead ones go to its end. So
+//! the order, and with it the division into clusters, is the same in every run.
 //!
-//! Cost for n receivers: 60 n bytes and about 40 n operations a digit; 22 dispatches, or 23 with classes.
+//! Cost for n points: 60 n bytes and about 40 n operations a digit; 22 dispatches, or 23 with classes.
 
 use glam::Vec3;
 
@@ -19,34 +19,34 @@ use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::plan::StepTable;
 
-/// Keys that one invocation handles.
+/// Keys of one invocation.
 pub const RUN: u32 = 512;
 /// Values of a digit.
 pub const DIGITS: u32 = 256;
-/// Bits of the key, three digits.
+/// Shifts of the three digits of the key.
 const DIGIT_SHIFTS: [u32; 3] = [0, 8, 16];
 
-/// Room to sort in, shared by all lists of a frame.
+/// Buffers for sorting, shared by all lists of a frame.
 #[derive(Clone)]
 pub struct SortBuffers {
     keys: [Buffer; 2],
     levels: [Buffer; 3],
-    /// For each class of pixels its first cluster and its first receiver on the list; then one past the last of all.
+    /// For each class of pixels, its first cluster and its first point on the list; then one past the last of all.
     pub classes: Buffer,
 }
 
 impl SortBuffers {
-    /// Keys and what they stand for, as they come.
+    /// Pairs of a key and its value, unsorted.
     pub fn unsorted(&self) -> &Buffer {
         &self.keys[0]
     }
 
-    /// The same in order, after a sort by three digits.
+    /// The pairs in order, after a sort by three digits.
     pub fn sorted(&self) -> &Buffer {
         &self.keys[1]
     }
 
-    /// Room for `count` receivers of so many classes.
+    /// Allocates `count` points of `classes` classes.
     pub fn new(kit: &Kit, count: u32, classes: u32) -> Result<SortBuffers> {
         let runs = count.div_ceil(RUN);
         Ok(SortBuffers {
@@ -70,7 +70,7 @@ pub struct SortSteps {
 }
 
 impl SortSteps {
-    /// Adds them to the table.
+    /// Adds the steps to the table.
     pub fn new(table: &mut StepTable, classes: u32) -> SortSteps {
         let last = DIGIT_SHIFTS[DIGIT_SHIFTS.len() - 1];
         SortSteps {
@@ -107,8 +107,8 @@ impl Sort {
         Sort::by_keys(kit, keys, list, buffers, steps)
     }
 
-    /// Puts into `list.entries`, as many as `list.work` has in total, what other keys stand for, in their order. `keys` is the
-    /// kernel that writes [`SortBuffers::unsorted`]: pairs of a key and what it stands for. [`SortSteps`] say how many digits keys have.
+    /// Writes to `list.entries` the values of other keys, in the order of the keys; `list.work` has their number as its
+    /// total. `keys` is the kernel that writes [`SortBuffers::unsorted`]. [`SortSteps`] has the number of digits.
     pub fn by_keys(
         kit: &Kit,
         keys: BoundKernel,
@@ -120,7 +120,7 @@ impl Sort {
         let bind = |shader, own: Resources| kit.bind(shader, &[&list.resources(), &own, steps]);
         let count = |i: usize| bind(&shaders::SORT_COUNT, Resources::of([("keys", &pairs[i]), ("counts", &levels[0])]));
         let sum = |i: usize| bind(&shaders::SORT_SUM, Resources::of([("below", &levels[i]), ("sums", &levels[i + 1])]));
-        // The top level has no bases; any buffer that it does not write stands in.
+        // The top level has no bases; any buffer that the kernel does not write takes the binding.
         let scan = |i: usize| {
             let bases = &levels[if i == 2 { 1 } else { i + 1 }];
             bind(&shaders::SORT_SCAN, Resources::of([("values", &levels[i]), ("bases", bases)]))
@@ -174,7 +174,7 @@ pub fn morton(frame: &Frame, position: Vec3) -> u32 {
     code.min(0xff_fffe)
 }
 
-/// Oracle: the class of a slot, the place of its pixel in the pattern.
+/// Oracle: the class of a slot: the position of its pixel in the pattern.
 pub fn class_of(frame: &Frame, slot: u32) -> u32 {
     let [width, _, pixels, _] = frame.size;
     let [across, down, ..] = frame.pattern;
@@ -182,7 +182,7 @@ pub fn class_of(frame: &Frame, slot: u32) -> u32 {
     pixel % width % across + across * (pixel / width % down)
 }
 
-/// Oracle: the list in the order of classes and keys, equal ones in the order they had.
+/// Oracle: the list by classes and keys; equal ones keep their order.
 pub fn reference(frame: &Frame, list: &[u32], positions: &[Vec3]) -> Vec<u32> {
     let mut sorted = list.to_vec();
     let classes = frame.pattern[2];

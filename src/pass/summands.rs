@@ -1,19 +1,21 @@
-//! The summands of the image, each in running sums of its own (Bastos 1999, chapter 4, equation 4.15):
+//! Running sums for the summands of the image (Bastos 1999, chapter 4, equation 4.15):
 //!
 //! ```text
 //! L = L_emission + L_diffuse + L_specular
-//! L_emission = L_e                                what the surface that the eye sees emits
+//! L_emission = L_e                                emission of the surface that the eye sees
 //! L_diffuse  = kd / pi (E_direct + E_indirect)    its view-independent reflection
-//! L_specular = lobe of the virtual lights + spread mirror image + second component + all that mirrors and glass show
+//! L_specular = lobe of the virtual lights + spread mirror image + second component + all light from mirrors and glass
 //! ```
 //!
-//! So the surface is the first that the eye's ray meets, and what a mirror or glass shows is the specular summand of that mirror or
-//! glass. The image of a rendering with summands is their sum, rounded once for each addition, to the last bit.
+//! The surface is the first that the eye ray hits, and everything seen in a mirror or through glass is the specular
+//! summand of that surface. The image of a rendering with summands is their sum, rounded once for each addition, to the
+//! last bit.
 //!
-//! The pass comes before `accumulate`. Second components and mirror images, which otherwise are added to what the pixels emit at
-//! once, have been kept apart up to here and are added now.
+//! The pass comes before `accumulate`. It adds the light of second components and mirror images, which without summands
+//! is added to the emission of the pixels at once.
 //!
-//! Differs from the thesis in that: the three are those of one pass over the same receivers and not separate renderings.
+//! Differs from the thesis in that: the three come from one pass over the same shading points and not from separate
+//! renderings.
 //!
 //! Cost: 21 vec4 and 40 operations a pixel, and 112 bytes of memory.
 
@@ -33,7 +35,7 @@ pub struct Summands {
 }
 
 impl Summands {
-    /// Adds to the summands of `film`, which are `sums`. `reflected` is what `merge` and `superpose` add to.
+    /// Adds to the summands of `film`, in `sums`. `merge` and `superpose` add to `reflected`.
     pub fn new(
         kit: &Kit,
         points: &ShadingPoints,
@@ -48,7 +50,7 @@ impl Summands {
         Ok(Summands { kernel: kit.bind(&shaders::SUMMANDS, &sets)?, reflected, pixels: film.pixels() })
     }
 
-    /// Records the start of a frame: nothing is reflected yet.
+    /// Records the clearing of `reflected` at the start of a frame.
     pub fn record_clear(&self, rec: &mut Recorder) -> Result<()> {
         rec.fill(&self.reflected, 0)
     }

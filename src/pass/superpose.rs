@@ -1,21 +1,21 @@
-//! The spread mirror image of a glossy plane, dimmed by how much the plane reflects towards the eye, is added to its pixels
-//! (Bastos 1999, equation 4.15 and section 6.7): L += rho(mu) L_spread, mu the cosine of the angle of view.
+//! Adds the spread mirror image of a glossy plane to its pixels, scaled by the plane's reflectance towards the eye
+//! (Bastos 1999, equation 4.15 and section 6.7): L += rho(mu) L_spread, with mu the cosine of the viewing angle.
 //!
 //! ```text
-//! rho = F0 (energy(mu) - grazing(mu)) + F90 grazing(mu)      Schlick, as the lobe reflects point lights
+//! rho = F0 (energy(mu) - grazing(mu)) + F90 grazing(mu)      Schlick, as for the lobe's reflection of point lights
 //! rho = energy(mu) F(mu)                                     Fresnel, equations 6.10 to 6.14
-//! rho = map(mu)                                              the same from a table, F0 being the material's mean
+//! rho = map(mu)                                              the same from a table, F0 the mean of the material
 //! ```
 //!
-//! A frosted pane lets light through instead: rho = energy(mu) (1 - R(mu)) tint, R by Fresnel's equations as for a clear one
-//! ([`crate::bsdf::ideal`]), whatever the form.
+//! A frosted pane transmits instead: rho = energy(mu) (1 - R(mu)) tint, R by Fresnel's equations as for a clear pane
+//! ([`crate::bsdf::ideal`]), in all three forms.
 //!
-//! L_spread is the mix of what core and tail of the kernel have spread, by the core's share. energy(mu) and grazing(mu) are the
-//! lobe's own albedo and the part of it that F90 weighs ([`crate::superposition::kernels`]). [`crate::superposition::reflectance`] says how the
-//! table is looked up and how far it is off.
+//! L_spread blends the results of the kernel's core and tail by the core's fraction. energy(mu) and grazing(mu) are the
+//! lobe's own albedo and the part of it that F90 weights ([`crate::superposition::kernels`]).
+//! [`crate::superposition::reflectance`] describes the table look-up and its error.
 //!
-//! Differs from the thesis in that: equation 6.9's division by pi (N.L)(N.V) is left out, see there; Schlick's formula is the
-//! default, so that a plane reflects the same whether its light comes by way of the mirror image or from a virtual light.
+//! Differs from the thesis in that: equation 6.9's division by pi (N.L)(N.V) is left out, see there; Schlick's formula
+//! is the default, so that a plane has the same reflectance for the mirror image and for virtual lights.
 //!
 //! Cost: 80 bytes read (144 with the table), 16 written and 60 operations for each pixel that shows a glossy plane.
 
@@ -37,7 +37,7 @@ pub struct Superpose {
 }
 
 impl Superpose {
-    /// Adds what tail and core of the kernels have spread to `shown` where `planes` says that there is a plane.
+    /// Adds the images that tail and core of the kernels have spread to `shown`, at pixels where `planes` has a plane.
     pub fn new(
         kit: &Kit,
         points: &ShadingPoints,
@@ -57,8 +57,8 @@ impl Superpose {
     }
 }
 
-/// Oracle: the reflectance of a plane of this finish whose lobe has this energy and grazing part at cosine `mu` of the angle of
-/// view.
+/// Oracle: reflectance of a plane of this finish whose lobe has this energy and grazing part at cosine `mu` of the
+/// viewing angle.
 pub fn reference(
     form: settings::Reflectance,
     finish: &Reflectance,

@@ -1,8 +1,8 @@
-//! The tiles of 8 x 8 pixels in which eye rays met mirrors, glass or glossy planes that mirror, as a list: work at such pixels, and at their second
-//! components, is dispatched over these tiles alone.
+//! Lists the tiles of 8 x 8 pixels in which eye rays hit mirrors, glass or glossy planes that mirror the room: work at
+//! such pixels, and at their second components, is dispatched over these tiles alone.
 //!
-//! The list is in the order of the tiles, so that what is appended to the receivers is in a fixed order as well.
-//! Cost: 24 bytes read for each pixel but in tiles that are marked early; then one workgroup over all tiles.
+//! The list is in tile order, so that shading points appended from it are in a fixed order as well.
+//! Cost: 24 bytes read for each pixel, fewer in tiles that are marked early; then one workgroup over all tiles.
 
 use super::{BoundKernel, Kit, List, Rays, groups};
 use crate::error::Result;
@@ -16,7 +16,7 @@ pub struct Tiles {
 }
 
 impl Tiles {
-    /// Writes `list` (tiles, and one workgroup for each) from `rays.hits` of an image of so many `tiles`.
+    /// Writes `list` (tiles, and one workgroup for each) from `rays.hits` of an image of `tiles` tiles.
     pub fn new(kit: &Kit, rays: &Rays, list: &List, tiles: u32) -> Result<Self> {
         let marks = Resources::of([("marks", &kit.array("tile marks", tiles, 4)?)]);
         Ok(Tiles {
@@ -33,7 +33,8 @@ impl Tiles {
     }
 }
 
-/// Oracle: the tiles of an image of this size with such pixels; `ideal`: what its pixels see is a mirror, glass or a glossy plane.
+/// Oracle: the tiles of such pixels in an image of this size; `ideal`: whether a pixel's eye ray hits a mirror, glass
+/// or a glossy plane.
 pub fn reference([width, height]: [u32; 2], ideal: &[bool]) -> Vec<u32> {
     let across = width.div_ceil(8);
     let marked = |tile: &u32| {

@@ -1,13 +1,13 @@
 //! Closest hits of a batch of rays against the threaded BVH, in rounds of bounded length.
 //!
-//! A ray's whole state is its best hit and the index of the next node, so a ray that runs out of steps is carried on by the
-//! next round. Rounds after the first are dispatched indirectly and cost nothing when no ray needs them.
-//! The eye's rays all start at one place, so clusters of 64 of them walk the eight-wide tree together, as shadow rays do in
-//! [`shade`](super::shade); of a node's children the nearest is visited first.
+//! A ray's whole state is its best hit and the index of the next node, so a ray that runs out of steps continues in the
+//! next round. Rounds after the first are dispatched indirectly and cost nothing when no ray needs them. Eye rays share
+//! their origin, so clusters of 64 of them walk the eight-wide tree together, as shadow rays do in
+//! [`shade`](super::shade); the nearest child of a node is visited first.
 //!
-//! Cost: for each ray and step 32 bytes of node and 20 operations, for each triangle 48 bytes and 50 operations; steps grow
-//! about with the square root of the triangles that a ray passes. Incoherent, so it suits walks and short gather rays. A cluster takes
-//! 256 bytes for each node and 384 for each leaf.
+//! Cost: for each ray and step 32 bytes of node and 20 operations, for each triangle 48 bytes and 50 operations; the
+//! number of steps grows roughly with the square root of the triangles that a ray passes. Incoherent, so it suits walks
+//! and short gather rays. A cluster takes 256 bytes for each node and 384 for each leaf.
 
 use super::layout::Step;
 use super::schedule::{LIST_GROUPS, ROUND_GROUPS, Schedule};
@@ -18,16 +18,16 @@ use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::plan::{StepTable, cluster_steps, trace_steps};
 use crate::settings::Settings;
 
-/// Steps of the eye's rays.
+/// Steps of the eye rays.
 pub struct EyeSteps {
-    /// Round 0 by clusters, if there is one.
+    /// Step of the round by clusters, if there is one.
     pub clusters: Option<u32>,
-    /// Rounds of single rays, from 0, or from 1 after clusters.
+    /// Rounds of single rays: from round 0, or from 1 after clusters.
     pub rounds: Vec<u32>,
 }
 
 impl EyeSteps {
-    /// Adds them to the table; `lanes` of clusters, if they are to take the rays first.
+    /// Adds the steps to the table. `lanes`: subgroup size of the cluster kernel, if clusters take the rays first.
     pub fn new(table: &mut StepTable, settings: &Settings, pixels: u32, lanes: Option<u32>) -> EyeSteps {
         let single = Step { end: pixels, steps: trace_steps(settings.loop_budget), ..Step::default() };
         let Some(lanes) = lanes else {
@@ -51,15 +51,15 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Reads `rays.origin` and `rays.direction`, writes `rays.hits`; `list` names the rays when steps say so.
+    /// Reads `rays.origin` and `rays.direction`, writes `rays.hits`; `list` holds the rays for steps that read a list.
     pub fn new(kit: &Kit, rays: &Rays, list: &List, steps: &Resources) -> Result<Self> {
         let sets = [&rays.resources(), &list.resources(), steps];
         let kernel = kit.bind(&shaders::TRACE, &sets)?;
         Ok(Trace { kernel, cluster: None, schedule: Schedule::new(kit, &list.work, steps)?, work: list.work.clone() })
     }
 
-    /// As [`Trace::new`] for the eye's rays, one for each pixel, which start at the same place: clusters of 8 x 8 pixels are traced
-    /// together if the scene has a tree for `clusters`. What these do not finish is left to single rays.
+    /// As [`Trace::new`] for the eye rays, one for each pixel, which share their origin: clusters of 8 x 8 pixels are
+    /// traced together if the scene has a tree for `clusters`. Single rays take what these do not finish.
     pub fn of_eye(kit: &Kit, rays: &Rays, list: &List, steps: &Resources, clusters: bool) -> Result<Self> {
         let cluster = match TraversalKernels::trace(kit.context, kit.traversal)?.cluster.filter(|_| clusters) {
             Some(kernel) => Some(kit.bind(kernel, &[&rays.resources(), &list.resources(), steps])?),
@@ -68,7 +68,7 @@ impl Trace {
         Ok(Trace { cluster, ..Trace::new(kit, rays, list, steps)? })
     }
 
-    /// Records the rounds over the eye's rays, `tiles` of 8 x 8. If `steps.clusters`, the first is one of clusters.
+    /// Records the rounds over the eye rays, `tiles` of 8 x 8. If `steps.clusters`, the first round is by clusters.
     pub fn record_eye(&self, rec: &mut Recorder, steps: &EyeSteps, tiles: u32, pixels: u32) -> Result<()> {
         let (Some(kernel), Some(step)) = (&self.cluster, steps.clusters) else {
             return self.record(rec, &steps.rounds, Some(pixels));
@@ -94,7 +94,7 @@ impl Trace {
         Ok(())
     }
 
-    /// A round that carries on what those before left over.
+    /// Records a round that continues unfinished rays.
     fn record_round(&self, rec: &mut Recorder, step: u32) -> Result<()> {
         self.kernel.run_listed(rec, &push(step), &self.work, ROUND_GROUPS)?;
         self.schedule.record(rec, step)

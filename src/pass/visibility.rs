@@ -1,31 +1,32 @@
-//! How many lights each receiver sees: the kernels of [`shade`](super::shade) with everything but the shadow rays left out.
+//! Counts the lights that each point sees: the kernels of [`shade`](super::shade) with only their shadow rays.
 //!
-//! For a receiver at x with normal n and lights at y_j:
+//! For a point at x with normal n and lights at y_j:
 //!
 //! ```text
 //! visible(x) = sum over j of [n . (y_j - x) > 0] V(x, y_j)
 //! ```
 //!
-//! An area light is a parallelogram, corner c and edges e1, e2. To each of them a receiver x, number i of the workload, sends one
-//! ray, to the point
+//! An area light is a parallelogram with corner c and edges e1, e2. Point number i of the workload, at x, sends one ray
+//! to each of them, to the position
 //!
 //! ```text
 //! y_j(i) = c_j + u e1_j + v e2_j,   (u, v) = (frac(s_i + j / g), frac(t_i + j / g^2)),   g^3 = g + 1
 //! ```
 //!
-//! of the R2 sequence (Roberts 2018) over the lights, rotated by the hashes s_i and t_i of i. It is computed in integers, so that
-//! kernels and oracle trace the same segments. A cluster's rays then share no origin: `shade_cluster.wgsl` with AREA takes the
-//! light's centre as origin, from which a ray starts at q. Its shaft grows from the box of the light's points to that of the
-//! receivers; a child's box is moved by -q for each ray; a triangle's edge planes are affine in q, so that they are set up once,
-//! through the centre, and each ray adds what its moment q x d gives:
+//! of the R2 sequence (Roberts 2018) over the lights, rotated by the hashes s_i and t_i of i. It is computed in
+//! integers, so that kernels and oracle trace the same segments. The rays of a cluster then have no common origin:
+//! `shade_cluster.wgsl` with AREA takes the light's centre as origin, and each ray starts at an offset q from it. The
+//! shaft extends from the box of the light's positions to that of the points; a child's box is moved by -q for each
+//! ray; a triangle's edge planes are affine in q, so they are set up once, through the centre, and each ray adds the
+//! term of its moment q x d:
 //!
 //! ```text
 //! ((v1 - v2) x (b - q + c - q)) . d = ((v1 - v2) x (b + c)) . d - 2 (v1 - v2) . (q x d)
 //! ```
 //!
-//! The frame does not use it. It measures what the traversal alone costs, and the tests hold it against the oracle ray by ray.
-//! Cost: as `shade` without its arithmetic for each visible pair; with area lights more children and triangles in wider shafts,
-//! and twice the arithmetic for a triangle and a ray (`docs/benchmarks.md`).
+//! The frame does not use this pass. It measures the cost of traversal alone, and the tests compare it with the oracle
+//! ray by ray. Cost: that of `shade` without its arithmetic for each visible pair; with area lights more children and
+//! triangles in wider shafts, and twice the arithmetic for a triangle and a ray (`docs/benchmarks.md`).
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -44,16 +45,16 @@ use crate::settings::{Settings, Traversal};
 /// Steps of the R2 sequence, 1 / g and 1 / g^2 with g^3 = g + 1, in units of 2^-32.
 const R2: [u32; 2] = [0xc13f_a9a9, 0x91e1_0da5];
 
-/// Receivers and lights between which there are shadow rays.
+/// Points and lights with shadow rays between them.
 #[derive(Clone, Debug, Default)]
 pub struct Workload {
-    /// Points, lifted off their surfaces, in the order in which they form clusters.
+    /// Points, offset from their surfaces, in the order of their clusters.
     pub receivers: Vec<Vec3>,
     /// Their normals.
     pub normals: Vec<Vec3>,
     /// Point lights, or corners of area lights.
     pub lights: Vec<Vec3>,
-    /// The two edges of each area light, from its corner; empty: all are point lights.
+    /// The two edges of each area light, from its corner; empty: all lights are point lights.
     pub edges: Vec<[Vec3; 2]>,
 }
 
@@ -63,12 +64,12 @@ impl Workload {
         !self.edges.is_empty()
     }
 
-    /// The kernels that trace it.
+    /// The kernels that trace the workload.
     pub fn kernels(&self, context: &Context, traversal: Traversal) -> Result<TraversalKernels> {
         TraversalKernels::visibility(context, traversal, self.has_areas())
     }
 
-    /// The kernels that trace it and count what clusters meet.
+    /// The kernels that trace the workload and count the nodes and triangles that clusters visit.
     pub fn counting_kernels(&self, context: &Context) -> Result<TraversalKernels> {
         TraversalKernels::counters(context, self.has_areas())
     }
@@ -78,24 +79,24 @@ impl Workload {
         self.edges.get(j).copied().unwrap_or_default()
     }
 
-    /// The point of light j to which receiver i sends its ray.
+    /// The target of the ray from point i to light j.
     pub fn point(&self, i: usize, j: usize) -> Vec3 {
         if !self.has_areas() {
             return self.lights[j];
         }
         let [e1, e2] = self.edges_of(j);
         let turn = hash(i as u32);
-        // Fractions in units of 2^-32, which wrap by themselves; 24 bits of them make a float.
+        // Fractions in units of 2^-32, where overflow wraps; 24 of the bits make a float.
         let of = |turn: u32, step: u32| (turn.wrapping_add((j as u32).wrapping_mul(step)) >> 8) as f32 / 16_777_216.0;
         self.lights[j] + (e1 * of(turn, R2[0]) + e2 * of(hash(turn), R2[1]))
     }
 
-    /// Whether the point of light j lies above the horizon of receiver i.
+    /// Whether the target on light j is above the horizon of point i.
     pub fn faces(&self, i: usize, j: usize) -> bool {
         (self.point(i, j) - self.receivers[i]).dot(self.normals[i]) > 0.0
     }
 
-    /// Pairs that face each other.
+    /// Number of pairs that face each other.
     pub fn segments(&self) -> u64 {
         let of = |i: usize| (0..self.lights.len()).filter(|&j| self.faces(i, j)).count() as u64;
         (0..self.receivers.len()).into_par_iter().map(of).sum()
@@ -107,34 +108,34 @@ pub struct Visibility {
     rays: ShadowRays,
     chunks: Vec<Chunk>,
     work_at_start: Buffer,
-    /// Lights seen by each receiver.
+    /// Number of lights that each point sees.
     pub visible: Buffer,
     /// `[0]`: rays lost.
     pub status: Buffer,
-    /// A [`Work`]: how many pairs were culled.
+    /// A [`Work`]: number of culled pairs.
     pub work: Buffer,
-    /// What clusters met, if the forms count it; see [`Counts`].
+    /// Statistics of the clusters, if the kernels count; see [`Counts`].
     pub counters: Buffer,
 }
 
-/// What the pass is made of.
+/// Inputs and options.
 pub struct Inputs<'a> {
     /// The kernels that trace, see [`Workload::kernels`].
     pub kernels: TraversalKernels,
     /// The scene on the device.
     pub scene: &'a DeviceScene,
-    /// Rounds, budget and lights for each dispatch.
+    /// Rounds, budget and lights of each dispatch.
     pub settings: &'a Settings,
     /// The rays.
     pub workload: &'a Workload,
 }
 
-/// What the clusters of a workload met.
+/// Statistics of the clusters of a workload.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Pairs of a cluster and a light that were traced.
     pub pairs: u32,
-    /// Their rays.
+    /// Rays of these pairs.
     pub rays: u32,
     /// Nodes whose children were tested.
     pub nodes: u32,
@@ -147,10 +148,10 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// Words of [`Visibility::counters`].
+    /// Number of words in [`Visibility::counters`].
     pub const LENGTH: usize = 6;
 
-    /// Of the words that the device counted.
+    /// From the words that the device counted.
     pub fn new([pairs, rays, nodes, children, leaves, triangles]: [u32; Counts::LENGTH]) -> Counts {
         Counts { pairs, rays, nodes, children, leaves, triangles }
     }
@@ -213,7 +214,7 @@ impl Visibility {
     }
 }
 
-/// Oracle: for each receiver the lights that it sees, one ray after the other.
+/// Oracle: the number of lights that each point sees, ray by ray.
 pub fn reference(bvh: &Bvh, workload: &Workload) -> Vec<u32> {
     let sees = |i: usize, j: usize| {
         let origin = workload.receivers[i];
@@ -232,7 +233,7 @@ mod tests {
     fn points_are_spread_over_an_area_light() {
         let (corner, e1, e2) = (Vec3::new(1.0, 2.0, 3.0), Vec3::new(4.0, 0.0, 0.0), Vec3::new(0.0, 0.0, 2.0));
         let workload = Workload { lights: vec![corner; 64], edges: vec![[e1, e2]; 64], ..Workload::default() };
-        // Over the lights of one receiver, and over the receivers of one light: every cell of four by four gets its share.
+        // Over the lights of one point, and over the points of one light: every cell of four by four gets its share.
         for (receivers, lights, least) in [(7..8, 0..64, 2), (0..640, 5..6, 20)] {
             let mut cells = [0; 16];
             for (i, j) in receivers.flat_map(|i| lights.clone().map(move |j| (i, j))) {

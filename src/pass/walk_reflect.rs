@@ -1,15 +1,15 @@
-//! The j-th reflection of the walk: particles that hit a surface leave a light there, and the first N_(j+1) fly on
+//! The j-th reflection of the walk: particles that hit a surface leave a light there, and the first N_(j+1) continue
 //! (fractional absorption, Keller 1997, 3.2 and figure 6).
 //!
-//! A light at a reflection keeps the particle's direction of incidence and the whole reflectance: its intensity towards wo
-//! is Phi / N_j f_r(wi, wo) cos. A particle that flies on takes the diffuse or the specular lobe at random.
+//! A light at a reflection keeps the particle's direction of incidence and the whole reflectance: its intensity towards
+//! wo is Phi / N_j f_r(wi, wo) cos. A particle that continues takes the diffuse or the specular lobe at random.
 //!
 //! Differs from the paper in that: figure 6 multiplies by N / floor(rho^j N) at every reflection, although the text's
-//! factor is the ratio to the N that started, so each light here is divided by N_j once; surfaces may be glossy; and the
-//! adjoint of shading normals is accounted for (Veach 1997, 5.3). Lobes of lights are widened
-//! ([`crate::plan::LEAST_LIGHT_ALPHA`]) and stand about the geometric normal. What mirrors reflect and glass lets through is
-//! left out: there a particle finds the diffuse base of a mirror alone, and nothing at glass.
-//! Cost: as `receivers`, and some 200 operations, a particle.
+//! factor is the ratio to the N that started, so each light here is divided by N_j once; surfaces may be glossy; and
+//! the adjoint of shading normals is accounted for (Veach 1997, 5.3). Lobes of lights are widened
+//! ([`crate::plan::LEAST_LIGHT_ALPHA`]) and centred on the geometric normal. Ideal reflection and transmission are left
+//! out: particles see only the diffuse base of a mirror, and end at glass. Cost: that of `receivers`, and some 200
+//! operations, a particle.
 
 use super::layout::{self, PointLight};
 use super::receivers::SurfacePoint;
@@ -28,7 +28,7 @@ pub struct WalkReflect {
 }
 
 impl WalkReflect {
-    /// Reads `particles.hits`, writes lights, and `particles` and `flux` for those that fly on.
+    /// Reads `particles.hits`, writes lights, and `particles` and `flux` of the particles that continue.
     pub fn new(kit: &Kit, particles: &Rays, [flux, lights]: [&Buffer; 2], steps: &Resources) -> Result<Self> {
         let own = Resources::of([("flux", flux), ("lights", lights)]);
         let shaders = [&shaders::WALK_REFLECT, &shaders::WALK_REFLECT_UNTEXTURED];

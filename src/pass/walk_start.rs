@@ -1,16 +1,16 @@
 //! Particles start at the emitters (Keller 1997, 3.2) and leave their first lights there.
 //!
-//! Emitter by the composition method in proportion to power, point by an area-preserving map of (Phi_2, Phi_3), direction
-//! by (Phi_5, Phi_7) distributed as the emission. Emitters without area start particles too, but are lit by themselves,
-//! once a pass, instead of through their particles' first vertices.
+//! The emitter is chosen by the composition method in proportion to power, the point by an area-preserving map of
+//! (Phi_2, Phi_3), the direction by (Phi_5, Phi_7), distributed as the emission. Particles start from emitters without
+//! area too, but these are lights by themselves, once a pass, instead of through the first vertices of particles.
 //!
 //! Only the first N_0 leave a light here (see [`crate::settings::Settings::direct_lights`]).
 //!
-//! With interleaved sampling each class of pixels has N particles and a set of lights of its own, made of consecutive segments
-//! of the sequence (Wald et al. 2002, 4.2 and 4.4).
+//! With interleaved sampling each class of pixels has N particles and a set of lights of its own, from consecutive
+//! segments of the sequence (Wald et al. 2002, 4.2 and 4.4).
 //!
-//! Differs from the paper in that: the sequence is rotated for each of two independent instances, and the particles of a
-//! pass begin at a random place of their segment (see [`crate::plan`]).
+//! Differs from the paper in that: the sequence is rotated for each of two independent instances, and the particles of
+//! a pass start at a random point of their segment (see [`crate::plan`]).
 //! Cost: some 200 operations and 144 bytes a particle.
 
 use super::layout::{self, PointLight};
@@ -33,7 +33,8 @@ pub struct WalkStart {
 }
 
 impl WalkStart {
-    /// Chooses among `emitters`. Writes the lights that they leave, and `particles` and `flux` for those that fly on.
+    /// Chooses among `emitters`. Writes the lights at the emitters, and `particles` and `flux` of the particles that
+    /// continue.
     pub fn new(
         kit: &Kit,
         emitters: &Buffer,
@@ -51,14 +52,14 @@ impl WalkStart {
     }
 }
 
-/// Where a particle leaves the light of a vertex, with the first slot for lights of as many reflections: particle i of class k
-/// is number i K + k, so that those that survive in any of the K classes stand before all others.
+/// Slot of a particle's light; `first` is the first slot for lights of this number of reflections. Particle i of class
+/// k has number i K + k, so that the survivors of all K classes come before all others.
 pub fn light_slot(frame: &layout::Frame, particle: u32, first: u32) -> u32 {
     let [_, _, classes, lights] = frame.pattern;
     particle % classes * lights + first + particle / classes
 }
 
-/// Oracle: a component of a point of the sequence, randomised for the instance.
+/// Oracle: a coordinate of a point of the sequence, randomised for the instance.
 fn sequence_point(frame: &layout::Frame, dimension: usize, index: u32) -> f32 {
     let (j, d) = (dimension / 2, dimension % 2);
     if frame.has(layout::Frame::SOBOL) {
@@ -67,7 +68,8 @@ fn sequence_point(frame: &layout::Frame, dimension: usize, index: u32) -> f32 {
     rotate(radical_inverse(frame.shifts[j][2 + d].to_bits(), index), frame.shifts[j][d])
 }
 
-/// Oracle: the two sample coordinates of a particle for its start (j = 0) or the direction that leaves vertex j - 1.
+/// Oracle: the two sample coordinates of a particle for its start (j = 0) or for the direction that leaves vertex j -
+/// 1.
 pub fn walk_numbers(frame: &layout::Frame, j: usize, particle: u32) -> [f32; 2] {
     let [first, paths, rotation, _] = frame.walk;
     let (of_class, class) = (particle / frame.pattern[2], particle % frame.pattern[2]);
@@ -81,7 +83,7 @@ pub fn walk_numbers(frame: &layout::Frame, j: usize, particle: u32) -> [f32; 2] 
     })
 }
 
-/// Oracle: light, ray and flux of a particle's start; the light is left by the first N_0 of a class alone.
+/// Oracle: light, ray and flux of a particle's start; only the first N_0 of a class leave the light.
 pub fn reference(frame: &layout::Frame, emitters: &Emitters, particle: u32) -> (PointLight, Ray, Vec3) {
     let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
     let [u0, u1] = walk_numbers(frame, 0, particle);

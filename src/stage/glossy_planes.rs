@@ -1,4 +1,4 @@
-//! Glossy planes: the mirror image, its convolution, and its way into the pixels.
+//! Glossy planes: the mirror image, its convolution, and its addition to the pixels.
 
 use super::{Eye, Stage};
 use crate::error::Result;
@@ -20,7 +20,7 @@ pub struct GlossyPlanes {
     superpose: Superpose,
 }
 
-/// How the mirror image is spread: by the tails of the kernels, and by their cores.
+/// The convolution of the mirror image: by the tails of the kernels, and by their cores.
 struct Convolution {
     library: Library,
     tail: Convolve,
@@ -28,8 +28,8 @@ struct Convolution {
 }
 
 impl GlossyPlanes {
-    /// Adds the light of the planes that `eye` sees, made of its second components lit by `lighting`, to `shown`. `None`: no plane
-    /// mirrors the room.
+    /// Adds the light of the planes that `eye` sees to `shown`; it comes from the second components, lit by `lighting`.
+    /// `None`: no plane mirrors the room.
     pub fn new(
         kit: &Kit,
         plan: &Plan,
@@ -53,7 +53,7 @@ impl GlossyPlanes {
                 let library = Library::new(kit.context, &mut staging, &tables.textures, &tables.narrowings)?;
                 let widest = size[0].max(size[1]) as f32;
                 let mut convolve = |radius: f32, texture: usize, footprint: &Buffer| {
-                    // One kernel for all: that of the greatest reflector seen head on.
+                    // One kernel for all: that of the largest reflector at normal incidence.
                     let width = radius * settings.kernel_width as f32;
                     let one = staging.stage(kit.context, "footprint of all", &[[width, texture as f32, 1.0, 0.0]])?;
                     let (footprint, widest) = match settings.spread {
@@ -86,12 +86,12 @@ impl GlossyPlanes {
         Ok(Some(GlossyPlanes { image, mirror_image, convolution, superpose }))
     }
 
-    /// The mirror image is put together.
+    /// Records the mirror image.
     pub fn record_image(&self, rec: &mut Recorder) -> Result<()> {
         self.mirror_image.record(rec)
     }
 
-    /// The mirror image is spread.
+    /// Records the convolution of the mirror image.
     pub fn record_spread(&self, rec: &mut Recorder) -> Result<()> {
         match &self.convolution {
             Some(Convolution { tail, core, .. }) => rec.scope("convolve", |rec| {
@@ -102,7 +102,7 @@ impl GlossyPlanes {
         }
     }
 
-    /// What has been spread is added to the pixels.
+    /// Records the addition of the spread image to the pixels.
     pub fn record_superpose(&self, rec: &mut Recorder) -> Result<()> {
         self.superpose.record(rec)
     }
@@ -111,7 +111,7 @@ impl GlossyPlanes {
 impl Stage for GlossyPlanes {
     const NAME: &'static str = "mirrors";
 
-    /// The kernels get the form in which they are sampled.
+    /// Records the preparation of the kernels.
     fn record_setup(&self, rec: &mut Recorder) -> Result<()> {
         self.convolution.as_ref().map_or(Ok(()), |convolution| convolution.library.record(rec))
     }

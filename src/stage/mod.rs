@@ -1,5 +1,5 @@
-//! The stages of a frame. Each owns its passes, its buffers and its steps, is made from the outputs of the stages before it, and records
-//! its work as a whole. [`crate::frame`] puts them in order.
+//! The stages of a frame. Each owns its passes, buffers and steps, is made from the outputs of earlier stages, and
+//! records its work as a whole. [`crate::frame`] puts them in order.
 
 mod compensation;
 mod eye;
@@ -31,12 +31,12 @@ use crate::pass::mirror_lights::MirrorLights;
 use crate::pass::summands::Summands;
 use crate::pass::{Kit, List};
 
-/// A part of the frame that is recorded as a whole. A stage that some settings or scenes do without is an `Option` of one.
+/// A part of the frame that is recorded as a whole. An optional stage is an `Option` of one.
 pub trait Stage {
-    /// Label of its commands, and key of its time.
+    /// Label of its commands, and key of its timings.
     const NAME: &'static str;
 
-    /// Records what must happen once, after the uploads and before the first frame.
+    /// Records work needed once, after the uploads and before the first frame.
     fn record_setup(&self, _rec: &mut Recorder) -> Result<()> {
         Ok(())
     }
@@ -100,14 +100,14 @@ impl Stage for Lens {
     }
 }
 
-/// Counts that are cleared when a stage begins.
+/// Counts to clear when a stage begins.
 struct Counts {
     cleared: Buffer,
     of: Vec<Buffer>,
 }
 
 impl Counts {
-    /// Of these lists, whose entries belong to so many classes of pixels.
+    /// The counts of these lists; their entries belong to `classes` classes of pixels.
     fn new<'a>(kit: &Kit, classes: u32, lists: impl IntoIterator<Item = &'a List>) -> Result<Counts> {
         let of = lists.into_iter().map(|list| list.work.clone()).collect();
         Ok(Counts { cleared: kit.stage("cleared work", &[Work::of_classes(classes)])?, of })
@@ -118,7 +118,7 @@ impl Counts {
     }
 }
 
-/// The list of a batch of rays that are all traced: only its counts are used.
+/// The list for a batch of rays that are all traced: only its counts are used.
 fn batch(kit: &Kit, name: &str) -> Result<List> {
     List::new(kit, name, &kit.array(&format!("{name} list"), 4, 4)?)
 }

@@ -1,4 +1,4 @@
-//! The image of a pass is added to the film, and the film's mean becomes an image.
+//! Adds the image of a pass to the film, and turns the film's mean into an image.
 
 use super::Eye;
 use crate::error::Result;
@@ -29,7 +29,7 @@ impl Output {
         })
     }
 
-    /// Records that the sums are empty.
+    /// Records the clearing of the sums.
     pub fn record_clear(&self, rec: &mut Recorder) -> Result<()> {
         self.film.buffers().try_for_each(|buffer| rec.fill(buffer, 0))
     }

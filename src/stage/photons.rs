@@ -1,4 +1,4 @@
-//! Caustic photons: shot, followed, sorted into a grid, and looked up where the eye sees something.
+//! Caustic photons: shot, followed, sorted into a grid, and looked up at the visible points.
 
 use super::{Counts, Eye, Shade, Stage, batch};
 use crate::error::Result;
@@ -15,21 +15,21 @@ use crate::pass::trace::Trace;
 use crate::pass::{Kit, List, Rays};
 use crate::plan::{PhotonPlan, Plan, StepTable, trace_steps};
 
-/// Photons leave the lights towards mirrors and glass and are sorted into their grid.
+/// Shoots photons from the emitters at mirrors and glass and sorts them into a grid.
 pub struct Photons {
-    /// Photons of all classes.
+    /// Number of photons of all classes.
     pub count: u32,
-    /// Their rays; where a photon is stored, that of its arrival.
+    /// Their rays; of a stored photon, the ray on which it arrived.
     pub rays: Rays,
-    /// Flux of each if it were the only one of its class; w: bits of its target + 1.
+    /// Flux of each if its class had this photon only; w: bits of its target + 1.
     pub flux: Buffer,
-    /// Bodies of glass around each.
+    /// Glass media around each.
     pub media: Buffer,
-    /// Where each is stored; w: 1 if it is.
+    /// Position of each stored photon; w: 1 if stored.
     pub position: Buffer,
-    /// Geometric normal there, on the side of its arrival.
+    /// Geometric normal there, on the side of arrival.
     pub normal: Buffer,
-    /// For each step the photons that go on.
+    /// For each step, the photons that continue.
     pub lists: Vec<List>,
     /// The stored photons in their grid.
     pub grid: Grid,
@@ -43,7 +43,7 @@ pub struct Photons {
     sort: (PhotonGrid, SortSteps),
 }
 
-/// A step of the photons' paths.
+/// A step along the photons' paths.
 struct Follow {
     pass: PhotonFollow,
     step: u32,
@@ -52,14 +52,14 @@ struct Follow {
 }
 
 impl Photons {
-    /// `None`: there are no photons, or nothing to shoot them at.
+    /// `None`: there are no photons, or no targets.
     pub fn new(kit: &Kit, plan: &Plan) -> Result<Option<Photons>> {
         let (settings, Some(photons)) = (&plan.settings, &plan.photons) else { return Ok(None) };
         let count = photons.total();
         let mut table = StepTable::default();
         let steps = trace_steps(settings.loop_budget);
         let first_rounds = table.add_rounds(settings.rounds, Step { end: count, steps, ..Step::default() });
-        // Photons that planar mirrors would store are left to mirrored lights where there are these.
+        // With mirrored lights, photons that arrive over a planar mirror are not stored.
         let fresh = u32::from(plan.mirrors.is_some());
         let follow_steps: Vec<u32> = (0..=photons.steps)
             .map(|bounce| {
@@ -77,7 +77,7 @@ impl Photons {
         let position = kit.vec4s("photon position", count)?;
         let normal = kit.vec4s("photon normal", count)?;
         let grid = Grid::new(kit, photons)?;
-        // Photons are listed while the list before is still needed, so two take turns.
+        // A list is filled while the previous one is still needed, so two buffers alternate.
         let turns = [kit.array("photon list 0", count, 4)?, kit.array("photon list 1", count, 4)?];
         let list = |i: usize| List::new(kit, &format!("photons {i}"), &turns[i % 2]);
         let lists = (0..follow_steps.len()).map(list).collect::<Result<Vec<List>>>()?;
@@ -123,7 +123,7 @@ impl Photons {
         }))
     }
 
-    /// Photons leave the lights and are traced to their first hits.
+    /// Records the start of the photons and their first hits.
     pub fn record_start(&self, rec: &mut Recorder) -> Result<()> {
         self.counts.record_clear(rec)?;
         rec.copy(&self.grid_work, &self.grid.list.work)?;
@@ -131,7 +131,8 @@ impl Photons {
         self.first_trace.0.record(rec, &self.first_trace.1, Some(self.count))
     }
 
-    /// Photons go on at mirrors and glass, or are stored; steps from 0. After the last nothing is traced.
+    /// Records a step at mirrors and glass, from 0; photons at other surfaces are stored. Nothing is traced after the
+    /// last step.
     pub fn record_step(&self, rec: &mut Recorder, step: usize) -> Result<()> {
         let follow = &self.follow[step];
         follow.pass.record(rec, follow.step, (step == 0).then_some(self.count))?;
@@ -142,7 +143,7 @@ impl Photons {
         follow.trace.record(rec, &self.list_rounds, None)
     }
 
-    /// The stored photons are sorted into the grid.
+    /// Records the sorting of the stored photons into the grid.
     pub fn record_grid(&self, rec: &mut Recorder) -> Result<()> {
         self.sort.0.record(rec, &self.sort.1)
     }
@@ -158,7 +159,7 @@ impl Stage for Photons {
     }
 }
 
-/// The photons' light is added to the lighting of what the eye sees.
+/// Adds the photons' light to the lighting of the visible points.
 pub struct PhotonLighting {
     /// The shading points that may have photons around them.
     pub found: List,

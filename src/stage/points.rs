@@ -1,4 +1,4 @@
-//! The order in which shading points stand on their list.
+//! The order of shading points on their list.
 
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
@@ -10,22 +10,22 @@ use crate::pass::{Kit, List, ShadingPoints};
 use crate::plan::{Plan, StepTable};
 use crate::settings::ClusterOrder;
 
-/// How shading points are put in clusters of 64.
+/// How shading points form clusters of 64.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PointOrder {
-    /// Not at all: a list has them as they come.
+    /// They form none: the list is in order of arrival.
     Any,
-    /// Sorted by their places in space.
+    /// Sorted by position in space.
     Space,
     /// By their pixels; the list has gaps.
     Screen,
 }
 
 impl PointOrder {
-    /// Of the points of a plan.
+    /// The order for the points of a plan.
     pub fn of(plan: &Plan, scene: &DeviceScene) -> PointOrder {
         let settings = &plan.settings;
-        // The rays of gathered and of mirrored light take lists without gaps.
+        // The rays of compensation and of mirrored lights need lists without gaps.
         let gaps = settings.mirror_lights == 0 && plan.bounces() == 1;
         match scene.wide_nodes {
             None => PointOrder::Any,
@@ -36,7 +36,8 @@ impl PointOrder {
         }
     }
 
-    /// [`crate::pass::layout::Step::fresh`] of the pass that makes the list; `lit`: the points will be shaded.
+    /// Value of [`crate::pass::layout::Step::fresh`] for the pass that fills the list; `lit`: the points will be
+    /// shaded.
     pub(super) fn of_list(self, lit: bool) -> u32 {
         match self {
             PointOrder::Screen => 2,
@@ -46,7 +47,7 @@ impl PointOrder {
     }
 }
 
-/// Finishes a list of shading points: its length becomes dispatches, and neighbours are brought together.
+/// Finishes a list of shading points: turns its length into dispatches, and sorts it if required.
 pub(super) struct Finish {
     schedule: Schedule,
     list_step: u32,
@@ -66,7 +67,7 @@ impl FinishSteps {
 }
 
 impl Finish {
-    /// `sort`: room to sort in, if the points are sorted.
+    /// `sort`: buffers for sorting, if the points are sorted.
     pub(super) fn new(
         kit: &Kit,
         list: &List,
@@ -91,7 +92,7 @@ impl Finish {
     }
 }
 
-/// The chunks of lights that light points after so many gather rays.
+/// Chunks of the lights that light points after `bounce` gather rays.
 pub(super) fn chunks(
     table: &mut StepTable,
     plan: &Plan,
@@ -109,7 +110,7 @@ pub(super) fn chunks(
     ranges
         .into_iter()
         .map(|(first, end)| {
-            // Parallel light comes from no place.
+            // Parallel light has no position.
             let mut places = delta.iter().take(end as usize).skip(first as usize);
             let parallel = places.any(|l| l.is_parallel());
             let lanes = lanes.filter(|_| !parallel);
@@ -118,7 +119,7 @@ pub(super) fn chunks(
         .collect()
 }
 
-/// Two buffers for lists of which the one before is still needed: they take turns.
+/// Two buffers that alternate for lists of which the previous one is still needed.
 #[derive(Clone)]
 pub(super) struct Turns([Buffer; 2]);
 

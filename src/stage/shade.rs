@@ -1,4 +1,4 @@
-//! The shading points of the eye are lit by the lights of the pass.
+//! Lights the visible shading points by the virtual lights of the pass.
 
 use super::points::chunks;
 use super::{Eye, Stage, Walk};

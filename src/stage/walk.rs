@@ -1,4 +1,4 @@
-//! The particles' walk: they leave the lights, and each leaves a point light at every vertex of its path.
+//! The particles' walk: particles start from the emitters and leave a point light at every vertex of their paths.
 
 use super::{Counts, Stage, batch};
 use crate::device_scene::DeviceScene;
@@ -13,7 +13,7 @@ use crate::plan::{Plan, StepTable, trace_steps};
 
 /// The stage.
 pub struct Walk {
-    /// [`PointLight`]s: for each class of pixels delta lights, then those of particles by number of reflections.
+    /// [`PointLight`]s: for each class of pixels the delta lights, then those of particles by number of reflections.
     pub lights: Buffer,
     /// Rays of the particles.
     pub particles: Rays,
@@ -23,7 +23,7 @@ pub struct Walk {
     start: WalkStart,
     trace: Trace,
     reflect: WalkReflect,
-    /// For the reflections j = 1, 2, ...: the rounds of the rays that lead there, and the step of the reflection.
+    /// For the reflections j = 1, 2, ...: the rounds of the rays up to it, and its step.
     reflections: Vec<(Vec<u32>, u32)>,
     particle_count: u32,
     classes: u32,
@@ -31,7 +31,7 @@ pub struct Walk {
 }
 
 impl Walk {
-    /// Particles start from `emitters`, whose records say with which probability each is chosen.
+    /// Particles start from `emitters`, whose records hold the probability of each.
     pub fn new(kit: &Kit, scene: &DeviceScene, plan: &Plan, emitters: &Buffer) -> Result<Walk> {
         let (settings, classes) = (&plan.settings, plan.settings.classes());
         let particle_count = settings.particles();
@@ -68,19 +68,19 @@ impl Walk {
         })
     }
 
-    /// Stages other delta lights, as many as before, at the beginning of each class.
+    /// Stages changed delta lights at the beginning of each class; their number must not change.
     pub fn stage_delta(&self, context: &Context, staging: &mut Staging, delta: &[PointLight]) -> Result<()> {
         let class = u64::from(self.slots) * size_of::<PointLight>() as u64;
         (0..u64::from(self.classes)).try_for_each(|i| staging.stage_into(context, &self.lights, i * class, delta))
     }
 
-    /// The part up to the emitters' lights.
+    /// Records the start of the particles and the lights on the emitters.
     pub fn record_start(&self, rec: &mut Recorder) -> Result<()> {
         self.counts.record_clear(rec)?;
         self.start.record(rec)
     }
 
-    /// The part from one vertex to the next: the j-th reflection, j from 1.
+    /// Records the j-th reflection, from one vertex to the next; j from 1.
     pub fn record_reflection(&self, rec: &mut Recorder, j: usize) -> Result<()> {
         let Some((rounds, reflect)) = j.checked_sub(1).and_then(|i| self.reflections.get(i)) else { return Ok(()) };
         self.trace.record(rec, rounds, Some(self.particle_count))?;

@@ -1,7 +1,8 @@
 //! `convolve`: the convolution of a mirror image, by kernel width and for each algorithm.
 //!
-//! The lower half of the image is one reflector whose kernels all have one width (the worst case of that width); it shows
-//! soft shades, chequers and a bright ball. Directions turn from pixel to pixel, except in the invariant form.
+//! The lower half of the image is one reflector whose kernels all have one width (the worst case of that width); it
+//! shows soft shades, chequers and a bright ball. The axes of the kernels turn from pixel to pixel, except in the
+//! invariant form.
 
 use crate::args::Convolve as Flags;
 use crate::report::{self, Table, milliseconds, percent};

@@ -11,7 +11,7 @@ pub struct Passes {
     pub seconds: Vec<f64>,
     /// Rays of each.
     pub rays: Vec<f64>,
-    /// For each GPU pass, in order, its seconds in each.
+    /// For each GPU pass, in order, its seconds in each of the passes.
     pub gpu: Vec<(String, Vec<f64>)>,
 }
 
@@ -41,7 +41,7 @@ impl Passes {
         report::median(&rates)
     }
 
-    /// The fields of a JSON line: what was rendered and what it took.
+    /// The fields of a JSON line: scene, settings and times.
     pub fn fields(&self, scene: &str, renderer: &Renderer) -> Fields {
         let (engine, gpu) = (renderer.engine(), &self.gpu);
         let p = engine.plan();

@@ -10,12 +10,12 @@ use std::path::Path;
 /// Fields of a JSON object.
 pub type Fields = Map<String, Value>;
 
-/// Median of the times; 0 of none.
+/// Median of the times; 0 if there are none.
 pub fn median(times: &[f64]) -> f64 {
     quantile(times, 0.5)
 }
 
-/// Half the distance between the quartiles, as a share of the median; 0 of fewer than two times.
+/// Half the distance between the quartiles, as a fraction of the median; 0 for fewer than two times.
 pub fn spread(times: &[f64]) -> f64 {
     let middle = median(times);
     if middle <= 0.0 {
@@ -24,7 +24,7 @@ pub fn spread(times: &[f64]) -> f64 {
     0.5 * (quantile(times, 0.75) - quantile(times, 0.25)) / middle
 }
 
-/// Quantile by linear interpolation between two values; 0 of none.
+/// Quantile by linear interpolation between two values; 0 if there are none.
 fn quantile(values: &[f64], share: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -65,12 +65,12 @@ fn processor(cpuinfo: &str) -> (Option<String>, Option<f64>) {
     (model, (!clocks.is_empty()).then(|| median(&clocks)))
 }
 
-/// Settings as JSON, through text, in which single-precision numbers keep their shortest form.
+/// Settings as JSON, through text, which keeps the shortest form of single-precision numbers.
 pub fn settings(settings: &Settings) -> Value {
     serde_json::to_string(settings).and_then(|text| serde_json::from_str(&text)).unwrap_or_default()
 }
 
-/// The fields of an object; none of anything else.
+/// The fields of an object; none for other values.
 pub fn fields(value: Value) -> Fields {
     match value {
         Value::Object(map) => map,
@@ -169,7 +169,7 @@ mod tests {
     #[test]
     fn spreads() {
         assert_eq!((spread(&[]), spread(&[3.0]), spread(&[2.0, 2.0, 2.0])), (0.0, 0.0, 0.0));
-        // Quartiles 1.5 and 2.5 around 2; 2 and 4 around 3, whatever the outermost are.
+        // Quartiles 1.5 and 2.5 around 2; 2 and 4 around 3, whatever the extreme values.
         assert_eq!(spread(&[3.0, 1.0]), 0.25);
         assert_eq!(spread(&[5.0, 3.0, 4.0, 2.0, 1.0]), 1.0 / 3.0);
         assert_eq!(spread(&[900.0, 3.0, 4.0, 2.0, 0.1]), 1.0 / 3.0);

@@ -14,14 +14,14 @@ use std::time::Instant;
 
 /// Approximate number of triangles of the room in the first series.
 const TRIANGLES: [u32; 7] = [1_000, 4_000, 16_000, 64_000, 256_000, 1_000_000, 4_000_000];
-/// Triangles of the room in the other two.
+/// Triangles of the room in the other two series.
 const ROOM: u32 = 64_000;
-/// Building is repeated only while it took less than this, in seconds.
+/// Building is repeated only if it took less than this, in seconds.
 const BUILDING: f64 = 1.0;
 
 /// One measurement of a series.
 struct Point {
-    /// Triangles asked of the room.
+    /// Triangles requested of the room.
     triangles: u32,
     paths: u32,
     resolution: [u32; 2],

@@ -56,8 +56,8 @@ pub fn camera(scene: &Scene, resolution: [u32; 2]) -> Camera {
     }
 }
 
-/// The receivers of one pass in cluster order, and `lights` of its lights, evenly chosen; with `area`, a square in front of each
-/// of these, whose edge is that fraction of the diagonal.
+/// The shading points of one pass in cluster order, and `lights` of its lights, evenly chosen; with `area`, a square in
+/// front of each of these, whose edge is that fraction of the diagonal.
 pub fn workload(context: &Context, engine: &mut Engine, lights: u32, area: Option<f64>) -> Result<Workload> {
     context.submit_and_wait("uploading the scene", None, |rec| engine.record_setup(rec))?;
     engine.setup_finished();
@@ -108,9 +108,9 @@ pub fn workload(context: &Context, engine: &mut Engine, lights: u32, area: Optio
     Ok(workload)
 }
 
-/// Corner and edges of a square in front of a light, perpendicular to its normal, moved into the scene's bounding box if it
-/// sticks out. Its distance from the light is a hundredth of its edge: in the surface's own plane, rounding would decide which
-/// receivers on that surface face it.
+/// Corner and edges of a square in front of a light, perpendicular to its normal, moved into the scene's bounding box
+/// if it sticks out. Its distance from the light is a hundredth of its edge: in the surface's own plane, rounding would
+/// decide which points on that surface face it.
 fn square(bvh: &Bvh, place: Vec3, normal: Vec3, share: f64) -> (Vec3, [Vec3; 2]) {
     let normal = normal.try_normalize().unwrap_or(Vec3::Z);
     let (tangent, bitangent) = basis(normal);

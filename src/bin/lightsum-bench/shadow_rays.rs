@@ -34,14 +34,14 @@ pub struct Measured {
     pub kernel: &'static str,
     /// Pairs that see each other.
     pub visible: u64,
-    /// Lights that each receiver sees.
+    /// Number of lights that each point sees.
     pub seen: Vec<u32>,
     /// Seconds of each repeat.
     pub times: Vec<f64>,
 }
 
 impl Bench {
-    /// Loads the scene, renders its receivers and lights.
+    /// Loads the scene, renders its shading points and lights.
     pub fn new(args: &ShadowRays, name: &str) -> Result<Bench> {
         if args.area.is_some() && args.dump_rays.is_some() {
             let message =
@@ -75,7 +75,7 @@ impl Bench {
             && self.engine.device_scene().wide_nodes.is_some()
     }
 
-    /// The kernels that this device can run.
+    /// The traversals that this device can run.
     pub fn traversals(&self) -> Vec<Traversal> {
         let cluster = self.has_clusters();
         let all = [(Traversal::Single, true), (Traversal::Cluster, cluster)];
@@ -90,7 +90,7 @@ impl Bench {
         self.trace(kernels, kernel, repeats).map(|(measured, _)| measured)
     }
 
-    /// Traversal steps of the clusters of the workload, and the pairs dropped before any ray was traced.
+    /// Traversal steps of the clusters of the workload, and the number of pairs dropped before any ray was traced.
     pub fn count(&self) -> Result<(Counts, u32)> {
         let kernels = self.workload.counting_kernels(&self.context)?;
         let (_, pass) = self.trace(kernels, "counters", 0)?;
@@ -159,7 +159,7 @@ pub fn run(args: &ShadowRays) -> Result<()> {
 }
 
 impl Bench {
-    /// Prints a measurement; `differing`: receivers whose number of visible lights differs from the oracle's.
+    /// Prints a measurement; `differing`: number of points whose number of visible lights differs from the oracle's.
     fn tell(
         &self,
         args: &ShadowRays,

@@ -1,9 +1,9 @@
-//! `startup`: from nothing to the second pass.
+//! `startup`: time from process start to the second pass.
 //!
-//! Each measurement is a process of its own, since a driver keeps what it has loaded and compiled for as long as the process
-//! lives. Two processes share a folder for caches: the first finds it empty, the second finds what the first left, the file
-//! of pipelines and the driver's own cache on disk. Some drivers, lavapipe among them, compile at the first dispatch rather
-//! than when pipelines are made; then that shows in the first pass.
+//! Each measurement is a process of its own, since a driver keeps everything that it has loaded and compiled until the
+//! process ends. Two processes share a folder for caches: the first finds it empty, the second finds the files that the
+//! first wrote, the pipeline cache and the driver's own cache on disk. Some drivers, lavapipe among them, compile at
+//! the first dispatch rather than when pipelines are made; then the first pass takes that time.
 
 use crate::args::{Startup, StartupOnce};
 use crate::report::{self, Fields, Table, milliseconds, percent};
@@ -18,7 +18,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-/// What is timed, in order, with a line for the table.
+/// The timed steps in order: key and label in the table.
 const STEPS: [(&str, &str); 6] = [
     ("load", "load the scene"),
     ("device", "open the device"),
@@ -31,7 +31,7 @@ const STEPS: [(&str, &str); 6] = [
 /// Variables that tell drivers where to keep their caches: Mesa, NVIDIA, any other.
 const CACHE_VARIABLES: [&str; 3] = ["MESA_SHADER_CACHE_DIR", "__GL_SHADER_DISK_CACHE_PATH", "XDG_CACHE_HOME"];
 
-/// For each step its seconds in each repeat.
+/// For each step, its seconds in each repeat.
 type Times = [Vec<f64>; STEPS.len()];
 
 /// Runs the command.
@@ -52,7 +52,7 @@ pub fn run(args: &Startup) -> Result<()> {
             for times in [&mut cold, &mut warm] {
                 let (once, used) = start(scene, args.common.resolution, device, caches.path())?;
                 settings = used;
-                // The first of all brings program and driver into the system's file cache.
+                // The first run of all brings program and driver into the system's file cache.
                 if repeat > 0 {
                     times.iter_mut().zip(once).for_each(|(all, seconds)| all.push(seconds));
                 }
@@ -76,7 +76,7 @@ pub fn run(args: &Startup) -> Result<()> {
     Ok(())
 }
 
-/// Runs a process that keeps all its caches in `caches`, and gives its times and its settings.
+/// Runs a process that keeps all its caches in `caches`; returns its times and its settings.
 fn start(scene: &str, [width, height]: [u32; 2], device: usize, caches: &Path) -> Result<([f64; STEPS.len()], Value)> {
     let program = std::env::current_exe().map_err(Error::io("finding", Path::new("lightsum-bench")))?;
     let mut command = Command::new(&program);

@@ -1,4 +1,4 @@
-//! `lightsum animate`: loads a scene once and renders frames between which camera and objects move.
+//! `lightsum animate`: loads a scene once and renders frames with a moving camera and moving objects.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

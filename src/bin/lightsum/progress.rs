@@ -31,7 +31,7 @@ impl Progress {
         self.start.elapsed()
     }
 
-    /// Updates the display. `done`: progress in words; `fraction`: share of this run's work, in [0, 1].
+    /// Updates the display. `done`: progress in words; `fraction`: fraction of this run's work, in [0, 1].
     pub fn show(&mut self, done: impl FnOnce() -> String, fraction: f64) {
         if self.bar.is_none() && self.line.elapsed() < LINES {
             return;

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Everything known before the first pass.
+/// Inputs known before the first pass.
 pub struct Job {
     /// Name of the scene.
     pub name: String,

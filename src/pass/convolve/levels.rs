@@ -1,4 +1,4 @@
-//! What the convolution is going to do, in numbers: levels of the pyramid, rounds of the window.
+//! Plan of a convolution: levels of the pyramid, rounds of the window.
 
 use std::ops::Range;
 
@@ -6,46 +6,46 @@ use super::{Form, Inputs, MAX_WIDTH, SUMMED, SUPPORT};
 use crate::error::{Error, Result};
 use crate::pass::layout::ConvolveStep;
 
-/// Taps of an invocation in one dispatch; a single row of the window may be longer.
+/// Taps of an invocation in one dispatch; a single row of the window may exceed it.
 const ROUND: u32 = 8192;
 
-/// Diameters are finite.
+/// Upper bound that keeps diameters finite.
 const MAX_DIAMETER: f32 = 1e6;
 
-/// Kernels this many texels wide stay at their level as a whole.
+/// Kernels up to this width in texels stay at their level entirely.
 pub const STAYS: f32 = 6.0;
-/// Kernels this many texels wide rise to the next level as a whole.
+/// Kernels from this width in texels on move to the next level entirely.
 pub const LEAVES: f32 = 8.0;
-/// Least width of the disc that varies as much as a kernel, in diameters; narrower ones are taken for this.
+/// Minimum width, in diameters, of the disc with the variance of a kernel; narrower kernels are clamped to it.
 pub const LEAST_BREADTH: f32 = 0.5;
-/// Least share of a kernel's variance that is left when that of the pyramid is taken off.
+/// Minimum fraction of a kernel's variance that remains after the pyramid's variance is subtracted.
 pub const LEAST_VARIANCE: f32 = 0.02;
 
-/// Levels, rounds and the table that tells the device of them.
+/// Levels, rounds and the table of steps for the device.
 pub struct Levels {
     /// A step for each level, one more above the top, and one for each round.
     pub steps: Vec<ConvolveStep>,
-    /// Levels, the image itself included.
+    /// Number of levels, the image included.
     pub count: usize,
-    /// Entries of all levels but the image.
+    /// Texels of all levels but the image.
     pub entries: u32,
     /// Tiles of all levels.
     pub tiles: u32,
-    /// Steps of the rounds that weigh sources.
+    /// Steps of the rounds that sum up kernels.
     pub weigh: Range<usize>,
-    /// Steps of the rounds that gather for pixels.
+    /// Steps of the rounds that gather.
     pub gather: Range<usize>,
 }
 
 impl Levels {
-    /// Those that `inputs` ask for.
+    /// Levels for `inputs`.
     pub fn new(inputs: &Inputs) -> Result<Levels> {
         let [width, height] = inputs.size;
         if width == 0 || height == 0 || width.max(height) > MAX_WIDTH {
             let message = format!("convolution of {width}x{height} pixels; the sides may have 1 to {MAX_WIDTH}");
             return Err(Error::Setting { name: "--resolution", message });
         }
-        // Comparisons with what is no number fail.
+        // Comparisons with NaN are false.
         let widest = if inputs.widest > 1.0 { inputs.widest.min(MAX_DIAMETER) } else { 1.0 };
         let fast = inputs.chosen() == Form::Fast;
         let invariant = inputs.footprint.bytes() == 16 && width * height > 1;
@@ -57,7 +57,7 @@ impl Levels {
         let mut top = false;
         loop {
             let level = levels.steps.len();
-            // The one above the top has room only, so that no level needs to be told that it is the last.
+            // The level above the top exists only as room, so that no level needs to know that it is the last.
             let above_top = top;
             top |= level > 0 && (widest <= STAYS * texel || size == [1, 1]) || !fast;
             let tiles = size.map(|n| n.div_ceil(8));
@@ -100,7 +100,8 @@ impl Levels {
         Ok(levels)
     }
 
-    /// Adds the rounds over a window that reaches so many columns and rows, as few as the bound on taps allows.
+    /// Adds the rounds over a window that reaches `columns` and `rows` to each side, as few as the bound on taps
+    /// allows.
     fn rounds(&mut self, columns: u32, rows: u32) -> Range<usize> {
         let first = self.steps.len();
         let image = self.steps[0];
@@ -121,19 +122,19 @@ impl Levels {
         first..self.steps.len()
     }
 
-    /// Workgroups with an invocation for each texel of a level.
+    /// Workgroups for one invocation a texel of a level.
     pub fn pixel_groups(&self, level: usize) -> u64 {
         let [width, height] = self.steps[level].size;
         crate::pass::groups(width * height)
     }
 
-    /// Tiles of a level.
+    /// Number of tiles of a level.
     pub fn tile_count(&self, level: usize) -> u64 {
         let [across, down] = self.steps[level].tiles;
         u64::from(across) * u64::from(down)
     }
 
-    /// Workgroups with an invocation for each tile of a level.
+    /// Workgroups for one invocation a tile of a level.
     pub fn tile_groups(&self, level: usize) -> u64 {
         self.tile_count(level).div_ceil(crate::pass::GROUP)
     }

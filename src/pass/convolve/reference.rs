@@ -1,10 +1,10 @@
-//! The oracle, written from the program.
+//! The oracle, written after the thesis's program.
 
 use glam::{DVec2, DVec3, Vec4};
 
 use super::{DEPTH_TOLERANCE, KERNEL_TEXELS};
 
-/// What the oracle is given.
+/// Inputs of the oracle.
 #[derive(Clone, Copy)]
 pub struct Image<'a> {
     /// Width and height.
@@ -17,13 +17,13 @@ pub struct Image<'a> {
     pub region: &'a [u32],
     /// Textures, one after the other.
     pub kernels: &'a [f32],
-    /// Steps by which each is narrower along v, four to a half.
+    /// Steps by which each texture is narrower along v; four steps halve it.
     pub narrowings: &'a [u32],
-    /// What lies behind a pixel spreads no farther over it than the pixel's own kernel.
+    /// Sources behind a pixel spread over it no farther than the pixel's own kernel.
     pub occlusion: bool,
 }
 
-/// A kernel, its greatest texel being 1: the texture sampled bilinearly at `at`, in radii.
+/// A kernel scaled to maximum texel 1: the texture sampled bilinearly at `at`, in radii.
 pub fn kernel(texture: &[f32], at: DVec2) -> f64 {
     let edge = KERNEL_TEXELS as i32;
     let centre = |i: i32| (f64::from(i) + 0.5) * 2.0 / f64::from(edge) - 1.0;
@@ -38,14 +38,14 @@ pub fn kernel(texture: &[f32], at: DVec2) -> f64 {
     row(y) * (1.0 - part.y) + row(y + 1) * part.y
 }
 
-/// One pixel's kernel over the grid.
+/// The kernel of one pixel on the grid.
 struct Splat<'a> {
     texture: &'a [f32],
     axis: DVec2,
     radius: f64,
-    /// Radius along u over that along v.
+    /// Ratio of the radius along u to that along v.
     ratio: f64,
-    /// Sum over the unbounded grid; 0: the source stays where it is.
+    /// Sum over the unbounded grid; 0: the kernel is a delta.
     sum: f64,
 }
 
@@ -68,7 +68,7 @@ impl<'a> Splat<'a> {
         splat
     }
 
-    /// Pixels that it reaches at most.
+    /// Maximum reach in pixels.
     fn reach(&self) -> i32 {
         (1.1 * self.radius) as i32
     }
@@ -79,7 +79,7 @@ impl<'a> Splat<'a> {
     }
 }
 
-/// Program 7.17: what every pixel spreads is summed where it falls; then each pixel is divided by the weights that reached it.
+/// Program 7.17: scatters the radiance of every pixel, then divides each pixel by the weights that reached it.
 pub fn reference(image: &Image) -> Vec<Vec4> {
     let [width, height] = image.size.map(|n| n as i32);
     let mut sums = vec![(DVec3::ZERO, 0.0f64); image.source.len()];
@@ -119,7 +119,7 @@ pub fn reference(image: &Image) -> Vec<Vec4> {
     (0..sums.len()).map(finish).collect()
 }
 
-/// The share of what q spreads to p that p's own kernel leaves, where q lies behind p.
+/// Fraction of the light from q to p that p's own kernel leaves if q lies behind p.
 fn unhidden(image: &Image, p: usize, q: usize, apart: f64) -> f64 {
     let own = image.source[p].w;
     if image.source[q].w <= own + own.abs() * DEPTH_TOLERANCE {
