@@ -1,6 +1,10 @@
 //! Plans a pass before it is recorded: the number of particles that survive each reflection, the slots of their lights,
 //! the division of work into dispatches, and the sampling parameters of each pass.
 
+mod parameters;
+
+pub use parameters::LEAST_LIGHT_ALPHA;
+
 use std::borrow::Cow;
 
 use glam::Vec3;
@@ -11,14 +15,9 @@ use crate::gpu::Resources;
 use crate::pass::Kit;
 use crate::pass::delta_choice::{Candidates, MAX_CANDIDATES};
 use crate::pass::importance::MAX_EMITTERS;
-use crate::pass::layout::{self, PointLight, Step};
+use crate::pass::layout::{PointLight, Step};
 use crate::pass::photon_grid::MAX_BUCKET_BITS;
-use crate::sampling::dimensions::{OFFSET, REPLICA, ROTATION, WINDOW};
-use crate::sampling::halton::PRIMES;
-use crate::sampling::random::{hash, key, random_f32};
-use crate::sampling::rotate;
-use crate::sampling::sobol::{shuffled, sobol};
-use crate::settings::{LightChoice, Sequence, Settings};
+use crate::settings::{LightChoice, Settings};
 use crate::view::{MAX_PIXELS, View};
 
 /// Maximum iterations of all loops of a shader invocation's subgroup together. lavapipe before Mesa 25 silently ends
@@ -27,9 +26,6 @@ pub const LOOP_BUDGET: u32 = 60_000;
 
 /// Maximum iterations of one traversal step: the node, up to four triangles, and the exit of their loop.
 const ITERATIONS_PER_STEP: u32 = 6;
-
-/// Pixel offsets come in blocks of this many passes, each a Hammersley set with a rotation of its own.
-const HAMMERSLEY_BLOCK: u32 = 16;
 
 /// Number of independent instances of the estimator, for the error estimate (Kollig and Keller 2002).
 pub const INSTANCES: u32 = 2;
@@ -451,133 +447,6 @@ impl Plan {
             && (&self.lights, self.eye, self.photons, self.mirrors)
                 == (&other.lights, other.eye, other.photons, other.mirrors)
     }
-
-    /// Parameters of pass number `pass` (from 0). Passes alternate between the two instances; each instance follows its
-    /// own randomised sequence, with N points a pass for each class of pixels.
-    pub fn parameters(&self, pass: u32) -> Result<layout::Frame> {
-        let s = &self.settings;
-        let instance = pass % INSTANCES;
-        let local = pass / INSTANCES;
-        let of_pass = s.particles();
-        let first = local.checked_mul(of_pass).filter(|f| f.checked_add(of_pass).is_some()).ok_or(Error::Setting {
-            name: "--passes",
-            message: format!("pass {pass} of {of_pass} paths leaves the 2^32 points of the sequence"),
-        })?;
-        let instance_key = hash(hash(s.seed as u32) ^ (s.seed >> 32) as u32).wrapping_add(hash(instance));
-        let pass_key = hash(instance_key ^ hash(local));
-
-        let [width, height] = self.view.size();
-        let whole = self.view.within();
-        let lookout = Lookout::of(&self.view);
-        let clip = s.clip_distance(self.scene.diagonal);
-
-        // The survivors of a pass are the first N_j of its particles. Each pass starts at a new point of its segment,
-        // because with N a power of the base the first N_j points of every segment would fill the same strata every
-        // time. The starting points are a golden-ratio sequence from a random start: evenly spread, and unrelated to
-        // any base. For Sobol's points, all of whose dimensions have base 2, random starting points give less error.
-        let start = hash(key(instance_key, WINDOW, 0, 0));
-        let turn = match s.sequence {
-            Sequence::Halton => start.wrapping_add(local.wrapping_mul(0x9e37_79b9)),
-            Sequence::Sobol => hash(start ^ hash(local)),
-        };
-        let rotation = ((u64::from(turn) * u64::from(s.paths)) >> 32) as u32;
-        let mut depths = [[0; 4]; 16];
-        let mut shifts = [[0.0; 4]; 16];
-        let mut words = [[0; 4]; 16];
-        for j in 0..16 {
-            let alive = self.lights.survivors.get(j).copied().unwrap_or(0);
-            let next = self.lights.survivors.get(j + 1).copied().unwrap_or(0);
-            depths[j] = [alive, self.lights.first_slot(j), (1.0 / alive.max(1) as f32).to_bits(), next];
-            let replica = shuffled(local, key(instance_key, REPLICA, j as u32, 0));
-            for d in 0..2 {
-                words[j][d] = hash(key(instance_key, ROTATION, (2 * j + d) as u32, 0));
-                words[j][d + 2] = sobol(d, replica);
-                shifts[j][d] = random_f32(key(instance_key, ROTATION, (2 * j + d) as u32, 0));
-                shifts[j][d + 2] = f32::from_bits(PRIMES[2 * j + d]);
-            }
-        }
-        let bit = |set: bool, bit: u32| if set { bit } else { 0 };
-        let bits = bit(s.jitter, layout::Frame::JITTER) | bit(s.sequence == Sequence::Sobol, layout::Frame::SOBOL);
-        let offset = pixel_offset(instance_key, local);
-        let (photons, photon) = match self.photons {
-            Some(plan) => plan.parameters(s, self.scene.diagonal, local)?,
-            None => ([0; 4], [0.0; 4]),
-        };
-        let superposition = match s.superposition.filter(|_| self.eye.mirrors) {
-            Some(superposition) => [superposition.reflectors, superposition.reflectance as u32, 0, 0],
-            None => [0; 4],
-        };
-        let xyzw = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
-        let (lowest, highest) = self.scene.bounds;
-        let coordinate_scale = self.scene.coordinate_scale.max(lookout.eye.abs().max_element());
-        // A depth is a sum of a few coordinates and has rounding errors of their size.
-        let depth_unit = 2f32.powi(coordinate_scale.max(f32::MIN_POSITIVE).log2().ceil() as i32 - 22);
-        Ok(layout::Frame {
-            eye: xyzw(lookout.eye, coordinate_scale),
-            right: xyzw(lookout.right, clip * clip),
-            up: xyzw(lookout.up, clip),
-            forward: xyzw(lookout.forward, 4.0 * self.scene.diagonal),
-            bounds_min: xyzw(lowest, 1.0 / (highest - lowest).max_element().max(1e-30)),
-            pixel_offset: [offset[0], offset[1], LEAST_LIGHT_ALPHA, s.light_threshold],
-            size: [width, height, width * height, local],
-            within: [whole.origin[0], whole.origin[1], whole.size[0], whole.size[1]],
-            walk: [first, s.paths, rotation, self.lights.delta],
-            keys: [pass_key, instance_key, bits, instance],
-            scene: [self.scene.nodes, self.scene.emitters, s.max_depth, 0],
-            pattern: [s.pattern[0], s.pattern[1], s.classes(), self.lights.slots()],
-            photons,
-            photon,
-            depths,
-            shifts,
-            sobol: words,
-            choice: [s.light_floor, 0.0, 0.0, 0.0],
-            superposition,
-            mirrors: self.mirrors.map_or([0; 4], |m| [m.each, m.lights, m.mirrors, 0]),
-            lens: [lookout.lens[0], lookout.lens[1], depth_unit, 0.0],
-        })
-    }
-}
-
-/// The camera in the form of the frame's parameters.
-struct Lookout {
-    eye: Vec3,
-    right: Vec3,
-    up: Vec3,
-    forward: Vec3,
-    lens: [f32; 2],
-}
-
-impl Lookout {
-    /// That of a view; an atlas has none, and its passes do not read it.
-    fn of(view: &View) -> Lookout {
-        let Some(camera) = view.camera() else {
-            return Lookout { eye: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: Vec3::Z, lens: [0.0; 2] };
-        };
-        let [width, height] = camera.resolution.map(|n| n as f32);
-        let (right, up, forward) = camera.world_from_camera();
-        let tan_y = (0.5 * camera.fov_y.to_radians()).tan();
-        let tan_x = tan_y * width / height;
-        Lookout {
-            eye: camera.eye,
-            right: right * tan_x,
-            up: up * tan_y,
-            forward,
-            lens: [0.5 * height / tan_y * camera.aperture, 1.0 / camera.focus_distance()],
-        }
-    }
-}
-
-/// Specular lobes of virtual lights are widened to this alpha, so that no light has an extremely narrow lobe. Bias:
-/// light that sharper lobes reflect onto other surfaces is spread over a wider cone, with the same energy. Lobes at
-/// shading points are exact.
-pub const LEAST_LIGHT_ALPHA: f32 = 0.25;
-
-/// Offset of the sample in its pixel: Hammersley points (Keller 1997, 4.1) in blocks of 16, each block rotated at
-/// random. The points of a block are taken in steps of 11, so that an unfinished block is spread evenly too.
-fn pixel_offset(instance_key: u32, local: u32) -> [f32; 2] {
-    let i = (local % HAMMERSLEY_BLOCK) * 11 % HAMMERSLEY_BLOCK;
-    let point = crate::sampling::hammersley::hammersley(i, HAMMERSLEY_BLOCK);
-    [0, 1].map(|d| rotate(point[d as usize], random_f32(key(instance_key, OFFSET, local / HAMMERSLEY_BLOCK, d))))
 }
 
 #[cfg(test)]
