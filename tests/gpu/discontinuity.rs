@@ -14,7 +14,7 @@ use crate::rig::{Builder, Numbers, Rig, Tally, close, gallery, untouched};
 use crate::scenes::{Soup, camera, render};
 use crate::support::gpu_test;
 
-/// Fraction of pixels with a rounding-dependent test in their windows.
+/// Maximum fraction of pixels that may differ because rounding decides a test in their windows.
 const STRAYS: f64 = 0.005;
 
 /// The guides of all slots by the oracle; second components of tiles that are not listed take no part.
