@@ -1,6 +1,7 @@
-//! The frame: each stage once, in order, the outputs of one feeding the next.
+//! The frame: each stage once, in order; the outputs of one stage are inputs of later ones.
 //!
-//! [`Frame::record`] is one pass of the renderer, read from top to bottom; [`Frame::new`] makes the stages in the same order.
+//! [`Frame::record`] is one pass of the renderer, read from top to bottom; [`Frame::new`] makes the stages in the same
+//! order.
 
 use crate::device_scene::DeviceScene;
 use crate::error::Result;

@@ -298,7 +298,7 @@ impl StepTable {
 pub struct Plan {
     /// The settings.
     pub settings: Settings,
-    /// What is looked at.
+    /// The view.
     pub view: View,
     /// Virtual lights.
     pub lights: LightPlan,

@@ -37,20 +37,20 @@ pub struct RenderOptions {
     pub checked_shaders: bool,
     /// File that keeps compiled pipelines between runs. Default none.
     pub pipeline_cache: Option<PathBuf>,
-    /// The scene may change between passes, see [`Engine::new_dynamic`]. Default false. Costs memory, and some time for each
-    /// ray.
+    /// The scene may change between passes, see [`Engine::new_dynamic`]. Default false. Costs memory, and some time for
+    /// each ray.
     pub dynamic: bool,
     /// Render a part of the image, see [`Renderer::set_crop`]. Default: all of it.
     pub crop: Option<Region>,
-    /// If the image is too large for the device, set the renderer up for the first of [`Renderer::strips`]. Default false: too
-    /// large an image is an error.
+    /// If the image is too large for the device, set the renderer up for the first of [`Renderer::strips`]. Default
+    /// false: such an image is an error.
     pub strips: bool,
 }
 
 /// Times of one pass.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PassTimes {
-    /// Seconds by the wall clock, from recording to the end of the wait; longer if rays ran out of steps and the pass was
+    /// Wall-clock seconds, from recording to the end of the wait; longer if rays ran out of steps and the pass was
     /// repeated.
     pub seconds: f64,
     /// Seconds of these for recording commands, on the CPU.
@@ -318,7 +318,7 @@ impl Renderer {
         &self.engine
     }
 
-    /// The engine, to change camera, settings and scene. What the engine records must go through [`Renderer::pass`].
+    /// The engine, to change camera, settings and scene. Record passes only through [`Renderer::pass`].
     pub fn engine_mut(&mut self) -> &mut Engine {
         &mut self.engine
     }
@@ -329,8 +329,9 @@ impl Renderer {
     }
 
     /// Relative RMSE of the image against its limit, estimated from the difference of the two independent instances
-    /// (Kollig and Keller 2002); `None` before each has a pass. Includes noise and structured error, no bias of clipping.
-    ///
+    /// Relative RMSE of the image against its limit, estimated from the difference of the two independent instances
+    /// (Kollig and Keller 2002); `None` before each has a pass. Includes noise and structured error, but not the bias
+    /// of clipping.
     /// sqrt(mean((a - b)^2 / 4 / (m^2 + 0.01 mean(m)^2))) over all pixels and channels, m the mean of a and b.
     pub fn error_estimate(&self) -> Result<Option<f32>> {
         if self.passes() < INSTANCES {

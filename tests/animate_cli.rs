@@ -1,6 +1,6 @@
-//! `lightsum animate`: frames, times, and what it says about wrong path files.
+//! `lightsum animate`: frames, timings, and messages for wrong path files.
 //!
-//! LIGHTSUM_DEVICE names the device, as for the other tests on one.
+//! LIGHTSUM_DEVICE names the device, as for all tests with a device.
 
 use std::fs;
 use std::path::Path;
@@ -80,7 +80,7 @@ fn still_frames_accumulate_and_equal_a_rendering() {
     let output = command.env("XDG_CACHE_HOME", folder.path().join("cache")).output().unwrap();
     assert!(output.status.success(), "{}", text(&output.stderr));
     let [a, b] = ["2.png", "r.png"].map(|name| image::open(folder.path().join(name)).unwrap().into_rgb8().into_raw());
-    // Another tree: rays within rounding of an edge may meet another triangle.
+    // The tree differs, so rays within rounding of an edge may hit another triangle.
     let worst = a.iter().zip(&b).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
     assert!(worst <= 2, "differs by {worst} of 255");
 }
@@ -111,7 +111,7 @@ fn wrong_paths_are_refused_by_file_line_and_key() {
         ("times = [0, inf]\n[[camera]]\ntime = 0", &["p.toml:1", "times"]),
         ("frames = 1\n[[camera]]\ntime = 0\nfov = 200", &["p.toml:2", "camera", "fov"]),
         ("frames = 1\n[[camera]]\ntime = 0\neyes = [0, 0, 0]", &["p.toml:4", "eyes"]),
-        // Right by itself, but nothing that the scene can show.
+        // Valid by itself, but impossible in the scene.
         (
             "frames = 2\n[[object]]\nname = \"floor\"\nkeys = [{ time = 0, scale = [1e-20, 1, 1] }]",
             &["p.toml:3", "\"floor\""],

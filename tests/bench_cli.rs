@@ -1,6 +1,6 @@
-//! The benchmark as a user meets it, at sizes that take no time: what it prints and writes in each mode, and how it fails.
+//! The benchmark as a user meets it, at sizes that take no time: output and files of each mode, and failures.
 //!
-//! LIGHTSUM_DEVICE names the device, as for the other tests on one.
+//! LIGHTSUM_DEVICE names the device, as for all tests with a device.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
@@ -10,10 +10,10 @@ use std::process::{Command, Output, Stdio};
 use lightsum::scene::builtin;
 use serde_json::Value;
 
-/// What every mode is given.
+/// Flags for every mode.
 const TINY: &str = "--resolution 16x12 --repeats 1";
 
-/// The program in a folder, for temporary files too.
+/// The program in a folder that also holds its temporary files.
 fn command(folder: &Path, arguments: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lightsum-bench"));
     command.args(arguments.split_whitespace()).current_dir(folder).env_remove("RUST_LOG");
@@ -40,7 +40,7 @@ fn succeeds(folder: &Path, arguments: &str) -> Output {
     output
 }
 
-/// Runs a mode with `--json` and gives its lines; each says what it was measured on.
+/// Runs a mode with `--json` and returns its lines; each contains the environment of the measurement.
 #[track_caller]
 fn lines(folder: &Path, arguments: &str) -> Vec<Value> {
     let output = succeeds(folder, &format!("{arguments} {TINY} --json"));
@@ -59,13 +59,13 @@ fn lines(folder: &Path, arguments: &str) -> Vec<Value> {
     lines
 }
 
-/// A number above 0.
+/// A positive number.
 #[track_caller]
 fn positive(value: &Value) -> f64 {
     value.as_f64().filter(|&v| v > 0.0).unwrap_or_else(|| panic!("{value} is no number above 0"))
 }
 
-/// Runs it, checks the exit code and gives the message, which names `names`.
+/// Runs it, checks the exit code and returns the message, which must contain `names`.
 #[track_caller]
 fn fails(folder: &Path, arguments: &str, code: i32, names: &[&str]) {
     let output = command(folder, arguments).output().expect("the program starts");
@@ -222,7 +222,7 @@ fn shadow_rays_are_verified_and_what_clusters_meet_is_counted() {
             positive(&line["rays"]);
         }
     }
-    // A device without clusters has nothing to tell; the program has still succeeded.
+    // A device without clusters prints nothing; the program still succeeds.
     assert!([0, 2].contains(&lines.len()), "{lines:?}");
 }
 
@@ -240,10 +240,10 @@ fn rays_to_area_lights_are_measured_and_verified() {
             positive(&line["mega_segments_per_second"]);
         }
     }
-    // The same receivers, but other rays.
+    // The same points, but other rays.
     assert_eq!(points[0]["receivers"], wide[0]["receivers"]);
     assert_ne!(points[0]["visible"], wide[0]["visible"]);
-    // Clusters are counted where there are any.
+    // Clusters are counted if the device has them.
     let of = |kernel: &str| default.iter().filter(|line| line["kernel"] == kernel).collect::<Vec<_>>();
     let (clusters, counters) = (of("cluster"), of("counters"));
     assert_eq!((of("single").len(), clusters.len()), (1, counters.len()));
@@ -257,7 +257,7 @@ fn rays_to_area_lights_are_measured_and_verified() {
     fails(folder.path(), &format!("compare --scene room:300 --area --embree ./peer {TINY}"), 2, &["--area"]);
 }
 
-/// A program that takes the place of Embree.
+/// A substitute for Embree.
 fn peer(folder: &Path, script: &str) -> PathBuf {
     use std::os::unix::fs::PermissionsExt;
     let path = folder.join("peer");
@@ -269,7 +269,7 @@ fn peer(folder: &Path, script: &str) -> PathBuf {
 #[test]
 fn embree_is_compared_by_its_best_packets() {
     let folder = folder();
-    // It finds the rays, and is run once in each turn.
+    // It finds the rays, and runs once in each turn.
     peer(
         folder.path(),
         r#"[ -s "$1/lights.f32" ] && [ -s "$1/normals.f32" ] || exit 1
@@ -315,7 +315,7 @@ fn wrong_use_is_named() {
         fails(folder.path(), &format!("{mode} --scene absent.toml"), 1, &["absent.toml"]);
         fails(folder.path(), &format!("{mode} --scene room:20"), 2, &["room:20", "--scene"]);
         fails(folder.path(), &format!("{mode} --scene scene.toml {TINY}"), 1, &["scene.toml", "colour"]);
-        // The second one is found before the first is measured.
+        // The error in the second one is found before the first is measured.
         fails(folder.path(), &format!("{mode} --scene room:8000000 --scene rooom:300"), 1, &["rooom:300"]);
     }
     fails(folder.path(), "frame", 1, &["scenes/cornell/scene.toml"]);
@@ -329,7 +329,7 @@ fn wrong_use_is_named() {
 #[test]
 fn what_the_device_cannot_hold_is_refused() {
     let folder = folder();
-    // A gibibyte in each array, more than lavapipe binds; a graphics card may go on.
+    // A gibibyte in each array, more than lavapipe binds; a GPU may succeed.
     let arguments = "frame --scene room:300 --resolution 8192x8192 --paths 1 --max-depth 1 --repeats 1";
     let output = command(folder.path(), arguments).output().expect("the program starts");
     let message = text(&output.stderr);
@@ -390,7 +390,7 @@ fn convolution_is_measured_for_every_width_and_form() {
         positive(&line["median_seconds"]);
         let error = &line["relative_rmse"];
         match (line["form"].as_str(), line["kernel_width"].as_u64()) {
-            // One pixel wide: the image itself.
+            // Kernels of one pixel keep the image itself.
             (Some("fast"), Some(1)) => assert_eq!(error, 0.0),
             (Some("fast"), _) => assert!(error.as_f64() < Some(0.1), "{line}"),
             _ => assert!(error.is_null(), "{line}"),

@@ -1,4 +1,4 @@
-//! The command line as a user meets it, as far as it needs no Vulkan device.
+//! The command line as a user meets it, where it needs no Vulkan device.
 
 use std::fs;
 use std::path::Path;
@@ -17,7 +17,7 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// Runs it, checks the exit code and gives standard error; standard output must be empty.
+/// Runs it, checks the exit code and returns standard error; standard output must be empty.
 fn fails(arguments: &[&str], code: i32) -> String {
     let folder = folder();
     let output = lightsum(arguments, folder.path());
@@ -143,7 +143,7 @@ fn wrong_use_exits_with_2_and_names_the_flag() {
 fn files_that_are_not_there_exit_with_1_and_are_named() {
     assert!(fails(&["render", "absent.toml", "-o", "a.exr"], 1).contains("absent.toml"));
     assert!(fails(&["render", "absent.glb", "-o", "a.exr"], 1).contains("absent.glb"));
-    // The outputs are tried before the scene is read, and long before it is rendered.
+    // The outputs are checked before the scene is read, and long before it is rendered.
     for flag in ["--output", "--stats", "--export-lights"] {
         let message = fails(&["render", "absent.toml", "-o", "a.exr", flag, "nowhere/a.exr"], 1);
         assert!(message.contains("nowhere/a.exr"), "{message}");
@@ -228,7 +228,7 @@ fn a_bare_model_is_path_traced_into_every_output() {
         entries.filter(|e| e.as_ref().unwrap().path().extension().is_some_and(|x| x == extension)).count()
     };
     assert_eq!((names("tmp"), names("state")), (0, 0));
-    // The same command gives the same bytes.
+    // The same command writes the same bytes.
     let first = fs::read(folder.path().join("a.exr")).unwrap();
     assert!(run("33x17").status.success());
     assert!(fs::read(folder.path().join("a.exr")).unwrap() == first);

@@ -1,6 +1,6 @@
-//! The command line with a device: what it writes, how it goes on, and how it fails.
+//! The command line with a device: outputs, resuming, and failures.
 //!
-//! LIGHTSUM_DEVICE names the device, as for the other tests on one.
+//! LIGHTSUM_DEVICE names the device, as for all tests with a device.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -60,14 +60,15 @@ fn succeeds(folder: &Path, arguments: &str) -> Output {
     output
 }
 
-/// Contents of the files of a folder by name, the cache left out.
+/// Contents of the files of a folder by name, without the cache.
 fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
     entries.filter(|path| path.is_file()).map(|path| (name(&path), fs::read(&path).unwrap_or_default())).collect()
 }
 
-/// Runs it, checks the exit code, that the message names `names`, that no file was changed or left, and gives the message.
+/// Runs it, checks the exit code, that the message contains `names`, and that no file was changed or left; returns the
+/// message.
 #[track_caller]
 fn fails(folder: &Path, arguments: &str, code: i32, names: &[&str]) -> String {
     fs::write(folder.join("old.exr"), "an image from before").unwrap();
@@ -111,7 +112,7 @@ fn images_layers_and_statistics_are_written() {
     }
     names.sort();
     assert_eq!(image.keys().cloned().collect::<Vec<_>>(), names);
-    // Pixels that show the wall alone: L = albedo E / pi.
+    // Pixels that show only the wall: L = albedo E / pi.
     let shows_wall = |&i: &usize| image["A"][i] == 1.0 && (image["albedo.G"][i] - 0.6).abs() < 1e-3;
     let wall: Vec<usize> = (0..20 * 16).filter(shows_wall).collect();
     assert!(wall.len() > 20, "{} pixels show the wall", wall.len());
@@ -156,7 +157,7 @@ fn a_resumed_run_equals_an_unbroken_one() {
     run("parts.exr", 7, "--resume");
     let image = |name: &str| fs::read(folder.path().join(name)).unwrap();
     assert!(image("whole.exr") == image("parts.exr"));
-    // A second pass over nothing to do changes nothing.
+    // A second run with nothing left to do changes nothing.
     run("parts.exr", 7, "--resume");
     assert!(image("whole.exr") == image("parts.exr"));
     assert!(!contents(folder.path()).keys().any(|name| name.contains(".tmp")));
@@ -277,7 +278,7 @@ fn an_image_beyond_the_limits_of_the_device_is_refused_by_the_limits_name() {
     let listed = lightsum::gpu::list_devices().expect("the tests need a Vulkan device");
     println!("{} devices", listed.len());
     let folder = folder();
-    // Four floats for each of 2^26 pixels are a gibibyte; a device that binds as much at once has no such limit.
+    // Four floats for each of 2^26 pixels are a gibibyte; a device that can bind that much has no such limit.
     let options = lightsum::gpu::ContextOptions {
         device: std::env::var("LIGHTSUM_DEVICE").map_or_else(|_| Default::default(), |name| name.parse().unwrap()),
         ..Default::default()
@@ -316,7 +317,7 @@ fn a_full_disk_is_an_error_and_leaves_nothing() {
     assert_eq!(output.status.code(), Some(1), "{message}");
     assert!(message.contains("error: full.exr: writing failed") && !message.contains("panicked"), "{message}");
 
-    // Files that may not grow beyond 4 KiB or so: writing breaks off in the middle.
+    // Files may not grow beyond some 4 KiB: writing fails in the middle.
     fs::write(folder.path().join("old.exr"), "an image from before").unwrap();
     let before = contents(folder.path());
     for (output, file) in [("--resolution 128x96 -o", "old.exr"), ("--export-lights", "lights.gltf")] {
@@ -331,7 +332,7 @@ fn a_full_disk_is_an_error_and_leaves_nothing() {
         assert!(message.contains(&format!("error: {file}: writing failed")), "{message}");
         assert!(!message.contains("panicked"), "{message}");
         let mut after = contents(folder.path());
-        // The geometry of exported lights is a file of its own, whole before the one that names it is begun.
+        // The geometry of exported lights is a file of its own, complete before the file that names it is written.
         after.remove("lights.bin");
         assert!(after == before, "left: {:?}", after.keys());
     }
@@ -350,6 +351,7 @@ fn time_and_target_error_end_a_rendering() {
     assert!((2..100_000).contains(&passes), "{passes}");
     let by_time = stats("--time 0.5 --passes 1000000");
     let seconds = by_time["stages"]["render"].as_f64().unwrap_or_default();
-    // The pass that runs when time is up is finished. The stage holds the passes alone, not the estimates between them.
+    // The pass that runs when time is up is finished. The stage contains only the passes, not the estimates between
+    // them.
     assert!((0.25..30.0).contains(&seconds) && by_time["passes"].as_u64() < Some(1_000_000), "{by_time}");
 }

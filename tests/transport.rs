@@ -1,5 +1,5 @@
 //! The path tracer against closed forms. Statistical tolerances are five standard errors of the mean, measured from the
-//! pixels, which are independent; what tessellation adds is stated where it does.
+//! pixels, which are independent; errors of tessellation are stated where they occur.
 
 use glam::{DVec3, Vec2, Vec3};
 use lightsum::accel::{Bvh, Ray};
@@ -85,17 +85,17 @@ impl Build {
     }
 }
 
-/// Mean and standard error of the radiance against one ray.
+/// Mean and standard error of the radiance along one ray.
 fn along(scene: &Scene, origin: Vec3, direction: Vec3, depth: u32, samples: u32) -> (f64, f64) {
     mean_over(scene, depth, samples, |_| Ray::new(origin, direction.normalize()))
 }
 
-/// Mean and standard error of the radiance against rays chosen at random.
+/// Mean and standard error of the radiance along random rays.
 fn mean_over(scene: &Scene, depth: u32, samples: u32, ray: impl Fn(&mut Rng) -> Ray) -> (f64, f64) {
     let bvh = Bvh::build(scene).unwrap();
     bvh.validate(scene).unwrap();
     let emitters = Emitters::of(scene, true).unwrap();
-    // As many segments, whether the eye sees something directly or not.
+    // The same number of segments, whether the eye sees it directly or not.
     let options = Options { max_depth: depth, max_specular: depth - 1, ..OPTIONS };
     let tracer = Tracer::new(scene, &bvh, &emitters, &options);
     let (mut sum, mut squares) = (0.0, 0.0);
@@ -110,7 +110,7 @@ fn mean_over(scene: &Scene, depth: u32, samples: u32, ray: impl Fn(&mut Rng) -> 
     (mean, ((squares / n - mean * mean).max(0.0) / n).sqrt())
 }
 
-/// Checks the radiance against one ray; `slack` is relative and for what is not noise.
+/// Checks the radiance along one ray; `slack` is the relative tolerance for errors other than noise.
 fn expect(scene: &Scene, ray: (Vec3, Vec3), depth: u32, samples: u32, expected: f64, slack: f64) {
     let (mean, error) = along(scene, ray.0, ray.1, depth, samples);
     assert!(error < 0.01 * expected, "too noisy to say: {mean} +- {error}");
@@ -259,7 +259,7 @@ fn point_light_in_a_sphere() {
             expect(&b.0, (Vec3::ZERO, Vec3::new(0.3, 0.4, 0.8)), depth, 4000, expected, 6e-3);
         }
     }
-    // The same sphere glowing inwards by itself: emission 1/2 and reflectance 1/2 give 1, as faces and as sphere light.
+    // The same sphere with an emissive inside: emission 1/2 and reflectance 1/2 give 1, as faces and as sphere light.
     for as_light in [false, true] {
         let mut b = Build::default();
         let wall = b.material(0.5, 0.5);
@@ -285,7 +285,7 @@ fn unequal_patches_in_a_sphere() {
     b.sphere(4, |octant| octant as u32);
     let total = f64::from(exitance.iter().sum::<f32>()) / 8.0 / (1.0 - f64::from(rho.iter().sum::<f32>()) / 8.0);
     for octant in 0..8usize {
-        // Mean over the octant, since at one point the mesh's normal is off the sphere's by up to 0.04.
+        // Mean over the octant, since the mesh's normal differs from the sphere's by up to 0.04 at a point.
         let ray = |rng: &mut Rng| {
             let d = uniform_sphere([rng.next_f32(), rng.next_f32()]).abs();
             let sign = |bit: usize| if octant >> bit & 1 == 1 { -1.0 } else { 1.0 };
@@ -324,7 +324,7 @@ fn delta_lights_by_hand() {
         b.quad(Vec3::new(-3.0, 0.0, -3.0), Vec3::Z * 6.0, Vec3::X * 6.0, floor);
         b.0.lights = vec![light];
         expect(&b.0, (eye, target - eye), 2, 4, f64::from(0.6 / PI * irradiance), 1e-4);
-        // Something in the way.
+        // An occluder.
         let blocker = b.material(0.5, 0.0);
         let middle = if let Light::Directional { .. } = light { target - sun } else { (position + target) * 0.5 };
         b.quad(middle - Vec3::new(0.1, 0.0, 0.1), Vec3::X * 0.2, Vec3::Z * 0.2, blocker);
@@ -422,7 +422,7 @@ fn images_repeat_bit_for_bit() {
     assert_eq!(first, one_thread.install(|| image(OPTIONS)));
     assert_ne!(first, image(Options { seed: 4, ..OPTIONS }));
     assert_ne!(first, image(Options { seed: 3 + (1 << 32), ..OPTIONS }));
-    // The mirror, near the middle of the image, is black where it is not followed.
+    // The mirror, near the centre of the image, is black if it is not followed.
     let black = image(Options { specular_paths: SpecularPaths::None, ..OPTIONS });
     assert_eq!(black[6 * 20 + 10], Vec3::ZERO);
     assert!(first[6 * 20 + 10].x > 0.0);
@@ -461,7 +461,7 @@ fn camera_looks_the_right_way() {
     assert!((right.x / right.z + up.y / up.z).abs() < 1e-6);
 }
 
-/// Whatever point of the lens they leave, rays through a point of the image meet in the plane in focus.
+/// Rays through a point of the image meet in the plane in focus, from any point of the lens.
 #[test]
 fn rays_of_a_lens_meet_in_focus() {
     let (_, camera) = room();
@@ -478,7 +478,7 @@ fn rays_of_a_lens_meet_in_focus() {
         let [a, b] = [camera.eye + d * (0.7 / d.z), ray.origin + ray.direction * (0.7 / ray.direction.z)];
         assert!((a - b).length() < 1e-5, "{i}: {a} {b}");
     }
-    // A disc's is half the square of its radius.
+    // For a disc, half the square of its radius.
     assert!((mean_square - 0.005).abs() < 0.0005, "{mean_square}");
 }
 

@@ -1,7 +1,7 @@
 //! Chooses the lights without area that light a pass, where a scene has more than
-//! [`crate::settings::Settings::delta_lights`] of them (Wald et al. 2002, 5.1.4). Particles do not reach point, spot,
-//! parallel and imported lights, so without this pass a hall with hundreds of lamps needs as many shadow rays for each
-//! shading point.
+//! [`crate::settings::Settings::delta_lights`] of them (Wald et al. 2002, 5.1.4). Point, spot, parallel
+//! and imported lights are used directly and not through particles, so without this pass a hall with hundreds of lamps
+//! needs hundreds of shadow rays for each shading point.
 //!
 //! N of n lights are chosen in proportion to weights w: the probabilities by which particles start from them,
 //! proportional to power or, after [`super::importance`], to their estimated contribution to the image, mixed with a
@@ -13,11 +13,11 @@
 //! ```
 //!
 //! Sixteen rounds of s = (N - lights at 1) / sum of the other w determine s, reduced by a thousandth for rounding; so
-//! the sum is slightly below N (more so if sixteen rounds do not suffice), and the last slot is sometimes empty. The pi
-//! form consecutive intervals on a line of length N, and the lights are chosen whose intervals contain the points u, u
-//! + 1, ... (systematic sampling). u starts at random and advances by the golden ratio from pass to pass and by 1 / K
-//! from one of the K classes of pixels to the next, so that a filter over all classes sees the K N points of a finer
-//! set.
+//! the sum is slightly below N (more so if sixteen rounds do not suffice), and the last slot is sometimes empty. The
+//! pi form consecutive intervals on a line of length N, and the lights are chosen whose intervals contain one of the
+//! points u, u + 1, ... (systematic sampling). u starts at random and advances by the golden ratio from pass to pass
+//! and by 1 / K from one of the K classes of pixels to the next, so that a filter over all classes sees the K N
+//! points of a finer set.
 //!
 //! pi and u are multiples of 2^-20, pi at least 2^-20 for every light, and the weight is computed from the rounded pi:
 //! the mean over u is exactly the sum over all lights, however pi is rounded.

@@ -3,8 +3,8 @@
 //! For a shading point at x with normal n and each light at y (see `shaders/include/lights.wgsl` for I):
 //!
 //! ```text
-//! E += V(x, y) I(y -> x) cos(x) / max(|x - y|^2, clip^2)          clipped distance, Wald et al. 2002
-//! L += f_s(x, wi, wo) times the same                              the lobe at the shading point, Keller 1997
+//! E += V(x, y) I(y -> x) cos(x) / max(|x - y|^2, clip^2)          clipped distance
+//! L += f_s(x, wi, wo) times the same                              the lobe at the shading point
 //! ```
 //!
 //! E is kept separate from the diffuse albedo, and direct light from indirect light.

@@ -1,4 +1,4 @@
-//! Tests that need no device.
+//! Tests without a device.
 
 mod scene;
 mod scene_gltf;

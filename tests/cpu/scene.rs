@@ -1,4 +1,4 @@
-//! Scene files: what is read, what is refused and how, and the generated scenes.
+//! Scene files: valid ones, invalid ones and their errors, and the generated scenes.
 
 use std::f32::consts::PI;
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ fn folder(files: &[(&str, &str)]) -> TempDir {
     folder
 }
 
-/// The error of a scene, without the folder's name.
+/// The error of a scene, without the name of the folder.
 fn refusal(files: &[(&str, &str)], main: &str) -> String {
     let folder = folder(files);
     let error = scene::load(&folder.path().join(main)).expect_err("should be refused").to_string();
@@ -83,7 +83,7 @@ fn obj_is_read() {
     assert!((scene.diagonal() - 2.0f32.sqrt()).abs() < 1e-6);
     assert!((scene.triangle_area(0) - 0.5).abs() < 1e-6);
 
-    // Smooth only where all corners have a normal with a direction.
+    // Smooth only if all corners have a nonzero normal.
     let smooth: Vec<bool> = scene.triangles.iter().map(|t| t.smooth).collect();
     assert_eq!(smooth, [true, true, false, false, false, false, false, false, false, false]);
     let corner = scene.triangles[0].vertices[1] as usize;
@@ -106,7 +106,7 @@ fn obj_is_read() {
     assert_eq!((pane.surface, pane.ior, pane.thin), (Surface::Glass, 1.52, true));
     assert_eq!(pane.base_color, Vec3::new(0.9, 1.0, 0.8), "Tf");
     assert_eq!(material(&scene, "dull").specular, Vec3::ZERO);
-    // Lowered so that no channel reflects more than it receives.
+    // Scaled down so that no channel reflects more than it receives.
     assert!((material(&scene, "bright").base_color - Vec3::new(0.7, 0.8, 0.9)).abs().max_element() < 1e-6);
     assert_eq!(material(&scene, "lamp").emission, Vec3::new(2.0, 3.0, 4.0));
 }
@@ -120,7 +120,7 @@ fn textures_stand_upright() {
     // Rows from the top: the texel at v = 0 is the file's first.
     assert_eq!(texture.texels[0], [255, 0, 0, 255]);
     assert_eq!(texture.texels[2], [0, 0, 255, 255]);
-    // The square's upper left corner (0, 1, 0) takes the texture's upper left corner.
+    // The upper left corner of the square, (0, 1, 0), gets that of the texture.
     let corner = |p: Vec3| {
         let vertices = scene.triangles[0].vertices.into_iter().chain(scene.triangles[1].vertices);
         scene.uvs[vertices.map(|v| v as usize).find(|&v| scene.positions[v] == p).unwrap()]
@@ -147,7 +147,7 @@ fn bad_obj_is_refused() {
     refused_obj("f 1 2 two", &["a.obj:8:", "\"two\""]);
     refused_obj("f 1/1/1/1 2 3", &["a.obj:8:"]);
     refused_obj("f 1 2 99999999999999999999", &["a.obj:8:"]);
-    // A continued line counts from where it starts.
+    // A continued line counts from its first line.
     refused_obj("f 1 \\\n2 \\\n9", &["a.obj:8:", "vertex index 9"]);
     refused_obj("usemtl lamp\nf 1 1 2", &["thing", "triangle 1", "zero area", "lamp"]);
     assert_refused(&[("a.obj", "v 0 0 0\n")], "a.obj", &["a.obj", "no triangles"]);
@@ -166,7 +166,7 @@ fn bad_mtl_is_refused() {
     refused_mtl("illum two", &["m.mtl:3:", "illum"]);
     refused_mtl("map_Kd", &["m.mtl:3:", "map_Kd"]);
     refused_mtl("map_Kd nowhere.png", &["m.mtl:3:", "lamp", "nowhere.png"]);
-    // A file that is no picture.
+    // A file that is not an image.
     refused_mtl("map_Kd m.mtl", &["m.mtl:3:", "lamp", "m.mtl"]);
 }
 
@@ -176,7 +176,7 @@ fn odd_obj_is_accepted() {
                f 1 2 3\r\nf 1 2\r\nf 1 1 2\r\nl 1 2\r\nusemtl unheard of\r\nf 1 2 4\r\nfoo bar\r\n";
     let mtl = "newmtl lamp\nKe 1\nKd 0\n";
     let folder = folder(&[("m.mtl", mtl), ("a.obj", obj)]);
-    // The triangle of no area has a material that emits.
+    // The triangle of zero area has a material that emits.
     assert!(scene::load(&folder.path().join("a.obj")).is_err());
     std::fs::write(folder.path().join("a.obj"), obj.replace("f 1 1 2\r\n", "")).unwrap();
     let scene = scene::load(&folder.path().join("a.obj")).unwrap();
@@ -184,7 +184,7 @@ fn odd_obj_is_accepted() {
     assert_eq!(scene.objects, ["a b"]);
     assert_eq!(material(&scene, "unheard of").base_color, Vec3::splat(0.8));
     assert_eq!(material(&scene, "lamp").emission, Vec3::ONE);
-    // Triangles of no area disappear where they emit nothing.
+    // Triangles of zero area are dropped if they do not emit.
     std::fs::write(folder.path().join("a.obj"), format!("{obj}f 2 2 4\r\n").replace("f 1 1 2\r\n", "")).unwrap();
     assert_eq!(scene::load(&folder.path().join("a.obj")).unwrap().triangles.len(), 2);
 }
@@ -219,7 +219,7 @@ fn description_is_read() {
     assert_eq!((scene.render.passes, scene.render.clip_fraction, scene.render.seed), (Some(7), Some(0.1), None));
     let lamp = material(&scene, "lamp");
     assert_eq!((lamp.emission, lamp.roughness), (Vec3::new(3.0, 2.0, 1.0), 0.25));
-    // Nothing says what it mirrors, so its base colour it is.
+    // No other key sets its mirror reflectance, so its base colour does.
     assert_eq!((lamp.surface, lamp.metallic, lamp.two_sided), (Surface::Mirror, 1.0, true));
     assert_eq!((scene.render.max_specular, scene.render.split), (Some(3), Some(false)));
     assert_eq!(scene.lights.len(), 4);
@@ -234,7 +234,7 @@ fn description_is_read() {
     let Light::Sphere { object, radius, inward: false, .. } = scene.lights[3] else { panic!("{:?}", scene.lights[3]) };
     assert_eq!((scene.objects[object as usize].as_str(), radius), ("d_ball", 0.5));
 
-    // The sphere's triangles: 1280 of them, outward, of nearly its area, no emitters of their own.
+    // The sphere's triangles: 1280, facing outwards, with nearly its area, and no emitters of their own.
     let ball: Vec<usize> = (0..scene.triangles.len()).filter(|&i| scene.triangles[i].object == object).collect();
     assert_eq!(ball.len(), 1280);
     let area: f32 = ball.iter().map(|&i| scene.triangle_area(i)).sum();
@@ -358,7 +358,7 @@ fn cornell_box_is_cornells() {
     let area: f32 = emitters.iter().map(|&i| scene.triangle_area(i as usize)).sum();
     assert!((area - 130.0 * 105.0).abs() < 0.1, "{area}");
     assert_eq!(material(&scene, "light").emission, Vec3::new(18.387, 13.9873, 6.75357));
-    // Blocks face outwards, walls and light into the room.
+    // Blocks face outwards, walls and lamp into the room.
     for (i, t) in scene.triangles.iter().enumerate() {
         let [a, b, c] = scene.triangle_positions(i);
         let outward = (b - a).cross(c - a);
@@ -389,7 +389,7 @@ fn the_glass_ball_is_a_body_in_a_room_of_800_triangles() {
     assert_eq!((scene.triangles.len(), scene.emitters().len()), (800, 2));
     let (glass, mirror) = (material(&scene, "glass"), material(&scene, "mirror"));
     assert_eq!((glass.surface, glass.thin, mirror.surface), (Surface::Glass, false, Surface::Mirror));
-    // Only the ball is smooth, and it is closed and faces outwards.
+    // Only the ball is smooth; it is closed and faces outwards.
     let mut ball = scene.clone();
     ball.triangles.retain(|t| t.smooth);
     assert_eq!(ball.triangles.len(), 672);
@@ -436,7 +436,7 @@ fn the_house_has_five_reflectors_of_different_roughness() {
         ("reflector_5", 0.25),
     ];
     assert_eq!(found, expected);
-    // One lamp of two triangles under each ceiling.
+    // One lamp of two triangles below each ceiling.
     let lamps = scene.emitters();
     let ceilings = lamps.iter().filter(|&&i| {
         let t = scene.triangles[i as usize];
@@ -446,7 +446,7 @@ fn the_house_has_five_reflectors_of_different_roughness() {
     assert_smooth_normals_agree(&scene);
 }
 
-/// Normals of smooth triangles lie on the side that the triangles face.
+/// Checks that normals of smooth triangles are on the triangles' front side.
 fn assert_smooth_normals_agree(scene: &Scene) {
     for (i, t) in scene.triangles.iter().enumerate().filter(|(_, t)| t.smooth) {
         let [a, b, c] = scene.triangle_positions(i);
@@ -458,7 +458,7 @@ fn assert_smooth_normals_agree(scene: &Scene) {
     }
 }
 
-/// Signed volume by the divergence theorem: negative where a closed surface faces inwards.
+/// Signed volume by the divergence theorem: negative if a closed surface faces inwards.
 fn volume(scene: &Scene) -> f32 {
     (0..scene.triangles.len())
         .map(|i| {
@@ -523,7 +523,7 @@ fn mean_reflectivity_weighs_by_area() {
     assert!((builtin::facing_plates(1.0).mean_reflectivity() - 0.25).abs() < 1e-6);
     let mut plates = builtin::facing_plates(1.0);
     plates.materials[0].specular = Vec3::splat(0.2);
-    // Of a mirror particles find the diffuse base alone, and of glass nothing.
+    // Particles see only the diffuse base of a mirror, and nothing of glass.
     plates.materials[1].surface = Surface::Mirror;
     plates.materials[1].specular = Vec3::splat(0.3);
     assert!((plates.mean_reflectivity() - 0.35).abs() < 1e-6);

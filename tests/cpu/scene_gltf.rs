@@ -1,4 +1,4 @@
-//! glTF models: what is read, what is refused, and lights exported and read back.
+//! glTF models: valid ones, invalid ones, and lights exported and read back.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::path::{Path, PathBuf};
@@ -147,7 +147,7 @@ fn nodes_are_flattened() {
         c.document["nodes"] = json!([
             { "children": [1, 2], "translation": [0, 0, 5], "scale": [2, 2, 2] },
             { "mesh": 0, "translation": [1, 0, 0] },
-            // Mirrored in x: the winding must turn, so that the front stays at +z.
+            // Mirrored in x: the winding is reversed, so that the front stays at +z.
             { "mesh": 0, "scale": [-1, 1, 1] },
         ]);
     });
@@ -260,7 +260,7 @@ fn lights_and_camera_are_read() {
     let photometric = scene::load(&case.path("scene.toml")).unwrap();
     let Light::Point { intensity, .. } = photometric.lights[0] else { panic!("{:?}", photometric.lights[0]) };
     assert!(near(intensity, Vec3::new(2.0, 1.0, 0.5)));
-    // The model's camera serves where the description has none.
+    // The model's camera is the default where the description has none.
     assert_eq!(photometric.camera, scene.camera);
 }
 
@@ -303,7 +303,7 @@ fn bad_gltf_is_refused() {
         },
         &["none.png"],
     );
-    // A light that does not exist, which the glTF crate does not check.
+    // A missing light, which the glTF crate does not detect.
     refused(
         &|c| {
             c.document["extensionsUsed"] = json!(["KHR_lights_punctual"]);
@@ -344,7 +344,7 @@ fn sparse_accessors_are_applied() {
     assert!(error.contains("sparse index 3"), "{error}");
 }
 
-/// A scene with everything that an export must keep.
+/// A scene with every feature that an export must keep.
 fn rich_scene() -> Scene {
     let mut scene = builtin::room(500);
     let texel = |i: u8| [i.wrapping_mul(37), i.wrapping_mul(91), i.wrapping_mul(53), 255];
@@ -406,7 +406,7 @@ fn exported_lights_come_back() {
     assert_eq!(back.textures[0].texels, scene.textures[0].texels);
     assert_eq!((back.textures[0].wrap, back.textures[0].srgb), (scene.textures[0].wrap, true));
 
-    // The triangles may have changed places within an object, nothing else.
+    // The order of triangles within an object may differ, nothing else.
     let corners = |scene: &Scene| {
         let mut list: Vec<String> = (0..scene.triangles.len())
             .map(|i| {
@@ -424,7 +424,7 @@ fn exported_lights_come_back() {
     assert_eq!(corners(&back), corners(&scene));
     assert_eq!(back.mean_reflectivity(), scene.mean_reflectivity());
 
-    // Exporting what came back gives the same lights again.
+    // Exporting the imported scene gives the same lights again.
     let again = folder.path().join("again.gltf");
     export_lights(&again, &back, &[]).unwrap();
     assert_eq!(virtual_lights(&scene::load(&again).unwrap()), expected);
@@ -436,7 +436,7 @@ fn exported_files_mean_the_same_to_others() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("lights.gltf");
     export_lights(&path, &builtin::furnace(0.5, 3.0), &[light]).unwrap();
-    // Without our extras, the emission stays and the light is a spot over the hemisphere.
+    // Without our extras, the emission remains and the light is a spot over the hemisphere.
     let mut document: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     let power = document["nodes"][2]["extras"]["lightsum"]["power"].to_string();
     assert_eq!(power, "[1.0,2.0,0.5]");
@@ -508,7 +508,7 @@ fn damaged_files_never_panic() {
                 }
             }
             std::fs::write(case.path(name), damaged).unwrap();
-            // Either a scene or an error; only a panic would fail here.
+            // Either a scene or an error; only a panic fails here.
             if let Ok(scene) = scene::load(&case.path(main)) {
                 assert!(!scene.triangles.is_empty());
             }

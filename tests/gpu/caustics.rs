@@ -1,4 +1,4 @@
-//! Caustics by photons: against closed forms, against the path tracer, and what they promise besides.
+//! Caustics by photons: against closed forms, against the path tracer, and their other guarantees.
 
 use glam::{Vec3, Vec4};
 use lightsum::accel::Bvh;
@@ -14,7 +14,7 @@ use crate::rig::{Rig, gallery, hit_of};
 use crate::scenes::{Soup, camera, render, settings};
 use crate::support::gpu_test;
 
-/// A mirror that reflects all.
+/// A perfect mirror.
 fn perfect() -> Material {
     Material { surface: Surface::Mirror, base_color: Vec3::ZERO, specular: Vec3::ONE, ..Material::default() }
 }
@@ -23,7 +23,7 @@ fn shooting(photons: u32) -> Settings {
     Settings { photons, ..settings(4, 2) }
 }
 
-/// The photons of a pass as they are shot: flux of those that arrive at their target.
+/// The photons of a pass as they start: flux of those that hit their target.
 fn flux_at_targets(ctx: &Context, scene: &Scene, photons: u32) -> f64 {
     let rig = Rig::new(ctx, scene, [8, 8], shooting(photons));
     rig.run(|frame, rec| frame.photons.as_ref().unwrap().record_start(rec));
@@ -48,7 +48,7 @@ fn the_flux_at_mirrors_and_glass_is_what_lights_send_there() {
             println!("{what}: {found} W for {expected}");
             assert!((found / expected - 1.0).abs() < tolerance, "{what}: {found} for {expected}");
         };
-        // A point light and a ball: I Omega; the ball's faces lie a little within it.
+        // A point light and a ball: I Omega; the ball's faces are slightly inside it.
         let mut soup = Soup::new("ball");
         let glass = soup.material(Material { surface: Surface::Glass, ior: 1.5, ..Material::default() });
         soup.ball(Vec3::ZERO, 0.5, 96, glass);
@@ -116,7 +116,7 @@ fn a_paraboloid_brings_parallel_light_to_its_focus() {
             .filter(|(place, _)| place.w == 1.0)
             .map(|(place, flux)| (place.truncate(), flux.x))
             .collect();
-        // All that enters the polygon of the rim beside the plate's shadow, and nothing of it is lost.
+        // All light that enters the polygon of the rim outside the plate's shadow, without loss.
         let n = sectors as f32;
         let rim = 0.5 * n * (std::f32::consts::TAU / n).sin();
         let expected = 2.0 * (rim - 4.0 * half * half);
@@ -130,7 +130,7 @@ fn a_paraboloid_brings_parallel_light_to_its_focus() {
     });
 }
 
-/// What mirrors and glass throw on, by the path tracer: all light but what the renderer sees without photons.
+/// Light over mirrors and glass by the path tracer: all light minus the light that the renderer finds without photons.
 fn thrown(scene: &Scene, camera: &Camera, samples: u32, max_depth: u32) -> Vec<Vec3> {
     let bvh = Bvh::build(scene).unwrap();
     let emitters = Emitters::of(scene, scene.emitters_are_lights).unwrap();
@@ -201,12 +201,12 @@ fn scenes_without_mirrors_and_glass_have_no_photons() {
         let scene = builtin::single_triangle_light();
         let rig = Rig::new(ctx, &scene, [8, 8], shooting(100));
         assert!(rig.frame().photons.is_none() && rig.engine.device_scene().target_buffers.is_none());
-        // Emitters alone are seen, or nothing ideal is followed.
+        // Only emitters are seen, or no ideal surface is followed.
         let scene = gallery();
         for settings in [Settings { max_depth: 1, ..shooting(100) }, Settings { max_specular: 0, ..shooting(100) }] {
             assert!(Rig::new(ctx, &scene, [8, 8], settings).frame().photons.is_none());
         }
-        // Targets stay, so that settings may ask for photons later.
+        // Targets are kept, so that settings may enable photons later.
         assert!(Rig::new(ctx, &scene, [8, 8], shooting(0)).frame().photons.is_none());
     });
 }

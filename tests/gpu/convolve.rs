@@ -1,4 +1,5 @@
-//! The convolution against its oracle, and what it promises: constants, energy and regions stay, the fast form keeps its error.
+//! The convolution against its oracle, and its guarantees: it preserves constants, energy and regions; the error of the
+//! fast form is bounded.
 
 use glam::{Vec2, Vec3, Vec4};
 use lightsum::gpu::{Context, Staging, download, upload};
@@ -8,7 +9,7 @@ use lightsum::pass::convolve::{Convolve, Form, Inputs, KERNEL_TEXELS, Library};
 use crate::rig::Numbers;
 use crate::support::gpu_test;
 
-/// Textures: a disc, a smooth lobe, a long lobe to one side, one that vanishes in its middle.
+/// Textures: a disc, a smooth lobe, a long one-sided lobe, one that is 0 at its centre.
 fn library() -> Vec<f32> {
     let lobes: [fn(Vec2) -> f32; 4] = [
         |_| 3.0,
@@ -22,7 +23,7 @@ fn library() -> Vec<f32> {
     lobes.iter().flat_map(|&lobe| (0..edge * edge).map(move |i| texel(lobe, i))).collect()
 }
 
-/// An image to be convolved.
+/// An input image.
 struct Subject {
     size: [u32; 2],
     source: Vec<Vec4>,
@@ -37,8 +38,8 @@ struct Subject {
 }
 
 impl Subject {
-    /// Random radiance, depths in steps, every layer and direction, diameters up to `widest`; three regions, in part of single pixels,
-    /// and holes.
+    /// Random radiance, depths in steps, every layer and direction, diameters up to `widest`; three regions, partly of
+    /// single pixels, and holes.
     fn random(size: [u32; 2], widest: f32) -> Subject {
         let mut numbers = Numbers(size[0] * 31 + size[1] * 7 + widest as u32);
         let count = (size[0] * size[1]) as usize;
@@ -60,7 +61,7 @@ impl Subject {
         Subject { size, source, footprint, region, kernels, narrowings, widest, form, occlusion: false, layers: false }
     }
 
-    /// What the pass makes of it.
+    /// The result of the pass.
     fn convolved(&self, ctx: &Context) -> Vec<Vec4> {
         let flat = |v: &[Vec4]| v.iter().flat_map(|v| v.to_array()).collect::<Vec<f32>>();
         let source = upload(ctx, "source", &flat(&self.source)).unwrap();
@@ -112,7 +113,7 @@ fn assert_close(found: &[Vec4], expected: &[Vec4], tolerance: f32, what: &str) {
     }
 }
 
-/// Sizes at which off-by-one mistakes show, and kernel widths: none, narrow, wider than the image.
+/// Sizes that reveal off-by-one mistakes, and kernel widths: none, narrow, wider than the image.
 const SIZES: [[u32; 2]; 5] = [[1, 1], [27, 1], [8, 8], [31, 17], [2049, 1]];
 const WIDTHS: [f32; 5] = [0.0, 1.0, 3.3, 7.0, 70.0];
 
@@ -130,13 +131,13 @@ fn convolve_follows_its_oracle() {
                 }
             }
         }
-        // More taps than one dispatch may take, and more than are summed for the norm.
+        // More taps than one dispatch may take, and a kernel wider than those that are summed for the norm.
         let subject = Subject::random([300, 2], 420.0);
         assert_close(&subject.convolved(ctx), &subject.expected(), 1e-3, "420 pixels wide");
     });
 }
 
-/// Up to the narrowest kernels that rise in the pyramid the fast form takes the same sum, and where it does not its error is small.
+/// For kernels that stay in level 0 the fast form takes the same sum; for wider ones its error is small.
 #[test]
 fn convolve_fast_errs_little() {
     gpu_test(|ctx| {
@@ -158,7 +159,7 @@ fn convolve_fast_errs_little() {
             (3.0, 31.0, 0.025),
             (3.0, 63.0, 0.025),
         ] {
-            // The smooth lobe once more with half its width across.
+            // The smooth lobe again, half as wide along v.
             let (layer, narrowing) = if layer == 3.0 { (1.0, 4) } else { (layer, 0) };
             let narrowed =
                 |form| Subject { form, narrowings: vec![narrowing; 4], ..natural([160, 120], widest, layer) };
@@ -176,7 +177,7 @@ fn relative_rmse(image: &[Vec4], expected: &[Vec4]) -> f32 {
     (squares / (3 * expected.len()) as f32).sqrt() / mean
 }
 
-/// Each region is of one colour, which no other one may touch, and which stays up to its edges.
+/// Each region has one colour, which must not bleed into others and must be constant up to the edges.
 #[test]
 fn convolve_keeps_constants_and_regions() {
     gpu_test(|ctx| {
@@ -186,7 +187,7 @@ fn convolve_keeps_constants_and_regions() {
                 for form in FORMS {
                     let mut subject = Subject { form, ..Subject::random(size, widest) };
                     for (light, &region) in subject.source.iter_mut().zip(&subject.region) {
-                        // What takes no part may hold anything.
+                        // Pixels that take no part may hold any value.
                         *light = if region == 0 { Vec4::NAN } else { colours[region as usize].extend(light.w) };
                     }
                     for (i, (found, &region)) in subject.convolved(ctx).iter().zip(&subject.region).enumerate() {
@@ -200,7 +201,7 @@ fn convolve_keeps_constants_and_regions() {
     });
 }
 
-/// Wide and narrow kernels weigh alike: what is spread is what there was, away from edges.
+/// Wide and narrow kernels have equal weight: away from edges the energy is preserved.
 #[test]
 fn convolve_keeps_energy() {
     gpu_test(|ctx| {
@@ -223,7 +224,7 @@ fn convolve_keeps_energy() {
     });
 }
 
-/// Where nothing spreads the mirror image comes out, bit for bit.
+/// Without spreading the mirror image is unchanged, bit for bit.
 #[test]
 fn convolve_by_nothing_is_the_mirror_image() {
     gpu_test(|ctx| {
@@ -255,7 +256,7 @@ fn convolve_takes_one_footprint_for_all() {
     });
 }
 
-/// A ring whose middle is empty reaches nobody in a region of one pixel, which keeps what it shows.
+/// A ring with an empty centre reaches no pixel of a region of one pixel, which keeps its own radiance.
 #[test]
 fn what_no_weight_reaches_keeps_its_own() {
     gpu_test(|ctx| {
@@ -288,8 +289,8 @@ fn convolve_gives_the_same_bits_again() {
     });
 }
 
-/// Layers spread over each other: directly as if they were one region; in the fast form too, but that what rose behind is held back by
-/// the pixel's own width.
+/// Layers spread over each other: in the direct form as if they were one region; so too in the fast form, except that a
+/// pixel's own width limits the light of the back layer's pyramid.
 #[test]
 fn layers_spread_over_each_other() {
     gpu_test(|ctx| {
@@ -300,7 +301,7 @@ fn layers_spread_over_each_other() {
                 let mut one = Subject { form, occlusion: true, ..Subject::random(size, widest) };
                 one.region = subject.region.iter().map(|&r| r.min(1)).collect();
                 let what = format!("{size:?}, widest {widest}, {form:?}");
-                // None of these kernels rises.
+                // None of these kernels leaves level 0.
                 let (expected, tolerance) = match form {
                     Form::Fast => (one.convolved(ctx), 1e-5),
                     _ => (one.expected(), 2e-4),
@@ -308,7 +309,7 @@ fn layers_spread_over_each_other() {
                 assert_close(&subject.convolved(ctx), &expected, tolerance, &what);
             }
         }
-        // A blurred stripe in front spreads over a sharp board, which covers a blurred wall.
+        // A blurred stripe in front spreads over a sharp board, which occludes a blurred wall.
         let mut subject = Subject::random([96, 64], 30.0);
         (subject.occlusion, subject.layers, subject.form) = (true, true, Form::Fast);
         for i in 0..96 * 64 {
@@ -326,7 +327,7 @@ fn layers_spread_over_each_other() {
         for x in 0..96 {
             let l = at(x);
             assert!((l.element_sum() - 1.0).abs() < 1e-4, "{x}: {l}");
-            // The wall stays behind, the board is nowhere but where it is.
+            // The wall stays behind the board, which stays in place.
             assert!((32..64).contains(&x) || l.y < 1e-4, "{x}: {l}");
             assert!(x >= 64 || l.z < 1e-4, "{x}: {l}");
         }
@@ -334,7 +335,7 @@ fn layers_spread_over_each_other() {
     });
 }
 
-/// A near bright ball before a far wall that is blurred: with occlusion the wall does not bleed over it.
+/// A near bright ball in front of a blurred far wall: with occlusion the wall does not bleed over it.
 #[test]
 fn what_lies_behind_stays_behind() {
     gpu_test(|ctx| {

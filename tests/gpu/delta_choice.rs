@@ -1,4 +1,4 @@
-//! The choice among lights without area: the pass against its oracle, and what it does to images.
+//! The choice among lights without area: the pass against its oracle, and its effect on images.
 
 use std::collections::HashMap;
 
@@ -13,7 +13,7 @@ use crate::rig::{Builder, Numbers, Rig, xyz};
 use crate::scenes::{Soup, camera, compare, mean, render, settings};
 use crate::support::gpu_test;
 
-/// A floor under `count` lights of all kinds without area, the brightest thousands of times as bright as the others.
+/// A floor under `count` lights of all kinds without area, the brightest thousands of times brighter than the others.
 fn lamps(count: u32) -> Scene {
     let mut b = Builder::default();
     let mut numbers = Numbers(11);
@@ -34,14 +34,14 @@ fn lamps(count: u32) -> Scene {
     b.finish(Vec3::new(0.1, 1.5, -3.0), Vec3::new(0.0, 0.0, 0.5))
 }
 
-/// What tells a light from others, whatever its strength.
+/// Identifies a light, whatever its intensity.
 fn place(light: &PointLight) -> [u32; 8] {
     let bits = |a: [f32; 4]| a.map(f32::to_bits);
     let (p, n) = (bits(light.position), bits(light.normal));
     std::array::from_fn(|i| if i < 4 { p[i] } else { n[i - 4] })
 }
 
-/// The lights of each class that the choice left in a pass.
+/// The lights of each class that a pass chose.
 fn choose(rig: &Rig, pass: u32) -> (lightsum::pass::layout::Frame, Vec<Vec<PointLight>>) {
     let parameters = rig.engine.plan().parameters(pass).unwrap();
     rig.run(|frame, rec| {
@@ -91,7 +91,7 @@ fn delta_choice_follows_its_oracle() {
                     let u = f64::from(offset(&parameters, class as u32)) / f64::from(ONE);
                     let mut last = None;
                     for (slot, light) in lights.iter().enumerate() {
-                        // The shares fill a thousandth less than all slots.
+                        // The shares sum to a thousandth less than the number of slots.
                         let point = slot as f64 + u;
                         let slack = 0.0015 * f64::from(slots) + 1e-3;
                         if *light == PointLight::default() {
@@ -116,8 +116,9 @@ fn delta_choice_follows_its_oracle() {
                     }
                 }
             }
-            // Of 288 times; the offsets are spread evenly over the classes and over the passes of both instances. By contribution
-            // the lights before it take more or less of the line from pass to pass, as if they were random: five sigma.
+            // Of 288 times; the offsets are evenly spread over the classes and over the passes of both instances. By
+            // contribution the lights before it take more or less of the line from pass to pass, as if at random: five
+            // sigma.
             let most = if light_choice == LightChoice::Power { 12.0 } else { 18.0 };
             for (i, excess) in excess.iter().enumerate() {
                 assert!(excess.abs() < most, "light {i} of {count} is chosen {excess} times too often");

@@ -1,4 +1,5 @@
-//! The discontinuity buffer against its oracle, and what it promises: constants and energy stay, edges and textures stay sharp.
+//! The discontinuity buffer against its oracle, and its guarantees: it preserves constants and energy, and keeps edges
+//! and textures sharp.
 
 use glam::{Vec3, Vec4};
 use lightsum::gpu::{Context, upload};
@@ -13,7 +14,7 @@ use crate::rig::{Builder, Numbers, Rig, Tally, close, gallery, untouched};
 use crate::scenes::{Soup, camera, render};
 use crate::support::gpu_test;
 
-/// Share of pixels in whose windows rounding may decide a test otherwise.
+/// Maximum fraction of pixels that may differ because rounding decides a test in their windows.
 const STRAYS: f64 = 0.005;
 
 /// The guides of all slots by the oracle; second components of tiles that are not listed take no part.
@@ -40,7 +41,7 @@ fn guides(rig: &Rig, agreement: Agreement) -> Vec<Guide> {
     (0..position.len()).map(of_slot).collect()
 }
 
-/// The filter's answer to this direct and indirect irradiance of all slots at what the eye sees.
+/// The filtered lighting for this direct and indirect irradiance of all slots.
 fn filtered(ctx: &Context, rig: &Rig, filter: Filter, irradiance: [&[Vec3]; 2]) -> [Vec<Vec3>; 2] {
     let frame = rig.frame();
     let [direct, indirect] = irradiance.map(|all| {
@@ -68,7 +69,7 @@ fn filtered(ctx: &Context, rig: &Rig, filter: Filter, irradiance: [&[Vec3]; 2]) 
     [&pass.filtered.direct, &pass.filtered.indirect].map(|b| rig.vec4s(b).iter().map(|e| e.truncate()).collect())
 }
 
-/// What the eye sees of a scene.
+/// The visible shading points of a scene.
 fn seen<'a>(ctx: &'a Context, scene: &'a Scene, size: [u32; 2], pattern: [u32; 2]) -> Rig<'a> {
     let rig = Rig::new(ctx, scene, size, Settings { paths: 1, pattern, ..Settings::default() });
     rig.run(|frame, rec| frame.eye.record(rec));
@@ -167,8 +168,8 @@ fn constants_and_the_sum_of_irradiance_stay() {
     });
 }
 
-/// Where everything agrees, a pixel gets as much from each class of the pattern: with a constant for each class nothing shows
-/// but the mean of all.
+/// Where all pixels agree, each gets the same weight from every class of the pattern: with a constant for each class
+/// only the mean of all shows.
 #[test]
 fn a_pattern_vanishes_on_a_plane() {
     gpu_test(|ctx| {
@@ -228,7 +229,7 @@ fn edges_of_a_cube_stay_sharp() {
     });
 }
 
-/// A sheet a little above the floor, from which the paper's test does not tell it.
+/// A sheet slightly above the floor, which the paper's test cannot distinguish from it.
 #[test]
 fn offset_planes_stay_apart() {
     gpu_test(|ctx| {
@@ -253,7 +254,7 @@ fn offset_planes_stay_apart() {
     });
 }
 
-/// Neighbours on a ball, which recedes from the eye towards its rim.
+/// Neighbours on a ball, which recedes from the eye towards its silhouette.
 #[test]
 fn curved_surfaces_agree() {
     gpu_test(|ctx| {
@@ -316,7 +317,7 @@ fn textures_stay_sharp() {
     });
 }
 
-/// Filtered passes add up like any others, and without the filter nothing of it is there.
+/// Filtered passes add up like any others, and without the filter the image is unfiltered.
 #[test]
 fn filtered_passes_accumulate() {
     gpu_test(|ctx| {

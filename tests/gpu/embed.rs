@@ -1,4 +1,4 @@
-//! The engine in a host's command buffers: `examples/embed.rs` as it stands, and what else a host may do.
+//! The engine in a host's command buffers: `examples/embed.rs` unchanged, and other things that a host may do.
 
 use ash::vk;
 use lightsum::gpu::{Context, DeviceChoice, Retained, download};
@@ -41,10 +41,10 @@ pub fn record(context: &Context, commands: vk::CommandBuffer, engine: &mut Engin
 fn the_example_renders_what_the_renderer_does() {
     gpu_test(|_| {
         let host = Host::new(true).unwrap();
-        // Hears the validation layer, and keeps standing on the device while the example comes and goes.
+        // Reports the validation layer's messages, and keeps the device alive while the example starts and ends.
         let witness = host.lend().unwrap();
         let (scene, camera, settings) = small();
-        // The copy states layout GENERAL, which the layer holds against the layout that the engine left.
+        // The copy states layout GENERAL; the layer checks it against the layout that the engine left.
         let image = example::run(&host, &scene, camera, settings.clone(), 3).unwrap();
         assert_eq!(image.texels.len(), 33 * 21);
 
@@ -61,7 +61,7 @@ fn the_example_renders_what_the_renderer_does() {
             assert!((mean[c] - expected).abs() <= 1e-6 * expected, "channel {c}: {} against {expected}", mean[c]);
         }
 
-        // The host's objects have survived, and the same seed gives the same bits.
+        // The host's objects are intact, and the same seed gives the same bits.
         let again = example::run(&host, &scene, camera, settings, 3).unwrap();
         assert_eq!(image.texels, again.texels);
         assert_silent(witness.take_messages());
@@ -98,7 +98,7 @@ fn two_frames_in_flight_are_two_frames() {
             readback.record_copy(commands, &engine);
         }
         let submissions: Vec<_> = commands.into_iter().zip(recorded).map(|(c, r)| host.submit(c, r).unwrap()).collect();
-        // The engine may go while its commands run: they keep what they use.
+        // The engine may be dropped while its commands run: they keep their resources alive.
         engine.setup_finished();
         drop((engine, context));
         submissions.into_iter().for_each(|submission| submission.wait().unwrap());
@@ -121,7 +121,7 @@ fn two_engines_share_a_device() {
         let alone =
             views.map(|(scene, camera)| example::run(&host, scene, camera, settings.clone(), 1).unwrap().texels);
 
-        // Both into one command buffer, each between the other's steps.
+        // Both in one command buffer, their steps interleaved.
         let mut engines = views.map(|(s, c)| Engine::new(&context, s, c, settings.clone()).unwrap());
         let readbacks = [0, 1].map(|i: usize| Readback::new(&host, engines[i].image().bytes()).unwrap());
         let commands = host.begin().unwrap();
@@ -219,7 +219,7 @@ fn a_pass_with_lost_rays_is_left_out() {
         assert!(black.iter().flatten().all(|&x| x == 0.0), "a pass with lost rays is in the image");
         assert_eq!(counts(&engine), [0, 0]);
 
-        // With more rounds the next pass succeeds, and the mean is over it alone.
+        // With more rounds the next pass succeeds, and the mean is that pass alone.
         engine.set_rounds(256).unwrap();
         let mended = image(ctx, &mut engine, 1);
         engine.setup_finished();

@@ -1,4 +1,4 @@
-//! Frosted panes: what is behind them becomes a source that is spread, against the oracle, closed forms and the path tracer.
+//! Frosted panes: the scene behind them, spread as a source, against the oracle, closed forms and the path tracer.
 
 use glam::{Vec2, Vec3, Vec4};
 use lightsum::bsdf::ideal::{frost, pane};
@@ -21,7 +21,7 @@ fn frosted(frost: f32) -> Material {
     Material { surface: Surface::Glass, thin: true, base_color: TINT, frost, ..Material::default() }
 }
 
-/// A room across which two frosted panes stand, one partly behind the other, over a glossy floor; one wall is open.
+/// A room divided by two frosted panes, one partly behind the other, over a glossy floor; one wall is open.
 pub fn room() -> Scene {
     let mut b = Builder::default();
     let plain = Material::default;
@@ -81,7 +81,7 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
                 assert_eq!(source[i].w, seen.unwrap_or(mirror_image::NOTHING_SEEN));
                 nothing += usize::from(seen.is_none());
 
-                // The pane by its plane and the ray, not by what the device found of it.
+                // The pane from its plane and the ray, not from the device's data.
                 let ray = camera_rays::reference(&rig.parameters, i as u32);
                 let d = ray.direction;
                 let n = if plane.normal.dot(d) < 0.0 { plane.normal } else { -plane.normal };
@@ -99,7 +99,7 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
                 let own = lobe.tan_beta.powi(2) * Vec3::new(1.0, depth, depth * depth);
                 let more = widening[i].truncate() - own;
                 if more.x > 1e-4 * own.x {
-                    // With one plane more its lobe and its place can be had from the sums.
+                    // With only one more plane the sums give its lobe and its position.
                     planes.push((more.x.sqrt(), more.y / more.x));
                     let one = (more.z * more.x - more.y * more.y).abs() <= 1e-3 * more.y * more.y;
                     further += usize::from(one);
@@ -113,7 +113,7 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
                 tally.check((Vec2::new(of.z, of.w) - axis).length() < 2e-3 || mu > 0.9999, || {
                     format!("axis of {i}: {of} for {axis}")
                 });
-                // What the pixel shows of it comes by way of the spread image; what the pane reflects is left alone.
+                // The scene behind the pane is shown by the spread image; the pane's reflection is unchanged.
                 assert!(cleared[i].truncate() == Vec3::ZERO && cleared[i].w == emitted[i].w, "emission of {i}");
                 assert!(left[i].truncate() == Vec3::ZERO && left[i].w == through[i].w, "throughput of {i}");
                 let k = i + pixels;
@@ -126,7 +126,7 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
     });
 }
 
-/// Light of one radiance behind a pane, darkness before it.
+/// Constant radiance behind a pane, darkness in front of it.
 #[test]
 fn constant_light_passes_by_fresnel_tint_and_energy() {
     gpu_test(|ctx| {
@@ -144,12 +144,12 @@ fn constant_light_passes_by_fresnel_tint_and_energy() {
             let image = render(ctx, &soup.0, camera, &settings, 1);
             let mut library = KernelLibrary::new();
             library.add(0, Lobe::Ggx { alpha }).unwrap();
-            // The middle pixel, whose ray may be off by half a pixel.
+            // The centre pixel; its ray may be off by half a pixel.
             let mu = turned.cos();
             let n = Vec3::new(turned.sin(), 0.0, -turned.cos());
             let ways = pane(&Normals::facing(n, n, Vec3::NEG_Z), Vec3::NEG_Z, 1.5, TINT);
             let energy = library.look_up(0, mu).unwrap().energy;
-            // Turned far enough, it reflects the lamp as well.
+            // Rotated far enough, it also reflects the lamp.
             let mirrored = if ways.reflected.wi.z > 0.0 { ways.reflected.weight } else { Vec3::ZERO };
             let expected = 2.0 * (ways.transmitted.unwrap().weight * energy + mirrored);
             let found = image.color[8 * 31 + 15];
@@ -160,7 +160,7 @@ fn constant_light_passes_by_fresnel_tint_and_energy() {
     });
 }
 
-/// A bright half plane so far behind a pane, which fills the view.
+/// A bright half plane far behind a pane that fills the view.
 fn edge(behind: f32, roughness: f32) -> (Scene, Camera) {
     let mut soup = Soup::new("edge");
     let (lamp, dark) = (soup.diffuse(0.0, 1.0), soup.diffuse(0.0, 0.1));
@@ -168,11 +168,11 @@ fn edge(behind: f32, roughness: f32) -> (Scene, Camera) {
     soup.quad(Vec3::new(-9.0, -9.0, 1.0), Vec3::X * 18.0, Vec3::Y * 18.0, glass);
     soup.quad(Vec3::new(0.0, -9.0, 1.0 + behind), Vec3::Y * 18.0, Vec3::X * 9.0, lamp);
     soup.quad(Vec3::new(-9.0, -9.0, 1.0 + behind), Vec3::Y * 18.0, Vec3::X * 9.0, dark);
-    // Nothing is reflected: behind the eye it is dark.
+    // No reflection: it is dark behind the eye.
     (soup.0, camera(Vec3::ZERO, Vec3::Z, 45.0, [96, 56]))
 }
 
-/// Pixels between a tenth and nine tenths of the step in the rows of the middle.
+/// Number of pixels between a tenth and nine tenths of the step in the centre rows.
 fn width(image: &[Vec3]) -> f32 {
     let row: Vec<f32> = (0..96).map(|x| (24..32).map(|y| mean3(image[y * 96 + x])).sum::<f32>() / 8.0).collect();
     let (low, high) = row.iter().fold((f32::MAX, 0.0f32), |(low, high), &v| (low.min(v), high.max(v)));
@@ -192,9 +192,10 @@ fn what_touches_a_pane_is_sharp_and_what_is_far_is_blurred() {
         for behind in [1e-3, 0.1, 0.3, 0.5] {
             let (scene, camera) = edge(behind, 0.4);
             let found = width(&render(ctx, &scene, camera, &settings, 16).color);
-            // Slopes m across the edge are distributed as (1 + m^2 / alpha^2)^(-3/2) / (2 alpha): a tenth lies beyond 4/3 alpha either way.
-            // Light turns by 2 m; the pixels' own width adds 0.8. Without its tails the kernel is 5 % narrower, and where the fast form of
-            // the convolution takes it at half the resolution, from 0.4 on, 25 %, for there its peak is as narrow as a pixel.
+            // Slopes m across the edge are distributed as (1 + m^2 / alpha^2)^(-3/2) / (2 alpha): a tenth is beyond 4/3
+            // alpha on each side. Light turns by 2 m; the pixels' own width adds 0.8. Without its tails the kernel is 5
+            // % narrower, and 25 % where the fast form of the convolution takes it at half the resolution, from 0.4 on,
+            // since its peak is then as narrow as a pixel.
             let alpha = frost(&frosted(0.4)).unwrap();
             let scale = 28.0 / 22.5f32.to_radians().tan();
             let expected = 2.0 * (2.0 * (4.0 / 3.0 * alpha).atan()).tan() * behind / (1.0 + behind) * scale;
@@ -205,13 +206,13 @@ fn what_touches_a_pane_is_sharp_and_what_is_far_is_blurred() {
     });
 }
 
-/// A small room across which a pane stands.
+/// A small room divided by a pane.
 fn parlour(roughness: f32) -> (Scene, Camera) {
     let mut soup = Soup::new("parlour");
     let walls = [[0.6, 0.1, 0.1], [0.1, 0.5, 0.2], [0.5, 0.5, 0.4], [0.6, 0.6, 0.6], [0.2, 0.3, 0.6], [0.6, 0.6, 0.5]];
     let walls = walls.map(|albedo| soup.diffuse(albedo, 0.0));
     soup.room(Vec3::ZERO, Vec3::new(2.0, 1.5, 2.0), walls);
-    // Glass shades as anything else does, so each side has its light.
+    // Glass casts shadows like any surface, so each side has its own light.
     for (y, z, power) in [(1.3, 0.6, 1.5), (1.0, 1.4, 1.0)] {
         soup.0
             .lights

@@ -9,7 +9,7 @@ use lightsum::gpu::{
 
 use crate::support::{AWKWARD_SIZES, FillPush, SENTINEL, assert_silent, gpu_test, kernels, options};
 
-/// The error of something that must fail.
+/// The error of an operation that must fail.
 fn error<T>(result: lightsum::Result<T>) -> Error {
     match result {
         Ok(_) => panic!("succeeded, but must fail"),
@@ -21,7 +21,7 @@ fn fill_push(count: usize, scale: u32) -> FillPush {
     FillPush { count: u32::try_from(count).unwrap(), scale }
 }
 
-/// What `fill.wgsl` makes of equal values.
+/// The result of `fill.wgsl` for equal values.
 fn filled(count: usize, before: u32, scale: u32) -> Vec<u32> {
     (0..count as u32).map(|i| before.wrapping_mul(scale).wrapping_add(i)).collect()
 }
@@ -122,7 +122,7 @@ fn too_many_workgroups_are_refused() {
         let result = ctx
             .submit_and_wait("fill", None, |rec| rec.dispatch(&kernel, &bindings, bytemuck::bytes_of(&push), u64::MAX));
         assert!(error(result).to_string().contains("workgroups exceed"));
-        // No workgroup is no error.
+        // Zero workgroups are no error.
         ctx.submit_and_wait("fill", None, |rec| rec.dispatch(&kernel, &bindings, bytemuck::bytes_of(&push), 0))
             .unwrap();
     });
@@ -286,7 +286,7 @@ fn an_unknown_device_is_told_with_the_known_ones() {
         assert!(ask(DeviceChoice::Index(99)).contains("there is no device 99"));
         let listed = list_devices().unwrap();
         assert!(listed.iter().any(|device| device.name == ctx.info().name));
-        // A part of the name in another case finds it.
+        // A part of the name in different case matches.
         let name = DeviceChoice::Name(ctx.info().name.to_uppercase());
         let found = Context::headless(&ContextOptions { device: name, ..Default::default() }).unwrap();
         assert_eq!(found.info().name, ctx.info().name);
@@ -342,7 +342,7 @@ fn nothing_is_left_when_a_context_goes() {
         let _image = Image::new(&ctx, "image", 8, 8, vk::Format::R16G16B16A16_SFLOAT).unwrap();
         let _timers = Timers::new(&ctx, 2).unwrap();
         let bindings = kernel.bind(&[("values", (&values).into())]).unwrap();
-        // The context goes with the last object, in whatever order they are dropped.
+        // The context is destroyed with the last object, in whatever order they are dropped.
         drop(ctx);
         drop(kernel);
         drop(values);
@@ -352,7 +352,7 @@ fn nothing_is_left_when_a_context_goes() {
     });
 }
 
-/// A context of its own, since its messages would be blamed on other tests.
+/// A context of its own, since its messages would fail other tests.
 #[test]
 fn the_validation_layer_is_heard() {
     gpu_test(|_| {
@@ -361,11 +361,11 @@ fn the_validation_layer_is_heard() {
         let b = Buffer::new(&ctx, "b", 64, Memory::Device).unwrap();
         ctx.submit_and_wait("copies", None, |rec| rec.copy(&a, &b)).unwrap();
         assert_silent(ctx.take_messages());
-        // Two copies into the same bytes with nothing between them: synchronisation validation must say so.
+        // Two copies into the same bytes without a barrier: synchronisation validation must report it.
         let device = ctx.raw_device();
         ctx.submit_and_wait("hazard", None, |rec| {
             let region = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: 64 }];
-            // SAFETY: valid handles; only the barrier is missing, which is the point.
+            // SAFETY: valid handles; only the barrier is missing, on purpose.
             unsafe {
                 device.cmd_copy_buffer(rec.command_buffer(), a.handle(), b.handle(), &region);
                 device.cmd_copy_buffer(rec.command_buffer(), a.handle(), b.handle(), &region);
@@ -378,7 +378,7 @@ fn the_validation_layer_is_heard() {
     });
 }
 
-/// A host's device, made here with ash alone; destroyed after the context that stands on it.
+/// A host's device, made here with ash alone; destroyed after the context that uses it.
 struct Host {
     entry: ash::Entry,
     instance: ash::Instance,
@@ -389,7 +389,7 @@ struct Host {
 
 impl Host {
     fn new() -> Host {
-        // SAFETY: plain Vulkan: what is created from valid structures is destroyed by `drop`.
+        // SAFETY: plain Vulkan: `drop` destroys the objects created here from valid structures.
         unsafe {
             let entry = ash::Entry::load().unwrap();
             let layers = [c"VK_LAYER_KHRONOS_validation".as_ptr()];
@@ -430,7 +430,7 @@ impl Host {
 
 impl Drop for Host {
     fn drop(&mut self) {
-        // SAFETY: created by `new`, and nothing made from them is left.
+        // SAFETY: created by `new`, and nothing made from them remains.
         unsafe {
             self.device.destroy_device(None);
             self.instance.destroy_instance(None);
@@ -479,7 +479,7 @@ fn a_host_records_us_into_its_own_command_buffer() {
             .unwrap();
             rec.copy(&values, &result).unwrap();
             let retained = rec.finish();
-            // What was recorded stays alive without us.
+            // The recorded resources stay alive without us.
             drop((staging, kernel, values));
             host.device.end_command_buffer(commands[0]).unwrap();
             let submit = [vk::SubmitInfo::default().command_buffers(&commands)];

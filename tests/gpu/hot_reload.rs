@@ -9,8 +9,8 @@ use lightsum::{Engine, Settings};
 
 use crate::support::options;
 
-/// Prints the radiance in the middle of a furnace, or the error. Run by the tests below in a process of its own, since a
-/// process's environment is one for all threads.
+/// Prints the radiance at the centre of a furnace, or the error. The tests below run it in a process of its own, since
+/// all threads of a process share its environment.
 #[test]
 #[ignore = "run by the other tests here with a folder of shaders in LIGHTSUM_SHADERS"]
 fn render_once() {
@@ -34,7 +34,7 @@ fn render_once() {
     }
 }
 
-/// What the test above says of a copy of the shaders in which one text of one file is replaced.
+/// Output of the test above for a copy of the shaders with one text of one file replaced.
 fn with_change(file: &str, from: &str, to: &str) -> String {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders");
     let dir = tempfile::tempdir().unwrap();
@@ -68,7 +68,7 @@ fn a_changed_shader_is_picked_up() {
     assert!(plain.contains("radiance 1\n"), "{plain}");
     let doubled = with_change("resolve.wgsl", "sum / ", "2.0 * sum / ");
     assert!(doubled.contains("radiance 2\n"), "{doubled}");
-    // Through an include as well.
+    // Also through an include.
     let dark = with_change("include/surface.wgsl", "material.emission.xyz, emits", "vec3<f32>(0.25), emits");
     assert!(dark.contains("radiance 0.25\n"), "{dark}");
 }

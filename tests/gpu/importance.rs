@@ -1,4 +1,5 @@
-//! The choice of emitters by contribution: the pass against its oracle, the walk that follows it, and what it does to images.
+//! The choice of emitters by contribution: the pass against its oracle, the walk that follows it, and its effect on
+//! images.
 
 use std::collections::HashSet;
 
@@ -22,7 +23,7 @@ fn by_contribution(settings: Settings) -> Settings {
     Settings { light_choice: LightChoice::Contribution, ..settings }
 }
 
-/// A floor under `count` emitters: triangles, parallelograms, and if there is room one of each kind that a scene lists.
+/// A floor under `count` emitters: triangles, parallelograms, and if there is room, one of each kind of scene light.
 fn lamps(count: usize) -> Scene {
     let mut b = Builder::default();
     let mut numbers = Numbers(5);
@@ -57,7 +58,7 @@ fn lamps(count: usize) -> Scene {
     b.finish(Vec3::new(0.1, 1.5, -3.0), Vec3::new(0.0, 0.0, 0.5))
 }
 
-/// What the pass wrote, after what the eye sees.
+/// The emitters after the pass, which follows the eye stage.
 fn distribution(rig: &Rig) -> Vec<EmitterRecord> {
     let emitters = &rig.frame().importance.as_ref().unwrap().emitters;
     rig.prefill(&[emitters]);
@@ -89,7 +90,7 @@ fn importance_follows_its_oracle_and_no_emitter_falls_below_the_floor() {
             for (i, (record, e)) in records.iter().zip(&emitters.list).enumerate() {
                 let (p, upper) = (record.normal[3], record.radiance[3]);
                 assert!(upper >= lower && p == upper - lower, "emitter {i}: {p} from {lower} to {upper}");
-                // The ends are stored with an error of 2^-24 each, and sums of thousands of terms with a few more.
+                // The ends are stored with an error of 2^-24 each, sums of thousands of terms with slightly more.
                 let floor = light_floor * e.probability;
                 assert!(p >= floor * 0.9999 - 3e-7, "emitter {i}: {p} is below {floor}");
                 assert!(
@@ -97,7 +98,7 @@ fn importance_follows_its_oracle_and_no_emitter_falls_below_the_floor() {
                     "emitter {i}: {p} for {}",
                     expected[i]
                 );
-                // What is smaller than the spacing of numbers below 1 is lost, as it is in a choice by power.
+                // Probabilities below the spacing of numbers just below 1 are lost, as in a choice by power.
                 let power = xyz(record.flux) * p;
                 let kept = (power - e.power).length() <= 1e-5 * e.power.length();
                 assert!(kept || p == 0.0 && expected[i] < 2e-7, "emitter {i}: {power} for {}", e.power);
@@ -172,8 +173,8 @@ fn with_one_emitter_the_choice_changes_no_bit() {
 #[test]
 fn both_choices_have_the_same_limit() {
     gpu_test(|ctx| {
-        // Two rooms and a wall of half their height between them, which keeps most of what the strong lamps beyond it would give if
-        // nothing stood in the way.
+        // Two rooms and a wall of half their height between them, which blocks most of the light that the strong lamps
+        // beyond it would contribute.
         let mut soup = Soup::new("two rooms");
         let [grey, red] = [soup.diffuse(0.6, 0.0), soup.diffuse([0.7, 0.2, 0.2], 0.0)];
         let [weak, strong] = [soup.diffuse(0.0, 4.0), soup.diffuse(0.0, [20.0, 25.0, 30.0])];
@@ -205,7 +206,7 @@ fn both_choices_have_the_same_limit() {
 #[test]
 fn of_a_thousand_lights_those_that_matter_are_chosen() {
     gpu_test(|ctx| {
-        // A field of 50 x 20 lamps, of which the image sees what some ten of them light.
+        // A field of 50 x 20 lamps; some ten of them light the visible part.
         let mut soup = Soup::new("a thousand lamps");
         let [grey, lamp] = [soup.diffuse(0.7, 0.0), soup.diffuse(0.0, 10.0)];
         soup.quad(Vec3::ZERO, Vec3::Z * 80.0, Vec3::X * 200.0, grey);
@@ -214,7 +215,7 @@ fn of_a_thousand_lights_those_that_matter_are_chosen() {
             soup.quad(corner, Vec3::X * 0.2, Vec3::Z * 0.2, lamp);
         }
         let camera = camera(Vec3::new(40.0, 1.5, 40.0), Vec3::new(40.0, 0.0, 41.0), 60.0, [24, 18]);
-        // No receiver is nearer than the clip distance to a lamp, so nothing is gathered.
+        // No shading point is nearer than the clip distance to a lamp, so nothing is gathered.
         let clip = Clip::Distance(0.5);
         let limit = render(ctx, &soup.0, camera, &Settings { clip, ..settings(4096, 2) }, 16).color;
         let (mut by_power, mut chosen) = (0.0, 0.0);

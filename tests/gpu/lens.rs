@@ -1,4 +1,5 @@
-//! Depth of field: the pass against its oracle, circles of confusion in closed form, and images beside path tracing through the lens.
+//! Depth of field: the pass against its oracle, circles of confusion in closed form, and images against path tracing
+//! through the lens.
 
 use std::f64::consts::PI;
 
@@ -72,18 +73,19 @@ fn lens_follows_its_oracle() {
     });
 }
 
-/// Pixels of a unit of length at unit distance.
+/// Pixels in a unit of length at unit distance.
 fn pixels_of_unit(camera: &Camera) -> f32 {
     0.5 * camera.resolution[1] as f32 / (0.5 * camera.fov_y).to_radians().tan()
 }
 
-/// The camera with a lens that makes of a point at depth `z` a disc of so many pixels.
+/// The camera with a lens that images a point at depth `z` as a disc of the given diameter in pixels.
 fn with_circle(camera: Camera, focus: f32, z: f32, diameter: f32) -> Camera {
     let aperture = diameter / (pixels_of_unit(&camera) * (1.0 / z - 1.0 / focus).abs());
     Camera { aperture, focus: Some(focus), ..camera }
 }
 
-/// A small light out of focus becomes a disc of the right width, and keeps its energy, before and behind the plane in focus.
+/// A small light out of focus becomes a disc of the right width and keeps its energy, in front of and behind the plane
+/// in focus.
 #[test]
 fn points_become_discs() {
     gpu_test(|ctx| {
@@ -104,11 +106,11 @@ fn points_become_discs() {
                 };
                 image.iter().enumerate().map(of).sum::<f64>() / image.iter().map(|l| f64::from(l.x)).sum::<f64>()
             };
-            // A disc's along an axis is D^2 / 16.
+            // For a disc, the variance along an axis is D^2 / 16.
             let found = 4.0 * (variance(&blurred) - variance(&sharp)).sqrt();
             let energy = mean(&blurred).x / mean(&sharp).x;
             println!("z {z}, D {diameter}: {found:.3}, energy {energy:.4}");
-            // High in the pyramid a disc is a few texels wide.
+            // In the coarse levels of the pyramid a disc is a few texels wide.
             let tolerance = if diameter < 20.0 { 0.04 } else { 0.13 };
             assert!((found / f64::from(diameter) - 1.0).abs() < tolerance, "z {z}: {found} for {diameter}");
             assert!((energy - 1.0).abs() < 0.005, "z {z}, {diameter}: energy {energy}");
@@ -116,7 +118,7 @@ fn points_become_discs() {
     });
 }
 
-/// The edge between two halves of a wall out of focus: the share of the disc on either side.
+/// The edge between two halves of a wall out of focus: the fraction of the disc on either side.
 #[test]
 fn edges_become_the_disc_s_integral() {
     gpu_test(|ctx| {
@@ -142,7 +144,7 @@ fn edges_become_the_disc_s_integral() {
     });
 }
 
-/// A ball before a wall with shining bars, both lit by a lamp, and a ball nearer than both.
+/// A ball in front of a wall with bright bars, both lit by a lamp, and a ball nearer than both.
 fn balls() -> (Scene, Camera) {
     let mut soup = Soup::new("balls");
     let (gray, red) = (soup.diffuse(0.7, 0.0), soup.diffuse([0.7, 0.3, 0.2], 0.0));
@@ -159,7 +161,8 @@ fn balls() -> (Scene, Camera) {
     (soup.0, camera(Vec3::new(0.0, 0.0, -0.5), Vec3::new(0.0, -0.2, 3.0), 50.0, [64, 48]))
 }
 
-/// What lies in focus stays, to rounding, whatever is blurred behind it: nothing of that bleeds over it.
+/// The part in focus is unchanged, up to rounding, whatever is blurred behind it: the background does not bleed over
+/// it.
 #[test]
 fn what_is_in_focus_stays_sharp() {
     gpu_test(|ctx| {
@@ -181,7 +184,8 @@ fn what_is_in_focus_stays_sharp() {
     });
 }
 
-/// Beside the path tracer's lens. What differs most is the rim of what is blurred in front, whose background no pixel shows.
+/// Against the path tracer's lens. The largest difference is the rim of blurred foreground objects, whose background no
+/// pixel shows.
 #[test]
 fn images_agree_with_path_tracing() {
     gpu_test(|ctx| {
@@ -209,7 +213,7 @@ fn images_agree_with_path_tracing() {
     });
 }
 
-/// Apertures come and go with the camera: the image is that of an engine made for it, bit for bit.
+/// The lens follows the camera: the image is that of an engine made for it, bit for bit.
 #[test]
 fn apertures_come_and_go() {
     gpu_test(|ctx| {

@@ -1,6 +1,6 @@
-//! Tests on a Vulkan device (Mesa's lavapipe will do). Where there is none they fail; they never skip.
+//! Tests on a Vulkan device (Mesa's lavapipe suffices). Without a device they fail; they never skip.
 //!
-//! One binary, so that one device serves all tests; each test's turn ends with a look at the validation layer's messages.
+//! One binary, so that all tests share a device; after each test the validation layer's messages are checked.
 
 mod caustics;
 mod convolve;

@@ -1,4 +1,5 @@
-//! Lights mirrored by planar mirrors: the pass against its oracle, against closed forms and the path tracer, and what it promises besides.
+//! Lights mirrored by planar mirrors: the pass against its oracle, against closed forms and the path tracer, and its
+//! other guarantees.
 
 use glam::{Vec2, Vec3};
 use lightsum::accel::Bvh;
@@ -22,7 +23,7 @@ fn mirror(reflectance: f32) -> Material {
     Material { surface: Surface::Mirror, base_color: Vec3::ZERO, specular, ..Material::default() }
 }
 
-/// The chosen images of each class with the numbers of their mirrors + 1.
+/// The chosen mirrored lights of each class with the numbers of their mirrors + 1.
 fn chosen(rig: &Rig) -> Vec<Vec<(PointLight, u32)>> {
     let pass = rig.frame().mirror_lights.as_ref().unwrap();
     let lights: Vec<PointLight> = rig.get(&pass.mirrored);
@@ -60,7 +61,7 @@ fn lights_and_mirrors_are_chosen_by_their_oracle() {
                 let pi = delta_choice::reference(&weights, n);
                 let mut next = 0;
                 for &(image, number) in images.iter().filter(|(_, number)| *number > 0) {
-                    // Images come in the order of their pairs.
+                    // Mirrored lights are in the order of their pairs.
                     let same = |i: &usize| {
                         let expected = mirrored(pairs[*i].0, pairs[*i].1);
                         let at = |l: &PointLight| (xyz(l.position), xyz(l.normal));
@@ -134,7 +135,7 @@ fn mirror_lights_follow_their_oracle() {
     });
 }
 
-/// A mirror on the floor, a point light over its left end, and a wall to its right.
+/// A mirror on the floor, a point light above its left end, and a wall on its right.
 fn beam() -> (Scene, Vec3) {
     let mut soup = Soup::new("beam");
     let (plane, wall) = (soup.material(mirror(0.8)), soup.diffuse(0.5, 0.0));

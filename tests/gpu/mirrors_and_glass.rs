@@ -1,4 +1,4 @@
-//! What the eye sees in mirrors and through glass: against the path tracer, against closed forms, and layer by layer.
+//! Mirrors and glass in view: against the path tracer, against closed forms, and layer by layer.
 
 use glam::Vec3;
 use lightsum::gpu::Context;
@@ -27,8 +27,8 @@ fn block(soup: &mut Soup, low: Vec3, high: Vec3, material: u32) {
     soup.0.triangles[first..].iter_mut().for_each(|t| t.vertices.swap(1, 2));
 }
 
-/// A room of coloured walls and a camera that sees most of it. No lamp is seen, in mirrors neither: a row of pixels at its edge
-/// would tell how many passes met it, and little else.
+/// A room of coloured walls and a camera that sees most of it. No lamp is visible, not even in mirrors: the row of
+/// pixels at its edge would measure the number of passes that hit it, and little else.
 fn furnished(name: &str, furnish: impl FnOnce(&mut Soup)) -> (Soup, Camera) {
     let mut soup = Soup::new(name);
     let walls = [[0.6, 0.1, 0.1], [0.1, 0.5, 0.2], [0.5, 0.5, 0.4], [0.6, 0.6, 0.6], [0.2, 0.3, 0.6], [0.6, 0.6, 0.5]];
@@ -39,12 +39,12 @@ fn furnished(name: &str, furnish: impl FnOnce(&mut Soup)) -> (Soup, Camera) {
     (soup, camera(Vec3::new(1.0, 0.9, 0.05), Vec3::new(1.0, 0.4, 1.5), 75.0, [32, 24]))
 }
 
-/// As [`agrees_at_depths`] where random choices add noise: with four times the passes the errors are half as large, down to that
-/// of the reference.
+/// [`agrees_at_depths`] where random choices add noise: with four times the passes the errors are half as large, down
+/// to that of the reference.
 fn agrees_through_glass(ctx: &Context, scene: &Scene, camera: Camera) {
     let direct = render(ctx, scene, camera, &settings(1, 2), 256);
     agrees("direct light", &direct.color, &path_traced(scene, &camera, 1024, 2), 0.004, 0.1);
-    // 8192 particles: over seeds the energy varies by 0.004.
+    // 8192 particles: the energy varies by 0.004 over seeds.
     let global = render(ctx, scene, camera, &settings(32, 5), 256);
     agrees("global light", &global.color, &path_traced(scene, &camera, 512, 5), 0.012, 0.1);
 }
@@ -66,7 +66,7 @@ fn a_corner_of_mirrors_against_the_path_tracer() {
     gpu_test(|ctx| {
         let (soup, camera) = furnished("mirrors", |soup| {
             let silver = soup.material(mirror(Vec3::ZERO, [0.9, 0.85, 0.8]));
-            // Upright, at right angles, facing the camera; a red block stands before them.
+            // Upright, at right angles, facing the camera; a red block is in front of them.
             let edge = Vec3::new(1.0, 0.05, 1.9);
             soup.quad(edge, Vec3::new(-0.8, 0.0, -0.8), Vec3::Y * 1.2, silver);
             soup.quad(edge, Vec3::Y * 1.2, Vec3::new(0.8, 0.0, -0.8), silver);
@@ -92,7 +92,7 @@ fn varnish_and_panes_against_the_path_tracer() {
     });
 }
 
-/// Lamps of radiance 1 before and 3 behind the eye, which looks along z from the origin.
+/// Lamps of radiance 1 in front of and 3 behind the eye, which looks along z from the origin.
 fn lamps() -> Soup {
     let mut soup = Soup::new("lamps");
     let (front, back) = (soup.diffuse(0.0, 1.0), soup.diffuse(0.0, 3.0));
@@ -101,7 +101,7 @@ fn lamps() -> Soup {
     soup
 }
 
-/// Mean of an image of little angle, through emitters alone.
+/// Mean of an image of small field of view that sees only emitters.
 fn glance(ctx: &Context, soup: &Soup, target: Vec3, settings: Settings, passes: u32) -> Vec3 {
     let camera = camera(Vec3::ZERO, target, 1.0, [16, 16]);
     mean(&render(ctx, &soup.0, camera, &Settings { max_depth: 1, ..settings }, passes).color).as_vec3()
@@ -120,10 +120,11 @@ fn what_glass_lets_through_and_reflects() {
             } else {
                 block(&mut soup, low, Vec3::new(2.0, 2.0, 1.1), glass);
             }
-            // R = 0.04 at each face: 2 R / (1 + R) comes back, the rest passes.
+            // R = 0.04 at each face: 2 R / (1 + R) is reflected, the rest transmitted.
             let expected = (0.96 + 3.0 * 0.08) / 1.04;
             for (split, tolerance) in [(true, if thin { 1e-5 } else { 0.006 }), (false, 0.01)] {
-                // 65,536 choices of 1 or 3, one in 25 the other way: 0.0015 of standard deviation, more without a split.
+                // 65,536 choices of 1 or 3, one in 25 for the rarer: a standard deviation of 0.0015, more without a
+                // split.
                 let found = glance(ctx, &soup, Vec3::Z, with(split), 256).x;
                 println!("thin {thin}, split {split}: {found} for {expected}");
                 assert!((found - expected).abs() < tolerance, "thin {thin}, split {split}: {found} for {expected}");
@@ -155,7 +156,8 @@ fn a_corner_of_mirrors_sends_light_back() {
             let (u, v) = (Vec3::AXES[(axis + 1) % 3], Vec3::AXES[(axis + 2) % 3]);
             soup.quad(Vec3::splat(-4.0), u * 8.0, v * 8.0, silver);
         }
-        // From the eye at the origin into the corner at (-4, -4, -4); a lamp behind the eye sees what comes back.
+        // From the eye at the origin into the corner at (-4, -4, -4); the lamp behind the eye is seen in the
+        // reflection.
         let lamp = soup.diffuse(0.0, 2.0);
         soup.0.materials[lamp as usize].two_sided = true;
         let d = Vec3::new(-1.0, -1.1, -1.2).normalize();
@@ -183,7 +185,7 @@ fn split_paths_have_the_same_limit_and_less_noise() {
         let image = |split: bool, passes: u32| {
             render(ctx, &soup.0, camera, &Settings { split, ..settings(32, 2) }, passes).color
         };
-        // One choice in each pass: its noise falls with the root of their number.
+        // One choice in each pass: its noise falls with the square root of the number of passes.
         agrees("one component at random", &image(false, 256), &reference, 0.005, 0.06);
         agrees("both components", &image(true, 256), &reference, 0.003, 0.05);
         let error = |split: bool| compare(&image(split, 8), &reference).1;
@@ -215,8 +217,8 @@ fn the_same_seed_gives_the_same_bits_through_glass() {
 #[test]
 fn layers_show_what_is_seen() {
     gpu_test(|ctx| {
-        // To the left a mirror, to the right a pane, two units before the eye; behind all a wall, five units away, and one behind
-        // the eye, three units away.
+        // A mirror on the left, a pane on the right, two units in front of the eye; behind both a wall, five units
+        // away, and a wall behind the eye, three units away.
         let mut soup = Soup::new("layers");
         let (wall, back) = (soup.diffuse([0.5, 0.4, 0.3], 0.0), soup.diffuse([0.2, 0.3, 0.4], 0.0));
         soup.quad(Vec3::new(-9.0, -9.0, 5.0), Vec3::Y * 18.0, Vec3::X * 18.0, wall);
@@ -238,7 +240,7 @@ fn layers_show_what_is_seen() {
                 && (found.2 - depth).abs() < 1e-3
                 && found.3 == 1.0;
             assert!(same, "pixel {x}: {found:?}");
-            // What the pixel shows is albedo times irradiance; and for the pane what it reflects besides.
+            // The pixel's radiance is albedo times irradiance; for the pane plus its reflection.
             let through = layers.albedo[i] * (layers.direct[i] + layers.indirect[i]) / std::f32::consts::PI;
             let rest = layers.color[i] - through;
             let share = rest.max_element() / through.max_element();
@@ -247,7 +249,7 @@ fn layers_show_what_is_seen() {
         // The image of the back wall is seven units away: two to the mirror and five beyond.
         expect(4, Vec3::new(0.9, 0.8, 0.7) * Vec3::new(0.2, 0.3, 0.4), Vec3::Z, 7.0);
         expect(11, Vec3::new(1.0, 0.5, 1.0) * Vec3::new(0.5, 0.4, 0.3) * (0.96 / 1.04), Vec3::NEG_Z, 5.0);
-        // A mirror that shows nothing covers its pixels all the same, at its own place.
+        // A mirror that reflects the background still covers its pixels, at its own depth.
         let second = soup.0.triangles.split_off(4);
         soup.0.triangles.truncate(2);
         soup.0.triangles.extend(second);

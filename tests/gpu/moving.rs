@@ -1,4 +1,4 @@
-//! Scenes that change between passes (rows W11 and W7): what an edit shows, what it starts over, and what it refuses.
+//! Scenes that change between passes: effects of edits, restarts, and refused edits.
 
 use glam::{Affine3A, Mat3A, Quat, Vec3};
 use lightsum::accel::objects::Changes;
@@ -19,7 +19,7 @@ fn dynamic(ctx: &Context, scene: &Scene, camera: Camera, settings: &Settings) ->
     engine
 }
 
-/// The Cornell box with a point light, a spot and a sphere light besides.
+/// The Cornell box with an additional point light, spot and sphere light.
 fn many_lights() -> (Scene, Camera, Settings) {
     let root = env!("CARGO_MANIFEST_DIR");
     let folder = tempfile::tempdir().unwrap();
@@ -85,7 +85,7 @@ const EDITS: [(&str, Edit); 29] = [
         let mut used: Vec<u32> = scene.triangles.iter().filter(|t| t.object == own).flat_map(|t| t.vertices).collect();
         used.sort_unstable();
         used.dedup();
-        // The transform is that of the edit before: these are the positions without it, leaned over.
+        // The transform is that of the previous edit: these are the positions without it, sheared.
         let original = scene::load(concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell/scene.toml").as_ref()).unwrap();
         let mut original = original;
         let range = original.separate_objects()[own as usize].clone();
@@ -181,14 +181,14 @@ fn every_edit_starts_over_and_gives_what_a_fresh_engine_gives() {
             let expected = image(ctx, &mut fresh, 2);
             let error = difference(&edited, &expected);
             println!("{name}: relative RMSE {error:.2e} against a fresh engine");
-            // Trees that were refitted have other nodes: rays within rounding of an edge may meet another triangle.
+            // Refitted trees have other nodes: rays within rounding of an edge may hit another triangle.
             assert!(error < 1e-4, "{name}: {error}");
             if engine.bvh() == fresh.bvh() {
                 assert!(edited == expected, "{name}: the tree is the same, the image is not");
             }
             assert_eq!(engine.emitters().list, fresh.emitters().list, "{name}");
             assert_eq!(engine.plan().lights, fresh.plan().lights, "{name}");
-            // More passes go on with the sums.
+            // Further passes add to the sums.
             assert_eq!(image(ctx, &mut engine, 1).len(), edited.len());
             assert_eq!(engine.passes(), 3, "{name}");
             before = edited;
@@ -244,7 +244,7 @@ fn frames_in_flight_keep_their_scenes() {
             let block = object(engine, "tall_block");
             engine.set_transform(block, Affine3A::from_translation(place)).unwrap();
         };
-        // Each frame waited for before the next is recorded.
+        // The host waits for each frame before it records the next.
         let mut engine = Engine::new_dynamic(&context, scene.clone(), camera, settings.clone()).unwrap();
         let alone = [0, 1, 2].map(|frame| {
             move_to(&mut engine, places[frame]);
@@ -257,7 +257,7 @@ fn frames_in_flight_keep_their_scenes() {
         });
         assert!(alone[0] != alone[1] && alone[1] != alone[2]);
 
-        // All recorded before the first is submitted, and the engine gone before any has run.
+        // All are recorded before the first is submitted, and the engine is dropped before any has run.
         let mut engine = Engine::new_dynamic(&context, scene, camera, settings).unwrap();
         let readbacks = [0; 3].map(|_| Readback::new(&host, engine.image().bytes()).unwrap());
         let commands = [0; 3].map(|_| host.begin().unwrap());
@@ -345,7 +345,7 @@ fn refused_edits_name_what_is_wrong_and_change_nothing() {
         engine.restart();
         assert!(image(ctx, &mut engine, 1) == first);
 
-        // The only light cannot be put out.
+        // The only light cannot be switched off.
         let (scene, camera, settings) = small();
         let mut engine = dynamic(ctx, &scene, camera, &settings);
         let light = material(&engine, "light");
@@ -390,7 +390,7 @@ fn a_renderer_follows_its_engine() {
         let (scene, camera, settings) = small();
         let mut renderer = Renderer::with_context_dynamic(ctx.clone(), scene, camera, settings.clone()).unwrap();
         renderer.pass().unwrap();
-        // Other numbers of lists are read back.
+        // The number of lists that are read back changes.
         for change in [
             Settings { compensation: false, ..settings.clone() },
             Settings { max_depth: 5, ..settings.clone() },

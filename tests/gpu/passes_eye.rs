@@ -1,4 +1,5 @@
-//! Eye rays, closest hits and receivers against their oracles. What lies between, at mirrors and glass: `passes_paths`.
+//! Eye rays, closest hits and shading points against their oracles. `passes_paths` tests the steps between them, at
+//! mirrors and glass.
 
 use glam::{Vec3, Vec4};
 use lightsum::accel::{Hit, offset_origin};
@@ -10,13 +11,13 @@ use lightsum::settings::{Clip, Settings, Superposition};
 use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery, hit_of, ray_of, same_hit, untouched, xyz};
 use crate::support::gpu_test;
 
-/// What may differ: a device's divisions, roots and powers are less exact than ours.
+/// Tolerance: a device's divisions, roots and powers are less exact than ours.
 const RELATIVE: f32 = 1e-4;
 
-/// Share of rays that rounding may send elsewhere.
+/// Maximum fraction of rays that rounding may deflect.
 const STRAYS: f64 = 0.003;
 
-/// The receivers of a bounce as the device left them, each component by its name in shaders/include/receiver.wgsl.
+/// The shading points of a bounce, read from the device, each component by its name in shaders/include/receiver.wgsl.
 struct Found {
     position: Vec<Vec4>,
     geometric: Vec<Vec4>,
@@ -51,8 +52,8 @@ impl Found {
         all.iter().any(|array| untouched(array[i]))
     }
 
-    /// Compares the receiver of slot `i` with the oracle's surface at the end of its path, which had throughput `through`, depth
-    /// `through.w` and cosine `cos_view`, and met `emission` on the way; returns whether it is lit.
+    /// Compares the shading point of slot `i` with the oracle's surface at the end of its path, which had throughput
+    /// `through`, depth `through.w` and cosine `cos_view`, and collected `emission`; returns whether it is lit.
     fn check(
         &self,
         tally: &mut Tally,
@@ -108,7 +109,7 @@ impl Found {
     }
 }
 
-/// Runs the eye's stages and compares each but the steps at mirrors and glass; returns the first hits.
+/// Runs the eye's stages and compares all but the steps at mirrors and glass; returns the first hits.
 fn look(rig: &Rig) -> Vec<Option<Hit>> {
     let (frame, [width, height, pixels, _]) = (rig.frame(), rig.parameters.size);
     let r = &frame.eye.points;
@@ -179,7 +180,7 @@ fn camera_rays_trace_and_receivers_follow_their_oracles() {
         for (resolution, superposition) in
             AWKWARD_IMAGES.into_iter().flat_map(|r| [(r, None), (r, Some(Superposition::default()))])
         {
-            // Seen through mirrors and glass, and in the last image glass itself as well.
+            // Points seen through mirrors and glass, and in the last image glass itself as well.
             let max_specular = if resolution == AWKWARD_IMAGES[4] { 1 } else { 8 };
             let settings = Settings { paths: 1, max_specular, superposition, ..Settings::default() };
             let rig = Rig::new(ctx, &scene, resolution, settings);
@@ -198,7 +199,7 @@ fn camera_rays_trace_and_receivers_follow_their_oracles() {
     });
 }
 
-/// What is seen from close by on both sides of a sheet.
+/// The image of both sides of a sheet from close by.
 #[test]
 fn emission_of_each_side() {
     gpu_test(|ctx| {
@@ -221,7 +222,7 @@ fn emission_of_each_side() {
     });
 }
 
-/// Eye hits and irradiance of a scene with the work cut in rounds.
+/// Eye hits and irradiance of a scene with the work cut into rounds.
 fn in_rounds(ctx: &lightsum::gpu::Context, scene: &Scene, loop_budget: u32, rounds: u32) -> [Vec<[u32; 4]>; 3] {
     let settings = Settings {
         paths: 3,

@@ -1,4 +1,4 @@
-//! Shading, gathering, collecting and summing up against their oracles.
+//! Shading, gathering, collecting and accumulating against their oracles.
 
 use ash::vk;
 use glam::{DVec4, Vec3, Vec4};
@@ -22,19 +22,21 @@ use crate::rig::{
 };
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
-/// What may differ of a direction of the diffuse lobe: Vulkan grants sines and cosines an error of 2^-11.
+/// Tolerance for a direction of the diffuse lobe: Vulkan permits sines and cosines an error of 2^-11.
 const RELATIVE: f32 = 5e-4;
 
-/// Of a sum of many lights: divisions and roots.
+/// Tolerance for a sum of many lights: divisions and roots.
 const DIFFUSE: f32 = 1e-4;
 
-/// Of light by way of a specular lobe, which magnifies what differs in the directions: SwiftShader is 1e-3 off at worst.
+/// Tolerance for light over a specular lobe, which magnifies differences of the directions: SwiftShader is 1e-3 off at
+/// worst.
 const LOBE: f32 = 2e-3;
 
-/// Share of points that rounding may light otherwise: each has many shadow rays, and any may graze an edge.
+/// Maximum fraction of points that rounding may light differently: each has many shadow rays, and any may graze an
+/// edge.
 const STRAYS: f64 = 0.005;
 
-/// The receivers as the oracles take them.
+/// The shading points in the form of the oracles.
 pub fn receivers(rig: &Rig, r: &ShadingPoints) -> Vec<Receiver> {
     let [position, geometric, shading, kd, f0, wo] =
         [&r.position, &r.geometric, &r.shading, &r.kd, &r.f0, &r.wo].map(|b| rig.vec4s(b));
@@ -62,13 +64,13 @@ fn at(sums: &[Vec<Vec4>; 3], i: usize) -> [Vec3; 3] {
     [0, 1, 2].map(|k| sums[k][i].truncate())
 }
 
-/// Whether sums are the same; `indirect` says how much the second may differ.
+/// Whether lighting is equal; `indirect` is the tolerance of the indirect part.
 fn alike(a: [Vec3; 3], b: [Vec3; 3], indirect: f32) -> bool {
     [DIFFUSE, indirect, LOBE].into_iter().enumerate().all(|(k, relative)| close(a[k], b[k], relative, 1e-9))
 }
 
-/// What the stages of a bounce left behind: points gathered, of those lit, by specular lobes, and pixels with light of
-/// each of the three kinds.
+/// Results of the stages of a bounce: points gathered, lit ones among them, those by specular lobes, and pixels with
+/// light of each of the three kinds.
 #[derive(Debug, Default)]
 struct Seen {
     gathered: usize,
@@ -77,7 +79,7 @@ struct Seen {
     sums: [usize; 3],
 }
 
-/// One short ray for each receiver of the bounce before, and what it meets.
+/// Compares one short ray for each shading point of the previous bounce, and its hit.
 fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
     let frame = rig.frame();
     let p = &rig.parameters;
@@ -106,7 +108,7 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
         let (expected, weight, specular) =
             gather::reference(p, pixel, bounce as u32 - 1, &before[i], old[i].truncate());
         let ray = ray_of(origin[i], direction[i]);
-        // A microfacet near the rim of what is visible has the root of a small difference of sines in it.
+        // A microfacet near the edge of visibility contains the root of a small difference of sines.
         let tolerance = if specular { 2.0 * sine.sqrt() } else { RELATIVE };
         let same = ray.origin == expected.origin
             && ray.t_max == expected.t_max
@@ -114,7 +116,7 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
         tally.check(same, || format!("pixel {i}: {ray:?} for {expected:?}"));
         let hit = hit_of(hits[i]);
         traced.check(same_hit(hit, rig.bvh().closest(&ray)), || format!("pixel {i}: {hit:?} of {ray:?}"));
-        // The part of the light that clipping cuts off.
+        // The fraction of the light that clipping removes.
         let clip = p.up[3];
         let share = hit.map_or(0.0, |h| (1.0 - h.t * h.t / (clip * clip)).max(0.0));
         let weight = weight * share;
@@ -150,7 +152,7 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
     let others = (0..origin.len()).filter(|&i| listed.binary_search(&(i as u32)).is_err());
     for i in others {
         assert!(untouched(origin[i]) && untouched(direction[i]) && untouched(hits[i]), "{what}: pixel {i} has no ray");
-        // Bit by bit: slots that hold no path may hold anything.
+        // Bit for bit: slots without a path may hold any value.
         let bits = |v: Vec4| v.to_array().map(f32::to_bits);
         assert_eq!(bits(beta[i]), bits(old[i]), "{what}: pixel {i}");
     }
@@ -173,11 +175,11 @@ fn check_shade(rig: &Rig, bounce: usize) {
         0 => frame.shade.record(rec),
         _ => rig.compensation().record_shade(rec, bounce),
     });
-    // Eye segment, gather rays, shadow ray and j reflections are at most as many as the longest path has.
+    // Eye segment, gather rays, shadow ray and j reflections together do not exceed the maximum path length.
     let plan = &rig.engine.plan().lights;
     let Some(reflections) = p.scene[2].checked_sub(bounce as u32 + 2) else { return };
     let lights: Vec<PointLight> = rig.get(&frame.walk.lights);
-    // Each class of pixels has lights of its own.
+    // Each class of pixels has its own lights.
     let lights_of = |slot: u32| {
         let first = (sort::class_of(p, slot) * plan.slots()) as usize;
         &lights[first..first + plan.first_slot(reflections as usize + 1) as usize]
@@ -245,7 +247,7 @@ fn shade_gather_and_collect_follow_their_oracles() {
         let sequence = |i: usize| if i == 7 { Sequence::Sobol } else { Sequence::Halton };
         let images = AWKWARD_IMAGES.into_iter().chain([[31, 17]; 3]).zip(patterns.into_iter().cycle());
         for (i, (resolution, pattern)) in images.enumerate() {
-            // A long clipping distance, so that most gather rays meet something.
+            // A long clipping distance, so that most gather rays hit something.
             let (clip, sequence) = (Clip::Distance(1.2), sequence(i));
             let settings = Settings { paths: 9, pattern, max_depth: 4, clip, sequence, seed: 3, ..Settings::default() };
             let rig = Rig::new(ctx, &scene, resolution, settings);
@@ -272,7 +274,7 @@ fn shade_gather_and_collect_follow_their_oracles() {
     });
 }
 
-/// What a single light does to the receivers of the gallery.
+/// Effect of a single light on the shading points of the gallery.
 #[derive(Debug, Default)]
 struct Effects {
     lit: usize,
@@ -304,9 +306,9 @@ fn effects(rig: &Rig, light: &PointLight) -> Effects {
     effects
 }
 
-/// Replaces all lights of a rig by one, in the place of number `slot`.
+/// Replaces all lights of a rig by one, in slot `slot`.
 fn only(rig: &Rig, slot: usize, light: PointLight) {
-    // A light's slot says how many reflections it has behind it, lit or not.
+    // A light's slot determines the number of reflections before it, lit or not.
     let mut lights: Vec<PointLight> = rig.get(&rig.frame().walk.lights);
     for l in &mut lights {
         *l = PointLight { f0: [0.0, 0.0, 0.0, l.f0[3]], ..PointLight::default() };
@@ -319,7 +321,7 @@ fn only(rig: &Rig, slot: usize, light: PointLight) {
 
 #[test]
 fn shade_of_each_kind_of_light() {
-    // One by one, and as the device does it best.
+    // One by one, and with the device's best kernel.
     for traversal in [Traversal::Single, Traversal::Auto] {
         gpu_test(|ctx| shade_each_kind(ctx, traversal));
     }
@@ -334,7 +336,7 @@ fn shade_each_kind(ctx: &Context, traversal: Traversal) {
     let delta = rig.engine.device_scene().delta.len();
     assert_eq!(delta, 4);
     let reflected = rig.parameters.depths[1][1] as usize;
-    // Of those that send out anything, the one that lights most receivers.
+    // Of the lights with power, the one that lights most shading points.
     let brightest = |range: std::ops::Range<usize>, of: fn(&PointLight) -> [f32; 4]| {
         let sends = |i: usize| xyz(of(&lights[i])) != Vec3::ZERO;
         range.max_by_key(|&i| if sends(i) { effects(&rig, &lights[i]).lit } else { 0 }).unwrap()
@@ -344,7 +346,7 @@ fn shade_each_kind(ctx: &Context, traversal: Traversal) {
     assert_ne!(lights[glossy].flags() & PointLight::GLOSSY, 0);
     let mut lobe = lights[glossy];
     lobe.emit = [0.0, 0.0, 0.0, 1.0];
-    // Close above the floor in the room's middle, for clipping.
+    // Close above the floor at the room's centre, for clipping.
     let mut near = lights[on_emitter];
     (near.position[0], near.position[1], near.position[2]) = (-0.6, 0.5, -0.2);
     for (name, slot, light, clips, shadows) in [
@@ -380,7 +382,8 @@ fn shade_each_kind(ctx: &Context, traversal: Traversal) {
     }
 }
 
-/// Everything that `merge` and `accumulate` read and write, for `pixels` pixels of arbitrary content, each of two components.
+/// The inputs and outputs of `merge` and `accumulate`, for `pixels` pixels of arbitrary content, each of two
+/// components.
 pub struct Sheet {
     pub frame: Buffer,
     pub receivers: ShadingPoints,
@@ -417,7 +420,7 @@ impl Sheet {
 /// Unit of the film's guides.
 const UNIT: f32 = 1.0 / 4_194_304.0;
 
-/// Fills a buffer with numbers up to `scale` and what `w` says; returns them.
+/// Fills a buffer with numbers up to `scale` and the w components from `w`; returns them.
 pub fn fill(ctx: &Context, buffer: &Buffer, numbers: &mut Numbers, scale: f32, w: impl Fn(u32) -> f32) -> Vec<Vec4> {
     let count = (buffer.bytes() / 16) as u32;
     let values: Vec<Vec4> = (0..count).map(|i| (numbers.vec3() * scale).extend(w(i))).collect();
@@ -434,8 +437,8 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
         for size in AWKWARD_SIZES {
             let s = Sheet::new(ctx, [size as u32, 1], PASSES);
             let (r, n) = (&s.receivers, &mut Numbers(size as u32));
-            // Every third pixel sees nothing; every fifth is not lit, and what its sums hold is not its light; every seventh
-            // looks into a mirror that shows nothing.
+            // Every third pixel sees nothing; every fifth is not lit, and its sums must be ignored; every seventh looks
+            // into a mirror that reflects the background.
             let depth = |i: u32| if i % 3 == 2 { -1.0 } else { 2.5 };
             let lit = |i: u32| if i % 5 == 4 { 0.0 } else { 1.0 };
             let ends = |i: u32| if i % 7 == 6 { -1.0 } else { depth(i) };
@@ -445,7 +448,7 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
             let kd = fill(ctx, &r.kd, n, 1.0, |_| 1.0);
             let f0 = fill(ctx, &r.f0, n, 1.0, |_| 1.0);
             fill(ctx, &r.wo, n, -1.0, lit);
-            // Tiny beside the large sums: each alone would be rounded away.
+            // Tiny compared with the large sums: each alone would be rounded away.
             let emitted = fill(ctx, &r.emitted, n, 1e-5, |_| 0.0);
             let light = [&s.sums.direct, &s.sums.indirect, &s.sums.specular].map(|b| fill(ctx, b, n, 1e-5, |_| 0.0));
             let large = [&s.film.color[1], &s.film.direct, &s.film.indirect].map(|sum| {
@@ -484,7 +487,7 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
                 ] {
                     let found = total(sum, i);
                     let exact = start + x.as_dvec4() * f64::from(PASSES);
-                    // The sum is exact; the addend itself is known to some ulp, PASSES times over.
+                    // The sum is exact; the addends are known to a few ulp, PASSES times over.
                     let error = (found - exact).abs();
                     let bound = exact.abs() * f64::EPSILON * 8.0 + x.as_dvec4().abs() * f64::from(PASSES) * 1e-6;
                     assert!(error.cmple(bound).all(), "{name} of pixel {i} of {size}: {found} for {exact}");
@@ -495,7 +498,7 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
                 ];
                 for (found, one) in guides {
                     let expected = one.as_dvec4() * f64::from(PASSES);
-                    // An addend is off by half a unit and some ulp.
+                    // An addend is off by half a unit and a few ulp.
                     let bound = expected.abs() * 1e-6 + f64::from(PASSES) * f64::from(UNIT);
                     assert!((found - expected).abs().cmple(bound).all(), "{found} for {expected}");
                 }
@@ -536,7 +539,7 @@ fn accumulate_is_the_exact_sum() {
                 let (before, before_albedo) = ([0, 1, 2].map(|k| old[k][i]), [0, 1].map(|k| old_albedo[k][i]));
                 let one = (through[i].truncate() * albedo[i].truncate()).extend(1.0);
                 let (expected, expected_albedo) = match lost {
-                    // A pass that lost rays leaves no trace.
+                    // A pass that lost rays has no effect.
                     1 => (before, before_albedo),
                     _ => (
                         accumulate::sum_with(before, direct[i].truncate().extend(0.0)),

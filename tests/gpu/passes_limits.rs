@@ -1,4 +1,4 @@
-//! Work beyond what one dispatch may do: cut, carried on, reported; and the two builds of the kernels.
+//! Work beyond the limit of one dispatch: split, continued, reported; and the two builds of the kernels.
 
 use glam::Vec3;
 use lightsum::accel::{Ray, Steps};
@@ -18,9 +18,9 @@ use crate::support::{SENTINEL, assert_silent, gpu_test, options};
 /// Iterations after which lavapipe before Mesa 25 silently ends all loops of a subgroup.
 const DRIVER_CAP: u64 = 65_535;
 
-/// The lights that one invocation would reach if its loops ended after [`DRIVER_CAP`] iterations, and the iterations
-/// that all of them need: one a light, a node and a triangle. Fewer than the device's, whose subgroup runs as long as its
-/// slowest member.
+/// The number of lights that one invocation would reach if its loops ended after [`DRIVER_CAP`] iterations, and the
+/// iterations for all of them: one a light, a node and a triangle. Fewer than the device's, whose subgroup runs as long
+/// as its slowest member.
 fn reach(rig: &Rig, receiver: &Receiver, lights: &[PointLight]) -> (usize, u64) {
     let (mut total, mut reached) = (0, 0);
     for light in lights {
@@ -82,7 +82,7 @@ fn more_work_than_the_driver_lets_one_dispatch_do() {
 #[test]
 fn a_trace_of_more_steps_than_the_driver_lets_one_dispatch_do() {
     gpu_test(|ctx| {
-        // Rays past tens of thousands of needles, and the walk of particles among them.
+        // Rays past tens of thousands of needles, and the walk of particles between them.
         let scene = builtin::deep_scene(40_000);
         let settings = Settings { paths: 8, rounds: 16, ..Settings::default() };
         let rig = Rig::new(ctx, &scene, [4, 2], settings);
@@ -107,7 +107,7 @@ fn a_trace_of_more_steps_than_the_driver_lets_one_dispatch_do() {
     });
 }
 
-/// Settings by which no ray gets home in one round.
+/// Settings with which no ray finishes in one round.
 fn starved() -> Settings {
     Settings {
         paths: 4,
@@ -153,7 +153,7 @@ fn a_renderer_recovers_lost_rays_by_more_rounds() {
         let fed = render(ctx, &scene, [9, 3], fed, 2);
         assert_eq!(fed.engine().plan().settings.rounds, 4);
         assert_eq!(hungry.passes(), 2);
-        // A ray carried on has the same numbers as one that is not.
+        // A continued ray has the same numbers as an uninterrupted one.
         assert!(hungry.save_state().unwrap() == fed.save_state().unwrap(), "the images differ");
         assert!(fed.layers().unwrap().color.iter().any(|c| c.x > 0.0));
     });
@@ -184,7 +184,8 @@ fn both_builds_of_the_kernels_give_the_same_image() {
         for (name, a, b) in
             [("color", &a.color, &b.color), ("direct", &a.direct, &b.direct), ("albedo", &a.albedo, &b.albedo)]
         {
-            // Two programs of the same arithmetic; a device may contract it differently, and an edge may flip.
+            // Two programs with the same arithmetic; a device may contract it differently, and a ray at an edge may
+            // flip.
             let different = a.iter().zip(b).filter(|(a, b)| !close(**a, **b, 1e-4, 1e-6)).count();
             assert!(different * 100 <= a.len(), "{name}: {different} of {} pixels differ", a.len());
         }

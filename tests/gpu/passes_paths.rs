@@ -1,4 +1,4 @@
-//! Eye paths through mirrors and glass, and what becomes of their second components, against their oracles.
+//! Eye paths through mirrors and glass, and their second components, against their oracles.
 
 use std::collections::BTreeMap;
 
@@ -16,13 +16,13 @@ use crate::passes_light::{Sheet, fill};
 use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, make, ray_of, same_hit, untouched};
 use crate::support::gpu_test;
 
-/// What may differ of a direction: refraction near the critical angle magnifies the rounding of roots and divisions.
+/// Tolerance for a direction: refraction near the critical angle magnifies the rounding of roots and divisions.
 const DIRECTION: f32 = 1e-3;
 
-/// Share of paths that rounding may send another way.
+/// Maximum fraction of paths that rounding may deflect.
 const STRAYS: f64 = 0.005;
 
-/// The eye paths of all slots as the device left them.
+/// The eye paths of all slots, read from the device.
 struct EyePathState {
     origin: Vec<Vec4>,
     direction: Vec<Vec4>,
@@ -50,7 +50,7 @@ impl EyePathState {
         vectors.iter().flat_map(|v| v[i].to_array().map(f32::to_bits)).chain(self.media[i]).collect()
     }
 
-    /// Whether slot `i` is as the oracle says after its step.
+    /// Whether slot `i` agrees with the oracle after its step.
     fn is(&self, i: usize, expected: &EyePath, cos_view: f32) -> bool {
         let state = close(self.throughput[i].truncate(), expected.throughput, DIRECTION, 1e-6)
             && (self.throughput[i].w - expected.depth).abs() <= 1e-4 * expected.depth
@@ -66,7 +66,7 @@ impl EyePathState {
     }
 }
 
-/// How often paths did what.
+/// Counts of paths by the result of a step.
 #[derive(Debug, Default)]
 struct Seen {
     split: usize,
@@ -141,7 +141,7 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
         });
     }
     tally.finish(STRAYS);
-    // A path that chance sends the other way is on the list or not all the same, but for mirrors over a base.
+    // A deflected path is on the list exactly if the oracle's is, except at mirrors over a base.
     let on: Vec<u32> = expected.iter().filter(|(_, (path, _))| path.ray.is_some()).map(|(&slot, _)| slot).collect();
     let listed = rig.eye_list(step);
     let strays = on.iter().filter(|s| !listed.contains(s)).chain(listed.iter().filter(|s| !on.contains(s))).count();
@@ -244,7 +244,7 @@ fn scenes_without_mirrors_and_glass_do_not_pay() {
     });
 }
 
-/// Many tiles, few of them marked: the list keeps their order over all stretches.
+/// Many tiles, few of them marked: the list keeps their order across all stretches.
 #[test]
 fn tiles_are_listed_in_order() {
     gpu_test(|ctx| {
@@ -264,7 +264,7 @@ fn merge_adds_second_components_to_their_pixels() {
             let size = (width * height) as usize;
             let s = Sheet::new(ctx, [width, height], 1);
             let (r, n) = (&s.receivers, &mut Numbers(size as u32));
-            // Every third second component is not lit, and what its sums hold is not its light.
+            // Every third second component is not lit, and its sums must be ignored.
             let lit = |i: u32| if i % 3 == 2 { 0.0 } else { 1.0 };
             let kd = fill(ctx, &r.kd, n, 1.0, |_| 1.0);
             fill(ctx, &r.wo, n, 1.0, lit);

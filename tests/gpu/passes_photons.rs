@@ -1,4 +1,4 @@
-//! Caustic photons from the lights to the pixels against their oracles.
+//! Caustic photons from the emitters to the pixels against their oracles.
 
 use glam::{Vec3, Vec4};
 use lightsum::bsdf::Reflectance;
@@ -17,17 +17,17 @@ use lightsum::stage::{Photons, Stage};
 use crate::rig::{Rig, SINE, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error};
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
-/// What may differ of a direction: refraction near the critical angle magnifies rounding.
+/// Tolerance for a direction: refraction near the critical angle magnifies rounding.
 const DIRECTION: f32 = 1e-3;
 
-/// Share of photons that rounding may send elsewhere.
+/// Maximum fraction of photons that rounding may deflect.
 const STRAYS: f64 = 0.005;
 
 fn photons<'a>(rig: &'a Rig) -> &'a Photons {
     rig.frame().photons.as_ref().unwrap()
 }
 
-/// The photons as the device left them.
+/// The photons, read from the device.
 struct State {
     origin: Vec<Vec4>,
     direction: Vec<Vec4>,
@@ -84,7 +84,7 @@ fn check_start(rig: &Rig, what: &str, sine: f32) {
     traced.finish(STRAYS);
 }
 
-/// Runs a step; adds to the numbers of photons that were lost, stored and went on.
+/// Runs a step; adds to the numbers of photons lost, stored and continued.
 fn check_step(rig: &Rig, what: &str, step: usize, seen: &mut [usize; 3]) {
     let p = photons(rig);
     let before = State::of(rig);
@@ -151,12 +151,12 @@ fn check_step(rig: &Rig, what: &str, step: usize, seen: &mut [usize; 3]) {
     tally.finish(STRAYS);
 }
 
-/// The photons that are stored, and where.
+/// The stored photons and their positions.
 fn stored(positions: &[Option<Vec3>]) -> Vec<(u32, Vec3)> {
     (0..).zip(positions).filter_map(|(photon, position)| position.map(|at| (photon, at))).collect()
 }
 
-/// Sorts the photons; gives those stored back in the order of the grid.
+/// Sorts the photons; returns the stored ones in grid order.
 fn check_grid(rig: &Rig, what: &str) -> Vec<Photon> {
     let p = photons(rig);
     let g = &p.grid;
@@ -193,7 +193,7 @@ fn check_grid(rig: &Rig, what: &str) -> Vec<Photon> {
     sorted
 }
 
-/// Lights the image; returns the number of receivers that photons light, diffusely and by a lobe.
+/// Lights the image; returns the number of points that photons light, diffusely and by a lobe.
 fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
     rig.light();
     let frame = rig.frame();
@@ -240,7 +240,7 @@ fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
     lit
 }
 
-/// Shoots, follows, sorts and looks up so many photons.
+/// Shoots, follows, sorts and looks up the photons of these settings.
 fn follow(ctx: &Context, scene: &Scene, settings: Settings, sine: f32, seen: &mut [usize; 3]) -> [usize; 2] {
     let what = format!("{} photons, pattern {:?}", settings.photons, settings.pattern);
     let rig = Rig::new(ctx, scene, [31, 17], settings);
@@ -265,7 +265,7 @@ fn photons_follow_their_oracles() {
         }
         println!("lost, stored, gone on: {seen:?}; receivers lit diffusely and by a lobe: {lit:?}");
         assert!(seen.iter().all(|&n| n > 100) && lit.iter().all(|&n| n > 10), "{seen:?} {lit:?}");
-        // Classes, and photons that are looked up in 15 stretches.
+        // Classes, and photons that are looked up in 15 ranges.
         let settings = Settings { photons: 341, pattern: [3, 2], loop_budget: 1152, rounds: 100, ..base };
         lit = follow(ctx, &scene, settings, sine, &mut seen);
         assert!(lit[0] > 10, "{lit:?}");

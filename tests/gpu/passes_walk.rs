@@ -14,10 +14,10 @@ use lightsum::stage::Stage;
 use crate::rig::{Rig, SINE, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error, untouched, xyz};
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
-/// What may differ, relative to the largest component: divisions and roots are less exact on a device than ours.
+/// Tolerance, relative to the largest component: divisions and roots are less exact on a device than ours.
 const RELATIVE: f32 = 2e-4;
 
-/// Share of paths that rounding may send elsewhere: at an edge, a horizon, or the threshold of a random choice.
+/// Maximum fraction of paths that rounding may deflect: at an edge, a horizon, or the threshold of a random choice.
 const STRAYS: f64 = 0.003;
 
 fn settings(paths: u32, jitter: bool) -> Settings {
@@ -28,8 +28,8 @@ fn interleaved(paths: u32, pattern: [u32; 2], jitter: bool) -> Settings {
     Settings { paths, pattern, jitter, seed: 7, ..Settings::default() }
 }
 
-/// Whether a light sends out the same, from a place as near as `place`. Of lights that send out nothing, the rest is left
-/// open.
+/// Whether two lights have the same emission, from positions within `place`. For lights without power, the rest is
+/// ignored.
 pub fn same_light(a: &PointLight, b: &PointLight, place: f32) -> bool {
     let v = |f: fn(&PointLight) -> [f32; 4], relative, absolute| close(xyz(f(a)), xyz(f(b)), relative, absolute);
     let w = |f: fn(&PointLight) -> [f32; 4]| (f(a)[3] - f(b)[3]).abs() <= 1e-5;
@@ -51,7 +51,7 @@ pub fn same_light(a: &PointLight, b: &PointLight, place: f32) -> bool {
         && w(|l| l.f0)
 }
 
-/// Whether rays start at the same place into the same direction, or both not at all.
+/// Whether rays start at the same point in the same direction, or both do not start.
 fn same_ray([origin, direction, flux]: [Vec4; 3], oracle: &Ray, oracle_flux: glam::Vec3, place: f32) -> bool {
     let ray = ray_of(origin, direction);
     if oracle.t_max == 0.0 || ray.t_max == 0.0 {
@@ -63,7 +63,7 @@ fn same_ray([origin, direction, flux]: [Vec4; 3], oracle: &Ray, oracle_flux: gla
         && close(flux.truncate(), oracle_flux, 2.0 * SINE, 0.0)
 }
 
-/// One walk, each stage from what the stage before it left on the device; returns the kinds of emitters that started
+/// One walk, each stage from the device's results of the previous stage; returns the kinds of emitters that started
 /// particles and the numbers of lights with and without a specular lobe.
 fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usize; 2]) {
     let what = format!(
@@ -201,7 +201,7 @@ fn every_emitter_starts_particles() {
             }
         }
         for (e, (emitter, &count)) in emitters.list.iter().zip(&started).enumerate() {
-            // A Halton segment hits an interval of this length to within some log^2 N points.
+            // A Halton segment has the right number of points in an interval of this length to within some log^2 N.
             let expected = 2049.0 * emitter.probability;
             assert!((count as f32 - expected).abs() < 24.0, "emitter {e}, {:?}: {count} for {expected}", emitter.kind);
         }
@@ -211,7 +211,7 @@ fn every_emitter_starts_particles() {
     });
 }
 
-/// The lights of a pass from the oracles alone.
+/// The lights of a pass by the oracles alone.
 fn walk(rig: &Rig) -> Vec<PointLight> {
     let (p, plan) = (&rig.parameters, &rig.engine.plan().lights);
     let classes = p.pattern[2];
@@ -262,7 +262,7 @@ fn the_walk_against_the_oracle_path_by_path() {
             let mut tally = Tally::new(format!("walk of {paths} particles, pass {pass}, jitter {jitter}"));
             let extent = rig.bvh().diagonal();
             for (slot, (a, b)) in found.iter().zip(&expected).enumerate() {
-                // Differences of rounding grow from vertex to vertex, most by curved surfaces and sharp lobes.
+                // Rounding differences grow from vertex to vertex, most at curved surfaces and sharp lobes.
                 let grown = 30f32.powi(b.f0[3] as i32) * sine;
                 let place = close(xyz(a.position), xyz(b.position), 0.0, 1e-5 + extent * grown);
                 let power = 1e-3 + 10.0 * grown;
@@ -273,7 +273,7 @@ fn the_walk_against_the_oracle_path_by_path() {
                     format!("light {slot}: {a:?}\nfor {b:?}")
                 });
             }
-            // A path that goes astray takes its up to three further lights with it.
+            // A deflected path changes up to three further lights as well.
             tally.finish(3.0 * STRAYS);
         }
     });

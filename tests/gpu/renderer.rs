@@ -1,5 +1,5 @@
-//! The whole renderer against the path tracer, and what it promises besides: the same bits for the same seed, states that go
-//! on where they stopped, lights that can be read back, layers that make sense.
+//! The whole renderer against the path tracer, and its other guarantees: the same bits for the same seed, states that
+//! resume where they stopped, lights that can be read back, consistent layers.
 
 use glam::{Vec2, Vec3};
 use lightsum::Error;
@@ -14,8 +14,8 @@ use lightsum::settings::{Clip, Sequence, Settings, Traversal};
 use crate::scenes::{Soup, camera, compare, mean, original, render, renderer, settings};
 use crate::support::gpu_test;
 
-/// The Cornell box seen without its lamp: at the lamp's edges a whole row of pixels would tell how many passes met it, and
-/// little else.
+/// The Cornell box without its lamp in view: a whole row of pixels at the lamp's edge would measure the number of
+/// passes that hit it, and little else.
 pub fn cornell() -> (Scene, Camera) {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell/scene.toml");
     let scene = scene::load(path.as_ref()).unwrap();
@@ -24,7 +24,7 @@ pub fn cornell() -> (Scene, Camera) {
     (scene, camera)
 }
 
-/// The path tracer's image of a scene, mirrors and glass followed as by the renderer.
+/// The path tracer's image of a scene, with mirrors and glass followed as by the renderer.
 pub fn path_traced(scene: &Scene, camera: &Camera, samples: u32, max_depth: u32) -> Vec<Vec3> {
     let bvh = Bvh::build(scene).unwrap();
     let emitters = Emitters::of(scene, scene.emitters_are_lights).unwrap();
@@ -43,8 +43,9 @@ pub fn agrees(what: &str, image: &[Vec3], reference: &[Vec3], energy: f64, rmse:
     assert!(error <= rmse, "{what}: relative RMSE {error}, allowed is {rmse}");
 }
 
-/// Direct light, which shows every receiver's own reflectance sharply, and three reflections more. Over seeds the energy
-/// varies by 0.0005 and 0.003 (standard deviations), and the error is 0.015 and 0.03 to 0.05 without the reference's noise.
+/// Direct light, which shows the reflectance of every point sharply, and three further reflections. Over seeds the
+/// energy varies by 0.0005 and 0.003 (standard deviations), and the error is 0.015 and 0.03 to 0.05 without the
+/// reference's noise.
 #[track_caller]
 pub fn agrees_at_depths(ctx: &Context, scene: &Scene, camera: Camera) {
     let direct = render(ctx, scene, camera, &settings(32, 2), 128);
@@ -57,7 +58,7 @@ pub fn agrees_at_depths(ctx: &Context, scene: &Scene, camera: Camera) {
 fn cornell_box_against_the_path_tracer() {
     gpu_test(|ctx| {
         let (scene, camera) = cornell();
-        // The reference is noisy by 0.02 itself.
+        // The reference itself has noise of 0.02.
         let reference = path_traced(&scene, &camera, 2048, 5);
         // 8192 paths: seeds differ by 0.006 in energy; their error is 0.035 to 0.045.
         let standard = render(ctx, &scene, camera, &settings(32, 5), 256);
@@ -69,7 +70,7 @@ fn cornell_box_against_the_path_tracer() {
         // Unclipped lights in corners leave bright spots: the energy is right, the error large.
         let plain = render(ctx, &scene, camera, &original(32, 5), 256);
         agrees("original", &plain.color, &reference, 0.015, 0.3);
-        // With the same points the difference is what clipping cuts off.
+        // With the same points the difference is the light that clipping removes.
         let clipped = render(ctx, &scene, camera, &Settings { compensation: false, ..settings(32, 5) }, 256);
         let (ratio, _) = compare(&clipped.color, &standard.color);
         println!("clipped without compensation: energy {ratio:.4} of the compensated");
@@ -140,7 +141,7 @@ fn textures_and_smooth_normals_against_the_path_tracer() {
         soup.0.textures.push(checkers());
         let floor = soup.material(Material { base_color: Vec3::ONE, base_texture: Some(0), ..Material::default() });
         room(&mut soup, floor);
-        // The texture twice each way on the floor, whose triangles are the fifth and sixth.
+        // The texture twice along each axis on the floor, whose triangles are the fifth and sixth.
         let vertices: Vec<u32> = soup.0.triangles[4..6].iter().flat_map(|t| t.vertices).collect();
         vertices.iter().for_each(|&v| soup.0.uvs[v as usize] *= Vec2::splat(2.0));
         let white = soup.diffuse([0.7, 0.7, 0.8], 0.0);
@@ -170,14 +171,16 @@ fn exported_lights_give_the_same_image() {
         let again = scene::load(&path).unwrap();
         assert!(!again.emitters_are_lights);
         assert_eq!(again.camera.map(|c| (c.eye, c.fov_y)), Some((camera.eye, camera.fov_y)));
-        // Every light is there as it is: one pass over them is the whole image. The clipping distance and the pixels' offset stay.
+        // Every light is exported unchanged: one pass over them is the whole image. The clipping distance and the
+        // pixels' offset stay.
         let settings = Settings { max_depth: 2, ..settings };
         let mut second = renderer(ctx, &again, camera, &settings);
         second.pass().unwrap();
         let (a, b) = (first.layers().unwrap(), second.layers().unwrap());
         let (energy, error) = compare(&b.color, &a.color);
         println!("re-imported: energy {energy:.6}, relative RMSE {error:.6}");
-        // Positions are moved off their surfaces a second time, by 256 units in the last place; at grazing angles that shows.
+        // Positions are moved off their surfaces a second time, by 256 units in the last place; this shows at grazing
+        // angles.
         assert!((energy - 1.0).abs() < 1e-4 && error < 0.002, "energy {energy}, relative RMSE {error}");
     });
 }
@@ -201,7 +204,7 @@ fn the_same_seed_gives_the_same_bits() {
         assert!(!same(Settings { seed: 1, ..base.clone() }), "another seed");
         assert!(!same(Settings { jitter: true, ..base.clone() }), "jitter");
         assert!(!same(Settings { sequence: Sequence::Sobol, ..base.clone() }), "another sequence");
-        // How the work is cut must not show.
+        // The division of work must not affect the image.
         assert!(same(Settings { lights_per_dispatch: 1, ..base.clone() }), "one light in each dispatch");
         assert!(same(Settings { lights_per_dispatch: 64, ..base.clone() }), "all lights in one dispatch");
         assert!(same(Settings { rounds: 1, ..base.clone() }), "one round");
@@ -236,10 +239,11 @@ fn times_and_rays_of_the_passes_add_up() {
 #[test]
 fn rays_that_run_out_of_steps_are_carried_on() {
     gpu_test(|ctx| {
-        // With 64 lights to a dispatch a ray has some 150 steps in a round, and this scene asks for more.
+        // With 64 lights in a dispatch a ray has some 150 steps in a round, and this scene needs more.
         let scene = builtin::deep_scene(1500);
         let camera = Camera { resolution: [16, 16], ..scene.camera.unwrap() };
-        // Clusters leave rays over to the kernel for single ones, which rounds otherwise; one by one no bit may change.
+        // Clusters leave rays to the kernel for single ones, which rounds differently; with single rays alone no bit
+        // may change.
         let single = Settings { traversal: Traversal::Single, ..settings(16, 3) };
         let few = Settings { lights_per_dispatch: 1, ..single.clone() };
         let many = Settings { lights_per_dispatch: 64, rounds: 1, ..single };

@@ -1,4 +1,5 @@
-//! A scene on the shared device whose frame is recorded stage by stage, and a gallery of all that stages must handle.
+//! A scene on the shared device whose frame is recorded stage by stage, and a gallery of everything that stages must
+//! handle.
 
 use std::cell::RefCell;
 use std::path::Path;
@@ -18,10 +19,11 @@ use lightsum::settings::{Settings, Traversal};
 use lightsum::stage::{Compensation, Stage};
 use lightsum::superposition::kernels::KernelLibrary;
 
-/// Image sizes at which off-by-one mistakes show: one pixel, part of a workgroup, one workgroup, 2049 pixels, a prime width.
+/// Image sizes that reveal off-by-one mistakes: one pixel, part of a workgroup, one workgroup, 2049 pixels, a prime
+/// width.
 pub const AWKWARD_IMAGES: [[u32; 2]; 5] = [[1, 1], [27, 1], [8, 8], [683, 3], [31, 17]];
 
-/// A scene ready to be run in parts.
+/// A scene whose stages run one by one.
 pub struct Rig<'a> {
     pub ctx: &'a Context,
     pub scene: &'a Scene,
@@ -33,7 +35,7 @@ impl<'a> Rig<'a> {
     /// Sets up the scene for its first pass, with parameters written and counters cleared.
     pub fn new(ctx: &'a Context, scene: &'a Scene, resolution: [u32; 2], settings: Settings) -> Rig<'a> {
         let camera = scene.camera.unwrap();
-        // The scene's angle of view, but along the longer side: a slit would see hardly anything by it.
+        // The scene's angle of view, but along the longer side: a narrow image would see hardly anything with it.
         let [width, height] = resolution.map(|n| n as f32);
         let tan = (0.5 * camera.fov_y).to_radians().tan() * (height / width.max(height));
         let camera = Camera { resolution, fov_y: 2.0 * tan.atan().to_degrees(), ..camera };
@@ -52,12 +54,12 @@ impl<'a> Rig<'a> {
         self.engine.frame()
     }
 
-    /// The stage that brings back what clipping cut off.
+    /// The stage that restores the light that clipping removed.
     pub fn compensation(&self) -> &Compensation {
         self.frame().compensation.as_ref().unwrap()
     }
 
-    /// Particles walk, and the eye looks.
+    /// Runs the walk and the eye stage.
     pub fn walk_and_look(&self) {
         self.run(|frame, rec| {
             frame.walk.record(rec)?;
@@ -65,7 +67,7 @@ impl<'a> Rig<'a> {
         });
     }
 
-    /// Particles walk, the eye looks, and lights light what it sees.
+    /// Runs the walk, the eye stage and shading.
     pub fn light(&self) {
         self.walk_and_look();
         self.run(|frame, rec| frame.shade.record(rec));
@@ -107,12 +109,12 @@ impl<'a> Rig<'a> {
         self.get(&self.frame().point_lists().nth(bounce).unwrap().work)[0]
     }
 
-    /// The receivers on the list of a bounce, sorted.
+    /// The shading points on the list of a bounce, sorted.
     pub fn list(&self, bounce: usize) -> Vec<u32> {
         if bounce > 0 || self.frame().eye.clusters.is_none() {
             return self.sorted(self.frame().point_lists().nth(bounce).unwrap());
         }
-        // Clusters of the screen have gaps.
+        // Lists in screen order have gaps.
         let work = self.work(0);
         let mut slots: Vec<u32> = self.get(&self.frame().eye.list.entries);
         slots.truncate(work.total as usize);
@@ -122,7 +124,7 @@ impl<'a> Rig<'a> {
         slots
     }
 
-    /// The slots whose paths went on in a step of the eye paths, sorted.
+    /// The slots whose paths continued in a step of the eye paths, sorted.
     pub fn eye_list(&self, step: usize) -> Vec<u32> {
         self.sorted(&self.frame().eye.lists[step])
     }
@@ -143,7 +145,7 @@ impl<'a> Rig<'a> {
         slots
     }
 
-    /// Number of the reflector that a hit lies on, where superposition takes it for one of these surfaces, else 0.
+    /// Number of the hit's reflector if it is a glossy plane or frosted pane of superposition, else 0.
     fn reflector(&self, hit: &Hit, kind: Surface) -> u32 {
         let triangle = self.bvh().scene_triangle(hit.triangle);
         let material = self.scene.triangles[triangle as usize].material;
@@ -153,7 +155,7 @@ impl<'a> Rig<'a> {
         if counts && number <= self.engine.plan().settings.mirroring_planes() { number } else { 0 }
     }
 
-    /// Number of the glossy plane that mirrors the room, where superposition takes a hit for one, else 0.
+    /// Number of the hit's reflector if it is a glossy plane that mirrors the room, else 0.
     pub fn plane(&self, hit: &Hit) -> u32 {
         self.reflector(hit, Surface::Opaque)
     }
@@ -163,7 +165,7 @@ impl<'a> Rig<'a> {
         &self.engine.device_scene().tables().unwrap().library
     }
 
-    /// What superposition takes a hit for, seen along `d`.
+    /// The plane of superposition at a hit, seen along `d`.
     pub fn spreading_plane(&self, hit: &Hit, d: Vec3) -> Option<Plane> {
         if self.reflector(hit, Surface::Glass) > 0 {
             return Some(Plane::Frosted);
@@ -174,7 +176,7 @@ impl<'a> Rig<'a> {
         Some(Plane::Glossy { energy: lobe.energy, grazing: lobe.grazing })
     }
 
-    /// Whether a region, a number of a reflector, is a frosted pane.
+    /// Whether a region (the number of a reflector) is a frosted pane.
     pub fn is_pane(&self, region: u32) -> bool {
         region > 0 && self.engine.device_scene().reflectors[region as usize - 1].pane
     }
@@ -185,7 +187,7 @@ impl<'a> Rig<'a> {
     }
 }
 
-/// Makes a pass that shares these resources with no others, and has no scene.
+/// Makes a pass that shares these resources with no other pass, and has no scene.
 pub fn make<T>(ctx: &Context, shared: Resources, pass: impl FnOnce(&Kit) -> lightsum::Result<T>) -> T {
     let mut staging = Staging::new();
     let (uploads, traversal) = (RefCell::new(&mut staging), Traversal::Auto);
@@ -194,11 +196,11 @@ pub fn make<T>(ctx: &Context, shared: Resources, pass: impl FnOnce(&Kit) -> ligh
     made
 }
 
-/// What a device's sine and cosine may be off: Vulkan grants 2^-11. SwiftShader comes close to it, lavapipe does not.
+/// Tolerance for a device's sine and cosine: Vulkan permits 2^-11. SwiftShader comes close to it, lavapipe does not.
 pub const SINE: f32 = 5e-4;
 
-/// How much the directions in which particles start from the lights of a scene differ from the oracle's: the error of the
-/// device's sine and cosine, for it is all that is in them but roots.
+/// Maximum difference of the directions in which particles start from the lights of a scene from the oracle's: the
+/// error of the device's sine and cosine, the only inexact operations in them besides roots.
 pub fn sine_error(ctx: &Context, scene: &Scene) -> f32 {
     let rig = Rig::new(ctx, scene, [1, 1], Settings { paths: 2049, ..Settings::default() });
     rig.run(|frame, rec| frame.walk.record_start(rec));
@@ -212,7 +214,7 @@ pub fn sine_error(ctx: &Context, scene: &Scene) -> f32 {
     worst
 }
 
-/// Whether nobody wrote here since [`Rig::prefill`].
+/// Whether nothing was written here since [`Rig::prefill`].
 pub fn untouched(v: Vec4) -> bool {
     v.to_array().iter().all(|x| x.to_bits() == crate::support::SENTINEL)
 }
@@ -238,7 +240,7 @@ pub fn close(a: Vec3, b: Vec3, relative: f32, absolute: f32) -> bool {
     (a - b).abs().cmple(Vec3::splat(absolute + relative * size)).all()
 }
 
-/// Whether two hits are of one triangle at one place, or of two at one distance (an edge, coincident faces).
+/// Whether two hits are on one triangle at one point, or on two at one distance (an edge, coincident faces).
 pub fn same_hit(a: Option<Hit>, b: Option<Hit>) -> bool {
     match (a, b) {
         (None, None) => true,
@@ -251,8 +253,8 @@ pub fn same_hit(a: Option<Hit>, b: Option<Hit>) -> bool {
     }
 }
 
-/// Counts comparisons. A few per mille may fail where rounding decides (a ray through an edge, a random number at a
-/// threshold), of small numbers none.
+/// Counts comparisons. Of many, a few per mille may fail where rounding decides (a ray through an edge, a random number
+/// at a threshold); of few, none.
 pub struct Tally {
     what: String,
     compared: usize,
@@ -271,7 +273,7 @@ impl Tally {
         }
     }
 
-    /// Fails if more than `share` of the comparisons did.
+    /// Fails if more than the fraction `share` of the comparisons failed.
     pub fn finish(self, share: f64) {
         let allowed = (self.compared as f64 * share) as usize;
         let shown = self.failures[..self.failures.len().min(5)].join("\n");
@@ -327,7 +329,7 @@ impl Builder {
         let first = self.0.positions.len() as u32;
         for (position, normal, uv) in corners {
             self.0.positions.push(position);
-            // Normals that their codes hold exactly, so that only the arithmetic is compared.
+            // Normals that their codes represent exactly, so that only the arithmetic is compared.
             let stored = decode_normal(encode_normal(normal.normalize()));
             assert!((stored - normal.normalize()).length() < 1e-4, "{normal} is stored as {stored}");
             self.0.normals.push(stored);
@@ -342,7 +344,7 @@ impl Builder {
         self.face([(a, n, Vec2::ZERO), (b, n, Vec2::X), (c, n, Vec2::Y)], material, object, false);
     }
 
-    /// A parallelogram with texture coordinates from -`uv` to 2 `uv`, seen from the side to which cross(u, v) points.
+    /// A parallelogram with texture coordinates from -`uv` to 2 `uv`, seen from the side of cross(u, v).
     pub fn quad(&mut self, corner: Vec3, u: Vec3, v: Vec3, material: u32, uv: f32) {
         let object = self.object();
         let n = u.cross(v);
@@ -392,7 +394,7 @@ impl Builder {
     }
 }
 
-/// Lights of every kind that a scene lists beside its emissive faces.
+/// Lights of every kind that a scene lists besides its emissive faces.
 fn listed_lights(b: &mut Builder, glow: u32) {
     let object = b.sphere(Vec3::new(-1.2, 0.5, 1.0), 0.25, 1, glow, false);
     let center = Vec3::new(-1.2, 0.5, 1.0);
@@ -415,7 +417,7 @@ fn listed_lights(b: &mut Builder, glow: u32) {
         normal: Vec3::X,
         power: Vec3::new(0.8, 0.3, 0.1),
     });
-    // A closed glowing sphere behind the room: only who starts in it knows.
+    // A closed glowing sphere behind the room: only particles that start in it see it.
     let center = Vec3::new(9.0, 0.0, 0.0);
     let object = b.sphere(center, 0.5, 1, glow, true);
     b.0.lights.push(Light::Sphere { center, radius: 0.5, radiance: Vec3::splat(0.3), inward: true, object });
@@ -473,7 +475,7 @@ pub fn gallery() -> Scene {
     b.quad(rgb(-2.0, 0.0, -2.0), z * 4.0, x * 4.0, tiles, 1.7);
     b.quad(rgb(-2.0, 2.2, -2.0), x * 4.0, z * 4.0, gray, 1.0);
     b.quad(rgb(-2.0, 0.0, 2.0), y * 2.2, x * 4.0, cloth, 0.9);
-    // The wall to the left ends before the corner: what looks past it sees nothing.
+    // The wall on the left ends before the corner: rays past it hit nothing.
     b.quad(rgb(-2.0, 0.0, -2.0), y * 2.2, z * 2.6, paint, 1.3);
     b.quad(rgb(2.0, 0.0, -2.0), z * 4.0, y * 2.2, metal, 0.8);
     b.sphere(rgb(0.6, 0.5, 0.9), 0.5, 2, gloss, false);
@@ -481,7 +483,7 @@ pub fn gallery() -> Scene {
     b.quad(rgb(-1.5, 0.6, 1.9), y * 0.8, x * 0.8, silver, 1.0);
     b.quad(rgb(-0.6, 1.2, 1.9), y * 0.7, x * 0.9, varnish, 1.0);
     b.quad(rgb(1.0, 0.8, 1.8), y * 0.8, x * 0.5, pane, 1.0);
-    // One ball of glass partly in another.
+    // One ball of glass partly inside another.
     b.sphere(rgb(-0.9, 1.4, 0.4), 0.35, 2, water, false);
     b.sphere(rgb(-0.8, 1.45, 0.15), 0.2, 2, crystal, false);
     b.quad(rgb(-0.5, 2.15, -0.5), x, z * 0.8, lamp, 1.0);

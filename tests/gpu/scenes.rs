@@ -1,4 +1,4 @@
-//! Scenes, cameras and measures that the tests of whole images share.
+//! Scenes, cameras and measures shared by the tests of whole images.
 
 use glam::{DVec3, Vec2, Vec3};
 use lightsum::gpu::Context;
@@ -52,7 +52,7 @@ impl Soup {
         }
     }
 
-    /// A sphere seen from outside with smooth normals, of 2 n^2 faces or so.
+    /// A sphere of about 2 n^2 faces seen from outside, with smooth normals.
     pub fn ball(&mut self, center: Vec3, radius: f32, n: u32, material: u32) {
         let point = |i: u32, j: u32| {
             let (theta, phi) =
@@ -98,7 +98,7 @@ pub fn probe(eye: Vec3, target: Vec3) -> Camera {
     camera(eye, target, 0.01, [1, 1])
 }
 
-/// Vertical angle in degrees under which `half` across is seen from `distance`, to both sides.
+/// Vertical angle in degrees under which a half-height of `half` is seen from `distance`.
 pub fn fov(half: f32, distance: f32) -> f32 {
     2.0 * (half / distance).atan().to_degrees()
 }
@@ -108,7 +108,7 @@ pub fn settings(paths: u32, max_depth: u32) -> Settings {
     Settings { paths, max_depth, ..Settings::default() }
 }
 
-/// Keller's original estimator: no clipping, hence nothing to compensate.
+/// Keller's original estimator: no clipping, hence no compensation.
 pub fn original(paths: u32, max_depth: u32) -> Settings {
     Settings { clip: Clip::Distance(0.0), compensation: false, ..settings(paths, max_depth) }
 }
@@ -132,8 +132,8 @@ pub fn mean(layer: &[Vec3]) -> DVec3 {
     layer.iter().map(|v| v.as_dvec3()).sum::<DVec3>() / layer.len() as f64
 }
 
-/// Energy ratio and relative RMSE of an image against a reference, over the pixels whose reference is not above its 99.5th
-/// percentile (so that emitters that are seen do not count): sqrt(mean((a - b)^2 / (b^2 + 0.01 mean(b)^2))).
+/// Energy ratio and relative RMSE of an image against a reference, over the pixels whose reference is not above its
+/// 99.5th percentile (so that visible emitters do not count): sqrt(mean((a - b)^2 / (b^2 + 0.01 mean(b)^2))).
 pub fn compare(image: &[Vec3], reference: &[Vec3]) -> (f64, f64) {
     assert_eq!(image.len(), reference.len());
     assert!(image.iter().all(|v| v.is_finite()), "a pixel is not finite");

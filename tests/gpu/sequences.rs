@@ -1,4 +1,4 @@
-//! Low-discrepancy points in shaders, bit for bit those of the host.
+//! Low-discrepancy points in shaders, bit for bit equal to the host's.
 
 use lightsum::gpu::{Buffer, Kernel, Memory, download, upload};
 use lightsum::sampling::random::hash;

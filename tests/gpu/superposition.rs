@@ -16,7 +16,7 @@ use crate::rig::{AWKWARD_IMAGES, Builder, Rig, Tally, close};
 use crate::scenes::{self, Soup, camera, compare, render};
 use crate::support::gpu_test;
 
-/// A room with a glossy floor, a glossy wall of another finish across from the eye, and an opening to nothing.
+/// A room with a glossy floor, a glossy wall of another finish opposite the eye, and an opening to the background.
 fn room() -> Scene {
     let mut b = Builder::default();
     let plain = Material::default;
@@ -37,13 +37,13 @@ fn room() -> Scene {
     b.finish(Vec3::new(0.1, 1.2, -1.9), Vec3::new(0.0, 0.7, 1.0))
 }
 
-/// One pass at few paths without gather rays.
+/// One pass with few paths and without gather rays.
 fn settings(superposition: Superposition) -> Settings {
     let superposition = Some(superposition);
     Settings { paths: 4, compensation: false, max_specular: 4, superposition, ..Settings::default() }
 }
 
-/// Lights what the eye sees.
+/// Lights the visible points.
 fn light(rig: &Rig) {
     rig.light();
     assert_eq!(rig.lost(), 0);
@@ -86,7 +86,7 @@ fn mirror_images_follow_their_oracle() {
                 let mut seen_planes = vec![(lobe.tan_beta, through[i].w)];
                 let more = widening[i];
                 if more.x > 0.0 {
-                    // With one plane more its lobe and its place can be had from the sums.
+                    // With only one more plane the sums give its lobe and its position.
                     seen_planes.push((more.x.sqrt(), more.y / more.x));
                     let one = (more.z * more.x - more.y * more.y).abs() <= 1e-4 * more.y * more.y;
                     widened += usize::from(one);
@@ -193,7 +193,7 @@ fn summands_follow_their_oracle_and_add_up() {
     });
 }
 
-/// Two planes that face each other, and a floor between them, all of one finish.
+/// Two planes that face each other, and a floor between them, all with the same finish.
 fn facing(finish: Material) -> (Scene, Camera) {
     let mut soup = Soup::new("facing planes");
     let walls = [[0.6, 0.1, 0.1], [0.1, 0.5, 0.2], [0.5, 0.5, 0.4], [0.6, 0.6, 0.6]];
@@ -206,8 +206,8 @@ fn facing(finish: Material) -> (Scene, Camera) {
     (soup.0, camera(Vec3::new(1.0, 0.9, 0.05), Vec3::new(0.6, 0.5, 1.5), 75.0, [32, 24]))
 }
 
-/// Planes whose lobe is as narrow as lobes can be are mirrors, in corners and facing each other, seen in each other as often as
-/// paths are followed.
+/// Planes with the narrowest lobe are mirrors, in corners and facing each other, seen in each other up to the maximum
+/// number of steps.
 #[test]
 fn planes_that_hardly_spread_are_mirrors() {
     gpu_test(|ctx| {
@@ -227,7 +227,7 @@ fn planes_that_hardly_spread_are_mirrors() {
     });
 }
 
-/// A metal floor that reflects stripes of light, rough enough to blur them, and nothing else.
+/// A metal floor that reflects stripes of light, rough enough to blur them.
 fn stripes(roughness: f32) -> (Scene, Camera) {
     let mut soup = Soup::new("stripes");
     let black = soup.diffuse([0.0; 3], 0.0);
@@ -248,7 +248,7 @@ fn a_rough_floor_reflects_as_much_as_the_path_tracer_says() {
     gpu_test(|ctx| {
         for (roughness, off, greatest) in [(0.2, 0.05, 0.1), (0.4, 0.08, 0.15)] {
             let (scene, camera) = stripes(roughness);
-            // Towards the image's edges the lobe reaches for what the mirror image does not show.
+            // Towards the image's edges the lobe extends beyond the mirror image.
             let middle = |image: &[Vec3]| -> Vec<Vec3> {
                 let inside = |i: &usize| (24..72).contains(&(i % 96)) && (16..48).contains(&(i / 96));
                 (0..image.len()).filter(inside).map(|i| image[i]).collect()
@@ -268,7 +268,7 @@ fn a_rough_floor_reflects_as_much_as_the_path_tracer_says() {
     });
 }
 
-/// A table of a lobe's values takes its place: the image is nearly the same.
+/// With a table of the lobe's values instead, the image is nearly the same.
 #[test]
 fn a_tabulated_lobe_spreads_as_the_lobe_does() {
     gpu_test(|ctx| {

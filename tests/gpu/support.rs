@@ -1,4 +1,4 @@
-//! One device for all tests of this binary, under the eyes of the validation layer.
+//! One device for all tests of this binary, observed by the validation layer.
 
 use std::sync::{Mutex, OnceLock, PoisonError};
 
@@ -25,7 +25,7 @@ pub struct ReducePush {
     pub count: u32,
 }
 
-/// What `kernels/reduce.wgsl` adds to.
+/// Output of `kernels/reduce.wgsl`.
 #[repr(C)]
 pub struct Totals {
     pub sum: u32,
@@ -38,10 +38,10 @@ mod layout_checks {
     include!(concat!(env!("OUT_DIR"), "/test_layout_checks.rs"));
 }
 
-/// What outputs are filled with before a test, so that an element that nobody wrote shows.
+/// Initial content of outputs, which reveals elements that were not written.
 pub const SENTINEL: u32 = 0xdead_beef;
 
-/// Sizes at which off-by-one mistakes show.
+/// Sizes that reveal off-by-one mistakes.
 pub const AWKWARD_SIZES: [usize; 4] = [1, 27, 64, 2049];
 
 /// Options of the tests' device: the one named by LIGHTSUM_DEVICE, else any; kernels with bounds checks if
@@ -58,11 +58,11 @@ pub fn options() -> ContextOptions {
     }
 }
 
-/// Runs a test on the shared device, alone, and fails it if the validation layer had anything to say.
+/// Runs a test on the shared device, alone, and fails it if the validation layer reported anything.
 pub fn gpu_test(test: impl FnOnce(&Context)) {
     static CONTEXT: OnceLock<Result<Context, String>> = OnceLock::new();
     static TURN: Mutex<()> = Mutex::new(());
-    // A test that failed in its turn says nothing about the next one.
+    // The failure of an earlier test does not affect the next one.
     let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     let ctx = CONTEXT
         .get_or_init(|| Context::headless(&options()).map_err(|e| e.to_string()))

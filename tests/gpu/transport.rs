@@ -1,5 +1,6 @@
-//! The whole renderer against closed forms. What a tolerance allows is stated with it: integration by finitely many points of
-//! a low-discrepancy sequence, the rounding of single precision (1e-4 at most), and flat facets in place of a sphere.
+//! The whole renderer against closed forms. Each tolerance is stated with its causes: integration by finitely many
+//! points of a low-discrepancy sequence, the rounding of single precision (1e-4 at most), and flat facets instead of a
+//! sphere.
 
 use std::f32::consts::PI;
 
@@ -84,7 +85,8 @@ fn furnace_of_the_scene_file() {
     });
 }
 
-/// Share of the light of a wall, perpendicular to the receiver's and at distance s from it, that clipping at c cuts off.
+/// Fraction of the light of a wall, perpendicular to the shading point's surface and at distance s from the point, that
+/// clipping at c removes.
 ///
 /// loss = int cos cos' / (pi d^2) (1 - d^2 / c^2) dA over d < c; with cos cos' = s z / d^2 and z = r sin(phi) this is
 /// (2 s / pi) int_0^sqrt(c^2 - s^2) r^2 / (s^2 + r^2)^2 (1 - (s^2 + r^2) / c^2) dr.
@@ -100,7 +102,7 @@ fn clipping_darkens_an_edge_by_its_closed_form_and_compensation_undoes_it() {
     gpu_test(|ctx| {
         let scene = builtin::furnace(0.5, 1.0);
         let clip = 0.2;
-        // Near the edge y = 0 of the wall z = 1, far from all others. 0.5 is the limit at the edge itself.
+        // Near the edge y = 0 of the wall z = 1, far from all others. The limit at the edge itself is 0.5.
         for (s, passes) in [(0.02f32, 8), (0.05, 4), (0.1, 4), (0.25, 4)] {
             let point = Vec3::new(0.5, s, 1.0);
             let camera = probe(Vec3::new(0.5, 0.5, 0.3), point);
@@ -114,7 +116,7 @@ fn clipping_darkens_an_edge_by_its_closed_form_and_compensation_undoes_it() {
             let e = grey(&render(ctx, &scene, camera, &clipped, passes).direct) / PI64;
             near(&format!("clipped at {s}"), e, expected, 0.01);
         }
-        // With compensation every point has all its light again: the image is even but for the grain of short paths.
+        // With compensation every point has all its light again: the image is uniform up to the grain of short paths.
         let point = Vec3::new(0.5, 0.0, 1.0);
         let camera = camera(Vec3::new(0.5, 0.5, 0.3), point, 10.0, [8, 8]);
         let compensated = Settings { clip: Clip::Distance(clip), ..settings(32, 2) };
@@ -147,7 +149,7 @@ fn area(scene: &Scene) -> f64 {
     (0..scene.triangles.len()).map(|i| f64::from(scene.triangle_area(i))).sum()
 }
 
-/// Least distance of a facet's plane from the origin.
+/// Minimum distance of a facet's plane from the origin.
 fn inradius(scene: &Scene) -> f64 {
     let plane = |i| {
         let [a, b, c] = scene.triangle_positions(i).map(|p| p.as_dvec3());
@@ -174,8 +176,8 @@ fn a_sphere_with_point_lights_needs_one_path() {
                     let e = f64::from(e.x) / PI64;
                     assert!((h - 1e-5..1.0 / (h * h) + 1e-5).contains(&e), "{e}");
                 }
-                // The light that a closed surface catches is exact, only its area is too small for 4 pi. A light lights
-                // its own facet not at all and those around it the more: in view, that leaves 0.002 after 48 paths.
+                // The light that a closed surface receives is exact, only its area is too small for 4 pi. A light does
+                // not light its own facet, and lights those around it more: in view, that leaves 0.002 after 48 paths.
                 let expected = (1.0 - 0.5f64.powi(depth as i32 - 1)) * 2.0 * TAU64 / surface;
                 near(&format!("{n} lights, {} reflections", depth - 1), grey(&layers.color), expected, 0.004);
             }
@@ -187,7 +189,8 @@ fn a_sphere_with_point_lights_needs_one_path() {
 fn a_sphere_that_glows_needs_one_path() {
     gpu_test(|ctx| {
         let scene = builtin::sphere_enclosure(5, &[(0.5 * PI, 0.5); 8]);
-        // The facets' area, as above, is all that differs from the ideal: their emission is less, their mean irradiance not.
+        // The facets' area, as above, is the only difference from the ideal: their emission is less, their mean
+        // irradiance not.
         for depth in [1, 2, 3, 5] {
             let layers = render(ctx, &scene, scene.camera.unwrap(), &original(1, depth), 16);
             let expected = 1.0 - 0.5f64.powi(depth as i32);
@@ -197,8 +200,8 @@ fn a_sphere_that_glows_needs_one_path() {
     });
 }
 
-/// The kernel between two points of a sphere, cos cos' / d^2, is 1 / (4 r^2): whatever lights there are, each lights every
-/// point alike, so a pass is exact for its lights. A wrong weight, cosine or distance of any light shows at once.
+/// The kernel between two points of a sphere, cos cos' / d^2, is 1 / (4 r^2): each light lights every point equally, so
+/// a pass is exact for its lights. This reveals a wrong weight, cosine or distance of any light.
 #[test]
 fn in_a_sphere_every_light_lights_every_point_alike() {
     gpu_test(|ctx| {
@@ -238,7 +241,7 @@ fn a_sphere_of_unequal_patches() {
             for (i, color) in layers.color.iter().enumerate() {
                 let (x, y) = ((i as u32 % resolution[0]) as f32 + 0.5, (i as u32 / resolution[0]) as f32 + 0.5);
                 let d = camera_direction(&camera, resolution, x, y);
-                // Pixels that lie in one octant as a whole.
+                // Pixels that are entirely in one octant.
                 if d.abs().min_element() > 0.12 {
                     let octant = usize::from(d.x < 0.0) | usize::from(d.y < 0.0) << 1 | usize::from(d.z < 0.0) << 2;
                     sums[octant].0 += f64::from(color.x);
@@ -265,14 +268,14 @@ fn facing_plates_exchange_their_form_factor() {
         let sobol = [(Sequence::Sobol, (0.5, 0.4152532836)), (Sequence::Sobol, (1.0, 0.1998248957))];
         for (sequence, (gap, expected)) in halton.into_iter().chain(sobol) {
             let scene = builtin::facing_plates(gap);
-            // The receiver fills the image, and its points project to pixels evenly.
+            // The surface fills the image, and its points project to pixels uniformly.
             let mut camera = scene.camera.unwrap();
             camera.fov_y = fov(0.5, gap - camera.eye.y);
             camera.resolution = [32, 32];
             let layers = render(ctx, &scene, camera, &Settings { sequence, ..settings(64, 2) }, 16);
             let coverage = layers.alpha.iter().map(|&a| f64::from(a)).sum::<f64>() / layers.alpha.len() as f64;
             assert!(coverage > 0.999, "{coverage}");
-            // 1024 points on the emitter times as many pixels: 1e-3.
+            // 1024 points on the emitter for each of 1024 pixels: 1e-3.
             near(&format!("{sequence:?}, gap {gap}"), grey(&layers.direct) / PI64 / coverage, expected, 0.002);
             assert_eq!(mean(&layers.indirect), DVec3::ZERO);
         }
@@ -289,7 +292,7 @@ fn polygon(point: Vec3, normal: Vec3, corners: &[Vec3]) -> f64 {
     (0..v.len()).map(edge).sum::<f64>().abs() / 2.0
 }
 
-/// A floor at y = 0 under what is added to it.
+/// A floor at y = 0 below the parts added to it.
 fn floor() -> Soup {
     let mut soup = Soup::new("floor");
     let white = soup.diffuse(0.5, 0.0);
@@ -321,13 +324,13 @@ fn irradiance_of_rectangles() {
             near("its green", e.y, PI64 * factor, 0.002);
             assert_eq!(e.z, 0.0);
         }
-        // A wall on the floor, as large and as far: C = (atan 1 - atan(1/sqrt 2) / sqrt 2) / (2 pi).
+        // A wall on the floor, of the same size and distance: C = (atan 1 - atan(1/sqrt 2) / sqrt 2) / (2 pi).
         let mut soup = floor();
         let lamp = soup.diffuse(0.0, 1.0);
         soup.quad(Vec3::X, Vec3::Z, Vec3::Y, lamp);
         let h = 0.5f64.sqrt();
         near("wall", irradiance(ctx, &soup.0, Vec3::ZERO).x, 0.5 * (PI64 / 4.0 - h * h.atan()), 0.002);
-        // From behind nothing comes, unless it shines to both sides.
+        // The back emits nothing, unless the face is two-sided.
         let mut soup = floor();
         let lamp = soup.diffuse(0.0, 1.0);
         let corners = [Vec3::Y, Vec3::new(0.0, 1.0, 1.0), Vec3::ONE, Vec3::new(1.0, 1.0, 0.0)];
@@ -335,7 +338,7 @@ fn irradiance_of_rectangles() {
         assert_eq!(irradiance(ctx, &soup.0, Vec3::ZERO), DVec3::ZERO);
         soup.0.materials[lamp as usize].two_sided = true;
         let expected = polygon(Vec3::ZERO, Vec3::Y, &corners);
-        // Each point shines to one side, chosen at random: three standard deviations of 8192 choices.
+        // Each point emits to one side, chosen at random: three standard deviations of 8192 choices.
         near("two-sided", irradiance(ctx, &soup.0, Vec3::ZERO).x, expected, 3.0 / 8192f64.sqrt());
     });
 }
@@ -370,7 +373,7 @@ fn irradiance_of_a_sphere_and_a_disc() {
         for x in [0.0f32, 1.0] {
             let d2 = f64::from(1.5 * 1.5 + x * x);
             let expected = PI64 * 2.0 * f64::from(radius * radius) / d2 * (1.5 / d2.sqrt());
-            // Points start before the facets' corners, up to 1e-3 of the radius outside of them.
+            // Points start in front of the facets' corners, up to 1e-3 of the radius outside them.
             let e = irradiance(ctx, &soup.0, Vec3::new(x, 0.0, 0.0)).x;
             near(&format!("sphere at {x}"), e, expected, 0.005);
         }
@@ -379,7 +382,7 @@ fn irradiance_of_a_sphere_and_a_disc() {
         let (r, h, n) = (0.7f32, 0.9f32, 64);
         let mut soup = floor();
         let lamp = soup.diffuse(0.0, 2.0);
-        // A polygon of the disc's area.
+        // A polygon with the area of the disc.
         let around = 2.0 * PI / n as f32;
         let corner = r * (around / around.sin()).sqrt();
         let rim = |i: u32| {
@@ -403,7 +406,7 @@ fn irradiance_of_a_sphere_and_a_disc() {
 #[test]
 fn lights_without_area_follow_inverse_square_and_cosine() {
     gpu_test(|ctx| {
-        // Each in a channel of its own.
+        // Each in its own channel.
         let mut soup = floor();
         let (position, axis) = (Vec3::new(0.3, 2.0, -0.2), Vec3::new(0.2, -1.0, 0.1).normalize());
         let (inner, outer) = (0.2f32, 0.7f32);
@@ -419,7 +422,7 @@ fn lights_without_area_follow_inverse_square_and_cosine() {
             let e = irradiance(ctx, &soup.0, point);
             let to_point = (point - position).as_dvec3();
             let (d2, cos) = (to_point.length_squared(), -to_point.normalize().y);
-            // Shadow rays start off the floor by 6e-5, the 65,536th part of the greatest coordinate.
+            // Shadow rays start 6e-5 off the floor, the 65,536th part of the maximum coordinate.
             near("point", e.x, 3.0 * cos / d2, 2e-4);
             let along = to_point.normalize().dot(axis.as_dvec3());
             let (c_in, c_out) = (f64::from(inner).cos(), f64::from(outer).cos());
@@ -435,7 +438,8 @@ fn lights_without_area_follow_inverse_square_and_cosine() {
 #[test]
 fn mean_irradiance_of_a_room_of_one_albedo() {
     gpu_test(|ctx| {
-        // CIE 171:2006, case 5.8: a room of 4 m with a source of 10,000 lm in its middle; mean irradiance Phi / (S (1 - rho)).
+        // CIE 171:2006, case 5.8: a room of 4 m with a source of 10,000 lm at its centre; mean irradiance Phi / (S (1 -
+        // rho)).
         for (rho, published) in [(0.05f32, 109.65), (0.3, 148.81), (0.5, 208.33)] {
             let mut soup = Soup::new("CIE 5.8");
             let wall = soup.diffuse(rho, 0.0);
@@ -458,7 +462,7 @@ fn mean_irradiance_of_a_room_of_one_albedo() {
 #[test]
 fn walls_absorb_what_lamps_emit() {
     gpu_test(|ctx| {
-        // A cube whose ceiling glows and whose walls differ: sum of (1 - rho) E A over them is the emitted power.
+        // A cube with an emissive ceiling and different walls: the sum of (1 - rho) E A over them is the emitted power.
         let albedos = [0.1f32, 0.5, 0.3, 0.2, 0.4, 0.6];
         let mut soup = Soup::new("cube");
         let materials: Vec<u32> = (0..6).map(|i| soup.diffuse(albedos[i], if i == 3 { 1.0 } else { 0.0 })).collect();
@@ -470,7 +474,8 @@ fn walls_absorb_what_lamps_emit() {
             let layers = render(ctx, &soup.0, camera, &settings(512, 10), 32);
             absorbed += (1.0 - f64::from(rho)) * 4.0 * (grey(&layers.direct) + grey(&layers.indirect));
         }
-        // After nine reflections at most 0.5^9 is left in flight. Over seeds, 1024 paths scatter by 0.013; these 16,384 by 0.003.
+        // After nine reflections at most 0.5^9 of the power is in flight. Over seeds, 1024 paths vary by 0.013; these
+        // 16,384 by 0.003.
         near("absorbed", absorbed, PI64 * 4.0, 0.01);
     });
 }
@@ -478,8 +483,8 @@ fn walls_absorb_what_lamps_emit() {
 #[test]
 fn no_light_passes_a_wall_without_thickness() {
     gpu_test(|ctx| {
-        // A long room divided by one quad whose edges lie in the other walls; the lamp is beyond it. Far from the origin, where
-        // single precision is coarse, as well.
+        // A long room divided by one quad whose edges are in the other walls; the lamp is beyond it. Also far from the
+        // origin, where single precision is coarse.
         for corner in [Vec3::ZERO, Vec3::new(500.0, -300.0, 700.0)] {
             let mut soup = Soup::new("two rooms");
             let (wall, lamp) = (soup.diffuse(0.7, 0.0), soup.diffuse(0.0, 50.0));

@@ -1,4 +1,4 @@
-//! Shadow rays in clusters against shadow rays one by one.
+//! Shadow rays in clusters against single shadow rays.
 
 use glam::Vec3;
 use lightsum::calibrate;
@@ -25,7 +25,7 @@ fn irradiance(ctx: &Context, scene: &Scene, camera: Camera, settings: &Settings)
     layers.direct.into_iter().chain(layers.indirect).collect()
 }
 
-/// Compares both ways; pixels that see a light past an edge may differ, `strays` of a thousand at most.
+/// Compares both kernels; pixels that see a light past an edge may differ, at most `strays` of a thousand.
 fn compare(ctx: &Context, name: &str, scene: &Scene, camera: Camera, strays: usize) {
     compare_interleaved(ctx, name, scene, camera, [1, 1], strays);
 }
@@ -59,7 +59,7 @@ fn clusters_see_what_single_rays_see() {
         compare(ctx, "furnace", &scene, camera, 4);
         let (scene, camera) = with_camera(builtin::sphere_point_lights(4), [27, 1]);
         compare(ctx, "sphere", &scene, camera, 4);
-        // Clusters of one class of pixels, of as many classes as there may be, and of more than there are pixels.
+        // Clusters of one class of pixels, of the maximum number of classes, and of more classes than there are pixels.
         for (resolution, pattern) in [([83, 61], [3, 3]), ([83, 61], [8, 8]), ([5, 7], [8, 8]), ([64, 27], [1, 2])] {
             let (scene, camera) = with_camera(builtin::room(2_000), resolution);
             compare_interleaved(ctx, &format!("{resolution:?} by {pattern:?}"), &scene, camera, pattern, 4);
@@ -70,7 +70,7 @@ fn clusters_see_what_single_rays_see() {
 #[test]
 fn clusters_may_span_the_whole_scene() {
     gpu_test(|ctx| {
-        // Few pixels see everything, so one cluster's shaft is the room itself.
+        // Few pixels see everything, so the shaft of one cluster is the room itself.
         for resolution in [[1, 1], [8, 8], [3, 5]] {
             let (scene, camera) = with_camera(builtin::room(5_000), resolution);
             compare(ctx, &format!("{resolution:?}"), &scene, camera, 35);
@@ -102,7 +102,7 @@ fn lights_in_awkward_places() {
             ("outside", high + (high - low), 4),
             ("in a corner", low, 200),
         ] {
-            // The room's own light stays, so that something is lit in any case.
+            // The room's own light stays, so that there is always some light.
             scene.lights = vec![Light::Point { position, intensity }];
             compare(ctx, name, &scene, camera, strays);
         }
@@ -151,7 +151,7 @@ fn lists_are_sorted_and_the_same_in_every_run() {
             let run = || {
                 let by_space = Settings { pattern, cluster_order: ClusterOrder::Space, ..settings(Traversal::Auto) };
                 let rig = Rig::new(ctx, &scene, [width, height], by_space);
-                // Second components outside of tiles with mirrors and glass are left alone; they are not lit.
+                // Second components outside tiles with mirrors and glass are not written; they are not lit.
                 rig.prefill(&[&rig.frame().eye.points.wo]);
                 rig.walk_and_look();
                 let live = rig.work(0).live as usize;
@@ -225,7 +225,7 @@ fn both_orders_of_clusters_give_the_same_light() {
             let (space, screen) = (by(ClusterOrder::Space), by(ClusterOrder::Screen));
             let level = space.iter().sum::<Vec3>() / space.len() as f32;
             assert!(level.min_element() > 0.0, "{pattern:?}: nothing is lit");
-            // Shafts differ, and with them what is tested of the triangles that a ray just grazes.
+            // Shafts differ, and so do the tests of triangles that a ray just grazes.
             let apart = |(a, b): &(&Vec3, &Vec3)| !(**a - **b).abs().cmple(a.abs() * 1e-5 + level * 1e-6).all();
             let differ = space.iter().zip(&screen).filter(apart).count();
             assert!(differ * 1000 <= 4 * space.len(), "{pattern:?}: {differ} of {} differ", space.len());
@@ -248,14 +248,14 @@ fn the_choice_of_kernel_is_measured_and_kept() {
         let mut measured = read();
         let faster = measured["cluster"].as_f64().unwrap() < measured["single"].as_f64().unwrap();
         assert_eq!(first, if faster { Traversal::Auto } else { Traversal::Single });
-        // What the file says counts.
+        // The times in the file decide.
         for (single, choice) in [(1e9, Traversal::Auto), (1e-9, Traversal::Single)] {
             measured["single"] = single.into();
             std::fs::write(&file, measured.to_string()).unwrap();
             assert_eq!(calibrate::choose(ctx, &cache).unwrap(), choice);
             assert_eq!(read(), measured, "it was measured again");
         }
-        // Unless it is of another device, or damaged.
+        // Unless it belongs to another device, or is damaged.
         measured["of"] = "another device".into();
         for text in [measured.to_string(), String::from("{")] {
             std::fs::write(&file, text).unwrap();

@@ -1,4 +1,4 @@
-//! Views: resizing, crops, strips, atlases; and films that are merged.
+//! Views: resizing, crops, strips, atlases; and merged films.
 
 use std::sync::Arc;
 
@@ -30,7 +30,7 @@ fn film(renderer: &mut Renderer, passes: u32) -> HostFilm {
     renderer.film().unwrap()
 }
 
-/// Settings whose images take every path through the frame that a crop may take.
+/// Settings whose images use every path through the frame that a crop may take.
 fn all_kinds() -> Vec<(&'static str, Settings)> {
     let plain = Settings { paths: 6, ..Settings::default() };
     let interactive = Settings { paths: 6, ..Settings::interactive() };
@@ -102,7 +102,7 @@ fn crops_that_need_the_whole_image_render_it() {
             film(&mut part, 1);
             assert_eq!(part.engine().view().size(), [40, 30]);
             assert_same(&part.layers().unwrap(), &whole.layers().unwrap().cut(crop), "whole");
-            // A view of a region alone is refused: its bits would be others.
+            // A view of the region alone is refused: it would have other bits.
             let region = Region { origin: [0, 0], size: [24, 16] };
             let view = View::Camera { camera, region };
             assert!(Engine::with_view(ctx, &scene, view, settings).err().unwrap().to_string().contains("whole image"));
@@ -135,7 +135,7 @@ fn strips_have_the_bits_of_the_whole_image() {
             assert_eq!(told, (0..2 * strips.len() as u32).collect::<Vec<_>>());
             assert!(tiles::render(&mut parts, &strips, 2, |done| done < 3).unwrap().is_none());
         }
-        // The image fits this device, so nothing is cut.
+        // The image fits this device, so there are no strips.
         assert_eq!(tiles::strips(ctx.info(), &scene, &camera, &Settings::default()).len(), 1);
         let huge = camera_of(&scene, [7680, 4320]);
         let strips = tiles::strips(ctx.info(), &scene, &huge, &Settings::default());
@@ -207,7 +207,7 @@ fn films_of_disjoint_passes_merge_to_the_film_of_all() {
             }
             assert!(merged == whole, "four shards, in another order");
             assert_same(&merged.mean(), &whole.mean(), "the mean");
-            // A merged film goes on like any other.
+            // A merged film continues like any other.
             all.load_film(7, &merged).unwrap();
             let mut through = renderer(ctx, &scene, camera, &settings);
             assert!(film(&mut all, 2).canonical() == film(&mut through, 9).canonical());

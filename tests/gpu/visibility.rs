@@ -1,4 +1,4 @@
-//! Which lights are seen: both kernels against rays traced one by one on the processor.
+//! Visible lights: both kernels against rays traced one by one on the CPU.
 
 use glam::Vec3;
 use lightsum::accel::{Bvh, offset_origin};
@@ -43,7 +43,7 @@ impl Stage<'_> {
         pass
     }
 
-    /// Both kernels see what the oracle sees, but for two rays and `strays` of a million more.
+    /// Both kernels agree with the oracle, except for two rays and `strays` of a million more.
     fn check(&self, name: &str, workload: &Workload, strays: u64) {
         let expected = reference(self.bvh(), workload);
         let pairs = (workload.receivers.len() * workload.lights.len()) as u64;
@@ -61,7 +61,7 @@ impl Stage<'_> {
     }
 }
 
-/// `count` receivers all over the surfaces, in no order, and `lights` lights in the air.
+/// `count` points all over the surfaces, in no order, and `lights` lights in the air.
 fn all_over(scene: &Scene, count: usize, lights: usize) -> Workload {
     let (low, high) = scene.bounds();
     let scale = low.abs().max(high.abs()).max_element();
@@ -85,7 +85,7 @@ fn both_kernels_see_what_the_oracle_sees() {
         let scenes = [builtin::room(300), builtin::room(20_000), builtin::deep_scene(700), gallery()];
         for scene in &scenes {
             let stage = Stage::new(ctx, scene);
-            // One cluster spans the whole scene here, since neighbours on the list are no neighbours in space.
+            // One cluster spans the whole scene here, since neighbours on the list are not neighbours in space.
             for (count, lights) in [(1, 1), (27, 5), (64, 33), (2049, 9), (4099, 70)] {
                 stage.check(&scene.name, &all_over(scene, count, lights), 20);
             }
@@ -145,7 +145,7 @@ fn degenerate_triangles_hide_no_area_light() {
         let mut scene = builtin::room(300);
         let workload = areas(&scene, 500, 12, 0.2);
         let clear = reference(&Bvh::build(&scene).unwrap(), &workload);
-        // A point, and lines right across the room along an axis and askew.
+        // A point, and lines across the room along an axis and at an angle.
         let (low, high) = scene.bounds();
         let middle = (low + high) * 0.5;
         let ends = [(middle, middle), (Vec3::new(low.x, middle.y, middle.z), middle), (low, high)];
@@ -182,7 +182,7 @@ fn tiny_area_lights_are_point_lights() {
                 let tiny = seen(&with_edges(length), traversal);
                 tiny.iter().zip(&expected).map(|(&a, &b)| u64::from(a.abs_diff(b))).sum::<u64>()
             };
-            // The rest of 67,617 rays that pass so near to an edge.
+            // The remaining ones of 67,617 rays that pass this close to an edge.
             let (tiny, large) = (differ(1e-6), differ(0.2));
             eprintln!("{traversal:?}: {tiny} rays differ for a millionth of the diagonal, {large} for a fifth");
             assert!(tiny <= 20 && large > 2_000, "{traversal:?}: {tiny} and {large} rays differ");
@@ -196,8 +196,8 @@ fn lights_at_vertices_and_on_surfaces() {
         let scene = builtin::room(2_000);
         let stage = Stage::new(ctx, &scene);
         let mut workload = all_over(&scene, 2_000, 0);
-        // Lifted off as the walk lifts them. So near to a triangle the planes through light and edges depend on the last bits
-        // of the light's place.
+        // Offset as in the walk. This close to a triangle, the planes through light and edges depend on the last bits
+        // of the light's position.
         let scale = stage.bvh().scale();
         for triangle in [20, 333, 1_000, 1_600] {
             let [a, b, c] = scene.triangle_positions(triangle);
@@ -205,7 +205,7 @@ fn lights_at_vertices_and_on_surfaces() {
             workload.lights.extend([a, (a + b) * 0.5, (a + b + c) / 3.0].map(|p| offset_origin(p, n, scale)));
         }
         stage.check("lifted lights", &workload, 2_000);
-        // A light inside a sphere is seen by nobody outside, and the other way round.
+        // A light inside a sphere is invisible from outside, and vice versa.
         workload.lights = vec![(stage.bvh().min + stage.bvh().max) * 0.5, stage.bvh().max * 3.0];
         stage.check("inside and outside", &workload, 20);
     });
@@ -222,7 +222,7 @@ fn what_faces_away_is_culled_and_counted() {
         let stage = Stage::new(ctx, &scene);
         let (low, high) = scene.bounds();
         let middle = (low + high) * 0.5;
-        // Two clusters on the floor, one of them upside down.
+        // Two clusters on the floor, one of them facing down.
         let at = |i: usize| Vec3::new(middle.x + i as f32 * 1e-3, low.y + 0.1, middle.z);
         let mut workload = Workload {
             receivers: (0..128).map(at).collect(),
@@ -243,8 +243,8 @@ fn what_faces_away_is_culled_and_counted() {
         assert!(
             counted.nodes >= 40 && counted.children >= counted.nodes - 40 && counted.triangles >= counted.leaves / 8
         );
-        // Area lights that reach from above the receivers to below them are culled by neither cluster; the rays that go to points
-        // below the first or above the second are not traced.
+        // Neither cluster culls area lights that extend from above the points to below them; rays to targets below the
+        // first or above the second are not traced.
         let mut deep = workload.clone();
         deep.lights = vec![Vec3::new(middle.x, at(0).y - 1.0, middle.z); 20];
         deep.edges = vec![[Vec3::X, 2.0 * Vec3::Y]; 20];

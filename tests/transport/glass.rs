@@ -14,11 +14,12 @@ fn glass_leaves_a_furnace_alone() {
     b.cuboid(Vec3::splat(-2.0), Vec3::splat(2.0), true, wall);
     let glass = b.glass(1.5);
     b.cuboid(Vec3::new(-1.0, -1.0, -0.05), Vec3::new(1.0, 1.0, 0.05), false, glass);
-    // What reflects in the pane more often than 16 segments allow is lost: at most some 0.1 per cent at this angle.
+    // Light with more reflections in the pane than 16 segments permit is missing: at most some 0.1 per cent at this
+    // angle.
     for direction in [Vec3::new(0.0, 0.0, 1.0), Vec3::new(0.3, 0.2, 1.0), Vec3::new(0.0, 1.0, 1.2)] {
         expect(&b.0, (-direction, direction), 16, 4000, 1.0, 1e-3);
     }
-    // A pane lets (1 - R) / (1 + R) through; the light is in front of the eye alone.
+    // A pane transmits (1 - R) / (1 + R); the light is only in front of the eye.
     let mut b = Build::default();
     let lamp = b.material(0.0, 1.0);
     b.quad(Vec3::new(-1.0, -1.0, 2.0), Vec3::Y * 2.0, Vec3::X * 2.0, lamp);
@@ -46,7 +47,7 @@ fn mirrors_show_and_light() {
     let eye = Vec3::new(1.0, 0.2, 0.0);
     let image = Vec3::new(-2.0, 1.0, 0.1);
     expect(&scene(true), (eye, image - eye), 2, 4, f64::from(k * emitted), 0.0);
-    // The floor: directly, and by the image of the lamp.
+    // The floor: lit directly, and by the mirror image of the lamp.
     let target = Vec3::new(1.0, 0.0, 0.0);
     let lamp = |x: f32| [(0.5, -0.5), (0.5, 0.5), (1.5, 0.5), (1.5, -0.5)].map(|(y, z)| Vec3::new(x, y, z));
     let direct = polygon_irradiance(target, Vec3::Y, &lamp(2.0));
@@ -54,9 +55,9 @@ fn mirrors_show_and_light() {
     let expected = (direct + mirrored) * f64::from(emitted * albedo) / std::f64::consts::PI;
     let eye = Vec3::new(0.8, 1.0, 0.3);
     expect(&scene(true), (eye, target - eye), 3, 200_000, expected, 0.0);
-    // A lamp that turns its back lights neither.
+    // A lamp that faces away lights neither.
     assert_eq!(along(&scene(false), eye, target - eye, 3, 1000).0, 0.0);
-    // Between two parallel mirrors light comes by a geometric series.
+    // Between two parallel mirrors the light is a geometric series.
     let mut b = Build::default();
     let mirror = b.mirror(0.5);
     (b.0.materials[mirror as usize].emission, b.0.materials[mirror as usize].two_sided) = (Vec3::ONE, true);
@@ -65,7 +66,7 @@ fn mirrors_show_and_light() {
     expect(&b.0, (Vec3::new(0.5, 0.1, 0.2), Vec3::X), 10, 4, 2.0 * (1.0 - 0.5f64.powi(10)), 0.0);
 }
 
-/// Emitters of radiance 1 and `behind` before and behind the eye, which looks along z from the origin.
+/// Emitters of radiance 1 in front of and `behind` behind the eye, which looks along z from the origin.
 fn lamps(behind: f32) -> Build {
     let mut b = Build::default();
     let (front, back) = (b.material(0.0, 1.0), b.material(0.0, behind));
@@ -76,7 +77,8 @@ fn lamps(behind: f32) -> Build {
 
 #[test]
 fn panes_and_slabs_let_the_same_light_through() {
-    // A pane of one sheet and a slab: (1 - R) / (1 + R) of what is before, 2 R / (1 + R) of what is behind the eye.
+    // A pane of one sheet and a slab: (1 - R) / (1 + R) of the radiance in front of, 2 R / (1 + R) of that behind the
+    // eye.
     for thin in [true, false] {
         let mut b = lamps(3.0);
         let glass = b.glass(1.5);
@@ -92,7 +94,7 @@ fn panes_and_slabs_let_the_same_light_through() {
         b.0.materials[glass as usize].base_color = Vec3::splat(0.5);
         b.0.materials[1].emission = Vec3::splat(1e-6);
         let expected = if thin { 0.5 * 0.96 / 1.04 } else { 0.96 * 0.96 * 0.25 / (1.0 - 0.04 * 0.04) };
-        // For the slab this takes reflections inside to be untinted, as they are.
+        // For the slab this assumes that reflections inside are untinted, as they are.
         expect(&b.0, (Vec3::new(0.1, 0.2, 0.0), Vec3::Z), 16, 200_000, expected, 1e-4);
     }
 }
@@ -143,7 +145,7 @@ fn bodies_of_glass_in_each_other() {
 
 #[test]
 fn a_mirror_over_a_base_reflects_and_shows_its_colour() {
-    // Half a room of radiance 1: the base reflects kd, the mirror F, and kd is lowered by the mean of F.
+    // Half a room of radiance 1: the base reflects kd, the mirror F, and kd is reduced by the mean of F.
     let (base, f0) = (0.6f32, 0.1f32);
     let mut b = Build::default();
     let lamp = b.material(0.0, 1.0);
@@ -166,7 +168,7 @@ fn a_mirror_over_a_base_reflects_and_shows_its_colour() {
 
 #[test]
 fn a_corner_of_mirrors_sends_light_back() {
-    // Three mirrors at right angles: whatever comes in goes back where it came from, weakened by each.
+    // Three mirrors at right angles: light returns to its origin, attenuated by each.
     let k = 0.9f32;
     let mut b = Build::default();
     let mirror = b.mirror(k);
@@ -175,7 +177,7 @@ fn a_corner_of_mirrors_sends_light_back() {
         b.quad(Vec3::ZERO, u * 4.0, v * 4.0, mirror);
     }
     let eye = Vec3::new(1.0, 1.3, 1.6);
-    // A lamp behind the eye, seen only by what comes back.
+    // A lamp behind the eye, visible only in the reflection.
     let lamp = b.material(0.0, 1.0);
     b.0.materials[lamp as usize].two_sided = true;
     let back = eye.normalize();
@@ -183,7 +185,7 @@ fn a_corner_of_mirrors_sends_light_back() {
     b.quad(eye + back * 2.0 - (u + v), u * 2.0, v * 2.0, lamp);
     for towards in [Vec3::new(-1.0, -1.1, -1.2), Vec3::new(-1.1, -1.3, -1.6), Vec3::new(-0.9, -1.4, -1.6)] {
         let (mean, _) = along(&b.0, eye, towards.normalize(), 4, 4);
-        // Mirrors of 0.9 reflect a little more at an angle: 0.9 + 0.1 (1 - cos)^5 at each.
+        // Mirrors of 0.9 reflect slightly more at an angle: 0.9 + 0.1 (1 - cos)^5 at each.
         let d = towards.normalize();
         let expected: f32 = d.abs().to_array().iter().map(|cos| k + (1.0 - k) * (1.0 - cos).powi(5)).product();
         assert!((mean - f64::from(expected)).abs() < 1e-5, "{towards}: {mean} for {expected}");
@@ -214,7 +216,8 @@ fn mirrors_and_glass_are_followed_as_far_as_asked() {
     ] {
         assert_eq!(radiance(Vec3::Z, options), expected, "{options:?}");
     }
-    // Beside the mirror the wall is lit by all of the room but what the mirror hides, and mirrors if they are followed.
+    // Beside the mirror the wall is lit by all of the room that the mirror does not block, and by mirrors if they are
+    // followed.
     let wall = |specular_paths| radiance(Vec3::new(0.0, 1.9, 1.5), Options { max_depth: 3, ..with(specular_paths, 8) });
     let [none, eye, all] = [SpecularPaths::None, SpecularPaths::Eye, SpecularPaths::All].map(wall);
     assert_eq!(none, eye);
