@@ -49,29 +49,106 @@ pub fn fingerprint(scene: &Scene, camera: &Camera, settings: &Settings) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::{Light, Material, Surface, Texture, Triangle, Wrap};
+    use crate::settings::{Clip, Sequence};
+    use glam::{Vec2, Vec3};
 
-    #[test]
-    fn every_part_counts() {
-        let mut scene = Scene::default();
-        scene.positions.push(glam::Vec3::X);
-        let camera = Camera {
-            eye: glam::Vec3::ZERO,
-            target: glam::Vec3::Z,
-            up: glam::Vec3::Y,
+    fn scene() -> Scene {
+        Scene {
+            positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
+            normals: vec![Vec3::Z; 3],
+            uvs: vec![Vec2::ZERO; 3],
+            triangles: vec![Triangle { vertices: [0, 1, 2], material: 0, object: 0, smooth: false }],
+            materials: vec![Material { name: String::from("wall"), ..Material::default() }],
+            textures: vec![Texture {
+                name: String::from("plain"),
+                width: 2,
+                height: 1,
+                texels: vec![[1, 2, 3, 4]; 2],
+                srgb: true,
+                wrap: [Wrap::Repeat; 2],
+            }],
+            lights: vec![Light::Point { position: Vec3::ONE, intensity: Vec3::ONE }],
+            ..Scene::default()
+        }
+    }
+
+    fn camera() -> Camera {
+        Camera {
+            eye: Vec3::ZERO,
+            target: Vec3::Z,
+            up: Vec3::Y,
             fov_y: 40.0,
             resolution: [4, 3],
             aperture: 0.0,
             focus: None,
-        };
-        let settings = Settings::default();
-        let base = fingerprint(&scene, &camera, &settings);
-        assert_eq!(base, fingerprint(&scene.clone(), &camera, &settings));
-        let cut = Settings { rounds: 9, ..settings.clone() };
-        assert_eq!(base, fingerprint(&scene, &camera, &cut));
-        assert_ne!(base, fingerprint(&scene, &camera, &Settings { seed: 1, ..settings.clone() }));
-        assert_ne!(base, fingerprint(&scene, &Camera { resolution: [3, 4], ..camera }, &settings));
-        assert_ne!(base, fingerprint(&scene, &Camera { aperture: 0.1, ..camera }, &settings));
-        scene.positions[0].y = 1e-30;
-        assert_ne!(base, fingerprint(&scene, &camera, &settings));
+        }
+    }
+
+    #[test]
+    fn every_part_of_a_scene_counts() {
+        type Change = (&'static str, fn(&mut Scene));
+        let base = fingerprint(&scene(), &camera(), &Settings::default());
+        let changes: [Change; 21] = [
+            ("position", |s| s.positions[0].y = 1e-30),
+            ("normal", |s| s.normals[1].x = 1e-30),
+            ("texture coordinate", |s| s.uvs[2].y = 1e-30),
+            ("vertices", |s| s.triangles[0].vertices = [0, 2, 1]),
+            ("material of a triangle", |s| s.triangles[0].material = 1),
+            ("object of a triangle", |s| s.triangles[0].object = 1),
+            ("smooth", |s| s.triangles[0].smooth = true),
+            ("surface", |s| s.materials[0].surface = Surface::Glass),
+            ("base colour", |s| s.materials[0].base_color.y = 0.81),
+            ("base texture", |s| s.materials[0].base_texture = Some(0)),
+            ("roughness", |s| s.materials[0].roughness = 0.9),
+            ("emission", |s| s.materials[0].emission.z = 1e-30),
+            ("sides", |s| s.materials[0].two_sided = true),
+            ("index of refraction", |s| s.materials[0].ior = 1.6),
+            ("reflector", |s| s.materials[0].reflector = Some(true)),
+            ("texel", |s| s.textures[0].texels[1][2] = 9),
+            ("size of a texture", |s| (s.textures[0].width, s.textures[0].height) = (1, 2)),
+            ("curve of a texture", |s| s.textures[0].srgb = false),
+            ("wrap", |s| s.textures[0].wrap[1] = Wrap::Clamp),
+            ("light", |s| s.lights[0] = Light::Point { position: Vec3::ONE, intensity: Vec3::new(1.0, 1.0, 1.5) }),
+            ("kind of emitters", |s| s.emitters_are_lights = false),
+        ];
+        assert_eq!(base, fingerprint(&scene(), &camera(), &Settings::default()));
+        for (what, change) in changes {
+            let mut changed = scene();
+            change(&mut changed);
+            assert_ne!(base, fingerprint(&changed, &camera(), &Settings::default()), "{what}");
+        }
+    }
+
+    #[test]
+    fn every_part_of_camera_and_settings_counts_but_how_often_rays_go_on() {
+        let of = |camera: Camera, settings: Settings| fingerprint(&scene(), &camera, &settings);
+        let (view, usual) = (camera(), Settings::default);
+        let base = of(view, usual());
+        assert_eq!(base, of(view, Settings { rounds: 9, moving_passes: 7, ..usual() }));
+        for changed in [
+            Camera { eye: Vec3::X, ..view },
+            Camera { target: Vec3::new(0.1, 0.0, 1.0), ..view },
+            Camera { up: Vec3::X, ..view },
+            Camera { fov_y: 41.0, ..view },
+            Camera { resolution: [3, 4], ..view },
+            Camera { aperture: 0.1, ..view },
+            Camera { focus: Some(2.0), ..view },
+        ] {
+            assert_ne!(base, of(changed, usual()), "{changed:?}");
+        }
+        for changed in [
+            Settings { seed: 1, ..usual() },
+            Settings { paths: 31, ..usual() },
+            Settings { max_depth: 4, ..usual() },
+            Settings { clip: Clip::Distance(0.1), ..usual() },
+            Settings { compensation: false, ..usual() },
+            Settings { sequence: Sequence::Sobol, ..usual() },
+            Settings { jitter: true, ..usual() },
+            Settings { pattern: [2, 1], ..usual() },
+            Settings { lights_per_dispatch: 7, ..usual() },
+        ] {
+            assert_ne!(base, of(view, changed.clone()), "{changed:?}");
+        }
     }
 }

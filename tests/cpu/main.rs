@@ -2,3 +2,5 @@
 
 mod scene;
 mod scene_gltf;
+mod scene_keys;
+mod transport;

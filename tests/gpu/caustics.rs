@@ -1,14 +1,13 @@
 //! Caustics by photons: against closed forms, against the path tracer, and their other guarantees.
 
 use glam::{Vec3, Vec4};
-use lightsum::accel::Bvh;
 use lightsum::gpu::Context;
-use lightsum::light::emitters::Emitters;
-use lightsum::path_trace::{self, Options, SpecularPaths};
+use lightsum::path_trace::{Options, SpecularPaths};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, builtin};
 use lightsum::settings::Settings;
 use lightsum::stage::Stage;
 
+use crate::references::path_traced;
 use crate::renderer::bits;
 use crate::rig::{Rig, gallery, hit_of};
 use crate::scenes::{Soup, camera, render, settings};
@@ -132,12 +131,10 @@ fn a_paraboloid_brings_parallel_light_to_its_focus() {
 
 /// Light over mirrors and glass by the path tracer: all light minus the light that the renderer finds without photons.
 fn thrown(scene: &Scene, camera: &Camera, samples: u32, max_depth: u32) -> Vec<Vec3> {
-    let bvh = Bvh::build(scene).unwrap();
-    let emitters = Emitters::of(scene, scene.emitters_are_lights).unwrap();
     let image = |specular_paths: SpecularPaths| {
         let resolution = camera.resolution;
         let options = Options { resolution, samples, max_depth, max_specular: 8, seed: 7, specular_paths };
-        path_trace::render(scene, &bvh, &emitters, camera, &options, |_| true).unwrap()
+        path_traced(scene, camera, &options)
     };
     image(SpecularPaths::All).iter().zip(image(SpecularPaths::Eye)).map(|(all, eye)| *all - eye).collect()
 }

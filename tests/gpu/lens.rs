@@ -4,14 +4,13 @@
 use std::f64::consts::PI;
 
 use glam::{Vec3, Vec4};
-use lightsum::accel::Bvh;
-use lightsum::light::emitters::Emitters;
 use lightsum::pass::{accumulate, lens};
-use lightsum::path_trace::{self, Options, SpecularPaths};
+use lightsum::path_trace::{Options, SpecularPaths};
 use lightsum::scene::{Camera, Scene};
 use lightsum::settings::Settings;
 use lightsum::stage::Stage;
 
+use crate::references::path_traced;
 use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery};
 use crate::scenes::{Soup, camera, compare, fov, mean, render, renderer, settings};
 use crate::support::gpu_test;
@@ -190,8 +189,6 @@ fn what_is_in_focus_stays_sharp() {
 fn images_agree_with_path_tracing() {
     gpu_test(|ctx| {
         let (scene, view) = balls();
-        let bvh = Bvh::build(&scene).unwrap();
-        let emitters = Emitters::of(&scene, true).unwrap();
         let options = Options {
             resolution: view.resolution,
             samples: 400,
@@ -204,7 +201,7 @@ fn images_agree_with_path_tracing() {
         for (aperture, limit) in [(0.5, 0.55), (1.5, 0.4)] {
             let lens = Camera { aperture, focus: Some(3.4), ..view };
             let [sharp, blurred] = [view, lens].map(|camera| render(ctx, &scene, camera, &settings(32, 2), 16).color);
-            let reference = path_trace::render(&scene, &bvh, &emitters, &lens, &options, |_| true).unwrap();
+            let reference = path_traced(&scene, &lens, &options);
             let ((energy, error), (_, without)) = (compare(&blurred, &reference), compare(&sharp, &reference));
             println!("aperture {aperture}: energy {energy:.4}, error {error:.4}, without a lens {without:.4}");
             assert!((energy - 1.0).abs() < 0.03, "{aperture}: energy {energy}");

@@ -1,6 +1,6 @@
 //! Tests on a Vulkan device (Mesa's lavapipe suffices). Without a device they fail; they never skip.
 //!
-//! One binary, so that all tests share a device; after each test the validation layer's messages are checked.
+//! One binary, so that few devices serve all tests; each test's turn ends with a look at the validation layer's messages.
 
 mod caustics;
 mod convolve;
@@ -9,9 +9,8 @@ mod discontinuity;
 mod embed;
 mod frosted_panes;
 mod gpu_layer;
-#[cfg(feature = "hot-reload")]
-mod hot_reload;
 mod importance;
+mod independent;
 mod lens;
 mod mirror_lights;
 mod mirrors_and_glass;
@@ -22,6 +21,7 @@ mod passes_limits;
 mod passes_paths;
 mod passes_photons;
 mod passes_walk;
+mod references;
 mod renderer;
 mod rig;
 mod scenes;

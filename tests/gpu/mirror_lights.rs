@@ -2,17 +2,16 @@
 //! other guarantees.
 
 use glam::{Vec2, Vec3};
-use lightsum::accel::Bvh;
-use lightsum::light::emitters::Emitters;
 use lightsum::pass::delta_choice;
 use lightsum::pass::layout::PointLight;
 use lightsum::pass::mirror_lights::{mirrored, reference, weight};
-use lightsum::path_trace::{self, Options, SpecularPaths};
+use lightsum::path_trace::{Options, SpecularPaths};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface};
 use lightsum::settings::Settings;
 use lightsum::stage::Stage;
 
 use crate::passes_light::receivers;
+use crate::references::path_traced;
 use crate::renderer::bits;
 use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery, xyz};
 use crate::scenes::{Soup, camera, mean, original, render, settings};
@@ -193,8 +192,6 @@ fn light_by_way_of_mirrors_has_the_energy_of_the_path_tracer() {
         soup.quad(Vec3::new(0.5, 0.01, 1.0), Vec3::Z * 1.5, Vec3::X * 1.5, varnish);
         soup.quad(Vec3::new(1.0, 2.5, 1.0), Vec3::X * 0.8, Vec3::Z * 0.8, lamp);
         let view = camera(Vec3::new(-1.5, 2.0, -2.0), Vec3::new(1.5, 0.8, 2.0), 50.0, [24, 18]);
-        let bvh = Bvh::build(&soup.0).unwrap();
-        let emitters = Emitters::of(&soup.0, true).unwrap();
         let options = Options {
             resolution: view.resolution,
             samples: 4096,
@@ -203,7 +200,7 @@ fn light_by_way_of_mirrors_has_the_energy_of_the_path_tracer() {
             seed: 1,
             specular_paths: SpecularPaths::All,
         };
-        let truth = path_trace::render(&soup.0, &bvh, &emitters, &view, &options, |_| true).unwrap();
+        let truth = path_traced(&soup.0, &view, &options);
         let image = |mirror_lights| {
             let base = Settings { mirror_lights, ..original(32, 3) };
             render(ctx, &soup.0, view, &base, 96).color

@@ -3,14 +3,13 @@
 
 use glam::{Vec2, Vec3};
 use lightsum::Error;
-use lightsum::accel::Bvh;
 use lightsum::gpu::Context;
-use lightsum::light::emitters::Emitters;
 use lightsum::output::Layers;
-use lightsum::path_trace::{self, Options, SpecularPaths};
+use lightsum::path_trace::{Options, SpecularPaths};
 use lightsum::scene::{self, Camera, Material, Scene, Texture, Wrap, builtin};
 use lightsum::settings::{Clip, Sequence, Settings, Traversal};
 
+use crate::references;
 use crate::scenes::{Soup, camera, compare, mean, original, render, renderer, settings};
 use crate::support::gpu_test;
 
@@ -26,12 +25,10 @@ pub fn cornell() -> (Scene, Camera) {
 
 /// The path tracer's image of a scene, with mirrors and glass followed as by the renderer.
 pub fn path_traced(scene: &Scene, camera: &Camera, samples: u32, max_depth: u32) -> Vec<Vec3> {
-    let bvh = Bvh::build(scene).unwrap();
-    let emitters = Emitters::of(scene, scene.emitters_are_lights).unwrap();
     let specular_paths = SpecularPaths::Eye;
     let options =
         Options { resolution: camera.resolution, samples, max_depth, max_specular: 8, seed: 7, specular_paths };
-    path_trace::render(scene, &bvh, &emitters, camera, &options, |_| true).unwrap()
+    references::path_traced(scene, camera, &options)
 }
 
 /// Renders and fails unless the energy is within `energy` and the relative RMSE at most `rmse`.

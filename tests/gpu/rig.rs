@@ -253,8 +253,8 @@ pub fn same_hit(a: Option<Hit>, b: Option<Hit>) -> bool {
     }
 }
 
-/// Counts comparisons. Of many, a few per mille may fail where rounding decides (a ray through an edge, a random number
-/// at a threshold); of few, none.
+/// Counts comparisons. A few per mille may fail where rounding decides (a ray through an edge, a random number at a
+/// threshold), of small numbers none. A failure whose message holds NaN or an infinity is never accepted.
 pub struct Tally {
     what: String,
     compared: usize,
@@ -276,6 +276,11 @@ impl Tally {
     /// Fails if more than the fraction `share` of the comparisons failed.
     pub fn finish(self, share: f64) {
         let allowed = (self.compared as f64 * share) as usize;
+        let is_wild =
+            |words: &&String| words.split(|c: char| !c.is_alphanumeric()).any(|word| matches!(word, "NaN" | "inf"));
+        if let Some(failure) = self.failures.iter().find(is_wild) {
+            panic!("{}: {failure}", self.what);
+        }
         let shown = self.failures[..self.failures.len().min(5)].join("\n");
         assert!(
             self.failures.len() <= allowed,

@@ -1,6 +1,7 @@
-//! One device for all tests of this binary, observed by the validation layer.
+//! Devices that the tests of this binary share, under the eyes of the validation layer.
 
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::cell::RefCell;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 use lightsum::gpu::{BindingInfo, BindingKind, Context, ContextOptions, Shader};
 
@@ -58,19 +59,94 @@ pub fn options() -> ContextOptions {
     }
 }
 
-/// Runs a test on the shared device, alone, and fails it if the validation layer reported anything.
+/// Tests that run at a time, each on devices of its own. A device computes on all processors but compiles on one.
+const SLOTS: usize = 2;
+
+/// The devices that one test has for itself.
+struct Slot {
+    /// Under the validation layer.
+    watched: Context,
+    /// Without it, for images of many passes.
+    unwatched: Context,
+}
+
+impl Slot {
+    fn new() -> Result<Slot, String> {
+        let context =
+            |validation| Context::headless(&ContextOptions { validation, ..options() }).map_err(|e| e.to_string());
+        Ok(Slot { watched: context(true)?, unwatched: context(false)? })
+    }
+}
+
+/// The slots, of which some may not have been made yet.
+struct Pool {
+    idle: Vec<Slot>,
+    made: usize,
+}
+
+static POOL: Mutex<Pool> = Mutex::new(Pool { idle: Vec::new(), made: 0 });
+static FREED: Condvar = Condvar::new();
+
+fn pool() -> MutexGuard<'static, Pool> {
+    POOL.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Gives the slot back when the test is over, whether it passed or not.
+struct Turn(Option<Slot>);
+
+impl Turn {
+    /// Waits for a slot.
+    fn wait() -> Turn {
+        let mut pool = pool();
+        loop {
+            if let Some(slot) = pool.idle.pop() {
+                return Turn(Some(slot));
+            }
+            if pool.made < SLOTS {
+                pool.made += 1;
+                break;
+            }
+            pool = FREED.wait(pool).unwrap_or_else(PoisonError::into_inner);
+        }
+        drop(pool);
+        match Slot::new() {
+            Ok(slot) => Turn(Some(slot)),
+            Err(error) => {
+                self::pool().made -= 1;
+                FREED.notify_one();
+                panic!("the tests need a Vulkan device and the validation layer: {error}");
+            }
+        }
+    }
+}
+
+impl Drop for Turn {
+    fn drop(&mut self) {
+        UNWATCHED.set(None);
+        pool().idle.extend(self.0.take());
+        FREED.notify_one();
+    }
+}
+
+thread_local! {
+    /// The unwatched device of the test that runs on this thread.
+    static UNWATCHED: RefCell<Option<Context>> = const { RefCell::new(None) };
+}
+
+/// Runs a test on a device that it has for itself, and fails it if the validation layer had anything to say.
 pub fn gpu_test(test: impl FnOnce(&Context)) {
-    static CONTEXT: OnceLock<Result<Context, String>> = OnceLock::new();
-    static TURN: Mutex<()> = Mutex::new(());
-    // The failure of an earlier test does not affect the next one.
-    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
-    let ctx = CONTEXT
-        .get_or_init(|| Context::headless(&options()).map_err(|e| e.to_string()))
-        .as_ref()
-        .unwrap_or_else(|e| panic!("the tests need a Vulkan device and the validation layer: {e}"));
-    ctx.take_messages();
-    test(ctx);
-    assert_silent(ctx.take_messages());
+    let turn = Turn::wait();
+    let Some(slot) = &turn.0 else { unreachable!("a turn has its slot until it is dropped") };
+    UNWATCHED.set(Some(slot.unwatched.clone()));
+    // A test that failed in its turn says nothing about the next one.
+    slot.watched.take_messages();
+    test(&slot.watched);
+    assert_silent(slot.watched.take_messages());
+}
+
+/// The same device without the validation layer, for a test that does the same under the layer as well.
+pub fn unwatched() -> Context {
+    UNWATCHED.with_borrow(|context| context.clone().expect("called within gpu_test, on its thread"))
 }
 
 /// Fails if there are messages.

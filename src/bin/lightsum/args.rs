@@ -515,6 +515,23 @@ mod tests {
     }
 
     #[test]
+    fn every_flag_and_every_value_has_help() {
+        let mut root = Arguments::command();
+        root.build();
+        for command in root.get_subcommands().chain([&root]) {
+            // clap writes the help of these two.
+            for argument in command.get_arguments().filter(|a| !["help", "version"].contains(&a.get_id().as_str())) {
+                let name = format!("{} {}", command.get_name(), argument.get_id());
+                let words = argument.get_help().map(ToString::to_string).unwrap_or_default();
+                assert!(words.len() > 10, "{name}: {words:?}");
+                let is_bare = |value: &clap::builder::PossibleValue| value.get_help().is_none();
+                let takes_values = argument.get_action().takes_values();
+                assert!(!takes_values || !argument.get_possible_values().iter().any(is_bare), "{name}: a value");
+            }
+        }
+    }
+
+    #[test]
     fn values_are_understood() {
         let line =
             "a.toml -o a.exr --output b.png --resolution 17x5 --eye -1,2.5,-3e2 --up 0,0,1 --exposure -1.5 --time 0.5";

@@ -8,7 +8,6 @@ use lightsum::path_trace::{Options, Rng, SpecularPaths, Tracer, camera_direction
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, Triangle};
 use std::f32::consts::PI;
 
-#[path = "transport/glass.rs"]
 mod glass;
 
 /// A scene under construction.

@@ -44,56 +44,22 @@ fn help_explains_every_flag() {
     let general = lightsum(&["--help"], folder.path());
     assert!(general.status.success());
     assert!(text(&general.stdout).contains("render"));
-    let output = lightsum(&["render", "--help"], folder.path());
-    assert!(output.status.success());
-    let help = text(&output.stdout);
-    for flag in [
-        "--output",
-        "--resolution",
-        "--passes",
-        "--time",
-        "--target-error",
-        "--paths",
-        "--max-depth",
-        "--clip",
-        "--clip-fraction",
-        "--no-compensation",
-        "--max-specular",
-        "--no-split",
-        "--photons",
-        "--photon-radius",
-        "--jitter",
-        "--seed",
-        "--lights-per-dispatch",
-        "--rounds",
-        "--preset",
-        "--device",
-        "--validation",
-        "--stats",
-        "--resume",
-        "--reference",
-        "--spp",
-        "--specular-paths",
-        "--export-lights",
-        "--exposure",
-        "--tonemap",
-        "--float",
-        "--no-layers",
-        "--eye",
-        "--target",
-        "--up",
-        "--fov",
-        "--list-devices",
-        "--verbose",
-    ] {
-        let is_head = |line: &&str| {
-            let mut words = line.trim_start().split([' ', '.']);
-            words.next() == Some(flag) || line.trim_start().starts_with('-') && words.next() == Some(flag)
-        };
-        let mut lines = help.lines().skip_while(|line| !is_head(line));
-        assert!(lines.next().is_some(), "no {flag} in the help");
-        let line = lines.next().unwrap_or_default();
-        assert!(!line.trim().is_empty(), "{flag} has no help");
+    for (command, least) in [("render", 59), ("animate", 43)] {
+        let output = lightsum(&[command, "--help"], folder.path());
+        assert!(output.status.success());
+        let help = text(&output.stdout);
+        // A flag's entry is its head, alone on a line, and its help on the lines below that are indented further.
+        let heads: Vec<usize> = (help.lines().enumerate())
+            .filter(|(_, line)| line.starts_with("  -") || line.starts_with("      --"))
+            .map(|(i, _)| i)
+            .collect();
+        assert!(heads.len() >= least, "{command}: {} flags, there were {least}", heads.len());
+        let lines: Vec<&str> = help.lines().collect();
+        for head in heads {
+            let words =
+                lines.get(head + 1).filter(|line| line.starts_with("          ")).map_or("", |line| line.trim());
+            assert!(words.len() > 10, "{command}: {} has no help, but {words:?}", lines[head].trim());
+        }
     }
     let version = lightsum(&["--version"], folder.path());
     assert_eq!(text(&version.stdout), concat!("lightsum ", env!("CARGO_PKG_VERSION"), "\n"));

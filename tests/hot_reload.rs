@@ -1,13 +1,18 @@
-//! Kernels compiled from their files when an engine is made.
+//! Kernels compiled from their files when an engine is made. A program of its own, so that the other tests need not be compiled
+//! again with this feature.
 
 use std::path::Path;
 use std::process::Command;
 
-use lightsum::gpu::{Buffer, Context, Memory};
+use lightsum::gpu::{Buffer, Context, ContextOptions, Memory};
 use lightsum::scene::builtin;
 use lightsum::{Engine, Settings};
 
-use crate::support::options;
+/// Options of the tests' device: the one named by LIGHTSUM_DEVICE, else any.
+fn options() -> ContextOptions {
+    let device = std::env::var("LIGHTSUM_DEVICE").map_or_else(|_| Default::default(), |name| name.parse().unwrap());
+    ContextOptions { device, validation: true, ..ContextOptions::default() }
+}
 
 /// Prints the radiance at the centre of a furnace, or the error. The tests below run it in a process of its own, since
 /// all threads of a process share its environment.
@@ -26,7 +31,9 @@ fn render_once() {
             engine.record_image(rec)?;
             rec.copy_image_to_buffer(engine.image(), &readback)
         })?;
-        readback.read::<f32>()
+        let texel = readback.read::<f32>()?;
+        assert_eq!(context.take_messages(), Vec::<String>::new());
+        Ok::<_, lightsum::Error>(texel)
     };
     match render() {
         Ok(texel) => println!("radiance {}", texel[0]),
@@ -52,7 +59,7 @@ fn with_change(file: &str, from: &str, to: &str) -> String {
     assert!(text.contains(from), "{file} has no {from:?}");
     std::fs::write(&path, text.replace(from, to)).unwrap();
     let output = Command::new(std::env::current_exe().unwrap())
-        .args(["--ignored", "--exact", "--nocapture", "hot_reload::render_once"])
+        .args(["--ignored", "--exact", "--nocapture", "render_once"])
         .env("LIGHTSUM_SHADERS", dir.path())
         .output()
         .unwrap();

@@ -1,0 +1,173 @@
+//! Each flag of `render` that changes the light changes the image, and a key of a scene file does what its flag does.
+//!
+//! LIGHTSUM_DEVICE names the device, as for the other tests on one.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+/// A floor that is glossy, a wall and a screen before it, a mirror at the side, and two lamps, one of which hardly matters to the view.
+const MODEL: &str = "mtllib room.mtl
+v -1 0 -1\nv -1 0 1\nv 1 0 1\nv 1 0 -1
+v -0.5 1 -0.5\nv 0.5 1 -0.5\nv 0.5 1 0.5\nv -0.5 1 0.5
+v -1 1 -1\nv 1 1 -1
+v 1 1 1
+v 3 1 -0.5\nv 4 1 -0.5\nv 4 1 0.5\nv 3 1 0.5
+v -0.7 0 0.4\nv -0.1 0 0.4\nv -0.1 0.5 0.4\nv -0.7 0.5 0.4
+usemtl floor\nf 1 2 3 4
+usemtl wall\nf 1 4 10 9\nf 16 17 18 19
+usemtl mirror\nf 4 3 11 10
+usemtl lamp\nf 5 6 7 8
+usemtl other\nf 12 13 14 15
+";
+const MATERIALS: &str = "newmtl floor\nKd 0.3 0.3 0.3\nKs 0.4 0.4 0.4\nPr 0.2\nillum 2
+newmtl wall\nKd 0.2 0.6 0.3
+newmtl mirror\nKd 0.2 0.2 0.2\nKs 0.6 0.6 0.6\nillum 3
+newmtl lamp\nKd 0 0 0\nKe 10 10 10
+newmtl other\nKd 0 0 0\nKe 20 20 20
+";
+const SCENE: &str = "model = \"room.obj\"
+[camera]
+eye = [-0.3, 0.5, 4.0]
+target = [0.1, 0.4, 0.0]
+fov_y = 34.0
+resolution = [24, 18]
+";
+
+/// Channels of an image by name.
+type Image = BTreeMap<String, Vec<f32>>;
+
+/// Renders a scene with flags.
+#[track_caller]
+fn render(folder: &Path, scene: &str, flags: &str) -> Image {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lightsum"));
+    command.args(["render", scene, "--float", "-o", "a.exr", "-o", "a.png"]).args(flags.split_whitespace());
+    if let Ok(device) = std::env::var("LIGHTSUM_DEVICE") {
+        command.args(["--device", &device]);
+    }
+    command.current_dir(folder).env_remove("RUST_LOG").env("XDG_CACHE_HOME", folder.join("cache"));
+    let output = command.output().expect("the program starts");
+    assert!(output.status.success(), "{flags}: {}", String::from_utf8_lossy(&output.stderr));
+    let image = exr::prelude::read_first_flat_layer_from_file(folder.join("a.exr")).unwrap();
+    let list = image.layer_data.channel_data.list;
+    let image: Image = list.iter().map(|c| (c.name.to_string(), c.sample_data.values_as_f32().collect())).collect();
+    // Where nothing is seen, the depth is infinite.
+    let is_sound = |name: &str, v: f32| v.is_finite() || name == "depth.Z" && v == f32::INFINITY;
+    for (name, channel) in &image {
+        assert!(channel.iter().all(|&v| is_sound(name, v)), "{flags}: a value of {name} is not finite");
+    }
+    image
+}
+
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    for (name, text) in [("room.obj", MODEL), ("room.mtl", MATERIALS), ("scene.toml", SCENE)] {
+        fs::write(folder.path().join(name), text).unwrap();
+    }
+    folder
+}
+
+/// Ratio of the energies of two images.
+fn energy(image: &Image, of: &Image) -> f64 {
+    let sum = |image: &Image| ["R", "G", "B"].iter().flat_map(|c| &image[*c]).map(|&v| f64::from(v)).sum::<f64>();
+    sum(image) / sum(of)
+}
+
+#[test]
+fn each_flag_of_the_light_changes_the_image_and_hardly_its_energy() {
+    let folder = folder();
+    let image = |flags: &str| render(folder.path(), "scene.toml", &format!("--passes 2 --paths 32 {flags}"));
+    let plain = image("");
+    // The same lights, chosen, placed or traced otherwise; how far the energy may be off after two passes.
+    for (flags, tolerance) in [
+        ("--direct-lights 8", 0.1),
+        ("--light-choice contribution", 0.1),
+        ("--light-choice contribution --light-floor 0.9", 0.1),
+        ("--sequence sobol", 0.1),
+        ("--light-threshold 1", 0.1),
+        ("--mirror-lights 8", 0.3),
+        ("--preset interactive", 0.1),
+    ] {
+        let changed = image(flags);
+        let ratio = energy(&changed, &plain);
+        println!("{flags}: energy {ratio}");
+        assert!(changed != plain, "{flags} changes nothing");
+        assert!((ratio - 1.0).abs() < tolerance, "{flags}: energy {ratio}");
+    }
+    assert!(image("--light-choice contribution") != image("--light-choice contribution --light-floor 0.9"));
+    // The order of clusters decides by rounding alone which lights are seen.
+    let ordered = image("--cluster-order space");
+    let differ = |(a, b): &(&f32, &f32)| (**a - **b).abs() > 1e-3 * a.abs().max(1e-3);
+    let strays = plain.iter().flat_map(|(name, channel)| channel.iter().zip(&ordered[name])).filter(differ).count();
+    assert!(strays <= 20, "{strays} values depend on the order of clusters");
+}
+
+#[test]
+fn each_flag_of_glossy_planes_changes_their_reflection() {
+    let folder = folder();
+    let image = |flags: &str| render(folder.path(), "scene.toml", &format!("--passes 1 --paths 8 {flags}"));
+    let all = [
+        "--superposition off",
+        "--superposition mirror",
+        "--superposition invariant",
+        "--superposition invariant --kernel-width 5",
+        "--superposition variant",
+        "--superposition variant --reflectance map",
+        "--superposition variant --reflectance fresnel",
+        "--superposition variant --no-occlusion",
+    ];
+    let images = all.map(image);
+    for (i, flags) in all.iter().enumerate() {
+        for other in 0..i {
+            assert!(images[i] != images[other], "{flags} and {} give the same image", all[other]);
+        }
+    }
+    assert!(image("") == images[0], "glossy planes show no room by themselves");
+    assert!(
+        image("--superposition variant --reflectors 0") != images[4],
+        "no reflector is left, and it shows the same"
+    );
+}
+
+#[test]
+fn the_summands_add_up_to_the_image() {
+    let folder = folder();
+    let image = render(folder.path(), "scene.toml", "--passes 2 --paths 8 --summands --superposition variant");
+    for c in ["R", "G", "B"] {
+        let [emission, diffuse, specular] =
+            ["emission", "diffuse", "specular"].map(|layer| &image[&format!("{layer}.{c}")]);
+        assert!([emission, diffuse, specular].iter().all(|layer| layer.iter().any(|&v| v > 0.0)));
+        for i in 0..24 * 18 {
+            assert_eq!(image[c][i], emission[i] + diffuse[i] + specular[i], "{c} of pixel {i}");
+        }
+    }
+}
+
+#[test]
+fn a_key_of_the_scene_does_what_its_flag_does() {
+    let folder = folder();
+    let write =
+        |name: &str, keys: &str| fs::write(folder.path().join(name), format!("{SCENE}[render]\n{keys}")).unwrap();
+    write(
+        "keys.toml",
+        "passes = 3\npaths = 12\ndirect_lights = 4\ninterleave = [2, 1]\nmax_depth = 4\nmax_specular = 3\n\
+         photons = 16\nphoton_radius = 0.3\nsuperposition = \"invariant\"\nclip = 0.4\ncompensation = false\nseed = 5\n\
+         exposure = -2.0\n",
+    );
+    let flags = "--passes 3 --paths 12 --direct-lights 4 --interleave 2x1 --max-depth 4 --max-specular 3 \
+                 --photons 16 --photon-radius 0.3 --superposition invariant --clip 0.4 --no-compensation --seed 5 \
+                 --exposure -2.0";
+    let png = || fs::read(folder.path().join("a.png")).unwrap();
+    let by_keys = (render(folder.path(), "keys.toml", ""), png());
+    let by_flags = (render(folder.path(), "scene.toml", flags), png());
+    assert!(by_keys == by_flags, "keys and flags give different images");
+    write("fraction.toml", "passes = 1\nclip_fraction = 0.3\nsplit = false\n");
+    let by_key = render(folder.path(), "fraction.toml", "");
+    assert!(by_key == render(folder.path(), "scene.toml", "--passes 1 --clip-fraction 0.3 --no-split"));
+    assert!(by_key != render(folder.path(), "scene.toml", "--passes 1 --no-split"), "the fraction has its default");
+    assert!(by_key != render(folder.path(), "scene.toml", "--passes 1 --clip-fraction 0.3"), "paths are split");
+    // A flag overrides the key of its name.
+    let overridden = render(folder.path(), "fraction.toml", "--clip-fraction 0.1");
+    assert!(overridden == render(folder.path(), "scene.toml", "--passes 1 --clip-fraction 0.1 --no-split"));
+}

@@ -1,0 +1,7 @@
+//! The programs as users meet them.
+
+mod animate;
+mod bench;
+mod flags;
+mod general;
+mod render;

@@ -1,0 +1,90 @@
+//! Keys of a scene file, each with a value that is not its default.
+
+use std::fs;
+use std::path::Path;
+
+use glam::Vec3;
+use lightsum::Scene;
+use lightsum::scene::{self, Material, RenderDefaults, Surface};
+use lightsum::settings::Spread;
+use lightsum::superposition::lobe::Table;
+
+const MODEL: &str = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl wall\nf 1 2 3\nusemtl lamp\nf 1 3 4\n";
+const MATERIALS: &str = "newmtl wall\nKd 0.5 0.4 0.3\nnewmtl lamp\nKd 0 0 0\nKe 1 1 1\n";
+const LOBE: &str = "cos_i = [0.2, 1]\ncos_o = [0.5]\nazimuth = [0, 1]\nvalues = [0.1, 0.2, 0.3, 0.4]\n";
+
+fn load(folder: &Path, more: &str) -> lightsum::Result<Scene> {
+    for (name, text) in [("a.obj", MODEL), ("a.mtl", MATERIALS), ("lobe.toml", LOBE)] {
+        fs::write(folder.join(name), text).unwrap();
+    }
+    let path = folder.join("a.toml");
+    fs::write(&path, format!("model = \"a.obj\"\n{more}")).unwrap();
+    scene::load(&path)
+}
+
+/// The wall of a scene that says this about it.
+fn wall(keys: &str) -> Material {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = load(folder.path(), &format!("[materials.wall]\n{keys}\n")).unwrap_or_else(|e| panic!("{keys}: {e}"));
+    scene.materials.into_iter().find(|m| m.name == "wall").unwrap()
+}
+
+#[test]
+fn every_key_of_a_material_is_obeyed() {
+    let plain = wall("");
+    let base_color = Vec3::new(0.5, 0.4, 0.3);
+    assert_eq!(plain, Material { name: String::from("wall"), base_color, ..plain.clone() });
+    let lobe = Table::new(vec![0.2, 1.0], vec![0.5], vec![0.0, 1.0], vec![0.1, 0.2, 0.3, 0.4]).unwrap();
+    for (keys, changed) in [
+        ("base_color = [0.1, 0.2, 0.3]", Material { base_color: Vec3::new(0.1, 0.2, 0.3), ..plain.clone() }),
+        ("metallic = 0.25", Material { metallic: 0.25, ..plain.clone() }),
+        ("roughness = 0.375", Material { roughness: 0.375, ..plain.clone() }),
+        ("specular = [0.04, 0.05, 0.06]", Material { specular: Vec3::new(0.04, 0.05, 0.06), ..plain.clone() }),
+        ("emission = [1, 2, 3]", Material { emission: Vec3::new(1.0, 2.0, 3.0), ..plain.clone() }),
+        ("two_sided = true", Material { two_sided: true, ..plain.clone() }),
+        ("ior = 1.25", Material { ior: 1.25, ..plain.clone() }),
+        ("reflector = true", Material { reflector: Some(true), ..plain.clone() }),
+        ("reflector = false", Material { reflector: Some(false), ..plain.clone() }),
+        ("lobe = \"lobe.toml\"", Material { lobe: Some(lobe.into()), ..plain.clone() }),
+        ("surface = \"mirror\"\nmetallic = 1", Material { surface: Surface::Mirror, metallic: 1.0, ..plain.clone() }),
+        ("surface = \"mirror\"", Material { surface: Surface::Mirror, metallic: 1.0, ..plain.clone() }),
+        ("surface = \"glass\"\nthin = true", Material { surface: Surface::Glass, thin: true, ..plain.clone() }),
+        (
+            "surface = \"glass\"\nthin = true\nroughness = 0.5",
+            Material { surface: Surface::Glass, thin: true, roughness: 0.5, frost: 0.5, ..plain.clone() },
+        ),
+    ] {
+        assert_ne!(changed, plain, "{keys}: the key has its default");
+        assert_eq!(wall(keys), changed, "{keys}");
+    }
+}
+
+#[test]
+fn every_key_of_the_rendering_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let keys = "[render]\npasses = 3\npaths = 5\ndirect_lights = 4\ninterleave = [2, 3]\nmax_depth = 6\nmax_specular = 7\n\
+                split = false\nphotons = 8\nphoton_radius = 0.5\nsuperposition = \"invariant\"\nclip = 0.25\n\
+                compensation = false\nseed = 9\nexposure = -1.5\n";
+    let expected = RenderDefaults {
+        passes: Some(3),
+        paths: Some(5),
+        direct_lights: Some(4),
+        interleave: Some([2, 3]),
+        max_depth: Some(6),
+        max_specular: Some(7),
+        split: Some(false),
+        photons: Some(8),
+        photon_radius: Some(0.5),
+        superposition: Some(Spread::Invariant),
+        clip: Some(0.25),
+        clip_fraction: None,
+        compensation: Some(false),
+        seed: Some(9),
+        exposure: Some(-1.5),
+    };
+    assert_eq!(load(folder.path(), keys).unwrap().render, expected);
+    let fraction = load(folder.path(), "[render]\nclip_fraction = 0.125\n").unwrap().render;
+    assert_eq!(fraction, RenderDefaults { clip_fraction: Some(0.125), ..RenderDefaults::default() });
+    let error = load(folder.path(), "[render]\npath = 5\n").unwrap_err().to_string();
+    assert!(error.contains("path") && error.contains("a.toml:3"), "{error}");
+}
