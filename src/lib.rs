@@ -38,15 +38,17 @@
 //!    sends the survivors on.
 //! 2. eye: [`camera_rays`](pass::camera_rays) and [`trace`](pass::trace) find what the pixels see;
 //!    [`tiles`](pass::tiles) of mirrors and glass are followed by [`eye_paths`](pass::eye_paths) and [`trace`](pass::trace) in
-//!    turns, split in two where both components count; [`receivers`](pass::receivers) lists what is to be lit; [`schedule`](pass::schedule) turns counts into indirect dispatches,
-//!    here and everywhere. Then photons, if asked for: [`photon_start`](pass::photon_start) shoots them at mirrors and glass,
+//!    turns, split in two where both components count; [`eye_points`](pass::eye_points) and
+//!    [`split_points`](pass::split_points) list what is to be lit; [`schedule`](pass::schedule) turns counts into indirect
+//!    dispatches, here and everywhere. Then photons, if asked for: [`photon_start`](pass::photon_start) shoots them at mirrors and glass,
 //!    [`photon_follow`](pass::photon_follow) and [`trace`](pass::trace) follow them to where they are stored, and
 //!    [`photon_grid`](pass::photon_grid) sorts them.
 //! 3. For each bounce: [`sort`](pass::sort) brings neighbours together, or [`clusters`](pass::clusters) where the eye's receivers
 //!    are the only ones; [`shade`](pass::shade) lights the receivers by
 //!    all lights, no nearer than the clip distance, and [`photon_light`](pass::photon_light) what the eye sees by the photons
-//!    around it, where [`photon_find`](pass::photon_find) has found some; then [`gather`](pass::gather), [`trace`](pass::trace) and [`receivers`](pass::receivers) follow one short ray
-//!    from each for what clipping cut off, and [`collect`](pass::collect) brings its light back to the pixels.
+//!    around it, where [`photon_find`](pass::photon_find) has found some; then [`gather`](pass::gather), [`trace`](pass::trace) and
+//!    [`gathered_points`](pass::gathered_points) follow one short ray from each for what clipping cut off, and
+//!    [`collect`](pass::collect) brings its light back to the pixels.
 //! 4. [`discontinuity`](pass::discontinuity), if asked for, averages irradiance over neighbours on one surface; [`merge`](pass::merge) adds the second way of what was split; [`accumulate`](pass::accumulate) adds the pass to the running sums; [`resolve`](pass::resolve) writes their
 //!    mean to an image.
 //!

@@ -1,5 +1,5 @@
 //! The points of an atlas ([`crate::view::Atlas`]): each texel lies on a triangle and is seen from the front along its normal, as if a
-//! ray of length 1 had met it there. `receivers` makes a shading point of it as of any hit.
+//! ray of length 1 had met it there. `eye_points` makes a shading point of it as of any hit.
 //!
 //! Takes the place of `camera_rays` and the `trace` of its rays. A texel without a triangle is a ray that met nothing.
 //!

@@ -5,8 +5,8 @@
 //! cluster. So clusters need no sort, the receivers of one are near each other in memory, and so are the clusters that come
 //! one after the other. In return a cluster may reach across silhouettes, and tracing it costs more there.
 //!
-//! Every pixel, and after all of them every second component, has a place of its own ([`place_of`]), into which `receivers` writes
-//! its slot. Clusters without any receiver, above all those of second components, are left out of the list; in the others
+//! Every pixel, and after all of them every second component, has a place of its own ([`place_of`]), into which `eye_points` and
+//! `split_points` write its slot. Clusters without any receiver, above all those of second components, are left out of the list; in the others
 //! places without one hold 0xffffffff.
 //!
 //! Cost for n pixels: 20 n bytes, a few operations; one workgroup that goes over all n / 64 clusters; 3 dispatches. With second
@@ -28,7 +28,7 @@ pub fn count([width, height]: [u32; 2], [across, down]: [u32; 2]) -> u32 {
 
 /// The pass.
 pub struct Clusters {
-    /// Slot of the receiver of each place; `receivers` writes it.
+    /// Slot of the receiver of each place; `eye_points` and `split_points` write it.
     pub places: Buffer,
     /// For each cluster on the list its class, and its number among all.
     pub listed: Buffer,
@@ -61,7 +61,7 @@ impl Clusters {
         })
     }
 
-    /// Records that no place holds a receiver, before `receivers` writes those that do.
+    /// Records that no place holds a receiver, before `eye_points` and `split_points` write those that do.
     pub fn record_clear(&self, rec: &mut Recorder) -> Result<()> {
         rec.fill(&self.places, NO_RECEIVER)
     }

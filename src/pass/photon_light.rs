@@ -11,7 +11,7 @@
 //! class is that of the pixel (4.2). Both components of a split eye path are receivers.
 //!
 //! No light is counted twice: virtual lights leave out what mirrors reflect and glass lets through (`walk_reflect`), shadow
-//! rays stop there, and so do gather rays (`receivers`). What gather rays find is not lit by photons: it would be the near part
+//! rays stop there, and so do gather rays (`gathered_points`). What gather rays find is not lit by photons: it would be the near part
 //! alone of light that goes on from caustics, whose far part virtual lights leave out.
 //!
 //! Bias: caustics are blurred by r, and fade within r of an edge. A concave corner lets photons of its own side only count.

@@ -9,10 +9,10 @@
 //! adjoint of shading normals is accounted for (Veach 1997, 5.3). Lobes of lights are widened
 //! ([`crate::plan::LEAST_LIGHT_ALPHA`]) and stand about the geometric normal. What mirrors reflect and glass lets through is
 //! left out: there a particle finds the diffuse base of a mirror alone, and nothing at glass.
-//! Cost: as `receivers`, and some 200 operations, a particle.
+//! Cost: as `eye_points`, and some 200 operations, a particle.
 
 use super::layout::{self, PointLight};
-use super::receivers::SurfacePoint;
+use super::surface::SurfacePoint;
 use super::walk_start::walk_numbers;
 use super::{BoundKernel, Kit, Rays, groups, push};
 use crate::accel::{Ray, offset_origin};
