@@ -107,7 +107,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let after = before.xyz * weight / chance;
         let goes_on = !stays && max(max(after.x, after.y), after.z) > 0.0;
         throughput[slot] = vec4<f32>(after, select(before.w, depth, goes_on));
-        // A mirror over a base emits from the base: `receivers` adds that where the path stays.
+        // A mirror over a base emits from the base: `eye_points` adds that where the path stays.
         // The path stopped on the base; do not also shade the lobe.
         let without_lobe = select(0.0, LOBE_FOLLOWED, stays && plane > 0u && in_image);
         let emission = select(before.xyz * s.emission, vec3<f32>(0.0), fork.stays);

@@ -52,9 +52,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let s = sample_lobe(r, diffuse, kd.w, shading.xyz, wo, u, v);
     let above = dot(s.wi, geometric.xyz) > 0.0 && dot(s.wi, shading.xyz) > 0.0;
     var weight = select(vec3<f32>(0.0), s.weight, above);
-    let before = beta[pixel];
-    // Light that the first receiver reflects diffusely is kept as irradiance: pi times radiance, without the albedo.
+    // The path starts here at the first bounce.
     let first = step.bounce == 0u;
+    let before = select(beta[pixel], vec4<f32>(1.0, 1.0, 1.0, 0.0), first);
+    // Light that the first receiver reflects diffusely is kept as irradiance: pi times radiance, without the albedo.
     let irradiance = vec3<f32>(select(0.0, PI / max(kd.w, 1e-6), above));
     weight = select(weight, irradiance, first && diffuse);
     beta[pixel] = vec4<f32>(before.xyz * weight, select(before.w, select(1.0, 0.0, diffuse), first));

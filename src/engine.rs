@@ -188,13 +188,15 @@ impl Engine {
         Ok(())
     }
 
-    /// Records the mean of the passes so far into [`Engine::image`]; black before the first.
+    /// Records the mean of the passes so far into [`Engine::image`]; black before the first, and before the first in another size.
     ///
     /// The image stays in layout GENERAL, written by compute shaders; the recorder's barrier makes it visible to later
     /// transfer and compute commands of the queue.
     pub fn record_image(&self, rec: &mut Recorder) -> Result<()> {
         rec.begin();
         if self.new_image {
+            // The sums are as new, and hold anything until the next pass clears them.
+            self.frame.output.record_clear(rec)?;
             rec.image_to_general(self.image())?;
         }
         self.frame.output.record_resolve(rec)

@@ -46,8 +46,8 @@
 //!
 //! 1. [`Eye`](stage::Eye): [`camera_rays`](pass::camera_rays) and [`trace`](pass::trace) find the first hits. Tiles of pixels with
 //!    mirrors or glass ([`tiles`](pass::tiles)) are followed by [`eye_paths`](pass::eye_paths) and [`trace`](pass::trace) in turns,
-//!    split in two where both components count. [`receivers`](pass::receivers) turns hits into shading points on a list, and
-//!    [`clusters`](pass::clusters) or [`sort`](pass::sort) brings neighbours together. An [`atlas`](pass::atlas) takes the place of
+//!    split in two where both components count. [`eye_points`](pass::eye_points) and
+//!    [`split_points`](pass::split_points) turn hits into shading points on a list, and [`clusters`](pass::clusters) or [`sort`](pass::sort) brings neighbours together. An [`atlas`](pass::atlas) takes the place of
 //!    camera rays where texels are lit. [`schedule`](pass::schedule) turns counts into indirect dispatches, here and everywhere.
 //! 2. [`importance`](pass::importance) estimates the contribution of each emitter to the points seen, if emitters are chosen by it.
 //! 3. [`Walk`](stage::Walk): [`walk_start`](pass::walk_start) sends particles from the emitters. For each reflection
@@ -61,7 +61,7 @@
 //!    [`photon_light`](pass::photon_light) adds their light. [`mirror_lights`](pass::mirror_lights) adds the light of virtual
 //!    lights after one planar mirror.
 //! 6. [`Compensation`](stage::Compensation), bounce by bounce: [`gather`](pass::gather), [`trace`](pass::trace) and
-//!    [`receivers`](pass::receivers) follow one short ray from each point for the light that clipping cut off, [`shade`](pass::shade)
+//!    [`gathered_points`](pass::gathered_points) follow one short ray from each point for the light that clipping cut off, [`shade`](pass::shade)
 //!    lights their hits, and [`collect`](pass::collect) brings the light back to the pixels.
 //! 7. [`discontinuity`](pass::discontinuity) averages irradiance over neighbours on one surface.
 //! 8. [`GlossyPlanes`](stage::GlossyPlanes): [`mirror_image`](pass::mirror_image) takes the image of glossy planes from the second

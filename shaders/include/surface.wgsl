@@ -1,5 +1,5 @@
 // Surface at a hit point. Needs math.wgsl and bsdf.wgsl. Host twins: pass::layout::{MaterialRecord, TextureRecord};
-// CPU twin: pass::receivers::surface_at.
+// CPU twin: pass::surface::surface_at.
 // UNTEXTURED: no material has a texture.
 #include "octahedral.wgsl"
 

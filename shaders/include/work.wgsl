@@ -1,4 +1,4 @@
-// Work lists. Host twins: pass::layout::{Work, Step}.
+// Work lists. Host twins: pass::layout::{Work, Step, PointStep}.
 
 // Counts found by the device.
 struct Work {
@@ -23,8 +23,18 @@ struct Step {
     steps: u32,                 // traversal steps of one ray in this round
     last: u32,                  // 1: the last round (rays left over are lost), or the last bounce
     indirect: u32,              // 1: the receivers come from the list; 2: from one in the order of the screen
-    fresh: u32,                 // 1: sums start at zero; for receivers, 1: the list keeps the order of its rays, to be sorted, 2: that of the screen; for photons, 1: there are mirrored lights
+    fresh: u32,                 // 1: sums start at zero; for photons, 1: there are mirrored lights
 }
+
+// How receivers are made of hits.
+struct PointStep {
+    order: u32,                 // that of the list, ORDER_...
+    last: u32,                  // 1: receivers only emit, because the paths to them are as long as allowed
+}
+
+const ORDER_ANY: u32 = 0u;      // receivers are appended as they come
+const ORDER_RAYS: u32 = 1u;     // that of the rays, with gaps, to be sorted
+const ORDER_SCREEN: u32 = 2u;   // that of the screen, with gaps, see clusters.wgsl
 
 struct Push {
     step: u32,                  // index into steps

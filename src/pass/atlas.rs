@@ -1,5 +1,5 @@
 //! The points of an atlas ([`crate::view::Atlas`]): each texel lies on a triangle and is seen from the front along its
-//! normal, as if a ray of length 1 had hit it. `receivers` makes a shading point of it like of any hit.
+//! normal, as if a ray of length 1 had hit it. `eye_points` makes a shading point of it like of any hit.
 //!
 //! Replaces `camera_rays` and the `trace` of its rays. A texel without a triangle counts as a ray that hit nothing.
 //!

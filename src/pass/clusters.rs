@@ -5,8 +5,8 @@
 //! form a cluster. So clusters need no sort, the points of a cluster are near each other in memory, and so are
 //! consecutive clusters. The price: a cluster may reach across silhouettes, and tracing it costs more there.
 //!
-//! Every pixel has a place of its own ([`place_of`]), and after all pixels every second component has one; `receivers`
-//! writes the slot of the shading point into it. The list leaves out clusters without any point, most of them of second
+//! Every pixel has a place of its own ([`place_of`]), and after all pixels every second component has one; `eye_points` and `split_points`
+//! write the slot of the shading point into it. The list leaves out clusters without any point, most of them of second
 //! components; in the others, places without a point hold 0xffffffff.
 //!
 //! Cost for n pixels: 20 n bytes, a few operations a pixel; one workgroup that visits all n / 64 clusters; 3
@@ -28,7 +28,7 @@ pub fn count([width, height]: [u32; 2], [across, down]: [u32; 2]) -> u32 {
 
 /// The pass.
 pub struct Clusters {
-    /// Slot of the shading point of each place; `receivers` writes it.
+    /// Slot of the shading point of each place; `eye_points` and `split_points` write it.
     pub places: Buffer,
     /// Class and number of each cluster on the list.
     pub listed: Buffer,
@@ -61,7 +61,7 @@ impl Clusters {
         })
     }
 
-    /// Records the clearing of all places, before `receivers` writes them.
+    /// Records the clearing of all places, before `eye_points` and `split_points` write them.
     pub fn record_clear(&self, rec: &mut Recorder) -> Result<()> {
         rec.fill(&self.places, NO_RECEIVER)
     }

@@ -31,8 +31,8 @@
 use glam::Vec3;
 
 use super::mirror_image::{Planes, Tables};
-use super::receivers::SurfacePoint;
 use super::schedule::LIST_GROUPS;
+use super::surface::SurfacePoint;
 use super::{BoundKernel, EyePathState, Kit, List, Rays, ShadingPoints, layout, push};
 use crate::accel::{Ray, offset_origin};
 use crate::bsdf::ideal::{Media, Way, ways};

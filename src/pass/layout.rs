@@ -119,9 +119,27 @@ pub struct Step {
     pub last: u32,
     /// 1: work comes from the list; 2: from one in the order of the screen.
     pub indirect: u32,
-    /// 1: sums start at zero; for receivers, 1: the list keeps the order of its rays, to be sorted, 2: that of the screen; for
-    /// photons, 1: there are mirrored lights.
+    /// 1: sums start at zero; for photons, 1: there are mirrored lights.
     pub fresh: u32,
+}
+
+/// How receivers are made of hits.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct PointStep {
+    /// Order of the list: [`PointStep::ANY`], [`PointStep::RAYS`] or [`PointStep::SCREEN`].
+    pub order: u32,
+    /// 1: receivers only emit, because the paths to them are as long as allowed.
+    pub last: u32,
+}
+
+impl PointStep {
+    /// Receivers are appended as they come.
+    pub const ANY: u32 = 0;
+    /// Receivers keep the order of their rays, with gaps, and will be sorted.
+    pub const RAYS: u32 = 1;
+    /// Receivers stand in the order of the screen, with gaps, see [`super::clusters`].
+    pub const SCREEN: u32 = 2;
 }
 
 /// Push constants of every pass.

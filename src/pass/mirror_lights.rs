@@ -46,7 +46,7 @@ use crate::accel::{Bvh, Ray, offset_origin};
 use crate::bsdf::{mean, schlick};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
-use crate::path_trace::SurfacePoint;
+use crate::path_trace::PathVertex;
 use crate::plan::{MirrorPlan, StepTable};
 use crate::scene::Scene;
 use crate::settings::Settings;
@@ -212,7 +212,7 @@ pub fn reference(
     if of_triangle[hit.triangle as usize] != number + 1 {
         return none;
     }
-    let point = SurfacePoint::of(scene, bvh, &hit, -wi);
+    let point = PathVertex::of(scene, bvh, &hit, -wi);
     let finish = point.finish(scene);
     let reflected = schlick(finish.ideal, finish.ideal_f90, point.normals.shading.dot(-wi));
     let origin = offset_origin(point.position, point.normals.geometric, frame.eye[3]);

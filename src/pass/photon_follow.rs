@@ -24,8 +24,8 @@
 
 use glam::Vec3;
 
-use super::receivers::SurfacePoint;
 use super::schedule::LIST_GROUPS;
+use super::surface::SurfacePoint;
 use super::{BoundKernel, Kit, List, Rays, groups, layout, push};
 use crate::accel::{Ray, offset_origin};
 use crate::bsdf::Normals;

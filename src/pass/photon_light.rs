@@ -11,7 +11,7 @@
 //! corners; and if its class is that of the pixel (4.2). Both components of a split eye path are lit.
 //!
 //! No light is counted twice: virtual lights leave out ideal reflection and transmission (`walk_reflect`), and shadow
-//! rays and gather rays (`receivers`) end at mirrors and glass. The hits of gather rays are not lit by photons: that
+//! rays and gather rays (`gathered_points`) end at mirrors and glass. The hits of gather rays are not lit by photons: that
 //! would add only the near part of light that continues from caustics, whose far part virtual lights leave out.
 //!
 //! Bias: caustics are blurred by r, and fade within r of an edge. In a concave corner only photons of the point's own

@@ -8,11 +8,11 @@
 //! factor is the ratio to the N that started, so each light here is divided by N_j once; surfaces may be glossy; and
 //! the adjoint of shading normals is accounted for (Veach 1997, 5.3). Lobes of lights are widened
 //! ([`crate::plan::LEAST_LIGHT_ALPHA`]) and centred on the geometric normal. Ideal reflection and transmission are left
-//! out: particles see only the diffuse base of a mirror, and end at glass. Cost: that of `receivers`, and some 200
+//! out: particles see only the diffuse base of a mirror, and end at glass. Cost: that of `eye_points`, and some 200
 //! operations, a particle.
 
 use super::layout::{self, PointLight};
-use super::receivers::SurfacePoint;
+use super::surface::SurfacePoint;
 use super::walk_start::walk_numbers;
 use super::{BoundKernel, Kit, Rays, groups, push};
 use crate::accel::{Ray, offset_origin};

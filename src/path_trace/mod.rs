@@ -11,7 +11,7 @@
 
 mod surface;
 
-pub use surface::SurfacePoint;
+pub use surface::PathVertex;
 
 use crate::accel::{Bvh, Ray, offset_origin};
 use crate::bsdf::Reflectance;
@@ -198,7 +198,7 @@ impl<'a> Tracer<'a> {
         let mut media = Media::default();
         let mut segment = 1;
         while let Some(hit) = self.bvh.closest(&ray) {
-            let point = SurfacePoint::of(self.scene, self.bvh, &hit, -ray.direction);
+            let point = PathVertex::of(self.scene, self.bvh, &hit, -ray.direction);
             radiance += beta * self.emission(&point, last, directly);
             let n = point.normals;
             let followed = match self.specular_paths {
@@ -246,7 +246,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// A continuation at a mirror or glass and the probability of this choice; `None`: the path reflects non-ideally.
-    fn ideal(&self, point: &SurfacePoint, media: &Media, rng: &mut Rng) -> (Option<Way>, f32) {
+    fn ideal(&self, point: &PathVertex, media: &Media, rng: &mut Rng) -> (Option<Way>, f32) {
         let finish = point.finish(self.scene);
         let eta = media.relative_index(&self.scene.materials, point.material_index, point.normals.front);
         let Some(ways) = ways(point.material, &finish, &point.normals, point.wo, eta) else { return (None, 1.0) };
@@ -265,7 +265,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// Emission of a point hit by a path, weighted against the sampling of emitters at `last`.
-    fn emission(&self, point: &SurfacePoint, last: Option<(Vec3, f32)>, directly: bool) -> Vec3 {
+    fn emission(&self, point: &PathVertex, last: Option<(Vec3, f32)>, directly: bool) -> Vec3 {
         let emission = point.emission();
         if emission.max_element() <= 0.0 {
             return Vec3::ZERO;
@@ -291,7 +291,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// One estimate of the light that comes from emitters directly, with one shadow ray.
-    fn direct(&self, point: &SurfacePoint, reflectance: &Reflectance, rng: &mut Rng) -> Vec3 {
+    fn direct(&self, point: &PathVertex, reflectance: &Reflectance, rng: &mut Rng) -> Vec3 {
         let (index, u0) = self.emitters.choose(rng.next_f32());
         let u1 = rng.next_f32();
         let e = &self.emitters.list[index as usize];

@@ -5,9 +5,9 @@ use crate::bsdf::{Finish, Normals};
 use crate::scene::{Material, Scene};
 use glam::{Vec2, Vec3};
 
-/// A point on a surface seen from a direction.
+/// A vertex of a path: a point on a surface, seen from a direction.
 #[derive(Clone, Copy, Debug)]
-pub struct SurfacePoint<'a> {
+pub struct PathVertex<'a> {
     /// Position, from the barycentric coordinates.
     pub position: Vec3,
     /// Unit direction back along the ray.
@@ -24,9 +24,9 @@ pub struct SurfacePoint<'a> {
     pub uv: Vec2,
 }
 
-impl<'a> SurfacePoint<'a> {
+impl<'a> PathVertex<'a> {
     /// The point of a hit, seen from unit direction `wo`.
-    pub fn of(scene: &'a Scene, bvh: &Bvh, hit: &Hit, wo: Vec3) -> SurfacePoint<'a> {
+    pub fn of(scene: &'a Scene, bvh: &Bvh, hit: &Hit, wo: Vec3) -> PathVertex<'a> {
         let index = bvh.scene_triangle(hit.triangle);
         let triangle = &scene.triangles[index as usize];
         let [a, b, c] = triangle.vertices.map(|v| v as usize);
@@ -38,7 +38,7 @@ impl<'a> SurfacePoint<'a> {
         } else {
             geometric
         };
-        SurfacePoint {
+        PathVertex {
             position: bvh.position(hit),
             wo,
             normals: Normals::facing(geometric, shading, wo),

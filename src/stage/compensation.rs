@@ -4,11 +4,11 @@ use super::points::{Finish, FinishSteps, chunks};
 use super::{Counts, Eye, Shade, Stage, Walk};
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
-use crate::gpu::Recorder;
+use crate::gpu::{Buffer, Recorder};
 use crate::pass::collect::Collect;
 use crate::pass::gather::Gather;
+use crate::pass::gathered_points::{self, GatheredPoints};
 use crate::pass::layout::Step;
-use crate::pass::receivers::{self, ReceiversPass};
 use crate::pass::shade::{self, Chunk};
 use crate::pass::trace::Trace;
 use crate::pass::{Kit, Lighting, List, ShadingPoints};
@@ -18,6 +18,8 @@ use crate::plan::{Plan, StepTable};
 pub struct Compensation {
     /// Shading points where the rays hit.
     pub points: ShadingPoints,
+    /// Throughput of each slot's gather path; w: 0 if it began with the diffuse lobe, 1 with the specular lobe.
+    pub beta: Buffer,
     /// Light there.
     pub lighting: Lighting,
     /// One after the other.
@@ -32,10 +34,10 @@ pub struct Bounce {
     pub list: List,
     gather: (Gather, u32),
     trace: Trace,
-    points: (ReceiversPass, u32),
+    points: GatheredPoints,
     finish: Finish,
     shade: Option<(shade::Shade, Vec<Chunk>)>,
-    collect: Collect,
+    collect: (Collect, u32),
 }
 
 impl Compensation {
@@ -52,6 +54,7 @@ impl Compensation {
         let (settings, slots) = (&plan.settings, plan.eye.slots());
         let points = ShadingPoints::new(kit.context, "gathered", slots)?;
         let lighting = Lighting::new(kit.context, "gathered", slots)?;
+        let beta = kit.vec4s("beta", slots)?;
         let mut table = StepTable::default();
         let list_rounds = table.add_list_rounds(settings);
         let bounces: Vec<BounceSteps> =
@@ -71,31 +74,35 @@ impl Compensation {
                 lighting: &lighting,
                 classes: eye.classes(),
             };
-            let inputs = receivers::Inputs {
+            let last = bounce + 1 == settings.max_depth as usize;
+            let inputs = gathered_points::Inputs {
                 rays: &eye.rays,
                 list_in,
                 list_out: &list,
-                beta: &eye.beta,
-                paths: &eye.paths,
+                beta: &beta,
                 points: &points,
+                step: eye.order.step(lit, last),
             };
             let sort = eye.sort_buffers.as_ref().filter(|_| lit);
             made.push(Bounce {
-                gather: (Gather::new(kit, from, list_in, &eye.rays, &eye.beta, &steps)?, numbers.gather),
+                gather: (Gather::new(kit, from, list_in, &eye.rays, &beta, &steps)?, numbers.gather),
                 trace: Trace::new(kit, &eye.rays, list_in, &steps)?,
-                points: (ReceiversPass::new(kit, &inputs, &steps)?, numbers.points),
+                points: GatheredPoints::new(kit, &inputs)?,
                 finish: Finish::new(kit, &list, &points, sort, numbers.finish, &steps)?,
                 shade: match lit {
                     true => Some((shade::Shade::new(kit, &shade_inputs, &steps)?, numbers.chunks)),
                     false => None,
                 },
-                collect: Collect::new(kit, &points, list_in, &eye.beta, &lighting, &shade.lighting, &steps)?,
+                collect: (
+                    Collect::new(kit, &points, list_in, &beta, &lighting, &shade.lighting, &steps)?,
+                    numbers.collect,
+                ),
                 list: list.clone(),
             });
             before = (list, &points);
         }
         let counts = Counts::new(kit, settings.classes(), made.iter().map(|bounce| &bounce.list))?;
-        Ok(Some(Compensation { points, lighting, bounces: made, counts, list_rounds }))
+        Ok(Some(Compensation { points, beta, lighting, bounces: made, counts, list_rounds }))
     }
 
     /// Clears the counts.
@@ -108,7 +115,7 @@ impl Compensation {
         let bounce = &self.bounces[bounce - 1];
         bounce.gather.0.record(rec, bounce.gather.1)?;
         bounce.trace.record(rec, &self.list_rounds, None)?;
-        bounce.points.0.record(rec, bounce.points.1, None)?;
+        bounce.points.record(rec)?;
         bounce.finish.record(rec)
     }
 
@@ -123,15 +130,14 @@ impl Compensation {
     /// Their light goes back to the pixels.
     pub fn record_collect(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
         let bounce = &self.bounces[bounce - 1];
-        bounce.collect.record(rec, bounce.points.1)
+        bounce.collect.0.record(rec, bounce.collect.1)
     }
 }
 
 /// Steps of one bounce.
 struct BounceSteps {
     gather: u32,
-    /// Of the points and their collection.
-    points: u32,
+    collect: u32,
     finish: FinishSteps,
     chunks: Vec<Chunk>,
 }
@@ -139,11 +145,9 @@ struct BounceSteps {
 impl BounceSteps {
     fn new(table: &mut StepTable, kit: &Kit, scene: &DeviceScene, plan: &Plan, eye: &Eye, bounce: u32) -> BounceSteps {
         let chunks = chunks(table, plan, (kit.context, scene), bounce, eye.order);
-        let last = u32::from(bounce + 1 == plan.settings.max_depth);
-        let fresh = eye.order.of_list(!chunks.is_empty());
         BounceSteps {
-            gather: table.add(Step { bounce: bounce - 1, indirect: 1, ..Step::default() }),
-            points: table.add(Step { bounce, end: plan.eye.pixels, indirect: 1, last, fresh, ..Step::default() }),
+            gather: table.add(Step { bounce: bounce - 1, ..Step::default() }),
+            collect: table.add(Step { bounce, ..Step::default() }),
             finish: FinishSteps::new(table, plan.settings.classes()),
             chunks,
         }

@@ -9,12 +9,13 @@ use crate::pass::atlas::Atlas;
 use crate::pass::camera_rays::CameraRays;
 use crate::pass::clusters::{self, Clusters};
 use crate::pass::eye_paths::{self, EyePaths};
+use crate::pass::eye_points::{self, EyePoints};
 use crate::pass::layout::Step;
 use crate::pass::mirror_image::Planes;
-use crate::pass::receivers::{self, ReceiversPass};
 use crate::pass::schedule::Schedule;
 use crate::pass::shade::Chunk;
 use crate::pass::sort::SortBuffers;
+use crate::pass::split_points::SplitPoints;
 use crate::pass::tiles::Tiles;
 use crate::pass::trace::{EyeSteps, Trace};
 use crate::pass::{EyePathState, Kit, List, Rays, ShadingPoints};
@@ -29,8 +30,6 @@ pub struct Eye {
     pub paths: EyePathState,
     /// The shading points: a slot for each entry of the view, and where paths are split as many again for the second components.
     pub points: ShadingPoints,
-    /// Throughput of each slot's gather path, which starts here.
-    pub beta: Buffer,
     /// What the paths note of glossy planes.
     pub planes: Planes,
     /// Tiles of pixels that show mirrors or glass.
@@ -50,8 +49,8 @@ pub struct Eye {
     first: FirstHits,
     tiles: Tiles,
     follow: Vec<Follow>,
-    points_pass: (ReceiversPass, u32),
-    second: Option<(ReceiversPass, u32)>,
+    eye_points: EyePoints,
+    split_points: Option<SplitPoints>,
     finish: Finish,
     list_step: u32,
     list_rounds: Vec<u32>,
@@ -93,10 +92,6 @@ impl Eye {
                 table.add(Step { first, bounce, indirect: u32::from(bounce > 0), ..Step::default() })
             })
             .collect();
-        let only_emits = u32::from(settings.max_depth == 1);
-        let step = Step { end: pixels, last: only_emits, fresh: order.of_list(lit), ..Step::default() };
-        let points_step = table.add(step);
-        let second_step = table.add(Step { first: eye.twins(), ..step });
         let list_rounds = table.add_list_rounds(settings);
         let list_step = table.add_list();
         let finish_steps = FinishSteps::new(&mut table, settings.classes());
@@ -105,7 +100,6 @@ impl Eye {
         let rays = Rays::new(kit.context, "eye", slots)?;
         let paths = EyePathState::new(kit.context, slots, if eye.steps > 0 { slots } else { 0 })?;
         let points = ShadingPoints::new(kit.context, "eye", slots)?;
-        let beta = kit.vec4s("beta", slots)?;
         let planes = Planes::new(kit, pixels, eye.mirrors, eye.panes)?;
         let turns = Turns::new(kit, listed)?;
         let list = turns.list(kit, "eye points", 0)?;
@@ -147,16 +141,18 @@ impl Eye {
                 })
             })
             .collect::<Result<_>>()?;
-        let points_of = |list_in: &List| {
-            let (rays, list_out, beta, paths, points) = (&rays, &filled, &beta, &paths, &points);
-            ReceiversPass::new(kit, &receivers::Inputs { rays, list_in, list_out, beta, paths, points }, &steps)
+        let step = order.step(lit, settings.max_depth == 1);
+        let inputs = eye_points::Inputs { rays: &rays, paths: &paths, points: &points, list: &filled, step };
+        let split_points = match eye.components {
+            1 => None,
+            _ => Some(SplitPoints::new(kit, &inputs, &ideal_tiles)?),
         };
         let sort = sort_buffers.as_ref().filter(|_| lit);
         Ok(Eye {
             counts: Counts::new(kit, settings.classes(), lists.iter().chain([&list, &batch]))?,
             tiles: Tiles::new(kit, &rays, &ideal_tiles, tile_count)?,
-            points_pass: (points_of(&batch)?, points_step),
-            second: if eye.components > 1 { Some((points_of(&ideal_tiles)?, second_step)) } else { None },
+            eye_points: EyePoints::new(kit, &inputs, tile_count)?,
+            split_points,
             finish: Finish::new(kit, &list, &points, sort, finish_steps, &steps)?,
             first,
             follow,
@@ -166,7 +162,6 @@ impl Eye {
             rays,
             paths,
             points,
-            beta,
             planes,
             ideal_tiles,
             lists,
@@ -223,10 +218,9 @@ impl Eye {
         if let Some(clusters) = &self.clusters {
             clusters.record_clear(rec)?;
         }
-        let (pass, step) = &self.points_pass;
-        pass.record(rec, *step, Some(u64::from(self.tile_count)))?;
-        if let Some((pass, step)) = &self.second {
-            pass.record(rec, *step, None)?;
+        self.eye_points.record(rec)?;
+        if let Some(pass) = &self.split_points {
+            pass.record(rec)?;
         }
         match &self.clusters {
             Some(clusters) => rec.scope("clusters", |rec| clusters.record(rec, self.list_step)),

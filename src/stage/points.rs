@@ -3,6 +3,7 @@
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Recorder, Resources};
+use crate::pass::layout::PointStep;
 use crate::pass::schedule::Schedule;
 use crate::pass::shade::Chunk;
 use crate::pass::sort::{Sort, SortBuffers, SortSteps};
@@ -36,14 +37,14 @@ impl PointOrder {
         }
     }
 
-    /// Value of [`crate::pass::layout::Step::fresh`] for the pass that fills the list; `lit`: the points will be
-    /// shaded.
-    pub(super) fn of_list(self, lit: bool) -> u32 {
-        match self {
-            PointOrder::Screen => 2,
-            PointOrder::Space => u32::from(lit),
-            PointOrder::Any => 0,
-        }
+    /// Step of the pass that makes a list of points; `lit`: they will be shaded; `last`: they only emit.
+    pub(super) fn step(self, lit: bool, last: bool) -> PointStep {
+        let order = match self {
+            PointOrder::Screen => PointStep::SCREEN,
+            PointOrder::Space if lit => PointStep::RAYS,
+            PointOrder::Space | PointOrder::Any => PointStep::ANY,
+        };
+        PointStep { order, last: u32::from(last) }
     }
 }
 

@@ -187,15 +187,40 @@ fn another_camera_starts_over() {
         engine.restart();
         assert_eq!(image(ctx, &mut engine, 2), first);
 
-        let wide = Camera { resolution: [34, 21], ..camera };
-        assert!(message(engine.set_camera(wide)).contains("33x21"));
+        let empty = Camera { resolution: [34, 0], ..camera };
+        assert!(message(engine.set_camera(empty)).contains("34x0"));
         let blind = Camera { target: camera.eye, ..camera };
         assert!(message(engine.set_camera(blind)).contains("coincide"));
+        assert_eq!((engine.passes(), image(ctx, &mut engine, 0)), (2, first.clone()), "all is as before");
         assert!(message(Engine::new(ctx, &scene, blind, settings.clone())).contains("coincide"));
         let mut fresh = Engine::new(ctx, &scene, camera, settings).unwrap();
         let early = message(ctx.submit_and_wait("pass", None, |rec| fresh.record_pass(rec)));
         assert!(early.contains("record_setup"), "{early}");
         assert!(message(fresh.set_rounds(8)).contains("record_setup"));
+    });
+}
+
+#[test]
+fn another_resolution_is_another_image() {
+    gpu_test(|ctx| {
+        let (scene, camera, settings) = small();
+        let mut engine = ready(ctx, &scene, camera, &settings);
+        let first = image(ctx, &mut engine, 2);
+        for (resolution, summands) in [([34, 21], false), ([5, 40], true), (camera.resolution, false)] {
+            let resized = Camera { resolution, ..camera };
+            let settings = Settings { summands, ..settings.clone() };
+            engine.set_settings(settings.clone()).unwrap();
+            engine.set_camera(resized).unwrap();
+            assert_eq!(([engine.image().width(), engine.image().height()], engine.passes()), (resolution, 0));
+            let black = image(ctx, &mut engine, 0);
+            assert_eq!(black.len(), (resolution[0] * resolution[1]) as usize);
+            assert!(black.iter().flatten().all(|&x| x == 0.0), "before the first pass all is black");
+            let expected = image(ctx, &mut ready(ctx, &scene, resized, &settings), 2);
+            assert_eq!(image(ctx, &mut engine, 2), expected, "{resolution:?}");
+            engine.resize(resolution).unwrap();
+            assert_eq!(engine.passes(), 2, "the same again changes nothing");
+        }
+        assert_eq!(image(ctx, &mut engine, 0), first);
     });
 }
 

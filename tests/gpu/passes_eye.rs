@@ -4,7 +4,7 @@
 use glam::{Vec3, Vec4};
 use lightsum::accel::{Hit, offset_origin};
 use lightsum::pass::camera_rays;
-use lightsum::pass::receivers::surface_at;
+use lightsum::pass::surface::surface_at;
 use lightsum::scene::{Scene, Surface, builtin};
 use lightsum::settings::{Clip, Settings, Superposition};
 
@@ -26,7 +26,6 @@ struct Found {
     f0: Vec<Vec4>,
     wo: Vec<Vec4>,
     emitted: Vec<Vec4>,
-    beta: Vec<Vec4>,
     throughput: Vec<Vec4>,
 }
 
@@ -41,14 +40,12 @@ impl Found {
             f0: rig.vec4s(&r.f0),
             wo: rig.vec4s(&r.wo),
             emitted: rig.vec4s(&r.emitted),
-            beta: rig.vec4s(&rig.frame().eye.beta),
             throughput: rig.vec4s(&rig.frame().eye.paths.throughput),
         }
     }
 
     fn any_untouched(&self, i: usize) -> bool {
-        let all =
-            [&self.position, &self.geometric, &self.shading, &self.kd, &self.f0, &self.wo, &self.emitted, &self.beta];
+        let all = [&self.position, &self.geometric, &self.shading, &self.kd, &self.f0, &self.wo, &self.emitted];
         all.iter().any(|array| untouched(array[i]))
     }
 
@@ -67,7 +64,7 @@ impl Found {
         let emitted = self.emitted[i].truncate();
         tally.check(end.truncate() == through.truncate(), || format!("throughput {i}"));
         let Some(hit) = hit else {
-            let nothing = [self.kd[i], self.f0[i], self.beta[i]].iter().all(|v| v.truncate() == Vec3::ZERO);
+            let nothing = [self.kd[i], self.f0[i]].iter().all(|v| v.truncate() == Vec3::ZERO);
             tally.check(nothing && self.position[i].w < 0.0 && !lit, || format!("slot {i} sees nothing"));
             tally.check(emitted == emission, || format!("emission {i}: {emitted} for {emission}"));
             let depth = if through.w > 0.0 { through.w } else { -1.0 };
@@ -103,7 +100,6 @@ impl Found {
         tally.check(close(self.wo[i].truncate(), -d, 0.0, 0.0), || format!("wo {i}"));
         let expected = emission + through.truncate() * s.emission;
         tally.check(close(emitted, expected, RELATIVE, 0.0), || format!("emission {i}: {emitted} for {expected}"));
-        tally.check(self.beta[i] == Vec4::new(1.0, 1.0, 1.0, 0.0), || format!("beta {i}"));
         tally.check(lit == (reflects && through.truncate() != Vec3::ZERO), || format!("lit {i}: {lit}"));
         lit
     }
@@ -113,13 +109,7 @@ impl Found {
 fn look(rig: &Rig) -> Vec<Option<Hit>> {
     let (frame, [width, height, pixels, _]) = (rig.frame(), rig.parameters.size);
     let r = &frame.eye.points;
-    rig.prefill(&[
-        &frame.eye.rays.origin,
-        &frame.eye.rays.direction,
-        &frame.eye.rays.hits,
-        &frame.eye.beta,
-        &frame.eye.list.entries,
-    ]);
+    rig.prefill(&[&frame.eye.rays.origin, &frame.eye.rays.direction, &frame.eye.rays.hits, &frame.eye.list.entries]);
     rig.prefill(&[&r.position, &r.geometric, &r.shading, &r.kd, &r.f0, &r.wo, &r.emitted, &frame.eye.paths.throughput]);
     rig.run(|frame, rec| frame.eye.record_first(rec));
     let what = format!("{width}x{height}");

@@ -9,10 +9,10 @@ use lightsum::gpu::{Buffer, Context, Image, Memory, Resources, Staging, download
 use lightsum::pass::accumulate::{self, Accumulate};
 use lightsum::pass::collect::{self, Gathered};
 use lightsum::pass::layout::{self, PointLight, Step, Work};
-use lightsum::pass::receivers::surface_at;
 use lightsum::pass::resolve::Resolve;
 use lightsum::pass::schedule::{self, Schedule};
 use lightsum::pass::shade::{self, Receiver};
+use lightsum::pass::surface::surface_at;
 use lightsum::pass::{EyePathState, Lighting, ShadingPoints, gather, sort};
 use lightsum::settings::{Clip, Sequence, Settings, Traversal};
 use lightsum::stage::Stage;
@@ -84,7 +84,12 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
     let frame = rig.frame();
     let p = &rig.parameters;
     let before = receivers(rig, if bounce == 1 { &frame.eye.points } else { &rig.compensation().points });
-    let old = rig.vec4s(&frame.eye.beta);
+    let throughput = &rig.compensation().beta;
+    if bounce == 1 {
+        // Paths start here: nothing is read.
+        rig.prefill(&[throughput]);
+    }
+    let old = rig.vec4s(throughput);
     rig.prefill(&[&frame.eye.rays.origin, &frame.eye.rays.direction, &frame.eye.rays.hits]);
     rig.run(|_, rec| {
         if bounce == 1 {
@@ -95,7 +100,7 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
     let r = &rig.compensation().points;
     let rays = [&frame.eye.rays.origin, &frame.eye.rays.direction, &frame.eye.rays.hits].map(|b| rig.vec4s(b));
     let [origin, direction, hits] = &rays;
-    let [beta, emitted, position, wo] = [&frame.eye.beta, &r.emitted, &r.position, &r.wo].map(|b| rig.vec4s(b));
+    let [beta, emitted, position, wo] = [throughput, &r.emitted, &r.position, &r.wo].map(|b| rig.vec4s(b));
     let after = receivers(rig, r);
     let what = format!("{}x{}, bounce {bounce}", p.size[0], p.size[1]);
     let mut tally = Tally::new(format!("gather, {what}"));
@@ -105,8 +110,8 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
     let mut lit = Vec::new();
     for &pixel in &listed {
         let i = pixel as usize;
-        let (expected, weight, specular) =
-            gather::reference(p, pixel, bounce as u32 - 1, &before[i], old[i].truncate());
+        let so_far = if bounce == 1 { Vec3::ONE } else { old[i].truncate() };
+        let (expected, weight, specular) = gather::reference(p, pixel, bounce as u32 - 1, &before[i], so_far);
         let ray = ray_of(origin[i], direction[i]);
         // A microfacet near the edge of visibility contains the root of a small difference of sines.
         let tolerance = if specular { 2.0 * sine.sqrt() } else { RELATIVE };
@@ -207,7 +212,7 @@ fn check_collect(rig: &Rig, bounce: usize) {
     let after = sums(rig, &frame.shade.lighting);
     let r = &rig.compensation().points;
     let light = sums(rig, &rig.compensation().lighting);
-    let [beta, emitted, kd, wo] = [&frame.eye.beta, &r.emitted, &r.kd, &r.wo].map(|b| rig.vec4s(b));
+    let [beta, emitted, kd, wo] = [&rig.compensation().beta, &r.emitted, &r.kd, &r.wo].map(|b| rig.vec4s(b));
     let listed = rig.list(bounce - 1);
     for i in 0..beta.len() {
         if listed.binary_search(&(i as u32)).is_err() {

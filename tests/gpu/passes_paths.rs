@@ -7,7 +7,7 @@ use lightsum::bsdf::ideal::Media;
 use lightsum::gpu::{Resources, download, upload};
 use lightsum::pass::eye_paths::{self, EyePath};
 use lightsum::pass::merge::{self, Merge};
-use lightsum::pass::receivers::surface_at;
+use lightsum::pass::surface::surface_at;
 use lightsum::pass::{List, layout, tiles};
 use lightsum::scene::{Scene, Surface, builtin};
 use lightsum::settings::{Settings, Superposition};

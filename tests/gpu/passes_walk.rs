@@ -5,7 +5,7 @@ use lightsum::accel::Ray;
 use lightsum::gpu::Context;
 use lightsum::light::emitters::Kind;
 use lightsum::pass::layout::PointLight;
-use lightsum::pass::receivers::surface_at;
+use lightsum::pass::surface::surface_at;
 use lightsum::pass::{walk_reflect, walk_start};
 use lightsum::scene::Scene;
 use lightsum::settings::{Sequence, Settings};

@@ -7,7 +7,7 @@ use lightsum::film::HostFilm;
 use lightsum::gpu::Context;
 use lightsum::output::Layers;
 use lightsum::pass::shade::{self, Receiver};
-use lightsum::pass::{atlas, receivers};
+use lightsum::pass::{atlas, surface};
 use lightsum::plan;
 use lightsum::scene::{Camera, Scene};
 use lightsum::settings::{Clip, Filter, LightChoice, Settings, Superposition};
@@ -268,7 +268,7 @@ fn check_texels(ctx: &Context, scene: &Scene, engine: &Engine, atlas: &Atlas) {
         let (point, d) = atlas::reference(scene, texel);
         let leaf = (0..bvh.triangle_count()).find(|&leaf| bvh.scene_triangle(leaf) == texel.triangle).unwrap();
         let [u, v] = texel.uv;
-        let surface = receivers::surface_at(scene, bvh, &lightsum::accel::Hit { t: 1.0, u, v, triangle: leaf }, d);
+        let surface = surface::surface_at(scene, bvh, &lightsum::accel::Hit { t: 1.0, u, v, triangle: leaf }, d);
         assert!(close(geometric[i].truncate(), -d, 1e-4, 1e-5) && surface.front, "normal of texel {i}");
         assert!(close(wo[i].truncate(), -d, 1e-4, 1e-5), "direction of texel {i}");
         let r = &surface.reflectance;

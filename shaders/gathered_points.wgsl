@@ -1,0 +1,42 @@
+// Turns the hits of gather rays into receivers. See pass/gathered_points.rs.
+#include "frame.wgsl"
+#include "work.wgsl"
+#include "math.wgsl"
+#include "bsdf.wgsl"
+#include "surface.wgsl"
+#include "write_receiver.wgsl"
+
+@group(0) @binding(12) var<storage, read> hits: array<vec4<f32>>;
+@group(0) @binding(13) var<storage, read> ray_direction: array<vec4<f32>>;
+@group(0) @binding(14) var<storage, read_write> list_out: array<u32>;
+@group(0) @binding(15) var<storage, read_write> work_out: Work;
+@group(0) @binding(16) var<storage, read> point_step: PointStep;
+@group(0) @binding(17) var<storage, read> list_in: array<u32>;
+@group(0) @binding(18) var<storage, read_write> work_in: Work;
+@group(0) @binding(19) var<storage, read_write> beta: array<vec4<f32>>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let index = (group.x + group.y * groups.x) * 64u + lane;
+    let count = atomicLoad(&work_in.live);
+    if index >= count {
+        return;
+    }
+    let ordered = point_step.order != ORDER_ANY;
+    if ordered && index == 0u {
+        work_out.total = count;
+    }
+    let slot = list_in[index];
+    let met = met_by(ray_direction[slot].xyz, hits[slot]);
+    // The share of light that clipping removed.
+    let share = max(1.0 - met.t * met.t / max(frame.right.w, 1e-37), 0.0);
+    let weight = select(0.0, share, met.found);
+    let before = beta[slot];
+    emitted[slot] = vec4<f32>(before.xyz * met.surface.emission * weight, before.w);
+    beta[slot] = vec4<f32>(before.xyz * weight, before.w);
+    // The last points only emit: light that they reflect would exceed the greatest path length.
+    let sends = reflects(met);
+    let lit = weight > 0.0 && sends && point_step.last == 0u;
+    write_receiver(slot, met, lit);
+    list_receiver(slot, lit, ordered, index);
+}

@@ -1,0 +1,32 @@
+//! Where the second components of eye paths that split end (`eye_paths`), there are receivers as well, as `eye_points` makes them of the
+//! first components. They are listed after those, tile by tile of the tiles that show mirrors or glass.
+//!
+//! A second component without throughput is none: its receiver is not lit and has met nothing.
+//!
+//! Cost: as `eye_points`, for the pixels of those tiles.
+
+use super::eye_points::Inputs;
+use super::schedule::LIST_GROUPS;
+use super::{BoundKernel, Kit, List};
+use crate::error::Result;
+use crate::gpu::{Buffer, Recorder, shaders};
+
+/// The pass.
+pub struct SplitPoints {
+    kernel: BoundKernel,
+    work: Buffer,
+}
+
+impl SplitPoints {
+    /// Writes the `points` of second components in `tiles`.
+    pub fn new(kit: &Kit, inputs: &Inputs, tiles: &List) -> Result<Self> {
+        let shaders = [&shaders::SPLIT_POINTS, &shaders::SPLIT_POINTS_UNTEXTURED];
+        let sets = [&inputs.resources(kit)?, &tiles.as_tiles()];
+        Ok(SplitPoints { kernel: kit.bind_surface(shaders, &sets)?, work: tiles.work.clone() })
+    }
+
+    /// Records the pass.
+    pub fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.kernel.run_listed(rec, &[], &self.work, LIST_GROUPS)
+    }
+}
