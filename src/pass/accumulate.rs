@@ -8,7 +8,7 @@
 //!
 //! Sums are exact ([`crate::film`]), so thousands of passes lose nothing to f32 and their order does not matter; colour
 //! is kept for each of the two independent instances, whose difference estimates the error. A pass in which rays were
-//! lost is left out (see `schedule`). Cost: 36 vec4 and 250 operations a pixel.
+//! lost is left out (see `schedule`). Cost: 35 vec4 and 250 operations a pixel.
 
 use glam::{Vec3, Vec4};
 

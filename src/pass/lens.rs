@@ -22,7 +22,7 @@
 //! pixels, so what is hidden behind the rim of a blurred object in front, or just beyond the image's border, is missing, and the rim of such an object
 //! stays hard on its inside. What glossy planes and glass show besides the first component has its pixel's depth. Circles are no wider than the image.
 //!
-//! Cost: 11 vec4 and 30 operations a pixel before the convolution, 4 vec4 after it; 36 bytes of memory a pixel, and those of the convolution,
+//! Cost: 10 vec4 and 30 operations a pixel before the convolution, 4 vec4 after it; 36 bytes of memory a pixel, and those of the convolution,
 //! which takes by far the most time.
 
 use glam::Vec3;
