@@ -5,7 +5,6 @@
 #include "exact_sum.wgsl"
 
 @group(0) @binding(1) var<storage, read> status: array<u32>;
-@group(0) @binding(2) var<storage, read> receiver_position: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> receiver_shading: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> receiver_kd: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> receiver_f0: array<vec4<f32>>;
@@ -41,8 +40,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         counts[frame.keys.w] += 1u;
     }
     let through = throughput[pixel];
-    let hit = select(0.0, 1.0, through.w >= 0.0);
-    let ends = select(0.0, 1.0, receiver_position[pixel].w >= 0.0);
+    let flags = receiver_wo[pixel].w;
+    let hit = select(0.0, 1.0, has_flag(flags, COVERED));
+    let ends = select(0.0, 1.0, has_flag(flags, HIT));
     let light = lighting_of(pixel);
     let kd = receiver_kd[pixel].xyz;
     let radiance = emitted[pixel].xyz + through.xyz * reflected_radiance(kd, light);

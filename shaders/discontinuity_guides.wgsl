@@ -3,6 +3,7 @@
 #include "work.wgsl"
 #include "math.wgsl"
 #include "octahedral.wgsl"
+#include "flags.wgsl"
 #include "discontinuity.wgsl"
 
 @group(0) @binding(1) var<storage, read> receiver_position: array<vec4<f32>>;
@@ -38,7 +39,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let normal = receiver_geometric[slot].xyz;
     let wo = receiver_wo[slot];
     let depth = throughput[slot].w;
-    let takes_part = wo.w > 0.0 && mean3(receiver_kd[slot].xyz) > 0.0;
+    let lit = has_flag(wo.w, LIT);
+    let takes_part = lit && mean3(receiver_kd[slot].xyz) > 0.0;
 #if PAPER
     let extent = depth;
 #else

@@ -109,9 +109,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         throughput[slot] = vec4<f32>(after, select(before.w, depth, goes_on));
         // A mirror over a base emits from the base: `eye_points` adds that where the path stays.
         // The path stopped on the base; do not also shade the lobe.
-        let without_lobe = select(0.0, LOBE_FOLLOWED, stays && plane > 0u && in_image);
+        let without_lobe = flag_if(LOBE_FOLLOWED, stays && plane > 0u && in_image);
         let emission = select(before.xyz * s.emission, vec3<f32>(0.0), fork.stays);
-        emitted[slot] += vec4<f32>(select(emission, vec3<f32>(0.0), frosted), without_lobe);
+        let met = emitted[slot];
+        let met_flags = bitcast<f32>(bitcast<u32>(met.w) | without_lobe);
+        emitted[slot] = vec4<f32>(met.xyz + select(emission, vec3<f32>(0.0), frosted), met_flags);
         if frosted {
             emitted[twin] = vec4<f32>(emission, 0.0);
         }

@@ -3,6 +3,7 @@
 #include "work.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"
+#include "receiver.wgsl"
 #include "surface.wgsl"
 #include "write_receiver.wgsl"
 
@@ -32,11 +33,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let share = max(1.0 - met.t * met.t / max(frame.right.w, 1e-37), 0.0);
     let weight = select(0.0, share, met.found);
     let before = beta[slot];
-    emitted[slot] = vec4<f32>(before.xyz * met.surface.emission * weight, before.w);
+    emitted[slot] = vec4<f32>(before.xyz * met.surface.emission * weight, 0.0);
     beta[slot] = vec4<f32>(before.xyz * weight, before.w);
     // The last points only emit: light that they reflect would exceed the greatest path length.
     let sends = reflects(met);
     let lit = weight > 0.0 && sends && point_step.last == 0u;
-    write_receiver(slot, met, lit);
+    write_receiver(slot, met, flag_if(LIT, lit));
     list_receiver(slot, lit, ordered, index);
 }

@@ -2,6 +2,7 @@
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "emitters.wgsl"
+#include "flags.wgsl"
 
 @group(0) @binding(1) var<storage, read> emitters: array<EmitterRecord>;
 @group(0) @binding(2) var<storage, read> receiver_position: array<vec4<f32>>;
@@ -72,7 +73,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let x = u32((f32(i) + 0.5) * (1.0 / f32(PROBES)) * f32(frame.size.x));
         let y = u32(f32(reverseBits(i) >> 8u) * (1.0 / 16777216.0) * f32(frame.size.y));
         let pixel = min(x, frame.size.x - 1u) + min(y, frame.size.y - 1u) * frame.size.x;
-        let lit = receiver_wo[pixel].w > 0.0;
+        let lit = has_flag(receiver_wo[pixel].w, LIT);
         let n = receiver_shading[pixel].xyz;
         let reflected = mean3(receiver_kd[pixel].xyz) + mean3(receiver_f0[pixel].xyz);
         sum += select(0.0, reflected * irradiance(e, receiver_position[pixel].xyz, n), lit);

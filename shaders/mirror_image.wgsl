@@ -6,7 +6,6 @@
 #include "radiance.wgsl"
 #include "reflectors.wgsl"
 
-@group(0) @binding(1) var<storage, read> receiver_position: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> receiver_geometric: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> receiver_kd: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> receiver_wo: array<vec4<f32>>;
@@ -49,13 +48,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let is_pane = tables.z != 0u;
     let slot = select(pixel + frame.size.z, pixel, is_pane);
     let through = throughput[slot];
-    let met = emitted[slot];
-    let l = met.xyz + through.xyz * reflected_radiance(receiver_kd[slot].xyz, lighting_of(slot));
+    let l = emitted[slot].xyz + through.xyz * reflected_radiance(receiver_kd[slot].xyz, lighting_of(slot));
     // The pixel shows this component only after it has been spread.
-    emitted[slot] = vec4<f32>(0.0, 0.0, 0.0, select(0.0, met.w, is_pane));
+    emitted[slot] = vec4<f32>(0.0);
     throughput[slot] = vec4<f32>(0.0, 0.0, 0.0, through.w);
 
-    let found = receiver_position[slot].w >= 0.0;
+    let found = has_flag(receiver_wo[slot].w, HIT);
     let wo = receiver_wo[pixel].xyz;
     let normal = receiver_geometric[pixel].xyz;
     let at_pane = 2u * select(0u, pixel, is_pane);

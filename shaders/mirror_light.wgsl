@@ -41,9 +41,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let falloff = falloff_of(bitcast<u32>(l.position.w), r2);
     let e = intensity_of(l, wi) * reflected * (max(dot(wi, shading.xyz), 0.0) * falloff);
     let f0 = receiver_f0[slot];
+    let wo = receiver_wo[slot];
     let lobe = receiver_lobe(geometric, shading, f0);
     let seen = free && mean3(reflected) > 0.0;
-    let gloss = select(vec3<f32>(0.0), e * eval_specular(lobe, shading.xyz, receiver_wo[slot].xyz, wi), f0.w > 0.0);
+    let gloss = select(vec3<f32>(0.0), e * eval_specular(lobe, shading.xyz, wo.xyz, wi), has_flag(wo.w, GLOSSY));
     indirect[slot] += vec4<f32>(select(vec3<f32>(0.0), e, seen), 0.0);
     specular[slot] += vec4<f32>(select(vec3<f32>(0.0), gloss, seen), 0.0);
 }

@@ -39,7 +39,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let geometric = receiver_geometric[slot];
     let shading = receiver_shading[slot];
     let f0 = receiver_f0[slot];
-    let wo = receiver_wo[slot].xyz;
+    let wo = receiver_wo[slot];
+    let glossy = has_flag(wo.w, GLOSSY);
     let lobe = receiver_lobe(geometric, shading, f0);
     let radius2 = frame.photon.x * frame.photon.x;
     let share = frame.photon.z;
@@ -83,8 +84,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let skew = min(cos_shading / max(cos_geometric, 1e-7), 4.0);
         let arriving = sorted_flux[i].xyz * select(0.0, skew * share, near && faces);
         e += arriving;
-        for (var k = select(0u, 1u, near && faces && f0.w > 0.0); k > 0u; k -= 1u) {
-            l += arriving * eval_specular(lobe, shading.xyz, wo, wi);
+        for (var k = select(0u, 1u, near && faces && glossy); k > 0u; k -= 1u) {
+            l += arriving * eval_specular(lobe, shading.xyz, wo.xyz, wi);
         }
     }
     indirect[slot] += vec4<f32>(e, 0.0);

@@ -71,7 +71,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #else
     let shading = receiver_shading[pixel];
     let f0 = receiver_f0[pixel];
-    let wo = receiver_wo[pixel].xyz;
+    let wo = receiver_wo[pixel];
+    let glossy = has_flag(wo.w, GLOSSY);
     // The first chunk starts the sums; values of an earlier frame are not read.
     var e_direct = select(vec3<f32>(0.0), direct[pixel].xyz, step.fresh == 0u);
     var e_indirect = select(vec3<f32>(0.0), indirect[pixel].xyz, step.fresh == 0u);
@@ -140,8 +141,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let first_bounce = l_f0.w == 0.0;
         e_direct += select(vec3<f32>(0.0), e, first_bounce);
         e_indirect += select(e, vec3<f32>(0.0), first_bounce);
-        for (var i = select(0u, 1u, f0.w > 0.0 && lit && !blocked); i > 0u; i -= 1u) {
-            l_specular += e * eval_specular(receiver_lobe(geometric, shading, f0), shading.xyz, wo, wi);
+        for (var i = select(0u, 1u, glossy && lit && !blocked); i > 0u; i -= 1u) {
+            l_specular += e * eval_specular(receiver_lobe(geometric, shading, f0), shading.xyz, wo.xyz, wi);
         }
 #endif
         light += 1u;

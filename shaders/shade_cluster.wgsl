@@ -58,6 +58,7 @@ fn add_lobes(light: u32, p: u32, clip2: f32) -> vec3<f32> {
     let geometric = receiver_geometric[p];
     let shading = receiver_shading[p];
     let f0 = receiver_f0[p];
+    let wo = receiver_wo[p];
     let flags = bitcast<u32>(l.position.w);
     let d = l.position.xyz - receiver_position[p].xyz;
     let r2 = dot(d, d);
@@ -66,8 +67,8 @@ fn add_lobes(light: u32, p: u32, clip2: f32) -> vec3<f32> {
     let plain = plain_intensity(l.normal, l.emit, flags, cos_light);
     let extra = lobe_intensity(l, wi, cos_light);
     let factor = max(dot(wi, shading.xyz), 0.0) * inverse_square(r2, clip2);
-    let reflected = eval_specular(receiver_lobe(geometric, shading, f0), shading.xyz, receiver_wo[p].xyz, wi);
-    specular[p] += vec4<f32>(select(vec3<f32>(0.0), (plain + extra) * factor * reflected, f0.w > 0.0), 0.0);
+    let reflected = eval_specular(receiver_lobe(geometric, shading, f0), shading.xyz, wo.xyz, wi);
+    specular[p] += vec4<f32>(select(vec3<f32>(0.0), (plain + extra) * factor * reflected, has_flag(wo.w, GLOSSY)), 0.0);
     return extra * factor;
 }
 #endif
@@ -152,7 +153,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         shading[r] = receiver_shading[p].xyz;
         shading_lo = min(shading_lo, shading[r]);
         shading_hi = max(shading_hi, shading[r]);
-        glossy |= select(0u, 1u << r, receiver_f0[p].w > 0.0) & present;
+        glossy |= select(0u, 1u << r, has_flag(receiver_wo[p].w, GLOSSY)) & present;
 #endif
     }
 #if VISIBILITY

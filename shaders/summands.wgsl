@@ -29,19 +29,19 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if pixel >= frame.size.z {
         return;
     }
-    let seen = emitted[pixel];
+    let seen = emitted[pixel].xyz;
     let through = throughput[pixel].xyz;
     let light = lighting_of(pixel);
     let zero = vec3<f32>(0.0);
     let body = diffuse_radiance(through * receiver_kd[pixel].xyz, light.e_direct + light.e_indirect);
     let gloss = through * light.l_specular + reflected[pixel].xyz;
     // Light seen in a mirror or through glass belongs to the specular summand of the mirror or the glass.
-    let by_mirror = seen.w > 0.0;
-    let emission = select(seen.xyz, zero, by_mirror);
+    let by_mirror = has_flag(receiver_wo[pixel].w, SEEN_BY_SPECULAR);
+    let emission = select(seen, zero, by_mirror);
     let diffuse = select(body, zero, by_mirror);
-    let mirrored = gloss + select(zero, seen.xyz + body, by_mirror);
+    let mirrored = gloss + select(zero, seen + body, by_mirror);
     // `accumulate` reads no second components, so their light is added here.
-    emitted[pixel] = vec4<f32>(seen.xyz + reflected[pixel].xyz, seen.w);
+    emitted[pixel] = vec4<f32>(seen + reflected[pixel].xyz, 0.0);
     if status[0] != 0u {
         return;
     }

@@ -15,17 +15,19 @@ fn end_eye_path(slot: u32, ray: vec4<f32>, hit: vec4<f32>, only_emits: bool) -> 
     // A glossy plane seen directly shows only its base here; the lobe comes with the mirror image.
     let triangle = select(0u, bitcast<u32>(hit.w), met.found);
     let direct = through.w == 0.0 && glossy_plane(triangle_normals[triangle]) > 0u;
-    met.without_lobe = direct || before.w == LOBE_FOLLOWED;
+    met.without_lobe = direct || has_flag(before.w, LOBE_FOLLOWED);
 
     let emission = select(vec3<f32>(0.0), through.xyz * met.surface.emission, met.found);
-    emitted[slot] = vec4<f32>(before.xyz + emission, select(0.0, 1.0, through.w > 0.0));
+    emitted[slot] = vec4<f32>(before.xyz + emission, 0.0);
     // The depth of a mirror that shows nothing is its own.
-    let depth = select(select(-1.0, through.w, through.w > 0.0), through.w + ray.w * hit.x, met.found);
+    let depth = through.w + select(0.0, ray.w * hit.x, met.found);
     throughput[slot] = vec4<f32>(through.xyz, depth);
 
     let sends = reflects(met);
     let reaches = carries(through.xyz);
     let lit = met.found && sends && reaches && !only_emits;
-    write_receiver(slot, met, lit);
+    let by_specular = through.w > 0.0;
+    let flags = flag_if(LIT, lit) | flag_if(COVERED, met.found || by_specular) | flag_if(SEEN_BY_SPECULAR, by_specular);
+    write_receiver(slot, met, flags);
     return lit;
 }

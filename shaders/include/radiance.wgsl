@@ -1,5 +1,6 @@
 // Light that a receiver reflects back along its ray. Needs math.wgsl, the receivers bound as `receiver_wo`, and their sums bound as
 // `direct`, `indirect` and `specular`.
+#include "flags.wgsl"
 
 struct Lighting {
     e_direct: vec3<f32>,    // irradiance by direct light
@@ -9,7 +10,7 @@ struct Lighting {
 
 // Zero for a receiver that is not lit: nothing has written its sums.
 fn lighting_of(slot: u32) -> Lighting {
-    let lit = receiver_wo[slot].w > 0.0;
+    let lit = has_flag(receiver_wo[slot].w, LIT);
     let zero = vec3<f32>(0.0);
     return Lighting(
         select(zero, direct[slot].xyz, lit),

@@ -1,4 +1,4 @@
-// Writes receivers and lists them. Needs work.wgsl, math.wgsl, bsdf.wgsl and surface.wgsl. The shader binds `list_out` and `work_out`.
+// Writes receivers and lists them. Needs work.wgsl, math.wgsl, bsdf.wgsl, receiver.wgsl and surface.wgsl. The shader binds `list_out` and `work_out`.
 
 @group(0) @binding(21) var<storage, read_write> emitted: array<vec4<f32>>;
 @group(0) @binding(22) var<storage, read_write> receiver_position: array<vec4<f32>>;
@@ -30,17 +30,19 @@ fn reflects(met: Met) -> bool {
     return mean3(met.surface.reflectance.kd) + lobe > 0.0;
 }
 
-fn write_receiver(slot: u32, met: Met, lit: bool) {
+// `flags`: those besides HIT and GLOSSY.
+fn write_receiver(slot: u32, met: Met, flags: u32) {
     let s = met.surface;
     let r = s.reflectance;
     let glossy = r.f90 > 0.0 && !met.without_lobe;
     let diffuse = select(diffuse_probability(r), 1.0, met.without_lobe);
-    receiver_position[slot] = vec4<f32>(offset_origin(s.position, s.geometric, frame.eye.w), select(-1.0, met.t, met.found));
+    let word = flags | flag_if(HIT, met.found) | flag_if(GLOSSY, glossy);
+    receiver_position[slot] = vec4<f32>(offset_origin(s.position, s.geometric, frame.eye.w), select(0.0, met.t, met.found));
     receiver_geometric[slot] = vec4<f32>(s.geometric, r.f90);
     receiver_shading[slot] = vec4<f32>(s.shading, r.alpha);
     receiver_kd[slot] = vec4<f32>(select(vec3<f32>(0.0), r.kd, met.found), diffuse);
-    receiver_f0[slot] = vec4<f32>(select(vec3<f32>(0.0), r.f0, met.found), select(0.0, 1.0, glossy));
-    receiver_wo[slot] = vec4<f32>(-met.d, select(0.0, 1.0, lit));
+    receiver_f0[slot] = vec4<f32>(select(vec3<f32>(0.0), r.f0, met.found), 0.0);
+    receiver_wo[slot] = vec4<f32>(-met.d, bitcast<f32>(word));
 }
 
 // Puts a lit receiver on the list: at `place` where the list is `ordered`, which has a place for each slot, else at the end.

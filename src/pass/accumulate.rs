@@ -9,7 +9,7 @@
 //!
 //! Sums are exact ([`crate::film`]), so thousands of passes lose nothing to f32 and their order does not matter. Colour
 //! has a sum for each of the two independent instances; their difference estimates the error. A pass that lost rays is
-//! left out (see `schedule`). Cost: 36 vec4 and 250 operations a pixel.
+//! left out (see `schedule`). Cost: 35 vec4 and 250 operations a pixel.
 
 use glam::{Vec3, Vec4};
 

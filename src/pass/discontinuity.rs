@@ -236,7 +236,7 @@ pub struct Receiver {
     pub shading: Vec4,
     /// Diffuse albedo.
     pub kd: Vec4,
-    /// Direction to the eye; w: whether it is lit.
+    /// Direction to the eye; w: [`ShadingPoints::flags`].
     pub wo: Vec4,
     /// Depth along the path from the eye.
     pub depth: f32,
@@ -249,7 +249,8 @@ pub fn guide(frame: &layout::Frame, agreement: Agreement, receiver: &Receiver) -
     let geometric = receiver.geometric.truncate();
     let pixel = 2.0 * (length(frame.right) / width as f32).max(length(frame.up) / height as f32);
     let covered = receiver.depth * pixel / geometric.dot(receiver.wo.truncate()).max(0.02);
-    let takes_part = receiver.wo.w > 0.0 && receiver.kd.truncate() != Vec3::ZERO;
+    let takes_part =
+        ShadingPoints::flags(receiver.wo.w) & ShadingPoints::LIT != 0 && receiver.kd.truncate() != Vec3::ZERO;
     Guide {
         point: offset_origin(receiver.position.truncate(), -geometric, frame.eye[3]),
         geometric,

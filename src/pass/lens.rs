@@ -24,7 +24,7 @@
 //! object, or just outside the image, are missing, and such an object's edge stays hard on its inside. Second
 //! components of glossy planes and glass have the depth of their pixel. Circles are limited to the width of the image.
 //!
-//! Cost: 11 vec4 and 30 operations a pixel before the convolution, 4 vec4 after it; 36 bytes of memory a pixel. The
+//! Cost: 10 vec4 and 30 operations a pixel before the convolution, 4 vec4 after it; 36 bytes of memory a pixel. The
 //! convolution adds its own memory and takes most of the time.
 
 use glam::Vec3;

@@ -305,7 +305,7 @@ impl Rays {
 #[derive(Clone)]
 pub struct EyePathState {
     /// Product of the throughputs of the mirrors and glass on the path; w: depth of the unfolded (straightened) path
-    /// along the view direction, negative if the eye ray hit nothing.
+    /// along the view direction.
     pub throughput: Buffer,
     /// Glass media around the ray, [`crate::bsdf::ideal::Media`].
     pub media: Buffer,
@@ -329,7 +329,7 @@ impl EyePathState {
 /// Shading points (a G-buffer), slot by slot; `shaders/include/receiver.wgsl` documents each array.
 #[derive(Clone)]
 pub struct ShadingPoints {
-    /// Points; w: distance along the ray, negative where it hit nothing.
+    /// Points; w: distance along the ray.
     pub position: Buffer,
     /// Geometric normals; w: f90.
     pub geometric: Buffer,
@@ -337,16 +337,42 @@ pub struct ShadingPoints {
     pub shading: Buffer,
     /// Diffuse albedo; w: probability of the diffuse lobe.
     pub kd: Buffer,
-    /// Specular reflectance; w: whether there is a lobe.
+    /// Specular reflectance.
     pub f0: Buffer,
-    /// Direction back along the ray; w: whether the point is lit.
+    /// Direction back along the ray; w: [`ShadingPoints::flags`].
     pub wo: Buffer,
-    /// Emitted radiance times throughput; w: first lobe of the eye path (0 diffuse, 1 specular); for points that the
-    /// eye sees, 1 if it sees them through mirrors or glass.
+    /// Emitted radiance times throughput; w: flags of the eye's path until it ends.
     pub emitted: Buffer,
 }
 
 impl ShadingPoints {
+    /// Flag: its ray hit a surface.
+    pub const HIT: u32 = 1;
+    /// Flag: it can reflect light to the eye, and is listed.
+    pub const LIT: u32 = 2;
+    /// Flag: it has a specular lobe.
+    pub const GLOSSY: u32 = 4;
+    /// Flag: the eye's own ray hit something, if only a mirror that shows the background.
+    pub const COVERED: u32 = 8;
+    /// Flag: the eye sees it through mirrors or glass.
+    pub const SEEN_BY_SPECULAR: u32 = 16;
+    /// Flag of an eye path: it ended on the base of a glossy plane.
+    pub const LOBE_FOLLOWED: u32 = 32;
+
+    /// The bits of 1.0, which are in every word with a flag, see `shaders/include/flags.wgsl`.
+    const FLAGS: u32 = 0x3f80_0000;
+
+    /// The flags that a word holds: none, unless a pass wrote it.
+    pub fn flags(word: f32) -> u32 {
+        let flags = word.to_bits() ^ ShadingPoints::FLAGS;
+        if flags < 2 * ShadingPoints::LOBE_FOLLOWED { flags } else { 0 }
+    }
+
+    /// The word that holds these flags.
+    pub fn word(flags: u32) -> f32 {
+        f32::from_bits(ShadingPoints::FLAGS | flags)
+    }
+
     /// Allocates `count` points.
     pub fn new(context: &Context, name: &str, count: u32) -> Result<ShadingPoints> {
         let array = |what: &str| vec4s(context, &format!("{name} {what}"), count);

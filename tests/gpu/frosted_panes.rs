@@ -4,14 +4,14 @@ use glam::{Vec2, Vec3, Vec4};
 use lightsum::bsdf::ideal::{frost, pane};
 use lightsum::bsdf::{Normals, mean as mean3};
 use lightsum::gpu::Context;
-use lightsum::pass::{camera_rays, merge, mirror_image};
+use lightsum::pass::{ShadingPoints, camera_rays, merge, mirror_image};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface};
 use lightsum::settings::{Settings, Spread, Superposition};
 use lightsum::superposition::kernels::KernelLibrary;
 use lightsum::superposition::lobe::Lobe;
 
 use crate::renderer::{agrees, bits, path_traced};
-use crate::rig::{AWKWARD_IMAGES, Builder, Rig, Tally, close};
+use crate::rig::{AWKWARD_IMAGES, Builder, Rig, Tally, close, has, is_lit};
 use crate::scenes::{Soup, camera, compare, mean, render, settings};
 use crate::support::gpu_test;
 
@@ -59,7 +59,7 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
             rig.light();
             assert_eq!(rig.lost(), 0);
             let r = &frame.eye.points;
-            let [position, kd, wo, emitted] = [&r.position, &r.kd, &r.wo, &r.emitted].map(|b| rig.vec4s(b));
+            let [kd, wo, emitted] = [&r.kd, &r.wo, &r.emitted].map(|b| rig.vec4s(b));
             let sums = &frame.shade.lighting;
             let lights = [&sums.direct, &sums.indirect, &sums.specular].map(|b| rig.vec4s(b));
             let (through, region) = (rig.vec4s(&frame.eye.paths.throughput), rig.get::<u32>(&frame.eye.planes.region));
@@ -73,11 +73,11 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
             for i in (0..pixels).filter(|&i| rig.is_pane(region[i])) {
                 let plane = &rig.engine.device_scene().reflectors[region[i] as usize - 1];
                 panes[region[i] as usize] += 1;
-                let light = lights.each_ref().map(|l| if wo[i].w > 0.0 { l[i].truncate() } else { Vec3::ZERO });
+                let light = lights.each_ref().map(|l| if is_lit(wo[i]) { l[i].truncate() } else { Vec3::ZERO });
                 let vectors = [emitted[i], through[i], kd[i]].map(Vec4::truncate);
                 let l = merge::reference(vectors[0], vectors[1], vectors[2], light);
                 tally.check(close(source[i].truncate(), l, 1e-5, 1e-6), || format!("{i}: {} for {l}", source[i]));
-                let seen = (position[i].w >= 0.0).then_some(through[i].w);
+                let seen = has(wo[i], ShadingPoints::HIT).then_some(through[i].w);
                 assert_eq!(source[i].w, seen.unwrap_or(mirror_image::NOTHING_SEEN));
                 nothing += usize::from(seen.is_none());
 

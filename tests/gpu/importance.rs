@@ -15,7 +15,7 @@ use lightsum::stage::Stage;
 use crate::passes_light::receivers;
 use crate::passes_walk::same_light;
 use crate::renderer::cornell;
-use crate::rig::{Builder, Numbers, Rig, SINE, Tally, xyz};
+use crate::rig::{Builder, Numbers, Rig, SINE, Tally, is_lit, xyz};
 use crate::scenes::{Soup, camera, compare, mean, render, settings};
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
@@ -83,7 +83,7 @@ fn importance_follows_its_oracle_and_no_emitter_falls_below_the_floor() {
             let primary = receivers(&rig, &rig.frame().eye.points);
             let wo = rig.vec4s(&rig.frame().eye.points.wo);
             let seen: Vec<_> =
-                probes([31, 17]).filter(|&p| wo[p as usize].w > 0.0).map(|p| primary[p as usize]).collect();
+                probes([31, 17]).filter(|&p| is_lit(wo[p as usize])).map(|p| primary[p as usize]).collect();
             assert!(seen.len() > 60, "{} probes see the floor", seen.len());
             let expected = reference(&rig.parameters, emitters, &seen);
             let (mut lower, mut sum, mut kinds) = (0.0, 0.0, HashSet::new());

@@ -4,14 +4,14 @@
 use std::f64::consts::PI;
 
 use glam::{Vec3, Vec4};
-use lightsum::pass::{accumulate, lens};
+use lightsum::pass::{ShadingPoints, accumulate, lens};
 use lightsum::path_trace::{Options, SpecularPaths};
 use lightsum::scene::{Camera, Scene};
 use lightsum::settings::Settings;
 use lightsum::stage::Stage;
 
 use crate::references::path_traced;
-use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery};
+use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery, has, is_lit};
 use crate::scenes::{Soup, camera, compare, fov, mean, render, renderer, settings};
 use crate::support::gpu_test;
 
@@ -35,7 +35,7 @@ fn lens_follows_its_oracle() {
             assert_eq!(rig.lost(), 0);
             let (lens, r, sums) = (frame.lens.as_ref().unwrap(), &frame.eye.points, &frame.shade.lighting);
             rig.prefill(&[&lens.source, &lens.footprint, &lens.region, &lens.convolution.spread]);
-            let [position, kd, wo, emitted] = [&r.position, &r.kd, &r.wo, &r.emitted].map(|b| rig.vec4s(b));
+            let [kd, wo, emitted] = [&r.kd, &r.wo, &r.emitted].map(|b| rig.vec4s(b));
             let lights = [&sums.direct, &sums.indirect, &sums.specular].map(|b| rig.vec4s(b));
             let through = rig.vec4s(&frame.eye.paths.throughput);
             rig.run(|_, rec| lens.record_image(rec));
@@ -43,11 +43,11 @@ fn lens_follows_its_oracle() {
             let region = rig.get::<u32>(&lens.region);
             let mut tally = Tally::new(format!("lens, {resolution:?}"));
             for i in 0..region.len() {
-                let light = lights.each_ref().map(|l| if wo[i].w > 0.0 { l[i].truncate() } else { Vec3::ZERO });
+                let light = lights.each_ref().map(|l| if is_lit(wo[i]) { l[i].truncate() } else { Vec3::ZERO });
                 let [e, beta, kd] = [emitted[i], through[i], kd[i]].map(Vec4::truncate);
                 let l = accumulate::reference(e, beta, kd, light);
                 tally.check(close(source[i].truncate(), l, 1e-5, 1e-6), || format!("{i}: {} for {l}", source[i]));
-                let depth = (position[i].w >= 0.0).then_some(through[i].w);
+                let depth = has(wo[i], ShadingPoints::HIT).then_some(through[i].w);
                 assert_eq!(source[i].w, depth.unwrap_or(lens::NOTHING_SEEN));
                 let diameter = lens::reference(&rig.parameters, aperture, focus, depth);
                 let off = (footprint[i].x - diameter).abs();

@@ -3,12 +3,12 @@
 
 use glam::{Vec3, Vec4};
 use lightsum::accel::{Hit, offset_origin};
-use lightsum::pass::camera_rays;
 use lightsum::pass::surface::surface_at;
+use lightsum::pass::{ShadingPoints, camera_rays};
 use lightsum::scene::{Scene, Surface, builtin};
 use lightsum::settings::{Clip, Settings, Superposition};
 
-use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery, hit_of, ray_of, same_hit, untouched, xyz};
+use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery, has, hit_of, is_lit, ray_of, same_hit, untouched, xyz};
 use crate::support::gpu_test;
 
 /// Tolerance: a device's divisions, roots and powers are less exact than ours.
@@ -59,16 +59,20 @@ impl Found {
         (d, hit): (Vec3, Option<Hit>),
         (through, cos_view, emission): (Vec4, f32, Vec3),
     ) -> bool {
-        let lit = self.wo[i].w == 1.0;
+        let lit = is_lit(self.wo[i]);
+        let [hit_something, glossy, covered, by_specular] =
+            [ShadingPoints::HIT, ShadingPoints::GLOSSY, ShadingPoints::COVERED, ShadingPoints::SEEN_BY_SPECULAR]
+                .map(|flag| has(self.wo[i], flag));
         let end = self.throughput[i];
         let emitted = self.emitted[i].truncate();
+        tally.check(by_specular == (through.w > 0.0), || format!("way to {i}"));
         tally.check(end.truncate() == through.truncate(), || format!("throughput {i}"));
         let Some(hit) = hit else {
             let nothing = [self.kd[i], self.f0[i]].iter().all(|v| v.truncate() == Vec3::ZERO);
-            tally.check(nothing && self.position[i].w < 0.0 && !lit, || format!("slot {i} sees nothing"));
+            tally.check(nothing && !hit_something && !lit, || format!("slot {i} sees nothing"));
             tally.check(emitted == emission, || format!("emission {i}: {emitted} for {emission}"));
-            let depth = if through.w > 0.0 { through.w } else { -1.0 };
-            tally.check(end.w == depth, || format!("depth {i}: {} for {depth}", end.w));
+            tally.check(end.w == through.w, || format!("depth {i}: {} for {}", end.w, through.w));
+            tally.check(covered == (through.w > 0.0), || format!("coverage {i}"));
             return false;
         };
         let s = surface_at(rig.scene, rig.bvh(), &hit, d);
@@ -96,8 +100,9 @@ impl Found {
         tally.check(near(self.geometric[i].w, r.f90), || format!("f90 {i}: {} for {}", self.geometric[i].w, r.f90));
         tally.check(near(self.shading[i].w, r.alpha), || format!("alpha {i}: {} for {}", self.shading[i].w, r.alpha));
         tally.check(!reflects || near(self.kd[i].w, probability), || format!("probability {i}"));
-        tally.check((self.f0[i].w == 1.0) == (r.f90 > 0.0 && !mirrors), || format!("lobe {i}"));
+        tally.check(glossy == (r.f90 > 0.0 && !mirrors), || format!("lobe {i}"));
         tally.check(close(self.wo[i].truncate(), -d, 0.0, 0.0), || format!("wo {i}"));
+        tally.check(hit_something && covered, || format!("flags {i}"));
         let expected = emission + through.truncate() * s.emission;
         tally.check(close(emitted, expected, RELATIVE, 0.0), || format!("emission {i}: {emitted} for {expected}"));
         tally.check(lit == (reflects && through.truncate() != Vec3::ZERO), || format!("lit {i}: {lit}"));

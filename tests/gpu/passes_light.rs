@@ -18,7 +18,8 @@ use lightsum::settings::{Clip, Sequence, Settings, Traversal};
 use lightsum::stage::Stage;
 
 use crate::rig::{
-    AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, make, ray_of, same_hit, sine_error, untouched, xyz,
+    AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, has, hit_of, is_lit, make, ray_of, same_hit, sine_error,
+    untouched, xyz,
 };
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
@@ -128,7 +129,7 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
         let b = beta[i].truncate();
         tally.check(close(b, weight, tolerance, 1e-6), || format!("pixel {i}: throughput {b} for {weight}"));
         let lobe = if bounce == 1 { f32::from(specular) } else { old[i].w };
-        tally.check(beta[i].w == lobe && emitted[i].w == lobe, || format!("pixel {i}: lobe {}", beta[i].w));
+        tally.check(beta[i].w == lobe, || format!("pixel {i}: lobe {}", beta[i].w));
         let surface = hit.map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction));
         let light = surface.map_or(Vec3::ZERO, |s| s.emission);
         let e = emitted[i].truncate();
@@ -136,7 +137,8 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
         let last = bounce as u32 + 1 == p.scene[2];
         let reflects = surface.is_some_and(|s| s.reflectance.kd + s.reflectance.f0 != Vec3::ZERO);
         let expected = !last && share > 0.0 && reflects;
-        met.check((wo[i].w == 1.0) == expected, || format!("pixel {i}: lit {}", wo[i].w));
+        met.check(is_lit(wo[i]) == expected, || format!("pixel {i}: lit {}", is_lit(wo[i])));
+        met.check(has(wo[i], ShadingPoints::HIT) == surface.is_some(), || format!("pixel {i}: hit"));
         if let Some(s) = surface {
             let place = offset_origin(s.position, s.geometric, p.eye[3]);
             let same = close(after[i].position, place, 1e-5, 1e-6)
@@ -147,10 +149,11 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
                 && close(after[i].reflectance.f0, s.reflectance.f0, 1e-4, 1e-5)
                 && after[i].wo == -ray.direction;
             met.check(same, || format!("pixel {i}: {:?} for {s:?}", after[i]));
+            met.check(has(wo[i], ShadingPoints::GLOSSY) == (s.reflectance.f90 > 0.0), || format!("pixel {i}: lobe"));
             seen.gathered += 1;
         }
         seen.specular += usize::from(beta[i].w == 1.0);
-        if wo[i].w == 1.0 {
+        if is_lit(wo[i]) {
             lit.push(pixel);
         }
     }
@@ -225,7 +228,7 @@ fn check_collect(rig: &Rig, bounce: usize) {
             specular: beta[i].w == 1.0,
             emitted: emitted[i].truncate(),
             kd: kd[i].truncate(),
-            lit: wo[i].w == 1.0,
+            lit: is_lit(wo[i]),
             sums: at(&light, i),
         };
         let added = collect::reference(&point, bounce as u32);
@@ -444,15 +447,20 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
             let (r, n) = (&s.receivers, &mut Numbers(size as u32));
             // Every third pixel sees nothing; every fifth is not lit, and its sums must be ignored; every seventh looks
             // into a mirror that reflects the background.
-            let depth = |i: u32| if i % 3 == 2 { -1.0 } else { 2.5 };
-            let lit = |i: u32| if i % 5 == 4 { 0.0 } else { 1.0 };
-            let ends = |i: u32| if i % 7 == 6 { -1.0 } else { depth(i) };
-            fill(ctx, &r.position, n, 1.0, ends);
-            let through = fill(ctx, &s.paths.throughput, n, 1.0, depth);
+            let covered = |i: u32| i % 3 != 2;
+            let lit = |i: u32| i % 5 != 4;
+            let ends = |i: u32| covered(i) && i % 7 != 6;
+            let flags = |i: u32| {
+                let all =
+                    [(ShadingPoints::COVERED, covered(i)), (ShadingPoints::LIT, lit(i)), (ShadingPoints::HIT, ends(i))];
+                ShadingPoints::word(all.into_iter().filter(|f| f.1).map(|f| f.0).sum())
+            };
+            const DEPTH: f32 = 2.5;
+            let through = fill(ctx, &s.paths.throughput, n, 1.0, |_| DEPTH);
             let shading = fill(ctx, &r.shading, n, 1.0, |_| 0.0);
             let kd = fill(ctx, &r.kd, n, 1.0, |_| 1.0);
             let f0 = fill(ctx, &r.f0, n, 1.0, |_| 1.0);
-            fill(ctx, &r.wo, n, -1.0, lit);
+            fill(ctx, &r.wo, n, -1.0, flags);
             // Tiny compared with the large sums: each alone would be rounded away.
             let emitted = fill(ctx, &r.emitted, n, 1e-5, |_| 0.0);
             let light = [&s.sums.direct, &s.sums.indirect, &s.sums.specular].map(|b| fill(ctx, b, n, 1e-5, |_| 0.0));
@@ -478,13 +486,13 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
             let (albedo, normal) = (levels(&s.film.albedo), levels(&s.film.normal));
             let total = |sum: &[Vec<Vec4>], i: usize| sum.iter().map(|level| level[i].as_dvec4()).sum::<DVec4>();
             for i in 0..size {
-                let is_lit = lit(i as u32) > 0.0;
+                let is_lit = lit(i as u32);
                 let light = [0, 1, 2].map(|k| if is_lit { light[k][i].truncate() } else { Vec3::ZERO });
                 let beta = through[i].truncate();
                 let radiance = accumulate::reference(emitted[i].truncate(), beta, kd[i].truncate(), light);
                 let one_if = |yes: bool| if yes { 1.0 } else { 0.0 };
-                let covered = one_if(depth(i as u32) >= 0.0);
-                let shown = one_if(ends(i as u32) >= 0.0);
+                let covered = one_if(covered(i as u32));
+                let shown = one_if(ends(i as u32));
                 for (name, sum, start, x) in [
                     ("color", &color, large[0][i], radiance.extend(covered)),
                     ("direct", &direct, large[1][i], light[0].extend(0.0)),
@@ -499,7 +507,7 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
                 }
                 let guides = [
                     (total(&albedo, i), (beta * (kd[i].truncate() + f0[i].truncate())).extend(covered)),
-                    (total(&normal, i), (shading[i].truncate() * shown).extend(covered * depth(i as u32))),
+                    (total(&normal, i), (shading[i].truncate() * shown).extend(covered * DEPTH)),
                 ];
                 for (found, one) in guides {
                     let expected = one.as_dvec4() * f64::from(PASSES);
@@ -520,8 +528,8 @@ fn accumulate_is_the_exact_sum() {
     gpu_test(|ctx| {
         let s = Sheet::new(ctx, [64, 1], 1);
         let (r, n) = (&s.receivers, &mut Numbers(5));
-        fill(ctx, &r.position, n, 1.0, |_| 1.0);
-        fill(ctx, &r.wo, n, 1.0, |_| 1.0);
+        let flags = ShadingPoints::word(ShadingPoints::COVERED | ShadingPoints::LIT | ShadingPoints::HIT);
+        fill(ctx, &r.wo, n, 1.0, |_| flags);
         fill(ctx, &s.paths.throughput, n, 1.0, |_| 1.0);
         let direct = fill(ctx, &s.sums.direct, n, 1.0, |_| 0.0);
         let albedo = fill(ctx, &r.kd, n, 1.0, |_| 0.0);

@@ -8,7 +8,7 @@ use lightsum::gpu::{Resources, download, upload};
 use lightsum::pass::eye_paths::{self, EyePath};
 use lightsum::pass::merge::{self, Merge};
 use lightsum::pass::surface::surface_at;
-use lightsum::pass::{List, layout, tiles};
+use lightsum::pass::{List, ShadingPoints, layout, tiles};
 use lightsum::scene::{Scene, Surface, builtin};
 use lightsum::settings::{Settings, Superposition};
 
@@ -265,9 +265,10 @@ fn merge_adds_second_components_to_their_pixels() {
             let s = Sheet::new(ctx, [width, height], 1);
             let (r, n) = (&s.receivers, &mut Numbers(size as u32));
             // Every third second component is not lit, and its sums must be ignored.
-            let lit = |i: u32| if i % 3 == 2 { 0.0 } else { 1.0 };
+            let lit = |i: u32| i % 3 != 2;
+            let flags = |i: u32| ShadingPoints::word(if lit(i) { ShadingPoints::LIT } else { ShadingPoints::HIT });
             let kd = fill(ctx, &r.kd, n, 1.0, |_| 1.0);
-            fill(ctx, &r.wo, n, 1.0, lit);
+            fill(ctx, &r.wo, n, 1.0, flags);
             let emitted = fill(ctx, &r.emitted, n, 1.0, |_| 0.0);
             let through = fill(ctx, &s.paths.throughput, n, 1.0, |_| 1.0);
             let light = [&s.sums.direct, &s.sums.indirect, &s.sums.specular].map(|b| fill(ctx, b, n, 1.0, |_| 0.0));
@@ -286,7 +287,7 @@ fn merge_adds_second_components_to_their_pixels() {
             let found = download::<Vec4>(ctx, &r.emitted).unwrap();
             for i in 0..size {
                 let (x, y, k) = (i as u32 % width, i as u32 / width, size + i);
-                let is_lit = lit(k as u32) > 0.0;
+                let is_lit = lit(k as u32);
                 let light = light.each_ref().map(|l| if is_lit { l[k].truncate() } else { Vec3::ZERO });
                 let vectors = [emitted[k], through[k], kd[k]].map(Vec4::truncate);
                 let listed = (x / 8 + y / 8 * across) % 2 == 0;

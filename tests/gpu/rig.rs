@@ -13,7 +13,7 @@ use lightsum::frame::Frame;
 use lightsum::gpu::{Buffer, Context, Recorder, Resources, Staging, download};
 use lightsum::pass::clusters::NO_RECEIVER;
 use lightsum::pass::eye_paths::Plane;
-use lightsum::pass::{Kit, List, layout, walk_start};
+use lightsum::pass::{Kit, List, ShadingPoints, layout, walk_start};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
 use lightsum::settings::{Settings, Traversal};
 use lightsum::stage::{Compensation, Stage};
@@ -212,6 +212,16 @@ pub fn sine_error(ctx: &Context, scene: &Scene) -> f32 {
     let worst = (0..directions.len()).map(error).fold(1e-6, f32::max);
     assert!(worst < SINE, "sines and cosines are off by {worst}");
     worst
+}
+
+/// Whether a point has a flag, by its `wo`.
+pub fn has(wo: Vec4, flag: u32) -> bool {
+    ShadingPoints::flags(wo.w) & flag != 0
+}
+
+/// Whether a point is lit, by its `wo`.
+pub fn is_lit(wo: Vec4) -> bool {
+    has(wo, ShadingPoints::LIT)
 }
 
 /// Whether nothing was written here since [`Rig::prefill`].

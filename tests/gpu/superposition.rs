@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3, Vec4};
 use lightsum::bsdf::Reflectance as Finish;
-use lightsum::pass::{accumulate, merge, mirror_image, summands, superpose};
+use lightsum::pass::{ShadingPoints, accumulate, merge, mirror_image, summands, superpose};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface};
 use lightsum::settings::{Reflectance, Settings, Spread, Superposition};
 use lightsum::stage::Stage;
@@ -12,7 +12,7 @@ use lightsum::superposition::lobe::{Lobe, Table};
 use lightsum::superposition::reflectance::{ReflectanceMap, fresnel_fitted_rgb};
 
 use crate::renderer::path_traced;
-use crate::rig::{AWKWARD_IMAGES, Builder, Rig, Tally, close};
+use crate::rig::{AWKWARD_IMAGES, Builder, Rig, Tally, close, has, is_lit};
 use crate::scenes::{self, Soup, camera, compare, render};
 use crate::support::gpu_test;
 
@@ -59,8 +59,7 @@ fn mirror_images_follow_their_oracle() {
             let frame = rig.frame();
             light(&rig);
             let r = &frame.eye.points;
-            let [position, normal, kd, wo, emitted] =
-                [&r.position, &r.geometric, &r.kd, &r.wo, &r.emitted].map(|b| rig.vec4s(b));
+            let [normal, kd, wo, emitted] = [&r.geometric, &r.kd, &r.wo, &r.emitted].map(|b| rig.vec4s(b));
             let sums = &frame.shade.lighting;
             let lights = [&sums.direct, &sums.indirect, &sums.specular].map(|b| rig.vec4s(b));
             let (through, region) = (rig.vec4s(&frame.eye.paths.throughput), rig.get::<u32>(&frame.eye.planes.region));
@@ -74,12 +73,12 @@ fn mirror_images_follow_their_oracle() {
             for i in (0..pixels).filter(|&i| region[i] > 0) {
                 let k = i + pixels;
                 planes[region[i] as usize] += 1;
-                let lit = wo[k].w > 0.0;
+                let lit = is_lit(wo[k]);
                 let light = lights.each_ref().map(|l| if lit { l[k].truncate() } else { Vec3::ZERO });
                 let vectors = [emitted[k], through[k], kd[k]].map(Vec4::truncate);
                 let l = merge::reference(vectors[0], vectors[1], vectors[2], light);
                 tally.check(close(source[i].truncate(), l, 1e-5, 1e-6), || format!("{i}: {} for {l}", source[i]));
-                let seen = (position[k].w >= 0.0).then_some(through[k].w);
+                let seen = has(wo[k], ShadingPoints::HIT).then_some(through[k].w);
                 assert_eq!(source[i].w, seen.unwrap_or(mirror_image::NOTHING_SEEN));
                 let (d, n) = (-wo[i].truncate(), normal[i].truncate());
                 let lobe = rig.library().look_up(region[i] - 1, -d.dot(n)).unwrap();
@@ -175,9 +174,9 @@ fn summands_follow_their_oracle_and_add_up() {
                 let found = film.each_ref().map(|sum| rig.vec4s(&sum.0[0]));
                 let whole = rig.vec4s(&r.emitted);
                 for i in 0..reflected.len() {
-                    let lit = wo[i].w > 0.0;
+                    let lit = is_lit(wo[i]);
                     let light = lights.each_ref().map(|l| if lit { l[i].truncate() } else { Vec3::ZERO });
-                    let seen = (emitted[i].truncate(), emitted[i].w > 0.0);
+                    let seen = (emitted[i].truncate(), has(wo[i], ShadingPoints::SEEN_BY_SPECULAR));
                     let [beta, kd] = [through[i], kd[i]].map(Vec4::truncate);
                     let expected = summands::reference(seen, beta, kd, light, reflected[i].truncate());
                     for (found, expected) in found.iter().zip(expected) {

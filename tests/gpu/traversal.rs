@@ -10,7 +10,7 @@ use lightsum::scene::{Camera, Light, Material, Scene, Triangle, builtin};
 use lightsum::settings::{Clip, ClusterOrder, Settings, Traversal};
 use lightsum::standalone::Renderer;
 
-use crate::rig::{Rig, gallery, xyz};
+use crate::rig::{Rig, gallery, is_lit, xyz};
 use crate::support::gpu_test;
 
 fn settings(traversal: Traversal) -> Settings {
@@ -157,7 +157,7 @@ fn lists_are_sorted_and_the_same_in_every_run() {
                 let live = rig.work(0).live as usize;
                 let list = rig.get::<u32>(&rig.frame().eye.list.entries)[..live].to_vec();
                 let positions = rig.vec4s(&rig.frame().eye.points.position).into_iter().map(|p| xyz(p.to_array()));
-                let lit = rig.vec4s(&rig.frame().eye.points.wo).into_iter().map(|wo| wo.w > 0.0);
+                let lit = rig.vec4s(&rig.frame().eye.points.wo).into_iter().map(is_lit);
                 (list, positions.collect::<Vec<Vec3>>(), lit.collect::<Vec<bool>>(), rig.parameters)
             };
             let (list, positions, lit, parameters) = run();
@@ -199,7 +199,7 @@ fn clusters_of_the_screen_follow_their_oracle() {
             let work = rig.work(0);
             let list = rig.get::<u32>(&rig.frame().eye.list.entries)[..work.total as usize].to_vec();
             let wo = rig.vec4s(&rig.frame().eye.points.wo);
-            let lit: Vec<u32> = (0..wo.len() as u32).filter(|&slot| wo[slot as usize].w > 0.0).collect();
+            let lit: Vec<u32> = (0..wo.len() as u32).filter(|&slot| is_lit(wo[slot as usize])).collect();
             assert_eq!(list, clusters::reference(&rig.parameters, &lit), "{width}x{height} by {pattern:?}");
             assert_eq!(work.live as usize, lit.len(), "{width}x{height} by {pattern:?}");
             let [x, y, ..] = work.list_groups;

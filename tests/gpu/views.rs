@@ -7,7 +7,7 @@ use lightsum::film::HostFilm;
 use lightsum::gpu::Context;
 use lightsum::output::Layers;
 use lightsum::pass::shade::{self, Receiver};
-use lightsum::pass::{atlas, surface};
+use lightsum::pass::{ShadingPoints, atlas, surface};
 use lightsum::plan;
 use lightsum::scene::{Camera, Scene};
 use lightsum::settings::{Clip, Filter, LightChoice, Settings, Superposition};
@@ -16,7 +16,7 @@ use lightsum::standalone::Renderer;
 use lightsum::view::{Atlas, Region, Texel, View};
 use lightsum::{Engine, tiles};
 
-use crate::rig::{close, gallery};
+use crate::rig::{close, gallery, has, is_lit};
 use crate::scenes::renderer;
 use crate::support::gpu_test;
 
@@ -262,7 +262,7 @@ fn check_texels(ctx: &Context, scene: &Scene, engine: &Engine, atlas: &Atlas) {
     let (mut lit, mut compared, mut differ) = (0, 0, 0);
     for (i, texel) in atlas.texels.iter().enumerate() {
         let Some(texel) = texel else {
-            assert_eq!(position[i].w, -1.0, "texel {i} lies on nothing");
+            assert!(!has(wo[i], ShadingPoints::HIT), "texel {i} lies on nothing");
             continue;
         };
         let (point, d) = atlas::reference(scene, texel);
@@ -273,7 +273,7 @@ fn check_texels(ctx: &Context, scene: &Scene, engine: &Engine, atlas: &Atlas) {
         assert!(close(wo[i].truncate(), -d, 1e-4, 1e-5), "direction of texel {i}");
         let r = &surface.reflectance;
         let reflects = r.kd.max_element() > 0.0 || r.f0.max_element() > 0.0;
-        assert_eq!(frame_lights(wo[i]), reflects, "texel {i} is lit if it reflects");
+        assert_eq!(is_lit(wo[i]), reflects, "texel {i} is lit if it reflects");
         if !reflects {
             continue;
         }
@@ -298,11 +298,6 @@ fn check_texels(ctx: &Context, scene: &Scene, engine: &Engine, atlas: &Atlas) {
     assert!(atlas.texels.len() < 8 || lit > atlas.texels.len() / 3, "{lit} texels are lit");
     // Rays past edges may differ.
     assert!(differ * 200 <= compared, "{differ} of {compared} differ");
-}
-
-/// Whether a shading point is marked as lit.
-fn frame_lights(wo: glam::Vec4) -> bool {
-    wo.w > 0.0
 }
 
 #[test]

@@ -5,6 +5,7 @@ use glam::{Vec3, Vec4};
 use lightsum::accel::Bvh;
 use lightsum::bsdf::basis;
 use lightsum::gpu::{Context, ContextOptions, download};
+use lightsum::pass::ShadingPoints;
 use lightsum::pass::layout::PointLight;
 use lightsum::pass::sort;
 use lightsum::pass::visibility::Workload;
@@ -72,10 +73,12 @@ pub fn workload(context: &Context, engine: &mut Engine, lights: u32, area: Optio
         Ok::<_, Error>(download::<Vec4>(context, buffer)?.into_iter().map(Vec4::truncate).collect::<Vec<Vec3>>())
     };
     let (positions, normals) = (of(&frame.eye.points.position)?, of(&frame.eye.points.geometric)?);
-    let lit = download::<Vec4>(context, &frame.eye.points.wo)?;
+    let lit: Vec<bool> = (download::<Vec4>(context, &frame.eye.points.wo)?.into_iter())
+        .map(|wo| ShadingPoints::flags(wo.w) & ShadingPoints::LIT != 0)
+        .collect();
     // Tile by tile, as in the list before sorting.
     let [width, height] = engine.view().size();
-    let mut list: Vec<u32> = (0..width * height).filter(|&p| lit[p as usize].w > 0.0).collect();
+    let mut list: Vec<u32> = (0..width * height).filter(|&p| lit[p as usize]).collect();
     list.sort_by_key(|p| {
         let (x, y) = (p % width, p / width);
         (y / 8, x / 8, y % 8, x % 8)
