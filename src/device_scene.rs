@@ -56,7 +56,7 @@ pub struct DeviceScene {
     /// Planar reflectors; number i + 1 in `normals` is `reflectors[i]`.
     pub reflectors: Vec<Reflector>,
     /// Finishes of the reflectors, with mean texture values.
-    pub finishes: Vec<Finish>,
+    pub finishes: Vec<ReflectorFinish>,
     /// Ideal surfaces that eye paths may meet.
     pub specular: SpecularFeatures,
     /// Mean albedo, by area.
@@ -115,9 +115,9 @@ pub struct TargetBuffers {
     pub of_triangle: Buffer,
 }
 
-/// Finish of a planar reflector, with mean texture values.
+/// ReflectorFinish of a planar reflector, with mean texture values.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Finish {
+pub struct ReflectorFinish {
     /// Reflectance and roughness.
     pub reflectance: Reflectance,
     /// The lobe that spreads its mirror image.

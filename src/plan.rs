@@ -3,7 +3,7 @@
 
 mod parameters;
 
-pub use parameters::LEAST_LIGHT_ALPHA;
+pub use parameters::MIN_LIGHT_ALPHA;
 
 use std::borrow::Cow;
 
@@ -80,7 +80,7 @@ impl LightPlan {
 }
 
 /// Traversal steps of one shadow ray in one dispatch of the shading pass over `lights` lights, such that the dispatch
-/// stays within `budget` (at least [`least_loop_budget`]) for every scene: lights * (steps * 6 + 6) <= budget.
+/// stays within `budget` (at least [`min_loop_budget`]) for every scene: lights * (steps * 6 + 6) <= budget.
 pub fn shade_steps(lights: u32, budget: u32) -> u32 {
     (budget / lights.max(1)).saturating_sub(6) / ITERATIONS_PER_STEP
 }
@@ -100,10 +100,10 @@ pub fn cluster_steps(lights: u32, budget: u32, lanes: u32) -> u32 {
 
 /// Minimum visits for clusters: with fewer they would leave most of their work to single rays, so single rays do all of
 /// it.
-pub const LEAST_CLUSTER_STEPS: u32 = 500;
+pub const MIN_CLUSTER_STEPS: u32 = 500;
 
 /// Minimum loop budget of dispatches over `lights` lights: two steps for each.
-pub fn least_loop_budget(lights: u32) -> u32 {
+pub fn min_loop_budget(lights: u32) -> u32 {
     3 * ITERATIONS_PER_STEP * lights.max(1)
 }
 
@@ -484,7 +484,7 @@ mod tests {
 
     #[test]
     fn photons_are_looked_up_within_the_loop_budget() {
-        for budget in [least_loop_budget(1), least_loop_budget(64), LOOP_BUDGET] {
+        for budget in [min_loop_budget(1), min_loop_budget(64), LOOP_BUDGET] {
             let chunk = PhotonPlan::chunk(budget);
             // Every photon of the chunk, with the loops over cells and for the lobe; in addition the cells, and the
             // exit.
@@ -520,7 +520,7 @@ mod tests {
     #[test]
     fn no_dispatch_exceeds_the_loop_budget() {
         for lights in 1..=64 {
-            for budget in [LOOP_BUDGET, least_loop_budget(lights)] {
+            for budget in [LOOP_BUDGET, min_loop_budget(lights)] {
                 let steps = shade_steps(lights, budget);
                 assert!(steps > 1);
                 assert!(lights * (steps * ITERATIONS_PER_STEP + 6) <= budget, "{lights} lights");
@@ -529,7 +529,7 @@ mod tests {
             // No visit takes more than this number of iterations, whatever its kind.
             for lanes in [4, 8, 16, 32, 64] {
                 let (visits, rays) = (cluster_steps(lights, LOOP_BUDGET, lanes), 64 / lanes);
-                assert!(visits > LEAST_CLUSTER_STEPS, "{lights} lights, {lanes} lanes");
+                assert!(visits > MIN_CLUSTER_STEPS, "{lights} lights, {lanes} lanes");
                 let iterations = visits * (rays + 2) + lights * (rays + 1) * (rays + 4) + 8 * 9 * (rays + 2) + 64;
                 assert!(iterations <= LOOP_BUDGET, "{lights} lights, {lanes} lanes: {iterations}");
             }

@@ -1,7 +1,7 @@
 //! The renderer's settings: meaning, unit, default, and the cost of higher and lower values.
 
 use crate::error::{Error, Result};
-use crate::plan::{LOOP_BUDGET, least_loop_budget};
+use crate::plan::{LOOP_BUDGET, min_loop_budget};
 use crate::scene::RenderDefaults;
 use crate::scene::reflectors::MAX_REFLECTORS;
 use serde::{Deserialize, Serialize};
@@ -381,7 +381,7 @@ impl Settings {
         range("--lights-per-dispatch", self.lights_per_dispatch, 1, 64)?;
         range("--rounds", self.rounds, 1, 1024)?;
         range("--moving-passes", self.moving_passes, 1, Self::MAX_MOVING_PASSES)?;
-        range("loop_budget", self.loop_budget, least_loop_budget(self.lights_per_dispatch), LOOP_BUDGET)?;
+        range("loop_budget", self.loop_budget, min_loop_budget(self.lights_per_dispatch), LOOP_BUDGET)?;
         range("--photons", self.photons, 0, Self::MAX_PHOTONS / self.classes())?;
         if let Some(r) = self.photon_radius.filter(|r| !(r.is_finite() && *r > 0.0)) {
             return Err(Error::Setting { name: "--photon-radius", message: format!("{r} is not a distance above 0") });

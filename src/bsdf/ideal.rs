@@ -6,7 +6,7 @@
 //! square of the relative index. A pane is glass of no thickness: light passes straight through, and all
 //! reflections between its two faces add up to 2R / (1 + R) (the geometric series of R and (1 - R)^2 R^(2k+1)).
 //!
-//! A frosted pane blurs the image behind it ([`frost`], [`Way::frosted`]).
+//! A frosted pane blurs the image behind it ([`frost`], [`BsdfSample::frosted`]).
 //!
 //! Bodies of glass can be nested: [`Media`] gives the indices that a ray leaves and enters.
 //!
@@ -61,7 +61,7 @@ impl Media {
 
 /// A continuation of a ray: direction and factor of its radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Way {
+pub struct BsdfSample {
     /// Unit direction.
     pub wi: Vec3,
     /// Factor of the radiance.
@@ -94,53 +94,53 @@ pub fn frost(material: &Material) -> Option<f32> {
     (alpha > MIN_ALPHA).then_some(alpha)
 }
 
-impl Way {
+impl BsdfSample {
     /// A sample of a frosted pane's transmission, of normal `n` and lobe `alpha`, instead of this straight one; `u`
     /// chooses it. Its weight is zero if it would not leave the pane.
-    pub fn frosted(self, n: Vec3, wo: Vec3, alpha: f32, u: [f32; 2]) -> Way {
+    pub fn frosted(self, n: Vec3, wo: Vec3, alpha: f32, u: [f32; 2]) -> BsdfSample {
         let lobe = Reflectance { kd: Vec3::ZERO, f0: Vec3::ONE, f90: 1.0, alpha };
         let (wi, share) = lobe.sample_lobe(false, n, wo, u[0], u[1]);
-        Way { wi: wi - 2.0 * n.dot(wi) * n, weight: self.weight * share, ..self }
+        BsdfSample { wi: wi - 2.0 * n.dot(wi) * n, weight: self.weight * share, ..self }
     }
 }
 
 /// The continuations of a ray at a mirror or glass.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ways {
+pub struct SpecularSamples {
     /// Reflection.
-    pub reflected: Way,
+    pub reflected: BsdfSample,
     /// Transmission; `None` at mirrors and at total reflection.
-    pub transmitted: Option<Way>,
+    pub transmitted: Option<BsdfSample>,
 }
 
 /// The two components of a surface: a path chooses one at random, or is split.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fork {
+pub struct SpecularSplit {
     /// Glass: transmission. Total reflection, or a mirror without diffuse base: reflection. `None`: the diffuse base of a
     /// mirror, which ends the path.
-    pub first: Option<Way>,
+    pub first: Option<BsdfSample>,
     /// The reflection, if `first` is another component.
-    pub second: Option<Way>,
+    pub second: Option<BsdfSample>,
     /// Probability of the first when one is chosen: 1 if there is no second.
     pub probability: f32,
 }
 
-impl Ways {
+impl SpecularSamples {
     /// At a surface of diffuse base `kd`. The probabilities are proportional to the weights, so that neither choice has the larger weight.
-    pub fn fork(self, kd: Vec3) -> Fork {
+    pub fn fork(self, kd: Vec3) -> SpecularSplit {
         let (base, reflected) = (mean(kd), mean(self.reflected.weight));
         let (first, probability) = match self.transmitted {
             Some(through) => (Some(through), 1.0 - reflected),
             None if base > 0.0 => (None, base / (base + reflected)),
             None => (Some(self.reflected), 1.0),
         };
-        Fork { first, second: (probability < 1.0).then_some(self.reflected), probability }
+        SpecularSplit { first, second: (probability < 1.0).then_some(self.reflected), probability }
     }
 }
 
 /// The continuations at a surface of this material, `eta` the index of refraction behind it over that in front of it; `None`
 /// for opaque surfaces.
-pub fn ways(material: &Material, finish: &Finish, normals: &Normals, wo: Vec3, eta: f32) -> Option<Ways> {
+pub fn ways(material: &Material, finish: &Finish, normals: &Normals, wo: Vec3, eta: f32) -> Option<SpecularSamples> {
     match material.surface {
         Surface::Opaque => None,
         Surface::Mirror => Some(mirror(normals, wo, finish.ideal, finish.ideal_f90)),
@@ -150,35 +150,36 @@ pub fn ways(material: &Material, finish: &Finish, normals: &Normals, wo: Vec3, e
 }
 
 /// A mirror of reflectance `f0` at normal and `f90` at grazing incidence.
-pub fn mirror(normals: &Normals, wo: Vec3, f0: Vec3, f90: f32) -> Ways {
+pub fn mirror(normals: &Normals, wo: Vec3, f0: Vec3, f90: f32) -> SpecularSamples {
     let n = upright(normals, wo, 1.0);
-    Ways { reflected: reflected(normals, wo, n, schlick(f0, f90, n.dot(wo))), transmitted: None }
+    SpecularSamples { reflected: reflected(normals, wo, n, schlick(f0, f90, n.dot(wo))), transmitted: None }
 }
 
 /// Glass of relative index `eta` (far over near).
-pub fn glass(normals: &Normals, wo: Vec3, eta: f32, tint: Vec3) -> Ways {
+pub fn glass(normals: &Normals, wo: Vec3, eta: f32, tint: Vec3) -> SpecularSamples {
     let n = upright(normals, wo, eta);
     let (r, cos_t) = fresnel_dielectric(n.dot(wo), eta);
     let transmitted = cos_t.map(|cos_t| {
         let wi = refract(wo, n, eta, cos_t);
         let adjoint = eta * eta * skew_of(normals, n, wo, wi);
-        Way { wi, weight: tint * ((1.0 - r) / (eta * eta)), adjoint, crosses: true }
+        BsdfSample { wi, weight: tint * ((1.0 - r) / (eta * eta)), adjoint, crosses: true }
     });
-    Ways { reflected: reflected(normals, wo, n, Vec3::splat(r)), transmitted }
+    SpecularSamples { reflected: reflected(normals, wo, n, Vec3::splat(r)), transmitted }
 }
 
 /// A pane of relative index `eta`.
-pub fn pane(normals: &Normals, wo: Vec3, eta: f32, tint: Vec3) -> Ways {
+pub fn pane(normals: &Normals, wo: Vec3, eta: f32, tint: Vec3) -> SpecularSamples {
     let n = upright(normals, wo, 1.0);
     let (r, _) = fresnel_dielectric(n.dot(wo), eta);
     let both = 2.0 * r / (1.0 + r);
-    let transmitted = (both < 1.0).then(|| Way { wi: -wo, weight: tint * (1.0 - both), adjoint: 1.0, crosses: false });
-    Ways { reflected: reflected(normals, wo, n, Vec3::splat(both)), transmitted }
+    let transmitted =
+        (both < 1.0).then(|| BsdfSample { wi: -wo, weight: tint * (1.0 - both), adjoint: 1.0, crosses: false });
+    SpecularSamples { reflected: reflected(normals, wo, n, Vec3::splat(both)), transmitted }
 }
 
-fn reflected(normals: &Normals, wo: Vec3, n: Vec3, weight: Vec3) -> Way {
+fn reflected(normals: &Normals, wo: Vec3, n: Vec3, weight: Vec3) -> BsdfSample {
     let wi = reflect(wo, n);
-    Way { wi, weight, adjoint: skew_of(normals, n, wo, wi), crosses: false }
+    BsdfSample { wi, weight, adjoint: skew_of(normals, n, wo, wi), crosses: false }
 }
 
 /// Factor of flux for a shading normal `n` that deviates from the face normal.

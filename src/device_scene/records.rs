@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::{Vec2, Vec3};
 
-use super::Finish;
+use super::ReflectorFinish;
 use crate::accel::Bvh;
 use crate::bsdf::Reflectance;
 use crate::bsdf::ideal::frost;
@@ -73,19 +73,19 @@ pub fn encode_normal(n: Vec3) -> u32 {
 }
 
 /// Finishes of reflectors, with mean texture values; for frosted panes only the lobe.
-pub(super) fn finishes(scene: &Scene, reflectors: &[Reflector]) -> Vec<Finish> {
+pub(super) fn finishes(scene: &Scene, reflectors: &[Reflector]) -> Vec<ReflectorFinish> {
     let mean = |texture: Option<u32>| texture.map_or(Vec3::ONE, |t| scene.textures[t as usize].average());
     let finish = |reflector: &Reflector| {
         let m = &scene.materials[reflector.material as usize];
         if let Some(alpha) = frost(m) {
             // The transmittance of a pane is applied where it is seen.
             let reflectance = Reflectance { kd: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, alpha };
-            return Finish { reflectance, lobe: m.lobe.clone().map_or(Lobe::Ggx { alpha }, Lobe::Table) };
+            return ReflectorFinish { reflectance, lobe: m.lobe.clone().map_or(Lobe::Ggx { alpha }, Lobe::Table) };
         }
         let (base, mr) = (mean(m.base_texture), mean(m.metallic_roughness_texture));
         let reflectance = Reflectance::new(m.base_color * base, m.metallic * mr.z, m.roughness * mr.y, m.specular);
         let ggx = Lobe::Ggx { alpha: reflectance.alpha };
-        Finish { reflectance, lobe: m.lobe.clone().map_or(ggx, Lobe::Table) }
+        ReflectorFinish { reflectance, lobe: m.lobe.clone().map_or(ggx, Lobe::Table) }
     };
     reflectors.iter().map(finish).collect()
 }

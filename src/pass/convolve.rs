@@ -36,7 +36,7 @@
 //! diameter and the diameter. For the sources passed on to a coarser level, a texel holds premultiplied radiance,
 //! weight, and the means of diameter, axis and layer. Quadratic B-splines double the resolution on the way back. Going
 //! up and down widens a kernel by a variance of (4^l - 1) / 3 square pixels along each axis at level l; this variance
-//! is subtracted from the kernel (down to [`levels::LEAST_VARIANCE`] of its own). Weights pass through the same filters
+//! is subtracted from the kernel (down to [`levels::MIN_VARIANCE`] of its own). Weights pass through the same filters
 //! as radiance, so constants are exact. Regions do not bleed: a texel holds the two regions with the most pixels,
 //! separately. Sources of a third region stay at the finer level, with kernels limited to [`levels::LEAVES`] texels,
 //! and are then too sharp. For kernels narrow enough for level 0 the sum is the direct one, except that the sums of

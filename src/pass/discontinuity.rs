@@ -25,7 +25,7 @@
 //! 1 and 3, 1/2 1 1/2 for n = 2; width 5: 1/2 1 1 1 1/2 for n = 4, 1/3 2/3 1 2/3 1/3 for n = 3.
 //!
 //! **Agreement.** Both tests are symmetric in i and j, and both require shading normals within 26 degrees,
-//! [`LEAST_COSINE`]. [`Agreement::Paper`] also thresholds the difference of distances from the eye, here depths along
+//! [`MIN_COSINE`]. [`Agreement::Paper`] also thresholds the difference of distances from the eye, here depths along
 //! the whole path and relative to the smaller one, [`PAPER_TOLERANCE`]. It fails on surfaces that recede from the eye,
 //! on curved surfaces at their silhouettes, and on parallel planes a small distance apart. [`Agreement::Plane`]
 //! requires of the chord d between the points, with geometric normals n_i and n_j:
@@ -69,7 +69,7 @@ use crate::settings::{Agreement, Filter};
 ///
 /// Lower: surfaces of higher curvature are smoothed, and creases blurred. Higher: noise remains on surfaces that curve
 /// within a window.
-pub const LEAST_COSINE: f32 = 0.9;
+pub const MIN_COSINE: f32 = 0.9;
 
 /// Maximum slope of a chord against the tangent planes.
 ///
@@ -265,7 +265,7 @@ pub fn guide(frame: &layout::Frame, agreement: Agreement, receiver: &Receiver) -
 
 /// Oracle: whether two shading points, `apart` pixels from each other, lie on one smooth surface.
 pub fn agree(frame: &layout::Frame, agreement: Agreement, a: &Guide, b: &Guide, apart: f32) -> bool {
-    let alike = a.extent.min(b.extent) > 0.0 && a.shading.dot(b.shading) >= LEAST_COSINE;
+    let alike = a.extent.min(b.extent) > 0.0 && a.shading.dot(b.shading) >= MIN_COSINE;
     alike
         && match agreement {
             Agreement::Paper => (a.extent - b.extent).abs() <= PAPER_TOLERANCE * a.extent.min(b.extent),

@@ -35,7 +35,7 @@ use super::schedule::LIST_GROUPS;
 use super::surface::SurfacePoint;
 use super::{BoundKernel, EyePathState, Kit, List, Rays, ShadingPoints, layout, push};
 use crate::accel::{Ray, offset_origin};
-use crate::bsdf::ideal::{Media, Way, ways};
+use crate::bsdf::ideal::{BsdfSample, Media, ways};
 use crate::bsdf::{Normals, mean};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
@@ -144,7 +144,7 @@ pub fn reference(
     let first = split || random_f32(key(frame.keys[0], COMPONENT, frame.sample_of(path.slot), step)) < fork.probability;
     let (way, probability) = if first { (fork.first, fork.probability) } else { (fork.second, 1.0 - fork.probability) };
     let chance = if split { 1.0 } else { probability };
-    let on = |slot: u32, way: Way, chance: f32| {
+    let on = |slot: u32, way: BsdfSample, chance: f32| {
         let side = if way.wi.dot(surface.geometric) > 0.0 { surface.geometric } else { -surface.geometric };
         let origin = offset_origin(surface.position, side, frame.eye[3]);
         let media = if way.crosses { path.media.crossed(surface.material, surface.front) } else { path.media };

@@ -42,7 +42,7 @@ use glam::{Vec2, Vec3};
 use super::schedule::LIST_GROUPS;
 use super::{BoundKernel, EyePathState, Kit, Lighting, List, ShadingPoints, vec4s};
 use crate::bsdf::MIN_ALPHA;
-use crate::device_scene::Finish;
+use crate::device_scene::ReflectorFinish;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Recorder, Resources, Staging, shaders};
 use crate::pass::convolve::MAX_LAYERS;
@@ -84,7 +84,12 @@ pub struct Tables {
 
 impl Tables {
     /// Makes the tables for these reflectors and their finishes. Takes some 200 ms of one core for each distinct lobe.
-    pub fn new(context: &Context, staging: &mut Staging, finishes: &[Finish], of: &[Reflector]) -> Result<Tables> {
+    pub fn new(
+        context: &Context,
+        staging: &mut Staging,
+        finishes: &[ReflectorFinish],
+        of: &[Reflector],
+    ) -> Result<Tables> {
         let mut library = KernelLibrary::new();
         let mut distinct: Vec<&Lobe> = Vec::new();
         for finish in finishes {

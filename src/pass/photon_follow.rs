@@ -3,7 +3,7 @@
 //!
 //! A photon whose first hit is not its target is dropped: it is direct light, or another photon's. At glass one
 //! component is chosen with probability p, in proportion to the weights, and flux is scaled by the adjoint of the
-//! throughput of radiance ([`crate::bsdf::ideal::Way`]):
+//! throughput of radiance ([`crate::bsdf::ideal::BsdfSample`]):
 //!
 //! ```text
 //! Phi *= f a / p      f as in `eye_paths`, a = eta^2 through glass, times the correction for shading normals

@@ -32,7 +32,7 @@ use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
 /// Minimum cosine between the normals of photon and shading point.
-pub const LEAST_COSINE: f32 = 0.5;
+pub const MIN_COSINE: f32 = 0.5;
 
 /// The pass.
 pub struct PhotonLight {
@@ -83,7 +83,7 @@ pub fn reference(frame: &layout::Frame, slot: u32, receiver: &Receiver, photons:
     for photon in photons {
         let (cos_geometric, cos_shading) = (photon.wi.dot(receiver.geometric), photon.wi.dot(receiver.shading));
         let near = photon.class == class && photon.position.distance_squared(receiver.position) <= radius * radius;
-        let faces = photon.normal.dot(receiver.geometric) > LEAST_COSINE && cos_geometric > 0.0 && cos_shading > 0.0;
+        let faces = photon.normal.dot(receiver.geometric) > MIN_COSINE && cos_geometric > 0.0 && cos_shading > 0.0;
         if near && faces {
             let arriving = photon.flux * ((cos_shading / cos_geometric.max(1e-7)).min(4.0) * share);
             sums[0] += arriving;

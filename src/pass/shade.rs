@@ -164,7 +164,7 @@ impl Chunk {
     /// Subgroup size of the cluster kernel, if the budget of a dispatch suffices for clusters.
     pub fn lanes(settings: &Settings, lanes: Option<u32>) -> Option<u32> {
         let steps = |lanes: u32| plan::cluster_steps(Chunk::size(settings, true), settings.loop_budget, lanes);
-        lanes.filter(|&lanes| steps(lanes) >= plan::LEAST_CLUSTER_STEPS)
+        lanes.filter(|&lanes| steps(lanes) >= plan::MIN_CLUSTER_STEPS)
     }
 
     /// Maximum number of lights in a chunk. Chunks for clusters are larger: a cluster loads its points once for all

@@ -7,7 +7,7 @@
 //! Differs from the paper in that: figure 6 multiplies by N / floor(rho^j N) at every reflection, although the text's
 //! factor is the ratio to the N that started, so each light here is divided by N_j once; surfaces may be glossy; and
 //! the adjoint of shading normals is accounted for (Veach 1997, 5.3). Lobes of lights are widened
-//! ([`crate::plan::LEAST_LIGHT_ALPHA`]) and centred on the geometric normal. Ideal reflection and transmission are left
+//! ([`crate::plan::MIN_LIGHT_ALPHA`]) and centred on the geometric normal. Ideal reflection and transmission are left
 //! out: particles see only the diffuse base of a mirror, and end at glass. Cost: that of `eye_points`, and some 200
 //! operations, a particle.
 

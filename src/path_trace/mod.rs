@@ -15,7 +15,7 @@ pub use surface::PathVertex;
 
 use crate::accel::{Bvh, Ray, offset_origin};
 use crate::bsdf::Reflectance;
-use crate::bsdf::ideal::{Media, Way, frost, ways};
+use crate::bsdf::ideal::{BsdfSample, Media, frost, ways};
 use crate::error::{Error, Result};
 use crate::light::emitters::{self, Emitter, Emitters, Kind, NO_EMITTER};
 use crate::sampling::dimensions::PIXEL;
@@ -246,7 +246,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// A continuation at a mirror or glass and the probability of this choice; `None`: the path reflects non-ideally.
-    fn ideal(&self, point: &PathVertex, media: &Media, rng: &mut Rng) -> (Option<Way>, f32) {
+    fn ideal(&self, point: &PathVertex, media: &Media, rng: &mut Rng) -> (Option<BsdfSample>, f32) {
         let finish = point.finish(self.scene);
         let eta = media.relative_index(&self.scene.materials, point.material_index, point.normals.front);
         let Some(ways) = ways(point.material, &finish, &point.normals, point.wo, eta) else { return (None, 1.0) };

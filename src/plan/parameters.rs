@@ -83,7 +83,7 @@ impl Plan {
             up: xyzw(lookout.up, clip),
             forward: xyzw(lookout.forward, 4.0 * self.scene.diagonal),
             bounds_min: xyzw(lowest, 1.0 / (highest - lowest).max_element().max(1e-30)),
-            pixel_offset: [offset[0], offset[1], LEAST_LIGHT_ALPHA, s.light_threshold],
+            pixel_offset: [offset[0], offset[1], MIN_LIGHT_ALPHA, s.light_threshold],
             size: [width, height, width * height, local],
             within: [whole.origin[0], whole.origin[1], whole.size[0], whole.size[1]],
             walk: [first, s.paths, rotation, self.lights.delta],
@@ -135,7 +135,7 @@ impl Lookout {
 /// Specular lobes of virtual lights are widened to this alpha, so that no light has an extremely narrow lobe. Bias:
 /// light that sharper lobes reflect onto other surfaces is spread over a wider cone, with the same energy. Lobes at
 /// shading points are exact.
-pub const LEAST_LIGHT_ALPHA: f32 = 0.25;
+pub const MIN_LIGHT_ALPHA: f32 = 0.25;
 
 /// Offset of the sample in its pixel: Hammersley points (Keller 1997, 4.1) in blocks of 16, each block rotated at
 /// random. The points of a block are taken in steps of 11, so that an unfinished block is spread evenly too.

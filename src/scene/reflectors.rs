@@ -18,7 +18,7 @@ const MAX_ALPHA: f32 = 0.3;
 const LEAST_F0: f32 = 0.02;
 
 /// Minimum area as a fraction of the area of all triangles.
-const LEAST_AREA: f64 = 2e-4;
+const MIN_AREA: f64 = 2e-4;
 
 /// Normals of one plane differ by no more than this in each coordinate.
 const SAME_NORMAL: f32 = 1e-3;
@@ -111,7 +111,7 @@ impl Scene {
                 let triangles: Vec<u32> = plane.iter().map(|&(_, i)| i).collect();
                 let area: f64 = triangles.iter().map(|&i| f64::from(self.triangle_area(i as usize))).sum();
                 let asked_for = self.materials[material as usize].reflector == Some(true);
-                if asked_for || area >= LEAST_AREA * total {
+                if asked_for || area >= MIN_AREA * total {
                     let offset = plane[plane.len() / 2].0;
                     let pane = self.materials[material as usize].surface == Surface::Glass;
                     found.push(Reflector { material, pane, normal, offset, area: area as f32, triangles });

@@ -1,6 +1,6 @@
 //! Near light that clipping cut off: short rays from the shading points, whose hits are lit in turn (see [`crate::pass::gather`]).
 
-use super::points::{Finish, FinishSteps, chunks};
+use super::points::{ListFinish, ListFinishSteps, chunks};
 use super::{Counts, Eye, Shade, Stage, Walk};
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
@@ -35,7 +35,7 @@ pub struct Bounce {
     gather: (Gather, u32),
     trace: Trace,
     points: GatheredPoints,
-    finish: Finish,
+    finish: ListFinish,
     shade: Option<(shade::Shade, Vec<Chunk>)>,
     collect: (Collect, u32),
 }
@@ -88,7 +88,7 @@ impl Compensation {
                 gather: (Gather::new(kit, from, list_in, &eye.rays, &beta, &steps)?, numbers.gather),
                 trace: Trace::new(kit, &eye.rays, list_in, &steps)?,
                 points: GatheredPoints::new(kit, &inputs)?,
-                finish: Finish::new(kit, &list, &points, sort, numbers.finish, &steps)?,
+                finish: ListFinish::new(kit, &list, &points, sort, numbers.finish, &steps)?,
                 shade: match lit {
                     true => Some((shade::Shade::new(kit, &shade_inputs, &steps)?, numbers.chunks)),
                     false => None,
@@ -138,7 +138,7 @@ impl Compensation {
 struct BounceSteps {
     gather: u32,
     collect: u32,
-    finish: FinishSteps,
+    finish: ListFinishSteps,
     chunks: Vec<Chunk>,
 }
 
@@ -148,7 +148,7 @@ impl BounceSteps {
         BounceSteps {
             gather: table.add(Step { bounce: bounce - 1, ..Step::default() }),
             collect: table.add(Step { bounce, ..Step::default() }),
-            finish: FinishSteps::new(table, plan.settings.classes()),
+            finish: ListFinishSteps::new(table, plan.settings.classes()),
             chunks,
         }
     }

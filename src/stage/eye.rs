@@ -1,6 +1,6 @@
 //! What the eye sees: shading points, directly or through mirrors and glass, or the texels of an atlas.
 
-use super::points::{Finish, FinishSteps, Turns};
+use super::points::{ListFinish, ListFinishSteps, Turns};
 use super::{Counts, PointOrder, Stage, batch};
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
@@ -51,7 +51,7 @@ pub struct Eye {
     follow: Vec<Follow>,
     eye_points: EyePoints,
     split_points: Option<SplitPoints>,
-    finish: Finish,
+    finish: ListFinish,
     list_step: u32,
     list_rounds: Vec<u32>,
     tile_count: u32,
@@ -94,7 +94,7 @@ impl Eye {
             .collect();
         let list_rounds = table.add_list_rounds(settings);
         let list_step = table.add_list();
-        let finish_steps = FinishSteps::new(&mut table, settings.classes());
+        let finish_steps = ListFinishSteps::new(&mut table, settings.classes());
         let steps = table.stage(kit, "eye steps")?;
 
         let rays = Rays::new(kit.context, "eye", slots)?;
@@ -153,7 +153,7 @@ impl Eye {
             tiles: Tiles::new(kit, &rays, &ideal_tiles, tile_count)?,
             eye_points: EyePoints::new(kit, &inputs, tile_count)?,
             split_points,
-            finish: Finish::new(kit, &list, &points, sort, finish_steps, &steps)?,
+            finish: ListFinish::new(kit, &list, &points, sort, finish_steps, &steps)?,
             first,
             follow,
             list_step,

@@ -49,39 +49,39 @@ impl PointOrder {
 }
 
 /// Finishes a list of shading points: turns its length into dispatches, and sorts it if required.
-pub(super) struct Finish {
+pub(super) struct ListFinish {
     schedule: Schedule,
     list_step: u32,
     sort: Option<(Sort, SortSteps)>,
 }
 
-/// Steps of [`Finish`].
-pub(super) struct FinishSteps {
+/// Steps of [`ListFinish`].
+pub(super) struct ListFinishSteps {
     list: u32,
     sort: SortSteps,
 }
 
-impl FinishSteps {
-    pub(super) fn new(table: &mut StepTable, classes: u32) -> FinishSteps {
-        FinishSteps { list: table.add_list(), sort: SortSteps::new(table, classes) }
+impl ListFinishSteps {
+    pub(super) fn new(table: &mut StepTable, classes: u32) -> ListFinishSteps {
+        ListFinishSteps { list: table.add_list(), sort: SortSteps::new(table, classes) }
     }
 }
 
-impl Finish {
+impl ListFinish {
     /// `sort`: buffers for sorting, if the points are sorted.
     pub(super) fn new(
         kit: &Kit,
         list: &List,
         points: &ShadingPoints,
         sort: Option<&SortBuffers>,
-        numbers: FinishSteps,
+        numbers: ListFinishSteps,
         steps: &Resources,
-    ) -> Result<Finish> {
+    ) -> Result<ListFinish> {
         let sort = match sort {
             Some(buffers) => Some((Sort::new(kit, list, points, buffers, steps)?, numbers.sort)),
             None => None,
         };
-        Ok(Finish { schedule: Schedule::new(kit, &list.work, steps)?, list_step: numbers.list, sort })
+        Ok(ListFinish { schedule: Schedule::new(kit, &list.work, steps)?, list_step: numbers.list, sort })
     }
 
     pub(super) fn record(&self, rec: &mut Recorder) -> Result<()> {

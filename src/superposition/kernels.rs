@@ -158,7 +158,7 @@ impl Kernel {
         let beta = angle_of(&cumulative, CONE_SHARE * energy);
         let tan_beta = if beta < MAX_TAN_BETA.atan() { beta.tan() } else { MAX_TAN_BETA };
         let (width, core_width) = (2.0 * tan_beta, CORE_RADIUS * 2.0 * tan_beta);
-        let level = view.greatest_at(core_width);
+        let level = view.max_at(core_width);
         let core_of = |s: &Sample| if s.at.length() < core_width { (1.0 - level / s.density).max(0.0) } else { 0.0 };
         let tail_narrowing = narrowing_of(&samples, width, |s| 1.0 - core_of(s));
         let core_narrowing = narrowing_of(&samples, core_width, core_of);
@@ -284,7 +284,7 @@ impl View<'_> {
     }
 
     /// The kernel's maximum at a distance from the mirror direction.
-    fn greatest_at(&self, distance: f64) -> f64 {
+    fn max_at(&self, distance: f64) -> f64 {
         let angle = |k: usize| k as f64 * (PI / DIRECTIONS as f64);
         (0..=DIRECTIONS).map(|k| self.density(DVec2::from_angle(angle(k)) * distance)).fold(0.0, f64::max)
     }

@@ -241,7 +241,7 @@ fn rays_carried_on_over_many_rounds_end_alike() {
         let scene = builtin::deep_scene(60);
         let at_once = in_rounds(ctx, &scene, lightsum::plan::LOOP_BUDGET, 1);
         // Two steps a round.
-        let in_many = in_rounds(ctx, &scene, lightsum::plan::least_loop_budget(1), 100);
+        let in_many = in_rounds(ctx, &scene, lightsum::plan::min_loop_budget(1), 100);
         assert_eq!(lightsum::plan::trace_steps(18), 2);
         assert_eq!(lightsum::plan::shade_steps(1, 18), 2);
         assert!(at_once == in_many, "hits or sums depend on the rounds");

@@ -6,7 +6,7 @@ use lightsum::bsdf::Reflectance;
 use lightsum::gpu::{Buffer, Context, ContextOptions};
 use lightsum::pass::layout::PointLight;
 use lightsum::pass::shade::{self, Receiver};
-use lightsum::plan::{LOOP_BUDGET, least_loop_budget};
+use lightsum::plan::{LOOP_BUDGET, min_loop_budget};
 use lightsum::scene::{Camera, Scene, builtin};
 use lightsum::settings::{Clip, Settings};
 use lightsum::stage::Stage;
@@ -113,7 +113,7 @@ fn starved() -> Settings {
         paths: 4,
         max_depth: 3,
         lights_per_dispatch: 2,
-        loop_budget: least_loop_budget(2),
+        loop_budget: min_loop_budget(2),
         rounds: 1,
         ..Settings::default()
     }
@@ -163,7 +163,7 @@ fn a_renderer_recovers_lost_rays_by_more_rounds() {
 fn a_ray_that_no_number_of_rounds_helps_is_an_error() {
     gpu_test(|ctx| {
         let scene = builtin::deep_scene(9000);
-        let settings = Settings { lights_per_dispatch: 1, loop_budget: least_loop_budget(1), ..starved() };
+        let settings = Settings { lights_per_dispatch: 1, loop_budget: min_loop_budget(1), ..starved() };
         let settings = Settings { rounds: 1024, paths: 1, max_depth: 1, ..settings };
         let camera = Camera { resolution: [2, 1], ..scene.camera.unwrap() };
         let mut renderer = Renderer::with_context(ctx.clone(), scene, camera, settings).unwrap();

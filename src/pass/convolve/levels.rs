@@ -17,9 +17,9 @@ pub const STAYS: f32 = 6.0;
 /// Kernels from this width in texels on move to the next level entirely.
 pub const LEAVES: f32 = 8.0;
 /// Minimum width, in diameters, of the disc with the variance of a kernel; narrower kernels are clamped to it.
-pub const LEAST_BREADTH: f32 = 0.5;
+pub const MIN_BREADTH: f32 = 0.5;
 /// Minimum fraction of a kernel's variance that remains after the pyramid's variance is subtracted.
-pub const LEAST_VARIANCE: f32 = 0.02;
+pub const MIN_VARIANCE: f32 = 0.02;
 
 /// Levels, rounds and the table of steps for the device.
 pub struct Levels {
@@ -61,7 +61,7 @@ impl Levels {
             let above_top = top;
             top |= level > 0 && (widest <= STAYS * texel || size == [1, 1]) || !fast;
             let tiles = size.map(|n| n.div_ceil(8));
-            let texels = if top { widest / texel } else { (widest / texel).min(LEAVES / LEAST_BREADTH) };
+            let texels = if top { widest / texel } else { (widest / texel).min(LEAVES / MIN_BREADTH) };
             let reach = (0.5 * SUPPORT * texels).min(size[0].max(size[1]) as f32) as u32;
             levels.steps.push(ConvolveStep {
                 size,
