@@ -287,8 +287,12 @@ fn an_image_beyond_the_limits_of_the_device_is_refused_by_the_limits_name() {
     let limit = context.info().max_storage_buffer_range;
     if limit < 1 << 30 {
         let limit = limit.to_string();
-        let line = "render scene.toml -o old.exr --passes 1 --resolution 8192x8192";
+        // A lens blurs over the whole image, so no strip of it can be rendered by itself.
+        let line = "render scene.toml -o old.exr --passes 1 --resolution 8192x8192 --aperture 0.1";
         fails(folder.path(), line, 1, &["maxStorageBufferRange", &limit, "resolution"]);
+        // Strips are rendered one after the other, each to its end.
+        let line = "render scene.toml -o old.exr --resolution 8192x8192 --time 1";
+        fails(folder.path(), line, 1, &["--time", "strips", "--passes"]);
     }
 }
 
