@@ -368,9 +368,10 @@ impl HostFilm {
 mod tests {
     use super::*;
 
-    /// A film of one pixel whose sums have these levels.
+    /// A film of one pixel whose sums of radiance have these levels, and those of guides the first.
     fn film(levels: &[f32]) -> HostFilm {
-        let sum = |count: usize| HostSum((0..count).map(|i| vec![Vec4::splat(levels[i])]).collect());
+        let level = |count: usize, i: usize| if count == GUIDE && i > 0 { 0.0 } else { levels[i] };
+        let sum = |count: usize| HostSum((0..count).map(|i| vec![Vec4::splat(level(count, i))]).collect());
         let sums = [[RADIANCE; 4].as_slice(), &[GUIDE; 2]].concat().into_iter().map(sum).collect();
         HostFilm { size: [1, 1], counts: [1, 0], sums, summands: false }
     }

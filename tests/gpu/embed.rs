@@ -187,8 +187,9 @@ fn another_camera_starts_over() {
         engine.restart();
         assert_eq!(image(ctx, &mut engine, 2), first);
 
-        let empty = Camera { resolution: [34, 0], ..camera };
-        assert!(message(engine.set_camera(empty)).contains("34x0"));
+        let wide = Camera { resolution: [34, 21], ..camera };
+        assert!(message(engine.set_camera(wide)).contains("33x21"));
+        assert!(message(engine.resize([34, 0])).contains("34x0"));
         let blind = Camera { target: camera.eye, ..camera };
         assert!(message(engine.set_camera(blind)).contains("coincide"));
         assert_eq!((engine.passes(), image(ctx, &mut engine, 0)), (2, first.clone()), "all is as before");
@@ -210,7 +211,7 @@ fn another_resolution_is_another_image() {
             let resized = Camera { resolution, ..camera };
             let settings = Settings { summands, ..settings.clone() };
             engine.set_settings(settings.clone()).unwrap();
-            engine.set_camera(resized).unwrap();
+            engine.resize(resolution).unwrap();
             assert_eq!(([engine.image().width(), engine.image().height()], engine.passes()), (resolution, 0));
             let black = image(ctx, &mut engine, 0);
             assert_eq!(black.len(), (resolution[0] * resolution[1]) as usize);
