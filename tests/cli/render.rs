@@ -292,7 +292,7 @@ fn an_image_beyond_the_limits_of_the_device_is_refused_by_the_limits_name() {
         fails(folder.path(), line, 1, &["maxStorageBufferRange", &limit, "resolution"]);
         // Strips are rendered one after the other, each to its end.
         let line = "render scene.toml -o old.exr --resolution 8192x8192 --time 1";
-        fails(folder.path(), line, 1, &["--time", "strips", "--passes"]);
+        fails(folder.path(), line, 2, &["--time", "strips", "--passes"]);
     }
 }
 
