@@ -10,7 +10,7 @@ const HIT: u32 = 1u;                // the ray that looks for it met a surface
 const LIT: u32 = 2u;                // it can reflect light to the eye, and is listed
 const GLOSSY: u32 = 4u;             // it has a specular lobe
 const COVERED: u32 = 8u;            // the eye's own ray met something, be it a mirror that shows nothing
-const SEEN_BY_SPECULAR: u32 = 16u;  // the eye sees it by way of mirrors or glass
+const SEEN_BY_SPECULAR: u32 = 16u;  // the eye sees it through mirrors or glass
 
 // Of an eye path, in emitted.w until the path ends.
 const LOBE_FOLLOWED: u32 = 32u;     // it ended on the base of a glossy plane: the receiver there has no lobe

@@ -14,7 +14,7 @@ struct Work {
 // A slot of a list that holds no receiver.
 const NO_RECEIVER: u32 = 0xffffffffu;
 
-// What one dispatch does; fixed when the frame is built.
+// Parameters of one dispatch, fixed when the frame is made.
 struct Step {
     first: u32,                 // first light of the chunk; for the eye's path the first slot of second components, 0: none
     end: u32,                   // one past the last

@@ -8,7 +8,7 @@
 @group(0) @binding(26) var<storage, read_write> receiver_f0: array<vec4<f32>>;
 @group(0) @binding(27) var<storage, read_write> receiver_wo: array<vec4<f32>>;
 
-// What a ray in direction d met at distance t.
+// The hit of a ray in direction d at distance t.
 struct Met {
     surface: Surface,
     d: vec3<f32>,

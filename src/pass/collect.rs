@@ -1,4 +1,4 @@
-//! What gathered points emit and reflect is added to the pixels they were gathered for.
+//! Adds the light that gathered points emit and reflect to the pixels they were gathered for.
 //!
 //! Light that came in through the eye's diffuse lobe adds to the irradiance (emitters met at once: direct; all else:
 //! indirect), light through its specular lobe to the radiance. Cost: 10 vec4 and 20 operations a gather ray.

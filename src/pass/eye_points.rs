@@ -1,6 +1,6 @@
 //! Where eye paths end, pixels get receivers: position, normals, material with its textures, emission.
 //!
-//! What the eye sees, directly or by way of mirrors and glass (`eye_paths`), enters with its emission, the term L_e of Keller
+//! A point that the eye sees, directly or through mirrors and glass (`eye_paths`), enters with its emission, the term L_e of Keller
 //! 1997, eq. 1, times the throughput of that way. Mirrors enter with their diffuse base alone, and glass is black. A glossy plane
 //! that mirrors the room (see `mirror_image`) and is seen directly is a receiver without a lobe.
 //!
@@ -19,7 +19,7 @@ pub struct EyePoints {
     tiles: u32,
 }
 
-/// What the pass reads and writes.
+/// Inputs and outputs.
 pub struct Inputs<'a> {
     /// Traced rays.
     pub rays: &'a Rays,

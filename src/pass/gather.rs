@@ -3,7 +3,7 @@
 //!
 //! Clipping the distance to virtual lights takes from the integral over surfaces the share 1 - d^2 / clip^2 where d < clip.
 //! That share is estimated by a path: a direction by the reflectance (diffuse lobe by the cosine law, specular lobe by
-//! visible normals), traced no farther than clip. What it hits becomes a receiver of the next bounce with that weight,
+//! visible normals), traced no farther than clip. Its hit becomes a shading point of the next bounce with that weight,
 //! lit by the same clipped lights and gathered from in turn until the path is as long as allowed.
 //!
 //! The directions of a pixel over the passes follow one low-discrepancy sequence, randomised anew for every pixel. Of Sobol' points the

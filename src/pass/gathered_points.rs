@@ -1,4 +1,4 @@
-//! What gather rays hit becomes receivers of the next bounce, with the share 1 - d^2 / clip^2 that the clipped lights leave open (Kollig
+//! Hits of gather rays become shading points of the next bounce, with the share 1 - d^2 / clip^2 that the clipped lights leave open (Kollig
 //! and Keller 2004), emission included. Mirrors enter with their diffuse base alone, and glass is black.
 //!
 //! Receivers that can send light back are put on a list. If it is not ordered nothing depends on its order.
@@ -17,7 +17,7 @@ pub struct GatheredPoints {
     work_in: Buffer,
 }
 
-/// What the pass reads and writes.
+/// Inputs and outputs.
 pub struct Inputs<'a> {
     /// Traced gather rays.
     pub rays: &'a Rays,

@@ -100,7 +100,7 @@ impl Work {
     }
 }
 
-/// What one dispatch does.
+/// Parameters of one dispatch.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct Step {

@@ -9,7 +9,7 @@ use crate::accel::{Bvh, Hit};
 use crate::bsdf::{Finish, Reflectance};
 use crate::scene::Scene;
 
-/// What a hit point is made of, seen along the ray.
+/// The surface at a hit, seen along the ray.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePoint {
     /// Position.

@@ -1,4 +1,4 @@
-//! What the eye sees: shading points, directly or through mirrors and glass, or the texels of an atlas.
+//! Shading points that the eye sees, directly or through mirrors and glass, or the texels of an atlas.
 
 use super::points::{ListFinish, ListFinishSteps, Turns};
 use super::{Counts, PointOrder, Stage, batch};
@@ -30,7 +30,7 @@ pub struct Eye {
     pub paths: EyePathState,
     /// The shading points: a slot for each entry of the view, and where paths are split as many again for the second components.
     pub points: ShadingPoints,
-    /// What the paths note of glossy planes.
+    /// Records that the paths leave of glossy planes.
     pub planes: Planes,
     /// Tiles of pixels that show mirrors or glass.
     pub ideal_tiles: List,
