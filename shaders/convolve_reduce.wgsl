@@ -17,9 +17,9 @@
 const STAYS: f32 = 6.0;
 const LEAVES: f32 = 8.0;
 // Minimum share of a kernel's variance that remains after subtracting the variance of the pyramid.
-const LEAST_VARIANCE: f32 = 0.02;
+const MIN_VARIANCE: f32 = 0.02;
 // Minimum standard deviation that remains, in texels.
-const LEAST_DEVIATION: f32 = 0.4;
+const MIN_DEVIATION: f32 = 0.4;
 
 struct Entry {
     light: vec4<f32>,       // radiance times weight, weight
@@ -67,13 +67,13 @@ fn settle(at: u32, entry: Entry, id: u32, held: bool, here: ConvolveStep) -> f32
     let variance = max(stats.xy * stats.xy * radius * radius, vec2<f32>(1e-12));
     // Kernels narrower than this could fall between the texels; the sums over the grid do not hold for them.
     let whole_radius = radius / here.texel;
-    let narrowest = LEAST_DEVIATION / max(stats.xy, vec2<f32>(1e-6));
-    let taken_off = sqrt(max(1.0 - added / variance, vec2<f32>(LEAST_VARIANCE))) * whole_radius;
+    let narrowest = MIN_DEVIATION / max(stats.xy, vec2<f32>(1e-6));
+    let taken_off = sqrt(max(1.0 - added / variance, vec2<f32>(MIN_VARIANCE))) * whole_radius;
     let radii = min(max(taken_off, narrowest), vec2<f32>(whole_radius));
     let length = sqrt(dot(entry.axis, entry.axis));
     let axis = select(vec2<f32>(1.0, 0.0), entry.axis / length, length > 1e-6);
     let whole = norm(layer, 2.0 * sqrt(radii.x * radii.y), axis, stats.z);
-    let spreads = diameter > 0.0 && whole > LEAST_SUM;
+    let spreads = diameter > 0.0 && whole > MIN_SUM;
     let weight = select(1.0, 1.0 / whole, spreads) * share;
     let there = id != 0u && entry.light.w > 0.0;
     masses[at] = select(vec4<f32>(0.0), entry.light * weight, there);

@@ -47,7 +47,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let whole = select(moments[2u * layer].z * foot.diameter * foot.diameter, sum, summed);
-    let spreads = moves && whole > LEAST_SUM;
+    let spreads = moves && whole > MIN_SUM;
     let light = source[pixel];
     let weight = select(1.0, 1.0 / whole, spreads);
     masses[pixel] = select(vec4<f32>(0.0), vec4<f32>(light.xyz * weight, weight), id != 0u);

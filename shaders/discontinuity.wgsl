@@ -15,8 +15,8 @@
 @group(0) @binding(7) var<storage, read_write> work: Work;
 @group(0) @binding(8) var<storage, read> tiles: array<u32>;
 
-// Host twins: pass::discontinuity::{LEAST_COSINE, PLANE_TOLERANCE, PAPER_TOLERANCE}.
-const LEAST_COSINE: f32 = 0.9;
+// Host twins: pass::discontinuity::{MIN_COSINE, PLANE_TOLERANCE, PAPER_TOLERANCE}.
+const MIN_COSINE: f32 = 0.9;
 const PLANE_TOLERANCE: f32 = 0.05;
 const PAPER_TOLERANCE: f32 = 0.02;
 
@@ -60,7 +60,7 @@ fn load(at: vec2<i32>) -> Cell {
 
 // Whether two receivers lie on one smooth surface; `apart` is their squared distance in pixels. Symmetric in a and b.
 fn agree(a: Cell, b: Cell, apart: f32) -> bool {
-    let alike = min(a.extent, b.extent) > 0.0 && dot(a.shading, b.shading) >= LEAST_COSINE;
+    let alike = min(a.extent, b.extent) > 0.0 && dot(a.shading, b.shading) >= MIN_COSINE;
 #if PAPER
     return alike && abs(a.extent - b.extent) <= PAPER_TOLERANCE * min(a.extent, b.extent);
 #else

@@ -24,7 +24,7 @@
 var<immediate> push: Push;
 
 // Minimum cosine between the normals of photon and receiver.
-const LEAST_COSINE: f32 = 0.5;
+const MIN_COSINE: f32 = 0.5;
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -79,7 +79,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let cos_geometric = dot(wi, geometric.xyz);
         let cos_shading = dot(wi, shading.xyz);
         let near = bitcast<u32>(photon.w) == code && dot(off, off) <= radius2;
-        let faces = dot(sorted_normal[i].xyz, geometric.xyz) > LEAST_COSINE && cos_geometric > 0.0 && cos_shading > 0.0;
+        let faces = dot(sorted_normal[i].xyz, geometric.xyz) > MIN_COSINE && cos_geometric > 0.0 && cos_shading > 0.0;
         // Flux arrives by the geometric cosine and is reflected by the shading one (Veach 1997, 5.3).
         let skew = min(cos_shading / max(cos_geometric, 1e-7), 4.0);
         let arriving = sorted_flux[i].xyz * select(0.0, skew * share, near && faces);

@@ -38,7 +38,7 @@ const NORM_ANGLES: u32 = 8u;
 // Reach of a kernel in radii: to texels with centres in the disc, and on to the next texels.
 const SUPPORT: f32 = 1.0885;
 // A kernel with a smaller sum over the grid falls between its texels.
-const LEAST_SUM: f32 = 1e-3;
+const MIN_SUM: f32 = 1e-3;
 // Inverse radius of a source that does not spread.
 const DELTA: f32 = 1e6;
 

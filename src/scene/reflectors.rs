@@ -15,7 +15,7 @@ pub const MAX_REFLECTORS: usize = 255;
 const MAX_ALPHA: f32 = 0.3;
 
 /// Minimum reflectance at normal incidence, mean of the channels.
-const LEAST_F0: f32 = 0.02;
+const MIN_F0: f32 = 0.02;
 
 /// Minimum area as a fraction of the area of all triangles.
 const MIN_AREA: f64 = 2e-4;
@@ -57,7 +57,7 @@ impl Material {
     pub fn may_reflect(&self) -> bool {
         let f0 = self.specular.lerp(self.base_color, self.metallic).element_sum() / 3.0;
         let shows = match self.surface {
-            Surface::Opaque => f0 >= LEAST_F0 && self.roughness * self.roughness <= MAX_ALPHA,
+            Surface::Opaque => f0 >= MIN_F0 && self.roughness * self.roughness <= MAX_ALPHA,
             Surface::Mirror => true,
             Surface::Glass => {
                 return frost(self).is_some() && self.reflector != Some(false) && self.base_color != Vec3::ZERO;
