@@ -37,7 +37,7 @@ struct Frame {
 }
 
 fn frames() -> Vec<Frame> {
-    let base = Settings { paths: 8, ..Settings::default() };
+    let base = Settings { particles: 8, ..Settings::default() };
     vec![
         // Walk, eye, shading, gathering.
         Frame { name: "cornell", scene: "cornell", aperture: 0.0, lamps: 0, settings: base.clone() },

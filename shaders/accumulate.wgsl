@@ -5,10 +5,10 @@
 #include "exact_sum.wgsl"
 
 @group(0) @binding(1) var<storage, read> status: array<u32>;
-@group(0) @binding(3) var<storage, read> receiver_shading: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read> receiver_kd: array<vec4<f32>>;
-@group(0) @binding(5) var<storage, read> receiver_f0: array<vec4<f32>>;
-@group(0) @binding(6) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> point_shading: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> point_kd: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> point_f0: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> point_wo: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> emitted: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read> direct: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read> indirect: array<vec4<f32>>;
@@ -27,7 +27,7 @@
 @group(0) @binding(23) var<storage, read_write> tail_indirect: array<vec4<f32>>;
 @group(0) @binding(24) var<storage, read_write> rest_albedo: array<vec4<f32>>;
 @group(0) @binding(25) var<storage, read_write> rest_normal: array<vec4<f32>>;
-@group(0) @binding(20) var<storage, read> throughput: array<vec4<f32>>; // of mirrors and glass before the receiver; w: depth
+@group(0) @binding(20) var<storage, read> throughput: array<vec4<f32>>; // of mirrors and glass before the shading point; w: depth
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -40,33 +40,47 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         counts[frame.keys.w] += 1u;
     }
     let through = throughput[pixel];
-    let flags = receiver_wo[pixel].w;
+    let flags = point_wo[pixel].w;
     let hit = select(0.0, 1.0, has_flag(flags, COVERED));
     let ends = select(0.0, 1.0, has_flag(flags, HIT));
     let light = lighting_of(pixel);
-    let kd = receiver_kd[pixel].xyz;
+    let kd = point_kd[pixel].xyz;
     let radiance = emitted[pixel].xyz + through.xyz * reflected_radiance(kd, light);
 
-    let color = sum_with(ExactSum(sum_color[pixel], rest_color[pixel], tail_color[pixel]), vec4<f32>(radiance, hit));
+    // Layers that a pixel needs once stand where irradiance has no component: coverage after colour, depth after direct.
+    let color = sum_with(sum_color[pixel], rest_color[pixel], vec4<f32>(radiance, hit));
     sum_color[pixel] = color.high;
     rest_color[pixel] = color.middle;
-    tail_color[pixel] = color.low;
-    let e_direct = sum_with(ExactSum(sum_direct[pixel], rest_direct[pixel], tail_direct[pixel]), vec4<f32>(light.e_direct, 0.0));
+    if any(color.error != vec4<f32>(0.0)) {
+        tail_color[pixel] += color.error;
+    }
+    let e_direct = sum_with(sum_direct[pixel], rest_direct[pixel], vec4<f32>(light.e_direct, hit * through.w));
     sum_direct[pixel] = e_direct.high;
     rest_direct[pixel] = e_direct.middle;
-    tail_direct[pixel] = e_direct.low;
-    let e_indirect = sum_with(ExactSum(sum_indirect[pixel], rest_indirect[pixel], tail_indirect[pixel]), vec4<f32>(light.e_indirect, 0.0));
+    if any(e_direct.error != vec4<f32>(0.0)) {
+        tail_direct[pixel] += e_direct.error;
+    }
+    let e_indirect = sum_with(sum_indirect[pixel], rest_indirect[pixel], vec4<f32>(light.e_indirect, 0.0));
     sum_indirect[pixel] = e_indirect.high;
     rest_indirect[pixel] = e_indirect.middle;
-    tail_indirect[pixel] = e_indirect.low;
-    // Guides for filters, in units far below what they are good for; the depth's is that of ray origins.
-    let unit = 1.0 / 4194304.0;
-    let albedo = in_units(vec4<f32>(through.xyz * (kd + receiver_f0[pixel].xyz), hit), vec4<f32>(unit));
-    let normal = in_units(vec4<f32>(ends * receiver_shading[pixel].xyz, hit * through.w), vec4<f32>(vec3<f32>(unit), frame.lens.z));
-    let sum_a = sum_of_units(RoundedSum(sum_albedo[pixel], rest_albedo[pixel]), albedo);
-    sum_albedo[pixel] = sum_a.sum;
-    rest_albedo[pixel] = sum_a.error;
-    let sum_n = sum_of_units(RoundedSum(sum_normal[pixel], rest_normal[pixel]), normal);
-    sum_normal[pixel] = sum_n.sum;
-    rest_normal[pixel] = sum_n.error;
+    if any(e_indirect.error != vec4<f32>(0.0)) {
+        tail_indirect[pixel] += e_indirect.error;
+    }
+    // Guides for filters, in units far below what they are good for: for 256 passes one float is exact.
+    let albedo = two_sum(sum_albedo[pixel], in_guide_units(through.xyz * (kd + point_f0[pixel].xyz)));
+    if any(albedo.error != vec4<f32>(0.0)) {
+        let whole = two_sum(albedo.sum, rest_albedo[pixel] + albedo.error);
+        sum_albedo[pixel] = whole.sum;
+        rest_albedo[pixel] = whole.error;
+    } else {
+        sum_albedo[pixel] = albedo.sum;
+    }
+    let normal = two_sum(sum_normal[pixel], in_guide_units(ends * point_shading[pixel].xyz));
+    if any(normal.error != vec4<f32>(0.0)) {
+        let whole = two_sum(normal.sum, rest_normal[pixel] + normal.error);
+        sum_normal[pixel] = whole.sum;
+        rest_normal[pixel] = whole.error;
+    } else {
+        sum_normal[pixel] = normal.sum;
+    }
 }

@@ -1,7 +1,7 @@
-// Fills the list of receivers with the places of the listed clusters, cluster by cluster. See pass/clusters.rs.
+// Fills the list of shading points with the places of the listed clusters, cluster by cluster. See pass/clusters.rs.
 #include "work.wgsl"
 
-@group(0) @binding(0) var<storage, read_write> work: Work;
+@group(0) @binding(0) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(1) var<storage, read> clusters: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read> places: array<u32>;
 @group(0) @binding(3) var<storage, read_write> list: array<u32>;

@@ -5,7 +5,7 @@
 
 @group(0) @binding(1) var<storage, read> marks: array<u32>;
 @group(0) @binding(2) var<storage, read_write> clusters: array<vec2<u32>>;     // class, number among all
-@group(0) @binding(3) var<storage, read_write> work: Work;
+@group(0) @binding(3) var<storage, read_write> work: DispatchCounts;
 
 // One workgroup.
 @compute @workgroup_size(64)
@@ -23,7 +23,7 @@ fn main(@builtin(local_invocation_index) lane: u32) {
             place += 1u;
         }
     }
-    // The last lane knows the number of listed clusters. Each takes a workgroup, even if few of its places hold a receiver.
+    // The last lane knows the number of listed clusters. Each takes a workgroup, even if few of its places hold a shading point.
     if lane == 63u {
         let live = atomicLoad(&work.live);
         work.total = 64u * place;

@@ -1,4 +1,4 @@
-// Marks the clusters of the screen that hold a receiver. See pass/clusters.rs.
+// Marks the clusters of the screen that hold a shading point. See pass/clusters.rs.
 #include "work.wgsl"
 
 @group(0) @binding(0) var<storage, read> places: array<u32>;
@@ -12,7 +12,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     var mark = 0u;
     for (var i = 0u; i < 64u && mark == 0u; i += 1u) {
-        mark = select(0u, 1u, places[64u * cluster + i] != NO_RECEIVER);
+        mark = select(0u, 1u, places[64u * cluster + i] != NO_POINT);
     }
     marks[cluster] = mark;
 }

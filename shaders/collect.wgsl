@@ -3,13 +3,13 @@
 #include "math.wgsl"
 #include "radiance.wgsl"
 
-@group(0) @binding(0) var<storage, read_write> work: Work;
+@group(0) @binding(0) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(1) var<storage, read> list: array<u32>;
 @group(0) @binding(2) var<storage, read> steps: array<Step>;
 @group(0) @binding(3) var<storage, read> beta: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> emitted: array<vec4<f32>>;
-@group(0) @binding(5) var<storage, read> receiver_kd: array<vec4<f32>>;
-@group(0) @binding(6) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> point_kd: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> point_wo: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> direct: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read> indirect: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read> specular: array<vec4<f32>>;
@@ -28,7 +28,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let pixel = list[slot];
     let b = beta[pixel];
     let e = emitted[pixel].xyz;
-    let l = b.xyz * reflected_radiance(receiver_kd[pixel].xyz, lighting_of(pixel));
+    let l = b.xyz * reflected_radiance(point_kd[pixel].xyz, lighting_of(pixel));
     // An emitter hit by the first gather ray is direct light; all other light was reflected before.
     let first = step.bounce == 1u;
     let diffuse = b.w == 0.0;

@@ -12,7 +12,7 @@
 @group(0) @binding(5) var<storage, read> direct: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read_write> filtered_direct: array<vec4<f32>>;
 #endif
-@group(0) @binding(7) var<storage, read_write> work: Work;
+@group(0) @binding(7) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(8) var<storage, read> tiles: array<u32>;
 
 // Host twins: pass::discontinuity::{MIN_COSINE, PLANE_TOLERANCE, PAPER_TOLERANCE}.
@@ -20,7 +20,7 @@ const MIN_COSINE: f32 = 0.9;
 const PLANE_TOLERANCE: f32 = 0.05;
 const PAPER_TOLERANCE: f32 = 0.02;
 
-// A receiver with its irradiance.
+// A shading point with its irradiance.
 struct Cell {
     point: vec3<f32>,
     geometric: vec3<f32>,
@@ -58,7 +58,7 @@ fn load(at: vec2<i32>) -> Cell {
     return cell;
 }
 
-// Whether two receivers lie on one smooth surface; `apart` is their squared distance in pixels. Symmetric in a and b.
+// Whether two shading points lie on one smooth surface; `apart` is their squared distance in pixels. Symmetric in a and b.
 fn agree(a: Cell, b: Cell, apart: f32) -> bool {
     let alike = min(a.extent, b.extent) > 0.0 && dot(a.shading, b.shading) >= MIN_COSINE;
 #if PAPER

@@ -6,15 +6,15 @@
 #include "flags.wgsl"
 #include "discontinuity.wgsl"
 
-@group(0) @binding(1) var<storage, read> receiver_position: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read> receiver_geometric: array<vec4<f32>>;
-@group(0) @binding(3) var<storage, read> receiver_shading: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read> receiver_kd: array<vec4<f32>>;
-@group(0) @binding(5) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(1) var<storage, read> point_position: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> point_geometric: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> point_shading: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> point_kd: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> point_wo: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read> throughput: array<vec4<f32>>;      // w: depth along the whole path
 @group(0) @binding(7) var<storage, read_write> guide_points: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read_write> guide_normals: array<vec4<f32>>;
-@group(0) @binding(9) var<storage, read_write> work: Work;
+@group(0) @binding(9) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(10) var<storage, read> tiles: array<u32>;
 
 @compute @workgroup_size(64)
@@ -35,12 +35,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let slot = slot_at(at);
-    let position = receiver_position[slot];
-    let normal = receiver_geometric[slot].xyz;
-    let wo = receiver_wo[slot];
+    let position = point_position[slot];
+    let normal = point_geometric[slot].xyz;
+    let wo = point_wo[slot];
     let depth = throughput[slot].w;
     let lit = has_flag(wo.w, LIT);
-    let takes_part = lit && mean3(receiver_kd[slot].xyz) > 0.0;
+    let takes_part = lit && mean3(point_kd[slot].xyz) > 0.0;
 #if PAPER
     let extent = depth;
 #else
@@ -53,5 +53,5 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // Ray origins have an offset that changes along the surface; the comparison needs points on the surface.
     let point = offset_origin(position.xyz, -normal, frame.eye.w);
     guide_points[slot] = vec4<f32>(point, bitcast<f32>(encode_normal(normal)));
-    guide_normals[slot] = vec4<f32>(receiver_shading[slot].xyz, select(0.0, extent, takes_part));
+    guide_normals[slot] = vec4<f32>(point_shading[slot].xyz, select(0.0, extent, takes_part));
 }

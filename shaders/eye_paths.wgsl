@@ -3,14 +3,14 @@
 #include "work.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"
-#include "receiver.wgsl"
+#include "point.wgsl"
 #include "surface.wgsl"
 #include "ideal.wgsl"
 #include "reflectors.wgsl"
 
-@group(0) @binding(9) var<storage, read_write> work_in: Work;
+@group(0) @binding(9) var<storage, read_write> work_in: DispatchCounts;
 @group(0) @binding(10) var<storage, read> list_in: array<u32>;
-@group(0) @binding(11) var<storage, read_write> work_out: Work;
+@group(0) @binding(11) var<storage, read_write> work_out: DispatchCounts;
 @group(0) @binding(12) var<storage, read_write> list_out: array<u32>;
 @group(0) @binding(13) var<storage, read> steps: array<Step>;
 @group(0) @binding(14) var<storage, read> hits: array<vec4<f32>>;
@@ -48,12 +48,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let slot = select(listed, at_pixel.x + at_pixel.y * frame.size.x, first_hit);
-    // The slot of the second component, `step.first` after that of the pixel, has no throughput unless the path splits.
-    let splits = first_hit && step.first > 0u;
-    let twin = slot + step.first;
+    // The slot of the second component, `step.split` after that of the pixel, has no throughput unless the path splits.
+    let splits = first_hit && step.split > 0u;
+    let branch = slot + step.split;
     if splits {
-        throughput[twin] = vec4<f32>(0.0);
-        emitted[twin] = vec4<f32>(0.0);
+        throughput[branch] = vec4<f32>(0.0);
+        emitted[branch] = vec4<f32>(0.0);
     }
     let hit = hits[slot];
     let triangle = bitcast<u32>(hit.w);
@@ -81,55 +81,55 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let ray = ray_direction[slot];
         let s = surface_at(at, hit.y, hit.z, ray.xyz);
         let inside = select(media[slot], vec4<u32>(0u), first_hit);
-        let other = fork_at(s, -ray.xyz, relative_index(inside, s));
-        var fork = other;
+        let other = specular_split(s, -ray.xyz, relative_index(inside, s));
+        var split = other;
         let mu = dot(s.geometric, -ray.xyz);
         let lobe = lobe_at(reflectors[max(max(plane, pane), 1u) - 1u].x, mu);
         if plane > 0u {
-            fork = fork_of_plane(s, -ray.xyz, select(reflectance_of_lobe(lobe, s.reflectance.f0, s.reflectance.f90), vec3<f32>(1.0), splits));
+            split = split_of_plane(s, -ray.xyz, select(reflectance_of_lobe(lobe, s.reflectance.f0, s.reflectance.f90), vec3<f32>(1.0), splits));
         }
         if frosted {
             let disc = image_of_disc(ray.xyz, -mu * ray.xyz - s.geometric);
-            panes[2u * slot] = vec4<f32>(fork.first_weight, mu);
+            panes[2u * slot] = vec4<f32>(split.first_weight, mu);
             panes[2u * slot + 1u] = vec4<f32>(disc, 0.0);
-            fork.first_weight = vec3<f32>(1.0);
+            split.first_weight = vec3<f32>(1.0);
         }
         let before = throughput[slot];
         let depth = before.w + ray.w * hit.x;
 
         // Follows both components, or one at random.
         let xi = random(key(frame.keys.x, STREAM_COMPONENT, sample_of(slot), step.bounce));
-        let takes_first = splits || xi < fork.probability;
-        let stays = takes_first && fork.stays;
-        let wi = select(fork.second_wi, fork.first_wi, takes_first);
-        let chance = select(select(1.0 - fork.probability, fork.probability, takes_first), 1.0, splits);
-        let weight = select(select(fork.second_weight, fork.first_weight, takes_first), vec3<f32>(1.0), stays);
+        let takes_first = splits || xi < split.probability;
+        let stays = takes_first && split.stays;
+        let wi = select(split.second_wi, split.first_wi, takes_first);
+        let chance = select(select(1.0 - split.probability, split.probability, takes_first), 1.0, splits);
+        let weight = select(select(split.second_weight, split.first_weight, takes_first), vec3<f32>(1.0), stays);
         let after = before.xyz * weight / chance;
         let goes_on = !stays && max(max(after.x, after.y), after.z) > 0.0;
         throughput[slot] = vec4<f32>(after, select(before.w, depth, goes_on));
         // A mirror over a base emits from the base: `eye_points` adds that where the path stays.
         // The path stopped on the base; do not also shade the lobe.
         let without_lobe = flag_if(LOBE_FOLLOWED, stays && plane > 0u && in_image);
-        let emission = select(before.xyz * s.emission, vec3<f32>(0.0), fork.stays);
+        let emission = select(before.xyz * s.emission, vec3<f32>(0.0), split.stays);
         let met = emitted[slot];
         let met_flags = bitcast<f32>(bitcast<u32>(met.w) | without_lobe);
         emitted[slot] = vec4<f32>(met.xyz + select(emission, vec3<f32>(0.0), frosted), met_flags);
         if frosted {
-            emitted[twin] = vec4<f32>(emission, 0.0);
+            emitted[branch] = vec4<f32>(emission, 0.0);
         }
         if goes_on && (in_image || frosted) {
             let t2 = select(0.0, lobe.x * lobe.x, max(plane, pane) > 0u);
             widening[pixel] += vec4<f32>(t2, t2 * depth, t2 * depth * depth, 0.0);
         }
         let beyond = crossed(inside, s.material + 1u, s.front);
-        media[slot] = select(inside, beyond, takes_first && fork.crosses);
+        media[slot] = select(inside, beyond, takes_first && split.crosses);
         if goes_on {
             go_on(slot, s, wi, ray.w);
         }
-        if splits && fork.probability < 1.0 {
-            throughput[twin] = vec4<f32>(before.xyz * fork.second_weight, depth);
-            media[twin] = inside;
-            go_on(twin, s, fork.second_wi, ray.w);
+        if splits && split.probability < 1.0 {
+            throughput[branch] = vec4<f32>(before.xyz * split.second_weight, depth);
+            media[branch] = inside;
+            go_on(branch, s, split.second_wi, ray.w);
         }
     }
 }

@@ -1,18 +1,18 @@
-// Turns the last hit of each pixel's eye path into a receiver. See pass/eye_points.rs.
+// Turns the last hit of each pixel's eye path into a shading point. See pass/eye_points.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"
-#include "receiver.wgsl"
+#include "point.wgsl"
 #include "surface.wgsl"
 #include "clusters.wgsl"
-#include "write_receiver.wgsl"
+#include "write_point.wgsl"
 #include "end_eye_path.wgsl"
 
 @group(0) @binding(12) var<storage, read> hits: array<vec4<f32>>;
 @group(0) @binding(13) var<storage, read> ray_direction: array<vec4<f32>>;
 @group(0) @binding(14) var<storage, read_write> list_out: array<u32>;
-@group(0) @binding(15) var<storage, read_write> work_out: Work;
+@group(0) @binding(15) var<storage, read_write> work_out: DispatchCounts;
 @group(0) @binding(16) var<storage, read> point_step: PointStep;
 
 @compute @workgroup_size(64)
@@ -36,11 +36,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let place = select(tiled, place_of(at), by_screen);
     if at.x >= frame.size.x || at.y >= frame.size.y {
         if ordered && !by_screen {
-            list_out[place] = NO_RECEIVER;
+            list_out[place] = NO_POINT;
         }
         return;
     }
     let slot = at.x + at.y * frame.size.x;
     let lit = end_eye_path(slot, ray_direction[slot], hits[slot], point_step.last != 0u);
-    list_receiver(slot, lit, ordered, place);
+    list_point(slot, lit, ordered, place);
 }

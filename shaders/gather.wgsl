@@ -1,19 +1,19 @@
-// Writes one short ray from each receiver, to gather the light that clipping removes. See pass/gather.rs.
+// Writes one short ray from each shading point, to gather the light that clipping removes. See pass/gather.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"
-#include "receiver.wgsl"
+#include "point.wgsl"
 
-@group(0) @binding(1) var<storage, read_write> work: Work;
+@group(0) @binding(1) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(2) var<storage, read> list: array<u32>;
 @group(0) @binding(3) var<storage, read> steps: array<Step>;
-@group(0) @binding(4) var<storage, read> receiver_position: array<vec4<f32>>;
-@group(0) @binding(5) var<storage, read> receiver_geometric: array<vec4<f32>>;
-@group(0) @binding(6) var<storage, read> receiver_shading: array<vec4<f32>>;
-@group(0) @binding(7) var<storage, read> receiver_kd: array<vec4<f32>>;
-@group(0) @binding(8) var<storage, read> receiver_f0: array<vec4<f32>>;
-@group(0) @binding(9) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> point_position: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> point_geometric: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> point_shading: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read> point_kd: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read> point_f0: array<vec4<f32>>;
+@group(0) @binding(9) var<storage, read> point_wo: array<vec4<f32>>;
 @group(0) @binding(10) var<storage, read_write> beta: array<vec4<f32>>;
 @group(0) @binding(11) var<storage, read_write> ray_origin: array<vec4<f32>>;
 @group(0) @binding(12) var<storage, read_write> ray_direction: array<vec4<f32>>;
@@ -27,11 +27,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let pixel = list[slot];
-    let geometric = receiver_geometric[pixel];
-    let shading = receiver_shading[pixel];
-    let kd = receiver_kd[pixel];
-    let f0 = receiver_f0[pixel];
-    let wo = receiver_wo[pixel].xyz;
+    let geometric = point_geometric[pixel];
+    let shading = point_shading[pixel];
+    let kd = point_kd[pixel];
+    let f0 = point_f0[pixel];
+    let wo = point_wo[pixel].xyz;
     // The pass's sample point, randomised for each pixel: Halton points by rotation, Sobol' points by XOR. A pseudo-random
     // number chooses the lobe.
     let sample = sample_of(pixel);
@@ -55,11 +55,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // The path starts here at the first bounce.
     let first = step.bounce == 0u;
     let before = select(beta[pixel], vec4<f32>(1.0, 1.0, 1.0, 0.0), first);
-    // Light that the first receiver reflects diffusely is kept as irradiance: pi times radiance, without the albedo.
+    // Light that the first shading point reflects diffusely is kept as irradiance: pi times radiance, without the albedo.
     let irradiance = vec3<f32>(select(0.0, PI / max(kd.w, 1e-6), above));
     weight = select(weight, irradiance, first && diffuse);
     beta[pixel] = vec4<f32>(before.xyz * weight, select(before.w, select(1.0, 0.0, diffuse), first));
     let reach = select(0.0, frame.up.w, above);
-    ray_origin[pixel] = vec4<f32>(receiver_position[pixel].xyz, reach);
+    ray_origin[pixel] = vec4<f32>(point_position[pixel].xyz, reach);
     ray_direction[pixel] = vec4<f32>(s.wi, 0.0);
 }

@@ -1,19 +1,19 @@
-// Turns the hits of gather rays into receivers. See pass/gathered_points.rs.
+// Turns the hits of gather rays into shading points. See pass/gathered_points.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"
-#include "receiver.wgsl"
+#include "point.wgsl"
 #include "surface.wgsl"
-#include "write_receiver.wgsl"
+#include "write_point.wgsl"
 
 @group(0) @binding(12) var<storage, read> hits: array<vec4<f32>>;
 @group(0) @binding(13) var<storage, read> ray_direction: array<vec4<f32>>;
 @group(0) @binding(14) var<storage, read_write> list_out: array<u32>;
-@group(0) @binding(15) var<storage, read_write> work_out: Work;
+@group(0) @binding(15) var<storage, read_write> work_out: DispatchCounts;
 @group(0) @binding(16) var<storage, read> point_step: PointStep;
 @group(0) @binding(17) var<storage, read> list_in: array<u32>;
-@group(0) @binding(18) var<storage, read_write> work_in: Work;
+@group(0) @binding(18) var<storage, read_write> work_in: DispatchCounts;
 @group(0) @binding(19) var<storage, read_write> beta: array<vec4<f32>>;
 
 @compute @workgroup_size(64)
@@ -38,6 +38,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // The last points only emit: light that they reflect would exceed the greatest path length.
     let sends = reflects(met);
     let lit = weight > 0.0 && sends && point_step.last == 0u;
-    write_receiver(slot, met, flag_if(LIT, lit));
-    list_receiver(slot, lit, ordered, index);
+    write_point(slot, met, flag_if(LIT, lit));
+    list_point(slot, lit, ordered, index);
 }

@@ -5,11 +5,11 @@
 #include "flags.wgsl"
 
 @group(0) @binding(1) var<storage, read> emitters: array<EmitterRecord>;
-@group(0) @binding(2) var<storage, read> receiver_position: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read> receiver_shading: array<vec4<f32>>;
-@group(0) @binding(5) var<storage, read> receiver_kd: array<vec4<f32>>;
-@group(0) @binding(6) var<storage, read> receiver_f0: array<vec4<f32>>;
-@group(0) @binding(7) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> point_position: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> point_shading: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> point_kd: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> point_f0: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read> point_wo: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read_write> contributions: array<f32>;
 
 const PROBES: u32 = 256u;
@@ -73,10 +73,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let x = u32((f32(i) + 0.5) * (1.0 / f32(PROBES)) * f32(frame.size.x));
         let y = u32(f32(reverseBits(i) >> 8u) * (1.0 / 16777216.0) * f32(frame.size.y));
         let pixel = min(x, frame.size.x - 1u) + min(y, frame.size.y - 1u) * frame.size.x;
-        let lit = has_flag(receiver_wo[pixel].w, LIT);
-        let n = receiver_shading[pixel].xyz;
-        let reflected = mean3(receiver_kd[pixel].xyz) + mean3(receiver_f0[pixel].xyz);
-        sum += select(0.0, reflected * irradiance(e, receiver_position[pixel].xyz, n), lit);
+        let lit = has_flag(point_wo[pixel].w, LIT);
+        let n = point_shading[pixel].xyz;
+        let reflected = mean3(point_kd[pixel].xyz) + mean3(point_f0[pixel].xyz);
+        sum += select(0.0, reflected * irradiance(e, point_position[pixel].xyz, n), lit);
     }
     contributions[index] = sum * (1.0 / f32(PROBES));
 }

@@ -3,8 +3,8 @@
 #include "math.wgsl"
 #include "radiance.wgsl"
 
-@group(0) @binding(2) var<storage, read> receiver_kd: array<vec4<f32>>;
-@group(0) @binding(3) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> point_kd: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> point_wo: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> throughput: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> direct: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read> indirect: array<vec4<f32>>;
@@ -26,8 +26,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let through = throughput[pixel];
-    let l = emitted[pixel].xyz + through.xyz * reflected_radiance(receiver_kd[pixel].xyz, lighting_of(pixel));
-    let found = has_flag(receiver_wo[pixel].w, HIT);
+    let l = emitted[pixel].xyz + through.xyz * reflected_radiance(point_kd[pixel].xyz, lighting_of(pixel));
+    let found = has_flag(point_wo[pixel].w, HIT);
     let nearness = select(0.0, 1.0 / max(through.w, 1e-30), found);
     let diameter = min(frame.lens.x * abs(nearness - frame.lens.y), MAX_DIAMETER);
     source[pixel] = vec4<f32>(l, select(NOTHING_SEEN, through.w, found));

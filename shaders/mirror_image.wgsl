@@ -6,15 +6,15 @@
 #include "radiance.wgsl"
 #include "reflectors.wgsl"
 
-@group(0) @binding(2) var<storage, read> receiver_geometric: array<vec4<f32>>;
-@group(0) @binding(3) var<storage, read> receiver_kd: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> point_geometric: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> point_kd: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> point_wo: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read_write> throughput: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read> direct: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> indirect: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read> specular: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read_write> emitted: array<vec4<f32>>;
-@group(0) @binding(10) var<storage, read_write> work: Work;
+@group(0) @binding(10) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(11) var<storage, read> tiles: array<u32>;
 @group(0) @binding(12) var<storage, read> region: array<u32>;
 @group(0) @binding(18) var<storage, read_write> core_footprint: array<vec4<f32>>; // the same for the peak of the kernel
@@ -48,14 +48,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let is_pane = tables.z != 0u;
     let slot = select(pixel + frame.size.z, pixel, is_pane);
     let through = throughput[slot];
-    let l = emitted[slot].xyz + through.xyz * reflected_radiance(receiver_kd[slot].xyz, lighting_of(slot));
+    let l = emitted[slot].xyz + through.xyz * reflected_radiance(point_kd[slot].xyz, lighting_of(slot));
     // The pixel shows this component only after it has been spread.
     emitted[slot] = vec4<f32>(0.0);
     throughput[slot] = vec4<f32>(0.0, 0.0, 0.0, through.w);
 
-    let found = has_flag(receiver_wo[slot].w, HIT);
-    let wo = receiver_wo[pixel].xyz;
-    let normal = receiver_geometric[pixel].xyz;
+    let found = has_flag(point_wo[slot].w, HIT);
+    let wo = point_wo[pixel].xyz;
+    let normal = point_geometric[pixel].xyz;
     let at_pane = 2u * select(0u, pixel, is_pane);
     let mu = select(dot(normal, wo), panes[at_pane].w, is_pane);
     let tail = tail_of(tables.x, mu);

@@ -1,21 +1,21 @@
-// Lights the receivers that see a mirrored light. See pass/mirror_lights.rs.
+// Lights the shading points that see a mirrored light. See pass/mirror_lights.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"
 #include "lights.wgsl"
 #include "light_at.wgsl"
-#include "receiver.wgsl"
+#include "point.wgsl"
 #include "mirror_lights.wgsl"
 
-@group(0) @binding(1) var<storage, read_write> work: Work;
+@group(0) @binding(1) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(2) var<storage, read> list: array<u32>;
 @group(0) @binding(3) var<storage, read> steps: array<Step>;
-@group(0) @binding(4) var<storage, read> receiver_position: array<vec4<f32>>;
-@group(0) @binding(5) var<storage, read> receiver_geometric: array<vec4<f32>>;
-@group(0) @binding(6) var<storage, read> receiver_shading: array<vec4<f32>>;
-@group(0) @binding(7) var<storage, read> receiver_f0: array<vec4<f32>>;
-@group(0) @binding(8) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> point_position: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> point_geometric: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> point_shading: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read> point_f0: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read> point_wo: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read> mirrored: array<PointLight>;
 @group(0) @binding(10) var<storage, read> reflectances: array<vec4<f32>>;
 @group(0) @binding(11) var<storage, read> hits: array<vec4<f32>>;
@@ -33,16 +33,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let reflected = reflectances[slot].xyz;
     let free = bitcast<u32>(hits[slot].w) == 0xffffffffu;
     let l = mirrored[mirrored_index(slot, steps[push.step].first)];
-    let d = to_light(l.position, l.normal, receiver_position[slot].xyz);
+    let d = to_light(l.position, l.normal, point_position[slot].xyz);
     let r2 = dot(d, d);
     let wi = d / sqrt(max(r2, 1e-37));
-    let shading = receiver_shading[slot];
-    let geometric = receiver_geometric[slot];
+    let shading = point_shading[slot];
+    let geometric = point_geometric[slot];
     let falloff = falloff_of(bitcast<u32>(l.position.w), r2);
     let e = intensity_of(l, wi) * reflected * (max(dot(wi, shading.xyz), 0.0) * falloff);
-    let f0 = receiver_f0[slot];
-    let wo = receiver_wo[slot];
-    let lobe = receiver_lobe(geometric, shading, f0);
+    let f0 = point_f0[slot];
+    let wo = point_wo[slot];
+    let lobe = point_lobe(geometric, shading, f0);
     let seen = free && mean3(reflected) > 0.0;
     let gloss = select(vec3<f32>(0.0), e * eval_specular(lobe, shading.xyz, wo.xyz, wi), has_flag(wo.w, GLOSSY));
     indirect[slot] += vec4<f32>(select(vec3<f32>(0.0), e, seen), 0.0);

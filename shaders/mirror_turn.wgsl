@@ -8,7 +8,7 @@
 #include "light_at.wgsl"
 #include "mirror_lights.wgsl"
 
-@group(0) @binding(9) var<storage, read_write> work: Work;
+@group(0) @binding(9) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(10) var<storage, read> list: array<u32>;
 @group(0) @binding(11) var<storage, read> steps: array<Step>;
 @group(0) @binding(12) var<storage, read> hits: array<vec4<f32>>;

@@ -5,7 +5,7 @@
 #include "photons.wgsl"
 
 @group(0) @binding(1) var<storage, read> keys: array<vec2<u32>>;            // sorted
-@group(0) @binding(2) var<storage, read_write> work: Work;
+@group(0) @binding(2) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(3) var<storage, read> codes: array<u32>;
 @group(0) @binding(4) var<storage, read> photon_position: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> photon_normal: array<vec4<f32>>;

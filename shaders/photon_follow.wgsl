@@ -7,9 +7,9 @@
 #include "ideal.wgsl"
 #include "photons.wgsl"
 
-@group(0) @binding(9) var<storage, read_write> work_in: Work;
+@group(0) @binding(9) var<storage, read_write> work_in: DispatchCounts;
 @group(0) @binding(10) var<storage, read> list_in: array<u32>;
-@group(0) @binding(11) var<storage, read_write> work_out: Work;
+@group(0) @binding(11) var<storage, read_write> work_out: DispatchCounts;
 @group(0) @binding(12) var<storage, read_write> list_out: array<u32>;
 @group(0) @binding(13) var<storage, read> steps: array<Step>;
 @group(0) @binding(14) var<storage, read> hits: array<vec4<f32>>;
@@ -44,7 +44,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let at = select(0u, triangle, found);
     let ideal = materials[material_of(triangle_normals[at])].flags.z != SURFACE_OPAQUE;
     let aimed = !first_hit || target_of[at] == bitcast<u32>(carried.w);
-    let mirrored_lights = step.fresh == 1u;
+    let mirrored_lights = step.mirrored_lights == 1u;
     let off_a_plane = mirrored_lights && first_hit && mirror_of[at] > 0u;
     let d = ray_direction[photon].xyz;
     let s = surface_at(at, hit.y, hit.z, d);
@@ -54,20 +54,20 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // A loop, because it runs zero times if no photon of the subgroup hit a mirror or glass.
     for (var i = select(0u, 1u, found && ideal && aimed && step.last == 0u); i > 0u; i -= 1u) {
         let inside = select(media[photon], vec4<u32>(0u), first_hit);
-        let fork = fork_at(s, -d, relative_index(inside, s));
+        let split = specular_split(s, -d, relative_index(inside, s));
         // Light that reaches the base of a mirror straight from the emitter is direct light; photons leave it out.
-        let by_mirror = first_hit && fork.stays;
+        let by_mirror = first_hit && split.stays;
         let xi = random(key(frame.keys.x, STREAM_PHOTON_COMPONENT, photon, step.bounce));
-        let takes_first = xi < fork.probability && !by_mirror;
-        let stays = takes_first && fork.stays;
-        let wi = select(fork.second_wi, fork.first_wi, takes_first);
-        let chance = select(select(1.0 - fork.probability, fork.probability, takes_first), 1.0, by_mirror);
-        let first_factor = select(fork.first_weight * fork.first_adjoint, vec3<f32>(1.0), stays);
-        let factor = select(fork.second_weight * fork.second_adjoint, first_factor, takes_first);
+        let takes_first = xi < split.probability && !by_mirror;
+        let stays = takes_first && split.stays;
+        let wi = select(split.second_wi, split.first_wi, takes_first);
+        let chance = select(select(1.0 - split.probability, split.probability, takes_first), 1.0, by_mirror);
+        let first_factor = select(split.first_weight * split.first_adjoint, vec3<f32>(1.0), stays);
+        let factor = select(split.second_weight * split.second_adjoint, first_factor, takes_first);
         after = carried.xyz * factor / chance;
         stored = stays;
         let goes_on = !stays && mean3(after) > 0.0;
-        media[photon] = select(inside, crossed(inside, s.material + 1u, s.front), takes_first && fork.crosses);
+        media[photon] = select(inside, crossed(inside, s.material + 1u, s.front), takes_first && split.crosses);
         if goes_on {
             let side = select(-s.geometric, s.geometric, dot(wi, s.geometric) > 0.0);
             ray_origin[photon] = vec4<f32>(offset_origin(s.position, side, frame.eye.w), 3.0e38);

@@ -7,7 +7,7 @@
 @group(0) @binding(1) var<storage, read> photon_position: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read_write> codes: array<u32>;
 @group(0) @binding(3) var<storage, read_write> keys: array<vec2<u32>>;
-@group(0) @binding(4) var<storage, read_write> work: Work;
+@group(0) @binding(4) var<storage, read_write> work: DispatchCounts;
 
 // Photons that are not stored go to the end; buckets have 22 bits at most.
 const DEAD_KEY: u32 = 0xffffffu;

@@ -1,19 +1,19 @@
-// Lights receivers by the photons around them. See pass/photon_light.rs.
+// Lights shading points by the photons around them. See pass/photon_light.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"
-#include "receiver.wgsl"
+#include "point.wgsl"
 #include "photons.wgsl"
 
-@group(0) @binding(1) var<storage, read_write> work: Work;
+@group(0) @binding(1) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(2) var<storage, read> list: array<u32>;
 @group(0) @binding(3) var<storage, read> steps: array<Step>;
-@group(0) @binding(4) var<storage, read> receiver_position: array<vec4<f32>>;
-@group(0) @binding(5) var<storage, read> receiver_geometric: array<vec4<f32>>;
-@group(0) @binding(6) var<storage, read> receiver_shading: array<vec4<f32>>;
-@group(0) @binding(7) var<storage, read> receiver_f0: array<vec4<f32>>;
-@group(0) @binding(8) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> point_position: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> point_geometric: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> point_shading: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read> point_f0: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read> point_wo: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read> sorted_position: array<vec4<f32>>;
 @group(0) @binding(10) var<storage, read> sorted_normal: array<vec4<f32>>;
 @group(0) @binding(11) var<storage, read> sorted_wi: array<vec4<f32>>;
@@ -23,7 +23,7 @@
 @group(0) @binding(15) var<storage, read_write> specular: array<vec4<f32>>;
 var<immediate> push: Push;
 
-// Minimum cosine between the normals of photon and receiver.
+// Minimum cosine between the normals of photon and shading point.
 const MIN_COSINE: f32 = 0.5;
 
 @compute @workgroup_size(64)
@@ -34,14 +34,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let step = steps[push.step];
     let slot = list[place];
-    let receiver_class = class_of(slot);
-    let position = receiver_position[slot].xyz;
-    let geometric = receiver_geometric[slot];
-    let shading = receiver_shading[slot];
-    let f0 = receiver_f0[slot];
-    let wo = receiver_wo[slot];
+    let point_class = class_of(slot);
+    let position = point_position[slot].xyz;
+    let geometric = point_geometric[slot];
+    let shading = point_shading[slot];
+    let f0 = point_f0[slot];
+    let wo = point_wo[slot];
     let glossy = has_flag(wo.w, GLOSSY);
-    let lobe = receiver_lobe(geometric, shading, f0);
+    let lobe = point_lobe(geometric, shading, f0);
     let radius2 = frame.photon.x * frame.photon.x;
     let share = frame.photon.z;
 
@@ -56,7 +56,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var total = 0u;
     for (var corner = 0u; corner < 8u; corner += 1u) {
         let cell = lower + vec3<i32>(vec3<u32>(corner & 1u, (corner >> 1u) & 1u, corner >> 2u));
-        codes[corner] = code_of(cell, receiver_class);
+        codes[corner] = code_of(cell, point_class);
         let bucket = bucket_of(codes[corner]);
         // A dispatch takes only the photons of its own stretch, so its loop is bounded.
         let begin = max(buckets[2u * bucket], step.first);

@@ -1,7 +1,7 @@
 // Turns counts found by the device into indirect dispatches. See pass/schedule.rs.
 #include "work.wgsl"
 
-@group(0) @binding(0) var<storage, read_write> work: Work;
+@group(0) @binding(0) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(1) var<storage, read> steps: array<Step>;
 @group(0) @binding(2) var<storage, read_write> status: array<u32>;    // [0]: rays that a last round left over
 var<immediate> push: Push;

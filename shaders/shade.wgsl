@@ -1,5 +1,5 @@
-// Lights receivers by every point light of a chunk, with shadows. See pass/shade.rs.
-// VISIBILITY: only counts the lights visible to each receiver. See pass/visibility.rs.
+// Lights shading points by every point light of a chunk, with shadows. See pass/shade.rs.
+// VISIBILITY: only counts the lights visible to each shading point. See pass/visibility.rs.
 // AREA: with VISIBILITY, the lights are area lights and each ray goes to its own point of one.
 #include "frame.wgsl"
 #include "work.wgsl"
@@ -8,7 +8,7 @@
 #include "math.wgsl"
 #include "bsdf.wgsl"
 #include "lights.wgsl"
-#include "receiver.wgsl"
+#include "point.wgsl"
 #if AREA
 #include "area.wgsl"
 #endif
@@ -17,17 +17,17 @@
 #include "light_at.wgsl"
 #endif
 
-@group(0) @binding(6) var<storage, read> receiver_position: array<vec4<f32>>;
-@group(0) @binding(7) var<storage, read> receiver_geometric: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> point_position: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read> point_geometric: array<vec4<f32>>;
 #if VISIBILITY
 #else
-@group(0) @binding(8) var<storage, read> receiver_shading: array<vec4<f32>>;
-@group(0) @binding(9) var<storage, read> receiver_f0: array<vec4<f32>>;
-@group(0) @binding(10) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read> point_shading: array<vec4<f32>>;
+@group(0) @binding(9) var<storage, read> point_f0: array<vec4<f32>>;
+@group(0) @binding(10) var<storage, read> point_wo: array<vec4<f32>>;
 #endif
 @group(0) @binding(11) var<storage, read> lights: array<PointLight>;
 @group(0) @binding(12) var<storage, read> list: array<u32>;
-@group(0) @binding(13) var<storage, read_write> work: Work;
+@group(0) @binding(13) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(14) var<storage, read> steps: array<Step>;
 @group(0) @binding(15) var<storage, read_write> progress: array<vec2<u32>>;
 #if VISIBILITY
@@ -43,12 +43,12 @@ var<immediate> push: Push;
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
     let slot = spread_group(group, groups) * 64u + lane;
-    // A sorted list, or one in the order of the screen, may have slots without a receiver.
+    // A sorted list, or one in the order of the screen, may have slots without a shading point.
     if slot >= max(atomicLoad(&work.live), work.total) {
         return;
     }
     let pixel = list[slot];
-    if pixel == NO_RECEIVER {
+    if pixel == NO_POINT {
         return;
     }
 #if VISIBILITY
@@ -64,23 +64,23 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         light = at.x;
         node = at.y;
     }
-    let origin = receiver_position[pixel].xyz;
-    let geometric = receiver_geometric[pixel];
+    let origin = point_position[pixel].xyz;
+    let geometric = point_geometric[pixel];
 #if VISIBILITY
-    var seen = select(0u, visible[pixel], step.fresh == 0u);
+    var seen = select(0u, visible[pixel], step.clears == 0u);
 #else
-    let shading = receiver_shading[pixel];
-    let f0 = receiver_f0[pixel];
-    let wo = receiver_wo[pixel];
+    let shading = point_shading[pixel];
+    let f0 = point_f0[pixel];
+    let wo = point_wo[pixel];
     let glossy = has_flag(wo.w, GLOSSY);
     // The first chunk starts the sums; values of an earlier frame are not read.
-    var e_direct = select(vec3<f32>(0.0), direct[pixel].xyz, step.fresh == 0u);
-    var e_indirect = select(vec3<f32>(0.0), indirect[pixel].xyz, step.fresh == 0u);
-    var l_specular = select(vec3<f32>(0.0), specular[pixel].xyz, step.fresh == 0u);
+    var e_direct = select(vec3<f32>(0.0), direct[pixel].xyz, step.clears == 0u);
+    var e_indirect = select(vec3<f32>(0.0), indirect[pixel].xyz, step.clears == 0u);
+    var l_specular = select(vec3<f32>(0.0), specular[pixel].xyz, step.clears == 0u);
 #endif
 
     // A dispatch takes a bounded number of lights; the next round continues a larger chunk.
-    let end = min(step.end, light + step.bounce);
+    let end = min(step.end, light + step.lights);
     while light < end {
         let place = lights_of_class + light;
 #if AREA
@@ -109,7 +109,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let lit = cos_receiver > 0.0 && dot(wi, geometric.xyz) > 0.0 && mean3(intensity) > 0.0 && r2 > 0.0;
 #endif
 
-        // Shadow ray from the receiver (t = 0) to the light (t = 1): any triangle strictly between blocks it.
+        // Shadow ray from the shading point (t = 0) to the light (t = 1): any triangle strictly between blocks it.
         let inverse = safe_inverse(d);
         var left = step.steps;
         node = select(nodes, node, lit);
@@ -142,7 +142,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         e_direct += select(vec3<f32>(0.0), e, first_bounce);
         e_indirect += select(e, vec3<f32>(0.0), first_bounce);
         for (var i = select(0u, 1u, glossy && lit && !blocked); i > 0u; i -= 1u) {
-            l_specular += e * eval_specular(receiver_lobe(geometric, shading, f0), shading.xyz, wo.xyz, wi);
+            l_specular += e * eval_specular(point_lobe(geometric, shading, f0), shading.xyz, wo.xyz, wi);
         }
 #endif
         light += 1u;

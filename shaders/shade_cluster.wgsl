@@ -1,6 +1,6 @@
-// As shade.wgsl, for 64 receivers at once: a subgroup walks the tree for a whole cluster and one light.
+// As shade.wgsl, for 64 shading points at once: a subgroup walks the tree for a whole cluster and one light.
 // See pass/shade.rs.
-// VISIBILITY: only counts the lights visible to each receiver. See pass/visibility.rs.
+// VISIBILITY: only counts the lights visible to each shading point. See pass/visibility.rs.
 // COUNTERS: with VISIBILITY, also counts visited nodes and tests.
 // AREA: with VISIBILITY, the lights are area lights and each ray goes to its own point of one.
 #include "frame.wgsl"
@@ -8,7 +8,7 @@
 #include "math.wgsl"
 #include "bsdf.wgsl"
 #include "lights.wgsl"
-#include "receiver.wgsl"
+#include "point.wgsl"
 #include "triangle.wgsl"
 #include "subgroup.wgsl"
 #include "cluster_walk.wgsl"
@@ -21,17 +21,17 @@
 #include "light_at.wgsl"
 #endif
 
-@group(0) @binding(6) var<storage, read> receiver_position: array<vec4<f32>>;
-@group(0) @binding(7) var<storage, read> receiver_geometric: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> point_position: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read> point_geometric: array<vec4<f32>>;
 #if VISIBILITY
 #else
-@group(0) @binding(8) var<storage, read> receiver_shading: array<vec4<f32>>;
-@group(0) @binding(9) var<storage, read> receiver_f0: array<vec4<f32>>;
-@group(0) @binding(10) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read> point_shading: array<vec4<f32>>;
+@group(0) @binding(9) var<storage, read> point_f0: array<vec4<f32>>;
+@group(0) @binding(10) var<storage, read> point_wo: array<vec4<f32>>;
 #endif
 @group(0) @binding(11) var<storage, read> lights: array<PointLight>;
 @group(0) @binding(12) var<storage, read> list: array<u32>;
-@group(0) @binding(13) var<storage, read_write> work: Work;
+@group(0) @binding(13) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(14) var<storage, read> steps: array<Step>;
 @group(0) @binding(15) var<storage, read_write> progress: array<vec2<u32>>;
 #if VISIBILITY
@@ -44,7 +44,7 @@
 @group(0) @binding(16) var<storage, read_write> direct: array<vec4<f32>>;
 @group(0) @binding(17) var<storage, read_write> indirect: array<vec4<f32>>;
 @group(0) @binding(18) var<storage, read_write> specular: array<vec4<f32>>;
-// First cluster and first receiver of each class; on a list in the order of the screen, the class of each cluster.
+// First cluster and first shading point of each class; on a list in the order of the screen, the class of each cluster.
 @group(0) @binding(19) var<storage, read> classes: array<vec2<u32>>;
 #endif
 var<immediate> push: Push;
@@ -52,22 +52,22 @@ var<immediate> push: Push;
 #if VISIBILITY
 #else
 // Light from a visible light through specular lobes: returns the irradiance by the light's own lobe, and adds the radiance that
-// the receiver's lobe reflects to `specular`.
+// the shading point's lobe reflects to `specular`.
 fn add_lobes(light: u32, p: u32, clip2: f32) -> vec3<f32> {
     let l = lights[light];
-    let geometric = receiver_geometric[p];
-    let shading = receiver_shading[p];
-    let f0 = receiver_f0[p];
-    let wo = receiver_wo[p];
+    let geometric = point_geometric[p];
+    let shading = point_shading[p];
+    let f0 = point_f0[p];
+    let wo = point_wo[p];
     let flags = bitcast<u32>(l.position.w);
-    let d = l.position.xyz - receiver_position[p].xyz;
+    let d = l.position.xyz - point_position[p].xyz;
     let r2 = dot(d, d);
     let wi = d / sqrt(max(r2, 1e-37));
     let cos_light = -dot(wi, l.normal.xyz);
     let plain = plain_intensity(l.normal, l.emit, flags, cos_light);
     let extra = lobe_intensity(l, wi, cos_light);
     let factor = max(dot(wi, shading.xyz), 0.0) * inverse_square(r2, clip2);
-    let reflected = eval_specular(receiver_lobe(geometric, shading, f0), shading.xyz, wo.xyz, wi);
+    let reflected = eval_specular(point_lobe(geometric, shading, f0), shading.xyz, wo.xyz, wi);
     specular[p] += vec4<f32>(select(vec3<f32>(0.0), (plain + extra) * factor * reflected, has_flag(wo.w, GLOSSY)), 0.0);
     return extra * factor;
 }
@@ -89,7 +89,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let end = live;
     let lights_of_class = 0u;
 #else
-    // A cluster takes receivers of one class of pixels, which has lights of its own.
+    // A cluster takes shading points of one class of pixels, which has lights of its own.
     var of_class = 0u;
     for (var k = 1u; k < frame.pattern.z; k += 1u) {
         of_class = select(of_class, k, classes[k].x <= cluster);
@@ -107,21 +107,21 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     var pixel: array<u32, RAYS>;
     var present = 0u;
-    // Slots without a receiver, and slots beyond the last, repeat another receiver and take no part.
-    var some = NO_RECEIVER;
+    // Slots without a shading point, and slots beyond the last, repeat another shading point and take no part.
+    var some = NO_POINT;
     for (var r = 0u; r < RAYS; r += 1u) {
         let slot = begin + r * LANES + lane;
-        pixel[r] = select(NO_RECEIVER, list[min(slot, end - 1u)], slot < end);
-        present |= select(0u, 1u << r, pixel[r] != NO_RECEIVER);
+        pixel[r] = select(NO_POINT, list[min(slot, end - 1u)], slot < end);
+        present |= select(0u, 1u << r, pixel[r] != NO_POINT);
         some = min(some, pixel[r]);
     }
     some = min_reduce_u32(some);
-    // A cluster starts again with the light that it did not finish; all its receivers have the same progress.
+    // A cluster starts again with the light that it did not finish; all its shading points have the same progress.
     let start = select(step.first, progress[some].x, step.round > 0u);
     if start >= step.end {
         return;
     }
-    let fresh = step.fresh == 1u && step.round == 0u;
+    let clears = step.clears == 1u && step.round == 0u;
 
     var position: array<vec3<f32>, RAYS>;
     var geometric: array<vec3<f32>, RAYS>;
@@ -139,27 +139,27 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var shading_lo = vec3<f32>(1.0);
     var shading_hi = vec3<f32>(-1.0);
     for (var r = 0u; r < RAYS; r += 1u) {
-        let p = select(pixel[r], some, pixel[r] == NO_RECEIVER);
+        let p = select(pixel[r], some, pixel[r] == NO_POINT);
         pixel[r] = p;
-        position[r] = receiver_position[p].xyz;
-        geometric[r] = receiver_geometric[p].xyz;
+        position[r] = point_position[p].xyz;
+        geometric[r] = point_geometric[p].xyz;
         lo = min(lo, position[r]);
         hi = max(hi, position[r]);
         geometric_lo = min(geometric_lo, geometric[r]);
         geometric_hi = max(geometric_hi, geometric[r]);
 #if VISIBILITY
-        seen[r] = select(visible[p], 0u, fresh);
+        seen[r] = select(visible[p], 0u, clears);
 #else
-        shading[r] = receiver_shading[p].xyz;
+        shading[r] = point_shading[p].xyz;
         shading_lo = min(shading_lo, shading[r]);
         shading_hi = max(shading_hi, shading[r]);
-        glossy |= select(0u, 1u << r, has_flag(receiver_wo[p].w, GLOSSY)) & present;
+        glossy |= select(0u, 1u << r, has_flag(point_wo[p].w, GLOSSY)) & present;
 #endif
     }
 #if VISIBILITY
 #else
     // With a SIMD driver a loop that runs zero times costs less than an `if`, of which all lanes execute both sides.
-    for (var r = select(RAYS, 0u, fresh); r < RAYS; r += 1u) {
+    for (var r = select(RAYS, 0u, clears); r < RAYS; r += 1u) {
         if ((present >> r) & 1u) != 0u {
             specular[pixel[r]] = vec4<f32>(0.0);
         }
@@ -224,7 +224,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // First the lights of emitters, then those after reflections; the first chunk starts the sums of both.
     let directly = clamp(frame.depths[1].y, step.first, step.end) - step.first;
     let direct_lights = select((1u << (directly & 31u)) - 1u, 0xffffffffu, directly >= 32u);
-    let kinds = vec2<u32>(select(0u, 1u, directly == 0u && !fresh), select(2u, 1u, directly == count && !fresh));
+    let kinds = vec2<u32>(select(0u, 1u, directly == 0u && !clears), select(2u, 1u, directly == count && !clears));
 #endif
     for (var kind = kinds.x; kind < kinds.y; kind += 1u) {
 #if VISIBILITY
@@ -233,7 +233,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         for (var r = 0u; r < RAYS; r += 1u) {
             sum[r] = vec3<f32>(0.0);
         }
-        for (var r = select(0u, RAYS, fresh); r < RAYS; r += 1u) {
+        for (var r = select(0u, RAYS, clears); r < RAYS; r += 1u) {
             sum[r] = select(indirect[pixel[r]].xyz, direct[pixel[r]].xyz, kind == 0u);
         }
         let of_kind = select(~direct_lights, direct_lights, kind == 0u);
@@ -258,7 +258,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             let surface = (flags & LIGHT_SURFACE) != 0u;
 #endif
 
-            // Rays run from the light (t = 0) to the receivers (t = 1).
+            // Rays run from the light (t = 0) to the shading points (t = 1).
             var d: array<vec3<f32>, RAYS>;
             var inverse: array<vec3<f32>, RAYS>;
             var alive = 0u;
@@ -442,7 +442,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 let factor = dot(wi, shading[r]) * inverse_square(r2, clip2);
                 sum[r] += intensity * select(0.0, factor, ((alive >> r) & 1u) != 0u);
             }
-            // Specular lobes, of the light or of receivers, are rarer: ray by ray.
+            // Specular lobes, of the light or of shading points, are rarer: ray by ray.
             for (var rest = alive & select(glossy, present, (flags & LIGHT_GLOSSY) != 0u); rest != 0u; rest &= rest - 1u) {
                 let ray = firstTrailingBit(rest);
                 let extra = add_lobes(place, list[begin + ray * LANES + lane], clip2);

@@ -1,11 +1,11 @@
-// Finds the first receiver and the first cluster of each class of pixels on the sorted list. See pass/sort.rs.
+// Finds the first shading point and the first cluster of each class of pixels on the sorted list. See pass/sort.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "sort.wgsl"
 
-@group(0) @binding(1) var<storage, read_write> work: Work;
+@group(0) @binding(1) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(2) var<storage, read> counts: array<u32>;           // prefix sums of the digit whose upper bits are the class
-@group(0) @binding(3) var<storage, read_write> classes: array<vec2<u32>>;  // first cluster, first receiver; one past the last: all
+@group(0) @binding(3) var<storage, read_write> classes: array<vec2<u32>>;  // first cluster, first shading point; one past the last: all
 
 @compute @workgroup_size(1)
 fn main() {

@@ -2,7 +2,7 @@
 #include "work.wgsl"
 #include "sort.wgsl"
 
-@group(0) @binding(0) var<storage, read_write> work: Work;
+@group(0) @binding(0) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(1) var<storage, read> steps: array<Step>;
 @group(0) @binding(2) var<storage, read> keys: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read_write> counts: array<u32>;     // digit * runs + run
@@ -16,7 +16,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if run >= runs {
         return;
     }
-    let shift = steps[push.step].first;
+    let shift = steps[push.step].shift;
     for (var digit = 0u; digit < DIGITS; digit += 1u) {
         counts[digit * runs + run] = 0u;
     }

@@ -1,14 +1,14 @@
-// Writes the keys of the receivers on a list: the class in the upper bits, below it the Morton code of the position. See pass/sort.rs.
+// Writes the keys of the shading points on a list: the class in the upper bits, below it the Morton code of the position. See pass/sort.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "sort.wgsl"
 
-@group(0) @binding(1) var<storage, read_write> work: Work;
+@group(0) @binding(1) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(2) var<storage, read> list: array<u32>;
-@group(0) @binding(3) var<storage, read> receiver_position: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> point_position: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read_write> keys: array<vec2<u32>>;
 
-// Slots without a receiver go to the end.
+// Slots without a shading point go to the end.
 const DEAD_KEY: u32 = 0xffffffffu;
 
 // Spreads 8 bits to every third bit.
@@ -27,11 +27,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let pixel = list[slot];
-    if pixel == NO_RECEIVER {
+    if pixel == NO_POINT {
         keys[slot] = vec2<u32>(DEAD_KEY, pixel);
         return;
     }
-    let unit = (receiver_position[pixel].xyz - frame.bounds_min.xyz) * frame.bounds_min.w;
+    let unit = (point_position[pixel].xyz - frame.bounds_min.xyz) * frame.bounds_min.w;
     let cell = vec3<u32>(clamp(unit * 256.0, vec3<f32>(0.0), vec3<f32>(255.0)));
     let bits = class_bits(frame.pattern.z);
     let code = spread_bits(cell.x) | (spread_bits(cell.y) << 1u) | (spread_bits(cell.z) << 2u);

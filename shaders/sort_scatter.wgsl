@@ -2,7 +2,7 @@
 #include "work.wgsl"
 #include "sort.wgsl"
 
-@group(0) @binding(0) var<storage, read_write> work: Work;
+@group(0) @binding(0) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(1) var<storage, read> steps: array<Step>;
 @group(0) @binding(2) var<storage, read> keys: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read_write> counts: array<u32>;
@@ -22,7 +22,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let end = min((run + 1u) * RUN, total);
     for (var i = run * RUN; i < end; i += 1u) {
         let key = keys[i];
-        let slot = ((key.x >> step.first) & (DIGITS - 1u)) * runs + run;
+        let slot = ((key.x >> step.shift) & (DIGITS - 1u)) * runs + run;
         let place = counts[slot];
         counts[slot] = place + 1u;
         sorted[place] = key;

@@ -1,21 +1,21 @@
-// Turns the last hits of second components of eye paths into receivers. See pass/split_points.rs.
+// Turns the last hits of second components of eye paths into shading points. See pass/split_points.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"
-#include "receiver.wgsl"
+#include "point.wgsl"
 #include "surface.wgsl"
 #include "clusters.wgsl"
-#include "write_receiver.wgsl"
+#include "write_point.wgsl"
 #include "end_eye_path.wgsl"
 
 @group(0) @binding(12) var<storage, read> hits: array<vec4<f32>>;
 @group(0) @binding(13) var<storage, read> ray_direction: array<vec4<f32>>;
 @group(0) @binding(14) var<storage, read_write> list_out: array<u32>;
-@group(0) @binding(15) var<storage, read_write> work_out: Work;
+@group(0) @binding(15) var<storage, read_write> work_out: DispatchCounts;
 @group(0) @binding(16) var<storage, read> point_step: PointStep;
 @group(0) @binding(17) var<storage, read> tiles: array<u32>;
-@group(0) @binding(18) var<storage, read_write> work: Work;
+@group(0) @binding(18) var<storage, read_write> work: DispatchCounts;
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -36,7 +36,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let place = select(64u * (first_tile + index) + lane, place_count() + place_of(at), by_screen);
     if at.x >= frame.size.x || at.y >= frame.size.y {
         if ordered && !by_screen {
-            list_out[place] = NO_RECEIVER;
+            list_out[place] = NO_POINT;
         }
         return;
     }
@@ -46,5 +46,5 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let hit = select(vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(0xffffffffu)), hits[slot], has_ray);
     let ray = select(vec4<f32>(0.0), ray_direction[slot], has_ray);
     let lit = end_eye_path(slot, ray, hit, point_step.last != 0u);
-    list_receiver(slot, lit, ordered, place);
+    list_point(slot, lit, ordered, place);
 }

@@ -5,8 +5,8 @@
 #include "exact_sum.wgsl"
 
 @group(0) @binding(1) var<storage, read> status: array<u32>;
-@group(0) @binding(2) var<storage, read> receiver_kd: array<vec4<f32>>;
-@group(0) @binding(3) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> point_kd: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> point_wo: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read_write> emitted: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> direct: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read> indirect: array<vec4<f32>>;
@@ -33,10 +33,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let through = throughput[pixel].xyz;
     let light = lighting_of(pixel);
     let zero = vec3<f32>(0.0);
-    let body = diffuse_radiance(through * receiver_kd[pixel].xyz, light.e_direct + light.e_indirect);
+    let body = diffuse_radiance(through * point_kd[pixel].xyz, light.e_direct + light.e_indirect);
     let gloss = through * light.l_specular + reflected[pixel].xyz;
     // Light seen in a mirror or through glass belongs to the specular summand of the mirror or the glass.
-    let by_mirror = has_flag(receiver_wo[pixel].w, SEEN_BY_SPECULAR);
+    let by_mirror = has_flag(point_wo[pixel].w, SEEN_BY_SPECULAR);
     let emission = select(seen, zero, by_mirror);
     let diffuse = select(body, zero, by_mirror);
     let mirrored = gloss + select(zero, seen + body, by_mirror);
@@ -45,16 +45,22 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if status[0] != 0u {
         return;
     }
-    let emission_sum = sum_with(ExactSum(sum_emission[pixel], rest_emission[pixel], tail_emission[pixel]), vec4<f32>(emission, 0.0));
+    let emission_sum = sum_with(sum_emission[pixel], rest_emission[pixel], vec4<f32>(emission, 0.0));
     sum_emission[pixel] = emission_sum.high;
     rest_emission[pixel] = emission_sum.middle;
-    tail_emission[pixel] = emission_sum.low;
-    let diffuse_sum = sum_with(ExactSum(sum_diffuse[pixel], rest_diffuse[pixel], tail_diffuse[pixel]), vec4<f32>(diffuse, 0.0));
+    if any(emission_sum.error != vec4<f32>(0.0)) {
+        tail_emission[pixel] += emission_sum.error;
+    }
+    let diffuse_sum = sum_with(sum_diffuse[pixel], rest_diffuse[pixel], vec4<f32>(diffuse, 0.0));
     sum_diffuse[pixel] = diffuse_sum.high;
     rest_diffuse[pixel] = diffuse_sum.middle;
-    tail_diffuse[pixel] = diffuse_sum.low;
-    let specular_sum = sum_with(ExactSum(sum_specular[pixel], rest_specular[pixel], tail_specular[pixel]), vec4<f32>(mirrored, 0.0));
+    if any(diffuse_sum.error != vec4<f32>(0.0)) {
+        tail_diffuse[pixel] += diffuse_sum.error;
+    }
+    let specular_sum = sum_with(sum_specular[pixel], rest_specular[pixel], vec4<f32>(mirrored, 0.0));
     sum_specular[pixel] = specular_sum.high;
     rest_specular[pixel] = specular_sum.middle;
-    tail_specular[pixel] = specular_sum.low;
+    if any(specular_sum.error != vec4<f32>(0.0)) {
+        tail_specular[pixel] += specular_sum.error;
+    }
 }

@@ -4,11 +4,11 @@
 #include "math.wgsl"
 #include "reflectors.wgsl"
 
-@group(0) @binding(1) var<storage, read> receiver_geometric: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read> receiver_f0: array<vec4<f32>>;
-@group(0) @binding(3) var<storage, read> receiver_wo: array<vec4<f32>>;
+@group(0) @binding(1) var<storage, read> point_geometric: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> point_f0: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> point_wo: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read_write> shown: array<vec4<f32>>;
-@group(0) @binding(5) var<storage, read_write> work: Work;
+@group(0) @binding(5) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(6) var<storage, read> tiles: array<u32>;
 @group(0) @binding(7) var<storage, read> region: array<u32>;
 @group(0) @binding(8) var<storage, read> spread: array<vec4<f32>>;     // spread by the tail of the kernel
@@ -45,12 +45,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if plane == 0u {
         return;
     }
-    let geometric = receiver_geometric[pixel];
-    let f0 = receiver_f0[pixel].xyz;
+    let geometric = point_geometric[pixel];
+    let f0 = point_f0[pixel].xyz;
     let tables = reflectors[plane - 1u];
     let is_pane = tables.z != 0u;
     let pane = panes[2u * select(0u, pixel, is_pane)];
-    let mu = select(dot(geometric.xyz, receiver_wo[pixel].xyz), pane.w, is_pane);
+    let mu = select(dot(geometric.xyz, point_wo[pixel].xyz), pane.w, is_pane);
     let lobe = lobe_at(tables.x, mu);
     let form = frame.superposition.y;
     let s = sqrt(clamp(mu, 0.0, 1.0)) * f32(MAP_TEXELS - 1u);

@@ -5,7 +5,7 @@
 
 @group(0) @binding(1) var<storage, read> marks: array<u32>;
 @group(0) @binding(2) var<storage, read_write> list: array<u32>;
-@group(0) @binding(3) var<storage, read_write> work: Work;
+@group(0) @binding(3) var<storage, read_write> work: DispatchCounts;
 
 // One workgroup.
 @compute @workgroup_size(64)

@@ -10,7 +10,7 @@
 @group(0) @binding(7) var<storage, read> ray_direction: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read_write> hits: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read_write> progress: array<vec2<u32>>;
-@group(0) @binding(10) var<storage, read_write> work: Work;
+@group(0) @binding(10) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(12) var<storage, read> steps: array<Step>;
 var<immediate> push: Push;
 

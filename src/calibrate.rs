@@ -22,11 +22,11 @@ use crate::settings::{Settings, Traversal};
 
 /// Triangles of the room.
 const TRIANGLES: u32 = 5_000;
-/// Receivers along each axis of the image.
+/// Shading points along each axis of the image.
 const SIDE: u32 = 96;
 /// Repeats of each measurement; the fastest counts.
 const REPEATS: u32 = 3;
-/// Fraction of receivers whose number of visible lights may differ: rays within rounding of an edge.
+/// Fraction of shading points whose number of visible lights may differ: rays within rounding of an edge.
 const STRAYS: f64 = 0.01;
 
 /// A measurement.

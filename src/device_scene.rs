@@ -130,7 +130,7 @@ pub struct SpecularFeatures {
     /// Whether there are mirrors or glass.
     pub any: bool,
     /// Whether some have two components: glass, mirrors over a diffuse base.
-    pub forks: bool,
+    pub splits: bool,
     /// Whether there are planar reflectors with a lobe; superposition treats them as mirrors over a base.
     pub glossy_planes: bool,
     /// Whether there are frosted panes among the planar reflectors; superposition spreads the scene behind them.
@@ -155,7 +155,7 @@ impl SpecularFeatures {
         };
         for (m, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
             ideal.any |= m.surface != Surface::Opaque;
-            ideal.forks |= match m.surface {
+            ideal.splits |= match m.surface {
                 Surface::Opaque => false,
                 Surface::Mirror => {
                     m.base_color != Vec3::ZERO && (m.metallic < 1.0 || m.metallic_roughness_texture.is_some())

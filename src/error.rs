@@ -59,7 +59,7 @@ pub enum Error {
         during: String,
     },
     /// Device or host memory ran out.
-    #[error("{resource}: no memory for {bytes} bytes; lower the resolution or --paths, or simplify the scene")]
+    #[error("{resource}: no memory for {bytes} bytes; lower the resolution or --particles, or simplify the scene")]
     OutOfMemory {
         /// The requested resource.
         resource: String,

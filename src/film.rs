@@ -32,19 +32,21 @@ impl Sum {
 const RADIANCE: usize = 3;
 /// Floats in a sum of guides.
 const GUIDE: usize = 2;
+/// Unit to which albedos and normals are rounded, a thirtieth of the half floats of an EXR layer.
+pub const GUIDE_UNIT: f32 = 1.0 / 65536.0;
 
 /// Sums over the passes, on the device; they persist between frames.
 #[derive(Clone)]
 pub struct Film {
     /// Radiance and coverage, a sum for each instance.
     pub color: Vec<Sum>,
-    /// Direct irradiance.
+    /// Direct irradiance; w: depth along the view direction times coverage.
     pub direct: Sum,
     /// Indirect irradiance.
     pub indirect: Sum,
-    /// Albedo (diffuse and specular) times throughput, and coverage.
+    /// Albedo (diffuse and specular) times throughput, in multiples of [`GUIDE_UNIT`].
     pub albedo: Sum,
-    /// Shading normal; w: depth along the view direction times coverage.
+    /// Shading normal, in multiples of [`GUIDE_UNIT`].
     pub normal: Sum,
     /// Emission, diffuse and specular light (see `summands`); `None`: not requested.
     pub summands: Option<[Sum; Film::SUMMANDS]>,
@@ -305,7 +307,7 @@ impl HostFilm {
             let share = count as f32 / passes.max(1) as f32;
             color.iter_mut().zip(sum.mean(count)).for_each(|(c, v)| *c += v * share);
         }
-        let alpha = color.iter().map(|c| c.w).collect();
+        let alpha: Vec<f32> = color.iter().map(|c| c.w).collect();
         let mut color = rgb(color);
         let summands = match self.summands {
             true => [0, 1, 2].map(|i| rgb(self.sums[SUMMANDS + i].mean(passes))),
@@ -315,8 +317,8 @@ impl HostFilm {
         if self.summands {
             color = (0..color.len()).map(|i| emission[i] + diffuse[i] + specular[i]).collect();
         }
-        let (albedo, normal) = (self.sums[ALBEDO].mean(passes), self.sums[NORMAL].mean(passes));
-        let depth = normal.iter().zip(&albedo).map(|(n, a)| if a.w > 0.0 { n.w / a.w } else { f32::INFINITY });
+        let (direct, normal) = (self.sums[DIRECT].mean(passes), self.sums[NORMAL].mean(passes));
+        let depth = direct.iter().zip(&alpha).map(|(d, &a)| if a > 0.0 { d.w / a } else { f32::INFINITY });
         Layers {
             width: self.size[0],
             height: self.size[1],
@@ -324,8 +326,8 @@ impl HostFilm {
             normal: normal.iter().map(|n| n.truncate().normalize_or_zero()).collect(),
             alpha,
             color,
-            albedo: rgb(albedo),
-            direct: rgb(self.sums[DIRECT].mean(passes)),
+            albedo: rgb(self.sums[ALBEDO].mean(passes)),
+            direct: rgb(direct),
             indirect: rgb(self.sums[INDIRECT].mean(passes)),
             emission,
             diffuse,

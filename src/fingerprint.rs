@@ -139,7 +139,7 @@ mod tests {
         }
         for changed in [
             Settings { seed: 1, ..usual() },
-            Settings { paths: 31, ..usual() },
+            Settings { particles: 31, ..usual() },
             Settings { max_depth: 4, ..usual() },
             Settings { clip: Clip::Distance(0.1), ..usual() },
             Settings { compensation: false, ..usual() },

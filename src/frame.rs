@@ -69,7 +69,8 @@ impl Frame {
         kept: Option<(Film, Image)>,
     ) -> Result<Frame> {
         let settings = &plan.settings;
-        let parameters = Buffer::new(context, "frame parameters", size_of::<layout::Frame>() as u64, Memory::Device)?;
+        let parameters =
+            Buffer::new(context, "frame parameters", size_of::<layout::FrameParameters>() as u64, Memory::Device)?;
         let status = Buffer::new(context, "status", 16, Memory::Device)?;
         let own = Resources::of([("frame", &parameters), ("status", &status)]);
         let kit = &Kit::new(context, staging, scene, settings.traversal, &own);
@@ -175,7 +176,7 @@ impl Frame {
     }
 
     /// Records one pass of the renderer.
-    pub fn record(&self, rec: &mut Recorder, parameters: &layout::Frame) -> Result<()> {
+    pub fn record(&self, rec: &mut Recorder, parameters: &layout::FrameParameters) -> Result<()> {
         self.record_start(rec, parameters)?;
         self.eye.run(rec)?;
         self.importance.run(rec)?;
@@ -195,7 +196,7 @@ impl Frame {
     }
 
     /// Records the parameters of a pass, and clears the count of lost rays.
-    pub fn record_start(&self, rec: &mut Recorder, parameters: &layout::Frame) -> Result<()> {
+    pub fn record_start(&self, rec: &mut Recorder, parameters: &layout::FrameParameters) -> Result<()> {
         rec.begin();
         rec.update(&self.parameters, 0, bytemuck::bytes_of(parameters))?;
         rec.fill(&self.status, 0)?;

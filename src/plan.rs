@@ -48,7 +48,7 @@ impl LightPlan {
     /// scene that light a pass.
     pub fn new(settings: &Settings, mean_reflectivity: f32, delta: u32) -> LightPlan {
         let mut survivors = Vec::new();
-        let mut expected = f64::from(settings.paths);
+        let mut expected = f64::from(settings.particles);
         for _ in 1..settings.max_depth {
             survivors.push((expected.floor() as u32).max(1));
             expected *= f64::from(mean_reflectivity.clamp(0.0, 1.0));
@@ -140,8 +140,8 @@ impl EyePlan {
         let mirrors = specular.spreads() && spreads;
         let panes = specular.frosted_panes && spreads;
         let steps = if specular.any || mirrors { settings.max_specular } else { 0 };
-        let forks = settings.split && (specular.forks || mirrors) && steps > 0;
-        EyePlan { pixels, steps, components: if forks { 2 } else { 1 }, mirrors, panes }
+        let splits = settings.split && (specular.splits || mirrors) && steps > 0;
+        EyePlan { pixels, steps, components: if splits { 2 } else { 1 }, mirrors, panes }
     }
 
     /// Slots of all shading points of the eye.
@@ -150,7 +150,7 @@ impl EyePlan {
     }
 
     /// First slot of second components; 0: there are none.
-    pub fn twins(&self) -> u32 {
+    pub fn split_offset(&self) -> u32 {
         if self.components == 2 { self.pixels } else { 0 }
     }
 }
@@ -198,7 +198,7 @@ impl PhotonPlan {
         settings.photon_radius.unwrap_or(0.25 * diagonal / (self.each as f32).sqrt().max(5.0))
     }
 
-    /// [`layout::Frame::photons`] and [`layout::Frame::photon`] for pass number `local` of its instance.
+    /// [`layout::FrameParameters::photons`] and [`layout::FrameParameters::photon`] for pass number `local` of its instance.
     fn parameters(&self, settings: &Settings, diagonal: f32, local: u32) -> Result<([u32; 4], [f32; 4])> {
         let total = self.total();
         let first = local.checked_mul(total).filter(|f| f.checked_add(total).is_some()).ok_or(Error::Setting {
@@ -238,7 +238,7 @@ impl MirrorPlan {
             return Err(Error::Setting {
                 name: "--mirror-lights",
                 message: format!(
-                    "{} lights of a pass and {mirrors} mirrors are more than {MAX_CANDIDATES} pairs; use fewer --paths",
+                    "{} lights of a pass and {mirrors} mirrors are more than {MAX_CANDIDATES} pairs; use fewer --particles",
                     plan.lights
                 ),
             });
@@ -267,8 +267,8 @@ impl StepTable {
     pub fn add_rounds(&mut self, rounds: u32, step: Step) -> Vec<u32> {
         (0..rounds)
             .map(|round| {
-                let fresh = if round == 0 { step.fresh } else { 0 };
-                self.add(Step { round, fresh, last: u32::from(round + 1 == rounds), ..step })
+                let clears = if round == 0 { step.clears } else { 0 };
+                self.add(Step { round, clears, last: u32::from(round + 1 == rounds), ..step })
             })
             .collect()
     }
@@ -430,7 +430,7 @@ impl Plan {
             clip: other.settings.clip,
             jitter: other.settings.jitter,
             light_threshold: other.settings.light_threshold,
-            light_floor: other.settings.light_floor,
+            power_fraction: other.settings.power_fraction,
             photon_radius: other.settings.photon_radius,
             moving_passes: other.settings.moving_passes,
             ..self.settings.clone()
@@ -455,7 +455,7 @@ mod tests {
 
     #[test]
     fn survivors_follow_the_paper() {
-        let settings = Settings { paths: 32, max_depth: 6, ..Settings::default() };
+        let settings = Settings { particles: 32, max_depth: 6, ..Settings::default() };
         let plan = LightPlan::new(&settings, 0.5, 3);
         assert_eq!(plan.survivors, [32, 16, 8, 4, 2]);
         assert_eq!(plan.first_slot(0), 3);
@@ -463,7 +463,7 @@ mod tests {
         assert_eq!(plan.slots(), 65);
         let plan = LightPlan::new(&Settings { direct_lights: Some(4), ..settings.clone() }, 0.5, 0);
         assert_eq!(plan.survivors, [4, 16, 8, 4, 2]);
-        let plan = LightPlan::new(&Settings { paths: 3, max_depth: 5, ..settings }, 0.5, 0);
+        let plan = LightPlan::new(&Settings { particles: 3, max_depth: 5, ..settings }, 0.5, 0);
         assert_eq!(plan.survivors, [3, 1, 1, 1], "no depth dies out");
     }
 
@@ -504,7 +504,7 @@ mod tests {
 
     #[test]
     fn lights_are_chosen_and_mirrored_as_far_as_paths_allow() {
-        let settings = Settings { paths: 32, max_depth: 5, mirror_lights: 4, ..Settings::default() };
+        let settings = Settings { particles: 32, max_depth: 5, mirror_lights: 4, ..Settings::default() };
         let lights = LightPlan::new(&Settings { delta_lights: Some(3), ..settings.clone() }, 0.5, 300);
         assert_eq!((lights.delta, LightPlan::new(&settings, 0.5, 300).delta), (3, 300));
         // Eye, mirror, shadow ray and up to two reflections.

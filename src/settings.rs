@@ -30,7 +30,7 @@ pub enum Traversal {
     Auto,
     /// One ray per invocation. Runs on every supported device.
     Single,
-    /// A subgroup walks the tree for a cluster of 64 receivers and one light together: several times faster. Needs
+    /// A subgroup walks the tree for a cluster of 64 shading points and one light together: several times faster. Needs
     /// subgroups of 4, 8, 16, 32 or 64 with shuffles. Visibility differs from single rays only for rays within rounding of
     /// a triangle's edge or plane.
     Cluster,
@@ -54,7 +54,7 @@ pub enum Sequence {
     /// Halton, rotated at random: a prime base for each dimension (Keller 1997).
     #[default]
     Halton,
-    /// Sobol', randomised by XOR: base 2 in all dimensions (Wald et al. 2002, 4.4). Most uniform if `paths` is a power of two.
+    /// Sobol', randomised by XOR: base 2 in all dimensions (Wald et al. 2002, 4.4). Most uniform if `particles` is a power of two.
     Sobol,
 }
 
@@ -81,7 +81,7 @@ pub enum Agreement {
     Plane,
     /// Depth and normal differ by less than a threshold; the result is the mean of the pixels that agree (Wald et al. 2002,
     /// 4.3). Mixes parallel planes that lie close together, and leaves noise on surfaces at grazing angles.
-    Paper,
+    DepthAndNormal,
 }
 
 /// Discontinuity buffer: averages the irradiance of neighbouring pixels that show one surface (Wald et al. 2002, 4.3).
@@ -176,8 +176,8 @@ pub struct Settings {
     /// Particles N started from the lights in each pass, for each class of pixels (see `pattern`). Default 32; 1 to 65,536. The
     /// cost of a pass is linear in N (about N / (1 - rho) shadow rays per pixel); more particles reduce the difference
     /// between passes.
-    pub paths: u32,
-    /// Virtual lights on the emitters for direct light, per class. Default `None`: one for each particle; 1 to `paths`. Fewer
+    pub particles: u32,
+    /// Virtual lights on the emitters for direct light, per class. Default `None`: one for each particle; 1 to `particles`. Fewer
     /// save shadow rays: 4 for soft shadows of a filtered image (Wald et al. 2002, 5.1.1) beside some 18 for indirect light;
     /// shadows of single lights show until passes or a filter average them.
     pub direct_lights: Option<u32>,
@@ -227,9 +227,9 @@ pub struct Settings {
     /// Gather the light that clipping cuts off by short extra paths (Kollig and Keller 2004), so that the limit is
     /// unbiased. Default true. False saves the extra rays and darkens corners.
     pub compensation: bool,
-    /// Irradiance, in units of the scene's radiance times pi, below which a light is dropped for a whole cluster of receivers
+    /// Irradiance, in units of the scene's radiance times pi, below which a light is dropped for a whole cluster of shading points
     /// before any ray is traced. Default 0: drops only lights that contribute nothing. Higher is faster and darker: a
-    /// receiver loses at most this much for each light of a pass. No effect on single rays.
+    /// shading point loses at most this much for each light of a pass. No effect on single rays.
     pub light_threshold: f32,
     /// Sequence that places particles on the lights and chooses their directions and those of gather rays. Default `Halton`.
     /// Both have the same limit and cost; `docs/benchmarks.md` compares their errors.
@@ -240,7 +240,7 @@ pub struct Settings {
     /// Fraction of emitter samples still drawn by power (defensive sampling), above 0 to 1. Default 0.2. Higher: less gain if
     /// few lights matter. Lower: more noise from lights whose contribution was underestimated; the weight of their particles
     /// is at most 1 / fraction times that of sampling by power alone.
-    pub light_floor: f32,
+    pub power_fraction: f32,
     /// Number of point, spot, directional and imported virtual lights evaluated in each pass for each class of pixels, chosen
     /// in proportion to the estimate of `light_choice`. Default `None`: all; 1 to 2048. The limit is the same. Fewer:
     /// faster passes in scenes with many lamps, in proportion to the shadow rays saved, but more noise. The image of a scene
@@ -263,7 +263,7 @@ pub struct Settings {
     pub loop_budget: u32,
     /// Traversal kernel for shadow rays and eye rays. Default `Auto`.
     pub traversal: Traversal,
-    /// Order of receivers in clusters. Default `Screen`. `Space` sorts them, which takes some 45 ms for 640x480 pixels on two
+    /// Order of shading points in clusters. Default `Screen`. `Space` sorts them, which takes some 45 ms for 640x480 pixels on two
     /// cores; its clusters are narrower at silhouettes and faster to trace. Images differ by rounding at most.
     pub cluster_order: ClusterOrder,
     /// Passes per frame of an animation (moderate oversampling while something moves, Wald et al. 2002, 5.2). Default 4; 1 to
@@ -274,7 +274,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Settings {
-            paths: 32,
+            particles: 32,
             direct_lights: None,
             pattern: [1, 1],
             filter: None,
@@ -291,7 +291,7 @@ impl Default for Settings {
             light_threshold: 0.0,
             sequence: Sequence::Halton,
             light_choice: LightChoice::Power,
-            light_floor: 0.2,
+            power_fraction: 0.2,
             delta_lights: None,
             jitter: false,
             seed: 0,
@@ -320,14 +320,14 @@ impl Settings {
     pub const MAX_DELTA_LIGHTS: u32 = 2048;
     /// Maximum `moving_passes`.
     pub const MAX_MOVING_PASSES: u32 = 4096;
-    /// Maximum `paths`.
-    pub const MAX_PATHS: u32 = 65_536;
+    /// Maximum `particles`.
+    pub const MAX_PARTICLES: u32 = 65_536;
 
     /// Preset for interactive frame rates, as in Wald et al. 2002, 5.1: 3 x 3 interleaved sampling with a 3 x 3 filter, 4 direct
     /// lights and some 18 others, 500 photons, no compensation. Biased by clipping and by the filter.
     pub fn interactive() -> Settings {
         Settings {
-            paths: 20,
+            particles: 20,
             direct_lights: Some(4),
             pattern: [3, 3],
             compensation: false,
@@ -339,7 +339,7 @@ impl Settings {
 
     /// Applies the `[render]` section of a scene file.
     pub fn with_scene_defaults(mut self, render: &RenderDefaults) -> Self {
-        self.paths = render.paths.unwrap_or(self.paths);
+        self.particles = render.particles.unwrap_or(self.particles);
         self.direct_lights = render.direct_lights.or(self.direct_lights);
         self.pattern = render.interleave.unwrap_or(self.pattern);
         self.max_depth = render.max_depth.unwrap_or(self.max_depth);
@@ -370,8 +370,8 @@ impl Settings {
                 Err(Error::Setting { name, message: format!("{value} is not in {low}..={high}") })
             }
         };
-        range("--paths", self.paths, 1, Self::MAX_PATHS)?;
-        range("--direct-lights", self.direct_lights.unwrap_or(1), 1, self.paths)?;
+        range("--particles", self.particles, 1, Self::MAX_PARTICLES)?;
+        range("--direct-lights", self.direct_lights.unwrap_or(1), 1, self.particles)?;
         range("--delta-lights", self.delta_lights.unwrap_or(1), 1, Self::MAX_DELTA_LIGHTS)?;
         range("--interleave", self.pattern[0], 1, Self::MAX_PATTERN)?;
         range("--interleave", self.pattern[1], 1, Self::MAX_PATTERN)?;
@@ -411,9 +411,12 @@ impl Settings {
         if !(c.is_finite() && c >= 0.0) {
             return Err(Error::Setting { name: "--clip", message: format!("{c} is not a distance of 0 or more") });
         }
-        let f = self.light_floor;
+        let f = self.power_fraction;
         if !(f > 0.0 && f <= 1.0) {
-            return Err(Error::Setting { name: "--light-floor", message: format!("{f} is not a share above 0 to 1") });
+            return Err(Error::Setting {
+                name: "--power-fraction",
+                message: format!("{f} is not a share above 0 to 1"),
+            });
         }
         let t = self.light_threshold;
         if !(t.is_finite() && t >= 0.0) {
@@ -430,9 +433,9 @@ impl Settings {
         self.pattern[0] * self.pattern[1]
     }
 
-    /// Particles of a pass: `paths` for each class.
+    /// Particles of a pass: `particles` for each class.
     pub fn particles(&self) -> u32 {
-        self.paths * self.classes()
+        self.particles * self.classes()
     }
 
     /// Number of planar reflectors that mirror the room if they are glossy.

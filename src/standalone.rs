@@ -15,7 +15,7 @@ use crate::frame::Frame;
 use crate::gpu::{Buffer, Context, ContextOptions, DeviceChoice, Memory, Timers, download};
 use crate::output::{Layers, Statistics};
 use crate::pass::List;
-use crate::pass::layout::{PointLight, Work};
+use crate::pass::layout::{DispatchCounts, PointLight};
 use crate::plan::{INSTANCES, trace_steps};
 use crate::scene::{Camera, Scene};
 use crate::scene::{VirtualLight, export_lights};
@@ -225,7 +225,7 @@ impl Renderer {
                 let frame = engine.frame();
                 rec.copy_range(&frame.status, 0, readback, 0, 16)?;
                 for (i, list) in counted_lists(frame).enumerate() {
-                    let bytes = size_of::<Work>() as u64;
+                    let bytes = size_of::<DispatchCounts>() as u64;
                     rec.copy_range(&list.work, 0, readback, 16 + i as u64 * bytes, bytes)?;
                 }
                 Ok(())
@@ -278,7 +278,7 @@ impl Renderer {
             rays += u64::from(photons.count);
             bounces + frame.eye.lists.len() + photons.lists.len()
         });
-        for (b, work) in work.chunks(size_of::<Work>() / 4).enumerate() {
+        for (b, work) in work.chunks(size_of::<DispatchCounts>() / 4).enumerate() {
             let live = u64::from(work[0]);
             if Some(b) == grid {
                 self.photons += live;
@@ -478,7 +478,7 @@ impl Renderer {
 
 /// Bytes read back after each pass: the status and the work of all lists.
 fn readback_bytes(engine: &Engine) -> u64 {
-    16 + (counted_lists(engine.frame()).count() * size_of::<Work>()) as u64
+    16 + (counted_lists(engine.frame()).count() * size_of::<DispatchCounts>()) as u64
 }
 
 fn readback(context: &Context, engine: &Engine) -> Result<Buffer> {

@@ -1,4 +1,4 @@
-// Area lights: parallelograms. Each receiver sends a ray to its own point of each. A PointLight holds a corner in `position` and the
+// Area lights: parallelograms. Each shading point sends a ray to its own point of each. A PointLight holds a corner in `position` and the
 // edges from there in `wi` and `flux`. CPU twin: pass::visibility::Workload::point.
 
 struct AreaLight {
@@ -17,7 +17,7 @@ fn area_light(light: PointLight) -> AreaLight {
     return AreaLight(light.position.xyz, e1, e2, centre, half_box * 1.000001 + abs(centre) * 5e-7);
 }
 
-// The point for receiver `p`: the R2 sequence (Roberts 2018) over the lights, rotated randomly for each receiver. Its terms are
+// The point for shading point `p`: the R2 sequence (Roberts 2018) over the lights, rotated randomly for each shading point. Its terms are
 // multiples of 1 / x and 1 / x^2 with x^3 = x + 1, in units of 2^-32, so that integer overflow wraps them.
 fn area_point(area: AreaLight, p: u32, light: u32) -> vec3<f32> {
     let turn = hash(p);

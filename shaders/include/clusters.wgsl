@@ -6,7 +6,7 @@ fn quotient(a: vec2<u32>, b: vec2<u32>) -> vec2<u32> {
     return vec2<u32>((vec2<f32>(a) + 0.5) / vec2<f32>(b));
 }
 
-// Index of a pixel's receiver among the places of its component: clusters of 64, class by class, block by block.
+// Index of a pixel's shading point among the places of its component: clusters of 64, class by class, block by block.
 fn place_of(at: vec2<u32>) -> u32 {
     let pattern = frame.pattern.xy;
     let in_pattern = quotient(at, pattern);

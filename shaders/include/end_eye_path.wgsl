@@ -1,4 +1,4 @@
-// The receiver at the end of an eye path. Needs frame.wgsl, receiver.wgsl, surface.wgsl and write_receiver.wgsl.
+// The shading point at the end of an eye path. Needs frame.wgsl, point.wgsl, surface.wgsl and write_point.wgsl.
 
 @group(0) @binding(28) var<storage, read_write> throughput: array<vec4<f32>>;
 
@@ -7,7 +7,8 @@ fn carries(weight: vec3<f32>) -> bool {
     return max(max(weight.x, weight.y), weight.z) > 0.0;
 }
 
-// Writes the receiver that a path's last ray met. `only_emits`: paths are too short for light that it reflects. Returns whether it is lit.
+// Writes the shading point that a path's last ray met, and returns whether it is lit. `only_emits`: paths are too short for light that
+// it reflects.
 fn end_eye_path(slot: u32, ray: vec4<f32>, hit: vec4<f32>, only_emits: bool) -> bool {
     let through = throughput[slot];
     let before = emitted[slot];
@@ -28,6 +29,6 @@ fn end_eye_path(slot: u32, ray: vec4<f32>, hit: vec4<f32>, only_emits: bool) -> 
     let lit = met.found && sends && reaches && !only_emits;
     let by_specular = through.w > 0.0;
     let flags = flag_if(LIT, lit) | flag_if(COVERED, met.found || by_specular) | flag_if(SEEN_BY_SPECULAR, by_specular);
-    write_receiver(slot, met, flags);
+    write_point(slot, met, flags);
     return lit;
 }

@@ -18,26 +18,21 @@ fn two_sum(a: vec4<f32>, b: vec4<f32>) -> RoundedSum {
     return RoundedSum(sum, (a - (sum - of_b)) + (b - of_b));
 }
 
-// high + middle + low is the sum. Exact as long as the addends of a component span less than about 2^40.
+// A sum in three floats, high + middle + low, plus one more addend. `error` belongs to low, and is zero unless the addends of a
+// component span more than about 2^24: low is rarely touched. Exact as long as they span less than about 2^72.
 struct ExactSum {
     high: vec4<f32>,
     middle: vec4<f32>,
-    low: vec4<f32>,
+    error: vec4<f32>,
 }
 
-fn sum_with(s: ExactSum, v: vec4<f32>) -> ExactSum {
-    let high = two_sum(s.high, v);
-    let middle = two_sum(s.middle, high.error);
-    return ExactSum(high.sum, middle.sum, s.low + middle.error);
+fn sum_with(high: vec4<f32>, middle: vec4<f32>, v: vec4<f32>) -> ExactSum {
+    let upper = two_sum(high, v);
+    let lower = two_sum(middle, upper.error);
+    return ExactSum(upper.sum, lower.sum, lower.error);
 }
 
-// The same with two floats, for addends that are multiples of a unit and less than 2^24 of them: exact up to 2^47 units.
-fn sum_of_units(s: RoundedSum, v: vec4<f32>) -> RoundedSum {
-    let high = two_sum(s.sum, v);
-    return two_sum(high.sum, s.error + high.error);
-}
-
-// v rounded to multiples of `unit`, a power of two.
-fn in_units(v: vec4<f32>, unit: vec4<f32>) -> vec4<f32> {
-    return round(v / unit) * unit;
+// v rounded to the unit of guides, film::GUIDE_UNIT.
+fn in_guide_units(v: vec3<f32>) -> vec4<f32> {
+    return vec4<f32>(round(v * 65536.0) / 65536.0, 0.0);
 }

@@ -1,11 +1,11 @@
-// Flags of receivers and eye paths. Host twin: the constants of pass::ShadingPoints.
+// Flags of shading points and eye paths. Host twin: the constants of pass::ShadingPoints.
 //
 // A word of flags is stored as the w component of a vector of floats. It is copied as a float, but computed with as an integer only.
 // Small integers are the bits of denormal numbers, which processors may flush to zero when they copy them: so the bits of 1.0 are
 // in every word that has a flag.
 const FLAGS: u32 = 0x3f800000u;
 
-// Of a receiver, in receiver_wo.w.
+// Of a shading point, in receiver_wo.w.
 const HIT: u32 = 1u;                // the ray that looks for it met a surface
 const LIT: u32 = 2u;                // it can reflect light to the eye, and is listed
 const GLOSSY: u32 = 4u;             // it has a specular lobe
@@ -13,7 +13,7 @@ const COVERED: u32 = 8u;            // the eye's own ray met something, be it a 
 const SEEN_BY_SPECULAR: u32 = 16u;  // the eye sees it through mirrors or glass
 
 // Of an eye path, in emitted.w until the path ends.
-const LOBE_FOLLOWED: u32 = 32u;     // it ended on the base of a glossy plane: the receiver there has no lobe
+const LOBE_FOLLOWED: u32 = 32u;     // it ended on the base of a glossy plane: the shading point there has no lobe
 
 fn flag_if(flag: u32, holds: bool) -> u32 {
     return select(0u, FLAGS | flag, holds);

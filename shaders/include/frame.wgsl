@@ -1,5 +1,5 @@
-// Parameters of one frame, written before its first pass. Host twin: pass::layout::Frame.
-struct Frame {
+// Parameters of one frame, written before its first pass. Host twin: pass::layout::FrameParameters.
+struct FrameParameters {
     eye: vec4<f32>,             // eye point; w: coordinate scale of the scene (for ray-origin offsets)
     right: vec4<f32>,           // image half width at unit distance; w: clip distance squared
     up: vec4<f32>,              // image half height at unit distance; w: clip distance
@@ -20,10 +20,10 @@ struct Frame {
     choice: vec4<f32>,          // x: fraction of emitter samples still chosen by power where contributions choose (defensive sampling)
     superposition: vec4<u32>,   // number of planar reflectors handled by superposition; form of their reflectance (settings::Reflectance)
     mirrors: vec4<u32>,         // mirrored lights of each class N, lights to mirror, planar mirrors M, 0
-    lens: vec4<f32>,            // aperture diameter times the pixels of a unit of length at unit distance, 1 / focus distance, unit of depths (a power of two), 0
+    lens: vec4<f32>,            // aperture diameter times the pixels of a unit of length at unit distance, 1 / focus distance, 0, 0
 }
 
-@group(0) @binding(0) var<storage, read> frame: Frame;
+@group(0) @binding(0) var<storage, read> frame: FrameParameters;
 
 // Class of a slot by interleaved sampling: the place of its pixel in the pattern. Second components have the class of their pixel.
 fn class_of(slot: u32) -> u32 {

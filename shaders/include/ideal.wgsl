@@ -46,7 +46,7 @@ fn refracted(wo: vec3<f32>, n: vec3<f32>, eta: f32, cos_t: f32) -> vec3<f32> {
 }
 
 // The two components that a path may take.
-struct Fork {
+struct SpecularSplit {
     stays: bool,                // the first is the diffuse base of a mirror: the path ends on it
     probability: f32,           // of the first if one is chosen at random; 1: there is no second
     first_wi: vec3<f32>,        // through glass, or reflected
@@ -63,7 +63,7 @@ fn skew_of(g: vec3<f32>, n: vec3<f32>, wo: vec3<f32>, wi: vec3<f32>) -> f32 {
     return min(abs(dot(n, wo) * dot(g, wi) / (dot(g, wo) * dot(n, wi))), 4.0);
 }
 
-fn fork_at(s: Surface, wo: vec3<f32>, eta: f32) -> Fork {
+fn specular_split(s: Surface, wo: vec3<f32>, eta: f32) -> SpecularSplit {
     // The geometric normal replaces the shading normal if that would send a ray to the wrong side.
     let bend = select(1.0, eta, s.kind == SURFACE_GLASS);
     let leaning = fresnel_dielectric(dot(s.shading, wo), bend);
@@ -81,30 +81,30 @@ fn fork_at(s: Surface, wo: vec3<f32>, eta: f32) -> Fork {
     let base = mean3(s.reflectance.kd);
     let reflects = mean3(mirrored);
 
-    var fork: Fork;
-    fork.second_wi = reflected(wo, n);
-    fork.second_weight = mirrored;
-    fork.stays = is_mirror && base > 0.0;
-    fork.probability = select(select(1.0, base / (base + reflects), fork.stays), 1.0 - reflects, passes);
-    fork.crosses = passes && !is_pane;
-    fork.first_wi = select(fork.second_wi, select(refracted(wo, n, eta, f.y), -wo, is_pane), passes);
+    var split: SpecularSplit;
+    split.second_wi = reflected(wo, n);
+    split.second_weight = mirrored;
+    split.stays = is_mirror && base > 0.0;
+    split.probability = select(select(1.0, base / (base + reflects), split.stays), 1.0 - reflects, passes);
+    split.crosses = passes && !is_pane;
+    split.first_wi = select(split.second_wi, select(refracted(wo, n, eta, f.y), -wo, is_pane), passes);
     let through = s.ideal.f0 * select((1.0 - r) / (eta * eta), 1.0 - r, is_pane);
-    fork.first_weight = select(mirrored, through, passes);
+    split.first_weight = select(mirrored, through, passes);
     // Rays pass a pane straight, so the cosines are the same on both sides.
-    let spread = select(1.0, eta * eta, fork.crosses);
-    fork.first_adjoint = spread * skew_of(s.geometric, n, wo, fork.first_wi);
-    fork.second_adjoint = skew_of(s.geometric, n, wo, fork.second_wi);
-    return fork;
+    let spread = select(1.0, eta * eta, split.crosses);
+    split.first_adjoint = spread * skew_of(s.geometric, n, wo, split.first_wi);
+    split.second_adjoint = skew_of(s.geometric, n, wo, split.second_wi);
+    return split;
 }
 
 // At a glossy plane: its base, and its mirror image times `reflectance`, which is 1 if the lobe is applied later.
-fn fork_of_plane(s: Surface, wo: vec3<f32>, reflectance: vec3<f32>) -> Fork {
+fn split_of_plane(s: Surface, wo: vec3<f32>, reflectance: vec3<f32>) -> SpecularSplit {
     let base = mean3(s.reflectance.kd);
-    var fork: Fork;
-    fork.stays = true;
-    fork.probability = base / (base + mean3(reflectance));
-    fork.first_weight = vec3<f32>(1.0);
-    fork.second_wi = reflected(wo, s.geometric);
-    fork.second_weight = reflectance;
-    return fork;
+    var split: SpecularSplit;
+    split.stays = true;
+    split.probability = base / (base + mean3(reflectance));
+    split.first_weight = vec3<f32>(1.0);
+    split.second_wi = reflected(wo, s.geometric);
+    split.second_weight = reflectance;
+    return split;
 }

@@ -1,4 +1,4 @@
-// A point light seen from a receiver, by the formula of lights.wgsl. Needs frame.wgsl, bsdf.wgsl and lights.wgsl.
+// A point light seen from a shading point, by the formula of lights.wgsl. Needs frame.wgsl, bsdf.wgsl and lights.wgsl.
 // CPU twin: pass::shade::light_towards.
 
 // Vector from x to a light, not normalised.
@@ -7,7 +7,7 @@ fn to_light(position: vec4<f32>, normal: vec4<f32>, x: vec3<f32>) -> vec3<f32> {
     return select(position.xyz - x, -frame.forward.w * normal.xyz, parallel);
 }
 
-// Intensity without the specular lobe; `cosine` is that of the angle between the normal and the direction to the receiver.
+// Intensity without the specular lobe; `cosine` is that of the angle between the normal and the direction to the shading point.
 fn plain_intensity(normal: vec4<f32>, emit: vec4<f32>, flags: u32, cosine: f32) -> vec3<f32> {
     let spot = clamp(cosine * normal.w + emit.w, 0.0, 1.0);
     return emit.xyz * (select(1.0, max(cosine, 0.0), (flags & LIGHT_SURFACE) != 0u) * spot * spot);
@@ -17,7 +17,7 @@ fn lobe_shines(flags: u32, cosine: f32) -> bool {
     return (flags & LIGHT_GLOSSY) != 0u && cosine > 0.0;
 }
 
-// Intensity of the specular lobe alone; `wi` points from the receiver to the light.
+// Intensity of the specular lobe alone; `wi` points from the shading point to the light.
 fn lobe_intensity(l: PointLight, wi: vec3<f32>, cosine: f32) -> vec3<f32> {
     let lobe = Reflectance(vec3<f32>(0.0), l.flux.w, l.f0.xyz, l.wi.w);
     let intensity = l.flux.xyz * eval_specular(lobe, l.normal.xyz, l.wi.xyz, -wi) * cosine;

@@ -1,6 +1,6 @@
 // The one structure for every kind of point light. Host twin: pass::layout::PointLight.
 //
-// Towards a receiver in direction wo (from the light), at distance r, a light gives the perpendicular irradiance
+// Towards a shading point in direction wo (from the light), at distance r, a light gives the perpendicular irradiance
 //     I(wo) / max(r^2, clip^2),   I = emit * (surface ? max(cos, 0) : 1) * spot(cos)^2 + flux * f_s(wi, wo) * max(cos, 0)
 // with cos = wo . normal and spot(c) = clamp(c * spot_scale + spot_offset, 0, 1).
 //

@@ -1,4 +1,4 @@
-// Light that a receiver reflects back along its ray. Needs math.wgsl, the receivers bound as `receiver_wo`, and their sums bound as
+// Light that a shading point reflects back along its ray. Needs math.wgsl, the shading points bound as `point_wo`, and their sums bound as
 // `direct`, `indirect` and `specular`.
 #include "flags.wgsl"
 
@@ -8,9 +8,9 @@ struct Lighting {
     l_specular: vec3<f32>,  // radiance that the specular lobe reflects
 }
 
-// Zero for a receiver that is not lit: nothing has written its sums.
+// Zero for a shading point that is not lit: nothing has written its sums.
 fn lighting_of(slot: u32) -> Lighting {
-    let lit = has_flag(receiver_wo[slot].w, LIT);
+    let lit = has_flag(point_wo[slot].w, LIT);
     let zero = vec3<f32>(0.0);
     return Lighting(
         select(zero, direct[slot].xyz, lit),

@@ -3,7 +3,7 @@
 
 #if AREA
 // A box that moves with t: at t = 0 around the points of the area light (the origin is the light's centre), at t = 1 around the
-// receivers. On each axis its lower side is -extent + t slope_lo and its upper side extent + t slope_hi.
+// shading points. On each axis its lower side is -extent + t slope_lo and its upper side extent + t slope_hi.
 struct Shaft {
     extent: vec3<f32>,          // half of the light's box
     inverse_lo: vec3<f32>,      // 1 / slope of the lower side, finite
@@ -12,7 +12,7 @@ struct Shaft {
     rising_hi: vec3<bool>,      // the upper side rises with t
 }
 
-// `lo`, `hi`: box of the receivers.
+// `lo`, `hi`: box of the shading points.
 fn make_shaft(lo: vec3<f32>, hi: vec3<f32>, extent: vec3<f32>) -> Shaft {
     let tiny = vec3<f32>(1e-30);
     let slope_lo = lo + extent;

@@ -4,7 +4,7 @@ const RUN: u32 = 512u;          // keys for one invocation
 const DIGITS: u32 = 256u;       // values of a digit; also counts for one invocation
 const TOP: u32 = 1024u;         // maximum length of the topmost level: 2^26 keys
 
-// Number of upper bits of a 24-bit key that hold one of k classes and tell it from slots without a receiver.
+// Number of upper bits of a 24-bit key that hold one of k classes and tell it from slots without a shading point.
 fn class_bits(k: u32) -> u32 {
     return select(0u, 32u - countLeadingZeros(k), k > 1u);
 }

@@ -1,38 +1,44 @@
 // Work lists. Host twins: pass::layout::{Work, Step, PointStep}.
 
 // Counts found by the device.
-struct Work {
-    live: atomic<u32>,          // receivers in the list
+struct DispatchCounts {
+    live: atomic<u32>,          // shading points in the list
     unfinished: atomic<u32>,    // rays of the present round that ran out of steps
-    total: u32,                 // slots of a list that is sorted or in the order of the screen, with slots without a receiver
+    total: u32,                 // slots of a list that is sorted or in the order of the screen, with slots without a shading point
     culled: atomic<u32>,        // pairs of a cluster and a light dropped before any ray was traced
-    list_groups: vec4<u32>,     // indirect dispatch: one invocation for each receiver in the list; w: additional groups
+    list_groups: vec4<u32>,     // indirect dispatch: one invocation for each shading point in the list; w: additional groups
     round_groups: vec4<u32>,    // indirect dispatch: the next round; 0 if no ray needs it
     total_groups: vec4<u32>,    // indirect dispatch: one invocation for each slot
 }
 
-// A slot of a list that holds no receiver.
-const NO_RECEIVER: u32 = 0xffffffffu;
+// A slot of a list that holds no shading point.
+const NO_POINT: u32 = 0xffffffffu;
 
-// Parameters of one dispatch, fixed when the frame is made.
+// Parameters of one dispatch, fixed when the frame is made; each pass reads the members that it needs. They are in a buffer, because
+// push constants are compiled into the code by some drivers: there each new value would compile the kernel again.
 struct Step {
-    first: u32,                 // first light of the chunk; for the eye's path the first slot of second components, 0: none
-    end: u32,                   // one past the last
-    round: u32,                 // 0 starts rays, later rounds carry them on
-    bounce: u32,                // 0: what the eye sees; mirrors and glass so far; the most lights that a single ray takes
+    first: u32,                 // first light, photon or mirrored light of the dispatch
+    end: u32,                   // one past the last; for batches without a list the number of rays
+    round: u32,                 // 0 starts rays, later rounds continue them
     steps: u32,                 // traversal steps of one ray in this round
-    last: u32,                  // 1: the last round (rays left over are lost), or the last bounce
-    indirect: u32,              // 1: the receivers come from the list; 2: from one in the order of the screen
-    fresh: u32,                 // 1: sums start at zero; for photons, 1: there are mirrored lights
+    lights: u32,                // maximum number of lights that a single ray takes in this round
+    last: u32,                  // 1: the last round (rays left over are lost), the last bounce or the last digit
+    indirect: u32,              // 1: the shading points come from the list; 2: from one in screen order
+    bounce: u32,                // bounces before this one: reflections of a particle, mirrors and glass of a path, gather rays
+    clears: u32,                // 1: sums start at zero
+    split: u32,                 // distance from the slot of a pixel to that of its split branch; 0: paths do not split
+    mirrored_lights: u32,       // 1: planar mirrors reflect virtual lights, so photons leave them out
+    shift: u32,                 // of the digit by which the sort counts or scatters
+    level: u32,                 // of the sort's sums
 }
 
-// How receivers are made of hits.
+// How shading points are made of hits.
 struct PointStep {
     order: u32,                 // that of the list, ORDER_...
-    last: u32,                  // 1: receivers only emit, because the paths to them are as long as allowed
+    last: u32,                  // 1: shading points only emit, because the paths to them are as long as allowed
 }
 
-const ORDER_ANY: u32 = 0u;      // receivers are appended as they come
+const ORDER_ANY: u32 = 0u;      // shading points are appended as they come
 const ORDER_RAYS: u32 = 1u;     // that of the rays, with gaps, to be sorted
 const ORDER_SCREEN: u32 = 2u;   // that of the screen, with gaps, see clusters.wgsl
 

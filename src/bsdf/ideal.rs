@@ -127,7 +127,7 @@ pub struct SpecularSplit {
 
 impl SpecularSamples {
     /// At a surface of diffuse base `kd`. The probabilities are proportional to the weights, so that neither choice has the larger weight.
-    pub fn fork(self, kd: Vec3) -> SpecularSplit {
+    pub fn split(self, kd: Vec3) -> SpecularSplit {
         let (base, reflected) = (mean(kd), mean(self.reflected.weight));
         let (first, probability) = match self.transmitted {
             Some(through) => (Some(through), 1.0 - reflected),
@@ -140,7 +140,13 @@ impl SpecularSamples {
 
 /// The continuations at a surface of this material, `eta` the index of refraction behind it over that in front of it; `None`
 /// for opaque surfaces.
-pub fn ways(material: &Material, finish: &Finish, normals: &Normals, wo: Vec3, eta: f32) -> Option<SpecularSamples> {
+pub fn specular_samples(
+    material: &Material,
+    finish: &Finish,
+    normals: &Normals,
+    wo: Vec3,
+    eta: f32,
+) -> Option<SpecularSamples> {
     match material.surface {
         Surface::Opaque => None,
         Surface::Mirror => Some(mirror(normals, wo, finish.ideal, finish.ideal_f90)),
@@ -222,14 +228,14 @@ mod tests {
     fn glass_bends_by_snell_and_keeps_the_energy() {
         for (degrees, eta) in [(0.0, 1.5), (30.0, 1.5), (60.0, 1.5), (89.0, 1.5), (30.0, 1.0 / 1.5), (50.0, 1.0)] {
             let wo = from(degrees);
-            let ways = glass(&flat(wo), wo, eta, Vec3::ONE);
-            let through = ways.transmitted.unwrap();
+            let samples = glass(&flat(wo), wo, eta, Vec3::ONE);
+            let through = samples.transmitted.unwrap();
             let sine = |w: Vec3| w.x.hypot(w.y);
             assert!((sine(through.wi) * eta - sine(wo)).abs() < 1e-6, "{degrees} degrees, eta {eta}");
             assert!(through.wi.z < 0.0 && through.wi.x <= 0.0 && through.wi.is_normalized());
-            assert!((ways.reflected.wi - Vec3::new(-wo.x, 0.0, wo.z)).length() < 1e-6);
+            assert!((samples.reflected.wi - Vec3::new(-wo.x, 0.0, wo.z)).length() < 1e-6);
             // Power, not radiance: the beam's solid angle goes by the square of the index.
-            let power = ways.reflected.weight.x * ways.reflected.adjoint + through.weight.x * through.adjoint;
+            let power = samples.reflected.weight.x * samples.reflected.adjoint + through.weight.x * through.adjoint;
             assert!((power - 1.0).abs() < 1e-6, "{power}");
         }
         // Normal incidence 0.04; beyond the critical angle of 41.81 degrees nothing leaves glass.
@@ -245,14 +251,14 @@ mod tests {
     fn a_pane_is_the_sum_over_reflections_between_two_faces() {
         for degrees in [0.0, 45.0, 80.0] {
             let wo = from(degrees);
-            let ways = pane(&flat(wo), wo, 1.5, Vec3::ONE);
+            let samples = pane(&flat(wo), wo, 1.5, Vec3::ONE);
             // R + (1 - R)^2 (R + R^3 + ...), both faces of one R, for the ray inside is bent by the same angle.
             let r = f64::from(fresnel_dielectric(wo.z, 1.5).0);
             let series: f64 = r + (0..200).map(|k| (1.0 - r).powi(2) * r.powi(2 * k + 1)).sum::<f64>();
-            assert!((f64::from(ways.reflected.weight.x) - series).abs() < 1e-6, "{degrees}: {series}");
-            let through = ways.transmitted.unwrap();
+            assert!((f64::from(samples.reflected.weight.x) - series).abs() < 1e-6, "{degrees}: {series}");
+            let through = samples.transmitted.unwrap();
             assert_eq!(through.wi, -wo);
-            assert!((through.weight.x + ways.reflected.weight.x - 1.0).abs() < 1e-6);
+            assert!((through.weight.x + samples.reflected.weight.x - 1.0).abs() < 1e-6);
         }
     }
 
@@ -270,11 +276,11 @@ mod tests {
             let (mut sampled, mut integrated) = ([0.0; 2], [0.0; 2]);
             for i in 0..n * n {
                 let u = [(i % n) as f32 + 0.5, (i / n) as f32 + 0.5].map(|x| x / n as f32);
-                let way = through.frosted(Vec3::Z, wo, alpha, u);
-                assert!(way.weight == Vec3::ZERO || way.wi.z < 0.0);
-                let share = f64::from(way.weight.x / through.weight.x) / f64::from(n * n);
+                let sample = through.frosted(Vec3::Z, wo, alpha, u);
+                assert!(sample.weight == Vec3::ZERO || sample.wi.z < 0.0);
+                let share = f64::from(sample.weight.x / through.weight.x) / f64::from(n * n);
                 let near = |wi: Vec3| if wi.dot(-wo) > 0.98 { 1.0 } else { 0.0 };
-                sampled = [sampled[0] + share, sampled[1] + share * near(way.wi)];
+                sampled = [sampled[0] + share, sampled[1] + share * near(sample.wi)];
                 // Cosine-weighted directions behind the pane.
                 let up = super::super::sample_diffuse(u);
                 let f = f64::from(lobe.eval_specular(Vec3::Z, up, wo).x * std::f32::consts::PI) / f64::from(n * n);
@@ -292,15 +298,15 @@ mod tests {
         let f0 = Vec3::new(0.9, 0.5, 0.0);
         let straight = mirror(&flat(Vec3::Z), Vec3::Z, f0, 1.0).reflected;
         assert_eq!((straight.wi, straight.weight), (Vec3::Z, f0));
-        let ways = mirror(&flat(from(60.0)), from(60.0), f0, 1.0);
+        let samples = mirror(&flat(from(60.0)), from(60.0), f0, 1.0);
         let expected = f0 + (1.0 - f0) * 0.5f32.powi(5);
-        assert!((ways.reflected.weight - expected).length() < 1e-6 && ways.transmitted.is_none());
+        assert!((samples.reflected.weight - expected).length() < 1e-6 && samples.transmitted.is_none());
     }
 
     #[test]
-    fn the_components_of_a_fork_add_up() {
+    fn the_components_of_a_split_add_up() {
         let wo = from(60.0);
-        let ways = [
+        let samples = [
             (glass(&flat(wo), wo, 1.5, Vec3::ONE), Vec3::ZERO),
             (pane(&flat(wo), wo, 1.5, Vec3::ONE), Vec3::ZERO),
             (glass(&flat(wo), wo, 1.0 / 1.5, Vec3::ONE), Vec3::ZERO),
@@ -309,18 +315,18 @@ mod tests {
             (mirror(&flat(wo), wo, Vec3::ZERO, 0.0), Vec3::splat(0.6)),
             (mirror(&flat(wo), wo, Vec3::splat(0.2), 1.0), Vec3::ZERO),
         ];
-        let forks = ways.map(|(ways, kd)| ways.fork(kd));
-        let probability = |i: usize| forks[i].probability;
+        let splits = samples.map(|(samples, kd)| samples.split(kd));
+        let probability = |i: usize| splits[i].probability;
         assert!((probability(0) - (1.0 - 0.0892)).abs() < 1e-4, "{}", probability(0));
-        assert!(forks[0].first.unwrap().crosses && !forks[0].second.unwrap().crosses);
-        assert!(!forks[1].first.unwrap().crosses && forks[1].first.unwrap().wi == -wo);
+        assert!(splits[0].first.unwrap().crosses && !splits[0].second.unwrap().crosses);
+        assert!(!splits[1].first.unwrap().crosses && splits[1].first.unwrap().wi == -wo);
         // Total reflection, nothing to reflect, a base with nothing above it, a mirror with nothing below it.
         for (i, base) in [(2, false), (3, false), (5, true), (6, false)] {
-            assert_eq!((forks[i].second, probability(i), forks[i].first.is_none()), (None, 1.0, base), "{i}");
+            assert_eq!((splits[i].second, probability(i), splits[i].first.is_none()), (None, 1.0, base), "{i}");
         }
-        assert!(forks[2].first.unwrap().wi.z > 0.0 && forks[3].first.unwrap().wi.z < 0.0);
-        let reflected = forks[4].second.unwrap().weight.x;
-        assert!(forks[4].first.is_none() && (probability(4) - 0.6 / (0.6 + reflected)).abs() < 1e-6);
+        assert!(splits[2].first.unwrap().wi.z > 0.0 && splits[3].first.unwrap().wi.z < 0.0);
+        let reflected = splits[4].second.unwrap().weight.x;
+        assert!(splits[4].first.is_none() && (probability(4) - 0.6 / (0.6 + reflected)).abs() < 1e-6);
     }
 
     #[test]
@@ -331,9 +337,12 @@ mod tests {
                 let wo = from(degrees);
                 let normals = Normals::facing(Vec3::Z, from(lean), wo);
                 for eta in [1.5, 1.0 / 1.5, 1.0] {
-                    for ways in [glass(&normals, wo, eta, Vec3::ONE), pane(&normals, wo, eta, Vec3::ONE)] {
-                        assert!(ways.reflected.wi.z > 0.0, "{lean} {degrees} {eta}: {ways:?}");
-                        assert!(ways.transmitted.is_none_or(|w| w.wi.z < 0.0), "{lean} {degrees} {eta}: {ways:?}");
+                    for samples in [glass(&normals, wo, eta, Vec3::ONE), pane(&normals, wo, eta, Vec3::ONE)] {
+                        assert!(samples.reflected.wi.z > 0.0, "{lean} {degrees} {eta}: {samples:?}");
+                        assert!(
+                            samples.transmitted.is_none_or(|w| w.wi.z < 0.0),
+                            "{lean} {degrees} {eta}: {samples:?}"
+                        );
                     }
                 }
                 assert!(mirror(&normals, wo, Vec3::ONE, 1.0).reflected.wi.z > 0.0);

@@ -370,7 +370,7 @@ fn within(name: &str, bytes: u64, limit: u64, limit_name: &'static str) -> Resul
     if bytes <= limit {
         return Ok(());
     }
-    let advice = "lower the resolution or --paths, or simplify the scene";
+    let advice = "lower the resolution or --particles, or simplify the scene";
     Err(Error::DeviceLimit { resource: name.to_owned(), bytes, limit, limit_name, advice })
 }
 

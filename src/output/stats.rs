@@ -28,10 +28,10 @@ pub struct Statistics {
     pub passes: u32,
     /// Passes that this run rendered; fewer than `passes` after a resume.
     pub passes_rendered: u32,
-    /// Eye rays (including those after mirrors and glass), photon rays, gather rays and receiver-light pairs of this run. Pairs
+    /// Eye rays (including those after mirrors and glass), photon rays, gather rays and pairs of a shading point and a light of this run. Pairs
     /// that face away from each other are included, although no ray is traced for them.
     pub rays: u64,
-    /// Pairs of a cluster and a light dropped before any ray was traced: at most 64 pairs of receiver and light each.
+    /// Pairs of a cluster and a light dropped before any ray was traced: at most 64 pairs of shading point and light each.
     pub culled_pairs: u64,
     /// Caustic photons stored in this run.
     pub photons: u64,

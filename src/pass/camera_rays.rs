@@ -30,7 +30,7 @@ impl CameraRays {
 }
 
 /// Oracle: the ray of a pixel.
-pub fn reference(frame: &layout::Frame, pixel: u32) -> Ray {
+pub fn reference(frame: &layout::FrameParameters, pixel: u32) -> Ray {
     let xyz = |a: [f32; 4]| Vec3::new(a[0], a[1], a[2]);
     let width = frame.size[0];
     let [x, y, whole_width, whole_height] = frame.within;

@@ -12,14 +12,14 @@
 //! Cost for n pixels: 20 n bytes, a few operations a pixel; one workgroup that visits all n / 64 clusters; 3
 //! dispatches. Second components cost the same once more.
 
-use super::layout::Frame;
+use super::layout::FrameParameters;
 use super::schedule::{Schedule, TOTAL_GROUPS};
 use super::{BoundKernel, Kit, List, groups};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
 /// Slot in a place without a shading point.
-pub const NO_RECEIVER: u32 = u32::MAX;
+pub const NO_POINT: u32 = u32::MAX;
 
 /// Number of clusters of one component of an image.
 pub fn count([width, height]: [u32; 2], [across, down]: [u32; 2]) -> u32 {
@@ -63,7 +63,7 @@ impl Clusters {
 
     /// Records the clearing of all places, before `eye_points` and `split_points` write them.
     pub fn record_clear(&self, rec: &mut Recorder) -> Result<()> {
-        rec.fill(&self.places, NO_RECEIVER)
+        rec.fill(&self.places, NO_POINT)
     }
 
     /// Records the pass; `step` is that of a newly filled list.
@@ -76,7 +76,7 @@ impl Clusters {
 }
 
 /// Oracle: the place of a pixel within its component.
-pub fn place_of(frame: &Frame, [x, y]: [u32; 2]) -> u32 {
+pub fn place_of(frame: &FrameParameters, [x, y]: [u32; 2]) -> u32 {
     let [width, ..] = frame.size;
     let [across, down, classes, _] = frame.pattern;
     let blocks = width.div_ceil(8 * across);
@@ -86,14 +86,14 @@ pub fn place_of(frame: &Frame, [x, y]: [u32; 2]) -> u32 {
 }
 
 /// Oracle: the list for these slots of pixels and second components.
-pub fn reference(frame: &Frame, receivers: &[u32]) -> Vec<u32> {
+pub fn reference(frame: &FrameParameters, receivers: &[u32]) -> Vec<u32> {
     let [width, height, pixels, _] = frame.size;
     let [across, down, ..] = frame.pattern;
     let places = 64 * count([width, height], [across, down]);
-    let mut all = vec![NO_RECEIVER; 2 * places as usize];
+    let mut all = vec![NO_POINT; 2 * places as usize];
     for &slot in receivers {
         let (component, pixel) = (slot / pixels, slot % pixels);
         all[(component * places + place_of(frame, [pixel % width, pixel / width])) as usize] = slot;
     }
-    all.chunks(64).filter(|cluster| cluster.iter().any(|&slot| slot != NO_RECEIVER)).flatten().copied().collect()
+    all.chunks(64).filter(|cluster| cluster.iter().any(|&slot| slot != NO_POINT)).flatten().copied().collect()
 }

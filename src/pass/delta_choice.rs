@@ -30,7 +30,7 @@
 //! Differs from the paper in that: the paper does not say how it chooses lights.
 //! Cost: a workgroup for each class, 18 rounds of some 10 operations a light.
 
-use super::layout::{Frame, PointLight};
+use super::layout::{FrameParameters, PointLight};
 use super::{BoundKernel, Kit};
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Recorder, Resources, Staging, shaders};
@@ -117,7 +117,7 @@ pub fn reference(weights: &[f64], slots: u32) -> Vec<f64> {
 }
 
 /// Oracle: the first point of a pass and class, in units of 1 / [`ONE`].
-pub fn offset(frame: &Frame, class: u32) -> u32 {
+pub fn offset(frame: &FrameParameters, class: u32) -> u32 {
     let start = hash(key(frame.keys[1], DELTA, 0, 0));
     let of_pass = start.wrapping_add(frame.size[3].wrapping_mul(0x9e37_79b9));
     of_pass.wrapping_add(class.wrapping_mul(u32::MAX / frame.pattern[2])) >> 12

@@ -6,7 +6,7 @@
 //!
 //! ```text
 //! E'_i = E_i + sum_j s_ij a_ij (E_j - E_i) / sum_j s_ij             Agreement::Plane
-//! E'_i = sum_j s_ij a_ij E_j / sum_j s_ij a_ij                      Agreement::Paper
+//! E'_i = sum_j s_ij a_ij E_j / sum_j s_ij a_ij                      Agreement::DepthAndNormal
 //! ```
 //!
 //! for direct and indirect irradiance separately; where all pixels agree both are the window's mean. Sums of filtered
@@ -25,7 +25,7 @@
 //! 1 and 3, 1/2 1 1/2 for n = 2; width 5: 1/2 1 1 1 1/2 for n = 4, 1/3 2/3 1 2/3 1/3 for n = 3.
 //!
 //! **Agreement.** Both tests are symmetric in i and j, and both require shading normals within 26 degrees,
-//! [`MIN_COSINE`]. [`Agreement::Paper`] also thresholds the difference of distances from the eye, here depths along
+//! [`MIN_COSINE`]. [`Agreement::DepthAndNormal`] also thresholds the difference of distances from the eye, here depths along
 //! the whole path and relative to the smaller one, [`PAPER_TOLERANCE`]. It fails on surfaces that recede from the eye,
 //! on curved surfaces at their silhouettes, and on parallel planes a small distance apart. [`Agreement::Plane`]
 //! requires of the chord d between the points, with geometric normals n_i and n_j:
@@ -42,7 +42,7 @@
 //! visible point is averaged with a point in a mirror only if both belong to the same piece of a surface, whose
 //! irradiance does not depend on the path.
 //!
-//! Differs from the paper in: the test and the weights unless [`Agreement::Paper`] is chosen (which compares depths
+//! Differs from the paper in: the test and the weights unless [`Agreement::DepthAndNormal`] is chosen (which compares depths
 //! instead of distances, with thresholds that the paper does not give); windows smoothed as above; caustics are not
 //! included.
 //!
@@ -131,7 +131,7 @@ impl Discontinuity {
         };
         let windows: Vec<Window> =
             (0..components).map(|component| Window { component, ..Window::new(&filter, pattern) }).collect();
-        let paper = filter.agreement == Agreement::Paper;
+        let paper = filter.agreement == Agreement::DepthAndNormal;
         let guides = if paper { &shaders::DISCONTINUITY_GUIDES_PAPER } else { &shaders::DISCONTINUITY_GUIDES };
         let wide = windows[0].reach.iter().any(|&reach| reach > 1);
         let average = match (wide, paper, filter.direct) {
@@ -227,7 +227,7 @@ pub struct Guide {
 
 /// A shading point, as earlier passes left it.
 #[derive(Clone, Copy, Debug)]
-pub struct Receiver {
+pub struct PixelPoint {
     /// Position, ray-origin offset applied.
     pub position: Vec4,
     /// Geometric normal.
@@ -243,7 +243,7 @@ pub struct Receiver {
 }
 
 /// Oracle: the guide of a shading point.
-pub fn guide(frame: &layout::Frame, agreement: Agreement, receiver: &Receiver) -> Guide {
+pub fn guide(frame: &layout::FrameParameters, agreement: Agreement, receiver: &PixelPoint) -> Guide {
     let length = |v: [f32; 4]| Vec4::from(v).truncate().length();
     let [width, height, ..] = frame.size;
     let geometric = receiver.geometric.truncate();
@@ -258,17 +258,17 @@ pub fn guide(frame: &layout::Frame, agreement: Agreement, receiver: &Receiver) -
         extent: match agreement {
             _ if !takes_part => 0.0,
             Agreement::Plane => (2.0 * covered).powi(2),
-            Agreement::Paper => receiver.depth,
+            Agreement::DepthAndNormal => receiver.depth,
         },
     }
 }
 
 /// Oracle: whether two shading points, `apart` pixels from each other, lie on one smooth surface.
-pub fn agree(frame: &layout::Frame, agreement: Agreement, a: &Guide, b: &Guide, apart: f32) -> bool {
+pub fn agree(frame: &layout::FrameParameters, agreement: Agreement, a: &Guide, b: &Guide, apart: f32) -> bool {
     let alike = a.extent.min(b.extent) > 0.0 && a.shading.dot(b.shading) >= MIN_COSINE;
     alike
         && match agreement {
-            Agreement::Paper => (a.extent - b.extent).abs() <= PAPER_TOLERANCE * a.extent.min(b.extent),
+            Agreement::DepthAndNormal => (a.extent - b.extent).abs() <= PAPER_TOLERANCE * a.extent.min(b.extent),
             Agreement::Plane => {
                 let chord = b.point - a.point;
                 let turn = (a.geometric - b.geometric).length().hypot(2.0 * PLANE_TOLERANCE);
@@ -282,7 +282,7 @@ pub fn agree(frame: &layout::Frame, agreement: Agreement, a: &Guide, b: &Guide, 
 
 /// Oracle: the filtered irradiance of all pixels of one component.
 pub fn reference(
-    frame: &layout::Frame,
+    frame: &layout::FrameParameters,
     agreement: Agreement,
     window: &Window,
     guides: &[Guide],
@@ -309,7 +309,7 @@ pub fn reference(
         }
         let weight = match agreement {
             Agreement::Plane => window.middle,
-            Agreement::Paper => 1.0 / agreed.max(1.0),
+            Agreement::DepthAndNormal => 1.0 / agreed.max(1.0),
         };
         irradiance[i] + weight * gain
     };

@@ -35,7 +35,7 @@ use super::schedule::LIST_GROUPS;
 use super::surface::SurfacePoint;
 use super::{BoundKernel, EyePathState, Kit, List, Rays, ShadingPoints, layout, push};
 use crate::accel::{Ray, offset_origin};
-use crate::bsdf::ideal::{BsdfSample, Media, ways};
+use crate::bsdf::ideal::{BsdfSample, Media, specular_samples};
 use crate::bsdf::{Normals, mean};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
@@ -119,66 +119,68 @@ pub enum Plane {
 }
 
 /// Oracle: the path after its hit on `surface` at distance `t`, `cos_view` the cosine between its first segment and the
-/// view direction; and the second component if the path is split (its slot is `twins` after that of the path; 0: paths
+/// view direction; and the second component if the path is split (its slot is `split_offset` after that of the path; 0: paths
 /// are not split). `None` if the surface is neither mirror nor glass. `plane`: the surface has an image by
 /// superposition.
 #[allow(clippy::too_many_arguments)]
 pub fn reference(
-    frame: &layout::Frame,
+    frame: &layout::FrameParameters,
     scene: &Scene,
     step: u32,
-    twins: u32,
+    split_offset: u32,
     path: &EyePath,
     (d, t, cos_view): (Vec3, f32, f32),
     surface: &SurfacePoint,
     plane: Option<Plane>,
 ) -> Option<(EyePath, Option<EyePath>)> {
     if let Some(Plane::Glossy { energy, grazing }) = plane {
-        return Some(at_plane(frame, step, twins, path, (d, cos_view * t), surface, [energy, grazing]));
+        return Some(at_plane(frame, step, split_offset, path, (d, cos_view * t), surface, [energy, grazing]));
     }
     let material = &scene.materials[surface.material as usize];
     let normals = Normals { geometric: surface.geometric, shading: surface.shading, front: surface.front };
     let eta = path.media.relative_index(&scene.materials, surface.material, surface.front);
-    let fork = ways(material, &surface.finish, &normals, -d, eta)?.fork(surface.reflectance.kd);
-    let split = step == 0 && twins > 0;
-    let first = split || random_f32(key(frame.keys[0], COMPONENT, frame.sample_of(path.slot), step)) < fork.probability;
-    let (way, probability) = if first { (fork.first, fork.probability) } else { (fork.second, 1.0 - fork.probability) };
-    let chance = if split { 1.0 } else { probability };
-    let on = |slot: u32, way: BsdfSample, chance: f32| {
-        let side = if way.wi.dot(surface.geometric) > 0.0 { surface.geometric } else { -surface.geometric };
+    let split = specular_samples(material, &surface.finish, &normals, -d, eta)?.split(surface.reflectance.kd);
+    let splits = step == 0 && split_offset > 0;
+    let first =
+        splits || random_f32(key(frame.keys[0], COMPONENT, frame.sample_of(path.slot), step)) < split.probability;
+    let (sample, probability) =
+        if first { (split.first, split.probability) } else { (split.second, 1.0 - split.probability) };
+    let chance = if splits { 1.0 } else { probability };
+    let on = |slot: u32, sample: BsdfSample, chance: f32| {
+        let side = if sample.wi.dot(surface.geometric) > 0.0 { surface.geometric } else { -surface.geometric };
         let origin = offset_origin(surface.position, side, frame.eye[3]);
-        let media = if way.crosses { path.media.crossed(surface.material, surface.front) } else { path.media };
-        let throughput = path.throughput * way.weight / chance;
+        let media = if sample.crosses { path.media.crossed(surface.material, surface.front) } else { path.media };
+        let throughput = path.throughput * sample.weight / chance;
         let goes_on = throughput.max_element() > 0.0;
         EyePath {
             slot,
-            ray: goes_on.then_some(Ray { origin, t_max: 3.0e38, direction: way.wi }),
+            ray: goes_on.then_some(Ray { origin, t_max: 3.0e38, direction: sample.wi }),
             throughput,
             depth: if goes_on { path.depth + cos_view * t } else { path.depth },
             media,
             emitted: Vec3::ZERO,
         }
     };
-    let mut next = match way {
-        Some(way) => on(path.slot, way, chance),
+    let mut next = match sample {
+        Some(sample) => on(path.slot, sample, chance),
         None => EyePath { ray: None, throughput: path.throughput / chance, ..*path },
     };
     // The emission of a mirror with a base is counted at the base.
-    let has_base = fork.first.is_none();
+    let has_base = split.first.is_none();
     next.emitted = path.emitted + if has_base { Vec3::ZERO } else { path.throughput * surface.emission };
-    let mut twin = fork.second.filter(|_| split).map(|way| on(path.slot + twins, way, 1.0));
-    if let (Some(Plane::Frosted), true, Some(twin)) = (plane, split, &mut twin) {
-        twin.emitted = next.emitted - path.emitted;
+    let mut branch = split.second.filter(|_| splits).map(|sample| on(path.slot + split_offset, sample, 1.0));
+    if let (Some(Plane::Frosted), true, Some(branch)) = (plane, splits, &mut branch) {
+        branch.emitted = next.emitted - path.emitted;
         next = EyePath { throughput: path.throughput, emitted: path.emitted, ..next };
     }
-    Some((next, twin))
+    Some((next, branch))
 }
 
 /// Oracle for glossy planes: both components at the first hit, one of them at later hits.
 fn at_plane(
-    frame: &layout::Frame,
+    frame: &layout::FrameParameters,
     step: u32,
-    twins: u32,
+    split_offset: u32,
     path: &EyePath,
     (d, depth): (Vec3, f32),
     surface: &SurfacePoint,
@@ -189,8 +191,8 @@ fn at_plane(
     let ray = Some(Ray { origin, t_max: 3.0e38, direction: d - 2.0 * d.dot(n) * n });
     let mirrored = EyePath { ray, depth: path.depth + depth, ..*path };
     if step == 0 {
-        let twin = EyePath { slot: path.slot + twins, emitted: Vec3::ZERO, ..mirrored };
-        return (EyePath { ray: None, ..*path }, Some(twin));
+        let branch = EyePath { slot: path.slot + split_offset, emitted: Vec3::ZERO, ..mirrored };
+        return (EyePath { ray: None, ..*path }, Some(branch));
     }
     let r = &surface.reflectance;
     let reflectance = r.f0 * (energy - grazing) + r.f90 * grazing;

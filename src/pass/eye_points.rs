@@ -1,10 +1,10 @@
-//! Where eye paths end, pixels get receivers: position, normals, material with its textures, emission.
+//! Where eye paths end, pixels get shading points: position, normals, material with its textures, emission.
 //!
 //! A point that the eye sees, directly or through mirrors and glass (`eye_paths`), enters with its emission, the term L_e of Keller
 //! 1997, eq. 1, times the throughput of that way. Mirrors enter with their diffuse base alone, and glass is black. A glossy plane
-//! that mirrors the room (see `mirror_image`) and is seen directly is a receiver without a lobe.
+//! that mirrors the room (see `mirror_image`) and is seen directly is a shading point without a lobe.
 //!
-//! Receivers that can send light to the eye are put on a list. If it is not ordered nothing depends on its order.
+//! Shading points that can send light to the eye are put on a list. If it is not ordered nothing depends on its order.
 //!
 //! Cost: 128 bytes read and 144 written for a pixel, some 150 operations, and 4 texels for each texture.
 
@@ -23,13 +23,13 @@ pub struct EyePoints {
 pub struct Inputs<'a> {
     /// Traced rays.
     pub rays: &'a Rays,
-    /// Throughput of the eye's paths; their depths become those of the receivers.
+    /// Throughput of the eye's paths; their depths become those of the shading points.
     pub paths: &'a EyePathState,
     /// Output.
     pub points: &'a ShadingPoints,
-    /// The receivers that are lit.
+    /// The shading points that are lit.
     pub list: &'a List,
-    /// Order of the list, and whether receivers only emit.
+    /// Order of the list, and whether shading points only emit.
     pub step: PointStep,
 }
 

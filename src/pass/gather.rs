@@ -1,4 +1,4 @@
-//! One short ray from each receiver: the compensation of Kollig and Keller 2004 (*Illumination in the Presence of Weak
+//! One short ray from each shading point: the compensation of Kollig and Keller 2004 (*Illumination in the Presence of Weak
 //! Singularities*).
 //!
 //! Clipping the distance to virtual lights takes from the integral over surfaces the share 1 - d^2 / clip^2 where d < clip.
@@ -13,12 +13,12 @@
 //! Differs from the paper in that: there the geometry term is bounded as a whole, cosines included; here only 1/d^2 is,
 //! so that a ray of length clip is all that is ever needed.
 //!
-//! Cost: some 150 operations and 200 bytes a receiver, and one ray of `trace`.
+//! Cost: some 150 operations and 200 bytes a shading point, and one ray of `trace`.
 
 use glam::Vec3;
 
 use super::schedule::LIST_GROUPS;
-use super::shade::Receiver;
+use super::shade::ShadingPoint;
 use super::{BoundKernel, Kit, List, Rays, ShadingPoints, layout, push};
 use crate::accel::Ray;
 use crate::error::Result;
@@ -57,11 +57,17 @@ impl Gather {
 }
 
 /// Oracle: the ray, the throughput after it, and whether it left through the specular lobe.
-pub fn reference(frame: &layout::Frame, pixel: u32, bounce: u32, receiver: &Receiver, beta: Vec3) -> (Ray, Vec3, bool) {
+pub fn reference(
+    frame: &layout::FrameParameters,
+    pixel: u32,
+    bounce: u32,
+    receiver: &ShadingPoint,
+    beta: Vec3,
+) -> (Ray, Vec3, bool) {
     let sample = frame.sample_of(pixel);
     let [u, v] = [0, 1].map(|d| {
         let k = key(frame.keys[1], GATHER, sample, 2 * bounce + d as u32);
-        if frame.has(layout::Frame::SOBOL) {
+        if frame.has(layout::FrameParameters::SOBOL) {
             return unit(frame.sobol[bounce as usize][2 + d] ^ hash(k));
         }
         let base = frame.shifts[bounce as usize][2 + d].to_bits();

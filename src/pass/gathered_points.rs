@@ -1,7 +1,7 @@
 //! Hits of gather rays become shading points of the next bounce, with the share 1 - d^2 / clip^2 that the clipped lights leave open (Kollig
 //! and Keller 2004), emission included. Mirrors enter with their diffuse base alone, and glass is black.
 //!
-//! Receivers that can send light back are put on a list. If it is not ordered nothing depends on its order.
+//! Shading points that can send light back are put on a list. If it is not ordered nothing depends on its order.
 //!
 //! Cost: 112 bytes read and 128 written for a hit, some 150 operations, and 4 texels for each texture.
 
@@ -23,13 +23,13 @@ pub struct Inputs<'a> {
     pub rays: &'a Rays,
     /// Those to take.
     pub list_in: &'a List,
-    /// The receivers that are lit.
+    /// The shading points that are lit.
     pub list_out: &'a List,
     /// Throughput along the gather path; w: the eye's first lobe.
     pub beta: &'a Buffer,
     /// Output.
     pub points: &'a ShadingPoints,
-    /// Order of the list, and whether receivers only emit.
+    /// Order of the list, and whether shading points only emit.
     pub step: PointStep,
 }
 

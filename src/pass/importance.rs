@@ -14,7 +14,7 @@
 //! p(e) = s P(e) / sum P + (1 - s) C(e) / sum C,   flux of a particle = P(e) / p(e)
 //! ```
 //!
-//! P is the power and s [`crate::settings::Settings::light_floor`]: every emitter with power has positive probability,
+//! P is the power and s [`crate::settings::Settings::power_fraction`]: every emitter with power has positive probability,
 //! so direct and indirect light have the same limits as with a choice by power alone, and no particle has more than 1 /
 //! s times the flux. p is the length of the interval as stored, so rounding costs variance but no bias; as in a choice
 //! by power, only emitters below 2^-24 of the total may be lost.
@@ -30,7 +30,7 @@
 use glam::Vec3;
 
 use super::layout::{self, EmitterRecord};
-use super::shade::Receiver;
+use super::shade::ShadingPoint;
 use super::{BoundKernel, Kit, ShadingPoints, groups};
 use crate::bsdf::mean;
 use crate::error::Result;
@@ -85,7 +85,7 @@ pub fn probes([width, height]: [u32; 2]) -> impl Iterator<Item = u32> {
 }
 
 /// Oracle: irradiance (mean of the channels) at `x` with normal `n` from an unoccluded emitter.
-pub fn irradiance(frame: &layout::Frame, e: &Emitter, x: Vec3, n: Vec3) -> f32 {
+pub fn irradiance(frame: &layout::FrameParameters, e: &Emitter, x: Vec3, n: Vec3) -> f32 {
     let middle = match e.kind {
         Kind::Triangle => e.p0 + (e.e1 + e.e2) / 3.0,
         Kind::Quad => e.p0 + (e.e1 + e.e2) / 2.0,
@@ -120,9 +120,9 @@ pub fn irradiance(frame: &layout::Frame, e: &Emitter, x: Vec3, n: Vec3) -> f32 {
 }
 
 /// Oracle: probabilities of the emitters; `receivers`: the lit shading points at [`probes`].
-pub fn reference(frame: &layout::Frame, emitters: &Emitters, receivers: &[Receiver]) -> Vec<f64> {
+pub fn reference(frame: &layout::FrameParameters, emitters: &Emitters, receivers: &[ShadingPoint]) -> Vec<f64> {
     let contribution = |e: &Emitter| -> f64 {
-        let one = |r: &Receiver| {
+        let one = |r: &ShadingPoint| {
             let reflected = mean(r.reflectance.kd) + mean(r.reflectance.f0);
             f64::from(reflected * irradiance(frame, e, r.position, r.shading))
         };

@@ -8,7 +8,7 @@ pub use crate::light::emitters::EmitterRecord;
 /// Parameters of one frame; `shaders/include/frame.wgsl` says what each component is.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-pub struct Frame {
+pub struct FrameParameters {
     /// Eye point; w: coordinate scale of the scene.
     pub eye: [f32; 4],
     /// Image half width at unit distance; w: clip distance squared.
@@ -27,7 +27,7 @@ pub struct Frame {
     pub within: [u32; 4],
     /// First sequence index, particles N of a class, window rotation, delta lights.
     pub walk: [u32; 4],
-    /// Keys of the pass and of the instance, bits ([`Frame::JITTER`], [`Frame::SOBOL`]), instance.
+    /// Keys of the pass and of the instance, bits ([`FrameParameters::JITTER`], [`FrameParameters::SOBOL`]), instance.
     pub keys: [u32; 4],
     /// Nodes, emitters, greatest path length, 0 (which no compiler knows, see `accumulate.wgsl`).
     pub scene: [u32; 4],
@@ -49,11 +49,11 @@ pub struct Frame {
     pub superposition: [u32; 4],
     /// Mirrored lights of each class N, lights to mirror, planar mirrors, 0.
     pub mirrors: [u32; 4],
-    /// Of the lens: its diameter times the pixels of a unit of length at unit distance, 1 / distance in focus; z: unit of depths in the film, a power of two.
+    /// Of the lens: its diameter times the pixels of a unit of length at unit distance, 1 / distance in focus.
     pub lens: [f32; 4],
 }
 
-impl Frame {
+impl FrameParameters {
     /// Bit of `keys[2]`: points are jittered.
     pub const JITTER: u32 = 1;
     /// Bit of `keys[2]`: points are those of Sobol' and not of Halton.
@@ -76,8 +76,8 @@ impl Frame {
 /// Counts that the device finds, and the indirect dispatches made of them.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-pub struct Work {
-    /// Receivers in the list.
+pub struct DispatchCounts {
+    /// Shading points in the list.
     pub live: u32,
     /// Rays that ran out of steps in the present round.
     pub unfinished: u32,
@@ -85,7 +85,7 @@ pub struct Work {
     pub total: u32,
     /// Pairs of a cluster and a light that were dropped before any ray was traced.
     pub culled: u32,
-    /// Groups for one invocation a receiver; w: groups besides, one for each class of pixels but the first.
+    /// Groups for one invocation a shading point; w: groups besides, one for each class of pixels but the first.
     pub list_groups: [u32; 4],
     /// Groups for the next round.
     pub round_groups: [u32; 4],
@@ -93,52 +93,61 @@ pub struct Work {
     pub total_groups: [u32; 4],
 }
 
-impl Work {
-    /// Nothing to do yet, for lists whose receivers belong to so many classes.
-    pub fn of_classes(classes: u32) -> Work {
-        Work { list_groups: [0, 0, 0, classes - 1], ..Work::default() }
+impl DispatchCounts {
+    /// Nothing to do yet, for lists whose shading points belong to so many classes.
+    pub fn of_classes(classes: u32) -> DispatchCounts {
+        DispatchCounts { list_groups: [0, 0, 0, classes - 1], ..DispatchCounts::default() }
     }
 }
 
-/// Parameters of one dispatch.
+/// Parameters of one dispatch; each pass reads the members that it needs.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct Step {
-    /// First light of the chunk; for the eye's path the first slot of second components, 0 where paths are not split.
+    /// First light, photon or mirrored light of the dispatch.
     pub first: u32,
-    /// One past its last; for batches without a list the number of rays.
+    /// One past the last; for batches without a list the number of rays.
     pub end: u32,
-    /// 0 starts rays, later rounds carry them on.
+    /// 0 starts rays, later rounds continue them.
     pub round: u32,
-    /// 0 is what the eye sees; for the walk the number of reflections; for the eye's path mirrors and glass so far; for
-    /// shading the most lights that a single ray takes in a round.
-    pub bounce: u32,
     /// Traversal steps of one ray in this round.
     pub steps: u32,
-    /// 1 in the last round, or for the last bounce.
+    /// Maximum number of lights that a single ray takes in this round.
+    pub lights: u32,
+    /// 1 in the last round, at the last bounce or for the last digit.
     pub last: u32,
-    /// 1: work comes from the list; 2: from one in the order of the screen.
+    /// 1: work comes from the list; 2: from one in screen order.
     pub indirect: u32,
-    /// 1: sums start at zero; for photons, 1: there are mirrored lights.
-    pub fresh: u32,
+    /// Number of bounces before this one: reflections of a particle, mirrors and glass of a path, gather rays.
+    pub bounce: u32,
+    /// 1: sums start at zero.
+    pub clears: u32,
+    /// Distance from the slot of a pixel to that of its split branch; 0: paths do not split.
+    pub split: u32,
+    /// 1: planar mirrors reflect virtual lights, so photons leave them out.
+    pub mirrored_lights: u32,
+    /// Shift of the digit by which the sort counts or scatters.
+    pub shift: u32,
+    /// Level of the sort's sums.
+    pub level: u32,
 }
 
-/// How receivers are made of hits.
+/// How shading points are made of hits.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct PointStep {
     /// Order of the list: [`PointStep::ANY`], [`PointStep::RAYS`] or [`PointStep::SCREEN`].
     pub order: u32,
-    /// 1: receivers only emit, because the paths to them are as long as allowed.
+    /// 1: shading points only emit, because the paths to them are as long as allowed.
     pub last: u32,
 }
 
 impl PointStep {
-    /// Receivers are appended as they come.
+    /// Shading points are appended as they come.
     pub const ANY: u32 = 0;
-    /// Receivers keep the order of their rays, with gaps, and will be sorted.
+    /// Shading points keep the order of their rays, with gaps, and will be sorted.
     pub const RAYS: u32 = 1;
-    /// Receivers stand in the order of the screen, with gaps, see [`super::clusters`].
+    /// Shading points stand in the order of the screen, with gaps, see [`super::clusters`].
     pub const SCREEN: u32 = 2;
 }
 

@@ -137,7 +137,7 @@ pub fn disc() -> Vec<f32> {
 
 /// Oracle: diameter in pixels of the disc into which a lens of diameter `aperture`, focused on `focus`, images a point
 /// at a depth (`None`: infinite): the rays from the lens's rim through the point, intersected with the plane in focus.
-pub fn reference(frame: &layout::Frame, aperture: f32, focus: f32, depth: Option<f32>) -> f32 {
+pub fn reference(frame: &layout::FrameParameters, aperture: f32, focus: f32, depth: Option<f32>) -> f32 {
     let [width, half_width] = [frame.size[0] as f32, Vec3::from_slice(&frame.right[..3]).length()];
     let on_plane = depth.map_or(aperture, |z| aperture * (focus - z).abs() / z);
     on_plane / (2.0 * half_width * focus) * width

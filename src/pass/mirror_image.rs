@@ -235,7 +235,7 @@ pub const NOTHING_SEEN: f32 = 3.0e38;
 /// the reflected point, `None` if there is none. Computed by projecting points: the diameter is the geometric mean of
 /// the disc's images along u and across.
 pub fn reference(
-    frame: &layout::Frame,
+    frame: &layout::FrameParameters,
     d: Vec3,
     normal: Vec3,
     planes: &[(f32, f32)],

@@ -37,9 +37,9 @@
 
 use glam::Vec3;
 
-use super::layout::{Frame, MirrorRecord, PointLight, Step};
+use super::layout::{FrameParameters, MirrorRecord, PointLight, Step};
 use super::schedule::LIST_GROUPS;
-use super::shade::{Receiver, light_towards};
+use super::shade::{ShadingPoint, light_towards};
 use super::trace::Trace;
 use super::{BoundKernel, Kit, Lighting, List, Rays, ShadingPoints, push};
 use crate::accel::{Bvh, Ray, offset_origin};
@@ -186,11 +186,11 @@ pub fn mirrored(light: &PointLight, mirror: &MirrorRecord) -> PointLight {
 
 /// Oracle: irradiance and specular radiance that a mirrored light of mirror `number` adds at a shading point.
 pub fn reference(
-    frame: &Frame,
+    frame: &FrameParameters,
     scene: &Scene,
     bvh: &Bvh,
     (mirrors, of_triangle): (&[MirrorRecord], &[u32]),
-    receiver: &Receiver,
+    receiver: &ShadingPoint,
     image: &PointLight,
     number: u32,
 ) -> [Vec3; 2] {

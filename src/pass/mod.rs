@@ -133,7 +133,7 @@ impl<'a> Kit<'a> {
 
     /// A buffer for the counts of a list that the device fills.
     pub fn work(&self, name: &str) -> Result<Buffer> {
-        self.array(name, 1, size_of::<layout::Work>() as u64)
+        self.array(name, 1, size_of::<layout::DispatchCounts>() as u64)
     }
 }
 
@@ -147,7 +147,7 @@ impl BoundKernel {
         rec.dispatch(self.0.kernel(), &self.0, push, groups)
     }
 
-    /// Records the number of workgroups that a [`layout::Work`] has at `offset`.
+    /// Records the number of workgroups that a [`layout::DispatchCounts`] has at `offset`.
     pub fn run_listed(&self, rec: &mut Recorder, push: &[u8], work: &Buffer, offset: u64) -> Result<()> {
         rec.dispatch_indirect(self.0.kernel(), &self.0, push, work, offset)
     }
@@ -326,7 +326,7 @@ impl EyePathState {
     }
 }
 
-/// Shading points (a G-buffer), slot by slot; `shaders/include/receiver.wgsl` documents each array.
+/// Shading points (a G-buffer), slot by slot; `shaders/include/point.wgsl` documents each array.
 #[derive(Clone)]
 pub struct ShadingPoints {
     /// Points; w: distance along the ray.
@@ -390,12 +390,12 @@ impl ShadingPoints {
     /// The buffers by their names in shaders.
     pub fn resources(&self) -> Resources {
         Resources::of([
-            ("receiver_position", &self.position),
-            ("receiver_geometric", &self.geometric),
-            ("receiver_shading", &self.shading),
-            ("receiver_kd", &self.kd),
-            ("receiver_f0", &self.f0),
-            ("receiver_wo", &self.wo),
+            ("point_position", &self.position),
+            ("point_geometric", &self.geometric),
+            ("point_shading", &self.shading),
+            ("point_kd", &self.kd),
+            ("point_f0", &self.f0),
+            ("point_wo", &self.wo),
             ("emitted", &self.emitted),
         ])
     }
@@ -430,7 +430,7 @@ impl Lighting {
 pub struct List {
     /// Slots: first one for each pixel, then one for the second component of each pixel. Or numbers of tiles.
     pub entries: Buffer,
-    /// A [`layout::Work`].
+    /// A [`layout::DispatchCounts`].
     pub work: Buffer,
 }
 

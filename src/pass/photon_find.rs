@@ -9,7 +9,7 @@ use std::collections::HashSet;
 
 use glam::Vec3;
 
-use super::layout::Frame;
+use super::layout::FrameParameters;
 use super::photon_grid::{self, Grid};
 use super::schedule::{LIST_GROUPS, Schedule};
 use super::sort::class_of;
@@ -47,7 +47,7 @@ impl PhotonFind {
 }
 
 /// Oracle: the listed ones among the points at these slots and positions; photons are stored at `photons`.
-pub fn reference(frame: &Frame, receivers: &[(u32, Vec3)], photons: &[(u32, Vec3)]) -> Vec<u32> {
+pub fn reference(frame: &FrameParameters, receivers: &[(u32, Vec3)], photons: &[(u32, Vec3)]) -> Vec<u32> {
     let bits = photons.iter().flat_map(|&(photon, position)| photon_grid::near_bits(frame, photon, position));
     let set: HashSet<u32> = bits.collect();
     let found = receivers.iter().filter(|&&(slot, position)| {

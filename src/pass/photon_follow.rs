@@ -29,7 +29,7 @@ use super::surface::SurfacePoint;
 use super::{BoundKernel, Kit, List, Rays, groups, layout, push};
 use crate::accel::{Ray, offset_origin};
 use crate::bsdf::Normals;
-use crate::bsdf::ideal::{Media, ways};
+use crate::bsdf::ideal::{Media, specular_samples};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::sampling::dimensions::PHOTON_COMPONENT;
@@ -95,7 +95,7 @@ pub enum Fate {
 /// `surface`; `aimed`: the surface belongs to the photon's target; `last`: the photon may not continue.
 #[allow(clippy::too_many_arguments)]
 pub fn reference(
-    frame: &layout::Frame,
+    frame: &layout::FrameParameters,
     scene: &Scene,
     (step, last): (u32, bool),
     photon: u32,
@@ -108,27 +108,27 @@ pub fn reference(
     let normals = Normals { geometric: s.geometric, shading: s.shading, front: s.front };
     let eta = media.relative_index(&scene.materials, s.material, s.front);
     let first = step == 0;
-    let Some(ways) = ways(material, &s.finish, &normals, -d, eta) else {
+    let Some(samples) = specular_samples(material, &s.finish, &normals, -d, eta) else {
         return if first { Fate::Lost } else { Fate::Stored(flux) };
     };
     if last || first && !aimed {
         return Fate::Lost;
     }
-    let reflected = ways.reflected;
-    let fork = ways.fork(s.reflectance.kd);
+    let reflected = samples.reflected;
+    let split = samples.split(s.reflectance.kd);
     let xi = random_f32(key(frame.keys[0], PHOTON_COMPONENT, photon, step));
-    let (way, chance) = match fork.first {
+    let (sample, chance) = match split.first {
         None if first => (reflected, 1.0),
-        None if xi < fork.probability => return Fate::Stored(flux / fork.probability),
-        Some(way) if xi < fork.probability => (way, fork.probability),
-        _ => (reflected, 1.0 - fork.probability),
+        None if xi < split.probability => return Fate::Stored(flux / split.probability),
+        Some(sample) if xi < split.probability => (sample, split.probability),
+        _ => (reflected, 1.0 - split.probability),
     };
-    let after = flux * way.weight * (way.adjoint / chance);
+    let after = flux * sample.weight * (sample.adjoint / chance);
     if after.max_element() <= 0.0 {
         return Fate::Lost;
     }
-    let side = if way.wi.dot(s.geometric) > 0.0 { s.geometric } else { -s.geometric };
+    let side = if sample.wi.dot(s.geometric) > 0.0 { s.geometric } else { -s.geometric };
     let origin = offset_origin(s.position, side, frame.eye[3]);
-    let media = if way.crosses { media.crossed(s.material, s.front) } else { media };
-    Fate::Flies(Ray { origin, t_max: 3.0e38, direction: way.wi }, after, media)
+    let media = if sample.crosses { media.crossed(s.material, s.front) } else { media };
+    Fate::Flies(Ray { origin, t_max: 3.0e38, direction: sample.wi }, after, media)
 }

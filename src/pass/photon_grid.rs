@@ -19,7 +19,7 @@
 
 use glam::Vec3;
 
-use super::layout::Frame;
+use super::layout::FrameParameters;
 use super::photon_start::class_of;
 use super::sort::{Sort, SortBuffers, SortSteps};
 use super::{BoundKernel, Kit, List, Rays, groups};
@@ -34,7 +34,7 @@ pub const MAX_BUCKET_BITS: u32 = 22;
 /// Photons in the order of their buckets.
 #[derive(Clone)]
 pub struct Grid {
-    /// Number of photons in the grid, as [`super::layout::Work::live`], and the order of all photons.
+    /// Number of photons in the grid, as [`super::layout::DispatchCounts::live`], and the order of all photons.
     pub list: List,
     /// Positions; w: bits of the code.
     pub position: Buffer,
@@ -133,31 +133,31 @@ pub fn code_of(cell: [i32; 3], class: u32) -> u32 {
 }
 
 /// Oracle: code and bucket of a photon stored at `position`.
-pub fn place_of(frame: &Frame, photon: u32, position: Vec3) -> (u32, u32) {
+pub fn place_of(frame: &FrameParameters, photon: u32, position: Vec3) -> (u32, u32) {
     let code = code_of(cell_of(frame, position, 0.0), class_of(frame, photon));
     (code, hash(code) & frame.photons[3])
 }
 
 /// Oracle: the bit of the look-ups of a class whose first cell this is.
-pub fn near_bit(frame: &Frame, first: [i32; 3], class: u32) -> u32 {
+pub fn near_bit(frame: &FrameParameters, first: [i32; 3], class: u32) -> u32 {
     hash(code_of(first, class)) & (frame.photons[3] << 4 | 15)
 }
 
 /// Oracle: the bits that a photon stored at `position` sets.
-pub fn near_bits(frame: &Frame, photon: u32, position: Vec3) -> [u32; 8] {
+pub fn near_bits(frame: &FrameParameters, photon: u32, position: Vec3) -> [u32; 8] {
     let [x, y, z] = cell_of(frame, position, 0.0);
     let first = |corner: i32| [x - (corner & 1), y - (corner >> 1 & 1), z - (corner >> 2)];
     std::array::from_fn(|corner| near_bit(frame, first(corner as i32), class_of(frame, photon)))
 }
 
 /// Oracle: the cell at `position`, or the cell `before` cells earlier along each axis.
-pub fn cell_of(frame: &Frame, position: Vec3, before: f32) -> [i32; 3] {
+pub fn cell_of(frame: &FrameParameters, position: Vec3, before: f32) -> [i32; 3] {
     let cell = (position * frame.photon[1]).clamp(Vec3::splat(-1e9), Vec3::splat(1e9));
     (cell - before).floor().to_array().map(|c| c as i32)
 }
 
 /// Oracle: the stored photons in grid order; `positions` are `None` for photons that are not stored.
-pub fn reference(frame: &Frame, positions: &[Option<Vec3>]) -> Vec<u32> {
+pub fn reference(frame: &FrameParameters, positions: &[Option<Vec3>]) -> Vec<u32> {
     let bucket = |photon: u32| positions[photon as usize].map(|p| place_of(frame, photon, p).1);
     let mut order: Vec<u32> = (0..positions.len() as u32).filter(|&i| positions[i as usize].is_some()).collect();
     order.sort_by_key(|&photon| bucket(photon));
@@ -187,8 +187,12 @@ mod tests {
 
     #[test]
     fn photons_are_in_the_cells_that_a_look_up_visits() {
-        let frame =
-            Frame { photon: [0.5, 1.0, 1.0, 0.0], photons: [8, 0, 1, 15], pattern: [1, 1, 1, 0], ..Frame::default() };
+        let frame = FrameParameters {
+            photon: [0.5, 1.0, 1.0, 0.0],
+            photons: [8, 0, 1, 15],
+            pattern: [1, 1, 1, 0],
+            ..FrameParameters::default()
+        };
         assert_eq!(place_of(&frame, 0, Vec3::new(-0.25, 1.0, 2.5)).0, code_of([-1, 1, 2], 0));
         // Photon 1 is not stored; photons of a bucket keep their order.
         let at = |x: f32| Some(Vec3::new(x, 0.0, 0.0));

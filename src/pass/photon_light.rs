@@ -25,7 +25,7 @@ use glam::Vec3;
 
 use super::photon_grid::Grid;
 use super::schedule::LIST_GROUPS;
-use super::shade::Receiver;
+use super::shade::ShadingPoint;
 use super::sort::class_of;
 use super::{BoundKernel, Kit, Lighting, List, ShadingPoints, layout, push};
 use crate::error::Result;
@@ -76,7 +76,7 @@ pub struct Photon {
 }
 
 /// Oracle: irradiance and specular radiance that photons add at the shading point of a slot.
-pub fn reference(frame: &layout::Frame, slot: u32, receiver: &Receiver, photons: &[Photon]) -> [Vec3; 2] {
+pub fn reference(frame: &layout::FrameParameters, slot: u32, receiver: &ShadingPoint, photons: &[Photon]) -> [Vec3; 2] {
     let [radius, _, share, _] = frame.photon;
     let class = class_of(frame, slot);
     let mut sums = [Vec3::ZERO; 2];

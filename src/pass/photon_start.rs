@@ -45,12 +45,12 @@ impl PhotonStart {
 }
 
 /// Oracle: the class of a photon.
-pub fn class_of(frame: &layout::Frame, photon: u32) -> u32 {
+pub fn class_of(frame: &layout::FrameParameters, photon: u32) -> u32 {
     photon % frame.pattern[2]
 }
 
 /// Oracle: the five sample coordinates of a photon.
-pub fn photon_numbers(frame: &layout::Frame, photon: u32) -> [f32; 5] {
+pub fn photon_numbers(frame: &layout::FrameParameters, photon: u32) -> [f32; 5] {
     let [each, first, ..] = frame.photons;
     let index = first + class_of(frame, photon) * each + photon / frame.pattern[2];
     PHOTON_DIMENSIONS.map(|d| rotate(halton(d, index), random_f32(key(frame.keys[1], PHOTON, d as u32, 0))))
@@ -58,7 +58,7 @@ pub fn photon_numbers(frame: &layout::Frame, photon: u32) -> [f32; 5] {
 
 /// Oracle: ray, flux and target of a photon; `None`: it carries no flux.
 pub fn reference(
-    frame: &layout::Frame,
+    frame: &layout::FrameParameters,
     emitters: &Emitters,
     targets: &Targets,
     photon: u32,

@@ -5,20 +5,20 @@
 //! ran out of steps, else none. Rays left unfinished by the last round are added to `status[0]`.
 //! Cost: one invocation.
 
-use super::layout::{Step, Work};
+use super::layout::{DispatchCounts, Step};
 use super::{BoundKernel, Kit, push};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
-/// Byte offset of [`Work::list_groups`].
-pub const LIST_GROUPS: u64 = std::mem::offset_of!(Work, list_groups) as u64;
-/// Byte offset of [`Work::round_groups`].
-pub const ROUND_GROUPS: u64 = std::mem::offset_of!(Work, round_groups) as u64;
+/// Byte offset of [`DispatchCounts::list_groups`].
+pub const LIST_GROUPS: u64 = std::mem::offset_of!(DispatchCounts, list_groups) as u64;
+/// Byte offset of [`DispatchCounts::round_groups`].
+pub const ROUND_GROUPS: u64 = std::mem::offset_of!(DispatchCounts, round_groups) as u64;
 
-/// Byte offset of [`Work::total_groups`].
-pub const TOTAL_GROUPS: u64 = std::mem::offset_of!(Work, total_groups) as u64;
+/// Byte offset of [`DispatchCounts::total_groups`].
+pub const TOTAL_GROUPS: u64 = std::mem::offset_of!(DispatchCounts, total_groups) as u64;
 
-/// The pass over one [`Work`].
+/// The pass over one [`DispatchCounts`].
 pub struct Schedule {
     kernel: BoundKernel,
 }
@@ -43,7 +43,7 @@ pub fn groups_of(count: u32) -> [u32; 4] {
 }
 
 /// Oracle: the work after the pass, and the number of rays to add to the status.
-pub fn reference(work: &Work, step: &Step) -> (Work, u32) {
+pub fn reference(work: &DispatchCounts, step: &Step) -> (DispatchCounts, u32) {
     let spread = |count: u32, more: u32| {
         let groups = count.div_ceil(64) + if count > 0 { more } else { 0 };
         let x = groups.min(32_768);
@@ -54,5 +54,5 @@ pub fn reference(work: &Work, step: &Step) -> (Work, u32) {
     let round_groups = if work.unfinished > 0 { again } else { [0, 1, 1, 0] };
     let lost = if step.last == 1 { work.unfinished } else { 0 };
     let total_groups = groups_of(work.total);
-    (Work { unfinished: 0, list_groups, round_groups, total_groups, ..*work }, lost)
+    (DispatchCounts { unfinished: 0, list_groups, round_groups, total_groups, ..*work }, lost)
 }

@@ -187,25 +187,25 @@ impl Chunk {
         let most = settings.lights_per_dispatch;
         let rounds = settings.rounds * (end - first).div_ceil(most).max(1);
         let steps = plan::shade_steps(most, settings.loop_budget);
-        let fresh = u32::from(first == 0);
+        let clears = u32::from(first == 0);
         let indirect = if by_screen { 2 } else { 1 };
-        let chunk = Step { first, end, steps, bounce: most, indirect, fresh, ..Step::default() };
+        let chunk = Step { first, end, steps, lights: most, indirect, clears, ..Step::default() };
         let Some(lanes) = lanes else {
             return Chunk { rounds: table.add_rounds(rounds, chunk), clusters: false };
         };
         let cluster_steps = plan::cluster_steps(Chunk::size(settings, true), settings.loop_budget, lanes);
-        let fresh = |round: u32| if round == 0 { chunk.fresh } else { 0 };
+        let clears = |round: u32| if round == 0 { chunk.clears } else { 0 };
         let together =
-            (0..CLUSTER_ROUNDS).map(|round| Step { round, fresh: fresh(round), steps: cluster_steps, ..chunk });
+            (0..CLUSTER_ROUNDS).map(|round| Step { round, clears: clears(round), steps: cluster_steps, ..chunk });
         // The work that clusters leave over has all rounds of the single rays ahead.
-        let one_by_one = (1..=rounds).map(|round| Step { round, fresh: 0, last: u32::from(round == rounds), ..chunk });
+        let one_by_one = (1..=rounds).map(|round| Step { round, clears: 0, last: u32::from(round == rounds), ..chunk });
         Chunk { rounds: together.chain(one_by_one).map(|step| table.add(step)).collect(), clusters: true }
     }
 }
 
 /// A shading point, for the oracle.
 #[derive(Clone, Copy, Debug)]
-pub struct Receiver {
+pub struct ShadingPoint {
     /// Point, with ray-origin offset.
     pub position: Vec3,
     /// Geometric normal.
@@ -238,7 +238,7 @@ pub fn light_towards(light: &PointLight, wi: Vec3, r2: f32, clip2: f32) -> Vec3 
 }
 
 /// Oracle: direct irradiance, indirect irradiance and specular radiance of a shading point under all lights.
-pub fn reference(bvh: &Bvh, receiver: &Receiver, lights: &[PointLight], clip2: f32, far: f32) -> [Vec3; 3] {
+pub fn reference(bvh: &Bvh, receiver: &ShadingPoint, lights: &[PointLight], clip2: f32, far: f32) -> [Vec3; 3] {
     let mut sums = [Vec3::ZERO; 3];
     for light in lights {
         let at = Vec3::new(light.position[0], light.position[1], light.position[2]);

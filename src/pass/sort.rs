@@ -12,7 +12,7 @@
 
 use glam::Vec3;
 
-use super::layout::{Frame, Step};
+use super::layout::{FrameParameters, Step};
 use super::schedule::TOTAL_GROUPS;
 use super::{BoundKernel, Kit, List, ShadingPoints, push};
 use crate::error::Result;
@@ -75,8 +75,8 @@ impl SortSteps {
         let last = DIGIT_SHIFTS[DIGIT_SHIFTS.len() - 1];
         SortSteps {
             digits: DIGIT_SHIFTS
-                .map(|first| table.add(Step { first, last: u32::from(first == last), ..Step::default() })),
-            levels: [0, 1, 2].map(|first| table.add(Step { first, ..Step::default() })),
+                .map(|shift| table.add(Step { shift, last: u32::from(shift == last), ..Step::default() })),
+            levels: [0, 1, 2].map(|level| table.add(Step { level, ..Step::default() })),
             classes: classes > 1,
         }
     }
@@ -163,7 +163,7 @@ impl Sort {
 }
 
 /// Oracle: the key of a position.
-pub fn morton(frame: &Frame, position: Vec3) -> u32 {
+pub fn morton(frame: &FrameParameters, position: Vec3) -> u32 {
     let [x, y, z, scale] = frame.bounds_min;
     let unit = (position - Vec3::new(x, y, z)) * scale;
     let cell = (unit * 256.0).clamp(Vec3::ZERO, Vec3::splat(255.0)).as_uvec3();
@@ -175,7 +175,7 @@ pub fn morton(frame: &Frame, position: Vec3) -> u32 {
 }
 
 /// Oracle: the class of a slot: the position of its pixel in the pattern.
-pub fn class_of(frame: &Frame, slot: u32) -> u32 {
+pub fn class_of(frame: &FrameParameters, slot: u32) -> u32 {
     let [width, _, pixels, _] = frame.size;
     let [across, down, ..] = frame.pattern;
     let pixel = slot % pixels;
@@ -183,7 +183,7 @@ pub fn class_of(frame: &Frame, slot: u32) -> u32 {
 }
 
 /// Oracle: the list by classes and keys; equal ones keep their order.
-pub fn reference(frame: &Frame, list: &[u32], positions: &[Vec3]) -> Vec<u32> {
+pub fn reference(frame: &FrameParameters, list: &[u32], positions: &[Vec3]) -> Vec<u32> {
     let mut sorted = list.to_vec();
     let classes = frame.pattern[2];
     let bits = if classes > 1 { 32 - classes.leading_zeros() } else { 0 };

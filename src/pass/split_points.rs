@@ -1,7 +1,7 @@
-//! Where the second components of eye paths that split end (`eye_paths`), there are receivers as well, as `eye_points` makes them of the
-//! first components. They are listed after those, tile by tile of the tiles that show mirrors or glass.
+//! Shading points at the ends of the second components of eye paths that split (`eye_paths`), as `eye_points` makes
+//! them of the first components. They are listed after those, tile by tile of the tiles that show mirrors or glass.
 //!
-//! A second component without throughput is none: its receiver is not lit and has met nothing.
+//! A second component without throughput is none: its shading point is not lit and has met nothing.
 //!
 //! Cost: as `eye_points`, for the pixels of those tiles.
 

@@ -31,7 +31,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::layout::{Frame, PointLight, Work};
+use super::layout::{DispatchCounts, FrameParameters, PointLight};
 use super::shade::{Chunk, ShadowRays};
 use super::{Kit, List, TraversalKernels};
 use crate::accel::{Bvh, Ray};
@@ -112,7 +112,7 @@ pub struct Visibility {
     pub visible: Buffer,
     /// `[0]`: rays lost.
     pub status: Buffer,
-    /// A [`Work`]: number of culled pairs.
+    /// A [`DispatchCounts`]: number of culled pairs.
     pub work: Buffer,
     /// Statistics of the clusters, if the kernels count; see [`Counts`].
     pub counters: Buffer,
@@ -172,8 +172,8 @@ impl Visibility {
         let groups = count.div_ceil(64);
         let x = groups.min(32_768);
         let list_groups = [x, groups.div_ceil(x.max(1)), 1, 0];
-        let work = Work { live: count, list_groups, ..Work::default() };
-        let frame = Frame { scene: [scene.bvh.node_count(), 0, 0, 0], ..Frame::default() };
+        let work = DispatchCounts { live: count, list_groups, ..DispatchCounts::default() };
+        let frame = FrameParameters { scene: [scene.bvh.node_count(), 0, 0, 0], ..FrameParameters::default() };
 
         let mut table = StepTable::default();
         let lights = workload.lights.len() as u32;
@@ -192,8 +192,8 @@ impl Visibility {
         let counters = kit.array("visibility counters", Counts::LENGTH as u32, 4)?;
         let list = List { entries: kit.stage("visibility list", &list)?, work: kit.stage("visibility work", &[work])? };
         let set = Resources::of([
-            ("receiver_position", &kit.stage("visibility receivers", &vec4s(&workload.receivers))?),
-            ("receiver_geometric", &kit.stage("visibility normals", &vec4s(&workload.normals))?),
+            ("point_position", &kit.stage("visibility receivers", &vec4s(&workload.receivers))?),
+            ("point_geometric", &kit.stage("visibility normals", &vec4s(&workload.normals))?),
             ("lights", &kit.stage("visibility lights", &records)?),
             ("visible", &visible),
             ("counters", &counters),

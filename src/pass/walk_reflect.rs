@@ -43,7 +43,7 @@ impl WalkReflect {
 
 /// Oracle: light, next ray and flux of a particle of flux `flux` that travels in direction `d` and hits `surface`.
 pub fn reference(
-    frame: &layout::Frame,
+    frame: &layout::FrameParameters,
     j: usize,
     particle: u32,
     d: Vec3,

@@ -54,15 +54,15 @@ impl WalkStart {
 
 /// Slot of a particle's light; `first` is the first slot for lights of this number of reflections. Particle i of class
 /// k has number i K + k, so that the survivors of all K classes come before all others.
-pub fn light_slot(frame: &layout::Frame, particle: u32, first: u32) -> u32 {
+pub fn light_slot(frame: &layout::FrameParameters, particle: u32, first: u32) -> u32 {
     let [_, _, classes, lights] = frame.pattern;
     particle % classes * lights + first + particle / classes
 }
 
 /// Oracle: a coordinate of a point of the sequence, randomised for the instance.
-fn sequence_point(frame: &layout::Frame, dimension: usize, index: u32) -> f32 {
+fn sequence_point(frame: &layout::FrameParameters, dimension: usize, index: u32) -> f32 {
     let (j, d) = (dimension / 2, dimension % 2);
-    if frame.has(layout::Frame::SOBOL) {
+    if frame.has(layout::FrameParameters::SOBOL) {
         return unit(sobol(dimension, index) ^ frame.sobol[j][d]);
     }
     rotate(radical_inverse(frame.shifts[j][2 + d].to_bits(), index), frame.shifts[j][d])
@@ -70,13 +70,13 @@ fn sequence_point(frame: &layout::Frame, dimension: usize, index: u32) -> f32 {
 
 /// Oracle: the two sample coordinates of a particle for its start (j = 0) or for the direction that leaves vertex j -
 /// 1.
-pub fn walk_numbers(frame: &layout::Frame, j: usize, particle: u32) -> [f32; 2] {
+pub fn walk_numbers(frame: &layout::FrameParameters, j: usize, particle: u32) -> [f32; 2] {
     let [first, paths, rotation, _] = frame.walk;
     let (of_class, class) = (particle / frame.pattern[2], particle % frame.pattern[2]);
     let index = first + class * paths + (of_class + rotation) % paths;
     [0, 1].map(|d| {
         let x = sequence_point(frame, 2 * j + d, index);
-        let jitter = if frame.has(layout::Frame::JITTER) { 1.0 } else { 0.0 };
+        let jitter = if frame.has(layout::FrameParameters::JITTER) { 1.0 } else { 0.0 };
         let range = f32::from_bits(frame.depths[j][2]) * jitter;
         let xi = random_f32(key(frame.keys[0], JITTER, particle, (2 * j + d) as u32));
         rotate(x, (xi * range).min(ONE_MINUS_EPSILON))
@@ -84,7 +84,7 @@ pub fn walk_numbers(frame: &layout::Frame, j: usize, particle: u32) -> [f32; 2] 
 }
 
 /// Oracle: light, ray and flux of a particle's start; only the first N_0 of a class leave the light.
-pub fn reference(frame: &layout::Frame, emitters: &Emitters, particle: u32) -> (PointLight, Ray, Vec3) {
+pub fn reference(frame: &layout::FrameParameters, emitters: &Emitters, particle: u32) -> (PointLight, Ray, Vec3) {
     let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
     let [u0, u1] = walk_numbers(frame, 0, particle);
     let side = random_f32(key(frame.keys[0], SIDE, particle, 0));

@@ -15,7 +15,7 @@ pub use surface::PathVertex;
 
 use crate::accel::{Bvh, Ray, offset_origin};
 use crate::bsdf::Reflectance;
-use crate::bsdf::ideal::{BsdfSample, Media, frost, ways};
+use crate::bsdf::ideal::{BsdfSample, Media, frost, specular_samples};
 use crate::error::{Error, Result};
 use crate::light::emitters::{self, Emitter, Emitters, Kind, NO_EMITTER};
 use crate::sampling::dimensions::PIXEL;
@@ -58,7 +58,7 @@ impl Options {
     fn validate(&self) -> Result<()> {
         let [width, height] = self.resolution;
         let checks = [
-            ("--resolution", width.min(height), "needs at least one pixel each way"),
+            ("--resolution", width.min(height), "needs at least one pixel each sample"),
             ("--passes", self.samples, "needs at least one sample for each pixel"),
             ("--max-depth", self.max_depth, "needs at least one segment"),
         ];
@@ -206,23 +206,23 @@ impl<'a> Tracer<'a> {
                 SpecularPaths::Eye => directly && seen_through < self.max_specular,
                 SpecularPaths::All => !directly || seen_through < self.max_specular,
             };
-            let (way, probability) = if followed { self.ideal(&point, &media, rng) } else { (None, 1.0) };
+            let (sample, probability) = if followed { self.ideal(&point, &media, rng) } else { (None, 1.0) };
             beta /= probability;
-            if !(directly && way.is_some()) {
+            if !(directly && sample.is_some()) {
                 if segment == self.max_depth {
                     break;
                 }
                 segment += 1;
             }
-            if let Some(way) = way {
+            if let Some(sample) = sample {
                 seen_through += u32::from(directly);
-                beta *= way.weight;
+                beta *= sample.weight;
                 last = None;
-                if way.crosses {
+                if sample.crosses {
                     media = media.crossed(point.material_index, n.front);
                 }
-                let side = if n.geometric.dot(way.wi) > 0.0 { n.geometric } else { -n.geometric };
-                ray = Ray::new(offset_origin(point.position, side, self.scale), way.wi);
+                let side = if n.geometric.dot(sample.wi) > 0.0 { n.geometric } else { -n.geometric };
+                ray = Ray::new(offset_origin(point.position, side, self.scale), sample.wi);
             } else {
                 let reflectance = point.finish(self.scene).reflectance;
                 radiance += beta * self.direct(&point, &reflectance, rng);
@@ -249,17 +249,19 @@ impl<'a> Tracer<'a> {
     fn ideal(&self, point: &PathVertex, media: &Media, rng: &mut Rng) -> (Option<BsdfSample>, f32) {
         let finish = point.finish(self.scene);
         let eta = media.relative_index(&self.scene.materials, point.material_index, point.normals.front);
-        let Some(ways) = ways(point.material, &finish, &point.normals, point.wo, eta) else { return (None, 1.0) };
-        let fork = ways.fork(finish.reflectance.kd);
-        match fork.second {
-            Some(second) if rng.next_f32() >= fork.probability => (Some(second), 1.0 - fork.probability),
+        let Some(samples) = specular_samples(point.material, &finish, &point.normals, point.wo, eta) else {
+            return (None, 1.0);
+        };
+        let split = samples.split(finish.reflectance.kd);
+        match split.second {
+            Some(second) if rng.next_f32() >= split.probability => (Some(second), 1.0 - split.probability),
             _ => {
                 let n = point.normals.geometric;
-                let through = fork.first.map(|way| match frost(point.material) {
-                    Some(alpha) if way.wi.dot(n) < 0.0 => way.frosted(n, point.wo, alpha, rng.pair()),
-                    _ => way,
+                let through = split.first.map(|sample| match frost(point.material) {
+                    Some(alpha) if sample.wi.dot(n) < 0.0 => sample.frosted(n, point.wo, alpha, rng.pair()),
+                    _ => sample,
                 });
-                (through, fork.probability)
+                (through, split.probability)
             }
         }
     }

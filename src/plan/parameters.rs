@@ -19,7 +19,7 @@ const HAMMERSLEY_BLOCK: u32 = 16;
 impl Plan {
     /// Parameters of pass number `pass` (from 0). Passes alternate between the two instances; each instance follows its
     /// own randomised sequence, with N points a pass for each class of pixels.
-    pub fn parameters(&self, pass: u32) -> Result<layout::Frame> {
+    pub fn parameters(&self, pass: u32) -> Result<layout::FrameParameters> {
         let s = &self.settings;
         let instance = pass % INSTANCES;
         let local = pass / INSTANCES;
@@ -45,7 +45,7 @@ impl Plan {
             Sequence::Halton => start.wrapping_add(local.wrapping_mul(0x9e37_79b9)),
             Sequence::Sobol => hash(start ^ hash(local)),
         };
-        let rotation = ((u64::from(turn) * u64::from(s.paths)) >> 32) as u32;
+        let rotation = ((u64::from(turn) * u64::from(s.particles)) >> 32) as u32;
         let mut depths = [[0; 4]; 16];
         let mut shifts = [[0.0; 4]; 16];
         let mut words = [[0; 4]; 16];
@@ -62,7 +62,8 @@ impl Plan {
             }
         }
         let bit = |set: bool, bit: u32| if set { bit } else { 0 };
-        let bits = bit(s.jitter, layout::Frame::JITTER) | bit(s.sequence == Sequence::Sobol, layout::Frame::SOBOL);
+        let bits = bit(s.jitter, layout::FrameParameters::JITTER)
+            | bit(s.sequence == Sequence::Sobol, layout::FrameParameters::SOBOL);
         let offset = pixel_offset(instance_key, local);
         let (photons, photon) = match self.photons {
             Some(plan) => plan.parameters(s, self.scene.diagonal, local)?,
@@ -75,9 +76,7 @@ impl Plan {
         let xyzw = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
         let (lowest, highest) = self.scene.bounds;
         let coordinate_scale = self.scene.coordinate_scale.max(lookout.eye.abs().max_element());
-        // A depth is a sum of a few coordinates and has rounding errors of their size.
-        let depth_unit = 2f32.powi(coordinate_scale.max(f32::MIN_POSITIVE).log2().ceil() as i32 - 22);
-        Ok(layout::Frame {
+        Ok(layout::FrameParameters {
             eye: xyzw(lookout.eye, coordinate_scale),
             right: xyzw(lookout.right, clip * clip),
             up: xyzw(lookout.up, clip),
@@ -86,7 +85,7 @@ impl Plan {
             pixel_offset: [offset[0], offset[1], MIN_LIGHT_ALPHA, s.light_threshold],
             size: [width, height, width * height, local],
             within: [whole.origin[0], whole.origin[1], whole.size[0], whole.size[1]],
-            walk: [first, s.paths, rotation, self.lights.delta],
+            walk: [first, s.particles, rotation, self.lights.delta],
             keys: [pass_key, instance_key, bits, instance],
             scene: [self.scene.nodes, self.scene.emitters, s.max_depth, 0],
             pattern: [s.pattern[0], s.pattern[1], s.classes(), self.lights.slots()],
@@ -95,10 +94,10 @@ impl Plan {
             depths,
             shifts,
             sobol: words,
-            choice: [s.light_floor, 0.0, 0.0, 0.0],
+            choice: [s.power_fraction, 0.0, 0.0, 0.0],
             superposition,
             mirrors: self.mirrors.map_or([0; 4], |m| [m.each, m.lights, m.mirrors, 0]),
-            lens: [lookout.lens[0], lookout.lens[1], depth_unit, 0.0],
+            lens: [lookout.lens[0], lookout.lens[1], 0.0, 0.0],
         })
     }
 }

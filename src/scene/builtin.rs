@@ -40,7 +40,7 @@ pub fn furnace(rho: f32, le: f32) -> Scene {
 /// A unit sphere seen from inside whose octant o (bit 0: x < 0, bit 1: y < 0, bit 2: z < 0) has the emitted radiosity and
 /// reflectance `patches[o]`, of 8 * 4^subdivisions triangles.
 ///
-/// For the sphere, every form factor is the receiver's share of the area, so the radiosity of patch i is
+/// For the sphere, every form factor is the shading point's share of the area, so the radiosity of patch i is
 /// E_i + rho_i (sum_j E_j / 8) / (1 - sum_j rho_j / 8); the tessellation approaches it.
 pub fn sphere_enclosure(subdivisions: u32, patches: &[(f32, f32); 8]) -> Scene {
     let mut scene = named("sphere_enclosure");
@@ -76,7 +76,7 @@ pub fn sphere_point_lights(n: u32) -> Scene {
 }
 
 /// Two unit squares facing each other: a black one at y = 0 that emits radiance 1 upwards, and above it at y = `gap` one of
-/// reflectance 1/2. The camera looks up from just above the emitter; the receiver fills the image.
+/// reflectance 1/2. The camera looks up from just above the emitter; the shading point fills the image.
 pub fn facing_plates(gap: f32) -> Scene {
     let mut scene = named("facing_plates");
     let emitter = scene.add_material(diffuse("emitter", 0.0, 1.0));

@@ -474,7 +474,8 @@ pub struct RenderDefaults {
     /// Number of passes.
     pub passes: Option<u32>,
     /// Particles started for each pass.
-    pub paths: Option<u32>,
+    #[serde(alias = "paths")]
+    pub particles: Option<u32>,
     /// Virtual lights on the emitters.
     pub direct_lights: Option<u32>,
     /// Width and height of the interleaving pattern.

@@ -88,8 +88,8 @@ impl Eye {
         let first_steps = EyeSteps::new(&mut table, settings, pixels, lanes);
         let follow_steps: Vec<u32> = (0..eye.steps)
             .map(|bounce| {
-                let first = if bounce == 0 { eye.twins() } else { 0 };
-                table.add(Step { first, bounce, indirect: u32::from(bounce > 0), ..Step::default() })
+                let split = if bounce == 0 { eye.split_offset() } else { 0 };
+                table.add(Step { split, bounce, indirect: u32::from(bounce > 0), ..Step::default() })
             })
             .collect();
         let list_rounds = table.add_list_rounds(settings);

@@ -24,7 +24,7 @@ use crate::gpu::{Buffer, Recorder};
 use crate::pass::delta_choice::DeltaChoice;
 use crate::pass::discontinuity::Discontinuity;
 use crate::pass::importance::Importance;
-use crate::pass::layout::Work;
+use crate::pass::layout::DispatchCounts;
 use crate::pass::lens::Lens;
 use crate::pass::merge::Merge;
 use crate::pass::mirror_lights::MirrorLights;
@@ -110,7 +110,7 @@ impl Counts {
     /// The counts of these lists; their entries belong to `classes` classes of pixels.
     fn new<'a>(kit: &Kit, classes: u32, lists: impl IntoIterator<Item = &'a List>) -> Result<Counts> {
         let of = lists.into_iter().map(|list| list.work.clone()).collect();
-        Ok(Counts { cleared: kit.stage("cleared work", &[Work::of_classes(classes)])?, of })
+        Ok(Counts { cleared: kit.stage("cleared work", &[DispatchCounts::of_classes(classes)])?, of })
     }
 
     fn record_clear(&self, rec: &mut Recorder) -> Result<()> {

@@ -3,7 +3,7 @@
 use super::{Counts, Eye, Shade, Stage, batch};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder};
-use crate::pass::layout::{Step, Work};
+use crate::pass::layout::{DispatchCounts, Step};
 use crate::pass::photon_find::PhotonFind;
 use crate::pass::photon_follow::{self, PhotonFollow};
 use crate::pass::photon_grid::{Grid, PhotonGrid};
@@ -59,11 +59,11 @@ impl Photons {
         let mut table = StepTable::default();
         let steps = trace_steps(settings.loop_budget);
         let first_rounds = table.add_rounds(settings.rounds, Step { end: count, steps, ..Step::default() });
-        // With mirrored lights, photons that arrive over a planar mirror are not stored.
-        let fresh = u32::from(plan.mirrors.is_some());
+        let mirrored_lights = u32::from(plan.mirrors.is_some());
         let follow_steps: Vec<u32> = (0..=photons.steps)
             .map(|bounce| {
-                table.add(Step { bounce, last: u32::from(bounce == photons.steps), fresh, ..Step::default() })
+                let last = u32::from(bounce == photons.steps);
+                table.add(Step { bounce, last, mirrored_lights, ..Step::default() })
             })
             .collect();
         let list_step = table.add_list();
@@ -101,7 +101,7 @@ impl Photons {
                 })
             })
             .collect::<Result<_>>()?;
-        let grid_work = Work { total: count, total_groups: groups_of(count), ..Work::default() };
+        let grid_work = DispatchCounts { total: count, total_groups: groups_of(count), ..DispatchCounts::default() };
         let stored = [&flux, &position, &normal];
         Ok(Some(Photons {
             count,

@@ -30,7 +30,7 @@ fn succeeds(folder: &Path, arguments: &[&str]) -> String {
 }
 
 /// Flags for small images.
-const SMALL: [&str; 8] = ["--resolution", "24x18", "--paths", "4", "--max-depth", "3", "--traversal", "single"];
+const SMALL: [&str; 8] = ["--resolution", "24x18", "--particles", "4", "--max-depth", "3", "--traversal", "single"];
 
 fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
     SMALL.iter().chain(more).copied().collect()

@@ -81,9 +81,11 @@ fn fails(folder: &Path, arguments: &str, code: i32, names: &[&str]) {
 fn a_frame_is_measured_for_every_scene_and_setting() {
     let folder = folder();
     let cornell = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell/scene.toml");
-    let arguments = format!("frame --scene room:300 --scene {cornell} --paths 2,4 --traversal single --max-depth 3");
+    let arguments =
+        format!("frame --scene room:300 --scene {cornell} --particles 2,4 --traversal single --max-depth 3");
     let lines = lines(folder.path(), &arguments);
-    let key = |line: &Value| (line["scene"].as_str().unwrap().to_owned(), line["settings"]["paths"].as_u64().unwrap());
+    let key =
+        |line: &Value| (line["scene"].as_str().unwrap().to_owned(), line["settings"]["particles"].as_u64().unwrap());
     let expected = [("room:300", 2), ("room:300", 4), (cornell, 2), (cornell, 4)].map(|(s, p)| (s.to_owned(), p));
     assert_eq!(lines.iter().map(key).collect::<Vec<_>>(), expected);
     for line in &lines {
@@ -135,14 +137,14 @@ usemtl lamp\nf 5 6 7 8
 #[test]
 fn three_series_scale() {
     let folder = folder();
-    let lines = lines(folder.path(), "scaling --max-triangles 1500 --max-paths 2");
+    let lines = lines(folder.path(), "scaling --max-triangles 1500 --max-particles 2");
     let of = |series: &str| lines.iter().filter(|line| line["series"] == series).collect::<Vec<_>>();
     let (triangles, lights, resolution) = (of("triangles"), of("lights"), of("resolution"));
     assert_eq!((triangles.len(), lights.len(), resolution.len(), lines.len()), (2, 2, 4, 8));
     assert_eq!(triangles[0]["triangles"], builtin::room(1000).triangles.len());
     assert_eq!(triangles[1]["scene"], "room:1500");
     assert!(positive(&triangles[1]["scene_bytes"]) > positive(&triangles[0]["scene_bytes"]));
-    assert_eq!((&lights[0]["paths"], &lights[1]["paths"]), (&1.into(), &2.into()));
+    assert_eq!((&lights[0]["particles"], &lights[1]["particles"]), (&1.into(), &2.into()));
     assert!(positive(&lights[1]["lights"]) > positive(&lights[0]["lights"]));
     let sizes: Vec<_> = resolution.iter().map(|line| line["resolution"].to_string()).collect();
     assert_eq!(sizes, ["[4,3]", "[8,6]", "[16,12]", "[32,24]"]);
@@ -152,7 +154,7 @@ fn three_series_scale() {
         positive(&line["bvh"]["median_seconds"]);
         assert!(line.get("error").is_none());
     }
-    let table = text(&succeeds(folder.path(), &format!("scaling --series lights --max-paths 1 {TINY}")).stdout);
+    let table = text(&succeeds(folder.path(), &format!("scaling --series lights --max-particles 1 {TINY}")).stdout);
     assert!(table.contains("lights") && !table.contains("triangles  "), "{table}");
 }
 
@@ -161,7 +163,7 @@ fn startup_is_measured_cold_and_warm() {
     let folder = folder();
     let lines = lines(folder.path(), "startup --scene room:300");
     assert_eq!((lines.len(), &lines[0]["mode"], &lines[0]["scene"]), (1, &"startup".into(), &"room:300".into()));
-    assert!(lines[0]["settings"]["paths"].as_u64() > Some(0));
+    assert!(lines[0]["settings"]["particles"].as_u64() > Some(0));
     for caches in ["cold", "warm"] {
         for step in ["load", "device", "bvh", "prepare", "first_pass", "second_pass"] {
             let step = &lines[0][caches][step];
@@ -320,7 +322,7 @@ fn wrong_use_is_named() {
     }
     fails(folder.path(), "frame", 1, &["scenes/cornell/scene.toml"]);
     fails(folder.path(), "frame --scene room:300 --pathz 3", 2, &["--pathz"]);
-    fails(folder.path(), "frame --scene room:300 --paths 0", 2, &["--paths"]);
+    fails(folder.path(), "frame --scene room:300 --particles 0", 2, &["--particles"]);
     fails(folder.path(), "scaling --resolution 8192x8192", 2, &["--resolution", "8192x8192"]);
     fails(folder.path(), "scaling --device no-such-device", 1, &["no-such-device"]);
     fails(folder.path(), "paint", 2, &["paint"]);
@@ -330,7 +332,7 @@ fn wrong_use_is_named() {
 fn what_the_device_cannot_hold_is_refused() {
     let folder = folder();
     // A gibibyte in each array, more than lavapipe binds; a GPU may succeed.
-    let arguments = "frame --scene room:300 --resolution 8192x8192 --paths 1 --max-depth 1 --repeats 1";
+    let arguments = "frame --scene room:300 --resolution 8192x8192 --particles 1 --max-depth 1 --repeats 1";
     let output = command(folder.path(), arguments).output().expect("the program starts");
     let message = text(&output.stderr);
     match output.status.code() {
@@ -345,7 +347,7 @@ fn what_the_device_cannot_hold_is_refused() {
 #[test]
 fn a_closed_pipe_ends_it_quietly() {
     let folder = folder();
-    let mut child = command(folder.path(), &format!("frame --scene room:300 --paths 1 --max-depth 2 {TINY}"))
+    let mut child = command(folder.path(), &format!("frame --scene room:300 --particles 1 --max-depth 2 {TINY}"))
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()

@@ -77,13 +77,13 @@ fn energy(image: &Image, of: &Image) -> f64 {
 #[test]
 fn each_flag_of_the_light_changes_the_image_and_hardly_its_energy() {
     let folder = folder();
-    let image = |flags: &str| render(folder.path(), "scene.toml", &format!("--passes 2 --paths 32 {flags}"));
+    let image = |flags: &str| render(folder.path(), "scene.toml", &format!("--passes 2 --particles 32 {flags}"));
     let plain = image("");
     // The same lights, chosen, placed or traced otherwise; how far the energy may be off after two passes.
     for (flags, tolerance) in [
         ("--direct-lights 8", 0.1),
         ("--light-choice contribution", 0.1),
-        ("--light-choice contribution --light-floor 0.9", 0.1),
+        ("--light-choice contribution --power-fraction 0.9", 0.1),
         ("--sequence sobol", 0.1),
         ("--light-threshold 1", 0.1),
         ("--mirror-lights 8", 0.3),
@@ -95,7 +95,7 @@ fn each_flag_of_the_light_changes_the_image_and_hardly_its_energy() {
         assert!(changed != plain, "{flags} changes nothing");
         assert!((ratio - 1.0).abs() < tolerance, "{flags}: energy {ratio}");
     }
-    assert!(image("--light-choice contribution") != image("--light-choice contribution --light-floor 0.9"));
+    assert!(image("--light-choice contribution") != image("--light-choice contribution --power-fraction 0.9"));
     // The order of clusters decides by rounding alone which lights are seen.
     let ordered = image("--cluster-order space");
     let differ = |(a, b): &(&f32, &f32)| (**a - **b).abs() > 1e-3 * a.abs().max(1e-3);
@@ -106,7 +106,7 @@ fn each_flag_of_the_light_changes_the_image_and_hardly_its_energy() {
 #[test]
 fn each_flag_of_glossy_planes_changes_their_reflection() {
     let folder = folder();
-    let image = |flags: &str| render(folder.path(), "scene.toml", &format!("--passes 1 --paths 8 {flags}"));
+    let image = |flags: &str| render(folder.path(), "scene.toml", &format!("--passes 1 --particles 8 {flags}"));
     let all = [
         "--superposition off",
         "--superposition mirror",
@@ -133,7 +133,7 @@ fn each_flag_of_glossy_planes_changes_their_reflection() {
 #[test]
 fn the_summands_add_up_to_the_image() {
     let folder = folder();
-    let image = render(folder.path(), "scene.toml", "--passes 2 --paths 8 --summands --superposition variant");
+    let image = render(folder.path(), "scene.toml", "--passes 2 --particles 8 --summands --superposition variant");
     for c in ["R", "G", "B"] {
         let [emission, diffuse, specular] =
             ["emission", "diffuse", "specular"].map(|layer| &image[&format!("{layer}.{c}")]);
@@ -151,11 +151,11 @@ fn a_key_of_the_scene_does_what_its_flag_does() {
         |name: &str, keys: &str| fs::write(folder.path().join(name), format!("{SCENE}[render]\n{keys}")).unwrap();
     write(
         "keys.toml",
-        "passes = 3\npaths = 12\ndirect_lights = 4\ninterleave = [2, 1]\nmax_depth = 4\nmax_specular = 3\n\
+        "passes = 3\nparticles = 12\ndirect_lights = 4\ninterleave = [2, 1]\nmax_depth = 4\nmax_specular = 3\n\
          photons = 16\nphoton_radius = 0.3\nsuperposition = \"invariant\"\nclip = 0.4\ncompensation = false\nseed = 5\n\
          exposure = -2.0\n",
     );
-    let flags = "--passes 3 --paths 12 --direct-lights 4 --interleave 2x1 --max-depth 4 --max-specular 3 \
+    let flags = "--passes 3 --particles 12 --direct-lights 4 --interleave 2x1 --max-depth 4 --max-specular 3 \
                  --photons 16 --photon-radius 0.3 --superposition invariant --clip 0.4 --no-compensation --seed 5 \
                  --exposure -2.0";
     let png = || fs::read(folder.path().join("a.png")).unwrap();

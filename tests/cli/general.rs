@@ -88,8 +88,8 @@ fn wrong_use_exits_with_2_and_names_the_flag() {
     value("--resolution", "12");
     value("--passes", "0");
     value("--passes", "many");
-    value("--paths", "0");
-    value("--paths", "70000");
+    value("--particles", "0");
+    value("--particles", "70000");
     value("--max-depth", "17");
     value("--clip", "-1");
     value("--clip-fraction", "nan");

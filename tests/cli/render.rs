@@ -98,7 +98,7 @@ fn images_layers_and_statistics_are_written() {
     let folder = folder();
     let output = succeeds(
         folder.path(),
-        "render scene.toml -o a.exr -o a.png --float --passes 6 --paths 8 --stats a.json --validation",
+        "render scene.toml -o a.exr -o a.png --float --passes 6 --particles 8 --stats a.json --validation",
     );
     let last = text(&output.stdout).lines().last().unwrap_or_default().to_owned();
     assert!(last.contains("6 passes") && last.ends_with("-> a.exr, a.png"), "{last}");
@@ -149,7 +149,7 @@ fn images_layers_and_statistics_are_written() {
 fn a_resumed_run_equals_an_unbroken_one() {
     let folder = folder();
     let run = |output: &str, passes: u32, more: &str| {
-        succeeds(folder.path(), &format!("render scene.toml -o {output} --paths 8 --passes {passes} {more}"))
+        succeeds(folder.path(), &format!("render scene.toml -o {output} --particles 8 --passes {passes} {more}"))
     };
     run("whole.exr", 7, "");
     run("parts.exr", 3, "--resume");
@@ -165,7 +165,7 @@ fn a_resumed_run_equals_an_unbroken_one() {
     // A state of another rendering, or a damaged one, is refused and kept.
     let state = folder.path().join("parts.exr.state");
     for (other, named) in [("--seed 1", "settings"), ("--max-depth 3", "settings"), ("--resolution 16x20", "20x16")] {
-        let line = format!("render scene.toml -o parts.exr --paths 8 --passes 9 --resume {other}");
+        let line = format!("render scene.toml -o parts.exr --particles 8 --passes 9 --resume {other}");
         fails(folder.path(), &line, 1, &["parts.exr.state", named]);
     }
     let whole = fs::read(&state).unwrap();
@@ -173,7 +173,7 @@ fn a_resumed_run_equals_an_unbroken_one() {
     fs::write(folder.path().join("other.toml"), SCENE.replace("0.0, 0.4, 0.0", "0.0, 0.3, 0.0")).unwrap();
     fails(
         folder.path(),
-        "render other.toml -o other.exr --paths 8 --passes 9 --resume",
+        "render other.toml -o other.exr --particles 8 --passes 9 --resume",
         1,
         &["other.exr.state", "another scene"],
     );
@@ -181,7 +181,7 @@ fn a_resumed_run_equals_an_unbroken_one() {
     damaged[whole.len() / 2] ^= 1;
     for (bytes, named) in [(&whole[..whole.len() - 1], "cut off"), (&damaged[..], "damaged"), (b"PNG", "not a state")] {
         fs::write(&state, bytes).unwrap();
-        let line = "render scene.toml -o parts.exr --paths 8 --passes 9 --resume";
+        let line = "render scene.toml -o parts.exr --particles 8 --passes 9 --resume";
         fails(folder.path(), line, 1, &["parts.exr.state", named]);
     }
 }
@@ -189,7 +189,7 @@ fn a_resumed_run_equals_an_unbroken_one() {
 #[test]
 fn an_interrupt_writes_what_there_is_and_resume_finishes() {
     let folder = folder();
-    let line = "render scene.toml -o a.exr --paths 8 --resolution 96x64 --passes 1000000";
+    let line = "render scene.toml -o a.exr --particles 8 --resolution 96x64 --passes 1000000";
     let mut run = command(folder.path(), line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut stderr = BufReader::new(run.stderr.take().unwrap());
     let mut progress = String::new();
@@ -206,8 +206,9 @@ fn an_interrupt_writes_what_there_is_and_resume_finishes() {
     let passes = State::read(&folder.path().join("a.exr.state")).unwrap().passes;
     assert!(passes > 0);
 
-    let line =
-        |output: &str| format!("render scene.toml -o {output} --paths 8 --resolution 96x64 --passes {}", passes + 3);
+    let line = |output: &str| {
+        format!("render scene.toml -o {output} --particles 8 --resolution 96x64 --passes {}", passes + 3)
+    };
     succeeds(folder.path(), &format!("{} --resume", line("a.exr")));
     succeeds(folder.path(), &line("b.exr"));
     let image = |name: &str| fs::read(folder.path().join(name)).unwrap();
@@ -217,9 +218,9 @@ fn an_interrupt_writes_what_there_is_and_resume_finishes() {
 #[test]
 fn exported_lights_are_rendered_again() {
     let folder = folder();
-    let output = succeeds(folder.path(), "render scene.toml --paths 16 --export-lights lights.gltf");
+    let output = succeeds(folder.path(), "render scene.toml --particles 16 --export-lights lights.gltf");
     assert!(text(&output.stdout).contains("virtual lights to lights.gltf"), "{}", text(&output.stdout));
-    let common = "--float --no-compensation --passes 1 --paths 16";
+    let common = "--float --no-compensation --passes 1 --particles 16";
     succeeds(folder.path(), &format!("render scene.toml -o a.exr {common}"));
     succeeds(folder.path(), &format!("render lights.gltf -o b.exr --max-depth 2 {common}"));
     let (a, b) = (channels(&folder.path().join("a.exr")), channels(&folder.path().join("b.exr")));
@@ -299,7 +300,7 @@ fn an_image_beyond_the_limits_of_the_device_is_refused_by_the_limits_name() {
 #[test]
 fn places_that_cannot_be_written_are_refused_and_nothing_is_left() {
     let folder = folder();
-    let run = |files: &str| format!("render scene.toml --passes 1 --paths 2 {files}");
+    let run = |files: &str| format!("render scene.toml --passes 1 --particles 2 {files}");
     for flag in ["-o", "-o old.exr --stats", "-o old.exr --export-lights"] {
         let file = if flag.contains("lights") { "missing/lights.gltf" } else { "missing/a.exr" };
         fails(folder.path(), &run(&format!("{flag} {file}")), 1, &[file]);
@@ -316,7 +317,7 @@ fn places_that_cannot_be_written_are_refused_and_nothing_is_left() {
 fn a_full_disk_is_an_error_and_leaves_nothing() {
     let folder = folder();
     std::os::unix::fs::symlink("/dev/full", folder.path().join("full.exr")).unwrap();
-    let output = command(folder.path(), "render scene.toml --passes 1 --paths 2 -o full.exr").output().unwrap();
+    let output = command(folder.path(), "render scene.toml --passes 1 --particles 2 -o full.exr").output().unwrap();
     let message = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{message}");
     assert!(message.contains("error: full.exr: writing failed") && !message.contains("panicked"), "{message}");
@@ -325,7 +326,7 @@ fn a_full_disk_is_an_error_and_leaves_nothing() {
     fs::write(folder.path().join("old.exr"), "an image from before").unwrap();
     let before = contents(folder.path());
     for (output, file) in [("--resolution 128x96 -o", "old.exr"), ("--export-lights", "lights.gltf")] {
-        let inner = command(folder.path(), &format!("render scene.toml --passes 1 --paths 64 {output} {file}"));
+        let inner = command(folder.path(), &format!("render scene.toml --passes 1 --particles 64 {output} {file}"));
         let mut limited = Command::new("sh");
         let line = "trap '' XFSZ; ulimit -f 4; exec \"$0\" \"$@\"";
         limited.args(["-c", line]).arg(inner.get_program()).args(inner.get_args()).current_dir(folder.path());
@@ -346,7 +347,7 @@ fn a_full_disk_is_an_error_and_leaves_nothing() {
 fn time_and_target_error_end_a_rendering() {
     let folder = folder();
     let stats = |flags: &str| -> serde_json::Value {
-        succeeds(folder.path(), &format!("render scene.toml --paths 8 --stats a.json {flags}"));
+        succeeds(folder.path(), &format!("render scene.toml --particles 8 --stats a.json {flags}"));
         serde_json::from_slice(&fs::read(folder.path().join("a.json")).unwrap()).unwrap()
     };
     let by_error = stats("--target-error 0.1 --passes 100000");

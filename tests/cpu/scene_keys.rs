@@ -62,12 +62,12 @@ fn every_key_of_a_material_is_obeyed() {
 #[test]
 fn every_key_of_the_rendering_is_read() {
     let folder = tempfile::tempdir().unwrap();
-    let keys = "[render]\npasses = 3\npaths = 5\ndirect_lights = 4\ninterleave = [2, 3]\nmax_depth = 6\nmax_specular = 7\n\
+    let keys = "[render]\npasses = 3\nparticles = 5\ndirect_lights = 4\ninterleave = [2, 3]\nmax_depth = 6\nmax_specular = 7\n\
                 split = false\nphotons = 8\nphoton_radius = 0.5\nsuperposition = \"invariant\"\nclip = 0.25\n\
                 compensation = false\nseed = 9\nexposure = -1.5\n";
     let expected = RenderDefaults {
         passes: Some(3),
-        paths: Some(5),
+        particles: Some(5),
         direct_lights: Some(4),
         interleave: Some([2, 3]),
         max_depth: Some(6),
@@ -85,6 +85,9 @@ fn every_key_of_the_rendering_is_read() {
     assert_eq!(load(folder.path(), keys).unwrap().render, expected);
     let fraction = load(folder.path(), "[render]\nclip_fraction = 0.125\n").unwrap().render;
     assert_eq!(fraction, RenderDefaults { clip_fraction: Some(0.125), ..RenderDefaults::default() });
+    // Its former name.
+    let particles = load(folder.path(), "[render]\npaths = 6\n").unwrap().render.particles;
+    assert_eq!(particles, Some(6));
     let error = load(folder.path(), "[render]\npath = 5\n").unwrap_err().to_string();
     assert!(error.contains("path") && error.contains("a.toml:3"), "{error}");
 }

@@ -42,7 +42,7 @@ fn place(light: &PointLight) -> [u32; 8] {
 }
 
 /// The lights of each class that a pass chose.
-fn choose(rig: &Rig, pass: u32) -> (lightsum::pass::layout::Frame, Vec<Vec<PointLight>>) {
+fn choose(rig: &Rig, pass: u32) -> (lightsum::pass::layout::FrameParameters, Vec<Vec<PointLight>>) {
     let parameters = rig.engine.plan().parameters(pass).unwrap();
     rig.run(|frame, rec| {
         frame.record_start(rec, &parameters)?;

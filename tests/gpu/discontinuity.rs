@@ -4,7 +4,7 @@
 use glam::{Vec3, Vec4};
 use lightsum::gpu::{Context, upload};
 use lightsum::pass::Lighting;
-use lightsum::pass::discontinuity::{self, Discontinuity, Guide, Inputs, Receiver, agree, guide};
+use lightsum::pass::discontinuity::{self, Discontinuity, Guide, Inputs, PixelPoint, agree, guide};
 use lightsum::pass::layout::Window;
 use lightsum::scene::{Light, Material, Scene, Texture, Wrap};
 use lightsum::settings::{Agreement, Filter, Settings};
@@ -28,7 +28,7 @@ fn guides(rig: &Rig, agreement: Agreement) -> Vec<Guide> {
         if i >= pixels && listed.binary_search(&((i - pixels) as u32)).is_err() {
             return Guide::default();
         }
-        let receiver = Receiver {
+        let receiver = PixelPoint {
             position: position[i],
             geometric: geometric[i],
             shading: shading[i],
@@ -71,7 +71,7 @@ fn filtered(ctx: &Context, rig: &Rig, filter: Filter, irradiance: [&[Vec3]; 2]) 
 
 /// The visible shading points of a scene.
 fn seen<'a>(ctx: &'a Context, scene: &'a Scene, size: [u32; 2], pattern: [u32; 2]) -> Rig<'a> {
-    let rig = Rig::new(ctx, scene, size, Settings { paths: 1, pattern, ..Settings::default() });
+    let rig = Rig::new(ctx, scene, size, Settings { particles: 1, pattern, ..Settings::default() });
     rig.run(|frame, rec| frame.eye.record(rec));
     rig
 }
@@ -86,12 +86,12 @@ fn filters() -> Vec<(Filter, [u32; 2])> {
     vec![
         (filter(None, true, Agreement::Plane), [1, 1]),
         (filter(None, false, Agreement::Plane), [2, 3]),
-        (filter(Some([3, 1]), true, Agreement::Paper), [2, 1]),
-        (filter(Some([1, 3]), false, Agreement::Paper), [1, 1]),
+        (filter(Some([3, 1]), true, Agreement::DepthAndNormal), [2, 1]),
+        (filter(Some([1, 3]), false, Agreement::DepthAndNormal), [1, 1]),
         (filter(None, true, Agreement::Plane), [5, 4]),
         (filter(Some([9, 5]), false, Agreement::Plane), [3, 2]),
-        (filter(Some([5, 7]), true, Agreement::Paper), [4, 1]),
-        (filter(Some([1, 9]), false, Agreement::Paper), [1, 8]),
+        (filter(Some([5, 7]), true, Agreement::DepthAndNormal), [4, 1]),
+        (filter(Some([1, 9]), false, Agreement::DepthAndNormal), [1, 8]),
     ]
 }
 
@@ -250,7 +250,7 @@ fn offset_planes_stay_apart() {
             found.iter().zip(&height).filter(|(a, b)| a != b).count()
         };
         assert_eq!(mixed(Agreement::Plane), 0);
-        assert!(mixed(Agreement::Paper) >= 43, "the paper's test is better than it was");
+        assert!(mixed(Agreement::DepthAndNormal) >= 43, "the paper's test is better than it was");
     });
 }
 
@@ -274,7 +274,7 @@ fn curved_surfaces_agree() {
             let agreeing = pairs.iter().filter(|(a, b)| agree(&rig.parameters, agreement, a, b, 1.0)).count();
             agreeing as f64 / pairs.len() as f64
         };
-        let [plane, paper] = [share(Agreement::Plane), share(Agreement::Paper)];
+        let [plane, paper] = [share(Agreement::Plane), share(Agreement::DepthAndNormal)];
         println!("neighbours on a ball that agree: {plane:.3} by planes, {paper:.3} by distances");
         assert!(plane > 0.93 && plane > paper, "{plane} by planes, {paper} by distances");
     });
@@ -299,7 +299,7 @@ fn textures_stay_sharp() {
         soup.quad(Vec3::new(-1.0, 0.0, -1.0), Vec3::Z * 2.0, Vec3::X * 2.0, cloth);
         soup.quad(Vec3::new(-0.5, 2.0, -0.5), Vec3::X, Vec3::Z, lamp);
         let view = camera(Vec3::new(0.0, 1.5, -0.4), Vec3::ZERO, 40.0, [48, 40]);
-        let settings = Settings { paths: 4, pattern: [3, 3], ..Settings::default() };
+        let settings = Settings { particles: 4, pattern: [3, 3], ..Settings::default() };
         let plain = render(ctx, &soup.0, view, &settings, 1);
         let filter = Some(Filter::default());
         let smooth = render(ctx, &soup.0, view, &Settings { filter, ..settings }, 1);
@@ -323,7 +323,7 @@ fn filtered_passes_accumulate() {
     gpu_test(|ctx| {
         let scene = gallery();
         let view = lightsum::scene::Camera { resolution: [31, 17], ..scene.camera.unwrap() };
-        let plain = Settings { paths: 2, pattern: [2, 2], ..Settings::default() };
+        let plain = Settings { particles: 2, pattern: [2, 2], ..Settings::default() };
         let settings = Settings { filter: Some(Filter::default()), ..plain.clone() };
         let [one, three] = [1, 3].map(|passes| render(ctx, &scene, view, &settings, passes));
         let again = render(ctx, &scene, view, &settings, 3);

@@ -19,7 +19,7 @@ pub fn small() -> (Scene, Camera, Settings) {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell/scene.toml");
     let scene = lightsum::scene::load(&path).unwrap();
     let camera = Camera { resolution: [33, 21], ..scene.camera.unwrap() };
-    (scene, camera, Settings { paths: 4, max_depth: 3, ..Settings::default() })
+    (scene, camera, Settings { particles: 4, max_depth: 3, ..Settings::default() })
 }
 
 /// Records setup if asked, one pass and the image.
@@ -232,7 +232,7 @@ fn a_pass_with_lost_rays_is_left_out() {
         let scene = builtin::deep_scene(2000);
         let camera = Camera { resolution: [9, 7], ..scene.camera.unwrap() };
         let settings = Settings {
-            paths: 4,
+            particles: 4,
             max_depth: 2,
             lights_per_dispatch: 64,
             rounds: 1,

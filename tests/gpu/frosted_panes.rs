@@ -53,7 +53,7 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
         let (mut panes, mut nothing, mut further) = ([0; 4], 0, 0);
         for resolution in AWKWARD_IMAGES {
             let superposition = Some(Superposition::default());
-            let settings = Settings { paths: 4, compensation: false, superposition, ..Settings::default() };
+            let settings = Settings { particles: 4, compensation: false, superposition, ..Settings::default() };
             let rig = Rig::new(ctx, &scene, resolution, settings);
             let frame = rig.frame();
             rig.light();

@@ -72,10 +72,10 @@ fn distribution(rig: &Rig) -> Vec<EmitterRecord> {
 #[test]
 fn importance_follows_its_oracle_and_no_emitter_falls_below_the_floor() {
     gpu_test(|ctx| {
-        for (count, light_floor) in AWKWARD_SIZES.into_iter().flat_map(|n| [(n, 0.2), (n, 0.01)]) {
+        for (count, power_fraction) in AWKWARD_SIZES.into_iter().flat_map(|n| [(n, 0.2), (n, 0.01)]) {
             let scene = lamps(count);
             let clip = Clip::Distance(0.3);
-            let settings = by_contribution(Settings { light_floor, clip, ..Settings::default() });
+            let settings = by_contribution(Settings { power_fraction, clip, ..Settings::default() });
             let rig = Rig::new(ctx, &scene, [31, 17], settings);
             let records = distribution(&rig);
             let emitters = rig.engine.emitters();
@@ -91,7 +91,7 @@ fn importance_follows_its_oracle_and_no_emitter_falls_below_the_floor() {
                 let (p, upper) = (record.normal[3], record.radiance[3]);
                 assert!(upper >= lower && p == upper - lower, "emitter {i}: {p} from {lower} to {upper}");
                 // The ends are stored with an error of 2^-24 each, sums of thousands of terms with slightly more.
-                let floor = light_floor * e.probability;
+                let floor = power_fraction * e.probability;
                 assert!(p >= floor * 0.9999 - 3e-7, "emitter {i}: {p} is below {floor}");
                 assert!(
                     (f64::from(p) - expected[i]).abs() < 1e-3 * expected[i] + 3e-7,

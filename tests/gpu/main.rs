@@ -16,6 +16,7 @@ mod mirror_lights;
 mod mirrors_and_glass;
 mod moving;
 mod passes_eye;
+mod passes_film;
 mod passes_light;
 mod passes_limits;
 mod passes_paths;

@@ -130,7 +130,7 @@ const EDITS: [(&str, Edit); 29] = [
     }),
     ("another seed", |e| settings_with(e, |s| s.seed = 7)),
     ("another clipping distance", |e| settings_with(e, |s| s.clip = Clip::Fraction(0.05))),
-    ("more paths", |e| settings_with(e, |s| s.paths = 6)),
+    ("more paths", |e| settings_with(e, |s| s.particles = 6)),
     ("no compensation", |e| settings_with(e, |s| s.compensation = false)),
     ("of the lights without area one is chosen", |e| settings_with(e, |s| s.delta_lights = Some(1))),
     ("one of those to choose from moves", |e| {
@@ -201,7 +201,7 @@ fn a_dynamic_scene_looks_like_a_still_one() {
     gpu_test(|ctx| {
         let scene = builtin::room(900);
         let camera = Camera { resolution: [33, 21], ..scene.camera.unwrap() };
-        let settings = Settings { paths: 4, max_depth: 3, ..Settings::default() };
+        let settings = Settings { particles: 4, max_depth: 3, ..Settings::default() };
         let still = image(ctx, &mut ready(ctx, &scene, camera, &settings), 3);
         let moving = image(ctx, &mut dynamic(ctx, &scene, camera, &settings), 3);
         let error = difference(&moving, &still);
@@ -215,7 +215,7 @@ fn moving_back_gives_the_same_bits() {
     gpu_test(|ctx| {
         let scene = builtin::room(900);
         let camera = Camera { resolution: [33, 21], ..scene.camera.unwrap() };
-        let settings = Settings { paths: 4, max_depth: 3, ..Settings::default() };
+        let settings = Settings { particles: 4, max_depth: 3, ..Settings::default() };
         let mut engine = dynamic(ctx, &scene, camera, &settings);
         let first = image(ctx, &mut engine, 2);
         let moved = ["lamp", "table 5", "spheres 2"].map(|name| object(&engine, name));
@@ -340,7 +340,7 @@ fn refused_edits_name_what_is_wrong_and_change_nothing() {
         assert!(message(engine.set_light(2, dark)).contains("sphere"));
         let single = Settings { traversal: Traversal::Single, ..settings.clone() };
         assert!(message(engine.set_settings(single)).contains("--traversal"));
-        assert!(message(engine.set_settings(Settings { paths: 0, ..settings.clone() })).contains("--paths"));
+        assert!(message(engine.set_settings(Settings { particles: 0, ..settings.clone() })).contains("--particles"));
         assert_eq!(engine.passes(), 1, "nothing started over");
         engine.restart();
         assert!(image(ctx, &mut engine, 1) == first);

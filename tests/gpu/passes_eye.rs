@@ -17,7 +17,7 @@ const RELATIVE: f32 = 1e-4;
 /// Maximum fraction of rays that rounding may deflect.
 const STRAYS: f64 = 0.003;
 
-/// The shading points of a bounce, read from the device, each component by its name in shaders/include/receiver.wgsl.
+/// The shading points of a bounce, read from the device, each component by its name in shaders/include/point.wgsl.
 struct Found {
     position: Vec<Vec4>,
     geometric: Vec<Vec4>,
@@ -177,7 +177,7 @@ fn camera_rays_trace_and_receivers_follow_their_oracles() {
         {
             // Points seen through mirrors and glass, and in the last image glass itself as well.
             let max_specular = if resolution == AWKWARD_IMAGES[4] { 1 } else { 8 };
-            let settings = Settings { paths: 1, max_specular, superposition, ..Settings::default() };
+            let settings = Settings { particles: 1, max_specular, superposition, ..Settings::default() };
             let rig = Rig::new(ctx, &scene, resolution, settings);
             for hit in look(&rig) {
                 match hit {
@@ -208,7 +208,7 @@ fn emission_of_each_side() {
                 (camera.eye, camera.target, camera.up) =
                     (Vec3::new(0.25, y, 0.25), Vec3::new(0.25, 1.0, 0.25), Vec3::X);
                 camera.fov_y = 5.0;
-                let rig = Rig::new(ctx, &scene, [8, 8], Settings { paths: 1, ..Settings::default() });
+                let rig = Rig::new(ctx, &scene, [8, 8], Settings { particles: 1, ..Settings::default() });
                 look(&rig);
                 let emitted = rig.vec4s(&rig.frame().eye.points.emitted);
                 assert!(emitted.iter().all(|e| e.truncate() == Vec3::splat(expected)), "{two_sided} {side}");
@@ -220,7 +220,7 @@ fn emission_of_each_side() {
 /// Eye hits and irradiance of a scene with the work cut into rounds.
 fn in_rounds(ctx: &lightsum::gpu::Context, scene: &Scene, loop_budget: u32, rounds: u32) -> [Vec<[u32; 4]>; 3] {
     let settings = Settings {
-        paths: 3,
+        particles: 3,
         max_depth: 3,
         lights_per_dispatch: 1,
         clip: Clip::Fraction(0.0),

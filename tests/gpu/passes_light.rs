@@ -1,27 +1,22 @@
-//! Shading, gathering, collecting and accumulating against their oracles.
+//! Shading, gathering, collecting and scheduling against their oracles.
 
-use ash::vk;
-use glam::{DVec4, Vec3, Vec4};
+use glam::{Vec3, Vec4};
 use lightsum::accel::{Ray, offset_origin};
 use lightsum::bsdf::Reflectance;
-use lightsum::film::{Film, Sum};
-use lightsum::gpu::{Buffer, Context, Image, Memory, Resources, Staging, download, upload};
-use lightsum::pass::accumulate::{self, Accumulate};
+use lightsum::gpu::{Buffer, Context, Resources, Staging, download, upload};
 use lightsum::pass::collect::{self, Gathered};
-use lightsum::pass::layout::{self, PointLight, Step, Work};
-use lightsum::pass::resolve::Resolve;
+use lightsum::pass::layout::{DispatchCounts, PointLight, Step};
 use lightsum::pass::schedule::{self, Schedule};
-use lightsum::pass::shade::{self, Receiver};
+use lightsum::pass::shade::{self, ShadingPoint};
 use lightsum::pass::surface::surface_at;
-use lightsum::pass::{EyePathState, Lighting, ShadingPoints, gather, sort};
+use lightsum::pass::{Lighting, ShadingPoints, gather, sort};
 use lightsum::settings::{Clip, Sequence, Settings, Traversal};
 use lightsum::stage::Stage;
 
 use crate::rig::{
-    AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, has, hit_of, is_lit, make, ray_of, same_hit, sine_error,
-    untouched, xyz,
+    AWKWARD_IMAGES, Rig, Tally, close, gallery, has, hit_of, is_lit, make, ray_of, same_hit, sine_error, untouched, xyz,
 };
-use crate::support::{AWKWARD_SIZES, gpu_test};
+use crate::support::gpu_test;
 
 /// Tolerance for a direction of the diffuse lobe: Vulkan permits sines and cosines an error of 2^-11.
 const RELATIVE: f32 = 5e-4;
@@ -38,11 +33,11 @@ const LOBE: f32 = 2e-3;
 const STRAYS: f64 = 0.005;
 
 /// The shading points in the form of the oracles.
-pub fn receivers(rig: &Rig, r: &ShadingPoints) -> Vec<Receiver> {
+pub fn receivers(rig: &Rig, r: &ShadingPoints) -> Vec<ShadingPoint> {
     let [position, geometric, shading, kd, f0, wo] =
         [&r.position, &r.geometric, &r.shading, &r.kd, &r.f0, &r.wo].map(|b| rig.vec4s(b));
     (0..position.len())
-        .map(|i| Receiver {
+        .map(|i| ShadingPoint {
             position: position[i].truncate(),
             geometric: geometric[i].truncate(),
             shading: shading[i].truncate(),
@@ -257,7 +252,8 @@ fn shade_gather_and_collect_follow_their_oracles() {
         for (i, (resolution, pattern)) in images.enumerate() {
             // A long clipping distance, so that most gather rays hit something.
             let (clip, sequence) = (Clip::Distance(1.2), sequence(i));
-            let settings = Settings { paths: 9, pattern, max_depth: 4, clip, sequence, seed: 3, ..Settings::default() };
+            let settings =
+                Settings { particles: 9, pattern, max_depth: 4, clip, sequence, seed: 3, ..Settings::default() };
             let rig = Rig::new(ctx, &scene, resolution, settings);
             rig.walk_and_look();
             let mut seen = Seen::default();
@@ -337,7 +333,7 @@ fn shade_of_each_kind_of_light() {
 
 fn shade_each_kind(ctx: &Context, traversal: Traversal) {
     let scene = gallery();
-    let settings = Settings { paths: 27, clip: Clip::Distance(1.0), seed: 3, traversal, ..Settings::default() };
+    let settings = Settings { particles: 27, clip: Clip::Distance(1.0), seed: 3, traversal, ..Settings::default() };
     let rig = Rig::new(ctx, &scene, [31, 17], settings);
     rig.walk_and_look();
     let lights: Vec<PointLight> = rig.get(&rig.frame().walk.lights);
@@ -390,213 +386,6 @@ fn shade_each_kind(ctx: &Context, traversal: Traversal) {
     }
 }
 
-/// The inputs and outputs of `merge` and `accumulate`, for `pixels` pixels of arbitrary content, each of two
-/// components.
-pub struct Sheet {
-    pub frame: Buffer,
-    pub receivers: ShadingPoints,
-    pub paths: EyePathState,
-    pub sums: Lighting,
-    film: Film,
-}
-
-impl Sheet {
-    pub fn new(ctx: &Context, [width, height]: [u32; 2], passes: u32) -> Sheet {
-        let pixels = width * height;
-        let parameters = layout::Frame {
-            size: [width, height, pixels, 0],
-            within: [0, 0, width, height],
-            pixel_offset: [0.0, 0.0, 0.25, 1.0 / passes as f32],
-            lens: [0.0, 0.0, UNIT, 0.0],
-            ..layout::Frame::default()
-        };
-        Sheet {
-            frame: upload(ctx, "parameters", &[parameters]).unwrap(),
-            receivers: ShadingPoints::new(ctx, "test", 2 * pixels).unwrap(),
-            paths: EyePathState::new(ctx, 2 * pixels, 0).unwrap(),
-            sums: Lighting::new(ctx, "test", 2 * pixels).unwrap(),
-            film: Film::new(ctx, pixels, true).unwrap(),
-        }
-    }
-
-    fn accumulate(&self, ctx: &Context, status: &Buffer) -> Accumulate {
-        let shared = Resources::of([("frame", &self.frame), ("status", status)]);
-        make(ctx, shared, |kit| Accumulate::new(kit, &self.receivers, &self.paths, &self.sums, &self.film))
-    }
-}
-
-/// Unit of the film's guides.
-const UNIT: f32 = 1.0 / 4_194_304.0;
-
-/// Fills a buffer with numbers up to `scale` and the w components from `w`; returns them.
-pub fn fill(ctx: &Context, buffer: &Buffer, numbers: &mut Numbers, scale: f32, w: impl Fn(u32) -> f32) -> Vec<Vec4> {
-    let count = (buffer.bytes() / 16) as u32;
-    let values: Vec<Vec4> = (0..count).map(|i| (numbers.vec3() * scale).extend(w(i))).collect();
-    let mut staging = Staging::new();
-    staging.stage_into(ctx, buffer, 0, &values).unwrap();
-    ctx.submit_and_wait("fill", None, |rec| staging.record(rec)).unwrap();
-    values
-}
-
-#[test]
-fn accumulate_loses_nothing_over_thousands_of_passes() {
-    gpu_test(|ctx| {
-        const PASSES: u32 = 3000;
-        for size in AWKWARD_SIZES {
-            let s = Sheet::new(ctx, [size as u32, 1], PASSES);
-            let (r, n) = (&s.receivers, &mut Numbers(size as u32));
-            // Every third pixel sees nothing; every fifth is not lit, and its sums must be ignored; every seventh looks
-            // into a mirror that reflects the background.
-            let covered = |i: u32| i % 3 != 2;
-            let lit = |i: u32| i % 5 != 4;
-            let ends = |i: u32| covered(i) && i % 7 != 6;
-            let flags = |i: u32| {
-                let all =
-                    [(ShadingPoints::COVERED, covered(i)), (ShadingPoints::LIT, lit(i)), (ShadingPoints::HIT, ends(i))];
-                ShadingPoints::word(all.into_iter().filter(|f| f.1).map(|f| f.0).sum())
-            };
-            const DEPTH: f32 = 2.5;
-            let through = fill(ctx, &s.paths.throughput, n, 1.0, |_| DEPTH);
-            let shading = fill(ctx, &r.shading, n, 1.0, |_| 0.0);
-            let kd = fill(ctx, &r.kd, n, 1.0, |_| 1.0);
-            let f0 = fill(ctx, &r.f0, n, 1.0, |_| 1.0);
-            fill(ctx, &r.wo, n, -1.0, flags);
-            // Tiny compared with the large sums: each alone would be rounded away.
-            let emitted = fill(ctx, &r.emitted, n, 1e-5, |_| 0.0);
-            let light = [&s.sums.direct, &s.sums.indirect, &s.sums.specular].map(|b| fill(ctx, b, n, 1e-5, |_| 0.0));
-            let large = [&s.film.color[1], &s.film.direct, &s.film.indirect].map(|sum| {
-                let large = fill(ctx, &sum.0[0], n, 1000.0, |_| 0.0);
-                let small = fill(ctx, &sum.0[1], n, 1e-5, |_| 0.0);
-                large.into_iter().zip(small).map(|(a, b)| a.as_dvec4() + b.as_dvec4()).collect::<Vec<_>>()
-            });
-            let status = upload(ctx, "status", &[0u32, 0, 0, 0]).unwrap();
-            let pass = s.accumulate(ctx, &status);
-            ctx.submit_and_wait("accumulate", None, |rec| {
-                for sum in [&s.film.color[1], &s.film.direct, &s.film.indirect] {
-                    rec.fill(&sum.0[2], 0)?;
-                }
-                s.film.albedo.0.iter().chain(&s.film.normal.0).try_for_each(|b| rec.fill(b, 0))?;
-                s.film.color[0].0.iter().try_for_each(|b| rec.fill(b, 7))?;
-                (0..PASSES).try_for_each(|_| pass.record(rec, 1))
-            })
-            .unwrap();
-            let get = |b: &Buffer| download::<Vec4>(ctx, b).unwrap();
-            let levels = |sum: &Sum| sum.0.iter().map(get).collect::<Vec<_>>();
-            let [color, direct, indirect] = [&s.film.color[1], &s.film.direct, &s.film.indirect].map(levels);
-            let (albedo, normal) = (levels(&s.film.albedo), levels(&s.film.normal));
-            let total = |sum: &[Vec<Vec4>], i: usize| sum.iter().map(|level| level[i].as_dvec4()).sum::<DVec4>();
-            for i in 0..size {
-                let is_lit = lit(i as u32);
-                let light = [0, 1, 2].map(|k| if is_lit { light[k][i].truncate() } else { Vec3::ZERO });
-                let beta = through[i].truncate();
-                let radiance = accumulate::reference(emitted[i].truncate(), beta, kd[i].truncate(), light);
-                let one_if = |yes: bool| if yes { 1.0 } else { 0.0 };
-                let covered = one_if(covered(i as u32));
-                let shown = one_if(ends(i as u32));
-                for (name, sum, start, x) in [
-                    ("color", &color, large[0][i], radiance.extend(covered)),
-                    ("direct", &direct, large[1][i], light[0].extend(0.0)),
-                    ("indirect", &indirect, large[2][i], light[1].extend(0.0)),
-                ] {
-                    let found = total(sum, i);
-                    let exact = start + x.as_dvec4() * f64::from(PASSES);
-                    // The sum is exact; the addends are known to a few ulp, PASSES times over.
-                    let error = (found - exact).abs();
-                    let bound = exact.abs() * f64::EPSILON * 8.0 + x.as_dvec4().abs() * f64::from(PASSES) * 1e-6;
-                    assert!(error.cmple(bound).all(), "{name} of pixel {i} of {size}: {found} for {exact}");
-                }
-                let guides = [
-                    (total(&albedo, i), (beta * (kd[i].truncate() + f0[i].truncate())).extend(covered)),
-                    (total(&normal, i), (shading[i].truncate() * shown).extend(covered * DEPTH)),
-                ];
-                for (found, one) in guides {
-                    let expected = one.as_dvec4() * f64::from(PASSES);
-                    // An addend is off by half a unit and a few ulp.
-                    let bound = expected.abs() * 1e-6 + f64::from(PASSES) * f64::from(UNIT);
-                    assert!((found - expected).abs().cmple(bound).all(), "{found} for {expected}");
-                }
-            }
-            let other = levels(&s.film.color[0]);
-            let seven = |v: &Vec4| v.to_array().iter().all(|x| x.to_bits() == 7);
-            assert!(other.iter().flatten().all(seven), "the other instance is left alone");
-        }
-    });
-}
-
-#[test]
-fn accumulate_is_the_exact_sum() {
-    gpu_test(|ctx| {
-        let s = Sheet::new(ctx, [64, 1], 1);
-        let (r, n) = (&s.receivers, &mut Numbers(5));
-        let flags = ShadingPoints::word(ShadingPoints::COVERED | ShadingPoints::LIT | ShadingPoints::HIT);
-        fill(ctx, &r.wo, n, 1.0, |_| flags);
-        fill(ctx, &s.paths.throughput, n, 1.0, |_| 1.0);
-        let direct = fill(ctx, &s.sums.direct, n, 1.0, |_| 0.0);
-        let albedo = fill(ctx, &r.kd, n, 1.0, |_| 0.0);
-        fill(ctx, &r.f0, n, 0.0, |_| 0.0);
-        fill(ctx, &r.shading, n, 1.0, |_| 0.0);
-        let old: Vec<Vec<Vec4>> = (s.film.direct.0.iter().zip([3000.0, 1e-4, 1e-12]))
-            .map(|(level, scale)| fill(ctx, level, n, scale, |_| 0.0))
-            .collect();
-        let old_albedo: Vec<Vec<Vec4>> = (s.film.albedo.0.iter().zip([1e6, 0.0]))
-            .map(|(level, scale)| fill(ctx, level, n, scale, |_| 0.0))
-            .collect();
-        let through = download::<Vec4>(ctx, &s.paths.throughput).unwrap();
-        for lost in [1u32, 0] {
-            let status = upload(ctx, "status", &[lost, 0, 0, 0]).unwrap();
-            let pass = s.accumulate(ctx, &status);
-            ctx.submit_and_wait("accumulate", None, |rec| pass.record(rec, 0)).unwrap();
-            let get = |sum: &Sum| sum.0.iter().map(|b| download::<Vec4>(ctx, b).unwrap()).collect::<Vec<_>>();
-            let (found, found_albedo) = (get(&s.film.direct), get(&s.film.albedo));
-            for i in 0..64 {
-                let (before, before_albedo) = ([0, 1, 2].map(|k| old[k][i]), [0, 1].map(|k| old_albedo[k][i]));
-                let one = (through[i].truncate() * albedo[i].truncate()).extend(1.0);
-                let (expected, expected_albedo) = match lost {
-                    // A pass that lost rays has no effect.
-                    1 => (before, before_albedo),
-                    _ => (
-                        accumulate::sum_with(before, direct[i].truncate().extend(0.0)),
-                        accumulate::sum_of_units(before_albedo, one, Vec4::splat(UNIT)),
-                    ),
-                };
-                // Additions and subtractions are exactly rounded on every device.
-                assert_eq!([0, 1, 2].map(|k| found[k][i]), expected, "pixel {i}, {lost} rays lost");
-                assert_eq!([0, 1].map(|k| found_albedo[k][i]), expected_albedo, "albedo of pixel {i}");
-            }
-        }
-    });
-}
-
-#[test]
-fn resolve_writes_the_mean_of_the_film() {
-    gpu_test(|ctx| {
-        for (passes, [width, height]) in (1u32..).zip(AWKWARD_IMAGES) {
-            let s = Sheet::new(ctx, [width, height], passes);
-            let n = &mut Numbers(passes);
-            let image = Image::new(ctx, "image", width, height, vk::Format::R32G32B32A32_SFLOAT).unwrap();
-            let out = Buffer::new(ctx, "copied image", image.bytes(), Memory::Readback).unwrap();
-            let sum = [0, 1].map(|i| fill(ctx, &s.film.color[i].0[0], n, 100.0, |i| i as f32));
-            let rest = [0, 1].map(|i| fill(ctx, &s.film.color[i].0[1], n, 1e-3, |_| 0.0));
-            let pass = make(ctx, Resources::new(), |kit| Resolve::new(kit, &s.film, &image));
-            let mut counts = Staging::new();
-            counts.stage_into(ctx, &s.film.counts, 0, &[passes.div_ceil(2), passes / 2]).unwrap();
-            ctx.submit_and_wait("resolve", None, |rec| {
-                counts.record(rec)?;
-                rec.image_to_general(&image)?;
-                pass.record(rec)?;
-                rec.copy_image_to_buffer(&image, &out)
-            })
-            .unwrap();
-            for (i, found) in out.read::<Vec4>().unwrap().into_iter().enumerate() {
-                let whole = [0, 1].map(|k| sum[k][i].as_dvec4() + rest[k][i].as_dvec4());
-                let mean = (whole[0] + whole[1]) / f64::from(passes);
-                let error = (found.as_dvec4() - mean).abs();
-                assert!(error.cmple(mean.abs() * 5e-7).all(), "{width}x{height}, pixel {i}: {found} for {mean}");
-            }
-        }
-    });
-}
-
 #[test]
 fn schedule_turns_counts_into_dispatches() {
     gpu_test(|ctx| {
@@ -609,7 +398,8 @@ fn schedule_turns_counts_into_dispatches() {
                     .collect();
                 let step_set = Resources::of([("steps", &upload(ctx, "steps", &steps).unwrap())]);
                 let list_groups = [9, 9, 9, unfinished];
-                let before = Work { live, unfinished, round_groups: [9; 4], list_groups, ..Work::default() };
+                let before =
+                    DispatchCounts { live, unfinished, round_groups: [9; 4], list_groups, ..DispatchCounts::default() };
                 let works: Vec<Buffer> = steps.iter().map(|_| upload(ctx, "work", &[before]).unwrap()).collect();
                 let status = upload(ctx, "status", &[5u32, 6, 7, 8]).unwrap();
                 let passes: Vec<Schedule> = make(ctx, Resources::of([("status", &status)]), |kit| {
@@ -621,7 +411,7 @@ fn schedule_turns_counts_into_dispatches() {
                 .unwrap();
                 let mut lost = 0;
                 for (step, work) in steps.iter().zip(&works) {
-                    let found = download::<Work>(ctx, work).unwrap()[0];
+                    let found = download::<DispatchCounts>(ctx, work).unwrap()[0];
                     let (expected, more) = schedule::reference(&before, step);
                     assert_eq!(
                         bytemuck::bytes_of(&found),

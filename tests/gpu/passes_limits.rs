@@ -5,7 +5,7 @@ use lightsum::accel::{Ray, Steps};
 use lightsum::bsdf::Reflectance;
 use lightsum::gpu::{Buffer, Context, ContextOptions};
 use lightsum::pass::layout::PointLight;
-use lightsum::pass::shade::{self, Receiver};
+use lightsum::pass::shade::{self, ShadingPoint};
 use lightsum::plan::{LOOP_BUDGET, min_loop_budget};
 use lightsum::scene::{Camera, Scene, builtin};
 use lightsum::settings::{Clip, Settings};
@@ -21,7 +21,7 @@ const DRIVER_CAP: u64 = 65_535;
 /// The number of lights that one invocation would reach if its loops ended after [`DRIVER_CAP`] iterations, and the
 /// iterations for all of them: one a light, a node and a triangle. Fewer than the device's, whose subgroup runs as long
 /// as its slowest member.
-fn reach(rig: &Rig, receiver: &Receiver, lights: &[PointLight]) -> (usize, u64) {
+fn reach(rig: &Rig, receiver: &ShadingPoint, lights: &[PointLight]) -> (usize, u64) {
     let (mut total, mut reached) = (0, 0);
     for light in lights {
         let d = xyz(light.position) - receiver.position;
@@ -41,7 +41,7 @@ fn reach(rig: &Rig, receiver: &Receiver, lights: &[PointLight]) -> (usize, u64) 
 fn more_work_than_the_driver_lets_one_dispatch_do() {
     gpu_test(|ctx| {
         let scene = builtin::deep_scene(1500);
-        let settings = Settings { paths: 4096, clip: Clip::Distance(0.0), ..Settings::default() };
+        let settings = Settings { particles: 4096, clip: Clip::Distance(0.0), ..Settings::default() };
         let rig = Rig::new(ctx, &scene, [8, 1], settings);
         rig.walk_and_look();
         rig.run(|frame, rec| frame.shade.record(rec));
@@ -55,7 +55,7 @@ fn more_work_than_the_driver_lets_one_dispatch_do() {
         let sums = [&frame.shade.lighting.direct, &frame.shade.lighting.indirect].map(|b| rig.vec4s(b));
         let mut compared = 0;
         for i in rig.list(0).into_iter().map(|i| i as usize).step_by(2) {
-            let receiver = Receiver {
+            let receiver = ShadingPoint {
                 position: position[i].truncate(),
                 geometric: geometric[i].truncate(),
                 shading: shading[i].truncate(),
@@ -84,7 +84,7 @@ fn a_trace_of_more_steps_than_the_driver_lets_one_dispatch_do() {
     gpu_test(|ctx| {
         // Rays past tens of thousands of needles, and the walk of particles between them.
         let scene = builtin::deep_scene(40_000);
-        let settings = Settings { paths: 8, rounds: 16, ..Settings::default() };
+        let settings = Settings { particles: 8, rounds: 16, ..Settings::default() };
         let rig = Rig::new(ctx, &scene, [4, 2], settings);
         rig.run(|frame, rec| frame.eye.record(rec));
         assert_eq!(rig.lost(), 0);
@@ -110,7 +110,7 @@ fn a_trace_of_more_steps_than_the_driver_lets_one_dispatch_do() {
 /// Settings with which no ray finishes in one round.
 fn starved() -> Settings {
     Settings {
-        paths: 4,
+        particles: 4,
         max_depth: 3,
         lights_per_dispatch: 2,
         loop_budget: min_loop_budget(2),
@@ -164,7 +164,7 @@ fn a_ray_that_no_number_of_rounds_helps_is_an_error() {
     gpu_test(|ctx| {
         let scene = builtin::deep_scene(9000);
         let settings = Settings { lights_per_dispatch: 1, loop_budget: min_loop_budget(1), ..starved() };
-        let settings = Settings { rounds: 1024, paths: 1, max_depth: 1, ..settings };
+        let settings = Settings { rounds: 1024, particles: 1, max_depth: 1, ..settings };
         let camera = Camera { resolution: [2, 1], ..scene.camera.unwrap() };
         let mut renderer = Renderer::with_context(ctx.clone(), scene, camera, settings).unwrap();
         let error = renderer.pass().unwrap_err();
@@ -178,7 +178,7 @@ fn both_builds_of_the_kernels_give_the_same_image() {
         let scene = gallery();
         let other = ContextOptions { checked_shaders: !options().checked_shaders, ..options() };
         let other = Context::headless(&other).unwrap();
-        let settings = Settings { paths: 16, max_depth: 4, ..Settings::default() };
+        let settings = Settings { particles: 16, max_depth: 4, ..Settings::default() };
         let [a, b] = [ctx, &other].map(|c| render(c, &scene, [31, 17], settings.clone(), 2).layers().unwrap());
         assert_silent(other.take_messages());
         for (name, a, b) in

@@ -12,7 +12,7 @@ use lightsum::pass::{List, ShadingPoints, layout, tiles};
 use lightsum::scene::{Scene, Surface, builtin};
 use lightsum::settings::{Settings, Superposition};
 
-use crate::passes_light::{Sheet, fill};
+use crate::passes_film::{Sheet, fill};
 use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, make, ray_of, same_hit, untouched};
 use crate::support::gpu_test;
 
@@ -84,7 +84,7 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
     let frame = rig.frame();
     let [width, height, pixels, _] = rig.parameters.size;
     let slots = (frame.eye.paths.throughput.bytes() / 16) as u32;
-    let twins = if slots > pixels { pixels } else { 0 };
+    let split_offset = if slots > pixels { pixels } else { 0 };
     let before = EyePathState::of(rig);
     let entering: Vec<u32> = match step.checked_sub(1) {
         None => (0..pixels).collect(),
@@ -116,10 +116,10 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
         });
         seen.mirrored += usize::from(plane.is_some() && step == 0);
         seen.in_mirrors += usize::from(plane.is_some() && step > 0);
-        if let Some((next, twin)) =
-            eye_paths::reference(&rig.parameters, rig.scene, number, twins, &path, way, &surface, plane)
+        if let Some((next, branch)) =
+            eye_paths::reference(&rig.parameters, rig.scene, number, split_offset, &path, way, &surface, plane)
         {
-            seen.split += usize::from(twin.is_some());
+            seen.split += usize::from(branch.is_some());
             seen.stayed += usize::from(next.ray.is_none());
             seen.crossed += usize::from(next.media != path.media);
             seen.within_two += usize::from(next.media.0[1] != 0);
@@ -127,7 +127,7 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
                 let through = ray.direction.dot(surface.geometric) < 0.0;
                 *(if through { &mut seen.first } else { &mut seen.second }) += 1;
             }
-            for path in [Some(next), twin].into_iter().flatten() {
+            for path in [Some(next), branch].into_iter().flatten() {
                 expected.insert(path.slot, (path, cos_view));
             }
         }
@@ -177,7 +177,7 @@ fn check_tiles(rig: &Rig) {
     };
     let ideal: Vec<bool> = hits[..pixels as usize].iter().map(ideal).collect();
     rig.run(|frame, rec| frame.eye.record_tiles(rec));
-    let work: layout::Work = rig.get(work)[0];
+    let work: layout::DispatchCounts = rig.get(work)[0];
     let expected = tiles::reference([width, height], &ideal);
     assert_eq!(rig.get::<u32>(list)[..work.live as usize], expected, "{width}x{height}");
     let [x, y, z, _] = work.list_groups;
@@ -209,8 +209,14 @@ fn eye_paths_follow_their_oracle() {
         for (scene, split, superposition) in cases {
             let mut seen = Seen::default();
             for (i, resolution) in AWKWARD_IMAGES.into_iter().enumerate() {
-                let settings =
-                    Settings { paths: 1, max_specular: 5, split, superposition, seed: i as u64, ..Settings::default() };
+                let settings = Settings {
+                    particles: 1,
+                    max_specular: 5,
+                    split,
+                    superposition,
+                    seed: i as u64,
+                    ..Settings::default()
+                };
                 let rig = Rig::new(ctx, scene, resolution, settings);
                 assert_eq!(rig.frame().eye.lists.len(), 5);
                 follow(&rig, &mut seen);
@@ -230,7 +236,7 @@ fn scenes_without_mirrors_and_glass_do_not_pay() {
             let slots = rig.frame().eye.points.position.bytes() / 16;
             (rig.frame().eye.lists.len(), slots / 45)
         };
-        let defaults = Settings { paths: 1, ..Settings::default() };
+        let defaults = Settings { particles: 1, ..Settings::default() };
         assert_eq!(steps(&builtin::furnace(0.5, 1.0), defaults.clone()), (0, 1));
         assert_eq!(steps(&gallery(), defaults.clone()), (8, 2));
         assert_eq!(steps(&gallery(), Settings { split: false, ..defaults.clone() }), (8, 1));
@@ -250,7 +256,7 @@ fn tiles_are_listed_in_order() {
     gpu_test(|ctx| {
         let scene = gallery();
         for resolution in [[1, 1], [8, 513], [521, 9], [640, 200]] {
-            let rig = Rig::new(ctx, &scene, resolution, Settings { paths: 1, ..Settings::default() });
+            let rig = Rig::new(ctx, &scene, resolution, Settings { particles: 1, ..Settings::default() });
             rig.run(|frame, rec| frame.eye.record_first(rec));
             check_tiles(&rig);
         }
@@ -276,7 +282,8 @@ fn merge_adds_second_components_to_their_pixels() {
             let across = width.div_ceil(8);
             let tiles: Vec<u32> = (0..across * height.div_ceil(8)).step_by(2).collect();
             let live = tiles.len() as u32;
-            let work = layout::Work { live, list_groups: [live, 1, 1, 0], ..layout::Work::default() };
+            let work =
+                layout::DispatchCounts { live, list_groups: [live, 1, 1, 0], ..layout::DispatchCounts::default() };
             let list = List {
                 entries: upload(ctx, "tiles", &tiles).unwrap(),
                 work: upload(ctx, "tile work", &[work]).unwrap(),

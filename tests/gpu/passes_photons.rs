@@ -4,10 +4,10 @@ use glam::{Vec3, Vec4};
 use lightsum::bsdf::Reflectance;
 use lightsum::bsdf::ideal::Media;
 use lightsum::gpu::Context;
-use lightsum::pass::layout::Work;
+use lightsum::pass::layout::DispatchCounts;
 use lightsum::pass::photon_follow::{self, Fate};
 use lightsum::pass::photon_light::{self, Photon};
-use lightsum::pass::shade::Receiver;
+use lightsum::pass::shade::ShadingPoint;
 use lightsum::pass::surface::surface_at;
 use lightsum::pass::{photon_find, photon_grid, photon_start};
 use lightsum::scene::Scene;
@@ -89,7 +89,7 @@ fn check_step(rig: &Rig, what: &str, step: usize, seen: &mut [usize; 3]) {
     let p = photons(rig);
     let before = State::of(rig);
     let sorted = |list: &lightsum::pass::List| {
-        let live = rig.get::<Work>(&list.work)[0].live as usize;
+        let live = rig.get::<DispatchCounts>(&list.work)[0].live as usize;
         let mut slots: Vec<u32> = rig.get(&list.entries);
         slots.truncate(live);
         slots.sort_unstable();
@@ -165,7 +165,11 @@ fn check_grid(rig: &Rig, what: &str) -> Vec<Photon> {
     let state = State::of(rig);
     let positions: Vec<Option<Vec3>> = state.position.iter().map(|v| (v.w == 1.0).then_some(v.truncate())).collect();
     let order = photon_grid::reference(&rig.parameters, &positions);
-    assert_eq!(rig.get::<Work>(&g.list.work)[0].live, order.len() as u32, "{what}: stored photons are counted");
+    assert_eq!(
+        rig.get::<DispatchCounts>(&g.list.work)[0].live,
+        order.len() as u32,
+        "{what}: stored photons are counted"
+    );
     let [position, normal, wi, flux] = [&g.position, &g.normal, &g.wi, &g.flux].map(|b| rig.vec4s(b));
     let buckets: Vec<[u32; 2]> = rig.get(&g.buckets);
     let mut counted = vec![[0, 0]; buckets.len()];
@@ -210,7 +214,7 @@ fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
     let listed: Vec<(u32, Vec3)> =
         rig.list(0).into_iter().map(|slot| (slot, position[slot as usize].truncate())).collect();
     let list = &frame.photon_lighting.as_ref().unwrap().found;
-    let work = rig.get::<Work>(&list.work)[0];
+    let work = rig.get::<DispatchCounts>(&list.work)[0];
     let mut found = rig.get::<u32>(&list.entries)[..work.live as usize].to_vec();
     found.sort_unstable();
     assert_eq!(found, photon_find::reference(&rig.parameters, &listed, &of_photons), "{what}: receivers found");
@@ -220,7 +224,7 @@ fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
         let i = slot as usize;
         let reflectance =
             Reflectance { kd: Vec3::ZERO, f0: f0[i].truncate(), f90: geometric[i].w, alpha: shading[i].w };
-        let receiver = Receiver {
+        let receiver = ShadingPoint {
             position: position[i].truncate(),
             geometric: geometric[i].truncate(),
             shading: shading[i].truncate(),
@@ -258,7 +262,7 @@ fn photons_follow_their_oracles() {
         let scene = gallery();
         let sine = sine_error(ctx, &scene);
         let (mut seen, mut lit) = ([0; 3], [0; 2]);
-        let base = Settings { paths: 1, max_specular: 5, photon_radius: Some(0.3), ..Settings::default() };
+        let base = Settings { particles: 1, max_specular: 5, photon_radius: Some(0.3), ..Settings::default() };
         for photons in AWKWARD_SIZES {
             let settings = Settings { photons: photons as u32, seed: photons as u64, ..base.clone() };
             lit = follow(ctx, &scene, settings, sine, &mut seen);

@@ -20,12 +20,12 @@ const RELATIVE: f32 = 2e-4;
 /// Maximum fraction of paths that rounding may deflect: at an edge, a horizon, or the threshold of a random choice.
 const STRAYS: f64 = 0.003;
 
-fn settings(paths: u32, jitter: bool) -> Settings {
-    interleaved(paths, [1, 1], jitter)
+fn settings(particles: u32, jitter: bool) -> Settings {
+    interleaved(particles, [1, 1], jitter)
 }
 
-fn interleaved(paths: u32, pattern: [u32; 2], jitter: bool) -> Settings {
-    Settings { paths, pattern, jitter, seed: 7, ..Settings::default() }
+fn interleaved(particles: u32, pattern: [u32; 2], jitter: bool) -> Settings {
+    Settings { particles, pattern, jitter, seed: 7, ..Settings::default() }
 }
 
 /// Whether two lights have the same emission, from positions within `place`. For lights without power, the rest is
@@ -68,7 +68,7 @@ fn same_ray([origin, direction, flux]: [Vec4; 3], oracle: &Ray, oracle_flux: gla
 fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usize; 2]) {
     let what = format!(
         "{:?}, {} particles of {:?}, jitter {}",
-        settings.sequence, settings.paths, settings.pattern, settings.jitter
+        settings.sequence, settings.particles, settings.pattern, settings.jitter
     );
     let classes = settings.classes();
     let rig = Rig::new(ctx, scene, [1, 1], settings);

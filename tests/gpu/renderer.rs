@@ -378,7 +378,7 @@ fn what_cannot_be_rendered_is_refused() {
     gpu_test(|ctx| {
         let (scene, camera) = cornell();
         let wrong = [
-            Settings { paths: 0, ..Settings::default() },
+            Settings { particles: 0, ..Settings::default() },
             Settings { max_depth: 17, ..Settings::default() },
             Settings { max_specular: 65, ..Settings::default() },
             Settings { photons: 1 << 19, pattern: [2, 2], ..Settings::default() },
@@ -388,7 +388,7 @@ fn what_cannot_be_rendered_is_refused() {
             Settings { clip: Clip::Distance(f32::NAN), ..Settings::default() },
         ];
         for (settings, flag) in wrong.into_iter().zip([
-            "--paths",
+            "--particles",
             "--max-depth",
             "--max-specular",
             "--photons",

@@ -11,7 +11,7 @@ use lightsum::device_scene::encode_normal;
 use lightsum::engine::Engine;
 use lightsum::frame::Frame;
 use lightsum::gpu::{Buffer, Context, Recorder, Resources, Staging, download};
-use lightsum::pass::clusters::NO_RECEIVER;
+use lightsum::pass::clusters::NO_POINT;
 use lightsum::pass::eye_paths::Plane;
 use lightsum::pass::{Kit, List, ShadingPoints, layout, walk_start};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
@@ -28,7 +28,7 @@ pub struct Rig<'a> {
     pub ctx: &'a Context,
     pub scene: &'a Scene,
     pub engine: Engine,
-    pub parameters: layout::Frame,
+    pub parameters: layout::FrameParameters,
 }
 
 impl<'a> Rig<'a> {
@@ -105,7 +105,7 @@ impl<'a> Rig<'a> {
         self.get(buffer)
     }
 
-    pub fn work(&self, bounce: usize) -> layout::Work {
+    pub fn work(&self, bounce: usize) -> layout::DispatchCounts {
         self.get(&self.frame().point_lists().nth(bounce).unwrap().work)[0]
     }
 
@@ -118,7 +118,7 @@ impl<'a> Rig<'a> {
         let work = self.work(0);
         let mut slots: Vec<u32> = self.get(&self.frame().eye.list.entries);
         slots.truncate(work.total as usize);
-        slots.retain(|&slot| slot != NO_RECEIVER);
+        slots.retain(|&slot| slot != NO_POINT);
         assert_eq!(slots.len(), work.live as usize, "receivers on the list");
         slots.sort_unstable();
         slots
@@ -138,7 +138,7 @@ impl<'a> Rig<'a> {
     }
 
     fn sorted(&self, list: &List) -> Vec<u32> {
-        let live = self.get::<layout::Work>(&list.work)[0].live;
+        let live = self.get::<layout::DispatchCounts>(&list.work)[0].live;
         let mut slots: Vec<u32> = self.get(&list.entries);
         slots.truncate(live as usize);
         slots.sort_unstable();
@@ -202,7 +202,7 @@ pub const SINE: f32 = 5e-4;
 /// Maximum difference of the directions in which particles start from the lights of a scene from the oracle's: the
 /// error of the device's sine and cosine, the only inexact operations in them besides roots.
 pub fn sine_error(ctx: &Context, scene: &Scene) -> f32 {
-    let rig = Rig::new(ctx, scene, [1, 1], Settings { paths: 2049, ..Settings::default() });
+    let rig = Rig::new(ctx, scene, [1, 1], Settings { particles: 2049, ..Settings::default() });
     rig.run(|frame, rec| frame.walk.record_start(rec));
     let directions = rig.vec4s(&rig.frame().walk.particles.direction);
     let error = |i: usize| {

@@ -106,13 +106,13 @@ pub fn fov(half: f32, distance: f32) -> f32 {
 }
 
 /// Settings for closed forms: one seed, `depth` segments.
-pub fn settings(paths: u32, max_depth: u32) -> Settings {
-    Settings { paths, max_depth, ..Settings::default() }
+pub fn settings(particles: u32, max_depth: u32) -> Settings {
+    Settings { particles, max_depth, ..Settings::default() }
 }
 
 /// Keller's original estimator: no clipping, hence no compensation.
-pub fn original(paths: u32, max_depth: u32) -> Settings {
-    Settings { clip: Clip::Distance(0.0), compensation: false, ..settings(paths, max_depth) }
+pub fn original(particles: u32, max_depth: u32) -> Settings {
+    Settings { clip: Clip::Distance(0.0), compensation: false, ..settings(particles, max_depth) }
 }
 
 /// A renderer on the tests' device.

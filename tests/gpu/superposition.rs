@@ -40,7 +40,7 @@ fn room() -> Scene {
 /// One pass with few paths and without gather rays.
 fn settings(superposition: Superposition) -> Settings {
     let superposition = Some(superposition);
-    Settings { paths: 4, compensation: false, max_specular: 4, superposition, ..Settings::default() }
+    Settings { particles: 4, compensation: false, max_specular: 4, superposition, ..Settings::default() }
 }
 
 /// Lights the visible points.

@@ -4,7 +4,7 @@ use glam::Vec3;
 use lightsum::calibrate;
 use lightsum::gpu::Context;
 use lightsum::pass::TraversalKernels;
-use lightsum::pass::clusters::{self, NO_RECEIVER};
+use lightsum::pass::clusters::{self, NO_POINT};
 use lightsum::pass::sort;
 use lightsum::scene::{Camera, Light, Material, Scene, Triangle, builtin};
 use lightsum::settings::{Clip, ClusterOrder, Settings, Traversal};
@@ -14,7 +14,7 @@ use crate::rig::{Rig, gallery, is_lit, xyz};
 use crate::support::gpu_test;
 
 fn settings(traversal: Traversal) -> Settings {
-    Settings { traversal, paths: 16, clip: Clip::Distance(0.0), compensation: false, ..Settings::default() }
+    Settings { traversal, particles: 16, clip: Clip::Distance(0.0), compensation: false, ..Settings::default() }
 }
 
 /// Irradiance, direct and indirect, of every pixel after one pass.
@@ -206,7 +206,7 @@ fn clusters_of_the_screen_follow_their_oracle() {
             assert!(64 * x * y >= work.total, "{width}x{height} by {pattern:?}: {work:?}");
             let listed = rig.get::<[u32; 2]>(&rig.frame().eye.clusters.as_ref().unwrap().listed);
             for (cluster, [class, _]) in list.chunks(64).zip(listed) {
-                let of = |slot: &u32| *slot == NO_RECEIVER || sort::class_of(&rig.parameters, *slot) == class;
+                let of = |slot: &u32| *slot == NO_POINT || sort::class_of(&rig.parameters, *slot) == class;
                 assert!(cluster.iter().all(of), "{width}x{height} by {pattern:?}");
             }
         }

@@ -6,7 +6,7 @@ use glam::Vec3;
 use lightsum::film::HostFilm;
 use lightsum::gpu::Context;
 use lightsum::output::Layers;
-use lightsum::pass::shade::{self, Receiver};
+use lightsum::pass::shade::{self, ShadingPoint};
 use lightsum::pass::{ShadingPoints, atlas, surface};
 use lightsum::plan;
 use lightsum::scene::{Camera, Scene};
@@ -32,8 +32,8 @@ fn film(renderer: &mut Renderer, passes: u32) -> HostFilm {
 
 /// Settings whose images use every path through the frame that a crop may take.
 fn all_kinds() -> Vec<(&'static str, Settings)> {
-    let plain = Settings { paths: 6, ..Settings::default() };
-    let interactive = Settings { paths: 6, ..Settings::interactive() };
+    let plain = Settings { particles: 6, ..Settings::default() };
+    let interactive = Settings { particles: 6, ..Settings::interactive() };
     vec![
         ("progressive", plain.clone()),
         ("interactive", interactive),
@@ -148,7 +148,7 @@ fn strips_have_the_bits_of_the_whole_image() {
 fn resizing_keeps_the_scene_and_the_kernels() {
     gpu_test(|ctx| {
         let scene = gallery();
-        let settings = Settings { paths: 6, ..Settings::interactive() };
+        let settings = Settings { particles: 6, ..Settings::interactive() };
         let mut resized = renderer(ctx, &scene, camera_of(&scene, [64, 48]), &settings);
         film(&mut resized, 1);
         let handles = |renderer: &Renderer| {
@@ -181,8 +181,8 @@ fn films_of_disjoint_passes_merge_to_the_film_of_all() {
         let scene = gallery();
         let camera = camera_of(&scene, [31, 17]);
         for settings in [
-            Settings { summands: true, paths: 5, ..Settings::default() },
-            Settings { paths: 5, ..Settings::interactive() },
+            Settings { summands: true, particles: 5, ..Settings::default() },
+            Settings { particles: 5, ..Settings::interactive() },
         ] {
             let mut all = renderer(ctx, &scene, camera, &settings);
             let empty = all.film().unwrap();
@@ -229,7 +229,7 @@ fn texels(scene: &Scene, size: [u32; 2]) -> Atlas {
 fn texels_of_an_atlas_follow_the_shading_oracle() {
     gpu_test(|ctx| {
         let scene = gallery();
-        let settings = Settings { clip: Clip::Distance(0.0), compensation: false, paths: 9, ..Settings::default() };
+        let settings = Settings { clip: Clip::Distance(0.0), compensation: false, particles: 9, ..Settings::default() };
         for size in [[1, 1], [27, 1], [8, 8], [31, 17]] {
             let atlas = Arc::new(texels(&scene, size));
             let view = View::Atlas(atlas.clone());
@@ -279,7 +279,7 @@ fn check_texels(ctx: &Context, scene: &Scene, engine: &Engine, atlas: &Atlas) {
         }
         lit += 1;
         assert!(close(position[i].truncate(), point, 1e-3, 1e-3), "place of texel {i}");
-        let receiver = Receiver {
+        let receiver = ShadingPoint {
             position: position[i].truncate(),
             geometric: surface.geometric,
             shading: surface.shading,
@@ -305,7 +305,7 @@ fn atlases_render_like_images() {
     gpu_test(|ctx| {
         let scene = gallery();
         let atlas = Arc::new(texels(&scene, [24, 16]));
-        let settings = Settings { paths: 9, pattern: [2, 2], ..Settings::default() };
+        let settings = Settings { particles: 9, pattern: [2, 2], ..Settings::default() };
         let mut engine = Engine::new(ctx, &scene, camera_of(&scene, [8, 8]), settings.clone()).unwrap();
         engine.set_atlas(atlas.clone()).unwrap();
         ctx.submit_and_wait("setup", None, |rec| engine.record_setup(rec)).unwrap();
@@ -347,7 +347,7 @@ fn only_uniforms_change_where_nothing_else_needs_to() {
         let before = frame(&engine);
         let cheap = [
             Settings { seed: 7, ..Settings::default() },
-            Settings { light_floor: 0.5, ..Settings::default() },
+            Settings { power_fraction: 0.5, ..Settings::default() },
             Settings { clip: Clip::Distance(0.3), ..Settings::default() },
         ];
         for settings in cheap {
@@ -357,7 +357,7 @@ fn only_uniforms_change_where_nothing_else_needs_to() {
             let (a, b) = (engine.plan().parameters(3).unwrap(), fresh.parameters(3).unwrap());
             assert_eq!(bytemuck::bytes_of(&a), bytemuck::bytes_of(&b));
         }
-        engine.set_settings(Settings { paths: 5, ..Settings::default() }).unwrap();
+        engine.set_settings(Settings { particles: 5, ..Settings::default() }).unwrap();
         assert_ne!(frame(&engine), before);
     });
 }

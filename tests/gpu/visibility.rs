@@ -5,7 +5,7 @@ use lightsum::accel::{Bvh, offset_origin};
 use lightsum::device_scene::DeviceScene;
 use lightsum::gpu::{Context, Staging, download};
 use lightsum::pass::TraversalKernels;
-use lightsum::pass::layout::Work;
+use lightsum::pass::layout::DispatchCounts;
 use lightsum::pass::visibility::{Counts, Inputs, Visibility, Workload, reference};
 use lightsum::scene::{Scene, builtin};
 use lightsum::settings::{Settings, Traversal};
@@ -234,7 +234,7 @@ fn what_faces_away_is_culled_and_counted() {
         let counts = |workload: &Workload| {
             let pass = stage.run(kernels, workload);
             let words: Vec<u32> = download(ctx, &pass.counters).unwrap();
-            let culled = download::<Work>(ctx, &pass.work).unwrap()[0].culled;
+            let culled = download::<DispatchCounts>(ctx, &pass.work).unwrap()[0].culled;
             (Counts::new(words[..Counts::LENGTH].try_into().unwrap()), culled)
         };
         let (counted, culled) = counts(&workload);
@@ -251,7 +251,7 @@ fn what_faces_away_is_culled_and_counted() {
         let kernels = deep.counting_kernels(ctx).unwrap();
         let pass = stage.run(kernels, &deep);
         let words: Vec<u32> = download(ctx, &pass.counters).unwrap();
-        assert_eq!((words[0], download::<Work>(ctx, &pass.work).unwrap()[0].culled), (2 * 20, 0));
+        assert_eq!((words[0], download::<DispatchCounts>(ctx, &pass.work).unwrap()[0].culled), (2 * 20, 0));
         assert_eq!(u64::from(words[1]), deep.segments());
         assert!(deep.segments() > 900 && deep.segments() < 2 * 20 * 64 - 900);
 
@@ -270,7 +270,7 @@ fn faint_lights_are_dropped_on_demand() {
         let scene = builtin::room(2_000);
         let camera = lightsum::Camera { resolution: [40, 30], ..scene.camera.unwrap() };
         let run = |light_threshold: f32| {
-            let settings = Settings { light_threshold, paths: 16, compensation: false, ..Settings::default() };
+            let settings = Settings { light_threshold, particles: 16, compensation: false, ..Settings::default() };
             let mut renderer = Renderer::with_context(ctx.clone(), scene.clone(), camera, settings).unwrap();
             renderer.pass().unwrap();
             let layers = renderer.layers().unwrap();

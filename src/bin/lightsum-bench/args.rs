@@ -68,9 +68,9 @@ pub struct Frame {
     #[command(flatten)]
     pub common: Common,
     /// Particles started from the lights in each pass, 1 to 65536 [default: the scene's, or 32].
-    #[arg(long, value_name = "N,...", value_delimiter = ',')]
-    #[arg(value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PATHS)))]
-    pub paths: Vec<u32>,
+    #[arg(long, visible_alias = "paths", value_name = "N,...", value_delimiter = ',')]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PARTICLES)))]
+    pub particles: Vec<u32>,
     /// Maximum segments of a light path, 1 to 16 [default: the scene's, or 5].
     #[arg(long, value_name = "K,...", value_delimiter = ',')]
     #[arg(value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_DEPTH)))]
@@ -140,7 +140,7 @@ pub struct ShadowRays {
     /// Also count, in a separate run, the nodes, children, leaves and triangles that clusters visit for each light.
     #[arg(long)]
     pub counters: bool,
-    /// Count the receivers whose number of visible lights differs from that of rays traced on the CPU.
+    /// Count the shading points whose number of visible lights differs from that of rays traced on the CPU.
     #[arg(long)]
     pub verify: bool,
     /// Measure only this kernel.
@@ -149,12 +149,12 @@ pub struct ShadowRays {
     /// Maximum lights in one dispatch, 1 to 64 [default: the renderer's].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub lights_per_dispatch: Option<u32>,
-    /// Area lights instead of point lights: each receiver traces a ray to its own point on a square in front of each light.
+    /// Area lights instead of point lights: each shading point traces a ray to its own point on a square in front of each light.
     ///
     /// The value is the edge of the square as a fraction of the scene's diagonal, 0 to 0.5 [without a value: 0.05].
     #[arg(long, value_name = "SHARE", num_args = 0..=1, default_missing_value = "0.05", value_parser = share)]
     pub area: Option<f64>,
-    /// Write triangles, receivers in cluster order, normals and lights as little-endian arrays to this folder.
+    /// Write triangles, shading points in cluster order, normals and lights as little-endian arrays to this folder.
     #[arg(long, value_name = "DIR")]
     pub dump_rays: Option<PathBuf>,
 }
@@ -171,9 +171,9 @@ pub struct Scaling {
     /// Maximum number of triangles; 4,000,000 take 2 GiB of memory.
     #[arg(long, value_name = "N", default_value_t = 4_000_000, value_parser = clap::value_parser!(u32).range(300..=8_000_000))]
     pub max_triangles: u32,
-    /// Maximum number of paths.
-    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PATHS)))]
-    pub max_paths: u32,
+    /// Maximum number of particles.
+    #[arg(long, visible_alias = "max-paths", value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PARTICLES)))]
+    pub max_particles: u32,
 }
 
 /// The variable of a series of `scaling`.
@@ -283,11 +283,11 @@ mod tests {
     #[test]
     fn settings_are_lists() {
         let Ok(Command::Frame(frame)) = parse(
-            "frame --paths 8,32 --paths 1 --max-depth 2 --traversal single,cluster --repeats 3 --resolution 17X5",
+            "frame --particles 8,32 --particles 1 --max-depth 2 --traversal single,cluster --repeats 3 --resolution 17X5",
         ) else {
             panic!("the line is right")
         };
-        assert_eq!((frame.paths, frame.max_depth), (vec![8, 32, 1], vec![2]));
+        assert_eq!((frame.particles, frame.max_depth), (vec![8, 32, 1], vec![2]));
         assert_eq!(frame.traversal, [Traversal::Single, Traversal::Cluster]);
         assert_eq!((frame.common.repeats, frame.common.resolution), (3, [17, 5]));
         assert!(frame.lights_per_dispatch.is_empty() && !frame.no_compensation && !frame.common.json);
@@ -306,18 +306,18 @@ mod tests {
 
     #[test]
     fn series_are_chosen() {
-        let Ok(Command::Scaling(scaling)) = parse("scaling --series lights,triangles --max-paths 4") else {
+        let Ok(Command::Scaling(scaling)) = parse("scaling --series lights,triangles --max-particles 4") else {
             panic!("the line is right")
         };
         assert_eq!(scaling.series, [Series::Lights, Series::Triangles]);
-        assert_eq!((scaling.max_paths, scaling.max_triangles), (4, 4_000_000));
+        assert_eq!((scaling.max_particles, scaling.max_triangles), (4, 4_000_000));
     }
 
     #[test]
     fn wrong_use_is_refused() {
         for (line, kind) in [
-            ("frame --paths 0", ErrorKind::ValueValidation),
-            ("frame --paths 1,70000", ErrorKind::ValueValidation),
+            ("frame --particles 0", ErrorKind::ValueValidation),
+            ("frame --particles 1,70000", ErrorKind::ValueValidation),
             ("frame --max-depth 17", ErrorKind::ValueValidation),
             ("frame --traversal best", ErrorKind::InvalidValue),
             ("frame --resolution 0x5", ErrorKind::ValueValidation),

@@ -56,7 +56,7 @@ fn combinations(args: &Frame, base: Settings) -> Vec<Settings> {
     }
     let compensation = base.compensation && !args.no_compensation;
     let list = vec![Settings { compensation, ..base }];
-    let list = each(list, &args.paths, |s, v| s.paths = v);
+    let list = each(list, &args.particles, |s, v| s.particles = v);
     let list = each(list, &args.max_depth, |s, v| s.max_depth = v);
     let list = each(list, &args.lights_per_dispatch, |s, v| s.lights_per_dispatch = v);
     let list = each(list, &args.traversal, |s, v| s.traversal = v);
@@ -75,7 +75,7 @@ fn print(name: &str, renderer: &Renderer, passes: &Passes) -> Result<()> {
         "{name}: {} triangles, {width}x{height}, {} lights of {} paths, depth {}{}{}, {} lights a dispatch, kernel {}",
         engine.bvh().triangle_count(),
         p.lights.slots(),
-        s.paths,
+        s.particles,
         s.max_depth,
         if s.compensation { "" } else { ", no compensation" },
         s.superposition.map_or(String::new(), |s| format!(", up to {} reflectors", s.reflectors)),
@@ -111,10 +111,10 @@ mod tests {
 
     #[test]
     fn every_combination_once() {
-        let base = Settings { paths: 7, seed: 3, ..Settings::default() };
+        let base = Settings { particles: 7, seed: 3, ..Settings::default() };
         assert_eq!(chosen("", base.clone()), vec![base.clone()]);
-        let list = chosen("--paths 1,2 --traversal single,auto --max-depth 4 --no-compensation", base.clone());
-        let key = |s: &Settings| (s.paths, s.traversal, s.max_depth, s.compensation, s.seed);
+        let list = chosen("--particles 1,2 --traversal single,auto --max-depth 4 --no-compensation", base.clone());
+        let key = |s: &Settings| (s.particles, s.traversal, s.max_depth, s.compensation, s.seed);
         let expected = [
             (1, Traversal::Single, 4, false, 3),
             (1, Traversal::Auto, 4, false, 3),

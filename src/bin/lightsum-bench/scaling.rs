@@ -23,7 +23,7 @@ const BUILDING: f64 = 1.0;
 struct Point {
     /// Triangles requested of the room.
     triangles: u32,
-    paths: u32,
+    particles: u32,
     resolution: [u32; 2],
 }
 
@@ -74,7 +74,7 @@ pub fn run(args: &Scaling) -> Result<()> {
                         "mode": "scaling",
                         "series": name(series),
                         "scene": format!("room:{}", point.triangles),
-                        "paths": point.paths,
+                        "particles": point.particles,
                         "resolution": point.resolution,
                     }));
                     line.extend(measured);
@@ -97,21 +97,21 @@ fn name(series: Series) -> &'static str {
 /// The points of a series, in increasing order.
 fn points(args: &Scaling, series: Series) -> Vec<Point> {
     let resolution = args.common.resolution;
-    let paths = Settings::default().paths.min(args.max_paths);
+    let particles = Settings::default().particles.min(args.max_particles);
     let triangles = ROOM.min(args.max_triangles);
     match series {
         Series::Triangles => {
             let within = TRIANGLES.into_iter().filter(|&n| n < args.max_triangles);
             // The maximum ends the series, whether the list is longer or shorter.
-            within.chain([args.max_triangles]).map(|triangles| Point { triangles, paths, resolution }).collect()
+            within.chain([args.max_triangles]).map(|triangles| Point { triangles, particles, resolution }).collect()
         }
         Series::Lights => {
-            let powers = (0..=16).map(|k| 1 << k).take_while(|&paths| paths <= args.max_paths);
-            powers.map(|paths| Point { triangles, paths, resolution }).collect()
+            let powers = (0..=16).map(|k| 1 << k).take_while(|&particles| particles <= args.max_particles);
+            powers.map(|particles| Point { triangles, particles, resolution }).collect()
         }
         Series::Resolution => {
             let scaled = |k: u32| resolution.map(|side| (side * k / 4).max(1));
-            [1, 2, 4, 8].map(|k| Point { triangles, paths, resolution: scaled(k) }).into()
+            [1, 2, 4, 8].map(|k| Point { triangles, particles, resolution: scaled(k) }).into()
         }
     }
 }
@@ -129,7 +129,7 @@ fn measure(context: &Context, repeats: u32, point: &Point, built: &mut Option<Bu
         None => build(point.triangles, repeats)?,
     });
     let camera = scene::camera(&built.scene, point.resolution);
-    let settings = Settings { paths: point.paths, ..Settings::default() };
+    let settings = Settings { particles: point.particles, ..Settings::default() };
     let mut renderer = Renderer::with_context(context.clone(), built.scene.clone(), camera, settings)?;
     let passes = Passes::measure(&mut renderer, repeats)?;
     let mut fields = passes.fields(&format!("room:{}", point.triangles), &renderer);
@@ -159,7 +159,7 @@ fn row(table: &Table, series: Series, point: &Point, measured: &Fields) -> Resul
     let first = match series {
         // The room has somewhat fewer triangles than requested.
         Series::Triangles => measured.get("triangles").map_or(point.triangles.to_string(), Value::to_string),
-        Series::Lights => measured.get("lights").map_or(format!("{} paths", point.paths), Value::to_string),
+        Series::Lights => measured.get("lights").map_or(format!("{} particles", point.particles), Value::to_string),
         Series::Resolution => format!("{width}x{height}"),
     };
     if let Some(error) = measured.get("error").and_then(Value::as_str) {
@@ -187,7 +187,7 @@ mod tests {
     fn series(line: &str, series: Series) -> Vec<(u32, u32, [u32; 2])> {
         let arguments = Arguments::try_parse_from(["bench", "scaling"].into_iter().chain(line.split_whitespace()));
         let Ok(Arguments { command: Command::Scaling(args) }) = arguments else { panic!("{line}") };
-        points(&args, series).into_iter().map(|p| (p.triangles, p.paths, p.resolution)).collect()
+        points(&args, series).into_iter().map(|p| (p.triangles, p.particles, p.resolution)).collect()
     }
 
     #[test]
@@ -200,7 +200,7 @@ mod tests {
         let lights = series("--max-triangles 500", Series::Lights);
         assert_eq!(lights.iter().map(|p| p.1).collect::<Vec<_>>(), [1, 2, 4, 8, 16, 32, 64, 128, 256]);
         assert!(lights.iter().all(|p| (p.0, p.2) == (500, [640, 480])));
-        let pixels = series("--max-paths 4", Series::Resolution);
+        let pixels = series("--max-particles 4", Series::Resolution);
         assert_eq!(pixels.iter().map(|p| p.2).collect::<Vec<_>>(), [[160, 120], [320, 240], [640, 480], [1280, 960]]);
         assert!(pixels.iter().all(|p| (p.0, p.1) == (ROOM, 4)));
         assert_eq!(series("--resolution 3x5", Series::Resolution)[0].2, [1, 1]);

@@ -127,5 +127,5 @@ fn square(bvh: &Bvh, place: Vec3, normal: Vec3, share: f64) -> (Vec3, [Vec3; 2])
 
 /// Settings under which a pass has at least `lights` lights.
 pub fn settings(lights: u32) -> Settings {
-    Settings { paths: lights, compensation: false, ..Settings::default() }
+    Settings { particles: lights, compensation: false, ..Settings::default() }
 }

@@ -4,7 +4,7 @@ use crate::args::ShadowRays;
 use crate::{report, scene};
 use lightsum::gpu::{Context, Staging, Timers, download};
 use lightsum::pass::TraversalKernels;
-use lightsum::pass::layout::Work;
+use lightsum::pass::layout::DispatchCounts;
 use lightsum::pass::visibility::{self, Counts, Inputs, Visibility, Workload};
 use lightsum::plan::shade_steps;
 use lightsum::scene::Scene;
@@ -95,7 +95,7 @@ impl Bench {
         let kernels = self.workload.counting_kernels(&self.context)?;
         let (_, pass) = self.trace(kernels, "counters", 0)?;
         let words = download::<u32>(&self.context, &pass.counters)?;
-        let culled = download::<Work>(&self.context, &pass.work)?[0].culled;
+        let culled = download::<DispatchCounts>(&self.context, &pass.work)?[0].culled;
         Ok((Counts::new([words[0], words[1], words[2], words[3], words[4], words[5]]), culled))
     }
 

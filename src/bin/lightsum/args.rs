@@ -185,12 +185,12 @@ pub struct Light {
     /// Particles started from the lights in each pass, 1 to 65536 [default: the scene's, or 32].
     ///
     /// The time of a pass grows linearly; more particles reduce the difference between passes.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PATHS)))]
-    pub paths: Option<u32>,
-    /// Virtual lights on the emitters, for direct light, 1 to --paths [default: the scene's, or --paths].
+    #[arg(long, visible_alias = "paths", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PARTICLES)))]
+    pub particles: Option<u32>,
+    /// Virtual lights on the emitters, for direct light, 1 to --particles [default: the scene's, or --particles].
     ///
     /// Fewer save shadow rays; shadows of single lights show until passes or a filter average them.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PATHS)))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PARTICLES)))]
     pub direct_lights: Option<u32>,
     /// Interleaved sampling: size of the pixel pattern, 1x1 to 8x8 [default: the scene's, or 1x1].
     ///
@@ -248,8 +248,8 @@ pub struct Light {
     /// Fraction of --light-choice contribution still drawn by power, above 0 to 1 [default: 0.2].
     ///
     /// Lower: lights that matter to the view get more of the particles; underestimated lights are noisier.
-    #[arg(long, value_name = "F", allow_negative_numbers = true, value_parser = share)]
-    pub light_floor: Option<f32>,
+    #[arg(long, visible_alias = "light-floor", value_name = "F", allow_negative_numbers = true, value_parser = share)]
+    pub power_fraction: Option<f32>,
     /// Point, spot and directional lights evaluated in each pass, chosen by --light-choice, 1 to 2048, or all [default: all].
     ///
     /// The same limit; fewer save shadow rays in scenes with hundreds of lamps, and are noisier.
@@ -282,7 +282,7 @@ pub struct Light {
     /// Random seed [default: the scene's, or 0]. Same seed, settings and device: same bits.
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub seed: Option<u64>,
-    /// Preset for --paths, --direct-lights, --interleave, --photons, --filter, --clip-fraction, --no-compensation and --jitter.
+    /// Preset for --particles, --direct-lights, --interleave, --photons, --filter, --clip-fraction, --no-compensation and --jitter.
     ///
     /// These flags override the preset; the preset overrides the scene.
     #[arg(long, value_enum)]
@@ -316,7 +316,7 @@ pub struct DeltaLightsFlag(pub Option<u32>);
 pub enum SequenceFlag {
     /// Halton, rotated at random
     Halton,
-    /// Sobol', randomised by XOR; most uniform if --paths is a power of two
+    /// Sobol', randomised by XOR; most uniform if --particles is a power of two
     Sobol,
 }
 
@@ -372,14 +372,15 @@ pub enum AgreementFlag {
     /// The points lie in each other's tangent planes, with tolerance for curvature; conserves energy
     Plane,
     /// Depths and normals differ little, as in Wald et al. 2002
-    Paper,
+    #[value(alias = "paper")]
+    DepthAndNormal,
 }
 
 impl From<AgreementFlag> for Agreement {
     fn from(flag: AgreementFlag) -> Agreement {
         match flag {
             AgreementFlag::Plane => Agreement::Plane,
-            AgreementFlag::Paper => Agreement::Paper,
+            AgreementFlag::DepthAndNormal => Agreement::DepthAndNormal,
         }
     }
 }
@@ -429,9 +430,9 @@ impl From<ClusterOrderFlag> for ClusterOrder {
 pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise instead of structured error.
     #[arg(long, conflicts_with_all = [
-        "passes", "time", "target_error", "resume", "paths", "direct_lights", "interleave", "clip", "clip_fraction", "no_compensation", "no_split",
+        "passes", "time", "target_error", "resume", "particles", "direct_lights", "interleave", "clip", "clip_fraction", "no_compensation", "no_split",
         "photons", "photon_radius", "mirror_lights", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "summands",
-        "light_threshold", "light_choice", "light_floor", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats",
+        "light_threshold", "light_choice", "power_fraction", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats",
     ])]
     pub reference: bool,
     /// Samples per pixel of --reference [default: 64]. Time grows linearly, noise falls with the square root.

@@ -72,7 +72,7 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
             Preset::Progressive => defaults,
             Preset::Interactive => Settings::interactive(),
         };
-        settings.paths = preset.paths;
+        settings.particles = preset.particles;
         settings.direct_lights = preset.direct_lights;
         settings.pattern = preset.pattern;
         settings.clip = preset.clip;
@@ -81,7 +81,7 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
         settings.photons = preset.photons;
         settings.filter = preset.filter;
     }
-    settings.paths = light.paths.unwrap_or(settings.paths);
+    settings.particles = light.particles.unwrap_or(settings.particles);
     settings.direct_lights = light.direct_lights.or(settings.direct_lights);
     settings.pattern = light.interleave.unwrap_or(settings.pattern);
     settings.max_depth = light.max_depth.unwrap_or(settings.max_depth);
@@ -103,7 +103,7 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
     glossy.apply(&mut settings);
     settings.light_threshold = light.light_threshold.unwrap_or(settings.light_threshold);
     settings.light_choice = light.light_choice.map_or(settings.light_choice, Into::into);
-    settings.light_floor = light.light_floor.unwrap_or(settings.light_floor);
+    settings.power_fraction = light.power_fraction.unwrap_or(settings.power_fraction);
     settings.mirror_lights = light.mirror_lights.unwrap_or(settings.mirror_lights);
     settings.delta_lights = light.delta_lights.map_or(settings.delta_lights, |flag| flag.0);
     settings.sequence = light.sequence.map_or(settings.sequence, Into::into);
@@ -349,7 +349,7 @@ mod tests {
     fn flags_come_before_the_scene_and_the_scene_before_the_defaults() {
         let defaults = Settings::default();
         let scene = RenderDefaults {
-            paths: Some(7),
+            particles: Some(7),
             max_specular: Some(3),
             clip: Some(0.5),
             compensation: Some(false),
@@ -358,12 +358,14 @@ mod tests {
         };
         assert_eq!(chosen("", &RenderDefaults::default()), defaults);
         let from_scene = chosen("", &scene);
-        assert_eq!((from_scene.paths, from_scene.seed, from_scene.compensation), (7, 9, false));
+        assert_eq!((from_scene.particles, from_scene.seed, from_scene.compensation), (7, 9, false));
         assert_eq!(from_scene.clip, Clip::Distance(0.5));
-        let flags =
-            chosen("--paths 3 --seed 1 --clip-fraction 0.1 --jitter --rounds 8 --max-depth 2 --interleave 2x5", &scene);
+        let flags = chosen(
+            "--particles 3 --seed 1 --clip-fraction 0.1 --jitter --rounds 8 --max-depth 2 --interleave 2x5",
+            &scene,
+        );
         assert_eq!((flags.pattern, defaults.pattern), ([2, 5], [1, 1]));
-        assert_eq!((flags.paths, flags.seed, flags.rounds, flags.max_depth, flags.jitter), (3, 1, 8, 2, true));
+        assert_eq!((flags.particles, flags.seed, flags.rounds, flags.max_depth, flags.jitter), (3, 1, 8, 2, true));
         assert_eq!((flags.max_specular, flags.split), (3, true));
         let direct = chosen("--max-specular 0 --no-split", &scene);
         assert_eq!((direct.max_specular, direct.split), (0, false));
@@ -371,10 +373,10 @@ mod tests {
         assert_eq!((flags.filter, chosen("--filter off", &scene).filter), (None, None));
         assert_eq!(chosen("--filter auto", &scene).filter, Some(Filter::default()));
         let filter = chosen("--filter 5x3 --no-filter-direct --filter-agreement paper", &scene).filter;
-        let expected = Filter { window: Some([5, 3]), direct: false, agreement: Agreement::Paper };
+        let expected = Filter { window: Some([5, 3]), direct: false, agreement: Agreement::DepthAndNormal };
         assert_eq!(filter, Some(expected));
-        let preset = chosen("--preset progressive --paths 4", &scene);
-        assert_eq!((preset.paths, preset.clip, preset.compensation), (4, defaults.clip, true));
+        let preset = chosen("--preset progressive --particles 4", &scene);
+        assert_eq!((preset.particles, preset.clip, preset.compensation), (4, defaults.clip, true));
         assert_eq!(preset.seed, 9);
         assert!(!chosen("--preset progressive --no-compensation", &scene).compensation);
     }

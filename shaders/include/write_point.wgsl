@@ -1,0 +1,60 @@
+// Writes shading points and lists them. Needs work.wgsl, math.wgsl, bsdf.wgsl, point.wgsl and surface.wgsl.
+// The shader binds `list_out` and `work_out`.
+
+@group(0) @binding(21) var<storage, read_write> emitted: array<vec4<f32>>;
+@group(0) @binding(22) var<storage, read_write> point_position: array<vec4<f32>>;
+@group(0) @binding(23) var<storage, read_write> point_geometric: array<vec4<f32>>;
+@group(0) @binding(24) var<storage, read_write> point_shading: array<vec4<f32>>;
+@group(0) @binding(25) var<storage, read_write> point_kd: array<vec4<f32>>;
+@group(0) @binding(26) var<storage, read_write> point_f0: array<vec4<f32>>;
+@group(0) @binding(27) var<storage, read_write> point_wo: array<vec4<f32>>;
+
+// The hit of a ray in direction d at distance t.
+struct Met {
+    surface: Surface,
+    d: vec3<f32>,
+    t: f32,
+    found: bool,            // false: it met nothing, and the surface is any
+    without_lobe: bool,     // the specular lobe is left out
+}
+
+// `triangle`: bits as in `hits.w`.
+fn met_by(d: vec3<f32>, hit: vec4<f32>) -> Met {
+    let triangle = bitcast<u32>(hit.w);
+    let found = triangle != 0xffffffffu;
+    return Met(surface_at(select(0u, triangle, found), hit.y, hit.z, d), d, hit.x, found, false);
+}
+
+// Whether it reflects any light.
+fn reflects(met: Met) -> bool {
+    let lobe = select(mean3(met.surface.reflectance.f0), 0.0, met.without_lobe);
+    return mean3(met.surface.reflectance.kd) + lobe > 0.0;
+}
+
+// `flags`: those besides HIT and GLOSSY.
+fn write_point(slot: u32, met: Met, flags: u32) {
+    let s = met.surface;
+    let r = s.reflectance;
+    let glossy = r.f90 > 0.0 && !met.without_lobe;
+    let diffuse = select(diffuse_probability(r), 1.0, met.without_lobe);
+    let word = flags | flag_if(HIT, met.found) | flag_if(GLOSSY, glossy);
+    point_position[slot] = vec4<f32>(offset_origin(s.position, s.geometric, frame.eye.w), select(0.0, met.t, met.found));
+    point_geometric[slot] = vec4<f32>(s.geometric, r.f90);
+    point_shading[slot] = vec4<f32>(s.shading, r.alpha);
+    point_kd[slot] = vec4<f32>(select(vec3<f32>(0.0), r.kd, met.found), diffuse);
+    point_f0[slot] = vec4<f32>(select(vec3<f32>(0.0), r.f0, met.found), 0.0);
+    point_wo[slot] = vec4<f32>(-met.d, bitcast<f32>(word));
+}
+
+// Puts a lit shading point on the list: at `place` where the list is `ordered`, which has a place for each slot, else at the end.
+fn list_point(slot: u32, lit: bool, ordered: bool, place: u32) {
+    var at = place;
+    // The count does not depend on the order of the invocations; a list that is appended to does.
+    if lit {
+        let appended = atomicAdd(&work_out.live, 1u);
+        at = select(appended, place, ordered);
+    }
+    if lit || ordered {
+        list_out[at] = select(NO_POINT, slot, lit);
+    }
+}
