@@ -518,3 +518,20 @@ fn a_missing_driver_is_told_with_its_package() {
     let text = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success() && text.contains("1 passed"), "{text}");
 }
+
+#[test]
+fn every_permutation_becomes_a_pipeline_or_is_refused_with_the_reason() {
+    gpu_test(|ctx| {
+        let shaders = lightsum::gpu::shaders::ALL;
+        assert!(shaders.len() > 100, "permutations are missing from {}", shaders.len());
+        let refused: Vec<String> = (shaders.iter().filter_map(|shader| Kernel::new(ctx, shader).err()))
+            .map(|error| error.to_string())
+            .collect();
+        // Kernels that walk trees by subgroups need ballots, which no other kernel does.
+        assert!(refused.iter().all(|message| message.contains("subgroup operations")), "{refused:#?}");
+        let clusters =
+            shaders.iter().filter(|shader| shader.name.contains("cluster_") || shader.name.contains("counters"));
+        assert!(refused.is_empty() || refused.len() == clusters.count(), "{refused:#?}");
+        assert!(ctx.pipeline_count() + refused.len() >= shaders.len(), "the context keeps them");
+    });
+}
