@@ -21,21 +21,21 @@ var<immediate> push: Push;
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
-    let slot = (group.x + group.y * groups.x) * 64u + lane;
-    if slot >= atomicLoad(&work.live) {
+    let place = (group.x + group.y * groups.x) * 64u + lane;
+    if place >= atomicLoad(&work.live) {
         return;
     }
-    let pixel = list[slot];
-    let b = beta[pixel];
-    let e = emitted[pixel].xyz;
-    let l = b.xyz * reflected_radiance(point_kd[pixel].xyz, lighting_of(pixel));
+    let slot = list[place];
+    let b = beta[slot];
+    let e = emitted[slot].xyz;
+    let l = b.xyz * reflected_radiance(point_kd[slot].xyz, lighting_of(slot));
     // An emitter hit by the first gather ray is direct light; all other light was reflected before.
     let first = step.bounce == 1u;
     let diffuse = b.w == 0.0;
     let as_direct = select(vec3<f32>(0.0), e, first && diffuse);
     let as_indirect = select(vec3<f32>(0.0), l + select(e, vec3<f32>(0.0), first), diffuse);
     let as_specular = select(l + e, vec3<f32>(0.0), diffuse);
-    pixel_direct[pixel] += vec4<f32>(as_direct, 0.0);
-    pixel_indirect[pixel] += vec4<f32>(as_indirect, 0.0);
-    pixel_specular[pixel] += vec4<f32>(as_specular, 0.0);
+    pixel_direct[slot] += vec4<f32>(as_direct, 0.0);
+    pixel_indirect[slot] += vec4<f32>(as_indirect, 0.0);
+    pixel_specular[slot] += vec4<f32>(as_specular, 0.0);
 }

@@ -25,11 +25,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let ordered = point_step.order != ORDER_ANY;
     let by_screen = point_step.order == ORDER_SCREEN;
-    if ordered && index == 0u {
+    // Clusters count their own places.
+    if ordered && !by_screen && index == 0u {
         work_out.total = total;
     }
-    // Pixels are taken row by row, in the order of memory, which processors prefetch. The list takes them in tiles of 8 x 8, so that
-    // neighbours on it are neighbours in the scene.
+    // Pixels are taken row by row, in the order of memory, which processors prefetch. An ordered list takes them in tiles of 8 x 8, so
+    // that neighbours on it are neighbours in the scene.
     let row = index / (8u * tiles.x);
     let at = vec2<u32>(index - row * 8u * tiles.x, row);
     let tiled = 64u * (at.x / 8u + at.y / 8u * tiles.x) + 8u * (at.y & 7u) + (at.x & 7u);

@@ -22,19 +22,19 @@ var<immediate> push: Push;
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
-    let slot = (group.x + group.y * groups.x) * 64u + lane;
-    if slot >= atomicLoad(&work.live) {
+    let place = (group.x + group.y * groups.x) * 64u + lane;
+    if place >= atomicLoad(&work.live) {
         return;
     }
-    let pixel = list[slot];
-    let geometric = point_geometric[pixel];
-    let shading = point_shading[pixel];
-    let kd = point_kd[pixel];
-    let f0 = point_f0[pixel];
-    let wo = point_wo[pixel].xyz;
-    // The pass's sample point, randomised for each pixel: Halton points by rotation, Sobol' points by XOR. A pseudo-random
+    let slot = list[place];
+    let geometric = point_geometric[slot];
+    let shading = point_shading[slot];
+    let kd = point_kd[slot];
+    let f0 = point_f0[slot];
+    let wo = point_wo[slot].xyz;
+    // The pass's sample point, randomised for each slot: Halton points by rotation, Sobol' points by XOR. A pseudo-random
     // number chooses the lobe.
-    let sample = sample_of(pixel);
+    let sample = sample_of(slot);
     let keys = vec2<u32>(key(frame.keys.y, STREAM_GATHER, sample, 2u * step.bounce), key(frame.keys.y, STREAM_GATHER, sample, 2u * step.bounce + 1u));
     let bases = bitcast<vec2<u32>>(frame.shifts[step.bounce].zw);
     let halton = vec2<f32>(
@@ -54,12 +54,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var weight = select(vec3<f32>(0.0), s.weight, above);
     // The path starts here at the first bounce.
     let first = step.bounce == 0u;
-    let before = select(beta[pixel], vec4<f32>(1.0, 1.0, 1.0, 0.0), first);
+    let before = select(beta[slot], vec4<f32>(1.0, 1.0, 1.0, 0.0), first);
     // Light that the first shading point reflects diffusely is kept as irradiance: pi times radiance, without the albedo.
     let irradiance = vec3<f32>(select(0.0, PI / max(kd.w, 1e-6), above));
     weight = select(weight, irradiance, first && diffuse);
-    beta[pixel] = vec4<f32>(before.xyz * weight, select(before.w, select(1.0, 0.0, diffuse), first));
+    beta[slot] = vec4<f32>(before.xyz * weight, select(before.w, select(1.0, 0.0, diffuse), first));
     let reach = select(0.0, frame.up.w, above);
-    ray_origin[pixel] = vec4<f32>(point_position[pixel].xyz, reach);
-    ray_direction[pixel] = vec4<f32>(s.wi, 0.0);
+    ray_origin[slot] = vec4<f32>(point_position[slot].xyz, reach);
+    ray_direction[slot] = vec4<f32>(s.wi, 0.0);
 }

@@ -42,59 +42,59 @@ var<immediate> push: Push;
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
-    let slot = spread_group(group, groups) * 64u + lane;
+    let place = spread_group(group, groups) * 64u + lane;
     // A sorted list, or one in the order of the screen, may have slots without a shading point.
-    if slot >= max(atomicLoad(&work.live), work.total) {
+    if place >= max(atomicLoad(&work.live), work.total) {
         return;
     }
-    let pixel = list[slot];
-    if pixel == NO_POINT {
+    let slot = list[place];
+    if slot == NO_POINT {
         return;
     }
 #if VISIBILITY
     let lights_of_class = 0u;
 #else
-    let lights_of_class = class_of(pixel) * frame.pattern.w;
+    let lights_of_class = class_of(slot) * frame.pattern.w;
 #endif
     let nodes = frame.scene.x;
     var light = step.first;
     var node = 0u;
     if step.round > 0u {
-        let at = progress[pixel];
+        let at = progress[slot];
         light = at.x;
         node = at.y;
     }
-    let origin = point_position[pixel].xyz;
-    let geometric = point_geometric[pixel];
+    let origin = point_position[slot].xyz;
+    let geometric = point_geometric[slot];
 #if VISIBILITY
-    var seen = select(0u, visible[pixel], step.clears == 0u);
+    var seen = select(0u, visible[slot], step.clears == 0u);
 #else
-    let shading = point_shading[pixel];
-    let f0 = point_f0[pixel];
-    let wo = point_wo[pixel];
+    let shading = point_shading[slot];
+    let f0 = point_f0[slot];
+    let wo = point_wo[slot];
     let glossy = has_flag(wo.w, GLOSSY);
     // The first chunk starts the sums; values of an earlier frame are not read.
-    var e_direct = select(vec3<f32>(0.0), direct[pixel].xyz, step.clears == 0u);
-    var e_indirect = select(vec3<f32>(0.0), indirect[pixel].xyz, step.clears == 0u);
-    var l_specular = select(vec3<f32>(0.0), specular[pixel].xyz, step.clears == 0u);
+    var e_direct = select(vec3<f32>(0.0), direct[slot].xyz, step.clears == 0u);
+    var e_indirect = select(vec3<f32>(0.0), indirect[slot].xyz, step.clears == 0u);
+    var l_specular = select(vec3<f32>(0.0), specular[slot].xyz, step.clears == 0u);
 #endif
 
     // A dispatch takes a bounded number of lights; the next round continues a larger chunk.
     let end = min(step.end, light + step.lights);
     while light < end {
-        let place = lights_of_class + light;
+        let at_light = lights_of_class + light;
 #if AREA
-        let l_position = vec4<f32>(area_point(area_light(lights[place]), pixel, place), 0.0);
+        let l_position = vec4<f32>(area_point(area_light(lights[at_light]), slot, at_light), 0.0);
 #else
-        let l_position = lights[place].position;
+        let l_position = lights[at_light].position;
 #endif
 #if VISIBILITY
         let d = l_position.xyz - origin;
         let lit = dot(d, geometric.xyz) > 0.0;
 #else
-        let l_normal = lights[place].normal;
-        let l_emit = lights[place].emit;
-        let l_f0 = lights[place].f0;
+        let l_normal = lights[at_light].normal;
+        let l_emit = lights[at_light].emit;
+        let l_f0 = lights[at_light].f0;
         let flags = bitcast<u32>(l_position.w);
         let d = to_light(l_position, l_normal, origin);
         let r2 = dot(d, d);
@@ -103,7 +103,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         var intensity = plain_intensity(l_normal, l_emit, flags, cos_light);
         // Rare work is in loops that mostly run zero times: a SIMD driver executes an `if` for all lanes.
         for (var i = select(0u, 1u, lobe_shines(flags, cos_light)); i > 0u; i -= 1u) {
-            intensity += lobe_intensity(lights[place], wi, cos_light);
+            intensity += lobe_intensity(lights[at_light], wi, cos_light);
         }
         let cos_receiver = dot(wi, shading.xyz);
         let lit = cos_receiver > 0.0 && dot(wi, geometric.xyz) > 0.0 && mean3(intensity) > 0.0 && r2 > 0.0;
@@ -138,9 +138,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         seen += select(0u, 1u, lit && !blocked);
 #else
         let e = intensity * select(0.0, cos_receiver * falloff_of(flags, r2), lit && !blocked);
-        let first_bounce = l_f0.w == 0.0;
-        e_direct += select(vec3<f32>(0.0), e, first_bounce);
-        e_indirect += select(e, vec3<f32>(0.0), first_bounce);
+        let is_direct = l_f0.w == 0.0;
+        e_direct += select(vec3<f32>(0.0), e, is_direct);
+        e_indirect += select(e, vec3<f32>(0.0), is_direct);
         for (var i = select(0u, 1u, glossy && lit && !blocked); i > 0u; i -= 1u) {
             l_specular += e * eval_specular(point_lobe(geometric, shading, f0), shading.xyz, wo.xyz, wi);
         }
@@ -148,13 +148,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         light += 1u;
     }
 #if VISIBILITY
-    visible[pixel] = seen;
+    visible[slot] = seen;
 #else
-    direct[pixel] = vec4<f32>(e_direct, 0.0);
-    indirect[pixel] = vec4<f32>(e_indirect, 0.0);
-    specular[pixel] = vec4<f32>(l_specular, 0.0);
+    direct[slot] = vec4<f32>(e_direct, 0.0);
+    indirect[slot] = vec4<f32>(e_indirect, 0.0);
+    specular[slot] = vec4<f32>(l_specular, 0.0);
 #endif
-    progress[pixel] = vec2<u32>(light, node);
+    progress[slot] = vec2<u32>(light, node);
     if light < step.end {
         atomicAdd(&work.unfinished, 1u);
     }

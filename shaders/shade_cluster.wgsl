@@ -44,7 +44,7 @@
 @group(0) @binding(16) var<storage, read_write> direct: array<vec4<f32>>;
 @group(0) @binding(17) var<storage, read_write> indirect: array<vec4<f32>>;
 @group(0) @binding(18) var<storage, read_write> specular: array<vec4<f32>>;
-// First cluster and first shading point of each class; on a list in the order of the screen, the class of each cluster.
+// Of each class its first cluster and first shading point; if the list is in screen order, of each cluster its class.
 @group(0) @binding(19) var<storage, read> classes: array<vec2<u32>>;
 #endif
 var<immediate> push: Push;
@@ -105,15 +105,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if begin >= end {
         return;
     }
-    var pixel: array<u32, RAYS>;
+    var slot: array<u32, RAYS>;
     var present = 0u;
     // Slots without a shading point, and slots beyond the last, repeat another shading point and take no part.
     var some = NO_POINT;
     for (var r = 0u; r < RAYS; r += 1u) {
-        let slot = begin + r * LANES + lane;
-        pixel[r] = select(NO_POINT, list[min(slot, end - 1u)], slot < end);
-        present |= select(0u, 1u << r, pixel[r] != NO_POINT);
-        some = min(some, pixel[r]);
+        let place = begin + r * LANES + lane;
+        slot[r] = select(NO_POINT, list[min(place, end - 1u)], place < end);
+        present |= select(0u, 1u << r, slot[r] != NO_POINT);
+        some = min(some, slot[r]);
     }
     some = min_reduce_u32(some);
     // A cluster starts again with the light that it did not finish; all its shading points have the same progress.
@@ -139,8 +139,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var shading_lo = vec3<f32>(1.0);
     var shading_hi = vec3<f32>(-1.0);
     for (var r = 0u; r < RAYS; r += 1u) {
-        let p = select(pixel[r], some, pixel[r] == NO_POINT);
-        pixel[r] = p;
+        let p = select(slot[r], some, slot[r] == NO_POINT);
+        slot[r] = p;
         position[r] = point_position[p].xyz;
         geometric[r] = point_geometric[p].xyz;
         lo = min(lo, position[r]);
@@ -161,7 +161,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // With a SIMD driver a loop that runs zero times costs less than an `if`, of which all lanes execute both sides.
     for (var r = select(RAYS, 0u, clears); r < RAYS; r += 1u) {
         if ((present >> r) & 1u) != 0u {
-            specular[pixel[r]] = vec4<f32>(0.0);
+            specular[slot[r]] = vec4<f32>(0.0);
         }
     }
 #endif
@@ -234,26 +234,26 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             sum[r] = vec3<f32>(0.0);
         }
         for (var r = select(0u, RAYS, clears); r < RAYS; r += 1u) {
-            sum[r] = select(indirect[pixel[r]].xyz, direct[pixel[r]].xyz, kind == 0u);
+            sum[r] = select(indirect[slot[r]].xyz, direct[slot[r]].xyz, kind == 0u);
         }
         let of_kind = select(~direct_lights, direct_lights, kind == 0u);
 #endif
         while (todo & of_kind) != 0u && left > 0u {
-            let place = lights_of_class + step.first + firstTrailingBit(todo & of_kind);
+            let at_light = lights_of_class + step.first + firstTrailingBit(todo & of_kind);
 #if AREA
-            let area = area_light(lights[place]);
+            let area = area_light(lights[at_light]);
             let origin = area.centre;
             // Start points of the rays relative to the light's centre, and their moments q x d.
             var q: array<vec3<f32>, RAYS>;
             var moment: array<vec3<f32>, RAYS>;
 #else
-            let l_position = lights[place].position;
+            let l_position = lights[at_light].position;
             let origin = l_position.xyz;
 #endif
 #if VISIBILITY
 #else
-            let l_normal = lights[place].normal;
-            let l_emit = lights[place].emit;
+            let l_normal = lights[at_light].normal;
+            let l_emit = lights[at_light].emit;
             let flags = bitcast<u32>(l_position.w);
             let surface = (flags & LIGHT_SURFACE) != 0u;
 #endif
@@ -264,7 +264,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             var alive = 0u;
             for (var r = 0u; r < RAYS; r += 1u) {
 #if AREA
-                let point = area_point(area, pixel[r], place);
+                let point = area_point(area, slot[r], at_light);
                 q[r] = point - origin;
                 d[r] = position[r] - point;
                 moment[r] = cross(q[r], d[r]);
@@ -445,7 +445,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             // Specular lobes, of the light or of shading points, are rarer: ray by ray.
             for (var rest = alive & select(glossy, present, (flags & LIGHT_GLOSSY) != 0u); rest != 0u; rest &= rest - 1u) {
                 let ray = firstTrailingBit(rest);
-                let extra = add_lobes(place, list[begin + ray * LANES + lane], clip2);
+                let extra = add_lobes(at_light, list[begin + ray * LANES + lane], clip2);
                 for (var r = 0u; r < RAYS; r += 1u) {
                     sum[r] += select(vec3<f32>(0.0), extra, r == ray);
                 }
@@ -457,12 +457,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #else
         for (var r = select(RAYS, 0u, kind == 0u); r < RAYS; r += 1u) {
             if ((present >> r) & 1u) != 0u {
-                direct[pixel[r]] = vec4<f32>(sum[r], 0.0);
+                direct[slot[r]] = vec4<f32>(sum[r], 0.0);
             }
         }
         for (var r = select(0u, RAYS, kind == 0u); r < RAYS; r += 1u) {
             if ((present >> r) & 1u) != 0u {
-                indirect[pixel[r]] = vec4<f32>(sum[r], 0.0);
+                indirect[slot[r]] = vec4<f32>(sum[r], 0.0);
             }
         }
 #endif
@@ -477,14 +477,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if VISIBILITY
     for (var r = 0u; r < RAYS; r += 1u) {
         if ((present >> r) & 1u) != 0u {
-            visible[pixel[r]] = seen[r];
+            visible[slot[r]] = seen[r];
         }
     }
 #endif
     // Their progress says that no light is left (pass::shade::NO_LIGHT_LEFT) unless it is set here.
     for (var r = select(RAYS, 0u, reached < step.end || step.round > 0u); r < RAYS; r += 1u) {
         if ((present >> r) & 1u) != 0u {
-            progress[pixel[r]] = vec2<u32>(reached, 0u);
+            progress[slot[r]] = vec2<u32>(reached, 0u);
         }
     }
     if reached < step.end {

@@ -23,7 +23,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let direction = direction_from(start, walk_numbers(1u, particle));
     let emitted = emitters[start.emitter].flux.xyz;
 
-    // Emitters without area are point lights already; only surfaces leave a light here.
+    // Emitters without area are point lights already, and their particles leave a black light: the slot must not keep that of the last
+    // pass.
     let depth = frame.depths[0];
     let share = select(0.0, bitcast<f32>(depth.z), start.kind <= EMITTER_SPHERE);
     let light = PointLight(

@@ -115,7 +115,7 @@ pub struct TargetBuffers {
     pub of_triangle: Buffer,
 }
 
-/// ReflectorFinish of a planar reflector, with mean texture values.
+/// Finish of a planar reflector, with mean texture values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReflectorFinish {
     /// Reflectance and roughness.

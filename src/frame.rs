@@ -22,7 +22,7 @@ use crate::stage::{Compensation, Eye, GlossyPlanes, Output, PhotonLighting, Phot
 
 /// The stages of a frame and its buffers.
 pub struct Frame {
-    /// Parameters, written at the start of each frame.
+    /// Parameters, written at the start of each pass.
     pub parameters: Buffer,
     /// `[0]`: rays lost in this frame.
     pub status: Buffer,
@@ -192,7 +192,7 @@ impl Frame {
         self.merge.run(rec)?;
         self.summands.run(rec)?;
         self.lens.run(rec)?;
-        self.output.record_accumulate(rec, parameters.keys[3])
+        self.output.record_accumulate(rec, parameters.instance())
     }
 
     /// Records the parameters of a pass, and clears the count of lost rays.

@@ -23,7 +23,7 @@
 //! | [`view`] | where light is wanted: a camera, a region of its image, an atlas of texels |
 //! | [`film`] | exact sums over passes, on the device and on the host; merging, means |
 //! | [`plan`] | all that follows from scene, settings and view; the parameters of each pass |
-//! | [`pass`] | the GPU passes, one file each beside its CPU oracle, each with a shader of the same stem |
+//! | [`pass`] | the GPU passes, one file each with its CPU oracle; its shaders begin with the same stem |
 //! | [`stage`] | the stages of a frame, each with its passes, buffers and steps |
 //! | [`frame`] | the frame: each stage once, in order |
 //! | [`engine`] | scene, view, film and frame together, recorded into a host's command buffer |
@@ -42,7 +42,7 @@
 //!                                      +-- parameters(pass) ----+
 //! ```
 //!
-//! One pass of the renderer, in the order in which [`frame`] records its stages:
+//! A *pass* of the renderer adds one sample to every pixel; a *GPU pass* is one step of it. One pass of the renderer, in the order in which [`frame`] records its stages:
 //!
 //! 1. [`Eye`](stage::Eye): [`camera_rays`](pass::camera_rays) and [`trace`](pass::trace) find the first hits. Tiles of pixels with
 //!    mirrors or glass ([`tiles`](pass::tiles)) are followed by [`eye_paths`](pass::eye_paths) and [`trace`](pass::trace) in turns,
@@ -68,10 +68,14 @@
 //!    components, [`convolve`](pass::convolve) spreads it, and [`superpose`](pass::superpose) adds it to the planes.
 //! 9. [`merge`](pass::merge) adds the light of the other second components to their pixels, [`summands`](pass::summands) sums
 //!    emission, diffuse and specular light apart, and [`lens`](pass::lens) blurs by [`convolve`](pass::convolve) what is out of focus.
-//! 10. [`Output`](stage::Output): [`accumulate`](pass::accumulate) adds the pass to the film, and [`resolve`](pass::resolve) writes
-//!     the film's mean to an image.
+//! 10. [`Output`](stage::Output): [`accumulate`](pass::accumulate) adds the pass to the film.
 //!
-//! All but 1, 3, 5 and 10 run only where settings and scene ask for them.
+//! Of these only `Eye`, `Walk`, `Shade` and `Output` always run; the others run where settings and scene ask for them.
+//!
+//! After any number of passes the film becomes an image in one of two ways. For a host,
+//! [`Engine::record_image`](engine::Engine::record_image) has [`resolve`](pass::resolve) write the mean to an image on the
+//! device. For files, the host reads the film ([`Film::download`](film::Film::download)), computes mean and layers
+//! ([`HostFilm::mean`](film::HostFilm::mean)), and [`output`] writes them.
 //!
 //! # Use
 //!

@@ -30,10 +30,11 @@ const ITERATIONS_PER_STEP: u32 = 6;
 /// Number of independent instances of the estimator, for the error estimate (Kollig and Keller 2002).
 pub const INSTANCES: u32 = 2;
 
-/// Virtual lights of a rendering: slots in the light buffer by number of reflections.
+/// Lights of a pass: slots in the light buffer.
 ///
-/// Every class of pixels has the same number of slots, one class after the other. Slots of a class: the delta lights,
-/// then for each number of reflections j the N_j particles that survive it.
+/// Every class of pixels has the same number of slots, one class after the other. Slots of a class: the delta lights
+/// (those without area, and imported ones), then for each number of reflections j the N_j particles that survive it,
+/// so light i of these has the slot `class * slots() + first_slot(j) + i`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LightPlan {
     /// Number N_j of particles that leave a light after j reflections, j = 0..=max_depth - 2; empty if nothing is lit.

@@ -1,5 +1,5 @@
 // Sums that lose nothing to rounding, so that their order does not matter: two sums of disjoint passes add up to that of all.
-// Needs frame.wgsl. CPU twin: film::ExactSum.
+// Needs frame.wgsl. CPU twin: pass::accumulate::sum_with.
 
 // Optimisation barrier: returns v, but no compiler can prove it. Otherwise (a + b) - a may become b, and the error of a sum zero.
 fn opaque(v: vec4<f32>) -> vec4<f32> {

@@ -5,7 +5,7 @@
 // in every word that has a flag.
 const FLAGS: u32 = 0x3f800000u;
 
-// Of a shading point, in receiver_wo.w.
+// Of a shading point, in point_wo.w.
 const HIT: u32 = 1u;                // the ray that looks for it met a surface
 const LIT: u32 = 2u;                // it can reflect light to the eye, and is listed
 const GLOSSY: u32 = 4u;             // it has a specular lobe

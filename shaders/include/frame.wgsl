@@ -1,4 +1,4 @@
-// Parameters of one frame, written before its first pass. Host twin: pass::layout::FrameParameters.
+// Parameters of one pass of the renderer, written at its start. Host twin: pass::layout::FrameParameters.
 struct FrameParameters {
     eye: vec4<f32>,             // eye point; w: coordinate scale of the scene (for ray-origin offsets)
     right: vec4<f32>,           // image half width at unit distance; w: clip distance squared

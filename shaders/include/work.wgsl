@@ -1,17 +1,17 @@
-// Work lists. Host twins: pass::layout::{Work, Step, PointStep}.
+// Work lists. Host twins: pass::layout::{DispatchCounts, Step, PointStep}.
 
 // Counts found by the device.
 struct DispatchCounts {
     live: atomic<u32>,          // shading points in the list
     unfinished: atomic<u32>,    // rays of the present round that ran out of steps
-    total: u32,                 // slots of a list that is sorted or in the order of the screen, with slots without a shading point
+    total: u32,                 // places of a list that is sorted or in screen order, with places without a shading point
     culled: atomic<u32>,        // pairs of a cluster and a light dropped before any ray was traced
     list_groups: vec4<u32>,     // indirect dispatch: one invocation for each shading point in the list; w: additional groups
     round_groups: vec4<u32>,    // indirect dispatch: the next round; 0 if no ray needs it
     total_groups: vec4<u32>,    // indirect dispatch: one invocation for each slot
 }
 
-// A slot of a list that holds no shading point.
+// A place of a list that holds no shading point.
 const NO_POINT: u32 = 0xffffffffu;
 
 // Parameters of one dispatch, fixed when the frame is made; each pass reads the members that it needs. They are in a buffer, because
@@ -24,9 +24,9 @@ struct Step {
     lights: u32,                // maximum number of lights that a single ray takes in this round
     last: u32,                  // 1: the last round (rays left over are lost), the last bounce or the last digit
     indirect: u32,              // 1: the shading points come from the list; 2: from one in screen order
-    bounce: u32,                // bounces before this one: reflections of a particle, mirrors and glass of a path, gather rays
+    bounce: u32,                // reflections of a particle, this one included; mirrors and glass of a path, or gather rays, before this one
     clears: u32,                // 1: sums start at zero
-    split: u32,                 // distance from the slot of a pixel to that of its split branch; 0: paths do not split
+    split: u32,                 // distance from the slot of a pixel to that of its second component; 0: paths do not split
     mirrored_lights: u32,       // 1: planar mirrors reflect virtual lights, so photons leave them out
     shift: u32,                 // of the digit by which the sort counts or scatters
     level: u32,                 // of the sort's sums
@@ -39,7 +39,7 @@ struct PointStep {
 }
 
 const ORDER_ANY: u32 = 0u;      // shading points are appended as they come
-const ORDER_RAYS: u32 = 1u;     // that of the rays, with gaps, to be sorted
+const ORDER_TO_SORT: u32 = 1u;  // a fixed order with gaps, to be sorted: tiles of 8 x 8 for the eye, rays for gathered points
 const ORDER_SCREEN: u32 = 2u;   // that of the screen, with gaps, see clusters.wgsl
 
 struct Push {

@@ -162,7 +162,7 @@ pub fn delta_lights(scene: &Scene, coordinate_scale: f32) -> Vec<PointLight> {
                 emit: with(irradiance, 1.0),
                 ..PointLight::default()
             }),
-            Light::Virtual { position, normal, power } => Some(PointLight {
+            Light::Imported { position, normal, power } => Some(PointLight {
                 position: with(
                     crate::accel::offset_origin(position, normal, coordinate_scale),
                     flags(PointLight::SURFACE | PointLight::CLIPPED),

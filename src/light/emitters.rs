@@ -43,7 +43,7 @@ pub enum Kind {
     /// Parallel light.
     Directional = 5,
     /// Point with cosine emission about a normal.
-    Virtual = 6,
+    Imported = 6,
 }
 
 /// One emitter.
@@ -78,7 +78,7 @@ pub struct Emitter {
 impl Emitter {
     /// Whether it has no area: evaluated directly, not through particles.
     pub fn is_delta(&self) -> bool {
-        matches!(self.kind, Kind::Point | Kind::Spot | Kind::Directional | Kind::Virtual)
+        matches!(self.kind, Kind::Point | Kind::Spot | Kind::Directional | Kind::Imported)
     }
 }
 
@@ -279,7 +279,7 @@ impl Emitters {
             t * w.x + b * w.y + start.normal * w.z
         };
         match e.kind {
-            Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Virtual => around(sample_diffuse(u)),
+            Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Imported => around(sample_diffuse(u)),
             Kind::Point => uniform_sphere(u),
             Kind::Spot => {
                 // Exact inversion of the falloff's integral over the cosine: first the full cone, then the ramp, whose
@@ -340,7 +340,7 @@ impl Emitter {
                 (self.p0 + self.e1 * (r * phi.cos()) + self.e2 * (r * phi.sin()), self.normal)
             }
             Kind::Point => (self.p0, Vec3::Z),
-            Kind::Spot | Kind::Virtual => (self.p0, self.normal),
+            Kind::Spot | Kind::Imported => (self.p0, self.normal),
         }
     }
 
@@ -360,7 +360,7 @@ impl Emitter {
         match self.kind {
             Kind::Point => self.radiance,
             Kind::Spot => self.radiance * spot_falloff(self.normal.dot(direction), self.e1.x, self.e1.y),
-            Kind::Virtual => self.radiance * (self.normal.dot(direction).max(0.0) * (1.0 / PI)),
+            Kind::Imported => self.radiance * (self.normal.dot(direction).max(0.0) * (1.0 / PI)),
             Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Directional => Vec3::ZERO,
         }
     }
@@ -449,8 +449,8 @@ fn of_light(scene: &Scene, light: &Light) -> Emitter {
                 ..blank(Kind::Sphere, center)
             }
         }
-        Light::Virtual { position, normal, power } => {
-            Emitter { normal, radiance: power, power, ..blank(Kind::Virtual, position) }
+        Light::Imported { position, normal, power } => {
+            Emitter { normal, radiance: power, power, ..blank(Kind::Imported, position) }
         }
     }
 }

@@ -114,7 +114,7 @@ pub fn irradiance(frame: &layout::FrameParameters, e: &Emitter, x: Vec3, n: Vec3
         Kind::Point => cos.max(0.0) * falloff,
         Kind::Spot => spot_falloff(leaving, e.e1.x, e.e1.y) * cos.max(0.0) * falloff,
         Kind::Directional => (-e.normal.dot(n)).max(0.0),
-        Kind::Virtual => emitting * cos.max(0.0) * falloff / pi,
+        Kind::Imported => emitting * cos.max(0.0) * falloff / pi,
     };
     mean(e.radiance) * geometry
 }

@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable};
 
 pub use crate::light::emitters::EmitterRecord;
 
-/// Parameters of one frame; `shaders/include/frame.wgsl` says what each component is.
+/// Parameters of one pass of the renderer; `shaders/include/frame.wgsl` says what each component is.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 pub struct FrameParameters {
@@ -25,11 +25,11 @@ pub struct FrameParameters {
     pub size: [u32; 4],
     /// Place of the view in the whole image, width and height of the whole image.
     pub within: [u32; 4],
-    /// First sequence index, particles N of a class, window rotation, delta lights.
+    /// First sequence index, particles N of a class, rotation of their segment, delta lights.
     pub walk: [u32; 4],
     /// Keys of the pass and of the instance, bits ([`FrameParameters::JITTER`], [`FrameParameters::SOBOL`]), instance.
     pub keys: [u32; 4],
-    /// Nodes, emitters, greatest path length, 0 (which no compiler knows, see `accumulate.wgsl`).
+    /// Nodes, emitters, greatest path length, 0 (which no compiler knows, see `include/exact_sum.wgsl`).
     pub scene: [u32; 4],
     /// Width and height of the interleaving pattern, classes, lights of each class.
     pub pattern: [u32; 4],
@@ -39,9 +39,9 @@ pub struct FrameParameters {
     pub photon: [f32; 4],
     /// For j reflections: particles N_j, first light slot, bits of 1 / N_j, N_(j+1).
     pub depths: [[u32; 4]; 16],
-    /// For j reflections: Cranley-Patterson shifts of dimensions 2j and 2j + 1, then bits of their bases.
+    /// For dimensions 2j and 2j + 1: Cranley-Patterson shifts, then bits of their bases.
     pub shifts: [[f32; 4]; 16],
-    /// For j: random words of dimensions 2j and 2j + 1, then the point of the gather rays of bounce j.
+    /// For dimensions 2j and 2j + 1: random words; then the point of the gather rays of bounce j.
     pub sobol: [[u32; 4]; 16],
     /// x: share of the choice of emitters that goes by power, where it goes by contribution.
     pub choice: [f32; 4],
@@ -58,6 +58,11 @@ impl FrameParameters {
     pub const JITTER: u32 = 1;
     /// Bit of `keys[2]`: points are those of Sobol' and not of Halton.
     pub const SOBOL: u32 = 2;
+
+    /// Instance of the pass.
+    pub fn instance(&self) -> u32 {
+        self.keys[3]
+    }
 
     /// Number of a slot in the whole image, by which random numbers are drawn.
     pub fn sample_of(&self, slot: u32) -> u32 {
@@ -85,7 +90,8 @@ pub struct DispatchCounts {
     pub total: u32,
     /// Pairs of a cluster and a light that were dropped before any ray was traced.
     pub culled: u32,
-    /// Groups for one invocation a shading point; w: groups besides, one for each class of pixels but the first.
+    /// Groups for one invocation a shading point; w: more groups, for lists in screen order those of partly filled
+    /// clusters, else one for each class of pixels but the first.
     pub list_groups: [u32; 4],
     /// Groups for the next round.
     pub round_groups: [u32; 4],
@@ -118,11 +124,11 @@ pub struct Step {
     pub last: u32,
     /// 1: work comes from the list; 2: from one in screen order.
     pub indirect: u32,
-    /// Number of bounces before this one: reflections of a particle, mirrors and glass of a path, gather rays.
+    /// Reflections of a particle, this one included; mirrors and glass of a path, or gather rays, before this one.
     pub bounce: u32,
     /// 1: sums start at zero.
     pub clears: u32,
-    /// Distance from the slot of a pixel to that of its split branch; 0: paths do not split.
+    /// Distance from the slot of a pixel to that of its second component; 0: paths do not split.
     pub split: u32,
     /// 1: planar mirrors reflect virtual lights, so photons leave them out.
     pub mirrored_lights: u32,
@@ -136,7 +142,7 @@ pub struct Step {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct PointStep {
-    /// Order of the list: [`PointStep::ANY`], [`PointStep::RAYS`] or [`PointStep::SCREEN`].
+    /// Order of the list: [`PointStep::ANY`], [`PointStep::TO_SORT`] or [`PointStep::SCREEN`].
     pub order: u32,
     /// 1: shading points only emit, because the paths to them are as long as allowed.
     pub last: u32,
@@ -145,8 +151,8 @@ pub struct PointStep {
 impl PointStep {
     /// Shading points are appended as they come.
     pub const ANY: u32 = 0;
-    /// Shading points keep the order of their rays, with gaps, and will be sorted.
-    pub const RAYS: u32 = 1;
+    /// A fixed order with gaps, which will be sorted: tiles of 8 x 8 for the eye, rays for gathered points.
+    pub const TO_SORT: u32 = 1;
     /// Shading points stand in the order of the screen, with gaps, see [`super::clusters`].
     pub const SCREEN: u32 = 2;
 }

@@ -1,6 +1,6 @@
-//! The passes of a frame. Each has a file of its own and a shader of the same stem (`shade`, `trace` and `importance`
-//! have a second one; `clusters`, `sort`, `tiles`, `photon_grid` and `mirror_lights` have one for each of their steps).
-//! `frame.rs` has their order.
+//! The GPU passes of a frame. Each has a file of its own; the names of its shaders begin with its stem, but for
+//! `photon_grid` (`photon_keys`, `photon_cells`), `mirror_lights` (`mirror_*`) and `visibility`, which takes variants of
+//! `shade`. `frame.rs` has their order. [`layout`] and [`surface`] are what the passes share.
 //!
 //! A pass is made from a [`Kit`], which holds the resources that every pass may bind, and from the buffers of the stage
 //! that owns it.
@@ -55,7 +55,7 @@ use crate::error::{Error, Result};
 use crate::gpu::{Bindings, Buffer, Context, Kernel, Memory, Recorder, Resources, Shader, Staging, shaders};
 use crate::settings::Traversal;
 
-/// Invocations in a workgroup of every pass but `schedule` and the cluster form of `shade`.
+/// Invocations in a workgroup of the passes that take one invocation for each of their elements.
 pub const GROUP: u64 = 64;
 
 /// Workgroups for `count` invocations.

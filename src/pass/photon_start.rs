@@ -69,7 +69,7 @@ pub fn reference(
     let kind = emitters.list[start.emitter as usize].kind;
     let origin = match kind {
         Kind::Point | Kind::Spot | Kind::Directional => start.position,
-        Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Virtual => {
+        Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Imported => {
             offset_origin(start.position, start.normal, frame.eye[3])
         }
     };

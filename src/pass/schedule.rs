@@ -1,7 +1,7 @@
 //! Turns counts that the device found into indirect dispatches, so that no count is read back within a frame.
 //!
-//! After a list is filled: groups for one invocation a shading point, and for clusters one group more for each class of
-//! pixels after the first, since no cluster mixes classes. After a round of traversal: the same groups again if any ray
+//! After a list is filled: groups for one invocation a shading point, and for clusters the groups more that
+//! [`DispatchCounts::list_groups`] has in w, since no cluster mixes classes. After a round of traversal: the same groups again if any ray
 //! ran out of steps, else none. Rays left unfinished by the last round are added to `status[0]`.
 //! Cost: one invocation.
 

@@ -2,7 +2,7 @@
 //!
 //! The emitter is chosen by the composition method in proportion to power, the point by an area-preserving map of
 //! (Phi_2, Phi_3), the direction by (Phi_5, Phi_7), distributed as the emission. Particles start from emitters without
-//! area too, but these are lights by themselves, once a pass, instead of through the first vertices of particles.
+//! area too, and leave a black light: these emitters are lights by themselves, once a pass.
 //!
 //! Only the first N_0 leave a light here (see [`crate::settings::Settings::direct_lights`]).
 //!
@@ -10,7 +10,7 @@
 //! segments of the sequence (Wald et al. 2002, 4.2 and 4.4).
 //!
 //! Differs from the paper in that: the sequence is rotated for each of two independent instances, and the particles of
-//! a pass start at a random point of their segment (see [`crate::plan`]).
+//! a pass start at a point of their segment that moves from pass to pass (see [`crate::plan::Plan::parameters`]).
 //! Cost: some 200 operations and 144 bytes a particle.
 
 use super::layout::{self, PointLight};
@@ -92,7 +92,7 @@ pub fn reference(frame: &layout::FrameParameters, emitters: &Emitters, particle:
     let kind = emitters.list[start.emitter as usize].kind;
     let direction = emitters.sample_direction(&start, walk_numbers(frame, 1, particle));
     let surface = matches!(kind, Kind::Triangle | Kind::Quad | Kind::Sphere);
-    let origin = if surface || kind == Kind::Virtual {
+    let origin = if surface || kind == Kind::Imported {
         offset_origin(start.position, start.normal, frame.eye[3])
     } else {
         start.position

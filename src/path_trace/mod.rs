@@ -317,7 +317,7 @@ impl<'a> Tracer<'a> {
         let wi = to_light / distance2.sqrt();
         if e.is_delta() {
             let light = reflected(wi) * e.intensity(-wi) / (distance2 * e.probability);
-            let target = if e.kind == Kind::Virtual { offset_origin(target, axis, self.scale) } else { target };
+            let target = if e.kind == Kind::Imported { offset_origin(target, axis, self.scale) } else { target };
             return self.unless(light, Ray::between(from, target));
         }
         let axis = if e.two_sided && axis.dot(wi) > 0.0 { -axis } else { axis };

@@ -18,7 +18,12 @@ const HAMMERSLEY_BLOCK: u32 = 16;
 
 impl Plan {
     /// Parameters of pass number `pass` (from 0). Passes alternate between the two instances; each instance follows its
-    /// own randomised sequence, with N points a pass for each class of pixels.
+    /// own randomised sequence, with N points a pass for each class of pixels: a segment of the sequence.
+    ///
+    /// The survivors of a pass are the first N_j of its particles. With N a power of the base, the first N_j points of
+    /// every segment would fill the same strata every time; so each pass starts at a point of its segment that moves in
+    /// golden-ratio steps from a random start: evenly spread, and unrelated to any base. For Sobol' points, all of whose
+    /// dimensions have base 2, random starting points give less error.
     pub fn parameters(&self, pass: u32) -> Result<layout::FrameParameters> {
         let s = &self.settings;
         let instance = pass % INSTANCES;
@@ -26,7 +31,7 @@ impl Plan {
         let of_pass = s.particles();
         let first = local.checked_mul(of_pass).filter(|f| f.checked_add(of_pass).is_some()).ok_or(Error::Setting {
             name: "--passes",
-            message: format!("pass {pass} of {of_pass} paths leaves the 2^32 points of the sequence"),
+            message: format!("pass {pass} of {of_pass} particles leaves the 2^32 points of the sequence"),
         })?;
         let instance_key = hash(hash(s.seed as u32) ^ (s.seed >> 32) as u32).wrapping_add(hash(instance));
         let pass_key = hash(instance_key ^ hash(local));
@@ -36,10 +41,6 @@ impl Plan {
         let lookout = Lookout::of(&self.view);
         let clip = s.clip_distance(self.scene.diagonal);
 
-        // The survivors of a pass are the first N_j of its particles. Each pass starts at a new point of its segment,
-        // because with N a power of the base the first N_j points of every segment would fill the same strata every
-        // time. The starting points are a golden-ratio sequence from a random start: evenly spread, and unrelated to
-        // any base. For Sobol's points, all of whose dimensions have base 2, random starting points give less error.
         let start = hash(key(instance_key, WINDOW, 0, 0));
         let turn = match s.sequence {
             Sequence::Halton => start.wrapping_add(local.wrapping_mul(0x9e37_79b9)),

@@ -275,7 +275,7 @@ impl Writer {
                         None,
                     );
                 }
-                Light::Virtual { position, normal, power } => {
+                Light::Imported { position, normal, power } => {
                     self.virtual_light(&VirtualLight { position, normal, power });
                 }
                 // Its surface is a mesh, its light among the virtual lights.

@@ -348,7 +348,7 @@ impl Reader<'_> {
     fn light(&mut self, node: &Node, light: &gltf::khr_lights_punctual::Light, world: Mat4) {
         let position = world.transform_point3(Vec3::ZERO);
         if let Some(exact) = ours::<VirtualExtras>(node.extras()) {
-            self.scene.lights.push(Light::Virtual { position, normal: exact.normal, power: exact.power });
+            self.scene.lights.push(Light::Imported { position, normal: exact.normal, power: exact.power });
             return;
         }
         let intensity = Vec3::from_array(light.color()) * light.intensity() * self.light_scale;

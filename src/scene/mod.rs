@@ -382,7 +382,7 @@ pub enum Light {
     },
     /// A virtual light with cosine emission from one side, as written by `--export-lights`: radiance
     /// `power / pi` per unit area and cosine, that is intensity `power / pi * cos(theta)`.
-    Virtual {
+    Imported {
         /// Position.
         position: Vec3,
         /// Unit normal.

@@ -215,7 +215,7 @@ impl Light {
                 }
                 Err(format!("radius {radius} must be above 0"))
             }
-            Light::Virtual { position, normal, power: flux } => {
+            Light::Imported { position, normal, power: flux } => {
                 place("position", position)?;
                 unit("normal", normal)?;
                 power("power", flux, true)

@@ -41,7 +41,7 @@ impl PointOrder {
     pub(super) fn step(self, lit: bool, last: bool) -> PointStep {
         let order = match self {
             PointOrder::Screen => PointStep::SCREEN,
-            PointOrder::Space if lit => PointStep::RAYS,
+            PointOrder::Space if lit => PointStep::TO_SORT,
             PointOrder::Space | PointOrder::Any => PointStep::ANY,
         };
         PointStep { order, last: u32::from(last) }

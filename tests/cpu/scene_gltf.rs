@@ -394,10 +394,10 @@ fn exported_lights_come_back() {
 
     assert!(!back.emitters_are_lights && back.emitters().is_empty());
     let virtual_lights = |scene: &Scene| -> Vec<Light> {
-        scene.lights.iter().filter(|l| matches!(l, Light::Virtual { .. })).copied().collect()
+        scene.lights.iter().filter(|l| matches!(l, Light::Imported { .. })).copied().collect()
     };
     let expected: Vec<Light> =
-        lights.iter().map(|l| Light::Virtual { position: l.position, normal: l.normal, power: l.power }).collect();
+        lights.iter().map(|l| Light::Imported { position: l.position, normal: l.normal, power: l.power }).collect();
     assert_eq!(virtual_lights(&back), expected);
     assert_eq!(back.lights[0], scene.lights[0]);
     let Light::Directional { direction, .. } = back.lights[1] else { panic!("{:?}", back.lights[1]) };

@@ -53,7 +53,7 @@ fn lamps(count: usize) -> Scene {
         let direction = Vec3::new(0.1, -1.0, 0.2).normalize();
         b.0.lights.push(Light::Spot { position, direction, intensity, inner: 0.3, outer: 0.7 });
         b.0.lights.push(Light::Directional { direction, irradiance: Vec3::splat(0.02) });
-        b.0.lights.push(Light::Virtual { position, normal: direction, power: Vec3::new(0.1, 0.2, 0.3) });
+        b.0.lights.push(Light::Imported { position, normal: direction, power: Vec3::new(0.1, 0.2, 0.3) });
     }
     b.finish(Vec3::new(0.1, 1.5, -3.0), Vec3::new(0.0, 0.0, 0.5))
 }

@@ -161,7 +161,7 @@ fn walk_start_and_walk_reflect_follow_their_oracles() {
                     continue;
                 }
                 let all = [Kind::Triangle, Kind::Quad, Kind::Sphere, Kind::Point, Kind::Spot, Kind::Directional];
-                for kind in all.into_iter().chain([Kind::Virtual]) {
+                for kind in all.into_iter().chain([Kind::Imported]) {
                     assert!(kinds.contains(&kind), "no particle starts at a {kind:?}");
                 }
                 assert!(lobes[0] > 100 && lobes[1] > 100, "diffuse and glossy reflections: {lobes:?}");

@@ -427,7 +427,7 @@ fn listed_lights(b: &mut Builder, glow: u32) {
         direction: Vec3::new(0.2, -0.6, 1.0).normalize(),
         irradiance: Vec3::new(0.2, 0.3, 0.4),
     });
-    b.0.lights.push(Light::Virtual {
+    b.0.lights.push(Light::Imported {
         position: Vec3::new(-1.9, 0.3, -0.5),
         normal: Vec3::X,
         power: Vec3::new(0.8, 0.3, 0.1),
