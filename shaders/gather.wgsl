@@ -4,6 +4,9 @@
 #include "math.wgsl"
 #include "bsdf.wgsl"
 #include "point.wgsl"
+#if NEAR
+#include "near.wgsl"
+#endif
 
 @group(0) @binding(1) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(2) var<storage, read> list: array<u32>;
@@ -17,16 +20,32 @@
 @group(0) @binding(10) var<storage, read_write> beta: array<vec4<f32>>;
 @group(0) @binding(11) var<storage, read_write> ray_origin: array<vec4<f32>>;
 @group(0) @binding(12) var<storage, read_write> ray_direction: array<vec4<f32>>;
+#if NEAR
+@group(0) @binding(13) var<storage, read_write> list_out: array<u32>;
+@group(0) @binding(14) var<storage, read_write> work_out: DispatchCounts;
+#endif
 var<immediate> push: Push;
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
     let place = (group.x + group.y * groups.x) * 64u + lane;
+#if NEAR
+    // A list in screen order has gaps.
+    if place >= max(atomicLoad(&work.live), work.total) {
+        return;
+    }
+    let slot = list[place];
+    if slot == NO_POINT || !has_near_ray(slot) {
+        return;
+    }
+    list_out[atomicAdd(&work_out.live, 1u)] = slot;
+#else
     if place >= atomicLoad(&work.live) {
         return;
     }
     let slot = list[place];
+#endif
     let geometric = point_geometric[slot];
     let shading = point_shading[slot];
     let kd = point_kd[slot];
@@ -58,6 +77,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // Light that the first shading point reflects diffusely is kept as irradiance: pi times radiance, without the albedo.
     let irradiance = vec3<f32>(select(0.0, PI / max(kd.w, 1e-6), above));
     weight = select(weight, irradiance, first && diffuse);
+#if NEAR
+    weight *= near_ray_weight();
+#endif
     beta[slot] = vec4<f32>(before.xyz * weight, select(before.w, select(1.0, 0.0, diffuse), first));
     let reach = select(0.0, frame.up.w, above);
     ray_origin[slot] = vec4<f32>(point_position[slot].xyz, reach);

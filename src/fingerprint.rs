@@ -50,7 +50,7 @@ pub fn fingerprint(scene: &Scene, camera: &Camera, settings: &Settings) -> u64 {
 mod tests {
     use super::*;
     use crate::scene::{Light, Material, Surface, Texture, Triangle, Wrap};
-    use crate::settings::{Clip, Sequence};
+    use crate::settings::{Clip, Compensation, Sequence};
     use glam::{Vec2, Vec3};
 
     fn scene() -> Scene {
@@ -142,7 +142,7 @@ mod tests {
             Settings { particles: 31, ..usual() },
             Settings { max_depth: 4, ..usual() },
             Settings { clip: Clip::Distance(0.1), ..usual() },
-            Settings { compensation: false, ..usual() },
+            Settings { compensation: Compensation::Off, ..usual() },
             Settings { sequence: Sequence::Sobol, ..usual() },
             Settings { jitter: true, ..usual() },
             Settings { pattern: [2, 1], ..usual() },

@@ -18,7 +18,7 @@ use crate::pass::summands::Summands;
 use crate::pass::{Kit, List};
 use crate::plan::Plan;
 use crate::settings::LightChoice;
-use crate::stage::{Compensation, Eye, GlossyPlanes, Output, PhotonLighting, Photons, Shade, Stage, Walk};
+use crate::stage::{Compensation, Eye, GlossyPlanes, NearLight, Output, PhotonLighting, Photons, Shade, Stage, Walk};
 
 /// The stages of a frame and its buffers.
 pub struct Frame {
@@ -44,6 +44,8 @@ pub struct Frame {
     pub mirror_lights: Option<MirrorLights>,
     /// Restores the light that clipping removed, by short rays, bounce by bounce.
     pub compensation: Option<Compensation>,
+    /// Restores it from the irradiance of other pixels.
+    pub near_light: Option<NearLight>,
     /// Averages irradiance over neighbours on the same surface.
     pub discontinuity: Option<Discontinuity>,
     /// Spreads mirror images over their glossy planes.
@@ -111,6 +113,7 @@ impl Frame {
             }
         };
         let compensation = Compensation::new(kit, scene, plan, (&eye, &walk, &shade))?;
+        let near_light = NearLight::new(kit, scene, plan, (&eye, &walk, &shade))?;
         let discontinuity = match settings.filter {
             None => None,
             Some(filter) => Some(Discontinuity::new(
@@ -159,6 +162,7 @@ impl Frame {
             photon_lighting,
             mirror_lights,
             compensation,
+            near_light,
             discontinuity,
             glossy_planes,
             merge,
@@ -187,6 +191,7 @@ impl Frame {
         self.photon_lighting.run(rec)?;
         self.mirror_lights.run(rec)?;
         self.compensation.run(rec)?;
+        self.near_light.run(rec)?;
         self.discontinuity.run(rec)?;
         self.glossy_planes.run(rec)?;
         self.merge.run(rec)?;
@@ -220,9 +225,10 @@ impl Frame {
         }
     }
 
-    /// The lists of shading points: those of the eye, then those of each bounce of the compensation.
+    /// The lists of shading points: those of the eye, then those of each bounce of the compensation or of near light.
     pub fn point_lists(&self) -> impl Iterator<Item = &List> {
-        [&self.eye.list].into_iter().chain(self.compensation.iter().flat_map(|c| c.bounces.iter().map(|b| &b.list)))
+        let gathered = self.compensation.iter().flat_map(|c| c.bounces.iter().map(|b| &b.list));
+        [&self.eye.list].into_iter().chain(gathered).chain(self.near_light.iter().map(|near| &near.list))
     }
 
     /// [`layout::PointLight`]s of the pass.

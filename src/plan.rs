@@ -17,7 +17,7 @@ use crate::pass::delta_choice::{Candidates, MAX_CANDIDATES};
 use crate::pass::importance::MAX_EMITTERS;
 use crate::pass::layout::{PointLight, Step};
 use crate::pass::photon_grid::MAX_BUCKET_BITS;
-use crate::settings::{LightChoice, Settings};
+use crate::settings::{Compensation, LightChoice, Settings};
 use crate::view::{MAX_PIXELS, View};
 
 /// Maximum iterations of all loops of a shader invocation's subgroup together. lavapipe before Mesa 25 silently ends
@@ -309,6 +309,8 @@ pub struct Plan {
     pub photons: Option<PhotonPlan>,
     /// Mirrored lights; `None`: there are none.
     pub mirrors: Option<MirrorPlan>,
+    /// Mean reflectivity of the scene's surfaces.
+    pub mean_reflectivity: f32,
     /// Sizes of the scene.
     pub scene: SceneSize,
 }
@@ -351,6 +353,7 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
         eye,
         settings: settings.clone(),
         view: view.clone(),
+        mean_reflectivity: scene.mean_reflectivity,
         scene: SceneSize {
             nodes: scene.bvh.node_count(),
             emitters: scene.emitters.list.len() as u32,
@@ -400,7 +403,20 @@ impl Plan {
     /// Number of sets of shading points: the eye's, and one for each gather ray.
     pub fn bounces(&self) -> u32 {
         let settings = &self.settings;
-        if settings.compensation && settings.clips() { settings.max_depth } else { 1 }
+        let exact = match settings.compensation {
+            Compensation::Off => false,
+            // Texels of an atlas do not see each other.
+            Compensation::Near => self.view.camera().is_none(),
+            Compensation::Exact => true,
+        };
+        if exact && settings.clips() { settings.max_depth } else { 1 }
+    }
+
+    /// Whether near light comes from the irradiance of other pixels.
+    pub fn reuses_pixels(&self) -> bool {
+        let settings = &self.settings;
+        let near = settings.compensation == Compensation::Near && self.view.camera().is_some();
+        near && settings.clips() && self.lights_points()
     }
 
     /// Whether lights light the visible points.

@@ -20,6 +20,20 @@ pub enum Clip {
     Fraction(f32),
 }
 
+/// Restores the light that clipping cuts off, by short rays to what is near (Kollig and Keller 2004).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Compensation {
+    /// Do not: fastest, but corners are too dark.
+    Off,
+    /// One ray for each shading point; where the eye sees its hit, the irradiance of that pixel lights it. Slightly biased
+    /// (see [`crate::pass::near_collect`]); for an atlas as `Exact`.
+    Near,
+    /// Rays bounce by bounce, and their hits are lit by all lights: unbiased in the limit, and some three times slower.
+    #[default]
+    Exact,
+}
+
 /// Traversal kernel for shadow rays, and for eye rays up to the first hit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -40,7 +54,7 @@ pub enum Traversal {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ClusterOrder {
-    /// By pixel if no light is gathered (without `compensation`), else as `Space`.
+    /// By pixel if no light is gathered bounce by bounce (`compensation`), else as `Space`.
     #[default]
     Screen,
     /// By position, sorted along a Morton curve.
@@ -224,9 +238,8 @@ pub struct Settings {
     pub mirror_lights: u32,
     /// Clipping distance. Default 0.1 of the scene's diagonal.
     pub clip: Clip,
-    /// Gather the light that clipping cuts off by short extra paths (Kollig and Keller 2004), so that the limit is
-    /// unbiased. Default true. False saves the extra rays and darkens corners.
-    pub compensation: bool,
+    /// Restores the light that clipping cuts off. Default `Exact`; interactive: `Near`.
+    pub compensation: Compensation,
     /// Irradiance, in units of the scene's radiance times pi, below which a light is dropped for a whole cluster of shading points
     /// before any ray is traced. Default 0: drops only lights that contribute nothing. Higher is faster and darker: a
     /// shading point loses at most this much for each light of a pass. No effect on single rays.
@@ -287,7 +300,7 @@ impl Default for Settings {
             summands: false,
             mirror_lights: 0,
             clip: Clip::Fraction(0.1),
-            compensation: true,
+            compensation: Compensation::Exact,
             light_threshold: 0.0,
             sequence: Sequence::Halton,
             light_choice: LightChoice::Power,
@@ -324,13 +337,13 @@ impl Settings {
     pub const MAX_PARTICLES: u32 = 65_536;
 
     /// Preset for interactive frame rates, as in Wald et al. 2002, 5.1: 3 x 3 interleaved sampling with a 3 x 3 filter, 4 direct
-    /// lights and some 18 others, 500 photons, no compensation. Biased by clipping and by the filter.
+    /// lights and some 18 others, 500 photons, near light from the pixels that show it. Biased by the filter.
     pub fn interactive() -> Settings {
         Settings {
             particles: 20,
             direct_lights: Some(4),
             pattern: [3, 3],
-            compensation: false,
+            compensation: Compensation::Near,
             photons: 56,
             filter: Some(Filter::default()),
             ..Settings::default()
@@ -350,7 +363,7 @@ impl Settings {
         if let Some(spread) = render.superposition {
             self.superposition = Some(Superposition { spread, ..self.superposition.unwrap_or_default() });
         }
-        self.compensation = render.compensation.unwrap_or(self.compensation);
+        self.compensation = render.compensation.map_or(self.compensation, |chosen| chosen.0);
         self.seed = render.seed.unwrap_or(self.seed);
         if let Some(f) = render.clip_fraction {
             self.clip = Clip::Fraction(f);

@@ -192,6 +192,9 @@ impl View {
         match settings {
             _ if self.has_lens() => Some("a lens blurs over the whole image"),
             Settings { superposition: Some(_), .. } => Some("mirror images spread over the whole image"),
+            Settings { compensation: crate::settings::Compensation::Near, .. } if settings.clips() => {
+                Some("--compensation near looks at the whole image (exact does not)")
+            }
             Settings { light_choice: crate::settings::LightChoice::Contribution, .. } => {
                 Some("--light-choice contribution looks at the whole image")
             }

@@ -39,7 +39,11 @@ fn inverse_square(r2: f32, clip2: f32) -> f32 {
     return 1.0 / max(max(r2, clip2), 1e-37);
 }
 
-// Perpendicular irradiance for an intensity of 1.
+// Perpendicular irradiance for an intensity of 1, if the square of the clip distance is multiplied by `scale`.
+fn falloff_beyond(flags: u32, r2: f32, scale: f32) -> f32 {
+    return select(inverse_square(r2, scale * clip2_of(flags)), 1.0, (flags & LIGHT_DIRECTIONAL) != 0u);
+}
+
 fn falloff_of(flags: u32, r2: f32) -> f32 {
-    return select(inverse_square(r2, clip2_of(flags)), 1.0, (flags & LIGHT_DIRECTIONAL) != 0u);
+    return falloff_beyond(flags, r2, 1.0);
 }

@@ -50,6 +50,21 @@ impl Gather {
         Ok(Gather { kernel: kit.bind(&shaders::GATHER, &sets)?, work: list.work.clone() })
     }
 
+    /// As [`Gather::new`] for near rays, which leave a third of the classes of pixels in each pass and count for all.
+    /// `list` may have gaps; `started` receives the points that have a ray.
+    pub fn of_near_rays(
+        kit: &Kit,
+        points: &ShadingPoints,
+        (list, started): (&List, &List),
+        rays: &Rays,
+        beta: &Buffer,
+        steps: &Resources,
+    ) -> Result<Self> {
+        let beta = Resources::of([("beta", beta)]);
+        let sets = [&points.resources(), &list.resources(), &started.as_output(), &rays.resources(), &beta, steps];
+        Ok(Gather { kernel: kit.bind(&shaders::GATHER_NEAR, &sets)?, work: list.work.clone() })
+    }
+
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder, step: u32) -> Result<()> {
         self.kernel.run_listed(rec, &push(step), &self.work, LIST_GROUPS)

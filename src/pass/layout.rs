@@ -128,6 +128,8 @@ pub struct Step {
     pub bounce: u32,
     /// 1: sums start at zero.
     pub clears: u32,
+    /// 1: lights are clipped at a quarter of the clip distance.
+    pub closer: u32,
     /// Distance from the slot of a pixel to that of its second component; 0: paths do not split.
     pub split: u32,
     /// 1: planar mirrors reflect virtual lights, so photons leave them out.

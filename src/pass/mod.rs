@@ -26,6 +26,8 @@ pub mod lens;
 pub mod merge;
 pub mod mirror_image;
 pub mod mirror_lights;
+pub mod near_collect;
+pub mod near_points;
 pub mod photon_find;
 pub mod photon_follow;
 pub mod photon_grid;

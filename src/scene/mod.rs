@@ -25,7 +25,7 @@ use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::settings::Spread;
+use crate::settings::{Compensation, Spread};
 use crate::superposition::lobe::Table;
 
 pub use export::{VirtualLight, export_lights};
@@ -467,6 +467,28 @@ impl Camera {
     }
 }
 
+/// Value of the key `compensation`: "off", "near" or "exact"; true is "exact", false is "off".
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(from = "CompensationValue")]
+pub struct CompensationKey(pub Compensation);
+
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "compensation is \"off\", \"near\", \"exact\", true or false")]
+enum CompensationValue {
+    Switch(bool),
+    Named(Compensation),
+}
+
+impl From<CompensationValue> for CompensationKey {
+    fn from(value: CompensationValue) -> CompensationKey {
+        CompensationKey(match value {
+            CompensationValue::Switch(false) => Compensation::Off,
+            CompensationValue::Switch(true) => Compensation::Exact,
+            CompensationValue::Named(named) => named,
+        })
+    }
+}
+
 /// `[render]` of a scene file; each key corresponds to the command-line flag of the same name.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -497,7 +519,7 @@ pub struct RenderDefaults {
     /// Clipping distance as a fraction of the scene's diagonal.
     pub clip_fraction: Option<f32>,
     /// Gather the light that clipping cuts off.
-    pub compensation: Option<bool>,
+    pub compensation: Option<CompensationKey>,
     /// Seed.
     pub seed: Option<u64>,
     /// Exposure in stops for PNG output.

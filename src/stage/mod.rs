@@ -4,6 +4,7 @@
 mod compensation;
 mod eye;
 mod glossy_planes;
+mod near_light;
 mod output;
 mod photons;
 mod points;
@@ -13,6 +14,7 @@ mod walk;
 pub use compensation::{Bounce, Compensation};
 pub use eye::Eye;
 pub use glossy_planes::GlossyPlanes;
+pub use near_light::NearLight;
 pub use output::Output;
 pub use photons::{PhotonLighting, Photons};
 pub use points::PointOrder;

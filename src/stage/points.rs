@@ -102,7 +102,7 @@ pub(super) fn chunks(
     order: PointOrder,
 ) -> Vec<Chunk> {
     let settings = &plan.settings;
-    let lanes = Chunk::lanes(settings, scene.cluster_lanes(context));
+    let lanes = Chunk::lanes(settings, scene.cluster_lanes(context)).filter(|_| order != PointOrder::Any);
     let size = Chunk::size(settings, lanes.is_some());
     // Eye segment, gather rays, shadow ray and j reflections are bounce + j + 2 segments.
     let reflections = (settings.max_depth as usize).checked_sub(bounce as usize + 2);

@@ -4,7 +4,7 @@ use crate::args::Frame;
 use crate::passes::{Passes, kernel};
 use crate::report::{self, Table, milliseconds, percent};
 use crate::scene;
-use lightsum::settings::{Settings, Superposition};
+use lightsum::settings::{Compensation, Settings, Superposition};
 use lightsum::{Renderer, Result};
 use serde_json::Value;
 
@@ -54,7 +54,7 @@ fn combinations(args: &Frame, base: Settings) -> Vec<Settings> {
         };
         list.iter().flat_map(|settings| values.iter().map(|&value| with(settings, value))).collect()
     }
-    let compensation = base.compensation && !args.no_compensation;
+    let compensation = if args.no_compensation { Compensation::Off } else { base.compensation };
     let list = vec![Settings { compensation, ..base }];
     let list = each(list, &args.particles, |s, v| s.particles = v);
     let list = each(list, &args.max_depth, |s, v| s.max_depth = v);
@@ -77,7 +77,11 @@ fn print(name: &str, renderer: &Renderer, passes: &Passes) -> Result<()> {
         p.lights.slots(),
         s.particles,
         s.max_depth,
-        if s.compensation { "" } else { ", no compensation" },
+        match s.compensation {
+            Compensation::Off => ", no compensation",
+            Compensation::Near => ", near compensation",
+            Compensation::Exact => "",
+        },
         s.superposition.map_or(String::new(), |s| format!(", up to {} reflectors", s.reflectors)),
         s.lights_per_dispatch,
         kernel(renderer),
@@ -123,7 +127,7 @@ mod tests {
         ];
         assert_eq!(list.iter().map(key).collect::<Vec<_>>(), expected);
         // The scene's own settings stay where no flag is given.
-        let without = Settings { compensation: false, ..base };
+        let without = Settings { compensation: Compensation::Off, ..base };
         assert_eq!(
             chosen("--lights-per-dispatch 16", without.clone()),
             [Settings { lights_per_dispatch: 16, ..without }]

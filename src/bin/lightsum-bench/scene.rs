@@ -10,7 +10,7 @@ use lightsum::pass::layout::PointLight;
 use lightsum::pass::sort;
 use lightsum::pass::visibility::Workload;
 use lightsum::scene::{self, Camera, Scene, builtin};
-use lightsum::settings::Settings;
+use lightsum::settings::{Compensation, Settings};
 use lightsum::stage::Stage;
 use lightsum::{Engine, Error, Result};
 use std::path::Path;
@@ -127,5 +127,5 @@ fn square(bvh: &Bvh, place: Vec3, normal: Vec3, share: f64) -> (Vec3, [Vec3; 2])
 
 /// Settings under which a pass has at least `lights` lights.
 pub fn settings(lights: u32) -> Settings {
-    Settings { particles: lights, compensation: false, ..Settings::default() }
+    Settings { particles: lights, compensation: Compensation::Off, ..Settings::default() }
 }

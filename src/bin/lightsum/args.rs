@@ -9,7 +9,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use lightsum::gpu::DeviceChoice;
 use lightsum::output::Tonemap;
 use lightsum::path_trace::SpecularPaths;
-use lightsum::settings::{Agreement, ClusterOrder, LightChoice, Sequence, Settings, Traversal};
+use lightsum::settings::{Agreement, ClusterOrder, Compensation, LightChoice, Sequence, Settings, Traversal};
 use lightsum::view::Region;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -239,8 +239,11 @@ pub struct Light {
     /// Clipping distance as a fraction of the diagonal of the scene's bounding box [default: the scene's, or 0.1].
     #[arg(long, value_name = "F", allow_negative_numbers = true, value_parser = distance)]
     pub clip_fraction: Option<f32>,
-    /// Do not restore the light that clipping cuts off: faster, but corners are too dark.
-    #[arg(long)]
+    /// How to restore the light that clipping cuts off [default: the scene's, or exact; with --preset interactive: near].
+    #[arg(long, value_name = "HOW")]
+    pub compensation: Option<CompensationFlag>,
+    /// Short for --compensation off.
+    #[arg(long, conflicts_with = "compensation")]
     pub no_compensation: bool,
     /// Probability with which a particle starts from an emitter [default: power].
     #[arg(long, value_name = "BY")]
@@ -282,7 +285,7 @@ pub struct Light {
     /// Random seed [default: the scene's, or 0]. Same seed, settings and device: same bits.
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub seed: Option<u64>,
-    /// Preset for --particles, --direct-lights, --interleave, --photons, --filter, --clip-fraction, --no-compensation and --jitter.
+    /// Preset for --particles, --direct-lights, --interleave, --photons, --filter, --clip-fraction, --compensation and --jitter.
     ///
     /// These flags override the preset; the preset overrides the scene.
     #[arg(long, value_enum)]
@@ -385,6 +388,27 @@ impl From<AgreementFlag> for Agreement {
     }
 }
 
+/// Values of `--compensation`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum CompensationFlag {
+    /// Not at all: fastest, but corners are too dark
+    Off,
+    /// By one short ray for each pixel, whose hit is lit by the irradiance of the pixel that shows it
+    Near,
+    /// By short rays bounce by bounce, whose hits are lit by all lights: unbiased in the limit
+    Exact,
+}
+
+impl From<CompensationFlag> for Compensation {
+    fn from(flag: CompensationFlag) -> Compensation {
+        match flag {
+            CompensationFlag::Off => Compensation::Off,
+            CompensationFlag::Near => Compensation::Near,
+            CompensationFlag::Exact => Compensation::Exact,
+        }
+    }
+}
+
 /// Values of `--traversal`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum TraversalFlag {
@@ -409,7 +433,7 @@ impl From<TraversalFlag> for Traversal {
 /// Values of `--cluster-order`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ClusterOrderFlag {
-    /// By pixel if no light is gathered (--no-compensation), else as space
+    /// By pixel if no light is gathered bounce by bounce (--compensation off or near), else as space
     Screen,
     /// By position: needs a sort, but clusters are narrower
     Space,
@@ -430,7 +454,7 @@ impl From<ClusterOrderFlag> for ClusterOrder {
 pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise instead of structured error.
     #[arg(long, conflicts_with_all = [
-        "passes", "time", "target_error", "resume", "particles", "direct_lights", "interleave", "clip", "clip_fraction", "no_compensation", "no_split",
+        "passes", "time", "target_error", "resume", "particles", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "no_split",
         "photons", "photon_radius", "mirror_lights", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "summands",
         "light_threshold", "light_choice", "power_fraction", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats",
     ])]

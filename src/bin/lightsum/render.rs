@@ -6,7 +6,7 @@ use crate::stop::{Stop, error_is_due};
 use crate::{camera, reference, say, say_aside};
 use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics};
 use lightsum::scene::{self, Camera, RenderDefaults, Scene};
-use lightsum::settings::{Agreement, Clip, Filter, Settings};
+use lightsum::settings::{Agreement, Clip, Compensation, Filter, Settings};
 use lightsum::standalone::{RenderOptions, Renderer};
 use lightsum::{Error, Result, tiles};
 use std::path::{Path, PathBuf};
@@ -90,7 +90,10 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
     settings.photons = light.photons.unwrap_or(settings.photons);
     settings.photon_radius = light.photon_radius.or(settings.photon_radius);
     settings.clip = light.clip.map(Clip::Distance).or(light.clip_fraction.map(Clip::Fraction)).unwrap_or(settings.clip);
-    settings.compensation &= !light.no_compensation;
+    settings.compensation = match light.compensation {
+        _ if light.no_compensation => Compensation::Off,
+        chosen => chosen.map_or(settings.compensation, Into::into),
+    };
     settings.filter = match light.filter {
         None => settings.filter,
         Some(FilterFlag::Off) => None,
@@ -352,13 +355,13 @@ mod tests {
             particles: Some(7),
             max_specular: Some(3),
             clip: Some(0.5),
-            compensation: Some(false),
+            compensation: Some(CompensationKey(Compensation::Off)),
             seed: Some(9),
             ..RenderDefaults::default()
         };
         assert_eq!(chosen("", &RenderDefaults::default()), defaults);
         let from_scene = chosen("", &scene);
-        assert_eq!((from_scene.particles, from_scene.seed, from_scene.compensation), (7, 9, false));
+        assert_eq!((from_scene.particles, from_scene.seed, from_scene.compensation), (7, 9, Compensation::Off));
         assert_eq!(from_scene.clip, Clip::Distance(0.5));
         let flags = chosen(
             "--particles 3 --seed 1 --clip-fraction 0.1 --jitter --rounds 8 --max-depth 2 --interleave 2x5",
@@ -376,8 +379,10 @@ mod tests {
         let expected = Filter { window: Some([5, 3]), direct: false, agreement: Agreement::DepthAndNormal };
         assert_eq!(filter, Some(expected));
         let preset = chosen("--preset progressive --particles 4", &scene);
-        assert_eq!((preset.particles, preset.clip, preset.compensation), (4, defaults.clip, true));
+        assert_eq!((preset.particles, preset.clip, preset.compensation), (4, defaults.clip, Compensation::Exact));
         assert_eq!(preset.seed, 9);
-        assert!(!chosen("--preset progressive --no-compensation", &scene).compensation);
+        assert_eq!(chosen("--preset progressive --no-compensation", &scene).compensation, Compensation::Off);
+        assert_eq!(chosen("--preset interactive", &scene).compensation, Compensation::Near);
+        assert_eq!(chosen("--preset interactive --compensation exact", &scene).compensation, Compensation::Exact);
     }
 }

@@ -1,0 +1,84 @@
+// Looks for the light at the hits of near rays: in the pixels that show them, or else they are listed to be lit. See
+// pass/near_points.rs.
+#include "frame.wgsl"
+#include "work.wgsl"
+#include "math.wgsl"
+#include "bsdf.wgsl"
+#include "point.wgsl"
+#include "surface.wgsl"
+#include "write_point.wgsl"
+#include "near.wgsl"
+
+@group(0) @binding(29) var<storage, read> seen_position: array<vec4<f32>>;
+@group(0) @binding(30) var<storage, read> seen_geometric: array<vec4<f32>>;
+@group(0) @binding(31) var<storage, read> seen_wo: array<vec4<f32>>;
+@group(0) @binding(12) var<storage, read> hits: array<vec4<f32>>;
+@group(0) @binding(13) var<storage, read> ray_direction: array<vec4<f32>>;
+@group(0) @binding(14) var<storage, read_write> list_out: array<u32>;
+@group(0) @binding(15) var<storage, read_write> work_out: DispatchCounts;
+@group(0) @binding(16) var<storage, read_write> near_slot: array<u32>;
+@group(0) @binding(17) var<storage, read> list_in: array<u32>;
+@group(0) @binding(18) var<storage, read_write> work_in: DispatchCounts;
+@group(0) @binding(19) var<storage, read_write> beta: array<vec4<f32>>;
+
+// The pixel that shows a point of a surface with normal n, or NO_POINT.
+fn pixel_showing(p: vec3<f32>, n: vec3<f32>) -> u32 {
+    let d = p - frame.eye.xyz;
+    let z = max(dot(d, frame.forward.xyz), 1e-30);
+    let half_width = dot(frame.right.xyz, frame.right.xyz);
+    let half_height = dot(frame.up.xyz, frame.up.xyz);
+    let s = dot(d, frame.right.xyz) / (z * half_width);
+    let t = dot(d, frame.up.xyz) / (z * half_height);
+    let whole = vec2<f32>(frame.within.zw);
+    // The eye ray of a pixel passes at this offset from its corner.
+    let at = vec2<f32>(0.5 + 0.5 * s, 0.5 - 0.5 * t) * whole - vec2<f32>(frame.within.xy) - frame.pixel_offset.xy;
+    let pixel = floor(at + 0.5);
+    let inside = dot(d, frame.forward.xyz) > 0.0 && all(pixel >= vec2<f32>(0.0)) && all(pixel < vec2<f32>(frame.size.xy));
+    let safe = vec2<u32>(select(vec2<f32>(0.0), pixel, vec2<bool>(inside)));
+    let slot = safe.x + safe.y * frame.size.x;
+    let normal = seen_geometric[slot].xyz;
+    let word = seen_wo[slot];
+    let apart = seen_position[slot].xyz - p;
+    // Width of a pixel at this depth, and on the surface.
+    let width = 2.0 * z * sqrt(half_width) / whole.x;
+    let cosine = max(abs(dot(normal, word.xyz)), 0.1);
+    let agrees = dot(normal, n) > NEAR_COSINE
+        && abs(dot(normal, apart)) <= NEAR_HEIGHT * width
+        && dot(apart, apart) * cosine * cosine <= NEAR_WIDTH * NEAR_WIDTH * width * width;
+    let shows = has_flag(word.w, LIT) && !has_flag(word.w, SEEN_BY_SPECULAR);
+    return select(NO_POINT, slot, inside && agrees && shows);
+}
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let index = (group.x + group.y * groups.x) * 64u + lane;
+    if index >= atomicLoad(&work_in.live) {
+        return;
+    }
+    let slot = list_in[index];
+    let met = met_by(ray_direction[slot].xyz, hits[slot]);
+    // The share of light that clipping removed.
+    let share = max(1.0 - met.t * met.t / max(frame.right.w, 1e-37), 0.0);
+    let before = beta[slot];
+    let weight = select(vec3<f32>(0.0), before.xyz * share, met.found);
+    emitted[slot] = vec4<f32>(weight * met.surface.emission, 0.0);
+    let r = met.surface.reflectance;
+    let sends = mean3(weight) > 0.0 && reflects(met);
+    // A pixel knows irradiance, so lobes count as diffuse; surfaces that are mostly lobe are lit instead.
+    let matte = mean3(r.kd) > NEAR_MATTE * mean3(r.f0);
+    let shown = pixel_showing(met.surface.position, met.surface.geometric);
+    let q = select(NO_POINT, shown, sends && matte);
+    near_slot[slot] = q;
+    // From the irradiance there to that of the pixel or to the radiance of its lobe.
+    let link = weight * (r.kd + r.f0) * INV_PI;
+    let is_shown = q != NO_POINT;
+    // Light that a hit reflects has three segments at least.
+    let lit = sends && !is_shown && frame.scene.z > 2u;
+    beta[slot] = vec4<f32>(select(weight, link, is_shown), before.w);
+    if is_shown {
+        point_wo[slot] = vec4<f32>(0.0);
+    } else {
+        write_point(slot, met, flag_if(LIT, lit));
+    }
+    list_point(slot, lit, false, 0u);
+}

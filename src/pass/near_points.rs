@@ -1,0 +1,132 @@
+//! Light at the hits of near rays: from the pixels that show them.
+//!
+//! A near ray is the first gather ray of the compensation (see `gather`): it restores the share 1 - d^2 / clip^2 of the
+//! light from surfaces at a distance d < clip. Where the eye sees its hit, the pixel there knows the irradiance, and no
+//! light needs to be sampled; this pass finds that pixel by projection, and checks normal and tangent plane. Hits that no
+//! pixel shows become shading points, listed in any order.
+//!
+//! Bias: pixels know irradiance only, so the specular lobe of the hit counts as diffuse reflectance; surfaces with
+//! kd / f0 below [`MATTE`] are lit instead. The pixel stands up to [`WIDTH`] widths of a pixel from the hit.
+//!
+//! Cost: some 200 operations, 230 bytes read and 36 written for a hit that a pixel shows, 150 more for others; and 4
+//! texels for each texture.
+
+use glam::Vec3;
+
+use super::layout::FrameParameters;
+use super::schedule::LIST_GROUPS;
+use super::{BoundKernel, Kit, List, Rays, ShadingPoints};
+use crate::error::Result;
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
+
+/// Minimum cosine of the angle between the normals of hit and pixel.
+pub const COSINE: f32 = 0.9;
+/// Maximum distance of the hit from the tangent plane of the pixel, in widths of a pixel there.
+pub const HEIGHT: f32 = 1.0;
+/// Maximum distance between hit and pixel, in widths of a pixel on the surface.
+pub const WIDTH: f32 = 2.0;
+/// Minimum kd / f0 of a hit that takes the irradiance of a pixel.
+pub const MATTE: f32 = 0.5;
+/// In place of a slot: no pixel shows the hit.
+pub const NOT_SHOWN: u32 = u32::MAX;
+
+/// Whether a class of pixels sends near rays in a pass: a third of the classes does, others in each of three passes.
+pub fn has_near_ray(frame: &FrameParameters, class: u32) -> bool {
+    let classes = frame.pattern[2];
+    let third = classes.div_ceil(3);
+    let turn = (2 * frame.size[3] + frame.instance()) % 3;
+    (class + turn * third) % classes < third
+}
+
+/// Number of pixels that a near ray stands for.
+pub fn ray_weight(frame: &FrameParameters) -> f32 {
+    frame.pattern[2] as f32 / frame.pattern[2].div_ceil(3) as f32
+}
+
+/// The pass.
+pub struct NearPoints {
+    kernel: BoundKernel,
+    work: Buffer,
+}
+
+/// Inputs and outputs.
+pub struct Inputs<'a> {
+    /// Traced near rays.
+    pub rays: &'a Rays,
+    /// Points that they start from.
+    pub list_in: &'a List,
+    /// The points of the pixels.
+    pub seen: &'a ShadingPoints,
+    /// Receives the hits that are to be lit.
+    pub list_out: &'a List,
+    /// Throughput of the near rays; multiplied by the reflectance over pi if a pixel shows the hit. w: the lobe.
+    pub beta: &'a Buffer,
+    /// Receives the slot of the pixel that shows the hit, or [`NOT_SHOWN`].
+    pub near_slot: &'a Buffer,
+    /// Receives the hits.
+    pub points: &'a ShadingPoints,
+}
+
+impl NearPoints {
+    /// Writes `points`, `list_out` and `near_slot`, and multiplies `beta`.
+    pub fn new(kit: &Kit, inputs: &Inputs) -> Result<Self> {
+        let Inputs { rays, list_in, seen, list_out, beta, near_slot, points } = *inputs;
+        let own = Resources::of([
+            ("beta", beta),
+            ("near_slot", near_slot),
+            ("seen_position", &seen.position),
+            ("seen_geometric", &seen.geometric),
+            ("seen_wo", &seen.wo),
+        ]);
+        let sets = [&rays.resources(), &list_in.as_input(), &list_out.as_output(), &points.resources(), &own];
+        let shaders = [&shaders::NEAR_POINTS, &shaders::NEAR_POINTS_UNTEXTURED];
+        Ok(NearPoints { kernel: kit.bind_surface(shaders, &sets)?, work: list_in.work.clone() })
+    }
+
+    /// Records the pass.
+    pub fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.kernel.run_listed(rec, &[], &self.work, LIST_GROUPS)
+    }
+}
+
+/// The point of a pixel, for the oracle.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen {
+    /// Position.
+    pub position: Vec3,
+    /// Geometric normal, on the eye's side.
+    pub geometric: Vec3,
+    /// Direction to the eye.
+    pub wo: Vec3,
+    /// Flags of [`ShadingPoints`].
+    pub flags: u32,
+}
+
+/// Oracle: the pixel on which the eye ray to `p` falls, if it is in the image.
+pub fn pixel_of(frame: &FrameParameters, p: Vec3) -> Option<u32> {
+    let xyz = |a: [f32; 4]| Vec3::new(a[0], a[1], a[2]);
+    let (d, right, up) = (p - xyz(frame.eye), xyz(frame.right), xyz(frame.up));
+    let z = d.dot(xyz(frame.forward));
+    let [x, y, width, height] = frame.within.map(|n| n as f32);
+    let s = d.dot(right) / (z.max(1e-30) * right.length_squared());
+    let t = d.dot(up) / (z.max(1e-30) * up.length_squared());
+    let column = ((0.5 + 0.5 * s) * width - x - frame.pixel_offset[0] + 0.5).floor();
+    let row = ((0.5 - 0.5 * t) * height - y - frame.pixel_offset[1] + 0.5).floor();
+    let [columns, rows] = [frame.size[0] as f32, frame.size[1] as f32];
+    let inside = z > 0.0 && column >= 0.0 && row >= 0.0 && column < columns && row < rows;
+    inside.then(|| column as u32 + row as u32 * frame.size[0])
+}
+
+/// Oracle: whether a pixel shows the point `p` of a surface with normal `n`.
+pub fn shows(frame: &FrameParameters, seen: &Seen, p: Vec3, n: Vec3) -> bool {
+    let xyz = |a: [f32; 4]| Vec3::new(a[0], a[1], a[2]);
+    let z = (p - xyz(frame.eye)).dot(xyz(frame.forward));
+    let width = 2.0 * z * xyz(frame.right).length() / frame.within[2] as f32;
+    let apart = seen.position - p;
+    let cosine = seen.geometric.dot(seen.wo).abs().max(0.1);
+    let direct = seen.flags & (ShadingPoints::LIT | ShadingPoints::SEEN_BY_SPECULAR) == ShadingPoints::LIT;
+    direct
+        && seen.geometric.dot(n) > COSINE
+        && seen.geometric.dot(apart).abs() <= HEIGHT * width
+        && apart.length() * cosine <= WIDTH * width
+}

@@ -1,0 +1,155 @@
+//! Near light that clipping cut off, mostly from irradiance that other pixels have already: one near ray for each shading
+//! point (see [`crate::pass::near_points`]).
+
+use super::points::chunks;
+use super::{Counts, Eye, PointOrder, Shade, Stage, Walk};
+use crate::device_scene::DeviceScene;
+use crate::error::Result;
+use crate::gpu::{Buffer, Recorder};
+use crate::pass::gather::Gather;
+use crate::pass::layout::Step;
+use crate::pass::near_collect::{self, NearCollect};
+use crate::pass::near_points::{self, NearPoints};
+use crate::pass::schedule::Schedule;
+use crate::pass::shade::{self, Chunk};
+use crate::pass::trace::Trace;
+use crate::pass::{Kit, Lighting, List, ShadingPoints};
+use crate::plan::{Plan, StepTable};
+
+/// The stage.
+pub struct NearLight {
+    /// Hits of near rays.
+    pub points: ShadingPoints,
+    /// Throughput of near rays; w: the lobe.
+    pub beta: Buffer,
+    /// Pixels that show the hits, or [`near_points::NOT_SHOWN`].
+    pub near_slot: Buffer,
+    /// Light at hits that no pixel shows.
+    pub hit_lighting: Lighting,
+    /// These hits.
+    pub list: List,
+    /// Points that near rays start from.
+    pub started: List,
+    /// Near light: direct and indirect; w of the first: the lobe.
+    pub near: [Buffer; 2],
+    counts: Counts,
+    gather: (Gather, u32),
+    trace: (Trace, Vec<u32>),
+    near_points: NearPoints,
+    schedules: [Schedule; 2],
+    list_step: u32,
+    shade: (shade::Shade, Vec<Chunk>),
+    collect: NearCollect,
+}
+
+impl NearLight {
+    /// From the points of `eye`, lit by the lights of `walk`. `None`: nothing is cut off, or it is gathered exactly.
+    pub fn new(
+        kit: &Kit,
+        scene: &DeviceScene,
+        plan: &Plan,
+        (eye, walk, shade): (&Eye, &Walk, &Shade),
+    ) -> Result<Option<NearLight>> {
+        if !plan.reuses_pixels() {
+            return Ok(None);
+        }
+        let (settings, slots) = (&plan.settings, plan.eye.slots());
+        let mut table = StepTable::default();
+        let gather_step = table.add(Step { bounce: 0, ..Step::default() });
+        let rounds = table.add_list_rounds(settings);
+        let list_step = table.add_list();
+        // Single rays: the hits are few and far between. They have no near light of their own, so their lights are clipped
+        // closer.
+        let chunks = chunks(&mut table, plan, (kit.context, scene), 1, PointOrder::Any);
+        chunks.iter().flat_map(|chunk| &chunk.rounds).for_each(|&step| table.steps[step as usize].closer = 1);
+        let steps = table.stage(kit, "near steps")?;
+        let points = ShadingPoints::new(kit.context, "near", slots)?;
+        let hit_lighting = Lighting::new(kit.context, "near", slots)?;
+        let beta = kit.vec4s("near beta", slots)?;
+        let near_slot = kit.array("near slots", slots, 4)?;
+        let near = [kit.vec4s("near direct", slots)?, kit.vec4s("near indirect", slots)?];
+        let list = List::new(kit, "near points", &kit.array("near points list", slots, 4)?)?;
+        let started = List::new(kit, "near rays", &kit.array("near rays list", slots, 4)?)?;
+        let inputs = near_points::Inputs {
+            rays: &eye.rays,
+            list_in: &started,
+            seen: &eye.points,
+            list_out: &list,
+            beta: &beta,
+            near_slot: &near_slot,
+            points: &points,
+        };
+        let shade_inputs = shade::Inputs {
+            points: &points,
+            list: &list,
+            lights: &walk.lights,
+            progress: &eye.rays.progress,
+            lighting: &hit_lighting,
+            classes: None,
+        };
+        let collect_inputs = near_collect::Inputs {
+            list: &started,
+            points: &points,
+            lighting: &hit_lighting,
+            beta: &beta,
+            near_slot: &near_slot,
+            pixels: &shade.lighting,
+            near: &near,
+        };
+        Ok(Some(NearLight {
+            counts: Counts::new(kit, 1, [&list, &started])?,
+            gather: (
+                Gather::of_near_rays(kit, &eye.points, (&eye.list, &started), &eye.rays, &beta, &steps)?,
+                gather_step,
+            ),
+            trace: (Trace::new(kit, &eye.rays, &started, &steps)?, rounds),
+            near_points: NearPoints::new(kit, &inputs)?,
+            schedules: [Schedule::new(kit, &started.work, &steps)?, Schedule::new(kit, &list.work, &steps)?],
+            list_step,
+            shade: (shade::Shade::new(kit, &shade_inputs, &steps)?, chunks),
+            collect: NearCollect::new(kit, plan, &collect_inputs)?,
+            points,
+            beta,
+            near_slot,
+            hit_lighting,
+            list,
+            started,
+            near,
+        }))
+    }
+
+    /// The part up to the hits of the near rays.
+    pub fn record_rays(&self, rec: &mut Recorder) -> Result<()> {
+        self.counts.record_clear(rec)?;
+        rec.scope("near_gather", |rec| self.gather.0.record(rec, self.gather.1))?;
+        self.schedules[0].record(rec, self.list_step)?;
+        rec.scope("near_trace", |rec| self.trace.0.record(rec, &self.trace.1, None))
+    }
+
+    /// The part that finds pixels that show the hits.
+    pub fn record_points(&self, rec: &mut Recorder) -> Result<()> {
+        self.near_points.record(rec)?;
+        self.schedules[1].record(rec, self.list_step)
+    }
+
+    /// Hits that no pixel shows are lit.
+    pub fn record_shade(&self, rec: &mut Recorder) -> Result<()> {
+        self.shade.0.record(rec, &self.shade.1)
+    }
+
+    /// The light goes back to the pixels.
+    pub fn record_collect(&self, rec: &mut Recorder) -> Result<()> {
+        self.collect.record(rec)
+    }
+}
+
+impl Stage for NearLight {
+    const NAME: &'static str = "near_light";
+
+    fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.record_rays(rec)?;
+        rec.scope("near_points", |rec| self.record_points(rec))?;
+        rec.scope("near_shade", |rec| self.record_shade(rec))?;
+        rec.scope("near_collect", |rec| self.record_collect(rec))
+    }
+}
