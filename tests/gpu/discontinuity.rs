@@ -131,7 +131,9 @@ fn discontinuity_follows_its_oracle() {
                             }
                             let e = if is_filtered { expected[pixel] } else { irradiance[slot] };
                             let same = close(found[slot], e, 1e-4, 1e-5);
-                            tally.check(same, || format!("slot {slot}: {} for {e}", found[slot]));
+                            tally.check_values(same, &[(found[slot], e)], || {
+                                format!("slot {slot}: {} for {e}", found[slot])
+                            });
                             *averaged += usize::from(is_filtered && (e - irradiance[slot]).length() > 1e-3);
                         }
                     }

@@ -76,7 +76,9 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
                 let light = lights.each_ref().map(|l| if is_lit(wo[i]) { l[i].truncate() } else { Vec3::ZERO });
                 let vectors = [emitted[i], through[i], kd[i]].map(Vec4::truncate);
                 let l = merge::reference(vectors[0], vectors[1], vectors[2], light);
-                tally.check(close(source[i].truncate(), l, 1e-5, 1e-6), || format!("{i}: {} for {l}", source[i]));
+                tally.check_values(close(source[i].truncate(), l, 1e-5, 1e-6), &[(source[i].truncate(), l)], || {
+                    format!("{i}: {} for {l}", source[i])
+                });
                 let seen = has(wo[i], ShadingPoints::HIT).then_some(through[i].w);
                 assert_eq!(source[i].w, seen.unwrap_or(mirror_image::NOTHING_SEEN));
                 nothing += usize::from(seen.is_none());

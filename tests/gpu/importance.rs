@@ -13,7 +13,7 @@ use lightsum::settings::{Clip, LightChoice, Settings};
 use lightsum::stage::Stage;
 
 use crate::passes_light::receivers;
-use crate::passes_walk::same_light;
+use crate::passes_walk::{of_lights, same_light};
 use crate::renderer::cornell;
 use crate::rig::{Builder, Numbers, Rig, SINE, Tally, is_lit, xyz};
 use crate::scenes::{Soup, camera, compare, mean, render, settings};
@@ -148,7 +148,9 @@ fn particles_start_by_the_distribution_of_importance() {
             let (light, ..) = walk_start::reference(&rig.parameters, &emitters, i);
             let found = &lights[(first + i) as usize];
             // Points on discs and spheres are placed by sine and cosine.
-            tally.check(same_light(found, &light, SINE * 10.0), || format!("particle {i}: {found:?}\nfor {light:?}"));
+            tally.check_values(same_light(found, &light, SINE * 10.0), &of_lights(found, &light), || {
+                format!("particle {i}: {found:?}\nfor {light:?}")
+            });
             started[emitters.choose(walk_start::walk_numbers(&rig.parameters, 0, i)[0]).0 as usize] += 1.0;
         }
         tally.finish(0.003);

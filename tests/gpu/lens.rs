@@ -46,7 +46,9 @@ fn lens_follows_its_oracle() {
                 let light = lights.each_ref().map(|l| if is_lit(wo[i]) { l[i].truncate() } else { Vec3::ZERO });
                 let [e, beta, kd] = [emitted[i], through[i], kd[i]].map(Vec4::truncate);
                 let l = accumulate::reference(e, beta, kd, light);
-                tally.check(close(source[i].truncate(), l, 1e-5, 1e-6), || format!("{i}: {} for {l}", source[i]));
+                tally.check_values(close(source[i].truncate(), l, 1e-5, 1e-6), &[(source[i].truncate(), l)], || {
+                    format!("{i}: {} for {l}", source[i])
+                });
                 let depth = has(wo[i], ShadingPoints::HIT).then_some(through[i].w);
                 assert_eq!(source[i].w, depth.unwrap_or(lens::NOTHING_SEEN));
                 let diameter = lens::reference(&rig.parameters, aperture, focus, depth);

@@ -14,7 +14,7 @@ use lightsum::scene::Scene;
 use lightsum::settings::Settings;
 use lightsum::stage::{Photons, Stage};
 
-use crate::rig::{Rig, SINE, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error};
+use crate::rig::{Rig, SINE, Tally, close, gallery, hit_of, ray_of, sine_error};
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
 /// Tolerance for a direction: refraction near the critical angle magnifies rounding.
@@ -74,10 +74,15 @@ fn check_start(rig: &Rig, what: &str, sine: f32) {
                     && flux.w.to_bits() == target + 1
             }
         };
-        tally.check(same, || format!("photon {i}: {ray:?} {flux} for {oracle:?}"));
+        let (origin, sent) = oracle.as_ref().map_or((Vec3::ZERO, Vec3::ZERO), |o| (o.0.origin, o.1));
+        let direction = oracle.as_ref().map_or(Vec3::ZERO, |o| o.0.direction);
+        let values = [(ray.origin, origin), (ray.direction, direction), (flux.truncate(), sent)];
+        // Photons without flux may hold any ray.
+        let values = if ray.t_max > 0.0 { &values[..] } else { &[] };
+        tally.check_values(same, values, || format!("photon {i}: {ray:?} {flux} for {oracle:?}"));
         assert_eq!(state.position[i], Vec4::ZERO, "{what}: photon {i} is not stored yet");
         if ray.t_max > 0.0 {
-            traced.check(same_hit(hit_of(state.hits[i]), rig.bvh().closest(&ray)), || format!("photon {i}: {ray:?}"));
+            traced.check_hit(rig.bvh(), &ray, hit_of(state.hits[i]), || format!("photon {i}: {ray:?}"));
         }
     }
     tally.finish(STRAYS);
@@ -144,7 +149,14 @@ fn check_step(rig: &Rig, what: &str, step: usize, seen: &mut [usize; 3]) {
             Fate::Stored(_) => 1,
             Fate::Flies(..) => 2,
         }] += 1;
-        tally.check(same, || {
+        let values = match &fate {
+            Fate::Lost => [(Vec3::ZERO, Vec3::ZERO); 2],
+            Fate::Stored(sent) => [(after.flux[i].truncate(), *sent), (Vec3::ZERO, Vec3::ZERO)],
+            Fate::Flies(ray, sent, _) => {
+                [(after.flux[i].truncate(), *sent), (after.direction[i].truncate(), ray.direction)]
+            }
+        };
+        tally.check_values(same, &values, || {
             format!("photon {photon}: stored {stored}, on {on}, {} {} for {fate:?}", after.direction[i], after.flux[i])
         });
     }
@@ -236,7 +248,10 @@ fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
             let found = (after[k][i] - before[k][i]).truncate();
             let rounding = 1e-5 * before[k][i].truncate().max_element();
             let wanted = if k == 1 && reflectance.f90 == 0.0 { Vec3::ZERO } else { sum };
-            tally.check(close(found, wanted, 1e-3, rounding), || format!("slot {slot}, sum {k}: {found} for {wanted}"));
+            let values = [(found, wanted)];
+            tally.check_values(close(found, wanted, 1e-3, rounding), &values, || {
+                format!("slot {slot}, sum {k}: {found} for {wanted}")
+            });
             lit[k] += usize::from(found != Vec3::ZERO);
         }
     }

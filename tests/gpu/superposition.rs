@@ -77,7 +77,9 @@ fn mirror_images_follow_their_oracle() {
                 let light = lights.each_ref().map(|l| if lit { l[k].truncate() } else { Vec3::ZERO });
                 let vectors = [emitted[k], through[k], kd[k]].map(Vec4::truncate);
                 let l = merge::reference(vectors[0], vectors[1], vectors[2], light);
-                tally.check(close(source[i].truncate(), l, 1e-5, 1e-6), || format!("{i}: {} for {l}", source[i]));
+                tally.check_values(close(source[i].truncate(), l, 1e-5, 1e-6), &[(source[i].truncate(), l)], || {
+                    format!("{i}: {} for {l}", source[i])
+                });
                 let seen = has(wo[k], ShadingPoints::HIT).then_some(through[k].w);
                 assert_eq!(source[i].w, seen.unwrap_or(mirror_image::NOTHING_SEEN));
                 let (d, n) = (-wo[i].truncate(), normal[i].truncate());
