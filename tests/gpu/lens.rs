@@ -91,7 +91,17 @@ fn with_circle(camera: Camera, focus: f32, z: f32, diameter: f32) -> Camera {
 fn points_become_discs() {
     gpu_test(|ctx| {
         let view = camera(Vec3::ZERO, Vec3::Z, 40.0, [65, 65]);
-        for (z, diameter) in [(2.0, 5.0), (2.0, 13.0), (8.0, 5.0), (8.0, 13.0), (2.0, 30.0)] {
+        // In the coarse levels of the pyramid a disc is a few texels wide, and its variance on their grid differs from
+        // that of a disc: most at 30 pixels, three quarters of which are spread as three texels of 8 pixels.
+        for (z, diameter, tolerance) in [
+            (2.0, 5.0, 0.025),
+            (2.0, 13.0, 0.03),
+            (8.0, 5.0, 0.025),
+            (8.0, 13.0, 0.03),
+            (2.0, 26.0, 0.05),
+            (2.0, 30.0, 0.13),
+            (2.0, 36.0, 0.09),
+        ] {
             let mut soup = Soup::new("point");
             let glow = soup.diffuse(0.0, 1000.0);
             let half = z / pixels_of_unit(&view);
@@ -111,10 +121,8 @@ fn points_become_discs() {
             let found = 4.0 * (variance(&blurred) - variance(&sharp)).sqrt();
             let energy = mean(&blurred).x / mean(&sharp).x;
             println!("z {z}, D {diameter}: {found:.3}, energy {energy:.4}");
-            // In the coarse levels of the pyramid a disc is a few texels wide.
-            let tolerance = if diameter < 20.0 { 0.04 } else { 0.13 };
             assert!((found / f64::from(diameter) - 1.0).abs() < tolerance, "z {z}: {found} for {diameter}");
-            assert!((energy - 1.0).abs() < 0.005, "z {z}, {diameter}: energy {energy}");
+            assert!((energy - 1.0).abs() < 0.002, "z {z}, {diameter}: energy {energy}");
         }
     });
 }
@@ -129,7 +137,7 @@ fn edges_become_the_disc_s_integral() {
         let z = 2.0;
         soup.quad(Vec3::new(-9.0, -9.0, z), Vec3::Y * 18.0, Vec3::X * 9.0, dark);
         soup.quad(Vec3::new(0.0, -9.0, z), Vec3::Y * 18.0, Vec3::X * 9.0, bright);
-        for (diameter, tolerance) in [(5.0, 0.015), (11.0, 0.03), (24.0, 0.05)] {
+        for (diameter, tolerance) in [(5.0, 0.011), (11.0, 0.026), (24.0, 0.05)] {
             let image = render(ctx, &soup.0, with_circle(view, 4.0, z, diameter), &settings(1, 1), 16).color;
             // The camera's right is -x.
             let share = |x: usize| 0.5 * (f64::from(image[32 * 64 + x].x) - 1.0);
@@ -205,6 +213,48 @@ fn images_agree_with_path_tracing() {
             let [sharp, blurred] = [view, lens].map(|camera| render(ctx, &scene, camera, &settings(32, 2), 16).color);
             let reference = path_traced(&scene, &lens, &options);
             let ((energy, error), (_, without)) = (compare(&blurred, &reference), compare(&sharp, &reference));
+            let (forward, eye) = ((view.target - view.eye).normalize(), view.eye);
+            let right = forward.cross(Vec3::Y).normalize();
+            let up = right.cross(forward);
+            let rims = [(Vec3::new(0.5, -0.5, 3.0), 0.5), (Vec3::new(-0.5, -0.3, 1.8), 0.25)].map(|(c, radius)| {
+                let v = c - eye;
+                let z = v.dot(forward);
+                let p = pixels_of_unit(&view);
+                let at = [32.0 + v.dot(right) / z * p, 24.0 - v.dot(up) / z * p];
+                let nearest = z - radius;
+                (at, radius / z * p, aperture * (1.0 / nearest - 1.0 / 3.4f32).abs() * p)
+            });
+            println!("{rims:?}");
+            let in_rim = |i: usize| {
+                rims.iter().any(|([x, y], radius, d)| {
+                    let far = ((i % 64) as f32 + 0.5 - x).hypot((i / 64) as f32 + 0.5 - y);
+                    (far - radius).abs() < 0.5 * d + 1.5
+                })
+            };
+            for inside in [true, false] {
+                let part = |image: &[Vec3]| -> Vec<Vec3> {
+                    (0..image.len()).filter(|&i| in_rim(i) == inside).map(|i| image[i]).collect()
+                };
+                println!(
+                    "rim {inside}: {} pixels: {:?}, sharp {:?}",
+                    part(&reference).len(),
+                    compare(&part(&blurred), &part(&reference)),
+                    compare(&part(&sharp), &part(&reference))
+                );
+            }
+            let other = path_traced(&scene, &lens, &Options { seed: 8, ..options });
+            let plain = path_traced(&scene, &view, &options);
+            println!("NOISE {:?}, BASE {:?}", compare(&other, &reference), compare(&sharp, &plain));
+            for inside in [true, false] {
+                let part = |image: &[Vec3]| -> Vec<Vec3> {
+                    (0..image.len()).filter(|&i| in_rim(i) == inside).map(|i| image[i]).collect()
+                };
+                println!(
+                    "rim {inside}: NOISE {:?}, BASE {:?}",
+                    compare(&part(&other), &part(&reference)),
+                    compare(&part(&sharp), &part(&plain))
+                );
+            }
             println!("aperture {aperture}: energy {energy:.4}, error {error:.4}, without a lens {without:.4}");
             assert!((energy - 1.0).abs() < 0.03, "{aperture}: energy {energy}");
             assert!(error < limit * without, "{aperture}: {error}; without a lens {without}");

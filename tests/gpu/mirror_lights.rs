@@ -13,7 +13,7 @@ use lightsum::stage::Stage;
 use crate::passes_light::receivers;
 use crate::references::path_traced;
 use crate::renderer::bits;
-use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery, xyz};
+use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, xyz};
 use crate::scenes::{Soup, camera, mean, original, render, settings};
 use crate::support::gpu_test;
 
@@ -130,7 +130,7 @@ fn mirror_lights_follow_their_oracle() {
             }
             println!("{resolution:?}: {lit} lit, {shiny} of them shiny");
             assert!(resolution[0] * resolution[1] < 500 || lit > 60 && shiny > 20);
-            tally.finish(0.006);
+            tally.finish(STRAYS);
         }
     });
 }

@@ -14,7 +14,7 @@ use lightsum::settings::{Clip, Sequence, Settings, Traversal};
 use lightsum::stage::Stage;
 
 use crate::rig::{
-    AWKWARD_IMAGES, Rig, Tally, close, gallery, has, hit_of, is_lit, make, ray_of, sine_error, untouched, xyz,
+    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, has, hit_of, is_lit, make, ray_of, sine_error, untouched, xyz,
 };
 use crate::support::gpu_test;
 
@@ -27,10 +27,6 @@ const DIFFUSE: f32 = 1e-4;
 /// Tolerance for light over a specular lobe, which magnifies differences of the directions: SwiftShader is 1e-3 off at
 /// worst.
 const LOBE: f32 = 2e-3;
-
-/// Maximum fraction of points that rounding may light differently: each has many shadow rays, and any may graze an
-/// edge.
-const STRAYS: f64 = 0.005;
 
 /// The shading points in the form of the oracles.
 pub fn receivers(rig: &Rig, r: &ShadingPoints) -> Vec<ShadingPoint> {

@@ -13,14 +13,11 @@ use lightsum::scene::{Scene, Surface, builtin};
 use lightsum::settings::{Settings, Superposition};
 
 use crate::passes_film::{Sheet, fill};
-use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, make, ray_of, untouched};
+use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, STRAYS, Tally, close, gallery, hit_of, make, ray_of, untouched};
 use crate::support::gpu_test;
 
 /// Tolerance for a direction: refraction near the critical angle magnifies the rounding of roots and divisions.
 const DIRECTION: f32 = 1e-3;
-
-/// Maximum fraction of paths that rounding may deflect.
-const STRAYS: f64 = 0.005;
 
 /// The eye paths of all slots, read from the device.
 struct EyePathState {

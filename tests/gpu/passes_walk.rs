@@ -11,14 +11,11 @@ use lightsum::scene::Scene;
 use lightsum::settings::{Sequence, Settings};
 use lightsum::stage::Stage;
 
-use crate::rig::{Rig, SINE, Tally, close, gallery, hit_of, ray_of, sine_error, untouched, xyz};
+use crate::rig::{Rig, SINE, STRAYS, Tally, close, gallery, hit_of, ray_of, sine_error, untouched, xyz};
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
 /// Tolerance, relative to the largest component: divisions and roots are less exact on a device than ours.
 const RELATIVE: f32 = 2e-4;
-
-/// Maximum fraction of paths that rounding may deflect: at an edge, a horizon, or the threshold of a random choice.
-const STRAYS: f64 = 0.003;
 
 fn settings(particles: u32, jitter: bool) -> Settings {
     interleaved(particles, [1, 1], jitter)

@@ -263,13 +263,17 @@ pub fn same_hit(a: Option<Hit>, b: Option<Hit>) -> bool {
     }
 }
 
+/// Maximum fraction of comparisons that rounding may decide otherwise: at an edge, a horizon, or the threshold of a
+/// random choice. On lavapipe none is, on SwiftShader one of 2046 at most.
+pub const STRAYS: f64 = 0.001;
+
 /// How much larger than the largest expected value of its kind a found value may be where a comparison fails.
 const OUTLIER: f32 = 2.0;
 
 /// Most comparisons that may fail, however many there are.
 const MOST: usize = 6;
 
-/// Counts comparisons. A few per mille may fail where rounding decides (a ray through an edge, a random number at a
+/// Counts comparisons. One in a thousand may fail where rounding decides (a ray through an edge, a random number at a
 /// threshold), of small numbers none. Even there, what was found must be plausible: no NaN, no infinity, no value much
 /// larger than all expected ones, no hit off its ray.
 pub struct Tally {
