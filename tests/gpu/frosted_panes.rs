@@ -156,7 +156,7 @@ fn constant_light_passes_by_fresnel_tint_and_energy() {
             let expected = 2.0 * (ways.transmitted.unwrap().weight * energy + mirrored);
             let found = image.color[8 * 31 + 15];
             println!("frost {roughness}, turned {turned}: {found} for {expected}");
-            let tolerance = if turned == 0.0 { 1e-4 } else { 5e-3 };
+            let tolerance = if turned == 0.0 { 2e-6 } else { 7e-4 };
             assert!((found / expected - 1.0).abs().max_element() < tolerance, "{found} for {expected}");
         }
     });
@@ -226,11 +226,8 @@ fn what_touches_a_pane_is_sharp_and_what_is_far_is_blurred() {
             let alpha = frost(&frosted(0.4)).unwrap();
             let scale = 28.0 / 22.5f32.to_radians().tan() * behind / (1.0 + behind);
             let expected = expected_width(alpha, scale);
-            // Slopes m across the edge are distributed as (1 + m^2 / alpha^2)^(-3/2) / (2 alpha): a tenth is beyond 4/3
-            // alpha on each side. Light turns by 2 m. The kernel moves the lobe's tails to its centre.
-            let whole = 2.0 * (2.0 * (4.0 / 3.0 * alpha).atan()).tan() * scale;
-            println!("{behind} behind: {found} pixels for {expected}, with tails {whole}");
-            assert!((found - expected).abs() < 0.8 + 0.1 * whole && found > last, "{found} for {expected}");
+            println!("{behind} behind: {found} pixels for {expected}");
+            assert!((found - expected).abs() < 0.065 * expected && found > last, "{found} for {expected}");
             last = found;
         }
     });
@@ -263,7 +260,7 @@ fn parlour_with(ctx: &Context, roughness: f32, superposition: Option<Superpositi
 #[test]
 fn a_room_through_a_frosted_pane_against_the_path_tracer() {
     gpu_test(|ctx| {
-        for (roughness, energy, rmse) in [(0.3, 0.005, 0.06), (0.5, 0.02, 0.1)] {
+        for (roughness, energy, rmse) in [(0.3, 0.002, 0.06), (0.5, 0.006, 0.1)] {
             let (scene, camera) = parlour(roughness);
             let expected = path_traced(&scene, &camera, 1024, 2);
             let found = parlour_with(ctx, roughness, spread(Spread::Variant));
@@ -271,7 +268,7 @@ fn a_room_through_a_frosted_pane_against_the_path_tracer() {
             println!("frost {roughness}: a clear pane is off by {clear:.4}");
             agrees("frosted pane", &found, &expected, energy, rmse);
             let (_, error) = compare(&found, &expected);
-            assert!(error < 0.6 * clear, "{error} as frosted, {clear} as clear");
+            assert!(error < 0.5 * clear, "{error} as frosted, {clear} as clear");
         }
     });
 }
