@@ -7,7 +7,7 @@ use lightsum::gpu::Context;
 use lightsum::pass::{ShadingPoints, camera_rays, merge, mirror_image};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface};
 use lightsum::settings::{Settings, Spread, Superposition};
-use lightsum::superposition::kernels::KernelLibrary;
+use lightsum::superposition::kernels::{CORE_RADIUS, KERNEL_TEXELS, KernelLibrary};
 use lightsum::superposition::lobe::Lobe;
 
 use crate::renderer::{agrees, bits, path_traced};
@@ -76,7 +76,9 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
                 let light = lights.each_ref().map(|l| if is_lit(wo[i]) { l[i].truncate() } else { Vec3::ZERO });
                 let vectors = [emitted[i], through[i], kd[i]].map(Vec4::truncate);
                 let l = merge::reference(vectors[0], vectors[1], vectors[2], light);
-                tally.check(close(source[i].truncate(), l, 1e-5, 1e-6), || format!("{i}: {} for {l}", source[i]));
+                tally.check_values(close(source[i].truncate(), l, 1e-5, 1e-6), &[(source[i].truncate(), l)], || {
+                    format!("{i}: {} for {l}", source[i])
+                });
                 let seen = has(wo[i], ShadingPoints::HIT).then_some(through[i].w);
                 assert_eq!(source[i].w, seen.unwrap_or(mirror_image::NOTHING_SEEN));
                 nothing += usize::from(seen.is_none());
@@ -119,7 +121,7 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
                 let k = i + pixels;
                 assert_eq!((cleared[k], left[k]), (emitted[k], through[k]), "second component of {i}");
             }
-            tally.finish(0.005);
+            tally.finish(0.0);
         }
         let seen = panes.iter().filter(|&&n| n > 50).count();
         assert!(seen == 2 && nothing > 5 && further > 20, "{panes:?} {nothing} {further}");
@@ -154,7 +156,7 @@ fn constant_light_passes_by_fresnel_tint_and_energy() {
             let expected = 2.0 * (ways.transmitted.unwrap().weight * energy + mirrored);
             let found = image.color[8 * 31 + 15];
             println!("frost {roughness}, turned {turned}: {found} for {expected}");
-            let tolerance = if turned == 0.0 { 1e-4 } else { 5e-3 };
+            let tolerance = if turned == 0.0 { 2e-6 } else { 7e-4 };
             assert!((found / expected - 1.0).abs().max_element() < tolerance, "{found} for {expected}");
         }
     });
@@ -184,6 +186,35 @@ fn width(image: &[Vec3]) -> f32 {
     (crossing(0.1) - crossing(0.9)).abs()
 }
 
+/// Pixels between a tenth and nine tenths of a step behind a pane, by the kernel's own columns and the width of a pixel,
+/// if unit slope moves light by `scale` pixels.
+fn expected_width(alpha: f32, scale: f32) -> f32 {
+    let mut library = KernelLibrary::new();
+    library.add(0, Lobe::Ggx { alpha }).unwrap();
+    let lobe = library.look_up(0, 1.0).unwrap();
+    let wide = 2.0 * lobe.tan_beta * scale;
+    let parts = [
+        (&lobe.nearest.tail, 1.0 - lobe.core_share, wide),
+        (&lobe.nearest.core, lobe.core_share, wide * CORE_RADIUS as f32),
+    ]
+    .map(|(part, share, half)| {
+        let mut columns = [0.0f32; KERNEL_TEXELS];
+        part.texture.iter().enumerate().for_each(|(i, texel)| columns[i % KERNEL_TEXELS] += share * texel);
+        (columns, half)
+    });
+    // The light that passes to the left of a place.
+    let passed = |x: f32| {
+        let of = |(columns, half): &([f32; KERNEL_TEXELS], f32)| {
+            let at = (x / half + 1.0) * 0.5 * KERNEL_TEXELS as f32;
+            columns.iter().enumerate().map(|(i, c)| c * (at - i as f32).clamp(0.0, 1.0)).sum::<f32>()
+        };
+        parts.iter().map(of).sum::<f32>()
+    };
+    let over_a_pixel = |x: f32| (0..32).map(|k| passed(x + (k as f32 + 0.5) / 32.0 - 0.5)).sum::<f32>() / 32.0;
+    let place = |share: f32| (-8000..8000).map(|i| i as f32 * 5e-3).find(|&x| over_a_pixel(x) >= share).unwrap();
+    place(0.9) - place(0.1)
+}
+
 #[test]
 fn what_touches_a_pane_is_sharp_and_what_is_far_is_blurred() {
     gpu_test(|ctx| {
@@ -192,15 +223,11 @@ fn what_touches_a_pane_is_sharp_and_what_is_far_is_blurred() {
         for behind in [1e-3, 0.1, 0.3, 0.5] {
             let (scene, camera) = edge(behind, 0.4);
             let found = width(&render(ctx, &scene, camera, &settings, 16).color);
-            // Slopes m across the edge are distributed as (1 + m^2 / alpha^2)^(-3/2) / (2 alpha): a tenth is beyond 4/3
-            // alpha on each side. Light turns by 2 m; the pixels' own width adds 0.8. Without its tails the kernel is 5
-            // % narrower, and 25 % where the fast form of the convolution takes it at half the resolution, from 0.4 on,
-            // since its peak is then as narrow as a pixel.
             let alpha = frost(&frosted(0.4)).unwrap();
-            let scale = 28.0 / 22.5f32.to_radians().tan();
-            let expected = 2.0 * (2.0 * (4.0 / 3.0 * alpha).atan()).tan() * behind / (1.0 + behind) * scale;
+            let scale = 28.0 / 22.5f32.to_radians().tan() * behind / (1.0 + behind);
+            let expected = expected_width(alpha, scale);
             println!("{behind} behind: {found} pixels for {expected}");
-            assert!((found - expected).abs() < 0.8 + 0.1 * expected && found > last, "{found} for {expected}");
+            assert!((found - expected).abs() < 0.065 * expected && found > last, "{found} for {expected}");
             last = found;
         }
     });
@@ -233,7 +260,7 @@ fn parlour_with(ctx: &Context, roughness: f32, superposition: Option<Superpositi
 #[test]
 fn a_room_through_a_frosted_pane_against_the_path_tracer() {
     gpu_test(|ctx| {
-        for (roughness, energy, rmse) in [(0.3, 0.005, 0.06), (0.5, 0.02, 0.1)] {
+        for (roughness, energy, rmse) in [(0.3, 0.002, 0.06), (0.5, 0.006, 0.1)] {
             let (scene, camera) = parlour(roughness);
             let expected = path_traced(&scene, &camera, 1024, 2);
             let found = parlour_with(ctx, roughness, spread(Spread::Variant));
@@ -241,7 +268,7 @@ fn a_room_through_a_frosted_pane_against_the_path_tracer() {
             println!("frost {roughness}: a clear pane is off by {clear:.4}");
             agrees("frosted pane", &found, &expected, energy, rmse);
             let (_, error) = compare(&found, &expected);
-            assert!(error < 0.6 * clear, "{error} as frosted, {clear} as clear");
+            assert!(error < 0.5 * clear, "{error} as frosted, {clear} as clear");
         }
     });
 }

@@ -1,5 +1,8 @@
 //! The Vulkan layer itself: memory, kernels, recording, errors.
 
+use std::ffi::c_void;
+use std::sync::atomic::{AtomicI32, Ordering};
+
 use ash::vk;
 use lightsum::Error;
 use lightsum::gpu::{
@@ -495,6 +498,147 @@ fn a_host_records_us_into_its_own_command_buffer() {
         drop((timers, result));
         assert_silent(ctx.take_messages());
         drop(ctx);
+    });
+}
+
+/// The result that the device of the test below has for its buffers and queries.
+static ANSWER: AtomicI32 = AtomicI32::new(0);
+
+unsafe extern "system" fn no_buffer(
+    _: vk::Device,
+    _: *const vk::BufferCreateInfo<'_>,
+    _: *const vk::AllocationCallbacks<'_>,
+    _: *mut vk::Buffer,
+) -> vk::Result {
+    vk::Result::from_raw(ANSWER.load(Ordering::Relaxed))
+}
+
+unsafe extern "system" fn no_queries(
+    _: vk::Device,
+    _: *const vk::QueryPoolCreateInfo<'_>,
+    _: *const vk::AllocationCallbacks<'_>,
+    _: *mut vk::QueryPool,
+) -> vk::Result {
+    vk::Result::from_raw(ANSWER.load(Ordering::Relaxed))
+}
+
+/// A host's device whose functions fail stands for one that fails.
+#[test]
+fn failures_of_the_device_become_errors_that_name_the_work() {
+    gpu_test(|_| {
+        let host = Host::new();
+        let raw = host.device.handle();
+        // SAFETY: the functions replaced have the types that Vulkan gives them and write nothing.
+        let device = unsafe {
+            ash::Device::load_with(
+                |name| match name.to_bytes() {
+                    b"vkCreateBuffer" => no_buffer as *const c_void,
+                    b"vkCreateQueryPool" => no_queries as *const c_void,
+                    _ => match (host.instance.fp_v1_0().get_device_proc_addr)(raw, name.as_ptr()) {
+                        Some(function) => function as *const c_void,
+                        None => std::ptr::null(),
+                    },
+                },
+                raw,
+            )
+        };
+        let handles = HostDevice {
+            entry: host.entry.clone(),
+            instance: host.instance.clone(),
+            physical_device: host.physical,
+            device,
+            queue_family: host.family,
+            queue: host.queue(),
+        };
+        // SAFETY: the handles belong together and outlive the context; debug utils are enabled.
+        let ctx = unsafe { Context::adopt(handles, &options()) }.unwrap();
+        for result in [
+            vk::Result::ERROR_OUT_OF_HOST_MEMORY,
+            vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
+            vk::Result::ERROR_DEVICE_LOST,
+            vk::Result::ERROR_INITIALIZATION_FAILED,
+        ] {
+            ANSWER.store(result.as_raw(), Ordering::Relaxed);
+            let buffer = error(Buffer::new(&ctx, "rays", 1000, Memory::Device));
+            let mut errors = vec![("rays", buffer)];
+            if ctx.info().timestamps {
+                errors.push(("timers", error(Timers::new(&ctx, 2))));
+            }
+            for (name, error) in errors {
+                let text = error.to_string();
+                match (result, error) {
+                    (vk::Result::ERROR_DEVICE_LOST, Error::DeviceLost { during }) => {
+                        assert_eq!(during, name);
+                        assert!(text.starts_with(&format!("the device was lost {name}: ")), "{text}");
+                        assert!(text.contains("--lights-per-dispatch"), "{text}");
+                    }
+                    (vk::Result::ERROR_INITIALIZATION_FAILED, Error::Vulkan { what, result: told }) => {
+                        assert_eq!((what.as_str(), told), (name, result));
+                    }
+                    (
+                        vk::Result::ERROR_OUT_OF_HOST_MEMORY | vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
+                        Error::OutOfMemory { resource, bytes },
+                    ) => {
+                        assert_eq!(resource, name);
+                        assert!(name != "rays" || bytes == 1000, "{bytes}");
+                        assert!(text.starts_with(&format!("{name}: no memory for {bytes} bytes; lower ")), "{text}");
+                    }
+                    (_, other) => panic!("{result:?} of {name} is told as {other:?}"),
+                }
+            }
+        }
+        assert_silent(ctx.take_messages());
+        drop(ctx);
+    });
+}
+
+/// Run by the test below in a process of its own, whose address space is limited.
+#[test]
+#[ignore = "run by memory_that_runs_out_is_told_with_the_resource in a process with little memory"]
+fn with_little_memory() {
+    let ctx = Context::headless(&options()).unwrap();
+    let bytes = (1 << 30).min(ctx.info().max_allocation);
+    let mut held = Vec::new();
+    let error = loop {
+        match Buffer::new(&ctx, "huge", bytes, Memory::Upload) {
+            Ok(buffer) => held.push(buffer),
+            Err(error) => break error,
+        }
+        assert!(held.len() < 64, "{} buffers of {bytes} bytes were made", held.len());
+    };
+    println!("{} buffers, then {error}", held.len());
+    match error {
+        Error::OutOfMemory { resource, bytes: told } => {
+            assert_eq!(resource, "huge");
+            assert!(told >= bytes, "{told} of {bytes}");
+        }
+        other => panic!("{other:?}"),
+    }
+    // What was refused leaves nothing behind: there is room again.
+    drop(held);
+    Buffer::new(&ctx, "small", 1 << 20, Memory::Upload).unwrap().write(0, &[1; 1 << 10]).unwrap();
+    assert_silent(ctx.take_messages());
+}
+
+/// A driver for the processor takes its memory from the process.
+#[cfg(target_os = "linux")]
+#[test]
+fn memory_that_runs_out_is_told_with_the_resource() {
+    gpu_test(|ctx| {
+        if ctx.info().device_type != vk::PhysicalDeviceType::CPU {
+            return;
+        }
+        let output = std::process::Command::new("sh")
+            .args([
+                "-c",
+                "ulimit -v 6000000 && exec \"$0\" --ignored --exact gpu_layer::with_little_memory --nocapture",
+            ])
+            .arg(std::env::current_exe().unwrap())
+            .output()
+            .unwrap();
+        let text = String::from_utf8_lossy(&output.stdout);
+        println!("{text}");
+        assert!(output.status.success() && text.contains("1 passed"), "{text}");
     });
 }
 

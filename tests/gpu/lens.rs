@@ -46,7 +46,9 @@ fn lens_follows_its_oracle() {
                 let light = lights.each_ref().map(|l| if is_lit(wo[i]) { l[i].truncate() } else { Vec3::ZERO });
                 let [e, beta, kd] = [emitted[i], through[i], kd[i]].map(Vec4::truncate);
                 let l = accumulate::reference(e, beta, kd, light);
-                tally.check(close(source[i].truncate(), l, 1e-5, 1e-6), || format!("{i}: {} for {l}", source[i]));
+                tally.check_values(close(source[i].truncate(), l, 1e-5, 1e-6), &[(source[i].truncate(), l)], || {
+                    format!("{i}: {} for {l}", source[i])
+                });
                 let depth = has(wo[i], ShadingPoints::HIT).then_some(through[i].w);
                 assert_eq!(source[i].w, depth.unwrap_or(lens::NOTHING_SEEN));
                 let diameter = lens::reference(&rig.parameters, aperture, focus, depth);
@@ -89,7 +91,17 @@ fn with_circle(camera: Camera, focus: f32, z: f32, diameter: f32) -> Camera {
 fn points_become_discs() {
     gpu_test(|ctx| {
         let view = camera(Vec3::ZERO, Vec3::Z, 40.0, [65, 65]);
-        for (z, diameter) in [(2.0, 5.0), (2.0, 13.0), (8.0, 5.0), (8.0, 13.0), (2.0, 30.0)] {
+        // In the coarse levels of the pyramid a disc is a few texels wide, and its variance on their grid differs from
+        // that of a disc: most at 30 pixels, three quarters of which are spread as three texels of 8 pixels.
+        for (z, diameter, tolerance) in [
+            (2.0, 5.0, 0.025),
+            (2.0, 13.0, 0.03),
+            (8.0, 5.0, 0.025),
+            (8.0, 13.0, 0.03),
+            (2.0, 26.0, 0.05),
+            (2.0, 30.0, 0.13),
+            (2.0, 36.0, 0.09),
+        ] {
             let mut soup = Soup::new("point");
             let glow = soup.diffuse(0.0, 1000.0);
             let half = z / pixels_of_unit(&view);
@@ -109,10 +121,8 @@ fn points_become_discs() {
             let found = 4.0 * (variance(&blurred) - variance(&sharp)).sqrt();
             let energy = mean(&blurred).x / mean(&sharp).x;
             println!("z {z}, D {diameter}: {found:.3}, energy {energy:.4}");
-            // In the coarse levels of the pyramid a disc is a few texels wide.
-            let tolerance = if diameter < 20.0 { 0.04 } else { 0.13 };
             assert!((found / f64::from(diameter) - 1.0).abs() < tolerance, "z {z}: {found} for {diameter}");
-            assert!((energy - 1.0).abs() < 0.005, "z {z}, {diameter}: energy {energy}");
+            assert!((energy - 1.0).abs() < 0.002, "z {z}, {diameter}: energy {energy}");
         }
     });
 }
@@ -127,7 +137,7 @@ fn edges_become_the_disc_s_integral() {
         let z = 2.0;
         soup.quad(Vec3::new(-9.0, -9.0, z), Vec3::Y * 18.0, Vec3::X * 9.0, dark);
         soup.quad(Vec3::new(0.0, -9.0, z), Vec3::Y * 18.0, Vec3::X * 9.0, bright);
-        for (diameter, tolerance) in [(5.0, 0.015), (11.0, 0.03), (24.0, 0.05)] {
+        for (diameter, tolerance) in [(5.0, 0.011), (11.0, 0.026), (24.0, 0.05)] {
             let image = render(ctx, &soup.0, with_circle(view, 4.0, z, diameter), &settings(1, 1), 16).color;
             // The camera's right is -x.
             let share = |x: usize| 0.5 * (f64::from(image[32 * 64 + x].x) - 1.0);
@@ -143,6 +153,9 @@ fn edges_become_the_disc_s_integral() {
     });
 }
 
+/// Centres and radii of the balls below.
+const BALLS: [(Vec3, f32); 2] = [(Vec3::new(0.5, -0.5, 3.0), 0.5), (Vec3::new(-0.5, -0.3, 1.8), 0.25)];
+
 /// A ball in front of a wall with bright bars, both lit by a lamp, and a ball nearer than both.
 fn balls() -> (Scene, Camera) {
     let mut soup = Soup::new("balls");
@@ -155,8 +168,9 @@ fn balls() -> (Scene, Camera) {
         let corner = Vec3::new(-1.8 + 0.6 * i as f32, -0.8, 5.99);
         soup.quad(corner, Vec3::Y * 2.0, Vec3::X * 0.3, bar);
     }
-    soup.ball(Vec3::new(0.5, -0.5, 3.0), 0.5, 16, red);
-    soup.ball(Vec3::new(-0.5, -0.3, 1.8), 0.25, 16, blue);
+    for ((center, radius), material) in BALLS.into_iter().zip([red, blue]) {
+        soup.ball(center, radius, 16, material);
+    }
     (soup.0, camera(Vec3::new(0.0, 0.0, -0.5), Vec3::new(0.0, -0.2, 3.0), 50.0, [64, 48]))
 }
 
@@ -183,29 +197,56 @@ fn what_is_in_focus_stays_sharp() {
     });
 }
 
-/// Against the path tracer's lens. The largest difference is the rim of blurred foreground objects, whose background no
-/// pixel shows.
+/// Pixels where the rim of a ball of [`balls`] is blurred by a lens: half its circle of confusion on either side.
+fn rims(view: &Camera, aperture: f32, focus: f32) -> Vec<bool> {
+    let forward = (view.target - view.eye).normalize();
+    let right = forward.cross(view.up).normalize();
+    let (up, scale, [width, height]) = (right.cross(forward), pixels_of_unit(view), view.resolution);
+    let discs = BALLS.map(|(center, radius)| {
+        let v = center - view.eye;
+        let z = v.dot(forward);
+        let x = 0.5 * width as f32 + v.dot(right) / z * scale;
+        let y = 0.5 * height as f32 - v.dot(up) / z * scale;
+        let blur = aperture * (1.0 / (z - radius) - 1.0 / focus).abs() * scale;
+        (x, y, radius / z * scale, 0.5 * blur + 1.5)
+    });
+    let near =
+        |px: f32, py: f32| discs.iter().any(|(x, y, radius, reach)| ((px - x).hypot(py - y) - radius).abs() < *reach);
+    (0..width * height).map(|i| near((i % width) as f32 + 0.5, (i / width) as f32 + 0.5)).collect()
+}
+
+/// Against the path tracer's lens. The largest difference is at the rims of blurred objects, whose background no pixel
+/// shows.
 #[test]
 fn images_agree_with_path_tracing() {
     gpu_test(|ctx| {
         let (scene, view) = balls();
         let options = Options {
             resolution: view.resolution,
-            samples: 400,
+            samples: 1600,
             max_depth: 2,
             max_specular: 0,
             seed: 7,
             specular_paths: SpecularPaths::None,
         };
-        // Circles of up to 5 and of up to 16 pixels.
-        for (aperture, limit) in [(0.5, 0.55), (1.5, 0.4)] {
-            let lens = Camera { aperture, focus: Some(3.4), ..view };
-            let [sharp, blurred] = [view, lens].map(|camera| render(ctx, &scene, camera, &settings(32, 2), 16).color);
+        // Circles of up to 5 and of up to 16 pixels. Limits of the error elsewhere and at rims.
+        for (aperture, limits) in [(0.5, [0.115, 0.27]), (1.5, [0.095, 0.28])] {
+            let focus = 3.4;
+            let lens = Camera { aperture, focus: Some(focus), ..view };
+            let [sharp, blurred] = [view, lens].map(|camera| render(ctx, &scene, camera, &settings(32, 2), 64).color);
             let reference = path_traced(&scene, &lens, &options);
-            let ((energy, error), (_, without)) = (compare(&blurred, &reference), compare(&sharp, &reference));
-            println!("aperture {aperture}: energy {energy:.4}, error {error:.4}, without a lens {without:.4}");
-            assert!((energy - 1.0).abs() < 0.03, "{aperture}: energy {energy}");
-            assert!(error < limit * without, "{aperture}: {error}; without a lens {without}");
+            let at_rim = rims(&view, aperture, focus);
+            for (rim, limit) in [false, true].into_iter().zip(limits) {
+                let part = |image: &[Vec3]| -> Vec<Vec3> {
+                    (image.iter().zip(&at_rim)).filter(|(_, at_rim)| **at_rim == rim).map(|(l, _)| *l).collect()
+                };
+                let [sharp, blurred, reference] = [&sharp, &blurred, &reference].map(|image| part(image));
+                let ((energy, error), (_, without)) = (compare(&blurred, &reference), compare(&sharp, &reference));
+                let pixels = reference.len();
+                println!("aperture {aperture}, rim {rim}, {pixels} pixels: {energy:.4} {error:.4}, sharp {without:.4}");
+                assert!((energy - 1.0).abs() < if rim { 0.05 } else { 0.013 }, "{aperture}: energy {energy}");
+                assert!(error < limit, "{aperture}: {error}; without a lens {without}");
+            }
         }
     });
 }

@@ -13,7 +13,7 @@ use lightsum::stage::Stage;
 use crate::passes_light::receivers;
 use crate::references::path_traced;
 use crate::renderer::bits;
-use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery, xyz};
+use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, xyz};
 use crate::scenes::{Soup, camera, mean, original, render, settings};
 use crate::support::gpu_test;
 
@@ -125,11 +125,12 @@ fn mirror_lights_follow_their_oracle() {
                 lit += u32::from(expected[0] != Vec3::ZERO);
                 shiny += u32::from(expected[1] != Vec3::ZERO);
                 let same = close(found[0], expected[0], 2e-3, 1e-6) && close(found[1], expected[1], 2e-2, 1e-5);
-                tally.check(same, || format!("slot {slot}: {found:?} for {expected:?}"));
+                let values = [(found[0], expected[0]), (found[1], expected[1])];
+                tally.check_values(same, &values, || format!("slot {slot}: {found:?} for {expected:?}"));
             }
             println!("{resolution:?}: {lit} lit, {shiny} of them shiny");
             assert!(resolution[0] * resolution[1] < 500 || lit > 60 && shiny > 20);
-            tally.finish(0.006);
+            tally.finish(STRAYS);
         }
     });
 }

@@ -8,14 +8,11 @@ use lightsum::pass::{ShadingPoints, camera_rays};
 use lightsum::scene::{Scene, Surface, builtin};
 use lightsum::settings::{Clip, Settings, Superposition};
 
-use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery, has, hit_of, is_lit, ray_of, same_hit, untouched, xyz};
+use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, has, hit_of, is_lit, ray_of, untouched, xyz};
 use crate::support::gpu_test;
 
 /// Tolerance: a device's divisions, roots and powers are less exact than ours.
 const RELATIVE: f32 = 1e-4;
-
-/// Maximum fraction of rays that rounding may deflect.
-const STRAYS: f64 = 0.003;
 
 /// The shading points of a bounce, read from the device, each component by its name in shaders/include/point.wgsl.
 struct Found {
@@ -132,7 +129,7 @@ fn look(rig: &Rig) -> Vec<Option<Hit>> {
         assert!((directions[i].w - cos_view).abs() < 1e-6, "{what}, pixel {i}: {} for {cos_view}", directions[i].w);
         assert_eq!((through[i], emitted[i]), (Vec4::new(1.0, 1.0, 1.0, 0.0), Vec4::ZERO), "{what}, pixel {i}");
         let hit = hit_of(hits[i]);
-        traced.check(same_hit(hit, rig.bvh().closest(&ray)), || format!("pixel {i}: {hit:?} of {ray:?}"));
+        traced.check_hit(rig.bvh(), &ray, hit, || format!("pixel {i}: {hit:?} of {ray:?}"));
     }
     traced.finish(STRAYS);
 

@@ -14,7 +14,7 @@ use lightsum::settings::{Clip, Sequence, Settings, Traversal};
 use lightsum::stage::Stage;
 
 use crate::rig::{
-    AWKWARD_IMAGES, Rig, Tally, close, gallery, has, hit_of, is_lit, make, ray_of, same_hit, sine_error, untouched, xyz,
+    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, has, hit_of, is_lit, make, ray_of, sine_error, untouched, xyz,
 };
 use crate::support::gpu_test;
 
@@ -27,10 +27,6 @@ const DIFFUSE: f32 = 1e-4;
 /// Tolerance for light over a specular lobe, which magnifies differences of the directions: SwiftShader is 1e-3 off at
 /// worst.
 const LOBE: f32 = 2e-3;
-
-/// Maximum fraction of points that rounding may light differently: each has many shadow rays, and any may graze an
-/// edge.
-const STRAYS: f64 = 0.005;
 
 /// The shading points in the form of the oracles.
 pub fn receivers(rig: &Rig, r: &ShadingPoints) -> Vec<ShadingPoint> {
@@ -114,21 +110,28 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
         let same = ray.origin == expected.origin
             && ray.t_max == expected.t_max
             && close(ray.direction, expected.direction, 0.0, tolerance);
-        tally.check(same, || format!("pixel {i}: {ray:?} for {expected:?}"));
+        let values = [(ray.origin, expected.origin), (ray.direction, expected.direction)];
+        tally.check_values(same, &values, || format!("pixel {i}: {ray:?} for {expected:?}"));
         let hit = hit_of(hits[i]);
-        traced.check(same_hit(hit, rig.bvh().closest(&ray)), || format!("pixel {i}: {hit:?} of {ray:?}"));
+        traced.check_hit(rig.bvh(), &ray, hit, || format!("pixel {i}: {hit:?} of {ray:?}"));
         // The fraction of the light that clipping removes.
         let clip = p.up[3];
         let share = hit.map_or(0.0, |h| (1.0 - h.t * h.t / (clip * clip)).max(0.0));
         let weight = weight * share;
         let b = beta[i].truncate();
-        tally.check(close(b, weight, tolerance, 1e-6), || format!("pixel {i}: throughput {b} for {weight}"));
+        let values = [Default::default(), Default::default(), (b, weight)];
+        tally.check_values(close(b, weight, tolerance, 1e-6), &values, || {
+            format!("pixel {i}: throughput {b} for {weight}")
+        });
         let lobe = if bounce == 1 { f32::from(specular) } else { old[i].w };
         tally.check(beta[i].w == lobe, || format!("pixel {i}: lobe {}", beta[i].w));
         let surface = hit.map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction));
         let light = surface.map_or(Vec3::ZERO, |s| s.emission);
         let e = emitted[i].truncate();
-        met.check(close(e, weight * light, tolerance, 1e-6), || format!("pixel {i}: {e} for {}", weight * light));
+        let values = [(e, weight * light)];
+        met.check_values(close(e, weight * light, tolerance, 1e-6), &values, || {
+            format!("pixel {i}: {e} for {}", weight * light)
+        });
         let last = bounce as u32 + 1 == p.scene[2];
         let reflects = surface.is_some_and(|s| s.reflectance.kd + s.reflectance.f0 != Vec3::ZERO);
         let expected = !last && share > 0.0 && reflects;
@@ -143,7 +146,8 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
                 && close(after[i].reflectance.kd, s.reflectance.kd, 1e-4, 1e-5)
                 && close(after[i].reflectance.f0, s.reflectance.f0, 1e-4, 1e-5)
                 && after[i].wo == -ray.direction;
-            met.check(same, || format!("pixel {i}: {:?} for {s:?}", after[i]));
+            let values = [Default::default(), (after[i].position, place), (after[i].geometric, s.geometric)];
+            met.check_values(same, &values, || format!("pixel {i}: {:?} for {s:?}", after[i]));
             met.check(has(wo[i], ShadingPoints::GLOSSY) == (s.reflectance.f90 > 0.0), || format!("pixel {i}: lobe"));
             seen.gathered += 1;
         }
@@ -195,7 +199,10 @@ fn check_shade(rig: &Rig, bounce: usize) {
         if listed.binary_search(&(i as u32)).is_ok() {
             let expected = shade::reference(rig.bvh(), &receivers[i], lights_of(i as u32), p.right[3], p.forward[3]);
             let found = at(&found, i);
-            tally.check(alike(found, expected, LOBE), || format!("pixel {i}: {found:?} for {expected:?}"));
+            let values = [0, 1, 2].map(|k| (found[k], expected[k]));
+            tally.check_values(alike(found, expected, LOBE), &values, || {
+                format!("pixel {i}: {found:?} for {expected:?}")
+            });
         } else {
             assert!((0..3).all(|k| untouched(found[k][i])), "pixel {i} is not lit");
         }
@@ -373,7 +380,8 @@ fn shade_each_kind(ctx: &Context, traversal: Traversal) {
             let i = i as usize;
             let p = &rig.parameters;
             let expected = shade::reference(rig.bvh(), &receivers[i], &[light], p.right[3], p.forward[3]);
-            tally.check(alike(at(&found, i), expected, indirect), || {
+            let values = [0, 1, 2].map(|k| (at(&found, i)[k], expected[k]));
+            tally.check_values(alike(at(&found, i), expected, indirect), &values, || {
                 format!("{i}: {:?} for {expected:?}", at(&found, i))
             });
         }

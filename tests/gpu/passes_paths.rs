@@ -13,14 +13,11 @@ use lightsum::scene::{Scene, Surface, builtin};
 use lightsum::settings::{Settings, Superposition};
 
 use crate::passes_film::{Sheet, fill};
-use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, Tally, close, gallery, hit_of, make, ray_of, same_hit, untouched};
+use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, STRAYS, Tally, close, gallery, hit_of, make, ray_of, untouched};
 use crate::support::gpu_test;
 
 /// Tolerance for a direction: refraction near the critical angle magnifies the rounding of roots and divisions.
 const DIRECTION: f32 = 1e-3;
-
-/// Maximum fraction of paths that rounding may deflect.
-const STRAYS: f64 = 0.005;
 
 /// The eye paths of all slots, read from the device.
 struct EyePathState {
@@ -135,7 +132,14 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
     let mut tally = Tally::new(format!("eye_paths, {what}"));
     for (&slot, (path, cos_view)) in &expected {
         let i = slot as usize;
-        tally.check(after.is(i, path, *cos_view), || {
+        let of = [&after.throughput, &after.emitted].map(|v| v[i].truncate());
+        let mut values = vec![(of[0], path.throughput), (of[1], path.emitted)];
+        if let Some(ray) = &path.ray {
+            values.extend(
+                [&after.origin, &after.direction].map(|v| v[i].truncate()).into_iter().zip([ray.origin, ray.direction]),
+            );
+        }
+        tally.check_values(after.is(i, path, *cos_view), &values, || {
             let (origin, direction) = (after.origin[i], after.direction[i]);
             format!("slot {slot}: {origin} {direction} {} {:?} for {path:?}", after.throughput[i], after.media[i])
         });
@@ -150,7 +154,7 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
     for &slot in &listed {
         let i = slot as usize;
         let (hit, ray) = (hit_of(after.hits[i]), ray_of(after.origin[i], after.direction[i]));
-        traced.check(same_hit(hit, rig.bvh().closest(&ray)), || format!("slot {slot}: {hit:?} of {ray:?}"));
+        traced.check_hit(rig.bvh(), &ray, hit, || format!("slot {slot}: {hit:?} of {ray:?}"));
     }
     traced.finish(STRAYS);
     for slot in (0..slots).filter(|s| !expected.contains_key(s)) {

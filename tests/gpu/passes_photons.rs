@@ -14,14 +14,11 @@ use lightsum::scene::Scene;
 use lightsum::settings::Settings;
 use lightsum::stage::{Photons, Stage};
 
-use crate::rig::{Rig, SINE, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error};
+use crate::rig::{AWKWARD_IMAGES, Rig, SINE, STRAYS, Tally, close, gallery, hit_of, ray_of, sine_error};
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
 /// Tolerance for a direction: refraction near the critical angle magnifies rounding.
 const DIRECTION: f32 = 1e-3;
-
-/// Maximum fraction of photons that rounding may deflect.
-const STRAYS: f64 = 0.005;
 
 fn photons<'a>(rig: &'a Rig) -> &'a Photons {
     rig.frame().photons.as_ref().unwrap()
@@ -74,13 +71,19 @@ fn check_start(rig: &Rig, what: &str, sine: f32) {
                     && flux.w.to_bits() == target + 1
             }
         };
-        tally.check(same, || format!("photon {i}: {ray:?} {flux} for {oracle:?}"));
+        let (origin, sent) = oracle.as_ref().map_or((Vec3::ZERO, Vec3::ZERO), |o| (o.0.origin, o.1));
+        let direction = oracle.as_ref().map_or(Vec3::ZERO, |o| o.0.direction);
+        let values = [(ray.origin, origin), (ray.direction, direction), (flux.truncate(), sent)];
+        // Photons without flux may hold any ray.
+        let values = if ray.t_max > 0.0 { &values[..] } else { &[] };
+        tally.check_values(same, values, || format!("photon {i}: {ray:?} {flux} for {oracle:?}"));
         assert_eq!(state.position[i], Vec4::ZERO, "{what}: photon {i} is not stored yet");
         if ray.t_max > 0.0 {
-            traced.check(same_hit(hit_of(state.hits[i]), rig.bvh().closest(&ray)), || format!("photon {i}: {ray:?}"));
+            traced.check_hit(rig.bvh(), &ray, hit_of(state.hits[i]), || format!("photon {i}: {ray:?}"));
         }
     }
-    tally.finish(STRAYS);
+    // A cone's solid angle contains the sine of its angle: the flux of three photons of 2039 is 0.3 % off on SwiftShader.
+    tally.finish(2.0 * STRAYS);
     traced.finish(STRAYS);
 }
 
@@ -144,7 +147,14 @@ fn check_step(rig: &Rig, what: &str, step: usize, seen: &mut [usize; 3]) {
             Fate::Stored(_) => 1,
             Fate::Flies(..) => 2,
         }] += 1;
-        tally.check(same, || {
+        let values = match &fate {
+            Fate::Lost => [(Vec3::ZERO, Vec3::ZERO); 2],
+            Fate::Stored(sent) => [(after.flux[i].truncate(), *sent), (Vec3::ZERO, Vec3::ZERO)],
+            Fate::Flies(ray, sent, _) => {
+                [(after.flux[i].truncate(), *sent), (after.direction[i].truncate(), ray.direction)]
+            }
+        };
+        tally.check_values(same, &values, || {
             format!("photon {photon}: stored {stored}, on {on}, {} {} for {fate:?}", after.direction[i], after.flux[i])
         });
     }
@@ -236,7 +246,10 @@ fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
             let found = (after[k][i] - before[k][i]).truncate();
             let rounding = 1e-5 * before[k][i].truncate().max_element();
             let wanted = if k == 1 && reflectance.f90 == 0.0 { Vec3::ZERO } else { sum };
-            tally.check(close(found, wanted, 1e-3, rounding), || format!("slot {slot}, sum {k}: {found} for {wanted}"));
+            let values = [(found, wanted)];
+            tally.check_values(close(found, wanted, 1e-3, rounding), &values, || {
+                format!("slot {slot}, sum {k}: {found} for {wanted}")
+            });
             lit[k] += usize::from(found != Vec3::ZERO);
         }
     }
@@ -245,9 +258,16 @@ fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
 }
 
 /// Shoots, follows, sorts and looks up the photons of these settings.
-fn follow(ctx: &Context, scene: &Scene, settings: Settings, sine: f32, seen: &mut [usize; 3]) -> [usize; 2] {
-    let what = format!("{} photons, pattern {:?}", settings.photons, settings.pattern);
-    let rig = Rig::new(ctx, scene, [31, 17], settings);
+fn follow(
+    ctx: &Context,
+    scene: &Scene,
+    size: [u32; 2],
+    settings: Settings,
+    sine: f32,
+    seen: &mut [usize; 3],
+) -> [usize; 2] {
+    let what = format!("{} photons, {size:?}, pattern {:?}", settings.photons, settings.pattern);
+    let rig = Rig::new(ctx, scene, size, settings);
     check_start(&rig, &what, sine);
     for step in 0..photons(&rig).lists.len() {
         check_step(&rig, &what, step, seen);
@@ -265,13 +285,22 @@ fn photons_follow_their_oracles() {
         let base = Settings { particles: 1, max_specular: 5, photon_radius: Some(0.3), ..Settings::default() };
         for photons in AWKWARD_SIZES {
             let settings = Settings { photons: photons as u32, seed: photons as u64, ..base.clone() };
-            lit = follow(ctx, &scene, settings, sine, &mut seen);
+            lit = follow(ctx, &scene, [31, 17], settings, sine, &mut seen);
         }
         println!("lost, stored, gone on: {seen:?}; receivers lit diffusely and by a lobe: {lit:?}");
         assert!(seen.iter().all(|&n| n > 100) && lit.iter().all(|&n| n > 10), "{seen:?} {lit:?}");
         // Classes, and photons that are looked up in 15 ranges.
-        let settings = Settings { photons: 341, pattern: [3, 2], loop_budget: 1152, rounds: 100, ..base };
-        lit = follow(ctx, &scene, settings, sine, &mut seen);
+        let settings = Settings { photons: 341, pattern: [3, 2], loop_budget: 1152, rounds: 100, ..base.clone() };
+        lit = follow(ctx, &scene, [31, 17], settings.clone(), sine, &mut seen);
         assert!(lit[0] > 10, "{lit:?}");
+        // Numbers of pixels and of photons that fill no workgroup, each alone and in classes.
+        lit = [0; 2];
+        for size in AWKWARD_IMAGES {
+            for settings in [Settings { photons: 2039, seed: 5, ..base.clone() }, settings.clone()] {
+                let more = follow(ctx, &scene, size, settings, sine, &mut seen);
+                lit = [0, 1].map(|k| lit[k] + more[k]);
+            }
+        }
+        assert!(lit.iter().all(|&n| n > 100), "{lit:?}");
     });
 }

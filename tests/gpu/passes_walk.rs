@@ -1,6 +1,6 @@
 //! The walk of the particles against its oracles, path by path.
 
-use glam::Vec4;
+use glam::{Vec3, Vec4};
 use lightsum::accel::Ray;
 use lightsum::gpu::Context;
 use lightsum::light::emitters::Kind;
@@ -11,14 +11,11 @@ use lightsum::scene::Scene;
 use lightsum::settings::{Sequence, Settings};
 use lightsum::stage::Stage;
 
-use crate::rig::{Rig, SINE, Tally, close, gallery, hit_of, ray_of, same_hit, sine_error, untouched, xyz};
+use crate::rig::{Rig, SINE, STRAYS, Tally, close, gallery, hit_of, ray_of, sine_error, untouched, xyz};
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
 /// Tolerance, relative to the largest component: divisions and roots are less exact on a device than ours.
 const RELATIVE: f32 = 2e-4;
-
-/// Maximum fraction of paths that rounding may deflect: at an edge, a horizon, or the threshold of a random choice.
-const STRAYS: f64 = 0.003;
 
 fn settings(particles: u32, jitter: bool) -> Settings {
     interleaved(particles, [1, 1], jitter)
@@ -33,7 +30,7 @@ fn interleaved(particles: u32, pattern: [u32; 2], jitter: bool) -> Settings {
 pub fn same_light(a: &PointLight, b: &PointLight, place: f32) -> bool {
     let v = |f: fn(&PointLight) -> [f32; 4], relative, absolute| close(xyz(f(a)), xyz(f(b)), relative, absolute);
     let w = |f: fn(&PointLight) -> [f32; 4]| (f(a)[3] - f(b)[3]).abs() <= 1e-5;
-    let dark = |l: &PointLight| xyz(l.emit) == glam::Vec3::ZERO && xyz(l.flux) == glam::Vec3::ZERO;
+    let dark = |l: &PointLight| xyz(l.emit) == Vec3::ZERO && xyz(l.flux) == Vec3::ZERO;
     if dark(a) || dark(b) {
         return dark(a) && dark(b);
     }
@@ -55,12 +52,31 @@ pub fn same_light(a: &PointLight, b: &PointLight, place: f32) -> bool {
 fn same_ray([origin, direction, flux]: [Vec4; 3], oracle: &Ray, oracle_flux: glam::Vec3, place: f32) -> bool {
     let ray = ray_of(origin, direction);
     if oracle.t_max == 0.0 || ray.t_max == 0.0 {
-        return oracle.t_max == ray.t_max && flux.truncate() == glam::Vec3::ZERO && oracle_flux == glam::Vec3::ZERO;
+        return oracle.t_max == ray.t_max && flux.truncate() == Vec3::ZERO && oracle_flux == Vec3::ZERO;
     }
     ray.t_max == oracle.t_max
         && close(ray.origin, oracle.origin, 1e-5, place)
         && close(ray.direction, oracle.direction, 0.0, 2.0 * SINE)
         && close(flux.truncate(), oracle_flux, 2.0 * SINE, 0.0)
+}
+
+/// Values of two lights for [`Tally::check_values`].
+pub fn of_lights(found: &PointLight, expected: &PointLight) -> [(Vec3, Vec3); 4] {
+    let of = |l: &PointLight| [l.position, l.normal, l.emit, l.flux].map(xyz);
+    let (found, expected) = (of(found), of(expected));
+    std::array::from_fn(|k| (found[k], expected[k]))
+}
+
+/// Values of two rays for [`Tally::check_values`], after those of lights.
+fn of_rays([origin, direction, flux]: [Vec4; 3], expected: &Ray, expected_flux: Vec3) -> [(Vec3, Vec3); 7] {
+    let mut values = <[(Vec3, Vec3); 7]>::default();
+    // Rays that do not start may hold any place.
+    if origin.w > 0.0 {
+        values[4] = (origin.truncate(), expected.origin);
+        values[5] = (direction.truncate(), expected.direction);
+    }
+    values[6] = (flux.truncate(), expected_flux);
+    values
 }
 
 /// One walk, each stage from the device's results of the previous stage; returns the kinds of emitters that started
@@ -102,10 +118,13 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
         let place = if round { SINE * emitter.e1.length() } else { 1e-5 };
         if i < direct {
             let found = &lights[slot(n, 0)];
-            tally.check(same_light(found, &light, place), || format!("particle {i}: {found:?}\nfor {light:?}"));
+            tally.check_values(same_light(found, &light, place), &of_lights(found, &light), || {
+                format!("particle {i}: {found:?}\nfor {light:?}")
+            });
         }
         let same = same_ray([origins[n], directions[n], fluxes[n]], &ray, flux, place);
-        tally.check(same, || {
+        let values = of_rays([origins[n], directions[n], fluxes[n]], &ray, flux);
+        tally.check_values(same, &values, || {
             format!("particle {i}: {} {} {}\nfor {ray:?} {flux}", origins[n], directions[n], fluxes[n])
         });
     }
@@ -123,18 +142,21 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
         let alive = (plan.survivors[j] * classes) as usize;
         for n in 0..alive {
             let (hit, ray) = (hit_of(hits[n]), ray_of(origins[n], directions[n]));
-            traced.check(same_hit(hit, rig.bvh().closest(&ray)), || format!("particle {n}: {hit:?} of {ray:?}"));
+            traced.check_hit(rig.bvh(), &ray, hit, || format!("particle {n}: {hit:?} of {ray:?}"));
             let surface = hit.map(|hit| surface_at(scene, rig.bvh(), &hit, ray.direction));
             let flux = fluxes[n].truncate();
             let (light, next, next_flux) =
                 walk_reflect::reference(p, j, n as u32, ray.direction, flux, surface.as_ref());
             let found = &lights[slot(n, j)];
-            tally.check(same_light(found, &light, 1e-5), || format!("particle {n}: {found:?}\nfor {light:?}"));
+            tally.check_values(same_light(found, &light, 1e-5), &of_lights(found, &light), || {
+                format!("particle {n}: {found:?}\nfor {light:?}")
+            });
             let same = same_ray([0, 1, 2].map(|k| after[k][n]), &next, next_flux, 1e-5);
-            tally.check(same, || {
+            let values = of_rays([0, 1, 2].map(|k| after[k][n]), &next, next_flux);
+            tally.check_values(same, &values, || {
                 format!("particle {n}: {} {} {}\nfor {next:?} {next_flux}", after[0][n], after[1][n], after[2][n])
             });
-            if flux != glam::Vec3::ZERO && hit.is_some() {
+            if flux != Vec3::ZERO && hit.is_some() {
                 lobes[usize::from(light.flags() & PointLight::GLOSSY != 0)] += 1;
             }
         }
@@ -269,9 +291,8 @@ fn the_walk_against_the_oracle_path_by_path() {
                 let power =
                     close(xyz(a.emit), xyz(b.emit), power, 1e-6) && close(xyz(a.flux), xyz(b.flux), power, 1e-6);
                 let dark = a.emit[..3] == [0.0; 3] && b.emit[..3] == [0.0; 3] && a.flux[..3] == b.flux[..3];
-                tally.check(dark || place && power && a.flags() == b.flags(), || {
-                    format!("light {slot}: {a:?}\nfor {b:?}")
-                });
+                let holds = dark || place && power && a.flags() == b.flags();
+                tally.check_values(holds, &of_lights(a, b), || format!("light {slot}: {a:?}\nfor {b:?}"));
             }
             // A deflected path changes up to three further lights as well.
             tally.finish(3.0 * STRAYS);

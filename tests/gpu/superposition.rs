@@ -1,5 +1,6 @@
 //! Glossy planes: mirror image, reflectance and summands against their oracles, and whole images.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3, Vec4};
@@ -77,7 +78,9 @@ fn mirror_images_follow_their_oracle() {
                 let light = lights.each_ref().map(|l| if lit { l[k].truncate() } else { Vec3::ZERO });
                 let vectors = [emitted[k], through[k], kd[k]].map(Vec4::truncate);
                 let l = merge::reference(vectors[0], vectors[1], vectors[2], light);
-                tally.check(close(source[i].truncate(), l, 1e-5, 1e-6), || format!("{i}: {} for {l}", source[i]));
+                tally.check_values(close(source[i].truncate(), l, 1e-5, 1e-6), &[(source[i].truncate(), l)], || {
+                    format!("{i}: {} for {l}", source[i])
+                });
                 let seen = has(wo[k], ShadingPoints::HIT).then_some(through[k].w);
                 assert_eq!(source[i].w, seen.unwrap_or(mirror_image::NOTHING_SEEN));
                 let (d, n) = (-wo[i].truncate(), normal[i].truncate());
@@ -104,7 +107,7 @@ fn mirror_images_follow_their_oracle() {
                 tally.check(of.y.fract() == 0.0, || format!("layer of {i}: {}", of.y));
                 assert!(cleared[k] == Vec4::ZERO && left[k].truncate() == Vec3::ZERO, "second component of {i}");
             }
-            tally.finish(0.003);
+            tally.finish(0.0);
         }
         assert!(planes[1] > 50 && planes[2] > 50 && widened > 5 && nothing > 5, "{planes:?} {widened} {nothing}");
     });
@@ -116,36 +119,44 @@ fn planes_reflect_as_their_oracle_says() {
         let scene = room();
         for reflectance in [Reflectance::Schlick, Reflectance::Map, Reflectance::Fresnel] {
             let superposition = Superposition { reflectance, spread: Spread::Mirror, ..Superposition::default() };
-            let rig = Rig::new(ctx, &scene, [64, 48], settings(superposition));
-            let frame = rig.frame();
-            light(&rig);
-            let mirrors = frame.glossy_planes.as_ref().unwrap();
-            rig.run(|_, rec| mirrors.record_image(rec));
-            let before = rig.vec4s(&frame.eye.points.emitted);
-            rig.run(|_, rec| mirrors.record_superpose(rec));
-            let after = rig.vec4s(&frame.eye.points.emitted);
-            let region = rig.get::<u32>(&frame.eye.planes.region);
-            let source = rig.vec4s(&mirrors.image.source);
-            let [normal, wo] = [&frame.eye.points.geometric, &frame.eye.points.wo].map(|b| rig.vec4s(b));
             let mut compared = 0;
-            for i in 0..region.len() {
-                let more = (after[i] - before[i]).truncate();
-                let Some(plane) = region[i].checked_sub(1) else {
-                    assert_eq!(after[i], before[i], "pixel {i} shows no plane");
-                    continue;
-                };
-                let mu = normal[i].truncate().dot(wo[i].truncate());
-                let finish: &Finish = &rig.engine.device_scene().finishes[plane as usize].reflectance;
-                let look_up = |mu: f32| rig.library().look_up(plane, mu).unwrap();
-                let map = ReflectanceMap::new(|mu| look_up(mu).energy * fresnel_fitted_rgb(finish.f0, mu)).unwrap();
-                let lobe = look_up(mu);
-                let rho = superpose::reference(reflectance, finish, &map, [lobe.energy, lobe.grazing], mu);
-                let expected = rho * source[i].truncate();
-                let error = (more - expected).abs().max_element();
-                assert!(error <= 1e-4 * expected.max_element() + 1e-6, "{reflectance:?} {i}: {more} for {expected}");
-                compared += usize::from(expected != Vec3::ZERO);
+            for resolution in AWKWARD_IMAGES.into_iter().chain([[64, 48]]) {
+                let rig = Rig::new(ctx, &scene, resolution, settings(superposition));
+                let frame = rig.frame();
+                light(&rig);
+                let mirrors = frame.glossy_planes.as_ref().unwrap();
+                rig.run(|_, rec| mirrors.record_image(rec));
+                let before = rig.vec4s(&frame.eye.points.emitted);
+                rig.run(|_, rec| mirrors.record_superpose(rec));
+                let after = rig.vec4s(&frame.eye.points.emitted);
+                let region = rig.get::<u32>(&frame.eye.planes.region);
+                let source = rig.vec4s(&mirrors.image.source);
+                let [normal, wo] = [&frame.eye.points.geometric, &frame.eye.points.wo].map(|b| rig.vec4s(b));
+                let mut maps = HashMap::new();
+                for i in 0..region.len() {
+                    let more = (after[i] - before[i]).truncate();
+                    let Some(plane) = region[i].checked_sub(1) else {
+                        assert_eq!(after[i], before[i], "pixel {i} shows no plane");
+                        continue;
+                    };
+                    let mu = normal[i].truncate().dot(wo[i].truncate());
+                    let finish: &Finish = &rig.engine.device_scene().finishes[plane as usize].reflectance;
+                    let look_up = |mu: f32| rig.library().look_up(plane, mu).unwrap();
+                    let map = maps.entry(plane).or_insert_with(|| {
+                        ReflectanceMap::new(|mu| look_up(mu).energy * fresnel_fitted_rgb(finish.f0, mu)).unwrap()
+                    });
+                    let lobe = look_up(mu);
+                    let rho = superpose::reference(reflectance, finish, map, [lobe.energy, lobe.grazing], mu);
+                    let expected = rho * source[i].truncate();
+                    let error = (more - expected).abs().max_element();
+                    assert!(
+                        error <= 1e-4 * expected.max_element() + 1e-6,
+                        "{reflectance:?} {resolution:?} {i}: {more} for {expected}"
+                    );
+                    compared += usize::from(expected != Vec3::ZERO);
+                }
             }
-            assert!(compared > 50, "{reflectance:?}: {compared}");
+            assert!(compared > 300, "{reflectance:?}: {compared}");
         }
     });
 }
@@ -245,9 +256,10 @@ fn stripes(roughness: f32) -> (Scene, Camera) {
 #[test]
 fn a_rough_floor_reflects_as_much_as_the_path_tracer_says() {
     gpu_test(|ctx| {
-        for (roughness, off, greatest) in [(0.2, 0.05, 0.1), (0.4, 0.08, 0.15)] {
+        for (roughness, off, greatest) in [(0.2, 0.015, 0.08), (0.4, 0.08, 0.15)] {
             let (scene, camera) = stripes(roughness);
-            // Towards the image's edges the lobe extends beyond the mirror image.
+            // Of the rougher lobe a twelfth meets the dark surroundings, which the mirror image does not show: both
+            // spreads are too bright by it. Towards the image's edges the lobe extends beyond the mirror image.
             let middle = |image: &[Vec3]| -> Vec<Vec3> {
                 let inside = |i: &usize| (24..72).contains(&(i % 96)) && (16..48).contains(&(i / 96));
                 (0..image.len()).filter(inside).map(|i| image[i]).collect()
@@ -263,6 +275,34 @@ fn a_rough_floor_reflects_as_much_as_the_path_tracer_says() {
             println!("roughness {roughness}: spread {variant:.4?}, mirror {mirror:.4?}");
             assert!((variant.0 - 1.0).abs() < off && variant.1 < greatest, "{roughness}: {variant:?}");
             assert!(mirror.1 > 2.0 * variant.1, "{roughness}: {mirror:?}");
+        }
+    });
+}
+
+/// In constant light the floor reflects what its lobe does as a whole, however much of it lies beyond the mirror image.
+#[test]
+fn a_rough_floor_in_constant_light_reflects_the_energy_of_its_lobe() {
+    gpu_test(|ctx| {
+        for roughness in [0.2, 0.4] {
+            let mut soup = Soup::new("constant");
+            let lamp = soup.diffuse(0.0, 1.0);
+            let base_color = Vec3::new(0.63, 0.56, 0.37);
+            let floor = soup.material(Material { base_color, metallic: 1.0, roughness, ..Material::default() });
+            soup.room(Vec3::new(-4.0, -0.5, -3.0), Vec3::new(4.0, 3.0, 5.0), [lamp; 6]);
+            soup.quad(Vec3::new(-3.9, 0.0, -2.9), Vec3::Z * 7.8, Vec3::X * 7.8, floor);
+            let camera = stripes(roughness).1;
+            let reference = path_traced(&soup.0, &camera, 1024, 2);
+            let settings = Settings {
+                superposition: Some(Superposition::default()),
+                compensation: false,
+                ..scenes::settings(1, 1)
+            };
+            let found = render(ctx, &soup.0, camera, &settings, 4).color;
+            let shown: Vec<usize> = (0..found.len()).filter(|&i| reference[i].x < 0.9).collect();
+            let of = |image: &[Vec3]| -> Vec<Vec3> { shown.iter().map(|&i| image[i]).collect() };
+            let (energy, error) = compare(&of(&found), &of(&reference));
+            println!("roughness {roughness}: energy {energy:.4}, error {error:.4} of {} pixels", shown.len());
+            assert!(shown.len() > 4000 && (energy - 1.0).abs() < 0.003 && error < 0.02, "{energy} {error}");
         }
     });
 }
