@@ -1,12 +1,12 @@
 // Near rays. Needs frame.wgsl. Host twin: pass::near_points.
 
-// Each pass sends near rays from a third of the classes of pixels, others in each of three passes.
+// Each pass sends near rays from a third of the classes of pixels, others in the next passes.
 fn near_classes() -> u32 {
     return (frame.pattern.z + 2u) / 3u;
 }
 
 fn has_near_ray(slot: u32) -> bool {
-    let turn = (2u * frame.size.w + frame.keys.w) % 3u;
+    let turn = (2u * frame.size.w + frame.keys.w) % frame.pattern.z;
     return (class_of(slot) + turn * near_classes()) % frame.pattern.z < near_classes();
 }
 

@@ -30,11 +30,11 @@ pub const MATTE: f32 = 0.5;
 /// In place of a slot: no pixel shows the hit.
 pub const NOT_SHOWN: u32 = u32::MAX;
 
-/// Whether a class of pixels sends near rays in a pass: a third of the classes does, others in each of three passes.
+/// Whether a class of pixels sends near rays in a pass: a third of the classes does, others in the next passes.
 pub fn has_near_ray(frame: &FrameParameters, class: u32) -> bool {
     let classes = frame.pattern[2];
     let third = classes.div_ceil(3);
-    let turn = (2 * frame.size[3] + frame.instance()) % 3;
+    let turn = (2 * frame.size[3] + frame.instance()) % classes;
     (class + turn * third) % classes < third
 }
 

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use glam::Vec3;
 use lightsum::Scene;
-use lightsum::scene::{self, Material, RenderDefaults, Surface};
-use lightsum::settings::Spread;
+use lightsum::scene::{self, CompensationKey, Material, RenderDefaults, Surface};
+use lightsum::settings::{Compensation, Spread};
 use lightsum::superposition::lobe::Table;
 
 const MODEL: &str = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl wall\nf 1 2 3\nusemtl lamp\nf 1 3 4\n";
@@ -78,13 +78,21 @@ fn every_key_of_the_rendering_is_read() {
         superposition: Some(Spread::Invariant),
         clip: Some(0.25),
         clip_fraction: None,
-        compensation: Some(false),
+        compensation: Some(CompensationKey(Compensation::Off)),
         seed: Some(9),
         exposure: Some(-1.5),
     };
     assert_eq!(load(folder.path(), keys).unwrap().render, expected);
     let fraction = load(folder.path(), "[render]\nclip_fraction = 0.125\n").unwrap().render;
     assert_eq!(fraction, RenderDefaults { clip_fraction: Some(0.125), ..RenderDefaults::default() });
+    for (value, expected) in
+        [("true", Compensation::Exact), ("\"near\"", Compensation::Near), ("\"off\"", Compensation::Off)]
+    {
+        let read = load(folder.path(), &format!("[render]\ncompensation = {value}\n")).unwrap().render.compensation;
+        assert_eq!(read, Some(CompensationKey(expected)));
+    }
+    let error = load(folder.path(), "[render]\ncompensation = \"nearly\"\n").unwrap_err().to_string();
+    assert!(error.contains("\"near\"") && error.contains("a.toml:3"), "{error}");
     // Its former name.
     let particles = load(folder.path(), "[render]\npaths = 6\n").unwrap().render.particles;
     assert_eq!(particles, Some(6));

@@ -6,7 +6,7 @@ use lightsum::bsdf::{Normals, mean as mean3};
 use lightsum::gpu::Context;
 use lightsum::pass::{ShadingPoints, camera_rays, merge, mirror_image};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface};
-use lightsum::settings::{Settings, Spread, Superposition};
+use lightsum::settings::{Compensation, Settings, Spread, Superposition};
 use lightsum::superposition::kernels::{CORE_RADIUS, KERNEL_TEXELS, KernelLibrary};
 use lightsum::superposition::lobe::Lobe;
 
@@ -53,7 +53,8 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
         let (mut panes, mut nothing, mut further) = ([0; 4], 0, 0);
         for resolution in AWKWARD_IMAGES {
             let superposition = Some(Superposition::default());
-            let settings = Settings { particles: 4, compensation: false, superposition, ..Settings::default() };
+            let settings =
+                Settings { particles: 4, compensation: Compensation::Off, superposition, ..Settings::default() };
             let rig = Rig::new(ctx, &scene, resolution, settings);
             let frame = rig.frame();
             rig.light();

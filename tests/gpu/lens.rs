@@ -7,7 +7,7 @@ use glam::{Vec3, Vec4};
 use lightsum::pass::{ShadingPoints, accumulate, lens};
 use lightsum::path_trace::{Options, SpecularPaths};
 use lightsum::scene::{Camera, Scene};
-use lightsum::settings::Settings;
+use lightsum::settings::{Compensation, Settings};
 use lightsum::stage::Stage;
 
 use crate::references::path_traced;
@@ -24,7 +24,7 @@ fn lens_follows_its_oracle() {
         scene.camera = Some(Camera { aperture, focus: Some(focus), ..view });
         let (mut before, mut behind, mut nothing) = (0, 0, 0);
         for resolution in AWKWARD_IMAGES {
-            let rig = Rig::new(ctx, &scene, resolution, Settings { compensation: false, ..settings(4, 5) });
+            let rig = Rig::new(ctx, &scene, resolution, Settings { compensation: Compensation::Off, ..settings(4, 5) });
             let frame = rig.frame();
             rig.run(|frame, rec| {
                 frame.walk.record(rec)?;

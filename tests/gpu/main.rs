@@ -15,6 +15,7 @@ mod lens;
 mod mirror_lights;
 mod mirrors_and_glass;
 mod moving;
+mod near;
 mod passes_eye;
 mod passes_film;
 mod passes_light;

@@ -5,7 +5,7 @@ use lightsum::accel::objects::Changes;
 use lightsum::device_scene::DeviceScene;
 use lightsum::gpu::{Context, Staging};
 use lightsum::scene::{self, Camera, Light, Scene, Surface, builtin};
-use lightsum::settings::{Clip, Spread, Superposition, Traversal};
+use lightsum::settings::{Clip, Compensation, Spread, Superposition, Traversal};
 use lightsum::{Engine, Renderer, Settings};
 
 use crate::embed::{Host, Readback, image, message, ready, record, small};
@@ -131,7 +131,7 @@ const EDITS: [(&str, Edit); 29] = [
     ("another seed", |e| settings_with(e, |s| s.seed = 7)),
     ("another clipping distance", |e| settings_with(e, |s| s.clip = Clip::Fraction(0.05))),
     ("more paths", |e| settings_with(e, |s| s.particles = 6)),
-    ("no compensation", |e| settings_with(e, |s| s.compensation = false)),
+    ("no compensation", |e| settings_with(e, |s| s.compensation = Compensation::Off)),
     ("of the lights without area one is chosen", |e| settings_with(e, |s| s.delta_lights = Some(1))),
     ("one of those to choose from moves", |e| {
         let light = Light::Point { position: Vec3::new(400.0, 350.0, 200.0), intensity: Vec3::new(1e4, 4e4, 2e4) };
@@ -392,7 +392,7 @@ fn a_renderer_follows_its_engine() {
         renderer.pass().unwrap();
         // The number of lists that are read back changes.
         for change in [
-            Settings { compensation: false, ..settings.clone() },
+            Settings { compensation: Compensation::Off, ..settings.clone() },
             Settings { max_depth: 5, ..settings.clone() },
             Settings { moving_passes: 9, max_depth: 5, ..settings.clone() },
         ] {

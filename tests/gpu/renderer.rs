@@ -7,7 +7,7 @@ use lightsum::gpu::Context;
 use lightsum::output::Layers;
 use lightsum::path_trace::{Options, SpecularPaths};
 use lightsum::scene::{self, Camera, Material, Scene, Texture, Wrap, builtin};
-use lightsum::settings::{Clip, Sequence, Settings, Traversal};
+use lightsum::settings::{Clip, Compensation, Sequence, Settings, Traversal};
 
 use crate::references;
 use crate::scenes::{Soup, camera, compare, mean, original, render, renderer, settings};
@@ -68,7 +68,8 @@ fn cornell_box_against_the_path_tracer() {
         let plain = render(ctx, &scene, camera, &original(32, 5), 256);
         agrees("original", &plain.color, &reference, 0.015, 0.3);
         // With the same points the difference is the light that clipping removes.
-        let clipped = render(ctx, &scene, camera, &Settings { compensation: false, ..settings(32, 5) }, 256);
+        let clipped =
+            render(ctx, &scene, camera, &Settings { compensation: Compensation::Off, ..settings(32, 5) }, 256);
         let (ratio, _) = compare(&clipped.color, &standard.color);
         println!("clipped without compensation: energy {ratio:.4} of the compensated");
         assert!((0.95..0.995).contains(&ratio), "clipping takes some per cent of the light: {ratio}");
@@ -153,7 +154,7 @@ fn exported_lights_give_the_same_image() {
     gpu_test(|ctx| {
         let (mut scene, camera) = cornell();
         scene.camera = Some(camera);
-        let settings = Settings { compensation: false, ..settings(32, 4) };
+        let settings = Settings { compensation: Compensation::Off, ..settings(32, 4) };
         let mut first = renderer(ctx, &scene, camera, &settings);
         first.pass().unwrap();
         let folder = tempfile::tempdir().unwrap();
@@ -285,7 +286,7 @@ fn the_two_instances_are_independent_and_tell_the_error() {
     gpu_test(|ctx| {
         let (scene, camera) = cornell();
         // The limit of the estimator itself, clipping included: many passes of other seeds.
-        let halton = Settings { compensation: false, ..settings(32, 4) };
+        let halton = Settings { compensation: Compensation::Off, ..settings(32, 4) };
         let image = |seed: u64, passes| render(ctx, &scene, camera, &Settings { seed, ..halton.clone() }, passes).color;
         let mut limit = image(99, 512);
         limit.iter_mut().zip(image(98, 512)).for_each(|(a, b)| *a = (*a + b) * 0.5);

@@ -137,7 +137,8 @@ impl<'a> Rig<'a> {
         (0..width * height).filter(|&pixel| tiles.binary_search(&of_tile(pixel)).is_ok()).collect()
     }
 
-    fn sorted(&self, list: &List) -> Vec<u32> {
+    /// The entries of a list without gaps, sorted.
+    pub fn sorted(&self, list: &List) -> Vec<u32> {
         let live = self.get::<layout::DispatchCounts>(&list.work)[0].live;
         let mut slots: Vec<u32> = self.get(&list.entries);
         slots.truncate(live as usize);

@@ -4,7 +4,7 @@ use glam::{DVec3, Vec2, Vec3};
 use lightsum::gpu::Context;
 use lightsum::output::Layers;
 use lightsum::scene::{Camera, Material, Scene, Triangle};
-use lightsum::settings::{Clip, Settings};
+use lightsum::settings::{Clip, Compensation, Settings};
 use lightsum::standalone::Renderer;
 
 use crate::support::unwatched;
@@ -112,7 +112,7 @@ pub fn settings(particles: u32, max_depth: u32) -> Settings {
 
 /// Keller's original estimator: no clipping, hence no compensation.
 pub fn original(particles: u32, max_depth: u32) -> Settings {
-    Settings { clip: Clip::Distance(0.0), compensation: false, ..settings(particles, max_depth) }
+    Settings { clip: Clip::Distance(0.0), compensation: Compensation::Off, ..settings(particles, max_depth) }
 }
 
 /// A renderer on the tests' device.

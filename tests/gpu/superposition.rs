@@ -7,7 +7,7 @@ use glam::{Vec2, Vec3, Vec4};
 use lightsum::bsdf::Reflectance as Finish;
 use lightsum::pass::{ShadingPoints, accumulate, merge, mirror_image, summands, superpose};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface};
-use lightsum::settings::{Reflectance, Settings, Spread, Superposition};
+use lightsum::settings::{Compensation, Reflectance, Settings, Spread, Superposition};
 use lightsum::stage::Stage;
 use lightsum::superposition::lobe::{Lobe, Table};
 use lightsum::superposition::reflectance::{ReflectanceMap, fresnel_fitted_rgb};
@@ -41,7 +41,7 @@ fn room() -> Scene {
 /// One pass with few paths and without gather rays.
 fn settings(superposition: Superposition) -> Settings {
     let superposition = Some(superposition);
-    Settings { particles: 4, compensation: false, max_specular: 4, superposition, ..Settings::default() }
+    Settings { particles: 4, compensation: Compensation::Off, max_specular: 4, superposition, ..Settings::default() }
 }
 
 /// Lights the visible points.
@@ -266,7 +266,7 @@ fn a_rough_floor_reflects_as_much_as_the_path_tracer_says() {
             };
             let reference = middle(&path_traced(&scene, &camera, 1024, 2));
             let shown = |superposition: Option<Superposition>| {
-                let settings = Settings { superposition, compensation: false, ..scenes::settings(1, 1) };
+                let settings = Settings { superposition, compensation: Compensation::Off, ..scenes::settings(1, 1) };
                 middle(&render(ctx, &scene, camera, &settings, 4).color)
             };
             let [variant, mirror] = [Spread::Variant, Spread::Mirror]
@@ -294,7 +294,7 @@ fn a_rough_floor_in_constant_light_reflects_the_energy_of_its_lobe() {
             let reference = path_traced(&soup.0, &camera, 1024, 2);
             let settings = Settings {
                 superposition: Some(Superposition::default()),
-                compensation: false,
+                compensation: Compensation::Off,
                 ..scenes::settings(1, 1)
             };
             let found = render(ctx, &soup.0, camera, &settings, 4).color;
@@ -325,8 +325,11 @@ fn a_tabulated_lobe_spreads_as_the_lobe_does() {
             .flat_map(|(i, o)| azimuth.iter().map(move |&a| (i, o, a)))
             .map(|(i, o, a)| lobe.eval(direction(i, a), direction(o, 0.0)))
             .collect();
-        let settings =
-            Settings { superposition: Some(Superposition::default()), compensation: false, ..scenes::settings(1, 1) };
+        let settings = Settings {
+            superposition: Some(Superposition::default()),
+            compensation: Compensation::Off,
+            ..scenes::settings(1, 1)
+        };
         let expected = render(ctx, &scene, camera, &settings, 1).color;
         scene.materials[1].lobe = Some(Arc::new(Table::new(cos.clone(), cos, azimuth, values).unwrap()));
         let found = render(ctx, &scene, camera, &settings, 1).color;

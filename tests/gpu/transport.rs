@@ -8,7 +8,7 @@ use glam::{DVec3, Vec2, Vec3};
 use lightsum::gpu::Context;
 use lightsum::path_trace::camera_direction;
 use lightsum::scene::{Camera, Light, Scene, builtin};
-use lightsum::settings::{Clip, Sequence, Settings};
+use lightsum::settings::{Clip, Compensation, Sequence, Settings};
 
 use crate::scenes::{Soup, camera, fov, mean, original, probe, render, renderer, settings};
 use crate::support::gpu_test;
@@ -108,7 +108,7 @@ fn clipping_darkens_an_edge_by_its_closed_form_and_compensation_undoes_it() {
             let camera = probe(Vec3::new(0.5, 0.5, 0.3), point);
             let clipped = Settings {
                 clip: Clip::Distance(clip),
-                compensation: false,
+                compensation: Compensation::Off,
                 lights_per_dispatch: 64,
                 ..settings(2048, 2)
             };
@@ -125,7 +125,7 @@ fn clipping_darkens_an_edge_by_its_closed_form_and_compensation_undoes_it() {
         let extreme = layers.direct.iter().map(|e| (e.x / PI - 1.0).abs()).fold(0.0, f32::max);
         println!("greatest deviation of a pixel {extreme}");
         assert!(extreme < 0.1, "a pixel deviates by {extreme}");
-        let plain = Settings { compensation: false, ..compensated };
+        let plain = Settings { compensation: Compensation::Off, ..compensated };
         let dark = render(ctx, &scene, camera, &plain, 32);
         let darkest = dark.direct.iter().map(|e| e.x / PI).fold(f32::INFINITY, f32::min);
         println!("darkest pixel without compensation {darkest}");

@@ -7,14 +7,20 @@ use lightsum::pass::TraversalKernels;
 use lightsum::pass::clusters::{self, NO_POINT};
 use lightsum::pass::sort;
 use lightsum::scene::{Camera, Light, Material, Scene, Triangle, builtin};
-use lightsum::settings::{Clip, ClusterOrder, Settings, Traversal};
+use lightsum::settings::{Clip, ClusterOrder, Compensation, Settings, Traversal};
 use lightsum::standalone::Renderer;
 
 use crate::rig::{Rig, gallery, is_lit, xyz};
 use crate::support::gpu_test;
 
 fn settings(traversal: Traversal) -> Settings {
-    Settings { traversal, particles: 16, clip: Clip::Distance(0.0), compensation: false, ..Settings::default() }
+    Settings {
+        traversal,
+        particles: 16,
+        clip: Clip::Distance(0.0),
+        compensation: Compensation::Off,
+        ..Settings::default()
+    }
 }
 
 /// Irradiance, direct and indirect, of every pixel after one pass.

@@ -10,7 +10,7 @@ use lightsum::pass::shade::{self, ShadingPoint};
 use lightsum::pass::{ShadingPoints, atlas, surface};
 use lightsum::plan;
 use lightsum::scene::{Camera, Scene};
-use lightsum::settings::{Clip, Filter, LightChoice, Settings, Superposition};
+use lightsum::settings::{Clip, Compensation, Filter, LightChoice, Settings, Superposition};
 use lightsum::stage::Stage;
 use lightsum::standalone::Renderer;
 use lightsum::view::{Atlas, Region, Texel, View};
@@ -229,7 +229,12 @@ fn texels(scene: &Scene, size: [u32; 2]) -> Atlas {
 fn texels_of_an_atlas_follow_the_shading_oracle() {
     gpu_test(|ctx| {
         let scene = gallery();
-        let settings = Settings { clip: Clip::Distance(0.0), compensation: false, particles: 9, ..Settings::default() };
+        let settings = Settings {
+            clip: Clip::Distance(0.0),
+            compensation: Compensation::Off,
+            particles: 9,
+            ..Settings::default()
+        };
         for size in [[1, 1], [27, 1], [8, 8], [31, 17]] {
             let atlas = Arc::new(texels(&scene, size));
             let view = View::Atlas(atlas.clone());

@@ -8,7 +8,7 @@ use lightsum::pass::TraversalKernels;
 use lightsum::pass::layout::DispatchCounts;
 use lightsum::pass::visibility::{Counts, Inputs, Visibility, Workload, reference};
 use lightsum::scene::{Scene, builtin};
-use lightsum::settings::{Settings, Traversal};
+use lightsum::settings::{Compensation, Settings, Traversal};
 use lightsum::standalone::Renderer;
 
 use crate::rig::{Numbers, gallery};
@@ -270,7 +270,8 @@ fn faint_lights_are_dropped_on_demand() {
         let scene = builtin::room(2_000);
         let camera = lightsum::Camera { resolution: [40, 30], ..scene.camera.unwrap() };
         let run = |light_threshold: f32| {
-            let settings = Settings { light_threshold, particles: 16, compensation: false, ..Settings::default() };
+            let settings =
+                Settings { light_threshold, particles: 16, compensation: Compensation::Off, ..Settings::default() };
             let mut renderer = Renderer::with_context(ctx.clone(), scene.clone(), camera, settings).unwrap();
             renderer.pass().unwrap();
             let layers = renderer.layers().unwrap();

@@ -120,10 +120,10 @@ mod tests {
         let list = chosen("--particles 1,2 --traversal single,auto --max-depth 4 --no-compensation", base.clone());
         let key = |s: &Settings| (s.particles, s.traversal, s.max_depth, s.compensation, s.seed);
         let expected = [
-            (1, Traversal::Single, 4, false, 3),
-            (1, Traversal::Auto, 4, false, 3),
-            (2, Traversal::Single, 4, false, 3),
-            (2, Traversal::Auto, 4, false, 3),
+            (1, Traversal::Single, 4, Compensation::Off, 3),
+            (1, Traversal::Auto, 4, Compensation::Off, 3),
+            (2, Traversal::Single, 4, Compensation::Off, 3),
+            (2, Traversal::Auto, 4, Compensation::Off, 3),
         ];
         assert_eq!(list.iter().map(key).collect::<Vec<_>>(), expected);
         // The scene's own settings stay where no flag is given.

@@ -340,6 +340,7 @@ mod tests {
     use super::*;
     use crate::args::{Arguments, Command};
     use clap::Parser;
+    use lightsum::scene::CompensationKey;
 
     fn chosen(line: &str, render: &RenderDefaults) -> Settings {
         let start = ["lightsum", "render", "a.toml", "-o", "a.exr"];

@@ -1,0 +1,233 @@
+//! Near light from the irradiance of pixels: its passes against their oracles, its energy against the exact way.
+
+use glam::{Vec3, Vec4};
+use lightsum::pass::near_collect::{self, Link};
+use lightsum::pass::near_points::{self, NOT_SHOWN, Seen};
+use lightsum::pass::surface::surface_at;
+use lightsum::pass::{ShadingPoints, gather, sort};
+use lightsum::settings::{Clip, Compensation, Filter, Settings};
+use lightsum::stage::NearLight;
+
+use crate::passes_light::receivers;
+use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, hit_of, is_lit, ray_of, sine_error};
+use crate::scenes::render;
+use crate::support::gpu_test;
+
+fn settings(pattern: [u32; 2]) -> Settings {
+    Settings { pattern, compensation: Compensation::Near, clip: Clip::Fraction(0.4), seed: 3, ..Settings::default() }
+}
+
+fn stage<'a>(rig: &'a Rig) -> &'a NearLight {
+    rig.frame().near_light.as_ref().unwrap()
+}
+
+/// What the tests must have met: rays, hits that a pixel shows, hits that are lit, rays from a lobe.
+#[derive(Debug, Default)]
+struct Met {
+    rays: usize,
+    shown: usize,
+    lit: usize,
+    specular: usize,
+}
+
+/// Rays leave the right pixels, and their hits find the pixels that show them.
+fn check_points(rig: &Rig, sine: f32, met: &mut Met) {
+    let (p, near, eye) = (&rig.parameters, stage(rig), &rig.frame().eye);
+    let before = receivers(rig, &eye.points);
+    rig.prefill(&[&near.near_slot, &near.beta, &near.points.wo]);
+    rig.run(|_, rec| {
+        near.record_rays(rec)?;
+        near.record_points(rec)
+    });
+    let what = format!("{}x{}, pattern {:?}", p.size[0], p.size[1], p.pattern);
+    let lit = rig.list(0);
+    let started: Vec<u32> =
+        lit.iter().copied().filter(|&slot| near_points::has_near_ray(p, sort::class_of(p, slot))).collect();
+    assert_eq!(rig.sorted(&near.started), started, "{what}: a third of the classes has near rays");
+    let [origin, direction, hits, beta, emitted, wo, seen_wo] = [
+        &eye.rays.origin,
+        &eye.rays.direction,
+        &eye.rays.hits,
+        &near.beta,
+        &near.points.emitted,
+        &near.points.wo,
+        &eye.points.wo,
+    ]
+    .map(|b| rig.vec4s(b));
+    let slots: Vec<u32> = rig.get(&near.near_slot);
+    let after = receivers(rig, &near.points);
+    let mut rays = Tally::new(format!("near rays, {what}"));
+    let mut found = Tally::new(format!("hits of near rays, {what}"));
+    let mut listed = Vec::new();
+    for &slot in &started {
+        let i = slot as usize;
+        let (expected, weight, specular) = gather::reference(p, slot, 0, &before[i], Vec3::ONE);
+        let weight = weight * near_points::ray_weight(p);
+        let ray = ray_of(origin[i], direction[i]);
+        let tolerance = if specular { 2.0 * sine.sqrt() } else { 5e-4 };
+        let same = ray.origin == expected.origin && close(ray.direction, expected.direction, 0.0, tolerance);
+        rays.check(same, || format!("slot {i}: {ray:?} for {expected:?}"));
+        assert_eq!(beta[i].w, f32::from(specular), "{what}: lobe of slot {i}");
+        let hit = hit_of(hits[i]);
+        let clip = p.up[3];
+        let share = hit.map_or(0.0, |h| (1.0 - h.t * h.t / (clip * clip)).max(0.0));
+        let surface = hit.map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction));
+        let weight = weight * share;
+        let light = surface.map_or(Vec3::ZERO, |s| weight * s.emission);
+        found.check(close(emitted[i].truncate(), light, tolerance, 1e-6), || {
+            format!("slot {i}: {} for {light}", emitted[i])
+        });
+        let sends =
+            surface.filter(|s| share > 0.0 && weight != Vec3::ZERO && mean(s.reflectance.kd + s.reflectance.f0) > 0.0);
+        let shown =
+            sends.filter(|s| mean(s.reflectance.kd) > near_points::MATTE * mean(s.reflectance.f0)).and_then(|s| {
+                let q = near_points::pixel_of(p, s.position)?;
+                let k = q as usize;
+                let seen = Seen {
+                    position: before[k].position,
+                    geometric: before[k].geometric,
+                    wo: before[k].wo,
+                    flags: ShadingPoints::flags(seen_wo[k].w),
+                };
+                near_points::shows(p, &seen, s.position, s.geometric).then_some(q)
+            });
+        found.check(slots[i] == shown.unwrap_or(NOT_SHOWN), || format!("slot {i}: pixel {} for {shown:?}", slots[i]));
+        let is_shown = slots[i] != NOT_SHOWN;
+        let link = match surface {
+            Some(s) if is_shown => weight * (s.reflectance.kd + s.reflectance.f0) * std::f32::consts::FRAC_1_PI,
+            _ => weight,
+        };
+        found.check(close(beta[i].truncate(), link, tolerance, 1e-6), || format!("slot {i}: {} for {link}", beta[i]));
+        found.check(is_lit(wo[i]) == (sends.is_some() && !is_shown && p.scene[2] > 2), || format!("slot {i}: lit"));
+        if is_lit(wo[i]) {
+            listed.push(slot);
+            let kd = sends.map_or(Vec3::ZERO, |s| s.reflectance.kd);
+            found.check(close(after[i].reflectance.kd, kd, 1e-4, 1e-5), || format!("slot {i}: albedo"));
+        }
+        met.rays += 1;
+        met.shown += usize::from(is_shown);
+        met.specular += usize::from(specular);
+    }
+    assert_eq!(rig.sorted(&near.list), listed, "{what}: the list names the lit hits, each once");
+    met.lit += listed.len();
+    rays.finish(STRAYS);
+    // Projections round: a hit between two pixels may belong to either, and then the other may not agree.
+    found.finish(0.01);
+}
+
+fn mean(v: Vec3) -> f32 {
+    v.element_sum() / 3.0
+}
+
+/// The light of near rays adds up along the chains of pixels.
+fn check_collect(rig: &Rig) {
+    let (p, near) = (&rig.parameters, stage(rig));
+    let lighting = &rig.frame().shade.lighting;
+    let three = |l: &lightsum::pass::Lighting| [&l.direct, &l.indirect, &l.specular].map(|b| rig.vec4s(b));
+    rig.run(|_, rec| near.record_shade(rec));
+    let (before, lit) = (three(lighting), three(&near.hit_lighting));
+    let [beta, emitted, kd, wo] =
+        [&near.beta, &near.points.emitted, &near.points.kd, &near.points.wo].map(|b| rig.vec4s(b));
+    let slots: Vec<u32> = rig.get(&near.near_slot);
+    let started = rig.sorted(&near.started);
+    rig.run(|_, rec| near.record_collect(rec));
+    let after = three(lighting);
+    let links: Vec<Link> = (0..beta.len())
+        .map(|i| {
+            let has_ray = started.binary_search(&(i as u32)).is_ok();
+            let at = |l: &[Vec<Vec4>; 3], k: usize| l[k][i].truncate();
+            let of_hit = if has_ray && is_lit(wo[i]) { [0, 1, 2].map(|k| at(&lit, k)) } else { [Vec3::ZERO; 3] };
+            Link {
+                beta: beta[i].truncate(),
+                has_ray,
+                specular: beta[i].w == 1.0,
+                emitted: emitted[i].truncate(),
+                shown: Some(slots[i]).filter(|&q| has_ray && q != NOT_SHOWN).map(|q| q as usize),
+                hit: (if is_lit(wo[i]) { kd[i].truncate() } else { Vec3::ZERO }, of_hit),
+                clipped: [at(&before, 0), at(&before, 1)],
+            }
+        })
+        .collect();
+    let shares = near_collect::shares(p.scene[2], rig.engine.plan().mean_reflectivity);
+    for i in 0..links.len() {
+        let old = [0, 1, 2].map(|k| before[k][i]);
+        let new = [0, 1, 2].map(|k| after[k][i]);
+        if !links[i].has_ray {
+            let bits = |v: [Vec4; 3]| v.map(|v| v.to_array().map(f32::to_bits));
+            assert_eq!(bits(old), bits(new), "slot {i} has no near ray");
+            continue;
+        }
+        let [direct, indirect] = near_collect::reference(&links, i, &shares);
+        let added = match links[i].specular {
+            true => [Vec3::ZERO, Vec3::ZERO, direct + indirect],
+            false => [direct, indirect, Vec3::ZERO],
+        };
+        for k in 0..3 {
+            let expected = old[k].truncate() + added[k];
+            assert!(close(new[k].truncate(), expected, 1e-5, 1e-9), "slot {i}, {k}: {} for {expected}", new[k]);
+        }
+    }
+}
+
+#[test]
+fn near_light_follows_its_oracles() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        let sine = sine_error(ctx, &scene);
+        let mut met = Met::default();
+        let patterns = [[1, 1], [3, 3], [2, 3], [8, 8], [3, 3]];
+        for (resolution, pattern) in AWKWARD_IMAGES.into_iter().chain([[97, 61]]).zip(patterns.into_iter().cycle()) {
+            let rig = Rig::new(ctx, &scene, resolution, settings(pattern));
+            rig.light();
+            check_points(&rig, sine, &mut met);
+            check_collect(&rig);
+        }
+        println!("{met:?}");
+        assert!(met.rays > 1000 && met.shown > 300 && met.lit > 300 && met.specular > 50, "{met:?}");
+        // With the shortest paths only emitters are found; nothing is lit.
+        let rig = Rig::new(ctx, &scene, [31, 17], Settings { max_depth: 2, ..settings([3, 3]) });
+        rig.light();
+        check_points(&rig, sine, &mut Met::default());
+        check_collect(&rig);
+    });
+}
+
+#[test]
+fn every_class_sends_near_rays_once_in_three_passes() {
+    let frame = |pass: u32, classes: u32| lightsum::pass::layout::FrameParameters {
+        size: [0, 0, 0, pass / 2],
+        keys: [0, 0, 0, pass % 2],
+        pattern: [classes, 1, classes, 0],
+        ..Default::default()
+    };
+    for classes in [1, 2, 3, 4, 9, 64] {
+        for class in 0..classes {
+            for first in 0..6 {
+                let rays = (first..first + 3).filter(|&pass| near_points::has_near_ray(&frame(pass, classes), class));
+                assert!(rays.count() >= 1, "class {class} of {classes} after pass {first}");
+            }
+        }
+        // On average each pixel counts once.
+        for class in 0..classes {
+            let rays = (0..classes).filter(|&pass| near_points::has_near_ray(&frame(pass, classes), class)).count();
+            let sum = rays as f32 * near_points::ray_weight(&frame(0, classes));
+            assert!((sum / classes as f32 - 1.0).abs() < 1e-5, "class {class} of {classes}: {sum}");
+        }
+    }
+}
+
+#[test]
+fn near_light_has_the_energy_of_the_exact_way() {
+    gpu_test(|ctx| {
+        let scene = lightsum::scene::load(std::path::Path::new("scenes/indirect-room/scene.toml")).unwrap();
+        let camera = lightsum::scene::Camera { resolution: [96, 72], ..scene.camera.unwrap() };
+        let energy = |compensation: Compensation| {
+            let settings = Settings { compensation, filter: Some(Filter::default()), ..Settings::interactive() };
+            let image = render(ctx, &scene, camera, &settings, 96);
+            image.color.iter().map(|c| f64::from(c.element_sum())).sum::<f64>()
+        };
+        let [off, near, exact] = [Compensation::Off, Compensation::Near, Compensation::Exact].map(energy);
+        println!("off {:.4}, near {:.4} of the exact energy", off / exact, near / exact);
+        assert!((near / exact - 1.0).abs() < 0.01 && off / exact < 0.95);
+    });
+}
