@@ -51,9 +51,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let kd = point_kd[slot];
     let f0 = point_f0[slot];
     let wo = point_wo[slot].xyz;
+    let sample = sample_of(slot);
+#if NEAR
+    let point = near_point(slot);
+#else
     // The pass's sample point, randomised for each slot: Halton points by rotation, Sobol' points by XOR. A pseudo-random
     // number chooses the lobe.
-    let sample = sample_of(slot);
     let keys = vec2<u32>(key(frame.keys.y, STREAM_GATHER, sample, 2u * step.bounce), key(frame.keys.y, STREAM_GATHER, sample, 2u * step.bounce + 1u));
     let bases = bitcast<vec2<u32>>(frame.shifts[step.bounce].zw);
     let halton = vec2<f32>(
@@ -62,6 +65,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     );
     let sobol = unit(frame.sobol[step.bounce].zw ^ vec2<u32>(hash(keys.x), hash(keys.y)));
     let point = select(halton, sobol, (frame.keys.z & 2u) != 0u);
+#endif
     let u = point.x;
     let v = point.y;
     let lobe = random(key(frame.keys.x, STREAM_GATHER_LOBE, sample, step.bounce));

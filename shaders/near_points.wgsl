@@ -21,8 +21,8 @@
 @group(0) @binding(18) var<storage, read_write> work_in: DispatchCounts;
 @group(0) @binding(19) var<storage, read_write> beta: array<vec4<f32>>;
 
-// The pixel that shows a point of a surface with normal n, or NO_POINT.
-fn pixel_showing(p: vec3<f32>, n: vec3<f32>) -> u32 {
+// The nearest pixel of a class that shows a point of a surface with normal n, or NO_POINT.
+fn pixel_showing(p: vec3<f32>, n: vec3<f32>, of_class: u32) -> u32 {
     let d = p - frame.eye.xyz;
     let z = max(dot(d, frame.forward.xyz), 1e-30);
     let half_width = dot(frame.right.xyz, frame.right.xyz);
@@ -32,7 +32,9 @@ fn pixel_showing(p: vec3<f32>, n: vec3<f32>) -> u32 {
     let whole = vec2<f32>(frame.within.zw);
     // The eye ray of a pixel passes at this offset from its corner.
     let at = vec2<f32>(0.5 + 0.5 * s, 0.5 - 0.5 * t) * whole - vec2<f32>(frame.within.xy) - frame.pixel_offset.xy;
-    let pixel = floor(at + 0.5);
+    let pattern = vec2<f32>(frame.pattern.xy);
+    let place = vec2<f32>(f32(of_class % frame.pattern.x), f32(of_class / frame.pattern.x));
+    let pixel = floor((at - place) / pattern + 0.5) * pattern + place;
     let inside = dot(d, frame.forward.xyz) > 0.0 && all(pixel >= vec2<f32>(0.0)) && all(pixel < vec2<f32>(frame.size.xy));
     let safe = vec2<u32>(select(vec2<f32>(0.0), pixel, vec2<bool>(inside)));
     let slot = safe.x + safe.y * frame.size.x;
@@ -42,9 +44,10 @@ fn pixel_showing(p: vec3<f32>, n: vec3<f32>) -> u32 {
     // Width of a pixel at this depth, and on the surface.
     let width = 2.0 * z * sqrt(half_width) / whole.x;
     let cosine = max(abs(dot(normal, word.xyz)), 0.1);
+    let reach = (NEAR_WIDTH + max(pattern.x, pattern.y)) * width;
     let agrees = dot(normal, n) > NEAR_COSINE
         && abs(dot(normal, apart)) <= NEAR_HEIGHT * width
-        && dot(apart, apart) * cosine * cosine <= NEAR_WIDTH * NEAR_WIDTH * width * width;
+        && dot(apart, apart) * cosine * cosine <= reach * reach;
     let shows = has_flag(word.w, LIT) && !has_flag(word.w, SEEN_BY_SPECULAR);
     return select(NO_POINT, slot, inside && agrees && shows);
 }
@@ -66,7 +69,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let sends = mean3(weight) > 0.0 && reflects(met);
     // A pixel knows irradiance, so lobes count as diffuse; surfaces that are mostly lobe are lit instead.
     let matte = mean3(r.kd) > NEAR_MATTE * mean3(r.f0);
-    let shown = pixel_showing(met.surface.position, met.surface.geometric);
+    let shown = pixel_showing(met.surface.position, met.surface.geometric, class_of(slot));
     let q = select(NO_POINT, shown, sends && matte);
     near_slot[slot] = q;
     // From the irradiance there to that of the pixel or to the radiance of its lobe.

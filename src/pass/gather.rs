@@ -10,6 +10,12 @@
 //! same two dimensions serve all bounces, in another order for each (padded replications, Wald et al. 2002, 4.4; see
 //! [`crate::plan`]).
 //!
+//! **Near rays** (see [`super::near_points`]) are the first gather rays of a quarter of the classes of pixels. All pixels of a
+//! class have the same sample point, so their error is smooth: faint copies of the shadows between near surfaces, one
+//! for each class, in place of noise. The points of passes and classes are a Kronecker sequence whose steps are the
+//! powers 1/p and 1/p^2 of the plastic number p (Roberts 2018, *The Unreasonable Effectiveness of Quasirandom
+//! Sequences*).
+//!
 //! Differs from the paper in that: there the geometry term is bounded as a whole, cosines included; here only 1/d^2 is,
 //! so that a ray of length clip is all that is ever needed.
 //!
@@ -19,7 +25,7 @@ use glam::Vec3;
 
 use super::schedule::LIST_GROUPS;
 use super::shade::ShadingPoint;
-use super::{BoundKernel, Kit, List, Rays, ShadingPoints, layout, push};
+use super::{BoundKernel, Kit, List, Rays, ShadingPoints, layout, near_points, push};
 use crate::accel::Ray;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
@@ -50,7 +56,7 @@ impl Gather {
         Ok(Gather { kernel: kit.bind(&shaders::GATHER, &sets)?, work: list.work.clone() })
     }
 
-    /// As [`Gather::new`] for near rays, which leave a third of the classes of pixels in each pass and count for all.
+    /// As [`Gather::new`] for near rays, which leave a quarter of the classes of pixels in each pass and count for all.
     /// `list` may have gaps; `started` receives the points that have a ray.
     pub fn of_near_rays(
         kit: &Kit,
@@ -80,7 +86,7 @@ pub fn reference(
     beta: Vec3,
 ) -> (Ray, Vec3, bool) {
     let sample = frame.sample_of(pixel);
-    let [u, v] = [0, 1].map(|d| {
+    let point = [0, 1].map(|d| {
         let k = key(frame.keys[1], GATHER, sample, 2 * bounce + d as u32);
         if frame.has(layout::FrameParameters::SOBOL) {
             return unit(frame.sobol[bounce as usize][2 + d] ^ hash(k));
@@ -88,6 +94,37 @@ pub fn reference(
         let base = frame.shifts[bounce as usize][2 + d].to_bits();
         rotate(radical_inverse(base, frame.size[3]), random_f32(k))
     });
+    towards(frame, (sample, bounce), point, receiver, beta)
+}
+
+/// Oracle: the near ray of a pixel of a class.
+pub fn near_reference(
+    frame: &layout::FrameParameters,
+    pixel: u32,
+    class: u32,
+    receiver: &ShadingPoint,
+) -> (Ray, Vec3, bool) {
+    let point = near_point(frame, class);
+    let weight = Vec3::splat(near_points::ray_weight(frame));
+    towards(frame, (frame.sample_of(pixel), 0), point, receiver, weight)
+}
+
+/// Oracle: point that gives the near rays of a class their direction.
+pub fn near_point(frame: &layout::FrameParameters, class: u32) -> [f32; 2] {
+    let n = frame.size[3].wrapping_mul(frame.pattern[2]).wrapping_add(class);
+    // The powers 1/p and 1/p^2 of the plastic number p, in units of 2^-32.
+    let steps = [3_242_174_889u32, 2_447_445_414];
+    [0, 1].map(|d| unit(n.wrapping_mul(steps[d]).wrapping_add(key(frame.keys[1], GATHER, 0, d as u32))))
+}
+
+/// The ray of a sample point.
+fn towards(
+    frame: &layout::FrameParameters,
+    (sample, bounce): (u32, u32),
+    [u, v]: [f32; 2],
+    receiver: &ShadingPoint,
+    beta: Vec3,
+) -> (Ray, Vec3, bool) {
     let r = &receiver.reflectance;
     let p = r.diffuse_probability();
     let diffuse = random_f32(key(frame.keys[0], GATHER_LOBE, sample, bounce)) < p;

@@ -17,7 +17,7 @@
 //! Bias: light after more than [`LINKS`] near rays in a row, and what is left of near light at hits that no pixel shows,
 //! is left out.
 //!
-//! Only a third of the pixels has a near ray in a pass; its light counts three times. A filter whose window has a pixel of
+//! Only a quarter of the classes of pixels has near rays in a pass; their light counts for all. A filter whose window has a pixel of
 //! each class spreads it evenly.
 //!
 //! Cost: 9 vec4 for a near ray and 6 for each further one, some 60 operations each; 8 vec4 for the addition.

@@ -2,11 +2,12 @@
 //!
 //! A near ray is the first gather ray of the compensation (see `gather`): it restores the share 1 - d^2 / clip^2 of the
 //! light from surfaces at a distance d < clip. Where the eye sees its hit, the pixel there knows the irradiance, and no
-//! light needs to be sampled; this pass finds that pixel by projection, and checks normal and tangent plane. Hits that no
-//! pixel shows become shading points, listed in any order.
+//! light needs to be sampled; this pass finds that pixel by projection, and checks normal and tangent plane. It takes the
+//! nearest pixel of the ray's own class: these have the same lights, so that neighbouring rays find irradiance that
+//! varies smoothly. Hits that no pixel shows become shading points, listed in any order.
 //!
 //! Bias: pixels know irradiance only, so the specular lobe of the hit counts as diffuse reflectance; surfaces with
-//! kd / f0 below [`MATTE`] are lit instead. The pixel stands up to [`WIDTH`] widths of a pixel from the hit.
+//! kd / f0 below [`MATTE`] are lit instead. The pixel may lie some pixels away from the hit.
 //!
 //! Cost: some 200 operations, 230 bytes read and 36 written for a hit that a pixel shows, 150 more for others; and 4
 //! texels for each texture.
@@ -23,24 +24,28 @@ use crate::gpu::{Buffer, Recorder, Resources, shaders};
 pub const COSINE: f32 = 0.9;
 /// Maximum distance of the hit from the tangent plane of the pixel, in widths of a pixel there.
 pub const HEIGHT: f32 = 1.0;
-/// Maximum distance between hit and pixel, in widths of a pixel on the surface.
-pub const WIDTH: f32 = 2.0;
+/// Maximum distance between hit and pixel beyond the width of the pattern, in widths of a pixel on the surface.
+pub const WIDTH: f32 = 1.0;
 /// Minimum kd / f0 of a hit that takes the irradiance of a pixel.
 pub const MATTE: f32 = 0.5;
 /// In place of a slot: no pixel shows the hit.
 pub const NOT_SHOWN: u32 = u32::MAX;
 
-/// Whether a class of pixels sends near rays in a pass: a third of the classes does, others in the next passes.
+/// Number of classes that send near rays in a pass.
+pub fn ray_classes(classes: u32) -> u32 {
+    (classes / 4).max(1)
+}
+
+/// Whether a class of pixels sends near rays in a pass: a quarter of the classes does, others in the next passes.
 pub fn has_near_ray(frame: &FrameParameters, class: u32) -> bool {
     let classes = frame.pattern[2];
-    let third = classes.div_ceil(3);
     let turn = (2 * frame.size[3] + frame.instance()) % classes;
-    (class + turn * third) % classes < third
+    (class + turn * ray_classes(classes)) % classes < ray_classes(classes)
 }
 
 /// Number of pixels that a near ray stands for.
 pub fn ray_weight(frame: &FrameParameters) -> f32 {
-    frame.pattern[2] as f32 / frame.pattern[2].div_ceil(3) as f32
+    frame.pattern[2] as f32 / ray_classes(frame.pattern[2]) as f32
 }
 
 /// The pass.
@@ -102,16 +107,20 @@ pub struct Seen {
     pub flags: u32,
 }
 
-/// Oracle: the pixel on which the eye ray to `p` falls, if it is in the image.
-pub fn pixel_of(frame: &FrameParameters, p: Vec3) -> Option<u32> {
+/// Oracle: the pixel of a class nearest to where the eye ray to `p` falls, if it is in the image.
+pub fn pixel_of(frame: &FrameParameters, p: Vec3, class: u32) -> Option<u32> {
     let xyz = |a: [f32; 4]| Vec3::new(a[0], a[1], a[2]);
     let (d, right, up) = (p - xyz(frame.eye), xyz(frame.right), xyz(frame.up));
     let z = d.dot(xyz(frame.forward));
     let [x, y, width, height] = frame.within.map(|n| n as f32);
     let s = d.dot(right) / (z.max(1e-30) * right.length_squared());
     let t = d.dot(up) / (z.max(1e-30) * up.length_squared());
-    let column = ((0.5 + 0.5 * s) * width - x - frame.pixel_offset[0] + 0.5).floor();
-    let row = ((0.5 - 0.5 * t) * height - y - frame.pixel_offset[1] + 0.5).floor();
+    let nearest = |at: f32, pattern: u32, place: u32| {
+        ((at - place as f32) / pattern as f32 + 0.5).floor() * pattern as f32 + place as f32
+    };
+    let [across, down, ..] = frame.pattern;
+    let column = nearest((0.5 + 0.5 * s) * width - x - frame.pixel_offset[0], across, class % across);
+    let row = nearest((0.5 - 0.5 * t) * height - y - frame.pixel_offset[1], down, class / across);
     let [columns, rows] = [frame.size[0] as f32, frame.size[1] as f32];
     let inside = z > 0.0 && column >= 0.0 && row >= 0.0 && column < columns && row < rows;
     inside.then(|| column as u32 + row as u32 * frame.size[0])
@@ -128,5 +137,5 @@ pub fn shows(frame: &FrameParameters, seen: &Seen, p: Vec3, n: Vec3) -> bool {
     direct
         && seen.geometric.dot(n) > COSINE
         && seen.geometric.dot(apart).abs() <= HEIGHT * width
-        && apart.length() * cosine <= WIDTH * width
+        && apart.length() * cosine <= (WIDTH + frame.pattern[0].max(frame.pattern[1]) as f32) * width
 }
