@@ -59,6 +59,17 @@ pub const SLAB_SLACK: f32 = 1.000_001;
 /// box is then inside it, and triangles stay within their boxes despite the rounding of their own test.
 pub const BOX_PADDING: f32 = 1.0 / 4_194_304.0;
 
+/// Maximum padding as a fraction of the box's diagonal, so that one distant vertex does not blow up all boxes; but never
+/// less than [`BOX_PADDING`] of the box's own largest coordinate.
+const MAX_PADDING: f32 = 1.0 / 16.0;
+
+/// A box padded on every side by `padding`, within the limits of [`MAX_PADDING`].
+fn padded(lower: Vec3, upper: Vec3, padding: f32) -> (Vec3, Vec3) {
+    let own = lower.abs().max(upper.abs()).max_element() * BOX_PADDING;
+    let padding = Vec3::splat(padding.min((upper - lower).length() * MAX_PADDING).max(own));
+    (lower - padding, upper + padding)
+}
+
 /// Minimum magnitude of a direction's components; smaller ones are replaced by it with their sign. Their inverse then stays
 /// finite, and a finite number times the distance to a slab is never NaN, even with the origin in the slab's plane.
 pub const TINY_DIRECTION: f32 = 1e-30;
@@ -190,7 +201,7 @@ impl Bvh {
             min: tree.nodes[0].aabb().min.into(),
             max: tree.nodes[0].aabb().max.into(),
         };
-        let padding = Vec3::splat(padding(bvh.scale()));
+        let padding = padding(bvh.scale());
         enum Visit {
             Node(u32),
             Triangles(Vec<u32>, Aabb),
@@ -235,8 +246,9 @@ impl Bvh {
                 leaf = (bvh.v0.len() as u32) << 3 | members.len() as u32;
                 stack.push(Visit::Leave(own));
             }
-            bvh.node_min.push(with_bits(Vec3::from(bounds.min) - padding, 0));
-            bvh.node_max.push(with_bits(Vec3::from(bounds.max) + padding, leaf));
+            let (lower, upper) = padded(bounds.min.into(), bounds.max.into(), padding);
+            bvh.node_min.push(with_bits(lower, 0));
+            bvh.node_max.push(with_bits(upper, leaf));
             if leaf != 0 {
                 for member in members {
                     let [v0, e1, e2] = triangle_record(scene, triangles[member as usize]);
@@ -245,6 +257,17 @@ impl Bvh {
                     bvh.e2.push(e2);
                 }
             }
+        }
+        // The boxes of inner nodes hold those of their children, which come after them.
+        for i in (0..bvh.node_min.len()).rev() {
+            if bvh.node_max[i][3].to_bits() != 0 {
+                continue;
+            }
+            let (a, b) = (i + 1, bvh.node_min[i + 1][3].to_bits() as usize);
+            let lower = xyz(&bvh.node_min[a]).min(xyz(&bvh.node_min[b]));
+            let upper = xyz(&bvh.node_max[a]).max(xyz(&bvh.node_max[b]));
+            bvh.node_min[i][..3].copy_from_slice(&lower.to_array());
+            bvh.node_max[i][..3].copy_from_slice(&upper.to_array());
         }
         bvh
     }
@@ -259,9 +282,17 @@ impl Bvh {
         self.v0.len() as u32
     }
 
-    /// Largest absolute coordinate: the rounding of positions scales with it; for [`offset_origin`].
+    /// Largest absolute coordinate: the rounding of boxes scales with it.
     pub fn scale(&self) -> f32 {
         self.min.abs().max(self.max.abs()).max_element()
+    }
+
+    /// Largest absolute coordinate of the median triangle: the scale of positions that no view shows, for
+    /// [`offset_origin`].
+    pub fn typical_scale(&self) -> f32 {
+        let mut scales: Vec<f32> = self.v0.iter().map(|v0| xyz(v0).abs().max_element()).collect();
+        let middle = scales.len() / 2;
+        *scales.select_nth_unstable_by(middle, f32::total_cmp).1
     }
 
     /// Length of the bounding box's diagonal.
@@ -490,10 +521,12 @@ pub fn meets_box(origin: Vec3, inverse: Vec3, t_max: f32, lower: Vec3, upper: Ve
 
 /// Offsets a point on a surface to the side of the unit normal `n`, far enough that a ray from it does not meet the
 /// surface again (Waechter and Binder 2019): by 256 ulp of each coordinate, and near 0, where ulps vanish but the
-/// rounding of the other coordinates does not, by a fixed fraction of the scene's largest coordinate `scale`.
+/// rounding of the other coordinates does not, by a fixed fraction of the largest coordinate: that of the point or
+/// `scale`, whichever is larger. `scale`: see [`crate::extent::Extent::scale`].
 ///
-/// Differs from the publication in that both constants for small coordinates are multiplied by `scale`.
+/// Differs from the publication in that both constants for small coordinates are multiplied by that coordinate.
 pub fn offset_origin(p: Vec3, n: Vec3, scale: f32) -> Vec3 {
+    let scale = scale.max(p.abs().max_element());
     let component = |p: f32, n: f32| {
         if p.abs() < scale * (1.0 / 32.0) {
             return p + n * (scale * (1.0 / 65536.0));

@@ -144,7 +144,7 @@ fn workload(bvh: &Bvh, camera: &Camera) -> Workload {
             let Some(hit) = bvh.closest(&Ray::new(camera.eye, direction)) else { continue };
             let n = bvh.normal(hit.triangle);
             let n = if n.dot(direction) > 0.0 { -n } else { n };
-            workload.receivers.push(offset_origin(bvh.position(&hit), n, bvh.scale()));
+            workload.receivers.push(offset_origin(bvh.position(&hit), n, bvh.typical_scale()));
             workload.normals.push(n);
         }
     }

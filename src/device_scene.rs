@@ -226,7 +226,7 @@ impl DeviceScene {
             texels: staging.stage(context, "scene texels", &texels)?,
             emitter_records: staging.stage(context, "scene emitters", &emitters.records())?,
             sobol_columns: staging.stage(context, "columns of Sobol'", &sobol::column_pairs())?,
-            delta: delta_lights(scene, bvh.scale()),
+            delta: delta_lights(scene, bvh.typical_scale()),
             specular: SpecularFeatures::of(scene, &reflectors),
             mean_reflectivity: scene.mean_reflectivity(),
             textured: !scene.textures.is_empty(),

@@ -21,6 +21,7 @@
 //! | [`superposition`] | tables for glossy reflections by convolution: kernels and directional reflectance |
 //! | [`device_scene`] | the scene on the device; outlives frames, settings and sizes |
 //! | [`view`] | where light is wanted: a camera, a region of its image, an atlas of texels |
+//! | [`extent`] | the extent of what a view shows, from which all default lengths derive |
 //! | [`film`] | exact sums over passes, on the device and on the host; merging, means |
 //! | [`plan`] | all that follows from scene, settings and view; the parameters of each pass |
 //! | [`pass`] | the GPU passes, one file each with its CPU oracle; its shaders begin with the same stem |
@@ -112,6 +113,7 @@
 
 // Used everywhere.
 pub mod error;
+pub mod extent;
 pub mod settings;
 
 // The scene as data.

@@ -7,10 +7,9 @@ pub use parameters::MIN_LIGHT_ALPHA;
 
 use std::borrow::Cow;
 
-use glam::Vec3;
-
 use crate::device_scene::{DeviceScene, SpecularFeatures};
 use crate::error::{Error, Result};
+use crate::extent::Extent;
 use crate::gpu::Resources;
 use crate::pass::Kit;
 use crate::pass::delta_choice::{Candidates, MAX_CANDIDATES};
@@ -193,20 +192,20 @@ impl PhotonPlan {
         (budget.saturating_sub(10) / 11).max(1)
     }
 
-    /// Radius of the look-up in a scene of this diagonal, unless `photon_radius` sets it: sqrt(N) radii make a quarter
-    /// of the diagonal, so that caustics a tenth of the scene wide have some 20 photons in a look-up.
-    fn radius(&self, settings: &Settings, diagonal: f32) -> f32 {
-        settings.photon_radius.unwrap_or(0.25 * diagonal / (self.each as f32).sqrt().max(5.0))
+    /// Radius of the look-up for a view of this size ([`Extent::size`]), unless `photon_radius` sets it: sqrt(N) radii
+    /// make a quarter of the size, so that caustics a tenth of it wide have some 20 photons in a look-up.
+    fn radius(&self, settings: &Settings, size: f32) -> f32 {
+        settings.photon_radius.unwrap_or(0.25 * size / (self.each as f32).sqrt().max(5.0))
     }
 
     /// [`layout::FrameParameters::photons`] and [`layout::FrameParameters::photon`] for pass number `local` of its instance.
-    fn parameters(&self, settings: &Settings, diagonal: f32, local: u32) -> Result<([u32; 4], [f32; 4])> {
+    fn parameters(&self, settings: &Settings, size: f32, local: u32) -> Result<([u32; 4], [f32; 4])> {
         let total = self.total();
         let first = local.checked_mul(total).filter(|f| f.checked_add(total).is_some()).ok_or(Error::Setting {
             name: "--passes",
             message: format!("pass {local} of {total} photons leaves the 2^32 points of the sequence"),
         })?;
-        let radius = self.radius(settings, diagonal);
+        let radius = self.radius(settings, size);
         let share = 1.0 / (std::f64::consts::PI * f64::from(radius) * f64::from(radius) * f64::from(self.each));
         let integers = [self.each, first, self.targets, (1 << self.bucket_bits()) - 1];
         Ok((integers, [radius, 0.5 / radius, share as f32, 0.0]))
@@ -322,12 +321,10 @@ pub struct SceneSize {
     pub nodes: u32,
     /// Emitters.
     pub emitters: u32,
-    /// Corners of the bounding box.
-    pub bounds: (Vec3, Vec3),
     /// Diagonal of the bounding box.
     pub diagonal: f32,
-    /// Maximum coordinate, by magnitude.
-    pub coordinate_scale: f32,
+    /// What the view shows.
+    pub extent: Extent,
 }
 
 /// Derives the plan of a rendering. Errors: settings or view out of range, or beyond what the scene supports.
@@ -357,9 +354,8 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
         scene: SceneSize {
             nodes: scene.bvh.node_count(),
             emitters: scene.emitters.list.len() as u32,
-            bounds: (scene.bvh.min, scene.bvh.max),
             diagonal: scene.bvh.diagonal(),
-            coordinate_scale: scene.bvh.scale(),
+            extent: Extent::of(&scene.bvh, view),
         },
     })
 }

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 pub enum Clip {
     /// In scene units.
     Distance(f32),
-    /// As a fraction of the diagonal of the scene's bounding box.
+    /// As a fraction of the size of what the view shows ([`crate::extent::Extent::size`]): in a room its diagonal, about.
     Fraction(f32),
 }
 
@@ -220,8 +220,8 @@ pub struct Settings {
     /// smoother caustics from each pass; the cost of a pass is linear in their number, and in those near a pixel. No cost in
     /// scenes without mirrors and glass.
     pub photons: u32,
-    /// Radius of the photon density estimate, in scene units. Default `None`: a quarter of the scene's diagonal over
-    /// sqrt(photons), at most 0.05 of the diagonal. Larger: less noise, more blur, and more photons to visit. More passes do
+    /// Radius of the photon density estimate, in scene units. Default `None`: a quarter of the size of what the view shows over
+    /// sqrt(photons), at most 0.05 of that size. Larger: less noise, more blur, and more photons to visit. More passes do
     /// not remove the blur.
     pub photon_radius: Option<f32>,
     /// Mirror images on glossy planes. Default `None`. Costs one ray for each pixel that shows such a plane, the lighting of its
@@ -236,7 +236,7 @@ pub struct Settings {
     /// light after a planar mirror comes from photons only; 0 to 1024. More: less noise; each costs two rays per pixel. Photons
     /// omit the paths that mirrored lights cover. No cost in scenes without planar mirrors, or if `max_depth` is below 3.
     pub mirror_lights: u32,
-    /// Clipping distance. Default 0.1 of the scene's diagonal.
+    /// Clipping distance. Default 0.1 of the size of what the view shows.
     pub clip: Clip,
     /// Restores the light that clipping cuts off. Default `Exact`; interactive: `Near`.
     pub compensation: Compensation,

@@ -84,8 +84,10 @@ fn basis(n: vec3<f32>) -> array<vec3<f32>, 2> {
     return array<vec3<f32>, 2>(vec3<f32>(1.0 + s * n.x * n.x * a, s * b, -s * n.x), vec3<f32>(b, s + n.y * n.y * a, -n.y));
 }
 
-// Moves a point off a surface to the side of n (Waechter and Binder 2019); the constants for small coordinates scale with the scene.
-fn offset_origin(p: vec3<f32>, n: vec3<f32>, scale: f32) -> vec3<f32> {
+// Moves a point off a surface to the side of n (Waechter and Binder 2019); the constants for small coordinates scale with the largest
+// coordinate, of the point or `at_least`.
+fn offset_origin(p: vec3<f32>, n: vec3<f32>, at_least: f32) -> vec3<f32> {
+    let scale = max(at_least, max(abs(p.x), max(abs(p.y), abs(p.z))));
     let ulps = vec3<i32>(256.0 * n);
     let bits = bitcast<vec3<i32>>(p) + select(ulps, -ulps, p < vec3<f32>(0.0));
     let near_zero = p + n * (scale * (1.0 / 65536.0));

@@ -26,7 +26,7 @@ use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
 use super::wide::{self, WIDTH, WideBvh};
-use super::{BOX_PADDING, Bvh, triangle_record, with_bits, xyz};
+use super::{BOX_PADDING, Bvh, padded, triangle_record, with_bits, xyz};
 use crate::error::{Error, Result};
 use crate::scene::Scene;
 
@@ -472,7 +472,6 @@ impl Subtree {
 
     /// Refits the boxes of the nodes to the present positions of the triangles.
     fn refit(&mut self, bvh: &Bvh, scene: &Scene, padding: f32) {
-        let padding = Vec3::splat(padding);
         // Children come after their parents.
         for i in (0..self.node_min.len()).rev() {
             let leaf = self.node_max[i][3].to_bits();
@@ -487,7 +486,7 @@ impl Subtree {
                 });
                 let (lower, upper) =
                     corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
-                (lower - padding, upper + padding)
+                padded(lower, upper, padding)
             };
             self.node_min[i][..3].copy_from_slice(&lower.to_array());
             self.node_max[i][..3].copy_from_slice(&upper.to_array());

@@ -110,7 +110,7 @@ impl DeviceScene {
         }
         self.mean_reflectivity = mean_reflectivity;
         if other_delta {
-            let delta = delta_lights(scene, self.bvh.scale());
+            let delta = delta_lights(scene, self.bvh.typical_scale());
             let parallel = |light: &PointLight| light.flags() & PointLight::DIRECTIONAL;
             replaced |= !delta.iter().map(parallel).eq(self.delta.iter().map(parallel));
             self.delta = delta;

@@ -13,7 +13,7 @@
 //! Point, spot, directional and virtual lights are *delta* lights: they start particles for indirect light, but for direct
 //! light a renderer evaluates each of them exactly once instead of their particles' first vertices.
 
-use crate::accel::{Bvh, unit_normal};
+use crate::accel::unit_normal;
 use crate::bsdf::{basis, mean, sample_diffuse};
 use crate::error::{Error, Result};
 use crate::sampling::ONE_MINUS_EPSILON;
@@ -459,11 +459,6 @@ fn of_light(scene: &Scene, light: &Light) -> Emitter {
 fn bounds(scene: &Scene) -> (Vec3, Vec3) {
     let corners = scene.triangles.iter().flat_map(|t| t.vertices).map(|v| scene.positions[v as usize]);
     corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
-}
-
-/// Largest absolute coordinate that a ray of the renderer may start from: for [`crate::accel::offset_origin`].
-pub fn scale(bvh: &Bvh, emitters: &Emitters) -> f32 {
-    emitters.list.iter().fold(bvh.scale(), |s, e| s.max(e.p0.abs().max_element()))
 }
 
 #[cfg(test)]

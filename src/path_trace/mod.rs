@@ -17,7 +17,7 @@ use crate::accel::{Bvh, Ray, offset_origin};
 use crate::bsdf::Reflectance;
 use crate::bsdf::ideal::{BsdfSample, Media, frost, specular_samples};
 use crate::error::{Error, Result};
-use crate::light::emitters::{self, Emitter, Emitters, Kind, NO_EMITTER};
+use crate::light::emitters::{Emitter, Emitters, Kind, NO_EMITTER};
 use crate::sampling::dimensions::PIXEL;
 use crate::sampling::random::{hash, key, random_f32};
 use crate::scene::{Camera, Scene};
@@ -182,7 +182,7 @@ impl<'a> Tracer<'a> {
     /// Applies the options for path lengths and specular paths.
     pub fn new(scene: &'a Scene, bvh: &'a Bvh, emitters: &'a Emitters, options: &Options) -> Tracer<'a> {
         let Options { max_depth, max_specular, specular_paths, .. } = *options;
-        let scale = emitters::scale(bvh, emitters);
+        let scale = bvh.typical_scale();
         Tracer { scene, bvh, emitters, scale, max_depth, max_specular, specular_paths }
     }
 

@@ -39,7 +39,8 @@ impl Plan {
         let [width, height] = self.view.size();
         let whole = self.view.within();
         let lookout = Lookout::of(&self.view);
-        let clip = s.clip_distance(self.scene.diagonal);
+        let extent = &self.scene.extent;
+        let clip = s.clip_distance(extent.size);
 
         let start = hash(key(instance_key, WINDOW, 0, 0));
         let turn = match s.sequence {
@@ -67,7 +68,7 @@ impl Plan {
             | bit(s.sequence == Sequence::Sobol, layout::FrameParameters::SOBOL);
         let offset = pixel_offset(instance_key, local);
         let (photons, photon) = match self.photons {
-            Some(plan) => plan.parameters(s, self.scene.diagonal, local)?,
+            Some(plan) => plan.parameters(s, extent.size, local)?,
             None => ([0; 4], [0.0; 4]),
         };
         let superposition = match s.superposition.filter(|_| self.eye.mirrors) {
@@ -75,10 +76,9 @@ impl Plan {
             None => [0; 4],
         };
         let xyzw = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
-        let (lowest, highest) = self.scene.bounds;
-        let coordinate_scale = self.scene.coordinate_scale.max(lookout.eye.abs().max_element());
+        let (lowest, highest) = extent.bounds;
         Ok(layout::FrameParameters {
-            eye: xyzw(lookout.eye, coordinate_scale),
+            eye: xyzw(lookout.eye, extent.scale),
             right: xyzw(lookout.right, clip * clip),
             up: xyzw(lookout.up, clip),
             forward: xyzw(lookout.forward, 4.0 * self.scene.diagonal),

@@ -516,7 +516,7 @@ pub struct RenderDefaults {
     pub superposition: Option<Spread>,
     /// Clipping distance in scene units.
     pub clip: Option<f32>,
-    /// Clipping distance as a fraction of the scene's diagonal.
+    /// Clipping distance as a fraction of the size of what the view shows.
     pub clip_fraction: Option<f32>,
     /// Gather the light that clipping cuts off.
     pub compensation: Option<CompensationKey>,

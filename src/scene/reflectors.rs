@@ -20,10 +20,13 @@ const MIN_F0: f32 = 0.02;
 /// Minimum area as a fraction of the area of all triangles.
 const MIN_AREA: f64 = 2e-4;
 
+/// The area of all triangles counts as no more than this multiple of the area of all flat reflectors.
+const MAX_SHARE: f64 = 1e3;
+
 /// Normals of one plane differ by no more than this in each coordinate.
 const SAME_NORMAL: f32 = 1e-3;
 
-/// Distances of one plane from the origin differ by no more than this fraction of the scene's diagonal.
+/// Distances of one plane from the origin differ by no more than this fraction of the diagonal of its faces' box.
 const SAME_OFFSET: f32 = 1e-4;
 
 /// Coplanar triangles of one mirror, glossy or frosted material.
@@ -103,10 +106,17 @@ impl Scene {
         }
 
         let total: f64 = (0..self.triangles.len()).map(|i| f64::from(self.triangle_area(i))).sum();
-        let apart = SAME_OFFSET * self.diagonal();
+        let flat: f64 =
+            parallel.iter().flat_map(|p| &p.members).map(|&(_, i)| f64::from(self.triangle_area(i as usize))).sum();
+        // A ground plane as wide as the horizon must not make all others too small.
+        let total = total.min(MAX_SHARE * flat);
         let mut found = Vec::new();
         for Parallel { material, normal, mut members } in parallel {
             members.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            let corners = members.iter().flat_map(|&(_, i)| self.triangle_positions(i as usize));
+            let (low, high) =
+                corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
+            let apart = SAME_OFFSET * (high - low).length();
             for plane in members.chunk_by(|a, b| b.0 - a.0 <= apart) {
                 let triangles: Vec<u32> = plane.iter().map(|&(_, i)| i).collect();
                 let area: f64 = triangles.iter().map(|&i| f64::from(self.triangle_area(i as usize))).sum();

@@ -236,7 +236,7 @@ pub struct Light {
     /// Lower: bright blotches that take more passes to vanish; 0 clips nothing.
     #[arg(long, value_name = "D", allow_negative_numbers = true, value_parser = distance, conflicts_with = "clip_fraction")]
     pub clip: Option<f32>,
-    /// Clipping distance as a fraction of the diagonal of the scene's bounding box [default: the scene's, or 0.1].
+    /// Clipping distance as a fraction of the size of what the camera sees: in a room its diagonal, about [default: the scene's, or 0.1].
     #[arg(long, value_name = "F", allow_negative_numbers = true, value_parser = distance)]
     pub clip_fraction: Option<f32>,
     /// How to restore the light that clipping cuts off [default: the scene's, or exact; with --preset interactive: near].
