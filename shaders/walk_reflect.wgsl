@@ -33,9 +33,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 
     // Flux is deposited by the geometric cosine and reflected by the shading one (Veach 1997, 5.3).
     let skew = min(dot(s.shading, d) / min(dot(s.geometric, d), -1e-7), 4.0);
-    let arriving = flux[particle].xyz * select(0.0, skew, found);
+    let carried = flux[particle];
+    let arriving = carried.xyz * select(0.0, skew, found);
 
-    let share = bitcast<f32>(depth.z);
+    // Paths over mirrors and glass may be too long for the light: from the eye over a point that is lit.
+    let fits = f32(j) + carried.w + 2.0 <= f32(frame.scene.z);
+    let share = select(0.0, bitcast<f32>(depth.z), fits);
     let glossy = r.f90 > 0.0;
     let flags = LIGHT_SURFACE | LIGHT_CLIPPED | select(0u, LIGHT_GLOSSY, glossy);
     let position = offset_origin(s.position, s.geometric, frame.eye.w);
@@ -57,7 +60,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let cos_shading = dot(next.wi, s.shading);
     let flies = found && particle < depth.w * frame.pattern.z && cos_geometric > 0.0 && cos_shading > 0.0;
     let leave = min(cos_geometric / max(cos_shading, 1e-7), 4.0);
-    flux[particle] = vec4<f32>(select(vec3<f32>(0.0), arriving * next.weight * leave, flies), 0.0);
+    flux[particle] = vec4<f32>(select(vec3<f32>(0.0), arriving * next.weight * leave, flies), carried.w);
     ray_origin[particle] = vec4<f32>(position, select(0.0, 3.0e38, flies));
     ray_direction[particle] = vec4<f32>(next.wi, 0.0);
 }

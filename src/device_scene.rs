@@ -47,6 +47,8 @@ pub struct DeviceScene {
     pub bvh: Bvh,
     /// The emitters.
     pub emitters: Emitters,
+    /// Whether imported lights hold all light, reflected light included: no particle starts from them.
+    pub lights_are_complete: bool,
     /// Lights without area, each used once a pass or chosen from.
     pub delta: Vec<PointLight>,
     /// Targets of photons.
@@ -238,6 +240,7 @@ impl DeviceScene {
             mirror_buffers: None,
             tables: None,
             emitters,
+            lights_are_complete: !scene.emitters_are_lights,
             bvh,
         };
         device_scene.update_targets(context, staging, scene)?;

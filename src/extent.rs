@@ -28,11 +28,12 @@ const OUTLIERS: f64 = 0.02;
 /// Lengths of what a view shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent {
-    /// 2.6 times the median length of rays by the cosine law between the surfaces: the diagonal of a room as high as wide.
+    /// 2.6 times the median length of rays by the cosine law between the surfaces, rounded up to a step of 2^(1/4): about
+    /// the diagonal of a room.
     pub size: f32,
     /// Corners of a box around the surfaces, without the 2 % of the points farthest out along each axis.
     pub bounds: (Vec3, Vec3),
-    /// Largest coordinate of the box, by magnitude; positions are rounded to its ulp.
+    /// Largest coordinate of the box, by magnitude, rounded up likewise; positions are rounded to its ulp.
     pub scale: f32,
 }
 
@@ -81,8 +82,14 @@ impl Extent {
         let [x, y, z] = [0, 1, 2].map(along);
         let bounds = (Vec3::new(x.0, y.0, z.0), Vec3::new(x.1, y.1, z.1));
         let scale = bounds.0.abs().max(bounds.1.abs()).max_element();
-        Extent { size: DIAGONAL * lengths[lengths.len() / 2], bounds, scale }
+        Extent { size: in_steps(DIAGONAL * lengths[lengths.len() / 2]), bounds, scale: in_steps(scale) }
     }
+}
+
+/// A length rounded up to a step of 2^(1/4), so that it mostly stays the same while something moves.
+fn in_steps(length: f32) -> f32 {
+    let exponent = (4.0 * f64::from(length.max(f32::MIN_POSITIVE)).log2()).ceil() * 0.25;
+    exponent.exp2() as f32
 }
 
 /// Points that a camera sees, and their normals on its side.
@@ -115,4 +122,64 @@ fn texels(bvh: &Bvh, atlas: &Atlas) -> Vec<(Vec3, Vec3)> {
             Some((bvh.position(&hit), bvh.normal(triangle)))
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Scene, builtin};
+
+    /// A room with its camera.
+    fn room() -> (Scene, Camera) {
+        let scene = builtin::room(2_000);
+        let camera = scene.camera.unwrap();
+        (scene, camera)
+    }
+
+    #[test]
+    fn the_size_is_about_the_diagonal_of_a_room() {
+        let (scene, camera) = room();
+        let bvh = Bvh::build(&scene).unwrap();
+        let extent = Extent::of_camera(&bvh, &camera);
+        let ratio = extent.size / bvh.diagonal();
+        assert!((0.4..1.3).contains(&ratio), "{ratio} of the diagonal");
+        assert!(extent.scale <= 1.2 * bvh.scale() && extent.scale > 0.5 * bvh.scale(), "{extent:?}");
+    }
+
+    #[test]
+    fn a_plane_beyond_the_walls_changes_nothing() {
+        let (mut scene, camera) = room();
+        let alone = Extent::of_camera(&Bvh::build(&scene).unwrap(), &camera);
+        let (low, _) = scene.bounds();
+        let first = scene.positions.len() as u32;
+        let far = 2e6;
+        let y = low.y - 1.0;
+        scene.positions.extend([[-far, -far], [far, -far], [far, far], [-far, far]].map(|[x, z]| Vec3::new(x, y, z)));
+        for vertices in [[0, 2, 1], [0, 3, 2]] {
+            let mut triangle = scene.triangles[0];
+            triangle.vertices = vertices.map(|v| first + v);
+            scene.triangles.push(triangle);
+        }
+        scene.normals.resize(scene.positions.len(), Vec3::Y);
+        let bvh = Bvh::build(&scene).unwrap();
+        assert!(bvh.diagonal() > 1e6);
+        assert_eq!(Extent::of_camera(&bvh, &camera), alone);
+    }
+
+    #[test]
+    fn a_view_of_nothing_has_the_extent_of_the_scene() {
+        let (scene, camera) = room();
+        let bvh = Bvh::build(&scene).unwrap();
+        let away = Camera { eye: bvh.max * 3.0, target: bvh.max * 4.0, ..camera };
+        let extent = Extent::of_camera(&bvh, &away);
+        assert_eq!((extent.size, extent.bounds), (bvh.diagonal(), (bvh.min, bvh.max)));
+    }
+
+    #[test]
+    fn steps_are_rounded_up() {
+        for (length, expected) in [(1.0, 1.0), (1.01, 2f32.powf(0.25)), (0.5, 0.5), (1e-30, 1e-30)] {
+            let ratio = in_steps(length) / expected;
+            assert!((0.999..1.19).contains(&ratio), "{length}: {ratio}");
+        }
+    }
 }

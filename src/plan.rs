@@ -340,7 +340,10 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
             ),
         });
     }
-    let lights = LightPlan::new(settings, scene.mean_reflectivity, scene.delta.len() as u32);
+    let mut lights = LightPlan::new(settings, scene.mean_reflectivity, scene.delta.len() as u32);
+    if scene.lights_are_complete {
+        lights.survivors.clear();
+    }
     let eye = EyePlan::new(settings, scene.specular, view);
     check_slots(settings, scene.specular, view)?;
     Ok(Plan {
@@ -413,6 +416,12 @@ impl Plan {
         let settings = &self.settings;
         let near = settings.compensation == Compensation::Near && self.view.camera().is_some();
         near && settings.clips() && self.lights_points()
+    }
+
+    /// Maximum number of mirrors and glass that a particle passes before its j-th reflection.
+    pub fn walk_steps(&self, scene: &DeviceScene, j: u32) -> u32 {
+        let allowed = (self.settings.max_depth - 2).saturating_sub(j);
+        if scene.specular.any { allowed.min(self.settings.max_specular) } else { 0 }
     }
 
     /// Whether lights light the visible points.

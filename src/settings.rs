@@ -216,7 +216,7 @@ pub struct Settings {
     /// with half the memory and time for such pixels, but noise. No cost in scenes without such surfaces.
     pub split: bool,
     /// Caustic photons (Wald et al. 2002, 4.1) for each class of pixels and pass, shot from the lights at mirrors and
-    /// glass and stored where they arrive. Default 0: no caustics; at most 2^20 over all classes. More:
+    /// glass and stored where they arrive. Default 2000; 0: no caustics; at most 2^20 over all classes. More:
     /// smoother caustics from each pass; the cost of a pass is linear in their number, and in those near a pixel. No cost in
     /// scenes without mirrors and glass.
     pub photons: u32,
@@ -294,7 +294,7 @@ impl Default for Settings {
             max_depth: 5,
             max_specular: 8,
             split: true,
-            photons: 0,
+            photons: 2000,
             photon_radius: None,
             superposition: None,
             summands: false,

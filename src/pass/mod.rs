@@ -44,6 +44,7 @@ pub mod surface;
 pub mod tiles;
 pub mod trace;
 pub mod visibility;
+pub mod walk_follow;
 pub mod walk_reflect;
 pub mod walk_start;
 

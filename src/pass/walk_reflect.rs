@@ -7,8 +7,8 @@
 //! Differs from the paper in that: figure 6 multiplies by N / floor(rho^j N) at every reflection, although the text's
 //! factor is the ratio to the N that started, so each light here is divided by N_j once; surfaces may be glossy; and
 //! the adjoint of shading normals is accounted for (Veach 1997, 5.3). Lobes of lights are widened
-//! ([`crate::plan::MIN_LIGHT_ALPHA`]) and centred on the geometric normal. Ideal reflection and transmission are left
-//! out: particles see only the diffuse base of a mirror, and end at glass. Cost: that of `eye_points`, and some 200
+//! ([`crate::plan::MIN_LIGHT_ALPHA`]) and centred on the geometric normal. Ideal reflection and transmission come before
+//! (`walk_follow`). Cost: that of `eye_points`, and some 200
 //! operations, a particle.
 
 use super::layout::{self, PointLight};
@@ -41,11 +41,12 @@ impl WalkReflect {
     }
 }
 
-/// Oracle: light, next ray and flux of a particle of flux `flux` that travels in direction `d` and hits `surface`.
+/// Oracle: light, next ray and flux of a particle of flux `flux` that travels in direction `d` and hits `surface`, after
+/// `specular` mirrors and glass.
 pub fn reference(
     frame: &layout::FrameParameters,
     j: usize,
-    particle: u32,
+    (particle, specular): (u32, u32),
     d: Vec3,
     flux: Vec3,
     surface: Option<&SurfacePoint>,
@@ -55,7 +56,8 @@ pub fn reference(
     let Some(s) = surface else { return nothing };
     let r = &s.reflectance;
     let arriving = flux * (s.shading.dot(d) / s.geometric.dot(d).min(-1e-7)).min(4.0);
-    let share = f32::from_bits(frame.depths[j][2]);
+    let fits = j as u32 + specular + 2 <= frame.scene[2];
+    let share = if fits { f32::from_bits(frame.depths[j][2]) } else { 0.0 };
     let origin = offset_origin(s.position, s.geometric, frame.eye[3]);
     let glossy = if r.f90 > 0.0 { PointLight::GLOSSY } else { 0 };
     let light = PointLight {

@@ -183,6 +183,8 @@ impl<'a> Tracer<'a> {
     pub fn new(scene: &'a Scene, bvh: &'a Bvh, emitters: &'a Emitters, options: &Options) -> Tracer<'a> {
         let Options { max_depth, max_specular, specular_paths, .. } = *options;
         let scale = bvh.typical_scale();
+        // Imported lights include reflected light.
+        let max_depth = if scene.emitters_are_lights { max_depth } else { max_depth.min(2) };
         Tracer { scene, bvh, emitters, scale, max_depth, max_specular, specular_paths }
     }
 

@@ -31,6 +31,7 @@
 //! | [`MIRROR`]  | offset of the choice of lights and mirrors: 0, 0       |
 //! | [`PHOTON`]  | Cranley-Patterson rotation of the photons: dimension, 0   |
 //! | [`PHOTON_SIDE`] | side of a two-sided emitter: photon, 0                |
+//! | [`WALK_COMPONENT`] | transmission, reflection or base: particle, reflection and mirrors and glass so far |
 //! | [`PHOTON_COMPONENT`] | transmission or reflection: photon, mirrors and glass so far |
 
 use super::halton::PRIMES;
@@ -76,6 +77,8 @@ pub const REPLICA: u32 = 11;
 pub const DELTA: u32 = 12;
 /// Stream: offset of the choice of lights and mirrors.
 pub const MIRROR: u32 = 13;
+/// Stream: component that a particle takes at a mirror or glass.
+pub const WALK_COMPONENT: u32 = 14;
 /// Stream: rotation of the photons' sequence.
 pub const PHOTON: u32 = 20;
 /// Stream: side of a two-sided emitter that a photon leaves.

@@ -57,8 +57,9 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Lights that are not emissive triangles.
     pub lights: Vec<Light>,
-    /// Whether emissive triangles light the scene. False in a file written by [`export_lights`]: its virtual lights
-    /// already include that light, and the emissive triangles are only visible.
+    /// Whether emissive triangles light the scene. False in a file written by [`export_lights`]: its virtual lights hold
+    /// all light, also that of the emissive triangles, which are only visible, and all reflected light, so that no particle
+    /// starts from them.
     pub emitters_are_lights: bool,
     /// Camera of the file, if it has one.
     pub camera: Option<Camera>,

@@ -5,10 +5,12 @@ use crate::device_scene::DeviceScene;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Recorder, Staging};
 use crate::pass::layout::{PointLight, Step};
+use crate::pass::schedule::Schedule;
 use crate::pass::trace::Trace;
+use crate::pass::walk_follow::{self, WalkFollow};
 use crate::pass::walk_reflect::WalkReflect;
 use crate::pass::walk_start::WalkStart;
-use crate::pass::{Kit, Rays};
+use crate::pass::{Kit, List, Rays};
 use crate::plan::{Plan, StepTable, trace_steps};
 
 /// The stage.
@@ -17,17 +19,39 @@ pub struct Walk {
     pub lights: Buffer,
     /// Rays of the particles.
     pub particles: Rays,
-    /// Flux of each particle.
+    /// Flux of each particle; w: mirrors and glass on its path.
     pub flux: Buffer,
+    /// Glass media around each particle.
+    pub media: Buffer,
     counts: Counts,
     start: WalkStart,
     trace: Trace,
     reflect: WalkReflect,
-    /// For the reflections j = 1, 2, ...: the rounds of the rays up to it, and its step.
-    reflections: Vec<(Vec<u32>, u32)>,
+    /// For the reflections j = 1, 2, ...
+    reflections: Vec<Reflection>,
+    list_step: u32,
+    list_rounds: Vec<u32>,
     particle_count: u32,
     classes: u32,
     slots: u32,
+}
+
+/// A reflection and what comes before it.
+struct Reflection {
+    /// Rounds of the rays up to it.
+    rounds: Vec<u32>,
+    /// Steps through mirrors and glass, each with its number in the table.
+    follow: Vec<(Follow, u32)>,
+    step: u32,
+}
+
+/// One step through mirrors and glass.
+struct Follow {
+    pass: WalkFollow,
+    schedule: Schedule,
+    trace: Trace,
+    /// Particles that continue.
+    list: List,
 }
 
 impl Walk {
@@ -37,14 +61,22 @@ impl Walk {
         let particle_count = settings.particles();
         let mut table = StepTable::default();
         let survivors = &plan.lights.survivors;
-        let reflections = (1..survivors.len())
+        let reflections: Vec<(Vec<u32>, Vec<u32>, u32)> = (1..survivors.len())
             .map(|j| {
                 // Ray j starts at every particle that has made j - 1 reflections and survives the next.
                 let (end, steps) = (survivors[j] * classes, trace_steps(settings.loop_budget));
                 let rays = table.add_rounds(settings.rounds, Step { end, steps, ..Step::default() });
-                (rays, table.add(Step { bounce: j as u32, ..Step::default() }))
+                let follow = (0..plan.walk_steps(scene, j as u32))
+                    .map(|i| {
+                        let clears = u32::from((i, j) == (0, 1));
+                        table.add(Step { bounce: j as u32, indirect: u32::from(i > 0), clears, ..Step::default() })
+                    })
+                    .collect();
+                (rays, follow, table.add(Step { bounce: j as u32, ..Step::default() }))
             })
             .collect();
+        let list_step = table.add_list();
+        let list_rounds = table.add_list_rounds(settings);
         let steps = table.stage(kit, "walk steps")?;
         let slots = plan.lights.slots();
         let mut of_class = plan.delta_slots(scene).into_owned();
@@ -53,15 +85,50 @@ impl Walk {
         let particles = Rays::new(kit.context, "particle", particle_count)?;
         let flux = kit.vec4s("particle flux", particle_count)?;
         let batch = batch(kit, "particles")?;
+        let follows = reflections.iter().any(|(_, follow, _)| !follow.is_empty());
+        let media = kit.vec4s("particle media", if follows { particle_count } else { 1 })?;
+        // A list is filled while the previous one is still needed, so two buffers alternate.
+        let length = if follows { particle_count } else { 1 };
+        let turns = [kit.array("particle list 0", length, 4)?, kit.array("particle list 1", length, 4)?];
+        let reflections = reflections
+            .into_iter()
+            .map(|(rounds, numbers, step)| {
+                let mut list_in = batch.clone();
+                let mut follow = Vec::new();
+                for (i, number) in numbers.into_iter().enumerate() {
+                    let list = List::new(kit, &format!("particles {i}"), &turns[i % 2])?;
+                    let inputs = walk_follow::Inputs {
+                        particles: &particles,
+                        flux: &flux,
+                        media: &media,
+                        list_in: &list_in,
+                        list_out: &list,
+                    };
+                    let made = Follow {
+                        pass: WalkFollow::new(kit, &inputs, &steps)?,
+                        schedule: Schedule::new(kit, &list.work, &steps)?,
+                        trace: Trace::new(kit, &particles, &list, &steps)?,
+                        list: list.clone(),
+                    };
+                    follow.push((made, number));
+                    list_in = list;
+                }
+                Ok(Reflection { rounds, follow, step })
+            })
+            .collect::<Result<Vec<_>>>()?;
+        let lists = reflections.iter().flat_map(|r| r.follow.iter().map(|(follow, _)| &follow.list));
         Ok(Walk {
-            counts: Counts::new(kit, classes, [&batch])?,
+            counts: Counts::new(kit, classes, lists.chain([&batch]))?,
             start: WalkStart::new(kit, emitters, &particles, [&flux, &lights], particle_count)?,
             trace: Trace::new(kit, &particles, &batch, &steps)?,
             reflect: WalkReflect::new(kit, &particles, [&flux, &lights], &steps)?,
             reflections,
+            list_step,
+            list_rounds,
             lights,
             particles,
             flux,
+            media,
             particle_count,
             classes,
             slots,
@@ -82,9 +149,33 @@ impl Walk {
 
     /// Records the j-th reflection, from one vertex to the next; j from 1.
     pub fn record_reflection(&self, rec: &mut Recorder, j: usize) -> Result<()> {
-        let Some((rounds, reflect)) = j.checked_sub(1).and_then(|i| self.reflections.get(i)) else { return Ok(()) };
-        self.trace.record(rec, rounds, Some(self.particle_count))?;
-        self.reflect.record(rec, *reflect, self.particle_count)
+        let Some(reflection) = j.checked_sub(1).and_then(|i| self.reflections.get(i)) else { return Ok(()) };
+        self.trace.record(rec, &reflection.rounds, Some(self.particle_count))?;
+        (0..reflection.follow.len()).try_for_each(|step| self.record_follow(rec, j, step))?;
+        self.reflect.record(rec, reflection.step, self.particle_count)
+    }
+
+    /// Records the rays up to the j-th reflection, without mirrors and glass.
+    pub fn record_rays(&self, rec: &mut Recorder, j: usize) -> Result<()> {
+        self.trace.record(rec, &self.reflections[j - 1].rounds, Some(self.particle_count))
+    }
+
+    /// Number of steps through mirrors and glass before the j-th reflection.
+    pub fn follow_steps(&self, j: usize) -> usize {
+        self.reflections[j - 1].follow.len()
+    }
+
+    /// Records one of them, from 0, and the rays after it.
+    pub fn record_follow(&self, rec: &mut Recorder, j: usize, step: usize) -> Result<()> {
+        let (follow, number) = &self.reflections[j - 1].follow[step];
+        follow.pass.record(rec, *number, (step == 0).then_some(self.particle_count))?;
+        follow.schedule.record(rec, self.list_step)?;
+        follow.trace.record(rec, &self.list_rounds, None)
+    }
+
+    /// Records the reflection alone.
+    pub fn record_reflect(&self, rec: &mut Recorder, j: usize) -> Result<()> {
+        self.reflect.record(rec, self.reflections[j - 1].step, self.particle_count)
     }
 }
 

@@ -2,10 +2,12 @@
 
 use glam::{Vec3, Vec4};
 use lightsum::accel::Ray;
+use lightsum::bsdf::ideal::Media;
 use lightsum::gpu::Context;
 use lightsum::light::emitters::Kind;
 use lightsum::pass::layout::PointLight;
 use lightsum::pass::surface::surface_at;
+use lightsum::pass::walk_follow::{self, Fate};
 use lightsum::pass::{walk_reflect, walk_start};
 use lightsum::scene::Scene;
 use lightsum::settings::{Sequence, Settings};
@@ -131,22 +133,79 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
     tally.finish(STRAYS);
 
     let mut lobes = [0, 0];
+    let mut followed = 0;
+    let mut media = vec![Media::default(); fluxes.len()];
     for j in 1..plan.survivors.len() {
+        let alive = (plan.survivors[j] * classes) as usize;
         rig.prefill(&[&particles.hits]);
-        rig.run(|frame, rec| frame.walk.record_reflection(rec, j));
-        let hits = rig.vec4s(&particles.hits);
+        rig.run(|frame, rec| frame.walk.record_rays(rec, j));
+        let state =
+            || [&particles.hits, &particles.origin, &particles.direction, &frame.walk.flux].map(|b| rig.vec4s(b));
+        let mut traced = Tally::new(format!("trace for reflection {j}, {what}"));
+        let mut check_trace = |[hits, origins, directions, _]: &[Vec<Vec4>; 4], who: &[usize]| {
+            for &n in who {
+                let (hit, ray) = (hit_of(hits[n]), ray_of(origins[n], directions[n]));
+                traced.check_hit(rig.bvh(), &ray, hit, || format!("particle {n}: {hit:?} of {ray:?}"));
+            }
+        };
+        let mut before = state();
+        assert_eq!((&before[1], &before[2]), (&origins, &directions), "{what}: tracing leaves rays alone");
+        assert!(
+            before[0][alive..].iter().all(|&h| untouched(h)),
+            "reflection {j}, {what}: dead particles are not traced"
+        );
+        let mut who: Vec<usize> = (0..alive).collect();
+        check_trace(&before, &who);
+        // Mirrors and glass.
+        let mut tally = Tally::new(format!("walk_follow {j}, {what}"));
+        for step in 0..frame.walk.follow_steps(j) {
+            rig.run(|frame, rec| frame.walk.record_follow(rec, j, step));
+            let after = state();
+            let mut flying = Vec::new();
+            for &n in &who {
+                let [hits, _, directions, fluxes] = &before;
+                let (flux, specular) = (fluxes[n].truncate(), fluxes[n].w as u32);
+                let d = directions[n].truncate();
+                let surface = hit_of(hits[n]).filter(|_| flux != Vec3::ZERO);
+                let surface = surface.map(|hit| surface_at(scene, rig.bvh(), &hit, d));
+                let fate = surface.map_or(Fate::Unchanged, |s| {
+                    walk_follow::reference(p, scene, (j as u32, specular), n as u32, (d, flux, media[n]), &s)
+                });
+                let ray = [1, 2, 3].map(|k| after[k][n]);
+                let holds = match fate {
+                    Fate::Unchanged => {
+                        // Bits, since those of no triangle are no number.
+                        let bits = |of: &[Vec<Vec4>; 4]| [0, 1, 2, 3].map(|k| of[k][n].to_array().map(f32::to_bits));
+                        bits(&before) == bits(&after)
+                    }
+                    Fate::Stays(flux) => close(ray[2].truncate(), flux, RELATIVE, 1e-7),
+                    Fate::Flies(expected, flux, inside) => {
+                        media[n] = inside;
+                        flying.push(n);
+                        specular + 1 == ray[2].w as u32 && same_ray(ray, &expected, flux, 1e-5)
+                    }
+                };
+                tally.check(holds, || format!("particle {n}: {ray:?} for {fate:?}"));
+                followed += usize::from(fate != Fate::Unchanged);
+            }
+            check_trace(&after, &flying);
+            (before, who) = (after, flying);
+        }
+        tally.finish(STRAYS);
+        traced.finish(STRAYS);
+        let hits;
+        [hits, origins, directions, fluxes] = before;
+
+        rig.run(|frame, rec| frame.walk.record_reflect(rec, j));
         lights = rig.get(&frame.walk.lights);
         let after = [&particles.origin, &particles.direction, &frame.walk.flux].map(|b| rig.vec4s(b));
-        let mut traced = Tally::new(format!("trace for reflection {j}, {what}"));
         let mut tally = Tally::new(format!("walk_reflect {j}, {what}"));
-        let alive = (plan.survivors[j] * classes) as usize;
         for n in 0..alive {
             let (hit, ray) = (hit_of(hits[n]), ray_of(origins[n], directions[n]));
-            traced.check_hit(rig.bvh(), &ray, hit, || format!("particle {n}: {hit:?} of {ray:?}"));
             let surface = hit.map(|hit| surface_at(scene, rig.bvh(), &hit, ray.direction));
             let flux = fluxes[n].truncate();
             let (light, next, next_flux) =
-                walk_reflect::reference(p, j, n as u32, ray.direction, flux, surface.as_ref());
+                walk_reflect::reference(p, j, (n as u32, fluxes[n].w as u32), ray.direction, flux, surface.as_ref());
             let found = &lights[slot(n, j)];
             tally.check_values(same_light(found, &light, 1e-5), &of_lights(found, &light), || {
                 format!("particle {n}: {found:?}\nfor {light:?}")
@@ -160,12 +219,11 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
                 lobes[usize::from(light.flags() & PointLight::GLOSSY != 0)] += 1;
             }
         }
-        assert!(hits[alive..].iter().all(|&h| untouched(h)), "reflection {j}, {what}: dead particles are not traced");
-        traced.finish(STRAYS);
         tally.finish(STRAYS);
         [origins, directions, fluxes] = after;
     }
     assert_eq!(rig.lost(), 0);
+    assert!(followed > 0 || fluxes.len() < 1000, "{what}: no particle met a mirror or glass");
     (kinds, lobes)
 }
 
@@ -246,10 +304,29 @@ fn walk(rig: &Rig) -> Vec<PointLight> {
         if i < plan.survivors[0] * classes {
             lights[slot(i, 0)] = light;
         }
+        let (mut media, mut specular) = (Media::default(), 0);
         for j in (1..plan.survivors.len()).take_while(|&j| i < plan.survivors[j] * classes) {
-            let hit = rig.bvh().closest(&ray);
-            let surface = hit.map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction));
-            let (light, next, next_flux) = walk_reflect::reference(p, j, i, ray.direction, flux, surface.as_ref());
+            let hit_surface =
+                |ray: &Ray| rig.bvh().closest(ray).map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction));
+            let mut surface = hit_surface(&ray);
+            for _ in 0..rig.frame().walk.follow_steps(j) {
+                let Some(s) = surface.filter(|_| flux != Vec3::ZERO) else { break };
+                let particle = (ray.direction, flux, media);
+                match walk_follow::reference(p, rig.scene, (j as u32, specular), i, particle, &s) {
+                    Fate::Unchanged => break,
+                    Fate::Stays(left) => {
+                        flux = left;
+                        break;
+                    }
+                    Fate::Flies(next, left, inside) => {
+                        (ray, flux, media) = (next, left, inside);
+                        specular += 1;
+                        surface = hit_surface(&ray);
+                    }
+                }
+            }
+            let (light, next, next_flux) =
+                walk_reflect::reference(p, j, (i, specular), ray.direction, flux, surface.as_ref());
             lights[slot(i, j)] = light;
             (ray, flux) = (next, next_flux);
         }

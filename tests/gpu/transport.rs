@@ -63,7 +63,7 @@ fn every_class_of_pixels_sees_all_the_light() {
         for pattern in [[3, 3], [2, 1], [8, 8]] {
             let scene = builtin::furnace(0.5, 2.0);
             let camera = Camera { resolution: [24, 24], ..scene.camera.unwrap() };
-            let layers = render(ctx, &scene, camera, &Settings { pattern, ..settings(32, 4) }, 16);
+            let layers = render(ctx, &scene, camera, &Settings { pattern, ..settings(32, 4) }, 24);
             for class in 0..pattern[0] * pattern[1] {
                 let of_class =
                     (0..24 * 24u32).filter(|&p| p % 24 % pattern[0] + pattern[0] * (p / 24 % pattern[1]) == class);

@@ -5,6 +5,7 @@ use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due};
 use crate::{camera, reference, say, say_aside};
 use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics};
+use lightsum::pass::layout::PointLight;
 use lightsum::scene::{self, Camera, RenderDefaults, Scene};
 use lightsum::settings::{Agreement, Clip, Compensation, Filter, Settings};
 use lightsum::standalone::{RenderOptions, Renderer};
@@ -142,6 +143,15 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
     if let Some(path) = &args.output.export_lights {
         let count = renderer.export_lights(path)?;
         say(&format!("wrote {count} virtual lights to {}", path.display()));
+        let has_lobes = renderer.lights()?.iter().any(|light| light.flags() & PointLight::GLOSSY != 0);
+        let left_out = [
+            (renderer.engine().plan().photons.is_some(), "photons"),
+            (renderer.engine().plan().mirrors.is_some(), "mirrored lights"),
+            (has_lobes, "specular lobes of the lights"),
+        ];
+        for (_, what) in left_out.iter().filter(|left_out| left_out.0) {
+            log::warn!("{}: {what} are not exported", path.display());
+        }
         if job.outputs.is_empty() && args.output.stats.is_none() {
             return Ok(());
         }
