@@ -106,7 +106,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             intensity += lobe_intensity(lights[at_light], wi, cos_light);
         }
         let cos_receiver = dot(wi, shading.xyz);
-        let lit = cos_receiver > 0.0 && dot(wi, geometric.xyz) > 0.0 && mean3(intensity) > 0.0 && r2 > 0.0;
+        let lit = cos_receiver > 0.0 && dot(wi, geometric.xyz) > 0.0 && mean3(intensity) > 0.0 && r2 > 0.0
+            && l_f0.w <= f32(step.bounces);
 #endif
 
         // Shadow ray from the shading point (t = 0) to the light (t = 1): any triangle strictly between blocks it.

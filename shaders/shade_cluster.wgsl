@@ -203,7 +203,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let nearest = max(max(d_lo, -d_hi), vec3<f32>(0.0));
         let greatest = max(l.emit.x, max(l.emit.y, l.emit.z)) / max(max(dot(nearest, nearest), clip2_of(flags)), 1e-37);
         let glossy_light = (flags & LIGHT_GLOSSY) != 0u && mean3(l.flux.xyz) > 0.0;
-        let counts = glossy_light || greatest > frame.pixel_offset.w;
+        let counts = (glossy_light || greatest > frame.pixel_offset.w) && l.f0.w <= f32(step.bounces);
         todo |= select(0u, 1u << (i & 31u), faces && reaches && counts && i < count && step.first + i >= start);
     }
 #endif

@@ -48,7 +48,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         vec4<f32>(arriving * share * r.kd * INV_PI, 1.0),
         vec4<f32>(-d, max(r.alpha, frame.pixel_offset.z)),
         vec4<f32>(arriving * share, r.f90),
-        vec4<f32>(r.f0, f32(j)),
+        vec4<f32>(r.f0, f32(j) + carried.w),
     );
 
     // The first N_(j+1) particles continue; the others end here.

@@ -516,10 +516,10 @@ mod tests {
         let plan = PhotonPlan::new(&settings, 1).unwrap();
         assert_eq!((plan.total(), plan.bucket_bits()), (12_500, 15));
         assert_eq!(PhotonPlan { each: Settings::MAX_PHOTONS, classes: 1, ..plan }.bucket_bits(), 21);
-        assert_eq!(PhotonPlan::new(&Settings::default(), 1), None);
+        assert_eq!(PhotonPlan::new(&Settings { photons: 0, ..Settings::default() }, 1), None);
         assert_eq!(PhotonPlan::new(&settings, 0), None);
         assert_eq!(PhotonPlan::new(&Settings { max_depth: 1, ..settings.clone() }, 1), None);
-        // Without a radius from the user the diagonal and the number decide.
+        // Without a radius from the user the size of the view and the number decide.
         assert!((plan.radius(&settings, 10.0) - 2.5 / 500f32.sqrt()).abs() < 1e-6);
         assert_eq!(plan.radius(&Settings { photon_radius: Some(0.3), ..settings }, 10.0), 0.3);
     }

@@ -12,7 +12,7 @@ struct PointLight {
     emit: vec4<f32>,        // radiant intensity along the normal (directional: irradiance); w: spot_offset
     wi: vec4<f32>,          // direction back along the particle's path; w: GGX alpha
     flux: vec4<f32>,        // incident flux, for the specular lobe; w: f90
-    f0: vec4<f32>,          // reflectance of the lobe at normal incidence; w: reflections so far
+    f0: vec4<f32>,          // reflectance of the lobe at normal incidence; w: bounces so far: reflections, mirrors and glass
 }
 
 const LIGHT_SURFACE: u32 = 1u;      // cosine law

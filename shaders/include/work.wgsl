@@ -26,6 +26,7 @@ struct Step {
     indirect: u32,              // 1: the shading points come from the list; 2: from one in screen order
     bounce: u32,                // reflections of a particle, this one included; mirrors and glass of a path, or gather rays, before this one
     clears: u32,                // 1: sums start at zero
+    bounces: u32,               // maximum number of bounces of a light: those with more would make paths too long
     closer: u32,                // 1: lights are clipped at a quarter of the clip distance
     split: u32,                 // distance from the slot of a pixel to that of its second component; 0: paths do not split
     mirrored_lights: u32,       // 1: planar mirrors reflect virtual lights, so photons leave them out

@@ -128,6 +128,8 @@ pub struct Step {
     pub bounce: u32,
     /// 1: sums start at zero.
     pub clears: u32,
+    /// Maximum number of bounces of a light: those with more would make paths too long.
+    pub bounces: u32,
     /// 1: lights are clipped at a quarter of the clip distance.
     pub closer: u32,
     /// Distance from the slot of a pixel to that of its second component; 0: paths do not split.
@@ -238,7 +240,7 @@ pub struct PointLight {
     pub wi: [f32; 4],
     /// Incident flux; w: f90.
     pub flux: [f32; 4],
-    /// Lobe's reflectance at normal incidence; w: reflections so far.
+    /// Lobe's reflectance at normal incidence; w: bounces so far: reflections, mirrors and glass.
     pub f0: [f32; 4],
 }
 

@@ -66,7 +66,7 @@ pub fn reference(
         emit: with(arriving * share * r.eval_diffuse(), 1.0),
         wi: with(-d, r.alpha.max(frame.pixel_offset[2])),
         flux: with(arriving * share, r.f90),
-        f0: with(r.f0, j as f32),
+        f0: with(r.f0, (j as u32 + specular) as f32),
     };
     let diffuse = random_f32(key(frame.keys[0], LOBE, particle, j as u32)) < r.diffuse_probability();
     let [u, v] = walk_numbers(frame, j + 1, particle);

@@ -47,10 +47,11 @@ pub struct Options {
 pub enum SpecularPaths {
     /// None.
     None,
-    /// From the eye to the first other surface, as the renderer does.
+    /// From the eye to the first other surface.
     Eye,
-    /// All paths: includes caustics, and light after mirrors that the renderer leaves out. After the first other surface
-    /// mirrors and glass count as segments.
+    /// As the renderer without photons and mirrored lights: from the eye to the first other surface, and beyond the second.
+    VirtualLights,
+    /// All paths. After the first other surface mirrors and glass count as segments.
     All,
 }
 
@@ -58,7 +59,7 @@ impl Options {
     fn validate(&self) -> Result<()> {
         let [width, height] = self.resolution;
         let checks = [
-            ("--resolution", width.min(height), "needs at least one pixel each sample"),
+            ("--resolution", width.min(height), "needs at least one pixel each way"),
             ("--passes", self.samples, "needs at least one sample for each pixel"),
             ("--max-depth", self.max_depth, "needs at least one segment"),
         ];
@@ -197,6 +198,8 @@ impl<'a> Tracer<'a> {
         let mut last: Option<(Vec3, f32)> = None;
         // Whether there were only ideal mirrors and glass since the eye, and their number.
         let (mut directly, mut seen_through) = (true, 0);
+        // Number of other surfaces on the path.
+        let mut reflections = 0;
         let mut media = Media::default();
         let mut segment = 1;
         while let Some(hit) = self.bvh.closest(&ray) {
@@ -206,7 +209,8 @@ impl<'a> Tracer<'a> {
             let followed = match self.specular_paths {
                 SpecularPaths::None => false,
                 SpecularPaths::Eye => directly && seen_through < self.max_specular,
-                SpecularPaths::All => !directly || seen_through < self.max_specular,
+                SpecularPaths::VirtualLights if !directly => reflections > 1,
+                SpecularPaths::VirtualLights | SpecularPaths::All => !directly || seen_through < self.max_specular,
             };
             let (sample, probability) = if followed { self.ideal(&point, &media, rng) } else { (None, 1.0) };
             beta /= probability;
@@ -238,6 +242,7 @@ impl<'a> Tracer<'a> {
                 beta *= reflectance.eval(n.shading, wi, point.wo) * (n.shading.dot(wi) / pdf);
                 last = Some((point.position, pdf));
                 directly = false;
+                reflections += 1;
                 ray = Ray::new(offset_origin(point.position, n.geometric, self.scale), wi);
             }
             if beta.max_element() <= 0.0 {

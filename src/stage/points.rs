@@ -108,7 +108,7 @@ pub(super) fn chunks(
     let reflections = (settings.max_depth as usize).checked_sub(bounce as usize + 2);
     let ranges = reflections.map_or(Vec::new(), |j| plan.lights.chunks(size, j));
     let delta = plan.delta_slots(scene);
-    ranges
+    let chunks: Vec<Chunk> = ranges
         .into_iter()
         .map(|(first, end)| {
             // Parallel light has no position.
@@ -117,7 +117,11 @@ pub(super) fn chunks(
             let lanes = lanes.filter(|_| !parallel);
             Chunk::new(table, settings, (first, end), lanes, order == PointOrder::Screen)
         })
-        .collect()
+        .collect();
+    // Mirrors and glass on the particle's path count as well.
+    let bounces = reflections.unwrap_or(0) as u32;
+    chunks.iter().flat_map(|chunk| &chunk.rounds).for_each(|&step| table.steps[step as usize].bounces = bounces);
+    chunks
 }
 
 /// Two buffers that alternate for lists of which the previous one is still needed.

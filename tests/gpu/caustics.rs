@@ -10,7 +10,7 @@ use lightsum::stage::Stage;
 use crate::references::path_traced;
 use crate::renderer::bits;
 use crate::rig::{Rig, gallery, hit_of};
-use crate::scenes::{Soup, camera, render, settings};
+use crate::scenes::{Soup, camera, mean, render, settings};
 use crate::support::gpu_test;
 
 /// A perfect mirror.
@@ -205,5 +205,55 @@ fn scenes_without_mirrors_and_glass_have_no_photons() {
         }
         // Targets are kept, so that settings may enable photons later.
         assert!(Rig::new(ctx, &scene, [8, 8], shooting(0)).frame().photons.is_none());
+    });
+}
+
+/// Light by way of mirrors and glass, from every direction: a closed room with a mirror for a wall, a ball of glass, and a
+/// lamp that shines at both.
+#[test]
+fn all_light_of_a_room_with_mirror_and_glass_is_there() {
+    gpu_test(|ctx| {
+        let mut soup = Soup::new("mirror and glass");
+        let (grey, red, lamp) = (soup.diffuse(0.6, 0.0), soup.diffuse([0.6, 0.3, 0.2], 0.0), soup.diffuse(0.0, 8.0));
+        let mirror = soup.material(Material {
+            surface: Surface::Mirror,
+            base_color: Vec3::ZERO,
+            specular: Vec3::splat(0.9),
+            ..Material::default()
+        });
+        let glass =
+            soup.material(Material { surface: Surface::Glass, base_color: Vec3::ONE, ior: 1.5, ..Material::default() });
+        soup.room(Vec3::ZERO, Vec3::splat(2.0), [grey, mirror, grey, grey, red, grey]);
+        soup.ball(Vec3::new(1.3, 0.45, 1.2), 0.4, 24, glass);
+        soup.quad(Vec3::new(0.7, 1.9, 0.7), Vec3::X * 0.6, Vec3::Z * 0.6, lamp);
+        let view = camera(Vec3::new(1.9, 1.2, 0.2), Vec3::new(0.0, 0.7, 1.6), 60.0, [24, 18]);
+        soup.0.camera = Some(view);
+        let traced = |specular_paths: SpecularPaths| {
+            let options = Options {
+                resolution: view.resolution,
+                samples: 2048,
+                max_depth: 7,
+                max_specular: 8,
+                seed: 7,
+                specular_paths,
+            };
+            mean(&path_traced(&soup.0, &view, &options)).x
+        };
+        let image = |photons: u32| {
+            let base = Settings { photons, max_depth: 7, particles: 64, ..Settings::default() };
+            mean(&render(ctx, &soup.0, view, &base, 96).color).x
+        };
+        let [eye, lights, all] = [SpecularPaths::Eye, SpecularPaths::VirtualLights, SpecularPaths::All].map(traced);
+        let (without, with) = (image(0), image(4000));
+        println!(
+            "of all light: eye paths {:.4}, and virtual lights {:.4} (rendered {:.4}), all {:.4}",
+            eye / all,
+            lights / all,
+            without / all,
+            with / all
+        );
+        assert!((without / lights - 1.0).abs() < 0.02, "without photons {without} of {lights}");
+        // Left out: light over mirrors and glass that was reflected before, straight to a visible point.
+        assert!(eye / all < 0.8 && with > without, "{eye}, {without}, {with}, {all}");
     });
 }

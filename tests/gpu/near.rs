@@ -217,10 +217,10 @@ fn every_class_sends_near_rays_as_often_as_any() {
 fn near_light_has_the_energy_of_the_exact_way() {
     gpu_test(|ctx| {
         let scene = lightsum::scene::load(std::path::Path::new("scenes/indirect-room/scene.toml")).unwrap();
-        let camera = lightsum::scene::Camera { resolution: [96, 72], ..scene.camera.unwrap() };
+        let camera = lightsum::scene::Camera { resolution: [64, 48], ..scene.camera.unwrap() };
         let energy = |compensation: Compensation| {
             let settings = Settings { compensation, filter: Some(Filter::default()), ..Settings::interactive() };
-            let image = render(ctx, &scene, camera, &settings, 96);
+            let image = render(ctx, &scene, camera, &settings, 64);
             image.color.iter().map(|c| f64::from(c.element_sum())).sum::<f64>()
         };
         let [off, near, exact] = [Compensation::Off, Compensation::Near, Compensation::Exact].map(energy);

@@ -189,7 +189,9 @@ fn check_shade(rig: &Rig, bounce: usize) {
     // Each class of pixels has its own lights.
     let lights_of = |slot: u32| {
         let first = (sort::class_of(p, slot) * plan.slots()) as usize;
-        &lights[first..first + plan.first_slot(reflections as usize + 1) as usize]
+        let all = &lights[first..first + plan.first_slot(reflections as usize + 1) as usize];
+        // Mirrors and glass on the particle's path count as well.
+        all.iter().copied().filter(|l| l.f0[3] <= reflections as f32).collect::<Vec<PointLight>>()
     };
     let found = sums(rig, out);
     let receivers = receivers(rig, targets);
@@ -197,7 +199,7 @@ fn check_shade(rig: &Rig, bounce: usize) {
     let mut tally = Tally::new(format!("shade, {}x{}, bounce {bounce}", p.size[0], p.size[1]));
     for i in 0..receivers.len() {
         if listed.binary_search(&(i as u32)).is_ok() {
-            let expected = shade::reference(rig.bvh(), &receivers[i], lights_of(i as u32), p.right[3], p.forward[3]);
+            let expected = shade::reference(rig.bvh(), &receivers[i], &lights_of(i as u32), p.right[3], p.forward[3]);
             let found = at(&found, i);
             let values = [0, 1, 2].map(|k| (found[k], expected[k]));
             tally.check_values(alike(found, expected, LOBE), &values, || {

@@ -214,7 +214,7 @@ pub struct Light {
     /// The same limit with half the memory, and faster passes, but noise on glass and on mirrors over a diffuse base.
     #[arg(long)]
     pub no_split: bool,
-    /// Caustic photons in each pass, for each class of pixels; 0: no caustics [default: the scene's, or 2000; with --preset interactive: 56].
+    /// Caustic photons in each pass, for each class of pixels; 0: no caustics [default: the scene's, or 2000 over all classes; with --preset interactive: 56].
     ///
     /// Time grows linearly; more are smoother. No cost in scenes without mirrors and glass. At most 1048576 over all classes.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_PHOTONS)))]
@@ -462,7 +462,7 @@ pub struct Reference {
     /// Samples per pixel of --reference [default: 64]. Time grows linearly, noise falls with the square root.
     #[arg(long, value_name = "N", requires = "reference", value_parser = clap::value_parser!(u32).range(1..))]
     pub spp: Option<u32>,
-    /// Paths of --reference that continue at mirrors and glass [default: eye].
+    /// Paths of --reference that continue at mirrors and glass [default: all].
     #[arg(long, value_name = "WHERE", requires = "reference")]
     pub specular_paths: Option<SpecularFlag>,
 }
@@ -472,9 +472,11 @@ pub struct Reference {
 pub enum SpecularFlag {
     /// None: glass is black, and a mirror shows only its diffuse base
     None,
-    /// Paths from the eye, as without --reference
+    /// Paths from the eye to the first other surface
     Eye,
-    /// All paths: includes caustics, and light after mirrors that the passes leave out
+    /// Also beyond the second other surface, as without --reference if there are no photons and mirrored lights
+    VirtualLights,
+    /// All paths
     All,
 }
 
@@ -483,6 +485,7 @@ impl From<SpecularFlag> for SpecularPaths {
         match flag {
             SpecularFlag::None => SpecularPaths::None,
             SpecularFlag::Eye => SpecularPaths::Eye,
+            SpecularFlag::VirtualLights => SpecularPaths::VirtualLights,
             SpecularFlag::All => SpecularPaths::All,
         }
     }

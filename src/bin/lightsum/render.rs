@@ -88,7 +88,10 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
     settings.max_depth = light.max_depth.unwrap_or(settings.max_depth);
     settings.max_specular = light.max_specular.unwrap_or(settings.max_specular);
     settings.split &= !light.no_split;
-    settings.photons = light.photons.unwrap_or(settings.photons);
+    // The default number is that of all classes together.
+    let by_default = light.preset.is_none() && render.photons.is_none();
+    let classes = if by_default { settings.classes() } else { 1 };
+    settings.photons = light.photons.unwrap_or(settings.photons.div_ceil(classes));
     settings.photon_radius = light.photon_radius.or(settings.photon_radius);
     settings.clip = light.clip.map(Clip::Distance).or(light.clip_fraction.map(Clip::Fraction)).unwrap_or(settings.clip);
     settings.compensation = match light.compensation {
