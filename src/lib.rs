@@ -52,8 +52,8 @@
 //!    camera rays where texels are lit. [`schedule`](pass::schedule) turns counts into indirect dispatches, here and everywhere.
 //! 2. [`importance`](pass::importance) estimates the contribution of each emitter to the points seen, if emitters are chosen by it.
 //! 3. [`Walk`](stage::Walk): [`walk_start`](pass::walk_start) sends particles from the emitters. For each reflection
-//!    [`trace`](pass::trace) finds their hits and [`walk_reflect`](pass::walk_reflect) leaves a light there and sends the survivors
-//!    on. [`delta_choice`](pass::delta_choice) chooses among lights without area where not all are lit.
+//!    [`trace`](pass::trace) finds their hits, [`walk_follow`](pass::walk_follow) continues those at mirrors and glass, and
+//!    [`walk_reflect`](pass::walk_reflect) leaves a light and sends the survivors on. [`delta_choice`](pass::delta_choice) chooses among lights without area where not all are lit.
 //! 4. [`Photons`](stage::Photons): [`photon_start`](pass::photon_start) shoots photons at mirrors and glass,
 //!    [`photon_follow`](pass::photon_follow) and [`trace`](pass::trace) follow them until they are stored, and
 //!    [`photon_grid`](pass::photon_grid) sorts them into a hash grid.
@@ -63,7 +63,9 @@
 //!    lights after one planar mirror.
 //! 6. [`Compensation`](stage::Compensation), bounce by bounce: [`gather`](pass::gather), [`trace`](pass::trace) and
 //!    [`gathered_points`](pass::gathered_points) follow one short ray from each point for the light that clipping cut off, [`shade`](pass::shade)
-//!    lights their hits, and [`collect`](pass::collect) brings the light back to the pixels.
+//!    lights their hits, and [`collect`](pass::collect) brings the light back to the pixels. Or
+//!    [`NearLight`](stage::NearLight), once: [`near_points`](pass::near_points) finds the pixels that show the hits, and
+//!    [`near_collect`](pass::near_collect) takes their irradiance.
 //! 7. [`discontinuity`](pass::discontinuity) averages irradiance over neighbours on one surface.
 //! 8. [`GlossyPlanes`](stage::GlossyPlanes): [`mirror_image`](pass::mirror_image) takes the image of glossy planes from the second
 //!    components, [`convolve`](pass::convolve) spreads it, and [`superpose`](pass::superpose) adds it to the planes.

@@ -323,7 +323,7 @@ pub struct SceneSize {
     pub emitters: u32,
     /// Diagonal of the bounding box.
     pub diagonal: f32,
-    /// What the view shows.
+    /// Lengths of the surfaces that the view shows.
     pub extent: Extent,
 }
 

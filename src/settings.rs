@@ -29,7 +29,7 @@ pub enum Compensation {
     /// One ray for each shading point; where the eye sees its hit, the irradiance of that pixel lights it. Slightly biased
     /// (see [`crate::pass::near_collect`]); for an atlas as `Exact`.
     Near,
-    /// Rays bounce by bounce, and their hits are lit by all lights: unbiased in the limit, and some three times slower.
+    /// Rays bounce by bounce, and their hits are lit by all lights: unbiased in the limit, and slower.
     #[default]
     Exact,
 }

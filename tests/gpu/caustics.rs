@@ -208,8 +208,7 @@ fn scenes_without_mirrors_and_glass_have_no_photons() {
     });
 }
 
-/// Light by way of mirrors and glass, from every direction: a closed room with a mirror for a wall, a ball of glass, and a
-/// lamp that shines at both.
+/// A closed room with a mirror for a wall, a ball of glass, and a lamp that shines at both.
 #[test]
 fn all_light_of_a_room_with_mirror_and_glass_is_there() {
     gpu_test(|ctx| {

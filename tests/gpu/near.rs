@@ -21,7 +21,7 @@ fn stage<'a>(rig: &'a Rig) -> &'a NearLight {
     rig.frame().near_light.as_ref().unwrap()
 }
 
-/// What the tests must have met: rays, hits that a pixel shows, hits that are lit, rays from a lobe.
+/// Counts of rays, hits that a pixel shows, hits that are lit, rays from a lobe.
 #[derive(Debug, Default)]
 struct Met {
     rays: usize,
