@@ -212,11 +212,11 @@ pub enum Surface {
     /// Lambert plus a GGX lobe.
     #[default]
     Opaque,
-    /// Lambert plus an ideal mirror instead of the lobe (MTL illum 3, 5). Eye paths follow it; particles and
-    /// gather rays see only its diffuse base.
+    /// Lambert plus an ideal mirror instead of the lobe (MTL illum 3, 5). Eye paths, particles and photons
+    /// follow it; gather rays see only its diffuse base.
     Mirror,
-    /// Smooth dielectric of index `ior`, tinted by `base_color` (MTL illum 4, 6, 7, 9). Eye paths follow it. It is
-    /// black for gather rays, absorbs particles and blocks virtual lights.
+    /// Smooth dielectric of index `ior`, tinted by `base_color` (MTL illum 4, 6, 7, 9). Eye paths, particles and
+    /// photons follow it. It is black for gather rays and blocks virtual lights.
     Glass,
 }
 

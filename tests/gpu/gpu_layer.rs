@@ -614,7 +614,7 @@ fn with_little_memory() {
         }
         other => panic!("{other:?}"),
     }
-    // What was refused leaves nothing behind: there is room again.
+    // Refused buffers leave no memory behind.
     drop(held);
     Buffer::new(&ctx, "small", 1 << 20, Memory::Upload).unwrap().write(0, &[1; 1 << 10]).unwrap();
     assert_silent(ctx.take_messages());
