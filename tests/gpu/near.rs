@@ -110,8 +110,7 @@ fn check_points(rig: &Rig, sine: f32, met: &mut Met) {
     assert_eq!(rig.sorted(&near.list), listed, "{what}: the list names the lit hits, each once");
     met.lit += listed.len();
     rays.finish(STRAYS);
-    // Projections round: a hit between two pixels may belong to either, and then the other may not agree.
-    found.finish(0.01);
+    found.finish(STRAYS);
 }
 
 fn mean(v: Vec3) -> f32 {
