@@ -1,4 +1,4 @@
-// Continues eye paths at mirrors and glass. See pass/eye_paths.rs.
+// Continues eye paths at mirrors, glass and narrow lobes. See pass/eye_paths.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -7,6 +7,7 @@
 #include "surface.wgsl"
 #include "ideal.wgsl"
 #include "reflectors.wgsl"
+#include "lobe_shares.wgsl"
 
 @group(0) @binding(9) var<storage, read_write> work_in: DispatchCounts;
 @group(0) @binding(10) var<storage, read> list_in: array<u32>;
@@ -22,7 +23,41 @@
 @group(0) @binding(20) var<storage, read_write> region: array<u32>;     // planar reflector that a pixel shows, 0: none
 @group(0) @binding(21) var<storage, read_write> widening: array<vec4<f32>>; // widening of its kernel by further glossy planes
 @group(0) @binding(22) var<storage, read_write> panes: array<vec4<f32>>;    // two for each pixel of a frosted pane
+@group(0) @binding(23) var<storage, read_write> lobe_of: array<f32>;    // density of the ray's direction if it follows a lobe, else 0
 var<immediate> push: Push;
+
+// Numbers that choose a component (z) and a direction along a lobe (x, y): the same for all pixels of a class, so that neighbouring pixels
+// differ smoothly. First surfaces take a Kronecker sequence over passes and classes, as near rays do (near.wgsl); later ones begin anew in
+// each pass, since one sequence for two surfaces would tie their directions together.
+fn path_numbers(slot: u32, bounce: u32) -> vec3<f32> {
+    let first = bounce == 0u;
+    let n = select(0u, frame.size.w * frame.pattern.z, first) + class_of(slot);
+    let begins = select(frame.keys.x, frame.keys.y, first);
+    let start = vec3<u32>(
+        key(begins, STREAM_EYE_LOBE, bounce, 0u),
+        key(begins, STREAM_EYE_LOBE, bounce, 1u),
+        key(begins, STREAM_COMPONENT, bounce, 0u),
+    );
+    let point = n * vec3<u32>(3242174889u, 2447445414u, 2654435769u) + start;
+    return vec3<f32>(unit(point.xy), unit(point.zz).x);
+}
+
+// At a lobe: its surface, where lights shine on base and lobe, and a direction along the lobe. `follows`: the path is short enough.
+fn split_of_lobe(s: Surface, wo: vec3<f32>, follows: bool, point: vec2<f32>) -> SpecularSplit {
+    let r = s.reflectance;
+    let sample = sample_lobe(r, false, 0.0, s.shading, wo, point.x, point.y);
+    let base = mean3(r.kd);
+    let narrow = r.f90 > 0.0 && r.alpha <= frame.choice.w && follows;
+    // Highlights of lights need their part even if there is no base.
+    let share = clamp(base / (base + mean3(schlick(r, dot(s.shading, wo)))), 0.25, 0.75);
+    var split: SpecularSplit;
+    split.stays = true;
+    split.probability = select(1.0, share, narrow);
+    split.first_weight = vec3<f32>(1.0);
+    split.second_wi = sample.wi;
+    split.second_weight = select(vec3<f32>(0.0), sample.weight, dot(sample.wi, s.geometric) > 0.0);
+    return split;
+}
 
 // Continues the path of a slot and puts it on the list.
 fn go_on(slot: u32, s: Surface, wi: vec3<f32>, cos_view: f32) {
@@ -75,7 +110,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         region[slot] = max(plane, pane);
         widening[slot] = vec4<f32>(0.0);
     }
-    let ideal = plane > 0u || (found && materials[material_of(normals)].flags.z != SURFACE_OPAQUE);
+    let shiny = plane == 0u && found && is_shiny(normals);
+    let ideal = plane > 0u || shiny || (found && materials[material_of(normals)].flags.z != SURFACE_OPAQUE);
     // A loop, because it runs zero times if no ray of the subgroup hit a mirror or glass.
     for (var i = select(0u, 1u, ideal); i > 0u; i -= 1u) {
         let ray = ray_direction[slot];
@@ -83,6 +119,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let inside = select(media[slot], vec4<u32>(0u), first_hit);
         let other = specular_split(s, -ray.xyz, relative_index(inside, s));
         var split = other;
+        // Segments after the first reflection that was not ideal count (the path's own first one does not); the next one must fit.
+        let met = select(emitted[slot], vec4<f32>(0.0), first_hit);
+        let segments = segments_of(met.w);
+        let from_lobe = segments > 0u;
+        let fits = segments + 2u <= frame.scene.z;
+        let lobe_before = select(0.0, lobe_of[select(0u, slot, from_lobe)], from_lobe);
+        let cos_hit = abs(dot(s.geometric, ray.xyz));
+        let distance2 = hit.x * hit.x;
         let mu = dot(s.geometric, -ray.xyz);
         let lobe = lobe_at(reflectors[max(max(plane, pane), 1u) - 1u].x, mu);
         if plane > 0u {
@@ -94,26 +138,37 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             panes[2u * slot + 1u] = vec4<f32>(disc, 0.0);
             split.first_weight = vec3<f32>(1.0);
         }
+        let numbers = path_numbers(slot, step.bounce);
+        if shiny {
+            split = split_of_lobe(s, -ray.xyz, fits, numbers.xy);
+        }
         let before = throughput[slot];
         let depth = before.w + ray.w * hit.x;
 
         // Follows both components, or one at random.
-        let xi = random(key(frame.keys.x, STREAM_COMPONENT, sample_of(slot), step.bounce));
-        let takes_first = splits || xi < split.probability;
+        let takes_first = splits || numbers.z < split.probability;
         let stays = takes_first && split.stays;
         let wi = select(split.second_wi, split.first_wi, takes_first);
         let chance = select(select(1.0 - split.probability, split.probability, takes_first), 1.0, splits);
         let weight = select(select(split.second_weight, split.first_weight, takes_first), vec3<f32>(1.0), stays);
-        let after = before.xyz * weight / chance;
+        // Where the path stays `eye_points` applies the share.
+        let share = select(1.0, path_share(lobe_before, lights_on_surfaces(), distance2, cos_hit), shiny && !stays);
+        let after = select(before.xyz * weight / chance * share, vec3<f32>(0.0), !stays && from_lobe && !fits);
         let goes_on = !stays && max(max(after.x, after.y), after.z) > 0.0;
         throughput[slot] = vec4<f32>(after, select(before.w, depth, goes_on));
         // A mirror over a base emits from the base: `eye_points` adds that where the path stays.
         // The path stopped on the base; do not also shade the lobe.
         let without_lobe = flag_if(LOBE_FOLLOWED, stays && plane > 0u && in_image);
-        let emission = select(before.xyz * s.emission, vec3<f32>(0.0), split.stays);
-        let met = emitted[slot];
-        let met_flags = bitcast<f32>(bitcast<u32>(met.w) | without_lobe);
-        emitted[slot] = vec4<f32>(met.xyz + select(emission, vec3<f32>(0.0), frosted), met_flags);
+        let emission_share = path_share(lobe_before, lights_on_emitter(s.emission), distance2, cos_hit);
+        let emission = select(before.xyz * s.emission * emission_share, vec3<f32>(0.0), split.stays);
+        let sampled = flag_if(LOBE_SAMPLED, stays && shiny && split.probability < 1.0);
+        let longer = select(segments, min(segments + 1u, 15u), goes_on && (from_lobe || shiny));
+        let met_flags = flag_if(longer * ONE_SEGMENT, longer > 0u) | without_lobe | sampled;
+        emitted[slot] = vec4<f32>(met.xyz + select(emission, vec3<f32>(0.0), frosted), bitcast<f32>(met_flags));
+        if goes_on && (from_lobe || shiny) {
+            let density = lobe_density(s.reflectance.alpha, s.shading, -ray.xyz, wi);
+            lobe_of[slot] = select(0.0, density, shiny);
+        }
         if frosted {
             emitted[branch] = vec4<f32>(emission, 0.0);
         }
@@ -129,6 +184,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         if splits && split.probability < 1.0 {
             throughput[branch] = vec4<f32>(before.xyz * split.second_weight, depth);
             media[branch] = inside;
+            if shiny {
+                lobe_of[branch] = lobe_density(s.reflectance.alpha, s.shading, -ray.xyz, split.second_wi);
+                emitted[branch] = vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(flag_if(ONE_SEGMENT, true)));
+            }
             go_on(branch, s, split.second_wi, ray.w);
         }
     }

@@ -82,10 +82,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let irradiance = vec3<f32>(select(0.0, PI / max(kd.w, 1e-6), above));
     weight = select(weight, irradiance, first && diffuse);
 #if NEAR
-    weight *= near_ray_weight();
+    weight *= near_ray_weight(slot);
 #endif
     beta[slot] = vec4<f32>(before.xyz * weight, select(before.w, select(1.0, 0.0, diffuse), first));
-    let reach = select(0.0, frame.up.w, above);
+    let reach = select(0.0, frame.up.w, above && (mean3(kd.xyz) > 0.0 || !diffuse));
     ray_origin[slot] = vec4<f32>(point_position[slot].xyz, reach);
     ray_direction[slot] = vec4<f32>(s.wi, 0.0);
 }

@@ -28,7 +28,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         work_out.total = count;
     }
     let slot = list_in[index];
-    let met = met_by(ray_direction[slot].xyz, hits[slot]);
+    let met = gathered_by(ray_direction[slot].xyz, hits[slot]);
     // The share of light that clipping removed.
     let share = max(1.0 - met.t * met.t / max(frame.right.w, 1e-37), 0.0);
     let weight = select(0.0, share, met.found);

@@ -44,7 +44,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let wo = point_wo[slot];
     let lobe = point_lobe(geometric, shading, f0);
     let seen = free && mean3(reflected) > 0.0;
-    let gloss = select(vec3<f32>(0.0), e * eval_specular(lobe, shading.xyz, wo.xyz, wi), has_flag(wo.w, GLOSSY));
+    // A path along the lobe brings the light of surfaces, but meets no light without area.
+    let glossy = has_flag(wo.w, GLOSSY) && !(has_flag(wo.w, LOBE_SAMPLED) && (bitcast<u32>(l.position.w) & LIGHT_SURFACE) != 0u);
+    let gloss = select(vec3<f32>(0.0), e * eval_specular(lobe, shading.xyz, wo.xyz, wi), glossy);
     indirect[slot] += vec4<f32>(select(vec3<f32>(0.0), e, seen), 0.0);
     specular[slot] += vec4<f32>(select(vec3<f32>(0.0), gloss, seen), 0.0);
 }

@@ -1,13 +1,20 @@
-// Adds near light to the light of its pixels. See pass/near_collect.rs.
+// Adds near light, averaged over neighbours of the same class, to the light of its pixels. See pass/near_collect.rs.
+#include "frame.wgsl"
 #include "work.wgsl"
+#include "math.wgsl"
+#include "flags.wgsl"
+#include "near.wgsl"
 
-@group(0) @binding(0) var<storage, read_write> work: DispatchCounts;
-@group(0) @binding(1) var<storage, read> list: array<u32>;
-@group(0) @binding(2) var<storage, read> near_direct: array<vec4<f32>>;
-@group(0) @binding(3) var<storage, read> near_indirect: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read_write> direct: array<vec4<f32>>;
-@group(0) @binding(5) var<storage, read_write> indirect: array<vec4<f32>>;
-@group(0) @binding(6) var<storage, read_write> specular: array<vec4<f32>>;
+@group(0) @binding(1) var<storage, read_write> work: DispatchCounts;
+@group(0) @binding(2) var<storage, read> list: array<u32>;
+@group(0) @binding(3) var<storage, read> near_direct: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> near_indirect: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read_write> direct: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read_write> indirect: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read_write> specular: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read> seen_position: array<vec4<f32>>;
+@group(0) @binding(9) var<storage, read> seen_geometric: array<vec4<f32>>;
+@group(0) @binding(10) var<storage, read> seen_wo: array<vec4<f32>>;
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -16,13 +23,40 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let slot = list[place];
-    let near = near_direct[slot];
-    let more = near_indirect[slot].xyz;
+    let own = near_direct[slot];
+    var e_direct = own.xyz;
+    var e_indirect = near_indirect[slot].xyz;
+
+    let pixel = slot % frame.size.z;
+    let size = vec2<i32>(frame.size.xy);
+    let at = vec2<i32>(vec2<u32>(pixel % frame.size.x, pixel / frame.size.x));
+    let position = seen_position[slot].xyz;
+    let normal = seen_geometric[slot].xyz;
+    // Second components have neighbours of any kind.
+    let reach = select(0, i32(near_spread() / 2u), slot < frame.size.z);
+    let part = 1.0 / f32(near_spread() * near_spread());
+    for (var dy = -reach; dy <= reach; dy += 1) {
+        for (var dx = -reach; dx <= reach; dx += 1) {
+            let to = at + vec2<i32>(dx, dy) * vec2<i32>(frame.pattern.xy);
+            let inside = all(to >= vec2<i32>(0)) && all(to < size);
+            let other = slot - pixel + select(pixel, u32(to.x + to.y * size.x), inside);
+            let chord = seen_position[other].xyz - position;
+            let other_normal = seen_geometric[other].xyz;
+            let turn = max(2.0 - 2.0 * dot(normal, other_normal), 0.0);
+            let rise = dot(chord, normal + other_normal);
+            let smooth_between = dot(normal, other_normal) >= NEAR_SMOOTH && rise * rise <= dot(chord, chord) * (turn + NEAR_SLOPE * NEAR_SLOPE);
+            let near = near_direct[other];
+            // Slots that are not lit may hold any value: they are left out, not multiplied by 0.
+            let taken = inside && smooth_between && has_flag(seen_wo[other].w, LIT) && own.w == near.w;
+            e_direct += select(vec3<f32>(0.0), part * (near.xyz - own.xyz), taken);
+            e_indirect += select(vec3<f32>(0.0), part * (near_indirect[other].xyz - near_indirect[slot].xyz), taken);
+        }
+    }
     // Light through the specular lobe is radiance.
-    if near.w == 0.0 {
-        direct[slot] += vec4<f32>(near.xyz, 0.0);
-        indirect[slot] += vec4<f32>(more, 0.0);
+    if own.w == 0.0 {
+        direct[slot] += vec4<f32>(e_direct, 0.0);
+        indirect[slot] += vec4<f32>(e_indirect, 0.0);
     } else {
-        specular[slot] += vec4<f32>(near.xyz + more, 0.0);
+        specular[slot] += vec4<f32>(e_direct + e_indirect, 0.0);
     }
 }

@@ -50,7 +50,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let e = share.z * through * emitted[at].xyz;
         e_direct += select(vec3<f32>(0.0), e, k == 0u);
         e_indirect += b * select(lit, by_pixel, shown) + select(e, vec3<f32>(0.0), k == 0u);
-        through = b;
+        // A near ray stands for pixels without one, but once: those that it leads to are of its class, and have one too.
+        through = b / select(near_ray_weight(0u), 1.0, at >= frame.size.z);
         // That pixel may have no near ray, or one from its lobe, which is not irradiance.
         at = select(NO_POINT, q, shown && has_near_ray(safe) && beta[safe].w == 0.0);
     }

@@ -40,7 +40,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let shading = point_shading[slot];
     let f0 = point_f0[slot];
     let wo = point_wo[slot];
-    let glossy = has_flag(wo.w, GLOSSY);
+    // A path along the lobe brings this light.
+    let glossy = has_flag(wo.w, GLOSSY) && !has_flag(wo.w, LOBE_SAMPLED);
     let lobe = point_lobe(geometric, shading, f0);
     let radius2 = frame.photon.x * frame.photon.x;
     let share = frame.photon.z;

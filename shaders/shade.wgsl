@@ -73,6 +73,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let f0 = point_f0[slot];
     let wo = point_wo[slot];
     let glossy = has_flag(wo.w, GLOSSY);
+    let sampled = has_flag(wo.w, LOBE_SAMPLED);
+    let used = f32(segments_of(wo.w));
     // The first chunk starts the sums; values of an earlier frame are not read.
     var e_direct = select(vec3<f32>(0.0), direct[slot].xyz, step.clears == 0u);
     var e_indirect = select(vec3<f32>(0.0), indirect[slot].xyz, step.clears == 0u);
@@ -107,7 +109,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         }
         let cos_receiver = dot(wi, shading.xyz);
         let lit = cos_receiver > 0.0 && dot(wi, geometric.xyz) > 0.0 && mean3(intensity) > 0.0 && r2 > 0.0
-            && l_f0.w <= f32(step.bounces);
+            && l_f0.w + used <= f32(step.bounces);
 #endif
 
         // Shadow ray from the shading point (t = 0) to the light (t = 1): any triangle strictly between blocks it.
@@ -143,7 +145,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         e_direct += select(vec3<f32>(0.0), e, is_direct);
         e_indirect += select(e, vec3<f32>(0.0), is_direct);
         for (var i = select(0u, 1u, glossy && lit && !blocked); i > 0u; i -= 1u) {
-            l_specular += e * eval_specular(point_lobe(geometric, shading, f0), shading.xyz, wo.xyz, wi);
+            let lobe = lobe_density(shading.w, shading.xyz, wo.xyz, wi);
+            let divided = intensity * (cos_receiver * highlight_falloff(l_f0, lights[at_light].wi, flags, r2, cos_light, lobe));
+            l_specular += select(e, divided, sampled) * eval_specular(point_lobe(geometric, shading, f0), shading.xyz, wo.xyz, wi);
         }
 #endif
         light += 1u;

@@ -66,10 +66,13 @@ fn add_lobes(light: u32, p: u32, clip2: f32) -> vec3<f32> {
     let cos_light = -dot(wi, l.normal.xyz);
     let plain = plain_intensity(l.normal, l.emit, flags, cos_light);
     let extra = lobe_intensity(l, wi, cos_light);
-    let factor = max(dot(wi, shading.xyz), 0.0) * inverse_square(r2, clip2);
+    let cosine = max(dot(wi, shading.xyz), 0.0);
+    let falloff = inverse_square(r2, clip2);
+    let divided = highlight_falloff(l.f0, l.wi, flags, r2, cos_light, lobe_density(shading.w, shading.xyz, wo.xyz, wi));
+    let factor = cosine * select(falloff, divided, has_flag(wo.w, LOBE_SAMPLED));
     let reflected = eval_specular(point_lobe(geometric, shading, f0), shading.xyz, wo.xyz, wi);
     specular[p] += vec4<f32>(select(vec3<f32>(0.0), (plain + extra) * factor * reflected, has_flag(wo.w, GLOSSY)), 0.0);
-    return extra * factor;
+    return extra * (cosine * falloff);
 }
 #endif
 
@@ -131,6 +134,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var shading: array<vec3<f32>, RAYS>;
     var sum: array<vec3<f32>, RAYS>;
     var glossy = 0u;
+    // Segments of the eye paths to them, four bits each.
+    var used = vec2<u32>(0u);
 #endif
     var lo = vec3<f32>(3.0e38);
     var hi = vec3<f32>(-3.0e38);
@@ -153,7 +158,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         shading[r] = point_shading[p].xyz;
         shading_lo = min(shading_lo, shading[r]);
         shading_hi = max(shading_hi, shading[r]);
-        glossy |= select(0u, 1u << r, has_flag(point_wo[p].w, GLOSSY)) & present;
+        let word = point_wo[p].w;
+        glossy |= select(0u, 1u << r, has_flag(word, GLOSSY)) & present;
+        used[r / 8u] |= segments_of(word) << (4u * (r & 7u));
 #endif
     }
 #if VISIBILITY
@@ -256,6 +263,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             let l_emit = lights[at_light].emit;
             let flags = bitcast<u32>(l_position.w);
             let surface = (flags & LIGHT_SURFACE) != 0u;
+            let slack = step.bounces - min(u32(lights[at_light].f0.w), step.bounces);
 #endif
 
             // Rays run from the light (t = 0) to the shading points (t = 1).
@@ -276,7 +284,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #else
                 let faces = dot(d[r], geometric[r]) < 0.0 && dot(d[r], shading[r]) < 0.0;
                 let reaches = !surface || dot(d[r], l_normal.xyz) > 0.0;
-                let lit = faces && reaches && ((present >> r) & 1u) != 0u;
+                let short = ((used[r / 8u] >> (4u * (r & 7u))) & 15u) <= slack;
+                let lit = faces && reaches && short && ((present >> r) & 1u) != 0u;
 #endif
                 alive |= select(0u, 1u << r, lit);
                 inverse[r] = safe_inverse(d[r]);

@@ -1,4 +1,4 @@
-// Marks the tiles of 8 x 8 pixels in which an eye ray hit a mirror, glass or a glossy plane. See pass/tiles.rs.
+// Marks the tiles of 8 x 8 pixels in which an eye ray hit a mirror, glass, a glossy plane or a narrow lobe. See pass/tiles.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "bsdf.wgsl"
@@ -24,7 +24,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let found = triangle != 0xffffffffu;
         let normals = triangle_normals[select(0u, triangle, found)];
         let ideal = materials[material_of(normals)].flags.z != SURFACE_OPAQUE || glossy_plane(normals) > 0u;
-        mark = select(0u, 1u, found && ideal);
+        mark = select(0u, 1u, found && (ideal || is_shiny(normals)));
     }
     marks[tile] = mark;
 }

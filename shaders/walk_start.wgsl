@@ -5,6 +5,7 @@
 #include "emitter_start.wgsl"
 #include "lights.wgsl"
 #include "walk.wgsl"
+#include "lobe_shares.wgsl"
 
 @group(0) @binding(1) var<storage, read> emitters: array<EmitterRecord>;
 @group(0) @binding(2) var<storage, read_write> ray_origin: array<vec4<f32>>;
@@ -31,7 +32,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         vec4<f32>(start.origin, bitcast<f32>(LIGHT_SURFACE | LIGHT_CLIPPED)),
         vec4<f32>(start.normal, 0.0),
         vec4<f32>(emitted * (share * INV_PI), 1.0),
-        vec4<f32>(start.normal, 1.0),
+        vec4<f32>(start.normal, lights_on_emitter(emitters[start.emitter].radiance.xyz)),
         vec4<f32>(0.0),
         vec4<f32>(0.0),
     );

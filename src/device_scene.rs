@@ -29,7 +29,7 @@ use crate::scene::{Scene, Surface};
 use crate::superposition::lobe::Lobe;
 
 pub use records::{delta_lights, encode_normal};
-use records::{finishes, material_record, pack_textures, reflector_numbers, shading_attributes};
+use records::{finishes, has_lobe, is_shiny, material_record, pack_textures, reflector_numbers, shading_attributes};
 pub use update::SceneChanges;
 
 /// Words of the stack in `shaders/shade_cluster.wgsl`.
@@ -133,6 +133,10 @@ pub struct SpecularFeatures {
     pub any: bool,
     /// Whether some have two components: glass, mirrors over a diffuse base.
     pub splits: bool,
+    /// Whether there are surfaces with a specular lobe.
+    pub lobes: bool,
+    /// Whether there are lobes that eye paths may follow.
+    pub shiny: bool,
     /// Whether there are planar reflectors with a lobe; superposition treats them as mirrors over a base.
     pub glossy_planes: bool,
     /// Whether there are frosted panes among the planar reflectors; superposition spreads the scene behind them.
@@ -157,6 +161,8 @@ impl SpecularFeatures {
         };
         for (m, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
             ideal.any |= m.surface != Surface::Opaque;
+            ideal.lobes |= has_lobe(m);
+            ideal.shiny |= is_shiny(m);
             ideal.splits |= match m.surface {
                 Surface::Opaque => false,
                 Surface::Mirror => {

@@ -9,6 +9,7 @@ use crate::film::Film;
 use crate::gpu::{Buffer, Context, Image, Memory, Recorder, Resources, Staging};
 use crate::pass::delta_choice::{Candidates, DeltaChoice};
 use crate::pass::discontinuity::{self, Discontinuity};
+use crate::pass::glossy_light::GlossyLight;
 use crate::pass::importance::Importance;
 use crate::pass::layout;
 use crate::pass::lens::{self, Lens};
@@ -46,6 +47,8 @@ pub struct Frame {
     pub compensation: Option<Compensation>,
     /// Restores it from the irradiance of other pixels.
     pub near_light: Option<NearLight>,
+    /// Adds the light of paths along specular lobes.
+    pub glossy_light: Option<GlossyLight>,
     /// Averages irradiance over neighbours on the same surface.
     pub discontinuity: Option<Discontinuity>,
     /// Spreads mirror images over their glossy planes.
@@ -114,6 +117,10 @@ impl Frame {
         };
         let compensation = Compensation::new(kit, scene, plan, (&eye, &walk, &shade))?;
         let near_light = NearLight::new(kit, scene, plan, (&eye, &walk, &shade))?;
+        let glossy_light = match plan.eye.lobes && plan.eye.components == 2 {
+            false => None,
+            true => Some(GlossyLight::new(kit, &eye.points, &eye.paths, &shade.lighting, &eye.ideal_tiles)?),
+        };
         let discontinuity = match settings.filter {
             None => None,
             Some(filter) => Some(Discontinuity::new(
@@ -124,6 +131,7 @@ impl Frame {
                     lighting: &shade.lighting,
                     ideal_tiles: &eye.ideal_tiles,
                     components: plan.eye.components,
+                    lobes: scene.specular.lobes,
                     size: plan.view.size(),
                     pattern: settings.pattern,
                     filter,
@@ -163,6 +171,7 @@ impl Frame {
             mirror_lights,
             compensation,
             near_light,
+            glossy_light,
             discontinuity,
             glossy_planes,
             merge,
@@ -192,6 +201,7 @@ impl Frame {
         self.mirror_lights.run(rec)?;
         self.compensation.run(rec)?;
         self.near_light.run(rec)?;
+        self.glossy_light.run(rec)?;
         self.discontinuity.run(rec)?;
         self.glossy_planes.run(rec)?;
         self.merge.run(rec)?;

@@ -3,7 +3,7 @@
 
 mod parameters;
 
-pub use parameters::MIN_LIGHT_ALPHA;
+pub use parameters::{MAX_FOLLOWED_ALPHA, MIN_LIGHT_ALPHA};
 
 use std::borrow::Cow;
 
@@ -125,7 +125,12 @@ pub struct EyePlan {
     pub mirrors: bool,
     /// Whether some of these planes are frosted panes, which show the scene behind them.
     pub panes: bool,
+    /// Whether paths follow narrow specular lobes.
+    pub lobes: bool,
 }
+
+/// Maximum number of lobes, mirrors and glass on an eye path in a scene without mirrors and glass.
+const MAX_LOBES: u32 = 3;
 
 impl EyePlan {
     /// For a scene with these surfaces. The texels of an atlas are shaded as they are: only camera paths follow
@@ -134,14 +139,19 @@ impl EyePlan {
         let [width, height] = view.size();
         let pixels = width * height;
         if view.camera().is_none() {
-            return EyePlan { pixels, steps: 0, components: 1, mirrors: false, panes: false };
+            return EyePlan { pixels, steps: 0, components: 1, mirrors: false, panes: false, lobes: false };
         }
         let spreads = settings.mirroring_planes() > 0;
         let mirrors = specular.spreads() && spreads;
         let panes = specular.frosted_panes && spreads;
-        let steps = if specular.any || mirrors { settings.max_specular } else { 0 };
-        let splits = settings.split && (specular.splits || mirrors) && steps > 0;
-        EyePlan { pixels, steps, components: if splits { 2 } else { 1 }, mirrors, panes }
+        let lobes = specular.shiny && settings.glossy_paths && settings.max_depth > 1 && settings.max_specular > 0;
+        let steps = match (specular.any || mirrors, lobes) {
+            (true, _) => settings.max_specular,
+            (false, true) => settings.max_specular.min(MAX_LOBES),
+            (false, false) => 0,
+        };
+        let splits = settings.split && (specular.splits || mirrors || lobes) && steps > 0;
+        EyePlan { pixels, steps, components: if splits { 2 } else { 1 }, mirrors, panes, lobes }
     }
 
     /// Slots of all shading points of the eye.
@@ -323,6 +333,8 @@ pub struct SceneSize {
     pub emitters: u32,
     /// Diagonal of the bounding box.
     pub diagonal: f32,
+    /// Mean radiance of the emitters with area, times their area on all sides that emit.
+    pub emission: f32,
     /// Lengths of the surfaces that the view shows.
     pub extent: Extent,
 }
@@ -344,7 +356,10 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
     if scene.lights_are_complete {
         lights.survivors.clear();
     }
-    let eye = EyePlan::new(settings, scene.specular, view);
+    let mut eye = EyePlan::new(settings, scene.specular, view);
+    if scene.lights_are_complete {
+        eye = EyePlan::new(&Settings { glossy_paths: false, ..settings.clone() }, scene.specular, view);
+    }
     check_slots(settings, scene.specular, view)?;
     Ok(Plan {
         photons: PhotonPlan::new(settings, scene.target_count()),
@@ -358,6 +373,7 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
             nodes: scene.bvh.node_count(),
             emitters: scene.emitters.list.len() as u32,
             diagonal: scene.bvh.diagonal(),
+            emission: scene.emitters.emission(),
             extent: Extent::of(&scene.bvh, view),
         },
     })

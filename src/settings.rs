@@ -215,6 +215,11 @@ pub struct Settings {
     /// diffuse base), one path for each. Default true. False chooses one at random in each pass: the same limit
     /// with half the memory and time for such pixels, but noise. No cost in scenes without such surfaces.
     pub split: bool,
+    /// Eye paths follow specular lobes with alpha up to 0.5 as they follow mirrors, in a direction drawn from the lobe, and share the
+    /// lobe's light with the virtual lights (balance heuristic). Default true. False leaves lobes to the lights alone, whose
+    /// highlights show one by one on narrow lobes, and clips them; faster. Costs a ray, and the lighting of its hit, for each pixel
+    /// that shows such a surface. No cost in scenes without, nor where imported lights replace all others.
+    pub glossy_paths: bool,
     /// Caustic photons (Wald et al. 2002, 4.1) for each class of pixels and pass, shot from the lights at mirrors and
     /// glass and stored where they arrive. Default 2000; 0: no caustics; at most 2^20 over all classes. More:
     /// smoother caustics from each pass; the cost of a pass is linear in their number, and in those near a pixel. No cost in
@@ -294,6 +299,7 @@ impl Default for Settings {
             max_depth: 5,
             max_specular: 8,
             split: true,
+            glossy_paths: true,
             photons: 2000,
             photon_radius: None,
             superposition: None,
@@ -358,6 +364,7 @@ impl Settings {
         self.max_depth = render.max_depth.unwrap_or(self.max_depth);
         self.max_specular = render.max_specular.unwrap_or(self.max_specular);
         self.split = render.split.unwrap_or(self.split);
+        self.glossy_paths = render.glossy_paths.unwrap_or(self.glossy_paths);
         self.photons = render.photons.unwrap_or(self.photons);
         self.photon_radius = render.photon_radius.or(self.photon_radius);
         if let Some(spread) = render.superposition {

@@ -49,6 +49,19 @@ fn eval_specular(r: Reflectance, n: vec3<f32>, wo: vec3<f32>, wi: vec3<f32>) -> 
     return select(vec3<f32>(0.0), f, cos_o > 0.0 && cos_i > 0.0);
 }
 
+// Density over solid angle of the specular directions of `sample_lobe`: G1(wo) D(h) / (4 cos_o).
+fn lobe_density(alpha: f32, n: vec3<f32>, wo: vec3<f32>, wi: vec3<f32>) -> f32 {
+    let cos_o = dot(n, wo);
+    let sum = wo + wi;
+    let h = sum / sqrt(max(dot(sum, sum), 1e-20));
+    let cos_h = dot(n, h);
+    let c = cross(n, h);
+    let a2 = alpha * alpha;
+    let k = dot(c, c) + a2 * cos_h * cos_h;
+    let density = a2 / (PI * k * k) / (2.0 * (cos_o + sqrt(a2 + (1.0 - a2) * cos_o * cos_o)));
+    return select(0.0, density, cos_o > 0.0 && dot(n, wi) > 0.0);
+}
+
 struct LobeSample {
     wi: vec3<f32>,
     weight: vec3<f32>,      // f cos / pdf, divided by the lobe's probability

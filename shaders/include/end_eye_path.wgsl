@@ -1,6 +1,9 @@
-// The shading point at the end of an eye path. Needs frame.wgsl, point.wgsl, surface.wgsl and write_point.wgsl.
+// The shading point at the end of an eye path. Needs frame.wgsl, math.wgsl, point.wgsl, surface.wgsl and write_point.wgsl.
+
+#include "lobe_shares.wgsl"
 
 @group(0) @binding(28) var<storage, read_write> throughput: array<vec4<f32>>;
+@group(0) @binding(29) var<storage, read> lobe_of: array<f32>;      // density of the ray's direction if it follows a lobe, else 0
 
 // Whether light reaches the eye by a path of this throughput.
 fn carries(weight: vec3<f32>) -> bool {
@@ -18,17 +21,26 @@ fn end_eye_path(slot: u32, ray: vec4<f32>, hit: vec4<f32>, only_emits: bool) -> 
     let direct = through.w == 0.0 && glossy_plane(triangle_normals[triangle]) > 0u;
     met.without_lobe = direct || has_flag(before.w, LOBE_FOLLOWED);
 
-    let emission = select(vec3<f32>(0.0), through.xyz * met.surface.emission, met.found);
+    // Virtual lights bring the rest of what a path along a lobe meets.
+    let segments = segments_of(before.w);
+    let lobe = select(0.0, lobe_of[select(0u, slot, segments > 0u)], segments > 0u);
+    let cosine = abs(dot(met.surface.geometric, ray.xyz));
+    let distance2 = hit.x * hit.x;
+    let of_emission = through.xyz * path_share(lobe, lights_on_emitter(met.surface.emission), distance2, cosine);
+    let carried = through.xyz * path_share(lobe, lights_on_surfaces(), distance2, cosine);
+
+    let emission = select(vec3<f32>(0.0), of_emission * met.surface.emission, met.found);
     emitted[slot] = vec4<f32>(before.xyz + emission, 0.0);
     // The depth of a mirror that shows nothing is its own.
     let depth = through.w + select(0.0, ray.w * hit.x, met.found);
-    throughput[slot] = vec4<f32>(through.xyz, depth);
+    throughput[slot] = vec4<f32>(carried, depth);
 
     let sends = reflects(met);
-    let reaches = carries(through.xyz);
+    let reaches = carries(carried);
     let lit = met.found && sends && reaches && !only_emits;
     let by_specular = through.w > 0.0;
-    let flags = flag_if(LIT, lit) | flag_if(COVERED, met.found || by_specular) | flag_if(SEEN_BY_SPECULAR, by_specular);
+    let of_path = bitcast<u32>(before.w) & (LOBE_SAMPLED | 15u * ONE_SEGMENT);
+    let flags = flag_if(LIT, lit) | flag_if(COVERED, met.found || by_specular) | flag_if(SEEN_BY_SPECULAR, by_specular) | of_path;
     write_point(slot, met, flags);
     return lit;
 }

@@ -12,8 +12,17 @@ const GLOSSY: u32 = 4u;             // it has a specular lobe
 const COVERED: u32 = 8u;            // the eye's own ray met something, be it a mirror that shows nothing
 const SEEN_BY_SPECULAR: u32 = 16u;  // the eye sees it through mirrors or glass
 
-// Of an eye path, in emitted.w until the path ends.
+const LOBE_SAMPLED: u32 = 64u;      // a path of its own follows its specular lobe, beside the highlights of lights
+
+// Of an eye path, in emitted.w until the path ends, as LOBE_SAMPLED.
 const LOBE_FOLLOWED: u32 = 32u;     // it ended on the base of a glossy plane: the shading point there has no lobe
+
+// Segments of the eye path beyond its first surface that is neither mirror nor glass, at most 15.
+const ONE_SEGMENT: u32 = 256u;
+
+fn segments_of(word: f32) -> u32 {
+    return (bitcast<u32>(word) / ONE_SEGMENT) & 15u;
+}
 
 fn flag_if(flag: u32, holds: bool) -> u32 {
     return select(0u, FLAGS | flag, holds);

@@ -17,9 +17,11 @@ struct FrameParameters {
     depths: array<vec4<u32>, 16>,   // for j reflections: particles N_j, first light slot, bits of 1/N_j, N_(j+1)
     shifts: array<vec4<f32>, 16>,   // for j: Cranley-Patterson shifts of dimensions 2j, 2j+1; z, w: bits of their bases
     sobol: array<vec4<u32>, 16>,    // for j: random words of dimensions 2j, 2j+1; z, w: Sobol' point of the gather rays of bounce j
-    choice: vec4<f32>,          // x: fraction of emitter samples still chosen by power where contributions choose (defensive sampling)
+    choice: vec4<f32>,          // fraction of emitter samples still chosen by power where contributions choose (defensive sampling); virtual
+                                // lights on a unit of area of an emitter of radiance 1, and of other surfaces; greatest alpha of a lobe that
+                                // eye paths follow, 0: none
     superposition: vec4<u32>,   // number of planar reflectors handled by superposition; form of their reflectance (settings::Reflectance)
-    mirrors: vec4<u32>,         // mirrored lights of each class N, lights to mirror, planar mirrors M, 0
+    mirrors: vec4<u32>,         // mirrored lights of each class N, lights to mirror, planar mirrors M; neighbours of a class that share near light
     lens: vec4<f32>,            // aperture diameter times the pixels of a unit of length at unit distance, 1 / focus distance, 0, 0
 }
 

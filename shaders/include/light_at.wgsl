@@ -1,5 +1,6 @@
-// A point light seen from a shading point, by the formula of lights.wgsl. Needs frame.wgsl, bsdf.wgsl and lights.wgsl.
+// A point light seen from a shading point, by the formula of lights.wgsl. Needs frame.wgsl, math.wgsl, bsdf.wgsl and lights.wgsl.
 // CPU twin: pass::shade::light_towards.
+#include "lobe_shares.wgsl"
 
 // Vector from x to a light, not normalised.
 fn to_light(position: vec4<f32>, normal: vec4<f32>, x: vec3<f32>) -> vec3<f32> {
@@ -46,4 +47,13 @@ fn falloff_beyond(flags: u32, r2: f32, scale: f32) -> f32 {
 
 fn falloff_of(flags: u32, r2: f32) -> f32 {
     return falloff_beyond(flags, r2, 1.0);
+}
+
+// Inverse square law for the highlight at a shading point with the flag LOBE_SAMPLED: its path brings the rest. Nothing is clipped, since
+// paths take over where lights are near. `lobe`: density of the lobe towards the light.
+fn highlight_falloff(l_f0: vec4<f32>, l_wi: vec4<f32>, flags: u32, r2: f32, cosine: f32, lobe: f32) -> f32 {
+    let density = select(lights_on_surfaces(), l_wi.w, l_f0.w == 0.0);
+    let divided = highlight_factor(lobe, density, r2, cosine);
+    let whole = select(1.0 / max(r2, 1e-37), 1.0, (flags & LIGHT_DIRECTIONAL) != 0u);
+    return select(whole, divided, (flags & LIGHT_SURFACE) != 0u);
 }

@@ -1,26 +1,44 @@
-// Near rays. Needs frame.wgsl and math.wgsl. Host twin: pass::near_points.
+// Near rays. Needs frame.wgsl and math.wgsl. Host twins: pass::near_points, pass::near_collect::{SMOOTH, SLOPE, LINKS}.
 
-// Each pass sends near rays from a quarter of the classes of pixels, others in the next passes.
+// Each pass sends near rays from a quarter of the classes of pixels, others in the next passes; from all second components, whose light no
+// filter spreads over the classes.
 fn near_classes() -> u32 {
     return max(frame.pattern.z / 4u, 1u);
 }
 
-fn has_near_ray(slot: u32) -> bool {
+// Number of a slot's class in the order of this pass; those below near_classes() have near rays.
+fn near_order(slot: u32) -> u32 {
     let turn = (2u * frame.size.w + frame.keys.w) % frame.pattern.z;
-    return (class_of(slot) + turn * near_classes()) % frame.pattern.z < near_classes();
+    return (class_of(slot) + turn * near_classes()) % frame.pattern.z;
 }
 
-// Point that gives the near rays of a class their direction, all the same: a Kronecker sequence over passes and classes, whose
+fn has_near_ray(slot: u32) -> bool {
+    return near_order(slot) < near_classes() || slot >= frame.size.z;
+}
+
+// Neighbours of a class, across and down, whose near rays have different directions; `near_add` takes the mean over as many.
+fn near_spread() -> u32 {
+    return frame.mirrors.w;
+}
+
+// Point that gives the near ray of a pixel its direction: a Kronecker sequence over the near rays of passes, classes and neighbours, whose
 // steps are the powers 1/p and 1/p^2 of the plastic number p (Roberts 2018), in units of 2^-32.
 fn near_point(slot: u32) -> vec2<f32> {
-    let n = frame.size.w * frame.pattern.z + class_of(slot);
-    let start = vec2<u32>(key(frame.keys.y, STREAM_GATHER, 0u, 0u), key(frame.keys.y, STREAM_GATHER, 0u, 1u));
+    let pixel = slot % frame.size.z;
+    let spread = near_spread();
+    let place = vec2<u32>(pixel % frame.size.x, pixel / frame.size.x) / frame.pattern.xy % spread;
+    let of_pixels = ((frame.size.w * near_classes() + near_order(slot)) * spread + place.y) * spread + place.x;
+    // Eye paths to second components may follow a lobe by such a sequence too: theirs begins anew in each pass.
+    let second = slot >= frame.size.z;
+    let n = select(of_pixels, class_of(slot), second);
+    let begins = select(frame.keys.y, frame.keys.x, second);
+    let start = vec2<u32>(key(begins, STREAM_GATHER, 0u, 0u), key(begins, STREAM_GATHER, 0u, 1u));
     return unit(n * vec2<u32>(3242174889u, 2447445414u) + start);
 }
 
-// Number of pixels that a near ray stands for.
-fn near_ray_weight() -> f32 {
-    return f32(frame.pattern.z) / f32(near_classes());
+// Number of slots that the near ray of a slot stands for.
+fn near_ray_weight(slot: u32) -> f32 {
+    return select(f32(frame.pattern.z) / f32(near_classes()), 1.0, slot >= frame.size.z);
 }
 
 // Search for the pixel that shows a point.
@@ -28,6 +46,11 @@ const NEAR_COSINE: f32 = 0.9;   // of the angle between the two normals, at leas
 const NEAR_HEIGHT: f32 = 1.0;   // distance from the pixel's tangent plane, at most, in widths of a pixel
 const NEAR_WIDTH: f32 = 1.0;    // distance between the points beyond the width of the pattern, at most, in widths of a pixel on the surface
 const NEAR_MATTE: f32 = 0.5;    // kd over f0, at least
+
+// Neighbours of a class whose near light is averaged: cosine of the angle between their normals, at least, and slope of the chord between
+// them against their tangent planes, at most.
+const NEAR_SMOOTH: f32 = 0.9;
+const NEAR_SLOPE: f32 = 0.1;
 
 // Maximum number of near rays in a row.
 const NEAR_LINKS: u32 = 3u;

@@ -7,8 +7,11 @@ struct MaterialRecord {
     base: vec4<f32>,        // base colour; w: metallic
     specular: vec4<f32>,    // dielectric reflectance at normal incidence; w: roughness
     emission: vec4<f32>,    // radiance; w: index of refraction
-    flags: vec4<u32>,       // base texture + 1, metallic-roughness texture + 1, kind of surface, 1: two-sided emission
+    flags: vec4<u32>,       // base texture + 1, metallic-roughness texture + 1, kind of surface, bits below
 }
+
+const MATERIAL_TWO_SIDED: u32 = 1u; // emits on both sides
+const MATERIAL_SHINY: u32 = 2u;     // its lobe may be narrow enough for eye paths to follow
 
 const SURFACE_OPAQUE: u32 = 0u;
 const SURFACE_MIRROR: u32 = 1u;
@@ -52,6 +55,12 @@ fn glossy_plane(normals: vec4<u32>) -> u32 {
     let number = normals.w >> 24u;
     let counts = number <= frame.superposition.x && materials[material_of(normals)].flags.z == SURFACE_OPAQUE;
     return select(0u, number, counts);
+}
+
+// Whether eye paths may follow the lobe of a triangle.
+fn is_shiny(normals: vec4<u32>) -> bool {
+    let flags = materials[material_of(normals)].flags;
+    return frame.choice.w > 0.0 && flags.z == SURFACE_OPAQUE && (flags.w & MATERIAL_SHINY) != 0u;
 }
 
 // Number of the frosted pane that a triangle belongs to under superposition, or 0.
@@ -141,7 +150,7 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> Surface {
     let whole = reflectance_of(base, metallic, material.specular.xyz, roughness);
     let lobe = select(0.0, 1.0, kind == SURFACE_OPAQUE);
     let kd = select(whole.kd, vec3<f32>(0.0), kind > SURFACE_MIRROR);
-    let emits = front || material.flags.w != 0u;
+    let emits = front || (material.flags.w & MATERIAL_TWO_SIDED) != 0u;
     var s: Surface;
     s.position = position;
     s.geometric = geometric;

@@ -25,6 +25,13 @@ fn met_by(d: vec3<f32>, hit: vec4<f32>) -> Met {
     return Met(surface_at(select(0u, triangle, found), hit.y, hit.z, d), d, hit.x, found, false);
 }
 
+// As `met_by`, for gather rays: its lobe is widened as that of a light, so that no light shines at it from an extremely narrow one.
+fn gathered_by(d: vec3<f32>, hit: vec4<f32>) -> Met {
+    var met = met_by(d, hit);
+    met.surface.reflectance.alpha = max(met.surface.reflectance.alpha, frame.pixel_offset.z);
+    return met;
+}
+
 // Whether it reflects any light.
 fn reflects(met: Met) -> bool {
     let lobe = select(mean3(met.surface.reflectance.f0), 0.0, met.without_lobe);
@@ -36,7 +43,9 @@ fn write_point(slot: u32, met: Met, flags: u32) {
     let s = met.surface;
     let r = s.reflectance;
     let glossy = r.f90 > 0.0 && !met.without_lobe;
-    let diffuse = select(diffuse_probability(r), 1.0, met.without_lobe);
+    // Of a lobe with a path of its own nothing is clipped, and nothing has to be gathered.
+    let sampled = (flags & LOBE_SAMPLED) != 0u;
+    let diffuse = select(diffuse_probability(r), 1.0, met.without_lobe || sampled);
     let word = flags | flag_if(HIT, met.found) | flag_if(GLOSSY, glossy);
     point_position[slot] = vec4<f32>(offset_origin(s.position, s.geometric, frame.eye.w), select(0.0, met.t, met.found));
     point_geometric[slot] = vec4<f32>(s.geometric, r.f90);

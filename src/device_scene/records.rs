@@ -10,6 +10,7 @@ use crate::bsdf::Reflectance;
 use crate::bsdf::ideal::frost;
 use crate::error::{Error, Result};
 use crate::pass::layout::{MaterialRecord, PointLight, TextureRecord};
+use crate::plan::MAX_FOLLOWED_ALPHA;
 use crate::scene::reflectors::Reflector;
 use crate::scene::{Light, Scene, Surface, Texture, Wrap};
 use crate::superposition::lobe::Lobe;
@@ -29,9 +30,22 @@ pub(super) fn material_record(m: &crate::scene::Material) -> MaterialRecord {
                 Surface::Glass if m.thin => MaterialRecord::PANE,
                 Surface::Glass => MaterialRecord::GLASS,
             },
-            u32::from(m.two_sided),
+            (if m.two_sided { MaterialRecord::TWO_SIDED } else { 0 })
+                | (if is_shiny(m) { MaterialRecord::SHINY } else { 0 }),
         ],
     }
+}
+
+/// Whether it has a specular lobe, at least at some texel.
+pub(super) fn has_lobe(m: &crate::scene::Material) -> bool {
+    let whole = Reflectance::new(m.base_color, m.metallic, m.roughness, m.specular);
+    m.surface == Surface::Opaque && (m.metallic > 0.0 || whole.f90 > 0.0)
+}
+
+/// Whether eye paths may follow its lobe: it is narrow enough, at least at some texel.
+pub(super) fn is_shiny(m: &crate::scene::Material) -> bool {
+    let alpha = Reflectance::new(m.base_color, m.metallic, m.roughness, m.specular).alpha;
+    has_lobe(m) && (m.metallic_roughness_texture.is_some() || alpha <= MAX_FOLLOWED_ALPHA)
 }
 
 /// All textures, concatenated in one array, since a device need not support dynamic indexing of descriptors.

@@ -301,6 +301,11 @@ impl Emitters {
         }
     }
 
+    /// Mean radiance times area over all emitters: their power over pi.
+    pub fn emission(&self) -> f32 {
+        self.list.iter().map(|e| mean(e.power)).sum::<f32>() / PI
+    }
+
     /// The emitters in device form.
     pub fn records(&self) -> Vec<EmitterRecord> {
         let vec4 = |a: Vec3, w: f32| [a.x, a.y, a.z, w];

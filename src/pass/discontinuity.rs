@@ -10,9 +10,13 @@
 //! ```
 //!
 //! for direct and indirect irradiance separately; where all pixels agree both are the window's mean. Sums of filtered
-//! passes accumulate like those of unfiltered ones. The radiance of specular lobes is not filtered: it depends on one
-//! direction and one roughness, so neighbours cannot share it. Background, emitters, glass, and surfaces without
-//! diffuse reflection take no part.
+//! passes accumulate like those of unfiltered ones. Background, emitters, glass, and surfaces without diffuse reflection take
+//! no part.
+//!
+//! **Lobes.** The radiance of specular lobes is averaged in the first form over neighbours that reflect alike: on one smooth
+//! surface ([`LOBE_SLOPE`]), of the same finish ([`TINT`], alphas within a quarter), and with mirrored directions that differ by
+//! no more than alpha, so that the mean blurs what the surface reflects by no more than the lobe does. All pixels of a class
+//! follow lobes by the same random numbers, so a window that holds every class averages directions spread over the lobe.
 //!
 //! **Preserved quantities.** Both forms preserve a constant irradiance up to rounding. The weights of the first are
 //! symmetrical, so a gain of one pixel is a loss of others: it preserves the sum of irradiance over a surface,
@@ -51,7 +55,8 @@
 //!
 //! Cost of a pixel: six vec4 read, two written, 70 operations for the guides; then for windows up to 3 x 3 22 / 4 times
 //! four vec4 read (three without direct light) and 9 x 60 operations, for wider ones of w x h pixels w (h + 3) / 4
-//! times as many and w h x 70; two vec4 written. Second components cost the same for pixels of tiles that show mirrors
+//! times as many and w h x 70; two vec4 written. In scenes with lobes w h times 6 vec4 and 60 operations more for each pixel
+//! that shows one. Second components cost the same for pixels of tiles that show mirrors
 //! or glass. 640x480 on two cores by lavapipe: 23 to 31 ms for 3 x 3 (docs/interactive.md). Memory: 48 or 64 bytes a
 //! slot.
 
@@ -82,6 +87,16 @@ pub const PLANE_TOLERANCE: f32 = 0.05;
 /// smoothed.
 pub const PAPER_TOLERANCE: f32 = 0.02;
 
+/// Maximum slope of the chord between two points whose lobes are averaged, beyond the turn of the normal.
+///
+/// Higher: highlights bleed between facets. Lower: tessellated surfaces are not smoothed.
+pub const LOBE_SLOPE: f32 = 0.1;
+
+/// Maximum difference of their reflectances at normal incidence.
+///
+/// Higher: textures of the reflectance blur. Lower: textured surfaces are not smoothed.
+pub const TINT: f32 = 0.05;
+
 /// The pass.
 pub struct Discontinuity {
     /// Points on the surface; w: octahedral code of the geometric normal.
@@ -92,6 +107,7 @@ pub struct Discontinuity {
     pub filtered: Lighting,
     guides: BoundKernel,
     average: BoundKernel,
+    lobes: Option<BoundKernel>,
     windows: Vec<Window>,
     tiles: Buffer,
     tile_count: u32,
@@ -109,6 +125,8 @@ pub struct Inputs<'a> {
     pub ideal_tiles: &'a List,
     /// Components of a pixel, 1 or 2.
     pub components: u32,
+    /// Whether there are surfaces with a lobe.
+    pub lobes: bool,
     /// Width and height of the image.
     pub size: [u32; 2],
     /// Width and height of the interleaving pattern.
@@ -120,14 +138,14 @@ pub struct Inputs<'a> {
 impl Discontinuity {
     /// Prepares the filter of `inputs.lighting`.
     pub fn new(kit: &Kit, inputs: &Inputs) -> Result<Self> {
-        let Inputs { points, paths, lighting, ideal_tiles, components, size, pattern, filter } = *inputs;
+        let Inputs { points, paths, lighting, ideal_tiles, components, lobes, size, pattern, filter } = *inputs;
         let [width, height] = size;
         let array = |what: &str| kit.vec4s(&format!("discontinuity {what}"), width * height * components);
         let (guide_points, guide_normals) = (array("points")?, array("normals")?);
         let filtered = Lighting {
             direct: if filter.direct { array("direct")? } else { lighting.direct.clone() },
             indirect: array("indirect")?,
-            specular: lighting.specular.clone(),
+            specular: if lobes { array("specular")? } else { lighting.specular.clone() },
         };
         let windows: Vec<Window> =
             (0..components).map(|component| Window { component, ..Window::new(&filter, pattern) }).collect();
@@ -149,13 +167,15 @@ impl Discontinuity {
             ("guide_normals", &guide_normals),
             ("filtered_direct", &filtered.direct),
             ("filtered_indirect", &filtered.indirect),
+            ("filtered_specular", &filtered.specular),
         ]);
         let (points, paths, lighting) = (points.resources(), paths.resources(), lighting.resources());
         let bind = |shader| kit.bind(shader, &[&own, &points, &paths, &lighting, &ideal_tiles.as_tiles()]);
+        let lobes = if lobes { Some(bind(&shaders::DISCONTINUITY_LOBES)?) } else { None };
         let (guides, average) = (bind(guides)?, bind(average)?);
         let tile_count = width.div_ceil(8) * height.div_ceil(8);
         let tiles = ideal_tiles.work.clone();
-        Ok(Discontinuity { guide_points, guide_normals, filtered, guides, average, windows, tiles, tile_count })
+        Ok(Discontinuity { guide_points, guide_normals, filtered, guides, average, lobes, windows, tiles, tile_count })
     }
 
     /// Records the pass.
@@ -164,7 +184,7 @@ impl Discontinuity {
             // Second components of the tiles that are not listed take no part.
             rec.fill(&self.guide_normals, 0)?;
         }
-        for kernel in [&self.guides, &self.average] {
+        for kernel in [Some(&self.guides), Some(&self.average), self.lobes.as_ref()].into_iter().flatten() {
             for window in &self.windows {
                 let push = bytemuck::bytes_of(window);
                 match window.component {
@@ -314,6 +334,38 @@ pub fn reference(
         irradiance[i] + weight * gain
     };
     (0..irradiance.len()).map(filtered).collect()
+}
+
+/// A pixel with a lobe, for the oracle.
+#[derive(Clone, Copy, Debug)]
+pub struct Gloss {
+    /// Point.
+    pub position: Vec3,
+    /// Geometric normal.
+    pub geometric: Vec3,
+    /// Shading normal.
+    pub shading: Vec3,
+    /// Direction to the eye.
+    pub wo: Vec3,
+    /// Specular reflectance at normal incidence.
+    pub f0: Vec3,
+    /// Roughness of the lobe.
+    pub alpha: f32,
+}
+
+impl Gloss {
+    /// Oracle: whether two pixels reflect alike.
+    pub fn is_like(&self, other: &Gloss) -> bool {
+        let mirrored = |g: &Gloss| 2.0 * g.shading.dot(g.wo) * g.shading - g.wo;
+        let chord = other.position - self.position;
+        let rise = chord.dot(self.geometric + other.geometric);
+        let turn = (2.0 - 2.0 * self.geometric.dot(other.geometric)).max(0.0);
+        let (narrow, wide) = (self.alpha.min(other.alpha), self.alpha.max(other.alpha));
+        rise * rise <= chord.length_squared() * (turn + LOBE_SLOPE * LOBE_SLOPE)
+            && wide <= 1.25 * narrow
+            && (mirrored(self) - mirrored(other)).length() <= narrow
+            && (self.f0 - other.f0).abs().max_element() <= TINT
+    }
 }
 
 #[cfg(test)]

@@ -104,17 +104,22 @@ pub fn near_reference(
     class: u32,
     receiver: &ShadingPoint,
 ) -> (Ray, Vec3, bool) {
-    let point = near_point(frame, class);
-    let weight = Vec3::splat(near_points::ray_weight(frame));
+    let point = near_point(frame, pixel, class);
+    let weight = Vec3::splat(near_points::ray_weight(frame, pixel));
     towards(frame, (frame.sample_of(pixel), 0), point, receiver, weight)
 }
 
-/// Oracle: point that gives the near rays of a class their direction.
-pub fn near_point(frame: &layout::FrameParameters, class: u32) -> [f32; 2] {
-    let n = frame.size[3].wrapping_mul(frame.pattern[2]).wrapping_add(class);
+/// Oracle: point that gives the near ray of a slot its direction.
+pub fn near_point(frame: &layout::FrameParameters, slot: u32, class: u32) -> [f32; 2] {
+    let ([width, _, pixels, pass], [across, down, classes, _], spread) = (frame.size, frame.pattern, frame.mirrors[3]);
+    let (second, pixel) = (slot >= pixels, slot % pixels);
+    let place = [pixel % width / across % spread, pixel / width / down % spread];
+    let n = pass.wrapping_mul(near_points::ray_classes(classes)).wrapping_add(near_points::near_order(frame, class));
+    let of_pixels = n.wrapping_mul(spread * spread).wrapping_add(place[1] * spread + place[0]);
+    let (n, begins) = if second { (class, frame.keys[0]) } else { (of_pixels, frame.keys[1]) };
     // The powers 1/p and 1/p^2 of the plastic number p, in units of 2^-32.
     let steps = [3_242_174_889u32, 2_447_445_414];
-    [0, 1].map(|d| unit(n.wrapping_mul(steps[d]).wrapping_add(key(frame.keys[1], GATHER, 0, d as u32))))
+    [0, 1].map(|d| unit(n.wrapping_mul(steps[d]).wrapping_add(key(begins, GATHER, 0, d as u32))))
 }
 
 /// The ray of a sample point.

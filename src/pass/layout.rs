@@ -43,11 +43,13 @@ pub struct FrameParameters {
     pub shifts: [[f32; 4]; 16],
     /// For dimensions 2j and 2j + 1: random words; then the point of the gather rays of bounce j.
     pub sobol: [[u32; 4]; 16],
-    /// x: share of the choice of emitters that goes by power, where it goes by contribution.
+    /// Share of the choice of emitters that goes by power, where it goes by contribution; virtual lights on a unit of area of
+    /// an emitter of mean radiance 1, and of other surfaces; maximum alpha of a lobe that eye paths follow, 0: none.
     pub choice: [f32; 4],
     /// Planar reflectors, by their number, that mirror the room; form of their reflectance, as in [`crate::settings::Reflectance`].
     pub superposition: [u32; 4],
-    /// Mirrored lights of each class N, lights to mirror, planar mirrors, 0.
+    /// Mirrored lights of each class N, lights to mirror, planar mirrors; neighbours of a class, across and down, that share
+    /// near light.
     pub mirrors: [u32; 4],
     /// Of the lens: its diameter times the pixels of a unit of length at unit distance, 1 / distance in focus.
     pub lens: [f32; 4],
@@ -236,7 +238,7 @@ pub struct PointLight {
     pub normal: [f32; 4],
     /// Radiant intensity along the normal; w: offset of the spot's falloff.
     pub emit: [f32; 4],
-    /// Towards where the particle came from; w: GGX alpha.
+    /// Towards where the particle came from; w: GGX alpha, or on an emitter the lights on a unit of its area.
     pub wi: [f32; 4],
     /// Incident flux; w: f90.
     pub flux: [f32; 4],
@@ -275,11 +277,16 @@ pub struct MaterialRecord {
     pub specular: [f32; 4],
     /// Radiance; w: index of refraction.
     pub emission: [f32; 4],
-    /// Base texture + 1, metallic-roughness texture + 1, kind of surface, two-sided emission.
+    /// Base texture + 1, metallic-roughness texture + 1, kind of surface, [`MaterialRecord::TWO_SIDED`] and
+    /// [`MaterialRecord::SHINY`].
     pub flags: [u32; 4],
 }
 
 impl MaterialRecord {
+    /// Emits on both sides.
+    pub const TWO_SIDED: u32 = 1;
+    /// Its lobe may be narrow enough for eye paths to follow.
+    pub const SHINY: u32 = 2;
     /// Kind: diffuse base and a lobe.
     pub const OPAQUE: u32 = 0;
     /// Kind: diffuse base and an ideal mirror.

@@ -20,6 +20,7 @@ pub mod eye_paths;
 pub mod eye_points;
 pub mod gather;
 pub mod gathered_points;
+pub mod glossy_light;
 pub mod importance;
 pub mod layout;
 pub mod lens;
@@ -312,6 +313,8 @@ pub struct EyePathState {
     pub throughput: Buffer,
     /// Glass media around the ray, [`crate::bsdf::ideal::Media`].
     pub media: Buffer,
+    /// Density over solid angle of the direction of a ray that follows a lobe, else 0.
+    pub lobe_of: Buffer,
 }
 
 impl EyePathState {
@@ -320,12 +323,13 @@ impl EyePathState {
         Ok(EyePathState {
             throughput: vec4s(context, "eye throughput", count)?,
             media: vec4s(context, "eye media", ideal.max(1))?,
+            lobe_of: Buffer::new(context, "eye lobe densities", 4 * u64::from(ideal.max(1)), Memory::Device)?,
         })
     }
 
     /// The buffers by their names in shaders.
     pub fn resources(&self) -> Resources {
-        Resources::of([("throughput", &self.throughput), ("media", &self.media)])
+        Resources::of([("throughput", &self.throughput), ("media", &self.media), ("lobe_of", &self.lobe_of)])
     }
 }
 
@@ -361,6 +365,10 @@ impl ShadingPoints {
     pub const SEEN_BY_SPECULAR: u32 = 16;
     /// Flag of an eye path: it ended on the base of a glossy plane.
     pub const LOBE_FOLLOWED: u32 = 32;
+    /// Flag: a path of its own follows its specular lobe.
+    pub const LOBE_SAMPLED: u32 = 64;
+    /// One segment of the eye path beyond its first surface that is neither mirror nor glass; up to 15 of them.
+    pub const ONE_SEGMENT: u32 = 256;
 
     /// The bits of 1.0, which are in every word with a flag, see `shaders/include/flags.wgsl`.
     const FLAGS: u32 = 0x3f80_0000;
@@ -368,7 +376,7 @@ impl ShadingPoints {
     /// The flags that a word holds: none, unless a pass wrote it.
     pub fn flags(word: f32) -> u32 {
         let flags = word.to_bits() ^ ShadingPoints::FLAGS;
-        if flags < 2 * ShadingPoints::LOBE_FOLLOWED { flags } else { 0 }
+        if flags < 16 * ShadingPoints::ONE_SEGMENT { flags } else { 0 }
     }
 
     /// The word that holds these flags.

@@ -17,10 +17,15 @@
 //! Bias: light after more than [`LINKS`] near rays in a row, and what is left of near light at hits that no pixel shows,
 //! is left out.
 //!
-//! Only a quarter of the classes of pixels has near rays in a pass; their light counts for all. A filter whose window has a pixel of
-//! each class spreads it evenly.
+//! Only a quarter of the classes of pixels has near rays in a pass, beside second components; their light counts for all, so the
+//! first ray of a path that starts from a pixel is weighted by the inverse of that share, and later ones, which start from pixels
+//! of the same class, are not. A filter whose window
+//! has a pixel of each class spreads it evenly. With a filter, the near light of [`NEAR_SPREAD`](super::near_points::NEAR_SPREAD)
+//! squared neighbours of a class, whose rays have different directions, is averaged first, in the symmetrical way of
+//! `discontinuity`, where they lie on one smooth surface ([`SMOOTH`], [`SLOPE`]).
 //!
-//! Cost: 9 vec4 for a near ray and 6 for each further one, some 60 operations each; 8 vec4 for the addition.
+//! Cost: 9 vec4 for a near ray and 6 for each further one, some 60 operations each; for the addition 8 vec4, and 5 with 50
+//! operations for each neighbour.
 
 use glam::Vec3;
 
@@ -32,6 +37,11 @@ use crate::plan::Plan;
 
 /// Maximum number of near rays in a row.
 pub const LINKS: usize = 3;
+
+/// Minimum cosine of the angle between the normals of neighbours whose near light is averaged.
+pub const SMOOTH: f32 = 0.9;
+/// Maximum slope of the chord between them against their tangent planes, beyond the turn of the normal.
+pub const SLOPE: f32 = 0.1;
 
 /// The pass over one list.
 pub struct NearCollect {
@@ -54,6 +64,8 @@ pub struct Inputs<'a> {
     pub near_slot: &'a Buffer,
     /// Light of the pixels.
     pub pixels: &'a Lighting,
+    /// The points of the pixels.
+    pub seen: &'a ShadingPoints,
     /// Receives near light: direct and indirect; w of the first: the lobe.
     pub near: &'a [Buffer; 2],
 }
@@ -61,7 +73,7 @@ pub struct Inputs<'a> {
 impl NearCollect {
     /// Writes `near` and adds it to `pixels`.
     pub fn new(kit: &Kit, plan: &Plan, inputs: &Inputs) -> Result<Self> {
-        let Inputs { list, points, lighting, beta, near_slot, pixels, near } = *inputs;
+        let Inputs { list, points, lighting, beta, near_slot, pixels, seen, near } = *inputs;
         let shares = kit.stage("near shares", &shares(plan.settings.max_depth, plan.mean_reflectivity))?;
         let own = Resources::of([
             ("beta", beta),
@@ -71,6 +83,9 @@ impl NearCollect {
             ("pixel_indirect", &pixels.indirect),
             ("near_direct", &near[0]),
             ("near_indirect", &near[1]),
+            ("seen_position", &seen.position),
+            ("seen_geometric", &seen.geometric),
+            ("seen_wo", &seen.wo),
         ]);
         let sets = [&points.resources(), &list.resources(), &lighting.resources(), &own];
         let add_sets = [&list.resources(), &pixels.resources(), &own];

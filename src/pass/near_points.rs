@@ -28,6 +28,9 @@ pub const HEIGHT: f32 = 1.0;
 pub const WIDTH: f32 = 1.0;
 /// Minimum kd / f0 of a hit that takes the irradiance of a pixel.
 pub const MATTE: f32 = 0.5;
+/// Neighbours of a class, across and down, whose near rays have different directions if images are filtered, and whose near light is
+/// averaged.
+pub const NEAR_SPREAD: u32 = 3;
 /// In place of a slot: no pixel shows the hit.
 pub const NOT_SHOWN: u32 = u32::MAX;
 
@@ -36,16 +39,22 @@ pub fn ray_classes(classes: u32) -> u32 {
     (classes / 4).max(1)
 }
 
-/// Whether a class of pixels sends near rays in a pass: a quarter of the classes does, others in the next passes.
-pub fn has_near_ray(frame: &FrameParameters, class: u32) -> bool {
+/// Number of a class in the order of the pass; the first [`ray_classes`] send near rays.
+pub fn near_order(frame: &FrameParameters, class: u32) -> u32 {
     let classes = frame.pattern[2];
     let turn = (2 * frame.size[3] + frame.instance()) % classes;
-    (class + turn * ray_classes(classes)) % classes < ray_classes(classes)
+    (class + turn * ray_classes(classes)) % classes
 }
 
-/// Number of pixels that a near ray stands for.
-pub fn ray_weight(frame: &FrameParameters) -> f32 {
-    frame.pattern[2] as f32 / ray_classes(frame.pattern[2]) as f32
+/// Whether a slot of a class sends a near ray in a pass: a quarter of the classes does, others in the next passes; and all
+/// second components, whose light no filter spreads over the classes.
+pub fn has_near_ray(frame: &FrameParameters, slot: u32, class: u32) -> bool {
+    slot >= frame.size[2] || near_order(frame, class) < ray_classes(frame.pattern[2])
+}
+
+/// Number of slots that the near ray of a slot stands for.
+pub fn ray_weight(frame: &FrameParameters, slot: u32) -> f32 {
+    if slot < frame.size[2] { frame.pattern[2] as f32 / ray_classes(frame.pattern[2]) as f32 } else { 1.0 }
 }
 
 /// The pass.

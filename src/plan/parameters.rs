@@ -5,6 +5,7 @@ use glam::Vec3;
 use super::{INSTANCES, Plan};
 use crate::error::{Error, Result};
 use crate::pass::layout;
+use crate::pass::near_points::NEAR_SPREAD;
 use crate::sampling::dimensions::{OFFSET, REPLICA, ROTATION, WINDOW};
 use crate::sampling::halton::PRIMES;
 use crate::sampling::random::{hash, key, random_f32};
@@ -95,9 +96,17 @@ impl Plan {
             depths,
             shifts,
             sobol: words,
-            choice: [s.power_fraction, 0.0, 0.0, 0.0],
+            choice: [
+                s.power_fraction,
+                self.lights.survivors.first().map_or(0.0, |&n| n as f32) / self.scene.emission.max(f32::MIN_POSITIVE),
+                self.lights.survivors.iter().skip(1).sum::<u32>() as f32 / surface_area(extent.size),
+                if self.eye.lobes { MAX_FOLLOWED_ALPHA } else { 0.0 },
+            ],
             superposition,
-            mirrors: self.mirrors.map_or([0; 4], |m| [m.each, m.lights, m.mirrors, 0]),
+            mirrors: {
+                let [each, lights, mirrors] = self.mirrors.map_or([0; 3], |m| [m.each, m.lights, m.mirrors]);
+                [each, lights, mirrors, if s.filter.is_some() { NEAR_SPREAD } else { 1 }]
+            },
             lens: [lookout.lens[0], lookout.lens[1], 0.0, 0.0],
         })
     }
@@ -136,6 +145,16 @@ impl Lookout {
 /// light that sharper lobes reflect onto other surfaces is spread over a wider cone, with the same energy. Lobes at
 /// shading points are exact.
 pub const MIN_LIGHT_ALPHA: f32 = 0.25;
+
+/// Eye paths follow specular lobes up to this alpha; wider ones are left to virtual lights alone. Higher: more pixels cost a second
+/// path; lower: highlights of single lights show on smooth surfaces.
+pub const MAX_FOLLOWED_ALPHA: f32 = 0.5;
+
+/// Area over which the lights on surfaces are assumed to spread: that of a cube of the view's size. Only the division of
+/// highlights between lights and eye paths depends on it.
+fn surface_area(size: f32) -> f32 {
+    (6.0 * size * size).max(f32::MIN_POSITIVE)
+}
 
 /// Offset of the sample in its pixel: Hammersley points (Keller 1997, 4.1) in blocks of 16, each block rotated at
 /// random. The points of a block are taken in steps of 11, so that an unfinished block is spread evenly too.

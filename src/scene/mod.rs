@@ -509,6 +509,8 @@ pub struct RenderDefaults {
     pub max_specular: Option<u32>,
     /// Split eye paths at the first surface with two components.
     pub split: Option<bool>,
+    /// Follow narrow specular lobes on eye paths.
+    pub glossy_paths: Option<bool>,
     /// Caustic photons of each class of pixels in a pass.
     pub photons: Option<u32>,
     /// Radius of the photon density estimate, in scene units.

@@ -25,6 +25,7 @@ use crate::error::Result;
 use crate::gpu::{Buffer, Recorder};
 use crate::pass::delta_choice::DeltaChoice;
 use crate::pass::discontinuity::Discontinuity;
+use crate::pass::glossy_light::GlossyLight;
 use crate::pass::importance::Importance;
 use crate::pass::layout::DispatchCounts;
 use crate::pass::lens::Lens;
@@ -85,6 +86,7 @@ stages! {
     Importance = "importance",
     DeltaChoice = "delta_choice",
     MirrorLights = "mirror_lights",
+    GlossyLight = "glossy_light",
     Discontinuity = "discontinuity",
     Merge = "merge",
     Summands = "summands",

@@ -94,6 +94,7 @@ impl NearLight {
             beta: &beta,
             near_slot: &near_slot,
             pixels: &shade.lighting,
+            seen: &eye.points,
             near: &near,
         };
         Ok(Some(NearLight {

@@ -214,6 +214,11 @@ pub struct Light {
     /// The same limit with half the memory, and faster passes, but noise on glass and on mirrors over a diffuse base.
     #[arg(long)]
     pub no_split: bool,
+    /// Show glossy surfaces by the highlights of lights alone, with no path along the lobe.
+    ///
+    /// Faster, but single highlights show as dots, and clipping darkens them.
+    #[arg(long)]
+    pub no_glossy_paths: bool,
     /// Caustic photons in each pass, for each class of pixels; 0: no caustics [default: the scene's, or 2000 over all classes; with --preset interactive: 56].
     ///
     /// Time grows linearly; more are smoother. No cost in scenes without mirrors and glass. At most 1048576 over all classes.
@@ -454,7 +459,7 @@ impl From<ClusterOrderFlag> for ClusterOrder {
 pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise instead of structured error.
     #[arg(long, conflicts_with_all = [
-        "passes", "time", "target_error", "resume", "particles", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "no_split",
+        "passes", "time", "target_error", "resume", "particles", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "no_split", "no_glossy_paths",
         "photons", "photon_radius", "mirror_lights", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "summands",
         "light_threshold", "light_choice", "power_fraction", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats",
     ])]

@@ -88,6 +88,7 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
     settings.max_depth = light.max_depth.unwrap_or(settings.max_depth);
     settings.max_specular = light.max_specular.unwrap_or(settings.max_specular);
     settings.split &= !light.no_split;
+    settings.glossy_paths &= !light.no_glossy_paths;
     // The default number is that of all classes together.
     let by_default = light.preset.is_none() && render.photons.is_none();
     let classes = if by_default { settings.classes() } else { 1 };
