@@ -181,8 +181,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         if goes_on {
             go_on(slot, s, wi, ray.w);
         }
-        if splits && split.probability < 1.0 {
-            throughput[branch] = vec4<f32>(before.xyz * split.second_weight, depth);
+        let second = before.xyz * split.second_weight;
+        if splits && split.probability < 1.0 && max(max(second.x, second.y), second.z) > 0.0 {
+            throughput[branch] = vec4<f32>(second, depth);
             media[branch] = inside;
             if shiny {
                 lobe_of[branch] = lobe_density(s.reflectance.alpha, s.shading, -ray.xyz, split.second_wi);

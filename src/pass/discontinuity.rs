@@ -368,6 +368,31 @@ impl Gloss {
     }
 }
 
+/// Oracle: the filtered specular radiance of all pixels; `None`: the pixel has no lobe, or is not lit.
+pub fn lobe_reference(
+    frame: &layout::FrameParameters,
+    window: &Window,
+    lobes: &[Option<Gloss>],
+    radiance: &[Vec3],
+) -> Vec<Vec3> {
+    let [width, height, ..] = frame.size.map(|n| n as i32);
+    let [reach_x, reach_y] = window.reach;
+    let filtered = |i: usize| {
+        let Some(own) = &lobes[i] else { return radiance[i] };
+        let here = IVec2::new(i as i32 % width, i as i32 / width);
+        let offsets = (-reach_y..=reach_y).flat_map(|y| (-reach_x..=reach_x).map(move |x| IVec2::new(x, y)));
+        let gain = offsets.filter_map(|offset| {
+            let there = here + offset;
+            let inside = (0..width).contains(&there.x) && (0..height).contains(&there.y);
+            let j = inside.then_some((there.y * width + there.x) as usize)?;
+            let other = lobes[j].as_ref().filter(|other| own.is_like(other));
+            other.map(|_| window.share(offset) * (radiance[j] - radiance[i]))
+        });
+        radiance[i] + window.middle * gain.sum::<Vec3>()
+    };
+    (0..lobes.len()).map(filtered).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,32 +1,50 @@
-//! Continues eye paths that met a mirror or glass until they meet another surface, which becomes the pixel's shading
-//! point (Wald et al. 2002, section 4).
+//! Continues eye paths that met a mirror, glass or a narrow specular lobe until they meet another surface, which becomes the
+//! pixel's shading point (Wald et al. 2002, section 4).
 //!
 //! Where a path first meets a surface of two components it is split, one path for each: transmission and reflection of
-//! glass; the diffuse base of a mirror, where the path ends, and its reflection. The second component has a slot of its
-//! own, which follows that of the pixel by the number of pixels, and is a shading point like any other until `merge`
-//! adds its light to the pixel. Later in the path one component is chosen, with a probability p in proportion to the
-//! weights:
+//! glass; the diffuse base of a mirror, where the path ends, and its reflection; a glossy surface, where the path ends, and a path
+//! along its lobe. The second component has a slot of its own, which follows that of the pixel by the number of pixels, and is a
+//! shading point like any other until `merge` or `glossy_light` adds its light to the pixel. Later in the path one component is
+//! chosen, with a probability p in proportion to the weights:
 //!
 //! ```text
 //! throughput *= f / p      f = F (mirror), R (reflected), (1 - R) tint / eta^2 (through glass), 1 (a mirror's base)
+//!                          f = F G2 / G1 (along a lobe, by visible normals, Heitz 2018), 1 (a glossy surface)
 //! ```
 //!
-//! [`crate::bsdf::ideal`] has the directions and f. Emission along the path is added to that of the shading point.
-//! After `max_specular` of these steps the path ends: mirrors show their diffuse base, glass is black.
+//! [`crate::bsdf::ideal`] has the directions and f of mirrors and glass. Emission along the path is added to that of the shading
+//! point. After `max_specular` of these steps the path ends: mirrors show their diffuse base, glass is black, and glossy surfaces
+//! the highlights of lights alone.
+//!
+//! **Lobes** with alpha up to [`MAX_FOLLOWED_ALPHA`](crate::plan::MAX_FOLLOWED_ALPHA) are followed. A lobe of density p_l towards
+//! a point y at distance r, under the cosine c there, and virtual lights of density q on y's surface both find the light that y
+//! sends; the balance heuristic (Veach and Guibas 1995) divides it:
+//!
+//! ```text
+//! path: p_l c / (p_l c + q r^2)      lights: q r^2 / (p_l c + q r^2), in place of clipping
+//! ```
+//!
+//! q is that of particles on emitters (N_0 times radiance over the power), and one mean for all other surfaces (all other lights on a
+//! cube of the view's size): any q gives the right limit. Lights without area and mirrors in between are found in one way only, which
+//! has all of the light; photons and mirrored lights leave followed lobes out. Segments beyond the first such surface count in
+//! `max_depth`.
+//!
+//! All pixels of a class draw the same numbers, so that neighbours differ smoothly ([`path_numbers`]).
 //!
 //! For a glossy plane seen directly (superposition, see `mirror_image`) the first component is the base, where the path
 //! ends, and the second the mirror image itself, with throughput 1. For a frosted pane the first component is the scene
 //! behind it, also with throughput 1, and the pane's emission goes with the second.
 //!
-//! Differs from the paper in that: a path is split once, whatever the weights of the components; the diffuse and glossy
-//! lobes of a surface need no paths of their own, since point lights light both.
+//! Differs from the paper in that: a path is split once, whatever the weights of the components; point lights light wide
+//! lobes, which need no paths of their own.
 //!
 //! Bias: only eye paths pass mirrors and glass here. Light that reaches a shading point through mirrors and glass
-//! (caustics) is missing, and glass casts a shadow like any opaque surface. The throughput is applied when the image is
-//! composed, so irradiance, for filters and layers, is that of the visible surface.
+//! (caustics) is missing, and glass casts a shadow like any opaque surface. Caustics of lights without area are missing from
+//! followed lobes. The throughput is applied when the image is composed, so irradiance, for filters and layers, is that of the
+//! visible surface.
 //!
-//! Cost: for each pixel of a tile that shows mirrors or glass (see `tiles`), and for each path that continues, 170
-//! bytes read and 96 written, 300 operations, and one ray of `trace`. An empty list costs a few microseconds a step.
+//! Cost: for each pixel of a tile that shows narrow lobes, mirrors or glass (see `tiles`), and for each path that continues, 170
+//! bytes read and 100 written, 400 operations, and one ray of `trace`. An empty list costs a few microseconds a step.
 
 use glam::Vec3;
 
@@ -36,12 +54,13 @@ use super::surface::SurfacePoint;
 use super::{BoundKernel, EyePathState, Kit, List, Rays, ShadingPoints, layout, push};
 use crate::accel::{Ray, offset_origin};
 use crate::bsdf::ideal::{BsdfSample, Media, specular_samples};
-use crate::bsdf::{Normals, mean};
+use crate::bsdf::{Normals, mean, pdf_specular, schlick};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
-use crate::sampling::dimensions::COMPONENT;
-use crate::sampling::random::{key, random_f32};
-use crate::scene::Scene;
+use crate::sampling::dimensions::{COMPONENT, EYE_LOBE};
+use crate::sampling::random::key;
+use crate::sampling::sobol::unit;
+use crate::scene::{Scene, Surface};
 
 /// One step of all paths.
 pub struct EyePaths {
@@ -102,6 +121,47 @@ pub struct EyePath {
     pub media: Media,
     /// Emission along the path.
     pub emitted: Vec3,
+    /// Density over solid angle of its direction if it follows a lobe, else 0.
+    pub lobe: f32,
+    /// Segments beyond the first surface that is neither mirror nor glass.
+    pub segments: u32,
+    /// It ended where another path follows the lobe.
+    pub sampled: bool,
+}
+
+/// Oracle: numbers that choose a direction along a lobe (first two) and a component (last), for a class of pixels at the
+/// surface of number `step`.
+pub fn path_numbers(frame: &layout::FrameParameters, class: u32, step: u32) -> [f32; 3] {
+    // The powers 1/p and 1/p^2 of the plastic number p, and the golden section, in units of 2^-32.
+    let steps = [3_242_174_889u32, 2_447_445_414, 2_654_435_769];
+    let (n, begins) = match step {
+        0 => (frame.size[3].wrapping_mul(frame.pattern[2]).wrapping_add(class), frame.keys[1]),
+        _ => (class, frame.keys[0]),
+    };
+    let starts = [key(begins, EYE_LOBE, step, 0), key(begins, EYE_LOBE, step, 1), key(begins, COMPONENT, step, 0)];
+    std::array::from_fn(|d| unit(n.wrapping_mul(steps[d]).wrapping_add(starts[d])))
+}
+
+/// Oracle: the part of light that a path of density `lobe` along a lobe brings; 0 stands for a mirror, which has all.
+pub fn path_share(lobe: f32, lights: f32, distance2: f32, cosine: f32) -> f32 {
+    if lobe == 0.0 { 1.0 } else { lobe * cosine / (lobe * cosine + lights * distance2) }
+}
+
+/// Oracle: the part of virtual lights, over the square of the distance.
+pub fn highlight_factor(lobe: f32, lights: f32, distance2: f32, cosine: f32) -> f32 {
+    lights / (lobe * cosine + lights * distance2)
+}
+
+/// Oracle: the parts of the emission of a surface and of the light that it reflects which a path brings.
+pub fn shares_at(
+    frame: &layout::FrameParameters,
+    path: &EyePath,
+    (d, t): (Vec3, f32),
+    surface: &SurfacePoint,
+) -> [f32; 2] {
+    let cosine = surface.geometric.dot(d).abs();
+    let lights = [frame.choice[1] * mean(surface.emission), frame.choice[2]];
+    lights.map(|lights| path_share(path.lobe, lights, t * t, cosine))
 }
 
 /// A plane with an image by superposition.
@@ -119,30 +179,35 @@ pub enum Plane {
 }
 
 /// Oracle: the path after its hit on `surface` at distance `t`, `cos_view` the cosine between its first segment and the
-/// view direction; and the second component if the path is split (its slot is `split_offset` after that of the path; 0: paths
-/// are not split). `None` if the surface is neither mirror nor glass. `plane`: the surface has an image by
-/// superposition.
+/// view direction, and `class` that of its pixel; and the second component if the path is split (its slot is `split_offset` after
+/// that of the path; 0: paths are not split). `None` if the surface is neither mirror nor glass nor glossy. `plane`: the surface has
+/// an image by superposition.
 #[allow(clippy::too_many_arguments)]
 pub fn reference(
     frame: &layout::FrameParameters,
     scene: &Scene,
-    step: u32,
+    (step, class): (u32, u32),
     split_offset: u32,
     path: &EyePath,
     (d, t, cos_view): (Vec3, f32, f32),
     surface: &SurfacePoint,
     plane: Option<Plane>,
 ) -> Option<(EyePath, Option<EyePath>)> {
+    let numbers = path_numbers(frame, class, step);
     if let Some(Plane::Glossy { energy, grazing }) = plane {
+        let step = (step, numbers[2]);
         return Some(at_plane(frame, step, split_offset, path, (d, cos_view * t), surface, [energy, grazing]));
     }
+    let splits = step == 0 && split_offset > 0;
+    let fits = path.segments + 2 <= frame.scene[2];
     let material = &scene.materials[surface.material as usize];
+    if material.surface == Surface::Opaque {
+        return at_lobe(frame, numbers, if splits { split_offset } else { 0 }, path, (d, t, cos_view), surface);
+    }
     let normals = Normals { geometric: surface.geometric, shading: surface.shading, front: surface.front };
     let eta = path.media.relative_index(&scene.materials, surface.material, surface.front);
     let split = specular_samples(material, &surface.finish, &normals, -d, eta)?.split(surface.reflectance.kd);
-    let splits = step == 0 && split_offset > 0;
-    let first =
-        splits || random_f32(key(frame.keys[0], COMPONENT, frame.sample_of(path.slot), step)) < split.probability;
+    let first = splits || numbers[2] < split.probability;
     let (sample, probability) =
         if first { (split.first, split.probability) } else { (split.second, 1.0 - split.probability) };
     let chance = if splits { 1.0 } else { probability };
@@ -150,7 +215,7 @@ pub fn reference(
         let side = if sample.wi.dot(surface.geometric) > 0.0 { surface.geometric } else { -surface.geometric };
         let origin = offset_origin(surface.position, side, frame.eye[3]);
         let media = if sample.crosses { path.media.crossed(surface.material, surface.front) } else { path.media };
-        let throughput = path.throughput * sample.weight / chance;
+        let throughput = if path.segments > 0 && !fits { Vec3::ZERO } else { path.throughput * sample.weight / chance };
         let goes_on = throughput.max_element() > 0.0;
         EyePath {
             slot,
@@ -159,6 +224,9 @@ pub fn reference(
             depth: if goes_on { path.depth + cos_view * t } else { path.depth },
             media,
             emitted: Vec3::ZERO,
+            lobe: if goes_on { 0.0 } else { path.lobe },
+            segments: path.segments + u32::from(goes_on && path.segments > 0),
+            sampled: false,
         }
     };
     let mut next = match sample {
@@ -167,7 +235,9 @@ pub fn reference(
     };
     // The emission of a mirror with a base is counted at the base.
     let has_base = split.first.is_none();
-    next.emitted = path.emitted + if has_base { Vec3::ZERO } else { path.throughput * surface.emission };
+    let [emission_share, _] = shares_at(frame, path, (d, t), surface);
+    next.emitted =
+        path.emitted + if has_base { Vec3::ZERO } else { path.throughput * surface.emission * emission_share };
     let mut branch = split.second.filter(|_| splits).map(|sample| on(path.slot + split_offset, sample, 1.0));
     if let (Some(Plane::Frosted), true, Some(branch)) = (plane, splits, &mut branch) {
         branch.emitted = next.emitted - path.emitted;
@@ -176,10 +246,55 @@ pub fn reference(
     Some((next, branch))
 }
 
+/// Oracle for glossy surfaces: the path ends there, and another one follows the lobe if it is narrow; `split_offset` 0: one of them
+/// is chosen. `None` if the surface has no lobe narrow enough, and the path just ends.
+fn at_lobe(
+    frame: &layout::FrameParameters,
+    numbers: [f32; 3],
+    split_offset: u32,
+    path: &EyePath,
+    (d, t, cos_view): (Vec3, f32, f32),
+    surface: &SurfacePoint,
+) -> Option<(EyePath, Option<EyePath>)> {
+    let (r, n) = (surface.reflectance, surface.shading);
+    if r.f90 <= 0.0 || r.alpha > frame.choice[3] || path.segments + 2 > frame.scene[2] {
+        return None;
+    }
+    let base = mean(r.kd);
+    let share = (base / (base + mean(schlick(r.f0, r.f90, -n.dot(d))))).clamp(0.25, 0.75);
+    let alone = crate::bsdf::Reflectance { kd: Vec3::ZERO, ..r };
+    let (wi, weight) = alone.sample_lobe(false, n, -d, numbers[0], numbers[1]);
+    let weight = if wi.dot(surface.geometric) > 0.0 { weight } else { Vec3::ZERO };
+    let along = |slot: u32, throughput: Vec3| {
+        let origin = offset_origin(surface.position, surface.geometric, frame.eye[3]);
+        EyePath {
+            slot,
+            ray: (throughput.max_element() > 0.0).then_some(Ray { origin, t_max: 3.0e38, direction: wi }),
+            throughput,
+            depth: path.depth + cos_view * t,
+            lobe: pdf_specular(n, wi, -d, r.alpha),
+            segments: path.segments + 1,
+            ..*path
+        }
+    };
+    if split_offset > 0 {
+        let branch = EyePath { emitted: Vec3::ZERO, ..along(path.slot + split_offset, path.throughput * weight) };
+        return Some((EyePath { ray: None, sampled: true, ..*path }, Some(branch)));
+    }
+    if numbers[2] < share {
+        return Some((EyePath { ray: None, sampled: true, throughput: path.throughput / share, ..*path }, None));
+    }
+    let [_, of_path] = shares_at(frame, path, (d, t), surface);
+    let next = along(path.slot, path.throughput * weight / (1.0 - share) * of_path);
+    // A path without light ends here, and keeps its depth.
+    let ended = EyePath { ray: None, throughput: Vec3::ZERO, ..*path };
+    Some((if next.ray.is_some() { next } else { ended }, None))
+}
+
 /// Oracle for glossy planes: both components at the first hit, one of them at later hits.
 fn at_plane(
     frame: &layout::FrameParameters,
-    step: u32,
+    (step, number): (u32, f32),
     split_offset: u32,
     path: &EyePath,
     (d, depth): (Vec3, f32),
@@ -197,7 +312,7 @@ fn at_plane(
     let r = &surface.reflectance;
     let reflectance = r.f0 * (energy - grazing) + r.f90 * grazing;
     let probability = mean(r.kd) / (mean(r.kd) + mean(reflectance));
-    if random_f32(key(frame.keys[0], COMPONENT, frame.sample_of(path.slot), step)) < probability {
+    if number < probability {
         return (EyePath { ray: None, throughput: path.throughput / probability, ..*path }, None);
     }
     (EyePath { throughput: path.throughput * reflectance / (1.0 - probability), ..mirrored }, None)

@@ -130,7 +130,7 @@ fn towards(
     receiver: &ShadingPoint,
     beta: Vec3,
 ) -> (Ray, Vec3, bool) {
-    let r = &receiver.reflectance;
+    let r = receiver.gathering();
     let p = r.diffuse_probability();
     let diffuse = random_f32(key(frame.keys[0], GATHER_LOBE, sample, bounce)) < p;
     let (wi, weight) = r.sample_lobe(diffuse, receiver.shading, receiver.wo, u, v);
@@ -141,6 +141,7 @@ fn towards(
         (true, true) => Vec3::splat(std::f32::consts::PI / p),
         (true, false) => weight,
     };
-    let ray = Ray { origin: receiver.position, t_max: if above { frame.up[3] } else { 0.0 }, direction: wi };
+    let sends = above && (r.kd != Vec3::ZERO || !diffuse);
+    let ray = Ray { origin: receiver.position, t_max: if sends { frame.up[3] } else { 0.0 }, direction: wi };
     (ray, beta * weight, !diffuse)
 }

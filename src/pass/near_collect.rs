@@ -29,6 +29,7 @@
 
 use glam::Vec3;
 
+use super::layout::FrameParameters;
 use super::schedule::LIST_GROUPS;
 use super::{BoundKernel, Kit, Lighting, List, ShadingPoints};
 use crate::error::Result;
@@ -125,6 +126,8 @@ pub fn shares(max_depth: u32, rho: f32) -> [[f32; 4]; LINKS] {
 pub struct Link {
     /// Throughput.
     pub beta: Vec3,
+    /// Number of slots that the ray stands for.
+    pub weight: f32,
     /// There is one in this pass.
     pub has_ray: bool,
     /// It left through the specular lobe.
@@ -157,9 +160,30 @@ pub fn reference(links: &[Link], start: usize, shares: &[[f32; 4]; LINKS]) -> [V
         if links[q].specular || !links[q].has_ray {
             break;
         }
+        // It stands for other pixels once.
+        through /= link.weight;
         at = q;
     }
     sums
+}
+
+/// Oracle: whether near light of two points of a class, with their normals, is averaged.
+pub fn smooth_between(a: (Vec3, Vec3), b: (Vec3, Vec3)) -> bool {
+    let chord = b.0 - a.0;
+    let turn = (2.0 - 2.0 * a.1.dot(b.1)).max(0.0);
+    let rise = chord.dot(a.1 + b.1);
+    a.1.dot(b.1) >= SMOOTH && rise * rise <= chord.length_squared() * (turn + SLOPE * SLOPE)
+}
+
+/// Oracle: slots of the neighbours of the same class with whose near light that of a slot is averaged, itself included.
+pub fn neighbours(frame: &FrameParameters, slot: u32) -> Vec<u32> {
+    let ([width, height, pixels, _], [across, down, ..]) = (frame.size.map(i64::from), frame.pattern.map(i64::from));
+    let reach = if i64::from(slot) < pixels { i64::from(frame.mirrors[3] / 2) } else { 0 };
+    let pixel = i64::from(slot) % pixels;
+    let offsets = (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| (x, y)));
+    let places = offsets.map(|(x, y)| (pixel % width + x * across, pixel / width + y * down));
+    let inside = places.filter(|(x, y)| (0..width).contains(x) && (0..height).contains(y));
+    inside.map(|(x, y)| (i64::from(slot) - pixel + y * width + x) as u32).collect()
 }
 
 #[cfg(test)]

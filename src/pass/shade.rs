@@ -37,11 +37,12 @@
 
 use glam::Vec3;
 
+use super::eye_paths::highlight_factor;
 use super::layout::{PointLight, Step};
 use super::schedule::{LIST_GROUPS, ROUND_GROUPS, Schedule};
 use super::{BoundKernel, Kit, Lighting, List, ShadingPoints, TraversalKernels, push};
 use crate::accel::{Bvh, Ray};
-use crate::bsdf::Reflectance;
+use crate::bsdf::{Reflectance, pdf_specular};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources};
 use crate::plan::{self, StepTable};
@@ -216,6 +217,17 @@ pub struct ShadingPoint {
     pub reflectance: Reflectance,
     /// Direction to the viewer.
     pub wo: Vec3,
+    /// If a path of its own follows its lobe: virtual lights on a unit of area of surfaces that do not emit.
+    pub sampled: Option<f32>,
+}
+
+impl ShadingPoint {
+    /// Its reflectance as far as light is gathered for it: without a lobe that has a path of its own, since nothing of that is
+    /// clipped.
+    pub fn gathering(&self) -> Reflectance {
+        let r = self.reflectance;
+        if self.sampled.is_some() { Reflectance { f0: Vec3::ZERO, f90: 0.0, ..r } } else { r }
+    }
 }
 
 /// Oracle: the perpendicular irradiance that `light` sends towards a point in direction `-wi` (wi from the point to the
@@ -235,6 +247,21 @@ pub fn light_towards(light: &PointLight, wi: Vec3, r2: f32, clip2: f32) -> Vec3 
     let clip2 = if flags & PointLight::CLIPPED != 0 { clip2 } else { 0.0 };
     let falloff = if flags & PointLight::DIRECTIONAL != 0 { 1.0 } else { 1.0 / r2.max(clip2) };
     intensity * falloff
+}
+
+/// Oracle: the share of a light's highlight, over the square of the distance, at a point whose lobe a path follows; `surfaces`:
+/// virtual lights on a unit of area of other surfaces.
+fn highlight_falloff(light: &PointLight, receiver: &ShadingPoint, wi: Vec3, r2: f32, surfaces: f32) -> f32 {
+    if light.flags() & PointLight::DIRECTIONAL != 0 {
+        return 1.0;
+    }
+    if light.flags() & PointLight::SURFACE == 0 {
+        return 1.0 / r2;
+    }
+    let lobe = pdf_specular(receiver.shading, wi, receiver.wo, receiver.reflectance.alpha);
+    let lights = if light.f0[3] == 0.0 { light.wi[3] } else { surfaces };
+    let normal = Vec3::new(light.normal[0], light.normal[1], light.normal[2]);
+    highlight_factor(lobe, lights, r2, -wi.dot(normal))
 }
 
 /// Oracle: direct irradiance, indirect irradiance and specular radiance of a shading point under all lights.
@@ -259,7 +286,12 @@ pub fn reference(bvh: &Bvh, receiver: &ShadingPoint, lights: &[PointLight], clip
         }
         sums[usize::from(light.f0[3] != 0.0)] += e;
         if receiver.reflectance.f90 > 0.0 {
-            sums[2] += e * receiver.reflectance.eval_specular(receiver.shading, receiver.wo, wi);
+            let l = receiver.sampled.map_or(e, |surfaces| {
+                // The intensity: the light at unit distance, not clipped.
+                let falloff = highlight_falloff(light, receiver, wi, r2, surfaces);
+                light_towards(light, wi, 1.0, 0.0) * (cos * falloff)
+            });
+            sums[2] += l * receiver.reflectance.eval_specular(receiver.shading, receiver.wo, wi);
         }
     }
     sums

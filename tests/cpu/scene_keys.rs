@@ -63,7 +63,7 @@ fn every_key_of_a_material_is_obeyed() {
 fn every_key_of_the_rendering_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let keys = "[render]\npasses = 3\nparticles = 5\ndirect_lights = 4\ninterleave = [2, 3]\nmax_depth = 6\nmax_specular = 7\n\
-                split = false\nphotons = 8\nphoton_radius = 0.5\nsuperposition = \"invariant\"\nclip = 0.25\n\
+                split = false\nglossy_paths = false\nphotons = 8\nphoton_radius = 0.5\nsuperposition = \"invariant\"\nclip = 0.25\n\
                 compensation = false\nseed = 9\nexposure = -1.5\n";
     let expected = RenderDefaults {
         passes: Some(3),
@@ -73,6 +73,7 @@ fn every_key_of_the_rendering_is_read() {
         max_depth: Some(6),
         max_specular: Some(7),
         split: Some(false),
+        glossy_paths: Some(false),
         photons: Some(8),
         photon_radius: Some(0.5),
         superposition: Some(Spread::Invariant),

@@ -3,14 +3,14 @@
 
 use glam::{Vec3, Vec4};
 use lightsum::gpu::{Context, upload};
-use lightsum::pass::Lighting;
-use lightsum::pass::discontinuity::{self, Discontinuity, Guide, Inputs, PixelPoint, agree, guide};
+use lightsum::pass::discontinuity::{self, Discontinuity, Gloss, Guide, Inputs, PixelPoint, agree, guide};
 use lightsum::pass::layout::Window;
+use lightsum::pass::{Lighting, ShadingPoints};
 use lightsum::scene::{Light, Material, Scene, Texture, Wrap};
 use lightsum::settings::{Agreement, Filter, Settings};
 use lightsum::stage::Stage;
 
-use crate::rig::{Builder, Numbers, Rig, Tally, close, gallery, untouched};
+use crate::rig::{Builder, Numbers, Rig, STRAYS, Tally, close, gallery, has, is_lit, untouched};
 use crate::scenes::{Soup, camera, render};
 use crate::support::gpu_test;
 
@@ -53,6 +53,7 @@ fn filtered(ctx: &Context, rig: &Rig, filter: Filter, irradiance: [&[Vec3]; 2]) 
         lighting: &Lighting { direct, indirect, specular: frame.shade.lighting.specular.clone() },
         ideal_tiles: &frame.eye.ideal_tiles,
         components: irradiance[0].len() as u32 / pixels,
+        lobes: false,
         size: [width, height],
         pattern: [pattern_width, pattern_height],
         filter,
@@ -90,6 +91,66 @@ fn filters() -> Vec<(Filter, [u32; 2])> {
         (filter(Some([5, 7]), true, Agreement::DepthAndNormal), [4, 1]),
         (filter(Some([1, 9]), false, Agreement::DepthAndNormal), [1, 8]),
     ]
+}
+
+#[test]
+fn lobes_follow_their_oracle() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        let mut averaged = 0;
+        for size in [[1, 1], [27, 1], [64, 3], [2049, 1], [97, 61]] {
+            for (filter, pattern) in filters() {
+                let rig = seen(ctx, &scene, size, pattern);
+                let frame = rig.frame();
+                let r = &frame.eye.points;
+                let [position, geometric, shading, f0, wo] =
+                    [&r.position, &r.geometric, &r.shading, &r.f0, &r.wo].map(|b| rig.vec4s(b));
+                let pixels = (size[0] * size[1]) as usize;
+                let lobe = |i: usize| Gloss {
+                    position: position[i].truncate(),
+                    geometric: geometric[i].truncate(),
+                    shading: shading[i].truncate(),
+                    wo: wo[i].truncate(),
+                    f0: f0[i].truncate(),
+                    alpha: shading[i].w,
+                };
+                let takes_part = |i: usize| has(wo[i], ShadingPoints::GLOSSY) && is_lit(wo[i]);
+                let lobes: Vec<_> = (0..pixels).map(|i| takes_part(i).then(|| lobe(i))).collect();
+                let radiance = random(wo.len());
+                let wide: Vec<Vec4> = radiance.iter().map(|l| l.extend(0.0)).collect();
+                let specular = upload(ctx, "radiance", bytemuck::cast_slice::<Vec4, f32>(&wide)).unwrap();
+                let lighting = Lighting { specular, ..frame.shade.lighting.clone() };
+                let inputs = Inputs {
+                    points: r,
+                    paths: &frame.eye.paths,
+                    lighting: &lighting,
+                    ideal_tiles: &frame.eye.ideal_tiles,
+                    components: (wo.len() / pixels) as u32,
+                    lobes: true,
+                    size,
+                    pattern,
+                    filter,
+                };
+                let pass = rig.make(|kit| Discontinuity::new(kit, &inputs));
+                rig.run(|_, rec| pass.record(rec));
+                let found = rig.vec4s(&pass.filtered.specular);
+                let window = Window::new(&filter, pattern);
+                let expected = discontinuity::lobe_reference(&rig.parameters, &window, &lobes, &radiance);
+                let mut tally = Tally::new(format!("lobes, {size:?}, {filter:?}, pattern {pattern:?}"));
+                for i in 0..pixels {
+                    let (l, e) = (found[i].truncate(), expected[i]);
+                    tally.check_values(close(l, e, 1e-4, 1e-5), &[(l, e)], || format!("pixel {i}: {l} for {e}"));
+                    averaged += usize::from((e - radiance[i]).length() > 1e-3);
+                }
+                // Second components keep their own.
+                for i in rig.ideal_pixels().into_iter().map(|pixel| pixel as usize + pixels).filter(|&i| i < wo.len()) {
+                    tally.check(found[i].truncate() == radiance[i], || format!("slot {i}"));
+                }
+                tally.finish(STRAYS);
+            }
+        }
+        assert!(averaged > 2000, "{averaged} pixels are averaged");
+    });
 }
 
 #[test]

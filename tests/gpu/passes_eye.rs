@@ -3,6 +3,8 @@
 
 use glam::{Vec3, Vec4};
 use lightsum::accel::{Hit, offset_origin};
+use lightsum::bsdf::ideal::Media;
+use lightsum::pass::eye_paths::{self, EyePath};
 use lightsum::pass::surface::surface_at;
 use lightsum::pass::{ShadingPoints, camera_rays};
 use lightsum::scene::{Scene, Surface, builtin};
@@ -54,8 +56,9 @@ impl Found {
         i: usize,
         rig: &Rig,
         (d, hit): (Vec3, Option<Hit>),
-        (through, cos_view, emission): (Vec4, f32, Vec3),
+        (path, cos_view): (&EyePath, f32),
     ) -> bool {
+        let (through, emission) = (path.throughput.extend(path.depth), path.emitted);
         let lit = is_lit(self.wo[i]);
         let [hit_something, glossy, covered, by_specular] =
             [ShadingPoints::HIT, ShadingPoints::GLOSSY, ShadingPoints::COVERED, ShadingPoints::SEEN_BY_SPECULAR]
@@ -63,8 +66,10 @@ impl Found {
         let end = self.throughput[i];
         let emitted = self.emitted[i].truncate();
         tally.check(by_specular == (through.w > 0.0), || format!("way to {i}"));
-        tally.check(end.truncate() == through.truncate(), || format!("throughput {i}"));
+        let segments = ShadingPoints::flags(self.wo[i].w) / ShadingPoints::ONE_SEGMENT;
+        tally.check(segments == path.segments, || format!("segments {i}: {segments}"));
         let Some(hit) = hit else {
+            tally.check(end.truncate() == through.truncate(), || format!("throughput {i}, nothing met"));
             let nothing = [self.kd[i], self.f0[i]].iter().all(|v| v.truncate() == Vec3::ZERO);
             tally.check(nothing && !hit_something && !lit, || format!("slot {i} sees nothing"));
             tally.check(emitted == emission, || format!("emission {i}: {emitted} for {emission}"));
@@ -74,12 +79,18 @@ impl Found {
         };
         let s = surface_at(rig.scene, rig.bvh(), &hit, d);
         let r = &s.reflectance;
+        // What a path along a lobe meets is shared with virtual lights.
+        let [of_emission, of_light] = eye_paths::shares_at(&rig.parameters, path, (d, hit.t), &s);
+        let carried = through.truncate() * of_light;
+        tally.check(close(end.truncate(), carried, RELATIVE, 1e-9), || format!("throughput {i}: {end} for {carried}, {path:?}, t {}", hit.t));
+        let sampled = has(self.wo[i], ShadingPoints::LOBE_SAMPLED);
+        tally.check(sampled == path.sampled, || format!("lobe of {i}"));
         let place = offset_origin(s.position, s.geometric, rig.parameters.eye[3]);
         let near = |a: f32, b: f32| (a - b).abs() <= RELATIVE;
         // A plane that mirrors the room and is seen directly has no lobe.
         let mirrors = through.w == 0.0 && i < rig.parameters.size[2] as usize && rig.plane(&hit) > 0;
         let reflects = r.kd != Vec3::ZERO || (r.f0 != Vec3::ZERO && !mirrors);
-        let probability = if mirrors { 1.0 } else { r.diffuse_probability() };
+        let probability = if mirrors || sampled { 1.0 } else { r.diffuse_probability() };
         tally.check(close(self.position[i].truncate(), place, 1e-5, 1e-6), || {
             format!("position {i}: {}", self.position[i])
         });
@@ -100,7 +111,7 @@ impl Found {
         tally.check(glossy == (r.f90 > 0.0 && !mirrors), || format!("lobe {i}"));
         tally.check(close(self.wo[i].truncate(), -d, 0.0, 0.0), || format!("wo {i}"));
         tally.check(hit_something && covered, || format!("flags {i}"));
-        let expected = emission + through.truncate() * s.emission;
+        let expected = emission + through.truncate() * of_emission * s.emission;
         tally.check(close(emitted, expected, RELATIVE, 0.0), || format!("emission {i}: {emitted} for {expected}"));
         tally.check(lit == (reflects && through.truncate() != Vec3::ZERO), || format!("lit {i}: {lit}"));
         lit
@@ -137,6 +148,7 @@ fn look(rig: &Rig) -> Vec<Option<Hit>> {
     let [through, met, directions] =
         [&frame.eye.paths.throughput, &r.emitted, &frame.eye.rays.direction].map(|b| rig.vec4s(b));
     let last_hits = rig.vec4s(&frame.eye.rays.hits);
+    let lobes: Vec<f32> = rig.get(&frame.eye.paths.lobe_of);
     rig.run(|frame, rec| frame.eye.record_points(rec));
     assert_eq!(rig.lost(), 0);
     let found = Found::of(rig);
@@ -152,8 +164,20 @@ fn look(rig: &Rig) -> Vec<Option<Hit>> {
         assert!(!found.any_untouched(i), "{what}: slot {i} has a receiver");
         let is_dead = i >= pixels as usize && through[i].truncate() == Vec3::ZERO;
         let (ray, hit) = if is_dead { (Vec4::ZERO, None) } else { (directions[i], hit_of(last_hits[i])) };
-        let path = (through[i], ray.w, met[i].truncate());
-        if found.check(&mut surfaces, i, rig, (ray.truncate(), hit), path) {
+        let flags = ShadingPoints::flags(met[i].w);
+        let segments = flags / ShadingPoints::ONE_SEGMENT;
+        let path = EyePath {
+            slot: i as u32,
+            ray: None,
+            throughput: through[i].truncate(),
+            depth: through[i].w,
+            media: Media::default(),
+            emitted: met[i].truncate(),
+            lobe: if segments > 0 { lobes[i] } else { 0.0 },
+            segments,
+            sampled: flags & ShadingPoints::LOBE_SAMPLED != 0,
+        };
+        if found.check(&mut surfaces, i, rig, (ray.truncate(), hit), (&path, ray.w)) {
             lit.push(i as u32);
         }
     }

@@ -44,6 +44,7 @@ pub fn receivers(rig: &Rig, r: &ShadingPoints) -> Vec<ShadingPoint> {
                 alpha: shading[i].w,
             },
             wo: wo[i].truncate(),
+            sampled: has(wo[i], ShadingPoints::LOBE_SAMPLED).then_some(rig.parameters.choice[2]),
         })
         .collect()
 }
@@ -187,11 +188,13 @@ fn check_shade(rig: &Rig, bounce: usize) {
     let Some(reflections) = p.scene[2].checked_sub(bounce as u32 + 2) else { return };
     let lights: Vec<PointLight> = rig.get(&frame.walk.lights);
     // Each class of pixels has its own lights.
+    let words = rig.vec4s(&targets.wo);
     let lights_of = |slot: u32| {
+        let segments = ShadingPoints::flags(words[slot as usize].w) / ShadingPoints::ONE_SEGMENT;
         let first = (sort::class_of(p, slot) * plan.slots()) as usize;
         let all = &lights[first..first + plan.first_slot(reflections as usize + 1) as usize];
         // Mirrors and glass on the particle's path count as well.
-        all.iter().copied().filter(|l| l.f0[3] <= reflections as f32).collect::<Vec<PointLight>>()
+        all.iter().copied().filter(|l| l.f0[3] + segments as f32 <= reflections as f32).collect::<Vec<PointLight>>()
     };
     let found = sums(rig, out);
     let receivers = receivers(rig, targets);

@@ -3,21 +3,26 @@
 use std::collections::BTreeMap;
 
 use glam::{Vec3, Vec4};
+use lightsum::bsdf::Reflectance;
 use lightsum::bsdf::ideal::Media;
 use lightsum::gpu::{Resources, download, upload};
 use lightsum::pass::eye_paths::{self, EyePath};
 use lightsum::pass::merge::{self, Merge};
 use lightsum::pass::surface::surface_at;
-use lightsum::pass::{List, ShadingPoints, layout, tiles};
+use lightsum::pass::{List, ShadingPoints, layout, sort, tiles};
+use lightsum::plan::MAX_FOLLOWED_ALPHA;
 use lightsum::scene::{Scene, Surface, builtin};
 use lightsum::settings::{Settings, Superposition};
 
 use crate::passes_film::{Sheet, fill};
-use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, STRAYS, Tally, close, gallery, hit_of, make, ray_of, untouched};
+use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, STRAYS, Tally, close, gallery, has, hit_of, make, ray_of, untouched};
 use crate::support::gpu_test;
 
 /// Tolerance for a direction: refraction near the critical angle magnifies the rounding of roots and divisions.
 const DIRECTION: f32 = 1e-3;
+
+/// Tolerance for the density of a lobe, which magnifies differences of the directions.
+const LOBE: f32 = 5e-3;
 
 /// The eye paths of all slots, read from the device.
 struct EyePathState {
@@ -27,6 +32,7 @@ struct EyePathState {
     throughput: Vec<Vec4>,
     media: Vec<[u32; 4]>,
     emitted: Vec<Vec4>,
+    lobe: Vec<f32>,
 }
 
 impl EyePathState {
@@ -39,19 +45,28 @@ impl EyePathState {
             throughput: rig.vec4s(&frame.eye.paths.throughput),
             media: rig.get(&frame.eye.paths.media),
             emitted: rig.vec4s(&frame.eye.points.emitted),
+            lobe: rig.get(&frame.eye.paths.lobe_of),
         }
+    }
+
+    /// Segments of the path in slot `i`, and density of its direction along a lobe. At a first hit nothing is known of either.
+    fn lobe_of(&self, i: usize, step: usize) -> (u32, f32) {
+        let segments = if step > 0 { ShadingPoints::flags(self.emitted[i].w) / ShadingPoints::ONE_SEGMENT } else { 0 };
+        (segments, if segments > 0 { self.lobe[i] } else { 0.0 })
     }
 
     fn bits(&self, i: usize) -> Vec<u32> {
         let vectors = [&self.origin, &self.direction, &self.hits, &self.throughput, &self.emitted];
-        vectors.iter().flat_map(|v| v[i].to_array().map(f32::to_bits)).chain(self.media[i]).collect()
+        let of_vectors = vectors.iter().flat_map(|v| v[i].to_array().map(f32::to_bits));
+        of_vectors.chain(self.media[i]).chain([self.lobe[i].to_bits()]).collect()
     }
 
     /// Whether slot `i` agrees with the oracle after its step.
     fn is(&self, i: usize, expected: &EyePath, cos_view: f32) -> bool {
         let state = close(self.throughput[i].truncate(), expected.throughput, DIRECTION, 1e-6)
             && (self.throughput[i].w - expected.depth).abs() <= 1e-4 * expected.depth
-            && close(self.emitted[i].truncate(), expected.emitted, 1e-4, 1e-6);
+            && close(self.emitted[i].truncate(), expected.emitted, 1e-4, 1e-6)
+            && has(self.emitted[i], ShadingPoints::LOBE_SAMPLED) == expected.sampled;
         let Some(ray) = expected.ray else { return state };
         let found = ray_of(self.origin[i], self.direction[i]);
         state
@@ -59,6 +74,8 @@ impl EyePathState {
             && found.t_max == ray.t_max
             && close(found.direction, ray.direction, 0.0, DIRECTION)
             && self.direction[i].w == cos_view
+            && self.lobe_of(i, 1).0 == expected.segments
+            && (expected.segments == 0 || close(Vec3::splat(self.lobe[i]), Vec3::splat(expected.lobe), LOBE, 1e-6))
             && Media(self.media[i]) == expected.media
     }
 }
@@ -74,6 +91,8 @@ struct Seen {
     within_two: usize,
     mirrored: usize,
     in_mirrors: usize,
+    along_lobes: usize,
+    further: usize,
 }
 
 /// Runs one step and compares it with the oracle.
@@ -103,10 +122,13 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
             depth: before.throughput[i].w,
             media: if step == 0 { Media::default() } else { Media(before.media[i]) },
             emitted: before.emitted[i].truncate(),
+            lobe: before.lobe_of(i, step).1,
+            segments: before.lobe_of(i, step).0,
+            sampled: false,
         };
         let surface = surface_at(rig.scene, rig.bvh(), &hit, d);
         let way = (d, hit.t, cos_view);
-        let number = step as u32;
+        let number = (step as u32, sort::class_of(&rig.parameters, slot));
         let plane = rig.spreading_plane(&hit, d).filter(|_| {
             let shown = || rig.get::<u32>(&frame.eye.planes.region)[(slot % pixels) as usize];
             step == 0 || (shown() > 0 && rig.is_pane(shown()) == (slot < pixels))
@@ -116,6 +138,9 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
         if let Some((next, branch)) =
             eye_paths::reference(&rig.parameters, rig.scene, number, split_offset, &path, way, &surface, plane)
         {
+            let lobes = [Some(next), branch].into_iter().flatten().filter(|p| p.ray.is_some() && p.lobe > 0.0);
+            seen.along_lobes += lobes.count();
+            seen.further += usize::from(next.segments > 1);
             seen.split += usize::from(branch.is_some());
             seen.stayed += usize::from(next.ray.is_none());
             seen.crossed += usize::from(next.media != path.media);
@@ -124,6 +149,8 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
                 let through = ray.direction.dot(surface.geometric) < 0.0;
                 *(if through { &mut seen.first } else { &mut seen.second }) += 1;
             }
+            // A second component without light is none.
+            let branch = branch.filter(|branch| branch.ray.is_some());
             for path in [Some(next), branch].into_iter().flatten() {
                 expected.insert(path.slot, (path, cos_view));
             }
@@ -149,7 +176,7 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
     let on: Vec<u32> = expected.iter().filter(|(_, (path, _))| path.ray.is_some()).map(|(&slot, _)| slot).collect();
     let listed = rig.eye_list(step);
     let strays = on.iter().filter(|s| !listed.contains(s)).chain(listed.iter().filter(|s| !on.contains(s))).count();
-    assert!(strays <= (on.len() as f64 * STRAYS) as usize, "{what}: {strays} of {} are listed wrongly", on.len());
+    assert!(strays <= (on.len() as f64 * STRAYS) as usize, "{what}: {strays} of {} are listed wrongly: {listed:?} for {on:?}", on.len());
     let mut traced = Tally::new(format!("trace of eye paths, {what}"));
     for &slot in &listed {
         let i = slot as usize;
@@ -176,7 +203,11 @@ fn check_tiles(rig: &Rig) {
     let ideal = |hit: &Vec4| {
         hit_of(*hit).is_some_and(|hit| {
             let material = rig.bvh().material(hit.triangle) as usize;
-            rig.scene.materials[material].surface != Surface::Opaque || rig.plane(&hit) > 0
+            let m = &rig.scene.materials[material];
+            let whole = Reflectance::new(m.base_color, m.metallic, m.roughness, m.specular);
+            let narrow = m.metallic_roughness_texture.is_some() || whole.alpha <= MAX_FOLLOWED_ALPHA;
+            let followed = rig.parameters.choice[3] > 0.0 && narrow && (whole.f90 > 0.0 || m.metallic > 0.0);
+            m.surface != Surface::Opaque || rig.plane(&hit) > 0 || followed
         })
     };
     let ideal: Vec<bool> = hits[..pixels as usize].iter().map(ideal).collect();
@@ -194,6 +225,7 @@ fn follow(rig: &Rig, seen: &mut Seen) {
     let paths = &frame.eye.paths;
     rig.prefill(&[&frame.eye.rays.origin, &frame.eye.rays.direction, &frame.eye.rays.hits, &frame.eye.points.emitted]);
     rig.prefill(&[&paths.throughput, &paths.media]);
+    rig.prefill(&[&paths.lobe_of]);
     rig.run(|frame, rec| frame.eye.record_first(rec));
     check_tiles(rig);
     for step in 0..frame.eye.lists.len() {
@@ -225,7 +257,7 @@ fn eye_paths_follow_their_oracle() {
                 assert_eq!(rig.frame().eye.lists.len(), 5);
                 follow(&rig, &mut seen);
             }
-            let all = [seen.first, seen.second, seen.stayed, seen.crossed, seen.within_two];
+            let all = [seen.first, seen.second, seen.stayed, seen.crossed, seen.within_two, seen.along_lobes, seen.further];
             assert!(all.iter().all(|&n| n > 5) && (seen.split > 5) == split, "{seen:?}");
             assert!((seen.mirrored > 5) == superposition.is_some(), "{seen:?}");
         }

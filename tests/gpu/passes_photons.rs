@@ -235,6 +235,7 @@ fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
         let reflectance =
             Reflectance { kd: Vec3::ZERO, f0: f0[i].truncate(), f90: geometric[i].w, alpha: shading[i].w };
         let receiver = ShadingPoint {
+            sampled: None,
             position: position[i].truncate(),
             geometric: geometric[i].truncate(),
             shading: shading[i].truncate(),

@@ -286,6 +286,7 @@ fn check_texels(ctx: &Context, scene: &Scene, engine: &Engine, atlas: &Atlas) {
         lit += 1;
         assert!(close(position[i].truncate(), point, 1e-3, 1e-3), "place of texel {i}");
         let receiver = ShadingPoint {
+            sampled: None,
             position: position[i].truncate(),
             geometric: surface.geometric,
             shading: surface.shading,
