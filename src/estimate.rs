@@ -62,10 +62,7 @@ pub fn relative_error(image: &[f64], reference: &[f64]) -> f64 {
         return 0.0;
     }
     squares.select_nth_unstable_by(counted - 1, f64::total_cmp);
-    squares.truncate(counted);
-    // In order, so that the sum does not depend on how the selection permutes.
-    squares.sort_unstable_by(f64::total_cmp);
-    (squares.iter().sum::<f64>() / counted as f64).sqrt()
+    (squares[..counted].iter().sum::<f64>() / counted as f64).sqrt()
 }
 
 /// Sums of radiance over the first passes, at a few pixels.
@@ -76,8 +73,6 @@ struct Sums {
     /// Three channels for each pixel, for each instance; empty before its first pass.
     radiance: [Vec<f64>; INSTANCES as usize],
 }
-
-static NO_SUMS: Sums = Sums { counts: [0; INSTANCES as usize], radiance: [const { Vec::new() }; INSTANCES as usize] };
 
 impl Sums {
     fn passes(&self) -> u32 {
@@ -98,23 +93,6 @@ pub struct History {
 impl Default for History {
     fn default() -> Self {
         History { block: INSTANCES, kept: Vec::new(), latest: Sums::default() }
-    }
-}
-
-/// Passes of one instance in one block.
-struct Cell<'a> {
-    instance: usize,
-    /// Passes in its middle, of all passes.
-    middle: f64,
-    passes: f64,
-    before: &'a [f64],
-    after: &'a [f64],
-}
-
-impl Cell<'_> {
-    /// Sum of its passes.
-    fn sum(&self, i: usize) -> f64 {
-        self.after[i] - self.before.get(i).copied().unwrap_or(0.0)
     }
 }
 
@@ -152,32 +130,44 @@ impl History {
             return None;
         }
         let image: Vec<f64> = a.iter().zip(b).map(|(a, b)| (a + b) / passes).collect();
-        let cells = self.cells();
         // Two blocks have level 1.
-        let levels = self.kept.len().max(1).ilog2().min(MAX_LEVEL) + 1;
-        let contrasts: Vec<(u32, u32, bool)> = (0..levels)
-            .flat_map(|level| match level {
-                0 => vec![(0, 0, true)],
-                _ => (1 << (level - 1)..1 << level).flat_map(|h| [(level, h, false), (level, h, true)]).collect(),
-            })
-            .collect();
-        let squares: Vec<(u32, f64)> = contrasts
-            .into_par_iter()
-            .map(|(level, h, opposed)| {
-                let sign = |cell: &Cell| {
-                    let sign = walsh(h, cell.middle / passes);
-                    if opposed && cell.instance == 1 { -sign } else { sign }
-                };
-                let signs: Vec<f64> = cells.iter().map(sign).collect();
-                (level, mean_square_error(&image, &cells, &signs, passes))
-            })
-            .collect();
+        let levels = self.kept.len().max(1).ilog2().min(MAX_LEVEL);
+        let mut contrasts = self.cells(levels);
+        walsh_transform(&mut contrasts);
+        let squares: Vec<f64> = contrasts.par_iter().map(|sum| mean_square_error(&image, sum, passes)).collect();
+        let half = 1 << levels;
         let of_level = |level: u32| {
-            let of_level = squares.iter().filter(|(l, _)| *l == level).map(|(_, square)| square);
-            (of_level.clone().sum::<f64>() / of_level.count() as f64).sqrt()
+            let functions = if level == 0 { 0..1 } else { 1 << (level - 1)..1 << level };
+            // The first of all is the image itself.
+            let of_level: Vec<f64> =
+                functions.flat_map(|w| [w, w + half]).filter(|&w| w > 0).map(|w| squares[w]).collect();
+            (of_level.iter().sum::<f64>() / of_level.len() as f64).sqrt()
         };
-        let errors: Vec<f64> = (0..levels).map(of_level).collect();
+        let errors: Vec<f64> = (0..=levels).map(of_level).collect();
         Some(at_level_0(&errors) as f32)
+    }
+
+    /// Sums of radiance of 2^levels cells of each instance, and each one's number of passes as a last number. The index of
+    /// a cell has the instance in the highest bit and then the binary digits of its place in time, the first as the
+    /// lowest bit.
+    fn cells(&self, levels: u32) -> Vec<Vec<f64>> {
+        let mut cells = vec![vec![0.0; self.latest.radiance[0].len() + 1]; (INSTANCES as usize) << levels];
+        let unfinished = Some(&self.latest).filter(|sums| !sums.passes().is_multiple_of(self.block));
+        let mut start = &Sums::default();
+        for end in self.kept.iter().chain(unfinished) {
+            let middle = 0.5 * f64::from(start.passes() + end.passes()) / f64::from(self.passes());
+            let place = ((middle * f64::from(1 << MAX_LEVEL)) as u32).reverse_bits() >> (32 - MAX_LEVEL);
+            let place = place as usize & ((1 << levels) - 1);
+            for instance in 0..INSTANCES as usize {
+                let cell = &mut cells[place + (instance << levels)];
+                let last = cell.len() - 1;
+                cell[last] += f64::from(end.counts[instance] - start.counts[instance]);
+                cell.iter_mut().zip(&end.radiance[instance]).for_each(|(sum, x)| *sum += x);
+                cell.iter_mut().zip(&start.radiance[instance]).for_each(|(sum, x)| *sum -= x);
+            }
+            start = end;
+        }
+        cells
     }
 
     /// All sums as bytes, little endian.
@@ -210,50 +200,46 @@ impl History {
         let mut all: Vec<Sums> = counts.chunks_exact(4 * INSTANCES as usize).map(sums).collect();
         let latest = all.pop()?;
         let history = History { block, kept: all, latest };
-        (history.to_bytes().len() == bytes.len()).then_some(history)
+        let complete = |sums: &Sums| {
+            let mut arrays = sums.counts.iter().zip(&sums.radiance);
+            arrays.all(|(&count, array)| array.len() == if count > 0 { 3 * pixels } else { 0 })
+        };
+        let complete = history.sums().all(complete);
+        (complete && history.to_bytes().len() == bytes.len()).then_some(history)
     }
 
     /// The sums that are kept, then the latest.
     fn sums(&self) -> impl Iterator<Item = &Sums> {
         self.kept.iter().chain([&self.latest])
     }
+}
 
-    fn cells<'a>(&'a self) -> Vec<Cell<'a>> {
-        let unfinished = Some(&self.latest).filter(|sums| !sums.passes().is_multiple_of(self.block));
-        let ends = self.kept.iter().chain(unfinished);
-        let starts = [&NO_SUMS].into_iter().chain(&self.kept);
-        let of_block = |(start, end): (&'a Sums, &'a Sums)| {
-            (0..INSTANCES as usize).map(move |instance| Cell {
-                instance,
-                middle: 0.5 * f64::from(start.passes() + end.passes()),
-                passes: f64::from(end.counts[instance] - start.counts[instance]),
-                before: &start.radiance[instance],
-                after: &end.radiance[instance],
-            })
-        };
-        starts.zip(ends).flat_map(of_block).collect()
+/// Replaces 2^n arrays by their sums with the signs of the Walsh functions: array i gets the sign -1 in sum w if an odd number
+/// of bits are set in both i and w.
+fn walsh_transform(arrays: &mut [Vec<f64>]) {
+    let mut stride = 1;
+    while stride < arrays.len() {
+        for pairs in arrays.chunks_exact_mut(2 * stride) {
+            let (low, high) = pairs.split_at_mut(stride);
+            for (low, high) in low.iter_mut().zip(high) {
+                for (a, b) in low.iter_mut().zip(high) {
+                    (*a, *b) = (*a + *b, *a - *b);
+                }
+            }
+        }
+        stride *= 2;
     }
 }
 
-/// A Walsh function, which is 1 or -1, of `t` in [0, 1): with `changes` changes of sign, up to 15.
-fn walsh(changes: u32, t: f64) -> f64 {
-    // The Gray code of the number of changes selects binary digits of t, the first by its lowest bit.
-    let digits = ((t * f64::from(1 << MAX_LEVEL)) as u32).reverse_bits() >> (32 - MAX_LEVEL);
-    if ((changes ^ changes >> 1) & digits).count_ones().is_multiple_of(2) { 1.0 } else { -1.0 }
-}
-
-/// Mean square of the errors of the image if its limit is the image plus or minus a contrast.
-fn mean_square_error(image: &[f64], cells: &[Cell], signs: &[f64], passes: f64) -> f64 {
-    // Blocks of different lengths leave a remainder of the mean, whose loss is made up for.
-    let excess = signs.iter().zip(cells).map(|(s, cell)| s * cell.passes).sum::<f64>() / passes;
+/// Mean square of the errors of the image if its limit is the image plus or minus a contrast, of which `sum` has the sums
+/// with signs, and the sum of the signs themselves as a last number.
+fn mean_square_error(image: &[f64], sum: &[f64], passes: f64) -> f64 {
+    // Blocks of different lengths leave a part of the mean, whose loss is made up for.
+    let excess = sum[image.len()] / passes;
     let scale = 1.0 / (1.0 - excess * excess).max(0.1).sqrt();
-    let contrast = |i: usize| {
-        let sum = signs.iter().zip(cells).map(|(s, cell)| s * cell.sum(i)).sum::<f64>();
-        (sum / passes - excess * image[i]) * scale
-    };
-    let contrast: Vec<f64> = (0..image.len()).map(contrast).collect();
+    let contrast = |(m, sum): (&f64, &f64)| (sum / passes - excess * m) * scale;
     let from = |sign: f64| {
-        let limit: Vec<f64> = image.iter().zip(&contrast).map(|(m, c)| m + sign * c).collect();
+        let limit: Vec<f64> = image.iter().zip(sum).map(|(m, s)| m + sign * contrast((m, s))).collect();
         relative_error(image, &limit).powi(2)
     };
     0.5 * (from(1.0) + from(-1.0))
@@ -273,4 +259,176 @@ fn at_level_0(errors: &[f64]) -> f64 {
     let square: f64 = points.clone().map(|(l, _, w)| w * (l - level).powi(2)).sum();
     let slope = if square > 0.0 { points.map(|(l, y, w)| w * (l - level) * y).sum::<f64>() / square } else { 0.0 };
     (mean - slope.clamp(SLOPES.start, SLOPES.end) * level).exp()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampling::random::{key, random_f32};
+
+    /// Nearly normal, with mean 0 and variance 1.
+    fn normal(seed: u32, a: u32, b: u32) -> f64 {
+        (0..12).map(|i| f64::from(random_f32(key(seed, i, a, b)))).sum::<f64>() - 6.0
+    }
+
+    /// Sums of passes whose pixels `radiance(pass, pixel)` gives, and the image.
+    fn history(passes: u32, pixels: u32, radiance: impl Fn(u32, u32) -> f64) -> (History, Vec<f64>) {
+        let mut history = History::default();
+        let image = go_on(&mut history, 0..passes, pixels, radiance);
+        (history, image)
+    }
+
+    fn go_on(history: &mut History, passes: Range<u32>, pixels: u32, radiance: impl Fn(u32, u32) -> f64) -> Vec<f64> {
+        let split = |&x: &f64| [x as f32, (x - f64::from(x as f32)) as f32].map(Vec4::splat);
+        let mut sums = [(); INSTANCES as usize].map(|()| vec![0.0; pixels as usize]);
+        for pass in 0..passes.end {
+            let sums = &mut sums[(pass % INSTANCES) as usize];
+            (0..).zip(sums.iter_mut()).for_each(|(pixel, sum)| *sum += radiance(pass, pixel));
+            if pass >= passes.start {
+                history.add(pass % INSTANCES, &sums.iter().flat_map(split).collect::<Vec<_>>());
+            }
+        }
+        let [a, b] = sums;
+        a.iter().zip(&b).flat_map(|(a, b)| [(a + b) / f64::from(passes.end); 3]).collect()
+    }
+
+    #[test]
+    fn errors_are_relative_and_bounded_and_the_greatest_are_left_out() {
+        let reference = vec![2.0; 3 * 1000];
+        let floor = 0.01 * 4.0;
+        let tenth: Vec<f64> = reference.iter().map(|b| b * 1.1).collect();
+        assert!((relative_error(&tenth, &reference) - (0.04f64 / (4.0 + floor)).sqrt()).abs() < 1e-12);
+        assert_eq!(relative_error(&reference, &reference), 0.0);
+        // 5 of 1000 pixels may be anything, and no pixel counts more than the maximum.
+        for wrong in [1e6, f64::NAN, f64::INFINITY] {
+            let mut image = reference.clone();
+            image[..15].fill(wrong);
+            assert_eq!(relative_error(&image, &reference), 0.0, "{wrong}");
+            image[15..18].fill(wrong);
+            assert!((relative_error(&image, &reference) - (4.0f64 / 995.0).sqrt()).abs() < 1e-12, "{wrong}");
+            image.fill(wrong);
+            assert_eq!(relative_error(&image, &reference), MAX_PIXEL_ERROR, "{wrong}");
+        }
+        assert_eq!(relative_error(&[0.0; 9], &[0.0; 9]), 0.0);
+        assert_eq!(relative_error(&[1.0; 9], &[0.0; 9]), MAX_PIXEL_ERROR);
+        assert_eq!(relative_error(&[], &[]), 0.0);
+    }
+
+    #[test]
+    fn walsh_functions_are_orthogonal() {
+        let unit = |i: usize| (0..8).map(|j| if i == j { 1.0 } else { 0.0 }).collect::<Vec<f64>>();
+        let mut rows: Vec<Vec<f64>> = (0..8).map(unit).collect();
+        walsh_transform(&mut rows);
+        for (w, row) in rows.iter().enumerate() {
+            for (i, &sign) in row.iter().enumerate() {
+                assert_eq!(sign, if (w & i).count_ones() % 2 == 0 { 1.0 } else { -1.0 });
+            }
+            for (v, other) in rows.iter().enumerate() {
+                let product: f64 = row.iter().zip(other).map(|(a, b)| a * b).sum();
+                assert_eq!(product, if v == w { 8.0 } else { 0.0 });
+            }
+        }
+    }
+
+    #[test]
+    fn blocks_merge_and_cells_share_all_passes() {
+        for passes in [8, 9, 31, 32, 63, 64, 65, 66, 127, 128, 129, 130, 200, 333] {
+            let (history, image) = history(passes, 2, |pass, pixel| f64::from(pass + pixel));
+            assert!(history.kept.len() <= MAX_BLOCKS && (passes < 64 || history.kept.len() >= MAX_BLOCKS / 2));
+            for (i, sums) in (1..).zip(&history.kept) {
+                assert_eq!(sums.passes(), i * history.block);
+                assert_eq!(sums.counts[0], sums.counts[1]);
+            }
+            assert!(passes - history.block < history.kept.last().unwrap().passes());
+            for levels in [1, 2] {
+                let cells = history.cells(levels);
+                let total = |i: usize| cells.iter().map(|cell| cell[i]).sum::<f64>();
+                assert_eq!(total(6), f64::from(passes));
+                assert!((total(0) - image[0] * f64::from(passes)).abs() < 1e-6, "{passes}");
+                // Each cell has its part of the passes, to a block's length.
+                let share = f64::from(passes) / cells.len() as f64;
+                for cell in &cells {
+                    assert!((cell[6] - share).abs() <= f64::from(history.block), "{} of {passes}", cell[6]);
+                    assert!(cell[6] > 0.0);
+                }
+            }
+        }
+    }
+
+    /// Estimate by error, for seeds; the limit is 1 in all pixels.
+    fn ratios(passes: u32, pixels: u32, radiance: impl Fn(u32, u32, u32) -> f64) -> Vec<f64> {
+        let ratio = |seed| {
+            let (history, image) = history(passes, pixels, |pass, pixel| radiance(seed, pass, pixel));
+            f64::from(history.estimate().unwrap()) / relative_error(&image, &vec![1.0; image.len()])
+        };
+        (0..16).map(ratio).collect()
+    }
+
+    #[test]
+    fn estimates_of_independent_passes_are_right() {
+        for passes in [8, 16, 23, 64, 90] {
+            // Errors of single pixels; those of 20 groups of pixels; those of pixels together with one of the image.
+            let single = ratios(passes, 400, |seed, pass, pixel| 1.0 + 0.2 * normal(seed, pass, pixel));
+            let groups = ratios(passes, 400, |seed, pass, pixel| 1.0 + 0.2 * normal(seed, pass, pixel % 20));
+            let both = ratios(passes, 400, |seed, pass, pixel| {
+                1.0 + 0.2 * normal(seed, pass, pixel) + 0.08 * normal(seed, pass, 1000)
+            });
+            for (what, ratios, wanted) in [("single", single, 15), ("groups", groups, 11), ("both", both, 11)] {
+                let good = ratios.iter().filter(|r| (0.77..=1.3).contains(*r)).count();
+                let mean = ratios.iter().map(|r| r.ln()).sum::<f64>() / 16.0;
+                println!("{what}, {passes} passes: {good} of 16, mean logarithm {mean:.3}");
+                assert!(good >= wanted && mean.abs() < 0.15, "{what}, {passes} passes: {ratios:.2?}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_error_that_all_pixels_share_is_not_averaged_away() {
+        // The error of one run is one number; only its mean square over many can be known.
+        let estimate = |seed| {
+            let (history, _) = history(64, 10, |pass, _| 1.0 + 0.5 * normal(seed, pass, 0));
+            f64::from(history.estimate().unwrap()).powi(2)
+        };
+        let mean = ((0..32).map(estimate).sum::<f64>() / 32.0).sqrt() / (0.5 / 8.0);
+        assert!((0.75..1.25).contains(&mean), "{mean}");
+    }
+
+    #[test]
+    fn passes_that_cancel_are_noticed() {
+        // Errors of consecutive passes of an instance are differences of random numbers, so those of the mean fall as 1/N.
+        let error = |seed, pass: u32, pixel| {
+            let d = |i: u32| normal(seed + 100 * (pass % 2), i, pixel);
+            0.5 * (d(pass / 2 + 1) - d(pass / 2))
+        };
+        let ratios = ratios(64, 400, |seed, pass, pixel| 1.0 + error(seed, pass, pixel));
+        // If passes were taken for independent the ratio would be 5.6, the root of half the number of passes of an instance.
+        assert!(ratios.iter().all(|r| (0.7..2.0).contains(r)), "{ratios:.2?}");
+    }
+
+    #[test]
+    fn what_is_no_number_is_no_small_error() {
+        let spoilt = |pass: u32, pixel: u32| if pass == 3 && pixel < 50 { f64::NAN } else { 1.0 };
+        let (history, _) = history(8, 100, spoilt);
+        assert!(history.estimate().is_some_and(|e| e > 1.0), "{:?}", history.estimate());
+        assert_eq!(super::tests::history(7, 1, |_, _| 1.0).0.estimate(), None);
+        assert_eq!(super::tests::history(8, 1, |_, _| 1.0).0.estimate(), Some(0.0));
+        assert_eq!(History::default().estimate(), None);
+    }
+
+    #[test]
+    fn bytes_come_back_and_go_on() {
+        let radiance = |pass, pixel| 1.0 + 0.5 * normal(7, pass, pixel);
+        let (whole, _) = history(70, 5, radiance);
+        for stop in [0, 1, 2, 33, 64, 69] {
+            let (part, _) = history(stop, 5, radiance);
+            let bytes = part.to_bytes();
+            let mut restored = History::from_bytes(&bytes, 5).unwrap();
+            assert_eq!(restored, part);
+            go_on(&mut restored, stop..70, 5, radiance);
+            assert_eq!((restored.estimate(), &restored), (whole.estimate(), &whole));
+            assert_eq!(History::from_bytes(&bytes[..bytes.len() - 1], 5), None);
+            assert_eq!(History::from_bytes(&[bytes.as_slice(), &[0]].concat(), 5), None);
+            assert!(stop == 0 || History::from_bytes(&bytes, 6).is_none());
+        }
+    }
 }
