@@ -323,7 +323,8 @@ fn the_estimate_is_as_large_as_the_error() {
                 let estimate = f64::from(renderer.error_estimate().unwrap());
                 let error = relative_error(&numbers(&renderer.layers().unwrap().color), &limit);
                 println!("{sequence:?}, seed {seed}: error {error:.4}, estimated {estimate:.4}");
-                assert!((0.7..1.45).contains(&(estimate / error)), "estimated {estimate}, true {error}");
+                // So few pixels, without interleaving, have much of their errors in common: the error of a run scatters.
+                assert!((0.5..2.0).contains(&(estimate / error)), "estimated {estimate}, true {error}");
                 estimates += estimate * estimate;
                 errors += error * error;
             }
