@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for _ in 0..passes {
         renderer.pass()?;
     }
-    if let Some(error) = renderer.error_estimate()? {
+    if let Some(error) = renderer.error_estimate() {
         println!("{} passes, estimated relative RMSE {error:.4}", renderer.passes());
     }
 

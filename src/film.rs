@@ -164,14 +164,6 @@ impl Film {
         Ok(std::array::from_fn(|i| counts[i]))
     }
 
-    /// Reads back the mean radiance and coverage of each instance.
-    pub fn download_instances(&self, context: &Context) -> Result<Vec<Vec<Vec4>>> {
-        let counts = self.download_counts(context)?;
-        (self.color.iter().zip(counts))
-            .map(|(sum, passes)| Ok(HostSum::of(context, sum, self.pixels)?.mean(passes)))
-            .collect()
-    }
-
     /// Stages the content of a film of the same size and summands.
     pub fn stage(&self, context: &Context, staging: &mut Staging, film: &HostFilm) -> Result<()> {
         for (sum, host) in self.sums().zip(&film.sums) {
@@ -259,6 +251,14 @@ pub struct HostFilm {
     summands: bool,
 }
 
+/// Numbers of floats of all sums, in their order.
+fn levels(summands: bool) -> Vec<usize> {
+    let mut levels = vec![RADIANCE; INSTANCES as usize + 2];
+    levels.extend([GUIDE; 2]);
+    levels.extend(if summands { vec![RADIANCE; Film::SUMMANDS] } else { Vec::new() });
+    levels
+}
+
 /// Indices of the sums after those of the instances' radiance.
 const DIRECT: usize = INSTANCES as usize;
 const INDIRECT: usize = DIRECT + 1;
@@ -342,14 +342,18 @@ impl HostFilm {
         floats.flat_map(|x| x.to_bits().to_le_bytes()).chain(counts).collect()
     }
 
+    /// Number of bytes of [`HostFilm::to_bytes`].
+    pub fn byte_count(size: [u32; 2], summands: bool) -> usize {
+        let pixels = size[0] as usize * size[1] as usize;
+        16 * pixels * levels(summands).iter().sum::<usize>() + 4 * INSTANCES as usize
+    }
+
     /// Restores a film of this size, with or without summands, from [`HostFilm::to_bytes`]. Errors: wrong number of
     /// bytes.
     pub fn from_bytes(bytes: &[u8], size: [u32; 2], summands: bool) -> Result<HostFilm> {
         let pixels = size[0] as usize * size[1] as usize;
-        let mut levels = vec![RADIANCE; INSTANCES as usize + 2];
-        levels.extend([GUIDE; 2]);
-        levels.extend(if summands { vec![RADIANCE; Film::SUMMANDS] } else { Vec::new() });
-        let expected = 16 * pixels * levels.iter().sum::<usize>() + 4 * INSTANCES as usize;
+        let levels = levels(summands);
+        let expected = Self::byte_count(size, summands);
         if bytes.len() != expected {
             return Err(Error::Scene(format!(
                 "the saved state has {} bytes where this image needs {expected}; start without --resume",

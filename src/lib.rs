@@ -78,7 +78,8 @@
 //! After any number of passes the film becomes an image in one of two ways. For a host,
 //! [`Engine::record_image`](engine::Engine::record_image) has [`resolve`](pass::resolve) write the mean to an image on the
 //! device. For files, the host reads the film ([`Film::download`](film::Film::download)), computes mean and layers
-//! ([`HostFilm::mean`](film::HostFilm::mean)), and [`output`] writes them.
+//! ([`HostFilm::mean`](film::HostFilm::mean)), and [`output`] writes them. After each pass, [`probe`](pass::probe) copies the
+//! sums of a few pixels for [`estimate`], which tells how far the image is from its limit.
 //!
 //! # Use
 //!
@@ -140,6 +141,7 @@ pub mod view;
 // Interfaces for users.
 pub mod calibrate;
 pub mod engine;
+pub mod estimate;
 pub mod standalone;
 pub mod tiles;
 

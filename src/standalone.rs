@@ -4,11 +4,12 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use glam::{Vec3, Vec4};
+use glam::Vec3;
 
 use crate::calibrate;
 use crate::engine::Engine;
 use crate::error::{Error, Result};
+use crate::estimate::History;
 use crate::film::HostFilm;
 use crate::fingerprint::{Fnv, fingerprint};
 use crate::frame::Frame;
@@ -16,6 +17,7 @@ use crate::gpu::{Buffer, Context, ContextOptions, DeviceChoice, Memory, Timers, 
 use crate::output::{Layers, Statistics};
 use crate::pass::List;
 use crate::pass::layout::{DispatchCounts, PointLight};
+use crate::pass::probe;
 use crate::plan::{INSTANCES, trace_steps};
 use crate::scene::{Camera, Scene};
 use crate::scene::{VirtualLight, export_lights};
@@ -76,6 +78,8 @@ pub struct Renderer {
     scene: Scene,
     timers: Timers,
     readback: Buffer,
+    /// Of the passes in the film; `None`: there are passes without.
+    history: Option<History>,
     fingerprint: u64,
     stages: Vec<(String, f64)>,
     gpu_passes: Vec<(String, f64)>,
@@ -193,6 +197,7 @@ impl Renderer {
             scene,
             timers,
             readback,
+            history: Some(History::default()),
             fingerprint,
             stages: vec![(String::from("build"), built), (String::from("upload"), total - built)],
             gpu_passes: Vec::new(),
@@ -215,6 +220,11 @@ impl Renderer {
             self.readback = readback(&self.context, &self.engine)?;
         }
         let (number, rays) = (self.engine.passes(), self.rays);
+        if number == 0 {
+            // Its first pass, or a restart.
+            self.history = Some(History::default());
+        }
+        let probed = counts_bytes(&self.engine);
         let mut record = 0.0;
         loop {
             let (engine, readback) = (&mut self.engine, &self.readback);
@@ -228,12 +238,18 @@ impl Renderer {
                     let bytes = size_of::<DispatchCounts>() as u64;
                     rec.copy_range(&list.work, 0, readback, 16 + i as u64 * bytes, bytes)?;
                 }
-                Ok(())
+                let output = &frame.output;
+                output.record_probe(rec, number % INSTANCES)?;
+                rec.copy_range(output.probed(), 0, readback, probed, output.probed().bytes())
             })?;
-            let counts = self.readback.read::<u32>()?;
+            let words = self.readback.read::<u32>()?;
+            let (counts, sums) = words.split_at(probed as usize / 4);
             let lost = counts[0];
             if lost == 0 {
                 self.count_rays(&counts[4..]);
+                if let Some(history) = &mut self.history {
+                    history.add(number % INSTANCES, bytemuck::cast_slice(sums));
+                }
                 break;
             }
             self.engine.set_passes(number);
@@ -328,33 +344,11 @@ impl Renderer {
         self.engine.scene().unwrap_or(&self.scene)
     }
 
-    /// Relative RMSE of the image against its limit, estimated from the difference of the two independent instances
-    /// Relative RMSE of the image against its limit, estimated from the difference of the two independent instances
-    /// (Kollig and Keller 2002); `None` before each has a pass. Includes noise and structured error, but not the bias
-    /// of clipping.
-    /// sqrt(mean((a - b)^2 / 4 / (m^2 + 0.01 mean(m)^2))) over all pixels and channels, m the mean of a and b.
-    pub fn error_estimate(&self) -> Result<Option<f32>> {
-        if self.passes() < INSTANCES {
-            return Ok(None);
-        }
-        let images = self.engine.film().download_instances(&self.context)?;
-        let [a, b] = &images[..] else { return Ok(None) };
-        let mean = |p: &Vec4, q: &Vec4| (p.truncate().as_dvec3() + q.truncate().as_dvec3()) * 0.5;
-        let count = (3 * a.len()) as f64;
-        let level = a.iter().zip(b).map(|(p, q)| mean(p, q).element_sum()).sum::<f64>() / count;
-        if level <= 0.0 {
-            return Ok(Some(0.0));
-        }
-        let sum: f64 = a
-            .iter()
-            .zip(b)
-            .map(|(p, q)| {
-                let half = (p.truncate().as_dvec3() - q.truncate().as_dvec3()) * 0.5;
-                let m = mean(p, q);
-                (half * half / (m * m + glam::DVec3::splat(0.01 * level * level))).element_sum()
-            })
-            .sum();
-        Ok(Some((sum / count).sqrt() as f32))
+    /// Relative error of the image against its limit, as [`crate::estimate`] defines and estimates it; `None`: unknown,
+    /// because there are too few passes or because the image began with a film of passes of another renderer. Includes noise
+    /// and structured error, but not the bias of clipping or filters.
+    pub fn error_estimate(&self) -> Option<f32> {
+        self.history.as_ref().and_then(History::estimate)
     }
 
     /// The image and its layers, for the part of [`Renderer::set_crop`]. Reads back about 300 bytes a pixel.
@@ -388,19 +382,34 @@ impl Renderer {
         self.engine.film().download(&self.context, self.engine.view().size())
     }
 
-    /// The sums of all passes as bytes, little endian: with the number of passes, the complete state for a later run.
+    /// The sums of all passes and what the error is estimated from, as bytes, little endian: with the number of passes,
+    /// the complete state for a later run.
     pub fn save_state(&self) -> Result<Vec<u8>> {
-        Ok(self.film()?.to_bytes())
+        let mut bytes = self.film()?.to_bytes();
+        bytes.extend(self.history.iter().flat_map(History::to_bytes));
+        Ok(bytes)
     }
 
     /// Continues from [`Renderer::save_state`] after `passes` passes of the same scene, camera and settings.
     pub fn load_state(&mut self, passes: u32, bytes: &[u8]) -> Result<()> {
         let (size, summands) = (self.engine.view().size(), self.engine.settings().summands);
-        self.load_film(passes, &HostFilm::from_bytes(bytes, size, summands)?)
+        let (film, history) = bytes.split_at(HostFilm::byte_count(size, summands).min(bytes.len()));
+        let film = HostFilm::from_bytes(film, size, summands)?;
+        let pixels = probe::pixels(size[0] * size[1]).len();
+        let history = match history {
+            [] => None,
+            bytes => Some(History::from_bytes(bytes, pixels).ok_or_else(|| {
+                Error::Scene(String::from("the saved state has sums for another image; start without --resume"))
+            })?),
+        };
+        self.load_film(passes, &film)?;
+        self.history = history;
+        Ok(())
     }
 
     /// Continues from a film with pass number `passes`: a film of the earlier passes is completed; an empty film gets
-    /// only the passes from this number on, to be merged with others.
+    /// only the passes from this number on, to be merged with others. A film of passes tells nothing of their error, so
+    /// [`Renderer::error_estimate`] is `None` from then on.
     pub fn load_film(&mut self, passes: u32, film: &HostFilm) -> Result<()> {
         if film.size() != self.engine.view().size() {
             let message = String::from("the film has another size than the image");
@@ -410,6 +419,7 @@ impl Renderer {
         self.engine.film().stage(&self.context, &mut staging, film)?;
         self.context.submit_and_wait("restoring the film", None, |rec| staging.record(rec))?;
         self.engine.set_passes(passes);
+        self.history = (film.passes() == 0).then(History::default);
         Ok(())
     }
 
@@ -438,7 +448,7 @@ impl Renderer {
             culled_pairs: self.culled,
             photons: self.photons,
             rays_per_second: if seconds > 0.0 { self.rays as f64 / seconds } else { 0.0 },
-            error_estimate: self.error_estimate().unwrap_or_default(),
+            error_estimate: self.error_estimate(),
             stages: self.stages.clone(),
             gpu_passes: self.gpu_passes.clone(),
         }
@@ -476,11 +486,16 @@ impl Renderer {
     }
 }
 
-/// Bytes read back after each pass: the status and the work of all lists.
-fn readback_bytes(engine: &Engine) -> u64 {
+/// Bytes of the status and of the work of all lists.
+fn counts_bytes(engine: &Engine) -> u64 {
     16 + (counted_lists(engine.frame()).count() * size_of::<DispatchCounts>()) as u64
 }
 
+/// Bytes read back after each pass: counts, then the probed sums.
+fn readback_bytes(engine: &Engine) -> u64 {
+    counts_bytes(engine) + engine.frame().output.probed().bytes()
+}
+
 fn readback(context: &Context, engine: &Engine) -> Result<Buffer> {
-    Buffer::new(context, "counts read back", readback_bytes(engine), Memory::Readback)
+    Buffer::new(context, "counts and sums read back", readback_bytes(engine), Memory::Readback)
 }

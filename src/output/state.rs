@@ -9,7 +9,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"LSUMSTAT";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Bytes of the header up to the checksum.
 const FIELDS: usize = 8 + 4 * 4 + 2 * 8;
 /// Bytes of the whole header.
@@ -26,7 +26,7 @@ pub struct State {
     pub height: u32,
     /// Passes done.
     pub passes: u32,
-    /// The renderer's sums.
+    /// The renderer's sums, and those from which it estimates the error.
     pub accumulators: Vec<u8>,
 }
 
@@ -164,8 +164,8 @@ mod tests {
             assert!(reason(&damaged).contains("damaged"), "{place}");
         }
         let mut newer = whole.clone();
-        newer[8] = 2;
-        assert!(reason(&newer).contains("version 2"));
+        newer[8] = 3;
+        assert!(reason(&newer).contains("version 3"));
         let absent = directory.path().join("absent");
         assert!(State::read(&absent).unwrap_err().to_string().contains("absent"));
     }

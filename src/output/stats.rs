@@ -37,7 +37,7 @@ pub struct Statistics {
     pub photons: u64,
     /// Rays per second of stage "render".
     pub rays_per_second: f64,
-    /// Relative RMSE of the image, estimated from independent instances; null while unknown.
+    /// Relative error of the image, as [`crate::estimate`] defines and estimates it; null while unknown.
     pub error_estimate: Option<f32>,
     /// Seconds of each stage, in order.
     #[serde(serialize_with = "as_object")]

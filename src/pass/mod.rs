@@ -34,6 +34,7 @@ pub mod photon_follow;
 pub mod photon_grid;
 pub mod photon_light;
 pub mod photon_start;
+pub mod probe;
 pub mod resolve;
 pub mod schedule;
 pub mod shade;

@@ -1,10 +1,11 @@
-//! Adds the image of a pass to the film, and turns the film's mean into an image.
+//! Adds the image of a pass to the film, turns the film's mean into an image, and copies sums for the error estimate.
 
 use super::Eye;
 use crate::error::Result;
 use crate::film::Film;
-use crate::gpu::{Image, Recorder};
+use crate::gpu::{Buffer, Image, Recorder};
 use crate::pass::accumulate::Accumulate;
+use crate::pass::probe::Probe;
 use crate::pass::resolve::Resolve;
 use crate::pass::{Kit, Lighting};
 
@@ -16,6 +17,7 @@ pub struct Output {
     pub image: Image,
     accumulate: Accumulate,
     resolve: Resolve,
+    probe: Probe,
 }
 
 impl Output {
@@ -24,6 +26,7 @@ impl Output {
         Ok(Output {
             accumulate: Accumulate::new(kit, &eye.points, &eye.paths, lighting, &film)?,
             resolve: Resolve::new(kit, &film, &image)?,
+            probe: Probe::new(kit, &film)?,
             film,
             image,
         })
@@ -42,5 +45,15 @@ impl Output {
     /// Records the mean of all passes into the image.
     pub fn record_resolve(&self, rec: &mut Recorder) -> Result<()> {
         rec.scope("resolve", |rec| self.resolve.record(rec))
+    }
+
+    /// Records the copy of an instance's sums at a few pixels into [`Output::probed`].
+    pub fn record_probe(&self, rec: &mut Recorder, instance: u32) -> Result<()> {
+        rec.scope("probe", |rec| self.probe.record(rec, instance))
+    }
+
+    /// Sums at a few pixels, see [`crate::pass::probe`].
+    pub fn probed(&self) -> &Buffer {
+        &self.probe.out
     }
 }

@@ -1,4 +1,4 @@
-//! The film's passes, `accumulate` and `resolve`, against their oracles.
+//! The film's passes, `accumulate`, `resolve` and `probe`, against their oracles.
 
 use ash::vk;
 use glam::{DVec4, Vec3, Vec4};
@@ -6,6 +6,7 @@ use lightsum::film::{Film, GUIDE_UNIT, Sum};
 use lightsum::gpu::{Buffer, Context, Image, Memory, Resources, Staging, download, upload};
 use lightsum::pass::accumulate::{self, Accumulate};
 use lightsum::pass::layout;
+use lightsum::pass::probe::{self, Probe};
 use lightsum::pass::resolve::Resolve;
 use lightsum::pass::{EyePathState, Lighting, ShadingPoints};
 
@@ -210,6 +211,30 @@ fn resolve_writes_the_mean_of_the_film() {
                 let mean = (whole[0] + whole[1]) / f64::from(passes);
                 let error = (found.as_dvec4() - mean).abs();
                 assert!(error.cmple(mean.abs() * 5e-7).all(), "{width}x{height}, pixel {i}: {found} for {mean}");
+            }
+        }
+    });
+}
+
+#[test]
+fn probe_copies_the_sums_of_an_instance() {
+    gpu_test(|ctx| {
+        for [width, height] in AWKWARD_IMAGES.into_iter().chain([[97, 61]]) {
+            let s = Sheet::new(ctx, [width, height], 1);
+            let n = &mut Numbers(width);
+            let levels = [0, 1].map(|i: usize| {
+                let scales = [100.0, 1e-5, 1e-12];
+                [0, 1, 2].map(|level: usize| fill(ctx, &s.film.color[i].0[level], n, scales[level], |k| k as f32))
+            });
+            let pass = make(ctx, Resources::new(), |kit| Probe::new(kit, &s.film));
+            for (instance, levels) in (0..).zip(&levels) {
+                ctx.submit_and_wait("probe", None, |rec| pass.record(rec, instance)).unwrap();
+                let found = download::<Vec4>(ctx, &pass.out).unwrap();
+                let expected = probe::pixels(width * height)
+                    .into_iter()
+                    .flat_map(|pixel| probe::reference([0, 1, 2].map(|level| levels[level][pixel as usize])));
+                // Additions are exactly rounded on every device.
+                assert_eq!(found, expected.collect::<Vec<_>>(), "instance {instance} of {width}x{height}");
             }
         }
     });

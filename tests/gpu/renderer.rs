@@ -3,6 +3,7 @@
 
 use glam::{Vec2, Vec3};
 use lightsum::Error;
+use lightsum::estimate::relative_error;
 use lightsum::gpu::Context;
 use lightsum::output::Layers;
 use lightsum::path_trace::{Options, SpecularPaths};
@@ -281,6 +282,13 @@ fn a_saved_state_goes_on_bit_for_bit() {
             assert_eq!(second.passes(), stop);
             (stop..8).for_each(|_| second.pass().unwrap());
             assert!(bits(&second.layers().unwrap()) == bits(&unbroken), "broken off after {stop} passes");
+            (stop..8).for_each(|_| first.pass().unwrap());
+            assert!(second.error_estimate().is_some());
+            assert_eq!(second.error_estimate(), first.error_estimate());
+            // A film tells nothing of the error of its passes.
+            second.load_film(8, &first.film().unwrap()).unwrap();
+            second.pass().unwrap();
+            assert_eq!(second.error_estimate(), None);
             assert!(second.save_state().unwrap() != state);
         }
         let mut other = renderer(ctx, &scene, Camera { resolution: [31, 24], ..camera }, &settings);
@@ -293,25 +301,29 @@ fn a_saved_state_goes_on_bit_for_bit() {
 }
 
 #[test]
-fn the_two_instances_are_independent_and_tell_the_error() {
+fn the_estimate_is_as_large_as_the_error() {
     gpu_test(|ctx| {
         let (scene, camera) = cornell();
         // The limit of the estimator itself, clipping included: many passes of other seeds.
         let halton = Settings { compensation: Compensation::Off, ..settings(32, 4) };
-        let image = |seed: u64, passes| render(ctx, &scene, camera, &Settings { seed, ..halton.clone() }, passes).color;
+        let numbers = |image: &[Vec3]| image.iter().flat_map(|v| v.as_dvec3().to_array()).collect::<Vec<f64>>();
+        let image = |seed: u64, passes| {
+            numbers(&render(ctx, &scene, camera, &Settings { seed, ..halton.clone() }, passes).color)
+        };
         let mut limit = image(99, 512);
         limit.iter_mut().zip(image(98, 512)).for_each(|(a, b)| *a = (*a + b) * 0.5);
         for sequence in [Sequence::Halton, Sequence::Sobol] {
             let (mut estimates, mut errors) = (0.0, 0.0);
             for seed in 0..4 {
                 let mut renderer = renderer(ctx, &scene, camera, &Settings { seed, sequence, ..halton.clone() });
-                assert_eq!(renderer.error_estimate().unwrap(), None);
+                assert_eq!(renderer.error_estimate(), None);
                 renderer.pass().unwrap();
-                assert_eq!(renderer.error_estimate().unwrap(), None, "one instance says nothing");
+                assert_eq!(renderer.error_estimate(), None, "one pass says nothing");
                 (1..48).for_each(|_| renderer.pass().unwrap());
-                let estimate = f64::from(renderer.error_estimate().unwrap().unwrap());
-                let (_, error) = compare(&renderer.layers().unwrap().color, &limit);
+                let estimate = f64::from(renderer.error_estimate().unwrap());
+                let error = relative_error(&numbers(&renderer.layers().unwrap().color), &limit);
                 println!("{sequence:?}, seed {seed}: error {error:.4}, estimated {estimate:.4}");
+                // So few pixels, without interleaving, have much of their errors in common: the error of a run scatters.
                 assert!((0.5..2.0).contains(&(estimate / error)), "estimated {estimate}, true {error}");
                 estimates += estimate * estimate;
                 errors += error * error;
@@ -319,7 +331,7 @@ fn the_two_instances_are_independent_and_tell_the_error() {
             // If the instances shared anything the estimate would be too small for all seeds.
             let ratio = (estimates / errors).sqrt();
             println!("{sequence:?}: over all seeds the estimate is {ratio:.3} of the error");
-            assert!((0.7..1.5).contains(&ratio), "{sequence:?}: {ratio}");
+            assert!((0.77..1.3).contains(&ratio), "{sequence:?}: {ratio}");
         }
     });
 }

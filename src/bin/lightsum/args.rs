@@ -165,9 +165,10 @@ pub struct Stop {
     /// Stop after this many seconds of rendering, at the end of the current pass.
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
     pub time: Option<Duration>,
-    /// Stop when the relative RMSE, estimated from two independent instances, is at most E (0.01: one percent).
+    /// Stop when the estimated relative error of the image is at most E (0.01: one percent), after 8 passes at the earliest.
     ///
-    /// Half the error takes up to four times the passes.
+    /// The error is the RMSE relative to each pixel, without bias and the worst 0.5 % of the pixels; see
+    /// docs/error-estimate.md. Half the error takes up to four times the passes.
     #[arg(long, value_name = "E", allow_negative_numbers = true, value_parser = positive)]
     pub target_error: Option<f32>,
     /// Resume from the state file next to the first output (OUTPUT.state) if it exists, and write it at the end.

@@ -251,7 +251,7 @@ fn in_strips(job: Job, mut renderer: Renderer, args: &Render, interrupted: &Atom
 /// Runs passes until `stop` or an interrupt; returns their time and the last error estimate.
 fn passes(renderer: &mut Renderer, stop: &Stop, interrupted: &AtomicBool) -> Result<(Duration, Option<f32>)> {
     let before = renderer.passes();
-    let mut error = if before > 0 { renderer.error_estimate()? } else { None };
+    let mut error = renderer.error_estimate();
     let mut progress = Progress::new();
     loop {
         let (passes, elapsed) = (renderer.passes(), progress.elapsed());
@@ -261,7 +261,7 @@ fn passes(renderer: &mut Renderer, stop: &Stop, interrupted: &AtomicBool) -> Res
         renderer.pass()?;
         let passes = renderer.passes();
         if error_is_due(passes) {
-            error = renderer.error_estimate()?;
+            error = renderer.error_estimate();
         }
         let (rendered, elapsed) = (passes - before, progress.elapsed());
         let text = || {
@@ -273,7 +273,7 @@ fn passes(renderer: &mut Renderer, stop: &Stop, interrupted: &AtomicBool) -> Res
     }
     progress.finish();
     let elapsed = progress.elapsed();
-    Ok((elapsed, if renderer.passes() > 0 { renderer.error_estimate()? } else { None }))
+    Ok((elapsed, renderer.error_estimate()))
 }
 
 fn count(passes: u32) -> String {
