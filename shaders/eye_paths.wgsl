@@ -177,8 +177,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             widening[pixel] += vec4<f32>(t2, t2 * depth, t2 * depth * depth, 0.0);
         }
         let beyond = crossed(inside, s.material + 1u, s.front);
-        media[slot] = select(inside, beyond, takes_first && split.crosses);
         if goes_on {
+            media[slot] = select(inside, beyond, takes_first && split.crosses);
             go_on(slot, s, wi, ray.w);
         }
         let second = before.xyz * split.second_weight;

@@ -23,7 +23,8 @@ fn end_eye_path(slot: u32, ray: vec4<f32>, hit: vec4<f32>, only_emits: bool) -> 
 
     // Virtual lights bring the rest of what a path along a lobe meets.
     let segments = segments_of(before.w);
-    let lobe = select(0.0, lobe_of[select(0u, slot, segments > 0u)], segments > 0u);
+    let follows = met.found && segments > 0u;
+    let lobe = select(0.0, lobe_of[select(0u, slot, follows)], follows);
     let cosine = abs(dot(met.surface.geometric, ray.xyz));
     let distance2 = hit.x * hit.x;
     let of_emission = through.xyz * path_share(lobe, lights_on_emitter(met.surface.emission), distance2, cosine);

@@ -82,7 +82,9 @@ impl Found {
         // What a path along a lobe meets is shared with virtual lights.
         let [of_emission, of_light] = eye_paths::shares_at(&rig.parameters, path, (d, hit.t), &s);
         let carried = through.truncate() * of_light;
-        tally.check(close(end.truncate(), carried, RELATIVE, 1e-9), || format!("throughput {i}: {end} for {carried}, {path:?}, t {}", hit.t));
+        tally.check(close(end.truncate(), carried, RELATIVE, 1e-9), || {
+            format!("throughput {i}: {end} for {carried}, {path:?}, t {}", hit.t)
+        });
         let sampled = has(self.wo[i], ShadingPoints::LOBE_SAMPLED);
         tally.check(sampled == path.sampled, || format!("lobe of {i}"));
         let place = offset_origin(s.position, s.geometric, rig.parameters.eye[3]);

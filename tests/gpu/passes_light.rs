@@ -379,12 +379,16 @@ fn shade_each_kind(ctx: &Context, traversal: Traversal) {
         rig.run(|frame, rec| frame.shade.record(rec));
         let found = sums(&rig, &rig.frame().shade.lighting);
         let receivers = receivers(&rig, &rig.frame().eye.points);
+        let words = rig.vec4s(&rig.frame().eye.points.wo);
         let mut tally = Tally::new(format!("shade by a {name} light"));
         let indirect = if light.flags() & PointLight::GLOSSY != 0 { LOBE } else { DIFFUSE };
         for &i in &rig.list(0) {
             let i = i as usize;
             let p = &rig.parameters;
-            let expected = shade::reference(rig.bvh(), &receivers[i], &[light], p.right[3], p.forward[3]);
+            let segments = ShadingPoints::flags(words[i].w) / ShadingPoints::ONE_SEGMENT;
+            let in_reach = light.f0[3] as u32 + segments + 2 <= p.scene[2];
+            let lights: &[PointLight] = if in_reach { &[light] } else { &[] };
+            let expected = shade::reference(rig.bvh(), &receivers[i], lights, p.right[3], p.forward[3]);
             let values = [0, 1, 2].map(|k| (at(&found, i)[k], expected[k]));
             tally.check_values(alike(at(&found, i), expected, indirect), &values, || {
                 format!("{i}: {:?} for {expected:?}", at(&found, i))
