@@ -45,8 +45,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let ideal = materials[material_of(triangle_normals[at])].flags.z != SURFACE_OPAQUE;
     let aimed = !first_hit || target_of[at] == bitcast<u32>(carried.w);
     let mirrored_lights = step.mirrored_lights == 1u;
-    let off_a_plane = mirrored_lights && first_hit && mirror_of[at] > 0u;
-    let d = ray_direction[photon].xyz;
+    let off_a_plane = mirrored_lights && first_hit && mirror_of[at] > 0u && mirror_of[at] <= frame.mirrors.z;
+    let ray = ray_direction[photon];
+    let d = ray.xyz;
     let s = surface_at(at, hit.y, hit.z, d);
 
     var stored = found && !ideal && !first_hit;
@@ -71,12 +72,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         if goes_on {
             let side = select(-s.geometric, s.geometric, dot(wi, s.geometric) > 0.0);
             ray_origin[photon] = vec4<f32>(offset_origin(s.position, side, frame.eye.w), 3.0e38);
-            ray_direction[photon] = vec4<f32>(wi, 0.0);
+            ray_direction[photon] = vec4<f32>(wi, ray.w);
             list_out[atomicAdd(&work_out.live, 1u)] = photon;
         }
     }
     flux[photon] = vec4<f32>(after, select(carried.w, OFF_A_PLANE, off_a_plane));
-    if stored && !(mirrored_lights && step.bounce == 1u && carried.w == OFF_A_PLANE) {
+    // The eye's segment, those of the photon, and those of the light that it left.
+    let fits = step.bounce + 2u + u32(ray.w) <= frame.scene.z;
+    if stored && fits && !(mirrored_lights && step.bounce == 1u && carried.w == OFF_A_PLANE) {
         photon_position[photon] = vec4<f32>(s.position, 1.0);
         photon_normal[photon] = vec4<f32>(s.geometric, 0.0);
     }

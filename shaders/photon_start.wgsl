@@ -1,16 +1,21 @@
-// Shoots photons from the emitters at mirrors and glass. See pass/photon_start.rs.
+// Shoots photons from emitters and virtual lights at mirrors and glass. See pass/photon_start.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
+#include "bsdf.wgsl"
 #include "emitters.wgsl"
 #include "emitter_start.wgsl"
+#include "lights.wgsl"
+#include "light_at.wgsl"
+#include "sobol.wgsl"
 #include "photons.wgsl"
 
 @group(0) @binding(1) var<storage, read> emitters: array<EmitterRecord>;
 @group(0) @binding(2) var<storage, read> targets: array<vec4<f32>>;        // centre, radius
 @group(0) @binding(3) var<storage, read_write> ray_origin: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read_write> ray_direction: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read_write> ray_direction: array<vec4<f32>>;  // w: bounces of the light that it left
 @group(0) @binding(5) var<storage, read_write> flux: array<vec4<f32>>;     // w: bits of the target + 1
 @group(0) @binding(6) var<storage, read_write> photon_position: array<vec4<f32>>;  // w: 1 if stored, else 0
+@group(0) @binding(7) var<storage, read> lights: array<PointLight>;
 
 // A point counts as inside a sphere if the squared sine of the sphere's half angle is at least this.
 const INSIDE: f32 = 0.999;
@@ -35,11 +40,29 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let index = frame.photons.y + photon_class(photon) * frame.photons.x + photon / frame.pattern.z;
     var u: array<f32, 5>;
     let bases = array<u32, 5>(2u, 3u, 5u, 7u, 11u);
+    let by_sobol = (frame.keys.z & 2u) != 0u;
     for (var d = 0u; d < 5u; d += 1u) {
-        u[d] = rotate(radical_inverse(bases[d], index), random(key(frame.keys.y, STREAM_PHOTON, d, 0u)));
+        let word = key(frame.keys.y, STREAM_PHOTON, d, 0u);
+        let halton = rotate(radical_inverse(bases[d], index), random(word));
+        let pair = unit(sobol(d / 2u, select(0u, index, by_sobol)) ^ vec2<u32>(hash(word)));
+        u[d] = select(halton, select(pair.x, pair.y, (d & 1u) == 1u), by_sobol);
     }
     let side = random(key(frame.keys.x, STREAM_PHOTON_SIDE, photon, 0u));
-    let start = start_at(vec2<f32>(u[2], u[3]), side);
+    var start = start_at(vec2<f32>(u[2], u[3]), side);
+
+    // The last photons of a class start from its lights after reflections. Each part stands for all photons.
+    let from_emitters = bitcast<u32>(frame.photon.w);
+    let from_light = photon / frame.pattern.z >= from_emitters;
+    let reflected = frame.pattern.w - frame.depths[1].y;
+    let pick = min(u32(u[2] * f32(reflected)), max(reflected, 1u) - 1u);
+    let light = lights[select(0u, photon_class(photon) * frame.pattern.w + frame.depths[1].y + pick, from_light)];
+    let part = select(from_emitters, frame.photons.x - from_emitters, from_light);
+    let times = f32(frame.photons.x) / f32(max(part, 1u)) * select(1.0, f32(reflected), from_light);
+    if from_light {
+        start.kind = EMITTER_VIRTUAL;
+        start.origin = light.position.xyz;
+        start.normal = light.normal.xyz;
+    }
 
     // Chooses a target with probability proportional to its weight.
     let count = frame.photons.z;
@@ -95,11 +118,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let is_point = start.kind == EMITTER_POINT || start.kind == EMITTER_SPOT;
     let into_cone = select(of_surface, of_point, is_point) * (2.0 * PI * cap);
     let of_disc = e.radiance.xyz * (PI * sphere.w * sphere.w / e.normal.w);
-    let carried = select(select(into_cone, e.flux.xyz, inside), of_disc, parallel) / max(p, 1e-37);
+    let of_emitter = select(select(into_cone, e.flux.xyz, inside), of_disc, parallel);
+    let of_light = intensity_of(light, -direction) * select(2.0 * PI * cap, PI / max(cosine, 1e-6), inside);
+    let carried = select(of_emitter, of_light, from_light) * (times / max(p, 1e-37));
 
     let flies = aims && mean3(carried) > 0.0;
     ray_origin[photon] = vec4<f32>(origin, select(0.0, 3.0e38, flies));
-    ray_direction[photon] = vec4<f32>(direction, 0.0);
+    ray_direction[photon] = vec4<f32>(direction, select(0.0, light.f0.w, from_light));
     flux[photon] = vec4<f32>(select(vec3<f32>(0.0), carried, flies), bitcast<f32>(chosen + 1u));
     photon_position[photon] = vec4<f32>(0.0);
 }

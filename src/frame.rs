@@ -98,7 +98,7 @@ impl Frame {
                 Some(DeltaChoice::new(kit, &candidates, emitters, &walk.lights, settings.classes())?)
             }
         };
-        let photons = Photons::new(kit, plan)?;
+        let photons = Photons::new(kit, plan, &walk)?;
         let shade = Shade::new(kit, scene, plan, &eye, &walk)?;
         let photon_lighting = PhotonLighting::new(kit, plan, photons.as_ref(), (&eye, &shade))?;
         let mirror_lights = match &plan.mirrors {

@@ -181,8 +181,9 @@ pub struct PhotonPlan {
 impl PhotonPlan {
     /// For a scene with `targets` targets; `None` if there are no photons, or nothing is lit.
     pub fn new(settings: &Settings, targets: u32) -> Option<PhotonPlan> {
-        let plan =
-            PhotonPlan { each: settings.photons, classes: settings.classes(), targets, steps: settings.max_specular };
+        // Eye segment, mirrors and glass, and the segment that leaves the emitter.
+        let steps = settings.max_specular.min(settings.max_depth.saturating_sub(2));
+        let plan = PhotonPlan { each: settings.photons, classes: settings.classes(), targets, steps };
         (plan.each > 0 && targets > 0 && plan.steps > 0 && settings.max_depth > 1).then_some(plan)
     }
 
@@ -209,7 +210,13 @@ impl PhotonPlan {
     }
 
     /// [`layout::FrameParameters::photons`] and [`layout::FrameParameters::photon`] for pass number `local` of its instance.
-    fn parameters(&self, settings: &Settings, size: f32, local: u32) -> Result<([u32; 4], [f32; 4])> {
+    fn parameters(
+        &self,
+        settings: &Settings,
+        lights: &LightPlan,
+        size: f32,
+        local: u32,
+    ) -> Result<([u32; 4], [f32; 4])> {
         let total = self.total();
         let first = local.checked_mul(total).filter(|f| f.checked_add(total).is_some()).ok_or(Error::Setting {
             name: "--passes",
@@ -218,7 +225,13 @@ impl PhotonPlan {
         let radius = self.radius(settings, size);
         let share = 1.0 / (std::f64::consts::PI * f64::from(radius) * f64::from(radius) * f64::from(self.each));
         let integers = [self.each, first, self.targets, (1 << self.bucket_bits()) - 1];
-        Ok((integers, [radius, 0.5 / radius, share as f32, 0.0]))
+        Ok((integers, [radius, 0.5 / radius, share as f32, f32::from_bits(self.from_emitters(settings, lights))]))
+    }
+
+    /// Photons of each class that start from emitters; the others start from virtual lights after reflections: half of them, if a
+    /// path that reaches the eye by mirror or glass may be so long.
+    pub fn from_emitters(&self, settings: &Settings, lights: &LightPlan) -> u32 {
+        if settings.max_depth < 4 || lights.survivors.len() < 2 { self.each } else { self.each.div_ceil(2) }
     }
 }
 
@@ -238,22 +251,15 @@ pub struct MirrorPlan {
 impl MirrorPlan {
     /// For a scene with `mirrors` planar mirrors; `None` if nothing is mirrored. The mirror adds a segment to the path:
     /// eye segment, mirror, shadow ray and j reflections are j + 3.
-    pub fn new(settings: &Settings, mirrors: u32, lights: &LightPlan) -> Result<Option<MirrorPlan>> {
+    pub fn new(settings: &Settings, mirrors: u32, lights: &LightPlan) -> Option<MirrorPlan> {
         let (each, classes, depth) = (settings.mirror_lights, settings.classes(), settings.max_depth as usize);
         if each == 0 || mirrors == 0 || depth < 3 {
-            return Ok(None);
+            return None;
         }
-        let plan = MirrorPlan { each, classes, lights: lights.first_slot(depth - 2), mirrors };
-        if u64::from(plan.lights) * u64::from(mirrors) > MAX_CANDIDATES as u64 {
-            return Err(Error::Setting {
-                name: "--mirror-lights",
-                message: format!(
-                    "{} lights of a pass and {mirrors} mirrors are more than {MAX_CANDIDATES} pairs; use fewer --particles",
-                    plan.lights
-                ),
-            });
-        }
-        Ok(Some(plan))
+        let lights = lights.first_slot(depth - 2);
+        // The largest mirrors, as many as there may be pairs.
+        let mirrors = mirrors.min(MAX_CANDIDATES as u32 / lights.max(1));
+        (mirrors > 0).then_some(MirrorPlan { each, classes, lights, mirrors })
     }
 }
 
@@ -363,7 +369,7 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
     check_slots(settings, scene.specular, view)?;
     Ok(Plan {
         photons: PhotonPlan::new(settings, scene.target_count()),
-        mirrors: MirrorPlan::new(settings, scene.mirror_count(), &lights)?,
+        mirrors: MirrorPlan::new(settings, scene.mirror_count(), &lights),
         lights,
         eye,
         settings: settings.clone(),
@@ -546,13 +552,15 @@ mod tests {
         let lights = LightPlan::new(&Settings { delta_lights: Some(3), ..settings.clone() }, 0.5, 300);
         assert_eq!((lights.delta, LightPlan::new(&settings, 0.5, 300).delta), (3, 300));
         // Eye, mirror, shadow ray and up to two reflections.
-        let plan = MirrorPlan::new(&settings, 2, &lights).unwrap().unwrap();
+        let plan = MirrorPlan::new(&settings, 2, &lights).unwrap();
         assert_eq!((plan.lights, plan.mirrors, plan.each), (3 + 32 + 16 + 8, 2, 4));
-        assert_eq!(MirrorPlan::new(&settings, 0, &lights).unwrap(), None);
-        assert_eq!(MirrorPlan::new(&Settings { max_depth: 2, ..settings.clone() }, 2, &lights).unwrap(), None);
-        let many = LightPlan { survivors: vec![65_536, 1, 1, 1], delta: 0 };
-        let message = MirrorPlan::new(&settings, 2, &many).unwrap_err().to_string();
-        assert!(message.contains("--mirror-lights"), "{message}");
+        assert_eq!(MirrorPlan::new(&settings, 0, &lights), None);
+        assert_eq!(MirrorPlan::new(&Settings { max_depth: 2, ..settings.clone() }, 2, &lights), None);
+        // Pairs are limited: with many lights fewer mirrors count, the largest, and photons take the others.
+        let many = LightPlan { survivors: vec![30_000, 1, 1, 1], delta: 0 };
+        assert_eq!(MirrorPlan::new(&settings, 64, &many).unwrap().mirrors, 4);
+        let most = LightPlan { survivors: vec![200_000, 1, 1, 1], delta: 0 };
+        assert_eq!(MirrorPlan::new(&settings, 64, &most), None);
     }
 
     #[test]

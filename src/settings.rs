@@ -237,9 +237,10 @@ pub struct Settings {
     /// Default false. True costs some milliseconds a pass and 112 bytes a pixel.
     pub summands: bool,
     /// Mirrored lights (Keller 1997, 4.2) for each class of pixels and pass: pairs of a virtual light and a planar mirror,
-    /// chosen by the power that the mirror reflects, which light visible points through the mirror's outline. Default 0:
-    /// light after a planar mirror comes from photons only; 0 to 1024. More: less noise; each costs two rays per pixel. Photons
-    /// omit the paths that mirrored lights cover. No cost in scenes without planar mirrors, or if `max_depth` is below 3.
+    /// chosen by the power that the mirror reflects, which light visible points through the mirror's outline. Default 2,
+    /// interactive 1; 0 to 1024; 0: light after a planar mirror comes from photons only. More: less noise; each costs up to two rays
+    /// per pixel. Photons omit the paths that mirrored lights cover. No cost in scenes without planar mirrors, or if `max_depth` is
+    /// below 3.
     pub mirror_lights: u32,
     /// Clipping distance. Default 0.1 of the size of what the view shows.
     pub clip: Clip,
@@ -304,7 +305,7 @@ impl Default for Settings {
             photon_radius: None,
             superposition: None,
             summands: false,
-            mirror_lights: 0,
+            mirror_lights: 2,
             clip: Clip::Fraction(0.1),
             compensation: Compensation::Exact,
             light_threshold: 0.0,
@@ -350,7 +351,8 @@ impl Settings {
             direct_lights: Some(4),
             pattern: [3, 3],
             compensation: Compensation::Near,
-            photons: 56,
+            photons: 222,
+            mirror_lights: 1,
             filter: Some(Filter::default()),
             ..Settings::default()
         }

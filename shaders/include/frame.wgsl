@@ -13,7 +13,7 @@ struct FrameParameters {
     scene: vec4<u32>,           // nodes, emitters, maximum path length, 0 (unknown to compilers, see exact_sum.wgsl)
     pattern: vec4<u32>,         // width and height of the interleaving pattern, classes, lights of each class
     photons: vec4<u32>,         // caustic photons of each class N, first index of their sequence, targets, buckets - 1 (a power of 2)
-    photon: vec4<f32>,          // radius r of the look-up, 1 / (2r), 1 / (pi r^2 N), 0
+    photon: vec4<f32>,          // radius r of the look-up, 1 / (2r), 1 / (pi r^2 N), bits of the photons of a class that start from emitters
     depths: array<vec4<u32>, 16>,   // for j reflections: particles N_j, first light slot, bits of 1/N_j, N_(j+1)
     shifts: array<vec4<f32>, 16>,   // for j: Cranley-Patterson shifts of dimensions 2j, 2j+1; z, w: bits of their bases
     sobol: array<vec4<u32>, 16>,    // for j: random words of dimensions 2j, 2j+1; z, w: Sobol' point of the gather rays of bounce j

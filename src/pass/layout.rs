@@ -35,7 +35,7 @@ pub struct FrameParameters {
     pub pattern: [u32; 4],
     /// Caustic photons of each class N, first index of their sequence, targets, buckets - 1 (buckets are a power of 2).
     pub photons: [u32; 4],
-    /// Radius r of the look-up, 1 / (2r), 1 / (pi r^2 N), 0.
+    /// Radius r of the look-up, 1 / (2r), 1 / (pi r^2 N), bits of the number of photons of a class that start from emitters.
     pub photon: [f32; 4],
     /// For j reflections: particles N_j, first light slot, bits of 1 / N_j, N_(j+1).
     pub depths: [[u32; 4]; 16],

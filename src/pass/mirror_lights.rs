@@ -25,20 +25,20 @@
 //! and each is weighted by 1 / probability, so that the mean is the sum over all pairs of positive weight. This leaves
 //! out lights in the mirror's plane, and surface lights parallel to it that face away.
 //!
-//! Steps: `mirror_choose` for each class; then for each of the N pairs `mirror_aim` sends a ray from each point towards
-//! y', `trace` finds the nearest surface, `mirror_turn` tests whether it is the mirror and continues to y, `trace` runs
+//! Steps: `mirror_choose` for each class; then for each of the N pairs `mirror_aim` sends a ray towards y' from each point from which
+//! it would pass the mirror's bounding disc, and lists these points; `trace` finds the nearest surface, `mirror_turn` tests whether it is the mirror and continues to y, `trace` runs
 //! again, and `mirror_light` adds the light.
 //!
 //! Differs from the paper in that: the paper mirrors each particle that meets a mirror, and lights the part of the
 //! scene in the pyramid of image and outline by a stencil; here the important pairs are chosen, and rays find the
 //! outline. There is a single mirror reflection (more are left to photons), and mirrored lights do not light the hits
 //! of gather rays. Their light is added after that of photons; the same seed gives the same bits. Cost: N times two
-//! closest hits and some 200 operations for each point; 18 rounds of some 60 operations for each pair.
+//! closest hits and some 200 operations for each point on that list, 60 for the others; 18 rounds of some 60 operations for each pair.
 
 use glam::Vec3;
 
-use super::layout::{FrameParameters, MirrorRecord, PointLight, Step};
-use super::schedule::LIST_GROUPS;
+use super::layout::{DispatchCounts, FrameParameters, MirrorRecord, PointLight, Step};
+use super::schedule::{LIST_GROUPS, Schedule};
 use super::shade::{ShadingPoint, light_towards};
 use super::trace::Trace;
 use super::{BoundKernel, Kit, Lighting, List, Rays, ShadingPoints, push};
@@ -63,6 +63,11 @@ pub struct MirrorLights {
     /// Rounds for a list of rays.
     rounds: Vec<u32>,
     work: Buffer,
+    /// Points from which the present light may be seen through its mirror.
+    pub aimed: List,
+    cleared: Buffer,
+    schedule: Schedule,
+    list_step: u32,
     classes: u32,
     /// For each class N mirrored lights, weights applied.
     pub mirrored: Buffer,
@@ -93,6 +98,7 @@ impl MirrorLights {
         let mut table = StepTable::default();
         let each = (0..plan.each).map(|first| table.add(Step { first, ..Step::default() })).collect();
         let rounds = table.add_list_rounds(settings);
+        let list_step = table.add_list();
         let steps = table.stage(kit, "mirror steps")?;
         let count = plan.each * plan.classes;
         let mirrored = kit.array("mirrored lights", count, size_of::<PointLight>() as u64)?;
@@ -103,16 +109,22 @@ impl MirrorLights {
             ("mirror_number", &numbers),
             ("reflectances", &kit.vec4s("reflectances of mirrors", slots)?),
         ]);
-        let (rays_set, list_set, points) = (rays.resources(), list.resources(), points.resources());
+        let aimed = List::new(kit, "points that see mirrored lights", &kit.array("mirrored lights list", slots, 4)?)?;
+        let (rays_set, list_set, points) = (rays.resources(), aimed.resources(), points.resources());
         let sets = [&own, &rays_set, &list_set, &points, &lighting.resources(), &steps];
+        let of_aim = [&own, &rays_set, &list.resources(), &aimed.as_output(), &points, &steps];
         Ok(MirrorLights {
             choose: kit.bind(&shaders::MIRROR_CHOOSE, &sets)?,
-            aim: kit.bind(&shaders::MIRROR_AIM, &sets)?,
+            aim: kit.bind(&shaders::MIRROR_AIM, &of_aim)?,
             turn: kit.bind_surface([&shaders::MIRROR_TURN, &shaders::MIRROR_TURN_UNTEXTURED], &sets)?,
             light: kit.bind(&shaders::MIRROR_LIGHT, &sets)?,
-            trace: Trace::new(kit, rays, list, &steps)?,
+            trace: Trace::new(kit, rays, &aimed, &steps)?,
+            schedule: Schedule::new(kit, &aimed.work, &steps)?,
+            cleared: kit.stage("cleared work of mirrored lights", &[DispatchCounts::of_classes(1)])?,
+            aimed,
             each,
             rounds,
+            list_step,
             work: list.work.clone(),
             classes: plan.classes,
             mirrored,
@@ -135,12 +147,14 @@ impl MirrorLights {
     pub fn record_light(&self, rec: &mut Recorder) -> Result<()> {
         for &step in &self.each {
             let run =
-                |rec: &mut Recorder, kernel: &BoundKernel| kernel.run_listed(rec, &push(step), &self.work, LIST_GROUPS);
-            run(rec, &self.aim)?;
+                |rec: &mut Recorder, kernel: &BoundKernel, work| kernel.run_listed(rec, &push(step), work, LIST_GROUPS);
+            rec.copy(&self.cleared, &self.aimed.work)?;
+            run(rec, &self.aim, &self.work)?;
+            self.schedule.record(rec, self.list_step)?;
             self.trace.record(rec, &self.rounds, None)?;
-            run(rec, &self.turn)?;
+            run(rec, &self.turn, &self.aimed.work)?;
             self.trace.record(rec, &self.rounds, None)?;
-            run(rec, &self.light)?;
+            run(rec, &self.light, &self.aimed.work)?;
         }
         Ok(())
     }

@@ -33,8 +33,14 @@ pub struct PhotonStart {
 impl PhotonStart {
     /// Writes `rays`, `flux` (w: bits of the target + 1) and `position` (marked as not stored) of `photons` photons,
     /// those of all classes.
-    pub fn new(kit: &Kit, rays: &Rays, [flux, position]: [&Buffer; 2], photons: u32) -> Result<Self> {
-        let own = Resources::of([("flux", flux), ("photon_position", position)]);
+    pub fn new(
+        kit: &Kit,
+        lights: &Buffer,
+        rays: &Rays,
+        [flux, position]: [&Buffer; 2],
+        photons: u32,
+    ) -> Result<Self> {
+        let own = Resources::of([("lights", lights), ("flux", flux), ("photon_position", position)]);
         Ok(PhotonStart { kernel: kit.bind(&shaders::PHOTON_START, &[&rays.resources(), &own])?, photons })
     }
 

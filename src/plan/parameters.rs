@@ -69,7 +69,7 @@ impl Plan {
             | bit(s.sequence == Sequence::Sobol, layout::FrameParameters::SOBOL);
         let offset = pixel_offset(instance_key, local);
         let (photons, photon) = match self.photons {
-            Some(plan) => plan.parameters(s, extent.size, local)?,
+            Some(plan) => plan.parameters(s, &self.lights, extent.size, local)?,
             None => ([0; 4], [0.0; 4]),
         };
         let superposition = match s.superposition.filter(|_| self.eye.mirrors) {

@@ -1,6 +1,6 @@
 //! Caustic photons: shot, followed, sorted into a grid, and looked up at the visible points.
 
-use super::{Counts, Eye, Shade, Stage, batch};
+use super::{Counts, Eye, Shade, Stage, Walk, batch};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder};
 use crate::pass::layout::{DispatchCounts, Step};
@@ -53,7 +53,7 @@ struct Follow {
 
 impl Photons {
     /// `None`: there are no photons, or no targets.
-    pub fn new(kit: &Kit, plan: &Plan) -> Result<Option<Photons>> {
+    pub fn new(kit: &Kit, plan: &Plan, walk: &Walk) -> Result<Option<Photons>> {
         let (settings, Some(photons)) = (&plan.settings, &plan.photons) else { return Ok(None) };
         let count = photons.total();
         let mut table = StepTable::default();
@@ -107,7 +107,7 @@ impl Photons {
             count,
             counts: Counts::new(kit, 1, lists.iter().chain([&batch]))?,
             grid_work: kit.stage("photon grid's first work", &[grid_work])?,
-            start: PhotonStart::new(kit, &rays, [&flux, &position], count)?,
+            start: PhotonStart::new(kit, &walk.lights, &rays, [&flux, &position], count)?,
             first_trace: (Trace::new(kit, &rays, &batch, &steps)?, first_rounds),
             follow,
             list_step,

@@ -26,8 +26,8 @@ impl PointOrder {
     /// The order for the points of a plan.
     pub fn of(plan: &Plan, scene: &DeviceScene) -> PointOrder {
         let settings = &plan.settings;
-        // The rays of compensation and of mirrored lights need lists without gaps.
-        let gaps = settings.mirror_lights == 0 && plan.bounces() == 1;
+        // The rays of compensation need lists without gaps.
+        let gaps = plan.bounces() == 1;
         match scene.wide_nodes {
             None => PointOrder::Any,
             Some(_) if gaps && settings.cluster_order == ClusterOrder::Screen && settings.max_depth > 1 => {

@@ -220,7 +220,7 @@ pub struct Light {
     /// Faster, but single highlights show as dots, and clipping darkens them.
     #[arg(long)]
     pub no_glossy_paths: bool,
-    /// Caustic photons in each pass, for each class of pixels; 0: no caustics [default: the scene's, or 2000 over all classes; with --preset interactive: 56].
+    /// Caustic photons in each pass, for each class of pixels; 0: no caustics [default: the scene's, or 2000 over all classes; with --preset interactive: 222].
     ///
     /// Time grows linearly; more are smoother. No cost in scenes without mirrors and glass. At most 1048576 over all classes.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_PHOTONS)))]
@@ -230,7 +230,7 @@ pub struct Light {
     /// Larger: less noise and more blur. More passes do not remove the blur.
     #[arg(long, value_name = "R", allow_negative_numbers = true, value_parser = distance)]
     pub photon_radius: Option<f32>,
-    /// Mirrored lights in each pass, for each class of pixels, 0 to 1024 [default: 0].
+    /// Mirrored lights in each pass, for each class of pixels, 0 to 1024 [default: 2; with --preset interactive: 1; none without planar mirrors].
     ///
     /// They light visible points through planar mirrors, without the blur and the noise of photons, which then omit these
     /// paths. Each costs two rays for each pixel.

@@ -80,6 +80,7 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
         settings.compensation = preset.compensation;
         settings.jitter = preset.jitter;
         settings.photons = preset.photons;
+        settings.mirror_lights = preset.mirror_lights;
         settings.filter = preset.filter;
     }
     settings.particles = light.particles.unwrap_or(settings.particles);
