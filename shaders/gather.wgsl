@@ -36,7 +36,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let slot = list[place];
-    if slot == NO_POINT || !has_near_ray(slot) {
+    if slot == NO_POINT || !has_near_ray(slot, point_wo[slot].w) {
         return;
     }
     list_out[atomicAdd(&work_out.live, 1u)] = slot;
@@ -50,7 +50,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let shading = point_shading[slot];
     let kd = point_kd[slot];
     let f0 = point_f0[slot];
-    let wo = point_wo[slot].xyz;
+    let wo_flags = point_wo[slot];
+    let wo = wo_flags.xyz;
     let sample = sample_of(slot);
 #if NEAR
     let point = near_point(slot);
@@ -82,7 +83,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let irradiance = vec3<f32>(select(0.0, PI / max(kd.w, 1e-6), above));
     weight = select(weight, irradiance, first && diffuse);
 #if NEAR
-    weight *= near_ray_weight(slot);
+    weight *= near_ray_weight(slot, wo_flags.w);
 #endif
     beta[slot] = vec4<f32>(before.xyz * weight, select(before.w, select(1.0, 0.0, diffuse), first));
     let reach = select(0.0, frame.up.w, above && (mean3(kd.xyz) > 0.0 || !diffuse));

@@ -7,6 +7,7 @@
 #include "light_at.wgsl"
 #include "point.wgsl"
 #include "mirror_lights.wgsl"
+#include "near.wgsl"
 
 @group(0) @binding(1) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(2) var<storage, read> list: array<u32>;
@@ -19,6 +20,7 @@
 @group(0) @binding(9) var<storage, read> mirrors: array<MirrorRecord>;
 @group(0) @binding(10) var<storage, read_write> ray_origin: array<vec4<f32>>;
 @group(0) @binding(11) var<storage, read_write> ray_direction: array<vec4<f32>>;
+@group(0) @binding(14) var<storage, read> point_wo: array<vec4<f32>>;
 @group(0) @binding(12) var<storage, read_write> list_out: array<u32>;
 @group(0) @binding(13) var<storage, read_write> work_out: DispatchCounts;
 var<immediate> push: Push;
@@ -31,7 +33,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let slot = list[place];
-    if slot == NO_POINT {
+    if slot == NO_POINT || !has_near_ray(slot, point_wo[slot].w) {
         return;
     }
     let chosen = mirrored_index(slot, steps[push.step].first);

@@ -7,6 +7,7 @@
 #include "light_at.wgsl"
 #include "point.wgsl"
 #include "mirror_lights.wgsl"
+#include "near.wgsl"
 
 @group(0) @binding(1) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(2) var<storage, read> list: array<u32>;
@@ -39,9 +40,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let shading = point_shading[slot];
     let geometric = point_geometric[slot];
     let falloff = falloff_of(bitcast<u32>(l.position.w), r2);
-    let e = intensity_of(l, wi) * reflected * (max(dot(wi, shading.xyz), 0.0) * falloff);
     let f0 = point_f0[slot];
     let wo = point_wo[slot];
+    // Classes of pixels take turns, as those with near rays do.
+    let times = max(dot(wi, shading.xyz), 0.0) * falloff * near_ray_weight(slot, wo.w);
+    let e = intensity_of(l, wi) * reflected * times;
     let lobe = point_lobe(geometric, shading, f0);
     let seen = free && mean3(reflected) > 0.0;
     // A path along the lobe brings the light of surfaces, but meets no light without area.

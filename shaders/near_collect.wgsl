@@ -22,6 +22,7 @@
 // Of the pixels.
 @group(0) @binding(12) var<storage, read> pixel_direct: array<vec4<f32>>;
 @group(0) @binding(13) var<storage, read> pixel_indirect: array<vec4<f32>>;
+@group(0) @binding(14) var<storage, read> seen_wo: array<vec4<f32>>;
 // Light through near rays: direct and indirect irradiance. w of the first: the lobe, as in beta.
 @group(0) @binding(15) var<storage, read_write> near_direct: array<vec4<f32>>;
 @group(0) @binding(16) var<storage, read_write> near_indirect: array<vec4<f32>>;
@@ -51,9 +52,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         e_direct += select(vec3<f32>(0.0), e, k == 0u);
         e_indirect += b * select(lit, by_pixel, shown) + select(e, vec3<f32>(0.0), k == 0u);
         // A near ray stands for pixels without one, but once: those that it leads to are of its class, and have one too.
-        through = b / select(near_ray_weight(0u), 1.0, at >= frame.size.z);
+        through = b / near_ray_weight(at, seen_wo[at].w);
         // That pixel may have no near ray, or one from its lobe, which is not irradiance.
-        at = select(NO_POINT, q, shown && has_near_ray(safe) && beta[safe].w == 0.0);
+        at = select(NO_POINT, q, shown && near_order(safe) < near_classes() && beta[safe].w == 0.0);
     }
     near_direct[slot] = vec4<f32>(e_direct, beta[slot].w);
     near_indirect[slot] = vec4<f32>(e_indirect, 0.0);

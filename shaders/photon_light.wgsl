@@ -79,11 +79,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let wi = sorted_wi[i].xyz;
         let cos_geometric = dot(wi, geometric.xyz);
         let cos_shading = dot(wi, shading.xyz);
-        let near = bitcast<u32>(photon.w) == code && dot(off, off) <= radius2;
+        // Its density falls from the middle to the edge, so that no disc shows.
+        let kernel = 2.0 * (1.0 - dot(off, off) / radius2);
+        let near = bitcast<u32>(photon.w) == code && kernel > 0.0;
         let faces = dot(sorted_normal[i].xyz, geometric.xyz) > MIN_COSINE && cos_geometric > 0.0 && cos_shading > 0.0;
         // Flux arrives by the geometric cosine and is reflected by the shading one (Veach 1997, 5.3).
         let skew = min(cos_shading / max(cos_geometric, 1e-7), 4.0);
-        let arriving = sorted_flux[i].xyz * select(0.0, skew * share, near && faces);
+        let arriving = sorted_flux[i].xyz * select(0.0, skew * share * kernel, near && faces);
         e += arriving;
         for (var k = select(0u, 1u, near && faces && glossy); k > 0u; k -= 1u) {
             l += arriving * eval_specular(lobe, shading.xyz, wo.xyz, wi);

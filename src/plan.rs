@@ -204,9 +204,9 @@ impl PhotonPlan {
     }
 
     /// Radius of the look-up for a view of this size ([`Extent::size`]), unless `photon_radius` sets it: sqrt(N) radii
-    /// make a quarter of the size, so that caustics a tenth of it wide have some 20 photons in a look-up.
+    /// make 0.3 of the size, so that caustics a tenth of it wide have some 30 photons in a look-up.
     fn radius(&self, settings: &Settings, size: f32) -> f32 {
-        settings.photon_radius.unwrap_or(0.25 * size / (self.each as f32).sqrt().max(5.0))
+        settings.photon_radius.unwrap_or(0.3 * size / (self.each as f32).sqrt().max(6.0))
     }
 
     /// [`layout::FrameParameters::photons`] and [`layout::FrameParameters::photon`] for pass number `local` of its instance.
@@ -542,7 +542,7 @@ mod tests {
         assert_eq!(PhotonPlan::new(&settings, 0), None);
         assert_eq!(PhotonPlan::new(&Settings { max_depth: 1, ..settings.clone() }, 1), None);
         // Without a radius from the user the size of the view and the number decide.
-        assert!((plan.radius(&settings, 10.0) - 2.5 / 500f32.sqrt()).abs() < 1e-6);
+        assert!((plan.radius(&settings, 10.0) - 3.0 / 500f32.sqrt()).abs() < 1e-6);
         assert_eq!(plan.radius(&Settings { photon_radius: Some(0.3), ..settings }, 10.0), 0.3);
     }
 

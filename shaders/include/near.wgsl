@@ -1,7 +1,7 @@
-// Near rays. Needs frame.wgsl and math.wgsl. Host twins: pass::near_points, pass::near_collect::{SMOOTH, SLOPE, LINKS}.
+// Near rays. Needs frame.wgsl, math.wgsl and flags.wgsl. Host twins: pass::near_points, pass::near_collect::{SMOOTH, SLOPE, LINKS}.
 
-// Each pass sends near rays from a quarter of the classes of pixels, others in the next passes; from all second components, whose light no
-// filter spreads over the classes.
+// Each pass sends near rays from a quarter of the classes of pixels, others in the next passes; from all second components behind mirrors
+// and glass, whose light no filter spreads over the classes.
 fn near_classes() -> u32 {
     return max(frame.pattern.z / 4u, 1u);
 }
@@ -12,8 +12,13 @@ fn near_order(slot: u32) -> u32 {
     return (class_of(slot) + turn * near_classes()) % frame.pattern.z;
 }
 
-fn has_near_ray(slot: u32) -> bool {
-    return near_order(slot) < near_classes() || slot >= frame.size.z;
+// Whether no filter spreads a slot's light; `flags` are those of its shading point.
+fn stands_alone(slot: u32, flags: f32) -> bool {
+    return slot >= frame.size.z && segments_of(flags) == 0u;
+}
+
+fn has_near_ray(slot: u32, flags: f32) -> bool {
+    return near_order(slot) < near_classes() || stands_alone(slot, flags);
 }
 
 // Neighbours of a class, across and down, whose near rays have different directions; `near_add` takes the mean over as many.
@@ -37,8 +42,8 @@ fn near_point(slot: u32) -> vec2<f32> {
 }
 
 // Number of slots that the near ray of a slot stands for.
-fn near_ray_weight(slot: u32) -> f32 {
-    return select(f32(frame.pattern.z) / f32(near_classes()), 1.0, slot >= frame.size.z);
+fn near_ray_weight(slot: u32, flags: f32) -> f32 {
+    return select(f32(frame.pattern.z) / f32(near_classes()), 1.0, stands_alone(slot, flags));
 }
 
 // Search for the pixel that shows a point.

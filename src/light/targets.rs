@@ -20,8 +20,10 @@
 //! light only from its own photons, so spheres may overlap.
 
 use crate::accel::Bvh;
-use crate::bsdf::basis;
+use crate::bsdf::{basis, sample_diffuse};
 use crate::light::emitters::{Emitters, Kind, Start};
+use crate::pass::layout::PointLight;
+use crate::pass::shade::light_towards;
 use crate::scene::{Scene, Surface};
 use glam::Vec3;
 use std::collections::HashMap;
@@ -96,11 +98,53 @@ impl Targets {
     ) -> Option<Shot> {
         let e = &emitters.list[start.emitter as usize];
         let oriented = !matches!(e.kind, Kind::Point | Kind::Spot | Kind::Directional);
+        let parallel = e.kind == Kind::Directional;
+        let (target, p) = self.choose(origin, oriented.then_some(start.normal), parallel, choice)?;
+        let sphere = self.spheres[target];
+        let shot = |origin: Vec3, direction: Vec3, flux: Vec3| {
+            Some(Shot { target: target as u32, origin, direction, flux: flux / p })
+        };
+        if e.kind == Kind::Directional {
+            let (t, b) = basis(e.normal);
+            let (r, phi) = (sphere.radius * leave[0].sqrt(), TAU * leave[1]);
+            // The disc is in front of the whole scene.
+            let centre = sphere.center - e.normal * (2.0 * e.e1.length());
+            let from = centre + t * (r * phi.cos()) + b * (r * phi.sin());
+            return shot(from, e.normal, e.radiance * (PI * sphere.radius * sphere.radius / e.probability));
+        }
+        let Some((direction, solid_angle)) = in_cone(&sphere, origin, leave) else {
+            return shot(origin, emitters.sample_direction(start, leave), start.flux);
+        };
+        let intensity = match e.kind {
+            Kind::Point | Kind::Spot => e.intensity(direction) / e.probability,
+            _ => start.flux * (FRAC_1_PI * start.normal.dot(direction).max(0.0)),
+        };
+        shot(origin, direction, intensity * solid_angle)
+    }
+
+    /// Shoots a photon from a virtual light, as [`Targets::shoot`]; its flux is that of this light alone.
+    pub fn shoot_from(&self, light: &PointLight, choice: f32, leave: [f32; 2]) -> Option<Shot> {
+        let xyz = |v: [f32; 4]| Vec3::new(v[0], v[1], v[2]);
+        let (origin, normal) = (xyz(light.position), xyz(light.normal));
+        let (target, p) = self.choose(origin, Some(normal), false, choice)?;
+        let (direction, over_density) = in_cone(&self.spheres[target], origin, leave).unwrap_or_else(|| {
+            // By the cosine.
+            let local = sample_diffuse(leave);
+            let (t, b) = basis(normal);
+            (t * local.x + b * local.y + normal * local.z, PI / local.z)
+        });
+        let flux = light_towards(light, -direction, 1.0, 0.0) * (over_density / p);
+        Some(Shot { target: target as u32, origin, direction, flux })
+    }
+
+    /// Chooses a target for a start, by solid angle (for parallel light: by area), and the probability of the choice. `normal`: of
+    /// the surface that emits.
+    fn choose(&self, origin: Vec3, normal: Option<Vec3>, parallel: bool, choice: f32) -> Option<(usize, f32)> {
         let weight = |s: &Sphere| {
             let (to, r2) = (s.center - origin, s.radius * s.radius);
-            match e.kind {
-                Kind::Directional => r2,
-                _ if oriented && to.dot(start.normal) <= -s.radius => 0.0,
+            match normal {
+                _ if parallel => r2,
+                Some(normal) if to.dot(normal) <= -s.radius => 0.0,
                 _ => r2 / to.length_squared().max(r2),
             }
         };
@@ -116,36 +160,24 @@ impl Targets {
             }
             rest -= w;
         }
-        let (sphere, p) = (self.spheres[target], weights[target] / sum);
-        let shot = |origin: Vec3, direction: Vec3, flux: Vec3| {
-            Some(Shot { target: target as u32, origin, direction, flux: flux / p })
-        };
-        if e.kind == Kind::Directional {
-            let (t, b) = basis(e.normal);
-            let (r, phi) = (sphere.radius * leave[0].sqrt(), TAU * leave[1]);
-            // The disc is in front of the whole scene.
-            let centre = sphere.center - e.normal * (2.0 * e.e1.length());
-            let from = centre + t * (r * phi.cos()) + b * (r * phi.sin());
-            return shot(from, e.normal, e.radiance * (PI * sphere.radius * sphere.radius / e.probability));
-        }
-        let to = sphere.center - origin;
-        let sin2 = sphere.radius * sphere.radius / to.length_squared();
-        if sin2 >= INSIDE {
-            return shot(origin, emitters.sample_direction(start, leave), start.flux);
-        }
-        // 1 - cos of the cone, without cancellation.
-        let cap = sin2 / (1.0 + (1.0 - sin2).sqrt());
-        let h = leave[0] * cap;
-        let (sin, phi) = ((h * (2.0 - h)).sqrt(), TAU * leave[1]);
-        let axis = to.normalize();
-        let (t, b) = basis(axis);
-        let direction = t * (sin * phi.cos()) + b * (sin * phi.sin()) + axis * (1.0 - h);
-        let intensity = match e.kind {
-            Kind::Point | Kind::Spot => e.intensity(direction) / e.probability,
-            _ => start.flux * (FRAC_1_PI * start.normal.dot(direction).max(0.0)),
-        };
-        shot(origin, direction, intensity * (TAU * cap))
+        Some((target, weights[target] / sum))
     }
+}
+
+/// A direction in the cone around a sphere, and the cone's solid angle; `None` from within the sphere.
+fn in_cone(sphere: &Sphere, origin: Vec3, leave: [f32; 2]) -> Option<(Vec3, f32)> {
+    let to = sphere.center - origin;
+    let sin2 = sphere.radius * sphere.radius / to.length_squared();
+    if sin2 >= INSIDE {
+        return None;
+    }
+    // 1 - cos of the cone, without cancellation.
+    let cap = sin2 / (1.0 + (1.0 - sin2).sqrt());
+    let h = leave[0] * cap;
+    let (sin, phi) = ((h * (2.0 - h)).sqrt(), TAU * leave[1]);
+    let axis = to.normalize();
+    let (t, b) = basis(axis);
+    Some((t * (sin * phi.cos()) + b * (sin * phi.sin()) + axis * (1.0 - h), TAU * cap))
 }
 
 /// Squared sine of a sphere's half angle above which a point counts as inside the sphere.

@@ -29,7 +29,8 @@
 //! has all of the light; photons and mirrored lights leave followed lobes out. Segments beyond the first such surface count in
 //! `max_depth`.
 //!
-//! All pixels of a class draw the same numbers, so that neighbours differ smoothly ([`path_numbers`]).
+//! Where the reflectance F of a lobe is below 1 / [`LOBE_CHANCE`], a path follows it with probability 4 F only, at least 0.2, and carries
+//! the inverse. All pixels of a class draw the same numbers, so that neighbours differ smoothly ([`path_numbers`]).
 //!
 //! For a glossy plane seen directly (superposition, see `mirror_image`) the first component is the base, where the path
 //! ends, and the second the mirror image itself, with throughput 1. For a frosted pane the first component is the scene
@@ -61,6 +62,10 @@ use crate::sampling::dimensions::{COMPONENT, EYE_LOBE};
 use crate::sampling::random::key;
 use crate::sampling::sobol::unit;
 use crate::scene::{Scene, Surface};
+
+/// Probability of following a lobe beside its surface, over its reflectance: faint lobes are followed by some classes of pixels
+/// only, in some passes. Higher: less noise in faint reflections, more rays.
+pub const LOBE_CHANCE: f32 = 4.0;
 
 /// One step of all paths.
 pub struct EyePaths {
@@ -278,6 +283,8 @@ fn at_lobe(
         }
     };
     if split_offset > 0 {
+        let chance = (LOBE_CHANCE * weight.max_element()).clamp(0.2, 1.0);
+        let weight = if numbers[2] < chance { weight / chance } else { Vec3::ZERO };
         let branch = EyePath { emitted: Vec3::ZERO, ..along(path.slot + split_offset, path.throughput * weight) };
         return Some((EyePath { ray: None, sampled: true, ..*path }, Some(branch)));
     }

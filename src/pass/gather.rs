@@ -97,15 +97,15 @@ pub fn reference(
     towards(frame, (sample, bounce), point, receiver, beta)
 }
 
-/// Oracle: the near ray of a pixel of a class.
+/// Oracle: the near ray of a slot of a class with these flags.
 pub fn near_reference(
     frame: &layout::FrameParameters,
     pixel: u32,
-    class: u32,
+    (class, flags): (u32, u32),
     receiver: &ShadingPoint,
 ) -> (Ray, Vec3, bool) {
     let point = near_point(frame, pixel, class);
-    let weight = Vec3::splat(near_points::ray_weight(frame, pixel));
+    let weight = Vec3::splat(near_points::ray_weight(frame, pixel, flags));
     towards(frame, (frame.sample_of(pixel), 0), point, receiver, weight)
 }
 

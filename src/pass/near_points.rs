@@ -46,15 +46,22 @@ pub fn near_order(frame: &FrameParameters, class: u32) -> u32 {
     (class + turn * ray_classes(classes)) % classes
 }
 
+/// Whether no filter spreads the light of a slot over the classes: that of second components behind mirrors and glass;
+/// `flags`: [`ShadingPoints::flags`].
+pub fn stands_alone(frame: &FrameParameters, slot: u32, flags: u32) -> bool {
+    slot >= frame.size[2] && flags < ShadingPoints::ONE_SEGMENT
+}
+
 /// Whether a slot of a class sends a near ray in a pass: a quarter of the classes does, others in the next passes; and all
-/// second components, whose light no filter spreads over the classes.
-pub fn has_near_ray(frame: &FrameParameters, slot: u32, class: u32) -> bool {
-    slot >= frame.size[2] || near_order(frame, class) < ray_classes(frame.pattern[2])
+/// slots that stand alone.
+pub fn has_near_ray(frame: &FrameParameters, slot: u32, class: u32, flags: u32) -> bool {
+    stands_alone(frame, slot, flags) || near_order(frame, class) < ray_classes(frame.pattern[2])
 }
 
 /// Number of slots that the near ray of a slot stands for.
-pub fn ray_weight(frame: &FrameParameters, slot: u32) -> f32 {
-    if slot < frame.size[2] { frame.pattern[2] as f32 / ray_classes(frame.pattern[2]) as f32 } else { 1.0 }
+pub fn ray_weight(frame: &FrameParameters, slot: u32, flags: u32) -> f32 {
+    let pixels = frame.pattern[2] as f32 / ray_classes(frame.pattern[2]) as f32;
+    if stands_alone(frame, slot, flags) { 1.0 } else { pixels }
 }
 
 /// The pass.

@@ -92,7 +92,8 @@ pub enum Fate {
 }
 
 /// Oracle, without mirrored lights: a photon of flux `flux` in `media` that travelled in direction `d` and hit
-/// `surface`; `aimed`: the surface belongs to the photon's target; `last`: the photon may not continue.
+/// `surface`; `aimed`: the surface belongs to the photon's target; `last`: the photon may not continue; `bounces`: of the light
+/// that it left.
 #[allow(clippy::too_many_arguments)]
 pub fn reference(
     frame: &layout::FrameParameters,
@@ -101,15 +102,17 @@ pub fn reference(
     photon: u32,
     (d, flux, media): (Vec3, Vec3, Media),
     surface: &SurfacePoint,
-    aimed: bool,
+    (aimed, bounces): (bool, f32),
 ) -> Fate {
+    // The eye's segment, those of the photon, and those of the light that it left.
+    let fits = step + 2 + bounces as u32 <= frame.scene[2];
     let s = surface;
     let material = &scene.materials[s.material as usize];
     let normals = Normals { geometric: s.geometric, shading: s.shading, front: s.front };
     let eta = media.relative_index(&scene.materials, s.material, s.front);
     let first = step == 0;
     let Some(samples) = specular_samples(material, &s.finish, &normals, -d, eta) else {
-        return if first { Fate::Lost } else { Fate::Stored(flux) };
+        return if first || !fits { Fate::Lost } else { Fate::Stored(flux) };
     };
     if last || first && !aimed {
         return Fate::Lost;
@@ -119,6 +122,7 @@ pub fn reference(
     let xi = random_f32(key(frame.keys[0], PHOTON_COMPONENT, photon, step));
     let (sample, chance) = match split.first {
         None if first => (reflected, 1.0),
+        None if xi < split.probability && !fits => return Fate::Lost,
         None if xi < split.probability => return Fate::Stored(flux / split.probability),
         Some(sample) if xi < split.probability => (sample, split.probability),
         _ => (reflected, 1.0 - split.probability),

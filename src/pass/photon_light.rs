@@ -2,8 +2,10 @@
 //! flux Phi_j that arrived at z_j from omega_j,
 //!
 //! ```text
-//! L(x, omega) += 1 / (pi r^2) sum_j B_r(z_j, x) f_r(omega_j, x, omega) Phi_j / N      B_r(z, x) = 1 if |z - x| <= r, else 0
+//! L(x, omega) += 1 / (pi r^2) sum_j B_r(z_j, x) f_r(omega_j, x, omega) Phi_j / N      B_r(z, x) = 2 max(1 - |z - x|^2 / r^2, 0)
 //! ```
+//!
+//! The paper counts photons within r alike; this kernel (Epanechnikov's) has no edge, so that single photons show no discs.
 //!
 //! The radius r is fixed, and photons are found by 8 look-ups in the grid of cells of size 2r (4.1). The diffuse part
 //! is added to the indirect irradiance, the lobe's to the specular radiance. A photon counts if it arrived on the
@@ -82,10 +84,11 @@ pub fn reference(frame: &layout::FrameParameters, slot: u32, receiver: &ShadingP
     let mut sums = [Vec3::ZERO; 2];
     for photon in photons {
         let (cos_geometric, cos_shading) = (photon.wi.dot(receiver.geometric), photon.wi.dot(receiver.shading));
-        let near = photon.class == class && photon.position.distance_squared(receiver.position) <= radius * radius;
+        let kernel = 2.0 * (1.0 - photon.position.distance_squared(receiver.position) / (radius * radius));
+        let near = photon.class == class && kernel > 0.0;
         let faces = photon.normal.dot(receiver.geometric) > MIN_COSINE && cos_geometric > 0.0 && cos_shading > 0.0;
         if near && faces {
-            let arriving = photon.flux * ((cos_shading / cos_geometric.max(1e-7)).min(4.0) * share);
+            let arriving = photon.flux * ((cos_shading / cos_geometric.max(1e-7)).min(4.0) * share * kernel);
             sums[0] += arriving;
             sums[1] += arriving * receiver.reflectance.eval_specular(receiver.shading, photon.wi, receiver.wo);
         }

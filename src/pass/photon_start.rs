@@ -1,14 +1,18 @@
-//! Shoots caustic photons from the emitters at mirrors and glass (Wald et al. 2002, section 4).
+//! Shoots caustic photons from the emitters and from virtual lights at mirrors and glass (Wald et al. 2002, section 4).
 //!
 //! A point on an emitter is chosen as for particles, a body of mirrors or glass (a target) roughly in proportion to the
 //! solid angle of its bounding sphere, and a direction in the cone around that sphere; [`crate::light::targets`] has
 //! the densities and the flux. So nearly all photons hit something that makes caustics, and their sum over N is the
 //! flux that the emitters send there.
 //!
-//! Photon i of class k of pixels (Wald et al., 4.2) has number i K + k, with K classes, and takes point first + k N + i
-//! of a Halton sequence: the points of each class are consecutive, and so are those of all classes of a pass together.
+//! The last photons of each class, half of them where paths may be so long, start from the class's virtual lights after one and more
+//! reflections, each chosen with the same probability: caustics of indirect light.
 //!
-//! Differs from the paper in that: the paper does not say how it aims photons.
+//! Photon i of class k of pixels (Wald et al., 4.2) has number i K + k, with K classes, and takes point first + k N + i
+//! of the chosen sequence (4.4), in its own rotation: the points of each class are consecutive, and so are those of all classes of a
+//! pass together.
+//!
+//! Differs from the paper in that: the paper does not say how it aims photons, and shoots them from emitters only.
 //! Cost for each photon: two visits of every target (at most 64), some 200 operations and 80 bytes.
 
 use super::layout;
@@ -20,8 +24,9 @@ use crate::light::emitters::{Emitters, Kind};
 use crate::light::targets::Targets;
 use crate::sampling::dimensions::{PHOTON, PHOTON_DIMENSIONS, PHOTON_SIDE};
 use crate::sampling::halton::halton;
-use crate::sampling::random::{key, random_f32};
+use crate::sampling::random::{hash, key, random_f32};
 use crate::sampling::rotate;
+use crate::sampling::sobol::{sobol, unit};
 use glam::Vec3;
 
 /// The pass.
@@ -33,13 +38,7 @@ pub struct PhotonStart {
 impl PhotonStart {
     /// Writes `rays`, `flux` (w: bits of the target + 1) and `position` (marked as not stored) of `photons` photons,
     /// those of all classes.
-    pub fn new(
-        kit: &Kit,
-        lights: &Buffer,
-        rays: &Rays,
-        [flux, position]: [&Buffer; 2],
-        photons: u32,
-    ) -> Result<Self> {
+    pub fn new(kit: &Kit, lights: &Buffer, rays: &Rays, [flux, position]: [&Buffer; 2], photons: u32) -> Result<Self> {
         let own = Resources::of([("lights", lights), ("flux", flux), ("photon_position", position)]);
         Ok(PhotonStart { kernel: kit.bind(&shaders::PHOTON_START, &[&rays.resources(), &own])?, photons })
     }
@@ -59,27 +58,59 @@ pub fn class_of(frame: &layout::FrameParameters, photon: u32) -> u32 {
 pub fn photon_numbers(frame: &layout::FrameParameters, photon: u32) -> [f32; 5] {
     let [each, first, ..] = frame.photons;
     let index = first + class_of(frame, photon) * each + photon / frame.pattern[2];
-    PHOTON_DIMENSIONS.map(|d| rotate(halton(d, index), random_f32(key(frame.keys[1], PHOTON, d as u32, 0))))
+    PHOTON_DIMENSIONS.map(|d| {
+        let word = key(frame.keys[1], PHOTON, d as u32, 0);
+        if frame.has(layout::FrameParameters::SOBOL) {
+            return unit(sobol(d, index) ^ hash(word));
+        }
+        rotate(halton(d, index), random_f32(word))
+    })
 }
 
-/// Oracle: ray, flux and target of a photon; `None`: it carries no flux.
+/// A photon that starts.
+#[derive(Clone, Copy, Debug)]
+pub struct Started {
+    /// Its ray.
+    pub ray: Ray,
+    /// Flux if its class had this photon only.
+    pub flux: Vec3,
+    /// Index of its target.
+    pub target: u32,
+    /// Bounces of the light that it left; 0: an emitter.
+    pub bounces: f32,
+}
+
+/// Oracle: the start of a photon; `lights`: those of all classes; `None`: it carries no flux.
 pub fn reference(
     frame: &layout::FrameParameters,
     emitters: &Emitters,
+    lights: &[layout::PointLight],
     targets: &Targets,
     photon: u32,
-) -> Option<(Ray, Vec3, u32)> {
+) -> Option<Started> {
     let u = photon_numbers(frame, photon);
-    let side = random_f32(key(frame.keys[0], PHOTON_SIDE, photon, 0));
-    let start = emitters.sample_start(u[2], u[3], side);
-    let kind = emitters.list[start.emitter as usize].kind;
-    let origin = match kind {
-        Kind::Point | Kind::Spot | Kind::Directional => start.position,
-        Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Imported => {
-            offset_origin(start.position, start.normal, frame.eye[3])
-        }
+    let (each, from_emitters) = (frame.photons[0], frame.photon[3].to_bits());
+    let times = |part: u32| each as f32 / part as f32;
+    let (shot, times, bounces) = if photon / frame.pattern[2] < from_emitters {
+        let side = random_f32(key(frame.keys[0], PHOTON_SIDE, photon, 0));
+        let start = emitters.sample_start(u[2], u[3], side);
+        let kind = emitters.list[start.emitter as usize].kind;
+        let origin = match kind {
+            Kind::Point | Kind::Spot | Kind::Directional => start.position,
+            Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Imported => {
+                offset_origin(start.position, start.normal, frame.eye[3])
+            }
+        };
+        (targets.shoot(emitters, &start, origin, u[4], [u[0], u[1]])?, times(from_emitters), 0.0)
+    } else {
+        let (of_class, first) = (frame.pattern[3], frame.depths[1][1]);
+        let reflected = of_class - first;
+        let pick = ((u[2] * reflected as f32) as u32).min(reflected - 1);
+        let light = &lights[(class_of(frame, photon) * of_class + first + pick) as usize];
+        let shot = targets.shoot_from(light, u[4], [u[0], u[1]])?;
+        (shot, times(each - from_emitters) * reflected as f32, light.f0[3])
     };
-    let shot = targets.shoot(emitters, &start, origin, u[4], [u[0], u[1]])?;
     let ray = Ray { origin: shot.origin, t_max: 3.0e38, direction: shot.direction };
-    (shot.flux.max_element() > 0.0).then_some((ray, shot.flux, shot.target))
+    let flux = shot.flux * times;
+    (flux.max_element() > 0.0).then_some(Started { ray, flux, target: shot.target, bounces })
 }

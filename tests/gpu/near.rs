@@ -40,9 +40,10 @@ fn check_points(rig: &Rig, sine: f32, met: &mut Met) {
         near.record_points(rec)
     });
     let what = format!("{}x{}, pattern {:?}", p.size[0], p.size[1], p.pattern);
-    let lit = rig.list(0);
-    let started: Vec<u32> =
-        lit.iter().copied().filter(|&slot| near_points::has_near_ray(p, slot, sort::class_of(p, slot))).collect();
+    let words = rig.vec4s(&eye.points.wo);
+    let flags = |slot: u32| ShadingPoints::flags(words[slot as usize].w);
+    let has_ray = |slot: &u32| near_points::has_near_ray(p, *slot, sort::class_of(p, *slot), flags(*slot));
+    let started: Vec<u32> = rig.list(0).into_iter().filter(has_ray).collect();
     assert_eq!(rig.sorted(&near.started), started, "{what}: a quarter of the classes has near rays");
     let [origin, direction, hits, beta, emitted, wo, seen_wo] = [
         &eye.rays.origin,
@@ -61,7 +62,8 @@ fn check_points(rig: &Rig, sine: f32, met: &mut Met) {
     let mut listed = Vec::new();
     for &slot in &started {
         let i = slot as usize;
-        let (expected, weight, specular) = gather::near_reference(p, slot, sort::class_of(p, slot), &before[i]);
+        let (expected, weight, specular) =
+            gather::near_reference(p, slot, (sort::class_of(p, slot), flags(slot)), &before[i]);
         let ray = ray_of(origin[i], direction[i]);
         let tolerance = if specular { 2.0 * sine.sqrt() } else { 5e-4 };
         let same = ray.origin == expected.origin && close(ray.direction, expected.direction, 0.0, tolerance);
@@ -129,6 +131,7 @@ fn check_collect(rig: &Rig) -> usize {
     let [beta, emitted, kd, wo] =
         [&near.beta, &near.points.emitted, &near.points.kd, &near.points.wo].map(|b| rig.vec4s(b));
     let slots: Vec<u32> = rig.get(&near.near_slot);
+    let seen_wo = rig.vec4s(&rig.frame().eye.points.wo);
     let started = rig.sorted(&near.started);
     rig.run(|_, rec| near.record_collect(rec));
     let after = three(lighting);
@@ -139,7 +142,7 @@ fn check_collect(rig: &Rig) -> usize {
             let of_hit = if has_ray && is_lit(wo[i]) { [0, 1, 2].map(|k| at(&lit, k)) } else { [Vec3::ZERO; 3] };
             Link {
                 beta: beta[i].truncate(),
-                weight: near_points::ray_weight(p, i as u32),
+                weight: near_points::ray_weight(p, i as u32, ShadingPoints::flags(seen_wo[i].w)),
                 has_ray,
                 specular: beta[i].w == 1.0,
                 emitted: emitted[i].truncate(),
@@ -225,13 +228,14 @@ fn every_class_sends_near_rays_as_often_as_any() {
     };
     for classes in [1, 2, 3, 4, 9, 64] {
         for (class, first) in (0..classes).flat_map(|class| [(class, 0), (class, 7)]) {
-            let rays = (first..first + 5).filter(|&pass| near_points::has_near_ray(&frame(pass, classes), 0, class));
+            let rays = (first..first + 5).filter(|&pass| near_points::has_near_ray(&frame(pass, classes), 0, class, 0));
             assert!(rays.count() >= 1, "class {class} of {classes} after pass {first}");
         }
         // On average each pixel counts once.
         for class in 0..classes {
-            let rays = (0..classes).filter(|&pass| near_points::has_near_ray(&frame(pass, classes), 0, class)).count();
-            let sum = rays as f32 * near_points::ray_weight(&frame(0, classes), 0);
+            let rays =
+                (0..classes).filter(|&pass| near_points::has_near_ray(&frame(pass, classes), 0, class, 0)).count();
+            let sum = rays as f32 * near_points::ray_weight(&frame(0, classes), 0, 0);
             assert!((sum / classes as f32 - 1.0).abs() < 1e-5, "class {class} of {classes}: {sum}");
         }
     }

@@ -4,14 +4,15 @@ use glam::{Vec3, Vec4};
 use lightsum::bsdf::Reflectance;
 use lightsum::bsdf::ideal::Media;
 use lightsum::gpu::Context;
-use lightsum::pass::layout::DispatchCounts;
+use lightsum::pass::layout::{DispatchCounts, PointLight};
 use lightsum::pass::photon_follow::{self, Fate};
 use lightsum::pass::photon_light::{self, Photon};
+use lightsum::pass::photon_start::Started;
 use lightsum::pass::shade::ShadingPoint;
 use lightsum::pass::surface::surface_at;
 use lightsum::pass::{photon_find, photon_grid, photon_start};
 use lightsum::scene::Scene;
-use lightsum::settings::Settings;
+use lightsum::settings::{Sequence, Settings};
 use lightsum::stage::{Photons, Stage};
 
 use crate::rig::{AWKWARD_IMAGES, Rig, SINE, STRAYS, Tally, close, gallery, hit_of, ray_of, sine_error};
@@ -50,29 +51,37 @@ impl State {
     }
 }
 
-fn check_start(rig: &Rig, what: &str, sine: f32) {
+/// Returns the number of photons from virtual lights.
+fn check_start(rig: &Rig, what: &str, sine: f32) -> usize {
     let p = photons(rig);
     rig.prefill(&[&p.rays.origin, &p.rays.direction, &p.rays.hits, &p.flux, &p.position, &p.media, &p.normal]);
-    rig.run(|frame, rec| frame.photons.as_ref().unwrap().record_start(rec));
+    rig.run(|frame, rec| {
+        frame.walk.record(rec)?;
+        frame.photons.as_ref().unwrap().record_start(rec)
+    });
     let state = State::of(rig);
     let mut tally = Tally::new(format!("photon_start, {what}"));
     let mut traced = Tally::new(format!("trace of photons, {what}"));
     let targets = &rig.engine.device_scene().targets;
+    let lights: Vec<PointLight> = rig.get(rig.frame().lights());
+    let mut from_lights = 0;
     for i in 0..p.count as usize {
-        let oracle = photon_start::reference(&rig.parameters, rig.engine.emitters(), targets, i as u32);
+        let oracle = photon_start::reference(&rig.parameters, rig.engine.emitters(), &lights, targets, i as u32);
         let (ray, flux) = (ray_of(state.origin[i], state.direction[i]), state.flux[i]);
         let same = match oracle {
             None => ray.t_max == 0.0 && flux.truncate() == Vec3::ZERO,
-            Some((expected, expected_flux, target)) => {
-                close(ray.origin, expected.origin, 1e-5, 8.0 * sine)
+            Some(Started { ray: expected, flux: expected_flux, target, bounces }) => {
+                from_lights += usize::from(bounces > 0.0);
+                state.direction[i].w == bounces
+                    && close(ray.origin, expected.origin, 1e-5, 8.0 * sine)
                     && ray.t_max == expected.t_max
                     && close(ray.direction, expected.direction, 0.0, 4.0 * SINE)
                     && close(flux.truncate(), expected_flux, 4.0 * SINE, 0.0)
                     && flux.w.to_bits() == target + 1
             }
         };
-        let (origin, sent) = oracle.as_ref().map_or((Vec3::ZERO, Vec3::ZERO), |o| (o.0.origin, o.1));
-        let direction = oracle.as_ref().map_or(Vec3::ZERO, |o| o.0.direction);
+        let (origin, sent) = oracle.as_ref().map_or((Vec3::ZERO, Vec3::ZERO), |o| (o.ray.origin, o.flux));
+        let direction = oracle.as_ref().map_or(Vec3::ZERO, |o| o.ray.direction);
         let values = [(ray.origin, origin), (ray.direction, direction), (flux.truncate(), sent)];
         // Photons without flux may hold any ray.
         let values = if ray.t_max > 0.0 { &values[..] } else { &[] };
@@ -85,10 +94,11 @@ fn check_start(rig: &Rig, what: &str, sine: f32) {
     // A cone's solid angle contains the sine of its angle: the flux of three photons of 2039 is 0.3 % off on SwiftShader.
     tally.finish(2.0 * STRAYS);
     traced.finish(STRAYS);
+    from_lights
 }
 
 /// Runs a step; adds to the numbers of photons lost, stored and continued.
-fn check_step(rig: &Rig, what: &str, step: usize, seen: &mut [usize; 3]) {
+fn check_step(rig: &Rig, what: &str, step: usize, seen: &mut [usize; 4]) {
     let p = photons(rig);
     let before = State::of(rig);
     let sorted = |list: &lightsum::pass::List| {
@@ -117,7 +127,8 @@ fn check_step(rig: &Rig, what: &str, step: usize, seen: &mut [usize; 3]) {
             let media = if step == 0 { Media::default() } else { Media(before.media[i]) };
             let state = (d, flux.truncate(), media);
             let number = (step as u32, last);
-            photon_follow::reference(&rig.parameters, rig.scene, number, photon, state, &surface, aimed)
+            let way = (aimed, before.direction[i].w);
+            photon_follow::reference(&rig.parameters, rig.scene, number, photon, state, &surface, way)
         });
         let stored = after.position[i].w == 1.0;
         let on = listed.binary_search(&photon).is_ok();
@@ -265,11 +276,11 @@ fn follow(
     size: [u32; 2],
     settings: Settings,
     sine: f32,
-    seen: &mut [usize; 3],
+    seen: &mut [usize; 4],
 ) -> [usize; 2] {
     let what = format!("{} photons, {size:?}, pattern {:?}", settings.photons, settings.pattern);
     let rig = Rig::new(ctx, scene, size, settings);
-    check_start(&rig, &what, sine);
+    seen[3] += check_start(&rig, &what, sine);
     for step in 0..photons(&rig).lists.len() {
         check_step(&rig, &what, step, seen);
     }
@@ -282,14 +293,23 @@ fn photons_follow_their_oracles() {
     gpu_test(|ctx| {
         let scene = gallery();
         let sine = sine_error(ctx, &scene);
-        let (mut seen, mut lit) = ([0; 3], [0; 2]);
-        let base = Settings { particles: 1, max_specular: 5, photon_radius: Some(0.3), ..Settings::default() };
+        let (mut seen, mut lit) = ([0; 4], [0; 2]);
+        let base = Settings {
+            particles: 4,
+            max_specular: 5,
+            mirror_lights: 0,
+            photon_radius: Some(0.3),
+            ..Settings::default()
+        };
         for photons in AWKWARD_SIZES {
             let settings = Settings { photons: photons as u32, seed: photons as u64, ..base.clone() };
             lit = follow(ctx, &scene, [31, 17], settings, sine, &mut seen);
         }
-        println!("lost, stored, gone on: {seen:?}; receivers lit diffusely and by a lobe: {lit:?}");
+        println!("lost, stored, gone on, from lights: {seen:?}; receivers lit diffusely and by a lobe: {lit:?}");
         assert!(seen.iter().all(|&n| n > 100) && lit.iter().all(|&n| n > 10), "{seen:?} {lit:?}");
+        // The other sequence.
+        let settings = Settings { photons: 341, sequence: Sequence::Sobol, ..base.clone() };
+        follow(ctx, &scene, [31, 17], settings, sine, &mut seen);
         // Classes, and photons that are looked up in 15 ranges.
         let settings = Settings { photons: 341, pattern: [3, 2], loop_budget: 1152, rounds: 100, ..base.clone() };
         lit = follow(ctx, &scene, [31, 17], settings.clone(), sine, &mut seen);
