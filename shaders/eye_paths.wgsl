@@ -39,7 +39,7 @@ fn path_numbers(slot: u32, bounce: u32) -> vec3<f32> {
     let start = vec3<u32>(
         key(begins, STREAM_EYE_LOBE, bounce, 0u),
         key(begins, STREAM_EYE_LOBE, bounce, 1u),
-        key(begins, STREAM_COMPONENT, bounce, 0u),
+        key(begins, STREAM_EYE_LOBE, bounce, 2u),
     );
     let point = n * vec3<u32>(3242174889u, 2447445414u, 2654435769u) + start;
     return vec3<f32>(unit(point.xy), unit(point.zz).x);
@@ -154,7 +154,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let depth = before.w + ray.w * hit.x;
 
         // Follows both components, or one at random.
-        let takes_first = splits || numbers.z < split.probability;
+        // Nothing averages what neighbours see in mirrors and glass: each chooses for itself.
+        let own = random(key(frame.keys.x, STREAM_COMPONENT, sample_of(slot), step.bounce));
+        let takes_first = splits || select(own, numbers.z, shiny) < split.probability;
         let stays = takes_first && split.stays;
         let wi = select(split.second_wi, split.first_wi, takes_first);
         let chance = select(select(1.0 - split.probability, split.probability, takes_first), 1.0, splits);

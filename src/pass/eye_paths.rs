@@ -30,7 +30,7 @@
 //! `max_depth`.
 //!
 //! Where the reflectance F of a lobe is below 1 / [`LOBE_CHANCE`], a path follows it with probability 4 F only, at least 0.2, and carries
-//! the inverse. All pixels of a class draw the same numbers, so that neighbours differ smoothly ([`path_numbers`]).
+//! the inverse. At lobes all pixels of a class draw the same numbers, so that neighbours differ smoothly ([`path_numbers`]).
 //!
 //! For a glossy plane seen directly (superposition, see `mirror_image`) the first component is the base, where the path
 //! ends, and the second the mirror image itself, with throughput 1. For a frosted pane the first component is the scene
@@ -59,7 +59,7 @@ use crate::bsdf::{Normals, mean, pdf_specular, schlick};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::sampling::dimensions::{COMPONENT, EYE_LOBE};
-use crate::sampling::random::key;
+use crate::sampling::random::{key, random_f32};
 use crate::sampling::sobol::unit;
 use crate::scene::{Scene, Surface};
 
@@ -143,7 +143,7 @@ pub fn path_numbers(frame: &layout::FrameParameters, class: u32, step: u32) -> [
         0 => (frame.size[3].wrapping_mul(frame.pattern[2]).wrapping_add(class), frame.keys[1]),
         _ => (class, frame.keys[0]),
     };
-    let starts = [key(begins, EYE_LOBE, step, 0), key(begins, EYE_LOBE, step, 1), key(begins, COMPONENT, step, 0)];
+    let starts = [key(begins, EYE_LOBE, step, 0), key(begins, EYE_LOBE, step, 1), key(begins, EYE_LOBE, step, 2)];
     std::array::from_fn(|d| unit(n.wrapping_mul(steps[d]).wrapping_add(starts[d])))
 }
 
@@ -200,7 +200,6 @@ pub fn reference(
 ) -> Option<(EyePath, Option<EyePath>)> {
     let numbers = path_numbers(frame, class, step);
     if let Some(Plane::Glossy { energy, grazing }) = plane {
-        let step = (step, numbers[2]);
         return Some(at_plane(frame, step, split_offset, path, (d, cos_view * t), surface, [energy, grazing]));
     }
     let splits = step == 0 && split_offset > 0;
@@ -212,7 +211,8 @@ pub fn reference(
     let normals = Normals { geometric: surface.geometric, shading: surface.shading, front: surface.front };
     let eta = path.media.relative_index(&scene.materials, surface.material, surface.front);
     let split = specular_samples(material, &surface.finish, &normals, -d, eta)?.split(surface.reflectance.kd);
-    let first = splits || numbers[2] < split.probability;
+    let own = random_f32(key(frame.keys[0], COMPONENT, frame.sample_of(path.slot), step));
+    let first = splits || own < split.probability;
     let (sample, probability) =
         if first { (split.first, split.probability) } else { (split.second, 1.0 - split.probability) };
     let chance = if splits { 1.0 } else { probability };
@@ -301,7 +301,7 @@ fn at_lobe(
 /// Oracle for glossy planes: both components at the first hit, one of them at later hits.
 fn at_plane(
     frame: &layout::FrameParameters,
-    (step, number): (u32, f32),
+    step: u32,
     split_offset: u32,
     path: &EyePath,
     (d, depth): (Vec3, f32),
@@ -319,7 +319,7 @@ fn at_plane(
     let r = &surface.reflectance;
     let reflectance = r.f0 * (energy - grazing) + r.f90 * grazing;
     let probability = mean(r.kd) / (mean(r.kd) + mean(reflectance));
-    if number < probability {
+    if random_f32(key(frame.keys[0], COMPONENT, frame.sample_of(path.slot), step)) < probability {
         return (EyePath { ray: None, throughput: path.throughput / probability, ..*path }, None);
     }
     (EyePath { throughput: path.throughput * reflectance / (1.0 - probability), ..mirrored }, None)

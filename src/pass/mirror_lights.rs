@@ -235,7 +235,9 @@ pub fn reference(
         return none;
     }
     let e = light_towards(image, wi, r2, frame.right[3]) * reflected * cos;
-    let gloss = if receiver.reflectance.f90 > 0.0 {
+    // A path along the lobe brings the light of surfaces.
+    let left_out = receiver.sampled.is_some() && image.flags() & PointLight::SURFACE != 0;
+    let gloss = if receiver.reflectance.f90 > 0.0 && !left_out {
         receiver.reflectance.eval_specular(receiver.shading, receiver.wo, wi)
     } else {
         Vec3::ZERO

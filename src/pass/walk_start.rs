@@ -16,6 +16,7 @@
 use super::layout::{self, PointLight};
 use super::{BoundKernel, Kit, Rays, groups};
 use crate::accel::{Ray, offset_origin};
+use crate::bsdf::mean;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::light::emitters::{Emitters, Kind};
@@ -102,7 +103,7 @@ pub fn reference(frame: &layout::FrameParameters, emitters: &Emitters, particle:
         position: with(origin, f32::from_bits(PointLight::SURFACE | PointLight::CLIPPED)),
         normal: with(start.normal, 0.0),
         emit: with(start.flux * (share * std::f32::consts::FRAC_1_PI), 1.0),
-        wi: with(start.normal, 1.0),
+        wi: with(start.normal, frame.choice[1] * mean(emitters.list[start.emitter as usize].radiance)),
         ..PointLight::default()
     };
     let flies = particle < frame.depths[0][3] * frame.pattern[2];

@@ -25,11 +25,11 @@
 //! | [`GATHER_LOBE`] | lobe of the gather ray: pixel, bounce                 |
 //! | [`WINDOW`]  | offset of the passes in their segments of the sequence: 0, 0 |
 //! | [`OFFSET`]  | rotation of a block of pixel offsets: block, 0 or 1       |
-//! | [`COMPONENT`] | start of the numbers that choose transmission or reflection: mirrors and glass so far, 0 |
+//! | [`COMPONENT`] | transmission or reflection: slot of the pixel, mirrors and glass so far |
 //! | [`REPLICA`] | order of the Sobol' points of the gather rays: bounce, 0 |
 //! | [`DELTA`]   | offset of the choice of delta lights: 0, 0             |
 //! | [`MIRROR`]  | offset of the choice of lights and mirrors: 0, 0       |
-//! | [`EYE_LOBE`] | direction along a lobe that an eye path follows: mirrors, glass and lobes so far, 0 or 1 |
+//! | [`EYE_LOBE`] | direction along a lobe that an eye path follows, and whether it does: mirrors, glass and lobes so far, 0 to 2 |
 //! | [`PHOTON`]  | Cranley-Patterson rotation of the photons: dimension, 0   |
 //! | [`PHOTON_SIDE`] | side of a two-sided emitter: photon, 0                |
 //! | [`WALK_COMPONENT`] | transmission, reflection or base: particle, reflection and mirrors and glass so far |
