@@ -136,7 +136,10 @@ fn mirror_lights_follow_their_oracle() {
                 tally.check_values(same, &values, || format!("slot {slot}: {found:?} for {expected:?}"));
             }
             println!("{resolution:?}: {lit} lit, {shiny} of them shiny");
-            assert!(resolution[0] * resolution[1] < 500 || lit > 60 && shiny > 20);
+            // Where classes take turns, fewer points are lit.
+            let turns = near_points::ray_weight(&rig.parameters, 0, 0);
+            let enough = lit as f32 * turns > 60.0 && shiny as f32 * turns > 20.0;
+            assert!(resolution[0] * resolution[1] < 500 || enough);
             tally.finish(STRAYS);
         }
     });
