@@ -43,7 +43,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -59,7 +59,7 @@ const SPHERE_SUBDIVISIONS: u32 = 3;
 #[serde(deny_unknown_fields)]
 struct Description {
     model: Option<Spanned<PathBuf>>,
-    camera: Option<Spanned<Camera>>,
+    camera: Option<Spanned<CameraEntry>>,
     #[serde(default = "yes")]
     face_normals: bool,
     #[serde(default)]
@@ -78,15 +78,41 @@ fn yes() -> bool {
     true
 }
 
+/// [`Camera`] in world coordinates, which may need double precision.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CameraEntry {
+    eye: DVec3,
+    target: DVec3,
+    #[serde(default = "Camera::default_up")]
+    up: Vec3,
+    fov_y: f32,
+    #[serde(default = "Camera::default_resolution")]
+    resolution: [u32; 2],
+    #[serde(default)]
+    aperture: f32,
+    #[serde(default)]
+    focus: Option<f32>,
+}
+
+impl CameraEntry {
+    fn of(&self, scene: &Scene) -> Camera {
+        let CameraEntry { eye, target, up, fov_y, resolution, aperture, focus } = *self;
+        let [eye, target] = [eye, target].map(|p| scene.from_world(p));
+        Camera { eye, target, up, fov_y, resolution, aperture, focus }
+    }
+}
+
+/// A light; positions are in world coordinates, which may need double precision.
 #[derive(Deserialize)]
 #[serde(tag = "type", rename_all = "lowercase", deny_unknown_fields)]
 enum LightEntry {
     Point {
-        position: Vec3,
+        position: DVec3,
         intensity: Vec3,
     },
     Spot {
-        position: Vec3,
+        position: DVec3,
         direction: Vec3,
         intensity: Vec3,
         #[serde(default)]
@@ -98,14 +124,14 @@ enum LightEntry {
         irradiance: Vec3,
     },
     Sphere {
-        center: Vec3,
+        center: DVec3,
         radius: f32,
         radiance: Vec3,
         #[serde(default)]
         inward: bool,
     },
     Quad {
-        corner: Vec3,
+        corner: DVec3,
         edge_u: Vec3,
         edge_v: Vec3,
         radiance: Vec3,
@@ -152,8 +178,9 @@ pub(super) fn load(path: &Path) -> Result<Scene> {
         scene.triangles.iter_mut().for_each(|t| t.smooth = false);
     }
     if let Some(camera) = description.camera {
-        camera.get_ref().check().map_err(|m| error(Some(camera.span()), format!("[camera]: {m}")))?;
-        scene.camera = Some(camera.into_inner());
+        let entry = camera.get_ref().of(&scene);
+        entry.check().map_err(|m| error(Some(camera.span()), format!("[camera]: {m}")))?;
+        scene.camera = Some(entry);
     }
     for (name, entry) in &description.materials {
         let lobe = match &entry.lobe {
@@ -230,9 +257,9 @@ fn add_light(scene: &mut Scene, name: &str, entry: &LightEntry) -> Result<(), St
         ..Material::default()
     };
     let light = match *entry {
-        LightEntry::Point { position, intensity } => Light::Point { position, intensity },
+        LightEntry::Point { position, intensity } => Light::Point { position: scene.from_world(position), intensity },
         LightEntry::Spot { position, direction, intensity, inner, outer } => Light::Spot {
-            position,
+            position: scene.from_world(position),
             direction: unit(direction)?,
             intensity,
             inner: inner.to_radians(),
@@ -242,6 +269,7 @@ fn add_light(scene: &mut Scene, name: &str, entry: &LightEntry) -> Result<(), St
             Light::Directional { direction: unit(direction)?, irradiance }
         }
         LightEntry::Sphere { center, radius, radiance, inward } => {
+            let center = scene.from_world(center);
             let object = scene.add_object(name);
             let light = Light::Sphere { center, radius, radiance, inward, object };
             light.check()?;
@@ -255,6 +283,7 @@ fn add_light(scene: &mut Scene, name: &str, entry: &LightEntry) -> Result<(), St
             light
         }
         LightEntry::Quad { corner, edge_u, edge_v, radiance } => {
+            let corner = scene.from_world(corner);
             let area = edge_u.cross(edge_v).length();
             if !(corner.is_finite() && area.is_normal()) {
                 return Err(String::from("corner and edges must be finite and span an area"));

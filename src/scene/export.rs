@@ -5,7 +5,7 @@ use std::f32::consts::{FRAC_PI_2, PI};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use glam::{Mat4, Quat, Vec3};
+use glam::{DVec3, Mat4, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -34,7 +34,11 @@ pub(super) struct AssetExtras {
 /// `camera.extras.lightsum`: properties that glTF's cameras do not have.
 #[derive(Serialize, Deserialize)]
 pub(super) struct CameraExtras {
+    /// Relative to `origin`.
     pub(super) camera: Camera,
+    /// World coordinates of the scene's origin.
+    #[serde(default)]
+    pub(super) origin: DVec3,
 }
 
 /// `node.extras.lightsum` of a virtual light; its position is the node's.
@@ -99,6 +103,7 @@ impl MaterialExtras {
 }
 
 /// Writes `path` (`.gltf`), its buffer (`.bin`) and its textures (`.png`) beside it: geometry, materials, camera and lights.
+/// Coordinates in the file are those of the world: a node holds [`Scene::origin`], if it is not zero.
 ///
 /// `lights` represent the emissive surfaces, sphere lights and reflections; the scene's own point, spot, directional
 /// and virtual lights are written as well. KHR_lights_punctual has no light with a cosine lobe, so each virtual light is a
@@ -247,7 +252,7 @@ impl Writer {
                 "aspectRatio": number(width / height),
                 "znear": number(scene.diagonal() * 1e-4),
             },
-            "extras": extras(CameraExtras { camera }),
+            "extras": extras(CameraExtras { camera, origin: scene.origin }),
         }));
         let (right, up, forward) = camera.world_from_camera();
         let world = Mat4::from_cols(right.extend(0.0), up.extend(0.0), (-forward).extend(0.0), camera.eye.extend(1.0));
@@ -323,9 +328,15 @@ impl Writer {
         self.nodes.push(node);
     }
 
-    fn json(self, scene: &Scene, bin_path: &Path, images: &[PathBuf]) -> Value {
+    fn json(mut self, scene: &Scene, bin_path: &Path, images: &[PathBuf]) -> Value {
         let of_materials = ["emissive_strength", "ior", "transmission", "volume"];
         let mut extensions: Vec<String> = of_materials.iter().map(|name| format!("KHR_materials_{name}")).collect();
+        let mut roots: Vec<usize> = (0..self.nodes.len()).collect();
+        if scene.origin != DVec3::ZERO {
+            // A chosen origin is exact in single precision, to which readers may round it.
+            self.nodes.push(json!({ "name": "origin", "translation": scene.origin.to_array(), "children": roots }));
+            roots = vec![self.nodes.len() - 1];
+        }
         let mut document = json!({
             "asset": {
                 "version": "2.0",
@@ -333,7 +344,7 @@ impl Writer {
                 "extras": extras(AssetExtras { lights_exported: true }),
             },
             "scene": 0,
-            "scenes": [{ "name": scene.name, "nodes": (0..self.nodes.len()).collect::<Vec<_>>() }],
+            "scenes": [{ "name": scene.name, "nodes": roots }],
             "nodes": self.nodes,
             "meshes": self.meshes,
             "materials": scene.materials.iter().map(material).collect::<Vec<_>>(),

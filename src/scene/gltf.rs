@@ -1,6 +1,7 @@
 //! glTF 2.0 models, `.gltf` and `.glb`.
 //!
-//! Nodes are flattened into world space. Used: triangles, strips and fans with normals and one set of texture coordinates;
+//! Nodes are flattened into world space; their transforms are composed in double precision. Each is single precision in the file, as
+//! are vertices within their node, so that a far scene keeps its precision only if its distance is in a node's translation. Used: triangles, strips and fans with normals and one set of texture coordinates;
 //! metallic-roughness materials with KHR_materials_emissive_strength, _ior, _transmission and _volume (a thickness above 0
 //! makes a body of glass, else it is a pane); KHR_lights_punctual; the first perspective camera. An emission texture
 //! is replaced by its average. Lobes too smooth for point lights become ideal mirrors.
@@ -12,7 +13,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Once;
 
-use glam::{Mat3, Mat4, Vec2, Vec3};
+use glam::{DMat4, DVec3, Mat3, Vec2, Vec3};
 use gltf::camera::Projection;
 use gltf::json::extras::Extras;
 use gltf::khr_lights_punctual::Kind;
@@ -23,7 +24,7 @@ use serde::de::DeserializeOwned;
 
 use super::export::{AssetExtras, CameraExtras, MaterialExtras, VirtualExtras};
 use super::gltf_accessor::{Buffers, reason};
-use super::{Camera, Light, MIN_ROUGHNESS, Material, Scene, Surface, Texture, Triangle, Wrap};
+use super::{Camera, Light, MIN_ROUGHNESS, Material, Scene, Surface, Texture, Triangle, Wrap, origin};
 use crate::error::{Error, Result};
 
 /// Luminous efficacy that converts photometric to radiometric quantities, lm/W.
@@ -71,6 +72,9 @@ fn read(path: &Path, bytes: &[u8], photometric: bool) -> Result<Scene> {
         materials: HashMap::new(),
         textures: HashMap::new(),
         ignored: BTreeSet::new(),
+        positions: Vec::new(),
+        lights: Vec::new(),
+        eye: DVec3::ZERO,
         scene: Scene::default(),
     };
     if let Some(extras) = ours::<AssetExtras>(&document.as_json().asset.extras) {
@@ -84,14 +88,15 @@ fn read(path: &Path, bytes: &[u8], photometric: bool) -> Result<Scene> {
         }
     };
     // An explicit stack: a chain of nodes may be deeper than the thread's stack.
-    let mut stack: Vec<(Node, Mat4)> = roots.into_iter().rev().map(|n| (n, Mat4::IDENTITY)).collect();
+    let mut stack: Vec<(Node, DMat4)> = roots.into_iter().rev().map(|n| (n, DMat4::IDENTITY)).collect();
     let mut visited = vec![false; document.nodes().len()];
     while let Some((node, parent)) = stack.pop() {
         if std::mem::replace(&mut visited[node.index()], true) {
             return Err(Error::file(path, format!("node {} has two parents or is its own ancestor", node.index())));
         }
-        let world = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
-        if !world.is_finite() {
+        let own = node.transform().matrix().map(|column| column.map(f64::from));
+        let world = parent * DMat4::from_cols_array_2d(&own);
+        if !world.as_mat4().is_finite() {
             return Err(Error::file(path, format!("node {}: its transform is not finite", node.index())));
         }
         reader.node(&node, world)?;
@@ -101,7 +106,7 @@ fn read(path: &Path, bytes: &[u8], photometric: bool) -> Result<Scene> {
     if !reader.ignored.is_empty() {
         log::warn!("{}: not supported and ignored: {:?}", path.display(), reader.ignored);
     }
-    Ok(reader.scene)
+    Ok(reader.finish())
 }
 
 /// The exporter's data in an object's `extras.lightsum`.
@@ -120,6 +125,10 @@ struct Reader<'a> {
     materials: HashMap<Option<usize>, u32>,
     textures: HashMap<TextureKey, u32>,
     ignored: BTreeSet<&'static str>,
+    /// World positions of the scene's vertices and of its lights, and the point to which the camera is relative.
+    positions: Vec<DVec3>,
+    lights: Vec<DVec3>,
+    eye: DVec3,
     scene: Scene,
 }
 
@@ -128,7 +137,28 @@ impl Reader<'_> {
         Error::file(self.path, message)
     }
 
-    fn node(&mut self, node: &Node, world: Mat4) -> Result<()> {
+    /// Chooses the scene's origin and places everything relative to it.
+    fn finish(mut self) -> Scene {
+        let low = self.positions.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+        let high = self.positions.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
+        self.scene.origin = origin::choose(low, high);
+        self.scene.positions = self.positions.iter().map(|&p| self.scene.from_world(p)).collect();
+        for (light, place) in self.scene.lights.iter_mut().zip(&self.lights) {
+            if let Light::Point { position, .. } | Light::Spot { position, .. } | Light::Imported { position, .. } =
+                light
+            {
+                *position = (*place - self.scene.origin).as_vec3();
+            }
+        }
+        if let Some(camera) = &mut self.scene.camera {
+            for point in [&mut camera.eye, &mut camera.target] {
+                *point = (self.eye - self.scene.origin + point.as_dvec3()).as_vec3();
+            }
+        }
+        self.scene
+    }
+
+    fn node(&mut self, node: &Node, world: DMat4) -> Result<()> {
         if let Some(mesh) = node.mesh() {
             if node.skin().is_some() {
                 self.ignored.insert("skins (the mesh is shown as it stands)");
@@ -145,8 +175,10 @@ impl Reader<'_> {
         if let (Some(camera), None) = (node.camera(), self.scene.camera) {
             match camera.projection() {
                 Projection::Perspective(p) => {
-                    let exact = ours::<CameraExtras>(camera.extras()).map(|e| e.camera);
-                    self.scene.camera = Some(exact.unwrap_or_else(|| perspective(world, p.yfov(), p.aspect_ratio())));
+                    let exact = ours::<CameraExtras>(camera.extras());
+                    self.eye = exact.as_ref().map_or(world.w_axis.truncate(), |e| e.origin);
+                    let camera = exact.map(|e| e.camera);
+                    self.scene.camera = Some(camera.unwrap_or_else(|| perspective(world, p.yfov(), p.aspect_ratio())));
                 }
                 Projection::Orthographic(_) => {
                     self.ignored.insert("orthographic cameras");
@@ -156,7 +188,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn primitive(&mut self, primitive: &Primitive, world: Mat4, object: u32) -> Result<()> {
+    fn primitive(&mut self, primitive: &Primitive, world: DMat4, object: u32) -> Result<()> {
         if !matches!(primitive.mode(), Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
             self.ignored.insert("points and lines");
             return Ok(());
@@ -191,12 +223,12 @@ impl Reader<'_> {
         };
         let material = self.material(&material)?;
 
-        let first = self.scene.positions.len();
+        let first = self.positions.len();
         if first + count > u32::MAX as usize {
             return Err(self.error(String::from("more than 2^32 vertices; split the model")));
         }
         let first = first as u32;
-        let linear = Mat3::from_mat4(world);
+        let linear = Mat3::from_mat4(world.as_mat4());
         // The cofactor matrix is the inverse transpose up to a factor, and exists for any matrix.
         let cofactors = Mat3::from_cols(
             linear.y_axis.cross(linear.z_axis),
@@ -204,10 +236,10 @@ impl Reader<'_> {
             linear.x_axis.cross(linear.y_axis),
         );
         let mirrored = linear.determinant() < 0.0;
-        let in_place = world == Mat4::IDENTITY;
+        let in_place = world == DMat4::IDENTITY;
         let mut has_normal = Vec::with_capacity(count);
         for ((p, n), uv) in positions.into_iter().zip(normals).zip(uvs) {
-            let (p, n) = (Vec3::from_array(p), Vec3::from_array(n));
+            let (p, n) = (Vec3::from_array(p).as_dvec3(), Vec3::from_array(n));
             let p = if in_place { p } else { world.transform_point3(p) };
             let n = match (in_place && n.is_normalized(), mirrored) {
                 (true, _) => n,
@@ -215,7 +247,7 @@ impl Reader<'_> {
                 (false, true) => (-(cofactors * n)).normalize_or_zero(),
             };
             has_normal.push(n != Vec3::ZERO);
-            self.scene.positions.push(p);
+            self.positions.push(p);
             self.scene.normals.push(if n == Vec3::ZERO { Vec3::Y } else { n });
             self.scene.uvs.push(Vec2::from_array(uv));
         }
@@ -345,9 +377,11 @@ impl Reader<'_> {
         Ok(index)
     }
 
-    fn light(&mut self, node: &Node, light: &gltf::khr_lights_punctual::Light, world: Mat4) {
-        let position = world.transform_point3(Vec3::ZERO);
+    fn light(&mut self, node: &Node, light: &gltf::khr_lights_punctual::Light, world: DMat4) {
+        // Relative to its place, until the scene has its origin.
+        let (place, position) = (world.w_axis.truncate(), Vec3::ZERO);
         if let Some(exact) = ours::<VirtualExtras>(node.extras()) {
+            self.lights.push(place);
             self.scene.lights.push(Light::Imported { position, normal: exact.normal, power: exact.power });
             return;
         }
@@ -356,7 +390,8 @@ impl Reader<'_> {
             self.ignored.insert("lights of no intensity");
             return;
         }
-        let direction = world.transform_vector3(Vec3::NEG_Z).normalize_or_zero();
+        let direction = world.transform_vector3(DVec3::NEG_Z).as_vec3().normalize_or_zero();
+        self.lights.push(place);
         self.scene.lights.push(match light.kind() {
             Kind::Point => Light::Point { position, intensity },
             Kind::Directional => Light::Directional { direction, irradiance: intensity },
@@ -379,13 +414,13 @@ fn assemble(mode: Mode, indices: &[u32]) -> Vec<[u32; 3]> {
     }
 }
 
-fn perspective(world: Mat4, fov_y: f32, aspect: Option<f32>) -> Camera {
-    let eye = world.transform_point3(Vec3::ZERO);
+/// A camera relative to its eye.
+fn perspective(world: DMat4, fov_y: f32, aspect: Option<f32>) -> Camera {
     let width = aspect.map_or(640.0, |a| (480.0 * a).round().clamp(1.0, 4800.0));
     Camera {
-        eye,
-        target: eye + world.transform_vector3(Vec3::NEG_Z).normalize_or_zero(),
-        up: world.transform_vector3(Vec3::Y),
+        eye: Vec3::ZERO,
+        target: world.transform_vector3(DVec3::NEG_Z).as_vec3().normalize_or_zero(),
+        up: world.transform_vector3(DVec3::Y).as_vec3(),
         fov_y: fov_y.to_degrees(),
         resolution: [width as u32, 480],
         aperture: 0.0,

@@ -1,6 +1,6 @@
 //! The scene: geometry, materials, textures, lights and camera as plain data, and the loaders. No Vulkan.
 //!
-//! Coordinates are the file's own, right-handed; radiance is in W/(m^2 sr), linear Rec. 709. A face emits only from its
+//! Coordinates are the file's own, relative to [`Scene::origin`] and right-handed; radiance is in W/(m^2 sr), linear Rec. 709. A face emits only from its
 //! front (counter-clockwise) side unless its material is `two_sided`; surfaces reflect on both sides.
 
 mod builder;
@@ -12,6 +12,7 @@ mod gltf_accessor;
 mod obj;
 mod obj_material;
 mod objects;
+mod origin;
 mod pane;
 pub mod reflectors;
 mod tessellate;
@@ -21,7 +22,7 @@ pub(crate) mod validate;
 use std::path::Path;
 use std::sync::Arc;
 
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
@@ -41,6 +42,11 @@ const MIN_ROUGHNESS: f32 = 0.03;
 pub struct Scene {
     /// Name for messages and metadata (file stem or builtin name).
     pub name: String,
+    /// World coordinates of the point to which every position in the scene is relative: vertices, lights and camera, also
+    /// those given to an engine later. Zero, unless the geometry of a file lies farther from the file's origin than some
+    /// times its size: then the loader moves the origin there, because single precision would round it too coarsely.
+    /// [`Scene::from_world`] and [`Scene::to_world`] convert.
+    pub origin: DVec3,
     /// Vertex positions.
     pub positions: Vec<Vec3>,
     /// Vertex normals, unit length, parallel to `positions`; meaningful only for `smooth` triangles.
@@ -71,6 +77,7 @@ impl Default for Scene {
     fn default() -> Self {
         Scene {
             name: String::new(),
+            origin: DVec3::ZERO,
             positions: Vec::new(),
             normals: Vec::new(),
             uvs: Vec::new(),

@@ -7,9 +7,10 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
 
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 use super::obj_material::{self, Library};
+use super::origin;
 use super::tessellate::triangulate;
 use super::{Scene, Triangle};
 use crate::error::{Error, Result};
@@ -33,13 +34,28 @@ pub(super) fn load(path: &Path) -> Result<Scene> {
         corners: Vec::new(),
         incomplete: None,
         unknown: None,
-        scene: Scene::default(),
+        scene: Scene { origin: origin(&text), ..Scene::default() },
     };
     for (line, content) in logical_lines(&text) {
         reader.line = line;
         reader.statement(&content)?;
     }
     reader.finish()
+}
+
+/// The scene's origin, from the bounds of all vertices. Faces refer to vertices above them and are cut into triangles at once,
+/// so that the origin must be known before the first of them. Invalid lines are skipped: the reader reports them.
+fn origin(text: &str) -> DVec3 {
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for (_, line) in logical_lines(text) {
+        let Some(("v", rest)) = keyword(&line) else { continue };
+        let mut words = rest.split_whitespace().map(position);
+        if let (Some(Ok(x)), Some(Ok(y)), Some(Ok(z))) = (words.next(), words.next(), words.next()) {
+            low = low.min(DVec3::new(x, y, z));
+            high = high.max(DVec3::new(x, y, z));
+        }
+    }
+    origin::choose(low, high)
 }
 
 /// Lines with their numbers (from 1); one that ends in a backslash is joined with the next.
@@ -84,6 +100,12 @@ pub(super) fn number(word: &str) -> Result<f32, String> {
     }
 }
 
+/// A coordinate, in double precision: it may be far from the origin. Single precision must be able to represent it.
+fn position(word: &str) -> Result<f64, String> {
+    number(word)?;
+    word.parse::<f64>().map_err(|_| format!("{word:?} is not a number"))
+}
+
 /// Corner of a face: indices (from 0) of position, texture coordinate and normal.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct Corner {
@@ -95,6 +117,7 @@ struct Corner {
 struct Reader<'a> {
     path: &'a Path,
     line: usize,
+    /// Relative to the scene's origin.
     positions: Vec<Vec3>,
     uvs: Vec<Vec2>,
     /// Unit length, or zero where the file's normal has no direction.
@@ -126,8 +149,8 @@ impl Reader<'_> {
         match word {
             // A fourth number is a weight for curves, or begins a vertex colour: both are ignored.
             "v" => {
-                let p = self.numbers::<3>("vertex", rest)?;
-                self.positions.push(Vec3::from_array(p));
+                let p = self.numbers_by("vertex", rest, position)?;
+                self.positions.push(self.scene.from_world(DVec3::from_array(p)));
             }
             "vn" => {
                 let n = self.numbers::<3>("normal", rest)?;
@@ -160,7 +183,17 @@ impl Reader<'_> {
     }
 
     fn numbers<const N: usize>(&self, what: &str, rest: &str) -> Result<[f32; N]> {
-        let mut values = [0.0; N];
+        self.numbers_by(what, rest, number)
+    }
+
+    /// The first `N` numbers of a line.
+    fn numbers_by<T: Copy + Default, const N: usize>(
+        &self,
+        what: &str,
+        rest: &str,
+        number: impl Fn(&str) -> Result<T, String>,
+    ) -> Result<[T; N]> {
+        let mut values = [T::default(); N];
         let mut words = rest.split_whitespace();
         for value in &mut values {
             let word = words.next().ok_or_else(|| self.error(format!("a {what} needs {N} numbers")))?;

@@ -3,4 +3,5 @@
 mod scene;
 mod scene_gltf;
 mod scene_keys;
+mod scene_origin;
 mod transport;

@@ -7,6 +7,7 @@ mod convolve;
 mod delta_choice;
 mod discontinuity;
 mod embed;
+mod far_scenes;
 mod frosted_panes;
 mod gpu_layer;
 mod importance;

@@ -72,6 +72,7 @@ pub fn run(args: &Animate) -> Result<()> {
     let mut job = Job {
         name: scene.name.clone(),
         camera: still,
+        origin: scene.origin,
         settings: settings.clone(),
         outputs: Vec::new(),
         encoding: Encoding {

@@ -533,7 +533,7 @@ mod tests {
     use super::*;
     use clap::CommandFactory;
     use clap::error::ErrorKind;
-    use glam::Vec3;
+    use glam::DVec3;
 
     fn parse(line: &str) -> Result<Box<Render>, clap::Error> {
         let arguments = Arguments::try_parse_from(["lightsum", "render"].into_iter().chain(line.split_whitespace()))?;
@@ -572,7 +572,7 @@ mod tests {
         let render = parse(line).unwrap();
         assert_eq!(render.output.outputs, [PathBuf::from("a.exr"), PathBuf::from("b.png")]);
         assert_eq!(render.output.resolution, Some([17, 5]));
-        assert_eq!(render.camera.eye, Some(Vec3::new(-1.0, 2.5, -300.0)));
+        assert_eq!(render.camera.eye, Some(DVec3::new(-1.0, 2.5, -300.0)));
         assert_eq!(render.output.exposure, Some(-1.5));
         assert_eq!(render.stop.time, Some(Duration::from_millis(500)));
         for (text, number) in [("all", None), ("0", None), ("12", Some(12))] {

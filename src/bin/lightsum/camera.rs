@@ -4,7 +4,7 @@ use crate::args;
 use lightsum::scene::{Camera, Scene};
 use lightsum::{Error, Result};
 
-/// The camera to render with.
+/// The camera to render with; the flags are in world coordinates.
 pub fn choose(scene: &Scene, flags: &args::Camera, resolution: Option<[u32; 2]>) -> Result<Camera> {
     let mut camera = match scene.camera {
         Some(camera) => camera,
@@ -16,8 +16,8 @@ pub fn choose(scene: &Scene, flags: &args::Camera, resolution: Option<[u32; 2]>)
             Camera::in_front_of(scene.bounds(), size)
         }
     };
-    camera.eye = flags.eye.unwrap_or(camera.eye);
-    camera.target = flags.target.unwrap_or(camera.target);
+    camera.eye = flags.eye.map_or(camera.eye, |p| scene.from_world(p));
+    camera.target = flags.target.map_or(camera.target, |p| scene.from_world(p));
     camera.up = flags.up.unwrap_or(camera.up);
     camera.fov_y = flags.fov.unwrap_or(camera.fov_y);
     camera.aperture = flags.aperture.unwrap_or(camera.aperture);

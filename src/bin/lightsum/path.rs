@@ -24,7 +24,7 @@
 use std::ops::Range;
 use std::path::Path;
 
-use glam::{Affine3A, Quat, Vec3};
+use glam::{Affine3A, DVec3, Quat, Vec3};
 use lightsum::scene::{Camera, Scene};
 use lightsum::{Error, Result};
 use serde::Deserialize;
@@ -48,8 +48,8 @@ struct File {
 #[serde(deny_unknown_fields)]
 struct CameraKey {
     time: f64,
-    eye: Option<Vec3>,
-    target: Option<Vec3>,
+    eye: Option<DVec3>,
+    target: Option<DVec3>,
     fov: Option<f32>,
 }
 
@@ -58,7 +58,7 @@ struct CameraKey {
 struct ObjectEntry {
     name: Spanned<String>,
     axis: Option<Spanned<Vec3>>,
-    pivot: Option<Spanned<Vec3>>,
+    pivot: Option<Spanned<DVec3>>,
     keys: Vec<Spanned<ObjectKey>>,
 }
 
@@ -122,8 +122,8 @@ impl Motion {
         let cameras = cameras
             .into_iter()
             .map(|(time, key, span)| {
-                let eye = key.eye.unwrap_or(camera.eye);
-                let target = key.target.unwrap_or(camera.target);
+                let eye = key.eye.map_or(camera.eye, |p| scene.from_world(p));
+                let target = key.target.map_or(camera.target, |p| scene.from_world(p));
                 let camera = Camera { eye, target, fov_y: key.fov.unwrap_or(camera.fov_y), ..camera };
                 camera.check().map_err(|message| at(span, format!("[[camera]]: {message}")))?;
                 Ok((time, camera))
@@ -206,7 +206,7 @@ impl ObjectEntry {
                 .ok_or_else(|| (axis.span(), format!("{what}: `axis` {} has no direction", axis.get_ref())))?,
         };
         let pivot = match &self.pivot {
-            Some(pivot) if pivot.get_ref().is_finite() => *pivot.get_ref(),
+            Some(pivot) if pivot.get_ref().as_vec3().is_finite() => scene.from_world(*pivot.get_ref()),
             Some(pivot) => return Err((pivot.span(), format!("{what}: `pivot` {} is not finite", pivot.get_ref()))),
             None => {
                 let own = scene.triangles.iter().filter(|t| objects.contains(&t.object));

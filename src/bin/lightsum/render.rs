@@ -4,6 +4,7 @@ use crate::args::{Device, FilterFlag, Glossy, Light, Preset, Render};
 use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due};
 use crate::{camera, reference, say, say_aside};
+use glam::DVec3;
 use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics};
 use lightsum::pass::layout::PointLight;
 use lightsum::scene::{self, Camera, RenderDefaults, Scene};
@@ -19,8 +20,10 @@ use std::time::{Duration, Instant};
 pub struct Job {
     /// Name of the scene.
     pub name: String,
-    /// The camera, flags included.
+    /// The camera, flags included, relative to `origin`.
     pub camera: Camera,
+    /// World coordinates of the scene's origin.
+    pub origin: DVec3,
     /// The settings, flags included.
     pub settings: Settings,
     pub outputs: Vec<PathBuf>,
@@ -56,7 +59,7 @@ pub fn run(args: &Render) -> Result<()> {
     };
     log::info!("{}: {} triangles, {camera:?}, {settings:?}", path.display(), scene.triangles.len());
     let outputs = args.output.outputs.clone();
-    let job = Job { name: scene.name.clone(), camera, settings, outputs, encoding, stages };
+    let job = Job { name: scene.name.clone(), camera, origin: scene.origin, settings, outputs, encoding, stages };
     if args.reference.reference {
         reference::run(&job, &scene, args)
     } else {
@@ -321,7 +324,7 @@ pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {
         settings,
         seed: s.seed,
         passes: 0,
-        camera: serde_json::to_string(&job.camera).unwrap_or_default(),
+        camera: job.camera.world_json(job.origin),
         device: device.into(),
         driver,
     }

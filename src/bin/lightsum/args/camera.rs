@@ -1,20 +1,20 @@
 //! Flags of the camera.
 
 use clap::Args;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
-use super::values::{angle, distance, positive, vector};
+use super::values::{angle, distance, point, positive, vector};
 
 /// The camera; each flag overrides a value of the scene's camera.
 #[derive(Debug, Default, Args)]
 #[command(next_help_heading = "Camera (overrides the scene's; a model without one is seen from its front)")]
 pub struct Camera {
     /// Eye point, scene units.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
-    pub eye: Option<Vec3>,
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
+    pub eye: Option<DVec3>,
     /// Point at the centre of the image, scene units.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
-    pub target: Option<Vec3>,
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
+    pub target: Option<DVec3>,
     /// Up direction, of any length [default: the scene's, or 0,1,0].
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
     pub up: Option<Vec3>,

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use lightsum::output::Format;
 use lightsum::settings::Settings;
 use lightsum::view::Region;
@@ -73,9 +73,14 @@ pub(super) fn delta_lights(text: &str) -> Result<DeltaLightsFlag, String> {
 }
 
 pub(super) fn vector(text: &str) -> Result<Vec3, String> {
-    let parts: Option<Vec<f32>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    point(text).map(|v| v.as_vec3())
+}
+
+/// A point of the world, in double precision: it may be far from the origin.
+pub(super) fn point(text: &str) -> Result<DVec3, String> {
+    let parts: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
     match parts.as_deref() {
-        Some(&[x, y, z]) if x.is_finite() && y.is_finite() && z.is_finite() => Ok(Vec3::new(x, y, z)),
+        Some(&[x, y, z]) if DVec3::new(x, y, z).as_vec3().is_finite() => Ok(DVec3::new(x, y, z)),
         _ => Err("expected three numbers X,Y,Z".into()),
     }
 }
