@@ -7,7 +7,7 @@ use std::f32::consts::PI;
 use glam::{DVec3, Vec2, Vec3};
 use lightsum::gpu::Context;
 use lightsum::path_trace::camera_direction;
-use lightsum::scene::{Camera, Light, Scene, builtin};
+use lightsum::scene::{Camera, Light, Material, Scene, builtin};
 use lightsum::settings::{Clip, Compensation, Sequence, Settings};
 
 use crate::scenes::{Soup, camera, fov, mean, original, probe, render, renderer, settings};
@@ -480,26 +480,49 @@ fn walls_absorb_what_lamps_emit() {
     });
 }
 
+/// The scene, moved by `by`, as it comes from an OBJ file.
+fn scene_from_file(folder: &std::path::Path, scene: &Scene, by: Vec3) -> Scene {
+    let mut obj = String::from("mtllib a.mtl\n");
+    for p in &scene.positions {
+        let p = p.as_dvec3() + by.as_dvec3();
+        obj += &format!("v {} {} {}\n", p.x, p.y, p.z);
+    }
+    for t in &scene.triangles {
+        let [a, b, c] = t.vertices.map(|v| v + 1);
+        obj += &format!("usemtl m{}\nf {a} {b} {c}\n", t.material);
+    }
+    let material = |(i, m): (usize, &Material)| {
+        format!("newmtl m{i}\nKd {0} {0} {0}\nKe {1} {1} {1}\n", m.base_color.x, m.emission.x)
+    };
+    let mtl: String = scene.materials.iter().enumerate().map(material).collect();
+    std::fs::write(folder.join("a.mtl"), mtl).unwrap();
+    std::fs::write(folder.join("a.obj"), obj).unwrap();
+    lightsum::scene::load(&folder.join("a.obj")).unwrap()
+}
+
 #[test]
 fn no_light_passes_a_wall_without_thickness() {
     gpu_test(|ctx| {
         // A long room divided by one quad whose edges are in the other walls; the lamp is beyond it. Also far from the
-        // origin, where single precision is coarse.
+        // origin, from a file: its coordinates are then relative to the room.
+        let folder = tempfile::tempdir().unwrap();
         for corner in [Vec3::ZERO, Vec3::new(500.0, -300.0, 700.0)] {
             let mut soup = Soup::new("two rooms");
             let (wall, lamp) = (soup.diffuse(0.7, 0.0), soup.diffuse(0.0, 50.0));
-            soup.room(corner, corner + Vec3::new(1.0, 1.0, 2.0), [wall; 6]);
-            soup.quad(corner + Vec3::Z, Vec3::X, Vec3::Y, wall);
-            soup.quad(corner + Vec3::new(0.25, 0.95, 1.25), Vec3::X * 0.5, Vec3::Z * 0.5, lamp);
+            soup.room(Vec3::ZERO, Vec3::new(1.0, 1.0, 2.0), [wall; 6]);
+            soup.quad(Vec3::Z, Vec3::X, Vec3::Y, wall);
+            soup.quad(Vec3::new(0.25, 0.95, 1.25), Vec3::X * 0.5, Vec3::Z * 0.5, lamp);
+            let scene = scene_from_file(folder.path(), &soup.0, corner);
+            let corner = scene.from_world(corner.as_dvec3());
             let dark = camera(corner + Vec3::new(0.5, 0.5, 0.1), corner + Vec3::new(0.5, 0.45, 1.0), 90.0, [24, 24]);
             for settings in [settings(64, 5), original(64, 5)] {
-                let layers = render(ctx, &soup.0, dark, &settings, 8);
+                let layers = render(ctx, &scene, dark, &settings, 8);
                 let lit = layers.color.iter().filter(|c| **c != Vec3::ZERO).count();
                 println!("at {corner}: {lit} pixels are lit, mean {}", grey(&layers.color));
                 assert_eq!(lit, 0, "light leaks at {corner}: mean {}", grey(&layers.color));
             }
             let bright = camera(corner + Vec3::new(0.5, 0.5, 1.9), corner + Vec3::new(0.5, 0.45, 1.0), 90.0, [8, 8]);
-            assert!(grey(&render(ctx, &soup.0, bright, &settings(64, 5), 1).color) > 1.0);
+            assert!(grey(&render(ctx, &scene, bright, &settings(64, 5), 1).color) > 1.0);
         }
     });
 }
