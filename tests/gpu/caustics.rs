@@ -254,6 +254,7 @@ fn all_light_of_a_room_with_mirror_and_glass_is_there() {
         );
         assert!((without / lights - 1.0).abs() < 0.02, "without photons {without} of {lights}");
         assert!(eye / all < 0.8, "{eye} of {all}");
-        assert!((with / all - 1.0).abs() < 0.01 && (mirrored / all - 1.0).abs() < 0.01, "{with}, {mirrored} of {all}");
+        // Photons fade within their radius of an edge; mirrored lights do not.
+        assert!((with / all - 1.0).abs() < 0.02 && (mirrored / all - 1.0).abs() < 0.01, "{with}, {mirrored} of {all}");
     });
 }
