@@ -26,8 +26,9 @@
 @group(0) @binding(23) var<storage, read_write> lobe_of: array<f32>;    // density of the ray's direction if it follows a lobe, else 0
 var<immediate> push: Push;
 
-// Probability of following a lobe over its reflectance. Host twin: pass::eye_paths::LOBE_CHANCE.
+// Probability of following a lobe over its reflectance, and alpha below which it is 1. Host twins: pass::eye_paths.
 const LOBE_CHANCE: f32 = 4.0;
+const NARROW: f32 = 0.05;
 
 // Numbers that choose a component (z) and a direction along a lobe (x, y): the same for all pixels of a class, so that neighbouring pixels
 // differ smoothly. First surfaces take a Kronecker sequence over passes and classes, as near rays do (near.wgsl); later ones begin anew in
@@ -62,9 +63,9 @@ fn split_of_lobe(s: Surface, wo: vec3<f32>, follows: bool, point: vec2<f32>) -> 
     return split;
 }
 
-// Probability of following a lobe of this weight beside its surface.
-fn lobe_chance(weight: vec3<f32>) -> f32 {
-    return clamp(LOBE_CHANCE * max(max(weight.x, weight.y), weight.z), 0.2, 1.0);
+// Probability of following a lobe of this weight beside its surface. Over narrow ones no filter averages.
+fn lobe_chance(weight: vec3<f32>, alpha: f32) -> f32 {
+    return select(clamp(LOBE_CHANCE * max(max(weight.x, weight.y), weight.z), 0.2, 1.0), 1.0, alpha < NARROW);
 }
 
 // Continues the path of a slot and puts it on the list.
@@ -192,7 +193,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             go_on(slot, s, wi, ray.w);
         }
         // Faint lobes are followed by some classes only.
-        let follow = select(1.0, lobe_chance(split.second_weight), shiny);
+        let follow = select(1.0, lobe_chance(split.second_weight, s.reflectance.alpha), shiny);
         let second = select(vec3<f32>(0.0), before.xyz * split.second_weight / follow, numbers.z < follow);
         if splits && split.probability < 1.0 && max(max(second.x, second.y), second.z) > 0.0 {
             throughput[branch] = vec4<f32>(second, depth);

@@ -30,7 +30,7 @@
 //! `max_depth`.
 //!
 //! Where the reflectance F of a lobe is below 1 / [`LOBE_CHANCE`], a path follows it with probability 4 F only, at least 0.2, and carries
-//! the inverse. At lobes all pixels of a class draw the same numbers, so that neighbours differ smoothly ([`path_numbers`]).
+//! the inverse, unless alpha is below [`NARROW`]. At lobes all pixels of a class draw the same numbers, so that neighbours differ smoothly ([`path_numbers`]).
 //!
 //! For a glossy plane seen directly (superposition, see `mirror_image`) the first component is the base, where the path
 //! ends, and the second the mirror image itself, with throughput 1. For a frosted pane the first component is the scene
@@ -66,6 +66,9 @@ use crate::scene::{Scene, Surface};
 /// Probability of following a lobe beside its surface, over its reflectance: faint lobes are followed by some classes of pixels
 /// only, in some passes. Higher: less noise in faint reflections, more rays.
 pub const LOBE_CHANCE: f32 = 4.0;
+
+/// Lobes with a smaller alpha are always followed: on curved surfaces no filter averages what they show.
+pub const NARROW: f32 = 0.05;
 
 /// One step of all paths.
 pub struct EyePaths {
@@ -283,7 +286,7 @@ fn at_lobe(
         }
     };
     if split_offset > 0 {
-        let chance = (LOBE_CHANCE * weight.max_element()).clamp(0.2, 1.0);
+        let chance = if r.alpha < NARROW { 1.0 } else { (LOBE_CHANCE * weight.max_element()).clamp(0.2, 1.0) };
         let weight = if numbers[2] < chance { weight / chance } else { Vec3::ZERO };
         let branch = EyePath { emitted: Vec3::ZERO, ..along(path.slot + split_offset, path.throughput * weight) };
         return Some((EyePath { ray: None, sampled: true, ..*path }, Some(branch)));

@@ -101,7 +101,7 @@ fn images_layers_and_statistics_are_written() {
         "render scene.toml -o a.exr -o a.png --float --passes 8 --particles 8 --stats a.json --validation",
     );
     let last = text(&output.stdout).lines().last().unwrap_or_default().to_owned();
-    assert!(last.contains("6 passes") && last.ends_with("-> a.exr, a.png"), "{last}");
+    assert!(last.contains("8 passes") && last.ends_with("-> a.exr, a.png"), "{last}");
     assert_eq!(image::image_dimensions(folder.path().join("a.png")).unwrap(), (20, 16));
 
     let image = channels(&folder.path().join("a.exr"));
