@@ -1,6 +1,6 @@
 //! The error of the mean of all passes, estimated from the passes.
 //!
-//! What is estimated: [`relative_error`] of the image against its limit, the mean of infinitely many passes with the same
+//! The estimate is of [`relative_error`] of the image against its limit, the mean of infinitely many passes with the same
 //! settings. Bias, as by clipping or filters, is the error of the limit and no part of it.
 //!
 //! How: the N passes x_i of a pixel form cells, which are blocks of consecutive passes of one instance. A *contrast* gives

@@ -46,7 +46,7 @@
 //! A *pass* of the renderer adds one sample to every pixel; a *GPU pass* is one step of it. One pass of the renderer, in the order in which [`frame`] records its stages:
 //!
 //! 1. [`Eye`](stage::Eye): [`camera_rays`](pass::camera_rays) and [`trace`](pass::trace) find the first hits. Tiles of pixels with
-//!    mirrors or glass ([`tiles`](pass::tiles)) are followed by [`eye_paths`](pass::eye_paths) and [`trace`](pass::trace) in turns,
+//!    mirrors, glass or narrow lobes ([`tiles`](pass::tiles)) are followed by [`eye_paths`](pass::eye_paths) and [`trace`](pass::trace) in turns,
 //!    split in two where both components count. [`eye_points`](pass::eye_points) and
 //!    [`split_points`](pass::split_points) turn hits into shading points on a list, and [`clusters`](pass::clusters) or [`sort`](pass::sort) brings neighbours together. An [`atlas`](pass::atlas) takes the place of
 //!    camera rays where texels are lit. [`schedule`](pass::schedule) turns counts into indirect dispatches, here and everywhere.
@@ -54,7 +54,7 @@
 //! 3. [`Walk`](stage::Walk): [`walk_start`](pass::walk_start) sends particles from the emitters. For each reflection
 //!    [`trace`](pass::trace) finds their hits, [`walk_follow`](pass::walk_follow) continues those at mirrors and glass, and
 //!    [`walk_reflect`](pass::walk_reflect) leaves a light and sends the survivors on. [`delta_choice`](pass::delta_choice) chooses among lights without area where not all are lit.
-//! 4. [`Photons`](stage::Photons): [`photon_start`](pass::photon_start) shoots photons at mirrors and glass,
+//! 4. [`Photons`](stage::Photons): [`photon_start`](pass::photon_start) shoots photons from emitters and virtual lights at mirrors and glass,
 //!    [`photon_follow`](pass::photon_follow) and [`trace`](pass::trace) follow them until they are stored, and
 //!    [`photon_grid`](pass::photon_grid) sorts them into a hash grid.
 //! 5. [`Shade`](stage::Shade): [`shade`](pass::shade) lights the points by all lights, no nearer than the clip distance.
@@ -66,7 +66,8 @@
 //!    lights their hits, and [`collect`](pass::collect) brings the light back to the pixels. Or
 //!    [`NearLight`](stage::NearLight), once: [`near_points`](pass::near_points) finds the pixels that show the hits, and
 //!    [`near_collect`](pass::near_collect) takes their irradiance.
-//! 7. [`discontinuity`](pass::discontinuity) averages irradiance over neighbours on one surface.
+//! 7. [`glossy_light`](pass::glossy_light) adds the light of paths along lobes to their pixels, and
+//!    [`discontinuity`](pass::discontinuity) averages irradiance, and the light of lobes, over neighbours on one surface.
 //! 8. [`GlossyPlanes`](stage::GlossyPlanes): [`mirror_image`](pass::mirror_image) takes the image of glossy planes from the second
 //!    components, [`convolve`](pass::convolve) spreads it, and [`superpose`](pass::superpose) adds it to the planes.
 //! 9. [`merge`](pass::merge) adds the light of the other second components to their pixels, [`summands`](pass::summands) sums

@@ -155,7 +155,8 @@ pub enum Reflectance {
 }
 
 /// Superposition (Bastos 1999): a glossy plane that the eye sees directly shows its lit base plus the mirror image of the room,
-/// convolved with the kernel of its material. Without it glossy planes show only the highlights of the virtual lights.
+/// convolved with the kernel of its material. Without it eye paths follow the lobes of glossy planes, as of other glossy surfaces
+/// (`glossy_paths`): without the kernel's bias, and sooner on a processor, but a single frame shows separate reflections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Superposition {
     /// Convolution. Default `Variant`. `Mirror` and `Invariant` are for comparison, and cost less.
@@ -168,7 +169,7 @@ pub struct Superposition {
     /// Diameter in pixels of the kernel of `Invariant`. Default 15; 0 to 4096.
     pub kernel_width: u32,
     /// Number of planar reflectors that mirror the room, largest first. Default 255, the maximum; fewer cost less. The
-    /// others show highlights only.
+    /// others are glossy surfaces like any other.
     pub reflectors: u32,
 }
 

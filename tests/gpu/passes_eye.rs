@@ -79,7 +79,7 @@ impl Found {
         };
         let s = surface_at(rig.scene, rig.bvh(), &hit, d);
         let r = &s.reflectance;
-        // What a path along a lobe meets is shared with virtual lights.
+        // A path along a lobe shares the light that it meets with virtual lights.
         let [of_emission, of_light] = eye_paths::shares_at(&rig.parameters, path, (d, hit.t), &s);
         let carried = through.truncate() * of_light;
         tally.check(close(end.truncate(), carried, RELATIVE, 1e-9), || {

@@ -9,8 +9,8 @@ use lightsum::settings::{Reflectance, Settings, Spread, Superposition};
 pub struct Glossy {
     /// Show a convolved mirror image of the room on glossy planes [default: the scene's, or off].
     ///
-    /// Without it they show only the highlights of the virtual lights, which take many passes to become smooth. Costs a ray
-    /// for each pixel that shows such a plane, and the convolution. No cost in scenes without such planes.
+    /// Without it eye paths follow their lobes, as of other glossy surfaces, so that a single frame shows separate reflections. Costs
+    /// the convolution. No cost in scenes without such planes.
     #[arg(long, value_name = "HOW", value_enum)]
     pub superposition: Option<SpreadFlag>,
     /// Reflectance model of glossy planes [default: schlick].
@@ -30,7 +30,7 @@ pub struct Glossy {
 /// Values of `--superposition`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SpreadFlag {
-    /// Glossy planes show only highlights of virtual lights
+    /// Eye paths follow the lobes of glossy planes
     Off,
     /// No convolution: every glossy plane is a mirror
     Mirror,
