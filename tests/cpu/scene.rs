@@ -331,6 +331,7 @@ fn own_scenes_load() {
         ("frosted-pane", 312),
         ("furnace", 12),
         ("glass-ball", 800),
+        ("glossy-balls", 18_256),
         ("glossy-floor", 4068),
         ("indirect-room", 9436),
         ("keller-room", 804),
