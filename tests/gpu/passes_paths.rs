@@ -7,6 +7,7 @@ use lightsum::bsdf::Reflectance;
 use lightsum::bsdf::ideal::Media;
 use lightsum::gpu::{Resources, download, upload};
 use lightsum::pass::eye_paths::{self, EyePath};
+use lightsum::pass::glossy_light;
 use lightsum::pass::merge::{self, Merge};
 use lightsum::pass::surface::surface_at;
 use lightsum::pass::{List, ShadingPoints, layout, sort, tiles};
@@ -340,5 +341,47 @@ fn merge_adds_second_components_to_their_pixels() {
                 assert_eq!(found[k], emitted[k], "second component of {x} {y}");
             }
         }
+    });
+}
+
+#[test]
+fn light_along_lobes_joins_its_pixel() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        let mut joined = 0;
+        for resolution in AWKWARD_IMAGES {
+            let rig = Rig::new(ctx, &scene, resolution, Settings { particles: 3, ..Settings::default() });
+            rig.light();
+            let (frame, pixels) = (rig.frame(), rig.parameters.size[2] as usize);
+            let (points, lighting) = (&frame.eye.points, &frame.shade.lighting);
+            let buffers = [&points.emitted, &frame.eye.paths.throughput, &points.kd, &points.wo];
+            let [emitted, throughput, kd, wo] = buffers.map(|b| rig.vec4s(b));
+            let sums = [&lighting.direct, &lighting.indirect, &lighting.specular].map(|b| rig.vec4s(b));
+            rig.run(|frame, rec| frame.glossy_light.as_ref().unwrap().record(rec));
+            let (specular, after) = (rig.vec4s(&lighting.specular), rig.vec4s(&frame.eye.paths.throughput));
+            let mut tally = Tally::new(format!("glossy_light at {resolution:?}"));
+            for pixel in 0..pixels {
+                let follows = has(wo[pixel], ShadingPoints::LOBE_SAMPLED);
+                if !follows || has(wo[pixel], ShadingPoints::SEEN_BY_SPECULAR) {
+                    let bits = |v: Vec4| v.to_array().map(f32::to_bits);
+                    tally.check(bits(specular[pixel]) == bits(sums[2][pixel]), || {
+                        format!("pixel {pixel} is left alone")
+                    });
+                    continue;
+                }
+                let slot = pixel + pixels;
+                let lit = has(wo[slot], ShadingPoints::LIT);
+                let light = [0, 1, 2].map(|k| if lit { sums[k][slot].truncate() } else { Vec3::ZERO });
+                let of_path = [emitted[slot], throughput[slot], kd[slot]].map(|v| v.truncate());
+                let added = glossy_light::reference(of_path[0], of_path[1], of_path[2], light);
+                let expected = sums[2][pixel].truncate() + added;
+                let found = specular[pixel].truncate();
+                tally.check(close(found, expected, 1e-5, 1e-7), || format!("pixel {pixel}: {found} for {expected}"));
+                tally.check(after[slot].truncate() == Vec3::ZERO, || format!("pixel {pixel} has it twice"));
+                joined += usize::from(added != Vec3::ZERO);
+            }
+            tally.finish(0.0);
+        }
+        assert!(joined > 100, "{joined}");
     });
 }
