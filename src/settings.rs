@@ -345,7 +345,7 @@ impl Settings {
     pub const MAX_PARTICLES: u32 = 65_536;
 
     /// Preset for interactive frame rates, as in Wald et al. 2002, 5.1: 3 x 3 interleaved sampling with a 3 x 3 filter, 4 direct
-    /// lights and some 18 others, 500 photons, near light from the pixels that show it. Biased by the filter.
+    /// lights and some 18 others, 2,000 photons, near light from the pixels that show it. Biased by the filter.
     pub fn interactive() -> Settings {
         Settings {
             particles: 20,

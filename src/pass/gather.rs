@@ -10,9 +10,10 @@
 //! same two dimensions serve all bounces, in another order for each (padded replications, Wald et al. 2002, 4.4; see
 //! [`crate::plan`]).
 //!
-//! **Near rays** (see [`super::near_points`]) are the first gather rays of a quarter of the classes of pixels. All pixels of a
-//! class have the same sample point, so their error is smooth: faint copies of the shadows between near surfaces, one
-//! for each class, in place of noise. The points of passes and classes are a Kronecker sequence whose steps are the
+//! **Near rays** (see [`super::near_points`]) are the first gather rays of a quarter of the classes of pixels, and of all
+//! second components behind mirrors and glass. With a filter, nine neighbours of a class have nine sample points and share their
+//! light, else all pixels of a class have the same one: so the error is smooth, faint copies of the shadows between near surfaces
+//! in place of noise. The points are a Kronecker sequence whose steps are the
 //! powers 1/p and 1/p^2 of the plastic number p (Roberts 2018, *The Unreasonable Effectiveness of Quasirandom
 //! Sequences*).
 //!

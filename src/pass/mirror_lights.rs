@@ -29,6 +29,9 @@
 //! it would pass the mirror's bounding disc, and lists these points; `trace` finds the nearest surface, `mirror_turn` tests whether it is the mirror and continues to y, `trace` runs
 //! again, and `mirror_light` adds the light.
 //!
+//! With interleaved sampling a quarter of the classes of pixels takes these lights in each pass and counts for the others, as with near
+//! rays; second components behind mirrors and glass always do.
+//!
 //! Differs from the paper in that: the paper mirrors each particle that meets a mirror, and lights the part of the
 //! scene in the pyramid of image and outline by a stencil; here the important pairs are chosen, and rays find the
 //! outline. There is a single mirror reflection (more are left to photons), and mirrored lights do not light the hits

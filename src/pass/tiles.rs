@@ -1,4 +1,4 @@
-//! Lists the tiles of 8 x 8 pixels in which eye rays hit mirrors, glass or glossy planes that mirror the room: work at
+//! Lists the tiles of 8 x 8 pixels in which eye rays hit mirrors, glass, narrow lobes or glossy planes that mirror the room: work at
 //! such pixels, and at their second components, is dispatched over these tiles alone.
 //!
 //! The list is in tile order, so that shading points appended from it are in a fixed order as well.
