@@ -20,19 +20,17 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let side = random(key(frame.keys.x, STREAM_SIDE, particle, 0u));
-    let start = start_at(walk_numbers(0u, particle), side);
-    let direction = direction_from(start, walk_numbers(1u, particle));
-    let emitted = emitters[start.emitter].flux.xyz;
+    let place = start_at(first_light_numbers(particle), side);
 
     // Emitters without area are point lights already, and their particles leave a black light: the slot must not keep that of the last
     // pass.
     let depth = frame.depths[0];
-    let share = select(0.0, bitcast<f32>(depth.z), start.kind <= EMITTER_SPHERE);
+    let share = select(0.0, bitcast<f32>(depth.z), place.kind <= EMITTER_SPHERE);
     let light = PointLight(
-        vec4<f32>(start.origin, bitcast<f32>(LIGHT_SURFACE | LIGHT_CLIPPED)),
-        vec4<f32>(start.normal, 0.0),
-        vec4<f32>(emitted * (share * INV_PI), 1.0),
-        vec4<f32>(start.normal, lights_on_emitter(emitters[start.emitter].radiance.xyz)),
+        vec4<f32>(place.origin, bitcast<f32>(LIGHT_SURFACE | LIGHT_CLIPPED)),
+        vec4<f32>(place.normal, 0.0),
+        vec4<f32>(emitters[place.emitter].flux.xyz * (share * INV_PI), 1.0),
+        vec4<f32>(place.normal, lights_on_emitter(emitters[place.emitter].radiance.xyz)),
         vec4<f32>(0.0),
         vec4<f32>(0.0),
     );
@@ -40,6 +38,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if particle < depth.x * frame.pattern.z {
         lights[light_slot(particle, depth.y)] = light;
     }
+    // The particle starts at another point: the N_0 points of lights and the N_1 of particles are each evenly spread.
+    let start = start_at(walk_numbers(0u, particle), side);
+    let direction = direction_from(start, walk_numbers(1u, particle));
+    let emitted = emitters[start.emitter].flux.xyz;
     let flies = particle < depth.w * frame.pattern.z;
     flux[particle] = vec4<f32>(select(vec3<f32>(0.0), emitted, flies), 0.0);
     ray_origin[particle] = vec4<f32>(start.origin, select(0.0, 3.0e38, flies));

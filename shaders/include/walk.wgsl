@@ -20,15 +20,40 @@ fn light_slot(particle: u32, first: u32) -> u32 {
     return particle % frame.pattern.z * frame.pattern.w + first + particle / frame.pattern.z;
 }
 
+// The two sample coordinates of the light that a particle leaves on an emitter: N_0 consecutive points of a scrambled
+// (0, 2)-sequence a pass, of an own scrambling for each instance and class of pixels.
+fn first_light_numbers(particle: u32) -> vec2<f32> {
+    let of_class = particle / frame.pattern.z;
+    let pixels = particle % frame.pattern.z;
+    let words = sobol(0u, frame.size.w * frame.depths[0].x + of_class);
+    return unit(vec2<u32>(
+        scrambled(words.x, key(frame.keys.y, STREAM_FIRST_LIGHT, pixels, 0u)),
+        scrambled(words.y, key(frame.keys.y, STREAM_FIRST_LIGHT, pixels, 1u)),
+    ));
+}
+
+// 1 / b^n, the grid resolution of the first `count` radical inverses, b^(n-1) < count <= b^n.
+fn grid_resolution(base: u32, count: u32) -> f32 {
+    var cells = 1u;
+    while cells < count {
+        cells *= base;
+    }
+    return 1.0 / f32(cells);
+}
+
 // The two sample coordinates of a particle for its start (j = 0) or for the direction that leaves its vertex j - 1:
 // dimensions 2j and 2j + 1 of its point of the sequence, jittered if asked
-// (Keller 1997, 4.1: by the grid resolution 1/N_j).
+// (Keller 1997, 4.1: by the grid resolution of the points in use).
 fn walk_numbers(j: u32, particle: u32) -> vec2<f32> {
     // The classes of pixels take consecutive segments of the sequence.
     let of_class = particle / frame.pattern.z;
     let index = frame.walk.x + particle % frame.pattern.z * frame.walk.y + (of_class + frame.walk.z) % frame.walk.y;
     let x = sequence_point(j, index);
-    let range = bitcast<f32>(frame.depths[j].z) * f32(frame.keys.z & 1u);
+    let jittered = (frame.keys.z & 1u) != 0u;
+    // N_1 particles start, and N_j get a direction to their j-th vertex.
+    let count = select(1u, frame.depths[max(j, 1u)].x, jittered);
+    let bases = select(bitcast<vec2<u32>>(frame.shifts[j].zw), vec2<u32>(2u), (frame.keys.z & 2u) != 0u);
+    let range = select(0.0, 1.0, jittered) * vec2<f32>(grid_resolution(bases.x, count), grid_resolution(bases.y, count));
     let xi = vec2<f32>(random(key(frame.keys.x, STREAM_JITTER, particle, 2u * j)), random(key(frame.keys.x, STREAM_JITTER, particle, 2u * j + 1u)));
     let moved = min(xi * range, vec2<f32>(ONE_MINUS_EPSILON));
     return vec2<f32>(rotate(x.x, moved.x), rotate(x.y, moved.y));

@@ -4,10 +4,15 @@
 //! (Phi_2, Phi_3), the direction by (Phi_5, Phi_7), distributed as the emission. Particles start from emitters without
 //! area too, and leave a black light: these emitters are lights by themselves, once a pass.
 //!
-//! Only the first N_0 leave a light here (see [`crate::settings::Settings::direct_lights`]).
+//! The lights at the emitters, N_0 in each pass (see [`crate::settings::Settings::direct_lights`]), have points of their own: consecutive segments
+//! of an Owen-scrambled (0, 2)-sequence, the Sobol' dimensions 0 and 1, whatever the sequence of the particles. Particles start
+//! elsewhere.
 //!
-//! With interleaved sampling each class of pixels has N particles and a set of lights of its own, from consecutive
-//! segments of the sequence (Wald et al. 2002, 4.2 and 4.4).
+//! With interleaved sampling each class of pixels has N particles and a set of lights of its own: the particles from
+//! consecutive segments of the sequence (Wald et al. 2002, 4.2 and 4.4), the lights at the emitters from a scrambling of its own.
+//!
+//! Jitter (Keller 1997, 4.1): each coordinate moves within its raster cell by 1 / b^n, b^(n-1) < N_j <= b^n, with b the base of its
+//! dimension; the paper's approximation 1/N_j would overlap the next cell. Scrambled points are random in their cells anyway.
 //!
 //! Differs from the paper in that: the sequence is rotated for each of two independent instances, and the particles of
 //! a pass start at a point of their segment that moves from pass to pass (see [`crate::plan::Plan::parameters`]).
@@ -20,11 +25,11 @@ use crate::bsdf::mean;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::light::emitters::{Emitters, Kind};
-use crate::sampling::dimensions::{JITTER, SIDE};
+use crate::sampling::dimensions::{FIRST_LIGHT, JITTER, SIDE};
 use crate::sampling::halton::radical_inverse;
 use crate::sampling::random::{key, random_f32};
-use crate::sampling::sobol::{sobol, unit};
-use crate::sampling::{ONE_MINUS_EPSILON, rotate};
+use crate::sampling::sobol::{scrambled, sobol, unit};
+use crate::sampling::{grid_resolution, jitter, rotate};
 use glam::Vec3;
 
 /// The pass.
@@ -69,6 +74,13 @@ fn sequence_point(frame: &layout::FrameParameters, dimension: usize, index: u32)
     rotate(radical_inverse(frame.shifts[j][2 + d].to_bits(), index), frame.shifts[j][d])
 }
 
+/// Oracle: the two sample coordinates of the light that a particle leaves on an emitter.
+pub fn first_light_numbers(frame: &layout::FrameParameters, particle: u32) -> [f32; 2] {
+    let (of_class, class) = (particle / frame.pattern[2], particle % frame.pattern[2]);
+    let index = frame.size[3] * frame.depths[0][0] + of_class;
+    [0, 1].map(|d| unit(scrambled(sobol(d, index), key(frame.keys[1], FIRST_LIGHT, class, d as u32))))
+}
+
 /// Oracle: the two sample coordinates of a particle for its start (j = 0) or for the direction that leaves vertex j -
 /// 1.
 pub fn walk_numbers(frame: &layout::FrameParameters, j: usize, particle: u32) -> [f32; 2] {
@@ -77,10 +89,12 @@ pub fn walk_numbers(frame: &layout::FrameParameters, j: usize, particle: u32) ->
     let index = first + class * paths + (of_class + rotation) % paths;
     [0, 1].map(|d| {
         let x = sequence_point(frame, 2 * j + d, index);
-        let jitter = if frame.has(layout::FrameParameters::JITTER) { 1.0 } else { 0.0 };
-        let range = f32::from_bits(frame.depths[j][2]) * jitter;
+        if !frame.has(layout::FrameParameters::JITTER) {
+            return x;
+        }
+        let base = if frame.has(layout::FrameParameters::SOBOL) { 2 } else { frame.shifts[j][2 + d].to_bits() };
         let xi = random_f32(key(frame.keys[0], JITTER, particle, (2 * j + d) as u32));
-        rotate(x, (xi * range).min(ONE_MINUS_EPSILON))
+        jitter(x, xi, grid_resolution(base, frame.depths[j.max(1)][0]))
     })
 }
 
@@ -98,12 +112,19 @@ pub fn reference(frame: &layout::FrameParameters, emitters: &Emitters, particle:
     } else {
         start.position
     };
+    let [u0, u1] = first_light_numbers(frame, particle);
+    let place = emitters.sample_start(u0, u1, side);
+    let kind = emitters.list[place.emitter as usize].kind;
+    let surface = matches!(kind, Kind::Triangle | Kind::Quad | Kind::Sphere);
     let share = if surface { f32::from_bits(frame.depths[0][2]) } else { 0.0 };
     let light = PointLight {
-        position: with(origin, f32::from_bits(PointLight::SURFACE | PointLight::CLIPPED)),
-        normal: with(start.normal, 0.0),
-        emit: with(start.flux * (share * std::f32::consts::FRAC_1_PI), 1.0),
-        wi: with(start.normal, frame.choice[1] * mean(emitters.list[start.emitter as usize].radiance)),
+        position: with(
+            offset_origin(place.position, place.normal, frame.eye[3]),
+            f32::from_bits(PointLight::SURFACE | PointLight::CLIPPED),
+        ),
+        normal: with(place.normal, 0.0),
+        emit: with(place.flux * (share * std::f32::consts::FRAC_1_PI), 1.0),
+        wi: with(place.normal, frame.choice[1] * mean(emitters.list[place.emitter as usize].radiance)),
         ..PointLight::default()
     };
     let flies = particle < frame.depths[0][3] * frame.pattern[2];

@@ -9,13 +9,9 @@ use crate::pass::near_points::NEAR_SPREAD;
 use crate::sampling::dimensions::{OFFSET, REPLICA, ROTATION, WINDOW};
 use crate::sampling::halton::PRIMES;
 use crate::sampling::random::{hash, key, random_f32};
-use crate::sampling::rotate;
-use crate::sampling::sobol::{shuffled, sobol};
+use crate::sampling::sobol::{scrambled, shuffled, sobol, unit};
 use crate::settings::Sequence;
 use crate::view::View;
-
-/// Pixel offsets come in blocks of this many passes, each a Hammersley set with a rotation of its own.
-const HAMMERSLEY_BLOCK: u32 = 16;
 
 impl Plan {
     /// Parameters of pass number `pass` (from 0). Passes alternate between the two instances; each instance follows its
@@ -34,7 +30,8 @@ impl Plan {
             name: "--passes",
             message: format!("pass {pass} of {of_pass} particles leaves the 2^32 points of the sequence"),
         })?;
-        let instance_key = hash(hash(s.seed as u32) ^ (s.seed >> 32) as u32).wrapping_add(hash(instance));
+        let seed_key = hash(hash(s.seed as u32) ^ (s.seed >> 32) as u32);
+        let instance_key = seed_key.wrapping_add(hash(instance));
         let pass_key = hash(instance_key ^ hash(local));
 
         let [width, height] = self.view.size();
@@ -67,7 +64,7 @@ impl Plan {
         let bit = |set: bool, bit: u32| if set { bit } else { 0 };
         let bits = bit(s.jitter, layout::FrameParameters::JITTER)
             | bit(s.sequence == Sequence::Sobol, layout::FrameParameters::SOBOL);
-        let offset = pixel_offset(instance_key, local);
+        let offset = pixel_offset(seed_key, pass);
         let (photons, photon) = match self.photons {
             Some(plan) => plan.parameters(s, &self.lights, extent.size, local)?,
             None => ([0; 4], [0.0; 4]),
@@ -156,10 +153,62 @@ fn surface_area(size: f32) -> f32 {
     (6.0 * size * size).max(f32::MIN_POSITIVE)
 }
 
-/// Offset of the sample in its pixel: Hammersley points (Keller 1997, 4.1) in blocks of 16, each block rotated at
-/// random. The points of a block are taken in steps of 11, so that an unfinished block is spread evenly too.
-fn pixel_offset(instance_key: u32, local: u32) -> [f32; 2] {
-    let i = (local % HAMMERSLEY_BLOCK) * 11 % HAMMERSLEY_BLOCK;
-    let point = crate::sampling::hammersley::hammersley(i, HAMMERSLEY_BLOCK);
-    [0, 1].map(|d| rotate(point[d as usize], random_f32(key(instance_key, OFFSET, local / HAMMERSLEY_BLOCK, d))))
+/// Offset of the sample in its pixel (Keller 1997, 4.1): points of one scrambled (0, 2)-sequence for both instances, so
+/// that any 2^k passes that start at a multiple of 2^k have one point in each elementary interval.
+///
+/// The two passes of a pair, one of each instance, lie in opposite halves of the pixel. Which instance has the left half
+/// depends on the parity of two of every three digits of the pair's number. So the points of each instance alone are
+/// evenly spread too, as the error estimate requires, which compares the instances; by most other rules they are not.
+///
+/// The pairs are shuffled, which preserves nets: the lights of a pass follow sequences in base 2 by the number of the pass
+/// too, and otherwise each part of a pixel would always meet the same part of the points on the emitters.
+fn pixel_offset(seed_key: u32, pass: u32) -> [f32; 2] {
+    let pair = shuffled(pass / INSTANCES, key(seed_key, OFFSET, 2, 0));
+    let swapped = (pair & 0xb6db_6db6).count_ones() & 1;
+    let index = pair << 1 | ((pass % INSTANCES) ^ swapped);
+    [0, 1].map(|d| unit(scrambled(sobol(d, index), key(seed_key, OFFSET, d as u32, 0))))
+}
+
+const _: () = assert!(INSTANCES == 2, "the lowest bit of a pass is its instance");
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The numbers of the points in the elementary intervals of `digits[d]` binary digits along dimension d.
+    fn counts(points: impl Iterator<Item = [f32; 2]>, digits: [u32; 2]) -> Vec<u32> {
+        let mut counts = vec![0; 1 << (digits[0] + digits[1])];
+        for p in points {
+            let cell = [0, 1].map(|d| (p[d] * (1 << digits[d]) as f32) as usize);
+            counts[cell[0] << digits[1] | cell[1]] += 1;
+        }
+        counts
+    }
+
+    #[test]
+    fn pixel_offsets_of_consecutive_passes_are_nets() {
+        for seed in 0..4 {
+            for m in 0..=8 {
+                for start in [0, 3 << m] {
+                    for x in 0..=m {
+                        let points = (start..start + (1 << m)).map(|pass| pixel_offset(hash(seed), pass));
+                        assert!(counts(points, [x, m - x]).iter().all(|&n| n == 1), "2^{m} from {start}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn pixel_offsets_of_each_instance_are_spread_over_the_pixel() {
+        for instance in 0..INSTANCES {
+            for m in 5..=10 {
+                let points = (0..1 << m).map(|local| pixel_offset(1, INSTANCES * local + instance));
+                for digits in [[3, 0], [0, 3], [2, 1], [1, 2]] {
+                    let even = counts(points.clone(), digits).into_iter().all(|n| n == 1 << (m - 3));
+                    assert!(even, "instance {instance}, 2^{m} passes, {digits:?}");
+                }
+            }
+        }
+    }
 }

@@ -2,8 +2,10 @@
 //!
 //! | consumer                                        | dimensions | Halton's bases |
 //! |-------------------------------------------------|-------------------|-------|
-//! | choice of the emitter, by composition           | 0 (then rescaled to [0, 1) and used again) | 2 |
-//! | point on the emitter                            | 0, 1              | 2, 3  |
+//! | choice of the emitter where a particle starts, by composition | 0 (then rescaled to [0, 1) and used again) | 2 |
+//! | point on the emitter where a particle starts    | 0, 1              | 2, 3  |
+//! | emitter and point of a light, for direct light  | 0, 1 of Sobol', scrambled by stream `FIRST_LIGHT` | |
+//! | offset in the pixel                             | 0, 1 of Sobol', scrambled by stream `OFFSET` | |
 //! | direction of segment j of a particle, j in 0..16 | 2j + 2, 2j + 3   | 5, 7; 11, 13; ... |
 //! | gather ray of bounce b                          | 2b, 2b + 1, rotated by stream `GATHER` | 2, 3; 5, 7; ... |
 //! | photon: direction; emitter and point; target    | 0, 1; 2, 3; 4, rotated by stream `PHOTON` | 2, 3; 5, 7; 11 |
@@ -24,12 +26,13 @@
 //! | [`PIXEL`]   | everything in the path tracer: pixel, running number      |
 //! | [`GATHER_LOBE`] | lobe of the gather ray: pixel, bounce                 |
 //! | [`WINDOW`]  | offset of the passes in their segments of the sequence: 0, 0 |
-//! | [`OFFSET`]  | rotation of a block of pixel offsets: block, 0 or 1       |
+//! | [`OFFSET`]  | scrambling of the pixel offsets: dimension, or 2 for their order; 0 |
 //! | [`COMPONENT`] | transmission or reflection: slot of the pixel, mirrors and glass so far |
 //! | [`REPLICA`] | order of the Sobol' points of the gather rays: bounce, 0 |
 //! | [`DELTA`]   | offset of the choice of delta lights: 0, 0             |
 //! | [`MIRROR`]  | offset of the choice of lights and mirrors: 0, 0       |
 //! | [`EYE_LOBE`] | direction along a lobe that an eye path follows, and whether it does: mirrors, glass and lobes so far, 0 to 2 |
+//! | [`FIRST_LIGHT`] | scrambling of the points of the lights on emitters: class of pixels, dimension |
 //! | [`PHOTON`]  | Cranley-Patterson rotation of the photons: dimension, 0   |
 //! | [`PHOTON_SIDE`] | side of a two-sided emitter: photon, 0                |
 //! | [`WALK_COMPONENT`] | transmission, reflection or base: particle, reflection and mirrors and glass so far |
@@ -68,7 +71,7 @@ pub const PIXEL: u32 = 6;
 pub const GATHER_LOBE: u32 = 7;
 /// Stream: offset of a pass in its segment of the sequence.
 pub const WINDOW: u32 = 8;
-/// Stream: rotation of a block of pixel offsets.
+/// Stream: scrambling of the pixel offsets.
 pub const OFFSET: u32 = 9;
 /// Stream: component that an eye path takes at a mirror or glass.
 pub const COMPONENT: u32 = 10;
@@ -82,6 +85,8 @@ pub const MIRROR: u32 = 13;
 pub const WALK_COMPONENT: u32 = 14;
 /// Stream: start of the points that choose directions along lobes for eye paths.
 pub const EYE_LOBE: u32 = 15;
+/// Stream: scrambling of the points of the lights on emitters.
+pub const FIRST_LIGHT: u32 = 16;
 /// Stream: rotation of the photons' sequence.
 pub const PHOTON: u32 = 20;
 /// Stream: side of a two-sided emitter that a photon leaves.

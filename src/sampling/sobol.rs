@@ -72,6 +72,14 @@ pub fn shuffled(index: u32, seed: u32) -> u32 {
     x.reverse_bits()
 }
 
+/// A word whose digits are scrambled by a nested uniform permutation (Owen 1995, by the hash of Laine and Karras 2011). Scrambling
+/// each dimension by a seed of its own preserves nets, makes each point uniformly distributed, and in the finest intervals of a
+/// net independent of the others: with N points the error for smooth integrands falls as N^-1.5, by an XOR as N^-1.
+pub fn scrambled(word: u32, seed: u32) -> u32 {
+    // The permutation that preserves segments of indices preserves intervals of words.
+    shuffled(word, seed)
+}
+
 /// The columns of dimensions 2j and 2j + 1 in pairs, 32 pairs for each j, as `shaders/include/sobol.wgsl` reads them.
 pub fn column_pairs() -> Vec<[u32; 2]> {
     COLUMNS.chunks_exact(2).flat_map(|pair| pair[0].iter().zip(&pair[1]).map(|(&a, &b)| [a, b])).collect()

@@ -153,7 +153,7 @@ fn particles_start_by_the_distribution_of_importance() {
                 tally.check_values(same_light(found, &light, SINE * 10.0), &of_lights(found, &light), || {
                     format!("particle {i}: {found:?}\nfor {light:?}")
                 });
-                started[emitters.choose(walk_start::walk_numbers(&rig.parameters, 0, i)[0]).0 as usize] += 1.0;
+                started[emitters.choose(walk_start::first_light_numbers(&rig.parameters, i)[0]).0 as usize] += 1.0;
             }
             tally.finish(STRAYS);
             let mut worst = 0.0f32;

@@ -45,7 +45,7 @@ pub fn same_light(a: &PointLight, b: &PointLight, place: f32) -> bool {
         && v(|l| l.f0, RELATIVE, 1e-6)
         && w(|l| l.normal)
         && w(|l| l.emit)
-        && w(|l| l.wi)
+        && (a.wi[3] - b.wi[3]).abs() <= RELATIVE * b.wi[3].abs()
         && w(|l| l.flux)
         && w(|l| l.f0)
 }
@@ -112,19 +112,23 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
     for i in 0..rig.engine.plan().settings.particles() {
         let (light, ray, flux) = walk_start::reference(p, rig.engine.emitters(), i);
         let n = i as usize;
-        let u = walk_start::walk_numbers(p, 0, i)[0];
-        let emitter = &rig.engine.emitters().list[rig.engine.emitters().choose(u).0 as usize];
-        kinds.push(emitter.kind);
+        let emitters = rig.engine.emitters();
         // Points on discs and spheres are placed by sine and cosine.
-        let round = matches!(emitter.kind, Kind::Directional | Kind::Sphere);
-        let place = if round { SINE * emitter.e1.length() } else { 1e-5 };
+        let [of_light, of_start] =
+            [walk_start::first_light_numbers(p, i), walk_start::walk_numbers(p, 0, i)].map(|u| {
+                let emitter = &emitters.list[emitters.choose(u[0]).0 as usize];
+                let round = matches!(emitter.kind, Kind::Directional | Kind::Sphere);
+                (emitter.kind, if round { SINE * emitter.e1.length() } else { 1e-5 })
+            });
+        let place = of_light.1;
+        kinds.push(of_light.0);
         if i < direct {
             let found = &lights[slot(n, 0)];
             tally.check_values(same_light(found, &light, place), &of_lights(found, &light), || {
                 format!("particle {i}: {found:?}\nfor {light:?}")
             });
         }
-        let same = same_ray([origins[n], directions[n], fluxes[n]], &ray, flux, place);
+        let same = same_ray([origins[n], directions[n], fluxes[n]], &ray, flux, of_start.1);
         let values = of_rays([origins[n], directions[n], fluxes[n]], &ray, flux);
         tally.check_values(same, &values, || {
             format!("particle {i}: {} {} {}\nfor {ray:?} {flux}", origins[n], directions[n], fluxes[n])
@@ -273,7 +277,7 @@ fn every_emitter_starts_particles() {
         rig.run(|frame, rec| frame.walk.record(rec));
         let lights: Vec<PointLight> = rig.get(&rig.frame().walk.lights);
         for i in 0..2049 {
-            let e = emitters.choose(walk_start::walk_numbers(&rig.parameters, 0, i)[0]).0 as usize;
+            let e = emitters.choose(walk_start::first_light_numbers(&rig.parameters, i)[0]).0 as usize;
             started[e] += 1;
             if emitters.list[e].two_sided {
                 let light = &lights[rig.parameters.walk[3] as usize + i as usize];
@@ -281,13 +285,57 @@ fn every_emitter_starts_particles() {
             }
         }
         for (e, (emitter, &count)) in emitters.list.iter().zip(&started).enumerate() {
-            // A Halton segment has the right number of points in an interval of this length to within some log^2 N.
+            // A segment has the right number of points in an interval of this length to within some log^2 N.
             let expected = 2049.0 * emitter.probability;
             assert!((count as f32 - expected).abs() < 24.0, "emitter {e}, {:?}: {count} for {expected}", emitter.kind);
         }
         assert!(sides[0] > 0 && sides[1] > 0, "both sides of a two-sided emitter: {sides:?}");
         let inward = |inward: bool| emitters.list.iter().any(|e| e.kind == Kind::Sphere && e.inward == inward);
         assert!(inward(true) && inward(false));
+    });
+}
+
+/// The numbers of points in each sixteenth of the unit interval, relative to their mean.
+fn shares(points: impl Iterator<Item = f32>) -> [f64; 16] {
+    let (mut counts, mut total) = ([0.0; 16], 0.0);
+    for x in points {
+        counts[(16.0 * x) as usize] += 1.0;
+        total += 1.0 / 16.0;
+    }
+    counts.map(|n| n / total)
+}
+
+#[test]
+fn survivors_come_from_everywhere_on_the_emitters() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        for sequence in [Sequence::Halton, Sequence::Sobol] {
+            for (particles, pattern) in [(32, [1, 1]), (20, [3, 3])] {
+                let settings = Settings { sequence, direct_lights: Some(4), ..interleaved(particles, pattern, false) };
+                let rig = Rig::new(ctx, &scene, [1, 1], settings);
+                let plan = rig.engine.plan();
+                let passes: Vec<_> = (0..256).map(|pass| plan.parameters(pass).unwrap()).collect();
+                let classes = plan.settings.classes();
+                for (j, &alive) in plan.lights.survivors.iter().enumerate() {
+                    // Of one class: each has to be lit from everywhere.
+                    let of_class = (0..alive).map(|i| i * classes + classes / 2);
+                    for d in 0..2 {
+                        let numbers = |p, i| match j {
+                            0 => walk_start::first_light_numbers(p, i)[d],
+                            _ => walk_start::walk_numbers(p, 0, i)[d],
+                        };
+                        let points = passes.iter().flat_map(|p| of_class.clone().map(move |i| numbers(p, i)));
+                        let shares = shares(points);
+                        let off = shares.iter().map(|s| (s - 1.0).abs()).fold(0.0, f64::max);
+                        // Random points would be within four standard deviations.
+                        let random = 4.0 * (16.0 / (256.0 * f64::from(alive))).sqrt();
+                        let limit = if j == 0 { 1e-9 } else { random };
+                        println!("{sequence:?}, {particles} of {pattern:?}, {j} reflections: {off:.3} of {random:.3}");
+                        assert!(off <= limit, "{sequence:?}, {j} reflections, dimension {d}: {shares:?}");
+                    }
+                }
+            }
+        }
     });
 }
 
