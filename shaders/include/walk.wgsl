@@ -45,9 +45,12 @@ fn grid_resolution(base: u32, count: u32) -> f32 {
 // dimensions 2j and 2j + 1 of its point of the sequence, jittered if asked
 // (Keller 1997, 4.1: by the grid resolution of the points in use).
 fn walk_numbers(j: u32, particle: u32) -> vec2<f32> {
-    // The classes of pixels take consecutive segments of the sequence.
-    let of_class = particle / frame.pattern.z;
-    let index = frame.walk.x + particle % frame.pattern.z * frame.walk.y + (of_class + frame.walk.z) % frame.walk.y;
+    // The classes of pixels take consecutive segments of the sequence, in an order that turns at random from pass to pass: in a fixed
+    // order each of 9 classes would have some first digits in base 3 more often than others.
+    let classes = frame.pattern.z;
+    let of_class = particle / classes;
+    let segment = (particle + frame.keys.x % classes) % classes;
+    let index = frame.walk.x + segment * frame.walk.y + (of_class + frame.walk.z) % frame.walk.y;
     let x = sequence_point(j, index);
     let jittered = (frame.keys.z & 1u) != 0u;
     // N_1 particles start, and N_j get a direction to their j-th vertex.

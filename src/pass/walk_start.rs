@@ -9,7 +9,8 @@
 //! elsewhere.
 //!
 //! With interleaved sampling each class of pixels has N particles and a set of lights of its own: the particles from
-//! consecutive segments of the sequence (Wald et al. 2002, 4.2 and 4.4), the lights at the emitters from a scrambling of its own.
+//! consecutive segments of the sequence (Wald et al. 2002, 4.2 and 4.4), in an order that turns from pass to pass, the lights at the
+//! emitters from a scrambling of its own.
 //!
 //! Jitter (Keller 1997, 4.1): each coordinate moves within its raster cell by 1 / b^n, b^(n-1) < N_j <= b^n, with b the base of its
 //! dimension; the paper's approximation 1/N_j would overlap the next cell. Scrambled points are random in their cells anyway.
@@ -85,8 +86,9 @@ pub fn first_light_numbers(frame: &layout::FrameParameters, particle: u32) -> [f
 /// 1.
 pub fn walk_numbers(frame: &layout::FrameParameters, j: usize, particle: u32) -> [f32; 2] {
     let [first, paths, rotation, _] = frame.walk;
-    let (of_class, class) = (particle / frame.pattern[2], particle % frame.pattern[2]);
-    let index = first + class * paths + (of_class + rotation) % paths;
+    let classes = frame.pattern[2];
+    let (of_class, segment) = (particle / classes, (particle + frame.keys[0] % classes) % classes);
+    let index = first + segment * paths + (of_class + rotation) % paths;
     [0, 1].map(|d| {
         let x = sequence_point(frame, 2 * j + d, index);
         if !frame.has(layout::FrameParameters::JITTER) {
