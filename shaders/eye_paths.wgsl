@@ -28,7 +28,7 @@ var<immediate> push: Push;
 
 // Probability of following a lobe over its reflectance, and alpha below which it is 1. Host twins: pass::eye_paths.
 const LOBE_CHANCE: f32 = 4.0;
-const NARROW: f32 = 0.05;
+const NARROW: f32 = 0.1;
 
 // Numbers that choose a component (z) and a direction along a lobe (x, y): the same for all pixels of a class, so that neighbouring pixels
 // differ smoothly. First surfaces take a Kronecker sequence over passes and classes, as near rays do (near.wgsl); later ones begin anew in
@@ -174,7 +174,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let emission = select(before.xyz * s.emission * emission_share, vec3<f32>(0.0), split.stays);
         let sampled = flag_if(LOBE_SAMPLED, stays && shiny && split.probability < 1.0);
         let longer = select(segments, min(segments + 1u, 15u), goes_on && (from_lobe || shiny));
-        let met_flags = flag_if(longer * ONE_SEGMENT, longer > 0u) | without_lobe | sampled;
+        let met_flags = flag_if(longer * ONE_SEGMENT, longer > 0u) | without_lobe | sampled | flag_if(NARROW_LOBE, has_flag(met.w, NARROW_LOBE));
         emitted[slot] = vec4<f32>(met.xyz + select(emission, vec3<f32>(0.0), frosted), bitcast<f32>(met_flags));
         if goes_on && (from_lobe || shiny) {
             let density = lobe_density(s.reflectance.alpha, s.shading, -ray.xyz, wi);
@@ -200,7 +200,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             media[branch] = inside;
             if shiny {
                 lobe_of[branch] = lobe_density(s.reflectance.alpha, s.shading, -ray.xyz, split.second_wi);
-                emitted[branch] = vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(flag_if(ONE_SEGMENT, true)));
+                let narrow = flag_if(NARROW_LOBE, s.reflectance.alpha < NARROW);
+                emitted[branch] = vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(flag_if(ONE_SEGMENT, true) | narrow));
             }
             go_on(branch, s, split.second_wi, ray.w);
         }

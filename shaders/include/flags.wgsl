@@ -13,8 +13,9 @@ const COVERED: u32 = 8u;            // the eye's own ray met something, be it a 
 const SEEN_BY_SPECULAR: u32 = 16u;  // the eye sees it through mirrors or glass
 
 const LOBE_SAMPLED: u32 = 64u;      // a path of its own follows its specular lobe, beside the highlights of lights
+const NARROW_LOBE: u32 = 128u;      // the eye path to it follows a narrow lobe first
 
-// Of an eye path, in emitted.w until the path ends, as LOBE_SAMPLED.
+// Of an eye path, in emitted.w until the path ends, as the two above.
 const LOBE_FOLLOWED: u32 = 32u;     // it ended on the base of a glossy plane: the shading point there has no lobe
 
 // Segments of the eye path beyond its first surface that is neither mirror nor glass, at most 15.

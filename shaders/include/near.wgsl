@@ -1,7 +1,7 @@
 // Near rays. Needs frame.wgsl, math.wgsl and flags.wgsl. Host twins: pass::near_points, pass::near_collect::{SMOOTH, SLOPE, LINKS}.
 
-// Each pass sends near rays from a quarter of the classes of pixels, others in the next passes; from all second components behind mirrors
-// and glass, whose light no filter spreads over the classes.
+// Each pass sends near rays from a quarter of the classes of pixels, others in the next passes; from all second components behind mirrors,
+// glass and narrow lobes, whose light no filter spreads over the classes.
 fn near_classes() -> u32 {
     return max(frame.pattern.z / 4u, 1u);
 }
@@ -14,7 +14,7 @@ fn near_order(slot: u32) -> u32 {
 
 // Whether no filter spreads a slot's light; `flags` are those of its shading point.
 fn stands_alone(slot: u32, flags: f32) -> bool {
-    return slot >= frame.size.z && segments_of(flags) == 0u;
+    return slot >= frame.size.z && (segments_of(flags) == 0u || has_flag(flags, NARROW_LOBE));
 }
 
 fn has_near_ray(slot: u32, flags: f32) -> bool {

@@ -67,8 +67,8 @@ use crate::scene::{Scene, Surface};
 /// only, in some passes. Higher: less noise in faint reflections, more rays.
 pub const LOBE_CHANCE: f32 = 4.0;
 
-/// Lobes with a smaller alpha are always followed: on curved surfaces no filter averages what they show.
-pub const NARROW: f32 = 0.05;
+/// Lobes with a smaller alpha are always followed, and what they show always has near rays: on curved surfaces no filter averages it.
+pub const NARROW: f32 = 0.1;
 
 /// One step of all paths.
 pub struct EyePaths {
@@ -135,6 +135,8 @@ pub struct EyePath {
     pub segments: u32,
     /// It ended where another path follows the lobe.
     pub sampled: bool,
+    /// It follows a narrow lobe first.
+    pub narrow: bool,
 }
 
 /// Oracle: numbers that choose a direction along a lobe (first two) and a component (last), for a class of pixels at the
@@ -235,6 +237,7 @@ pub fn reference(
             lobe: if goes_on { 0.0 } else { path.lobe },
             segments: path.segments + u32::from(goes_on && path.segments > 0),
             sampled: false,
+            narrow: path.narrow,
         }
     };
     let mut next = match sample {
@@ -288,7 +291,8 @@ fn at_lobe(
     if split_offset > 0 {
         let chance = if r.alpha < NARROW { 1.0 } else { (LOBE_CHANCE * weight.max_element()).clamp(0.2, 1.0) };
         let weight = if numbers[2] < chance { weight / chance } else { Vec3::ZERO };
-        let branch = EyePath { emitted: Vec3::ZERO, ..along(path.slot + split_offset, path.throughput * weight) };
+        let along = along(path.slot + split_offset, path.throughput * weight);
+        let branch = EyePath { emitted: Vec3::ZERO, narrow: r.alpha < NARROW, ..along };
         return Some((EyePath { ray: None, sampled: true, ..*path }, Some(branch)));
     }
     if numbers[2] < share {

@@ -368,6 +368,8 @@ impl ShadingPoints {
     pub const LOBE_FOLLOWED: u32 = 32;
     /// Flag: a path of its own follows its specular lobe.
     pub const LOBE_SAMPLED: u32 = 64;
+    /// Flag: the eye path to it follows a narrow lobe first.
+    pub const NARROW_LOBE: u32 = 128;
     /// One segment of the eye path beyond its first surface that is neither mirror nor glass; up to 15 of them.
     pub const ONE_SEGMENT: u32 = 256;
 

@@ -46,10 +46,12 @@ pub fn near_order(frame: &FrameParameters, class: u32) -> u32 {
     (class + turn * ray_classes(classes)) % classes
 }
 
-/// Whether no filter spreads the light of a slot over the classes: that of second components behind mirrors and glass;
+/// Whether no filter spreads the light of a slot over the classes: that of second components behind mirrors, glass
+/// and narrow lobes;
 /// `flags`: [`ShadingPoints::flags`].
 pub fn stands_alone(frame: &FrameParameters, slot: u32, flags: u32) -> bool {
-    slot >= frame.size[2] && flags < ShadingPoints::ONE_SEGMENT
+    let narrow = flags & ShadingPoints::NARROW_LOBE != 0;
+    slot >= frame.size[2] && (narrow || flags < ShadingPoints::ONE_SEGMENT)
 }
 
 /// Whether a slot of a class sends a near ray in a pass: a quarter of the classes does, others in the next passes; and all
