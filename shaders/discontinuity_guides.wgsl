@@ -17,6 +17,26 @@
 @group(0) @binding(9) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(10) var<storage, read> tiles: array<u32>;
 
+#if PAPER
+#else
+// Host twin: pass::discontinuity::MAX_SPREAD.
+const MAX_SPREAD: f32 = 16.0;
+
+// Squared distance to the nearer one of the neighbours before and after along an axis of a tile, 0 if none is lit. `place` is the
+// pixel's place in its tile along the axis, `stride` the distance of slots. Tiles around this one may not be listed.
+fn nearer_neighbour(slot: u32, place: u32, stride: u32, last: bool) -> f32 {
+    let before = select(slot, slot - stride, place > 0u);
+    let after = select(slot, slot + stride, place < 7u && !last);
+    let p = point_position[slot].xyz;
+    let to_before = point_position[before].xyz - p;
+    let to_after = point_position[after].xyz - p;
+    let of_before = select(3.0e38, dot(to_before, to_before), before != slot && has_flag(point_wo[before].w, LIT));
+    let of_after = select(3.0e38, dot(to_after, to_after), after != slot && has_flag(point_wo[after].w, LIT));
+    let nearer = min(of_before, of_after);
+    return select(0.0, nearer, nearer < 3.0e38);
+}
+#endif
+
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let index = group.x + group.y * groups.x;
@@ -48,7 +68,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let size = vec2<f32>(frame.within.zw);
     let pixel = 2.0 * max(sqrt(dot(frame.right.xyz, frame.right.xyz)) / size.x, sqrt(dot(frame.up.xyz, frame.up.xyz)) / size.y);
     let covered = 2.0 * depth * pixel / max(dot(normal, wo.xyz), 0.02);
-    let extent = covered * covered;
+    // Behind curved mirrors and along lobes neighbours tell how far apart pixels are.
+    let right_end = at.x + 1 == i32(frame.size.x);
+    let lower_end = at.y + 1 == i32(frame.size.y);
+    var spread = 0.0;
+    if second && takes_part {
+        let across_tile = nearer_neighbour(u32(slot), lane & 7u, 1u, right_end);
+        spread = 4.0 * max(across_tile, nearer_neighbour(u32(slot), lane / 8u, frame.size.x, lower_end));
+    }
+    let extent = clamp(spread, covered * covered, MAX_SPREAD * MAX_SPREAD * covered * covered);
 #endif
     // Ray origins have an offset that changes along the surface; the comparison needs points on the surface.
     let point = offset_origin(position.xyz, -normal, frame.eye.w);

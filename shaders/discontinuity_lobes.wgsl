@@ -1,4 +1,4 @@
-// Averages the specular radiance of neighbours that reflect alike. See pass/discontinuity.rs.
+// Averages the specular radiance of neighbours that reflect alike. See pass/discontinuity_lobes.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "flags.wgsl"
@@ -14,8 +14,8 @@
 @group(0) @binding(8) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(9) var<storage, read> tiles: array<u32>;
 
-// Host twins: pass::discontinuity::{LOBE_SLOPE, TINT}.
-const LOBE_SLOPE: f32 = 0.1;
+// Host twins: pass::discontinuity_lobes::{SLOPE, TINT}.
+const SLOPE: f32 = 0.1;
 const TINT: f32 = 0.05;
 
 struct Gloss {
@@ -45,7 +45,7 @@ fn alike(a: Gloss, b: Gloss) -> bool {
     let tint = abs(a.f0 - b.f0);
     let width = min(a.alpha, b.alpha);
     return a.takes_part && b.takes_part
-        && rise * rise <= length2 * (turn + LOBE_SLOPE * LOBE_SLOPE)
+        && rise * rise <= length2 * (turn + SLOPE * SLOPE)
         && max(a.alpha, b.alpha) <= 1.25 * width
         && dot(apart, apart) <= width * width
         && max(tint.x, max(tint.y, tint.z)) <= TINT;

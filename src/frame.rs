@@ -9,6 +9,7 @@ use crate::film::Film;
 use crate::gpu::{Buffer, Context, Image, Memory, Recorder, Resources, Staging};
 use crate::pass::delta_choice::{Candidates, DeltaChoice};
 use crate::pass::discontinuity::{self, Discontinuity};
+use crate::pass::discontinuity_lobes::DiscontinuityLobes;
 use crate::pass::glossy_light::GlossyLight;
 use crate::pass::importance::Importance;
 use crate::pass::layout;
@@ -47,10 +48,12 @@ pub struct Frame {
     pub compensation: Option<Compensation>,
     /// Restores it from the irradiance of other pixels.
     pub near_light: Option<NearLight>,
-    /// Adds the light of paths along specular lobes.
-    pub glossy_light: Option<GlossyLight>,
     /// Averages irradiance over neighbours on the same surface.
     pub discontinuity: Option<Discontinuity>,
+    /// Adds the light of paths along specular lobes.
+    pub glossy_light: Option<GlossyLight>,
+    /// Averages specular radiance over neighbours that reflect alike.
+    pub discontinuity_lobes: Option<DiscontinuityLobes>,
     /// Spreads mirror images over their glossy planes.
     pub glossy_planes: Option<GlossyPlanes>,
     /// Adds the light of second components to their pixels.
@@ -117,10 +120,6 @@ impl Frame {
         };
         let compensation = Compensation::new(kit, scene, plan, (&eye, &walk, &shade))?;
         let near_light = NearLight::new(kit, scene, plan, (&eye, &walk, &shade))?;
-        let glossy_light = match plan.eye.lobes && plan.eye.components == 2 {
-            false => None,
-            true => Some(GlossyLight::new(kit, &eye.points, &eye.paths, &shade.lighting, &eye.ideal_tiles)?),
-        };
         let discontinuity = match settings.filter {
             None => None,
             Some(filter) => Some(Discontinuity::new(
@@ -131,7 +130,6 @@ impl Frame {
                     lighting: &shade.lighting,
                     ideal_tiles: &eye.ideal_tiles,
                     components: plan.eye.components,
-                    lobes: scene.specular.lobes,
                     size: plan.view.size(),
                     pattern: settings.pattern,
                     filter,
@@ -139,6 +137,19 @@ impl Frame {
             )?),
         };
         let lighting = discontinuity.as_ref().map_or(&shade.lighting, |filter| &filter.filtered);
+        let glossy_light = match plan.eye.lobes && plan.eye.components == 2 {
+            false => None,
+            true => Some(GlossyLight::new(kit, &eye.points, &eye.paths, lighting, &eye.ideal_tiles)?),
+        };
+        let discontinuity_lobes = match settings.filter.filter(|_| scene.specular.lobes) {
+            None => None,
+            Some(filter) => {
+                let inputs = (&eye.points, lighting, &eye.ideal_tiles);
+                let (components, size) = (plan.eye.components, plan.view.size());
+                Some(DiscontinuityLobes::new(kit, inputs, components, size, (filter, settings.pattern))?)
+            }
+        };
+        let lighting = discontinuity_lobes.as_ref().map_or(lighting, |filter| &filter.filtered);
         let summands = match film.as_summands() {
             None => None,
             Some(sums) => Some(Summands::new(kit, &eye.points, &eye.paths, lighting, &film, &sums)?),
@@ -171,8 +182,9 @@ impl Frame {
             mirror_lights,
             compensation,
             near_light,
-            glossy_light,
             discontinuity,
+            glossy_light,
+            discontinuity_lobes,
             glossy_planes,
             merge,
             summands,
@@ -201,8 +213,9 @@ impl Frame {
         self.mirror_lights.run(rec)?;
         self.compensation.run(rec)?;
         self.near_light.run(rec)?;
-        self.glossy_light.run(rec)?;
         self.discontinuity.run(rec)?;
+        self.glossy_light.run(rec)?;
+        self.discontinuity_lobes.run(rec)?;
         self.glossy_planes.run(rec)?;
         self.merge.run(rec)?;
         self.summands.run(rec)?;

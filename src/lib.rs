@@ -66,8 +66,9 @@
 //!    lights their hits, and [`collect`](pass::collect) brings the light back to the pixels. Or
 //!    [`NearLight`](stage::NearLight), once: [`near_points`](pass::near_points) finds the pixels that show the hits, and
 //!    [`near_collect`](pass::near_collect) takes their irradiance.
-//! 7. [`glossy_light`](pass::glossy_light) adds the light of paths along lobes to their pixels, and
-//!    [`discontinuity`](pass::discontinuity) averages irradiance, and the light of lobes, over neighbours on one surface.
+//! 7. [`discontinuity`](pass::discontinuity) averages irradiance over neighbours on one surface,
+//!    [`glossy_light`](pass::glossy_light) adds the light of paths along lobes to their pixels, and
+//!    [`discontinuity_lobes`](pass::discontinuity_lobes) averages the light of lobes over neighbours that reflect alike.
 //! 8. [`GlossyPlanes`](stage::GlossyPlanes): [`mirror_image`](pass::mirror_image) takes the image of glossy planes from the second
 //!    components, [`convolve`](pass::convolve) spreads it, and [`superpose`](pass::superpose) adds it to the planes.
 //! 9. [`merge`](pass::merge) adds the light of the other second components to their pixels, [`summands`](pass::summands) sums

@@ -13,11 +13,6 @@
 //! passes accumulate like those of unfiltered ones. Background, emitters, glass, and surfaces without diffuse reflection take
 //! no part.
 //!
-//! **Lobes.** The radiance of specular lobes is averaged in the first form over neighbours that reflect alike: on one smooth
-//! surface ([`LOBE_SLOPE`]), of the same finish ([`TINT`], alphas within a quarter), and with mirrored directions that differ by
-//! no more than alpha, so that the mean blurs what the surface reflects by no more than the lobe does. All pixels of a class
-//! follow lobes by the same random numbers, so a window that holds every class averages directions spread over the lobe.
-//!
 //! **Preserved quantities.** Both forms preserve a constant irradiance up to rounding. The weights of the first are
 //! symmetrical, so a gain of one pixel is a loss of others: it preserves the sum of irradiance over a surface,
 //! whichever pixels agree. The second, the paper's, divides by the sum of the weights used: it smooths more beside
@@ -44,7 +39,8 @@
 //! **Mirrors and glass.** Second components (see `eye_paths`) are filtered among themselves, in their own slots, before
 //! `merge`. Positions are those of the shading points, depths and footprints those of the whole path: a directly
 //! visible point is averaged with a point in a mirror only if both belong to the same piece of a surface, whose
-//! irradiance does not depend on the path.
+//! irradiance does not depend on the path. Behind curved mirrors and glass and along lobes pixels lie farther apart than depth and
+//! inclination tell: there the footprint grows to the distance from the neighbours ([`MAX_SPREAD`]).
 //!
 //! Differs from the paper in: the test and the weights unless [`Agreement::DepthAndNormal`] is chosen (which compares depths
 //! instead of distances, with thresholds that the paper does not give); windows smoothed as above; caustics are not
@@ -55,9 +51,8 @@
 //!
 //! Cost of a pixel: six vec4 read, two written, 70 operations for the guides; then for windows up to 3 x 3 22 / 4 times
 //! four vec4 read (three without direct light) and 9 x 60 operations, for wider ones of w x h pixels w (h + 3) / 4
-//! times as many and w h x 70; two vec4 written. In scenes with lobes w h times 6 vec4 and 60 operations more for each pixel
-//! that shows one. Second components cost the same for pixels of tiles that show mirrors
-//! or glass. 640x480 on two cores by lavapipe: 23 to 31 ms for 3 x 3 (docs/interactive.md). Memory: 48 or 64 bytes a
+//! times as many and w h x 70; two vec4 written. Second components cost the same, and four points more to read, for
+//! pixels of tiles that show mirrors, glass or narrow lobes. 640x480 on two cores by lavapipe: 23 to 31 ms for 3 x 3 (docs/interactive.md). Memory: 48 or 64 bytes a
 //! slot.
 
 use glam::{IVec2, Vec3, Vec4};
@@ -87,15 +82,11 @@ pub const PLANE_TOLERANCE: f32 = 0.05;
 /// smoothed.
 pub const PAPER_TOLERANCE: f32 = 0.02;
 
-/// Maximum slope of the chord between two points whose lobes are averaged, beyond the turn of the normal.
+/// Maximum ratio of a second component's footprint, as its neighbours in its tile of 8 x 8 pixels tell it, over that by depth and
+/// inclination. Of the two neighbours along an axis the nearer one counts, since an edge may lie before the other.
 ///
-/// Higher: highlights bleed between facets. Lower: tessellated surfaces are not smoothed.
-pub const LOBE_SLOPE: f32 = 0.1;
-
-/// Maximum difference of their reflectances at normal incidence.
-///
-/// Higher: textures of the reflectance blur. Lower: textured surfaces are not smoothed.
-pub const TINT: f32 = 0.05;
+/// Higher: what strongly curved mirrors show is blurred over more of the scene. Lower: it remains noisy.
+pub const MAX_SPREAD: f32 = 16.0;
 
 /// The pass.
 pub struct Discontinuity {
@@ -107,7 +98,6 @@ pub struct Discontinuity {
     pub filtered: Lighting,
     guides: BoundKernel,
     average: BoundKernel,
-    lobes: Option<BoundKernel>,
     windows: Vec<Window>,
     tiles: Buffer,
     tile_count: u32,
@@ -125,8 +115,6 @@ pub struct Inputs<'a> {
     pub ideal_tiles: &'a List,
     /// Components of a pixel, 1 or 2.
     pub components: u32,
-    /// Whether there are surfaces with a lobe.
-    pub lobes: bool,
     /// Width and height of the image.
     pub size: [u32; 2],
     /// Width and height of the interleaving pattern.
@@ -138,17 +126,16 @@ pub struct Inputs<'a> {
 impl Discontinuity {
     /// Prepares the filter of `inputs.lighting`.
     pub fn new(kit: &Kit, inputs: &Inputs) -> Result<Self> {
-        let Inputs { points, paths, lighting, ideal_tiles, components, lobes, size, pattern, filter } = *inputs;
+        let Inputs { points, paths, lighting, ideal_tiles, components, size, pattern, filter } = *inputs;
         let [width, height] = size;
         let array = |what: &str| kit.vec4s(&format!("discontinuity {what}"), width * height * components);
         let (guide_points, guide_normals) = (array("points")?, array("normals")?);
         let filtered = Lighting {
             direct: if filter.direct { array("direct")? } else { lighting.direct.clone() },
             indirect: array("indirect")?,
-            specular: if lobes { array("specular")? } else { lighting.specular.clone() },
+            specular: lighting.specular.clone(),
         };
-        let windows: Vec<Window> =
-            (0..components).map(|component| Window { component, ..Window::new(&filter, pattern) }).collect();
+        let windows = Window::of_components(&filter, pattern, components);
         let paper = filter.agreement == Agreement::DepthAndNormal;
         let guides = if paper { &shaders::DISCONTINUITY_GUIDES_PAPER } else { &shaders::DISCONTINUITY_GUIDES };
         let wide = windows[0].reach.iter().any(|&reach| reach > 1);
@@ -167,15 +154,13 @@ impl Discontinuity {
             ("guide_normals", &guide_normals),
             ("filtered_direct", &filtered.direct),
             ("filtered_indirect", &filtered.indirect),
-            ("filtered_specular", &filtered.specular),
         ]);
         let (points, paths, lighting) = (points.resources(), paths.resources(), lighting.resources());
         let bind = |shader| kit.bind(shader, &[&own, &points, &paths, &lighting, &ideal_tiles.as_tiles()]);
-        let lobes = if lobes { Some(bind(&shaders::DISCONTINUITY_LOBES)?) } else { None };
         let (guides, average) = (bind(guides)?, bind(average)?);
         let tile_count = width.div_ceil(8) * height.div_ceil(8);
         let tiles = ideal_tiles.work.clone();
-        Ok(Discontinuity { guide_points, guide_normals, filtered, guides, average, lobes, windows, tiles, tile_count })
+        Ok(Discontinuity { guide_points, guide_normals, filtered, guides, average, windows, tiles, tile_count })
     }
 
     /// Records the pass.
@@ -184,7 +169,7 @@ impl Discontinuity {
             // Second components of the tiles that are not listed take no part.
             rec.fill(&self.guide_normals, 0)?;
         }
-        for kernel in [Some(&self.guides), Some(&self.average), self.lobes.as_ref()].into_iter().flatten() {
+        for kernel in [&self.guides, &self.average] {
             for window in &self.windows {
                 let push = bytemuck::bytes_of(window);
                 match window.component {
@@ -198,6 +183,11 @@ impl Discontinuity {
 }
 
 impl Window {
+    /// The windows of each component.
+    pub fn of_components(filter: &Filter, pattern: [u32; 2], components: u32) -> Vec<Window> {
+        (0..components).map(|component| Window { component, ..Window::new(filter, pattern) }).collect()
+    }
+
     /// The window of a filter for images interleaved in this pattern.
     pub fn new(filter: &Filter, pattern: [u32; 2]) -> Window {
         let axes = [0, 1].map(|axis| shares(filter.window(pattern)[axis], pattern[axis]));
@@ -262,13 +252,22 @@ pub struct PixelPoint {
     pub depth: f32,
 }
 
-/// Oracle: the guide of a shading point.
-pub fn guide(frame: &layout::FrameParameters, agreement: Agreement, receiver: &PixelPoint) -> Guide {
+/// Oracle: the guide of a shading point. `neighbours`: of a second component, the positions of its lit neighbours before and after
+/// along each axis, within its tile; of a first one, none.
+pub fn guide(
+    frame: &layout::FrameParameters,
+    agreement: Agreement,
+    receiver: &PixelPoint,
+    neighbours: [[Option<Vec3>; 2]; 2],
+) -> Guide {
     let length = |v: [f32; 4]| Vec4::from(v).truncate().length();
     let [width, height, ..] = frame.size;
     let geometric = receiver.geometric.truncate();
     let pixel = 2.0 * (length(frame.right) / width as f32).max(length(frame.up) / height as f32);
     let covered = receiver.depth * pixel / geometric.dot(receiver.wo.truncate()).max(0.02);
+    let distance = |p: Vec3| p.distance(receiver.position.truncate());
+    let nearer = |axis: [Option<Vec3>; 2]| axis.into_iter().flatten().map(distance).reduce(f32::min);
+    let spread = neighbours.into_iter().filter_map(nearer).fold(covered, f32::max).min(MAX_SPREAD * covered);
     let takes_part =
         ShadingPoints::flags(receiver.wo.w) & ShadingPoints::LIT != 0 && receiver.kd.truncate() != Vec3::ZERO;
     Guide {
@@ -277,7 +276,7 @@ pub fn guide(frame: &layout::FrameParameters, agreement: Agreement, receiver: &P
         shading: receiver.shading.truncate(),
         extent: match agreement {
             _ if !takes_part => 0.0,
-            Agreement::Plane => (2.0 * covered).powi(2),
+            Agreement::Plane => (2.0 * spread).powi(2),
             Agreement::DepthAndNormal => receiver.depth,
         },
     }
@@ -334,63 +333,6 @@ pub fn reference(
         irradiance[i] + weight * gain
     };
     (0..irradiance.len()).map(filtered).collect()
-}
-
-/// A pixel with a lobe, for the oracle.
-#[derive(Clone, Copy, Debug)]
-pub struct Gloss {
-    /// Point.
-    pub position: Vec3,
-    /// Geometric normal.
-    pub geometric: Vec3,
-    /// Shading normal.
-    pub shading: Vec3,
-    /// Direction to the eye.
-    pub wo: Vec3,
-    /// Specular reflectance at normal incidence.
-    pub f0: Vec3,
-    /// Roughness of the lobe.
-    pub alpha: f32,
-}
-
-impl Gloss {
-    /// Oracle: whether two pixels reflect alike.
-    pub fn is_like(&self, other: &Gloss) -> bool {
-        let mirrored = |g: &Gloss| 2.0 * g.shading.dot(g.wo) * g.shading - g.wo;
-        let chord = other.position - self.position;
-        let rise = chord.dot(self.geometric + other.geometric);
-        let turn = (2.0 - 2.0 * self.geometric.dot(other.geometric)).max(0.0);
-        let (narrow, wide) = (self.alpha.min(other.alpha), self.alpha.max(other.alpha));
-        rise * rise <= chord.length_squared() * (turn + LOBE_SLOPE * LOBE_SLOPE)
-            && wide <= 1.25 * narrow
-            && (mirrored(self) - mirrored(other)).length() <= narrow
-            && (self.f0 - other.f0).abs().max_element() <= TINT
-    }
-}
-
-/// Oracle: the filtered specular radiance of all pixels; `None`: the pixel has no lobe, or is not lit.
-pub fn lobe_reference(
-    frame: &layout::FrameParameters,
-    window: &Window,
-    lobes: &[Option<Gloss>],
-    radiance: &[Vec3],
-) -> Vec<Vec3> {
-    let [width, height, ..] = frame.size.map(|n| n as i32);
-    let [reach_x, reach_y] = window.reach;
-    let filtered = |i: usize| {
-        let Some(own) = &lobes[i] else { return radiance[i] };
-        let here = IVec2::new(i as i32 % width, i as i32 / width);
-        let offsets = (-reach_y..=reach_y).flat_map(|y| (-reach_x..=reach_x).map(move |x| IVec2::new(x, y)));
-        let gain = offsets.filter_map(|offset| {
-            let there = here + offset;
-            let inside = (0..width).contains(&there.x) && (0..height).contains(&there.y);
-            let j = inside.then_some((there.y * width + there.x) as usize)?;
-            let other = lobes[j].as_ref().filter(|other| own.is_like(other));
-            other.map(|_| window.share(offset) * (radiance[j] - radiance[i]))
-        });
-        radiance[i] + window.middle * gain.sum::<Vec3>()
-    };
-    (0..lobes.len()).map(filtered).collect()
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ pub mod collect;
 pub mod convolve;
 pub mod delta_choice;
 pub mod discontinuity;
+pub mod discontinuity_lobes;
 pub mod eye_paths;
 pub mod eye_points;
 pub mod gather;

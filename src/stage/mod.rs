@@ -25,6 +25,7 @@ use crate::error::Result;
 use crate::gpu::{Buffer, Recorder};
 use crate::pass::delta_choice::DeltaChoice;
 use crate::pass::discontinuity::Discontinuity;
+use crate::pass::discontinuity_lobes::DiscontinuityLobes;
 use crate::pass::glossy_light::GlossyLight;
 use crate::pass::importance::Importance;
 use crate::pass::layout::DispatchCounts;
@@ -88,6 +89,7 @@ stages! {
     MirrorLights = "mirror_lights",
     GlossyLight = "glossy_light",
     Discontinuity = "discontinuity",
+    DiscontinuityLobes = "discontinuity_lobes",
     Merge = "merge",
     Summands = "summands",
 }

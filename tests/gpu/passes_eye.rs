@@ -178,6 +178,7 @@ fn look(rig: &Rig) -> Vec<Option<Hit>> {
             lobe: if segments > 0 { lobes[i] } else { 0.0 },
             segments,
             sampled: flags & ShadingPoints::LOBE_SAMPLED != 0,
+            narrow: flags & ShadingPoints::NARROW_LOBE != 0,
         };
         if found.check(&mut surfaces, i, rig, (ray.truncate(), hit), (&path, ray.w)) {
             lit.push(i as u32);
