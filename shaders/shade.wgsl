@@ -36,6 +36,7 @@
 @group(0) @binding(16) var<storage, read_write> direct: array<vec4<f32>>;
 @group(0) @binding(17) var<storage, read_write> indirect: array<vec4<f32>>;
 @group(0) @binding(18) var<storage, read_write> specular: array<vec4<f32>>;
+@group(0) @binding(19) var<storage, read> first_light: array<u32>;
 #endif
 var<immediate> push: Push;
 
@@ -52,9 +53,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
 #if VISIBILITY
-    let lights_of_class = 0u;
+    let lights_at = 0u;
 #else
-    let lights_of_class = class_of(slot) * frame.pattern.w;
+    let lights_at = first_light[slot];
 #endif
     let nodes = frame.scene.x;
     var light = step.first;
@@ -84,7 +85,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // A dispatch takes a bounded number of lights; the next round continues a larger chunk.
     let end = min(step.end, light + step.lights);
     while light < end {
-        let at_light = lights_of_class + light;
+        let at_light = lights_at + light;
 #if AREA
         let l_position = vec4<f32>(area_point(area_light(lights[at_light]), slot, at_light), 0.0);
 #else

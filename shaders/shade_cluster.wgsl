@@ -46,6 +46,8 @@
 @group(0) @binding(18) var<storage, read_write> specular: array<vec4<f32>>;
 // Of each class its first cluster and first shading point; if the list is in screen order, of each cluster its class.
 @group(0) @binding(19) var<storage, read> classes: array<vec2<u32>>;
+// The first light of each shading point; the same for all of a cluster.
+@group(0) @binding(20) var<storage, read> first_light: array<u32>;
 #endif
 var<immediate> push: Push;
 
@@ -90,7 +92,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if VISIBILITY
     let begin = cluster * 64u;
     let end = live;
-    let lights_of_class = 0u;
+    let lights_at = 0u;
 #else
     // A cluster takes shading points of one class of pixels, which has lights of its own.
     var of_class = 0u;
@@ -103,7 +105,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let begin = shift + cluster * 64u;
     let end = select(select(live, classes[of_class + 1u].y, several), work.total, by_screen);
     of_class = select(of_class, classes[select(0u, cluster, by_screen)].x, by_screen);
-    let lights_of_class = of_class * frame.pattern.w;
 #endif
     if begin >= end {
         return;
@@ -119,6 +120,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         some = min(some, slot[r]);
     }
     some = min_reduce_u32(some);
+#if VISIBILITY
+#else
+    let lights_at = first_light[some];
+#endif
     // A cluster starts again with the light that it did not finish; all its shading points have the same progress.
     let start = select(step.first, progress[some].x, step.round > 0u);
     if start >= step.end {
@@ -184,12 +189,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     for (var base = 0u; base < count; base += LANES) {
         let i = base + lane;
 #if AREA
-        let area = area_light(lights[lights_of_class + step.first + min(i, count - 1u)]);
+        let area = area_light(lights[lights_at + step.first + min(i, count - 1u)]);
         let d_lo = area.centre - area.extent - hi;
         let d_hi = area.centre + area.extent - lo;
         let faces = greatest_dot(geometric_lo, geometric_hi, d_lo, d_hi) > 0.0;
 #else
-        let to_light = lights[lights_of_class + step.first + min(i, count - 1u)].position.xyz;
+        let to_light = lights[lights_at + step.first + min(i, count - 1u)].position.xyz;
         let faces = greatest_dot(geometric_lo, geometric_hi, to_light - hi, to_light - lo) > 0.0;
 #endif
         todo |= select(0u, 1u << (i & 31u), faces && i < count && step.first + i >= start);
@@ -199,7 +204,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     shading_hi = max_reduce(shading_hi);
     for (var base = 0u; base < count; base += LANES) {
         let i = base + lane;
-        let l = lights[lights_of_class + step.first + min(i, count - 1u)];
+        let l = lights[lights_at + step.first + min(i, count - 1u)];
         let d_lo = l.position.xyz - hi;
         let d_hi = l.position.xyz - lo;
         let flags = bitcast<u32>(l.position.w);
@@ -246,7 +251,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let of_kind = select(~direct_lights, direct_lights, kind == 0u);
 #endif
         while (todo & of_kind) != 0u && left > 0u {
-            let at_light = lights_of_class + step.first + firstTrailingBit(todo & of_kind);
+            let at_light = lights_at + step.first + firstTrailingBit(todo & of_kind);
 #if AREA
             let area = area_light(lights[at_light]);
             let origin = area.centre;

@@ -14,6 +14,7 @@ use crate::pass::glossy_light::GlossyLight;
 use crate::pass::importance::Importance;
 use crate::pass::layout;
 use crate::pass::lens::{self, Lens};
+use crate::pass::light_lists::LightLists;
 use crate::pass::merge::Merge;
 use crate::pass::mirror_lights::{self, MirrorLights};
 use crate::pass::summands::Summands;
@@ -36,6 +37,8 @@ pub struct Frame {
     pub walk: Walk,
     /// Chooses the lights without area that light this pass; `None`: all of them do.
     pub delta_choice: Option<DeltaChoice>,
+    /// The lights of each shading point: all of its class, or those that its cluster chooses.
+    pub light_lists: LightLists,
     /// Shoots photons from the emitters at mirrors and glass and sorts them into a grid.
     pub photons: Option<Photons>,
     /// Lights the visible points by point lights, with clipped distances.
@@ -101,8 +104,9 @@ impl Frame {
                 Some(DeltaChoice::new(kit, &candidates, emitters, &walk.lights, settings.classes())?)
             }
         };
+        let light_lists = LightLists::new(kit, plan, &eye, &walk.lights)?;
         let photons = Photons::new(kit, plan, &walk)?;
-        let shade = Shade::new(kit, scene, plan, &eye, &walk)?;
+        let shade = Shade::new(kit, scene, plan, &eye, &light_lists)?;
         let photon_lighting = PhotonLighting::new(kit, plan, photons.as_ref(), (&eye, &shade))?;
         let mirror_lights = match &plan.mirrors {
             None => None,
@@ -118,8 +122,8 @@ impl Frame {
                 Some(MirrorLights::new(kit, settings, mirrors, &inputs)?)
             }
         };
-        let compensation = Compensation::new(kit, scene, plan, (&eye, &walk, &shade))?;
-        let near_light = NearLight::new(kit, scene, plan, (&eye, &walk, &shade))?;
+        let compensation = Compensation::new(kit, scene, plan, (&eye, &light_lists, &shade))?;
+        let near_light = NearLight::new(kit, scene, plan, (&eye, &light_lists, &shade))?;
         let discontinuity = match settings.filter {
             None => None,
             Some(filter) => Some(Discontinuity::new(
@@ -176,6 +180,7 @@ impl Frame {
             importance,
             walk,
             delta_choice,
+            light_lists,
             photons,
             shade,
             photon_lighting,
@@ -207,6 +212,7 @@ impl Frame {
         self.importance.run(rec)?;
         self.walk.run(rec)?;
         self.delta_choice.run(rec)?;
+        self.light_lists.run(rec)?;
         self.photons.run(rec)?;
         self.shade.run(rec)?;
         self.photon_lighting.run(rec)?;

@@ -15,6 +15,7 @@ use crate::pass::Kit;
 use crate::pass::delta_choice::{Candidates, MAX_CANDIDATES};
 use crate::pass::importance::MAX_EMITTERS;
 use crate::pass::layout::{PointLight, Step};
+use crate::pass::light_lists::MAX_POOL;
 use crate::pass::photon_grid::MAX_BUCKET_BITS;
 use crate::settings::{Compensation, LightChoice, Settings};
 use crate::view::{MAX_PIXELS, View};
@@ -47,16 +48,43 @@ impl LightPlan {
     /// [`Settings::direct_lights`] limits N_0; [`Settings::delta_lights`] limits the number of `delta` lights of the
     /// scene that light a pass.
     pub fn new(settings: &Settings, mean_reflectivity: f32, delta: u32) -> LightPlan {
+        LightPlan::of_particles(settings, settings.particles, mean_reflectivity, delta)
+    }
+
+    /// For another number of particles that reflect; N_0 is that of the settings.
+    fn of_particles(settings: &Settings, particles: u32, mean_reflectivity: f32, delta: u32) -> LightPlan {
         let mut survivors = Vec::new();
-        let mut expected = f64::from(settings.particles);
+        let mut expected = f64::from(particles);
         for _ in 1..settings.max_depth {
             survivors.push((expected.floor() as u32).max(1));
             expected *= f64::from(mean_reflectivity.clamp(0.0, 1.0));
         }
-        if let (Some(first), Some(direct)) = (survivors.first_mut(), settings.direct_lights) {
-            *first = direct;
+        if let Some(first) = survivors.first_mut() {
+            *first = settings.direct_lights.unwrap_or(settings.particles);
         }
         LightPlan { survivors, delta: settings.delta_lights.map_or(delta, |most| most.min(delta)) }
+    }
+
+    /// The lights of a pool from which clusters choose, and the number of particles that leave them: `light_pool`, or fewer so that
+    /// there are at most [`MAX_POOL`] of them.
+    fn of_pool(settings: &Settings, mean_reflectivity: f32, delta: u32) -> (LightPlan, u32) {
+        let plan = |particles: u32| LightPlan::of_particles(settings, particles, mean_reflectivity, delta);
+        let fits = |particles: &u32| {
+            let plan = plan(*particles);
+            plan.slots() - plan.first_slot(1) <= MAX_POOL
+        };
+        let particles = std::iter::successors(Some(settings.light_pool), |n| Some(n - n.div_ceil(16)));
+        let particles = particles.take_while(|&n| n > settings.particles).find(fits).unwrap_or(settings.particles);
+        (plan(particles), particles)
+    }
+
+    /// The lights of a cluster that chooses as many as this plan has after reflections.
+    fn of_cluster(&self) -> LightPlan {
+        let reflected = self.slots() - self.first_slot(1);
+        let mut survivors = vec![0; self.survivors.len()];
+        survivors[0] = self.survivors[0];
+        survivors[1] = reflected;
+        LightPlan { survivors, delta: self.delta }
     }
 
     /// First slot of the lights with j reflections.
@@ -316,8 +344,12 @@ pub struct Plan {
     pub settings: Settings,
     /// The view.
     pub view: View,
-    /// Virtual lights.
+    /// Virtual lights that particles leave.
     pub lights: LightPlan,
+    /// Lights that light a shading point: all of these, or those that its cluster chooses.
+    pub lists: LightPlan,
+    /// Particles of a class of pixels.
+    pub particles: u32,
     /// Eye paths.
     pub eye: EyePlan,
     /// Caustic photons; `None`: there are none, or no targets.
@@ -358,9 +390,15 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
             ),
         });
     }
-    let mut lights = LightPlan::new(settings, scene.mean_reflectivity, scene.delta.len() as u32);
+    let (delta, rho) = (scene.delta.len() as u32, scene.mean_reflectivity);
+    let mut lights = LightPlan::new(settings, rho, delta);
     if scene.lights_are_complete {
         lights.survivors.clear();
+    }
+    let (mut lists, mut particles) = (lights.clone(), settings.particles);
+    if settings.light_pool > settings.particles && lights.survivors.len() > 1 && !gathers_exactly(settings, view) {
+        lists = lights.of_cluster();
+        (lights, particles) = LightPlan::of_pool(settings, rho, delta);
     }
     let mut eye = EyePlan::new(settings, scene.specular, view);
     if scene.lights_are_complete {
@@ -371,6 +409,8 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
         photons: PhotonPlan::new(settings, scene.target_count()),
         mirrors: MirrorPlan::new(settings, scene.mirror_count(), &lights),
         lights,
+        lists,
+        particles,
         eye,
         settings: settings.clone(),
         view: view.clone(),
@@ -420,17 +460,26 @@ pub(crate) fn check_slots(settings: &Settings, specular: SpecularFeatures, view:
     })
 }
 
+/// Whether gather rays bring back what clipping cut off.
+fn gathers_exactly(settings: &Settings, view: &View) -> bool {
+    let exact = match settings.compensation {
+        Compensation::Off => false,
+        // Texels of an atlas do not see each other.
+        Compensation::Near => view.camera().is_none(),
+        Compensation::Exact => true,
+    };
+    exact && settings.clips()
+}
+
 impl Plan {
     /// Number of sets of shading points: the eye's, and one for each gather ray.
     pub fn bounces(&self) -> u32 {
-        let settings = &self.settings;
-        let exact = match settings.compensation {
-            Compensation::Off => false,
-            // Texels of an atlas do not see each other.
-            Compensation::Near => self.view.camera().is_none(),
-            Compensation::Exact => true,
-        };
-        if exact && settings.clips() { settings.max_depth } else { 1 }
+        if gathers_exactly(&self.settings, &self.view) { self.settings.max_depth } else { 1 }
+    }
+
+    /// Whether clusters choose among the lights after reflections.
+    pub fn chooses_lights(&self) -> bool {
+        self.lists != self.lights
     }
 
     /// Whether near light comes from the irradiance of other pixels.
@@ -488,8 +537,8 @@ impl Plan {
         of_uniforms == other.settings
             && self.settings.clips() == other.settings.clips()
             && same_view
-            && (&self.lights, self.eye, self.photons, self.mirrors)
-                == (&other.lights, other.eye, other.photons, other.mirrors)
+            && (&self.lights, &self.lists, self.eye, self.photons, self.mirrors)
+                == (&other.lights, &other.lists, other.eye, other.photons, other.mirrors)
     }
 }
 

@@ -192,6 +192,12 @@ pub struct Settings {
     /// cost of a pass is linear in N (about N / (1 - rho) shadow rays per pixel); more particles reduce the difference
     /// between passes.
     pub particles: u32,
+    /// Particles of each class of pixels whose lights form a pool, from which each cluster of shading points chooses as many as
+    /// `particles` would leave after reflections, by what they contribute there (see `pass::light_lists`). Default 0: no pool, all
+    /// lights light all points; at most 65,536, of which a pass takes no more than leave 2,048 lights. Useful above `particles`. More: less noise in
+    /// indirect light, in proportion to the cost of weighing them. The limit is the same. Without effect where
+    /// `compensation` is exact.
+    pub light_pool: u32,
     /// Virtual lights on the emitters for direct light, per class. Default `None`: one for each particle; 1 to `particles`. Fewer
     /// save shadow rays: 4 for soft shadows of a filtered image (Wald et al. 2002, 5.1.1) beside some 18 for indirect light;
     /// shadows of single lights show until passes or a filter average them.
@@ -295,6 +301,7 @@ impl Default for Settings {
     fn default() -> Self {
         Settings {
             particles: 32,
+            light_pool: 0,
             direct_lights: None,
             pattern: [1, 1],
             filter: None,
@@ -394,6 +401,7 @@ impl Settings {
             }
         };
         range("--particles", self.particles, 1, Self::MAX_PARTICLES)?;
+        range("--light-pool", self.light_pool, 0, Self::MAX_PARTICLES)?;
         range("--direct-lights", self.direct_lights.unwrap_or(1), 1, self.particles)?;
         range("--delta-lights", self.delta_lights.unwrap_or(1), 1, Self::MAX_DELTA_LIGHTS)?;
         range("--interleave", self.pattern[0], 1, Self::MAX_PATTERN)?;

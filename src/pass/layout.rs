@@ -51,6 +51,8 @@ pub struct FrameParameters {
     /// Mirrored lights of each class N, lights to mirror, planar mirrors; neighbours of a class, across and down, that share
     /// near light.
     pub mirrors: [u32; 4],
+    /// Lights that a cluster chooses, lights of a cluster, 0, 0 (see [`super::light_lists`]).
+    pub lists: [u32; 4],
     /// Of the lens: its diameter times the pixels of a unit of length at unit distance, 1 / distance in focus.
     pub lens: [f32; 4],
 }

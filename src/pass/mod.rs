@@ -25,6 +25,7 @@ pub mod glossy_light;
 pub mod importance;
 pub mod layout;
 pub mod lens;
+pub mod light_lists;
 pub mod merge;
 pub mod mirror_image;
 pub mod mirror_lights;

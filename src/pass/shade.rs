@@ -39,6 +39,7 @@ use glam::Vec3;
 
 use super::eye_paths::highlight_factor;
 use super::layout::{PointLight, Step};
+use super::light_lists::LightLists;
 use super::schedule::{LIST_GROUPS, ROUND_GROUPS, Schedule};
 use super::{BoundKernel, Kit, Lighting, List, ShadingPoints, TraversalKernels, push};
 use crate::accel::{Bvh, Ray};
@@ -86,8 +87,8 @@ pub struct Inputs<'a> {
     pub points: &'a ShadingPoints,
     /// The lit ones among them.
     pub list: &'a List,
-    /// [`PointLight`]s.
-    pub lights: &'a Buffer,
+    /// The lights of each point.
+    pub lists: &'a LightLists,
     /// Progress of the shadow rays of each point.
     pub progress: &'a Buffer,
     /// Receives the light.
@@ -100,8 +101,8 @@ pub struct Inputs<'a> {
 impl Shade {
     /// Adds to `lighting` of the points in `list`; the first chunk initialises the sums.
     pub fn new(kit: &Kit, inputs: &Inputs, steps: &Resources) -> Result<Self> {
-        let Inputs { points, list, lights, progress, lighting, classes } = *inputs;
-        let own = Resources::of([("lights", lights)]);
+        let Inputs { points, list, lists, progress, lighting, classes } = *inputs;
+        let own = lists.resources();
         let classes = classes.map(|classes| Resources::of([("classes", classes)]));
         let kernels = TraversalKernels::shade(kit.context, kit.traversal)?;
         let sets = [&points.resources(), &lighting.resources(), &own];

@@ -25,7 +25,7 @@ impl Plan {
         let s = &self.settings;
         let instance = pass % INSTANCES;
         let local = pass / INSTANCES;
-        let of_pass = s.particles();
+        let of_pass = self.particles * s.classes();
         let first = local.checked_mul(of_pass).filter(|f| f.checked_add(of_pass).is_some()).ok_or(Error::Setting {
             name: "--passes",
             message: format!("pass {pass} of {of_pass} particles leaves the 2^32 points of the sequence"),
@@ -45,7 +45,7 @@ impl Plan {
             Sequence::Halton => start.wrapping_add(local.wrapping_mul(0x9e37_79b9)),
             Sequence::Sobol => hash(start ^ hash(local)),
         };
-        let rotation = ((u64::from(turn) * u64::from(s.particles)) >> 32) as u32;
+        let rotation = ((u64::from(turn) * u64::from(self.particles)) >> 32) as u32;
         let mut depths = [[0; 4]; 16];
         let mut shifts = [[0.0; 4]; 16];
         let mut words = [[0; 4]; 16];
@@ -84,7 +84,7 @@ impl Plan {
             pixel_offset: [offset[0], offset[1], MIN_LIGHT_ALPHA, s.light_threshold],
             size: [width, height, width * height, local],
             within: [whole.origin[0], whole.origin[1], whole.size[0], whole.size[1]],
-            walk: [first, s.particles, rotation, self.lights.delta],
+            walk: [first, self.particles, rotation, self.lights.delta],
             keys: [pass_key, instance_key, bits, instance],
             scene: [self.scene.nodes, self.scene.emitters, s.max_depth, 0],
             pattern: [s.pattern[0], s.pattern[1], s.classes(), self.lights.slots()],
@@ -96,7 +96,7 @@ impl Plan {
             choice: [
                 s.power_fraction,
                 self.lights.survivors.first().map_or(0.0, |&n| n as f32) / self.scene.emission.max(f32::MIN_POSITIVE),
-                self.lights.survivors.iter().skip(1).sum::<u32>() as f32 / surface_area(extent.size),
+                self.lists.survivors.iter().skip(1).sum::<u32>() as f32 / surface_area(extent.size),
                 if self.eye.lobes { MAX_FOLLOWED_ALPHA } else { 0.0 },
             ],
             superposition,
@@ -104,6 +104,7 @@ impl Plan {
                 let [each, lights, mirrors] = self.mirrors.map_or([0; 3], |m| [m.each, m.lights, m.mirrors]);
                 [each, lights, mirrors, if s.filter.is_some() { NEAR_SPREAD } else { 1 }]
             },
+            lists: [self.lists.slots() - self.lists.first_slot(1), self.lists.slots(), 0, 0],
             lens: [lookout.lens[0], lookout.lens[1], 0.0, 0.0],
         })
     }

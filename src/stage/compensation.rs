@@ -1,7 +1,7 @@
 //! Near light that clipping cut off: short rays from the shading points, whose hits are lit in turn (see [`crate::pass::gather`]).
 
 use super::points::{ListFinish, ListFinishSteps, chunks};
-use super::{Counts, Eye, Shade, Stage, Walk};
+use super::{Counts, Eye, Shade, Stage};
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder};
@@ -9,6 +9,7 @@ use crate::pass::collect::Collect;
 use crate::pass::gather::Gather;
 use crate::pass::gathered_points::{self, GatheredPoints};
 use crate::pass::layout::Step;
+use crate::pass::light_lists::LightLists;
 use crate::pass::shade::{self, Chunk};
 use crate::pass::trace::Trace;
 use crate::pass::{Kit, Lighting, List, ShadingPoints};
@@ -41,12 +42,12 @@ pub struct Bounce {
 }
 
 impl Compensation {
-    /// From the points of `eye`, lit by the lights of `walk`, to the lighting of `shade`. `None`: nothing is cut off.
+    /// From the points of `eye`, lit by the lights of `lists`, to the lighting of `shade`. `None`: nothing is cut off.
     pub fn new(
         kit: &Kit,
         scene: &DeviceScene,
         plan: &Plan,
-        (eye, walk, shade): (&Eye, &Walk, &Shade),
+        (eye, lists, shade): (&Eye, &LightLists, &Shade),
     ) -> Result<Option<Compensation>> {
         if plan.bounces() == 1 {
             return Ok(None);
@@ -69,7 +70,7 @@ impl Compensation {
             let shade_inputs = shade::Inputs {
                 points: &points,
                 list: &list,
-                lights: &walk.lights,
+                lists,
                 progress: &eye.rays.progress,
                 lighting: &lighting,
                 classes: eye.classes(),

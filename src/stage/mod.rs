@@ -30,6 +30,7 @@ use crate::pass::glossy_light::GlossyLight;
 use crate::pass::importance::Importance;
 use crate::pass::layout::DispatchCounts;
 use crate::pass::lens::Lens;
+use crate::pass::light_lists::LightLists;
 use crate::pass::merge::Merge;
 use crate::pass::mirror_lights::MirrorLights;
 use crate::pass::summands::Summands;
@@ -86,6 +87,7 @@ macro_rules! stages {
 stages! {
     Importance = "importance",
     DeltaChoice = "delta_choice",
+    LightLists = "light_lists",
     MirrorLights = "mirror_lights",
     GlossyLight = "glossy_light",
     Discontinuity = "discontinuity",

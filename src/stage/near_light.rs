@@ -2,12 +2,13 @@
 //! point (see [`crate::pass::near_points`]).
 
 use super::points::chunks;
-use super::{Counts, Eye, PointOrder, Shade, Stage, Walk};
+use super::{Counts, Eye, PointOrder, Shade, Stage};
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder};
 use crate::pass::gather::Gather;
 use crate::pass::layout::Step;
+use crate::pass::light_lists::LightLists;
 use crate::pass::near_collect::{self, NearCollect};
 use crate::pass::near_points::{self, NearPoints};
 use crate::pass::schedule::Schedule;
@@ -43,12 +44,12 @@ pub struct NearLight {
 }
 
 impl NearLight {
-    /// From the points of `eye`, lit by the lights of `walk`. `None`: nothing is cut off, or it is gathered exactly.
+    /// From the points of `eye`, lit by the lights of `lists`. `None`: nothing is cut off, or it is gathered exactly.
     pub fn new(
         kit: &Kit,
         scene: &DeviceScene,
         plan: &Plan,
-        (eye, walk, shade): (&Eye, &Walk, &Shade),
+        (eye, lists, shade): (&Eye, &LightLists, &Shade),
     ) -> Result<Option<NearLight>> {
         if !plan.reuses_pixels() {
             return Ok(None);
@@ -82,7 +83,7 @@ impl NearLight {
         let shade_inputs = shade::Inputs {
             points: &points,
             list: &list,
-            lights: &walk.lights,
+            lists,
             progress: &eye.rays.progress,
             lighting: &hit_lighting,
             classes: None,

@@ -106,7 +106,7 @@ pub(super) fn chunks(
     let size = Chunk::size(settings, lanes.is_some());
     // Eye segment, gather rays, shadow ray and j reflections are bounce + j + 2 segments.
     let reflections = (settings.max_depth as usize).checked_sub(bounce as usize + 2);
-    let ranges = reflections.map_or(Vec::new(), |j| plan.lights.chunks(size, j));
+    let ranges = reflections.map_or(Vec::new(), |j| plan.lists.chunks(size, j));
     let delta = plan.delta_slots(scene);
     let chunks: Vec<Chunk> = ranges
         .into_iter()

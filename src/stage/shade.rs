@@ -1,10 +1,11 @@
 //! Lights the visible shading points by the virtual lights of the pass.
 
 use super::points::chunks;
-use super::{Eye, Stage, Walk};
+use super::{Eye, Stage};
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
 use crate::gpu::Recorder;
+use crate::pass::light_lists::LightLists;
 use crate::pass::shade::{self, Chunk};
 use crate::pass::{Kit, Lighting};
 use crate::plan::{Plan, StepTable};
@@ -18,8 +19,8 @@ pub struct Shade {
 }
 
 impl Shade {
-    /// Lights the points of `eye` by the lights of `walk`.
-    pub fn new(kit: &Kit, scene: &DeviceScene, plan: &Plan, eye: &Eye, walk: &Walk) -> Result<Shade> {
+    /// Lights the points of `eye` by the lights of `lists`.
+    pub fn new(kit: &Kit, scene: &DeviceScene, plan: &Plan, eye: &Eye, lists: &LightLists) -> Result<Shade> {
         let mut table = StepTable::default();
         let chunks = chunks(&mut table, plan, (kit.context, scene), 0, eye.order);
         let steps = table.stage(kit, "shade steps")?;
@@ -27,7 +28,7 @@ impl Shade {
         let inputs = shade::Inputs {
             points: &eye.points,
             list: &eye.list,
-            lights: &walk.lights,
+            lists,
             progress: &eye.rays.progress,
             lighting: &lighting,
             classes: eye.classes(),

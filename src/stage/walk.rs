@@ -58,7 +58,7 @@ impl Walk {
     /// Particles start from `emitters`, whose records hold the probability of each.
     pub fn new(kit: &Kit, scene: &DeviceScene, plan: &Plan, emitters: &Buffer) -> Result<Walk> {
         let (settings, classes) = (&plan.settings, plan.settings.classes());
-        let particle_count = settings.particles();
+        let particle_count = plan.particles * classes;
         let mut table = StepTable::default();
         let survivors = &plan.lights.survivors;
         let reflections: Vec<(Vec<u32>, Vec<u32>, u32)> = (1..survivors.len())

@@ -13,6 +13,7 @@ mod gpu_layer;
 mod importance;
 mod independent;
 mod lens;
+mod light_lists;
 mod mirror_lights;
 mod mirrors_and_glass;
 mod moving;

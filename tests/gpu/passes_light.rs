@@ -9,7 +9,7 @@ use lightsum::pass::layout::{DispatchCounts, PointLight, Step};
 use lightsum::pass::schedule::{self, Schedule};
 use lightsum::pass::shade::{self, ShadingPoint};
 use lightsum::pass::surface::surface_at;
-use lightsum::pass::{Lighting, ShadingPoints, gather, sort};
+use lightsum::pass::{Lighting, ShadingPoints, gather};
 use lightsum::settings::{Clip, Sequence, Settings, Traversal};
 use lightsum::stage::Stage;
 
@@ -171,7 +171,7 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
     seen.lit += lit.len();
 }
 
-fn check_shade(rig: &Rig, bounce: usize) {
+pub fn check_shade(rig: &Rig, bounce: usize) {
     let frame = rig.frame();
     let p = &rig.parameters;
     let (targets, out) = match bounce {
@@ -184,14 +184,15 @@ fn check_shade(rig: &Rig, bounce: usize) {
         _ => rig.compensation().record_shade(rec, bounce),
     });
     // Eye segment, gather rays, shadow ray and j reflections together do not exceed the maximum path length.
-    let plan = &rig.engine.plan().lights;
+    let plan = &rig.engine.plan().lists;
     let Some(reflections) = p.scene[2].checked_sub(bounce as u32 + 2) else { return };
-    let lights: Vec<PointLight> = rig.get(&frame.walk.lights);
-    // Each class of pixels has its own lights.
+    let lights: Vec<PointLight> = rig.get(&frame.light_lists.lights);
+    let first: Vec<u32> = rig.get(&frame.light_lists.first);
+    // Each class of pixels, or each cluster, has its own lights.
     let words = rig.vec4s(&targets.wo);
     let lights_of = |slot: u32| {
         let segments = ShadingPoints::flags(words[slot as usize].w) / ShadingPoints::ONE_SEGMENT;
-        let first = (sort::class_of(p, slot) * plan.slots()) as usize;
+        let first = first[slot as usize] as usize;
         let all = &lights[first..first + plan.first_slot(reflections as usize + 1) as usize];
         // Mirrors and glass on the particle's path count as well.
         all.iter().copied().filter(|l| l.f0[3] + segments as f32 <= reflections as f32).collect::<Vec<PointLight>>()

@@ -77,6 +77,7 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
             Preset::Interactive => Settings::interactive(),
         };
         settings.particles = preset.particles;
+        settings.light_pool = preset.light_pool;
         settings.direct_lights = preset.direct_lights;
         settings.pattern = preset.pattern;
         settings.clip = preset.clip;
@@ -87,6 +88,7 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
         settings.filter = preset.filter;
     }
     settings.particles = light.particles.unwrap_or(settings.particles);
+    settings.light_pool = light.light_pool.unwrap_or(settings.light_pool);
     settings.direct_lights = light.direct_lights.or(settings.direct_lights);
     settings.pattern = light.interleave.unwrap_or(settings.pattern);
     settings.max_depth = light.max_depth.unwrap_or(settings.max_depth);

@@ -1,0 +1,207 @@
+//! Chooses the lights that light each cluster of shading points, from a pool of more lights than could light them all (after
+//! Georgiev and Slusallek 2010).
+//!
+//! Shadow rays cost far more than particles, so a pass traces more particles than it can afford lights
+//! ([`crate::settings::Settings::light_pool`]). Of the lights l after reflections of a cluster's class, the cluster chooses M, as many as
+//! all particles would leave without a pool, by systematic sampling: with u one number of the cluster and pass,
+//!
+//! ```text
+//! p_l = (1 - s) sum_r c_rl / sum_r,k c_rk + s P_l / sum_k P_k
+//! light number i is the one with   p_1 + ... + p_(l-1) <= (i + u) / M < p_1 + ... + p_l
+//! ```
+//!
+//! c_rl is the irradiance of light l at the cluster's representative r, without shadows and lobes, clipped as in `shade`, P_l the power
+//! of the light, and s = [`BY_POWER`] the share of lights chosen by power alone, which bounds the weight 1 / (M p_l) of a light. The mean
+//! over u is the sum over all lights of the pool, whatever the representatives are. Lights on emitters and those without area, which are
+//! few, are taken over as they are.
+//!
+//! u starts at random for each block of the screen, advances by the golden ratio from pass to pass and by 1 / K from one of the K
+//! classes of pixels to the next: a filter over all classes sees lights at M K points of one line.
+//!
+//! Where points form no clusters of the screen, each class chooses by power alone.
+//!
+//! Differs from the paper in that: it chooses for parts of the image instead of the whole, and without visibility.
+//! Cost: for each cluster two visits of 96 bytes of each light of the pool, 60 + 25 R operations for R = [`REPRESENTATIVES`]; 96 (M +
+//! lights on emitters) bytes written. Memory: these for each cluster.
+
+use glam::Vec3;
+
+use super::clusters;
+use super::layout::{FrameParameters, PointLight};
+use super::schedule::TOTAL_GROUPS;
+use super::{BoundKernel, Kit};
+use crate::bsdf::mean;
+use crate::error::Result;
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
+use crate::plan::Plan;
+use crate::sampling::dimensions::LISTS;
+use crate::sampling::random::{hash, key};
+use crate::sampling::sobol::unit;
+use crate::stage::Eye;
+
+/// Share of lights chosen by power alone. Higher: smaller weights where representatives see little; lower: less noise elsewhere.
+pub const BY_POWER: f32 = 0.25;
+/// Maximum number of lights after reflections in a pool.
+pub const MAX_POOL: u32 = 2048;
+/// Shading points of a cluster that weigh the lights.
+pub const REPRESENTATIVES: u32 = 4;
+
+/// The lights of each shading point, and the pass that chooses them.
+pub struct LightLists {
+    /// [`PointLight`]s: those of the walk, or for each cluster (or class) those that it chose.
+    pub lights: Buffer,
+    /// Index of the first light of each slot.
+    pub first: Buffer,
+    chooses: Option<Chooses>,
+}
+
+/// How lights are chosen.
+enum Chooses {
+    /// For each class.
+    Classes(BoundKernel, u64),
+    /// For each listed cluster.
+    Clusters(BoundKernel, Buffer),
+}
+
+impl LightLists {
+    /// Lists of `lights` for the points of `eye`.
+    pub fn new(kit: &Kit, plan: &Plan, eye: &Eye, lights: &Buffer) -> Result<LightLists> {
+        let (classes, slots) = (plan.settings.classes(), plan.lists.slots());
+        let [width, height] = plan.view.size();
+        let [across, down] = plan.settings.pattern;
+        // Until clusters choose, a slot has the lights of its class.
+        let class = |pixel: u32| pixel % width % across + across * (pixel / width % down);
+        let of_pixels = (0..width * height).map(|pixel| class(pixel) * slots);
+        let first: Vec<u32> = (0..plan.eye.components).flat_map(|_| of_pixels.clone()).collect();
+        let first = kit.stage("first lights", &first)?;
+        if !plan.chooses_lights() {
+            return Ok(LightLists { lights: lights.clone(), first, chooses: None });
+        }
+        let lists = match &eye.clusters {
+            None => classes,
+            Some(_) => clusters::count([width, height], [across, down]) * plan.eye.components,
+        };
+        let listed = kit.array("lights of clusters", lists * slots, size_of::<PointLight>() as u64)?;
+        let own = Resources::of([("lights", lights), ("listed_lights", &listed), ("first_light", &first)]);
+        let chooses = match &eye.clusters {
+            None => Chooses::Classes(kit.bind(&shaders::LIGHT_LISTS_CLASSES, &[&own])?, u64::from(classes)),
+            Some(clusters) => {
+                let numbers = Resources::of([("clusters", &clusters.listed)]);
+                let sets = [&own, &numbers, &eye.points.resources(), &eye.list.resources()];
+                Chooses::Clusters(kit.bind(&shaders::LIGHT_LISTS, &sets)?, eye.list.work.clone())
+            }
+        };
+        Ok(LightLists { lights: listed, first, chooses: Some(chooses) })
+    }
+
+    /// The buffers by their names in shaders.
+    pub fn resources(&self) -> Resources {
+        Resources::of([("lights", &self.lights), ("first_light", &self.first)])
+    }
+
+    /// Records the pass.
+    pub fn record(&self, rec: &mut Recorder) -> Result<()> {
+        match &self.chooses {
+            None => Ok(()),
+            Some(Chooses::Classes(kernel, classes)) => kernel.run(rec, &[], *classes),
+            Some(Chooses::Clusters(kernel, work)) => kernel.run_listed(rec, &[], work, TOTAL_GROUPS),
+        }
+    }
+}
+
+/// Oracle: power of a light, its lobe spread evenly; mean over channels.
+pub fn power(light: &PointLight) -> f32 {
+    let xyz = |v: [f32; 4]| Vec3::new(v[0], v[1], v[2]);
+    mean(xyz(light.emit) + xyz(light.flux) * xyz(light.f0) * std::f32::consts::FRAC_1_PI)
+}
+
+/// Oracle: irradiance of a light at a point with a normal, without shadows.
+pub fn contribution(frame: &FrameParameters, light: &PointLight, (x, n): (Vec3, Vec3)) -> f32 {
+    let xyz = |v: [f32; 4]| Vec3::new(v[0], v[1], v[2]);
+    let d = xyz(light.position) - x;
+    let r2 = d.length_squared().max(1e-37);
+    let cosines = d.dot(n).max(0.0) * (-d.dot(xyz(light.normal))).max(0.0) / r2;
+    power(light) * cosines / r2.max(frame.right[3])
+}
+
+/// Oracle: number that tells a cluster of this number, in the order of [`super::clusters`], from all others of the whole image.
+pub fn seed(frame: &FrameParameters, number: u32) -> u32 {
+    let [width, height, ..] = frame.size;
+    let [across, down, classes, _] = frame.pattern;
+    let of_component = clusters::count([width, height], [across, down]);
+    let block = number % of_component / classes;
+    let blocks = width.div_ceil(8 * across);
+    let corner = [block % blocks * 8 * across + frame.within[0], block / blocks * 8 * down + frame.within[1]];
+    corner[0] + (corner[1] + number / of_component * frame.within[3]) * frame.within[2]
+}
+
+/// Oracle: places among the 64 of a cluster where the search for its representatives begins.
+pub fn representatives(frame: &FrameParameters, seed: u32) -> [u32; REPRESENTATIVES as usize] {
+    let turn = hash(key(frame.keys[0], LISTS, seed, 1));
+    std::array::from_fn(|r| 16 * r as u32 + ((turn >> (4 * r)) & 15))
+}
+
+/// Oracle: the number u of a cluster in a pass.
+pub fn offset(frame: &FrameParameters, seed: u32, class: u32) -> f32 {
+    let start = hash(key(frame.keys[1], LISTS, seed, 0));
+    let of_pass = start.wrapping_add(frame.size[3].wrapping_mul(0x9e37_79b9));
+    unit(of_pass.wrapping_add(class.wrapping_mul(u32::MAX / frame.pattern[2])))
+}
+
+/// Oracle: the probability p_l of each light, from contributions and powers.
+pub fn probabilities(contributions: &[f64], powers: &[f64]) -> Vec<f64> {
+    let [all, power] = [contributions, powers].map(|of| of.iter().sum::<f64>());
+    let by_power = if all > 0.0 { f64::from(BY_POWER) } else { 1.0 };
+    let share = |part: f64, of: f64| if of > 0.0 { part / of } else { 0.0 };
+    let each = contributions.iter().zip(powers);
+    each.map(|(&c, &p)| (1.0 - by_power) * share(c, all) + by_power * share(p, power)).collect()
+}
+
+/// Oracle: for each light how many of the `count` points choose it.
+pub fn chosen(probabilities: &[f64], count: u32, u: f64) -> Vec<u32> {
+    let mut end = 0.0;
+    let mut place = 0;
+    let mut times = Vec::with_capacity(probabilities.len());
+    for p in probabilities {
+        end += p * f64::from(count);
+        let next = ((end - u).ceil().max(0.0) as u32).min(count);
+        times.push(next - place);
+        place = next;
+    }
+    times
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_over_passes_is_the_sum_over_all_lights() {
+        let contributions = [0.0, 3.0, 0.2, 1e-6, 9.0, 0.0, 0.4];
+        let powers = [1.0, 0.5, 2.0, 0.1, 0.0, 3.0, 0.7];
+        let light = [1.0, 5.0, -2.0, 8.0, 0.25, 3.0, 0.0];
+        let p = probabilities(&contributions, &powers);
+        assert!((p.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        for count in [1, 3, 16] {
+            // Systematic sampling is exact over evenly spread u, up to their number.
+            let steps = 200_000;
+            let mut sum = 0.0;
+            for step in 0..steps {
+                let times = chosen(&p, count, (f64::from(step) + 0.5) / f64::from(steps));
+                assert_eq!(times.iter().sum::<u32>(), count);
+                let weighed = times.iter().zip(&light).zip(&p);
+                sum += weighed.map(|((&n, l), p)| f64::from(n) * l / (f64::from(count) * p)).sum::<f64>();
+            }
+            let (found, expected) = (sum / f64::from(steps), light.iter().sum::<f64>());
+            assert!((found - expected).abs() < 2e-3 * expected.abs(), "{count}: {found} for {expected}");
+        }
+    }
+
+    #[test]
+    fn powers_alone_choose_where_no_light_contributes() {
+        let p = probabilities(&[0.0, 0.0], &[3.0, 1.0]);
+        assert_eq!(p, [0.75, 0.25]);
+        assert_eq!(chosen(&p, 4, 0.5), [3, 1]);
+        assert_eq!(probabilities(&[0.0], &[0.0]), [0.0], "black lights");
+    }
+}

@@ -1,0 +1,169 @@
+//! The choice of lights for clusters of shading points against its oracle, and that it keeps the energy.
+
+use glam::Vec3;
+use lightsum::pass::layout::PointLight;
+use lightsum::pass::light_lists::{chosen, contribution, offset, power, probabilities, representatives, seed};
+use lightsum::scene::Scene;
+use lightsum::settings::{Clip, Compensation, Settings, Traversal};
+
+use crate::passes_light::check_shade;
+use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, xyz};
+use crate::scenes::{Soup, camera, mean, render};
+use crate::support::gpu_test;
+
+fn settings(pattern: [u32; 2], traversal: Traversal) -> Settings {
+    Settings {
+        particles: 6,
+        light_pool: 150,
+        direct_lights: Some(3),
+        pattern,
+        compensation: Compensation::Near,
+        clip: Clip::Distance(0.5),
+        traversal,
+        seed: 3,
+        ..Settings::default()
+    }
+}
+
+/// Light by light, what it emits towards everything.
+fn strength(light: &PointLight) -> Vec3 {
+    xyz(light.emit) + xyz(light.flux)
+}
+
+/// Compares one list with the light that each of its places should hold.
+fn check_list(tally: &mut Tally, what: &str, list: &[PointLight], pool: &[PointLight], p: &[f64], u: f32) -> usize {
+    let times = chosen(p, list.len() as u32, f64::from(u));
+    let mut expected: Vec<Option<(usize, u32)>> = vec![None; list.len()];
+    let mut place = 0;
+    for (i, &n) in times.iter().enumerate().filter(|(_, n)| **n > 0) {
+        expected[place] = Some((i, n));
+        place += n as usize;
+    }
+    for (found, expected) in list.iter().zip(&expected) {
+        let light = expected.map_or(PointLight::default(), |(i, _)| pool[i]);
+        let times = expected.map_or(0.0, |(i, n)| f64::from(n) / (list.len() as f64 * p[i])) as f32;
+        let same = found.position == light.position
+            && close(xyz(found.emit), xyz(light.emit) * times, 1e-3, 0.0)
+            && close(xyz(found.flux), xyz(light.flux) * times, 1e-3, 0.0)
+            && (found.normal, found.wi, found.f0) == (light.normal, light.wi, light.f0);
+        let values = [(strength(found), strength(&light) * times)];
+        tally.check_values(same, &values, || format!("{what}: {found:?} for {expected:?}"));
+    }
+    expected.iter().flatten().count()
+}
+
+/// Compares the lists of all clusters of a rig, and returns how many lights they hold.
+fn check_clusters(rig: &Rig) -> usize {
+    let (frame, p, plan) = (rig.frame(), &rig.parameters, rig.engine.plan());
+    rig.prefill(&[&frame.light_lists.lights]);
+    rig.run(|frame, rec| frame.light_lists.record(rec));
+    let lights: Vec<PointLight> = rig.get(&frame.walk.lights);
+    let listed: Vec<PointLight> = rig.get(&frame.light_lists.lights);
+    let first: Vec<u32> = rig.get(&frame.light_lists.first);
+    let clusters: Vec<[u32; 2]> = rig.get(&frame.eye.clusters.as_ref().unwrap().listed);
+    let entries: Vec<u32> = rig.get(&frame.eye.list.entries);
+    let [position, shading] = [&frame.eye.points.position, &frame.eye.points.shading].map(|b| rig.vec4s(b));
+    let (slots, copied) = (plan.lists.slots() as usize, plan.lists.first_slot(1) as usize);
+    let mut tally = Tally::new(format!("light lists, {}x{}", p.size[0], p.size[1]));
+    let mut held = 0;
+    for (k, [class, number]) in clusters.iter().enumerate().take(rig.work(0).total as usize / 64) {
+        let places = &entries[64 * k..64 * (k + 1)];
+        let present = |place: &&u32| **place != lightsum::pass::clusters::NO_POINT;
+        for &slot in places.iter().filter(present) {
+            assert_eq!(first[slot as usize], number * slots as u32, "slot {slot}");
+        }
+        let of_cluster = seed(p, *number);
+        let points = representatives(p, of_cluster).map(|start| {
+            let turned = (0..64).map(|k| &places[(start as usize + k) % 64]);
+            let slot = *turned.filter(|place| present(place)).next().expect("a listed cluster has points") as usize;
+            (position[slot].truncate(), shading[slot].truncate())
+        });
+        let of_class = plan.lights.slots() as usize;
+        let pool = &lights[*class as usize * of_class..][..of_class];
+        let list = &listed[*number as usize * slots..][..slots];
+        assert_eq!(list[..copied], pool[..copied], "lights on emitters");
+        let contributions: Vec<f64> = pool[copied..]
+            .iter()
+            .map(|l| points.iter().map(|&point| f64::from(contribution(p, l, point))).sum())
+            .collect();
+        let powers: Vec<f64> = pool[copied..].iter().map(|l| f64::from(power(l))).collect();
+        let probabilities = probabilities(&contributions, &powers);
+        let u = offset(p, of_cluster, *class);
+        let what = format!("cluster {number}");
+        held += check_list(&mut tally, &what, &list[copied..], &pool[copied..], &probabilities, u);
+    }
+    tally.finish(STRAYS);
+    held
+}
+
+#[test]
+fn clusters_choose_as_their_oracle() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        let mut held = 0;
+        for (resolution, pattern) in AWKWARD_IMAGES.into_iter().zip([[1, 1], [3, 3], [2, 3], [3, 3], [8, 8]]) {
+            let rig = Rig::new(ctx, &scene, resolution, settings(pattern, Traversal::Cluster));
+            assert!(rig.engine.plan().chooses_lights());
+            rig.walk_and_look();
+            held += check_clusters(&rig);
+            check_shade(&rig, 0);
+        }
+        assert!(held > 1000, "{held} lights are chosen");
+    });
+}
+
+#[test]
+fn classes_choose_by_power_where_there_are_no_clusters() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        for (resolution, pattern) in [([1, 1], [1, 1]), ([31, 17], [2, 3])] {
+            let rig = Rig::new(ctx, &scene, resolution, settings(pattern, Traversal::Single));
+            let (frame, p, plan) = (rig.frame(), &rig.parameters, rig.engine.plan());
+            rig.walk_and_look();
+            rig.run(|frame, rec| frame.light_lists.record(rec));
+            let lights: Vec<PointLight> = rig.get(&frame.walk.lights);
+            let listed: Vec<PointLight> = rig.get(&frame.light_lists.lights);
+            let copied = plan.lists.first_slot(1) as usize;
+            let mut tally = Tally::new(format!("lists of classes, {resolution:?}"));
+            for class in 0..plan.settings.classes() {
+                let of = |all: &[PointLight], slots: u32| {
+                    all[(class * slots) as usize..((class + 1) * slots) as usize].to_vec()
+                };
+                let (pool, list) = (of(&lights, plan.lights.slots()), of(&listed, plan.lists.slots()));
+                let powers: Vec<f64> = pool[copied..].iter().map(|l| f64::from(power(l))).collect();
+                let probabilities = probabilities(&vec![0.0; powers.len()], &powers);
+                let u = offset(p, class, class);
+                check_list(&mut tally, &format!("class {class}"), &list[copied..], &pool[copied..], &probabilities, u);
+            }
+            tally.finish(STRAYS);
+            check_shade(&rig, 0);
+        }
+    });
+}
+
+/// A room whose lamp shines at the ceiling from behind a shelf.
+fn room() -> Scene {
+    let mut soup = Soup::new("room");
+    let (white, red, lamp) = (soup.diffuse(0.7, 0.0), soup.diffuse([0.6, 0.1, 0.1], 0.0), soup.diffuse(0.0, 20.0));
+    soup.room(Vec3::ZERO, Vec3::splat(2.0), [white, red, white, white, white, white]);
+    soup.quad(Vec3::new(0.4, 1.2, 0.4), Vec3::X * 0.6, Vec3::Z * 0.6, white);
+    soup.quad(Vec3::new(0.5, 1.3, 0.9), Vec3::Z * -0.3, Vec3::X * 0.3, lamp);
+    soup.0
+}
+
+#[test]
+fn a_pool_keeps_the_energy() {
+    gpu_test(|ctx| {
+        let scene = room();
+        let view = camera(Vec3::new(1.7, 0.9, 1.8), Vec3::new(0.6, 0.7, 0.4), 60.0, [48, 48]);
+        let base = Settings { compensation: Compensation::Off, ..settings([3, 3], Traversal::Cluster) };
+        let energy = |light_pool, particles, passes| {
+            let settings = Settings { light_pool, particles, ..base.clone() };
+            mean(&render(ctx, &scene, view, &settings, passes).color).element_sum()
+        };
+        let (with, without) = (energy(100, 6, 96), energy(0, 24, 96));
+        let ratio = with / without;
+        println!("energy with a pool over energy without: {ratio:.4}");
+        assert!((ratio - 1.0).abs() < 0.02, "{ratio}");
+    });
+}
