@@ -397,8 +397,11 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
     }
     let (mut lists, mut particles) = (lights.clone(), settings.particles);
     if settings.light_pool > settings.particles && lights.survivors.len() > 1 && !gathers_exactly(settings, view) {
-        lists = lights.of_cluster();
-        (lights, particles) = LightPlan::of_pool(settings, rho, delta);
+        let (pool, started) = LightPlan::of_pool(settings, rho, delta);
+        let chosen = lights.of_cluster();
+        if started > settings.particles {
+            (lists, lights, particles) = (chosen, pool, started);
+        }
     }
     let mut eye = EyePlan::new(settings, scene.specular, view);
     if scene.lights_are_complete {

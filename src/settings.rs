@@ -194,7 +194,8 @@ pub struct Settings {
     pub particles: u32,
     /// Particles of each class of pixels whose lights form a pool, from which each cluster of shading points chooses as many as
     /// `particles` would leave after reflections, by what they contribute there (see `pass::light_lists`). Default 0: no pool, all
-    /// lights light all points; at most 65,536, of which a pass takes no more than leave 2,048 lights. Useful above `particles`. More: less noise in
+    /// lights light all points; at most 65,536, of which a pass takes no more than leave 2,048 lights. Useful above
+    /// `particles`. More: less noise in
     /// indirect light, in proportion to the cost of weighing them. The limit is the same. Without effect where
     /// `compensation` is exact.
     pub light_pool: u32,
@@ -356,6 +357,7 @@ impl Settings {
     pub fn interactive() -> Settings {
         Settings {
             particles: 20,
+            light_pool: 400,
             direct_lights: Some(4),
             pattern: [3, 3],
             compensation: Compensation::Near,

@@ -21,15 +21,15 @@
 //! Where points form no clusters of the screen, each class chooses by power alone.
 //!
 //! Differs from the paper in that: it chooses for parts of the image instead of the whole, and without visibility.
-//! Cost: for each cluster two visits of 96 bytes of each light of the pool, 60 + 25 R operations for R = [`REPRESENTATIVES`]; 96 (M +
-//! lights on emitters) bytes written. Memory: these for each cluster.
+//! Cost: for each cluster 48 bytes and 20 + 25 R operations for each light of the pool, R = [`REPRESENTATIVES`], and 192 bytes for each
+//! light that lights it. Memory: 96 bytes for each of these; 32 for each light of the pool.
 
 use glam::Vec3;
 
 use super::clusters;
 use super::layout::{FrameParameters, PointLight};
 use super::schedule::TOTAL_GROUPS;
-use super::{BoundKernel, Kit};
+use super::{BoundKernel, Kit, groups};
 use crate::bsdf::mean;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
@@ -43,8 +43,10 @@ use crate::stage::Eye;
 pub const BY_POWER: f32 = 0.25;
 /// Maximum number of lights after reflections in a pool.
 pub const MAX_POOL: u32 = 2048;
+/// Maximum number of lights of a pool that a cluster weighs.
+pub const WEIGHED: u32 = 256;
 /// Shading points of a cluster that weigh the lights.
-pub const REPRESENTATIVES: u32 = 4;
+pub const REPRESENTATIVES: u32 = 8;
 
 /// The lights of each shading point, and the pass that chooses them.
 pub struct LightLists {
@@ -56,11 +58,22 @@ pub struct LightLists {
 }
 
 /// How lights are chosen.
-enum Chooses {
-    /// For each class.
-    Classes(BoundKernel, u64),
-    /// For each listed cluster.
-    Clusters(BoundKernel, Buffer),
+struct Chooses {
+    /// Collects what the choice needs to know of each light.
+    collect: BoundKernel,
+    collect_groups: u64,
+    choose: BoundKernel,
+    choose_groups: u64,
+    copy: BoundKernel,
+    lists: Lists,
+}
+
+/// Lists to fill.
+enum Lists {
+    /// Those of all classes of pixels.
+    Classes(u64),
+    /// Those of the listed clusters.
+    Clusters(Buffer),
 }
 
 impl LightLists {
@@ -82,14 +95,42 @@ impl LightLists {
             Some(_) => clusters::count([width, height], [across, down]) * plan.eye.components,
         };
         let listed = kit.array("lights of clusters", lists * slots, size_of::<PointLight>() as u64)?;
-        let own = Resources::of([("lights", lights), ("listed_lights", &listed), ("first_light", &first)]);
-        let chooses = match &eye.clusters {
-            None => Chooses::Classes(kit.bind(&shaders::LIGHT_LISTS_CLASSES, &[&own])?, u64::from(classes)),
+        let pool = (plan.lights.slots() - plan.lights.first_slot(1)) * classes;
+        let candidates = kit.vec4s("lights to choose from", 2 * pool)?;
+        let chosen = kit.array("chosen lights", lists * (slots - plan.lists.first_slot(1)), 8)?;
+        let own = Resources::of([
+            ("lights", lights),
+            ("candidates", &candidates),
+            ("chosen_lights", &chosen),
+            ("listed_lights", &listed),
+            ("first_light", &first),
+        ]);
+        let collect = kit.bind(&shaders::LIGHT_LISTS_POOL, &[&own])?;
+        let sets = match &eye.clusters {
+            None => vec![own],
             Some(clusters) => {
                 let numbers = Resources::of([("clusters", &clusters.listed)]);
-                let sets = [&own, &numbers, &eye.points.resources(), &eye.list.resources()];
-                Chooses::Clusters(kit.bind(&shaders::LIGHT_LISTS, &sets)?, eye.list.work.clone())
+                vec![own, numbers, eye.points.resources(), eye.list.resources()]
             }
+        };
+        let sets: Vec<&Resources> = sets.iter().collect();
+        let (choose, copy, of_lists) = match &eye.clusters {
+            None => {
+                let of_lists = Lists::Classes(u64::from(classes));
+                (&shaders::LIGHT_LISTS_CHOOSE_CLASSES, &shaders::LIGHT_LISTS_CLASSES, of_lists)
+            }
+            Some(_) => {
+                let of_lists = Lists::Clusters(eye.list.work.clone());
+                (&shaders::LIGHT_LISTS_CHOOSE, &shaders::LIGHT_LISTS, of_lists)
+            }
+        };
+        let chooses = Chooses {
+            collect,
+            collect_groups: groups(pool),
+            choose: kit.bind(choose, &sets)?,
+            choose_groups: groups(lists),
+            copy: kit.bind(copy, &sets)?,
+            lists: of_lists,
         };
         Ok(LightLists { lights: listed, first, chooses: Some(chooses) })
     }
@@ -101,10 +142,12 @@ impl LightLists {
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        match &self.chooses {
-            None => Ok(()),
-            Some(Chooses::Classes(kernel, classes)) => kernel.run(rec, &[], *classes),
-            Some(Chooses::Clusters(kernel, work)) => kernel.run_listed(rec, &[], work, TOTAL_GROUPS),
+        let Some(chooses) = &self.chooses else { return Ok(()) };
+        chooses.collect.run(rec, &[], chooses.collect_groups)?;
+        chooses.choose.run(rec, &[], chooses.choose_groups)?;
+        match &chooses.lists {
+            Lists::Classes(classes) => chooses.copy.run(rec, &[], *classes),
+            Lists::Clusters(work) => chooses.copy.run_listed(rec, &[], work, TOTAL_GROUPS),
         }
     }
 }
@@ -119,9 +162,9 @@ pub fn power(light: &PointLight) -> f32 {
 pub fn contribution(frame: &FrameParameters, light: &PointLight, (x, n): (Vec3, Vec3)) -> f32 {
     let xyz = |v: [f32; 4]| Vec3::new(v[0], v[1], v[2]);
     let d = xyz(light.position) - x;
-    let r2 = d.length_squared().max(1e-37);
-    let cosines = d.dot(n).max(0.0) * (-d.dot(xyz(light.normal))).max(0.0) / r2;
-    power(light) * cosines / r2.max(frame.right[3])
+    let r2 = d.length_squared().max(1e-30);
+    let cosines = d.dot(n).max(0.0) * (-d.dot(xyz(light.normal))).max(0.0);
+    power(light) * cosines / (r2 * r2.max(frame.right[3].max(1e-7)))
 }
 
 /// Oracle: number that tells a cluster of this number, in the order of [`super::clusters`], from all others of the whole image.
@@ -138,7 +181,13 @@ pub fn seed(frame: &FrameParameters, number: u32) -> u32 {
 /// Oracle: places among the 64 of a cluster where the search for its representatives begins.
 pub fn representatives(frame: &FrameParameters, seed: u32) -> [u32; REPRESENTATIVES as usize] {
     let turn = hash(key(frame.keys[0], LISTS, seed, 1));
-    std::array::from_fn(|r| 16 * r as u32 + ((turn >> (4 * r)) & 15))
+    std::array::from_fn(|r| 8 * r as u32 + ((turn >> (4 * r)) & 7))
+}
+
+/// Oracle: every how many lights of a pool of `pool` one is weighed, and the first of them.
+pub fn weighed(frame: &FrameParameters, seed: u32, pool: u32) -> (u32, u32) {
+    let stride = pool.div_ceil(WEIGHED);
+    (stride, hash(key(frame.keys[0], LISTS, seed, 2)) % stride.max(1))
 }
 
 /// Oracle: the number u of a cluster in a pass.

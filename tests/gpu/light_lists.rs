@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use lightsum::pass::layout::PointLight;
-use lightsum::pass::light_lists::{chosen, contribution, offset, power, probabilities, representatives, seed};
+use lightsum::pass::light_lists::{chosen, contribution, offset, power, probabilities, representatives, seed, weighed};
 use lightsum::scene::Scene;
 use lightsum::settings::{Clip, Compensation, Settings, Traversal};
 
@@ -14,7 +14,7 @@ use crate::support::gpu_test;
 fn settings(pattern: [u32; 2], traversal: Traversal) -> Settings {
     Settings {
         particles: 6,
-        light_pool: 150,
+        light_pool: 300,
         direct_lights: Some(3),
         pattern,
         compensation: Compensation::Near,
@@ -31,7 +31,14 @@ fn strength(light: &PointLight) -> Vec3 {
 }
 
 /// Compares one list with the light that each of its places should hold.
-fn check_list(tally: &mut Tally, what: &str, list: &[PointLight], pool: &[PointLight], p: &[f64], u: f32) -> usize {
+fn check_list(
+    tally: &mut Tally,
+    what: &str,
+    list: &[PointLight],
+    pool: &[PointLight],
+    p: &[f64],
+    (u, stride): (f32, u32),
+) -> usize {
     let times = chosen(p, list.len() as u32, f64::from(u));
     let mut expected: Vec<Option<(usize, u32)>> = vec![None; list.len()];
     let mut place = 0;
@@ -40,8 +47,12 @@ fn check_list(tally: &mut Tally, what: &str, list: &[PointLight], pool: &[PointL
         place += n as usize;
     }
     for (found, expected) in list.iter().zip(&expected) {
-        let light = expected.map_or(PointLight::default(), |(i, _)| pool[i]);
-        let times = expected.map_or(0.0, |(i, n)| f64::from(n) / (list.len() as f64 * p[i])) as f32;
+        // Other places emit nothing, whatever else is in them.
+        let light = expected.map_or(
+            PointLight { emit: [0.0, 0.0, 0.0, found.emit[3]], flux: [0.0, 0.0, 0.0, found.flux[3]], ..*found },
+            |(i, _)| pool[i],
+        );
+        let times = expected.map_or(0.0, |(i, n)| f64::from(n * stride) / (list.len() as f64 * p[i])) as f32;
         let same = found.position == light.position
             && close(xyz(found.emit), xyz(light.emit) * times, 1e-3, 0.0)
             && close(xyz(found.flux), xyz(light.flux) * times, 1e-3, 0.0)
@@ -82,15 +93,15 @@ fn check_clusters(rig: &Rig) -> usize {
         let pool = &lights[*class as usize * of_class..][..of_class];
         let list = &listed[*number as usize * slots..][..slots];
         assert_eq!(list[..copied], pool[..copied], "lights on emitters");
-        let contributions: Vec<f64> = pool[copied..]
-            .iter()
-            .map(|l| points.iter().map(|&point| f64::from(contribution(p, l, point))).sum())
-            .collect();
-        let powers: Vec<f64> = pool[copied..].iter().map(|l| f64::from(power(l))).collect();
+        let (stride, begin) = weighed(p, of_cluster, (pool.len() - copied) as u32);
+        let pool: Vec<PointLight> = pool[copied + begin as usize..].iter().copied().step_by(stride as usize).collect();
+        let contributions: Vec<f64> =
+            pool.iter().map(|l| points.iter().map(|&point| f64::from(contribution(p, l, point))).sum()).collect();
+        let powers: Vec<f64> = pool.iter().map(|l| f64::from(power(l))).collect();
         let probabilities = probabilities(&contributions, &powers);
         let u = offset(p, of_cluster, *class);
         let what = format!("cluster {number}");
-        held += check_list(&mut tally, &what, &list[copied..], &pool[copied..], &probabilities, u);
+        held += check_list(&mut tally, &what, &list[copied..], &pool, &probabilities, (u, stride));
     }
     tally.finish(STRAYS);
     held
@@ -130,10 +141,13 @@ fn classes_choose_by_power_where_there_are_no_clusters() {
                     all[(class * slots) as usize..((class + 1) * slots) as usize].to_vec()
                 };
                 let (pool, list) = (of(&lights, plan.lights.slots()), of(&listed, plan.lists.slots()));
-                let powers: Vec<f64> = pool[copied..].iter().map(|l| f64::from(power(l))).collect();
+                let (stride, begin) = weighed(p, class, (pool.len() - copied) as u32);
+                let pool: Vec<PointLight> =
+                    pool[copied + begin as usize..].iter().copied().step_by(stride as usize).collect();
+                let powers: Vec<f64> = pool.iter().map(|l| f64::from(power(l))).collect();
                 let probabilities = probabilities(&vec![0.0; powers.len()], &powers);
                 let u = offset(p, class, class);
-                check_list(&mut tally, &format!("class {class}"), &list[copied..], &pool[copied..], &probabilities, u);
+                check_list(&mut tally, &format!("class {class}"), &list[copied..], &pool, &probabilities, (u, stride));
             }
             tally.finish(STRAYS);
             check_shade(&rig, 0);
