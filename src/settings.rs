@@ -200,7 +200,7 @@ pub struct Settings {
     /// `compensation` is exact.
     pub light_pool: u32,
     /// Virtual lights on the emitters for direct light, per class. Default `None`: one for each particle; 1 to `particles`. Fewer
-    /// save shadow rays: 4 for soft shadows of a filtered image (Wald et al. 2002, 5.1.1) beside some 18 for indirect light;
+    /// save shadow rays: 4 for soft shadows of a filtered image (Wald et al. 2002, 5.1.1) beside some 15 for indirect light;
     /// shadows of single lights show until passes or a filter average them.
     pub direct_lights: Option<u32>,
     /// Interleaved sampling (Wald et al. 2002, 4.2): width and height of the pattern that tiles the pixel grid. Each position
@@ -353,11 +353,11 @@ impl Settings {
     pub const MAX_PARTICLES: u32 = 65_536;
 
     /// Preset for interactive frame rates, as in Wald et al. 2002, 5.1: 3 x 3 interleaved sampling with a 3 x 3 filter, 4 direct
-    /// lights and some 18 others, 2,000 photons, near light from the pixels that show it. Biased by the filter.
+    /// lights and some 15 others, which clusters choose from a pool of some 1,000, 2,000 photons, near light from the pixels that show it. Biased by the filter.
     pub fn interactive() -> Settings {
         Settings {
-            particles: 20,
-            light_pool: 400,
+            particles: 16,
+            light_pool: 600,
             direct_lights: Some(4),
             pattern: [3, 3],
             compensation: Compensation::Near,

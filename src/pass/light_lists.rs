@@ -10,19 +10,23 @@
 //! light number i is the one with   p_1 + ... + p_(l-1) <= (i + u) / M < p_1 + ... + p_l
 //! ```
 //!
-//! c_rl is the irradiance of light l at the cluster's representative r, without shadows and lobes, clipped as in `shade`, P_l the power
-//! of the light, and s = [`BY_POWER`] the share of lights chosen by power alone, which bounds the weight 1 / (M p_l) of a light. The mean
-//! over u is the sum over all lights of the pool, whatever the representatives are. Lights on emitters and those without area, which are
+//! c_rl is the irradiance of light l at the cluster's representative r, without shadows and lobes, clipped as in `shade`, with cosines
+//! that are a little too large ([`SOFT`]), P_l the power of the light, and s = [`BY_POWER`] the share of lights chosen by power alone,
+//! which bounds the weight 1 / (M p_l) of a light. At most [`WEIGHED`] lights of the pool are weighed: every t-th one, from a random
+//! first one, and these have t times the weight. The mean over u and the first one is the sum over all lights of the pool, whatever the
+//! representatives are. Lights on emitters and those without area, which are
 //! few, are taken over as they are.
 //!
 //! u starts at random for each block of the screen, advances by the golden ratio from pass to pass and by 1 / K from one of the K
 //! classes of pixels to the next: a filter over all classes sees lights at M K points of one line.
 //!
-//! Where points form no clusters of the screen, each class chooses by power alone.
+//! Where points form no clusters of the screen, or the lists of all clusters exceed the largest buffer that kernels may bind, each
+//! class chooses by power alone.
 //!
 //! Differs from the paper in that: it chooses for parts of the image instead of the whole, and without visibility.
-//! Cost: for each cluster 48 bytes and 20 + 25 R operations for each light of the pool, R = [`REPRESENTATIVES`], and 192 bytes for each
-//! light that lights it. Memory: 96 bytes for each of these; 32 for each light of the pool.
+//! Cost: for each cluster 64 bytes and 20 + 50 R operations for each light that it weighs, R = [`REPRESENTATIVES`], and 200 bytes for
+//! each light that lights it: for 640x480 pixels a third to a half of the time that shadow rays take. Memory: 104 bytes for each of
+//! the latter; 32 for each light of the pool.
 
 use glam::Vec3;
 
@@ -40,7 +44,10 @@ use crate::sampling::sobol::unit;
 use crate::stage::Eye;
 
 /// Share of lights chosen by power alone. Higher: smaller weights where representatives see little; lower: less noise elsewhere.
-pub const BY_POWER: f32 = 0.25;
+pub const BY_POWER: f32 = 0.35;
+/// Added to the cosines at the representatives and at the light: other points of the cluster may face it more. Higher: smaller weights
+/// at silhouettes and on curved surfaces; lower: less noise on planes.
+pub const SOFT: f32 = 0.2;
 /// Maximum number of lights after reflections in a pool.
 pub const MAX_POOL: u32 = 2048;
 /// Maximum number of lights of a pool that a cluster weighs.
@@ -90,11 +97,12 @@ impl LightLists {
         if !plan.chooses_lights() {
             return Ok(LightLists { lights: lights.clone(), first, chooses: None });
         }
-        let lists = match &eye.clusters {
-            None => classes,
-            Some(_) => clusters::count([width, height], [across, down]) * plan.eye.components,
-        };
-        let listed = kit.array("lights of clusters", lists * slots, size_of::<PointLight>() as u64)?;
+        let count = clusters::count([width, height], [across, down]) * plan.eye.components;
+        let list_size = u64::from(slots) * size_of::<PointLight>() as u64;
+        let fits = u64::from(count) * list_size <= kit.context.info().max_storage_buffer_range;
+        let of_screen = eye.clusters.as_ref().filter(|_| fits);
+        let lists = if of_screen.is_some() { count } else { classes };
+        let listed = kit.array("lights of clusters", lists, list_size)?;
         let pool = (plan.lights.slots() - plan.lights.first_slot(1)) * classes;
         let candidates = kit.vec4s("lights to choose from", 2 * pool)?;
         let chosen = kit.array("chosen lights", lists * (slots - plan.lists.first_slot(1)), 8)?;
@@ -106,7 +114,7 @@ impl LightLists {
             ("first_light", &first),
         ]);
         let collect = kit.bind(&shaders::LIGHT_LISTS_POOL, &[&own])?;
-        let sets = match &eye.clusters {
+        let sets = match of_screen {
             None => vec![own],
             Some(clusters) => {
                 let numbers = Resources::of([("clusters", &clusters.listed)]);
@@ -114,7 +122,7 @@ impl LightLists {
             }
         };
         let sets: Vec<&Resources> = sets.iter().collect();
-        let (choose, copy, of_lists) = match &eye.clusters {
+        let (choose, copy, of_lists) = match of_screen {
             None => {
                 let of_lists = Lists::Classes(u64::from(classes));
                 (&shaders::LIGHT_LISTS_CHOOSE_CLASSES, &shaders::LIGHT_LISTS_CLASSES, of_lists)
@@ -163,7 +171,8 @@ pub fn contribution(frame: &FrameParameters, light: &PointLight, (x, n): (Vec3, 
     let xyz = |v: [f32; 4]| Vec3::new(v[0], v[1], v[2]);
     let d = xyz(light.position) - x;
     let r2 = d.length_squared().max(1e-30);
-    let cosines = d.dot(n).max(0.0) * (-d.dot(xyz(light.normal))).max(0.0);
+    let soft = SOFT * r2.sqrt();
+    let cosines = (d.dot(n) + soft).max(0.0) * (soft - d.dot(xyz(light.normal))).max(0.0);
     power(light) * cosines / (r2 * r2.max(frame.right[3].max(1e-7)))
 }
 

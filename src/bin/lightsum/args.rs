@@ -188,7 +188,7 @@ pub struct Light {
     /// The time of a pass grows linearly; more particles reduce the difference between passes.
     #[arg(long, visible_alias = "paths", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PARTICLES)))]
     pub particles: Option<u32>,
-    /// Particles whose lights form a pool from which small parts of the image choose, 0 to 65536 [default: 0, no pool; with --preset interactive: 256].
+    /// Particles whose lights form a pool from which small parts of the image choose, 0 to 65536 [default: 0, no pool; with --preset interactive: 600].
     ///
     /// Each part takes as many lights as --particles leave after reflections, those that matter to it. More: less noise in
     /// indirect light, and some more time. Without effect with --compensation exact.
@@ -529,7 +529,7 @@ impl From<Curve> for Tonemap {
 pub enum Preset {
     /// Better with every pass: 32 particles, 2000 photons, near light gathered exactly.
     Progressive,
-    /// A smooth image after the first pass: 3x3 interleaved sampling with a 3x3 filter, 20 particles, 4 direct lights, 56 photons,
+    /// A smooth image after the first pass: 3x3 interleaved sampling with a 3x3 filter, 16 particles and a pool of 600, 4 direct lights, 222 photons,
     /// near light from the pixels that show it.
     Interactive,
 }
