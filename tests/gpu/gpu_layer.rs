@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicI32, Ordering};
 use ash::vk;
 use lightsum::Error;
 use lightsum::gpu::{
-    Buffer, Context, ContextOptions, DeviceChoice, HostDevice, Image, Kernel, Memory, Recorder, Requirements, Staging,
-    Timers, download, list_devices, upload,
+    Buffer, Context, ContextOptions, DeviceChoice, HostDevice, Image, Kernel, Memory, Recorder, Requirements, Snapshot,
+    Staging, Timers, download, list_devices, upload,
 };
 
 use crate::support::{AWKWARD_SIZES, FillPush, SENTINEL, assert_silent, gpu_test, kernels, options};
@@ -307,6 +307,22 @@ fn device_choices_are_parsed() {
         assert_eq!(text.parse::<DeviceChoice>().unwrap(), choice);
     }
     assert!(matches!("".parse::<DeviceChoice>(), Err(Error::Setting { name: "device", .. })));
+}
+
+#[test]
+fn a_snapshot_gives_any_piece_and_refuses_what_is_not_there() {
+    gpu_test(|ctx| {
+        let words: Vec<u32> = (0..1000u32).map(|i| i.wrapping_mul(2_654_435_761)).collect();
+        let buffer = upload(ctx, "words", &words).unwrap();
+        let snapshot = Snapshot::new(ctx, &buffer).unwrap();
+        for (first, count) in [(0, 1000), (1, 7), (999, 1), (1000, 0)] {
+            let mut piece = vec![SENTINEL; count];
+            snapshot.copy(first, &mut piece).unwrap();
+            assert_eq!(piece, words[first..first + count]);
+        }
+        let message = error(snapshot.copy(999, &mut [SENTINEL; 2])).to_string();
+        assert!(message.contains("words"), "{message}");
+    });
 }
 
 #[test]
