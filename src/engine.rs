@@ -415,7 +415,7 @@ impl Engine {
     }
 }
 
-/// Makes the frame of a plan, and the tables that it needs.
+/// Makes the frame of a plan with its pipelines, and the tables that it needs.
 fn make_frame(
     context: &Context,
     staging: &mut Staging,
@@ -426,5 +426,7 @@ fn make_frame(
     if plan.eye.mirrors {
         scene.make_tables(context, staging)?;
     }
-    Frame::new(context, staging, scene, plan, kept)
+    let frame = Frame::new(context, staging, scene, plan, kept)?;
+    context.make_pipelines()?;
+    Ok(frame)
 }

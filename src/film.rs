@@ -6,14 +6,17 @@
 //! as long as the addends of a pixel, from the largest to the last bit of the smallest, span at most 2^72; guides are
 //! rounded to units first and need two floats.
 //!
-//! [`Film`] is on the device; [`HostFilm`] is its copy on the host, which merges films and computes means.
+//! [`Film`] is on the device; [`HostFilm`] is its copy on the host, which can be merged with others.
 
-use glam::{DVec4, Vec3, Vec4};
+mod mean;
+
+use glam::{DVec4, Vec4};
 use rayon::prelude::*;
 
+use self::mean::Sums;
 use crate::error::{Error, Result};
-use crate::gpu::{Buffer, Context, Memory, Resources, Staging, download};
-use crate::output::Layers;
+use crate::gpu::{Buffer, Context, Memory, Resources, Snapshot, Staging, download};
+use crate::output::{Layers, Wanted};
 use crate::pass::vec4s;
 use crate::plan::INSTANCES;
 
@@ -158,6 +161,23 @@ impl Film {
         Ok(HostFilm { size, counts: self.download_counts(context)?, sums, summands: self.summands.is_some() })
     }
 
+    /// The mean of all passes, as an image with the wanted layers. Reads back what these need and nothing else.
+    pub fn mean(&self, context: &Context, size: [u32; 2], wanted: Wanted) -> Result<Layers> {
+        let counts = self.download_counts(context)?;
+        let needed = |i: usize| match i {
+            0..DIRECT => counts[i] > 0,
+            DIRECT..EMISSION => wanted == Wanted::All,
+            _ => true,
+        };
+        let levels = |(i, sum): (usize, &Sum)| match needed(i) {
+            true => sum.0.iter().map(|level| Snapshot::new(context, level)).collect(),
+            false => Ok(Vec::new()),
+        };
+        let levels = self.sums().enumerate().map(levels).collect::<Result<Vec<_>>>()?;
+        let levels = levels.iter().map(Vec::as_slice).collect();
+        Sums { size, counts, levels, summands: self.summands.is_some() }.mean(wanted)
+    }
+
     /// Number of passes of each instance in the sums.
     fn download_counts(&self, context: &Context) -> Result<[u32; INSTANCES as usize]> {
         let counts = download::<u32>(context, &self.counts)?;
@@ -189,18 +209,8 @@ impl HostSum {
         Ok(HostSum(sum.0.iter().map(level).collect::<Result<_>>()?))
     }
 
-    /// The exact sum of a pixel, each component as two doubles.
     fn exact(&self, pixel: usize) -> (DVec4, DVec4) {
         self.0.iter().fold((DVec4::ZERO, DVec4::ZERO), |sum, level| add(sum, level[pixel].as_dvec4()))
-    }
-
-    fn mean(&self, passes: u32) -> Vec<Vec4> {
-        let scale = 1.0 / f64::from(passes.max(1));
-        let mean = |pixel| {
-            let (high, low) = self.exact(pixel);
-            ((high + low) * scale).as_vec4()
-        };
-        (0..self.0[0].len()).into_par_iter().map(mean).collect()
     }
 
     /// Adds another sum. The resulting levels depend only on the exact sum.
@@ -264,7 +274,8 @@ const DIRECT: usize = INSTANCES as usize;
 const INDIRECT: usize = DIRECT + 1;
 const ALBEDO: usize = DIRECT + 2;
 const NORMAL: usize = DIRECT + 3;
-const SUMMANDS: usize = DIRECT + 4;
+/// The first of the summands.
+const EMISSION: usize = DIRECT + 4;
 
 impl HostFilm {
     /// Width and height.
@@ -299,40 +310,10 @@ impl HostFilm {
 
     /// The mean of all passes, as an image with its layers.
     pub fn mean(&self) -> Layers {
-        let passes = self.passes();
-        let rgb = |v: Vec<Vec4>| v.into_iter().map(Vec4::truncate).collect::<Vec<Vec3>>();
-        // All passes have equal weight, in either instance.
-        let mut color = vec![Vec4::ZERO; self.sums[0].0[0].len()];
-        for (sum, count) in self.sums.iter().zip(self.counts) {
-            let share = count as f32 / passes.max(1) as f32;
-            color.iter_mut().zip(sum.mean(count)).for_each(|(c, v)| *c += v * share);
-        }
-        let alpha: Vec<f32> = color.iter().map(|c| c.w).collect();
-        let mut color = rgb(color);
-        let summands = match self.summands {
-            true => [0, 1, 2].map(|i| rgb(self.sums[SUMMANDS + i].mean(passes))),
-            false => [const { Vec::new() }; 3],
-        };
-        let [emission, diffuse, specular] = summands;
-        if self.summands {
-            color = (0..color.len()).map(|i| emission[i] + diffuse[i] + specular[i]).collect();
-        }
-        let (direct, normal) = (self.sums[DIRECT].mean(passes), self.sums[NORMAL].mean(passes));
-        let depth = direct.iter().zip(&alpha).map(|(d, &a)| if a > 0.0 { d.w / a } else { f32::INFINITY });
-        Layers {
-            width: self.size[0],
-            height: self.size[1],
-            depth: depth.collect(),
-            normal: normal.iter().map(|n| n.truncate().normalize_or_zero()).collect(),
-            alpha,
-            color,
-            albedo: rgb(self.sums[ALBEDO].mean(passes)),
-            direct: rgb(direct),
-            indirect: rgb(self.sums[INDIRECT].mean(passes)),
-            emission,
-            diffuse,
-            specular,
-        }
+        let levels = self.sums.iter().map(|sum| sum.0.as_slice()).collect();
+        let Ok(layers) =
+            Sums { size: self.size, counts: self.counts, levels, summands: self.summands }.mean(Wanted::All);
+        layers
     }
 
     /// All sums and counts as bytes, little endian.

@@ -14,7 +14,7 @@ use crate::film::HostFilm;
 use crate::fingerprint::{Fnv, fingerprint};
 use crate::frame::Frame;
 use crate::gpu::{Buffer, Context, ContextOptions, DeviceChoice, Memory, Timers, download};
-use crate::output::{Layers, Statistics};
+use crate::output::{Layers, Statistics, Wanted};
 use crate::pass::List;
 use crate::pass::layout::{DispatchCounts, PointLight};
 use crate::pass::probe;
@@ -351,9 +351,14 @@ impl Renderer {
         self.history.as_ref().and_then(History::estimate)
     }
 
-    /// The image and its layers, for the part of [`Renderer::set_crop`]. Reads back about 300 bytes a pixel.
+    /// The image and its layers, for the part of [`Renderer::set_crop`]. Reads about 300 bytes a pixel.
     pub fn layers(&self) -> Result<Layers> {
-        let layers = self.film()?.mean();
+        self.image(Wanted::All)
+    }
+
+    /// The image with the wanted layers, for the part of [`Renderer::set_crop`]. Colour alone reads about 100 bytes a pixel.
+    pub fn image(&self, wanted: Wanted) -> Result<Layers> {
+        let layers = self.engine.film().mean(&self.context, self.engine.view().size(), wanted)?;
         let (Some(crop), View::Camera { region, .. }) = (self.crop, self.engine.view()) else { return Ok(layers) };
         let origin = [0, 1].map(|axis| crop.origin[axis] - region.origin[axis]);
         Ok(layers.cut(Region { origin, ..crop }))

@@ -24,6 +24,7 @@ use glam::Vec3;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use rayon::prelude::*;
 
 use super::wide::{self, WIDTH, WideBvh};
 use super::{BOX_PADDING, Bvh, padded, triangle_record, with_bits, xyz};
@@ -136,9 +137,12 @@ impl ObjectTrees {
             padding,
             wide: clusters.then(|| WideBvh { nodes: Vec::new(), depth: 0, sources: Vec::new() }),
         };
-        for (object, members) in members.iter().enumerate().filter(|(_, members)| !members.is_empty()) {
+        let own: Vec<Option<Bvh>> =
+            members.par_iter().map(|m| (!m.is_empty()).then(|| Bvh::over(scene, m, |_| padding))).collect();
+        for (object, own) in own.into_iter().enumerate() {
+            let Some(own) = own else { continue };
             trees.of_object[object] = Some(trees.subtrees.len());
-            trees.add(&mut bvh, Bvh::over(scene, members, |_| padding), clusters);
+            trees.add(&mut bvh, own, clusters);
         }
         trees.places = trees.top_level();
         trees.assemble(&mut bvh);
@@ -225,14 +229,13 @@ impl ObjectTrees {
     fn top_level(&self) -> Vec<Place> {
         let boxes: Vec<Aabb> = self.subtrees.iter().map(|s| Aabb::new(s.lower.into(), s.upper.into())).collect();
         let indices = (0..boxes.len() as u32).collect();
-        let mut tree = PlocBuilder::with_capacity(boxes.len()).build(
-            PlocSearchDistance::High,
-            &boxes,
-            indices,
-            SortPrecision::U64,
-            2,
-        );
-        ReinsertionOptimizer::default().run(&mut tree, 0.5, None);
+        // As a task of the thread pool, for the same reason as a scene's tree.
+        let tree = rayon::scope(|_| {
+            let high = PlocSearchDistance::High;
+            let mut tree = PlocBuilder::with_capacity(boxes.len()).build(high, &boxes, indices, SortPrecision::U64, 2);
+            ReinsertionOptimizer::default().run(&mut tree, 0.5, None);
+            tree
+        });
         let mut places = Vec::with_capacity(2 * boxes.len());
         // Nodes of `tree` with the place whose second child they are.
         let mut stack = vec![(0u32, None)];

@@ -1,6 +1,6 @@
 use super::*;
 use crate::sampling::random::{key, random_f32};
-use crate::scene::{Material, Triangle};
+use crate::scene::{Material, Triangle, builtin};
 
 /// A scene of single triangles.
 fn soup(triangles: &[[Vec3; 3]]) -> Scene {
@@ -59,6 +59,20 @@ fn brute_force(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
         }
     }
     nearest
+}
+
+#[test]
+fn the_tree_is_the_same_on_any_number_of_threads() {
+    // Enough triangles for every loop of the builder to be divided among threads.
+    let scene = builtin::room(60_000);
+    let build = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| Bvh::build(&scene).unwrap())
+    };
+    let one = build(1);
+    for threads in [1, 2, 3, 8] {
+        assert!(build(threads) == one, "{threads} threads");
+    }
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! A device to compute on, our own or a host's.
 
+use std::cmp::Reverse;
 use std::collections::HashMap;
 use std::ffi::CString;
 use std::path::PathBuf;
@@ -8,6 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use ash::{ext, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use gpu_allocator::{AllocationSizes, AllocatorDebugSettings};
+use rayon::prelude::*;
 
 use super::cache::PipelineCache;
 use super::device::{DeviceChoice, DeviceInfo, compute_family, enumerate};
@@ -52,7 +54,7 @@ pub struct HostDevice {
 #[derive(Clone)]
 pub struct Context {
     pub(super) inner: Arc<Inner>,
-    /// Pipelines by the addresses of their shaders. Beside `inner`, which every pipeline holds.
+    /// Kernels by the addresses of their shaders. Beside `inner`, which every kernel holds.
     kernels: Arc<Mutex<HashMap<usize, Kernel>>>,
 }
 
@@ -293,9 +295,21 @@ impl Context {
         }
     }
 
+    /// Makes the pipelines of all kernels so far, on all cores: drivers spend milliseconds on each, and the kernels of a
+    /// frame are many. Errors: the first failure, kernels with much code before those with little.
+    pub fn make_pipelines(&self) -> Result<()> {
+        let mut kernels: Vec<_> =
+            self.kernels().values().map(|kernel| (kernel.waiting_bytes(), kernel.clone())).collect();
+        kernels.retain(|(bytes, _)| *bytes > 0);
+        // The longest work first, so that no core waits for it in the end.
+        kernels.sort_by_key(|(bytes, kernel)| (Reverse(*bytes), kernel.name()));
+        let made: Vec<_> = kernels.par_iter().with_max_len(1).map(|(_, kernel)| kernel.pipeline().map(drop)).collect();
+        made.into_iter().collect()
+    }
+
     /// Pipelines made so far and kept.
     pub fn pipeline_count(&self) -> usize {
-        self.kernels().len()
+        self.kernels().values().filter(|kernel| kernel.is_made()).count()
     }
 
     pub(super) fn kernels(&self) -> MutexGuard<'_, HashMap<usize, Kernel>> {
@@ -303,7 +317,7 @@ impl Context {
         self.kernels.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The same device for a pipeline, which must not hold the table that holds it.
+    /// The same device for a kernel, which must not hold the table that holds it.
     pub(super) fn without_kernels(&self) -> Context {
         Context { inner: self.inner.clone(), kernels: Arc::default() }
     }

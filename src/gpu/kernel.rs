@@ -1,8 +1,8 @@
-//! Compute pipelines and their bindings.
+//! Kernels: compute pipelines and their bindings.
 
 use std::collections::BTreeSet;
 use std::ffi::CStr;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use ash::vk;
 
@@ -74,7 +74,7 @@ impl BindingKind {
     }
 }
 
-/// A compute pipeline. Clones share it.
+/// A kernel on a device: its layout at once, its compute pipeline when it is first needed. Clones share them.
 #[derive(Clone)]
 pub struct Kernel(pub(super) Arc<KernelInner>);
 
@@ -83,13 +83,16 @@ pub(super) struct KernelInner {
     pub shader: &'static Shader,
     set_layout: vk::DescriptorSetLayout,
     pub layout: vk::PipelineLayout,
-    pub pipeline: vk::Pipeline,
+    pipeline: OnceLock<vk::Pipeline>,
+    /// SPIR-V that the pipeline is made from, empty afterwards. Locked meanwhile, so that one thread makes it.
+    code: Mutex<Vec<u32>>,
 }
 
 impl Kernel {
-    /// Makes the pipeline, through the context's pipeline cache. With `hot-reload` the kernel is compiled from its file.
+    /// Makes what is needed to bind the kernel, and leaves its pipeline to [`Context::make_pipelines`] or to the first
+    /// command that runs it. With `hot-reload` the kernel is compiled from its file.
     ///
-    /// A context makes each pipeline once and keeps it, except with `hot-reload`.
+    /// A context makes each kernel once and keeps it, except with `hot-reload`.
     pub fn new(ctx: &Context, shader: &'static Shader) -> Result<Kernel> {
         if cfg!(feature = "hot-reload") {
             return Kernel::make(ctx, shader);
@@ -113,7 +116,8 @@ impl Kernel {
             shader,
             set_layout: vk::DescriptorSetLayout::null(),
             layout: vk::PipelineLayout::null(),
-            pipeline: vk::Pipeline::null(),
+            pipeline: OnceLock::new(),
+            code: Mutex::new(code),
         };
         let slots: Vec<_> = shader
             .bindings
@@ -128,8 +132,8 @@ impl Kernel {
             .collect();
         let ranges =
             [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(shader.push_bytes)];
-        // SAFETY: creations from valid structures on a live device; the SPIR-V was made and validated by naga and the
-        // layout from its reflection. After a failure `inner` destroys the objects made before it.
+        // SAFETY: creations from valid structures on a live device; the layout is from naga's reflection of the module.
+        // After a failure `inner` destroys the objects made before it.
         unsafe {
             let create = vk::DescriptorSetLayoutCreateInfo::default().bindings(&slots);
             inner.set_layout = device.create_descriptor_set_layout(&create, None).map_err(failed)?;
@@ -139,6 +143,28 @@ impl Kernel {
                 create = create.push_constant_ranges(&ranges);
             }
             inner.layout = device.create_pipeline_layout(&create, None).map_err(failed)?;
+        }
+        ctx.name(inner.set_layout, shader.name);
+        ctx.name(inner.layout, shader.name);
+        Ok(Kernel(Arc::new(inner)))
+    }
+
+    /// The pipeline, made through the context's pipeline cache if this is the first use.
+    pub(super) fn pipeline(&self) -> Result<vk::Pipeline> {
+        let KernelInner { ctx, shader, layout, pipeline, code, .. } = &*self.0;
+        if let Some(made) = pipeline.get() {
+            return Ok(*made);
+        }
+        // The code is whole until the pipeline stands, whatever thread failed before.
+        let mut code = code.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(made) = pipeline.get() {
+            return Ok(*made);
+        }
+        let device = ctx.device();
+        let failed = |r| ctx.failed(shader.name, r);
+        // SAFETY: creations from valid structures on a live device; the SPIR-V was made and validated by naga, and the
+        // layout from its reflection. Vulkan lets several threads create pipelines through one cache.
+        let made = unsafe {
             let create = vk::ShaderModuleCreateInfo::default().code(&code);
             let module = device.create_shader_module(&create, None).map_err(failed)?;
             ctx.name(module, shader.name);
@@ -146,16 +172,25 @@ impl Kernel {
                 .stage(vk::ShaderStageFlags::COMPUTE)
                 .module(module)
                 .name(shader.entry_point);
-            let create = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(inner.layout)];
+            let create = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(*layout)];
             let made = device.create_compute_pipelines(ctx.inner.cache.handle, &create, None);
             device.destroy_shader_module(module, None);
             // One pipeline was asked for; on failure Vulkan returns null for it, which is nothing to destroy.
-            inner.pipeline = made.map_err(|(_, r)| failed(r))?.swap_remove(0);
-        }
-        ctx.name(inner.set_layout, shader.name);
-        ctx.name(inner.layout, shader.name);
-        ctx.name(inner.pipeline, shader.name);
-        Ok(Kernel(Arc::new(inner)))
+            made.map_err(|(_, r)| failed(r))?.swap_remove(0)
+        };
+        ctx.name(made, shader.name);
+        *code = Vec::new();
+        Ok(*pipeline.get_or_init(|| made))
+    }
+
+    /// Whether the pipeline stands.
+    pub(super) fn is_made(&self) -> bool {
+        self.0.pipeline.get().is_some()
+    }
+
+    /// Bytes of SPIR-V that wait to become the pipeline; 0 once it stands.
+    pub(super) fn waiting_bytes(&self) -> usize {
+        size_of_val(self.0.code.lock().unwrap_or_else(PoisonError::into_inner).as_slice())
     }
 
     /// The shader's name.
@@ -269,7 +304,7 @@ impl Drop for KernelInner {
         let device = self.ctx.device();
         // SAFETY: recorders retain the kernel until their commands are done. Null handles are ignored.
         unsafe {
-            device.destroy_pipeline(self.pipeline, None);
+            device.destroy_pipeline(self.pipeline.get().copied().unwrap_or_default(), None);
             device.destroy_pipeline_layout(self.layout, None);
             device.destroy_descriptor_set_layout(self.set_layout, None);
         }

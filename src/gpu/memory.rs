@@ -162,6 +162,29 @@ impl Buffer {
         Ok(())
     }
 
+    /// Whether the host can read the buffer where it lies, at the speed of its own memory.
+    pub(super) fn is_seen_by_host(&self) -> bool {
+        let wanted = vk::MemoryPropertyFlags::HOST_COHERENT | vk::MemoryPropertyFlags::HOST_CACHED;
+        let allocation = self.0.allocation.as_ref();
+        self.0.memory == Memory::Device
+            && allocation.is_some_and(|a| a.mapped_ptr().is_some() && a.memory_properties().contains(wanted))
+    }
+
+    /// Reads bytes of a buffer that [`Buffer::is_seen_by_host`], from any number of threads. The commands that wrote it must
+    /// have been waited for.
+    pub(super) fn read_in_place(&self, offset: u64, bytes: &mut [u8]) -> Result<()> {
+        self.check_range(offset, bytes.len() as u64)?;
+        let pointer = self.0.allocation.as_ref().filter(|_| self.is_seen_by_host()).and_then(Allocation::mapped_ptr);
+        let pointer = pointer.ok_or_else(|| self.misuse(String::from("the host does not see its memory")))?;
+        // SAFETY: the range lies inside the mapped allocation. The host never writes a buffer of this kind, and the device
+        // has done so before; coherent memory needs no invalidation.
+        unsafe {
+            let from = pointer.as_ptr().cast::<u8>().add(offset as usize);
+            std::ptr::copy_nonoverlapping(from, bytes.as_mut_ptr(), bytes.len());
+        }
+        Ok(())
+    }
+
     /// Number of `T` in the buffer.
     pub(super) fn count_of<T: Pod>(&self) -> Result<usize> {
         let size = size_of::<T>() as u64;

@@ -16,6 +16,7 @@ mod kernel;
 mod memory;
 mod recorder;
 mod resources;
+mod snapshot;
 mod staging;
 mod timers;
 #[cfg(any(feature = "hot-reload", test))]
@@ -30,6 +31,7 @@ pub use kernel::{BindingInfo, BindingKind, Bindings, Bound, Kernel, Shader};
 pub use memory::{Buffer, Image, Memory};
 pub use recorder::{Recorder, Retained};
 pub use resources::Resources;
+pub use snapshot::Snapshot;
 pub use staging::{Staging, download, upload};
 pub use timers::Timers;
 

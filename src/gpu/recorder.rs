@@ -145,9 +145,10 @@ impl<'a> Recorder<'a> {
             return Err(misuse(format!("{} bytes of push constants, {wanted} are declared", push.len())));
         }
         let device = self.ctx.device();
+        let pipeline = kernel.pipeline()?;
         // SAFETY: the command buffer is recording; the set was allocated with the pipeline's layout.
         unsafe {
-            device.cmd_bind_pipeline(self.commands, vk::PipelineBindPoint::COMPUTE, kernel.0.pipeline);
+            device.cmd_bind_pipeline(self.commands, vk::PipelineBindPoint::COMPUTE, pipeline);
             if bindings.0.set != vk::DescriptorSet::null() {
                 device.cmd_bind_descriptor_sets(
                     self.commands,

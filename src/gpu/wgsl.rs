@@ -249,7 +249,7 @@ const CAPABILITIES: [spv::Capability; 10] = [
 
 /// Compiles a module with exactly one compute entry point.
 pub fn compile(source: &Source) -> Result<Compiled, String> {
-    let module = naga::front::wgsl::parse_str(&source.text).map_err(|e| source.parse_error(&e))?;
+    let mut module = naga::front::wgsl::parse_str(&source.text).map_err(|e| source.parse_error(&e))?;
     let mut validator = Validator::new(
         ValidationFlags::all(),
         Capabilities::IMMEDIATES
@@ -257,7 +257,7 @@ pub fn compile(source: &Source) -> Result<Compiled, String> {
             | Capabilities::SUBGROUP_BARRIER
             | Capabilities::SHADER_FLOAT16_IN_FLOAT32,
     );
-    let info = validator.validate(&module).map_err(|e| source.validation_error(&e))?;
+    validator.validate(&module).map_err(|e| source.validation_error(&e))?;
 
     let [entry] = module.entry_points.as_slice() else {
         return Err(format!(
@@ -269,6 +269,19 @@ pub fn compile(source: &Source) -> Result<Compiled, String> {
     if entry.stage != naga::ShaderStage::Compute {
         return Err(format!("{}: the entry point {} is not @compute", source.file, entry.name));
     }
+    let mut compiled = Compiled {
+        spirv: Vec::new(),
+        spirv_checked: Vec::new(),
+        entry_point: entry.name.clone(),
+        workgroup_size: entry.workgroup_size,
+        bindings: Vec::new(),
+        push_bytes: 0,
+        structs: Vec::new(),
+    };
+    reflect(source, &module, &mut compiled)?;
+    // A driver reads all functions of a module whenever a pipeline is made, and most of the library's are not called.
+    naga::compact::compact(&mut module, naga::compact::KeepUnused::No);
+    let info = validator.validate(&module).map_err(|e| source.validation_error(&e))?;
     let write = |policy| {
         let options = spv::Options {
             lang_version: (1, 3),
@@ -286,20 +299,14 @@ pub fn compile(source: &Source) -> Result<Compiled, String> {
             fake_missing_bindings: true,
             ..Default::default()
         };
-        let pipeline =
-            spv::PipelineOptions { shader_stage: naga::ShaderStage::Compute, entry_point: entry.name.clone() };
+        let pipeline = spv::PipelineOptions {
+            shader_stage: naga::ShaderStage::Compute,
+            entry_point: compiled.entry_point.clone(),
+        };
         spv::write_vec(&module, &info, &options, Some(&pipeline)).map_err(|e| format!("{}: {e}", source.file))
     };
-    let mut compiled = Compiled {
-        spirv: write(BoundsCheckPolicy::Unchecked)?,
-        spirv_checked: write(BoundsCheckPolicy::Restrict)?,
-        entry_point: entry.name.clone(),
-        workgroup_size: entry.workgroup_size,
-        bindings: Vec::new(),
-        push_bytes: 0,
-        structs: Vec::new(),
-    };
-    reflect(source, &module, &mut compiled)?;
+    (compiled.spirv, compiled.spirv_checked) =
+        (write(BoundsCheckPolicy::Unchecked)?, write(BoundsCheckPolicy::Restrict)?);
     Ok(compiled)
 }
 

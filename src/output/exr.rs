@@ -2,16 +2,22 @@
 
 use super::{Encoding, Layers, Metadata};
 use crate::error::{Error, Result};
-use exr::image::Encoding as Compressed;
-use exr::meta::attribute::{Chromaticities, Text};
-use exr::prelude::{
-    AnyChannel, AnyChannels, AttributeValue, Blocks, Compression, FlatSamples, Image, Layer, LayerAttributes,
-    LineOrder, Vec2, WritableImage, f16,
-};
+use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
+use exr::block::writer::ChunksWriter;
+use exr::meta::BlockDescription;
+use exr::meta::attribute::{ChannelDescription, Chromaticities, SampleType, Text};
+use exr::meta::header::{Header, ImageAttributes};
+use exr::prelude::{AttributeValue, Compression, LayerAttributes, LineOrder, Vec2, f16};
 use glam::Vec3;
+use rayon::prelude::*;
 use std::io::Cursor;
+use std::ops::Range;
 use std::path::Path;
 
+/// Rows that are compressed together.
+const BLOCK_ROWS: usize = 16;
+/// Level of the compression: a file of layers is 5 % larger than at level 4, and takes 0.4 of the time.
+const LEVEL: u8 = 1;
 /// The maximum finite half.
 const HALF_MAX: f32 = 65504.0;
 
@@ -39,66 +45,137 @@ pub fn encode(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Enco
         channels.vectors("specular.", ["R", "G", "B"], &layers.specular, true);
     }
 
-    let size = Vec2(layers.width as usize, layers.height as usize);
-    let compressed = Compressed {
-        compression: Compression::ZIP16,
-        blocks: Blocks::ScanLines,
-        // Blocks are compressed on several threads; a fixed line order makes the file reproducible.
-        line_order: LineOrder::Increasing,
-    };
-    let layer = Layer::new(size, attributes(metadata), compressed, AnyChannels::sort(channels.list.into()));
-    let mut image = Image::from_layer(layer);
-    image.attributes.chromaticities = Some(Chromaticities {
-        red: Vec2(0.64, 0.33),
-        green: Vec2(0.30, 0.60),
-        blue: Vec2(0.15, 0.06),
-        white: Vec2(0.3127, 0.3290),
+    let mut channels = channels.list;
+    // The order that the format demands.
+    channels.sort_by(|a, b| a.name.cmp(&b.name));
+    let list = channels.iter().map(|channel| {
+        let kind = if channel.float { SampleType::F32 } else { SampleType::F16 };
+        ChannelDescription::named(Text::from_slice_unchecked(channel.name.as_bytes()), kind)
     });
+    let (width, height) = (layers.width as usize, layers.height as usize);
+    let shared = ImageAttributes {
+        chromaticities: Some(Chromaticities {
+            red: Vec2(0.64, 0.33),
+            green: Vec2(0.30, 0.60),
+            blue: Vec2(0.15, 0.06),
+            white: Vec2(0.3127, 0.3290),
+        }),
+        ..ImageAttributes::with_size((width, height))
+    };
+    let header = Header::new(Text::default(), (width, height), list.collect())
+        .with_encoding(Compression::ZIP16, BlockDescription::ScanLines, LineOrder::Increasing)
+        .with_attributes(attributes(metadata))
+        .with_shared_attributes(shared);
+    let starts: Vec<usize> = (0..height).step_by(BLOCK_ROWS).collect();
+    let rows = |start: usize| start..(start + BLOCK_ROWS).min(height);
+    let blocks: Vec<Vec<u8>> = starts.par_iter().map(|&start| compress(block(&channels, rows(start), width))).collect();
     let mut bytes = Vec::new();
-    let written = image.write().to_buffered(Cursor::new(&mut bytes));
+    let written = exr::block::write(Cursor::new(&mut bytes), [header].into_iter().collect(), true, |_, writer| {
+        for (i, (&start, compressed_pixels_le)) in starts.iter().zip(blocks).enumerate() {
+            let block = CompressedScanLineBlock { y_coordinate: start as i32, compressed_pixels_le };
+            writer.write_chunk(i, Chunk { layer_index: 0, compressed_block: CompressedBlock::ScanLine(block) })?;
+        }
+        Ok(())
+    });
     written
         .and_then(|()| sort_attributes(&mut bytes))
         .map_err(|e| Error::file(path, format!("encoding failed: {e}")))?;
     Ok(bytes)
 }
 
-/// Channels under construction.
-#[derive(Default)]
-struct Channels {
-    list: Vec<AnyChannel<FlatSamples>>,
-    /// Values that a half could not hold.
-    overflowed: u64,
+/// The values of a channel, where they lie in the layers.
+enum Values<'a> {
+    Scalars(&'a [f32]),
+    /// One axis of vectors.
+    Axis(&'a [Vec3], usize),
 }
 
-impl Channels {
-    fn scalars(&mut self, name: &str, values: &[f32], float: bool) {
-        if !values.is_empty() {
-            self.add(name, values.iter().copied(), float);
+impl Values<'_> {
+    fn get(&self, pixel: usize) -> f32 {
+        match self {
+            Values::Scalars(values) => values[pixel],
+            Values::Axis(values, axis) => values[pixel][*axis],
+        }
+    }
+}
+
+/// A channel of the file.
+struct Channel<'a> {
+    name: String,
+    values: Values<'a>,
+    float: bool,
+}
+
+/// Channels under construction.
+#[derive(Default)]
+struct Channels<'a> {
+    list: Vec<Channel<'a>>,
+    /// Values that a half could not hold.
+    overflowed: usize,
+}
+
+impl<'a> Channels<'a> {
+    fn scalars(&mut self, name: &str, values: &'a [f32], float: bool) {
+        self.add(name.into(), Values::Scalars(values), values.len(), float);
+    }
+
+    fn vectors(&mut self, prefix: &str, names: [&str; 3], values: &'a [Vec3], float: bool) {
+        for (axis, name) in names.into_iter().enumerate() {
+            self.add(format!("{prefix}{name}"), Values::Axis(values, axis), values.len(), float);
         }
     }
 
-    fn vectors(&mut self, prefix: &str, names: [&str; 3], values: &[Vec3], float: bool) {
-        if !values.is_empty() {
-            for (axis, name) in names.into_iter().enumerate() {
-                self.add(&format!("{prefix}{name}"), values.iter().map(|v| v[axis]), float);
+    fn add(&mut self, name: String, values: Values<'a>, count: usize, float: bool) {
+        if count == 0 {
+            return;
+        }
+        if !float {
+            // Up to half a step above the maximum is still rounded down to it.
+            let overflows = |pixel: &usize| values.get(*pixel).abs() >= HALF_MAX + 16.0;
+            self.overflowed += (0..count).into_par_iter().filter(overflows).count();
+        }
+        self.list.push(Channel { name, values, float });
+    }
+}
+
+/// The bytes of some rows: for each row, for each channel, the values in order.
+fn block(channels: &[Channel], rows: Range<usize>, width: usize) -> Vec<u8> {
+    let pixel: usize = channels.iter().map(|channel| if channel.float { 4 } else { 2 }).sum();
+    let mut bytes = Vec::with_capacity(rows.len() * width * pixel);
+    for row in rows {
+        for Channel { values, float, .. } in channels {
+            let values = (row * width..(row + 1) * width).map(|pixel| values.get(pixel));
+            let start = bytes.len();
+            if *float {
+                bytes.resize(start + 4 * width, 0);
+                let places = bytes[start..].chunks_exact_mut(4);
+                places.zip(values).for_each(|(place, value)| place.copy_from_slice(&value.to_le_bytes()));
+            } else {
+                bytes.resize(start + 2 * width, 0);
+                let places = bytes[start..].chunks_exact_mut(2);
+                // NaN passes through the clamp and stays visible.
+                let half = |value: f32| f16::from_f32(value.clamp(-HALF_MAX, HALF_MAX));
+                places.zip(values).for_each(|(place, value)| place.copy_from_slice(&half(value).to_le_bytes()));
             }
         }
     }
+    bytes
+}
 
-    fn add(&mut self, name: &str, values: impl Iterator<Item = f32>, float: bool) {
-        let samples = if float {
-            FlatSamples::F32(values.collect())
-        } else {
-            let to_half = |value: f32| {
-                // Up to half a step above the maximum is still rounded down to it.
-                self.overflowed += u64::from(value.abs() >= HALF_MAX + 16.0);
-                // NaN passes through the clamp and stays visible.
-                f16::from_f32(value.clamp(-HALF_MAX, HALF_MAX))
-            };
-            FlatSamples::F16(values.map(to_half).collect())
-        };
-        self.list.push(AnyChannel::new(name, samples));
+/// Compresses a block as the format says for ZIP: even bytes before odd ones, differences, deflate. A block that does not
+/// shrink is stored as it is.
+fn compress(bytes: Vec<u8>) -> Vec<u8> {
+    let mut split: Vec<u8> = bytes.iter().step_by(2).chain(bytes.iter().skip(1).step_by(2)).copied().collect();
+    let mut before = 0;
+    for (i, byte) in split.iter_mut().enumerate() {
+        let now = *byte;
+        if i > 0 {
+            *byte = now.wrapping_sub(before).wrapping_add(128);
+        }
+        before = now;
     }
+    let compressed = miniz_oxide::deflate::compress_to_vec_zlib(&split, LEVEL);
+    if compressed.len() < bytes.len() { compressed } else { bytes }
 }
 
 fn attributes(metadata: &Metadata) -> LayerAttributes {
@@ -157,7 +234,7 @@ fn sort_attributes(bytes: &mut [u8]) -> exr::error::UnitResult {
 mod tests {
     use super::*;
     use crate::output::write;
-    use exr::prelude::ImageAttributes;
+    use exr::prelude::{AnyChannels, FlatSamples, Layer};
 
     fn sample() -> (Layers, Metadata) {
         let (width, height) = (37, 21);
@@ -257,6 +334,28 @@ mod tests {
         for _ in 0..8 {
             assert!(encode(Path::new("a.exr"), &layers, &metadata, &Encoding::default()).unwrap() == first);
         }
+    }
+
+    #[test]
+    fn blocks_that_do_not_shrink_are_stored_and_come_back() {
+        // Noise, in more rows than a block has and an odd number of bytes with an odd width of halves.
+        let (width, height) = (33, 35);
+        let mut state = 1u32;
+        let mut noise = || {
+            state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+            f32::from_bits(state >> 9 | 0x3f80_0000)
+        };
+        let color = (0..width * height).map(|_| Vec3::new(noise(), noise(), noise())).collect();
+        let layers = Layers { width, height, color, ..Layers::default() };
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.exr");
+        write(&path, &layers, &Metadata::default(), &Encoding { float: true, ..Encoding::default() }).unwrap();
+        let layer = read(&path).0;
+        for (axis, name) in ["R", "G", "B"].into_iter().enumerate() {
+            assert_eq!(channel(&layer, name), layers.color.iter().map(|v| v[axis]).collect::<Vec<f32>>());
+        }
+        let bytes: Vec<u8> = (0..64).map(|i| (i * i * 37) as u8).collect();
+        assert_eq!(compress(bytes.clone()), bytes, "stored");
     }
 
     #[test]

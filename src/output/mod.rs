@@ -152,6 +152,23 @@ pub struct Encoding {
     pub tonemap: Tonemap,
 }
 
+/// Which layers of an image are wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    /// Colour and coverage. A renderer then reads back a third of what all layers need, and does not compute the others.
+    Color,
+    /// All of them.
+    All,
+}
+
+impl Wanted {
+    /// What files with these names and this encoding show.
+    pub fn by(paths: &[PathBuf], encoding: &Encoding) -> Wanted {
+        let layers = |path: &PathBuf| !encoding.color_only && Format::of(path).is_ok_and(|f| f == Format::Exr);
+        if paths.iter().any(layers) { Wanted::All } else { Wanted::Color }
+    }
+}
+
 /// File formats of images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
@@ -347,6 +364,16 @@ mod tests {
             let message = Format::of(Path::new(name)).unwrap_err().to_string();
             assert!(message.contains("--output") && message.contains(name), "{message}");
         }
+    }
+
+    #[test]
+    fn only_an_exr_file_with_layers_wants_them() {
+        let paths = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
+        let (with, without) = (Encoding::default(), Encoding { color_only: true, ..Encoding::default() });
+        assert_eq!(Wanted::by(&paths(&["a.png", "b.exr"]), &with), Wanted::All);
+        assert_eq!(Wanted::by(&paths(&["a.png", "b.exr"]), &without), Wanted::Color);
+        assert_eq!(Wanted::by(&paths(&["a.png"]), &with), Wanted::Color);
+        assert_eq!(Wanted::by(&[], &with), Wanted::Color);
     }
 
     #[test]

@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use glam::{Mat3, Vec3};
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
+use rayon::prelude::*;
 use std::path::Path;
 
 /// Tone curve from radiance to displayed colour.
@@ -36,7 +37,7 @@ impl Tonemap {
 pub fn encode(path: &Path, layers: &Layers, exposure: f32, tonemap: Tonemap) -> Result<Vec<u8>> {
     let scale = exposure.exp2();
     let pixel = |&radiance: &Vec3| (tonemap.apply(radiance * scale) * 255.0).round().to_array().map(|c| c as u8);
-    let pixels: Vec<[u8; 3]> = layers.color.iter().map(pixel).collect();
+    let pixels: Vec<[u8; 3]> = layers.color.par_iter().map(pixel).collect();
     let mut bytes = Vec::new();
     PngEncoder::new(&mut bytes)
         .write_image(pixels.as_flattened(), layers.width, layers.height, ExtendedColorType::Rgb8)

@@ -291,7 +291,7 @@ impl Reader<'_> {
             None => self.materials.unnamed(&mut self.scene),
         };
         self.material = Some(material);
-        self.materials.mark_used(&mut self.scene, material)?;
+        self.materials.mark_used(&mut self.scene, material);
         let direction = |c: &Corner| c.normal.map(|n| self.normals[n as usize]).filter(|n| *n != Vec3::ZERO);
         let smooth = corners.iter().all(|c| direction(c).is_some());
         let vertices = corners.map(|c| {
@@ -307,7 +307,8 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn finish(self) -> Result<Scene> {
+    fn finish(mut self) -> Result<Scene> {
+        self.materials.read_textures(&mut self.scene)?;
         let path = self.path.display();
         if let Some((line, count)) = self.incomplete {
             log::warn!("{path}:{line}: left out {count} faces with fewer than three corners");

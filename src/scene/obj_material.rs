@@ -9,6 +9,7 @@ use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::obj::{keyword, logical_lines, number};
 use super::{MIN_ROUGHNESS, Material, Scene, Surface, Texture, Wrap};
@@ -28,7 +29,7 @@ struct Map {
     line: usize,
 }
 
-/// The materials of a model by name. Textures are read when the first face uses them.
+/// The materials of a model by name. Textures that faces use are read by [`Library::read_textures`].
 #[derive(Default)]
 pub(super) struct Library {
     by_name: HashMap<String, u32>,
@@ -37,6 +38,8 @@ pub(super) struct Library {
     /// Texture of a material that no face has used yet.
     waiting: HashMap<u32, Map>,
     textures: HashMap<(PathBuf, bool), u32>,
+    /// Textures in use that have not been read yet, with the first material that uses each.
+    unread: Vec<(u32, Map)>,
 }
 
 impl Library {
@@ -77,30 +80,35 @@ impl Library {
         index
     }
 
-    /// Reads the texture of a material when the first face uses it.
-    pub(super) fn mark_used(&mut self, scene: &mut Scene, material: u32) -> Result<()> {
+    /// Gives a material its texture when the first face uses it.
+    pub(super) fn mark_used(&mut self, scene: &mut Scene, material: u32) {
         if self.waiting.is_empty() {
-            return Ok(());
+            return;
         }
-        let Some(map) = self.waiting.remove(&material) else { return Ok(()) };
-        let key = (map.file.clone(), map.wrap == Wrap::Clamp);
-        let texture = match self.textures.get(&key) {
-            Some(&texture) => texture,
-            None => {
-                let error = |reason: String| {
-                    let (name, file) = (&scene.materials[material as usize].name, map.file.display());
-                    let message = format!("material {name:?}: texture {file} cannot be read: {reason}");
-                    Error::at(&map.library, map.line, message)
-                };
-                let bytes = std::fs::read(&map.file).map_err(|e| error(e.to_string()))?;
-                let name = map.file.to_string_lossy().into_owned();
-                scene.textures.push(Texture::decode(&bytes, name, true, [map.wrap; 2]).map_err(error)?);
-                let index = scene.textures.len() as u32 - 1;
-                self.textures.insert(key, index);
-                index
-            }
-        };
+        let Some(map) = self.waiting.remove(&material) else { return };
+        let next = self.textures.len() as u32;
+        let texture = *self.textures.entry((map.file.clone(), map.wrap == Wrap::Clamp)).or_insert(next);
         scene.materials[material as usize].base_texture = Some(texture);
+        if texture == next {
+            self.unread.push((material, map));
+        }
+    }
+
+    /// Reads all textures in use, on all cores. Errors: the first that cannot be read.
+    pub(super) fn read_textures(&mut self, scene: &mut Scene) -> Result<()> {
+        let read = |(material, map): (u32, Map)| {
+            let error = |reason: String| {
+                let (name, file) = (&scene.materials[material as usize].name, map.file.display());
+                let message = format!("material {name:?}: texture {file} cannot be read: {reason}");
+                Error::at(&map.library, map.line, message)
+            };
+            let bytes = std::fs::read(&map.file).map_err(|e| error(e.to_string()))?;
+            let name = map.file.to_string_lossy().into_owned();
+            Texture::decode(&bytes, name, true, [map.wrap; 2]).map_err(error)
+        };
+        let unread = std::mem::take(&mut self.unread);
+        let textures: Vec<Result<Texture>> = unread.into_par_iter().with_max_len(1).map(read).collect();
+        scene.textures = textures.into_iter().collect::<Result<_>>()?;
         Ok(())
     }
 

@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicI32, Ordering};
 use ash::vk;
 use lightsum::Error;
 use lightsum::gpu::{
-    Buffer, Context, ContextOptions, DeviceChoice, HostDevice, Image, Kernel, Memory, Recorder, Requirements, Staging,
-    Timers, download, list_devices, upload,
+    Buffer, Context, ContextOptions, DeviceChoice, HostDevice, Image, Kernel, Memory, Recorder, Requirements, Snapshot,
+    Staging, Timers, download, list_devices, upload,
 };
 
 use crate::support::{AWKWARD_SIZES, FillPush, SENTINEL, assert_silent, gpu_test, kernels, options};
@@ -310,6 +310,22 @@ fn device_choices_are_parsed() {
 }
 
 #[test]
+fn a_snapshot_gives_any_piece_and_refuses_what_is_not_there() {
+    gpu_test(|ctx| {
+        let words: Vec<u32> = (0..1000u32).map(|i| i.wrapping_mul(2_654_435_761)).collect();
+        let buffer = upload(ctx, "words", &words).unwrap();
+        let snapshot = Snapshot::new(ctx, &buffer).unwrap();
+        for (first, count) in [(0, 1000), (1, 7), (999, 1), (1000, 0)] {
+            let mut piece = vec![SENTINEL; count];
+            snapshot.copy(first, &mut piece).unwrap();
+            assert_eq!(piece, words[first..first + count]);
+        }
+        let message = error(snapshot.copy(999, &mut [SENTINEL; 2])).to_string();
+        assert!(message.contains("words"), "{message}");
+    });
+}
+
+#[test]
 fn pipelines_are_cached_in_a_file_that_may_be_damaged() {
     gpu_test(|_| {
         let dir = tempfile::tempdir().unwrap();
@@ -317,6 +333,7 @@ fn pipelines_are_cached_in_a_file_that_may_be_damaged() {
         let run = || {
             let ctx = Context::headless(&ContextOptions { pipeline_cache: Some(path.clone()), ..options() }).unwrap();
             Kernel::new(&ctx, &kernels::FILL).unwrap();
+            ctx.make_pipelines().unwrap();
             let messages = ctx.messages();
             drop(ctx);
             assert_silent(messages.take());
@@ -332,6 +349,28 @@ fn pipelines_are_cached_in_a_file_that_may_be_damaged() {
             assert!(std::fs::read(&path).unwrap().starts_with(b"LSPIPES1"), "not written anew");
         }
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "something was left beside the file");
+    });
+}
+
+#[test]
+fn a_pipeline_is_made_when_it_is_first_needed_and_once() {
+    gpu_test(|_| {
+        let ctx = Context::headless(&options()).unwrap();
+        let messages = ctx.messages();
+        let [fill, reduce] = [&kernels::FILL, &kernels::REDUCE].map(|shader| Kernel::new(&ctx, shader).unwrap());
+        assert_eq!(ctx.pipeline_count(), 0, "binding needs none");
+        let values = upload(&ctx, "values", &[SENTINEL; 27]).unwrap();
+        let bindings = fill.bind(&[("values", (&values).into())]).unwrap();
+        let push = vec![0; fill.shader().push_bytes as usize];
+        for _ in 0..2 {
+            ctx.submit_and_wait("fill", None, |rec| rec.dispatch(&fill, &bindings, &push, 1)).unwrap();
+            assert_eq!(ctx.pipeline_count(), 1, "the kernel that ran");
+        }
+        // Several threads want the same pipeline.
+        std::thread::scope(|scope| (0..4).for_each(|_| _ = scope.spawn(|| ctx.make_pipelines().unwrap())));
+        assert_eq!(ctx.pipeline_count(), 2, "and {}", reduce.name());
+        drop((ctx, fill, reduce, values, bindings));
+        assert_silent(messages.take());
     });
 }
 
@@ -676,6 +715,7 @@ fn every_permutation_becomes_a_pipeline_or_is_refused_with_the_reason() {
         let clusters =
             shaders.iter().filter(|shader| shader.name.contains("cluster_") || shader.name.contains("counters"));
         assert!(refused.is_empty() || refused.len() == clusters.count(), "{refused:#?}");
+        ctx.make_pipelines().unwrap();
         assert!(ctx.pipeline_count() + refused.len() >= shaders.len(), "the context keeps them");
     });
 }

@@ -5,7 +5,7 @@ use glam::{Vec2, Vec3};
 use lightsum::Error;
 use lightsum::estimate::relative_error;
 use lightsum::gpu::Context;
-use lightsum::output::Layers;
+use lightsum::output::{Layers, Wanted};
 use lightsum::path_trace::{Options, SpecularPaths};
 use lightsum::scene::{self, Camera, Material, Scene, Texture, Wrap, builtin};
 use lightsum::settings::{Clip, Compensation, Sequence, Settings, Traversal};
@@ -332,6 +332,30 @@ fn the_estimate_is_as_large_as_the_error() {
             let ratio = (estimates / errors).sqrt();
             println!("{sequence:?}: over all seeds the estimate is {ratio:.3} of the error");
             assert!((0.77..1.3).contains(&ratio), "{sequence:?}: {ratio}");
+        }
+    });
+}
+
+#[test]
+fn an_image_reads_what_is_wanted_and_has_the_bits_of_the_film() {
+    gpu_test(|ctx| {
+        let (scene, camera) = cornell();
+        // More pixels than one piece of the film's mean, and not a multiple of it.
+        let camera = Camera { resolution: [67, 41], ..camera };
+        for summands in [false, true] {
+            let mut renderer = renderer(ctx, &scene, camera, &Settings { summands, ..settings(8, 3) });
+            for passes in [1, 3] {
+                while renderer.passes() < passes {
+                    renderer.pass().unwrap();
+                }
+                let all = renderer.layers().unwrap();
+                assert!(all == renderer.film().unwrap().mean(), "{passes} passes, summands: {summands}");
+                assert!(all.indirect.iter().any(|e| *e != Vec3::ZERO) && all.specular.is_empty() != summands);
+                let color = renderer.image(Wanted::Color).unwrap();
+                assert!(color.color == all.color && color.alpha == all.alpha, "{passes} passes, summands: {summands}");
+                let left_out = [&color.albedo, &color.normal, &color.direct, &color.indirect, &color.specular];
+                assert!(left_out.iter().all(|layer| layer.is_empty()) && color.depth.is_empty());
+            }
         }
     });
 }

@@ -111,7 +111,7 @@ pub fn run(args: &Animate) -> Result<()> {
             let statistics = renderer.statistics();
             let mut metadata = metadata(&job, &statistics.device, statistics.driver);
             metadata.passes = renderer.passes();
-            job.write_outputs(&renderer.layers()?, &metadata)?;
+            job.write_outputs(&renderer.image(job.wanted())?, &metadata)?;
         }
         frame["frame"] = number.into();
         frame["time"] = time.into();

@@ -5,7 +5,7 @@ use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due};
 use crate::{camera, reference, say, say_aside};
 use glam::DVec3;
-use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics};
+use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics, Wanted};
 use lightsum::pass::layout::PointLight;
 use lightsum::scene::{self, Camera, RenderDefaults, Scene};
 use lightsum::settings::{Agreement, Clip, Compensation, Filter, Settings};
@@ -292,7 +292,7 @@ fn write_image(job: &Job, renderer: &Renderer, statistics: &Statistics) -> Resul
     }
     let mut metadata = metadata(job, &statistics.device, statistics.driver.clone());
     metadata.passes = renderer.passes();
-    job.write_outputs(&renderer.layers()?, &metadata)
+    job.write_outputs(&renderer.image(job.wanted())?, &metadata)
 }
 
 fn write_state(renderer: &Renderer, path: &Path) -> Result<()> {
@@ -302,6 +302,11 @@ fn write_state(renderer: &Renderer, path: &Path) -> Result<()> {
 }
 
 impl Job {
+    /// The layers that the outputs show.
+    pub fn wanted(&self) -> Wanted {
+        Wanted::by(&self.outputs, &self.encoding)
+    }
+
     /// Writes every output; returns the first error after all have been tried.
     pub fn write_outputs(&self, layers: &Layers, metadata: &Metadata) -> Result<()> {
         let write = |path: &PathBuf| output::write(path, layers, metadata, &self.encoding);
