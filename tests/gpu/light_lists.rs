@@ -85,8 +85,8 @@ fn check_clusters(rig: &Rig) -> usize {
         }
         let of_cluster = seed(p, *number);
         let points = representatives(p, of_cluster).map(|start| {
-            let turned = (0..64).map(|k| &places[(start as usize + k) % 64]);
-            let slot = *turned.filter(|place| present(place)).next().expect("a listed cluster has points") as usize;
+            let mut turned = (0..64).map(|k| &places[(start as usize + k) % 64]);
+            let slot = *turned.find(|place| present(place)).expect("a listed cluster has points") as usize;
             (position[slot].truncate(), shading[slot].truncate())
         });
         let of_class = plan.lights.slots() as usize;

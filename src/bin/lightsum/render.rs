@@ -48,7 +48,9 @@ pub fn run(args: &Render) -> Result<()> {
     let camera = camera::choose(&scene, &args.camera, args.output.resolution)?;
     args.output.crop.map_or(Ok(()), |crop| crop.check(camera.resolution))?;
     let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
-    let settings = Settings { summands: args.output.summands, ..settings };
+    // Exported lights light everything, so there must not be many more of them than a pass can afford.
+    let light_pool = if args.output.export_lights.is_some() { 0 } else { settings.light_pool };
+    let settings = Settings { summands: args.output.summands, light_pool, ..settings };
     settings.validate()?;
     let exposure = args.output.exposure.or(scene.render.exposure).unwrap_or(0.0);
     let encoding = Encoding {
