@@ -59,17 +59,23 @@ enum Lamp {
 /// Direct light of a point and global light of an area, where random choices add noise: with four times the passes the
 /// errors are half as large, down to that of the reference.
 fn agrees_through_glass(ctx: &Context, room: impl Fn(Lamp) -> (Soup, Camera)) {
-    agrees_in(ctx, room, [(0.004, 0.1), (0.012, 0.1)]);
+    // Light that converges behind a ball of glass: 8,192 particles leave an error of 0.07 to 0.17 over seeds.
+    agrees_in(ctx, room, [(0.004, 0.1), (0.012, 0.1)], 1024);
 }
 
-/// The same with bounds for the energy and the relative RMSE, of direct and of global light.
-fn agrees_in(ctx: &Context, room: impl Fn(Lamp) -> (Soup, Camera), [direct_bounds, global_bounds]: [(f64, f64); 2]) {
+/// The same with bounds for the energy and the relative RMSE, of direct and of global light, and passes for the latter.
+fn agrees_in(
+    ctx: &Context,
+    room: impl Fn(Lamp) -> (Soup, Camera),
+    [direct_bounds, global_bounds]: [(f64, f64); 2],
+    passes: u32,
+) {
     let (Soup(scene), camera) = room(Lamp::Point);
     let direct = render(ctx, &scene, camera, &settings(1, 2), 256);
     agrees("direct light", &direct.color, &path_traced(&scene, &camera, 1024, 2), direct_bounds.0, direct_bounds.1);
-    // 8192 particles: the energy varies by 0.004 over seeds.
+    // With 8192 particles the energy varies by 0.004 over seeds.
     let (Soup(scene), camera) = room(Lamp::Area);
-    let global = render(ctx, &scene, camera, &settings(32, 5), 256);
+    let global = render(ctx, &scene, camera, &settings(32, 5), passes);
     agrees("global light", &global.color, &path_traced(&scene, &camera, 4096, 5), global_bounds.0, global_bounds.1);
 }
 
@@ -101,7 +107,7 @@ fn a_corner_of_mirrors_against_the_path_tracer() {
                 block(soup, Vec3::new(0.9, 0.0, 1.2), Vec3::new(1.1, 0.5, 1.4), block_material);
             })
         };
-        agrees_in(ctx, room, [(0.003, 0.03), (0.01, 0.06)]);
+        agrees_in(ctx, room, [(0.003, 0.03), (0.01, 0.06)], 256);
     });
 }
 

@@ -297,7 +297,7 @@ fn a_rough_floor_in_constant_light_reflects_the_energy_of_its_lobe() {
                 compensation: Compensation::Off,
                 ..scenes::settings(1, 1)
             };
-            let found = render(ctx, &soup.0, camera, &settings, 4).color;
+            let found = render(ctx, &soup.0, camera, &settings, 16).color;
             let shown: Vec<usize> = (0..found.len()).filter(|&i| reference[i].x < 0.9).collect();
             let of = |image: &[Vec3]| -> Vec<Vec3> { shown.iter().map(|&i| image[i]).collect() };
             let (energy, error) = compare(&of(&found), &of(&reference));
