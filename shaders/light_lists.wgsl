@@ -110,7 +110,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let pool = frame.pattern.w - (frame.lists.y - chosen);
 #if CLASSES
     let class_number = index;
-    let seed = index;
     if index >= frame.pattern.z {
         return;
     }
@@ -134,7 +133,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // Every `stride`-th light of the pool is weighed.
     let stride = (pool + WEIGHED - 1u) / WEIGHED;
     let begin = class_number * pool;
-    let first = begin + hash(key(frame.keys.x, STREAM_LISTS, seed, 2u)) % max(stride, 1u);
+    let first = begin + hash(key(frame.keys.x, STREAM_LISTS, class_number, 2u)) % max(stride, 1u);
     let end = begin + pool;
 
     // Contributions and powers.
@@ -155,7 +154,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 
     // The shares lie one after the other on a line of length `chosen`; each of the points u, 1 + u, ... chooses the light whose share
     // holds it. Classes and passes have points in between.
-    let start = hash(key(frame.keys.y, STREAM_LISTS, seed, 0u));
+    let start = hash(key(frame.keys.y, STREAM_LISTS, 0u, 0u));
     let u = unit(vec2<u32>(start + frame.size.w * 0x9e3779b9u + class_number * (0xffffffffu / frame.pattern.z))).x;
     var reached = 0.0;
     var place = 0u;

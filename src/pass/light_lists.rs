@@ -3,7 +3,7 @@
 //!
 //! Shadow rays cost far more than particles, so a pass traces more particles than it can afford lights
 //! ([`crate::settings::Settings::light_pool`]). Of the lights l after reflections of a cluster's class, the cluster chooses M, as many as
-//! all particles would leave without a pool, by systematic sampling: with u one number of the cluster and pass,
+//! all particles would leave without a pool, by systematic sampling: with u one number of the class and pass,
 //!
 //! ```text
 //! p_l = (1 - s) sum_r c_rl / sum_r,k c_rk + s P_l / sum_k P_k
@@ -17,8 +17,9 @@
 //! representatives are. Lights on emitters and those without area, which are
 //! few, are taken over as they are.
 //!
-//! u starts at random for each block of the screen, advances by the golden ratio from pass to pass and by 1 / K from one of the K
-//! classes of pixels to the next: a filter over all classes sees lights at M K points of one line.
+//! u starts at random, advances by the golden ratio from pass to pass and by 1 / K from one of the K classes of pixels to the next: a
+//! filter over all classes sees lights at M K points of one line. All clusters of a class have the same u and weigh the same lights, so
+//! that neighbours choose nearly the same: with numbers of their own they would show as squares. Faint ones remain in single passes.
 //!
 //! Where points form no clusters of the screen, or the lists of all clusters exceed the largest buffer that kernels may bind, each
 //! class chooses by power alone.
@@ -193,15 +194,15 @@ pub fn representatives(frame: &FrameParameters, seed: u32) -> [u32; REPRESENTATI
     std::array::from_fn(|r| 8 * r as u32 + ((turn >> (4 * r)) & 7))
 }
 
-/// Oracle: every how many lights of a pool of `pool` one is weighed, and the first of them.
-pub fn weighed(frame: &FrameParameters, seed: u32, pool: u32) -> (u32, u32) {
+/// Oracle: every how many lights of the `pool` of a class one is weighed, and the first of them.
+pub fn weighed(frame: &FrameParameters, class: u32, pool: u32) -> (u32, u32) {
     let stride = pool.div_ceil(WEIGHED);
-    (stride, hash(key(frame.keys[0], LISTS, seed, 2)) % stride.max(1))
+    (stride, hash(key(frame.keys[0], LISTS, class, 2)) % stride.max(1))
 }
 
-/// Oracle: the number u of a cluster in a pass.
-pub fn offset(frame: &FrameParameters, seed: u32, class: u32) -> f32 {
-    let start = hash(key(frame.keys[1], LISTS, seed, 0));
+/// Oracle: the number u of a class in a pass.
+pub fn offset(frame: &FrameParameters, class: u32) -> f32 {
+    let start = hash(key(frame.keys[1], LISTS, 0, 0));
     let of_pass = start.wrapping_add(frame.size[3].wrapping_mul(0x9e37_79b9));
     unit(of_pass.wrapping_add(class.wrapping_mul(u32::MAX / frame.pattern[2])))
 }

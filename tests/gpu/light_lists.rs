@@ -93,13 +93,13 @@ fn check_clusters(rig: &Rig) -> usize {
         let pool = &lights[*class as usize * of_class..][..of_class];
         let list = &listed[*number as usize * slots..][..slots];
         assert_eq!(list[..copied], pool[..copied], "lights on emitters");
-        let (stride, begin) = weighed(p, of_cluster, (pool.len() - copied) as u32);
+        let (stride, begin) = weighed(p, *class, (pool.len() - copied) as u32);
         let pool: Vec<PointLight> = pool[copied + begin as usize..].iter().copied().step_by(stride as usize).collect();
         let contributions: Vec<f64> =
             pool.iter().map(|l| points.iter().map(|&point| f64::from(contribution(p, l, point))).sum()).collect();
         let powers: Vec<f64> = pool.iter().map(|l| f64::from(power(l))).collect();
         let probabilities = probabilities(&contributions, &powers);
-        let u = offset(p, of_cluster, *class);
+        let u = offset(p, *class);
         let what = format!("cluster {number}");
         held += check_list(&mut tally, &what, &list[copied..], &pool, &probabilities, (u, stride));
     }
@@ -146,7 +146,7 @@ fn classes_choose_by_power_where_there_are_no_clusters() {
                     pool[copied + begin as usize..].iter().copied().step_by(stride as usize).collect();
                 let powers: Vec<f64> = pool.iter().map(|l| f64::from(power(l))).collect();
                 let probabilities = probabilities(&vec![0.0; powers.len()], &powers);
-                let u = offset(p, class, class);
+                let u = offset(p, class);
                 check_list(&mut tally, &format!("class {class}"), &list[copied..], &pool, &probabilities, (u, stride));
             }
             tally.finish(STRAYS);
