@@ -35,8 +35,9 @@
 #endif
 #endif
 
-// Host twins: pass::light_lists::{BY_POWER, WEIGHED}.
+// Host twins: pass::light_lists::{BY_POWER, SOFT, WEIGHED}.
 const BY_POWER: f32 = 0.35;
+const SOFT: f32 = 0.2;
 const WEIGHED: u32 = 256u;
 
 #if POOL
@@ -94,7 +95,7 @@ fn contribution(position: vec4<f32>, normal: vec4<f32>, at: Representatives) -> 
     let y = position.y - at.y;
     let z = position.z - at.z;
     let r2 = max(x * x + y * y + z * z, vec4<f32>(1e-30));
-    let soft = 0.2 * sqrt(r2);
+    let soft = SOFT * sqrt(r2);
     let cos_point = max(x * at.nx + y * at.ny + z * at.nz + soft, vec4<f32>(0.0));
     let cos_light = max(soft - (x * normal.x + y * normal.y + z * normal.z), vec4<f32>(0.0));
     let each = cos_point * cos_light / (r2 * max(r2, vec4<f32>(max(frame.right.w, 1e-7))));

@@ -162,7 +162,7 @@ pub enum Wanted {
 }
 
 impl Wanted {
-    /// What files with these names and this encoding show.
+    /// The layers that files of these names need, written in this encoding.
     pub fn by(paths: &[PathBuf], encoding: &Encoding) -> Wanted {
         let layers = |path: &PathBuf| !encoding.color_only && Format::of(path).is_ok_and(|f| f == Format::Exr);
         if paths.iter().any(layers) { Wanted::All } else { Wanted::Color }
