@@ -100,9 +100,9 @@ fn gained(gain: Gain, own: Cell, other: Cell, dx: i32, dy: i32) -> Gain {
 fn finish(at: vec2<i32>, own: Cell, gain: Gain) {
 #if PAPER
     // Normalised by the shares found, the own one included.
-    let weight = 1.0 / (1.0 + gain.shares);
+    let weight = frame.lens.z / (1.0 + gain.shares);
 #else
-    let weight = window.middle;
+    let weight = frame.lens.z * window.middle;
 #endif
     if at.y < i32(frame.size.y) {
         let slot = slot_at(at);

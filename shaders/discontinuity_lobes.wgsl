@@ -84,5 +84,5 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             gain += select(vec3<f32>(0.0), share * (specular[other].xyz - l), taken);
         }
     }
-    filtered_specular[slot] = vec4<f32>(l + window.middle * gain, 0.0);
+    filtered_specular[slot] = vec4<f32>(l + frame.lens.z * window.middle * gain, 0.0);
 }

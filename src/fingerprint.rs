@@ -88,7 +88,7 @@ mod tests {
     #[test]
     fn every_part_of_a_scene_counts() {
         type Change = (&'static str, fn(&mut Scene));
-        let base = fingerprint(&scene(), &camera(), &Settings::default());
+        let base = fingerprint(&scene(), &camera(), &Settings::plain());
         let changes: [Change; 21] = [
             ("position", |s| s.positions[0].y = 1e-30),
             ("normal", |s| s.normals[1].x = 1e-30),
@@ -112,11 +112,11 @@ mod tests {
             ("light", |s| s.lights[0] = Light::Point { position: Vec3::ONE, intensity: Vec3::new(1.0, 1.0, 1.5) }),
             ("kind of emitters", |s| s.emitters_are_lights = false),
         ];
-        assert_eq!(base, fingerprint(&scene(), &camera(), &Settings::default()));
+        assert_eq!(base, fingerprint(&scene(), &camera(), &Settings::plain()));
         for (what, change) in changes {
             let mut changed = scene();
             change(&mut changed);
-            assert_ne!(base, fingerprint(&changed, &camera(), &Settings::default()), "{what}");
+            assert_ne!(base, fingerprint(&changed, &camera(), &Settings::plain()), "{what}");
         }
     }
 

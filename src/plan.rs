@@ -233,8 +233,13 @@ impl PhotonPlan {
 
     /// Radius of the look-up for a view of this size ([`Extent::size`]), unless `photon_radius` sets it: sqrt(N) radii
     /// make 0.3 of the size, so that caustics a tenth of it wide have some 30 photons in a look-up.
-    fn radius(&self, settings: &Settings, size: f32) -> f32 {
-        settings.photon_radius.unwrap_or(0.3 * size / (self.each as f32).sqrt().max(6.0))
+    ///
+    /// It shrinks with the fourth root of the passes of an instance: then noise and blur of their mean both vanish, the variance as
+    /// one over the root of their number and the bias likewise (after Knaus and Zwicker 2011, whose root is the sixth, for less
+    /// noise).
+    fn radius(&self, settings: &Settings, size: f32, local: u32) -> f32 {
+        let first = 0.3 * size / (self.each as f32).sqrt().max(6.0);
+        settings.photon_radius.unwrap_or(first / ((local + 1) as f32).powf(0.25))
     }
 
     /// [`layout::FrameParameters::photons`] and [`layout::FrameParameters::photon`] for pass number `local` of its instance.
@@ -250,7 +255,7 @@ impl PhotonPlan {
             name: "--passes",
             message: format!("pass {local} of {total} photons leaves the 2^32 points of the sequence"),
         })?;
-        let radius = self.radius(settings, size);
+        let radius = self.radius(settings, size, local);
         let share = 1.0 / (std::f64::consts::PI * f64::from(radius) * f64::from(radius) * f64::from(self.each));
         let integers = [self.each, first, self.targets, (1 << self.bucket_bits()) - 1];
         Ok((integers, [radius, 0.5 / radius, share as f32, f32::from_bits(self.from_emitters(settings, lights))]))
@@ -415,7 +420,8 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
         lists,
         particles,
         eye,
-        settings: settings.clone(),
+        // Neighbours in an atlas need not be neighbours in the scene.
+        settings: Settings { filter: settings.filter.filter(|_| view.camera().is_some()), ..settings.clone() },
         view: view.clone(),
         mean_reflectivity: scene.mean_reflectivity,
         scene: SceneSize {
@@ -551,7 +557,7 @@ mod tests {
 
     #[test]
     fn survivors_follow_the_paper() {
-        let settings = Settings { particles: 32, max_depth: 6, ..Settings::default() };
+        let settings = Settings { particles: 32, max_depth: 6, ..Settings::plain() };
         let plan = LightPlan::new(&settings, 0.5, 3);
         assert_eq!(plan.survivors, [32, 16, 8, 4, 2]);
         assert_eq!(plan.first_slot(0), 3);
@@ -586,21 +592,22 @@ mod tests {
             // exit.
             assert!(chunk >= 1 && 11 * chunk + 10 <= budget.max(25), "{budget}: {chunk}");
         }
-        let settings = Settings { photons: 500, pattern: [5, 5], ..Settings::default() };
+        let settings = Settings { photons: 500, pattern: [5, 5], ..Settings::plain() };
         let plan = PhotonPlan::new(&settings, 1).unwrap();
         assert_eq!((plan.total(), plan.bucket_bits()), (12_500, 15));
         assert_eq!(PhotonPlan { each: Settings::MAX_PHOTONS, classes: 1, ..plan }.bucket_bits(), 21);
-        assert_eq!(PhotonPlan::new(&Settings { photons: 0, ..Settings::default() }, 1), None);
+        assert_eq!(PhotonPlan::new(&Settings { photons: 0, ..Settings::plain() }, 1), None);
         assert_eq!(PhotonPlan::new(&settings, 0), None);
         assert_eq!(PhotonPlan::new(&Settings { max_depth: 1, ..settings.clone() }, 1), None);
         // Without a radius from the user the size of the view and the number decide.
-        assert!((plan.radius(&settings, 10.0) - 3.0 / 500f32.sqrt()).abs() < 1e-6);
-        assert_eq!(plan.radius(&Settings { photon_radius: Some(0.3), ..settings }, 10.0), 0.3);
+        assert!((plan.radius(&settings, 10.0, 0) - 3.0 / 500f32.sqrt()).abs() < 1e-6);
+        assert!((plan.radius(&settings, 10.0, 15) - 1.5 / 500f32.sqrt()).abs() < 1e-6);
+        assert_eq!(plan.radius(&Settings { photon_radius: Some(0.3), ..settings }, 10.0, 15), 0.3);
     }
 
     #[test]
     fn lights_are_chosen_and_mirrored_as_far_as_paths_allow() {
-        let settings = Settings { particles: 32, max_depth: 5, mirror_lights: 4, ..Settings::default() };
+        let settings = Settings { particles: 32, max_depth: 5, mirror_lights: 4, ..Settings::plain() };
         let lights = LightPlan::new(&Settings { delta_lights: Some(3), ..settings.clone() }, 0.5, 300);
         assert_eq!((lights.delta, LightPlan::new(&settings, 0.5, 300).delta), (3, 300));
         // Eye, mirror, shadow ray and up to two reflections.

@@ -68,7 +68,7 @@ mod tests {
 
     #[test]
     fn strips_cover_the_image_within_the_limit() {
-        for settings in [Settings::default(), Settings::interactive()] {
+        for settings in [Settings::plain(), Settings::interactive()] {
             for (image, pixels) in [([640, 480], 50_000), ([100, 1000], 9_000), ([7, 3], 100), ([301, 211], 30_000)] {
                 let strips = cut(image, &settings, pixels);
                 let mut next = 0;
@@ -82,6 +82,6 @@ mod tests {
             }
         }
         // A row of blocks is the minimum.
-        assert_eq!(cut([640, 480], &Settings::default(), 1).len(), 60);
+        assert_eq!(cut([640, 480], &Settings::plain(), 1).len(), 60);
     }
 }

@@ -164,14 +164,9 @@ impl View {
                 if atlas.texels.len() as u64 != u64::from(width) * u64::from(height) {
                     return refuse("an atlas has as many texels as its size says");
                 }
-                match settings {
-                    Settings { filter: Some(_), .. } => {
-                        refuse("an atlas has no pixels to filter over; use --filter off")
-                    }
-                    Settings { superposition: Some(_), .. } => {
-                        refuse("mirror images need a camera; use --superposition off")
-                    }
-                    _ => Ok(()),
+                match settings.superposition {
+                    Some(_) => refuse("mirror images need a camera; use --superposition off"),
+                    None => Ok(()),
                 }
             }
         }
@@ -213,7 +208,7 @@ mod tests {
 
     #[test]
     fn regions_grow_to_whole_blocks() {
-        let plain = Settings::default();
+        let plain = Settings::plain();
         let crop = Region { origin: [17, 9], size: [30, 5] };
         assert_eq!(crop.around(&plain, [640, 480]), Region { origin: [16, 8], size: [32, 8] });
         // Blocks of a 3 x 2 pattern are 24 x 16 pixels; the image may end within one.

@@ -23,7 +23,7 @@ fn render_once() {
         let context = Context::headless(&options())?;
         let scene = builtin::furnace(0.5, 1.0);
         let camera = lightsum::Camera { resolution: [1, 1], ..scene.camera.unwrap() };
-        let mut engine = Engine::new(&context, &scene, camera, Settings { max_depth: 1, ..Settings::default() })?;
+        let mut engine = Engine::new(&context, &scene, camera, Settings { max_depth: 1, ..Settings::plain() })?;
         let readback = Buffer::new(&context, "image", engine.image().bytes(), Memory::Readback)?;
         context.submit_and_wait("furnace", None, |rec| {
             engine.record_setup(rec)?;

@@ -6,7 +6,7 @@
 //! spread over the lobe. Weights are those of the window of `discontinuity`, in its first form, which preserves the sum of radiance
 //! over a surface.
 //!
-//! Bias: detail of reflections finer than the lobe is blurred over the window, in the limit as well.
+//! Bias: detail of reflections finer than the lobe is blurred over the window, less and less ([`Filter::weight`]).
 //!
 //! Cost: w h times 6 vec4 and 60 operations for each pixel that shows a lobe, 2 vec4 for others.
 
@@ -127,7 +127,7 @@ pub fn reference(
             let other = lobes[j].as_ref().filter(|other| own.is_like(other));
             other.map(|_| window.share(offset) * (radiance[j] - radiance[i]))
         });
-        radiance[i] + window.middle * gain.sum::<Vec3>()
+        radiance[i] + frame.lens[2] * window.middle * gain.sum::<Vec3>()
     };
     (0..lobes.len()).map(filtered).collect()
 }

@@ -10,7 +10,7 @@ use crate::sampling::dimensions::{OFFSET, REPLICA, ROTATION, WINDOW};
 use crate::sampling::halton::PRIMES;
 use crate::sampling::random::{hash, key, random_f32};
 use crate::sampling::sobol::{scrambled, shuffled, sobol, unit};
-use crate::settings::Sequence;
+use crate::settings::{Filter, Sequence};
 use crate::view::View;
 
 impl Plan {
@@ -105,7 +105,7 @@ impl Plan {
                 [each, lights, mirrors, if s.filter.is_some() { NEAR_SPREAD } else { 1 }]
             },
             lists: [self.lists.slots() - self.lists.first_slot(1), self.lists.slots(), 0, 0],
-            lens: [lookout.lens[0], lookout.lens[1], 0.0, 0.0],
+            lens: [lookout.lens[0], lookout.lens[1], Filter::weight(pass), 0.0],
         })
     }
 }

@@ -239,7 +239,7 @@ fn all_light_of_a_room_with_mirror_and_glass_is_there() {
             mean(&path_traced(&soup.0, &view, &options)).x
         };
         let image = |photons: u32, mirror_lights: u32| {
-            let base = Settings { photons, mirror_lights, max_depth: 7, particles: 64, ..Settings::default() };
+            let base = Settings { photons, mirror_lights, max_depth: 7, particles: 64, ..Settings::plain() };
             mean(&render(ctx, &soup.0, view, &base, 96).color).x
         };
         let [eye, lights, all] = [SpecularPaths::Eye, SpecularPaths::VirtualLights, SpecularPaths::All].map(traced);

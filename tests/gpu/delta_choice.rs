@@ -68,7 +68,7 @@ fn delta_choice_follows_its_oracle() {
         for (((count, slots), size), light_choice) in cases.into_iter().flat_map(|c| choices.map(|choice| (c, choice)))
         {
             let scene = lamps(count);
-            let base = Settings { delta_lights: Some(slots), light_choice, pattern: [3, 2], ..Settings::default() };
+            let base = Settings { delta_lights: Some(slots), light_choice, pattern: [3, 2], ..Settings::plain() };
             let rig = Rig::new(ctx, &scene, size, base);
             let indices: Vec<u32> = rig.engine.emitters().delta.iter().map(|&i| i as u32).collect();
             let all = Candidates::new(&rig.engine.device_scene().delta, &indices);

@@ -19,7 +19,7 @@ pub fn small() -> (Scene, Camera, Settings) {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell/scene.toml");
     let scene = lightsum::scene::load(&path).unwrap();
     let camera = Camera { resolution: [33, 21], ..scene.camera.unwrap() };
-    (scene, camera, Settings { particles: 4, max_depth: 3, ..Settings::default() })
+    (scene, camera, Settings { particles: 4, max_depth: 3, ..Settings::plain() })
 }
 
 /// Records setup if asked, one pass and the image.
@@ -237,7 +237,7 @@ fn a_pass_with_lost_rays_is_left_out() {
             lights_per_dispatch: 64,
             rounds: 1,
             traversal: Traversal::Single,
-            ..Settings::default()
+            ..Settings::plain()
         };
         let mut engine = ready(ctx, &scene, camera, &settings);
         let counts = |engine: &Engine| download::<u32>(ctx, &engine.frame().output.film.counts).unwrap()[..2].to_vec();

@@ -54,7 +54,7 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
         for resolution in AWKWARD_IMAGES {
             let superposition = Some(Superposition::default());
             let settings =
-                Settings { particles: 4, compensation: Compensation::Off, superposition, ..Settings::default() };
+                Settings { particles: 4, compensation: Compensation::Off, superposition, ..Settings::plain() };
             let rig = Rig::new(ctx, &scene, resolution, settings);
             let frame = rig.frame();
             rig.light();

@@ -77,7 +77,7 @@ fn importance_follows_its_oracle_and_no_emitter_falls_below_the_floor() {
         for ((count, power_fraction), size) in counts.chain(images) {
             let scene = lamps(count);
             let clip = Clip::Distance(0.3);
-            let settings = by_contribution(Settings { power_fraction, clip, ..Settings::default() });
+            let settings = by_contribution(Settings { power_fraction, clip, ..Settings::plain() });
             let rig = Rig::new(ctx, &scene, size, settings);
             let records = distribution(&rig);
             let emitters = rig.engine.emitters();
@@ -124,7 +124,7 @@ fn where_nothing_is_seen_importance_goes_by_power() {
         let camera = scene.camera.as_mut().unwrap();
         camera.eye = Vec3::Y * 10.0;
         camera.target = camera.eye + Vec3::new(0.0, 1.0, -1.0);
-        let rig = Rig::new(ctx, &scene, [8, 8], by_contribution(Settings::default()));
+        let rig = Rig::new(ctx, &scene, [8, 8], by_contribution(Settings::plain()));
         for (record, e) in distribution(&rig).iter().zip(&rig.engine.emitters().list) {
             assert!((record.normal[3] - e.probability).abs() < 1e-6, "{} for {}", record.normal[3], e.probability);
         }

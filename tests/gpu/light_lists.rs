@@ -21,7 +21,7 @@ fn settings(pattern: [u32; 2], traversal: Traversal) -> Settings {
         clip: Clip::Distance(0.5),
         traversal,
         seed: 3,
-        ..Settings::default()
+        ..Settings::plain()
     }
 }
 

@@ -201,7 +201,7 @@ fn a_dynamic_scene_looks_like_a_still_one() {
     gpu_test(|ctx| {
         let scene = builtin::room(900);
         let camera = Camera { resolution: [33, 21], ..scene.camera.unwrap() };
-        let settings = Settings { particles: 4, max_depth: 3, ..Settings::default() };
+        let settings = Settings { particles: 4, max_depth: 3, ..Settings::plain() };
         let still = image(ctx, &mut ready(ctx, &scene, camera, &settings), 3);
         let moving = image(ctx, &mut dynamic(ctx, &scene, camera, &settings), 3);
         let error = difference(&moving, &still);
@@ -215,7 +215,7 @@ fn moving_back_gives_the_same_bits() {
     gpu_test(|ctx| {
         let scene = builtin::room(900);
         let camera = Camera { resolution: [33, 21], ..scene.camera.unwrap() };
-        let settings = Settings { particles: 4, max_depth: 3, ..Settings::default() };
+        let settings = Settings { particles: 4, max_depth: 3, ..Settings::plain() };
         let mut engine = dynamic(ctx, &scene, camera, &settings);
         let first = image(ctx, &mut engine, 2);
         let moved = ["lamp", "table 5", "spheres 2"].map(|name| object(&engine, name));

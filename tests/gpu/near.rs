@@ -14,7 +14,7 @@ use crate::scenes::render;
 use crate::support::gpu_test;
 
 fn settings(pattern: [u32; 2]) -> Settings {
-    Settings { pattern, compensation: Compensation::Near, clip: Clip::Fraction(0.4), seed: 3, ..Settings::default() }
+    Settings { pattern, compensation: Compensation::Near, clip: Clip::Fraction(0.4), seed: 3, ..Settings::plain() }
 }
 
 fn stage<'a>(rig: &'a Rig) -> &'a NearLight {

@@ -201,7 +201,7 @@ fn camera_rays_trace_and_receivers_follow_their_oracles() {
         {
             // Points seen through mirrors and glass, and in the last image glass itself as well.
             let max_specular = if resolution == AWKWARD_IMAGES[4] { 1 } else { 8 };
-            let settings = Settings { particles: 1, max_specular, superposition, ..Settings::default() };
+            let settings = Settings { particles: 1, max_specular, superposition, ..Settings::plain() };
             let rig = Rig::new(ctx, &scene, resolution, settings);
             for hit in look(&rig) {
                 match hit {
@@ -232,7 +232,7 @@ fn emission_of_each_side() {
                 (camera.eye, camera.target, camera.up) =
                     (Vec3::new(0.25, y, 0.25), Vec3::new(0.25, 1.0, 0.25), Vec3::X);
                 camera.fov_y = 5.0;
-                let rig = Rig::new(ctx, &scene, [8, 8], Settings { particles: 1, ..Settings::default() });
+                let rig = Rig::new(ctx, &scene, [8, 8], Settings { particles: 1, ..Settings::plain() });
                 look(&rig);
                 let emitted = rig.vec4s(&rig.frame().eye.points.emitted);
                 assert!(emitted.iter().all(|e| e.truncate() == Vec3::splat(expected)), "{two_sided} {side}");
@@ -250,7 +250,7 @@ fn in_rounds(ctx: &lightsum::gpu::Context, scene: &Scene, loop_budget: u32, roun
         clip: Clip::Fraction(0.0),
         loop_budget,
         rounds,
-        ..Settings::default()
+        ..Settings::plain()
     };
     let rig = Rig::new(ctx, scene, [27, 1], settings);
     rig.light();

@@ -266,7 +266,7 @@ fn shade_gather_and_collect_follow_their_oracles() {
             // A long clipping distance, so that most gather rays hit something.
             let (clip, sequence) = (Clip::Distance(1.2), sequence(i));
             let settings =
-                Settings { particles: 9, pattern, max_depth: 4, clip, sequence, seed: 3, ..Settings::default() };
+                Settings { particles: 9, pattern, max_depth: 4, clip, sequence, seed: 3, ..Settings::plain() };
             let rig = Rig::new(ctx, &scene, resolution, settings);
             rig.walk_and_look();
             let mut seen = Seen::default();
@@ -346,7 +346,7 @@ fn shade_of_each_kind_of_light() {
 
 fn shade_each_kind(ctx: &Context, traversal: Traversal) {
     let scene = gallery();
-    let settings = Settings { particles: 27, clip: Clip::Distance(1.0), seed: 3, traversal, ..Settings::default() };
+    let settings = Settings { particles: 27, clip: Clip::Distance(1.0), seed: 3, traversal, ..Settings::plain() };
     let rig = Rig::new(ctx, &scene, [31, 17], settings);
     rig.walk_and_look();
     let lights: Vec<PointLight> = rig.get(&rig.frame().walk.lights);

@@ -41,7 +41,7 @@ fn reach(rig: &Rig, receiver: &ShadingPoint, lights: &[PointLight]) -> (usize, u
 fn more_work_than_the_driver_lets_one_dispatch_do() {
     gpu_test(|ctx| {
         let scene = builtin::deep_scene(1500);
-        let settings = Settings { particles: 4096, clip: Clip::Distance(0.0), ..Settings::default() };
+        let settings = Settings { particles: 4096, clip: Clip::Distance(0.0), ..Settings::plain() };
         let rig = Rig::new(ctx, &scene, [8, 1], settings);
         rig.walk_and_look();
         rig.run(|frame, rec| frame.shade.record(rec));
@@ -85,7 +85,7 @@ fn a_trace_of_more_steps_than_the_driver_lets_one_dispatch_do() {
     gpu_test(|ctx| {
         // Rays past tens of thousands of needles, and the walk of particles between them.
         let scene = builtin::deep_scene(40_000);
-        let settings = Settings { particles: 8, rounds: 16, ..Settings::default() };
+        let settings = Settings { particles: 8, rounds: 16, ..Settings::plain() };
         let rig = Rig::new(ctx, &scene, [4, 2], settings);
         rig.run(|frame, rec| frame.eye.record(rec));
         assert_eq!(rig.lost(), 0);
@@ -116,7 +116,7 @@ fn starved() -> Settings {
         lights_per_dispatch: 2,
         loop_budget: min_loop_budget(2),
         rounds: 1,
-        ..Settings::default()
+        ..Settings::plain()
     }
 }
 
@@ -179,7 +179,7 @@ fn both_builds_of_the_kernels_give_the_same_image() {
         let scene = gallery();
         let other = ContextOptions { checked_shaders: !options().checked_shaders, ..options() };
         let other = Context::headless(&other).unwrap();
-        let settings = Settings { particles: 16, max_depth: 4, ..Settings::default() };
+        let settings = Settings { particles: 16, max_depth: 4, ..Settings::plain() };
         let [a, b] = [ctx, &other].map(|c| render(c, &scene, [31, 17], settings.clone(), 2).layers().unwrap());
         assert_silent(other.take_messages());
         for (name, a, b) in

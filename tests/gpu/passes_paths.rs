@@ -254,7 +254,7 @@ fn eye_paths_follow_their_oracle() {
                     split,
                     superposition,
                     seed: i as u64,
-                    ..Settings::default()
+                    ..Settings::plain()
                 };
                 let rig = Rig::new(ctx, scene, resolution, settings);
                 assert_eq!(rig.frame().eye.lists.len(), 5);
@@ -275,7 +275,7 @@ fn scenes_without_mirrors_and_glass_do_not_pay() {
             let slots = rig.frame().eye.points.position.bytes() / 16;
             (rig.frame().eye.lists.len(), slots / 45)
         };
-        let defaults = Settings { particles: 1, ..Settings::default() };
+        let defaults = Settings { particles: 1, ..Settings::plain() };
         assert_eq!(steps(&builtin::furnace(0.5, 1.0), defaults.clone()), (0, 1));
         assert_eq!(steps(&gallery(), defaults.clone()), (8, 2));
         assert_eq!(steps(&gallery(), Settings { split: false, ..defaults.clone() }), (8, 1));
@@ -295,7 +295,7 @@ fn tiles_are_listed_in_order() {
     gpu_test(|ctx| {
         let scene = gallery();
         for resolution in [[1, 1], [8, 513], [521, 9], [640, 200]] {
-            let rig = Rig::new(ctx, &scene, resolution, Settings { particles: 1, ..Settings::default() });
+            let rig = Rig::new(ctx, &scene, resolution, Settings { particles: 1, ..Settings::plain() });
             rig.run(|frame, rec| frame.eye.record_first(rec));
             check_tiles(&rig);
         }
@@ -352,7 +352,7 @@ fn light_along_lobes_joins_its_pixel() {
         let scene = gallery();
         let mut joined = 0;
         for resolution in AWKWARD_IMAGES {
-            let rig = Rig::new(ctx, &scene, resolution, Settings { particles: 3, ..Settings::default() });
+            let rig = Rig::new(ctx, &scene, resolution, Settings { particles: 3, ..Settings::plain() });
             rig.light();
             let (frame, pixels) = (rig.frame(), rig.parameters.size[2] as usize);
             let (points, lighting) = (&frame.eye.points, &frame.shade.lighting);

@@ -302,7 +302,7 @@ fn photons_follow_their_oracles() {
             mirror_lights: 0,
             glossy_paths: false,
             photon_radius: Some(0.3),
-            ..Settings::default()
+            ..Settings::plain()
         };
         for photons in AWKWARD_SIZES {
             let settings = Settings { photons: photons as u32, seed: photons as u64, ..base.clone() };

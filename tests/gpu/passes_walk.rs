@@ -24,7 +24,7 @@ fn settings(particles: u32, jitter: bool) -> Settings {
 }
 
 fn interleaved(particles: u32, pattern: [u32; 2], jitter: bool) -> Settings {
-    Settings { particles, pattern, jitter, seed: 7, ..Settings::default() }
+    Settings { particles, pattern, jitter, seed: 7, ..Settings::plain() }
 }
 
 /// Whether two lights have the same emission, from positions within `place`. For lights without power, the rest is

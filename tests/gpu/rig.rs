@@ -34,13 +34,18 @@ pub struct Rig<'a> {
 impl<'a> Rig<'a> {
     /// Sets up the scene for its first pass, with parameters written and counters cleared.
     pub fn new(ctx: &'a Context, scene: &'a Scene, resolution: [u32; 2], settings: Settings) -> Rig<'a> {
+        Rig::at_pass(ctx, scene, resolution, settings, 0)
+    }
+
+    /// Likewise for another pass.
+    pub fn at_pass(ctx: &'a Context, scene: &'a Scene, resolution: [u32; 2], settings: Settings, pass: u32) -> Rig<'a> {
         let camera = scene.camera.unwrap();
         // The scene's angle of view, but along the longer side: a narrow image would see hardly anything with it.
         let [width, height] = resolution.map(|n| n as f32);
         let tan = (0.5 * camera.fov_y).to_radians().tan() * (height / width.max(height));
         let camera = Camera { resolution, fov_y: 2.0 * tan.atan().to_degrees(), ..camera };
         let mut engine = Engine::new(ctx, scene, camera, settings).unwrap();
-        let parameters = engine.plan().parameters(0).unwrap();
+        let parameters = engine.plan().parameters(pass).unwrap();
         ctx.submit_and_wait("setup", None, |rec| {
             engine.record_setup(rec)?;
             engine.frame().record_start(rec, &parameters)
@@ -203,7 +208,7 @@ pub const SINE: f32 = 5e-4;
 /// Maximum difference of the directions in which particles start from the lights of a scene from the oracle's: the
 /// error of the device's sine and cosine, the only inexact operations in them besides roots.
 pub fn sine_error(ctx: &Context, scene: &Scene) -> f32 {
-    let rig = Rig::new(ctx, scene, [1, 1], Settings { particles: 2049, ..Settings::default() });
+    let rig = Rig::new(ctx, scene, [1, 1], Settings { particles: 2049, ..Settings::plain() });
     rig.run(|frame, rec| frame.walk.record_start(rec));
     let directions = rig.vec4s(&rig.frame().walk.particles.direction);
     let error = |i: usize| {

@@ -107,7 +107,7 @@ pub fn fov(half: f32, distance: f32) -> f32 {
 
 /// Settings for closed forms: one seed, `depth` segments.
 pub fn settings(particles: u32, max_depth: u32) -> Settings {
-    Settings { particles, max_depth, photons: 0, mirror_lights: 0, ..Settings::default() }
+    Settings { particles, max_depth, photons: 0, mirror_lights: 0, ..Settings::plain() }
 }
 
 /// Keller's original estimator: no clipping, hence no compensation.

@@ -41,7 +41,7 @@ fn room() -> Scene {
 /// One pass with few paths and without gather rays.
 fn settings(superposition: Superposition) -> Settings {
     let superposition = Some(superposition);
-    Settings { particles: 4, compensation: Compensation::Off, max_specular: 4, superposition, ..Settings::default() }
+    Settings { particles: 4, compensation: Compensation::Off, max_specular: 4, superposition, ..Settings::plain() }
 }
 
 /// Lights the visible points.

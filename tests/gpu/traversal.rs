@@ -19,7 +19,7 @@ fn settings(traversal: Traversal) -> Settings {
         particles: 16,
         clip: Clip::Distance(0.0),
         compensation: Compensation::Off,
-        ..Settings::default()
+        ..Settings::plain()
     }
 }
 

@@ -33,7 +33,7 @@ impl Stage<'_> {
     }
 
     fn run(&self, kernels: TraversalKernels, workload: &Workload) -> Visibility {
-        let settings = Settings { rounds: 64, ..Settings::default() };
+        let settings = Settings { rounds: 64, ..Settings::plain() };
         let mut staging = Staging::new();
         let inputs = Inputs { kernels, scene: &self.scene, settings: &settings, workload };
         let pass = Visibility::new(self.ctx, &mut staging, &inputs).unwrap();
@@ -271,7 +271,7 @@ fn faint_lights_are_dropped_on_demand() {
         let camera = lightsum::Camera { resolution: [40, 30], ..scene.camera.unwrap() };
         let run = |light_threshold: f32| {
             let settings =
-                Settings { light_threshold, particles: 16, compensation: Compensation::Off, ..Settings::default() };
+                Settings { light_threshold, particles: 16, compensation: Compensation::Off, ..Settings::plain() };
             let mut renderer = Renderer::with_context(ctx.clone(), scene.clone(), camera, settings).unwrap();
             renderer.pass().unwrap();
             let layers = renderer.layers().unwrap();

@@ -87,7 +87,7 @@ fn print(name: &str, renderer: &Renderer, passes: &Passes) -> Result<()> {
         kernel(renderer),
     ))?;
     let frame = report::median(&passes.seconds);
-    let table = Table::head(&[("pass", 12), ("median ms", 9), ("+-", 5), ("of frame", 8)])?;
+    let table = Table::head(&[("pass", 19), ("median ms", 9), ("+-", 5), ("of frame", 8)])?;
     let gpu = passes.gpu.iter().map(|(name, seconds)| (name.as_str(), seconds));
     for (name, seconds) in gpu.chain([("whole frame", &passes.seconds)]) {
         let median = report::median(seconds);

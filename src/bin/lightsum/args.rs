@@ -147,7 +147,8 @@ pub struct Output {
     pub stats: Option<PathBuf>,
     /// Write the scene with the virtual lights of a pass as glTF (KHR_lights_punctual).
     ///
-    /// lightsum and other renderers can load the file. Without --output or --stats no image is rendered.
+    /// lightsum and other renderers can load the file. All pixels share them, unless --interleave says otherwise. Without
+    /// --output or --stats no image is rendered.
     #[arg(long, value_name = "FILE.gltf")]
     pub export_lights: Option<PathBuf>,
 }
@@ -199,7 +200,7 @@ pub struct Light {
     /// Fewer save shadow rays; shadows of single lights show until passes or a filter average them.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PARTICLES)))]
     pub direct_lights: Option<u32>,
-    /// Interleaved sampling: size of the pixel pattern, 1x1 to 8x8 [default: the scene's, or 1x1].
+    /// Interleaved sampling: size of the pixel pattern, 1x1 to 8x8 [default: the scene's, or 3x3].
     ///
     /// Each position in the pattern has its own virtual lights. A larger pattern lights a neighbourhood with more lights at
     /// the same number of shadow rays, traced more slowly; the pattern shows without a filter or many passes.
@@ -226,14 +227,15 @@ pub struct Light {
     /// Faster, but single highlights show as dots, and clipping darkens them.
     #[arg(long)]
     pub no_glossy_paths: bool,
-    /// Caustic photons in each pass, for each class of pixels; 0: no caustics [default: the scene's, or 2000 over all classes; with --preset interactive: 222].
+    /// Caustic photons in each pass, for each class of pixels; 0: no caustics [default: the scene's, or 6003 over all classes; with --preset interactive: 1998].
     ///
     /// Time grows linearly; more are smoother. No cost in scenes without mirrors and glass. At most 1048576 over all classes.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_PHOTONS)))]
     pub photons: Option<u32>,
     /// Radius of the photon density estimate, in scene units [default: the scene's, or by its size and --photons].
     ///
-    /// Larger: less noise and more blur. More passes do not remove the blur.
+    /// Larger: less noise and more blur. By default it shrinks with the fourth root of the passes, so that the blur vanishes;
+    /// a given radius stays.
     #[arg(long, value_name = "R", allow_negative_numbers = true, value_parser = distance)]
     pub photon_radius: Option<f32>,
     /// Mirrored lights in each pass, for each class of pixels, 0 to 1024 [default: 2; with --preset interactive: 1; none without planar mirrors].
@@ -281,11 +283,11 @@ pub struct Light {
     /// Higher: faster and darker, by at most E for each light of a pass. 0 drops only lights that contribute nothing.
     #[arg(long, value_name = "E", allow_negative_numbers = true, value_parser = distance)]
     pub light_threshold: Option<f32>,
-    /// Average irradiance over neighbouring pixels of one surface, in a window of this size [default: off].
+    /// Average irradiance over neighbouring pixels of one surface, in a window of this size [default: auto; off with --interleave 1x1].
     ///
     /// auto: the size of the interleaving pattern, at least 3x3; else odd numbers from 1 to 9, no smaller than the pattern.
-    /// Smooth images from few passes; blurs shadows over the window, but not textures. Larger is smoother, blurs more and
-    /// takes longer.
+    /// Smooth images from few passes; blurs shadows over the window, but not textures; less with each pass after 64. Larger is
+    /// smoother, blurs more and takes longer.
     #[arg(long, value_name = "WxH|auto|off", value_parser = filter)]
     pub filter: Option<FilterFlag>,
     /// Do not apply --filter to direct light: its shadows stay sharp, and noisy.

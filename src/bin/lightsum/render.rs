@@ -48,9 +48,14 @@ pub fn run(args: &Render) -> Result<()> {
     let camera = camera::choose(&scene, &args.camera, args.output.resolution)?;
     args.output.crop.map_or(Ok(()), |crop| crop.check(camera.resolution))?;
     let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
-    // Exported lights light everything, so there must not be many more of them than a pass can afford.
-    let light_pool = if args.output.export_lights.is_some() { 0 } else { settings.light_pool };
-    let settings = Settings { summands: args.output.summands, light_pool, ..settings };
+    let mut settings = Settings { summands: args.output.summands, ..settings };
+    if args.output.export_lights.is_some() {
+        // Exported lights light everything, so there must not be many more of them than a pass can afford.
+        settings.light_pool = 0;
+        if args.light.interleave.is_none() {
+            settings.pattern = [1, 1];
+        }
+    }
     settings.validate()?;
     let exposure = args.output.exposure.or(scene.render.exposure).unwrap_or(0.0);
     let encoding = Encoding {
@@ -89,6 +94,10 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
         settings.mirror_lights = preset.mirror_lights;
         settings.filter = preset.filter;
     }
+    // A scene's own number is that of each class.
+    let keeps = light.preset.is_none() && render.photons.is_some();
+    let classes =
+        if keeps { light.interleave.unwrap_or(settings.pattern).iter().product() } else { settings.classes() };
     settings.particles = light.particles.unwrap_or(settings.particles);
     settings.light_pool = light.light_pool.unwrap_or(settings.light_pool);
     settings.direct_lights = light.direct_lights.or(settings.direct_lights);
@@ -97,10 +106,9 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
     settings.max_specular = light.max_specular.unwrap_or(settings.max_specular);
     settings.split &= !light.no_split;
     settings.glossy_paths &= !light.no_glossy_paths;
-    // The default number is that of all classes together.
-    let by_default = light.preset.is_none() && render.photons.is_none();
-    let classes = if by_default { settings.classes() } else { 1 };
-    settings.photons = light.photons.unwrap_or(settings.photons.div_ceil(classes));
+    // Another pattern has as many photons over all classes.
+    let all = settings.photons * classes;
+    settings.photons = light.photons.unwrap_or(all.div_ceil(settings.classes()));
     settings.photon_radius = light.photon_radius.or(settings.photon_radius);
     settings.clip = light.clip.map(Clip::Distance).or(light.clip_fraction.map(Clip::Fraction)).unwrap_or(settings.clip);
     settings.compensation = match light.compensation {
@@ -108,6 +116,8 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
         chosen => chosen.map_or(settings.compensation, Into::into),
     };
     settings.filter = match light.filter {
+        // All pixels share their lights, so that their errors are alike.
+        None if settings.pattern == [1, 1] => None,
         None => settings.filter,
         Some(FilterFlag::Off) => None,
         Some(size) => Some(Filter {
@@ -395,13 +405,15 @@ mod tests {
             "--particles 3 --seed 1 --clip-fraction 0.1 --jitter --rounds 8 --max-depth 2 --interleave 2x5",
             &scene,
         );
-        assert_eq!((flags.pattern, defaults.pattern), ([2, 5], [1, 1]));
+        assert_eq!((flags.pattern, defaults.pattern), ([2, 5], [3, 3]));
+        assert_eq!((flags.photons, chosen("--interleave 1x1", &scene).photons), (601, 6003));
+        assert_eq!(chosen("--interleave 1x1", &scene).filter, None);
         assert_eq!((flags.particles, flags.seed, flags.rounds, flags.max_depth, flags.jitter), (3, 1, 8, 2, true));
         assert_eq!((flags.max_specular, flags.split), (3, true));
         let direct = chosen("--max-specular 0 --no-split", &scene);
         assert_eq!((direct.max_specular, direct.split), (0, false));
         assert_eq!(flags.clip, Clip::Fraction(0.1));
-        assert_eq!((flags.filter, chosen("--filter off", &scene).filter), (None, None));
+        assert_eq!((flags.filter, chosen("--filter off", &scene).filter), (Some(Filter::default()), None));
         assert_eq!(chosen("--filter auto", &scene).filter, Some(Filter::default()));
         let filter = chosen("--filter 5x3 --no-filter-direct --filter-agreement paper", &scene).filter;
         let expected = Filter { window: Some([5, 3]), direct: false, agreement: Agreement::DepthAndNormal };
