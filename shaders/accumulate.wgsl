@@ -48,7 +48,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let radiance = emitted[pixel].xyz + through.xyz * reflected_radiance(kd, light);
 
     // Layers that a pixel needs once stand where irradiance has no component: coverage after colour, depth after direct.
-    let color = sum_with(sum_color[pixel], rest_color[pixel], vec4<f32>(radiance, hit));
+    let color = sum_with(sum_color[pixel], rest_color[pixel], vec4<f32>(radiance, hit + emitted[pixel].w));
     sum_color[pixel] = color.high;
     rest_color[pixel] = color.middle;
     if any(color.error != vec4<f32>(0.0)) {

@@ -1,5 +1,6 @@
 // Writes one ray for each pixel, through the pass's offset in the pixel. See pass/camera_rays.rs.
 #include "frame.wgsl"
+#include "camera.wgsl"
 
 @group(0) @binding(1) var<storage, read_write> ray_origin: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read_write> ray_direction: array<vec4<f32>>;
@@ -14,9 +15,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let x = f32(pixel % frame.size.x + frame.within.x) + frame.pixel_offset.x;
     let y = f32(pixel / frame.size.x + frame.within.y) + frame.pixel_offset.y;
-    let s = 2.0 * x / f32(frame.within.z) - 1.0;
-    let t = 1.0 - 2.0 * y / f32(frame.within.w);
-    let d = frame.forward.xyz + s * frame.right.xyz + t * frame.up.xyz;
+    let d = towards(x, y);
     ray_origin[pixel] = vec4<f32>(frame.eye.xyz, 3.0e38);
     let length = sqrt(dot(d, d));
     ray_direction[pixel] = vec4<f32>(d / length, dot(d, frame.forward.xyz) / length);

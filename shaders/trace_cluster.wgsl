@@ -1,4 +1,5 @@
-// Finds the closest hits of 64 eye rays at once: a subgroup walks the tree for a tile of 8 x 8 pixels. See pass/trace.rs.
+// Finds the closest hits of up to 64 eye rays at once: a subgroup walks the tree for a tile of 8 x 8 pixels. See pass/trace.rs.
+// EDGES: for the rays at edges that each tile has.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -6,12 +7,18 @@
 #include "subgroup.wgsl"
 #include "cluster_walk.wgsl"
 #include "shaft.wgsl"
+#if EDGES
+#include "edge_rays.wgsl"
+#endif
 
 @group(0) @binding(7) var<storage, read> ray_direction: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read_write> hits: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read_write> progress: array<vec2<u32>>;
 @group(0) @binding(10) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(12) var<storage, read> steps: array<Step>;
+#if EDGES
+@group(0) @binding(13) var<storage, read> marks: array<u32>;        // rays of each tile
+#endif
 var<immediate> push: Push;
 
 const FAR: f32 = 3.0e38;
@@ -32,6 +39,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if cluster >= across * down {
         return;
     }
+#if EDGES
+    let count = marks[cluster];
+    if count == 0u {
+        return;
+    }
+    let part = part_of_tile(cluster);
+    let last = count - 1u;
+#endif
     let eye = frame.eye.xyz;
     var ray: array<u32, RAYS>;
     var d: array<vec3<f32>, RAYS>;
@@ -44,11 +59,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var hi = vec3<f32>(-FAR);
     for (var r = 0u; r < RAYS; r += 1u) {
         let i = r * LANES + lane;
+        // Rays beyond the last, or beyond the image, repeat it and take no part.
+#if EDGES
+        present |= select(0u, 1u << r, i <= last);
+        ray[r] = ray_of_tile(part, min(i, last));
+#else
         let at = vec2<u32>(8u * (cluster % across) + (i & 7u), 8u * (cluster / across) + i / 8u);
-        // Rays beyond the image repeat the last and take no part.
         let inside = min(at, frame.size.xy - 1u);
         present |= select(0u, 1u << r, all(at == inside));
         ray[r] = inside.x + inside.y * frame.size.x;
+#endif
         d[r] = ray_direction[ray[r]].xyz;
         inverse[r] = safe_inverse(d[r]);
         best[r] = FAR;

@@ -21,7 +21,9 @@ use crate::pass::summands::Summands;
 use crate::pass::{Kit, List};
 use crate::plan::Plan;
 use crate::settings::LightChoice;
-use crate::stage::{Compensation, Eye, GlossyPlanes, NearLight, Output, PhotonLighting, Photons, Shade, Stage, Walk};
+use crate::stage::{
+    Compensation, Edges, Eye, GlossyPlanes, NearLight, Output, PhotonLighting, Photons, Shade, Stage, Walk,
+};
 
 /// The stages of a frame and its buffers.
 pub struct Frame {
@@ -61,6 +63,8 @@ pub struct Frame {
     pub glossy_planes: Option<GlossyPlanes>,
     /// Adds the light of second components to their pixels.
     pub merge: Option<Merge>,
+    /// Antialiases edges.
+    pub edges: Option<Edges>,
     /// Sums emission, diffuse and specular light separately.
     pub summands: Option<Summands>,
     /// Blurs pixels out of focus.
@@ -165,6 +169,7 @@ impl Frame {
             1 => None,
             _ => Some(Merge::new(kit, &eye.points, &eye.paths, lighting, &eye.ideal_tiles, shown)?),
         };
+        let edges = Edges::new(kit, scene, plan, &eye, lighting)?;
         let lens = match plan.view.has_lens() {
             false => None,
             true => {
@@ -192,6 +197,7 @@ impl Frame {
             discontinuity_lobes,
             glossy_planes,
             merge,
+            edges,
             summands,
             lens,
             output,
@@ -224,6 +230,7 @@ impl Frame {
         self.discontinuity_lobes.run(rec)?;
         self.glossy_planes.run(rec)?;
         self.merge.run(rec)?;
+        self.edges.run(rec)?;
         self.summands.run(rec)?;
         self.lens.run(rec)?;
         self.output.record_accumulate(rec, parameters.instance())

@@ -491,6 +491,12 @@ impl Plan {
         self.lists != self.lights
     }
 
+    /// Whether edges get more eye rays.
+    pub fn antialiases(&self) -> bool {
+        let settings = &self.settings;
+        settings.antialias && !settings.summands && self.view.camera().is_some() && !self.view.has_lens()
+    }
+
     /// Whether near light comes from the irradiance of other pixels.
     pub fn reuses_pixels(&self) -> bool {
         let settings = &self.settings;

@@ -19,6 +19,8 @@ use crate::settings::Settings;
 /// Pixels beyond a region that filters read, rounded up: windows are at most 9 pixels wide, and guides read one pixel
 /// further.
 const APRON: u32 = 8;
+/// Pixels on all sides for the tiles whose edges decide how many rays they get.
+const EDGE_APRON: u32 = 9;
 
 /// A rectangle of pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,9 +38,9 @@ impl Region {
     }
 
     /// The smallest region around this one whose pixels, rendered alone, have the bits of the whole image: with an
-    /// apron for the filter, and on the borders of blocks of 8 x 8 pixels of each class.
+    /// apron for the filter and for edges, and on the borders of blocks of 8 x 8 pixels of each class.
     pub fn around(&self, settings: &Settings, image: [u32; 2]) -> Region {
-        let apron = if settings.filter.is_some() { APRON } else { 0 };
+        let apron = if settings.filter.is_some() { APRON } else { 0 } + if settings.antialias { EDGE_APRON } else { 0 };
         let span = |axis: usize| {
             let block = 8 * settings.pattern[axis];
             let first = self.origin[axis].saturating_sub(apron) / block * block;

@@ -23,7 +23,7 @@ struct FrameParameters {
     superposition: vec4<u32>,   // number of planar reflectors handled by superposition; form of their reflectance (settings::Reflectance)
     mirrors: vec4<u32>,         // mirrored lights of each class N, lights to mirror, planar mirrors M; neighbours of a class that share near light
     lists: vec4<u32>,           // lights that a cluster chooses from the lights after reflections of its class, lights of a cluster, 0, 0
-    lens: vec4<f32>,            // aperture diameter times the pixels of a unit of length at unit distance, 1 / focus distance; z: weight of the filter over neighbours
+    lens: vec4<f32>,            // aperture diameter times the pixels of a unit of length at unit distance, 1 / focus distance; z: weight of neighbours
 }
 
 @group(0) @binding(0) var<storage, read> frame: FrameParameters;
@@ -41,6 +41,13 @@ fn sample_of(slot: u32) -> u32 {
     let row = pixel / frame.size.x;
     let column = pixel - row * frame.size.x;
     return column + frame.within.x + (row + frame.within.y + second * frame.within.w) * frame.within.z;
+}
+
+// Part of a tile of 8 x 8 pixels that lies in the image: lower corner, width and height.
+fn part_of_tile(tile: u32) -> vec4<u32> {
+    let across = (frame.size.x + 7u) / 8u;
+    let low = vec2<u32>(8u * (tile % across), 8u * (tile / across));
+    return vec4<u32>(low, min(frame.size.xy - low, vec2<u32>(8u)));
 }
 
 // Pixel of a lane in a tile of 8 x 8 pixels; it may lie beyond the image.

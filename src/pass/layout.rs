@@ -53,7 +53,7 @@ pub struct FrameParameters {
     pub mirrors: [u32; 4],
     /// Lights that a cluster chooses, lights of a cluster, 0, 0 (see [`super::light_lists`]).
     pub lists: [u32; 4],
-    /// Of the lens: its diameter times the pixels of a unit of length at unit distance, 1 / distance in focus; z: weight of the filter.
+    /// Of the lens: its diameter times the pixels of a unit of length at unit distance, 1 / distance in focus; z: weight of neighbours.
     pub lens: [f32; 4],
 }
 

@@ -17,6 +17,7 @@ pub mod convolve;
 pub mod delta_choice;
 pub mod discontinuity;
 pub mod discontinuity_lobes;
+pub mod edges;
 pub mod eye_paths;
 pub mod eye_points;
 pub mod gather;
@@ -195,6 +196,18 @@ impl TraversalKernels {
             &shaders::TRACE_CLUSTER_16,
             &shaders::TRACE_CLUSTER_32,
             &shaders::TRACE_CLUSTER_64,
+        ];
+        TraversalKernels::new(context, traversal, &shaders::TRACE, CLUSTERS)
+    }
+
+    /// Kernels of the pass `trace` for rays at edges.
+    pub fn trace_edges(context: &Context, traversal: Traversal) -> Result<TraversalKernels> {
+        const CLUSTERS: BySubgroup = [
+            &shaders::TRACE_EDGES_4,
+            &shaders::TRACE_EDGES_8,
+            &shaders::TRACE_EDGES_16,
+            &shaders::TRACE_EDGES_32,
+            &shaders::TRACE_EDGES_64,
         ];
         TraversalKernels::new(context, traversal, &shaders::TRACE, CLUSTERS)
     }

@@ -9,6 +9,7 @@
 //! number of steps grows roughly with the square root of the triangles that a ray passes. Incoherent, so it suits walks
 //! and short gather rays. A cluster takes 256 bytes for each node and 384 for each leaf.
 
+use super::edges::Edges;
 use super::layout::Step;
 use super::schedule::{LIST_GROUPS, ROUND_GROUPS, Schedule};
 use super::{BoundKernel, Kit, List, Rays, TraversalKernels, groups, push};
@@ -30,6 +31,16 @@ impl EyeSteps {
     /// Adds the steps to the table. `lanes`: subgroup size of the cluster kernel, if clusters take the rays first.
     pub fn new(table: &mut StepTable, settings: &Settings, pixels: u32, lanes: Option<u32>) -> EyeSteps {
         let single = Step { end: pixels, steps: trace_steps(settings.loop_budget), ..Step::default() };
+        EyeSteps::of(table, settings, single, lanes)
+    }
+
+    /// For rays on a list.
+    pub fn of_list(table: &mut StepTable, settings: &Settings, lanes: Option<u32>) -> EyeSteps {
+        let single = Step { indirect: 1, steps: trace_steps(settings.loop_budget), ..Step::default() };
+        EyeSteps::of(table, settings, single, lanes)
+    }
+
+    fn of(table: &mut StepTable, settings: &Settings, single: Step, lanes: Option<u32>) -> EyeSteps {
         let Some(lanes) = lanes else {
             return EyeSteps { clusters: None, rounds: table.add_rounds(settings.rounds, single) };
         };
@@ -66,6 +77,33 @@ impl Trace {
             None => None,
         };
         Ok(Trace { cluster, ..Trace::new(kit, rays, list, steps)? })
+    }
+
+    /// As [`Trace::of_eye`] for the rays at edges that `list` holds, up to 64 for each tile.
+    pub fn of_edges(
+        kit: &Kit,
+        edges: &Edges,
+        rays: &Rays,
+        list: &List,
+        steps: &Resources,
+        clusters: bool,
+    ) -> Result<Self> {
+        let tiles = Resources::of([("marks", &edges.marks)]);
+        let cluster = match TraversalKernels::trace_edges(kit.context, kit.traversal)?.cluster.filter(|_| clusters) {
+            Some(kernel) => Some(kit.bind(kernel, &[&rays.resources(), &list.resources(), &tiles, steps])?),
+            None => None,
+        };
+        Ok(Trace { cluster, ..Trace::new(kit, rays, list, steps)? })
+    }
+
+    /// Records the rounds over the rays at edges of so many tiles. If `steps.clusters`, the first round is by clusters.
+    pub fn record_edges(&self, rec: &mut Recorder, steps: &EyeSteps, tiles: u32) -> Result<()> {
+        let (Some(kernel), Some(step)) = (&self.cluster, steps.clusters) else {
+            return self.record(rec, &steps.rounds, None);
+        };
+        kernel.run(rec, &push(step), u64::from(tiles))?;
+        self.schedule.record(rec, step)?;
+        steps.rounds.iter().try_for_each(|&step| self.record_round(rec, step))
     }
 
     /// Records the rounds over the eye rays, `tiles` of 8 x 8. If `steps.clusters`, the first round is by clusters.

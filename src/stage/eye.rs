@@ -8,6 +8,7 @@ use crate::gpu::{Buffer, Recorder};
 use crate::pass::atlas::Atlas;
 use crate::pass::camera_rays::CameraRays;
 use crate::pass::clusters::{self, Clusters};
+use crate::pass::edges::EdgeGuides;
 use crate::pass::eye_paths::{self, EyePaths};
 use crate::pass::eye_points::{self, EyePoints};
 use crate::pass::layout::Step;
@@ -30,6 +31,8 @@ pub struct Eye {
     pub paths: EyePathState,
     /// The shading points: a slot for each entry of the view, and where paths are split as many again for the second components.
     pub points: ShadingPoints,
+    /// First hits of the pixels, kept for [`super::Edges`].
+    pub guides: Option<EdgeGuides>,
     /// Records that the paths leave of glossy planes.
     pub planes: Planes,
     /// Tiles of pixels that show mirrors or glass.
@@ -100,6 +103,7 @@ impl Eye {
         let rays = Rays::new(kit.context, "eye", slots)?;
         let paths = EyePathState::new(kit.context, slots, if eye.steps > 0 { slots } else { 0 })?;
         let points = ShadingPoints::new(kit.context, "eye", slots)?;
+        let guides = if plan.antialiases() { Some(EdgeGuides::new(kit, &rays, pixels)?) } else { None };
         let planes = Planes::new(kit, pixels, eye.mirrors, eye.panes)?;
         let turns = Turns::new(kit, listed)?;
         let list = turns.list(kit, "eye points", 0)?;
@@ -162,6 +166,7 @@ impl Eye {
             rays,
             paths,
             points,
+            guides,
             planes,
             ideal_tiles,
             lists,
@@ -186,7 +191,8 @@ impl Eye {
         match &self.first {
             FirstHits::Camera { rays, trace, steps, pixels } => {
                 rays.record(rec)?;
-                trace.record_eye(rec, steps, self.tile_count, *pixels)
+                trace.record_eye(rec, steps, self.tile_count, *pixels)?;
+                self.guides.as_ref().map_or(Ok(()), |guides| guides.record(rec))
             }
             FirstHits::Atlas(atlas) => atlas.record(rec),
         }

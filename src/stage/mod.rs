@@ -2,6 +2,7 @@
 //! records its work as a whole. [`crate::frame`] puts them in order.
 
 mod compensation;
+mod edges;
 mod eye;
 mod glossy_planes;
 mod near_light;
@@ -12,6 +13,7 @@ mod shade;
 mod walk;
 
 pub use compensation::{Bounce, Compensation};
+pub use edges::Edges;
 pub use eye::Eye;
 pub use glossy_planes::GlossyPlanes;
 pub use near_light::NearLight;

@@ -6,6 +6,7 @@ mod caustics;
 mod convolve;
 mod delta_choice;
 mod discontinuity;
+mod edges;
 mod embed;
 mod far_scenes;
 mod frosted_panes;

@@ -227,6 +227,11 @@ pub struct Light {
     /// Faster, but single highlights show as dots, and clipping darkens them.
     #[arg(long)]
     pub no_glossy_paths: bool,
+    /// One eye ray for each pixel in a pass, at edges too.
+    ///
+    /// A little faster, but edges have steps until many passes average them.
+    #[arg(long)]
+    pub no_antialias: bool,
     /// Caustic photons in each pass, for each class of pixels; 0: no caustics [default: the scene's, or 6003 over all classes; with --preset interactive: 1998].
     ///
     /// Time grows linearly; more are smoother. No cost in scenes without mirrors and glass. At most 1048576 over all classes.
@@ -468,7 +473,7 @@ impl From<ClusterOrderFlag> for ClusterOrder {
 pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise instead of structured error.
     #[arg(long, conflicts_with_all = [
-        "passes", "time", "target_error", "resume", "particles", "light_pool", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "no_split", "no_glossy_paths",
+        "passes", "time", "target_error", "resume", "particles", "light_pool", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "no_split", "no_glossy_paths", "no_antialias",
         "photons", "photon_radius", "mirror_lights", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "summands",
         "light_threshold", "light_choice", "power_fraction", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats",
     ])]

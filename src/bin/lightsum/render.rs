@@ -106,6 +106,7 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
     settings.max_specular = light.max_specular.unwrap_or(settings.max_specular);
     settings.split &= !light.no_split;
     settings.glossy_paths &= !light.no_glossy_paths;
+    settings.antialias &= !light.no_antialias;
     // Another pattern has as many photons over all classes.
     let all = settings.photons * classes;
     settings.photons = light.photons.unwrap_or(all.div_ceil(settings.classes()));

@@ -1,0 +1,40 @@
+// Takes the light of a pixel at an edge towards the mean of its rays. See pass/edges.rs.
+#include "frame.wgsl"
+#include "math.wgsl"
+#include "radiance.wgsl"
+#include "edge_rays.wgsl"
+
+@group(0) @binding(1) var<storage, read> edges: array<u32>;
+@group(0) @binding(2) var<storage, read> ray_light: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> point_kd: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> point_wo: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> throughput: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> direct: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read> indirect: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read> specular: array<vec4<f32>>;
+@group(0) @binding(9) var<storage, read_write> emitted: array<vec4<f32>>;   // w: coverage beyond that of the eye ray
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let pixel = (group.x + group.y * groups.x) * 64u + lane;
+    if pixel >= frame.size.z {
+        return;
+    }
+    let word = edges[pixel];
+    if word == 0u {
+        return;
+    }
+    let own = emitted[pixel].xyz + throughput[pixel].xyz * reflected_radiance(point_kd[pixel].xyz, lighting_of(pixel));
+    let covered = select(0.0, 1.0, has_flag(point_wo[pixel].w, COVERED));
+    var sum = vec4<f32>(own, covered);
+    var count = 1.0;
+    let at = vec2<u32>(pixel % frame.size.x, pixel / frame.size.x) / 8u;
+    let part = part_of_tile(at.x + at.y * ((frame.size.x + 7u) / 8u));
+    for (var k = 0u; k < (word & 15u); k += 1u) {
+        let ray = ray_light[ray_of_tile(part, word / 16u + k)];
+        let known = select(0.0, 1.0, ray.w > 0.0);
+        sum += vec4<f32>(known * ray.xyz, select(0.0, 1.0, ray.w > 1.5));
+        count += known;
+    }
+    emitted[pixel] += frame.lens.z * (sum / count - vec4<f32>(own, covered));
+}

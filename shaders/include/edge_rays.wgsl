@@ -1,0 +1,6 @@
+// Where a tile keeps its rays at edges. Needs frame.wgsl.
+
+// Slot of a ray: a pixel of the part of the tile in the image, see part_of_tile.
+fn ray_of_tile(part: vec4<u32>, i: u32) -> u32 {
+    return part.x + i % part.z + (part.y + i / part.z) * frame.size.x;
+}

@@ -1,0 +1,38 @@
+// First hits of eye rays, and which of them lie on one surface. Needs frame.wgsl, math.wgsl, bsdf.wgsl, surface.wgsl and camera.wgsl.
+// CPU twins: pass::edges::{FirstHit, same_surface}.
+
+struct FirstHit {
+    found: bool,            // false: the ray met nothing
+    triangle: u32,
+    material: u32,
+    front: bool,            // seen from its front
+    normal: vec3<f32>,      // geometric, towards the eye
+    position: vec3<f32>,    // from the eye
+    t: f32,
+}
+
+// `triangle`: bits as in `hits.w`.
+fn first_hit(triangle: u32, t: f32, d: vec3<f32>) -> FirstHit {
+    let found = triangle != 0xffffffffu;
+    let at = select(0u, triangle, found);
+    let face = cross(triangle_e1[at].xyz, triangle_e2[at].xyz);
+    let normal = face / sqrt(dot(face, face));
+    let front = dot(normal, d) < 0.0;
+    return FirstHit(found, triangle, material_of(triangle_normals[at]), front, select(-normal, normal, front), t * d, t);
+}
+
+// Pixels are thought to show one surface if their triangles have one material and nearly one plane: to the size of a pixel, and to 18 degrees.
+fn same_surface(a: FirstHit, b: FirstHit) -> bool {
+    let between = b.position - a.position;
+    let pixel = 2.0 * sqrt(dot(frame.up.xyz, frame.up.xyz)) / f32(frame.within.w);
+    let tolerance = pixel * max(a.t, b.t);
+    let near = abs(dot(a.normal, between)) <= tolerance && abs(dot(b.normal, between)) <= tolerance;
+    let alike = a.material == b.material && a.front == b.front && dot(a.normal, b.normal) > 0.95 && near;
+    return a.triangle == b.triangle || (a.found && b.found && alike);
+}
+
+// Unit direction of the eye ray of a pixel, moved by an offset in pixels from the upper left corner of its pixel.
+fn eye_direction(at: vec2<u32>, offset: vec2<f32>) -> vec3<f32> {
+    let d = towards(f32(at.x + frame.within.x) + offset.x, f32(at.y + frame.within.y) + offset.y);
+    return d / sqrt(dot(d, d));
+}

@@ -1,0 +1,239 @@
+//! Antialiased edges: more eye rays where surfaces or albedos change, lit by the pixels nearby that show what they meet.
+//!
+//! A pixel is at an edge if the first hit of its eye ray and that of one of four neighbours do not lie on one surface
+//! ([`same_surface`]), or their albedos differ by a fifth. A tile of 8 x 8 pixels has up to 64 rays for those at its edges, at most
+//! [`MAX_RAYS`] for each, which are traced together as eye rays are. A ray takes the radiance L of the nearest of 3 x 3 pixels that shows its
+//! surface, with an albedo of its own where the pixel shows its first hit:
+//!
+//! ```text
+//! L_ray = L + throughput (kd_ray - kd) / pi (E_direct + E_indirect)
+//! ```
+//!
+//! So it casts no shadow rays. What no pixel nearby shows is left out, but for emitters, which show their emission. With the pixel's own
+//! radiance L_0 and the weight w of the pass ([`Filter::weight`](crate::settings::Filter::weight)),
+//!
+//! ```text
+//! L_0 += w (mean of L_0 and the rays' L - L_0)
+//! ```
+//!
+//! and coverage likewise. The layers of irradiance, albedo, normals and depth keep one ray. Edges that mirrors and glass show are not
+//! found; the outlines of mirrors and glass are. Bias: irradiance at edges is that of a point up to a pixel away; it vanishes as w does.
+//!
+//! Cost of a pixel: 5 first hits, 5 x 30 operations; of a pixel at an edge 1 to 8 rays, each with a surface and 9 first hits.
+
+use glam::{Vec2, Vec3, Vec4};
+
+use super::layout::FrameParameters;
+use super::{BoundKernel, EyePathState, Kit, Lighting, List, Rays, ShadingPoints, accumulate, groups};
+use crate::accel::{Bvh, Hit};
+use crate::error::Result;
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
+use crate::pass::schedule::LIST_GROUPS;
+use crate::scene::Scene;
+
+/// Maximum number of rays of a pixel.
+pub const MAX_RAYS: u32 = 8;
+
+/// Keeps the first hits of eye rays: triangle (all ones: none) and bits of t.
+pub struct EdgeGuides {
+    /// Of each pixel.
+    pub first_hits: Buffer,
+    kernel: BoundKernel,
+    pixels: u32,
+}
+
+impl EdgeGuides {
+    /// Reads `rays.hits` of so many pixels.
+    pub fn new(kit: &Kit, rays: &Rays, pixels: u32) -> Result<Self> {
+        let first_hits = kit.array("first hits", pixels, 8)?;
+        let kernel = kit.bind(&shaders::EDGES_GUIDE, &[&rays.resources(), &Self::named(&first_hits)])?;
+        Ok(EdgeGuides { first_hits, kernel, pixels })
+    }
+
+    /// Records the pass.
+    pub fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.kernel.run(rec, &[], groups(self.pixels))
+    }
+
+    fn named(first_hits: &Buffer) -> Resources {
+        Resources::of([("first_hits", first_hits)])
+    }
+}
+
+/// Inputs and outputs.
+pub struct Inputs<'a> {
+    /// First hits.
+    pub guides: &'a EdgeGuides,
+    /// Visible shading points; their emission receives the result.
+    pub points: &'a ShadingPoints,
+    /// Throughput of the eye's paths.
+    pub paths: &'a EyePathState,
+    /// Light at the points.
+    pub lighting: &'a Lighting,
+    /// Room for the rays.
+    pub rays: &'a Rays,
+    /// The rays.
+    pub list: &'a List,
+}
+
+/// The pass.
+pub struct Edges {
+    /// Of each pixel: 0, or 16 * its first ray in its tile + its rays.
+    pub edges: Buffer,
+    /// Rays of each tile; their slots are those of the tile's pixels, row by row.
+    pub marks: Buffer,
+    /// Pixel of each ray.
+    pub ray_pixel: Buffer,
+    /// Light along each ray; w: 0 unknown, 1 a miss, 2 a hit.
+    pub ray_light: Buffer,
+    mark: BoundKernel,
+    rays: BoundKernel,
+    light: BoundKernel,
+    add: BoundKernel,
+    work: Buffer,
+    pixels: u32,
+    /// Tiles of 8 x 8 pixels.
+    pub tile_count: u32,
+}
+
+impl Edges {
+    /// For an image of this width and height.
+    pub fn new(kit: &Kit, inputs: &Inputs, [width, height]: [u32; 2]) -> Result<Self> {
+        let (pixels, tile_count) = (width * height, width.div_ceil(8) * height.div_ceil(8));
+        let edges = kit.array("edges", pixels, 4)?;
+        let marks = kit.array("rays of tiles", tile_count, 4)?;
+        let ray_pixel = kit.array("pixels of edge rays", pixels, 4)?;
+        let ray_light = kit.vec4s("light of edge rays", pixels)?;
+        let own = Resources::of([
+            ("edges", &edges),
+            ("marks", &marks),
+            ("ray_pixel", &ray_pixel),
+            ("ray_light", &ray_light),
+            ("first_hits", &inputs.guides.first_hits),
+        ]);
+        let (points, paths, lighting) = (inputs.points, inputs.paths, inputs.lighting);
+        let lit = points.resources().and(&paths.resources()).and(&lighting.resources());
+        let (rays, list) = (inputs.rays.resources(), inputs.list);
+        let mark = [&shaders::EDGES_MARK, &shaders::EDGES_MARK_UNTEXTURED];
+        let light = [&shaders::EDGES_LIGHT, &shaders::EDGES_LIGHT_UNTEXTURED];
+        Ok(Edges {
+            mark: kit.bind_surface(mark, &[&own, &lit])?,
+            rays: kit.bind(&shaders::EDGES_RAYS, &[&own, &rays, &list.as_output()])?,
+            light: kit.bind_surface(light, &[&own, &lit, &rays, &list.resources()])?,
+            add: kit.bind(&shaders::EDGES_ADD, &[&own, &lit])?,
+            work: list.work.clone(),
+            edges,
+            marks,
+            ray_pixel,
+            ray_light,
+            pixels,
+            tile_count,
+        })
+    }
+
+    /// Records the part that finds edges and starts rays there.
+    pub fn record_rays(&self, rec: &mut Recorder) -> Result<()> {
+        self.mark.run(rec, &[], groups(self.pixels))?;
+        self.rays.run(rec, &[], groups(self.tile_count))
+    }
+
+    /// Records the part that lights traced rays and adds their light to the image.
+    pub fn record_light(&self, rec: &mut Recorder) -> Result<()> {
+        self.light.run_listed(rec, &[], &self.work, LIST_GROUPS)?;
+        self.add.run(rec, &[], groups(self.pixels))
+    }
+}
+
+/// Oracle: the first hit of an eye ray.
+#[derive(Clone, Copy, Debug)]
+pub struct FirstHit {
+    /// Its triangle.
+    pub triangle: u32,
+    /// The triangle's material.
+    pub material: u32,
+    /// Seen from the front.
+    pub front: bool,
+    /// Geometric normal towards the eye.
+    pub normal: Vec3,
+    /// Position from the eye.
+    pub position: Vec3,
+    /// Distance.
+    pub t: f32,
+}
+
+impl FirstHit {
+    /// Of a ray in direction `d`.
+    pub fn new(scene: &Scene, bvh: &Bvh, hit: &Hit, d: Vec3) -> FirstHit {
+        let face = bvh.normal(hit.triangle);
+        let front = face.dot(d) < 0.0;
+        let material = scene.triangles[bvh.scene_triangle(hit.triangle) as usize].material;
+        let normal = if front { face } else { -face };
+        FirstHit { triangle: hit.triangle, material, front, normal, position: hit.t * d, t: hit.t }
+    }
+}
+
+/// Oracle: whether first hits lie on one surface; `None`: the ray met nothing.
+pub fn same_surface(frame: &FrameParameters, a: Option<&FirstHit>, b: Option<&FirstHit>) -> bool {
+    let (Some(a), Some(b)) = (a, b) else { return a.is_none() && b.is_none() };
+    let [x, y, z, _] = frame.up;
+    let tolerance = 2.0 * Vec3::new(x, y, z).length() / frame.within[3] as f32 * a.t.max(b.t);
+    let between = b.position - a.position;
+    let near = [a.normal, b.normal].iter().all(|n| n.dot(between).abs() <= tolerance);
+    a.triangle == b.triangle
+        || (a.material == b.material && a.front == b.front && a.normal.dot(b.normal) > 0.95 && near)
+}
+
+/// Oracle: whether the albedos of first hits differ; zero where the eye's path goes on.
+pub fn albedos_differ(a: Vec3, b: Vec3) -> bool {
+    (a - b).abs().cmpgt(0.1 * (a + b)).any()
+}
+
+/// Oracle: rays of each of `marked` pixels of a tile of `pixels` pixels.
+pub fn rays_of(marked: u32, pixels: u32) -> u32 {
+    (pixels / marked.max(1)).min(MAX_RAYS)
+}
+
+/// Oracle: offset of ray k of `each` rays of a pixel (with its own ray's a golden lattice).
+pub fn ray_offset(frame: &FrameParameters, k: u32, each: u32) -> Vec2 {
+    let own = Vec2::new(frame.pixel_offset[0], frame.pixel_offset[1]);
+    (own + (k + 1) as f32 * Vec2::new(1.0 / (each + 1) as f32, 0.618_034)).fract()
+}
+
+/// A pixel near a ray, for the oracle.
+#[derive(Clone, Copy, Debug)]
+pub struct Nearby {
+    /// Direction of its eye ray.
+    pub d: Vec3,
+    /// What that met.
+    pub hit: Option<FirstHit>,
+    /// Whether its shading point is there.
+    pub is_first: bool,
+    /// Emission, throughput and albedo.
+    pub point: [Vec3; 3],
+    /// Direct and indirect irradiance, radiance by the specular lobe; zero if it is not lit.
+    pub sums: [Vec3; 3],
+}
+
+/// Oracle: light along a ray in direction `d` that met `own`, of this albedo and emission; `None`: unknown.
+pub fn reference(
+    frame: &FrameParameters,
+    (d, own): (Vec3, Option<&FirstHit>),
+    [kd, emission]: [Vec3; 2],
+    nearby: &[Nearby],
+) -> Option<Vec3> {
+    let distance = |pixel: &&Nearby| pixel.d.distance_squared(d);
+    let shows = |pixel: &&Nearby| same_surface(frame, own, pixel.hit.as_ref());
+    let nearest = nearby.iter().filter(shows).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    let Some(nearest) = nearest else {
+        return own.and((emission.element_sum() > 0.0).then_some(emission));
+    };
+    let [emitted, throughput, their_kd] = nearest.point;
+    let kd = if nearest.is_first && own.is_some() { kd } else { their_kd };
+    Some(accumulate::reference(emitted, throughput, kd, nearest.sums).max(Vec3::ZERO))
+}
+
+/// Oracle: the image of a pixel and its coverage, of its own and of its rays' light; w: coverage.
+pub fn mean(own: Vec4, rays: &[Vec4], weight: f32) -> Vec4 {
+    let sum = own + rays.iter().sum::<Vec4>();
+    own + weight * (sum / (1 + rays.len()) as f32 - own)
+}

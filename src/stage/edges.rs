@@ -1,0 +1,67 @@
+//! Antialiased edges.
+
+use super::{Counts, Eye, Stage};
+use crate::device_scene::DeviceScene;
+use crate::error::Result;
+use crate::gpu::Recorder;
+use crate::pass::edges::{self, Inputs};
+use crate::pass::schedule::Schedule;
+use crate::pass::shade::Chunk;
+use crate::pass::trace::{EyeSteps, Trace};
+use crate::pass::{Kit, Lighting, List};
+use crate::plan::{Plan, StepTable};
+
+/// The stage.
+pub struct Edges {
+    /// Rays at edges, among those of the eye, which have done their work.
+    pub list: List,
+    /// What the rays are and what they see.
+    pub pass: edges::Edges,
+    counts: Counts,
+    schedule: Schedule,
+    list_step: u32,
+    trace: Trace,
+    steps: EyeSteps,
+}
+
+impl Edges {
+    /// Antialiases the image of `eye`, lit by `lighting`; `None`: the plan does not.
+    pub fn new(kit: &Kit, scene: &DeviceScene, plan: &Plan, eye: &Eye, lighting: &Lighting) -> Result<Option<Edges>> {
+        let Some(guides) = &eye.guides else { return Ok(None) };
+        let mut table = StepTable::default();
+        let lanes = Chunk::lanes(&plan.settings, scene.cluster_lanes(kit.context));
+        let edge_steps = EyeSteps::of_list(&mut table, &plan.settings, lanes);
+        let list_step = table.add_list();
+        let steps = table.stage(kit, "edge steps")?;
+        let list = List::new(kit, "edge rays", &kit.array("edge rays list", plan.eye.pixels, 4)?)?;
+        let (points, paths, rays) = (&eye.points, &eye.paths, &eye.rays);
+        let inputs = Inputs { guides, points, paths, lighting, rays, list: &list };
+        let pass = edges::Edges::new(kit, &inputs, plan.view.size())?;
+        Ok(Some(Edges {
+            counts: Counts::new(kit, 1, [&list])?,
+            schedule: Schedule::new(kit, &list.work, &steps)?,
+            list_step,
+            trace: Trace::of_edges(kit, &pass, rays, &list, &steps, scene.wide_nodes.is_some())?,
+            steps: edge_steps,
+            pass,
+            list,
+        }))
+    }
+
+    /// The part up to the hits of the rays.
+    pub fn record_rays(&self, rec: &mut Recorder) -> Result<()> {
+        self.counts.record_clear(rec)?;
+        self.pass.record_rays(rec)?;
+        self.schedule.record(rec, self.list_step)?;
+        self.trace.record_edges(rec, &self.steps, self.pass.tile_count)
+    }
+}
+
+impl Stage for Edges {
+    const NAME: &'static str = "edges";
+
+    fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.record_rays(rec)?;
+        self.pass.record_light(rec)
+    }
+}
