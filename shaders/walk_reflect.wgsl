@@ -40,15 +40,18 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let fits = f32(j) + carried.w + 2.0 <= f32(frame.scene.z);
     let share = select(0.0, bitcast<f32>(depth.z), fits);
     let glossy = r.f90 > 0.0;
+    // A wider lobe of the same energy.
+    let alpha = max(r.alpha, frame.pixel_offset.z);
+    let grown = widening_factor(r, s.geometric, -d, alpha);
     let flags = LIGHT_SURFACE | LIGHT_CLIPPED | select(0u, LIGHT_GLOSSY, glossy);
     let position = offset_origin(s.position, s.geometric, frame.eye.w);
     lights[light_slot(particle, depth.y)] = PointLight(
         vec4<f32>(position, bitcast<f32>(flags)),
         vec4<f32>(s.geometric, 0.0),
         vec4<f32>(arriving * share * r.kd * INV_PI, 1.0),
-        vec4<f32>(-d, max(r.alpha, frame.pixel_offset.z)),
-        vec4<f32>(arriving * share, r.f90),
-        vec4<f32>(r.f0, f32(j) + carried.w),
+        vec4<f32>(-d, alpha),
+        vec4<f32>(arriving * share, grown * r.f90),
+        vec4<f32>(grown * r.f0, f32(j) + carried.w),
     );
 
     // The first N_(j+1) particles continue; the others end here.

@@ -125,6 +125,28 @@ impl Reflectance {
         let weight = if pdf > 0.0 { self.eval_specular(n, wi, wo) * (n.dot(wi) / pdf) } else { Vec3::ZERO };
         (wi, weight)
     }
+
+    /// Light that the lobe reflects of light from `wo`, mean of the channels, by 8 x 4 visible normals, denser where masking
+    /// begins.
+    pub fn lobe_albedo(&self, n: Vec3, wo: Vec3) -> f32 {
+        let lobe = Reflectance { kd: Vec3::ZERO, ..*self };
+        let sample = |i: u32| {
+            let left = 1.0 - ((i / 4) as f32 + 0.5) / 8.0;
+            let turn = ((i % 4) as f32 + 0.25 + 0.5 * (i / 4 % 2) as f32) / 4.0;
+            left * lobe.sample_lobe(false, n, wo, 1.0 - left * left, turn).1
+        };
+        (0..32).map(sample).sum::<Vec3>().element_sum() / 48.0
+    }
+
+    /// The lobe widened to at least this alpha, grown (by a factor of at most 4) to reflect as much light from `wo` as before.
+    pub fn widened(&self, n: Vec3, wo: Vec3, alpha: f32) -> Reflectance {
+        if self.f90 <= 0.0 || self.alpha >= alpha {
+            return *self;
+        }
+        let wide = Reflectance { alpha, ..*self };
+        let factor = (self.lobe_albedo(n, wo) / wide.lobe_albedo(n, wo).max(1e-6)).clamp(1.0, 4.0);
+        Reflectance { f0: factor * wide.f0, f90: factor * wide.f90, ..wide }
+    }
 }
 
 /// A material at a point, textures applied.

@@ -103,3 +103,24 @@ fn sample_lobe(r: Reflectance, diffuse: bool, p_diffuse: f32, n: vec3<f32>, wo: 
     }
     return s;
 }
+
+// Light that the lobe reflects of light from wo, by 8 x 4 visible normals, denser where masking begins.
+fn lobe_albedo(r: Reflectance, n: vec3<f32>, wo: vec3<f32>) -> f32 {
+    var sum = 0.0;
+    for (var i = 0u; i < 32u; i += 1u) {
+        let left = 1.0 - (f32(i / 4u) + 0.5) / 8.0;
+        let turn = (f32(i & 3u) + 0.25 + 0.5 * f32((i / 4u) & 1u)) / 4.0;
+        sum += left * mean3(sample_lobe(r, false, 0.0, n, wo, 1.0 - left * left, turn).weight);
+    }
+    return sum / 16.0;
+}
+
+// Factor by which a lobe widened to this alpha must grow to reflect as much light from wo as the lobe itself, at most 4.
+fn widening_factor(r: Reflectance, n: vec3<f32>, wo: vec3<f32>, alpha: f32) -> f32 {
+    var factor = 1.0;
+    for (var i = select(0u, 1u, r.f90 > 0.0 && r.alpha < alpha); i > 0u; i -= 1u) {
+        let wide = Reflectance(r.kd, r.f90, r.f0, alpha);
+        factor = clamp(lobe_albedo(r, n, wo) / max(lobe_albedo(wide, n, wo), 1e-6), 1.0, 4.0);
+    }
+    return factor;
+}

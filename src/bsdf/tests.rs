@@ -261,3 +261,31 @@ fn texture_lookup() {
     assert!((s.x - 0.215861).abs() < 1e-5 && (s.w - 128.0 / 255.0).abs() < 1e-6, "{s}");
     assert_eq!(sample_texture(&checker(Wrap::Repeat, true), [0.5, 0.25]).x, 0.5);
 }
+
+#[test]
+fn widened_lobes_reflect_as_much() {
+    let n = direction(0.3, 1.0);
+    for f0 in [0.04, 0.5, 1.0] {
+        for alpha in [0.01, 0.1, 0.2] {
+            let r = Reflectance { kd: Vec3::ZERO, f0: Vec3::splat(f0), f90: 1.0, alpha };
+            for theta in [0.0, 0.5, 1.0, 1.3] {
+                let (t, b) = basis(n);
+                let local = direction(theta, 0.7);
+                let wo = t * local.x + b * local.y + n * local.z;
+                let wide = r.widened(n, wo, 0.25);
+                assert_eq!(wide.alpha, 0.25);
+                // Of the wide lobe by another rule: the hemisphere's midpoints.
+                let world = |w: Vec3| t * w.x + b * w.y + n * w.z;
+                let albedo = integrate(400, 800, |w| wide.eval_specular(n, world(w), wo)).x;
+                let points =
+                    (0..4096).map(|i| r.sample_lobe(false, n, wo, (i as f32 + 0.5) / 4096.0, halton(2, i)).1.x);
+                let exact = points.sum::<f32>() / 4096.0;
+                assert!(
+                    (albedo / exact - 1.0).abs() < 0.035,
+                    "f0 {f0}, alpha {alpha}, theta {theta}: {albedo} for {exact}"
+                );
+            }
+            assert_eq!(r.widened(n, n, alpha), r);
+        }
+    }
+}

@@ -7,9 +7,9 @@
 //! Differs from the paper in that: figure 6 multiplies by N / floor(rho^j N) at every reflection, although the text's
 //! factor is the ratio to the N that started, so each light here is divided by N_j once; surfaces may be glossy; and
 //! the adjoint of shading normals is accounted for (Veach 1997, 5.3). Lobes of lights are widened
-//! ([`crate::plan::MIN_LIGHT_ALPHA`]) and centred on the geometric normal. Ideal reflection and transmission come before
+//! ([`crate::plan::MIN_LIGHT_ALPHA`]), with the same energy, and centred on the geometric normal. Ideal reflection and transmission come before
 //! (`walk_follow`). Cost: that of `eye_points`, and some 200
-//! operations, a particle.
+//! operations, a particle; where a lobe is widened 6,000 more.
 
 use super::layout::{self, PointLight};
 use super::surface::SurfacePoint;
@@ -60,13 +60,14 @@ pub fn reference(
     let share = if fits { f32::from_bits(frame.depths[j][2]) } else { 0.0 };
     let origin = offset_origin(s.position, s.geometric, frame.eye[3]);
     let glossy = if r.f90 > 0.0 { PointLight::GLOSSY } else { 0 };
+    let wide = r.widened(s.geometric, -d, frame.pixel_offset[2]);
     let light = PointLight {
         position: with(origin, f32::from_bits(PointLight::SURFACE | PointLight::CLIPPED | glossy)),
         normal: with(s.geometric, 0.0),
         emit: with(arriving * share * r.eval_diffuse(), 1.0),
-        wi: with(-d, r.alpha.max(frame.pixel_offset[2])),
-        flux: with(arriving * share, r.f90),
-        f0: with(r.f0, (j as u32 + specular) as f32),
+        wi: with(-d, wide.alpha),
+        flux: with(arriving * share, wide.f90),
+        f0: with(wide.f0, (j as u32 + specular) as f32),
     };
     let diffuse = random_f32(key(frame.keys[0], LOBE, particle, j as u32)) < r.diffuse_probability();
     let [u, v] = walk_numbers(frame, j + 1, particle);
