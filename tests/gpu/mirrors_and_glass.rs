@@ -295,3 +295,43 @@ fn layers_show_what_is_seen() {
         assert!((layers.depth[i] - 2.0).abs() < 1e-4, "{}", layers.depth[i]);
     });
 }
+
+/// A ball of clear glass, a mirror that reflects everything, or both, in a room whose walls emit 0.8 and reflect 0.2: everything is 1.
+#[test]
+fn glass_and_mirrors_in_a_furnace_are_invisible() {
+    gpu_test(|ctx| {
+        let center = Vec3::new(0.8, 0.8, 1.1);
+        for (what, ball, panel) in [("glass", true, false), ("a mirror", false, true), ("both", true, true)] {
+            let mut soup = Soup::new("furnace");
+            let wall = soup.diffuse(0.2, 0.8);
+            soup.room(Vec3::ZERO, Vec3::splat(2.0), [wall; 6]);
+            if ball {
+                let glass = soup.material(Material { base_color: Vec3::ONE, ..glass(1.5, false) });
+                soup.ball(center, 0.35, 24, glass);
+            }
+            if panel {
+                let mirror = soup.material(mirror(Vec3::ZERO, Vec3::ONE));
+                soup.quad(Vec3::new(1.3, 0.3, 1.7), Vec3::new(0.4, 0.0, -0.4), Vec3::Y, mirror);
+            }
+            let camera = camera(Vec3::new(1.0, 1.0, 0.1), Vec3::new(1.0, 0.9, 1.5), 70.0, [48, 48]);
+            let forward = (camera.target - camera.eye).normalize();
+            let (right, half) = (forward.cross(Vec3::Y).normalize(), 35f32.to_radians().tan());
+            let shows_ball = |pixel: &u32| {
+                let [x, y] = [pixel % 48, pixel / 48].map(|i| half * ((i as f32 + 0.5) / 24.0 - 1.0));
+                let d = (forward + x * right - y * right.cross(forward)).normalize();
+                let to = center - camera.eye;
+                to.distance(to.dot(d) * d) < 0.33
+            };
+            // Paths of 16 segments: glass takes two, and what is cut off is below 0.2^6.
+            let of = |settings: Settings| Settings { max_depth: 16, max_specular: 16, ..settings };
+            for (preset, settings) in [("default", Settings::default()), ("interactive", Settings::interactive())] {
+                let layers = render(ctx, &soup.0, camera, &of(settings), 24);
+                let grey = |pixels: &[Vec3]| mean(pixels).element_sum() / 3.0;
+                let of_ball: Vec<Vec3> = (0..48 * 48).filter(shows_ball).map(|i| layers.color[i as usize]).collect();
+                let (all, inside) = (grey(&layers.color), if ball { grey(&of_ball) } else { 1.0 });
+                println!("{what}, {preset}: {all:.4}, the ball {inside:.4}");
+                assert!((all - 1.0).abs() < 0.005 && (inside - 1.0).abs() < 0.005, "{what}, {preset}: {all}, {inside}");
+            }
+        }
+    });
+}
