@@ -279,7 +279,7 @@ impl<'a> Recorder<'a> {
     /// Records under a name: a label for debuggers, and a scope of the timers.
     pub fn scope(&mut self, name: &str, record: impl FnOnce(&mut Self) -> Result<()>) -> Result<()> {
         let commands = self.commands;
-        let debug = self.ctx.inner.debug.clone();
+        let debug = self.ctx.inner.debug.clone().filter(|_| self.ctx.inner.labels);
         let label = std::ffi::CString::new(name).unwrap_or_default();
         if let Some(debug) = &debug {
             let label = vk::DebugUtilsLabelEXT::default().label_name(&label);
