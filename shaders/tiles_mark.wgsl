@@ -14,12 +14,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if tile >= tiles.x * tiles.y {
         return;
     }
-    let low = vec2<u32>(8u * (tile % tiles.x), 8u * (tile / tiles.x));
-    let size = min(frame.size.xy - low, vec2<u32>(8u));
-    let count = size.x * size.y;
+    let part = part_of_tile(tile);
+    let count = part.z * part.w;
     var mark = 0u;
     for (var i = 0u; i < count && mark == 0u; i += 1u) {
-        let at = low + vec2<u32>(i % size.x, i / size.x);
+        let at = part.xy + vec2<u32>(i % part.z, i / part.z);
         let triangle = bitcast<u32>(hits[at.x + at.y * frame.size.x].w);
         let found = triangle != 0xffffffffu;
         let normals = triangle_normals[select(0u, triangle, found)];

@@ -9,7 +9,7 @@
 //! L_ray = L + throughput (kd_ray - kd) / pi (E_direct + E_indirect)
 //! ```
 //!
-//! So it casts no shadow rays. What no pixel nearby shows is left out, but for emitters, which show their emission. With the pixel's own
+//! So it casts no shadow rays. Rays that meet a surface that no pixel nearby shows are left out, but for emitters, which show their emission. With the pixel's own
 //! radiance L_0 and the weight w of the pass ([`Filter::weight`](crate::settings::Filter::weight)),
 //!
 //! ```text
@@ -204,7 +204,7 @@ pub fn ray_offset(frame: &FrameParameters, k: u32, each: u32) -> Vec2 {
 pub struct Nearby {
     /// Direction of its eye ray.
     pub d: Vec3,
-    /// What that met.
+    /// Its first hit, if any.
     pub hit: Option<FirstHit>,
     /// Whether its shading point is there.
     pub is_first: bool,

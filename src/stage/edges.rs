@@ -15,7 +15,7 @@ use crate::plan::{Plan, StepTable};
 pub struct Edges {
     /// Rays at edges, among those of the eye, which have done their work.
     pub list: List,
-    /// What the rays are and what they see.
+    /// Finds edges, starts rays and lights them.
     pub pass: edges::Edges,
     counts: Counts,
     schedule: Schedule,

@@ -12,7 +12,7 @@ use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, has, hit_of
 use crate::scenes::{Soup, camera, compare, render};
 use crate::support::gpu_test;
 
-/// What the pixels show.
+/// The pixels as eye rays see them.
 struct Pixels {
     hits: Vec<Option<FirstHit>>,
     nearby: Vec<Nearby>,
