@@ -63,8 +63,8 @@ pub(super) struct Inner {
     allocator: Mutex<Allocator>,
     pub cache: PipelineCache,
     pub debug: Option<ext::debug_utils::Device>,
-    /// Whether command buffers get labels. Not under the validation layer: that of 1.3.239 keeps them in a map that its own thread
-    /// changes without a lock when a command buffer goes, and crashes once in some thousand tests.
+    /// Whether command buffers get labels. Not under the validation layer: that of 1.3.239 crashed once in
+    /// what seems to be its table of labels; the cause has not been found, and the crash was not seen again.
     pub labels: bool,
     pub device: Device,
     pub info: DeviceInfo,
