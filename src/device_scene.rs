@@ -61,8 +61,8 @@ pub struct DeviceScene {
     pub finishes: Vec<ReflectorFinish>,
     /// Ideal surfaces that eye paths may meet.
     pub specular: SpecularFeatures,
-    /// Mean albedo, by area.
-    pub mean_reflectivity: f32,
+    /// See [`Scene::mean_albedos`].
+    pub albedos: Vec<f32>,
     /// Whether there are textures.
     pub textured: bool,
     /// Lower corners of the nodes, and skip indices.
@@ -236,7 +236,7 @@ impl DeviceScene {
             sobol_columns: staging.stage(context, "columns of Sobol'", &sobol::column_pairs())?,
             delta: delta_lights(scene, bvh.typical_scale()),
             specular: SpecularFeatures::of(scene, &reflectors),
-            mean_reflectivity: scene.mean_reflectivity(),
+            albedos: scene.mean_albedos(),
             textured: !scene.textures.is_empty(),
             finishes: finishes(scene, &reflectors),
             reflectors,

@@ -25,6 +25,9 @@ const DIAGONAL: f32 = 2.6;
 /// Fraction of the points on either side that bounds leave out.
 const OUTLIERS: f64 = 0.02;
 
+/// The mean reflectivity is rounded to a multiple of this, so that it mostly stays the same while something moves.
+const REFLECTIVITY_STEP: f32 = 0.125;
+
 /// Lengths of what a view shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent {
@@ -35,27 +38,27 @@ pub struct Extent {
     pub bounds: (Vec3, Vec3),
     /// Largest coordinate of the box, by magnitude, rounded up likewise; positions are rounded to its ulp.
     pub scale: f32,
+    /// Mean reflectivity (Keller 1997, 3.2) of the surfaces that these rays meet, rounded to eighths: the mean over RGB of kd + F0 as
+    /// particles see it, textures by their average. Ideal reflection and transmission do not count, because they absorb particles. Keller
+    /// weighs by area, so that a vast black plane that no light reaches would leave no particle alive.
+    pub reflectivity: f32,
 }
 
 impl Extent {
     /// For the whole image of a view's camera, or the texels of an atlas. Deterministic. Cost: 1,536 rays.
-    pub fn of(bvh: &Bvh, view: &View) -> Extent {
+    /// `albedos`: see [`crate::scene::Scene::mean_albedos`].
+    pub fn of(bvh: &Bvh, albedos: &[f32], view: &View) -> Extent {
         let starts = match view {
             View::Camera { camera, .. } => seen(bvh, camera),
             View::Atlas(atlas) => texels(bvh, atlas),
         };
-        Extent::between(bvh, &starts)
-    }
-
-    /// For the whole image of a camera.
-    pub fn of_camera(bvh: &Bvh, camera: &Camera) -> Extent {
-        Extent::between(bvh, &seen(bvh, camera))
+        Extent::between(bvh, albedos, &starts)
     }
 
     /// From points and their normals.
-    fn between(bvh: &Bvh, starts: &[(Vec3, Vec3)]) -> Extent {
+    fn between(bvh: &Bvh, albedos: &[f32], starts: &[(Vec3, Vec3)]) -> Extent {
         let mut points: Vec<Vec3> = starts.iter().map(|&(p, _)| p).collect();
-        let mut lengths = Vec::new();
+        let (mut lengths, mut reflected) = (Vec::new(), 0.0f64);
         for (i, &(p, n)) in (0..).zip(starts) {
             let (t, b) = basis(n);
             let [u, v] = hammersley(i, starts.len() as u32);
@@ -66,11 +69,12 @@ impl Extent {
             let near = p.abs().max_element() * 1e-5;
             if let Some(hit) = bvh.closest(&ray).filter(|hit| hit.t > near) {
                 lengths.push(hit.t);
+                reflected += f64::from(albedos[bvh.material(hit.triangle) as usize]);
                 points.push(bvh.position(&hit));
             }
         }
         if lengths.len() < MIN_HITS {
-            return Extent { size: bvh.diagonal(), bounds: (bvh.min, bvh.max), scale: bvh.scale() };
+            return Extent { size: bvh.diagonal(), bounds: (bvh.min, bvh.max), scale: bvh.scale(), reflectivity: 0.5 };
         }
         lengths.sort_by(f32::total_cmp);
         let left_out = (points.len() as f64 * OUTLIERS) as usize;
@@ -82,7 +86,13 @@ impl Extent {
         let [x, y, z] = [0, 1, 2].map(along);
         let bounds = (Vec3::new(x.0, y.0, z.0), Vec3::new(x.1, y.1, z.1));
         let scale = bounds.0.abs().max(bounds.1.abs()).max_element();
-        Extent { size: in_steps(DIAGONAL * lengths[lengths.len() / 2]), bounds, scale: in_steps(scale) }
+        let mean = (reflected / lengths.len() as f64) as f32;
+        Extent {
+            size: in_steps(DIAGONAL * lengths[lengths.len() / 2]),
+            bounds,
+            scale: in_steps(scale),
+            reflectivity: (mean / REFLECTIVITY_STEP).round() * REFLECTIVITY_STEP,
+        }
     }
 }
 
@@ -136,11 +146,15 @@ mod tests {
         (scene, camera)
     }
 
+    fn of_camera(scene: &Scene, bvh: &Bvh, camera: &Camera) -> Extent {
+        Extent::of(bvh, &scene.mean_albedos(), &View::whole(*camera))
+    }
+
     #[test]
     fn the_size_is_about_the_diagonal_of_a_room() {
         let (scene, camera) = room();
         let bvh = Bvh::build(&scene).unwrap();
-        let extent = Extent::of_camera(&bvh, &camera);
+        let extent = of_camera(&scene, &bvh, &camera);
         let ratio = extent.size / bvh.diagonal();
         assert!((0.4..1.3).contains(&ratio), "{ratio} of the diagonal");
         assert!(extent.scale <= 1.2 * bvh.scale() && extent.scale > 0.5 * bvh.scale(), "{extent:?}");
@@ -149,7 +163,7 @@ mod tests {
     #[test]
     fn a_plane_beyond_the_walls_changes_nothing() {
         let (mut scene, camera) = room();
-        let alone = Extent::of_camera(&Bvh::build(&scene).unwrap(), &camera);
+        let alone = of_camera(&scene, &Bvh::build(&scene).unwrap(), &camera);
         let (low, _) = scene.bounds();
         let first = scene.positions.len() as u32;
         let far = 2e6;
@@ -163,7 +177,15 @@ mod tests {
         scene.normals.resize(scene.positions.len(), Vec3::Y);
         let bvh = Bvh::build(&scene).unwrap();
         assert!(bvh.diagonal() > 1e6);
-        assert_eq!(Extent::of_camera(&bvh, &camera), alone);
+        assert_eq!(of_camera(&scene, &bvh, &camera), alone);
+    }
+
+    #[test]
+    fn reflectivity_is_that_of_the_surfaces_that_rays_meet() {
+        let scene = builtin::furnace(0.3, 1.0);
+        let camera = scene.camera.unwrap_or(Camera { eye: Vec3::ZERO, target: Vec3::X, ..room().1 });
+        let extent = of_camera(&scene, &Bvh::build(&scene).unwrap(), &camera);
+        assert_eq!(extent.reflectivity, 0.25, "0.3 in eighths");
     }
 
     #[test]
@@ -171,7 +193,7 @@ mod tests {
         let (scene, camera) = room();
         let bvh = Bvh::build(&scene).unwrap();
         let away = Camera { eye: bvh.max * 3.0, target: bvh.max * 4.0, ..camera };
-        let extent = Extent::of_camera(&bvh, &away);
+        let extent = of_camera(&scene, &bvh, &away);
         assert_eq!((extent.size, extent.bounds), (bvh.diagonal(), (bvh.min, bvh.max)));
     }
 

@@ -361,8 +361,6 @@ pub struct Plan {
     pub photons: Option<PhotonPlan>,
     /// Mirrored lights; `None`: there are none.
     pub mirrors: Option<MirrorPlan>,
-    /// Mean reflectivity of the scene's surfaces.
-    pub mean_reflectivity: f32,
     /// Sizes of the scene.
     pub scene: SceneSize,
 }
@@ -395,7 +393,8 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
             ),
         });
     }
-    let (delta, rho) = (scene.delta.len() as u32, scene.mean_reflectivity);
+    let extent = Extent::of(&scene.bvh, &scene.albedos, view);
+    let (delta, rho) = (scene.delta.len() as u32, extent.reflectivity);
     let mut lights = LightPlan::new(settings, rho, delta);
     if scene.lights_are_complete {
         lights.survivors.clear();
@@ -423,13 +422,12 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
         // Neighbours in an atlas need not be neighbours in the scene.
         settings: Settings { filter: settings.filter.filter(|_| view.camera().is_some()), ..settings.clone() },
         view: view.clone(),
-        mean_reflectivity: scene.mean_reflectivity,
         scene: SceneSize {
             nodes: scene.bvh.node_count(),
             emitters: scene.emitters.list.len() as u32,
             diagonal: scene.bvh.diagonal(),
             emission: scene.emitters.emission(),
-            extent: Extent::of(&scene.bvh, view),
+            extent,
         },
     })
 }
@@ -552,6 +550,7 @@ impl Plan {
         of_uniforms == other.settings
             && self.settings.clips() == other.settings.clips()
             && same_view
+            && self.scene.extent.reflectivity == other.scene.extent.reflectivity
             && (&self.lights, &self.lists, self.eye, self.photons, self.mirrors)
                 == (&other.lights, &other.lists, other.eye, other.photons, other.mirrors)
     }

@@ -2,6 +2,8 @@
 
 use std::slice::from_ref;
 
+use glam::Vec3;
+
 use super::records::{finishes, material_record, reflector_numbers, shading_attributes};
 use super::{DeviceScene, MirrorBuffers, SpecularFeatures, TargetBuffers, delta_lights, fits_kernel, write};
 use crate::accel::objects::{Changes, ObjectTrees};
@@ -55,7 +57,7 @@ impl SceneChanges {
 
 impl DeviceScene {
     /// Brings host and device up to date with `scene`. `emits`: whether an object has emissive triangles;
-    /// `mean_reflectivity`: that of the edited scene.
+    /// `averages`: mean colours of the textures.
     pub fn update(
         &mut self,
         context: &Context,
@@ -63,7 +65,7 @@ impl DeviceScene {
         (scene, trees): (&Scene, &mut ObjectTrees),
         touched: &SceneChanges,
         emits: impl Fn(u32) -> bool,
-        mean_reflectivity: f32,
+        averages: &[Vec3],
     ) -> Result<Update> {
         let bounds = (self.bvh.min, self.bvh.max);
         let changes = match &touched.moved[..] {
@@ -96,6 +98,7 @@ impl DeviceScene {
                 replaced |= self.update_hierarchy(context, staging, scene, trees.wide.as_ref(), &changes)?;
             }
             self.update_materials(context, staging, scene, &touched.materials)?;
+            self.albedos = scene.materials.iter().map(|material| material.mean_albedo(averages)).collect();
             if let Some(emitters) = emitters {
                 let records = emitters.records();
                 let all = 0..records.len();
@@ -108,7 +111,6 @@ impl DeviceScene {
                 replaced |= self.update_mirrors(context, staging, scene)?;
             }
         }
-        self.mean_reflectivity = mean_reflectivity;
         if other_delta {
             let delta = delta_lights(scene, self.bvh.typical_scale());
             let parallel = |light: &PointLight| light.flags() & PointLight::DIRECTIONAL;

@@ -21,7 +21,7 @@ use crate::scene::{Camera, Light, Material, Scene, Surface, Texture};
 use crate::settings::Settings;
 use crate::view::View;
 
-/// Maximum difference between the columns of a rigid transform and an orthonormal basis; such a transform keeps areas.
+/// Maximum difference between the columns of a similarity and orthogonal vectors of its scale.
 const RIGID: f32 = 1e-5;
 
 /// CPU times of the latest edits, in seconds.
@@ -33,7 +33,7 @@ pub struct EditTimes {
     pub refit: f64,
     /// The tree of objects.
     pub top_level: f64,
-    /// Emitters and the number of particles.
+    /// Emitters.
     pub lights: f64,
     /// Staging of uploads, and of new passes where needed.
     pub staging: f64,
@@ -55,8 +55,8 @@ pub(super) struct DynamicScene {
     rest_lights: Vec<Light>,
     transforms: Vec<Affine3A>,
     trees: ObjectTrees,
-    /// For each object, the area of each of its materials.
-    areas: Vec<Vec<(u32, f64)>>,
+    /// Materials of each object.
+    materials: Vec<Vec<u32>>,
     /// Mean colours of the textures.
     averages: Vec<Vec3>,
     pending: SceneChanges,
@@ -75,13 +75,13 @@ impl Engine {
         engine.dynamic = trees.map(|trees| {
             let mut triangles = vec![Vec::new(); scene.objects.len()];
             (0..).zip(&scene.triangles).for_each(|(i, t)| triangles[t.object as usize].push(i));
-            let mut moving = DynamicScene {
+            let moving = DynamicScene {
                 triangles,
                 rest_lights: scene.lights.clone(),
                 rest_positions: scene.positions.clone(),
                 rest_normals: scene.normals.clone(),
                 transforms: vec![Affine3A::IDENTITY; scene.objects.len()],
-                areas: vec![Vec::new(); scene.objects.len()],
+                materials: materials_of(&scene),
                 averages: scene.textures.iter().map(Texture::average).collect(),
                 scene,
                 vertices,
@@ -90,7 +90,6 @@ impl Engine {
                 vertex_seconds: 0.0,
                 times: EditTimes::default(),
             };
-            (0..moving.areas.len()).for_each(|object| moving.measure(object));
             Box::new(moving)
         });
         Ok(engine)
@@ -263,19 +262,16 @@ impl Engine {
         let mut touched = std::mem::take(&mut moving.pending);
         touched.moved.sort_unstable();
         touched.moved.dedup();
-        let start = Instant::now();
-        let reflectivity = moving.mean_reflectivity();
-        let reflectivity_seconds = start.elapsed().as_secs_f64();
-        let (scene, areas) = (&moving.scene, &moving.areas);
+        let (scene, of_objects) = (&moving.scene, &moving.materials);
         let emits = |object: u32| {
-            let mut materials = areas[object as usize].iter().map(|&(m, _)| &scene.materials[m as usize]);
+            let mut materials = of_objects[object as usize].iter().map(|&m| &scene.materials[m as usize]);
             materials.any(|m| m.emission.max_element() > 0.0)
         };
 
         let mut staging = self.take_staging();
         let bytes = staging.bytes();
         let of_host = (scene, &mut moving.trees);
-        let updated = self.scene.update(&self.context, &mut staging, of_host, &touched, emits, reflectivity);
+        let updated = self.scene.update(&self.context, &mut staging, of_host, &touched, emits, &moving.averages);
         let start = Instant::now();
         let result = updated.and_then(|update| {
             let plan = plan::derive(&self.scene, &self.plan.settings, &self.plan.view)?;
@@ -296,7 +292,7 @@ impl Engine {
             vertices: std::mem::take(&mut moving.vertex_seconds),
             refit: update.changes.refit_seconds,
             top_level: update.changes.top_seconds,
-            lights: update.light_seconds + reflectivity_seconds,
+            lights: update.light_seconds,
             staging: update.staging_seconds + start.elapsed().as_secs_f64(),
             bytes,
         };
@@ -400,7 +396,6 @@ impl DynamicScene {
                 if still { (center, radius) } else { (transform.transform_point3(center), radius * scale) };
             self.scene.lights[index] = Light::Sphere { center, radius, radiance, inward, object };
         }
-        let other_areas = rest.is_some() || !is_rigid(&transform) || !is_rigid(&self.transforms[object as usize]);
         if let Some((positions, normals)) = rest {
             self.rest_positions[range.clone()].copy_from_slice(positions);
             self.rest_normals[range.clone()].copy_from_slice(&normals);
@@ -418,44 +413,9 @@ impl DynamicScene {
             }
         }
         self.transforms[object as usize] = transform;
-        if other_areas {
-            self.measure(object as usize);
-        }
         self.pending.moved.push(object);
         self.vertex_seconds += start.elapsed().as_secs_f64();
         Ok(())
-    }
-
-    /// Sums the areas of an object; a rigid transform keeps them, without rounding.
-    fn measure(&mut self, object: usize) {
-        let (first, rest) = (self.vertices[object].start, &self.rest_positions[self.vertices[object].clone()]);
-        let positions = if is_rigid(&self.transforms[object]) {
-            rest
-        } else {
-            &self.scene.positions[self.vertices[object].clone()]
-        };
-        let mut areas: Vec<(u32, f64)> = Vec::new();
-        for &k in &self.triangles[object] {
-            let triangle = &self.scene.triangles[k as usize];
-            let [a, b, c] = triangle.vertices.map(|v| positions[v as usize - first]);
-            let area = f64::from(0.5 * (b - a).cross(c - a).length());
-            match areas.iter_mut().find(|(material, _)| *material == triangle.material) {
-                Some((_, sum)) => *sum += area,
-                None => areas.push((triangle.material, area)),
-            }
-        }
-        self.areas[object] = areas;
-    }
-
-    /// [`Scene::mean_reflectivity`] from the areas of the objects.
-    fn mean_reflectivity(&self) -> f32 {
-        let albedo: Vec<f64> = self.scene.materials.iter().map(|m| f64::from(m.mean_albedo(&self.averages))).collect();
-        let (mut reflecting, mut total) = (0.0, 0.0);
-        for &(material, area) in self.areas.iter().flatten() {
-            reflecting += area * albedo[material as usize];
-            total += area;
-        }
-        if total > 0.0 { (reflecting / total) as f32 } else { 0.0 }
     }
 
     /// Unit normals of an object's vertices: the area-weighted mean of the faces around each.
@@ -476,7 +436,7 @@ impl DynamicScene {
         let emission = self.scene.materials[material as usize].emission;
         for light in self.scene.lights.iter_mut().chain(&mut self.rest_lights) {
             if let Light::Sphere { object, radiance, .. } = light
-                && self.areas[*object as usize].iter().any(|&(m, _)| m == material)
+                && self.materials[*object as usize].contains(&material)
             {
                 *radiance = emission;
             }
@@ -484,6 +444,14 @@ impl DynamicScene {
     }
 }
 
-fn is_rigid(transform: &Affine3A) -> bool {
-    similarity(&transform.matrix3).is_some_and(|scale| (scale - 1.0).abs() <= RIGID)
+/// The materials of each object of a scene.
+fn materials_of(scene: &Scene) -> Vec<Vec<u32>> {
+    let mut materials = vec![Vec::new(); scene.objects.len()];
+    for triangle in &scene.triangles {
+        let of_object: &mut Vec<u32> = &mut materials[triangle.object as usize];
+        if !of_object.contains(&triangle.material) {
+            of_object.push(triangle.material);
+        }
+    }
+    materials
 }

@@ -75,7 +75,7 @@ impl NearCollect {
     /// Writes `near` and adds it to `pixels`.
     pub fn new(kit: &Kit, plan: &Plan, inputs: &Inputs) -> Result<Self> {
         let Inputs { list, points, lighting, beta, near_slot, pixels, seen, near } = *inputs;
-        let shares = kit.stage("near shares", &shares(plan.settings.max_depth, plan.mean_reflectivity))?;
+        let shares = kit.stage("near shares", &shares(plan.settings.max_depth, plan.scene.extent.reflectivity))?;
         let own = Resources::of([
             ("beta", beta),
             ("near_slot", near_slot),

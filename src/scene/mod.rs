@@ -183,19 +183,11 @@ impl Scene {
         (0u32..).zip(&self.triangles).filter(|(_, t)| emits(t)).map(|(i, _)| i).collect()
     }
 
-    /// Mean reflectivity (Keller 1997, 3.2): the area-weighted mean over all triangles of the mean of the RGB
-    /// reflectance kd + F0, textures by their average. Ideal reflection and transmission do not count, because they absorb
-    /// particles.
-    pub fn mean_reflectivity(&self) -> f32 {
+    /// For each material the mean over RGB of the reflectance kd + F0 that particles see, textures by their average; ideal reflection and
+    /// transmission do not count, because they absorb particles.
+    pub fn mean_albedos(&self) -> Vec<f32> {
         let averages: Vec<Vec3> = self.textures.iter().map(Texture::average).collect();
-        let reflectivity: Vec<f64> = self.materials.iter().map(|m| f64::from(m.mean_albedo(&averages))).collect();
-        let (mut reflecting, mut total) = (0.0f64, 0.0f64);
-        for (i, t) in self.triangles.iter().enumerate() {
-            let area = f64::from(self.triangle_area(i));
-            reflecting += area * reflectivity[t.material as usize];
-            total += area;
-        }
-        if total > 0.0 { (reflecting / total) as f32 } else { 0.0 }
+        self.materials.iter().map(|material| material.mean_albedo(&averages)).collect()
     }
 }
 

@@ -518,27 +518,23 @@ fn generated_scenes_are_valid() {
 }
 
 #[test]
-fn mean_reflectivity_weighs_by_area() {
-    assert!((builtin::furnace(0.3, 1.0).mean_reflectivity() - 0.3).abs() < 1e-6);
-    // Unit squares of 0 and 1/2.
-    assert!((builtin::facing_plates(1.0).mean_reflectivity() - 0.25).abs() < 1e-6);
+fn mean_albedos_are_what_particles_see() {
+    assert_eq!(builtin::furnace(0.3, 1.0).mean_albedos(), [0.3]);
     let mut plates = builtin::facing_plates(1.0);
-    plates.materials[0].specular = Vec3::splat(0.2);
+    let albedo_of_lamp = |plates: &Scene| plates.mean_albedos()[1];
+    assert_eq!(plates.mean_albedos(), [0.0, 0.5]);
+    plates.materials[1].specular = Vec3::splat(0.2);
+    assert!((albedo_of_lamp(&plates) - 0.7).abs() < 1e-6);
     // Particles see only the diffuse base of a mirror, and nothing of glass.
     plates.materials[1].surface = Surface::Mirror;
-    plates.materials[1].specular = Vec3::splat(0.3);
-    assert!((plates.mean_reflectivity() - 0.35).abs() < 1e-6);
+    assert_eq!(albedo_of_lamp(&plates), 0.5);
     plates.materials[1].surface = Surface::Glass;
-    assert!((plates.mean_reflectivity() - 0.1).abs() < 1e-6);
+    assert_eq!(albedo_of_lamp(&plates), 0.0);
     // A metal reflects its base colour; its dielectric part does not count.
     plates.materials[1].surface = Surface::Opaque;
     plates.materials[1].metallic = 1.0;
     plates.materials[1].specular = Vec3::ONE;
-    assert!((plates.mean_reflectivity() - 0.35).abs() < 1e-6);
-    // Ten triangles of area 1/2: textured 0.5 twice, lamp 0, gloss 0.75, metal 0.6, 0.8, mirror 0, pane 0, 0.4, bright 1 - 0.05/3.
-    let quarters = scene::load(&repository("tests/cpu/data/quarters.obj")).unwrap();
-    let expected = (0.5 + 0.5 + 0.75 + 0.6 + 0.8 + 0.4 + (1.0 + 1.0 + 0.95) / 3.0) / 10.0;
-    assert!((quarters.mean_reflectivity() - expected).abs() < 1e-5, "{}", quarters.mean_reflectivity());
+    assert!((albedo_of_lamp(&plates) - 0.5).abs() < 1e-6);
 }
 
 #[test]

@@ -423,7 +423,7 @@ fn exported_lights_come_back() {
         list
     };
     assert_eq!(corners(&back), corners(&scene));
-    assert_eq!(back.mean_reflectivity(), scene.mean_reflectivity());
+    assert_eq!(back.mean_albedos(), scene.mean_albedos());
 
     // Exporting the imported scene gives the same lights again.
     let again = folder.path().join("again.gltf");

@@ -152,7 +152,7 @@ fn check_collect(rig: &Rig) -> usize {
             }
         })
         .collect();
-    let shares = near_collect::shares(p.scene[2], rig.engine.plan().mean_reflectivity);
+    let shares = near_collect::shares(p.scene[2], rig.engine.plan().scene.extent.reflectivity);
     for i in 0..links.len() {
         let old = [0, 1, 2].map(|k| before[k][i]);
         let new = [0, 1, 2].map(|k| after[k][i]);
