@@ -28,9 +28,9 @@ pub enum Compensation {
     Off,
     /// One ray for each shading point; where the eye sees its hit, the irradiance of that pixel lights it. Slightly biased
     /// (see [`crate::pass::near_collect`]); for an atlas as `Exact`.
+    #[default]
     Near,
     /// Rays bounce by bounce, and their hits are lit by all lights: unbiased in the limit, and slower.
-    #[default]
     Exact,
 }
 
@@ -202,14 +202,14 @@ pub struct Settings {
     /// between passes.
     pub particles: u32,
     /// Particles of each class of pixels whose lights form a pool, from which each cluster of shading points chooses as many as
-    /// `particles` would leave after reflections, by what they contribute there (see `pass::light_lists`). Default 0: no pool, all
+    /// `particles` would leave after reflections, by what they contribute there (see `pass::light_lists`). Default 600; 0: no pool, all
     /// lights light all points; at most 65,536, of which a pass takes no more than leave 2,048 lights. Useful above
     /// `particles`. More: less noise in
     /// indirect light, in proportion to the cost of weighing them. The limit is the same. Without effect where
     /// `compensation` is exact.
     pub light_pool: u32,
-    /// Virtual lights on the emitters for direct light, per class. Default `None`: one for each particle; 1 to `particles`. Fewer
-    /// save shadow rays: 4 for soft shadows of a filtered image (Wald et al. 2002, 5.1.1) beside some 15 for indirect light;
+    /// Virtual lights on the emitters for direct light, per class. Default `None`: a quarter of `particles`; more than `particles` count
+    /// as that many. Fewer save shadow rays: 4 for soft shadows of a filtered image (Wald et al. 2002, 5.1.1) beside some 15 for indirect light;
     /// shadows of single lights show until passes or a filter average them.
     pub direct_lights: Option<u32>,
     /// Interleaved sampling (Wald et al. 2002, 4.2): width and height of the pattern that tiles the pixel grid. Each position
@@ -266,7 +266,7 @@ pub struct Settings {
     pub mirror_lights: u32,
     /// Clipping distance. Default 0.1 of the size of what the view shows.
     pub clip: Clip,
-    /// Restores the light that clipping cuts off. Default `Exact`; interactive: `Near`.
+    /// Restores the light that clipping cuts off. Default `Near`.
     pub compensation: Compensation,
     /// Irradiance, in units of the scene's radiance times pi, below which a light is dropped for a whole cluster of shading points
     /// before any ray is traced. Default 0: drops only lights that contribute nothing. Higher is faster and darker: a
@@ -316,7 +316,7 @@ impl Default for Settings {
     fn default() -> Self {
         Settings {
             particles: 32,
-            light_pool: 0,
+            light_pool: 600,
             direct_lights: None,
             pattern: [3, 3],
             filter: Some(Filter::default()),
@@ -331,7 +331,7 @@ impl Default for Settings {
             summands: false,
             mirror_lights: 2,
             clip: Clip::Fraction(0.1),
-            compensation: Compensation::Exact,
+            compensation: Compensation::Near,
             light_threshold: 0.0,
             sequence: Sequence::Halton,
             light_choice: LightChoice::Power,
@@ -367,24 +367,25 @@ impl Settings {
     /// Maximum `particles`.
     pub const MAX_PARTICLES: u32 = 65_536;
 
-    /// One set of virtual lights for the whole image, no filter and one eye ray a pixel: the estimator of Keller 1997, whose passes add up
-    /// without a filter. For comparisons with it.
+    /// One set of virtual lights for the whole image, all of them at every point, exact compensation, no filter and one eye ray a pixel:
+    /// the estimator of Keller 1997, whose passes add up without bias but for clipping. For comparisons with it.
     pub fn plain() -> Settings {
-        Settings { pattern: [1, 1], filter: None, antialias: false, photons: 2000, ..Settings::default() }
-    }
-
-    /// Preset for interactive frame rates, as in Wald et al. 2002, 5.1: 3 x 3 interleaved sampling with a 3 x 3 filter, 4 direct
-    /// lights and some 15 others, which clusters choose from a pool of some 1,000, 2,000 photons, near light from the pixels that show it. Biased by the filter.
-    pub fn interactive() -> Settings {
         Settings {
-            particles: 16,
-            light_pool: 600,
-            direct_lights: Some(4),
-            compensation: Compensation::Near,
-            photons: 222,
-            mirror_lights: 1,
+            light_pool: 0,
+            direct_lights: Some(Self::MAX_PARTICLES),
+            pattern: [1, 1],
+            filter: None,
+            antialias: false,
+            photons: 2000,
+            compensation: Compensation::Exact,
             ..Settings::default()
         }
+    }
+
+    /// Preset for interactive frame rates, as in Wald et al. 2002, 5.1: 3 x 3 interleaved sampling with a 3 x 3 filter as by default, but
+    /// with half the lights, 4 direct ones and some 15 others, and a third of the photons.
+    pub fn interactive() -> Settings {
+        Settings { particles: 16, photons: 222, mirror_lights: 1, ..Settings::default() }
     }
 
     /// Applies the `[render]` section of a scene file.
@@ -423,7 +424,7 @@ impl Settings {
         };
         range("--particles", self.particles, 1, Self::MAX_PARTICLES)?;
         range("--light-pool", self.light_pool, 0, Self::MAX_PARTICLES)?;
-        range("--direct-lights", self.direct_lights.unwrap_or(1), 1, self.particles)?;
+        range("--direct-lights", self.direct_lights.unwrap_or(1), 1, Self::MAX_PARTICLES)?;
         range("--delta-lights", self.delta_lights.unwrap_or(1), 1, Self::MAX_DELTA_LIGHTS)?;
         range("--interleave", self.pattern[0], 1, Self::MAX_PATTERN)?;
         range("--interleave", self.pattern[1], 1, Self::MAX_PATTERN)?;

@@ -189,13 +189,13 @@ pub struct Light {
     /// The time of a pass grows linearly; more particles reduce the difference between passes.
     #[arg(long, visible_alias = "paths", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PARTICLES)))]
     pub particles: Option<u32>,
-    /// Particles whose lights form a pool from which small parts of the image choose, 0 to 65536 [default: 0, no pool; with --preset interactive: 600].
+    /// Particles whose lights form a pool from which small parts of the image choose, 0 to 65536 [default: 600; 0: no pool].
     ///
     /// Each part takes as many lights as --particles leave after reflections, those that matter to it. More: less noise in
     /// indirect light, and some more time. Without effect with --compensation exact, and with --export-lights.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_PARTICLES)))]
     pub light_pool: Option<u32>,
-    /// Virtual lights on the emitters, for direct light, 1 to --particles [default: the scene's, or --particles].
+    /// Virtual lights on the emitters, for direct light, 1 to --particles [default: the scene's, or a quarter of --particles].
     ///
     /// Fewer save shadow rays; shadows of single lights show until passes or a filter average them.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PARTICLES)))]
@@ -258,7 +258,7 @@ pub struct Light {
     /// Clipping distance as a fraction of the size of what the camera sees: in a room its diagonal, about [default: the scene's, or 0.1].
     #[arg(long, value_name = "F", allow_negative_numbers = true, value_parser = distance)]
     pub clip_fraction: Option<f32>,
-    /// How to restore the light that clipping cuts off [default: the scene's, or exact; with --preset interactive: near].
+    /// How to restore the light that clipping cuts off [default: the scene's, or near].
     #[arg(long, value_name = "HOW")]
     pub compensation: Option<CompensationFlag>,
     /// Short for --compensation off.

@@ -420,7 +420,7 @@ mod tests {
         let expected = Filter { window: Some([5, 3]), direct: false, agreement: Agreement::DepthAndNormal };
         assert_eq!(filter, Some(expected));
         let preset = chosen("--preset progressive --particles 4", &scene);
-        assert_eq!((preset.particles, preset.clip, preset.compensation), (4, defaults.clip, Compensation::Exact));
+        assert_eq!((preset.particles, preset.clip, preset.compensation), (4, defaults.clip, Compensation::Near));
         assert_eq!(preset.seed, 9);
         assert_eq!(chosen("--preset progressive --no-compensation", &scene).compensation, Compensation::Off);
         assert_eq!(chosen("--preset interactive", &scene).compensation, Compensation::Near);
