@@ -43,7 +43,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let found = triangle != 0xffffffffu && mean3(carried.xyz) > 0.0;
     let at = select(0u, triangle, found);
     let ideal = materials[material_of(triangle_normals[at])].flags.z != SURFACE_OPAQUE;
-    let aimed = !first_hit || target_of[at] == bitcast<u32>(carried.w);
+    let aimed = !first_hit || meets_aim(at, target_of[at], bitcast<u32>(carried.w));
     let mirrored_lights = step.mirrored_lights == 1u;
     let off_a_plane = mirrored_lights && first_hit && mirror_of[at] > 0u && mirror_of[at] <= frame.mirrors.z;
     let ray = ray_direction[photon];

@@ -10,25 +10,31 @@
 #include "photons.wgsl"
 
 @group(0) @binding(1) var<storage, read> emitters: array<EmitterRecord>;
-@group(0) @binding(2) var<storage, read> targets: array<vec4<f32>>;        // centre, radius
+// Two for each target: centre, radius; weight, area, bits of first and end of its triangles.
+@group(0) @binding(2) var<storage, read> targets: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read_write> ray_origin: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read_write> ray_direction: array<vec4<f32>>;  // w: bounces of the light that it left
-@group(0) @binding(5) var<storage, read_write> flux: array<vec4<f32>>;     // w: bits of the target + 1
+@group(0) @binding(5) var<storage, read_write> flux: array<vec4<f32>>;     // w: bits of what it is aimed at
 @group(0) @binding(6) var<storage, read_write> photon_position: array<vec4<f32>>;  // w: 1 if stored, else 0
 @group(0) @binding(7) var<storage, read> lights: array<PointLight>;
+// Three for each triangle of the sparse targets: first vertex and area up to it; edge and bits of its number; edge.
+@group(0) @binding(8) var<storage, read> target_triangles: array<vec4<f32>>;
 
 // A point counts as inside a sphere if the squared sine of the sphere's half angle is at least this.
 const INSIDE: f32 = 0.999;
+// Sparse targets are aimed at by their triangles from beyond this many radii. Host twin: light::targets::FAR.
+const FAR: f32 = 2.0;
 
-// Weight of a target in the choice: approximately its solid angle.
+// Weight of a target in the choice: about its solid angle times its reflectance.
 fn weight_of(t: u32, start: Start) -> f32 {
-    let s = targets[t];
+    let s = targets[2u * t];
+    let weight = targets[2u * t + 1u].x;
     let to = s.xyz - start.origin;
     let r2 = s.w * s.w;
     let oriented = start.kind <= EMITTER_SPHERE || start.kind == EMITTER_VIRTUAL;
     let behind = oriented && dot(to, start.normal) <= -s.w;
-    let angle = select(r2 / max(dot(to, to), r2), 0.0, behind);
-    return select(angle, r2, start.kind == EMITTER_DIRECTIONAL);
+    let angle = select(weight / max(dot(to, to), r2), 0.0, behind);
+    return select(angle, weight, start.kind == EMITTER_DIRECTIONAL);
 }
 
 @compute @workgroup_size(64)
@@ -84,7 +90,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         }
         rest -= w;
     }
-    let sphere = targets[chosen];
+    let sphere = targets[2u * chosen];
+    let parts = targets[2u * chosen + 1u];
     let p = weight_of(chosen, start) / max(sum, 1e-37);
 
     let e = emitters[start.emitter];
@@ -103,28 +110,60 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let circle = unit_circle(u[1]);
     let in_cone = across[0] * (sine * circle.x) + across[1] * (sine * circle.y) + axis * (1.0 - h);
     let free = direction_from(start, vec2<f32>(u[0], u[1]));
-    let direction = select(select(in_cone, free, inside), axis, parallel);
+    let to_sphere = select(select(in_cone, free, inside), axis, parallel);
 
     // Parallel light starts on the sphere's disc, outside the scene.
     let disc = sphere.w * sqrt(u[0]);
     let before = sphere.xyz - axis * (2.0 * length(e.e1.xyz));
     let on_disc = before + across[0] * (disc * circle.x) + across[1] * (disc * circle.y);
-    let origin = select(start.origin, on_disc, parallel);
+    let of_sphere = select(start.origin, on_disc, parallel);
+
+    // A sparse target that is far enough: a point on its triangles, of which a search by halves finds one.
+    let begin = bitcast<u32>(parts.z);
+    let end = bitcast<u32>(parts.w);
+    let reach = FAR * sphere.w;
+    let by_area = begin < end && (parallel || dot(to, to) >= reach * reach);
+    let at = u[0] * parts.y;
+    var low = begin;
+    var high = max(end, begin + 1u) - 1u;
+    for (var k = 0u; k < 32u && by_area && low < high; k += 1u) {
+        let middle = (low + high) / 2u;
+        let after = target_triangles[3u * middle].w <= at;
+        low = select(low, middle + 1u, after);
+        high = select(middle, high, after);
+    }
+    let triangle = 3u * select(0u, low, by_area);
+    let v0 = target_triangles[triangle];
+    let e1 = target_triangles[triangle + 1u];
+    let e2 = target_triangles[triangle + 2u].xyz;
+    let sum_before = select(0.0, target_triangles[max(triangle, 3u) - 3u].w, low > begin);
+    let root = sqrt(clamp((at - sum_before) / max(v0.w - sum_before, 1.17549435e-38), 0.0, 1.0));
+    let place = v0.xyz + e1.xyz * (1.0 - root) + e2 * (u[1] * root);
+    let to_place = place - start.origin;
+    let place2 = max(dot(to_place, to_place), 1e-37);
+    let direction = select(to_sphere, select(to_place / sqrt(place2), axis, parallel), by_area);
+    let origin = select(of_sphere, select(start.origin, place - axis * (2.0 * length(e.e1.xyz)), parallel), by_area);
+    let normal = cross(e1.xyz, e2);
+    let facing = abs(dot(normal, direction)) / max(length(normal), 1e-37);
+    // Solid angle, or one over the density of the direction.
+    let spread = select(2.0 * PI * cap, facing * parts.y / place2, by_area);
 
     let cosine = dot(start.normal, direction);
     let ramp = clamp((cosine - e.e1.y) / max(e.e1.x - e.e1.y, 1e-6), 0.0, 1.0);
     let of_point = e.radiance.xyz * (select(1.0, ramp * ramp, start.kind == EMITTER_SPOT) / e.normal.w);
     let of_surface = e.flux.xyz * (INV_PI * max(cosine, 0.0));
     let is_point = start.kind == EMITTER_POINT || start.kind == EMITTER_SPOT;
-    let into_cone = select(of_surface, of_point, is_point) * (2.0 * PI * cap);
-    let of_disc = e.radiance.xyz * (PI * sphere.w * sphere.w / e.normal.w);
-    let of_emitter = select(select(into_cone, e.flux.xyz, inside), of_disc, parallel);
-    let of_light = intensity_of(light, -direction) * select(2.0 * PI * cap, PI / max(cosine, 1e-6), inside);
+    let into_cone = select(of_surface, of_point, is_point) * spread;
+    let of_disc = e.radiance.xyz * (select(PI * sphere.w * sphere.w, facing * parts.y, by_area) / e.normal.w);
+    let freely = inside && !by_area;
+    let of_emitter = select(select(into_cone, e.flux.xyz, freely), of_disc, parallel);
+    let of_light = intensity_of(light, -direction) * select(spread, PI / max(cosine, 1e-6), freely);
     let carried = select(of_emitter, of_light, from_light) * (times / max(p, 1e-37));
 
     let flies = aims && mean3(carried) > 0.0;
     ray_origin[photon] = vec4<f32>(origin, select(0.0, 3.0e38, flies));
     ray_direction[photon] = vec4<f32>(direction, select(0.0, light.f0.w, from_light));
-    flux[photon] = vec4<f32>(select(vec3<f32>(0.0), carried, flies), bitcast<f32>(chosen + 1u));
+    let aim = select(chosen + 1u, NO_TARGET + bitcast<u32>(e1.w), by_area);
+    flux[photon] = vec4<f32>(select(vec3<f32>(0.0), carried, flies), bitcast<f32>(aim));
     photon_position[photon] = vec4<f32>(0.0);
 }

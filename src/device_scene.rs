@@ -111,8 +111,10 @@ pub struct MirrorBuffers {
 /// Targets on the device.
 #[derive(Clone)]
 pub struct TargetBuffers {
-    /// Bounding spheres: centre, radius.
-    pub spheres: Buffer,
+    /// Two vec4 each: centre and radius of the sphere; weight, area, bits of first and end of its triangles.
+    pub list: Buffer,
+    /// [`crate::light::targets::TargetTriangle`]s of the sparse ones; at least one, which may be no target's.
+    pub triangles: Buffer,
     /// For each triangle the number of its target + 1, or 0.
     pub of_triangle: Buffer,
 }
@@ -274,7 +276,7 @@ impl DeviceScene {
 
     /// Number of targets of photons.
     pub fn target_count(&self) -> u32 {
-        self.targets.spheres.len() as u32
+        self.targets.list.len() as u32
     }
 
     /// Number of planar mirrors.
@@ -310,7 +312,8 @@ impl DeviceScene {
             all = all.with("mirrors", &mirrors.records).with("mirror_of", &mirrors.of_triangle);
         }
         if let Some(targets) = &self.target_buffers {
-            all = all.with("targets", &targets.spheres).with("target_of", &targets.of_triangle);
+            all = all.with("targets", &targets.list).with("target_triangles", &targets.triangles);
+            all = all.with("target_of", &targets.of_triangle);
             // Photons read the mirror of a triangle only if lights are mirrored; without mirrors this buffer takes the
             // binding.
             all = all.with("mirror_of", &targets.of_triangle);

@@ -21,7 +21,7 @@ use crate::pass::probe;
 use crate::plan::{INSTANCES, trace_steps};
 use crate::scene::{Camera, Scene};
 use crate::scene::{VirtualLight, export_lights};
-use crate::settings::{Settings, Traversal};
+use crate::settings::{Compensation, Settings, Traversal};
 use crate::tiles;
 use crate::view::{Region, View};
 
@@ -44,8 +44,8 @@ pub struct RenderOptions {
     pub dynamic: bool,
     /// Render a part of the image, see [`Renderer::set_crop`]. Default: all of it.
     pub crop: Option<Region>,
-    /// If the image is too large for the device, set the renderer up for the first of [`Renderer::strips`]. Default
-    /// false: such an image is an error.
+    /// If the image is too large for the device, set the renderer up for the first of [`Renderer::strips`], with [`Compensation::Exact`]
+    /// in place of [`Compensation::Near`], which looks at the whole image. Default false: such an image is an error.
     pub strips: bool,
 }
 
@@ -122,11 +122,14 @@ impl Renderer {
             (Traversal::Auto, Some(cache)) => calibrate::choose(&context, cache)?,
             (traversal, _) => traversal,
         };
-        let settings = Settings { traversal, ..settings };
+        let mut settings = Settings { traversal, ..settings };
         let strips = match options.strips {
             true => tiles::strips(context.info(), &scene, &camera, &settings),
             false => Vec::new(),
         };
+        if strips.len() > 1 && settings.compensation == Compensation::Near {
+            settings.compensation = Compensation::Exact;
+        }
         let crop = if strips.len() > 1 { strips.first().copied() } else { options.crop };
         let mut renderer = if options.dynamic {
             Renderer::with_context_dynamic(context, scene, camera, settings)?

@@ -6,6 +6,14 @@ fn photon_class(photon: u32) -> u32 {
     return photon % frame.pattern.z;
 }
 
+// What photons are aimed at: target + 1, or NO_TARGET + the number of a triangle. Host twin: light::targets::MAX_TARGETS + 1.
+const NO_TARGET: u32 = 65u;
+
+// Whether a photon with this aim counts when it first meets a triangle, which belongs to this target.
+fn meets_aim(triangle: u32, of_target: u32, aim: u32) -> bool {
+    return select(aim == of_target, aim - NO_TARGET == triangle, aim >= NO_TARGET);
+}
+
 // Number of photons of a pass.
 fn photon_count() -> u32 {
     return frame.photons.x * frame.pattern.z;

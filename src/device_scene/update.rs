@@ -2,6 +2,7 @@
 
 use std::slice::from_ref;
 
+use bytemuck::Zeroable;
 use glam::Vec3;
 
 use super::records::{finishes, material_record, reflector_numbers, shading_attributes};
@@ -12,7 +13,7 @@ use crate::error::Result;
 use crate::gpu::{Context, Staging};
 use crate::light::emitters::Emitters;
 use crate::light::mirrors::Mirrors;
-use crate::light::targets::Targets;
+use crate::light::targets::{TargetTriangle, Targets};
 use crate::pass::layout::{MaterialRecord, PointLight};
 use crate::scene::reflectors::Reflector;
 use crate::scene::{Light, Scene};
@@ -124,24 +125,32 @@ impl DeviceScene {
     /// Finds and stages the targets of photons. Returns whether buffers were replaced; passes that bind them must then
     /// be made anew.
     pub(super) fn update_targets(&mut self, context: &Context, staging: &mut Staging, scene: &Scene) -> Result<bool> {
-        let before = self.targets.spheres.len();
+        let sizes = |targets: &Targets| (targets.list.len(), targets.triangles.len());
+        let before = sizes(&self.targets);
         self.targets = Targets::of(scene, &self.bvh);
         let targets = &self.targets;
-        let count = targets.spheres.len();
-        let spheres: Vec<[f32; 4]> = targets.spheres.iter().map(|s| s.center.extend(s.radius).to_array()).collect();
+        let records = targets.list.iter().flat_map(|t| {
+            let ends = [t.triangles.start, t.triangles.end].map(|i| f32::from_bits(i as u32));
+            [t.sphere.center.extend(t.sphere.radius).to_array(), [t.weight, t.area, ends[0], ends[1]]]
+        });
+        let records: Vec<[f32; 4]> = records.collect();
+        let none = [TargetTriangle::zeroed()];
+        let triangles = if targets.triangles.is_empty() { &none } else { &targets.triangles[..] };
         match &self.target_buffers {
-            None if count == 0 => return Ok(false),
-            Some(old) if before == count => {
-                staging.stage_into(context, &old.spheres, 0, &spheres)?;
+            None if records.is_empty() => return Ok(false),
+            Some(old) if before == sizes(targets) => {
+                staging.stage_into(context, &old.list, 0, &records)?;
+                staging.stage_into(context, &old.triangles, 0, triangles)?;
                 staging.stage_into(context, &old.of_triangle, 0, &targets.of_triangle)?;
                 return Ok(false);
             }
             _ => {}
         }
-        self.target_buffers = match count {
-            0 => None,
-            _ => Some(TargetBuffers {
-                spheres: staging.stage(context, "photon targets", &spheres)?,
+        self.target_buffers = match records.is_empty() {
+            true => None,
+            false => Some(TargetBuffers {
+                list: staging.stage(context, "photon targets", &records)?,
+                triangles: staging.stage(context, "triangles of photon targets", triangles)?,
                 of_triangle: staging.stage(context, "photon targets of triangles", &targets.of_triangle)?,
             }),
         };

@@ -1,36 +1,58 @@
 //! Targets of photons: mirrors and bodies of glass (Wald et al. 2002, section 4).
 //!
-//! Triangles of ideal materials that share corners form a body, and each body has a bounding sphere. From a point y a photon is
-//! shot at a sphere t of radius R_t at distance d_t, chosen with probability
+//! Triangles of ideal materials that share corners form a body; many bodies are grouped, and a body whose triangles are strewn thinly in
+//! its bounding sphere, as those of a frame, is divided. From a point y a photon is shot at a target t, with area A_t and a bounding
+//! sphere of radius R_t at distance d_t, chosen with probability
 //!
 //! ```text
-//! p_t = w_t / sum w      w_t = R_t^2 / max(d_t^2, R_t^2), about its solid angle; 0 behind the plane of an oriented emitter
-//!                        w_t = R_t^2 for parallel light
+//! p_t = w_t / sum w      w_t = rho_t r_t^2 / max(d_t^2, R_t^2), about its solid angle times its mean reflectance or transmittance rho_t;
+//!                              0 behind the plane of an oriented emitter
+//!                        w_t = rho_t r_t^2 for parallel light
 //! ```
 //!
-//! and in a direction uniform in the cone of solid angle Omega around the sphere; from inside the sphere, in a direction
-//! distributed as the emission. The flux of a photon, if it were the only one, is the emission over the density of start and direction:
+//! A target whose area fills its sphere, A_t / (4 pi R_t^2) >= [`FILLS`], is aimed at by its sphere, r_t = R_t: in a direction uniform in
+//! the cone of solid angle Omega around it; from inside the sphere, in a direction distributed as the emission. A sparse one is aimed
+//! at by its triangles, r_t^2 = A_t / (2 pi), from points farther away than [`FAR`] radii: at a point uniform on its area, at the distance d
+//! and with the cosine cos' there. From nearer points it is aimed at by its sphere too, so that no flux is without bound.
+//! The flux of a photon, if it were the only one, is the emission over the density of start and direction:
 //!
 //! ```text
-//! surfaces, virtual lights   Phi / pi cos Omega / p_t       point, spot   I(w) / p_e Omega / p_t       inside   Phi / p_t
-//! parallel light             E pi R_t^2 / (p_e p_t), from a uniform point of the sphere's disc
+//!                              by the sphere                        from inside   by triangles
+//! surfaces, virtual lights     Phi / pi cos Omega / p_t             Phi / p_t     Phi / pi cos cos' A_t / (d^2 p_t)
+//! point, spot                  I(w) / p_e Omega / p_t                             I(w) / p_e cos' A_t / (d^2 p_t)
+//! parallel light               E pi R_t^2 / (p_e p_t), from a                     E cos' A_t / (p_e p_t)
+//!                              uniform point of the sphere's disc
 //! ```
 //!
-//! with Phi = power / p_e. A photon counts only if the first triangle that it hits belongs to the chosen body: each body gets
-//! light only from its own photons, so spheres may overlap.
+//! with Phi = power / p_e. A photon counts only if the first triangle that it hits belongs to the chosen target, or is the triangle
+//! aimed at: each gets light only from its own photons, so targets may hide and overlap each other.
 
-use crate::accel::Bvh;
+use crate::accel::{Bvh, unit_normal};
 use crate::bsdf::{basis, sample_diffuse};
 use crate::light::emitters::{Emitters, Kind, Start};
 use crate::pass::layout::PointLight;
 use crate::pass::shade::light_towards;
-use crate::scene::{Scene, Surface};
+use crate::scene::{Scene, Surface, Texture};
+use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use std::collections::HashMap;
 use std::f32::consts::{FRAC_1_PI, PI, TAU};
+use std::ops::Range;
 
 /// Maximum number of targets: a shader visits all of them for each photon.
 pub const MAX_TARGETS: usize = 64;
+
+/// Minimum share of a sphere's area that a target aimed at by the sphere has.
+pub const FILLS: f32 = 0.3;
+
+/// A sparse target is aimed at by its triangles from points farther away than this many radii.
+pub const FAR: f32 = 2.0;
+
+/// Targets of a smaller share of their sphere's area are divided while there are few.
+const STREWN: f32 = 0.05;
+
+/// Minimum mean reflectance in the weight of a triangle, so that none is left out.
+const MIN_REFLECTANCE: f32 = 0.05;
 
 /// A bounding sphere.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,11 +63,38 @@ pub struct Sphere {
     pub radius: f32,
 }
 
+/// A body of mirrors or glass, part of one, or several.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Target {
+    /// Bounding sphere.
+    pub sphere: Sphere,
+    /// rho_t r_t^2.
+    pub weight: f32,
+    /// Area of a sparse target.
+    pub area: f32,
+    /// Its triangles in [`Targets::triangles`]; empty unless it is sparse.
+    pub triangles: Range<usize>,
+}
+
+/// A triangle of a sparse target, as kernels read it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct TargetTriangle {
+    /// First vertex; w: area of the target's triangles up to this one, included.
+    pub v0: [f32; 4],
+    /// First edge; w: bits of its number in the tree.
+    pub e1: [f32; 4],
+    /// Second edge.
+    pub e2: [f32; 4],
+}
+
 /// The targets of a scene.
 #[derive(Clone, Debug, Default)]
 pub struct Targets {
-    /// Bounding spheres of the bodies; empty without ideal surfaces.
-    pub spheres: Vec<Sphere>,
+    /// Empty without ideal surfaces.
+    pub list: Vec<Target>,
+    /// Triangles of the sparse targets, one target after the other.
+    pub triangles: Vec<TargetTriangle>,
     /// Target of each triangle of the tree, as index + 1, or 0.
     pub of_triangle: Vec<u32>,
 }
@@ -53,8 +102,8 @@ pub struct Targets {
 /// A photon on its way to a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shot {
-    /// The target.
-    pub target: u32,
+    /// Target + 1; or [`MAX_TARGETS`] + 1 + the number of the triangle aimed at.
+    pub aim: u32,
     /// Unit direction.
     pub direction: Vec3,
     /// Origin of the ray.
@@ -77,13 +126,53 @@ impl Targets {
         let mut groups = Vec::new();
         group(&mut bodies, MAX_TARGETS, &corners, &mut groups);
 
-        let mut targets = Targets { spheres: Vec::new(), of_triangle: vec![0; bvh.triangle_count() as usize] };
+        let area = |i: u32| {
+            let [a, b, c] = corners(i);
+            0.5 * (b - a).cross(c - a).length()
+        };
+        divide(&mut groups, &corners, &area);
+
+        let averages: Vec<Vec3> = scene.textures.iter().map(Texture::average).collect();
+        let mut targets = Targets { of_triangle: vec![0; bvh.triangle_count() as usize], ..Targets::default() };
         for triangles in groups {
-            targets.spheres.push(bounding_sphere(&triangles, &corners));
-            let number = targets.spheres.len() as u32;
+            let sphere = bounding_sphere(&triangles, &corners);
+            let areas: f32 = triangles.iter().map(|&i| area(i)).sum();
+            let reflected = triangles.iter().map(|&i| {
+                let material = &scene.materials[bvh.material(i) as usize];
+                area(i) * material.mean_ideal(&averages).max(MIN_REFLECTANCE)
+            });
+            let rho = reflected.sum::<f32>() / areas.max(f32::MIN_POSITIVE);
+            let sparse = fill(areas, &sphere) < FILLS;
+            let first = targets.triangles.len();
+            if sparse {
+                let mut sum = 0.0;
+                targets.triangles.extend(triangles.iter().map(|&i| {
+                    let [a, b, c] = corners(i);
+                    sum += area(i);
+                    TargetTriangle {
+                        v0: a.extend(sum).to_array(),
+                        e1: (b - a).extend(f32::from_bits(i)).to_array(),
+                        e2: (c - a).extend(0.0).to_array(),
+                    }
+                }));
+            }
+            let r2 = if sparse { areas / TAU } else { sphere.radius * sphere.radius };
+            let number = targets.list.len() as u32 + 1;
             triangles.iter().for_each(|&i| targets.of_triangle[i as usize] = number);
+            targets.list.push(Target {
+                sphere,
+                weight: rho * r2,
+                area: areas,
+                triangles: first..targets.triangles.len(),
+            });
         }
         targets
+    }
+
+    /// Whether a photon with this [`Shot::aim`] counts when it first meets a triangle of the tree.
+    pub fn meets(&self, aim: u32, triangle: u32) -> bool {
+        let by_triangle = (MAX_TARGETS as u32 + 1).checked_add(triangle) == Some(aim);
+        by_triangle || aim <= MAX_TARGETS as u32 && aim == self.of_triangle[triangle as usize]
     }
 
     /// Shoots a photon from a start (its ray may begin at `origin`) by three numbers in [0, 1): one for the target, two for the
@@ -100,11 +189,26 @@ impl Targets {
         let oriented = !matches!(e.kind, Kind::Point | Kind::Spot | Kind::Directional);
         let parallel = e.kind == Kind::Directional;
         let (target, p) = self.choose(origin, oriented.then_some(start.normal), parallel, choice)?;
-        let sphere = self.spheres[target];
+        let sphere = self.list[target].sphere;
         let shot = |origin: Vec3, direction: Vec3, flux: Vec3| {
-            Some(Shot { target: target as u32, origin, direction, flux: flux / p })
+            Some(Shot { aim: target as u32 + 1, origin, direction, flux: flux / p })
         };
-        if e.kind == Kind::Directional {
+        let intensity = |direction: Vec3| match e.kind {
+            Kind::Point | Kind::Spot => e.intensity(direction) / e.probability,
+            _ => start.flux * (FRAC_1_PI * start.normal.dot(direction).max(0.0)),
+        };
+        if let Some(place) = self.place(target, origin, parallel, leave) {
+            let (origin, direction, flux) = if parallel {
+                // In front of the whole scene.
+                let from = place.position - e.normal * (2.0 * e.e1.length());
+                (from, e.normal, e.radiance * (place.facing(e.normal) * place.area / e.probability))
+            } else {
+                let (direction, over_density) = place.from(origin);
+                (origin, direction, intensity(direction) * over_density)
+            };
+            return Some(Shot { aim: MAX_TARGETS as u32 + 1 + place.triangle, origin, direction, flux: flux / p });
+        }
+        if parallel {
             let (t, b) = basis(e.normal);
             let (r, phi) = (sphere.radius * leave[0].sqrt(), TAU * leave[1]);
             // The disc is in front of the whole scene.
@@ -115,11 +219,7 @@ impl Targets {
         let Some((direction, solid_angle)) = in_cone(&sphere, origin, leave) else {
             return shot(origin, emitters.sample_direction(start, leave), start.flux);
         };
-        let intensity = match e.kind {
-            Kind::Point | Kind::Spot => e.intensity(direction) / e.probability,
-            _ => start.flux * (FRAC_1_PI * start.normal.dot(direction).max(0.0)),
-        };
-        shot(origin, direction, intensity * solid_angle)
+        shot(origin, direction, intensity(direction) * solid_angle)
     }
 
     /// Shoots a photon from a virtual light, as [`Targets::shoot`]; its flux is that of this light alone.
@@ -127,28 +227,51 @@ impl Targets {
         let xyz = |v: [f32; 4]| Vec3::new(v[0], v[1], v[2]);
         let (origin, normal) = (xyz(light.position), xyz(light.normal));
         let (target, p) = self.choose(origin, Some(normal), false, choice)?;
-        let (direction, over_density) = in_cone(&self.spheres[target], origin, leave).unwrap_or_else(|| {
-            // By the cosine.
-            let local = sample_diffuse(leave);
-            let (t, b) = basis(normal);
-            (t * local.x + b * local.y + normal * local.z, PI / local.z)
-        });
+        let place = self.place(target, origin, false, leave);
+        let (direction, over_density) = match &place {
+            Some(place) => place.from(origin),
+            None => in_cone(&self.list[target].sphere, origin, leave).unwrap_or_else(|| {
+                // By the cosine.
+                let local = sample_diffuse(leave);
+                let (t, b) = basis(normal);
+                (t * local.x + b * local.y + normal * local.z, PI / local.z)
+            }),
+        };
         let flux = light_towards(light, -direction, 1.0, 0.0) * (over_density / p);
-        Some(Shot { target: target as u32, origin, direction, flux })
+        let aim = place.map_or(target as u32 + 1, |place| MAX_TARGETS as u32 + 1 + place.triangle);
+        Some(Shot { aim, origin, direction, flux })
+    }
+
+    /// A uniform point on a sparse target that is far enough; `None`: it is aimed at by its sphere.
+    fn place(&self, target: usize, origin: Vec3, parallel: bool, [x, y]: [f32; 2]) -> Option<Place> {
+        let target = &self.list[target];
+        let reach = FAR * target.sphere.radius;
+        if target.triangles.is_empty() || !parallel && origin.distance_squared(target.sphere.center) < reach * reach {
+            return None;
+        }
+        let triangles = &self.triangles[target.triangles.clone()];
+        let at = x * target.area;
+        let i = triangles.partition_point(|t| t.v0[3] <= at).min(triangles.len() - 1);
+        let (t, before) = (&triangles[i], if i > 0 { triangles[i - 1].v0[3] } else { 0.0 });
+        let [v0, e1, e2] = [t.v0, t.e1, t.e2].map(|v| Vec3::new(v[0], v[1], v[2]));
+        let root = ((at - before) / (t.v0[3] - before).max(f32::MIN_POSITIVE)).clamp(0.0, 1.0).sqrt();
+        let position = v0 + e1 * (1.0 - root) + e2 * (y * root);
+        Some(Place { position, normal: unit_normal(e1, e2), area: target.area, triangle: t.e1[3].to_bits() })
     }
 
     /// Chooses a target for a start, by solid angle (for parallel light: by area), and the probability of the choice. `normal`: of
     /// the surface that emits.
     fn choose(&self, origin: Vec3, normal: Option<Vec3>, parallel: bool, choice: f32) -> Option<(usize, f32)> {
-        let weight = |s: &Sphere| {
-            let (to, r2) = (s.center - origin, s.radius * s.radius);
+        let weight = |target: &Target| {
+            let s = &target.sphere;
+            let to = s.center - origin;
             match normal {
-                _ if parallel => r2,
+                _ if parallel => target.weight,
                 Some(normal) if to.dot(normal) <= -s.radius => 0.0,
-                _ => r2 / to.length_squared().max(r2),
+                _ => target.weight / to.length_squared().max(s.radius * s.radius),
             }
         };
-        let weights: Vec<f32> = self.spheres.iter().map(weight).collect();
+        let weights: Vec<f32> = self.list.iter().map(weight).collect();
         let sum: f32 = weights.iter().sum();
         let last = weights.iter().rposition(|&w| w > 0.0)?;
         let mut rest = choice * sum;
@@ -161,6 +284,30 @@ impl Targets {
             rest -= w;
         }
         Some((target, weights[target] / sum))
+    }
+}
+
+/// A point on a sparse target.
+struct Place {
+    position: Vec3,
+    normal: Vec3,
+    /// Area of the target.
+    area: f32,
+    /// Number in the tree.
+    triangle: u32,
+}
+
+impl Place {
+    /// Cosine between its normal, on either side, and a direction.
+    fn facing(&self, direction: Vec3) -> f32 {
+        self.normal.dot(direction).abs()
+    }
+
+    /// The direction to it, and one over the density of that direction.
+    fn from(&self, origin: Vec3) -> (Vec3, f32) {
+        let to = self.position - origin;
+        let direction = to.normalize();
+        (direction, self.facing(direction) * self.area / to.length_squared())
     }
 }
 
@@ -241,6 +388,38 @@ fn group(bodies: &mut [Vec<u32>], most: usize, corners: &impl Fn(u32) -> [Vec3; 
     let (first, second) = bodies.split_at_mut(bodies.len() / 2);
     group(first, most / 2, corners, groups);
     group(second, most - most / 2, corners, groups);
+}
+
+/// Share of the sphere's area that this area has.
+fn fill(area: f32, sphere: &Sphere) -> f32 {
+    area / (4.0 * PI * sphere.radius * sphere.radius)
+}
+
+/// Divides strewn groups, the widest first, while there are fewer than [`MAX_TARGETS`].
+fn divide(groups: &mut Vec<Vec<u32>>, corners: &impl Fn(u32) -> [Vec3; 3], area: &impl Fn(u32) -> f32) {
+    let width = |triangles: &Vec<u32>| {
+        let sphere = bounding_sphere(triangles, corners);
+        let strewn = triangles.len() > 1 && fill(triangles.iter().map(|&i| area(i)).sum(), &sphere) < STREWN;
+        if strewn { sphere.radius } else { 0.0 }
+    };
+    let mut widths: Vec<f32> = groups.iter().map(width).collect();
+    while groups.len() < MAX_TARGETS {
+        let Some(widest) = (0..groups.len()).max_by(|&a, &b| widths[a].total_cmp(&widths[b])) else { return };
+        if widths[widest] == 0.0 {
+            return;
+        }
+        let mut triangles = std::mem::take(&mut groups[widest]);
+        let (low, high) = box_of(&triangles, corners);
+        let axis = (high - low).max_position();
+        triangles.sort_by(|&a, &b| {
+            let middle = |i: u32| corners(i).map(|p| p[axis]).iter().sum::<f32>();
+            middle(a).total_cmp(&middle(b)).then(a.cmp(&b))
+        });
+        let second = triangles.split_off(triangles.len() / 2);
+        (widths[widest], groups[widest]) = (width(&triangles), triangles);
+        widths.push(width(&second));
+        groups.push(second);
+    }
 }
 
 /// Bounding sphere around the centre of their box, with a margin for rounding.

@@ -1,7 +1,7 @@
 //! Photons continue at mirrors and glass and are stored at the first other surface (Wald et al. 2002, section 4): the
 //! paths L S+ D.
 //!
-//! A photon whose first hit is not its target is dropped: it is direct light, or another photon's. At glass one
+//! A photon whose first hit is not what it is aimed at is dropped: it is direct light, or another photon's. At glass one
 //! component is chosen with probability p, in proportion to the weights, and flux is scaled by the adjoint of the
 //! throughput of radiance ([`crate::bsdf::ideal::BsdfSample`]):
 //!
@@ -46,7 +46,7 @@ pub struct PhotonFollow {
 pub struct Inputs<'a> {
     /// Traced rays; overwritten by the next ones.
     pub rays: &'a Rays,
-    /// Flux; w: bits of the target + 1.
+    /// Flux; w: bits of what it is aimed at ([`Shot::aim`](crate::light::targets::Shot::aim)).
     pub flux: &'a Buffer,
     /// Glass media around the photons.
     pub media: &'a Buffer,

@@ -1,7 +1,7 @@
 //! Shoots caustic photons from the emitters and from virtual lights at mirrors and glass (Wald et al. 2002, section 4).
 //!
-//! A point on an emitter is chosen as for particles, a body of mirrors or glass (a target) roughly in proportion to the
-//! solid angle of its bounding sphere, and a direction in the cone around that sphere; [`crate::light::targets`] has
+//! A point on an emitter is chosen as for particles, a body of mirrors or glass (a target) roughly in proportion to its
+//! solid angle, and a direction in the cone around its bounding sphere or to a point of its area; [`crate::light::targets`] has
 //! the densities and the flux. So nearly all photons hit something that makes caustics, and their sum over N is the
 //! flux that the emitters send there.
 //!
@@ -36,7 +36,7 @@ pub struct PhotonStart {
 }
 
 impl PhotonStart {
-    /// Writes `rays`, `flux` (w: bits of the target + 1) and `position` (marked as not stored) of `photons` photons,
+    /// Writes `rays`, `flux` (w: bits of what it is aimed at) and `position` (marked as not stored) of `photons` photons,
     /// those of all classes.
     pub fn new(kit: &Kit, lights: &Buffer, rays: &Rays, [flux, position]: [&Buffer; 2], photons: u32) -> Result<Self> {
         let own = Resources::of([("lights", lights), ("flux", flux), ("photon_position", position)]);
@@ -74,8 +74,8 @@ pub struct Started {
     pub ray: Ray,
     /// Flux if its class had this photon only.
     pub flux: Vec3,
-    /// Index of its target.
-    pub target: u32,
+    /// See [`Shot::aim`](crate::light::targets::Shot::aim).
+    pub aim: u32,
     /// Bounces of the light that it left; 0: an emitter.
     pub bounces: f32,
 }
@@ -112,5 +112,5 @@ pub fn reference(
     };
     let ray = Ray { origin: shot.origin, t_max: 3.0e38, direction: shot.direction };
     let flux = shot.flux * times;
-    (flux.max_element() > 0.0).then_some(Started { ray, flux, target: shot.target, bounces })
+    (flux.max_element() > 0.0).then_some(Started { ray, flux, aim: shot.aim, bounces })
 }

@@ -295,6 +295,20 @@ impl Material {
         (albedo.element_sum() / 3.0).min(1.0)
     }
 
+    /// Mean over RGB of the reflectance of an ideal mirror, or 1 for glass; `averages` are those of the scene's textures.
+    pub(crate) fn mean_ideal(&self, averages: &[Vec3]) -> f32 {
+        match self.surface {
+            Surface::Opaque => 0.0,
+            Surface::Glass => 1.0,
+            Surface::Mirror => {
+                let average = |texture: Option<u32>| texture.map_or(Vec3::ONE, |t| averages[t as usize]);
+                let metallic = self.metallic * average(self.metallic_roughness_texture).z;
+                let base = self.base_color * average(self.base_texture);
+                (self.specular.lerp(base, metallic).element_sum() / 3.0).min(1.0)
+            }
+        }
+    }
+
     /// Lowers the base colour so that diffuse plus specular reflectance is at most 1 in every channel; returns the largest
     /// excess.
     pub(crate) fn limit_albedo(&mut self) -> f32 {

@@ -21,7 +21,7 @@ pub struct Photons {
     pub count: u32,
     /// Their rays; of a stored photon, the ray on which it arrived.
     pub rays: Rays,
-    /// Flux of each if its class had this photon only; w: bits of its target + 1.
+    /// Flux of each if its class had this photon only; w: bits of what it is aimed at ([`Shot::aim`](crate::light::targets::Shot::aim)).
     pub flux: Buffer,
     /// Glass media around each.
     pub media: Buffer,

@@ -104,7 +104,7 @@ fn a_frame_is_measured_for_every_scene_and_setting() {
         let sum: f64 = passes.iter().filter(|p| p["pass"] != "sort").map(|p| positive(&p["median_seconds"])).sum();
         assert!(sum <= frame * 1.05, "the passes take {sum} s of {frame} s");
     }
-    assert!(positive(&lines[1]["lights"]) > positive(&lines[0]["lights"]));
+    assert!(positive(&lines[1]["rays"]) > positive(&lines[0]["rays"]));
     assert_eq!(lines[0]["triangles"], builtin::room(300).triangles.len());
 }
 

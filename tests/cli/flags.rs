@@ -81,7 +81,9 @@ fn each_flag_of_the_light_changes_the_image_and_hardly_its_energy() {
     let plain = image("");
     // The same lights, chosen, placed or traced otherwise; how far the energy may be off after two passes.
     for (flags, tolerance) in [
-        ("--direct-lights 8", 0.1),
+        ("--direct-lights 4", 0.1),
+        ("--light-pool 0", 0.1),
+        ("--compensation exact", 0.1),
         ("--light-choice contribution", 0.1),
         ("--light-choice contribution --power-fraction 0.9", 0.1),
         ("--sequence sobol", 0.1),

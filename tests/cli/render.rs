@@ -98,7 +98,8 @@ fn images_layers_and_statistics_are_written() {
     let folder = folder();
     let output = succeeds(
         folder.path(),
-        "render scene.toml -o a.exr -o a.png --float --passes 8 --particles 8 --no-antialias --stats a.json --validation",
+        "render scene.toml -o a.exr -o a.png --float --passes 8 --particles 8 --compensation exact --no-antialias --stats a.json \
+         --validation",
     );
     let last = text(&output.stdout).lines().last().unwrap_or_default().to_owned();
     assert!(last.contains("8 passes") && last.ends_with("-> a.exr, a.png"), "{last}");
@@ -220,7 +221,7 @@ fn exported_lights_are_rendered_again() {
     let folder = folder();
     let output = succeeds(folder.path(), "render scene.toml --particles 16 --export-lights lights.gltf");
     assert!(text(&output.stdout).contains("virtual lights to lights.gltf"), "{}", text(&output.stdout));
-    let common = "--float --no-compensation --no-antialias --passes 1 --particles 16";
+    let common = "--float --no-compensation --no-antialias --passes 1 --particles 16 --light-pool 0";
     succeeds(folder.path(), &format!("render scene.toml -o a.exr {common} --interleave 1x1"));
     succeeds(folder.path(), &format!("render lights.gltf -o b.exr --max-depth 2 {common}"));
     let (a, b) = (channels(&folder.path().join("a.exr")), channels(&folder.path().join("b.exr")));

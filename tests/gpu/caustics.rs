@@ -30,8 +30,8 @@ fn flux_at_targets(ctx: &Context, scene: &Scene, photons: u32) -> f64 {
     let (hits, flux) = (rig.vec4s(&p.rays.hits), rig.vec4s(&p.flux));
     let aimed = |(hit, flux): (&Vec4, &Vec4)| {
         let hit = hit_of(*hit)?;
-        let target = rig.engine.device_scene().targets.of_triangle[hit.triangle as usize];
-        (target > 0 && target == flux.w.to_bits()).then_some(f64::from(flux.x))
+        let targets = &rig.engine.device_scene().targets;
+        targets.meets(flux.w.to_bits(), hit.triangle).then_some(f64::from(flux.x))
     };
     hits.iter().zip(&flux).filter_map(aimed).sum::<f64>() / f64::from(photons)
 }

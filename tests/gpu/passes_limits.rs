@@ -41,7 +41,7 @@ fn reach(rig: &Rig, receiver: &ShadingPoint, lights: &[PointLight]) -> (usize, u
 fn more_work_than_the_driver_lets_one_dispatch_do() {
     gpu_test(|ctx| {
         let scene = builtin::deep_scene(1500);
-        let settings = Settings { particles: 4096, clip: Clip::Distance(0.0), ..Settings::plain() };
+        let settings = Settings { particles: 4608, clip: Clip::Distance(0.0), ..Settings::plain() };
         let rig = Rig::new(ctx, &scene, [8, 1], settings);
         rig.walk_and_look();
         rig.run(|frame, rec| frame.shade.record(rec));

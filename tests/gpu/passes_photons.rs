@@ -70,14 +70,14 @@ fn check_start(rig: &Rig, what: &str, sine: f32) -> usize {
         let (ray, flux) = (ray_of(state.origin[i], state.direction[i]), state.flux[i]);
         let same = match oracle {
             None => ray.t_max == 0.0 && flux.truncate() == Vec3::ZERO,
-            Some(Started { ray: expected, flux: expected_flux, target, bounces }) => {
+            Some(Started { ray: expected, flux: expected_flux, aim, bounces }) => {
                 from_lights += usize::from(bounces > 0.0);
                 state.direction[i].w == bounces
                     && close(ray.origin, expected.origin, 1e-5, 8.0 * sine)
                     && ray.t_max == expected.t_max
                     && close(ray.direction, expected.direction, 0.0, 4.0 * SINE)
                     && close(flux.truncate(), expected_flux, 4.0 * SINE, 0.0)
-                    && flux.w.to_bits() == target + 1
+                    && flux.w.to_bits() == aim
             }
         };
         let (origin, sent) = oracle.as_ref().map_or((Vec3::ZERO, Vec3::ZERO), |o| (o.ray.origin, o.flux));
@@ -123,7 +123,7 @@ fn check_step(rig: &Rig, what: &str, step: usize, seen: &mut [usize; 4]) {
         let fate = hit.map_or(Fate::Lost, |hit| {
             let d = before.direction[i].truncate();
             let surface = surface_at(rig.scene, rig.bvh(), &hit, d);
-            let aimed = rig.engine.device_scene().targets.of_triangle[hit.triangle as usize] == flux.w.to_bits();
+            let aimed = rig.engine.device_scene().targets.meets(flux.w.to_bits(), hit.triangle);
             let media = if step == 0 { Media::default() } else { Media(before.media[i]) };
             let state = (d, flux.truncate(), media);
             let number = (step as u32, last);

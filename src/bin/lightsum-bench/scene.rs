@@ -127,5 +127,12 @@ fn square(bvh: &Bvh, place: Vec3, normal: Vec3, share: f64) -> (Vec3, [Vec3; 2])
 
 /// Settings under which a pass has at least `lights` lights.
 pub fn settings(lights: u32) -> Settings {
-    Settings { particles: lights, compensation: Compensation::Off, ..Settings::default() }
+    let all = Some(lights);
+    Settings {
+        particles: lights,
+        light_pool: 0,
+        direct_lights: all,
+        compensation: Compensation::Off,
+        ..Settings::default()
+    }
 }

@@ -122,9 +122,8 @@ pub struct Output {
     #[arg(long, value_name = "WxH", value_parser = resolution)]
     pub resolution: Option<[u32; 2]>,
     /// Render this part of the image alone: left, top, width and height in pixels.
-    /// It has the bits of the whole image, at the cost of the blocks of pixels around it. Superposition, a lens and
-    /// `--light-choice contribution` render the whole image all the same.
-    /// `--light-choice contribution` render the whole image all the same.
+    /// It has the bits of the whole image. With --compensation exact it costs the blocks of pixels around it; with near,
+    /// superposition, a lens or `--light-choice contribution` the whole image is rendered all the same.
     #[arg(long, value_name = "X,Y,W,H", value_parser = crop)]
     pub crop: Option<Region>,
     /// Exposure of PNG files in stops; each stop doubles the brightness [default: the scene's, or 0].

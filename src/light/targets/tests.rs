@@ -31,14 +31,14 @@ fn bodies_are_triangles_that_share_corners() {
         squares(&[Vec3::ZERO, Vec3::new(2.0, 0.0, 2.0), Vec3::new(8.0, 0.0, 0.0), Vec3::new(0.0, -1.0, 0.0)], vec![]);
     let bvh = Bvh::build(&scene).unwrap();
     let targets = Targets::of(&scene, &bvh);
-    assert_eq!(targets.spheres.len(), 2);
+    assert_eq!(targets.list.len(), 2);
     let of_scene_triangle =
         |t: u32| (0..8).find(|&i| bvh.scene_triangle(i) == t).map(|i| targets.of_triangle[i as usize]).unwrap();
     let numbers: Vec<u32> = (0..8).map(of_scene_triangle).collect();
     let (a, b) = (numbers[0], numbers[4]);
     assert!(a != b && a.max(b) == 2 && a.min(b) == 1);
     assert_eq!(numbers, [a, a, a, a, b, b, 0, 0]);
-    let sphere = targets.spheres[a as usize - 1];
+    let sphere = targets.list[a as usize - 1].sphere;
     assert_eq!(sphere.center, Vec3::new(1.0, 0.0, 1.0));
     assert!((sphere.radius - 8f32.sqrt()).abs() < 1e-3 && sphere.radius > 8f32.sqrt());
 }
@@ -51,13 +51,13 @@ fn many_bodies_are_grouped_by_place() {
     let scene = squares(&middles, vec![]);
     let bvh = Bvh::build(&scene).unwrap();
     let targets = Targets::of(&scene, &bvh);
-    assert_eq!(targets.spheres.len(), MAX_TARGETS);
+    assert_eq!(targets.list.len(), MAX_TARGETS);
     for i in 0..bvh.triangle_count() {
         let mirror = scene.materials[bvh.material(i) as usize].surface == Surface::Mirror;
         let number = targets.of_triangle[i as usize];
         assert_eq!(number > 0, mirror);
         if mirror {
-            let s = targets.spheres[number as usize - 1];
+            let s = targets.list[number as usize - 1].sphere;
             let corners = scene.triangles[bvh.scene_triangle(i) as usize].vertices;
             assert!(corners.iter().all(|&v| scene.positions[v as usize].distance(s.center) < s.radius));
             assert!(s.radius < 8.0, "{s:?}");
@@ -76,7 +76,7 @@ fn arriving(scene: &Scene, count: u32) -> f32 {
             let origin = offset_origin(start.position, start.normal, 1.0);
             let shot = targets.shoot(&emitters, &start, origin, halton(4, i), [halton(0, i), halton(1, i)])?;
             let hit = bvh.closest(&Ray::new(shot.origin, shot.direction))?;
-            (targets.of_triangle[hit.triangle as usize] == shot.target + 1).then_some(f64::from(shot.flux.x))
+            targets.meets(shot.aim, hit.triangle).then_some(f64::from(shot.flux.x))
         })
         .sum();
     (sum / f64::from(count)) as f32
@@ -127,4 +127,29 @@ fn side_angle(eye: Vec3) -> f32 {
         eye.y * area / (eye - p).length().powi(3)
     };
     (0..n * n).map(cell).sum()
+}
+
+#[test]
+fn a_long_body_is_divided_and_gets_the_same_flux() {
+    let mut middles: Vec<Vec3> = (0..10).map(|i| Vec3::X * (2.0 * i as f32)).collect();
+    let at = Vec3::new(6.0, 5.0, 1.0);
+    let expected: f32 = middles.iter().map(|&middle| 3.0 * side_angle(at - middle)).sum();
+    middles.push(Vec3::NEG_Y);
+    let scene = squares(&middles, vec![Light::Point { position: at, intensity: Vec3::splat(3.0) }]);
+    let targets = Targets::of(&scene, &Bvh::build(&scene).unwrap());
+    assert!(targets.list.len() > 1, "{:?}", targets.list);
+    assert_eq!(targets.triangles.len(), 20);
+    let found = arriving(&scene, 20_000);
+    assert!((found / expected - 1.0).abs() < 0.01, "{found} for {expected}");
+    // Nearly every photon arrives, of those that are aimed at triangles from far enough.
+    let far = Vec3::new(6.0, 40.0, 1.0);
+    let scene = squares(&middles, vec![Light::Point { position: far, intensity: Vec3::splat(3.0) }]);
+    let bvh = Bvh::build(&scene).unwrap();
+    let (emitters, targets) = (Emitters::of(&scene, true).unwrap(), Targets::of(&scene, &bvh));
+    let start = emitters.sample_start(0.5, 0.5, 1.0);
+    let meets = |i: u32| {
+        let shot = targets.shoot(&emitters, &start, far, halton(4, i), [halton(0, i), halton(1, i)]).unwrap();
+        bvh.closest(&Ray::new(far, shot.direction)).is_some_and(|hit| targets.meets(shot.aim, hit.triangle))
+    };
+    assert!((0..1000).filter(|&i| meets(i)).count() > 990);
 }
