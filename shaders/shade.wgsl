@@ -141,7 +141,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if VISIBILITY
         seen += select(0u, 1u, lit && !blocked);
 #else
-        let e = intensity * select(0.0, cos_receiver * falloff_beyond(flags, r2, select(1.0, 1.0 / 16.0, step.closer == 1u)), lit && !blocked);
+        let e = intensity * select(0.0, cos_receiver * falloff_beyond(flags, r2, select(1.0, 0.25, step.closer == 1u)), lit && !blocked);
         let is_direct = l_f0.w == 0.0;
         e_direct += select(vec3<f32>(0.0), e, is_direct);
         e_indirect += select(e, vec3<f32>(0.0), is_direct);

@@ -27,7 +27,7 @@ struct Step {
     bounce: u32,                // reflections of a particle, this one included; mirrors and glass of a path, or gather rays, before this one
     clears: u32,                // 1: sums start at zero
     bounces: u32,               // maximum number of bounces of a light: those with more would make paths too long
-    closer: u32,                // 1: lights are clipped at a quarter of the clip distance
+    closer: u32,                // 1: lights are clipped at half the clip distance
     split: u32,                 // distance from the slot of a pixel to that of its second component; 0: paths do not split
     mirrored_lights: u32,       // 1: planar mirrors reflect virtual lights, so photons leave them out
     shift: u32,                 // of the digit by which the sort counts or scatters

@@ -134,7 +134,7 @@ pub struct Step {
     pub clears: u32,
     /// Maximum number of bounces of a light: those with more would make paths too long.
     pub bounces: u32,
-    /// 1: lights are clipped at a quarter of the clip distance.
+    /// 1: lights are clipped at half the clip distance.
     pub closer: u32,
     /// Distance from the slot of a pixel to that of its second component; 0: paths do not split.
     pub split: u32,
