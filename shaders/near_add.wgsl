@@ -1,4 +1,5 @@
 // Adds near light, averaged over neighbours of the same class, to the light of its pixels. See pass/near_collect.rs.
+// MEAN: writes the averages in place of adding them.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -9,9 +10,14 @@
 @group(0) @binding(2) var<storage, read> list: array<u32>;
 @group(0) @binding(3) var<storage, read> near_direct: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> near_indirect: array<vec4<f32>>;
+#if MEAN
+@group(0) @binding(5) var<storage, read_write> mean_direct: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read_write> mean_indirect: array<vec4<f32>>;
+#else
 @group(0) @binding(5) var<storage, read_write> direct: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read_write> indirect: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read_write> specular: array<vec4<f32>>;
+#endif
 @group(0) @binding(8) var<storage, read> seen_position: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read> seen_geometric: array<vec4<f32>>;
 @group(0) @binding(10) var<storage, read> seen_wo: array<vec4<f32>>;
@@ -52,6 +58,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             e_indirect += select(vec3<f32>(0.0), part * (near_indirect[other].xyz - near_indirect[slot].xyz), taken);
         }
     }
+#if MEAN
+    mean_direct[slot] = vec4<f32>(e_direct, own.w);
+    mean_indirect[slot] = vec4<f32>(e_indirect, 0.0);
+#else
     // Light through the specular lobe is radiance.
     if own.w == 0.0 {
         direct[slot] += vec4<f32>(e_direct, 0.0);
@@ -59,4 +69,5 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     } else {
         specular[slot] += vec4<f32>(e_direct + e_indirect, 0.0);
     }
+#endif
 }

@@ -25,8 +25,14 @@
 //! squared neighbours of a class, whose rays have different directions, is averaged first, in the symmetrical way of
 //! `discontinuity`, where they lie on one smooth surface ([`SMOOTH`], [`SLOPE`]).
 //!
+//! And each pixel then takes the mean of the near light of all pixels around it, in a window as wide as the pattern, in place of its own,
+//! weighted by the cosine between the normals and less where the chord leaves the tangent plane ([`STEEP`]); the pixels without near rays
+//! count as zero. Otherwise thin and curved things, over which the filter does not average, are dotted: two of nine pixels would be
+//! several times too bright, and seven too dark. The mean blurs, and fades with the passes like the filter
+//! ([`Filter::weight`](crate::settings::Filter::weight)).
+//!
 //! Cost: 9 vec4 for a near ray and 6 for each further one, some 60 operations each; for the addition 8 vec4, and 5 with 50
-//! operations for each neighbour.
+//! operations for each neighbour; for the mean over the window 5 vec4 for each of its pixels, and 8 vec4 for each pixel.
 
 use glam::Vec3;
 
@@ -45,20 +51,27 @@ pub const SMOOTH: f32 = 0.9;
 /// Maximum slope of the chord between them against their tangent planes, beyond the turn of the normal.
 pub const SLOPE: f32 = 0.1;
 
+/// Slope of the chord between neighbours against the tangent plane at which their near light counts half.
+pub const STEEP: f32 = 0.25;
+
 /// The pass over one list.
 pub struct NearCollect {
     sum: BoundKernel,
     add: BoundKernel,
+    /// With a filter, over all pixels.
+    spread: Option<(BoundKernel, Buffer)>,
     work: Buffer,
 }
 
 /// Inputs and outputs.
 pub struct Inputs<'a> {
+    /// All points of pixels.
+    pub all: &'a List,
     /// Points that near rays start from.
     pub list: &'a List,
     /// Hits of the near rays.
     pub points: &'a ShadingPoints,
-    /// Light at hits that no pixel shows.
+    /// Light at hits that no pixel shows; overwritten.
     pub lighting: &'a Lighting,
     /// Throughput of the near rays; w: the lobe.
     pub beta: &'a Buffer,
@@ -75,7 +88,7 @@ pub struct Inputs<'a> {
 impl NearCollect {
     /// Writes `near` and adds it to `pixels`.
     pub fn new(kit: &Kit, plan: &Plan, inputs: &Inputs) -> Result<Self> {
-        let Inputs { list, points, lighting, beta, near_slot, pixels, seen, near } = *inputs;
+        let Inputs { all, list, points, lighting, beta, near_slot, pixels, seen, near } = *inputs;
         let shares = kit.stage("near shares", &shares(plan.settings.max_depth, plan.scene.extent.reflectivity))?;
         let own = Resources::of([
             ("beta", beta),
@@ -90,18 +103,30 @@ impl NearCollect {
             ("seen_wo", &seen.wo),
         ]);
         let sets = [&points.resources(), &list.resources(), &lighting.resources(), &own];
-        let add_sets = [&list.resources(), &pixels.resources(), &own];
-        Ok(NearCollect {
-            sum: kit.bind(&shaders::NEAR_COLLECT, &sets)?,
-            add: kit.bind(&shaders::NEAR_ADD, &add_sets)?,
-            work: list.work.clone(),
-        })
+        // Light at the hits has been summed by then.
+        let means = Resources::of([("mean_direct", &lighting.direct), ("mean_indirect", &lighting.indirect)]);
+        let add = match plan.settings.filter {
+            None => kit.bind(&shaders::NEAR_ADD, &[&list.resources(), &pixels.resources(), &own])?,
+            Some(_) => kit.bind(&shaders::NEAR_MEAN, &[&list.resources(), &means, &own])?,
+        };
+        let spread = match plan.settings.filter {
+            None => None,
+            Some(_) => {
+                let kernel = kit.bind(&shaders::NEAR_SPREAD, &[&all.resources(), &pixels.resources(), &means, &own])?;
+                Some((kernel, all.work.clone()))
+            }
+        };
+        Ok(NearCollect { sum: kit.bind(&shaders::NEAR_COLLECT, &sets)?, add, spread, work: list.work.clone() })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.sum.run_listed(rec, &[], &self.work, LIST_GROUPS)?;
-        self.add.run_listed(rec, &[], &self.work, LIST_GROUPS)
+        self.add.run_listed(rec, &[], &self.work, LIST_GROUPS)?;
+        match &self.spread {
+            Some((spread, work)) => spread.run_listed(rec, &[], work, LIST_GROUPS),
+            None => Ok(()),
+        }
     }
 }
 
@@ -185,6 +210,32 @@ pub fn neighbours(frame: &FrameParameters, slot: u32) -> Vec<u32> {
     let places = offsets.map(|(x, y)| (pixel % width + x * across, pixel / width + y * down));
     let inside = places.filter(|(x, y)| (0..width).contains(x) && (0..height).contains(y));
     inside.map(|(x, y)| (i64::from(slot) - pixel + y * width + x) as u32).collect()
+}
+
+/// Oracle: weight of the near light of another pixel, with its normal.
+pub fn alike(at: (Vec3, Vec3), other: (Vec3, Vec3)) -> f32 {
+    let chord = other.0 - at.0;
+    let slope = chord.dot(at.1).powi(2) / chord.length_squared().max(1e-30);
+    at.1.dot(other.1).max(0.0) / (1.0 + slope / (STEEP * STEEP))
+}
+
+/// Oracle: near light that a pixel takes: direct, indirect and specular. `own`: what it has, or zero; `others`: weight and near light of
+/// the lit pixels in its window, itself included.
+pub fn spread(frame: &FrameParameters, own: [Vec3; 3], others: &[(f32, [Vec3; 3])]) -> [Vec3; 3] {
+    let weights: f32 = others.iter().map(|(weight, _)| weight).sum();
+    std::array::from_fn(|k| {
+        let sum: Vec3 = others.iter().map(|(weight, light)| *weight * light[k]).sum();
+        (1.0 - frame.lens[2]) * own[k] + frame.lens[2] * sum / weights.max(1e-30)
+    })
+}
+
+/// Oracle: pixels in the window around one.
+pub fn window(frame: &FrameParameters, slot: u32) -> Vec<u32> {
+    let ([width, height, ..], [across, down, ..]) = (frame.size.map(i64::from), frame.pattern.map(i64::from));
+    let (x, y) = (i64::from(slot) % width, i64::from(slot) / width);
+    let places = (-down / 2..=down / 2).flat_map(|dy| (-across / 2..=across / 2).map(move |dx| (x + dx, y + dy)));
+    let inside = places.filter(|(x, y)| (0..width).contains(x) && (0..height).contains(y));
+    inside.map(|(x, y)| (y * width + x) as u32).collect()
 }
 
 #[cfg(test)]

@@ -89,6 +89,7 @@ impl NearLight {
             classes: None,
         };
         let collect_inputs = near_collect::Inputs {
+            all: &eye.list,
             list: &started,
             points: &points,
             lighting: &hit_lighting,

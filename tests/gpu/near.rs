@@ -119,10 +119,11 @@ fn mean(v: Vec3) -> f32 {
     v.element_sum() / 3.0
 }
 
-/// The light of near rays adds up along the chains of pixels.
-fn check_collect(rig: &Rig) -> usize {
+/// The light of near rays adds up along the chains of pixels. Returns how often it was averaged over neighbours of a class, and how many
+/// pixels without a near ray took some of others.
+fn check_collect(rig: &Rig) -> [usize; 2] {
     let points = receivers(rig, &rig.frame().eye.points);
-    let mut averaged = 0;
+    let (mut averaged, mut spread) = (0, 0);
     let (p, near) = (&rig.parameters, stage(rig));
     let lighting = &rig.frame().shade.lighting;
     let three = |l: &lightsum::pass::Lighting| [&l.direct, &l.indirect, &l.specular].map(|b| rig.vec4s(b));
@@ -153,14 +154,9 @@ fn check_collect(rig: &Rig) -> usize {
         })
         .collect();
     let shares = near_collect::shares(p.scene[2], rig.engine.plan().scene.extent.reflectivity);
-    for i in 0..links.len() {
-        let old = [0, 1, 2].map(|k| before[k][i]);
-        let new = [0, 1, 2].map(|k| after[k][i]);
-        if !links[i].has_ray {
-            let bits = |v: [Vec4; 3]| v.map(|v| v.to_array().map(f32::to_bits));
-            assert_eq!(bits(old), bits(new), "slot {i} has no near ray");
-            continue;
-        }
+    // Of each slot with a near ray what is left after the average over its class: direct, indirect, specular.
+    let mut means = vec![[Vec3::ZERO; 3]; links.len()];
+    for i in (0..links.len()).filter(|&i| links[i].has_ray) {
         let sum = |i: usize| near_collect::reference(&links, i, &shares);
         let [mut direct, mut indirect] = sum(i);
         let neighbours = near_collect::neighbours(p, i as u32);
@@ -176,16 +172,37 @@ fn check_collect(rig: &Rig) -> usize {
                 averaged += usize::from(other != i);
             }
         }
-        let added = match links[i].specular {
+        means[i] = match links[i].specular {
             true => [Vec3::ZERO, Vec3::ZERO, direct + indirect],
             false => [direct, indirect, Vec3::ZERO],
         };
+    }
+    let filtered = rig.engine.plan().settings.filter.is_some();
+    let listed = rig.list(0);
+    for i in 0..links.len() {
+        let old = [0, 1, 2].map(|k| before[k][i]);
+        let new = [0, 1, 2].map(|k| after[k][i]);
+        let slot = i as u32;
+        if !links[i].has_ray && !(filtered && listed.contains(&slot)) {
+            let bits = |v: [Vec4; 3]| v.map(|v| v.to_array().map(f32::to_bits));
+            assert_eq!(bits(old), bits(new), "slot {i} has no near ray");
+            continue;
+        }
+        let mut added = means[i];
+        if filtered && slot < p.size[2] {
+            let at = |k: usize| (points[k].position, points[k].geometric);
+            let others = near_collect::window(p, slot).into_iter().map(|other| other as usize);
+            let lit = others.filter(|&other| is_lit(seen_wo[other]));
+            let others: Vec<_> = lit.map(|k| (near_collect::alike(at(i), at(k)), means[k])).collect();
+            added = near_collect::spread(p, means[i], &others);
+            spread += usize::from(!links[i].has_ray && added != [Vec3::ZERO; 3]);
+        }
         for k in 0..3 {
             let expected = old[k].truncate() + added[k];
             assert!(close(new[k].truncate(), expected, 1e-5, 1e-6), "slot {i}, {k}: {} for {expected}", new[k]);
         }
     }
-    averaged
+    [averaged, spread]
 }
 
 #[test]
@@ -193,22 +210,24 @@ fn near_light_follows_its_oracles() {
     gpu_test(|ctx| {
         let scene = gallery();
         let sine = sine_error(ctx, &scene);
-        let (mut met, mut averaged) = (Met::default(), 0);
+        let (mut met, mut averaged, mut spread) = (Met::default(), 0, 0);
         let patterns = [[1, 1], [3, 3], [2, 3], [8, 8], [3, 3]];
         for (resolution, pattern) in AWKWARD_IMAGES.into_iter().chain([[97, 61]]).zip(patterns.into_iter().cycle()) {
             let rig = Rig::new(ctx, &scene, resolution, settings(pattern));
             rig.light();
             check_points(&rig, sine, &mut met);
-            assert_eq!(check_collect(&rig), 0, "without a filter nothing is averaged");
+            assert_eq!(check_collect(&rig), [0, 0], "without a filter nothing is averaged");
             // With one, neighbours have other directions, and share their light.
             let filtered = Settings { filter: Some(Filter::default()), ..settings(pattern) };
             let rig = Rig::new(ctx, &scene, resolution, filtered);
             rig.light();
             check_points(&rig, sine, &mut met);
-            averaged += check_collect(&rig);
+            let [of_class, of_window] = check_collect(&rig);
+            averaged += of_class;
+            spread += of_window;
         }
-        println!("{met:?}, {averaged} averaged");
-        assert!(averaged > 1000);
+        println!("{met:?}, {averaged} averaged, {spread} spread");
+        assert!(averaged > 1000 && spread > 500);
         assert!(met.rays > 1000 && met.shown > 300 && met.lit > 300 && met.specular > 50, "{met:?}");
         // With the shortest paths only emitters are found; nothing is lit.
         let rig = Rig::new(ctx, &scene, [31, 17], Settings { max_depth: 2, ..settings([3, 3]) });
