@@ -23,18 +23,27 @@
 // A point counts as inside a sphere if the squared sine of the sphere's half angle is at least this.
 const INSIDE: f32 = 0.999;
 // Sparse targets are aimed at by their triangles from beyond this many radii. Host twin: light::targets::FAR.
-const FAR: f32 = 2.0;
+const FAR: f32 = 4.0;
+
+// Whether a target is aimed at by its triangles: a sparse one that is far enough.
+fn aims_by_area(sphere: vec4<f32>, parts: vec4<f32>, to: vec3<f32>, parallel: bool) -> bool {
+    let reach = FAR * sphere.w;
+    return bitcast<u32>(parts.z) < bitcast<u32>(parts.w) && (parallel || dot(to, to) >= reach * reach);
+}
 
 // Weight of a target in the choice: about its solid angle times its reflectance.
 fn weight_of(t: u32, start: Start) -> f32 {
     let s = targets[2u * t];
-    let weight = targets[2u * t + 1u].x;
+    let parts = targets[2u * t + 1u];
     let to = s.xyz - start.origin;
     let r2 = s.w * s.w;
     let oriented = start.kind <= EMITTER_SPHERE || start.kind == EMITTER_VIRTUAL;
     let behind = oriented && dot(to, start.normal) <= -s.w;
+    let parallel = start.kind == EMITTER_DIRECTIONAL;
+    let by_sphere = aims_by_area(s, parts, to, false) != aims_by_area(s, parts, to, true);
+    let weight = parts.x * select(1.0, 2.0 * PI * r2 / parts.y, by_sphere);
     let angle = select(weight / max(dot(to, to), r2), 0.0, behind);
-    return select(angle, weight, start.kind == EMITTER_DIRECTIONAL);
+    return select(angle, parts.x, parallel);
 }
 
 @compute @workgroup_size(64)
@@ -121,8 +130,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // A sparse target that is far enough: a point on its triangles, of which a search by halves finds one.
     let begin = bitcast<u32>(parts.z);
     let end = bitcast<u32>(parts.w);
-    let reach = FAR * sphere.w;
-    let by_area = begin < end && (parallel || dot(to, to) >= reach * reach);
+    let by_area = aims_by_area(sphere, parts, to, parallel);
     let at = u[0] * parts.y;
     var low = begin;
     var high = max(end, begin + 1u) - 1u;

@@ -243,7 +243,7 @@ pub struct Settings {
     /// like that of the filter. Not with [`Settings::summands`], an aperture or an atlas.
     pub antialias: bool,
     /// Caustic photons (Wald et al. 2002, 4.1) for each class of pixels and pass, shot from the lights at mirrors and
-    /// glass and stored where they arrive. Default 667; 0: no caustics; at most 2^20 over all classes. More:
+    /// glass and stored where they arrive. Default 3000, interactive 1500; 0: no caustics; at most 2^20 over all classes. More:
     /// smoother caustics from each pass; the cost of a pass is linear in their number, and in those near a pixel. No cost in
     /// scenes without mirrors and glass.
     pub photons: u32,
@@ -325,7 +325,7 @@ impl Default for Settings {
             split: true,
             glossy_paths: true,
             antialias: true,
-            photons: 667,
+            photons: 3000,
             photon_radius: None,
             superposition: None,
             summands: false,
@@ -383,9 +383,9 @@ impl Settings {
     }
 
     /// Preset for interactive frame rates, as in Wald et al. 2002, 5.1: 3 x 3 interleaved sampling with a 3 x 3 filter as by default, but
-    /// with half the lights, 4 direct ones and some 15 others, and a third of the photons.
+    /// with half the lights, 4 direct ones and some 15 others, and of the photons.
     pub fn interactive() -> Settings {
-        Settings { particles: 16, photons: 222, mirror_lights: 1, ..Settings::default() }
+        Settings { particles: 16, photons: 1500, mirror_lights: 1, ..Settings::default() }
     }
 
     /// Applies the `[render]` section of a scene file.

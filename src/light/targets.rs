@@ -13,7 +13,8 @@
 //! A target whose area fills its sphere, A_t / (4 pi R_t^2) >= [`FILLS`], is aimed at by its sphere, r_t = R_t: in a direction uniform in
 //! the cone of solid angle Omega around it; from inside the sphere, in a direction distributed as the emission. A sparse one is aimed
 //! at by its triangles, r_t^2 = A_t / (2 pi), from points farther away than [`FAR`] radii: at a point uniform on its area, at the distance d
-//! and with the cosine cos' there. From nearer points it is aimed at by its sphere too, so that no flux is without bound.
+//! and with the cosine cos' there. From nearer points it is aimed at and weighed by its sphere too, so that
+//! no flux is without bound.
 //! The flux of a photon, if it were the only one, is the emission over the density of start and direction:
 //!
 //! ```text
@@ -46,7 +47,7 @@ pub const MAX_TARGETS: usize = 64;
 pub const FILLS: f32 = 0.3;
 
 /// A sparse target is aimed at by its triangles from points farther away than this many radii.
-pub const FAR: f32 = 2.0;
+pub const FAR: f32 = 4.0;
 
 /// Targets of a smaller share of their sphere's area are divided while there are few.
 const STREWN: f32 = 0.05;
@@ -74,6 +75,20 @@ pub struct Target {
     pub area: f32,
     /// Its triangles in [`Targets::triangles`]; empty unless it is sparse.
     pub triangles: Range<usize>,
+}
+
+impl Target {
+    /// Whether a sparse target is aimed at by its triangles from a point, `to` its centre.
+    fn is_far(&self, to: Vec3) -> bool {
+        let reach = FAR * self.sphere.radius;
+        to.length_squared() >= reach * reach
+    }
+
+    /// rho r^2 for a point, `to` the centre: that of the sphere where a sparse target is aimed at by it.
+    fn weight_from(&self, to: Vec3) -> f32 {
+        let by_sphere = !self.triangles.is_empty() && !self.is_far(to);
+        self.weight * if by_sphere { TAU * (self.sphere.radius * self.sphere.radius) / self.area } else { 1.0 }
+    }
 }
 
 /// A triangle of a sparse target, as kernels read it.
@@ -245,8 +260,7 @@ impl Targets {
     /// A uniform point on a sparse target that is far enough; `None`: it is aimed at by its sphere.
     fn place(&self, target: usize, origin: Vec3, parallel: bool, [x, y]: [f32; 2]) -> Option<Place> {
         let target = &self.list[target];
-        let reach = FAR * target.sphere.radius;
-        if target.triangles.is_empty() || !parallel && origin.distance_squared(target.sphere.center) < reach * reach {
+        if target.triangles.is_empty() || !parallel && !target.is_far(target.sphere.center - origin) {
             return None;
         }
         let triangles = &self.triangles[target.triangles.clone()];
@@ -268,7 +282,7 @@ impl Targets {
             match normal {
                 _ if parallel => target.weight,
                 Some(normal) if to.dot(normal) <= -s.radius => 0.0,
-                _ => target.weight / to.length_squared().max(s.radius * s.radius),
+                _ => target.weight_from(to) / to.length_squared().max(s.radius * s.radius),
             }
         };
         let weights: Vec<f32> = self.list.iter().map(weight).collect();

@@ -231,7 +231,7 @@ pub struct Light {
     /// A little faster, but edges have steps until many passes average them.
     #[arg(long)]
     pub no_antialias: bool,
-    /// Caustic photons in each pass, for each class of pixels; 0: no caustics [default: the scene's, or 6003 over all classes; with --preset interactive: 1998].
+    /// Caustic photons in each pass, for each class of pixels; 0: no caustics [default: the scene's, or 27000 over all classes; with --preset interactive: 13500].
     ///
     /// Time grows linearly; more are smoother. No cost in scenes without mirrors and glass. At most 1048576 over all classes.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_PHOTONS)))]
@@ -535,7 +535,7 @@ impl From<Curve> for Tonemap {
 pub enum Preset {
     /// Better with every pass: 32 particles, 2000 photons, near light gathered exactly.
     Progressive,
-    /// A smooth image after the first pass: 3x3 interleaved sampling with a 3x3 filter, 16 particles and a pool of 600, 4 direct lights, 222 photons,
+    /// A smooth image after the first pass: 3x3 interleaved sampling with a 3x3 filter, 16 particles and a pool of 600, 4 direct lights, 1500 photons,
     /// near light from the pixels that show it.
     Interactive,
 }

@@ -407,7 +407,7 @@ mod tests {
             &scene,
         );
         assert_eq!((flags.pattern, defaults.pattern), ([2, 5], [3, 3]));
-        assert_eq!((flags.photons, chosen("--interleave 1x1", &scene).photons), (601, 6003));
+        assert_eq!((flags.photons, chosen("--interleave 1x1", &scene).photons), (2700, 27000));
         assert_eq!(chosen("--interleave 1x1", &scene).filter, None);
         assert_eq!((flags.particles, flags.seed, flags.rounds, flags.max_depth, flags.jitter), (3, 1, 8, 2, true));
         assert_eq!((flags.max_specular, flags.split), (3, true));
