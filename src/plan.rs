@@ -232,13 +232,13 @@ impl PhotonPlan {
     }
 
     /// Radius of the look-up for a view of this size ([`Extent::size`]), unless `photon_radius` sets it: sqrt(N) radii
-    /// make 0.3 of the size, so that caustics a tenth of it wide have some 30 photons in a look-up.
+    /// make 0.4 of the size, so that caustics a tenth of it wide have some 50 photons in a look-up.
     ///
     /// It shrinks with the fourth root of the passes of an instance: then noise and blur of their mean both vanish, the variance as
     /// one over the root of their number and the bias likewise (after Knaus and Zwicker 2011, whose root is the sixth, for less
     /// noise).
     fn radius(&self, settings: &Settings, size: f32, local: u32) -> f32 {
-        let first = 0.3 * size / (self.each as f32).sqrt().max(6.0);
+        let first = 0.4 * size / (self.each as f32).sqrt().max(6.0);
         settings.photon_radius.unwrap_or(first / ((local + 1) as f32).powf(0.25))
     }
 
@@ -607,8 +607,8 @@ mod tests {
         assert_eq!(PhotonPlan::new(&settings, 0), None);
         assert_eq!(PhotonPlan::new(&Settings { max_depth: 1, ..settings.clone() }, 1), None);
         // Without a radius from the user the size of the view and the number decide.
-        assert!((plan.radius(&settings, 10.0, 0) - 3.0 / 500f32.sqrt()).abs() < 1e-6);
-        assert!((plan.radius(&settings, 10.0, 15) - 1.5 / 500f32.sqrt()).abs() < 1e-6);
+        assert!((plan.radius(&settings, 10.0, 0) - 4.0 / 500f32.sqrt()).abs() < 1e-6);
+        assert!((plan.radius(&settings, 10.0, 15) - 2.0 / 500f32.sqrt()).abs() < 1e-6);
         assert_eq!(plan.radius(&Settings { photon_radius: Some(0.3), ..settings }, 10.0, 15), 0.3);
     }
 

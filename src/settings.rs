@@ -247,7 +247,7 @@ pub struct Settings {
     /// smoother caustics from each pass; the cost of a pass is linear in their number, and in those near a pixel. No cost in
     /// scenes without mirrors and glass.
     pub photons: u32,
-    /// Radius of the photon density estimate, in scene units. Default `None`: 0.3 of the size of what the view shows over
+    /// Radius of the photon density estimate, in scene units. Default `None`: 0.4 of the size of what the view shows over
     /// sqrt(photons), at most 0.05 of that size, shrinking with the fourth root of the passes, so that the blur vanishes in the limit.
     /// A given radius is kept. Larger: less noise, more blur, and more photons to visit.
     pub photon_radius: Option<f32>,
