@@ -305,7 +305,8 @@ pub struct Settings {
     /// Traversal kernel for shadow rays and eye rays. Default `Auto`.
     pub traversal: Traversal,
     /// Order of shading points in clusters. Default `Screen`. `Space` sorts them, which takes some 45 ms for 640x480 pixels on two
-    /// cores; its clusters are narrower at silhouettes and faster to trace. Images differ by rounding at most.
+    /// cores; its clusters are narrower at silhouettes and faster to trace. With a pool of lights
+    /// (`light_pool`) each class then chooses from it by power alone, with more noise; without one images differ by rounding at most.
     pub cluster_order: ClusterOrder,
     /// Passes per frame of an animation (moderate oversampling while something moves, Wald et al. 2002, 5.2). Default 4; 1 to
     /// 4096. The cost is linear; more passes flicker less. Does not change the result of a pass.

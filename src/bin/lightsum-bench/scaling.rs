@@ -130,7 +130,8 @@ fn measure(context: &Context, repeats: u32, point: &Point, built: &mut Option<Bu
     });
     let camera = scene::camera(&built.scene, point.resolution);
     // All lights light all points, so that rays grow with them.
-    let settings = Settings { light_pool: 0, particles: point.particles, ..Settings::default() };
+    let (particles, all) = (point.particles, Some(point.particles));
+    let settings = Settings { light_pool: 0, particles, direct_lights: all, ..Settings::default() };
     let mut renderer = Renderer::with_context(context.clone(), built.scene.clone(), camera, settings)?;
     let passes = Passes::measure(&mut renderer, repeats)?;
     let mut fields = passes.fields(&format!("room:{}", point.triangles), &renderer);
