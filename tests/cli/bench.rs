@@ -82,11 +82,11 @@ fn a_frame_is_measured_for_every_scene_and_setting() {
     let folder = folder();
     let cornell = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell/scene.toml");
     let arguments =
-        format!("frame --scene room:300 --scene {cornell} --particles 2,4 --traversal single --max-depth 3");
+        format!("frame --scene room:300 --scene {cornell} --particles 2,16 --traversal single --max-depth 3");
     let lines = lines(folder.path(), &arguments);
     let key =
         |line: &Value| (line["scene"].as_str().unwrap().to_owned(), line["settings"]["particles"].as_u64().unwrap());
-    let expected = [("room:300", 2), ("room:300", 4), (cornell, 2), (cornell, 4)].map(|(s, p)| (s.to_owned(), p));
+    let expected = [("room:300", 2), ("room:300", 16), (cornell, 2), (cornell, 16)].map(|(s, p)| (s.to_owned(), p));
     assert_eq!(lines.iter().map(key).collect::<Vec<_>>(), expected);
     for line in &lines {
         assert_eq!((&line["mode"], &line["kernel"], &line["repeats"]), (&"frame".into(), &"single".into(), &1.into()));

@@ -95,7 +95,7 @@ fn print(name: &str, renderer: &Renderer, passes: &Passes) -> Result<()> {
         table.row(&cells)?;
     }
     report::say(&format!(
-        "{:.2} M rays/s; sort and clusters are parts of eye and gather",
+        "{:.2} M rays/s; sort and clusters are parts of eye and gather, near_* of near_light",
         passes.rays_per_second() * 1e-6
     ))
 }
