@@ -6,7 +6,7 @@ fn photon_class(photon: u32) -> u32 {
     return photon % frame.pattern.z;
 }
 
-// What photons are aimed at: target + 1, or NO_TARGET + the number of a triangle. Host twin: light::targets::MAX_TARGETS + 1.
+// A photon is aimed at target aim - 1, or at triangle aim - NO_TARGET. Host twin: light::targets::MAX_TARGETS + 1.
 const NO_TARGET: u32 = 65u;
 
 // Whether a photon with this aim counts when it first meets a triangle, which belongs to this target.
