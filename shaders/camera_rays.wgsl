@@ -13,9 +13,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if pixel >= frame.size.z {
         return;
     }
-    let x = f32(pixel % frame.size.x + frame.within.x) + frame.pixel_offset.x;
-    let y = f32(pixel / frame.size.x + frame.within.y) + frame.pixel_offset.y;
-    let d = towards(x, y);
+    let at = vec2<f32>(place_of_pixel(pixel) + frame.within.xy) + frame.pixel_offset.xy;
+    let d = towards(at.x, at.y);
     ray_origin[pixel] = vec4<f32>(frame.eye.xyz, 3.0e38);
     let length = sqrt(dot(d, d));
     ray_direction[pixel] = vec4<f32>(d / length, dot(d, frame.forward.xyz) / length);

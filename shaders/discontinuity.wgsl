@@ -212,7 +212,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // Pixels are taken row by row, as in discontinuity_guides.wgsl.
     let across = 8u * ((frame.size.x + 7u) / 8u);
     let place = 16u * index + lane;
-    let in_rows = vec2<u32>(place % across, place / across);
+    let in_rows = divided(place, across).yx;
     let in_tile = vec2<u32>(tile_corner(tiles[select(0u, index, second)])) + vec2<u32>(lane & 7u, 4u * (lane / 8u));
     let first = vec2<i32>(select(in_rows * vec2<u32>(1u, 4u), in_tile, second));
     if all(first < vec2<i32>(frame.size.xy)) {

@@ -48,7 +48,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // Pixels are taken row by row, in the order of memory, which processors prefetch.
     let across = 8u * ((frame.size.x + 7u) / 8u);
     let place = 64u * index + lane;
-    let in_rows = vec2<i32>(vec2<u32>(place % across, place / across));
+    let in_rows = vec2<i32>(divided(place, across).yx);
     let in_tile = tile_corner(tiles[select(0u, index, second)]) + vec2<i32>(vec2<u32>(lane & 7u, lane / 8u));
     let at = select(in_rows, in_tile, second);
     if any(at >= vec2<i32>(frame.size.xy)) {

@@ -28,7 +28,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let covered = select(0.0, 1.0, has_flag(point_wo[pixel].w, COVERED));
     var sum = vec4<f32>(own, covered);
     var count = 1.0;
-    let at = vec2<u32>(pixel % frame.size.x, pixel / frame.size.x) / 8u;
+    let at = place_of_pixel(pixel) / 8u;
     let part = part_of_tile(at.x + at.y * ((frame.size.x + 7u) / 8u));
     for (var k = 0u; k < (word & 15u); k += 1u) {
         let ray = ray_light[ray_of_tile(part, word / 16u + k)];

@@ -37,7 +37,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let own = first_hit(triangle, hit.x, d);
     let s = surface_at(select(0u, triangle, own.found), hit.y, hit.z, d);
     let pixel = ray_pixel[ray];
-    let at = vec2<i32>(i32(pixel % frame.size.x), i32(pixel / frame.size.x));
+    let at = vec2<i32>(place_of_pixel(pixel));
 
     // The nearest pixel of 3 x 3 that shows the surface.
     var nearest = pixel;

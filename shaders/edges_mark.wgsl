@@ -29,7 +29,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if pixel >= frame.size.z {
         return;
     }
-    let at = vec2<u32>(pixel % frame.size.x, pixel / frame.size.x);
+    let at = place_of_pixel(pixel);
     // Left, right, above, below.
     let last = frame.size.xy - 1u;
     let low = max(at, vec2<u32>(1u)) - 1u;

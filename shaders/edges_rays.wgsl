@@ -44,7 +44,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let pixel = ray_of_tile(part, i);
         if edges[pixel] != 0u {
             edges[pixel] = 16u * rays + each;
-            let at = vec2<u32>(pixel % frame.size.x, pixel / frame.size.x);
+            let at = place_of_pixel(pixel);
             for (var k = 0u; k < each; k += 1u) {
                 let ray = ray_of_tile(part, rays + k);
                 let offset = ray_offset(k, each);

@@ -31,8 +31,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     // Pixels are taken row by row, in the order of memory, which processors prefetch. An ordered list takes them in tiles of 8 x 8, so
     // that neighbours on it are neighbours in the scene.
-    let row = index / (8u * tiles.x);
-    let at = vec2<u32>(index - row * 8u * tiles.x, row);
+    let at = divided(index, 8u * tiles.x).yx;
     let tiled = 64u * (at.x / 8u + at.y / 8u * tiles.x) + 8u * (at.y & 7u) + (at.x & 7u);
     let place = select(tiled, place_of(at), by_screen);
     if at.x >= frame.size.x || at.y >= frame.size.y {

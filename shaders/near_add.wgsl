@@ -33,9 +33,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var e_direct = own.xyz;
     var e_indirect = near_indirect[slot].xyz;
 
-    let pixel = slot % frame.size.z;
+    let pixel = pixel_of(slot);
     let size = vec2<i32>(frame.size.xy);
-    let at = vec2<i32>(vec2<u32>(pixel % frame.size.x, pixel / frame.size.x));
+    let at = vec2<i32>(place_of_pixel(pixel));
     let position = seen_position[slot].xyz;
     let normal = seen_geometric[slot].xyz;
     // Second components have neighbours of any kind.

@@ -54,7 +54,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         // A near ray stands for pixels without one, but once: those that it leads to are of its class, and have one too.
         through = b / near_ray_weight(at, seen_wo[at].w);
         // That pixel may have no near ray, or one from its lobe, which is not irradiance.
-        at = select(NO_POINT, q, shown && near_order(safe) < near_classes() && beta[safe].w == 0.0);
+        at = select(NO_POINT, q, shown && has_near_rays(class_of(safe), near_begin()) && beta[safe].w == 0.0);
     }
     near_direct[slot] = vec4<f32>(e_direct, beta[slot].w);
     near_indirect[slot] = vec4<f32>(e_indirect, 0.0);

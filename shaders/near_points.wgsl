@@ -33,7 +33,7 @@ fn pixel_showing(p: vec3<f32>, n: vec3<f32>, of_class: u32) -> u32 {
     // The eye ray of a pixel passes at this offset from its corner.
     let at = vec2<f32>(0.5 + 0.5 * s, 0.5 - 0.5 * t) * whole - vec2<f32>(frame.within.xy) - frame.pixel_offset.xy;
     let pattern = vec2<f32>(frame.pattern.xy);
-    let place = vec2<f32>(f32(of_class % frame.pattern.x), f32(of_class / frame.pattern.x));
+    let place = vec2<f32>(divided(of_class, frame.pattern.x).yx);
     let pixel = floor((at - place) / pattern + 0.5) * pattern + place;
     let inside = dot(d, frame.forward.xyz) > 0.0 && all(pixel >= vec2<f32>(0.0)) && all(pixel < vec2<f32>(frame.size.xy));
     let safe = vec2<u32>(select(vec2<f32>(0.0), pixel, vec2<bool>(inside)));

@@ -28,20 +28,28 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if slot == NO_POINT {
         return;
     }
-    let pixel = slot % frame.size.z;
     let size = vec2<i32>(frame.size.xy);
-    let at = vec2<i32>(vec2<u32>(pixel % frame.size.x, pixel / frame.size.x));
+    let at = vec2<i32>(place_of_pixel(pixel_of(slot)));
     let position = seen_position[slot].xyz;
     let normal = seen_geometric[slot].xyz;
     // Second components have neighbours of any kind.
     let first = slot < frame.size.z;
-    let reach = select(vec2<i32>(0), vec2<i32>(frame.pattern.xy / 2u), first);
+    let pattern = vec2<i32>(frame.pattern.xy);
+    let reach = select(vec2<i32>(0), pattern / 2, first);
+    // Place of the window's corner in the pattern.
+    let left = vec2<u32>(at + pattern - reach);
+    let corner = vec2<i32>(vec2<u32>(divided(left.x, frame.pattern.x).y, divided(left.y, frame.pattern.y).y));
+    let begin = near_begin();
     var sum_direct = vec3<f32>(0.0);
     var sum_indirect = vec3<f32>(0.0);
     var sum_specular = vec3<f32>(0.0);
     var weights = 0.0;
     for (var dy = -reach.y; dy <= reach.y; dy += 1) {
+        let down = corner.y + reach.y + dy;
+        let row = select(down, down - pattern.y, down >= pattern.y);
         for (var dx = -reach.x; dx <= reach.x; dx += 1) {
+            let right = corner.x + reach.x + dx;
+            let column = select(right, right - pattern.x, right >= pattern.x);
             let to = at + vec2<i32>(dx, dy);
             let inside = all(to >= vec2<i32>(0)) && all(to < size);
             let other = select(slot, u32(to.x + to.y * size.x), inside && first);
@@ -52,7 +60,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             let counts = inside && has_flag(seen_wo[other].w, LIT);
             let weight = select(0.0, alike, counts);
             // Slots without near rays may hold any value: they are left out, not multiplied by 0.
-            let taken = counts && near_order(other) < near_classes();
+            let taken = counts && has_near_rays(u32(column + row * pattern.x), begin);
             let near = mean_direct[other];
             let other_indirect = mean_indirect[other].xyz;
             let diffuse = near.w == 0.0;

@@ -42,7 +42,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let cell = vec3<i32>(floor(in_cells(photon_position[photon].xyz)));
     for (var corner = 0u; corner < 8u; corner += 1u) {
         let first = cell - vec3<i32>(vec3<u32>(corner & 1u, (corner >> 1u) & 1u, corner >> 2u));
-        let bit = near_bit(first, photon_class(photon));
+        let bit = near_bit(first, grid_class(photon_class(photon)));
         atomicOr(&near[bit >> 5u], 1u << (bit & 31u));
     }
 }

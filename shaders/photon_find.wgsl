@@ -22,7 +22,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if slot == NO_POINT {
         return;
     }
-    let bit = near_bit(first_cell(point_position[slot].xyz), class_of(slot));
+    let bit = near_bit(first_cell(point_position[slot].xyz), grid_class(class_of(slot)));
     if ((near[bit >> 5u] >> (bit & 31u)) & 1u) != 0u {
         found[atomicAdd(&found_work.live, 1u)] = slot;
     }

@@ -20,7 +20,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let position = photon_position[photon];
     let stored = position.w > 0.0;
-    let code = code_of(vec3<i32>(floor(in_cells(position.xyz))), photon_class(photon));
+    let code = code_of(vec3<i32>(floor(in_cells(position.xyz))), grid_class(photon_class(photon)));
     codes[photon] = code;
     keys[photon] = vec2<u32>(select(DEAD_KEY, bucket_of(code), stored), photon);
     if stored {

@@ -34,7 +34,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let step = steps[push.step];
     let slot = list[place];
-    let point_class = class_of(slot);
+    let point_class = grid_class(class_of(slot));
     let position = point_position[slot].xyz;
     let geometric = point_geometric[slot];
     let shading = point_shading[slot];

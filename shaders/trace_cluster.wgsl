@@ -64,7 +64,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         present |= select(0u, 1u << r, i <= last);
         ray[r] = ray_of_tile(part, min(i, last));
 #else
-        let at = vec2<u32>(8u * (cluster % across) + (i & 7u), 8u * (cluster / across) + i / 8u);
+        let at = pixel_of_tile(cluster, i);
         let inside = min(at, frame.size.xy - 1u);
         present |= select(0u, 1u << r, all(at == inside));
         ray[r] = inside.x + inside.y * frame.size.x;

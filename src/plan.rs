@@ -242,6 +242,11 @@ impl PhotonPlan {
         settings.photon_radius.unwrap_or(first / ((local + 1) as f32).powf(0.25))
     }
 
+    /// Photons of a pass that may light one pixel.
+    fn in_reach(&self, settings: &Settings) -> u32 {
+        if settings.interleave_photons { self.each } else { self.total() }
+    }
+
     /// [`layout::FrameParameters::photons`] and [`layout::FrameParameters::photon`] for pass number `local` of its instance.
     fn parameters(
         &self,
@@ -256,7 +261,7 @@ impl PhotonPlan {
             message: format!("pass {local} of {total} photons leaves the 2^32 points of the sequence"),
         })?;
         let radius = self.radius(settings, size, local);
-        let share = 1.0 / (std::f64::consts::PI * f64::from(radius) * f64::from(radius) * f64::from(self.each));
+        let share = 1.0 / (std::f64::consts::PI * f64::from(radius) * f64::from(radius) * f64::from(self.in_reach(settings)));
         let integers = [self.each, first, self.targets, (1 << self.bucket_bits()) - 1];
         Ok((integers, [radius, 0.5 / radius, share as f32, f32::from_bits(self.from_emitters(settings, lights))]))
     }
@@ -538,6 +543,7 @@ impl Plan {
             light_threshold: other.settings.light_threshold,
             power_fraction: other.settings.power_fraction,
             photon_radius: other.settings.photon_radius,
+            interleave_photons: other.settings.interleave_photons,
             moving_passes: other.settings.moving_passes,
             ..self.settings.clone()
         };

@@ -251,6 +251,9 @@ pub struct Settings {
     /// sqrt(photons), at most 0.05 of that size, shrinking with the fourth root of the passes, so that the blur vanishes in the limit.
     /// A given radius is kept. Larger: less noise, more blur, and more photons to visit.
     pub photon_radius: Option<f32>,
+    /// Each class of pixels is lit by its own photons only (Wald et al. 2002, 4.2). Default false: those of all classes light every
+    /// pixel, which look-ups find as fast where photons are few, so that no pattern shows on thin and curved things.
+    pub interleave_photons: bool,
     /// Mirror images on glossy planes. Default `None`. Costs one ray for each pixel that shows such a plane, the lighting of its
     /// hit point, and the convolution. Biased: the incident light at each point of the plane is taken from the mirror image
     /// that the eye sees there. Needs `split` and `max_specular` of 1 or more. No cost in scenes without such planes.
@@ -328,6 +331,7 @@ impl Default for Settings {
             antialias: true,
             photons: 3000,
             photon_radius: None,
+            interleave_photons: false,
             superposition: None,
             summands: false,
             mirror_lights: 2,
@@ -378,6 +382,7 @@ impl Settings {
             filter: None,
             antialias: false,
             photons: 2000,
+            interleave_photons: true,
             compensation: Compensation::Exact,
             ..Settings::default()
         }

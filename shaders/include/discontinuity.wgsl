@@ -17,8 +17,7 @@ fn first_slot() -> i32 {
 
 // Upper left pixel of a tile.
 fn tile_corner(tile: u32) -> vec2<i32> {
-    let across = (frame.size.x + 7u) / 8u;
-    return 8 * vec2<i32>(vec2<u32>(tile % across, tile / across));
+    return 8 * vec2<i32>(divided(tile, (frame.size.x + 7u) / 8u).yx);
 }
 
 fn slot_at(at: vec2<i32>) -> i32 {

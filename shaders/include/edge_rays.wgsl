@@ -2,5 +2,6 @@
 
 // Slot of a ray: a pixel of the part of the tile in the image, see part_of_tile.
 fn ray_of_tile(part: vec4<u32>, i: u32) -> u32 {
-    return part.x + i % part.z + (part.y + i / part.z) * frame.size.x;
+    let at = divided(i, part.z);
+    return part.x + at.y + (part.y + at.x) * frame.size.x;
 }

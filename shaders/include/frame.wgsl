@@ -9,7 +9,7 @@ struct FrameParameters {
     size: vec4<u32>,            // width, height, pixels, index of the pass within its instance
     within: vec4<u32>,          // place of the view in the whole image, width and height of the whole image
     walk: vec4<u32>,            // first index of the sequence segment, N of a class, window rotation, delta lights
-    keys: vec4<u32>,            // key of the pass, key of the instance, bits (1 jitter, 2 Sobol' points), instance
+    keys: vec4<u32>,            // key of the pass, key of the instance, bits (1 jitter, 2 Sobol' points, 4 shared photons), instance
     scene: vec4<u32>,           // nodes, emitters, maximum path length, 0 (unknown to compilers, see exact_sum.wgsl)
     pattern: vec4<u32>,         // width and height of the interleaving pattern, classes, lights of each class
     photons: vec4<u32>,         // caustic photons of each class N, first index of their sequence, targets, buckets - 1 (a power of 2)
@@ -28,30 +28,49 @@ struct FrameParameters {
 
 @group(0) @binding(0) var<storage, read> frame: FrameParameters;
 
-// Class of a slot by interleaved sampling: the place of its pixel in the pattern. Second components have the class of their pixel.
+// Quotient below 2^20, and remainder, of numbers below 2^31. By floats, whose error is below 1/2 here, and a correction by one: SIMD
+// processors divide integers one by one.
+fn divided(n: u32, d: u32) -> vec2<u32> {
+    let estimate = i32(f32(i32(n)) / f32(i32(d)));
+    let rest = i32(n) - estimate * i32(d);
+    let one = select(select(0, 1, rest >= i32(d)), -1, rest < 0);
+    return vec2<u32>(vec2<i32>(estimate + one, rest - one * i32(d)));
+}
+
+// Pixel of a slot. Second components follow those of all pixels.
+fn pixel_of(slot: u32) -> u32 {
+    return select(slot, slot - frame.size.z, slot >= frame.size.z);
+}
+
+// Column and row of a pixel.
+fn place_of_pixel(pixel: u32) -> vec2<u32> {
+    return divided(pixel, frame.size.x).yx;
+}
+
+// Class of the pixel at a place by interleaved sampling: the place in the pattern.
+fn class_at(at: vec2<u32>) -> u32 {
+    return divided(at.x, frame.pattern.x).y + frame.pattern.x * divided(at.y, frame.pattern.y).y;
+}
+
+// Class of a slot. Second components have the class of their pixel.
 fn class_of(slot: u32) -> u32 {
-    let pixel = slot % frame.size.z;
-    return pixel % frame.size.x % frame.pattern.x + frame.pattern.x * (pixel / frame.size.x % frame.pattern.y);
+    return class_at(place_of_pixel(pixel_of(slot)));
 }
 
 // Number of a slot in the whole image, for random numbers: a region of an image draws those of the whole.
 fn sample_of(slot: u32) -> u32 {
     let second = select(0u, 1u, slot >= frame.size.z);
-    let pixel = slot - second * frame.size.z;
-    let row = pixel / frame.size.x;
-    let column = pixel - row * frame.size.x;
-    return column + frame.within.x + (row + frame.within.y + second * frame.within.w) * frame.within.z;
+    let at = place_of_pixel(pixel_of(slot));
+    return at.x + frame.within.x + (at.y + frame.within.y + second * frame.within.w) * frame.within.z;
 }
 
 // Part of a tile of 8 x 8 pixels that lies in the image: lower corner, width and height.
 fn part_of_tile(tile: u32) -> vec4<u32> {
-    let across = (frame.size.x + 7u) / 8u;
-    let low = vec2<u32>(8u * (tile % across), 8u * (tile / across));
+    let low = 8u * divided(tile, (frame.size.x + 7u) / 8u).yx;
     return vec4<u32>(low, min(frame.size.xy - low, vec2<u32>(8u)));
 }
 
 // Pixel of a lane in a tile of 8 x 8 pixels; it may lie beyond the image.
 fn pixel_of_tile(tile: u32, lane: u32) -> vec2<u32> {
-    let across = (frame.size.x + 7u) / 8u;
-    return vec2<u32>(8u * (tile % across) + (lane & 7u), 8u * (tile / across) + lane / 8u);
+    return 8u * divided(tile, (frame.size.x + 7u) / 8u).yx + vec2<u32>(lane & 7u, lane / 8u);
 }

@@ -6,10 +6,16 @@ fn near_classes() -> u32 {
     return max(frame.pattern.z / 4u, 1u);
 }
 
-// Number of a slot's class in the order of this pass; those below near_classes() have near rays.
-fn near_order(slot: u32) -> u32 {
-    let turn = (2u * frame.size.w + frame.keys.w) % frame.pattern.z;
-    return (class_of(slot) + turn * near_classes()) % frame.pattern.z;
+// Place of the first class in the order of this pass; the classes at places below near_classes() have near rays.
+fn near_begin() -> u32 {
+    let turn = divided(2u * frame.size.w + frame.keys.w, frame.pattern.z).y;
+    return divided(turn * near_classes(), frame.pattern.z).y;
+}
+
+// Whether a class of pixels has near rays in this pass.
+fn has_near_rays(class_number: u32, begin: u32) -> bool {
+    let order = begin + class_number;
+    return select(order, order - frame.pattern.z, order >= frame.pattern.z) < near_classes();
 }
 
 // Whether no filter spreads a slot's light; `flags` are those of its shading point.
@@ -18,7 +24,7 @@ fn stands_alone(slot: u32, flags: f32) -> bool {
 }
 
 fn has_near_ray(slot: u32, flags: f32) -> bool {
-    return near_order(slot) < near_classes() || stands_alone(slot, flags);
+    return has_near_rays(class_of(slot), near_begin()) || stands_alone(slot, flags);
 }
 
 // Neighbours of a class, across and down, whose near rays have different directions; `near_add` takes the mean over as many.
@@ -29,13 +35,16 @@ fn near_spread() -> u32 {
 // Point that gives the near ray of a pixel its direction: a Kronecker sequence over the near rays of passes, classes and neighbours, whose
 // steps are the powers 1/p and 1/p^2 of the plastic number p (Roberts 2018), in units of 2^-32.
 fn near_point(slot: u32) -> vec2<f32> {
-    let pixel = slot % frame.size.z;
     let spread = near_spread();
-    let place = vec2<u32>(pixel % frame.size.x, pixel / frame.size.x) / frame.pattern.xy % spread;
-    let of_pixels = ((frame.size.w * near_classes() + near_order(slot)) * spread + place.y) * spread + place.x;
+    let at = place_of_pixel(pixel_of(slot));
+    let of_class = vec2<u32>(divided(at.x, frame.pattern.x).x, divided(at.y, frame.pattern.y).x);
+    let place = vec2<u32>(divided(of_class.x, spread).y, divided(of_class.y, spread).y);
+    let class_number = class_at(at);
+    let order = divided(near_begin() + class_number, frame.pattern.z).y;
+    let of_pixels = ((frame.size.w * near_classes() + order) * spread + place.y) * spread + place.x;
     // Eye paths to second components may follow a lobe by such a sequence too: theirs begins anew in each pass.
     let second = slot >= frame.size.z;
-    let n = select(of_pixels, class_of(slot), second);
+    let n = select(of_pixels, class_number, second);
     let begins = select(frame.keys.y, frame.keys.x, second);
     let start = vec2<u32>(key(begins, STREAM_GATHER, 0u, 0u), key(begins, STREAM_GATHER, 0u, 1u));
     return unit(n * vec2<u32>(3242174889u, 2447445414u) + start);

@@ -3,7 +3,7 @@
 
 // Photons are interleaved by class: photon i of class k is i * classes + k.
 fn photon_class(photon: u32) -> u32 {
-    return photon % frame.pattern.z;
+    return divided(photon, frame.pattern.z).y;
 }
 
 // A photon is aimed at target aim - 1, or at triangle aim - NO_TARGET. Host twin: light::targets::MAX_TARGETS + 1.
@@ -17,6 +17,11 @@ fn meets_aim(triangle: u32, of_target: u32, aim: u32) -> bool {
 // Number of photons of a pass.
 fn photon_count() -> u32 {
     return frame.photons.x * frame.pattern.z;
+}
+
+// The class by which the grid keeps photons apart.
+fn grid_class(of_class: u32) -> u32 {
+    return select(of_class, 0u, (frame.keys.z & 4u) != 0u);
 }
 
 // Code of a cell of the grid, of size 2r, and a class. Codes of the 8 cells around a point differ for any two classes, because no

@@ -27,7 +27,8 @@ pub struct FrameParameters {
     pub within: [u32; 4],
     /// First sequence index, particles N of a class, rotation of their segment, delta lights.
     pub walk: [u32; 4],
-    /// Keys of the pass and of the instance, bits ([`FrameParameters::JITTER`], [`FrameParameters::SOBOL`]), instance.
+    /// Keys of the pass and of the instance, bits ([`FrameParameters::JITTER`], [`FrameParameters::SOBOL`],
+    /// [`FrameParameters::SHARED_PHOTONS`]), instance.
     pub keys: [u32; 4],
     /// Nodes, emitters, greatest path length, 0 (which no compiler knows, see `include/exact_sum.wgsl`).
     pub scene: [u32; 4],
@@ -62,6 +63,8 @@ impl FrameParameters {
     pub const JITTER: u32 = 1;
     /// Bit of `keys[2]`: points are those of Sobol' and not of Halton.
     pub const SOBOL: u32 = 2;
+    /// Bit of `keys[2]`: photons of all classes light each pixel.
+    pub const SHARED_PHOTONS: u32 = 4;
 
     /// Instance of the pass.
     pub fn instance(&self) -> u32 {

@@ -52,7 +52,7 @@ pub fn reference(frame: &FrameParameters, receivers: &[(u32, Vec3)], photons: &[
     let set: HashSet<u32> = bits.collect();
     let found = receivers.iter().filter(|&&(slot, position)| {
         let first = photon_grid::cell_of(frame, position, 0.5);
-        set.contains(&photon_grid::near_bit(frame, first, class_of(frame, slot)))
+        set.contains(&photon_grid::near_bit(frame, first, photon_grid::grid_class(frame, class_of(frame, slot))))
     });
     found.map(|&(slot, _)| slot).collect()
 }

@@ -14,13 +14,14 @@
 //! photon sets a bit for each of the 8 look-ups that visit its cell, so that `photon_find` reads one word for a point
 //! where a look-up reads 16.
 //!
-//! Differs from the paper in that: sets of all classes share one table, with the class in the code.
+//! Differs from the paper in that: sets of all classes share one table, with the class in the code; unless
+//! [`interleave_photons`](crate::settings::Settings::interleave_photons) is set all photons are of one class here.
 //! Cost for n photons: 230 n bytes plus those of the sort, 24 dispatches.
 
 use glam::Vec3;
 
 use super::layout::FrameParameters;
-use super::photon_start::class_of;
+use super::photon_start;
 use super::sort::{Sort, SortBuffers, SortSteps};
 use super::{BoundKernel, Kit, List, Rays, groups};
 use crate::error::Result;
@@ -123,6 +124,16 @@ impl PhotonGrid {
         self.sort.record(rec, steps)?;
         self.cells.run(rec, &[], groups(self.photons))
     }
+}
+
+/// Oracle: the class by which the grid keeps photons apart.
+pub fn grid_class(frame: &FrameParameters, class: u32) -> u32 {
+    if frame.has(FrameParameters::SHARED_PHOTONS) { 0 } else { class }
+}
+
+/// Oracle: that class of a photon.
+pub fn class_of(frame: &FrameParameters, photon: u32) -> u32 {
+    grid_class(frame, photon_start::class_of(frame, photon))
 }
 
 /// Oracle: the code of a cell for a class.

@@ -10,7 +10,8 @@
 //! The radius r is fixed, and photons are found by 8 look-ups in the grid of cells of size 2r (4.1). The diffuse part
 //! is added to the indirect irradiance, the lobe's to the specular radiance. A photon counts if it arrived on the
 //! point's side, at a surface within 60 degrees of the point's, so that light does not pass thin walls or turn around
-//! corners; and if its class is that of the pixel (4.2). Both components of a split eye path are lit.
+//! corners; and with [`interleave_photons`](crate::settings::Settings::interleave_photons) if its class is that of the pixel (4.2), else
+//! those of all classes count, and N is the number of all. Both components of a split eye path are lit.
 //!
 //! No light is counted twice: virtual lights leave out ideal reflection and transmission (`walk_reflect`), and shadow
 //! rays and gather rays (`gathered_points`) end at mirrors and glass. The hits of gather rays are not lit by photons: that
@@ -25,7 +26,7 @@
 
 use glam::Vec3;
 
-use super::photon_grid::Grid;
+use super::photon_grid::{Grid, grid_class};
 use super::schedule::LIST_GROUPS;
 use super::shade::ShadingPoint;
 use super::sort::class_of;
@@ -73,14 +74,14 @@ pub struct Photon {
     pub wi: Vec3,
     /// Flux if the class had this photon only.
     pub flux: Vec3,
-    /// Its class.
+    /// Its class in the grid.
     pub class: u32,
 }
 
 /// Oracle: irradiance and specular radiance that photons add at the shading point of a slot.
 pub fn reference(frame: &layout::FrameParameters, slot: u32, receiver: &ShadingPoint, photons: &[Photon]) -> [Vec3; 2] {
     let [radius, _, share, _] = frame.photon;
-    let class = class_of(frame, slot);
+    let class = grid_class(frame, class_of(frame, slot));
     let mut sums = [Vec3::ZERO; 2];
     for photon in photons {
         let (cos_geometric, cos_shading) = (photon.wi.dot(receiver.geometric), photon.wi.dot(receiver.shading));

@@ -203,7 +203,7 @@ fn check_grid(rig: &Rig, what: &str) -> Vec<Photon> {
         assert_eq!(wi[i].truncate(), -state.direction[from].truncate(), "{what}: place {i}");
         let bounds = &mut counted[bucket as usize];
         *bounds = [if bounds[1] == 0 { i as u32 } else { bounds[0] }, i as u32 + 1];
-        let class = photon_start::class_of(&rig.parameters, photon);
+        let class = photon_grid::class_of(&rig.parameters, photon);
         Photon { position: place, normal: normal[i].truncate(), wi: wi[i].truncate(), flux: flux[i].truncate(), class }
     });
     let sorted = sorted.collect();

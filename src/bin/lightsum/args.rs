@@ -242,6 +242,11 @@ pub struct Light {
     /// a given radius stays.
     #[arg(long, value_name = "R", allow_negative_numbers = true, value_parser = distance)]
     pub photon_radius: Option<f32>,
+    /// Light each class of pixels by its own photons only, in place of all of them.
+    ///
+    /// The interleaved sampling of Wald et al. 2002, 4.2; noisier where the filter does not reach.
+    #[arg(long)]
+    pub interleave_photons: bool,
     /// Mirrored lights in each pass, for each class of pixels, 0 to 1024 [default: 2; with --preset interactive: 1; none without planar mirrors].
     ///
     /// They light visible points through planar mirrors, without the blur and the noise of photons, which then omit these
@@ -473,7 +478,7 @@ pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise instead of structured error.
     #[arg(long, conflicts_with_all = [
         "passes", "time", "target_error", "resume", "particles", "light_pool", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "no_split", "no_glossy_paths", "no_antialias",
-        "photons", "photon_radius", "mirror_lights", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "summands",
+        "photons", "photon_radius", "interleave_photons", "mirror_lights", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "summands",
         "light_threshold", "light_choice", "power_fraction", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats",
     ])]
     pub reference: bool,

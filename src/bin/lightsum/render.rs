@@ -111,6 +111,7 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
     let all = settings.photons * classes;
     settings.photons = light.photons.unwrap_or(all.div_ceil(settings.classes()));
     settings.photon_radius = light.photon_radius.or(settings.photon_radius);
+    settings.interleave_photons |= light.interleave_photons;
     settings.clip = light.clip.map(Clip::Distance).or(light.clip_fraction.map(Clip::Fraction)).unwrap_or(settings.clip);
     settings.compensation = match light.compensation {
         _ if light.no_compensation => Compensation::Off,
