@@ -12,7 +12,7 @@
 @group(0) @binding(6) var<storage, read> ray_direction: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> flux: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read_write> sorted_position: array<vec4<f32>>;   // w: bits of the code
-@group(0) @binding(9) var<storage, read_write> sorted_normal: array<vec4<f32>>;
+@group(0) @binding(9) var<storage, read_write> sorted_normal: array<vec4<f32>>;     // w: bits of the class in the grid
 @group(0) @binding(10) var<storage, read_write> sorted_wi: array<vec4<f32>>;
 @group(0) @binding(11) var<storage, read_write> sorted_flux: array<vec4<f32>>;
 @group(0) @binding(12) var<storage, read_write> buckets: array<u32>;        // first, end of each; cleared before
@@ -29,7 +29,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let bucket = keys[i].x;
     let photon = keys[i].y;
     sorted_position[i] = vec4<f32>(photon_position[photon].xyz, bitcast<f32>(codes[photon]));
-    sorted_normal[i] = photon_normal[photon];
+    sorted_normal[i] = vec4<f32>(photon_normal[photon].xyz, bitcast<f32>(grid_class(photon_class(photon))));
     sorted_wi[i] = vec4<f32>(-ray_direction[photon].xyz, 0.0);
     sorted_flux[i] = flux[photon];
     if i == 0u || keys[max(i, 1u) - 1u].x != bucket {

@@ -5,6 +5,7 @@
 #include "bsdf.wgsl"
 #include "point.wgsl"
 #include "photons.wgsl"
+#include "photon_look_up.wgsl"
 
 @group(0) @binding(1) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(2) var<storage, read> list: array<u32>;
@@ -16,15 +17,18 @@
 @group(0) @binding(8) var<storage, read> point_wo: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read> sorted_position: array<vec4<f32>>;
 @group(0) @binding(10) var<storage, read> sorted_normal: array<vec4<f32>>;
-@group(0) @binding(11) var<storage, read> sorted_wi: array<vec4<f32>>;
+@group(0) @binding(11) var<storage, read> sorted_wi: array<vec4<f32>>;    // w: flux of the photons around it
 @group(0) @binding(12) var<storage, read> sorted_flux: array<vec4<f32>>;
 @group(0) @binding(13) var<storage, read> buckets: array<u32>;
 @group(0) @binding(14) var<storage, read_write> indirect: array<vec4<f32>>;
 @group(0) @binding(15) var<storage, read_write> specular: array<vec4<f32>>;
 var<immediate> push: Push;
 
-// Minimum cosine between the normals of photon and shading point.
-const MIN_COSINE: f32 = 0.5;
+// r^2 over the squared radius of a photon's footprint.
+fn narrowing(flux: vec3<f32>, around: f32) -> f32 {
+    let many = frame.lens.w;
+    return select(1.0, max(around / max(many * mean3(flux), 1e-37), 1.0), many > 0.0);
+}
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -46,46 +50,27 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let radius2 = frame.photon.x * frame.photon.x;
     let share = frame.photon.z;
 
-    let lower = first_cell(position);
+    var cells = look_up(position, point_class, step.first, step.end);
     var e = vec3<f32>(0.0);
     var l = vec3<f32>(0.0);
-    var codes: array<u32, 8>;
-    // The photons of the eight cells are counted through: `after` is one past the last of a cell, `add` the offset from the count
-    // to the place in the grid.
-    var after: array<u32, 8>;
-    var add: array<u32, 8>;
-    var total = 0u;
-    for (var corner = 0u; corner < 8u; corner += 1u) {
-        let cell = lower + vec3<i32>(vec3<u32>(corner & 1u, (corner >> 1u) & 1u, corner >> 2u));
-        codes[corner] = code_of(cell, point_class);
-        let bucket = bucket_of(codes[corner]);
-        // A dispatch takes only the photons of its own stretch, so its loop is bounded.
-        let begin = max(buckets[2u * bucket], step.first);
-        let end = max(min(buckets[2u * bucket + 1u], step.end), begin);
-        add[corner] = begin - total;
-        total += end - begin;
-        after[corner] = total;
-    }
     // One loop for all cells: most cells are empty, and a SIMD driver runs every loop at least once.
-    for (var j = 0u; j < total; j += 1u) {
-        var code = codes[0];
-        var i = j + add[0];
-        for (var corner = 1u; corner < 8u; corner += 1u) {
-            code = select(code, codes[corner], j >= after[corner - 1u]);
-            i = select(i, j + add[corner], j >= after[corner - 1u]);
-        }
+    for (var j = 0u; j < cells.total; j += 1u) {
+        let found = looked_up(&cells, j);
+        let i = found.y;
         let photon = sorted_position[i];
         let off = photon.xyz - position;
         let wi = sorted_wi[i].xyz;
+        let flux = sorted_flux[i].xyz;
         let cos_geometric = dot(wi, geometric.xyz);
         let cos_shading = dot(wi, shading.xyz);
         // Its density falls from the middle to the edge, so that no disc shows.
-        let kernel = 2.0 * (1.0 - dot(off, off) / radius2);
-        let near = bitcast<u32>(photon.w) == code && kernel > 0.0;
+        let narrowed = narrowing(flux, sorted_wi[i].w);
+        let kernel = 2.0 * (narrowed - narrowed * narrowed * dot(off, off) / radius2);
+        let near = bitcast<u32>(photon.w) == found.x && kernel > 0.0;
         let faces = dot(sorted_normal[i].xyz, geometric.xyz) > MIN_COSINE && cos_geometric > 0.0 && cos_shading > 0.0;
         // Flux arrives by the geometric cosine and is reflected by the shading one (Veach 1997, 5.3).
         let skew = min(cos_shading / max(cos_geometric, 1e-7), 4.0);
-        let arriving = sorted_flux[i].xyz * select(0.0, skew * share * kernel, near && faces);
+        let arriving = flux * select(0.0, skew * share * kernel, near && faces);
         e += arriving;
         for (var k = select(0u, 1u, near && faces && glossy); k > 0u; k -= 1u) {
             l += arriving * eval_specular(lobe, shading.xyz, wo.xyz, wi);

@@ -261,7 +261,8 @@ impl PhotonPlan {
             message: format!("pass {local} of {total} photons leaves the 2^32 points of the sequence"),
         })?;
         let radius = self.radius(settings, size, local);
-        let share = 1.0 / (std::f64::consts::PI * f64::from(radius) * f64::from(radius) * f64::from(self.in_reach(settings)));
+        let share =
+            1.0 / (std::f64::consts::PI * f64::from(radius) * f64::from(radius) * f64::from(self.in_reach(settings)));
         let integers = [self.each, first, self.targets, (1 << self.bucket_bits()) - 1];
         Ok((integers, [radius, 0.5 / radius, share as f32, f32::from_bits(self.from_emitters(settings, lights))]))
     }

@@ -54,7 +54,8 @@ pub struct FrameParameters {
     pub mirrors: [u32; 4],
     /// Lights that a cluster chooses, lights of a cluster, 0, 0 (see [`super::light_lists`]).
     pub lists: [u32; 4],
-    /// Of the lens: its diameter times the pixels of a unit of length at unit distance, 1 / distance in focus; z: weight of neighbours.
+    /// Of the lens: its diameter times the pixels of a unit of length at unit distance, 1 / distance in focus; z: weight of neighbours;
+    /// w: photons in a footprint, 0: all have the radius of the look-up (see [`super::photon_width`]).
     pub lens: [f32; 4],
 }
 

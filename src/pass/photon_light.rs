@@ -2,12 +2,12 @@
 //! flux Phi_j that arrived at z_j from omega_j,
 //!
 //! ```text
-//! L(x, omega) += 1 / (pi r^2) sum_j B_r(z_j, x) f_r(omega_j, x, omega) Phi_j / N      B_r(z, x) = 2 max(1 - |z - x|^2 / r^2, 0)
+//! L(x, omega) += sum_j B_r(z_j, x) / (pi r^2) f_r(omega_j, x, omega) Phi_j / N      B_r(z, x) = 2 max(1 - |z - x|^2 / r^2, 0)
 //! ```
 //!
 //! The paper counts photons within r alike; this kernel (Epanechnikov's) has no edge, so that single photons show no discs.
 //!
-//! The radius r is fixed, and photons are found by 8 look-ups in the grid of cells of size 2r (4.1). The diffuse part
+//! Each photon has its own r, at most that of the look-up ([`photon_width`](super::photon_width)), and photons are found by 8 look-ups in the grid of cells of size 2r (4.1). The diffuse part
 //! is added to the indirect irradiance, the lobe's to the specular radiance. A photon counts if it arrived on the
 //! point's side, at a surface within 60 degrees of the point's, so that light does not pass thin walls or turn around
 //! corners; and with [`interleave_photons`](crate::settings::Settings::interleave_photons) if its class is that of the pixel (4.2), else
@@ -30,7 +30,7 @@ use super::photon_grid::{Grid, grid_class};
 use super::schedule::LIST_GROUPS;
 use super::shade::ShadingPoint;
 use super::sort::class_of;
-use super::{BoundKernel, Kit, Lighting, List, ShadingPoints, layout, push};
+use super::{BoundKernel, Kit, Lighting, List, ShadingPoints, layout, photon_width, push};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
@@ -74,6 +74,8 @@ pub struct Photon {
     pub wi: Vec3,
     /// Flux if the class had this photon only.
     pub flux: Vec3,
+    /// Flux of the photons around it ([`photon_width::around`]).
+    pub around: f32,
     /// Its class in the grid.
     pub class: u32,
 }
@@ -85,7 +87,9 @@ pub fn reference(frame: &layout::FrameParameters, slot: u32, receiver: &ShadingP
     let mut sums = [Vec3::ZERO; 2];
     for photon in photons {
         let (cos_geometric, cos_shading) = (photon.wi.dot(receiver.geometric), photon.wi.dot(receiver.shading));
-        let kernel = 2.0 * (1.0 - photon.position.distance_squared(receiver.position) / (radius * radius));
+        let width2 = photon_width::width2(frame, photon);
+        let part = photon.position.distance_squared(receiver.position) / (width2 * radius * radius);
+        let kernel = 2.0 * (1.0 - part) / width2;
         let near = photon.class == class && kernel > 0.0;
         let faces = photon.normal.dot(receiver.geometric) > MIN_COSINE && cos_geometric > 0.0 && cos_shading > 0.0;
         if near && faces {

@@ -6,6 +6,7 @@ use super::{INSTANCES, Plan};
 use crate::error::{Error, Result};
 use crate::pass::layout;
 use crate::pass::near_points::NEAR_SPREAD;
+use crate::pass::photon_width::FOOTPRINT;
 use crate::sampling::dimensions::{OFFSET, REPLICA, ROTATION, WINDOW};
 use crate::sampling::halton::PRIMES;
 use crate::sampling::random::{hash, key, random_f32};
@@ -106,7 +107,12 @@ impl Plan {
                 [each, lights, mirrors, if s.filter.is_some() { NEAR_SPREAD } else { 1 }]
             },
             lists: [self.lists.slots() - self.lists.first_slot(1), self.lists.slots(), 0, 0],
-            lens: [lookout.lens[0], lookout.lens[1], Filter::weight(pass), 0.0],
+            lens: [
+                lookout.lens[0],
+                lookout.lens[1],
+                Filter::weight(pass),
+                if s.photon_radius.is_some() { 0.0 } else { FOOTPRINT },
+            ],
         })
     }
 }

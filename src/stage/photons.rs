@@ -9,6 +9,7 @@ use crate::pass::photon_follow::{self, PhotonFollow};
 use crate::pass::photon_grid::{Grid, PhotonGrid};
 use crate::pass::photon_light::PhotonLight;
 use crate::pass::photon_start::PhotonStart;
+use crate::pass::photon_width::PhotonWidth;
 use crate::pass::schedule::{Schedule, groups_of};
 use crate::pass::sort::SortSteps;
 use crate::pass::trace::Trace;
@@ -165,6 +166,7 @@ pub struct PhotonLighting {
     pub found: List,
     counts: Counts,
     find: PhotonFind,
+    width: PhotonWidth,
     light: PhotonLight,
     list_step: u32,
     stretches: Vec<u32>,
@@ -192,6 +194,7 @@ impl PhotonLighting {
         Ok(Some(PhotonLighting {
             counts: Counts::new(kit, 1, [&found])?,
             find: PhotonFind::new(kit, &eye.points, &eye.list, &photons.grid, &found, &steps)?,
+            width: PhotonWidth::new(kit, &photons.grid, photons.count, &steps)?,
             light: PhotonLight::new(kit, &eye.points, &found, &photons.grid, &shade.lighting, &steps)?,
             list_step,
             stretches,
@@ -206,6 +209,7 @@ impl Stage for PhotonLighting {
     fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.counts.record_clear(rec)?;
         self.find.record(rec, self.list_step)?;
+        self.width.record(rec, &self.stretches)?;
         self.light.record(rec, &self.stretches)
     }
 }

@@ -10,7 +10,7 @@ use lightsum::pass::photon_light::{self, Photon};
 use lightsum::pass::photon_start::Started;
 use lightsum::pass::shade::ShadingPoint;
 use lightsum::pass::surface::surface_at;
-use lightsum::pass::{ShadingPoints, photon_find, photon_grid, photon_start};
+use lightsum::pass::{ShadingPoints, photon_find, photon_grid, photon_start, photon_width};
 use lightsum::scene::Scene;
 use lightsum::settings::{Sequence, Settings};
 use lightsum::stage::{Photons, Stage};
@@ -199,12 +199,18 @@ fn check_grid(rig: &Rig, what: &str) -> Vec<Photon> {
         let place = state.position[from].truncate();
         let (code, bucket) = photon_grid::place_of(&rig.parameters, photon, place);
         assert_eq!((position[i].truncate(), position[i].w.to_bits()), (place, code), "{what}: place {i}");
-        assert_eq!((flux[i], normal[i]), (state.flux[from], state.normal[from]), "{what}: place {i}");
+        assert_eq!(
+            (flux[i], normal[i].truncate()),
+            (state.flux[from], state.normal[from].truncate()),
+            "{what}: place {i}"
+        );
         assert_eq!(wi[i].truncate(), -state.direction[from].truncate(), "{what}: place {i}");
         let bounds = &mut counted[bucket as usize];
         *bounds = [if bounds[1] == 0 { i as u32 } else { bounds[0] }, i as u32 + 1];
         let class = photon_grid::class_of(&rig.parameters, photon);
-        Photon { position: place, normal: normal[i].truncate(), wi: wi[i].truncate(), flux: flux[i].truncate(), class }
+        assert_eq!(normal[i].w.to_bits(), class, "{what}: class of place {i}");
+        let [normal, wi, flux] = [normal[i], wi[i], flux[i]].map(Vec4::truncate);
+        Photon { position: place, normal, wi, flux, around: 0.0, class }
     });
     let sorted = sorted.collect();
     assert!(buckets == counted, "{what}: first and end of each bucket");
@@ -219,7 +225,7 @@ fn check_grid(rig: &Rig, what: &str) -> Vec<Photon> {
 }
 
 /// Lights the image; returns the number of points that photons light, diffusely and by a lobe.
-fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
+fn check_light(rig: &Rig, what: &str, mut photons: Vec<Photon>, narrowed: &mut usize) -> [usize; 2] {
     rig.light();
     let frame = rig.frame();
     let sums = || [&frame.shade.lighting.indirect, &frame.shade.lighting.specular].map(|b| rig.vec4s(b));
@@ -227,6 +233,16 @@ fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
     rig.run(|frame, rec| frame.photon_lighting.record(rec));
     assert_eq!(rig.lost(), 0, "{what}");
     let after = sums();
+    let around: Vec<f32> = photons.iter().map(|own| photon_width::around(&rig.parameters, own, &photons)).collect();
+    let mut widths = Tally::new(format!("photon_width, {what}"));
+    for (i, (photon, wi)) in photons.iter_mut().zip(rig.vec4s(&self::photons(rig).grid.wi)).enumerate() {
+        widths.check(close(Vec3::splat(wi.w), Vec3::splat(around[i]), 1e-4, 0.0), || {
+            format!("{i}: {} for {}", wi.w, around[i])
+        });
+        photon.around = wi.w;
+        *narrowed += usize::from(photon_width::width2(&rig.parameters, photon) < 1.0);
+    }
+    widths.finish(STRAYS);
     let r = &frame.eye.points;
     let [position, geometric, shading, f0, wo] =
         [&r.position, &r.geometric, &r.shading, &r.f0, &r.wo].map(|b| rig.vec4s(b));
@@ -253,7 +269,7 @@ fn check_light(rig: &Rig, what: &str, photons: &[Photon]) -> [usize; 2] {
             reflectance,
             wo: wo[i].truncate(),
         };
-        let expected = photon_light::reference(&rig.parameters, slot, &receiver, photons);
+        let expected = photon_light::reference(&rig.parameters, slot, &receiver, &photons);
         for (k, sum) in expected.into_iter().enumerate() {
             let found = (after[k][i] - before[k][i]).truncate();
             let rounding = 1e-5 * before[k][i].truncate().max_element();
@@ -278,7 +294,7 @@ fn follow(
     size: [u32; 2],
     settings: Settings,
     sine: f32,
-    seen: &mut [usize; 4],
+    (seen, narrowed): (&mut [usize; 4], &mut usize),
 ) -> [usize; 2] {
     let what = format!("{} photons, {size:?}, pattern {:?}", settings.photons, settings.pattern);
     let rig = Rig::new(ctx, scene, size, settings);
@@ -287,7 +303,7 @@ fn follow(
         check_step(&rig, &what, step, seen);
     }
     let stored = check_grid(&rig, &what);
-    check_light(&rig, &what, &stored)
+    check_light(&rig, &what, stored, narrowed)
 }
 
 #[test]
@@ -295,7 +311,7 @@ fn photons_follow_their_oracles() {
     gpu_test(|ctx| {
         let scene = gallery();
         let sine = sine_error(ctx, &scene);
-        let (mut seen, mut lit) = ([0; 4], [0; 2]);
+        let (mut seen, mut narrowed, mut lit) = ([0; 4], 0, [0; 2]);
         let base = Settings {
             particles: 4,
             max_specular: 5,
@@ -306,25 +322,39 @@ fn photons_follow_their_oracles() {
         };
         for photons in AWKWARD_SIZES {
             let settings = Settings { photons: photons as u32, seed: photons as u64, ..base.clone() };
-            lit = follow(ctx, &scene, [31, 17], settings, sine, &mut seen);
+            lit = follow(ctx, &scene, [31, 17], settings, sine, (&mut seen, &mut narrowed));
         }
         println!("lost, stored, gone on, from lights: {seen:?}; receivers lit diffusely and by a lobe: {lit:?}");
         assert!(seen.iter().all(|&n| n > 100) && lit.iter().all(|&n| n > 10), "{seen:?} {lit:?}");
         // The other sequence; paths along lobes.
         let settings = Settings { photons: 341, sequence: Sequence::Sobol, glossy_paths: true, ..base.clone() };
-        follow(ctx, &scene, [31, 17], settings, sine, &mut seen);
+        follow(ctx, &scene, [31, 17], settings, sine, (&mut seen, &mut narrowed));
         // Classes, and photons that are looked up in 15 ranges.
         let settings = Settings { photons: 341, pattern: [3, 2], loop_budget: 1152, rounds: 100, ..base.clone() };
-        lit = follow(ctx, &scene, [31, 17], settings.clone(), sine, &mut seen);
+        lit = follow(ctx, &scene, [31, 17], settings.clone(), sine, (&mut seen, &mut narrowed));
         assert!(lit[0] > 10, "{lit:?}");
         // Numbers of pixels and of photons that fill no workgroup, each alone and in classes.
         lit = [0; 2];
         for size in AWKWARD_IMAGES {
             for settings in [Settings { photons: 2039, seed: 5, ..base.clone() }, settings.clone()] {
-                let more = follow(ctx, &scene, size, settings, sine, &mut seen);
+                let more = follow(ctx, &scene, size, settings, sine, (&mut seen, &mut narrowed));
                 lit = [0, 1].map(|k| lit[k] + more[k]);
             }
         }
         assert!(lit.iter().all(|&n| n > 100), "{lit:?}");
+        // Footprints by the photons around, which all classes share.
+        assert_eq!(narrowed, 0, "a radius of one's own is kept");
+        lit = [0; 2];
+        for (photons, pattern, size) in [(16381, [1, 1], [61, 47]), (2039, [3, 2], [97, 61])] {
+            let shared = Settings { photons, pattern, photon_radius: None, interleave_photons: false, ..base.clone() };
+            let stretches = Settings { loop_budget: 1152, rounds: 100, ..shared.clone() };
+            for settings in [shared, stretches] {
+                let more = follow(ctx, &scene, size, settings, sine, (&mut seen, &mut narrowed));
+                lit = [0, 1].map(|k| lit[k] + more[k]);
+            }
+        }
+        assert!(lit.iter().all(|&n| n > 10), "{lit:?}");
+        println!("{narrowed} photons narrower than the radius");
+        assert!(narrowed > 50);
     });
 }
