@@ -38,23 +38,31 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var through = vec3<f32>(1.0);
     var e_direct = vec3<f32>(0.0);
     var e_indirect = vec3<f32>(0.0);
-    for (var k = 0u; k < NEAR_LINKS && at != NO_POINT; k += 1u) {
+    // Near rays so far.
+    var k = 0u;
+    while k < NEAR_LINKS && at != NO_POINT {
         let b = through * beta[at].xyz;
         let q = near_slot[at];
         let shown = q != NO_POINT;
         let safe = select(at, q, shown);
-        let share = shares[k];
+        // A ray that went on stands for two.
+        let e_own = emitted[at];
+        let went_on = e_own.w != 0.0;
+        let links = k + select(0u, 1u, went_on);
+        let share = select(vec4<f32>(0.0), shares[min(links, NEAR_LINKS - 1u)], links < NEAR_LINKS);
         let by_pixel = share.x * pixel_direct[safe].xyz + share.y * pixel_indirect[safe].xyz;
         let gathered = lighting_of(at);
         let lit = diffuse_radiance(point_kd[at].xyz, share.x * gathered.e_direct + share.w * gathered.e_indirect) + share.w * gathered.l_specular;
         // An emitter hit by the first near ray is direct light.
-        let e = share.z * through * emitted[at].xyz;
-        e_direct += select(vec3<f32>(0.0), e, k == 0u);
-        e_indirect += b * select(lit, by_pixel, shown) + select(e, vec3<f32>(0.0), k == 0u);
+        let e = share.z * through * e_own.xyz;
+        let is_direct = links == 0u;
+        e_direct += select(vec3<f32>(0.0), e, is_direct);
+        e_indirect += b * select(lit, by_pixel, shown) + select(e, vec3<f32>(0.0), is_direct);
         // A near ray stands for pixels without one, but once: those that it leads to are of its class, and have one too.
         through = b / near_ray_weight(at, seen_wo[at].w);
         // That pixel may have no near ray, or one from its lobe, which is not irradiance.
         at = select(NO_POINT, q, shown && has_near_rays(class_of(safe), near_begin()) && beta[safe].w == 0.0);
+        k = links + 1u;
     }
     near_direct[slot] = vec4<f32>(e_direct, beta[slot].w);
     near_indirect[slot] = vec4<f32>(e_indirect, 0.0);

@@ -1,5 +1,6 @@
 // Looks for the light at the hits of near rays: in the pixels that show them, or else they are listed to be lit. See
 // pass/near_points.rs.
+// ONWARD: at the hits of near rays that went on from a hit.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -13,7 +14,14 @@
 @group(0) @binding(30) var<storage, read> seen_geometric: array<vec4<f32>>;
 @group(0) @binding(31) var<storage, read> seen_wo: array<vec4<f32>>;
 @group(0) @binding(12) var<storage, read> hits: array<vec4<f32>>;
+#if ONWARD
 @group(0) @binding(13) var<storage, read> ray_direction: array<vec4<f32>>;
+#else
+@group(0) @binding(13) var<storage, read_write> ray_direction: array<vec4<f32>>;
+@group(0) @binding(20) var<storage, read_write> ray_origin: array<vec4<f32>>;
+@group(0) @binding(32) var<storage, read_write> onward: array<u32>;
+@group(0) @binding(33) var<storage, read_write> onward_work: DispatchCounts;
+#endif
 @group(0) @binding(14) var<storage, read_write> list_out: array<u32>;
 @group(0) @binding(15) var<storage, read_write> work_out: DispatchCounts;
 @group(0) @binding(16) var<storage, read_write> near_slot: array<u32>;
@@ -61,10 +69,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let slot = list_in[index];
     let met = gathered_by(ray_direction[slot].xyz, hits[slot]);
     // The share of light that clipping removed.
-    let share = max(1.0 - met.t * met.t / max(frame.right.w, 1e-37), 0.0);
+#if ONWARD
+    let clip2 = NEAR_CLOSER * NEAR_CLOSER * frame.right.w;
+#else
+    let clip2 = frame.right.w;
+#endif
+    let share = max(1.0 - met.t * met.t / max(clip2, 1e-37), 0.0);
     let before = beta[slot];
     let weight = select(vec3<f32>(0.0), before.xyz * share, met.found);
-    emitted[slot] = vec4<f32>(weight * met.surface.emission, 0.0);
     let r = met.surface.reflectance;
     let sends = mean3(weight) > 0.0 && reflects(met);
     // A pixel knows irradiance, so lobes count as diffuse; surfaces that are mostly lobe are lit instead.
@@ -76,8 +88,32 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let link = weight * (r.kd + r.f0) * INV_PI;
     let is_shown = q != NO_POINT;
     // Light that a hit reflects has three segments at least.
-    let lit = sends && !is_shown && frame.scene.z > 2u;
-    beta[slot] = vec4<f32>(select(weight, link, is_shown), before.w);
+    var lit = sends && !is_shown && frame.scene.z > 2u;
+    var chance = 1.0;
+#if ONWARD
+    let goes_on = false;
+    emitted[slot] = vec4<f32>(weight * met.surface.emission, 1.0);
+#else
+    // What is near to such a hit: some rays go on from it in place of lighting it.
+    let s = met.surface;
+    let may_go_on = lit && matte && mean3(s.emission) == 0.0 && frame.scene.z > 3u;
+    let sample = sample_of(slot);
+    let goes_on = may_go_on && random(key(frame.keys.x, STREAM_NEAR, sample, 0u)) < NEAR_ONWARD;
+    lit = lit && !goes_on;
+    chance = select(1.0, select(1.0 - NEAR_ONWARD, NEAR_ONWARD, goes_on), may_go_on);
+    emitted[slot] = vec4<f32>(weight * s.emission, 0.0);
+    if goes_on {
+        let u = random(key(frame.keys.x, STREAM_NEAR, sample, 1u));
+        let v = random(key(frame.keys.x, STREAM_NEAR, sample, 2u));
+        let d = sample_lobe(r, true, 1.0, s.shading, -met.d, u, v);
+        let reach = select(0.0, NEAR_CLOSER * frame.up.w, dot(d.wi, s.geometric) > 0.0);
+        ray_origin[slot] = vec4<f32>(offset_origin(s.position, s.geometric, frame.eye.w), reach);
+        ray_direction[slot] = vec4<f32>(d.wi, 0.0);
+        onward[atomicAdd(&onward_work.live, 1u)] = slot;
+    }
+#endif
+    let through = weight / chance * select(vec3<f32>(1.0), r.kd, goes_on);
+    beta[slot] = vec4<f32>(select(through, link, is_shown), before.w);
     if is_shown {
         point_wo[slot] = vec4<f32>(0.0);
     } else {

@@ -1,4 +1,4 @@
-// Near rays. Needs frame.wgsl, math.wgsl and flags.wgsl. Host twins: pass::near_points, pass::near_collect::{SMOOTH, SLOPE, STEEP, LINKS}.
+// Near rays. Needs frame.wgsl, math.wgsl and flags.wgsl. Host twins: pass::near_points (CLOSER, ONWARD too), pass::near_collect::{SMOOTH, SLOPE, STEEP, LINKS}.
 
 // Each pass sends near rays from a quarter of the classes of pixels, others in the next passes; from all second components behind mirrors,
 // glass and narrow lobes, whose light no filter spreads over the classes.
@@ -68,6 +68,10 @@ const NEAR_SLOPE: f32 = 0.1;
 
 // Near light of neighbouring pixels: slope of the chord against the tangent plane at which it counts half.
 const NEAR_STEEP: f32 = 0.25;
+
+// Lights are clipped at this part of the clip distance at hits that no pixel shows, and rays go on from them this often.
+const NEAR_CLOSER: f32 = 0.5;
+const NEAR_ONWARD: f32 = 0.25;
 
 // Maximum number of near rays in a row.
 const NEAR_LINKS: u32 = 3u;

@@ -9,7 +9,7 @@
 //!
 //! where E(q) is known up to its own near light, which the near ray of q estimates: a path from pixel to pixel. It is
 //! followed for [`LINKS`] near rays. Hits that no pixel shows end it: they were lit by lights clipped at half the clip distance, since
-//! they have no near light of their own. At a quarter of it a single light beside such a hit outshone whole first frames; half of
+//! they have no near light of their own, or a second near ray went on from them (`near_points`). At a quarter of it a single light beside such a hit outshone whole first frames; half of
 //! it leaves out 0.1 to 0.3 % of a room's light.
 //!
 //! A path through n near rays must not be longer than `max_depth`, but a pixel holds the sum over all path lengths. The
@@ -154,6 +154,8 @@ pub struct Link {
     pub beta: Vec3,
     /// Number of slots that the ray stands for.
     pub weight: f32,
+    /// Near rays that it stands for: 2 if it went on from a hit that no pixel shows.
+    pub rays: usize,
     /// There is one in this pass.
     pub has_ray: bool,
     /// It left through the specular lobe.
@@ -172,9 +174,12 @@ pub struct Link {
 pub fn reference(links: &[Link], start: usize, shares: &[[f32; 4]; LINKS]) -> [Vec3; 2] {
     let mut sums = [Vec3::ZERO; 2];
     let (mut at, mut through) = (start, Vec3::ONE);
-    for (k, share) in shares.iter().enumerate() {
+    let mut rays = 0;
+    while rays < LINKS {
         let link = &links[at];
-        sums[usize::from(k > 0)] += share[2] * through * link.emitted;
+        rays += link.rays;
+        let share = shares.get(rays - 1).unwrap_or(&[0.0; 4]);
+        sums[usize::from(rays > 1)] += share[2] * through * link.emitted;
         through *= link.beta;
         let Some(q) = link.shown else {
             let (kd, [direct, indirect, specular]) = link.hit;

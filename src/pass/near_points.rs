@@ -6,7 +6,13 @@
 //! nearest pixel of the ray's own class: these have the same lights, so that neighbouring rays find irradiance that
 //! varies smoothly. Hits that no pixel shows become shading points, listed in any order.
 //!
-//! Bias: pixels know irradiance only, so the specular lobe of the hit counts as diffuse reflectance; surfaces with
+//! Such a hit has no near light of its own: its lights are clipped at [`CLOSER`] of the clip distance, and so that narrow gaps,
+//! behind blinds and in shelves, do not lose theirs, the share [`ONWARD`] of the rays goes on from it in place of lighting it, in a
+//! direction by the cosine, for what is nearer than that: a path of two near rays, weighted by the inverse of the share, as those that
+//! are lit are by the inverse of theirs. At its end the pass runs again ([`NearPoints::onward`]). Not from emitters and lobes, nor where
+//! `max_depth` is below 4.
+//!
+//! Bias: what is near to the ends of such paths is left out. Pixels know irradiance only, so the specular lobe of the hit counts as diffuse reflectance; surfaces with
 //! kd / f0 below [`MATTE`] are lit instead. The pixel may lie some pixels away from the hit.
 //!
 //! Cost: some 200 operations, 230 bytes read and 36 written for a hit that a pixel shows, 150 more for others; and 4
@@ -17,8 +23,11 @@ use glam::Vec3;
 use super::layout::FrameParameters;
 use super::schedule::LIST_GROUPS;
 use super::{BoundKernel, Kit, List, Rays, ShadingPoints};
+use crate::bsdf::{basis, sample_diffuse};
 use crate::error::Result;
-use crate::gpu::{Buffer, Recorder, Resources, shaders};
+use crate::gpu::{Buffer, Recorder, Resources, Shader, shaders};
+use crate::sampling::dimensions::NEAR;
+use crate::sampling::random::{key, random_f32};
 
 /// Minimum cosine of the angle between the normals of hit and pixel.
 pub const COSINE: f32 = 0.9;
@@ -28,6 +37,10 @@ pub const HEIGHT: f32 = 1.0;
 pub const WIDTH: f32 = 1.0;
 /// Minimum kd / f0 of a hit that takes the irradiance of a pixel.
 pub const MATTE: f32 = 0.5;
+/// Part of the clip distance at which lights are clipped at hits that no pixel shows.
+pub const CLOSER: f32 = 0.5;
+/// Share of the rays that go on from such hits.
+pub const ONWARD: f32 = 0.25;
 /// Neighbours of a class, across and down, whose near rays have different directions if images are filtered, and whose near light is
 /// averaged.
 pub const NEAR_SPREAD: u32 = 3;
@@ -88,21 +101,34 @@ pub struct Inputs<'a> {
     pub near_slot: &'a Buffer,
     /// Receives the hits.
     pub points: &'a ShadingPoints,
+    /// Rays that go on from their hits.
+    pub onward: &'a List,
 }
 
 impl NearPoints {
-    /// Writes `points`, `list_out` and `near_slot`, and multiplies `beta`.
+    /// Writes `points`, `list_out` and `near_slot`, and multiplies `beta`; some rays go on, as `onward` lists.
     pub fn new(kit: &Kit, inputs: &Inputs) -> Result<Self> {
-        let Inputs { rays, list_in, seen, list_out, beta, near_slot, points } = *inputs;
+        Self::of(kit, inputs, inputs.list_in, [&shaders::NEAR_POINTS, &shaders::NEAR_POINTS_UNTEXTURED])
+    }
+
+    /// The same at the hits of the rays that went on.
+    pub fn onward(kit: &Kit, inputs: &Inputs) -> Result<Self> {
+        let shaders = [&shaders::NEAR_POINTS_ONWARD, &shaders::NEAR_POINTS_ONWARD_UNTEXTURED];
+        Self::of(kit, inputs, inputs.onward, shaders)
+    }
+
+    fn of(kit: &Kit, inputs: &Inputs, list_in: &List, shaders: [&'static Shader; 2]) -> Result<Self> {
+        let Inputs { rays, seen, list_out, beta, near_slot, points, onward, .. } = *inputs;
         let own = Resources::of([
             ("beta", beta),
             ("near_slot", near_slot),
             ("seen_position", &seen.position),
             ("seen_geometric", &seen.geometric),
             ("seen_wo", &seen.wo),
+            ("onward", &onward.entries),
+            ("onward_work", &onward.work),
         ]);
         let sets = [&rays.resources(), &list_in.as_input(), &list_out.as_output(), &points.resources(), &own];
-        let shaders = [&shaders::NEAR_POINTS, &shaders::NEAR_POINTS_UNTEXTURED];
         Ok(NearPoints { kernel: kit.bind_surface(shaders, &sets)?, work: list_in.work.clone() })
     }
 
@@ -110,6 +136,14 @@ impl NearPoints {
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.kernel.run_listed(rec, &[], &self.work, LIST_GROUPS)
     }
+}
+
+/// Oracle: of the near ray of a slot that may go on from its hit, with the shading normal there, the direction in which it does.
+pub fn goes_on(frame: &FrameParameters, slot: u32, shading: Vec3) -> Option<Vec3> {
+    let number = |k: u32| random_f32(key(frame.keys[0], NEAR, frame.sample_of(slot), k));
+    let local = sample_diffuse([number(1), number(2)]);
+    let (t, b) = basis(shading);
+    (number(0) < ONWARD).then(|| t * local.x + b * local.y + shading * local.z)
 }
 
 /// The point of a pixel, for the oracle.

@@ -90,6 +90,8 @@ pub const EYE_LOBE: u32 = 15;
 pub const FIRST_LIGHT: u32 = 16;
 /// Stream: choice of the lights of a cluster.
 pub const LISTS: u32 = 17;
+/// Stream: near rays that go on from hits that no pixel shows, and their directions.
+pub const NEAR: u32 = 18;
 /// Stream: rotation of the photons' sequence.
 pub const PHOTON: u32 = 20;
 /// Stream: side of a two-sided emitter that a photon leaves.

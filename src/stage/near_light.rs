@@ -31,13 +31,17 @@ pub struct NearLight {
     pub list: List,
     /// Points that near rays start from.
     pub started: List,
+    /// Near rays that go on from hits that no pixel shows.
+    pub onward: List,
     /// Near light: direct and indirect; w of the first: the lobe.
     pub near: [Buffer; 2],
     counts: Counts,
     gather: (Gather, u32),
     trace: (Trace, Vec<u32>),
     near_points: NearPoints,
-    schedules: [Schedule; 2],
+    onward_trace: Trace,
+    onward_points: NearPoints,
+    schedules: [Schedule; 3],
     list_step: u32,
     shade: (shade::Shade, Vec<Chunk>),
     collect: NearCollect,
@@ -71,6 +75,7 @@ impl NearLight {
         let near = [kit.vec4s("near direct", slots)?, kit.vec4s("near indirect", slots)?];
         let list = List::new(kit, "near points", &kit.array("near points list", slots, 4)?)?;
         let started = List::new(kit, "near rays", &kit.array("near rays list", slots, 4)?)?;
+        let onward = List::new(kit, "near rays onward", &kit.array("near rays onward list", slots, 4)?)?;
         let inputs = near_points::Inputs {
             rays: &eye.rays,
             list_in: &started,
@@ -79,6 +84,7 @@ impl NearLight {
             beta: &beta,
             near_slot: &near_slot,
             points: &points,
+            onward: &onward,
         };
         let shade_inputs = shade::Inputs {
             points: &points,
@@ -100,14 +106,20 @@ impl NearLight {
             near: &near,
         };
         Ok(Some(NearLight {
-            counts: Counts::new(kit, 1, [&list, &started])?,
+            counts: Counts::new(kit, 1, [&list, &started, &onward])?,
             gather: (
                 Gather::of_near_rays(kit, &eye.points, (&eye.list, &started), &eye.rays, &beta, &steps)?,
                 gather_step,
             ),
             trace: (Trace::new(kit, &eye.rays, &started, &steps)?, rounds),
             near_points: NearPoints::new(kit, &inputs)?,
-            schedules: [Schedule::new(kit, &started.work, &steps)?, Schedule::new(kit, &list.work, &steps)?],
+            onward_trace: Trace::new(kit, &eye.rays, &onward, &steps)?,
+            onward_points: NearPoints::onward(kit, &inputs)?,
+            schedules: [
+                Schedule::new(kit, &started.work, &steps)?,
+                Schedule::new(kit, &onward.work, &steps)?,
+                Schedule::new(kit, &list.work, &steps)?,
+            ],
             list_step,
             shade: (shade::Shade::new(kit, &shade_inputs, &steps)?, chunks),
             collect: NearCollect::new(kit, plan, &collect_inputs)?,
@@ -117,6 +129,7 @@ impl NearLight {
             hit_lighting,
             list,
             started,
+            onward,
             near,
         }))
     }
@@ -131,8 +144,15 @@ impl NearLight {
 
     /// The part that finds pixels that show the hits.
     pub fn record_points(&self, rec: &mut Recorder) -> Result<()> {
-        self.near_points.record(rec)?;
-        self.schedules[1].record(rec, self.list_step)
+        self.near_points.record(rec)
+    }
+
+    /// The part that follows the rays that go on from hits that no pixel shows.
+    pub fn record_onward(&self, rec: &mut Recorder) -> Result<()> {
+        self.schedules[1].record(rec, self.list_step)?;
+        self.onward_trace.record(rec, &self.trace.1, None)?;
+        self.onward_points.record(rec)?;
+        self.schedules[2].record(rec, self.list_step)
     }
 
     /// Hits that no pixel shows are lit.
@@ -152,6 +172,7 @@ impl Stage for NearLight {
     fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.record_rays(rec)?;
         rec.scope("near_points", |rec| self.record_points(rec))?;
+        rec.scope("near_onward", |rec| self.record_onward(rec))?;
         rec.scope("near_shade", |rec| self.record_shade(rec))?;
         rec.scope("near_collect", |rec| self.record_collect(rec))
     }

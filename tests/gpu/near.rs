@@ -1,9 +1,11 @@
 //! Near light from the irradiance of pixels: its passes against their oracles, its energy against the exact way.
 
 use glam::{Vec3, Vec4};
+use lightsum::accel::{Ray, offset_origin};
 use lightsum::pass::near_collect::{self, Link};
 use lightsum::pass::near_points::{self, NOT_SHOWN, Seen};
-use lightsum::pass::surface::surface_at;
+use lightsum::pass::shade::ShadingPoint;
+use lightsum::pass::surface::{SurfacePoint, surface_at};
 use lightsum::pass::{ShadingPoints, gather, sort};
 use lightsum::settings::{Clip, Compensation, Filter, Settings};
 use lightsum::stage::NearLight;
@@ -12,6 +14,7 @@ use crate::passes_light::receivers;
 use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, hit_of, is_lit, ray_of, sine_error};
 use crate::scenes::render;
 use crate::support::gpu_test;
+use std::f32::consts::FRAC_1_PI;
 
 fn settings(pattern: [u32; 2]) -> Settings {
     Settings { pattern, compensation: Compensation::Near, clip: Clip::Fraction(0.4), seed: 3, ..Settings::plain() }
@@ -21,96 +24,165 @@ fn stage<'a>(rig: &'a Rig) -> &'a NearLight {
     rig.frame().near_light.as_ref().unwrap()
 }
 
-/// Counts of rays, hits that a pixel shows, hits that are lit, rays from a lobe.
+/// Counts of rays, hits that a pixel shows, hits that are lit, rays from a lobe, rays that went on.
 #[derive(Debug, Default)]
 struct Met {
     rays: usize,
     shown: usize,
     lit: usize,
     specular: usize,
+    onward: usize,
 }
 
-/// Rays leave the right pixels, and their hits find the pixels that show them.
+/// Of the end of a near ray, by the oracles.
+struct End {
+    surface: Option<SurfacePoint>,
+    /// Throughput, and what the hit emits.
+    weight: Vec3,
+    light: Vec3,
+    /// It reflects light, mostly diffusely, and the pixel that shows it.
+    sends: bool,
+    matte: bool,
+    shown: Option<u32>,
+}
+
+impl End {
+    /// `before`, `seen_wo`: the points of the pixels; `clip`: distance within which light is clipped where the ray starts.
+    fn of(
+        rig: &Rig,
+        slot: u32,
+        (ray, hit): (Ray, Vec4),
+        (weight, clip): (Vec3, f32),
+        (before, seen_wo): Pixels,
+    ) -> End {
+        let p = &rig.parameters;
+        let hit = hit_of(hit);
+        let share = hit.map_or(0.0, |h| (1.0 - h.t * h.t / (clip * clip)).max(0.0));
+        let surface = hit.map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction));
+        let weight = weight * share;
+        let sends = surface
+            .as_ref()
+            .is_some_and(|s| share > 0.0 && weight != Vec3::ZERO && mean(s.reflectance.kd + s.reflectance.f0) > 0.0);
+        let matte = surface
+            .as_ref()
+            .is_some_and(|s| sends && mean(s.reflectance.kd) > near_points::MATTE * mean(s.reflectance.f0));
+        let shown = surface.as_ref().filter(|_| matte).and_then(|s| {
+            let q = near_points::pixel_of(p, s.position, sort::class_of(p, slot))?;
+            let k = q as usize;
+            let seen = Seen {
+                position: before[k].position,
+                geometric: before[k].geometric,
+                wo: before[k].wo,
+                flags: ShadingPoints::flags(seen_wo[k].w),
+            };
+            near_points::shows(p, &seen, s.position, s.geometric).then_some(q)
+        });
+        let light = surface.as_ref().map_or(Vec3::ZERO, |s| weight * s.emission);
+        End { surface, weight, light, sends, matte, shown }
+    }
+}
+
+type Pixels<'a> = (&'a [ShadingPoint], &'a [Vec4]);
+
+/// Rays leave the right pixels, their hits find the pixels that show them, and some rays go on from other hits.
 fn check_points(rig: &Rig, sine: f32, met: &mut Met) {
     let (p, near, eye) = (&rig.parameters, stage(rig), &rig.frame().eye);
     let before = receivers(rig, &eye.points);
     rig.prefill(&[&near.near_slot, &near.beta, &near.points.wo]);
-    rig.run(|_, rec| {
-        near.record_rays(rec)?;
-        near.record_points(rec)
-    });
+    rig.run(|_, rec| near.record_rays(rec));
+    let traced = [&eye.rays.origin, &eye.rays.direction, &eye.rays.hits].map(|b| rig.vec4s(b));
+    rig.run(|_, rec| near.record_points(rec));
     let what = format!("{}x{}, pattern {:?}", p.size[0], p.size[1], p.pattern);
-    let words = rig.vec4s(&eye.points.wo);
-    let flags = |slot: u32| ShadingPoints::flags(words[slot as usize].w);
+    let seen_wo = rig.vec4s(&eye.points.wo);
+    let flags = |slot: u32| ShadingPoints::flags(seen_wo[slot as usize].w);
     let has_ray = |slot: &u32| near_points::has_near_ray(p, *slot, sort::class_of(p, *slot), flags(*slot));
     let started: Vec<u32> = rig.list(0).into_iter().filter(has_ray).collect();
     assert_eq!(rig.sorted(&near.started), started, "{what}: a quarter of the classes has near rays");
-    let [origin, direction, hits, beta, emitted, wo, seen_wo] = [
-        &eye.rays.origin,
-        &eye.rays.direction,
-        &eye.rays.hits,
-        &near.beta,
-        &near.points.emitted,
-        &near.points.wo,
-        &eye.points.wo,
-    ]
-    .map(|b| rig.vec4s(b));
-    let slots: Vec<u32> = rig.get(&near.near_slot);
-    let after = receivers(rig, &near.points);
     let mut rays = Tally::new(format!("near rays, {what}"));
     let mut found = Tally::new(format!("hits of near rays, {what}"));
-    let mut listed = Vec::new();
+    let rays_of = |[origin, direction, hits]: &[Vec<Vec4>; 3], i: usize| (ray_of(origin[i], direction[i]), hits[i]);
+    let read = || {
+        let [beta, emitted, wo] = [&near.beta, &near.points.emitted, &near.points.wo].map(|b| rig.vec4s(b));
+        (beta, emitted, wo, rig.get::<u32>(&near.near_slot), receivers(rig, &near.points))
+    };
+    let (beta, emitted, wo, slots, after) = read();
+    let onward_rays = [&eye.rays.origin, &eye.rays.direction].map(|b| rig.vec4s(b));
+    let (mut listed, mut onward) = (Vec::new(), Vec::new());
     for &slot in &started {
         let i = slot as usize;
         let (expected, weight, specular) =
             gather::near_reference(p, slot, (sort::class_of(p, slot), flags(slot)), &before[i]);
-        let ray = ray_of(origin[i], direction[i]);
+        let (ray, hit) = rays_of(&traced, i);
         let tolerance = if specular { 2.0 * sine.sqrt() } else { 5e-4 };
         let same = ray.origin == expected.origin && close(ray.direction, expected.direction, 0.0, tolerance);
         rays.check(same, || format!("slot {i}: {ray:?} for {expected:?}"));
         assert_eq!(beta[i].w, f32::from(specular), "{what}: lobe of slot {i}");
-        let hit = hit_of(hits[i]);
-        let clip = p.up[3];
-        let share = hit.map_or(0.0, |h| (1.0 - h.t * h.t / (clip * clip)).max(0.0));
-        let surface = hit.map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction));
-        let weight = weight * share;
-        let light = surface.map_or(Vec3::ZERO, |s| weight * s.emission);
-        found.check(close(emitted[i].truncate(), light, tolerance, 1e-6), || {
-            format!("slot {i}: {} for {light}", emitted[i])
+        let end = End::of(rig, slot, (ray, hit), (weight, p.up[3]), (&before, &seen_wo));
+        found.check(close(emitted[i].truncate(), end.light, tolerance, 1e-6) && emitted[i].w == 0.0, || {
+            format!("slot {i}: {} for {}", emitted[i], end.light)
         });
-        let sends =
-            surface.filter(|s| share > 0.0 && weight != Vec3::ZERO && mean(s.reflectance.kd + s.reflectance.f0) > 0.0);
-        let shown =
-            sends.filter(|s| mean(s.reflectance.kd) > near_points::MATTE * mean(s.reflectance.f0)).and_then(|s| {
-                let q = near_points::pixel_of(p, s.position, sort::class_of(p, slot))?;
-                let k = q as usize;
-                let seen = Seen {
-                    position: before[k].position,
-                    geometric: before[k].geometric,
-                    wo: before[k].wo,
-                    flags: ShadingPoints::flags(seen_wo[k].w),
-                };
-                near_points::shows(p, &seen, s.position, s.geometric).then_some(q)
-            });
-        found.check(slots[i] == shown.unwrap_or(NOT_SHOWN), || format!("slot {i}: pixel {} for {shown:?}", slots[i]));
+        found.check(slots[i] == end.shown.unwrap_or(NOT_SHOWN), || {
+            format!("slot {i}: pixel {} for {:?}", slots[i], end.shown)
+        });
         let is_shown = slots[i] != NOT_SHOWN;
-        let link = match surface {
-            Some(s) if is_shown => weight * (s.reflectance.kd + s.reflectance.f0) * std::f32::consts::FRAC_1_PI,
-            _ => weight,
+        let reflects = end.sends && !is_shown && p.scene[2] > 2;
+        let source =
+            end.surface.as_ref().filter(|s| reflects && end.matte && s.emission == Vec3::ZERO && p.scene[2] > 3);
+        let direction = source.and_then(|s| near_points::goes_on(p, slot, s.shading));
+        let link = match (&end.surface, source, direction) {
+            (Some(s), ..) if is_shown => end.weight * (s.reflectance.kd + s.reflectance.f0) * FRAC_1_PI,
+            (_, Some(s), Some(_)) => end.weight * s.reflectance.kd / near_points::ONWARD,
+            (_, Some(_), None) => end.weight / (1.0 - near_points::ONWARD),
+            _ => end.weight,
         };
         found.check(close(beta[i].truncate(), link, tolerance, 1e-6), || format!("slot {i}: {} for {link}", beta[i]));
-        found.check(is_lit(wo[i]) == (sends.is_some() && !is_shown && p.scene[2] > 2), || format!("slot {i}: lit"));
+        found.check(is_lit(wo[i]) == (reflects && direction.is_none()), || format!("slot {i}: lit"));
         if is_lit(wo[i]) {
             listed.push(slot);
-            let kd = sends.map_or(Vec3::ZERO, |s| s.reflectance.kd);
+            let kd = end.surface.as_ref().map_or(Vec3::ZERO, |s| s.reflectance.kd);
             found.check(close(after[i].reflectance.kd, kd, 1e-4, 1e-5), || format!("slot {i}: albedo"));
+        }
+        if let (Some(s), Some(direction)) = (source, direction) {
+            onward.push(slot);
+            let origin = offset_origin(s.position, s.geometric, p.eye[3]);
+            let reach = if direction.dot(s.geometric) > 0.0 { near_points::CLOSER * p.up[3] } else { 0.0 };
+            let [from, to] = [onward_rays[0][i], onward_rays[1][i].truncate().extend(0.0)];
+            let same = close(from.truncate(), origin, 1e-5, 1e-5) && close(to.truncate(), direction, 0.0, 1e-3);
+            rays.check(same && from.w == reach, || format!("slot {i} goes on: {from}, {to} for {origin}, {direction}"));
         }
         met.rays += 1;
         met.shown += usize::from(is_shown);
         met.specular += usize::from(specular);
     }
     assert_eq!(rig.sorted(&near.list), listed, "{what}: the list names the lit hits, each once");
+    assert_eq!(rig.sorted(&near.onward), onward, "{what}: so does that of the rays that go on");
+    rig.run(|_, rec| near.record_onward(rec));
+    let traced = [&eye.rays.origin, &eye.rays.direction, &eye.rays.hits].map(|b| rig.vec4s(b));
+    let first = beta;
+    let (beta, emitted, wo, slots, _) = read();
+    for &slot in &onward {
+        let i = slot as usize;
+        let clip = near_points::CLOSER * p.up[3];
+        let end = End::of(rig, slot, rays_of(&traced, i), (first[i].truncate(), clip), (&before, &seen_wo));
+        let is_shown = slots[i] != NOT_SHOWN;
+        let link = match &end.surface {
+            Some(s) if is_shown => end.weight * (s.reflectance.kd + s.reflectance.f0) * FRAC_1_PI,
+            _ => end.weight,
+        };
+        let same = close(emitted[i].truncate(), end.light, 1e-3, 1e-6)
+            && close(beta[i].truncate(), link, 1e-3, 1e-6)
+            && (emitted[i].w, beta[i].w) == (1.0, first[i].w)
+            && slots[i] == end.shown.unwrap_or(NOT_SHOWN)
+            && is_lit(wo[i]) == (end.sends && !is_shown);
+        found.check(same, || format!("slot {i} onward: {}, {} for {}, {link}", emitted[i], beta[i], end.light));
+        if is_lit(wo[i]) {
+            listed.push(slot);
+        }
+    }
+    listed.sort_unstable();
+    assert_eq!(rig.sorted(&near.list), listed, "{what}: the list names the lit hits after the second ray too");
     met.lit += listed.len();
+    met.onward += onward.len();
     rays.finish(STRAYS);
     found.finish(STRAYS);
 }
@@ -143,6 +215,7 @@ fn check_collect(rig: &Rig) -> [usize; 2] {
             let of_hit = if has_ray && is_lit(wo[i]) { [0, 1, 2].map(|k| at(&lit, k)) } else { [Vec3::ZERO; 3] };
             Link {
                 beta: beta[i].truncate(),
+                rays: if has_ray && emitted[i].w == 1.0 { 2 } else { 1 },
                 weight: near_points::ray_weight(p, i as u32, ShadingPoints::flags(seen_wo[i].w)),
                 has_ray,
                 specular: beta[i].w == 1.0,
@@ -229,7 +302,7 @@ fn near_light_follows_its_oracles() {
         }
         println!("{met:?}, {averaged} averaged, {spread} spread");
         assert!(averaged > 1000 && spread > 500);
-        assert!(met.rays > 1000 && met.shown > 300 && met.lit > 300 && met.specular > 50, "{met:?}");
+        assert!(met.rays > 1000 && met.shown > 300 && met.lit > 300 && met.specular > 50 && met.onward > 50, "{met:?}");
         // With the shortest paths only emitters are found; nothing is lit.
         let rig = Rig::new(ctx, &scene, [31, 17], Settings { max_depth: 2, ..settings([3, 3]) });
         rig.light();
