@@ -8,6 +8,7 @@
 #include "light_at.wgsl"
 #include "sobol.wgsl"
 #include "photons.wgsl"
+#include "targets.wgsl"
 
 @group(0) @binding(1) var<storage, read> emitters: array<EmitterRecord>;
 // Two for each target: centre, radius; weight, area, bits of first and end of its triangles.
@@ -17,35 +18,13 @@
 @group(0) @binding(5) var<storage, read_write> flux: array<vec4<f32>>;     // w: bits of what it is aimed at
 @group(0) @binding(6) var<storage, read_write> photon_position: array<vec4<f32>>;  // w: 1 if stored, else 0
 @group(0) @binding(7) var<storage, read> lights: array<PointLight>;
+// Sums of the weights of the lights of a class up to each one, see photon_lights.wgsl.
+@group(0) @binding(9) var<storage, read> light_sums: array<f32>;
 // Three for each triangle of the sparse targets: first vertex and area up to it; edge and bits of its number; edge.
 @group(0) @binding(8) var<storage, read> target_triangles: array<vec4<f32>>;
 
 // A point counts as inside a sphere if the squared sine of the sphere's half angle is at least this.
 const INSIDE: f32 = 0.999;
-// Sparse targets are aimed at by their triangles from beyond this many radii. Host twin: light::targets::FAR.
-const FAR: f32 = 4.0;
-
-// Whether a target is aimed at by its triangles: a sparse one that is far enough.
-fn aims_by_area(sphere: vec4<f32>, parts: vec4<f32>, to: vec3<f32>, parallel: bool) -> bool {
-    let reach = FAR * sphere.w;
-    return bitcast<u32>(parts.z) < bitcast<u32>(parts.w) && (parallel || dot(to, to) >= reach * reach);
-}
-
-// Weight of a target in the choice: about its solid angle times its reflectance.
-fn weight_of(t: u32, start: Start) -> f32 {
-    let s = targets[2u * t];
-    let parts = targets[2u * t + 1u];
-    let to = s.xyz - start.origin;
-    let r2 = s.w * s.w;
-    let oriented = start.kind <= EMITTER_SPHERE || start.kind == EMITTER_VIRTUAL;
-    let behind = oriented && dot(to, start.normal) <= -s.w;
-    let parallel = start.kind == EMITTER_DIRECTIONAL;
-    let by_sphere = aims_by_area(s, parts, to, false) != aims_by_area(s, parts, to, true);
-    let weight = parts.x * select(1.0, 2.0 * PI * r2 / parts.y, by_sphere);
-    let angle = select(weight / max(dot(to, to), r2), 0.0, behind);
-    return select(angle, parts.x, parallel);
-}
-
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let photon = (group.x + group.y * groups.x) * 64u + lane;
@@ -69,10 +48,21 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let from_emitters = bitcast<u32>(frame.photon.w);
     let from_light = photon / frame.pattern.z >= from_emitters;
     let reflected = frame.pattern.w - frame.depths[1].y;
-    let pick = min(u32(u[2] * f32(reflected)), max(reflected, 1u) - 1u);
-    let light = lights[select(0u, photon_class(photon) * frame.pattern.w + frame.depths[1].y + pick, from_light)];
+    let first_light = select(0u, photon_class(photon) * frame.pattern.w + frame.depths[1].y, from_light);
+    var lower = first_light;
+    var upper = first_light + select(1u, max(reflected, 1u), from_light) - 1u;
+    let whole = select(0.0, light_sums[upper], from_light);
+    for (var k = 0u; k < 32u && lower < upper; k += 1u) {
+        let middle = (lower + upper) / 2u;
+        let after = light_sums[middle] <= u[2] * whole;
+        lower = select(lower, middle + 1u, after);
+        upper = select(middle, upper, after);
+    }
+    let light = lights[select(0u, lower, from_light)];
+    let below = select(0.0, light_sums[max(lower, 1u) - 1u], lower > first_light);
+    let chance = (light_sums[lower] - below) / max(whole, 1e-37);
     let part = select(from_emitters, frame.photons.x - from_emitters, from_light);
-    let times = f32(frame.photons.x) / f32(max(part, 1u)) * select(1.0, f32(reflected), from_light);
+    let times = f32(frame.photons.x) / f32(max(part, 1u)) * select(1.0, 1.0 / max(chance, 1e-37), from_light);
     if from_light {
         start.kind = EMITTER_VIRTUAL;
         start.origin = light.position.xyz;
@@ -84,7 +74,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var sum = 0.0;
     var last = count;
     for (var t = 0u; t < count; t += 1u) {
-        let w = weight_of(t, start);
+        let w = weight_of(t, start.kind, start.origin, start.normal);
         sum += w;
         last = select(last, t, w > 0.0);
     }
@@ -92,7 +82,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var rest = u[4] * sum;
     var chosen = select(0u, last, aims);
     for (var t = 0u; t < select(0u, last, aims); t += 1u) {
-        let w = weight_of(t, start);
+        let w = weight_of(t, start.kind, start.origin, start.normal);
         if rest < w {
             chosen = t;
             break;
@@ -101,7 +91,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let sphere = targets[2u * chosen];
     let parts = targets[2u * chosen + 1u];
-    let p = weight_of(chosen, start) / max(sum, 1e-37);
+    let p = weight_of(chosen, start.kind, start.origin, start.normal) / max(sum, 1e-37);
 
     let e = emitters[start.emitter];
     let to = sphere.xyz - start.origin;

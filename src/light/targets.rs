@@ -5,8 +5,8 @@
 //! sphere of radius R_t at distance d_t, chosen with probability
 //!
 //! ```text
-//! p_t = w_t / sum w      w_t = rho_t r_t^2 / max(d_t^2, R_t^2), about its solid angle times its mean reflectance or transmittance rho_t;
-//!                              0 behind the plane of an oriented emitter
+//! p_t = w_t / sum w      w_t = rho_t r_t^2 / max(d_t^2, R_t^2), about its solid angle times its mean reflectance or transmittance rho_t,
+//!                              and from an oriented emitter times the greatest cosine towards its sphere
 //!                        w_t = rho_t r_t^2 for parallel light
 //! ```
 //!
@@ -84,10 +84,26 @@ impl Target {
         to.length_squared() >= reach * reach
     }
 
-    /// rho r^2 for a point, `to` the centre: that of the sphere where a sparse target is aimed at by it.
-    fn weight_from(&self, to: Vec3) -> f32 {
+    /// Weight in the choice from a point, on a surface with this normal if it has one.
+    pub fn weight_from(&self, origin: Vec3, normal: Option<Vec3>) -> f32 {
+        let (to, radius) = (self.sphere.center - origin, self.sphere.radius);
         let by_sphere = !self.triangles.is_empty() && !self.is_far(to);
-        self.weight * if by_sphere { TAU * (self.sphere.radius * self.sphere.radius) / self.area } else { 1.0 }
+        let weight = self.weight * if by_sphere { TAU * (radius * radius) / self.area } else { 1.0 };
+        let distance2 = to.length_squared();
+        weight / distance2.max(radius * radius) * normal.map_or(1.0, |normal| greatest_cosine(to, radius, normal))
+    }
+}
+
+/// The greatest cosine between a normal and the directions to a sphere, `to` its centre.
+fn greatest_cosine(to: Vec3, radius: f32, normal: Vec3) -> f32 {
+    let distance2 = to.length_squared().max(1e-37);
+    let sine2 = (radius * radius / distance2).min(1.0);
+    let half = (1.0 - sine2).sqrt();
+    let axis = (to.dot(normal) / distance2.sqrt()).clamp(-1.0, 1.0);
+    match () {
+        () if axis >= half => 1.0,
+        () if axis <= 0.0 && axis * axis >= sine2 => 0.0,
+        () => axis * half + ((1.0 - axis * axis) * sine2).sqrt(),
     }
 }
 
@@ -277,13 +293,7 @@ impl Targets {
     /// the surface that emits.
     fn choose(&self, origin: Vec3, normal: Option<Vec3>, parallel: bool, choice: f32) -> Option<(usize, f32)> {
         let weight = |target: &Target| {
-            let s = &target.sphere;
-            let to = s.center - origin;
-            match normal {
-                _ if parallel => target.weight,
-                Some(normal) if to.dot(normal) <= -s.radius => 0.0,
-                _ => target.weight_from(to) / to.length_squared().max(s.radius * s.radius),
-            }
+            if parallel { target.weight } else { target.weight_from(origin, normal) }
         };
         let weights: Vec<f32> = self.list.iter().map(weight).collect();
         let sum: f32 = weights.iter().sum();

@@ -36,6 +36,7 @@ pub mod photon_find;
 pub mod photon_follow;
 pub mod photon_grid;
 pub mod photon_light;
+pub mod photon_lights;
 pub mod photon_start;
 pub mod photon_width;
 pub mod probe;

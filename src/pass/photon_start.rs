@@ -6,7 +6,7 @@
 //! flux that the emitters send there.
 //!
 //! The last photons of each class, half of them where paths may be so long, start from the class's virtual lights after one and more
-//! reflections, each chosen with the same probability: caustics of indirect light.
+//! reflections, chosen by what they send to the targets (`photon_lights`): caustics of indirect light.
 //!
 //! Photon i of class k of pixels (Wald et al., 4.2) has number i K + k, with K classes, and takes point first + k N + i
 //! of the chosen sequence (4.4), in its own rotation: the points of each class are consecutive, and so are those of all classes of a
@@ -16,7 +16,7 @@
 //! Cost for each photon: two visits of every target (at most 64), some 200 operations and 80 bytes.
 
 use super::layout;
-use super::{BoundKernel, Kit, Rays, groups};
+use super::{BoundKernel, Kit, Rays, groups, photon_lights};
 use crate::accel::{Ray, offset_origin};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
@@ -38,8 +38,15 @@ pub struct PhotonStart {
 impl PhotonStart {
     /// Writes `rays`, `flux` (w: bits of what it is aimed at) and `position` (marked as not stored) of `photons` photons,
     /// those of all classes.
-    pub fn new(kit: &Kit, lights: &Buffer, rays: &Rays, [flux, position]: [&Buffer; 2], photons: u32) -> Result<Self> {
-        let own = Resources::of([("lights", lights), ("flux", flux), ("photon_position", position)]);
+    pub fn new(
+        kit: &Kit,
+        (lights, sums): (&Buffer, &Buffer),
+        rays: &Rays,
+        [flux, position]: [&Buffer; 2],
+        photons: u32,
+    ) -> Result<Self> {
+        let own =
+            Resources::of([("lights", lights), ("light_sums", sums), ("flux", flux), ("photon_position", position)]);
         Ok(PhotonStart { kernel: kit.bind(&shaders::PHOTON_START, &[&rays.resources(), &own])?, photons })
     }
 
@@ -80,11 +87,11 @@ pub struct Started {
     pub bounces: f32,
 }
 
-/// Oracle: the start of a photon; `lights`: those of all classes; `None`: it carries no flux.
+/// Oracle: the start of a photon; `lights`: those of all classes, with the sums of `photon_lights`; `None`: it carries no flux.
 pub fn reference(
     frame: &layout::FrameParameters,
     emitters: &Emitters,
-    lights: &[layout::PointLight],
+    (lights, sums): (&[layout::PointLight], &[f32]),
     targets: &Targets,
     photon: u32,
 ) -> Option<Started> {
@@ -103,12 +110,10 @@ pub fn reference(
         };
         (targets.shoot(emitters, &start, origin, u[4], [u[0], u[1]])?, times(from_emitters), 0.0)
     } else {
-        let (of_class, first) = (frame.pattern[3], frame.depths[1][1]);
-        let reflected = of_class - first;
-        let pick = ((u[2] * reflected as f32) as u32).min(reflected - 1);
-        let light = &lights[(class_of(frame, photon) * of_class + first + pick) as usize];
+        let (pick, chance) = photon_lights::choose(frame, sums, class_of(frame, photon), u[2]);
+        let light = &lights[pick];
         let shot = targets.shoot_from(light, u[4], [u[0], u[1]])?;
-        (shot, times(each - from_emitters) * reflected as f32, light.f0[3])
+        (shot, times(each - from_emitters) / chance, light.f0[3])
     };
     let ray = Ray { origin: shot.origin, t_max: 3.0e38, direction: shot.direction };
     let flux = shot.flux * times;

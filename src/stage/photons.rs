@@ -8,6 +8,7 @@ use crate::pass::photon_find::PhotonFind;
 use crate::pass::photon_follow::{self, PhotonFollow};
 use crate::pass::photon_grid::{Grid, PhotonGrid};
 use crate::pass::photon_light::PhotonLight;
+use crate::pass::photon_lights::PhotonLights;
 use crate::pass::photon_start::PhotonStart;
 use crate::pass::photon_width::PhotonWidth;
 use crate::pass::schedule::{Schedule, groups_of};
@@ -34,6 +35,8 @@ pub struct Photons {
     pub lists: Vec<List>,
     /// The stored photons in their grid.
     pub grid: Grid,
+    /// Weights of the virtual lights that photons start from.
+    pub lights: PhotonLights,
     counts: Counts,
     grid_work: Buffer,
     start: PhotonStart,
@@ -104,16 +107,18 @@ impl Photons {
             .collect::<Result<_>>()?;
         let grid_work = DispatchCounts { total: count, total_groups: groups_of(count), ..DispatchCounts::default() };
         let stored = [&flux, &position, &normal];
+        let lights = PhotonLights::new(kit, &walk.lights, photons.classes)?;
         Ok(Some(Photons {
             count,
             counts: Counts::new(kit, 1, lists.iter().chain([&batch]))?,
             grid_work: kit.stage("photon grid's first work", &[grid_work])?,
-            start: PhotonStart::new(kit, &walk.lights, &rays, [&flux, &position], count)?,
+            start: PhotonStart::new(kit, (&walk.lights, &lights.sums), &rays, [&flux, &position], count)?,
             first_trace: (Trace::new(kit, &rays, &batch, &steps)?, first_rounds),
             follow,
             list_step,
             list_rounds,
             sort: (PhotonGrid::new(kit, &rays, stored, &grid, &steps, count)?, sort_steps),
+            lights,
             rays,
             flux,
             media,
@@ -128,6 +133,7 @@ impl Photons {
     pub fn record_start(&self, rec: &mut Recorder) -> Result<()> {
         self.counts.record_clear(rec)?;
         rec.copy(&self.grid_work, &self.grid.list.work)?;
+        self.lights.record(rec)?;
         self.start.record(rec)?;
         self.first_trace.0.record(rec, &self.first_trace.1, Some(self.count))
     }

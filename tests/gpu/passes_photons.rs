@@ -10,7 +10,7 @@ use lightsum::pass::photon_light::{self, Photon};
 use lightsum::pass::photon_start::Started;
 use lightsum::pass::shade::ShadingPoint;
 use lightsum::pass::surface::surface_at;
-use lightsum::pass::{ShadingPoints, photon_find, photon_grid, photon_start, photon_width};
+use lightsum::pass::{ShadingPoints, photon_find, photon_grid, photon_lights, photon_start, photon_width};
 use lightsum::scene::Scene;
 use lightsum::settings::{Sequence, Settings};
 use lightsum::stage::{Photons, Stage};
@@ -51,6 +51,22 @@ impl State {
     }
 }
 
+/// The sums of the weights of lights.
+fn check_weights(rig: &Rig, what: &str, lights: &[PointLight]) -> Vec<f32> {
+    let sums: Vec<f32> = rig.get(&photons(rig).lights.sums);
+    let p = &rig.parameters;
+    let (classes, each, first) = (p.pattern[2], p.pattern[3], p.depths[1][1]);
+    for class in 0..classes {
+        let mut sum = 0.0;
+        for i in (class * each + first)..(class + 1) * each {
+            sum += f64::from(photon_lights::weight(&lights[i as usize], &rig.engine.device_scene().targets));
+            let found = f64::from(sums[i as usize]);
+            assert!((found - sum).abs() <= 1e-4 * sum, "{what}: light {i}: {found} for {sum}");
+        }
+    }
+    sums
+}
+
 /// Returns the number of photons from virtual lights.
 fn check_start(rig: &Rig, what: &str, sine: f32) -> usize {
     let p = photons(rig);
@@ -64,9 +80,11 @@ fn check_start(rig: &Rig, what: &str, sine: f32) -> usize {
     let mut traced = Tally::new(format!("trace of photons, {what}"));
     let targets = &rig.engine.device_scene().targets;
     let lights: Vec<PointLight> = rig.get(rig.frame().lights());
+    let sums = check_weights(rig, what, &lights);
     let mut from_lights = 0;
     for i in 0..p.count as usize {
-        let oracle = photon_start::reference(&rig.parameters, rig.engine.emitters(), &lights, targets, i as u32);
+        let oracle =
+            photon_start::reference(&rig.parameters, rig.engine.emitters(), (&lights, &sums), targets, i as u32);
         let (ray, flux) = (ray_of(state.origin[i], state.direction[i]), state.flux[i]);
         let same = match oracle {
             None => ray.t_max == 0.0 && flux.truncate() == Vec3::ZERO,
