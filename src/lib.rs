@@ -54,11 +54,13 @@
 //! 3. [`Walk`](stage::Walk): [`walk_start`](pass::walk_start) sends particles from the emitters. For each reflection
 //!    [`trace`](pass::trace) finds their hits, [`walk_follow`](pass::walk_follow) continues those at mirrors and glass, and
 //!    [`walk_reflect`](pass::walk_reflect) leaves a light and sends the survivors on. [`delta_choice`](pass::delta_choice) chooses among lights without area where not all are lit.
-//! 4. [`Photons`](stage::Photons): [`photon_start`](pass::photon_start) shoots photons from emitters and virtual lights at mirrors and glass,
+//! 4. [`Photons`](stage::Photons): [`photon_lights`](pass::photon_lights) weighs virtual lights,
+//!    [`photon_start`](pass::photon_start) shoots photons from them and from emitters at mirrors and glass,
 //!    [`photon_follow`](pass::photon_follow) and [`trace`](pass::trace) follow them until they are stored, and
 //!    [`photon_grid`](pass::photon_grid) sorts them into a hash grid.
 //! 5. [`Shade`](stage::Shade): [`shade`](pass::shade) lights the points by all lights, no nearer than the clip distance.
-//!    [`PhotonLighting`](stage::PhotonLighting): [`photon_find`](pass::photon_find) lists the points near photons and
+//!    [`PhotonLighting`](stage::PhotonLighting): [`photon_find`](pass::photon_find) lists the points near photons,
+//!    [`photon_width`](pass::photon_width) sets the widths of these, and
 //!    [`photon_light`](pass::photon_light) adds their light. [`mirror_lights`](pass::mirror_lights) adds the light of virtual
 //!    lights after one planar mirror.
 //! 6. [`Compensation`](stage::Compensation), bounce by bounce: [`gather`](pass::gather), [`trace`](pass::trace) and

@@ -10,7 +10,7 @@
 //! where E(q) is known up to its own near light, which the near ray of q estimates: a path from pixel to pixel. It is
 //! followed for [`LINKS`] near rays. Hits that no pixel shows end it: they were lit by lights clipped at half the clip distance, since
 //! they have no near light of their own, or a second near ray went on from them (`near_points`). At a quarter of it a single light beside such a hit outshone whole first frames; half of
-//! it leaves out 0.1 to 0.3 % of a room's light.
+//! it leaves out 0.1 to 0.7 % of a room's light, which the rays that go on bring back.
 //!
 //! A path through n near rays must not be longer than `max_depth`, but a pixel holds the sum over all path lengths. The
 //! share of indirect light that is allowed is taken from the mean reflectivity rho of the scene, [`shares`].

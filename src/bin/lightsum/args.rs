@@ -238,8 +238,8 @@ pub struct Light {
     pub photons: Option<u32>,
     /// Radius of the photon density estimate, in scene units [default: the scene's, or by its size and --photons].
     ///
-    /// Larger: less noise and more blur. By default it shrinks with the fourth root of the passes, so that the blur vanishes;
-    /// a given radius stays.
+    /// Larger: less noise and more blur. By default it shrinks with the fourth root of the passes, so that the blur vanishes,
+    /// and photons have smaller ones where they are dense; a given radius is that of all, and stays.
     #[arg(long, value_name = "R", allow_negative_numbers = true, value_parser = distance)]
     pub photon_radius: Option<f32>,
     /// Light each class of pixels by its own photons only, in place of all of them.
