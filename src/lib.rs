@@ -57,7 +57,7 @@
 //! 4. [`Photons`](stage::Photons): [`photon_lights`](pass::photon_lights) weighs virtual lights,
 //!    [`photon_start`](pass::photon_start) shoots photons from them and from emitters at mirrors and glass,
 //!    [`photon_follow`](pass::photon_follow) and [`trace`](pass::trace) follow them until they are stored, and
-//!    [`photon_grid`](pass::photon_grid) sorts them into a hash grid.
+//!    [`photon_radius`](pass::photon_radius) sets the radius of the look-up and [`photon_grid`](pass::photon_grid) sorts them into a hash grid.
 //! 5. [`Shade`](stage::Shade): [`shade`](pass::shade) lights the points by all lights, no nearer than the clip distance.
 //!    [`PhotonLighting`](stage::PhotonLighting): [`photon_find`](pass::photon_find) lists the points near photons,
 //!    [`photon_width`](pass::photon_width) sets the widths of these, and

@@ -37,6 +37,7 @@ pub mod photon_follow;
 pub mod photon_grid;
 pub mod photon_light;
 pub mod photon_lights;
+pub mod photon_radius;
 pub mod photon_start;
 pub mod photon_width;
 pub mod probe;

@@ -9,6 +9,7 @@ use crate::pass::photon_follow::{self, PhotonFollow};
 use crate::pass::photon_grid::{Grid, PhotonGrid};
 use crate::pass::photon_light::PhotonLight;
 use crate::pass::photon_lights::PhotonLights;
+use crate::pass::photon_radius::PhotonRadius;
 use crate::pass::photon_start::PhotonStart;
 use crate::pass::photon_width::PhotonWidth;
 use crate::pass::schedule::{Schedule, groups_of};
@@ -44,6 +45,7 @@ pub struct Photons {
     follow: Vec<Follow>,
     list_step: u32,
     list_rounds: Vec<u32>,
+    radius: PhotonRadius,
     sort: (PhotonGrid, SortSteps),
 }
 
@@ -117,6 +119,7 @@ impl Photons {
             follow,
             list_step,
             list_rounds,
+            radius: PhotonRadius::new(kit, &position)?,
             sort: (PhotonGrid::new(kit, &rays, stored, &grid, &steps, count)?, sort_steps),
             lights,
             rays,
@@ -150,8 +153,9 @@ impl Photons {
         follow.trace.record(rec, &self.list_rounds, None)
     }
 
-    /// Records the sorting of the stored photons into the grid.
+    /// Records the radius of the look-up and the sorting of the stored photons into the grid.
     pub fn record_grid(&self, rec: &mut Recorder) -> Result<()> {
+        self.radius.record(rec)?;
         self.sort.0.record(rec, &self.sort.1)
     }
 }

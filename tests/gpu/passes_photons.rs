@@ -4,13 +4,15 @@ use glam::{Vec3, Vec4};
 use lightsum::bsdf::Reflectance;
 use lightsum::bsdf::ideal::Media;
 use lightsum::gpu::Context;
-use lightsum::pass::layout::{DispatchCounts, PointLight};
+use lightsum::pass::layout::{DispatchCounts, FrameParameters, PointLight};
 use lightsum::pass::photon_follow::{self, Fate};
 use lightsum::pass::photon_light::{self, Photon};
 use lightsum::pass::photon_start::Started;
 use lightsum::pass::shade::ShadingPoint;
 use lightsum::pass::surface::surface_at;
-use lightsum::pass::{ShadingPoints, photon_find, photon_grid, photon_lights, photon_start, photon_width};
+use lightsum::pass::{
+    ShadingPoints, photon_find, photon_grid, photon_lights, photon_radius, photon_start, photon_width,
+};
 use lightsum::scene::Scene;
 use lightsum::settings::{Sequence, Settings};
 use lightsum::stage::{Photons, Stage};
@@ -196,13 +198,17 @@ fn stored(positions: &[Option<Vec3>]) -> Vec<(u32, Vec3)> {
 }
 
 /// Sorts the photons; returns the stored ones in grid order.
-fn check_grid(rig: &Rig, what: &str) -> Vec<Photon> {
-    let p = photons(rig);
-    let g = &p.grid;
+fn check_grid(rig: &mut Rig, what: &str) -> Vec<Photon> {
+    let g = &photons(rig).grid;
     rig.prefill(&[&g.position, &g.normal, &g.wi, &g.flux, &g.buckets]);
     rig.run(|frame, rec| frame.photons.as_ref().unwrap().record_grid(rec));
     let state = State::of(rig);
     let positions: Vec<Option<Vec3>> = state.position.iter().map(|v| (v.w == 1.0).then_some(v.truncate())).collect();
+    let radius = photon_radius::reference(&rig.parameters, positions.iter().flatten().count());
+    let found = rig.get::<FrameParameters>(&rig.frame().parameters)[0].photon;
+    assert!(radius.iter().zip(found).all(|(a, b)| (a - b).abs() <= 1e-5 * a.abs()), "{what}: {found:?} for {radius:?}");
+    rig.parameters.photon = found;
+    let g = &photons(rig).grid;
     let order = photon_grid::reference(&rig.parameters, &positions);
     assert_eq!(
         rig.get::<DispatchCounts>(&g.list.work)[0].live,
@@ -315,12 +321,12 @@ fn follow(
     (seen, narrowed): (&mut [usize; 4], &mut usize),
 ) -> [usize; 2] {
     let what = format!("{} photons, {size:?}, pattern {:?}", settings.photons, settings.pattern);
-    let rig = Rig::new(ctx, scene, size, settings);
+    let mut rig = Rig::new(ctx, scene, size, settings);
     seen[3] += check_start(&rig, &what, sine);
     for step in 0..photons(&rig).lists.len() {
         check_step(&rig, &what, step, seen);
     }
-    let stored = check_grid(&rig, &what);
+    let stored = check_grid(&mut rig, &what);
     check_light(&rig, &what, stored, narrowed)
 }
 
