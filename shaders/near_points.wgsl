@@ -94,7 +94,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let goes_on = false;
     emitted[slot] = vec4<f32>(weight * met.surface.emission, 1.0);
 #else
-    // What is near to such a hit: some rays go on from it in place of lighting it.
+    // Some rays go on from a hit that no pixel shows, for near light of its own, and it is not lit.
     let s = met.surface;
     let may_go_on = lit && matte && mean3(s.emission) == 0.0 && frame.scene.z > 3u;
     let sample = sample_of(slot);

@@ -249,7 +249,9 @@ pub struct Settings {
     pub photons: u32,
     /// Radius of the photon density estimate, in scene units. Default `None`: 0.4 of the size of what the view shows over
     /// sqrt(photons), at most 0.05 of that size, shrinking with the fourth root of the passes, so that the blur vanishes in the limit.
-    /// Where photons are dense each has a smaller one ([`crate::pass::photon_width`]). A given radius is that of all photons, and is kept. Larger: less noise, more blur, and more photons to visit.
+    /// Up to three times that where few photons are stored ([`crate::pass::photon_radius`]), and less where they are dense
+    /// ([`crate::pass::photon_width`]). A given radius is that of all photons, and is kept. Larger: less noise, more blur, and more
+    /// photons to visit.
     pub photon_radius: Option<f32>,
     /// Each class of pixels is lit by its own photons only (Wald et al. 2002, 4.2). Default false: those of all classes light every
     /// pixel, which look-ups find as fast where photons are few, so that no pattern shows on thin and curved things.

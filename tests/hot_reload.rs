@@ -92,6 +92,7 @@ fn a_broken_shader_names_file_and_line() {
 
 #[test]
 fn a_changed_interface_asks_for_a_build() {
-    let changed = with_change("include/frame_parameters.wgsl", "    keys: vec4<u32>,", "    keys: vec4<u32>, more: vec4<u32>,");
+    let changed =
+        with_change("include/frame_parameters.wgsl", "    keys: vec4<u32>,", "    keys: vec4<u32>, more: vec4<u32>,");
     assert!(changed.contains("error shader ") && changed.contains("build the program again"), "{changed}");
 }
