@@ -7,8 +7,8 @@
 //!
 //! The paper counts photons within r alike; this kernel (Epanechnikov's) has no edge, so that single photons show no discs.
 //!
-//! Each photon has its own r, at most that of the look-up ([`photon_width`](super::photon_width)), and photons are found by 8 look-ups in the grid of cells of size 2r (4.1). The diffuse part
-//! is added to the indirect irradiance, the lobe's to the specular radiance. A photon counts if it arrived on the
+//! Each photon has its own r, at most that of the look-up ([`photon_width`]), and photons are found by 8 look-ups in the grid of cells of
+//! size 2r (4.1). The diffuse part is added to the indirect irradiance, the lobe's to the specular radiance. A photon counts if it arrived on the
 //! point's side, at a surface within 60 degrees of the point's, so that light does not pass thin walls or turn around
 //! corners; and with [`interleave_photons`](crate::settings::Settings::interleave_photons) if its class is that of the pixel (4.2), else
 //! those of all classes count, and N is the number of all. Both components of a split eye path are lit.
