@@ -1,16 +1,13 @@
 // Clusters of the screen: in each block of pixels, 8 times as wide and high as the interleaving pattern, every class of pixels has
 // one cluster of 8 x 8. Needs frame.wgsl. CPU twin: pass::clusters::place_of.
 
-// The exact quotient of numbers below 2^20, by floats: some SIMD processors divide integers one by one.
-fn quotient(a: vec2<u32>, b: vec2<u32>) -> vec2<u32> {
-    return vec2<u32>((vec2<f32>(a) + 0.5) / vec2<f32>(b));
-}
-
 // Index of a pixel's shading point among the places of its component: clusters of 64, class by class, block by block.
 fn place_of(at: vec2<u32>) -> u32 {
     let pattern = frame.pattern.xy;
-    let in_pattern = quotient(at, pattern);
-    let place = at - in_pattern * pattern;
+    let across_pattern = divided(at.x, pattern.x);
+    let down_pattern = divided(at.y, pattern.y);
+    let in_pattern = vec2<u32>(across_pattern.x, down_pattern.x);
+    let place = vec2<u32>(across_pattern.y, down_pattern.y);
     let block = in_pattern / 8u;
     let across = (frame.size.x + 8u * pattern.x - 1u) / (8u * pattern.x);
     let cluster = (block.x + across * block.y) * frame.pattern.z + place.x + pattern.x * place.y;

@@ -191,6 +191,22 @@ fn a_mirror_throws_the_light_of_the_image_on_a_wall() {
 }
 
 #[test]
+fn strips_are_left_to_photons() {
+    gpu_test(|ctx| {
+        // A strip 20 times as long as wide covers 0.06 of the disc around it.
+        for (width, count) in [(1.0, 1), (0.2, 1), (0.05, 0)] {
+            let (mut scene, _) = beam();
+            let corners = scene.triangles.iter().take(2).flat_map(|t| t.vertices).collect::<Vec<_>>();
+            for corner in corners {
+                scene.positions[corner as usize].x = scene.positions[corner as usize].x.min(width);
+            }
+            let rig = Rig::new(ctx, &scene, [8, 8], Settings { photons: 0, ..settings(4, 3) });
+            assert_eq!(rig.engine.device_scene().mirror_count(), count, "a mirror 1 long and {width} wide");
+        }
+    });
+}
+
+#[test]
 fn light_by_way_of_mirrors_has_the_energy_of_the_path_tracer() {
     gpu_test(|ctx| {
         // A corner of floor and wall, a mirror on the other wall, a mirror over a diffuse base on the floor, a lamp above.
