@@ -13,6 +13,9 @@
 @group(0) @binding(7) var<storage, read> indirect: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read> specular: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read_write> emitted: array<vec4<f32>>;   // w: coverage beyond that of the eye ray
+#if GAIN
+@group(0) @binding(10) var<storage, read_write> path_gain: array<vec4<f32>>;
+#endif
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -36,5 +39,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         sum += vec4<f32>(known * ray.xyz, select(0.0, 1.0, ray.w > 1.5));
         count += known;
     }
-    emitted[pixel] += frame.lens.z * (sum / count - vec4<f32>(own, covered));
+    let more = frame.lens.z * (sum / count - vec4<f32>(own, covered));
+    emitted[pixel] += more;
+#if GAIN
+    path_gain[pixel] += vec4<f32>(more.xyz, 0.0);
+#endif
 }

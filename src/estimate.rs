@@ -72,6 +72,8 @@ struct Sums {
     counts: [u32; INSTANCES as usize],
     /// Three channels for each pixel, for each instance; empty before its first pass.
     radiance: [Vec<f64>; INSTANCES as usize],
+    /// What the filter added to them.
+    gain: [Vec<f64>; INSTANCES as usize],
 }
 
 impl Sums {
@@ -88,11 +90,13 @@ pub struct History {
     /// After each complete block.
     kept: Vec<Sums>,
     latest: Sums,
+    /// The part of the gain that the image leaves out, for each pixel.
+    shares: Vec<f64>,
 }
 
 impl Default for History {
     fn default() -> Self {
-        History { block: INSTANCES, kept: Vec::new(), latest: Sums::default() }
+        History { block: INSTANCES, kept: Vec::new(), latest: Sums::default(), shares: Vec::new() }
     }
 }
 
@@ -102,13 +106,19 @@ impl History {
         self.latest.passes()
     }
 
-    /// Adds a pass of an instance, by the instance's sums after it: two vectors for each pixel, as
+    /// Adds a pass of an instance, by the instance's sums after it: three vectors for each pixel, as
     /// [`Probe`](crate::pass::probe::Probe) copies them.
     pub fn add(&mut self, instance: u32, sums: &[Vec4]) {
         let of_pixel = |sum: &[Vec4]| (sum[0].as_dvec4() + sum[1].as_dvec4()).truncate().to_array();
         let instance = instance as usize;
         self.latest.counts[instance] += 1;
-        self.latest.radiance[instance] = sums.chunks_exact(2).flat_map(of_pixel).collect();
+        self.latest.radiance[instance] = sums.chunks_exact(3).flat_map(of_pixel).collect();
+        // The sum of the gain is that of both instances.
+        let mut gain: Vec<f64> = sums.chunks_exact(3).flat_map(|sum| sum[2].as_dvec4().truncate().to_array()).collect();
+        let other = &self.latest.gain[1 - instance];
+        gain.iter_mut().zip(other).for_each(|(gain, other)| *gain -= other);
+        self.latest.gain[instance] = gain;
+        self.shares = sums.chunks_exact(3).map(|sum| f64::from(sum[2].w)).collect();
         if self.passes().is_multiple_of(self.block) {
             if self.kept.len() == MAX_BLOCKS {
                 // Two blocks become one.
@@ -125,11 +135,11 @@ impl History {
     /// The error of the image; `None`: unknown.
     pub fn estimate(&self) -> Option<f32> {
         let passes = f64::from(self.passes());
-        let [a, b] = &self.latest.radiance;
+        let [a, b] = [0, 1].map(|instance| self.shown(&self.latest, instance));
         if self.passes() < MIN_PASSES || a.len() != b.len() {
             return None;
         }
-        let image: Vec<f64> = a.iter().zip(b).map(|(a, b)| (a + b) / passes).collect();
+        let image: Vec<f64> = a.iter().zip(&b).map(|(a, b)| (a + b) / passes).collect();
         // Two blocks have level 1.
         let levels = self.kept.len().max(1).ilog2().min(MAX_LEVEL);
         let mut contrasts = self.cells(levels);
@@ -147,6 +157,13 @@ impl History {
         Some(at_level_0(&errors) as f32)
     }
 
+    /// Sums of radiance of an instance, as far as the image shows it.
+    fn shown(&self, sums: &Sums, instance: usize) -> Vec<f64> {
+        let (radiance, gain) = (&sums.radiance[instance], &sums.gain[instance]);
+        let shares = self.shares.iter().flat_map(|&share| [share; 3]);
+        radiance.iter().zip(gain).zip(shares).map(|((l, gain), share)| l - share * gain).collect()
+    }
+
     /// Sums of radiance of 2^levels cells of each instance, and each one's number of passes as a last number. The index of
     /// a cell has the instance in the highest bit and then the binary digits of its place in time, the first as the
     /// lowest bit.
@@ -162,8 +179,8 @@ impl History {
                 let cell = &mut cells[place + (instance << levels)];
                 let last = cell.len() - 1;
                 cell[last] += f64::from(end.counts[instance] - start.counts[instance]);
-                cell.iter_mut().zip(&end.radiance[instance]).for_each(|(sum, x)| *sum += x);
-                cell.iter_mut().zip(&start.radiance[instance]).for_each(|(sum, x)| *sum -= x);
+                cell.iter_mut().zip(self.shown(end, instance)).for_each(|(sum, x)| *sum += x);
+                cell.iter_mut().zip(self.shown(start, instance)).for_each(|(sum, x)| *sum -= x);
             }
             start = end;
         }
@@ -174,8 +191,8 @@ impl History {
     pub fn to_bytes(&self) -> Vec<u8> {
         let words = [self.block, self.kept.len() as u32].into_iter().chain(self.sums().flat_map(|sums| sums.counts));
         let mut bytes: Vec<u8> = words.flat_map(u32::to_le_bytes).collect();
-        let numbers = self.sums().flat_map(|sums| sums.radiance.iter().flatten());
-        bytes.extend(numbers.flat_map(|x| x.to_le_bytes()));
+        let numbers = self.sums().flat_map(|sums| sums.radiance.iter().chain(&sums.gain).flatten());
+        bytes.extend(numbers.chain(&self.shares).flat_map(|x| x.to_le_bytes()));
         bytes
     }
 
@@ -193,18 +210,21 @@ impl History {
         let sums = |counts: &[u8]| {
             let counts = std::array::from_fn(|i| u32::from_le_bytes(std::array::from_fn(|byte| counts[4 * i + byte])));
             // An instance without a pass has no sums.
-            let radiance =
-                counts.map(|count: u32| numbers.by_ref().take(if count > 0 { 3 * pixels } else { 0 }).collect());
-            Sums { counts, radiance }
+            let [radiance, gain] = [(); 2].map(|()| {
+                counts.map(|count: u32| numbers.by_ref().take(if count > 0 { 3 * pixels } else { 0 }).collect())
+            });
+            Sums { counts, radiance, gain }
         };
         let mut all: Vec<Sums> = counts.chunks_exact(4 * INSTANCES as usize).map(sums).collect();
         let latest = all.pop()?;
-        let history = History { block, kept: all, latest };
+        let history = History { block, kept: all, latest, shares: numbers.collect() };
         let complete = |sums: &Sums| {
-            let mut arrays = sums.counts.iter().zip(&sums.radiance);
-            arrays.all(|(&count, array)| array.len() == if count > 0 { 3 * pixels } else { 0 })
+            let mut arrays = sums.counts.iter().zip(sums.radiance.iter().zip(&sums.gain));
+            let wanted = |count: u32| if count > 0 { 3 * pixels } else { 0 };
+            arrays.all(|(&count, (radiance, gain))| [radiance.len(), gain.len()] == [wanted(count); 2])
         };
-        let complete = history.sums().all(complete);
+        let shares = if history.passes() > 0 { pixels } else { 0 };
+        let complete = history.sums().all(complete) && history.shares.len() == shares;
         (complete && history.to_bytes().len() == bytes.len()).then_some(history)
     }
 
@@ -279,7 +299,7 @@ mod tests {
     }
 
     fn go_on(history: &mut History, passes: Range<u32>, pixels: u32, radiance: impl Fn(u32, u32) -> f64) -> Vec<f64> {
-        let split = |&x: &f64| [x as f32, (x - f64::from(x as f32)) as f32].map(Vec4::splat);
+        let split = |&x: &f64| [x as f32, (x - f64::from(x as f32)) as f32, 0.0].map(Vec4::splat);
         let mut sums = [(); INSTANCES as usize].map(|()| vec![0.0; pixels as usize]);
         for pass in 0..passes.end {
             let sums = &mut sums[(pass % INSTANCES) as usize];
@@ -403,6 +423,38 @@ mod tests {
         let ratios = ratios(64, 400, |seed, pass, pixel| 1.0 + error(seed, pass, pixel));
         // If passes were taken for independent the ratio would be 5.6, the root of half the number of passes of an instance.
         assert!(ratios.iter().all(|r| (0.7..2.0).contains(r)), "{ratios:.2?}");
+    }
+
+    #[test]
+    fn the_part_of_the_gain_that_the_image_leaves_out_is_no_part_of_its_error() {
+        let own = |pass, pixel| 1.0 + 0.5 * normal(3, pass, pixel);
+        let gain = |pass, pixel| 0.5 + 0.25 * normal(4, pass, pixel);
+        for share in [0.0f32, 0.5, 1.0] {
+            let mut with_gain = History::default();
+            let mut sums = [[[0.0f64; 50]; 2]; 2];
+            for pass in 0..40 {
+                let instance = (pass % INSTANCES) as usize;
+                for pixel in 0..50 {
+                    let g = gain(pass, pixel);
+                    sums[instance][0][pixel as usize] += own(pass, pixel) + g;
+                    sums[instance][1][pixel as usize] += g;
+                }
+                let of_pixel = |pixel: usize| {
+                    let (l, all) = (sums[instance][0][pixel], sums[0][1][pixel] + sums[1][1][pixel]);
+                    [
+                        Vec4::splat(l as f32),
+                        Vec4::splat((l - f64::from(l as f32)) as f32),
+                        Vec4::splat(all as f32).with_w(share),
+                    ]
+                };
+                with_gain.add(pass % INSTANCES, &(0..50).flat_map(of_pixel).collect::<Vec<_>>());
+            }
+            let left = |pass, pixel| own(pass, pixel) + f64::from(1.0 - share) * gain(pass, pixel);
+            let [found, expected] = [with_gain.estimate(), history(40, 50, left).0.estimate()].map(Option::unwrap);
+            assert!((found / expected - 1.0).abs() < 1e-4, "{found} for {expected}");
+            let restored = History::from_bytes(&with_gain.to_bytes(), 50);
+            assert_eq!(restored, Some(with_gain));
+        }
     }
 
     #[test]

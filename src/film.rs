@@ -6,6 +6,8 @@
 //! as long as the addends of a pixel, from the largest to the last bit of the smallest, span at most 2^72; guides are
 //! rounded to units first and need two floats.
 //!
+//! The image of a film is the mean of its radiance less the bias of the filters, as [`crate::pass::gain`] tells it from another sum.
+//!
 //! [`Film`] is on the device; [`HostFilm`] is its copy on the host, which can be merged with others.
 
 mod mean;
@@ -17,7 +19,7 @@ use self::mean::Sums;
 use crate::error::{Error, Result};
 use crate::gpu::{Buffer, Context, Memory, Resources, Snapshot, Staging, download};
 use crate::output::{Layers, Wanted};
-use crate::pass::vec4s;
+use crate::pass::{gain, vec4s};
 use crate::plan::INSTANCES;
 
 /// A sum for each pixel: floats of decreasing magnitude that add up to it.
@@ -51,6 +53,8 @@ pub struct Film {
     pub albedo: Sum,
     /// Shading normal, in multiples of [`GUIDE_UNIT`].
     pub normal: Sum,
+    /// Radiance that the filter adds, see [`crate::pass::gain`]; w: square of its mean over the channels.
+    pub gain: Sum,
     /// Emission, diffuse and specular light (see `summands`); `None`: not requested.
     pub summands: Option<[Sum; Film::SUMMANDS]>,
     /// `[i]`: number of passes in the sums of instance i, counted by the device: passes that lost rays are left out.
@@ -71,6 +75,7 @@ impl Film {
             indirect: sum("indirect", RADIANCE)?,
             albedo: sum("albedo", GUIDE)?,
             normal: sum("normal", GUIDE)?,
+            gain: sum("gain", RADIANCE)?,
             summands: None,
             counts: Buffer::new(context, "film counts", 16, Memory::Device)?,
             pixels,
@@ -97,7 +102,7 @@ impl Film {
 
     /// All sums in a fixed order.
     fn sums(&self) -> impl Iterator<Item = &Sum> {
-        let first = self.color.iter().chain([&self.direct, &self.indirect, &self.albedo, &self.normal]);
+        let first = self.color.iter().chain([&self.direct, &self.indirect, &self.albedo, &self.normal, &self.gain]);
         first.chain(self.summands.iter().flatten())
     }
 
@@ -123,8 +128,16 @@ impl Film {
             ("rest_albedo", &self.albedo.0[1]),
             ("sum_normal", &self.normal.0[0]),
             ("rest_normal", &self.normal.0[1]),
+            ("sum_gain", &self.gain.0[0]),
+            ("rest_gain", &self.gain.0[1]),
             ("counts", &self.counts),
         ])
+    }
+
+    /// The sums of the filter's gain by their names in `gain`.
+    pub fn as_gain(&self) -> Resources {
+        let [sum, rest, tail] = [0, 1, 2].map(|level| &self.gain.0[level]);
+        Resources::of([("sum_gain", sum), ("rest_gain", rest), ("tail_gain", tail)])
     }
 
     /// The sums by the names in `summands`.
@@ -151,6 +164,8 @@ impl Film {
             ("rest_a", &a[1]),
             ("sum_b", &b[0]),
             ("rest_b", &b[1]),
+            ("sum_gain", &self.gain.0[0]),
+            ("rest_gain", &self.gain.0[1]),
             ("counts", &self.counts),
         ])
     }
@@ -166,7 +181,8 @@ impl Film {
         let counts = self.download_counts(context)?;
         let needed = |i: usize| match i {
             0..DIRECT => counts[i] > 0,
-            DIRECT..EMISSION => wanted == Wanted::All,
+            DIRECT..GAIN => wanted == Wanted::All,
+            GAIN => counts.iter().sum::<u32>() >= gain::MIN_PASSES,
             _ => true,
         };
         let levels = |(i, sum): (usize, &Sum)| match needed(i) {
@@ -264,7 +280,7 @@ pub struct HostFilm {
 /// Numbers of floats of all sums, in their order.
 fn levels(summands: bool) -> Vec<usize> {
     let mut levels = vec![RADIANCE; INSTANCES as usize + 2];
-    levels.extend([GUIDE; 2]);
+    levels.extend([GUIDE, GUIDE, RADIANCE]);
     levels.extend(if summands { vec![RADIANCE; Film::SUMMANDS] } else { Vec::new() });
     levels
 }
@@ -274,8 +290,9 @@ const DIRECT: usize = INSTANCES as usize;
 const INDIRECT: usize = DIRECT + 1;
 const ALBEDO: usize = DIRECT + 2;
 const NORMAL: usize = DIRECT + 3;
+const GAIN: usize = DIRECT + 4;
 /// The first of the summands.
-const EMISSION: usize = DIRECT + 4;
+const EMISSION: usize = DIRECT + 5;
 
 impl HostFilm {
     /// Width and height.
@@ -355,11 +372,12 @@ impl HostFilm {
 mod tests {
     use super::*;
 
-    /// A film of one pixel whose sums of radiance have these levels, and those of guides the first.
+    /// A film of one pixel whose sums of radiance have these levels, and those of guides the first; no filter added to it.
     fn film(levels: &[f32]) -> HostFilm {
         let level = |count: usize, i: usize| if count == GUIDE && i > 0 { 0.0 } else { levels[i] };
         let sum = |count: usize| HostSum((0..count).map(|i| vec![Vec4::splat(level(count, i))]).collect());
-        let sums = [[RADIANCE; 4].as_slice(), &[GUIDE; 2]].concat().into_iter().map(sum).collect();
+        let mut sums: Vec<HostSum> = super::levels(false).into_iter().map(sum).collect();
+        sums[GAIN].0.iter_mut().for_each(|level| level.fill(Vec4::ZERO));
         HostFilm { size: [1, 1], counts: [1, 0], sums, summands: false }
     }
 

@@ -10,6 +10,7 @@ use crate::gpu::{Buffer, Context, Image, Memory, Recorder, Resources, Staging};
 use crate::pass::delta_choice::{Candidates, DeltaChoice};
 use crate::pass::discontinuity::{self, Discontinuity};
 use crate::pass::discontinuity_lobes::DiscontinuityLobes;
+use crate::pass::gain::{self, Gain, PathGain};
 use crate::pass::glossy_light::GlossyLight;
 use crate::pass::importance::Importance;
 use crate::pass::layout;
@@ -55,6 +56,8 @@ pub struct Frame {
     pub near_light: Option<NearLight>,
     /// Averages irradiance over neighbours on the same surface.
     pub discontinuity: Option<Discontinuity>,
+    /// Keeps what the filter added to second components.
+    pub path_gain: Option<PathGain>,
     /// Adds the light of paths along specular lobes.
     pub glossy_light: Option<GlossyLight>,
     /// Averages specular radiance over neighbours that reflect alike.
@@ -65,6 +68,8 @@ pub struct Frame {
     pub merge: Option<Merge>,
     /// Antialiases edges.
     pub edges: Option<Edges>,
+    /// Sums what the filters added.
+    pub gain: Option<Gain>,
     /// Sums emission, diffuse and specular light separately.
     pub summands: Option<Summands>,
     /// Blurs pixels out of focus.
@@ -145,6 +150,18 @@ impl Frame {
             )?),
         };
         let lighting = discontinuity.as_ref().map_or(&shade.lighting, |filter| &filter.filtered);
+        let path_gain_of = match discontinuity.is_some() && !plan.view.has_lens() {
+            false => None,
+            true => Some(kit.vec4s("gain of paths and edges", plan.eye.pixels)?),
+        };
+        let path_gain = match &path_gain_of {
+            Some(path_gain) if plan.eye.components == 2 => {
+                let (points, paths) = (&eye.points, &eye.paths);
+                let inputs = gain::Inputs { points, paths, raw: &shade.lighting, filtered: lighting, path_gain };
+                Some(PathGain::new(kit, &inputs, &eye.ideal_tiles, &eye.planes.region)?)
+            }
+            _ => None,
+        };
         let glossy_light = match plan.eye.lobes && plan.eye.components == 2 {
             false => None,
             true => Some(GlossyLight::new(kit, &eye.points, &eye.paths, lighting, &eye.ideal_tiles)?),
@@ -169,7 +186,15 @@ impl Frame {
             1 => None,
             _ => Some(Merge::new(kit, &eye.points, &eye.paths, lighting, &eye.ideal_tiles, shown)?),
         };
-        let edges = Edges::new(kit, scene, plan, &eye, lighting)?;
+        let edges = Edges::new(kit, scene, plan, &eye, (lighting, path_gain_of.as_ref()))?;
+        let gain = match &path_gain_of {
+            None => None,
+            Some(path_gain) => {
+                let (points, paths) = (&eye.points, &eye.paths);
+                let inputs = gain::Inputs { points, paths, raw: &shade.lighting, filtered: lighting, path_gain };
+                Some(Gain::new(kit, &inputs, &film)?)
+            }
+        };
         let lens = match plan.view.has_lens() {
             false => None,
             true => {
@@ -193,11 +218,13 @@ impl Frame {
             compensation,
             near_light,
             discontinuity,
+            path_gain,
             glossy_light,
             discontinuity_lobes,
             glossy_planes,
             merge,
             edges,
+            gain,
             summands,
             lens,
             output,
@@ -226,11 +253,13 @@ impl Frame {
         self.compensation.run(rec)?;
         self.near_light.run(rec)?;
         self.discontinuity.run(rec)?;
+        self.path_gain.run(rec)?;
         self.glossy_light.run(rec)?;
         self.discontinuity_lobes.run(rec)?;
         self.glossy_planes.run(rec)?;
         self.merge.run(rec)?;
         self.edges.run(rec)?;
+        self.gain.run(rec)?;
         self.summands.run(rec)?;
         self.lens.run(rec)?;
         self.output.record_accumulate(rec, parameters.instance())
@@ -247,6 +276,7 @@ impl Frame {
     /// Records work needed once, after the uploads of a new frame and before its first pass.
     pub fn record_setup(&self, rec: &mut Recorder) -> Result<()> {
         self.glossy_planes.record_setup(rec)?;
+        self.gain.as_ref().map_or(Ok(()), |gain| gain.record_clear(rec))?;
         self.lens.record_setup(rec)
     }
 

@@ -71,6 +71,7 @@
 //! 7. [`discontinuity`](pass::discontinuity) averages irradiance over neighbours on one surface,
 //!    [`glossy_light`](pass::glossy_light) adds the light of paths along lobes to their pixels, and
 //!    [`discontinuity_lobes`](pass::discontinuity_lobes) averages the light of lobes over neighbours that reflect alike.
+//!    [`gain`](pass::gain) sums what these add to each pixel.
 //! 8. [`GlossyPlanes`](stage::GlossyPlanes): [`mirror_image`](pass::mirror_image) takes the image of glossy planes from the second
 //!    components, [`convolve`](pass::convolve) spreads it, and [`superpose`](pass::superpose) adds it to the planes.
 //! 9. [`merge`](pass::merge) adds the light of the other second components to their pixels, [`summands`](pass::summands) sums
@@ -79,7 +80,7 @@
 //!
 //! Of these only `Eye`, `Walk`, `Shade` and `Output` always run; the others run where settings and scene ask for them.
 //!
-//! After any number of passes the film becomes an image in one of two ways. For a host,
+//! After any number of passes the film becomes an image, from which the bias of the filters is taken ([`gain`](pass::gain)), in one of two ways. For a host,
 //! [`Engine::record_image`](engine::Engine::record_image) has [`resolve`](pass::resolve) write the mean to an image on the
 //! device. For files, the host reads the film ([`Film::download`](film::Film::download)), computes mean and layers
 //! ([`HostFilm::mean`](film::HostFilm::mean)), and [`output`] writes them. After each pass, [`probe`](pass::probe) copies the

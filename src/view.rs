@@ -16,9 +16,9 @@ use crate::error::{Error, Result};
 use crate::scene::Camera;
 use crate::settings::Settings;
 
-/// Pixels beyond a region that filters read, rounded up: windows are at most 9 pixels wide, and guides read one pixel
-/// further.
-const APRON: u32 = 8;
+/// Pixels beyond a region that filters read: two windows of at most 9 pixels one after the other, guides that read one pixel
+/// further, and the filter's bias, told by the pixels around.
+const APRON: u32 = 11;
 /// Pixels on all sides for the tiles whose edges decide how many rays they get.
 const EDGE_APRON: u32 = 9;
 

@@ -5,10 +5,11 @@ use std::convert::Infallible;
 use glam::{DVec4, Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::{ALBEDO, DIRECT, EMISSION, INDIRECT, NORMAL, add};
+use super::{ALBEDO, DIRECT, EMISSION, GAIN, INDIRECT, NORMAL, add};
 use crate::error::Error;
 use crate::gpu::Snapshot;
 use crate::output::{Layers, Wanted};
+use crate::pass::gain;
 use crate::plan::INSTANCES;
 
 /// Pixels of a piece: its sums fit a core's own cache.
@@ -50,7 +51,7 @@ pub(super) struct Sums<'a, L> {
 }
 
 /// The means of a piece.
-fn means<L: Level>(levels: &[L], passes: u32, first: usize, count: usize) -> Result<Vec<Vec4>, L::Error> {
+fn means<L: Level>(levels: &[L], passes: u32, first: usize, count: usize) -> Result<Vec<DVec4>, L::Error> {
     let mut sums = vec![(DVec4::ZERO, DVec4::ZERO); count];
     let mut values = vec![Vec4::ZERO; count];
     for level in levels {
@@ -61,7 +62,16 @@ fn means<L: Level>(levels: &[L], passes: u32, first: usize, count: usize) -> Res
         }
     }
     let scale = 1.0 / f64::from(passes.max(1));
-    Ok(sums.into_iter().map(|(high, low)| ((high + low) * scale).as_vec4()).collect())
+    Ok(sums.into_iter().map(|(high, low)| (high + low) * scale).collect())
+}
+
+/// Colour, emission, diffuse and specular light of a pixel, and the bias to be taken from the last two.
+type Summands<'a> = (((&'a mut Vec3, &'a Vec3), &'a mut Vec3), (&'a mut Vec3, &'a Vec3));
+
+/// The part of reflected light that is left without the bias, for each channel.
+fn kept_share(reflected: Vec3, bias: Vec3) -> Vec3 {
+    let share = |of: f32, bias: f32| if of > 0.0 { (1.0 - bias / of).max(0.0) } else { 1.0 };
+    Vec3::new(share(reflected.x, bias.x), share(reflected.y, bias.y), share(reflected.z, bias.z))
 }
 
 impl<L: Level> Sums<'_, L> {
@@ -74,6 +84,20 @@ impl<L: Level> Sums<'_, L> {
             [emission, diffuse, specular] = [self.rgb(EMISSION)?, self.rgb(EMISSION + 1)?, self.rgb(EMISSION + 2)?];
             let sum = |(i, color): (usize, &mut Vec3)| *color = emission[i] + diffuse[i] + specular[i];
             color.par_iter_mut().enumerate().for_each(sum);
+        }
+        if let Some(bias) = self.bias()? {
+            if !self.summands {
+                color.par_iter_mut().zip(&bias).for_each(|(color, bias)| *color -= *bias);
+            } else {
+                let of_pixel = |(((color, emission), diffuse), (specular, bias)): Summands| {
+                    let kept = kept_share(*diffuse + *specular, *bias);
+                    (*diffuse, *specular) = (*diffuse * kept, *specular * kept);
+                    *color = *emission + *diffuse + *specular;
+                };
+                let pixels =
+                    color.par_iter_mut().zip(&emission).zip(&mut diffuse).zip(specular.par_iter_mut().zip(&bias));
+                pixels.for_each(of_pixel);
+            }
         }
         if wanted == Wanted::Color {
             return Ok(Layers { width, height, color, alpha, ..Layers::default() });
@@ -95,6 +119,31 @@ impl<L: Level> Sums<'_, L> {
         })
     }
 
+    /// The bias of the filter that is to be taken from the colour, see [`gain`]; `None`: nothing.
+    fn bias(&self) -> Result<Option<Vec<Vec3>>, L::Error> {
+        let passes = self.passes();
+        if passes < gain::MIN_PASSES {
+            return Ok(None);
+        }
+        let mut gains = vec![DVec4::ZERO; self.pixels()];
+        gains.par_chunks_mut(PIECE).enumerate().try_for_each(|(piece, gains)| {
+            gains.copy_from_slice(&means(self.levels[GAIN], passes, piece * PIECE, gains.len())?);
+            Ok(())
+        })?;
+        if gains.par_iter().all(|gain| *gain == DVec4::ZERO) {
+            return Ok(None);
+        }
+        let [width, height] = self.size.map(|n| n as usize);
+        let moments: Vec<[f64; 2]> = gains.par_iter().map(|&mean| gain::moments(mean, passes)).collect();
+        let near = |x: usize, end: usize| x.saturating_sub(2)..(x + 3).min(end);
+        let of_pixel = |(i, mean): (usize, &DVec4)| {
+            let rows = near(i / width, height);
+            let around = rows.flat_map(|y| near(i % width, width).map(move |x| y * width + x));
+            (mean.truncate() * gain::share(around.map(|j| moments[j]), passes)).as_vec3()
+        };
+        Ok(Some(gains.par_iter().enumerate().map(of_pixel).collect()))
+    }
+
     fn passes(&self) -> u32 {
         self.counts.iter().sum()
     }
@@ -113,7 +162,7 @@ impl<L: Level> Sums<'_, L> {
             for (levels, count) in self.levels.iter().zip(self.counts).filter(|(_, count)| *count > 0) {
                 let share = count as f32 / self.passes() as f32;
                 let means = means(levels, count, piece * PIECE, sum.len())?;
-                sum.iter_mut().zip(means).for_each(|(sum, mean)| *sum += mean * share);
+                sum.iter_mut().zip(means).for_each(|(sum, mean)| *sum += mean.as_vec4() * share);
             }
             for ((color, alpha), sum) in color.iter_mut().zip(alpha).zip(sum) {
                 (*color, *alpha) = (sum.truncate(), sum.w);
@@ -130,6 +179,7 @@ impl<L: Level> Sums<'_, L> {
         pieces.enumerate().try_for_each(|(piece, ((direct, depth), alpha))| {
             let means = means(self.levels[DIRECT], self.passes(), piece * PIECE, direct.len())?;
             for (((direct, depth), &alpha), mean) in direct.iter_mut().zip(depth).zip(alpha).zip(means) {
+                let mean = mean.as_vec4();
                 (*direct, *depth) = (mean.truncate(), if alpha > 0.0 { mean.w / alpha } else { f32::INFINITY });
             }
             Ok(())
@@ -145,7 +195,7 @@ impl<L: Level> Sums<'_, L> {
         let mut values = vec![Vec3::ZERO; self.pixels()];
         values.par_chunks_mut(PIECE).enumerate().try_for_each(|(piece, values)| {
             let means = means(self.levels[sum], self.passes(), piece * PIECE, values.len())?;
-            values.iter_mut().zip(means).for_each(|(value, mean)| *value = layer(mean));
+            values.iter_mut().zip(means).for_each(|(value, mean)| *value = layer(mean.as_vec4()));
             Ok(())
         })?;
         Ok(values)

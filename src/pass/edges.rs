@@ -74,6 +74,8 @@ pub struct Inputs<'a> {
     pub rays: &'a Rays,
     /// The rays.
     pub list: &'a List,
+    /// Receives what the rays add, see [`gain`](super::gain).
+    pub path_gain: Option<&'a Buffer>,
 }
 
 /// The pass.
@@ -120,7 +122,13 @@ impl Edges {
             mark: kit.bind_surface(mark, &[&own, &lit])?,
             rays: kit.bind(&shaders::EDGES_RAYS, &[&own, &rays, &list.as_output()])?,
             light: kit.bind_surface(light, &[&own, &lit, &rays, &list.resources()])?,
-            add: kit.bind(&shaders::EDGES_ADD, &[&own, &lit])?,
+            add: match inputs.path_gain {
+                None => kit.bind(&shaders::EDGES_ADD, &[&own, &lit])?,
+                Some(path_gain) => {
+                    let path_gain = Resources::of([("path_gain", path_gain)]);
+                    kit.bind(&shaders::EDGES_ADD_GAIN, &[&own, &lit, &path_gain])?
+                }
+            },
             work: list.work.clone(),
             edges,
             marks,

@@ -28,7 +28,7 @@
 //! And each pixel then takes the mean of the near light of all pixels around it, in a window as wide as the pattern, in place of its own,
 //! weighted by the cosine between the normals and less where the chord leaves the tangent plane ([`STEEP`]); the pixels without near rays
 //! count as zero. Otherwise thin and curved things, over which the filter does not average, are dotted: two of nine pixels would be
-//! several times too bright, and seven too dark. The mean blurs, and fades with the passes like the filter
+//! several times too bright, and seven too dark. Both means blur, and fade with the passes like the filter
 //! ([`Filter::weight`](crate::settings::Filter::weight)).
 //!
 //! Cost: 9 vec4 for a near ray and 6 for each further one, some 60 operations each; for the addition 8 vec4, and 5 with 50

@@ -1,9 +1,9 @@
 //! Copies an instance's sums of radiance at a few pixels to a small buffer, which the host reads back after each pass to
 //! estimate the error (see [`crate::estimate`]): (sum, rest + tail), which add up to the sum within the precision of a
-//! double.
+//! double; and of what the filter added in passes of all instances the sum, w: the part of it that is bias (see [`gain`](super::gain)).
 //!
 //! The pixels are at random places of equal stretches of the image, so that they follow neither the pattern of
-//! interleaved sampling nor the tiles. Cost: 5 vec4 for each of at most [`MAX_PIXELS`] pixels.
+//! interleaved sampling nor the tiles. Cost: 57 vec4 and 350 operations for each of at most [`MAX_PIXELS`] pixels.
 
 use glam::Vec4;
 
@@ -19,7 +19,7 @@ pub const MAX_PIXELS: u32 = 4096;
 
 /// The pass, one kernel for each instance.
 pub struct Probe {
-    /// Two vec4 for each pixel.
+    /// Three vec4 for each pixel.
     pub out: Buffer,
     instances: Vec<BoundKernel>,
     count: u32,
@@ -30,7 +30,7 @@ impl Probe {
     pub fn new(kit: &Kit, film: &Film) -> Result<Self> {
         let pixels = pixels(film.pixels());
         let count = pixels.len() as u32;
-        let out = kit.vec4s("probe", 2 * count)?;
+        let out = kit.vec4s("probe", 3 * count)?;
         let own = Resources::of([("probed", &kit.stage("probed pixels", &pixels)?), ("probe", &out)]);
         let of_instance = |i| kit.bind(&shaders::PROBE, &[&own, &film.as_sums(i)]);
         Ok(Probe { instances: (0..INSTANCES).map(of_instance).collect::<Result<_>>()?, out, count })
@@ -49,9 +49,9 @@ pub fn pixels(count: u32) -> Vec<u32> {
     (0..probes).map(|i| start(i) + hash(i) % (start(i + 1) - start(i))).collect()
 }
 
-/// Oracle: what is copied of a sum.
-pub fn reference([sum, rest, tail]: [Vec4; 3]) -> [Vec4; 2] {
-    [sum, rest + tail]
+/// Oracle: what is copied of a sum, of the two upper levels of the filter's gain, and of the part of that which is bias.
+pub fn reference([sum, rest, tail]: [Vec4; 3], gain: [Vec4; 2], share: f32) -> [Vec4; 3] {
+    [sum, rest + tail, (gain[0] + gain[1]).truncate().extend(share)]
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::{Counts, Eye, Stage};
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
-use crate::gpu::Recorder;
+use crate::gpu::{Buffer, Recorder};
 use crate::pass::edges::{self, Inputs};
 use crate::pass::schedule::Schedule;
 use crate::pass::shade::Chunk;
@@ -26,7 +26,14 @@ pub struct Edges {
 
 impl Edges {
     /// Antialiases the image of `eye`, lit by `lighting`; `None`: the plan does not.
-    pub fn new(kit: &Kit, scene: &DeviceScene, plan: &Plan, eye: &Eye, lighting: &Lighting) -> Result<Option<Edges>> {
+    /// `path_gain`: receives what the rays add.
+    pub fn new(
+        kit: &Kit,
+        scene: &DeviceScene,
+        plan: &Plan,
+        eye: &Eye,
+        (lighting, path_gain): (&Lighting, Option<&Buffer>),
+    ) -> Result<Option<Edges>> {
         let Some(guides) = &eye.guides else { return Ok(None) };
         let mut table = StepTable::default();
         let lanes = Chunk::lanes(&plan.settings, scene.cluster_lanes(kit.context));
@@ -35,7 +42,7 @@ impl Edges {
         let steps = table.stage(kit, "edge steps")?;
         let list = List::new(kit, "edge rays", &kit.array("edge rays list", plan.eye.pixels, 4)?)?;
         let (points, paths, rays) = (&eye.points, &eye.paths, &eye.rays);
-        let inputs = Inputs { guides, points, paths, lighting, rays, list: &list };
+        let inputs = Inputs { guides, points, paths, lighting, rays, list: &list, path_gain };
         let pass = edges::Edges::new(kit, &inputs, plan.view.size())?;
         Ok(Some(Edges {
             counts: Counts::new(kit, 1, [&list])?,

@@ -28,6 +28,7 @@ use crate::gpu::{Buffer, Recorder};
 use crate::pass::delta_choice::DeltaChoice;
 use crate::pass::discontinuity::Discontinuity;
 use crate::pass::discontinuity_lobes::DiscontinuityLobes;
+use crate::pass::gain::{Gain, PathGain};
 use crate::pass::glossy_light::GlossyLight;
 use crate::pass::importance::Importance;
 use crate::pass::layout::DispatchCounts;
@@ -94,6 +95,8 @@ stages! {
     GlossyLight = "glossy_light",
     Discontinuity = "discontinuity",
     DiscontinuityLobes = "discontinuity_lobes",
+    PathGain = "path_gain",
+    Gain = "gain",
     Merge = "merge",
     Summands = "summands",
 }

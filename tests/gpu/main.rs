@@ -10,6 +10,7 @@ mod edges;
 mod embed;
 mod far_scenes;
 mod frosted_panes;
+mod gain;
 mod gpu_layer;
 mod importance;
 mod independent;

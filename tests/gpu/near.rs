@@ -233,7 +233,7 @@ fn check_collect(rig: &Rig) -> [usize; 2] {
         let sum = |i: usize| near_collect::reference(&links, i, &shares);
         let [mut direct, mut indirect] = sum(i);
         let neighbours = near_collect::neighbours(p, i as u32);
-        let part = 1.0 / (p.mirrors[3] * p.mirrors[3]) as f32;
+        let part = p.lens[2] / (p.mirrors[3] * p.mirrors[3]) as f32;
         for other in neighbours.into_iter().map(|slot| slot as usize) {
             let at = |k: usize| (points[k].position, points[k].geometric);
             let counts = links[other].has_ray && links[other].specular == links[i].specular;

@@ -5,6 +5,7 @@ use glam::{DVec4, Vec3, Vec4};
 use lightsum::film::{Film, GUIDE_UNIT, Sum};
 use lightsum::gpu::{Buffer, Context, Image, Memory, Resources, Staging, download, upload};
 use lightsum::pass::accumulate::{self, Accumulate};
+use lightsum::pass::gain;
 use lightsum::pass::layout;
 use lightsum::pass::probe::{self, Probe};
 use lightsum::pass::resolve::Resolve;
@@ -201,6 +202,7 @@ fn resolve_writes_the_mean_of_the_film() {
             counts.stage_into(ctx, &s.film.counts, 0, &[passes.div_ceil(2), passes / 2]).unwrap();
             ctx.submit_and_wait("resolve", None, |rec| {
                 counts.record(rec)?;
+                s.film.gain.0.iter().try_for_each(|level| rec.fill(level, 0))?;
                 rec.image_to_general(&image)?;
                 pass.record(rec)?;
                 rec.copy_image_to_buffer(&image, &out)
@@ -219,6 +221,7 @@ fn resolve_writes_the_mean_of_the_film() {
 #[test]
 fn probe_copies_the_sums_of_an_instance() {
     gpu_test(|ctx| {
+        let mut partly = 0;
         for [width, height] in AWKWARD_IMAGES.into_iter().chain([[97, 61]]) {
             let s = Sheet::new(ctx, [width, height], 1);
             let n = &mut Numbers(width);
@@ -226,16 +229,44 @@ fn probe_copies_the_sums_of_an_instance() {
                 let scales = [100.0, 1e-5, 1e-12];
                 [0, 1, 2].map(|level: usize| fill(ctx, &s.film.color[i].0[level], n, scales[level], |k| k as f32))
             });
-            let pass = make(ctx, Resources::new(), |kit| Probe::new(kit, &s.film));
+            let passes = 9;
+            // Squares of gains: between those of passes that are all alike, and those of noise.
+            let mut gain = [0, 1].map(|level: usize| fill(ctx, &s.film.gain.0[level], n, [1.0, 1e-6][level], |_| 0.0));
+            for (sum, k) in gain[0].iter_mut().zip(0..) {
+                let grey = sum.truncate().element_sum() / 3.0;
+                sum.w = grey * grey / passes as f32 * (1.0 + 8.0 * (k % 100) as f32 / 100.0);
+            }
+            let mut counts = Staging::new();
+            counts.stage_into(ctx, &s.film.counts, 0, &[5u32, 4, 0, 0]).unwrap();
+            counts.stage_into(ctx, &s.film.gain.0[0], 0, &gain[0]).unwrap();
+            ctx.submit_and_wait("counts", None, |rec| counts.record(rec)).unwrap();
+            let moments: Vec<_> = (gain[0].iter().zip(&gain[1]))
+                .map(|(sum, rest)| gain::moments((*sum + *rest).as_dvec4() / f64::from(passes), passes))
+                .collect();
+            let share = |pixel: u32| {
+                let (x, y) = (pixel % width, pixel / width);
+                let around = (y.saturating_sub(2)..height.min(y + 3))
+                    .flat_map(|y| (x.saturating_sub(2)..width.min(x + 3)).map(move |x| y * width + x));
+                gain::share(around.map(|i| moments[i as usize]), passes) as f32
+            };
+            let shared = Resources::of([("frame", &s.frame)]);
+            let pass = make(ctx, shared, |kit| Probe::new(kit, &s.film));
             for (instance, levels) in (0..).zip(&levels) {
                 ctx.submit_and_wait("probe", None, |rec| pass.record(rec, instance)).unwrap();
                 let found = download::<Vec4>(ctx, &pass.out).unwrap();
-                let expected = probe::pixels(width * height)
-                    .into_iter()
-                    .flat_map(|pixel| probe::reference([0, 1, 2].map(|level| levels[level][pixel as usize])));
-                // Additions are exactly rounded on every device.
-                assert_eq!(found, expected.collect::<Vec<_>>(), "instance {instance} of {width}x{height}");
+                for (found, pixel) in found.chunks_exact(3).zip(probe::pixels(width * height)) {
+                    let of =
+                        |levels: &[Vec<Vec4>]| levels.iter().map(|level| level[pixel as usize]).collect::<Vec<_>>();
+                    let (color, gain) = (of(levels), of(&gain));
+                    let expected = probe::reference([color[0], color[1], color[2]], [gain[0], gain[1]], share(pixel));
+                    // Additions are exactly rounded on every device.
+                    let same = found[..2] == expected[..2] && found[2].truncate() == expected[2].truncate();
+                    assert!(same, "instance {instance} of {width}x{height}: {found:?} for {expected:?}");
+                    assert!((found[2].w - expected[2].w).abs() < 1e-3, "{} for {}", found[2].w, expected[2].w);
+                    partly += usize::from(found[2].w > 0.05 && found[2].w < 0.95);
+                }
             }
         }
+        assert!(partly > 100, "{partly}");
     });
 }

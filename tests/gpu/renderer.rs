@@ -83,14 +83,14 @@ fn the_blur_of_the_default_filter_vanishes() {
         let (scene, camera) = cornell();
         let settings = Settings { max_depth: 2, ..Settings::default() };
         let reference = path_traced(&scene, &camera, 1024, 2);
-        // Three pixels are a tenth of this image, so nearly all the error is blur. Of 512 passes 0.38 of it are left.
+        // Three pixels are a tenth of this image: with its blur the filter would leave 0.325 after 64 passes, and 0.136 after 512.
         let [few, many] = [64, 512].map(|passes| {
             let (energy, error) = compare(&render(ctx, &scene, camera, &settings, passes).color, &reference);
             println!("{passes} passes: energy {energy:.4}, relative RMSE {error:.4}");
             assert!((energy - 1.0).abs() < 0.005, "{passes} passes: {energy}");
             error
         });
-        assert!(many < 0.5 * few, "{few} after 64 passes, {many} after 512");
+        assert!(few < 0.08 && many < 0.04, "{few} after 64 passes, {many} after 512");
     });
 }
 

@@ -66,6 +66,9 @@ fn assert_same(found: &Layers, expected: &Layers, what: &str) {
     assert_eq!(found.depth, expected.depth, "{what}");
 }
 
+/// Passes after which pixels take bias away, as those around them tell it.
+const PASSES: u32 = 4;
+
 #[test]
 fn the_image_of_a_crop_is_the_crop_of_the_image() {
     gpu_test(|ctx| {
@@ -73,13 +76,13 @@ fn the_image_of_a_crop_is_the_crop_of_the_image() {
         let camera = camera_of(&scene, [83, 61]);
         for (name, settings) in all_kinds() {
             let mut whole = renderer(ctx, &scene, camera, &settings);
-            film(&mut whole, 2);
+            film(&mut whole, PASSES);
             let image = whole.layers().unwrap();
             let mut part = renderer(ctx, &scene, camera, &settings);
             for (origin, size) in [([0, 0], [83, 61]), ([17, 9], [30, 22]), ([82, 60], [1, 1]), ([40, 0], [43, 5])] {
                 let crop = Region { origin, size };
                 part.set_crop(Some(crop)).unwrap();
-                film(&mut part, 2);
+                film(&mut part, PASSES);
                 assert_same(&part.layers().unwrap(), &image.clone().cut(crop), &format!("{name}, {crop:?}"));
             }
         }
@@ -123,17 +126,17 @@ fn strips_have_the_bits_of_the_whole_image() {
         let camera = camera_of(&scene, [64, 70]);
         for (name, settings) in all_kinds() {
             let mut whole = renderer(ctx, &scene, camera, &settings);
-            film(&mut whole, 2);
+            film(&mut whole, PASSES);
             let strips = tiles::cut(camera.resolution, &settings, 64 * 48);
             assert!(strips.len() > 1, "{name}");
             let mut parts = renderer(ctx, &scene, camera, &settings);
             let mut told = Vec::new();
-            let image = tiles::render(&mut parts, &strips, 2, |done| {
+            let image = tiles::render(&mut parts, &strips, PASSES, |done| {
                 told.push(done);
                 true
             });
             assert_same(&image.unwrap().unwrap(), &whole.layers().unwrap(), name);
-            assert_eq!(told, (0..2 * strips.len() as u32).collect::<Vec<_>>());
+            assert_eq!(told, (0..PASSES * strips.len() as u32).collect::<Vec<_>>());
             assert!(tiles::render(&mut parts, &strips, 2, |done| done < 3).unwrap().is_none());
         }
         // The image fits this device, so there are no strips.
