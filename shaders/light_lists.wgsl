@@ -1,11 +1,20 @@
 // Chooses the lights that light a cluster of shading points. See pass/light_lists.rs. Three kernels, one after the other.
 // POOL: collects what the choice needs to know of each light of the pool.
 // CHOOSE: chooses. Without either: copies the chosen lights into the list of each cluster.
-// CLASSES: lists of classes of pixels, chosen by power alone.
+// CLASSES: lists of classes of pixels, chosen by power alone. REGIONS: clusters choose from the lights of their region.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
 #include "lights.wgsl"
+#if CHOOSE
+#if CLASSES
+#else
+#include "representatives.wgsl"
+#if REGIONS
+#include "regions.wgsl"
+#endif
+#endif
+#endif
 
 #if POOL
 @group(0) @binding(1) var<storage, read> lights: array<PointLight>;
@@ -21,6 +30,9 @@
 #else
 @group(0) @binding(4) var<storage, read> point_position: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> point_shading: array<vec4<f32>>;
+#if REGIONS
+@group(0) @binding(9) var<storage, read> region_lights: array<vec4<f32>>;   // see light_regions.wgsl
+#endif
 #endif
 #else
 @group(0) @binding(1) var<storage, read> lights: array<PointLight>;
@@ -35,10 +47,8 @@
 #endif
 #endif
 
-// Host twins: pass::light_lists::{BY_POWER, SOFT, WEIGHED}.
+// Host twin: pass::light_lists::BY_POWER.
 const BY_POWER: f32 = 0.35;
-const SOFT: f32 = 0.2;
-const WEIGHED: u32 = 256u;
 
 #if POOL
 @compute @workgroup_size(64)
@@ -59,16 +69,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if CHOOSE
 #if CLASSES
 #else
-// Four representatives, a component of all four in a vector.
-struct Representatives {
-    x: vec4<f32>,
-    y: vec4<f32>,
-    z: vec4<f32>,
-    nx: vec4<f32>,
-    ny: vec4<f32>,
-    nz: vec4<f32>,
-}
-
 // Slot of a representative: from one of eight places, at random, or else from the next place that holds a shading point.
 fn representative(cluster: u32, turn: u32, r: u32) -> u32 {
     let start = 8u * r + ((turn >> (4u * r)) & 7u);
@@ -80,28 +80,28 @@ fn representative(cluster: u32, turn: u32, r: u32) -> u32 {
 }
 
 fn representatives(cluster: u32, turn: u32, first: u32) -> Representatives {
-    let a = representative(cluster, turn, first);
-    let b = representative(cluster, turn, first + 1u);
-    let c = representative(cluster, turn, first + 2u);
-    let d = representative(cluster, turn, first + 3u);
-    let p = transpose(mat4x4<f32>(point_position[a], point_position[b], point_position[c], point_position[d]));
-    let n = transpose(mat4x4<f32>(point_shading[a], point_shading[b], point_shading[c], point_shading[d]));
-    return Representatives(p[0], p[1], p[2], n[0], n[1], n[2]);
+    return representatives_at(vec4<u32>(
+        representative(cluster, turn, first),
+        representative(cluster, turn, first + 1u),
+        representative(cluster, turn, first + 2u),
+        representative(cluster, turn, first + 3u),
+    ));
 }
 
-// Sum of the irradiances from a light of power 1 at the representatives, without shadows.
-fn contribution(position: vec4<f32>, normal: vec4<f32>, at: Representatives) -> f32 {
-    let x = position.x - at.x;
-    let y = position.y - at.y;
-    let z = position.z - at.z;
-    let r2 = max(x * x + y * y + z * z, vec4<f32>(1e-30));
-    let soft = SOFT * sqrt(r2);
-    let cos_point = max(x * at.nx + y * at.ny + z * at.nz + soft, vec4<f32>(0.0));
-    let cos_light = max(soft - (x * normal.x + y * normal.y + z * normal.z), vec4<f32>(0.0));
-    let each = cos_point * cos_light / (r2 * max(r2, vec4<f32>(max(frame.right.w, 1e-7))));
-    return each.x + each.y + each.z + each.w;
+// Sum over the representatives.
+fn contribution(position: vec4<f32>, normal: vec4<f32>, these: Representatives, those: Representatives) -> f32 {
+    return dot(contributions(position, normal, these) + contributions(position, normal, those), vec4<f32>(1.0));
 }
 #endif
+
+// Position and power, or normal, of the lights that are weighed.
+fn weighed_light(i: u32) -> vec4<f32> {
+#if REGIONS
+    return region_lights[i];
+#else
+    return candidates[i];
+#endif
+}
 
 // An invocation takes a cluster, or a class.
 @compute @workgroup_size(64)
@@ -131,21 +131,23 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let these = representatives(index, turn, 0u);
     let those = representatives(index, turn, 4u);
 #endif
-    // Every `stride`-th light of the pool is weighed.
-    let stride = (pool + WEIGHED - 1u) / WEIGHED;
+#if REGIONS
+    let begin = REGION_LIGHTS * region_of_cluster(number);
+    let end = begin + REGION_LIGHTS;
+#else
     let begin = class_number * pool;
-    let first = begin + hash(key(frame.keys.x, STREAM_LISTS, class_number, 2u)) % max(stride, 1u);
     let end = begin + pool;
+#endif
 
     // Contributions and powers.
     var whole = vec2<f32>(0.0);
-    for (var i = first; i < end; i += stride) {
-        let position = candidates[2u * i];
+    for (var i = begin; i < end; i += 1u) {
+        let position = weighed_light(2u * i);
         var weight = 0.0;
 #if CLASSES
 #else
-        let normal = candidates[2u * i + 1u];
-        weight = position.w * (contribution(position, normal, these) + contribution(position, normal, those));
+        let normal = weighed_light(2u * i + 1u);
+        weight = position.w * contribution(position, normal, these, those);
 #endif
         whole += vec2<f32>(weight, position.w);
     }
@@ -159,20 +161,27 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let u = unit(vec2<u32>(start + frame.size.w * 0x9e3779b9u + class_number * (0xffffffffu / frame.pattern.z))).x;
     var reached = 0.0;
     var place = 0u;
-    for (var i = first; i < end; i += stride) {
-        let position = candidates[2u * i];
+    for (var i = begin; i < end; i += 1u) {
+        let position = weighed_light(2u * i);
         var share = position.w * factors.y;
 #if CLASSES
 #else
-        let normal = candidates[2u * i + 1u];
-        share += position.w * (contribution(position, normal, these) + contribution(position, normal, those)) * factors.x;
+        let normal = weighed_light(2u * i + 1u);
+        share += position.w * contribution(position, normal, these, those) * factors.x;
 #endif
         reached += share;
         let next = min(u32(max(ceil(reached - u), 0.0)), chosen);
         // A light that holds several points takes one place, the others emit nothing.
-        let times = f32(stride * (next - min(next, place))) / max(share, 1e-30);
+        var times = f32(next - min(next, place)) / max(share, 1e-30);
         for (; place < next; place += 1u) {
-            chosen_lights[index * chosen + place] = vec2<u32>(i - begin, bitcast<u32>(times));
+#if REGIONS
+            // Chosen twice, it stands for more.
+            let of_pool = bitcast<u32>(normal.w);
+            times *= position.w / max(candidates[2u * (class_number * pool + of_pool)].w, 1e-37);
+#else
+            let of_pool = i - begin;
+#endif
+            chosen_lights[index * chosen + place] = vec2<u32>(of_pool, bitcast<u32>(times));
             for (var rest = next - place; rest > 1u; rest -= 1u) {
                 place += 1u;
                 chosen_lights[index * chosen + place] = vec2<u32>(NO_POINT, 0u);

@@ -58,7 +58,8 @@
 //!    [`photon_start`](pass::photon_start) shoots photons from them and from emitters at mirrors and glass,
 //!    [`photon_follow`](pass::photon_follow) and [`trace`](pass::trace) follow them until they are stored, and
 //!    [`photon_radius`](pass::photon_radius) sets the radius of the look-up and [`photon_grid`](pass::photon_grid) sorts them into a hash grid.
-//! 5. [`Shade`](stage::Shade): [`shade`](pass::shade) lights the points by all lights, no nearer than the clip distance.
+//! 5. [`light_lists`](pass::light_lists) chooses the lights of each cluster of points, from a large pool among those that
+//!    [`light_regions`](pass::light_regions) took. [`Shade`](stage::Shade): [`shade`](pass::shade) lights the points by them, no nearer than the clip distance.
 //!    [`PhotonLighting`](stage::PhotonLighting): [`photon_find`](pass::photon_find) lists the points near photons,
 //!    [`photon_width`](pass::photon_width) sets the widths of these, and
 //!    [`photon_light`](pass::photon_light) adds their light. [`mirror_lights`](pass::mirror_lights) adds the light of virtual

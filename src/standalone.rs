@@ -375,6 +375,8 @@ impl Renderer {
             return Err(Error::Setting { name: "--crop", message: String::from("an atlas has no camera") });
         };
         self.engine.set_view(view_of(camera, self.engine.settings(), crop)?)?;
+        // Other parts of the same view start anew too.
+        self.engine.restart();
         self.crop = crop;
         Ok(())
     }

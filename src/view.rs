@@ -13,8 +13,9 @@
 use std::sync::Arc;
 
 use crate::error::{Error, Result};
+use crate::pass::light_regions::REGION;
 use crate::scene::Camera;
-use crate::settings::Settings;
+use crate::settings::{Compensation, Settings};
 
 /// Pixels beyond a region that filters read: two windows of at most 9 pixels one after the other, guides that read one pixel
 /// further, and the filter's bias, told by the pixels around.
@@ -38,11 +39,12 @@ impl Region {
     }
 
     /// The smallest region around this one whose pixels, rendered alone, have the bits of the whole image: with an
-    /// apron for the filter and for edges, and on the borders of blocks of 8 x 8 pixels of each class.
+    /// apron for the filter and for edges, and on the borders of blocks of 8 x 8 pixels of each class, or of regions that choose lights.
     pub fn around(&self, settings: &Settings, image: [u32; 2]) -> Region {
         let apron = if settings.filter.is_some() { APRON } else { 0 } + if settings.antialias { EDGE_APRON } else { 0 };
+        let chooses = settings.light_pool > 0 && settings.compensation != Compensation::Exact;
         let span = |axis: usize| {
-            let block = 8 * settings.pattern[axis];
+            let block = if chooses { REGION } else { 1 } * 8 * settings.pattern[axis];
             let first = self.origin[axis].saturating_sub(apron) / block * block;
             let end = (self.origin[axis] + self.size[axis] + apron).div_ceil(block) * block;
             (first, end.min(image[axis]) - first)

@@ -12,8 +12,8 @@
 //!
 //! c_rl is the irradiance of light l at the cluster's representative r, without shadows and lobes, clipped as in `shade`, with cosines
 //! that are a little too large ([`SOFT`]), P_l the power of the light, and s = [`BY_POWER`] the share of lights chosen by power alone,
-//! which bounds the weight 1 / (M p_l) of a light. At most [`WEIGHED`] lights of the pool are weighed: every t-th one, from a random
-//! first one, and these have t times the weight. The mean over u and the first one is the sum over all lights of the pool, whatever the
+//! which bounds the weight 1 / (M p_l) of a light. Of a larger pool than [`light_regions::CHOSEN`] only those are weighed that its region
+//! of the image took ([`light_regions`]), with the power that they have there. The mean over u is the sum over all lights of the pool, whatever the
 //! representatives are. Lights on emitters and those without area, which are
 //! few, are taken over as they are.
 //!
@@ -33,6 +33,7 @@ use glam::Vec3;
 
 use super::clusters;
 use super::layout::{FrameParameters, PointLight};
+use super::light_regions::{self, LightRegions};
 use super::schedule::TOTAL_GROUPS;
 use super::{BoundKernel, Kit, groups};
 use crate::bsdf::mean;
@@ -50,9 +51,7 @@ pub const BY_POWER: f32 = 0.35;
 /// at silhouettes and on curved surfaces; lower: less noise on planes.
 pub const SOFT: f32 = 0.2;
 /// Maximum number of lights after reflections in a pool.
-pub const MAX_POOL: u32 = 2048;
-/// Maximum number of lights of a pool that a cluster weighs.
-pub const WEIGHED: u32 = 256;
+pub const MAX_POOL: u32 = 8192;
 /// Shading points of a cluster that weigh the lights.
 pub const REPRESENTATIVES: u32 = 8;
 
@@ -70,6 +69,7 @@ struct Chooses {
     /// Collects what the choice needs to know of each light.
     collect: BoundKernel,
     collect_groups: u64,
+    regions: Option<LightRegions>,
     choose: BoundKernel,
     choose_groups: u64,
     copy: BoundKernel,
@@ -100,12 +100,20 @@ impl LightLists {
         }
         let count = clusters::count([width, height], [across, down]) * plan.eye.components;
         let list_size = u64::from(slots) * size_of::<PointLight>() as u64;
-        let fits = u64::from(count) * list_size <= kit.context.info().max_storage_buffer_range;
+        let room = kit.context.info().max_storage_buffer_range;
+        let fits = u64::from(count) * list_size <= room && light_regions::bytes(plan) <= room;
         let of_screen = eye.clusters.as_ref().filter(|_| fits);
         let lists = if of_screen.is_some() { count } else { classes };
         let listed = kit.array("lights of clusters", lists, list_size)?;
-        let pool = (plan.lights.slots() - plan.lights.first_slot(1)) * classes;
+        let of_class = plan.lights.slots() - plan.lights.first_slot(1);
+        let pool = of_class * classes;
         let candidates = kit.vec4s("lights to choose from", 2 * pool)?;
+        let regions = match of_screen {
+            Some(clusters) if of_class > light_regions::CHOSEN => {
+                Some(LightRegions::new(kit, plan, eye, &clusters.places, &candidates)?)
+            }
+            _ => None,
+        };
         let chosen = kit.array("chosen lights", lists * (slots - plan.lists.first_slot(1)), 8)?;
         let own = Resources::of([
             ("lights", lights),
@@ -118,7 +126,9 @@ impl LightLists {
         let sets = match of_screen {
             None => vec![own],
             Some(clusters) => {
-                let numbers = Resources::of([("clusters", &clusters.listed)]);
+                // Without regions the kernel has no such binding.
+                let lights = regions.as_ref().map_or(&candidates, |regions| &regions.lights);
+                let numbers = Resources::of([("clusters", &clusters.listed), ("region_lights", lights)]);
                 vec![own, numbers, eye.points.resources(), eye.list.resources()]
             }
         };
@@ -130,18 +140,28 @@ impl LightLists {
             }
             Some(_) => {
                 let of_lists = Lists::Clusters(eye.list.work.clone());
-                (&shaders::LIGHT_LISTS_CHOOSE, &shaders::LIGHT_LISTS, of_lists)
+                let choose = match &regions {
+                    None => &shaders::LIGHT_LISTS_CHOOSE,
+                    Some(_) => &shaders::LIGHT_LISTS_CHOOSE_REGIONS,
+                };
+                (choose, &shaders::LIGHT_LISTS, of_lists)
             }
         };
         let chooses = Chooses {
             collect,
             collect_groups: groups(pool),
+            regions,
             choose: kit.bind(choose, &sets)?,
             choose_groups: groups(lists),
             copy: kit.bind(copy, &sets)?,
             lists: of_lists,
         };
         Ok(LightLists { lights: listed, first, chooses: Some(chooses) })
+    }
+
+    /// Lights that regions of the image took of a large pool.
+    pub fn region_lights(&self) -> Option<&Buffer> {
+        Some(&self.chooses.as_ref()?.regions.as_ref()?.lights)
     }
 
     /// The buffers by their names in shaders.
@@ -153,6 +173,7 @@ impl LightLists {
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
         let Some(chooses) = &self.chooses else { return Ok(()) };
         chooses.collect.run(rec, &[], chooses.collect_groups)?;
+        chooses.regions.as_ref().map_or(Ok(()), |regions| regions.record(rec))?;
         chooses.choose.run(rec, &[], chooses.choose_groups)?;
         match &chooses.lists {
             Lists::Classes(classes) => chooses.copy.run(rec, &[], *classes),
@@ -192,12 +213,6 @@ pub fn seed(frame: &FrameParameters, number: u32) -> u32 {
 pub fn representatives(frame: &FrameParameters, seed: u32) -> [u32; REPRESENTATIVES as usize] {
     let turn = hash(key(frame.keys[0], LISTS, seed, 1));
     std::array::from_fn(|r| 8 * r as u32 + ((turn >> (4 * r)) & 7))
-}
-
-/// Oracle: every how many lights of the `pool` of a class one is weighed, and the first of them.
-pub fn weighed(frame: &FrameParameters, class: u32, pool: u32) -> (u32, u32) {
-    let stride = pool.div_ceil(WEIGHED);
-    (stride, hash(key(frame.keys[0], LISTS, class, 2)) % stride.max(1))
 }
 
 /// Oracle: the number u of a class in a pass.

@@ -28,6 +28,7 @@ pub mod importance;
 pub mod layout;
 pub mod lens;
 pub mod light_lists;
+pub mod light_regions;
 pub mod merge;
 pub mod mirror_image;
 pub mod mirror_lights;

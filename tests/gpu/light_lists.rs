@@ -1,8 +1,10 @@
 //! The choice of lights for clusters of shading points against its oracle, and that it keeps the energy.
 
 use glam::Vec3;
+use lightsum::gpu::Buffer;
 use lightsum::pass::layout::PointLight;
-use lightsum::pass::light_lists::{chosen, contribution, offset, power, probabilities, representatives, seed, weighed};
+use lightsum::pass::light_lists::{chosen, contribution, offset, power, probabilities, representatives, seed};
+use lightsum::pass::light_regions;
 use lightsum::scene::Scene;
 use lightsum::settings::{Clip, Compensation, Settings, Traversal};
 
@@ -14,7 +16,7 @@ use crate::support::gpu_test;
 fn settings(pattern: [u32; 2], traversal: Traversal) -> Settings {
     Settings {
         particles: 6,
-        light_pool: 300,
+        light_pool: 600,
         direct_lights: Some(3),
         pattern,
         compensation: Compensation::Near,
@@ -31,14 +33,7 @@ fn strength(light: &PointLight) -> Vec3 {
 }
 
 /// Compares one list with the light that each of its places should hold.
-fn check_list(
-    tally: &mut Tally,
-    what: &str,
-    list: &[PointLight],
-    pool: &[PointLight],
-    p: &[f64],
-    (u, stride): (f32, u32),
-) -> usize {
+fn check_list(tally: &mut Tally, what: &str, list: &[PointLight], pool: &[PointLight], p: &[f64], u: f32) -> usize {
     let times = chosen(p, list.len() as u32, f64::from(u));
     let mut expected: Vec<Option<(usize, u32)>> = vec![None; list.len()];
     let mut place = 0;
@@ -52,7 +47,7 @@ fn check_list(
             PointLight { emit: [0.0, 0.0, 0.0, found.emit[3]], flux: [0.0, 0.0, 0.0, found.flux[3]], ..*found },
             |(i, _)| pool[i],
         );
-        let times = expected.map_or(0.0, |(i, n)| f64::from(n * stride) / (list.len() as f64 * p[i])) as f32;
+        let times = expected.map_or(0.0, |(i, n)| f64::from(n) / (list.len() as f64 * p[i])) as f32;
         let same = found.position == light.position
             && close(xyz(found.emit), xyz(light.emit) * times, 1e-3, 0.0)
             && close(xyz(found.flux), xyz(light.flux) * times, 1e-3, 0.0)
@@ -61,6 +56,59 @@ fn check_list(
         tally.check_values(same, &values, || format!("{what}: {found:?} for {expected:?}"));
     }
     expected.iter().flatten().count()
+}
+
+/// Compares the lights that regions took with their oracle, and returns them, with the power that they have there.
+fn check_regions(rig: &Rig, buffer: &Buffer) -> Vec<Vec<PointLight>> {
+    const CHOSEN: usize = light_regions::CHOSEN as usize;
+    let (frame, p, plan) = (rig.frame(), &rig.parameters, rig.engine.plan());
+    let lights: Vec<PointLight> = rig.get(&frame.walk.lights);
+    let found = rig.vec4s(buffer);
+    let places: Vec<u32> = rig.get(&frame.eye.clusters.as_ref().unwrap().places);
+    let [position, shading] = [&frame.eye.points.position, &frame.eye.points.shading].map(|b| rig.vec4s(b));
+    let (copied, of_class) = (plan.lights.first_slot(1) as usize, plan.lights.slots() as usize);
+    // The points of each region: of each of its clusters the first one from some place on.
+    let mut points = vec![Vec::new(); found.len() / (2 * CHOSEN)];
+    for (number, places) in (0u32..).zip(places.chunks_exact(64)) {
+        let start = light_regions::representative(p, number) as usize;
+        let slot = (0..64).map(|k| places[(start + k) % 64]).find(|&slot| slot != lightsum::pass::clusters::NO_POINT);
+        let region = light_regions::region_of(p, number) as usize;
+        points[region].extend(slot.map(|slot| (position[slot as usize].truncate(), shading[slot as usize].truncate())));
+    }
+    let mut tally = Tally::new(format!("lights of regions, {}x{}", p.size[0], p.size[1]));
+    let of_region = |(region, points): (usize, &Vec<(Vec3, Vec3)>)| {
+        let class = region as u32 % p.pattern[2];
+        let pool = &lights[class as usize * of_class..][copied..of_class];
+        let probabilities = light_regions::probabilities(p, pool, points);
+        let times = chosen(&probabilities, CHOSEN as u32, f64::from(light_regions::offset(p, class)));
+        let mut expected: Vec<Option<(usize, f32)>> = vec![None; CHOSEN];
+        let mut place = 0;
+        for (i, &n) in times.iter().enumerate().filter(|(_, n)| **n > 0) {
+            expected[place] = Some((i, (f64::from(n) / (CHOSEN as f64 * probabilities[i])) as f32));
+            place += n as usize;
+        }
+        let of_place = |(place, expected): (usize, &Option<(usize, f32)>)| {
+            let at = 2 * (CHOSEN * region + place);
+            let (at_light, normal) = (found[at], found[at + 1]);
+            let light = pool[normal.w.to_bits() as usize];
+            // Its power there, which its own has been multiplied by.
+            let times = at_light.w / power(&light).max(f32::MIN_POSITIVE);
+            let holds = match expected {
+                None => at_light.w == 0.0,
+                Some((i, expected)) => {
+                    let same = normal.w.to_bits() as usize == *i && at_light.truncate() == xyz(light.position);
+                    same && normal.truncate() == xyz(light.normal) && (times / expected - 1.0).abs() < 1e-3
+                }
+            };
+            tally.check(holds, || format!("region {region}, place {place}: {at_light} {normal} for {expected:?}"));
+            let scaled = |v: [f32; 4]| [v[0] * times, v[1] * times, v[2] * times, v[3]];
+            PointLight { emit: scaled(light.emit), flux: scaled(light.flux), ..light }
+        };
+        expected.iter().enumerate().map(of_place).collect()
+    };
+    let regions = points.iter().enumerate().map(of_region).collect();
+    tally.finish(STRAYS);
+    regions
 }
 
 /// Compares the lists of all clusters of a rig, and returns how many lights they hold.
@@ -75,6 +123,7 @@ fn check_clusters(rig: &Rig) -> usize {
     let entries: Vec<u32> = rig.get(&frame.eye.list.entries);
     let [position, shading] = [&frame.eye.points.position, &frame.eye.points.shading].map(|b| rig.vec4s(b));
     let (slots, copied) = (plan.lists.slots() as usize, plan.lists.first_slot(1) as usize);
+    let of_regions = frame.light_lists.region_lights().map(|buffer| check_regions(rig, buffer));
     let mut tally = Tally::new(format!("light lists, {}x{}", p.size[0], p.size[1]));
     let mut held = 0;
     for (k, [class, number]) in clusters.iter().enumerate().take(rig.work(0).total as usize / 64) {
@@ -93,15 +142,16 @@ fn check_clusters(rig: &Rig) -> usize {
         let pool = &lights[*class as usize * of_class..][..of_class];
         let list = &listed[*number as usize * slots..][..slots];
         assert_eq!(list[..copied], pool[..copied], "lights on emitters");
-        let (stride, begin) = weighed(p, *class, (pool.len() - copied) as u32);
-        let pool: Vec<PointLight> = pool[copied + begin as usize..].iter().copied().step_by(stride as usize).collect();
+        let pool = of_regions
+            .as_ref()
+            .map_or(&pool[copied..], |regions| &regions[light_regions::region_of(p, *number) as usize]);
         let contributions: Vec<f64> =
             pool.iter().map(|l| points.iter().map(|&point| f64::from(contribution(p, l, point))).sum()).collect();
         let powers: Vec<f64> = pool.iter().map(|l| f64::from(power(l))).collect();
         let probabilities = probabilities(&contributions, &powers);
         let u = offset(p, *class);
         let what = format!("cluster {number}");
-        held += check_list(&mut tally, &what, &list[copied..], &pool, &probabilities, (u, stride));
+        held += check_list(&mut tally, &what, &list[copied..], pool, &probabilities, u);
     }
     tally.finish(STRAYS);
     held
@@ -111,15 +161,21 @@ fn check_clusters(rig: &Rig) -> usize {
 fn clusters_choose_as_their_oracle() {
     gpu_test(|ctx| {
         let scene = gallery();
-        let mut held = 0;
-        for (resolution, pattern) in AWKWARD_IMAGES.into_iter().zip([[1, 1], [3, 3], [2, 3], [3, 3], [8, 8]]) {
-            let rig = Rig::new(ctx, &scene, resolution, settings(pattern, Traversal::Cluster));
+        let (mut held, mut regions) = (0, 0);
+        let patterns = [[1, 1], [3, 3], [2, 3], [3, 3], [8, 8]];
+        let images = AWKWARD_IMAGES.into_iter().chain([[150, 40]]).zip(patterns.into_iter().chain([[1, 2]]));
+        // With the smaller pool clusters weigh all of it.
+        for ((resolution, pattern), light_pool) in images.flat_map(|image| [(image, 600), (image, 90)]) {
+            let settings = Settings { light_pool, ..settings(pattern, Traversal::Cluster) };
+            let rig = Rig::new(ctx, &scene, resolution, settings);
             assert!(rig.engine.plan().chooses_lights());
             rig.walk_and_look();
+            regions += usize::from(rig.frame().light_lists.region_lights().is_some());
             held += check_clusters(&rig);
             check_shade(&rig, 0);
         }
         assert!(held > 1000, "{held} lights are chosen");
+        assert_eq!(regions, 6, "the larger pool is too large for clusters");
     });
 }
 
@@ -141,13 +197,11 @@ fn classes_choose_by_power_where_there_are_no_clusters() {
                     all[(class * slots) as usize..((class + 1) * slots) as usize].to_vec()
                 };
                 let (pool, list) = (of(&lights, plan.lights.slots()), of(&listed, plan.lists.slots()));
-                let (stride, begin) = weighed(p, class, (pool.len() - copied) as u32);
-                let pool: Vec<PointLight> =
-                    pool[copied + begin as usize..].iter().copied().step_by(stride as usize).collect();
+                let pool = &pool[copied..];
                 let powers: Vec<f64> = pool.iter().map(|l| f64::from(power(l))).collect();
                 let probabilities = probabilities(&vec![0.0; powers.len()], &powers);
                 let u = offset(p, class);
-                check_list(&mut tally, &format!("class {class}"), &list[copied..], &pool, &probabilities, (u, stride));
+                check_list(&mut tally, &format!("class {class}"), &list[copied..], pool, &probabilities, u);
             }
             tally.finish(STRAYS);
             check_shade(&rig, 0);
@@ -175,9 +229,12 @@ fn a_pool_keeps_the_energy() {
             let settings = Settings { light_pool, particles, ..base.clone() };
             mean(&render(ctx, &scene, view, &settings, passes).color).element_sum()
         };
-        let (with, without) = (energy(100, 6, 96), energy(0, 24, 96));
-        let ratio = with / without;
-        println!("energy with a pool over energy without: {ratio:.4}");
-        assert!((ratio - 1.0).abs() < 0.02, "{ratio}");
+        let without = energy(0, 24, 96);
+        // From the larger one regions choose first.
+        for pool in [100, 700] {
+            let ratio = energy(pool, 6, 96) / without;
+            println!("energy with a pool of {pool} over energy without: {ratio:.4}");
+            assert!((ratio - 1.0).abs() < 0.02, "{pool}: {ratio}");
+        }
     });
 }

@@ -37,7 +37,7 @@ fn all_kinds() -> Vec<(&'static str, Settings)> {
     let interactive = Settings { particles: 6, compensation: Compensation::Exact, ..Settings::interactive() };
     vec![
         ("progressive", plain.clone()),
-        ("interactive", interactive),
+        ("interactive", interactive.clone()),
         (
             "wide filter",
             Settings {
@@ -46,6 +46,7 @@ fn all_kinds() -> Vec<(&'static str, Settings)> {
                 ..plain.clone()
             },
         ),
+        ("light lists", Settings { compensation: Compensation::Off, ..interactive.clone() }),
         ("mirrored lights", Settings { mirror_lights: 2, photons: 50, ..plain.clone() }),
         ("single rays", Settings { traversal: lightsum::settings::Traversal::Single, split: false, ..plain }),
     ]
@@ -86,6 +87,29 @@ fn the_image_of_a_crop_is_the_crop_of_the_image() {
                 assert_same(&part.layers().unwrap(), &image.clone().cut(crop), &format!("{name}, {crop:?}"));
             }
         }
+    });
+}
+
+/// Regions of 96 x 96 pixels choose lights for their clusters: a part of an image has the regions of the whole.
+#[test]
+fn parts_of_images_choose_lights_as_the_whole() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        let camera = camera_of(&scene, [230, 40]);
+        let settings = Settings { particles: 6, compensation: Compensation::Off, ..Settings::interactive() };
+        let mut whole = renderer(ctx, &scene, camera, &settings);
+        film(&mut whole, 1);
+        let crop = Region { origin: [140, 10], size: [60, 20] };
+        let mut part = renderer(ctx, &scene, camera, &settings);
+        part.set_crop(Some(crop)).unwrap();
+        assert_eq!(part.engine().view().size(), [134, 40]);
+        film(&mut part, 1);
+        assert_same(&part.layers().unwrap(), &whole.layers().unwrap().cut(crop), "a part");
+        // Another part of the same view starts anew.
+        let other = Region { origin: [150, 12], size: [9, 9] };
+        part.set_crop(Some(other)).unwrap();
+        film(&mut part, 1);
+        assert_same(&part.layers().unwrap(), &whole.layers().unwrap().cut(other), "another part");
     });
 }
 

@@ -188,7 +188,7 @@ pub struct Light {
     /// The time of a pass grows linearly; more particles reduce the difference between passes.
     #[arg(long, visible_alias = "paths", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PARTICLES)))]
     pub particles: Option<u32>,
-    /// Particles whose lights form a pool from which small parts of the image choose, 0 to 65536 [default: 600; 0: no pool].
+    /// Particles whose lights form a pool from which small parts of the image choose, 0 to 65536 [default: 1200; 0: no pool].
     ///
     /// Each part takes as many lights as --particles leave after reflections, those that matter to it. More: less noise in
     /// indirect light, and some more time. Without effect with --compensation exact, and with --export-lights.
@@ -538,7 +538,7 @@ impl From<Curve> for Tonemap {
 /// Values of `--preset`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Preset {
-    /// Better with every pass, as without a preset: 3x3 interleaved sampling with a filter that fades, 32 particles and a pool of 600, 8 direct
+    /// Better with every pass, as without a preset: 3x3 interleaved sampling with a filter that fades, 32 particles and a pool of 1200, 8 direct
     /// lights, 3000 photons, near light from the pixels that show it.
     Progressive,
     /// A smooth image after the first pass: the same with 16 particles, 4 direct lights and 1500 photons.

@@ -1,0 +1,125 @@
+// Chooses the lights of a pool that the clusters of a region weigh. See pass/light_regions.rs.
+#include "frame.wgsl"
+#include "math.wgsl"
+#include "work.wgsl"
+#include "regions.wgsl"
+#include "representatives.wgsl"
+
+@group(0) @binding(1) var<storage, read> places: array<u32>;        // slot of each place of each cluster
+@group(0) @binding(2) var<storage, read> point_position: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> point_shading: array<vec4<f32>>;
+// Of each light after reflections, class by class: position and power; normal.
+@group(0) @binding(4) var<storage, read> candidates: array<vec4<f32>>;
+// Of each light that a region chose: position and power times its factor; normal, bits of its number in the pool.
+@group(0) @binding(5) var<storage, read_write> region_lights: array<vec4<f32>>;
+
+// Host twin: pass::light_regions::BY_POWER.
+const BY_POWER: f32 = 0.35;
+
+// Slot of a point of a cluster, from a place on; NO_POINT: there is none.
+fn point_of_cluster(cluster: u32, start: u32) -> u32 {
+    var found = NO_POINT;
+    for (var k = 0u; k < 64u && found == NO_POINT; k += 1u) {
+        found = places[64u * cluster + ((start + k) & 63u)];
+    }
+    return found;
+}
+
+// Points of four clusters side by side.
+fn points_of_row(region: Region, row: u32) -> vec4<u32> {
+    var slots = vec4<u32>(NO_POINT);
+    for (var k = 0u; k < REGION; k += 1u) {
+        let block = REGION * region.at + vec2<u32>(k, row);
+        if all(block < region.blocks) {
+            let corner = 8u * frame.pattern.xy * block + frame.within.xy;
+            let start = hash(key(frame.keys.x, STREAM_LISTS, corner.x + corner.y * frame.within.z, 3u)) & 63u;
+            slots[k] = point_of_cluster(cluster_of(region, block), start);
+        }
+    }
+    return slots;
+}
+
+fn inverse_of(sums: vec4<f32>) -> vec4<f32> {
+    return select(vec4<f32>(0.0), 1.0 / max(sums, vec4<f32>(1e-37)), sums > vec4<f32>(0.0));
+}
+
+// An invocation takes a region and class.
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let index = (group.x + group.y * groups.x) * 64u + lane;
+    if REGION_LIGHTS * index >= arrayLength(&region_lights) / 2u {
+        return;
+    }
+    let region = region_at(index);
+    let slots0 = points_of_row(region, 0u);
+    let slots1 = points_of_row(region, 1u);
+    let slots2 = points_of_row(region, 2u);
+    let slots3 = points_of_row(region, 3u);
+    let none = vec4<u32>(NO_POINT);
+    let at0 = representatives_at(select(slots0, vec4<u32>(0u), slots0 == none));
+    let at1 = representatives_at(select(slots1, vec4<u32>(0u), slots1 == none));
+    let at2 = representatives_at(select(slots2, vec4<u32>(0u), slots2 == none));
+    let at3 = representatives_at(select(slots3, vec4<u32>(0u), slots3 == none));
+
+    let pool = frame.pattern.w - (frame.lists.y - frame.lists.x);
+    let begin = region.class_number * pool;
+    let end = begin + pool;
+    var sum0 = vec4<f32>(0.0);
+    var sum1 = vec4<f32>(0.0);
+    var sum2 = vec4<f32>(0.0);
+    var sum3 = vec4<f32>(0.0);
+    var power = 0.0;
+    for (var i = begin; i < end; i += 1u) {
+        let position = candidates[2u * i];
+        let normal = candidates[2u * i + 1u];
+        sum0 += position.w * contributions(position, normal, at0);
+        sum1 += position.w * contributions(position, normal, at1);
+        sum2 += position.w * contributions(position, normal, at2);
+        sum3 += position.w * contributions(position, normal, at3);
+        power += position.w;
+    }
+    // Each representative counts alike, however little light it has.
+    var scale0 = select(inverse_of(sum0), vec4<f32>(0.0), slots0 == none);
+    var scale1 = select(inverse_of(sum1), vec4<f32>(0.0), slots1 == none);
+    var scale2 = select(inverse_of(sum2), vec4<f32>(0.0), slots2 == none);
+    var scale3 = select(inverse_of(sum3), vec4<f32>(0.0), slots3 == none);
+    let one = vec4<f32>(1.0);
+    let zero = vec4<f32>(0.0);
+    let lit = dot(one, select(zero, one, scale0 > zero) + select(zero, one, scale1 > zero) + select(zero, one, scale2 > zero) + select(zero, one, scale3 > zero));
+    let by_power = select(BY_POWER, 1.0, lit == 0.0);
+    let of_each = (1.0 - by_power) / max(lit, 1.0) * f32(REGION_LIGHTS);
+    scale0 *= of_each;
+    scale1 *= of_each;
+    scale2 *= of_each;
+    scale3 *= of_each;
+    let of_power = by_power / max(power, 1e-37) * f32(REGION_LIGHTS);
+
+    // As in light_lists.wgsl.
+    let start = hash(key(frame.keys.y, STREAM_LISTS, 0u, 4u));
+    let u = unit(vec2<u32>(start + frame.size.w * 0x9e3779b9u + region.class_number * (0xffffffffu / frame.pattern.z))).x;
+    var reached = 0.0;
+    var place = 0u;
+    for (var i = begin; i < end; i += 1u) {
+        let position = candidates[2u * i];
+        let normal = candidates[2u * i + 1u];
+        let weight = dot(contributions(position, normal, at0), scale0) + dot(contributions(position, normal, at1), scale1)
+            + dot(contributions(position, normal, at2), scale2) + dot(contributions(position, normal, at3), scale3);
+        let share = position.w * (weight + of_power);
+        reached += share;
+        let next = min(u32(max(ceil(reached - u), 0.0)), REGION_LIGHTS);
+        if next > place {
+            let times = f32(next - place) / max(share, 1e-30);
+            region_lights[2u * (REGION_LIGHTS * index + place)] = vec4<f32>(position.xyz, position.w * times);
+            region_lights[2u * (REGION_LIGHTS * index + place) + 1u] = vec4<f32>(normal.xyz, bitcast<f32>(i - begin));
+            // A light that holds several points takes one place, the others have no power.
+            for (place += 1u; place < next; place += 1u) {
+                region_lights[2u * (REGION_LIGHTS * index + place)] = vec4<f32>(position.xyz, 0.0);
+                region_lights[2u * (REGION_LIGHTS * index + place) + 1u] = vec4<f32>(normal.xyz, bitcast<f32>(i - begin));
+            }
+        }
+    }
+    for (; place < REGION_LIGHTS; place += 1u) {
+        region_lights[2u * (REGION_LIGHTS * index + place)] = vec4<f32>(0.0);
+        region_lights[2u * (REGION_LIGHTS * index + place) + 1u] = vec4<f32>(0.0);
+    }
+}
