@@ -30,20 +30,38 @@ var<immediate> push: Push;
 const LOBE_CHANCE: f32 = 4.0;
 const NARROW: f32 = 0.1;
 
+// Steps of the Kronecker sequences of a surface, in units of 2^-32: powers of the plastic number, the golden section, and roots of primes.
+// Each surface has its own: one sequence for two would tie their numbers together. Host twin: pass::eye_paths::SEQUENCES.
+fn path_steps(bounce: u32) -> vec4<u32> {
+    switch bounce & 7u {
+        case 0u: { return vec4<u32>(3242174889u, 2447445414u, 2654435769u, 1779033703u); }
+        case 1u: { return vec4<u32>(3144134277u, 1013904243u, 2773480763u, 1359893119u); }
+        case 2u: { return vec4<u32>(2600822925u, 528734635u, 1541459225u, 3418070365u); }
+        case 3u: { return vec4<u32>(1654270251u, 2438529371u, 355462361u, 1731405415u); }
+        case 4u: { return vec4<u32>(2394180231u, 3675008525u, 1203062813u, 2925498711u); }
+        case 5u: { return vec4<u32>(3479995859u, 796084093u, 1830299339u, 2336478295u); }
+        case 6u: { return vec4<u32>(3814765975u, 474308611u, 1863934769u, 3645816497u); }
+        default: { return vec4<u32>(214214161u, 639484403u, 1477814207u, 1891102055u); }
+    }
+}
+
 // Numbers that choose a component (z) and a direction along a lobe (x, y): the same for all pixels of a class, so that neighbouring pixels
-// differ smoothly. First surfaces take a Kronecker sequence over passes and classes, as near rays do (near.wgsl); later ones begin anew in
-// each pass, since one sequence for two surfaces would tie their directions together.
+// differ smoothly. A sequence over passes and classes, as near rays have (near.wgsl).
 fn path_numbers(slot: u32, bounce: u32) -> vec3<f32> {
-    let first = bounce == 0u;
-    let n = select(0u, frame.size.w * frame.pattern.z, first) + class_of(slot);
-    let begins = select(frame.keys.x, frame.keys.y, first);
+    let n = frame.size.w * frame.pattern.z + class_of(slot);
     let start = vec3<u32>(
-        key(begins, STREAM_EYE_LOBE, bounce, 0u),
-        key(begins, STREAM_EYE_LOBE, bounce, 1u),
-        key(begins, STREAM_EYE_LOBE, bounce, 2u),
+        key(frame.keys.y, STREAM_EYE_LOBE, bounce, 0u),
+        key(frame.keys.y, STREAM_EYE_LOBE, bounce, 1u),
+        key(frame.keys.y, STREAM_EYE_LOBE, bounce, 2u),
     );
-    let point = n * vec3<u32>(3242174889u, 2447445414u, 2654435769u) + start;
+    let point = n * path_steps(bounce).xyz + start;
     return vec3<f32>(unit(point.xy), unit(point.zz).x);
+}
+
+// Number that chooses a component where each pixel chooses for itself: a sequence over its passes.
+fn own_number(slot: u32, bounce: u32) -> f32 {
+    let start = hash(key(frame.keys.y, STREAM_COMPONENT, sample_of(slot), bounce));
+    return unit(vec2<u32>(start + frame.size.w * path_steps(bounce).w)).x;
 }
 
 // At a lobe: its surface, where lights shine on base and lobe, and a direction along the lobe. `follows`: the path is short enough.
@@ -156,7 +174,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 
         // Follows both components, or one at random.
         // Nothing averages what neighbours see in mirrors and glass: each chooses for itself.
-        let own = random(key(frame.keys.x, STREAM_COMPONENT, sample_of(slot), step.bounce));
+        let own = own_number(slot, step.bounce);
         let takes_first = splits || select(own, numbers.z, shiny) < split.probability;
         let stays = takes_first && split.stays;
         let wi = select(split.second_wi, split.first_wi, takes_first);

@@ -31,6 +31,7 @@
 //!
 //! Where the reflectance F of a lobe is below 1 / [`LOBE_CHANCE`], a path follows it with probability 4 F only, at least 0.2, and carries
 //! the inverse, unless alpha is below [`NARROW`]. At lobes all pixels of a class draw the same numbers, so that neighbours differ smoothly ([`path_numbers`]).
+//! Over mirrors and glass each pixel chooses for itself, evenly over its passes ([`own_number`]): a reflection of one in twenty comes once in twenty passes.
 //!
 //! For a glossy plane seen directly (superposition, see `mirror_image`) the first component is the base, where the path
 //! ends, and the second the mirror image itself, with throughput 1. For a frosted pane the first component is the scene
@@ -59,7 +60,7 @@ use crate::bsdf::{Normals, mean, pdf_specular, schlick};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::sampling::dimensions::{COMPONENT, EYE_LOBE};
-use crate::sampling::random::{key, random_f32};
+use crate::sampling::random::{hash, key};
 use crate::sampling::sobol::unit;
 use crate::scene::{Scene, Surface};
 
@@ -139,17 +140,32 @@ pub struct EyePath {
     pub narrow: bool,
 }
 
+/// Steps of the Kronecker sequences of a path's surfaces, in units of 2^-32, in turns: the powers 1/p and 1/p^2 of the plastic number p, the
+/// golden section, and fractions of the roots of primes.
+pub const SEQUENCES: [[u32; 4]; 8] = [
+    [3_242_174_889, 2_447_445_414, 2_654_435_769, 1_779_033_703],
+    [3_144_134_277, 1_013_904_243, 2_773_480_763, 1_359_893_119],
+    [2_600_822_925, 528_734_635, 1_541_459_225, 3_418_070_365],
+    [1_654_270_251, 2_438_529_371, 355_462_361, 1_731_405_415],
+    [2_394_180_231, 3_675_008_525, 1_203_062_813, 2_925_498_711],
+    [3_479_995_859, 796_084_093, 1_830_299_339, 2_336_478_295],
+    [3_814_765_975, 474_308_611, 1_863_934_769, 3_645_816_497],
+    [214_214_161, 639_484_403, 1_477_814_207, 1_891_102_055],
+];
+
 /// Oracle: numbers that choose a direction along a lobe (first two) and a component (last), for a class of pixels at the
 /// surface of number `step`.
 pub fn path_numbers(frame: &layout::FrameParameters, class: u32, step: u32) -> [f32; 3] {
-    // The powers 1/p and 1/p^2 of the plastic number p, and the golden section, in units of 2^-32.
-    let steps = [3_242_174_889u32, 2_447_445_414, 2_654_435_769];
-    let (n, begins) = match step {
-        0 => (frame.size[3].wrapping_mul(frame.pattern[2]).wrapping_add(class), frame.keys[1]),
-        _ => (class, frame.keys[0]),
-    };
-    let starts = [key(begins, EYE_LOBE, step, 0), key(begins, EYE_LOBE, step, 1), key(begins, EYE_LOBE, step, 2)];
-    std::array::from_fn(|d| unit(n.wrapping_mul(steps[d]).wrapping_add(starts[d])))
+    let n = frame.size[3].wrapping_mul(frame.pattern[2]).wrapping_add(class);
+    let steps = SEQUENCES[step as usize % 8];
+    let start = |d: u32| key(frame.keys[1], EYE_LOBE, step, d);
+    std::array::from_fn(|d| unit(n.wrapping_mul(steps[d]).wrapping_add(start(d as u32))))
+}
+
+/// Oracle: number that chooses a component where each pixel chooses for itself.
+pub fn own_number(frame: &layout::FrameParameters, slot: u32, step: u32) -> f32 {
+    let start = hash(key(frame.keys[1], COMPONENT, frame.sample_of(slot), step));
+    unit(start.wrapping_add(frame.size[3].wrapping_mul(SEQUENCES[step as usize % 8][3])))
 }
 
 /// Oracle: the part of light that a path of density `lobe` along a lobe brings; 0 stands for a mirror, which has all.
@@ -216,7 +232,7 @@ pub fn reference(
     let normals = Normals { geometric: surface.geometric, shading: surface.shading, front: surface.front };
     let eta = path.media.relative_index(&scene.materials, surface.material, surface.front);
     let split = specular_samples(material, &surface.finish, &normals, -d, eta)?.split(surface.reflectance.kd);
-    let own = random_f32(key(frame.keys[0], COMPONENT, frame.sample_of(path.slot), step));
+    let own = own_number(frame, path.slot, step);
     let first = splits || own < split.probability;
     let (sample, probability) =
         if first { (split.first, split.probability) } else { (split.second, 1.0 - split.probability) };
@@ -326,7 +342,7 @@ fn at_plane(
     let r = &surface.reflectance;
     let reflectance = r.f0 * (energy - grazing) + r.f90 * grazing;
     let probability = mean(r.kd) / (mean(r.kd) + mean(reflectance));
-    if random_f32(key(frame.keys[0], COMPONENT, frame.sample_of(path.slot), step)) < probability {
+    if own_number(frame, path.slot, step) < probability {
         return (EyePath { ray: None, throughput: path.throughput / probability, ..*path }, None);
     }
     (EyePath { throughput: path.throughput * reflectance / (1.0 - probability), ..mirrored }, None)
