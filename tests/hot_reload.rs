@@ -71,9 +71,9 @@ fn with_change(file: &str, from: &str, to: &str) -> String {
 #[test]
 fn a_changed_shader_is_picked_up() {
     // Emission alone reaches the eye: radiance 1.
-    let plain = with_change("resolve.wgsl", "sum / ", "sum / ");
+    let plain = with_change("resolve.wgsl", "(sum - ", "(sum - ");
     assert!(plain.contains("radiance 1\n"), "{plain}");
-    let doubled = with_change("resolve.wgsl", "sum / ", "2.0 * sum / ");
+    let doubled = with_change("resolve.wgsl", "(sum - ", "2.0 * (sum - ");
     assert!(doubled.contains("radiance 2\n"), "{doubled}");
     // Also through an include.
     let dark = with_change("include/surface.wgsl", "material.emission.xyz, emits", "vec3<f32>(0.25), emits");
