@@ -17,9 +17,8 @@ use crate::pass::light_regions::REGION;
 use crate::scene::Camera;
 use crate::settings::{Compensation, Settings};
 
-/// Pixels beyond a region that filters read: two windows of at most 9 pixels one after the other, guides that read one pixel
-/// further, and the filter's bias, told by the pixels around.
-const APRON: u32 = 11;
+/// Pixels beyond two windows one after the other: guides read one pixel further, and the filter's bias is told by two on each side.
+const APRON: u32 = 3;
 /// Pixels on all sides for the tiles whose edges decide how many rays they get.
 const EDGE_APRON: u32 = 9;
 
@@ -41,9 +40,11 @@ impl Region {
     /// The smallest region around this one whose pixels, rendered alone, have the bits of the whole image: with an
     /// apron for the filter and for edges, and on the borders of blocks of 8 x 8 pixels of each class, or of regions that choose lights.
     pub fn around(&self, settings: &Settings, image: [u32; 2]) -> Region {
-        let apron = if settings.filter.is_some() { APRON } else { 0 } + if settings.antialias { EDGE_APRON } else { 0 };
-        let chooses = settings.light_pool > 0 && settings.compensation != Compensation::Exact;
+        // Near light needs the whole image, and with gather rays all lights light all points.
+        let chooses = settings.light_pool > 0 && settings.compensation == Compensation::Off;
         let span = |axis: usize| {
+            let of_filter = settings.filter.map_or(0, |filter| filter.window(settings.pattern)[axis] / 2 * 2 + APRON);
+            let apron = of_filter + if settings.antialias { EDGE_APRON } else { 0 };
             let block = if chooses { REGION } else { 1 } * 8 * settings.pattern[axis];
             let first = self.origin[axis].saturating_sub(apron) / block * block;
             let end = (self.origin[axis] + self.size[axis] + apron).div_ceil(block) * block;
