@@ -72,7 +72,7 @@ struct Sums {
     counts: [u32; INSTANCES as usize],
     /// Three channels for each pixel, for each instance; empty before its first pass.
     radiance: [Vec<f64>; INSTANCES as usize],
-    /// What the filter added to them.
+    /// The part of `radiance` that the filter added.
     gain: [Vec<f64>; INSTANCES as usize],
 }
 

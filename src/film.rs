@@ -411,6 +411,26 @@ mod tests {
     }
 
     #[test]
+    fn summands_share_the_bias_and_add_up() {
+        let sum = |values: [f32; 4], count: usize| {
+            let level = |i: usize| vec![if i == 0 { Vec4::from_array(values) } else { Vec4::ZERO }];
+            HostSum((0..count).map(level).collect())
+        };
+        // Eight passes: emission 1, diffuse 2, specular 6, of which the filter adds 0.8 in each pass.
+        let mut sums: Vec<HostSum> = super::levels(true).into_iter().map(|count| sum([0.0; 4], count)).collect();
+        sums[GAIN] = sum([6.4, 6.4, 6.4, 8.0 * 0.64], RADIANCE);
+        for (i, value) in [1.0, 2.0, 6.0].into_iter().enumerate() {
+            sums[EMISSION + i] = sum([8.0 * value; 4], RADIANCE);
+        }
+        let layers = HostFilm { size: [1, 1], counts: [4, 4], sums, summands: true }.mean();
+        let near = |found: glam::Vec3, expected: f32| assert!((found - expected).abs().max_element() < 1e-5, "{found}");
+        near(layers.emission[0], 1.0);
+        near(layers.diffuse[0], 1.8);
+        near(layers.specular[0], 5.4);
+        near(layers.color[0], 8.2);
+    }
+
+    #[test]
     fn bytes_come_back() {
         let one = film(&[0.25, 1e-9, -3e-18]);
         assert_eq!(HostFilm::from_bytes(&one.to_bytes(), [1, 1], false).unwrap(), one);

@@ -1,4 +1,4 @@
-//! What the filter adds to each pixel, summed over the passes, so that its bias can be taken away from the mean.
+//! Sums the radiance that the filter adds to each pixel over the passes. The sums tell the filter's bias, which the image leaves out.
 //!
 //! The *gain* g of a pixel in a pass is its radiance with the filters ([`discontinuity`](super::discontinuity),
 //! [`discontinuity_lobes`](super::discontinuity_lobes)) and the rays of other pixels' light at edges ([`edges`](super::edges)) less that without:
@@ -19,8 +19,8 @@
 //! positive-part estimator of James and Stein (1961) for means of several normal variables: the image lies between the filtered mean, where
 //! that is within the noise of the unfiltered one, and the unfiltered mean, to which it converges.
 //!
-//! A filter that preserves the sum of light moves it from pixel to pixel, and taking back other parts on either side would not. The window is wide
-//! so that the parts are alike.
+//! A filter that preserves the sum of light moves light from pixel to pixel. The image keeps that sum only if neighbouring pixels give back the same
+//! part s; so s comes from a window that neighbours mostly share.
 //!
 //! Limits: mirror images that are spread keep their gain. The layers of irradiance are those of the
 //! filter, and where summands are kept diffuse and specular light share the part taken away as they share the light.

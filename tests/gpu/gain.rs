@@ -1,4 +1,4 @@
-//! What the filter adds, and the bias that is taken from the image.
+//! The sums of the radiance that the filter adds follow their oracle, and the image leaves out the filter's bias.
 
 use ash::vk;
 use glam::{DVec4, Vec3, Vec4};
@@ -84,7 +84,7 @@ fn follow(rig: &Rig) -> [usize; 3] {
         let expected = own + path + at_edge;
         let grey = expected.element_sum() / 3.0;
         let sum = found[pixel];
-        // What others brought is used up.
+        // The pass clears the light of second components and edge rays, so a second run adds the pixel's own gain alone.
         assert!(close(twice[pixel].truncate() - sum.truncate(), own, 1e-4, 1e-6), "pixel {pixel}");
         let holds =
             close(sum.truncate(), expected, 1e-4, 1e-6) && (sum.w - grey * grey).abs() <= 1e-3 * grey * grey + 1e-9;
