@@ -7,6 +7,7 @@
 #include "math.wgsl"
 #include "lights.wgsl"
 #if CHOOSE
+#include "choice.wgsl"
 #if CLASSES
 #else
 #include "representatives.wgsl"
@@ -49,6 +50,8 @@
 
 // Host twin: pass::light_lists::BY_POWER.
 const BY_POWER: f32 = 0.35;
+// Most lights that a cluster weighs. Host twin: pass::light_regions::CHOSEN.
+const WEIGHED: u32 = 256u;
 
 #if POOL
 @compute @workgroup_size(64)
@@ -141,6 +144,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 
     // Contributions and powers.
     var whole = vec2<f32>(0.0);
+#if CLASSES
+#else
+    var weights: array<f32, WEIGHED>;
+#endif
     for (var i = begin; i < end; i += 1u) {
         let position = weighed_light(2u * i);
         var weight = 0.0;
@@ -148,6 +155,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #else
         let normal = weighed_light(2u * i + 1u);
         weight = position.w * contribution(position, normal, these, those);
+        weights[i - begin] = weight;
 #endif
         whole += vec2<f32>(weight, position.w);
     }
@@ -155,35 +163,30 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let by_power = select(BY_POWER, 1.0, whole.x <= 0.0);
     let factors = vec2<f32>((1.0 - by_power) / max(whole.x, 1e-37), by_power / max(whole.y, 1e-37)) * f32(chosen);
 
-    // The shares lie one after the other on a line of length `chosen`; each of the points u, 1 + u, ... chooses the light whose share
-    // holds it. Classes and passes have points in between.
-    let start = hash(key(frame.keys.y, STREAM_LISTS, 0u, 0u));
-    let u = unit(vec2<u32>(start + frame.size.w * 0x9e3779b9u + class_number * (0xffffffffu / frame.pattern.z))).x;
-    var reached = 0.0;
+    var choice = Choice(chosen, f32(chosen));
+    let numbers = numbers_of(class_number, 0u);
     var place = 0u;
     for (var i = begin; i < end; i += 1u) {
-        let position = weighed_light(2u * i);
-        var share = position.w * factors.y;
+        let power = weighed_light(2u * i).w;
+        var share = power * factors.y;
+        var of_pool = i - begin;
 #if CLASSES
 #else
-        let normal = weighed_light(2u * i + 1u);
-        share += position.w * contribution(position, normal, these, those) * factors.x;
+        share += weights[i - begin] * factors.x;
 #endif
-        reached += share;
-        let next = min(u32(max(ceil(reached - u), 0.0)), chosen);
-        // A light that holds several points takes one place, the others emit nothing.
-        var times = f32(next - min(next, place)) / max(share, 1e-30);
-        for (; place < next; place += 1u) {
+#if REGIONS
+        of_pool = bitcast<u32>(region_lights[2u * i + 1u].w);
+#endif
+        let taken = take(&choice, share, number_of(numbers, of_pool));
+        if taken > 0u {
+            // A light that takes several points holds one place, the others emit nothing.
+            var times = f32(taken) / max(share, 1e-30);
 #if REGIONS
             // Chosen twice, it stands for more.
-            let of_pool = bitcast<u32>(normal.w);
-            times *= position.w / max(candidates[2u * (class_number * pool + of_pool)].w, 1e-37);
-#else
-            let of_pool = i - begin;
+            times *= power / max(candidates[2u * (class_number * pool + of_pool)].w, 1e-37);
 #endif
             chosen_lights[index * chosen + place] = vec2<u32>(of_pool, bitcast<u32>(times));
-            for (var rest = next - place; rest > 1u; rest -= 1u) {
-                place += 1u;
+            for (place += 1u; place < chosen - choice.points; place += 1u) {
                 chosen_lights[index * chosen + place] = vec2<u32>(NO_POINT, 0u);
             }
         }

@@ -4,6 +4,7 @@
 #include "work.wgsl"
 #include "regions.wgsl"
 #include "representatives.wgsl"
+#include "choice.wgsl"
 
 @group(0) @binding(1) var<storage, read> places: array<u32>;        // slot of each place of each cluster
 @group(0) @binding(2) var<storage, read> point_position: array<vec4<f32>>;
@@ -44,9 +45,9 @@ fn inverse_of(sums: vec4<f32>) -> vec4<f32> {
 }
 
 // An invocation takes a region and class.
-@compute @workgroup_size(64)
+@compute @workgroup_size(16)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let index = (group.x + group.y * groups.x) * 64u + lane;
+    let index = (group.x + group.y * groups.x) * 16u + lane;
     if REGION_LIGHTS * index >= arrayLength(&region_lights) / 2u {
         return;
     }
@@ -94,10 +95,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     scale3 *= of_each;
     let of_power = by_power / max(power, 1e-37) * f32(REGION_LIGHTS);
 
-    // As in light_lists.wgsl.
-    let start = hash(key(frame.keys.y, STREAM_LISTS, 0u, 4u));
-    let u = unit(vec2<u32>(start + frame.size.w * 0x9e3779b9u + region.class_number * (0xffffffffu / frame.pattern.z))).x;
-    var reached = 0.0;
+    var choice = Choice(REGION_LIGHTS, f32(REGION_LIGHTS));
+    let numbers = numbers_of(region.class_number, 4u);
     var place = 0u;
     for (var i = begin; i < end; i += 1u) {
         let position = candidates[2u * i];
@@ -105,14 +104,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let weight = dot(contributions(position, normal, at0), scale0) + dot(contributions(position, normal, at1), scale1)
             + dot(contributions(position, normal, at2), scale2) + dot(contributions(position, normal, at3), scale3);
         let share = position.w * (weight + of_power);
-        reached += share;
-        let next = min(u32(max(ceil(reached - u), 0.0)), REGION_LIGHTS);
-        if next > place {
-            let times = f32(next - place) / max(share, 1e-30);
+        let taken = take(&choice, share, number_of(numbers, i - begin));
+        if taken > 0u {
+            let times = f32(taken) / max(share, 1e-30);
             region_lights[2u * (REGION_LIGHTS * index + place)] = vec4<f32>(position.xyz, position.w * times);
             region_lights[2u * (REGION_LIGHTS * index + place) + 1u] = vec4<f32>(normal.xyz, bitcast<f32>(i - begin));
-            // A light that holds several points takes one place, the others have no power.
-            for (place += 1u; place < next; place += 1u) {
+            // A light that takes several points holds one place, the others have no power.
+            for (place += 1u; place < REGION_LIGHTS - choice.points; place += 1u) {
                 region_lights[2u * (REGION_LIGHTS * index + place)] = vec4<f32>(position.xyz, 0.0);
                 region_lights[2u * (REGION_LIGHTS * index + place) + 1u] = vec4<f32>(normal.xyz, bitcast<f32>(i - begin));
             }

@@ -3,23 +3,26 @@
 //!
 //! Shadow rays cost far more than particles, so a pass traces more particles than it can afford lights
 //! ([`crate::settings::Settings::light_pool`]). Of the lights l after reflections of a cluster's class, the cluster chooses M, as many as
-//! all particles would leave without a pool, by systematic sampling: with u one number of the class and pass,
+//! all particles would leave without a pool. It asks one light after the other (sequential sampling, Bondesson and Thorburn 2008): with
+//! u_l a number of the light, class and pass, and m the choices that are left,
 //!
 //! ```text
 //! p_l = (1 - s) sum_r c_rl / sum_r,k c_rk + s P_l / sum_k P_k
-//! light number i is the one with   p_1 + ... + p_(l-1) <= (i + u) / M < p_1 + ... + p_l
+//! n_l = floor(m p_l / (p_l + p_(l+1) + ...) + u_l)        times that light l is chosen; then m is less by n_l
 //! ```
 //!
 //! c_rl is the irradiance of light l at the cluster's representative r, without shadows and lobes, clipped as in `shade`, with cosines
 //! that are a little too large ([`SOFT`]), P_l the power of the light, and s = [`BY_POWER`] the share of lights chosen by power alone,
-//! which bounds the weight 1 / (M p_l) of a light. Of a larger pool than [`light_regions::CHOSEN`] only those are weighed that its region
+//! which bounds the weight n_l / (M p_l) of a light. Of a larger pool than [`light_regions::CHOSEN`] only those are weighed that its region
 //! of the image took ([`light_regions`]), with the power that they have there. The mean over u is the sum over all lights of the pool, whatever the
-//! representatives are. Lights on emitters and those without area, which are
+//! representatives are: in the mean each light is chosen M p_l times. Lights on emitters and those without area, which are
 //! few, are taken over as they are.
 //!
-//! u starts at random, advances by the golden ratio from pass to pass and by 1 / K from one of the K classes of pixels to the next: a
-//! filter over all classes sees lights at M K points of one line. All clusters of a class have the same u and weigh the same lights, so
+//! u_l is a random number of the light and pass, and advances by 1 / K from one of the K classes of pixels to the next.
+//! All clusters of a class have the same u_l and weigh the same lights, so
 //! that neighbours choose nearly the same: with numbers of their own they would show as squares. Faint ones remain in single passes.
+//! A light that changes, because something moves, changes the choice of few others; systematic sampling, which lays the lights on one
+//! line, would choose anew behind it.
 //!
 //! Where points form no clusters of the screen, or the lists of all clusters exceed the largest buffer that kernels may bind, each
 //! class chooses by power alone.
@@ -215,11 +218,10 @@ pub fn representatives(frame: &FrameParameters, seed: u32) -> [u32; REPRESENTATI
     std::array::from_fn(|r| 8 * r as u32 + ((turn >> (4 * r)) & 7))
 }
 
-/// Oracle: the number u of a class in a pass.
-pub fn offset(frame: &FrameParameters, class: u32) -> f32 {
-    let start = hash(key(frame.keys[1], LISTS, 0, 0));
-    let of_pass = start.wrapping_add(frame.size[3].wrapping_mul(0x9e37_79b9));
-    unit(of_pass.wrapping_add(class.wrapping_mul(u32::MAX / frame.pattern[2])))
+/// Oracle: the number u of a light of the pool in a class and pass. `consumer`: 0 for clusters, 4 for regions.
+pub fn number(frame: &FrameParameters, class: u32, light: u32, consumer: u32) -> f32 {
+    let start = hash(hash(key(frame.keys[1], LISTS, frame.size[3], consumer)) ^ light);
+    unit(start.wrapping_add(class.wrapping_mul(u32::MAX / frame.pattern[2])))
 }
 
 /// Oracle: the probability p_l of each light, from contributions and powers.
@@ -231,22 +233,24 @@ pub fn probabilities(contributions: &[f64], powers: &[f64]) -> Vec<f64> {
     each.map(|(&c, &p)| (1.0 - by_power) * share(c, all) + by_power * share(p, power)).collect()
 }
 
-/// Oracle: for each light how many of the `count` points choose it.
-pub fn chosen(probabilities: &[f64], count: u32, u: f64) -> Vec<u32> {
-    let mut end = 0.0;
-    let mut place = 0;
-    let mut times = Vec::with_capacity(probabilities.len());
-    for p in probabilities {
-        end += p * f64::from(count);
-        let next = ((end - u).ceil().max(0.0) as u32).min(count);
-        times.push(next - place);
-        place = next;
-    }
-    times
+/// Oracle: for each light how often it is chosen, `count` times in all. `numbers`: u of each light.
+pub fn chosen(probabilities: &[f64], count: u32, numbers: impl Iterator<Item = f64>) -> Vec<u32> {
+    let mut points = count;
+    let mut left: f64 = probabilities.iter().sum();
+    let mut take = |(p, u): (&f64, f64)| {
+        let expected = f64::from(points) * p / left.max(f64::MIN_POSITIVE);
+        let taken = ((expected + u) as u32).min(points);
+        points -= taken;
+        left -= p;
+        taken
+    };
+    probabilities.iter().zip(numbers).map(&mut take).collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use bytemuck::Zeroable;
+
     use super::*;
 
     #[test]
@@ -256,26 +260,52 @@ mod tests {
         let light = [1.0, 5.0, -2.0, 8.0, 0.25, 3.0, 0.0];
         let p = probabilities(&contributions, &powers);
         assert!((p.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        let frame = FrameParameters { pattern: [1, 1, 1, 0], ..FrameParameters::zeroed() };
         for count in [1, 3, 16] {
-            // Systematic sampling is exact over evenly spread u, up to their number.
-            let steps = 200_000;
-            let mut sum = 0.0;
-            for step in 0..steps {
-                let times = chosen(&p, count, (f64::from(step) + 0.5) / f64::from(steps));
+            let passes = 200_000;
+            let (mut sum, mut squares) = (0.0, 0.0);
+            for pass in 0..passes {
+                let frame = FrameParameters { size: [0, 0, 0, pass], ..frame };
+                let numbers = (0..).map(|l| f64::from(number(&frame, 0, l, 0)));
+                let times = chosen(&p, count, numbers);
                 assert_eq!(times.iter().sum::<u32>(), count);
                 let weighed = times.iter().zip(&light).zip(&p);
-                sum += weighed.map(|((&n, l), p)| f64::from(n) * l / (f64::from(count) * p)).sum::<f64>();
+                let found = weighed.map(|((&n, l), p)| f64::from(n) * l / (f64::from(count) * p)).sum::<f64>();
+                (sum, squares) = (sum + found, squares + found * found);
             }
-            let (found, expected) = (sum / f64::from(steps), light.iter().sum::<f64>());
-            assert!((found - expected).abs() < 2e-3 * expected.abs(), "{count}: {found} for {expected}");
+            let n = f64::from(passes);
+            let (found, expected) = (sum / n, light.iter().sum::<f64>());
+            let deviation = ((squares / n - found * found) / n).sqrt();
+            println!("{count}: {found:.3} +- {deviation:.3} for {expected}");
+            assert!((found - expected).abs() < 3.0 * deviation && deviation < 0.02 * expected, "{count}: {found}");
         }
+    }
+
+    #[test]
+    fn a_light_that_changes_changes_few_choices() {
+        let frame = FrameParameters { pattern: [1, 1, 1, 0], ..FrameParameters::zeroed() };
+        let numbers = || (0..).map(|l| f64::from(number(&frame, 0, l, 0)));
+        let weight = |l: u32| 1.0 + f64::from(hash(l) % 8);
+        let choose = |powers: &[f64]| chosen(&probabilities(&vec![0.0; powers.len()], powers), 32, numbers());
+        let plain: Vec<f64> = (0..256).map(weight).collect();
+        let before = choose(&plain);
+        let mut changes = Vec::new();
+        for changed in 0..256 {
+            let mut powers = plain.clone();
+            powers[changed] *= 3.0;
+            let after = choose(&powers);
+            changes.push(before.iter().zip(&after).map(|(a, b)| a.abs_diff(*b)).sum::<u32>());
+        }
+        let mean = f64::from(changes.iter().sum::<u32>()) / 256.0;
+        println!("choices that differ, of 32: {mean:.2} in the mean, at most {:?}", changes.iter().max());
+        assert!(mean < 4.0, "{mean}");
     }
 
     #[test]
     fn powers_alone_choose_where_no_light_contributes() {
         let p = probabilities(&[0.0, 0.0], &[3.0, 1.0]);
         assert_eq!(p, [0.75, 0.25]);
-        assert_eq!(chosen(&p, 4, 0.5), [3, 1]);
+        assert_eq!(chosen(&p, 4, [0.5; 2].into_iter()), [3, 1]);
         assert_eq!(probabilities(&[0.0], &[0.0]), [0.0], "black lights");
     }
 }

@@ -2,7 +2,7 @@
 //! ([`light_lists`](super::light_lists)).
 //!
 //! A region is 4 x 4 blocks of clusters ([`REGION`]), of one class and component. Its representatives are a shading point of each of its
-//! clusters, 16 at most. Of the pool's lights l it takes M = [`CHOSEN`] by systematic sampling, with
+//! clusters, 16 at most. Of the pool's lights l it takes M = [`CHOSEN`], one after the other as `light_lists` does, with
 //!
 //! ```text
 //! p_l = (1 - s) / R sum_r c_rl / sum_k c_rk + s P_l / sum_k P_k
@@ -10,7 +10,7 @@
 //!
 //! where r runs over the R representatives that any light reaches, and c, P and s = [`BY_POWER`] are those of `light_lists`. So each representative counts
 //! alike: lights near a dark place are there when its clusters choose, however bright others are. A light that is taken has its power over M
-//! p_l, times the number of points that took it; the mean over the points is the sum over the pool.
+//! p_l, times the number of choices that took it; the mean over the choices is the sum over the pool.
 //!
 //! Walks are cheap beside shadow rays, and a cluster that weighed a whole pool of thousands would cost more than its rays.
 //!
@@ -22,13 +22,12 @@ use glam::Vec3;
 use super::clusters;
 use super::layout::{FrameParameters, PointLight};
 use super::light_lists::{contribution, power};
-use super::{BoundKernel, Kit, groups};
+use super::{BoundKernel, Kit};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::plan::Plan;
 use crate::sampling::dimensions::LISTS;
 use crate::sampling::random::{hash, key};
-use crate::sampling::sobol::unit;
 use crate::stage::Eye;
 
 pub use super::light_lists::BY_POWER;
@@ -37,6 +36,9 @@ pub use super::light_lists::BY_POWER;
 pub const REGION: u32 = 4;
 /// Lights that a region takes. More: less noise, and more that each cluster weighs.
 pub const CHOSEN: u32 = 256;
+
+/// Invocations of a workgroup: few, since an image has few regions and each takes long.
+const GROUP: u32 = 16;
 
 /// The pass.
 pub struct LightRegions {
@@ -69,7 +71,7 @@ impl LightRegions {
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        self.kernel.run(rec, &[], groups(self.regions))
+        self.kernel.run(rec, &[], u64::from(self.regions.div_ceil(GROUP)))
     }
 }
 
@@ -108,11 +110,4 @@ pub fn probabilities(frame: &FrameParameters, pool: &[PointLight], points: &[(Ve
     let by_power = if shares.is_empty() { 1.0 } else { f64::from(BY_POWER) };
     let mean = |l: usize| shares.iter().map(|of_point| of_point[l]).sum::<f64>() / shares.len().max(1) as f64;
     (0..pool.len()).map(|l| (1.0 - by_power) * mean(l) + by_power * powers[l] / whole).collect()
-}
-
-/// Oracle: the number u of a class in a pass.
-pub fn offset(frame: &FrameParameters, class: u32) -> f32 {
-    let start = hash(key(frame.keys[1], LISTS, 0, 4));
-    let of_pass = start.wrapping_add(frame.size[3].wrapping_mul(0x9e37_79b9));
-    unit(of_pass.wrapping_add(class.wrapping_mul(u32::MAX / frame.pattern[2])))
 }

@@ -33,7 +33,7 @@
 //! | [`MIRROR`]  | offset of the choice of lights and mirrors: 0, 0       |
 //! | [`EYE_LOBE`] | direction along a lobe that an eye path follows, and whether it does: mirrors, glass and lobes so far, 0 to 2 |
 //! | [`FIRST_LIGHT`] | scrambling of the points of the lights on emitters: class of pixels, dimension |
-//! | [`LISTS`] | choice of the lights of clusters: 0, 0; of regions: 0, 4; representatives: corner of the cluster, 1, for regions 3 |
+//! | [`LISTS`] | choice of the lights of clusters: pass, 0, and the light; of regions: pass, 4; representatives: corner of the cluster, 1, for regions 3 |
 //! | [`PHOTON`]  | Cranley-Patterson rotation of the photons: dimension, 0   |
 //! | [`PHOTON_SIDE`] | side of a two-sided emitter: photon, 0                |
 //! | [`WALK_COMPONENT`] | transmission, reflection or base: particle, reflection and mirrors and glass so far |

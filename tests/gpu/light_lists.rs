@@ -3,8 +3,8 @@
 use glam::Vec3;
 use lightsum::gpu::Buffer;
 use lightsum::pass::layout::PointLight;
-use lightsum::pass::light_lists::{chosen, contribution, offset, power, probabilities, representatives, seed};
-use lightsum::pass::light_regions;
+use lightsum::pass::light_lists::{chosen, contribution, power, probabilities, representatives, seed};
+use lightsum::pass::{light_lists, light_regions};
 use lightsum::scene::Scene;
 use lightsum::settings::{Clip, Compensation, Settings, Traversal};
 
@@ -33,8 +33,14 @@ fn strength(light: &PointLight) -> Vec3 {
 }
 
 /// Compares one list with the light that each of its places should hold.
-fn check_list(tally: &mut Tally, what: &str, list: &[PointLight], pool: &[PointLight], p: &[f64], u: f32) -> usize {
-    let times = chosen(p, list.len() as u32, f64::from(u));
+fn check_list(
+    tally: &mut Tally,
+    what: &str,
+    list: &[PointLight],
+    pool: &[PointLight],
+    p: &[f64],
+    times: &[u32],
+) -> usize {
     let mut expected: Vec<Option<(usize, u32)>> = vec![None; list.len()];
     let mut place = 0;
     for (i, &n) in times.iter().enumerate().filter(|(_, n)| **n > 0) {
@@ -58,8 +64,9 @@ fn check_list(tally: &mut Tally, what: &str, list: &[PointLight], pool: &[PointL
     expected.iter().flatten().count()
 }
 
-/// Compares the lights that regions took with their oracle, and returns them, with the power that they have there.
-fn check_regions(rig: &Rig, buffer: &Buffer) -> Vec<Vec<PointLight>> {
+/// Compares the lights that regions took with their oracle, and returns them, with the power that they have there, and their numbers in
+/// the pool.
+fn check_regions(rig: &Rig, buffer: &Buffer) -> Vec<Vec<(PointLight, u32)>> {
     const CHOSEN: usize = light_regions::CHOSEN as usize;
     let (frame, p, plan) = (rig.frame(), &rig.parameters, rig.engine.plan());
     let lights: Vec<PointLight> = rig.get(&frame.walk.lights);
@@ -80,7 +87,8 @@ fn check_regions(rig: &Rig, buffer: &Buffer) -> Vec<Vec<PointLight>> {
         let class = region as u32 % p.pattern[2];
         let pool = &lights[class as usize * of_class..][copied..of_class];
         let probabilities = light_regions::probabilities(p, pool, points);
-        let times = chosen(&probabilities, CHOSEN as u32, f64::from(light_regions::offset(p, class)));
+        let numbers = (0..).map(|l| f64::from(light_lists::number(p, class, l, 4)));
+        let times = chosen(&probabilities, CHOSEN as u32, numbers);
         let mut expected: Vec<Option<(usize, f32)>> = vec![None; CHOSEN];
         let mut place = 0;
         for (i, &n) in times.iter().enumerate().filter(|(_, n)| **n > 0) {
@@ -102,7 +110,7 @@ fn check_regions(rig: &Rig, buffer: &Buffer) -> Vec<Vec<PointLight>> {
             };
             tally.check(holds, || format!("region {region}, place {place}: {at_light} {normal} for {expected:?}"));
             let scaled = |v: [f32; 4]| [v[0] * times, v[1] * times, v[2] * times, v[3]];
-            PointLight { emit: scaled(light.emit), flux: scaled(light.flux), ..light }
+            (PointLight { emit: scaled(light.emit), flux: scaled(light.flux), ..light }, normal.w.to_bits())
         };
         expected.iter().enumerate().map(of_place).collect()
     };
@@ -142,16 +150,18 @@ fn check_clusters(rig: &Rig) -> usize {
         let pool = &lights[*class as usize * of_class..][..of_class];
         let list = &listed[*number as usize * slots..][..slots];
         assert_eq!(list[..copied], pool[..copied], "lights on emitters");
-        let pool = of_regions
-            .as_ref()
-            .map_or(&pool[copied..], |regions| &regions[light_regions::region_of(p, *number) as usize]);
+        let whole = || pool[copied..].iter().copied().zip(0..).collect();
+        let region = |of: &Vec<Vec<_>>| of[light_regions::region_of(p, *number) as usize].clone();
+        let (pool, numbers): (Vec<PointLight>, Vec<u32>) =
+            of_regions.as_ref().map_or_else(whole, region).into_iter().unzip();
         let contributions: Vec<f64> =
             pool.iter().map(|l| points.iter().map(|&point| f64::from(contribution(p, l, point))).sum()).collect();
         let powers: Vec<f64> = pool.iter().map(|l| f64::from(power(l))).collect();
         let probabilities = probabilities(&contributions, &powers);
-        let u = offset(p, *class);
+        let numbers = numbers.iter().map(|&l| f64::from(light_lists::number(p, *class, l, 0)));
+        let times = chosen(&probabilities, (slots - copied) as u32, numbers);
         let what = format!("cluster {number}");
-        held += check_list(&mut tally, &what, &list[copied..], pool, &probabilities, u);
+        held += check_list(&mut tally, &what, &list[copied..], &pool, &probabilities, &times);
     }
     tally.finish(STRAYS);
     held
@@ -200,8 +210,9 @@ fn classes_choose_by_power_where_there_are_no_clusters() {
                 let pool = &pool[copied..];
                 let powers: Vec<f64> = pool.iter().map(|l| f64::from(power(l))).collect();
                 let probabilities = probabilities(&vec![0.0; powers.len()], &powers);
-                let u = offset(p, class);
-                check_list(&mut tally, &format!("class {class}"), &list[copied..], pool, &probabilities, u);
+                let numbers = (0..).map(|l| f64::from(light_lists::number(p, class, l, 0)));
+                let times = chosen(&probabilities, (list.len() - copied) as u32, numbers);
+                check_list(&mut tally, &format!("class {class}"), &list[copied..], pool, &probabilities, &times);
             }
             tally.finish(STRAYS);
             check_shade(&rig, 0);
