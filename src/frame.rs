@@ -18,6 +18,7 @@ use crate::pass::lens::{self, Lens};
 use crate::pass::light_lists::LightLists;
 use crate::pass::merge::Merge;
 use crate::pass::mirror_lights::{self, MirrorLights};
+use crate::pass::outliers::{self, Outliers};
 use crate::pass::summands::Summands;
 use crate::pass::{Kit, List};
 use crate::plan::Plan;
@@ -62,6 +63,8 @@ pub struct Frame {
     pub glossy_light: Option<GlossyLight>,
     /// Averages specular radiance over neighbours that reflect alike.
     pub discontinuity_lobes: Option<DiscontinuityLobes>,
+    /// Lowers emission that unlikely paths found.
+    pub outliers: Option<Outliers>,
     /// Spreads mirror images over their glossy planes.
     pub glossy_planes: Option<GlossyPlanes>,
     /// Adds the light of second components to their pixels.
@@ -175,6 +178,20 @@ impl Frame {
             }
         };
         let lighting = discontinuity_lobes.as_ref().map_or(lighting, |filter| &filter.filtered);
+        let outliers = match settings.filter.is_some() && plan.eye.components == 2 {
+            false => None,
+            true => {
+                let inputs = outliers::Inputs {
+                    points: &eye.points,
+                    paths: &eye.paths,
+                    lighting,
+                    tiles: &eye.ideal_tiles,
+                    region: &eye.planes.region,
+                    path_gain: path_gain_of.as_ref(),
+                };
+                Some(Outliers::new(kit, &inputs, plan.eye.slots())?)
+            }
+        };
         let summands = match film.as_summands() {
             None => None,
             Some(sums) => Some(Summands::new(kit, &eye.points, &eye.paths, lighting, &film, &sums)?),
@@ -221,6 +238,7 @@ impl Frame {
             path_gain,
             glossy_light,
             discontinuity_lobes,
+            outliers,
             glossy_planes,
             merge,
             edges,
@@ -256,6 +274,7 @@ impl Frame {
         self.path_gain.run(rec)?;
         self.glossy_light.run(rec)?;
         self.discontinuity_lobes.run(rec)?;
+        self.outliers.run(rec)?;
         self.glossy_planes.run(rec)?;
         self.merge.run(rec)?;
         self.edges.run(rec)?;

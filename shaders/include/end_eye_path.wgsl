@@ -40,7 +40,7 @@ fn end_eye_path(slot: u32, ray: vec4<f32>, hit: vec4<f32>, only_emits: bool) -> 
     let reaches = carries(carried);
     let lit = met.found && sends && reaches && !only_emits;
     let by_specular = through.w > 0.0;
-    let of_path = bitcast<u32>(before.w) & (LOBE_SAMPLED | NARROW_LOBE | 15u * ONE_SEGMENT);
+    let of_path = bitcast<u32>(before.w) & (LOBE_SAMPLED | NARROW_LOBE | UNLIKELY | 15u * ONE_SEGMENT);
     let flags = flag_if(LIT, lit) | flag_if(COVERED, met.found || by_specular) | flag_if(SEEN_BY_SPECULAR, by_specular) | of_path;
     write_point(slot, met, flags);
     return lit;

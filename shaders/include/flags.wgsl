@@ -15,11 +15,13 @@ const SEEN_BY_SPECULAR: u32 = 16u;  // the eye sees it through mirrors or glass
 const LOBE_SAMPLED: u32 = 64u;      // a path of its own follows its specular lobe, beside the highlights of lights
 const NARROW_LOBE: u32 = 128u;      // the eye path to it follows a narrow lobe first
 
-// Of an eye path, in emitted.w until the path ends, as the two above.
+const UNLIKELY: u32 = 256u;         // the eye path to it chose a component of a probability below one half
+
+// Of an eye path, in emitted.w until the path ends, as the three above.
 const LOBE_FOLLOWED: u32 = 32u;     // it ended on the base of a glossy plane: the shading point there has no lobe
 
 // Segments of the eye path beyond its first surface that is neither mirror nor glass, at most 15.
-const ONE_SEGMENT: u32 = 256u;
+const ONE_SEGMENT: u32 = 512u;
 
 fn segments_of(word: f32) -> u32 {
     return (bitcast<u32>(word) / ONE_SEGMENT) & 15u;

@@ -138,6 +138,8 @@ pub struct EyePath {
     pub sampled: bool,
     /// It follows a narrow lobe first.
     pub narrow: bool,
+    /// It chose a component of a probability below one half.
+    pub unlikely: bool,
 }
 
 /// Steps of the Kronecker sequences of a path's surfaces, in units of 2^-32, in turns: the powers 1/p and 1/p^2 of the plastic number p, the
@@ -254,11 +256,17 @@ pub fn reference(
             segments: path.segments + u32::from(goes_on && path.segments > 0),
             sampled: false,
             narrow: path.narrow,
+            unlikely: path.unlikely || chance < 0.5,
         }
     };
     let mut next = match sample {
         Some(sample) => on(path.slot, sample, chance),
-        None => EyePath { ray: None, throughput: path.throughput / chance, ..*path },
+        None => EyePath {
+            ray: None,
+            throughput: path.throughput / chance,
+            unlikely: path.unlikely || chance < 0.5,
+            ..*path
+        },
     };
     // The emission of a mirror with a base is counted at the base.
     let has_base = split.first.is_none();
@@ -342,8 +350,11 @@ fn at_plane(
     let r = &surface.reflectance;
     let reflectance = r.f0 * (energy - grazing) + r.f90 * grazing;
     let probability = mean(r.kd) / (mean(r.kd) + mean(reflectance));
-    if own_number(frame, path.slot, step) < probability {
-        return (EyePath { ray: None, throughput: path.throughput / probability, ..*path }, None);
+    let stays = own_number(frame, path.slot, step) < probability;
+    let chance = if stays { probability } else { 1.0 - probability };
+    let unlikely = path.unlikely || chance < 0.5;
+    if stays {
+        return (EyePath { ray: None, throughput: path.throughput / chance, unlikely, ..*path }, None);
     }
-    (EyePath { throughput: path.throughput * reflectance / (1.0 - probability), ..mirrored }, None)
+    (EyePath { throughput: path.throughput * reflectance / chance, unlikely, ..mirrored }, None)
 }

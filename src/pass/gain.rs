@@ -1,10 +1,10 @@
 //! Sums the radiance that the filter adds to each pixel over the passes. The sums tell the filter's bias, which the image leaves out.
 //!
 //! The *gain* g of a pixel in a pass is its radiance with the filters ([`discontinuity`](super::discontinuity),
-//! [`discontinuity_lobes`](super::discontinuity_lobes)) and the rays of other pixels' light at edges ([`edges`](super::edges)) less that without:
+//! [`discontinuity_lobes`](super::discontinuity_lobes)) the rays of other pixels' light at edges ([`edges`](super::edges)) and the removal of [`outliers`](super::outliers) less that without:
 //!
 //! ```text
-//! g = throughput (kd / pi (E' - E) + L_s' - L_s) + the same of the second component + what edge rays add
+//! g = throughput (kd / pi (E' - E) + L_s' - L_s) + the same of the second component + what edge rays add - outliers
 //! ```
 //!
 //! where a prime marks what is filtered. Where the filter only takes noise away the mean gain of N passes goes to zero, where it blurs shadows it goes to
@@ -48,8 +48,9 @@ pub struct PathGain {
 
 /// The sum of the gain.
 pub struct Gain {
+    /// A vec4 for each pixel: the gain by its second component and by edge rays, less outliers; zero between frames.
+    pub path_gain: Buffer,
     kernel: BoundKernel,
-    path_gain: Buffer,
     pixels: u32,
 }
 
@@ -63,7 +64,7 @@ pub struct Inputs<'a> {
     pub raw: &'a Lighting,
     /// Light after it.
     pub filtered: &'a Lighting,
-    /// A vec4 for each pixel: the gain by its second component and by edge rays; zero between frames.
+    /// A vec4 for each pixel: the gain by its second component and by edge rays, less outliers; zero between frames.
     pub path_gain: &'a Buffer,
 }
 

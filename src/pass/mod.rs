@@ -34,6 +34,7 @@ pub mod mirror_image;
 pub mod mirror_lights;
 pub mod near_collect;
 pub mod near_points;
+pub mod outliers;
 pub mod photon_find;
 pub mod photon_follow;
 pub mod photon_grid;
@@ -390,8 +391,10 @@ impl ShadingPoints {
     pub const LOBE_SAMPLED: u32 = 64;
     /// Flag: the eye path to it follows a narrow lobe first.
     pub const NARROW_LOBE: u32 = 128;
+    /// Flag: the eye path to it chose, at a mirror or glass, a component of a probability below one half.
+    pub const UNLIKELY: u32 = 256;
     /// One segment of the eye path beyond its first surface that is neither mirror nor glass; up to 15 of them.
-    pub const ONE_SEGMENT: u32 = 256;
+    pub const ONE_SEGMENT: u32 = 512;
 
     /// The bits of 1.0, which are in every word with a flag, see `shaders/include/flags.wgsl`.
     const FLAGS: u32 = 0x3f80_0000;

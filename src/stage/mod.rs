@@ -36,6 +36,7 @@ use crate::pass::lens::Lens;
 use crate::pass::light_lists::LightLists;
 use crate::pass::merge::Merge;
 use crate::pass::mirror_lights::MirrorLights;
+use crate::pass::outliers::Outliers;
 use crate::pass::summands::Summands;
 use crate::pass::{Kit, List};
 
@@ -97,6 +98,7 @@ stages! {
     DiscontinuityLobes = "discontinuity_lobes",
     PathGain = "path_gain",
     Gain = "gain",
+    Outliers = "outliers",
     Merge = "merge",
     Summands = "summands",
 }

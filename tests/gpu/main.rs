@@ -20,6 +20,7 @@ mod mirror_lights;
 mod mirrors_and_glass;
 mod moving;
 mod near;
+mod outliers;
 mod passes_eye;
 mod passes_film;
 mod passes_light;

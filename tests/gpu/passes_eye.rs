@@ -68,6 +68,7 @@ impl Found {
         tally.check(by_specular == (through.w > 0.0), || format!("way to {i}"));
         let segments = ShadingPoints::flags(self.wo[i].w) / ShadingPoints::ONE_SEGMENT;
         tally.check(segments == path.segments, || format!("segments {i}: {segments}"));
+        tally.check(has(self.wo[i], ShadingPoints::UNLIKELY) == path.unlikely, || format!("chance of {i}"));
         let Some(hit) = hit else {
             tally.check(end.truncate() == through.truncate(), || format!("throughput {i}, nothing met"));
             let nothing = [self.kd[i], self.f0[i]].iter().all(|v| v.truncate() == Vec3::ZERO);
@@ -179,6 +180,7 @@ fn look(rig: &Rig) -> Vec<Option<Hit>> {
             segments,
             sampled: flags & ShadingPoints::LOBE_SAMPLED != 0,
             narrow: flags & ShadingPoints::NARROW_LOBE != 0,
+            unlikely: flags & ShadingPoints::UNLIKELY != 0,
         };
         if found.check(&mut surfaces, i, rig, (ray.truncate(), hit), (&path, ray.w)) {
             lit.push(i as u32);

@@ -68,7 +68,8 @@ impl EyePathState {
             && (self.throughput[i].w - expected.depth).abs() <= 1e-4 * expected.depth
             && close(self.emitted[i].truncate(), expected.emitted, 1e-4, 1e-6)
             && has(self.emitted[i], ShadingPoints::LOBE_SAMPLED) == expected.sampled
-            && has(self.emitted[i], ShadingPoints::NARROW_LOBE) == expected.narrow;
+            && has(self.emitted[i], ShadingPoints::NARROW_LOBE) == expected.narrow
+            && has(self.emitted[i], ShadingPoints::UNLIKELY) == expected.unlikely;
         let Some(ray) = expected.ray else { return state };
         let found = ray_of(self.origin[i], self.direction[i]);
         state
@@ -128,6 +129,7 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
             segments: before.lobe_of(i, step).0,
             sampled: false,
             narrow: step > 0 && has(before.emitted[i], ShadingPoints::NARROW_LOBE),
+            unlikely: step > 0 && has(before.emitted[i], ShadingPoints::UNLIKELY),
         };
         let surface = surface_at(rig.scene, rig.bvh(), &hit, d);
         let way = (d, hit.t, cos_view);
