@@ -31,7 +31,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     sorted_position[i] = vec4<f32>(photon_position[photon].xyz, bitcast<f32>(codes[photon]));
     sorted_normal[i] = vec4<f32>(photon_normal[photon].xyz, bitcast<f32>(grid_class(photon_class(photon))));
     sorted_wi[i] = vec4<f32>(-ray_direction[photon].xyz, 0.0);
-    sorted_flux[i] = flux[photon];
+    sorted_flux[i] = vec4<f32>(flux[photon].xyz, ray_direction[photon].w);
     if i == 0u || keys[max(i, 1u) - 1u].x != bucket {
         buckets[2u * bucket] = i;
     }

@@ -18,7 +18,7 @@
 @group(0) @binding(9) var<storage, read> sorted_position: array<vec4<f32>>;
 @group(0) @binding(10) var<storage, read> sorted_normal: array<vec4<f32>>;
 @group(0) @binding(11) var<storage, read> sorted_wi: array<vec4<f32>>;    // w: flux of the photons around it
-@group(0) @binding(12) var<storage, read> sorted_flux: array<vec4<f32>>;
+@group(0) @binding(12) var<storage, read> sorted_flux: array<vec4<f32>>;  // w: WITHOUT_AREA, or other
 @group(0) @binding(13) var<storage, read> buckets: array<u32>;
 @group(0) @binding(14) var<storage, read_write> indirect: array<vec4<f32>>;
 @group(0) @binding(15) var<storage, read_write> specular: array<vec4<f32>>;
@@ -44,8 +44,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let shading = point_shading[slot];
     let f0 = point_f0[slot];
     let wo = point_wo[slot];
-    // A path along the lobe brings this light.
-    let glossy = has_flag(wo.w, GLOSSY) && !has_flag(wo.w, LOBE_SAMPLED);
+    let glossy = has_flag(wo.w, GLOSSY);
+    let sampled = has_flag(wo.w, LOBE_SAMPLED);
     let lobe = point_lobe(geometric, shading, f0);
     let radius2 = frame.photon.x * frame.photon.x;
     let share = frame.photon.z;
@@ -60,7 +60,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let photon = sorted_position[i];
         let off = photon.xyz - position;
         let wi = sorted_wi[i].xyz;
-        let flux = sorted_flux[i].xyz;
+        let carried = sorted_flux[i];
+        let flux = carried.xyz;
         let cos_geometric = dot(wi, geometric.xyz);
         let cos_shading = dot(wi, shading.xyz);
         // Its density falls from the middle to the edge, so that no disc shows.
@@ -72,7 +73,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let skew = min(cos_shading / max(cos_geometric, 1e-7), 4.0);
         let arriving = flux * select(0.0, skew * share * kernel, near && faces);
         e += arriving;
-        for (var k = select(0u, 1u, near && faces && glossy); k > 0u; k -= 1u) {
+        // A path along the lobe brings this light, unless no path can meet its emitter.
+        let shines = glossy && (!sampled || carried.w == WITHOUT_AREA);
+        for (var k = select(0u, 1u, near && faces && shines); k > 0u; k -= 1u) {
             l += arriving * eval_specular(lobe, shading.xyz, wo.xyz, wi);
         }
     }

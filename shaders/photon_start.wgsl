@@ -14,7 +14,7 @@
 // Two for each target: centre, radius; weight, area, bits of first and end of its triangles.
 @group(0) @binding(2) var<storage, read> targets: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read_write> ray_origin: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read_write> ray_direction: array<vec4<f32>>;  // w: bounces of the light that it left
+@group(0) @binding(4) var<storage, read_write> ray_direction: array<vec4<f32>>;  // w: bounces of the light that it left, or WITHOUT_AREA
 @group(0) @binding(5) var<storage, read_write> flux: array<vec4<f32>>;     // w: bits of what it is aimed at
 @group(0) @binding(6) var<storage, read_write> photon_position: array<vec4<f32>>;  // w: 1 if stored, else 0
 @group(0) @binding(7) var<storage, read> lights: array<PointLight>;
@@ -160,7 +160,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 
     let flies = aims && mean3(carried) > 0.0;
     ray_origin[photon] = vec4<f32>(origin, select(0.0, 3.0e38, flies));
-    ray_direction[photon] = vec4<f32>(direction, select(0.0, light.f0.w, from_light));
+    let left = select(0.0, WITHOUT_AREA, is_point || parallel);
+    ray_direction[photon] = vec4<f32>(direction, select(left, light.f0.w, from_light));
     let aim = select(chosen + 1u, NO_TARGET + bitcast<u32>(e1.w), by_area);
     flux[photon] = vec4<f32>(select(vec3<f32>(0.0), carried, flies), bitcast<f32>(aim));
     photon_position[photon] = vec4<f32>(0.0);

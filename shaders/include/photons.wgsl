@@ -14,6 +14,10 @@ fn meets_aim(triangle: u32, of_target: u32, aim: u32) -> bool {
     return select(aim == of_target, aim - NO_TARGET == triangle, aim >= NO_TARGET);
 }
 
+// In place of the bounces of the light that a photon left: it comes from an emitter without area, which no path from the eye meets.
+// Host twin: pass::photon_start::WITHOUT_AREA.
+const WITHOUT_AREA: f32 = 0.5;
+
 // Number of photons of a pass.
 fn photon_count() -> u32 {
     return frame.photons.x * frame.pattern.z;

@@ -26,7 +26,7 @@
 //!
 //! q is that of particles on emitters (N_0 times radiance over the power), and one mean for all other surfaces (all other lights on a
 //! cube of the view's size): any q gives the right limit. Lights without area and mirrors in between are found in one way only, which
-//! has all of the light; photons and mirrored lights leave followed lobes out. Segments beyond the first such surface count in
+//! has all of the light; photons and mirrored lights from other lights leave followed lobes out. Segments beyond the first such surface count in
 //! `max_depth`.
 //!
 //! Where the reflectance F of a lobe is below 1 / [`LOBE_CHANCE`], a path follows it with probability 4 F only, at least 0.2, and carries
@@ -41,8 +41,7 @@
 //! lobes, which need no paths of their own.
 //!
 //! Bias: only eye paths pass mirrors and glass here. Light that reaches a shading point through mirrors and glass
-//! (caustics) is missing, and glass casts a shadow like any opaque surface. Caustics of lights without area are missing from
-//! followed lobes. The throughput is applied when the image is composed, so irradiance, for filters and layers, is that of the
+//! (caustics) is missing, and glass casts a shadow like any opaque surface. The throughput is applied when the image is composed, so irradiance, for filters and layers, is that of the
 //! visible surface.
 //!
 //! Cost: for each pixel of a tile that shows narrow lobes, mirrors or glass (see `tiles`), and for each path that continues, 170

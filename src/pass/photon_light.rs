@@ -78,6 +78,8 @@ pub struct Photon {
     pub around: f32,
     /// Its class in the grid.
     pub class: u32,
+    /// It comes from an emitter without area.
+    pub without_area: bool,
 }
 
 /// Oracle: irradiance and specular radiance that photons add at the shading point of a slot.
@@ -95,7 +97,10 @@ pub fn reference(frame: &layout::FrameParameters, slot: u32, receiver: &ShadingP
         if near && faces {
             let arriving = photon.flux * ((cos_shading / cos_geometric.max(1e-7)).min(4.0) * share * kernel);
             sums[0] += arriving;
-            sums[1] += arriving * receiver.reflectance.eval_specular(receiver.shading, photon.wi, receiver.wo);
+            // A path along the lobe brings this light, unless no path can meet its emitter.
+            if receiver.sampled.is_none() || photon.without_area {
+                sums[1] += arriving * receiver.reflectance.eval_specular(receiver.shading, photon.wi, receiver.wo);
+            }
         }
     }
     sums

@@ -29,6 +29,9 @@ use crate::sampling::rotate;
 use crate::sampling::sobol::{sobol, unit};
 use glam::Vec3;
 
+/// In place of the bounces of the light that a photon left: it comes from an emitter without area, which no path from the eye meets.
+pub const WITHOUT_AREA: f32 = 0.5;
+
 /// The pass.
 pub struct PhotonStart {
     kernel: BoundKernel,
@@ -83,7 +86,7 @@ pub struct Started {
     pub flux: Vec3,
     /// See [`Shot::aim`](crate::light::targets::Shot::aim).
     pub aim: u32,
-    /// Bounces of the light that it left; 0: an emitter.
+    /// Bounces of the light that it left; 0: an emitter; [`WITHOUT_AREA`].
     pub bounces: f32,
 }
 
@@ -102,13 +105,13 @@ pub fn reference(
         let side = random_f32(key(frame.keys[0], PHOTON_SIDE, photon, 0));
         let start = emitters.sample_start(u[2], u[3], side);
         let kind = emitters.list[start.emitter as usize].kind;
-        let origin = match kind {
-            Kind::Point | Kind::Spot | Kind::Directional => start.position,
+        let (origin, left) = match kind {
+            Kind::Point | Kind::Spot | Kind::Directional => (start.position, WITHOUT_AREA),
             Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Imported => {
-                offset_origin(start.position, start.normal, frame.eye[3])
+                (offset_origin(start.position, start.normal, frame.eye[3]), 0.0)
             }
         };
-        (targets.shoot(emitters, &start, origin, u[4], [u[0], u[1]])?, times(from_emitters), 0.0)
+        (targets.shoot(emitters, &start, origin, u[4], [u[0], u[1]])?, times(from_emitters), left)
     } else {
         let (pick, chance) = photon_lights::choose(frame, sums, class_of(frame, photon), u[2]);
         let light = &lights[pick];

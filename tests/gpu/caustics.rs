@@ -177,6 +177,35 @@ fn the_caustic_of_a_ball_against_the_path_tracer() {
     });
 }
 
+/// A metal floor whose lobes eye paths follow, before a mirror: what a point light sends over the mirror looks like a second light.
+#[test]
+fn lobes_that_are_followed_show_caustics_of_point_lights() {
+    gpu_test(|ctx| {
+        let light = |x: f32| Light::Point { position: Vec3::new(x, 1.0, 0.0), intensity: Vec3::splat(3.0) };
+        let view = camera(Vec3::new(0.0, 1.0, 1.6), Vec3::new(0.3, 0.0, -0.1), 30.0, [32, 24]);
+        let scene = |mirrored: bool, lights: &[Light]| {
+            let mut soup = Soup::new("metal before a mirror");
+            let metal = Material { base_color: Vec3::splat(0.8), metallic: 1.0, roughness: 0.6, ..Material::default() };
+            let (metal, mirror) = (soup.material(metal), soup.material(perfect()));
+            soup.quad(Vec3::new(-2.0, 0.0, -2.0), Vec3::Z * 4.0, Vec3::X * 3.0, metal);
+            if mirrored {
+                soup.quad(Vec3::new(1.0, 0.0, -4.0), Vec3::Z * 8.0, Vec3::Y * 6.0, mirror);
+            }
+            soup.0.lights.extend_from_slice(lights);
+            soup.0
+        };
+        let energy = |scene: &Scene, photons: u32| {
+            let settings = Settings { photons, mirror_lights: 0, glossy_paths: true, ..settings(2, 4) };
+            f64::from(mean(&render(ctx, scene, view, &settings, 24).color).y)
+        };
+        let with_mirror = scene(true, &[light(0.0)]);
+        let by_photons = energy(&with_mirror, 20_000) - energy(&with_mirror, 0);
+        let by_image = energy(&scene(false, &[light(0.0), light(2.0)]), 0) - energy(&scene(false, &[light(0.0)]), 0);
+        println!("over the mirror {by_photons:.4}, from its image {by_image:.4}");
+        assert!((by_photons / by_image - 1.0).abs() < 0.03, "{by_photons} for {by_image}");
+    });
+}
+
 #[test]
 fn the_same_seed_gives_the_same_caustics() {
     gpu_test(|ctx| {

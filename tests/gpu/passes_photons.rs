@@ -225,7 +225,7 @@ fn check_grid(rig: &mut Rig, what: &str) -> Vec<Photon> {
         assert_eq!((position[i].truncate(), position[i].w.to_bits()), (place, code), "{what}: place {i}");
         assert_eq!(
             (flux[i], normal[i].truncate()),
-            (state.flux[from], state.normal[from].truncate()),
+            (state.flux[from].truncate().extend(state.direction[from].w), state.normal[from].truncate()),
             "{what}: place {i}"
         );
         assert_eq!(wi[i].truncate(), -state.direction[from].truncate(), "{what}: place {i}");
@@ -233,8 +233,9 @@ fn check_grid(rig: &mut Rig, what: &str) -> Vec<Photon> {
         *bounds = [if bounds[1] == 0 { i as u32 } else { bounds[0] }, i as u32 + 1];
         let class = photon_grid::class_of(&rig.parameters, photon);
         assert_eq!(normal[i].w.to_bits(), class, "{what}: class of place {i}");
+        let without_area = flux[i].w == photon_start::WITHOUT_AREA;
         let [normal, wi, flux] = [normal[i], wi[i], flux[i]].map(Vec4::truncate);
-        Photon { position: place, normal, wi, flux, around: 0.0, class }
+        Photon { position: place, normal, wi, flux, around: 0.0, class, without_area }
     });
     let sorted = sorted.collect();
     assert!(buckets == counted, "{what}: first and end of each bucket");
@@ -297,8 +298,7 @@ fn check_light(rig: &Rig, what: &str, mut photons: Vec<Photon>, narrowed: &mut u
         for (k, sum) in expected.into_iter().enumerate() {
             let found = (after[k][i] - before[k][i]).truncate();
             let rounding = 1e-5 * before[k][i].truncate().max_element();
-            // A path along the lobe brings this light.
-            let left_out = k == 1 && (reflectance.f90 == 0.0 || receiver.sampled.is_some());
+            let left_out = k == 1 && reflectance.f90 == 0.0;
             let wanted = if left_out { Vec3::ZERO } else { sum };
             let values = [(found, wanted)];
             tally.check_values(close(found, wanted, 1e-3, rounding), &values, || {
