@@ -48,8 +48,8 @@
 #endif
 #endif
 
-// Host twin: pass::light_lists::BY_POWER.
-const BY_POWER: f32 = 0.35;
+// Host twin: pass::light_lists::BY_BOUND.
+const BY_BOUND: f32 = 0.2;
 // Most lights that a cluster weighs. Host twin: pass::light_regions::CHOSEN.
 const WEIGHED: u32 = 256u;
 
@@ -89,6 +89,12 @@ fn representatives(cluster: u32, turn: u32, first: u32) -> Representatives {
         representative(cluster, turn, first + 2u),
         representative(cluster, turn, first + 3u),
     ));
+}
+
+// Squared distance of a light from the box around the points of a cluster.
+fn from_box(position: vec3<f32>, low: vec3<f32>, high: vec3<f32>) -> f32 {
+    let off = max(max(low - position, position - high), vec3<f32>(0.0));
+    return dot(off, off);
 }
 
 // Sum over the representatives.
@@ -142,26 +148,38 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let end = begin + pool;
 #endif
 
-    // Contributions and powers.
+    // Contributions, and bounds of them; of a class, powers.
     var whole = vec2<f32>(0.0);
 #if CLASSES
 #else
     var weights: array<f32, WEIGHED>;
+    var bounds: array<f32, WEIGHED>;
+    var low = vec3<f32>(3.0e38);
+    var high = vec3<f32>(-3.0e38);
+    for (var k = 0u; k < 64u; k += 1u) {
+        let slot = list[64u * index + k];
+        let point = point_position[select(slot, 0u, slot == NO_POINT)].xyz;
+        low = min(low, select(point, vec3<f32>(3.0e38), slot == NO_POINT));
+        high = max(high, select(point, vec3<f32>(-3.0e38), slot == NO_POINT));
+    }
 #endif
     for (var i = begin; i < end; i += 1u) {
         let position = weighed_light(2u * i);
         var weight = 0.0;
+        var bound = position.w;
 #if CLASSES
 #else
         let normal = weighed_light(2u * i + 1u);
         weight = position.w * contribution(position, normal, these, those);
+        bound *= bound_at(from_box(position.xyz, low, high));
         weights[i - begin] = weight;
+        bounds[i - begin] = bound;
 #endif
-        whole += vec2<f32>(weight, position.w);
+        whole += vec2<f32>(weight, bound);
     }
-    // Shares by contribution and by power; all by power where no light contributes.
-    let by_power = select(BY_POWER, 1.0, whole.x <= 0.0);
-    let factors = vec2<f32>((1.0 - by_power) / max(whole.x, 1e-37), by_power / max(whole.y, 1e-37)) * f32(chosen);
+    // Shares by contribution and by bound; all by bound where no light contributes.
+    let by_bound = select(BY_BOUND, 1.0, whole.x <= 0.0);
+    let factors = vec2<f32>((1.0 - by_bound) / max(whole.x, 1e-37), by_bound / max(whole.y, 1e-37)) * f32(chosen);
 
     var choice = Choice(chosen, f32(chosen));
     let numbers = numbers_of(class_number, 0u);
@@ -172,7 +190,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         var of_pool = i - begin;
 #if CLASSES
 #else
-        share += weights[i - begin] * factors.x;
+        share = weights[i - begin] * factors.x + bounds[i - begin] * factors.y;
 #endif
 #if REGIONS
         of_pool = bitcast<u32>(region_lights[2u * i + 1u].w);

@@ -14,8 +14,9 @@
 // Of each light that a region chose: position and power times its factor; normal, bits of its number in the pool.
 @group(0) @binding(5) var<storage, read_write> region_lights: array<vec4<f32>>;
 
-// Host twin: pass::light_regions::BY_POWER.
-const BY_POWER: f32 = 0.35;
+// Host twins: pass::light_regions::{BY_BOUND, NEARER}.
+const BY_BOUND: f32 = 0.2;
+const NEARER: f32 = 0.25;
 
 // Slot of a point of a cluster, from a place on; NO_POINT: there is none.
 fn point_of_cluster(cluster: u32, start: u32) -> u32 {
@@ -44,6 +45,12 @@ fn inverse_of(sums: vec4<f32>) -> vec4<f32> {
     return select(vec4<f32>(0.0), 1.0 / max(sums, vec4<f32>(1e-37)), sums > vec4<f32>(0.0));
 }
 
+// Other points of the region may be nearer to the light than its representatives.
+fn bound_of(position: vec4<f32>, at0: Representatives, at1: Representatives, at2: Representatives, at3: Representatives) -> f32 {
+    let nearest = min(min(nearest2(position, at0), nearest2(position, at1)), min(nearest2(position, at2), nearest2(position, at3)));
+    return bound_at(NEARER * nearest);
+}
+
 // An invocation takes a region and class.
 @compute @workgroup_size(16)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -57,10 +64,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let slots2 = points_of_row(region, 2u);
     let slots3 = points_of_row(region, 3u);
     let none = vec4<u32>(NO_POINT);
-    let at0 = representatives_at(select(slots0, vec4<u32>(0u), slots0 == none));
-    let at1 = representatives_at(select(slots1, vec4<u32>(0u), slots1 == none));
-    let at2 = representatives_at(select(slots2, vec4<u32>(0u), slots2 == none));
-    let at3 = representatives_at(select(slots3, vec4<u32>(0u), slots3 == none));
+    // One that is missing stands where another one does, and has no part. NO_POINT is the greatest number.
+    let least = min(min(slots0, slots1), min(slots2, slots3));
+    let first = min(min(least.x, least.y), min(least.z, least.w));
+    let other = vec4<u32>(select(first, 0u, first == NO_POINT));
+    let at0 = representatives_at(select(slots0, other, slots0 == none));
+    let at1 = representatives_at(select(slots1, other, slots1 == none));
+    let at2 = representatives_at(select(slots2, other, slots2 == none));
+    let at3 = representatives_at(select(slots3, other, slots3 == none));
 
     let pool = frame.pattern.w - (frame.lists.y - frame.lists.x);
     let begin = region.class_number * pool;
@@ -69,7 +80,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var sum1 = vec4<f32>(0.0);
     var sum2 = vec4<f32>(0.0);
     var sum3 = vec4<f32>(0.0);
-    var power = 0.0;
+    var bounds = 0.0;
     for (var i = begin; i < end; i += 1u) {
         let position = candidates[2u * i];
         let normal = candidates[2u * i + 1u];
@@ -77,7 +88,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         sum1 += position.w * contributions(position, normal, at1);
         sum2 += position.w * contributions(position, normal, at2);
         sum3 += position.w * contributions(position, normal, at3);
-        power += position.w;
+        bounds += position.w * bound_of(position, at0, at1, at2, at3);
     }
     // Each representative counts alike, however little light it has.
     var scale0 = select(inverse_of(sum0), vec4<f32>(0.0), slots0 == none);
@@ -87,13 +98,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let one = vec4<f32>(1.0);
     let zero = vec4<f32>(0.0);
     let lit = dot(one, select(zero, one, scale0 > zero) + select(zero, one, scale1 > zero) + select(zero, one, scale2 > zero) + select(zero, one, scale3 > zero));
-    let by_power = select(BY_POWER, 1.0, lit == 0.0);
-    let of_each = (1.0 - by_power) / max(lit, 1.0) * f32(REGION_LIGHTS);
+    let by_bound = select(BY_BOUND, 1.0, lit == 0.0);
+    let of_each = (1.0 - by_bound) / max(lit, 1.0) * f32(REGION_LIGHTS);
     scale0 *= of_each;
     scale1 *= of_each;
     scale2 *= of_each;
     scale3 *= of_each;
-    let of_power = by_power / max(power, 1e-37) * f32(REGION_LIGHTS);
+    let of_bound = by_bound / max(bounds, 1e-37) * f32(REGION_LIGHTS);
 
     var choice = Choice(REGION_LIGHTS, f32(REGION_LIGHTS));
     let numbers = numbers_of(region.class_number, 4u);
@@ -103,7 +114,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let normal = candidates[2u * i + 1u];
         let weight = dot(contributions(position, normal, at0), scale0) + dot(contributions(position, normal, at1), scale1)
             + dot(contributions(position, normal, at2), scale2) + dot(contributions(position, normal, at3), scale3);
-        let share = position.w * (weight + of_power);
+        let share = position.w * (weight + of_bound * bound_of(position, at0, at1, at2, at3));
         let taken = take(&choice, share, number_of(numbers, i - begin));
         if taken > 0u {
             let times = f32(taken) / max(share, 1e-30);

@@ -19,6 +19,20 @@ fn representatives_at(slots: vec4<u32>) -> Representatives {
     return Representatives(p[0], p[1], p[2], n[0], n[1], n[2]);
 }
 
+// Squared distance of a light from the nearest representative.
+fn nearest2(position: vec4<f32>, at: Representatives) -> f32 {
+    let x = position.x - at.x;
+    let y = position.y - at.y;
+    let z = position.z - at.z;
+    let r2 = x * x + y * y + z * z;
+    return min(min(r2.x, r2.y), min(r2.z, r2.w));
+}
+
+// The irradiance that a light of power 1 has at most at a squared distance.
+fn bound_at(distance2: f32) -> f32 {
+    return 1.0 / max(distance2, max(frame.right.w, 1e-7));
+}
+
 // The irradiance from a light of power 1 at each representative, without shadows.
 fn contributions(position: vec4<f32>, normal: vec4<f32>, at: Representatives) -> vec4<f32> {
     let x = position.x - at.x;

@@ -7,13 +7,14 @@
 //! u_l a number of the light, class and pass, and m the choices that are left,
 //!
 //! ```text
-//! p_l = (1 - s) sum_r c_rl / sum_r,k c_rk + s P_l / sum_k P_k
+//! p_l = (1 - s) sum_r c_rl / sum_r,k c_rk + s b_l / sum_k b_k
 //! n_l = floor(m p_l / (p_l + p_(l+1) + ...) + u_l)        times that light l is chosen; then m is less by n_l
 //! ```
 //!
 //! c_rl is the irradiance of light l at the cluster's representative r, without shadows and lobes, clipped as in `shade`, with cosines
-//! that are a little too large ([`SOFT`]), P_l the power of the light, and s = [`BY_POWER`] the share of lights chosen by power alone,
-//! which bounds the weight n_l / (M p_l) of a light. Of a larger pool than [`light_regions::CHOSEN`] only those are weighed that its region
+//! that are a little too large ([`SOFT`]); b_l = P_l / max(d^2, clip^2), with the light's power P_l and its distance d from the box around the cluster's
+//! points, bounds what it can send to any of them; and s = [`BY_BOUND`] is the share of lights chosen by that alone. So the light of weight
+//! n_l / (M p_l) has at most 1 / (M s) of the sum of all bounds at any point, but for its lobe. Of a larger pool than [`light_regions::CHOSEN`] only those are weighed that its region
 //! of the image took ([`light_regions`]), with the power that they have there. The mean over u is the sum over all lights of the pool, whatever the
 //! representatives are: in the mean each light is chosen M p_l times. Lights on emitters and those without area, which are
 //! few, are taken over as they are.
@@ -28,7 +29,7 @@
 //! class chooses by power alone.
 //!
 //! Differs from the paper in that: it chooses for parts of the image instead of the whole, and without visibility.
-//! Cost: for each cluster 64 bytes and 20 + 50 R operations for each light that it weighs, R = [`REPRESENTATIVES`], and 200 bytes for
+//! Cost: for each cluster 64 bytes and 20 + 50 R operations for each light that it weighs, R = [`REPRESENTATIVES`], 16 bytes for each of its points, and 200 bytes for
 //! each light that lights it: for 640x480 pixels a third to a half of the time that shadow rays take. Memory: 104 bytes for each of
 //! the latter; 32 for each light of the pool.
 
@@ -48,8 +49,8 @@ use crate::sampling::random::{hash, key};
 use crate::sampling::sobol::unit;
 use crate::stage::Eye;
 
-/// Share of lights chosen by power alone. Higher: smaller weights where representatives see little; lower: less noise elsewhere.
-pub const BY_POWER: f32 = 0.35;
+/// Share of lights chosen by the bound alone. Higher: smaller weights where representatives see little; lower: less noise elsewhere.
+pub const BY_BOUND: f32 = 0.2;
 /// Added to the cosines at the representatives and at the light: other points of the cluster may face it more. Higher: smaller weights
 /// at silhouettes and on curved surfaces; lower: less noise on planes.
 pub const SOFT: f32 = 0.2;
@@ -224,13 +225,26 @@ pub fn number(frame: &FrameParameters, class: u32, light: u32, consumer: u32) ->
     unit(start.wrapping_add(class.wrapping_mul(u32::MAX / frame.pattern[2])))
 }
 
-/// Oracle: the probability p_l of each light, from contributions and powers.
-pub fn probabilities(contributions: &[f64], powers: &[f64]) -> Vec<f64> {
-    let [all, power] = [contributions, powers].map(|of| of.iter().sum::<f64>());
-    let by_power = if all > 0.0 { f64::from(BY_POWER) } else { 1.0 };
+/// Oracle: what a light sends at most to a point at a squared distance, its lobe spread evenly.
+pub fn bound(frame: &FrameParameters, light: &PointLight, distance2: f32) -> f32 {
+    power(light) / distance2.max(frame.right[3].max(1e-7))
+}
+
+/// Oracle: squared distance of a light from the box around some points.
+pub fn from_box(light: &PointLight, points: impl Iterator<Item = Vec3>) -> f32 {
+    let none = (Vec3::splat(f32::INFINITY), Vec3::splat(f32::NEG_INFINITY));
+    let (low, high) = points.fold(none, |(low, high), point| (low.min(point), high.max(point)));
+    let position = Vec3::from_slice(&light.position[..3]);
+    (low - position).max(position - high).max(Vec3::ZERO).length_squared()
+}
+
+/// Oracle: the probability p_l of each light, from contributions and bounds (for classes, powers).
+pub fn probabilities(contributions: &[f64], bounds: &[f64]) -> Vec<f64> {
+    let [all, bound] = [contributions, bounds].map(|of| of.iter().sum::<f64>());
+    let by_bound = if all > 0.0 { f64::from(BY_BOUND) } else { 1.0 };
     let share = |part: f64, of: f64| if of > 0.0 { part / of } else { 0.0 };
-    let each = contributions.iter().zip(powers);
-    each.map(|(&c, &p)| (1.0 - by_power) * share(c, all) + by_power * share(p, power)).collect()
+    let each = contributions.iter().zip(bounds);
+    each.map(|(&c, &b)| (1.0 - by_bound) * share(c, all) + by_bound * share(b, bound)).collect()
 }
 
 /// Oracle: for each light how often it is chosen, `count` times in all. `numbers`: u of each light.
@@ -262,7 +276,7 @@ mod tests {
         assert!((p.iter().sum::<f64>() - 1.0).abs() < 1e-12);
         let frame = FrameParameters { pattern: [1, 1, 1, 0], ..FrameParameters::zeroed() };
         for count in [1, 3, 16] {
-            let passes = 200_000;
+            let passes = 400_000;
             let (mut sum, mut squares) = (0.0, 0.0);
             for pass in 0..passes {
                 let frame = FrameParameters { size: [0, 0, 0, pass], ..frame };

@@ -5,10 +5,11 @@
 //! clusters, 16 at most. Of the pool's lights l it takes M = [`CHOSEN`], one after the other as `light_lists` does, with
 //!
 //! ```text
-//! p_l = (1 - s) / R sum_r c_rl / sum_k c_rk + s P_l / sum_k P_k
+//! p_l = (1 - s) / R sum_r c_rl / sum_k c_rk + s b_l / sum_k b_k
 //! ```
 //!
-//! where r runs over the R representatives that any light reaches, and c, P and s = [`BY_POWER`] are those of `light_lists`. So each representative counts
+//! where r runs over the R representatives that any light reaches, c is that of `light_lists`, b_l = P_l / max(v d^2, clip^2) with the light's power P_l and its distance d from the nearest
+//! representative, v = [`NEARER`], and s = [`BY_BOUND`]. So each representative counts
 //! alike: lights near a dark place are there when its clusters choose, however bright others are. A light that is taken has its power over M
 //! p_l, times the number of choices that took it; the mean over the choices is the sum over the pool.
 //!
@@ -21,7 +22,7 @@ use glam::Vec3;
 
 use super::clusters;
 use super::layout::{FrameParameters, PointLight};
-use super::light_lists::{contribution, power};
+use super::light_lists::{bound, contribution};
 use super::{BoundKernel, Kit};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
@@ -30,10 +31,12 @@ use crate::sampling::dimensions::LISTS;
 use crate::sampling::random::{hash, key};
 use crate::stage::Eye;
 
-pub use super::light_lists::BY_POWER;
+pub use super::light_lists::BY_BOUND;
 
 /// Width and height of a region, in blocks of clusters.
 pub const REGION: u32 = 4;
+/// A point of the region may be nearer to a light than its representatives are: part of the squared distance that counts.
+pub const NEARER: f32 = 0.25;
 /// Lights that a region takes. More: less noise, and more that each cluster weighs.
 pub const CHOSEN: u32 = 256;
 
@@ -99,15 +102,19 @@ pub fn representative(frame: &FrameParameters, number: u32) -> u32 {
 
 /// Oracle: the probability p_l of each light of a pool.
 pub fn probabilities(frame: &FrameParameters, pool: &[PointLight], points: &[(Vec3, Vec3)]) -> Vec<f64> {
-    let powers: Vec<f64> = pool.iter().map(|light| f64::from(power(light))).collect();
-    let whole = powers.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+    let nearest = |light: &PointLight| {
+        let distances = points.iter().map(|(x, _)| x.distance_squared(Vec3::from_slice(&light.position[..3])));
+        distances.fold(f32::INFINITY, f32::min)
+    };
+    let bounds: Vec<f64> = pool.iter().map(|light| f64::from(bound(frame, light, NEARER * nearest(light)))).collect();
+    let whole = bounds.iter().sum::<f64>().max(f64::MIN_POSITIVE);
     let of_point = |&point: &(Vec3, Vec3)| {
         let each: Vec<f64> = pool.iter().map(|light| f64::from(contribution(frame, light, point))).collect();
         let sum: f64 = each.iter().sum();
         (sum > 0.0).then(|| each.into_iter().map(move |c| c / sum).collect::<Vec<f64>>())
     };
     let shares: Vec<Vec<f64>> = points.iter().filter_map(of_point).collect();
-    let by_power = if shares.is_empty() { 1.0 } else { f64::from(BY_POWER) };
+    let by_bound = if shares.is_empty() { 1.0 } else { f64::from(BY_BOUND) };
     let mean = |l: usize| shares.iter().map(|of_point| of_point[l]).sum::<f64>() / shares.len().max(1) as f64;
-    (0..pool.len()).map(|l| (1.0 - by_power) * mean(l) + by_power * powers[l] / whole).collect()
+    (0..pool.len()).map(|l| (1.0 - by_bound) * mean(l) + by_bound * bounds[l] / whole).collect()
 }

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use lightsum::gpu::Buffer;
 use lightsum::pass::layout::PointLight;
-use lightsum::pass::light_lists::{chosen, contribution, power, probabilities, representatives, seed};
+use lightsum::pass::light_lists::{bound, chosen, contribution, from_box, power, probabilities, representatives, seed};
 use lightsum::pass::{light_lists, light_regions};
 use lightsum::scene::Scene;
 use lightsum::settings::{Clip, Compensation, Settings, Traversal};
@@ -102,6 +102,8 @@ fn check_regions(rig: &Rig, buffer: &Buffer) -> Vec<Vec<(PointLight, u32)>> {
             // Its power there, which its own has been multiplied by.
             let times = at_light.w / power(&light).max(f32::MIN_POSITIVE);
             let holds = match expected {
+                // No cluster asks a region without points.
+                _ if points.is_empty() => true,
                 None => at_light.w == 0.0,
                 Some((i, expected)) => {
                     let same = normal.w.to_bits() as usize == *i && at_light.truncate() == xyz(light.position);
@@ -156,8 +158,9 @@ fn check_clusters(rig: &Rig) -> usize {
             of_regions.as_ref().map_or_else(whole, region).into_iter().unzip();
         let contributions: Vec<f64> =
             pool.iter().map(|l| points.iter().map(|&point| f64::from(contribution(p, l, point))).sum()).collect();
-        let powers: Vec<f64> = pool.iter().map(|l| f64::from(power(l))).collect();
-        let probabilities = probabilities(&contributions, &powers);
+        let inside = || places.iter().filter(present).map(|&slot| position[slot as usize].truncate());
+        let bounds: Vec<f64> = pool.iter().map(|l| f64::from(bound(p, l, from_box(l, inside())))).collect();
+        let probabilities = probabilities(&contributions, &bounds);
         let numbers = numbers.iter().map(|&l| f64::from(light_lists::number(p, *class, l, 0)));
         let times = chosen(&probabilities, (slots - copied) as u32, numbers);
         let what = format!("cluster {number}");
