@@ -1,6 +1,7 @@
 // Radiance that the filter adds to pixels by their second components. See pass/gain.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
+#include "listed_tile.wgsl"
 #include "math.wgsl"
 #include "radiance.wgsl"
 #include "raw_lighting.wgsl"
@@ -21,15 +22,10 @@
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let index = group.x + group.y * groups.x;
-    if index >= atomicLoad(&work.live) {
+    let pixel = listed_pixel(group, groups, lane);
+    if pixel == NO_POINT {
         return;
     }
-    let at = pixel_of_tile(tiles[index], lane);
-    if at.x >= frame.size.x || at.y >= frame.size.y {
-        return;
-    }
-    let pixel = at.x + at.y * frame.size.x;
     // Mirror images are spread over their planes, and their gain with them.
     let mirrors = frame.superposition.x > 0u;
     if mirrors && region[select(0u, pixel, mirrors)] != 0u {

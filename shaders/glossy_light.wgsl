@@ -1,6 +1,7 @@
 // Adds the light of paths along lobes to the specular radiance of their pixels. See pass/glossy_light.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
+#include "listed_tile.wgsl"
 #include "math.wgsl"
 #include "radiance.wgsl"
 
@@ -16,15 +17,10 @@
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let index = group.x + group.y * groups.x;
-    if index >= atomicLoad(&work.live) {
+    let pixel = listed_pixel(group, groups, lane);
+    if pixel == NO_POINT {
         return;
     }
-    let at = pixel_of_tile(tiles[index], lane);
-    if at.x >= frame.size.x || at.y >= frame.size.y {
-        return;
-    }
-    let pixel = at.x + at.y * frame.size.x;
     let word = point_wo[pixel].w;
     if !has_flag(word, LOBE_SAMPLED) || has_flag(word, SEEN_BY_SPECULAR) {
         return;

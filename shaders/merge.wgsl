@@ -1,6 +1,7 @@
 // Adds the light of second components to their pixels. See pass/merge.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
+#include "listed_tile.wgsl"
 #include "math.wgsl"
 #include "radiance.wgsl"
 
@@ -17,15 +18,10 @@
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let index = group.x + group.y * groups.x;
-    if index >= atomicLoad(&work.live) {
+    let pixel = listed_pixel(group, groups, lane);
+    if pixel == NO_POINT {
         return;
     }
-    let at = pixel_of_tile(tiles[index], lane);
-    if at.x >= frame.size.x || at.y >= frame.size.y {
-        return;
-    }
-    let pixel = at.x + at.y * frame.size.x;
     let slot = pixel + frame.size.z;
     let l = throughput[slot].xyz * reflected_radiance(point_kd[slot].xyz, lighting_of(slot));
     shown[pixel] += vec4<f32>(emitted[slot].xyz + l, 0.0);

@@ -2,6 +2,7 @@
 // See pass/mirror_image.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
+#include "listed_tile.wgsl"
 #include "math.wgsl"
 #include "radiance.wgsl"
 #include "reflectors.wgsl"
@@ -30,15 +31,10 @@ const NOTHING_SEEN: f32 = 3.0e38;
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let index = group.x + group.y * groups.x;
-    if index >= atomicLoad(&work.live) {
+    let pixel = listed_pixel(group, groups, lane);
+    if pixel == NO_POINT {
         return;
     }
-    let at = pixel_of_tile(tiles[index], lane);
-    if at.x >= frame.size.x || at.y >= frame.size.y {
-        return;
-    }
-    let pixel = at.x + at.y * frame.size.x;
     let plane = region[pixel];
     if plane == 0u {
         return;

@@ -2,6 +2,7 @@
 // FIND: how much. Without: takes it away. GAIN: and notes it.
 #include "frame.wgsl"
 #include "work.wgsl"
+#include "listed_tile.wgsl"
 #include "math.wgsl"
 #include "flags.wgsl"
 #if FIND
@@ -69,15 +70,11 @@ fn excess(at: vec2<u32>, component: u32) -> vec3<f32> {
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let index = group.x + group.y * groups.x;
-    if index >= atomicLoad(&work.live) {
+    let pixel = listed_pixel(group, groups, lane);
+    if pixel == NO_POINT {
         return;
     }
-    let at = pixel_of_tile(tiles[index], lane);
-    if at.x >= frame.size.x || at.y >= frame.size.y {
-        return;
-    }
-    let pixel = at.x + at.y * frame.size.x;
+    let at = place_of_pixel(pixel);
 #if FIND
     // Images of planes are spread later.
     let mirrors = frame.superposition.x > 0u;
@@ -85,9 +82,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     for (var component = 0u; component < 2u; component += 1u) {
         let slot = pixel + component * frame.size.z;
         var more = vec3<f32>(0.0);
-        let unlikely = has_flag(point_wo[slot].w, UNLIKELY) && !spreads;
-        // A loop, because it runs zero times if no path of the subgroup was unlikely.
-        for (var i = select(0u, 1u, unlikely); i > 0u; i -= 1u) {
+        let found = has_flag(point_wo[slot].w, UNLIKELY) && !spreads && mean3(emitted[slot].xyz) > 0.0;
+        // A loop, because it runs zero times if no path of the subgroup found any.
+        for (var i = select(0u, 1u, found); i > 0u; i -= 1u) {
             more = excess(at, component * frame.size.z);
         }
         removed[slot] = vec4<f32>(more, 0.0);

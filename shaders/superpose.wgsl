@@ -1,6 +1,7 @@
 // Adds the spread mirror image, times the plane's reflectance, to its pixels. See pass/superpose.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
+#include "listed_tile.wgsl"
 #include "math.wgsl"
 #include "reflectors.wgsl"
 
@@ -32,15 +33,10 @@ fn fresnel_fitted(f0: vec3<f32>, cos: f32) -> vec3<f32> {
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let index = group.x + group.y * groups.x;
-    if index >= atomicLoad(&work.live) {
+    let pixel = listed_pixel(group, groups, lane);
+    if pixel == NO_POINT {
         return;
     }
-    let at = pixel_of_tile(tiles[index], lane);
-    if at.x >= frame.size.x || at.y >= frame.size.y {
-        return;
-    }
-    let pixel = at.x + at.y * frame.size.x;
     let plane = region[pixel];
     if plane == 0u {
         return;

@@ -15,7 +15,7 @@
 //!
 //! Bias: after Zirr, Hanika and Dachsbacher (2018), who weigh such samples by what neighbours support, it is a loss of light that fades as log(N) / N over N passes.
 //!
-//! Cost: for each pixel of a tile that shows mirrors, glass or narrow lobes two flags read and 4 vec4 written, and for each that has an outlier 70 vec4
+//! Cost: for each pixel of a tile that shows mirrors, glass or narrow lobes two vec4 and two flags read and 4 vec4 written, and for each slot with such emission 70 vec4
 //! and 400 operations. Memory: 16 bytes a slot.
 
 use glam::Vec3;
