@@ -196,7 +196,7 @@ fn lobes_that_are_followed_show_caustics_of_point_lights() {
         };
         let energy = |scene: &Scene, photons: u32| {
             let settings = Settings { photons, mirror_lights: 0, glossy_paths: true, ..settings(2, 4) };
-            f64::from(mean(&render(ctx, scene, view, &settings, 24).color).y)
+            mean(&render(ctx, scene, view, &settings, 24).color).y
         };
         let with_mirror = scene(true, &[light(0.0)]);
         let by_photons = energy(&with_mirror, 20_000) - energy(&with_mirror, 0);
