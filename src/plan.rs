@@ -1,8 +1,10 @@
 //! Plans a pass before it is recorded: the number of particles that survive each reflection, the slots of their lights,
 //! the division of work into dispatches, and the sampling parameters of each pass.
 
+mod lights;
 mod parameters;
 
+pub use self::lights::LightPlan;
 pub use parameters::{MAX_FOLLOWED_ALPHA, MIN_LIGHT_ALPHA};
 
 use std::borrow::Cow;
@@ -15,7 +17,6 @@ use crate::pass::Kit;
 use crate::pass::delta_choice::{Candidates, MAX_CANDIDATES};
 use crate::pass::importance::MAX_EMITTERS;
 use crate::pass::layout::{PointLight, Step};
-use crate::pass::light_lists::MAX_POOL;
 use crate::pass::photon_grid::MAX_BUCKET_BITS;
 use crate::settings::{Compensation, LightChoice, Settings};
 use crate::view::{MAX_PIXELS, View};
@@ -29,83 +30,6 @@ const ITERATIONS_PER_STEP: u32 = 6;
 
 /// Number of independent instances of the estimator, for the error estimate (Kollig and Keller 2002).
 pub const INSTANCES: u32 = 2;
-
-/// Lights of a pass: slots in the light buffer.
-///
-/// Every class of pixels has the same number of slots, one class after the other. Slots of a class: the delta lights
-/// (those without area, and imported ones), then for each number of reflections j the N_j particles that survive it,
-/// so light i of these has the slot `class * slots() + first_slot(j) + i`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct LightPlan {
-    /// Number N_j of particles that leave a light after j reflections, j = 0..=max_depth - 2; empty if nothing is lit.
-    pub survivors: Vec<u32>,
-    /// Slots for point, spot, directional and imported lights: one for each, or one for each light that a pass chooses.
-    pub delta: u32,
-}
-
-impl LightPlan {
-    /// N_j = floor(rho^j N) (Keller 1997, 3.2), but at least 1: otherwise long paths would be missing from the limit.
-    /// [`Settings::direct_lights`] limits N_0; [`Settings::delta_lights`] limits the number of `delta` lights of the
-    /// scene that light a pass.
-    pub fn new(settings: &Settings, mean_reflectivity: f32, delta: u32) -> LightPlan {
-        LightPlan::of_particles(settings, settings.particles, mean_reflectivity, delta)
-    }
-
-    /// For another number of particles that reflect; N_0 is that of the settings.
-    fn of_particles(settings: &Settings, particles: u32, mean_reflectivity: f32, delta: u32) -> LightPlan {
-        let mut survivors = Vec::new();
-        let mut expected = f64::from(particles);
-        for _ in 1..settings.max_depth {
-            survivors.push((expected.floor() as u32).max(1));
-            expected *= f64::from(mean_reflectivity.clamp(0.0, 1.0));
-        }
-        if let Some(first) = survivors.first_mut() {
-            *first = settings.direct_lights.unwrap_or(settings.particles.div_ceil(4)).min(settings.particles);
-        }
-        LightPlan { survivors, delta: settings.delta_lights.map_or(delta, |most| most.min(delta)) }
-    }
-
-    /// The lights of a pool from which clusters choose, and the number of particles that leave them: `light_pool`, or fewer so that
-    /// there are at most [`MAX_POOL`] of them.
-    fn of_pool(settings: &Settings, mean_reflectivity: f32, delta: u32) -> (LightPlan, u32) {
-        let plan = |particles: u32| LightPlan::of_particles(settings, particles, mean_reflectivity, delta);
-        let fits = |particles: &u32| {
-            let plan = plan(*particles);
-            plan.slots() - plan.first_slot(1) <= MAX_POOL
-        };
-        let particles = std::iter::successors(Some(settings.light_pool), |n| Some(n - n.div_ceil(16)));
-        let particles = particles.take_while(|&n| n > settings.particles).find(fits).unwrap_or(settings.particles);
-        (plan(particles), particles)
-    }
-
-    /// The lights of a cluster that chooses as many as this plan has after reflections.
-    fn of_cluster(&self) -> LightPlan {
-        let reflected = self.slots() - self.first_slot(1);
-        let mut survivors = vec![0; self.survivors.len()];
-        survivors[0] = self.survivors[0];
-        survivors[1] = reflected;
-        LightPlan { survivors, delta: self.delta }
-    }
-
-    /// First slot of the lights with j reflections.
-    pub fn first_slot(&self, j: usize) -> u32 {
-        self.delta + self.survivors.iter().take(j).sum::<u32>()
-    }
-
-    /// Number of slots of a class.
-    pub fn slots(&self) -> u32 {
-        self.first_slot(self.survivors.len())
-    }
-
-    /// Chunks of at most `size` lights that together hold every light with at most `reflections` reflections. Delta
-    /// lights have chunks of their own, since clusters cannot take parallel light.
-    pub fn chunks(&self, size: u32, reflections: usize) -> Vec<(u32, u32)> {
-        let cut = |first: u32, end: u32| {
-            (0..(end - first).div_ceil(size)).map(move |i| (first + i * size, end.min(first + (i + 1) * size)))
-        };
-        cut(0, self.delta).chain(cut(self.delta, self.first_slot(reflections + 1))).collect()
-    }
-}
 
 /// Traversal steps of one shadow ray in one dispatch of the shading pass over `lights` lights, such that the dispatch
 /// stays within `budget` (at least [`min_loop_budget`]) for every scene: lights * (steps * 6 + 6) <= budget.
@@ -566,37 +490,6 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn survivors_follow_the_paper() {
-        let settings = Settings { particles: 32, max_depth: 6, ..Settings::plain() };
-        let plan = LightPlan::new(&settings, 0.5, 3);
-        assert_eq!(plan.survivors, [32, 16, 8, 4, 2]);
-        assert_eq!(plan.first_slot(0), 3);
-        assert_eq!(plan.first_slot(2), 51);
-        assert_eq!(plan.slots(), 65);
-        let plan = LightPlan::new(&Settings { direct_lights: Some(4), ..settings.clone() }, 0.5, 0);
-        assert_eq!(plan.survivors, [4, 16, 8, 4, 2]);
-        let plan = LightPlan::new(&Settings { direct_lights: None, ..settings.clone() }, 0.5, 0);
-        assert_eq!(plan.survivors, [8, 16, 8, 4, 2]);
-        let plan = LightPlan::new(&Settings { particles: 3, max_depth: 5, ..settings }, 0.5, 0);
-        assert_eq!(plan.survivors, [3, 1, 1, 1], "no depth dies out");
-    }
-
-    #[test]
-    fn chunks_cover_every_light_once() {
-        let plan = LightPlan { survivors: vec![32, 17, 9], delta: 5 };
-        for (reflections, lights) in [(0, 37), (1, 54), (2, 63), (5, 63)] {
-            let mut next = 0;
-            for (first, end) in plan.chunks(8, reflections) {
-                assert_eq!(first, next);
-                assert!(end > first && end - first <= 8 && (first >= plan.delta || end <= plan.delta));
-                next = end;
-            }
-            assert_eq!(next, lights);
-        }
-        assert_eq!(LightPlan { survivors: Vec::new(), delta: 0 }.chunks(8, 3), []);
-    }
 
     #[test]
     fn photons_are_looked_up_within_the_loop_budget() {

@@ -5,6 +5,7 @@
 mod caustics;
 mod convolve;
 mod delta_choice;
+mod devices;
 mod discontinuity;
 mod edges;
 mod embed;
