@@ -40,7 +40,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let normal = seen_geometric[slot].xyz;
     // Second components have neighbours of any kind.
     let reach = select(0, i32(near_spread() / 2u), slot < frame.size.z);
-    let part = frame.lens.z / f32(near_spread() * near_spread());
+    let part = bitcast<f32>(frame.lists.z) / f32(near_spread() * near_spread());
     for (var dy = -reach; dy <= reach; dy += 1) {
         for (var dx = -reach; dx <= reach; dx += 1) {
             let to = at + vec2<i32>(dx, dy) * vec2<i32>(frame.pattern.xy);

@@ -52,7 +52,8 @@ pub struct FrameParameters {
     /// Mirrored lights of each class N, lights to mirror, planar mirrors; neighbours of a class, across and down, that share
     /// near light.
     pub mirrors: [u32; 4],
-    /// Lights that a cluster chooses, lights of a cluster, 0, 0 (see [`super::light_lists`]).
+    /// Lights that a cluster chooses, lights of a cluster (see [`super::light_lists`]); bits of the weight of near light of the same class
+    /// (see [`super::near_collect::weight`]); 0.
     pub lists: [u32; 4],
     /// Of the lens: its diameter times the pixels of a unit of length at unit distance, 1 / distance in focus; z: weight of neighbours;
     /// w: photons in a footprint, 0: all have the radius of the look-up (see [`super::photon_width`]).

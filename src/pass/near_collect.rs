@@ -28,8 +28,8 @@
 //! And each pixel then takes the mean of the near light of all pixels around it, in a window as wide as the pattern, in place of its own,
 //! weighted by the cosine between the normals and less where the chord leaves the tangent plane ([`STEEP`]); the pixels without near rays
 //! count as zero. Otherwise thin and curved things, over which the filter does not average, are dotted: two of nine pixels would be
-//! several times too bright, and seven too dark. Both means blur, and fade with the passes like the filter
-//! ([`Filter::weight`](crate::settings::Filter::weight)).
+//! several times too bright, and seven too dark. Both means blur, and fade with the passes: the one over the window like the filter
+//! ([`Filter::weight`](crate::settings::Filter::weight)), the one over a class, which reaches three times as far, sooner ([`weight`]).
 //!
 //! Cost: 9 vec4 for a near ray and 6 for each further one, some 60 operations each; for the addition 8 vec4, and 5 with 50
 //! operations for each neighbour; for the mean over the window 5 vec4 for each of its pixels, and 8 vec4 for each pixel.
@@ -45,6 +45,14 @@ use crate::plan::Plan;
 
 /// Maximum number of near rays in a row.
 pub const LINKS: usize = 3;
+
+/// Passes with the whole mean over neighbours of a class. More: less noise in the first dozens of passes; fewer: less blur in corners after them.
+pub const FULL_PASSES: u32 = 8;
+
+/// Weight of the mean over neighbours of a class in pass number `pass` (from 0).
+pub fn weight(pass: u32) -> f32 {
+    FULL_PASSES as f32 / (pass + 1).max(FULL_PASSES) as f32
+}
 
 /// Minimum cosine of the angle between the normals of neighbours whose near light is averaged.
 pub const SMOOTH: f32 = 0.9;

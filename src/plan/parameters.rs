@@ -5,6 +5,7 @@ use glam::Vec3;
 use super::{INSTANCES, Plan};
 use crate::error::{Error, Result};
 use crate::pass::layout;
+use crate::pass::near_collect;
 use crate::pass::near_points::NEAR_SPREAD;
 use crate::pass::photon_width::FOOTPRINT;
 use crate::sampling::dimensions::{OFFSET, REPLICA, ROTATION, WINDOW};
@@ -106,7 +107,12 @@ impl Plan {
                 let [each, lights, mirrors] = self.mirrors.map_or([0; 3], |m| [m.each, m.lights, m.mirrors]);
                 [each, lights, mirrors, if s.filter.is_some() { NEAR_SPREAD } else { 1 }]
             },
-            lists: [self.lists.slots() - self.lists.first_slot(1), self.lists.slots(), 0, 0],
+            lists: [
+                self.lists.slots() - self.lists.first_slot(1),
+                self.lists.slots(),
+                near_collect::weight(pass).to_bits(),
+                0,
+            ],
             lens: [
                 lookout.lens[0],
                 lookout.lens[1],
