@@ -10,8 +10,8 @@
 //! L_e' = L_e - w min(L_e, L (1 - ABOVE G_4 / G)),     G the grey of L = L_e + throughput (kd / pi E + L_s), G_4 the fourth greatest around it
 //! ```
 //!
-//! where G exceeds ABOVE G_4. What is taken counts as gain of the filter ([`gain`](super::gain)), so it comes back where passes tell
-//! that it is no noise.
+//! where G exceeds ABOVE G_4. The gain of the filter ([`gain`](super::gain)) includes this loss, so the image gets the light back where the
+//! passes show that it is more than noise.
 //!
 //! Bias: after Zirr, Hanika and Dachsbacher (2018), who weigh such samples by what neighbours support, it is a loss of light that fades as log(N) / N over N passes.
 //!
