@@ -1,22 +1,27 @@
 #!/usr/bin/env python3
-"""Path-traced image of a scene by Mitsuba 3, as half-float EXR, for the tests that compare with an independent renderer.
+"""Path-traced image of a scene by Mitsuba 3, as half-float EXR, for comparisons with an independent renderer.
 
     python3 -m venv venv && venv/bin/pip install mitsuba==3.9.1 numpy
     venv/bin/python scripts/mitsuba_reference.py SCENE.toml OUT.exr --spp 16384
 
-Reads a scene description with model and camera and nothing else. Of the model's materials (OBJ, MTL) it knows Kd (diffuse), Ke
-(emission from the front) and Pm 1 with Pr (metal: GGX of alpha Pr^2, Fresnel's term after Schlick over Kd); anything else is
-refused. Segments of a path: 1 emitters alone, 2 direct light, 5 three further reflections.
+Reads a scene description with model and camera and nothing else. Of the model's materials (OBJ, MTL) it knows Kd and map_Kd (diffuse), Ke
+(emission from the front), Ks with illum 3 or 5 (diffuse and an ideal mirror), illum 6 and 7 with Ni (smooth glass), and Pm 1 with Pr
+(metal: GGX of alpha Pr^2, Fresnel's term after Schlick over Kd, or over Ks where Kd is 0). Tints of glass, coats and half metals are
+refused; --plain FOLDER writes a copy of the scene without them, for both renderers. Segments of a path: 1 emitters alone, 2 direct
+light, 5 three further reflections. With an LLVM library (DRJIT_LIBLLVM_PATH) it is some ten times faster.
 """
 import argparse
 import os
+import pathlib
 import tempfile
 import tomllib
 
 import mitsuba as mi
 import numpy as np
 
-KNOWN = {"Kd", "Ke", "Pm", "Pr", "illum"}
+NUMBERS = {"Kd", "Ke", "Ks", "Ni", "Pm", "Pr", "Tf", "illum"}
+IGNORED = {"Ka", "Ns", "d"}
+MIRRORS, GLASS = (3, 5), (6, 7)
 
 
 def words_of(path):
@@ -27,83 +32,152 @@ def words_of(path):
 
 
 def materials_of(path):
-    """Materials by name, each a dictionary from keyword to numbers."""
+    """Materials by name, each a dictionary from keyword to numbers, or to the file of a texture."""
     materials, current = {}, {}
     for keyword, *rest in words_of(path):
         if keyword == "newmtl":
             current = materials.setdefault(" ".join(rest), {})
-        elif keyword in KNOWN:
+        elif keyword in NUMBERS:
             current[keyword] = [float(word) for word in rest]
-        else:
+        elif keyword == "map_Kd":
+            current[keyword] = os.path.join(os.path.dirname(path), " ".join(rest))
+        elif keyword not in IGNORED:
             raise SystemExit(f"{path}: {keyword} is not known here")
     return materials
+
+
+def kind_of(material):
+    return int(material.get("illum", [2])[0])
+
+
+def is_metal(material):
+    return material.get("Pm") == [1.0] and kind_of(material) not in MIRRORS + GLASS
+
+
+def is_coated(material):
+    """Lambert below a lobe of Ks, which the two renderers put together differently."""
+    return kind_of(material) == 2 and not is_metal(material) and max(material.get("Ks", [0.0])) > 0.0
 
 
 def rgb(value):
     return {"type": "rgb", "value": value}
 
 
-def bsdf_of(material):
-    colour = rgb(material.get("Kd", [0.8, 0.8, 0.8]))
-    if "Pm" not in material:
-        return {"type": "twosided", "inner": {"type": "diffuse", "reflectance": colour}}
-    if material["Pm"] != [1.0]:
-        raise SystemExit("of metals, only Pm 1 is known here")
-    metal = {"type": "principled", "base_color": colour, "metallic": 1.0, "roughness": material["Pr"][0]}
-    return {"type": "twosided", "inner": metal}
+def bsdf_of(name, material):
+    kind = kind_of(material)
+    if kind in GLASS:
+        if "Tf" in material and material["Tf"] != [1.0, 1.0, 1.0]:
+            raise SystemExit(f"{name}: tints of glass are not known here; --plain writes a copy without")
+        return {"type": "dielectric", "int_ior": material.get("Ni", [1.5])[0], "ext_ior": 1.0}
+    kd = material.get("Kd", [0.0] * 3 if kind in MIRRORS else [0.8] * 3)
+    if is_metal(material):
+        colour = rgb(kd if max(kd) > 0.0 else material.get("Ks", [0.0] * 3))
+        metal = {"type": "principled", "base_color": colour, "metallic": 1.0, "roughness": material["Pr"][0]}
+        return {"type": "twosided", "inner": metal}
+    if is_coated(material):
+        raise SystemExit(f"{name}: Ks of illum 2 without Pm 1 is not known here; --plain writes a copy without")
+    diffuse = {"type": "diffuse", "reflectance": rgb(kd)}
+    if "map_Kd" in material:
+        diffuse["reflectance"] = {"type": "bitmap", "filename": material["map_Kd"]}
+    if kind not in MIRRORS:
+        return {"type": "twosided", "inner": diffuse}
+    ks = np.array(material.get("Ks", [1.0] * 3))
+    if max(kd) == 0.0:
+        return {"type": "twosided", "inner": {"type": "conductor", "material": "none", "specular_reflectance": rgb(list(ks))}}
+    # A blend of both of weight w has w times the mirror's and 1 - w times the diffuse reflectance, so these are divided by them.
+    weight = float(ks.max())
+    mirror = {"type": "conductor", "material": "none", "specular_reflectance": rgb(list(ks / weight))}
+    diffuse["reflectance"] = rgb(list(np.minimum(np.array(kd) / (1.0 - weight), 1.0)))
+    return {"type": "twosided", "inner": {"type": "blendbsdf", "weight": weight, "first": diffuse, "second": mirror}}
 
 
-def shapes_of(model, folder):
+def shapes_of(model, folder, face_normals):
     """Shapes of an OBJ model, one for each material; their files go into a folder."""
-    vertices, faces, materials, name = [], {}, {}, ""
+    heads, faces, smooth, materials, name = [], {}, {}, {}, ""
     for keyword, *rest in words_of(model):
-        if keyword == "v":
-            vertices.append(" ".join(["v", *rest]))
+        if keyword in ("v", "vt", "vn"):
+            heads.append(" ".join([keyword, *rest]))
         elif keyword == "mtllib":
             materials |= materials_of(os.path.join(os.path.dirname(model), " ".join(rest)))
         elif keyword == "usemtl":
             name = " ".join(rest)
         elif keyword == "f":
-            corners = [corner.split("/")[0] for corner in rest]
+            smooth[name] = smooth.get(name, True) and all(corner.count("/") == 2 for corner in rest)
             # Triangles of a fan: Mitsuba wants no larger polygons than quadrilaterals.
-            for second, third in zip(corners[1:], corners[2:]):
-                faces.setdefault(name, []).append(f"f {corners[0]} {second} {third}")
+            for second, third in zip(rest[1:], rest[2:]):
+                faces.setdefault(name, []).append(f"f {rest[0]} {second} {third}")
     shapes = {}
     for number, (name, lines) in enumerate(faces.items()):
         file = os.path.join(folder, f"{number}.obj")
         with open(file, "w") as out:
-            out.write("\n".join(vertices + lines) + "\n")
-        shape = {"type": "obj", "filename": file, "face_normals": True, "bsdf": bsdf_of(materials[name])}
-        if max(materials[name].get("Ke", [0.0])) > 0.0:
-            shape["emitter"] = {"type": "area", "radiance": rgb(materials[name]["Ke"])}
+            out.write("\n".join(heads + lines) + "\n")
+        material = materials.get(name, {})
+        flat = face_normals or not smooth[name]
+        shape = {"type": "obj", "filename": file, "face_normals": flat, "bsdf": bsdf_of(name, material)}
+        if max(material.get("Ke", [0.0])) > 0.0:
+            shape["emitter"] = {"type": "area", "radiance": rgb(material["Ke"])}
         shapes[f"shape{number}"] = shape
     return shapes
 
 
-def scene_of(description, max_depth, folder):
+def plain_line(words, material):
+    """A line of a material library without what only one of the renderers knows."""
+    if words[0] == "Tf" or words[0] == "Ks" and is_coated(material):
+        return f"{words[0]} {'1 1 1' if words[0] == 'Tf' else '0 0 0'}"
+    if words[0] == "Pm" and not is_metal(material):
+        return "Pm 0"
+    return " ".join(words)
+
+
+def write_plain(description, folder):
+    """Writes a copy of a scene for both renderers into a folder, with links to the files that stay as they are."""
+    source, folder = pathlib.Path(description).resolve(), pathlib.Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    for file in source.parent.iterdir():
+        copy = folder / file.name
+        copy.unlink(missing_ok=True)
+        if file.suffix != ".mtl":
+            copy.symlink_to(file)
+            continue
+        materials, name, lines = materials_of(file), "", []
+        for words in words_of(file):
+            name = " ".join(words[1:]) if words[0] == "newmtl" else name
+            lines.append(plain_line(words, materials.get(name, {})))
+        copy.write_text("\n".join(lines) + "\n")
+    print(folder / source.name)
+
+
+def scene_of(description, max_depth, folder, size=None):
     with open(description, "rb") as file:
         text = tomllib.load(file)
     camera = text["camera"]
-    width, height = camera["resolution"]
+    width, height = size or camera["resolution"]
     view = mi.ScalarTransform4f().look_at(camera["eye"], camera["target"], camera.get("up", [0.0, 1.0, 0.0]))
     film = {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
     sensor = {"type": "perspective", "fov": camera["fov_y"], "fov_axis": "y", "to_world": view, "film": film}
     integrator = {"type": "path", "max_depth": max_depth, "rr_depth": 1000}
     model = os.path.join(os.path.dirname(os.path.abspath(description)), text["model"])
-    return mi.load_dict({"type": "scene", "integrator": integrator, "sensor": sensor} | shapes_of(model, folder))
+    return mi.load_dict({"type": "scene", "integrator": integrator, "sensor": sensor} | shapes_of(model, folder, text.get("face_normals", True)))
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene")
-    parser.add_argument("out")
+    parser.add_argument("out", nargs="?")
     parser.add_argument("--spp", type=int, default=1024, help="paths for each pixel, a multiple of 64")
     parser.add_argument("--max-depth", type=int, default=5)
     parser.add_argument("--seed", type=int, default=0, help="another one gives an independent image")
+    parser.add_argument("--resolution", help="in place of the scene's, as 640x480")
+    parser.add_argument("--plain", metavar="FOLDER", help="write a copy of the scene for both renderers into a folder, and no image")
     arguments = parser.parse_args()
+    if arguments.plain:
+        return write_plain(arguments.scene, arguments.plain)
+    if not arguments.out:
+        parser.error("where does the image go?")
+    size = [int(word) for word in arguments.resolution.split("x")] if arguments.resolution else None
     mi.set_variant("llvm_ad_rgb" if os.environ.get("DRJIT_LIBLLVM_PATH") else "scalar_rgb")
     with tempfile.TemporaryDirectory() as folder:
-        scene = scene_of(arguments.scene, arguments.max_depth, folder)
+        scene = scene_of(arguments.scene, arguments.max_depth, folder, size)
         rounds, total = max(1, arguments.spp // 64), 0.0
         for i in range(rounds):
             total = total + np.array(mi.render(scene, spp=64, seed=arguments.seed * 1000003 + i), dtype=np.float64)

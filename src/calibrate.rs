@@ -68,6 +68,12 @@ pub fn choose(context: &Context, cache: &Path) -> Result<Traversal> {
     })
 }
 
+/// Whether a device's choice needs a measurement. lavapipe's does not: it takes that driver more than a second to compile what is
+/// measured, and clusters have been 6 to 13 times as fast wherever it was measured (docs/benchmarks.md).
+pub fn is_open(info: &DeviceInfo) -> bool {
+    info.driver != "llvmpipe"
+}
+
 fn beside(cache: &Path) -> PathBuf {
     let mut name = cache.as_os_str().to_owned();
     name.push(".traversal.json");

@@ -428,5 +428,7 @@ fn make_frame(
     }
     let frame = Frame::new(context, staging, scene, plan, kept)?;
     context.make_pipelines()?;
+    let compiled = context.compile_ahead()?;
+    log::info!("{compiled} kernels compiled ahead");
     Ok(frame)
 }

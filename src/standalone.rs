@@ -119,7 +119,7 @@ impl Renderer {
         })?;
         let opened = start.elapsed().as_secs_f64();
         let traversal = match (settings.traversal, &options.pipeline_cache) {
-            (Traversal::Auto, Some(cache)) => calibrate::choose(&context, cache)?,
+            (Traversal::Auto, Some(cache)) if calibrate::is_open(context.info()) => calibrate::choose(&context, cache)?,
             (traversal, _) => traversal,
         };
         let mut settings = Settings { traversal, ..settings };

@@ -42,19 +42,11 @@ impl PipelineCache {
         if self.loaded == Some(sum) {
             return Ok(());
         }
-        let file = [&MAGIC[..], &sum.to_le_bytes(), &data].concat();
-        let mut beside = path.as_os_str().to_owned();
-        beside.push(format!(".{}.tmp", std::process::id()));
-        let beside = PathBuf::from(beside);
-        if let Some(folder) = path.parent() {
-            std::fs::create_dir_all(folder).map_err(Error::io("creating", folder))?;
-        }
-        std::fs::write(&beside, file).map_err(Error::io("writing", &beside))?;
-        std::fs::rename(&beside, path).map_err(|e| {
-            // The error of the rename is reported; a leftover file is harmless.
-            let _ = std::fs::remove_file(&beside);
-            Error::io("renaming", path)(e)
-        })
+        replace(path, &[&MAGIC[..], &sum.to_le_bytes(), &data].concat())
+    }
+
+    pub fn path(&self) -> Option<&Path> {
+        self.path.as_deref()
     }
 }
 
@@ -106,6 +98,22 @@ fn payload<'a>(file: &'a [u8], info: &DeviceInfo) -> std::result::Result<&'a [u8
     if fits { Ok(data) } else { Err("made by another driver or device") }
 }
 
-fn fnv1a(data: &[u8]) -> u64 {
+/// Writes a file beside the path and gives it the path's name.
+pub(super) fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(format!(".{}.tmp", std::process::id()));
+    let beside = PathBuf::from(beside);
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(Error::io("creating", folder))?;
+    }
+    std::fs::write(&beside, bytes).map_err(Error::io("writing", &beside))?;
+    std::fs::rename(&beside, path).map_err(|e| {
+        // The error of the rename is reported; a leftover file is harmless.
+        let _ = std::fs::remove_file(&beside);
+        Error::io("renaming", path)(e)
+    })
+}
+
+pub(super) fn fnv1a(data: &[u8]) -> u64 {
     data.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3))
 }

@@ -3,7 +3,7 @@
 use std::cmp::Reverse;
 use std::collections::HashMap;
 use std::ffi::CString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use ash::{ext, vk};
@@ -12,6 +12,7 @@ use gpu_allocator::{AllocationSizes, AllocatorDebugSettings};
 use rayon::prelude::*;
 
 use super::cache::PipelineCache;
+use super::compile_ahead::compile_ahead;
 use super::device::{DeviceChoice, DeviceInfo, compute_family, enumerate};
 use super::instance::{Instance, Messages, vulkan};
 use super::kernel::Kernel;
@@ -309,6 +310,19 @@ impl Context {
         kernels.sort_by_key(|(bytes, kernel)| (Reverse(*bytes), kernel.name()));
         let made: Vec<_> = kernels.par_iter().with_max_len(1).map(|(_, kernel)| kernel.pipeline().map(drop)).collect();
         made.into_iter().collect()
+    }
+
+    /// Compiles the kernels so far on all cores, with a driver that would compile them one by one when they first run (lavapipe),
+    /// unless the list beside the pipeline cache has them. Returns the number of those compiled. Without a file of the pipeline cache,
+    /// and on a host's device, it does nothing.
+    pub fn compile_ahead(&self) -> Result<usize> {
+        let mut kernels: Vec<_> = self.kernels().values().map(Kernel::shader).collect();
+        kernels.sort_by_key(|shader| (Reverse(shader.spirv.len()), shader.name));
+        compile_ahead(self, kernels)
+    }
+
+    pub(super) fn pipeline_cache_path(&self) -> Option<&Path> {
+        self.inner.cache.path()
     }
 
     /// Pipelines made so far and kept.

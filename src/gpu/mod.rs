@@ -9,6 +9,7 @@
 //! Vulkan 1.1 with a compute queue suffices; no device extension and no feature is asked for.
 
 mod cache;
+mod compile_ahead;
 mod context;
 mod device;
 mod instance;

@@ -109,6 +109,14 @@ impl<'a> Recorder<'a> {
         Ok(())
     }
 
+    /// Runs a kernel with no workgroups.
+    pub(super) fn dispatch_none(&mut self, kernel: &Kernel, bindings: &Bindings, push: &[u8]) -> Result<()> {
+        self.prepare(kernel, bindings, push)?;
+        // SAFETY: the command buffer is recording; pipeline, set and push constants were set by `prepare`.
+        unsafe { self.ctx.device().cmd_dispatch(self.commands, 0, 0, 0) };
+        Ok(())
+    }
+
     /// Runs the number of workgroups in `args`: x, y, z as u32 at `offset`, written by an earlier command.
     pub fn dispatch_indirect(
         &mut self,

@@ -372,6 +372,36 @@ fn a_pipeline_is_made_when_it_is_first_needed_and_once() {
 }
 
 #[test]
+fn kernels_are_compiled_ahead_once_where_the_driver_puts_it_off() {
+    gpu_test(|shared| {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("pipelines");
+        let list = dir.path().join("pipelines.compiled");
+        let compiled = |pipeline_cache| {
+            let ctx = Context::headless(&ContextOptions { pipeline_cache, ..options() }).unwrap();
+            let messages = ctx.messages();
+            [&kernels::FILL, &kernels::REDUCE].map(|shader| Kernel::new(&ctx, shader).unwrap());
+            let count = ctx.compile_ahead().unwrap();
+            drop(ctx);
+            assert_silent(messages.take());
+            count
+        };
+        assert_eq!(compiled(None), 0, "without a file to remember by");
+        let all = if shared.info().driver == "llvmpipe" { 2 } else { 0 };
+        assert_eq!((compiled(Some(path.clone())), compiled(Some(path.clone()))), (all, 0));
+        if all > 0 {
+            let lines = std::fs::read_to_string(&list).unwrap();
+            let one = lines.lines().next().unwrap().to_owned();
+            // A list that lacks a kernel, and one that is damaged.
+            for (text, missing) in [(one, 1), (String::from("\u{0}?"), 2)] {
+                std::fs::write(&list, text).unwrap();
+                assert_eq!(compiled(Some(path.clone())), missing);
+            }
+        }
+    });
+}
+
+#[test]
 fn nothing_is_left_when_a_context_goes() {
     gpu_test(|_| {
         let ctx = Context::headless(&options()).unwrap();
