@@ -331,13 +331,17 @@ fn without_zeros(code: Vec<u32>) -> Vec<u32> {
         let (words, operation) = ((first >> 16) as usize, first & 0xffff);
         let (instruction, after) = rest.split_at(words.clamp(1, rest.len()));
         rest = after;
-        match (operation, instruction) {
-            (CONSTANT, &[_, _, id, value]) => _ = constants.insert(id, value),
-            (ARRAY, &[_, id, _, length]) if constants.get(&length).is_some_and(|n| *n > ZEROED) => {
-                _ = arrays.insert(id)
+        match *instruction {
+            [_, _, id, value] if operation == CONSTANT => {
+                constants.insert(id, value);
             }
-            (POINTER, &[_, id, FUNCTION, of]) if arrays.contains(&of) => _ = pointers.insert(id),
-            (VARIABLE, &[_, pointer, id, FUNCTION, _]) if pointers.contains(&pointer) => {
+            [_, id, _, length] if operation == ARRAY && constants.get(&length).is_some_and(|n| *n > ZEROED) => {
+                arrays.insert(id);
+            }
+            [_, id, FUNCTION, of] if operation == POINTER && arrays.contains(&of) => {
+                pointers.insert(id);
+            }
+            [_, pointer, id, FUNCTION, _] if operation == VARIABLE && pointers.contains(&pointer) => {
                 kept.extend([4 << 16 | VARIABLE, pointer, id, FUNCTION]);
                 continue;
             }

@@ -380,7 +380,9 @@ fn kernels_are_compiled_ahead_once_where_the_driver_puts_it_off() {
         let compiled = |pipeline_cache| {
             let ctx = Context::headless(&ContextOptions { pipeline_cache, ..options() }).unwrap();
             let messages = ctx.messages();
-            [&kernels::FILL, &kernels::REDUCE].map(|shader| Kernel::new(&ctx, shader).unwrap());
+            for shader in [&kernels::FILL, &kernels::REDUCE] {
+                Kernel::new(&ctx, shader).unwrap();
+            }
             let count = ctx.compile_ahead().unwrap();
             drop(ctx);
             assert_silent(messages.take());
