@@ -23,6 +23,10 @@
 @group(0) @binding(21) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(22) var<storage, read_write> ray_light: array<vec4<f32>>;   // L; w: 0 nothing known, 1 a miss, 2 a hit
 @group(0) @binding(23) var<storage, read> list: array<u32>;
+#if MIRRORS
+@group(0) @binding(24) var<storage, read> second_hits: array<vec2<u32>>;
+@group(0) @binding(25) var<storage, read> mirror_hits: array<vec2<u32>>;
+#endif
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -31,11 +35,24 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let ray = list[index];
-    let d = ray_direction[ray].xyz;
+    let last_d = ray_direction[ray].xyz;
     let hit = hits[ray];
     let triangle = bitcast<u32>(hit.w);
+    let found = triangle != 0xffffffffu;
+    let s = surface_at(select(0u, triangle, found), hit.y, hit.z, last_d);
+#if MIRRORS
+    // A ray that a mirror has reflected: the eye ray is its image in the mirror.
+    let mirror = mirror_hits[ray];
+    let turned = mirror.x != NO_MIRROR;
+    let met = vec2<u32>(triangle, bitcast<u32>(hit.x));
+    let normal = first_hit(select(0xffffffffu, mirror.x, turned), 0.0, last_d).normal;
+    let d = select(last_d, mirrored_direction(last_d, normal), turned);
+    let own = shown_by(select(met, mirror, turned), select(vec2<u32>(NO_MIRROR, 0u), met, turned), d);
+#else
+    let turned = false;
+    let d = last_d;
     let own = first_hit(triangle, hit.x, d);
-    let s = surface_at(select(0u, triangle, own.found), hit.y, hit.z, d);
+#endif
     let pixel = ray_pixel[ray];
     let at = vec2<i32>(place_of_pixel(pixel));
 
@@ -49,7 +66,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let other = there.x + there.y * frame.size.x;
         let guide = first_hits[other];
         let their_d = eye_direction(there, frame.pixel_offset.xy);
+#if MIRRORS
+        let shows = same_shown(own, shown_by(guide, second_hits[other], their_d));
+#else
         let shows = same_surface(own, first_hit(guide.x, bitcast<f32>(guide.y), their_d));
+#endif
         let between = d - their_d;
         let distance2 = dot(between, between);
         let nearer = inside && shows && distance2 < least;
@@ -62,11 +83,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let through = throughput[nearest].xyz;
     let shown = emitted[nearest].xyz + through * reflected_radiance(kd, light);
     // Its own albedo, where that of the pixel is known.
-    let is_first = point_position[nearest].w == bitcast<f32>(first_hits[nearest].y);
+    var their_hit = first_hits[nearest].y;
+#if MIRRORS
+    their_hit = select(their_hit, second_hits[nearest].y, turned);
+#endif
+    let is_last = point_position[nearest].w == bitcast<f32>(their_hit);
     let irradiance = light.e_direct + light.e_indirect;
-    let own_albedo = select(vec3<f32>(0.0), through * diffuse_radiance(s.reflectance.kd - kd, irradiance), is_first && own.found);
-    // An emitter that no pixel shows is bright by itself.
-    let emits = own.found && mean3(s.emission) > 0.0;
+    let own_albedo = select(vec3<f32>(0.0), through * diffuse_radiance(s.reflectance.kd - kd, irradiance), is_last && found);
+    // An emitter that no pixel shows is bright by itself; in a mirror it is left out.
+    let emits = found && !turned && mean3(s.emission) > 0.0;
     let l = select(select(vec3<f32>(0.0), s.emission, emits), max(shown + own_albedo, vec3<f32>(0.0)), known);
-    ray_light[ray] = vec4<f32>(l, select(0.0, select(1.0, 2.0, own.found), known || emits));
+    ray_light[ray] = vec4<f32>(l, select(0.0, select(1.0, 2.0, found || turned), known || emits));
 }

@@ -10,17 +10,29 @@
 @group(0) @binding(10) var<storage, read> point_position: array<vec4<f32>>;
 @group(0) @binding(11) var<storage, read> point_kd: array<vec4<f32>>;
 @group(0) @binding(12) var<storage, read_write> edges: array<u32>;
+#if MIRRORS
+@group(0) @binding(13) var<storage, read> second_hits: array<vec2<u32>>;
 
+fn shown_at(at: vec2<u32>, pixel: u32) -> Shown {
+    return shown_by(first_hits[pixel], second_hits[pixel], eye_direction(at, frame.pixel_offset.xy));
+}
+#else
 
 fn hit_of(at: vec2<u32>, pixel: u32) -> FirstHit {
     let guide = first_hits[pixel];
     return first_hit(guide.x, bitcast<f32>(guide.y), eye_direction(at, frame.pixel_offset.xy));
 }
+#endif
 
-// Albedo of the first hit; zero where the eye's path goes on.
+// Albedo of what the pixel shows; zero where the eye's path goes on.
 fn albedo_of(pixel: u32) -> vec3<f32> {
-    let is_first = point_position[pixel].w == bitcast<f32>(first_hits[pixel].y);
-    return select(vec3<f32>(0.0), point_kd[pixel].xyz, is_first);
+    var hit = first_hits[pixel];
+#if MIRRORS
+    let second = second_hits[pixel];
+    hit = select(hit, second, second.x != NO_MIRROR);
+#endif
+    let is_last = point_position[pixel].w == bitcast<f32>(hit.y);
+    return select(vec3<f32>(0.0), point_kd[pixel].xyz, is_last);
 }
 
 @compute @workgroup_size(64)
@@ -40,15 +52,26 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var differ = 0u;
     for (var i = 0u; i < 4u; i += 1u) {
         differ |= select(0u, 1u << i, first_hits[others[i]].x != triangle);
+#if MIRRORS
+        differ |= select(0u, 1u << i, second_hits[others[i]].x != second_hits[pixel].x);
+#endif
     }
     // Zero times for most pixels.
+#if MIRRORS
+    let own = shown_at(at, pixel);
+#else
     let own = hit_of(at, pixel);
+#endif
     var edge = false;
     while differ != 0u {
         let i = firstTrailingBit(differ);
         differ &= differ - 1u;
         let neighbour = select(vec2<u32>(at.x, select(low.y, high.y, i == 3u)), vec2<u32>(select(low.x, high.x, i == 1u), at.y), i < 2u);
+#if MIRRORS
+        let apart = !same_shown(own, shown_at(neighbour, neighbour.x + neighbour.y * frame.size.x));
+#else
         let apart = !same_surface(own, hit_of(neighbour, neighbour.x + neighbour.y * frame.size.x));
+#endif
         edge = edge || apart;
     }
 #if UNTEXTURED

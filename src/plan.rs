@@ -73,6 +73,8 @@ pub struct EyePlan {
     pub steps: u32,
     /// Slots for each pixel: 2 if paths are split.
     pub components: u32,
+    /// Whether they may meet mirrors without a diffuse base.
+    pub plain_mirrors: bool,
     /// Whether glossy planes mirror the room.
     pub mirrors: bool,
     /// Whether some of these planes are frosted panes, which show the scene behind them.
@@ -91,7 +93,15 @@ impl EyePlan {
         let [width, height] = view.size();
         let pixels = width * height;
         if view.camera().is_none() {
-            return EyePlan { pixels, steps: 0, components: 1, mirrors: false, panes: false, lobes: false };
+            return EyePlan {
+                pixels,
+                steps: 0,
+                components: 1,
+                plain_mirrors: false,
+                mirrors: false,
+                panes: false,
+                lobes: false,
+            };
         }
         let spreads = settings.mirroring_planes() > 0;
         let mirrors = specular.spreads() && spreads;
@@ -103,7 +113,8 @@ impl EyePlan {
             (false, false) => 0,
         };
         let splits = settings.split && (specular.splits || mirrors || lobes) && steps > 0;
-        EyePlan { pixels, steps, components: if splits { 2 } else { 1 }, mirrors, panes, lobes }
+        let plain_mirrors = specular.plain_mirrors && steps > 0;
+        EyePlan { pixels, steps, components: if splits { 2 } else { 1 }, plain_mirrors, mirrors, panes, lobes }
     }
 
     /// Slots of all shading points of the eye.

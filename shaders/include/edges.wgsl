@@ -1,5 +1,5 @@
 // First hits of eye rays, and which of them lie on one surface. Needs frame.wgsl, math.wgsl, bsdf.wgsl, surface.wgsl and camera.wgsl.
-// CPU twins: pass::edges::{FirstHit, same_surface}.
+// MIRRORS: reflections in flat mirrors are told apart, too. CPU twins: pass::edges::{FirstHit, Shown, same_surface, same_shown}.
 
 struct FirstHit {
     found: bool,            // false: the ray met nothing
@@ -36,3 +36,44 @@ fn eye_direction(at: vec2<u32>, offset: vec2<f32>) -> vec3<f32> {
     let d = towards(f32(at.x + frame.within.x) + offset.x, f32(at.y + frame.within.y) + offset.y);
     return d / sqrt(dot(d, d));
 }
+
+#if MIRRORS
+// Triangle of `second_hits` where a pixel shows no reflection in a flat mirror.
+const NO_MIRROR: u32 = 0xfffffffeu;
+
+// What a ray shows: its first hit, and where that is a flat mirror without a diffuse base, what it meets after one reflection.
+struct Shown {
+    first: FirstHit,
+    mirrored: bool,
+    second: FirstHit,       // position from the eye, t: length of both segments
+}
+
+fn mirrored_direction(d: vec3<f32>, n: vec3<f32>) -> vec3<f32> {
+    return d - 2.0 * dot(n, d) * n;
+}
+
+// Whether a triangle is of a flat mirror without a diffuse base.
+fn is_plain_mirror(triangle: u32) -> bool {
+    let found = triangle < NO_MIRROR;
+    let normals = triangle_normals[select(0u, triangle, found)];
+    let material = materials[material_of(normals)];
+    let black = all(material.base.xyz == vec3<f32>(0.0));
+    return found && (normals.w & 1u) == 0u && material.flags.z == SURFACE_MIRROR && black;
+}
+
+// `first` and `second`: triangle and bits of t as in `first_hits` and `second_hits`; d: direction of the eye ray.
+fn shown_by(first: vec2<u32>, second: vec2<u32>, d: vec3<f32>) -> Shown {
+    let mirrored = second.x != NO_MIRROR;
+    let mirror = first_hit(first.x, bitcast<f32>(first.y), d);
+    let beyond = select(0xffffffffu, second.x, mirrored);
+    var met = first_hit(beyond, select(0.0, bitcast<f32>(second.y), mirrored), mirrored_direction(d, mirror.normal));
+    met.position += mirror.position;
+    met.t += mirror.t;
+    return Shown(mirror, mirrored, met);
+}
+
+fn same_shown(a: Shown, b: Shown) -> bool {
+    let alike = !a.mirrored || same_surface(a.second, b.second);
+    return same_surface(a.first, b.first) && a.mirrored == b.mirrored && alike;
+}
+#endif

@@ -16,10 +16,13 @@
 //! L_0 += w (mean of L_0 and the rays' L - L_0)
 //! ```
 //!
-//! and coverage likewise. The layers of irradiance, albedo, normals and depth keep one ray. Edges that mirrors and glass show are not
-//! found; the outlines of mirrors and glass are. Bias: irradiance at edges is that of a point up to a pixel away; it vanishes as w does.
+//! and coverage likewise. The layers of irradiance, albedo, normals and depth keep one ray.
 //!
-//! Cost of a pixel: 5 first hits, 5 x 30 operations; of a pixel at an edge 1 to 8 rays, each with a surface and 9 first hits.
+//! In flat mirrors without a diffuse base edges are those of the mirror image: a ray that meets one goes on once, and what it shows is
+//! both hits ([`Shown`]). Edges that curved mirrors, glass and lobes show are not found; the outlines of mirrors and glass are. Bias: irradiance at edges is that of a point up to a pixel away; it vanishes as w does.
+//!
+//! Cost of a pixel: 5 first hits, 5 x 30 operations; of a pixel at an edge 1 to 8 rays, each with a surface and 9 first hits. In a scene with
+//! mirrors 16 bytes a pixel more, and a second ray for each that meets one.
 
 use glam::{Vec2, Vec3, Vec4};
 
@@ -29,35 +32,58 @@ use crate::accel::{Bvh, Hit};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::pass::schedule::LIST_GROUPS;
-use crate::scene::Scene;
+use crate::scene::{Scene, Surface};
 
 /// Maximum number of rays of a pixel.
 pub const MAX_RAYS: u32 = 8;
+
+/// In [`EdgeGuides::second_hits`] and [`Mirrors::hits`] in place of a triangle: no reflection in a flat mirror.
+pub const NO_MIRROR: u32 = u32::MAX - 1;
 
 /// Keeps the first hits of eye rays: triangle (all ones: none) and bits of t.
 pub struct EdgeGuides {
     /// Of each pixel.
     pub first_hits: Buffer,
-    kernel: BoundKernel,
+    /// Of each pixel that shows a flat mirror, what its ray meets after that, else [`NO_MIRROR`]; `None`: the scene has no mirrors.
+    pub second_hits: Option<Buffer>,
+    first: BoundKernel,
+    second: Option<BoundKernel>,
     pixels: u32,
 }
 
 impl EdgeGuides {
     /// Reads `rays.hits` of so many pixels.
-    pub fn new(kit: &Kit, rays: &Rays, pixels: u32) -> Result<Self> {
+    pub fn new(kit: &Kit, rays: &Rays, pixels: u32, mirrors: bool) -> Result<Self> {
         let first_hits = kit.array("first hits", pixels, 8)?;
-        let kernel = kit.bind(&shaders::EDGES_GUIDE, &[&rays.resources(), &Self::named(&first_hits)])?;
-        Ok(EdgeGuides { first_hits, kernel, pixels })
+        let second_hits = if mirrors { Some(kit.array("second hits", pixels, 8)?) } else { None };
+        let (rays, firsts) = (rays.resources(), Resources::of([("first_hits", &first_hits)]));
+        let second = match &second_hits {
+            Some(hits) => {
+                let sets = [&rays, &firsts, &Resources::of([("second_hits", hits)])];
+                Some(kit.bind(&shaders::EDGES_GUIDE_MIRRORS, &sets)?)
+            }
+            None => None,
+        };
+        let first = kit.bind(&shaders::EDGES_GUIDE, &[&rays, &firsts])?;
+        Ok(EdgeGuides { first_hits, second_hits, first, second, pixels })
     }
 
-    /// Records the pass.
+    /// Records the part after the first hits of the eye's paths.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        self.kernel.run(rec, &[], groups(self.pixels))
+        self.first.run(rec, &[], groups(self.pixels))
     }
 
-    fn named(first_hits: &Buffer) -> Resources {
-        Resources::of([("first_hits", first_hits)])
+    /// Records the part after their last hits.
+    pub fn record_mirrors(&self, rec: &mut Recorder) -> Result<()> {
+        self.second.as_ref().map_or(Ok(()), |kernel| kernel.run(rec, &[], groups(self.pixels)))
     }
+}
+
+/// Rays at edges that flat mirrors reflect.
+pub struct Mirrors {
+    /// Of each ray: triangle of the mirror that it met, or [`NO_MIRROR`], and bits of t.
+    pub hits: Buffer,
+    turn: BoundKernel,
 }
 
 /// Inputs and outputs.
@@ -74,6 +100,8 @@ pub struct Inputs<'a> {
     pub rays: &'a Rays,
     /// The rays.
     pub list: &'a List,
+    /// Receives the rays that mirrors reflect, if there are mirrors.
+    pub reflected: Option<&'a List>,
     /// Receives what the rays add, see [`gain`](super::gain).
     pub path_gain: Option<&'a Buffer>,
 }
@@ -88,6 +116,8 @@ pub struct Edges {
     pub ray_pixel: Buffer,
     /// Light along each ray; w: 0 unknown, 1 a miss, 2 a hit.
     pub ray_light: Buffer,
+    /// `None`: the scene has no mirrors.
+    pub mirrors: Option<Mirrors>,
     mark: BoundKernel,
     rays: BoundKernel,
     light: BoundKernel,
@@ -116,12 +146,25 @@ impl Edges {
         let (points, paths, lighting) = (inputs.points, inputs.paths, inputs.lighting);
         let lit = points.resources().and(&paths.resources()).and(&lighting.resources());
         let (rays, list) = (inputs.rays.resources(), inputs.list);
-        let mark = [&shaders::EDGES_MARK, &shaders::EDGES_MARK_UNTEXTURED];
-        let light = [&shaders::EDGES_LIGHT, &shaders::EDGES_LIGHT_UNTEXTURED];
+        let (mut mark, mut light) = (
+            [&shaders::EDGES_MARK, &shaders::EDGES_MARK_UNTEXTURED],
+            [&shaders::EDGES_LIGHT, &shaders::EDGES_LIGHT_UNTEXTURED],
+        );
+        let mut of_mirrors = Resources::default();
+        let mut mirrors = None;
+        if let (Some(second_hits), Some(reflected)) = (&inputs.guides.second_hits, inputs.reflected) {
+            mark = [&shaders::EDGES_MARK_MIRRORS, &shaders::EDGES_MARK_MIRRORS_UNTEXTURED];
+            light = [&shaders::EDGES_LIGHT_MIRRORS, &shaders::EDGES_LIGHT_MIRRORS_UNTEXTURED];
+            let hits = kit.array("mirrors of edge rays", pixels, 8)?;
+            of_mirrors = Resources::of([("second_hits", second_hits), ("mirror_hits", &hits)]);
+            let sets = [&rays, &list.resources(), &reflected.as_output(), &of_mirrors];
+            mirrors = Some(Mirrors { turn: kit.bind(&shaders::EDGES_TURN, &sets)?, hits });
+        }
         Ok(Edges {
-            mark: kit.bind_surface(mark, &[&own, &lit])?,
+            mark: kit.bind_surface(mark, &[&own, &lit, &of_mirrors])?,
             rays: kit.bind(&shaders::EDGES_RAYS, &[&own, &rays, &list.as_output()])?,
-            light: kit.bind_surface(light, &[&own, &lit, &rays, &list.resources()])?,
+            light: kit.bind_surface(light, &[&own, &lit, &rays, &list.resources(), &of_mirrors])?,
+            mirrors,
             add: match inputs.path_gain {
                 None => kit.bind(&shaders::EDGES_ADD, &[&own, &lit])?,
                 Some(path_gain) => {
@@ -143,6 +186,11 @@ impl Edges {
     pub fn record_rays(&self, rec: &mut Recorder) -> Result<()> {
         self.mark.run(rec, &[], groups(self.pixels))?;
         self.rays.run(rec, &[], groups(self.tile_count))
+    }
+
+    /// Records the part that reflects traced rays where they met mirrors.
+    pub fn record_turn(&self, rec: &mut Recorder) -> Result<()> {
+        self.mirrors.as_ref().map_or(Ok(()), |mirrors| mirrors.turn.run_listed(rec, &[], &self.work, LIST_GROUPS))
     }
 
     /// Records the part that lights traced rays and adds their light to the image.
@@ -191,7 +239,44 @@ pub fn same_surface(frame: &FrameParameters, a: Option<&FirstHit>, b: Option<&Fi
         || (a.material == b.material && a.front == b.front && a.normal.dot(b.normal) > 0.95 && near)
 }
 
-/// Oracle: whether the albedos of first hits differ; zero where the eye's path goes on.
+/// Oracle: what an eye ray shows: its first hit, and behind a flat mirror the next one, its position and t those of both segments. `None`
+/// inside: the ray met nothing.
+#[derive(Clone, Copy, Debug)]
+pub struct Shown {
+    /// The first hit.
+    pub first: Option<FirstHit>,
+    /// What a flat mirror reflects; `None`: the first hit is none.
+    pub second: Option<Option<FirstHit>>,
+}
+
+impl Shown {
+    /// A hit `met` after the reflection of a ray in direction `d` by a flat mirror.
+    pub fn mirrored(scene: &Scene, bvh: &Bvh, mirror: FirstHit, d: Vec3, met: Option<&Hit>) -> Shown {
+        let beyond = |hit: &Hit| {
+            let own = FirstHit::new(scene, bvh, hit, d.reflect(mirror.normal));
+            FirstHit { position: mirror.position + own.position, t: mirror.t + own.t, ..own }
+        };
+        Shown { first: Some(mirror), second: Some(met.map(beyond)) }
+    }
+}
+
+/// Oracle: whether a triangle is of a flat mirror without a diffuse base.
+pub fn is_plain_mirror(scene: &Scene, bvh: &Bvh, triangle: u32) -> bool {
+    let triangle = &scene.triangles[bvh.scene_triangle(triangle) as usize];
+    let material = &scene.materials[triangle.material as usize];
+    !triangle.smooth && material.surface == Surface::Mirror && material.base_color == Vec3::ZERO
+}
+
+/// Oracle: whether two rays show one surface, in mirrors too.
+pub fn same_shown(frame: &FrameParameters, a: &Shown, b: &Shown) -> bool {
+    let second = match (&a.second, &b.second) {
+        (Some(a), Some(b)) => same_surface(frame, a.as_ref(), b.as_ref()),
+        (a, b) => a.is_none() && b.is_none(),
+    };
+    second && same_surface(frame, a.first.as_ref(), b.first.as_ref())
+}
+
+/// Oracle: whether the albedos that two pixels show differ; zero where the eye's path goes on.
 pub fn albedos_differ(a: Vec3, b: Vec3) -> bool {
     (a - b).abs().cmpgt(0.1 * (a + b)).any()
 }
@@ -212,31 +297,32 @@ pub fn ray_offset(frame: &FrameParameters, k: u32, each: u32) -> Vec2 {
 pub struct Nearby {
     /// Direction of its eye ray.
     pub d: Vec3,
-    /// Its first hit, if any.
-    pub hit: Option<FirstHit>,
-    /// Whether its shading point is there.
-    pub is_first: bool,
+    /// What it shows.
+    pub shown: Shown,
+    /// Whether its shading point is the last of these hits.
+    pub is_last: bool,
     /// Emission, throughput and albedo.
     pub point: [Vec3; 3],
     /// Direct and indirect irradiance, radiance by the specular lobe; zero if it is not lit.
     pub sums: [Vec3; 3],
 }
 
-/// Oracle: light along a ray in direction `d` that met `own`, of this albedo and emission; `None`: unknown.
+/// Oracle: light along an eye ray in direction `d` that shows `own`, its last hit of this albedo and emission; `None`: unknown.
 pub fn reference(
     frame: &FrameParameters,
-    (d, own): (Vec3, Option<&FirstHit>),
+    (d, own): (Vec3, &Shown),
     [kd, emission]: [Vec3; 2],
     nearby: &[Nearby],
 ) -> Option<Vec3> {
     let distance = |pixel: &&Nearby| pixel.d.distance_squared(d);
-    let shows = |pixel: &&Nearby| same_surface(frame, own, pixel.hit.as_ref());
+    let shows = |pixel: &&Nearby| same_shown(frame, own, &pixel.shown);
     let nearest = nearby.iter().filter(shows).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    let found = own.second.unwrap_or(own.first).is_some();
     let Some(nearest) = nearest else {
-        return own.and((emission.element_sum() > 0.0).then_some(emission));
+        return (found && own.second.is_none() && emission.element_sum() > 0.0).then_some(emission);
     };
     let [emitted, throughput, their_kd] = nearest.point;
-    let kd = if nearest.is_first && own.is_some() { kd } else { their_kd };
+    let kd = if nearest.is_last && found { kd } else { their_kd };
     Some(accumulate::reference(emitted, throughput, kd, nearest.sums).max(Vec3::ZERO))
 }
 

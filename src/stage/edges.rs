@@ -22,6 +22,15 @@ pub struct Edges {
     list_step: u32,
     trace: Trace,
     steps: EyeSteps,
+    reflected: Option<Reflected>,
+}
+
+/// The rays that flat mirrors reflect.
+struct Reflected {
+    list: List,
+    schedule: Schedule,
+    trace: Trace,
+    rounds: Vec<u32>,
 }
 
 impl Edges {
@@ -39,18 +48,31 @@ impl Edges {
         let lanes = Chunk::lanes(&plan.settings, scene.cluster_lanes(kit.context));
         let edge_steps = EyeSteps::of_list(&mut table, &plan.settings, lanes);
         let list_step = table.add_list();
+        let rounds = if plan.eye.plain_mirrors { table.add_list_rounds(&plan.settings) } else { Vec::new() };
         let steps = table.stage(kit, "edge steps")?;
         let list = List::new(kit, "edge rays", &kit.array("edge rays list", plan.eye.pixels, 4)?)?;
         let (points, paths, rays) = (&eye.points, &eye.paths, &eye.rays);
-        let inputs = Inputs { guides, points, paths, lighting, rays, list: &list, path_gain };
+        let reflected = match plan.eye.plain_mirrors {
+            true => {
+                let entries = kit.array("reflected edge rays list", plan.eye.pixels, 4)?;
+                let list = List::new(kit, "reflected edge rays", &entries)?;
+                let schedule = Schedule::new(kit, &list.work, &steps)?;
+                let trace = Trace::new(kit, rays, &list, &steps)?;
+                Some(Reflected { list, schedule, trace, rounds })
+            }
+            false => None,
+        };
+        let turned = reflected.as_ref().map(|reflected| &reflected.list);
+        let inputs = Inputs { guides, points, paths, lighting, rays, list: &list, reflected: turned, path_gain };
         let pass = edges::Edges::new(kit, &inputs, plan.view.size())?;
         Ok(Some(Edges {
-            counts: Counts::new(kit, 1, [&list])?,
+            counts: Counts::new(kit, 1, [&list].into_iter().chain(turned))?,
             schedule: Schedule::new(kit, &list.work, &steps)?,
             list_step,
             trace: Trace::of_edges(kit, &pass, rays, &list, &steps, scene.wide_nodes.is_some())?,
             steps: edge_steps,
             pass,
+            reflected,
             list,
         }))
     }
@@ -62,6 +84,14 @@ impl Edges {
         self.schedule.record(rec, self.list_step)?;
         self.trace.record_edges(rec, &self.steps, self.pass.tile_count)
     }
+
+    /// The part in which mirrors reflect some of them.
+    pub fn record_reflected(&self, rec: &mut Recorder) -> Result<()> {
+        let Some(Reflected { schedule, trace, rounds, .. }) = &self.reflected else { return Ok(()) };
+        self.pass.record_turn(rec)?;
+        schedule.record(rec, self.list_step)?;
+        trace.record(rec, rounds, None)
+    }
 }
 
 impl Stage for Edges {
@@ -69,6 +99,7 @@ impl Stage for Edges {
 
     fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.record_rays(rec)?;
+        self.record_reflected(rec)?;
         self.pass.record_light(rec)
     }
 }

@@ -103,7 +103,8 @@ impl Eye {
         let rays = Rays::new(kit.context, "eye", slots)?;
         let paths = EyePathState::new(kit.context, slots, if eye.steps > 0 { slots } else { 0 })?;
         let points = ShadingPoints::new(kit.context, "eye", slots)?;
-        let guides = if plan.antialiases() { Some(EdgeGuides::new(kit, &rays, pixels)?) } else { None };
+        let guides =
+            if plan.antialiases() { Some(EdgeGuides::new(kit, &rays, pixels, eye.plain_mirrors)?) } else { None };
         let planes = Planes::new(kit, pixels, eye.mirrors, eye.panes)?;
         let turns = Turns::new(kit, listed)?;
         let list = turns.list(kit, "eye points", 0)?;
@@ -221,6 +222,9 @@ impl Eye {
 
     /// The part in which the last hits become shading points on a list.
     pub fn record_points(&self, rec: &mut Recorder) -> Result<()> {
+        if let Some(guides) = &self.guides {
+            guides.record_mirrors(rec)?;
+        }
         if let Some(clusters) = &self.clusters {
             clusters.record_clear(rec)?;
         }
