@@ -14,22 +14,17 @@ import sys
 import tempfile
 
 import numpy as np
-import OpenEXR
+
+from quality import read
 
 UNCHANGED = 0.002
 
 
 def frames(args, passes, folder):
     folder.mkdir()
-    command = [args.lightsum, "animate", args.scene, "--path", args.path, "--passes", str(passes), "-o", folder / "%03d.exr"]
+    command = [args.lightsum, "animate", args.scene, "--path", args.path, "--moving-passes", str(passes), "-o", folder / "%03d.exr"]
     subprocess.run([*command, *args.flags], check=True, stdout=subprocess.DEVNULL)
-    images = []
-    for path in sorted(folder.iterdir()):
-        with OpenEXR.File(str(path)) as file:
-            channels = file.channels()
-            name = next(name for name in ("RGBA", "RGB") if name in channels)
-            images.append(channels[name].pixels[..., :3].astype(np.float64).mean(axis=-1))
-    return images
+    return [read(path).mean(axis=-1) for path in sorted(folder.iterdir())]
 
 
 def differences(images):

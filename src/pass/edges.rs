@@ -245,7 +245,7 @@ pub fn same_surface(frame: &FrameParameters, a: Option<&FirstHit>, b: Option<&Fi
 pub struct Shown {
     /// The first hit.
     pub first: Option<FirstHit>,
-    /// What a flat mirror reflects; `None`: the first hit is none.
+    /// The hit after a flat mirror; `None`: the first hit is none.
     pub second: Option<Option<FirstHit>>,
 }
 
@@ -297,7 +297,7 @@ pub fn ray_offset(frame: &FrameParameters, k: u32, each: u32) -> Vec2 {
 pub struct Nearby {
     /// Direction of its eye ray.
     pub d: Vec3,
-    /// What it shows.
+    /// The surfaces that it shows.
     pub shown: Shown,
     /// Whether its shading point is the last of these hits.
     pub is_last: bool,

@@ -14,7 +14,7 @@ use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, has, hit_of
 use crate::scenes::{Soup, camera, compare, render};
 use crate::support::gpu_test;
 
-/// What a ray shows that met these triangles, the second one after a flat mirror.
+/// The surfaces that a ray shows, from its hits: the second one is that after a flat mirror.
 fn shown(rig: &Rig, d: Vec3, first: Option<&Hit>, second: Option<Option<&Hit>>) -> Shown {
     let first = first.map(|hit| FirstHit::new(rig.scene, rig.bvh(), hit, d));
     match (first, second) {
