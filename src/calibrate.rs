@@ -69,7 +69,7 @@ pub fn choose(context: &Context, cache: &Path) -> Result<Traversal> {
 }
 
 /// Whether a device's choice needs a measurement. lavapipe's does not: it takes that driver more than a second to compile what is
-/// measured, and clusters have been 6 to 13 times as fast wherever it was measured (docs/benchmarks.md).
+/// measured, and clusters have been 7 to 14 times as fast wherever it was measured (docs/benchmarks.md).
 pub fn is_open(info: &DeviceInfo) -> bool {
     info.driver != "llvmpipe"
 }

@@ -428,7 +428,10 @@ fn make_frame(
     }
     let frame = Frame::new(context, staging, scene, plan, kept)?;
     context.make_pipelines()?;
-    let compiled = context.compile_ahead()?;
-    log::info!("{compiled} kernels compiled ahead");
+    match context.compile_ahead() {
+        Ok(compiled) => log::info!("{compiled} kernels compiled ahead"),
+        // The first pass compiles them.
+        Err(error) => log::warn!("kernels are not compiled ahead: {error}"),
+    }
     Ok(frame)
 }

@@ -41,7 +41,7 @@ fn eye_direction(at: vec2<u32>, offset: vec2<f32>) -> vec3<f32> {
 // Triangle of `second_hits` where a pixel shows no reflection in a flat mirror.
 const NO_MIRROR: u32 = 0xfffffffeu;
 
-// What a ray shows: its first hit, and where that is a flat mirror without a diffuse base, what it meets after one reflection.
+// The surfaces that an eye ray shows: its first hit, and behind a flat mirror without a diffuse base the hit of the reflected ray.
 struct Shown {
     first: FirstHit,
     mirrored: bool,

@@ -18,11 +18,11 @@
 //!
 //! and coverage likewise. The layers of irradiance, albedo, normals and depth keep one ray.
 //!
-//! In flat mirrors without a diffuse base edges are those of the mirror image: a ray that meets one goes on once, and what it shows is
+//! In flat mirrors without a diffuse base edges are those of the mirror image: a ray that meets one goes on once, and shows
 //! both hits ([`Shown`]). Edges that curved mirrors, glass and lobes show are not found; the outlines of mirrors and glass are. Bias: irradiance at edges is that of a point up to a pixel away; it vanishes as w does.
 //!
 //! Cost of a pixel: 5 first hits, 5 x 30 operations; of a pixel at an edge 1 to 8 rays, each with a surface and 9 first hits. In a scene with
-//! mirrors 16 bytes a pixel more, and a second ray for each that meets one.
+//! mirrors 20 bytes a pixel more, and a second ray for each that meets one.
 
 use glam::{Vec2, Vec3, Vec4};
 
