@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::ffi::CStr;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::Instant;
 
 use ash::vk;
 
@@ -162,6 +163,7 @@ impl Kernel {
         }
         let device = ctx.device();
         let failed = |r| ctx.failed(shader.name, r);
+        let start = Instant::now();
         // SAFETY: creations from valid structures on a live device; the SPIR-V was made and validated by naga, and the
         // layout from its reflection. Vulkan lets several threads create pipelines through one cache.
         let made = unsafe {
@@ -179,6 +181,7 @@ impl Kernel {
             made.map_err(|(_, r)| failed(r))?.swap_remove(0)
         };
         ctx.name(made, shader.name);
+        log::debug!("the pipeline of {} took {:.1} ms", shader.name, start.elapsed().as_secs_f64() * 1e3);
         *code = Vec::new();
         Ok(*pipeline.get_or_init(|| made))
     }

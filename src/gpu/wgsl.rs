@@ -5,7 +5,7 @@
 //! Directives stand alone on a line: `#include "file.wgsl"` (from `include/`, at most once per module), `#if FLAG`, `#else`,
 //! `#endif`. `permutations.txt` lists the flags of each module.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -303,11 +303,53 @@ pub fn compile(source: &Source) -> Result<Compiled, String> {
             shader_stage: naga::ShaderStage::Compute,
             entry_point: compiled.entry_point.clone(),
         };
-        spv::write_vec(&module, &info, &options, Some(&pipeline)).map_err(|e| format!("{}: {e}", source.file))
+        let code = spv::write_vec(&module, &info, &options, Some(&pipeline));
+        code.map(without_zeros).map_err(|e| format!("{}: {e}", source.file))
     };
     (compiled.spirv, compiled.spirv_checked) =
         (write(BoundsCheckPolicy::Unchecked)?, write(BoundsCheckPolicy::Restrict)?);
     Ok(compiled)
+}
+
+/// Longest array of a function whose elements start as zeros.
+const ZEROED: u32 = 64;
+
+/// Takes the initial zeros away from the variables of functions that are arrays of more than [`ZEROED`] elements. A driver that
+/// writes them one by one compiles that for seconds (lavapipe). So a kernel reads no element of such an array before it has written it.
+fn without_zeros(code: Vec<u32>) -> Vec<u32> {
+    const HEADER_WORDS: usize = 5;
+    // Numbers of the SPIR-V specification: OpTypeArray, OpTypePointer, OpConstant, OpVariable; storage class Function.
+    const ARRAY: u32 = 28;
+    const POINTER: u32 = 32;
+    const CONSTANT: u32 = 43;
+    const VARIABLE: u32 = 59;
+    const FUNCTION: u32 = 7;
+    let (mut constants, mut arrays, mut pointers) = (HashMap::new(), HashSet::new(), HashSet::new());
+    let mut kept = code[..HEADER_WORDS].to_vec();
+    let mut rest = &code[HEADER_WORDS..];
+    while let Some(&first) = rest.first() {
+        let (words, operation) = ((first >> 16) as usize, first & 0xffff);
+        let (instruction, after) = rest.split_at(words.clamp(1, rest.len()));
+        rest = after;
+        match *instruction {
+            [_, _, id, value] if operation == CONSTANT => {
+                constants.insert(id, value);
+            }
+            [_, id, _, length] if operation == ARRAY && constants.get(&length).is_some_and(|n| *n > ZEROED) => {
+                arrays.insert(id);
+            }
+            [_, id, FUNCTION, of] if operation == POINTER && arrays.contains(&of) => {
+                pointers.insert(id);
+            }
+            [_, pointer, id, FUNCTION, _] if operation == VARIABLE && pointers.contains(&pointer) => {
+                kept.extend([4 << 16 | VARIABLE, pointer, id, FUNCTION]);
+                continue;
+            }
+            _ => {}
+        }
+        kept.extend(instruction);
+    }
+    kept
 }
 
 /// Fills in bindings, push constants and structures.

@@ -207,6 +207,36 @@ struct LightList { count: u32, items: array<Light> }
         dir
     }
 
+    /// Words of OpVariable in the kernel of a function with an array of some length: five with initial value, four without.
+    fn variables_of_array(length: u32) -> Vec<usize> {
+        let text = format!(
+            "@group(0) @binding(0) var<storage, read_write> out: array<u32>;
+            @compute @workgroup_size(1) fn main(@builtin(local_invocation_index) lane: u32) {{
+                var kept: array<u32, {length}>;
+                for (var i = 0u; i < {length}u; i += 1u) {{ kept[i] = i * lane; }}
+                out[lane] = kept[lane];
+            }}"
+        );
+        let dir = folder(&[("a.wgsl", &text)]);
+        let code = &build(dir.path(), "shaders").unwrap()[0].compiled.spirv;
+        let (mut at, mut found) = (5, Vec::new());
+        while at < code.len() {
+            let words = (code[at] >> 16) as usize;
+            let is_function_variable = code[at] & 0xffff == 59 && code[at + 3] == 7;
+            found.extend(is_function_variable.then_some(words));
+            at += words;
+        }
+        found
+    }
+
+    #[test]
+    fn only_large_arrays_start_without_zeros() {
+        let (small, large) = (variables_of_array(64), variables_of_array(65));
+        assert_eq!(small.len(), large.len());
+        let changed: Vec<_> = small.iter().zip(&large).filter(|(a, b)| a != b).collect();
+        assert_eq!(changed, [(&5, &4)], "the array alone: {small:?}, {large:?}");
+    }
+
     #[test]
     fn layout_checks_name_the_member_and_the_file() {
         let dir = folder(&[("shade.wgsl", SHADE), ("include/light.wgsl", LIGHT), ("permutations.txt", "")]);

@@ -8,16 +8,17 @@ use exr::meta::BlockDescription;
 use exr::meta::attribute::{ChannelDescription, Chromaticities, SampleType, Text};
 use exr::meta::header::{Header, ImageAttributes};
 use exr::prelude::{AttributeValue, Compression, LayerAttributes, LineOrder, Vec2, f16};
+use flate2::write::ZlibEncoder;
 use glam::Vec3;
 use rayon::prelude::*;
-use std::io::Cursor;
+use std::io::{Cursor, Write};
 use std::ops::Range;
 use std::path::Path;
 
 /// Rows that are compressed together.
 const BLOCK_ROWS: usize = 16;
-/// Level of the compression: a file of layers is 5 % larger than at level 4, and takes 0.4 of the time.
-const LEVEL: u8 = 1;
+/// Level of the compression: a file of layers is 6 % larger than at level 4, and takes a third of the time.
+const LEVEL: u32 = 1;
 /// The maximum finite half.
 const HALF_MAX: f32 = 65504.0;
 
@@ -174,8 +175,12 @@ fn compress(bytes: Vec<u8>) -> Vec<u8> {
         }
         before = now;
     }
-    let compressed = miniz_oxide::deflate::compress_to_vec_zlib(&split, LEVEL);
-    if compressed.len() < bytes.len() { compressed } else { bytes }
+    let mut encoder = ZlibEncoder::new(Vec::with_capacity(bytes.len()), flate2::Compression::new(LEVEL));
+    // Writing to memory does not fail.
+    match encoder.write_all(&split).and_then(|()| encoder.finish()) {
+        Ok(compressed) if compressed.len() < bytes.len() => compressed,
+        _ => bytes,
+    }
 }
 
 fn attributes(metadata: &Metadata) -> LayerAttributes {
