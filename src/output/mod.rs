@@ -3,6 +3,7 @@
 //! Every file is written under a temporary name in the same folder and then renamed, so that a reader never sees a partial
 //! file and a failed run leaves an existing file unchanged. Same layers, same metadata: same bytes.
 
+pub mod denoise;
 mod exr;
 mod png;
 mod state;

@@ -270,6 +270,9 @@ fn wrong_use_with_a_scene_that_is_there() {
     let run = |flags: &str| format!("render scene.toml -o old.exr {flags}");
     fails(folder.path(), &run("--tonemap film"), 2, &["--tonemap", "film"]);
     fails(folder.path(), &run("--resolution 100000x100000"), 2, &["--resolution", "100000x100000"]);
+    #[cfg(not(feature = "oidn"))]
+    fails(folder.path(), &run("--denoise oidn"), 2, &["--denoise", "--features oidn"]);
+    fails(folder.path(), &run("--denoise oidn --summands"), 2, &["--denoise", "--summands"]);
     fails(folder.path(), &run("--device nonesuch"), 1, &["nonesuch"]);
     fails(folder.path(), &run("--device 999"), 1, &["999"]);
     fails(folder.path(), &run("--fov 30 --eye 0,0,0 --target 0,1,0"), 2, &["--up"]);

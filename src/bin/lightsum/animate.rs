@@ -81,6 +81,7 @@ pub fn run(args: &Animate) -> Result<()> {
             exposure: args.exposure.or(scene.render.exposure).unwrap_or(0.0),
             tonemap: args.tonemap.into(),
         },
+        denoise: false,
         stages: vec![("load".into(), start.elapsed().as_secs_f64())],
     };
     let interrupted = watch_for_interrupt();

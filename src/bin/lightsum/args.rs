@@ -141,6 +141,9 @@ pub struct Output {
     /// Write EXR files without layers: smaller, and for programs that read only colour and alpha.
     #[arg(long)]
     pub no_layers: bool,
+    /// Remove noise by a neural network (in builds with the feature oidn). Its error is its own: for a look, not for measuring.
+    #[arg(long, value_name = "WAY", value_enum, conflicts_with_all = ["summands", "reference"])]
+    pub denoise: Option<Denoiser>,
     /// Write device, counts, rays and the seconds of each stage and GPU pass as JSON.
     #[arg(long, value_name = "FILE.json")]
     pub stats: Option<PathBuf>,
@@ -523,6 +526,13 @@ pub enum Curve {
     Aces,
     /// AgX as approximated by Wrensch: soft, highlights fade to white.
     Agx,
+}
+
+/// Values of `--denoise`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Denoiser {
+    /// Open Image Denoise, fed with albedo and normals.
+    Oidn,
 }
 
 impl From<Curve> for Tonemap {

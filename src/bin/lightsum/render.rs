@@ -28,6 +28,8 @@ pub struct Job {
     pub settings: Settings,
     pub outputs: Vec<PathBuf>,
     pub encoding: Encoding,
+    /// Whether a network removes noise from the outputs.
+    pub denoise: bool,
     /// Seconds of each stage so far.
     pub stages: Vec<(String, f64)>,
 }
@@ -57,6 +59,10 @@ pub fn run(args: &Render) -> Result<()> {
         }
     }
     settings.validate()?;
+    let denoise = args.output.denoise.is_some();
+    if denoise {
+        output::denoise::check()?;
+    }
     let exposure = args.output.exposure.or(scene.render.exposure).unwrap_or(0.0);
     let encoding = Encoding {
         float: args.output.float,
@@ -66,7 +72,8 @@ pub fn run(args: &Render) -> Result<()> {
     };
     log::info!("{}: {} triangles, {camera:?}, {settings:?}", path.display(), scene.triangles.len());
     let outputs = args.output.outputs.clone();
-    let job = Job { name: scene.name.clone(), camera, origin: scene.origin, settings, outputs, encoding, stages };
+    let job =
+        Job { name: scene.name.clone(), camera, origin: scene.origin, settings, outputs, encoding, denoise, stages };
     if args.reference.reference {
         reference::run(&job, &scene, args)
     } else {
@@ -318,11 +325,19 @@ fn write_state(renderer: &Renderer, path: &Path) -> Result<()> {
 impl Job {
     /// The layers that the outputs show.
     pub fn wanted(&self) -> Wanted {
-        Wanted::by(&self.outputs, &self.encoding)
+        if self.denoise { Wanted::All } else { Wanted::by(&self.outputs, &self.encoding) }
     }
 
     /// Writes every output; returns the first error after all have been tried.
     pub fn write_outputs(&self, layers: &Layers, metadata: &Metadata) -> Result<()> {
+        let mut denoised = Layers::default();
+        let layers = if self.denoise && !self.outputs.is_empty() {
+            denoised.clone_from(layers);
+            output::denoise::denoise(&mut denoised)?;
+            &denoised
+        } else {
+            layers
+        };
         let write = |path: &PathBuf| output::write(path, layers, metadata, &self.encoding);
         self.outputs.iter().map(write).fold(Ok(()), Result::and)
     }
@@ -335,12 +350,14 @@ impl Job {
     }
 }
 
+const SOFTWARE: &str = concat!("lightsum ", env!("CARGO_PKG_VERSION"));
+
 /// Metadata of a job's image, without the number of passes.
 pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {
     let s = &job.settings;
     let settings = serde_json::to_string(s).unwrap_or_default();
     Metadata {
-        software: concat!("lightsum ", env!("CARGO_PKG_VERSION")).into(),
+        software: if job.denoise { format!("{SOFTWARE}, denoised by Open Image Denoise") } else { SOFTWARE.into() },
         scene: job.name.clone(),
         settings,
         seed: s.seed,
