@@ -1,6 +1,6 @@
 //! Open Image Denoise, a neural network that removes noise, by the system's library (feature `oidn`).
 //!
-//! Input: the radiance, and albedo and normal of the visible surface, which have no noise of their own here but that of few
+//! Input: the radiance, and albedo and normal of the visible surface, taken as noisy, since they have the noise of few
 //! samples at edges. Cost: the library's, some 3 microseconds a pixel on two cores, and 60 bytes a pixel beside its own memory.
 //! A frame here has little noise that the network could remove (`docs/defaults.md`), and the bias of what it does is unknown.
 
@@ -38,7 +38,7 @@ pub fn denoise(layers: &mut Layers) -> Result<()> {
     let buffer = |layer: &[Vec3]| device.create_buffer(floats(layer)).map_err(failed);
     let (albedo, normal) = (buffer(&layers.albedo)?, buffer(&layers.normal)?);
     let mut filter = oidn::RayTracing::try_new(&device).map_err(failed)?;
-    filter.hdr(true).clean_aux(true).image_dimensions(layers.width as usize, layers.height as usize);
+    filter.hdr(true).image_dimensions(layers.width as usize, layers.height as usize);
     filter.albedo_normal_buffer(albedo, normal).map_err(failed)?;
     let mut denoised = vec![Vec3::ZERO; pixels];
     filter.filter(floats(&layers.color), bytemuck::cast_slice_mut(&mut denoised)).map_err(failed)?;
