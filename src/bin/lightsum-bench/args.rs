@@ -149,6 +149,9 @@ pub struct ShadowRays {
     /// Maximum lights in one dispatch, 1 to 64 [default: the renderer's].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub lights_per_dispatch: Option<u32>,
+    /// Clusters of pixels of one class of this interleaving pattern, which lie further apart, as in frames.
+    #[arg(long, value_name = "WxH", default_value = "1x1", value_parser = pattern)]
+    pub interleave: [u32; 2],
     /// Area lights instead of point lights: each shading point traces a ray to its own point on a square in front of each light.
     ///
     /// The value is the edge of the square as a fraction of the scene's diagonal, 0 to 0.5 [without a value: 0.05].
@@ -232,6 +235,13 @@ fn resolution(text: &str) -> Result<[u32; 2], String> {
     match parts {
         Some([w, h]) if w > 0 && h > 0 && u64::from(w) * u64::from(h) <= MAX_PIXELS => Ok([w, h]),
         _ => Err("is not a size like 640x480 of at most 2^26 pixels".into()),
+    }
+}
+
+fn pattern(text: &str) -> Result<[u32; 2], String> {
+    match resolution(text) {
+        Ok(pattern) if pattern.iter().all(|&n| n <= Settings::MAX_PATTERN) => Ok(pattern),
+        _ => Err("is not a pattern like 3x3 of at most 8x8".into()),
     }
 }
 
@@ -325,6 +335,7 @@ mod tests {
             ("frame --repeats 0", ErrorKind::ValueValidation),
             ("shadow-rays --area 0.6", ErrorKind::ValueValidation),
             ("shadow-rays --area large", ErrorKind::ValueValidation),
+            ("shadow-rays --interleave 9x1", ErrorKind::ValueValidation),
             ("frame --pathz 3", ErrorKind::UnknownArgument),
             ("scaling --series colours", ErrorKind::InvalidValue),
             ("scaling --max-triangles 10", ErrorKind::ValueValidation),

@@ -125,14 +125,15 @@ fn square(bvh: &Bvh, place: Vec3, normal: Vec3, share: f64) -> (Vec3, [Vec3; 2])
     (centre - (edges[0] + edges[1]) * 0.5, edges)
 }
 
-/// Settings under which a pass has at least `lights` lights.
-pub fn settings(lights: u32) -> Settings {
+/// Settings under which a pass has at least `lights` lights, and the pixels belong to the classes of `pattern`.
+pub fn settings(lights: u32, pattern: [u32; 2]) -> Settings {
     let all = Some(lights);
     Settings {
         particles: lights,
         light_pool: 0,
         direct_lights: all,
         compensation: Compensation::Off,
+        pattern,
         ..Settings::default()
     }
 }

@@ -51,7 +51,7 @@ impl Bench {
         let scene: Scene = scene::load(name)?;
         let camera = scene::camera(&scene, args.common.resolution);
         let context = scene::open(&args.common)?;
-        let mut engine = Engine::new(&context, &scene, camera, scene::settings(args.lights))?;
+        let mut engine = Engine::new(&context, &scene, camera, scene::settings(args.lights, args.interleave))?;
         let workload = scene::workload(&context, &mut engine, args.lights, args.area)?;
         if let Some(dir) = &args.dump_rays {
             dump(dir, &scene, &workload)?;
