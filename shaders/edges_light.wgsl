@@ -7,6 +7,7 @@
 #include "camera.wgsl"
 #include "edges.wgsl"
 #include "radiance.wgsl"
+#include "environment.wgsl"
 
 @group(0) @binding(9) var<storage, read> first_hits: array<vec2<u32>>;
 @group(0) @binding(10) var<storage, read> point_position: array<vec4<f32>>;
@@ -92,6 +93,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let own_albedo = select(vec3<f32>(0.0), through * diffuse_radiance(s.reflectance.kd - kd, irradiance), is_last && found);
     // An emitter that no pixel shows is bright by itself; in a mirror it is left out.
     let emits = found && !turned && mean3(s.emission) > 0.0;
-    let l = select(select(vec3<f32>(0.0), s.emission, emits), max(shown + own_albedo, vec3<f32>(0.0)), known);
-    ray_light[ray] = vec4<f32>(l, select(0.0, select(1.0, 2.0, found || turned), known || emits));
+    // So is the environment.
+    let leaves = !found && !turned && has_environment();
+    var alone = select(vec3<f32>(0.0), s.emission, emits);
+    for (var i = select(0u, 1u, leaves); i > 0u; i -= 1u) {
+        alone = environment_seen(d);
+    }
+    let l = select(alone, max(shown + own_albedo, vec3<f32>(0.0)), known);
+    ray_light[ray] = vec4<f32>(l, select(0.0, select(1.0, 2.0, found || turned || leaves), known || emits || leaves));
 }

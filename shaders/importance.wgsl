@@ -54,6 +54,10 @@ fn irradiance(e: EmitterRecord, x: vec3<f32>, n: vec3<f32>) -> f32 {
         case EMITTER_DIRECTIONAL: {
             return radiance * max(-dot(e.normal.xyz, n), 0.0);
         }
+        case EMITTER_ENVIRONMENT: {
+            let sine = sqrt(min(e.e1.w * (0.5 * INV_PI), 1.0));
+            return radiance * e.e1.w * clamp(sine - dot(e.normal.xyz, n), 0.0, 1.0);
+        }
         default: {
             return radiance * INV_PI * emitting * max(cosine, 0.0) / max(r2, nearest);
         }

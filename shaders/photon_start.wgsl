@@ -98,13 +98,17 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let distance2 = max(dot(to, to), 1e-37);
     let sin2 = sphere.w * sphere.w / distance2;
     let inside = sin2 >= INSIDE;
-    let parallel = start.kind == EMITTER_DIRECTIONAL;
+    let parallel = is_parallel(start.kind);
+    let of_environment = start.kind == EMITTER_ENVIRONMENT;
+    // Irradiance across parallel light, and a way back that leads out of the scene.
+    let irradiance = select(e.radiance.xyz, start.radiance.xyz * e.e1.w, of_environment);
+    let back = 2.0 * select(length(e.e1.xyz), e.e2.y, of_environment);
 
     // 1 - cos of the cone around the sphere, without cancellation.
     let cap = sin2 / (1.0 + sqrt(max(1.0 - sin2, 0.0)));
     let h = u[0] * cap;
     let sine = sqrt(max(h * (2.0 - h), 0.0));
-    let axis = select(to / sqrt(distance2), e.normal.xyz, parallel);
+    let axis = select(to / sqrt(distance2), start.normal, parallel);
     let across = basis(axis);
     let circle = unit_circle(u[1]);
     let in_cone = across[0] * (sine * circle.x) + across[1] * (sine * circle.y) + axis * (1.0 - h);
@@ -113,7 +117,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 
     // Parallel light starts on the sphere's disc, outside the scene.
     let disc = sphere.w * sqrt(u[0]);
-    let before = sphere.xyz - axis * (2.0 * length(e.e1.xyz));
+    let before = sphere.xyz - axis * back;
     let on_disc = before + across[0] * (disc * circle.x) + across[1] * (disc * circle.y);
     let of_sphere = select(start.origin, on_disc, parallel);
 
@@ -140,7 +144,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let to_place = place - start.origin;
     let place2 = max(dot(to_place, to_place), 1e-37);
     let direction = select(to_sphere, select(to_place / sqrt(place2), axis, parallel), by_area);
-    let origin = select(of_sphere, select(start.origin, place - axis * (2.0 * length(e.e1.xyz)), parallel), by_area);
+    let origin = select(of_sphere, select(start.origin, place - axis * back, parallel), by_area);
     let normal = cross(e1.xyz, e2);
     let facing = abs(dot(normal, direction)) / max(length(normal), 1e-37);
     // Solid angle, or one over the density of the direction.
@@ -152,7 +156,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let of_surface = e.flux.xyz * (INV_PI * max(cosine, 0.0));
     let is_point = start.kind == EMITTER_POINT || start.kind == EMITTER_SPOT;
     let into_cone = select(of_surface, of_point, is_point) * spread;
-    let of_disc = e.radiance.xyz * (select(PI * sphere.w * sphere.w, facing * parts.y, by_area) / e.normal.w);
+    let of_disc = irradiance * (select(PI * sphere.w * sphere.w, facing * parts.y, by_area) / e.normal.w);
     let freely = inside && !by_area;
     let of_emitter = select(select(into_cone, e.flux.xyz, freely), of_disc, parallel);
     let of_light = intensity_of(light, -direction) * select(spread, PI / max(cosine, 1e-6), freely);
@@ -160,7 +164,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 
     let flies = aims && mean3(carried) > 0.0;
     ray_origin[photon] = vec4<f32>(origin, select(0.0, 3.0e38, flies));
-    let left = select(0.0, WITHOUT_AREA, is_point || parallel);
+    let left = select(0.0, WITHOUT_AREA, is_point || start.kind == EMITTER_DIRECTIONAL);
     ray_direction[photon] = vec4<f32>(direction, select(left, light.f0.w, from_light));
     let aim = select(chosen + 1u, NO_TARGET + bitcast<u32>(e1.w), by_area);
     flux[photon] = vec4<f32>(select(vec3<f32>(0.0), carried, flies), bitcast<f32>(aim));

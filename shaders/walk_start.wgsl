@@ -26,11 +26,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // pass.
     let depth = frame.depths[0];
     let share = select(0.0, bitcast<f32>(depth.z), place.kind <= EMITTER_SPHERE);
+    let of_environment = place.kind == EMITTER_ENVIRONMENT;
+    let e = emitters[place.emitter];
+    let irradiance = place.radiance.xyz * (e.e1.w / e.normal.w * bitcast<f32>(depth.z));
+    let flags = select(LIGHT_SURFACE | LIGHT_CLIPPED, LIGHT_DIRECTIONAL | LIGHT_ENVIRONMENT, of_environment);
     let light = PointLight(
-        vec4<f32>(place.origin, bitcast<f32>(LIGHT_SURFACE | LIGHT_CLIPPED)),
+        vec4<f32>(place.origin, bitcast<f32>(flags)),
         vec4<f32>(place.normal, 0.0),
-        vec4<f32>(emitters[place.emitter].flux.xyz * (share * INV_PI), 1.0),
-        vec4<f32>(place.normal, lights_on_emitter(emitters[place.emitter].radiance.xyz)),
+        vec4<f32>(select(e.flux.xyz * (share * INV_PI), irradiance, of_environment), 1.0),
+        vec4<f32>(place.normal, select(lights_on_emitter(e.radiance.xyz), lights_from_environment(place.radiance.w), of_environment)),
         vec4<f32>(0.0),
         vec4<f32>(0.0),
     );
@@ -40,10 +44,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     // The particle starts at another point: the N_0 points of lights and the N_1 of particles are each evenly spread.
     let start = start_at(walk_numbers(0u, particle), side);
-    let direction = direction_from(start, walk_numbers(1u, particle));
-    let emitted = emitters[start.emitter].flux.xyz;
+    let leave = walk_numbers(1u, particle);
+    let direction = direction_from(start, leave);
+    let emitted = flux_from(start);
     let flies = particle < depth.w * frame.pattern.z;
     flux[particle] = vec4<f32>(select(vec3<f32>(0.0), emitted, flies), 0.0);
-    ray_origin[particle] = vec4<f32>(start.origin, select(0.0, 3.0e38, flies));
+    ray_origin[particle] = vec4<f32>(ray_origin_from(start, leave), select(0.0, 3.0e38, flies));
     ray_direction[particle] = vec4<f32>(direction, 0.0);
 }

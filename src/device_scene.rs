@@ -29,7 +29,10 @@ use crate::scene::{Scene, Surface};
 use crate::superposition::lobe::Lobe;
 
 pub use records::{delta_lights, encode_normal};
-use records::{finishes, has_lobe, is_shiny, material_record, pack_textures, reflector_numbers, shading_attributes};
+use records::{
+    environment_record, finishes, has_lobe, is_shiny, material_record, pack_textures, reflector_numbers,
+    shading_attributes,
+};
 pub use update::SceneChanges;
 
 /// Words of the stack in `shaders/shade_cluster.wgsl`.
@@ -89,6 +92,8 @@ pub struct DeviceScene {
     pub texels: Buffer,
     /// [`crate::light::emitters::EmitterRecord`]s.
     pub emitter_records: Buffer,
+    /// The environment, or a black one: its axes, with the bits of its size, then its texels.
+    pub environment: Buffer,
     /// [`crate::sampling::sobol::column_pairs`], the same for every scene.
     pub sobol_columns: Buffer,
     /// Targets; `None`: there are none.
@@ -238,6 +243,7 @@ impl DeviceScene {
             textures: staging.stage(context, "scene textures", &textures)?,
             texels: staging.stage(context, "scene texels", &texels)?,
             emitter_records: staging.stage(context, "scene emitters", &emitters.records())?,
+            environment: staging.stage(context, "scene environment", &environment_record(scene, &emitters))?,
             sobol_columns: staging.stage(context, "columns of Sobol'", &sobol::column_pairs())?,
             delta: delta_lights(scene, bvh.typical_scale()),
             specular: SpecularFeatures::of(scene, &reflectors),
@@ -306,6 +312,7 @@ impl DeviceScene {
             ("textures", &self.textures),
             ("texels", &self.texels),
             ("emitters", &self.emitter_records),
+            ("environment", &self.environment),
             ("sobol_columns", &self.sobol_columns),
         ]);
         if let Some(wide_nodes) = &self.wide_nodes {

@@ -40,8 +40,10 @@ pub fn fingerprint(scene: &Scene, camera: &Camera, settings: &Settings) -> u64 {
     }
     // Debug prints floats in their shortest exact form.
     let settings = Settings { rounds: 1, moving_passes: 1, ..settings.clone() };
-    let words =
-        format!("{:?} {:?} {:?} {:?} {}", scene.materials, scene.lights, camera, settings, scene.emitters_are_lights);
+    let words = format!(
+        "{:?} {:?} {:?} {:?} {:?} {}",
+        scene.materials, scene.lights, scene.environment, camera, settings, scene.emitters_are_lights
+    );
     hash.add(words.as_bytes());
     hash.0
 }

@@ -348,6 +348,8 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
             (lists, lights, particles) = (chosen, pool, started);
         }
     }
+    let environment = scene.emitters.environment.is_some();
+    (lights.environment, lists.environment) = (environment, environment);
     let mut eye = EyePlan::new(settings, scene.specular, view);
     if scene.lights_are_complete {
         eye = EyePlan::new(&Settings { glossy_paths: false, ..settings.clone() }, scene.specular, view);
@@ -534,9 +536,9 @@ mod tests {
         assert_eq!(MirrorPlan::new(&settings, 0, &lights), None);
         assert_eq!(MirrorPlan::new(&Settings { max_depth: 2, ..settings.clone() }, 2, &lights), None);
         // Pairs are limited: with many lights fewer mirrors count, the largest, and photons take the others.
-        let many = LightPlan { survivors: vec![30_000, 1, 1, 1], delta: 0 };
+        let many = LightPlan { survivors: vec![30_000, 1, 1, 1], delta: 0, environment: false };
         assert_eq!(MirrorPlan::new(&settings, 64, &many).unwrap().mirrors, 4);
-        let most = LightPlan { survivors: vec![200_000, 1, 1, 1], delta: 0 };
+        let most = LightPlan { survivors: vec![200_000, 1, 1, 1], delta: 0, environment: false };
         assert_eq!(MirrorPlan::new(&settings, 64, &most), None);
     }
 

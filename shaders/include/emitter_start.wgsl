@@ -1,5 +1,6 @@
 // Start points and directions of particles. Needs frame.wgsl, math.wgsl, emitters.wgsl, and the emitters bound
 // as `emitters`. CPU twin: light::emitters.
+#include "environment.wgsl"
 
 struct Start {
     emitter: u32,
@@ -7,6 +8,7 @@ struct Start {
     position: vec3<f32>,    // on the emitter itself
     origin: vec3<f32>,      // the same with the ray-origin offset
     normal: vec3<f32>,      // axis of the emission
+    radiance: vec4<f32>,    // of the environment from this direction, with its density; else that of the emitter
 }
 
 // The first emitter whose interval ends above u: at most 32 halvings.
@@ -37,6 +39,7 @@ fn start_at(place: vec2<f32>, side: f32) -> Start {
 
     var position = e.p0.xyz;
     var normal = axis;
+    var radiance = e.radiance;
     let disc = sqrt(u0);
     let around = unit_circle(u1);
     switch kind {
@@ -54,6 +57,12 @@ fn start_at(place: vec2<f32>, side: f32) -> Start {
             position += n * e.e1.x;
             normal = select(n, -n, (flags & 2u) != 0u);
         }
+        case EMITTER_ENVIRONMENT: {
+            let towards = environment_direction(e.e1.x + e.e1.y * u1, e.e1.z + e.e2.x * u0);
+            position += towards * e.e2.y;
+            normal = -towards;
+            radiance = environment_radiance(towards);
+        }
         case EMITTER_POINT: {
             normal = vec3<f32>(0.0, 0.0, 1.0);
         }
@@ -65,7 +74,22 @@ fn start_at(place: vec2<f32>, side: f32) -> Start {
     }
     let leaves_surface = kind <= EMITTER_SPHERE || kind == EMITTER_VIRTUAL;
     let origin = select(position, offset_origin(position, normal, frame.eye.w), leaves_surface);
-    return Start(index, kind, position, origin, normal);
+    return Start(index, kind, position, origin, normal, radiance);
+}
+
+// Point at which the ray of a particle begins, given the numbers of its direction.
+fn ray_origin_from(start: Start, leave: vec2<f32>) -> vec3<f32> {
+    let across = basis(start.normal);
+    let on_disc = unit_circle(leave.y) * (emitters[start.emitter].e2.y * sqrt(leave.x));
+    let moved = start.origin + across[0] * on_disc.x + across[1] * on_disc.y;
+    return select(start.origin, moved, start.kind == EMITTER_ENVIRONMENT);
+}
+
+// Flux of a particle if it were the only one.
+fn flux_from(start: Start) -> vec3<f32> {
+    let e = emitters[start.emitter];
+    let disc = PI * e.e2.y * e.e2.y;
+    return select(e.flux.xyz, start.radiance.xyz * (e.e1.w * disc / e.normal.w), start.kind == EMITTER_ENVIRONMENT);
 }
 
 // Direction, distributed as radiance times cosine.
@@ -91,7 +115,7 @@ fn direction_from(start: Start, leave: vec2<f32>) -> vec3<f32> {
             let p = unit_circle(leave.y);
             direction = s * (p.x * tangents[0] + p.y * tangents[1]) + c * normal;
         }
-        case EMITTER_DIRECTIONAL: {
+        case EMITTER_DIRECTIONAL, EMITTER_ENVIRONMENT: {
         }
         default: {
             let s = sqrt(leave.x);

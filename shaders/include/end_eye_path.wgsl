@@ -1,5 +1,6 @@
 // The shading point at the end of an eye path. Needs frame.wgsl, math.wgsl, point.wgsl, surface.wgsl and write_point.wgsl.
 
+#include "environment.wgsl"
 #include "lobe_shares.wgsl"
 
 @group(0) @binding(28) var<storage, read_write> throughput: array<vec4<f32>>;
@@ -31,7 +32,16 @@ fn end_eye_path(slot: u32, ray: vec4<f32>, hit: vec4<f32>, only_emits: bool) -> 
     let carried = through.xyz * path_share(lobe, lights_on_surfaces(), distance2, cosine);
 
     let emission = select(vec3<f32>(0.0), of_emission * met.surface.emission, met.found);
-    emitted[slot] = vec4<f32>(before.xyz + emission, 0.0);
+    // A ray that leaves the scene meets the environment. A loop, because it runs zero times where there is none.
+    var around = vec3<f32>(0.0);
+    let leaves = !met.found && has_environment() && carries(through.xyz);
+    for (var i = select(0u, 1u, leaves); i > 0u; i -= 1u) {
+        let texel = environment_radiance(ray.xyz);
+        let of_lobe = lobe_of[select(0u, slot, segments > 0u)];
+        let share = path_share(of_lobe, lights_from_environment(texel.w), 1.0, 1.0);
+        around = through.xyz * select(environment_seen(ray.xyz), share * texel.xyz, segments > 0u && of_lobe > 0.0);
+    }
+    emitted[slot] = vec4<f32>(before.xyz + emission + around, 0.0);
     // The depth of a mirror that shows nothing is its own.
     let depth = through.w + select(0.0, ray.w * hit.x, met.found);
     throughput[slot] = vec4<f32>(carried, depth);
@@ -41,7 +51,7 @@ fn end_eye_path(slot: u32, ray: vec4<f32>, hit: vec4<f32>, only_emits: bool) -> 
     let lit = met.found && sends && reaches && !only_emits;
     let by_specular = through.w > 0.0;
     let of_path = bitcast<u32>(before.w) & (LOBE_SAMPLED | NARROW_LOBE | UNLIKELY | 15u * ONE_SEGMENT);
-    let flags = flag_if(LIT, lit) | flag_if(COVERED, met.found || by_specular) | flag_if(SEEN_BY_SPECULAR, by_specular) | of_path;
+    let flags = flag_if(LIT, lit) | flag_if(COVERED, met.found || by_specular || has_environment()) | flag_if(SEEN_BY_SPECULAR, by_specular) | of_path;
     write_point(slot, met, flags);
     return lit;
 }

@@ -49,3 +49,8 @@ fn part_of_tile(tile: u32) -> vec4<u32> {
 fn pixel_of_tile(tile: u32, lane: u32) -> vec2<u32> {
     return 8u * divided(tile, (frame.size.x + 7u) / 8u).yx + vec2<u32>(lane & 7u, lane / 8u);
 }
+
+// Whether rays that leave the scene meet an environment. Host twin: layout::FrameParameters::ENVIRONMENT.
+fn has_environment() -> bool {
+    return (frame.keys.z & 8u) != 0u;
+}

@@ -54,6 +54,8 @@ fn falloff_of(flags: u32, r2: f32) -> f32 {
 fn highlight_falloff(l_f0: vec4<f32>, l_wi: vec4<f32>, flags: u32, r2: f32, cosine: f32, lobe: f32) -> f32 {
     let density = select(lights_on_surfaces(), l_wi.w, l_f0.w == 0.0);
     let divided = highlight_factor(lobe, density, r2, cosine);
-    let whole = select(1.0 / max(r2, 1e-37), 1.0, (flags & LIGHT_DIRECTIONAL) != 0u);
+    // Of parallel light only that of the environment is found by paths.
+    let parallel = select(1.0, l_wi.w / max(l_wi.w + lobe, 1e-37), (flags & LIGHT_ENVIRONMENT) != 0u);
+    let whole = select(1.0 / max(r2, 1e-37), parallel, (flags & LIGHT_DIRECTIONAL) != 0u);
     return select(whole, divided, (flags & LIGHT_SURFACE) != 0u);
 }

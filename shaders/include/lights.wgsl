@@ -10,7 +10,8 @@ struct PointLight {
     position: vec4<f32>,    // position, ray-origin offset applied; w: bits of the flags below
     normal: vec4<f32>,      // surface normal or axis, unit; w: spot_scale
     emit: vec4<f32>,        // radiant intensity along the normal (directional: irradiance); w: spot_offset
-    wi: vec4<f32>,          // direction back along the particle's path; w: GGX alpha, or on an emitter the lights on a unit of its area
+    wi: vec4<f32>,          // direction back along the particle's path; w: GGX alpha, or on an emitter the lights on a unit of its area,
+                            // or of the environment those in a unit of solid angle
     flux: vec4<f32>,        // incident flux, for the specular lobe; w: f90
     f0: vec4<f32>,          // reflectance of the lobe at normal incidence; w: bounces so far: reflections, mirrors and glass
 }
@@ -19,3 +20,4 @@ const LIGHT_SURFACE: u32 = 1u;      // cosine law
 const LIGHT_CLIPPED: u32 = 2u;      // clip distance applies
 const LIGHT_DIRECTIONAL: u32 = 4u;  // `normal` is the direction in which light travels; no falloff
 const LIGHT_GLOSSY: u32 = 8u;       // has a specular lobe
+const LIGHT_ENVIRONMENT: u32 = 16u; // parallel light of the environment

@@ -23,3 +23,8 @@ fn lights_on_emitter(radiance: vec3<f32>) -> f32 {
 fn lights_on_surfaces() -> f32 {
     return frame.choice.z;
 }
+
+// Lights from the environment in a unit of solid angle, by the density of one.
+fn lights_from_environment(density: f32) -> f32 {
+    return f32(frame.depths[0].x) * density;
+}

@@ -25,7 +25,7 @@ fn weight_of(t: u32, kind: u32, origin: vec3<f32>, normal: vec3<f32>) -> f32 {
     let aside = axis * half + sqrt((1.0 - axis * axis) * sine2);
     let behind = axis * axis >= sine2 && axis <= 0.0;
     let greatest = select(select(aside, 1.0, axis >= half), 0.0, behind);
-    let parallel = kind == EMITTER_DIRECTIONAL;
+    let parallel = is_parallel(kind);
     let by_sphere = aims_by_area(s, parts, to, false) != aims_by_area(s, parts, to, true);
     let weight = parts.x * select(1.0, 2.0 * PI * r2 / parts.y, by_sphere);
     let angle = weight / max(d2, r2) * select(1.0, greatest, oriented);

@@ -9,10 +9,11 @@ use crate::accel::Bvh;
 use crate::bsdf::Reflectance;
 use crate::bsdf::ideal::frost;
 use crate::error::{Error, Result};
+use crate::light::emitters::Emitters;
 use crate::pass::layout::{MaterialRecord, PointLight, TextureRecord};
 use crate::plan::MAX_FOLLOWED_ALPHA;
 use crate::scene::reflectors::Reflector;
-use crate::scene::{Light, Scene, Surface, Texture, Wrap};
+use crate::scene::{Environment, Light, Scene, Surface, Texture, Wrap};
 use crate::superposition::lobe::Lobe;
 
 pub(super) fn material_record(m: &crate::scene::Material) -> MaterialRecord {
@@ -188,4 +189,19 @@ pub fn delta_lights(scene: &Scene, coordinate_scale: f32) -> Vec<PointLight> {
             Light::Sphere { .. } => None,
         })
         .collect()
+}
+
+/// The environment of a scene, or a black one: its axes, w of the first two the bits of its size; then the radiance of each texel and
+/// the density of lights in its direction, by power.
+pub(super) fn environment_record(scene: &Scene, emitters: &Emitters) -> Vec<[f32; 4]> {
+    let black = Environment::constant(Vec3::ZERO);
+    let environment = scene.environment.as_deref().unwrap_or(&black);
+    let sizes = [environment.width, environment.height, 0].map(f32::from_bits);
+    let axes = environment.axes.into_iter().zip(sizes).map(|(axis, size)| axis.extend(size));
+    let density = |texel: usize| match &emitters.environment {
+        Some(surroundings) => emitters.density_of(surroundings.of_texel[texel]),
+        None => 0.0,
+    };
+    let texels = environment.texels.iter().enumerate().map(|(i, texel)| texel.extend(density(i)));
+    axes.chain(texels).map(|v| v.to_array()).collect()
 }

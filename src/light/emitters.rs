@@ -8,6 +8,8 @@
 //! - triangle: p0 + s (1 - v) e1 + s v e2, s = sqrt(1 - u): slices parallel to the edge opposite p0. It is continuous, but
 //!   squeezes one side of the square into p0; the map of Heitz (2019) distorts less at the price of a fold;
 //! - sphere: cylindrical equal-area map, z = 1 - 2u, phi = 2 pi v;
+//! - part of an environment: a direction, uniform over azimuth and cosine; particles start on the disc of the scene's bounding sphere,
+//!   perpendicular to it;
 //! - directional light: the disc of the scene's bounding sphere, perpendicular to the direction, (sqrt u, 2 pi v).
 //!
 //! Point, spot, directional and virtual lights are *delta* lights: they start particles for indirect light, but for direct
@@ -17,11 +19,13 @@ use crate::accel::unit_normal;
 use crate::bsdf::{basis, mean, sample_diffuse};
 use crate::error::{Error, Result};
 use crate::sampling::ONE_MINUS_EPSILON;
-use crate::scene::{Light, Scene};
+use crate::scene::environment::Patch;
+use crate::scene::{Environment, Light, Scene};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use std::collections::HashMap;
 use std::f32::consts::{PI, TAU};
+use std::sync::Arc;
 
 /// "No emitter" in [`Emitters::of_triangle`].
 pub const NO_EMITTER: u32 = u32::MAX;
@@ -44,6 +48,8 @@ pub enum Kind {
     Directional = 5,
     /// Point with cosine emission about a normal.
     Imported = 6,
+    /// Part of the environment.
+    Environment = 7,
 }
 
 /// One emitter.
@@ -51,19 +57,23 @@ pub enum Kind {
 pub struct Emitter {
     /// Its kind.
     pub kind: Kind,
-    /// Triangle, quad: first corner. Sphere: centre. Directional: centre of the disc. Else: position.
+    /// Triangle, quad: first corner. Sphere: centre. Directional: centre of the disc. Environment: centre of the scene.
+    /// Else: position.
     pub p0: Vec3,
     /// Triangle, quad: first edge. Directional: radius of the disc along one axis. Sphere: x holds the radius on which
     /// particles start, see [`Emitters::of`]. Spot: x and y hold the cosines of the inner and the outer angle.
+    /// Environment: smallest azimuth, its range, and the cosine of the angle from the zenith at the upper edge.
     pub e1: Vec3,
-    /// Triangle, quad: second edge. Directional: radius of the disc along the other axis.
+    /// Triangle, quad: second edge. Directional: radius of the disc along the other axis. Environment: range of the cosine, and
+    /// radius of the scene.
     pub e2: Vec3,
-    /// Triangle, quad, virtual: unit normal of the side that emits. Spot, directional: unit direction of the light.
+    /// Triangle, quad, virtual: unit normal of the side that emits. Spot, directional, environment: unit direction of the
+    /// light, of the middle of the part.
     pub normal: Vec3,
-    /// Triangle, quad, sphere: radiance. Point, spot: radiant intensity. Directional: irradiance across its direction.
+    /// Triangle, quad, sphere: radiance; environment: its mean. Point, spot: radiant intensity. Directional: irradiance across its direction.
     /// Virtual: flux.
     pub radiance: Vec3,
-    /// Area of one side; directional: of the disc; 0 for points.
+    /// Area of one side; directional: of the disc; environment: solid angle; 0 for points.
     pub area: f32,
     /// Emits from both sides.
     pub two_sided: bool,
@@ -116,6 +126,8 @@ pub struct Start {
     pub normal: Vec3,
     /// Flux of the particle if it were the only one; divide by the number of particles.
     pub flux: Vec3,
+    /// Environment: radiance from this direction. Else that of the emitter.
+    pub radiance: Vec3,
 }
 
 /// All emitters of a scene and the distribution to choose from them.
@@ -131,6 +143,17 @@ pub struct Emitters {
     pub power: Vec3,
     /// Emitter of each triangle of the scene, or [`NO_EMITTER`].
     pub of_triangle: Vec<u32>,
+    /// The environment, if the scene has one.
+    pub environment: Option<Surroundings>,
+}
+
+/// The environment and its emitters.
+#[derive(Clone, Debug)]
+pub struct Surroundings {
+    /// The environment.
+    pub of: Arc<Environment>,
+    /// Emitter of each of its texels, or [`NO_EMITTER`] for black ones.
+    pub of_texel: Vec<u32>,
 }
 
 impl Emitters {
@@ -145,6 +168,7 @@ impl Emitters {
             delta: Vec::new(),
             power: Vec3::ZERO,
             of_triangle: vec![NO_EMITTER; scene.triangles.len()],
+            environment: None,
         };
         let mut sphere_objects = HashMap::new();
         for light in &scene.lights {
@@ -162,8 +186,25 @@ impl Emitters {
         if emissive {
             emitters.add_triangles(scene, &sphere_objects);
         }
+        if let Some(environment) = &scene.environment {
+            emitters.add_environment(scene, environment);
+        }
         emitters.distribute()?;
         Ok(emitters)
+    }
+
+    /// Adds the parts of an environment.
+    fn add_environment(&mut self, scene: &Scene, of: &Arc<Environment>) {
+        let mut of_texel = vec![NO_EMITTER; of.texels.len()];
+        for patch in of.patches() {
+            let [columns, rows] = patch.texels;
+            for row in rows[0]..rows[1] {
+                let at = |column: u32| (row * of.width + column) as usize;
+                of_texel[at(columns[0])..at(columns[1] - 1) + 1].fill(self.list.len() as u32);
+            }
+            self.list.push(of_patch(scene, of, &patch));
+        }
+        self.environment = Some(Surroundings { of: Arc::clone(of), of_texel });
     }
 
     /// Adds emissive triangles; pairs that form a parallelogram become one quad.
@@ -267,8 +308,15 @@ impl Emitters {
     pub fn sample_start(&self, u0: f32, u1: f32, side: f32) -> Start {
         let (emitter, u0) = self.choose(u0);
         let e = &self.list[emitter as usize];
+        if let (Kind::Environment, Some(environment)) = (e.kind, &self.environment) {
+            let towards = environment.of.direction(e.e1.x + e.e1.y * u1, e.e1.z + e.e2.x * u0);
+            let radiance = environment.of.radiance(towards);
+            let disc = PI * e.e2.y * e.e2.y;
+            let flux = radiance * (e.area * disc / e.probability);
+            return Start { emitter, position: e.p0 + towards * e.e2.y, normal: -towards, flux, radiance };
+        }
         let (position, normal) = e.sample_point(u0, u1, side);
-        Start { emitter, position, normal, flux: e.power / e.probability }
+        Start { emitter, position, normal, flux: e.power / e.probability, radiance: e.radiance }
     }
 
     /// Direction in which a particle leaves its start; distributed as the emitter's radiance times the cosine.
@@ -298,7 +346,31 @@ impl Emitters {
                 around(Vec3::new(sin * phi.cos(), sin * phi.sin(), cos))
             }
             Kind::Directional => e.normal,
+            Kind::Environment => start.normal,
         }
+    }
+
+    /// Point at which the ray of a particle begins, given the numbers of its direction.
+    pub fn ray_origin(&self, start: &Start, u: [f32; 2]) -> Vec3 {
+        let e = &self.list[start.emitter as usize];
+        if e.kind != Kind::Environment {
+            return start.position;
+        }
+        let (t, b) = basis(start.normal);
+        let (r, phi) = (e.e2.y * u[0].sqrt(), TAU * u[1]);
+        start.position + t * (r * phi.cos()) + b * (r * phi.sin())
+    }
+
+    /// Density over solid angle of choosing a direction towards the environment.
+    pub fn environment_pdf(&self, towards: Vec3) -> f32 {
+        let Some(environment) = &self.environment else { return 0.0 };
+        let [x, y] = environment.of.texel_at(towards);
+        self.density_of(environment.of_texel[(y * environment.of.width + x) as usize])
+    }
+
+    /// Density over solid angle of the directions of a part of the environment, 0 for [`NO_EMITTER`].
+    pub fn density_of(&self, emitter: u32) -> f32 {
+        self.list.get(emitter as usize).map_or(0.0, |e| e.probability / e.area)
     }
 
     /// Mean radiance times area over all emitters: their power over pi.
@@ -345,7 +417,7 @@ impl Emitter {
                 (self.p0 + self.e1 * (r * phi.cos()) + self.e2 * (r * phi.sin()), self.normal)
             }
             Kind::Point => (self.p0, Vec3::Z),
-            Kind::Spot | Kind::Imported => (self.p0, self.normal),
+            Kind::Spot | Kind::Imported | Kind::Environment => (self.p0, self.normal),
         }
     }
 
@@ -366,7 +438,7 @@ impl Emitter {
             Kind::Point => self.radiance,
             Kind::Spot => self.radiance * spot_falloff(self.normal.dot(direction), self.e1.x, self.e1.y),
             Kind::Imported => self.radiance * (self.normal.dot(direction).max(0.0) * (1.0 / PI)),
-            Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Directional => Vec3::ZERO,
+            Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Directional | Kind::Environment => Vec3::ZERO,
         }
     }
 }
@@ -457,6 +529,22 @@ fn of_light(scene: &Scene, light: &Light) -> Emitter {
         Light::Imported { position, normal, power } => {
             Emitter { normal, radiance: power, power, ..blank(Kind::Imported, position) }
         }
+    }
+}
+
+/// A part of an environment: Phi = L Omega pi R^2 through the disc of the scene.
+fn of_patch(scene: &Scene, environment: &Environment, patch: &Patch) -> Emitter {
+    let (low, high) = bounds(scene);
+    let radius = 0.5 * (high - low).length();
+    let ([azimuth, around], [cosine, down]) = (patch.azimuth, patch.cosine);
+    Emitter {
+        e1: Vec3::new(azimuth, around, cosine),
+        e2: Vec3::new(down, radius, 0.0),
+        normal: -environment.direction(azimuth + 0.5 * around, cosine + 0.5 * down),
+        radiance: patch.radiance,
+        area: patch.solid_angle,
+        power: patch.radiance * (patch.solid_angle * PI * radius * radius),
+        ..blank(Kind::Environment, (low + high) * 0.5)
     }
 }
 

@@ -217,8 +217,14 @@ impl Targets {
         leave: [f32; 2],
     ) -> Option<Shot> {
         let e = &emitters.list[start.emitter as usize];
-        let oriented = !matches!(e.kind, Kind::Point | Kind::Spot | Kind::Directional);
-        let parallel = e.kind == Kind::Directional;
+        let parallel = matches!(e.kind, Kind::Directional | Kind::Environment);
+        let oriented = !parallel && !matches!(e.kind, Kind::Point | Kind::Spot);
+        // Irradiance across parallel light over the probability, and a way back that leads out of the scene.
+        let (irradiance, back) = match e.kind {
+            Kind::Environment => (start.radiance * (e.area / e.probability), e.e2.y),
+            _ => (e.radiance / e.probability, e.e1.length()),
+        };
+        let axis = start.normal;
         let (target, p) = self.choose(origin, oriented.then_some(start.normal), parallel, choice)?;
         let sphere = self.list[target].sphere;
         let shot = |origin: Vec3, direction: Vec3, flux: Vec3| {
@@ -231,8 +237,8 @@ impl Targets {
         if let Some(place) = self.place(target, origin, parallel, leave) {
             let (origin, direction, flux) = if parallel {
                 // In front of the whole scene.
-                let from = place.position - e.normal * (2.0 * e.e1.length());
-                (from, e.normal, e.radiance * (place.facing(e.normal) * place.area / e.probability))
+                let from = place.position - axis * (2.0 * back);
+                (from, axis, irradiance * (place.facing(axis) * place.area))
             } else {
                 let (direction, over_density) = place.from(origin);
                 (origin, direction, intensity(direction) * over_density)
@@ -240,12 +246,12 @@ impl Targets {
             return Some(Shot { aim: MAX_TARGETS as u32 + 1 + place.triangle, origin, direction, flux: flux / p });
         }
         if parallel {
-            let (t, b) = basis(e.normal);
+            let (t, b) = basis(axis);
             let (r, phi) = (sphere.radius * leave[0].sqrt(), TAU * leave[1]);
             // The disc is in front of the whole scene.
-            let centre = sphere.center - e.normal * (2.0 * e.e1.length());
+            let centre = sphere.center - axis * (2.0 * back);
             let from = centre + t * (r * phi.cos()) + b * (r * phi.sin());
-            return shot(from, e.normal, e.radiance * (PI * sphere.radius * sphere.radius / e.probability));
+            return shot(from, axis, irradiance * (PI * sphere.radius * sphere.radius));
         }
         let Some((direction, solid_angle)) = in_cone(&sphere, origin, leave) else {
             return shot(origin, emitters.sample_direction(start, leave), start.flux);

@@ -114,6 +114,10 @@ pub fn irradiance(frame: &layout::FrameParameters, e: &Emitter, x: Vec3, n: Vec3
         Kind::Point => cos.max(0.0) * falloff,
         Kind::Spot => spot_falloff(leaving, e.e1.x, e.e1.y) * cos.max(0.0) * falloff,
         Kind::Directional => (-e.normal.dot(n)).max(0.0),
+        Kind::Environment => {
+            let sin = (e.area / (2.0 * pi)).min(1.0).sqrt();
+            e.area * (sin - e.normal.dot(n)).clamp(0.0, 1.0)
+        }
         Kind::Imported => emitting * cos.max(0.0) * falloff / pi,
     };
     mean(e.radiance) * geometry

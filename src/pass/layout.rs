@@ -67,6 +67,8 @@ impl FrameParameters {
     pub const SOBOL: u32 = 2;
     /// Bit of `keys[2]`: photons of all classes light each pixel.
     pub const SHARED_PHOTONS: u32 = 4;
+    /// Bit of `keys[2]`: rays that leave the scene meet an environment.
+    pub const ENVIRONMENT: u32 = 8;
 
     /// Instance of the pass.
     pub fn instance(&self) -> u32 {
@@ -262,6 +264,8 @@ impl PointLight {
     pub const DIRECTIONAL: u32 = 4;
     /// Has a specular lobe.
     pub const GLOSSY: u32 = 8;
+    /// Parallel light of the environment.
+    pub const ENVIRONMENT: u32 = 16;
 
     /// Parallel light, which comes from no place.
     pub fn is_parallel(&self) -> bool {

@@ -107,6 +107,7 @@ pub fn reference(
         let kind = emitters.list[start.emitter as usize].kind;
         let (origin, left) = match kind {
             Kind::Point | Kind::Spot | Kind::Directional => (start.position, WITHOUT_AREA),
+            Kind::Environment => (start.position, 0.0),
             Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Imported => {
                 (offset_origin(start.position, start.normal, frame.eye[3]), 0.0)
             }

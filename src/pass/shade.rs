@@ -254,7 +254,9 @@ pub fn light_towards(light: &PointLight, wi: Vec3, r2: f32, clip2: f32) -> Vec3 
 /// virtual lights on a unit of area of other surfaces.
 fn highlight_falloff(light: &PointLight, receiver: &ShadingPoint, wi: Vec3, r2: f32, surfaces: f32) -> f32 {
     if light.flags() & PointLight::DIRECTIONAL != 0 {
-        return 1.0;
+        let lobe = pdf_specular(receiver.shading, wi, receiver.wo, receiver.reflectance.alpha);
+        let found = light.flags() & PointLight::ENVIRONMENT != 0;
+        return if found { light.wi[3] / (light.wi[3] + lobe).max(1e-37) } else { 1.0 };
     }
     if light.flags() & PointLight::SURFACE == 0 {
         return 1.0 / r2;

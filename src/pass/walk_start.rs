@@ -107,19 +107,32 @@ pub fn reference(frame: &layout::FrameParameters, emitters: &Emitters, particle:
     let side = random_f32(key(frame.keys[0], SIDE, particle, 0));
     let start = emitters.sample_start(u0, u1, side);
     let kind = emitters.list[start.emitter as usize].kind;
-    let direction = emitters.sample_direction(&start, walk_numbers(frame, 1, particle));
+    let leave = walk_numbers(frame, 1, particle);
+    let direction = emitters.sample_direction(&start, leave);
     let surface = matches!(kind, Kind::Triangle | Kind::Quad | Kind::Sphere);
     let origin = if surface || kind == Kind::Imported {
         offset_origin(start.position, start.normal, frame.eye[3])
     } else {
-        start.position
+        emitters.ray_origin(&start, leave)
     };
     let [u0, u1] = first_light_numbers(frame, particle);
     let place = emitters.sample_start(u0, u1, side);
     let kind = emitters.list[place.emitter as usize].kind;
     let surface = matches!(kind, Kind::Triangle | Kind::Quad | Kind::Sphere);
     let share = if surface { f32::from_bits(frame.depths[0][2]) } else { 0.0 };
-    let light = PointLight {
+    let of_environment = || {
+        let e = &emitters.list[place.emitter as usize];
+        let density = emitters.environment_pdf(-place.normal);
+        let irradiance = place.radiance * (e.area / e.probability * f32::from_bits(frame.depths[0][2]));
+        PointLight {
+            position: with(place.position, f32::from_bits(PointLight::DIRECTIONAL | PointLight::ENVIRONMENT)),
+            normal: with(place.normal, 0.0),
+            emit: with(irradiance, 1.0),
+            wi: with(place.normal, frame.depths[0][0] as f32 * density),
+            ..PointLight::default()
+        }
+    };
+    let on_emitter = || PointLight {
         position: with(
             offset_origin(place.position, place.normal, frame.eye[3]),
             f32::from_bits(PointLight::SURFACE | PointLight::CLIPPED),
@@ -129,6 +142,7 @@ pub fn reference(frame: &layout::FrameParameters, emitters: &Emitters, particle:
         wi: with(place.normal, frame.choice[1] * mean(emitters.list[place.emitter as usize].radiance)),
         ..PointLight::default()
     };
+    let light = if kind == Kind::Environment { of_environment() } else { on_emitter() };
     let flies = particle < frame.depths[0][3] * frame.pattern[2];
     let ray = Ray { origin, t_max: if flies { 3.0e38 } else { 0.0 }, direction };
     (light, ray, if flies { start.flux } else { Vec3::ZERO })

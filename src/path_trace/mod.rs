@@ -202,7 +202,11 @@ impl<'a> Tracer<'a> {
         let mut reflections = 0;
         let mut media = Media::default();
         let mut segment = 1;
-        while let Some(hit) = self.bvh.closest(&ray) {
+        loop {
+            let Some(hit) = self.bvh.closest(&ray) else {
+                radiance += beta * self.surroundings(ray.direction, last.map(|(_, pdf)| pdf));
+                break;
+            };
             let point = PathVertex::of(self.scene, self.bvh, &hit, -ray.direction);
             radiance += beta * self.emission(&point, last, directly);
             let n = point.normals;
@@ -299,6 +303,19 @@ impl<'a> Tracer<'a> {
         }
     }
 
+    /// Radiance of the environment met by a path, weighted against the sampling of emitters at its last reflection, whose density
+    /// is `pdf`.
+    fn surroundings(&self, direction: Vec3, pdf: Option<f32>) -> Vec3 {
+        let Some(environment) = &self.emitters.environment else { return Vec3::ZERO };
+        match pdf {
+            None => environment.of.seen(direction),
+            Some(pdf) => {
+                let weight = power_heuristic(pdf, self.emitters.environment_pdf(direction));
+                environment.of.radiance(direction) * weight
+            }
+        }
+    }
+
     /// One estimate of the light that comes from emitters directly, with one shadow ray.
     fn direct(&self, point: &PathVertex, reflectance: &Reflectance, rng: &mut Rng) -> Vec3 {
         let (index, u0) = self.emitters.choose(rng.next_f32());
@@ -310,6 +327,13 @@ impl<'a> Tracer<'a> {
         let reflected = |wi: Vec3| {
             if n.above(wi) { reflectance.eval(n.shading, wi, point.wo) * n.shading.dot(wi) } else { Vec3::ZERO }
         };
+        if let (Kind::Environment, Some(environment)) = (e.kind, &self.emitters.environment) {
+            let wi = environment.of.direction(e.e1.x + e.e1.y * u1, e.e1.z + e.e2.x * u0);
+            let pdf = e.probability / e.area;
+            let weight = power_heuristic(pdf, reflectance.pdf(n.shading, wi, point.wo));
+            let light = reflected(wi) * environment.of.radiance(wi) * (weight / pdf);
+            return self.unless(light, Ray::new(from, wi));
+        }
         if e.kind == Kind::Directional {
             let wi = -e.normal;
             let light = reflected(wi) * e.radiance / e.probability;

@@ -14,6 +14,8 @@ pub struct LightPlan {
     pub survivors: Vec<u32>,
     /// Slots for point, spot, directional and imported lights: one for each, or one for each light that a pass chooses.
     pub delta: u32,
+    /// Whether lights on emitters may be parallel light of an environment.
+    pub environment: bool,
 }
 
 impl LightPlan {
@@ -35,7 +37,7 @@ impl LightPlan {
         if let Some(first) = survivors.first_mut() {
             *first = settings.direct_lights.unwrap_or(settings.particles.div_ceil(4)).min(settings.particles);
         }
-        LightPlan { survivors, delta: settings.delta_lights.map_or(delta, |most| most.min(delta)) }
+        LightPlan { survivors, delta: settings.delta_lights.map_or(delta, |most| most.min(delta)), environment: false }
     }
 
     /// The lights of a pool from which clusters choose, and the number of particles that leave them: `light_pool`, or fewer so that
@@ -57,7 +59,7 @@ impl LightPlan {
         let mut survivors = vec![0; self.survivors.len()];
         survivors[0] = self.survivors[0];
         survivors[1] = reflected;
-        LightPlan { survivors, delta: self.delta }
+        LightPlan { survivors, ..*self }
     }
 
     /// First slot of the lights with j reflections.
@@ -70,13 +72,19 @@ impl LightPlan {
         self.first_slot(self.survivors.len())
     }
 
-    /// Chunks of at most `size` lights that together hold every light with at most `reflections` reflections. Delta
-    /// lights have chunks of their own, since clusters cannot take parallel light.
+    /// First slot of the lights that have a place: clusters cannot take parallel light.
+    pub fn first_placed(&self) -> u32 {
+        self.first_slot(usize::from(self.environment))
+    }
+
+    /// Chunks of at most `size` lights that together hold every light with at most `reflections` reflections. Lights
+    /// that may be parallel have chunks of their own.
     pub fn chunks(&self, size: u32, reflections: usize) -> Vec<(u32, u32)> {
         let cut = |first: u32, end: u32| {
             (0..(end - first).div_ceil(size)).map(move |i| (first + i * size, end.min(first + (i + 1) * size)))
         };
-        cut(0, self.delta).chain(cut(self.delta, self.first_slot(reflections + 1))).collect()
+        let placed = self.first_placed();
+        cut(0, placed).chain(cut(placed, self.first_slot(reflections + 1).max(placed))).collect()
     }
 }
 
@@ -102,7 +110,7 @@ mod tests {
 
     #[test]
     fn chunks_cover_every_light_once() {
-        let plan = LightPlan { survivors: vec![32, 17, 9], delta: 5 };
+        let plan = LightPlan { survivors: vec![32, 17, 9], delta: 5, environment: false };
         for (reflections, lights) in [(0, 37), (1, 54), (2, 63), (5, 63)] {
             let mut next = 0;
             for (first, end) in plan.chunks(8, reflections) {
@@ -112,6 +120,6 @@ mod tests {
             }
             assert_eq!(next, lights);
         }
-        assert_eq!(LightPlan { survivors: Vec::new(), delta: 0 }.chunks(8, 3), []);
+        assert_eq!(LightPlan { survivors: Vec::new(), delta: 0, environment: false }.chunks(8, 3), []);
     }
 }

@@ -66,7 +66,8 @@ impl Plan {
         let bit = |set: bool, bit: u32| if set { bit } else { 0 };
         let bits = bit(s.jitter, layout::FrameParameters::JITTER)
             | bit(s.sequence == Sequence::Sobol, layout::FrameParameters::SOBOL)
-            | bit(!s.interleave_photons, layout::FrameParameters::SHARED_PHOTONS);
+            | bit(!s.interleave_photons, layout::FrameParameters::SHARED_PHOTONS)
+            | bit(self.lights.environment, layout::FrameParameters::ENVIRONMENT);
         let offset = pixel_offset(seed_key, pass);
         let (photons, photon) = match self.photons {
             Some(plan) => plan.parameters(s, &self.lights, extent.size, local)?,

@@ -23,6 +23,12 @@
 //! inner = 20                    # degrees
 //! outer = 30
 //!
+//! [environment]                 # light from all around
+//! image = "sky.exr"             # OpenEXR or Radiance, all directions: azimuth across, height down; default: a constant
+//! radiance = [1, 1, 1]          # W/(m^2 sr), or of an image the factor
+//! up = [0, 1, 0]                # the zenith
+//! rotation = 0                  # degrees about the zenith, counter-clockwise seen from there
+//!
 //! [materials.floor]             # overrides a material of the model
 //! roughness = 0.3
 //! lobe = "lobe.toml"            # measured lobe that blurs its mirror image: a table, see docs/superposition.md
@@ -48,7 +54,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use super::tessellate::icosphere;
-use super::{Camera, Light, Material, RenderDefaults, Scene, Surface, load_model};
+use super::{Camera, Environment, Light, Material, RenderDefaults, Scene, Surface, load_model};
 use crate::error::{Error, Result};
 use crate::superposition::lobe::Table;
 
@@ -68,6 +74,7 @@ struct Description {
     photometric: bool,
     #[serde(default)]
     lights: BTreeMap<Spanned<String>, LightEntry>,
+    environment: Option<Spanned<EnvironmentEntry>>,
     #[serde(default)]
     materials: BTreeMap<Spanned<String>, MaterialEntry>,
     #[serde(default)]
@@ -140,6 +147,38 @@ enum LightEntry {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
+struct EnvironmentEntry {
+    image: Option<PathBuf>,
+    radiance: Option<Vec3>,
+    #[serde(default = "Camera::default_up")]
+    up: Vec3,
+    #[serde(default)]
+    rotation: f32,
+}
+
+impl EnvironmentEntry {
+    /// Reads the image, relative to `folder`; the error is a message.
+    fn load(&self, folder: &Path) -> Result<std::result::Result<Environment, String>> {
+        if self.image.is_none() && self.radiance.is_none() {
+            return Ok(Err(String::from("neither `image` nor `radiance`")));
+        }
+        let radiance = self.radiance.unwrap_or(Vec3::ONE);
+        if !(radiance.is_finite() && radiance.min_element() >= 0.0) {
+            return Ok(Err(format!("radiance {radiance} must be finite and not negative")));
+        }
+        if !(self.up.is_finite() && self.up.length() > 0.0 && self.rotation.is_finite()) {
+            return Ok(Err(String::from("`up` must be a direction and `rotation` an angle in degrees")));
+        }
+        let whole = match &self.image {
+            Some(image) => Environment::load(&folder.join(image))?.scaled(radiance),
+            None => Environment::constant(radiance),
+        };
+        Ok(Ok(whole.turned(self.up, self.rotation.to_radians())))
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct MaterialEntry {
     surface: Option<Surface>,
     base_color: Option<Vec3>,
@@ -192,6 +231,11 @@ pub(super) fn load(path: &Path) -> Result<Scene> {
     }
     if description.two_sided {
         scene.materials.iter_mut().for_each(|m| m.two_sided = true);
+    }
+    if let Some(entry) = &description.environment {
+        let environment = entry.get_ref().load(path.parent().unwrap_or(Path::new("")))?;
+        let environment = environment.map_err(|m| error(Some(entry.span()), format!("[environment]: {m}")))?;
+        scene.environment = Some(Arc::new(environment));
     }
     for (name, entry) in &description.lights {
         add_light(&mut scene, name.get_ref(), entry)

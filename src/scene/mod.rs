@@ -6,6 +6,7 @@
 mod builder;
 pub mod builtin;
 mod description;
+pub mod environment;
 mod export;
 mod gltf;
 mod gltf_accessor;
@@ -29,6 +30,7 @@ use crate::error::{Error, Result};
 use crate::settings::{Compensation, Spread};
 use crate::superposition::lobe::Table;
 
+pub use environment::Environment;
 pub use export::{VirtualLight, export_lights};
 
 /// Minimum roughness of a lobe in a file: no point light would hit a smoother one.
@@ -63,6 +65,8 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Lights that are not emissive triangles.
     pub lights: Vec<Light>,
+    /// Light from all around, infinitely far away.
+    pub environment: Option<Arc<Environment>>,
     /// Whether emissive triangles light the scene. False in a file written by [`export_lights`]: its virtual lights hold
     /// all light, also that of the emissive triangles, which are only visible, and all reflected light, so that no particle
     /// starts from them.
@@ -86,6 +90,7 @@ impl Default for Scene {
             materials: Vec::new(),
             textures: Vec::new(),
             lights: Vec::new(),
+            environment: None,
             emitters_are_lights: true,
             camera: None,
             render: RenderDefaults::default(),
@@ -98,12 +103,15 @@ impl Default for Scene {
 /// A bare model uses its vertex normals where it has them; a description ignores them unless it has
 /// `face_normals = false`.
 ///
+/// A file without any light gets the sky of [`Environment::overcast`].
+///
 /// Errors: [`Error::Io`] if a file cannot be read; [`Error::File`], with the line if known, if it is invalid.
 pub fn load(path: &Path) -> Result<Scene> {
     let mut scene = match extension(path).as_str() {
         "toml" => description::load(path)?,
         _ => load_model(path, false)?,
     };
+    scene.light_by_default();
     scene.validate(path)?;
     Ok(scene)
 }
@@ -135,6 +143,23 @@ fn stem(path: &Path) -> String {
 }
 
 impl Scene {
+    /// Gives a scene without any light an overcast sky.
+    fn light_by_default(&mut self) {
+        if self.emitters_are_lights
+            && self.lights.is_empty()
+            && self.environment.is_none()
+            && self.emitters().is_empty()
+        {
+            let up = self.camera.map_or(Vec3::Y, |camera| camera.up);
+            let up = if up.z.abs() > up.y.abs().max(up.x.abs()) { Vec3::Z * up.z.signum() } else { Vec3::Y };
+            log::warn!(
+                "{} has no light; an overcast sky lights it ([environment] in a scene.toml sets another)",
+                self.name
+            );
+            self.environment = Some(Arc::new(Environment::overcast().turned(up, 0.0)));
+        }
+    }
+
     /// Corners of triangle `i`.
     pub fn triangle_positions(&self, i: usize) -> [Vec3; 3] {
         self.triangles[i].vertices.map(|v| self.positions[v as usize])
@@ -439,28 +464,38 @@ impl Camera {
         [640, 480]
     }
 
-    /// A camera for a scene without one: looks from positive z (a model's front in glTF) at the whole bounding box.
-    pub fn in_front_of((low, high): (Vec3, Vec3), resolution: [u32; 2]) -> Camera {
+    /// Azimuth and elevation, degrees, from which a model without a camera is seen: its front in glTF, from a little above.
+    pub const ORBIT: [f32; 2] = [20.0, 20.0];
+
+    /// A camera for a scene without one: [`Camera::around`] from [`Camera::ORBIT`].
+    pub fn in_front_of(bounds: (Vec3, Vec3), resolution: [u32; 2]) -> Camera {
+        Camera::around(bounds, resolution, Camera::ORBIT)
+    }
+
+    /// A camera that looks at the middle of a box, which fills the image. `orbit`: azimuth from positive z towards positive x and
+    /// elevation towards positive y of the camera as seen from the box, degrees.
+    pub fn around((low, high): (Vec3, Vec3), resolution: [u32; 2], orbit: [f32; 2]) -> Camera {
         /// Vertical angle of view, degrees.
         const FOV: f32 = 45.0;
         /// Margin around the box.
         const MARGIN: f32 = 1.1;
-        let center = 0.5 * (low + high);
+        let target = 0.5 * (low + high);
         let half = 0.5 * (high - low);
-        let aspect = resolution[0] as f32 / resolution[1] as f32;
-        let needed = half.y.max(half.x / aspect) * MARGIN;
-        // Even a flat or pointlike box is viewed from a distance above 0.
-        let distance =
-            half.z + (needed / (0.5 * FOV.to_radians()).tan()).max(0.1 * half.length()).max(f32::MIN_POSITIVE);
-        Camera {
-            eye: center + distance * Vec3::Z,
-            target: center,
-            up: Vec3::Y,
-            fov_y: FOV,
-            resolution,
-            aperture: 0.0,
-            focus: None,
-        }
+        let [(sin_a, cos_a), (sin_e, cos_e)] = orbit.map(|angle| angle.to_radians().sin_cos());
+        let back = Vec3::new(sin_a * cos_e, sin_e, cos_a * cos_e);
+        let up = Vec3::new(-sin_a * sin_e, cos_e, -cos_a * sin_e);
+        let right = up.cross(back);
+        let tan_y = (0.5 * FOV.to_radians()).tan();
+        let tan_x = tan_y * resolution[0] as f32 / resolution[1] as f32;
+        let distance = (0..8).map(|corner: u32| {
+            let side = |axis: u32| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
+            let c = half * Vec3::new(side(0), side(1), side(2));
+            let needed = (c.dot(right).abs() / tan_x).max(c.dot(up).abs() / tan_y);
+            c.dot(back) + MARGIN * needed
+        });
+        // Even a pointlike box is viewed from a distance above 0.
+        let distance = distance.fold(0.1 * half.length(), f32::max).max(f32::MIN_POSITIVE);
+        Camera { eye: target + distance * back, target, up, fov_y: FOV, resolution, aperture: 0.0, focus: None }
     }
 
     /// Whether the aperture is above 0: surfaces out of focus are blurred.
@@ -554,13 +589,17 @@ mod tests {
             (Vec3::ZERO, Vec3::new(0.0, 0.01, 3.0)),
         ] {
             for resolution in [[640, 480], [100, 900]] {
-                let camera = Camera::in_front_of((low, high), resolution);
-                let tan_y = (0.5 * camera.fov_y.to_radians()).tan();
-                let tan_x = tan_y * resolution[0] as f32 / resolution[1] as f32;
-                for corner in 0..8 {
-                    let pick = |axis: usize| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] };
-                    let to = Vec3::new(pick(0), pick(1), pick(2)) - camera.eye;
-                    assert!(to.z < 0.0 && to.x.abs() <= -to.z * tan_x && to.y.abs() <= -to.z * tan_y, "{low} {high}");
+                for orbit in [Camera::ORBIT, [0.0, 0.0], [200.0, -35.0], [90.0, 90.0]] {
+                    let camera = Camera::around((low, high), resolution, orbit);
+                    let (right, up, forward) = camera.world_from_camera();
+                    let tan_y = (0.5 * camera.fov_y.to_radians()).tan();
+                    let tan_x = tan_y * resolution[0] as f32 / resolution[1] as f32;
+                    for corner in 0..8 {
+                        let pick = |axis: usize| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] };
+                        let to = Vec3::new(pick(0), pick(1), pick(2)) - camera.eye;
+                        let (x, y, z) = (to.dot(right), to.dot(up), to.dot(forward));
+                        assert!(z > 0.0 && x.abs() <= z * tan_x && y.abs() <= z * tan_y, "{low} {high} {orbit:?}");
+                    }
                 }
             }
         }

@@ -113,7 +113,8 @@ pub(super) fn chunks(
         .map(|(first, end)| {
             // Parallel light has no position.
             let mut places = delta.iter().take(end as usize).skip(first as usize);
-            let parallel = places.any(|l| l.is_parallel());
+            let parallel =
+                places.any(|l| l.is_parallel()) || (plan.lists.environment && first < plan.lists.first_placed());
             let lanes = lanes.filter(|_| !parallel);
             Chunk::new(table, settings, (first, end), lanes, order == PointOrder::Screen)
         })

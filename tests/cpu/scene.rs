@@ -152,8 +152,61 @@ fn bad_obj_is_refused() {
     refused_obj("usemtl lamp\nf 1 1 2", &["thing", "triangle 1", "zero area", "lamp"]);
     assert_refused(&[("a.obj", "v 0 0 0\n")], "a.obj", &["a.obj", "no triangles"]);
     assert_refused(&[("a.obj", "v 0 0 0\nv 1 1 1\no flat\nf 1 2 1\n")], "a.obj", &["flat", "no triangle"]);
+}
+
+#[test]
+fn models_without_light_get_a_sky() {
     let dark = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
-    assert_refused(&[("a.obj", dark)], "a.obj", &["a.obj", "nothing emits light", "Ke"]);
+    let files = folder(&[
+        ("a.obj", dark),
+        ("a.toml", "model = \"a.obj\"\n[camera]\neye = [0, -3, 1]\ntarget = [0, 0, 0]\nup = [0, 0, 2]\nfov_y = 40\n"),
+    ]);
+    let sky = |name: &str| scene::load(&files.path().join(name)).unwrap().environment.unwrap();
+    assert_eq!((sky("a.obj").name.as_str(), sky("a.obj").axes[1]), ("overcast sky", Vec3::Y));
+    assert!((sky("a.toml").axes[1] - Vec3::Z).length() < 1e-6, "the camera's up is the zenith");
+}
+
+#[test]
+fn environments_are_read() {
+    let model = ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    let description = |text: &str| format!("model = \"a.obj\"\n[environment]\n{text}\n");
+    let constant = folder(&[model, ("a.toml", &description("radiance = [1, 2, 3]"))]);
+    let environment = scene::load(&constant.path().join("a.toml")).unwrap().environment.unwrap();
+    assert_eq!(environment.texels, [Vec3::new(1.0, 2.0, 3.0)]);
+
+    let files = folder(&[model, ("a.toml", &description("image = \"sky.exr\"\nradiance = [2, 2, 2]\nrotation = 90"))]);
+    let at = |name: &str| files.path().join(name);
+    let pixels: Vec<f32> = (0..8 * 4 * 3).map(|i| i as f32).collect();
+    let image = image::Rgb32FImage::from_raw(8, 4, pixels).unwrap();
+    for name in ["sky.exr", "sky.hdr"] {
+        image::DynamicImage::from(image.clone()).save(at(name)).unwrap();
+        std::fs::write(at("a.toml"), description(&format!("image = \"{name}\"\nradiance = [2, 2, 2]\nrotation = 90")))
+            .unwrap();
+        let environment = scene::load(&at("a.toml")).unwrap().environment.unwrap();
+        assert_eq!((environment.width, environment.height), (8, 4));
+        // Radiance files have eight bits a channel.
+        assert!((environment.texels[9] - 2.0 * Vec3::new(27.0, 28.0, 29.0)).abs().max_element() < 0.5, "{name}");
+        assert!(
+            (environment.radiance(Vec3::new(-1.0, 0.05, -0.1)) - environment.texels[12]).abs().max_element() < 1e-6
+        );
+    }
+
+    let refused =
+        |text: &str, parts: &[&str]| assert_refused(&[model, ("a.toml", &description(text))], "a.toml", parts);
+    refused("", &["a.toml:2:", "environment", "image", "radiance"]);
+    refused("radiance = [1, -1, 0]", &["a.toml:2:", "negative"]);
+    refused("radiance = [1, 1, 1]\nup = [0, 0, 0]", &["a.toml:2:", "up"]);
+    refused("image = \"none.exr\"", &["none.exr"]);
+    refused("image = \"a.obj\"", &["a.obj", ".exr"]);
+    let square = image::Rgb32FImage::from_raw(2, 2, vec![1.0; 12]).unwrap();
+    image::DynamicImage::from(square).save(at("sky.exr")).unwrap();
+    std::fs::write(at("a.toml"), description("image = \"sky.exr\"")).unwrap();
+    let error = scene::load(&at("a.toml")).unwrap_err().to_string();
+    assert!(error.contains("sky.exr") && error.contains("twice as many"), "{error}");
+    let dark = image::Rgb32FImage::from_raw(2, 1, vec![0.0, 1.0, f32::NAN, 1.0, 1.0, 1.0]).unwrap();
+    image::DynamicImage::from(dark).save(at("sky.exr")).unwrap();
+    let error = scene::load(&at("a.toml")).unwrap_err().to_string();
+    assert!(error.contains("pixel 0,0"), "{error}");
 }
 
 #[test]

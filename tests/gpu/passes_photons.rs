@@ -17,7 +17,9 @@ use lightsum::scene::Scene;
 use lightsum::settings::{Sequence, Settings};
 use lightsum::stage::{Photons, Stage};
 
-use crate::rig::{AWKWARD_IMAGES, Rig, SINE, STRAYS, Tally, close, gallery, has, hit_of, ray_of, sine_error};
+use crate::rig::{
+    AWKWARD_IMAGES, Rig, SINE, STRAYS, Tally, close, gallery, gallery_outdoors, has, hit_of, ray_of, sine_error,
+};
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
 /// Tolerance for a direction: refraction near the critical angle magnifies rounding.
@@ -328,6 +330,25 @@ fn follow(
     }
     let stored = check_grid(&mut rig, &what);
     check_light(&rig, &what, stored, narrowed)
+}
+
+#[test]
+fn photons_from_an_environment_follow_their_oracles() {
+    gpu_test(|ctx| {
+        let scene = gallery_outdoors();
+        let sine = sine_error(ctx, &scene);
+        let settings = Settings {
+            photons: 2039,
+            particles: 4,
+            max_specular: 5,
+            mirror_lights: 0,
+            photon_radius: Some(0.3),
+            ..Settings::plain()
+        };
+        let (mut seen, mut narrowed) = ([0; 4], 0);
+        let lit = follow(ctx, &scene, [31, 17], settings, sine, (&mut seen, &mut narrowed));
+        assert!(seen.iter().all(|&n| n > 10) && lit.iter().all(|&n| n > 0), "{seen:?} {lit:?}");
+    });
 }
 
 #[test]

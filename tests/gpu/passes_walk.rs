@@ -13,7 +13,9 @@ use lightsum::scene::Scene;
 use lightsum::settings::{Sequence, Settings};
 use lightsum::stage::Stage;
 
-use crate::rig::{Rig, SINE, STRAYS, Tally, close, gallery, hit_of, ray_of, sine_error, untouched, xyz};
+use crate::rig::{
+    Rig, SINE, STRAYS, Tally, close, gallery, gallery_outdoors, hit_of, ray_of, sine_error, untouched, xyz,
+};
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
 /// Tolerance, relative to the largest component: divisions and roots are less exact on a device than ours.
@@ -117,8 +119,12 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
         let [of_light, of_start] =
             [walk_start::first_light_numbers(p, i), walk_start::walk_numbers(p, 0, i)].map(|u| {
                 let emitter = &emitters.list[emitters.choose(u[0]).0 as usize];
-                let round = matches!(emitter.kind, Kind::Directional | Kind::Sphere);
-                (emitter.kind, if round { SINE * emitter.e1.length() } else { 1e-5 })
+                let place = match emitter.kind {
+                    Kind::Directional | Kind::Sphere => SINE * emitter.e1.length(),
+                    Kind::Environment => 4.0 * SINE * emitter.e2.y,
+                    _ => 1e-5,
+                };
+                (emitter.kind, place)
             });
         let place = of_light.1;
         kinds.push(of_light.0);
@@ -262,6 +268,17 @@ fn the_walk_of_each_class_follows_its_oracles() {
             follow(ctx, &scene, interleaved(paths, pattern, paths == 27));
             let direct_lights = Some(paths / 16 + 1);
             follow(ctx, &scene, Settings { direct_lights, ..interleaved(paths, pattern, false) });
+        }
+    });
+}
+
+#[test]
+fn the_walk_from_an_environment_follows_its_oracles() {
+    gpu_test(|ctx| {
+        let scene = gallery_outdoors();
+        for (particles, pattern) in [(1, [1, 1]), (27, [3, 3]), (2049, [1, 1])] {
+            let (kinds, _) = follow(ctx, &scene, interleaved(particles, pattern, false));
+            assert!(particles == 1 || kinds.contains(&Kind::Environment));
         }
     });
 }

@@ -3,6 +3,7 @@
 
 use std::cell::RefCell;
 use std::path::Path;
+use std::sync::Arc;
 
 use bytemuck::Pod;
 use glam::{Vec2, Vec3, Vec4};
@@ -14,7 +15,7 @@ use lightsum::gpu::{Buffer, Context, Recorder, Resources, Staging, download};
 use lightsum::pass::clusters::NO_POINT;
 use lightsum::pass::eye_paths::Plane;
 use lightsum::pass::{Kit, List, ShadingPoints, layout, walk_start};
-use lightsum::scene::{Camera, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
+use lightsum::scene::{Camera, Environment, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
 use lightsum::settings::{Settings, Traversal};
 use lightsum::stage::{Compensation, Stage};
 use lightsum::superposition::kernels::KernelLibrary;
@@ -486,6 +487,24 @@ fn listed_lights(b: &mut Builder, glow: u32) {
     let center = Vec3::new(9.0, 0.0, 0.0);
     let object = b.sphere(center, 0.5, 1, glow, true);
     b.0.lights.push(Light::Sphere { center, radius: 0.5, radiance: Vec3::splat(0.3), inward: true, object });
+}
+
+/// Light from all around for a gallery: a sky with a sun, a darker ground, and black towards +x.
+pub fn surroundings() -> Environment {
+    let texel = |i: u32| match (i % 16, i / 16) {
+        (5, 2) => Vec3::new(80.0, 70.0, 60.0),
+        (11..14, _) => Vec3::ZERO,
+        (x, y @ 0..4) => Vec3::new(0.2 + 0.02 * x as f32, 0.5, 0.3 + 0.1 * y as f32),
+        _ => Vec3::splat(0.1),
+    };
+    let texels = (0..128).map(texel).collect();
+    Environment { width: 16, height: 8, texels, ..Environment::constant(Vec3::ONE) }
+        .turned(Vec3::new(0.1, 1.0, -0.2), 0.4)
+}
+
+/// The gallery under [`surroundings`].
+pub fn gallery_outdoors() -> Scene {
+    Scene { environment: Some(Arc::new(surroundings())), ..gallery() }
 }
 
 /// A room four units wide, open at the camera and in a corner, with every kind of material, texture and light.

@@ -6,12 +6,16 @@ use lightsum::{Error, Result};
 
 /// The camera to render with; the flags are in world coordinates.
 pub fn choose(scene: &Scene, flags: &args::Camera, resolution: Option<[u32; 2]>) -> Result<Camera> {
-    let mut camera = match scene.camera {
-        Some(camera) => camera,
-        None => {
-            let size = resolution.unwrap_or([640, 480]);
+    let size = resolution.unwrap_or(scene.camera.map_or([640, 480], |camera| camera.resolution));
+    let mut camera = match (scene.camera, flags.orbit) {
+        (_, Some(orbit)) => Camera::around(scene.bounds(), size, orbit),
+        (Some(camera), None) => camera,
+        (None, None) => {
             if flags.eye.is_none() || flags.target.is_none() {
-                log::warn!("{} has no camera: it is seen from its front; set --eye, --target and --fov", scene.name);
+                log::warn!(
+                    "{} has no camera: it is framed from the front and above; set --orbit, or --eye, --target and --fov",
+                    scene.name
+                );
             }
             Camera::in_front_of(scene.bounds(), size)
         }

@@ -227,7 +227,8 @@ fn directions_of_points_and_virtual_lights() {
     let (mut sum, mut cosine) = (Vec3::ZERO, 0.0);
     for i in 0..4096 {
         let u = [halton(0, i), halton(1, i)];
-        let start = |emitter, normal| Start { emitter, position: Vec3::ZERO, normal, flux: Vec3::ONE };
+        let start =
+            |emitter, normal| Start { emitter, position: Vec3::ZERO, normal, flux: Vec3::ONE, radiance: Vec3::ONE };
         sum += e.sample_direction(&start(0, Vec3::Z), u) / 4096.0;
         cosine += e.sample_direction(&start(1, -Vec3::Y), u).dot(-Vec3::Y) / 4096.0;
     }

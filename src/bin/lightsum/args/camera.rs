@@ -3,11 +3,11 @@
 use clap::Args;
 use glam::{DVec3, Vec3};
 
-use super::values::{angle, distance, point, positive, vector};
+use super::values::{angle, distance, orbit, point, positive, vector};
 
 /// The camera; each flag overrides a value of the scene's camera.
 #[derive(Debug, Default, Args)]
-#[command(next_help_heading = "Camera (overrides the scene's; a model without one is seen from its front)")]
+#[command(next_help_heading = "Camera (overrides the scene's; a model without one is framed)")]
 pub struct Camera {
     /// Eye point, scene units.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
@@ -15,6 +15,11 @@ pub struct Camera {
     /// Point at the centre of the image, scene units.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
     pub target: Option<DVec3>,
+    /// Frame the whole scene: azimuth, from positive z towards positive x, and elevation of the eye, degrees.
+    ///
+    /// Replaces the scene's camera, as do the 20,20 from which a model without one is seen.
+    #[arg(long, value_name = "AZIMUTH,ELEVATION", allow_hyphen_values = true, value_parser = orbit, conflicts_with_all = ["eye", "target", "up"])]
+    pub orbit: Option<[f32; 2]>,
     /// Up direction, of any length [default: the scene's, or 0,1,0].
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = vector)]
     pub up: Option<Vec3>,

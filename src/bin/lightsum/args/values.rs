@@ -109,6 +109,14 @@ pub(super) fn angle(text: &str) -> Result<f32, String> {
     number(text, |v| v > 0.0 && v < 180.0, "an angle in degrees between 0 and 180")
 }
 
+pub(super) fn orbit(text: &str) -> Result<[f32; 2], String> {
+    let parts: Option<Vec<f32>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    match parts.as_deref() {
+        Some(&[azimuth, elevation]) if azimuth.abs() <= 360.0 && elevation.abs() <= 90.0 => Ok([azimuth, elevation]),
+        _ => Err("expected AZIMUTH,ELEVATION in degrees, up to 360 and 90".into()),
+    }
+}
+
 pub(super) fn seconds(text: &str) -> Result<Duration, String> {
     let duration = text.parse().ok().and_then(|s| Duration::try_from_secs_f64(s).ok()).filter(|d| !d.is_zero());
     duration.ok_or_else(|| "expected a number of seconds above 0".into())
