@@ -476,6 +476,9 @@ impl Renderer {
         if self.passes() == 0 {
             self.pass()?;
         }
+        if self.scene().environment.is_some() {
+            log::warn!("the file's lights leave out what comes directly from the environment: glTF has no such light");
+        }
         // The lights of each class represent all the light; divide it among the classes.
         let classes = self.engine.settings().classes() as f32;
         let lights: Vec<VirtualLight> = self
