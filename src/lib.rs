@@ -150,6 +150,7 @@ pub mod calibrate;
 pub mod engine;
 pub mod estimate;
 pub mod standalone;
+pub mod summary;
 pub mod tiles;
 
 // Ground truth and results.

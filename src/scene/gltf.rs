@@ -104,7 +104,9 @@ fn read(path: &Path, bytes: &[u8], photometric: bool) -> Result<Scene> {
         stack.extend(children.into_iter().rev().map(|n| (n, world)));
     }
     if !reader.ignored.is_empty() {
-        log::warn!("{}: not supported and ignored: {:?}", path.display(), reader.ignored);
+        let ignored: Vec<&str> = reader.ignored.iter().copied().collect();
+        log::warn!("{}: not supported and left out: {}", path.display(), ignored.join("; "));
+        reader.scene.ignored = ignored.into_iter().map(String::from).collect();
     }
     Ok(reader.finish())
 }

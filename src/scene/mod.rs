@@ -71,6 +71,8 @@ pub struct Scene {
     /// all light, also that of the emissive triangles, which are only visible, and all reflected light, so that no particle
     /// starts from them.
     pub emitters_are_lights: bool,
+    /// What the files hold and the loader leaves out, for messages.
+    pub ignored: Vec<String>,
     /// Camera of the file, if it has one.
     pub camera: Option<Camera>,
     /// `[render]` of the scene file: defaults that the command line overrides.
@@ -92,6 +94,7 @@ impl Default for Scene {
             lights: Vec::new(),
             environment: None,
             emitters_are_lights: true,
+            ignored: Vec::new(),
             camera: None,
             render: RenderDefaults::default(),
         }

@@ -213,7 +213,12 @@ impl Reader<'_> {
         }
         let (found, missing): (Vec<_>, Vec<_>) = files.into_iter().partition(|file| file.is_file());
         for file in found {
-            let entries = obj_material::read(&file)?;
+            let (entries, ignored) = obj_material::read(&file)?;
+            for what in ignored {
+                if !self.scene.ignored.contains(&what) {
+                    self.scene.ignored.push(what);
+                }
+            }
             self.materials.add(&mut self.scene, entries);
         }
         if !missing.is_empty() {

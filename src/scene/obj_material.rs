@@ -185,8 +185,8 @@ impl Statements {
     }
 }
 
-/// Reads a library.
-pub(super) fn read(path: &Path) -> Result<Vec<Entry>> {
+/// Reads a library; also returns the statements that it leaves out.
+pub(super) fn read(path: &Path) -> Result<(Vec<Entry>, BTreeSet<String>)> {
     let bytes = std::fs::read(path).map_err(Error::io("reading", path))?;
     let text = String::from_utf8_lossy(&bytes);
     let mut entries = Vec::new();
@@ -226,9 +226,10 @@ pub(super) fn read(path: &Path) -> Result<Vec<Entry>> {
     }
     entries.extend(current.map(|m| m.material(path)));
     if !ignored.is_empty() {
-        log::warn!("{}: not supported and ignored: {ignored:?}", path.display());
+        let all: Vec<&str> = ignored.iter().map(String::as_str).collect();
+        log::warn!("{}: not supported and left out: {}", path.display(), all.join("; "));
     }
-    Ok(entries)
+    Ok((entries, ignored))
 }
 
 /// A colour: three numbers, or one for all channels; `None` for the spectral form, which is not supported.

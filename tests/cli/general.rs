@@ -211,3 +211,30 @@ fn a_camera_that_sees_nothing_is_refused() {
     assert!(text(&output.stderr).contains("--eye"));
     assert!(!folder.path().join("a.exr").exists());
 }
+
+#[test]
+fn info_tells_what_a_scene_holds() {
+    let folder = folder();
+    let model = "mtllib a.mtl\no lamp\nusemtl lamp\nv 0 0 0\nv 2 0 0\nv 0 0 -1\nf 1 2 3\n";
+    std::fs::write(folder.path().join("a.obj"), model).unwrap();
+    std::fs::write(folder.path().join("a.mtl"), "newmtl lamp\nKe 3 3 3\nmap_Bump bumps.png\n").unwrap();
+    let output = lightsum(&["info", "a.obj"], folder.path());
+    let told = text(&output.stdout);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    // A triangle of area 1 with radiance 3: 3 pi.
+    for part in [
+        "a: 1 triangles",
+        "size: 2.0000 x 0.0000 x 1.0000",
+        "camera: none",
+        "material \"lamp\": 1, 9.425 W",
+        "left out: map_Bump",
+    ] {
+        assert!(told.contains(part), "{told:?} lacks {part:?}");
+    }
+    let output = lightsum(&["info", "a.obj", "--json"], folder.path());
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((json["triangles"].as_u64(), json["high"][0].as_f64()), (Some(1), Some(2.0)));
+    assert_eq!(json["lights"][0]["count"].as_u64(), Some(1));
+    let output = lightsum(&["info", "b.obj"], folder.path());
+    assert!(output.status.code() == Some(1) && text(&output.stderr).contains("b.obj"));
+}

@@ -4,12 +4,32 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use lightsum::path_trace::{Options, SpecularPaths};
-use lightsum::scene::{Camera, Environment, Material, Scene, Surface};
+use lightsum::scene::{Camera, Environment, Material, Scene, Surface, builtin};
 use lightsum::settings::Settings;
+use lightsum::summary::Summary;
 
 use crate::references::path_traced;
-use crate::scenes::{Soup, camera, compare, mean, render};
+use crate::scenes::{Soup, camera, compare, mean, render, renderer};
 use crate::support::gpu_test;
+
+/// The memory that a summary tells is that of the buffers.
+#[test]
+fn the_summary_knows_the_memory() {
+    gpu_test(|ctx| {
+        for scene in [builtin::room(3000), outdoors(1.0).0] {
+            let told = Summary::of(&scene).unwrap().device_bytes as f64;
+            let view = camera(Vec3::Z, Vec3::ZERO, 40.0, [8, 8]);
+            let renderer = renderer(ctx, &scene, view, &Settings::default());
+            let device = renderer.engine().device_scene();
+            let more = device
+                .target_buffers
+                .as_ref()
+                .map_or(0, |t| t.list.bytes() + t.triangles.bytes() + t.of_triangle.bytes());
+            let found = (device.bytes() - more) as f64;
+            assert!((told / found - 1.0).abs() < 0.02, "{}: {told} of {found} bytes", scene.name);
+        }
+    });
+}
 
 /// A convex body is lit by the environment alone: its radiance is the albedo times that of the environment.
 #[test]
@@ -79,7 +99,7 @@ fn a_sky_with_and_without_a_sun_against_the_path_tracer() {
             let (scene, view) = outdoors(sun);
             let options = Options {
                 resolution: view.resolution,
-                samples: 512,
+                samples: 1024,
                 max_depth: 5,
                 max_specular: 8,
                 seed: 7,

@@ -47,6 +47,19 @@ pub enum Command {
     ///
     /// The scene is loaded once; each frame updates only the objects that move. Frames without changes accumulate.
     Animate(Box<Animate>),
+    /// Print what a scene holds: triangles, materials, lights with their power, textures, size, camera, memory, and what was left out.
+    Info(Info),
+}
+
+/// Flags of `info`.
+#[derive(Debug, Args)]
+pub struct Info {
+    /// Scene description (.toml) or bare model (.obj, .gltf, .glb).
+    #[arg(value_name = "SCENE")]
+    pub scene: PathBuf,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Flags of `animate`.

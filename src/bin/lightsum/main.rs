@@ -8,6 +8,7 @@
 mod animate;
 mod args;
 mod camera;
+mod info;
 mod path;
 mod progress;
 mod reference;
@@ -26,6 +27,7 @@ fn main() -> ExitCode {
     let result = match &arguments.command {
         Some(Command::Render(render)) if !render.list_devices => render::run(render),
         Some(Command::Animate(animate)) => animate::run(animate),
+        Some(Command::Info(info)) => info::run(info),
         None if !arguments.list_devices => {
             say_aside("error: nothing to do: give a command, such as render, or --list-devices; --help explains");
             return ExitCode::from(2);
