@@ -31,6 +31,7 @@
 //! | [`standalone`] | the engine on a device of its own, with readback; used by the command line |
 //! | [`tiles`] | images too large for a device, strip by strip |
 //! | [`calibrate`] | the faster kernel for shadow rays on a device |
+//! | [`summary`] | what a scene holds, for people and as JSON |
 //! | [`path_trace`] | CPU path tracer, the ground truth |
 //! | [`output`] | EXR, PNG, statistics, resumable state |
 //! | [`fingerprint`] | a hash that tells renderings apart |

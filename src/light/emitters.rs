@@ -309,7 +309,7 @@ impl Emitters {
         let (emitter, u0) = self.choose(u0);
         let e = &self.list[emitter as usize];
         if let (Kind::Environment, Some(environment)) = (e.kind, &self.environment) {
-            let towards = environment.of.direction(e.e1.x + e.e1.y * u1, e.e1.z + e.e2.x * u0);
+            let towards = e.sample_sky(&environment.of, u0, u1);
             let radiance = environment.of.radiance(towards);
             let disc = PI * e.e2.y * e.e2.y;
             let flux = radiance * (e.area * disc / e.probability);
@@ -419,6 +419,11 @@ impl Emitter {
             Kind::Point => (self.p0, Vec3::Z),
             Kind::Spot | Kind::Imported | Kind::Environment => (self.p0, self.normal),
         }
+    }
+
+    /// Direction towards a part of an environment from the unit square.
+    pub fn sample_sky(&self, environment: &Environment, u0: f32, u1: f32) -> Vec3 {
+        environment.direction(self.e1.x + self.e1.y * u1, self.e1.z + self.e2.x * u0)
     }
 
     /// Moves the starting radius of a sphere in front of one of its triangles.

@@ -328,7 +328,7 @@ impl<'a> Tracer<'a> {
             if n.above(wi) { reflectance.eval(n.shading, wi, point.wo) * n.shading.dot(wi) } else { Vec3::ZERO }
         };
         if let (Kind::Environment, Some(environment)) = (e.kind, &self.emitters.environment) {
-            let wi = environment.of.direction(e.e1.x + e.e1.y * u1, e.e1.z + e.e2.x * u0);
+            let wi = e.sample_sky(&environment.of, u0, u1);
             let pdf = e.probability / e.area;
             let weight = power_heuristic(pdf, reflectance.pdf(n.shading, wi, point.wo));
             let light = reflected(wi) * environment.of.radiance(wi) * (weight / pdf);

@@ -148,6 +148,11 @@ impl Environment {
         self
     }
 
+    /// Whether any direction is not black.
+    pub fn is_bright(&self) -> bool {
+        self.texels.iter().any(|texel| texel.max_element() > 0.0)
+    }
+
     /// With another zenith, and turned about it: an angle in radians, counter-clockwise seen from the zenith.
     pub fn turned(mut self, zenith: Vec3, angle: f32) -> Environment {
         let back = if zenith.z.abs() > 0.9 * zenith.length() { -Vec3::Y * zenith.z.signum() } else { Vec3::Z };

@@ -1,10 +1,11 @@
 //! glTF 2.0 models, `.gltf` and `.glb`.
 //!
-//! Nodes are flattened into world space; their transforms are composed in double precision. Each is single precision in the file, as
-//! are vertices within their node, so that a far scene keeps its precision only if its distance is in a node's translation. Used: triangles, strips and fans with normals and one set of texture coordinates;
-//! metallic-roughness materials with KHR_materials_emissive_strength, _ior, _transmission and _volume (a thickness above 0
-//! makes a body of glass, else it is a pane); KHR_lights_punctual; the first perspective camera. An emission texture
-//! is replaced by its average. Lobes too smooth for point lights become ideal mirrors.
+//! Nodes are flattened into world space; their transforms are composed in double precision. Each is single precision in
+//! the file, as are vertices within their node, so that a far scene keeps its precision only if its distance is in a
+//! node's translation. Used: triangles, strips and fans with normals and one set of texture coordinates;
+//! metallic-roughness materials with KHR_materials_emissive_strength, _ior, _transmission and _volume (a thickness above
+//! 0 makes a body of glass, else it is a pane); KHR_texture_transform; KHR_lights_punctual; the first perspective camera.
+//! An emission texture is replaced by its average. Lobes too smooth for point lights become ideal mirrors.
 
 use std::cell::Cell;
 use std::collections::{BTreeSet, HashMap};
@@ -39,6 +40,41 @@ pub(super) fn load(path: &Path, photometric: bool) -> Result<Scene> {
     match quietly(|| read(path, &bytes, photometric)) {
         Ok(result) => result,
         Err(message) => Err(Error::file(path, format!("malformed glTF: {message}"))),
+    }
+}
+
+/// Which texture coordinates a texture takes, and their transform.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct UvMap {
+    set: u32,
+    offset: Vec2,
+    /// Radians, counter-clockwise where v points down.
+    rotation: f32,
+    scale: Vec2,
+}
+
+impl UvMap {
+    fn of(info: &gltf::texture::Info) -> UvMap {
+        let plain = UvMap { set: info.tex_coord(), offset: Vec2::ZERO, rotation: 0.0, scale: Vec2::ONE };
+        info.texture_transform().map_or(plain, |t| UvMap {
+            set: t.tex_coord().unwrap_or(plain.set),
+            offset: Vec2::from_array(t.offset()),
+            rotation: t.rotation(),
+            scale: Vec2::from_array(t.scale()),
+        })
+    }
+
+    /// That of the base colour, which the other textures of a material share, or if it has none that of roughness.
+    fn of_material(material: &gltf::Material) -> UvMap {
+        let pbr = material.pbr_metallic_roughness();
+        let info = pbr.base_color_texture().or(pbr.metallic_roughness_texture());
+        info.map_or(UvMap { set: 0, offset: Vec2::ZERO, rotation: 0.0, scale: Vec2::ONE }, |info| UvMap::of(&info))
+    }
+
+    fn apply(&self, uv: Vec2) -> Vec2 {
+        let (sin, cos) = self.rotation.sin_cos();
+        let uv = uv * self.scale;
+        self.offset + Vec2::new(cos * uv.x + sin * uv.y, cos * uv.y - sin * uv.x)
     }
 }
 
@@ -199,8 +235,8 @@ impl Reader<'_> {
         let positions = self.buffers.vectors::<3>(&positions, "POSITION")?;
         let count = positions.len();
         let material = primitive.material();
-        let uv_set = material.pbr_metallic_roughness().base_color_texture().map_or(0, |t| t.tex_coord());
-        let uvs = match primitive.get(&Semantic::TexCoords(uv_set)) {
+        let map = UvMap::of_material(&material);
+        let uvs = match primitive.get(&Semantic::TexCoords(map.set)) {
             Some(accessor) => self.buffers.vectors::<2>(&accessor, "TEXCOORD")?,
             None => vec![[0.0; 2]; count],
         };
@@ -251,7 +287,7 @@ impl Reader<'_> {
             has_normal.push(n != Vec3::ZERO);
             self.positions.push(p);
             self.scene.normals.push(if n == Vec3::ZERO { Vec3::Y } else { n });
-            self.scene.uvs.push(Vec2::from_array(uv));
+            self.scene.uvs.push(map.apply(Vec2::from_array(uv)));
         }
         for mut corners in assemble(primitive.mode(), &indices) {
             if mirrored {
@@ -276,8 +312,8 @@ impl Reader<'_> {
         };
         let metallic_roughness_texture = match pbr.metallic_roughness_texture() {
             Some(info) => {
-                if pbr.base_color_texture().is_some_and(|base| base.tex_coord() != info.tex_coord()) {
-                    self.ignored.insert("a second set of texture coordinates");
+                if UvMap::of(&info) != UvMap::of_material(material) {
+                    self.ignored.insert("a second set of texture coordinates, or another transform of them");
                 }
                 Some(self.texture(&info.texture(), false)?)
             }

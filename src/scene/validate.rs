@@ -38,7 +38,8 @@ impl Scene {
         if let Some(camera) = &self.camera {
             camera.check().map_err(|m| Error::file(path, format!("camera: {m}")))?;
         }
-        if self.lights.is_empty() && self.emitters().is_empty() && self.environment.is_none() {
+        let sky = self.environment.as_ref().is_some_and(|e| e.is_bright());
+        if self.lights.is_empty() && self.emitters().is_empty() && !sky {
             let message = "nothing emits light; give a material an emission (MTL `Ke`, glTF `emissiveFactor`, or \
                            `[materials.NAME] emission = [1, 1, 1]` in a scene.toml) or add a light (`[lights.NAME]`)";
             return Err(Error::file(path, message));

@@ -232,6 +232,16 @@ fn exported_lights_are_rendered_again() {
 }
 
 #[test]
+fn a_model_without_light_gets_a_sky() {
+    let folder = folder();
+    fs::write(folder.path().join("dark.obj"), MODEL.replace("usemtl lamp", "usemtl wall")).unwrap();
+    let output = succeeds(folder.path(), "render dark.obj -o a.exr --passes 1 --resolution 20x16");
+    assert!(text(&output.stderr).contains("dark has no light; an overcast sky lights it"), "{}", text(&output.stderr));
+    let image = channels(&folder.path().join("a.exr"));
+    assert!(image["G"].iter().any(|&g| g > 0.1));
+}
+
+#[test]
 fn damaged_scenes_are_refused() {
     let folder = folder();
     let write = |name: &str, text: String| fs::write(folder.path().join(name), text).unwrap();
@@ -245,8 +255,10 @@ fn damaged_scenes_are_refused() {
     fails(folder.path(), &run("index.obj"), 1, &["index.obj:13", "99"]);
     write("flat.obj", MODEL.replace("f 5 6 7 8", "f 5 6 5"));
     fails(folder.path(), &run("flat.obj"), 1, &["flat.obj"]);
+    let night = SCENE.replace("room.obj", "dark.obj") + "[environment]\nradiance = [0.0, 0.0, 0.0]\n";
     write("dark.obj", MODEL.replace("usemtl lamp", "usemtl wall"));
-    fails(folder.path(), &run("dark.obj"), 1, &["dark.obj", "emits"]);
+    write("night.toml", night);
+    fails(folder.path(), &run("night.toml"), 1, &["night.toml", "emits"]);
     write("empty.obj", String::new());
     fails(folder.path(), &run("empty.obj"), 1, &["empty.obj"]);
     write("key.toml", SCENE.replace("fov_y", "fovy"));

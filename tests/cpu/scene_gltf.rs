@@ -202,6 +202,31 @@ fn materials_and_textures_are_read() {
 }
 
 #[test]
+fn texture_coordinates_are_transformed() {
+    let case = Case::with(|c| {
+        let image = png(&[[255, 0, 0, 255]], 1);
+        c.document["images"] = json!([{ "uri": format!("data:image/png;base64,{}", base64(&image)) }]);
+        c.document["textures"] = json!([{ "source": 0 }]);
+        c.document["meshes"][0]["primitives"][0]["attributes"] = json!({ "POSITION": 0, "NORMAL": 1, "TEXCOORD_1": 2 });
+        let transform = json!({ "offset": [0.25, 0.5], "rotation": FRAC_PI_2, "scale": [2.0, 3.0], "texCoord": 1 });
+        c.document["materials"][0] = json!({
+            "emissiveFactor": [1.0, 1.0, 1.0],
+            "pbrMetallicRoughness": { "baseColorTexture": {
+                "index": 0, "extensions": { "KHR_texture_transform": transform },
+            } },
+        });
+        c.document["extensionsUsed"] = json!(["KHR_texture_transform"]);
+        c.document["extensionsRequired"] = json!(["KHR_texture_transform"]);
+    });
+    let scene = case.load().unwrap();
+    // The unit vectors are scaled, turned by [[cos, sin], [-sin, cos]], and moved, as the extension's text has it.
+    let expected = [Vec2::new(0.25, 0.5), Vec2::new(0.25, -1.5), Vec2::new(3.25, 0.5)];
+    for (uv, expected) in scene.uvs.iter().zip(expected) {
+        assert!((*uv - expected).abs().max_element() < 1e-5, "{uv} {expected}");
+    }
+}
+
+#[test]
 fn volumes_and_the_smoothest_lobes_are_read() {
     let material = |json: serde_json::Value| {
         let case = Case::with(|c| {
