@@ -4,7 +4,7 @@
 //! model = "room.obj"            # OBJ, glTF or GLB, relative to this file
 //! face_normals = true           # ignore the model's vertex normals (default)
 //! two_sided = false             # every emissive face emits from both sides
-//! photometric = false           # glTF lights are in candela and lux: divide by 683 lm/W
+//! photometric = true            # glTF lights are in candela and lux: divide by 683 lm/W. Default: as the file looks
 //!
 //! [camera]                      # replaces the model's own
 //! eye = [0, 1, 3]
@@ -70,8 +70,7 @@ struct Description {
     face_normals: bool,
     #[serde(default)]
     two_sided: bool,
-    #[serde(default)]
-    photometric: bool,
+    photometric: Option<bool>,
     #[serde(default)]
     lights: BTreeMap<Spanned<String>, LightEntry>,
     environment: Option<Spanned<EnvironmentEntry>>,

@@ -2,10 +2,9 @@
 //!
 //! Nodes are flattened into world space; their transforms are composed in double precision. Each is single precision in
 //! the file, as are vertices within their node, so that a far scene keeps its precision only if its distance is in a
-//! node's translation. Used: triangles, strips and fans with normals and one set of texture coordinates;
-//! metallic-roughness materials with KHR_materials_emissive_strength, _ior, _transmission and _volume (a thickness above
-//! 0 makes a body of glass, else it is a pane); KHR_texture_transform; KHR_lights_punctual; the first perspective camera.
-//! An emission texture is replaced by its average. Lobes too smooth for point lights become ideal mirrors.
+//! node's translation. Used: triangles, strips and fans with normals and one set of texture coordinates, instances
+//! (EXT_mesh_gpu_instancing), quantized attributes (KHR_mesh_quantization), KHR_lights_punctual, perspective cameras, and the
+//! materials of [`super::gltf_material`].
 
 use std::cell::Cell;
 use std::collections::{BTreeSet, HashMap};
@@ -14,18 +13,19 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Once;
 
-use glam::{DMat4, DVec3, Mat3, Vec2, Vec3};
+use glam::{DMat4, DQuat, DVec3, Mat3, Quat, Vec2, Vec3};
 use gltf::camera::Projection;
 use gltf::json::extras::Extras;
 use gltf::khr_lights_punctual::Kind;
 use gltf::mesh::Mode;
-use gltf::texture::WrappingMode;
-use gltf::{Gltf, Node, Primitive, Semantic, buffer, image};
+use gltf::{Document, Gltf, Node, Primitive, Semantic};
 use serde::de::DeserializeOwned;
 
-use super::export::{AssetExtras, CameraExtras, MaterialExtras, VirtualExtras};
+use super::export::{AssetExtras, CameraExtras, VirtualExtras};
 use super::gltf_accessor::{Buffers, reason};
-use super::{Camera, Light, MIN_ROUGHNESS, Material, Scene, Surface, Texture, Triangle, Wrap, origin};
+use super::gltf_extensions::{Extensions, INSTANCING};
+use super::gltf_material::{TextureKey, UvMap};
+use super::{Camera, Light, NamedCamera, Scene, Triangle, origin};
 use crate::error::{Error, Result};
 
 /// Luminous efficacy that converts photometric to radiometric quantities, lm/W.
@@ -33,48 +33,13 @@ const EFFICACY: f32 = 683.0;
 
 /// Reads a glTF file; the result is not validated yet.
 ///
-/// With `photometric`, intensities are in candela and irradiances in lux (as Blender writes them), else in W.
-pub(super) fn load(path: &Path, photometric: bool) -> Result<Scene> {
+/// `photometric`: intensities are in candela and irradiances in lux, else in W; `None`: as the file looks.
+pub(super) fn load(path: &Path, photometric: Option<bool>) -> Result<Scene> {
     let bytes = std::fs::read(path).map_err(Error::io("reading", path))?;
     // The glTF crate does not check everything in a file (indices inside extensions, percent signs in URIs).
     match quietly(|| read(path, &bytes, photometric)) {
         Ok(result) => result,
         Err(message) => Err(Error::file(path, format!("malformed glTF: {message}"))),
-    }
-}
-
-/// Which texture coordinates a texture takes, and their transform.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct UvMap {
-    set: u32,
-    offset: Vec2,
-    /// Radians, counter-clockwise where v points down.
-    rotation: f32,
-    scale: Vec2,
-}
-
-impl UvMap {
-    fn of(info: &gltf::texture::Info) -> UvMap {
-        let plain = UvMap { set: info.tex_coord(), offset: Vec2::ZERO, rotation: 0.0, scale: Vec2::ONE };
-        info.texture_transform().map_or(plain, |t| UvMap {
-            set: t.tex_coord().unwrap_or(plain.set),
-            offset: Vec2::from_array(t.offset()),
-            rotation: t.rotation(),
-            scale: Vec2::from_array(t.scale()),
-        })
-    }
-
-    /// That of the base colour, which the other textures of a material share, or if it has none that of roughness.
-    fn of_material(material: &gltf::Material) -> UvMap {
-        let pbr = material.pbr_metallic_roughness();
-        let info = pbr.base_color_texture().or(pbr.metallic_roughness_texture());
-        info.map_or(UvMap { set: 0, offset: Vec2::ZERO, rotation: 0.0, scale: Vec2::ONE }, |info| UvMap::of(&info))
-    }
-
-    fn apply(&self, uv: Vec2) -> Vec2 {
-        let (sin, cos) = self.rotation.sin_cos();
-        let uv = uv * self.scale;
-        self.offset + Vec2::new(cos * uv.x + sin * uv.y, cos * uv.y - sin * uv.x)
     }
 }
 
@@ -99,18 +64,27 @@ fn quietly<T>(f: impl FnOnce() -> T) -> Result<T, String> {
     })
 }
 
-fn read(path: &Path, bytes: &[u8], photometric: bool) -> Result<Scene> {
-    let Gltf { document, blob } = Gltf::from_slice(bytes).map_err(|e| Error::file(path, reason(&e)))?;
+fn read(path: &Path, bytes: &[u8], photometric: Option<bool>) -> Result<Scene> {
+    let failed = |e: gltf::Error| Error::file(path, reason(&e));
+    let Gltf { document, blob } = Gltf::from_slice_without_validation(bytes).map_err(failed)?;
+    let mut root = document.into_json();
+    let extensions = Extensions::take(path, &mut root)?;
+    let document = Document::from_json(root).map_err(failed)?;
     let mut reader = Reader {
         path,
-        buffers: Buffers::read(path, &document, blob)?,
-        light_scale: if photometric { 1.0 / EFFICACY } else { 1.0 },
+        document: &document,
+        buffers: Buffers::read(path, &document, blob, extensions.quantized)?,
+        light_scale: if photometric.unwrap_or_else(|| looks_photometric(path, &document)) {
+            1.0 / EFFICACY
+        } else {
+            1.0
+        },
         materials: HashMap::new(),
         textures: HashMap::new(),
-        ignored: BTreeSet::new(),
+        ignored: extensions.left_out,
         positions: Vec::new(),
         lights: Vec::new(),
-        eye: DVec3::ZERO,
+        cameras: Vec::new(),
         scene: Scene::default(),
     };
     if let Some(extras) = ours::<AssetExtras>(&document.as_json().asset.extras) {
@@ -140,38 +114,44 @@ fn read(path: &Path, bytes: &[u8], photometric: bool) -> Result<Scene> {
         stack.extend(children.into_iter().rev().map(|n| (n, world)));
     }
     if !reader.ignored.is_empty() {
-        let ignored: Vec<&str> = reader.ignored.iter().copied().collect();
+        let ignored: Vec<String> = std::mem::take(&mut reader.ignored).into_iter().collect();
         log::warn!("{}: not supported and left out: {}", path.display(), ignored.join("; "));
-        reader.scene.ignored = ignored.into_iter().map(String::from).collect();
+        reader.scene.ignored = ignored;
     }
     Ok(reader.finish())
 }
 
 /// The exporter's data in an object's `extras.lightsum`.
-fn ours<T: DeserializeOwned>(extras: &Extras) -> Option<T> {
+pub(super) fn ours<T: DeserializeOwned>(extras: &Extras) -> Option<T> {
     let mut value: serde_json::Value = serde_json::from_str(extras.as_ref()?.get()).ok()?;
     serde_json::from_value(value.get_mut("lightsum")?.take()).ok()
 }
 
-/// A texture is read once for each use of an image: index, sRGB, wrap modes.
-type TextureKey = (usize, bool, [u32; 2]);
-
-struct Reader<'a> {
-    path: &'a Path,
-    buffers: Buffers<'a>,
+pub(super) struct Reader<'a> {
+    pub(super) path: &'a Path,
+    pub(super) document: &'a Document,
+    pub(super) buffers: Buffers<'a>,
     light_scale: f32,
-    materials: HashMap<Option<usize>, u32>,
-    textures: HashMap<TextureKey, u32>,
-    ignored: BTreeSet<&'static str>,
-    /// World positions of the scene's vertices and of its lights, and the point to which the camera is relative.
+    pub(super) materials: HashMap<Option<usize>, u32>,
+    pub(super) textures: HashMap<TextureKey, u32>,
+    ignored: BTreeSet<String>,
+    /// World positions of the scene's vertices and of its lights.
     positions: Vec<DVec3>,
     lights: Vec<DVec3>,
-    eye: DVec3,
-    scene: Scene,
+    /// Cameras, each relative to a point in world space.
+    cameras: Vec<(DVec3, NamedCamera)>,
+    pub(super) scene: Scene,
 }
 
 impl Reader<'_> {
-    fn error(&self, message: String) -> Error {
+    /// Notes something that the scene will not show.
+    pub(super) fn leave_out(&mut self, what: &str) {
+        if !self.ignored.contains(what) {
+            self.ignored.insert(what.to_string());
+        }
+    }
+
+    pub(super) fn error(&self, message: String) -> Error {
         Error::file(self.path, message)
     }
 
@@ -188,47 +168,85 @@ impl Reader<'_> {
                 *position = (*place - self.scene.origin).as_vec3();
             }
         }
-        if let Some(camera) = &mut self.scene.camera {
-            for point in [&mut camera.eye, &mut camera.target] {
-                *point = (self.eye - self.scene.origin + point.as_dvec3()).as_vec3();
+        for (place, mut named) in self.cameras {
+            for point in [&mut named.camera.eye, &mut named.camera.target] {
+                *point = (place - self.scene.origin + point.as_dvec3()).as_vec3();
             }
+            self.scene.cameras.push(named);
         }
+        self.scene.camera = self.scene.cameras.first().map(|named| named.camera);
         self.scene
     }
 
     fn node(&mut self, node: &Node, world: DMat4) -> Result<()> {
         if let Some(mesh) = node.mesh() {
             if node.skin().is_some() {
-                self.ignored.insert("skins (the mesh is shown as it stands)");
+                self.leave_out("skins (the mesh is shown as it stands)");
             }
             let name = node.name().or(mesh.name()).map_or_else(|| format!("node {}", node.index()), str::to_string);
             let object = self.scene.add_object(name);
-            for primitive in mesh.primitives() {
-                self.primitive(&primitive, world, object)?;
+            for instance in self.instances(node)? {
+                for primitive in mesh.primitives() {
+                    self.primitive(&primitive, world * instance, object)?;
+                }
             }
         }
         if let Some(light) = node.light() {
             self.light(node, &light, world);
         }
-        if let (Some(camera), None) = (node.camera(), self.scene.camera) {
+        if let Some(camera) = node.camera() {
             match camera.projection() {
                 Projection::Perspective(p) => {
                     let exact = ours::<CameraExtras>(camera.extras());
-                    self.eye = exact.as_ref().map_or(world.w_axis.truncate(), |e| e.origin);
+                    let place = exact.as_ref().map_or(world.w_axis.truncate(), |e| e.origin);
+                    let number = || format!("camera {}", self.cameras.len());
+                    let name = node.name().or(camera.name()).map_or_else(number, str::to_string);
                     let camera = exact.map(|e| e.camera);
-                    self.scene.camera = Some(camera.unwrap_or_else(|| perspective(world, p.yfov(), p.aspect_ratio())));
+                    let camera = camera.unwrap_or_else(|| perspective(world, p.yfov(), p.aspect_ratio()));
+                    self.cameras.push((place, NamedCamera { name, camera }));
                 }
                 Projection::Orthographic(_) => {
-                    self.ignored.insert("orthographic cameras");
+                    self.leave_out("orthographic cameras");
                 }
             }
         }
         Ok(())
     }
 
+    /// Transforms of the instances of a node's mesh (EXT_mesh_gpu_instancing); one identity without that extension.
+    fn instances(&self, node: &Node) -> Result<Vec<DMat4>> {
+        let Some(extension) = node.extension_value(INSTANCING) else { return Ok(vec![DMat4::IDENTITY]) };
+        let accessor = |name: &str| -> Result<Option<gltf::Accessor>> {
+            let Some(index) = extension.pointer(&format!("/attributes/{name}")) else { return Ok(None) };
+            let found = index.as_u64().and_then(|i| self.document.accessors().nth(usize::try_from(i).ok()?));
+            let missing = || self.error(format!("node {}: {INSTANCING}: there is no accessor {index}", node.index()));
+            found.ok_or_else(missing).map(Some)
+        };
+        let vectors = |name: &str| accessor(name)?.map(|a| self.buffers.vectors::<3>(&a, name)).transpose();
+        let (moved, scaled) = (vectors("TRANSLATION")?, vectors("SCALE")?);
+        let turned = accessor("ROTATION")?.map(|a| self.buffers.vectors::<4>(&a, "ROTATION")).transpose()?;
+        let counts = [moved.as_ref().map(Vec::len), scaled.as_ref().map(Vec::len), turned.as_ref().map(Vec::len)];
+        let mut counts = counts.into_iter().flatten();
+        let count = counts.next().unwrap_or(1);
+        if counts.any(|other| other != count) {
+            let message = format!("node {}: attributes of {INSTANCING} differ in number of elements", node.index());
+            return Err(self.error(message));
+        }
+        let vector = |of: &Option<Vec<[f32; 3]>>, i: usize, otherwise: DVec3| {
+            of.as_ref().map_or(otherwise, |v| Vec3::from_array(v[i]).as_dvec3())
+        };
+        let transform = |i: usize| {
+            let turn = turned.as_ref().map_or(DQuat::IDENTITY, |v| Quat::from_array(v[i]).as_dquat());
+            let turn = if turn.length() > 0.0 { turn.normalize() } else { DQuat::IDENTITY };
+            let (scale, place) = (vector(&scaled, i, DVec3::ONE), vector(&moved, i, DVec3::ZERO));
+            DMat4::from_scale_rotation_translation(scale, turn, place)
+        };
+        Ok((0..count).map(transform).collect())
+    }
+
     fn primitive(&mut self, primitive: &Primitive, world: DMat4, object: u32) -> Result<()> {
         if !matches!(primitive.mode(), Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
-            self.ignored.insert("points and lines");
+            self.leave_out("points and lines");
             return Ok(());
         }
         let Some(positions) = primitive.get(&Semantic::Positions) else { return Ok(()) };
@@ -250,10 +268,10 @@ impl Reader<'_> {
             return Err(self.error(message));
         }
         if primitive.get(&Semantic::Colors(0)).is_some() {
-            self.ignored.insert("vertex colours");
+            self.leave_out("vertex colours");
         }
         if primitive.morph_targets().next().is_some() {
-            self.ignored.insert("morph targets");
+            self.leave_out("morph targets");
         }
         let indices = match primitive.indices() {
             Some(accessor) => self.buffers.indices(&accessor, count)?,
@@ -300,121 +318,6 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn material(&mut self, material: &gltf::Material) -> Result<u32> {
-        if let Some(&index) = self.materials.get(&material.index()) {
-            return Ok(index);
-        }
-        let pbr = material.pbr_metallic_roughness();
-        let [r, g, b, _] = pbr.base_color_factor();
-        let base_texture = match pbr.base_color_texture() {
-            Some(info) => Some(self.texture(&info.texture(), true)?),
-            None => None,
-        };
-        let metallic_roughness_texture = match pbr.metallic_roughness_texture() {
-            Some(info) => {
-                if UvMap::of(&info) != UvMap::of_material(material) {
-                    self.ignored.insert("a second set of texture coordinates, or another transform of them");
-                }
-                Some(self.texture(&info.texture(), false)?)
-            }
-            None => None,
-        };
-        let mut emission = Vec3::from_array(material.emissive_factor()) * material.emissive_strength().unwrap_or(1.0);
-        if let Some(info) = material.emissive_texture()
-            && emission != Vec3::ZERO
-        {
-            self.ignored.insert("the pattern of emission textures (their average is used)");
-            let texture = self.texture(&info.texture(), true)?;
-            emission *= self.scene.textures[texture as usize].average();
-        }
-        if material.normal_texture().is_some() {
-            self.ignored.insert("normal maps");
-        }
-        if material.alpha_mode() != gltf::material::AlphaMode::Opaque {
-            self.ignored.insert("alpha (such surfaces are opaque)");
-        }
-        let ior = material.ior().unwrap_or(1.5);
-        let transmission = material.transmission().map_or(0.0, |t| t.transmission_factor());
-        // KHR_materials_volume: a surface without thickness has no inside.
-        let thin = material.volume().is_none_or(|v| v.thickness_factor() == 0.0);
-        // 1 is the default of a file without roughness.
-        let roughens = transmission >= 0.5 && thin && pbr.roughness_factor() < 1.0;
-        let name = match (material.name(), material.index()) {
-            (Some(name), _) => name.to_string(),
-            (None, Some(index)) => format!("material {index}"),
-            (None, None) => String::from("default"),
-        };
-        let mut converted = Material {
-            name,
-            surface: if transmission >= 0.5 { Surface::Glass } else { Surface::Opaque },
-            base_color: Vec3::new(r, g, b),
-            base_texture,
-            metallic: pbr.metallic_factor(),
-            roughness: pbr.roughness_factor(),
-            metallic_roughness_texture,
-            // KHR_materials_ior: an index of 0 means full reflection, as does the formula.
-            specular: Vec3::splat(((ior - 1.0) / (ior + 1.0)).powi(2)),
-            emission,
-            two_sided: material.double_sided(),
-            ior: if ior == 0.0 { 1.5 } else { ior },
-            thin,
-            frost: if roughens { pbr.roughness_factor() } else { 0.0 },
-            reflector: None,
-            lobe: None,
-        };
-        if converted.surface == Surface::Opaque
-            && metallic_roughness_texture.is_none()
-            && converted.roughness < MIN_ROUGHNESS
-        {
-            converted.surface = Surface::Mirror;
-        }
-        if let Some(exact) = ours::<MaterialExtras>(material.extras()) {
-            exact.apply(&mut converted);
-        } else if converted.surface != Surface::Glass {
-            converted.limit_albedo();
-        }
-        let index = self.scene.add_material(converted);
-        self.materials.insert(material.index(), index);
-        Ok(index)
-    }
-
-    fn texture(&mut self, texture: &gltf::Texture, srgb: bool) -> Result<u32> {
-        let image = texture.source();
-        let sampler = texture.sampler();
-        let modes = [sampler.wrap_s(), sampler.wrap_t()];
-        let key = (image.index(), srgb, modes.map(|m| m.as_gl_enum()));
-        if let Some(&index) = self.textures.get(&key) {
-            return Ok(index);
-        }
-        let wrap = modes.map(|mode| match mode {
-            WrappingMode::Repeat => Wrap::Repeat,
-            WrappingMode::MirroredRepeat => Wrap::Mirror,
-            WrappingMode::ClampToEdge => Wrap::Clamp,
-        });
-        let numbered = || format!("image {}", image.index());
-        let failed = |name: &str, why: String| Error::file(self.path, format!("texture {name}: {why}"));
-        let (name, decoded) = match image.source() {
-            image::Source::View { view, .. } => {
-                let name = image.name().map_or_else(numbered, str::to_string);
-                let decoded = Texture::decode(self.buffers.view(&view)?, name.clone(), srgb, wrap);
-                (name, decoded)
-            }
-            image::Source::Uri { uri, .. } => {
-                let name = if uri.starts_with("data:") { numbered() } else { uri.to_string() };
-                // A buffer source reads files and data URIs alike.
-                let bytes = buffer::Data::from_source(buffer::Source::Uri(uri), self.path.parent())
-                    .map_err(|e| failed(&name, reason(&e)))?;
-                let decoded = Texture::decode(&bytes, name.clone(), srgb, wrap);
-                (name, decoded)
-            }
-        };
-        let texture = decoded.map_err(|why| failed(&name, why))?;
-        self.scene.textures.push(texture);
-        let index = self.scene.textures.len() as u32 - 1;
-        self.textures.insert(key, index);
-        Ok(index)
-    }
-
     fn light(&mut self, node: &Node, light: &gltf::khr_lights_punctual::Light, world: DMat4) {
         // Relative to its place, until the scene has its origin.
         let (place, position) = (world.w_axis.truncate(), Vec3::ZERO);
@@ -425,7 +328,7 @@ impl Reader<'_> {
         }
         let intensity = Vec3::from_array(light.color()) * light.intensity() * self.light_scale;
         if intensity == Vec3::ZERO {
-            self.ignored.insert("lights of no intensity");
+            self.leave_out("lights of no intensity");
             return;
         }
         let direction = world.transform_vector3(DVec3::NEG_Z).as_vec3().normalize_or_zero();
@@ -438,6 +341,24 @@ impl Reader<'_> {
             }
         });
     }
+}
+
+/// Whether the lights of a document are in candela and lux: by the standard all are, but many programs write radiant
+/// units. Blender writes either; a lamp of 1 W becomes 54 cd, and sunlight of 1 W/m^2 683 lx.
+fn looks_photometric(path: &Path, document: &Document) -> bool {
+    /// No lamp of a room is as strong in W/sr or W/m^2.
+    const STRONG: f32 = 100.0;
+    let generator = document.as_json().asset.generator.as_deref().unwrap_or("");
+    let strongest = document.lights().into_iter().flatten().map(|light| light.intensity()).fold(0.0, f32::max);
+    let is = generator.contains("Blender") && strongest >= STRONG;
+    if is {
+        log::warn!(
+            "{}: its lights are taken to be in candela and lux, as Blender writes them, and divided by {EFFICACY} lm/W \
+             (photometric = false in a scene.toml leaves them)",
+            path.display()
+        );
+    }
+    is
 }
 
 /// Corners of the triangles of a primitive.

@@ -15,11 +15,18 @@ const MOST_ZEROS: usize = 1 << 24;
 pub(super) struct Buffers<'a> {
     path: &'a Path,
     data: Vec<buffer::Data>,
+    /// Vectors may consist of integers as they stand.
+    quantized: bool,
 }
 
 impl<'a> Buffers<'a> {
     /// Reads external files, data URIs and the binary chunk.
-    pub(super) fn read(path: &'a Path, document: &Document, mut blob: Option<Vec<u8>>) -> Result<Self> {
+    pub(super) fn read(
+        path: &'a Path,
+        document: &Document,
+        mut blob: Option<Vec<u8>>,
+        quantized: bool,
+    ) -> Result<Self> {
         let mut data = Vec::new();
         for buffer in document.buffers() {
             let bytes = buffer::Data::from_source_and_blob(buffer.source(), path.parent(), &mut blob)
@@ -31,7 +38,7 @@ impl<'a> Buffers<'a> {
             }
             data.push(bytes);
         }
-        Ok(Buffers { path, data })
+        Ok(Buffers { path, data, quantized })
     }
 
     /// The bytes of a view.
@@ -89,7 +96,7 @@ impl<'a> Buffers<'a> {
         Ok(packed)
     }
 
-    /// An accessor of `N`-vectors: floats, or integers marked as normalised.
+    /// An accessor of `N`-vectors: floats, integers marked as normalised, or with KHR_mesh_quantization any of 8 or 16 bits.
     pub(super) fn vectors<const N: usize>(&self, accessor: &Accessor, what: &str) -> Result<Vec<[f32; N]>> {
         let error =
             |message: String| Error::file(self.path, format!("accessor {} ({what}): {message}", accessor.index()));
@@ -103,6 +110,10 @@ impl<'a> Buffers<'a> {
             (DataType::I8, true) => |b| (f32::from(b[0] as i8) / 127.0).max(-1.0),
             (DataType::U16, true) => |b| little_endian(b) as f32 / 65535.0,
             (DataType::I16, true) => |b| (f32::from(little_endian(b) as i16) / 32767.0).max(-1.0),
+            (DataType::U8, false) if self.quantized => |b| f32::from(b[0]),
+            (DataType::I8, false) if self.quantized => |b| f32::from(b[0] as i8),
+            (DataType::U16, false) if self.quantized => |b| little_endian(b) as f32,
+            (DataType::I16, false) if self.quantized => |b| f32::from(little_endian(b) as i16),
             _ => return Err(error(format!("components of type {kind:?} must be floats or normalised integers"))),
         };
         let packed = self.elements(accessor)?;

@@ -10,6 +10,8 @@ pub mod environment;
 mod export;
 mod gltf;
 mod gltf_accessor;
+mod gltf_extensions;
+mod gltf_material;
 mod obj;
 mod obj_material;
 mod objects;
@@ -73,8 +75,10 @@ pub struct Scene {
     pub emitters_are_lights: bool,
     /// What the files hold and the loader leaves out, for messages.
     pub ignored: Vec<String>,
-    /// Camera of the file, if it has one.
+    /// Camera of the file, if it has one: the first.
     pub camera: Option<Camera>,
+    /// All cameras of a glTF file.
+    pub cameras: Vec<NamedCamera>,
     /// `[render]` of the scene file: defaults that the command line overrides.
     pub render: RenderDefaults,
 }
@@ -96,6 +100,7 @@ impl Default for Scene {
             emitters_are_lights: true,
             ignored: Vec::new(),
             camera: None,
+            cameras: Vec::new(),
             render: RenderDefaults::default(),
         }
     }
@@ -112,7 +117,7 @@ impl Default for Scene {
 pub fn load(path: &Path) -> Result<Scene> {
     let mut scene = match extension(path).as_str() {
         "toml" => description::load(path)?,
-        _ => load_model(path, false)?,
+        _ => load_model(path, None)?,
     };
     scene.light_by_default();
     scene.validate(path)?;
@@ -120,7 +125,7 @@ pub fn load(path: &Path) -> Result<Scene> {
 }
 
 /// Reads a model without validating it: a description may still add lights and change materials.
-fn load_model(path: &Path, photometric: bool) -> Result<Scene> {
+fn load_model(path: &Path, photometric: Option<bool>) -> Result<Scene> {
     let mut scene = match extension(path).as_str() {
         "obj" => {
             let mut scene = obj::load(path)?;
@@ -457,6 +462,15 @@ pub struct Camera {
     /// Distance of the focal plane from the eye along the viewing direction, scene units. Default `None`: that of `target`.
     #[serde(default)]
     pub focus: Option<f32>,
+}
+
+/// A camera of a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NamedCamera {
+    /// Its name in the file.
+    pub name: String,
+    /// The camera.
+    pub camera: Camera,
 }
 
 impl Camera {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use super::{Camera, Light, Material, Scene};
+use super::{Camera, Light, Material, NamedCamera, Scene};
 use crate::error::{Error, Result};
 
 /// A triangle is degenerate if its height is below this fraction of its longest edge: its normal is then noise.
@@ -37,6 +37,9 @@ impl Scene {
         }
         if let Some(camera) = &self.camera {
             camera.check().map_err(|m| Error::file(path, format!("camera: {m}")))?;
+        }
+        for NamedCamera { name, camera } in &self.cameras {
+            camera.check().map_err(|m| Error::file(path, format!("camera {name:?}: {m}")))?;
         }
         let sky = self.environment.as_ref().is_some_and(|e| e.is_bright());
         if self.lights.is_empty() && self.emitters().is_empty() && !sky {
