@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::plan::{LOOP_BUDGET, min_loop_budget};
 use crate::scene::RenderDefaults;
 use crate::scene::reflectors::MAX_REFLECTORS;
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 /// Clipping distance: the distance below which the 1/d^2 of a virtual light stops growing (Wald et al. 2002).
@@ -147,6 +148,58 @@ pub enum Spread {
     /// The material's kernel, wider for reflected points farther away.
     #[default]
     Variant,
+}
+
+/// Exposure of an image for display.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(from = "ExposureValue")]
+pub enum Exposure {
+    /// Radiance is multiplied by 2^stops.
+    Stops(f32),
+    /// The logarithmic mean of the luminance of all pixels that are not black becomes middle grey, 0.18 (Reinhard et al. 2002,
+    /// "Photographic Tone Reproduction for Digital Images", equation 2).
+    Auto,
+}
+
+impl Default for Exposure {
+    fn default() -> Exposure {
+        Exposure::Stops(0.0)
+    }
+}
+
+impl Exposure {
+    /// Stops for an image of linear radiance; of a black image 0.
+    pub fn stops(self, image: &[Vec3]) -> f32 {
+        if let Exposure::Stops(stops) = self {
+            return stops;
+        }
+        let luminance = |c: &Vec3| c.dot(Vec3::new(0.2126, 0.7152, 0.0722));
+        let logarithms = image.iter().map(luminance).filter(|l| *l > 0.0 && l.is_finite()).map(|l| f64::from(l).log2());
+        let (sum, count) = logarithms.fold((0.0, 0u32), |(sum, count), l| (sum + l, count + 1));
+        if count == 0 { 0.0 } else { (0.18f64.log2() - sum / f64::from(count)) as f32 }
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "exposure is a number of stops or \"auto\"")]
+enum ExposureValue {
+    Stops(f32),
+    Named(AutoWord),
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum AutoWord {
+    Auto,
+}
+
+impl From<ExposureValue> for Exposure {
+    fn from(value: ExposureValue) -> Exposure {
+        match value {
+            ExposureValue::Stops(stops) => Exposure::Stops(stops),
+            ExposureValue::Named(AutoWord::Auto) => Exposure::Auto,
+        }
+    }
 }
 
 /// Directional reflectance of a glossy plane (Bastos 1999, section 6.7).

@@ -32,6 +32,8 @@ pub struct Summary {
     pub high: [f64; 3],
     /// The camera; `None`: the scene is framed.
     pub camera: Option<Camera>,
+    /// Names of all cameras of a glTF file.
+    pub cameras: Vec<String>,
     /// What emits light, the strongest first.
     pub lights: Vec<LightSummary>,
     /// Emitted flux of all lights, W: mean of red, green and blue.
@@ -83,6 +85,7 @@ impl Summary {
             low: scene.to_world(low).to_array(),
             high: scene.to_world(high).to_array(),
             camera: scene.camera,
+            cameras: scene.cameras.iter().map(|named| named.name.clone()).collect(),
             power: mean(emitters.power),
             lights,
             device_bytes: device_bytes(scene, &emitters)?,

@@ -14,6 +14,7 @@ pub use state::State;
 pub use stats::Statistics;
 
 use crate::error::{Error, Result};
+use crate::settings::Exposure;
 use crate::view::Region;
 use glam::Vec3;
 use std::ffi::OsString;
@@ -147,8 +148,8 @@ pub struct Encoding {
     pub float: bool,
     /// Write an EXR file without layers, for programs that read only colour and alpha.
     pub color_only: bool,
-    /// Exposure of a PNG file in stops: radiance is multiplied by 2^exposure.
-    pub exposure: f32,
+    /// Exposure of a PNG file.
+    pub exposure: Exposure,
     /// Tone curve of a PNG file.
     pub tonemap: Tonemap,
 }

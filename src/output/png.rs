@@ -2,6 +2,7 @@
 
 use super::Layers;
 use crate::error::{Error, Result};
+use crate::settings::Exposure;
 use glam::{Mat3, Vec3};
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
@@ -34,8 +35,8 @@ impl Tonemap {
 }
 
 /// Encodes the colour layer as a file's bytes; `path` is for messages.
-pub fn encode(path: &Path, layers: &Layers, exposure: f32, tonemap: Tonemap) -> Result<Vec<u8>> {
-    let scale = exposure.exp2();
+pub fn encode(path: &Path, layers: &Layers, exposure: Exposure, tonemap: Tonemap) -> Result<Vec<u8>> {
+    let scale = exposure.stops(&layers.color).exp2();
     let pixel = |&radiance: &Vec3| (tonemap.apply(radiance * scale) * 255.0).round().to_array().map(|c| c as u8);
     let pixels: Vec<[u8; 3]> = layers.color.par_iter().map(pixel).collect();
     let mut bytes = Vec::new();
@@ -143,7 +144,13 @@ mod tests {
         };
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("a.png");
-        write(&path, &layers, &Metadata::default(), &Encoding { exposure: 1.0, ..Encoding::default() }).unwrap();
+        write(
+            &path,
+            &layers,
+            &Metadata::default(),
+            &Encoding { exposure: Exposure::Stops(1.0), ..Encoding::default() },
+        )
+        .unwrap();
         let read = image::open(&path).unwrap().to_rgb8();
         assert_eq!(read.dimensions(), (2, 1));
         // sRGB of 0.5 is 0.7354, of 1 is 1, of 0.18 is 0.4614.

@@ -193,7 +193,7 @@ struct MaterialEntry {
 }
 
 /// Reads a description and the model that it names; the result is not validated yet.
-pub(super) fn load(path: &Path) -> Result<Scene> {
+pub(super) fn load(path: &Path, photometric: Option<bool>) -> Result<Scene> {
     let text = std::fs::read_to_string(path).map_err(Error::io("reading", path))?;
     let error = |span: Option<Range<usize>>, message: String| match span {
         Some(span) => Error::at(path, line_of(&text, span.start), message),
@@ -209,7 +209,7 @@ pub(super) fn load(path: &Path) -> Result<Scene> {
         let message = format!("model {} does not exist", model_path.display());
         return Err(error(Some(model.span()), message));
     }
-    let mut scene = load_model(&model_path, description.photometric)?;
+    let mut scene = load_model(&model_path, photometric.or(description.photometric))?;
     scene.name = name_of(path);
     scene.render = description.render;
     if description.face_normals {

@@ -354,7 +354,7 @@ fn looks_photometric(path: &Path, document: &Document) -> bool {
     if is {
         log::warn!(
             "{}: its lights are taken to be in candela and lux, as Blender writes them, and divided by {EFFICACY} lm/W \
-             (photometric = false in a scene.toml leaves them)",
+             (--photometric off, or photometric = false in a scene.toml, leaves them)",
             path.display()
         );
     }

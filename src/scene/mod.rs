@@ -29,7 +29,7 @@ use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::settings::{Compensation, Spread};
+use crate::settings::{Compensation, Exposure, Spread};
 use crate::superposition::lobe::Table;
 
 pub use environment::Environment;
@@ -115,9 +115,16 @@ impl Default for Scene {
 ///
 /// Errors: [`Error::Io`] if a file cannot be read; [`Error::File`], with the line if known, if it is invalid.
 pub fn load(path: &Path) -> Result<Scene> {
+    load_with(path, None)
+}
+
+/// [`load`] with the units of a glTF file's lights: `photometric` for candela and lux, which are divided by 683 lm/W, else
+/// W/sr and W/m^2. `None`: as a description says, or else photometric if Blender wrote the file and the strongest light
+/// is at least 100.
+pub fn load_with(path: &Path, photometric: Option<bool>) -> Result<Scene> {
     let mut scene = match extension(path).as_str() {
-        "toml" => description::load(path)?,
-        _ => load_model(path, None)?,
+        "toml" => description::load(path, photometric)?,
+        _ => load_model(path, photometric)?,
     };
     scene.light_by_default();
     scene.validate(path)?;
@@ -590,8 +597,8 @@ pub struct RenderDefaults {
     pub compensation: Option<CompensationKey>,
     /// Seed.
     pub seed: Option<u64>,
-    /// Exposure in stops for PNG output.
-    pub exposure: Option<f32>,
+    /// Exposure for PNG output: stops, or "auto".
+    pub exposure: Option<Exposure>,
 }
 
 #[cfg(test)]

@@ -226,6 +226,140 @@ fn texture_coordinates_are_transformed() {
     }
 }
 
+/// Adds bytes to the buffer, with a view of them; the view's index.
+fn view(c: &mut Case, bytes: &[u8], stride: Option<u32>) -> usize {
+    let offset = c.bin.len();
+    c.bin.extend(bytes);
+    c.bin.resize(c.bin.len().next_multiple_of(4), 0);
+    c.document["buffers"][0]["byteLength"] = json!(c.bin.len());
+    let mut view = json!({ "buffer": 0, "byteOffset": offset, "byteLength": bytes.len() });
+    if let Some(stride) = stride {
+        view["byteStride"] = json!(stride);
+    }
+    let views = c.document["bufferViews"].as_array_mut().unwrap();
+    views.push(view);
+    views.len() - 1
+}
+
+#[test]
+fn quantized_attributes_are_read_if_the_file_says_so() {
+    let change = |c: &mut Case| {
+        let corners = [[0i16, 0, 0, 0], [100, 0, 0, 0], [0, -50, 0, 0]];
+        let bytes: Vec<u8> = corners.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+        let view = view(c, &bytes, Some(8));
+        c.document["accessors"][0] = json!({
+            "bufferView": view, "componentType": 5122, "count": 3, "type": "VEC3", "min": [0, -50, 0], "max": [100, 0, 0],
+        });
+        c.document["nodes"][0]["scale"] = json!([0.01, 0.02, 1.0]);
+    };
+    let refused = Case::with(change).load().unwrap_err().to_string();
+    assert!(refused.contains("accessor 0"), "{refused}");
+    let quantized = Case::with(|c| {
+        change(c);
+        c.document["extensionsUsed"] = json!(["KHR_mesh_quantization"]);
+        c.document["extensionsRequired"] = json!(["KHR_mesh_quantization"]);
+    });
+    let scene = quantized.load().unwrap();
+    assert!(near(scene.positions[1], Vec3::X) && near(scene.positions[2], Vec3::NEG_Y), "{:?}", scene.positions);
+}
+
+#[test]
+fn instances_are_placed() {
+    let case = |turns: usize| {
+        Case::with(|c| {
+            let places: Vec<u8> = [1.0f32, 2.0, 3.0, -1.0, 0.0, 0.0].iter().flat_map(|x| x.to_le_bytes()).collect();
+            // None, and a quarter about z.
+            let half = (32767.0 * 0.5f32.sqrt()).round() as i16;
+            let quarters: Vec<u8> =
+                [0, 0, 0, 32767, 0, 0, half, half].iter().flat_map(|x: &i16| x.to_le_bytes()).collect();
+            let views = [view(c, &places, None), view(c, &quarters, None)];
+            let accessors = c.document["accessors"].as_array_mut().unwrap();
+            accessors.push(json!({ "bufferView": views[0], "componentType": 5126, "count": 2, "type": "VEC3" }));
+            accessors.push(json!({
+                "bufferView": views[1], "componentType": 5122, "normalized": true, "count": turns, "type": "VEC4",
+            }));
+            c.document["nodes"][0]["extensions"] =
+                json!({ "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 4, "ROTATION": 5 } } });
+            c.document["nodes"][0]["scale"] = json!([2.0, 2.0, 2.0]);
+            c.document["extensionsUsed"] = json!(["EXT_mesh_gpu_instancing"]);
+            c.document["extensionsRequired"] = json!(["EXT_mesh_gpu_instancing"]);
+        })
+    };
+    let scene = case(2).load().unwrap();
+    assert_eq!((scene.triangles.len(), scene.objects.len()), (2, 1));
+    let expected =
+        [[2.0, 4.0, 6.0], [4.0, 4.0, 6.0], [2.0, 6.0, 6.0], [-2.0, 0.0, 0.0], [-2.0, 2.0, 0.0], [-4.0, 0.0, 0.0]];
+    for (p, expected) in scene.positions.iter().zip(expected) {
+        assert!((*p - Vec3::from_array(expected)).abs().max_element() < 1e-4, "{p} {expected:?}");
+    }
+    assert!(case(1).load().unwrap_err().to_string().contains("differ"));
+}
+
+#[test]
+fn extensions_that_are_not_read_are_named() {
+    let case = Case::with(|c| {
+        c.document["extensionsUsed"] = json!(["KHR_materials_clearcoat", "ACME_notes", "KHR_texture_transform"]);
+        c.document["extensionsRequired"] = json!(["KHR_materials_clearcoat"]);
+    });
+    assert_eq!(case.load().unwrap().ignored, ["ACME_notes", "KHR_materials_clearcoat"]);
+}
+
+#[test]
+fn webp_images_and_the_specular_extension_are_read() {
+    let case = Case::with(|c| {
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        let image = image::RgbaImage::from_raw(2, 1, vec![255, 0, 0, 255, 0, 0, 255, 255]).unwrap();
+        image.write_to(&mut bytes, image::ImageFormat::WebP).unwrap();
+        let uri = format!("data:image/webp;base64,{}", base64(&bytes.into_inner()));
+        c.document["images"] = json!([{ "uri": uri }]);
+        c.document["textures"] = json!([{ "extensions": { "EXT_texture_webp": { "source": 0 } } }]);
+        c.document["materials"][0] = json!({
+            "emissiveFactor": [1.0, 1.0, 1.0],
+            "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } },
+            "extensions": { "KHR_materials_specular": { "specularFactor": 0.5, "specularColorFactor": [1.0, 2.0, 100.0] } },
+        });
+        c.document["extensionsUsed"] = json!(["EXT_texture_webp", "KHR_materials_specular"]);
+        c.document["extensionsRequired"] = json!(["EXT_texture_webp"]);
+    });
+    let scene = case.load().unwrap();
+    assert_eq!(scene.textures[0].texels, [[255, 0, 0, 255], [0, 0, 255, 255]]);
+    // The product is at most 1 before the factor.
+    assert!(near(scene.materials[0].specular, Vec3::new(0.02, 0.04, 0.5)), "{}", scene.materials[0].specular);
+    assert!(scene.ignored.is_empty(), "{:?}", scene.ignored);
+}
+
+#[test]
+fn lights_from_blender_are_photometric_and_all_cameras_are_there() {
+    let case = |generator: &str, intensity: f32| {
+        let case = Case::with(|c| {
+            c.document["asset"]["generator"] = json!(generator);
+            c.document["extensionsUsed"] = json!(["KHR_lights_punctual"]);
+            c.document["extensions"] =
+                json!({ "KHR_lights_punctual": { "lights": [{ "type": "point", "intensity": intensity }] } });
+            c.document["cameras"] = json!([
+                { "type": "perspective", "perspective": { "yfov": 0.5, "znear": 0.1 } },
+                { "type": "perspective", "perspective": { "yfov": 1.0, "znear": 0.1 } },
+            ]);
+            c.document["nodes"] = json!([
+                { "mesh": 0, "children": [1, 2, 3] },
+                { "extensions": { "KHR_lights_punctual": { "light": 0 } } },
+                { "name": "near", "camera": 0, "translation": [0, 0, 1] },
+                { "name": "far", "camera": 1, "translation": [0, 0, 9] },
+            ]);
+        });
+        let scene = case.load().unwrap();
+        let Light::Point { intensity, .. } = scene.lights[0] else { panic!("{:?}", scene.lights) };
+        (intensity.x, scene)
+    };
+    let (in_watts, scene) = case("Khronos glTF Blender I/O v4.2.57", 6830.0);
+    assert!((in_watts - 10.0).abs() < 1e-4);
+    let cameras: Vec<(&str, f32)> = scene.cameras.iter().map(|c| (c.name.as_str(), c.camera.eye.z)).collect();
+    assert_eq!(cameras, [("near", 1.0), ("far", 9.0)]);
+    assert_eq!(scene.camera, Some(scene.cameras[0].camera));
+    assert_eq!(case("Khronos glTF Blender I/O v4.2.57", 10.0).0, 10.0);
+    assert_eq!(case("another", 6830.0).0, 6830.0);
+}
+
 #[test]
 fn volumes_and_the_smoothest_lobes_are_read() {
     let material = |json: serde_json::Value| {

@@ -81,7 +81,7 @@ fn every_key_of_the_rendering_is_read() {
         clip_fraction: None,
         compensation: Some(CompensationKey(Compensation::Off)),
         seed: Some(9),
-        exposure: Some(-1.5),
+        exposure: Some(lightsum::settings::Exposure::Stops(-1.5)),
     };
     assert_eq!(load(folder.path(), keys).unwrap().render, expected);
     let fraction = load(folder.path(), "[render]\nclip_fraction = 0.125\n").unwrap().render;

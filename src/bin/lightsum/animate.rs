@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use lightsum::output::{self, Encoding};
 use lightsum::scene;
-use lightsum::settings::Settings;
+use lightsum::settings::{Exposure, Settings};
 use lightsum::standalone::{RenderOptions, Renderer};
 use lightsum::{Error, Result};
 use serde_json::{Value, json};
@@ -62,7 +62,7 @@ pub fn run(args: &Animate) -> Result<()> {
     first.iter().chain(&args.timings).try_for_each(|file| output::check_writable(file))?;
 
     let start = Instant::now();
-    let scene = scene::load(&args.scene)?;
+    let scene = scene::load_with(&args.scene, args.reading.photometric())?;
     let no_flags = args::Camera::default();
     let still = camera::choose(&scene, &no_flags, args.resolution)?;
     let motion = Motion::load(&args.path, &scene, still)?;
@@ -78,7 +78,7 @@ pub fn run(args: &Animate) -> Result<()> {
         encoding: Encoding {
             float: false,
             color_only: true,
-            exposure: args.exposure.or(scene.render.exposure).unwrap_or(0.0),
+            exposure: args.exposure.or(scene.render.exposure).unwrap_or_default(),
             tonemap: args.tonemap.into(),
         },
         denoise: false,
@@ -112,7 +112,10 @@ pub fn run(args: &Animate) -> Result<()> {
             let statistics = renderer.statistics();
             let mut metadata = metadata(&job, &statistics.device, statistics.driver);
             metadata.passes = renderer.passes();
-            job.write_outputs(&renderer.image(job.wanted())?, &metadata)?;
+            let image = renderer.image(job.wanted())?;
+            // Later frames keep the exposure of the first: a picture whose brightness follows its content would flicker.
+            job.encoding.exposure = Exposure::Stops(job.encoding.exposure.stops(&image.color));
+            job.write_outputs(&image, &metadata)?;
         }
         frame["frame"] = number.into();
         frame["time"] = time.into();

@@ -1,6 +1,7 @@
 //! The flags, their help and their syntax. `render` decides how they combine.
 
 mod camera;
+mod reading;
 mod superposition;
 mod values;
 
@@ -9,12 +10,13 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use lightsum::gpu::DeviceChoice;
 use lightsum::output::Tonemap;
 use lightsum::path_trace::SpecularPaths;
-use lightsum::settings::{Agreement, ClusterOrder, Compensation, LightChoice, Sequence, Settings, Traversal};
+use lightsum::settings::{Agreement, ClusterOrder, Compensation, Exposure, LightChoice, Sequence, Settings, Traversal};
 use lightsum::view::Region;
 use std::path::PathBuf;
 use std::time::Duration;
 
 pub use camera::Camera;
+pub use reading::Reading;
 pub use superposition::Glossy;
 pub use values::check_resolution;
 use values::{
@@ -60,6 +62,8 @@ pub struct Info {
     /// Print one JSON object.
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub reading: Reading,
 }
 
 /// Flags of `animate`.
@@ -83,12 +87,14 @@ pub struct Animate {
     /// Image size in pixels [default: the scene's, or 640x480].
     #[arg(long, value_name = "WxH", value_parser = resolution)]
     pub resolution: Option<[u32; 2]>,
-    /// Exposure of PNG files in stops [default: the scene's, or 0].
+    /// Exposure of PNG files in stops, or auto: that of the first frame by its brightness [default: the scene's, or 0].
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = exposure)]
-    pub exposure: Option<f32>,
+    pub exposure: Option<Exposure>,
     /// Tone curve of PNG files.
     #[arg(long, value_name = "CURVE", value_enum, default_value = "srgb")]
     pub tonemap: Curve,
+    #[command(flatten)]
+    pub reading: Reading,
     #[command(flatten)]
     pub light: Light,
     #[command(flatten)]
@@ -111,6 +117,8 @@ pub struct Render {
     pub output: Output,
     #[command(flatten)]
     pub stop: Stop,
+    #[command(flatten)]
+    pub reading: Reading,
     #[command(flatten)]
     pub light: Light,
     #[command(flatten)]
@@ -139,9 +147,11 @@ pub struct Output {
     /// superposition, a lens or `--light-choice contribution` the whole image is rendered all the same.
     #[arg(long, value_name = "X,Y,W,H", value_parser = crop)]
     pub crop: Option<Region>,
-    /// Exposure of PNG files in stops; each stop doubles the brightness [default: the scene's, or 0].
+    /// Exposure of PNG files in stops, or auto; each stop doubles the brightness [default: the scene's, or 0].
+    ///
+    /// With auto the logarithmic mean of the luminance becomes middle grey.
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = exposure)]
-    pub exposure: Option<f32>,
+    pub exposure: Option<Exposure>,
     /// Tone curve of PNG files.
     #[arg(long, value_name = "CURVE", value_enum, default_value = "srgb")]
     pub tonemap: Curve,
@@ -613,7 +623,7 @@ mod tests {
         assert_eq!(render.output.outputs, [PathBuf::from("a.exr"), PathBuf::from("b.png")]);
         assert_eq!(render.output.resolution, Some([17, 5]));
         assert_eq!(render.camera.eye, Some(DVec3::new(-1.0, 2.5, -300.0)));
-        assert_eq!(render.output.exposure, Some(-1.5));
+        assert_eq!(render.output.exposure, Some(Exposure::Stops(-1.5)));
         assert_eq!(render.stop.time, Some(Duration::from_millis(500)));
         for (text, number) in [("all", None), ("0", None), ("12", Some(12))] {
             let render = parse(&format!("a.toml -o a.exr --delta-lights {text}")).unwrap();

@@ -6,8 +6,12 @@ use lightsum::{Error, Result};
 
 /// The camera to render with; the flags are in world coordinates.
 pub fn choose(scene: &Scene, flags: &args::Camera, resolution: Option<[u32; 2]>) -> Result<Camera> {
-    let size = resolution.unwrap_or(scene.camera.map_or([640, 480], |camera| camera.resolution));
-    let mut camera = match (scene.camera, flags.orbit) {
+    let of_scene = match &flags.camera {
+        Some(name) => Some(by_name(scene, name)?),
+        None => scene.camera,
+    };
+    let size = resolution.unwrap_or(of_scene.map_or([640, 480], |camera| camera.resolution));
+    let mut camera = match (of_scene, flags.orbit) {
         (_, Some(orbit)) => Camera::around(scene.bounds(), size, orbit),
         (Some(camera), None) => camera,
         (None, None) => {
@@ -32,4 +36,14 @@ pub fn choose(scene: &Scene, flags: &args::Camera, resolution: Option<[u32; 2]>)
         .check()
         .map_err(|message| Error::Setting { name: "--eye, --target, --up, --fov, --aperture, --focus", message })?;
     Ok(camera)
+}
+
+/// A camera of the scene's file.
+fn by_name(scene: &Scene, name: &str) -> Result<Camera> {
+    let found = scene.cameras.iter().find(|named| named.name == name);
+    found.map(|named| named.camera).ok_or_else(|| {
+        let names: Vec<String> = scene.cameras.iter().map(|named| format!("{:?}", named.name)).collect();
+        let there = if names.is_empty() { String::from("none") } else { names.join(", ") };
+        Error::Setting { name: "--camera", message: format!("the model has no camera {name:?}; it has {there}") }
+    })
 }

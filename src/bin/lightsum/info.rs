@@ -6,7 +6,7 @@ use lightsum::{Error, Result, scene};
 
 /// Prints the summary of a scene.
 pub fn run(args: &args::Info) -> Result<()> {
-    let scene = scene::load(&args.scene)?;
+    let scene = scene::load_with(&args.scene, args.reading.photometric())?;
     let summary = Summary::of(&scene)?;
     if args.json {
         let text = serde_json::to_string_pretty(&summary).map_err(|e| Error::file(&args.scene, e.to_string()))?;
@@ -29,6 +29,9 @@ pub fn run(args: &args::Info) -> Result<()> {
             say(&format!("camera: from {eye:.4} to {target:.4}, {} degrees, {width}x{height}", camera.fov_y));
         }
         None => say("camera: none; the scene is framed from the front and above"),
+    }
+    if summary.cameras.len() > 1 {
+        say(&format!("cameras by name: {}", summary.cameras.join(", ")));
     }
     say(&format!("lights: {}", watts(summary.power)));
     for light in &summary.lights {

@@ -45,7 +45,7 @@ pub fn run(args: &Render) -> Result<()> {
     files.chain(&state).try_for_each(|file| output::check_writable(file))?;
 
     let start = Instant::now();
-    let scene = scene::load(path)?;
+    let scene = scene::load_with(path, args.reading.photometric())?;
     let stages = vec![("load".into(), start.elapsed().as_secs_f64())];
     let camera = camera::choose(&scene, &args.camera, args.output.resolution)?;
     args.output.crop.map_or(Ok(()), |crop| crop.check(camera.resolution))?;
@@ -63,7 +63,7 @@ pub fn run(args: &Render) -> Result<()> {
     if denoise {
         output::denoise::check()?;
     }
-    let exposure = args.output.exposure.or(scene.render.exposure).unwrap_or(0.0);
+    let exposure = args.output.exposure.or(scene.render.exposure).unwrap_or_default();
     let encoding = Encoding {
         float: args.output.float,
         color_only: args.output.no_layers,

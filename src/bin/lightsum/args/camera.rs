@@ -9,6 +9,9 @@ use super::values::{angle, distance, orbit, point, positive, vector};
 #[derive(Debug, Default, Args)]
 #[command(next_help_heading = "Camera (overrides the scene's; a model without one is framed)")]
 pub struct Camera {
+    /// Name of a camera of the glTF file [default: its first].
+    #[arg(long, value_name = "NAME", conflicts_with = "orbit")]
+    pub camera: Option<String>,
     /// Eye point, scene units.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
     pub eye: Option<DVec3>,

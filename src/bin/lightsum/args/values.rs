@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use glam::{DVec3, Vec3};
 use lightsum::output::Format;
+use lightsum::settings::Exposure;
 use lightsum::settings::Settings;
 use lightsum::view::Region;
 
@@ -89,8 +90,11 @@ pub(super) fn number(text: &str, good: impl Fn(f32) -> bool, expected: &str) -> 
     text.parse().ok().filter(|&v| f32::is_finite(v) && good(v)).ok_or_else(|| format!("expected {expected}"))
 }
 
-pub(super) fn exposure(text: &str) -> Result<f32, String> {
-    number(text, |v| v.abs() <= 100.0, "a number of stops from -100 to 100")
+pub(super) fn exposure(text: &str) -> Result<Exposure, String> {
+    if text == "auto" {
+        return Ok(Exposure::Auto);
+    }
+    number(text, |v| v.abs() <= 100.0, "a number of stops from -100 to 100, or auto").map(Exposure::Stops)
 }
 
 pub(super) fn distance(text: &str) -> Result<f32, String> {
