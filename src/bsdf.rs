@@ -11,7 +11,7 @@
 pub mod ideal;
 
 use crate::scene::{Material, Scene, Surface, Texture, Wrap};
-use glam::{Vec3, Vec4};
+use glam::{Vec2, Vec3, Vec4};
 use std::f32::consts::{PI, TAU};
 
 /// Minimum GGX alpha: f32 does not resolve narrower lobes well.
@@ -177,13 +177,31 @@ impl Finish {
         }
     }
 
-    /// Of a material at texture coordinates.
-    pub fn at(scene: &Scene, material: &Material, uv: [f32; 2]) -> Finish {
+    /// Of a material at texture coordinates, with the colour of the vertices.
+    pub fn at(scene: &Scene, material: &Material, uv: [f32; 2], color: Vec3) -> Finish {
         let texel = |index: Option<u32>| index.map(|i| sample_texture(&scene.textures[i as usize], uv));
         let base = texel(material.base_texture).unwrap_or(Vec4::ONE).truncate();
         let mr = texel(material.metallic_roughness_texture).unwrap_or(Vec4::ONE);
-        Finish::of(material, base, [mr.y, mr.z])
+        Finish::of(material, base * color, [mr.y, mr.z])
     }
+}
+
+/// Unit normal of a normal map about the unit normal `n` of a triangle's front. `texel` in [0, 1] stands for a direction in
+/// [-1, 1] whose x runs along growing u, y along falling v, and z along n (glTF 2.0, 3.9.3; the tangents are those of the
+/// triangle, made perpendicular to n and then to each other). Where the texture coordinates span no area, it is n.
+pub fn mapped_normal(texel: Vec3, scale: f32, edges: [Vec3; 2], uv_edges: [Vec2; 2], n: Vec3) -> Vec3 {
+    let [e1, e2] = edges;
+    let [d1, d2] = uv_edges;
+    let sign = if d1.x * d2.y - d1.y * d2.x < 0.0 { -1.0 } else { 1.0 };
+    let along_u = (e1 * d2.y - e2 * d1.y) * sign;
+    let against_v = (e1 * d2.x - e2 * d1.x) * sign;
+    let flat = along_u - n * n.dot(along_u);
+    let t = flat.normalize_or_zero();
+    let rest = against_v - n * n.dot(against_v);
+    let b = (rest - t * t.dot(rest)).normalize_or_zero();
+    let local = texel * 2.0 - 1.0;
+    let mapped = t * (local.x * scale) + b * (local.y * scale) + n * local.z;
+    if t == Vec3::ZERO || b == Vec3::ZERO { n } else { mapped.normalize_or(n) }
 }
 
 /// Mean of the three channels.

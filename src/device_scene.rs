@@ -30,8 +30,8 @@ use crate::superposition::lobe::Lobe;
 
 pub use records::{delta_lights, encode_normal};
 use records::{
-    environment_record, finishes, has_lobe, is_shiny, material_record, pack_textures, reflector_numbers,
-    shading_attributes,
+    environment_record, finishes, has_lobe, has_patterns, is_shiny, material_record, pack_textures, reflector_numbers,
+    shading_attributes, vertex_colors,
 };
 pub use update::SceneChanges;
 
@@ -66,7 +66,7 @@ pub struct DeviceScene {
     pub specular: SpecularFeatures,
     /// See [`Scene::mean_albedos`].
     pub albedos: Vec<f32>,
-    /// Whether there are textures.
+    /// Whether there are textures or vertex colours.
     pub textured: bool,
     /// Lower corners of the nodes, and skip indices.
     pub node_min: Buffer,
@@ -80,7 +80,7 @@ pub struct DeviceScene {
     pub e1: Buffer,
     /// Second edges.
     pub e2: Buffer,
-    /// Vertex normals, octahedral, with reflector, material and smoothness.
+    /// Vertex normals, octahedral, with reflector, material and smoothness; then vertex colours.
     pub normals: Buffer,
     /// Texture coordinates, two vec4 a triangle.
     pub uvs: Buffer,
@@ -228,7 +228,8 @@ impl DeviceScene {
         }
         let reflectors = scene.reflectors();
         let of_triangle = reflector_numbers(scene, &reflectors);
-        let (normals, uvs) = shading_attributes(scene, &bvh, &of_triangle, 0..bvh.triangle_count() as usize);
+        let (mut normals, uvs) = shading_attributes(scene, &bvh, &of_triangle, 0..bvh.triangle_count() as usize);
+        normals.extend(vertex_colors(scene));
         let materials: Vec<_> = scene.materials.iter().map(material_record).collect();
         let mut device_scene = DeviceScene {
             node_min: staging.stage(context, "scene node minima", &bvh.node_min)?,
@@ -248,7 +249,7 @@ impl DeviceScene {
             delta: delta_lights(scene, bvh.typical_scale()),
             specular: SpecularFeatures::of(scene, &reflectors),
             albedos: scene.mean_albedos(),
-            textured: !scene.textures.is_empty(),
+            textured: has_patterns(scene),
             finishes: finishes(scene, &reflectors),
             reflectors,
             targets: Targets::default(),

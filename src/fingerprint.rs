@@ -29,6 +29,7 @@ pub fn fingerprint(scene: &Scene, camera: &Camera, settings: &Settings) -> u64 {
     hash.add(bytemuck::cast_slice(&scene.positions));
     hash.add(bytemuck::cast_slice(&scene.normals));
     hash.add(bytemuck::cast_slice(&scene.uvs));
+    hash.add(bytemuck::cast_slice(&scene.colors));
     for t in &scene.triangles {
         hash.add(bytemuck::cast_slice(&t.vertices));
         hash.add(&[t.material.to_le_bytes(), t.object.to_le_bytes()].concat());
@@ -91,10 +92,12 @@ mod tests {
     fn every_part_of_a_scene_counts() {
         type Change = (&'static str, fn(&mut Scene));
         let base = fingerprint(&scene(), &camera(), &Settings::plain());
-        let changes: [Change; 21] = [
+        let changes: [Change; 23] = [
             ("position", |s| s.positions[0].y = 1e-30),
             ("normal", |s| s.normals[1].x = 1e-30),
             ("texture coordinate", |s| s.uvs[2].y = 1e-30),
+            ("vertex colour", |s| s.colors = vec![Vec3::ONE; 3]),
+            ("normal texture", |s| s.materials[0].normal_texture = Some(0)),
             ("vertices", |s| s.triangles[0].vertices = [0, 2, 1]),
             ("material of a triangle", |s| s.triangles[0].material = 1),
             ("object of a triangle", |s| s.triangles[0].object = 1),

@@ -141,8 +141,9 @@ fn lights(scene: &Scene, emitters: &Emitters) -> Vec<LightSummary> {
 fn device_bytes(scene: &Scene, emitters: &Emitters) -> Result<u64> {
     let bvh = Bvh::build(scene)?;
     let wide = WideBvh::build(&bvh);
-    let uvs = if scene.textures.is_empty() { 0 } else { 32 };
-    let triangle = 3 * 16 + 16 + uvs;
+    let uvs = if scene.textures.is_empty() && scene.colors.is_empty() { 0 } else { 32 };
+    let colors = if scene.colors.is_empty() { 0 } else { 16 };
+    let triangle = 3 * 16 + 16 + uvs + colors;
     let texels: usize = scene.textures.iter().map(|t| t.texels.len()).sum();
     let environment = scene.environment.as_ref().map_or(1, |e| e.texels.len());
     let bytes = 32 * bvh.node_count() as usize

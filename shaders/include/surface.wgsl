@@ -1,6 +1,6 @@
 // Surface at a hit point. Needs math.wgsl and bsdf.wgsl. Host twins: pass::layout::{MaterialRecord, TextureRecord};
 // CPU twin: pass::surface::surface_at.
-// UNTEXTURED: no material has a texture.
+// UNTEXTURED: there are no textures and no vertex colours.
 #include "octahedral.wgsl"
 
 struct MaterialRecord {
@@ -8,6 +8,7 @@ struct MaterialRecord {
     specular: vec4<f32>,    // dielectric reflectance at normal incidence; w: roughness
     emission: vec4<f32>,    // radiance; w: index of refraction
     flags: vec4<u32>,       // base texture + 1, metallic-roughness texture + 1, kind of surface, bits below
+    normal: vec4<u32>,      // normal texture + 1, bits of its scale
 }
 
 const MATERIAL_TWO_SIDED: u32 = 1u; // emits on both sides
@@ -26,7 +27,7 @@ struct TextureRecord {
 }
 
 @group(0) @binding(1) var<storage, read> triangle_normals: array<vec4<u32>>;    // three octahedral normals; w: reflector << 24 | material << 1 | smooth
-@group(0) @binding(2) var<storage, read> triangle_uvs: array<vec4<f32>>;        // two for each triangle: uv0 uv1, uv2 -
+@group(0) @binding(2) var<storage, read> triangle_uvs: array<vec4<f32>>;        // two for each triangle: uv0 uv1, uv2, bits of the place of its vertex colours in triangle_normals or 0, -
 @group(0) @binding(3) var<storage, read> triangle_v0: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> triangle_e1: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> triangle_e2: array<vec4<f32>>;
@@ -107,6 +108,30 @@ fn sample_texture(index: u32, uv: vec2<f32>) -> vec3<f32> {
     return mix(top, bottom, f.y);
 }
 
+// Colour of a vertex: the square root of each channel in 10 bits.
+fn decode_color(bits: u32) -> vec3<f32> {
+    let root = vec3<f32>(vec3<u32>(bits, bits >> 10u, bits >> 20u) & vec3<u32>(1023u)) / 1023.0;
+    return root * root;
+}
+
+// Normal of a normal map about the unit normal of a triangle's front. CPU twin: bsdf::mapped_normal.
+fn mapped_normal(texel: vec3<f32>, scale: f32, e1: vec3<f32>, e2: vec3<f32>, d1: vec2<f32>, d2: vec2<f32>, n: vec3<f32>) -> vec3<f32> {
+    let sign = select(1.0, -1.0, d1.x * d2.y - d1.y * d2.x < 0.0);
+    let along_u = (e1 * d2.y - e2 * d1.y) * sign;
+    let against_v = (e1 * d2.x - e2 * d1.x) * sign;
+    let flat_u = along_u - n * dot(n, along_u);
+    let u2 = dot(flat_u, flat_u);
+    let t = flat_u / sqrt(max(u2, 1e-37));
+    let rest = against_v - n * dot(n, against_v);
+    let flat_v = rest - t * dot(t, rest);
+    let v2 = dot(flat_v, flat_v);
+    let b = flat_v / sqrt(max(v2, 1e-37));
+    let local = texel * 2.0 - 1.0;
+    let mapped = t * (local.x * scale) + b * (local.y * scale) + n * local.z;
+    let length2 = dot(mapped, mapped);
+    return select(n, mapped / sqrt(max(length2, 1e-37)), u2 > 0.0 && v2 > 0.0 && length2 > 0.0);
+}
+
 fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> Surface {
     let e1 = triangle_e1[triangle].xyz;
     let e2 = triangle_e2[triangle].xyz;
@@ -132,18 +157,28 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> Surface {
 #if UNTEXTURED
 #else
     // A SIMD driver runs every loop at least once, so scenes without textures have kernels without these loops.
-    for (var i = select(0u, 1u, (material.flags.x | material.flags.y) != 0u); i > 0u; i -= 1u) {
-        let a = triangle_uvs[2u * triangle];
-        let b = triangle_uvs[2u * triangle + 1u];
-        let uv = w * a.xy + u * a.zw + v * b.xy;
-        for (var j = select(0u, 1u, material.flags.x != 0u); j > 0u; j -= 1u) {
-            base *= sample_texture(material.flags.x - 1u, uv);
-        }
-        for (var j = select(0u, 1u, material.flags.y != 0u); j > 0u; j -= 1u) {
-            let mr = sample_texture(material.flags.y - 1u, uv);
-            roughness *= mr.y;
-            metallic *= mr.z;
-        }
+    let uvs = triangle_uvs[2u * triangle];
+    let more = triangle_uvs[2u * triangle + 1u];
+    let uv = w * uvs.xy + u * uvs.zw + v * more.xy;
+    for (var j = select(0u, 1u, material.flags.x != 0u); j > 0u; j -= 1u) {
+        base *= sample_texture(material.flags.x - 1u, uv);
+    }
+    for (var j = select(0u, 1u, material.flags.y != 0u); j > 0u; j -= 1u) {
+        let mr = sample_texture(material.flags.y - 1u, uv);
+        roughness *= mr.y;
+        metallic *= mr.z;
+    }
+    for (var j = select(0u, 1u, material.normal.x != 0u); j > 0u; j -= 1u) {
+        let side = select(-1.0, 1.0, front);
+        let texel = sample_texture(material.normal.x - 1u, uv);
+        let scale = bitcast<f32>(material.normal.y);
+        let mapped = mapped_normal(texel, scale, e1, e2, uvs.zw - uvs.xy, more.xy - uvs.xy, shading * side) * side;
+        shading = select(shading, mapped, dot(mapped, d) < 0.0);
+    }
+    let colors = bitcast<u32>(more.z);
+    if colors != 0u {
+        let corners = triangle_normals[colors];
+        base *= w * decode_color(corners.x) + u * decode_color(corners.y) + v * decode_color(corners.z);
     }
 #endif
     let kind = material.flags.z;

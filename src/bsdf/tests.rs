@@ -289,3 +289,31 @@ fn widened_lobes_reflect_as_much() {
         }
     }
 }
+
+#[test]
+fn normal_maps_lean_along_u_and_against_v() {
+    let texel = |n: Vec3| (n.normalize() + 1.0) * 0.5;
+    let (edges, n) = ([Vec3::X * 2.0, Vec3::Y * 3.0], Vec3::Z);
+    let along = |local: Vec3, uv: [Vec2; 2]| mapped_normal(texel(local), 1.0, edges, uv, n);
+    let (right, up) = (Vec3::new(1.0, 0.0, 1.0), Vec3::new(0.0, 1.0, 1.0));
+    let close = |a: Vec3, b: Vec3| assert!((a - b.normalize()).length() < 1e-6, "{a} {b}");
+    // An image upright on the plane: u to the right, v downwards.
+    let upright = [Vec2::X, Vec2::NEG_Y];
+    close(along(right, upright), Vec3::new(1.0, 0.0, 1.0));
+    close(along(up, upright), Vec3::new(0.0, 1.0, 1.0));
+    // Mirrored: u to the left.
+    close(along(right, [Vec2::NEG_X, Vec2::NEG_Y]), Vec3::new(-1.0, 0.0, 1.0));
+    close(along(up, [Vec2::NEG_X, Vec2::NEG_Y]), Vec3::new(0.0, 1.0, 1.0));
+    // Turned by a quarter.
+    close(along(right, [Vec2::Y, Vec2::X]), Vec3::new(0.0, 1.0, 1.0));
+    close(along(up, [Vec2::Y, Vec2::X]), Vec3::new(-1.0, 0.0, 1.0));
+    // No area, and the whole range of the scale.
+    close(along(right, [Vec2::X, Vec2::X]), n);
+    close(mapped_normal(texel(right), 0.0, edges, upright, n), n);
+    // About a normal that is not that of the face, the result leans from that normal, and has unit length.
+    let smooth = Vec3::new(0.3, -0.2, 1.0).normalize();
+    let mapped = mapped_normal(texel(Vec3::new(0.0, 0.0, 1.0)), 1.0, edges, upright, smooth);
+    close(mapped, smooth);
+    let mapped = mapped_normal(texel(right), 1.0, edges, upright, smooth);
+    assert!((mapped.dot(smooth) - 0.5f32.sqrt()).abs() < 1e-5 && mapped.x > smooth.x, "{mapped}");
+}

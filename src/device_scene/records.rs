@@ -34,6 +34,7 @@ pub(super) fn material_record(m: &crate::scene::Material) -> MaterialRecord {
             (if m.two_sided { MaterialRecord::TWO_SIDED } else { 0 })
                 | (if is_shiny(m) { MaterialRecord::SHINY } else { 0 }),
         ],
+        normal: [m.normal_texture.map_or(0, |t| t + 1), m.normal_scale.to_bits(), 0, 0],
     }
 }
 
@@ -114,15 +115,32 @@ pub(super) fn reflector_numbers(scene: &Scene, reflectors: &[Reflector]) -> Vec<
     numbers
 }
 
-/// Normals and texture coordinates of triangles in leaf order; the latter only if there are textures, since edits may
-/// give a texture to any material.
+/// Whether surfaces need texture coordinates: there are textures, since edits may give one to any material, or vertex colours.
+pub(super) fn has_patterns(scene: &Scene) -> bool {
+    !(scene.textures.is_empty() && scene.colors.is_empty())
+}
+
+/// Colours of the vertices of triangles, in the scene's order: three words of 10 bits for each channel's square root.
+pub(super) fn vertex_colors(scene: &Scene) -> Vec<[u32; 4]> {
+    let channel = |c: f32| (c.clamp(0.0, 1.0).sqrt() * 1023.0).round() as u32;
+    let word = |c: Vec3| channel(c.x) | channel(c.y) << 10 | channel(c.z) << 20;
+    let of = |t: &crate::scene::Triangle| {
+        let [a, b, c] = t.vertices.map(|v| word(scene.colors[v as usize]));
+        [a, b, c, 0]
+    };
+    if scene.colors.is_empty() { Vec::new() } else { scene.triangles.iter().map(of).collect() }
+}
+
+/// Normals and texture coordinates of triangles in leaf order; the latter only if the scene [`has_patterns`]. After the normals of
+/// all triangles come their [`vertex_colors`]; the coordinates hold the place of a triangle's, 0 if there are none.
 pub(super) fn shading_attributes(
     scene: &Scene,
     bvh: &Bvh,
     reflectors: &[u8],
     range: Range<usize>,
 ) -> (Vec<[u32; 4]>, Vec<[f32; 4]>) {
-    let textured = !scene.textures.is_empty();
+    let textured = has_patterns(scene);
+    let colored = if scene.colors.is_empty() { 0 } else { scene.triangles.len() };
     let mut normals = Vec::with_capacity(range.len());
     let mut uvs = Vec::new();
     for i in range {
@@ -140,7 +158,8 @@ pub(super) fn shading_attributes(
         if textured {
             let [a, b, c] = t.vertices.map(|v| scene.uvs.get(v as usize).copied().unwrap_or(Vec2::ZERO));
             uvs.push([a.x, a.y, b.x, b.y]);
-            uvs.push([c.x, c.y, 0.0, 0.0]);
+            let colors = if colored > 0 { (colored + index) as u32 } else { 0 };
+            uvs.push([c.x, c.y, f32::from_bits(colors), 0.0]);
         }
     }
     (normals, uvs)

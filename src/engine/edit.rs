@@ -171,7 +171,9 @@ impl Engine {
         };
         let wrong = |message: String| Error::Scene(format!("material {:?}: {message}", old.name));
         material.check().map_err(wrong)?;
-        for texture in [material.base_texture, material.metallic_roughness_texture].into_iter().flatten() {
+        for texture in
+            [material.base_texture, material.metallic_roughness_texture, material.normal_texture].into_iter().flatten()
+        {
             if texture as usize >= moving.scene.textures.len() {
                 return Err(wrong(format!("texture {texture} does not exist")));
             }

@@ -291,6 +291,8 @@ pub struct MaterialRecord {
     /// Base texture + 1, metallic-roughness texture + 1, kind of surface, [`MaterialRecord::TWO_SIDED`] and
     /// [`MaterialRecord::SHINY`].
     pub flags: [u32; 4],
+    /// Normal texture + 1, bits of its scale, 0, 0.
+    pub normal: [u32; 4],
 }
 
 impl MaterialRecord {

@@ -45,8 +45,11 @@ pub fn surface_at(scene: &Scene, bvh: &Bvh, hit: &Hit, d: Vec3) -> SurfacePoint 
         shading = if n.dot(d) < 0.0 { n } else { geometric };
     }
     let material = &scene.materials[triangle.material as usize];
+    let side = if front { 1.0 } else { -1.0 };
     let uv = (0..3).map(|k| scene.uvs.get(corner(k)).map_or(Vec2::ZERO, |uv| *uv) * weights[k]).sum::<Vec2>();
-    let finish = Finish::at(scene, material, uv.to_array());
+    let mapped = scene.mapped_normal(triangle, uv, shading * side) * side;
+    shading = if mapped.dot(d) < 0.0 { mapped } else { shading };
+    let finish = Finish::at(scene, material, uv.to_array(), scene.color_at(triangle, weights));
     let emission = if front || material.two_sided { material.emission } else { Vec3::ZERO };
     let reflectance = finish.reflectance;
     let material = triangle.material;

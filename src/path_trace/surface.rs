@@ -22,6 +22,8 @@ pub struct PathVertex<'a> {
     pub material_index: u32,
     /// Texture coordinates.
     pub uv: Vec2,
+    /// Factor of the base colour.
+    pub color: Vec3,
 }
 
 impl<'a> PathVertex<'a> {
@@ -38,14 +40,21 @@ impl<'a> PathVertex<'a> {
         } else {
             geometric
         };
+        let mut normals = Normals::facing(geometric, shading, wo);
+        let uv = scene.uvs[a] * w + scene.uvs[b] * hit.u + scene.uvs[c] * hit.v;
+        let side = if normals.front { 1.0 } else { -1.0 };
+        let mapped = scene.mapped_normal(triangle, uv, normals.shading * side) * side;
+        // A normal seen from behind would make the surface black.
+        normals.shading = if mapped.dot(wo) > 0.0 { mapped } else { normals.shading };
         PathVertex {
             position: bvh.position(hit),
             wo,
-            normals: Normals::facing(geometric, shading, wo),
+            normals,
             triangle: index,
             material: &scene.materials[triangle.material as usize],
             material_index: triangle.material,
-            uv: scene.uvs[a] * w + scene.uvs[b] * hit.u + scene.uvs[c] * hit.v,
+            uv,
+            color: scene.color_at(triangle, [w, hit.u, hit.v]),
         }
     }
 
@@ -56,6 +65,6 @@ impl<'a> PathVertex<'a> {
 
     /// The material with its textures applied.
     pub fn finish(&self, scene: &Scene) -> Finish {
-        Finish::at(scene, self.material, self.uv.to_array())
+        Finish::at(scene, self.material, self.uv.to_array(), self.color)
     }
 }

@@ -234,10 +234,15 @@ impl Writer {
             attributes["NORMAL"] = json!(self.accessor(normals, used.len(), shape));
         }
         let m = &scene.materials[material as usize];
-        if m.base_texture.or(m.metallic_roughness_texture).is_some() {
+        if m.base_texture.or(m.metallic_roughness_texture).or(m.normal_texture).is_some() {
             let uvs = used.iter().flat_map(|v| scene.uvs[*v as usize].to_array()).map(f32::to_le_bytes);
             let shape = json!({ "componentType": 5126, "type": "VEC2" });
             attributes["TEXCOORD_0"] = json!(self.accessor(uvs, used.len(), shape));
+        }
+        if !scene.colors.is_empty() {
+            let colors = used.iter().flat_map(|v| scene.colors[*v as usize].to_array()).map(f32::to_le_bytes);
+            let shape = json!({ "componentType": 5126, "type": "VEC3" });
+            attributes["COLOR_0"] = json!(self.accessor(colors, used.len(), shape));
         }
         json!({ "attributes": attributes, "indices": indices, "material": material })
     }
@@ -404,6 +409,9 @@ fn material(m: &Material) -> Value {
         "doubleSided": true,
         "extras": extras(MaterialExtras::of(m)),
     });
+    if let Some(texture) = m.normal_texture {
+        material["normalTexture"] = json!({ "index": texture, "scale": number(m.normal_scale) });
+    }
     let greatest = m.emission.max_element();
     if greatest > 0.0 {
         material["emissiveFactor"] = vector((m.emission / greatest).to_array());

@@ -14,6 +14,7 @@ use std::path::Path;
 use std::sync::Once;
 
 use glam::{DMat4, DQuat, DVec3, Mat3, Quat, Vec2, Vec3};
+use gltf::accessor::Dimensions;
 use gltf::camera::Projection;
 use gltf::json::extras::Extras;
 use gltf::khr_lights_punctual::Kind;
@@ -267,8 +268,19 @@ impl Reader<'_> {
             let message = format!("object {name:?}: attributes of one primitive differ in number of elements");
             return Err(self.error(message));
         }
-        if primitive.get(&Semantic::Colors(0)).is_some() {
-            self.leave_out("vertex colours");
+        let colors = match primitive.get(&Semantic::Colors(0)) {
+            Some(accessor) if accessor.dimensions() == Dimensions::Vec4 => {
+                let colors = self.buffers.vectors::<4>(&accessor, "COLOR")?;
+                Some(colors.into_iter().map(|[r, g, b, _]| [r, g, b]).collect())
+            }
+            Some(accessor) => Some(self.buffers.vectors::<3>(&accessor, "COLOR")?),
+            None => None,
+        };
+        if colors.as_ref().is_some_and(|colors| colors.len() != count) {
+            let name = &self.scene.objects[object as usize];
+            return Err(
+                self.error(format!("object {name:?}: a primitive of {count} vertices has another number of colours"))
+            );
         }
         if primitive.morph_targets().next().is_some() {
             self.leave_out("morph targets");
@@ -282,6 +294,13 @@ impl Reader<'_> {
         let first = self.positions.len();
         if first + count > u32::MAX as usize {
             return Err(self.error(String::from("more than 2^32 vertices; split the model")));
+        }
+        if let Some(colors) = colors {
+            // Vertices without colours are white.
+            self.scene.colors.resize(first, Vec3::ONE);
+            self.scene.colors.extend(colors.into_iter().map(|c| Vec3::from_array(c).clamp(Vec3::ZERO, Vec3::ONE)));
+        } else if !self.scene.colors.is_empty() {
+            self.scene.colors.resize(first + count, Vec3::ONE);
         }
         let first = first as u32;
         let linear = Mat3::from_mat4(world.as_mat4());

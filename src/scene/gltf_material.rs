@@ -1,6 +1,6 @@
 //! Materials and textures of glTF models.
 //!
-//! Metallic-roughness materials with KHR_materials_emissive_strength, _ior, _specular, _transmission and _volume (a
+//! Metallic-roughness materials with normal maps, KHR_materials_emissive_strength, _ior, _specular, _transmission and _volume (a
 //! thickness above 0 makes a body of glass, else it is a pane); KHR_texture_transform; EXT_texture_webp. An emission
 //! texture is replaced by its average. Lobes too smooth for point lights become ideal mirrors.
 
@@ -29,8 +29,13 @@ pub(super) struct UvMap {
 }
 
 impl UvMap {
+    /// The coordinates as they stand.
+    fn plain(set: u32) -> UvMap {
+        UvMap { set, offset: Vec2::ZERO, rotation: 0.0, scale: Vec2::ONE }
+    }
+
     fn of(info: &gltf::texture::Info) -> UvMap {
-        let plain = UvMap { set: info.tex_coord(), offset: Vec2::ZERO, rotation: 0.0, scale: Vec2::ONE };
+        let plain = UvMap::plain(info.tex_coord());
         info.texture_transform().map_or(plain, |t| UvMap {
             set: t.tex_coord().unwrap_or(plain.set),
             offset: Vec2::from_array(t.offset()),
@@ -39,11 +44,33 @@ impl UvMap {
         })
     }
 
-    /// That of the base colour, which the other textures of a material share, or if it has none that of roughness.
+    /// That of a normal map, whose transform the glTF crate does not read.
+    fn of_normals(info: &gltf::material::NormalTexture) -> UvMap {
+        let plain = UvMap::plain(info.tex_coord());
+        let Some(transform) = info.extension_value("KHR_texture_transform") else { return plain };
+        let number = |name: &str, otherwise: f32| {
+            transform.pointer(name).and_then(serde_json::Value::as_f64).map_or(otherwise, |x| x as f32)
+        };
+        let pair = |name: &str, otherwise: f32| {
+            Vec2::new(number(&format!("{name}/0"), otherwise), number(&format!("{name}/1"), otherwise))
+        };
+        UvMap {
+            set: transform.get("texCoord").and_then(serde_json::Value::as_u64).map_or(plain.set, |set| set as u32),
+            offset: pair("/offset", 0.0),
+            rotation: number("/rotation", 0.0),
+            scale: pair("/scale", 1.0),
+        }
+    }
+
+    /// That of the base colour, which the other textures of a material share, or if it has none that of roughness or normals.
     pub(super) fn of_material(material: &gltf::Material) -> UvMap {
         let pbr = material.pbr_metallic_roughness();
         let info = pbr.base_color_texture().or(pbr.metallic_roughness_texture());
-        info.map_or(UvMap { set: 0, offset: Vec2::ZERO, rotation: 0.0, scale: Vec2::ONE }, |info| UvMap::of(&info))
+        match (info, material.normal_texture()) {
+            (Some(info), _) => UvMap::of(&info),
+            (None, Some(info)) => UvMap::of_normals(&info),
+            (None, None) => UvMap::plain(0),
+        }
     }
 
     pub(super) fn apply(&self, uv: Vec2) -> Vec2 {
@@ -83,9 +110,15 @@ impl Reader<'_> {
                 emission *= self.scene.textures[texture as usize].average();
             }
         }
-        if material.normal_texture().is_some() {
-            self.leave_out("normal maps");
-        }
+        let normal_texture = match material.normal_texture() {
+            Some(info) => {
+                if UvMap::of_normals(&info) != UvMap::of_material(material) {
+                    self.leave_out("a second set of texture coordinates, or another transform of them");
+                }
+                self.texture(&info.texture(), false)?
+            }
+            None => None,
+        };
         if material.alpha_mode() != gltf::material::AlphaMode::Opaque {
             self.leave_out("alpha (such surfaces are opaque)");
         }
@@ -133,6 +166,8 @@ impl Reader<'_> {
             metallic: pbr.metallic_factor(),
             roughness: pbr.roughness_factor(),
             metallic_roughness_texture,
+            normal_texture,
+            normal_scale: material.normal_texture().map_or(1.0, |info| info.scale()),
             specular,
             emission,
             two_sided: material.double_sided(),

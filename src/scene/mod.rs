@@ -28,6 +28,7 @@ use std::sync::Arc;
 use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
+use crate::bsdf::{mapped_normal, sample_texture};
 use crate::error::{Error, Result};
 use crate::settings::{Compensation, Exposure, Spread};
 use crate::superposition::lobe::Table;
@@ -57,6 +58,8 @@ pub struct Scene {
     pub normals: Vec<Vec3>,
     /// Texture coordinates, parallel to `positions`; (0, 0) is the texture's upper left corner, v runs downwards.
     pub uvs: Vec<Vec2>,
+    /// Factors of the base colour at the vertices, linear, each channel in [0, 1]; parallel to `positions`, or empty: all 1.
+    pub colors: Vec<Vec3>,
     /// The triangles.
     pub triangles: Vec<Triangle>,
     /// Names of the objects; [`Triangle::object`] indexes them.
@@ -91,6 +94,7 @@ impl Default for Scene {
             positions: Vec::new(),
             normals: Vec::new(),
             uvs: Vec::new(),
+            colors: Vec::new(),
             triangles: Vec::new(),
             objects: Vec::new(),
             materials: Vec::new(),
@@ -178,6 +182,26 @@ impl Scene {
     /// Corners of triangle `i`.
     pub fn triangle_positions(&self, i: usize) -> [Vec3; 3] {
         self.triangles[i].vertices.map(|v| self.positions[v as usize])
+    }
+
+    /// Factor of the base colour at a point of a triangle, by the weights of its corners.
+    pub fn color_at(&self, triangle: &Triangle, weights: [f32; 3]) -> Vec3 {
+        if self.colors.is_empty() {
+            return Vec3::ONE;
+        }
+        triangle.vertices.iter().zip(weights).map(|(&v, w)| self.colors[v as usize] * w).sum()
+    }
+
+    /// Normal of a surface with a normal map ([`crate::bsdf::mapped_normal`]); `normal` is the unit normal without it, on the
+    /// triangle's front.
+    pub fn mapped_normal(&self, triangle: &Triangle, uv: Vec2, normal: Vec3) -> Vec3 {
+        let material = &self.materials[triangle.material as usize];
+        let Some(texture) = material.normal_texture else { return normal };
+        let [a, b, c] = triangle.vertices.map(|v| v as usize);
+        let edges = [self.positions[b] - self.positions[a], self.positions[c] - self.positions[a]];
+        let uv_edges = [self.uvs[b] - self.uvs[a], self.uvs[c] - self.uvs[a]];
+        let texel = sample_texture(&self.textures[texture as usize], uv.to_array()).truncate();
+        mapped_normal(texel, material.normal_scale, edges, uv_edges, normal)
     }
 
     /// Area of triangle `i`.
@@ -279,6 +303,10 @@ pub struct Material {
     pub roughness: f32,
     /// Index into `textures` (linear; green: roughness, blue: metallic, as in glTF).
     pub metallic_roughness_texture: Option<u32>,
+    /// Index into `textures` (linear): tangent-space normals of the front, as in glTF.
+    pub normal_texture: Option<u32>,
+    /// Factor of the x and y of those normals.
+    pub normal_scale: f32,
     /// Reflectance at normal incidence of the dielectric part, in [0, 1]; 0 for a purely Lambertian material.
     pub specular: Vec3,
     /// Emitted radiance.
@@ -309,6 +337,8 @@ impl Default for Material {
             metallic: 0.0,
             roughness: 1.0,
             metallic_roughness_texture: None,
+            normal_texture: None,
+            normal_scale: 1.0,
             specular: Vec3::ZERO,
             emission: Vec3::ZERO,
             two_sided: false,

@@ -32,6 +32,9 @@ impl Scene {
         self.positions = take(&self.positions);
         self.normals = take(&self.normals);
         self.uvs = uses.iter().map(|&(_, v)| self.uvs.get(v as usize).copied().unwrap_or(Vec2::ZERO)).collect();
+        if !self.colors.is_empty() {
+            self.colors = take(&self.colors);
+        }
         let start = |object: u32| uses.partition_point(|u| u.0 < object);
         (0..self.objects.len() as u32).map(|object| start(object)..start(object + 1)).collect()
     }

@@ -56,7 +56,8 @@ struct Parallel {
 
 impl Material {
     /// Whether flat faces of this material may be planar reflectors: on request, or for a mirror, a lobe narrow and strong
-    /// enough to show images, or frosted glass of any roughness. Textures are ignored, only their factors count.
+    /// enough to show images, or frosted glass of any roughness. Textures are ignored, only their factors count, but a
+    /// face with a normal map is not flat.
     pub fn may_reflect(&self) -> bool {
         let f0 = self.specular.lerp(self.base_color, self.metallic).element_sum() / 3.0;
         let shows = match self.surface {
@@ -66,7 +67,7 @@ impl Material {
                 return frost(self).is_some() && self.reflector != Some(false) && self.base_color != Vec3::ZERO;
             }
         };
-        self.reflector.unwrap_or(shows) && f0 > 0.0
+        self.reflector.unwrap_or(shows) && f0 > 0.0 && self.normal_texture.is_none()
     }
 }
 

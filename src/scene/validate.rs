@@ -60,6 +60,14 @@ impl Scene {
             );
             return Err(Error::file(path, message));
         }
+        if !self.colors.is_empty() && self.colors.len() != count {
+            let message = format!("{count} positions and {} vertex colours should be of one number", self.colors.len());
+            return Err(Error::file(path, message));
+        }
+        if let Some(v) = self.colors.iter().position(|c| !(c.min_element() >= 0.0 && c.max_element() <= 1.0)) {
+            let message = format!("the colour of vertex {v}, {}, must be in [0, 1]", self.colors[v]);
+            return Err(Error::file(path, message));
+        }
         if u32::try_from(count).is_err() || u32::try_from(self.triangles.len()).is_err() {
             return Err(Error::file(path, "more than 2^32 vertices or triangles; split the scene"));
         }
@@ -90,7 +98,7 @@ impl Scene {
             }
         }
         for m in &self.materials {
-            for texture in [m.base_texture, m.metallic_roughness_texture].into_iter().flatten() {
+            for texture in [m.base_texture, m.metallic_roughness_texture, m.normal_texture].into_iter().flatten() {
                 if texture as usize >= self.textures.len() {
                     return Err(Error::file(path, format!("material {:?}: texture {texture} does not exist", m.name)));
                 }

@@ -361,6 +361,37 @@ fn lights_from_blender_are_photometric_and_all_cameras_are_there() {
 }
 
 #[test]
+fn normal_maps_and_vertex_colors_are_read() {
+    let case = Case::with(|c| {
+        let image = png(&[[255, 128, 128, 255]], 1);
+        c.document["images"] = json!([{ "uri": format!("data:image/png;base64,{}", base64(&image)) }]);
+        c.document["textures"] = json!([{ "source": 0 }]);
+        c.document["materials"][0] =
+            json!({ "emissiveFactor": [1.0, 1.0, 1.0], "normalTexture": { "index": 0, "scale": 0.5 } });
+        let colors = view(c, &[255, 0, 51, 9, 0, 255, 0, 9, 0, 0, 255, 9], None);
+        c.document["accessors"].as_array_mut().unwrap().push(json!({
+            "bufferView": colors, "componentType": 5121, "normalized": true, "count": 3, "type": "VEC4",
+        }));
+        // The first of two primitives has no colours.
+        let plain = c.document["meshes"][0]["primitives"][0].clone();
+        c.document["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = json!(4);
+        c.document["meshes"][0]["primitives"].as_array_mut().unwrap().insert(0, plain);
+    });
+    let scene = case.load().unwrap();
+    assert!(scene.ignored.is_empty(), "{:?}", scene.ignored);
+    assert_eq!(scene.colors[..3], [Vec3::ONE; 3]);
+    assert_eq!(scene.colors[3..], [Vec3::new(1.0, 0.0, 0.2), Vec3::Y, Vec3::Z]);
+    assert_eq!(scene.color_at(&scene.triangles[1], [0.5, 0.5, 0.0]), Vec3::new(0.5, 0.5, 0.1));
+    let m = &scene.materials[0];
+    assert_eq!((m.normal_texture, m.normal_scale), (Some(0), 0.5));
+    assert!(!scene.textures[0].srgb);
+    // u runs along x: the normal leans there; v runs along y, against the map's y axis, which is 0 here.
+    let n = scene.mapped_normal(&scene.triangles[0], Vec2::ZERO, Vec3::Z);
+    let expected = Vec3::new(0.5, -0.5 / 255.0, 1.0 / 255.0).normalize();
+    assert!(near(n, expected), "{n} {expected}");
+}
+
+#[test]
 fn volumes_and_the_smoothest_lobes_are_read() {
     let material = |json: serde_json::Value| {
         let case = Case::with(|c| {

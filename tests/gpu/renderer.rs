@@ -168,6 +168,27 @@ fn textures_and_smooth_normals_against_the_path_tracer() {
 }
 
 #[test]
+fn normal_maps_and_vertex_colors_against_the_path_tracer() {
+    gpu_test(|ctx| {
+        let mut soup = Soup::new("bumps");
+        let texel = |i: u32| {
+            let (x, y) = (i % 8, i / 8);
+            [[90, 128, 166][x as usize % 3], [100, 150][y as usize % 2], 230, 255]
+        };
+        soup.0.textures.push(Texture { texels: (0..64).map(texel).collect(), srgb: false, ..checkers() });
+        let bumps = Material { base_color: Vec3::splat(0.8), normal_texture: Some(0), ..Material::default() };
+        let floor = soup.material(bumps.clone());
+        room(&mut soup, floor);
+        let ball = soup.material(Material { specular: Vec3::splat(0.04), roughness: 0.4, ..bumps });
+        soup.ball(Vec3::new(0.8, 0.4, 1.2), 0.35, 12, ball);
+        let color = |p: &Vec3| Vec3::new(1.0, 0.5 + 0.25 * p.x, 0.6).min(Vec3::ONE);
+        soup.0.colors = soup.0.positions.iter().map(color).collect();
+        let camera = camera(Vec3::new(1.0, 0.9, 0.05), Vec3::new(1.0, 0.3, 1.5), 75.0, [32, 24]);
+        agrees_at_depths(ctx, &soup.0, camera);
+    });
+}
+
+#[test]
 fn exported_lights_give_the_same_image() {
     gpu_test(|ctx| {
         let (mut scene, camera) = cornell();

@@ -518,7 +518,12 @@ pub fn gallery() -> Scene {
     let rough = b.texture(false, [Wrap::Repeat, Wrap::Repeat]);
     let gray = b.material(Material { base_color: rgb(0.7, 0.6, 0.5), ..plain() });
     let tiles = b.material(Material { base_color: rgb(0.9, 0.8, 0.7), base_texture: Some(repeat), ..plain() });
-    let cloth = b.material(Material { base_texture: Some(clamp), ..plain() });
+    let bumps = b.texture(false, [Wrap::Repeat, Wrap::Mirror]);
+    for (i, texel) in b.0.textures[bumps as usize].texels.iter_mut().enumerate() {
+        *texel = [128 + 25 * (i % 3) as u8, 168 - 20 * (i / 3) as u8, 235, 255];
+    }
+    let cloth =
+        b.material(Material { base_texture: Some(clamp), normal_texture: Some(bumps), normal_scale: 0.8, ..plain() });
     let paint =
         b.material(Material { base_texture: Some(mirrored), specular: Vec3::splat(0.04), roughness: 0.5, ..plain() });
     let metal = b.material(Material {
@@ -574,5 +579,8 @@ pub fn gallery() -> Scene {
     b.triangle([rgb(1.2, 2.1, 1.0), rgb(1.8, 2.1, 1.0), rgb(1.5, 2.1, 1.6)], lamp);
     b.triangle([rgb(-1.0, 2.0, 1.2), rgb(-0.6, 1.7, 1.5), rgb(-1.1, 1.5, 1.4)], sheet);
     listed_lights(&mut b, glow);
+    // Codes of colours are exact for these.
+    let color = |i: usize| Vec3::from_array([i % 3, i % 5, i % 7].map(|k| ((1023 - 60 * k) as f32 / 1023.0).powi(2)));
+    b.0.colors = (0..b.0.positions.len()).map(color).collect();
     b.finish(rgb(0.1, 1.2, -2.6), rgb(0.0, 0.9, 1.0))
 }
