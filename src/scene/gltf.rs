@@ -17,6 +17,7 @@ use glam::{DMat4, DQuat, DVec3, Mat3, Quat, Vec2, Vec3};
 use gltf::accessor::Dimensions;
 use gltf::camera::Projection;
 use gltf::json::extras::Extras;
+use gltf::json::validation::{self, Validate};
 use gltf::khr_lights_punctual::Kind;
 use gltf::mesh::Mode;
 use gltf::{Document, Gltf, Node, Primitive, Semantic};
@@ -70,7 +71,8 @@ fn read(path: &Path, bytes: &[u8], photometric: Option<bool>) -> Result<Scene> {
     let Gltf { document, blob } = Gltf::from_slice_without_validation(bytes).map_err(failed)?;
     let mut root = document.into_json();
     let extensions = Extensions::take(path, &mut root)?;
-    let document = Document::from_json(root).map_err(failed)?;
+    check(path, &root)?;
+    let document = Document::from_json_without_validation(root);
     let mut reader = Reader {
         path,
         document: &document,
@@ -120,6 +122,15 @@ fn read(path: &Path, bytes: &[u8], photometric: Option<bool>) -> Result<Scene> {
         reader.scene.ignored = ignored;
     }
     Ok(reader.finish())
+}
+
+/// Refuses an invalid document.
+fn check(path: &Path, root: &gltf::json::Root) -> Result<()> {
+    let mut errors = Vec::new();
+    root.validate(root, gltf::json::Path::new, &mut |at, error| errors.push((at(), error)));
+    // The glTF crate demands a view of every accessor; by the standard one without is full of zeros.
+    errors.retain(|(at, error)| !(*error == validation::Error::Missing && at.as_str().ends_with(".bufferView")));
+    if errors.is_empty() { Ok(()) } else { Err(Error::file(path, reason(&gltf::Error::Validation(errors)))) }
 }
 
 /// The exporter's data in an object's `extras.lightsum`.

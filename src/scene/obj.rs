@@ -12,6 +12,7 @@ use glam::{DVec3, Vec2, Vec3};
 use super::obj_material::{self, Library};
 use super::origin;
 use super::tessellate::triangulate;
+use super::texture::srgb_to_linear;
 use super::{Scene, Triangle};
 use crate::error::{Error, Result};
 
@@ -23,6 +24,7 @@ pub(super) fn load(path: &Path) -> Result<Scene> {
         path,
         line: 0,
         positions: Vec::new(),
+        colors: Vec::new(),
         uvs: Vec::new(),
         normals: Vec::new(),
         vertices: HashMap::new(),
@@ -119,6 +121,8 @@ struct Reader<'a> {
     line: usize,
     /// Relative to the scene's origin.
     positions: Vec<Vec3>,
+    /// Linear; of the first so many positions, or none.
+    colors: Vec<Vec3>,
     uvs: Vec<Vec2>,
     /// Unit length, or zero where the file's normal has no direction.
     normals: Vec<Vec3>,
@@ -151,6 +155,13 @@ impl Reader<'_> {
             "v" => {
                 let p = self.numbers_by("vertex", rest, position)?;
                 self.positions.push(self.scene.from_world(DVec3::from_array(p)));
+                // Scanners and sculpting programs write a colour after the position, sRGB-encoded.
+                if rest.split_whitespace().count() >= 6 {
+                    let [_, _, _, r, g, b] = self.numbers::<6>("vertex with a colour", rest)?;
+                    let color = Vec3::new(r, g, b).clamp(Vec3::ZERO, Vec3::ONE);
+                    self.colors.resize(self.positions.len() - 1, Vec3::ONE);
+                    self.colors.push(color.map(srgb_to_linear));
+                }
             }
             "vn" => {
                 let n = self.numbers::<3>("normal", rest)?;
@@ -305,6 +316,10 @@ impl Reader<'_> {
                 scene.positions.push(self.positions[c.position as usize]);
                 scene.uvs.push(c.uv.map_or(Vec2::ZERO, |uv| self.uvs[uv as usize]));
                 scene.normals.push(direction(&c).unwrap_or(Vec3::Y));
+                if let Some(&color) = self.colors.get(c.position as usize) {
+                    scene.colors.resize(scene.positions.len() - 1, Vec3::ONE);
+                    scene.colors.push(color);
+                }
                 scene.positions.len() as u32 - 1
             })
         });
@@ -314,6 +329,9 @@ impl Reader<'_> {
 
     fn finish(mut self) -> Result<Scene> {
         self.materials.read_textures(&mut self.scene)?;
+        if !self.scene.colors.is_empty() {
+            self.scene.colors.resize(self.scene.positions.len(), Vec3::ONE);
+        }
         let path = self.path.display();
         if let Some((line, count)) = self.incomplete {
             log::warn!("{path}:{line}: left out {count} faces with fewer than three corners");

@@ -73,6 +73,21 @@ fn lenses_are_read_and_checked() {
 }
 
 #[test]
+fn vertex_colors_of_obj_are_decoded() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "v 0 0 0\nv 1 0 0 1 0.5 0\nv 0 1 0 0 0 2\nv 0 0 1\nf 1 2 3\nf 1 2 4\n";
+    std::fs::write(folder.path().join("a.obj"), text).unwrap();
+    let scene = scene::load(&folder.path().join("a.obj")).unwrap();
+    // sRGB 0.5 is 0.214 (IEC 61966-2-1); what a vertex lacks is white.
+    let expected = [Vec3::ONE, Vec3::new(1.0, 0.21404, 0.0), Vec3::Z, Vec3::ONE];
+    assert_eq!(scene.colors.len(), 4);
+    for (color, expected) in scene.colors.iter().zip(expected) {
+        assert!((*color - expected).abs().max_element() < 1e-4, "{color} {expected}");
+    }
+    assert_refused(&[("a.obj", &text.replace("0.5", "red"))], "a.obj", &["a.obj:2", "red"]);
+}
+
+#[test]
 fn obj_is_read() {
     let scene = scene::load(&repository("tests/cpu/data/quarters.obj")).unwrap();
     assert_eq!(scene.name, "quarters");

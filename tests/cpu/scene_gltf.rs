@@ -511,6 +511,14 @@ fn bad_gltf_is_refused() {
 }
 
 #[test]
+fn accessors_without_a_view_are_zero() {
+    let case = Case::with(|c| {
+        c.document["accessors"][2].as_object_mut().unwrap().remove("bufferView");
+    });
+    assert_eq!(case.load().unwrap().uvs, [Vec2::ZERO; 3]);
+}
+
+#[test]
 fn sparse_accessors_are_applied() {
     let case = Case::with(|c| {
         // Vertex 1 moves to (2, 0, 0).
