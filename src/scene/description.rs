@@ -25,7 +25,9 @@
 //!
 //! [environment]                 # light from all around
 //! image = "sky.exr"             # OpenEXR or Radiance, all directions: azimuth across, height down; default: a constant
-//! radiance = [1, 1, 1]          # W/(m^2 sr), or of an image the factor
+//! sun = [30, 45]                # or a clear sky: azimuth of the sun from +z towards +x and its elevation, degrees
+//! turbidity = 3                 # haze of that sky, 1 to 10
+//! radiance = [1, 1, 1]          # W/(m^2 sr), or of an image or a sky the factor
 //! up = [0, 1, 0]                # the zenith
 //! rotation = 0                  # degrees about the zenith, counter-clockwise seen from there
 //!
@@ -148,6 +150,8 @@ enum LightEntry {
 #[serde(deny_unknown_fields)]
 struct EnvironmentEntry {
     image: Option<PathBuf>,
+    sun: Option<[f32; 2]>,
+    turbidity: Option<f32>,
     radiance: Option<Vec3>,
     #[serde(default = "Camera::default_up")]
     up: Vec3,
@@ -158,8 +162,11 @@ struct EnvironmentEntry {
 impl EnvironmentEntry {
     /// Reads the image, relative to `folder`; the error is a message.
     fn load(&self, folder: &Path) -> Result<std::result::Result<Environment, String>> {
-        if self.image.is_none() && self.radiance.is_none() {
-            return Ok(Err(String::from("neither `image` nor `radiance`")));
+        if self.image.is_none() && self.radiance.is_none() && self.sun.is_none() {
+            return Ok(Err(String::from("neither `image` nor `sun` nor `radiance`")));
+        }
+        if self.image.is_some() && self.sun.is_some() || self.sun.is_none() && self.turbidity.is_some() {
+            return Ok(Err(String::from("`sun` excludes `image`, and `turbidity` needs `sun`")));
         }
         let radiance = self.radiance.unwrap_or(Vec3::ONE);
         if !(radiance.is_finite() && radiance.min_element() >= 0.0) {
@@ -168,9 +175,15 @@ impl EnvironmentEntry {
         if !(self.up.is_finite() && self.up.length() > 0.0 && self.rotation.is_finite()) {
             return Ok(Err(String::from("`up` must be a direction and `rotation` an angle in degrees")));
         }
-        let whole = match &self.image {
-            Some(image) => Environment::load(&folder.join(image))?.scaled(radiance),
-            None => Environment::constant(radiance),
+        let whole = match (&self.image, self.sun) {
+            (Some(image), _) => Environment::load(&folder.join(image))?.scaled(radiance),
+            (None, Some([azimuth, elevation])) => {
+                match Environment::sun_and_sky(azimuth, elevation, self.turbidity.unwrap_or(3.0)) {
+                    Ok(sky) => sky.scaled(radiance),
+                    Err(message) => return Ok(Err(message)),
+                }
+            }
+            (None, None) => Environment::constant(radiance),
         };
         Ok(Ok(whole.turned(self.up, self.rotation.to_radians())))
     }

@@ -165,7 +165,7 @@ impl Environment {
     }
 
     /// Solid angle of a texel of a row.
-    fn row_solid_angle(&self, row: u32) -> f32 {
+    pub(super) fn row_solid_angle(&self, row: u32) -> f32 {
         self.solid_angle([[0, 1], [row, row + 1]])
     }
 

@@ -18,6 +18,7 @@ mod objects;
 mod origin;
 mod pane;
 pub mod reflectors;
+mod sky;
 mod tessellate;
 mod texture;
 pub(crate) mod validate;

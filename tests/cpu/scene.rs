@@ -209,6 +209,9 @@ fn environments_are_read() {
     let refused =
         |text: &str, parts: &[&str]| assert_refused(&[model, ("a.toml", &description(text))], "a.toml", parts);
     refused("", &["a.toml:2:", "environment", "image", "radiance"]);
+    refused("sun = [0, -5]", &["a.toml:2:", "horizon"]);
+    refused("sun = [0, 5]\nturbidity = 20", &["a.toml:2:", "turbidity"]);
+    refused("sun = [0, 5]\nimage = \"sky.exr\"", &["a.toml:2:", "excludes"]);
     refused("radiance = [1, -1, 0]", &["a.toml:2:", "negative"]);
     refused("radiance = [1, 1, 1]\nup = [0, 0, 0]", &["a.toml:2:", "up"]);
     refused("image = \"none.exr\"", &["none.exr"]);
