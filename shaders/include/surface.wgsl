@@ -19,12 +19,7 @@ const SURFACE_MIRROR: u32 = 1u;
 const SURFACE_GLASS: u32 = 2u;
 const SURFACE_PANE: u32 = 3u;       // thin glass
 
-struct TextureRecord {
-    first: u32,             // first texel
-    width: u32,
-    height: u32,
-    flags: u32,             // bit 0: sRGB; bits 1-2: wrap of u, 3-4: of v (0 repeat, 1 mirror, 2 clamp)
-}
+#include "texture.wgsl"
 
 @group(0) @binding(1) var<storage, read> triangle_normals: array<vec4<u32>>;    // three octahedral normals; w: reflector << 24 | material << 1 | smooth
 @group(0) @binding(2) var<storage, read> triangle_uvs: array<vec4<f32>>;        // two for each triangle: uv0 uv1, uv2, bits of the place of its vertex colours in triangle_normals or 0, -
@@ -69,43 +64,6 @@ fn frosted_pane(normals: vec4<u32>) -> u32 {
     let number = normals.w >> 24u;
     let counts = number <= frame.superposition.x && materials[material_of(normals)].flags.z == SURFACE_PANE;
     return select(0u, number, counts);
-}
-
-fn wrapped(i: i32, n: i32, mode: u32) -> i32 {
-    let clamped = clamp(i, 0, n - 1);
-    let repeated = ((i % n) + n) % n;
-    let period = ((i % (2 * n)) + 2 * n) % (2 * n);
-    let mirrored = min(period, 2 * n - 1 - period);
-    return select(select(clamped, mirrored, mode == 1u), repeated, mode == 0u);
-}
-
-fn srgb_to_linear(c: vec3<f32>) -> vec3<f32> {
-    return select(pow((c + 0.055) / 1.055, vec3<f32>(2.4)), c / 12.92, c <= vec3<f32>(0.04045));
-}
-
-fn texel(record: TextureRecord, x: i32, y: i32) -> vec3<f32> {
-    let tx = wrapped(x, i32(record.width), (record.flags >> 1u) & 3u);
-    let ty = wrapped(y, i32(record.height), (record.flags >> 3u) & 3u);
-    let c = unpack4x8unorm(texels[record.first + u32(ty) * record.width + u32(tx)]).xyz;
-    return select(c, srgb_to_linear(c), (record.flags & 1u) != 0u);
-}
-
-// Bilinear; texel centres lie at half-integers.
-fn sample_texture(index: u32, uv: vec2<f32>) -> vec3<f32> {
-    let record = textures[index];
-    // Large coordinates are reduced first, so that the conversion to integers is safe.
-    let period = vec2<f32>(2.0);
-    let near = uv - period * floor(uv / period);
-    let clamps = vec2<bool>(((record.flags >> 1u) & 3u) == 2u, ((record.flags >> 3u) & 3u) == 2u);
-    let st = select(near, clamp(uv, vec2<f32>(0.0), vec2<f32>(1.0)), clamps);
-    let p = st * vec2<f32>(f32(record.width), f32(record.height)) - 0.5;
-    let base = floor(p);
-    let f = p - base;
-    let x = i32(base.x);
-    let y = i32(base.y);
-    let top = mix(texel(record, x, y), texel(record, x + 1, y), f.x);
-    let bottom = mix(texel(record, x, y + 1), texel(record, x + 1, y + 1), f.x);
-    return mix(top, bottom, f.y);
 }
 
 // Colour of a vertex: the square root of each channel in 10 bits.
