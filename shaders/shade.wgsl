@@ -1,4 +1,5 @@
 // Lights shading points by every point light of a chunk, with shadows. See pass/shade.rs.
+// ALPHA: some surfaces let light pass.
 // VISIBILITY: only counts the lights visible to each shading point. See pass/visibility.rs.
 // AREA: with VISIBILITY, the lights are area lights and each ray goes to its own point of one.
 #include "frame.wgsl"
@@ -6,6 +7,9 @@
 #include "bvh.wgsl"
 #include "triangle.wgsl"
 #include "math.wgsl"
+#if ALPHA
+#include "alpha.wgsl"
+#endif
 #include "bsdf.wgsl"
 #include "lights.wgsl"
 #include "point.wgsl"
@@ -60,10 +64,17 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let nodes = frame.scene.x;
     var light = step.first;
     var node = 0u;
+#if ALPHA
+    // Share of the light that the surfaces on its way let pass. The next round finds that of an unfinished ray beside the sums.
+    var passes = 1.0;
+#endif
     if step.round > 0u {
         let at = progress[slot];
         light = at.x;
         node = at.y;
+#if ALPHA
+        passes = select(1.0, specular[slot].w, node > 0u);
+#endif
     }
     let origin = point_position[slot].xyz;
     let geometric = point_geometric[slot];
@@ -128,7 +139,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             let first = leaf >> 3u;
             let end = first + select(0u, leaf & 7u, inside);
             for (var i = first; i < end; i += 1u) {
+#if ALPHA
+                let hit = intersect_triangle(i, origin, d, 1.0);
+                for (var j = select(0u, 1u, hit.ok); j > 0u; j -= 1u) {
+                    passes *= 1.0 - coverage_at(i, hit.u, hit.v);
+                }
+                blocked = blocked || passes <= 0.0;
+#else
                 blocked = blocked || intersect_triangle(i, origin, d, 1.0).ok;
+#endif
             }
             node = select(bitcast<u32>(lo.w), node + 1u, inside && leaf == 0u);
             node = select(node, nodes, blocked);
@@ -137,6 +156,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             break;
         }
         node = 0u;
+#if ALPHA
+        intensity *= passes;
+        passes = 1.0;
+#endif
 
 #if VISIBILITY
         seen += select(0u, 1u, lit && !blocked);
@@ -158,7 +181,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #else
     direct[slot] = vec4<f32>(e_direct, 0.0);
     indirect[slot] = vec4<f32>(e_indirect, 0.0);
+#if ALPHA
+    specular[slot] = vec4<f32>(l_specular, select(0.0, passes, node > 0u));
+#else
     specular[slot] = vec4<f32>(l_specular, 0.0);
+#endif
 #endif
     progress[slot] = vec2<u32>(light, node);
     if light < step.end {

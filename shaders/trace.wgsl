@@ -1,9 +1,13 @@
 // Finds the closest hits of a batch of rays, in rounds of bounded length. See pass/trace.rs.
+// ALPHA: some surfaces let rays pass.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
 #include "bvh.wgsl"
 #include "triangle.wgsl"
+#if ALPHA
+#include "alpha.wgsl"
+#endif
 
 @group(0) @binding(6) var<storage, read> ray_origin: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> ray_direction: array<vec4<f32>>;
@@ -50,7 +54,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let end = first + select(0u, leaf & 7u, inside);
         for (var i = first; i < end; i += 1u) {
             let hit = intersect_triangle(i, origin, d, best.x);
-            if hit.ok {
+            var stopped = hit.ok;
+#if ALPHA
+            for (var j = select(0u, 1u, hit.ok); j > 0u; j -= 1u) {
+                stopped = is_stopped(i, hit.u, hit.v, d);
+            }
+#endif
+            if stopped {
                 best = vec4<f32>(hit.t, hit.u, hit.v, bitcast<f32>(i));
             }
         }

@@ -31,6 +31,7 @@
 //! Every expression is plain f32 arithmetic in the order written, without contraction, so that a kernel that writes the
 //! same expressions gets the same numbers.
 
+pub mod alpha;
 pub mod objects;
 pub mod wide;
 
@@ -339,11 +340,16 @@ impl Bvh {
 
     /// [`Bvh::closest`], adding its cost to `steps`.
     pub fn closest_counted(&self, ray: &Ray, steps: &mut Steps) -> Option<Hit> {
+        self.nearest(ray, steps, |_| true)
+    }
+
+    /// The nearest hit that is accepted, adding the cost to `steps`.
+    fn nearest(&self, ray: &Ray, steps: &mut Steps, mut accept: impl FnMut(&Hit) -> bool) -> Option<Hit> {
         let mut ray = *ray;
         let mut nearest = None;
         self.traverse(&ray.clone(), steps, |t_max, k| {
             ray.t_max = *t_max;
-            if let Some(hit) = self.intersect(&ray, k) {
+            if let Some(hit) = self.intersect(&ray, k).filter(&mut accept) {
                 *t_max = hit.t;
                 nearest = Some(hit);
             }

@@ -68,11 +68,14 @@ pub struct DeviceScene {
     pub albedos: Vec<f32>,
     /// Whether there are textures or vertex colours.
     pub textured: bool,
+    /// Whether some surfaces let rays pass.
+    pub has_alpha: bool,
     /// Lower corners of the nodes, and skip indices.
     pub node_min: Buffer,
     /// Upper corners of the nodes, and leaf words.
     pub node_max: Buffer,
-    /// Nodes of the eight-wide hierarchy; `None` if it is not used, or deeper than the kernel's stack.
+    /// Nodes of the eight-wide hierarchy; `None` if it is not used, or deeper than the kernel's stack, or if some surfaces let
+    /// rays pass: clusters stop at every surface.
     pub wide_nodes: Option<Buffer>,
     /// First vertices, in the order of the leaves.
     pub v0: Buffer,
@@ -215,7 +218,8 @@ impl DeviceScene {
         wide: Option<&WideBvh>,
     ) -> Result<DeviceScene> {
         let emitters = Emitters::of(scene, scene.emitters_are_lights)?;
-        let wide_nodes = match wide.filter(|wide| fits_kernel(wide)) {
+        let has_alpha = scene.has_alpha();
+        let wide_nodes = match wide.filter(|wide| !has_alpha && fits_kernel(wide)) {
             Some(wide) => Some(staging.stage(context, "scene wide nodes", &wide.nodes)?),
             None => None,
         };
@@ -250,6 +254,7 @@ impl DeviceScene {
             specular: SpecularFeatures::of(scene, &reflectors),
             albedos: scene.mean_albedos(),
             textured: has_patterns(scene),
+            has_alpha,
             finishes: finishes(scene, &reflectors),
             reflectors,
             targets: Targets::default(),

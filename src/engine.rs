@@ -95,14 +95,16 @@ impl Engine {
         settings.validate()?;
         view.check(&settings)?;
         let mut staging = Staging::new();
-        let clusters = TraversalKernels::shade(context, settings.traversal)?.cluster.is_some();
+        let clusters = TraversalKernels::shade(context, settings.traversal, false)?.cluster.is_some();
         let (mut scene, trees) = if dynamic {
             let (scene, trees) = DeviceScene::new_dynamic(context, &mut staging, scene, clusters)?;
             (scene, Some(trees))
         } else {
             (DeviceScene::new(context, &mut staging, scene, clusters)?, None)
         };
-        if scene.wide_nodes.is_none() && clusters {
+        if scene.has_alpha && clusters {
+            log::info!("some surfaces let light pass; shadow rays are traced one by one");
+        } else if scene.wide_nodes.is_none() && clusters {
             if settings.traversal == Traversal::Cluster {
                 return Err(Error::Setting {
                     name: "--traversal",

@@ -38,6 +38,7 @@ const STREAM_EYE_LOBE: u32 = 15u;
 const STREAM_FIRST_LIGHT: u32 = 16u;
 const STREAM_LISTS: u32 = 17u;
 const STREAM_NEAR: u32 = 18u;
+const STREAM_ALPHA: u32 = 19u;
 const STREAM_PHOTON: u32 = 20u;
 const STREAM_PHOTON_SIDE: u32 = 21u;
 const STREAM_PHOTON_COMPONENT: u32 = 22u;

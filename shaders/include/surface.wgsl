@@ -1,24 +1,8 @@
-// Surface at a hit point. Needs math.wgsl and bsdf.wgsl. Host twins: pass::layout::{MaterialRecord, TextureRecord};
-// CPU twin: pass::surface::surface_at.
+// Surface at a hit point. Needs math.wgsl and bsdf.wgsl. CPU twin: pass::surface::surface_at.
 // UNTEXTURED: there are no textures and no vertex colours.
 #include "octahedral.wgsl"
 
-struct MaterialRecord {
-    base: vec4<f32>,        // base colour; w: metallic
-    specular: vec4<f32>,    // dielectric reflectance at normal incidence; w: roughness
-    emission: vec4<f32>,    // radiance; w: index of refraction
-    flags: vec4<u32>,       // base texture + 1, metallic-roughness texture + 1, kind of surface, bits below
-    normal: vec4<u32>,      // normal texture + 1, bits of its scale
-}
-
-const MATERIAL_TWO_SIDED: u32 = 1u; // emits on both sides
-const MATERIAL_SHINY: u32 = 2u;     // its lobe may be narrow enough for eye paths to follow
-
-const SURFACE_OPAQUE: u32 = 0u;
-const SURFACE_MIRROR: u32 = 1u;
-const SURFACE_GLASS: u32 = 2u;
-const SURFACE_PANE: u32 = 3u;       // thin glass
-
+#include "material.wgsl"
 #include "texture.wgsl"
 
 @group(0) @binding(1) var<storage, read> triangle_normals: array<vec4<u32>>;    // three octahedral normals; w: reflector << 24 | material << 1 | smooth
@@ -119,16 +103,16 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> Surface {
     let more = triangle_uvs[2u * triangle + 1u];
     let uv = w * uvs.xy + u * uvs.zw + v * more.xy;
     for (var j = select(0u, 1u, material.flags.x != 0u); j > 0u; j -= 1u) {
-        base *= sample_texture(material.flags.x - 1u, uv);
+        base *= sample_texture(material.flags.x - 1u, uv).xyz;
     }
     for (var j = select(0u, 1u, material.flags.y != 0u); j > 0u; j -= 1u) {
-        let mr = sample_texture(material.flags.y - 1u, uv);
+        let mr = sample_texture(material.flags.y - 1u, uv).xyz;
         roughness *= mr.y;
         metallic *= mr.z;
     }
     for (var j = select(0u, 1u, material.normal.x != 0u); j > 0u; j -= 1u) {
         let side = select(-1.0, 1.0, front);
-        let texel = sample_texture(material.normal.x - 1u, uv);
+        let texel = sample_texture(material.normal.x - 1u, uv).xyz;
         let scale = bitcast<f32>(material.normal.y);
         let mapped = mapped_normal(texel, scale, e1, e2, uvs.zw - uvs.xy, more.xy - uvs.xy, shading * side) * side;
         shading = select(shading, mapped, dot(mapped, d) < 0.0);

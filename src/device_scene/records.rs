@@ -13,11 +13,16 @@ use crate::light::emitters::Emitters;
 use crate::pass::layout::{MaterialRecord, PointLight, TextureRecord};
 use crate::plan::MAX_FOLLOWED_ALPHA;
 use crate::scene::reflectors::Reflector;
-use crate::scene::{Environment, Light, Scene, Surface, Texture, Wrap};
+use crate::scene::{Alpha, Environment, Light, Scene, Surface, Texture, Wrap};
 use crate::superposition::lobe::Lobe;
 
 pub(super) fn material_record(m: &crate::scene::Material) -> MaterialRecord {
     let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
+    let (opacity, cutoff) = match m.alpha {
+        Alpha::Mask { opacity, cutoff } if m.has_alpha() => (opacity, cutoff),
+        Alpha::Blend { opacity } if m.has_alpha() => (opacity, -1.0),
+        _ => (1.0, -1.0),
+    };
     MaterialRecord {
         base: with(m.base_color, m.metallic),
         specular: with(m.specular, m.roughness),
@@ -32,9 +37,10 @@ pub(super) fn material_record(m: &crate::scene::Material) -> MaterialRecord {
                 Surface::Glass => MaterialRecord::GLASS,
             },
             (if m.two_sided { MaterialRecord::TWO_SIDED } else { 0 })
-                | (if is_shiny(m) { MaterialRecord::SHINY } else { 0 }),
+                | (if is_shiny(m) { MaterialRecord::SHINY } else { 0 })
+                | (if m.has_alpha() { MaterialRecord::ALPHA } else { 0 }),
         ],
-        normal: [m.normal_texture.map_or(0, |t| t + 1), m.normal_scale.to_bits(), 0, 0],
+        normal: [m.normal_texture.map_or(0, |t| t + 1), m.normal_scale.to_bits(), opacity.to_bits(), cutoff.to_bits()],
     }
 }
 

@@ -88,8 +88,10 @@ impl DeviceScene {
         let light_seconds = start.elapsed().as_secs_f64();
 
         let start = std::time::Instant::now();
-        let mut replaced = touched.everything;
-        if touched.everything {
+        // Other kernels trace where surfaces let rays pass, without the wide tree.
+        let everything = touched.everything || self.has_alpha != scene.has_alpha();
+        let mut replaced = everything;
+        if everything {
             let bvh = self.bvh.clone();
             let kept = self.delta.clone();
             *self = DeviceScene::with_tree(context, staging, scene, bvh, trees.wide.as_ref())?;
@@ -195,7 +197,8 @@ impl DeviceScene {
         let bvh = &self.bvh;
         let mut replaced = write(context, staging, &mut self.node_min, &bvh.node_min, &changes.nodes)?;
         replaced |= write(context, staging, &mut self.node_max, &bvh.node_max, &changes.nodes)?;
-        match (wide.filter(|wide| fits_kernel(wide)), &mut self.wide_nodes) {
+        let has_alpha = self.has_alpha;
+        match (wide.filter(|wide| !has_alpha && fits_kernel(wide)), &mut self.wide_nodes) {
             (Some(wide), Some(buffer)) => replaced |= write(context, staging, buffer, &wide.nodes, &changes.wide)?,
             (Some(wide), none) => {
                 *none = Some(staging.stage(context, "scene wide nodes", &wide.nodes)?);

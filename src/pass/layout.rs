@@ -288,10 +288,10 @@ pub struct MaterialRecord {
     pub specular: [f32; 4],
     /// Radiance; w: index of refraction.
     pub emission: [f32; 4],
-    /// Base texture + 1, metallic-roughness texture + 1, kind of surface, [`MaterialRecord::TWO_SIDED`] and
-    /// [`MaterialRecord::SHINY`].
+    /// Base texture + 1, metallic-roughness texture + 1, kind of surface, [`MaterialRecord::TWO_SIDED`],
+    /// [`MaterialRecord::SHINY`] and [`MaterialRecord::ALPHA`].
     pub flags: [u32; 4],
-    /// Normal texture + 1, bits of its scale, 0, 0.
+    /// Normal texture + 1, bits of its scale, of the opacity and of the cutoff of alpha (negative: none).
     pub normal: [u32; 4],
 }
 
@@ -300,6 +300,8 @@ impl MaterialRecord {
     pub const TWO_SIDED: u32 = 1;
     /// Its lobe may be narrow enough for eye paths to follow.
     pub const SHINY: u32 = 2;
+    /// Rays may pass.
+    pub const ALPHA: u32 = 4;
     /// Kind: diffuse base and a lobe.
     pub const OPAQUE: u32 = 0;
     /// Kind: diffuse base and an ideal mirror.

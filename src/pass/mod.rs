@@ -98,6 +98,8 @@ pub struct Kit<'a> {
     pub shared: Resources,
     /// Whether the scene has textures. If not, kernels without texture look-up are chosen.
     pub textured: bool,
+    /// Whether some surfaces let rays pass.
+    pub has_alpha: bool,
     /// Selects the form of the kernels that trace rays.
     pub traversal: Traversal,
 }
@@ -116,6 +118,7 @@ impl<'a> Kit<'a> {
             staging: RefCell::new(staging),
             shared: scene.resources().and(own),
             textured: scene.textured,
+            has_alpha: scene.has_alpha,
             traversal,
         }
     }
@@ -182,8 +185,8 @@ pub struct TraversalKernels {
 type BySubgroup = [&'static Shader; 5];
 
 impl TraversalKernels {
-    /// Kernels of the pass `shade`.
-    pub fn shade(context: &Context, traversal: Traversal) -> Result<TraversalKernels> {
+    /// Kernels of the pass `shade`, for a scene where some surfaces let light pass or not.
+    pub fn shade(context: &Context, traversal: Traversal, has_alpha: bool) -> Result<TraversalKernels> {
         const CLUSTERS: BySubgroup = [
             &shaders::SHADE_CLUSTER_4,
             &shaders::SHADE_CLUSTER_8,
@@ -191,7 +194,8 @@ impl TraversalKernels {
             &shaders::SHADE_CLUSTER_32,
             &shaders::SHADE_CLUSTER_64,
         ];
-        TraversalKernels::new(context, traversal, &shaders::SHADE, CLUSTERS)
+        let single = if has_alpha { &shaders::SHADE_ALPHA } else { &shaders::SHADE };
+        TraversalKernels::new(context, traversal, single, CLUSTERS)
     }
 
     /// Kernels of the pass `trace`.

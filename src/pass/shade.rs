@@ -47,6 +47,7 @@ use crate::bsdf::{Reflectance, pdf_specular};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources};
 use crate::plan::{self, StepTable};
+use crate::scene::Scene;
 use crate::settings::Settings;
 
 /// The pass over one set of shading points.
@@ -104,7 +105,7 @@ impl Shade {
         let Inputs { points, list, lists, progress, lighting, classes } = *inputs;
         let own = lists.resources();
         let classes = classes.map(|classes| Resources::of([("classes", classes)]));
-        let kernels = TraversalKernels::shade(kit.context, kit.traversal)?;
+        let kernels = TraversalKernels::shade(kit.context, kit.traversal, kit.has_alpha)?;
         let sets = [&points.resources(), &lighting.resources(), &own];
         Ok(Shade { rays: ShadowRays::new(kit, &kernels, &sets, classes.as_ref(), (list, progress), steps)? })
     }
@@ -268,7 +269,14 @@ fn highlight_falloff(light: &PointLight, receiver: &ShadingPoint, wi: Vec3, r2: 
 }
 
 /// Oracle: direct irradiance, indirect irradiance and specular radiance of a shading point under all lights.
-pub fn reference(bvh: &Bvh, receiver: &ShadingPoint, lights: &[PointLight], clip2: f32, far: f32) -> [Vec3; 3] {
+pub fn reference(
+    scene: &Scene,
+    bvh: &Bvh,
+    receiver: &ShadingPoint,
+    lights: &[PointLight],
+    clip2: f32,
+    far: f32,
+) -> [Vec3; 3] {
     let mut sums = [Vec3::ZERO; 3];
     for light in lights {
         let at = Vec3::new(light.position[0], light.position[1], light.position[2]);
@@ -284,15 +292,17 @@ pub fn reference(bvh: &Bvh, receiver: &ShadingPoint, lights: &[PointLight], clip
             continue;
         }
         let e = light_towards(light, wi, r2, clip2) * cos;
-        if e == Vec3::ZERO || bvh.occluded(&Ray { origin: receiver.position, t_max: 1.0, direction: d }) {
+        if e == Vec3::ZERO {
             continue;
         }
+        let passes = bvh.transmittance(scene, &Ray { origin: receiver.position, t_max: 1.0, direction: d });
+        let e = e * passes;
         sums[usize::from(light.f0[3] != 0.0)] += e;
         if receiver.reflectance.f90 > 0.0 {
             let l = receiver.sampled.map_or(e, |surfaces| {
                 // The intensity: the light at unit distance, not clipped.
                 let falloff = highlight_falloff(light, receiver, wi, r2, surfaces);
-                light_towards(light, wi, 1.0, 0.0) * (cos * falloff)
+                light_towards(light, wi, 1.0, 0.0) * (cos * falloff * passes)
             });
             sums[2] += l * receiver.reflectance.eval_specular(receiver.shading, receiver.wo, wi);
         }

@@ -3,7 +3,8 @@
 //! A ray's whole state is its best hit and the index of the next node, so a ray that runs out of steps continues in the
 //! next round. Rounds after the first are dispatched indirectly and cost nothing when no ray needs them. Eye rays share
 //! their origin, so clusters of 64 of them walk the eight-wide tree together, as shadow rays do in
-//! [`shade`](super::shade); the nearest child of a node is visited first.
+//! [`shade`](super::shade); the nearest child of a node is visited first. Where surfaces let rays pass, see
+//! [`crate::accel::alpha`], single rays look up the coverage of each triangle that they meet.
 //!
 //! Cost: for each ray and step 32 bytes of node and 20 operations, for each triangle 48 bytes and 50 operations; the
 //! number of steps grows roughly with the square root of the triangles that a ray passes. Incoherent, so it suits walks
@@ -13,10 +14,12 @@ use super::edges::Edges;
 use super::layout::Step;
 use super::schedule::{LIST_GROUPS, ROUND_GROUPS, Schedule};
 use super::{BoundKernel, Kit, List, Rays, TraversalKernels, groups, push};
+use crate::accel::alpha::chance;
 use crate::accel::{Bvh, Hit, Ray};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::plan::{StepTable, cluster_steps, trace_steps};
+use crate::scene::Scene;
 use crate::settings::Settings;
 
 /// Steps of the eye rays.
@@ -65,7 +68,8 @@ impl Trace {
     /// Reads `rays.origin` and `rays.direction`, writes `rays.hits`; `list` holds the rays for steps that read a list.
     pub fn new(kit: &Kit, rays: &Rays, list: &List, steps: &Resources) -> Result<Self> {
         let sets = [&rays.resources(), &list.resources(), steps];
-        let kernel = kit.bind(&shaders::TRACE, &sets)?;
+        let shader = if kit.has_alpha { &shaders::TRACE_ALPHA } else { &shaders::TRACE };
+        let kernel = kit.bind(shader, &sets)?;
         Ok(Trace { kernel, cluster: None, schedule: Schedule::new(kit, &list.work, steps)?, work: list.work.clone() })
     }
 
@@ -139,7 +143,7 @@ impl Trace {
     }
 }
 
-/// Oracle: the nearest hit.
-pub fn reference(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
-    bvh.closest(ray)
+/// Oracle: the nearest hit; `pass`: key of the pass, [`crate::pass::layout::FrameParameters::keys`], for surfaces that let rays pass.
+pub fn reference(scene: &Scene, bvh: &Bvh, ray: &Ray, pass: u32) -> Option<Hit> {
+    bvh.closest_stop(scene, ray, |hit| chance(pass, hit.triangle, ray.direction))
 }

@@ -13,7 +13,7 @@ mod surface;
 
 pub use surface::PathVertex;
 
-use crate::accel::{Bvh, Ray, offset_origin};
+use crate::accel::{Bvh, Hit, Ray, offset_origin};
 use crate::bsdf::Reflectance;
 use crate::bsdf::ideal::{BsdfSample, Media, frost, specular_samples};
 use crate::error::{Error, Result};
@@ -173,6 +173,7 @@ pub struct Tracer<'a> {
     scene: &'a Scene,
     bvh: &'a Bvh,
     emitters: &'a Emitters,
+    has_alpha: bool,
     scale: f32,
     max_depth: u32,
     max_specular: u32,
@@ -186,7 +187,8 @@ impl<'a> Tracer<'a> {
         let scale = bvh.typical_scale();
         // Imported lights include reflected light.
         let max_depth = if scene.emitters_are_lights { max_depth } else { max_depth.min(2) };
-        Tracer { scene, bvh, emitters, scale, max_depth, max_specular, specular_paths }
+        let has_alpha = scene.has_alpha();
+        Tracer { scene, bvh, emitters, has_alpha, scale, max_depth, max_specular, specular_paths }
     }
 
     /// One estimate of the radiance that arrives against a ray of unit direction.
@@ -203,7 +205,7 @@ impl<'a> Tracer<'a> {
         let mut media = Media::default();
         let mut segment = 1;
         loop {
-            let Some(hit) = self.bvh.closest(&ray) else {
+            let Some(hit) = self.closest(&ray, rng) else {
                 radiance += beta * self.surroundings(ray.direction, last.map(|(_, pdf)| pdf));
                 break;
             };
@@ -362,8 +364,19 @@ impl<'a> Tracer<'a> {
         self.unless(light, Ray::between(from, offset_origin(target, axis, self.scale)))
     }
 
-    /// `light`, or 0 if occluded.
+    /// The surface that a ray ends at.
+    fn closest(&self, ray: &Ray, rng: &mut Rng) -> Option<Hit> {
+        if !self.has_alpha {
+            return self.bvh.closest(ray);
+        }
+        self.bvh.closest_stop(self.scene, ray, |_| rng.next_f32())
+    }
+
+    /// `light` as far as it passes the surfaces on its way.
     fn unless(&self, light: Vec3, shadow: Ray) -> Vec3 {
+        if self.has_alpha && light.max_element() > 0.0 {
+            return light * self.bvh.transmittance(self.scene, &shadow);
+        }
         if light.max_element() > 0.0 && !self.bvh.occluded(&shadow) { light } else { Vec3::ZERO }
     }
 }

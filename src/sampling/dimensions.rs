@@ -34,6 +34,7 @@
 //! | [`EYE_LOBE`] | direction along a lobe that an eye path follows, and whether it does: mirrors, glass and lobes so far, 0 to 2 |
 //! | [`FIRST_LIGHT`] | scrambling of the points of the lights on emitters: class of pixels, dimension |
 //! | [`LISTS`] | choice of the lights of clusters: pass, 0, and the light; of regions: pass, 4; representatives: corner of the cluster, 1, for regions 3 |
+//! | [`ALPHA`]   | whether a surface that lets rays pass stops one: triangle, direction |
 //! | [`PHOTON`]  | Cranley-Patterson rotation of the photons: dimension, 0   |
 //! | [`PHOTON_SIDE`] | side of a two-sided emitter: photon, 0                |
 //! | [`WALK_COMPONENT`] | transmission, reflection or base: particle, reflection and mirrors and glass so far |
@@ -92,6 +93,8 @@ pub const FIRST_LIGHT: u32 = 16;
 pub const LISTS: u32 = 17;
 /// Stream: near rays that go on from hits that no pixel shows, and their directions.
 pub const NEAR: u32 = 18;
+/// Stream: whether a surface that lets rays pass stops one.
+pub const ALPHA: u32 = 19;
 /// Stream: rotation of the photons' sequence.
 pub const PHOTON: u32 = 20;
 /// Stream: side of a two-sided emitter that a photon leaves.

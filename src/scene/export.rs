@@ -9,7 +9,7 @@ use glam::{DVec3, Mat4, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::{Camera, Light, Material, Scene, Surface, Texture, Wrap};
+use super::{Alpha, Camera, Light, Material, Scene, Surface, Texture, Wrap};
 use crate::error::{Error, Result};
 use crate::output::write_file;
 
@@ -388,8 +388,13 @@ fn sampler(texture: &Texture) -> Value {
 fn material(m: &Material) -> Value {
     let mirror = m.surface == Surface::Mirror;
     let color = if mirror { m.specular } else { m.base_color };
+    let (alpha_mode, opacity) = match m.alpha {
+        Alpha::Opaque => ("OPAQUE", 1.0),
+        Alpha::Mask { opacity, .. } => ("MASK", opacity),
+        Alpha::Blend { opacity } => ("BLEND", opacity),
+    };
     let mut pbr = json!({
-        "baseColorFactor": vector(color.extend(1.0).to_array()),
+        "baseColorFactor": vector(color.extend(opacity).to_array()),
         "metallicFactor": number(if mirror { 1.0 } else { m.metallic }),
         "roughnessFactor": number(match m.surface {
             Surface::Mirror => 0.0,
@@ -407,8 +412,12 @@ fn material(m: &Material) -> Value {
         "name": m.name,
         "pbrMetallicRoughness": pbr,
         "doubleSided": true,
+        "alphaMode": alpha_mode,
         "extras": extras(MaterialExtras::of(m)),
     });
+    if let Alpha::Mask { cutoff, .. } = m.alpha {
+        material["alphaCutoff"] = number(cutoff);
+    }
     if let Some(texture) = m.normal_texture {
         material["normalTexture"] = json!({ "index": texture, "scale": number(m.normal_scale) });
     }

@@ -5,6 +5,7 @@
 //! texture is replaced by its average. Lobes too smooth for point lights become ideal mirrors.
 
 use glam::{Vec2, Vec3};
+use gltf::material::AlphaMode;
 use gltf::texture::WrappingMode;
 use gltf::{buffer, image};
 
@@ -12,7 +13,7 @@ use super::export::MaterialExtras;
 use super::gltf::{Reader, ours};
 use super::gltf_accessor::reason;
 use super::gltf_extensions::WEBP;
-use super::{MIN_ROUGHNESS, Material, Surface, Texture, Wrap};
+use super::{Alpha, MIN_ROUGHNESS, Material, Surface, Texture, Wrap};
 use crate::error::{Error, Result};
 
 /// A texture is read once for each use of an image: index, sRGB, wrap modes.
@@ -87,7 +88,7 @@ impl Reader<'_> {
             return Ok(index);
         }
         let pbr = material.pbr_metallic_roughness();
-        let [r, g, b, _] = pbr.base_color_factor();
+        let [r, g, b, opacity] = pbr.base_color_factor();
         let base_texture = match pbr.base_color_texture() {
             Some(info) => self.texture(&info.texture(), true)?,
             None => None,
@@ -119,8 +120,15 @@ impl Reader<'_> {
             }
             None => None,
         };
-        if material.alpha_mode() != gltf::material::AlphaMode::Opaque {
-            self.leave_out("alpha (such surfaces are opaque)");
+        let cutoff = material.alpha_cutoff().unwrap_or(0.5);
+        let alpha = match material.alpha_mode() {
+            AlphaMode::Opaque => Alpha::Opaque,
+            AlphaMode::Mask => Alpha::Mask { opacity, cutoff },
+            AlphaMode::Blend => Alpha::Blend { opacity },
+        };
+        let alpha = alpha.unless_opaque(base_texture.map(|texture| &self.scene.textures[texture as usize]));
+        if alpha != Alpha::Opaque && emission != Vec3::ZERO {
+            self.leave_out("alpha of surfaces that emit (they are opaque)");
         }
         if material.unlit() {
             self.leave_out("KHR_materials_unlit (such surfaces are lit)");
@@ -169,6 +177,7 @@ impl Reader<'_> {
             normal_texture,
             normal_scale: material.normal_texture().map_or(1.0, |info| info.scale()),
             specular,
+            alpha,
             emission,
             two_sided: material.double_sided(),
             ior: if ior == 0.0 { 1.5 } else { ior },

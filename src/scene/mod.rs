@@ -205,6 +205,31 @@ impl Scene {
         mapped_normal(texel, material.normal_scale, edges, uv_edges, normal)
     }
 
+    /// Whether some surface in use lets rays pass.
+    pub fn has_alpha(&self) -> bool {
+        let passes: Vec<bool> = self.materials.iter().map(Material::has_alpha).collect();
+        passes.contains(&true) && self.triangles.iter().any(|t| passes[t.material as usize])
+    }
+
+    /// Share of rays that a triangle stops at a point, by the weights of its corners.
+    pub fn coverage(&self, triangle: &Triangle, weights: [f32; 3]) -> f32 {
+        let material = &self.materials[triangle.material as usize];
+        if !material.has_alpha() {
+            return 1.0;
+        }
+        let texture = || {
+            material.base_texture.map_or(1.0, |texture| {
+                let uv: Vec2 = triangle.vertices.iter().zip(weights).map(|(&v, w)| self.uvs[v as usize] * w).sum();
+                sample_texture(&self.textures[texture as usize], uv.to_array()).w
+            })
+        };
+        match material.alpha {
+            Alpha::Opaque => 1.0,
+            Alpha::Mask { opacity, cutoff } => f32::from(opacity * texture() >= cutoff),
+            Alpha::Blend { opacity } => opacity * texture(),
+        }
+    }
+
     /// Area of triangle `i`.
     pub fn triangle_area(&self, i: usize) -> f32 {
         let [a, b, c] = self.triangle_positions(i);
@@ -284,6 +309,56 @@ pub enum Surface {
     Glass,
 }
 
+/// How much of a surface is there: rays pass the rest as if there were nothing, without a change of direction. The alpha of the base
+/// texture, where there is one, multiplies the opacity.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub enum Alpha {
+    /// All of it, whatever the texture's alpha.
+    #[default]
+    Opaque,
+    /// All where alpha is at least the cutoff, elsewhere nothing.
+    Mask {
+        /// Factor of alpha in [0, 1].
+        opacity: f32,
+        /// Least alpha that is there, not negative.
+        cutoff: f32,
+    },
+    /// The share alpha of it.
+    Blend {
+        /// Factor of alpha in [0, 1].
+        opacity: f32,
+    },
+}
+
+impl Alpha {
+    /// The same, or [`Alpha::Opaque`] if all of the surface is there, with this base texture.
+    pub(crate) fn unless_opaque(self, texture: Option<&Texture>) -> Alpha {
+        let least =
+            || texture.map_or(1.0, |t| f32::from(t.texels.iter().map(|texel| texel[3]).min().unwrap_or(255)) / 255.0);
+        let whole = match self {
+            Alpha::Opaque => true,
+            Alpha::Mask { opacity, cutoff } => opacity * least() >= cutoff,
+            Alpha::Blend { opacity } => opacity * least() >= 1.0,
+        };
+        if whole { Alpha::Opaque } else { self }
+    }
+
+    pub(super) fn check(self) -> std::result::Result<(), String> {
+        let (opacity, cutoff) = match self {
+            Alpha::Opaque => (1.0, 0.0),
+            Alpha::Mask { opacity, cutoff } => (opacity, cutoff),
+            Alpha::Blend { opacity } => (opacity, 0.0),
+        };
+        if !(0.0..=1.0).contains(&opacity) {
+            return Err(format!("opacity {opacity} must be in [0, 1]"));
+        }
+        if !(cutoff >= 0.0 && cutoff.is_finite()) {
+            return Err(format!("the cutoff of alpha, {cutoff}, must be 0 or more"));
+        }
+        Ok(())
+    }
+}
+
 /// A material: reflectance f_r = kd/pi + ks D G F / (4 cos cos').
 ///
 /// kd = base_color (1 - metallic) (1 - mean F), F0 = mix(specular, base_color, metallic), GGX alpha = roughness^2.
@@ -310,6 +385,8 @@ pub struct Material {
     pub normal_scale: f32,
     /// Reflectance at normal incidence of the dielectric part, in [0, 1]; 0 for a purely Lambertian material.
     pub specular: Vec3,
+    /// How much of the surface is there, unless it emits: emitters are opaque.
+    pub alpha: Alpha,
     /// Emitted radiance.
     pub emission: Vec3,
     /// Emits from both sides.
@@ -341,6 +418,7 @@ impl Default for Material {
             normal_texture: None,
             normal_scale: 1.0,
             specular: Vec3::ZERO,
+            alpha: Alpha::Opaque,
             emission: Vec3::ZERO,
             two_sided: false,
             ior: 1.5,
@@ -353,6 +431,11 @@ impl Default for Material {
 }
 
 impl Material {
+    /// Whether rays may pass.
+    pub fn has_alpha(&self) -> bool {
+        self.alpha != Alpha::Opaque && self.emission == Vec3::ZERO
+    }
+
     /// Mean over RGB of the reflectance kd + F0 seen by particles, at most 1; `averages` are those of the scene's textures.
     pub(crate) fn mean_albedo(&self, averages: &[Vec3]) -> f32 {
         let average = |texture: Option<u32>| texture.map_or(Vec3::ONE, |t| averages[t as usize]);

@@ -57,17 +57,18 @@ struct Parallel {
 impl Material {
     /// Whether flat faces of this material may be planar reflectors: on request, or for a mirror, a lobe narrow and strong
     /// enough to show images, or frosted glass of any roughness. Textures are ignored, only their factors count, but a
-    /// face with a normal map is not flat.
+    /// face with a normal map is not flat. One that lets rays pass is none either.
     pub fn may_reflect(&self) -> bool {
         let f0 = self.specular.lerp(self.base_color, self.metallic).element_sum() / 3.0;
         let shows = match self.surface {
             Surface::Opaque => f0 >= MIN_F0 && self.roughness * self.roughness <= MAX_ALPHA,
             Surface::Mirror => true,
             Surface::Glass => {
-                return frost(self).is_some() && self.reflector != Some(false) && self.base_color != Vec3::ZERO;
+                let wanted = self.reflector != Some(false) && !self.has_alpha();
+                return frost(self).is_some() && wanted && self.base_color != Vec3::ZERO;
             }
         };
-        self.reflector.unwrap_or(shows) && f0 > 0.0 && self.normal_texture.is_none()
+        self.reflector.unwrap_or(shows) && f0 > 0.0 && self.normal_texture.is_none() && !self.has_alpha()
     }
 }
 

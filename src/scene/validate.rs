@@ -192,6 +192,7 @@ impl Material {
         range("roughness", self.roughness, 0.0, 1.0)?;
         range("frost", self.frost, 0.0, 1.0)?;
         power("emission", self.emission, true)?;
+        self.alpha.check()?;
         // The range of Ni in MTL.
         range("ior", self.ior, 0.001, 10.0)
     }

@@ -135,7 +135,7 @@ fn edges_follow_their_oracle() {
                             let expected = camera_rays::reference(&moved, pixel as u32);
                             assert!(close(d, expected.direction, 1e-5, 1e-6), "ray {k} of {pixel}: {d}");
                             let hit = hit_of(hits[ray]);
-                            tally.check_hit(rig.bvh(), &expected, hit, || format!("ray {k} of pixel {pixel}"));
+                            tally.check_hit(&rig, &expected, hit, || format!("ray {k} of pixel {pixel}"));
                             let mirror = hit.filter(|hit| edges::is_plain_mirror(&scene, rig.bvh(), hit.triangle));
                             let (mut last, mut last_d) = (hit, d);
                             if let Some(mirror) = mirror {
@@ -146,7 +146,7 @@ fn edges_follow_their_oracle() {
                                 let scale = rig.bvh().typical_scale();
                                 let origin = offset_origin(rig.bvh().position(&mirror), n, scale);
                                 let onward = Ray::new(origin, d.reflect(n));
-                                tally.check_hit(rig.bvh(), &onward, last, || format!("ray {k} of {pixel} in a mirror"));
+                                tally.check_hit(&rig, &onward, last, || format!("ray {k} of {pixel} in a mirror"));
                             }
                             let own = shown(&rig, d, hit.as_ref(), mirror.map(|_| last.as_ref()));
                             let surface = last.map(|hit| surface_at(&scene, rig.bvh(), &hit, last_d));

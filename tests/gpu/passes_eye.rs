@@ -7,10 +7,12 @@ use lightsum::bsdf::ideal::Media;
 use lightsum::pass::eye_paths::{self, EyePath};
 use lightsum::pass::surface::surface_at;
 use lightsum::pass::{ShadingPoints, camera_rays};
-use lightsum::scene::{Scene, Surface, builtin};
+use lightsum::scene::{Alpha, Scene, Surface, builtin};
 use lightsum::settings::{Clip, Settings, Superposition};
 
-use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, has, hit_of, is_lit, ray_of, untouched, xyz};
+use crate::rig::{
+    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, gallery_with_alpha, has, hit_of, is_lit, ray_of, untouched, xyz,
+};
 use crate::support::gpu_test;
 
 /// Tolerance: a device's divisions, roots and powers are less exact than ours.
@@ -143,7 +145,7 @@ fn look(rig: &Rig) -> Vec<Option<Hit>> {
         assert!((directions[i].w - cos_view).abs() < 1e-6, "{what}, pixel {i}: {} for {cos_view}", directions[i].w);
         assert_eq!((through[i], emitted[i]), (Vec4::new(1.0, 1.0, 1.0, 0.0), Vec4::ZERO), "{what}, pixel {i}");
         let hit = hit_of(hits[i]);
-        traced.check_hit(rig.bvh(), &ray, hit, || format!("pixel {i}: {hit:?} of {ray:?}"));
+        traced.check_hit(rig, &ray, hit, || format!("pixel {i}: {hit:?} of {ray:?}"));
     }
     traced.finish(STRAYS);
 
@@ -220,6 +222,23 @@ fn camera_rays_trace_and_receivers_follow_their_oracles() {
     });
 }
 
+#[test]
+fn rays_through_surfaces_follow_their_oracles() {
+    gpu_test(|ctx| {
+        let scene = gallery_with_alpha();
+        let mut seen = vec![0; scene.materials.len()];
+        for (pass, resolution) in (0..).zip(AWKWARD_IMAGES) {
+            let settings = Settings { particles: 1, ..Settings::plain() };
+            let rig = Rig::at_pass(ctx, &scene, resolution, settings, pass);
+            let hits = look(&rig);
+            hits.iter().flatten().for_each(|hit| seen[rig.bvh().material(hit.triangle) as usize] += 1);
+        }
+        for (material, count) in scene.materials.iter().zip(&seen).filter(|(material, _)| material.has_alpha()) {
+            assert!(*count > 0, "material {material:?} is not seen");
+        }
+    });
+}
+
 /// The image of both sides of a sheet from close by.
 #[test]
 fn emission_of_each_side() {
@@ -243,7 +262,14 @@ fn emission_of_each_side() {
     });
 }
 
-/// Eye hits and irradiance of a scene with the work cut into rounds.
+/// A deep scene all of whose surfaces but its lamp let a fifth of the light pass.
+fn veiled(layers: u32) -> Scene {
+    let mut scene = builtin::deep_scene(layers);
+    scene.materials.iter_mut().for_each(|m| m.alpha = Alpha::Blend { opacity: 0.8 });
+    scene
+}
+
+/// Eye hits, and irradiance at the shading points, of a scene with the work cut into rounds.
 fn in_rounds(ctx: &lightsum::gpu::Context, scene: &Scene, loop_budget: u32, rounds: u32) -> [Vec<[u32; 4]>; 3] {
     let settings = Settings {
         particles: 3,
@@ -258,22 +284,29 @@ fn in_rounds(ctx: &lightsum::gpu::Context, scene: &Scene, loop_budget: u32, roun
     rig.light();
     assert_eq!(rig.lost(), 0, "with {loop_budget} iterations and {rounds} rounds");
     let sums = &rig.frame().shade.lighting;
-    [&rig.frame().eye.rays.hits, &sums.direct, &sums.indirect].map(|b| rig.get(b))
+    // Sums of pixels without a shading point are not written.
+    let points = rig.list(0);
+    let at_points = |b| {
+        let all: Vec<[u32; 4]> = rig.get(b);
+        points.iter().map(|&slot| all[slot as usize]).collect()
+    };
+    [rig.get(&rig.frame().eye.rays.hits), at_points(&sums.direct), at_points(&sums.indirect)]
 }
 
 #[test]
 fn rays_carried_on_over_many_rounds_end_alike() {
     gpu_test(|ctx| {
-        let scene = builtin::deep_scene(60);
-        let at_once = in_rounds(ctx, &scene, lightsum::plan::LOOP_BUDGET, 1);
-        // Two steps a round.
-        let in_many = in_rounds(ctx, &scene, lightsum::plan::min_loop_budget(1), 100);
-        assert_eq!(lightsum::plan::trace_steps(18), 2);
-        assert_eq!(lightsum::plan::shade_steps(1, 18), 2);
-        assert!(at_once == in_many, "hits or sums depend on the rounds");
-        assert!(
-            at_once[1].iter().any(|e| f32::from_bits(e[0]) > 0.0)
-                && at_once[2].iter().any(|e| f32::from_bits(e[0]) > 0.0)
-        );
+        for scene in [builtin::deep_scene(60), veiled(60)] {
+            let at_once = in_rounds(ctx, &scene, lightsum::plan::LOOP_BUDGET, 1);
+            // Two steps a round.
+            let in_many = in_rounds(ctx, &scene, lightsum::plan::min_loop_budget(1), 100);
+            assert_eq!(lightsum::plan::trace_steps(18), 2);
+            assert_eq!(lightsum::plan::shade_steps(1, 18), 2);
+            assert!(at_once == in_many, "hits or sums depend on the rounds");
+            assert!(
+                at_once[1].iter().any(|e| f32::from_bits(e[0]) > 0.0)
+                    && at_once[2].iter().any(|e| f32::from_bits(e[0]) > 0.0)
+            );
+        }
     });
 }

@@ -14,7 +14,8 @@ use lightsum::settings::{Clip, Sequence, Settings, Traversal};
 use lightsum::stage::Stage;
 
 use crate::rig::{
-    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, has, hit_of, is_lit, make, ray_of, sine_error, untouched, xyz,
+    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, gallery_with_alpha, has, hit_of, is_lit, make, ray_of,
+    sine_error, untouched, xyz,
 };
 use crate::support::gpu_test;
 
@@ -114,7 +115,7 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
         let values = [(ray.origin, expected.origin), (ray.direction, expected.direction)];
         tally.check_values(same, &values, || format!("pixel {i}: {ray:?} for {expected:?}"));
         let hit = hit_of(hits[i]);
-        traced.check_hit(rig.bvh(), &ray, hit, || format!("pixel {i}: {hit:?} of {ray:?}"));
+        traced.check_hit(rig, &ray, hit, || format!("pixel {i}: {hit:?} of {ray:?}"));
         // The fraction of the light that clipping removes.
         let clip = p.up[3];
         let share = hit.map_or(0.0, |h| (1.0 - h.t * h.t / (clip * clip)).max(0.0));
@@ -203,7 +204,8 @@ pub fn check_shade(rig: &Rig, bounce: usize) {
     let mut tally = Tally::new(format!("shade, {}x{}, bounce {bounce}", p.size[0], p.size[1]));
     for i in 0..receivers.len() {
         if listed.binary_search(&(i as u32)).is_ok() {
-            let expected = shade::reference(rig.bvh(), &receivers[i], &lights_of(i as u32), p.right[3], p.forward[3]);
+            let expected =
+                shade::reference(rig.scene, rig.bvh(), &receivers[i], &lights_of(i as u32), p.right[3], p.forward[3]);
             let found = at(&found, i);
             let values = [0, 1, 2].map(|k| (found[k], expected[k]));
             tally.check_values(alike(found, expected, LOBE), &values, || {
@@ -253,6 +255,44 @@ fn check_collect(rig: &Rig, bounce: usize) {
     }
 }
 
+/// With a long clipping distance, so that most gather rays hit something.
+fn of_bounces() -> Settings {
+    Settings { particles: 9, max_depth: 4, clip: Clip::Distance(1.2), seed: 3, ..Settings::plain() }
+}
+
+/// Runs the walk, the eye stage and all bounces, and compares shading and gather rays.
+fn check_bounces(rig: &Rig, sine: f32) -> Seen {
+    rig.walk_and_look();
+    let mut seen = Seen::default();
+    for bounce in 0..4 {
+        if bounce > 0 {
+            check_gather(rig, bounce, sine, &mut seen);
+        }
+        check_shade(rig, bounce);
+        if bounce > 0 {
+            check_collect(rig, bounce);
+        }
+        assert_eq!(rig.lost(), 0);
+    }
+    for (k, sum) in sums(rig, &rig.frame().shade.lighting).iter().enumerate() {
+        seen.sums[k] = rig.list(0).len().min(sum.iter().filter(|s| !untouched(**s) && s.x > 0.0).count());
+    }
+    seen
+}
+
+#[test]
+fn surfaces_that_let_light_pass_follow_their_oracles() {
+    gpu_test(|ctx| {
+        let scene = gallery_with_alpha();
+        let sine = sine_error(ctx, &scene);
+        for resolution in AWKWARD_IMAGES {
+            let rig = Rig::new(ctx, &scene, resolution, Settings { pattern: [2, 1], ..of_bounces() });
+            assert!(rig.engine.device_scene().wide_nodes.is_none());
+            check_bounces(&rig, sine);
+        }
+    });
+}
+
 #[test]
 fn shade_gather_and_collect_follow_their_oracles() {
     gpu_test(|ctx| {
@@ -263,26 +303,8 @@ fn shade_gather_and_collect_follow_their_oracles() {
         let sequence = |i: usize| if i == 7 { Sequence::Sobol } else { Sequence::Halton };
         let images = AWKWARD_IMAGES.into_iter().chain([[31, 17]; 3]).zip(patterns.into_iter().cycle());
         for (i, (resolution, pattern)) in images.enumerate() {
-            // A long clipping distance, so that most gather rays hit something.
-            let (clip, sequence) = (Clip::Distance(1.2), sequence(i));
-            let settings =
-                Settings { particles: 9, pattern, max_depth: 4, clip, sequence, seed: 3, ..Settings::plain() };
-            let rig = Rig::new(ctx, &scene, resolution, settings);
-            rig.walk_and_look();
-            let mut seen = Seen::default();
-            for bounce in 0..4 {
-                if bounce > 0 {
-                    check_gather(&rig, bounce, sine, &mut seen);
-                }
-                check_shade(&rig, bounce);
-                if bounce > 0 {
-                    check_collect(&rig, bounce);
-                }
-                assert_eq!(rig.lost(), 0);
-            }
-            for (k, sum) in sums(&rig, &rig.frame().shade.lighting).iter().enumerate() {
-                seen.sums[k] = rig.list(0).len().min(sum.iter().filter(|s| !untouched(**s) && s.x > 0.0).count());
-            }
+            let settings = Settings { pattern, sequence: sequence(i), ..of_bounces() };
+            let seen = check_bounces(&Rig::new(ctx, &scene, resolution, settings), sine);
             if resolution[0] > 600 {
                 let all = [seen.gathered, seen.lit, seen.specular, seen.sums[0], seen.sums[1], seen.sums[2]];
                 assert!(all.iter().all(|&n| n > 50), "{seen:?}");
@@ -314,7 +336,8 @@ fn effects(rig: &Rig, light: &PointLight) -> Effects {
         if sent == Vec3::ZERO || wi.dot(r.shading) <= 0.0 || wi.dot(r.geometric) <= 0.0 {
             continue;
         }
-        let occluded = rig.bvh().occluded(&Ray { origin: r.position, t_max: 1.0, direction: d });
+        let shadow_ray = Ray { origin: r.position, t_max: 1.0, direction: d };
+        let occluded = rig.bvh().transmittance(rig.scene, &shadow_ray) == 0.0;
         effects.shadowed += usize::from(occluded);
         effects.lit += usize::from(!occluded);
         effects.clipped += usize::from(!parallel && !occluded && d.length_squared() < clip2);
@@ -389,7 +412,7 @@ fn shade_each_kind(ctx: &Context, traversal: Traversal) {
             let segments = ShadingPoints::flags(words[i].w) / ShadingPoints::ONE_SEGMENT;
             let in_reach = light.f0[3] as u32 + segments + 2 <= p.scene[2];
             let lights: &[PointLight] = if in_reach { &[light] } else { &[] };
-            let expected = shade::reference(rig.bvh(), &receivers[i], lights, p.right[3], p.forward[3]);
+            let expected = shade::reference(rig.scene, rig.bvh(), &receivers[i], lights, p.right[3], p.forward[3]);
             let values = [0, 1, 2].map(|k| (at(&found, i)[k], expected[k]));
             tally.check_values(alike(at(&found, i), expected, indirect), &values, || {
                 format!("{i}: {:?} for {expected:?}", at(&found, i))

@@ -65,8 +65,9 @@ fn more_work_than_the_driver_lets_one_dispatch_do() {
             };
             let (reached, total) = reach(&rig, &receiver, &lights);
             assert!(total > 20 * DRIVER_CAP, "pixel {i} needs {total} iterations only");
-            let whole = shade::reference(rig.bvh(), &receiver, &lights, 0.0, rig.parameters.forward[3]);
-            let cut = shade::reference(rig.bvh(), &receiver, &lights[..reached], 0.0, rig.parameters.forward[3]);
+            let whole = shade::reference(rig.scene, rig.bvh(), &receiver, &lights, 0.0, rig.parameters.forward[3]);
+            let cut =
+                shade::reference(rig.scene, rig.bvh(), &receiver, &lights[..reached], 0.0, rig.parameters.forward[3]);
             let sum = |s: [Vec3; 3]| s[0] + s[1];
             assert!(sum(cut).x < 0.5 * sum(whole).x, "pixel {i}: {reached} lights would do: {cut:?} of {whole:?}");
             // Thousands of additions in the same order, and a few shadow rays through edges.

@@ -186,7 +186,7 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
     for &slot in &listed {
         let i = slot as usize;
         let (hit, ray) = (hit_of(after.hits[i]), ray_of(after.origin[i], after.direction[i]));
-        traced.check_hit(rig.bvh(), &ray, hit, || format!("slot {slot}: {hit:?} of {ray:?}"));
+        traced.check_hit(rig, &ray, hit, || format!("slot {slot}: {hit:?} of {ray:?}"));
     }
     traced.finish(STRAYS);
     for slot in (0..slots).filter(|s| !expected.contains_key(s)) {

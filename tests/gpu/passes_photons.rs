@@ -110,7 +110,7 @@ fn check_start(rig: &Rig, what: &str, sine: f32) -> usize {
         tally.check_values(same, values, || format!("photon {i}: {ray:?} {flux} for {oracle:?}"));
         assert_eq!(state.position[i], Vec4::ZERO, "{what}: photon {i} is not stored yet");
         if ray.t_max > 0.0 {
-            traced.check_hit(rig.bvh(), &ray, hit_of(state.hits[i]), || format!("photon {i}: {ray:?}"));
+            traced.check_hit(rig, &ray, hit_of(state.hits[i]), || format!("photon {i}: {ray:?}"));
         }
     }
     // A cone's solid angle contains the sine of its angle: the flux of three photons of 2039 is 0.3 % off on SwiftShader.

@@ -14,7 +14,8 @@ use lightsum::settings::{Sequence, Settings};
 use lightsum::stage::Stage;
 
 use crate::rig::{
-    Rig, SINE, STRAYS, Tally, close, gallery, gallery_outdoors, hit_of, ray_of, sine_error, untouched, xyz,
+    Rig, SINE, STRAYS, Tally, close, gallery, gallery_outdoors, gallery_with_alpha, hit_of, ray_of, sine_error,
+    untouched, xyz,
 };
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
@@ -155,7 +156,7 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
         let mut check_trace = |[hits, origins, directions, _]: &[Vec<Vec4>; 4], who: &[usize]| {
             for &n in who {
                 let (hit, ray) = (hit_of(hits[n]), ray_of(origins[n], directions[n]));
-                traced.check_hit(rig.bvh(), &ray, hit, || format!("particle {n}: {hit:?} of {ray:?}"));
+                traced.check_hit(&rig, &ray, hit, || format!("particle {n}: {hit:?} of {ray:?}"));
             }
         };
         let mut before = state();
@@ -263,6 +264,8 @@ fn walk_start_and_walk_reflect_follow_their_oracles() {
 #[test]
 fn the_walk_of_each_class_follows_its_oracles() {
     gpu_test(|ctx| {
+        let scene = gallery_with_alpha();
+        follow(ctx, &scene, settings(2049, false));
         let scene = gallery();
         for (paths, pattern) in [(1, [8, 8]), (27, [3, 3]), (64, [2, 1]), (683, [1, 3])] {
             follow(ctx, &scene, interleaved(paths, pattern, paths == 27));

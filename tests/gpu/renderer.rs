@@ -7,7 +7,7 @@ use lightsum::estimate::relative_error;
 use lightsum::gpu::Context;
 use lightsum::output::{Layers, Wanted};
 use lightsum::path_trace::{Options, SpecularPaths};
-use lightsum::scene::{self, Camera, Material, Scene, Texture, Wrap, builtin};
+use lightsum::scene::{self, Alpha, Camera, Material, Scene, Texture, Wrap, builtin};
 use lightsum::settings::{Clip, Compensation, Sequence, Settings, Traversal};
 
 use crate::references;
@@ -185,6 +185,37 @@ fn normal_maps_and_vertex_colors_against_the_path_tracer() {
         soup.0.colors = soup.0.positions.iter().map(color).collect();
         let camera = camera(Vec3::new(1.0, 0.9, 0.05), Vec3::new(1.0, 0.3, 1.5), 75.0, [32, 24]);
         agrees_at_depths(ctx, &soup.0, camera);
+    });
+}
+
+#[test]
+fn leaves_and_panes_against_the_path_tracer() {
+    gpu_test(|ctx| {
+        let mut soup = Soup::new("leaves and panes");
+        let floor = soup.diffuse(0.7, 0.0);
+        room(&mut soup, floor);
+        // A disc in each quarter of the card.
+        let texel = |i: u32| {
+            let (x, y) = (i % 32 % 16, i / 32 % 16);
+            let (dx, dy) = (x as f32 - 7.5, y as f32 - 7.5);
+            [90, 200, 80, if dx * dx + dy * dy < 36.0 { 255 } else { 0 }]
+        };
+        let texels = (0..32 * 32).map(texel).collect();
+        soup.0.textures.push(Texture { width: 32, height: 32, texels, ..checkers() });
+        let leaf = Alpha::Mask { opacity: 1.0, cutoff: 0.5 };
+        let leaf = soup.material(Material { base_texture: Some(0), alpha: leaf, ..Material::default() });
+        soup.quad(Vec3::new(0.2, 0.9, 0.7), Vec3::X * 0.8, Vec3::new(0.0, 0.1, 0.8), leaf);
+        let pane = Alpha::Blend { opacity: 0.2 };
+        let pane = soup.material(Material { base_color: Vec3::new(0.3, 0.5, 0.9), alpha: pane, ..Material::default() });
+        for k in 0..10 {
+            soup.quad(Vec3::new(1.1, 0.1, 0.8 + 0.08 * k as f32), Vec3::X * 0.6, Vec3::Y * 0.8, pane);
+        }
+        let camera = camera(Vec3::new(1.0, 0.9, 0.05), Vec3::new(1.0, 0.5, 1.5), 75.0, [32, 24]);
+        // Of the panes each pass shows one or another.
+        for (depth, energy, rmse) in [(2, 0.003, 0.03), (5, 0.01, 0.06)] {
+            let image = render(ctx, &soup.0, camera, &settings(32, depth), 512);
+            agrees("leaves and panes", &image.color, &path_traced(&soup.0, &camera, 2048, depth), energy, rmse);
+        }
     });
 }
 

@@ -14,8 +14,8 @@ use lightsum::frame::Frame;
 use lightsum::gpu::{Buffer, Context, Recorder, Resources, Staging, download};
 use lightsum::pass::clusters::NO_POINT;
 use lightsum::pass::eye_paths::Plane;
-use lightsum::pass::{Kit, List, ShadingPoints, layout, walk_start};
-use lightsum::scene::{Camera, Environment, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
+use lightsum::pass::{Kit, List, ShadingPoints, layout, trace, walk_start};
+use lightsum::scene::{Alpha, Camera, Environment, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
 use lightsum::settings::{Settings, Traversal};
 use lightsum::stage::{Compensation, Stage};
 use lightsum::superposition::kernels::KernelLibrary;
@@ -198,7 +198,8 @@ impl<'a> Rig<'a> {
 pub fn make<T>(ctx: &Context, shared: Resources, pass: impl FnOnce(&Kit) -> lightsum::Result<T>) -> T {
     let mut staging = Staging::new();
     let (uploads, traversal) = (RefCell::new(&mut staging), Traversal::Auto);
-    let made = pass(&Kit { context: ctx, staging: uploads, shared, textured: false, traversal }).unwrap();
+    let made =
+        pass(&Kit { context: ctx, staging: uploads, shared, textured: false, has_alpha: false, traversal }).unwrap();
     ctx.submit_and_wait("uploads", None, |rec| staging.record(rec)).unwrap();
     made
 }
@@ -319,8 +320,9 @@ impl Tally {
     }
 
     /// Compares the hit of a ray with the closest one. A hit that differs lies on the ray and in its triangle.
-    pub fn check_hit(&mut self, bvh: &Bvh, ray: &Ray, hit: Option<Hit>, say: impl FnOnce() -> String) {
-        let holds = same_hit(hit, bvh.closest(ray));
+    pub fn check_hit(&mut self, rig: &Rig, ray: &Ray, hit: Option<Hit>, say: impl FnOnce() -> String) {
+        let bvh = rig.bvh();
+        let holds = same_hit(hit, trace::reference(rig.scene, bvh, ray, rig.parameters.keys[0]));
         if !holds && let Some(hit) = hit {
             let off = (bvh.position(&hit) - ray.origin - ray.direction * hit.t).length();
             let inside = hit.u >= -1e-3 && hit.v >= -1e-3 && hit.u + hit.v <= 1.0 + 2e-3;
@@ -509,6 +511,46 @@ pub fn gallery_outdoors() -> Scene {
 
 /// A room four units wide, open at the camera and in a corner, with every kind of material, texture and light.
 pub fn gallery() -> Scene {
+    gallery_and(|_| ())
+}
+
+/// The gallery with surfaces that let rays pass: leaves, a curtain, veils one behind another, and half a mirror.
+pub fn gallery_with_alpha() -> Scene {
+    gallery_and(|b| {
+        let pattern = b.texture(true, [Wrap::Repeat, Wrap::Mirror]);
+        for (i, texel) in b.0.textures[pattern as usize].texels.iter_mut().enumerate() {
+            texel[3] = [0, 255, 100, 200, 30][i % 5];
+        }
+        let base_texture = Some(pattern);
+        let mask = Alpha::Mask { opacity: 0.9, cutoff: 0.4 };
+        let leaf = b.material(Material { base_texture, alpha: mask, ..Material::default() });
+        let curtain = Alpha::Blend { opacity: 0.7 };
+        let curtain = b.material(Material {
+            base_texture,
+            alpha: curtain,
+            roughness: 0.4,
+            specular: Vec3::splat(0.1),
+            ..Material::default()
+        });
+        let veil = b.material(Material { alpha: Alpha::Blend { opacity: 0.3 }, ..Material::default() });
+        let half = Alpha::Blend { opacity: 0.5 };
+        let half_mirror = b.material(Material {
+            surface: Surface::Mirror,
+            specular: Vec3::splat(0.8),
+            alpha: half,
+            ..Material::default()
+        });
+        let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+        b.quad(Vec3::new(-1.6, 0.2, -0.4), x * 1.3 + z * 0.2, y * 1.2, leaf, 2.3);
+        b.quad(Vec3::new(0.3, 0.3, -0.7), x * 1.1, y * 1.1 + z * 0.1, curtain, 1.6);
+        for k in 0..3 {
+            b.quad(Vec3::new(-0.6, 0.9, -0.9 + 0.2 * k as f32), x * 1.2, y * 0.7, veil, 1.0);
+        }
+        b.quad(Vec3::new(-0.5, 0.05, -0.3), x * 0.9, y * 0.6, half_mirror, 1.0);
+    })
+}
+
+fn gallery_and(more: impl FnOnce(&mut Builder)) -> Scene {
     let mut b = Builder::default();
     let plain = Material::default;
     let rgb = Vec3::new;
@@ -579,6 +621,7 @@ pub fn gallery() -> Scene {
     b.triangle([rgb(1.2, 2.1, 1.0), rgb(1.8, 2.1, 1.0), rgb(1.5, 2.1, 1.6)], lamp);
     b.triangle([rgb(-1.0, 2.0, 1.2), rgb(-0.6, 1.7, 1.5), rgb(-1.1, 1.5, 1.4)], sheet);
     listed_lights(&mut b, glow);
+    more(&mut b);
     // Codes of colours are exact for these.
     let color = |i: usize| Vec3::from_array([i % 3, i % 5, i % 7].map(|k| ((1023 - 60 * k) as f32 / 1023.0).powi(2)));
     b.0.colors = (0..b.0.positions.len()).map(color).collect();

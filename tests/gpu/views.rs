@@ -317,7 +317,7 @@ fn check_texels(ctx: &Context, scene: &Scene, engine: &Engine, atlas: &Atlas) {
             wo: -d,
         };
         let parameters = engine.plan().parameters(0).unwrap();
-        let [e_direct, e_indirect, _] = shade::reference(bvh, &receiver, &lights, 0.0, parameters.forward[3]);
+        let [e_direct, e_indirect, _] = shade::reference(scene, bvh, &receiver, &lights, 0.0, parameters.forward[3]);
         for (found, expected) in [(direct[i], e_direct), (indirect[i], e_indirect)] {
             compared += 1;
             if !close(found.truncate(), expected, 2e-3, 1e-5 * (1.0 + expected.max_element())) {

@@ -71,7 +71,7 @@ impl Bench {
 
     /// Whether device and scene support clusters.
     pub fn has_clusters(&self) -> bool {
-        TraversalKernels::shade(&self.context, Traversal::Auto).is_ok_and(|kernels| kernels.cluster.is_some())
+        TraversalKernels::shade(&self.context, Traversal::Auto, false).is_ok_and(|kernels| kernels.cluster.is_some())
             && self.engine.device_scene().wide_nodes.is_some()
     }
 

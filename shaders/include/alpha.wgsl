@@ -1,0 +1,29 @@
+// Surfaces that let rays pass. Needs triangle.wgsl and math.wgsl. CPU twin: accel::alpha.
+#include "material.wgsl"
+#include "texture.wgsl"
+
+@group(0) @binding(21) var<storage, read> triangle_uvs: array<vec4<f32>>;
+@group(0) @binding(22) var<storage, read> materials: array<MaterialRecord>;
+@group(0) @binding(23) var<storage, read> textures: array<TextureRecord>;
+@group(0) @binding(24) var<storage, read> texels: array<u32>;
+
+// Share of rays that a triangle stops at barycentric coordinates u and v of its second and third corner.
+fn coverage_at(triangle: u32, u: f32, v: f32) -> f32 {
+    let material = materials[bitcast<u32>(triangle_v0[triangle].w)];
+    var alpha = bitcast<f32>(material.normal.z);
+    let patterned = (material.flags.w & MATERIAL_ALPHA) != 0u && material.flags.x != 0u;
+    for (var j = select(0u, 1u, patterned); j > 0u; j -= 1u) {
+        let uvs = triangle_uvs[2u * triangle];
+        let more = triangle_uvs[2u * triangle + 1u];
+        alpha *= sample_texture(material.flags.x - 1u, (1.0 - u - v) * uvs.xy + u * uvs.zw + v * more.xy).w;
+    }
+    let cutoff = bitcast<f32>(material.normal.w);
+    return select(alpha, select(0.0, 1.0, alpha >= cutoff), cutoff >= 0.0);
+}
+
+// Whether a triangle stops a ray: chosen anew for each pass, direction and triangle, as often as the triangle covers.
+fn is_stopped(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> bool {
+    let coverage = coverage_at(triangle, u, v);
+    let bits = bitcast<vec3<u32>>(d);
+    return coverage >= 1.0 || random(key(frame.keys.x, STREAM_ALPHA, triangle, hash(bits.x ^ hash(bits.y ^ hash(bits.z))))) < coverage;
+}

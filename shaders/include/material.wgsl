@@ -1,0 +1,18 @@
+// Materials. Host twin: pass::layout::MaterialRecord.
+
+struct MaterialRecord {
+    base: vec4<f32>,        // base colour; w: metallic
+    specular: vec4<f32>,    // dielectric reflectance at normal incidence; w: roughness
+    emission: vec4<f32>,    // radiance; w: index of refraction
+    flags: vec4<u32>,       // base texture + 1, metallic-roughness texture + 1, kind of surface, bits below
+    normal: vec4<u32>,      // normal texture + 1, bits of its scale, of the opacity and of the cutoff of alpha (negative: none)
+}
+
+const MATERIAL_TWO_SIDED: u32 = 1u; // emits on both sides
+const MATERIAL_SHINY: u32 = 2u;     // its lobe may be narrow enough for eye paths to follow
+const MATERIAL_ALPHA: u32 = 4u;     // rays may pass
+
+const SURFACE_OPAQUE: u32 = 0u;
+const SURFACE_MIRROR: u32 = 1u;
+const SURFACE_GLASS: u32 = 2u;
+const SURFACE_PANE: u32 = 3u;       // thin glass
