@@ -3,7 +3,8 @@
 //! Nodes are flattened into world space; their transforms are composed in double precision. Each is single precision in
 //! the file, as are vertices within their node, so that a far scene keeps its precision only if its distance is in a
 //! node's translation. Used: triangles, strips and fans with normals and one set of texture coordinates, instances
-//! (EXT_mesh_gpu_instancing), quantized attributes (KHR_mesh_quantization), skins and morph targets at rest, animations
+//! (EXT_mesh_gpu_instancing), quantized attributes (KHR_mesh_quantization), compressed ones
+//! ([`super::gltf_compressed`]), skins and morph targets at rest, animations
 //! ([`super::gltf_animation`]), KHR_lights_punctual, perspective cameras, and the materials of [`super::gltf_material`].
 
 use std::cell::Cell;

@@ -11,13 +11,21 @@ use crate::error::{Error, Result};
 pub(super) const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 /// WebP images.
 pub(super) const WEBP: &str = "EXT_texture_webp";
+/// Views compressed by meshoptimizer.
+pub(super) const MESHOPT: &str = "EXT_meshopt_compression";
+/// Meshes compressed by Draco.
+pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
+/// Images in KTX 2.0 files.
+pub(super) const BASISU: &str = "KHR_texture_basisu";
 /// Integers as attributes.
 const QUANTIZATION: &str = "KHR_mesh_quantization";
 
 /// Extensions that the loader reads, at least in part; it tells which part of one it leaves out.
-const READ: [&str; 12] = [
+const READ: [&str; 14] = [
     INSTANCING,
+    MESHOPT,
     WEBP,
+    DRACO,
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
@@ -26,7 +34,7 @@ const READ: [&str; 12] = [
     "KHR_materials_unlit",
     "KHR_materials_volume",
     QUANTIZATION,
-    "KHR_texture_basisu",
+    BASISU,
     "KHR_texture_transform",
 ];
 

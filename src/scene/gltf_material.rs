@@ -1,7 +1,7 @@
 //! Materials and textures of glTF models.
 //!
 //! Metallic-roughness materials with normal maps, KHR_materials_emissive_strength, _ior, _specular, _transmission and _volume (a
-//! thickness above 0 makes a body of glass, else it is a pane); KHR_texture_transform; EXT_texture_webp. An emission
+//! thickness above 0 makes a body of glass, else it is a pane); KHR_texture_transform; EXT_texture_webp; KHR_texture_basisu. An emission
 //! texture is replaced by its average. Lobes too smooth for point lights become ideal mirrors.
 
 use glam::{Vec2, Vec3};
@@ -12,7 +12,7 @@ use gltf::{buffer, image};
 use super::export::MaterialExtras;
 use super::gltf::{Reader, ours};
 use super::gltf_accessor::reason;
-use super::gltf_extensions::WEBP;
+use super::gltf_extensions::{BASISU, WEBP};
 use super::{Alpha, MIN_ROUGHNESS, Material, Surface, Texture, Wrap};
 use crate::error::{Error, Result};
 
@@ -205,14 +205,17 @@ impl Reader<'_> {
     /// Index of a texture in the scene; `None` if its image is of a kind that is not read.
     fn texture(&mut self, texture: &gltf::Texture, srgb: bool) -> Result<Option<u32>> {
         let webp = || texture.extension_value(WEBP)?.get("source")?.as_u64();
-        let image = match (texture.source(), webp()) {
+        let basisu = || texture.extension_value(BASISU)?.get("source")?.as_u64();
+        let image = match (texture.source(), webp().or_else(basisu)) {
             (Some(image), _) => image,
             (None, Some(index)) => {
                 let image = usize::try_from(index).ok().and_then(|i| self.document.images().nth(i));
                 image.ok_or_else(|| self.error(format!("texture {}: there is no image {index}", texture.index())))?
             }
             (None, None) => {
-                self.leave_out("textures without a PNG, JPEG or WebP image (such surfaces have their plain colour)");
+                self.leave_out(
+                    "textures without a PNG, JPEG, WebP or KTX 2.0 image (such surfaces have their plain colour)",
+                );
                 return Ok(None);
             }
         };
