@@ -74,8 +74,7 @@ pub struct DeviceScene {
     pub node_min: Buffer,
     /// Upper corners of the nodes, and leaf words.
     pub node_max: Buffer,
-    /// Nodes of the eight-wide hierarchy; `None` if it is not used, or deeper than the kernel's stack, or if some surfaces let
-    /// rays pass: clusters stop at every surface.
+    /// Nodes of the eight-wide hierarchy; `None` if it is not used, or deeper than the kernel's stack.
     pub wide_nodes: Option<Buffer>,
     /// First vertices, in the order of the leaves.
     pub v0: Buffer,
@@ -219,7 +218,7 @@ impl DeviceScene {
     ) -> Result<DeviceScene> {
         let emitters = Emitters::of(scene, scene.emitters_are_lights)?;
         let has_alpha = scene.has_alpha();
-        let wide_nodes = match wide.filter(|wide| !has_alpha && fits_kernel(wide)) {
+        let wide_nodes = match wide.filter(|wide| fits_kernel(wide)) {
             Some(wide) => Some(staging.stage(context, "scene wide nodes", &wide.nodes)?),
             None => None,
         };

@@ -7,6 +7,14 @@
 @group(0) @binding(23) var<storage, read> textures: array<TextureRecord>;
 @group(0) @binding(24) var<storage, read> texels: array<u32>;
 
+// Visits of triangles by a cluster of rays whose loops are as long as those over a triangle that lets rays pass. Host twin:
+// plan::ALPHA_VISITS.
+const ALPHA_VISITS: u32 = 8u;
+
+fn has_alpha(triangle: u32) -> bool {
+    return (materials[bitcast<u32>(triangle_v0[triangle].w)].flags.w & MATERIAL_ALPHA) != 0u;
+}
+
 // Share of rays that a triangle stops at barycentric coordinates u and v of its second and third corner.
 fn coverage_at(triangle: u32, u: f32, v: f32) -> f32 {
     let material = materials[bitcast<u32>(triangle_v0[triangle].w)];

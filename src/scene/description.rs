@@ -197,6 +197,8 @@ struct MaterialEntry {
     metallic: Option<f32>,
     roughness: Option<f32>,
     specular: Option<Vec3>,
+    opacity: Option<f32>,
+    alpha_cutoff: Option<f32>,
     emission: Option<Vec3>,
     two_sided: Option<bool>,
     ior: Option<f32>,
@@ -283,6 +285,7 @@ fn change_material(
         m.metallic = entry.metallic.unwrap_or(m.metallic);
         m.roughness = entry.roughness.unwrap_or(m.roughness);
         m.specular = entry.specular.unwrap_or(m.specular);
+        m.alpha = m.alpha.with(entry.opacity, entry.alpha_cutoff);
         m.emission = entry.emission.unwrap_or(m.emission);
         m.two_sided = entry.two_sided.unwrap_or(m.two_sided);
         m.ior = entry.ior.unwrap_or(m.ior);
@@ -297,6 +300,7 @@ fn change_material(
             m.metallic = 1.0;
         }
         m.check()?;
+        m.alpha = m.alpha.unless_opaque(m.base_texture.map(|texture| &scene.textures[texture as usize]));
         if m.surface != Surface::Glass && m.limit_albedo() > 1e-3 {
             log::warn!("material {name:?} reflects more than it receives; lowered its base colour to {}", m.base_color);
         }

@@ -343,6 +343,22 @@ impl Alpha {
         if whole { Alpha::Opaque } else { self }
     }
 
+    /// With another opacity or cutoff. A cutoff makes a mask of it.
+    pub(super) fn with(self, opacity: Option<f32>, cutoff: Option<f32>) -> Alpha {
+        let (own_opacity, own_cutoff) = match self {
+            Alpha::Opaque => (1.0, None),
+            Alpha::Mask { opacity, cutoff } => (opacity, Some(cutoff)),
+            Alpha::Blend { opacity } => (opacity, None),
+        };
+        let changed = opacity.or(cutoff).is_some();
+        let opacity = opacity.unwrap_or(own_opacity);
+        match cutoff.or(own_cutoff) {
+            _ if !changed => self,
+            Some(cutoff) => Alpha::Mask { opacity, cutoff },
+            None => Alpha::Blend { opacity },
+        }
+    }
+
     pub(super) fn check(self) -> std::result::Result<(), String> {
         let (opacity, cutoff) = match self {
             Alpha::Opaque => (1.0, 0.0),

@@ -8,7 +8,7 @@ use lightsum::pass::eye_paths::{self, EyePath};
 use lightsum::pass::surface::surface_at;
 use lightsum::pass::{ShadingPoints, camera_rays};
 use lightsum::scene::{Alpha, Scene, Surface, builtin};
-use lightsum::settings::{Clip, Settings, Superposition};
+use lightsum::settings::{Clip, Settings, Superposition, Traversal};
 
 use crate::rig::{
     AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, gallery_with_alpha, has, hit_of, is_lit, ray_of, untouched, xyz,
@@ -278,6 +278,8 @@ fn in_rounds(ctx: &lightsum::gpu::Context, scene: &Scene, loop_budget: u32, roun
         clip: Clip::Fraction(0.0),
         loop_budget,
         rounds,
+        // A product of shares depends on their order, and clusters visit the tree in another one than single rays.
+        traversal: if scene.has_alpha() { Traversal::Single } else { Traversal::Auto },
         ..Settings::plain()
     };
     let rig = Rig::new(ctx, scene, [27, 1], settings);
