@@ -209,7 +209,7 @@ struct MaterialEntry {
 
 /// Reads a description and the model that it names; the result is not validated yet.
 pub(super) fn load(path: &Path, photometric: Option<bool>) -> Result<Scene> {
-    let text = std::fs::read_to_string(path).map_err(Error::io("reading", path))?;
+    let text = crate::input::read_text(path)?;
     let error = |span: Option<Range<usize>>, message: String| match span {
         Some(span) => Error::at(path, line_of(&text, span.start), message),
         None => Error::file(path, message),

@@ -28,7 +28,7 @@ impl Checkpoints {
     /// Writes the state if the last checkpoint is old enough. A failure is told, and the rendering goes on: the next
     /// checkpoint may succeed.
     pub fn after_pass(&mut self, renderer: &Renderer) {
-        if !self.every.is_some_and(|every| self.last.elapsed() >= every) {
+        if self.every.is_none_or(|every| self.last.elapsed() < every) {
             return;
         }
         if let Err(error) = self.write(renderer) {
