@@ -312,15 +312,11 @@ impl DeviceScene {
             ("triangle_normals", &self.normals),
             ("triangle_uvs", &self.uvs),
             ("materials", &self.materials),
-            ("textures", &self.textures.records),
-            ("texture_levels", &self.textures.levels),
             ("emitters", &self.emitter_records),
             ("environment", &self.environment),
             ("sobol_columns", &self.sobol_columns),
-        ]);
-        for (name, page) in self.textures.named_pages() {
-            all = all.with_image(name, page);
-        }
+        ])
+        .and(&self.textures.resources());
         if let Some(wide_nodes) = &self.wide_nodes {
             all = all.with("wide_nodes", wide_nodes);
         }
