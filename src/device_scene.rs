@@ -31,8 +31,8 @@ use crate::superposition::lobe::Lobe;
 
 pub use records::{delta_lights, encode_normal};
 use records::{
-    environment_record, finishes, has_lobe, has_patterns, is_shiny, material_record, reflector_numbers, shading_attributes,
-    vertex_colors,
+    environment_record, finishes, has_lobe, has_patterns, is_shiny, material_record, reflector_numbers,
+    shading_attributes, vertex_colors,
 };
 use texels::DeviceTextures;
 pub use update::SceneChanges;

@@ -237,7 +237,14 @@ mod tests {
 
     fn texture(width: u32, height: u32) -> Texture {
         // Only sizes matter here.
-        Texture { name: format!("{width}x{height}"), width, height, texels: Vec::new(), srgb: true, wrap: [Wrap::Repeat; 2] }
+        Texture {
+            name: format!("{width}x{height}"),
+            width,
+            height,
+            texels: Vec::new(),
+            srgb: true,
+            wrap: [Wrap::Repeat; 2],
+        }
     }
 
     /// Fails if rectangles overlap or lie outside their layers.

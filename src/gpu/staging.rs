@@ -181,7 +181,8 @@ impl<'a> LayerUpload<'a> {
         let parts = std::mem::take(&mut self.parts);
         self.used = 0;
         let Some(chunk) = &self.chunk else { return Ok(()) };
-        let of_image = |i: usize| parts.iter().filter(|(image, _)| *image == i).map(|(_, part)| *part).collect::<Vec<_>>();
+        let of_image =
+            |i: usize| parts.iter().filter(|(image, _)| *image == i).map(|(_, part)| *part).collect::<Vec<_>>();
         let copies: Vec<_> = self.images.iter().enumerate().map(|(i, image)| (image, of_image(i))).collect();
         if self.ctx.is_adopted() {
             let copies = copies.into_iter().filter(|(_, parts)| !parts.is_empty());

@@ -30,9 +30,9 @@ impl Cones {
     /// shared by all. Texels of an atlas have no cones: they are points on surfaces.
     pub fn of(view: &View, particles: u32, pass: u32) -> Cones {
         let narrower = 1.0 / (pass as f32 + 1.0).sqrt();
-        let pixel = view.camera().map_or(0.0, |camera| {
-            2.0 * (0.5 * camera.fov_y.to_radians()).tan() / camera.resolution[1] as f32
-        });
+        let pixel = view
+            .camera()
+            .map_or(0.0, |camera| 2.0 * (0.5 * camera.fov_y.to_radians()).tan() / camera.resolution[1] as f32);
         let particle = (1.0 / particles.max(1) as f32).sqrt().min(MOST);
         Cones { pixel: pixel * narrower, particle: particle * narrower, gather: GATHER * narrower }
     }
