@@ -11,7 +11,8 @@ use lightsum::scene::mip::level_count;
 use lightsum::scene::{Alpha, Camera, Light, Material, Scene, Texture, Wrap};
 
 use crate::rig::Numbers;
-use crate::scenes::{Soup, camera, compare, path_traced, render};
+use crate::renderer::path_traced;
+use crate::scenes::{Soup, camera, compare, render};
 use crate::support::{gpu_test, kernels};
 
 const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp];
