@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use crate::accel::Bvh;
 use crate::accel::wide::WideBvh;
+use crate::device_scene::texels;
 use crate::error::Result;
 use crate::light::emitters::{Emitter, EmitterRecord, Emitters, Kind};
 use crate::pass::layout::{MaterialRecord, TextureRecord};
@@ -144,14 +145,13 @@ fn device_bytes(scene: &Scene, emitters: &Emitters) -> Result<u64> {
     let uvs = if scene.textures.is_empty() && scene.colors.is_empty() { 0 } else { 32 };
     let colors = if scene.colors.is_empty() { 0 } else { 16 };
     let triangle = 3 * 16 + 16 + uvs + colors;
-    let texels: usize = scene.textures.iter().map(|t| t.texels.len()).sum();
     let environment = scene.environment.as_ref().map_or(1, |e| e.texels.len());
     let bytes = 32 * bvh.node_count() as usize
         + 16 * wide.nodes.len()
         + triangle * scene.triangles.len()
         + size_of::<MaterialRecord>() * scene.materials.len()
         + size_of::<TextureRecord>() * scene.textures.len()
-        + 4 * texels
+        + texels::bytes_of(&scene.textures) as usize
         + size_of::<EmitterRecord>() * emitters.list.len()
         + 16 * (3 + environment)
         + 8 * sobol::column_pairs().len();

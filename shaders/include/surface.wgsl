@@ -3,7 +3,10 @@
 #include "octahedral.wgsl"
 
 #include "material.wgsl"
+#if UNTEXTURED
+#else
 #include "texture.wgsl"
+#endif
 
 @group(0) @binding(1) var<storage, read> triangle_normals: array<vec4<u32>>;    // three octahedral normals; w: reflector << 24 | material << 1 | smooth
 @group(0) @binding(2) var<storage, read> triangle_uvs: array<vec4<f32>>;        // two for each triangle: uv0 uv1, uv2, bits of the place of its vertex colours in triangle_normals or 0, -
@@ -11,8 +14,6 @@
 @group(0) @binding(4) var<storage, read> triangle_e1: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> triangle_e2: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read> materials: array<MaterialRecord>;
-@group(0) @binding(7) var<storage, read> textures: array<TextureRecord>;
-@group(0) @binding(8) var<storage, read> texels: array<u32>;
 
 struct Surface {
     position: vec3<f32>,
@@ -74,7 +75,16 @@ fn mapped_normal(texel: vec3<f32>, scale: f32, e1: vec3<f32>, e2: vec3<f32>, d1:
     return select(n, mapped / sqrt(max(length2, 1e-37)), u2 > 0.0 && v2 > 0.0 && length2 > 0.0);
 }
 
-fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> Surface {
+// Width in texture coordinates of what a cone of this width covers: the root of the area, between those along and across the cone where
+// it meets a surface aslant. `face`, d1, d2: edges of the triangle, multiplied, and in texture coordinates. CPU twin:
+// pass::surface::footprint_of.
+fn footprint_of(width: f32, cosine: f32, face: vec3<f32>, d1: vec2<f32>, d2: vec2<f32>) -> f32 {
+    let of_area = abs(d1.x * d2.y - d1.y * d2.x) / sqrt(max(dot(face, face), 1e-37));
+    return min(width, 1e30) * sqrt(of_area / max(cosine, 0.01));
+}
+
+// `width`: that of the cone around the ray where it ends; textures are averaged over it. 0: a point.
+fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>, width: f32) -> Surface {
     let e1 = triangle_e1[triangle].xyz;
     let e2 = triangle_e2[triangle].xyz;
     let normals = triangle_normals[triangle];
@@ -102,17 +112,18 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>) -> Surface {
     let uvs = triangle_uvs[2u * triangle];
     let more = triangle_uvs[2u * triangle + 1u];
     let uv = w * uvs.xy + u * uvs.zw + v * more.xy;
+    let footprint = footprint_of(width, abs(dot(face_normal, d)), face, uvs.zw - uvs.xy, more.xy - uvs.xy);
     for (var j = select(0u, 1u, material.flags.x != 0u); j > 0u; j -= 1u) {
-        base *= sample_texture(material.flags.x - 1u, uv).xyz;
+        base *= sample_texture(material.flags.x - 1u, uv, footprint).xyz;
     }
     for (var j = select(0u, 1u, material.flags.y != 0u); j > 0u; j -= 1u) {
-        let mr = sample_texture(material.flags.y - 1u, uv).xyz;
+        let mr = sample_texture(material.flags.y - 1u, uv, footprint).xyz;
         roughness *= mr.y;
         metallic *= mr.z;
     }
     for (var j = select(0u, 1u, material.normal.x != 0u); j > 0u; j -= 1u) {
         let side = select(-1.0, 1.0, front);
-        let texel = sample_texture(material.normal.x - 1u, uv).xyz;
+        let texel = sample_texture(material.normal.x - 1u, uv, footprint).xyz;
         let scale = bitcast<f32>(material.normal.y);
         let mapped = mapped_normal(texel, scale, e1, e2, uvs.zw - uvs.xy, more.xy - uvs.xy, shading * side) * side;
         shading = select(shading, mapped, dot(mapped, d) < 0.0);

@@ -8,12 +8,11 @@ use super::ReflectorFinish;
 use crate::accel::Bvh;
 use crate::bsdf::Reflectance;
 use crate::bsdf::ideal::frost;
-use crate::error::{Error, Result};
 use crate::light::emitters::Emitters;
-use crate::pass::layout::{MaterialRecord, PointLight, TextureRecord};
+use crate::pass::layout::{MaterialRecord, PointLight};
 use crate::plan::MAX_FOLLOWED_ALPHA;
 use crate::scene::reflectors::Reflector;
-use crate::scene::{Alpha, Environment, Light, Scene, Surface, Texture, Wrap};
+use crate::scene::{Alpha, Environment, Light, Scene, Surface};
 use crate::superposition::lobe::Lobe;
 
 pub(super) fn material_record(m: &crate::scene::Material) -> MaterialRecord {
@@ -54,31 +53,6 @@ pub(super) fn has_lobe(m: &crate::scene::Material) -> bool {
 pub(super) fn is_shiny(m: &crate::scene::Material) -> bool {
     let alpha = Reflectance::new(m.base_color, m.metallic, m.roughness, m.specular).alpha;
     has_lobe(m) && (m.metallic_roughness_texture.is_some() || alpha <= MAX_FOLLOWED_ALPHA)
-}
-
-/// All textures, concatenated in one array, since a device need not support dynamic indexing of descriptors.
-pub(super) fn pack_textures(textures: &[Texture]) -> Result<(Vec<TextureRecord>, Vec<u32>)> {
-    let total: u64 = textures.iter().map(|t| u64::from(t.width) * u64::from(t.height)).sum();
-    if total > u64::from(u32::MAX) {
-        return Err(Error::Scene(format!("{total} texels in all textures exceed 2^32; use smaller textures")));
-    }
-    let mut records = Vec::with_capacity(textures.len());
-    let mut texels = Vec::with_capacity(total as usize);
-    for t in textures {
-        let wrap = |w: Wrap| match w {
-            Wrap::Repeat => 0,
-            Wrap::Mirror => 1,
-            Wrap::Clamp => 2,
-        };
-        records.push(TextureRecord {
-            first: texels.len() as u32,
-            width: t.width,
-            height: t.height,
-            flags: u32::from(t.srgb) | wrap(t.wrap[0]) << 1 | wrap(t.wrap[1]) << 3,
-        });
-        texels.extend(t.texels.iter().map(|&t| u32::from_le_bytes(t)));
-    }
-    Ok((records, texels))
 }
 
 /// Octahedral encoding of a unit vector, 2 x 16 bit (Meyer et al. 2010).

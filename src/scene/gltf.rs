@@ -27,7 +27,7 @@ use super::export::{AssetExtras, CameraExtras, VirtualExtras};
 use super::gltf_accessor::{Buffers, reason};
 use super::gltf_extensions::{Extensions, INSTANCING};
 use super::gltf_material::{TextureKey, UvMap};
-use super::{Camera, Light, NamedCamera, Scene, Triangle, origin};
+use super::{Camera, Light, NamedCamera, Scene, Texture, Triangle, origin};
 use crate::error::{Error, Result};
 
 /// Luminous efficacy that converts photometric to radiometric quantities, lm/W.
@@ -84,6 +84,7 @@ fn read(path: &Path, bytes: &[u8], photometric: Option<bool>) -> Result<Scene> {
         },
         materials: HashMap::new(),
         textures: HashMap::new(),
+        images: HashMap::new(),
         ignored: extensions.left_out,
         positions: Vec::new(),
         lights: Vec::new(),
@@ -146,6 +147,8 @@ pub(super) struct Reader<'a> {
     light_scale: f32,
     pub(super) materials: HashMap<Option<usize>, u32>,
     pub(super) textures: HashMap<TextureKey, u32>,
+    /// Images by their numbers, decoded ahead; `None`: a texture has taken it.
+    pub(super) images: HashMap<usize, Option<Result<Texture>>>,
     ignored: BTreeSet<String>,
     /// World positions of the scene's vertices and of its lights.
     positions: Vec<DVec3>,

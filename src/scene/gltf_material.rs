@@ -4,14 +4,18 @@
 //! thickness above 0 makes a body of glass, else it is a pane); KHR_texture_transform; EXT_texture_webp. An emission
 //! texture is replaced by its average. Lobes too smooth for point lights become ideal mirrors.
 
+use std::collections::HashMap;
+use std::path::Path;
+
 use glam::{Vec2, Vec3};
 use gltf::material::AlphaMode;
 use gltf::texture::WrappingMode;
 use gltf::{buffer, image};
+use rayon::prelude::*;
 
 use super::export::MaterialExtras;
 use super::gltf::{Reader, ours};
-use super::gltf_accessor::reason;
+use super::gltf_accessor::{Buffers, reason};
 use super::gltf_extensions::WEBP;
 use super::{Alpha, MIN_ROUGHNESS, Material, Surface, Texture, Wrap};
 use crate::error::{Error, Result};
@@ -227,27 +231,52 @@ impl Reader<'_> {
             WrappingMode::MirroredRepeat => Wrap::Mirror,
             WrappingMode::ClampToEdge => Wrap::Clamp,
         });
-        let numbered = || format!("image {}", image.index());
-        let failed = |name: &str, why: String| Error::file(self.path, format!("texture {name}: {why}"));
-        let (name, decoded) = match image.source() {
-            image::Source::View { view, .. } => {
-                let name = image.name().map_or_else(numbered, str::to_string);
-                let decoded = Texture::decode(self.buffers.view(&view)?, name.clone(), srgb, wrap);
-                (name, decoded)
-            }
-            image::Source::Uri { uri, .. } => {
-                let name = if uri.starts_with("data:") { numbered() } else { uri.to_string() };
-                // A buffer source reads files and data URIs alike.
-                let bytes = buffer::Data::from_source(buffer::Source::Uri(uri), self.path.parent())
-                    .map_err(|e| failed(&name, reason(&e)))?;
-                let decoded = Texture::decode(&bytes, name.clone(), srgb, wrap);
-                (name, decoded)
-            }
+        if self.images.is_empty() {
+            self.images = self.read_images();
+        }
+        let decoded = match self.images.get_mut(&image.index()).and_then(Option::take) {
+            Some(decoded) => decoded,
+            // It is needed in another way as well, or no texture that the document lists has it.
+            None => self.read_image(&image),
         };
-        let texture = decoded.map_err(|why| failed(&name, why))?;
+        let texture = Texture { srgb, wrap, ..decoded? };
         self.scene.textures.push(texture);
         let index = self.scene.textures.len() as u32 - 1;
         self.textures.insert(key, index);
         Ok(Some(index))
+    }
+    /// Decodes the images of all textures, on all cores. Errors wait until a material asks for the image.
+    fn read_images(&self) -> HashMap<usize, Option<Result<Texture>>> {
+        let mut images: Vec<_> = self.document.textures().filter_map(|texture| texture.source()).collect();
+        images.sort_by_key(gltf::Image::index);
+        images.dedup_by_key(|image| image.index());
+        let (path, buffers) = (self.path, &self.buffers);
+        let read = |image: gltf::Image| (image.index(), Some(read_image(path, buffers, &image)));
+        images.into_par_iter().with_max_len(1).map(read).collect()
+    }
+
+    fn read_image(&self, image: &gltf::Image) -> Result<Texture> {
+        read_image(self.path, &self.buffers, image)
+    }
+}
+
+/// Decodes an image, as a texture that is linear and repeats.
+fn read_image(path: &Path, buffers: &Buffers, image: &gltf::Image) -> Result<Texture> {
+    let numbered = || format!("image {}", image.index());
+    let failed = |name: &str, why: String| Error::file(path, format!("texture {name}: {why}"));
+    let decode = |bytes: &[u8], name: String| {
+        Texture::decode(bytes, name.clone(), false, [Wrap::Repeat; 2]).map_err(|why| failed(&name, why))
+    };
+    match image.source() {
+        image::Source::View { view, .. } => {
+            decode(buffers.view(&view)?, image.name().map_or_else(numbered, str::to_string))
+        }
+        image::Source::Uri { uri, .. } => {
+            let name = if uri.starts_with("data:") { numbered() } else { uri.to_string() };
+            // A buffer source reads files and data URIs alike.
+            let bytes = buffer::Data::from_source(buffer::Source::Uri(uri), path.parent())
+                .map_err(|e| failed(&name, reason(&e)))?;
+            decode(&bytes, name)
+        }
     }
 }

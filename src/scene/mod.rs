@@ -12,6 +12,7 @@ mod gltf;
 mod gltf_accessor;
 mod gltf_extensions;
 mod gltf_material;
+pub mod mip;
 mod obj;
 mod obj_material;
 mod objects;
@@ -29,7 +30,7 @@ use std::sync::Arc;
 use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
-use crate::bsdf::{mapped_normal, sample_texture};
+use crate::bsdf::{mapped_normal, sample_filtered, sample_texture};
 use crate::error::{Error, Result};
 use crate::settings::{Compensation, Exposure, Spread};
 use crate::superposition::lobe::Table;
@@ -196,12 +197,17 @@ impl Scene {
     /// Normal of a surface with a normal map ([`crate::bsdf::mapped_normal`]); `normal` is the unit normal without it, on the
     /// triangle's front.
     pub fn mapped_normal(&self, triangle: &Triangle, uv: Vec2, normal: Vec3) -> Vec3 {
+        self.mapped_normal_over(triangle, (uv, 0.0), normal)
+    }
+
+    /// [`Scene::mapped_normal`], from the mean vector over a footprint (see [`crate::bsdf::sample_filtered`]).
+    pub fn mapped_normal_over(&self, triangle: &Triangle, (uv, footprint): (Vec2, f32), normal: Vec3) -> Vec3 {
         let material = &self.materials[triangle.material as usize];
         let Some(texture) = material.normal_texture else { return normal };
         let [a, b, c] = triangle.vertices.map(|v| v as usize);
         let edges = [self.positions[b] - self.positions[a], self.positions[c] - self.positions[a]];
         let uv_edges = [self.uvs[b] - self.uvs[a], self.uvs[c] - self.uvs[a]];
-        let texel = sample_texture(&self.textures[texture as usize], uv.to_array()).truncate();
+        let texel = sample_filtered(self, texture, uv.to_array(), footprint).truncate();
         mapped_normal(texel, material.normal_scale, edges, uv_edges, normal)
     }
 

@@ -37,6 +37,7 @@ mod scenes;
 mod sequences;
 mod superposition;
 mod support;
+mod textures;
 mod transport;
 mod traversal;
 mod views;

@@ -144,7 +144,7 @@ fn check_step(rig: &Rig, what: &str, step: usize, seen: &mut [usize; 4]) {
         let hit = hit_of(before.hits[i]).filter(|_| flux.truncate() != Vec3::ZERO);
         let fate = hit.map_or(Fate::Lost, |hit| {
             let d = before.direction[i].truncate();
-            let surface = surface_at(rig.scene, rig.bvh(), &hit, d);
+            let surface = surface_at(rig.scene, rig.bvh(), &hit, d, rig.parameters.cones[1] * hit.t);
             let aimed = rig.engine.device_scene().targets.meets(flux.w.to_bits(), hit.triangle);
             let media = if step == 0 { Media::default() } else { Media(before.media[i]) };
             let state = (d, flux.truncate(), media);
