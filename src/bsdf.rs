@@ -10,7 +10,7 @@
 
 pub mod ideal;
 
-use crate::scene::{Material, Scene, Surface, Texture, Wrap};
+use crate::scene::{Material, Scene, Surface, Texture, TextureUse, Triangle, Wrap};
 use glam::{Vec2, Vec3, Vec4};
 use std::f32::consts::{PI, TAU};
 
@@ -177,12 +177,16 @@ impl Finish {
         }
     }
 
-    /// Of a material at texture coordinates, with the colour of the vertices.
-    pub fn at(scene: &Scene, material: &Material, uv: [f32; 2], color: Vec3) -> Finish {
-        let texel = |index: Option<u32>| index.map(|i| sample_texture(&scene.textures[i as usize], uv));
-        let base = texel(material.base_texture).unwrap_or(Vec4::ONE).truncate();
-        let mr = texel(material.metallic_roughness_texture).unwrap_or(Vec4::ONE);
-        Finish::of(material, base * color, [mr.y, mr.z])
+    /// Of a triangle's material at a point, by the weights of its corners.
+    pub fn at(scene: &Scene, triangle: &Triangle, weights: [f32; 3]) -> Finish {
+        let material = &scene.materials[triangle.material as usize];
+        let texel = |index: Option<u32>, of: TextureUse| {
+            let uv = || scene.uv_at(triangle, weights, of).to_array();
+            index.map_or(Vec4::ONE, |i| sample_texture(&scene.textures[i as usize], uv()))
+        };
+        let base = texel(material.base_texture, TextureUse::Base).truncate();
+        let mr = texel(material.metallic_roughness_texture, TextureUse::MetallicRoughness);
+        Finish::of(material, base * scene.color_at(triangle, weights), [mr.y, mr.z])
     }
 }
 

@@ -3,7 +3,7 @@
 //! Normals face the side that the ray came from, since surfaces reflect on both; a shading normal that the ray sees from
 //! behind gives way to the geometric one. Emission is one-sided unless the material says otherwise.
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 
 use crate::accel::{Bvh, Hit};
 use crate::bsdf::{Finish, Reflectance};
@@ -46,11 +46,10 @@ pub fn surface_at(scene: &Scene, bvh: &Bvh, hit: &Hit, d: Vec3) -> SurfacePoint 
     }
     let material = &scene.materials[triangle.material as usize];
     let side = if front { 1.0 } else { -1.0 };
-    let uv = (0..3).map(|k| scene.uvs.get(corner(k)).map_or(Vec2::ZERO, |uv| *uv) * weights[k]).sum::<Vec2>();
-    let mapped = scene.mapped_normal(triangle, uv, shading * side) * side;
+    let mapped = scene.mapped_normal(triangle, weights, shading * side) * side;
     shading = if mapped.dot(d) < 0.0 { mapped } else { shading };
-    let finish = Finish::at(scene, material, uv.to_array(), scene.color_at(triangle, weights));
-    let emission = if front || material.two_sided { material.emission } else { Vec3::ZERO };
+    let finish = Finish::at(scene, triangle, weights);
+    let emission = if front || material.two_sided { scene.emission_at(triangle, weights) } else { Vec3::ZERO };
     let reflectance = finish.reflectance;
     let material = triangle.material;
     SurfacePoint { position: bvh.position(hit), geometric, shading, emission, reflectance, finish, front, material }

@@ -59,6 +59,8 @@ pub struct Scene {
     pub normals: Vec<Vec3>,
     /// Texture coordinates, parallel to `positions`; (0, 0) is the texture's upper left corner, v runs downwards.
     pub uvs: Vec<Vec2>,
+    /// A second set of texture coordinates, for the textures that [`Material::second_uvs`] names; parallel to `positions`, or empty.
+    pub second_uvs: Vec<Vec2>,
     /// Factors of the base colour at the vertices, linear, each channel in [0, 1]; parallel to `positions`, or empty: all 1.
     pub colors: Vec<Vec3>,
     /// The triangles.
@@ -95,6 +97,7 @@ impl Default for Scene {
             positions: Vec::new(),
             normals: Vec::new(),
             uvs: Vec::new(),
+            second_uvs: Vec::new(),
             colors: Vec::new(),
             triangles: Vec::new(),
             objects: Vec::new(),
@@ -193,16 +196,37 @@ impl Scene {
         triangle.vertices.iter().zip(weights).map(|(&v, w)| self.colors[v as usize] * w).sum()
     }
 
-    /// Normal of a surface with a normal map ([`crate::bsdf::mapped_normal`]); `normal` is the unit normal without it, on the
-    /// triangle's front.
-    pub fn mapped_normal(&self, triangle: &Triangle, uv: Vec2, normal: Vec3) -> Vec3 {
+    /// Texture coordinates of a triangle's corners for one use of a texture.
+    pub fn corner_uvs(&self, triangle: &Triangle, of: TextureUse) -> [Vec2; 3] {
+        let second = self.materials[triangle.material as usize].second_uvs[of as usize];
+        let set = if second { &self.second_uvs } else { &self.uvs };
+        triangle.vertices.map(|v| set.get(v as usize).copied().unwrap_or(Vec2::ZERO))
+    }
+
+    /// Texture coordinates at a point of a triangle for one use of a texture, by the weights of its corners.
+    pub fn uv_at(&self, triangle: &Triangle, weights: [f32; 3], of: TextureUse) -> Vec2 {
+        let [a, b, c] = self.corner_uvs(triangle, of);
+        a * weights[0] + b * weights[1] + c * weights[2]
+    }
+
+    /// Normal of a surface with a normal map ([`crate::bsdf::mapped_normal`]) at a point of a triangle, by the weights of its corners;
+    /// `normal` is the unit normal without it, on the triangle's front.
+    pub fn mapped_normal(&self, triangle: &Triangle, weights: [f32; 3], normal: Vec3) -> Vec3 {
         let material = &self.materials[triangle.material as usize];
         let Some(texture) = material.normal_texture else { return normal };
-        let [a, b, c] = triangle.vertices.map(|v| v as usize);
-        let edges = [self.positions[b] - self.positions[a], self.positions[c] - self.positions[a]];
-        let uv_edges = [self.uvs[b] - self.uvs[a], self.uvs[c] - self.uvs[a]];
+        let [a, b, c] = triangle.vertices.map(|v| self.positions[v as usize]);
+        let uvs = self.corner_uvs(triangle, TextureUse::Normal);
+        let uv = self.uv_at(triangle, weights, TextureUse::Normal);
         let texel = sample_texture(&self.textures[texture as usize], uv.to_array()).truncate();
-        mapped_normal(texel, material.normal_scale, edges, uv_edges, normal)
+        mapped_normal(texel, material.normal_scale, [b - a, c - a], [uvs[1] - uvs[0], uvs[2] - uvs[0]], normal)
+    }
+
+    /// Radiance that a triangle emits at a point, by the weights of its corners.
+    pub fn emission_at(&self, triangle: &Triangle, weights: [f32; 3]) -> Vec3 {
+        let material = &self.materials[triangle.material as usize];
+        let Some(texture) = material.emission_texture else { return material.emission };
+        let uv = self.uv_at(triangle, weights, TextureUse::Emission);
+        material.emission * sample_texture(&self.textures[texture as usize], uv.to_array()).truncate()
     }
 
     /// Whether some surface in use lets rays pass.
@@ -219,7 +243,7 @@ impl Scene {
         }
         let texture = || {
             material.base_texture.map_or(1.0, |texture| {
-                let uv: Vec2 = triangle.vertices.iter().zip(weights).map(|(&v, w)| self.uvs[v as usize] * w).sum();
+                let uv = self.uv_at(triangle, weights, TextureUse::Base);
                 sample_texture(&self.textures[texture as usize], uv.to_array()).w
             })
         };
@@ -375,6 +399,19 @@ impl Alpha {
     }
 }
 
+/// A use of a texture by a material.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TextureUse {
+    /// [`Material::base_texture`], which keeps the first set of coordinates.
+    Base = 0,
+    /// [`Material::metallic_roughness_texture`].
+    MetallicRoughness = 1,
+    /// [`Material::normal_texture`].
+    Normal = 2,
+    /// [`Material::emission_texture`].
+    Emission = 3,
+}
+
 /// A material: reflectance f_r = kd/pi + ks D G F / (4 cos cos').
 ///
 /// kd = base_color (1 - metallic) (1 - mean F), F0 = mix(specular, base_color, metallic), GGX alpha = roughness^2.
@@ -403,8 +440,12 @@ pub struct Material {
     pub specular: Vec3,
     /// How much of the surface is there, unless it emits: emitters are opaque.
     pub alpha: Alpha,
-    /// Emitted radiance.
+    /// Emitted radiance; multiplied by `emission_texture` if there is one.
     pub emission: Vec3,
+    /// Index into `textures` (sRGB).
+    pub emission_texture: Option<u32>,
+    /// For each [`TextureUse`] whether the texture lies by [`Scene::second_uvs`] instead of [`Scene::uvs`]; never for the base.
+    pub second_uvs: [bool; 4],
     /// Emits from both sides.
     pub two_sided: bool,
     /// Index of refraction (glass).
@@ -436,6 +477,8 @@ impl Default for Material {
             specular: Vec3::ZERO,
             alpha: Alpha::Opaque,
             emission: Vec3::ZERO,
+            emission_texture: None,
+            second_uvs: [false; 4],
             two_sided: false,
             ior: 1.5,
             thin: false,
@@ -450,6 +493,12 @@ impl Material {
     /// Whether rays may pass.
     pub fn has_alpha(&self) -> bool {
         self.alpha != Alpha::Opaque && self.emission == Vec3::ZERO
+    }
+
+    /// Its textures.
+    pub fn textures(&self) -> impl Iterator<Item = u32> {
+        let all = [self.base_texture, self.metallic_roughness_texture, self.normal_texture, self.emission_texture];
+        all.into_iter().flatten()
     }
 
     /// Mean over RGB of the reflectance kd + F0 seen by particles, at most 1; `averages` are those of the scene's textures.
