@@ -85,6 +85,7 @@ fn read(path: &Path, bytes: &[u8], photometric: Option<bool>) -> Result<Scene> {
         materials: HashMap::new(),
         textures: HashMap::new(),
         ignored: extensions.left_out,
+        physical_emission: false,
         positions: Vec::new(),
         lights: Vec::new(),
         cameras: Vec::new(),
@@ -147,6 +148,8 @@ pub(super) struct Reader<'a> {
     pub(super) materials: HashMap<Option<usize>, u32>,
     pub(super) textures: HashMap<TextureKey, u32>,
     ignored: BTreeSet<String>,
+    /// Whether some emissive material gives its strength.
+    pub(super) physical_emission: bool,
     /// World positions of the scene's vertices and of its lights.
     positions: Vec<DVec3>,
     lights: Vec<DVec3>,
@@ -172,6 +175,7 @@ impl Reader<'_> {
         let low = self.positions.iter().copied().fold(DVec3::INFINITY, DVec3::min);
         let high = self.positions.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
         self.scene.origin = origin::choose(low, high);
+        self.scene.emission_is_relative = !self.physical_emission;
         self.scene.positions = self.positions.iter().map(|&p| self.scene.from_world(p)).collect();
         for (light, place) in self.scene.lights.iter_mut().zip(&self.lights) {
             if let Light::Point { position, .. } | Light::Spot { position, .. } | Light::Imported { position, .. } =

@@ -131,6 +131,9 @@ impl Reader<'_> {
             None => None,
         };
         let mut emission = Vec3::from_array(material.emissive_factor()) * material.emissive_strength().unwrap_or(1.0);
+        if emission != Vec3::ZERO {
+            self.physical_emission |= material.emissive_strength().is_some();
+        }
         let mut emission_texture = None;
         if let Some(info) = material.emissive_texture().filter(|_| emission != Vec3::ZERO) {
             emission_texture = self.texture(&info.texture(), true)?;

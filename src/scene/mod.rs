@@ -79,6 +79,10 @@ pub struct Scene {
     /// all light, also that of the emissive triangles, which are only visible, and all reflected light, so that no particle
     /// starts from them.
     pub emitters_are_lights: bool,
+    /// Whether the emission of surfaces is relative to the white of a screen, as in a glTF file that gives no
+    /// KHR_materials_emissive_strength: programs that show such files do not light them by it, so a scene without any other light
+    /// gets the default sky too.
+    pub emission_is_relative: bool,
     /// What the files hold and the loader leaves out, for messages.
     pub ignored: Vec<String>,
     /// Camera of the file, if it has one: the first.
@@ -106,6 +110,7 @@ impl Default for Scene {
             lights: Vec::new(),
             environment: None,
             emitters_are_lights: true,
+            emission_is_relative: false,
             ignored: Vec::new(),
             camera: None,
             cameras: Vec::new(),
@@ -119,7 +124,8 @@ impl Default for Scene {
 /// A bare model uses its vertex normals where it has them; a description ignores them unless it has
 /// `face_normals = false`.
 ///
-/// A file without any light gets the sky of [`Environment::overcast`].
+/// A file without any light gets the sky of [`Environment::overcast`], as does one whose only light are surfaces with
+/// [`Scene::emission_is_relative`].
 ///
 /// Errors: [`Error::Io`] if a file cannot be read; [`Error::File`], with the line if known, if it is invalid.
 pub fn load(path: &Path) -> Result<Scene> {
@@ -166,17 +172,19 @@ fn stem(path: &Path) -> String {
 }
 
 impl Scene {
-    /// Gives a scene without any light an overcast sky.
+    /// Gives a scene without any light, or with surfaces that glow for a screen only, an overcast sky.
     fn light_by_default(&mut self) {
+        let glows = !self.emitters().is_empty();
         if self.emitters_are_lights
             && self.lights.is_empty()
             && self.environment.is_none()
-            && self.emitters().is_empty()
+            && (self.emission_is_relative || !glows)
         {
+            let lit_by = if glows { "only emission of up to the white of a screen" } else { "no light" };
             let up = self.camera.map_or(Vec3::Y, |camera| camera.up);
             let up = if up.z.abs() > up.y.abs().max(up.x.abs()) { Vec3::Z * up.z.signum() } else { Vec3::Y };
             log::warn!(
-                "{} has no light; an overcast sky lights it ([environment] in a scene.toml sets another)",
+                "{} has {lit_by}; an overcast sky lights it ([environment] in a scene.toml sets another)",
                 self.name
             );
             self.environment = Some(Arc::new(Environment::overcast().turned(up, 0.0)));
