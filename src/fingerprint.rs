@@ -93,7 +93,7 @@ mod tests {
     fn every_part_of_a_scene_counts() {
         type Change = (&'static str, fn(&mut Scene));
         let base = fingerprint(&scene(), &camera(), &Settings::plain());
-        let changes: [Change; 23] = [
+        let changes: [Change; 26] = [
             ("position", |s| s.positions[0].y = 1e-30),
             ("normal", |s| s.normals[1].x = 1e-30),
             ("texture coordinate", |s| s.uvs[2].y = 1e-30),
