@@ -284,7 +284,8 @@ impl Emitters {
     /// Builds the distribution by power.
     fn distribute(&mut self) -> Result<()> {
         let weight = |e: &Emitter| f64::from(mean(e.power));
-        let total: f64 = self.list.iter().map(weight).sum();
+        // No emitters sum up to -0.
+        let total = self.list.iter().map(weight).sum::<f64>() + 0.0;
         // The comparison is written so that NaN fails it.
         if !(total > 0.0 && total.is_finite()) {
             return Err(Error::Scene(format!(

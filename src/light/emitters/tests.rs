@@ -247,7 +247,7 @@ fn records_hold_the_same() {
     let light = Light::Point { position: Vec3::X, intensity: Vec3::ONE };
     let e = Emitters::of(&scene(square(), &[([0, 1, 2], 2)], vec![light]), true).unwrap();
     let records = e.records();
-    assert_eq!(std::mem::size_of::<EmitterRecord>(), 96);
+    assert_eq!(std::mem::size_of::<EmitterRecord>(), 128);
     assert_eq!(records[0].p0, [1.0, 0.0, 0.0, f32::from_bits(Kind::Point as u32)]);
     assert_eq!(records[1].e2[3].to_bits(), FLAG_TWO_SIDED);
     assert_eq!((records[1].normal[3], records[1].radiance[3]), (e.list[1].probability, 1.0));

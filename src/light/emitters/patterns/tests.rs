@@ -101,7 +101,9 @@ fn divided_triangles_cover_themselves() {
     let area: f32 = parts.cells.iter().filter(|&&c| c != NO_EMITTER).map(|&c| e.list[c as usize].area).sum();
     assert!(parts.cells.len() > 1 && (area - 2.0).abs() < 1e-5, "{} parts, area {area}", parts.cells.len());
     for i in 0..2000 {
-        let start = e.sample_start(&scene.textures, halton(0, i), halton(1, i), 0.5);
+        // Away from the borders of parts.
+        let [u, v] = [halton(0, i) + 0.1234567, halton(1, i) + 0.3141593].map(f32::fract);
+        let start = e.sample_start(&scene.textures, u, v, 0.5);
         if start.position.y > start.position.x {
             continue;
         }
