@@ -172,9 +172,7 @@ impl Engine {
         let wrong = |message: String| Error::Scene(format!("material {:?}: {message}", old.name));
         material.check().map_err(wrong)?;
         moving.scene.check_textures(&material).map_err(wrong)?;
-        let of_sphere = |light: &Light| {
-            matches!(light, Light::Sphere { object, .. } if moving.materials[*object as usize].contains(&index))
-        };
+        let of_sphere = |light: &Light| matches!(light, Light::Sphere { object, .. } if moving.materials[*object as usize].contains(&index));
         if material.emission_texture.is_some() && moving.scene.lights.iter().any(of_sphere) {
             return Err(wrong(String::from("the material of a sphere light has no emission texture")));
         }

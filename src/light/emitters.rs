@@ -551,7 +551,8 @@ fn continues(scene: &Scene, triangle: &Triangle, neighbour: &Triangle, k: usize,
     if scene.materials[triangle.material as usize].emission_texture.is_none() {
         return true;
     }
-    let (own, other) = (scene.corner_uvs(triangle, TextureUse::Emission), scene.corner_uvs(neighbour, TextureUse::Emission));
+    let (own, other) =
+        (scene.corner_uvs(triangle, TextureUse::Emission), scene.corner_uvs(neighbour, TextureUse::Emission));
     let (a, b, c) = (own[k], own[(k + 1) % 3], own[(k + 2) % 3]);
     let size = (a - c).abs().max_element().max((b - c).abs().max_element());
     let rounding = 1e-5 * size + 4.0 * f32::EPSILON * a.abs().max(b.abs()).max(c.abs()).max_element();

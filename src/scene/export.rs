@@ -404,7 +404,8 @@ fn material(m: &Material) -> Value {
             _ => m.roughness,
         }),
     });
-    let info = |texture: u32, of: TextureUse| json!({ "index": texture, "texCoord": u32::from(m.second_uvs[of as usize]) });
+    let info =
+        |texture: u32, of: TextureUse| json!({ "index": texture, "texCoord": u32::from(m.second_uvs[of as usize]) });
     if let Some(texture) = m.base_texture {
         pbr["baseColorTexture"] = info(texture, TextureUse::Base);
     }

@@ -242,7 +242,10 @@ impl Reader<'_> {
         if let Some(extension) = material.extension_value(GLOSSINESS) {
             self.leave_out("KHR_materials_pbrSpecularGlossiness (brought near by its mean specular colour)");
             let vector = |name: &str, i: usize| {
-                extension.pointer(&format!("/{name}/{i}")).and_then(Value::as_f64).map_or(1.0, |x| (x as f32).clamp(0.0, 1.0))
+                extension
+                    .pointer(&format!("/{name}/{i}"))
+                    .and_then(Value::as_f64)
+                    .map_or(1.0, |x| (x as f32).clamp(0.0, 1.0))
             };
             let rgb = |name: &str| Vec3::from_array([0, 1, 2].map(|i| vector(name, i)));
             converted.base_color = rgb("diffuseFactor");

@@ -116,9 +116,10 @@ impl Scene {
                 return Err(Error::file(path, format!("sphere light: object {object} does not exist")));
             }
             if let Light::Sphere { object, .. } = light
-                && self.triangles.iter().any(|t| {
-                    t.object == *object && self.materials[t.material as usize].emission_texture.is_some()
-                })
+                && self
+                    .triangles
+                    .iter()
+                    .any(|t| t.object == *object && self.materials[t.material as usize].emission_texture.is_some())
             {
                 let message = "the material of a sphere light has an emission texture; remove that, or the light";
                 return Err(Error::file(path, message));

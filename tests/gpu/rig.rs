@@ -15,7 +15,9 @@ use lightsum::gpu::{Buffer, Context, Recorder, Resources, Staging, download};
 use lightsum::pass::clusters::NO_POINT;
 use lightsum::pass::eye_paths::Plane;
 use lightsum::pass::{Kit, List, ShadingPoints, layout, trace, walk_start};
-use lightsum::scene::{Alpha, Camera, Environment, Light, Material, Scene, Surface, Texture, TextureUse, Triangle, Wrap};
+use lightsum::scene::{
+    Alpha, Camera, Environment, Light, Material, Scene, Surface, Texture, TextureUse, Triangle, Wrap,
+};
 use lightsum::settings::{Settings, Traversal};
 use lightsum::stage::{Compensation, Stage};
 use lightsum::superposition::kernels::KernelLibrary;
@@ -214,7 +216,8 @@ pub fn sine_error(ctx: &Context, scene: &Scene) -> f32 {
     rig.run(|frame, rec| frame.walk.record_start(rec));
     let directions = rig.vec4s(&rig.frame().walk.particles.direction);
     let error = |i: usize| {
-        let (_, ray, _) = walk_start::reference(&rig.parameters, (rig.engine.emitters(), &rig.scene.textures), i as u32);
+        let (_, ray, _) =
+            walk_start::reference(&rig.parameters, (rig.engine.emitters(), &rig.scene.textures), i as u32);
         (directions[i].truncate() - ray.direction).length()
     };
     let worst = (0..directions.len()).map(error).fold(1e-6, f32::max);

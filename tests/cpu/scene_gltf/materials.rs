@@ -124,7 +124,8 @@ fn emission_textures_and_second_coordinates_are_exported() {
 #[test]
 fn other_lobes_are_brought_near_and_named() {
     let load = |name: &str, extension: Value, roughness: f32, metallic: f32| {
-        let pbr = json!({ "roughnessFactor": roughness, "metallicFactor": metallic, "baseColorFactor": [0.5, 0.5, 0.5, 1] });
+        let pbr =
+            json!({ "roughnessFactor": roughness, "metallicFactor": metallic, "baseColorFactor": [0.5, 0.5, 0.5, 1] });
         let case = material(
             &[&[[255, 255, 255, 127], [0, 0, 0, 255]]],
             json!({ "pbrMetallicRoughness": pbr, "extensions": { name: extension } }),
