@@ -27,7 +27,7 @@ pub(crate) mod validate;
 use std::path::Path;
 use std::sync::Arc;
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 use serde::{Deserialize, Serialize};
 
 use crate::bsdf::{mapped_normal, sample_filtered, sample_texture};
@@ -60,6 +60,8 @@ pub struct Scene {
     pub normals: Vec<Vec3>,
     /// Texture coordinates, parallel to `positions`; (0, 0) is the texture's upper left corner, v runs downwards.
     pub uvs: Vec<Vec2>,
+    /// A second set of texture coordinates, for the textures that [`Material::second_uvs`] names; parallel to `positions`, or empty.
+    pub second_uvs: Vec<Vec2>,
     /// Factors of the base colour at the vertices, linear, each channel in [0, 1]; parallel to `positions`, or empty: all 1.
     pub colors: Vec<Vec3>,
     /// The triangles.
@@ -78,6 +80,10 @@ pub struct Scene {
     /// all light, also that of the emissive triangles, which are only visible, and all reflected light, so that no particle
     /// starts from them.
     pub emitters_are_lights: bool,
+    /// Whether the emission of surfaces is relative to the white of a screen, as in a glTF file that gives no
+    /// KHR_materials_emissive_strength: programs that show such files do not light them by it, so a scene without any other light
+    /// gets the default sky too.
+    pub emission_is_relative: bool,
     /// What the files hold and the loader leaves out, for messages.
     pub ignored: Vec<String>,
     /// Camera of the file, if it has one: the first.
@@ -96,6 +102,7 @@ impl Default for Scene {
             positions: Vec::new(),
             normals: Vec::new(),
             uvs: Vec::new(),
+            second_uvs: Vec::new(),
             colors: Vec::new(),
             triangles: Vec::new(),
             objects: Vec::new(),
@@ -104,6 +111,7 @@ impl Default for Scene {
             lights: Vec::new(),
             environment: None,
             emitters_are_lights: true,
+            emission_is_relative: false,
             ignored: Vec::new(),
             camera: None,
             cameras: Vec::new(),
@@ -117,7 +125,8 @@ impl Default for Scene {
 /// A bare model uses its vertex normals where it has them; a description ignores them unless it has
 /// `face_normals = false`.
 ///
-/// A file without any light gets the sky of [`Environment::overcast`].
+/// A file without any light gets the sky of [`Environment::overcast`], as does one whose only light are surfaces with
+/// [`Scene::emission_is_relative`].
 ///
 /// Errors: [`Error::Io`] if a file cannot be read; [`Error::File`], with the line if known, if it is invalid.
 pub fn load(path: &Path) -> Result<Scene> {
@@ -164,17 +173,19 @@ fn stem(path: &Path) -> String {
 }
 
 impl Scene {
-    /// Gives a scene without any light an overcast sky.
+    /// Gives a scene without any light, or with surfaces that glow for a screen only, an overcast sky.
     fn light_by_default(&mut self) {
+        let glows = !self.emitters().is_empty();
         if self.emitters_are_lights
             && self.lights.is_empty()
             && self.environment.is_none()
-            && self.emitters().is_empty()
+            && (self.emission_is_relative || !glows)
         {
+            let lit_by = if glows { "only emission of up to the white of a screen" } else { "no light" };
             let up = self.camera.map_or(Vec3::Y, |camera| camera.up);
             let up = if up.z.abs() > up.y.abs().max(up.x.abs()) { Vec3::Z * up.z.signum() } else { Vec3::Y };
             log::warn!(
-                "{} has no light; an overcast sky lights it ([environment] in a scene.toml sets another)",
+                "{} has {lit_by}; an overcast sky lights it ([environment] in a scene.toml sets another)",
                 self.name
             );
             self.environment = Some(Arc::new(Environment::overcast().turned(up, 0.0)));
@@ -194,21 +205,67 @@ impl Scene {
         triangle.vertices.iter().zip(weights).map(|(&v, w)| self.colors[v as usize] * w).sum()
     }
 
-    /// Normal of a surface with a normal map ([`crate::bsdf::mapped_normal`]); `normal` is the unit normal without it, on the
-    /// triangle's front.
-    pub fn mapped_normal(&self, triangle: &Triangle, uv: Vec2, normal: Vec3) -> Vec3 {
-        self.mapped_normal_over(triangle, (uv, 0.0), normal)
+    /// Texture coordinates of a triangle's corners for one use of a texture.
+    pub fn corner_uvs(&self, triangle: &Triangle, of: TextureUse) -> [Vec2; 3] {
+        let second = self.materials[triangle.material as usize].second_uvs[of as usize];
+        let set = if second { &self.second_uvs } else { &self.uvs };
+        triangle.vertices.map(|v| set.get(v as usize).copied().unwrap_or(Vec2::ZERO))
     }
 
-    /// [`Scene::mapped_normal`], from the mean vector over a footprint (see [`crate::bsdf::sample_filtered`]).
-    pub fn mapped_normal_over(&self, triangle: &Triangle, (uv, footprint): (Vec2, f32), normal: Vec3) -> Vec3 {
+    /// Texture coordinates at a point of a triangle for one use of a texture, by the weights of its corners.
+    pub fn uv_at(&self, triangle: &Triangle, weights: [f32; 3], of: TextureUse) -> Vec2 {
+        let [a, b, c] = self.corner_uvs(triangle, of);
+        a * weights[0] + b * weights[1] + c * weights[2]
+    }
+
+    /// Width in texture coordinates of what a cone covers on a triangle: the root of the area, that is between the widths along and
+    /// across the cone. At cosines below 0.01 it stops growing.
+    pub fn footprint(&self, triangle: &Triangle, of: TextureUse, cone: Cone) -> f32 {
+        let [p, q, r] = triangle.vertices.map(|v| self.positions[v as usize]);
+        let [s, t, u] = self.corner_uvs(triangle, of);
+        let area = (q - p).cross(r - p).length();
+        let of_area = if area > 0.0 { (t - s).perp_dot(u - s).abs() / area } else { 0.0 };
+        cone.width * (of_area / cone.cosine.max(0.01)).sqrt()
+    }
+
+    /// A texture's mean over what a cone covers around a point of a triangle (see [`crate::bsdf::sample_filtered`]).
+    pub fn texel_over(
+        &self,
+        triangle: &Triangle,
+        weights: [f32; 3],
+        (texture, of): (u32, TextureUse),
+        cone: Cone,
+    ) -> Vec4 {
+        let uv = self.uv_at(triangle, weights, of).to_array();
+        sample_filtered(self, texture, uv, self.footprint(triangle, of, cone))
+    }
+
+    /// Normal of a surface with a normal map ([`crate::bsdf::mapped_normal`]) at a point of a triangle, by the weights of its corners;
+    /// `normal` is the unit normal without it, on the triangle's front.
+    pub fn mapped_normal(&self, triangle: &Triangle, weights: [f32; 3], normal: Vec3) -> Vec3 {
+        self.mapped_normal_over(triangle, weights, normal, Cone::POINT)
+    }
+
+    /// [`Scene::mapped_normal`], from the mean vector over what a cone covers.
+    pub fn mapped_normal_over(&self, triangle: &Triangle, weights: [f32; 3], normal: Vec3, cone: Cone) -> Vec3 {
         let material = &self.materials[triangle.material as usize];
         let Some(texture) = material.normal_texture else { return normal };
-        let [a, b, c] = triangle.vertices.map(|v| v as usize);
-        let edges = [self.positions[b] - self.positions[a], self.positions[c] - self.positions[a]];
-        let uv_edges = [self.uvs[b] - self.uvs[a], self.uvs[c] - self.uvs[a]];
-        let texel = sample_filtered(self, texture, uv.to_array(), footprint).truncate();
-        mapped_normal(texel, material.normal_scale, edges, uv_edges, normal)
+        let [a, b, c] = triangle.vertices.map(|v| self.positions[v as usize]);
+        let uvs = self.corner_uvs(triangle, TextureUse::Normal);
+        let texel = self.texel_over(triangle, weights, (texture, TextureUse::Normal), cone).truncate();
+        mapped_normal(texel, material.normal_scale, [b - a, c - a], [uvs[1] - uvs[0], uvs[2] - uvs[0]], normal)
+    }
+
+    /// Radiance that a triangle emits at a point, by the weights of its corners.
+    pub fn emission_at(&self, triangle: &Triangle, weights: [f32; 3]) -> Vec3 {
+        self.emission_over(triangle, weights, Cone::POINT)
+    }
+
+    /// [`Scene::emission_at`], the mean over what a cone covers.
+    pub fn emission_over(&self, triangle: &Triangle, weights: [f32; 3], cone: Cone) -> Vec3 {
+        let material = &self.materials[triangle.material as usize];
+        let Some(texture) = material.emission_texture else { return material.emission };
+        material.emission * self.texel_over(triangle, weights, (texture, TextureUse::Emission), cone).truncate()
     }
 
     /// Whether some surface in use lets rays pass.
@@ -225,7 +282,7 @@ impl Scene {
         }
         let texture = || {
             material.base_texture.map_or(1.0, |texture| {
-                let uv: Vec2 = triangle.vertices.iter().zip(weights).map(|(&v, w)| self.uvs[v as usize] * w).sum();
+                let uv = self.uv_at(triangle, weights, TextureUse::Base);
                 sample_texture(&self.textures[texture as usize], uv.to_array()).w
             })
         };
@@ -315,6 +372,20 @@ pub enum Surface {
     Glass,
 }
 
+/// A cone of directions around a ray, where it meets a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cone {
+    /// Its width there; 0: a point.
+    pub width: f32,
+    /// Cosine between the ray and the surface's normal.
+    pub cosine: f32,
+}
+
+impl Cone {
+    /// The ray itself.
+    pub const POINT: Cone = Cone { width: 0.0, cosine: 1.0 };
+}
+
 /// How much of a surface is there: rays pass the rest as if there were nothing, without a change of direction. The alpha of the base
 /// texture, where there is one, multiplies the opacity.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
@@ -381,6 +452,19 @@ impl Alpha {
     }
 }
 
+/// A use of a texture by a material.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TextureUse {
+    /// [`Material::base_texture`], which keeps the first set of coordinates.
+    Base = 0,
+    /// [`Material::metallic_roughness_texture`].
+    MetallicRoughness = 1,
+    /// [`Material::normal_texture`].
+    Normal = 2,
+    /// [`Material::emission_texture`].
+    Emission = 3,
+}
+
 /// A material: reflectance f_r = kd/pi + ks D G F / (4 cos cos').
 ///
 /// kd = base_color (1 - metallic) (1 - mean F), F0 = mix(specular, base_color, metallic), GGX alpha = roughness^2.
@@ -409,8 +493,12 @@ pub struct Material {
     pub specular: Vec3,
     /// How much of the surface is there, unless it emits: emitters are opaque.
     pub alpha: Alpha,
-    /// Emitted radiance.
+    /// Emitted radiance; multiplied by `emission_texture` if there is one.
     pub emission: Vec3,
+    /// Index into `textures` (sRGB).
+    pub emission_texture: Option<u32>,
+    /// For each [`TextureUse`] whether the texture lies by [`Scene::second_uvs`] instead of [`Scene::uvs`]; never for the base.
+    pub second_uvs: [bool; 4],
     /// Emits from both sides.
     pub two_sided: bool,
     /// Index of refraction (glass).
@@ -442,6 +530,8 @@ impl Default for Material {
             specular: Vec3::ZERO,
             alpha: Alpha::Opaque,
             emission: Vec3::ZERO,
+            emission_texture: None,
+            second_uvs: [false; 4],
             two_sided: false,
             ior: 1.5,
             thin: false,
@@ -456,6 +546,12 @@ impl Material {
     /// Whether rays may pass.
     pub fn has_alpha(&self) -> bool {
         self.alpha != Alpha::Opaque && self.emission == Vec3::ZERO
+    }
+
+    /// Its textures.
+    pub fn textures(&self) -> impl Iterator<Item = u32> {
+        let all = [self.base_texture, self.metallic_roughness_texture, self.normal_texture, self.emission_texture];
+        all.into_iter().flatten()
     }
 
     /// Mean over RGB of the reflectance kd + F0 seen by particles, at most 1; `averages` are those of the scene's textures.
