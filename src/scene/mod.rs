@@ -29,13 +29,14 @@ use std::sync::Arc;
 use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
-use crate::bsdf::{mapped_normal, sample_texture};
+use crate::bsdf::sample_texture;
 use crate::error::{Error, Result};
 use crate::settings::{Compensation, Exposure, Spread};
 use crate::superposition::lobe::Table;
 
 pub use environment::Environment;
 pub use export::{VirtualLight, export_lights};
+pub use texture::TextureUse;
 
 /// Minimum roughness of a lobe in a file: no point light would hit a smoother one.
 const MIN_ROUGHNESS: f32 = 0.03;
@@ -202,39 +203,6 @@ impl Scene {
             return Vec3::ONE;
         }
         triangle.vertices.iter().zip(weights).map(|(&v, w)| self.colors[v as usize] * w).sum()
-    }
-
-    /// Texture coordinates of a triangle's corners for one use of a texture.
-    pub fn corner_uvs(&self, triangle: &Triangle, of: TextureUse) -> [Vec2; 3] {
-        let second = self.materials[triangle.material as usize].second_uvs[of as usize];
-        let set = if second { &self.second_uvs } else { &self.uvs };
-        triangle.vertices.map(|v| set.get(v as usize).copied().unwrap_or(Vec2::ZERO))
-    }
-
-    /// Texture coordinates at a point of a triangle for one use of a texture, by the weights of its corners.
-    pub fn uv_at(&self, triangle: &Triangle, weights: [f32; 3], of: TextureUse) -> Vec2 {
-        let [a, b, c] = self.corner_uvs(triangle, of);
-        a * weights[0] + b * weights[1] + c * weights[2]
-    }
-
-    /// Normal of a surface with a normal map ([`crate::bsdf::mapped_normal`]) at a point of a triangle, by the weights of its corners;
-    /// `normal` is the unit normal without it, on the triangle's front.
-    pub fn mapped_normal(&self, triangle: &Triangle, weights: [f32; 3], normal: Vec3) -> Vec3 {
-        let material = &self.materials[triangle.material as usize];
-        let Some(texture) = material.normal_texture else { return normal };
-        let [a, b, c] = triangle.vertices.map(|v| self.positions[v as usize]);
-        let uvs = self.corner_uvs(triangle, TextureUse::Normal);
-        let uv = self.uv_at(triangle, weights, TextureUse::Normal);
-        let texel = sample_texture(&self.textures[texture as usize], uv.to_array()).truncate();
-        mapped_normal(texel, material.normal_scale, [b - a, c - a], [uvs[1] - uvs[0], uvs[2] - uvs[0]], normal)
-    }
-
-    /// Radiance that a triangle emits at a point, by the weights of its corners.
-    pub fn emission_at(&self, triangle: &Triangle, weights: [f32; 3]) -> Vec3 {
-        let material = &self.materials[triangle.material as usize];
-        let Some(texture) = material.emission_texture else { return material.emission };
-        let uv = self.uv_at(triangle, weights, TextureUse::Emission);
-        material.emission * sample_texture(&self.textures[texture as usize], uv.to_array()).truncate()
     }
 
     /// Whether some surface in use lets rays pass.
@@ -405,19 +373,6 @@ impl Alpha {
         }
         Ok(())
     }
-}
-
-/// A use of a texture by a material.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TextureUse {
-    /// [`Material::base_texture`], which keeps the first set of coordinates.
-    Base = 0,
-    /// [`Material::metallic_roughness_texture`].
-    MetallicRoughness = 1,
-    /// [`Material::normal_texture`].
-    Normal = 2,
-    /// [`Material::emission_texture`].
-    Emission = 3,
 }
 
 /// A material: reflectance f_r = kd/pi + ks D G F / (4 cos cos').
