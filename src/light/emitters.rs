@@ -26,7 +26,7 @@ use crate::bsdf::{basis, mean, sample_diffuse};
 use crate::error::{Error, Result};
 use crate::sampling::ONE_MINUS_EPSILON;
 use crate::scene::environment::Patch;
-use crate::scene::{Environment, Light, Scene, Texture, TextureUse, Triangle};
+use crate::scene::{Environment, Light, Scene, Texture};
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 use std::collections::HashMap;
@@ -252,7 +252,7 @@ impl Emitters {
                 let rounding = 1e-5 * size + 4.0 * f32::EPSILON * (a.abs().max(b.abs()).max_element());
                 let fits = ((a + b - c) - opposite).abs().max_element() <= rounding;
                 let same = candidate.material == triangle.material;
-                (same && fits && continues(scene, triangle, candidate, k, apex)).then_some((other, k))
+                (same && fits && patterns::continue_over(scene, triangle, candidate, k, apex)).then_some((other, k))
             });
             if let Some((other, k)) = partner {
                 // Corner c with its two edges; counter-clockwise c, a, opposite, b.
@@ -260,7 +260,7 @@ impl Emitters {
                 let index = self.of_triangle[other as usize];
                 self.of_triangle[t] = index;
                 self.list[index as usize] = Emitter {
-                    pattern: pattern(scene, triangle, (k + 2) % 3),
+                    pattern: patterns::of_face(scene, triangle, (k + 2) % 3),
                     ..of_surface(Kind::Quad, c, a - c, b - c, material.emission, material.two_sided)
                 };
                 let v = scene.triangles[other as usize].vertices.map(|v| scene.positions[v as usize]);
@@ -272,7 +272,7 @@ impl Emitters {
             self.of_triangle[t] = self.list.len() as u32;
             let [a, b, c] = corners;
             self.list.push(Emitter {
-                pattern: pattern(scene, triangle, 0),
+                pattern: patterns::of_face(scene, triangle, 0),
                 ..of_surface(Kind::Triangle, a, b - a, c - a, material.emission, material.two_sided)
             });
             for k in 0..3 {
@@ -533,31 +533,6 @@ fn blank(kind: Kind, p0: Vec3) -> Emitter {
         probability: 0.0,
         pattern: None,
     }
-}
-
-/// The texture of an emissive triangle whose emitter begins at this corner.
-fn pattern(scene: &Scene, triangle: &Triangle, corner: usize) -> Option<Pattern> {
-    let material = &scene.materials[triangle.material as usize];
-    let texture = material.emission_texture?;
-    let uvs = scene.corner_uvs(triangle, TextureUse::Emission);
-    let first = uvs[corner];
-    let uvs = [first, uvs[(corner + 1) % 3] - first, uvs[(corner + 2) % 3] - first];
-    Some(Pattern { texture, uvs, factor: material.emission })
-}
-
-/// Whether the texture of an emissive triangle goes on over its edge `k` into a neighbour, so that both form one quad. `apex`: corner of
-/// the neighbour across from the edge.
-fn continues(scene: &Scene, triangle: &Triangle, neighbour: &Triangle, k: usize, apex: usize) -> bool {
-    if scene.materials[triangle.material as usize].emission_texture.is_none() {
-        return true;
-    }
-    let (own, other) =
-        (scene.corner_uvs(triangle, TextureUse::Emission), scene.corner_uvs(neighbour, TextureUse::Emission));
-    let (a, b, c) = (own[k], own[(k + 1) % 3], own[(k + 2) % 3]);
-    let size = (a - c).abs().max_element().max((b - c).abs().max_element());
-    let rounding = 1e-5 * size + 4.0 * f32::EPSILON * a.abs().max(b.abs()).max(c.abs()).max_element();
-    let same = |p: Vec2, q: Vec2| (p - q).abs().max_element() <= rounding;
-    same(other[(apex + 1) % 3], b) && same(other[(apex + 2) % 3], a) && same(other[apex], a + b - c)
 }
 
 /// A triangle or quad: Phi = pi L A, twice that if both sides emit.

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::{Emitter, Emitters, Kind, NO_EMITTER};
 use crate::bsdf::{mean, sample_texture};
-use crate::scene::{Scene, Texture};
+use crate::scene::{Scene, Texture, TextureUse, Triangle};
 
 /// An emitter is divided if its texture exceeds its mean by this factor.
 const UNEVEN: f32 = 2.0;
@@ -243,6 +243,31 @@ pub(super) fn divide(emitters: &mut Emitters, scene: &Scene) {
     for index in &mut emitters.of_triangle {
         *index = index_of.get(*index as usize).copied().unwrap_or(NO_EMITTER);
     }
+}
+
+/// The texture of an emissive triangle whose emitter begins at this corner.
+pub(super) fn of_face(scene: &Scene, triangle: &Triangle, corner: usize) -> Option<Pattern> {
+    let material = &scene.materials[triangle.material as usize];
+    let texture = material.emission_texture?;
+    let uvs = scene.corner_uvs(triangle, TextureUse::Emission);
+    let first = uvs[corner];
+    let uvs = [first, uvs[(corner + 1) % 3] - first, uvs[(corner + 2) % 3] - first];
+    Some(Pattern { texture, uvs, factor: material.emission })
+}
+
+/// Whether the texture of an emissive triangle goes on over its edge `k` into a neighbour, so that both form one quad. `apex`: corner of
+/// the neighbour across from the edge.
+pub(super) fn continue_over(scene: &Scene, triangle: &Triangle, neighbour: &Triangle, k: usize, apex: usize) -> bool {
+    if scene.materials[triangle.material as usize].emission_texture.is_none() {
+        return true;
+    }
+    let (own, other) =
+        (scene.corner_uvs(triangle, TextureUse::Emission), scene.corner_uvs(neighbour, TextureUse::Emission));
+    let (a, b, c) = (own[k], own[(k + 1) % 3], own[(k + 2) % 3]);
+    let size = (a - c).abs().max_element().max((b - c).abs().max_element());
+    let rounding = 1e-5 * size + 4.0 * f32::EPSILON * a.abs().max(b.abs()).max(c.abs()).max_element();
+    let same = |p: Vec2, q: Vec2| (p - q).abs().max_element() <= rounding;
+    same(other[(apex + 1) % 3], b) && same(other[(apex + 2) % 3], a) && same(other[apex], a + b - c)
 }
 
 #[cfg(test)]
