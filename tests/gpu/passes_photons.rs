@@ -343,7 +343,7 @@ fn photons_from_an_environment_follow_their_oracles() {
         let scene = gallery_outdoors();
         let sine = sine_error(ctx, &scene);
         let settings = Settings {
-            photons: 2039,
+            photons: 8191,
             particles: 4,
             max_specular: 5,
             mirror_lights: 0,
