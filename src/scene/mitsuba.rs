@@ -18,7 +18,7 @@ use crate::settings::Settings;
 pub(super) fn load(path: &Path) -> Result<Scene> {
     let root = read(path)?;
     let mut ids = HashMap::new();
-    collect_ids(&root, &mut ids);
+    collect_ids(&root, &mut ids)?;
     for alias in root.children_of("alias") {
         let [id, other] = ["id", "as"].map(|name| alias.attribute(name));
         let (Some(id), Some(other)) = (id, other) else { return Err(alias.error("needs `id` and `as`")) };
@@ -51,13 +51,14 @@ pub(super) fn load(path: &Path) -> Result<Scene> {
     Ok(reader.finish())
 }
 
-fn collect_ids<'a>(element: &'a Element, ids: &mut HashMap<&'a str, &'a Element>) {
+fn collect_ids<'a>(element: &'a Element, ids: &mut HashMap<&'a str, &'a Element>) -> Result<()> {
     if !matches!(element.tag.as_str(), "ref" | "alias")
         && let Some(id) = element.attribute("id")
+        && ids.insert(id, element).is_some()
     {
-        ids.insert(id, element);
+        return Err(element.error("another element has this id"));
     }
-    element.children.iter().for_each(|child| collect_ids(child, ids));
+    element.children.iter().try_for_each(|child| collect_ids(child, ids))
 }
 
 pub(super) struct Reader<'a> {
