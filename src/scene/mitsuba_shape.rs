@@ -256,6 +256,9 @@ impl<'a> Reader<'a> {
             }
         };
         let of_file = matches!(element.kind(), "obj" | "ply" | "serialized");
+        if element.property("max_smooth_angle").is_some() {
+            self.leave_out("max_smooth_angle of a shape (the normals of its file)");
+        }
         let faceted = of_file && (mesh.faceted || element.boolean("face_normals")?);
         if faceted {
             mesh.normals.clear();

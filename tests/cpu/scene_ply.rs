@@ -18,7 +18,9 @@ const HEADER: &str = "comment a square and a triangle\n\
     property uchar red\nproperty uchar green\nproperty uchar blue\nproperty short flag\n";
 
 /// Position, normal, texture coordinates, colour.
-const VERTICES: [([f32; 3], [f32; 3], [f32; 2], [u8; 3]); 5] = [
+type Corner = ([f32; 3], [f32; 3], [f32; 2], [u8; 3]);
+
+const VERTICES: [Corner; 5] = [
     ([0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0], [255, 0, 0]),
     ([1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0], [255, 255, 255]),
     ([1.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.25], [0, 0, 0]),
