@@ -167,7 +167,8 @@ fn load_model(path: &Path, photometric: Option<bool>) -> Result<Scene> {
         "xml" => mitsuba::load(path)?,
         "gltf" | "glb" => gltf::load(path, photometric)?,
         other => {
-            let message = format!("cannot read scenes of the kind {other:?}; use .toml, .obj, .ply, .gltf, .glb or .xml");
+            let message =
+                format!("cannot read scenes of the kind {other:?}; use .toml, .obj, .ply, .gltf, .glb or .xml");
             return Err(Error::file(path, message));
         }
     };

@@ -493,7 +493,11 @@ fn files_and_parameters_are_put_in() {
             "\"Fe\" is not known",
         ),
         ("<emitter type=\"constant\"/><emitter type=\"constant\"/>", vec![], "a second environment"),
-        ("<bsdf type=\"diffuse\" id=\"x\"/>\n<shape type=\"cube\" id=\"x\"/>", vec![], "a.xml:3: <shape> \"x\": another element"),
+        (
+            "<bsdf type=\"diffuse\" id=\"x\"/>\n<shape type=\"cube\" id=\"x\"/>",
+            vec![],
+            "a.xml:3: <shape> \"x\": another element",
+        ),
     ] {
         let message = load_beside(inside, &files).unwrap_err();
         assert!(message.contains(reason), "{message:?} does not say {reason:?}");
