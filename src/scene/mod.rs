@@ -13,11 +13,19 @@ mod gltf_accessor;
 mod gltf_extensions;
 mod gltf_material;
 pub mod mip;
+mod mitsuba;
+mod mitsuba_bsdf;
+mod mitsuba_emitter;
+mod mitsuba_indices;
+mod mitsuba_shape;
+mod mitsuba_texture;
+mod mitsuba_xml;
 mod obj;
 mod obj_material;
 mod objects;
 mod origin;
 mod pane;
+mod ply;
 pub mod reflectors;
 mod sky;
 mod tessellate;
@@ -121,7 +129,7 @@ impl Default for Scene {
     }
 }
 
-/// Loads and validates a scene description (`.toml`) or a bare model (`.obj`, `.gltf`, `.glb`).
+/// Loads and validates a scene description (`.toml`) or a bare model (`.obj`, `.ply`, `.gltf`, `.glb`, Mitsuba's `.xml`).
 ///
 /// A bare model uses its vertex normals where it has them; a description ignores them unless it has
 /// `face_normals = false`.
@@ -155,9 +163,12 @@ fn load_model(path: &Path, photometric: Option<bool>) -> Result<Scene> {
             scene.find_panes();
             scene
         }
+        "ply" => ply::load(path)?,
+        "xml" => mitsuba::load(path)?,
         "gltf" | "glb" => gltf::load(path, photometric)?,
         other => {
-            let message = format!("cannot read scenes of the kind {other:?}; use .toml, .obj, .gltf or .glb");
+            let message =
+                format!("cannot read scenes of the kind {other:?}; use .toml, .obj, .ply, .gltf, .glb or .xml");
             return Err(Error::file(path, message));
         }
     };

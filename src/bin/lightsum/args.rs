@@ -57,7 +57,7 @@ pub enum Command {
 /// Flags of `info`.
 #[derive(Debug, Args)]
 pub struct Info {
-    /// Scene description (.toml) or bare model (.obj, .gltf, .glb).
+    /// Scene description (.toml) or bare model (.obj, .ply, .gltf, .glb, .xml).
     #[arg(value_name = "SCENE")]
     pub scene: PathBuf,
     /// Print one JSON object.
@@ -70,7 +70,7 @@ pub struct Info {
 /// Flags of `animate`.
 #[derive(Debug, Args)]
 pub struct Animate {
-    /// Scene description (.toml) or bare model (.obj, .gltf, .glb).
+    /// Scene description (.toml) or bare model (.obj, .ply, .gltf, .glb, .xml).
     #[arg(value_name = "SCENE")]
     pub scene: PathBuf,
     /// Path file (.toml): frames, and keyframes of camera and objects. See the README for its format.
@@ -107,7 +107,7 @@ pub struct Animate {
 /// Flags of `render`.
 #[derive(Debug, Args)]
 pub struct Render {
-    /// Scene description (.toml) or bare model (.obj, .gltf, .glb).
+    /// Scene description (.toml) or bare model (.obj, .ply, .gltf, .glb, .xml).
     #[arg(value_name = "SCENE", required_unless_present = "list_devices")]
     pub scene: Option<PathBuf>,
     /// List the Vulkan devices with their indices, then exit.
