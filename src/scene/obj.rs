@@ -150,8 +150,8 @@ struct Checker<'a> {
     uvs: usize,
     normals: usize,
     group: String,
-    /// Whether the faces of the group, so far, have texture coordinates and normals. `tobj` mixes up the vertices of a
-    /// mesh where only some have them: faces of another kind begin a new one.
+    /// Whether the latest face of the group has texture coordinates and normals. `tobj` mixes up the vertices of a mesh
+    /// where only some have them: a face of another kind begins a new one.
     kind: Option<[bool; 2]>,
     /// Materials that `tobj` knows.
     materials: HashSet<String>,
@@ -229,7 +229,6 @@ impl<'a> Checker<'a> {
             "o" | "g" => {
                 self.group = String::from(if rest.is_empty() { UNNAMED } else { rest });
                 self.kind = None;
-                line_of(out, ["o ", &self.group]);
             }
             "usemtl" => {
                 let name = if rest.is_empty() { UNNAMED } else { rest };
@@ -310,10 +309,10 @@ impl<'a> Checker<'a> {
             self.incomplete.get_or_insert((self.line, 0)).1 += 1;
             return Ok(());
         }
-        if self.kind.is_some_and(|kind| kind != all) {
+        if self.kind != Some(all) {
             line_of(out, ["o ", &self.group]);
+            self.kind = Some(all);
         }
-        self.kind = Some(all);
         out.push('f');
         for word in words(rest) {
             if all == some {

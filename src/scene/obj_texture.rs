@@ -168,7 +168,8 @@ impl Job {
                 read.inspect_err(|reason| {
                     let (library, file) = (map.library.display(), map.file.display());
                     log::warn!("{library}:{}: material {material:?}: {word} {file}: {reason}", map.line);
-                    missing.push(format!("{word} {file} (cannot be read)"));
+                    let name = map.file.file_name().unwrap_or_default().display();
+                    missing.push(format!("{word} {name} (cannot be read)"));
                 })
                 .ok()
             })

@@ -159,7 +159,7 @@ mod tests {
 
     #[test]
     fn large_concave_polygons_keep_their_area() {
-        let n = 20_001;
+        let n = 20_000;
         // A star, a comb and a spiral, in an oblique plane far from the origin.
         let angle = |i: usize| std::f64::consts::TAU * i as f64 / n as f64;
         let star = |i: usize| DVec2::from_angle(angle(i)) * [1.0, 0.5][i % 2];
@@ -178,7 +178,8 @@ mod tests {
             let far = DVec3::new(1e3, -2e3, 5e2);
             let points: Vec<DVec3> = flat.iter().map(|p| far + p.x * u + p.y * v).collect();
             let found = areas(&points, normal * twice.signum());
-            assert!((found.iter().sum::<f64>() / twice.abs() - 1.0).abs() < 1e-9, "{which}: {twice}");
+            let ratio = found.iter().sum::<f64>() / twice.abs();
+            assert!((ratio - 1.0).abs() < 1e-9, "{which}: {ratio}, {} triangles", found.len());
             assert!(found.iter().all(|&t| t > -1e-9), "{which}");
         }
     }

@@ -3,5 +3,6 @@
 mod scene;
 mod scene_gltf;
 mod scene_keys;
+mod scene_obj;
 mod scene_origin;
 mod transport;
