@@ -21,7 +21,7 @@ pub(super) const UNNAMED: &str = "unnamed";
 
 /// Reads an OBJ file with its material libraries; the result is not validated yet.
 pub(super) fn load(path: &Path) -> Result<Scene> {
-    let bytes = std::fs::read(path).map_err(Error::io("reading", path))?;
+    let bytes = crate::input::read(path)?;
     let text = decode(&bytes);
     let mut checker = Checker::new(path, has_colors(&text));
     // Materials keep their names through tobj and nothing else; the libraries are read afterwards.

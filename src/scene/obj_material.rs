@@ -100,7 +100,7 @@ impl Library {
 
 /// Reads a library; also returns what it leaves out.
 fn read(path: &Path) -> Result<(Vec<(Material, Maps)>, BTreeSet<String>)> {
-    let bytes = std::fs::read(path).map_err(Error::io("reading", path))?;
+    let bytes = crate::input::read(path)?;
     let mut current: Option<String> = None;
     let mut ignored = BTreeSet::new();
     // Lines of the maps of each material.

@@ -193,7 +193,7 @@ impl Job {
 
 impl Map {
     fn read(&self, srgb: bool) -> Result<Texture, String> {
-        let bytes = std::fs::read(&self.file).map_err(|e| e.to_string())?;
+        let bytes = crate::input::read(&self.file).map_err(|e| e.to_string())?;
         Texture::decode(&bytes, self.file.to_string_lossy().into_owned(), srgb, [self.options.wrap; 2])
     }
 }
