@@ -27,7 +27,7 @@ const SQUARE: &str = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\n
 /// The material of the square.
 fn square(statements: &str, images: &[(&str, &[u8])]) -> (Scene, Material) {
     let mtl = format!("newmtl m\n{statements}\n");
-    let files = [&[("a.obj", SQUARE.as_bytes()), ("a.mtl", mtl.as_bytes())], images].concat();
+    let files = [&[("a.obj", SQUARE.as_bytes()), ("a.mtl", mtl.as_bytes())][..], images].concat();
     let scene = load(&files);
     let material = scene.materials[scene.triangles[0].material as usize].clone();
     (scene, material)
