@@ -1,9 +1,11 @@
 //! Plans a pass before it is recorded: the number of particles that survive each reflection, the slots of their lights,
 //! the division of work into dispatches, and the sampling parameters of each pass.
 
+mod cones;
 mod lights;
 mod parameters;
 
+pub use self::cones::Cones;
 pub use self::lights::LightPlan;
 pub use parameters::{MAX_FOLLOWED_ALPHA, MIN_LIGHT_ALPHA};
 

@@ -30,6 +30,9 @@ impl Scene {
         self.positions.extend_from_slice(points);
         self.normals.resize(self.positions.len(), Vec3::Y);
         self.uvs.resize(self.positions.len(), Vec2::ZERO);
+        if !self.second_uvs.is_empty() {
+            self.second_uvs.resize(self.positions.len(), Vec2::ZERO);
+        }
         if !self.colors.is_empty() {
             self.colors.resize(self.positions.len(), Vec3::ONE);
         }

@@ -287,6 +287,7 @@ fn change_material(
         m.specular = entry.specular.unwrap_or(m.specular);
         m.alpha = m.alpha.with(entry.opacity, entry.alpha_cutoff);
         m.emission = entry.emission.unwrap_or(m.emission);
+        scene.emission_is_relative &= entry.emission.is_none();
         m.two_sided = entry.two_sided.unwrap_or(m.two_sided);
         m.ior = entry.ior.unwrap_or(m.ior);
         m.thin = entry.thin.unwrap_or(m.thin);

@@ -80,7 +80,8 @@ impl Found {
             tally.check(covered == (through.w > 0.0), || format!("coverage {i}"));
             return false;
         };
-        let s = surface_at(rig.scene, rig.bvh(), &hit, d);
+        let width = rig.parameters.cones[0] * (through.w + cos_view * hit.t);
+        let s = surface_at(rig.scene, rig.bvh(), &hit, d, width);
         let r = &s.reflectance;
         // A path along a lobe shares the light that it meets with virtual lights.
         let [of_emission, of_light] = eye_paths::shares_at(&rig.parameters, path, (d, hit.t), &s);

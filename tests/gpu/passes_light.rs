@@ -127,7 +127,7 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
         });
         let lobe = if bounce == 1 { f32::from(specular) } else { old[i].w };
         tally.check(beta[i].w == lobe, || format!("pixel {i}: lobe {}", beta[i].w));
-        let surface = hit.map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction));
+        let surface = hit.map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction, p.cones[2] * hit.t));
         let light = surface.map_or(Vec3::ZERO, |s| s.emission);
         let e = emitted[i].truncate();
         let values = [(e, weight * light)];
