@@ -17,6 +17,13 @@ impl Scene {
         self.objects.len() as u32 - 1
     }
 
+    /// Notes what a file holds and the loader leaves out.
+    pub(super) fn leave_out(&mut self, what: String) {
+        if !self.ignored.contains(&what) {
+            self.ignored.push(what);
+        }
+    }
+
     /// Adds a flat-shaded mesh.
     pub(super) fn add_mesh(&mut self, points: &[Vec3], faces: &[[u32; 3]], material: u32, object: u32) {
         let first = self.positions.len() as u32;

@@ -4,6 +4,7 @@ mod scene;
 mod scene_gltf;
 mod scene_keys;
 mod scene_mitsuba;
+mod scene_obj;
 mod scene_origin;
 mod scene_ply;
 mod transport;
