@@ -12,6 +12,7 @@ use crate::error::Result;
 use crate::light::emitters::{Emitter, EmitterRecord, Emitters, Kind};
 use crate::pass::layout::{MaterialRecord, TextureRecord};
 use crate::sampling::sobol;
+use crate::scene::animation::Animation;
 use crate::scene::{Camera, Scene};
 
 /// Summary of a scene; the keys of the JSON form are the fields' names.
@@ -35,6 +36,8 @@ pub struct Summary {
     pub camera: Option<Camera>,
     /// Names of all cameras of a glTF file.
     pub cameras: Vec<String>,
+    /// Animations of a glTF file.
+    pub animations: Vec<AnimationSummary>,
     /// What emits light, the strongest first.
     pub lights: Vec<LightSummary>,
     /// Emitted flux of all lights, W: mean of red, green and blue.
@@ -55,6 +58,15 @@ pub struct TextureSummary {
     pub width: u32,
     /// Rows.
     pub height: u32,
+}
+
+/// An animation.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AnimationSummary {
+    /// Its name.
+    pub name: String,
+    /// Times of its first and last key, seconds.
+    pub span: [f64; 2],
 }
 
 /// Lights of one kind, or the emissive faces of one material.
@@ -87,11 +99,18 @@ impl Summary {
             high: scene.to_world(high).to_array(),
             camera: scene.camera,
             cameras: scene.cameras.iter().map(|named| named.name.clone()).collect(),
+            animations: scene.animations.iter().flat_map(|a| &a.list).map(AnimationSummary::of).collect(),
             power: mean(emitters.power),
             lights,
             device_bytes: device_bytes(scene, &emitters)?,
             ignored: scene.ignored.clone(),
         })
+    }
+}
+
+impl AnimationSummary {
+    fn of(animation: &Animation) -> AnimationSummary {
+        AnimationSummary { name: animation.name.clone(), span: [animation.start, animation.end] }
     }
 }
 

@@ -127,8 +127,10 @@ impl Engine {
     /// Replaces the vertices of an object: the same number, in the order of [`Engine::scene`], before its transform.
     /// Without `normals`, those of smooth triangles become the mean of their faces'.
     ///
+    /// A triangle without area is not there until other vertices give it one.
+    ///
     /// Errors, which leave everything unchanged: there is no such object; the number of vertices differs; a triangle
-    /// would lose its area; the object is the surface of a sphere light.
+    /// that emits would lose its area; the object is the surface of a sphere light.
     pub fn set_vertices(&mut self, object: u32, positions: &[Vec3], normals: Option<&[Vec3]>) -> Result<()> {
         let moving = self.moving()?;
         let name = moving.name(object)?;
@@ -371,6 +373,7 @@ impl DynamicScene {
         let name = self.name(object)?;
         let range = self.vertices[object as usize].clone();
         let rest_positions = rest.as_ref().map_or(&self.rest_positions[range.clone()], |rest| rest.0);
+        let reshaped = rest.is_some();
         let still = transform == Affine3A::IDENTITY;
         let positions: Vec<Vec3> = if still {
             rest_positions.to_vec()
@@ -384,7 +387,11 @@ impl DynamicScene {
         for &k in &self.triangles[object as usize] {
             let triangle = &self.scene.triangles[k as usize];
             smooth |= triangle.smooth;
-            if is_degenerate(triangle.vertices.map(|v| positions[v as usize - first])) {
+            if !is_degenerate(triangle.vertices.map(|v| positions[v as usize - first])) {
+                continue;
+            }
+            let emits = self.scene.materials[triangle.material as usize].emission.max_element() > 0.0;
+            if emits || !reshaped && !is_degenerate(triangle.vertices.map(|v| rest_positions[v as usize - first])) {
                 return Err(refused(&name, &format!("triangle {k} of the scene would have no area")));
             }
         }

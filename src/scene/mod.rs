@@ -3,6 +3,7 @@
 //! Coordinates are the file's own, relative to [`Scene::origin`] and right-handed; radiance is in W/(m^2 sr), linear Rec. 709. A face emits only from its
 //! front (counter-clockwise) side unless its material is `two_sided`; surfaces reflect on both sides.
 
+pub mod animation;
 mod builder;
 pub mod builtin;
 mod description;
@@ -10,6 +11,7 @@ pub mod environment;
 mod export;
 mod gltf;
 mod gltf_accessor;
+mod gltf_animation;
 mod gltf_extensions;
 mod gltf_material;
 pub mod mip;
@@ -45,6 +47,7 @@ use crate::error::{Error, Result};
 use crate::settings::{Compensation, Exposure, Spread};
 use crate::superposition::lobe::Table;
 
+pub use animation::Animations;
 pub use environment::Environment;
 pub use export::{VirtualLight, export_lights};
 pub use texture::{Cone, TextureUse};
@@ -101,6 +104,9 @@ pub struct Scene {
     pub camera: Option<Camera>,
     /// All cameras of a glTF file.
     pub cameras: Vec<NamedCamera>,
+    /// How the file moves; `None`: it has no animations. They refer to vertices, lights and cameras by index, so that these must stay
+    /// in their places for [`Scene::set_pose`].
+    pub animations: Option<Arc<Animations>>,
     /// `[render]` of the scene file: defaults that the command line overrides.
     pub render: RenderDefaults,
 }
@@ -126,6 +132,7 @@ impl Default for Scene {
             ignored: Vec::new(),
             camera: None,
             cameras: Vec::new(),
+            animations: None,
             render: RenderDefaults::default(),
         }
     }

@@ -354,9 +354,9 @@ fn fill(
                     .map_err(|_| Error::file(path, "more than 2^32 corners; split the model"))?;
             }
         }
-        let points: Vec<Vec3> = corners.iter().map(|&v| scene.positions[v as usize]).collect();
+        let points: Vec<DVec3> = corners.iter().map(|&v| scene.positions[v as usize].as_dvec3()).collect();
         for triangle in triangulate(&points) {
-            let vertices = triangle.map(|k| corners[k]);
+            let vertices = triangle.map(|k| corners[k as usize]);
             scene.triangles.push(Triangle { vertices, material, object, smooth });
         }
     }

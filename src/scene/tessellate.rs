@@ -77,22 +77,30 @@ pub(super) const MOST_CORNERS: usize = 1 << 25;
 ///
 /// Convex polygons become a fan from their first corner; earcut cuts others, which may leave out corners on a straight edge.
 pub(super) fn triangulate(points: &[DVec3]) -> Vec<[u32; 3]> {
-    let n = points.len();
-    if n < 3 {
-        return Vec::new();
+    let all = points.len();
+    if all <= 3 {
+        return if all == 3 { vec![[0, 1, 2]] } else { Vec::new() };
     }
+    // Beside a repeated corner no turn would show that the polygon is concave.
+    let mut corners: Vec<u32> = (0..all).filter(|&i| points[i] != points[(i + 1) % all]).map(|i| i as u32).collect();
+    if corners.len() < 3 {
+        corners = (0..all as u32).collect();
+    }
+    let n = corners.len();
+    let at = |k: usize| points[corners[k % n] as usize];
+    let of_corners = |[a, b, c]: [u32; 3]| [a, b, c].map(|k| corners[k as usize]);
     // Newell's normal, also correct for concave polygons.
-    let normal: DVec3 = (0..n).map(|i| (points[i] - points[0]).cross(points[(i + 1) % n] - points[0])).sum();
-    let corner = |a: usize, b: usize, c: usize| (points[b] - points[a]).cross(points[c] - points[b]).dot(normal);
-    if n == 3 || (0..n).all(|i| corner(i, (i + 1) % n, (i + 2) % n) >= 0.0) {
-        return (1..n as u32 - 1).map(|i| [0, i, i + 1]).collect();
+    let normal: DVec3 = (0..n).map(|i| (at(i) - at(0)).cross(at(i + 1) - at(0))).sum();
+    let turns_left = |i: usize| (at(i + 1) - at(i)).cross(at(i + 2) - at(i + 1)).dot(normal) >= 0.0;
+    if n == 3 || (0..n).all(turns_left) {
+        return (1..n as u32 - 1).map(|i| of_corners([0, i, i + 1])).collect();
     }
     let (u, v) = normal.normalize_or_zero().any_orthonormal_pair();
     // any_orthonormal_pair gives u x v = normal, so the projection keeps the orientation.
-    let flat = points.iter().map(|p| [(*p - points[0]).dot(u), (*p - points[0]).dot(v)]);
+    let flat = (0..n).map(|i| [(at(i) - at(0)).dot(u), (at(i) - at(0)).dot(v)]);
     let mut indices: Vec<u32> = Vec::new();
     earcut::Earcut::new().earcut(flat, &[], &mut indices);
-    indices.as_chunks().0.to_vec()
+    indices.as_chunks().0.iter().map(|&triangle| of_corners(triangle)).collect()
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 mod scene;
 mod scene_gltf;
+mod scene_gltf_animation;
 mod scene_keys;
 mod scene_mitsuba;
 mod scene_obj;

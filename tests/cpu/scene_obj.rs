@@ -120,7 +120,7 @@ fn polygons_keep_their_shape() {
     let area = |text: &str| {
         let scene = load(&[("a.obj", text.as_bytes())]);
         let up = |c: &[(Vec3, Vec2); 3]| (c[1].0 - c[0].0).cross(c[2].0 - c[0].0).z;
-        assert!(corners(&scene).iter().all(|c| up(c) > 0.0));
+        assert!(corners(&scene).iter().all(|c| up(c) > 0.0), "{text}: {:?}", corners(&scene));
         0.5 * corners(&scene).iter().map(up).sum::<f32>()
     };
     for order in ["1 2 3 4", "2 3 4 1", "3 4 1 2", "4 1 2 3"] {

@@ -1,6 +1,7 @@
 //! The flags, their help and their syntax. `render` decides how they combine.
 
 mod camera;
+mod play;
 mod reading;
 mod superposition;
 mod values;
@@ -16,6 +17,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 pub use camera::Camera;
+pub use play::{Play, Pose};
 pub use reading::Reading;
 pub use superposition::Glossy;
 pub use values::check_resolution;
@@ -46,7 +48,7 @@ pub enum Command {
     ///
     /// A flag overrides the key of the same name in the scene file's [render] section, which overrides the default.
     Render(Box<Render>),
-    /// Play a recorded path of camera and objects, and write its frames, their timings, or both.
+    /// Play the animation of a model, or a recorded path of camera and objects, and write the frames, their timings, or both.
     ///
     /// The scene is loaded once; each frame updates only the objects that move. Frames without changes accumulate.
     Animate(Box<Animate>),
@@ -74,8 +76,10 @@ pub struct Animate {
     #[arg(value_name = "SCENE")]
     pub scene: PathBuf,
     /// Path file (.toml): frames, and keyframes of camera and objects. See the README for its format.
+    ///
+    /// Without it the model plays an animation of its own.
     #[arg(long, value_name = "FILE.toml")]
-    pub path: PathBuf,
+    pub path: Option<PathBuf>,
     /// Images to write (.exr or .png), with %d or %04d for the frame number. Without it no image is written.
     #[arg(short, long, value_name = "PATTERN", value_parser = PathBufValueParser::new().try_map(image_path))]
     pub output: Option<PathBuf>,
@@ -94,6 +98,10 @@ pub struct Animate {
     /// Tone curve of PNG files.
     #[arg(long, value_name = "CURVE", value_enum, default_value = "srgb")]
     pub tonemap: Curve,
+    #[command(flatten)]
+    pub play: Play,
+    #[command(flatten)]
+    pub camera: Camera,
     #[command(flatten)]
     pub reading: Reading,
     #[command(flatten)]
@@ -118,6 +126,8 @@ pub struct Render {
     pub output: Output,
     #[command(flatten)]
     pub stop: Stop,
+    #[command(flatten)]
+    pub pose: Pose,
     #[command(flatten)]
     pub reading: Reading,
     #[command(flatten)]

@@ -4,7 +4,7 @@ use crate::args::{Device, FilterFlag, Glossy, Light, Preset, Render};
 use crate::checkpoint::Checkpoints;
 use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due};
-use crate::{camera, reference, say, say_aside};
+use crate::{camera, play, reference, say, say_aside};
 use glam::DVec3;
 use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics, Wanted};
 use lightsum::pass::layout::PointLight;
@@ -46,7 +46,8 @@ pub fn run(args: &Render) -> Result<()> {
     files.chain(&state).try_for_each(|file| output::check_writable(file))?;
 
     let start = Instant::now();
-    let scene = scene::load_with(path, args.reading.photometric())?;
+    let mut scene = scene::load_with(path, args.reading.photometric())?;
+    play::pose(&mut scene, path, args.pose.animation.as_deref(), args.pose.at)?;
     let stages = vec![("load".into(), start.elapsed().as_secs_f64())];
     let camera = camera::choose(&scene, &args.camera, args.output.resolution)?;
     args.output.crop.map_or(Ok(()), |crop| crop.check(camera.resolution))?;
