@@ -40,7 +40,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let hit = hits[ray];
     let triangle = bitcast<u32>(hit.w);
     let found = triangle != 0xffffffffu;
-    let s = surface_at(select(0u, triangle, found), hit.y, hit.z, last_d);
 #if MIRRORS
     // A ray that a mirror has reflected: the eye ray is its image in the mirror.
     let mirror = mirror_hits[ray];
@@ -48,12 +47,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let met = vec2<u32>(triangle, bitcast<u32>(hit.x));
     let normal = first_hit(select(0xffffffffu, mirror.x, turned), 0.0, last_d).normal;
     let d = select(last_d, mirrored_direction(last_d, normal), turned);
+    let length = hit.x + select(0.0, bitcast<f32>(mirror.y), turned);
     let own = shown_by(select(met, mirror, turned), select(vec2<u32>(NO_MIRROR, 0u), met, turned), d);
 #else
     let turned = false;
     let d = last_d;
+    let length = hit.x;
     let own = first_hit(triangle, hit.x, d);
 #endif
+    // Textures are averaged over the pixel, as for the pixel's own ray.
+    let s = surface_at(select(0u, triangle, found), hit.y, hit.z, last_d, frame.cones.x * dot(d, frame.forward.xyz) * length);
     let pixel = ray_pixel[ray];
     let at = vec2<i32>(place_of_pixel(pixel));
 

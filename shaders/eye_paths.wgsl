@@ -142,7 +142,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // A loop, because it runs zero times if no ray of the subgroup hit a mirror or glass.
     for (var i = select(0u, 1u, ideal); i > 0u; i -= 1u) {
         let ray = ray_direction[slot];
-        let s = surface_at(at, hit.y, hit.z, ray.xyz);
+        let before = throughput[slot];
+        let depth = before.w + ray.w * hit.x;
+        let s = surface_at(at, hit.y, hit.z, ray.xyz, frame.cones.x * depth);
         let inside = select(media[slot], vec4<u32>(0u), first_hit);
         let other = specular_split(s, -ray.xyz, relative_index(inside, s));
         var split = other;
@@ -169,8 +171,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         if shiny {
             split = split_of_lobe(s, -ray.xyz, fits, numbers.xy);
         }
-        let before = throughput[slot];
-        let depth = before.w + ray.w * hit.x;
 
         // Follows both components, or one at random.
         // Nothing averages what neighbours see in mirrors and glass: each chooses for itself.

@@ -37,7 +37,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let at = select(0u, triangle, found);
     let by_mirror = found && number > 0u && mirror_of[at] == number;
     let d = ray_direction[slot].xyz;
-    let s = surface_at(at, hit.y, hit.z, d);
+    let s = surface_at(at, hit.y, hit.z, d, frame.cones.y * hit.x);
     let reflected = schlick(s.ideal, -dot(s.shading, d));
 
     // The mirror image of the mirrored light is the light itself.

@@ -48,7 +48,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let off_a_plane = mirrored_lights && first_hit && mirror_of[at] > 0u && mirror_of[at] <= frame.mirrors.z;
     let ray = ray_direction[photon];
     let d = ray.xyz;
-    let s = surface_at(at, hit.y, hit.z, d);
+    let s = surface_at(at, hit.y, hit.z, d, frame.cones.y * hit.x);
 
     var stored = found && !ideal && !first_hit;
     var after = carried.xyz;

@@ -1,5 +1,6 @@
 // As shade.wgsl, for 64 shading points at once: a subgroup walks the tree for a whole cluster and one light.
 // See pass/shade.rs.
+// ALPHA: some surfaces let light pass; not with VISIBILITY.
 // VISIBILITY: only counts the lights visible to each shading point. See pass/visibility.rs.
 // COUNTERS: with VISIBILITY, also counts visited nodes and tests.
 // AREA: with VISIBILITY, the lights are area lights and each ray goes to its own point of one.
@@ -13,6 +14,9 @@
 #include "subgroup.wgsl"
 #include "cluster_walk.wgsl"
 #include "shaft.wgsl"
+#if ALPHA
+#include "alpha.wgsl"
+#endif
 #if AREA
 #include "area.wgsl"
 #endif
@@ -54,8 +58,8 @@ var<immediate> push: Push;
 #if VISIBILITY
 #else
 // Light from a visible light through specular lobes: returns the irradiance by the light's own lobe, and adds the radiance that
-// the shading point's lobe reflects to `specular`.
-fn add_lobes(light: u32, p: u32, clip2: f32) -> vec3<f32> {
+// the shading point's lobe reflects to `specular`. `passes`: share of the light that the surfaces on its way let pass.
+fn add_lobes(light: u32, p: u32, clip2: f32, passes: f32) -> vec3<f32> {
     let l = lights[light];
     let geometric = point_geometric[p];
     let shading = point_shading[p];
@@ -71,10 +75,10 @@ fn add_lobes(light: u32, p: u32, clip2: f32) -> vec3<f32> {
     let cosine = max(dot(wi, shading.xyz), 0.0);
     let falloff = inverse_square(r2, clip2);
     let divided = highlight_falloff(l.f0, l.wi, flags, r2, cos_light, lobe_density(shading.w, shading.xyz, wo.xyz, wi));
-    let factor = cosine * select(falloff, divided, has_flag(wo.w, LOBE_SAMPLED));
+    let factor = passes * cosine * select(falloff, divided, has_flag(wo.w, LOBE_SAMPLED));
     let reflected = eval_specular(point_lobe(geometric, shading, f0), shading.xyz, wo.xyz, wi);
     specular[p] += vec4<f32>(select(vec3<f32>(0.0), (plain + extra) * factor * reflected, has_flag(wo.w, GLOSSY)), 0.0);
-    return extra * (cosine * falloff);
+    return extra * (passes * cosine * falloff);
 }
 #endif
 
@@ -275,6 +279,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             var d: array<vec3<f32>, RAYS>;
             var inverse: array<vec3<f32>, RAYS>;
             var alive = 0u;
+#if ALPHA
+            // Share of each ray's light that the surfaces on its way let pass.
+            var passes: array<f32, RAYS>;
+            for (var r = 0u; r < RAYS; r += 1u) {
+                passes[r] = 1.0;
+            }
+#endif
             for (var r = 0u; r < RAYS; r += 1u) {
 #if AREA
                 let point = area_point(area, slot[r], at_light);
@@ -315,6 +326,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             }
             var leaves = select(0u, 1u, walk.pending != 0u && blocker != 0u);
             var more = walk.pending != 0u;
+#if ALPHA
+            // The walk will meet this leaf again, so that its surfaces that let light pass wait until then.
+            var first = true;
+#endif
             while more && left > 0u {
                 // Leaves: lane k sets up triangle k; triangles in the shaft are tested against the rays.
                 loop {
@@ -329,8 +344,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                     let index = entry & 0x0fffffffu;
                     var planes: array<Planes, PARTS>;
                     var taking_part = 0u;
+#if ALPHA
+                    var lets_pass = 0u;
+#endif
                     for (var part = 0u; part < PARTS; part += 1u) {
                         let k = number_of(part, lane);
+#if ALPHA
+                        lets_pass |= select(0u, 1u << k, has_alpha(index + min(k, max(count, 1u) - 1u)));
+#endif
                         let triangle = set_up_triangle(index + min(k, max(count, 1u) - 1u), origin);
                         planes[part] = triangle.planes;
                         let in_shaft = shaft_meets(shaft, triangle.lo, triangle.hi);
@@ -341,6 +362,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #endif
                     }
                     var survivors = or_reduce(taking_part);
+#if ALPHA
+                    lets_pass = or_reduce(lets_pass);
+                    survivors &= ~select(0u, lets_pass, first);
+#endif
                     loop {
                         left = max(left, 1u) - 1u;
                         let k = firstTrailingBit(survivors) & 7u;
@@ -351,6 +376,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                         survivors &= survivors - 1u;
                         let k_planes = planes_of(&planes, k);
                         let reach = select(3.0e38, k_planes.reach, any);
+#if ALPHA
+                        let partly = any && ((lets_pass >> k) & 1u) != 0u;
+                        var met_rays = 0u;
+#endif
                         for (var r = 0u; r < RAYS; r += 1u) {
 #if AREA
                             // The planes move to q: (2 edge x q) . d = 2 edge . (q x d).
@@ -363,8 +392,25 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                             let b = products(k_planes, d[r]);
                             let blocked = passes_inside(b) && b.z > reach;
 #endif
+#if ALPHA
+                            met_rays |= select(0u, 1u << r, blocked);
+                        }
+                        met_rays &= alive;
+                        alive &= ~select(met_rays, 0u, partly);
+                        // Their loops are longer than those of other triangles.
+                        left = max(left, select(0u, ALPHA_VISITS, partly)) - select(0u, ALPHA_VISITS, partly);
+                        for (var r = select(RAYS, 0u, partly); r < RAYS; r += 1u) {
+                            // The test for single rays tells where they meet the triangle.
+                            for (var j = (met_rays >> r) & 1u; j > 0u; j -= 1u) {
+                                let hit = intersect_triangle(index + k, position[r], -d[r], 1.0);
+                                passes[r] *= select(1.0, 1.0 - coverage_at(index + k, hit.u, hit.v), hit.ok);
+                            }
+                            alive &= ~select(0u, 1u << r, passes[r] <= 0.0);
+                        }
+#else
                             alive &= ~select(0u, 1u << r, blocked);
                         }
+#endif
                         if survivors == 0u {
                             break;
                         }
@@ -379,6 +425,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                     }
                 }
                 leaves = 0u;
+#if ALPHA
+                first = false;
+#endif
                 more = walk.pending != 0u;
                 loop {
                     left = max(left, 1u) - 1u;
@@ -453,13 +502,21 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 let wi = -d[r] / sqrt(max(r2, 1e-37));
                 let cos_light = -dot(wi, l_normal.xyz);
                 let intensity = plain_intensity(l_normal, l_emit, flags, cos_light);
+#if ALPHA
+                let factor = dot(wi, shading[r]) * inverse_square(r2, clip2) * passes[r];
+#else
                 let factor = dot(wi, shading[r]) * inverse_square(r2, clip2);
+#endif
                 sum[r] += intensity * select(0.0, factor, ((alive >> r) & 1u) != 0u);
             }
             // Specular lobes, of the light or of shading points, are rarer: ray by ray.
             for (var rest = alive & select(glossy, present, (flags & LIGHT_GLOSSY) != 0u); rest != 0u; rest &= rest - 1u) {
                 let ray = firstTrailingBit(rest);
-                let extra = add_lobes(at_light, list[begin + ray * LANES + lane], clip2);
+#if ALPHA
+                let extra = add_lobes(at_light, list[begin + ray * LANES + lane], clip2, passes[ray]);
+#else
+                let extra = add_lobes(at_light, list[begin + ray * LANES + lane], clip2, 1.0);
+#endif
                 for (var r = 0u; r < RAYS; r += 1u) {
                     sum[r] += select(vec3<f32>(0.0), extra, r == ray);
                 }

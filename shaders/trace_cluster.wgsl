@@ -1,4 +1,5 @@
 // Finds the closest hits of up to 64 eye rays at once: a subgroup walks the tree for a tile of 8 x 8 pixels. See pass/trace.rs.
+// ALPHA: some surfaces let rays pass.
 // EDGES: for the rays at edges that each tile has.
 #include "frame.wgsl"
 #include "work.wgsl"
@@ -7,6 +8,9 @@
 #include "subgroup.wgsl"
 #include "cluster_walk.wgsl"
 #include "shaft.wgsl"
+#if ALPHA
+#include "alpha.wgsl"
+#endif
 #if EDGES
 #include "edge_rays.wgsl"
 #endif
@@ -157,24 +161,55 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             let index = entry & 0x0fffffffu;
             var planes: array<Planes, PARTS>;
             var taking_part = 0u;
+#if ALPHA
+            var lets_pass = 0u;
+#endif
             for (var part = 0u; part < PARTS; part += 1u) {
                 let k = number_of(part, lane);
+#if ALPHA
+                lets_pass |= select(0u, 1u << k, has_alpha(index + min(k, max(count, 1u) - 1u)));
+#endif
                 let triangle = set_up_triangle(index + min(k, max(count, 1u) - 1u), eye);
                 planes[part] = triangle.planes;
                 let in_shaft = shaft_enters(shaft, triangle.lo, triangle.hi, far) < FAR;
                 taking_part |= select(0u, 1u << k, in_shaft && k < count && triangle.planes.reach != 0.0);
             }
             var survivors = or_reduce(taking_part);
+#if ALPHA
+            lets_pass = or_reduce(lets_pass);
+#endif
             loop {
                 left = max(left, 1u) - 1u;
                 let k = firstTrailingBit(survivors) & 7u;
                 let any = survivors != 0u;
                 survivors &= survivors - 1u;
                 let k_planes = planes_of(&planes, k);
+#if ALPHA
+                let partly = any && ((lets_pass >> k) & 1u) != 0u;
+                // Rays that pass the triangle nearer than their hits so far. Their loops are longer than those of other triangles.
+                var passing = 0u;
+                left = max(left, select(0u, ALPHA_VISITS, partly)) - select(0u, ALPHA_VISITS, partly);
+                for (var r = select(RAYS, 0u, partly); r < RAYS; r += 1u) {
+                    let b = products(k_planes, d[r]);
+                    let meets = passes_inside(b) && b.z * best[r] > k_planes.reach;
+                    for (var j = select(0u, 1u, meets); j > 0u; j -= 1u) {
+                        let hit = intersect_triangle(index + k, eye, d[r], FAR);
+                        var stops = hit.ok;
+                        for (var i = select(0u, 1u, hit.ok); i > 0u; i -= 1u) {
+                            stops = is_stopped(index + k, hit.u, hit.v, d[r]);
+                        }
+                        passing |= select(1u << r, 0u, stops);
+                    }
+                }
+#endif
                 for (var r = 0u; r < RAYS; r += 1u) {
                     let b = products(k_planes, d[r]);
                     let inside = passes_inside(b);
+#if ALPHA
+                    let closer = any && inside && b.z * best[r] > k_planes.reach && ((passing >> r) & 1u) == 0u;
+#else
                     let closer = any && inside && b.z * best[r] > k_planes.reach;
+#endif
                     best[r] = select(best[r], k_planes.reach / b.z, closer);
                     nearest[r] = select(nearest[r], index + k, closer);
                 }

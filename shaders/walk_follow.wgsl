@@ -37,7 +37,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let at = select(0u, triangle, found);
     let ideal = found && materials[material_of(triangle_normals[at])].flags.z != SURFACE_OPAQUE;
     let d = ray_direction[particle].xyz;
-    let s = surface_at(at, hit.y, hit.z, d);
+    let s = surface_at(at, hit.y, hit.z, d, frame.cones.y * hit.x);
     // Particles start outside all bodies of glass.
     let inside = select(media[particle], vec4<u32>(0u), step.clears == 1u);
     var beyond = inside;

@@ -28,7 +28,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let triangle = bitcast<u32>(hit.w);
     let found = triangle != 0xffffffffu;
     let d = ray_direction[particle].xyz;
-    let s = surface_at(select(0u, triangle, found), hit.y, hit.z, d);
+    let s = surface_at(select(0u, triangle, found), hit.y, hit.z, d, frame.cones.y * hit.x);
     let r = s.reflectance;
 
     // Flux is deposited by the geometric cosine and reflected by the shading one (Veach 1997, 5.3).

@@ -10,7 +10,8 @@
 
 pub mod ideal;
 
-use crate::scene::{Material, Scene, Surface, Texture, Wrap};
+use crate::scene::mip::level_count;
+use crate::scene::{Cone, Material, Scene, Surface, Texture, TextureUse, Triangle, Wrap};
 use glam::{Vec2, Vec3, Vec4};
 use std::f32::consts::{PI, TAU};
 
@@ -177,12 +178,20 @@ impl Finish {
         }
     }
 
-    /// Of a material at texture coordinates, with the colour of the vertices.
-    pub fn at(scene: &Scene, material: &Material, uv: [f32; 2], color: Vec3) -> Finish {
-        let texel = |index: Option<u32>| index.map(|i| sample_texture(&scene.textures[i as usize], uv));
-        let base = texel(material.base_texture).unwrap_or(Vec4::ONE).truncate();
-        let mr = texel(material.metallic_roughness_texture).unwrap_or(Vec4::ONE);
-        Finish::of(material, base * color, [mr.y, mr.z])
+    /// Of a triangle's material at a point, by the weights of its corners.
+    pub fn at(scene: &Scene, triangle: &Triangle, weights: [f32; 3]) -> Finish {
+        Self::over(scene, triangle, weights, Cone::POINT)
+    }
+
+    /// [`Finish::at`], with means of textures over what a cone covers.
+    pub fn over(scene: &Scene, triangle: &Triangle, weights: [f32; 3], cone: Cone) -> Finish {
+        let material = &scene.materials[triangle.material as usize];
+        let texel = |index: Option<u32>, of: TextureUse| {
+            index.map_or(Vec4::ONE, |i| scene.texel_over(triangle, weights, (i, of), cone))
+        };
+        let base = texel(material.base_texture, TextureUse::Base).truncate();
+        let mr = texel(material.metallic_roughness_texture, TextureUse::MetallicRoughness);
+        Finish::of(material, base * scene.color_at(triangle, weights), [mr.y, mr.z])
     }
 }
 
@@ -346,6 +355,27 @@ pub fn sample_texture(texture: &Texture, uv: [f32; 2]) -> Vec4 {
     };
     let mix = |a: Vec4, b: Vec4, f: f32| a * (1.0 - f) + b * f;
     mix(mix(texel(x0, y0), texel(x1, y0), fx), mix(texel(x0, y1), texel(x1, y1), fx), fy)
+}
+
+/// The mean of a scene's texture over a footprint of this width in texture coordinates, 0: a point: linear between the two levels whose
+/// texels are as wide. The levels are made anew at each call.
+pub fn sample_filtered(scene: &Scene, index: u32, uv: [f32; 2], footprint: f32) -> Vec4 {
+    let texture = &scene.textures[index as usize];
+    let extent = (texture.width as f32 * texture.height as f32).sqrt();
+    let last = level_count([texture.width, texture.height]) - 1;
+    let level = (footprint * extent).max(1.0).log2().min(last as f32);
+    if level <= 0.0 {
+        return sample_texture(texture, uv);
+    }
+    let of_level = |number: u32| {
+        let Some(before) = number.checked_sub(1) else { return sample_texture(texture, uv) };
+        // Their number is that of the levels but one.
+        let (size, texels) = texture.levels(scene.counts_by_alpha(index)).nth(before as usize).unwrap_or_default();
+        let (name, srgb, wrap) = (String::new(), texture.srgb, texture.wrap);
+        sample_texture(&Texture { name, width: size[0], height: size[1], texels, srgb, wrap }, uv)
+    };
+    let fine = level as u32;
+    of_level(fine).lerp(of_level((fine + 1).min(last)), level.fract())
 }
 
 /// The two texels along one axis and the weight of the second.

@@ -1,10 +1,11 @@
 //! The scene, ready for light transport: its tree, emitters, targets and mirrors on the host, and their buffers on the
 //! device. It outlives frames, settings and image sizes.
 //!
-//! On the device: BVH, triangles, materials, textures, emitters, in arrays that each fit one storage binding (128 MiB
-//! on the smallest devices: 8 million nodes, 4 million triangles with textures).
+//! On the device: BVH, triangles, materials, emitters, in arrays that each fit one storage binding (128 MiB on the smallest
+//! devices: 8 million nodes, 4 million triangles with textures); and textures in images, see [`texels`].
 
 mod records;
+pub mod texels;
 mod update;
 
 use std::ops::Range;
@@ -30,9 +31,10 @@ use crate::superposition::lobe::Lobe;
 
 pub use records::{delta_lights, encode_normal};
 use records::{
-    environment_record, finishes, has_lobe, has_patterns, is_shiny, material_record, pack_textures, reflector_numbers,
-    shading_attributes, vertex_colors,
+    environment_record, finishes, has_lobe, has_patterns, is_shiny, material_record, reflector_numbers,
+    second_coordinates, shading_attributes, vertex_colors,
 };
+use texels::DeviceTextures;
 pub use update::SceneChanges;
 
 /// Words of the stack in `shaders/shade_cluster.wgsl`.
@@ -74,8 +76,7 @@ pub struct DeviceScene {
     pub node_min: Buffer,
     /// Upper corners of the nodes, and leaf words.
     pub node_max: Buffer,
-    /// Nodes of the eight-wide hierarchy; `None` if it is not used, or deeper than the kernel's stack, or if some surfaces let
-    /// rays pass: clusters stop at every surface.
+    /// Nodes of the eight-wide hierarchy; `None` if it is not used, or deeper than the kernel's stack.
     pub wide_nodes: Option<Buffer>,
     /// First vertices, in the order of the leaves.
     pub v0: Buffer,
@@ -85,14 +86,12 @@ pub struct DeviceScene {
     pub e2: Buffer,
     /// Vertex normals, octahedral, with reflector, material and smoothness; then vertex colours.
     pub normals: Buffer,
-    /// Texture coordinates, two vec4 a triangle.
+    /// Texture coordinates, two vec4 a triangle; then the second ones.
     pub uvs: Buffer,
     /// [`crate::pass::layout::MaterialRecord`]s.
     pub materials: Buffer,
-    /// [`crate::pass::layout::TextureRecord`]s.
-    pub textures: Buffer,
-    /// RGBA8 texels of all textures.
-    pub texels: Buffer,
+    /// The textures.
+    pub textures: DeviceTextures,
     /// [`crate::light::emitters::EmitterRecord`]s.
     pub emitter_records: Buffer,
     /// The environment, or a black one: its axes, with the bits of its size, then its texels.
@@ -219,11 +218,10 @@ impl DeviceScene {
     ) -> Result<DeviceScene> {
         let emitters = Emitters::of(scene, scene.emitters_are_lights)?;
         let has_alpha = scene.has_alpha();
-        let wide_nodes = match wide.filter(|wide| !has_alpha && fits_kernel(wide)) {
+        let wide_nodes = match wide.filter(|wide| fits_kernel(wide)) {
             Some(wide) => Some(staging.stage(context, "scene wide nodes", &wide.nodes)?),
             None => None,
         };
-        let (textures, texels) = pack_textures(&scene.textures)?;
         if scene.materials.len() >= MAX_MATERIALS {
             let count = scene.materials.len();
             return Err(Error::Scene(format!(
@@ -232,8 +230,11 @@ impl DeviceScene {
         }
         let reflectors = scene.reflectors();
         let of_triangle = reflector_numbers(scene, &reflectors);
-        let (mut normals, uvs) = shading_attributes(scene, &bvh, &of_triangle, 0..bvh.triangle_count() as usize);
+        let (mut normals, mut uvs) = shading_attributes(scene, &bvh, &of_triangle, 0..bvh.triangle_count() as usize);
         normals.extend(vertex_colors(scene));
+        if has_patterns(scene) {
+            uvs.extend(second_coordinates(scene));
+        }
         let materials: Vec<_> = scene.materials.iter().map(material_record).collect();
         let mut device_scene = DeviceScene {
             node_min: staging.stage(context, "scene node minima", &bvh.node_min)?,
@@ -245,8 +246,7 @@ impl DeviceScene {
             normals: staging.stage(context, "scene normals", &normals)?,
             uvs: staging.stage(context, "scene texture coordinates", &uvs)?,
             materials: staging.stage(context, "scene materials", &materials)?,
-            textures: staging.stage(context, "scene textures", &textures)?,
-            texels: staging.stage(context, "scene texels", &texels)?,
+            textures: DeviceTextures::new(context, staging, scene)?,
             emitter_records: staging.stage(context, "scene emitters", &emitters.records())?,
             environment: staging.stage(context, "scene environment", &environment_record(scene, &emitters))?,
             sobol_columns: staging.stage(context, "columns of Sobol'", &sobol::column_pairs())?,
@@ -315,12 +315,11 @@ impl DeviceScene {
             ("triangle_normals", &self.normals),
             ("triangle_uvs", &self.uvs),
             ("materials", &self.materials),
-            ("textures", &self.textures),
-            ("texels", &self.texels),
             ("emitters", &self.emitter_records),
             ("environment", &self.environment),
             ("sobol_columns", &self.sobol_columns),
-        ]);
+        ])
+        .and(&self.textures.resources());
         if let Some(wide_nodes) = &self.wide_nodes {
             all = all.with("wide_nodes", wide_nodes);
         }

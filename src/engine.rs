@@ -102,9 +102,7 @@ impl Engine {
         } else {
             (DeviceScene::new(context, &mut staging, scene, clusters)?, None)
         };
-        if scene.has_alpha && clusters {
-            log::info!("some surfaces let light pass; shadow rays are traced one by one");
-        } else if scene.wide_nodes.is_none() && clusters {
+        if scene.wide_nodes.is_none() && clusters {
             if settings.traversal == Traversal::Cluster {
                 return Err(Error::Setting {
                     name: "--traversal",

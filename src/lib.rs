@@ -13,7 +13,8 @@
 //! |---|---|
 //! | [`settings`] | every setting: meaning, unit, default, cost |
 //! | [`error`] | the one error type |
-//! | [`scene`] | the scene as plain data: OBJ, glTF, scene files, built-in scenes |
+//! | [`input`] | the one way to the bytes of a file |
+//! | [`scene`] | the scene as plain data: OBJ, PLY, glTF, Mitsuba's XML, scene files, built-in scenes |
 //! | [`bsdf`] | reflectance: Lambert and a GGX lobe; mirrors and glass |
 //! | [`accel`] | the bounding volume hierarchy |
 //! | [`sampling`] | Halton, Hammersley and Sobol' points, hashes, and the dimensions of each consumer |
@@ -125,6 +126,7 @@
 // Used everywhere.
 pub mod error;
 pub mod extent;
+pub mod input;
 pub mod settings;
 
 // The scene as data.

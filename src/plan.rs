@@ -1,9 +1,11 @@
 //! Plans a pass before it is recorded: the number of particles that survive each reflection, the slots of their lights,
 //! the division of work into dispatches, and the sampling parameters of each pass.
 
+mod cones;
 mod lights;
 mod parameters;
 
+pub use self::cones::Cones;
 pub use self::lights::LightPlan;
 pub use parameters::{MAX_FOLLOWED_ALPHA, MIN_LIGHT_ALPHA};
 
@@ -41,14 +43,19 @@ pub fn shade_steps(lights: u32, budget: u32) -> u32 {
 /// the dispatch stays within `budget`. A lane holds 64 / lanes rays, and a loop over them takes one more iteration for
 /// its exit. Every visit (of a node, child, leaf or triangle) has at most one such loop or a few shorter ones. Each
 /// light adds two such loops, specular lobes one for each ray; start and end take a few, and the classes of pixels one
-/// each. When the budget runs out, at most the children and the leaves of one node are still unfinished.
+/// each. When the budget runs out, at most the children and the leaves of one node are still unfinished; their triangles may let
+/// light pass.
 pub fn cluster_steps(lights: u32, budget: u32, lanes: u32) -> u32 {
     let rays = 64 / lanes;
     let visit = (rays + 2).max(10);
     let light = 2 * (rays + 1) + rays * (rays + 3) + 12;
-    let under_way = 8 * visit + 8 * (3 + 8 * visit);
+    let under_way = 8 * visit + 8 * (3 + 8 * (1 + ALPHA_VISITS) * visit);
     budget.saturating_sub(light * lights + under_way + 16 * rays + 60 + Settings::MAX_PATTERN.pow(2)) / visit
 }
+
+/// Visits of triangles by a cluster whose loops are as long as those over a triangle that lets light pass: each ray looks up where
+/// it meets the triangle, and one texture. Shader twin: `shaders/include/alpha.wgsl`.
+const ALPHA_VISITS: u32 = 8;
 
 /// Minimum visits for clusters: with fewer they would leave most of their work to single rays, so single rays do all of
 /// it.

@@ -231,7 +231,7 @@ impl Renderer {
         let mut record = 0.0;
         loop {
             let (engine, readback) = (&mut self.engine, &self.readback);
-            self.context.submit_and_wait(&format!("in pass {number}"), Some(&self.timers), |rec| {
+            let submitted = self.context.submit_and_wait(&format!("in pass {number}"), Some(&self.timers), |rec| {
                 let start = Instant::now();
                 engine.record_pass(rec)?;
                 record += start.elapsed().as_secs_f64();
@@ -244,7 +244,9 @@ impl Renderer {
                 let output = &frame.output;
                 output.record_probe(rec, number % INSTANCES)?;
                 rec.copy_range(output.probed(), 0, readback, probed, output.probed().bytes())
-            })?;
+            });
+            // The film does not have a pass that failed.
+            submitted.inspect_err(|_| self.engine.set_passes(number))?;
             let words = self.readback.read::<u32>()?;
             let (counts, sums) = words.split_at(probed as usize / 4);
             let lost = counts[0];

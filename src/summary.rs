@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use crate::accel::Bvh;
 use crate::accel::wide::WideBvh;
+use crate::device_scene::texels;
 use crate::error::Result;
 use crate::light::emitters::{Emitter, EmitterRecord, Emitters, Kind};
 use crate::pass::layout::{MaterialRecord, TextureRecord};
@@ -120,6 +121,15 @@ fn mean(v: Vec3) -> f32 {
 /// Lights by kind or material, the strongest first.
 fn lights(scene: &Scene, emitters: &Emitters) -> Vec<LightSummary> {
     let mut faces = vec![Vec::new(); emitters.list.len()];
+    // The faces of a divided emitter are those of its first part; the others have its name.
+    let mut first_part: Vec<usize> = (0..emitters.list.len()).collect();
+    for (&first, parts) in &emitters.parts {
+        for &cell in &parts.cells {
+            if let Some(of) = first_part.get_mut(cell as usize) {
+                *of = first as usize;
+            }
+        }
+    }
     for (t, &emitter) in emitters.of_triangle.iter().enumerate() {
         if let Some(faces) = faces.get_mut(emitter as usize) {
             faces.push(t);
@@ -141,10 +151,10 @@ fn lights(scene: &Scene, emitters: &Emitters) -> Vec<LightSummary> {
         }
     };
     let mut sums: BTreeMap<String, (usize, f64)> = BTreeMap::new();
-    for (e, faces) in emitters.list.iter().zip(&faces) {
-        let sum = sums.entry(name(e, faces)).or_default();
+    for (i, e) in emitters.list.iter().enumerate() {
+        let sum = sums.entry(name(e, &faces[first_part[i]])).or_default();
         sum.0 = match e.kind {
-            Kind::Triangle | Kind::Quad => sum.0 + faces.len(),
+            Kind::Triangle | Kind::Quad => sum.0 + faces[i].len(),
             Kind::Environment => 1,
             _ => sum.0 + 1,
         };
@@ -162,15 +172,15 @@ fn device_bytes(scene: &Scene, emitters: &Emitters) -> Result<u64> {
     let wide = WideBvh::build(&bvh);
     let uvs = if scene.textures.is_empty() && scene.colors.is_empty() { 0 } else { 32 };
     let colors = if scene.colors.is_empty() { 0 } else { 16 };
+    let uvs = if scene.second_uvs.is_empty() { uvs } else { 2 * uvs };
     let triangle = 3 * 16 + 16 + uvs + colors;
-    let texels: usize = scene.textures.iter().map(|t| t.texels.len()).sum();
     let environment = scene.environment.as_ref().map_or(1, |e| e.texels.len());
     let bytes = 32 * bvh.node_count() as usize
         + 16 * wide.nodes.len()
         + triangle * scene.triangles.len()
         + size_of::<MaterialRecord>() * scene.materials.len()
         + size_of::<TextureRecord>() * scene.textures.len()
-        + 4 * texels
+        + texels::bytes_of(&scene.textures) as usize
         + size_of::<EmitterRecord>() * emitters.list.len()
         + 16 * (3 + environment)
         + 8 * sobol::column_pairs().len();

@@ -4,8 +4,14 @@
 
 @group(0) @binding(21) var<storage, read> triangle_uvs: array<vec4<f32>>;
 @group(0) @binding(22) var<storage, read> materials: array<MaterialRecord>;
-@group(0) @binding(23) var<storage, read> textures: array<TextureRecord>;
-@group(0) @binding(24) var<storage, read> texels: array<u32>;
+
+// Visits of triangles by a cluster of rays whose loops are as long as those over a triangle that lets rays pass. Host twin:
+// plan::ALPHA_VISITS.
+const ALPHA_VISITS: u32 = 8u;
+
+fn has_alpha(triangle: u32) -> bool {
+    return (materials[bitcast<u32>(triangle_v0[triangle].w)].flags.w & MATERIAL_ALPHA) != 0u;
+}
 
 // Share of rays that a triangle stops at barycentric coordinates u and v of its second and third corner.
 fn coverage_at(triangle: u32, u: f32, v: f32) -> f32 {
@@ -15,7 +21,7 @@ fn coverage_at(triangle: u32, u: f32, v: f32) -> f32 {
     for (var j = select(0u, 1u, patterned); j > 0u; j -= 1u) {
         let uvs = triangle_uvs[2u * triangle];
         let more = triangle_uvs[2u * triangle + 1u];
-        alpha *= sample_texture(material.flags.x - 1u, (1.0 - u - v) * uvs.xy + u * uvs.zw + v * more.xy).w;
+        alpha *= sample_finest(material.flags.x - 1u, (1.0 - u - v) * uvs.xy + u * uvs.zw + v * more.xy).w;
     }
     let cutoff = bitcast<f32>(material.normal.w);
     return select(alpha, select(0.0, 1.0, alpha >= cutoff), cutoff >= 0.0);

@@ -16,7 +16,8 @@ fn carries(weight: vec3<f32>) -> bool {
 fn end_eye_path(slot: u32, ray: vec4<f32>, hit: vec4<f32>, only_emits: bool) -> bool {
     let through = throughput[slot];
     let before = emitted[slot];
-    var met = met_by(ray.xyz, hit);
+    // Flat mirrors keep the width of a pixel's cone; curved ones are taken for flat.
+    var met = met_by(ray.xyz, hit, frame.cones.x * (through.w + ray.w * hit.x));
     // A glossy plane seen directly shows only its base here; the lobe comes with the mirror image.
     let triangle = select(0u, bitcast<u32>(hit.w), met.found);
     let direct = through.w == 0.0 && glossy_plane(triangle_normals[triangle]) > 0u;

@@ -25,4 +25,6 @@ struct FrameParameters {
     lists: vec4<u32>,           // lights that a cluster chooses from the lights after reflections of its class, lights of a cluster; bits of the weight of near light of the same class, 0
     lens: vec4<f32>,            // aperture diameter times the pixels of a unit of length at unit distance, 1 / focus distance; z: weight of neighbours;
                                 // w: photons in a footprint, 0: all have radius r
+    cones: vec4<f32>,           // widths that textures are averaged over: of a pixel at unit depth, of particles and of gather rays at unit
+                                // distance; 0
 }

@@ -18,16 +18,16 @@ struct Met {
     without_lobe: bool,     // the specular lobe is left out
 }
 
-// `triangle`: bits as in `hits.w`.
-fn met_by(d: vec3<f32>, hit: vec4<f32>) -> Met {
+// `width`: that of the cone around the ray where it ends.
+fn met_by(d: vec3<f32>, hit: vec4<f32>, width: f32) -> Met {
     let triangle = bitcast<u32>(hit.w);
     let found = triangle != 0xffffffffu;
-    return Met(surface_at(select(0u, triangle, found), hit.y, hit.z, d), d, hit.x, found, false);
+    return Met(surface_at(select(0u, triangle, found), hit.y, hit.z, d, width), d, hit.x, found, false);
 }
 
 // As `met_by`, for gather rays: its lobe is widened as that of a light, so that no light shines at it from an extremely narrow one.
 fn gathered_by(d: vec3<f32>, hit: vec4<f32>) -> Met {
-    var met = met_by(d, hit);
+    var met = met_by(d, hit, frame.cones.z * hit.x);
     met.surface.reflectance.alpha = max(met.surface.reflectance.alpha, frame.pixel_offset.z);
     return met;
 }

@@ -88,7 +88,7 @@ impl DeviceScene {
         let light_seconds = start.elapsed().as_secs_f64();
 
         let start = std::time::Instant::now();
-        // Other kernels trace where surfaces let rays pass, without the wide tree.
+        // Other kernels trace where surfaces let rays pass.
         let everything = touched.everything || self.has_alpha != scene.has_alpha();
         let mut replaced = everything;
         if everything {
@@ -197,8 +197,7 @@ impl DeviceScene {
         let bvh = &self.bvh;
         let mut replaced = write(context, staging, &mut self.node_min, &bvh.node_min, &changes.nodes)?;
         replaced |= write(context, staging, &mut self.node_max, &bvh.node_max, &changes.nodes)?;
-        let has_alpha = self.has_alpha;
-        match (wide.filter(|wide| !has_alpha && fits_kernel(wide)), &mut self.wide_nodes) {
+        match (wide.filter(|wide| fits_kernel(wide)), &mut self.wide_nodes) {
             (Some(wide), Some(buffer)) => replaced |= write(context, staging, buffer, &wide.nodes, &changes.wide)?,
             (Some(wide), none) => {
                 *none = Some(staging.stage(context, "scene wide nodes", &wide.nodes)?);

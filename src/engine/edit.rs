@@ -17,7 +17,7 @@ use crate::gpu::Context;
 use crate::light::emitters::Emitters;
 use crate::plan::{self, check_slots};
 use crate::scene::validate::is_degenerate;
-use crate::scene::{Camera, Light, Material, Scene, Surface, Texture};
+use crate::scene::{Camera, Light, Material, Scene, Surface, Texture, TextureUse};
 use crate::settings::Settings;
 use crate::view::View;
 
@@ -173,12 +173,10 @@ impl Engine {
         };
         let wrong = |message: String| Error::Scene(format!("material {:?}: {message}", old.name));
         material.check().map_err(wrong)?;
-        for texture in
-            [material.base_texture, material.metallic_roughness_texture, material.normal_texture].into_iter().flatten()
-        {
-            if texture as usize >= moving.scene.textures.len() {
-                return Err(wrong(format!("texture {texture} does not exist")));
-            }
+        moving.scene.check_textures(&material).map_err(wrong)?;
+        let of_sphere = |light: &Light| matches!(light, Light::Sphere { object, .. } if moving.materials[*object as usize].contains(&index));
+        if material.emission_texture.is_some() && moving.scene.lights.iter().any(of_sphere) {
+            return Err(wrong(String::from("the material of a sphere light has no emission texture")));
         }
         if material.surface != Surface::Glass {
             material.limit_albedo();
@@ -186,7 +184,10 @@ impl Engine {
         if material == old {
             return Ok(());
         }
-        let emission = material.emission != old.emission || material.two_sided != old.two_sided;
+        let pattern = |m: &Material| (m.emission_texture, m.second_uvs[TextureUse::Emission as usize]);
+        let emission = material.emission != old.emission
+            || material.two_sided != old.two_sided
+            || pattern(&material) != pattern(&old);
         moving.scene.materials[index as usize] = material;
         if emission {
             moving.match_sphere_lights(index);

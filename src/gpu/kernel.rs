@@ -40,7 +40,7 @@ pub struct Shader {
 impl Shader {
     /// Number of storage buffers that the kernel declares.
     pub fn storage_buffers(&self) -> u32 {
-        self.bindings.iter().filter(|binding| binding.kind != BindingKind::StorageImage).count() as u32
+        self.bindings.iter().filter(|binding| binding.kind.is_buffer()).count() as u32
     }
 }
 
@@ -64,6 +64,8 @@ pub enum BindingKind {
     StorageReadWrite,
     /// `texture_storage_2d`
     StorageImage,
+    /// `texture_2d_array`, read without a sampler
+    ImageLayers,
 }
 
 impl BindingKind {
@@ -71,7 +73,12 @@ impl BindingKind {
         match self {
             BindingKind::StorageRead | BindingKind::StorageReadWrite => vk::DescriptorType::STORAGE_BUFFER,
             BindingKind::StorageImage => vk::DescriptorType::STORAGE_IMAGE,
+            BindingKind::ImageLayers => vk::DescriptorType::SAMPLED_IMAGE,
         }
+    }
+
+    fn is_buffer(self) -> bool {
+        matches!(self, BindingKind::StorageRead | BindingKind::StorageReadWrite)
     }
 }
 
@@ -260,7 +267,8 @@ impl Kernel {
         }
         let failed = |r| ctx.failed(shader.name, r);
         let device = ctx.device();
-        let sizes: Vec<_> = [vk::DescriptorType::STORAGE_BUFFER, vk::DescriptorType::STORAGE_IMAGE]
+        let sizes: Vec<_> = [BindingKind::StorageRead, BindingKind::StorageImage, BindingKind::ImageLayers]
+            .map(BindingKind::descriptor)
             .into_iter()
             .map(|ty| {
                 let count = shader.bindings.iter().filter(|binding| binding.kind.descriptor() == ty).count();
@@ -352,9 +360,13 @@ impl Bound<'_> {
             return Err(format!("{name} belongs to another context"));
         }
         match (self, binding.kind) {
-            (Bound::Buffer(_), BindingKind::StorageImage) => Err(format!("wants an image, but {name} is a buffer")),
-            (Bound::Image(_), BindingKind::StorageRead | BindingKind::StorageReadWrite) => {
-                Err(format!("wants a buffer, but {name} is an image"))
+            (Bound::Buffer(_), kind) if !kind.is_buffer() => Err(format!("wants an image, but {name} is a buffer")),
+            (Bound::Image(_), kind) if kind.is_buffer() => Err(format!("wants a buffer, but {name} is an image")),
+            (Bound::Image(image), BindingKind::StorageImage) if image.is_layered() => {
+                Err(format!("wants an image to store to, but {name} has layers"))
+            }
+            (Bound::Image(image), BindingKind::ImageLayers) if !image.is_layered() => {
+                Err(format!("wants an image with layers, but {name} has none"))
             }
             (Bound::Buffer(buffer), _) if buffer.size() > ctx.info().max_storage_buffer_range => Err(format!(
                 "{name} has {} bytes, and kernels see no more than {} (maxStorageBufferRange)",

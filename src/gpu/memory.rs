@@ -207,7 +207,8 @@ impl Drop for BufferInner {
     }
 }
 
-/// A two-dimensional storage image, copied from and sampled as well; kept in the layout GENERAL. Clones share it.
+/// A two-dimensional image, kept in the layout GENERAL: one to store to, copied from and sampled as well, or an array of layers that
+/// is copied to and read. Clones share it.
 #[derive(Clone)]
 pub struct Image(pub(super) Arc<ImageInner>);
 
@@ -216,6 +217,8 @@ pub(super) struct ImageInner {
     name: String,
     width: u32,
     height: u32,
+    /// `None`: it is no array.
+    layers: Option<u32>,
     format: vk::Format,
     texel_bytes: u64,
     handle: vk::Image,
@@ -224,9 +227,73 @@ pub(super) struct ImageInner {
     allocation: Option<Allocation>,
 }
 
+/// The greatest images with layers of R8G8B8A8_UNORM on a device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LayerLimits {
+    /// Maximum width and height.
+    pub size: [u32; 2],
+    /// Maximum number of layers.
+    pub layers: u32,
+    /// Maximum bytes of one image.
+    pub bytes: u64,
+}
+
+const STORED: vk::ImageUsageFlags = vk::ImageUsageFlags::from_raw(
+    vk::ImageUsageFlags::STORAGE.as_raw()
+        | vk::ImageUsageFlags::TRANSFER_SRC.as_raw()
+        | vk::ImageUsageFlags::SAMPLED.as_raw(),
+);
+const LAYERED: vk::ImageUsageFlags =
+    vk::ImageUsageFlags::from_raw(vk::ImageUsageFlags::TRANSFER_DST.as_raw() | vk::ImageUsageFlags::SAMPLED.as_raw());
+
+/// Limits of images of a format and usage.
+fn limits_of(
+    ctx: &Context,
+    format: vk::Format,
+    usage: vk::ImageUsageFlags,
+) -> std::result::Result<vk::ImageFormatProperties, vk::Result> {
+    // SAFETY: the physical device is that of the context.
+    unsafe {
+        ctx.inner.instance.raw.get_physical_device_image_format_properties(
+            ctx.inner.physical,
+            format,
+            vk::ImageType::TYPE_2D,
+            vk::ImageTiling::OPTIMAL,
+            usage,
+            vk::ImageCreateFlags::empty(),
+        )
+    }
+}
+
 impl Image {
     /// Allocates an image. Its content and layout are undefined until [`super::Recorder::image_to_general`].
     pub fn new(ctx: &Context, name: &str, width: u32, height: u32, format: vk::Format) -> Result<Image> {
+        Image::make(ctx, name, [width, height], None, format)
+    }
+
+    /// Allocates an array of layers of R8G8B8A8_UNORM texels, within [`Image::layer_limits`]. Its content and layout are undefined
+    /// until [`super::Recorder::image_to_general`].
+    pub fn layered(ctx: &Context, name: &str, width: u32, height: u32, layers: u32) -> Result<Image> {
+        Image::make(ctx, name, [width, height], Some(layers), vk::Format::R8G8B8A8_UNORM)
+    }
+
+    /// Limits of [`Image::layered`].
+    pub fn layer_limits(ctx: &Context) -> Result<LayerLimits> {
+        let most = limits_of(ctx, vk::Format::R8G8B8A8_UNORM, LAYERED).map_err(|r| ctx.failed("textures", r))?;
+        Ok(LayerLimits {
+            size: [most.max_extent.width, most.max_extent.height],
+            layers: most.max_array_layers,
+            bytes: most.max_resource_size.min(ctx.info().max_allocation),
+        })
+    }
+
+    fn make(
+        ctx: &Context,
+        name: &str,
+        [width, height]: [u32; 2],
+        layers: Option<u32>,
+        format: vk::Format,
+    ) -> Result<Image> {
         let misuse = |message: String| Error::Resource { name: name.to_owned(), message };
         let texel_bytes = match format {
             vk::Format::R32G32B32A32_SFLOAT | vk::Format::R32G32B32A32_UINT => 16,
@@ -234,23 +301,11 @@ impl Image {
             vk::Format::R32_SFLOAT | vk::Format::R32_UINT | vk::Format::R8G8B8A8_UNORM => 4,
             _ => return Err(misuse(format!("{format:?} is none of the formats that images may have"))),
         };
-        if width == 0 || height == 0 {
-            return Err(misuse(format!("an image of {width}x{height} pixels is empty")));
+        if width == 0 || height == 0 || layers == Some(0) {
+            return Err(misuse(format!("an image of {width}x{height} pixels and {layers:?} layers is empty")));
         }
-        let usage = vk::ImageUsageFlags::STORAGE | vk::ImageUsageFlags::TRANSFER_SRC | vk::ImageUsageFlags::SAMPLED;
-        let (kind, tiling) = (vk::ImageType::TYPE_2D, vk::ImageTiling::OPTIMAL);
-        // SAFETY: the physical device is that of the context.
-        let most = unsafe {
-            ctx.inner.instance.raw.get_physical_device_image_format_properties(
-                ctx.inner.physical,
-                format,
-                kind,
-                tiling,
-                usage,
-                vk::ImageCreateFlags::empty(),
-            )
-        }
-        .map_err(|r| match r {
+        let usage = if layers.is_some() { LAYERED } else { STORED };
+        let most = limits_of(ctx, format, usage).map_err(|r| match r {
             vk::Result::ERROR_FORMAT_NOT_SUPPORTED => {
                 misuse(format!("the device cannot store to images of {format:?}"))
             }
@@ -262,25 +317,31 @@ impl Image {
                 most.max_extent.width, most.max_extent.height
             )));
         }
+        let count = layers.unwrap_or(1);
+        if count > most.max_array_layers {
+            return Err(misuse(format!("{count} layers exceed the device's {}", most.max_array_layers)));
+        }
         let create = vk::ImageCreateInfo::default()
-            .image_type(kind)
+            .image_type(vk::ImageType::TYPE_2D)
             .format(format)
             .extent(vk::Extent3D { width, height, depth: 1 })
             .mip_levels(1)
-            .array_layers(1)
+            .array_layers(count)
             .samples(vk::SampleCountFlags::TYPE_1)
-            .tiling(tiling)
+            .tiling(vk::ImageTiling::OPTIMAL)
             .usage(usage)
             .initial_layout(vk::ImageLayout::UNDEFINED);
-        let size = u64::from(width) * u64::from(height) * texel_bytes;
+        let size = u64::from(width) * u64::from(height) * u64::from(count) * texel_bytes;
+        within(name, size, most.max_resource_size, "maxResourceSize")?;
         let device = ctx.device();
-        // SAFETY: the format and the extent were checked; `inner` destroys it from here on.
+        // SAFETY: the format, the extent, the layers and the size were checked; `inner` destroys it from here on.
         let handle = unsafe { device.create_image(&create, None) }.map_err(|r| failed(name, size, r))?;
         let mut inner = ImageInner {
             ctx: ctx.clone(),
             name: name.to_owned(),
             width,
             height,
+            layers,
             format,
             texel_bytes,
             handle,
@@ -295,9 +356,10 @@ impl Image {
             device
                 .bind_image_memory(handle, allocation.memory(), allocation.offset())
                 .map_err(|r| failed(name, size, r))?;
+            let of_layers = layers.map(|_| vk::ImageViewType::TYPE_2D_ARRAY);
             let view = vk::ImageViewCreateInfo::default()
                 .image(handle)
-                .view_type(vk::ImageViewType::TYPE_2D)
+                .view_type(of_layers.unwrap_or(vk::ImageViewType::TYPE_2D))
                 .format(format)
                 .subresource_range(WHOLE_IMAGE);
             inner.view = device.create_image_view(&view, None).map_err(|r| failed(name, size, r))?;
@@ -337,9 +399,19 @@ impl Image {
         self.0.format
     }
 
+    /// Number of its layers, 1 if it is no array.
+    pub fn layers(&self) -> u32 {
+        self.0.layers.unwrap_or(1)
+    }
+
+    /// Whether it is an array of layers.
+    pub(super) fn is_layered(&self) -> bool {
+        self.0.layers.is_some()
+    }
+
     /// Bytes of the image without padding, as [`super::Recorder::copy_image_to_buffer`] writes it.
     pub fn bytes(&self) -> u64 {
-        u64::from(self.0.width) * u64::from(self.0.height) * self.0.texel_bytes
+        u64::from(self.0.width) * u64::from(self.0.height) * u64::from(self.layers()) * self.0.texel_bytes
     }
 
     pub(super) fn belongs_to(&self, ctx: &Context) -> bool {
@@ -347,13 +419,13 @@ impl Image {
     }
 }
 
-/// The one level and layer of an [`Image`].
+/// The one level and all layers of an [`Image`].
 pub(super) const WHOLE_IMAGE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
     aspect_mask: vk::ImageAspectFlags::COLOR,
     base_mip_level: 0,
     level_count: 1,
     base_array_layer: 0,
-    layer_count: 1,
+    layer_count: vk::REMAINING_ARRAY_LAYERS,
 };
 
 impl Drop for ImageInner {

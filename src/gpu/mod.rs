@@ -29,11 +29,11 @@ pub use context::{Context, ContextOptions, HostDevice};
 pub use device::{DeviceChoice, DeviceInfo, Requirements, list_devices};
 pub use instance::Messages;
 pub use kernel::{BindingInfo, BindingKind, Bindings, Bound, Kernel, Shader};
-pub use memory::{Buffer, Image, Memory};
-pub use recorder::{Recorder, Retained};
+pub use memory::{Buffer, Image, LayerLimits, Memory};
+pub use recorder::{LayerPart, Recorder, Retained};
 pub use resources::Resources;
 pub use snapshot::Snapshot;
-pub use staging::{Staging, download, upload};
+pub use staging::{LayerUpload, Staging, download, upload};
 pub use timers::Timers;
 
 /// The kernels, compiled from `shaders/` by the build script.

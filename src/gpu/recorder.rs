@@ -32,6 +32,19 @@ const USES: vk::AccessFlags = vk::AccessFlags::from_raw(
         | vk::AccessFlags::INDIRECT_COMMAND_READ.as_raw(),
 );
 
+/// A rectangle of four-byte texels in a buffer, and its place in an image with layers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LayerPart {
+    /// First byte in the buffer, a multiple of 4.
+    pub offset: u64,
+    /// The layer.
+    pub layer: u32,
+    /// Its upper left corner there.
+    pub origin: [u32; 2],
+    /// Width and height.
+    pub size: [u32; 2],
+}
+
 /// The resources of recorded commands; keep it until the commands have been executed.
 #[must_use = "dropping this destroys what the recorded commands may still use"]
 pub struct Retained {
@@ -255,13 +268,61 @@ impl<'a> Recorder<'a> {
         Ok(())
     }
 
+    /// Copies rectangles, row by row without padding, from a buffer into the layers of an image.
+    pub fn copy_to_layers(&mut self, buffer: &Buffer, image: &Image, parts: &[LayerPart]) -> Result<()> {
+        self.check_buffer(buffer)?;
+        self.check_image(image)?;
+        for part in parts {
+            let inside = |k: usize, edge: u32| part.origin[k].checked_add(part.size[k]).is_some_and(|end| end <= edge);
+            if !inside(0, image.width()) || !inside(1, image.height()) || part.layer >= image.layers() {
+                return Err(Error::Resource {
+                    name: image.name().to_owned(),
+                    message: format!("{part:?} lies outside {}x{}x{}", image.width(), image.height(), image.layers()),
+                });
+            }
+            buffer.check_range(part.offset, 4 * u64::from(part.size[0]) * u64::from(part.size[1]))?;
+        }
+        if parts.is_empty() {
+            return Ok(());
+        }
+        self.retained.extend([image.0.clone() as Arc<dyn Send + Sync>, buffer.0.clone()]);
+        let region = |part: &LayerPart| {
+            vk::BufferImageCopy::default()
+                .buffer_offset(part.offset)
+                .image_subresource(vk::ImageSubresourceLayers {
+                    aspect_mask: vk::ImageAspectFlags::COLOR,
+                    mip_level: 0,
+                    base_array_layer: part.layer,
+                    layer_count: 1,
+                })
+                .image_offset(vk::Offset3D { x: part.origin[0] as i32, y: part.origin[1] as i32, z: 0 })
+                .image_extent(vk::Extent3D { width: part.size[0], height: part.size[1], depth: 1 })
+        };
+        let regions: Vec<_> = parts.iter().map(region).collect();
+        // SAFETY: the command buffer is recording; all parts lie inside the buffer and the image, which is kept in GENERAL.
+        unsafe {
+            self.ctx.device().cmd_copy_buffer_to_image(
+                self.commands,
+                buffer.handle(),
+                image.handle(),
+                vk::ImageLayout::GENERAL,
+                &regions,
+            );
+        }
+        self.barrier(vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE, USERS, USES);
+        Ok(())
+    }
+
     /// Brings an image from the undefined layout to GENERAL; its content is lost.
     pub fn image_to_general(&mut self, image: &Image) -> Result<()> {
         self.check_image(image)?;
         self.retained.push(image.0.clone());
         let barriers = [vk::ImageMemoryBarrier::default()
             .dst_access_mask(
-                vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_READ,
+                vk::AccessFlags::SHADER_READ
+                    | vk::AccessFlags::SHADER_WRITE
+                    | vk::AccessFlags::TRANSFER_READ
+                    | vk::AccessFlags::TRANSFER_WRITE,
             )
             .old_layout(vk::ImageLayout::UNDEFINED)
             .new_layout(vk::ImageLayout::GENERAL)

@@ -62,7 +62,9 @@ impl Resources {
             Resource::Buffer(buffer) => self.0[..i]
                 .iter()
                 .all(|(_, other)| !matches!(other, Resource::Buffer(other) if other.handle() == buffer.handle())),
-            Resource::Image(_) => true,
+            Resource::Image(image) => self.0[..i]
+                .iter()
+                .all(|(_, other)| !matches!(other, Resource::Image(other) if other.handle() == image.handle())),
         };
         let bytes = |resource: &Resource| match resource {
             Resource::Buffer(buffer) => buffer.bytes(),

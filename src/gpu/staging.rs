@@ -5,8 +5,8 @@ use std::ops::Range;
 use bytemuck::Pod;
 
 use super::context::Context;
-use super::memory::{Buffer, Memory};
-use super::recorder::Recorder;
+use super::memory::{Buffer, Image, Memory};
+use super::recorder::{LayerPart, Recorder};
 use crate::error::Result;
 
 /// Maximum bytes staged at once by [`upload`] and [`download`].
@@ -17,6 +17,8 @@ const CHUNK: u64 = 64 << 20;
 #[derive(Default)]
 pub struct Staging {
     copies: Vec<Copy>,
+    images: Vec<Image>,
+    parts: Vec<(Buffer, Image, Vec<LayerPart>)>,
 }
 
 /// Bytes of a staging buffer and their destination.
@@ -93,12 +95,105 @@ impl Staging {
 
     /// Bytes staged.
     pub fn bytes(&self) -> u64 {
-        self.copies.iter().map(|copy| copy.bytes).sum()
+        let of_images: u64 = self.parts.iter().map(|(from, ..)| from.bytes()).sum();
+        self.copies.iter().map(|copy| copy.bytes).sum::<u64>() + of_images
     }
 
     /// Records all copies.
     pub fn record(&self, rec: &mut Recorder<'_>) -> Result<()> {
+        self.images.iter().try_for_each(|image| rec.image_to_general(image))?;
+        self.parts.iter().try_for_each(|(from, image, parts)| rec.copy_to_layers(from, image, parts))?;
         self.copies.iter().try_for_each(|c| rec.copy_range(&c.from, c.from_at, &c.to, c.to_at, c.bytes))
+    }
+}
+
+/// Fills images with layers, through a buffer of at most [`CHUNK`] bytes at a time. On a device of our own each chunk is copied at once; on a
+/// host's the chunks are staged.
+pub struct LayerUpload<'a> {
+    ctx: &'a Context,
+    staging: &'a mut Staging,
+    images: Vec<Image>,
+    /// Bytes of a chunk.
+    capacity: u64,
+    /// The buffer, the bytes of it in use, and what they are for: index of the image, part.
+    chunk: Option<Buffer>,
+    used: u64,
+    parts: Vec<(usize, LayerPart)>,
+}
+
+impl<'a> LayerUpload<'a> {
+    /// For these images, whose content so far is lost; `bytes` will be filled altogether.
+    pub fn new(ctx: &'a Context, staging: &'a mut Staging, images: &[Image], bytes: u64) -> Result<LayerUpload<'a>> {
+        if ctx.is_adopted() {
+            staging.images.extend_from_slice(images);
+        } else {
+            let name = "the layout of images";
+            ctx.submit_and_wait(name, None, |rec| images.iter().try_for_each(|image| rec.image_to_general(image)))?;
+        }
+        let (images, capacity) = (images.to_vec(), bytes.min(CHUNK));
+        Ok(LayerUpload { ctx, staging, images, capacity, chunk: None, used: 0, parts: Vec::new() })
+    }
+
+    /// Fills a rectangle of `size` at `origin` in a layer of image number `image` with texels, row by row.
+    pub fn fill(
+        &mut self,
+        image: usize,
+        layer: u32,
+        origin: [u32; 2],
+        size: [u32; 2],
+        texels: &[[u8; 4]],
+    ) -> Result<()> {
+        let width = size[0].max(1) as usize;
+        let (mut rest, mut y) = (texels, 0);
+        while !rest.is_empty() {
+            let free = (self.capacity.saturating_sub(self.used) / 4) as usize / width;
+            if free == 0 && self.used > 0 {
+                self.flush()?;
+                continue;
+            }
+            // A row that is longer than a chunk has a chunk to itself; no image is that wide.
+            let (now, later) = rest.split_at(rest.len().min(width * free.max(1)));
+            let rows = (now.len() / width) as u32;
+            let bytes: &[u8] = bytemuck::cast_slice(now);
+            let chunk = match self.chunk.take() {
+                Some(chunk) => chunk,
+                None => {
+                    let name = format!("{} (staging)", self.images[image].name());
+                    Buffer::new(self.ctx, &name, self.capacity.max(bytes.len() as u64), Memory::Upload)?
+                }
+            };
+            chunk.write(self.used, bytes)?;
+            self.chunk = Some(chunk);
+            let origin = [origin[0], origin[1] + y];
+            self.parts.push((image, LayerPart { offset: self.used, layer, origin, size: [size[0], rows] }));
+            self.used += bytes.len() as u64;
+            (rest, y) = (later, y + rows);
+        }
+        Ok(())
+    }
+
+    /// Copies or stages what is left.
+    pub fn finish(mut self) -> Result<()> {
+        self.flush()
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        let parts = std::mem::take(&mut self.parts);
+        self.used = 0;
+        let Some(chunk) = &self.chunk else { return Ok(()) };
+        let of_image =
+            |i: usize| parts.iter().filter(|(image, _)| *image == i).map(|(_, part)| *part).collect::<Vec<_>>();
+        let copies: Vec<_> = self.images.iter().enumerate().map(|(i, image)| (image, of_image(i))).collect();
+        if self.ctx.is_adopted() {
+            let copies = copies.into_iter().filter(|(_, parts)| !parts.is_empty());
+            self.staging.parts.extend(copies.map(|(image, parts)| (chunk.clone(), image.clone(), parts)));
+            self.chunk = None;
+            return Ok(());
+        }
+        let what = format!("upload of {}", chunk.name());
+        self.ctx.submit_and_wait(&what, None, |rec| {
+            copies.iter().try_for_each(|(image, parts)| rec.copy_to_layers(chunk, image, parts))
+        })
     }
 }
 

@@ -32,6 +32,8 @@ pub enum Kind {
     ReadWrite,
     /// `texture_storage_2d`
     Image,
+    /// `texture_2d_array`
+    Layers,
 }
 
 /// One variable of group 0.
@@ -370,7 +372,11 @@ fn reflect(source: &Source, module: &naga::Module, compiled: &mut Compiled) -> R
                 if access.contains(naga::StorageAccess::STORE) { Kind::ReadWrite } else { Kind::Read }
             }
             (_, naga::TypeInner::Image { class: naga::ImageClass::Storage { .. }, .. }) => Kind::Image,
-            _ => return Err(format!("{place}: {name}: kernels take storage buffers and storage textures only")),
+            (_, naga::TypeInner::Image { class: naga::ImageClass::Sampled { .. }, arrayed: true, .. }) => Kind::Layers,
+            _ => {
+                let taken = "storage buffers, storage textures and arrays of textures";
+                return Err(format!("{place}: {name}: kernels take {taken} only"));
+            }
         };
         match &variable.binding {
             Some(binding) if binding.group == 0 => {

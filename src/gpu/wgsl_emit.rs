@@ -110,6 +110,7 @@ pub fn emit_shaders(list: &[Built], prefix: &str) -> String {
                 Kind::Read => "StorageRead",
                 Kind::ReadWrite => "StorageReadWrite",
                 Kind::Image => "StorageImage",
+                Kind::Layers => "ImageLayers",
             };
             let _ = write!(
                 text,

@@ -55,7 +55,7 @@ impl State {
     /// Reads a state. Errors: [`Error::Io`]; [`Error::File`] if the state is incomplete, damaged or of another version.
     pub fn read(path: &Path) -> Result<State> {
         const REMOVE: &str = "remove it to start anew";
-        let mut bytes = std::fs::read(path).map_err(Error::io("reading", path))?;
+        let mut bytes = crate::input::read(path)?;
         let refuse = |message: String| Err(Error::file(path, format!("{message}; {REMOVE}")));
         if bytes.get(..8) != Some(&MAGIC) {
             return refuse("this is not a state file of lightsum".into());

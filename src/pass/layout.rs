@@ -58,6 +58,9 @@ pub struct FrameParameters {
     /// Of the lens: its diameter times the pixels of a unit of length at unit distance, 1 / distance in focus; z: weight of neighbours;
     /// w: photons in a footprint, 0: all have the radius of the look-up (see [`super::photon_width`]).
     pub lens: [f32; 4],
+    /// Widths of the cones that textures are averaged over: of a pixel at unit depth, of particles and of gather rays at unit distance
+    /// (see [`crate::plan::Cones`]); 0.
+    pub cones: [f32; 4],
 }
 
 impl FrameParameters {
@@ -286,10 +289,10 @@ pub struct MaterialRecord {
     pub base: [f32; 4],
     /// Dielectric reflectance at normal incidence; w: roughness.
     pub specular: [f32; 4],
-    /// Radiance; w: index of refraction.
+    /// Radiance, with a texture where that is white; w: index of refraction.
     pub emission: [f32; 4],
     /// Base texture + 1, metallic-roughness texture + 1, kind of surface, [`MaterialRecord::TWO_SIDED`],
-    /// [`MaterialRecord::SHINY`] and [`MaterialRecord::ALPHA`].
+    /// [`MaterialRecord::SHINY`], [`MaterialRecord::ALPHA`], [`MaterialRecord::SECOND_UVS`], emission texture + 1.
     pub flags: [u32; 4],
     /// Normal texture + 1, bits of its scale, of the opacity and of the cutoff of alpha (negative: none).
     pub normal: [u32; 4],
@@ -302,6 +305,10 @@ impl MaterialRecord {
     pub const SHINY: u32 = 2;
     /// Rays may pass.
     pub const ALPHA: u32 = 4;
+    /// The first of four bits, one for each [`crate::scene::TextureUse`]: the texture lies by the second coordinates.
+    pub const SECOND_UVS: u32 = 8;
+    /// Place of the emission texture + 1 among the bits.
+    pub const EMISSION_SHIFT: u32 = 8;
     /// Kind: diffuse base and a lobe.
     pub const OPAQUE: u32 = 0;
     /// Kind: diffuse base and an ideal mirror.
@@ -328,12 +335,26 @@ pub struct MirrorRecord {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 pub struct TextureRecord {
-    /// First texel.
+    /// Record of its level 0.
     pub first: u32,
-    /// Width in texels.
-    pub width: u32,
-    /// Height in texels.
-    pub height: u32,
+    /// Record of its last level.
+    pub last: u32,
     /// Bit 0: sRGB; bits 1-2: wrap of u, 3-4 of v (0 repeat, 1 mirror, 2 clamp).
     pub flags: u32,
+    /// Root of its number of texels.
+    pub extent: f32,
+}
+
+/// A level of a texture on the device: a rectangle in an image.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub struct LevelRecord {
+    /// Column, and row << 16, of its upper left corner in the layer.
+    pub origin: u32,
+    /// Width, and height << 16.
+    pub size: u32,
+    /// Layer of the image.
+    pub layer: u32,
+    /// Number of the image.
+    pub page: u32,
 }

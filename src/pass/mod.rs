@@ -194,12 +194,21 @@ impl TraversalKernels {
             &shaders::SHADE_CLUSTER_32,
             &shaders::SHADE_CLUSTER_64,
         ];
-        let single = if has_alpha { &shaders::SHADE_ALPHA } else { &shaders::SHADE };
-        TraversalKernels::new(context, traversal, single, CLUSTERS)
+        const WITH_ALPHA: BySubgroup = [
+            &shaders::SHADE_CLUSTER_ALPHA_4,
+            &shaders::SHADE_CLUSTER_ALPHA_8,
+            &shaders::SHADE_CLUSTER_ALPHA_16,
+            &shaders::SHADE_CLUSTER_ALPHA_32,
+            &shaders::SHADE_CLUSTER_ALPHA_64,
+        ];
+        match has_alpha {
+            false => TraversalKernels::new(context, traversal, &shaders::SHADE, CLUSTERS),
+            true => TraversalKernels::new(context, traversal, &shaders::SHADE_ALPHA, WITH_ALPHA),
+        }
     }
 
-    /// Kernels of the pass `trace`.
-    pub fn trace(context: &Context, traversal: Traversal) -> Result<TraversalKernels> {
+    /// Kernels of the pass `trace`, for a scene where some surfaces let rays pass or not.
+    pub fn trace(context: &Context, traversal: Traversal, has_alpha: bool) -> Result<TraversalKernels> {
         const CLUSTERS: BySubgroup = [
             &shaders::TRACE_CLUSTER_4,
             &shaders::TRACE_CLUSTER_8,
@@ -207,11 +216,21 @@ impl TraversalKernels {
             &shaders::TRACE_CLUSTER_32,
             &shaders::TRACE_CLUSTER_64,
         ];
-        TraversalKernels::new(context, traversal, &shaders::TRACE, CLUSTERS)
+        const WITH_ALPHA: BySubgroup = [
+            &shaders::TRACE_CLUSTER_ALPHA_4,
+            &shaders::TRACE_CLUSTER_ALPHA_8,
+            &shaders::TRACE_CLUSTER_ALPHA_16,
+            &shaders::TRACE_CLUSTER_ALPHA_32,
+            &shaders::TRACE_CLUSTER_ALPHA_64,
+        ];
+        match has_alpha {
+            false => TraversalKernels::new(context, traversal, &shaders::TRACE, CLUSTERS),
+            true => TraversalKernels::new(context, traversal, &shaders::TRACE_ALPHA, WITH_ALPHA),
+        }
     }
 
     /// Kernels of the pass `trace` for rays at edges.
-    pub fn trace_edges(context: &Context, traversal: Traversal) -> Result<TraversalKernels> {
+    pub fn trace_edges(context: &Context, traversal: Traversal, has_alpha: bool) -> Result<TraversalKernels> {
         const CLUSTERS: BySubgroup = [
             &shaders::TRACE_EDGES_4,
             &shaders::TRACE_EDGES_8,
@@ -219,7 +238,17 @@ impl TraversalKernels {
             &shaders::TRACE_EDGES_32,
             &shaders::TRACE_EDGES_64,
         ];
-        TraversalKernels::new(context, traversal, &shaders::TRACE, CLUSTERS)
+        const WITH_ALPHA: BySubgroup = [
+            &shaders::TRACE_EDGES_ALPHA_4,
+            &shaders::TRACE_EDGES_ALPHA_8,
+            &shaders::TRACE_EDGES_ALPHA_16,
+            &shaders::TRACE_EDGES_ALPHA_32,
+            &shaders::TRACE_EDGES_ALPHA_64,
+        ];
+        match has_alpha {
+            false => TraversalKernels::new(context, traversal, &shaders::TRACE, CLUSTERS),
+            true => TraversalKernels::new(context, traversal, &shaders::TRACE_ALPHA, WITH_ALPHA),
+        }
     }
 
     /// Kernels of the pass `visibility`, to point lights or to area lights.

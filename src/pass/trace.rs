@@ -4,7 +4,7 @@
 //! next round. Rounds after the first are dispatched indirectly and cost nothing when no ray needs them. Eye rays share
 //! their origin, so clusters of 64 of them walk the eight-wide tree together, as shadow rays do in
 //! [`shade`](super::shade); the nearest child of a node is visited first. Where surfaces let rays pass, see
-//! [`crate::accel::alpha`], single rays look up the coverage of each triangle that they meet.
+//! [`crate::accel::alpha`], rays look up the coverage of each such triangle that they meet.
 //!
 //! Cost: for each ray and step 32 bytes of node and 20 operations, for each triangle 48 bytes and 50 operations; the
 //! number of steps grows roughly with the square root of the triangles that a ray passes. Incoherent, so it suits walks
@@ -76,10 +76,11 @@ impl Trace {
     /// As [`Trace::new`] for the eye rays, one for each pixel, which share their origin: clusters of 8 x 8 pixels are
     /// traced together if the scene has a tree for `clusters`. Single rays take what these do not finish.
     pub fn of_eye(kit: &Kit, rays: &Rays, list: &List, steps: &Resources, clusters: bool) -> Result<Self> {
-        let cluster = match TraversalKernels::trace(kit.context, kit.traversal)?.cluster.filter(|_| clusters) {
-            Some(kernel) => Some(kit.bind(kernel, &[&rays.resources(), &list.resources(), steps])?),
-            None => None,
-        };
+        let cluster =
+            match TraversalKernels::trace(kit.context, kit.traversal, kit.has_alpha)?.cluster.filter(|_| clusters) {
+                Some(kernel) => Some(kit.bind(kernel, &[&rays.resources(), &list.resources(), steps])?),
+                None => None,
+            };
         Ok(Trace { cluster, ..Trace::new(kit, rays, list, steps)? })
     }
 
@@ -93,7 +94,10 @@ impl Trace {
         clusters: bool,
     ) -> Result<Self> {
         let tiles = Resources::of([("marks", &edges.marks)]);
-        let cluster = match TraversalKernels::trace_edges(kit.context, kit.traversal)?.cluster.filter(|_| clusters) {
+        let cluster = match TraversalKernels::trace_edges(kit.context, kit.traversal, kit.has_alpha)?
+            .cluster
+            .filter(|_| clusters)
+        {
             Some(kernel) => Some(kit.bind(kernel, &[&rays.resources(), &list.resources(), &tiles, steps])?),
             None => None,
         };

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{INSTANCES, Plan};
+use super::{Cones, INSTANCES, Plan};
 use crate::error::{Error, Result};
 use crate::pass::layout;
 use crate::pass::near_collect;
@@ -69,6 +69,7 @@ impl Plan {
             | bit(!s.interleave_photons, layout::FrameParameters::SHARED_PHOTONS)
             | bit(self.lights.environment, layout::FrameParameters::ENVIRONMENT);
         let offset = pixel_offset(seed_key, pass);
+        let cones = Cones::of(&self.view, self.particles, pass);
         let (photons, photon) = match self.photons {
             Some(plan) => plan.parameters(s, &self.lights, extent.size, local)?,
             None => ([0; 4], [0.0; 4]),
@@ -120,6 +121,7 @@ impl Plan {
                 Filter::weight(pass),
                 if s.photon_radius.is_some() { 0.0 } else { FOOTPRINT },
             ],
+            cones: [cones.pixel, cones.particle, cones.gather, 0.0],
         })
     }
 }

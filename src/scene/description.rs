@@ -1,7 +1,7 @@
 //! The scene description `scene.toml`.
 //!
 //! ```toml
-//! model = "room.obj"            # OBJ, glTF or GLB, relative to this file
+//! model = "room.obj"            # OBJ, PLY, glTF, GLB or XML of Mitsuba, relative to this file
 //! face_normals = true           # ignore the model's vertex normals (default)
 //! two_sided = false             # every emissive face emits from both sides
 //! photometric = true            # glTF lights are in candela and lux: divide by 683 lm/W. Default: as the file looks
@@ -197,6 +197,8 @@ struct MaterialEntry {
     metallic: Option<f32>,
     roughness: Option<f32>,
     specular: Option<Vec3>,
+    opacity: Option<f32>,
+    alpha_cutoff: Option<f32>,
     emission: Option<Vec3>,
     two_sided: Option<bool>,
     ior: Option<f32>,
@@ -207,7 +209,7 @@ struct MaterialEntry {
 
 /// Reads a description and the model that it names; the result is not validated yet.
 pub(super) fn load(path: &Path, photometric: Option<bool>) -> Result<Scene> {
-    let text = std::fs::read_to_string(path).map_err(Error::io("reading", path))?;
+    let text = crate::input::read_text(path)?;
     let error = |span: Option<Range<usize>>, message: String| match span {
         Some(span) => Error::at(path, line_of(&text, span.start), message),
         None => Error::file(path, message),
@@ -215,7 +217,7 @@ pub(super) fn load(path: &Path, photometric: Option<bool>) -> Result<Scene> {
     let description: Description =
         toml::from_str(&text).map_err(|e| error(e.span(), e.message().trim_end().to_string()))?;
     let Some(model) = description.model else {
-        return Err(Error::file(path, "no `model`; name an OBJ, glTF or GLB file, relative to this file"));
+        return Err(Error::file(path, "no `model`; name an OBJ, PLY, glTF, GLB or XML file, relative to this file"));
     };
     let model_path = path.parent().unwrap_or(Path::new("")).join(model.get_ref());
     if !model_path.is_file() {
@@ -283,7 +285,9 @@ fn change_material(
         m.metallic = entry.metallic.unwrap_or(m.metallic);
         m.roughness = entry.roughness.unwrap_or(m.roughness);
         m.specular = entry.specular.unwrap_or(m.specular);
+        m.alpha = m.alpha.with(entry.opacity, entry.alpha_cutoff);
         m.emission = entry.emission.unwrap_or(m.emission);
+        scene.emission_is_relative &= entry.emission.is_none();
         m.two_sided = entry.two_sided.unwrap_or(m.two_sided);
         m.ior = entry.ior.unwrap_or(m.ior);
         m.thin = entry.thin.unwrap_or(m.thin);
@@ -297,6 +301,7 @@ fn change_material(
             m.metallic = 1.0;
         }
         m.check()?;
+        m.alpha = m.alpha.unless_opaque(m.base_texture.map(|texture| &scene.textures[texture as usize]));
         if m.surface != Surface::Glass && m.limit_albedo() > 1e-3 {
             log::warn!("material {name:?} reflects more than it receives; lowered its base colour to {}", m.base_color);
         }

@@ -98,7 +98,7 @@ impl Environment {
     ///
     /// Errors: a file that cannot be read or decoded, of another shape, with negative or not finite radiance.
     pub fn load(path: &Path) -> Result<Environment> {
-        let bytes = std::fs::read(path).map_err(Error::io("reading", path))?;
+        let bytes = crate::input::read(path)?;
         let image = image::load_from_memory(&bytes)
             .map_err(|e| Error::file(path, format!("not an environment of the kinds .exr and .hdr: {e}")))?
             .into_rgb32f();

@@ -2,7 +2,7 @@
 //!
 //! Nodes are flattened into world space; their transforms are composed in double precision. Each is single precision in
 //! the file, as are vertices within their node, so that a far scene keeps its precision only if its distance is in a
-//! node's translation. Used: triangles, strips and fans with normals and one set of texture coordinates, instances
+//! node's translation. Used: triangles, strips and fans with normals and up to two sets of texture coordinates a material, instances
 //! (EXT_mesh_gpu_instancing), quantized attributes (KHR_mesh_quantization), compressed ones
 //! ([`super::gltf_compressed`]), skins and morph targets at rest, animations
 //! ([`super::gltf_animation`]), KHR_lights_punctual, perspective cameras, and the materials of [`super::gltf_material`].
@@ -28,8 +28,8 @@ use super::animation::{Animation, Animations, Nodes, Part, Skin};
 use super::export::{AssetExtras, CameraExtras, VirtualExtras};
 use super::gltf_accessor::{Buffers, reason};
 use super::gltf_extensions::{Extensions, INSTANCING};
-use super::gltf_material::{TextureKey, UvMap};
-use super::{Camera, Light, NamedCamera, Scene, Triangle, gltf_animation, origin};
+use super::gltf_material::{TextureKey, UvMaps};
+use super::{Camera, Light, NamedCamera, Scene, Texture, Triangle, gltf_animation, origin};
 use crate::error::{Error, Result};
 
 /// Luminous efficacy that converts photometric to radiometric quantities, lm/W.
@@ -86,7 +86,9 @@ fn read(path: &Path, bytes: &[u8], photometric: Option<bool>) -> Result<Scene> {
         },
         materials: HashMap::new(),
         textures: HashMap::new(),
+        images: HashMap::new(),
         ignored: extensions.left_out,
+        physical_emission: false,
         positions: Vec::new(),
         lights: Vec::new(),
         cameras: Vec::new(),
@@ -133,7 +135,17 @@ fn check(path: &Path, root: &gltf::json::Root) -> Result<()> {
     root.validate(root, gltf::json::Path::new, &mut |at, error| errors.push((at(), error)));
     // The glTF crate demands a view of every accessor; by the standard one without is full of zeros.
     errors.retain(|(at, error)| !(*error == validation::Error::Missing && at.as_str().ends_with(".bufferView")));
-    if errors.is_empty() { Ok(()) } else { Err(Error::file(path, reason(&gltf::Error::Validation(errors)))) }
+    if !errors.is_empty() {
+        return Err(Error::file(path, reason(&gltf::Error::Validation(errors))));
+    }
+    // The crate does not check this index.
+    for (i, animation) in root.animations.iter().enumerate() {
+        let absent = animation.channels.iter().map(|c| c.target.node.value()).find(|&node| node >= root.nodes.len());
+        if let Some(node) = absent {
+            return Err(Error::file(path, format!("animation {i} moves node {node}, of {} nodes", root.nodes.len())));
+        }
+    }
+    Ok(())
 }
 
 /// The exporter's data in an object's `extras.lightsum`.
@@ -149,7 +161,11 @@ pub(super) struct Reader<'a> {
     light_scale: f32,
     pub(super) materials: HashMap<Option<usize>, u32>,
     pub(super) textures: HashMap<TextureKey, u32>,
+    /// Images by their numbers, decoded ahead; `None`: a texture has taken it.
+    pub(super) images: HashMap<usize, Option<Result<Texture>>>,
     ignored: BTreeSet<String>,
+    /// Whether some emissive material gives its strength.
+    pub(super) physical_emission: bool,
     /// World positions of the scene's vertices and of its lights.
     positions: Vec<DVec3>,
     lights: Vec<DVec3>,
@@ -193,6 +209,7 @@ impl Reader<'_> {
         let low = self.positions.iter().copied().fold(DVec3::INFINITY, DVec3::min);
         let high = self.positions.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
         self.scene.origin = origin::choose(low, high);
+        self.scene.emission_is_relative = !self.physical_emission;
         self.scene.positions = self.positions.iter().map(|&p| self.scene.from_world(p)).collect();
         for (light, place) in self.scene.lights.iter_mut().zip(&self.lights) {
             if let Light::Point { position, .. } | Light::Spot { position, .. } | Light::Imported { position, .. } =
@@ -301,16 +318,18 @@ impl Reader<'_> {
         let positions = self.buffers.vectors::<3>(&positions, "POSITION")?;
         let count = positions.len();
         let material = primitive.material();
-        let map = UvMap::of_material(&material);
-        let uvs = match primitive.get(&Semantic::TexCoords(map.set)) {
-            Some(accessor) => self.buffers.vectors::<2>(&accessor, "TEXCOORD")?,
-            None => vec![[0.0; 2]; count],
+        let maps = UvMaps::of(&material);
+        let coordinates = |set: u32| match primitive.get(&Semantic::TexCoords(set)) {
+            Some(accessor) => self.buffers.vectors::<2>(&accessor, "TEXCOORD"),
+            None => Ok(vec![[0.0; 2]; count]),
         };
+        let uvs = coordinates(maps.first.set)?;
+        let second_uvs = maps.second.map(|map| coordinates(map.set)).transpose()?;
         let normals = match primitive.get(&Semantic::Normals) {
             Some(accessor) => self.buffers.vectors::<3>(&accessor, "NORMAL")?,
             None => vec![[0.0; 3]; count],
         };
-        if uvs.len() != count || normals.len() != count {
+        if uvs.len() != count || normals.len() != count || second_uvs.as_ref().is_some_and(|uvs| uvs.len() != count) {
             let name = &self.scene.objects[object as usize];
             let message = format!("object {name:?}: attributes of one primitive differ in number of elements");
             return Err(self.error(message));
@@ -352,6 +371,12 @@ impl Reader<'_> {
         } else if !self.scene.colors.is_empty() {
             self.scene.colors.resize(first + count, Vec3::ONE);
         }
+        if let (Some(map), Some(uvs)) = (maps.second, second_uvs) {
+            self.scene.second_uvs.resize(first, Vec2::ZERO);
+            self.scene.second_uvs.extend(uvs.into_iter().map(|uv| map.apply(Vec2::from_array(uv))));
+        } else if !self.scene.second_uvs.is_empty() {
+            self.scene.second_uvs.resize(first + count, Vec2::ZERO);
+        }
         let vectors = |of: Vec<[f32; 3]>| of.into_iter().map(Vec3::from_array).collect();
         let (positions, normals) = (vectors(positions), vectors(normals));
         let (node, mirrored) = (node.index(), false);
@@ -365,7 +390,7 @@ impl Reader<'_> {
         let has_normal: Vec<bool> = normals.iter().map(|n| *n != Vec3::ZERO).collect();
         self.positions.extend(positions);
         self.scene.normals.extend(normals.into_iter().map(|n| if n == Vec3::ZERO { Vec3::Y } else { n }));
-        self.scene.uvs.extend(uvs.into_iter().map(|uv| map.apply(Vec2::from_array(uv))));
+        self.scene.uvs.extend(uvs.into_iter().map(|uv| maps.first.apply(Vec2::from_array(uv))));
         if self.document.animations().len() > 0 {
             self.parts.push(part);
         }

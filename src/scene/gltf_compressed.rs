@@ -12,9 +12,12 @@ use meshopt_rs::index::sequence::decode_index_sequence;
 use meshopt_rs::vertex::buffer::decode_vertex_buffer;
 use serde_json::Value;
 
+use super::gltf::quietly;
 use super::gltf_extensions::{DRACO, MESHOPT};
+use crate::input::half_of_memory;
 
-/// Bytes of all decoded Draco meshes of a file at most: those of 50 million vertices with all attributes that are read.
+/// Bytes of all decoded Draco meshes of a file at most, if half of the machine's memory is not less: those of 50 million vertices with all
+/// attributes that are read. The bytes of a mesh do not bound it: an attribute that is the same everywhere takes none.
 const MOST_DRACO: u64 = 1 << 32;
 
 /// Bytes of vertices that a byte may stand for: at best two bits are 16 bytes.
@@ -51,7 +54,9 @@ pub(super) fn meshopt<'b>(
         if stride.checked_mul(count) != Some(view.length()) {
             return Err(format!("{count} elements of {stride} bytes are not the {} bytes of the view", view.length()));
         }
-        let mut decoded = decode(word("mode"), source, stride, count)?;
+        // The decoder does not check everything in damaged bytes.
+        let decoded = quietly(|| decode(word("mode"), source, stride, count));
+        let mut decoded = decoded.map_err(|message| format!("its bytes are damaged: {message}"))??;
         filter(word("filter"), &mut decoded, stride)?;
         Ok(decoded)
     };
@@ -216,10 +221,13 @@ fn decode_draco(
     let mut limits = DecodeLimits::default();
     (limits.max_points, limits.max_faces) = (MOST_DRACO_ELEMENTS, MOST_DRACO_ELEMENTS);
     let taken: usize = elements.values().map(Vec::len).sum();
-    limits.max_decoded_bytes = MOST_DRACO.saturating_sub(taken as u64);
+    limits.max_decoded_bytes = MOST_DRACO.min(half_of_memory()).saturating_sub(taken as u64);
     let mut mesh = Mesh::new();
-    let mut source = DecoderBuffer::new(bytes).with_limits(limits);
-    MeshDecoder::new().decode(&mut source, &mut mesh).map_err(|e| e.to_string())?;
+    let decoded = quietly(|| {
+        let mut source = DecoderBuffer::new(bytes).with_limits(limits);
+        MeshDecoder::new().decode(&mut source, &mut mesh).map_err(|e| e.to_string())
+    });
+    decoded.map_err(|message| format!("its bytes are damaged: {message}"))??;
     let count = mesh.num_points();
     let fits = |accessor: &Accessor, there: usize| {
         let (index, promised) = (accessor.index(), accessor.count());

@@ -17,15 +17,24 @@ pub(super) const MESHOPT: &str = "EXT_meshopt_compression";
 pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
 /// Images in KTX 2.0 files.
 pub(super) const BASISU: &str = "KHR_texture_basisu";
+/// A clear lobe over another one.
+pub(super) const CLEARCOAT: &str = "KHR_materials_clearcoat";
+/// Lobes that differ with the direction.
+pub(super) const ANISOTROPY: &str = "KHR_materials_anisotropy";
+/// Materials by diffuse and specular colour.
+pub(super) const GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
 /// Integers as attributes.
 const QUANTIZATION: &str = "KHR_mesh_quantization";
 
 /// Extensions that the loader reads, at least in part; it tells which part of one it leaves out.
-const READ: [&str; 14] = [
+const READ: [&str; 17] = [
     INSTANCING,
     MESHOPT,
     WEBP,
     DRACO,
+    CLEARCOAT,
+    ANISOTROPY,
+    GLOSSINESS,
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",

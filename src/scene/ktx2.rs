@@ -13,6 +13,9 @@ use super::gltf::quietly;
 /// Most texels of a texture: as many as 16384 x 16384.
 const MOST_TEXELS: u64 = 1 << 28;
 
+/// Most bytes of the blocks of a level of all layers.
+const MOST_BLOCKS: u64 = 1 << 30;
+
 /// Whether bytes are a KTX 2.0 file.
 pub(super) fn is_ktx2(bytes: &[u8]) -> bool {
     bytes.starts_with(b"\xabKTX 20\xbb\r\n\x1a\n")
@@ -23,7 +26,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
     let reader = Reader::new(bytes).map_err(|e| format!("invalid KTX 2.0 file: {e:?}"))?;
     let header = reader.header();
     let (width, height) = (header.pixel_width, header.pixel_height);
-    if header.pixel_depth != 0 || header.face_count != 1 || height == 0 {
+    if header.pixel_depth != 0 || header.face_count != 1 || width == 0 || height == 0 {
         return Err(String::from("it is no flat image but a line, a cube or a volume"));
     }
     let texels = u64::from(width) * u64::from(height);
@@ -80,8 +83,9 @@ fn transcode(bytes: &[u8], reader: &Reader<&[u8]>, texels: u64) -> Result<Vec<[u
     // A block has at most 16 bytes, and there is at least one in each row and column.
     let layers = u64::from(reader.header().layer_count.max(1));
     let most = (texels + 4 * u64::from(reader.header().pixel_width + reader.header().pixel_height) + 16) * layers;
+    let most = most.min(MOST_BLOCKS);
     if reader.levels().any(|level| level.uncompressed_byte_length > most) {
-        return Err(format!("a level has more bytes than {texels} texels need"));
+        return Err(format!("a level has more bytes than {texels} texels need, or than {MOST_BLOCKS}"));
     }
     // The transcoder does not check everything in a file.
     let unpacked = quietly(|| {

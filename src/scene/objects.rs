@@ -45,6 +45,10 @@ impl Scene {
         self.positions = take(&self.positions);
         self.normals = take(&self.normals);
         self.uvs = uses.iter().map(|&(_, v)| self.uvs.get(v as usize).copied().unwrap_or(Vec2::ZERO)).collect();
+        if !self.second_uvs.is_empty() {
+            let at = |&(_, v): &(u32, u32)| self.second_uvs.get(v as usize).copied().unwrap_or(Vec2::ZERO);
+            self.second_uvs = uses.iter().map(at).collect();
+        }
         if !self.colors.is_empty() {
             self.colors = take(&self.colors);
         }

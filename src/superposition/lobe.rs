@@ -113,7 +113,7 @@ impl Table {
 
     /// Reads a TOML file with the four arrays of [`Table::new`]: `cos_i`, `cos_o`, `azimuth`, `values`.
     pub fn load(path: &Path) -> Result<Table> {
-        let text = std::fs::read_to_string(path).map_err(Error::io("reading", path))?;
+        let text = crate::input::read_text(path)?;
         let line = |span: Range<usize>| text[..span.start].matches('\n').count() + 1;
         let file: TableFile = toml::from_str(&text).map_err(|e| Error::File {
             path: path.to_path_buf(),

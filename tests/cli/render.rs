@@ -6,7 +6,8 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, ChildStderr, Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use lightsum::output::State;
 
@@ -187,33 +188,94 @@ fn a_resumed_run_equals_an_unbroken_one() {
     }
 }
 
-#[test]
-fn an_interrupt_writes_what_there_is_and_resume_finishes() {
-    let folder = folder();
-    let line = "render scene.toml -o a.exr --particles 8 --resolution 96x64 --passes 1000000";
-    let mut run = command(folder.path(), line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+/// A rendering that goes on until it is stopped, after its first line of progress.
+fn endless(folder: &Path, more: &str) -> (Child, BufReader<ChildStderr>) {
+    let line = format!("render scene.toml -o a.exr --particles 8 --resolution 96x64 --passes 1000000 {more}");
+    let mut run = command(folder, &line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut stderr = BufReader::new(run.stderr.take().unwrap());
     let mut progress = String::new();
     stderr.read_line(&mut progress).unwrap();
     assert!(progress.contains("passes") && progress.contains("left"), "{progress}");
-    let killed = Command::new("sh").args(["-c", &format!("kill -INT {}", run.id())]).status().unwrap();
-    assert!(killed.success());
-    let mut rest = String::new();
-    stderr.read_to_string(&mut rest).unwrap();
-    let status = run.wait().unwrap();
-    assert_eq!(status.code(), Some(0), "{rest}");
-    assert!(rest.contains("interrupted") && rest.contains("a.exr.state") && rest.contains("--resume"), "{rest}");
-    assert!(channels(&folder.path().join("a.exr"))["R"].iter().any(|&r| r > 0.0));
-    let passes = State::read(&folder.path().join("a.exr.state")).unwrap().passes;
-    assert!(passes > 0);
+    (run, stderr)
+}
 
+fn kill(run: &Child, signal: &str) {
+    let killed = Command::new("sh").args(["-c", &format!("kill -{signal} {}", run.id())]).status().unwrap();
+    assert!(killed.success());
+}
+
+/// Goes on from the state of `a.exr` for three passes and compares with an unbroken run.
+fn finishes(folder: &Path) {
+    let passes = State::read(&folder.join("a.exr.state")).unwrap().passes;
+    assert!(passes > 0);
     let line = |output: &str| {
         format!("render scene.toml -o {output} --particles 8 --resolution 96x64 --passes {}", passes + 3)
     };
-    succeeds(folder.path(), &format!("{} --resume", line("a.exr")));
-    succeeds(folder.path(), &line("b.exr"));
-    let image = |name: &str| fs::read(folder.path().join(name)).unwrap();
+    succeeds(folder, &format!("{} --resume", line("a.exr")));
+    succeeds(folder, &line("b.exr"));
+    let image = |name: &str| fs::read(folder.join(name)).unwrap();
     assert!(image("a.exr") == image("b.exr"), "after {passes} passes and three more");
+}
+
+#[test]
+fn an_interrupt_writes_what_there_is_and_resume_finishes() {
+    for signal in ["INT", "TERM", "HUP"] {
+        let folder = folder();
+        let (mut run, mut stderr) = endless(folder.path(), "");
+        kill(&run, signal);
+        let mut rest = String::new();
+        stderr.read_to_string(&mut rest).unwrap();
+        let status = run.wait().unwrap();
+        assert_eq!(status.code(), Some(0), "{signal}: {rest}");
+        assert!(rest.contains("interrupted") && rest.contains("a.exr.state") && rest.contains("--resume"), "{rest}");
+        assert!(channels(&folder.path().join("a.exr"))["R"].iter().any(|&r| r > 0.0));
+        finishes(folder.path());
+    }
+}
+
+#[test]
+fn a_killed_run_goes_on_from_its_checkpoint() {
+    let folder = folder();
+    let (mut run, _stderr) = endless(folder.path(), "--checkpoint 0.05");
+    let state = folder.path().join("a.exr.state");
+    let start = Instant::now();
+    while !state.exists() {
+        assert!(start.elapsed() < Duration::from_secs(60), "there is no checkpoint");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    kill(&run, "KILL");
+    assert!(!run.wait().unwrap().success());
+    finishes(folder.path());
+}
+
+#[test]
+fn a_finished_run_leaves_no_checkpoint() {
+    let folder = folder();
+    for checkpoint in ["0.001", "off"] {
+        let line = format!("render scene.toml -o a.exr --particles 8 --passes 3 --checkpoint {checkpoint}");
+        succeeds(folder.path(), &line);
+        assert!(!folder.path().join("a.exr.state").exists());
+    }
+    let line = "render scene.toml -o a.exr --passes 1 --checkpoint 0";
+    fails(folder.path(), line, 2, &["--checkpoint", "above 0", "off"]);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn an_image_that_cannot_be_written_leaves_its_state() {
+    let folder = folder();
+    let output = folder.path().join("a.exr");
+    std::os::unix::fs::symlink("/dev/full", &output).unwrap();
+    let line = "render scene.toml -o a.exr --particles 8 --resolution 96x64 --passes 2";
+    let run = command(folder.path(), line).output().unwrap();
+    let stderr = text(&run.stderr);
+    assert_eq!(run.status.code(), Some(1), "{stderr}");
+    assert!(
+        ["a.exr: ", "state after 2 passes is in a.exr.state", "--resume"].iter().all(|t| stderr.contains(t)),
+        "{stderr}"
+    );
+    fs::remove_file(&output).unwrap();
+    finishes(folder.path());
 }
 
 #[test]

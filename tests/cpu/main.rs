@@ -5,5 +5,8 @@ mod scene_gltf;
 mod scene_gltf_animation;
 mod scene_gltf_compressed;
 mod scene_keys;
+mod scene_mitsuba;
+mod scene_obj;
 mod scene_origin;
+mod scene_ply;
 mod transport;

@@ -50,11 +50,13 @@ fn outwards(scene: &Scene) -> f32 {
 fn compressed_geometry_is_that_of_the_plain_file() {
     let plain = scene::load(&data("vase.glb")).unwrap();
     assert_eq!((plain.triangles.len(), plain.positions.len()), (240, 144));
-    // The steps of positions within a box of 4, of octahedral normals, and of texture coordinates, and as many of angles.
-    for (name, keeps_uvs, bounds) in [
-        ("vase meshopt.glb", true, [4e-4, 0.02, 4e-4]),
-        ("vase gltfpack.glb", false, [4e-4, 0.02, 1e9]),
-        ("vase draco.glb", true, [1e-3, 0.02, 2e-3]),
+    // The steps of positions within a box of 4, of octahedral normals, and of texture coordinates; and of a rotation's 12 bits, by an arm
+    // of 4.
+    let mut failed = Vec::new();
+    for (name, keeps_uvs, bounds, rotation) in [
+        ("vase meshopt.glb", true, [3e-4, 0.008, 2e-4], 1e-3),
+        ("vase gltfpack.glb", false, [3e-4, 0.008, 0.0], 1e-3),
+        ("vase draco.glb", true, [3e-4, 0.002, 2e-4], 0.0),
     ] {
         let mut plain = plain.clone();
         let mut packed = scene::load(&data(name)).unwrap();
@@ -69,14 +71,19 @@ fn compressed_geometry_is_that_of_the_plain_file() {
                 [&mut plain, &mut packed].into_iter().for_each(|scene| scene.set_pose(&[0], time));
             }
             let found = [distances(&packed, &plain), distances(&plain, &packed)];
-            println!("{name} at {time:?}: {found:?}");
-            for worst in found {
-                assert!(worst.iter().zip(bounds).all(|(d, bound)| *d <= bound), "{name} at {time:?}: {worst:?}");
+            let areas = [area(&packed) / area(&plain) - 1.0, outwards(&packed) - outwards(&plain)];
+            let mut bounds = bounds;
+            if time.is_some() {
+                bounds[0] += rotation;
             }
-            assert!((area(&packed) / area(&plain) - 1.0).abs() < 1e-3, "{name}");
-            assert!((outwards(&packed) - outwards(&plain)).abs() < 1e-3, "{name}");
+            println!("{name} at {time:?}: {found:?}, areas {areas:?}");
+            let within = |worst: [f32; 3]| worst.iter().zip(bounds).all(|(d, bound)| *d <= bound);
+            if !found.into_iter().all(within) || areas.iter().any(|x| x.abs() > 1e-3) {
+                failed.push(format!("{name} at {time:?}: {found:?}, areas {areas:?}"));
+            }
         }
     }
+    assert!(failed.is_empty(), "{failed:#?}");
 }
 
 /// The JSON and the binary chunk of a GLB file.
@@ -180,7 +187,10 @@ fn false_promises_are_refused_by_view_and_extension() {
 
 #[test]
 fn basis_universal_textures_are_near_their_source() {
-    for (name, bound) in [("uastc.ktx2", 3.0), ("uastc zstd.ktx2", 3.0), ("etc1s.ktx2", 12.0)] {
+    // Red and green change across one another, which no line of colours in a block can follow: the best grey line in each leaves 12.97,
+    // so much as ETC1S can reach, and the best of any direction 7.40, which UASTC halves by several lines in a block.
+    let mut failed = Vec::new();
+    for (name, bound) in [("uastc.ktx2", 4.2), ("uastc zstd.ktx2", 4.2), ("etc1s.ktx2", 13.3)] {
         let folder = TempDir::new().unwrap();
         let (mut document, bin) = parts("vase.glb");
         std::fs::copy(data(name), folder.path().join("a.ktx2")).unwrap();
@@ -201,7 +211,9 @@ fn basis_universal_textures_are_near_their_source() {
         }
         let rmse = (square / (4.0 * 240.0)).sqrt();
         println!("{name}: RMSE {rmse} of 255");
-        assert!(rmse < bound, "{name}: {rmse}");
+        if rmse > bound {
+            failed.push(format!("{name}: RMSE {rmse} of 255"));
+        }
 
         // Damaged ones are errors, or other texels.
         let whole = std::fs::read(data(name)).unwrap();
@@ -218,4 +230,5 @@ fn basis_universal_textures_are_near_their_source() {
             }
         }
     }
+    assert!(failed.is_empty(), "{failed:#?}");
 }

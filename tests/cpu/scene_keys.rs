@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::Vec3;
 use lightsum::Scene;
-use lightsum::scene::{self, CompensationKey, Material, RenderDefaults, Surface};
+use lightsum::scene::{self, Alpha, CompensationKey, Material, RenderDefaults, Surface};
 use lightsum::settings::{Compensation, Spread};
 use lightsum::superposition::lobe::Table;
 
@@ -40,6 +40,11 @@ fn every_key_of_a_material_is_obeyed() {
         ("metallic = 0.25", Material { metallic: 0.25, ..plain.clone() }),
         ("roughness = 0.375", Material { roughness: 0.375, ..plain.clone() }),
         ("specular = [0.04, 0.05, 0.06]", Material { specular: Vec3::new(0.04, 0.05, 0.06), ..plain.clone() }),
+        ("opacity = 0.25", Material { alpha: Alpha::Blend { opacity: 0.25 }, ..plain.clone() }),
+        (
+            "opacity = 0.25\nalpha_cutoff = 0.5",
+            Material { alpha: Alpha::Mask { opacity: 0.25, cutoff: 0.5 }, ..plain.clone() },
+        ),
         ("emission = [1, 2, 3]", Material { emission: Vec3::new(1.0, 2.0, 3.0), ..plain.clone() }),
         ("two_sided = true", Material { two_sided: true, ..plain.clone() }),
         ("ior = 1.25", Material { ior: 1.25, ..plain.clone() }),

@@ -149,7 +149,10 @@ fn edges_follow_their_oracle() {
                                 tally.check_hit(&rig, &onward, last, || format!("ray {k} of {pixel} in a mirror"));
                             }
                             let own = shown(&rig, d, hit.as_ref(), mirror.map(|_| last.as_ref()));
-                            let surface = last.map(|hit| surface_at(&scene, rig.bvh(), &hit, last_d));
+                            let length = last.map_or(0.0, |last| last.t) + mirror.map_or(0.0, |mirror| mirror.t);
+                            let forward = Vec4::from(frame.forward).truncate();
+                            let width = frame.cones[0] * d.dot(forward) * length;
+                            let surface = last.map(|hit| surface_at(&scene, rig.bvh(), &hit, last_d, width));
                             let material = surface.map_or([Vec3::ZERO; 2], |s| [s.reflectance.kd, s.emission]);
                             let around = before.around(frame, pixel);
                             match edges::reference(frame, (d, &own), material, &around) {

@@ -37,6 +37,27 @@ pub fn record(context: &Context, commands: vk::CommandBuffer, engine: &mut Engin
     .unwrap()
 }
 
+/// Renders three passes by the example, and fails unless the renderer shows the same on the device of `witness`.
+fn as_rendered(host: &Host, witness: &Context, scene: &Scene, camera: Camera, settings: &Settings) -> example::Picture {
+    // The copy states layout GENERAL; the layer checks it against the layout that the engine left.
+    let image = example::run(host, scene, camera, settings.clone(), 3).unwrap();
+    assert_eq!(image.texels.len(), 33 * 21);
+
+    let device = DeviceChoice::Index(witness.info().index);
+    let options = RenderOptions { device, ..RenderOptions::default() };
+    let mut renderer = Renderer::new(scene.clone(), camera, settings.clone(), &options).unwrap();
+    (0..3).for_each(|_| renderer.pass().unwrap());
+    let layers = renderer.layers().unwrap();
+    let mean = image.mean();
+    for c in 0..3 {
+        let expected = layers.color.iter().map(|l| f64::from(l[c])).sum::<f64>() / layers.color.len() as f64;
+        assert!(expected > 0.01, "the image is black");
+        // The same sums, but the example divides them in single precision.
+        assert!((mean[c] - expected).abs() <= 1e-6 * expected, "channel {c}: {} against {expected}", mean[c]);
+    }
+    image
+}
+
 #[test]
 fn the_example_renders_what_the_renderer_does() {
     gpu_test(|_| {
@@ -44,26 +65,23 @@ fn the_example_renders_what_the_renderer_does() {
         // Reports the validation layer's messages, and keeps the device alive while the example starts and ends.
         let witness = host.lend().unwrap();
         let (scene, camera, settings) = small();
-        // The copy states layout GENERAL; the layer checks it against the layout that the engine left.
-        let image = example::run(&host, &scene, camera, settings.clone(), 3).unwrap();
-        assert_eq!(image.texels.len(), 33 * 21);
-
-        let device = DeviceChoice::Index(witness.info().index);
-        let options = RenderOptions { device, ..RenderOptions::default() };
-        let mut renderer = Renderer::new(scene.clone(), camera, settings.clone(), &options).unwrap();
-        (0..3).for_each(|_| renderer.pass().unwrap());
-        let layers = renderer.layers().unwrap();
-        let mean = image.mean();
-        for c in 0..3 {
-            let expected = layers.color.iter().map(|l| f64::from(l[c])).sum::<f64>() / layers.color.len() as f64;
-            assert!(expected > 0.01, "the image is black");
-            // The same sums, but the example divides them in single precision.
-            assert!((mean[c] - expected).abs() <= 1e-6 * expected, "channel {c}: {} against {expected}", mean[c]);
-        }
+        let image = as_rendered(&host, &witness, &scene, camera, &settings);
 
         // The host's objects are intact, and the same seed gives the same bits.
         let again = example::run(&host, &scene, camera, settings, 3).unwrap();
         assert_eq!(image.texels, again.texels);
+        assert_silent(witness.take_messages());
+    });
+}
+
+#[test]
+fn textures_reach_the_device_of_a_host() {
+    gpu_test(|_| {
+        let host = Host::new(true).unwrap();
+        let witness = host.lend().unwrap();
+        let scene = crate::rig::gallery();
+        let camera = Camera { resolution: [33, 21], ..scene.camera.unwrap() };
+        as_rendered(&host, &witness, &scene, camera, &small().2);
         assert_silent(witness.take_messages());
     });
 }

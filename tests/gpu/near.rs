@@ -58,7 +58,7 @@ impl End {
         let p = &rig.parameters;
         let hit = hit_of(hit);
         let share = hit.map_or(0.0, |h| (1.0 - h.t * h.t / (clip * clip)).max(0.0));
-        let surface = hit.map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction));
+        let surface = hit.map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction, p.cones[2] * hit.t));
         let weight = weight * share;
         let sends = surface
             .as_ref()

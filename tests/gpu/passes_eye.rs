@@ -8,7 +8,7 @@ use lightsum::pass::eye_paths::{self, EyePath};
 use lightsum::pass::surface::surface_at;
 use lightsum::pass::{ShadingPoints, camera_rays};
 use lightsum::scene::{Alpha, Scene, Surface, builtin};
-use lightsum::settings::{Clip, Settings, Superposition};
+use lightsum::settings::{Clip, Settings, Superposition, Traversal};
 
 use crate::rig::{
     AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, gallery_with_alpha, has, hit_of, is_lit, ray_of, untouched, xyz,
@@ -80,7 +80,8 @@ impl Found {
             tally.check(covered == (through.w > 0.0), || format!("coverage {i}"));
             return false;
         };
-        let s = surface_at(rig.scene, rig.bvh(), &hit, d);
+        let width = rig.parameters.cones[0] * (through.w + cos_view * hit.t);
+        let s = surface_at(rig.scene, rig.bvh(), &hit, d, width);
         let r = &s.reflectance;
         // A path along a lobe shares the light that it meets with virtual lights.
         let [of_emission, of_light] = eye_paths::shares_at(&rig.parameters, path, (d, hit.t), &s);
@@ -278,6 +279,8 @@ fn in_rounds(ctx: &lightsum::gpu::Context, scene: &Scene, loop_budget: u32, roun
         clip: Clip::Fraction(0.0),
         loop_budget,
         rounds,
+        // A product of shares depends on their order, and clusters visit the tree in another one than single rays.
+        traversal: if scene.has_alpha() { Traversal::Single } else { Traversal::Auto },
         ..Settings::plain()
     };
     let rig = Rig::new(ctx, scene, [27, 1], settings);

@@ -131,7 +131,8 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
             narrow: step > 0 && has(before.emitted[i], ShadingPoints::NARROW_LOBE),
             unlikely: step > 0 && has(before.emitted[i], ShadingPoints::UNLIKELY),
         };
-        let surface = surface_at(rig.scene, rig.bvh(), &hit, d);
+        let width = rig.parameters.cones[0] * (path.depth + cos_view * hit.t);
+        let surface = surface_at(rig.scene, rig.bvh(), &hit, d, width);
         let way = (d, hit.t, cos_view);
         let number = (step as u32, sort::class_of(&rig.parameters, slot));
         let plane = rig.spreading_plane(&hit, d).filter(|_| {

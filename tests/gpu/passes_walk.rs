@@ -113,7 +113,7 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
     let mut kinds = Vec::new();
     let direct = plan.survivors[0] * classes;
     for i in 0..rig.engine.plan().settings.particles() {
-        let (light, ray, flux) = walk_start::reference(p, rig.engine.emitters(), i);
+        let (light, ray, flux) = walk_start::reference(p, (rig.engine.emitters(), &rig.scene.textures), i);
         let n = i as usize;
         let emitters = rig.engine.emitters();
         // Points on discs and spheres are placed by sine and cosine.
@@ -178,7 +178,7 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
                 let (flux, specular) = (fluxes[n].truncate(), fluxes[n].w as u32);
                 let d = directions[n].truncate();
                 let surface = hit_of(hits[n]).filter(|_| flux != Vec3::ZERO);
-                let surface = surface.map(|hit| surface_at(scene, rig.bvh(), &hit, d));
+                let surface = surface.map(|hit| surface_at(scene, rig.bvh(), &hit, d, p.cones[1] * hit.t));
                 let fate = surface.map_or(Fate::Unchanged, |s| {
                     walk_follow::reference(p, scene, (j as u32, specular), n as u32, (d, flux, media[n]), &s)
                 });
@@ -213,7 +213,7 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
         let mut tally = Tally::new(format!("walk_reflect {j}, {what}"));
         for n in 0..alive {
             let (hit, ray) = (hit_of(hits[n]), ray_of(origins[n], directions[n]));
-            let surface = hit.map(|hit| surface_at(scene, rig.bvh(), &hit, ray.direction));
+            let surface = hit.map(|hit| surface_at(scene, rig.bvh(), &hit, ray.direction, p.cones[1] * hit.t));
             let flux = fluxes[n].truncate();
             let (light, next, next_flux) =
                 walk_reflect::reference(p, j, (n as u32, fluxes[n].w as u32), ray.direction, flux, surface.as_ref());
@@ -368,14 +368,16 @@ fn walk(rig: &Rig) -> Vec<PointLight> {
     let mut lights = of_class.repeat(classes as usize);
     let slot = |i: u32, j: usize| walk_start::light_slot(p, i, plan.first_slot(j)) as usize;
     for i in 0..rig.engine.plan().settings.particles() {
-        let (light, mut ray, mut flux) = walk_start::reference(p, rig.engine.emitters(), i);
+        let (light, mut ray, mut flux) = walk_start::reference(p, (rig.engine.emitters(), &rig.scene.textures), i);
         if i < plan.survivors[0] * classes {
             lights[slot(i, 0)] = light;
         }
         let (mut media, mut specular) = (Media::default(), 0);
         for j in (1..plan.survivors.len()).take_while(|&j| i < plan.survivors[j] * classes) {
-            let hit_surface =
-                |ray: &Ray| rig.bvh().closest(ray).map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction));
+            let hit_surface = |ray: &Ray| {
+                let hit = rig.bvh().closest(ray)?;
+                Some(surface_at(rig.scene, rig.bvh(), &hit, ray.direction, p.cones[1] * hit.t))
+            };
             let mut surface = hit_surface(&ray);
             for _ in 0..rig.frame().walk.follow_steps(j) {
                 let Some(s) = surface.filter(|_| flux != Vec3::ZERO) else { break };

@@ -34,6 +34,8 @@ pub struct Totals {
 }
 
 mod layout_checks {
+    use lightsum::pass::layout::{LevelRecord, TextureRecord};
+
     use super::{FillPush, ReducePush, Totals};
 
     include!(concat!(env!("OUT_DIR"), "/test_layout_checks.rs"));

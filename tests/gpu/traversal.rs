@@ -6,11 +6,11 @@ use lightsum::gpu::Context;
 use lightsum::pass::TraversalKernels;
 use lightsum::pass::clusters::{self, NO_POINT};
 use lightsum::pass::sort;
-use lightsum::scene::{Camera, Light, Material, Scene, Triangle, builtin};
+use lightsum::scene::{Alpha, Camera, Light, Material, Scene, Triangle, builtin};
 use lightsum::settings::{Clip, ClusterOrder, Compensation, Settings, Traversal};
 use lightsum::standalone::Renderer;
 
-use crate::rig::{Rig, gallery, is_lit, xyz};
+use crate::rig::{Rig, gallery, gallery_with_alpha, is_lit, xyz};
 use crate::support::gpu_test;
 
 fn settings(traversal: Traversal) -> Settings {
@@ -89,6 +89,21 @@ fn a_tree_that_outlasts_the_budget_is_finished_ray_by_ray() {
     gpu_test(|ctx| {
         let (scene, camera) = with_camera(builtin::deep_scene(3_000), [16, 16]);
         compare(ctx, "deep scene", &scene, camera, 10);
+    });
+}
+
+#[test]
+fn clusters_pass_many_thin_veils_as_single_rays_do() {
+    gpu_test(|ctx| {
+        for (needles, opacity) in [(300, 0.2), (3_000, 0.03)] {
+            let (mut scene, camera) = with_camera(builtin::deep_scene(needles), [16, 16]);
+            scene.materials.iter_mut().for_each(|m| m.alpha = Alpha::Blend { opacity });
+            compare(ctx, &format!("{needles} veils"), &scene, camera, 10);
+        }
+        let scene = gallery_with_alpha();
+        let camera = Camera { resolution: [83, 61], ..scene.camera.unwrap() };
+        compare(ctx, "gallery", &scene, camera, 4);
+        compare_interleaved(ctx, "gallery by classes", &scene, camera, [3, 3], 4);
     });
 }
 

@@ -297,7 +297,7 @@ fn check_texels(ctx: &Context, scene: &Scene, engine: &Engine, atlas: &Atlas) {
         let (point, d) = atlas::reference(scene, texel);
         let leaf = (0..bvh.triangle_count()).find(|&leaf| bvh.scene_triangle(leaf) == texel.triangle).unwrap();
         let [u, v] = texel.uv;
-        let surface = surface::surface_at(scene, bvh, &lightsum::accel::Hit { t: 1.0, u, v, triangle: leaf }, d);
+        let surface = surface::surface_at(scene, bvh, &lightsum::accel::Hit { t: 1.0, u, v, triangle: leaf }, d, 0.0);
         assert!(close(geometric[i].truncate(), -d, 1e-4, 1e-5) && surface.front, "normal of texel {i}");
         assert!(close(wo[i].truncate(), -d, 1e-4, 1e-5), "direction of texel {i}");
         let r = &surface.reflectance;

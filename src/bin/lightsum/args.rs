@@ -22,7 +22,8 @@ pub use reading::Reading;
 pub use superposition::Glossy;
 pub use values::check_resolution;
 use values::{
-    crop, delta_lights, distance, exposure, filter, image_path, pattern, positive, resolution, seconds, share,
+    checkpoint, crop, delta_lights, distance, exposure, filter, image_path, pattern, positive, resolution, seconds,
+    share,
 };
 
 /// Global illumination without noise: a sum over virtual lights (instant radiosity), computed by Vulkan.
@@ -58,7 +59,7 @@ pub enum Command {
 /// Flags of `info`.
 #[derive(Debug, Args)]
 pub struct Info {
-    /// Scene description (.toml) or bare model (.obj, .gltf, .glb).
+    /// Scene description (.toml) or bare model (.obj, .ply, .gltf, .glb, .xml).
     #[arg(value_name = "SCENE")]
     pub scene: PathBuf,
     /// Print one JSON object.
@@ -71,7 +72,7 @@ pub struct Info {
 /// Flags of `animate`.
 #[derive(Debug, Args)]
 pub struct Animate {
-    /// Scene description (.toml) or bare model (.obj, .gltf, .glb).
+    /// Scene description (.toml) or bare model (.obj, .ply, .gltf, .glb, .xml).
     #[arg(value_name = "SCENE")]
     pub scene: PathBuf,
     /// Path file (.toml): frames, and keyframes of camera and objects. See the README for its format.
@@ -114,7 +115,7 @@ pub struct Animate {
 /// Flags of `render`.
 #[derive(Debug, Args)]
 pub struct Render {
-    /// Scene description (.toml) or bare model (.obj, .gltf, .glb).
+    /// Scene description (.toml) or bare model (.obj, .ply, .gltf, .glb, .xml).
     #[arg(value_name = "SCENE", required_unless_present = "list_devices")]
     pub scene: Option<PathBuf>,
     /// List the Vulkan devices with their indices, then exit.
@@ -210,10 +211,20 @@ pub struct Stop {
     /// Resume from the state file next to the first output (OUTPUT.state) if it exists, and write it at the end.
     ///
     /// Scene, camera and settings must be the same. The result equals that of an uninterrupted run bit for bit. An
-    /// interrupt (Ctrl-C) writes image and state with or without this flag.
+    /// interrupt (Ctrl-C, SIGTERM, SIGHUP) writes image and state with or without this flag, and so does an error in a pass.
     #[arg(long, requires = "outputs")]
     pub resume: bool,
+    /// Seconds between checkpoints of the state file, from which --resume goes on after a crash, or off.
+    ///
+    /// A rendering that ends before the first one writes none; one that is done removes them, unless --resume is given. Images in strips
+    /// have none. A checkpoint takes some 150 bytes a pixel.
+    #[arg(long, value_name = "SECONDS", default_value = "60", allow_negative_numbers = true, value_parser = checkpoint)]
+    pub checkpoint: CheckpointFlag,
 }
+
+/// Time between checkpoints; `None`: there are none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CheckpointFlag(pub Option<Duration>);
 
 /// Light transport.
 #[derive(Debug, Args)]
@@ -513,7 +524,7 @@ impl From<ClusterOrderFlag> for ClusterOrder {
 pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise instead of structured error.
     #[arg(long, conflicts_with_all = [
-        "passes", "time", "target_error", "resume", "particles", "light_pool", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "no_split", "no_glossy_paths", "no_antialias",
+        "passes", "time", "target_error", "resume", "checkpoint", "particles", "light_pool", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "no_split", "no_glossy_paths", "no_antialias",
         "photons", "photon_radius", "interleave_photons", "mirror_lights", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "summands",
         "light_threshold", "light_choice", "power_fraction", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats",
     ])]

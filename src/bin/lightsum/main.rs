@@ -8,6 +8,7 @@
 mod animate;
 mod args;
 mod camera;
+mod checkpoint;
 mod info;
 mod path;
 mod play;

@@ -115,7 +115,7 @@ impl Motion {
 
     /// Reads a path for a scene seen by `camera`. Errors name the file, the line and the key.
     pub fn load(path: &Path, scene: &Scene, camera: Camera) -> Result<Motion> {
-        let text = std::fs::read_to_string(path).map_err(Error::io("reading", path))?;
+        let text = lightsum::input::read_text(path)?;
         let line = |span: Range<usize>| text.bytes().take(span.start).filter(|&b| b == b'\n').count() + 1;
         let at = |span: Range<usize>, message: String| Error::at(path, line(span), message);
         let file: File = toml::from_str(&text).map_err(|e| {

@@ -1,6 +1,7 @@
 //! `lightsum render`: flags and scene become settings, passes run until a condition is met, files are written.
 
 use crate::args::{Device, FilterFlag, Glossy, Light, Preset, Render};
+use crate::checkpoint::Checkpoints;
 use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due};
 use crate::{camera, play, reference, say, say_aside};
@@ -195,7 +196,14 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
         log::info!("{}: going on after {} passes", path.display(), state.passes);
     }
 
-    let (rendering, error) = passes(&mut renderer, &stop, &interrupted)?;
+    let mut checkpoints = Checkpoints::new(state_path, args.stop.checkpoint.0);
+    let (rendering, error) = match passes(&mut renderer, &stop, &interrupted, &mut checkpoints) {
+        Ok(done) => done,
+        Err(error) => {
+            save_what_there_is(&job, &renderer, &mut checkpoints);
+            return Err(error);
+        }
+    };
     let passes = renderer.passes();
     let broken_off = interrupted.load(Ordering::Relaxed);
     if passes == 0 {
@@ -205,8 +213,12 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
     let statistics = renderer.statistics();
     // A failure to write one file must not prevent the others.
     let mut outcome = write_image(&job, &renderer, &statistics);
-    if let Some(path) = state_path.filter(|_| args.stop.resume || broken_off) {
-        outcome = outcome.and(write_state(&renderer, path));
+    if outcome.is_err() {
+        checkpoints.rescue(&renderer);
+    } else if args.stop.resume || broken_off {
+        outcome = checkpoints.write(&renderer);
+    } else {
+        checkpoints.remove();
     }
     job.stages.push(("write".into(), start.elapsed().as_secs_f64()));
     if let Some(path) = &args.output.stats {
@@ -224,8 +236,8 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
         outcome = outcome.and(statistics.write(path));
     }
     outcome?;
-    if let Some(path) = state_path.filter(|_| broken_off) {
-        say_aside(&format!("interrupted: the state is in {}; the same command with --resume goes on", path.display()));
+    if broken_off {
+        checkpoints.tell();
     }
     let error = error.map(|e| format!(", estimated error {e:.4}")).unwrap_or_default();
     job.say_where(&format!("{}{error}, rendered in {}", count(passes), duration(rendering)));
@@ -277,7 +289,12 @@ fn in_strips(job: Job, mut renderer: Renderer, args: &Render, interrupted: &Atom
 }
 
 /// Runs passes until `stop` or an interrupt; returns their time and the last error estimate.
-fn passes(renderer: &mut Renderer, stop: &Stop, interrupted: &AtomicBool) -> Result<(Duration, Option<f32>)> {
+fn passes(
+    renderer: &mut Renderer,
+    stop: &Stop,
+    interrupted: &AtomicBool,
+    checkpoints: &mut Checkpoints,
+) -> Result<(Duration, Option<f32>)> {
     let before = renderer.passes();
     let mut error = renderer.error_estimate();
     let mut progress = Progress::new();
@@ -298,6 +315,7 @@ fn passes(renderer: &mut Renderer, stop: &Stop, interrupted: &AtomicBool) -> Res
             format!("{}, {rate:.2} passes/s{error}", count(passes))
         };
         progress.show(text, stop.fraction(passes, rendered, elapsed, error));
+        checkpoints.after_pass(renderer);
     }
     progress.finish();
     let elapsed = progress.elapsed();
@@ -317,10 +335,21 @@ fn write_image(job: &Job, renderer: &Renderer, statistics: &Statistics) -> Resul
     job.write_outputs(&renderer.image(job.wanted())?, &metadata)
 }
 
-fn write_state(renderer: &Renderer, path: &Path) -> Result<()> {
-    let [width, height] = renderer.engine().view().size();
-    let accumulators = renderer.save_state()?;
-    State { fingerprint: renderer.fingerprint(), width, height, passes: renderer.passes(), accumulators }.write(path)
+/// After an error in a pass: writes the image and the state of the passes before it, as far as the device still gives them.
+fn save_what_there_is(job: &Job, renderer: &Renderer, checkpoints: &mut Checkpoints) {
+    if renderer.passes() == 0 {
+        return;
+    }
+    let statistics = renderer.statistics();
+    match write_image(job, renderer, &statistics) {
+        Ok(()) => say_aside(&format!("{} before the error are in the image", count(renderer.passes()))),
+        Err(error) => log::warn!("the image of the passes before the error is lost: {error}"),
+    }
+    match checkpoints.write(renderer) {
+        Ok(()) => {}
+        Err(error) => log::warn!("their state is lost: {error}"),
+    }
+    checkpoints.tell();
 }
 
 impl Job {
@@ -369,7 +398,8 @@ pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {
     }
 }
 
-/// The flag that Ctrl-C sets; the current pass (or path per pixel) is finished first. A second Ctrl-C ends the program at once.
+/// The flag that Ctrl-C, SIGTERM and SIGHUP set; the current pass (or path per pixel) is finished first. A second one ends the program
+/// at once.
 pub fn watch_for_interrupt() -> Arc<AtomicBool> {
     let flag = Arc::new(AtomicBool::new(false));
     let raised = flag.clone();

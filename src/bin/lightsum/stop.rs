@@ -62,7 +62,8 @@ mod tests {
     use super::*;
 
     fn flags(passes: Option<u32>, time: Option<u64>, target_error: Option<f32>) -> args::Stop {
-        args::Stop { passes, time: time.map(Duration::from_secs), target_error, resume: false }
+        let checkpoint = args::CheckpointFlag(None);
+        args::Stop { passes, time: time.map(Duration::from_secs), target_error, resume: false, checkpoint }
     }
 
     #[test]

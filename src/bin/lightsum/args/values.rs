@@ -9,7 +9,7 @@ use lightsum::settings::Exposure;
 use lightsum::settings::Settings;
 use lightsum::view::Region;
 
-use super::{DeltaLightsFlag, FilterFlag};
+use super::{CheckpointFlag, DeltaLightsFlag, FilterFlag};
 
 /// Maximum number of pixels of an image.
 pub const MAX_PIXELS: u64 = 1 << 26;
@@ -118,6 +118,13 @@ pub(super) fn orbit(text: &str) -> Result<[f32; 2], String> {
     match parts.as_deref() {
         Some(&[azimuth, elevation]) if azimuth.abs() <= 360.0 && elevation.abs() <= 90.0 => Ok([azimuth, elevation]),
         _ => Err("expected AZIMUTH,ELEVATION in degrees, up to 360 and 90".into()),
+    }
+}
+
+pub(super) fn checkpoint(text: &str) -> Result<CheckpointFlag, String> {
+    match text {
+        "off" => Ok(CheckpointFlag(None)),
+        _ => seconds(text).map(|every| CheckpointFlag(Some(every))).map_err(|expected| expected + ", or off"),
     }
 }
 
