@@ -39,7 +39,7 @@ const EFFICACY: f32 = 683.0;
 ///
 /// `photometric`: intensities are in candela and irradiances in lux, else in W; `None`: as the file looks.
 pub(super) fn load(path: &Path, photometric: Option<bool>) -> Result<Scene> {
-    let bytes = std::fs::read(path).map_err(Error::io("reading", path))?;
+    let bytes = crate::input::read(path)?;
     // The glTF crate does not check everything in a file (indices inside extensions, percent signs in URIs).
     match quietly(|| read(path, &bytes, photometric)) {
         Ok(result) => result,

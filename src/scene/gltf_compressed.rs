@@ -1,6 +1,6 @@
 //! Compressed geometry in glTF files: EXT_meshopt_compression and KHR_draco_mesh_compression.
 //!
-//! What a file promises is compared with what its bytes can hold before memory is taken.
+//! Sizes that a file promises are compared with those that its bytes can hold, or with fixed limits, before memory is taken.
 
 use std::collections::BTreeMap;
 
