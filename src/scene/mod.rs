@@ -7,11 +7,12 @@ mod builder;
 pub mod builtin;
 mod description;
 pub mod environment;
-mod export;
-mod gltf;
+pub(crate) mod export;
+pub(crate) mod gltf;
 mod gltf_accessor;
 mod gltf_extensions;
 mod gltf_material;
+mod kept_light;
 pub mod mip;
 mod obj;
 mod obj_material;
@@ -37,6 +38,7 @@ use crate::superposition::lobe::Table;
 
 pub use environment::Environment;
 pub use export::{VirtualLight, export_lights};
+pub use kept_light::{KeptFace, KeptLight, KeptPage};
 
 /// Minimum roughness of a lobe in a file: no point light would hit a smoother one.
 const MIN_ROUGHNESS: f32 = 0.03;
@@ -78,6 +80,8 @@ pub struct Scene {
     /// all light, also that of the emissive triangles, which are only visible, and all reflected light, so that no particle
     /// starts from them.
     pub emitters_are_lights: bool,
+    /// Light kept in textures: the image shows it in place of all virtual lights and photons. The path tracer does not use it.
+    pub kept_light: Option<Arc<KeptLight>>,
     /// What the files hold and the loader leaves out, for messages.
     pub ignored: Vec<String>,
     /// Camera of the file, if it has one: the first.
@@ -104,6 +108,7 @@ impl Default for Scene {
             lights: Vec::new(),
             environment: None,
             emitters_are_lights: true,
+            kept_light: None,
             ignored: Vec::new(),
             camera: None,
             cameras: Vec::new(),

@@ -10,8 +10,8 @@ use lightsum::gpu::{Buffer, Context, Image, Kernel, LayerLimits, Memory, Resourc
 use lightsum::scene::mip::level_count;
 use lightsum::scene::{Alpha, Camera, Light, Material, Scene, Texture, Wrap};
 
-use crate::rig::Numbers;
 use crate::renderer::path_traced;
+use crate::rig::Numbers;
 use crate::scenes::{Soup, camera, compare, render};
 use crate::support::{gpu_test, kernels};
 

@@ -46,7 +46,10 @@ pub fn run(args: &Render) -> Result<()> {
     files.chain(&state).try_for_each(|file| output::check_writable(file))?;
 
     let start = Instant::now();
-    let scene = scene::load_with(path, args.reading.photometric())?;
+    let mut scene = scene::load_with(path, args.reading.photometric())?;
+    if let Some(kept) = &args.output.light_from {
+        scene.kept_light = Some(Arc::new(lightsum::bake::files::read(kept, &scene)?));
+    }
     let stages = vec![("load".into(), start.elapsed().as_secs_f64())];
     let camera = camera::choose(&scene, &args.camera, args.output.resolution)?;
     args.output.crop.map_or(Ok(()), |crop| crop.check(camera.resolution))?;
@@ -379,7 +382,8 @@ impl Job {
     }
 }
 
-const SOFTWARE: &str = concat!("lightsum ", env!("CARGO_PKG_VERSION"));
+/// The program and its version, for metadata.
+pub const SOFTWARE: &str = concat!("lightsum ", env!("CARGO_PKG_VERSION"));
 
 /// Metadata of a job's image, without the number of passes.
 pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {
