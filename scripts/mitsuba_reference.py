@@ -4,7 +4,8 @@
     python3 -m venv venv && venv/bin/pip install mitsuba==3.9.1 numpy
     venv/bin/python scripts/mitsuba_reference.py SCENE.toml OUT.exr --spp 16384
 
-Reads a scene description with model and camera and nothing else. Of the model's materials (OBJ, MTL) it knows Kd and map_Kd (diffuse), Ke
+Renders a scene of its own kind (.xml) as it stands; --resolution sets its parameters `width` and `height`, and --max-depth does not
+count. Else it reads a scene description with model and camera and nothing else. Of the model's materials (OBJ, MTL) it knows Kd and map_Kd (diffuse), Ke
 (emission from the front), Ks with illum 3 or 5 (diffuse and an ideal mirror), illum 6 and 7 with Ni (smooth glass), and Pm 1 with Pr
 (metal: GGX of alpha Pr^2, Fresnel's term after Schlick over Kd, or over Ks where Kd is 0). Tints of glass, coats and half metals are
 refused; --plain FOLDER writes a copy of the scene without them, for both renderers. Segments of a path: 1 emitters alone, 2 direct
@@ -177,7 +178,10 @@ def main():
     size = [int(word) for word in arguments.resolution.split("x")] if arguments.resolution else None
     mi.set_variant("llvm_ad_rgb" if os.environ.get("DRJIT_LIBLLVM_PATH") else "scalar_rgb")
     with tempfile.TemporaryDirectory() as folder:
-        scene = scene_of(arguments.scene, arguments.max_depth, folder, size)
+        if arguments.scene.endswith(".xml"):
+            scene = mi.load_file(arguments.scene, **(dict(zip(("width", "height"), map(str, size))) if size else {}))
+        else:
+            scene = scene_of(arguments.scene, arguments.max_depth, folder, size)
         rounds, total = max(1, arguments.spp // 64), 0.0
         for i in range(rounds):
             total = total + np.array(mi.render(scene, spp=64, seed=arguments.seed * 1000003 + i), dtype=np.float64)

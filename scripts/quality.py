@@ -102,7 +102,7 @@ def main():
             for x0, y0, x1, y1 in rectangles:
                 counted[int(y0 * height) : int(y1 * height), int(x0 * width) : int(x1 * width)] = False
             scale = mean**2 + 0.01 * mean[counted].mean() ** 2
-            seen = seen_spheres(args.scene, spheres, height, width)
+            seen = seen_spheres(args.scene, spheres, height, width) if spheres else None
             parts = {"all": counted} | {f"sphere {i}": counted & (seen == i) for i in range(len(spheres))}
             for part, mask in parts.items():
                 square = np.mean([((image - first) * (image - second) / scale)[mask].mean() for image in images])

@@ -153,12 +153,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let cosine = dot(start.normal, direction);
     let ramp = clamp((cosine - e.e1.y) / max(e.e1.x - e.e1.y, 1e-6), 0.0, 1.0);
     let of_point = e.radiance.xyz * (select(1.0, ramp * ramp, start.kind == EMITTER_SPOT) / e.normal.w);
-    let of_surface = e.flux.xyz * (INV_PI * max(cosine, 0.0));
+    let of_surface = start.flux * (INV_PI * max(cosine, 0.0));
     let is_point = start.kind == EMITTER_POINT || start.kind == EMITTER_SPOT;
     let into_cone = select(of_surface, of_point, is_point) * spread;
     let of_disc = irradiance * (select(PI * sphere.w * sphere.w, facing * parts.y, by_area) / e.normal.w);
     let freely = inside && !by_area;
-    let of_emitter = select(select(into_cone, e.flux.xyz, freely), of_disc, parallel);
+    let of_emitter = select(select(into_cone, start.flux, freely), of_disc, parallel);
     let of_light = intensity_of(light, -direction) * select(spread, PI / max(cosine, 1e-6), freely);
     let carried = select(of_emitter, of_light, from_light) * (times / max(p, 1e-37));
 

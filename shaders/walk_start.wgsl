@@ -33,8 +33,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let light = PointLight(
         vec4<f32>(place.origin, bitcast<f32>(flags)),
         vec4<f32>(place.normal, 0.0),
-        vec4<f32>(select(e.flux.xyz * (share * INV_PI), irradiance, of_environment), 1.0),
-        vec4<f32>(place.normal, select(lights_on_emitter(e.radiance.xyz), lights_from_environment(place.radiance.w), of_environment)),
+        vec4<f32>(select(place.flux * (share * INV_PI), irradiance, of_environment), 1.0),
+        vec4<f32>(place.normal, select(lights_on_emitter(place.radiance.xyz), lights_from_environment(place.radiance.w), of_environment)),
         vec4<f32>(0.0),
         vec4<f32>(0.0),
     );
@@ -46,7 +46,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let start = start_at(walk_numbers(0u, particle), side);
     let leave = walk_numbers(1u, particle);
     let direction = direction_from(start, leave);
-    let emitted = flux_from(start);
+    let emitted = start.flux;
     let flies = particle < depth.w * frame.pattern.z;
     flux[particle] = vec4<f32>(select(vec3<f32>(0.0), emitted, flies), 0.0);
     ray_origin[particle] = vec4<f32>(ray_origin_from(start, leave), select(0.0, 3.0e38, flies));

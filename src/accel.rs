@@ -37,6 +37,7 @@ pub mod wide;
 
 use crate::error::{Error, Result};
 use crate::scene::Scene;
+use crate::scene::validate::is_degenerate;
 use glam::{Vec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
@@ -148,10 +149,12 @@ fn with_bits(a: Vec3, w: u32) -> [f32; 4] {
     [a.x, a.y, a.z, f32::from_bits(w)]
 }
 
-/// A triangle of a scene in the form of the three arrays.
+/// A triangle of a scene in the form of the three arrays. One that has lost its area has edges of length 0: its determinant is then
+/// exactly 0 for any ray, so that none hits it and meets its undefined normal.
 fn triangle_record(scene: &Scene, index: u32) -> [[f32; 4]; 3] {
     let triangle = &scene.triangles[index as usize];
     let [a, b, c] = triangle.vertices.map(|v| scene.positions[v as usize]);
+    let [b, c] = if is_degenerate([a, b, c]) { [a; 2] } else { [b, c] };
     [with_bits(a, triangle.material), with_bits(b - a, index), with_bits(c - a, 0)]
 }
 

@@ -11,7 +11,7 @@
 pub mod ideal;
 
 use crate::scene::mip::level_count;
-use crate::scene::{Material, Scene, Surface, Texture, Wrap};
+use crate::scene::{Cone, Material, Scene, Surface, Texture, TextureUse, Triangle, Wrap};
 use glam::{Vec2, Vec3, Vec4};
 use std::f32::consts::{PI, TAU};
 
@@ -178,17 +178,20 @@ impl Finish {
         }
     }
 
-    /// Of a material at texture coordinates, with the colour of the vertices.
-    pub fn at(scene: &Scene, material: &Material, uv: [f32; 2], color: Vec3) -> Finish {
-        Self::over(scene, material, (uv, 0.0), color)
+    /// Of a triangle's material at a point, by the weights of its corners.
+    pub fn at(scene: &Scene, triangle: &Triangle, weights: [f32; 3]) -> Finish {
+        Self::over(scene, triangle, weights, Cone::POINT)
     }
 
-    /// [`Finish::at`], with means of textures over a footprint (see [`sample_filtered`]).
-    pub fn over(scene: &Scene, material: &Material, (uv, footprint): ([f32; 2], f32), color: Vec3) -> Finish {
-        let texel = |index: Option<u32>| index.map(|i| sample_filtered(scene, i, uv, footprint));
-        let base = texel(material.base_texture).unwrap_or(Vec4::ONE).truncate();
-        let mr = texel(material.metallic_roughness_texture).unwrap_or(Vec4::ONE);
-        Finish::of(material, base * color, [mr.y, mr.z])
+    /// [`Finish::at`], with means of textures over what a cone covers.
+    pub fn over(scene: &Scene, triangle: &Triangle, weights: [f32; 3], cone: Cone) -> Finish {
+        let material = &scene.materials[triangle.material as usize];
+        let texel = |index: Option<u32>, of: TextureUse| {
+            index.map_or(Vec4::ONE, |i| scene.texel_over(triangle, weights, (i, of), cone))
+        };
+        let base = texel(material.base_texture, TextureUse::Base).truncate();
+        let mr = texel(material.metallic_roughness_texture, TextureUse::MetallicRoughness);
+        Finish::of(material, base * scene.color_at(triangle, weights), [mr.y, mr.z])
     }
 }
 

@@ -33,7 +33,7 @@ use crate::superposition::lobe::Lobe;
 pub use records::{delta_lights, encode_normal};
 use records::{
     environment_record, finishes, has_lobe, has_patterns, is_shiny, material_record, reflector_numbers,
-    shading_attributes, vertex_colors,
+    second_coordinates, shading_attributes, vertex_colors,
 };
 use texels::DeviceTextures;
 pub use update::SceneChanges;
@@ -87,7 +87,7 @@ pub struct DeviceScene {
     pub e2: Buffer,
     /// Vertex normals, octahedral, with reflector, material and smoothness; then vertex colours.
     pub normals: Buffer,
-    /// Texture coordinates, two vec4 a triangle.
+    /// Texture coordinates, two vec4 a triangle; then the second ones.
     pub uvs: Buffer,
     /// [`crate::pass::layout::MaterialRecord`]s.
     pub materials: Buffer,
@@ -233,8 +233,11 @@ impl DeviceScene {
         }
         let reflectors = scene.reflectors();
         let of_triangle = reflector_numbers(scene, &reflectors);
-        let (mut normals, uvs) = shading_attributes(scene, &bvh, &of_triangle, 0..bvh.triangle_count() as usize);
+        let (mut normals, mut uvs) = shading_attributes(scene, &bvh, &of_triangle, 0..bvh.triangle_count() as usize);
         normals.extend(vertex_colors(scene));
+        if has_patterns(scene) {
+            uvs.extend(second_coordinates(scene));
+        }
         let materials: Vec<_> = scene.materials.iter().map(material_record).collect();
         let mut device_scene = DeviceScene {
             node_min: staging.stage(context, "scene node minima", &bvh.node_min)?,

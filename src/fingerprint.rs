@@ -31,6 +31,7 @@ pub fn fingerprint(scene: &Scene, view: &impl Debug, settings: &Settings) -> u64
     hash.add(bytemuck::cast_slice(&scene.positions));
     hash.add(bytemuck::cast_slice(&scene.normals));
     hash.add(bytemuck::cast_slice(&scene.uvs));
+    hash.add(bytemuck::cast_slice(&scene.second_uvs));
     hash.add(bytemuck::cast_slice(&scene.colors));
     for t in &scene.triangles {
         hash.add(bytemuck::cast_slice(&t.vertices));
@@ -102,11 +103,14 @@ mod tests {
     fn every_part_of_a_scene_counts() {
         type Change = (&'static str, fn(&mut Scene));
         let base = fingerprint(&scene(), &camera(), &Settings::plain());
-        let changes: [Change; 23] = [
+        let changes: [Change; 26] = [
             ("position", |s| s.positions[0].y = 1e-30),
             ("normal", |s| s.normals[1].x = 1e-30),
             ("texture coordinate", |s| s.uvs[2].y = 1e-30),
+            ("second texture coordinates", |s| s.second_uvs = vec![Vec2::ONE; 3]),
             ("vertex colour", |s| s.colors = vec![Vec3::ONE; 3]),
+            ("emission texture", |s| s.materials[0].emission_texture = Some(0)),
+            ("set of texture coordinates", |s| s.materials[0].second_uvs[1] = true),
             ("normal texture", |s| s.materials[0].normal_texture = Some(0)),
             ("vertices", |s| s.triangles[0].vertices = [0, 2, 1]),
             ("material of a triangle", |s| s.triangles[0].material = 1),

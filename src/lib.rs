@@ -14,7 +14,7 @@
 //! | [`settings`] | every setting: meaning, unit, default, cost |
 //! | [`error`] | the one error type |
 //! | [`input`] | the one way to the bytes of a file |
-//! | [`scene`] | the scene as plain data: OBJ, glTF, scene files, built-in scenes |
+//! | [`scene`] | the scene as plain data: OBJ, PLY, glTF, Mitsuba's XML, scene files, built-in scenes |
 //! | [`bsdf`] | reflectance: Lambert and a GGX lobe; mirrors and glass |
 //! | [`accel`] | the bounding volume hierarchy |
 //! | [`sampling`] | Halton, Hammersley and Sobol' points, hashes, and the dimensions of each consumer |

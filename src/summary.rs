@@ -12,6 +12,7 @@ use crate::error::Result;
 use crate::light::emitters::{Emitter, EmitterRecord, Emitters, Kind};
 use crate::pass::layout::{MaterialRecord, TextureRecord};
 use crate::sampling::sobol;
+use crate::scene::animation::Animation;
 use crate::scene::{Camera, Scene};
 
 /// Summary of a scene; the keys of the JSON form are the fields' names.
@@ -35,6 +36,8 @@ pub struct Summary {
     pub camera: Option<Camera>,
     /// Names of all cameras of a glTF file.
     pub cameras: Vec<String>,
+    /// Animations of a glTF file.
+    pub animations: Vec<AnimationSummary>,
     /// What emits light, the strongest first.
     pub lights: Vec<LightSummary>,
     /// Emitted flux of all lights, W: mean of red, green and blue.
@@ -55,6 +58,15 @@ pub struct TextureSummary {
     pub width: u32,
     /// Rows.
     pub height: u32,
+}
+
+/// An animation.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AnimationSummary {
+    /// Its name.
+    pub name: String,
+    /// Times of its first and last key, seconds.
+    pub span: [f64; 2],
 }
 
 /// Lights of one kind, or the emissive faces of one material.
@@ -87,11 +99,18 @@ impl Summary {
             high: scene.to_world(high).to_array(),
             camera: scene.camera,
             cameras: scene.cameras.iter().map(|named| named.name.clone()).collect(),
+            animations: scene.animations.iter().flat_map(|a| &a.list).map(AnimationSummary::of).collect(),
             power: mean(emitters.power),
             lights,
             device_bytes: device_bytes(scene, &emitters)?,
             ignored: scene.ignored.clone(),
         })
+    }
+}
+
+impl AnimationSummary {
+    fn of(animation: &Animation) -> AnimationSummary {
+        AnimationSummary { name: animation.name.clone(), span: [animation.start, animation.end] }
     }
 }
 
@@ -102,6 +121,15 @@ fn mean(v: Vec3) -> f32 {
 /// Lights by kind or material, the strongest first.
 fn lights(scene: &Scene, emitters: &Emitters) -> Vec<LightSummary> {
     let mut faces = vec![Vec::new(); emitters.list.len()];
+    // The faces of a divided emitter are those of its first part; the others have its name.
+    let mut first_part: Vec<usize> = (0..emitters.list.len()).collect();
+    for (&first, parts) in &emitters.parts {
+        for &cell in &parts.cells {
+            if let Some(of) = first_part.get_mut(cell as usize) {
+                *of = first as usize;
+            }
+        }
+    }
     for (t, &emitter) in emitters.of_triangle.iter().enumerate() {
         if let Some(faces) = faces.get_mut(emitter as usize) {
             faces.push(t);
@@ -123,10 +151,10 @@ fn lights(scene: &Scene, emitters: &Emitters) -> Vec<LightSummary> {
         }
     };
     let mut sums: BTreeMap<String, (usize, f64)> = BTreeMap::new();
-    for (e, faces) in emitters.list.iter().zip(&faces) {
-        let sum = sums.entry(name(e, faces)).or_default();
+    for (i, e) in emitters.list.iter().enumerate() {
+        let sum = sums.entry(name(e, &faces[first_part[i]])).or_default();
         sum.0 = match e.kind {
-            Kind::Triangle | Kind::Quad => sum.0 + faces.len(),
+            Kind::Triangle | Kind::Quad => sum.0 + faces[i].len(),
             Kind::Environment => 1,
             _ => sum.0 + 1,
         };
@@ -144,6 +172,7 @@ fn device_bytes(scene: &Scene, emitters: &Emitters) -> Result<u64> {
     let wide = WideBvh::build(&bvh);
     let uvs = if scene.textures.is_empty() && scene.colors.is_empty() { 0 } else { 32 };
     let colors = if scene.colors.is_empty() { 0 } else { 16 };
+    let uvs = if scene.second_uvs.is_empty() { uvs } else { 2 * uvs };
     let triangle = 3 * 16 + 16 + uvs + colors;
     let environment = scene.environment.as_ref().map_or(1, |e| e.texels.len());
     let bytes = 32 * bvh.node_count() as usize

@@ -1,6 +1,11 @@
 // Start points and directions of particles. Needs frame.wgsl, math.wgsl, emitters.wgsl, and the emitters bound
 // as `emitters`. CPU twin: light::emitters.
+// UNTEXTURED: there are no textures.
 #include "environment.wgsl"
+#if UNTEXTURED
+#else
+#include "texture.wgsl"
+#endif
 
 struct Start {
     emitter: u32,
@@ -8,7 +13,21 @@ struct Start {
     position: vec3<f32>,    // on the emitter itself
     origin: vec3<f32>,      // the same with the ray-origin offset
     normal: vec3<f32>,      // axis of the emission
-    radiance: vec4<f32>,    // of the environment from this direction, with its density; else that of the emitter
+    radiance: vec4<f32>,    // of the environment from this direction, with its density; else that of the emitter, at this point
+    flux: vec3<f32>,        // of a particle if it were the only one
+}
+
+// Texture of a triangle or quad at coordinates along its edges.
+fn pattern_at(e: EmitterRecord, along: vec2<f32>) -> vec3<f32> {
+    var color = vec3<f32>(1.0);
+#if UNTEXTURED
+#else
+    let word = bitcast<u32>(e.pattern.z);
+    for (var j = select(0u, 1u, word != 0u); j > 0u; j -= 1u) {
+        color = sample_finest((word & 0x7fffffu) - 1u, e.uv.xy + along.x * e.uv.zw + along.y * e.pattern.xy).xyz;
+    }
+#endif
+    return color;
 }
 
 // The first emitter whose interval ends above u: at most 32 halvings.
@@ -40,16 +59,19 @@ fn start_at(place: vec2<f32>, side: f32) -> Start {
     var position = e.p0.xyz;
     var normal = axis;
     var radiance = e.radiance;
+    var along = vec2<f32>(0.0);
     let disc = sqrt(u0);
     let around = unit_circle(u1);
     switch kind {
         case EMITTER_TRIANGLE: {
             let s = sqrt(1.0 - u0);
-            position += e.e1.xyz * (s * (1.0 - u1)) + e.e2.xyz * (s * u1);
+            along = vec2<f32>(s * (1.0 - u1), s * u1);
+            position += e.e1.xyz * along.x + e.e2.xyz * along.y;
             normal = flipped;
         }
         case EMITTER_QUAD: {
-            position += e.e1.xyz * u0 + e.e2.xyz * u1;
+            along = vec2<f32>(u0, u1);
+            position += e.e1.xyz * along.x + e.e2.xyz * along.y;
             normal = flipped;
         }
         case EMITTER_SPHERE: {
@@ -74,7 +96,15 @@ fn start_at(place: vec2<f32>, side: f32) -> Start {
     }
     let leaves_surface = kind <= EMITTER_SPHERE || kind == EMITTER_VIRTUAL;
     let origin = select(position, offset_origin(position, normal, frame.eye.w), leaves_surface);
-    return Start(index, kind, position, origin, normal, radiance);
+    var flux = e.flux.xyz;
+    let disc_area = PI * e.e2.y * e.e2.y;
+    flux = select(flux, radiance.xyz * (e.e1.w * disc_area / e.normal.w), kind == EMITTER_ENVIRONMENT);
+    if bitcast<u32>(e.pattern.z) != 0u {
+        flux *= pattern_at(e, along);
+        let sides = select(1.0, 2.0, (flags & 1u) != 0u);
+        radiance = vec4<f32>(flux * (e.normal.w / (PI * e.e1.w * sides)), radiance.w);
+    }
+    return Start(index, kind, position, origin, normal, radiance, flux);
 }
 
 // Point at which the ray of a particle begins, given the numbers of its direction.
@@ -83,13 +113,6 @@ fn ray_origin_from(start: Start, leave: vec2<f32>) -> vec3<f32> {
     let on_disc = unit_circle(leave.y) * (emitters[start.emitter].e2.y * sqrt(leave.x));
     let moved = start.origin + across[0] * on_disc.x + across[1] * on_disc.y;
     return select(start.origin, moved, start.kind == EMITTER_ENVIRONMENT);
-}
-
-// Flux of a particle if it were the only one.
-fn flux_from(start: Start) -> vec3<f32> {
-    let e = emitters[start.emitter];
-    let disc = PI * e.e2.y * e.e2.y;
-    return select(e.flux.xyz, start.radiance.xyz * (e.e1.w * disc / e.normal.w), start.kind == EMITTER_ENVIRONMENT);
 }
 
 // Direction, distributed as radiance times cosine.

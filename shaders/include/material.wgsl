@@ -3,7 +3,7 @@
 struct MaterialRecord {
     base: vec4<f32>,        // base colour; w: metallic
     specular: vec4<f32>,    // dielectric reflectance at normal incidence; w: roughness
-    emission: vec4<f32>,    // radiance; w: index of refraction
+    emission: vec4<f32>,    // radiance, with a texture where that is white; w: index of refraction
     flags: vec4<u32>,       // base texture + 1, metallic-roughness texture + 1, kind of surface, bits below
     normal: vec4<u32>,      // normal texture + 1, bits of its scale, of the opacity and of the cutoff of alpha (negative: none)
 }
@@ -11,6 +11,8 @@ struct MaterialRecord {
 const MATERIAL_TWO_SIDED: u32 = 1u; // emits on both sides
 const MATERIAL_SHINY: u32 = 2u;     // its lobe may be narrow enough for eye paths to follow
 const MATERIAL_ALPHA: u32 = 4u;     // rays may pass
+const MATERIAL_SECOND_UVS: u32 = 8u;// the first of four bits: base, metallic-roughness, normal, emission texture lies by the second coordinates
+const MATERIAL_EMISSION_SHIFT: u32 = 8u;    // emission texture + 1
 
 const SURFACE_OPAQUE: u32 = 0u;
 const SURFACE_MIRROR: u32 = 1u;

@@ -9,7 +9,7 @@
 #endif
 
 @group(0) @binding(1) var<storage, read> triangle_normals: array<vec4<u32>>;    // three octahedral normals; w: reflector << 24 | material << 1 | smooth
-@group(0) @binding(2) var<storage, read> triangle_uvs: array<vec4<f32>>;        // two for each triangle: uv0 uv1, uv2, bits of the place of its vertex colours in triangle_normals or 0, -
+@group(0) @binding(2) var<storage, read> triangle_uvs: array<vec4<f32>>;        // two for each triangle: uv0 uv1, uv2, bits of the places of its vertex colours in triangle_normals and of its second coordinates here, or 0
 @group(0) @binding(3) var<storage, read> triangle_v0: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> triangle_e1: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> triangle_e2: array<vec4<f32>>;
@@ -77,7 +77,7 @@ fn mapped_normal(texel: vec3<f32>, scale: f32, e1: vec3<f32>, e2: vec3<f32>, d1:
 
 // Width in texture coordinates of what a cone of this width covers: the root of the area, between those along and across the cone where
 // it meets a surface aslant. `face`, d1, d2: edges of the triangle, multiplied, and in texture coordinates. CPU twin:
-// pass::surface::footprint_of.
+// scene::Scene::footprint.
 fn footprint_of(width: f32, cosine: f32, face: vec3<f32>, d1: vec2<f32>, d2: vec2<f32>) -> f32 {
     let of_area = abs(d1.x * d2.y - d1.y * d2.x) / sqrt(max(dot(face, face), 1e-37));
     return min(width, 1e30) * sqrt(of_area / max(cosine, 0.01));
@@ -106,27 +106,34 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>, width: f32) -> Surfac
     var base = material.base.xyz;
     var metallic = material.base.w;
     var roughness = material.specular.w;
+    var emission = material.emission.xyz;
 #if UNTEXTURED
 #else
-    // A SIMD driver runs every loop at least once, so scenes without textures have kernels without these loops.
-    let uvs = triangle_uvs[2u * triangle];
+    // A SIMD driver runs every loop at least once: one loop takes all textures, and scenes without textures have kernels without it.
     let more = triangle_uvs[2u * triangle + 1u];
-    let uv = w * uvs.xy + u * uvs.zw + v * more.xy;
-    let footprint = footprint_of(width, abs(dot(face_normal, d)), face, uvs.zw - uvs.xy, more.xy - uvs.xy);
-    for (var j = select(0u, 1u, material.flags.x != 0u); j > 0u; j -= 1u) {
-        base *= sample_texture(material.flags.x - 1u, uv, footprint).xyz;
-    }
-    for (var j = select(0u, 1u, material.flags.y != 0u); j > 0u; j -= 1u) {
-        let mr = sample_texture(material.flags.y - 1u, uv, footprint).xyz;
-        roughness *= mr.y;
-        metallic *= mr.z;
-    }
-    for (var j = select(0u, 1u, material.normal.x != 0u); j > 0u; j -= 1u) {
+    let textures_of = vec4<u32>(material.flags.xy, material.normal.x, material.flags.w >> MATERIAL_EMISSION_SHIFT);
+    let present = select(vec4<u32>(0u), vec4<u32>(1u, 2u, 4u, 8u), textures_of != vec4<u32>(0u));
+    for (var left = present.x | present.y | present.z | present.w; left != 0u; left &= left - 1u) {
+        let bit = left & (0u - left);
+        let is_base = bit == 1u;
+        let is_roughness = bit == 2u;
+        let is_normal = bit == 4u;
+        let is_emission = bit == 8u;
+        let number = select(select(select(textures_of.w, textures_of.z, is_normal), textures_of.y, is_roughness), textures_of.x, is_base);
+        let second = (material.flags.w & (MATERIAL_SECOND_UVS * bit)) != 0u;
+        let at = select(2u * triangle, bitcast<u32>(more.w), second);
+        let uvs = triangle_uvs[at];
+        let last = triangle_uvs[at + 1u].xy;
+        let footprint = footprint_of(width, abs(dot(face_normal, d)), face, uvs.zw - uvs.xy, last - uvs.xy);
+        let texel = sample_texture(number - 1u, w * uvs.xy + u * uvs.zw + v * last, footprint).xyz;
+        base *= select(vec3<f32>(1.0), texel, is_base);
+        roughness *= select(1.0, texel.y, is_roughness);
+        metallic *= select(1.0, texel.z, is_roughness);
+        emission *= select(vec3<f32>(1.0), texel, is_emission);
         let side = select(-1.0, 1.0, front);
-        let texel = sample_texture(material.normal.x - 1u, uv, footprint).xyz;
         let scale = bitcast<f32>(material.normal.y);
-        let mapped = mapped_normal(texel, scale, e1, e2, uvs.zw - uvs.xy, more.xy - uvs.xy, shading * side) * side;
-        shading = select(shading, mapped, dot(mapped, d) < 0.0);
+        let mapped = mapped_normal(texel, scale, e1, e2, uvs.zw - uvs.xy, last - uvs.xy, shading * side) * side;
+        shading = select(shading, mapped, is_normal && dot(mapped, d) < 0.0);
     }
     let colors = bitcast<u32>(more.z);
     if colors != 0u {
@@ -143,7 +150,7 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>, width: f32) -> Surfac
     s.position = position;
     s.geometric = geometric;
     s.shading = shading;
-    s.emission = select(vec3<f32>(0.0), material.emission.xyz, emits);
+    s.emission = select(vec3<f32>(0.0), emission, emits);
     s.kind = kind;
     s.front = front;
     s.material = material_of(normals);

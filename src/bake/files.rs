@@ -1,4 +1,4 @@
-//! Files of kept light: a glTF 2.0 model (`.glb`) whose second texture coordinates are those of the maps, the maps beside it as
+//! Files of kept light: a glTF 2.0 model (`.glb`) with texture coordinates of the maps, the maps beside it as
 //! OpenEXR of half floats, and a manifest in the model's `extras.lightsum.lightmap` that says which is which.
 //!
 //! A triangle that is lit on both sides is there twice, once for each, and every material is one-sided, unless neither side has
@@ -17,13 +17,14 @@ use gltf::accessor::Iter;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::{Charts, Lightmap, Page};
+use super::materials::{self, Materials};
+use super::{Charts, Lightmap};
 use crate::error::{Error, Result};
 use crate::fingerprint::Fnv;
 use crate::output::{self, Encoding, Layers, Metadata, Tonemap, write_file};
 use crate::scene::export::{self, GENERATOR, Writer};
 use crate::scene::gltf::{ours, quietly};
-use crate::scene::{KeptFace, KeptLight, KeptPage, Scene, Surface};
+use crate::scene::{KeptFace, KeptLight, KeptPage, Scene, TextureUse};
 use crate::settings::Exposure;
 
 /// Which light the maps hold.
@@ -129,7 +130,7 @@ struct Side {
 }
 
 /// Kind of a primitive: material, smoothness, page.
-type Kind = (u32, bool, Option<u32>);
+pub(super) type Kind = (u32, bool, Option<u32>);
 
 /// Name of the map of a page beside the model.
 fn map_path(path: &Path, what: &str, page: usize) -> PathBuf {
@@ -197,7 +198,7 @@ pub fn write(
         geometry: geometry(scene),
         density: light.charts.density,
         parts,
-        tex_coord: u32::from(form == Form::Lit),
+        tex_coord: set_of_maps(scene, form),
         pages,
         objects: objects(scene, &light.charts),
     };
@@ -205,6 +206,15 @@ pub fn write(
     write_file(path, &[&bytes])?;
     written.insert(0, path.to_path_buf());
     Ok(written)
+}
+
+/// Set of texture coordinates of the maps: beyond those of the model's own textures.
+fn set_of_maps(scene: &Scene, form: Form) -> u32 {
+    match form {
+        Form::Unlit { .. } => 0,
+        Form::Lit if scene.second_uvs.is_empty() => 1,
+        Form::Lit => 2,
+    }
 }
 
 /// The rectangles of the objects.
@@ -256,35 +266,15 @@ fn sides(scene: &Scene, charts: &Charts) -> BTreeMap<u32, BTreeMap<Kind, Vec<Sid
 /// The bytes of the model.
 fn model(path: &Path, scene: &Scene, light: &Lightmap, form: Form, manifest: Manifest) -> Result<Vec<u8>> {
     let mut document = Writer::default();
-    let mut materials = Materials { scene, form, scale: 1.0, made: HashMap::new(), list: Vec::new() };
-    let mut images = Vec::new();
-    match form {
-        Form::Lit => {
-            for texture in &scene.textures {
-                let bytes = export::png(texture).map_err(|why| Error::file(path, why))?;
-                images.push((texture.name.clone(), bytes, export::sampler(texture)));
-            }
-        }
-        Form::Unlit { exposure, tonemap } => {
-            let shown: Vec<Vec<Vec3>> =
-                light.pages.iter().map(|page| (0..page.direct.len()).map(|i| page.radiance(i)).collect()).collect();
-            let lit: Vec<Vec3> = shown.iter().flatten().copied().filter(|l| *l != Vec3::ZERO).collect();
-            let stops = exposure.stops(&lit);
-            materials.scale = stops.exp2();
-            for (i, (page, color)) in light.pages.iter().zip(shown).enumerate() {
-                let bytes = unlit_png(path, page, color, stops, tonemap)?;
-                images.push((format!("radiance {i}"), bytes, json!({ "wrapS": 33071, "wrapT": 33071 })));
-            }
-        }
-    }
+    let mut materials = Materials::new(path, scene, light, form)?;
     for (object, primitives) in sides(scene, &light.charts) {
         let primitives: Vec<Value> = primitives
             .iter()
             .map(|(&kind, sides)| {
-                let material = materials.index(kind);
-                primitive(&mut document, (scene, &light.charts), form, kind, sides, material)
+                let material = materials.index(kind)?;
+                Ok(primitive(&mut document, (scene, &light.charts), form, kind, sides, material))
             })
-            .collect();
+            .collect::<Result<_>>()?;
         let name = &scene.objects[object as usize];
         document.meshes.push(json!({ "name": name, "primitives": primitives }));
         document.nodes.push(json!({ "name": name, "mesh": document.meshes.len() - 1 }));
@@ -293,6 +283,7 @@ fn model(path: &Path, scene: &Scene, light: &Lightmap, form: Form, manifest: Man
     if form == Form::Lit {
         document.lights(scene, &[]);
     }
+    let Materials { list: materials, images, .. } = materials;
     let samplers: Vec<Value> = images.iter().map(|(_, _, sampler)| sampler.clone()).collect();
     let textures: Vec<Value> = (0..images.len()).map(|i| json!({ "source": i, "sampler": i })).collect();
     let mut embedded = Vec::new();
@@ -311,7 +302,7 @@ fn model(path: &Path, scene: &Scene, light: &Lightmap, form: Form, manifest: Man
         "scenes": [{ "name": scene.name, "nodes": roots }],
         "nodes": document.nodes,
         "meshes": document.meshes,
-        "materials": materials.list,
+        "materials": materials,
         "accessors": document.accessors,
         "bufferViews": document.views,
         "buffers": [{ "byteLength": document.bin.len() }],
@@ -362,66 +353,6 @@ fn container(path: &Path, text: &[u8], bin: &[u8]) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// A page of radiance for display.
-fn unlit_png(path: &Path, page: &Page, color: Vec<Vec3>, stops: f32, tonemap: Tonemap) -> Result<Vec<u8>> {
-    let layers = Layers { width: page.size[0], height: page.size[1], color, ..Layers::default() };
-    output::encode_png(path, &layers, Exposure::Stops(stops), tonemap)
-}
-
-/// Materials of the document.
-struct Materials<'a> {
-    scene: &'a Scene,
-    form: Form,
-    /// Factor from radiance to what is shown, in the unlit form.
-    scale: f32,
-    made: HashMap<(u32, Option<u32>), usize>,
-    list: Vec<Value>,
-}
-
-impl Materials<'_> {
-    /// Index of the material of a primitive.
-    fn index(&mut self, (material, _, page): Kind) -> usize {
-        let key = match self.form {
-            // One form for sides with light, one for triangles without.
-            Form::Lit => (material, page.map(|_| 0)),
-            Form::Unlit { .. } => (page.map_or(material, |_| 0), page),
-        };
-        if let Some(&index) = self.made.get(&key) {
-            return index;
-        }
-        let m = &self.scene.materials[material as usize];
-        let mut value = match (self.form, page) {
-            (Form::Lit, _) => export::material(m),
-            (Form::Unlit { .. }, Some(page)) => json!({
-                "name": format!("radiance {page}"),
-                "pbrMetallicRoughness": { "baseColorTexture": { "index": page }, "metallicFactor": 0.0 },
-                "extensions": { "KHR_materials_unlit": {} },
-            }),
-            (Form::Unlit { .. }, None) => {
-                // Emitters glow; mirrors show a part of their tint, and glass is nearly clear.
-                let tint = match m.surface {
-                    Surface::Glass => Vec3::ONE,
-                    _ => 0.5 * m.specular.lerp(m.base_color, m.metallic),
-                };
-                let glows = m.emission.max_element() > 0.0;
-                let color = if glows { (m.emission * self.scale).min(Vec3::ONE) } else { tint };
-                let clear = m.surface == Surface::Glass;
-                let factor = color.extend(if clear { 0.1 } else { 1.0 }).to_array();
-                json!({
-                    "name": m.name,
-                    "pbrMetallicRoughness": { "baseColorFactor": export::vector(factor), "metallicFactor": 0.0 },
-                    "alphaMode": if clear { "BLEND" } else { "OPAQUE" },
-                    "extensions": { "KHR_materials_unlit": {} },
-                })
-            }
-        };
-        value["doubleSided"] = json!(page.is_none());
-        self.list.push(value);
-        self.made.insert(key, self.list.len() - 1);
-        self.list.len() - 1
-    }
-}
-
 fn primitive(
     document: &mut Writer,
     (scene, charts): (&Scene, &Charts),
@@ -468,17 +399,28 @@ fn primitive(
     }
     let places = || vertices.iter().flat_map(|(.., place)| place.to_array()).collect::<Vec<f32>>();
     let m = &scene.materials[material as usize];
-    let textured = m.base_texture.or(m.metallic_roughness_texture).or(m.normal_texture).is_some();
+    let mut set = |number: u32, values: Vec<f32>| {
+        attributes[format!("TEXCOORD_{number}")] = json!(add(values, float2()));
+    };
+    let own = |uvs: &[Vec2]| vertices.iter().flat_map(|(v, ..)| uvs[*v as usize].to_array()).collect::<Vec<f32>>();
     match form {
-        Form::Unlit { .. } if page.is_some() => attributes["TEXCOORD_0"] = json!(add(places(), float2())),
-        Form::Lit if textured || page.is_some() => {
-            let uvs = vertices.iter().flat_map(|(v, ..)| scene.uvs[*v as usize].to_array()).collect();
-            attributes["TEXCOORD_0"] = json!(add(uvs, float2()));
-            if page.is_some() {
-                attributes["TEXCOORD_1"] = json!(add(places(), float2()));
+        Form::Lit => {
+            // Sets are numbered without gaps.
+            if page.is_some() || m.textures().next().is_some() {
+                set(0, own(&scene.uvs));
+                if !scene.second_uvs.is_empty() {
+                    set(1, own(&scene.second_uvs));
+                }
             }
         }
-        _ => {}
+        Form::Unlit { .. } if page.is_none() && materials::is_pattern(m) => {
+            let second = m.second_uvs[TextureUse::Emission as usize];
+            set(0, own(if second { &scene.second_uvs } else { &scene.uvs }));
+        }
+        Form::Unlit { .. } => {}
+    }
+    if page.is_some() {
+        set(set_of_maps(scene, form), vertices.iter().flat_map(|(.., place)| place.to_array()).collect());
     }
     if form == Form::Lit && !scene.colors.is_empty() {
         let colors = vertices.iter().flat_map(|(v, ..)| scene.colors[*v as usize].to_array()).collect();

@@ -19,6 +19,7 @@
 pub mod charts;
 pub mod files;
 mod lightmap;
+mod materials;
 pub mod sides;
 pub mod texels;
 
@@ -28,7 +29,7 @@ use std::sync::Arc;
 
 use crate::error::{Error, Result};
 use crate::gpu::Context;
-use crate::scene::Scene;
+use crate::scene::{Material, Scene};
 use crate::settings::{Compensation, Settings};
 use crate::standalone::Renderer;
 use crate::view::{Atlas, MAX_PIXELS};
@@ -212,6 +213,16 @@ fn prepare(scene: &Scene) -> Scene {
     let mut scene = Scene { kept_light: None, ..scene.clone() };
     for material in &mut scene.materials {
         material.normal_texture = None;
+    }
+    // Emission keeps its texels as they are.
+    for i in 0..scene.textures.len() as u32 {
+        let reflects = |m: &Material| [m.base_texture, m.metallic_roughness_texture].contains(&Some(i));
+        let emits = |m: &Material| m.emission_texture == Some(i);
+        if scene.materials.iter().any(reflects) && scene.materials.iter().any(emits) {
+            let copy = scene.textures.len() as u32;
+            scene.textures.push(scene.textures[i as usize].clone());
+            scene.materials.iter_mut().filter(|m| emits(m)).for_each(|m| m.emission_texture = Some(copy));
+        }
     }
     for i in 0..scene.textures.len() {
         let base = scene.materials.iter().any(|m| m.base_texture == Some(i as u32));

@@ -37,7 +37,9 @@ pub(super) fn material_record(m: &crate::scene::Material) -> MaterialRecord {
             },
             (if m.two_sided { MaterialRecord::TWO_SIDED } else { 0 })
                 | (if is_shiny(m) { MaterialRecord::SHINY } else { 0 })
-                | (if m.has_alpha() { MaterialRecord::ALPHA } else { 0 }),
+                | (if m.has_alpha() { MaterialRecord::ALPHA } else { 0 })
+                | (0..4).filter(|&k| m.second_uvs[k]).map(|k| MaterialRecord::SECOND_UVS << k).sum::<u32>()
+                | m.emission_texture.map_or(0, |t| t + 1) << MaterialRecord::EMISSION_SHIFT,
         ],
         normal: [m.normal_texture.map_or(0, |t| t + 1), m.normal_scale.to_bits(), opacity.to_bits(), cutoff.to_bits()],
     }
@@ -111,8 +113,18 @@ pub(super) fn vertex_colors(scene: &Scene) -> Vec<[u32; 4]> {
     if scene.colors.is_empty() { Vec::new() } else { scene.triangles.iter().map(of).collect() }
 }
 
+/// Second texture coordinates of triangles, in the scene's order; two vec4 each.
+pub(super) fn second_coordinates(scene: &Scene) -> Vec<[f32; 4]> {
+    let of = |t: &crate::scene::Triangle| {
+        let [a, b, c] = t.vertices.map(|v| scene.second_uvs[v as usize]);
+        [[a.x, a.y, b.x, b.y], [c.x, c.y, 0.0, 0.0]]
+    };
+    if scene.second_uvs.is_empty() { Vec::new() } else { scene.triangles.iter().flat_map(of).collect() }
+}
+
 /// Normals and texture coordinates of triangles in leaf order; the latter only if the scene [`has_patterns`]. After the normals of
-/// all triangles come their [`vertex_colors`]; the coordinates hold the place of a triangle's, 0 if there are none.
+/// all triangles come their [`vertex_colors`], after the coordinates [`second_coordinates`]; the coordinates hold the places of a
+/// triangle's, 0 if there are none.
 pub(super) fn shading_attributes(
     scene: &Scene,
     bvh: &Bvh,
@@ -139,7 +151,8 @@ pub(super) fn shading_attributes(
             let [a, b, c] = t.vertices.map(|v| scene.uvs.get(v as usize).copied().unwrap_or(Vec2::ZERO));
             uvs.push([a.x, a.y, b.x, b.y]);
             let colors = if colored > 0 { (colored + index) as u32 } else { 0 };
-            uvs.push([c.x, c.y, f32::from_bits(colors), 0.0]);
+            let second = if scene.second_uvs.is_empty() { 0 } else { 2 * (scene.triangles.len() + index) as u32 };
+            uvs.push([c.x, c.y, f32::from_bits(colors), f32::from_bits(second)]);
         }
     }
     (normals, uvs)

@@ -17,7 +17,7 @@ use crate::gpu::Context;
 use crate::light::emitters::Emitters;
 use crate::plan::{self, check_slots};
 use crate::scene::validate::is_degenerate;
-use crate::scene::{Camera, Light, Material, Scene, Surface, Texture};
+use crate::scene::{Camera, Light, Material, Scene, Surface, Texture, TextureUse};
 use crate::settings::Settings;
 use crate::view::View;
 
@@ -131,8 +131,10 @@ impl Engine {
     /// Replaces the vertices of an object: the same number, in the order of [`Engine::scene`], before its transform.
     /// Without `normals`, those of smooth triangles become the mean of their faces'.
     ///
+    /// A triangle without area is not there until other vertices give it one.
+    ///
     /// Errors, which leave everything unchanged: there is no such object; the number of vertices differs; a triangle
-    /// would lose its area; the object is the surface of a sphere light.
+    /// that emits would lose its area; the object is the surface of a sphere light.
     pub fn set_vertices(&mut self, object: u32, positions: &[Vec3], normals: Option<&[Vec3]>) -> Result<()> {
         let moving = self.moving()?;
         let name = moving.name(object)?;
@@ -175,12 +177,10 @@ impl Engine {
         };
         let wrong = |message: String| Error::Scene(format!("material {:?}: {message}", old.name));
         material.check().map_err(wrong)?;
-        for texture in
-            [material.base_texture, material.metallic_roughness_texture, material.normal_texture].into_iter().flatten()
-        {
-            if texture as usize >= moving.scene.textures.len() {
-                return Err(wrong(format!("texture {texture} does not exist")));
-            }
+        moving.scene.check_textures(&material).map_err(wrong)?;
+        let of_sphere = |light: &Light| matches!(light, Light::Sphere { object, .. } if moving.materials[*object as usize].contains(&index));
+        if material.emission_texture.is_some() && moving.scene.lights.iter().any(of_sphere) {
+            return Err(wrong(String::from("the material of a sphere light has no emission texture")));
         }
         if material.surface != Surface::Glass {
             material.limit_albedo();
@@ -188,7 +188,10 @@ impl Engine {
         if material == old {
             return Ok(());
         }
-        let emission = material.emission != old.emission || material.two_sided != old.two_sided;
+        let pattern = |m: &Material| (m.emission_texture, m.second_uvs[TextureUse::Emission as usize]);
+        let emission = material.emission != old.emission
+            || material.two_sided != old.two_sided
+            || pattern(&material) != pattern(&old);
         moving.scene.materials[index as usize] = material;
         if emission {
             moving.match_sphere_lights(index);
@@ -374,6 +377,7 @@ impl DynamicScene {
         let name = self.name(object)?;
         let range = self.vertices[object as usize].clone();
         let rest_positions = rest.as_ref().map_or(&self.rest_positions[range.clone()], |rest| rest.0);
+        let reshaped = rest.is_some();
         let still = transform == Affine3A::IDENTITY;
         let positions: Vec<Vec3> = if still {
             rest_positions.to_vec()
@@ -387,7 +391,11 @@ impl DynamicScene {
         for &k in &self.triangles[object as usize] {
             let triangle = &self.scene.triangles[k as usize];
             smooth |= triangle.smooth;
-            if is_degenerate(triangle.vertices.map(|v| positions[v as usize - first])) {
+            if !is_degenerate(triangle.vertices.map(|v| positions[v as usize - first])) {
+                continue;
+            }
+            let emits = self.scene.materials[triangle.material as usize].emission.max_element() > 0.0;
+            if emits || !reshaped && !is_degenerate(triangle.vertices.map(|v| rest_positions[v as usize - first])) {
                 return Err(refused(&name, &format!("triangle {k} of the scene would have no area")));
             }
         }

@@ -10,8 +10,12 @@ use crate::error::{Error, Result};
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
 /// Advice of the layer, by its words, that is not followed and so not collected: a copy out of an image may be faster in
-/// TRANSFER_SRC_OPTIMAL. Images stay in GENERAL, so that one kind of barrier does for everything; they are copied once.
-const SILENCED_GENERAL_LAYOUT: &str = "layout should be VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL instead of GENERAL";
+/// TRANSFER_SRC_OPTIMAL, and one into an image in TRANSFER_DST_OPTIMAL. Images stay in GENERAL, so that one kind of barrier does for
+/// everything; they are copied once.
+const SILENCED_GENERAL_LAYOUT: [&str; 2] = [
+    "layout should be VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL instead of GENERAL",
+    "layout should be VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL instead of GENERAL",
+];
 
 /// Messages of the validation layer, kept until they are taken. Clones share the list, which outlives the context.
 #[derive(Clone, Debug, Default)]
@@ -45,7 +49,8 @@ unsafe extern "system" fn on_message(
         log::debug!("{text}");
         return vk::FALSE;
     }
-    if types.contains(vk::DebugUtilsMessageTypeFlagsEXT::PERFORMANCE) && text.contains(SILENCED_GENERAL_LAYOUT) {
+    let silenced = SILENCED_GENERAL_LAYOUT.iter().any(|advice| text.contains(advice));
+    if types.contains(vk::DebugUtilsMessageTypeFlagsEXT::PERFORMANCE) && silenced {
         return vk::FALSE;
     }
     if severity.contains(vk::DebugUtilsMessageSeverityFlagsEXT::ERROR) {

@@ -12,17 +12,23 @@
 //!   perpendicular to it;
 //! - directional light: the disc of the scene's bounding sphere, perpendicular to the direction, (sqrt u, 2 pi v).
 //!
+//! The radiance of triangles and quads may have a texture (see `patterns`).
+//!
 //! Point, spot, directional and virtual lights are *delta* lights: they start particles for indirect light, but for direct
 //! light a renderer evaluates each of them exactly once instead of their particles' first vertices.
+
+mod patterns;
+
+pub use patterns::{Parts, Pattern};
 
 use crate::accel::unit_normal;
 use crate::bsdf::{basis, mean, sample_diffuse};
 use crate::error::{Error, Result};
 use crate::sampling::ONE_MINUS_EPSILON;
 use crate::scene::environment::Patch;
-use crate::scene::{Environment, Light, Scene};
+use crate::scene::{Environment, Light, Scene, Texture};
 use bytemuck::{Pod, Zeroable};
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use std::collections::HashMap;
 use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
@@ -70,7 +76,7 @@ pub struct Emitter {
     /// Triangle, quad, virtual: unit normal of the side that emits. Spot, directional, environment: unit direction of the
     /// light, of the middle of the part.
     pub normal: Vec3,
-    /// Triangle, quad, sphere: radiance; environment: its mean. Point, spot: radiant intensity. Directional: irradiance across its direction.
+    /// Triangle, quad, sphere: radiance, its mean if there is a texture; environment: its mean. Point, spot: radiant intensity. Directional: irradiance across its direction.
     /// Virtual: flux.
     pub radiance: Vec3,
     /// Area of one side; directional: of the disc; environment: solid angle; 0 for points.
@@ -83,6 +89,8 @@ pub struct Emitter {
     pub power: Vec3,
     /// Probability of being chosen, from the distribution as stored.
     pub probability: f32,
+    /// Texture of a triangle or quad.
+    pub pattern: Option<Pattern>,
 }
 
 impl Emitter {
@@ -92,7 +100,7 @@ impl Emitter {
     }
 }
 
-/// The device form of an [`Emitter`], 96 bytes. Numbers that are not floats are stored as the bits of a `u32`.
+/// The device form of an [`Emitter`], 128 bytes. Numbers that are not floats are stored as the bits of a `u32`.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct EmitterRecord {
@@ -106,8 +114,12 @@ pub struct EmitterRecord {
     pub normal: [f32; 4],
     /// xyz: `radiance`; w: the upper end of its interval in the distribution, as in [`Emitters::cdf`].
     pub radiance: [f32; 4],
-    /// xyz: flux of a particle started here, `power / probability` (0 if never chosen); w: 0.
+    /// xyz: flux of a particle started here, `power / probability` (0 if never chosen), with a texture where that is white; w: 0.
     pub flux: [f32; 4],
+    /// Texture coordinates of the first corner, and their change along the first edge.
+    pub uv: [f32; 4],
+    /// xy: their change along the second edge; z: bits of the texture + 1 over those of 1.0, or 0 without one.
+    pub pattern: [f32; 4],
 }
 
 /// Bit of `EmitterRecord::e2[3]`: emits from both sides.
@@ -126,7 +138,7 @@ pub struct Start {
     pub normal: Vec3,
     /// Flux of the particle if it were the only one; divide by the number of particles.
     pub flux: Vec3,
-    /// Environment: radiance from this direction. Else that of the emitter.
+    /// Environment: radiance from this direction; with a texture: at this point. Else that of the emitter.
     pub radiance: Vec3,
 }
 
@@ -141,8 +153,10 @@ pub struct Emitters {
     pub delta: Vec<usize>,
     /// Total emitted flux, W.
     pub power: Vec3,
-    /// Emitter of each triangle of the scene, or [`NO_EMITTER`].
+    /// Emitter of each triangle of the scene, or [`NO_EMITTER`]; of a divided one its key in `parts`. See [`Emitters::at`].
     pub of_triangle: Vec<u32>,
+    /// Parts of emitters with uneven textures.
+    pub parts: HashMap<u32, Parts>,
     /// The environment, if the scene has one.
     pub environment: Option<Surroundings>,
 }
@@ -168,6 +182,7 @@ impl Emitters {
             delta: Vec::new(),
             power: Vec3::ZERO,
             of_triangle: vec![NO_EMITTER; scene.triangles.len()],
+            parts: HashMap::new(),
             environment: None,
         };
         let mut sphere_objects = HashMap::new();
@@ -185,6 +200,7 @@ impl Emitters {
         }
         if emissive {
             emitters.add_triangles(scene, &sphere_objects);
+            patterns::divide(&mut emitters, scene);
         }
         if let Some(environment) = &scene.environment {
             emitters.add_environment(scene, environment);
@@ -235,15 +251,18 @@ impl Emitters {
                 // The corner across from c must be a + b - c, to the rounding of the coordinates.
                 let rounding = 1e-5 * size + 4.0 * f32::EPSILON * (a.abs().max(b.abs()).max_element());
                 let fits = ((a + b - c) - opposite).abs().max_element() <= rounding;
-                (candidate.material == triangle.material && fits).then_some((other, k))
+                let same = candidate.material == triangle.material;
+                (same && fits && patterns::continue_over(scene, triangle, candidate, k, apex)).then_some((other, k))
             });
             if let Some((other, k)) = partner {
                 // Corner c with its two edges; counter-clockwise c, a, opposite, b.
                 let (a, b, c) = (corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]);
                 let index = self.of_triangle[other as usize];
                 self.of_triangle[t] = index;
-                self.list[index as usize] =
-                    of_surface(Kind::Quad, c, a - c, b - c, material.emission, material.two_sided);
+                self.list[index as usize] = Emitter {
+                    pattern: patterns::of_face(scene, triangle, (k + 2) % 3),
+                    ..of_surface(Kind::Quad, c, a - c, b - c, material.emission, material.two_sided)
+                };
                 let v = scene.triangles[other as usize].vertices.map(|v| scene.positions[v as usize]);
                 for i in 0..3 {
                     half_edges.remove(&[end(v[i]), end(v[(i + 1) % 3])]);
@@ -252,7 +271,10 @@ impl Emitters {
             }
             self.of_triangle[t] = self.list.len() as u32;
             let [a, b, c] = corners;
-            self.list.push(of_surface(Kind::Triangle, a, b - a, c - a, material.emission, material.two_sided));
+            self.list.push(Emitter {
+                pattern: patterns::of_face(scene, triangle, 0),
+                ..of_surface(Kind::Triangle, a, b - a, c - a, material.emission, material.two_sided)
+            });
             for k in 0..3 {
                 half_edges.insert([end(corners[k]), end(corners[(k + 1) % 3])], (t as u32, (k + 2) % 3));
             }
@@ -262,7 +284,8 @@ impl Emitters {
     /// Builds the distribution by power.
     fn distribute(&mut self) -> Result<()> {
         let weight = |e: &Emitter| f64::from(mean(e.power));
-        let total: f64 = self.list.iter().map(weight).sum();
+        // No emitters sum up to -0.
+        let total = self.list.iter().map(weight).sum::<f64>() + 0.0;
         // The comparison is written so that NaN fails it.
         if !(total > 0.0 && total.is_finite()) {
             return Err(Error::Scene(format!(
@@ -303,9 +326,15 @@ impl Emitters {
         (low as u32, stretched.clamp(0.0, ONE_MINUS_EPSILON))
     }
 
+    /// The emitter of a triangle at a position on it, or [`NO_EMITTER`].
+    pub fn at(&self, triangle: u32, position: Vec3) -> u32 {
+        let index = self.of_triangle[triangle as usize];
+        self.parts.get(&index).map_or(index, |parts| parts.at(position))
+    }
+
     /// Start of a particle from three numbers in [0, 1): the first also chooses the emitter, `side` the side of a
-    /// two-sided one.
-    pub fn sample_start(&self, u0: f32, u1: f32, side: f32) -> Start {
+    /// two-sided one. `textures`: those of the scene.
+    pub fn sample_start(&self, textures: &[Texture], u0: f32, u1: f32, side: f32) -> Start {
         let (emitter, u0) = self.choose(u0);
         let e = &self.list[emitter as usize];
         if let (Kind::Environment, Some(environment)) = (e.kind, &self.environment) {
@@ -316,6 +345,11 @@ impl Emitters {
             return Start { emitter, position: e.p0 + towards * e.e2.y, normal: -towards, flux, radiance };
         }
         let (position, normal) = e.sample_point(u0, u1, side);
+        if e.pattern.is_some() {
+            let radiance = e.radiance_at(textures, u0, u1);
+            let flux = radiance * (e.white_power() / e.probability);
+            return Start { emitter, position, normal, flux, radiance };
+        }
         Start { emitter, position, normal, flux: e.power / e.probability, radiance: e.radiance }
     }
 
@@ -383,7 +417,10 @@ impl Emitters {
         let vec4 = |a: Vec3, w: f32| [a.x, a.y, a.z, w];
         let one = |(e, &end): (&Emitter, &f32)| {
             let flags = if e.two_sided { FLAG_TWO_SIDED } else { 0 } | if e.inward { FLAG_INWARD } else { 0 };
-            let flux = if e.probability > 0.0 { e.power / e.probability } else { Vec3::ZERO };
+            let whole = e.pattern.map_or(e.power, |p| p.factor * e.white_power());
+            let flux = if e.probability > 0.0 { whole / e.probability } else { Vec3::ZERO };
+            let [uv, along_1, along_2] = e.pattern.map_or([Vec2::ZERO; 3], |p| p.uvs);
+            let texture = e.pattern.map_or(0, |p| 1f32.to_bits() | (p.texture + 1));
             EmitterRecord {
                 p0: vec4(e.p0, f32::from_bits(e.kind as u32)),
                 e1: vec4(e.e1, e.area),
@@ -391,6 +428,8 @@ impl Emitters {
                 normal: vec4(e.normal, e.probability),
                 radiance: vec4(e.radiance, end),
                 flux: vec4(flux, 0.0),
+                uv: [uv.x, uv.y, along_1.x, along_1.y],
+                pattern: [along_2.x, along_2.y, f32::from_bits(texture), 0.0],
             }
         };
         self.list.iter().zip(&self.cdf).map(one).collect()
@@ -402,11 +441,10 @@ impl Emitter {
     pub fn sample_point(&self, u0: f32, u1: f32, side: f32) -> (Vec3, Vec3) {
         let flipped = if self.two_sided && side < 0.5 { -self.normal } else { self.normal };
         match self.kind {
-            Kind::Triangle => {
-                let s = (1.0 - u0).sqrt();
-                (self.p0 + self.e1 * (s * (1.0 - u1)) + self.e2 * (s * u1), flipped)
+            Kind::Triangle | Kind::Quad => {
+                let [a, b] = self.along_edges(u0, u1);
+                (self.p0 + self.e1 * a + self.e2 * b, flipped)
             }
-            Kind::Quad => (self.p0 + self.e1 * u0 + self.e2 * u1, flipped),
             Kind::Sphere => {
                 let n = uniform_sphere([u0, u1]);
                 (self.p0 + n * self.e1.x, if self.inward { -n } else { n })
@@ -419,6 +457,22 @@ impl Emitter {
             Kind::Point => (self.p0, Vec3::Z),
             Kind::Spot | Kind::Imported | Kind::Environment => (self.p0, self.normal),
         }
+    }
+
+    /// Coordinates along the edges of a triangle or quad from the unit square.
+    fn along_edges(&self, u0: f32, u1: f32) -> [f32; 2] {
+        let s = (1.0 - u0).sqrt();
+        if self.kind == Kind::Triangle { [s * (1.0 - u1), s * u1] } else { [u0, u1] }
+    }
+
+    /// Radiance at the point of [`Emitter::sample_point`]; `textures`: those of the scene.
+    pub fn radiance_at(&self, textures: &[Texture], u0: f32, u1: f32) -> Vec3 {
+        self.pattern.map_or(self.radiance, |pattern| pattern.radiance(textures, self.along_edges(u0, u1)))
+    }
+
+    /// Power of a triangle or quad of radiance 1: pi times the area of its sides.
+    fn white_power(&self) -> f32 {
+        PI * self.area * if self.two_sided { 2.0 } else { 1.0 }
     }
 
     /// Direction towards a part of an environment from the unit square.
@@ -477,6 +531,7 @@ fn blank(kind: Kind, p0: Vec3) -> Emitter {
         inward: false,
         power: Vec3::ZERO,
         probability: 0.0,
+        pattern: None,
     }
 }
 

@@ -289,10 +289,10 @@ pub struct MaterialRecord {
     pub base: [f32; 4],
     /// Dielectric reflectance at normal incidence; w: roughness.
     pub specular: [f32; 4],
-    /// Radiance; w: index of refraction.
+    /// Radiance, with a texture where that is white; w: index of refraction.
     pub emission: [f32; 4],
     /// Base texture + 1, metallic-roughness texture + 1, kind of surface, [`MaterialRecord::TWO_SIDED`],
-    /// [`MaterialRecord::SHINY`] and [`MaterialRecord::ALPHA`].
+    /// [`MaterialRecord::SHINY`], [`MaterialRecord::ALPHA`], [`MaterialRecord::SECOND_UVS`], emission texture + 1.
     pub flags: [u32; 4],
     /// Normal texture + 1, bits of its scale, of the opacity and of the cutoff of alpha (negative: none).
     pub normal: [u32; 4],
@@ -305,6 +305,10 @@ impl MaterialRecord {
     pub const SHINY: u32 = 2;
     /// Rays may pass.
     pub const ALPHA: u32 = 4;
+    /// The first of four bits, one for each [`crate::scene::TextureUse`]: the texture lies by the second coordinates.
+    pub const SECOND_UVS: u32 = 8;
+    /// Place of the emission texture + 1 among the bits.
+    pub const EMISSION_SHIFT: u32 = 8;
     /// Kind: diffuse base and a lobe.
     pub const OPAQUE: u32 = 0;
     /// Kind: diffuse base and an ideal mirror.

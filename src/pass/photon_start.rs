@@ -27,6 +27,7 @@ use crate::sampling::halton::halton;
 use crate::sampling::random::{hash, key, random_f32};
 use crate::sampling::rotate;
 use crate::sampling::sobol::{sobol, unit};
+use crate::scene::Texture;
 use glam::Vec3;
 
 /// In place of the bounces of the light that a photon left: it comes from an emitter without area, which no path from the eye meets.
@@ -50,7 +51,8 @@ impl PhotonStart {
     ) -> Result<Self> {
         let own =
             Resources::of([("lights", lights), ("light_sums", sums), ("flux", flux), ("photon_position", position)]);
-        Ok(PhotonStart { kernel: kit.bind(&shaders::PHOTON_START, &[&rays.resources(), &own])?, photons })
+        let shaders = [&shaders::PHOTON_START, &shaders::PHOTON_START_UNTEXTURED];
+        Ok(PhotonStart { kernel: kit.bind_surface(shaders, &[&rays.resources(), &own])?, photons })
     }
 
     /// Records the pass.
@@ -93,7 +95,7 @@ pub struct Started {
 /// Oracle: the start of a photon; `lights`: those of all classes, with the sums of `photon_lights`; `None`: it carries no flux.
 pub fn reference(
     frame: &layout::FrameParameters,
-    emitters: &Emitters,
+    (emitters, textures): (&Emitters, &[Texture]),
     (lights, sums): (&[layout::PointLight], &[f32]),
     targets: &Targets,
     photon: u32,
@@ -103,7 +105,7 @@ pub fn reference(
     let times = |part: u32| each as f32 / part as f32;
     let (shot, times, bounces) = if photon / frame.pattern[2] < from_emitters {
         let side = random_f32(key(frame.keys[0], PHOTON_SIDE, photon, 0));
-        let start = emitters.sample_start(u[2], u[3], side);
+        let start = emitters.sample_start(textures, u[2], u[3], side);
         let kind = emitters.list[start.emitter as usize].kind;
         let (origin, left) = match kind {
             Kind::Point | Kind::Spot | Kind::Directional => (start.position, WITHOUT_AREA),

@@ -3,11 +3,11 @@
 //! Normals face the side that the ray came from, since surfaces reflect on both; a shading normal that the ray sees from
 //! behind gives way to the geometric one. Emission is one-sided unless the material says otherwise.
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 
 use crate::accel::{Bvh, Hit};
 use crate::bsdf::{Finish, Reflectance};
-use crate::scene::{Scene, Triangle};
+use crate::scene::{Cone, Scene};
 
 /// The surface at a hit, seen along the ray.
 #[derive(Clone, Copy, Debug)]
@@ -30,18 +30,6 @@ pub struct SurfacePoint {
     pub material: u32,
 }
 
-/// Width in texture coordinates of what a cone covers whose width is `width` where it meets a triangle at an angle of this cosine: the
-/// root of the area of the ellipse's square, that is between the widths along and across the cone. At cosines below 0.01 it stops
-/// growing.
-pub fn footprint_of(scene: &Scene, triangle: &Triangle, width: f32, cosine: f32) -> f32 {
-    let [a, b, c] = triangle.vertices.map(|v| v as usize);
-    let [p, q, r] = [a, b, c].map(|v| scene.positions[v]);
-    let [s, t, u] = [a, b, c].map(|v| scene.uvs.get(v).map_or(Vec2::ZERO, |uv| *uv));
-    let area = (q - p).cross(r - p).length();
-    let of_area = if area > 0.0 { (t - s).perp_dot(u - s).abs() / area } else { 0.0 };
-    width * (of_area / cosine.max(0.01)).sqrt()
-}
-
 /// Oracle: the surface at a hit of a ray in direction `d`, with textures averaged over a cone of this width there; 0: at a point.
 pub fn surface_at(scene: &Scene, bvh: &Bvh, hit: &Hit, d: Vec3, width: f32) -> SurfacePoint {
     let triangle = &scene.triangles[bvh.scene_triangle(hit.triangle) as usize];
@@ -58,12 +46,12 @@ pub fn surface_at(scene: &Scene, bvh: &Bvh, hit: &Hit, d: Vec3, width: f32) -> S
     }
     let material = &scene.materials[triangle.material as usize];
     let side = if front { 1.0 } else { -1.0 };
-    let uv = (0..3).map(|k| scene.uvs.get(corner(k)).map_or(Vec2::ZERO, |uv| *uv) * weights[k]).sum::<Vec2>();
-    let footprint = footprint_of(scene, triangle, width, face.dot(d).abs());
-    let mapped = scene.mapped_normal_over(triangle, (uv, footprint), shading * side) * side;
+    let cone = Cone { width, cosine: face.dot(d).abs() };
+    let mapped = scene.mapped_normal_over(triangle, weights, shading * side, cone) * side;
     shading = if mapped.dot(d) < 0.0 { mapped } else { shading };
-    let finish = Finish::over(scene, material, (uv.to_array(), footprint), scene.color_at(triangle, weights));
-    let emission = if front || material.two_sided { material.emission } else { Vec3::ZERO };
+    let finish = Finish::over(scene, triangle, weights, cone);
+    let emits = front || material.two_sided;
+    let emission = if emits { scene.emission_over(triangle, weights, cone) } else { Vec3::ZERO };
     let reflectance = finish.reflectance;
     let material = triangle.material;
     SurfacePoint { position: bvh.position(hit), geometric, shading, emission, reflectance, finish, front, material }

@@ -31,6 +31,7 @@ use crate::sampling::halton::radical_inverse;
 use crate::sampling::random::{key, random_f32};
 use crate::sampling::sobol::{scrambled, sobol, unit};
 use crate::sampling::{grid_resolution, jitter, rotate};
+use crate::scene::Texture;
 use glam::Vec3;
 
 /// The pass.
@@ -50,7 +51,8 @@ impl WalkStart {
         particle_count: u32,
     ) -> Result<Self> {
         let own = Resources::of([("emitters", emitters), ("flux", flux), ("lights", lights)]);
-        Ok(WalkStart { kernel: kit.bind(&shaders::WALK_START, &[&particles.resources(), &own])?, particle_count })
+        let shaders = [&shaders::WALK_START, &shaders::WALK_START_UNTEXTURED];
+        Ok(WalkStart { kernel: kit.bind_surface(shaders, &[&particles.resources(), &own])?, particle_count })
     }
 
     /// Records the pass.
@@ -101,11 +103,15 @@ pub fn walk_numbers(frame: &layout::FrameParameters, j: usize, particle: u32) ->
 }
 
 /// Oracle: light, ray and flux of a particle's start; only the first N_0 of a class leave the light.
-pub fn reference(frame: &layout::FrameParameters, emitters: &Emitters, particle: u32) -> (PointLight, Ray, Vec3) {
+pub fn reference(
+    frame: &layout::FrameParameters,
+    (emitters, textures): (&Emitters, &[Texture]),
+    particle: u32,
+) -> (PointLight, Ray, Vec3) {
     let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
     let [u0, u1] = walk_numbers(frame, 0, particle);
     let side = random_f32(key(frame.keys[0], SIDE, particle, 0));
-    let start = emitters.sample_start(u0, u1, side);
+    let start = emitters.sample_start(textures, u0, u1, side);
     let kind = emitters.list[start.emitter as usize].kind;
     let leave = walk_numbers(frame, 1, particle);
     let direction = emitters.sample_direction(&start, leave);
@@ -116,7 +122,7 @@ pub fn reference(frame: &layout::FrameParameters, emitters: &Emitters, particle:
         emitters.ray_origin(&start, leave)
     };
     let [u0, u1] = first_light_numbers(frame, particle);
-    let place = emitters.sample_start(u0, u1, side);
+    let place = emitters.sample_start(textures, u0, u1, side);
     let kind = emitters.list[place.emitter as usize].kind;
     let surface = matches!(kind, Kind::Triangle | Kind::Quad | Kind::Sphere);
     let share = if surface { f32::from_bits(frame.depths[0][2]) } else { 0.0 };
@@ -139,7 +145,7 @@ pub fn reference(frame: &layout::FrameParameters, emitters: &Emitters, particle:
         ),
         normal: with(place.normal, 0.0),
         emit: with(place.flux * (share * std::f32::consts::FRAC_1_PI), 1.0),
-        wi: with(place.normal, frame.choice[1] * mean(emitters.list[place.emitter as usize].radiance)),
+        wi: with(place.normal, frame.choice[1] * mean(place.radiance)),
         ..PointLight::default()
     };
     let light = if kind == Kind::Environment { of_environment() } else { on_emitter() };

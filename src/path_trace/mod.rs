@@ -281,7 +281,7 @@ impl<'a> Tracer<'a> {
 
     /// Emission of a point hit by a path, weighted against the sampling of emitters at `last`.
     fn emission(&self, point: &PathVertex, last: Option<(Vec3, f32)>, directly: bool) -> Vec3 {
-        let emission = point.emission();
+        let emission = point.emission(self.scene);
         if emission.max_element() <= 0.0 {
             return Vec3::ZERO;
         }
@@ -299,7 +299,8 @@ impl<'a> Tracer<'a> {
             Some((from, pdf)) => {
                 let cos = point.normals.geometric.dot(point.wo);
                 let distance2 = (point.position - from).length_squared();
-                let pdf_light = area_pdf(&self.emitters.list[index as usize], distance2, cos);
+                let part = self.emitters.list.get(self.emitters.at(point.triangle, point.position) as usize);
+                let pdf_light = part.map_or(0.0, |e| area_pdf(e, distance2, cos));
                 emission * power_heuristic(pdf, pdf_light)
             }
         }
@@ -360,7 +361,7 @@ impl<'a> Tracer<'a> {
         }
         let pdf = area_pdf(e, distance2, cos);
         let weight = power_heuristic(pdf, reflectance.pdf(n.shading, wi, point.wo));
-        let light = reflected(wi) * e.radiance * (weight / pdf);
+        let light = reflected(wi) * e.radiance_at(&self.scene.textures, u0, u1) * (weight / pdf);
         self.unless(light, Ray::between(from, offset_origin(target, axis, self.scale)))
     }
 

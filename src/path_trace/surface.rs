@@ -3,7 +3,7 @@
 use crate::accel::{Bvh, Hit};
 use crate::bsdf::{Finish, Normals};
 use crate::scene::{Material, Scene};
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 
 /// A vertex of a path: a point on a surface, seen from a direction.
 #[derive(Clone, Copy, Debug)]
@@ -20,10 +20,8 @@ pub struct PathVertex<'a> {
     pub material: &'a Material,
     /// Its index in the scene.
     pub material_index: u32,
-    /// Texture coordinates.
-    pub uv: Vec2,
-    /// Factor of the base colour.
-    pub color: Vec3,
+    /// Weights of the triangle's corners.
+    pub weights: [f32; 3],
 }
 
 impl<'a> PathVertex<'a> {
@@ -41,9 +39,9 @@ impl<'a> PathVertex<'a> {
             geometric
         };
         let mut normals = Normals::facing(geometric, shading, wo);
-        let uv = scene.uvs[a] * w + scene.uvs[b] * hit.u + scene.uvs[c] * hit.v;
+        let weights = [w, hit.u, hit.v];
         let side = if normals.front { 1.0 } else { -1.0 };
-        let mapped = scene.mapped_normal(triangle, uv, normals.shading * side) * side;
+        let mapped = scene.mapped_normal(triangle, weights, normals.shading * side) * side;
         // A normal seen from behind would make the surface black.
         normals.shading = if mapped.dot(wo) > 0.0 { mapped } else { normals.shading };
         PathVertex {
@@ -53,18 +51,18 @@ impl<'a> PathVertex<'a> {
             triangle: index,
             material: &scene.materials[triangle.material as usize],
             material_index: triangle.material,
-            uv,
-            color: scene.color_at(triangle, [w, hit.u, hit.v]),
+            weights,
         }
     }
 
     /// Emitted radiance towards `wo`.
-    pub fn emission(&self) -> Vec3 {
-        if self.normals.front || self.material.two_sided { self.material.emission } else { Vec3::ZERO }
+    pub fn emission(&self, scene: &Scene) -> Vec3 {
+        let seen = self.normals.front || self.material.two_sided;
+        if seen { scene.emission_at(&scene.triangles[self.triangle as usize], self.weights) } else { Vec3::ZERO }
     }
 
     /// The material with its textures applied.
     pub fn finish(&self, scene: &Scene) -> Finish {
-        Finish::at(scene, self.material, self.uv.to_array(), self.color)
+        Finish::at(scene, &scene.triangles[self.triangle as usize], self.weights)
     }
 }

@@ -17,12 +17,22 @@ impl Scene {
         self.objects.len() as u32 - 1
     }
 
+    /// Notes what a file holds and the loader leaves out.
+    pub(super) fn leave_out(&mut self, what: String) {
+        if !self.ignored.contains(&what) {
+            self.ignored.push(what);
+        }
+    }
+
     /// Adds a flat-shaded mesh.
     pub(super) fn add_mesh(&mut self, points: &[Vec3], faces: &[[u32; 3]], material: u32, object: u32) {
         let first = self.positions.len() as u32;
         self.positions.extend_from_slice(points);
         self.normals.resize(self.positions.len(), Vec3::Y);
         self.uvs.resize(self.positions.len(), Vec2::ZERO);
+        if !self.second_uvs.is_empty() {
+            self.second_uvs.resize(self.positions.len(), Vec2::ZERO);
+        }
         if !self.colors.is_empty() {
             self.colors.resize(self.positions.len(), Vec3::ONE);
         }

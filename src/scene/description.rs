@@ -1,7 +1,7 @@
 //! The scene description `scene.toml`.
 //!
 //! ```toml
-//! model = "room.obj"            # OBJ, glTF or GLB, relative to this file
+//! model = "room.obj"            # OBJ, PLY, glTF, GLB or XML of Mitsuba, relative to this file
 //! face_normals = true           # ignore the model's vertex normals (default)
 //! two_sided = false             # every emissive face emits from both sides
 //! photometric = true            # glTF lights are in candela and lux: divide by 683 lm/W. Default: as the file looks
@@ -217,7 +217,7 @@ pub(super) fn load(path: &Path, photometric: Option<bool>) -> Result<Scene> {
     let description: Description =
         toml::from_str(&text).map_err(|e| error(e.span(), e.message().trim_end().to_string()))?;
     let Some(model) = description.model else {
-        return Err(Error::file(path, "no `model`; name an OBJ, glTF or GLB file, relative to this file"));
+        return Err(Error::file(path, "no `model`; name an OBJ, PLY, glTF, GLB or XML file, relative to this file"));
     };
     let model_path = path.parent().unwrap_or(Path::new("")).join(model.get_ref());
     if !model_path.is_file() {
@@ -287,6 +287,7 @@ fn change_material(
         m.specular = entry.specular.unwrap_or(m.specular);
         m.alpha = m.alpha.with(entry.opacity, entry.alpha_cutoff);
         m.emission = entry.emission.unwrap_or(m.emission);
+        scene.emission_is_relative &= entry.emission.is_none();
         m.two_sided = entry.two_sided.unwrap_or(m.two_sided);
         m.ior = entry.ior.unwrap_or(m.ior);
         m.thin = entry.thin.unwrap_or(m.thin);

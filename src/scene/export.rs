@@ -9,7 +9,7 @@ use glam::{DVec3, Mat4, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::{Alpha, Camera, Light, Material, Scene, Surface, Texture, Wrap};
+use super::{Alpha, Camera, Light, Material, Scene, Surface, Texture, TextureUse, Wrap};
 use crate::error::{Error, Result};
 use crate::output::write_file;
 
@@ -243,10 +243,12 @@ impl Writer {
             attributes["NORMAL"] = json!(self.accessor(normals, used.len(), shape));
         }
         let m = &scene.materials[material as usize];
-        if m.base_texture.or(m.metallic_roughness_texture).or(m.normal_texture).is_some() {
-            let uvs = used.iter().flat_map(|v| scene.uvs[*v as usize].to_array()).map(f32::to_le_bytes);
+        let sets = [("TEXCOORD_0", &scene.uvs), ("TEXCOORD_1", &scene.second_uvs)];
+        let wanted = [m.textures().next().is_some(), m.second_uvs.contains(&true)];
+        for ((name, set), _) in sets.into_iter().zip(wanted).filter(|(_, wanted)| *wanted) {
+            let uvs = used.iter().flat_map(|v| set[*v as usize].to_array()).map(f32::to_le_bytes);
             let shape = json!({ "componentType": 5126, "type": "VEC2" });
-            attributes["TEXCOORD_0"] = json!(self.accessor(uvs, used.len(), shape));
+            attributes[name] = json!(self.accessor(uvs, used.len(), shape));
         }
         if !scene.colors.is_empty() {
             let colors = used.iter().flat_map(|v| scene.colors[*v as usize].to_array()).map(f32::to_le_bytes);
@@ -417,11 +419,13 @@ pub(crate) fn material(m: &Material) -> Value {
             _ => m.roughness,
         }),
     });
+    let info =
+        |texture: u32, of: TextureUse| json!({ "index": texture, "texCoord": u32::from(m.second_uvs[of as usize]) });
     if let Some(texture) = m.base_texture {
-        pbr["baseColorTexture"] = json!({ "index": texture });
+        pbr["baseColorTexture"] = info(texture, TextureUse::Base);
     }
     if let Some(texture) = m.metallic_roughness_texture {
-        pbr["metallicRoughnessTexture"] = json!({ "index": texture });
+        pbr["metallicRoughnessTexture"] = info(texture, TextureUse::MetallicRoughness);
     }
     let mut material = json!({
         "name": m.name,
@@ -434,7 +438,11 @@ pub(crate) fn material(m: &Material) -> Value {
         material["alphaCutoff"] = number(cutoff);
     }
     if let Some(texture) = m.normal_texture {
-        material["normalTexture"] = json!({ "index": texture, "scale": number(m.normal_scale) });
+        material["normalTexture"] = info(texture, TextureUse::Normal);
+        material["normalTexture"]["scale"] = number(m.normal_scale);
+    }
+    if let Some(texture) = m.emission_texture {
+        material["emissiveTexture"] = info(texture, TextureUse::Emission);
     }
     let greatest = m.emission.max_element();
     if greatest > 0.0 {

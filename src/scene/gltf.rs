@@ -2,18 +2,18 @@
 //!
 //! Nodes are flattened into world space; their transforms are composed in double precision. Each is single precision in
 //! the file, as are vertices within their node, so that a far scene keeps its precision only if its distance is in a
-//! node's translation. Used: triangles, strips and fans with normals and one set of texture coordinates, instances
-//! (EXT_mesh_gpu_instancing), quantized attributes (KHR_mesh_quantization), KHR_lights_punctual, perspective cameras, and the
-//! materials of [`super::gltf_material`].
+//! node's translation. Used: triangles, strips and fans with normals and up to two sets of texture coordinates a material, instances
+//! (EXT_mesh_gpu_instancing), quantized attributes (KHR_mesh_quantization), skins and morph targets at rest, animations
+//! ([`super::gltf_animation`]), KHR_lights_punctual, perspective cameras, and the materials of [`super::gltf_material`].
 
 use std::cell::Cell;
 use std::collections::{BTreeSet, HashMap};
 use std::f32::consts::FRAC_PI_2;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
-use std::sync::Once;
+use std::sync::{Arc, Once};
 
-use glam::{DMat4, DQuat, DVec3, Mat3, Quat, Vec2, Vec3};
+use glam::{DMat4, DQuat, DVec3, Quat, Vec2, Vec3};
 use gltf::accessor::Dimensions;
 use gltf::camera::Projection;
 use gltf::json::extras::Extras;
@@ -23,11 +23,12 @@ use gltf::mesh::Mode;
 use gltf::{Document, Gltf, Node, Primitive, Semantic};
 use serde::de::DeserializeOwned;
 
+use super::animation::{Animation, Animations, Nodes, Part, Skin};
 use super::export::{AssetExtras, CameraExtras, VirtualExtras};
 use super::gltf_accessor::{Buffers, reason};
 use super::gltf_extensions::{Extensions, INSTANCING};
-use super::gltf_material::{TextureKey, UvMap};
-use super::{Camera, Light, NamedCamera, Scene, Texture, Triangle, origin};
+use super::gltf_material::{TextureKey, UvMaps};
+use super::{Camera, Light, NamedCamera, Scene, Texture, Triangle, gltf_animation, origin};
 use crate::error::{Error, Result};
 
 /// Luminous efficacy that converts photometric to radiometric quantities, lm/W.
@@ -57,9 +58,9 @@ pub(crate) fn quietly<T>(f: impl FnOnce() -> T) -> Result<T, String> {
             }
         }));
     });
-    QUIET.set(true);
+    let before = QUIET.replace(true);
     let result = catch_unwind(AssertUnwindSafe(f));
-    QUIET.set(false);
+    QUIET.set(before);
     result.map_err(|payload| {
         let text = payload.downcast_ref::<String>().map(String::as_str);
         text.or(payload.downcast_ref::<&str>().copied()).unwrap_or("unknown reason").to_string()
@@ -86,43 +87,45 @@ fn read(path: &Path, bytes: &[u8], photometric: Option<bool>) -> Result<Scene> {
         textures: HashMap::new(),
         images: HashMap::new(),
         ignored: extensions.left_out,
+        physical_emission: false,
         positions: Vec::new(),
         lights: Vec::new(),
         cameras: Vec::new(),
+        worlds: Vec::new(),
+        skins: Vec::new(),
+        parts: Vec::new(),
+        nodes_of_lights: Vec::new(),
+        nodes_of_cameras: Vec::new(),
         scene: Scene::default(),
     };
     if let Some(extras) = ours::<AssetExtras>(&document.as_json().asset.extras) {
         reader.scene.emitters_are_lights = !extras.lights_exported;
     }
-    let roots: Vec<Node> = match document.default_scene().or_else(|| document.scenes().next()) {
-        Some(scene) => scene.nodes().collect(),
+    let all: Vec<Node> = document.nodes().collect();
+    let roots: Vec<usize> = match document.default_scene().or_else(|| document.scenes().next()) {
+        Some(scene) => scene.nodes().map(|node| node.index()).collect(),
         None => {
             let children: BTreeSet<usize> = document.nodes().flat_map(|n| n.children().map(|c| c.index())).collect();
-            document.nodes().filter(|n| !children.contains(&n.index())).collect()
+            (0..all.len()).filter(|i| !children.contains(i)).collect()
         }
     };
-    // An explicit stack: a chain of nodes may be deeper than the thread's stack.
-    let mut stack: Vec<(Node, DMat4)> = roots.into_iter().rev().map(|n| (n, DMat4::IDENTITY)).collect();
-    let mut visited = vec![false; document.nodes().len()];
-    while let Some((node, parent)) = stack.pop() {
-        if std::mem::replace(&mut visited[node.index()], true) {
-            return Err(Error::file(path, format!("node {} has two parents or is its own ancestor", node.index())));
+    let nodes = gltf_animation::nodes(&document, &roots).map_err(|message| Error::file(path, message))?;
+    reader.worlds = nodes.worlds(&nodes.matrices);
+    reader.skins = reader.skins()?;
+    let shown = reader.shown(&nodes, &roots);
+    for &node in nodes.order.iter().filter(|&&node| shown[node]) {
+        if !reader.worlds[node].as_mat4().is_finite() {
+            return Err(Error::file(path, format!("node {node}: its transform is not finite")));
         }
-        let own = node.transform().matrix().map(|column| column.map(f64::from));
-        let world = parent * DMat4::from_cols_array_2d(&own);
-        if !world.as_mat4().is_finite() {
-            return Err(Error::file(path, format!("node {}: its transform is not finite", node.index())));
-        }
-        reader.node(&node, world)?;
-        let children: Vec<Node> = node.children().collect();
-        stack.extend(children.into_iter().rev().map(|n| (n, world)));
+        reader.node(&all[node], &nodes.weights[node])?;
     }
+    let animations = reader.animations()?;
     if !reader.ignored.is_empty() {
         let ignored: Vec<String> = std::mem::take(&mut reader.ignored).into_iter().collect();
         log::warn!("{}: not supported and left out: {}", path.display(), ignored.join("; "));
         reader.scene.ignored = ignored;
     }
-    Ok(reader.finish())
+    Ok(reader.finish(animations, nodes))
 }
 
 /// Refuses an invalid document.
@@ -131,7 +134,17 @@ fn check(path: &Path, root: &gltf::json::Root) -> Result<()> {
     root.validate(root, gltf::json::Path::new, &mut |at, error| errors.push((at(), error)));
     // The glTF crate demands a view of every accessor; by the standard one without is full of zeros.
     errors.retain(|(at, error)| !(*error == validation::Error::Missing && at.as_str().ends_with(".bufferView")));
-    if errors.is_empty() { Ok(()) } else { Err(Error::file(path, reason(&gltf::Error::Validation(errors)))) }
+    if !errors.is_empty() {
+        return Err(Error::file(path, reason(&gltf::Error::Validation(errors))));
+    }
+    // The crate does not check this index.
+    for (i, animation) in root.animations.iter().enumerate() {
+        let absent = animation.channels.iter().map(|c| c.target.node.value()).find(|&node| node >= root.nodes.len());
+        if let Some(node) = absent {
+            return Err(Error::file(path, format!("animation {i} moves node {node}, of {} nodes", root.nodes.len())));
+        }
+    }
+    Ok(())
 }
 
 /// The exporter's data in an object's `extras.lightsum`.
@@ -150,11 +163,21 @@ pub(super) struct Reader<'a> {
     /// Images by their numbers, decoded ahead; `None`: a texture has taken it.
     pub(super) images: HashMap<usize, Option<Result<Texture>>>,
     ignored: BTreeSet<String>,
+    /// Whether some emissive material gives its strength.
+    pub(super) physical_emission: bool,
     /// World positions of the scene's vertices and of its lights.
     positions: Vec<DVec3>,
     lights: Vec<DVec3>,
     /// Cameras, each relative to a point in world space.
     cameras: Vec<(DVec3, NamedCamera)>,
+    /// World transforms of the nodes.
+    worlds: Vec<DMat4>,
+    skins: Vec<Skin>,
+    /// The vertices as the file has them, if it has animations.
+    parts: Vec<Part>,
+    /// Indices of lights and of cameras with their nodes.
+    nodes_of_lights: Vec<(usize, usize)>,
+    nodes_of_cameras: Vec<(usize, usize)>,
     pub(super) scene: Scene,
 }
 
@@ -170,11 +193,22 @@ impl Reader<'_> {
         Error::file(self.path, message)
     }
 
+    /// Which nodes are in the document's scene.
+    fn shown(&self, nodes: &Nodes, roots: &[usize]) -> Vec<bool> {
+        let mut shown = vec![false; self.worlds.len()];
+        roots.iter().for_each(|&root| shown[root] = true);
+        for &node in &nodes.order {
+            shown[node] |= nodes.parents[node].is_some_and(|parent| shown[parent]);
+        }
+        shown
+    }
+
     /// Chooses the scene's origin and places everything relative to it.
-    fn finish(mut self) -> Scene {
+    fn finish(mut self, list: Vec<Animation>, nodes: Nodes) -> Scene {
         let low = self.positions.iter().copied().fold(DVec3::INFINITY, DVec3::min);
         let high = self.positions.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
         self.scene.origin = origin::choose(low, high);
+        self.scene.emission_is_relative = !self.physical_emission;
         self.scene.positions = self.positions.iter().map(|&p| self.scene.from_world(p)).collect();
         for (light, place) in self.scene.lights.iter_mut().zip(&self.lights) {
             if let Light::Point { position, .. } | Light::Spot { position, .. } | Light::Imported { position, .. } =
@@ -190,19 +224,25 @@ impl Reader<'_> {
             self.scene.cameras.push(named);
         }
         self.scene.camera = self.scene.cameras.first().map(|named| named.camera);
+        if !list.is_empty() {
+            let (lights, cameras) = (self.nodes_of_lights, self.nodes_of_cameras);
+            let (skins, parts, origin) = (self.skins, self.parts, self.scene.origin);
+            let mut animations = Animations { list, nodes, skins, parts, lights, cameras, origin };
+            animations.keep_moving();
+            self.scene.animations = Some(Arc::new(animations));
+        }
         self.scene
     }
 
-    fn node(&mut self, node: &Node, world: DMat4) -> Result<()> {
+    /// `weights`: those of the node's morph targets.
+    fn node(&mut self, node: &Node, weights: &[f32]) -> Result<()> {
+        let world = self.worlds[node.index()];
         if let Some(mesh) = node.mesh() {
-            if node.skin().is_some() {
-                self.leave_out("skins (the mesh is shown as it stands)");
-            }
             let name = node.name().or(mesh.name()).map_or_else(|| format!("node {}", node.index()), str::to_string);
             let object = self.scene.add_object(name);
             for instance in self.instances(node)? {
                 for primitive in mesh.primitives() {
-                    self.primitive(&primitive, world * instance, object)?;
+                    self.primitive(&primitive, (node, weights), instance, object)?;
                 }
             }
         }
@@ -216,6 +256,9 @@ impl Reader<'_> {
                     let place = exact.as_ref().map_or(world.w_axis.truncate(), |e| e.origin);
                     let number = || format!("camera {}", self.cameras.len());
                     let name = node.name().or(camera.name()).map_or_else(number, str::to_string);
+                    if exact.is_none() {
+                        self.nodes_of_cameras.push((self.cameras.len(), node.index()));
+                    }
                     let camera = exact.map(|e| e.camera);
                     let camera = camera.unwrap_or_else(|| perspective(world, p.yfov(), p.aspect_ratio()));
                     self.cameras.push((place, NamedCamera { name, camera }));
@@ -259,7 +302,13 @@ impl Reader<'_> {
         Ok((0..count).map(transform).collect())
     }
 
-    fn primitive(&mut self, primitive: &Primitive, world: DMat4, object: u32) -> Result<()> {
+    fn primitive(
+        &mut self,
+        primitive: &Primitive,
+        (node, weights): (&Node, &[f32]),
+        instance: DMat4,
+        object: u32,
+    ) -> Result<()> {
         if !matches!(primitive.mode(), Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
             self.leave_out("points and lines");
             return Ok(());
@@ -268,16 +317,18 @@ impl Reader<'_> {
         let positions = self.buffers.vectors::<3>(&positions, "POSITION")?;
         let count = positions.len();
         let material = primitive.material();
-        let map = UvMap::of_material(&material);
-        let uvs = match primitive.get(&Semantic::TexCoords(map.set)) {
-            Some(accessor) => self.buffers.vectors::<2>(&accessor, "TEXCOORD")?,
-            None => vec![[0.0; 2]; count],
+        let maps = UvMaps::of(&material);
+        let coordinates = |set: u32| match primitive.get(&Semantic::TexCoords(set)) {
+            Some(accessor) => self.buffers.vectors::<2>(&accessor, "TEXCOORD"),
+            None => Ok(vec![[0.0; 2]; count]),
         };
+        let uvs = coordinates(maps.first.set)?;
+        let second_uvs = maps.second.map(|map| coordinates(map.set)).transpose()?;
         let normals = match primitive.get(&Semantic::Normals) {
             Some(accessor) => self.buffers.vectors::<3>(&accessor, "NORMAL")?,
             None => vec![[0.0; 3]; count],
         };
-        if uvs.len() != count || normals.len() != count {
+        if uvs.len() != count || normals.len() != count || second_uvs.as_ref().is_some_and(|uvs| uvs.len() != count) {
             let name = &self.scene.objects[object as usize];
             let message = format!("object {name:?}: attributes of one primitive differ in number of elements");
             return Err(self.error(message));
@@ -296,9 +347,12 @@ impl Reader<'_> {
                 self.error(format!("object {name:?}: a primitive of {count} vertices has another number of colours"))
             );
         }
-        if primitive.morph_targets().next().is_some() {
-            self.leave_out("morph targets");
-        }
+        let name = &self.scene.objects[object as usize];
+        let targets = self.targets(primitive, count, name)?;
+        let skinned = match node.skin().map(|skin| skin.index()) {
+            Some(skin) => self.skinned(primitive, count, (skin, self.skins[skin].joints.len()), name)?,
+            None => None,
+        };
         let indices = match primitive.indices() {
             Some(accessor) => self.buffers.indices(&accessor, count)?,
             None => (0..count as u32).collect(),
@@ -316,30 +370,30 @@ impl Reader<'_> {
         } else if !self.scene.colors.is_empty() {
             self.scene.colors.resize(first + count, Vec3::ONE);
         }
-        let first = first as u32;
-        let linear = Mat3::from_mat4(world.as_mat4());
-        // The cofactor matrix is the inverse transpose up to a factor, and exists for any matrix.
-        let cofactors = Mat3::from_cols(
-            linear.y_axis.cross(linear.z_axis),
-            linear.z_axis.cross(linear.x_axis),
-            linear.x_axis.cross(linear.y_axis),
-        );
-        let mirrored = linear.determinant() < 0.0;
-        let in_place = world == DMat4::IDENTITY;
-        let mut has_normal = Vec::with_capacity(count);
-        for ((p, n), uv) in positions.into_iter().zip(normals).zip(uvs) {
-            let (p, n) = (Vec3::from_array(p).as_dvec3(), Vec3::from_array(n));
-            let p = if in_place { p } else { world.transform_point3(p) };
-            let n = match (in_place && n.is_normalized(), mirrored) {
-                (true, _) => n,
-                (false, false) => (cofactors * n).normalize_or_zero(),
-                (false, true) => (-(cofactors * n)).normalize_or_zero(),
-            };
-            has_normal.push(n != Vec3::ZERO);
-            self.positions.push(p);
-            self.scene.normals.push(if n == Vec3::ZERO { Vec3::Y } else { n });
-            self.scene.uvs.push(map.apply(Vec2::from_array(uv)));
+        if let (Some(map), Some(uvs)) = (maps.second, second_uvs) {
+            self.scene.second_uvs.resize(first, Vec2::ZERO);
+            self.scene.second_uvs.extend(uvs.into_iter().map(|uv| map.apply(Vec2::from_array(uv))));
+        } else if !self.scene.second_uvs.is_empty() {
+            self.scene.second_uvs.resize(first + count, Vec2::ZERO);
         }
+        let vectors = |of: Vec<[f32; 3]>| of.into_iter().map(Vec3::from_array).collect();
+        let (positions, normals) = (vectors(positions), vectors(normals));
+        let (node, mirrored) = (node.index(), false);
+        let mut part = Part { node, instance, first, positions, normals, targets, skinned, mirrored };
+        let transforms = part.transforms(&self.worlds, &self.skins);
+        // Of a skin what most joints do.
+        let turns: f64 = transforms.iter().map(|t| t.determinant()).filter(|d| *d != 0.0).map(f64::signum).sum();
+        part.mirrored = turns < 0.0;
+        let mirrored = part.mirrored;
+        let (positions, normals) = part.place(&transforms, weights);
+        let has_normal: Vec<bool> = normals.iter().map(|n| *n != Vec3::ZERO).collect();
+        self.positions.extend(positions);
+        self.scene.normals.extend(normals.into_iter().map(|n| if n == Vec3::ZERO { Vec3::Y } else { n }));
+        self.scene.uvs.extend(uvs.into_iter().map(|uv| maps.first.apply(Vec2::from_array(uv))));
+        if self.document.animations().len() > 0 {
+            self.parts.push(part);
+        }
+        let first = first as u32;
         for mut corners in assemble(primitive.mode(), &indices) {
             if mirrored {
                 corners.swap(1, 2);
@@ -365,6 +419,7 @@ impl Reader<'_> {
             return;
         }
         let direction = world.transform_vector3(DVec3::NEG_Z).as_vec3().normalize_or_zero();
+        self.nodes_of_lights.push((self.lights.len(), node.index()));
         self.lights.push(place);
         self.scene.lights.push(match light.kind() {
             Kind::Point => Light::Point { position, intensity },

@@ -96,12 +96,14 @@ impl<'a> Buffers<'a> {
         Ok(packed)
     }
 
-    /// An accessor of `N`-vectors: floats, integers marked as normalised, or with KHR_mesh_quantization any of 8 or 16 bits.
+    /// An accessor of `N`-vectors, scalars (1) or 4x4 matrices (16): floats, integers marked as normalised, or with
+    /// KHR_mesh_quantization any of 8 or 16 bits.
     pub(super) fn vectors<const N: usize>(&self, accessor: &Accessor, what: &str) -> Result<Vec<[f32; N]>> {
         let error =
             |message: String| Error::file(self.path, format!("accessor {} ({what}): {message}", accessor.index()));
-        if accessor.dimensions().multiplicity() != N || !is_vector(accessor.dimensions()) {
-            return Err(error(format!("{:?} where a vector of {N} is needed", accessor.dimensions())));
+        // A 2x2 matrix has as many numbers as a vector.
+        if accessor.dimensions().multiplicity() != N || accessor.dimensions() == Dimensions::Mat2 {
+            return Err(error(format!("{:?} where {N} numbers are needed", accessor.dimensions())));
         }
         let (kind, normalized) = (accessor.data_type(), accessor.normalized());
         let component: fn(&[u8]) -> f32 = match (kind, normalized) {
@@ -131,6 +133,32 @@ impl<'a> Buffers<'a> {
             return Err(error(format!("element {i} is {:?}: not finite", vectors[i])));
         }
         Ok(vectors)
+    }
+
+    /// An accessor of numbers, with the rules of [`Buffers::vectors`].
+    pub(super) fn scalars(&self, accessor: &Accessor, what: &str) -> Result<Vec<f32>> {
+        Ok(self.vectors::<1>(accessor, what)?.into_iter().flatten().collect())
+    }
+
+    /// An accessor of four indices of joints.
+    pub(super) fn joints(&self, accessor: &Accessor) -> Result<Vec<[u16; 4]>> {
+        let kind = accessor.data_type();
+        if accessor.dimensions() != Dimensions::Vec4 || !matches!(kind, DataType::U8 | DataType::U16) {
+            let (index, dimensions) = (accessor.index(), accessor.dimensions());
+            let message = format!(
+                "accessor {index} (JOINTS): {dimensions:?} of {kind:?} where four unsigned integers of 8 or 16 bits are needed"
+            );
+            return Err(Error::file(self.path, message));
+        }
+        let packed = self.elements(accessor)?;
+        let four = |element: &[u8]| {
+            let mut joints = [0; 4];
+            for (joint, bytes) in joints.iter_mut().zip(element.chunks_exact(kind.size())) {
+                *joint = little_endian(bytes) as u16;
+            }
+            joints
+        };
+        Ok(packed.chunks_exact(4 * kind.size()).map(four).collect())
     }
 
     /// An accessor of vertex indices, each below `limit`.
@@ -163,10 +191,6 @@ fn strided(bytes: &[u8], offset: usize, stride: usize, size: usize, count: usize
 /// Unsigned integer of 1, 2 or 4 bytes.
 fn little_endian(bytes: &[u8]) -> u32 {
     bytes.iter().rev().fold(0, |value, &byte| value << 8 | u32::from(byte))
-}
-
-fn is_vector(dimensions: Dimensions) -> bool {
-    matches!(dimensions, Dimensions::Vec2 | Dimensions::Vec3 | Dimensions::Vec4)
 }
 
 /// Message of a glTF error, without Rust's names.

@@ -11,13 +11,22 @@ use crate::error::{Error, Result};
 pub(super) const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 /// WebP images.
 pub(super) const WEBP: &str = "EXT_texture_webp";
+/// A clear lobe over another one.
+pub(super) const CLEARCOAT: &str = "KHR_materials_clearcoat";
+/// Lobes that differ with the direction.
+pub(super) const ANISOTROPY: &str = "KHR_materials_anisotropy";
+/// Materials by diffuse and specular colour.
+pub(super) const GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
 /// Integers as attributes.
 const QUANTIZATION: &str = "KHR_mesh_quantization";
 
 /// Extensions that the loader reads, at least in part; it tells which part of one it leaves out.
-const READ: [&str; 12] = [
+const READ: [&str; 15] = [
     INSTANCING,
     WEBP,
+    CLEARCOAT,
+    ANISOTROPY,
+    GLOSSINESS,
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",

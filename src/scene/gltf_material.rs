@@ -1,8 +1,9 @@
 //! Materials and textures of glTF models.
 //!
 //! Metallic-roughness materials with normal maps, KHR_materials_emissive_strength, _ior, _specular, _transmission and _volume (a
-//! thickness above 0 makes a body of glass, else it is a pane); KHR_texture_transform; EXT_texture_webp. An emission
-//! texture is replaced by its average. Lobes too smooth for point lights become ideal mirrors.
+//! thickness above 0 makes a body of glass, else it is a pane); KHR_texture_transform; EXT_texture_webp. The textures of one material may
+//! take two sets of coordinates or transforms of them. Brought near, and named: KHR_materials_clearcoat, _anisotropy and
+//! _pbrSpecularGlossiness. Lobes too smooth for point lights become ideal mirrors.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -12,11 +13,12 @@ use gltf::material::AlphaMode;
 use gltf::texture::WrappingMode;
 use gltf::{buffer, image};
 use rayon::prelude::*;
+use serde_json::Value;
 
 use super::export::MaterialExtras;
 use super::gltf::{Reader, ours};
 use super::gltf_accessor::{Buffers, reason};
-use super::gltf_extensions::WEBP;
+use super::gltf_extensions::{ANISOTROPY, CLEARCOAT, GLOSSINESS, WEBP};
 use super::{Alpha, MIN_ROUGHNESS, Material, Surface, Texture, Wrap};
 use crate::error::{Error, Result};
 
@@ -51,31 +53,29 @@ impl UvMap {
 
     /// That of a normal map, whose transform the glTF crate does not read.
     fn of_normals(info: &gltf::material::NormalTexture) -> UvMap {
-        let plain = UvMap::plain(info.tex_coord());
-        let Some(transform) = info.extension_value("KHR_texture_transform") else { return plain };
+        UvMap::transformed(UvMap::plain(info.tex_coord()), info.extension_value("KHR_texture_transform"))
+    }
+
+    fn transformed(plain: UvMap, transform: Option<&Value>) -> UvMap {
+        let Some(transform) = transform else { return plain };
         let number = |name: &str, otherwise: f32| {
-            transform.pointer(name).and_then(serde_json::Value::as_f64).map_or(otherwise, |x| x as f32)
+            transform.pointer(name).and_then(Value::as_f64).map_or(otherwise, |x| x as f32)
         };
         let pair = |name: &str, otherwise: f32| {
             Vec2::new(number(&format!("{name}/0"), otherwise), number(&format!("{name}/1"), otherwise))
         };
         UvMap {
-            set: transform.get("texCoord").and_then(serde_json::Value::as_u64).map_or(plain.set, |set| set as u32),
+            set: transform.get("texCoord").and_then(Value::as_u64).map_or(plain.set, |set| set as u32),
             offset: pair("/offset", 0.0),
             rotation: number("/rotation", 0.0),
             scale: pair("/scale", 1.0),
         }
     }
 
-    /// That of the base colour, which the other textures of a material share, or if it has none that of roughness or normals.
-    pub(super) fn of_material(material: &gltf::Material) -> UvMap {
-        let pbr = material.pbr_metallic_roughness();
-        let info = pbr.base_color_texture().or(pbr.metallic_roughness_texture());
-        match (info, material.normal_texture()) {
-            (Some(info), _) => UvMap::of(&info),
-            (None, Some(info)) => UvMap::of_normals(&info),
-            (None, None) => UvMap::plain(0),
-        }
+    /// That of a texture in an extension that the glTF crate does not read.
+    fn of_value(texture: &Value) -> UvMap {
+        let set = texture.get("texCoord").and_then(Value::as_u64).unwrap_or(0);
+        UvMap::transformed(UvMap::plain(set as u32), texture.pointer("/extensions/KHR_texture_transform"))
     }
 
     pub(super) fn apply(&self, uv: Vec2) -> Vec2 {
@@ -85,11 +85,44 @@ impl UvMap {
     }
 }
 
+/// Coordinates of the textures of a material.
+pub(super) struct UvMaps {
+    pub(super) first: UvMap,
+    pub(super) second: Option<UvMap>,
+    /// For each [`TextureUse`](super::TextureUse) whether it takes the second.
+    uses_second: [bool; 4],
+    /// Whether there are more than two.
+    more: bool,
+}
+
+impl UvMaps {
+    pub(super) fn of(material: &gltf::Material) -> UvMaps {
+        let pbr = material.pbr_metallic_roughness();
+        let glossiness = material.extension_value(GLOSSINESS);
+        let other = |name: &str| glossiness?.get(name).map(UvMap::of_value);
+        let all = [
+            other("diffuseTexture").or(pbr.base_color_texture().map(|info| UvMap::of(&info))),
+            other("specularGlossinessTexture").or(pbr.metallic_roughness_texture().map(|info| UvMap::of(&info))),
+            material.normal_texture().map(|info| UvMap::of_normals(&info)),
+            material.emissive_texture().map(|info| UvMap::of(&info)),
+        ];
+        let mut used = all.into_iter().flatten();
+        let first = used.next().unwrap_or(UvMap::plain(0));
+        let second = used.find(|map| *map != first);
+        let more = all.into_iter().flatten().any(|map| map != first && Some(map) != second);
+        UvMaps { first, second, uses_second: all.map(|map| map.is_some() && map == second), more }
+    }
+}
+
 impl Reader<'_> {
     /// Index of a material in the scene.
     pub(super) fn material(&mut self, material: &gltf::Material) -> Result<u32> {
         if let Some(&index) = self.materials.get(&material.index()) {
             return Ok(index);
+        }
+        let maps = UvMaps::of(material);
+        if maps.more {
+            self.leave_out("a third set of texture coordinates, or transform of them, of one material");
         }
         let pbr = material.pbr_metallic_roughness();
         let [r, g, b, opacity] = pbr.base_color_factor();
@@ -98,30 +131,26 @@ impl Reader<'_> {
             None => None,
         };
         let metallic_roughness_texture = match pbr.metallic_roughness_texture() {
-            Some(info) => {
-                if UvMap::of(&info) != UvMap::of_material(material) {
-                    self.leave_out("a second set of texture coordinates, or another transform of them");
-                }
-                self.texture(&info.texture(), false)?
-            }
+            Some(info) => self.texture(&info.texture(), false)?,
             None => None,
         };
         let mut emission = Vec3::from_array(material.emissive_factor()) * material.emissive_strength().unwrap_or(1.0);
-        if let Some(info) = material.emissive_texture()
-            && emission != Vec3::ZERO
-        {
-            self.leave_out("the pattern of emission textures (their average is used)");
-            if let Some(texture) = self.texture(&info.texture(), true)? {
-                emission *= self.scene.textures[texture as usize].average();
+        if emission != Vec3::ZERO {
+            self.physical_emission |= material.emissive_strength().is_some();
+        }
+        let mut emission_texture = None;
+        if let Some(info) = material.emissive_texture().filter(|_| emission != Vec3::ZERO) {
+            emission_texture = self.texture(&info.texture(), true)?;
+            let dark = |t: u32| self.scene.textures[t as usize].average() * emission == Vec3::ZERO;
+            if emission_texture.is_none_or(dark) {
+                if emission_texture.is_none() {
+                    self.leave_out("emission whose texture is not read");
+                }
+                (emission, emission_texture) = (Vec3::ZERO, None);
             }
         }
         let normal_texture = match material.normal_texture() {
-            Some(info) => {
-                if UvMap::of_normals(&info) != UvMap::of_material(material) {
-                    self.leave_out("a second set of texture coordinates, or another transform of them");
-                }
-                self.texture(&info.texture(), false)?
-            }
+            Some(info) => self.texture(&info.texture(), false)?,
             None => None,
         };
         let cutoff = material.alpha_cutoff().unwrap_or(0.5);
@@ -183,6 +212,8 @@ impl Reader<'_> {
             specular,
             alpha,
             emission,
+            emission_texture,
+            second_uvs: maps.uses_second,
             two_sided: material.double_sided(),
             ior: if ior == 0.0 { 1.5 } else { ior },
             thin,
@@ -190,8 +221,9 @@ impl Reader<'_> {
             reflector: None,
             lobe: None,
         };
+        self.approximate(material, &mut converted)?;
         if converted.surface == Surface::Opaque
-            && metallic_roughness_texture.is_none()
+            && converted.metallic_roughness_texture.is_none()
             && converted.roughness < MIN_ROUGHNESS
         {
             converted.surface = Surface::Mirror;
@@ -204,6 +236,87 @@ impl Reader<'_> {
         let index = self.scene.add_material(converted);
         self.materials.insert(material.index(), index);
         Ok(index)
+    }
+
+    /// Brings extensions near that need another lobe, or more than one.
+    fn approximate(&mut self, material: &gltf::Material, converted: &mut Material) -> Result<()> {
+        let number = |extension: &Value, name: &str, otherwise: f32| {
+            extension.get(name).and_then(Value::as_f64).map_or(otherwise, |x| x as f32)
+        };
+        if let Some(extension) = material.extension_value(GLOSSINESS) {
+            self.leave_out("KHR_materials_pbrSpecularGlossiness (brought near by its mean specular colour)");
+            let vector = |name: &str, i: usize| {
+                extension
+                    .pointer(&format!("/{name}/{i}"))
+                    .and_then(Value::as_f64)
+                    .map_or(1.0, |x| (x as f32).clamp(0.0, 1.0))
+            };
+            let rgb = |name: &str| Vec3::from_array([0, 1, 2].map(|i| vector(name, i)));
+            converted.base_color = rgb("diffuseFactor");
+            converted.metallic = 0.0;
+            converted.metallic_roughness_texture = None;
+            converted.base_texture = self.texture_of(extension.get("diffuseTexture"), true)?;
+            converted.specular = rgb("specularFactor");
+            let glossiness = number(extension, "glossinessFactor", 1.0).clamp(0.0, 1.0);
+            converted.roughness = 1.0 - glossiness;
+            if let Some(texture) = self.texture_of(extension.get("specularGlossinessTexture"), true)? {
+                let glossy = &self.scene.textures[texture as usize];
+                converted.specular *= glossy.average();
+                let rough = |t: &[u8; 4]| [0, (255.0 - glossiness * f32::from(t[3])).round() as u8, 0, 255];
+                let texels = glossy.texels.iter().map(rough).collect();
+                let name = format!("roughness of {}", glossy.name);
+                let roughness = Texture { name, texels, srgb: false, ..glossy.clone() };
+                self.scene.textures.push(roughness);
+                converted.roughness = 1.0;
+                converted.metallic_roughness_texture = Some(self.scene.textures.len() as u32 - 1);
+            }
+            let (alpha, textures) = (vector("diffuseFactor", 3), &self.scene.textures);
+            converted.alpha = match converted.alpha {
+                Alpha::Opaque => Alpha::Opaque,
+                Alpha::Mask { cutoff, .. } => Alpha::Mask { opacity: alpha, cutoff },
+                Alpha::Blend { .. } => Alpha::Blend { opacity: alpha },
+            }
+            .unless_opaque(converted.base_texture.map(|texture| &textures[texture as usize]));
+        }
+        if let Some(extension) = material.extension_value(ANISOTROPY) {
+            let strength = number(extension, "anisotropyStrength", 0.0).clamp(0.0, 1.0);
+            if strength > 0.0 {
+                self.leave_out("KHR_materials_anisotropy (roughness is the same in all directions)");
+                // The lobe is alpha wide across and mix(alpha, 1, strength^2) along; the geometric mean keeps its area.
+                let across = converted.roughness * converted.roughness;
+                let along = across + (1.0 - across) * strength * strength;
+                converted.roughness = (across * along).sqrt().sqrt();
+            }
+        }
+        if let Some(extension) = material.extension_value(CLEARCOAT) {
+            let coat = number(extension, "clearcoatFactor", 0.0).clamp(0.0, 1.0);
+            let roughness = number(extension, "clearcoatRoughnessFactor", 0.0).clamp(0.0, 1.0);
+            if coat >= 0.5
+                && converted.surface == Surface::Opaque
+                && converted.metallic <= 0.5
+                && converted.metallic_roughness_texture.is_none()
+                && roughness < converted.roughness
+            {
+                self.leave_out("KHR_materials_clearcoat (one lobe stands for coat and base)");
+                // Light that the coat lets through is reflected by the base and crosses the coat again.
+                let own = 0.04 * coat;
+                converted.specular = Vec3::splat(own) + converted.specular * ((1.0 - own) * (1.0 - own));
+                converted.roughness = roughness;
+            } else if coat > 0.0 {
+                self.leave_out("KHR_materials_clearcoat that is weak, or over metal or patterned roughness");
+            }
+        }
+        Ok(())
+    }
+
+    /// Index in the scene of the texture that an extension names.
+    fn texture_of(&mut self, info: Option<&Value>, srgb: bool) -> Result<Option<u32>> {
+        let Some(index) = info.and_then(|info| info.get("index")) else { return Ok(None) };
+        let texture = index.as_u64().and_then(|i| self.document.textures().nth(usize::try_from(i).ok()?));
+        match texture {
+            Some(texture) => self.texture(&texture, srgb),
+            None => Err(self.error(format!("a material names texture {index}, which does not exist"))),
+        }
     }
 
     /// Index of a texture in the scene; `None` if its image is of a kind that is not read.

@@ -3,6 +3,7 @@
 //! Coordinates are the file's own, relative to [`Scene::origin`] and right-handed; radiance is in W/(m^2 sr), linear Rec. 709. A face emits only from its
 //! front (counter-clockwise) side unless its material is `two_sided`; surfaces reflect on both sides.
 
+pub mod animation;
 mod builder;
 pub mod builtin;
 mod description;
@@ -10,15 +11,26 @@ pub mod environment;
 pub(crate) mod export;
 pub(crate) mod gltf;
 mod gltf_accessor;
+mod gltf_animation;
 mod gltf_extensions;
 mod gltf_material;
 mod kept_light;
 pub mod mip;
+mod mitsuba;
+mod mitsuba_bsdf;
+mod mitsuba_emitter;
+mod mitsuba_indices;
+mod mitsuba_shape;
+mod mitsuba_texture;
+mod mitsuba_xml;
 mod obj;
+mod obj_lines;
 mod obj_material;
+mod obj_texture;
 mod objects;
 mod origin;
 mod pane;
+mod ply;
 pub mod reflectors;
 mod sky;
 mod tessellate;
@@ -31,14 +43,16 @@ use std::sync::Arc;
 use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
-use crate::bsdf::{mapped_normal, sample_filtered, sample_texture};
+use crate::bsdf::sample_texture;
 use crate::error::{Error, Result};
 use crate::settings::{Compensation, Exposure, Spread};
 use crate::superposition::lobe::Table;
 
+pub use animation::Animations;
 pub use environment::Environment;
 pub use export::{VirtualLight, export_lights};
 pub use kept_light::{KeptFace, KeptLight, KeptPage};
+pub use texture::{Cone, TextureUse};
 
 /// Minimum roughness of a lobe in a file: no point light would hit a smoother one.
 const MIN_ROUGHNESS: f32 = 0.03;
@@ -62,6 +76,8 @@ pub struct Scene {
     pub normals: Vec<Vec3>,
     /// Texture coordinates, parallel to `positions`; (0, 0) is the texture's upper left corner, v runs downwards.
     pub uvs: Vec<Vec2>,
+    /// A second set of texture coordinates, for the textures that [`Material::second_uvs`] names; parallel to `positions`, or empty.
+    pub second_uvs: Vec<Vec2>,
     /// Factors of the base colour at the vertices, linear, each channel in [0, 1]; parallel to `positions`, or empty: all 1.
     pub colors: Vec<Vec3>,
     /// The triangles.
@@ -82,12 +98,19 @@ pub struct Scene {
     pub emitters_are_lights: bool,
     /// Light kept in textures: the image shows it in place of all virtual lights and photons. The path tracer does not use it.
     pub kept_light: Option<Arc<KeptLight>>,
+    /// Whether the emission of surfaces is relative to the white of a screen, as in a glTF file that gives no
+    /// KHR_materials_emissive_strength: programs that show such files do not light them by it, so a scene without any other light
+    /// gets the default sky too.
+    pub emission_is_relative: bool,
     /// What the files hold and the loader leaves out, for messages.
     pub ignored: Vec<String>,
     /// Camera of the file, if it has one: the first.
     pub camera: Option<Camera>,
     /// All cameras of a glTF file.
     pub cameras: Vec<NamedCamera>,
+    /// How the file moves; `None`: it has no animations. They refer to vertices, lights and cameras by index, so that these must stay
+    /// in their places for [`Scene::set_pose`].
+    pub animations: Option<Arc<Animations>>,
     /// `[render]` of the scene file: defaults that the command line overrides.
     pub render: RenderDefaults,
 }
@@ -100,6 +123,7 @@ impl Default for Scene {
             positions: Vec::new(),
             normals: Vec::new(),
             uvs: Vec::new(),
+            second_uvs: Vec::new(),
             colors: Vec::new(),
             triangles: Vec::new(),
             objects: Vec::new(),
@@ -109,20 +133,23 @@ impl Default for Scene {
             environment: None,
             emitters_are_lights: true,
             kept_light: None,
+            emission_is_relative: false,
             ignored: Vec::new(),
             camera: None,
             cameras: Vec::new(),
+            animations: None,
             render: RenderDefaults::default(),
         }
     }
 }
 
-/// Loads and validates a scene description (`.toml`) or a bare model (`.obj`, `.gltf`, `.glb`).
+/// Loads and validates a scene description (`.toml`) or a bare model (`.obj`, `.ply`, `.gltf`, `.glb`, Mitsuba's `.xml`).
 ///
 /// A bare model uses its vertex normals where it has them; a description ignores them unless it has
 /// `face_normals = false`.
 ///
-/// A file without any light gets the sky of [`Environment::overcast`].
+/// A file without any light gets the sky of [`Environment::overcast`], as does one whose only light are surfaces with
+/// [`Scene::emission_is_relative`].
 ///
 /// Errors: [`Error::Io`] if a file cannot be read; [`Error::File`], with the line if known, if it is invalid.
 pub fn load(path: &Path) -> Result<Scene> {
@@ -150,9 +177,12 @@ fn load_model(path: &Path, photometric: Option<bool>) -> Result<Scene> {
             scene.find_panes();
             scene
         }
+        "ply" => ply::load(path)?,
+        "xml" => mitsuba::load(path)?,
         "gltf" | "glb" => gltf::load(path, photometric)?,
         other => {
-            let message = format!("cannot read scenes of the kind {other:?}; use .toml, .obj, .gltf or .glb");
+            let message =
+                format!("cannot read scenes of the kind {other:?}; use .toml, .obj, .ply, .gltf, .glb or .xml");
             return Err(Error::file(path, message));
         }
     };
@@ -169,17 +199,19 @@ fn stem(path: &Path) -> String {
 }
 
 impl Scene {
-    /// Gives a scene without any light an overcast sky.
+    /// Gives a scene without any light, or with surfaces that glow for a screen only, an overcast sky.
     fn light_by_default(&mut self) {
+        let glows = !self.emitters().is_empty();
         if self.emitters_are_lights
             && self.lights.is_empty()
             && self.environment.is_none()
-            && self.emitters().is_empty()
+            && (self.emission_is_relative || !glows)
         {
+            let lit_by = if glows { "only emission of up to the white of a screen" } else { "no light" };
             let up = self.camera.map_or(Vec3::Y, |camera| camera.up);
             let up = if up.z.abs() > up.y.abs().max(up.x.abs()) { Vec3::Z * up.z.signum() } else { Vec3::Y };
             log::warn!(
-                "{} has no light; an overcast sky lights it ([environment] in a scene.toml sets another)",
+                "{} has {lit_by}; an overcast sky lights it ([environment] in a scene.toml sets another)",
                 self.name
             );
             self.environment = Some(Arc::new(Environment::overcast().turned(up, 0.0)));
@@ -199,23 +231,6 @@ impl Scene {
         triangle.vertices.iter().zip(weights).map(|(&v, w)| self.colors[v as usize] * w).sum()
     }
 
-    /// Normal of a surface with a normal map ([`crate::bsdf::mapped_normal`]); `normal` is the unit normal without it, on the
-    /// triangle's front.
-    pub fn mapped_normal(&self, triangle: &Triangle, uv: Vec2, normal: Vec3) -> Vec3 {
-        self.mapped_normal_over(triangle, (uv, 0.0), normal)
-    }
-
-    /// [`Scene::mapped_normal`], from the mean vector over a footprint (see [`crate::bsdf::sample_filtered`]).
-    pub fn mapped_normal_over(&self, triangle: &Triangle, (uv, footprint): (Vec2, f32), normal: Vec3) -> Vec3 {
-        let material = &self.materials[triangle.material as usize];
-        let Some(texture) = material.normal_texture else { return normal };
-        let [a, b, c] = triangle.vertices.map(|v| v as usize);
-        let edges = [self.positions[b] - self.positions[a], self.positions[c] - self.positions[a]];
-        let uv_edges = [self.uvs[b] - self.uvs[a], self.uvs[c] - self.uvs[a]];
-        let texel = sample_filtered(self, texture, uv.to_array(), footprint).truncate();
-        mapped_normal(texel, material.normal_scale, edges, uv_edges, normal)
-    }
-
     /// Whether some surface in use lets rays pass.
     pub fn has_alpha(&self) -> bool {
         let passes: Vec<bool> = self.materials.iter().map(Material::has_alpha).collect();
@@ -230,7 +245,7 @@ impl Scene {
         }
         let texture = || {
             material.base_texture.map_or(1.0, |texture| {
-                let uv: Vec2 = triangle.vertices.iter().zip(weights).map(|(&v, w)| self.uvs[v as usize] * w).sum();
+                let uv = self.uv_at(triangle, weights, TextureUse::Base);
                 sample_texture(&self.textures[texture as usize], uv.to_array()).w
             })
         };
@@ -414,8 +429,12 @@ pub struct Material {
     pub specular: Vec3,
     /// How much of the surface is there, unless it emits: emitters are opaque.
     pub alpha: Alpha,
-    /// Emitted radiance.
+    /// Emitted radiance; multiplied by `emission_texture` if there is one.
     pub emission: Vec3,
+    /// Index into `textures` (sRGB).
+    pub emission_texture: Option<u32>,
+    /// For each [`TextureUse`] whether the texture lies by [`Scene::second_uvs`] instead of [`Scene::uvs`]; never for the base.
+    pub second_uvs: [bool; 4],
     /// Emits from both sides.
     pub two_sided: bool,
     /// Index of refraction (glass).
@@ -447,6 +466,8 @@ impl Default for Material {
             specular: Vec3::ZERO,
             alpha: Alpha::Opaque,
             emission: Vec3::ZERO,
+            emission_texture: None,
+            second_uvs: [false; 4],
             two_sided: false,
             ior: 1.5,
             thin: false,
@@ -461,6 +482,12 @@ impl Material {
     /// Whether rays may pass.
     pub fn has_alpha(&self) -> bool {
         self.alpha != Alpha::Opaque && self.emission == Vec3::ZERO
+    }
+
+    /// Its textures.
+    pub fn textures(&self) -> impl Iterator<Item = u32> {
+        let all = [self.base_texture, self.metallic_roughness_texture, self.normal_texture, self.emission_texture];
+        all.into_iter().flatten()
     }
 
     /// Mean over RGB of the reflectance kd + F0 seen by particles, at most 1; `averages` are those of the scene's textures.

@@ -1,337 +1,334 @@
-//! Wavefront OBJ models.
+//! Wavefront OBJ models, read by `tobj`; polygons are cut into triangles.
 //!
-//! A parser of our own rather than a crate: every error has its line, faces with and without normals may be mixed, concave
-//! polygons keep their shape, and no input can panic. Curves, surfaces, points and lines are ignored.
+//! Faces with and without normals or texture coordinates may be mixed, and vertices with and without a colour. Curves,
+//! surfaces, points and lines are ignored.
 
-use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::obj_material::{self, Library};
+use super::obj_lines::{Statement, decode, keyword, logical_lines, number, through_tobj};
+use super::obj_material::Library;
 use super::origin;
-use super::tessellate::triangulate;
+use super::tessellate::{MOST_CORNERS, triangulate};
 use super::texture::srgb_to_linear;
 use super::{Scene, Triangle};
 use crate::error::{Error, Result};
 
+/// The name of objects and materials whose name is empty.
+pub(super) const UNNAMED: &str = "unnamed";
+
 /// Reads an OBJ file with its material libraries; the result is not validated yet.
 pub(super) fn load(path: &Path) -> Result<Scene> {
-    let bytes = std::fs::read(path).map_err(Error::io("reading", path))?;
-    let text = String::from_utf8_lossy(&bytes);
-    let mut reader = Reader {
-        path,
-        line: 0,
-        positions: Vec::new(),
-        colors: Vec::new(),
-        uvs: Vec::new(),
-        normals: Vec::new(),
-        vertices: HashMap::new(),
-        objects: HashMap::new(),
-        object_name: String::from("unnamed"),
-        object: None,
-        materials: Library::default(),
-        material: None,
-        corners: Vec::new(),
-        incomplete: None,
-        unknown: None,
-        scene: Scene { origin: origin(&text), ..Scene::default() },
+    let bytes = crate::input::read(path)?;
+    let text = decode(&bytes);
+    let mut checker = Checker::new(path, has_colors(&text));
+    // Materials keep their names through tobj and nothing else; the libraries are read afterwards.
+    let material = |name: &Path| {
+        let name = name.to_string_lossy().into_owned();
+        let index = [(name.clone(), 0)].into_iter().collect();
+        Ok((vec![tobj::Material { name, ..tobj::Material::default() }], index))
     };
-    for (line, content) in logical_lines(&text) {
-        reader.line = line;
-        reader.statement(&content)?;
+    let options = tobj::LoadOptions { single_index: true, ..tobj::LoadOptions::default() };
+    let (models, names) = through_tobj(
+        path,
+        &text,
+        |statement, out| checker.statement(statement, out),
+        |mut lines| {
+            let (models, materials) = tobj::load_obj_buf(&mut lines, &options, material)?;
+            Ok((models, materials?))
+        },
+    )?;
+    drop(text);
+    let mut scene = Scene { origin: origin(&models), ..Scene::default() };
+    let mut library = Library::default();
+    for (line, rest) in &checker.libraries {
+        library.read(&mut scene, path, *line, rest)?;
     }
-    reader.finish()
+    let mut objects = HashMap::new();
+    for tobj::Model { mesh, name } in models {
+        if mesh.indices.is_empty() {
+            continue;
+        }
+        let object = *objects.entry(name).or_insert_with_key(|name| scene.add_object(name.clone()));
+        let material = match mesh.material_id {
+            Some(index) => library.named(&mut scene, &names[index].name),
+            None => library.unnamed(&mut scene),
+        };
+        let placement = library.mark_used(material);
+        add_mesh(&mut scene, path, &mesh, [material, object], placement)?;
+    }
+    library.read_textures(&mut scene)?;
+    if !scene.colors.is_empty() {
+        scene.colors.resize(scene.positions.len(), Vec3::ONE);
+    }
+    checker.warn();
+    library.warn_undefined(path);
+    Ok(scene)
 }
 
-/// The scene's origin, from the bounds of all vertices. Faces refer to vertices above them and are cut into triangles at once,
-/// so that the origin must be known before the first of them. Invalid lines are skipped: the reader reports them.
-fn origin(text: &str) -> DVec3 {
+/// Whether some vertex has a colour: `tobj` takes colours for the first vertices, so that then each is given one.
+fn has_colors(text: &str) -> bool {
+    logical_lines(text)
+        .any(|(_, line)| keyword(&line).is_some_and(|(word, rest)| word == "v" && words(rest).count() >= 6))
+}
+
+/// The scene's origin, from the bounds of all vertices in use.
+fn origin(models: &[tobj::Model]) -> DVec3 {
     let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for (_, line) in logical_lines(text) {
-        let Some(("v", rest)) = keyword(&line) else { continue };
-        let mut words = rest.split_whitespace().map(position);
-        if let (Some(Ok(x)), Some(Ok(y)), Some(Ok(z))) = (words.next(), words.next(), words.next()) {
-            low = low.min(DVec3::new(x, y, z));
-            high = high.max(DVec3::new(x, y, z));
-        }
+    for p in models.iter().flat_map(|model| model.mesh.positions.as_chunks().0) {
+        low = low.min(DVec3::from_array(*p));
+        high = high.max(DVec3::from_array(*p));
     }
     origin::choose(low, high)
 }
 
-/// Lines with their numbers (from 1); one that ends in a backslash is joined with the next.
-pub(super) fn logical_lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
-    let mut lines = (1..).zip(text.lines());
-    std::iter::from_fn(move || {
-        let (number, line) = lines.next()?;
-        let Some(start) = line.strip_suffix('\\') else { return Some((number, Cow::Borrowed(line))) };
-        let mut joined = start.to_string();
-        for (_, next) in lines.by_ref() {
-            joined.push(' ');
-            match next.strip_suffix('\\') {
-                Some(part) => joined.push_str(part),
-                None => {
-                    joined.push_str(next);
-                    break;
-                }
-            }
+/// Adds the faces of one object, material and kind; texture coordinates are scaled, then moved, by `placement`.
+fn add_mesh(
+    scene: &mut Scene,
+    path: &Path,
+    mesh: &tobj::Mesh,
+    [material, object]: [u32; 2],
+    [scale, offset]: [Vec2; 2],
+) -> Result<()> {
+    let (points, _) = mesh.positions.as_chunks::<3>();
+    let first = scene.positions.len();
+    if first + points.len() > u32::MAX as usize {
+        return Err(Error::file(path, "more than 2^32 vertices; split the model"));
+    }
+    let single = |v: &[f64; 3]| Vec3::from_array(v.map(|x| x as f32));
+    let origin = scene.origin;
+    scene.positions.extend(points.iter().map(|&p| (DVec3::from_array(p) - origin).as_vec3()));
+    // OBJ's v runs upwards from the lower edge.
+    let upright = |&[u, v]: &[f64; 2]| Vec2::new(u as f32, v as f32) * scale + offset;
+    scene.uvs.extend(mesh.texcoords.as_chunks().0.iter().map(upright).map(|uv| Vec2::new(uv.x, 1.0 - uv.y)));
+    scene.uvs.resize(scene.positions.len(), Vec2::ZERO);
+    // Zero where the file's normal has no direction.
+    let mut directed = vec![false; points.len()];
+    for (directed, n) in directed.iter_mut().zip(mesh.normals.as_chunks().0) {
+        let normal = single(n).normalize_or_zero();
+        *directed = normal != Vec3::ZERO;
+        scene.normals.push(if *directed { normal } else { Vec3::Y });
+    }
+    scene.normals.resize(scene.positions.len(), Vec3::Y);
+    let colors = mesh.vertex_color.as_chunks().0.iter();
+    scene.colors.extend(colors.map(|c| single(c).clamp(Vec3::ZERO, Vec3::ONE).map(srgb_to_linear)));
+
+    let mut add = |corners: [u32; 3]| {
+        let smooth = corners.iter().all(|&c| directed[c as usize]);
+        scene.triangles.push(Triangle { vertices: corners.map(|c| first as u32 + c), material, object, smooth });
+    };
+    if mesh.face_arities.is_empty() {
+        mesh.indices.as_chunks().0.iter().for_each(|&corners| add(corners));
+        return Ok(());
+    }
+    let mut rest = mesh.indices.as_slice();
+    let mut polygon = Vec::new();
+    for &corners in &mesh.face_arities {
+        let (face, after) = rest.split_at(corners as usize);
+        rest = after;
+        if let &[a, b, c] = face {
+            add([a, b, c]);
+            continue;
         }
-        Some((number, Cow::Owned(joined)))
-    })
-}
-
-/// Splits a line into its keyword and the rest, without comments.
-pub(super) fn keyword(line: &str) -> Option<(&str, &str)> {
-    let line = line.trim();
-    if line.is_empty() || line.starts_with('#') {
-        return None;
+        polygon.clear();
+        polygon.extend(face.iter().map(|&c| DVec3::from_array(points[c as usize])));
+        for triangle in triangulate(&polygon) {
+            add(triangle.map(|k| face[k as usize]));
+        }
     }
-    Some(match line.split_once(char::is_whitespace) {
-        Some((word, rest)) => (word, rest.trim()),
-        None => (line, ""),
-    })
+    Ok(())
 }
 
-/// A finite number.
-pub(super) fn number(word: &str) -> Result<f32, String> {
-    match word.parse::<f32>() {
-        Ok(x) if x.is_finite() => Ok(x),
-        Ok(_) => Err(format!("{word} is not a finite number")),
-        Err(_) => Err(format!("{word:?} is not a number")),
-    }
-}
-
-/// A coordinate, in double precision: it may be far from the origin. Single precision must be able to represent it.
-fn position(word: &str) -> Result<f64, String> {
-    number(word)?;
-    word.parse::<f64>().map_err(|_| format!("{word:?} is not a number"))
-}
-
-/// Corner of a face: indices (from 0) of position, texture coordinate and normal.
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
-struct Corner {
-    position: u32,
-    uv: Option<u32>,
-    normal: Option<u32>,
-}
-
-struct Reader<'a> {
+/// Checks the statements of a model at their lines and writes them as `tobj` reads them.
+struct Checker<'a> {
     path: &'a Path,
+    /// Whether vertices are given a colour.
+    colored: bool,
+    positions: usize,
+    uvs: usize,
+    normals: usize,
+    group: String,
+    /// Whether the latest face of the group has texture coordinates and normals. `tobj` mixes up the vertices of a mesh
+    /// where only some have them: a face of another kind begins a new one.
+    kind: Option<[bool; 2]>,
+    /// Materials that `tobj` knows.
+    materials: HashSet<String>,
+    /// `mtllib` statements and their lines.
+    libraries: Vec<(usize, String)>,
     line: usize,
-    /// Relative to the scene's origin.
-    positions: Vec<Vec3>,
-    /// Linear; of the first so many positions, or none.
-    colors: Vec<Vec3>,
-    uvs: Vec<Vec2>,
-    /// Unit length, or zero where the file's normal has no direction.
-    normals: Vec<Vec3>,
-    /// Scene vertex of each distinct corner.
-    vertices: HashMap<Corner, u32>,
-    objects: HashMap<String, u32>,
-    object_name: String,
-    /// Index of `object_name` once it has a face.
-    object: Option<u32>,
-    materials: Library,
-    material: Option<u32>,
-    /// Corners of the current face, kept to save allocations.
-    corners: Vec<Corner>,
     /// Line of the first face with fewer than three corners, and how many there are.
     incomplete: Option<(usize, usize)>,
     /// First unsupported statement, and its line.
     unknown: Option<(String, usize)>,
-    scene: Scene,
 }
 
-impl Reader<'_> {
-    fn error(&self, message: impl std::fmt::Display) -> Error {
-        Error::at(self.path, self.line, format!("object {:?}: {message}", self.object_name))
+/// Position, texture coordinate and normal of a corner of a face, as written.
+type Corner<'w> = (&'w str, Option<&'w str>, Option<&'w str>);
+
+/// The words of a statement before a comment.
+fn words(rest: &str) -> impl Iterator<Item = &str> {
+    rest.split_whitespace().take_while(|word| !word.starts_with('#'))
+}
+
+impl<'a> Checker<'a> {
+    fn new(path: &'a Path, colored: bool) -> Self {
+        Checker {
+            path,
+            colored,
+            positions: 0,
+            uvs: 0,
+            normals: 0,
+            group: String::from(UNNAMED),
+            kind: None,
+            materials: HashSet::new(),
+            libraries: Vec::new(),
+            line: 0,
+            incomplete: None,
+            unknown: None,
+        }
     }
 
-    fn statement(&mut self, line: &str) -> Result<()> {
-        let Some((word, rest)) = keyword(line) else { return Ok(()) };
+    fn error(&self, message: impl std::fmt::Display) -> Error {
+        Error::at(self.path, self.line, format!("object {:?}: {message}", self.group))
+    }
+
+    fn statement(&mut self, Statement { line, word, rest }: Statement, out: &mut String) -> Result<()> {
+        self.line = line;
         match word {
-            // A fourth number is a weight for curves, or begins a vertex colour: both are ignored.
             "v" => {
-                let p = self.numbers_by("vertex", rest, position)?;
-                self.positions.push(self.scene.from_world(DVec3::from_array(p)));
-                // Scanners and sculpting programs write a colour after the position, sRGB-encoded.
-                if rest.split_whitespace().count() >= 6 {
-                    let [_, _, _, r, g, b] = self.numbers::<6>("vertex with a colour", rest)?;
-                    let color = Vec3::new(r, g, b).clamp(Vec3::ZERO, Vec3::ONE);
-                    self.colors.resize(self.positions.len() - 1, Vec3::ONE);
-                    self.colors.push(color.map(srgb_to_linear));
+                self.numbers("vertex", "v", 3, rest, out)?;
+                self.positions += 1;
+                // Scanners and sculpting programs write a colour after the position, sRGB-encoded. A fourth number alone is a
+                // weight for curves.
+                if self.colored && words(rest).count() >= 6 {
+                    out.pop();
+                    let color = words(rest).skip(3).map(|word| [" ", word]).take(3).flatten().collect::<String>();
+                    self.numbers("colour of a vertex", "", 3, &color, out)?;
+                } else if self.colored {
+                    out.pop();
+                    out.push_str(" 1 1 1\n");
                 }
             }
             "vn" => {
-                let n = self.numbers::<3>("normal", rest)?;
-                self.normals.push(Vec3::from_array(n).normalize_or_zero());
+                self.numbers("normal", "vn", 3, rest, out)?;
+                self.normals += 1;
             }
             "vt" => {
-                // OBJ's v runs upwards from the lower edge. A one-dimensional texture has no v.
-                let [u, v] = if rest.split_whitespace().count() == 1 {
-                    [self.numbers::<1>("texture coordinate", rest)?[0], 0.0]
-                } else {
-                    self.numbers::<2>("texture coordinate", rest)?
-                };
-                self.uvs.push(Vec2::new(u, 1.0 - v));
+                // A one-dimensional texture has no v.
+                let count = words(rest).count().clamp(1, 2);
+                self.numbers("texture coordinate", "vt", count, rest, out)?;
+                if count == 1 {
+                    out.pop();
+                    out.push_str(" 0\n");
+                }
+                self.uvs += 1;
             }
-            "f" => self.face(rest)?,
+            "f" => self.face(rest, out)?,
             "o" | "g" => {
-                self.object_name = String::from(if rest.is_empty() { "unnamed" } else { rest });
-                self.object = None;
+                self.group = String::from(if rest.is_empty() { UNNAMED } else { rest });
+                self.kind = None;
             }
-            "usemtl" => self.material = Some(self.materials.named(&mut self.scene, rest)),
-            "mtllib" => self.library(rest)?,
+            "usemtl" => {
+                let name = if rest.is_empty() { UNNAMED } else { rest };
+                if !self.materials.contains(name) {
+                    self.materials.insert(name.to_string());
+                    line_of(out, ["mtllib ", name]);
+                }
+                line_of(out, ["usemtl ", name]);
+            }
+            "mtllib" => {
+                if !self.libraries.iter().any(|(_, known)| known == rest) {
+                    self.libraries.push((line, rest.to_string()));
+                }
+            }
             "s" | "l" | "p" | "vp" | "usemap" | "maplib" | "mg" | "lod" | "bevel" | "c_interp" | "d_interp" => {}
             _ => {
-                if self.unknown.is_none() {
-                    self.unknown = Some((word.to_string(), self.line));
-                }
+                self.unknown.get_or_insert_with(|| (word.to_string(), line));
             }
         }
         Ok(())
     }
 
-    fn numbers<const N: usize>(&self, what: &str, rest: &str) -> Result<[f32; N]> {
-        self.numbers_by(what, rest, number)
-    }
-
-    /// The first `N` numbers of a line.
-    fn numbers_by<T: Copy + Default, const N: usize>(
-        &self,
-        what: &str,
-        rest: &str,
-        number: impl Fn(&str) -> Result<T, String>,
-    ) -> Result<[T; N]> {
-        let mut values = [T::default(); N];
-        let mut words = rest.split_whitespace();
-        for value in &mut values {
-            let word = words.next().ok_or_else(|| self.error(format!("a {what} needs {N} numbers")))?;
-            *value = number(word).map_err(|m| self.error(format!("{what}: {m}")))?;
+    /// The first `count` numbers of a statement. Single precision must be able to hold them.
+    fn numbers(&self, what: &str, keyword: &str, count: usize, rest: &str, out: &mut String) -> Result<()> {
+        out.push_str(keyword);
+        let mut words = words(rest);
+        for _ in 0..count {
+            let word = words.next().ok_or_else(|| self.error(format!("a {what} needs {count} numbers")))?;
+            number(word).map_err(|m| self.error(format!("{what}: {m}")))?;
+            out.push(' ');
+            out.push_str(word);
         }
-        Ok(values)
-    }
-
-    fn library(&mut self, rest: &str) -> Result<()> {
-        let folder = self.path.parent().unwrap_or(Path::new(""));
-        // One name, with spaces or not; else several, whose own spaces are escaped.
-        let mut files = vec![folder.join(rest.replace('\\', "/"))];
-        if !files[0].is_file() {
-            let escaped = rest.replace("\\ ", "\0");
-            let names = escaped.split_whitespace().map(|name| name.replace('\0', " ").replace('\\', "/"));
-            files = names.map(|name| folder.join(name)).collect();
-        }
-        let (found, missing): (Vec<_>, Vec<_>) = files.into_iter().partition(|file| file.is_file());
-        for file in found {
-            let (entries, ignored) = obj_material::read(&file)?;
-            for what in ignored {
-                if !self.scene.ignored.contains(&what) {
-                    self.scene.ignored.push(what);
-                }
-            }
-            self.materials.add(&mut self.scene, entries);
-        }
-        if !missing.is_empty() {
-            let path = self.path.display();
-            log::warn!("{path}:{}: no such material library; its materials are grey: {missing:?}", self.line);
-        }
+        out.push('\n');
         Ok(())
     }
 
-    fn index(&self, what: &str, word: &str, count: usize) -> Result<u32> {
+    fn index(&self, what: &str, word: &str, count: usize) -> Result<()> {
         let index: i64 =
             word.parse().map_err(|_| self.error(format!("face: {what} index {word:?} is not a whole number")))?;
         // Negative indices count back from the last; zero is invalid.
-        let absolute = if index < 0 { index + count as i64 } else { index - 1 };
-        match u32::try_from(absolute) {
-            Ok(i) if index != 0 && (i as usize) < count => Ok(i),
-            _ => Err(self.error(format!("face: {what} index {index} is out of range, {count} are defined so far"))),
+        if index == 0 || index.unsigned_abs() > count as u64 {
+            return Err(self.error(format!("face: {what} index {index} is out of range, {count} are defined so far")));
         }
+        Ok(())
     }
 
-    fn corner(&self, word: &str) -> Result<Corner> {
+    fn corner<'w>(&self, word: &'w str) -> Result<Corner<'w>> {
         let mut parts = word.split('/');
-        let position = self.index("vertex", parts.next().unwrap_or_default(), self.positions.len())?;
+        let position = parts.next().unwrap_or_default();
+        self.index("vertex", position, self.positions)?;
         let mut optional = |what: &str, count: usize| match parts.next() {
             None | Some("") => Ok(None),
-            Some(part) => self.index(what, part, count).map(Some),
+            Some(part) => self.index(what, part, count).map(|()| Some(part)),
         };
-        let uv = optional("texture coordinate", self.uvs.len())?;
-        let normal = optional("normal", self.normals.len())?;
+        let uv = optional("texture coordinate", self.uvs)?;
+        let normal = optional("normal", self.normals)?;
         if parts.next().is_some() {
             return Err(self.error(format!("face: corner {word:?} has more than three indices")));
         }
-        Ok(Corner { position, uv, normal })
+        Ok((position, uv, normal))
     }
 
-    fn face(&mut self, rest: &str) -> Result<()> {
-        let mut corners = std::mem::take(&mut self.corners);
-        corners.clear();
-        for word in rest.split_whitespace() {
-            corners.push(self.corner(word)?);
-        }
-        match corners.len() {
-            0..3 => {
-                let (line, count) = self.incomplete.unwrap_or((self.line, 0));
-                self.incomplete = Some((line, count + 1));
+    fn face(&mut self, rest: &str, out: &mut String) -> Result<()> {
+        // The kinds of index that all corners have, and those that some have.
+        let (mut all, mut some, mut count) = ([true; 2], [false; 2], 0usize);
+        for word in words(rest) {
+            let (_, uv, normal) = self.corner(word)?;
+            for (kind, part) in [uv, normal].into_iter().enumerate() {
+                all[kind] &= part.is_some();
+                some[kind] |= part.is_some();
             }
-            3 => self.triangle([corners[0], corners[1], corners[2]])?,
-            _ => {
-                let points: Vec<Vec3> = corners.iter().map(|c| self.positions[c.position as usize]).collect();
-                for triangle in triangulate(&points) {
-                    self.triangle(triangle.map(|k| corners[k]))?;
-                }
-            }
+            count += 1;
         }
-        self.corners = corners;
+        if count > MOST_CORNERS {
+            return Err(self.error(format!("a face of {count} corners, at most {MOST_CORNERS} can be cut; split it")));
+        }
+        if count < 3 {
+            self.incomplete.get_or_insert((self.line, 0)).1 += 1;
+            return Ok(());
+        }
+        if self.kind != Some(all) {
+            line_of(out, ["o ", &self.group]);
+            self.kind = Some(all);
+        }
+        out.push('f');
+        for word in words(rest) {
+            if all == some {
+                out.push(' ');
+                out.push_str(word);
+                continue;
+            }
+            let (position, uv, normal) = self.corner(word)?;
+            let [uv, normal] = [uv.filter(|_| all[0]), normal.filter(|_| all[1])].map(Option::unwrap_or_default);
+            out.extend([" ", position, "/", uv, "/", normal]);
+        }
+        out.push('\n');
         Ok(())
     }
 
-    fn triangle(&mut self, corners: [Corner; 3]) -> Result<()> {
-        // A vertex index that fits u32 leaves room for the scene's own numbering.
-        if self.scene.positions.len() + 3 > u32::MAX as usize {
-            return Err(self.error("more than 2^32 vertices; split the model"));
-        }
-        let object = match self.object {
-            Some(object) => object,
-            None => {
-                let scene = &mut self.scene;
-                let name = &self.object_name;
-                *self.objects.entry(name.clone()).or_insert_with(|| scene.add_object(name.clone()))
-            }
-        };
-        self.object = Some(object);
-        let material = match self.material {
-            Some(material) => material,
-            None => self.materials.unnamed(&mut self.scene),
-        };
-        self.material = Some(material);
-        self.materials.mark_used(&mut self.scene, material);
-        let direction = |c: &Corner| c.normal.map(|n| self.normals[n as usize]).filter(|n| *n != Vec3::ZERO);
-        let smooth = corners.iter().all(|c| direction(c).is_some());
-        let vertices = corners.map(|c| {
-            *self.vertices.entry(c).or_insert_with(|| {
-                let scene = &mut self.scene;
-                scene.positions.push(self.positions[c.position as usize]);
-                scene.uvs.push(c.uv.map_or(Vec2::ZERO, |uv| self.uvs[uv as usize]));
-                scene.normals.push(direction(&c).unwrap_or(Vec3::Y));
-                if let Some(&color) = self.colors.get(c.position as usize) {
-                    scene.colors.resize(scene.positions.len() - 1, Vec3::ONE);
-                    scene.colors.push(color);
-                }
-                scene.positions.len() as u32 - 1
-            })
-        });
-        self.scene.triangles.push(Triangle { vertices, material, object, smooth });
-        Ok(())
-    }
-
-    fn finish(mut self) -> Result<Scene> {
-        self.materials.read_textures(&mut self.scene)?;
-        if !self.scene.colors.is_empty() {
-            self.scene.colors.resize(self.scene.positions.len(), Vec3::ONE);
-        }
+    fn warn(&self) {
         let path = self.path.display();
         if let Some((line, count)) = self.incomplete {
             log::warn!("{path}:{line}: left out {count} faces with fewer than three corners");
@@ -339,28 +336,10 @@ impl Reader<'_> {
         if let Some((word, line)) = &self.unknown {
             log::warn!("{path}:{line}: unknown statement {word:?} ignored");
         }
-        self.materials.warn_undefined(self.path);
-        Ok(self.scene)
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn joined_lines_keep_the_first_number() {
-        let lines: Vec<(usize, String)> =
-            logical_lines("a\nb \\\nc\\\r\nd\ne").map(|(n, l)| (n, l.into_owned())).collect();
-        let expected = [(1, "a"), (2, "b  c d"), (5, "e")].map(|(n, l)| (n, l.to_string()));
-        assert_eq!(lines, expected);
-    }
-
-    #[test]
-    fn numbers_are_finite() {
-        assert_eq!(number(".5e-01"), Ok(0.05));
-        for bad in ["nan", "inf", "-inf", "1e99", "1.#QNAN", "", "1,5"] {
-            assert!(number(bad).is_err(), "{bad}");
-        }
-    }
+fn line_of(out: &mut String, parts: [&str; 2]) {
+    out.extend(parts);
+    out.push('\n');
 }

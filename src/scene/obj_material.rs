@@ -1,68 +1,66 @@
-//! MTL material libraries.
+//! MTL material libraries, read by `tobj`.
 //!
 //! `Kd`, `map_Kd` (their product is the base colour), `Ke` (radiance), `Ks` (reflectance at normal incidence), `Ns` or `Pr`
 //! (roughness), `Pm` (metallic), `illum` (0, 1 diffuse; 3, 5 diffuse and an ideal mirror of `Ks`; 4, 9 glass that does not
-//! bend light; 6, 7 glass that does; others diffuse and specular), `Tf` (tint of glass at each crossing) and `Ni` are
-//! used; everything else is ignored. A mirror without `Kd` has no diffuse part; `Kd` and `Ks` of glass are ignored.
+//! bend light; 6, 7 glass that does; others diffuse and specular), `Tf` (tint of glass at each crossing), `Ni`, `d` or 1 - `Tr`
+//! (opacity), `map_d` (a factor of it) and `norm` (normals) are used; everything else is ignored. A mirror without `Kd` has no
+//! diffuse part; `Kd`, `Ks` and opacity of glass are ignored.
 
 use std::collections::{BTreeSet, HashMap};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use glam::Vec3;
-use rayon::prelude::*;
+use glam::{Vec2, Vec3};
 
-use super::obj::{keyword, logical_lines, number};
-use super::{MIN_ROUGHNESS, Material, Scene, Surface, Texture, Wrap};
+use super::obj::UNNAMED;
+use super::obj_lines::{Statement, decode, number, through_tobj};
+use super::obj_texture::{Maps, Textures, map_file};
+use super::{Alpha, MIN_ROUGHNESS, Material, Scene, Surface};
 use crate::error::{Error, Result};
-
-/// A material of a library.
-pub(super) struct Entry {
-    material: Material,
-    map: Option<Map>,
-}
-
-/// `map_Kd`: the file, and the place of the statement.
-struct Map {
-    file: PathBuf,
-    wrap: Wrap,
-    library: PathBuf,
-    line: usize,
-}
 
 /// The materials of a model by name. Textures that faces use are read by [`Library::read_textures`].
 #[derive(Default)]
 pub(super) struct Library {
     by_name: HashMap<String, u32>,
-    /// Names used before any library defined them.
+    /// Names that no library defines.
     undefined: BTreeSet<String>,
-    /// Texture of a material that no face has used yet.
-    waiting: HashMap<u32, Map>,
-    textures: HashMap<(PathBuf, bool), u32>,
-    /// Textures in use that have not been read yet, with the first material that uses each.
-    unread: Vec<(u32, Map)>,
+    maps: HashMap<u32, Maps>,
+    textures: Textures,
 }
 
 impl Library {
-    /// Adds the materials of a file. The first definition of a name counts.
-    pub(super) fn add(&mut self, scene: &mut Scene, entries: Vec<Entry>) {
-        for Entry { material, map } in entries {
-            let name = material.name.clone();
-            let index = match self.by_name.get(&name) {
-                Some(&index) if self.undefined.remove(&name) => {
-                    scene.materials[index as usize] = material;
-                    index
+    /// Adds the materials of the files that a `mtllib` statement names. The first definition of a name counts.
+    pub(super) fn read(&mut self, scene: &mut Scene, model: &Path, line: usize, rest: &str) -> Result<()> {
+        let folder = model.parent().unwrap_or(Path::new(""));
+        // One name, with spaces or not; else several, whose own spaces are escaped.
+        let mut files = vec![folder.join(rest.replace('\\', "/"))];
+        if !files[0].is_file() {
+            let escaped = rest.replace("\\ ", "\0");
+            let names = escaped.split_whitespace().map(|name| name.replace('\0', " ").replace('\\', "/"));
+            files = names.map(|name| folder.join(name)).collect();
+        }
+        let (found, missing): (Vec<_>, Vec<_>) = files.into_iter().partition(|file| file.is_file());
+        for file in found {
+            let (materials, ignored) = read(&file)?;
+            for (material, maps) in materials {
+                if !self.by_name.contains_key(&material.name) {
+                    let name = material.name.clone();
+                    let index = scene.add_material(material);
+                    self.by_name.insert(name, index);
+                    self.maps.insert(index, maps);
                 }
-                Some(_) => continue,
-                None => scene.add_material(material),
-            };
-            self.by_name.insert(name, index);
-            if let Some(map) = map {
-                self.waiting.insert(index, map);
+            }
+            for what in ignored {
+                scene.leave_out(what);
             }
         }
+        if !missing.is_empty() {
+            let model = model.display();
+            log::warn!("{model}:{line}: no such material library; its materials are grey: {missing:?}");
+        }
+        Ok(())
     }
 
-    /// Index of a material; a grey placeholder until a library defines it.
+    /// Index of a material; grey if no library defines it.
     pub(super) fn named(&mut self, scene: &mut Scene, name: &str) -> u32 {
         if let Some(&index) = self.by_name.get(name) {
             return index;
@@ -80,36 +78,16 @@ impl Library {
         index
     }
 
-    /// Gives a material its texture when the first face uses it.
-    pub(super) fn mark_used(&mut self, scene: &mut Scene, material: u32) {
-        if self.waiting.is_empty() {
-            return;
-        }
-        let Some(map) = self.waiting.remove(&material) else { return };
-        let next = self.textures.len() as u32;
-        let texture = *self.textures.entry((map.file.clone(), map.wrap == Wrap::Clamp)).or_insert(next);
-        scene.materials[material as usize].base_texture = Some(texture);
-        if texture == next {
-            self.unread.push((material, map));
-        }
+    /// Lets the textures of a material be read; returns scale and offset of its texture coordinates.
+    pub(super) fn mark_used(&mut self, material: u32) -> [Vec2; 2] {
+        let Some(maps) = self.maps.get(&material) else { return [Vec2::ONE, Vec2::ZERO] };
+        self.textures.want(material, maps);
+        maps.placement()
     }
 
-    /// Reads all textures in use, on all cores. Errors: the first that cannot be read.
+    /// Reads all textures in use. Errors: the first colour texture that cannot be read.
     pub(super) fn read_textures(&mut self, scene: &mut Scene) -> Result<()> {
-        let read = |(material, map): (u32, Map)| {
-            let error = |reason: String| {
-                let (name, file) = (&scene.materials[material as usize].name, map.file.display());
-                let message = format!("material {name:?}: texture {file} cannot be read: {reason}");
-                Error::at(&map.library, map.line, message)
-            };
-            let bytes = std::fs::read(&map.file).map_err(|e| error(e.to_string()))?;
-            let name = map.file.to_string_lossy().into_owned();
-            Texture::decode(&bytes, name, true, [map.wrap; 2]).map_err(error)
-        };
-        let unread = std::mem::take(&mut self.unread);
-        let textures: Vec<Result<Texture>> = unread.into_par_iter().with_max_len(1).map(read).collect();
-        scene.textures = textures.into_iter().collect::<Result<_>>()?;
-        Ok(())
+        self.textures.read(scene)
     }
 
     /// Reports names that no library has defined.
@@ -120,116 +98,128 @@ impl Library {
     }
 }
 
-/// The statements of one `newmtl`.
-#[derive(Default)]
-struct Statements {
-    name: String,
-    kd: Option<Vec3>,
-    ks: Option<Vec3>,
-    tf: Option<Vec3>,
-    ke: Vec3,
-    ns: f32,
-    ni: Option<f32>,
-    pr: Option<f32>,
-    pm: f32,
-    illum: i64,
-    map: Option<Map>,
-}
-
-impl Statements {
-    fn new(name: &str) -> Self {
-        Statements { name: name.to_string(), illum: 2, ..Self::default() }
-    }
-
-    fn material(self, path: &Path) -> Entry {
-        let surface = match self.illum {
-            3 | 5 => Surface::Mirror,
-            4 | 6 | 7 | 9 => Surface::Glass,
-            _ => Surface::Opaque,
-        };
-        let base_color = match surface {
-            Surface::Glass => self.tf.unwrap_or(Vec3::ONE),
-            _ if self.map.is_some() => self.kd.unwrap_or(Vec3::ONE),
-            Surface::Mirror => self.kd.unwrap_or(Vec3::ZERO),
-            Surface::Opaque => self.kd.unwrap_or(Material::default().base_color),
-        };
-        let specular = match surface {
-            Surface::Opaque if self.illum < 2 => Vec3::ZERO,
-            Surface::Opaque => self.ks.unwrap_or(Vec3::ZERO),
-            Surface::Mirror | Surface::Glass => self.ks.unwrap_or(Vec3::ONE),
-        };
-        // Phong's exponent n matches a GGX lobe of alpha = sqrt(2 / (n + 2)), and alpha = roughness^2.
-        let roughness = self.pr.unwrap_or((2.0 / (self.ns + 2.0)).powf(0.25)).max(MIN_ROUGHNESS);
-        // A metal's colour is in Kd, unless the file has already split it: Kd by 1 - Pm and Ks by Pm.
-        let shared_out = self.map.is_none() && (base_color * self.pm).cmple(specular * (1.0 - self.pm) + 1e-4).all();
-        let mut material = Material {
-            name: self.name,
-            surface,
-            base_color,
-            metallic: if shared_out { 0.0 } else { self.pm },
-            roughness,
-            specular,
-            emission: self.ke,
-            ior: self.ni.unwrap_or(1.5),
-            thin: matches!(self.illum, 4 | 9),
-            ..Material::default()
-        };
-        if surface != Surface::Glass && material.limit_albedo() > 1e-3 {
-            let (path, name) = (path.display(), &material.name);
-            log::warn!(
-                "{path}: material {name:?} reflects more than it receives; lowered Kd to {}",
-                material.base_color
-            );
-        }
-        Entry { material, map: self.map }
-    }
-}
-
-/// Reads a library; also returns the statements that it leaves out.
-pub(super) fn read(path: &Path) -> Result<(Vec<Entry>, BTreeSet<String>)> {
-    let bytes = std::fs::read(path).map_err(Error::io("reading", path))?;
-    let text = String::from_utf8_lossy(&bytes);
-    let mut entries = Vec::new();
-    let mut current: Option<Statements> = None;
+/// Reads a library; also returns what it leaves out.
+fn read(path: &Path) -> Result<(Vec<(Material, Maps)>, BTreeSet<String>)> {
+    let bytes = crate::input::read(path)?;
+    let mut current: Option<String> = None;
     let mut ignored = BTreeSet::new();
-    for (line, content) in logical_lines(&text) {
-        let Some((word, rest)) = keyword(&content) else { continue };
+    // Lines of the maps of each material.
+    let mut places: HashMap<String, HashMap<&str, usize>> = HashMap::new();
+    let rewrite = |Statement { line, word, rest }: Statement, out: &mut String| {
         if word == "newmtl" {
-            entries.extend(current.replace(Statements::new(rest)).map(|m| m.material(path)));
-            continue;
+            let name = if rest.is_empty() { UNNAMED } else { rest };
+            current = Some(name.to_string());
+            out.extend(["newmtl ", name, "\n"]);
+            return Ok(());
         }
-        let Some(m) = &mut current else { continue };
-        let error = |message: String| Error::at(path, line, format!("material {:?}: {word}: {message}", m.name));
-        match word {
-            "Kd" => m.kd = reflectance(path, line, word, rest).map_err(error)?,
-            "Ks" => m.ks = reflectance(path, line, word, rest).map_err(error)?,
-            "Tf" => m.tf = reflectance(path, line, word, rest).map_err(error)?,
-            "Ke" => m.ke = color(rest).map_err(error)?.unwrap_or(Vec3::ZERO),
-            "Ns" => m.ns = at_least(rest, 0.0).map_err(error)?,
-            "Ni" => m.ni = Some(at_least(rest, 0.001).map_err(error)?),
-            "Pr" => m.pr = Some(at_least(rest, 0.0).map_err(error)?.min(1.0)),
-            "Pm" => m.pm = at_least(rest, 0.0).map_err(error)?.min(1.0),
-            "illum" => m.illum = rest.parse().map_err(|_| error(format!("{rest:?} is not a whole number")))?,
-            "map_Kd" => {
-                let (name, wrap) = map_options(rest, &mut ignored);
-                if name.is_empty() {
-                    return Err(error(String::from("no file is named")));
+        let Some(material) = &current else { return Ok(()) };
+        let refused = |message: String| Error::at(path, line, format!("material {material:?}: {word}: {message}"));
+        let rest = match word {
+            "Kd" | "Ks" | "Tf" => reflectance(path, line, word, rest).map_err(refused)?,
+            "Ke" => color(rest).map_err(refused)?.map(three),
+            "Ns" | "Pr" | "Pm" | "Tr" => Some(at_least(rest, 0.0).map_err(refused)?.to_string()),
+            "d" => Some(at_least(rest.trim_start_matches("-halo"), 0.0).map_err(refused)?.to_string()),
+            "Ni" => Some(at_least(rest, 0.001).map_err(refused)?.to_string()),
+            "illum" => {
+                let model: i64 = rest.parse().map_err(|_| refused(format!("{rest:?} is not a whole number")))?;
+                Some(model.clamp(0, 255).to_string())
+            }
+            _ => match Maps::USED.into_iter().find(|used| *used == word) {
+                Some(used) => {
+                    if map_file(rest).is_empty() {
+                        return Err(refused(String::from("no file is named")));
+                    }
+                    places.entry(material.clone()).or_default().insert(used, line);
+                    Some(rest.to_string())
                 }
-                let file = path.parent().unwrap_or(Path::new("")).join(name.replace('\\', "/"));
-                m.map = Some(Map { file, wrap, library: path.to_path_buf(), line });
-            }
-            _ if word.starts_with("map_") || matches!(word, "bump" | "norm" | "disp" | "decal" | "refl") => {
-                ignored.insert(word.to_string());
-            }
-            _ => {}
+                None => {
+                    if word.starts_with("map_") || matches!(word, "bump" | "disp" | "decal" | "refl") {
+                        ignored.insert(word.to_string());
+                    }
+                    None
+                }
+            },
+        };
+        if let Some(rest) = rest {
+            out.extend([word, " ", &rest, "\n"]);
         }
+        Ok(())
+    };
+    let (read, _) = through_tobj(path, &decode(&bytes), rewrite, |mut lines| tobj::load_mtl_buf(&mut lines))?;
+    let mut materials = Vec::with_capacity(read.len());
+    for statements in read {
+        let places = places.remove(&statements.name).unwrap_or_default();
+        let maps = Maps::new(path, &statements, &places, &mut ignored);
+        materials.push((material(path, &statements, &maps, &mut ignored), maps));
     }
-    entries.extend(current.map(|m| m.material(path)));
     if !ignored.is_empty() {
         let all: Vec<&str> = ignored.iter().map(String::as_str).collect();
         log::warn!("{}: not supported and left out: {}", path.display(), all.join("; "));
     }
-    Ok((entries, ignored))
+    Ok((materials, ignored))
+}
+
+/// The material of one `newmtl`. Its numbers have been checked.
+fn material(path: &Path, from: &tobj::Material, maps: &Maps, ignored: &mut BTreeSet<String>) -> Material {
+    let unknown = |word: &str| from.unknown_param.get(word);
+    let other_number = |word: &str| unknown(word).and_then(|rest| number(rest).ok());
+    let three = |c: Option<[f64; 3]>| c.map(|c| Vec3::from_array(c.map(|x| x as f32)));
+    let (kd, ks) = (three(from.diffuse), three(from.specular));
+    let illum = from.illumination_model.unwrap_or(2);
+    let surface = match illum {
+        3 | 5 => Surface::Mirror,
+        4 | 6 | 7 | 9 => Surface::Glass,
+        _ => Surface::Opaque,
+    };
+    let base_color = match surface {
+        Surface::Glass => unknown("Tf").and_then(|rest| color(rest).ok()?).unwrap_or(Vec3::ONE),
+        _ if maps.color.is_some() => kd.unwrap_or(Vec3::ONE),
+        Surface::Mirror => kd.unwrap_or(Vec3::ZERO),
+        Surface::Opaque => kd.unwrap_or(Material::default().base_color),
+    };
+    let specular = match surface {
+        Surface::Opaque if illum < 2 => Vec3::ZERO,
+        Surface::Opaque => ks.unwrap_or(Vec3::ZERO),
+        Surface::Mirror | Surface::Glass => ks.unwrap_or(Vec3::ONE),
+    };
+    // Phong's exponent n matches a GGX lobe of alpha = sqrt(2 / (n + 2)), and alpha = roughness^2.
+    let ns = from.shininess.unwrap_or(0.0) as f32;
+    let roughness = other_number("Pr").map_or((2.0 / (ns + 2.0)).powf(0.25), |pr| pr.min(1.0)).max(MIN_ROUGHNESS);
+    // A metal's colour is in Kd, unless the file has already split it: Kd by 1 - Pm and Ks by Pm.
+    let pm = other_number("Pm").unwrap_or(0.0).min(1.0);
+    let shared_out = maps.color.is_none() && (base_color * pm).cmple(specular * (1.0 - pm) + 1e-4).all();
+    let opacity = match (from.dissolve, other_number("Tr")) {
+        (Some(d), _) => (d as f32).min(1.0),
+        (None, Some(tr)) => 1.0 - tr.min(1.0),
+        (None, None) => 1.0,
+    };
+    let emission = three(from.emissive).unwrap_or(Vec3::ZERO);
+    let alpha = match surface {
+        Surface::Opaque | Surface::Mirror if opacity < 1.0 || maps.alpha.is_some() => Alpha::Blend { opacity },
+        _ => Alpha::Opaque,
+    };
+    if alpha != Alpha::Opaque && emission != Vec3::ZERO {
+        ignored.insert(String::from("opacity of surfaces that emit (they are opaque)"));
+    }
+    let mut material = Material {
+        name: from.name.clone(),
+        surface,
+        base_color,
+        metallic: if shared_out { 0.0 } else { pm },
+        roughness,
+        normal_scale: maps.normal.as_ref().map_or(1.0, |map| map.options.bump),
+        specular,
+        alpha,
+        emission,
+        ior: from.optical_density.map_or(1.5, |ni| ni as f32),
+        thin: matches!(illum, 4 | 9),
+        ..Material::default()
+    };
+    if surface != Surface::Glass && material.limit_albedo() > 1e-3 {
+        let (path, name) = (path.display(), &material.name);
+        log::warn!("{path}: material {name:?} reflects more than it receives; lowered Kd to {}", material.base_color);
+    }
+    material
 }
 
 /// A colour: three numbers, or one for all channels; `None` for the spectral form, which is not supported.
@@ -263,13 +253,13 @@ fn channels<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Vec3, String
     }
 }
 
-/// A colour of at most 1.
-fn reflectance(path: &Path, line: usize, word: &str, rest: &str) -> Result<Option<Vec3>, String> {
+/// A colour of at most 1, as three numbers.
+fn reflectance(path: &Path, line: usize, word: &str, rest: &str) -> Result<Option<String>, String> {
     let c = color(rest)?;
     if c.is_some_and(|c| c.max_element() > 1.0) {
         log::warn!("{}:{line}: {word} {rest} reflects more than it receives; lowered to 1", path.display());
     }
-    Ok(c.map(|c| c.min(Vec3::ONE)))
+    Ok(c.map(|c| three(c.min(Vec3::ONE))))
 }
 
 fn at_least(rest: &str, low: f32) -> Result<f32, String> {
@@ -277,56 +267,14 @@ fn at_least(rest: &str, low: f32) -> Result<f32, String> {
     if x < low { Err(format!("{x} is below {low}")) } else { Ok(x) }
 }
 
-/// Splits the options of a map from its file name, which may hold spaces.
-fn map_options<'a>(rest: &'a str, ignored: &mut BTreeSet<String>) -> (&'a str, Wrap) {
-    let word = |text: &'a str| text.split_once(char::is_whitespace).map_or((text, ""), |(w, r)| (w, r.trim_start()));
-    let mut wrap = Wrap::Repeat;
-    let mut rest = rest.trim().trim_matches('"');
-    while rest.starts_with('-') {
-        let (option, mut after) = word(rest);
-        let (values, numeric) = match option {
-            "-clamp" => {
-                wrap = if word(after).0 == "on" { Wrap::Clamp } else { Wrap::Repeat };
-                (1, false)
-            }
-            "-blendu" | "-blendv" | "-cc" | "-texres" | "-bm" | "-boost" | "-imfchan" | "-type" | "-colorspace" => {
-                (1, false)
-            }
-            "-mm" => (2, true),
-            // One to three numbers each.
-            "-o" | "-s" | "-t" => (3, true),
-            _ => break,
-        };
-        for _ in 0..values {
-            let (value, next) = word(after);
-            if numeric && value.parse::<f32>().is_err() {
-                break;
-            }
-            after = next;
-        }
-        if numeric {
-            ignored.insert(format!("map_Kd {option}"));
-        }
-        rest = after;
-    }
-    (rest.trim().trim_matches('"'), wrap)
+/// A colour as three numbers.
+fn three(c: Vec3) -> String {
+    format!("{} {} {}", c.x, c.y, c.z)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn options_come_before_the_file() {
-        let mut ignored = BTreeSet::new();
-        let mut parse = |rest: &'static str| map_options(rest, &mut ignored);
-        assert_eq!(parse("wood.png"), ("wood.png", Wrap::Repeat));
-        assert_eq!(parse("-clamp on -s 2 3 my wood 2.png"), ("my wood 2.png", Wrap::Clamp));
-        assert_eq!(parse("-o 1 1 1 -mm 0 1 -blendu on dir\\wood.png"), ("dir\\wood.png", Wrap::Repeat));
-        assert_eq!(parse("\"my wood.png\""), ("my wood.png", Wrap::Repeat));
-        assert_eq!(parse("-strange.png"), ("-strange.png", Wrap::Repeat));
-        assert!(ignored.contains("map_Kd -s"));
-    }
 
     #[test]
     fn colours() {

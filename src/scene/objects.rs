@@ -18,12 +18,25 @@ impl Scene {
         nearest(name, self.objects.iter().map(String::as_str))
     }
 
-    /// Gives each object its own contiguous range of vertices, in the previous order, and drops vertices that no
-    /// triangle uses. Returns the range of each object.
-    pub fn separate_objects(&mut self) -> Vec<Range<usize>> {
+    /// Objects with their vertices.
+    fn uses(&self) -> Vec<(u32, u32)> {
         let mut uses: Vec<(u32, u32)> = self.triangles.iter().flat_map(|t| t.vertices.map(|v| (t.object, v))).collect();
         uses.sort_unstable();
         uses.dedup();
+        uses
+    }
+
+    /// The vertices of each object, in the order in which [`Scene::separate_objects`] has them.
+    pub fn vertices_of_objects(&self) -> Vec<Vec<u32>> {
+        let mut lists = vec![Vec::new(); self.objects.len()];
+        self.uses().into_iter().for_each(|(object, vertex)| lists[object as usize].push(vertex));
+        lists
+    }
+
+    /// Gives each object its own contiguous range of vertices, in the previous order, and drops vertices that no
+    /// triangle uses. Returns the range of each object.
+    pub fn separate_objects(&mut self) -> Vec<Range<usize>> {
+        let uses = self.uses();
         for t in &mut self.triangles {
             // Every use is in the list.
             t.vertices = t.vertices.map(|v| uses.partition_point(|&u| u < (t.object, v)) as u32);
@@ -32,6 +45,10 @@ impl Scene {
         self.positions = take(&self.positions);
         self.normals = take(&self.normals);
         self.uvs = uses.iter().map(|&(_, v)| self.uvs.get(v as usize).copied().unwrap_or(Vec2::ZERO)).collect();
+        if !self.second_uvs.is_empty() {
+            let at = |&(_, v): &(u32, u32)| self.second_uvs.get(v as usize).copied().unwrap_or(Vec2::ZERO);
+            self.second_uvs = uses.iter().map(at).collect();
+        }
         if !self.colors.is_empty() {
             self.colors = take(&self.colors);
         }
@@ -54,6 +71,7 @@ mod tests {
         scene.uvs.push(Vec2::ONE);
         scene.triangles.push(Triangle { vertices: [0, 6, 1], material: 1, object: 1, smooth: false });
         let corners: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
+        assert_eq!(scene.vertices_of_objects(), [vec![0, 1, 2, 3], vec![0, 1, 4, 5, 6, 7]]);
         let ranges = scene.separate_objects();
         assert_eq!(ranges, [0..4, 4..10]);
         assert_eq!((scene.positions.len(), scene.normals.len(), scene.uvs.len()), (10, 10, 10));

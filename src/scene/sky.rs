@@ -131,13 +131,17 @@ fn sun_irradiance(elevation: f32, turbidity: f32) -> Vec3 {
         let transmittance = (-(rayleigh + haze) * mass).exp();
         xyz += observer(nm) * (black_body(um) * transmittance * STEP);
     }
+    (rgb_from_xyz(xyz) * (solid_angle / LUMINOUS_NM)).max(Vec3::ZERO)
+}
+
+/// Linear Rec. 709 of CIE XYZ.
+pub(super) fn rgb_from_xyz(xyz: Vec3) -> Vec3 {
     // sRGB's matrix, IEC 61966-2-1, by columns.
-    let rgb_from_xyz = glam::Mat3::from_cols(
+    glam::Mat3::from_cols(
         Vec3::new(3.240_454, -0.969_266, 0.055_643),
         Vec3::new(-1.537_139, 1.876_011, -0.204_026),
         Vec3::new(-0.498_531, 0.041_556, 1.057_225),
-    );
-    (rgb_from_xyz * xyz * (solid_angle / LUMINOUS_NM)).max(Vec3::ZERO)
+    ) * xyz
 }
 
 /// Radiance of the sun outside the air at a wavelength in micrometres, W/(m^2 sr nm): Planck's law at 5778 K, times a factor
@@ -150,7 +154,7 @@ fn black_body(um: f32) -> f32 {
 
 /// Colour matching functions of the CIE's observer of 1931, as sums of Gaussians (Wyman et al. 2013, "Simple Analytic
 /// Approximations to the CIE XYZ Color Matching Functions").
-fn observer(nm: f32) -> Vec3 {
+pub(super) fn observer(nm: f32) -> Vec3 {
     let lobe = |height: f32, at: f32, below: f32, above: f32| {
         let t = (nm - at) * if nm < at { below } else { above };
         height * (-0.5 * t * t).exp()

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec3};
 
 /// A triangle mesh: points and triangles, counter-clockwise seen from outside.
 pub(super) type Mesh = (Vec<Vec3>, Vec<[u32; 3]>);
@@ -70,48 +70,43 @@ fn subdivide((mut points, mut faces): Mesh, times: u32) -> Mesh {
     (points, faces)
 }
 
+/// Most corners of a polygon that [`triangulate`] takes: earcut holds its nodes, up to three for a corner, within 2^32 bytes.
+pub(super) const MOST_CORNERS: usize = 1 << 25;
+
 /// Cuts a planar polygon into triangles of the same orientation, as indices into `points`.
 ///
-/// Convex polygons become a fan from their first corner; others lose ears one by one. A polygon that crosses itself
-/// still gives `points.len() - 2` triangles.
-pub(super) fn triangulate(points: &[Vec3]) -> Vec<[usize; 3]> {
-    let n = points.len();
-    if n < 3 {
-        return Vec::new();
+/// Convex polygons become a fan from their first corner; earcut cuts others, which may leave out corners on a straight edge.
+pub(super) fn triangulate(points: &[DVec3]) -> Vec<[u32; 3]> {
+    let all = points.len();
+    if all <= 3 {
+        return if all == 3 { vec![[0, 1, 2]] } else { Vec::new() };
     }
+    // Beside a repeated corner no turn would show that the polygon is concave.
+    let mut corners: Vec<u32> = (0..all).filter(|&i| points[i] != points[(i + 1) % all]).map(|i| i as u32).collect();
+    if corners.len() < 3 {
+        corners = (0..all as u32).collect();
+    }
+    let n = corners.len();
+    let at = |k: usize| points[corners[k % n] as usize];
+    let of_corners = |[a, b, c]: [u32; 3]| [a, b, c].map(|k| corners[k as usize]);
     // Newell's normal, also correct for concave polygons.
-    let normal: Vec3 = (0..n).map(|i| (points[i] - points[0]).cross(points[(i + 1) % n] - points[0])).sum();
-    let corner = |a: usize, b: usize, c: usize| (points[b] - points[a]).cross(points[c] - points[b]).dot(normal);
-    if n == 3 || (0..n).all(|i| corner(i, (i + 1) % n, (i + 2) % n) >= 0.0) {
-        return (1..n - 1).map(|i| [0, i, i + 1]).collect();
+    let normal: DVec3 = (0..n).map(|i| (at(i) - at(0)).cross(at(i + 1) - at(0))).sum();
+    let turns_left = |i: usize| (at(i + 1) - at(i)).cross(at(i + 2) - at(i + 1)).dot(normal) >= 0.0;
+    if n == 3 || (0..n).all(turns_left) {
+        return (1..n as u32 - 1).map(|i| of_corners([0, i, i + 1])).collect();
     }
     let (u, v) = normal.normalize_or_zero().any_orthonormal_pair();
     // any_orthonormal_pair gives u x v = normal, so the projection keeps the orientation.
-    let flat: Vec<Vec2> = points.iter().map(|p| Vec2::new((*p - points[0]).dot(u), (*p - points[0]).dot(v))).collect();
-    let mut rest: Vec<usize> = (0..n).collect();
-    let mut triangles = Vec::with_capacity(n - 2);
-    while rest.len() > 3 {
-        let m = rest.len();
-        let ear = (0..m).find(|&i| {
-            let [a, b, c] = [rest[(i + m - 1) % m], rest[i], rest[(i + 1) % m]];
-            let inside = |p: usize| p != a && p != b && p != c && contains([flat[a], flat[b], flat[c]], flat[p]);
-            (flat[b] - flat[a]).perp_dot(flat[c] - flat[b]) > 0.0 && !rest.iter().any(|&p| inside(p))
-        });
-        let i = ear.unwrap_or(1);
-        triangles.push([rest[(i + m - 1) % m], rest[i], rest[(i + 1) % m]]);
-        rest.remove(i);
-    }
-    triangles.push([rest[0], rest[1], rest[2]]);
-    triangles
-}
-
-fn contains([a, b, c]: [Vec2; 3], p: Vec2) -> bool {
-    let side = |a: Vec2, b: Vec2| (b - a).perp_dot(p - a) >= 0.0;
-    side(a, b) && side(b, c) && side(c, a)
+    let flat = (0..n).map(|i| [(at(i) - at(0)).dot(u), (at(i) - at(0)).dot(v)]);
+    let mut indices: Vec<u32> = Vec::new();
+    earcut::Earcut::new().earcut(flat, &[], &mut indices);
+    indices.as_chunks().0.iter().map(|&triangle| of_corners(triangle)).collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec2;
+
     use super::*;
 
     fn area_and_volume((points, faces): &Mesh) -> (f64, f64) {
@@ -144,31 +139,75 @@ mod tests {
         }
     }
 
+    /// Twice the signed area of each triangle, seen along `normal`.
+    fn areas(points: &[DVec3], normal: DVec3) -> Vec<f64> {
+        let corner = |i: u32| points[i as usize];
+        let twice = |[a, b, c]: [u32; 3]| (corner(b) - corner(a)).cross(corner(c) - corner(a)).dot(normal);
+        triangulate(points).into_iter().map(twice).collect()
+    }
+
     #[test]
     fn concave_polygon_keeps_its_area() {
         // An L of area 3, both ways round and in two planes.
         let l = [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [1.0, 1.0], [1.0, 2.0], [0.0, 2.0]];
         for start in 0..6 {
             for flip in [false, true] {
-                let mut points: Vec<Vec3> = l.iter().map(|p| Vec3::new(p[0], 5.0, p[1])).collect();
+                let mut points: Vec<DVec3> = l.iter().map(|p| DVec3::new(p[0], 5.0, p[1])).collect();
                 points.rotate_left(start);
                 if flip {
                     points.reverse();
                 }
-                let triangles = triangulate(&points);
-                assert_eq!(triangles.len(), 4);
-                let sign = if flip { 1.0 } else { -1.0 };
-                let twice: Vec<f32> =
-                    triangles.iter().map(|&[a, b, c]| (points[b] - points[a]).cross(points[c] - points[a]).y).collect();
-                assert!(twice.iter().all(|t| t * sign >= 0.0), "{twice:?}");
-                assert!((twice.iter().sum::<f32>() * sign - 6.0).abs() < 1e-5);
+                let twice = areas(&points, if flip { DVec3::Y } else { DVec3::NEG_Y });
+                assert_eq!(twice.len(), 4);
+                assert!(twice.iter().all(|&t| t > 0.0), "{twice:?}");
+                assert!((twice.iter().sum::<f64>() - 6.0).abs() < 1e-12);
             }
         }
     }
 
     #[test]
+    fn large_concave_polygons_keep_their_area() {
+        let n = 20_000;
+        // A star, a comb and a spiral, in an oblique plane far from the origin.
+        let angle = |i: usize| std::f64::consts::TAU * i as f64 / n as f64;
+        let star = |i: usize| DVec2::from_angle(angle(i)) * [1.0, 0.5][i % 2];
+        let comb =
+            |i: usize| if i == n - 1 { DVec2::new(0.5, -1.0) } else { DVec2::new(i as f64 / n as f64, (i % 2) as f64) };
+        let spiral = |i: usize| {
+            let (k, radius) = if i <= n / 2 { (i, 1.0) } else { (n - i, 1.01) };
+            DVec2::from_angle(k as f64 * 1e-2) * radius * (1.0 + k as f64 * 1e-4)
+        };
+        let shapes: [&dyn Fn(usize) -> DVec2; 3] = [&star, &comb, &spiral];
+        let normal = DVec3::new(0.6, -0.48, 0.64);
+        let (u, v) = normal.any_orthonormal_pair();
+        for (which, shape) in shapes.into_iter().enumerate() {
+            let flat: Vec<DVec2> = (0..n).map(shape).collect();
+            let twice: f64 = (0..n).map(|i| flat[i].perp_dot(flat[(i + 1) % n])).sum();
+            let far = DVec3::new(1e3, -2e3, 5e2);
+            let points: Vec<DVec3> = flat.iter().map(|p| far + p.x * u + p.y * v).collect();
+            let found = areas(&points, normal * twice.signum());
+            let ratio = found.iter().sum::<f64>() / twice.abs();
+            assert!((ratio - 1.0).abs() < 1e-9, "{which}: {ratio}, {} triangles", found.len());
+            assert!(found.iter().all(|&t| t > -1e-9), "{which}");
+        }
+    }
+
+    #[test]
+    fn any_polygon_is_cut() {
+        // Crossing itself, with repeated and collinear corners, without area.
+        let place = |i: u32, k: u32| f64::from((i * 2_654_435 + k * 40_503 + i * i * 7) % 5);
+        for n in 3..60 {
+            for k in 0..40 {
+                let points: Vec<DVec3> = (0..n).map(|i| DVec3::new(place(i, k), place(i + 31, k + 3), 0.0)).collect();
+                assert!(triangulate(&points).iter().flatten().all(|&c| c < n));
+            }
+        }
+        assert!(triangulate(&[DVec3::ZERO; 7]).len() <= 5);
+    }
+
+    #[test]
     fn convex_polygon_becomes_a_fan() {
-        let quad = [Vec3::ZERO, Vec3::X, Vec3::X + Vec3::Y, Vec3::Y];
+        let quad = [DVec3::ZERO, DVec3::X, DVec3::X + DVec3::Y, DVec3::Y];
         assert_eq!(triangulate(&quad), vec![[0, 1, 2], [0, 2, 3]]);
         assert!(triangulate(&quad[..2]).is_empty());
     }

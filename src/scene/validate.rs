@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use super::{Camera, Light, Material, NamedCamera, Scene};
+use super::{Camera, Light, Material, NamedCamera, Scene, TextureUse};
 use crate::error::{Error, Result};
 
 /// A triangle is degenerate if its height is below this fraction of its longest edge: its normal is then noise.
@@ -16,7 +16,7 @@ impl Scene {
     /// lights and camera in range, at least one triangle and at least one light. Messages name `path`.
     ///
     /// Triangles without area are dropped with a warning. Errors: [`Error::File`] if an invariant is broken, or if a
-    /// triangle without area should emit light.
+    /// triangle without area should emit light of one radiance.
     pub fn validate(&mut self, path: &Path) -> Result<()> {
         self.check_arrays(path)?;
         for material in &self.materials {
@@ -63,6 +63,15 @@ impl Scene {
             );
             return Err(Error::file(path, message));
         }
+        if !self.second_uvs.is_empty() && self.second_uvs.len() != count {
+            let given = self.second_uvs.len();
+            let message = format!("{count} positions and {given} second texture coordinates should be of one number");
+            return Err(Error::file(path, message));
+        }
+        if let Some(v) = self.second_uvs.iter().position(|uv| !uv.is_finite()) {
+            let message = format!("second texture coordinate {} of vertex {v} is not finite", self.second_uvs[v]);
+            return Err(Error::file(path, message));
+        }
         if !self.colors.is_empty() && self.colors.len() != count {
             let message = format!("{count} positions and {} vertex colours should be of one number", self.colors.len());
             return Err(Error::file(path, message));
@@ -101,11 +110,7 @@ impl Scene {
             }
         }
         for m in &self.materials {
-            for texture in [m.base_texture, m.metallic_roughness_texture, m.normal_texture].into_iter().flatten() {
-                if texture as usize >= self.textures.len() {
-                    return Err(Error::file(path, format!("material {:?}: texture {texture} does not exist", m.name)));
-                }
-            }
+            self.check_textures(m).map_err(|message| Error::file(path, format!("material {:?}: {message}", m.name)))?;
         }
         for light in &self.lights {
             if let Light::Sphere { object, .. } = light
@@ -113,6 +118,29 @@ impl Scene {
             {
                 return Err(Error::file(path, format!("sphere light: object {object} does not exist")));
             }
+            if let Light::Sphere { object, .. } = light
+                && self
+                    .triangles
+                    .iter()
+                    .any(|t| t.object == *object && self.materials[t.material as usize].emission_texture.is_some())
+            {
+                let message = "the material of a sphere light has an emission texture; remove that, or the light";
+                return Err(Error::file(path, message));
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks the textures of a material.
+    pub(crate) fn check_textures(&self, material: &Material) -> std::result::Result<(), String> {
+        if let Some(texture) = material.textures().find(|&t| t as usize >= self.textures.len()) {
+            return Err(format!("texture {texture} does not exist"));
+        }
+        if material.second_uvs[TextureUse::Base as usize] {
+            return Err(String::from("its base texture must take the first texture coordinates"));
+        }
+        if material.second_uvs.contains(&true) && self.second_uvs.is_empty() {
+            return Err(String::from("the scene has no second texture coordinates"));
         }
         Ok(())
     }
@@ -128,7 +156,7 @@ impl Scene {
         }
         for (i, t) in self.triangles.iter().enumerate() {
             let material = &self.materials[t.material as usize];
-            if !keep[i] && material.emission.max_element() > 0.0 {
+            if !keep[i] && material.emission.max_element() > 0.0 && material.emission_texture.is_none() {
                 let message = format!(
                     "object {:?}, triangle {i}: a light of zero area cannot emit; remove it, or the emission of \
                      material {:?}",

@@ -6,6 +6,8 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use serde_json::json;
+
 const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell/scene.toml");
 const TURN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell/turn.toml");
 
@@ -131,4 +133,136 @@ fn wrong_paths_are_refused_by_file_line_and_key() {
     let missing = run(folder.path(), &[SCENE, "--path", "none.toml"]);
     assert_eq!(missing.status.code(), Some(1));
     assert!(text(&missing.stderr).contains("none.toml"));
+}
+
+/// A lamp over a floor, and a leaf that a joint turns between 0 and 2 s; the second animation moves the camera.
+fn animated(folder: &Path) {
+    let mut bin: Vec<u8> = Vec::new();
+    let (mut views, mut accessors) = (Vec::new(), Vec::new());
+    let mut add = |bytes: Vec<u8>, component: u32, kind: &str, count: usize| {
+        views.push(json!({ "buffer": 0, "byteOffset": bin.len(), "byteLength": bytes.len() }));
+        accessors
+            .push(json!({ "bufferView": views.len() - 1, "componentType": component, "count": count, "type": kind,
+            "min": [-3, -3, -3], "max": [3, 3, 3] }));
+        if kind != "VEC3" {
+            let accessor = accessors.last_mut().unwrap().as_object_mut().unwrap();
+            (accessor.remove("min"), accessor.remove("max"));
+        }
+        bin.extend(bytes);
+        bin.resize(bin.len().next_multiple_of(4), 0);
+    };
+    let floats = |values: &[f32]| values.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let square = |half: f32, y: f32| floats(&[-half, y, half, half, y, half, half, y, -half, -half, y, -half]);
+    add([0u16, 1, 2, 0, 2, 3].iter().flat_map(|i| i.to_le_bytes()).collect(), 5123, "SCALAR", 6);
+    add(square(3.0, 0.0), 5126, "VEC3", 4);
+    // The lamp looks down: seen from above its corners run clockwise.
+    add(floats(&[-0.5, 3.0, -0.5, 0.5, 3.0, -0.5, 0.5, 3.0, 0.5, -0.5, 3.0, 0.5]), 5126, "VEC3", 4);
+    add(square(0.7, 0.8), 5126, "VEC3", 4);
+    add(vec![0; 16], 5121, "VEC4", 4);
+    add(floats(&[[1.0, 0.0, 0.0, 0.0]; 4].concat()), 5126, "VEC4", 4);
+    add(floats(&[0.0, 2.0]), 5126, "SCALAR", 2);
+    let half = std::f32::consts::FRAC_1_SQRT_2;
+    add(floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, half, half]), 5126, "VEC4", 2);
+    add(floats(&[0.0, 2.0, 5.0, 0.0, 2.0, 4.0]), 5126, "VEC3", 2);
+    let mesh = |positions: u32, material: u32| json!({ "primitives": [{ "attributes": { "POSITION": positions }, "indices": 0, "material": material }] });
+    let mut leaf = mesh(3, 0);
+    leaf["primitives"][0]["attributes"] = json!({ "POSITION": 3, "JOINTS_0": 4, "WEIGHTS_0": 5 });
+    let animation = |name: &str, node: u32, path: &str, output: u32| {
+        json!({ "name": name, "channels": [{ "sampler": 0, "target": { "node": node, "path": path } }],
+            "samplers": [{ "input": 6, "output": output }] })
+    };
+    let document = json!({
+        "asset": { "version": "2.0" }, "scenes": [{ "nodes": [0, 1, 2, 3, 4] }],
+        "nodes": [{ "mesh": 0, "name": "floor" }, { "mesh": 1, "name": "lamp" }, { "mesh": 2, "skin": 0, "name": "leaf" },
+            { "name": "stalk" }, { "camera": 0, "name": "eye", "translation": [0, 2, 5] }],
+        "meshes": [mesh(1, 0), mesh(2, 1), leaf], "skins": [{ "joints": [3] }],
+        "materials": [{ "pbrMetallicRoughness": { "metallicFactor": 0 } }, { "emissiveFactor": [1, 1, 1] }],
+        "cameras": [{ "type": "perspective", "perspective": { "yfov": 0.9, "znear": 0.1 } }],
+        "animations": [animation("turn", 3, "rotation", 7), animation("ride", 4, "translation", 8)],
+        "accessors": accessors, "bufferViews": views, "buffers": [{ "uri": "leaf.bin", "byteLength": bin.len() }],
+    });
+    fs::write(folder.join("leaf.bin"), bin).unwrap();
+    fs::write(folder.join("leaf.gltf"), document.to_string()).unwrap();
+}
+
+fn pixels(folder: &Path, name: &str) -> Vec<u8> {
+    image::open(folder.join(name)).unwrap().into_rgb8().into_raw()
+}
+
+#[test]
+fn a_model_plays_its_animations_and_stands_in_its_poses() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    animated(folder);
+    let more =
+        ["leaf.gltf", "--frames", "3", "-o", "f-%d.png", "--moving-passes", "2", "--timings", "t.json", "--validation"];
+    let said = succeeds(folder, &arguments(&more));
+    assert!(said.contains("3 frames of 2 passes"), "{said}");
+    let times: serde_json::Value = serde_json::from_slice(&fs::read(folder.join("t.json")).unwrap()).unwrap();
+    let at: Vec<f64> = times["frames"].as_array().unwrap().iter().map(|f| f["time"].as_f64().unwrap()).collect();
+    assert_eq!(at, [0.0, 1.0, 2.0]);
+    assert!(pixels(folder, "f-0.png") != pixels(folder, "f-1.png"));
+
+    // A frame is the still image of its time.
+    let still = |more: &[&str], name: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lightsum"));
+        command.args(["render", "leaf.gltf", "--passes", "2", "-o", name]).args(SMALL).args(more).current_dir(folder);
+        if let Ok(device) = std::env::var("LIGHTSUM_DEVICE") {
+            command.args(["--device", &device]);
+        }
+        let output = command.env("XDG_CACHE_HOME", folder.join("cache")).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        pixels(folder, name)
+    };
+    let differ =
+        |a: &[u8], b: &[u8]| a.iter().zip(b).map(|(a, b)| f64::from(a.abs_diff(*b))).sum::<f64>() / a.len() as f64;
+    let rest = still(&[], "rest.png");
+    for (frame, time) in [("f-0.png", "0"), ("f-1.png", "1"), ("f-2.png", "2")] {
+        let (played, posed) = (pixels(folder, frame), still(&["--at", time], "posed.png"));
+        let (same, other) = (differ(&played, &posed), differ(&rest, &posed));
+        println!("{frame}: {same} from its pose, which is {other} from the pose at rest");
+        // The trees differ, so rays within rounding of an edge may hit another triangle.
+        assert!(same < 0.1, "{frame} differs by {same} from its pose");
+        assert!(time == "0" || other > 0.5, "the pose at {time} s is that at rest");
+    }
+    // The camera rides forward, by the other animation, or by both.
+    let near = still(&["--animation", "ride", "--at", "2"], "near.png");
+    assert!(differ(&near, &rest) > 1.0);
+    succeeds(
+        folder,
+        &arguments(&["leaf.gltf", "--animation", "all", "--fps", "0.5", "-o", "b-%d.png", "--moving-passes", "2"]),
+    );
+    let both = still(&["--animation", "all", "--at", "2"], "both.png");
+    assert!(differ(&pixels(folder, "b-1.png"), &both) < 0.1 && !folder.join("b-2.png").exists());
+    // Flags hold the camera. With --frames and --fps the animation starts again: the third frame is the first.
+    let line =
+        ["leaf.gltf", "--animation", "turn", "--frames", "3", "--fps", "1", "--orbit", "10,20", "-o", "h-%d.png"];
+    succeeds(folder, &arguments(&line));
+    assert_eq!(pixels(folder, "h-0.png"), pixels(folder, "h-2.png"));
+    assert!(pixels(folder, "h-0.png") != pixels(folder, "h-1.png"));
+
+    let info =
+        Command::new(env!("CARGO_BIN_EXE_lightsum")).args(["info", "leaf.gltf"]).current_dir(folder).output().unwrap();
+    let said = text(&info.stdout);
+    assert!(said.contains("animation: \"turn\", 2.000 s from 0.000 s") && !said.contains("left out"), "{said}");
+}
+
+#[test]
+fn animations_that_are_not_there_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    animated(folder);
+    for (line, words) in [
+        (&["leaf.gltf", "--animation", "jump"][..], &["--animation", "\"jump\"", "\"turn\", \"ride\""][..]),
+        (&[SCENE], &["--path", "no animation"]),
+        (&[SCENE, "--animation", "turn"], &["--animation", "no animation"]),
+        (&["leaf.gltf", "--path", TURN, "--frames", "3"], &["--frames", "--path"]),
+        (&["leaf.gltf", "--fps", "0"], &["--fps"]),
+        (&["leaf.gltf", "--fps", "1000000"], &["--frames", "1000000"]),
+    ] {
+        let output = run(folder, &arguments(line));
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{line:?}: {message}");
+        assert!(words.iter().all(|word| message.contains(word)), "{line:?}: {message}");
+    }
 }

@@ -2,6 +2,10 @@
 
 mod scene;
 mod scene_gltf;
+mod scene_gltf_animation;
 mod scene_keys;
+mod scene_mitsuba;
+mod scene_obj;
 mod scene_origin;
+mod scene_ply;
 mod transport;

@@ -5,7 +5,7 @@ use glam::{DVec3, Vec2, Vec3};
 use lightsum::accel::{Bvh, Ray};
 use lightsum::light::emitters::{Emitters, uniform_sphere};
 use lightsum::path_trace::{Options, Rng, SpecularPaths, Tracer, camera_direction, camera_ray, render};
-use lightsum::scene::{Camera, Light, Material, Scene, Surface, Triangle};
+use lightsum::scene::{Camera, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
 use std::f32::consts::PI;
 
 mod glass;
@@ -177,6 +177,44 @@ fn irradiance_of_rectangles() {
     let howell = (std::f64::consts::FRAC_PI_4 - (1.0 / h) * (1.0 / h).atan()) / std::f64::consts::TAU;
     assert!((expected - howell).abs() < 1e-9, "{expected} {howell}");
     expect(&b.0, (Vec3::new(-1.0, 1.0, 0.2), Vec3::new(1.0, -1.0, -0.2)), 2, 20_000, 0.5 * expected, 0.0);
+}
+
+/// A lamp of 2 x 2 with one white half, over its middle, and aside by the polygon of that half.
+#[test]
+fn irradiance_of_half_a_lamp() {
+    for width in [2u32, 256] {
+        let mut b = Build::default();
+        let floor = b.material(0.5, 0.0);
+        b.quad(Vec3::new(-20.0, 0.0, -20.0), Vec3::Z * 40.0, Vec3::X * 40.0, floor);
+        let texel = |x: u32| if 2 * x < width { [0, 0, 0, 255] } else { [255; 4] };
+        b.0.textures.push(Texture {
+            name: String::from("half"),
+            width,
+            height: 1,
+            texels: (0..width).map(texel).collect(),
+            srgb: true,
+            wrap: [Wrap::Clamp; 2],
+        });
+        let lamp = b.add(Material {
+            base_color: Vec3::ZERO,
+            emission: Vec3::splat(3.0),
+            emission_texture: Some(0),
+            ..Material::default()
+        });
+        let low = Vec3::new(-1.0, 1.0, -1.0);
+        b.quad(low, Vec3::X * 2.0, Vec3::Z * 2.0, lamp);
+        for (uv, p) in b.0.uvs.iter_mut().zip(&b.0.positions) {
+            *uv = Vec2::new(0.5 + 0.5 * p.x, 0.5 + 0.5 * p.z);
+        }
+        let eye = Vec3::new(3.0, 0.5, 2.0);
+        expect(&b.0, (eye, -eye), 2, 40_000, 0.5 * 0.5 * 3.0 * 0.5541264240, 0.0);
+        if width > 2 {
+            let corners = [Vec3::Y - Vec3::Z, Vec3::ONE - Vec3::Z * 2.0, Vec3::ONE, Vec3::Y + Vec3::Z];
+            let target = Vec3::new(-0.7, 0.0, 0.4);
+            let expected = 0.5 * 3.0 / std::f64::consts::PI * polygon_irradiance(target, Vec3::Y, &corners);
+            expect(&b.0, (eye, target - eye), 2, 40_000, expected, 2e-3);
+        }
+    }
 }
 
 #[test]

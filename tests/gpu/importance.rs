@@ -147,7 +147,7 @@ fn particles_start_by_the_distribution_of_importance() {
             let mut tally = Tally::new(format!("walk_start by contribution, {count} particles, {size:?}"));
             let mut started = vec![0.0f32; emitters.list.len()];
             for i in 0..count as u32 {
-                let (light, ..) = walk_start::reference(&rig.parameters, &emitters, i);
+                let (light, ..) = walk_start::reference(&rig.parameters, (&emitters, &rig.scene.textures), i);
                 let found = &lights[(first + i) as usize];
                 // Points on discs and spheres are placed by sine and cosine.
                 tally.check_values(same_light(found, &light, SINE * 10.0), &of_lights(found, &light), || {

@@ -10,6 +10,7 @@ mod devices;
 mod discontinuity;
 mod edges;
 mod embed;
+mod emission_textures;
 mod environment;
 mod far_scenes;
 mod frosted_panes;

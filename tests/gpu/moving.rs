@@ -70,7 +70,7 @@ fn settings_with(engine: &mut Engine, change: impl Fn(&mut Settings)) {
 type Edit = fn(&mut Engine);
 
 /// Every kind of edit.
-const EDITS: [(&str, Edit); 29] = [
+const EDITS: [(&str, Edit); 30] = [
     ("an object moves", |e| {
         let turn = Quat::from_rotation_y(0.3);
         let to = Affine3A::from_rotation_translation(turn, Vec3::new(-60.0, 20.0, 30.0));
@@ -92,6 +92,17 @@ const EDITS: [(&str, Edit); 29] = [
         let leaned: Vec<Vec3> = original.positions[range].iter().map(|p| *p + Vec3::X * (0.3 * p.y)).collect();
         assert_eq!(leaned.len(), used.len());
         e.set_vertices(own, &leaned, None).unwrap();
+    }),
+    ("faces of an object lose their area", |e| {
+        let own = object(e, "short_block");
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell/scene.toml");
+        let mut original = scene::load(path.as_ref()).unwrap();
+        let range = original.separate_objects()[own as usize].clone();
+        let mut positions = original.positions[range].to_vec();
+        let half = positions.len() / 2;
+        let to = positions[0];
+        positions[..half].fill(to);
+        e.set_vertices(own, &positions, None).unwrap();
     }),
     ("an emitter moves", |e| {
         e.set_transform(object(e, "light"), Affine3A::from_translation(Vec3::new(40.0, -100.0, 60.0))).unwrap();
@@ -326,7 +337,13 @@ fn refused_edits_name_what_is_wrong_and_change_nothing() {
         let count = scene::load(concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell/scene.toml").as_ref())
             .map(|mut scene| scene.separate_objects()[block as usize].len())
             .unwrap();
-        assert!(message(engine.set_vertices(block, &vec![Vec3::ONE; count], None)).contains("no area"));
+        let light = object(&engine, "light");
+        let corners = engine.scene().map(|scene| scene.vertices_of_objects()[light as usize].len()).unwrap();
+        let refusal = message(engine.set_vertices(light, &vec![Vec3::ONE; corners], None));
+        assert!(refusal.contains("\"light\"") && refusal.contains("no area"), "{refusal}");
+        // Vertices that are not finite, of as many as there are.
+        let refusal = message(engine.set_vertices(block, &vec![Vec3::NAN; count], None));
+        assert!(refusal.contains("\"tall_block\"") && refusal.contains("vertex"), "{refusal}");
 
         let red = material(&engine, "red");
         let old = engine.scene().unwrap().materials[red as usize].clone();

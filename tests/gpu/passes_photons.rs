@@ -87,8 +87,13 @@ fn check_start(rig: &Rig, what: &str, sine: f32) -> usize {
     let sums = check_weights(rig, what, &lights);
     let mut from_lights = 0;
     for i in 0..p.count as usize {
-        let oracle =
-            photon_start::reference(&rig.parameters, rig.engine.emitters(), (&lights, &sums), targets, i as u32);
+        let oracle = photon_start::reference(
+            &rig.parameters,
+            (rig.engine.emitters(), &rig.scene.textures),
+            (&lights, &sums),
+            targets,
+            i as u32,
+        );
         let (ray, flux) = (ray_of(state.origin[i], state.direction[i]), state.flux[i]);
         let same = match oracle {
             None => ray.t_max == 0.0 && flux.truncate() == Vec3::ZERO,
@@ -338,7 +343,7 @@ fn photons_from_an_environment_follow_their_oracles() {
         let scene = gallery_outdoors();
         let sine = sine_error(ctx, &scene);
         let settings = Settings {
-            photons: 2039,
+            photons: 8191,
             particles: 4,
             max_specular: 5,
             mirror_lights: 0,

@@ -113,7 +113,7 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
     let mut kinds = Vec::new();
     let direct = plan.survivors[0] * classes;
     for i in 0..rig.engine.plan().settings.particles() {
-        let (light, ray, flux) = walk_start::reference(p, rig.engine.emitters(), i);
+        let (light, ray, flux) = walk_start::reference(p, (rig.engine.emitters(), &rig.scene.textures), i);
         let n = i as usize;
         let emitters = rig.engine.emitters();
         // Points on discs and spheres are placed by sine and cosine.
@@ -368,7 +368,7 @@ fn walk(rig: &Rig) -> Vec<PointLight> {
     let mut lights = of_class.repeat(classes as usize);
     let slot = |i: u32, j: usize| walk_start::light_slot(p, i, plan.first_slot(j)) as usize;
     for i in 0..rig.engine.plan().settings.particles() {
-        let (light, mut ray, mut flux) = walk_start::reference(p, rig.engine.emitters(), i);
+        let (light, mut ray, mut flux) = walk_start::reference(p, (rig.engine.emitters(), &rig.scene.textures), i);
         if i < plan.survivors[0] * classes {
             lights[slot(i, 0)] = light;
         }

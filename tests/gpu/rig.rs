@@ -15,7 +15,9 @@ use lightsum::gpu::{Buffer, Context, Recorder, Resources, Staging, download};
 use lightsum::pass::clusters::NO_POINT;
 use lightsum::pass::eye_paths::Plane;
 use lightsum::pass::{Kit, List, ShadingPoints, layout, trace, walk_start};
-use lightsum::scene::{Alpha, Camera, Environment, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
+use lightsum::scene::{
+    Alpha, Camera, Environment, Light, Material, Scene, Surface, Texture, TextureUse, Triangle, Wrap,
+};
 use lightsum::settings::{Settings, Traversal};
 use lightsum::stage::{Compensation, Stage};
 use lightsum::superposition::kernels::KernelLibrary;
@@ -214,7 +216,8 @@ pub fn sine_error(ctx: &Context, scene: &Scene) -> f32 {
     rig.run(|frame, rec| frame.walk.record_start(rec));
     let directions = rig.vec4s(&rig.frame().walk.particles.direction);
     let error = |i: usize| {
-        let (_, ray, _) = walk_start::reference(&rig.parameters, rig.engine.emitters(), i as u32);
+        let (_, ray, _) =
+            walk_start::reference(&rig.parameters, (rig.engine.emitters(), &rig.scene.textures), i as u32);
         (directions[i].truncate() - ray.direction).length()
     };
     let worst = (0..directions.len()).map(error).fold(1e-6, f32::max);
@@ -564,8 +567,14 @@ fn gallery_and(more: impl FnOnce(&mut Builder)) -> Scene {
     for (i, texel) in b.0.textures[bumps as usize].texels.iter_mut().enumerate() {
         *texel = [128 + 25 * (i % 3) as u8, 168 - 20 * (i / 3) as u8, 235, 255];
     }
-    let cloth =
-        b.material(Material { base_texture: Some(clamp), normal_texture: Some(bumps), normal_scale: 0.8, ..plain() });
+    let second_uvs = |of: TextureUse| [0, 1, 2, 3].map(|k| k == of as usize);
+    let cloth = b.material(Material {
+        base_texture: Some(clamp),
+        normal_texture: Some(bumps),
+        normal_scale: 0.8,
+        second_uvs: second_uvs(TextureUse::Normal),
+        ..plain()
+    });
     let paint =
         b.material(Material { base_texture: Some(mirrored), specular: Vec3::splat(0.04), roughness: 0.5, ..plain() });
     let metal = b.material(Material {
@@ -573,6 +582,7 @@ fn gallery_and(more: impl FnOnce(&mut Builder)) -> Scene {
         metallic: 0.9,
         roughness: 0.8,
         metallic_roughness_texture: Some(rough),
+        second_uvs: second_uvs(TextureUse::MetallicRoughness),
         specular: Vec3::splat(0.04),
         ..plain()
     });
@@ -600,6 +610,24 @@ fn gallery_and(more: impl FnOnce(&mut Builder)) -> Scene {
     let water = b.material(glass(1.33, false));
     let lamp = b.material(Material { emission: rgb(3.0, 2.5, 2.0), base_color: Vec3::ZERO, ..plain() });
     let sheet = b.material(Material { emission: rgb(0.4, 0.6, 0.8), two_sided: true, ..plain() });
+    // Lights behind stained glass, half of it black.
+    let stained = b.texture(true, [Wrap::Repeat, Wrap::Mirror]);
+    for (i, texel) in b.0.textures[stained as usize].texels.iter_mut().enumerate() {
+        *texel = if i % 2 == 0 { [0, 0, 0, 255] } else { [60 + 19 * (i as u8 % 7), 200, 255 - 20 * i as u8, 255] };
+    }
+    let window = b.material(Material {
+        emission: rgb(1.5, 1.2, 2.0),
+        emission_texture: Some(stained),
+        base_texture: Some(repeat),
+        ..plain()
+    });
+    let banner = b.material(Material {
+        emission: rgb(0.5, 0.9, 0.4),
+        emission_texture: Some(stained),
+        second_uvs: second_uvs(TextureUse::Emission),
+        two_sided: true,
+        ..plain()
+    });
     let glow = b.material(Material { emission: rgb(2.0, 1.0, 0.5), base_color: Vec3::ZERO, ..plain() });
 
     let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
@@ -620,10 +648,13 @@ fn gallery_and(more: impl FnOnce(&mut Builder)) -> Scene {
     b.quad(rgb(-0.5, 2.15, -0.5), x, z * 0.8, lamp, 1.0);
     b.triangle([rgb(1.2, 2.1, 1.0), rgb(1.8, 2.1, 1.0), rgb(1.5, 2.1, 1.6)], lamp);
     b.triangle([rgb(-1.0, 2.0, 1.2), rgb(-0.6, 1.7, 1.5), rgb(-1.1, 1.5, 1.4)], sheet);
+    b.quad(rgb(1.95, 1.2, -0.2), z, y * 0.7, window, 2.0);
+    b.triangle([rgb(0.4, 2.0, -0.4), rgb(0.9, 1.8, -0.2), rgb(0.6, 1.5, -0.3)], banner);
     listed_lights(&mut b, glow);
     more(&mut b);
     // Codes of colours are exact for these.
     let color = |i: usize| Vec3::from_array([i % 3, i % 5, i % 7].map(|k| ((1023 - 60 * k) as f32 / 1023.0).powi(2)));
+    b.0.second_uvs = b.0.uvs.iter().map(|uv| Vec2::new(0.3 - uv.y, 1.7 * uv.x + 0.1)).collect();
     b.0.colors = (0..b.0.positions.len()).map(color).collect();
     b.finish(rgb(0.1, 1.2, -2.6), rgb(0.0, 0.9, 1.0))
 }

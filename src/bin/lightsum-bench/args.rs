@@ -62,7 +62,7 @@ pub struct Common {
 /// Flags of `frame`. Flags of settings can be repeated, or take a list with commas: every combination is measured.
 #[derive(Clone, Debug, Args)]
 pub struct Frame {
-    /// Scene description (.toml), model (.obj, .gltf, .glb), or room:N for a generated room of about N triangles.
+    /// Scene description (.toml), model (.obj, .ply, .gltf, .glb, .xml), or room:N for a generated room of about N triangles.
     #[arg(long = "scene", value_name = "SCENE", default_values = ["scenes/cornell/scene.toml", "room:140000"])]
     pub scenes: Vec<String>,
     #[command(flatten)]
@@ -101,7 +101,7 @@ pub struct Frame {
 /// Flags of `edits`.
 #[derive(Clone, Debug, Args)]
 pub struct Edits {
-    /// Scene description (.toml), model (.obj, .gltf, .glb), or room:N for a generated room of about N triangles.
+    /// Scene description (.toml), model (.obj, .ply, .gltf, .glb, .xml), or room:N for a generated room of about N triangles.
     #[arg(long = "scene", value_name = "SCENE", default_values = ["room:12000", "room:1200000"])]
     pub scenes: Vec<String>,
     #[command(flatten)]
@@ -129,7 +129,7 @@ pub struct Convolve {
 /// Flags of `shadow-rays`.
 #[derive(Clone, Debug, Args)]
 pub struct ShadowRays {
-    /// Scene description (.toml), model (.obj, .gltf, .glb), or room:N for a generated room of about N triangles.
+    /// Scene description (.toml), model (.obj, .ply, .gltf, .glb, .xml), or room:N for a generated room of about N triangles.
     #[arg(long = "scene", value_name = "SCENE", default_value = "room:140000")]
     pub scenes: Vec<String>,
     #[command(flatten)]
@@ -193,7 +193,7 @@ pub enum Series {
 /// Flags of `startup`.
 #[derive(Clone, Debug, Args)]
 pub struct Startup {
-    /// Scene description (.toml), model (.obj, .gltf, .glb), or room:N for a generated room of about N triangles.
+    /// Scene description (.toml), model (.obj, .ply, .gltf, .glb, .xml), or room:N for a generated room of about N triangles.
     #[arg(long = "scene", value_name = "SCENE", default_values = ["scenes/cornell/scene.toml", "room:140000"])]
     pub scenes: Vec<String>,
     #[command(flatten)]

@@ -1,4 +1,5 @@
-//! `lightsum animate`: loads a scene once and renders frames with a moving camera and moving objects.
+//! `lightsum animate`: loads a scene once and renders frames with a moving camera and moving objects, by a recorded path, by an
+//! animation of the model, or by both.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -12,8 +13,9 @@ use lightsum::standalone::{RenderOptions, Renderer};
 use lightsum::{Error, Result};
 use serde_json::{Value, json};
 
-use crate::args::{self, Animate};
+use crate::args::Animate;
 use crate::path::Motion;
+use crate::play::Play;
 use crate::progress::{Progress, duration};
 use crate::render::{Job, metadata, pipeline_cache, settings, watch_for_interrupt};
 use crate::{camera, say, say_aside};
@@ -63,9 +65,21 @@ pub fn run(args: &Animate) -> Result<()> {
 
     let start = Instant::now();
     let scene = scene::load_with(&args.scene, args.reading.photometric())?;
-    let no_flags = args::Camera::default();
-    let still = camera::choose(&scene, &no_flags, args.resolution)?;
-    let motion = Motion::load(&args.path, &scene, still)?;
+    let mut play = match (&args.path, &args.play.animation) {
+        (Some(_), None) => None,
+        (None, None) => Some(Play::new(&scene, None, "--path")?),
+        (_, Some(name)) => Some(Play::new(&scene, Some(name), "--animation")?),
+    };
+    if let Some(play) = &mut play {
+        // A model that is framed is framed as the animation begins.
+        play.advance(play.start());
+    }
+    let still = camera::choose(play.as_ref().map_or(&scene, Play::scene), &args.camera, args.resolution)?;
+    let motion = match (&args.path, &play) {
+        (Some(path), _) => Motion::load(path, &scene, still)?,
+        (None, Some(play)) => Motion::still(play.times(args.play.frames, args.play.fps)?),
+        (None, None) => Motion::still(Vec::new()),
+    };
     let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
     let settings = Settings { moving_passes: args.moving_passes.unwrap_or(settings.moving_passes), ..settings };
     settings.validate()?;
@@ -101,9 +115,20 @@ pub fn run(args: &Animate) -> Result<()> {
         if interrupted.load(Ordering::Relaxed) {
             break;
         }
-        job.camera = motion.camera(time).unwrap_or(still);
         let edit = Instant::now();
-        place(&mut renderer, &motion, time, &job).map_err(|error| in_path(&args.path, error))?;
+        job.camera = motion.camera(time).unwrap_or(still);
+        if let Some(play) = &mut play {
+            play.advance(time);
+            if motion.camera(time).is_none() {
+                job.camera = camera::follow(play.camera(args.camera.camera.as_deref()), still, &args.camera);
+            }
+            play.place(renderer.engine_mut()).map_err(|error| in_model(&args.scene, time, error))?;
+        }
+        let placed = place(&mut renderer, &motion, time, &job);
+        placed.map_err(|error| match &args.path {
+            Some(path) => in_path(path, error),
+            None => in_model(&args.scene, time, error.1),
+        })?;
         let edit = edit.elapsed().as_secs_f64();
         let mut frame = render_frame(&mut renderer, job.settings.moving_passes)?;
         let write = Instant::now();
@@ -154,6 +179,14 @@ fn place(renderer: &mut Renderer, motion: &Motion, time: f64, job: &Job) -> Resu
         }
     }
     engine.apply_edits().map_err(|error| (None, error))
+}
+
+/// Attributes an error in the scene at some time of an animation to the model.
+fn in_model(model: &Path, time: f64, error: Error) -> Error {
+    match error {
+        Error::Scene(message) => Error::file(model, format!("at {time} s of its animation: {message}")),
+        error => error,
+    }
 }
 
 /// Attributes an error in the scene at some time to the path file.

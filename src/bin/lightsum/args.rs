@@ -2,6 +2,7 @@
 
 mod bake;
 mod camera;
+mod play;
 mod reading;
 mod superposition;
 mod values;
@@ -18,6 +19,7 @@ use std::time::Duration;
 
 pub use bake::Bake;
 pub use camera::Camera;
+pub use play::{Play, Pose};
 pub use reading::Reading;
 pub use superposition::Glossy;
 pub use values::check_resolution;
@@ -48,7 +50,7 @@ pub enum Command {
     ///
     /// A flag overrides the key of the same name in the scene file's [render] section, which overrides the default.
     Render(Box<Render>),
-    /// Play a recorded path of camera and objects, and write its frames, their timings, or both.
+    /// Play the animation of a model, or a recorded path of camera and objects, and write the frames, their timings, or both.
     ///
     /// The scene is loaded once; each frame updates only the objects that move. Frames without changes accumulate.
     Animate(Box<Animate>),
@@ -64,7 +66,7 @@ pub enum Command {
 /// Flags of `info`.
 #[derive(Debug, Args)]
 pub struct Info {
-    /// Scene description (.toml) or bare model (.obj, .gltf, .glb).
+    /// Scene description (.toml) or bare model (.obj, .ply, .gltf, .glb, .xml).
     #[arg(value_name = "SCENE")]
     pub scene: PathBuf,
     /// Print one JSON object.
@@ -77,12 +79,14 @@ pub struct Info {
 /// Flags of `animate`.
 #[derive(Debug, Args)]
 pub struct Animate {
-    /// Scene description (.toml) or bare model (.obj, .gltf, .glb).
+    /// Scene description (.toml) or bare model (.obj, .ply, .gltf, .glb, .xml).
     #[arg(value_name = "SCENE")]
     pub scene: PathBuf,
     /// Path file (.toml): frames, and keyframes of camera and objects. See the README for its format.
+    ///
+    /// Without it the model plays an animation of its own.
     #[arg(long, value_name = "FILE.toml")]
-    pub path: PathBuf,
+    pub path: Option<PathBuf>,
     /// Images to write (.exr or .png), with %d or %04d for the frame number. Without it no image is written.
     #[arg(short, long, value_name = "PATTERN", value_parser = PathBufValueParser::new().try_map(image_path))]
     pub output: Option<PathBuf>,
@@ -102,6 +106,10 @@ pub struct Animate {
     #[arg(long, value_name = "CURVE", value_enum, default_value = "srgb")]
     pub tonemap: Curve,
     #[command(flatten)]
+    pub play: Play,
+    #[command(flatten)]
+    pub camera: Camera,
+    #[command(flatten)]
     pub reading: Reading,
     #[command(flatten)]
     pub light: Light,
@@ -114,7 +122,7 @@ pub struct Animate {
 /// Flags of `render`.
 #[derive(Debug, Args)]
 pub struct Render {
-    /// Scene description (.toml) or bare model (.obj, .gltf, .glb).
+    /// Scene description (.toml) or bare model (.obj, .ply, .gltf, .glb, .xml).
     #[arg(value_name = "SCENE", required_unless_present = "list_devices")]
     pub scene: Option<PathBuf>,
     /// List the Vulkan devices with their indices, then exit.
@@ -125,6 +133,8 @@ pub struct Render {
     pub output: Output,
     #[command(flatten)]
     pub stop: Stop,
+    #[command(flatten)]
+    pub pose: Pose,
     #[command(flatten)]
     pub reading: Reading,
     #[command(flatten)]

@@ -14,6 +14,7 @@ use lightsum::{Error, Result, scene};
 
 use crate::args;
 use crate::checkpoint::Checkpoints;
+use crate::play;
 use crate::progress::{Progress, duration};
 use crate::render::{SOFTWARE, pipeline_cache, settings, watch_for_interrupt};
 use crate::stop::{Stop, error_is_due};
@@ -22,7 +23,8 @@ use crate::{say, say_aside};
 /// Runs the command.
 pub fn run(args: &args::Bake) -> Result<()> {
     output::check_writable(&args.output)?;
-    let scene = scene::load_with(&args.scene, args.reading.photometric())?;
+    let mut scene = scene::load_with(&args.scene, args.reading.photometric())?;
+    play::pose(&mut scene, &args.scene, args.pose.animation.as_deref(), args.pose.at)?;
     let settings = bake_settings(args, &scene);
     settings.validate()?;
     args.options().validate()?;

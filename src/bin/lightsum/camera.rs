@@ -38,6 +38,15 @@ pub fn choose(scene: &Scene, flags: &args::Camera, resolution: Option<[u32; 2]>)
     Ok(camera)
 }
 
+/// The camera `still`, moved to where the file's own camera is now, unless flags hold it.
+pub fn follow(own: Option<Camera>, still: Camera, flags: &args::Camera) -> Camera {
+    let held = flags.orbit.is_some() || flags.eye.is_some() || flags.target.is_some() || flags.up.is_some();
+    match own {
+        Some(own) if !held => Camera { eye: own.eye, target: own.target, up: own.up, ..still },
+        _ => still,
+    }
+}
+
 /// A camera of the scene's file.
 fn by_name(scene: &Scene, name: &str) -> Result<Camera> {
     let found = scene.cameras.iter().find(|named| named.name == name);

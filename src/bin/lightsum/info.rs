@@ -33,6 +33,10 @@ pub fn run(args: &args::Info) -> Result<()> {
     if summary.cameras.len() > 1 {
         say(&format!("cameras by name: {}", summary.cameras.join(", ")));
     }
+    for animation in &summary.animations {
+        let [start, end] = animation.span;
+        say(&format!("animation: {:?}, {:.3} s from {start:.3} s", animation.name, end - start));
+    }
     say(&format!("lights: {}", watts(summary.power)));
     for light in &summary.lights {
         say(&format!("  {}: {}, {}", light.name, light.count, watts(light.power)));

@@ -1,4 +1,5 @@
-//! The command line: `lightsum render SCENE -o IMAGE`, `lightsum bake SCENE -o MODEL.glb`, `lightsum animate SCENE --path FILE -o FRAME-%04d.png`.
+//! The command line: `lightsum render SCENE -o IMAGE`, `lightsum bake SCENE -o MODEL.glb`, `lightsum animate SCENE -o FRAME-%04d.png`,
+//! `lightsum info SCENE`.
 //!
 //! Exit codes: 0 done, 1 failed, 2 wrong use. Progress, warnings and errors go to standard error; requested output and
 //! the line that names the files written go to standard output.
@@ -12,6 +13,7 @@ mod camera;
 mod checkpoint;
 mod info;
 mod path;
+mod play;
 mod progress;
 mod reference;
 mod render;

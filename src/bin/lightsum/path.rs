@@ -108,6 +108,11 @@ struct Pose {
 }
 
 impl Motion {
+    /// No motion, at these times.
+    pub fn still(times: Vec<f64>) -> Motion {
+        Motion { times, camera: Vec::new(), objects: Vec::new() }
+    }
+
     /// Reads a path for a scene seen by `camera`. Errors name the file, the line and the key.
     pub fn load(path: &Path, scene: &Scene, camera: Camera) -> Result<Motion> {
         let text = lightsum::input::read_text(path)?;

@@ -4,7 +4,7 @@ use crate::args::{Device, FilterFlag, Glossy, Light, Preset, Render};
 use crate::checkpoint::Checkpoints;
 use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due};
-use crate::{camera, reference, say, say_aside};
+use crate::{camera, play, reference, say, say_aside};
 use glam::DVec3;
 use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics, Wanted};
 use lightsum::pass::layout::PointLight;
@@ -47,6 +47,7 @@ pub fn run(args: &Render) -> Result<()> {
 
     let start = Instant::now();
     let mut scene = scene::load_with(path, args.reading.photometric())?;
+    play::pose(&mut scene, path, args.pose.animation.as_deref(), args.pose.at)?;
     if let Some(kept) = &args.output.light_from {
         scene.kept_light = Some(Arc::new(lightsum::bake::files::read(kept, &scene)?));
     }

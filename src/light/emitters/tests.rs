@@ -36,7 +36,7 @@ fn parallelograms_become_quads() {
             assert_eq!(e.of_triangle, [0, 0]);
             assert!((e.power - Vec3::new(1.0, 2.0, 3.0) * 2.0 * PI).length() < 1e-5);
             for i in 0..64 {
-                let p = e.sample_start(halton(0, i), halton(1, i), 0.0).position;
+                let p = e.sample_start(&[], halton(0, i), halton(1, i), 0.0).position;
                 assert!(p.x >= 0.0 && p.x <= 2.0 && p.y >= 0.0 && p.y <= 1.0 && p.z == 0.0, "{p}");
             }
         }
@@ -85,7 +85,7 @@ fn triangles_are_sampled_uniformly() {
     let mut mean = Vec3::ZERO;
     let mut square = 0.0;
     for i in 0..n {
-        let p = e.sample_start(halton(0, i), halton(1, i), 0.0).position;
+        let p = e.sample_start(&[], halton(0, i), halton(1, i), 0.0).position;
         mean += p / n as f32;
         square += (p - (a + b + c) / 3.0).length_squared() / n as f32;
     }
@@ -112,7 +112,7 @@ fn choice_is_by_power_and_stretches_the_number() {
         assert!(expected[index as usize] > 0.0);
         let lower = [0.0, 0.125, 0.125, 0.5, 1.0][index as usize];
         assert!((stretched - (u - lower) / expected[index as usize]).abs() < 1e-5);
-        flux += e.sample_start(u, 0.5, 0.5).flux / n as f32;
+        flux += e.sample_start(&[], u, 0.5, 0.5).flux / n as f32;
     }
     assert!((flux - e.power).length() < 1e-3 * e.power.length(), "{flux} for {}", e.power);
     let (_, stretched) = e.choose(ONE_MINUS_EPSILON);
@@ -137,8 +137,8 @@ fn many_emitters_share_the_unit_interval() {
 fn two_sided_emitters_use_both_sides() {
     let e = Emitters::of(&scene(square(), &[([0, 1, 2], 2)], vec![]), true).unwrap();
     assert!((e.power.x - 2.0 * PI).abs() < 1e-5);
-    assert_eq!(e.sample_start(0.5, 0.5, 0.2).normal, -Vec3::Z);
-    assert_eq!(e.sample_start(0.5, 0.5, 0.7).normal, Vec3::Z);
+    assert_eq!(e.sample_start(&[], 0.5, 0.5, 0.2).normal, -Vec3::Z);
+    assert_eq!(e.sample_start(&[], 0.5, 0.5, 0.7).normal, Vec3::Z);
 }
 
 #[test]
@@ -163,7 +163,7 @@ fn spots_follow_their_falloff() {
             moment += f * f64::from(cos);
         }
         assert!((f64::from(e.power.x) - power).abs() < 1e-3 * power, "{} for {power}", e.power.x);
-        let start = e.sample_start(0.1, 0.2, 0.0);
+        let start = e.sample_start(&[], 0.1, 0.2, 0.0);
         let mut cosines = 0.0;
         for i in 0..4096 {
             let w = e.sample_direction(&start, [halton(0, i), halton(1, i)]);
@@ -188,7 +188,7 @@ fn directional_light_covers_the_scene() {
         assert!(from_axis <= radius * 1.000_01 && (p - disc.p0).dot(direction) >= -1e-5);
     }
     assert!((disc.power.x - 3.0 * PI * radius * radius).abs() < 1e-3);
-    let start = e.sample_start(0.3, 0.4, 0.0);
+    let start = e.sample_start(&[], 0.3, 0.4, 0.0);
     assert_eq!(e.sample_direction(&start, [0.1, 0.9]), direction);
     assert!((start.position - disc.p0).dot(direction).abs() < 1e-5);
 }
@@ -207,7 +207,7 @@ fn spheres_own_their_triangles() {
         // The octahedron's faces are at 0.5 / sqrt 3 from the centre.
         let start = if inward { 0.5 / 3f32.sqrt() } else { 0.5 };
         for i in 0..32 {
-            let s = e.sample_start(halton(0, i), halton(1, i), 0.0);
+            let s = e.sample_start(&[], halton(0, i), halton(1, i), 0.0);
             let outward = s.position - Vec3::ONE;
             assert!((outward.length() - start).abs() < 1e-5);
             assert!((s.normal.dot(outward.normalize()) - if inward { -1.0 } else { 1.0 }).abs() < 1e-5);
@@ -247,11 +247,11 @@ fn records_hold_the_same() {
     let light = Light::Point { position: Vec3::X, intensity: Vec3::ONE };
     let e = Emitters::of(&scene(square(), &[([0, 1, 2], 2)], vec![light]), true).unwrap();
     let records = e.records();
-    assert_eq!(std::mem::size_of::<EmitterRecord>(), 96);
+    assert_eq!(std::mem::size_of::<EmitterRecord>(), 128);
     assert_eq!(records[0].p0, [1.0, 0.0, 0.0, f32::from_bits(Kind::Point as u32)]);
     assert_eq!(records[1].e2[3].to_bits(), FLAG_TWO_SIDED);
     assert_eq!((records[1].normal[3], records[1].radiance[3]), (e.list[1].probability, 1.0));
-    assert_eq!(records[1].flux[0], e.sample_start(0.99, 0.0, 0.0).flux.x);
+    assert_eq!(records[1].flux[0], e.sample_start(&[], 0.99, 0.0, 0.0).flux.x);
 }
 
 #[test]

@@ -72,7 +72,7 @@ fn arriving(scene: &Scene, count: u32) -> f32 {
     let targets = Targets::of(scene, &bvh);
     let sum: f64 = (0..count)
         .filter_map(|i| {
-            let start = emitters.sample_start(halton(2, i), halton(3, i), 1.0);
+            let start = emitters.sample_start(&[], halton(2, i), halton(3, i), 1.0);
             let origin = offset_origin(start.position, start.normal, 1.0);
             let shot = targets.shoot(&emitters, &start, origin, halton(4, i), [halton(0, i), halton(1, i)])?;
             let hit = bvh.closest(&Ray::new(shot.origin, shot.direction))?;
@@ -146,7 +146,7 @@ fn a_long_body_is_divided_and_gets_the_same_flux() {
     let scene = squares(&middles, vec![Light::Point { position: far, intensity: Vec3::splat(3.0) }]);
     let bvh = Bvh::build(&scene).unwrap();
     let (emitters, targets) = (Emitters::of(&scene, true).unwrap(), Targets::of(&scene, &bvh));
-    let start = emitters.sample_start(0.5, 0.5, 1.0);
+    let start = emitters.sample_start(&[], 0.5, 0.5, 1.0);
     let meets = |i: u32| {
         let shot = targets.shoot(&emitters, &start, far, halton(4, i), [halton(0, i), halton(1, i)]).unwrap();
         bvh.closest(&Ray::new(far, shot.direction)).is_some_and(|hit| targets.meets(shot.aim, hit.triangle))

@@ -9,7 +9,7 @@ use lightsum::bake::{self, Options};
 use lightsum::settings::Exposure;
 
 use super::values::{exposure, positive};
-use super::{Curve, Device, Light, Reading, Stop};
+use super::{Curve, Device, Light, Pose, Reading, Stop};
 
 fn model_path(path: PathBuf) -> Result<PathBuf, &'static str> {
     let fits = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb"));
@@ -19,7 +19,7 @@ fn model_path(path: PathBuf) -> Result<PathBuf, &'static str> {
 /// Flags of `bake`.
 #[derive(Debug, Args)]
 pub struct Bake {
-    /// Scene description (.toml) or bare model (.obj, .gltf, .glb).
+    /// Scene description (.toml) or bare model (.obj, .ply, .gltf, .glb, .xml).
     #[arg(value_name = "SCENE")]
     pub scene: PathBuf,
     /// Model to write (.glb), with its light maps (.exr) beside it.
@@ -51,6 +51,8 @@ pub struct Bake {
     pub tonemap: Curve,
     #[command(flatten)]
     pub stop: Stop,
+    #[command(flatten)]
+    pub pose: Pose,
     #[command(flatten)]
     pub reading: Reading,
     #[command(flatten)]

@@ -128,6 +128,16 @@ pub(super) fn checkpoint(text: &str) -> Result<CheckpointFlag, String> {
     }
 }
 
+/// A time that may be 0 or negative, seconds.
+pub(super) fn moment(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|t: &f64| t.is_finite()).ok_or_else(|| "expected a number of seconds".into())
+}
+
+/// A number per second.
+pub(super) fn rate(text: &str) -> Result<f64, String> {
+    number(text, |v| (1e-3..=1e6).contains(&v), "a number from 0.001 to 1000000").map(f64::from)
+}
+
 pub(super) fn seconds(text: &str) -> Result<Duration, String> {
     let duration = text.parse().ok().and_then(|s| Duration::try_from_secs_f64(s).ok()).filter(|d| !d.is_zero());
     duration.ok_or_else(|| "expected a number of seconds above 0".into())
