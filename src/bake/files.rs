@@ -397,7 +397,6 @@ fn primitive(
         let normal = |&(v, back, _): &(u32, bool, Vec2)| scene.normals[v as usize] * if back { -1.0 } else { 1.0 };
         attributes["NORMAL"] = json!(add(vertices.iter().flat_map(|v| normal(v).to_array()).collect(), float3()));
     }
-    let places = || vertices.iter().flat_map(|(.., place)| place.to_array()).collect::<Vec<f32>>();
     let m = &scene.materials[material as usize];
     let mut set = |number: u32, values: Vec<f32>| {
         attributes[format!("TEXCOORD_{number}")] = json!(add(values, float2()));

@@ -5,10 +5,11 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 use lightsum::bake::files::{self, Form, Manifest, Parts};
 use lightsum::bake::{Bake, Lightmap, Options};
+use lightsum::bsdf::sample_texture;
 use lightsum::gpu::Context;
 use lightsum::output::{Metadata, Tonemap};
 use lightsum::pass::{ShadingPoints, kept_light};
-use lightsum::scene::{Camera, KeptFace, KeptLight, KeptPage, Light, Scene, builtin};
+use lightsum::scene::{Camera, KeptFace, KeptLight, KeptPage, Light, Scene, Texture, TextureUse, Wrap, builtin};
 use lightsum::settings::{Clip, Compensation, Exposure, Settings};
 
 use crate::rig::{AWKWARD_IMAGES, Rig, close, gallery, has};
@@ -164,7 +165,8 @@ fn kept_light_shows_the_image_that_computes_all_of_it() {
             errors.push((squares.iter().sum::<f32>() / squares.len() as f32).sqrt());
         }
         assert!(errors[2] <= 0.02, "{errors:?}");
-        assert!(errors[1] < 0.75 * errors[0] && errors[2] < 0.4 * errors[1], "{errors:?}");
+        // Shadows of single lights are steps, whose error falls with the root of a texel's width; elsewhere it falls faster.
+        assert!(errors[1] < 0.75 * errors[0] && errors[2] < 0.6 * errors[1], "{errors:?}");
     });
 }
 
@@ -344,6 +346,68 @@ fn files_give_the_light_back() {
         let other = folder.path().join("room.gltf");
         let message = files::write(&other, &scene, &light, (Parts::Together, Form::Lit), &Metadata::default());
         assert!(message.unwrap_err().to_string().contains(".glb"));
+    });
+}
+
+#[test]
+fn patterns_and_second_coordinates_are_kept() {
+    gpu_test(|ctx| {
+        let mut scene = room();
+        let texels = vec![[0, 0, 0, 255], [255, 128, 0, 255], [40, 40, 255, 255], [255; 4]];
+        let wrap = [Wrap::Repeat; 2];
+        scene.textures = vec![Texture { name: String::from("stripes"), width: 2, height: 2, texels, srgb: true, wrap }];
+        scene.uvs = scene.positions.iter().map(|p| Vec2::new(p.x, p.z)).collect();
+        scene.second_uvs = scene.uvs.iter().map(|uv| 0.7 * *uv + 0.1).collect();
+        let lamp = scene.materials.iter().position(|m| m.emission != Vec3::ZERO).unwrap();
+        scene.materials[lamp].emission_texture = Some(0);
+        scene.materials[lamp].second_uvs[TextureUse::Emission as usize] = true;
+        // A surface that reflects and emits by one texture, which is black.
+        let red = scene.materials.iter().position(|m| m.base_color.x != m.base_color.y).unwrap();
+        scene.textures.push(Texture { width: 1, height: 1, texels: vec![[0, 0, 0, 255]], ..scene.textures[0].clone() });
+        scene.materials[red].base_texture = Some(1);
+        scene.materials[red].emission_texture = Some(1);
+        scene.materials[red].emission = Vec3::splat(1000.0);
+        let (_, light) = baked(ctx, &scene, &Settings { particles: 8, ..plain() }, at_density(8.0), 2);
+        let emission = light.pages.iter().flat_map(|page| &page.emission);
+        assert!(emission.into_iter().all(|e| *e == Vec3::ZERO), "black stays black where it emits");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.glb");
+        let extras = || {
+            let json = gltf::Gltf::open(&path).unwrap().document.into_json();
+            let extras: serde_json::Value = serde_json::from_str(json.extras.as_ref().unwrap().get()).unwrap();
+            serde_json::from_value::<Manifest>(extras["lightsum"]["lightmap"].clone()).unwrap()
+        };
+        let unlit = Form::Unlit { exposure: Exposure::Stops(-4.0), tonemap: Tonemap::Srgb };
+        for (form, set) in [(Form::Lit, 2), (unlit, 0)] {
+            files::write(&path, &scene, &light, (Parts::Together, form), &Metadata::default()).unwrap();
+            assert_eq!(extras().tex_coord, set);
+            let (read, expected) = (files::read(&path, &scene).unwrap(), light.kept(&scene));
+            for triangle in 0..scene.triangles.len() as u32 {
+                let of = |kept: &KeptLight| kept.irradiance(triangle, false, [0.3, 0.2]).iter().sum::<Vec3>();
+                assert!(close(of(&read), of(&expected), 2e-3, 1e-4), "{triangle}");
+            }
+            let model = lightsum::scene::load(&path).unwrap();
+            let at = |scene: &Scene, i: usize| {
+                let [a, b, c] = scene.triangle_positions(i);
+                (0.5 * a + 0.2 * b + 0.3 * c, scene.triangles[i], [0.5, 0.2, 0.3])
+            };
+            let lamps = (0..scene.triangles.len()).filter(|&i| scene.triangles[i].material as usize == lamp);
+            for i in lamps {
+                let (point, triangle, weights) = at(&scene, i);
+                let near = |&j: &usize| (at(&model, j).0 - point).length() < 1e-4;
+                let (_, same, _) = at(&model, (0..model.triangles.len()).find(near).unwrap());
+                let expected = scene.emission_at(&triangle, weights);
+                let found = match form {
+                    Form::Lit => model.emission_at(&same, weights),
+                    Form::Unlit { .. } => {
+                        let texture = model.materials[same.material as usize].base_texture.unwrap();
+                        let uv = model.uv_at(&same, weights, TextureUse::Base).to_array();
+                        16.0 * sample_texture(&model.textures[texture as usize], uv).truncate()
+                    }
+                };
+                assert!(close(found, expected, 0.03, 0.03), "{form:?}, {i}: {found} for {expected}");
+            }
+        }
     });
 }
 
