@@ -13,7 +13,7 @@ use std::time::Instant;
 
 use super::cache::{fnv1a, replace};
 use super::kernel::{BindingKind, Bound, Kernel, Shader};
-use super::memory::{Buffer, Memory};
+use super::memory::{Buffer, Image, Memory};
 use super::{Context, ContextOptions, DeviceChoice};
 use crate::error::{Error, Result};
 
@@ -61,9 +61,15 @@ fn compile(ctx: &Context, shaders: &[&'static Shader], next: &AtomicUsize) -> Re
     };
     let ctx = Context::headless(&options)?;
     let buffer = Buffer::new(&ctx, "no data", 16, Memory::Device)?;
+    let texels = Image::layered(&ctx, "no texels", 1, 1, 1)?;
+    ctx.submit_and_wait("no texels", None, |rec| rec.image_to_general(&texels))?;
     while let Some(shader) = shaders.get(next.fetch_add(1, Ordering::Relaxed)) {
         let kernel = Kernel::new(&ctx, shader)?;
-        let bound: Vec<_> = shader.bindings.iter().map(|binding| (binding.name, Bound::Buffer(&buffer))).collect();
+        let of_kind = |kind| match kind {
+            BindingKind::ImageLayers => Bound::Image(&texels),
+            _ => Bound::Buffer(&buffer),
+        };
+        let bound: Vec<_> = shader.bindings.iter().map(|binding| (binding.name, of_kind(binding.kind))).collect();
         let bindings = kernel.bind(&bound)?;
         let push = vec![0; shader.push_bytes as usize];
         let start = Instant::now();

@@ -107,7 +107,7 @@ impl Staging {
     }
 }
 
-/// Fills images with layers, through a buffer of at most [`CHUNK`] bytes at a time. On a device of our own each chunk is copied at once; on a
+/// Fills images with layers, through a buffer of at most `CHUNK` bytes at a time. On a device of our own each chunk is copied at once; on a
 /// host's the chunks are staged.
 pub struct LayerUpload<'a> {
     ctx: &'a Context,

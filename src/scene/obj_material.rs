@@ -98,8 +98,11 @@ impl Library {
     }
 }
 
+/// Materials of a file, with their maps.
+type Described = Vec<(Material, Maps)>;
+
 /// Reads a library; also returns what it leaves out.
-fn read(path: &Path) -> Result<(Vec<(Material, Maps)>, BTreeSet<String>)> {
+fn read(path: &Path) -> Result<(Described, BTreeSet<String>)> {
     let bytes = crate::input::read(path)?;
     let mut current: Option<String> = None;
     let mut ignored = BTreeSet::new();

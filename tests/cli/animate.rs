@@ -146,7 +146,8 @@ fn animated(folder: &Path) {
             "min": [-3, -3, -3], "max": [3, 3, 3] }));
         if kind != "VEC3" {
             let accessor = accessors.last_mut().unwrap().as_object_mut().unwrap();
-            (accessor.remove("min"), accessor.remove("max"));
+            accessor.remove("min");
+            accessor.remove("max");
         }
         bin.extend(bytes);
         bin.resize(bin.len().next_multiple_of(4), 0);

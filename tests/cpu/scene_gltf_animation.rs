@@ -225,7 +225,7 @@ fn nodes_carry_objects_lights_and_cameras() {
     let mut scene = model.load().unwrap();
     let rest = scene.clone();
     let animations = scene.animations.clone().unwrap();
-    assert_eq!(animations.vertices(), [0..4], "the still one is left alone");
+    assert_eq!(animations.vertices(), vec![0..4], "the still one is left alone");
     assert!(animations.choose(Some("jump")).unwrap_err().contains("\"slide\", \"turn\""));
     assert_eq!((animations.choose(None), animations.choose(Some("all"))), (Ok(vec![0]), Ok(vec![0, 1])));
 

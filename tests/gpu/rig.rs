@@ -549,7 +549,7 @@ pub fn gallery_with_alpha() -> Scene {
         for k in 0..3 {
             b.quad(Vec3::new(-0.6, 0.9, -0.9 + 0.2 * k as f32), x * 1.2, y * 0.7, veil, 1.0);
         }
-        b.quad(Vec3::new(-0.5, 0.05, -0.3), x * 0.9, y * 0.6, half_mirror, 1.0);
+        b.quad(Vec3::new(-0.47, 0.04, -0.31), x * 0.9, y * 0.6, half_mirror, 1.0);
     })
 }
 
