@@ -28,7 +28,7 @@ pub struct Bake {
     pub output: PathBuf,
     /// Texels along a unit of length [default: such that the surfaces have some 500,000 texels].
     ///
-    /// Time and memory grow with the square; the error falls at least linearly.
+    /// Time and memory grow with the square.
     #[arg(long, value_name = "D", allow_negative_numbers = true, value_parser = positive)]
     pub density: Option<f32>,
     /// Greatest width and height of a map, 64 to 8192; what does not fit takes several maps.
