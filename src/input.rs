@@ -41,7 +41,7 @@ fn read_at_most(path: &Path, limit: u64) -> Result<Vec<u8>> {
 }
 
 /// Half of the machine's memory in bytes; 4 GiB where the system does not tell.
-fn half_of_memory() -> u64 {
+pub(crate) fn half_of_memory() -> u64 {
     let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let total = text.lines().find_map(|line| line.strip_prefix("MemTotal:")?.split_whitespace().next()?.parse().ok());
     total.map_or(4 << 30, |kib: u64| kib * 512)

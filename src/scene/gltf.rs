@@ -3,7 +3,8 @@
 //! Nodes are flattened into world space; their transforms are composed in double precision. Each is single precision in
 //! the file, as are vertices within their node, so that a far scene keeps its precision only if its distance is in a
 //! node's translation. Used: triangles, strips and fans with normals and up to two sets of texture coordinates a material, instances
-//! (EXT_mesh_gpu_instancing), quantized attributes (KHR_mesh_quantization), skins and morph targets at rest, animations
+//! (EXT_mesh_gpu_instancing), quantized attributes (KHR_mesh_quantization), compressed ones
+//! ([`super::gltf_compressed`]), skins and morph targets at rest, animations
 //! ([`super::gltf_animation`]), KHR_lights_punctual, perspective cameras, and the materials of [`super::gltf_material`].
 
 use std::cell::Cell;
@@ -38,7 +39,7 @@ const EFFICACY: f32 = 683.0;
 ///
 /// `photometric`: intensities are in candela and irradiances in lux, else in W; `None`: as the file looks.
 pub(super) fn load(path: &Path, photometric: Option<bool>) -> Result<Scene> {
-    let bytes = std::fs::read(path).map_err(Error::io("reading", path))?;
+    let bytes = crate::input::read(path)?;
     // The glTF crate does not check everything in a file (indices inside extensions, percent signs in URIs).
     match quietly(|| read(path, &bytes, photometric)) {
         Ok(result) => result,

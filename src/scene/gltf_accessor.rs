@@ -1,11 +1,13 @@
 //! glTF buffers, with every bound checked before use.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use gltf::accessor::sparse::IndexType;
 use gltf::accessor::{DataType, Dimensions};
 use gltf::{Accessor, Document, buffer};
 
+use super::gltf_compressed;
 use crate::error::{Error, Result};
 
 /// Elements that an accessor without a buffer view may ask to be filled with zeros.
@@ -15,6 +17,9 @@ const MOST_ZEROS: usize = 1 << 24;
 pub(super) struct Buffers<'a> {
     path: &'a Path,
     data: Vec<buffer::Data>,
+    /// Views and accessors that are compressed in the file, by index.
+    views: BTreeMap<usize, Vec<u8>>,
+    accessors: BTreeMap<usize, Vec<u8>>,
     /// Vectors may consist of integers as they stand.
     quantized: bool,
 }
@@ -29,6 +34,10 @@ impl<'a> Buffers<'a> {
     ) -> Result<Self> {
         let mut data = Vec::new();
         for buffer in document.buffers() {
+            if gltf_compressed::is_fallback(&buffer) {
+                data.push(buffer::Data(Vec::new()));
+                continue;
+            }
             let bytes = buffer::Data::from_source_and_blob(buffer.source(), path.parent(), &mut blob)
                 .map_err(|e| Error::file(path, format!("buffer {}: {}", buffer.index(), reason(&e))))?;
             if bytes.len() < buffer.length() {
@@ -38,13 +47,37 @@ impl<'a> Buffers<'a> {
             }
             data.push(bytes);
         }
-        Ok(Buffers { path, data, quantized })
+        let (views, accessors) = (BTreeMap::new(), BTreeMap::new());
+        let mut buffers = Buffers { path, data, views, accessors, quantized };
+        let error = |message: String| Error::file(path, message);
+        let (mut taken, all) = (0, buffers.data.iter().map(|data| data.0.len()).sum::<usize>());
+        for view in document.views() {
+            let range = |buffer: usize, offset: usize, length: usize| {
+                buffers.data.get(buffer)?.0.get(offset..offset.checked_add(length)?)
+            };
+            if let Some(decoded) = gltf_compressed::meshopt(&view, range) {
+                let decoded = decoded.map_err(error)?;
+                taken += decoded.len();
+                if taken > all.saturating_mul(gltf_compressed::MOST_MESHOPT) {
+                    let message = format!("bufferView {}: too many views stand for the same bytes", view.index());
+                    return Err(error(message));
+                }
+                buffers.views.insert(view.index(), decoded);
+            }
+        }
+        buffers.accessors = gltf_compressed::draco(document, |view| buffers.view(view), error)?;
+        Ok(buffers)
     }
 
     /// The bytes of a view.
     pub(super) fn view(&self, view: &buffer::View) -> Result<&[u8]> {
+        if let Some(decoded) = self.views.get(&view.index()) {
+            return Ok(decoded);
+        }
         let buffer = view.buffer();
-        let whole = &self.data[buffer.index()].0[..buffer.length()];
+        // There may be more, and there is less in a buffer that only stands for compressed data.
+        let whole = &self.data[buffer.index()].0;
+        let whole = &whole[..buffer.length().min(whole.len())];
         view.offset().checked_add(view.length()).and_then(|end| whole.get(view.offset()..end)).ok_or_else(|| {
             let (index, offset, length) = (view.index(), view.offset(), view.length());
             let message = format!(
@@ -60,8 +93,9 @@ impl<'a> Buffers<'a> {
     fn elements(&self, accessor: &Accessor) -> Result<Vec<u8>> {
         let error = |message: String| Error::file(self.path, format!("accessor {}: {message}", accessor.index()));
         let (size, count) = (accessor.size(), accessor.count());
-        let mut packed = match accessor.view() {
-            Some(view) => {
+        let mut packed = match (self.accessors.get(&accessor.index()), accessor.view()) {
+            (Some(decoded), _) => decoded.clone(),
+            (None, Some(view)) => {
                 let bytes = self.view(&view)?;
                 let stride = view.stride().unwrap_or(size);
                 if stride < size {
@@ -71,8 +105,8 @@ impl<'a> Buffers<'a> {
                     error(format!("{count} elements reach beyond bufferView {} of {} bytes", view.index(), bytes.len()))
                 })?
             }
-            None if count <= MOST_ZEROS => vec![0; count * size],
-            None => return Err(error(format!("{count} elements, but no bufferView to read them from"))),
+            (None, None) if count <= MOST_ZEROS => vec![0; count * size],
+            (None, None) => return Err(error(format!("{count} elements, but no bufferView to read them from"))),
         };
         if let Some(sparse) = accessor.sparse() {
             let (indices, values) = (sparse.indices(), sparse.values());

@@ -11,6 +11,12 @@ use crate::error::{Error, Result};
 pub(super) const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 /// WebP images.
 pub(super) const WEBP: &str = "EXT_texture_webp";
+/// Views compressed by meshoptimizer.
+pub(super) const MESHOPT: &str = "EXT_meshopt_compression";
+/// Meshes compressed by Draco.
+pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
+/// Images in KTX 2.0 files.
+pub(super) const BASISU: &str = "KHR_texture_basisu";
 /// A clear lobe over another one.
 pub(super) const CLEARCOAT: &str = "KHR_materials_clearcoat";
 /// Lobes that differ with the direction.
@@ -21,9 +27,11 @@ pub(super) const GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
 const QUANTIZATION: &str = "KHR_mesh_quantization";
 
 /// Extensions that the loader reads, at least in part; it tells which part of one it leaves out.
-const READ: [&str; 15] = [
+const READ: [&str; 17] = [
     INSTANCING,
+    MESHOPT,
     WEBP,
+    DRACO,
     CLEARCOAT,
     ANISOTROPY,
     GLOSSINESS,
@@ -35,7 +43,7 @@ const READ: [&str; 15] = [
     "KHR_materials_unlit",
     "KHR_materials_volume",
     QUANTIZATION,
-    "KHR_texture_basisu",
+    BASISU,
     "KHR_texture_transform",
 ];
 

@@ -1,8 +1,8 @@
 //! Materials and textures of glTF models.
 //!
 //! Metallic-roughness materials with normal maps, KHR_materials_emissive_strength, _ior, _specular, _transmission and _volume (a
-//! thickness above 0 makes a body of glass, else it is a pane); KHR_texture_transform; EXT_texture_webp. The textures of one material may
-//! take two sets of coordinates or transforms of them. Brought near, and named: KHR_materials_clearcoat, _anisotropy and
+//! thickness above 0 makes a body of glass, else it is a pane); KHR_texture_transform; EXT_texture_webp; KHR_texture_basisu. Textures of
+//! one material may take two sets of coordinates or transforms of them. Brought near, and named: KHR_materials_clearcoat, _anisotropy and
 //! _pbrSpecularGlossiness. Lobes too smooth for point lights become ideal mirrors.
 
 use std::collections::HashMap;
@@ -18,7 +18,7 @@ use serde_json::Value;
 use super::export::MaterialExtras;
 use super::gltf::{Reader, ours};
 use super::gltf_accessor::{Buffers, reason};
-use super::gltf_extensions::{ANISOTROPY, CLEARCOAT, GLOSSINESS, WEBP};
+use super::gltf_extensions::{ANISOTROPY, BASISU, CLEARCOAT, GLOSSINESS, WEBP};
 use super::{Alpha, MIN_ROUGHNESS, Material, Surface, Texture, Wrap};
 use crate::error::{Error, Result};
 
@@ -321,16 +321,16 @@ impl Reader<'_> {
 
     /// Index of a texture in the scene; `None` if its image is of a kind that is not read.
     fn texture(&mut self, texture: &gltf::Texture, srgb: bool) -> Result<Option<u32>> {
-        let webp = || texture.extension_value(WEBP)?.get("source")?.as_u64();
-        let image = match (texture.source(), webp()) {
-            (Some(image), _) => image,
-            (None, Some(index)) => {
-                let image = usize::try_from(index).ok().and_then(|i| self.document.images().nth(i));
-                image.ok_or_else(|| self.error(format!("texture {}: there is no image {index}", texture.index())))?
-            }
-            (None, None) => {
-                self.leave_out("textures without a PNG, JPEG or WebP image (such surfaces have their plain colour)");
+        let image = match image_of(self.document, texture) {
+            Ok(Some(image)) => image,
+            Ok(None) => {
+                self.leave_out(
+                    "textures without a PNG, JPEG, WebP or KTX 2.0 image (such surfaces have their plain colour)",
+                );
                 return Ok(None);
+            }
+            Err(index) => {
+                return Err(self.error(format!("texture {}: there is no image {index}", texture.index())));
             }
         };
         let sampler = texture.sampler();
@@ -360,7 +360,8 @@ impl Reader<'_> {
     }
     /// Decodes the images of all textures, on all cores. Errors wait until a material asks for the image.
     fn read_images(&self) -> HashMap<usize, Option<Result<Texture>>> {
-        let mut images: Vec<_> = self.document.textures().filter_map(|texture| texture.source()).collect();
+        let textures = self.document.textures();
+        let mut images: Vec<_> = textures.filter_map(|texture| image_of(self.document, &texture).ok()?).collect();
         images.sort_by_key(gltf::Image::index);
         images.dedup_by_key(|image| image.index());
         let (path, buffers) = (self.path, &self.buffers);
@@ -370,6 +371,19 @@ impl Reader<'_> {
 
     fn read_image(&self, image: &gltf::Image) -> Result<Texture> {
         read_image(self.path, &self.buffers, image)
+    }
+}
+
+/// The image of a texture, which an extension may name; `None`: there is none that is read. Error: there is no image of this index.
+fn image_of<'a>(document: &'a gltf::Document, texture: &gltf::Texture<'a>) -> Result<Option<gltf::Image<'a>>, u64> {
+    let source = |extension: &str| texture.extension_value(extension)?.get("source")?.as_u64();
+    match (texture.source(), source(WEBP).or_else(|| source(BASISU))) {
+        (Some(image), _) => Ok(Some(image)),
+        (None, Some(index)) => {
+            let image = usize::try_from(index).ok().and_then(|i| document.images().nth(i));
+            image.map(Some).ok_or(index)
+        }
+        (None, None) => Ok(None),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3, Vec4};
 
-use super::{Scene, Texture, Triangle, Wrap};
+use super::{Scene, Texture, Triangle, Wrap, ktx2};
 use crate::bsdf::{mapped_normal, sample_filtered};
 
 /// A use of a texture by a material.
@@ -19,8 +19,12 @@ pub enum TextureUse {
 }
 
 impl Texture {
-    /// Decodes a PNG, JPEG, TGA or BMP file; the error is the decoder's reason.
+    /// Decodes a PNG, JPEG, TGA, BMP, WebP or KTX 2.0 file; the error is the decoder's reason.
     pub(super) fn decode(bytes: &[u8], name: String, srgb: bool, wrap: [Wrap; 2]) -> Result<Texture, String> {
+        if ktx2::is_ktx2(bytes) {
+            let (width, height, texels) = ktx2::decode(bytes)?;
+            return Ok(Texture { name, width, height, texels, srgb, wrap });
+        }
         let format = image::guess_format(bytes).ok().or_else(|| image::ImageFormat::from_path(&name).ok());
         let decoded = match format {
             Some(format) => image::load_from_memory_with_format(bytes, format),

@@ -3,6 +3,7 @@
 mod scene;
 mod scene_gltf;
 mod scene_gltf_animation;
+mod scene_gltf_compressed;
 mod scene_keys;
 mod scene_mitsuba;
 mod scene_obj;

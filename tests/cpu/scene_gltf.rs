@@ -484,7 +484,7 @@ fn bad_gltf_is_refused() {
     refused(&|c| c.document["nodes"][0]["scale"] = json!([1e38, 1e38, 1e38]), &["thing"]);
     refused(&|c| c.document["nodes"][0]["scale"] = json!([0, 0, 0]), &["thing", "area"]);
     refused(&|c| c.document["materials"][0]["emissiveFactor"] = json!([-1, 0, 0]), &["emissi"]);
-    refused(&|c| c.document["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]), &["requires KHR_draco"]);
+    refused(&|c| c.document["extensionsRequired"] = json!(["ACME_packing"]), &["requires ACME_packing"]);
     refused(&|c| c.document = json!([1, 2]), &["a.gltf"]);
     refused(
         &|c| {
