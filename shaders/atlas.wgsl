@@ -1,7 +1,7 @@
 // A point on a surface for each texel, as if a ray had met it along its normal. See pass/atlas.rs.
 #include "frame.wgsl"
 
-@group(0) @binding(1) var<storage, read> texels: array<vec4<u32>>;         // triangle, bits of u and v; no triangle: all ones
+@group(0) @binding(1) var<storage, read> texels: array<vec4<u32>>;         // triangle (none: all ones), bits of u and v, 1 from the back
 @group(0) @binding(2) var<storage, read> triangle_e1: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> triangle_e2: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read_write> hits: array<vec4<f32>>;
@@ -23,7 +23,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let scaled = face / max(max(abs(face.x), abs(face.y)), max(abs(face.z), 1e-37));
     let normal = scaled / sqrt(dot(scaled, scaled));
     hits[slot] = vec4<f32>(select(0.0, 1.0, covered), bitcast<f32>(texel.y), bitcast<f32>(texel.z), bitcast<f32>(texel.x));
-    ray_direction[slot] = vec4<f32>(-normal, 1.0);
+    ray_direction[slot] = vec4<f32>(select(-normal, normal, texel.w != 0u), 1.0);
     throughput[slot] = vec4<f32>(1.0, 1.0, 1.0, 0.0);
     emitted[slot] = vec4<f32>(0.0);
 }

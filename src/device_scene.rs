@@ -22,6 +22,7 @@ use crate::gpu::{Buffer, Context, Resources, Staging};
 use crate::light::emitters::Emitters;
 use crate::light::mirrors::Mirrors;
 use crate::light::targets::Targets;
+use crate::pass::kept_light::KeptBuffers;
 use crate::pass::layout::PointLight;
 use crate::pass::mirror_image::Tables;
 use crate::sampling::sobol;
@@ -102,6 +103,8 @@ pub struct DeviceScene {
     pub target_buffers: Option<TargetBuffers>,
     /// Records of the planar mirrors; `None`: there are none.
     pub mirror_buffers: Option<MirrorBuffers>,
+    /// Light kept in textures; `None`: virtual lights light the scene.
+    pub kept_light: Option<KeptBuffers>,
     /// Kernels and reflectances of the reflectors, made on first use.
     tables: Option<Tables>,
 }
@@ -261,6 +264,10 @@ impl DeviceScene {
             mirrors: Mirrors::default(),
             target_buffers: None,
             mirror_buffers: None,
+            kept_light: match &scene.kept_light {
+                Some(light) => Some(KeptBuffers::new(context, staging, &bvh, light)?),
+                None => None,
+            },
             tables: None,
             emitters,
             lights_are_complete: !scene.emitters_are_lights,

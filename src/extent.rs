@@ -129,7 +129,8 @@ fn texels(bvh: &Bvh, atlas: &Atlas) -> Vec<(Vec3, Vec3)> {
         .filter_map(|texel| {
             let &triangle = numbers.get(&texel.triangle)?;
             let hit = Hit { t: 0.0, u: texel.uv[0], v: texel.uv[1], triangle };
-            Some((bvh.position(&hit), bvh.normal(triangle)))
+            let front = bvh.normal(triangle);
+            Some((bvh.position(&hit), if texel.back { -front } else { front }))
         })
         .collect()
 }

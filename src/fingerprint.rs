@@ -1,6 +1,8 @@
 //! Hash of scene, camera and settings, so that a state is resumed only by the rendering that it belongs to.
 
-use crate::scene::{Camera, Scene};
+use std::fmt::Debug;
+
+use crate::scene::Scene;
 use crate::settings::Settings;
 
 /// FNV-1a, 64 bit.
@@ -23,8 +25,8 @@ impl Fnv {
 
 /// Fingerprint of everything that affects any bit of the image. `rounds` (how often rays may be resumed) and the passes of an
 /// animation's frames do not, and are excluded. The partition into dispatches does: it decides which rays of a difficult scene
-/// clusters leave to single rays.
-pub fn fingerprint(scene: &Scene, camera: &Camera, settings: &Settings) -> u64 {
+/// clusters leave to single rays. `view` is a camera or an atlas.
+pub fn fingerprint(scene: &Scene, view: &impl Debug, settings: &Settings) -> u64 {
     let mut hash = Fnv::default();
     hash.add(bytemuck::cast_slice(&scene.positions));
     hash.add(bytemuck::cast_slice(&scene.normals));
@@ -40,11 +42,19 @@ pub fn fingerprint(scene: &Scene, camera: &Camera, settings: &Settings) -> u64 {
         hash.add(bytemuck::cast_slice(&texture.texels));
         hash.add(format!("{} {} {} {:?}", texture.width, texture.height, texture.srgb, texture.wrap).as_bytes());
     }
+    if let Some(kept) = &scene.kept_light {
+        hash.add(format!("{:?}", kept.faces).as_bytes());
+        for page in &kept.pages {
+            hash.add(bytemuck::cast_slice(&page.size));
+            hash.add(bytemuck::cast_slice(&page.direct));
+            hash.add(bytemuck::cast_slice(&page.indirect));
+        }
+    }
     // Debug prints floats in their shortest exact form.
     let settings = Settings { rounds: 1, moving_passes: 1, ..settings.clone() };
     let words = format!(
         "{:?} {:?} {:?} {:?} {:?} {}",
-        scene.materials, scene.lights, scene.environment, camera, settings, scene.emitters_are_lights
+        scene.materials, scene.lights, scene.environment, view, settings, scene.emitters_are_lights
     );
     hash.add(words.as_bytes());
     hash.0
@@ -53,7 +63,7 @@ pub fn fingerprint(scene: &Scene, camera: &Camera, settings: &Settings) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Light, Material, Surface, Texture, Triangle, Wrap};
+    use crate::scene::{Camera, Light, Material, Surface, Texture, Triangle, Wrap};
     use crate::settings::{Clip, Compensation, Sequence};
     use glam::{Vec2, Vec3};
 

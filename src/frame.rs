@@ -13,6 +13,7 @@ use crate::pass::discontinuity_lobes::DiscontinuityLobes;
 use crate::pass::gain::{self, Gain, PathGain};
 use crate::pass::glossy_light::GlossyLight;
 use crate::pass::importance::Importance;
+use crate::pass::kept_light::KeptLight;
 use crate::pass::layout;
 use crate::pass::lens::{self, Lens};
 use crate::pass::light_lists::LightLists;
@@ -47,6 +48,8 @@ pub struct Frame {
     pub photons: Option<Photons>,
     /// Lights the visible points by point lights, with clipped distances.
     pub shade: Shade,
+    /// Lights them by light kept in textures, in place of virtual lights.
+    pub kept_light: Option<KeptLight>,
     /// Lights the visible points by photons.
     pub photon_lighting: Option<PhotonLighting>,
     /// Lights the visible points by point lights over planar mirrors.
@@ -119,6 +122,10 @@ impl Frame {
         let light_lists = LightLists::new(kit, plan, &eye, &walk.lights)?;
         let photons = Photons::new(kit, plan, &walk)?;
         let shade = Shade::new(kit, scene, plan, &eye, &light_lists)?;
+        let kept_light = match &scene.kept_light {
+            None => None,
+            Some(kept) => Some(KeptLight::new(kit, kept, &eye.rays, &shade.lighting, plan.eye.slots())?),
+        };
         let photon_lighting = PhotonLighting::new(kit, plan, photons.as_ref(), (&eye, &shade))?;
         let mirror_lights = match &plan.mirrors {
             None => None,
@@ -230,6 +237,7 @@ impl Frame {
             light_lists,
             photons,
             shade,
+            kept_light,
             photon_lighting,
             mirror_lights,
             compensation,
@@ -266,6 +274,7 @@ impl Frame {
         self.light_lists.run(rec)?;
         self.photons.run(rec)?;
         self.shade.run(rec)?;
+        self.kept_light.run(rec)?;
         self.photon_lighting.run(rec)?;
         self.mirror_lights.run(rec)?;
         self.compensation.run(rec)?;

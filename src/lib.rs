@@ -34,6 +34,7 @@
 //! | [`calibrate`] | the faster kernel for shadow rays on a device |
 //! | [`summary`] | what a scene holds, for people and as JSON |
 //! | [`path_trace`] | CPU path tracer, the ground truth |
+//! | [`bake`] | light kept in textures: charts, texels, files |
 //! | [`output`] | EXR, PNG, statistics, resumable state |
 //! | [`fingerprint`] | a hash that tells renderings apart |
 //! | [`gpu`] | the only code that calls Vulkan; it knows nothing about light |
@@ -62,6 +63,7 @@
 //!    [`photon_radius`](pass::photon_radius) sets the radius of the look-up and [`photon_grid`](pass::photon_grid) sorts them into a hash grid.
 //! 5. [`light_lists`](pass::light_lists) chooses the lights of each cluster of points, from a large pool among those that
 //!    [`light_regions`](pass::light_regions) took. [`Shade`](stage::Shade): [`shade`](pass::shade) lights the points by them, no nearer than the clip distance.
+//!    Where the scene has kept light, [`kept_light`](pass::kept_light) takes the place of all lights.
 //!    [`PhotonLighting`](stage::PhotonLighting): [`photon_find`](pass::photon_find) lists the points near photons,
 //!    [`photon_width`](pass::photon_width) sets the widths of these, and
 //!    [`photon_light`](pass::photon_light) adds their light. [`mirror_lights`](pass::mirror_lights) adds the light of virtual
@@ -149,6 +151,7 @@ pub mod stage;
 pub mod view;
 
 // Interfaces for users.
+pub mod bake;
 pub mod calibrate;
 pub mod engine;
 pub mod estimate;

@@ -331,6 +331,7 @@ pub struct SceneSize {
 /// Derives the plan of a rendering. Errors: settings or view out of range, or beyond what the scene supports.
 pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<Plan> {
     settings.validate()?;
+    let settings = &settings_for(scene, settings);
     view.check(settings)?;
     check_choice(settings, scene)?;
     if settings.summands && view.has_lens() {
@@ -347,6 +348,9 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
     if scene.lights_are_complete {
         lights.survivors.clear();
     }
+    if scene.kept_light.is_some() {
+        lights = LightPlan { survivors: Vec::new(), delta: 0, environment: false };
+    }
     let (mut lists, mut particles) = (lights.clone(), settings.particles);
     if settings.light_pool > settings.particles && lights.survivors.len() > 1 && !gathers_exactly(settings, view) {
         let (pool, started) = LightPlan::of_pool(settings, rho, delta);
@@ -355,7 +359,7 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
             (lists, lights, particles) = (chosen, pool, started);
         }
     }
-    let environment = scene.emitters.environment.is_some();
+    let environment = scene.emitters.environment.is_some() && scene.kept_light.is_none();
     (lights.environment, lists.environment) = (environment, environment);
     let mut eye = EyePlan::new(settings, scene.specular, view);
     if scene.lights_are_complete {
@@ -380,6 +384,23 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
             extent,
         },
     })
+}
+
+/// The settings for a scene, without what stands in for virtual lights where kept light does.
+fn settings_for(scene: &DeviceScene, settings: &Settings) -> Settings {
+    if scene.kept_light.is_none() {
+        return settings.clone();
+    }
+    Settings {
+        light_pool: 0,
+        light_choice: LightChoice::Power,
+        delta_lights: None,
+        photons: 0,
+        mirror_lights: 0,
+        compensation: Compensation::Off,
+        filter: None,
+        ..settings.clone()
+    }
 }
 
 /// Checks the number of emitters, and of lights without area, against the maximum that can be chosen from.
@@ -465,7 +486,7 @@ impl Plan {
 
     /// Whether a pass chooses among the lights without area.
     pub fn chooses_delta(&self, scene: &DeviceScene) -> bool {
-        (self.lights.delta as usize) < scene.delta.len()
+        scene.kept_light.is_none() && (self.lights.delta as usize) < scene.delta.len()
     }
 
     /// The initial lights without area in the first slots of each class, before any choice.

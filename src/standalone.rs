@@ -2,6 +2,7 @@
 //! it.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 use glam::Vec3;
@@ -23,7 +24,7 @@ use crate::scene::{Camera, Scene};
 use crate::scene::{VirtualLight, export_lights};
 use crate::settings::{Compensation, Settings, Traversal};
 use crate::tiles;
-use crate::view::{Region, View};
+use crate::view::{Atlas, Region, Texel, View};
 
 /// Maximum number of rounds: beyond them, after some ten million steps, a ray is given up as pathological.
 const MAX_ROUNDS: u32 = 1024;
@@ -107,22 +108,27 @@ fn view_of(camera: Camera, settings: &Settings, crop: Option<Region>) -> Result<
     }
 }
 
+/// Opens a device, and chooses the traversal kernel where that is open.
+pub fn open(settings: Settings, options: &RenderOptions) -> Result<(Context, Settings)> {
+    let context = Context::headless(&ContextOptions {
+        device: options.device.clone(),
+        validation: options.validation,
+        checked_shaders: options.checked_shaders,
+        pipeline_cache: options.pipeline_cache.clone(),
+    })?;
+    let traversal = match (settings.traversal, &options.pipeline_cache) {
+        (Traversal::Auto, Some(cache)) if calibrate::is_open(context.info()) => calibrate::choose(&context, cache)?,
+        (traversal, _) => traversal,
+    };
+    Ok((context, Settings { traversal, ..settings }))
+}
+
 impl Renderer {
     /// Opens the device, builds the acceleration structure, uploads the scene.
     pub fn new(scene: Scene, camera: Camera, settings: Settings, options: &RenderOptions) -> Result<Renderer> {
         let start = Instant::now();
-        let context = Context::headless(&ContextOptions {
-            device: options.device.clone(),
-            validation: options.validation,
-            checked_shaders: options.checked_shaders,
-            pipeline_cache: options.pipeline_cache.clone(),
-        })?;
+        let (context, mut settings) = open(settings, options)?;
         let opened = start.elapsed().as_secs_f64();
-        let traversal = match (settings.traversal, &options.pipeline_cache) {
-            (Traversal::Auto, Some(cache)) if calibrate::is_open(context.info()) => calibrate::choose(&context, cache)?,
-            (traversal, _) => traversal,
-        };
-        let mut settings = Settings { traversal, ..settings };
         let strips = match options.strips {
             true => tiles::strips(context.info(), &scene, &camera, &settings),
             false => Vec::new(),
@@ -166,6 +172,17 @@ impl Renderer {
         let mut renderer = Self::with_engine(context, scene, engine, fingerprint.0, start)?;
         renderer.crop = crop;
         Ok(renderer)
+    }
+
+    /// [`Renderer::with_context`] for texels on surfaces.
+    pub fn with_atlas(context: Context, scene: Scene, atlas: Arc<Atlas>, settings: Settings) -> Result<Renderer> {
+        let start = Instant::now();
+        let mut fingerprint = Fnv(fingerprint(&scene, &atlas.size, &settings));
+        for Texel { triangle, uv: [u, v], back } in atlas.texels.iter().flatten() {
+            fingerprint.add(bytemuck::cast_slice(&[*triangle, u.to_bits(), v.to_bits(), u32::from(*back)]));
+        }
+        let engine = Engine::with_view(&context, &scene, View::Atlas(atlas), settings)?;
+        Self::with_engine(context, scene, engine, fingerprint.0, start)
     }
 
     /// [`Renderer::with_context`] with a scene that may change: see [`Renderer::engine_mut`].

@@ -7,7 +7,7 @@
 //! ([`Region::around`]), so that clusters and classes of pixels are those of the whole image, and random numbers depend
 //! on the pixel's position in the whole image.
 //!
-//! An **atlas** has a point on a triangle for each texel, seen along its normal from the front. 8 x 8 texels form a
+//! An **atlas** has a point on a triangle for each texel, seen along its normal from the front or from the back. 8 x 8 texels form a
 //! cluster, as pixels do.
 
 use std::sync::Arc;
@@ -81,6 +81,8 @@ pub struct Texel {
     pub triangle: u32,
     /// Weights of its second and third vertex.
     pub uv: [f32; 2],
+    /// Seen from the back of the triangle, else from its front.
+    pub back: bool,
 }
 
 /// Texels on the surfaces of a scene.

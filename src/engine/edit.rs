@@ -70,6 +70,10 @@ impl Engine {
     /// [`crate::accel::objects`]), so that moving one object does not rebuild the others; rays take somewhat longer.
     /// Vertices are renumbered, see [`Scene::separate_objects`].
     pub fn new_dynamic(context: &Context, mut scene: Scene, camera: Camera, settings: Settings) -> Result<Engine> {
+        if scene.kept_light.is_some() {
+            let message = "kept light is that of a scene as it stands; make the engine by Engine::new";
+            return Err(Error::Scene(String::from(message)));
+        }
         let vertices = scene.separate_objects();
         let (mut engine, trees) = Self::with_trees(context, &scene, View::whole(camera), settings, true)?;
         engine.dynamic = trees.map(|trees| {

@@ -10,6 +10,7 @@ mod state;
 mod stats;
 
 pub use png::Tonemap;
+pub(crate) use png::encode as encode_png;
 pub use state::State;
 pub use stats::Statistics;
 

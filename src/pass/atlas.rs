@@ -1,4 +1,4 @@
-//! The points of an atlas ([`crate::view::Atlas`]): each texel lies on a triangle and is seen from the front along its
+//! The points of an atlas ([`crate::view::Atlas`]): each texel lies on a triangle and is seen from one of its sides along its
 //! normal, as if a ray of length 1 had hit it. `eye_points` makes a shading point of it like of any hit.
 //!
 //! Replaces `camera_rays` and the `trace` of its rays. A texel without a triangle counts as a ray that hit nothing.
@@ -40,7 +40,7 @@ impl Atlas {
             leaf_of[bvh.scene_triangle(leaf) as usize] = leaf;
         }
         let record = |(i, texel): (usize, &Option<Texel>)| {
-            let Some(Texel { triangle, uv: [u, v] }) = *texel else { return Ok([NONE, 0, 0, 0]) };
+            let Some(Texel { triangle, uv: [u, v], back }) = *texel else { return Ok([NONE, 0, 0, 0]) };
             let Some(&leaf) = leaf_of.get(triangle as usize) else {
                 return Err(Error::Scene(format!(
                     "texel {i} of the atlas lies on triangle {triangle}, which does not exist"
@@ -51,7 +51,7 @@ impl Atlas {
                     "texel {i} of the atlas lies at ({u}, {v}), outside of its triangle"
                 )));
             }
-            Ok([leaf, u.to_bits(), v.to_bits(), 0])
+            Ok([leaf, u.to_bits(), v.to_bits(), u32::from(back)])
         };
         let records: Vec<_> = atlas.texels.iter().enumerate().map(record).collect::<Result<_>>()?;
         let texels = Resources::of([("texels", &kit.stage("atlas", &records)?)]);
@@ -68,6 +68,7 @@ impl Atlas {
 /// Oracle: the point of a texel and its viewing direction.
 pub fn reference(scene: &crate::Scene, texel: &Texel) -> (Vec3, Vec3) {
     let [a, b, c] = scene.triangles[texel.triangle as usize].vertices.map(|v| scene.positions[v as usize]);
-    let normal = crate::accel::unit_normal(b - a, c - a);
+    let front = crate::accel::unit_normal(b - a, c - a);
+    let normal = if texel.back { -front } else { front };
     (a + texel.uv[0] * (b - a) + texel.uv[1] * (c - a), -normal)
 }

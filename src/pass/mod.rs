@@ -25,6 +25,7 @@ pub mod gather;
 pub mod gathered_points;
 pub mod glossy_light;
 pub mod importance;
+pub mod kept_light;
 pub mod layout;
 pub mod lens;
 pub mod light_lists;

@@ -102,6 +102,9 @@ impl MaterialExtras {
     }
 }
 
+/// `asset.generator`.
+pub(crate) const GENERATOR: &str = concat!("lightsum ", env!("CARGO_PKG_VERSION"));
+
 /// Writes `path` (`.gltf`), its buffer (`.bin`) and its textures (`.png`) beside it: geometry, materials, camera and lights.
 /// Coordinates in the file are those of the world: a node holds [`Scene::origin`], if it is not zero.
 ///
@@ -134,7 +137,7 @@ fn texture_path(path: &Path, index: usize) -> PathBuf {
     path.with_file_name(format!("{}-{index}.png", super::stem(path)))
 }
 
-fn png(texture: &Texture) -> Result<Vec<u8>, String> {
+pub(crate) fn png(texture: &Texture) -> Result<Vec<u8>, String> {
     let raw = texture.texels.iter().flatten().copied().collect();
     let image = image::RgbaImage::from_raw(texture.width, texture.height, raw).ok_or("size and texels differ")?;
     let mut bytes = std::io::Cursor::new(Vec::new());
@@ -143,7 +146,7 @@ fn png(texture: &Texture) -> Result<Vec<u8>, String> {
 }
 
 /// File name as a relative URI.
-fn uri(path: &Path) -> String {
+pub(crate) fn uri(path: &Path) -> String {
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let mut uri = String::new();
     for byte in name.bytes() {
@@ -158,16 +161,16 @@ fn uri(path: &Path) -> String {
 }
 
 /// The shortest decimal representation of the same single-precision number.
-fn number(x: f32) -> Value {
+pub(crate) fn number(x: f32) -> Value {
     format!("{x}").parse::<f64>().map_or(Value::Null, Value::from)
 }
 
-fn vector<const N: usize>(v: [f32; N]) -> Value {
+pub(crate) fn vector<const N: usize>(v: [f32; N]) -> Value {
     v.iter().map(|&x| number(x)).collect()
 }
 
 /// Serialises through text, in which single-precision numbers take their shortest form.
-fn extras<T: Serialize>(ours: T) -> Value {
+pub(crate) fn extras<T: Serialize>(ours: T) -> Value {
     let text = serde_json::to_string(&ours).unwrap_or_default();
     json!({ "lightsum": serde_json::from_str::<Value>(&text).unwrap_or_default() })
 }
@@ -175,20 +178,26 @@ fn extras<T: Serialize>(ours: T) -> Value {
 /// Faces of one object by material and kind of shading.
 type Primitives = BTreeMap<(u32, bool), Vec<[u32; 3]>>;
 
+/// A document under construction.
 #[derive(Default)]
-struct Writer {
-    bin: Vec<u8>,
-    views: Vec<Value>,
-    accessors: Vec<Value>,
-    meshes: Vec<Value>,
-    nodes: Vec<Value>,
-    cameras: Vec<Value>,
-    lights: Vec<Value>,
+pub(crate) struct Writer {
+    pub(crate) bin: Vec<u8>,
+    pub(crate) views: Vec<Value>,
+    pub(crate) accessors: Vec<Value>,
+    pub(crate) meshes: Vec<Value>,
+    pub(crate) nodes: Vec<Value>,
+    pub(crate) cameras: Vec<Value>,
+    pub(crate) lights: Vec<Value>,
 }
 
 impl Writer {
     /// Adds an accessor with its own view and returns its index.
-    fn accessor(&mut self, components: impl Iterator<Item = [u8; 4]>, count: usize, mut accessor: Value) -> usize {
+    pub(crate) fn accessor(
+        &mut self,
+        components: impl Iterator<Item = [u8; 4]>,
+        count: usize,
+        mut accessor: Value,
+    ) -> usize {
         let offset = self.bin.len();
         self.bin.extend(components.flatten());
         self.views.push(json!({ "buffer": 0, "byteOffset": offset, "byteLength": self.bin.len() - offset }));
@@ -249,7 +258,7 @@ impl Writer {
         json!({ "attributes": attributes, "indices": indices, "material": material })
     }
 
-    fn camera(&mut self, scene: &Scene) {
+    pub(crate) fn camera(&mut self, scene: &Scene) {
         let Some(camera) = scene.camera else { return };
         let [width, height] = camera.resolution.map(|r| r as f32);
         self.cameras.push(json!({
@@ -266,7 +275,7 @@ impl Writer {
         self.nodes.push(json!({ "name": "camera", "camera": 0, "matrix": vector(world.to_cols_array()) }));
     }
 
-    fn lights(&mut self, scene: &Scene, lights: &[VirtualLight]) {
+    pub(crate) fn lights(&mut self, scene: &Scene, lights: &[VirtualLight]) {
         for light in &scene.lights {
             match *light {
                 Light::Point { position, intensity } => {
@@ -335,19 +344,25 @@ impl Writer {
         self.nodes.push(node);
     }
 
+    /// Nodes of the scene's root: all, or one that moves them to the scene's place in the world.
+    pub(crate) fn roots(&mut self, scene: &Scene) -> Vec<usize> {
+        let roots: Vec<usize> = (0..self.nodes.len()).collect();
+        if scene.origin == DVec3::ZERO {
+            return roots;
+        }
+        // A chosen origin is exact in single precision, to which readers may round it.
+        self.nodes.push(json!({ "name": "origin", "translation": scene.origin.to_array(), "children": roots }));
+        vec![self.nodes.len() - 1]
+    }
+
     fn json(mut self, scene: &Scene, bin_path: &Path, images: &[PathBuf]) -> Value {
         let of_materials = ["emissive_strength", "ior", "transmission", "volume"];
         let mut extensions: Vec<String> = of_materials.iter().map(|name| format!("KHR_materials_{name}")).collect();
-        let mut roots: Vec<usize> = (0..self.nodes.len()).collect();
-        if scene.origin != DVec3::ZERO {
-            // A chosen origin is exact in single precision, to which readers may round it.
-            self.nodes.push(json!({ "name": "origin", "translation": scene.origin.to_array(), "children": roots }));
-            roots = vec![self.nodes.len() - 1];
-        }
+        let roots = self.roots(scene);
         let mut document = json!({
             "asset": {
                 "version": "2.0",
-                "generator": concat!("lightsum ", env!("CARGO_PKG_VERSION")),
+                "generator": GENERATOR,
                 "extras": extras(AssetExtras { lights_exported: true }),
             },
             "scene": 0,
@@ -378,7 +393,7 @@ impl Writer {
     }
 }
 
-fn sampler(texture: &Texture) -> Value {
+pub(crate) fn sampler(texture: &Texture) -> Value {
     let [s, t] = texture.wrap.map(|wrap| match wrap {
         Wrap::Repeat => 10497,
         Wrap::Mirror => 33648,
@@ -387,7 +402,7 @@ fn sampler(texture: &Texture) -> Value {
     json!({ "wrapS": s, "wrapT": t })
 }
 
-fn material(m: &Material) -> Value {
+pub(crate) fn material(m: &Material) -> Value {
     let mirror = m.surface == Surface::Mirror;
     let color = if mirror { m.specular } else { m.base_color };
     let (alpha_mode, opacity) = match m.alpha {

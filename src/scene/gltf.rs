@@ -48,7 +48,7 @@ pub(super) fn load(path: &Path, photometric: Option<bool>) -> Result<Scene> {
 }
 
 /// Runs `f` and returns a panic's message instead of printing it.
-pub(super) fn quietly<T>(f: impl FnOnce() -> T) -> Result<T, String> {
+pub(crate) fn quietly<T>(f: impl FnOnce() -> T) -> Result<T, String> {
     thread_local!(static QUIET: Cell<bool> = const { Cell::new(false) });
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
@@ -149,7 +149,7 @@ fn check(path: &Path, root: &gltf::json::Root) -> Result<()> {
 }
 
 /// The exporter's data in an object's `extras.lightsum`.
-pub(super) fn ours<T: DeserializeOwned>(extras: &Extras) -> Option<T> {
+pub(crate) fn ours<T: DeserializeOwned>(extras: &Extras) -> Option<T> {
     let mut value: serde_json::Value = serde_json::from_str(extras.as_ref()?.get()).ok()?;
     serde_json::from_value(value.get_mut("lightsum")?.take()).ok()
 }

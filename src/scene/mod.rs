@@ -8,13 +8,14 @@ mod builder;
 pub mod builtin;
 mod description;
 pub mod environment;
-mod export;
-mod gltf;
+pub(crate) mod export;
+pub(crate) mod gltf;
 mod gltf_accessor;
 mod gltf_animation;
 mod gltf_compressed;
 mod gltf_extensions;
 mod gltf_material;
+mod kept_light;
 mod ktx2;
 pub mod mip;
 mod mitsuba;
@@ -52,6 +53,7 @@ use crate::superposition::lobe::Table;
 pub use animation::Animations;
 pub use environment::Environment;
 pub use export::{VirtualLight, export_lights};
+pub use kept_light::{KeptFace, KeptLight, KeptPage};
 pub use texture::{Cone, TextureUse};
 
 /// Minimum roughness of a lobe in a file: no point light would hit a smoother one.
@@ -96,6 +98,8 @@ pub struct Scene {
     /// all light, also that of the emissive triangles, which are only visible, and all reflected light, so that no particle
     /// starts from them.
     pub emitters_are_lights: bool,
+    /// Light kept in textures: the image shows it in place of all virtual lights and photons. The path tracer does not use it.
+    pub kept_light: Option<Arc<KeptLight>>,
     /// Whether the emission of surfaces is relative to the white of a screen, as in a glTF file that gives no
     /// KHR_materials_emissive_strength: programs that show such files do not light them by it, so a scene without any other light
     /// gets the default sky too.
@@ -130,6 +134,7 @@ impl Default for Scene {
             lights: Vec::new(),
             environment: None,
             emitters_are_lights: true,
+            kept_light: None,
             emission_is_relative: false,
             ignored: Vec::new(),
             camera: None,

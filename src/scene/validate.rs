@@ -32,6 +32,9 @@ impl Scene {
             }
         }
         self.drop_degenerate(path)?;
+        if let Some(kept) = &self.kept_light {
+            kept.check(self).map_err(|m| Error::file(path, format!("kept light: {m}")))?;
+        }
         for (i, light) in self.lights.iter().enumerate() {
             light.check().map_err(|m| Error::file(path, format!("light {i}: {m}")))?;
         }

@@ -31,6 +31,7 @@ use crate::pass::discontinuity_lobes::DiscontinuityLobes;
 use crate::pass::gain::{Gain, PathGain};
 use crate::pass::glossy_light::GlossyLight;
 use crate::pass::importance::Importance;
+use crate::pass::kept_light::KeptLight;
 use crate::pass::layout::DispatchCounts;
 use crate::pass::lens::Lens;
 use crate::pass::light_lists::LightLists;
@@ -90,6 +91,7 @@ macro_rules! stages {
 
 stages! {
     Importance = "importance",
+    KeptLight = "kept_light",
     DeltaChoice = "delta_choice",
     LightLists = "light_lists",
     MirrorLights = "mirror_lights",

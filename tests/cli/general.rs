@@ -44,7 +44,7 @@ fn help_explains_every_flag() {
     let general = lightsum(&["--help"], folder.path());
     assert!(general.status.success());
     assert!(text(&general.stdout).contains("render"));
-    for (command, least) in [("render", 59), ("animate", 43)] {
+    for (command, least) in [("render", 60), ("animate", 43), ("bake", 40)] {
         let output = lightsum(&[command, "--help"], folder.path());
         assert!(output.status.success());
         let help = text(&output.stdout);

@@ -1,6 +1,7 @@
 //! The programs as users meet them.
 
 mod animate;
+mod bake;
 mod bench;
 mod flags;
 mod general;

@@ -2,6 +2,7 @@
 //!
 //! One binary, so that few devices serve all tests; each test's turn ends with a look at the validation layer's messages.
 
+mod bake;
 mod caustics;
 mod convolve;
 mod delta_choice;

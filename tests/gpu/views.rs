@@ -248,7 +248,7 @@ fn texels(scene: &Scene, size: [u32; 2]) -> Atlas {
     let count = size[0] * size[1];
     let texel = |i: u32| {
         let uv = [0.1 + 0.5 * (i % 7) as f32 / 7.0, 0.05 + 0.3 * (i % 5) as f32 / 5.0];
-        (i % 11 != 3).then_some(Texel { triangle: i * 13 % scene.triangles.len() as u32, uv })
+        (i % 11 != 3).then_some(Texel { triangle: i * 13 % scene.triangles.len() as u32, uv, back: i % 4 == 2 })
     };
     Atlas { size, texels: (0..count).map(texel).collect() }
 }
@@ -298,7 +298,7 @@ fn check_texels(ctx: &Context, scene: &Scene, engine: &Engine, atlas: &Atlas) {
         let leaf = (0..bvh.triangle_count()).find(|&leaf| bvh.scene_triangle(leaf) == texel.triangle).unwrap();
         let [u, v] = texel.uv;
         let surface = surface::surface_at(scene, bvh, &lightsum::accel::Hit { t: 1.0, u, v, triangle: leaf }, d, 0.0);
-        assert!(close(geometric[i].truncate(), -d, 1e-4, 1e-5) && surface.front, "normal of texel {i}");
+        assert!(close(geometric[i].truncate(), -d, 1e-4, 1e-5) && surface.front != texel.back, "normal of texel {i}");
         assert!(close(wo[i].truncate(), -d, 1e-4, 1e-5), "direction of texel {i}");
         let r = &surface.reflectance;
         let reflects = r.kd.max_element() > 0.0 || r.f0.max_element() > 0.0;
@@ -353,11 +353,11 @@ fn atlases_render_like_images() {
             Engine::with_view(ctx, &scene, View::Atlas(Arc::new(atlas)), settings).err().unwrap().to_string()
         };
         let one = |texel| Atlas { size: [1, 1], texels: vec![Some(texel)] };
-        let nowhere = Texel { triangle: 1 << 20, uv: [0.0; 2] };
+        let nowhere = Texel { triangle: 1 << 20, uv: [0.0; 2], back: false };
         assert!(refused(settings.clone(), one(nowhere)).contains("does not exist"));
-        let outside = Texel { triangle: 0, uv: [0.7, 0.6] };
+        let outside = Texel { triangle: 0, uv: [0.7, 0.6], back: false };
         assert!(refused(settings.clone(), one(outside)).contains("outside"));
-        let nan = Texel { triangle: 0, uv: [f32::NAN, 0.0] };
+        let nan = Texel { triangle: 0, uv: [f32::NAN, 0.0], back: false };
         assert!(refused(settings.clone(), one(nan)).contains("outside"));
         let short = Atlas { size: [2, 2], texels: vec![None] };
         assert!(refused(settings.clone(), short).contains("as many texels"));

@@ -1,5 +1,6 @@
 //! The flags, their help and their syntax. `render` decides how they combine.
 
+mod bake;
 mod camera;
 mod play;
 mod reading;
@@ -16,6 +17,7 @@ use lightsum::view::Region;
 use std::path::PathBuf;
 use std::time::Duration;
 
+pub use bake::Bake;
 pub use camera::Camera;
 pub use play::{Play, Pose};
 pub use reading::Reading;
@@ -52,6 +54,11 @@ pub enum Command {
     ///
     /// The scene is loaded once; each frame updates only the objects that move. Frames without changes accumulate.
     Animate(Box<Animate>),
+    /// Keep the light of a scene in textures: a model (.glb) with light maps beside it.
+    ///
+    /// `render --light-from` shows it again, in a time that does not depend on the number of lights; so do engines that know light
+    /// maps, and with --unlit any viewer.
+    Bake(Box<Bake>),
     /// Print what a scene holds: triangles, materials, lights with their power, textures, size, camera, memory, and what was left out.
     Info(Info),
 }
@@ -178,6 +185,11 @@ pub struct Output {
     /// Remove noise by a neural network (in builds with the feature oidn). Its error is its own: for a look, not for measuring.
     #[arg(long, value_name = "WAY", value_enum, conflicts_with_all = ["summands", "reference"])]
     pub denoise: Option<Denoiser>,
+    /// Show the light that `bake` kept in this file, of the same scene, with no virtual lights.
+    ///
+    /// Mirrors, glass and narrow lobes show it too. The time of a pass does not depend on the number of lights.
+    #[arg(long, value_name = "FILE.glb", conflicts_with_all = ["export_lights", "reference"])]
+    pub light_from: Option<PathBuf>,
     /// Write device, counts, rays and the seconds of each stage and GPU pass as JSON.
     #[arg(long, value_name = "FILE.json")]
     pub stats: Option<PathBuf>,

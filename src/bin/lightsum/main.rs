@@ -1,4 +1,5 @@
-//! The command line: `lightsum render SCENE -o IMAGE`, `lightsum animate SCENE -o FRAME-%04d.png`, `lightsum info SCENE`.
+//! The command line: `lightsum render SCENE -o IMAGE`, `lightsum bake SCENE -o MODEL.glb`, `lightsum animate SCENE -o FRAME-%04d.png`,
+//! `lightsum info SCENE`.
 //!
 //! Exit codes: 0 done, 1 failed, 2 wrong use. Progress, warnings and errors go to standard error; requested output and
 //! the line that names the files written go to standard output.
@@ -7,6 +8,7 @@
 
 mod animate;
 mod args;
+mod bake;
 mod camera;
 mod checkpoint;
 mod info;
@@ -29,6 +31,7 @@ fn main() -> ExitCode {
     let result = match &arguments.command {
         Some(Command::Render(render)) if !render.list_devices => render::run(render),
         Some(Command::Animate(animate)) => animate::run(animate),
+        Some(Command::Bake(bake)) => bake::run(bake),
         Some(Command::Info(info)) => info::run(info),
         None if !arguments.list_devices => {
             say_aside("error: nothing to do: give a command, such as render, or --list-devices; --help explains");

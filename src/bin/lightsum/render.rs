@@ -48,6 +48,9 @@ pub fn run(args: &Render) -> Result<()> {
     let start = Instant::now();
     let mut scene = scene::load_with(path, args.reading.photometric())?;
     play::pose(&mut scene, path, args.pose.animation.as_deref(), args.pose.at)?;
+    if let Some(kept) = &args.output.light_from {
+        scene.kept_light = Some(Arc::new(lightsum::bake::files::read(kept, &scene)?));
+    }
     let stages = vec![("load".into(), start.elapsed().as_secs_f64())];
     let camera = camera::choose(&scene, &args.camera, args.output.resolution)?;
     args.output.crop.map_or(Ok(()), |crop| crop.check(camera.resolution))?;
@@ -380,7 +383,8 @@ impl Job {
     }
 }
 
-const SOFTWARE: &str = concat!("lightsum ", env!("CARGO_PKG_VERSION"));
+/// The program and its version, for metadata.
+pub const SOFTWARE: &str = concat!("lightsum ", env!("CARGO_PKG_VERSION"));
 
 /// Metadata of a job's image, without the number of passes.
 pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {

@@ -22,6 +22,11 @@ impl Stop {
         Stop { passes: flags.passes.or(otherwise), time, error }
     }
 
+    /// The same with another time, if that is a condition.
+    pub fn with_time(self, change: impl FnOnce(Duration) -> Duration) -> Stop {
+        Stop { time: self.time.map(change), ..self }
+    }
+
     /// The number of passes, if that is a condition.
     pub fn passes(&self) -> Option<u32> {
         self.passes

@@ -1,0 +1,521 @@
+//! Files of kept light: a glTF 2.0 model (`.glb`) with texture coordinates of the maps, the maps beside it as
+//! OpenEXR of half floats, and a manifest in the model's `extras.lightsum.lightmap` that says which is which.
+//!
+//! A triangle that is lit on both sides is there twice, once for each, and every material is one-sided, unless neither side has
+//! light. `extras.lightsum.triangles` of a primitive is an accessor of the triangles of the scene that was baked, twice their index,
+//! plus 1 for the back; by it [`read`] gives the light to that scene again.
+//!
+//! The maps hold irradiance in W/m^2 times 2^exposure. With [`Form::Unlit`] the model has textures of radiance instead, in sRGB,
+//! which any viewer shows without lights (KHR_materials_unlit); the maps are written too.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
+
+use glam::{Vec2, Vec3};
+use gltf::Gltf;
+use gltf::accessor::Iter;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::materials::{self, Materials};
+use super::{Charts, Lightmap};
+use crate::error::{Error, Result};
+use crate::fingerprint::Fnv;
+use crate::output::{self, Encoding, Layers, Metadata, Tonemap, write_file};
+use crate::scene::export::{self, GENERATOR, Writer};
+use crate::scene::gltf::{ours, quietly};
+use crate::scene::{KeptFace, KeptLight, KeptPage, Scene, TextureUse};
+use crate::settings::Exposure;
+
+/// Which light the maps hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Parts {
+    /// Direct and indirect light in one map.
+    #[default]
+    Together,
+    /// A map of each.
+    Apart,
+    /// Direct light only.
+    Direct,
+    /// Indirect light only.
+    Indirect,
+}
+
+/// Form of the model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Form {
+    /// With its own materials, textures and lights.
+    Lit,
+    /// With textures of radiance, which need no light.
+    Unlit {
+        /// Exposure of the textures.
+        exposure: Exposure,
+        /// Their tone curve.
+        tonemap: Tonemap,
+    },
+}
+
+/// A page in the manifest.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PageEntry {
+    /// Width and height in texels.
+    pub size: [u32; 2],
+    /// Stops by which the values of the files are brighter than irradiance in W/m^2.
+    pub exposure: i32,
+    /// File of direct and indirect light together.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub irradiance: Option<String>,
+    /// File of direct light.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub direct: Option<String>,
+    /// File of indirect light.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub indirect: Option<String>,
+}
+
+/// The part of an object on a page, in the manifest.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ObjectEntry {
+    /// Its name.
+    pub object: String,
+    /// Index of the page.
+    pub page: u32,
+    /// Left, top, width and height of its rectangle in texels.
+    pub rectangle: [u32; 4],
+    /// Number of its charts there.
+    pub charts: u32,
+}
+
+/// `extras.lightsum.lightmap` of the document.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// Version of this form: 1.
+    pub version: u32,
+    /// Of the scene's geometry, hexadecimal.
+    pub geometry: String,
+    /// Texels along a unit of length.
+    pub density: f32,
+    /// Which light the maps hold.
+    pub parts: Parts,
+    /// Set of texture coordinates that belongs to the maps.
+    pub tex_coord: u32,
+    /// The pages.
+    pub pages: Vec<PageEntry>,
+    /// The objects.
+    pub objects: Vec<ObjectEntry>,
+}
+
+/// `extras.lightsum` of the document.
+#[derive(Serialize, Deserialize)]
+struct RootExtras {
+    lightmap: Manifest,
+}
+
+/// `extras.lightsum` of a primitive.
+#[derive(Serialize, Deserialize)]
+struct PrimitiveExtras {
+    /// Index of the page.
+    page: u32,
+    /// Index of the accessor of its triangles.
+    triangles: usize,
+}
+
+/// A side of a triangle to be written, with the place of its light.
+#[derive(Clone, Copy)]
+struct Side {
+    triangle: u32,
+    back: bool,
+    corners: Option<[Vec2; 3]>,
+}
+
+/// Kind of a primitive: material, smoothness, page.
+pub(super) type Kind = (u32, bool, Option<u32>);
+
+/// Name of the map of a page beside the model.
+fn map_path(path: &Path, what: &str, page: usize) -> PathBuf {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    path.with_file_name(format!("{stem}-{what}-{page}.exr"))
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Hash of what the places of light are bound to.
+fn geometry(scene: &Scene) -> String {
+    let mut hash = Fnv::default();
+    for i in 0..scene.triangles.len() {
+        hash.add(bytemuck::cast_slice(&scene.triangle_positions(i)));
+    }
+    format!("{:016x}", hash.0)
+}
+
+/// Writes the model `path` (`.glb`) and its maps; the model last, so that its maps are always there. Returns the names of all.
+///
+/// Errors: [`Error::File`] for another extension; [`Error::Io`].
+pub fn write(
+    path: &Path,
+    scene: &Scene,
+    light: &Lightmap,
+    (parts, form): (Parts, Form),
+    metadata: &Metadata,
+) -> Result<Vec<PathBuf>> {
+    if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("glb")) {
+        return Err(Error::file(path, "light is kept with a binary glTF model; let the name end in .glb"));
+    }
+    let mut written = Vec::new();
+    let mut pages = Vec::new();
+    for (i, page) in light.pages.iter().enumerate() {
+        let sum = |i: usize| page.direct[i] + page.indirect[i];
+        let greatest = (0..page.direct.len()).map(|i| sum(i).max_element()).fold(0.0, f32::max);
+        // Halves end at 65504.
+        let exposure = if greatest > 32768.0 { 15 - greatest.log2().ceil() as i32 } else { 0 };
+        let mut entry = PageEntry { size: page.size, exposure, ..PageEntry::default() };
+        let scale = (exposure as f32).exp2();
+        let mut map = |what: &str, values: &dyn Fn(usize) -> Vec3| -> Result<Option<String>> {
+            let file = map_path(path, what, i);
+            let color = (0..page.direct.len()).map(|i| values(i) * scale).collect();
+            let layers = Layers { width: page.size[0], height: page.size[1], color, ..Layers::default() };
+            output::write(&file, &layers, metadata, &Encoding { color_only: true, ..Encoding::default() })?;
+            let name = file_name(&file);
+            written.push(file);
+            Ok(Some(name))
+        };
+        if parts == Parts::Together {
+            entry.irradiance = map("irradiance", &sum)?;
+        }
+        if matches!(parts, Parts::Apart | Parts::Direct) {
+            entry.direct = map("direct", &|i| page.direct[i])?;
+        }
+        if matches!(parts, Parts::Apart | Parts::Indirect) {
+            entry.indirect = map("indirect", &|i| page.indirect[i])?;
+        }
+        pages.push(entry);
+    }
+    let manifest = Manifest {
+        version: 1,
+        geometry: geometry(scene),
+        density: light.charts.density,
+        parts,
+        tex_coord: set_of_maps(scene, form),
+        pages,
+        objects: objects(scene, &light.charts),
+    };
+    let bytes = model(path, scene, light, form, manifest)?;
+    write_file(path, &[&bytes])?;
+    written.insert(0, path.to_path_buf());
+    Ok(written)
+}
+
+/// Set of texture coordinates of the maps: beyond those of the model's own textures.
+fn set_of_maps(scene: &Scene, form: Form) -> u32 {
+    match form {
+        Form::Unlit { .. } => 0,
+        Form::Lit if scene.second_uvs.is_empty() => 1,
+        Form::Lit => 2,
+    }
+}
+
+/// The rectangles of the objects.
+fn objects(scene: &Scene, charts: &Charts) -> Vec<ObjectEntry> {
+    let mut found: BTreeMap<(u32, u32), (Vec2, Vec2, Vec<u32>)> = BTreeMap::new();
+    for face in &charts.faces {
+        let key = (scene.triangles[face.triangle as usize].object, face.page);
+        let (low, high, charts) = found.entry(key).or_insert((Vec2::INFINITY, Vec2::NEG_INFINITY, Vec::new()));
+        for corner in face.corners {
+            (*low, *high) = (low.min(corner), high.max(corner));
+        }
+        charts.push(face.chart);
+    }
+    let entry = |((object, page), (low, high, mut charts)): ((u32, u32), (Vec2, Vec2, Vec<u32>))| {
+        charts.sort_unstable();
+        charts.dedup();
+        let [x, y] = [low.x.floor(), low.y.floor()];
+        let rectangle = [x, y, high.x.ceil() - x, high.y.ceil() - y].map(|n| n as u32);
+        ObjectEntry { object: scene.objects[object as usize].clone(), page, rectangle, charts: charts.len() as u32 }
+    };
+    found.into_iter().map(entry).collect()
+}
+
+/// The sides of all triangles by object and kind.
+fn sides(scene: &Scene, charts: &Charts) -> BTreeMap<u32, BTreeMap<Kind, Vec<Side>>> {
+    let mut places = vec![[None; 2]; scene.triangles.len()];
+    for face in &charts.faces {
+        places[face.triangle as usize][usize::from(face.back)] = Some((face.page, face.corners));
+    }
+    let mut groups: BTreeMap<u32, BTreeMap<Kind, Vec<Side>>> = BTreeMap::new();
+    for ((i, triangle), places) in (0..).zip(&scene.triangles).zip(places) {
+        let mut add = |back: bool, place: Option<(u32, [Vec2; 3])>| {
+            let kind = (triangle.material, triangle.smooth, place.map(|(page, _)| page));
+            let side = Side { triangle: i, back, corners: place.map(|(_, corners)| corners) };
+            groups.entry(triangle.object).or_default().entry(kind).or_default().push(side);
+        };
+        match places {
+            [None, None] => add(false, None),
+            [front, back] => {
+                for (is_back, place) in [(false, front), (true, back)].into_iter().filter(|(_, p)| p.is_some()) {
+                    add(is_back, place);
+                }
+            }
+        }
+    }
+    groups
+}
+
+/// The bytes of the model.
+fn model(path: &Path, scene: &Scene, light: &Lightmap, form: Form, manifest: Manifest) -> Result<Vec<u8>> {
+    let mut document = Writer::default();
+    let mut materials = Materials::new(path, scene, light, form)?;
+    for (object, primitives) in sides(scene, &light.charts) {
+        let primitives: Vec<Value> = primitives
+            .iter()
+            .map(|(&kind, sides)| {
+                let material = materials.index(kind)?;
+                Ok(primitive(&mut document, (scene, &light.charts), form, kind, sides, material))
+            })
+            .collect::<Result<_>>()?;
+        let name = &scene.objects[object as usize];
+        document.meshes.push(json!({ "name": name, "primitives": primitives }));
+        document.nodes.push(json!({ "name": name, "mesh": document.meshes.len() - 1 }));
+    }
+    document.camera(scene);
+    if form == Form::Lit {
+        document.lights(scene, &[]);
+    }
+    let Materials { list: materials, images, .. } = materials;
+    let samplers: Vec<Value> = images.iter().map(|(_, _, sampler)| sampler.clone()).collect();
+    let textures: Vec<Value> = (0..images.len()).map(|i| json!({ "source": i, "sampler": i })).collect();
+    let mut embedded = Vec::new();
+    for (name, bytes, _) in images {
+        let offset = document.bin.len().next_multiple_of(4);
+        document.bin.resize(offset, 0);
+        document.views.push(json!({ "buffer": 0, "byteOffset": offset, "byteLength": bytes.len() }));
+        document.bin.extend(bytes);
+        embedded.push(json!({ "name": name, "mimeType": "image/png", "bufferView": document.views.len() - 1 }));
+    }
+    document.bin.resize(document.bin.len().next_multiple_of(4), 0);
+    let roots = document.roots(scene);
+    let mut json = json!({
+        "asset": { "version": "2.0", "generator": GENERATOR },
+        "scene": 0,
+        "scenes": [{ "name": scene.name, "nodes": roots }],
+        "nodes": document.nodes,
+        "meshes": document.meshes,
+        "materials": materials,
+        "accessors": document.accessors,
+        "bufferViews": document.views,
+        "buffers": [{ "byteLength": document.bin.len() }],
+        "extras": export::extras(RootExtras { lightmap: manifest }),
+    });
+    let mut extensions: Vec<&str> = match form {
+        Form::Lit => vec![
+            "KHR_materials_emissive_strength",
+            "KHR_materials_ior",
+            "KHR_materials_transmission",
+            "KHR_materials_volume",
+        ],
+        Form::Unlit { .. } => vec!["KHR_materials_unlit"],
+    };
+    // glTF does not allow empty arrays.
+    if !embedded.is_empty() {
+        json["images"] = json!(embedded);
+        json["samplers"] = json!(samplers);
+        json["textures"] = json!(textures);
+    }
+    if !document.cameras.is_empty() {
+        json["cameras"] = json!(document.cameras);
+    }
+    if !document.lights.is_empty() {
+        extensions.push("KHR_lights_punctual");
+        json["extensions"] = json!({ "KHR_lights_punctual": { "lights": document.lights } });
+    }
+    json["extensionsUsed"] = json!(extensions);
+    let mut text = serde_json::to_vec(&json).map_err(|e| Error::file(path, e.to_string()))?;
+    text.resize(text.len().next_multiple_of(4), b' ');
+    container(path, &text, &document.bin)
+}
+
+/// The container of a binary glTF: header, text, buffer.
+fn container(path: &Path, text: &[u8], bin: &[u8]) -> Result<Vec<u8>> {
+    let total = 12 + 8 + text.len() + 8 + bin.len();
+    let word = |n: usize| u32::try_from(n).map(u32::to_le_bytes);
+    let large = |_| Error::file(path, "the model would have more than 4 GiB; bake parts of the scene");
+    let mut bytes = Vec::with_capacity(total);
+    bytes.extend(b"glTF");
+    bytes.extend(2u32.to_le_bytes());
+    bytes.extend(word(total).map_err(large)?);
+    for (kind, chunk) in [(b"JSON", text), (b"BIN\0", bin)] {
+        bytes.extend(word(chunk.len()).map_err(large)?);
+        bytes.extend(kind);
+        bytes.extend(chunk);
+    }
+    Ok(bytes)
+}
+
+fn primitive(
+    document: &mut Writer,
+    (scene, charts): (&Scene, &Charts),
+    form: Form,
+    (material, smooth, page): Kind,
+    sides: &[Side],
+    index: usize,
+) -> Value {
+    let size = page.map_or(Vec2::ONE, |page| Vec2::from_array(charts.pages[page as usize].map(|n| n as f32)));
+    // A vertex of the file is one of the scene with its place and side.
+    let mut numbers: HashMap<(u32, bool, [u32; 2]), u32> = HashMap::new();
+    let mut vertices: Vec<(u32, bool, Vec2)> = Vec::new();
+    let mut indices: Vec<u32> = Vec::with_capacity(3 * sides.len());
+    for side in sides {
+        let corners = side.corners.unwrap_or_default();
+        let order = if side.back { [0, 2, 1] } else { [0, 1, 2] };
+        for k in order {
+            let v = scene.triangles[side.triangle as usize].vertices[k];
+            let place = (corners[k] / size).clamp(Vec2::ZERO, Vec2::ONE);
+            let next = vertices.len() as u32;
+            let number = *numbers.entry((v, side.back, place.to_array().map(f32::to_bits))).or_insert(next);
+            if number == next {
+                vertices.push((v, side.back, place));
+            }
+            indices.push(number);
+        }
+    }
+    let words = |values: &[u32]| values.iter().map(|v| v.to_le_bytes()).collect::<Vec<_>>().into_iter();
+    let scalar = || json!({ "componentType": 5125, "type": "SCALAR" });
+    let indices = document.accessor(words(&indices), indices.len(), scalar());
+    let float3 = || json!({ "componentType": 5126, "type": "VEC3" });
+    let float2 = || json!({ "componentType": 5126, "type": "VEC2" });
+    let count = vertices.len();
+    let mut add =
+        |values: Vec<f32>, shape: Value| document.accessor(values.into_iter().map(f32::to_le_bytes), count, shape);
+    let positions: Vec<Vec3> = vertices.iter().map(|(v, ..)| scene.positions[*v as usize]).collect();
+    let mut shape = float3();
+    shape["min"] = export::vector(positions.iter().copied().fold(Vec3::INFINITY, Vec3::min).to_array());
+    shape["max"] = export::vector(positions.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max).to_array());
+    let mut attributes = json!({ "POSITION": add(positions.iter().flat_map(|p| p.to_array()).collect(), shape) });
+    if smooth {
+        let normal = |&(v, back, _): &(u32, bool, Vec2)| scene.normals[v as usize] * if back { -1.0 } else { 1.0 };
+        attributes["NORMAL"] = json!(add(vertices.iter().flat_map(|v| normal(v).to_array()).collect(), float3()));
+    }
+    let m = &scene.materials[material as usize];
+    let mut set = |number: u32, values: Vec<f32>| {
+        attributes[format!("TEXCOORD_{number}")] = json!(add(values, float2()));
+    };
+    let own = |uvs: &[Vec2]| vertices.iter().flat_map(|(v, ..)| uvs[*v as usize].to_array()).collect::<Vec<f32>>();
+    match form {
+        Form::Lit => {
+            // Sets are numbered without gaps.
+            if page.is_some() || m.textures().next().is_some() {
+                set(0, own(&scene.uvs));
+                if !scene.second_uvs.is_empty() {
+                    set(1, own(&scene.second_uvs));
+                }
+            }
+        }
+        Form::Unlit { .. } if page.is_none() && materials::is_pattern(m) => {
+            let second = m.second_uvs[TextureUse::Emission as usize];
+            set(0, own(if second { &scene.second_uvs } else { &scene.uvs }));
+        }
+        Form::Unlit { .. } => {}
+    }
+    if page.is_some() {
+        set(set_of_maps(scene, form), vertices.iter().flat_map(|(.., place)| place.to_array()).collect());
+    }
+    if form == Form::Lit && !scene.colors.is_empty() {
+        let colors = vertices.iter().flat_map(|(v, ..)| scene.colors[*v as usize].to_array()).collect();
+        attributes["COLOR_0"] = json!(add(colors, float3()));
+    }
+    let mut value = json!({ "attributes": attributes, "indices": indices, "material": index });
+    if let Some(page) = page {
+        let numbers: Vec<u32> = sides.iter().map(|side| side.triangle << 1 | u32::from(side.back)).collect();
+        let triangles = document.accessor(words(&numbers), numbers.len(), scalar());
+        value["extras"] = export::extras(PrimitiveExtras { page, triangles });
+    }
+    value
+}
+
+/// Reads the kept light of a scene from a file of [`write()`]. Errors: [`Error::Io`]; [`Error::File`] if the file is malformed, holds
+/// no light or a part of it, or is of another scene.
+pub fn read(path: &Path, scene: &Scene) -> Result<KeptLight> {
+    let bytes = crate::input::read(path)?;
+    // The glTF crate does not check all that it reads.
+    let (manifest, faces) = quietly(|| read_faces(path, &bytes, scene))
+        .map_err(|message| Error::file(path, format!("malformed glTF: {message}")))??;
+    let mut pages = Vec::new();
+    for entry in &manifest.pages {
+        let map = |name: &Option<String>| name.as_ref().map(|name| read_map(path, name, entry)).transpose();
+        let black = || vec![Vec3::ZERO; entry.size[0] as usize * entry.size[1] as usize];
+        let (direct, indirect) = match (map(&entry.irradiance)?, map(&entry.direct)?, map(&entry.indirect)?) {
+            (Some(both), None, None) => (both, black()),
+            (None, Some(direct), Some(indirect)) => (direct, indirect),
+            _ => {
+                let message = "it holds a part of the light alone; bake with --parts together or apart";
+                return Err(Error::file(path, message));
+            }
+        };
+        pages.push(KeptPage { size: entry.size, direct, indirect });
+    }
+    let kept = KeptLight { faces, pages };
+    kept.check(scene).map_err(|message| Error::file(path, format!("{message}; bake it anew")))?;
+    Ok(kept)
+}
+
+/// Light of each side by [`KeptLight::faces`].
+type Faces = Vec<[Option<KeptFace>; 2]>;
+
+fn read_faces(path: &Path, bytes: &[u8], scene: &Scene) -> Result<(Manifest, Faces)> {
+    let refuse = |message: String| Error::file(path, message);
+    let Gltf { document, blob } = Gltf::from_slice(bytes).map_err(|e| refuse(format!("malformed glTF: {e}")))?;
+    let none = || refuse(String::from("it holds no kept light; lightsum bake writes files that do"));
+    let manifest = ours::<RootExtras>(&document.as_json().extras).ok_or_else(none)?.lightmap;
+    if manifest.version != 1 {
+        return Err(refuse(format!("its light has version {}, this program reads 1", manifest.version)));
+    }
+    if manifest.geometry != geometry(scene) {
+        return Err(refuse(String::from("its light is of another scene, or of an earlier state of it; bake it anew")));
+    }
+    let blob = blob.ok_or_else(none)?;
+    let mut faces = vec![[None; 2]; scene.triangles.len()];
+    for primitive in document.meshes().flat_map(|mesh| mesh.primitives()) {
+        let Some(PrimitiveExtras { page, triangles }) = ours(primitive.extras()) else { continue };
+        let size = manifest.pages.get(page as usize).map(|entry| Vec2::new(entry.size[0] as f32, entry.size[1] as f32));
+        let size = size.ok_or_else(|| refuse(format!("a primitive names page {page}, which does not exist")))?;
+        let reader = primitive.reader(|_| Some(&blob));
+        let missing = || refuse(String::from("a primitive lacks what its kept light needs; bake it anew"));
+        let accessor = document.accessors().nth(triangles).ok_or_else(missing)?;
+        let numbers = Iter::<u32>::new(accessor, |_| Some(&blob)).ok_or_else(missing)?;
+        let places: Vec<Vec2> =
+            reader.read_tex_coords(manifest.tex_coord).ok_or_else(missing)?.into_f32().map(Vec2::from_array).collect();
+        let indices: Vec<u32> = reader.read_indices().ok_or_else(missing)?.into_u32().collect();
+        for (number, corners) in numbers.zip(indices.chunks_exact(3)) {
+            let back = number & 1 == 1;
+            let face = faces.get_mut((number >> 1) as usize).ok_or_else(missing)?;
+            let mut of = [Vec2::ZERO; 3];
+            for (corner, &v) in of.iter_mut().zip(corners) {
+                *corner = *places.get(v as usize).ok_or_else(missing)? * size;
+            }
+            if back {
+                of.swap(1, 2);
+            }
+            face[usize::from(back)] = Some(KeptFace { page, corners: of });
+        }
+    }
+    Ok((manifest, faces))
+}
+
+/// The irradiance of a map beside the model.
+fn read_map(path: &Path, name: &str, entry: &PageEntry) -> Result<Vec<Vec3>> {
+    let file = path.with_file_name(name);
+    if Path::new(name).file_name().is_none_or(|own| own != name) {
+        return Err(Error::file(path, format!("map {name:?} does not lie beside the model")));
+    }
+    let bytes = crate::input::read(&file)?;
+    let image = image::load_from_memory_with_format(&bytes, image::ImageFormat::OpenExr);
+    let image = image.map_err(|e| Error::file(&file, e.to_string()))?;
+    if [image.width(), image.height()] != entry.size {
+        let (w, h, [a, b]) = (image.width(), image.height(), entry.size);
+        return Err(Error::file(&file, format!("the map has {w}x{h} texels where {} says {a}x{b}", path.display())));
+    }
+    let scale = (-entry.exposure as f32).exp2();
+    Ok(image.to_rgb32f().pixels().map(|p| Vec3::from_array(p.0) * scale).collect())
+}

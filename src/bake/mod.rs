@@ -1,0 +1,292 @@
+//! Light kept in textures (the illumination maps of Keller 1997, 4.3): each texel holds the irradiance
+//!
+//! E = sum over the virtual lights of V I cos cos' / d^2
+//!
+//! at a point of a surface, as the passes of an atlas ([`crate::view::Atlas`]) compute it; shown at run time times reflectance.
+//! View-independent and diffuse only.
+//!
+//! 1. [`sides`] tells which sides of each triangle light reaches: models made of single sheets, in either orientation, are
+//!    charted where they are lit, on both sides if need be.
+//! 2. [`charts`] lays the lit sides out on the pages of an atlas.
+//! 3. [`texels`] gives each texel its point: its centre on the chart, or near a chart's border the nearest point of it, so that
+//!    bilinear look-ups meet light of their own surface only.
+//! 4. The texels in blocks of 8 x 8 form one or more atlas views ([`Bake::batches`]), each rendered like an image, with the error
+//!    estimate and the state of one.
+//! 5. [`Lightmap`] collects them: texels inside geometry are masked, and what is masked or outside of charts is filled from
+//!    neighbours.
+//! 6. [`files`] writes and reads glTF with the maps beside it; [`crate::scene::KeptLight`] is what a renderer shows.
+
+pub mod charts;
+pub mod files;
+mod lightmap;
+mod materials;
+pub mod sides;
+pub mod texels;
+
+pub use lightmap::{Lightmap, Page};
+
+use std::sync::Arc;
+
+use crate::error::{Error, Result};
+use crate::gpu::Context;
+use crate::scene::{Material, Scene};
+use crate::settings::{Compensation, Settings};
+use crate::standalone::Renderer;
+use crate::view::{Atlas, MAX_PIXELS};
+use charts::Charts;
+use sides::Sides;
+
+/// Side of a block of texels, which is a cluster of shading points.
+const BLOCK: u32 = 8;
+/// Blocks in a row of an atlas view.
+const BLOCKS_ACROSS: u32 = 64;
+/// Most texels of a batch: more do not trace faster.
+const MAX_BATCH: u64 = 1 << 18;
+/// Bytes of a device for each texel of a batch: of the film, and of the shading points of each bounce with their light and rays.
+const FILM_BYTES: u64 = 19 * 16;
+const POINT_BYTES: u64 = 15 * 16;
+
+/// Options of a bake.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Texels along a unit of length. Default `None`: such that the surfaces have some 2^19 texels.
+    pub density: Option<f32>,
+    /// Greatest width and height of a page. Default 2048; 64 to 8192.
+    pub max_size: u32,
+    /// Texels around each chart that hold its light, for mip maps. Default 2; 1 to 16.
+    pub padding: u32,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options { density: None, max_size: 2048, padding: 2 }
+    }
+}
+
+/// Texels of the surfaces without [`Options::density`].
+const DEFAULT_TEXELS: f64 = (1 << 19) as f64;
+
+impl Options {
+    /// Errors: a value out of range.
+    pub fn validate(&self) -> Result<()> {
+        let setting = |name, message| Err(Error::Setting { name, message });
+        if let Some(density) = self.density.filter(|d| !(d.is_finite() && *d > 0.0)) {
+            return setting("--density", format!("{density} is not a number of texels above 0"));
+        }
+        if !(64..=8192).contains(&self.max_size) {
+            return setting("--max-size", format!("{} is not in 64..=8192", self.max_size));
+        }
+        if !(1..=16).contains(&self.padding) {
+            return setting("--padding", format!("{} is not in 1..=16", self.padding));
+        }
+        Ok(())
+    }
+}
+
+/// Settings for texels: all lights at every point, so that neighbours have alike errors and the maps are smooth; what an atlas
+/// cannot have is off.
+pub fn settings(settings: Settings) -> Settings {
+    Settings {
+        superposition: None,
+        filter: None,
+        antialias: false,
+        summands: false,
+        compensation: if settings.compensation == Compensation::Near {
+            Compensation::Exact
+        } else {
+            settings.compensation
+        },
+        ..settings
+    }
+}
+
+/// A bake: what is to be computed, before the first pass.
+pub struct Bake {
+    context: Context,
+    /// The scene, as texels see it: see [`prepare`].
+    scene: Scene,
+    settings: Settings,
+    options: Options,
+    sides: Vec<Sides>,
+    charts: Charts,
+    batches: Vec<Batch>,
+}
+
+/// Texels that are rendered together.
+pub struct Batch {
+    /// The view.
+    pub atlas: Arc<Atlas>,
+    /// Page and index in it of each block's texels, in the order of the view.
+    places: Vec<Option<(u32, u32)>>,
+}
+
+impl Batch {
+    /// Number of texels with a point.
+    pub fn texels(&self) -> usize {
+        self.places.iter().flatten().count()
+    }
+}
+
+impl Bake {
+    /// Finds the lit sides, makes charts and texels.
+    ///
+    /// Errors: options or settings out of range; a density at which the texels do not fit, with one that would.
+    pub fn new(context: &Context, scene: &Scene, settings: Settings, options: Options) -> Result<Bake> {
+        options.validate()?;
+        let settings = self::settings(settings);
+        let scene = prepare(scene);
+        let sides = sides::lit(context, &scene, &settings)?;
+        Self::with_sides(context, scene, settings, options, sides)
+    }
+
+    fn with_sides(
+        context: &Context,
+        scene: Scene,
+        settings: Settings,
+        options: Options,
+        sides: Vec<Sides>,
+    ) -> Result<Bake> {
+        let area: f64 =
+            (0..scene.triangles.len()).map(|i| f64::from(scene.triangle_area(i)) * f64::from(sides[i].count())).sum();
+        if area <= 0.0 {
+            return Err(Error::Scene(String::from(
+                "no light reaches a surface that reflects diffusely; there is nothing to bake",
+            )));
+        }
+        let density = options.density.map_or_else(|| (DEFAULT_TEXELS / area).sqrt(), f64::from);
+        let most = MAX_PIXELS as f64;
+        if area * density * density > most {
+            return Err(too_dense(density, (most / area).sqrt()));
+        }
+        let charts = charts::unwrap(&scene, &sides, density as f32, &options)?;
+        let pages = texels::of_charts(&charts);
+        let batches = batches(&charts, &pages, batch_texels(context, &settings));
+        Ok(Bake { context: context.clone(), scene, settings, options, sides, charts, batches })
+    }
+
+    /// The charts.
+    pub fn charts(&self) -> &Charts {
+        &self.charts
+    }
+
+    /// The options.
+    pub fn options(&self) -> &Options {
+        &self.options
+    }
+
+    /// The views to render, each by [`Bake::renderer`].
+    pub fn batches(&self) -> &[Batch] {
+        &self.batches
+    }
+
+    /// Texels with a point, of all batches.
+    pub fn texels(&self) -> usize {
+        self.batches.iter().map(Batch::texels).sum()
+    }
+
+    /// Bytes that the device needs beside the scene, and bytes that the host needs for the maps.
+    pub fn memory(&self) -> [u64; 2] {
+        let largest = self.batches.iter().map(|batch| batch.atlas.texels.len() as u64).max().unwrap_or(0);
+        let maps: u64 = self.charts.pages.iter().map(|&[w, h]| u64::from(w) * u64::from(h)).sum();
+        [largest * texel_bytes(&self.settings), maps * (24 + 16 + 24)]
+    }
+
+    /// A renderer of batch `i`.
+    pub fn renderer(&self, i: usize) -> Result<Renderer> {
+        Renderer::with_atlas(
+            self.context.clone(),
+            self.scene.clone(),
+            self.batches[i].atlas.clone(),
+            self.settings.clone(),
+        )
+    }
+}
+
+fn too_dense(density: f64, fits: f64) -> Error {
+    let message = format!("{density} texels a unit make too many or too large charts; {:.3} would fit", 0.95 * fits);
+    Error::Setting { name: "--density", message }
+}
+
+/// The scene for texels: without normal maps, whose detail lies between texels, and with textures that reflect a little everywhere,
+/// because points that reflect nothing are not lit and would darken their neighbours in a look-up.
+fn prepare(scene: &Scene) -> Scene {
+    let mut scene = Scene { kept_light: None, ..scene.clone() };
+    for material in &mut scene.materials {
+        material.normal_texture = None;
+    }
+    // Emission keeps its texels as they are.
+    for i in 0..scene.textures.len() as u32 {
+        let reflects = |m: &Material| [m.base_texture, m.metallic_roughness_texture].contains(&Some(i));
+        let emits = |m: &Material| m.emission_texture == Some(i);
+        if scene.materials.iter().any(reflects) && scene.materials.iter().any(emits) {
+            let copy = scene.textures.len() as u32;
+            scene.textures.push(scene.textures[i as usize].clone());
+            scene.materials.iter_mut().filter(|m| emits(m)).for_each(|m| m.emission_texture = Some(copy));
+        }
+    }
+    for i in 0..scene.textures.len() {
+        let base = scene.materials.iter().any(|m| m.base_texture == Some(i as u32));
+        let metal = scene.materials.iter().any(|m| m.metallic_roughness_texture == Some(i as u32));
+        for texel in &mut scene.textures[i].texels {
+            if base && texel[..3] == [0; 3] {
+                texel[..3].copy_from_slice(&[1; 3]);
+            }
+            if metal {
+                texel[2] = texel[2].min(254);
+            }
+        }
+    }
+    scene
+}
+
+fn texel_bytes(settings: &Settings) -> u64 {
+    let bounces = match settings.compensation {
+        Compensation::Exact if settings.clips() => u64::from(settings.max_depth),
+        _ => 1,
+    };
+    FILM_BYTES + POINT_BYTES * bounces
+}
+
+/// Most texels of a batch on this device: a quarter of its memory, and what its bindings hold.
+fn batch_texels(context: &Context, settings: &Settings) -> usize {
+    let info = context.info();
+    let memory = info.device_memory / 4 / texel_bytes(settings);
+    let block_row = u64::from(BLOCK * BLOCK * BLOCKS_ACROSS);
+    memory.min(info.max_storage_buffer_range / 16).clamp(block_row, MAX_BATCH) as usize
+}
+
+/// Divides the texels of all pages into views of whole blocks, in the order of the pages.
+fn batches(charts: &Charts, pages: &[Vec<Option<crate::view::Texel>>], most: usize) -> Vec<Batch> {
+    let mut blocks = Vec::new();
+    for (page, (texels, &[width, height])) in pages.iter().zip(&charts.pages).enumerate() {
+        for y in (0..height).step_by(BLOCK as usize) {
+            for x in (0..width).step_by(BLOCK as usize) {
+                let inside = |i: u32| {
+                    let (x, y) = (x + i % BLOCK, y + i / BLOCK);
+                    (x < width && y < height).then_some(x + y * width)
+                };
+                let of_block: Vec<Option<u32>> =
+                    (0..BLOCK * BLOCK).map(|i| inside(i).filter(|&at| texels[at as usize].is_some())).collect();
+                if of_block.iter().any(Option::is_some) {
+                    blocks.push((page as u32, of_block));
+                }
+            }
+        }
+    }
+    let per_batch = (most / (BLOCK * BLOCK) as usize).max(1);
+    let batch = |blocks: &[(u32, Vec<Option<u32>>)]| {
+        let across = BLOCKS_ACROSS.min(blocks.len() as u32);
+        let rows = (blocks.len() as u32).div_ceil(across);
+        let size = [across * BLOCK, rows * BLOCK];
+        let mut places = vec![None; (size[0] * size[1]) as usize];
+        for (b, (page, of_block)) in (0..).zip(blocks) {
+            for (i, at) in (0..).zip(of_block) {
+                let (x, y) = (b % across * BLOCK + i % BLOCK, b / across * BLOCK + i / BLOCK);
+                places[(x + y * size[0]) as usize] = at.map(|at| (*page, at));
+            }
+        }
+        let texel = |place: &Option<(u32, u32)>| place.and_then(|(page, at)| pages[page as usize][at as usize]);
+        Batch { atlas: Arc::new(Atlas { size, texels: places.iter().map(texel).collect() }), places }
+    };
+    blocks.chunks(per_batch).map(batch).collect()
+}

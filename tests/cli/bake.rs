@@ -1,0 +1,134 @@
+//! `lightsum bake` and `render --light-from` as a user meets them.
+//!
+//! LIGHTSUM_DEVICE names the device, as for all tests with a device.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// A room without a front: floor, back wall, and a lamp that shines down.
+const MODEL: &str = "mtllib room.mtl
+v -1 0 -1\nv -1 0 1\nv 1 0 1\nv 1 0 -1
+v -0.5 1 -0.5\nv 0.5 1 -0.5\nv 0.5 1 0.5\nv -0.5 1 0.5
+v -1 1 -1\nv 1 1 -1
+usemtl floor\nf 1 2 3 4
+usemtl wall\nf 1 4 10 9
+usemtl lamp\nf 5 6 7 8
+";
+const MATERIALS: &str =
+    "newmtl floor\nKd 0.5 0.5 0.5\nnewmtl wall\nKd 0.2 0.6 0.3\nnewmtl lamp\nKd 0 0 0\nKe 10 10 10\n";
+const SCENE: &str = "model = \"room.obj\"
+[camera]
+eye = [0.0, 0.5, 4.0]
+target = [0.0, 0.4, 0.0]
+fov_y = 30.0
+resolution = [40, 32]
+";
+
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    for (name, text) in [("room.obj", MODEL), ("room.mtl", MATERIALS), ("scene.toml", SCENE)] {
+        fs::write(folder.path().join(name), text).unwrap();
+    }
+    folder
+}
+
+fn lightsum(folder: &Path, line: &str) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lightsum"));
+    command.args(line.split_whitespace());
+    if let Ok(device) = std::env::var("LIGHTSUM_DEVICE") {
+        command.args(["--device", &device]);
+    }
+    command.current_dir(folder).env_remove("RUST_LOG").env("XDG_CACHE_HOME", folder.join("cache"));
+    command.output().expect("the program starts")
+}
+
+#[track_caller]
+fn works(folder: &Path, line: &str) -> String {
+    let output = lightsum(folder, line);
+    assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
+}
+
+#[track_caller]
+fn fails(folder: &Path, line: &str) -> String {
+    let output = lightsum(folder, line);
+    assert!(!output.status.success(), "{line}");
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn mean(file: &Path) -> f32 {
+    let image = image::open(file).unwrap().to_rgb32f();
+    image.pixels().map(|p| p.0.iter().sum::<f32>()).sum::<f32>() / (3 * image.width() * image.height()) as f32
+}
+
+#[test]
+fn what_is_baked_is_shown_again() {
+    let folder = folder();
+    let folder = folder.path();
+    let bake = "bake scene.toml -o room.glb --density 16 --passes 8 --clip 0.1";
+    let told = works(folder, bake);
+    assert!(
+        told.contains("texels") && told.contains("MiB") && told.contains("room.glb, room-irradiance-0.exr"),
+        "{told}"
+    );
+    works(folder, "render scene.toml --float --no-layers --passes 8 -o full.exr");
+    works(folder, "render scene.toml --float --no-layers --passes 8 -o kept.exr --light-from room.glb");
+    let ratio = mean(&folder.join("kept.exr")) / mean(&folder.join("full.exr"));
+    assert!((ratio - 1.0).abs() < 0.04, "{ratio}");
+    // Other forms.
+    let told =
+        works(folder, "bake scene.toml -o apart.glb --density 8 --passes 2 --parts apart --max-size 64 --padding 1");
+    assert!(told.contains("apart-direct-0.exr") && told.contains("apart-indirect-0.exr"), "{told}");
+    works(folder, "bake scene.toml -o unlit.glb --density 8 --passes 2 --unlit --exposure auto --tonemap agx");
+    let message = fails(folder, "render scene.toml -o a.png --light-from scene.toml");
+    assert!(message.contains("scene.toml") && !message.contains("panicked"), "{message}");
+    works(folder, "bake scene.toml -o indirect.glb --density 8 --passes 2 --parts indirect");
+    let message = fails(folder, "render scene.toml -o a.png --light-from indirect.glb");
+    assert!(message.contains("--parts"), "{message}");
+}
+
+#[test]
+fn a_bake_goes_on_where_it_stopped() {
+    let folder = folder();
+    let folder = folder.path();
+    let bake = |passes: u32, rest: &str| {
+        works(folder, &format!("bake scene.toml -o room.glb --density 16 --particles 8 --passes {passes} {rest}"));
+        fs::read(folder.join("room-irradiance-0.exr")).unwrap()
+    };
+    let whole = bake(6, "");
+    assert!(!folder.join("room.glb.state").exists());
+    bake(2, "--resume");
+    assert!(folder.join("room.glb.state").exists());
+    assert_eq!(bake(6, "--resume"), whole, "the bits of an uninterrupted bake");
+    let message = fails(folder, "bake scene.toml -o room.glb --density 12 --particles 8 --passes 6 --resume");
+    assert!(message.contains("state"), "{message}");
+}
+
+#[test]
+fn a_target_error_and_a_time_end_a_bake() {
+    let folder = folder();
+    let folder = folder.path();
+    let told = works(folder, "bake scene.toml -o room.glb --density 8 --target-error 0.2 --time 60");
+    assert!(told.contains("estimated error"), "{told}");
+}
+
+#[test]
+fn wrong_use_is_told() {
+    let folder = folder();
+    let folder = folder.path();
+    for (line, word) in [
+        ("bake scene.toml -o room.png", ".glb"),
+        ("bake scene.toml -o room.glb --density 1e6", "--density"),
+        ("bake scene.toml -o room.glb --density 0", "--density"),
+        ("bake scene.toml -o room.glb --max-size 7", "--max-size"),
+        ("bake scene.toml -o absent/room.glb", "absent"),
+        ("bake absent.toml -o room.glb", "absent.toml"),
+        ("bake scene.toml -o room.glb --exposure 1", "--unlit"),
+        ("render scene.toml -o a.png --light-from absent.glb", "absent.glb"),
+    ] {
+        let message = fails(folder, line);
+        assert!(message.contains(word) && !message.contains("panicked"), "{line}: {message}");
+        assert!(!folder.join("room.glb").exists());
+    }
+}

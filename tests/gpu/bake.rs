@@ -1,0 +1,456 @@
+//! Light kept in textures: texels against closed forms, the frame that shows them against the one that computes all, files.
+
+use std::sync::Arc;
+
+use glam::{Vec2, Vec3};
+use lightsum::bake::files::{self, Form, Manifest, Parts};
+use lightsum::bake::{Bake, Lightmap, Options};
+use lightsum::bsdf::sample_texture;
+use lightsum::gpu::Context;
+use lightsum::output::{Metadata, Tonemap};
+use lightsum::pass::{ShadingPoints, kept_light};
+use lightsum::scene::{Camera, KeptFace, KeptLight, KeptPage, Light, Scene, Texture, TextureUse, Wrap, builtin};
+use lightsum::settings::{Clip, Compensation, Exposure, Settings};
+
+use crate::rig::{AWKWARD_IMAGES, Rig, close, gallery, has};
+use crate::scenes::{Soup, renderer};
+use crate::support::gpu_test;
+
+/// All lights at every point, without clipping.
+fn plain() -> Settings {
+    Settings { clip: Clip::Distance(0.0), compensation: Compensation::Off, ..Settings::plain() }
+}
+
+fn baked(ctx: &Context, scene: &Scene, settings: &Settings, options: Options, passes: u32) -> (Bake, Lightmap) {
+    let bake = Bake::new(ctx, scene, settings.clone(), options).unwrap();
+    let image = |i: usize| {
+        let mut renderer = bake.renderer(i).unwrap();
+        (0..passes).for_each(|_| renderer.pass().unwrap());
+        renderer.layers().unwrap()
+    };
+    let images: Vec<_> = (0..bake.batches().len()).map(image).collect();
+    let light = bake.finish(&images).unwrap();
+    (bake, light)
+}
+
+fn at_density(density: f32) -> Options {
+    Options { density: Some(density), ..Options::default() }
+}
+
+/// Mean irradiance over the front of triangles.
+fn mean(kept: &KeptLight, triangles: &[u32]) -> Vec3 {
+    const N: usize = 60;
+    let mut sum = Vec3::ZERO;
+    for &triangle in triangles {
+        for i in 0..N {
+            for j in 0..N {
+                let (s, t) = ((i as f32 + 0.5) / N as f32, (j as f32 + 0.5) / N as f32);
+                // The unit square folded onto the triangle.
+                let uv = if s + t > 1.0 { [1.0 - s, 1.0 - t] } else { [s, t] };
+                let [direct, indirect] = kept.irradiance(triangle, false, uv);
+                sum += direct + indirect;
+            }
+        }
+    }
+    sum / (triangles.len() * N * N) as f32
+}
+
+#[test]
+fn unit_squares_have_their_form_factors() {
+    gpu_test(|ctx| {
+        let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+        // The emitter faces the floor from its edge, or from above.
+        for (corner, u, v, factor) in [(Vec3::ZERO, y, z, 0.200_043_78), (y, x, z, 0.199_824_9)] {
+            let mut soup = Soup::new("squares");
+            let (grey, lamp) = (soup.diffuse(0.5, 0.0), soup.diffuse(0.0, 3.0));
+            soup.quad(Vec3::ZERO, z, x, grey);
+            soup.quad(corner, u, v, lamp);
+            let scene = soup.0;
+            let settings = Settings { particles: 64, max_depth: 2, ..plain() };
+            let (bake, light) = baked(ctx, &scene, &settings, at_density(48.0), 32);
+            assert_eq!(bake.charts().faces.len(), 2, "the lamp reflects nothing, and the floor's back has no light");
+            let found = mean(&light.kept(&scene), &[0, 1]) / (std::f32::consts::PI * 3.0);
+            assert!((found / factor - 1.0).abs().max_element() < 6e-3, "{found} for {factor}");
+        }
+    });
+}
+
+#[test]
+fn a_furnace_is_even() {
+    gpu_test(|ctx| {
+        let (rho, le) = (0.5, 2.0);
+        let scene = builtin::furnace(rho, le);
+        let settings = Settings { particles: 64, max_depth: 6, ..Settings::plain() };
+        let size = scene.diagonal();
+        let (_, light) = baked(ctx, &scene, &settings, at_density(24.0 / size), 16);
+        let kept = light.kept(&scene);
+        let all: Vec<u32> = (0..scene.triangles.len() as u32).collect();
+        // Direct light and four reflections.
+        let expected = std::f32::consts::PI * le * (1.0 - rho.powi(5)) / (1.0 - rho);
+        let sides = |t: u32| if kept.faces[t as usize][0].is_some() { 0 } else { 1 };
+        let of = |t: u32| {
+            let [direct, indirect] = kept.irradiance(t, sides(t) == 1, [0.3, 0.3]);
+            (direct + indirect).x / expected
+        };
+        let values: Vec<f32> = all.iter().map(|&t| of(t)).collect();
+        let mean = values.iter().sum::<f32>() / values.len() as f32;
+        assert!((mean - 1.0).abs() < 0.02, "{mean}");
+        assert!(values.iter().all(|v| (v - 1.0).abs() < 0.15), "{values:?}");
+    });
+}
+
+/// A room with a lamp, a block that stands on its floor and a screen without thickness.
+fn room() -> Scene {
+    let mut soup = Soup::new("room");
+    let (white, red) = (soup.diffuse(0.7, 0.0), soup.diffuse([0.6, 0.2, 0.1], 0.0));
+    let lamp = soup.diffuse(0.0, 12.0);
+    soup.room(Vec3::ZERO, Vec3::new(3.0, 2.0, 3.0), [red, white, white, white, white, white]);
+    soup.quad(Vec3::new(1.2, 1.99, 1.2), Vec3::X * 0.6, Vec3::Z * 0.6, lamp);
+    // A block, seen from outside.
+    let (low, size) = (Vec3::new(0.6, 0.0, 0.6), Vec3::new(0.8, 0.7, 0.8));
+    for axis in 0..3 {
+        let edge = |k: usize| Vec3::AXES[k] * size[k];
+        let (u, v) = (edge((axis + 1) % 3), edge((axis + 2) % 3));
+        soup.quad(low, v, u, white);
+        soup.quad(low + edge(axis), u, v, white);
+    }
+    soup.quad(Vec3::new(2.0, 0.3, 1.0), Vec3::Y, Vec3::Z, red);
+    let mut scene = soup.0;
+    scene.camera = Some(Camera {
+        eye: Vec3::new(1.5, 1.2, 2.9),
+        target: Vec3::new(1.4, 0.7, 0.8),
+        up: Vec3::Y,
+        fov_y: 70.0,
+        resolution: [72, 54],
+        aperture: 0.0,
+        focus: None,
+    });
+    scene
+}
+
+#[test]
+fn kept_light_shows_the_image_that_computes_all_of_it() {
+    gpu_test(|ctx| {
+        let mut scene = room();
+        let camera = scene.camera.unwrap();
+        // The same lights for pixels and texels: what differs is the texels' part.
+        let settings = Settings { particles: 48, clip: Clip::Distance(0.4), ..plain() };
+        const PASSES: u32 = 8;
+        let image = |scene: &Scene| {
+            let mut renderer = renderer(ctx, scene, camera, &settings);
+            (0..PASSES).for_each(|_| renderer.pass().unwrap());
+            (renderer.layers().unwrap(), renderer.statistics())
+        };
+        let (reference, _) = image(&scene);
+        let level = reference.color.iter().copied().sum::<Vec3>().element_sum() / (3 * reference.color.len()) as f32;
+        let mut errors = Vec::new();
+        for density in [6.0, 12.0, 48.0] {
+            scene.kept_light = None;
+            let (bake, light) = baked(ctx, &scene, &settings, at_density(density), PASSES);
+            assert!(light.inside > 0, "the floor below the block");
+            let of_screen =
+                bake.charts().faces.iter().filter(|f| f.triangle >= scene.triangles.len() as u32 - 2).count();
+            assert_eq!(of_screen, 4, "both sides of the screen have charts");
+            scene.kept_light = Some(Arc::new(light.kept(&scene)));
+            let (kept, statistics) = image(&scene);
+            assert_eq!(statistics.lights_per_pass, 0.0);
+            let errors_of =
+                kept.color.iter().zip(&reference.color).map(|(a, b)| {
+                    ((*a - *b).length_squared() / 3.0) / (b.length_squared() / 3.0 + 0.01 * level * level)
+                });
+            let mut squares: Vec<f32> = errors_of.collect();
+            squares.sort_by(f32::total_cmp);
+            // Pixels on edges show one surface or another.
+            squares.truncate(squares.len() * 995 / 1000);
+            errors.push((squares.iter().sum::<f32>() / squares.len() as f32).sqrt());
+        }
+        assert!(errors[2] <= 0.02, "{errors:?}");
+        // Shadows of single lights are steps, whose error falls with the root of a texel's width; elsewhere it falls faster.
+        assert!(errors[1] < 0.75 * errors[0] && errors[2] < 0.6 * errors[1], "{errors:?}");
+    });
+}
+
+#[test]
+fn a_frame_with_kept_light_costs_the_same_with_any_number_of_lights() {
+    gpu_test(|ctx| {
+        let mut rays = Vec::new();
+        for lights in [1, 40] {
+            let mut scene = room();
+            let lamp =
+                |i: u32| Light::Point { position: Vec3::new(0.5 + 0.05 * i as f32, 1.5, 1.0), intensity: Vec3::ONE };
+            scene.lights.extend((0..lights).map(lamp));
+            let corners = [Vec2::ONE, Vec2::new(2.0, 1.0), Vec2::new(1.0, 2.0)];
+            let face = Some(KeptFace { page: 0, corners });
+            let page = KeptPage { size: [3, 3], direct: vec![Vec3::ONE; 9], indirect: vec![Vec3::X; 9] };
+            let faces = vec![[face; 2]; scene.triangles.len()];
+            scene.kept_light = Some(Arc::new(KeptLight { faces, pages: vec![page] }));
+            let camera = scene.camera.unwrap();
+            let mut renderer = renderer(ctx, &scene, camera, &Settings::default());
+            renderer.pass().unwrap();
+            renderer.pass().unwrap();
+            let layers = renderer.layers().unwrap();
+            let [direct, indirect] = [&layers.direct, &layers.indirect].map(|e| e[72 * 27 + 36]);
+            assert!(close(direct, Vec3::ONE, 1e-3, 0.0) && close(indirect, Vec3::X, 1e-3, 1e-6), "{direct} {indirect}");
+            rays.push(renderer.statistics().rays);
+        }
+        assert_eq!(rays[0], rays[1]);
+    });
+}
+
+/// A scene with random kept light on two pages; every fifth side has none.
+fn with_light(mut scene: Scene) -> Scene {
+    let random = |i: u32| (lightsum::sampling::random::hash(i) >> 8) as f32 / (1u32 << 24) as f32;
+    let page = |size: [u32; 2], scale: f32| {
+        let value = |i: u32| Vec3::new(random(3 * i), random(3 * i + 1), random(3 * i + 2)) * scale;
+        let count = size[0] * size[1];
+        KeptPage { size, direct: (0..count).map(value).collect(), indirect: (count..2 * count).map(value).collect() }
+    };
+    let pages = vec![page([7, 5], 3.0), page([1, 9], 2e5)];
+    let side = |i: u32| {
+        let page = i % 2;
+        let size = pages[page as usize].size;
+        let corner = |k: u32| Vec2::new(random(i * 7 + k) * size[0] as f32, random(i * 11 + k) * size[1] as f32);
+        (i % 5 != 3).then(|| KeptFace { page, corners: [corner(0), corner(1), corner(2)] })
+    };
+    let faces = (0..scene.triangles.len() as u32).map(|i| [side(2 * i), side(2 * i + 1)]).collect();
+    scene.kept_light = Some(Arc::new(KeptLight { faces, pages }));
+    scene
+}
+
+#[test]
+fn kept_light_follows_its_oracle() {
+    gpu_test(|ctx| {
+        let scene = with_light(gallery());
+        let kept = scene.kept_light.clone().unwrap();
+        for size in AWKWARD_IMAGES {
+            let rig = Rig::new(ctx, &scene, size, Settings::plain());
+            let frame = rig.frame();
+            rig.prefill(&[
+                &frame.shade.lighting.direct,
+                &frame.shade.lighting.indirect,
+                &frame.shade.lighting.specular,
+            ]);
+            rig.run(|frame, rec| {
+                frame.eye.record_first(rec)?;
+                (0..frame.eye.steps()).try_for_each(|step| frame.eye.record_step(rec, step))?;
+                frame.eye.record_points(rec)?;
+                frame.kept_light.as_ref().unwrap().record(rec)
+            });
+            let (hits, directions) = (rig.vec4s(&frame.eye.rays.hits), rig.vec4s(&frame.eye.rays.direction));
+            let wo = rig.vec4s(&frame.eye.points.wo);
+            let lighting = &frame.shade.lighting;
+            let (direct, indirect) = (rig.vec4s(&lighting.direct), rig.vec4s(&lighting.indirect));
+            let mut compared = 0;
+            for pixel in 0..(size[0] * size[1]) as usize {
+                if !has(wo[pixel], ShadingPoints::HIT) {
+                    continue;
+                }
+                compared += 1;
+                let leaf = hits[pixel].w.to_bits();
+                let back = rig.bvh().normal(leaf).dot(directions[pixel].truncate()) >= 0.0;
+                let uv = [hits[pixel].y, hits[pixel].z];
+                let expected = kept_light::reference(&kept, rig.bvh().scene_triangle(leaf), back, uv);
+                let page = &kept.pages[kept.faces[rig.bvh().scene_triangle(leaf) as usize][usize::from(back)]
+                    .map_or(0, |f| f.page as usize)];
+                let scale = page.direct.iter().map(|e| e.max_element()).fold(0.0, f32::max);
+                for (found, expected) in [(direct[pixel], expected[0]), (indirect[pixel], expected[1])] {
+                    assert!(
+                        close(found.truncate(), expected, 1e-3, 1e-3 * scale),
+                        "{size:?}, {pixel}: {found} {expected}"
+                    );
+                }
+            }
+            assert!(compared > 0 || size == [1, 1], "{size:?}");
+        }
+    });
+}
+
+#[test]
+fn seams_between_objects_have_no_steps() {
+    gpu_test(|ctx| {
+        let mut soup = Soup::new("floor of two parts");
+        let (grey, lamp) = (soup.diffuse(0.5, 0.0), soup.diffuse(0.0, 5.0));
+        soup.quad(Vec3::ZERO, Vec3::Z, Vec3::X, grey);
+        soup.quad(Vec3::X, Vec3::Z, Vec3::X, grey);
+        soup.quad(Vec3::new(0.3, 0.8, 0.3), Vec3::X * 0.7, Vec3::Z * 0.4, lamp);
+        let mut scene = soup.0;
+        scene.objects.push(String::from("other part"));
+        scene.triangles[2].object = 1;
+        scene.triangles[3].object = 1;
+        let settings = Settings { particles: 64, max_depth: 2, ..plain() };
+        let (bake, light) = baked(ctx, &scene, &settings, at_density(24.0), 8);
+        assert_eq!(bake.charts().count, 2);
+        let kept = light.kept(&scene);
+        // Triangles of a quad: corner, u, u + v and corner, u + v, v; the seam is u + v to v of the first, corner to u of the second.
+        assert_ne!(kept.irradiance(0, false, [0.3, 0.3])[0], Vec3::ZERO);
+        let (mut step, mut slope) = (0.0f32, 0.0f32);
+        for i in 0..=50 {
+            let s = i as f32 / 50.0;
+            // On the seam x = 1 at z = s, from both sides; and a texel further.
+            let a = kept.irradiance(1, false, [s, 1.0 - s])[0];
+            let b = kept.irradiance(2, false, [s, 0.0])[0];
+            let inner = |h: f32| {
+                // Point (1 - h, s) of the first quad, by z = u + v weights and x = v weights.
+                let (x, z) = (1.0 - h, s);
+                if z <= x { kept.irradiance(1, false, [z, x - z])[0] } else { kept.irradiance(0, false, [z - x, x])[0] }
+            };
+            let h = 1.0 / 24.0;
+            slope = slope.max((inner(2.0 * h) - inner(3.0 * h)).abs().max_element());
+            step = step.max((a - b).abs().max_element());
+        }
+        assert!(step <= slope, "a step of {step} where neighbouring texels differ by {slope}");
+    });
+}
+
+#[test]
+fn files_give_the_light_back() {
+    gpu_test(|ctx| {
+        let scene = room();
+        let settings = Settings { particles: 16, clip: Clip::Distance(0.4), ..plain() };
+        let options = Options { density: Some(10.0), max_size: 64, ..Options::default() };
+        let (_, light) = baked(ctx, &scene, &settings, options, 2);
+        assert!(light.pages.len() > 1, "several pages");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("room.glb");
+        let write = |parts, form| files::write(&path, &scene, &light, (parts, form), &Metadata::default()).unwrap();
+        let expected = light.kept(&scene);
+        let unlit = Form::Unlit { exposure: Exposure::Stops(0.0), tonemap: Tonemap::Srgb };
+        for (parts, form) in [(Parts::Together, Form::Lit), (Parts::Apart, Form::Lit), (Parts::Together, unlit)] {
+            let written = write(parts, form);
+            let maps = if parts == Parts::Apart { 2 } else { 1 } * light.pages.len();
+            assert_eq!(written.len(), 1 + maps);
+            let read = files::read(&path, &scene).unwrap();
+            for triangle in 0..scene.triangles.len() as u32 {
+                for back in [false, true] {
+                    let of = |kept: &KeptLight| kept.irradiance(triangle, back, [0.3, 0.2]);
+                    let ([a, b], [c, d]) = (of(&read), of(&expected));
+                    assert!(close(a + b, c + d, 2e-3, 1e-4), "{triangle} {back}: {a} {b} for {c} {d}");
+                    assert!(parts != Parts::Apart || close(a, c, 2e-3, 1e-4));
+                }
+            }
+            // The model itself is a scene again.
+            let model = lightsum::scene::load(&path).unwrap();
+            assert!(model.triangles.len() >= scene.triangles.len());
+        }
+        let refused = |scene: &Scene| files::read(&path, scene).unwrap_err().to_string();
+        let mut moved = scene.clone();
+        moved.positions[0].x += 0.1;
+        assert!(refused(&moved).contains("another scene"), "{}", refused(&moved));
+        write(Parts::Indirect, Form::Lit);
+        assert!(refused(&scene).contains("--parts"));
+        write(Parts::Together, Form::Lit);
+        std::fs::remove_file(folder.path().join("room-irradiance-1.exr")).unwrap();
+        assert!(refused(&scene).contains("room-irradiance-1.exr"));
+        std::fs::write(&path, b"glTF and nothing else").unwrap();
+        assert!(refused(&scene).contains("room.glb"));
+        let other = folder.path().join("room.gltf");
+        let message = files::write(&other, &scene, &light, (Parts::Together, Form::Lit), &Metadata::default());
+        assert!(message.unwrap_err().to_string().contains(".glb"));
+    });
+}
+
+#[test]
+fn patterns_and_second_coordinates_are_kept() {
+    gpu_test(|ctx| {
+        let mut scene = room();
+        let texels = vec![[0, 0, 0, 255], [255, 128, 0, 255], [40, 40, 255, 255], [255; 4]];
+        let wrap = [Wrap::Repeat; 2];
+        scene.textures = vec![Texture { name: String::from("stripes"), width: 2, height: 2, texels, srgb: true, wrap }];
+        scene.uvs = scene.positions.iter().map(|p| Vec2::new(p.x, p.z)).collect();
+        scene.second_uvs = scene.uvs.iter().map(|uv| 0.7 * *uv + 0.1).collect();
+        let lamp = scene.materials.iter().position(|m| m.emission != Vec3::ZERO).unwrap();
+        scene.materials[lamp].emission_texture = Some(0);
+        scene.materials[lamp].second_uvs[TextureUse::Emission as usize] = true;
+        // A surface that reflects and emits by one texture, which is black.
+        let red = scene.materials.iter().position(|m| m.base_color.x != m.base_color.y).unwrap();
+        scene.textures.push(Texture { width: 1, height: 1, texels: vec![[0, 0, 0, 255]], ..scene.textures[0].clone() });
+        scene.materials[red].base_texture = Some(1);
+        scene.materials[red].emission_texture = Some(1);
+        scene.materials[red].emission = Vec3::splat(1000.0);
+        let (_, light) = baked(ctx, &scene, &Settings { particles: 8, ..plain() }, at_density(8.0), 2);
+        let emission = light.pages.iter().flat_map(|page| &page.emission);
+        assert!(emission.into_iter().all(|e| *e == Vec3::ZERO), "black stays black where it emits");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.glb");
+        let extras = || {
+            let json = gltf::Gltf::open(&path).unwrap().document.into_json();
+            let extras: serde_json::Value = serde_json::from_str(json.extras.as_ref().unwrap().get()).unwrap();
+            serde_json::from_value::<Manifest>(extras["lightsum"]["lightmap"].clone()).unwrap()
+        };
+        let unlit = Form::Unlit { exposure: Exposure::Stops(-4.0), tonemap: Tonemap::Srgb };
+        for (form, set) in [(Form::Lit, 2), (unlit, 0)] {
+            files::write(&path, &scene, &light, (Parts::Together, form), &Metadata::default()).unwrap();
+            assert_eq!(extras().tex_coord, set);
+            let (read, expected) = (files::read(&path, &scene).unwrap(), light.kept(&scene));
+            for triangle in 0..scene.triangles.len() as u32 {
+                let of = |kept: &KeptLight| kept.irradiance(triangle, false, [0.3, 0.2]).iter().sum::<Vec3>();
+                assert!(close(of(&read), of(&expected), 2e-3, 1e-4), "{triangle}");
+            }
+            let model = lightsum::scene::load(&path).unwrap();
+            let at = |scene: &Scene, i: usize| {
+                let [a, b, c] = scene.triangle_positions(i);
+                (0.5 * a + 0.2 * b + 0.3 * c, scene.triangles[i], [0.5, 0.2, 0.3])
+            };
+            let lamps = (0..scene.triangles.len()).filter(|&i| scene.triangles[i].material as usize == lamp);
+            for i in lamps {
+                let (point, triangle, weights) = at(&scene, i);
+                let near = |&j: &usize| (at(&model, j).0 - point).length() < 1e-4;
+                let (_, same, _) = at(&model, (0..model.triangles.len()).find(near).unwrap());
+                let expected = scene.emission_at(&triangle, weights);
+                let found = match form {
+                    Form::Lit => model.emission_at(&same, weights),
+                    Form::Unlit { .. } => {
+                        let texture = model.materials[same.material as usize].base_texture.unwrap();
+                        let uv = model.uv_at(&same, weights, TextureUse::Base).to_array();
+                        16.0 * sample_texture(&model.textures[texture as usize], uv).truncate()
+                    }
+                };
+                assert!(close(found, expected, 0.03, 0.03), "{form:?}, {i}: {found} for {expected}");
+            }
+        }
+    });
+}
+
+#[test]
+fn manifests_name_every_object_and_its_place() {
+    gpu_test(|ctx| {
+        let mut scene = room();
+        scene.objects.push(String::from("screen"));
+        let last = scene.triangles.len() - 1;
+        scene.triangles[last].object = 1;
+        scene.triangles[last - 1].object = 1;
+        let (_, light) = baked(ctx, &scene, &Settings { particles: 8, ..plain() }, at_density(8.0), 1);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.glb");
+        files::write(&path, &scene, &light, (Parts::Together, Form::Lit), &Metadata::default()).unwrap();
+        let document = gltf::Gltf::open(&path).unwrap().document;
+        let extras = document.as_json().extras.as_ref().unwrap().get().to_owned();
+        let extras: serde_json::Value = serde_json::from_str(&extras).unwrap();
+        let manifest: Manifest = serde_json::from_value(extras["lightsum"]["lightmap"].clone()).unwrap();
+        let screen = manifest.objects.iter().find(|entry| entry.object == "screen").unwrap();
+        let [_, _, width, height] = screen.rectangle;
+        // Both sides of 1 x 1, each at least 8 x 8 texels.
+        assert!(screen.charts == 2 && width * height >= 2 * 64, "{screen:?}");
+        assert_eq!(manifest.pages[0].irradiance.as_deref(), Some("a-irradiance-0.exr"));
+    });
+}
+
+#[test]
+fn what_does_not_fit_is_refused_with_a_density_that_would() {
+    gpu_test(|ctx| {
+        let scene = room();
+        let refused = |options: Options| Bake::new(ctx, &scene, plain(), options).err().unwrap().to_string();
+        for density in [1e5, 400.0] {
+            let message = refused(Options { density: Some(density), max_size: 256, ..Options::default() });
+            let fits: f32 = message.split("charts; ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+            assert!(fits < density && message.contains("--density"), "{message}");
+        }
+        assert!(refused(Options { max_size: 9000, ..Options::default() }).contains("--max-size"));
+        assert!(refused(Options { padding: 0, ..Options::default() }).contains("--padding"));
+        assert!(refused(at_density(f32::NAN)).contains("--density"));
+        let mut dark = builtin::single_triangle_light();
+        dark.materials.iter_mut().for_each(|m| m.base_color = Vec3::ZERO);
+        let message = Bake::new(ctx, &dark, plain(), Options::default()).err().unwrap().to_string();
+        assert!(message.contains("nothing to bake"), "{message}");
+    });
+}
