@@ -76,13 +76,14 @@ impl DeviceScene {
         let extended = bounds != (self.bvh.min, self.bvh.max);
 
         let start = std::time::Instant::now();
-        // The disc that emits parallel light is as large as the scene.
+        // The discs that emit parallel light and that of the environment are as large as the scene.
         let parallel = |light: &Light| matches!(light, Light::Directional { .. });
+        let has_discs = scene.environment.is_some() || scene.lights.iter().any(parallel);
         let other_emitters = touched.everything
             || touched.emission
             || touched.lights
             || touched.moved.iter().any(|&object| emits(object))
-            || extended && scene.lights.iter().any(parallel);
+            || extended && has_discs;
         let emitters = if other_emitters { Some(Emitters::of(scene, scene.emitters_are_lights)?) } else { None };
         let other_delta = touched.lights || extended || touched.everything;
         let light_seconds = start.elapsed().as_secs_f64();

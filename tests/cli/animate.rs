@@ -162,9 +162,9 @@ fn animated(folder: &Path) {
     add(vec![0; 16], 5121, "VEC4", 4);
     add(floats(&[[1.0, 0.0, 0.0, 0.0]; 4].concat()), 5126, "VEC4", 4);
     add(floats(&[0.0, 2.0]), 5126, "SCALAR", 2);
-    // An eighth of a turn, so that the leaf stays above the floor and the scene keeps its size.
-    let (sine, cosine) = std::f32::consts::FRAC_PI_8.sin_cos();
-    add(floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, sine, cosine]), 5126, "VEC4", 2);
+    // A quarter of a turn: the leaf ends below the floor, so that the scene grows, and with it the disc of the default sky.
+    let half = std::f32::consts::FRAC_1_SQRT_2;
+    add(floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, half, half]), 5126, "VEC4", 2);
     add(floats(&[0.0, 2.0, 5.0, 0.0, 2.0, 4.0]), 5126, "VEC3", 2);
     let mesh = |positions: u32, material: u32| json!({ "primitives": [{ "attributes": { "POSITION": positions }, "indices": 0, "material": material }] });
     let mut leaf = mesh(3, 0);
