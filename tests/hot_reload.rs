@@ -76,7 +76,11 @@ fn a_changed_shader_is_picked_up() {
     let doubled = with_change("resolve.wgsl", "(sum - ", "2.0 * (sum - ");
     assert!(doubled.contains("radiance 2\n"), "{doubled}");
     // Also through an include.
-    let dark = with_change("include/surface.wgsl", "vec3<f32>(0.0), emission, emits", "vec3<f32>(0.0), vec3<f32>(0.25), emits");
+    let dark = with_change(
+        "include/surface.wgsl",
+        "vec3<f32>(0.0), emission, emits",
+        "vec3<f32>(0.0), vec3<f32>(0.25), emits",
+    );
     assert!(dark.contains("radiance 0.25\n"), "{dark}");
 }
 
