@@ -118,7 +118,7 @@ fn one_pass_of_a_checkered_plane_does_not_glitter() {
         let (scene, camera) = plane_to_the_horizon([96, 64]);
         let settings = |seed| Settings { seed, max_depth: 2, particles: 1, filter: None, ..Settings::plain() };
         let reference = path_traced(&scene, &camera, 4096, 2);
-        // What one pass would show without levels: one point of each pixel.
+        // One pass without levels would show one point of each pixel.
         let point = path_traced(&scene, &camera, 1, 2);
         let (_, plain) = compare(&point, &reference);
         for (passes, energy, most) in [(1, 0.02, 0.55 * plain), (16, 0.01, 0.3 * plain), (256, 0.005, 0.1 * plain)] {
