@@ -114,7 +114,7 @@ impl Bake {
 }
 
 impl Lightmap {
-    /// What a renderer shows: see [`Scene::kept_light`].
+    /// Light that a renderer shows in place of virtual lights: see [`Scene::kept_light`].
     pub fn kept(&self, scene: &Scene) -> KeptLight {
         let mut faces = vec![[None; 2]; scene.triangles.len()];
         for face in &self.charts.faces {

@@ -131,7 +131,7 @@ fn refuse_clouds(path: &Path, elements: &[ElementDef]) -> Result<()> {
     }
 }
 
-/// What a property of a vertex or face means.
+/// Meaning of a property of a vertex or face.
 enum Key {
     /// x, y, z; nx, ny, nz; u, v; red, green, blue.
     Number(usize),
