@@ -276,7 +276,8 @@ pub struct Settings {
     /// and not at all in the limit. `None`: no filter. An atlas of texels is not filtered.
     pub filter: Option<Filter>,
     /// Maximum number of segments of a light path from eye to emitter: 1 emitters only, 2 direct light, 5 direct light
-    /// and three further reflections. Default 5; 1 to 16. Higher is brighter and slower.
+    /// and three further reflections. Default 16; 1 to 16. With fewer, light that was reflected more often is missing: with 5 some 5 %
+    /// of a grey room's light, 15 % of a white one's.
     pub max_depth: u32,
     /// Maximum number of consecutive interactions with mirrors and glass on an eye path; they do not count in `max_depth`.
     /// Default 8; 0 to 64. Longer chains are black. Each interaction costs a ray for every pixel that gets there, and a few
@@ -379,7 +380,7 @@ impl Default for Settings {
             direct_lights: None,
             pattern: [3, 3],
             filter: Some(Filter::default()),
-            max_depth: 5,
+            max_depth: Self::MAX_DEPTH,
             max_specular: 8,
             split: true,
             glossy_paths: true,
@@ -427,12 +428,14 @@ impl Settings {
     /// Maximum `particles`.
     pub const MAX_PARTICLES: u32 = 65_536;
 
-    /// One set of virtual lights for the whole image, all of them at every point, exact compensation, no filter and one eye ray a pixel:
-    /// the estimator of Keller 1997, whose passes add up without bias but for clipping. For comparisons with it.
+    /// One set of virtual lights for the whole image, all of them at every point, exact compensation, no filter, one eye ray a pixel and
+    /// paths of at most five segments: the estimator of Keller 1997, whose passes add up without bias but for clipping. For
+    /// comparisons with it.
     pub fn plain() -> Settings {
         Settings {
             light_pool: 0,
             direct_lights: Some(Self::MAX_PARTICLES),
+            max_depth: 5,
             pattern: [1, 1],
             filter: None,
             antialias: false,

@@ -53,9 +53,11 @@ impl LightPlan {
         (plan(particles), particles)
     }
 
-    /// The lights of a cluster that chooses as many as this plan has after reflections.
+    /// The lights of a cluster that chooses as many as this plan has after reflections. Reflections that a single particle survives
+    /// count as one light all together: they carry little light, and long paths would double the shadow rays.
     pub(super) fn of_cluster(&self) -> LightPlan {
-        let reflected = self.slots() - self.first_slot(1);
+        let after = self.survivors.get(1..).unwrap_or_default();
+        let reflected = after.iter().filter(|&&n| n > 1).sum::<u32>() + u32::from(after.contains(&1));
         let mut survivors = vec![0; self.survivors.len()];
         survivors[0] = self.survivors[0];
         survivors[1] = reflected;
@@ -106,6 +108,14 @@ mod tests {
         assert_eq!(plan.survivors, [8, 16, 8, 4, 2]);
         let plan = LightPlan::new(&Settings { particles: 3, max_depth: 5, ..settings }, 0.5, 0);
         assert_eq!(plan.survivors, [3, 1, 1, 1], "no depth dies out");
+    }
+
+    #[test]
+    fn long_paths_cost_clusters_one_light() {
+        let settings = Settings { particles: 32, direct_lights: Some(8), ..Settings::plain() };
+        let plan = |max_depth| LightPlan::new(&Settings { max_depth, ..settings.clone() }, 0.5, 3);
+        assert_eq!(plan(5).of_cluster().survivors, [8, 28, 0, 0]);
+        assert_eq!(plan(16).of_cluster().slots() - plan(5).of_cluster().slots(), 2 + 1);
     }
 
     #[test]
