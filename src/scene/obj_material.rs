@@ -3,8 +3,10 @@
 //! `Kd`, `map_Kd` (their product is the base colour), `Ke` (radiance), `Ks` (reflectance at normal incidence), `Ns` or `Pr`
 //! (roughness), `Pm` (metallic), `illum` (0, 1 diffuse; 3, 5 diffuse and an ideal mirror of `Ks`; 4, 9 glass that does not
 //! bend light; 6, 7 glass that does; others diffuse and specular), `Tf` (tint of glass at each crossing), `Ni`, `d` or 1 - `Tr`
-//! (opacity), `map_d` (a factor of it) and `norm` (normals) are used; everything else is ignored. A mirror without `Kd` has no
-//! diffuse part; `Kd`, `Ks` and opacity of glass are ignored.
+//! (opacity), `map_d` (a factor of it), `norm` (normals) and `map_Ke` (emission, times `Ke`) are used; everything else is ignored.
+//! A mirror without `Kd` has no diffuse part; `Kd`, `Ks` and opacity of glass are ignored. Where `map_Ke` stands without `Ke`, or with
+//! a black one, as exporters write it, it is multiplied by 1; a model with no other emission gets the default sky too
+//! ([`Scene::emission_is_relative`]).
 
 use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
@@ -153,7 +155,7 @@ fn read(path: &Path) -> Result<(Described, BTreeSet<String>)> {
     for statements in read {
         let places = places.remove(&statements.name).unwrap_or_default();
         let maps = Maps::new(path, &statements, &places, &mut ignored);
-        materials.push((material(path, &statements, &maps, &mut ignored), maps));
+        materials.push((material(path, &statements, &maps), maps));
     }
     if !ignored.is_empty() {
         let all: Vec<&str> = ignored.iter().map(String::as_str).collect();
@@ -163,7 +165,7 @@ fn read(path: &Path) -> Result<(Described, BTreeSet<String>)> {
 }
 
 /// The material of one `newmtl`. Its numbers have been checked.
-fn material(path: &Path, from: &tobj::Material, maps: &Maps, ignored: &mut BTreeSet<String>) -> Material {
+fn material(path: &Path, from: &tobj::Material, maps: &Maps) -> Material {
     let unknown = |word: &str| from.unknown_param.get(word);
     let other_number = |word: &str| unknown(word).and_then(|rest| number(rest).ok());
     let three = |c: Option<[f64; 3]>| c.map(|c| Vec3::from_array(c.map(|x| x as f32)));
@@ -201,9 +203,6 @@ fn material(path: &Path, from: &tobj::Material, maps: &Maps, ignored: &mut BTree
         Surface::Opaque | Surface::Mirror if opacity < 1.0 || maps.alpha.is_some() => Alpha::Blend { opacity },
         _ => Alpha::Opaque,
     };
-    if alpha != Alpha::Opaque && emission != Vec3::ZERO {
-        ignored.insert(String::from("opacity of surfaces that emit (they are opaque)"));
-    }
     let mut material = Material {
         name: from.name.clone(),
         surface,

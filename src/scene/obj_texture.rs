@@ -1,14 +1,14 @@
-//! Textures of MTL materials: `map_Kd`, `map_d` and `norm` with their options.
+//! Textures of MTL materials: `map_Kd`, `map_d`, `norm` and `map_Ke` with their options.
 
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 use image::imageops::{FilterType, resize};
 use image::{Rgba, RgbaImage};
 use rayon::prelude::*;
 
-use super::{Scene, Texture, Wrap};
+use super::{Alpha, Material, Scene, Texture, Wrap};
 use crate::error::{Error, Result};
 
 /// One texture of a material: the file, and the place of the statement.
@@ -43,11 +43,12 @@ pub(super) struct Maps {
     pub(super) color: Option<Map>,
     pub(super) alpha: Option<Map>,
     pub(super) normal: Option<Map>,
+    pub(super) emission: Option<Map>,
 }
 
 impl Maps {
     /// The statements that are used.
-    pub(super) const USED: [&str; 3] = ["map_Kd", "map_d", "norm"];
+    pub(super) const USED: [&str; 4] = ["map_Kd", "map_d", "norm", "map_Ke"];
 
     /// Those of a material whose statements stand at these lines of a library.
     pub(super) fn new(
@@ -56,7 +57,8 @@ impl Maps {
         lines: &HashMap<&str, usize>,
         ignored: &mut BTreeSet<String>,
     ) -> Maps {
-        let rests = [from.diffuse_texture.as_ref(), from.dissolve_texture.as_ref(), from.unknown_param.get("norm")];
+        let unknown = |word: &str| from.unknown_param.get(word);
+        let rests = [from.diffuse_texture.as_ref(), from.dissolve_texture.as_ref(), unknown("norm"), unknown("map_Ke")];
         let mut first: Option<Options> = None;
         let mut map = |k: usize| {
             let word = Maps::USED[k];
@@ -69,26 +71,34 @@ impl Maps {
             // The reader has noted the line of each statement that it has let pass.
             Some(Map { file, options, library: library.to_path_buf(), line: *lines.get(word)? })
         };
-        Maps { color: map(0), alpha: map(1), normal: map(2) }
+        Maps { color: map(0), alpha: map(1), normal: map(2), emission: map(3) }
     }
 
     /// Scale and offset of the texture coordinates.
     pub(super) fn placement(&self) -> [Vec2; 2] {
-        let first = self.color.as_ref().or(self.alpha.as_ref()).or(self.normal.as_ref());
+        let first = [&self.color, &self.alpha, &self.normal, &self.emission].into_iter().flatten().next();
         let options = first.map_or(Options::default(), |map| map.options);
         [options.scale, options.offset]
     }
 }
 
-/// Files of a texture, whether it is clamped, and whether it holds normals.
+/// Files of a texture, whether it is clamped, and whether it holds colours.
 type Key = (Option<PathBuf>, Option<PathBuf>, bool, bool);
 
-/// A texture of a scene before it is read: of colour with opacity, or of normals.
+/// A texture of a scene before it is read.
 struct Job {
     material: u32,
-    color: Option<Map>,
-    alpha: Option<Map>,
-    normal: Option<Map>,
+    source: Source,
+}
+
+enum Source {
+    /// Base colour with opacity.
+    Base {
+        color: Option<Map>,
+        alpha: Option<Map>,
+    },
+    Normal(Map),
+    Emission(Map),
 }
 
 /// The textures in use.
@@ -96,8 +106,8 @@ struct Job {
 pub(super) struct Textures {
     jobs: Vec<Job>,
     by_key: HashMap<Key, usize>,
-    /// Base and normal texture of each material in use, as indices of jobs.
-    uses: HashMap<u32, [Option<usize>; 2]>,
+    /// Base, normal and emission texture of each material in use, as indices of jobs.
+    uses: HashMap<u32, [Option<usize>; 3]>,
 }
 
 impl Textures {
@@ -106,29 +116,37 @@ impl Textures {
         if self.uses.contains_key(&material) {
             return;
         }
-        let Maps { color, alpha, normal } = maps.clone();
-        let base = Job { material, color, alpha, normal: None };
-        let normal = Job { material, color: None, alpha: None, normal };
-        let jobs = [base, normal].map(|job| self.job(job));
+        let Maps { color, alpha, normal, emission } = maps.clone();
+        let base = (color.is_some() || alpha.is_some()).then_some(Source::Base { color, alpha });
+        let sources = [base, normal.map(Source::Normal), emission.map(Source::Emission)];
+        let jobs = sources.map(|source| source.map(|source| self.job(Job { material, source })));
         self.uses.insert(material, jobs);
     }
 
-    /// Index of an equal job; `None` if it has no file.
-    fn job(&mut self, job: Job) -> Option<usize> {
-        let first = job.color.as_ref().or(job.alpha.as_ref()).or(job.normal.as_ref())?;
+    /// Index of an equal job.
+    fn job(&mut self, job: Job) -> usize {
         let file = |map: &Option<Map>| map.as_ref().map(|map| map.file.clone());
-        let color = if job.normal.is_some() { &job.normal } else { &job.color };
-        let key = (file(color), file(&job.alpha), first.options.wrap == Wrap::Clamp, job.normal.is_some());
+        let clamped = |map: &Map| map.options.wrap == Wrap::Clamp;
+        let key = match &job.source {
+            Source::Base { color, alpha } => {
+                (file(color), file(alpha), color.as_ref().or(alpha.as_ref()).is_some_and(clamped), true)
+            }
+            Source::Normal(map) => (Some(map.file.clone()), None, clamped(map), false),
+            Source::Emission(map) => (Some(map.file.clone()), None, clamped(map), true),
+        };
         let next = self.jobs.len();
         let index = *self.by_key.entry(key).or_insert(next);
         if index == next {
             self.jobs.push(job);
+        } else if matches!(job.source, Source::Base { .. }) {
+            // A base texture must be there, one of emission need not.
+            self.jobs[index] = job;
         }
-        Some(index)
+        index
     }
 
-    /// Reads all textures, on all cores. A map of opacity or normals that cannot be read is left out. Errors: the first colour
-    /// texture that cannot be read.
+    /// Reads all textures, on all cores. A map of opacity, normals or emission that cannot be read is left out. Errors: the first
+    /// colour texture that cannot be read.
     pub(super) fn read(&mut self, scene: &mut Scene) -> Result<()> {
         let materials = &scene.materials;
         let read = |job: Job| {
@@ -149,36 +167,60 @@ impl Textures {
                 scene.textures.len() as u32 - 1
             }));
         }
-        for (&material, &[base, normal]) in &self.uses {
+        let (mut given, mut opaque) = (false, false);
+        for (&material, &jobs) in &self.uses {
+            let [base, normal, emission] = jobs.map(|job| indices[job?]);
             let material = &mut scene.materials[material as usize];
-            material.base_texture = base.and_then(|job| indices[job]);
-            material.normal_texture = normal.and_then(|job| indices[job]);
+            material.base_texture = base;
+            material.normal_texture = normal;
             let texture = material.base_texture.map(|texture| &scene.textures[texture as usize]);
             material.alpha = material.alpha.unless_opaque(texture);
+            given |= material.emission != Vec3::ZERO;
+            if let Some(texture) = emission {
+                material.emit_by(texture, scene.textures[texture as usize].average());
+            }
+            opaque |= material.alpha != Alpha::Opaque && material.emission != Vec3::ZERO;
+        }
+        scene.emission_is_relative = !given;
+        if opaque {
+            scene.leave_out(String::from("opacity of surfaces that emit (they are opaque)"));
         }
         Ok(())
     }
 }
 
+impl Material {
+    /// Lets it emit by a texture, whose factor is its emission: 1 if that is black, as exporters leave it.
+    fn emit_by(&mut self, texture: u32, average: Vec3) {
+        if self.emission == Vec3::ZERO {
+            self.emission = Vec3::ONE;
+        }
+        self.emission_texture = Some(texture);
+        if self.emission * average == Vec3::ZERO {
+            (self.emission, self.emission_texture) = (Vec3::ZERO, None);
+        }
+    }
+}
+
 impl Job {
     fn read(self, material: &str, missing: &mut Vec<String>) -> Result<Option<Texture>> {
-        let mut optional = |word: &str, map: &Option<Map>| {
-            map.as_ref().and_then(|map| {
-                let read = map.read(false);
-                read.inspect_err(|reason| {
-                    let (library, file) = (map.library.display(), map.file.display());
-                    log::warn!("{library}:{}: material {material:?}: {word} {file}: {reason}", map.line);
-                    let name = map.file.file_name().unwrap_or_default().display();
-                    missing.push(format!("{word} {name} (cannot be read)"));
-                })
-                .ok()
+        let mut optional = |word: &str, map: &Map, srgb: bool| {
+            let read = map.read(srgb);
+            read.inspect_err(|reason| {
+                let (library, file) = (map.library.display(), map.file.display());
+                log::warn!("{library}:{}: material {material:?}: {word} {file}: {reason}", map.line);
+                let name = map.file.file_name().unwrap_or_default().display();
+                missing.push(format!("{word} {name} (cannot be read)"));
             })
+            .ok()
         };
-        if self.normal.is_some() {
-            return Ok(optional("norm", &self.normal));
-        }
-        let alpha = optional("map_d", &self.alpha);
-        let Some(map) = self.color else { return Ok(alpha.map(|alpha| with_opacity(None, alpha))) };
+        let (color, alpha) = match self.source {
+            Source::Normal(map) => return Ok(optional("norm", &map, false)),
+            Source::Emission(map) => return Ok(optional("map_Ke", &map, true)),
+            Source::Base { color, alpha } => (color, alpha),
+        };
+        let alpha = alpha.and_then(|map| optional("map_d", &map, false));
+        let Some(map) = color else { return Ok(alpha.map(|alpha| with_opacity(None, alpha))) };
         let color = map.read(true).map_err(|reason| {
             let file = map.file.display();
             let message = format!("material {material:?}: texture {file} cannot be read: {reason}");

@@ -1,6 +1,7 @@
 //! OBJ and MTL files as other programs write them.
 
 use glam::{Vec2, Vec3};
+use lightsum::light::emitters::Emitters;
 use lightsum::scene::{self, Alpha, Material, Scene};
 use tempfile::TempDir;
 
@@ -199,12 +200,11 @@ fn opacity_is_read() {
 fn normal_maps_are_used_and_other_maps_named() {
     let bumps = png(1, 1, &[[128, 128, 255, 255]]);
     let images: [(&str, &[u8]); 1] = [("n.png", &bumps)];
-    let (scene, material) =
-        square("norm -bm 0.5 n.png\nbump n.png\nmap_Bump n.png\nmap_Ke n.png\nmap_Ks n.png", &images);
+    let (scene, material) = square("norm -bm 0.5 n.png\nbump n.png\nmap_Bump n.png\nmap_Ks n.png", &images);
     let texture = &scene.textures[material.normal_texture.unwrap() as usize];
     assert_eq!((texture.srgb, texture.texels[0], material.normal_scale), (false, [128, 128, 255, 255], 0.5));
     assert_eq!(material.base_texture, None);
-    assert_eq!(scene.ignored, ["bump", "map_Bump", "map_Ke", "map_Ks"]);
+    assert_eq!(scene.ignored, ["bump", "map_Bump", "map_Ks"]);
     // One image, as colour and as normals.
     let (scene, material) = square("norm n.png\nmap_Kd n.png", &images);
     assert_eq!(scene.textures.len(), 2);
@@ -214,6 +214,94 @@ fn normal_maps_are_used_and_other_maps_named() {
     assert_eq!((material.normal_texture, material.base_texture, material.alpha), (None, None, Alpha::Opaque));
     assert_eq!(scene.ignored.len(), 2);
     assert!(scene.ignored.iter().all(|what| what.contains("none.png")), "{:?}", scene.ignored);
+}
+
+#[test]
+fn a_lamp_with_a_texture_is_that_of_gltf() {
+    let half = png(2, 1, &[[0, 0, 0, 255], [255, 128, 0, 255]]);
+    let images: [(&str, &[u8]); 1] = [("half.png", &half)];
+    let (scene, lamp) = square("Ke 4 2 1\nmap_Ke -clamp on half.png", &images);
+    // The same square: texture coordinates of glTF run downwards.
+    let numbers =
+        [[0.0f32, 0.0, 0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 1.0, 1.0], [1.0, 1.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 0.0, 0.0]];
+    let bytes: Vec<u8> = numbers.concat().iter().flat_map(|x| x.to_le_bytes()).chain([0, 1, 2, 0, 2, 3]).collect();
+    let gltf = serde_json::json!({
+        "asset": { "version": "2.0" },
+        "extensionsUsed": ["KHR_materials_emissive_strength"],
+        "buffers": [{ "uri": "a.bin", "byteLength": 86 }],
+        "bufferViews": [
+            { "buffer": 0, "byteLength": 80, "byteStride": 20 },
+            { "buffer": 0, "byteOffset": 80, "byteLength": 6 },
+        ],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0] },
+            { "bufferView": 0, "byteOffset": 12, "componentType": 5126, "count": 4, "type": "VEC2" },
+            { "bufferView": 1, "componentType": 5121, "count": 6, "type": "SCALAR" },
+        ],
+        "images": [{ "uri": "half.png" }],
+        "samplers": [{ "wrapS": 33071, "wrapT": 33071 }],
+        "textures": [{ "source": 0, "sampler": 0 }],
+        "materials": [{
+            "emissiveFactor": [1, 0.5, 0.25],
+            "emissiveTexture": { "index": 0 },
+            "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 4 } },
+        }],
+        "meshes": [{ "primitives": [{
+            "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "indices": 2, "material": 0,
+        }] }],
+        "nodes": [{ "mesh": 0 }],
+        "scenes": [{ "nodes": [0] }],
+        "scene": 0,
+    });
+    let gltf = gltf.to_string();
+    let twin = folder(&[("a.gltf", gltf.as_bytes()), ("a.bin", &bytes), images[0]]);
+    let twin = scene::load(&twin.path().join("a.gltf")).unwrap();
+    assert_eq!(lamp.emission, Vec3::new(4.0, 2.0, 1.0));
+    for scene in [&scene, &twin] {
+        assert!(!scene.emission_is_relative && scene.environment.is_none() && scene.ignored.is_empty());
+        let [red, green, black] = [0.9, 0.5, 0.1].map(|x| {
+            // The first triangle spans (0, 0), (1, 0) and (1, 1).
+            scene.emission_at(&scene.triangles[0], [1.0 - x, x - 0.05, 0.05])
+        });
+        assert_eq!((red.x, black), (4.0, Vec3::ZERO));
+        assert!(red.y > 0.0 && red.z == 0.0 && green.x > 1.9 && green.x < 2.1, "{red} {green}");
+    }
+    let powers = [&scene, &twin].map(|scene| Emitters::of(scene, true).unwrap().power);
+    assert_eq!(powers[0], powers[1]);
+    // A square of area 1, half of it black.
+    assert!((powers[0].x / (0.5 * 4.0 * std::f32::consts::PI) - 1.0).abs() < 1e-3, "{}", powers[0]);
+}
+
+#[test]
+fn emission_textures_are_read() {
+    let half = png(2, 1, &[[0, 0, 0, 255], [255; 4]]);
+    let black = png(1, 1, &[[0, 0, 0, 255]]);
+    let images: [(&str, &[u8]); 2] = [("half.png", &half), ("black.png", &black)];
+    // Exporters leave `Ke` out, or black: such a lamp glows for a screen.
+    for statements in ["map_Ke half.png", "Ke 0 0 0\nmap_Ke half.png"] {
+        let (scene, lamp) = square(statements, &images);
+        assert_eq!((lamp.emission, lamp.emission_texture), (Vec3::ONE, Some(0)), "{statements}");
+        assert!(scene.textures[0].srgb && scene.emission_is_relative && scene.environment.is_some());
+    }
+    // One image, as colour and as emission, and placed with the other maps.
+    let (scene, lamp) = square("map_Kd -s 2 2 half.png\nKe 3 3 3\nmap_Ke -s 2 2 half.png", &images);
+    assert_eq!((lamp.base_texture, lamp.emission_texture, scene.textures.len()), (Some(0), Some(0), 1));
+    assert!(scene.ignored.is_empty() && scene.uvs.contains(&Vec2::new(2.0, -1.0)), "{:?}", scene.uvs);
+    // Black, and missing: only the latter keeps `Ke`.
+    let (scene, lamp) = square("Ke 3 3 3\nmap_Ke black.png", &images);
+    assert_eq!((lamp.emission, lamp.emission_texture), (Vec3::ZERO, None));
+    assert!(scene.environment.is_some());
+    let (scene, lamp) = square("Ke 3 3 3\nmap_Ke none.png", &images);
+    assert_eq!((lamp.emission, lamp.emission_texture), (Vec3::splat(3.0), None));
+    assert_eq!(scene.ignored, ["map_Ke none.png (cannot be read)"]);
+    assert_eq!(square("map_Ke none.png", &images).1.emission, Vec3::ZERO);
+    // A colour map that is missing is an error, also where the same file should be emission.
+    let mtl = "newmtl l\nmap_Ke none.png\nnewmtl m\nmap_Kd none.png\n";
+    let model = format!("{SQUARE}usemtl l\nf 1/1 2/2 3/3\n");
+    for model in [model.as_str(), &model.replace(" m\n", " x\n").replace(" l\n", " m\n").replace(" x\n", " l\n")] {
+        let message = refusal(&[("a.obj", model.as_bytes()), ("a.mtl", mtl.as_bytes())]);
+        assert!(message.contains("a.mtl:4:") && message.contains("none.png"), "{message}");
+    }
 }
 
 #[test]
