@@ -1,7 +1,7 @@
 //! glTF buffers, with every bound checked before use.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use gltf::accessor::sparse::IndexType;
 use gltf::accessor::{DataType, Dimensions};
@@ -38,8 +38,14 @@ impl<'a> Buffers<'a> {
                 data.push(buffer::Data(Vec::new()));
                 continue;
             }
-            let bytes = buffer::Data::from_source_and_blob(buffer.source(), path.parent(), &mut blob)
-                .map_err(|e| Error::file(path, format!("buffer {}: {}", buffer.index(), reason(&e))))?;
+            let bytes = match buffer.source() {
+                buffer::Source::Uri(uri) => external(path, uri),
+                buffer::Source::Bin => blob.take().ok_or_else(|| reason(&gltf::Error::MissingBlob)),
+            };
+            let mut bytes = bytes.map_err(|why| Error::file(path, format!("buffer {}: {why}", buffer.index())))?;
+            // Some exporters leave out the padding that they count.
+            bytes.resize(bytes.len().next_multiple_of(4), 0);
+            let bytes = buffer::Data(bytes);
             if bytes.len() < buffer.length() {
                 let (index, length) = (buffer.index(), buffer.length());
                 let message = format!("buffer {index}: {length} bytes are promised, {} are there", bytes.len());
@@ -225,6 +231,22 @@ fn strided(bytes: &[u8], offset: usize, stride: usize, size: usize, count: usize
 /// Unsigned integer of 1, 2 or 4 bytes.
 fn little_endian(bytes: &[u8]) -> u32 {
     bytes.iter().rev().fold(0, |value, &byte| value << 8 | u32::from(byte))
+}
+
+/// The bytes that a URI of the document stands for: those of a file next to it, or of the URI itself.
+pub(super) fn external(document: &Path, uri: &str) -> Result<Vec<u8>, String> {
+    let of_file = |path: PathBuf| crate::input::read(&path).map_err(|e| e.to_string());
+    match uri.split_once(':') {
+        Some(("data", _)) => {
+            buffer::Data::from_source(buffer::Source::Uri(uri), None).map(|data| data.0).map_err(|e| reason(&e))
+        }
+        Some(("file", path)) => of_file(PathBuf::from(path.strip_prefix("//").unwrap_or(path))),
+        Some((scheme, _)) => Err(format!("URIs of the kind {scheme:?} are not read; use a file or \"data:\"")),
+        None => {
+            let name = urlencoding::decode(uri).map_err(|_| format!("the URI {uri:?} is not UTF-8"))?;
+            of_file(document.parent().unwrap_or(Path::new("")).join(&*name))
+        }
+    }
 }
 
 /// Message of a glTF error, without Rust's names.

@@ -1,4 +1,5 @@
-//! Compressed geometry in glTF files: EXT_meshopt_compression and KHR_draco_mesh_compression.
+//! Compressed geometry in glTF files: EXT_meshopt_compression, KHR_meshopt_compression and
+//! KHR_draco_mesh_compression.
 //!
 //! Sizes that a file promises are compared with those that its bytes can hold, or with fixed limits, before memory is taken.
 
@@ -28,8 +29,8 @@ const MOST_DRACO_ELEMENTS: u64 = 1 << 25;
 
 /// Whether a buffer only says how large what is compressed elsewhere is.
 pub(super) fn is_fallback(buffer: &buffer::Buffer) -> bool {
-    let fallback = || buffer.extension_value(MESHOPT)?.get("fallback")?.as_bool();
-    fallback().unwrap_or(false)
+    let fallback = |name: &str| buffer.extension_value(name)?.get("fallback")?.as_bool();
+    MESHOPT.into_iter().any(|name| fallback(name).unwrap_or(false))
 }
 
 /// The bytes of a compressed view; `None` if it is not compressed. `bytes` gives a range of a buffer: index, offset, length.
@@ -37,7 +38,7 @@ pub(super) fn meshopt<'b>(
     view: &buffer::View,
     bytes: impl Fn(usize, usize, usize) -> Option<&'b [u8]>,
 ) -> Option<Result<Vec<u8>, String>> {
-    let extension = view.extension_value(MESHOPT)?;
+    let (name, extension) = MESHOPT.into_iter().find_map(|name| Some((name, view.extension_value(name)?)))?;
     let number = |name: &str| extension.get(name).and_then(Value::as_u64).and_then(|n| usize::try_from(n).ok());
     let word = |name: &str| extension.get(name).and_then(Value::as_str).unwrap_or("");
     let decoded = || {
@@ -60,7 +61,7 @@ pub(super) fn meshopt<'b>(
         filter(word("filter"), &mut decoded, stride)?;
         Ok(decoded)
     };
-    Some(decoded().map_err(|message| format!("bufferView {}: {MESHOPT}: {message}", view.index())))
+    Some(decoded().map_err(|message| format!("bufferView {}: {name}: {message}", view.index())))
 }
 
 fn decode(mode: &str, bytes: &[u8], stride: usize, count: usize) -> Result<Vec<u8>, String> {
@@ -73,6 +74,12 @@ fn decode(mode: &str, bytes: &[u8], stride: usize, count: usize) -> Result<Vec<u
     let beyond = || format!("{count} elements cannot be in {} bytes", bytes.len());
     match mode {
         "ATTRIBUTES" => {
+            // Only KHR_meshopt_compression allows it.
+            if bytes.first() == Some(&0xa1) {
+                return Err(String::from(
+                    "attributes in version 1 of the format are not read; compress them in version 0",
+                ));
+            }
             if count.saturating_mul(stride) > bytes.len().saturating_mul(MOST_MESHOPT) {
                 return Err(beyond());
             }
@@ -173,6 +180,7 @@ fn filter(name: &str, data: &mut [u8], stride: usize) -> Result<(), String> {
                 element.copy_from_slice(&(value as f32).to_le_bytes());
             }
         }
+        ("COLOR", _) => return Err(String::from("the filter \"COLOR\" is not read; compress colours without it")),
         _ => return Err(format!("there is no filter {name:?} of elements of {stride} bytes")),
     }
     Ok(())

@@ -11,8 +11,8 @@ use crate::error::{Error, Result};
 pub(super) const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 /// WebP images.
 pub(super) const WEBP: &str = "EXT_texture_webp";
-/// Views compressed by meshoptimizer.
-pub(super) const MESHOPT: &str = "EXT_meshopt_compression";
+/// Views compressed by meshoptimizer, by the names of both extensions; the newer one allows another form of attributes as well.
+pub(super) const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 /// Meshes compressed by Draco.
 pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
 /// Images in KTX 2.0 files.
@@ -27,9 +27,10 @@ pub(super) const GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
 const QUANTIZATION: &str = "KHR_mesh_quantization";
 
 /// Extensions that the loader reads, at least in part; it tells which part of one it leaves out.
-const READ: [&str; 17] = [
+const READ: [&str; 18] = [
     INSTANCING,
-    MESHOPT,
+    MESHOPT[0],
+    MESHOPT[1],
     WEBP,
     DRACO,
     CLEARCOAT,

@@ -9,15 +9,15 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use glam::{Vec2, Vec3};
+use gltf::image;
 use gltf::material::AlphaMode;
 use gltf::texture::WrappingMode;
-use gltf::{buffer, image};
 use rayon::prelude::*;
 use serde_json::Value;
 
 use super::export::MaterialExtras;
 use super::gltf::{Reader, ours};
-use super::gltf_accessor::{Buffers, reason};
+use super::gltf_accessor::{Buffers, external};
 use super::gltf_extensions::{ANISOTROPY, BASISU, CLEARCOAT, GLOSSINESS, WEBP};
 use super::{Alpha, MIN_ROUGHNESS, Material, Surface, Texture, Wrap};
 use crate::error::{Error, Result};
@@ -400,9 +400,7 @@ fn read_image(path: &Path, buffers: &Buffers, image: &gltf::Image) -> Result<Tex
         }
         image::Source::Uri { uri, .. } => {
             let name = if uri.starts_with("data:") { numbered() } else { uri.to_string() };
-            // A buffer source reads files and data URIs alike.
-            let bytes = buffer::Data::from_source(buffer::Source::Uri(uri), path.parent())
-                .map_err(|e| failed(&name, reason(&e)))?;
+            let bytes = external(path, uri).map_err(|why| failed(&name, why))?;
             decode(&bytes, name)
         }
     }

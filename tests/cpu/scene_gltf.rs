@@ -9,6 +9,7 @@ use lightsum::scene::{self, Light, Scene, Surface, Texture, TextureUse, VirtualL
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
+mod external;
 mod materials;
 
 /// A folder with one glTF document.
@@ -474,8 +475,8 @@ fn bad_gltf_is_refused() {
     refused(&|c| c.document["bufferViews"][0]["byteStride"] = json!(4), &["stride 4"]);
     refused(&|c| c.document["buffers"][0]["byteLength"] = json!(1000), &["buffer 0", "1000"]);
     refused(&|c| c.document["buffers"][0]["uri"] = json!("none.bin"), &["buffer 0"]);
-    refused(&|c| c.document["buffers"][0]["uri"] = json!("https://host/a.bin"), &["buffer 0"]);
-    refused(&|c| c.document["buffers"][0]["uri"] = json!("%ff.bin"), &["a.gltf"]);
+    refused(&|c| c.document["buffers"][0]["uri"] = json!("https://host/a.bin"), &["buffer 0", "https"]);
+    refused(&|c| c.document["buffers"][0]["uri"] = json!("%ff.bin"), &["a.gltf", "buffer 0", "%ff.bin"]);
     refused(&|c| c.document["buffers"][0]["uri"] = json!("data:;base64,@@"), &["buffer 0"]);
     refused(&|c| c.bin[98] = 7, &["accessor 3", "vertex 7", "there are 3"]);
     refused(&|c| c.bin[0..4].copy_from_slice(&f32::NAN.to_le_bytes()), &["accessor 0", "not finite"]);

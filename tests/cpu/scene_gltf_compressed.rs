@@ -127,6 +127,41 @@ fn damaged_compressed_files_are_errors() {
 }
 
 #[test]
+fn both_names_of_meshopt_are_read() {
+    const NAMES: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
+    let folder = TempDir::new().unwrap();
+    let (document, bin) = parts("vase gltfpack.glb");
+    let expected = load(&folder, (document.clone(), bin.clone())).unwrap();
+    let renamed: Value = serde_json::from_str(&document.to_string().replace(NAMES[0], NAMES[1])).unwrap();
+    assert!(renamed.to_string().contains(NAMES[1]) && renamed["extensionsRequired"] != document["extensionsRequired"]);
+    let found = load(&folder, (renamed.clone(), bin.clone())).unwrap();
+    assert_eq!(
+        (found.positions, found.normals, found.triangles),
+        (expected.positions, expected.normals, expected.triangles)
+    );
+    assert!(found.ignored.is_empty(), "{:?}", found.ignored);
+
+    // The other form of attributes, and the filter that is new.
+    let view = renamed["bufferViews"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .position(|view| view["extensions"][NAMES[1]]["mode"] == "ATTRIBUTES");
+    let view = view.unwrap();
+    let at = renamed["bufferViews"][view]["extensions"][NAMES[1]]["byteOffset"].as_u64().unwrap_or(0) as usize;
+    let mut newer = bin.clone();
+    assert_eq!(newer[at], 0xa0);
+    newer[at] = 0xa1;
+    let error = load(&folder, (renamed.clone(), newer)).unwrap_err().to_string();
+    let name = format!("bufferView {view}: {}", NAMES[1]);
+    assert!(error.contains(&name) && error.contains("version 1"), "{error}");
+    let mut filtered = renamed;
+    filtered["bufferViews"][view]["extensions"][NAMES[1]]["filter"] = json!("COLOR");
+    let error = load(&folder, (filtered, bin)).unwrap_err().to_string();
+    assert!(error.contains(&name) && error.contains("COLOR"), "{error}");
+}
+
+#[test]
 fn false_promises_are_refused_by_view_and_extension() {
     let folder = TempDir::new().unwrap();
     let refused = |name: &str, change: &dyn Fn(&mut Value), words: &[&str]| {
