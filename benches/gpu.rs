@@ -86,7 +86,7 @@ fn measure(context: &Context, frame: &Frame) -> lightsum::Result<Vec<(String, Ve
         let place = Vec3::new((i % 8) as f32 + 0.5, 4.0, (i / 8) as f32 + 0.5) / 8.0;
         Light::Point { position: low + (high - low) * place, intensity: Vec3::ONE }
     }));
-    let camera = scene.camera.unwrap_or_else(|| Camera::in_front_of((low, high), RESOLUTION));
+    let camera = scene.camera.unwrap_or_else(|| scene.framed(RESOLUTION, None));
     let camera = Camera { resolution: RESOLUTION, aperture: frame.aperture, ..camera };
     let mut renderer = Renderer::with_context(context.clone(), scene, camera, frame.settings.clone())?;
     // Drivers may compile at the first dispatch.

@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let image = arguments.next();
 
     let scene = scene::load(&file)?;
-    let camera = scene.camera.unwrap_or_else(|| Camera::in_front_of(scene.bounds(), [640, 480]));
+    let camera = scene.camera.unwrap_or_else(|| scene.framed([640, 480], None));
     let camera = Camera { resolution: [320, 240], ..camera };
     // Emission, diffuse and specular light as layers of their own.
     let settings = Settings { summands: true, ..Settings::default().with_scene_defaults(&scene.render) };

@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let scene = scene::load(&file)?;
     // A bare model may have no camera.
-    let camera = scene.camera.unwrap_or_else(|| Camera::in_front_of(scene.bounds(), [640, 480]));
+    let camera = scene.camera.unwrap_or_else(|| scene.framed([640, 480], None));
     let camera = Camera { resolution: [320, 240], ..camera };
     // `[render]` of the scene file over the defaults; a program's own choices come last.
     let settings = Settings { seed: 1, ..Settings::default().with_scene_defaults(&scene.render) };

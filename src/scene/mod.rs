@@ -9,6 +9,7 @@ pub mod builtin;
 mod description;
 pub mod environment;
 pub(crate) mod export;
+mod framing;
 pub(crate) mod gltf;
 mod gltf_accessor;
 mod gltf_animation;
@@ -658,40 +659,6 @@ impl Camera {
         [640, 480]
     }
 
-    /// Azimuth and elevation, degrees, from which a model without a camera is seen: its front in glTF, from a little above.
-    pub const ORBIT: [f32; 2] = [20.0, 20.0];
-
-    /// A camera for a scene without one: [`Camera::around`] from [`Camera::ORBIT`].
-    pub fn in_front_of(bounds: (Vec3, Vec3), resolution: [u32; 2]) -> Camera {
-        Camera::around(bounds, resolution, Camera::ORBIT)
-    }
-
-    /// A camera that looks at the middle of a box, which fills the image. `orbit`: azimuth from positive z towards positive x and
-    /// elevation towards positive y of the camera as seen from the box, degrees.
-    pub fn around((low, high): (Vec3, Vec3), resolution: [u32; 2], orbit: [f32; 2]) -> Camera {
-        /// Vertical angle of view, degrees.
-        const FOV: f32 = 45.0;
-        /// Margin around the box.
-        const MARGIN: f32 = 1.1;
-        let target = 0.5 * (low + high);
-        let half = 0.5 * (high - low);
-        let [(sin_a, cos_a), (sin_e, cos_e)] = orbit.map(|angle| angle.to_radians().sin_cos());
-        let back = Vec3::new(sin_a * cos_e, sin_e, cos_a * cos_e);
-        let up = Vec3::new(-sin_a * sin_e, cos_e, -cos_a * sin_e);
-        let right = up.cross(back);
-        let tan_y = (0.5 * FOV.to_radians()).tan();
-        let tan_x = tan_y * resolution[0] as f32 / resolution[1] as f32;
-        let distance = (0..8).map(|corner: u32| {
-            let side = |axis: u32| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
-            let c = half * Vec3::new(side(0), side(1), side(2));
-            let needed = (c.dot(right).abs() / tan_x).max(c.dot(up).abs() / tan_y);
-            c.dot(back) + MARGIN * needed
-        });
-        // Even a pointlike box is viewed from a distance above 0.
-        let distance = distance.fold(0.1 * half.length(), f32::max).max(f32::MIN_POSITIVE);
-        Camera { eye: target + distance * back, target, up, fov_y: FOV, resolution, aperture: 0.0, focus: None }
-    }
-
     /// Whether the aperture is above 0: surfaces out of focus are blurred.
     pub fn has_lens(&self) -> bool {
         self.aperture > 0.0
@@ -769,33 +736,4 @@ pub struct RenderDefaults {
     pub seed: Option<u64>,
     /// Exposure for PNG output: stops, or "auto".
     pub exposure: Option<Exposure>,
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_whole_box_is_seen() {
-        for (low, high) in [
-            (Vec3::new(-1.0, -2.0, -3.0), Vec3::new(5.0, 2.0, 7.0)),
-            (Vec3::new(1e4, 0.0, 0.0), Vec3::new(1.5e4, 1.0, 1.0)),
-            (Vec3::ZERO, Vec3::new(0.0, 0.01, 3.0)),
-        ] {
-            for resolution in [[640, 480], [100, 900]] {
-                for orbit in [Camera::ORBIT, [0.0, 0.0], [200.0, -35.0], [90.0, 90.0]] {
-                    let camera = Camera::around((low, high), resolution, orbit);
-                    let (right, up, forward) = camera.world_from_camera();
-                    let tan_y = (0.5 * camera.fov_y.to_radians()).tan();
-                    let tan_x = tan_y * resolution[0] as f32 / resolution[1] as f32;
-                    for corner in 0..8 {
-                        let pick = |axis: usize| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] };
-                        let to = Vec3::new(pick(0), pick(1), pick(2)) - camera.eye;
-                        let (x, y, z) = (to.dot(right), to.dot(up), to.dot(forward));
-                        assert!(z > 0.0 && x.abs() <= z * tan_x && y.abs() <= z * tan_y, "{low} {high} {orbit:?}");
-                    }
-                }
-            }
-        }
-    }
 }

@@ -53,7 +53,7 @@ pub fn open(common: &Common) -> Result<Context> {
 pub fn camera(scene: &Scene, resolution: [u32; 2]) -> Camera {
     match scene.camera {
         Some(camera) => Camera { resolution, ..camera },
-        None => Camera::around(scene.bounds(), resolution, [0.0, 0.0]),
+        None => scene.framed(resolution, Some([0.0, 0.0])),
     }
 }
 

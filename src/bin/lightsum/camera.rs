@@ -12,7 +12,7 @@ pub fn choose(scene: &Scene, flags: &args::Camera, resolution: Option<[u32; 2]>)
     };
     let size = resolution.unwrap_or(of_scene.map_or([640, 480], |camera| camera.resolution));
     let mut camera = match (of_scene, flags.orbit) {
-        (_, Some(orbit)) => Camera::around(scene.bounds(), size, orbit),
+        (_, Some(orbit)) => scene.framed(size, Some(orbit)),
         (Some(camera), None) => camera,
         (None, None) => {
             if flags.eye.is_none() || flags.target.is_none() {
@@ -21,7 +21,7 @@ pub fn choose(scene: &Scene, flags: &args::Camera, resolution: Option<[u32; 2]>)
                     scene.name
                 );
             }
-            Camera::in_front_of(scene.bounds(), size)
+            scene.framed(size, None)
         }
     };
     camera.eye = flags.eye.map_or(camera.eye, |p| scene.from_world(p));
