@@ -1,6 +1,6 @@
 //! Charts: the lit sides of the triangles laid out flat on pages, at one density, without overlap.
 //!
-//! `uvunwrap` makes them, object by object and side by side, so that no chart spans two objects: it grows charts from planar regions,
+//! Places that the file gives are kept ([`Scene::lightmap_uvs`]); the rest has new charts on pages after these. `uvunwrap` makes them, object by object and side by side, so that no chart spans two objects: it grows charts from planar regions,
 //! flattens them by least squares conformal maps and as-rigid-as-possible steps, and packs their shapes.
 
 use std::collections::{BTreeMap, HashMap};
@@ -9,7 +9,7 @@ use glam::Vec2;
 use uvunwrap::{Density, MeshInput};
 
 use super::sides::Sides;
-use super::{Options, too_dense};
+use super::{Options, file_charts, too_dense};
 use crate::error::{Error, Result};
 use crate::scene::Scene;
 
@@ -42,7 +42,25 @@ pub struct Charts {
 }
 
 /// Lays out the lit sides. Errors: a chart larger than a page, with a density that would fit.
-pub fn unwrap(scene: &Scene, sides: &[Sides], density: f32, options: &Options) -> Result<Charts> {
+pub fn lay_out(scene: &Scene, sides: &[Sides], density: f32, options: &Options) -> Result<Charts> {
+    let (mut charts, rest) = file_charts::of_file(scene, sides, density, options);
+    if rest.iter().all(|sides| sides.count() == 0) {
+        return Ok(charts);
+    }
+    let new = unwrap(scene, &rest, density, options)?;
+    let (pages, count) = (charts.pages.len() as u32, charts.count);
+    charts.faces.extend(new.faces.iter().map(|face| Face {
+        page: pages + face.page,
+        chart: count + face.chart,
+        ..*face
+    }));
+    charts.pages.extend(new.pages);
+    charts.count += new.count;
+    Ok(charts)
+}
+
+/// New charts of sides.
+fn unwrap(scene: &Scene, sides: &[Sides], density: f32, options: &Options) -> Result<Charts> {
     let mut groups: BTreeMap<(u32, bool), Vec<u32>> = BTreeMap::new();
     for (i, triangle) in (0u32..).zip(&scene.triangles) {
         for back in [false, true].into_iter().filter(|&back| sides[i as usize].has(back)) {

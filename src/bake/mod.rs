@@ -7,7 +7,7 @@
 //!
 //! 1. [`sides`] tells which sides of each triangle light reaches: models made of single sheets, in either orientation, are
 //!    charted where they are lit, on both sides if need be.
-//! 2. [`charts`] lays the lit sides out on the pages of an atlas.
+//! 2. [`charts`] lays the lit sides out on the pages of an atlas: by the file's own coordinates where they are good, else anew.
 //! 3. [`texels`] gives each texel its point: its centre on the chart, or near a chart's border the nearest point of it, so that
 //!    bilinear look-ups meet light of their own surface only.
 //! 4. The texels in blocks of 8 x 8 form one or more atlas views ([`Bake::batches`]), each rendered like an image, with the error
@@ -17,6 +17,7 @@
 //! 6. [`files`] writes and reads glTF with the maps beside it; [`crate::scene::KeptLight`] is what a renderer shows.
 
 pub mod charts;
+mod file_charts;
 pub mod files;
 mod lightmap;
 mod materials;
@@ -55,11 +56,13 @@ pub struct Options {
     pub max_size: u32,
     /// Texels around each chart that hold its light, for mip maps. Default 2; 1 to 16.
     pub padding: u32,
+    /// Charts are made anew although the file has texture coordinates of light maps. Default false.
+    pub new_charts: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Options { density: None, max_size: 2048, padding: 2 }
+        Options { density: None, max_size: 2048, padding: 2, new_charts: false }
     }
 }
 
@@ -158,7 +161,7 @@ impl Bake {
         if area * density * density > most {
             return Err(too_dense(density, (most / area).sqrt()));
         }
-        let charts = charts::unwrap(&scene, &sides, density as f32, &options)?;
+        let charts = charts::lay_out(&scene, &sides, density as f32, &options)?;
         let pages = texels::of_charts(&charts);
         let batches = batches(&charts, &pages, batch_texels(context, &settings));
         Ok(Bake { context: context.clone(), scene, settings, options, sides, charts, batches })

@@ -33,6 +33,9 @@ impl Scene {
         if !self.second_uvs.is_empty() {
             self.second_uvs.resize(self.positions.len(), Vec2::ZERO);
         }
+        if !self.lightmap_uvs.is_empty() {
+            self.lightmap_uvs.resize(self.positions.len(), Vec2::NEG_ONE);
+        }
         if !self.colors.is_empty() {
             self.colors.resize(self.positions.len(), Vec3::ONE);
         }

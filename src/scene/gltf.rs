@@ -325,11 +325,16 @@ impl Reader<'_> {
         };
         let uvs = coordinates(maps.first.set)?;
         let second_uvs = maps.second.map(|map| coordinates(map.set)).transpose()?;
+        let lightmap_uvs = match primitive.get(&Semantic::TexCoords(1)) {
+            Some(accessor) => Some(self.buffers.vectors::<2>(&accessor, "TEXCOORD")?),
+            None => None,
+        };
         let normals = match primitive.get(&Semantic::Normals) {
             Some(accessor) => self.buffers.vectors::<3>(&accessor, "NORMAL")?,
             None => vec![[0.0; 3]; count],
         };
-        if uvs.len() != count || normals.len() != count || second_uvs.as_ref().is_some_and(|uvs| uvs.len() != count) {
+        let differs = |uvs: &Option<Vec<[f32; 2]>>| uvs.as_ref().is_some_and(|uvs| uvs.len() != count);
+        if uvs.len() != count || normals.len() != count || differs(&second_uvs) || differs(&lightmap_uvs) {
             let name = &self.scene.objects[object as usize];
             let message = format!("object {name:?}: attributes of one primitive differ in number of elements");
             return Err(self.error(message));
@@ -376,6 +381,12 @@ impl Reader<'_> {
             self.scene.second_uvs.extend(uvs.into_iter().map(|uv| map.apply(Vec2::from_array(uv))));
         } else if !self.scene.second_uvs.is_empty() {
             self.scene.second_uvs.resize(first + count, Vec2::ZERO);
+        }
+        if let Some(uvs) = lightmap_uvs {
+            self.scene.lightmap_uvs.resize(first, Vec2::NEG_ONE);
+            self.scene.lightmap_uvs.extend(uvs.into_iter().map(Vec2::from_array));
+        } else if !self.scene.lightmap_uvs.is_empty() {
+            self.scene.lightmap_uvs.resize(first + count, Vec2::NEG_ONE);
         }
         let vectors = |of: Vec<[f32; 3]>| of.into_iter().map(Vec3::from_array).collect();
         let (positions, normals) = (vectors(positions), vectors(normals));

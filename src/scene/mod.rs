@@ -81,6 +81,9 @@ pub struct Scene {
     pub uvs: Vec<Vec2>,
     /// A second set of texture coordinates, for the textures that [`Material::second_uvs`] names; parallel to `positions`, or empty.
     pub second_uvs: Vec<Vec2>,
+    /// Places on a light map as the file has them (TEXCOORD_1 of glTF), parallel to `positions`, or empty; [`crate::bake`] checks them
+    /// before it uses them. (-1, -1): none.
+    pub lightmap_uvs: Vec<Vec2>,
     /// Factors of the base colour at the vertices, linear, each channel in [0, 1]; parallel to `positions`, or empty: all 1.
     pub colors: Vec<Vec3>,
     /// The triangles.
@@ -127,6 +130,7 @@ impl Default for Scene {
             normals: Vec::new(),
             uvs: Vec::new(),
             second_uvs: Vec::new(),
+            lightmap_uvs: Vec::new(),
             colors: Vec::new(),
             triangles: Vec::new(),
             objects: Vec::new(),

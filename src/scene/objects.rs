@@ -49,6 +49,10 @@ impl Scene {
             let at = |&(_, v): &(u32, u32)| self.second_uvs.get(v as usize).copied().unwrap_or(Vec2::ZERO);
             self.second_uvs = uses.iter().map(at).collect();
         }
+        if !self.lightmap_uvs.is_empty() {
+            let at = |&(_, v): &(u32, u32)| self.lightmap_uvs.get(v as usize).copied().unwrap_or(Vec2::NEG_ONE);
+            self.lightmap_uvs = uses.iter().map(at).collect();
+        }
         if !self.colors.is_empty() {
             self.colors = take(&self.colors);
         }

@@ -63,6 +63,10 @@ impl Scene {
             );
             return Err(Error::file(path, message));
         }
+        if !self.lightmap_uvs.is_empty() && self.lightmap_uvs.len() != count {
+            let given = self.lightmap_uvs.len();
+            return Err(Error::file(path, format!("{given} places on light maps for {count} vertices")));
+        }
         if !self.second_uvs.is_empty() && self.second_uvs.len() != count {
             let given = self.second_uvs.len();
             let message = format!("{count} positions and {given} second texture coordinates should be of one number");

@@ -37,6 +37,9 @@ pub struct Bake {
     /// Texels around each chart that hold its light too, 1 to 16. More allow coarser mip maps.
     #[arg(long, value_name = "TEXELS", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=16))]
     pub padding: u32,
+    /// Make new charts although the model has texture coordinates of light maps (TEXCOORD_1).
+    #[arg(long)]
+    pub new_charts: bool,
     /// The light that the maps hold.
     #[arg(long, value_enum, default_value = "together")]
     pub parts: PartsFlag,
@@ -64,7 +67,12 @@ pub struct Bake {
 impl Bake {
     /// The options of the library.
     pub fn options(&self) -> Options {
-        bake::Options { density: self.density, max_size: self.max_size, padding: self.padding }
+        bake::Options {
+            density: self.density,
+            max_size: self.max_size,
+            padding: self.padding,
+            new_charts: self.new_charts,
+        }
     }
 }
 
