@@ -2,6 +2,7 @@
 # make demo               render the Cornell box into out/; installs a Vulkan driver first if there is none
 # make test               everything that is checked by running
 # make test-swiftshader   the tests on the device again, on another driver
+# make test-web           baked models in the glTF validator and, in a browser, with three.js; needs node, npm and chromium
 # make bench              seconds of each pass, for the Cornell box and a generated room
 # make lint               formatting, clippy and documentation
 # make build              the program alone
@@ -13,7 +14,7 @@ DEMO_PASSES ?= 16
 # The feature needs the library once more; its few tests are not worth optimising it.
 HOT_RELOAD = --features hot-reload --test hot_reload --config profile.dev.opt-level=0
 
-.PHONY: help build demo test test-swiftshader bench lint
+.PHONY: help build demo test test-swiftshader test-web bench lint
 
 build:
 	cargo build --release
@@ -41,6 +42,10 @@ test:
 test-swiftshader:
 	scripts/setup.sh --tests
 	scripts/swiftshader.sh cargo test --test gpu
+
+test-web:
+	scripts/setup.sh
+	scripts/test-web.sh
 
 bench:
 	scripts/setup.sh

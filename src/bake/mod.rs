@@ -138,7 +138,9 @@ impl Bake {
         options.validate()?;
         let settings = self::settings(settings);
         let scene = prepare(scene);
+        let start = std::time::Instant::now();
         let sides = sides::lit(context, &scene, &settings)?;
+        log::debug!("lit sides found in {:.1} s", start.elapsed().as_secs_f64());
         Self::with_sides(context, scene, settings, options, sides)
     }
 
@@ -161,7 +163,9 @@ impl Bake {
         if area * density * density > most {
             return Err(too_dense(density, (most / area).sqrt()));
         }
+        let start = std::time::Instant::now();
         let charts = charts::lay_out(&scene, &sides, density as f32, &options)?;
+        log::debug!("charts made in {:.1} s", start.elapsed().as_secs_f64());
         let pages = texels::of_charts(&charts);
         let batches = batches(&charts, &pages, batch_texels(context, &settings));
         Ok(Bake { context: context.clone(), scene, settings, options, sides, charts, batches })

@@ -54,6 +54,9 @@ pub fn is_diffuse(m: &Material) -> bool {
         && (m.metallic < 1.0 || m.metallic_roughness_texture.is_some())
 }
 
+/// Most particles of a pass over the probes.
+const PARTICLES: u32 = 32;
+
 /// The lit sides of each triangle. Deterministic.
 pub fn lit(context: &Context, scene: &Scene, settings: &Settings) -> Result<Vec<Sides>> {
     let diffuse: Vec<bool> = scene.materials.iter().map(is_diffuse).collect();
@@ -74,6 +77,7 @@ pub fn lit(context: &Context, scene: &Scene, settings: &Settings) -> Result<Vec<
         compensation: Compensation::Off,
         pattern: [1, 1],
         light_pool: 0,
+        particles: settings.particles.min(PARTICLES),
         direct_lights: Some(Settings::MAX_PARTICLES),
         photons: settings.photons.min(20_000),
         ..super::settings(settings.clone())

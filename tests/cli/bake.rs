@@ -106,6 +106,81 @@ fn a_bake_goes_on_where_it_stopped() {
 }
 
 #[test]
+fn a_bake_with_several_parts_goes_on_where_it_stopped() {
+    let folder = folder();
+    let folder = folder.path();
+    let bake = |passes: u32, rest: &str| {
+        // More texels than a part holds.
+        works(folder, &format!("bake scene.toml -o room.glb --density 250 --particles 2 --passes {passes} {rest}"));
+        fs::read(folder.join("room-irradiance-0.exr")).unwrap()
+    };
+    let whole = bake(2, "");
+    assert!(!folder.join("room.glb.1.state").exists());
+    bake(1, "--resume");
+    assert!(folder.join("room.glb.1.state").exists());
+    // As if it had been interrupted in the first pass of the second part.
+    fs::remove_file(folder.join("room.glb.1.state")).unwrap();
+    assert_eq!(bake(2, "--resume"), whole, "the bits of an uninterrupted bake");
+}
+
+#[test]
+fn coordinates_of_light_maps_are_kept() {
+    let folder = folder();
+    let folder = folder.path();
+    let bake = "--density 16 --passes 4 --clip 0.1 --seed 5";
+    works(folder, &format!("bake scene.toml -o first.glb {bake}"));
+    let charts = |told: &str| told.split(" charts").next().unwrap().rsplit([' ', '\n']).next().unwrap().to_owned();
+    // The model holds the coordinates of its maps, on which its own light is baked again: by texels of the same places.
+    let told = works(folder, &format!("bake first.glb -o second.glb {bake}"));
+    assert!(charts(&told) == "2" && told.contains("on a map of") && !told.contains("new charts"), "{told}");
+    let coordinates = |name: &str| {
+        let (document, buffers, _) = gltf::import(folder.join(name)).unwrap();
+        let mut all: Vec<[f32; 2]> = Vec::new();
+        for primitive in document.meshes().flat_map(|m| m.primitives()) {
+            let reader = primitive.reader(|buffer| Some(&buffers[buffer.index()]));
+            all.extend(reader.read_tex_coords(1).into_iter().flat_map(|uvs| uvs.into_f32()));
+        }
+        all.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        all
+    };
+    let (first, second) = (coordinates("first.glb"), coordinates("second.glb"));
+    assert!(first.len() == second.len() && first.len() == 8, "{first:?} {second:?}");
+    let near = |(a, b): (&[f32; 2], &[f32; 2])| (a[0] - b[0]).abs() < 1e-5 && (a[1] - b[1]).abs() < 1e-5;
+    assert!(first.iter().zip(&second).all(near), "{first:?} {second:?}");
+    let anew = works(folder, &format!("bake first.glb -o second.glb --new-charts {bake}"));
+    assert!(anew.contains("charts"), "{anew}");
+    // The light that is kept by them.
+    works(folder, &format!("bake first.glb -o second.glb {bake}"));
+    works(folder, "render first.glb --float --no-layers --passes 8 -o full.exr --resolution 40x32");
+    works(
+        folder,
+        "render first.glb --float --no-layers --passes 8 -o kept.exr --resolution 40x32 --light-from second.glb",
+    );
+    let ratio = mean(&folder.join("kept.exr")) / mean(&folder.join("full.exr"));
+    assert!((ratio - 1.0).abs() < 0.04, "{ratio}");
+}
+
+#[test]
+fn coordinates_that_do_not_do_are_told_by_object() {
+    let folder = folder();
+    let folder = folder.path();
+    works(folder, "bake scene.toml -o first.glb --density 8 --passes 1");
+    // The second number of the first coordinate, moved far outside.
+    let mut bytes = fs::read(folder.join("first.glb")).unwrap();
+    let document = gltf::Gltf::from_slice(&bytes).unwrap().document;
+    let primitive =
+        document.meshes().flat_map(|m| m.primitives()).find(|p| p.get(&gltf::Semantic::TexCoords(1)).is_some());
+    let accessor = primitive.unwrap().get(&gltf::Semantic::TexCoords(1)).unwrap();
+    let text = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let at = 20 + text + 8 + accessor.view().unwrap().offset() + accessor.offset();
+    bytes[at..at + 4].copy_from_slice(&7.5f32.to_le_bytes());
+    fs::write(folder.join("wrong.glb"), &bytes).unwrap();
+    let told = works(folder, "bake wrong.glb -o second.glb --density 8 --passes 1");
+    let object = document.nodes().next().unwrap().name().unwrap().to_owned();
+    assert!(told.contains(&format!("{object:?} gets new charts")) && told.contains("outside"), "{told}");
+}
+
+#[test]
 fn a_target_error_and_a_time_end_a_bake() {
     let folder = folder();
     let folder = folder.path();

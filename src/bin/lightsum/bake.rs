@@ -111,9 +111,9 @@ fn maps(sizes: &[[u32; 2]]) -> String {
     }
 }
 
-/// Particles of a pass: all texels share them, where an image has as many for each class of its pixels. Of 32 to 1024 in the same
-/// time, 128 and more have two thirds of the error of 32.
-const PARTICLES: u32 = 256;
+/// Particles of a pass: all texels share them, where an image has as many for each class of its pixels. More have less error in the
+/// same time (128 to 1024 two thirds of that of 32 in the Cornell box), but passes then take minutes in large scenes.
+const PARTICLES: u32 = 64;
 
 /// The flags over settings for texels: all of them share their lights, and no pool is chosen from.
 fn bake_settings(args: &args::Bake, scene: &lightsum::Scene) -> Settings {
