@@ -166,7 +166,7 @@ def main():
     parser.add_argument("scene")
     parser.add_argument("out", nargs="?")
     parser.add_argument("--spp", type=int, default=1024, help="paths for each pixel, a multiple of 64")
-    parser.add_argument("--max-depth", type=int, default=5)
+    parser.add_argument("--max-depth", type=int, default=16)
     parser.add_argument("--seed", type=int, default=0, help="another one gives an independent image")
     parser.add_argument("--resolution", help="in place of the scene's, as 640x480")
     parser.add_argument("--plain", metavar="FOLDER", help="write a copy of the scene for both renderers into a folder, and no image")

@@ -77,7 +77,7 @@ def main():
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--size", help="of the rendering, as 320x240")
     parser.add_argument("--half", action="store_true", help="average renderings over 2x2 pixels, too")
-    parser.add_argument("--max-depth", type=int, default=5)
+    parser.add_argument("--max-depth", type=int, default=16)
     parser.add_argument("--percentile", type=float, default=99.5)
     parser.add_argument("--without", action="append", default=[], metavar="X0,Y0,X1,Y1", help="a rectangle of the image that does not count, from 0,0 to 1,1")
     parser.add_argument("--sphere", action="append", default=[], metavar="X,Y,Z,R")
