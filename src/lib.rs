@@ -147,6 +147,7 @@ pub mod film;
 pub mod frame;
 pub mod pass;
 pub mod plan;
+pub mod radiosity;
 pub mod stage;
 pub mod view;
 
