@@ -147,7 +147,6 @@ pub mod film;
 pub mod frame;
 pub mod pass;
 pub mod plan;
-pub mod radiosity;
 pub mod stage;
 pub mod view;
 
@@ -156,6 +155,7 @@ pub mod bake;
 pub mod calibrate;
 pub mod engine;
 pub mod estimate;
+pub mod radiosity;
 pub mod standalone;
 pub mod summary;
 pub mod tiles;

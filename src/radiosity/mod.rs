@@ -1,15 +1,23 @@
 //! Radiosity textures (Bastos 1999, chapter 5): light sampled adaptively on quadrilaterals, triangles and spheres, then rebuilt as
 //! textures.
 //!
-//! 1. [`refine`] grows a quadtree on each surface where light changes, in rounds: one submission of points a round.
-//! 2. [`texture`] flattens a tree into a texture, of order zero or one.
-//! 3. [`reconstruct`] makes it smooth: bicubic patches without T-vertices, a low-pass filter, the look-up.
+//! 1. [`surfaces`] finds the quadrilaterals and triangles of a scene.
+//! 2. [`refine`] grows a quadtree on each surface where light changes, in rounds: one submission of points a round.
+//! 3. [`texture`] flattens a tree into a texture, of order zero or one.
+//! 4. [`reconstruct`] makes it smooth: bicubic patches without T-vertices, a low-pass filter, the look-up.
+//! 5. [`layout`] gives the most subdivided surfaces textures of their own and places all on pages.
+//! 6. [`compute`] lights the points on the device and makes a [`crate::bake::Lightmap`], which is shown and written as any other.
 
-
+pub mod compute;
+pub mod layout;
 pub mod quadtree;
 pub mod reconstruct;
 pub mod refine;
+pub mod surfaces;
 pub mod texture;
+
+pub use compute::{Progress, Radiosity, TextureOptions, Times};
+pub use refine::{Options, Order, Solution};
 
 use std::ops::{Add, Mul, Sub};
 

@@ -222,11 +222,13 @@ pub(super) mod tests {
                     let own = area2(&corners);
                     assert!(own > 0, "counter-clockwise as its root");
                     area += own;
-                    let middle = [0, 1].map(|k| {
-                        corners.iter().map(|c| c[k] as f32).sum::<f32>() / corners.len() as f32 / 32.0
-                    });
+                    let middle =
+                        [0, 1].map(|k| corners.iter().map(|c| c[k] as f32).sum::<f32>() / corners.len() as f32 / 32.0);
                     assert_eq!(tree.leaf_at(middle), node);
-                    assert_eq!(own as f32 / if shape == Shape::Quad { 2048.0 } else { 1024.0 }, element.share(shape, [0.5; 2]));
+                    assert_eq!(
+                        own as f32 / if shape == Shape::Quad { 2048.0 } else { 1024.0 },
+                        element.share(shape, [0.5; 2])
+                    );
                 }
                 assert_eq!(area, if shape == Shape::Quad { 2048 } else { 1024 });
             }

@@ -173,7 +173,8 @@ fn along_slant<T: Value>(above: &Strided<T>, x: usize) -> T {
         _ => vertex(i),
     };
     let first = (x as isize - 1) / 2;
-    (reflected(first) + reflected(first + 1)) * (9.0 / 16.0) - (reflected(first - 1) + reflected(first + 2)) * (1.0 / 16.0)
+    (reflected(first) + reflected(first + 1)) * (9.0 / 16.0)
+        - (reflected(first - 1) + reflected(first + 2)) * (1.0 / 16.0)
 }
 
 /// Taps of the filter of stage 2 on either side of a texel, from it outwards; `width`: 2 to 6.
@@ -327,7 +328,17 @@ mod tests {
     fn surfaces_with_a_common_edge_agree_along_it() {
         // The edge s = 1 of one is the edge s = 0 of the other, the same vertices known on it.
         let on_edge = |y: u32| [0, 1, 2, 4, 6, 8].contains(&y).then(|| spot(0.5, y as f32 / 8.0));
-        let of = |x: u32, other: f32| move |[u, v]: [u32; 2]| if u == x { on_edge(v) } else if [u, v].iter().all(|n| n % 8 == 0) { Some(other) } else { None };
+        let of = |x: u32, other: f32| {
+            move |[u, v]: [u32; 2]| {
+                if u == x {
+                    on_edge(v)
+                } else if [u, v].iter().all(|n| n % 8 == 0) {
+                    Some(other)
+                } else {
+                    None
+                }
+            }
+        };
         for width in 2..=6 {
             let left = filter(&fill(Shape::Quad, 3, of(8, 1.0)), Shape::Quad, width);
             let right = filter(&fill(Shape::Quad, 3, of(0, 90.0)), Shape::Quad, width);
@@ -336,7 +347,15 @@ mod tests {
             }
         }
         // The slanted edge of a triangle against the straight edge of a square.
-        let slanted = |[u, v]: [u32; 2]| if u + v == 8 { on_edge(v) } else if u + v == 0 { Some(7.0) } else { None };
+        let slanted = |[u, v]: [u32; 2]| {
+            if u + v == 8 {
+                on_edge(v)
+            } else if u + v == 0 {
+                Some(7.0)
+            } else {
+                None
+            }
+        };
         let triangle = fill(Shape::Triangle, 3, slanted);
         let square = fill(Shape::Quad, 3, of(0, 90.0));
         (0..=8).for_each(|y| assert!((triangle.at([8 - y, y]) - square.at([0, y])).abs() < 1e-3, "{y}"));
@@ -353,7 +372,8 @@ mod tests {
         ] {
             let taps = taps(width);
             assert_eq!(taps, expected);
-            let both = |f: fn(usize) -> f32| taps[0] * f(0) + 2.0 * (1..taps.len()).map(|i| taps[i] * f(i)).sum::<f32>();
+            let both =
+                |f: fn(usize) -> f32| taps[0] * f(0) + 2.0 * (1..taps.len()).map(|i| taps[i] * f(i)).sum::<f32>();
             assert_eq!((both(|_| 1.0), both(|i| (i * i) as f32)), (1.0, (width - 2) as f32 / 4.0));
         }
         for i in 0..=20 {

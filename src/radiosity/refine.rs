@@ -231,6 +231,11 @@ impl Solution {
         self.samples.iter().map(Samples::len).sum()
     }
 
+    /// Number of samples inside of geometry.
+    pub fn inside(&self) -> usize {
+        self.samples.iter().flat_map(Samples::values).filter(|light| light.is_none()).count()
+    }
+
     /// The options.
     pub fn options(&self) -> &Options {
         &self.options
@@ -438,16 +443,22 @@ mod tests {
         let mut solution = grown(Shape::Quad, &options, f);
         for node in [1, 6, 12] {
             solution.trees[0].split(node);
-            solution.light(&mut |points| Ok(points.iter().map(|p| Some(Light { direct: Vec3::splat(f(p.at)), indirect: Vec3::ZERO })).collect())).unwrap();
+            solution
+                .light(&mut |points| {
+                    Ok(points
+                        .iter()
+                        .map(|p| Some(Light { direct: Vec3::splat(f(p.at)), indirect: Vec3::ZERO }))
+                        .collect())
+                })
+                .unwrap();
             let tree = &solution.trees[0];
             for parent in 0..tree.len() as u32 {
                 let Some(children) = tree.children(parent) else { continue };
                 let own = solution.leaf(0, tree.element(parent)).direct.x;
-                let share = |e: Element| e.share(Shape::Quad, [0.5; 2]) / tree.element(parent).share(Shape::Quad, [0.5; 2]);
-                let of: f32 = children
-                    .iter()
-                    .map(|&c| share(tree.element(c)) * solution.leaf(0, tree.element(c)).direct.x)
-                    .sum();
+                let share =
+                    |e: Element| e.share(Shape::Quad, [0.5; 2]) / tree.element(parent).share(Shape::Quad, [0.5; 2]);
+                let of: f32 =
+                    children.iter().map(|&c| share(tree.element(c)) * solution.leaf(0, tree.element(c)).direct.x).sum();
                 assert!((own - of).abs() < 1e-6, "{own} {of}");
             }
             assert!((solution.mean_of(0, [0.5; 2]).direct.x - 2.0).abs() < 1e-6);
