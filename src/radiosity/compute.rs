@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::Vec2;
 
 use super::layout::{self, Texture};
-use super::refine::{Options, Point, Round, Solution, refine};
+use super::refine::{Options, Point, Solution, refine};
 use super::surfaces::{Surface, surfaces};
 use super::{Light, quadtree::Shape};
 use crate::accel::Bvh;
@@ -89,6 +89,17 @@ impl Radiosity {
     /// The surfaces.
     pub fn surfaces(&self) -> &[Surface] {
         &self.surfaces
+    }
+
+    /// Bytes of the host for trees with as many leaves as there may be, their samples and the maps.
+    pub fn memory(&self, options: &Options, textures: &TextureOptions, pages: &bake::Options) -> u64 {
+        // A leaf has about a third of a node above it, and at most four samples of its own with their places.
+        const LEAF: u64 = 24 * 4 / 3 + 4 * 48;
+        // Light of a texel, and what a page holds of it.
+        const TEXEL: u64 = 24 + 48;
+        let small = (2 + 2 * u64::from(pages.padding)).pow(2) * self.surfaces.len() as u64;
+        let largest = options.elements as u64 * 4;
+        LEAF * options.elements as u64 + TEXEL * (textures.budget.min(largest << options.height) + small)
     }
 
     /// Light at points after `passes` passes, without a test for points inside of geometry: always the same virtual lights, whatever the
@@ -251,10 +262,4 @@ fn view(points: &[Texel]) -> (Atlas, Vec<usize>) {
     let mut texels = vec![None; size[0] * size[1]];
     places.iter().zip(points).for_each(|(&place, point)| texels[place] = Some(*point));
     (Atlas { size: size.map(|n| n as u32), texels }, places)
-}
-
-/// One line for people: rounds with their points and splits.
-pub fn told(rounds: &[Round]) -> String {
-    let of = |round: &Round| format!("{} points, {} splits", round.points, round.splits);
-    rounds.iter().map(of).collect::<Vec<_>>().join("; ")
 }

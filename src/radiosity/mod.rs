@@ -7,12 +7,14 @@
 //! 4. [`reconstruct`] makes it smooth: bicubic patches without T-vertices, a low-pass filter, the look-up.
 //! 5. [`layout`] gives the most subdivided surfaces textures of their own and places all on pages.
 //! 6. [`compute`] lights the points on the device and makes a [`crate::bake::Lightmap`], which is shown and written as any other.
+//! 7. [`sphere`] samples spheres as six patches and joins them in one texture of latitude and longitude.
 
 pub mod compute;
 pub mod layout;
 pub mod quadtree;
 pub mod reconstruct;
 pub mod refine;
+pub mod sphere;
 pub mod surfaces;
 pub mod texture;
 
