@@ -37,7 +37,8 @@ fn main() -> Outcome<()> {
 
 fn material(scene: &mut Scene, albedo: f32, emission: f32) -> u32 {
     let (base_color, emission) = (Vec3::splat(albedo), Vec3::splat(emission));
-    scene.add_material(Material { base_color, emission, ..Material::default() })
+    scene.materials.push(Material { base_color, emission, ..Material::default() });
+    scene.materials.len() as u32 - 1
 }
 
 fn quad(scene: &mut Scene, corners: [Vec3; 4], material: u32) {
@@ -54,7 +55,7 @@ fn quad(scene: &mut Scene, corners: [Vec3; 4], material: u32) {
 /// A hall of 452 quadrilaterals: room, two lamps, 74 columns of six faces.
 fn hall() -> Scene {
     let mut scene = Scene { name: String::from("hall"), ..Scene::default() };
-    scene.add_object("hall");
+    scene.objects.push(String::from("hall"));
     let (white, grey, lamp) =
         (material(&mut scene, 0.7, 0.0), material(&mut scene, 0.5, 0.0), material(&mut scene, 0.0, 30.0));
     let mut cuboid = |low: Vec3, high: Vec3, inside: bool, material: u32| {
@@ -203,7 +204,7 @@ type Way = (String, Box<dyn Fn([f32; 2]) -> f32>);
 fn figure(context: &Context, settings: &Settings, path: &str) -> Outcome<()> {
     // A wall, its floor, and a lamp before the wall.
     let mut scene = Scene { name: String::from("wall"), ..Scene::default() };
-    scene.add_object("wall");
+    scene.objects.push(String::from("wall"));
     let (white, lamp) = (material(&mut scene, 0.7, 0.0), material(&mut scene, 0.0, 20.0));
     quad(&mut scene, [Vec3::ZERO, Vec3::X, Vec3::X + Vec3::Y, Vec3::Y], white);
     quad(&mut scene, [Vec3::ZERO, Vec3::Z, Vec3::Z + Vec3::X, Vec3::X], white);
