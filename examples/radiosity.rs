@@ -149,6 +149,18 @@ fn table(context: &Context, settings: &Settings) -> Outcome<()> {
             );
         }
     }
+    let lit: std::collections::HashSet<u32> =
+        radiosity.surfaces().iter().flat_map(|surface| surface.faces.iter().map(|face| face.0)).collect();
+    for triangle in (0..scene.triangles.len() as u32).filter(|t| !lit.contains(t)) {
+        // Lamps, and what no light reaches.
+        let first = mesh.positions.len() as u32;
+        let own = &scene.triangles[triangle as usize];
+        mesh.positions.extend(scene.triangle_positions(triangle as usize));
+        mesh.normals.extend([Vec3::Y; 3]);
+        mesh.uvs.extend([Vec2::ZERO; 3]);
+        mesh.triangles.push(Triangle { vertices: [first, first + 1, first + 2], ..*own });
+        faces.push([None; 2]);
+    }
     // Rows of 1024 elements, so that pages stay small.
     let columns = 1024.min(values.len());
     let size = [2 * columns as u32, 2 * values.len().div_ceil(columns) as u32];
