@@ -108,6 +108,9 @@ pub struct Round {
 /// Samples by their place; `None`: inside of geometry.
 type Samples = HashMap<[u32; 2], Option<Light>>;
 
+/// Lights points of surfaces; `None`: a point inside of geometry.
+pub type Lit<'a> = dyn FnMut(&[Point]) -> Result<Vec<Option<Light>>> + 'a;
+
 /// Trees with their samples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
@@ -124,11 +127,7 @@ pub struct Solution {
 /// Grows trees. `light` gives the light of points, `None` inside of geometry, and is called once a round.
 ///
 /// Deterministic. Errors: options out of range, more surfaces than elements; those of `light`.
-pub fn refine(
-    roots: &[Root],
-    options: &Options,
-    light: &mut dyn FnMut(&[Point]) -> Result<Vec<Option<Light>>>,
-) -> Result<Solution> {
+pub fn refine(roots: &[Root], options: &Options, light: &mut Lit) -> Result<Solution> {
     options.validate()?;
     if roots.len() > options.elements {
         let message = format!("{} is less than the number of surfaces, {}", options.elements, roots.len());
@@ -171,7 +170,7 @@ impl Solution {
     }
 
     /// Lights the samples that leaves lack; returns their number.
-    fn light(&mut self, light: &mut dyn FnMut(&[Point]) -> Result<Vec<Option<Light>>>) -> Result<usize> {
+    fn light(&mut self, light: &mut Lit) -> Result<usize> {
         let (mut points, mut keys) = (Vec::new(), Vec::new());
         let scale = 1.0 / (FINE << self.options.height) as f32;
         let options = self.options;

@@ -52,6 +52,9 @@ impl Surface {
     }
 }
 
+/// Object, material and the positions of the ends of an edge: models often repeat vertices.
+type Edge = (u32, u32, [[u32; 3]; 2]);
+
 /// Two triangles, each with the number of the first vertex of their common edge.
 struct Pair {
     /// Thousandths by which it misses a parallelogram.
@@ -101,8 +104,7 @@ pub fn surfaces(scene: &Scene, sides: &[Sides]) -> Vec<Surface> {
 
 /// The pairs among these triangles that form a planar convex quadrilateral of one object and material.
 fn pairs(scene: &Scene, triangles: &[u32]) -> Vec<Pair> {
-    // The sides of an edge, by object, material and the positions of its ends; models often repeat vertices.
-    let mut edges: HashMap<(u32, u32, [[u32; 3]; 2]), Vec<(u32, usize)>> = HashMap::new();
+    let mut edges: HashMap<Edge, Vec<(u32, usize)>> = HashMap::new();
     for &i in triangles {
         let triangle = &scene.triangles[i as usize];
         let positions = scene.triangle_positions(i as usize).map(|p| (p + 0.0).to_array().map(f32::to_bits));

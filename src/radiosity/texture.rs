@@ -220,7 +220,7 @@ mod tests {
             let (sums, counts) = accumulate(&tree, &values, 6);
             let total: f64 = tree.leaves().map(|(node, _)| f64::from(values[node as usize])).sum();
             let found: f64 = sums.values.iter().map(|v| f64::from(*v)).sum();
-            assert_eq!(found, f64::from(corners) * total);
+            assert_eq!(found, corners * total);
             assert_eq!(counts.values.iter().sum::<u32>() as usize, corners as usize * tree.leaf_count());
         }
     }
