@@ -24,6 +24,17 @@ fn kept_texel(i: u32) -> Kept {
     return Kept(vec3<f32>(a, b.x), vec3<f32>(b.y, c));
 }
 
+#if BICUBIC
+// Mitchell's filter (1/3, 1/3) at four texels, the second of them t before.
+fn mitchell(t: f32) -> vec4<f32> {
+    let near = vec2<f32>(t, 1.0 - t);
+    let far = 1.0 + near;
+    let inner = ((21.0 * near - 36.0) * near * near + 16.0) / 18.0;
+    let outer = (((36.0 - 7.0 * far) * far - 60.0) * far + 32.0) / 18.0;
+    return vec4<f32>(outer.x, inner, outer.y);
+}
+#endif
+
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = (group.x + group.y * groups.x) * 64u + lane;
@@ -44,14 +55,33 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let first = floor(at);
     let part = at - first;
     let most = vec2<f32>(page.yz - 1u);
+#if BICUBIC
+    let across = mitchell(part.x);
+    let down = mitchell(part.y);
+    var sum = Kept(vec3<f32>(0.0), vec3<f32>(0.0));
+    for (var i = 0u; i < 16u; i += 1u) {
+        let place = clamp(first + vec2<f32>(f32(i & 3u), f32(i >> 2u)) - 1.0, vec2<f32>(0.0), most);
+        let texel = kept_texel(page.x + u32(place.x) + u32(place.y) * page.y);
+        let weight = across[i & 3u] * down[i >> 2u];
+        sum.direct += weight * texel.direct;
+        sum.indirect += weight * texel.indirect;
+    }
+    // The filter is negative at its border.
+    let kept = Kept(max(sum.direct, vec3<f32>(0.0)), max(sum.indirect, vec3<f32>(0.0)));
+#else
     let low = vec2<u32>(clamp(first, vec2<f32>(0.0), most));
     let high = vec2<u32>(clamp(first + 1.0, vec2<f32>(0.0), most));
     let a = kept_texel(page.x + low.x + low.y * page.y);
     let b = kept_texel(page.x + high.x + low.y * page.y);
     let c = kept_texel(page.x + low.x + high.y * page.y);
     let d = kept_texel(page.x + high.x + high.y * page.y);
+    let kept = Kept(
+        mix(mix(a.direct, b.direct, part.x), mix(c.direct, d.direct, part.x), part.y),
+        mix(mix(a.indirect, b.indirect, part.x), mix(c.indirect, d.indirect, part.x), part.y),
+    );
+#endif
     let unit = select(0.0, bitcast<f32>(page.w), has_light);
-    direct[slot] = vec4<f32>(unit * mix(mix(a.direct, b.direct, part.x), mix(c.direct, d.direct, part.x), part.y), 0.0);
-    indirect[slot] = vec4<f32>(unit * mix(mix(a.indirect, b.indirect, part.x), mix(c.indirect, d.indirect, part.x), part.y), 0.0);
+    direct[slot] = vec4<f32>(unit * kept.direct, 0.0);
+    indirect[slot] = vec4<f32>(unit * kept.indirect, 0.0);
     specular[slot] = vec4<f32>(0.0);
 }

@@ -124,7 +124,9 @@ impl Frame {
         let shade = Shade::new(kit, scene, plan, &eye, &light_lists)?;
         let kept_light = match &scene.kept_light {
             None => None,
-            Some(kept) => Some(KeptLight::new(kit, kept, &eye.rays, &shade.lighting, plan.eye.slots())?),
+            Some(kept) => {
+                Some(KeptLight::new(kit, kept, settings.lookup, &eye.rays, &shade.lighting, plan.eye.slots())?)
+            }
         };
         let photon_lighting = PhotonLighting::new(kit, plan, photons.as_ref(), (&eye, &shade))?;
         let mirror_lights = match &plan.mirrors {

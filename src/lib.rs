@@ -155,6 +155,7 @@ pub mod bake;
 pub mod calibrate;
 pub mod engine;
 pub mod estimate;
+pub mod radiosity;
 pub mod standalone;
 pub mod summary;
 pub mod tiles;

@@ -85,6 +85,17 @@ pub enum LightChoice {
     Contribution,
 }
 
+/// Look-up in the textures of kept light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Lookup {
+    /// Between four texels.
+    #[default]
+    Bilinear,
+    /// Among sixteen by the filter (1/3, 1/3) of Mitchell and Netravali 1988: without bends at texels, and a little blurred.
+    Bicubic,
+}
+
 /// Test that decides whether two neighbouring pixels show one smooth surface, so that their irradiance may be averaged.
 /// `pass::discontinuity` gives both tests and their weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
@@ -337,6 +348,9 @@ pub struct Settings {
     /// Distribution of particles over emitters. Default `Power`. `Contribution` has the same limit; it costs a little time for
     /// each emitter and pass, and takes particles away from lights that reach the view only by reflection or from behind walls.
     pub light_choice: LightChoice,
+    /// Look-up of kept light ([`crate::scene::Scene::kept_light`]). Default bilinear. Bicubic reads four times as many texels; without
+    /// effect where there is no kept light.
+    pub lookup: Lookup,
     /// Fraction of emitter samples still drawn by power (defensive sampling), above 0 to 1. Default 0.2. Higher: less gain if
     /// few lights matter. Lower: more noise from lights whose contribution was underestimated; the weight of their particles
     /// is at most 1 / fraction times that of sampling by power alone.
@@ -396,6 +410,7 @@ impl Default for Settings {
             light_threshold: 0.0,
             sequence: Sequence::Halton,
             light_choice: LightChoice::Power,
+            lookup: Lookup::Bilinear,
             power_fraction: 0.2,
             delta_lights: None,
             jitter: false,

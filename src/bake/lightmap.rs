@@ -6,6 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::charts::Charts;
+use super::sides::Sides;
 use super::{Bake, Batch};
 use crate::accel::{Bvh, Hit, Ray, offset_origin};
 use crate::error::{Error, Result};
@@ -16,7 +17,7 @@ use crate::scene::{KeptFace, KeptLight, KeptPage, Scene};
 use crate::view::Texel;
 
 /// Texels with less than this part of the mean light are tested for being inside geometry.
-const DARK: f32 = 1e-3;
+pub(crate) const DARK: f32 = 1e-3;
 /// Rays of this test.
 const RAYS: u32 = 32;
 /// Rings of texels that are filled beyond those with light.
@@ -38,7 +39,7 @@ pub struct Page {
 }
 
 impl Page {
-    fn new(size: [u32; 2]) -> Page {
+    pub(crate) fn new(size: [u32; 2]) -> Page {
         let black = vec![Vec3::ZERO; size[0] as usize * size[1] as usize];
         Page { size, direct: black.clone(), indirect: black.clone(), albedo: black.clone(), emission: black }
     }
@@ -78,7 +79,7 @@ impl Bake {
             let texel = |i: usize| {
                 let (texel, place) = (batch.atlas.texels[i]?, batch.places[i]?);
                 let dark = (image.direct[i] + image.indirect[i]).element_sum() < DARK * mean;
-                let within = dark && self.is_inside(&bvh, &leaves, &texel);
+                let within = dark && is_inside(&self.sides, &bvh, &leaves, &texel);
                 Some((i, place, within, surface(&self.scene, &bvh, &leaves, &texel, 1.0 / self.charts.density)))
             };
             let found: Vec<_> = (0..batch.places.len()).into_par_iter().filter_map(texel).collect();
@@ -94,22 +95,6 @@ impl Bake {
         let rings = self.options.padding.max(MIN_RINGS);
         pages.par_iter_mut().zip(valid).for_each(|(page, valid)| fill(page, valid, rings));
         Ok(Lightmap { charts: self.charts.clone(), pages, inside })
-    }
-
-    /// Whether a texel sees nothing but sides without light: it lies inside a body, or below what stands on its surface.
-    fn is_inside(&self, bvh: &Bvh, leaves: &[u32], texel: &Texel) -> bool {
-        let (hit, normal) = at(bvh, leaves, texel);
-        let origin = offset_origin(bvh.position(&hit), normal, bvh.scale());
-        let (tangent, bitangent) = normal.any_orthonormal_pair();
-        (0..RAYS).all(|i| {
-            let [u, v] = hammersley(i, RAYS);
-            let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
-            let direction = (tangent * cos + bitangent * sin) * u.sqrt() + normal * (1.0 - u).sqrt();
-            bvh.closest(&Ray::new(origin, direction)).is_some_and(|hit| {
-                let back = bvh.normal(hit.triangle).dot(direction) > 0.0;
-                !self.sides[bvh.scene_triangle(hit.triangle) as usize].has(back)
-            })
-        })
     }
 }
 
@@ -127,8 +112,24 @@ impl Lightmap {
     }
 }
 
+/// Whether a texel sees nothing but sides without light: it lies inside a body, or below what stands on its surface.
+pub(crate) fn is_inside(sides: &[Sides], bvh: &Bvh, leaves: &[u32], texel: &Texel) -> bool {
+    let (hit, normal) = at(bvh, leaves, texel);
+    let origin = offset_origin(bvh.position(&hit), normal, bvh.scale());
+    let (tangent, bitangent) = normal.any_orthonormal_pair();
+    (0..RAYS).all(|i| {
+        let [u, v] = hammersley(i, RAYS);
+        let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
+        let direction = (tangent * cos + bitangent * sin) * u.sqrt() + normal * (1.0 - u).sqrt();
+        bvh.closest(&Ray::new(origin, direction)).is_some_and(|hit| {
+            let back = bvh.normal(hit.triangle).dot(direction) > 0.0;
+            !sides[bvh.scene_triangle(hit.triangle) as usize].has(back)
+        })
+    })
+}
+
 /// Number in the order of the leaves of each triangle of the scene.
-fn leaves(bvh: &Bvh) -> Vec<u32> {
+pub(crate) fn leaves(bvh: &Bvh) -> Vec<u32> {
     let mut leaves = vec![0; bvh.triangle_count() as usize];
     (0..bvh.triangle_count()).for_each(|leaf| leaves[bvh.scene_triangle(leaf) as usize] = leaf);
     leaves
@@ -142,7 +143,7 @@ fn at(bvh: &Bvh, leaves: &[u32], texel: &Texel) -> (Hit, Vec3) {
 }
 
 /// Diffuse albedo and emission at a texel of this width.
-fn surface(scene: &Scene, bvh: &Bvh, leaves: &[u32], texel: &Texel, width: f32) -> [Vec3; 2] {
+pub(crate) fn surface(scene: &Scene, bvh: &Bvh, leaves: &[u32], texel: &Texel, width: f32) -> [Vec3; 2] {
     let (hit, normal) = at(bvh, leaves, texel);
     let point = surface_at(scene, bvh, &hit, -normal, width);
     [point.reflectance.kd, point.emission]

@@ -19,7 +19,7 @@
 pub mod charts;
 mod file_charts;
 pub mod files;
-mod lightmap;
+pub(crate) mod lightmap;
 mod materials;
 pub mod sides;
 pub mod texels;
@@ -216,7 +216,7 @@ fn too_dense(density: f64, fits: f64) -> Error {
 
 /// The scene for texels: without normal maps, whose detail lies between texels, and with textures that reflect a little everywhere,
 /// because points that reflect nothing are not lit and would darken their neighbours in a look-up.
-fn prepare(scene: &Scene) -> Scene {
+pub(crate) fn prepare(scene: &Scene) -> Scene {
     let mut scene = Scene { kept_light: None, ..scene.clone() };
     for material in &mut scene.materials {
         material.normal_texture = None;
@@ -255,7 +255,7 @@ fn texel_bytes(settings: &Settings) -> u64 {
 }
 
 /// Most texels of a batch on this device: a quarter of its memory, and what its bindings hold.
-fn batch_texels(context: &Context, settings: &Settings) -> usize {
+pub(crate) fn batch_texels(context: &Context, settings: &Settings) -> usize {
     let info = context.info();
     let memory = info.device_memory / 4 / texel_bytes(settings);
     let block_row = u64::from(BLOCK * BLOCK * BLOCKS_ACROSS);

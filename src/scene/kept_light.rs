@@ -1,8 +1,11 @@
 //! Light kept in textures ([`crate::bake`]): the irradiance of surfaces, which a frame shows without virtual lights.
 
+use std::ops::Range;
+
 use glam::{Vec2, Vec3};
 
 use super::Scene;
+use crate::radiosity::reconstruct::mitchell_filter;
 
 /// A side of a triangle on a page.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,6 +40,23 @@ impl KeptLight {
     /// Direct and indirect irradiance at a point of a triangle, by the weights of its second and third vertex: bilinear
     /// between the centres of texels.
     pub fn irradiance(&self, triangle: u32, back: bool, [u, v]: [f32; 2]) -> [Vec3; 2] {
+        self.weighted(triangle, back, [u, v], 0..2, |x| (1.0 - x).max(0.0))
+    }
+
+    /// The same by the filter (1/3, 1/3) of Mitchell and Netravali 1988 over sixteen texels, and not negative.
+    pub fn irradiance_bicubic(&self, triangle: u32, back: bool, uv: [f32; 2]) -> [Vec3; 2] {
+        self.weighted(triangle, back, uv, -1..3, mitchell_filter).map(|light| light.max(Vec3::ZERO))
+    }
+
+    /// The sum over texels `around` the one whose centre lies before the point, in both axes, by a weight of their distance.
+    fn weighted(
+        &self,
+        triangle: u32,
+        back: bool,
+        [u, v]: [f32; 2],
+        around: Range<i32>,
+        weight: fn(f32) -> f32,
+    ) -> [Vec3; 2] {
         let Some(face) = self.faces[triangle as usize][usize::from(back)] else { return [Vec3::ZERO; 2] };
         let page = &self.pages[face.page as usize];
         let [a, b, c] = face.corners;
@@ -45,12 +65,16 @@ impl KeptLight {
         let part = at - first;
         let most = Vec2::new((page.size[0] - 1) as f32, (page.size[1] - 1) as f32);
         let mut sums = [Vec3::ZERO; 2];
-        for (dx, dy) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
-            let place = (first + Vec2::new(dx, dy)).clamp(Vec2::ZERO, most);
-            let weight = (1.0 - dx + (2.0 * dx - 1.0) * part.x) * (1.0 - dy + (2.0 * dy - 1.0) * part.y);
-            let i = place.x as usize + place.y as usize * page.size[0] as usize;
-            sums[0] += weight * page.direct[i];
-            sums[1] += weight * page.indirect[i];
+        for dy in around.clone() {
+            for dx in around.clone() {
+                let step = Vec2::new(dx as f32, dy as f32);
+                let place = (first + step).clamp(Vec2::ZERO, most);
+                let away = (part - step).abs();
+                let weight = weight(away.x) * weight(away.y);
+                let i = place.x as usize + place.y as usize * page.size[0] as usize;
+                sums[0] += weight * page.direct[i];
+                sums[1] += weight * page.indirect[i];
+            }
         }
         sums
     }
@@ -103,6 +127,25 @@ mod tests {
             assert!((indirect - Vec3::Y).abs().max_element() < 1e-6);
         }
         assert_eq!(kept().irradiance(0, true, [0.2, 0.2]), [Vec3::ZERO; 2], "a side without light");
+    }
+
+    #[test]
+    fn the_bicubic_look_up_is_the_filter_over_texels() {
+        let mut kept = kept();
+        let value = |x: usize, y: usize| ((7 * x + 5 * y) % 4) as f32;
+        let direct = (0..48).map(|i| Vec3::splat(value(i % 8, i / 8))).collect();
+        kept.pages[0] = KeptPage { size: [8, 6], direct, indirect: vec![Vec3::Y; 48] };
+        kept.faces[0][0] = Some(KeptFace { page: 0, corners: [Vec2::ZERO, Vec2::new(8.0, 0.0), Vec2::new(0.0, 6.0)] });
+        // Well inside of the page, over all of its texels.
+        let [direct, indirect] = kept.irradiance_bicubic(0, false, [0.43, 0.41]);
+        let mut expected = 0.0;
+        for y in 0..6 {
+            for x in 0..8 {
+                let away = (Vec2::new(8.0 * 0.43, 6.0 * 0.41) - Vec2::new(x as f32 + 0.5, y as f32 + 0.5)).abs();
+                expected += value(x, y) * mitchell_filter(away.x) * mitchell_filter(away.y);
+            }
+        }
+        assert!((direct.x - expected).abs() < 1e-5 && (indirect.y - 1.0).abs() < 1e-6, "{direct} {expected}");
     }
 
     #[test]

@@ -207,3 +207,41 @@ fn wrong_use_is_told() {
         assert!(!folder.join("room.glb").exists());
     }
 }
+
+#[test]
+fn adaptive_bakes_are_shown_like_others() {
+    let folder = folder();
+    let folder = folder.path();
+    let told =
+        works(folder, "bake scene.toml -o room.glb --adaptive 0.05 --height 5 --passes 8 --clip 0.1 --prefilter 4");
+    assert!(told.contains("surfaces") && told.contains("MiB") && told.contains("rounds"), "{told}");
+    works(folder, "render scene.toml --float --no-layers --passes 8 -o full.exr");
+    for lookup in ["bilinear", "bicubic"] {
+        let kept = format!("{lookup}.exr");
+        works(
+            folder,
+            &format!(
+                "render scene.toml --float --no-layers --passes 8 -o {kept} --light-from room.glb --lookup {lookup}"
+            ),
+        );
+        let ratio = mean(&folder.join(kept)) / mean(&folder.join("full.exr"));
+        assert!((ratio - 1.0).abs() < 0.05, "{lookup}: {ratio}");
+    }
+    works(folder, "bake scene.toml -o few.glb --adaptive 0.05 --elements 20 --budget 0 --passes 1 --unlit");
+    for (flags, named) in [
+        ("--adaptive 0", "--adaptive"),
+        ("--adaptive nan", "--adaptive"),
+        ("--adaptive 0.1 --density 4", "--density"),
+        ("--adaptive 0.1 --time 4", "--time"),
+        ("--adaptive 0.1 --resume", "--resume"),
+        ("--adaptive 0.1 --height 11", "--height"),
+        ("--adaptive 0.1 --height 9 --max-size 256", "7 would fit"),
+        ("--adaptive 0.1 --elements 1", "--elements"),
+        ("--adaptive 0.1 --prefilter 7", "--prefilter"),
+        ("--height 4", "--adaptive"),
+    ] {
+        let message = fails(folder, &format!("bake scene.toml -o a.glb {flags}"));
+        assert!(message.contains(named) && !message.contains("panicked"), "{flags}: {message}");
+    }
+    assert!(fails(folder, "render scene.toml -o a.png --lookup bicubic").contains("--light-from"));
+}

@@ -10,7 +10,7 @@ use lightsum::gpu::Context;
 use lightsum::output::{Metadata, Tonemap};
 use lightsum::pass::{ShadingPoints, kept_light};
 use lightsum::scene::{Camera, KeptFace, KeptLight, KeptPage, Light, Scene, Texture, TextureUse, Wrap, builtin};
-use lightsum::settings::{Clip, Compensation, Exposure, Settings};
+use lightsum::settings::{Clip, Compensation, Exposure, Lookup, Settings};
 
 use crate::rig::{AWKWARD_IMAGES, Rig, close, gallery, has};
 use crate::scenes::{Soup, renderer};
@@ -222,8 +222,10 @@ fn kept_light_follows_its_oracle() {
     gpu_test(|ctx| {
         let scene = with_light(gallery());
         let kept = scene.kept_light.clone().unwrap();
-        for size in AWKWARD_IMAGES {
-            let rig = Rig::new(ctx, &scene, size, Settings::plain());
+        for (size, lookup) in
+            AWKWARD_IMAGES.into_iter().flat_map(|s| [Lookup::Bilinear, Lookup::Bicubic].map(|l| (s, l)))
+        {
+            let rig = Rig::new(ctx, &scene, size, Settings { lookup, ..Settings::plain() });
             let frame = rig.frame();
             rig.prefill(&[
                 &frame.shade.lighting.direct,
@@ -249,7 +251,7 @@ fn kept_light_follows_its_oracle() {
                 let leaf = hits[pixel].w.to_bits();
                 let back = rig.bvh().normal(leaf).dot(directions[pixel].truncate()) >= 0.0;
                 let uv = [hits[pixel].y, hits[pixel].z];
-                let expected = kept_light::reference(&kept, rig.bvh().scene_triangle(leaf), back, uv);
+                let expected = kept_light::reference(&kept, lookup, rig.bvh().scene_triangle(leaf), back, uv);
                 let page = &kept.pages[kept.faces[rig.bvh().scene_triangle(leaf) as usize][usize::from(back)]
                     .map_or(0, |f| f.page as usize)];
                 let scale = page.direct.iter().map(|e| e.max_element()).fold(0.0, f32::max);

@@ -32,6 +32,7 @@ mod passes_limits;
 mod passes_paths;
 mod passes_photons;
 mod passes_walk;
+mod radiosity;
 mod references;
 mod renderer;
 mod rig;

@@ -12,7 +12,9 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use lightsum::gpu::DeviceChoice;
 use lightsum::output::Tonemap;
 use lightsum::path_trace::SpecularPaths;
-use lightsum::settings::{Agreement, ClusterOrder, Compensation, Exposure, LightChoice, Sequence, Settings, Traversal};
+use lightsum::settings::{
+    Agreement, ClusterOrder, Compensation, Exposure, LightChoice, Lookup, Sequence, Settings, Traversal,
+};
 use lightsum::view::Region;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -190,6 +192,11 @@ pub struct Output {
     /// Mirrors, glass and narrow lobes show it too. The time of a pass does not depend on the number of lights.
     #[arg(long, value_name = "FILE.glb", conflicts_with_all = ["export_lights", "reference"])]
     pub light_from: Option<PathBuf>,
+    /// Look-up of the light of --light-from [default: bilinear].
+    ///
+    /// Bicubic has no bends at texels, and reads four times as many.
+    #[arg(long, value_name = "WAY", value_enum, requires = "light_from")]
+    pub lookup: Option<LookupFlag>,
     /// Write device, counts, rays and the seconds of each stage and GPU pass as JSON.
     #[arg(long, value_name = "FILE.json")]
     pub stats: Option<PathBuf>,
@@ -583,6 +590,24 @@ pub enum Curve {
     Aces,
     /// AgX as approximated by Wrensch: soft, highlights fade to white.
     Agx,
+}
+
+/// Values of `--lookup`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LookupFlag {
+    /// Between four texels
+    Bilinear,
+    /// Among sixteen, by Mitchell's filter
+    Bicubic,
+}
+
+impl From<LookupFlag> for Lookup {
+    fn from(flag: LookupFlag) -> Lookup {
+        match flag {
+            LookupFlag::Bilinear => Lookup::Bilinear,
+            LookupFlag::Bicubic => Lookup::Bicubic,
+        }
+    }
 }
 
 /// Values of `--denoise`.

@@ -5,12 +5,13 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use lightsum::bake::Bake;
 use lightsum::bake::files::{self, Form};
+use lightsum::bake::{Bake, Lightmap};
+use lightsum::gpu::Context;
 use lightsum::output::{self, Layers, Metadata, State};
 use lightsum::settings::Settings;
 use lightsum::standalone::{self, RenderOptions, Renderer};
-use lightsum::{Error, Result, scene};
+use lightsum::{Error, Result, Scene, scene};
 
 use crate::args;
 use crate::checkpoint::Checkpoints;
@@ -37,6 +38,10 @@ pub fn run(args: &args::Bake) -> Result<()> {
     };
     let start = Instant::now();
     let (context, settings) = standalone::open(settings, &options)?;
+    if let Some(adaptive) = args.adaptive.options() {
+        let (light, passes) = crate::radiosity::light(args, (&context, &scene), &settings, adaptive, &interrupted)?;
+        return write(args, (&context, &scene), &settings, &light, (passes, None), start);
+    }
     let bake = Bake::new(&context, &scene, settings.clone(), args.options())?;
     let charts = bake.charts();
     let [device, host] = bake.memory().map(|bytes| bytes as f64 / f64::from(1 << 20));
@@ -67,11 +72,27 @@ pub fn run(args: &args::Bake) -> Result<()> {
     let Some(images) = images else { return Ok(()) };
     let (passes, error) = (job.passes, job.error);
     let light = bake.finish(&images)?;
+    write(args, (&context, &scene), &settings, &light, (passes, error), start)?;
+    if !args.stop.resume && !interrupted.load(Ordering::Relaxed) {
+        job.states.iter().for_each(Checkpoints::remove);
+    }
+    Ok(())
+}
+
+/// Writes the files of a bake that began at `start`.
+fn write(
+    args: &args::Bake,
+    (context, scene): (&Context, &Scene),
+    settings: &Settings,
+    light: &Lightmap,
+    (passes, error): (u32, Option<f32>),
+    start: Instant,
+) -> Result<()> {
     let info = context.info();
     let metadata = Metadata {
         software: SOFTWARE.into(),
         scene: scene.name.clone(),
-        settings: serde_json::to_string(&settings).unwrap_or_default(),
+        settings: serde_json::to_string(settings).unwrap_or_default(),
         seed: settings.seed,
         passes,
         device: info.name.clone(),
@@ -85,16 +106,13 @@ pub fn run(args: &args::Bake) -> Result<()> {
         },
         false => Form::Lit,
     };
-    let written = files::write(&args.output, &scene, &light, (args.parts.into(), form), &metadata)?;
-    if !args.stop.resume && !interrupted.load(Ordering::Relaxed) {
-        job.states.iter().for_each(Checkpoints::remove);
-    }
+    let written = files::write(&args.output, scene, light, (args.parts.into(), form), &metadata)?;
     let error = error.map(|e| format!(", estimated error {e:.4}")).unwrap_or_default();
     let names: Vec<String> = written.iter().map(|path| path.display().to_string()).collect();
+    let texels: u64 = light.pages.iter().map(|page| page.direct.len() as u64).sum();
     say(&format!(
-        "{}: {} texels, {passes} passes{error}, baked in {} -> {}",
+        "{}: maps of {texels} texels, {passes} passes{error}, baked in {} -> {}",
         scene.name,
-        bake.texels(),
         duration(start.elapsed()),
         names.join(", ")
     ));

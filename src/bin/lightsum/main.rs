@@ -15,6 +15,7 @@ mod info;
 mod path;
 mod play;
 mod progress;
+mod radiosity;
 mod reference;
 mod render;
 mod stop;

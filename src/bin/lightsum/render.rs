@@ -55,7 +55,8 @@ pub fn run(args: &Render) -> Result<()> {
     let camera = camera::choose(&scene, &args.camera, args.output.resolution)?;
     args.output.crop.map_or(Ok(()), |crop| crop.check(camera.resolution))?;
     let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
-    let mut settings = Settings { summands: args.output.summands, ..settings };
+    let lookup = args.output.lookup.map_or(settings.lookup, Into::into);
+    let mut settings = Settings { summands: args.output.summands, lookup, ..settings };
     if args.output.export_lights.is_some() {
         // Exported lights light everything, so there must not be many more of them than a pass can afford.
         settings.light_pool = 0;

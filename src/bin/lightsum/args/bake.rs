@@ -8,6 +8,8 @@ use lightsum::bake::files::Parts;
 use lightsum::bake::{self, Options};
 use lightsum::settings::Exposure;
 
+use lightsum::radiosity::{self, TextureOptions};
+
 use super::values::{exposure, positive};
 use super::{Curve, Device, Light, Pose, Reading, Stop};
 
@@ -53,6 +55,8 @@ pub struct Bake {
     #[arg(long, value_name = "CURVE", value_enum, default_value = "srgb", requires = "unlit")]
     pub tonemap: Curve,
     #[command(flatten)]
+    pub adaptive: Adaptive,
+    #[command(flatten)]
     pub stop: Stop,
     #[command(flatten)]
     pub pose: Pose,
@@ -73,6 +77,51 @@ impl Bake {
             padding: self.padding,
             new_charts: self.new_charts,
         }
+    }
+}
+
+/// Radiosity textures.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Adaptive sampling")]
+pub struct Adaptive {
+    /// Sample light adaptively: split surfaces where it differs by more than this part of the mean light.
+    ///
+    /// Each quadrilateral and triangle has a quadtree, and the most subdivided ones get textures of their own size. All of --passes light
+    /// each round of splits. See docs/radiosity.md.
+    #[arg(long, value_name = "EPS", allow_negative_numbers = true, value_parser = positive)]
+    #[arg(conflicts_with_all = ["density", "time", "target_error", "resume", "checkpoint"])]
+    pub adaptive: Option<f32>,
+    /// Greatest height of a quadtree, 1 to 10 [default: 6]: textures of up to 2^N + 1 texels a side.
+    #[arg(long, value_name = "N", requires = "adaptive", value_parser = clap::value_parser!(u8).range(1..=10))]
+    pub height: Option<u8>,
+    /// Greatest number of leaves of all quadtrees [default: 65536].
+    ///
+    /// Time and memory grow linearly; the surfaces must not be more.
+    #[arg(long, value_name = "N", requires = "adaptive", value_parser = clap::value_parser!(u32).range(1..=4_194_304))]
+    pub elements: Option<u32>,
+    /// Texels of all textures with more than 2 x 2 [default: 1048576]. Surfaces beyond it have 2 x 2 texels.
+    #[arg(long, value_name = "TEXELS", requires = "adaptive")]
+    pub budget: Option<u64>,
+    /// Width of the low-pass filter over textures, 2 (none) to 6. Wider ones smooth edges of elements and small features.
+    #[arg(long, value_name = "TEXELS", requires = "adaptive", value_parser = clap::value_parser!(u32).range(2..=6))]
+    pub prefilter: Option<u32>,
+}
+
+impl Adaptive {
+    /// The options of the library, if light is to be sampled adaptively.
+    pub fn options(&self) -> Option<(radiosity::Options, TextureOptions)> {
+        let (options, textures) = (radiosity::Options::default(), TextureOptions::default());
+        let options = radiosity::Options {
+            epsilon: self.adaptive?,
+            height: self.height.unwrap_or(options.height),
+            elements: self.elements.map_or(options.elements, |n| n as usize),
+            ..options
+        };
+        let textures = TextureOptions {
+            budget: self.budget.unwrap_or(textures.budget),
+            filter: self.prefilter.unwrap_or(textures.filter),
+        };
+        Some((options, textures))
     }
 }
 

@@ -1,0 +1,265 @@
+//! Radiosity textures of a scene: the passes of an atlas light the points of each round, and the result is a light map.
+
+use std::sync::Arc;
+
+use glam::Vec2;
+
+use super::layout::{self, Texture};
+use super::refine::{Options, Point, Solution, refine};
+use super::surfaces::{Surface, surfaces};
+use super::{Light, quadtree::Shape};
+use crate::accel::Bvh;
+use crate::bake::charts::{Charts, Face};
+use crate::bake::sides::{self, Sides};
+use crate::bake::{self, Lightmap, Page, lightmap};
+use crate::error::{Error, Result};
+use crate::gpu::Context;
+use crate::scene::Scene;
+use crate::settings::Settings;
+use crate::standalone::Renderer;
+use crate::view::{Atlas, Texel};
+
+/// Side of a block of points, which is a cluster.
+const BLOCK: usize = 8;
+/// Blocks in a row of a view.
+const ACROSS: usize = 64;
+
+/// Options of the textures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TextureOptions {
+    /// Texels of textures with more than 2 x 2. Default 2^20.
+    pub budget: u64,
+    /// Width of the filter: 2 (none) to 6. Default 2.
+    pub filter: u32,
+}
+
+impl Default for TextureOptions {
+    fn default() -> Self {
+        TextureOptions { budget: 1 << 20, filter: 2 }
+    }
+}
+
+/// Surfaces of a scene that are to be lit.
+pub struct Radiosity {
+    context: Context,
+    scene: Scene,
+    settings: Settings,
+    sides: Vec<Sides>,
+    surfaces: Vec<Surface>,
+    bvh: Bvh,
+}
+
+/// Where the time of rounds went, in seconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Times {
+    /// Making the passes of a view: tree, upload, kernels.
+    pub prepare: f64,
+    /// The passes on the device.
+    pub passes: f64,
+    /// The rest on the host: criteria, splits, tests for points inside of geometry.
+    pub host: f64,
+}
+
+/// Progress of a refinement: told before each pass.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Number of the round, from 0.
+    pub round: usize,
+    /// Points of the round.
+    pub points: usize,
+    /// Share of the passes of the round that are done, in [0, 1].
+    pub done: f64,
+}
+
+impl Radiosity {
+    /// Finds the lit sides and the surfaces. Errors: settings out of range; no light on a surface that reflects diffusely.
+    pub fn new(context: &Context, scene: &Scene, settings: Settings) -> Result<Radiosity> {
+        let settings = bake::settings(settings);
+        let scene = bake::prepare(scene);
+        let sides = sides::lit(context, &scene, &settings)?;
+        let surfaces = surfaces(&scene, &sides);
+        if surfaces.is_empty() {
+            let message = "no light reaches a surface that reflects diffusely; there is nothing to bake";
+            return Err(Error::Scene(String::from(message)));
+        }
+        let bvh = Bvh::build(&scene)?;
+        Ok(Radiosity { context: context.clone(), scene, settings, sides, surfaces, bvh })
+    }
+
+    /// The surfaces.
+    pub fn surfaces(&self) -> &[Surface] {
+        &self.surfaces
+    }
+
+    /// Bytes of the host for trees with as many leaves as there may be, their samples and the maps.
+    pub fn memory(&self, options: &Options, textures: &TextureOptions, pages: &bake::Options) -> u64 {
+        // A leaf has about a third of a node above it, and at most four samples of its own with their places.
+        const LEAF: u64 = 24 * 4 / 3 + 4 * 48;
+        // Light of a texel, and what a page holds of it.
+        const TEXEL: u64 = 24 + 48;
+        let small = (2 + 2 * u64::from(pages.padding)).pow(2) * self.surfaces.len() as u64;
+        let largest = options.elements as u64 * 4;
+        LEAF * options.elements as u64 + TEXEL * (textures.budget.min(largest << options.height) + small)
+    }
+
+    /// Light at points after `passes` passes, without a test for points inside of geometry: always the same virtual lights, whatever the
+    /// points. `progress` is told the share that is done and returns false to break off.
+    ///
+    /// Errors: [`Error::Interrupted`]; those of a renderer.
+    pub fn light(
+        &self,
+        points: &[Texel],
+        passes: u32,
+        times: &mut Times,
+        progress: &mut dyn FnMut(f64) -> bool,
+    ) -> Result<Vec<Light>> {
+        let most = bake::batch_texels(&self.context, &self.settings) / (BLOCK * BLOCK) * BLOCK * BLOCK;
+        let mut found = Vec::with_capacity(points.len());
+        for batch in points.chunks(most.max(BLOCK * BLOCK)) {
+            let start = std::time::Instant::now();
+            let (atlas, places) = view(batch);
+            let mut renderer =
+                Renderer::with_atlas(self.context.clone(), self.scene.clone(), Arc::new(atlas), self.settings.clone())?;
+            times.prepare += start.elapsed().as_secs_f64();
+            let start = std::time::Instant::now();
+            for pass in 0..passes {
+                let share = batch.len() as f64 * f64::from(pass) / f64::from(passes);
+                if !progress((found.len() as f64 + share) / points.len() as f64) {
+                    return Err(Error::Interrupted);
+                }
+                renderer.pass()?;
+            }
+            let layers = renderer.layers()?;
+            times.passes += start.elapsed().as_secs_f64();
+            found.extend(places.iter().map(|&i| Light { direct: layers.direct[i], indirect: layers.indirect[i] }));
+        }
+        Ok(found)
+    }
+
+    /// Grows the trees; every round's points have the light of `passes` passes. `progress` returns false to break off.
+    pub fn refine(
+        &self,
+        options: &Options,
+        passes: u32,
+        progress: &mut dyn FnMut(Progress) -> bool,
+    ) -> Result<(Solution, Times)> {
+        let roots: Vec<_> = self.surfaces.iter().map(|surface| surface.root).collect();
+        let leaves = lightmap::leaves(&self.bvh);
+        let (mut times, mut round, mut mean) = (Times::default(), 0, None);
+        let start = std::time::Instant::now();
+        let mut light = |points: &[Point]| {
+            let texel = |p: &Point| self.surfaces[p.root as usize].texel(p.at, options.height);
+            let texels: Vec<Texel> = points.iter().map(texel).collect();
+            let mut tell = |done: f64| progress(Progress { round, points: texels.len(), done });
+            let found = self.light(&texels, passes, &mut times, &mut tell)?;
+            round += 1;
+            // The points of the first round lie everywhere.
+            let mean = *mean.get_or_insert_with(|| {
+                let sum: f64 = found.iter().map(|light| f64::from(light.total().element_sum())).sum();
+                (sum / found.len().max(1) as f64) as f32
+            });
+            let seen = |(texel, light): (&Texel, Light)| {
+                let dark = light.total().element_sum() < lightmap::DARK * mean;
+                let inside = dark && lightmap::is_inside(&self.sides, &self.bvh, &leaves, texel);
+                (!inside).then_some(light)
+            };
+            Ok(texels.iter().zip(found).map(seen).collect())
+        };
+        let solution = refine(&roots, options, &mut light)?;
+        times.host = start.elapsed().as_secs_f64() - times.prepare - times.passes;
+        Ok((solution, times))
+    }
+
+    /// The light map: textures of all surfaces, within the budget, each in its rectangle of a page.
+    ///
+    /// Errors: a texture larger than a page; a width of the filter out of range.
+    pub fn lightmap(&self, solution: &Solution, textures: &TextureOptions, pages: &bake::Options) -> Result<Lightmap> {
+        check(solution.options(), textures, pages)?;
+        let TextureOptions { budget, filter } = *textures;
+        let mut textures = layout::textures(&self.surfaces, solution, budget, filter);
+        let sizes = layout::place(&mut textures, pages.padding, pages.max_size);
+        let leaves = lightmap::leaves(&self.bvh);
+        let mut filled: Vec<Page> = sizes.iter().map(|&size| Page::new(size)).collect();
+        let mut faces = Vec::new();
+        let (mut texels, mut area) = (0.0, 0.0);
+        for (chart, (surface, texture)) in (0..).zip(self.surfaces.iter().zip(&textures)) {
+            let n = texture.grid.size[0];
+            let width = (surface.root.area / (n * n) as f32).sqrt();
+            self.fill(&mut filled[texture.page as usize], (surface, texture), &leaves, (width, pages.padding));
+            texels += (n * n) as f64;
+            area += f64::from(surface.root.area);
+            for &(triangle, corners) in &surface.faces {
+                let corners = match n {
+                    1 => [texture.place(Vec2::ZERO); 3],
+                    _ => corners.map(|at| texture.place(at)),
+                };
+                faces.push(Face { triangle, back: surface.back, page: texture.page, chart, corners });
+            }
+        }
+        let density = (texels / area).sqrt() as f32;
+        let charts = Charts { pages: sizes, faces, count: textures.len() as u32, density };
+        Ok(Lightmap { charts, pages: filled, inside: solution.inside() })
+    }
+
+    /// Writes a texture and the padding around it.
+    fn fill(
+        &self,
+        page: &mut Page,
+        (surface, texture): (&Surface, &Texture),
+        leaves: &[u32],
+        (width, padding): (f32, u32),
+    ) {
+        let (n, pad) = (texture.grid.size[0] as i64, i64::from(padding));
+        for y in -pad..n + pad {
+            for x in -pad..n + pad {
+                let [column, row] = [(0, x), (1, y)].map(|(k, i)| (i64::from(texture.origin[k]) + i) as usize);
+                let at = column + row * page.size[0] as usize;
+                let light = layout::texel(texture, [x, y]);
+                (page.direct[at], page.indirect[at]) = (light.direct, light.indirect);
+                let on = match (n, surface.root.shape) {
+                    (1, Shape::Triangle) => [1.0 / 3.0; 2],
+                    (1, Shape::Quad) => [0.5, 0.4],
+                    _ => [x, y].map(|i| i as f32 / (n - 1) as f32),
+                };
+                let texel = surface.texel(on, Options::MAX_HEIGHT);
+                [page.albedo[at], page.emission[at]] = lightmap::surface(&self.scene, &self.bvh, leaves, &texel, width);
+            }
+        }
+    }
+}
+
+/// Errors: a width of the filter out of range; trees whose textures do not fit on a page.
+pub fn check(options: &Options, textures: &TextureOptions, pages: &bake::Options) -> Result<()> {
+    options.validate()?;
+    pages.validate()?;
+    if !(2..=6).contains(&textures.filter) {
+        return Err(Error::Setting { name: "--prefilter", message: format!("{} is not in 2..=6", textures.filter) });
+    }
+    let side = (1u32 << options.height) + 1 + 2 * pages.padding;
+    if side > pages.max_size {
+        let message = format!(
+            "trees of height {} make textures of {side} texels with their padding, and --max-size is {}; {} would fit",
+            options.height,
+            pages.max_size,
+            (pages.max_size - 1 - 2 * pages.padding).max(2).ilog2()
+        );
+        return Err(Error::Setting { name: "--height", message });
+    }
+    Ok(())
+}
+
+/// A view of points, in blocks, and the entry of each point.
+fn view(points: &[Texel]) -> (Atlas, Vec<usize>) {
+    let blocks = points.len().div_ceil(BLOCK * BLOCK);
+    let across = ACROSS.min(blocks);
+    let size = [across * BLOCK, blocks.div_ceil(across) * BLOCK];
+    let place = |i: usize| {
+        let (block, i) = (i / (BLOCK * BLOCK), i % (BLOCK * BLOCK));
+        let (x, y) = (block % across * BLOCK + i % BLOCK, block / across * BLOCK + i / BLOCK);
+        x + y * size[0]
+    };
+    let places: Vec<usize> = (0..points.len()).map(place).collect();
+    let mut texels = vec![None; size[0] * size[1]];
+    places.iter().zip(points).for_each(|(&place, point)| texels[place] = Some(*point));
+    (Atlas { size: size.map(|n| n as u32), texels }, places)
+}

@@ -1,0 +1,201 @@
+//! Radiosity textures: light of adaptive trees against closed forms, and the frame that shows it.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use lightsum::bake::{self, Lightmap};
+use lightsum::gpu::Context;
+use lightsum::radiosity::{Options, Order, Radiosity, Solution, TextureOptions, Times};
+use lightsum::scene::{Camera, KeptLight, Scene, builtin};
+use lightsum::settings::{Clip, Compensation, Lookup, Settings};
+use lightsum::view::Texel;
+
+use crate::scenes::{Soup, renderer};
+use crate::support::gpu_test;
+
+/// All lights at every point, without clipping.
+fn plain() -> Settings {
+    Settings { clip: Clip::Distance(0.0), compensation: Compensation::Off, ..Settings::plain() }
+}
+
+fn solved(
+    ctx: &Context,
+    scene: &Scene,
+    settings: &Settings,
+    options: &Options,
+    passes: u32,
+) -> (Radiosity, Solution, Lightmap) {
+    let radiosity = Radiosity::new(ctx, scene, settings.clone()).unwrap();
+    let (solution, _) = radiosity.refine(options, passes, &mut |_| true).unwrap();
+    let light = radiosity.lightmap(&solution, &TextureOptions::default(), &bake::Options::default()).unwrap();
+    (radiosity, solution, light)
+}
+
+/// Mean direct and indirect irradiance over the front of triangles.
+fn mean(kept: &KeptLight, triangles: &[u32]) -> [f32; 2] {
+    const N: usize = 60;
+    let mut sum = [0.0; 2];
+    for &triangle in triangles {
+        for i in 0..N * N {
+            let (s, t) = (((i % N) as f32 + 0.5) / N as f32, ((i / N) as f32 + 0.5) / N as f32);
+            // The unit square folded onto the triangle.
+            let uv = if s + t > 1.0 { [1.0 - s, 1.0 - t] } else { [s, t] };
+            let light = kept.irradiance(triangle, false, uv);
+            (0..2).for_each(|k| sum[k] += light[k].x / (triangles.len() * N * N) as f32);
+        }
+    }
+    sum
+}
+
+#[test]
+fn a_grey_cube_with_a_lit_ceiling_has_its_form_factors() {
+    gpu_test(|ctx| {
+        let mut soup = Soup::new("cube");
+        let (grey, lamp) = (soup.diffuse(0.5, 0.0), soup.diffuse(0.0, 3.0));
+        soup.room(Vec3::ZERO, Vec3::ONE, [grey, grey, grey, lamp, grey, grey]);
+        // Points near the lamp's edge need what clipping cuts off.
+        let settings = Settings { particles: 256, direct_lights: Some(256), max_depth: 2, ..Settings::plain() };
+        for order in [Order::First, Order::Zero] {
+            let options = Options { epsilon: 0.04, height: 5, start: 256, order, ..Options::default() };
+            let (radiosity, solution, light) = solved(ctx, &soup.0, &settings, &options, 8);
+            assert_eq!(radiosity.surfaces().len(), 5, "the lamp reflects nothing");
+            assert!(solution.rounds.len() > 1, "{:?}", solution.rounds);
+            let kept = light.kept(&soup.0);
+            // Faces are added x low, x high, y low (the floor), y high.
+            for (face, factor) in [(0, 0.200_043_78), (1, 0.200_043_78), (2, 0.199_824_9), (4, 0.200_043_78)] {
+                let [direct, _] = mean(&kept, &[2 * face, 2 * face + 1]);
+                let found = direct / (3.0 * std::f32::consts::PI);
+                assert!((found / factor - 1.0).abs() < 0.012, "{order:?} face {face}: {found} for {factor}");
+            }
+        }
+    });
+}
+
+#[test]
+fn a_furnace_and_a_sphere_are_even() {
+    gpu_test(|ctx| {
+        let (rho, le) = (0.5, 2.0);
+        let settings = Settings { particles: 64, max_depth: 6, ..Settings::plain() };
+        let options = Options { epsilon: 0.3, height: 3, start: 96, ..Options::default() };
+        let scene = builtin::furnace(rho, le);
+        let (_, _, light) = solved(ctx, &scene, &settings, &options, 8);
+        // Direct light and four reflections.
+        let expected = std::f32::consts::PI * le * (1.0 - rho.powi(5)) / (1.0 - rho);
+        let kept = light.kept(&scene);
+        let all: Vec<u32> = (0..scene.triangles.len() as u32).collect();
+        let found = mean(&kept, &all).iter().sum::<f32>();
+        assert!((found / expected - 1.0).abs() < 0.03, "{found} for {expected}");
+        // In a sphere every point has the same irradiance.
+        let patches = [(1.0, 0.2), (0.0, 0.8), (0.0, 0.3), (2.0, 0.6), (0.0, 0.5), (0.5, 0.1), (0.0, 0.7), (0.0, 0.4)];
+        let scene = builtin::sphere_enclosure(3, &patches);
+        let settings = Settings { particles: 512, max_depth: 12, ..settings };
+        let (_, _, light) = solved(ctx, &scene, &settings, &options, 8);
+        let all: Vec<u32> = (0..scene.triangles.len() as u32).collect();
+        let found = mean(&light.kept(&scene), &all).iter().sum::<f32>();
+        let [emitted, rho] = [patches.iter().map(|p| p.0).sum::<f32>(), patches.iter().map(|p| p.1).sum()];
+        let expected = emitted / 8.0 / (1.0 - rho / 8.0);
+        assert!((found / expected - 1.0).abs() < 0.03, "{found} for {expected}");
+    });
+}
+
+/// A room with a lamp and a block that stands on its floor.
+fn room() -> Scene {
+    let mut soup = Soup::new("room");
+    let (white, red) = (soup.diffuse(0.7, 0.0), soup.diffuse([0.6, 0.2, 0.1], 0.0));
+    let lamp = soup.diffuse(0.0, 12.0);
+    soup.room(Vec3::ZERO, Vec3::new(3.0, 2.0, 3.0), [red, white, white, white, white, white]);
+    soup.quad(Vec3::new(1.2, 1.99, 1.2), Vec3::X * 0.6, Vec3::Z * 0.6, lamp);
+    let (low, size) = (Vec3::new(0.6, 0.0, 0.6), Vec3::new(0.8, 0.7, 0.8));
+    for axis in 0..3 {
+        let edge = |k: usize| Vec3::AXES[k] * size[k];
+        let (u, v) = (edge((axis + 1) % 3), edge((axis + 2) % 3));
+        soup.quad(low, v, u, white);
+        soup.quad(low + edge(axis), u, v, white);
+    }
+    let mut scene = soup.0;
+    scene.camera = Some(Camera {
+        eye: Vec3::new(1.5, 1.2, 2.9),
+        target: Vec3::new(1.4, 0.7, 0.8),
+        up: Vec3::Y,
+        fov_y: 70.0,
+        resolution: [72, 54],
+        aperture: 0.0,
+        focus: None,
+    });
+    scene
+}
+
+#[test]
+fn all_rounds_have_the_same_lights() {
+    gpu_test(|ctx| {
+        let scene = room();
+        let settings = Settings { particles: 32, ..plain() };
+        let radiosity = Radiosity::new(ctx, &scene, settings).unwrap();
+        let point = |i: u32| Texel { triangle: 10 + i % 2, uv: [0.01 * (i % 40) as f32 + 0.1, 0.3], back: false };
+        let all: Vec<Texel> = (0..700).map(point).collect();
+        let light = |points: &[Texel]| radiosity.light(points, 3, &mut Times::default(), &mut |_| true).unwrap();
+        let whole = light(&all);
+        let part = light(&all[300..371]);
+        for (a, b) in whole[300..371].iter().zip(&part) {
+            let difference = (a.total() - b.total()).abs().max_element();
+            assert!(difference <= 1e-5 * a.total().max_element(), "{a:?} {b:?}");
+        }
+        assert!(whole[0].total() != whole[1].total() && whole[0].total().max_element() > 0.0);
+    });
+}
+
+#[test]
+fn the_frame_shows_textures_as_it_shows_maps() {
+    gpu_test(|ctx| {
+        let mut scene = room();
+        let camera = scene.camera.unwrap();
+        let settings = Settings { particles: 48, clip: Clip::Distance(0.4), ..plain() };
+        const PASSES: u32 = 8;
+        let image = |scene: &Scene, lookup: Lookup| {
+            let mut renderer = renderer(ctx, scene, camera, &Settings { lookup, ..settings.clone() });
+            (0..PASSES).for_each(|_| renderer.pass().unwrap());
+            renderer.layers().unwrap().color
+        };
+        let full = image(&scene, Lookup::Bilinear);
+        let error = |kept: &[Vec3]| {
+            let lit = || full.iter().zip(kept).filter(|(f, _)| f.max_element() < 11.0);
+            let square = |v: Vec3| f64::from(v.length_squared());
+            let (sum, of) = lit().fold((0.0, 0.0), |(a, b), (f, k)| (a + square(*f - *k), b + square(*f)));
+            let energy = |i: usize| -> f32 { lit().map(|p| [p.0, p.1][i].element_sum()).sum() };
+            ((sum / of).sqrt(), energy(1) / energy(0))
+        };
+        let options = |epsilon: f32, height: u8| Options { epsilon, height, ..Options::default() };
+        let mut errors = Vec::new();
+        for (epsilon, height) in [(0.3, 3), (0.03, 7)] {
+            let (radiosity, solution, light) = solved(ctx, &scene, &settings, &options(epsilon, height), PASSES);
+            scene.kept_light = Some(Arc::new(light.kept(&scene)));
+            for lookup in [Lookup::Bilinear, Lookup::Bicubic] {
+                let (rmse, energy) = error(&image(&scene, lookup));
+                assert!((energy - 1.0).abs() < 0.03, "{height} {lookup:?}: energy {energy}");
+                errors.push(rmse);
+            }
+            scene.kept_light = None;
+            // The same bits again.
+            let again = radiosity.refine(&options(epsilon, height), PASSES, &mut |_| true).unwrap().0;
+            assert_eq!(again, solution);
+        }
+        assert!(errors[2] < 0.05 && errors[2] < 0.6 * errors[0], "{errors:?}");
+        assert!(errors[3] < 0.06, "{errors:?}");
+    });
+}
+
+#[test]
+fn interrupts_and_scenes_without_light_are_told() {
+    gpu_test(|ctx| {
+        let radiosity = Radiosity::new(ctx, &room(), plain()).unwrap();
+        let mut calls = 0;
+        let broken = radiosity.refine(&Options::default(), 4, &mut |_| {
+            calls += 1;
+            calls < 3
+        });
+        assert!(matches!(broken, Err(lightsum::Error::Interrupted)) && calls == 3);
+        let mut dark = room();
+        dark.materials.iter_mut().for_each(|m| m.base_color = Vec3::ZERO);
+        assert!(Radiosity::new(ctx, &dark, plain()).err().unwrap().to_string().contains("nothing to bake"));
+    });
+}
