@@ -17,6 +17,7 @@
 
 use super::quadtree::Shape;
 use super::texture::{Grid, Value};
+use crate::scene::mitchell_filter;
 
 /// Rows beyond the slanted edge of a triangle that have values.
 const BEYOND: usize = 4;
@@ -81,15 +82,6 @@ fn catmull_rom(t: f32) -> [f32; 4] {
 /// The same for Mitchell's filter with B = C = 1/3.
 fn mitchell_weights(t: f32) -> [f32; 4] {
     [1.0 + t, t, 1.0 - t, 2.0 - t].map(mitchell_filter)
-}
-
-/// Mitchell's filter with B = C = 1/3 at a distance in texels, not negative.
-pub fn mitchell_filter(x: f32) -> f32 {
-    match x {
-        x if x < 1.0 => ((21.0 * x - 36.0) * x * x + 16.0) / 18.0,
-        x if x < 2.0 => (((-7.0 * x + 36.0) * x - 60.0) * x + 32.0) / 18.0,
-        _ => 0.0,
-    }
 }
 
 /// The product of weights for four columns and rows around a point.

@@ -5,7 +5,14 @@ use std::ops::Range;
 use glam::{Vec2, Vec3};
 
 use super::Scene;
-use crate::radiosity::reconstruct::mitchell_filter;
+/// Mitchell's filter with B = C = 1/3 at a distance in texels, not negative.
+pub fn mitchell_filter(x: f32) -> f32 {
+    match x {
+        x if x < 1.0 => ((21.0 * x - 36.0) * x * x + 16.0) / 18.0,
+        x if x < 2.0 => (((-7.0 * x + 36.0) * x - 60.0) * x + 32.0) / 18.0,
+        _ => 0.0,
+    }
+}
 
 /// A side of a triangle on a page.
 #[derive(Clone, Copy, Debug, PartialEq)]

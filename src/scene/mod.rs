@@ -54,6 +54,7 @@ use crate::superposition::lobe::Table;
 pub use animation::Animations;
 pub use environment::Environment;
 pub use export::{VirtualLight, export_lights};
+pub(crate) use kept_light::mitchell_filter;
 pub use kept_light::{KeptFace, KeptLight, KeptPage};
 pub use texture::{Cone, TextureUse};
 
