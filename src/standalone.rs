@@ -306,7 +306,8 @@ impl Renderer {
     /// continuations at mirrors and glass, of photons too. Also counts the stored photons.
     fn count_rays(&mut self, work: &[u32]) {
         let [width, height] = self.engine.view().size();
-        let plan = &self.engine.plan().lights;
+        // Clusters choose the lights of their points from those that are left.
+        let (plan, chosen) = (&self.engine.plan().lights, &self.engine.plan().lists);
         let classes = u64::from(self.engine.settings().classes());
         let mut rays = u64::from(width) * u64::from(height)
             + plan.survivors.iter().skip(1).map(|&n| u64::from(n) * classes).sum::<u64>();
@@ -328,7 +329,7 @@ impl Renderer {
             }
             self.culled += u64::from(work[3]);
             let reflections = plan.survivors.len().saturating_sub(b);
-            rays += live * u64::from(plan.first_slot(reflections)) + if b + 1 < bounces { live } else { 0 };
+            rays += live * u64::from(chosen.first_slot(reflections)) + if b + 1 < bounces { live } else { 0 };
         }
         self.rays += rays;
     }

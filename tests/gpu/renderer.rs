@@ -305,6 +305,16 @@ fn times_and_rays_of_the_passes_add_up() {
         let statistics = renderer.statistics();
         assert_eq!(passes.iter().map(|p| p.rays).sum::<u64>(), statistics.rays);
         assert!(passes.iter().all(|p| p.rays > 32 * 24));
+
+        // Points take the lights that their clusters choose, not the pool.
+        let settings = Settings { compensation: Compensation::Off, ..Settings::default() };
+        let mut chosen = crate::scenes::renderer(ctx, &scene, camera, &settings);
+        chosen.pass().unwrap();
+        let (plan, [width, height]) = (chosen.engine().plan().clone(), chosen.engine().view().size());
+        let pixels = u64::from(width * height);
+        let walked = plan.lights.survivors[1..].iter().sum::<u32>() * settings.classes();
+        let most = pixels * u64::from(1 + plan.lists.slots()) + u64::from(walked);
+        assert!((pixels..=most).contains(&chosen.last_pass().rays), "{} of {most}", chosen.last_pass().rays);
         let render = statistics.stages.iter().find(|(name, _)| name == "render").unwrap().1;
         let seconds = passes.iter().map(|p| p.seconds).sum::<f64>();
         assert!(seconds <= render && seconds > 0.9 * render, "{seconds} s of {render} s");
