@@ -136,7 +136,8 @@ fn add_mesh(
         }
         polygon.clear();
         polygon.extend(face.iter().map(|&c| DVec3::from_array(points[c as usize])));
-        for triangle in triangulate(&polygon) {
+        let refused = |why| Error::file(path, format!("object {:?}: {why}", scene.objects[object as usize]));
+        for triangle in triangulate(&polygon).map_err(refused)? {
             add(triangle.map(|k| face[k as usize]));
         }
     }
