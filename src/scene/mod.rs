@@ -18,6 +18,7 @@ mod gltf_extensions;
 mod gltf_material;
 mod kept_light;
 mod ktx2;
+mod large_polygon;
 pub mod mip;
 mod mitsuba;
 mod mitsuba_bsdf;

@@ -70,8 +70,10 @@ pub(super) fn load(path: &Path) -> Result<Scene> {
 
 /// Whether some vertex has a colour: `tobj` takes colours for the first vertices, so that then each is given one.
 fn has_colors(text: &str) -> bool {
+    // Faces, most of the lines, need no closer look.
     logical_lines(text)
-        .any(|(_, line)| keyword(&line).is_some_and(|(word, rest)| word == "v" && words(rest).count() >= 6))
+        .filter(|(_, line)| !line.starts_with('f'))
+        .any(|(_, line)| keyword(&line).is_some_and(|(word, rest)| word == "v" && words(rest).nth(5).is_some()))
 }
 
 /// The scene's origin, from the bounds of all vertices in use.
@@ -134,7 +136,8 @@ fn add_mesh(
         }
         polygon.clear();
         polygon.extend(face.iter().map(|&c| DVec3::from_array(points[c as usize])));
-        for triangle in triangulate(&polygon) {
+        let refused = |why| Error::file(path, format!("object {:?}: {why}", scene.objects[object as usize]));
+        for triangle in triangulate(&polygon).map_err(refused)? {
             add(triangle.map(|k| face[k as usize]));
         }
     }
@@ -313,13 +316,12 @@ impl<'a> Checker<'a> {
             line_of(out, ["o ", &self.group]);
             self.kind = Some(all);
         }
+        if all == some && !rest.contains('#') {
+            line_of(out, ["f ", rest]);
+            return Ok(());
+        }
         out.push('f');
         for word in words(rest) {
-            if all == some {
-                out.push(' ');
-                out.push_str(word);
-                continue;
-            }
             let (position, uv, normal) = self.corner(word)?;
             let [uv, normal] = [uv.filter(|_| all[0]), normal.filter(|_| all[1])].map(Option::unwrap_or_default);
             out.extend([" ", position, "/", uv, "/", normal]);

@@ -14,13 +14,10 @@ use glam::{DVec3, Vec2, Vec3};
 use serde::de::{Deserialize, Deserializer, IgnoredAny, MapAccess, Visitor};
 use serde_ply::{DeserializeError, ElementDef, PlyFormat, PlyReader, PropertyType, ScalarType};
 
-use super::tessellate::triangulate;
+use super::tessellate::{MOST_CORNERS, triangulate};
 use super::texture::srgb_to_linear;
 use super::{Material, Scene, Texture, Triangle, Wrap, origin};
 use crate::error::{Error, Result};
-
-/// Greatest number of corners of a face: cutting takes time in proportion to a power of it.
-const MAX_CORNERS: usize = 1000;
 
 /// Reads a PLY file; the result is not validated yet.
 pub(super) fn load(path: &Path) -> Result<Scene> {
@@ -336,8 +333,9 @@ fn fill(
             incomplete += 1;
             continue;
         }
-        if corners.len() > MAX_CORNERS {
-            let message = format!("face {i} has {} corners, more than {MAX_CORNERS}; cut it", corners.len());
+        if corners.len() > MOST_CORNERS {
+            let message =
+                format!("face {i} has {} corners, at most {MOST_CORNERS} can be cut; split it", corners.len());
             return Err(Error::file(path, message));
         }
         let smooth = corners.iter().all(|&v| smooth[v as usize]);
@@ -355,7 +353,8 @@ fn fill(
             }
         }
         let points: Vec<DVec3> = corners.iter().map(|&v| scene.positions[v as usize].as_dvec3()).collect();
-        for triangle in triangulate(&points) {
+        let refused = |why| Error::file(path, format!("face {i}: {why}"));
+        for triangle in triangulate(&points).map_err(refused)? {
             let vertices = triangle.map(|k| corners[k as usize]);
             scene.triangles.push(Triangle { vertices, material, object, smooth });
         }

@@ -2,7 +2,9 @@
 
 use std::collections::HashMap;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
+
+use super::large_polygon;
 
 /// A triangle mesh: points and triangles, counter-clockwise seen from outside.
 pub(super) type Mesh = (Vec<Vec3>, Vec<[u32; 3]>);
@@ -70,16 +72,24 @@ fn subdivide((mut points, mut faces): Mesh, times: u32) -> Mesh {
     (points, faces)
 }
 
-/// Most corners of a polygon that [`triangulate`] takes: earcut holds its nodes, up to three for a corner, within 2^32 bytes.
+/// Most corners of a polygon that [`triangulate`] takes, at some hundred bytes for each.
 pub(super) const MOST_CORNERS: usize = 1 << 25;
+
+/// Concave polygons of more corners are cut by [`large_polygon::cut`].
+const MANY_CORNERS: usize = 1000;
+
+/// Greatest number of corners of a polygon that crosses or touches itself: earcut takes up to about a second for it.
+const MOST_CROSSING_CORNERS: usize = 20_000;
 
 /// Cuts a planar polygon into triangles of the same orientation, as indices into `points`.
 ///
-/// Convex polygons become a fan from their first corner; earcut cuts others, which may leave out corners on a straight edge.
-pub(super) fn triangulate(points: &[DVec3]) -> Vec<[u32; 3]> {
+/// Convex polygons become a fan from their first corner. earcut cuts others, which may leave out corners on a straight edge;
+/// [`large_polygon::cut`] those of more than [`MANY_CORNERS`], where it can. Error: a polygon of more than
+/// [`MOST_CROSSING_CORNERS`] crosses or touches itself.
+pub(super) fn triangulate(points: &[DVec3]) -> Result<Vec<[u32; 3]>, String> {
     let all = points.len();
     if all <= 3 {
-        return if all == 3 { vec![[0, 1, 2]] } else { Vec::new() };
+        return Ok(if all == 3 { vec![[0, 1, 2]] } else { Vec::new() });
     }
     // Beside a repeated corner no turn would show that the polygon is concave.
     let mut corners: Vec<u32> = (0..all).filter(|&i| points[i] != points[(i + 1) % all]).map(|i| i as u32).collect();
@@ -93,20 +103,33 @@ pub(super) fn triangulate(points: &[DVec3]) -> Vec<[u32; 3]> {
     let normal: DVec3 = (0..n).map(|i| (at(i) - at(0)).cross(at(i + 1) - at(0))).sum();
     let turns_left = |i: usize| (at(i + 1) - at(i)).cross(at(i + 2) - at(i + 1)).dot(normal) >= 0.0;
     if n == 3 || (0..n).all(turns_left) {
-        return (1..n as u32 - 1).map(|i| of_corners([0, i, i + 1])).collect();
+        return Ok((1..n as u32 - 1).map(|i| of_corners([0, i, i + 1])).collect());
+    }
+    if n > MANY_CORNERS {
+        // Seen along an axis: no rounding moves a corner over a near edge.
+        let axis = normal.abs().max_position();
+        let (mut x, mut y) = ((axis + 1) % 3, (axis + 2) % 3);
+        if normal[axis] < 0.0 {
+            std::mem::swap(&mut x, &mut y);
+        }
+        let flat: Vec<DVec2> = (0..n).map(|i| DVec2::new(at(i)[x], at(i)[y])).collect();
+        if let Some(triangles) = large_polygon::cut(&flat) {
+            return Ok(triangles.into_iter().map(of_corners).collect());
+        }
+        if n > MOST_CROSSING_CORNERS {
+            return Err(format!("a face of {all} corners crosses or touches itself; cut it into simple faces"));
+        }
     }
     let (u, v) = normal.normalize_or_zero().any_orthonormal_pair();
     // any_orthonormal_pair gives u x v = normal, so the projection keeps the orientation.
     let flat = (0..n).map(|i| [(at(i) - at(0)).dot(u), (at(i) - at(0)).dot(v)]);
     let mut indices: Vec<u32> = Vec::new();
     earcut::Earcut::new().earcut(flat, &[], &mut indices);
-    indices.as_chunks().0.iter().map(|&triangle| of_corners(triangle)).collect()
+    Ok(indices.as_chunks().0.iter().map(|&triangle| of_corners(triangle)).collect())
 }
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec2;
-
     use super::*;
 
     fn area_and_volume((points, faces): &Mesh) -> (f64, f64) {
@@ -143,7 +166,7 @@ mod tests {
     fn areas(points: &[DVec3], normal: DVec3) -> Vec<f64> {
         let corner = |i: u32| points[i as usize];
         let twice = |[a, b, c]: [u32; 3]| (corner(b) - corner(a)).cross(corner(c) - corner(a)).dot(normal);
-        triangulate(points).into_iter().map(twice).collect()
+        triangulate(points).unwrap().into_iter().map(twice).collect()
     }
 
     #[test]
@@ -167,15 +190,15 @@ mod tests {
 
     #[test]
     fn large_concave_polygons_keep_their_area() {
-        let n = 20_000;
+        let n = 200_000;
         // A star, a comb and a spiral, in an oblique plane far from the origin.
         let angle = |i: usize| std::f64::consts::TAU * i as f64 / n as f64;
         let star = |i: usize| DVec2::from_angle(angle(i)) * [1.0, 0.5][i % 2];
         let comb =
             |i: usize| if i == n - 1 { DVec2::new(0.5, -1.0) } else { DVec2::new(i as f64 / n as f64, (i % 2) as f64) };
         let spiral = |i: usize| {
-            let (k, radius) = if i <= n / 2 { (i, 1.0) } else { (n - i, 1.01) };
-            DVec2::from_angle(k as f64 * 1e-2) * radius * (1.0 + k as f64 * 1e-4)
+            let (k, width) = if i <= n / 2 { (i, 0.0) } else { (n - i, 0.02) };
+            DVec2::from_angle(k as f64 * 1e-2) * (1.0 + k as f64 * 1e-4 + width)
         };
         let shapes: [&dyn Fn(usize) -> DVec2; 3] = [&star, &comb, &spiral];
         let normal = DVec3::new(0.6, -0.48, 0.64);
@@ -189,6 +212,7 @@ mod tests {
             let ratio = found.iter().sum::<f64>() / twice.abs();
             assert!((ratio - 1.0).abs() < 1e-9, "{which}: {ratio}, {} triangles", found.len());
             assert!(found.iter().all(|&t| t > -1e-9), "{which}");
+            assert_eq!(found.len(), n - 2, "{which}");
         }
     }
 
@@ -199,16 +223,28 @@ mod tests {
         for n in 3..60 {
             for k in 0..40 {
                 let points: Vec<DVec3> = (0..n).map(|i| DVec3::new(place(i, k), place(i + 31, k + 3), 0.0)).collect();
-                assert!(triangulate(&points).iter().flatten().all(|&c| c < n));
+                assert!(triangulate(&points).unwrap().iter().flatten().all(|&c| c < n));
             }
         }
-        assert!(triangulate(&[DVec3::ZERO; 7]).len() <= 5);
+        assert!(triangulate(&[DVec3::ZERO; 7]).unwrap().len() <= 5);
+    }
+
+    #[test]
+    fn large_polygons_that_cross_themselves() {
+        // Two loops of opposite orientation, of different size.
+        let figure = |n: usize| -> Vec<DVec3> {
+            let angle = |i: usize| std::f64::consts::TAU * (i as f64 + 0.3) / n as f64;
+            (0..n).map(|i| DVec3::new(angle(i).cos(), (2.0 * angle(i)).sin() + 0.2 * angle(i).sin(), 0.0)).collect()
+        };
+        assert!(triangulate(&figure(2 * MANY_CORNERS)).is_ok_and(|triangles| !triangles.is_empty()));
+        let error = triangulate(&figure(2 * MOST_CROSSING_CORNERS)).unwrap_err();
+        assert_eq!(error, "a face of 40000 corners crosses or touches itself; cut it into simple faces");
     }
 
     #[test]
     fn convex_polygon_becomes_a_fan() {
         let quad = [DVec3::ZERO, DVec3::X, DVec3::X + DVec3::Y, DVec3::Y];
-        assert_eq!(triangulate(&quad), vec![[0, 1, 2], [0, 2, 3]]);
-        assert!(triangulate(&quad[..2]).is_empty());
+        assert_eq!(triangulate(&quad).unwrap(), vec![[0, 1, 2], [0, 2, 3]]);
+        assert!(triangulate(&quad[..2]).unwrap().is_empty());
     }
 }

@@ -134,6 +134,27 @@ fn polygons_keep_their_shape() {
 }
 
 #[test]
+fn faces_of_many_corners_are_cut() {
+    let face = |points: &[[usize; 2]]| {
+        let lines: String = points.iter().map(|[x, y]| format!("v {x} {y} 0\n")).collect();
+        let corners: String = (1..=points.len()).map(|i| format!(" {i}")).collect();
+        format!("o plate\n{lines}f{corners}\n")
+    };
+    let n = 50_001;
+    // A comb, whose last corner is far below its teeth.
+    let mut comb: Vec<[usize; 2]> = (0..n).map(|i| [n - i, 9 + i % 2]).collect();
+    comb.push([n / 2, 0]);
+    let scene = load(&[("a.obj", face(&comb).as_bytes())]);
+    assert_eq!(scene.triangles.len(), n - 1);
+    let up = |c: &[(Vec3, Vec2); 3]| (c[1].0 - c[0].0).cross(c[2].0 - c[0].0).z;
+    assert!(corners(&scene).iter().all(|c| up(c) > 0.0));
+    // Its last corner pulled up through the teeth.
+    comb[n] = [n / 2, 20];
+    let message = refusal(&[("a.obj", face(&comb).as_bytes())]);
+    assert!(message.contains("object \"plate\": a face of 50002 corners crosses or touches itself"), "{message}");
+}
+
+#[test]
 fn bad_statements_are_refused_at_their_line() {
     let refused = |obj: &str, mtl: &str, parts: &[&str]| {
         let error = refusal(&[("a.obj", obj.as_bytes()), ("a.mtl", mtl.as_bytes())]);

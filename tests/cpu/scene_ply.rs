@@ -130,6 +130,23 @@ fn corners_may_have_texture_coordinates_of_their_own() {
 }
 
 #[test]
+fn faces_of_many_corners_are_cut() {
+    let n = 50_001;
+    // A comb, whose last corner is below or above its teeth.
+    let model = |last: usize| {
+        let points: String = (0..n).map(|i| format!("{} {} 0\n", n - i, 9 + i % 2)).collect();
+        let corners: String = (0..=n).map(|i| format!(" {i}")).collect();
+        let (last, count) = (format!("{} {last} 0\n", n / 2), n + 1);
+        let header = format!("element vertex {count}\nproperty float x\nproperty float y\nproperty float z\n");
+        let list = "element face 1\nproperty list int int vertex_indices\n";
+        format!("ply\nformat ascii 1.0\n{header}{list}end_header\n{points}{last}{count}{corners}\n")
+    };
+    assert_eq!(load(model(0).as_bytes()).unwrap().triangles.len(), n - 1);
+    let message = load(model(20).as_bytes()).unwrap_err();
+    assert!(message.contains("face 0: a face of 50002 corners crosses or touches itself"), "{message}");
+}
+
+#[test]
 fn clouds_and_broken_files_are_refused_with_the_reason() {
     let vertex = "element vertex 3\nproperty float x\nproperty float y\nproperty float z\n";
     let face = "element face 1\nproperty list uchar int vertex_indices\n";
