@@ -7,7 +7,7 @@ use glam::{Affine2, Mat2, Vec2, Vec3};
 use super::mitsuba::Reader;
 use super::mitsuba_xml::{Element, numbers};
 use super::sky::{observer, rgb_from_xyz};
-use super::texture::srgb_to_linear;
+use super::texture::{linear_to_srgb, srgb_to_linear};
 use super::{Texture, Wrap};
 use crate::error::{Error, Result};
 
@@ -83,9 +83,7 @@ impl Image {
 
 /// The sRGB encoding of a linear value in eight bits.
 pub(super) fn encode(x: f32) -> u8 {
-    let x = x.clamp(0.0, 1.0);
-    let encoded = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
-    (255.0 * encoded).round() as u8
+    (255.0 * linear_to_srgb(x.clamp(0.0, 1.0))).round() as u8
 }
 
 impl<'a> Reader<'a> {
@@ -161,9 +159,7 @@ impl<'a> Reader<'a> {
                 if matches!(extension.as_str(), "exr" | "hdr" | "pfm") {
                     self.leave_out("values above 1 of textures of high dynamic range");
                 }
-                // Files of floats are linear; decoding them encodes nothing.
-                let floats = matches!(extension.as_str(), "exr" | "hdr");
-                let srgb = !(element.boolean("raw")? || linear || floats);
+                let srgb = !(element.boolean("raw")? || linear);
                 Ok(Value::Image(Image { source: Source::Bitmap { file, srgb, wrap }, map, factor: Vec3::ONE }))
             }
             "checkerboard" => {

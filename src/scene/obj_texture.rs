@@ -82,8 +82,15 @@ impl Maps {
     }
 }
 
-/// Files of a texture, whether it is clamped, and whether it holds colours.
-type Key = (Option<PathBuf>, Option<PathBuf>, bool, bool);
+/// Files of a texture, whether it is clamped, and what it holds. Only emission of files of floats differs from other colours.
+type Key = (Option<PathBuf>, Option<PathBuf>, bool, Content);
+
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+enum Content {
+    Color,
+    Normal,
+    Radiance,
+}
 
 /// A texture of a scene before it is read.
 struct Job {
@@ -129,10 +136,10 @@ impl Textures {
         let clamped = |map: &Map| map.options.wrap == Wrap::Clamp;
         let key = match &job.source {
             Source::Base { color, alpha } => {
-                (file(color), file(alpha), color.as_ref().or(alpha.as_ref()).is_some_and(clamped), true)
+                (file(color), file(alpha), color.as_ref().or(alpha.as_ref()).is_some_and(clamped), Content::Color)
             }
-            Source::Normal(map) => (Some(map.file.clone()), None, clamped(map), false),
-            Source::Emission(map) => (Some(map.file.clone()), None, clamped(map), true),
+            Source::Normal(map) => (Some(map.file.clone()), None, clamped(map), Content::Normal),
+            Source::Emission(map) => (Some(map.file.clone()), None, clamped(map), map.emission()),
         };
         let next = self.jobs.len();
         let index = *self.by_key.entry(key).or_insert(next);
@@ -156,28 +163,28 @@ impl Textures {
             Ok((texture, missing))
         };
         let jobs = std::mem::take(&mut self.jobs);
-        let done: Vec<Result<(Option<Texture>, Vec<String>)>> =
+        let done: Vec<Result<(Option<(Texture, f32)>, Vec<String>)>> =
             jobs.into_par_iter().with_max_len(1).map(read).collect();
         let mut indices = Vec::with_capacity(done.len());
         for done in done {
             let (texture, missing) = done?;
             missing.into_iter().for_each(|what| scene.leave_out(what));
-            indices.push(texture.map(|texture| {
+            indices.push(texture.map(|(texture, factor)| {
                 scene.textures.push(texture);
-                scene.textures.len() as u32 - 1
+                (scene.textures.len() as u32 - 1, factor)
             }));
         }
         let (mut given, mut opaque) = (false, false);
         for (&material, &jobs) in &self.uses {
             let [base, normal, emission] = jobs.map(|job| indices[job?]);
             let material = &mut scene.materials[material as usize];
-            material.base_texture = base;
-            material.normal_texture = normal;
+            material.base_texture = base.map(|(texture, _)| texture);
+            material.normal_texture = normal.map(|(texture, _)| texture);
             let texture = material.base_texture.map(|texture| &scene.textures[texture as usize]);
             material.alpha = material.alpha.unless_opaque(texture);
             given |= material.emission != Vec3::ZERO;
-            if let Some(texture) = emission {
-                material.emit_by(texture, scene.textures[texture as usize].average());
+            if let Some((texture, factor)) = emission {
+                material.emit_by(texture, factor, scene.textures[texture as usize].average());
             }
             opaque |= material.alpha != Alpha::Opaque && material.emission != Vec3::ZERO;
         }
@@ -190,11 +197,12 @@ impl Textures {
 }
 
 impl Material {
-    /// Lets it emit by a texture, whose factor is its emission: 1 if that is black, as exporters leave it.
-    fn emit_by(&mut self, texture: u32, average: Vec3) {
+    /// Lets it emit by a texture times `factor` and its emission: 1 if that is black, as exporters leave it.
+    fn emit_by(&mut self, texture: u32, factor: f32, average: Vec3) {
         if self.emission == Vec3::ZERO {
             self.emission = Vec3::ONE;
         }
+        self.emission *= factor;
         self.emission_texture = Some(texture);
         if self.emission * average == Vec3::ZERO {
             (self.emission, self.emission_texture) = (Vec3::ZERO, None);
@@ -203,9 +211,10 @@ impl Material {
 }
 
 impl Job {
-    fn read(self, material: &str, missing: &mut Vec<String>) -> Result<Option<Texture>> {
-        let mut optional = |word: &str, map: &Map, srgb: bool| {
-            let read = map.read(srgb);
+    /// The texture, and the factor that its values lack.
+    fn read(self, material: &str, missing: &mut Vec<String>) -> Result<Option<(Texture, f32)>> {
+        let mut optional = |word: &str, map: &Map, content: Content| {
+            let read = map.read(content);
             read.inspect_err(|reason| {
                 let (library, file) = (map.library.display(), map.file.display());
                 log::warn!("{library}:{}: material {material:?}: {word} {file}: {reason}", map.line);
@@ -215,28 +224,41 @@ impl Job {
             .ok()
         };
         let (color, alpha) = match self.source {
-            Source::Normal(map) => return Ok(optional("norm", &map, false)),
-            Source::Emission(map) => return Ok(optional("map_Ke", &map, true)),
+            Source::Normal(map) => return Ok(optional("norm", &map, Content::Normal)),
+            Source::Emission(map) => return Ok(optional("map_Ke", &map, map.emission())),
             Source::Base { color, alpha } => (color, alpha),
         };
-        let alpha = alpha.and_then(|map| optional("map_d", &map, false));
-        let Some(map) = color else { return Ok(alpha.map(|alpha| with_opacity(None, alpha))) };
-        let color = map.read(true).map_err(|reason| {
+        // Opacity is linear, as normals are.
+        let alpha = alpha.and_then(|map| optional("map_d", &map, Content::Normal)).map(|(alpha, _)| alpha);
+        let Some(map) = color else { return Ok(alpha.map(|alpha| (with_opacity(None, alpha), 1.0))) };
+        let (color, _) = map.read(Content::Color).map_err(|reason| {
             let file = map.file.display();
             let message = format!("material {material:?}: texture {file} cannot be read: {reason}");
             Error::at(&map.library, map.line, message)
         })?;
-        Ok(Some(match alpha {
+        let texture = match alpha {
             Some(alpha) => with_opacity(Some(color), alpha),
             None => color,
-        }))
+        };
+        Ok(Some((texture, 1.0)))
     }
 }
 
 impl Map {
-    fn read(&self, srgb: bool) -> Result<Texture, String> {
+    /// Emission in a file of floats keeps its range; other files are shared with base colours.
+    fn emission(&self) -> Content {
+        let extension = self.file.extension().unwrap_or_default().to_ascii_lowercase();
+        if extension == "exr" || extension == "hdr" { Content::Radiance } else { Content::Color }
+    }
+
+    /// The texture, and the factor that its values lack.
+    fn read(&self, content: Content) -> Result<(Texture, f32), String> {
         let bytes = crate::input::read(&self.file).map_err(|e| e.to_string())?;
-        Texture::decode(&bytes, self.file.to_string_lossy().into_owned(), srgb, [self.options.wrap; 2])
+        let (name, wrap) = (self.file.to_string_lossy().into_owned(), [self.options.wrap; 2]);
+        match content {
+            Content::Radiance => Texture::decode_radiance(&bytes, name, wrap),
+            other => Ok((Texture::decode(&bytes, name, other == Content::Color, wrap)?, 1.0)),
+        }
     }
 }
 

@@ -19,21 +19,59 @@ pub enum TextureUse {
 }
 
 impl Texture {
-    /// Decodes a PNG, JPEG, TGA, BMP, WebP or KTX 2.0 file; the error is the decoder's reason.
+    /// Decodes a PNG, JPEG, TGA, BMP, WebP, KTX 2.0, OpenEXR or Radiance file; the error is the decoder's reason. Values of files of
+    /// floats (OpenEXR, Radiance) are linear; they are cut to [0, 1], and the log says so where it matters.
     pub(super) fn decode(bytes: &[u8], name: String, srgb: bool, wrap: [Wrap; 2]) -> Result<Texture, String> {
+        let (texture, peak) = Texture::decode_with(bytes, name, srgb, wrap, false)?;
+        if peak > 1.0 {
+            log::warn!("{}: values above 1 are cut off: no surface reflects more than it receives", texture.name);
+        }
+        Ok(texture)
+    }
+
+    /// The same for radiance: values of files of floats are divided by the returned factor, the greatest of them if that is above
+    /// 1, so that none is cut off.
+    pub(super) fn decode_radiance(bytes: &[u8], name: String, wrap: [Wrap; 2]) -> Result<(Texture, f32), String> {
+        Texture::decode_with(bytes, name, true, wrap, true)
+    }
+
+    fn decode_with(
+        bytes: &[u8],
+        name: String,
+        srgb: bool,
+        wrap: [Wrap; 2],
+        scaled: bool,
+    ) -> Result<(Texture, f32), String> {
         if ktx2::is_ktx2(bytes) {
             let (width, height, texels) = ktx2::decode(bytes)?;
-            return Ok(Texture { name, width, height, texels, srgb, wrap });
+            return Ok((Texture { name, width, height, texels, srgb, wrap }, 1.0));
         }
         let format = image::guess_format(bytes).ok().or_else(|| image::ImageFormat::from_path(&name).ok());
         let decoded = match format {
             Some(format) => image::load_from_memory_with_format(bytes, format),
             None => image::load_from_memory(bytes),
         };
-        let image = decoded.map_err(|e| e.to_string())?.into_rgba8();
-        let (width, height) = image.dimensions();
-        let texels = image.into_raw().chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect();
-        Ok(Texture { name, width, height, texels, srgb, wrap })
+        let image = decoded.map_err(|e| e.to_string())?;
+        let (width, height) = (image.width(), image.height());
+        if !matches!(image, image::DynamicImage::ImageRgb32F(_) | image::DynamicImage::ImageRgba32F(_)) {
+            let texels = image.into_rgba8().into_raw().chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect();
+            return Ok((Texture { name, width, height, texels, srgb, wrap }, 1.0));
+        }
+        let values = image.into_rgba32f().into_raw();
+        if let Some(at) = values.iter().position(|v| !v.is_finite() || *v < 0.0) {
+            let (x, y) = (at / 4 % width as usize, at / 4 / width as usize);
+            return Err(format!("the value {} of the texel ({x}, {y}) is negative or not a number", values[at]));
+        }
+        let peak = values.chunks_exact(4).flat_map(|t| &t[..3]).fold(1.0_f32, |most, &v| most.max(v));
+        let divisor = if scaled { peak } else { 1.0 };
+        let encoded = |v: f32| {
+            let v = (v / divisor).clamp(0.0, 1.0);
+            (255.0 * if srgb { linear_to_srgb(v) } else { v }).round() as u8
+        };
+        let alpha = |v: f32| (255.0 * v.min(1.0)).round() as u8;
+        let texel = |t: &[f32]| [encoded(t[0]), encoded(t[1]), encoded(t[2]), alpha(t[3])];
+        let texels = values.chunks_exact(4).map(texel).collect();
+        Ok((Texture { name, width, height, texels, srgb, wrap }, peak))
     }
 
     /// Mean of the linear colour over all texels.
@@ -149,6 +187,11 @@ pub fn srgb_to_linear(x: f32) -> f32 {
     if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }
 
+/// The sRGB encoding of a linear value in [0, 1].
+pub(super) fn linear_to_srgb(x: f32) -> f32 {
+    if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -168,5 +211,39 @@ mod tests {
         texture.srgb = false;
         assert!((texture.average().z - 188.0 / 255.0).abs() < 1e-6);
         assert_eq!(texture.linear_texel(1, 0).x, 1.0);
+    }
+
+    fn float_file(values: &[f32]) -> Vec<u8> {
+        let pixels = image::Rgb32FImage::from_raw(values.len() as u32 / 3, 1, values.to_vec()).unwrap();
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        pixels.write_to(&mut bytes, image::ImageFormat::OpenExr).unwrap();
+        bytes.into_inner()
+    }
+
+    #[test]
+    fn floats_are_linear() {
+        let bytes = float_file(&[0.5, 0.01, 1.0, 4.0, 0.25, 0.0]);
+        let decode = |srgb| Texture::decode(&bytes, String::from("t.exr"), srgb, [Wrap::Repeat; 2]).unwrap();
+        for (srgb, texture) in [(true, decode(true)), (false, decode(false))] {
+            for (x, wanted) in [Vec3::new(0.5, 0.01, 1.0), Vec3::new(1.0, 0.25, 0.0)].into_iter().enumerate() {
+                let got = texture.linear_texel(x as u32, 0).truncate();
+                assert!((got - wanted).abs().max_element() < 0.5 / 255.0 * 2.3, "sRGB {srgb}: {got} of {wanted}");
+            }
+        }
+        let (texture, factor) = Texture::decode_radiance(&bytes, String::from("t.exr"), [Wrap::Repeat; 2]).unwrap();
+        assert_eq!(factor, 4.0);
+        let got = factor * texture.linear_texel(1, 0).truncate();
+        assert!((got - Vec3::new(4.0, 0.25, 0.0)).abs().max_element() < 0.01, "{got}");
+        let got = factor * texture.linear_texel(0, 0).truncate();
+        assert!((got - Vec3::new(0.5, 0.01, 1.0)).abs().max_element() < 0.01, "{got}");
+    }
+
+    #[test]
+    fn wrong_floats_are_named() {
+        for wrong in [f32::NAN, f32::INFINITY, -1.0] {
+            let bytes = float_file(&[0.5, 0.5, 0.5, 0.5, wrong, 0.5]);
+            let why = Texture::decode(&bytes, String::from("t.exr"), true, [Wrap::Repeat; 2]).unwrap_err();
+            assert!(why.contains("texel (1, 0)"), "{why}");
+        }
     }
 }

@@ -326,6 +326,25 @@ fn emission_textures_are_read() {
 }
 
 #[test]
+fn emission_of_floats_keeps_its_range() {
+    let pixels = image::Rgb32FImage::from_raw(2, 1, vec![0.5, 0.25, 0.125, 40.0, 20.0, 0.0]).unwrap();
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    pixels.write_to(&mut bytes, image::ImageFormat::OpenExr).unwrap();
+    let bytes = bytes.into_inner();
+    let images: [(&str, &[u8]); 1] = [("glow.exr", &bytes)];
+    let (scene, lamp) = square("Ke 2 2 2\nmap_Ke -clamp on glow.exr\nmap_Kd glow.exr", &images);
+    assert_eq!((lamp.emission, scene.textures.len()), (Vec3::splat(80.0), 2), "one is scaled, one cut off at 1");
+    let [color, glow] = [lamp.base_texture, lamp.emission_texture].map(|t| &scene.textures[t.unwrap() as usize]);
+    for (x, wanted) in [Vec3::new(1.0, 0.5, 0.25), Vec3::new(80.0, 40.0, 0.0)].into_iter().enumerate() {
+        let got = lamp.emission * glow.linear_texel(x as u32, 0).truncate();
+        // Eight bits of sRGB.
+        assert!(((got - wanted) / wanted.max(Vec3::ONE)).abs().max_element() < 0.02, "{got} of {wanted}");
+    }
+    assert!((color.linear_texel(0, 0).truncate() - Vec3::new(0.5, 0.25, 0.125)).abs().max_element() < 0.005);
+    assert_eq!(color.linear_texel(1, 0).truncate(), Vec3::new(1.0, 1.0, 0.0));
+}
+
+#[test]
 fn maps_are_placed_by_their_options() {
     let wood = png(1, 1, &[[9; 4]]);
     let images: [(&str, &[u8]); 1] = [("my wood.png", &wood)];
