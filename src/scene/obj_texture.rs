@@ -85,6 +85,9 @@ impl Maps {
 /// Files of a texture, whether it is clamped, and what it holds. Only emission of files of floats differs from other colours.
 type Key = (Option<PathBuf>, Option<PathBuf>, bool, Content);
 
+/// A texture, and the factor that its values lack.
+type Scaled = (Texture, f32);
+
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 enum Content {
     Color,
@@ -163,8 +166,7 @@ impl Textures {
             Ok((texture, missing))
         };
         let jobs = std::mem::take(&mut self.jobs);
-        let done: Vec<Result<(Option<(Texture, f32)>, Vec<String>)>> =
-            jobs.into_par_iter().with_max_len(1).map(read).collect();
+        let done: Vec<Result<(Option<Scaled>, Vec<String>)>> = jobs.into_par_iter().with_max_len(1).map(read).collect();
         let mut indices = Vec::with_capacity(done.len());
         for done in done {
             let (texture, missing) = done?;
@@ -211,8 +213,7 @@ impl Material {
 }
 
 impl Job {
-    /// The texture, and the factor that its values lack.
-    fn read(self, material: &str, missing: &mut Vec<String>) -> Result<Option<(Texture, f32)>> {
+    fn read(self, material: &str, missing: &mut Vec<String>) -> Result<Option<Scaled>> {
         let mut optional = |word: &str, map: &Map, content: Content| {
             let read = map.read(content);
             read.inspect_err(|reason| {
@@ -251,8 +252,7 @@ impl Map {
         if extension == "exr" || extension == "hdr" { Content::Radiance } else { Content::Color }
     }
 
-    /// The texture, and the factor that its values lack.
-    fn read(&self, content: Content) -> Result<(Texture, f32), String> {
+    fn read(&self, content: Content) -> Result<Scaled, String> {
         let bytes = crate::input::read(&self.file).map_err(|e| e.to_string())?;
         let (name, wrap) = (self.file.to_string_lossy().into_owned(), [self.options.wrap; 2]);
         match content {
