@@ -1,7 +1,7 @@
 //! Charts: the lit sides of the triangles laid out flat on pages, at one density, without overlap.
 //!
-//! Places that the file gives are kept ([`Scene::lightmap_uvs`]); the rest has new charts on pages after these. `uvunwrap` makes them, object by object and side by side, so that no chart spans two objects: it grows charts from planar regions,
-//! flattens them by least squares conformal maps and as-rigid-as-possible steps, and packs their shapes.
+//! Charts of the file are kept ([`Scene::lightmap_uvs`]); other sides have new charts on pages after these. `uvunwrap` makes the new ones,
+//! object by object and side by side, so that no chart spans two objects: it grows charts from planar regions, flattens them by least squares conformal maps and as-rigid-as-possible steps, and packs their shapes.
 
 use std::collections::{BTreeMap, HashMap};
 

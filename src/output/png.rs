@@ -2,6 +2,7 @@
 
 use super::Layers;
 use crate::error::{Error, Result};
+use crate::scene::linear_to_srgb;
 use crate::settings::Exposure;
 use glam::{Mat3, Vec3};
 use image::codecs::png::PngEncoder;
@@ -48,8 +49,7 @@ pub fn encode(path: &Path, layers: &Layers, exposure: Exposure, tonemap: Tonemap
 
 /// The transfer function of IEC 61966-2-1 after clipping to [0, 1].
 fn srgb(linear: f32) -> f32 {
-    let c = linear.clamp(0.0, 1.0);
-    if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 }
+    linear_to_srgb(linear.clamp(0.0, 1.0))
 }
 
 /// Stephen Hill's fit of RRT and ODT (2015): Rec. 709 to the saturated working space, a rational curve, and back.

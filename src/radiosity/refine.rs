@@ -10,7 +10,8 @@
 //! - **Order zero**: light at the centres of leaves. The trial samples are the centres of the four parts, against the leaf's own; and the
 //!   centres of neighbours that are not smaller.
 //!
-//! What lies between samples is missed: surfaces begin with elements of some equal area, [`Options::start`] in all.
+//! Samples miss light that changes between them alone. So each surface begins with several elements, in proportion to its area;
+//! all surfaces together have [`Options::start`].
 
 use std::collections::HashMap;
 

@@ -122,7 +122,8 @@ struct Piece {
     side: Side,
 }
 
-/// What lies between an edge of the status and the next one on its right: one piece, or two whose last corners are the same.
+/// The uncut part of the polygon between an edge of the status and the next edge on its right: one piece, or two with the same last
+/// corner.
 struct Span {
     left: Piece,
     right: Option<Piece>,

@@ -4,10 +4,11 @@ use std::path::PathBuf;
 
 use glam::{Affine2, Mat2, Vec2, Vec3};
 
+use super::linear_to_srgb;
 use super::mitsuba::Reader;
 use super::mitsuba_xml::{Element, numbers};
 use super::sky::{observer, rgb_from_xyz};
-use super::texture::{linear_to_srgb, srgb_to_linear};
+use super::texture::srgb_to_linear;
 use super::{Texture, Wrap};
 use crate::error::{Error, Result};
 

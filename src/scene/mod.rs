@@ -57,6 +57,7 @@ pub use environment::Environment;
 pub use export::{VirtualLight, export_lights};
 pub(crate) use kept_light::mitchell_filter;
 pub use kept_light::{KeptFace, KeptLight, KeptPage};
+pub(crate) use texture::linear_to_srgb;
 pub use texture::{Cone, TextureUse};
 
 /// Minimum roughness of a lobe in a file: no point light would hit a smoother one.

@@ -188,7 +188,7 @@ pub fn srgb_to_linear(x: f32) -> f32 {
 }
 
 /// The sRGB encoding of a linear value in [0, 1].
-pub(super) fn linear_to_srgb(x: f32) -> f32 {
+pub(crate) fn linear_to_srgb(x: f32) -> f32 {
     if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
 }
 

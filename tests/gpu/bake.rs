@@ -99,8 +99,8 @@ fn a_furnace_is_even() {
     });
 }
 
-/// A room with a lamp, a block that stands on its floor and a screen without thickness.
-fn room() -> Scene {
+/// A room with a lamp and a block that stands on its floor; with a screen without thickness, if asked for.
+pub fn room(screen: bool) -> Scene {
     let mut soup = Soup::new("room");
     let (white, red) = (soup.diffuse(0.7, 0.0), soup.diffuse([0.6, 0.2, 0.1], 0.0));
     let lamp = soup.diffuse(0.0, 12.0);
@@ -114,7 +114,9 @@ fn room() -> Scene {
         soup.quad(low, v, u, white);
         soup.quad(low + edge(axis), u, v, white);
     }
-    soup.quad(Vec3::new(2.0, 0.3, 1.0), Vec3::Y, Vec3::Z, red);
+    if screen {
+        soup.quad(Vec3::new(2.0, 0.3, 1.0), Vec3::Y, Vec3::Z, red);
+    }
     let mut scene = soup.0;
     scene.camera = Some(Camera {
         eye: Vec3::new(1.5, 1.2, 2.9),
@@ -131,7 +133,7 @@ fn room() -> Scene {
 #[test]
 fn kept_light_shows_the_image_that_computes_all_of_it() {
     gpu_test(|ctx| {
-        let mut scene = room();
+        let mut scene = room(true);
         let camera = scene.camera.unwrap();
         // The same lights for pixels and texels: what differs is the texels' part.
         let settings = Settings { particles: 48, clip: Clip::Distance(0.4), ..plain() };
@@ -175,7 +177,7 @@ fn a_frame_with_kept_light_costs_the_same_with_any_number_of_lights() {
     gpu_test(|ctx| {
         let mut rays = Vec::new();
         for lights in [1, 40] {
-            let mut scene = room();
+            let mut scene = room(true);
             let lamp =
                 |i: u32| Light::Point { position: Vec3::new(0.5 + 0.05 * i as f32, 1.5, 1.0), intensity: Vec3::ONE };
             scene.lights.extend((0..lights).map(lamp));
@@ -307,7 +309,7 @@ fn seams_between_objects_have_no_steps() {
 #[test]
 fn files_give_the_light_back() {
     gpu_test(|ctx| {
-        let scene = room();
+        let scene = room(true);
         let settings = Settings { particles: 16, clip: Clip::Distance(0.4), ..plain() };
         let options = Options { density: Some(10.0), max_size: 64, ..Options::default() };
         let (_, light) = baked(ctx, &scene, &settings, options, 2);
@@ -354,7 +356,7 @@ fn files_give_the_light_back() {
 #[test]
 fn patterns_and_second_coordinates_are_kept() {
     gpu_test(|ctx| {
-        let mut scene = room();
+        let mut scene = room(true);
         let texels = vec![[0, 0, 0, 255], [255, 128, 0, 255], [40, 40, 255, 255], [255; 4]];
         let wrap = [Wrap::Repeat; 2];
         scene.textures = vec![Texture { name: String::from("stripes"), width: 2, height: 2, texels, srgb: true, wrap }];
@@ -416,7 +418,7 @@ fn patterns_and_second_coordinates_are_kept() {
 #[test]
 fn manifests_name_every_object_and_its_place() {
     gpu_test(|ctx| {
-        let mut scene = room();
+        let mut scene = room(true);
         scene.objects.push(String::from("screen"));
         let last = scene.triangles.len() - 1;
         scene.triangles[last].object = 1;
@@ -440,7 +442,7 @@ fn manifests_name_every_object_and_its_place() {
 #[test]
 fn what_does_not_fit_is_refused_with_a_density_that_would() {
     gpu_test(|ctx| {
-        let scene = room();
+        let scene = room(true);
         let refused = |options: Options| Bake::new(ctx, &scene, plain(), options).err().unwrap().to_string();
         for density in [1e5, 400.0] {
             let message = refused(Options { density: Some(density), max_size: 256, ..Options::default() });

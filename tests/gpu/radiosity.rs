@@ -6,10 +6,11 @@ use glam::Vec3;
 use lightsum::bake::{self, Lightmap};
 use lightsum::gpu::Context;
 use lightsum::radiosity::{Options, Order, Radiosity, Solution, TextureOptions, Times};
-use lightsum::scene::{Camera, KeptLight, Scene, builtin};
+use lightsum::scene::{KeptLight, Scene, builtin};
 use lightsum::settings::{Clip, Compensation, Lookup, Settings};
 use lightsum::view::Texel;
 
+use crate::bake::room;
 use crate::scenes::{Soup, renderer};
 use crate::support::gpu_test;
 
@@ -98,37 +99,10 @@ fn a_furnace_and_a_sphere_are_even() {
     });
 }
 
-/// A room with a lamp and a block that stands on its floor.
-fn room() -> Scene {
-    let mut soup = Soup::new("room");
-    let (white, red) = (soup.diffuse(0.7, 0.0), soup.diffuse([0.6, 0.2, 0.1], 0.0));
-    let lamp = soup.diffuse(0.0, 12.0);
-    soup.room(Vec3::ZERO, Vec3::new(3.0, 2.0, 3.0), [red, white, white, white, white, white]);
-    soup.quad(Vec3::new(1.2, 1.99, 1.2), Vec3::X * 0.6, Vec3::Z * 0.6, lamp);
-    let (low, size) = (Vec3::new(0.6, 0.0, 0.6), Vec3::new(0.8, 0.7, 0.8));
-    for axis in 0..3 {
-        let edge = |k: usize| Vec3::AXES[k] * size[k];
-        let (u, v) = (edge((axis + 1) % 3), edge((axis + 2) % 3));
-        soup.quad(low, v, u, white);
-        soup.quad(low + edge(axis), u, v, white);
-    }
-    let mut scene = soup.0;
-    scene.camera = Some(Camera {
-        eye: Vec3::new(1.5, 1.2, 2.9),
-        target: Vec3::new(1.4, 0.7, 0.8),
-        up: Vec3::Y,
-        fov_y: 70.0,
-        resolution: [72, 54],
-        aperture: 0.0,
-        focus: None,
-    });
-    scene
-}
-
 #[test]
 fn all_rounds_have_the_same_lights() {
     gpu_test(|ctx| {
-        let scene = room();
+        let scene = room(false);
         let settings = Settings { particles: 32, ..plain() };
         let radiosity = Radiosity::new(ctx, &scene, settings).unwrap();
         let point = |i: u32| Texel { triangle: 10 + i % 2, uv: [0.01 * (i % 40) as f32 + 0.1, 0.3], back: false };
@@ -147,7 +121,7 @@ fn all_rounds_have_the_same_lights() {
 #[test]
 fn the_frame_shows_textures_as_it_shows_maps() {
     gpu_test(|ctx| {
-        let mut scene = room();
+        let mut scene = room(false);
         let camera = scene.camera.unwrap();
         let settings = Settings { particles: 48, clip: Clip::Distance(0.4), ..plain() };
         const PASSES: u32 = 8;
@@ -187,14 +161,14 @@ fn the_frame_shows_textures_as_it_shows_maps() {
 #[test]
 fn interrupts_and_scenes_without_light_are_told() {
     gpu_test(|ctx| {
-        let radiosity = Radiosity::new(ctx, &room(), plain()).unwrap();
+        let radiosity = Radiosity::new(ctx, &room(false), plain()).unwrap();
         let mut calls = 0;
         let broken = radiosity.refine(&Options::default(), 4, &mut |_| {
             calls += 1;
             calls < 3
         });
         assert!(matches!(broken, Err(lightsum::Error::Interrupted)) && calls == 3);
-        let mut dark = room();
+        let mut dark = room(false);
         dark.materials.iter_mut().for_each(|m| m.base_color = Vec3::ZERO);
         assert!(Radiosity::new(ctx, &dark, plain()).err().unwrap().to_string().contains("nothing to bake"));
     });
