@@ -8,7 +8,7 @@ Renders a scene of its own kind (.xml) as it stands; --resolution sets its param
 count. Else it reads a scene description with model and camera and nothing else. Of the model's materials (OBJ, MTL) it knows Kd and map_Kd (diffuse), Ke
 (emission from the front), Ks with illum 3 or 5 (diffuse and an ideal mirror), illum 6 and 7 with Ni (smooth glass), and Pm 1 with Pr
 (metal: GGX of alpha Pr^2, Fresnel's term after Schlick over Kd, or over Ks where Kd is 0). Tints of glass, coats and half metals are
-refused; --plain FOLDER writes a copy of the scene without them, for both renderers. Segments of a path: 1 emitters alone, 2 direct
+refused, and opacity does not count; --plain FOLDER writes a copy of the scene without them, for both renderers. Segments of a path: 1 emitters alone, 2 direct
 light, 5 three further reflections. With an LLVM library (DRJIT_LIBLLVM_PATH) it is some ten times faster.
 """
 import argparse
@@ -127,6 +127,8 @@ def plain_line(words, material):
         return f"{words[0]} {'1 1 1' if words[0] == 'Tf' else '0 0 0'}"
     if words[0] == "Pm" and not is_metal(material):
         return "Pm 0"
+    if words[0] == "d":
+        return "d 1"
     return " ".join(words)
 
 
@@ -148,7 +150,8 @@ def write_plain(description, folder):
     print(folder / source.name)
 
 
-def scene_of(description, max_depth, folder, size=None):
+def description_of(description, max_depth, folder, size=None):
+    """The scene as a dictionary in Mitsuba's terms."""
     with open(description, "rb") as file:
         text = tomllib.load(file)
     camera = text["camera"]
@@ -158,7 +161,11 @@ def scene_of(description, max_depth, folder, size=None):
     sensor = {"type": "perspective", "fov": camera["fov_y"], "fov_axis": "y", "to_world": view, "film": film}
     integrator = {"type": "path", "max_depth": max_depth, "rr_depth": 1000}
     model = os.path.join(os.path.dirname(os.path.abspath(description)), text["model"])
-    return mi.load_dict({"type": "scene", "integrator": integrator, "sensor": sensor} | shapes_of(model, folder, text.get("face_normals", True)))
+    return {"type": "scene", "integrator": integrator, "sensor": sensor} | shapes_of(model, folder, text.get("face_normals", True))
+
+
+def scene_of(description, max_depth, folder, size=None):
+    return mi.load_dict(description_of(description, max_depth, folder, size))
 
 
 def main():

@@ -5,7 +5,7 @@
     venv/bin/python scripts/quality.py SCENE.toml FIRST.exr SECOND.exr --passes 1,4,16 --seeds 3 -- --preset interactive
 
 The two references have different seeds, so that the noise of neither counts: the square of the error is the mean product of
-the differences from each. Both, and with --half the rendering too, are averaged over squares of pixels down to the size of the
+the differences from each, over the square of the radiance around the pixel. Both, and with --half the rendering too, are averaged over squares of pixels down to the size of the
 rendering. Pixels above a percentile of the reference do not count: lamps seen directly would hide the rest. --sphere counts the
 pixels whose middle shows a sphere, one row for each. Flags after -- go to each rendering.
 """
@@ -34,6 +34,19 @@ def shrunk(image, height):
     if image.shape[0] != n * height or image.shape[1] % n:
         sys.exit(f"a reference of {image.shape[1]}x{image.shape[0]} cannot be averaged to a height of {height}")
     return image.reshape(height, n, image.shape[1] // n, n, 3).mean(axis=(1, 3))
+
+
+def weights(first, second, counted):
+    """Inverse squares of the radiance that errors are relative to, with a hundredth of the mean's square added.
+
+    The median of 5 x 5 pixels of both references: with the pixel itself the noise of the references would count after all, since both
+    have small differences from the rendering where the weight is small.
+    """
+    mean = (first + second) / 2
+    padded = np.pad(mean, ((2, 2), (2, 2), (0, 0)), mode="edge")
+    window = np.lib.stride_tricks.sliding_window_view(padded, (5, 5), axis=(0, 1))
+    middle = np.median(window.reshape(*mean.shape, 25), axis=-1)
+    return 1 / (middle**2 + 0.01 * mean[counted].mean() ** 2)
 
 
 def seen_spheres(scene, spheres, height, width):
@@ -101,11 +114,11 @@ def main():
             counted = luminance <= np.percentile(luminance, args.percentile)
             for x0, y0, x1, y1 in rectangles:
                 counted[int(y0 * height) : int(y1 * height), int(x0 * width) : int(x1 * width)] = False
-            scale = mean**2 + 0.01 * mean[counted].mean() ** 2
+            weight = weights(first, second, counted)
             seen = seen_spheres(args.scene, spheres, height, width) if spheres else None
             parts = {"all": counted} | {f"sphere {i}": counted & (seen == i) for i in range(len(spheres))}
             for part, mask in parts.items():
-                square = np.mean([((image - first) * (image - second) / scale)[mask].mean() for image in images])
+                square = np.mean([((image - first) * (image - second) * weight)[mask].mean() for image in images])
                 error = np.sqrt(max(square, 0.0))
                 radiance = mean[mask].mean()
                 energies = [image[mask].mean() / radiance for image in images]

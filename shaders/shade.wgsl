@@ -129,8 +129,18 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         var left = step.steps;
         node = select(nodes, node, lit);
         var blocked = false;
+#if ALPHA
+        // A surface that lets light pass ends the walk for a moment, and is looked up outside of it: a SIMD driver runs the body of a loop
+        // once even if it has no iteration, and in the walk that takes longer than all else. The walk goes on behind it in the same leaf,
+        // which it always finishes.
+        var resume = 0u;
+        loop {
+        var waiting = NO_TRIANGLE;
+        while node < nodes && (left > 0u || resume > 0u) && waiting == NO_TRIANGLE {
+#else
         while node < nodes && left > 0u {
-            left -= 1u;
+#endif
+            left = max(left, 1u) - 1u;
             let lo = node_min[node];
             let hi = node_max[node];
             let span = slab(lo.xyz, hi.xyz, origin, inverse, 1.0);
@@ -138,20 +148,35 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             let leaf = bitcast<u32>(hi.w);
             let first = leaf >> 3u;
             let end = first + select(0u, leaf & 7u, inside);
-            for (var i = first; i < end; i += 1u) {
 #if ALPHA
-                let hit = intersect_triangle(i, origin, d, 1.0);
-                for (var j = select(0u, 1u, hit.ok); j > 0u; j -= 1u) {
-                    passes *= 1.0 - coverage_at(i, hit.u, hit.v);
+            for (var i = max(first, resume); i < end && waiting == NO_TRIANGLE; i += 1u) {
+                for (var j = select(0u, 1u, intersect_triangle(i, origin, d, 1.0).ok); j > 0u; j -= 1u) {
+                    let lets_pass = has_alpha(i);
+                    waiting = select(NO_TRIANGLE, i, lets_pass);
+                    blocked = blocked || !lets_pass;
                 }
-                blocked = blocked || passes <= 0.0;
-#else
-                blocked = blocked || intersect_triangle(i, origin, d, 1.0).ok;
-#endif
             }
-            node = select(bitcast<u32>(lo.w), node + 1u, inside && leaf == 0u);
+            resume = select(waiting + 1u, 0u, waiting == NO_TRIANGLE);
+            let stays = waiting != NO_TRIANGLE;
+#else
+            for (var i = first; i < end; i += 1u) {
+                blocked = blocked || intersect_triangle(i, origin, d, 1.0).ok;
+            }
+            let stays = false;
+#endif
+            node = select(select(bitcast<u32>(lo.w), node + 1u, inside && leaf == 0u), node, stays);
             node = select(node, nodes, blocked);
         }
+#if ALPHA
+            if waiting == NO_TRIANGLE || blocked {
+                break;
+            }
+            let hit = intersect_triangle(waiting, origin, d, 1.0);
+            passes *= 1.0 - coverage_at(waiting, hit.u, hit.v);
+            blocked = passes <= 0.0;
+            node = select(node, nodes, blocked);
+        }
+#endif
         if node < nodes {
             break;
         }

@@ -329,6 +329,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if ALPHA
             // The walk will meet this leaf again, so that its surfaces that let light pass wait until then.
             var first = true;
+            // Leaves with such surfaces, by lane: first triangle, and mask of those in the shaft. What they let pass is looked up when
+            // the walk ends or no lane is left: a SIMD driver runs the body of a loop once even if it has no iteration, and in the
+            // walk's loops that takes longer than all else.
+            var waiting = vec2<u32>(0u);
+            var waiting_count = 0u;
+            loop {
 #endif
             while more && left > 0u {
                 // Leaves: lane k sets up triangle k; triangles in the shaft are tested against the rays.
@@ -364,7 +370,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                     var survivors = or_reduce(taking_part);
 #if ALPHA
                     lets_pass = or_reduce(lets_pass);
-                    survivors &= ~select(0u, lets_pass, first);
+                    var partly = select(survivors & lets_pass, 0u, first);
+                    survivors &= ~lets_pass;
 #endif
                     loop {
                         left = max(left, 1u) - 1u;
@@ -376,10 +383,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                         survivors &= survivors - 1u;
                         let k_planes = planes_of(&planes, k);
                         let reach = select(3.0e38, k_planes.reach, any);
-#if ALPHA
-                        let partly = any && ((lets_pass >> k) & 1u) != 0u;
-                        var met_rays = 0u;
-#endif
                         for (var r = 0u; r < RAYS; r += 1u) {
 #if AREA
                             // The planes move to q: (2 edge x q) . d = 2 edge . (q x d).
@@ -392,25 +395,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                             let b = products(k_planes, d[r]);
                             let blocked = passes_inside(b) && b.z > reach;
 #endif
-#if ALPHA
-                            met_rays |= select(0u, 1u << r, blocked);
-                        }
-                        met_rays &= alive;
-                        alive &= ~select(met_rays, 0u, partly);
-                        // Their loops are longer than those of other triangles.
-                        left = max(left, select(0u, ALPHA_VISITS, partly)) - select(0u, ALPHA_VISITS, partly);
-                        for (var r = select(RAYS, 0u, partly); r < RAYS; r += 1u) {
-                            // The test for single rays tells where they meet the triangle.
-                            for (var j = (met_rays >> r) & 1u; j > 0u; j -= 1u) {
-                                let hit = intersect_triangle(index + k, position[r], -d[r], 1.0);
-                                passes[r] *= select(1.0, 1.0 - coverage_at(index + k, hit.u, hit.v), hit.ok);
-                            }
-                            alive &= ~select(0u, 1u << r, passes[r] <= 0.0);
-                        }
-#else
                             alive &= ~select(0u, 1u << r, blocked);
                         }
-#endif
                         if survivors == 0u {
                             break;
                         }
@@ -420,14 +406,26 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                     walk.pending = select(walk.pending, 0u, dead);
                     walk.top = select(walk.top, 0u, dead);
                     leaves = select(leaves, 0u, dead);
+#if ALPHA
+                    let waits = partly != 0u;
+                    waiting = select(waiting, vec2<u32>(index, partly), waits && lane == waiting_count);
+                    waiting_count = select(waiting_count + select(0u, 1u, waits), 0u, dead);
+                    if leaves == 0u || waiting_count == WAITING_LEAVES {
+                        break;
+                    }
+#else
                     if leaves == 0u {
                         break;
                     }
+#endif
                 }
-                leaves = 0u;
 #if ALPHA
                 first = false;
+                if waiting_count == WAITING_LEAVES {
+                    break;
+                }
 #endif
+                leaves = 0u;
                 more = walk.pending != 0u;
                 loop {
                     left = max(left, 1u) - 1u;
@@ -487,6 +485,46 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 }
                 more = leaves != 0u || walk.pending != 0u;
             }
+#if ALPHA
+            for (; waiting_count > 0u; waiting_count -= 1u) {
+                let first_triangle = subgroupShuffle(waiting.x, waiting_count - 1u);
+                for (var partly = subgroupShuffle(waiting.y, waiting_count - 1u); partly != 0u; partly &= partly - 1u) {
+                    left = max(left, 1u + ALPHA_VISITS) - 1u - ALPHA_VISITS;
+                    let triangle = first_triangle + firstTrailingBit(partly);
+                    let planes = set_up_triangle(triangle, origin).planes;
+                    var met_rays = 0u;
+                    for (var r = 0u; r < RAYS; r += 1u) {
+                        let b = products(planes, d[r]);
+                        met_rays |= select(0u, 1u << r, passes_inside(b) && b.z > planes.reach);
+                    }
+                    met_rays &= alive;
+                    // Most such surfaces let the same share pass everywhere. With a pattern, the test for single rays tells where each
+                    // ray meets the triangle.
+                    let even = !is_patterned(triangle);
+                    let even_share = 1.0 - coverage_at(triangle, 0.0, 0.0);
+                    for (var r = 0u; r < RAYS; r += 1u) {
+                        passes[r] *= select(1.0, even_share, even && ((met_rays >> r) & 1u) != 0u);
+                    }
+                    for (var rest = select(met_rays, 0u, even); rest != 0u; rest &= rest - 1u) {
+                        let ray = firstTrailingBit(rest);
+                        let at = point_position[list[begin + ray * LANES + lane]].xyz;
+                        let hit = intersect_triangle(triangle, at, origin - at, 1.0);
+                        let share = select(1.0, 1.0 - coverage_at(triangle, hit.u, hit.v), hit.ok);
+                        for (var r = 0u; r < RAYS; r += 1u) {
+                            passes[r] *= select(1.0, share, r == ray);
+                        }
+                    }
+                    for (var r = 0u; r < RAYS; r += 1u) {
+                        alive &= ~select(0u, 1u << r, passes[r] <= 0.0);
+                    }
+                }
+            }
+            more = more && or_reduce(alive) != 0u;
+            if !more || left == 0u {
+                break;
+            }
+            }
+#endif
             if more {
                 break;
             }
@@ -513,7 +551,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             for (var rest = alive & select(glossy, present, (flags & LIGHT_GLOSSY) != 0u); rest != 0u; rest &= rest - 1u) {
                 let ray = firstTrailingBit(rest);
 #if ALPHA
-                let extra = add_lobes(at_light, list[begin + ray * LANES + lane], clip2, passes[ray]);
+                var share = 1.0;
+                for (var r = 0u; r < RAYS; r += 1u) {
+                    share = select(share, passes[r], r == ray);
+                }
+                let extra = add_lobes(at_light, list[begin + ray * LANES + lane], clip2, share);
 #else
                 let extra = add_lobes(at_light, list[begin + ray * LANES + lane], clip2, 1.0);
 #endif

@@ -43,8 +43,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let inverse = safe_inverse(d);
     var left = step.steps;
+#if ALPHA
+    // As in shade.wgsl, surfaces that let rays pass are looked up outside of the walk.
+    var resume = 0u;
+    loop {
+    var waiting = NO_TRIANGLE;
+    while node < nodes && (left > 0u || resume > 0u) && waiting == NO_TRIANGLE {
+#else
     while node < nodes && left > 0u {
-        left -= 1u;
+#endif
+        left = max(left, 1u) - 1u;
         let lo = node_min[node];
         let hi = node_max[node];
         let span = slab(lo.xyz, hi.xyz, origin, inverse, best.x);
@@ -52,20 +60,38 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let leaf = bitcast<u32>(hi.w);
         let first = leaf >> 3u;
         let end = first + select(0u, leaf & 7u, inside);
+#if ALPHA
+        for (var i = max(first, resume); i < end && waiting == NO_TRIANGLE; i += 1u) {
+            let hit = intersect_triangle(i, origin, d, best.x);
+            for (var j = select(0u, 1u, hit.ok); j > 0u; j -= 1u) {
+                let lets_pass = has_alpha(i);
+                waiting = select(NO_TRIANGLE, i, lets_pass);
+                best = select(vec4<f32>(hit.t, hit.u, hit.v, bitcast<f32>(i)), best, lets_pass);
+            }
+        }
+        resume = select(waiting + 1u, 0u, waiting == NO_TRIANGLE);
+        let stays = waiting != NO_TRIANGLE;
+#else
         for (var i = first; i < end; i += 1u) {
             let hit = intersect_triangle(i, origin, d, best.x);
-            var stopped = hit.ok;
-#if ALPHA
-            for (var j = select(0u, 1u, hit.ok); j > 0u; j -= 1u) {
-                stopped = is_stopped(i, hit.u, hit.v, d);
-            }
-#endif
-            if stopped {
+            if hit.ok {
                 best = vec4<f32>(hit.t, hit.u, hit.v, bitcast<f32>(i));
             }
         }
-        node = select(bitcast<u32>(lo.w), node + 1u, inside && leaf == 0u);
+        let stays = false;
+#endif
+        node = select(select(bitcast<u32>(lo.w), node + 1u, inside && leaf == 0u), node, stays);
     }
+#if ALPHA
+        if waiting == NO_TRIANGLE {
+            break;
+        }
+        let hit = intersect_triangle(waiting, origin, d, best.x);
+        if is_stopped(waiting, hit.u, hit.v, d) {
+            best = vec4<f32>(hit.t, hit.u, hit.v, bitcast<f32>(waiting));
+        }
+    }
+#endif
     hits[ray] = best;
     progress[ray] = vec2<u32>(0u, node);
     if node < nodes {

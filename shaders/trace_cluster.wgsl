@@ -89,7 +89,17 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var chosen = 0u;
     var far = FAR;
     var more = true;
+#if ALPHA
+    // Leaves of a node with surfaces that let rays pass: first triangle, and mask of those in the shaft. As in shade_cluster.wgsl, they are
+    // looked up outside of the walk.
+    var waiting: array<u32, PARTS>;
+    var waiting_mask: array<u32, PARTS>;
+    var waiting_count = 0u;
+    loop {
+    while more && left > 0u && waiting_count == 0u {
+#else
     while more && left > 0u {
+#endif
         var child: array<u32, PARTS>;
         var leaves = 0u;
         loop {
@@ -176,7 +186,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             }
             var survivors = or_reduce(taking_part);
 #if ALPHA
-            lets_pass = or_reduce(lets_pass);
+            let partly = survivors & or_reduce(lets_pass);
+            survivors &= ~partly;
 #endif
             loop {
                 left = max(left, 1u) - 1u;
@@ -184,32 +195,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 let any = survivors != 0u;
                 survivors &= survivors - 1u;
                 let k_planes = planes_of(&planes, k);
-#if ALPHA
-                let partly = any && ((lets_pass >> k) & 1u) != 0u;
-                // Rays that pass the triangle nearer than their hits so far. Their loops are longer than those of other triangles.
-                var passing = 0u;
-                left = max(left, select(0u, ALPHA_VISITS, partly)) - select(0u, ALPHA_VISITS, partly);
-                for (var r = select(RAYS, 0u, partly); r < RAYS; r += 1u) {
-                    let b = products(k_planes, d[r]);
-                    let meets = passes_inside(b) && b.z * best[r] > k_planes.reach;
-                    for (var j = select(0u, 1u, meets); j > 0u; j -= 1u) {
-                        let hit = intersect_triangle(index + k, eye, d[r], FAR);
-                        var stops = hit.ok;
-                        for (var i = select(0u, 1u, hit.ok); i > 0u; i -= 1u) {
-                            stops = is_stopped(index + k, hit.u, hit.v, d[r]);
-                        }
-                        passing |= select(1u << r, 0u, stops);
-                    }
-                }
-#endif
                 for (var r = 0u; r < RAYS; r += 1u) {
                     let b = products(k_planes, d[r]);
                     let inside = passes_inside(b);
-#if ALPHA
-                    let closer = any && inside && b.z * best[r] > k_planes.reach && ((passing >> r) & 1u) == 0u;
-#else
                     let closer = any && inside && b.z * best[r] > k_planes.reach;
-#endif
                     best[r] = select(best[r], k_planes.reach / b.z, closer);
                     nearest[r] = select(nearest[r], index + k, closer);
                 }
@@ -217,6 +206,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                     break;
                 }
             }
+#if ALPHA
+            for (var part = 0u; part < PARTS; part += 1u) {
+                let put = partly != 0u && number_of(part, lane) == waiting_count;
+                waiting[part] = select(waiting[part], index, put);
+                waiting_mask[part] = select(waiting_mask[part], partly, put);
+            }
+            waiting_count += select(0u, 1u, partly != 0u);
+#endif
             if leaves == 0u {
                 break;
             }
@@ -229,6 +226,43 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         }
         far = -min_reduce(vec3<f32>(-farthest)).x;
     }
+#if ALPHA
+        for (; waiting_count > 0u; waiting_count -= 1u) {
+            let first = u32_of(&waiting, waiting_count - 1u);
+            for (var partly = u32_of(&waiting_mask, waiting_count - 1u); partly != 0u; partly &= partly - 1u) {
+                left = max(left, 1u + ALPHA_VISITS) - 1u - ALPHA_VISITS;
+                let triangle = first + firstTrailingBit(partly);
+                let planes = set_up_triangle(triangle, eye).planes;
+                var rest = 0u;
+                for (var r = 0u; r < RAYS; r += 1u) {
+                    let b = products(planes, d[r]);
+                    rest |= select(0u, 1u << r, passes_inside(b) && b.z * best[r] > planes.reach);
+                }
+                var stopping = 0u;
+                for (; rest != 0u; rest &= rest - 1u) {
+                    let one = firstTrailingBit(rest);
+                    // With `one` as an index the array would lie in memory, for the walk too.
+                    var taken = ray[0];
+                    for (var r = 1u; r < RAYS; r += 1u) {
+                        taken = select(taken, ray[r], r == one);
+                    }
+                    let to = ray_direction[taken].xyz;
+                    let hit = intersect_triangle(triangle, eye, to, FAR);
+                    let stops = is_stopped(triangle, hit.u, hit.v, to);
+                    stopping |= select(0u, 1u << one, hit.ok && stops);
+                }
+                for (var r = 0u; r < RAYS; r += 1u) {
+                    let closer = ((stopping >> r) & 1u) != 0u;
+                    best[r] = select(best[r], planes.reach / dot(planes.n_sum, d[r]), closer);
+                    nearest[r] = select(nearest[r], triangle, closer);
+                }
+            }
+        }
+        if !more || left == 0u {
+            break;
+        }
+    }
+#endif
 
     // The place on the triangle is that of the test for single rays. Single rays finish, from the root, tiles out of budget.
     let node = select(frame.scene.x, 0u, more);

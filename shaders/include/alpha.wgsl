@@ -9,16 +9,25 @@
 // plan::ALPHA_VISITS.
 const ALPHA_VISITS: u32 = 8u;
 
+// Leaves whose triangles may wait to be looked up, one in each lane of the smallest subgroup.
+const WAITING_LEAVES: u32 = 4u;
+const NO_TRIANGLE: u32 = 0xffffffffu;
+
 fn has_alpha(triangle: u32) -> bool {
     return (materials[bitcast<u32>(triangle_v0[triangle].w)].flags.w & MATERIAL_ALPHA) != 0u;
+}
+
+// Whether a texture says where rays may pass.
+fn is_patterned(triangle: u32) -> bool {
+    let flags = materials[bitcast<u32>(triangle_v0[triangle].w)].flags;
+    return (flags.w & MATERIAL_ALPHA) != 0u && flags.x != 0u;
 }
 
 // Share of rays that a triangle stops at barycentric coordinates u and v of its second and third corner.
 fn coverage_at(triangle: u32, u: f32, v: f32) -> f32 {
     let material = materials[bitcast<u32>(triangle_v0[triangle].w)];
     var alpha = bitcast<f32>(material.normal.z);
-    let patterned = (material.flags.w & MATERIAL_ALPHA) != 0u && material.flags.x != 0u;
-    for (var j = select(0u, 1u, patterned); j > 0u; j -= 1u) {
+    for (var j = select(0u, 1u, is_patterned(triangle)); j > 0u; j -= 1u) {
         let uvs = triangle_uvs[2u * triangle];
         let more = triangle_uvs[2u * triangle + 1u];
         alpha *= sample_finest(material.flags.x - 1u, (1.0 - u - v) * uvs.xy + u * uvs.zw + v * more.xy).w;
