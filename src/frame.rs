@@ -289,6 +289,8 @@ impl Frame {
         self.glossy_planes.run(rec)?;
         self.merge.run(rec)?;
         self.edges.run(rec)?;
+        // The sums have all of a pass or nothing.
+        rec.last_part();
         self.gain.run(rec)?;
         self.summands.run(rec)?;
         self.lens.run(rec)?;

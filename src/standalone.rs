@@ -14,7 +14,7 @@ use crate::estimate::History;
 use crate::film::HostFilm;
 use crate::fingerprint::{Fnv, fingerprint};
 use crate::frame::Frame;
-use crate::gpu::{Buffer, Context, ContextOptions, DeviceChoice, Memory, Timers, download};
+use crate::gpu::{Buffer, Context, ContextOptions, DeviceChoice, Memory, Recorder, Timers, download};
 use crate::output::{Layers, Statistics, Wanted};
 use crate::pass::List;
 use crate::pass::layout::{DispatchCounts, PointLight};
@@ -233,6 +233,16 @@ impl Renderer {
 
     /// Renders one pass and adds it to the image. Rays that run out of steps get more rounds, and the pass is repeated.
     pub fn pass(&mut self) -> Result<()> {
+        self.pass_with(None).map(drop)
+    }
+
+    /// [`Renderer::pass`], unless `stop` says otherwise: it is asked before the pass and every few dispatches. Returns whether the pass is
+    /// in the image; one that was broken off is not, and the next pass takes its number.
+    pub fn pass_unless(&mut self, stop: &dyn Fn() -> bool) -> Result<bool> {
+        Ok(!stop() && self.pass_with(Some(stop))?)
+    }
+
+    fn pass_with(&mut self, stop: Option<&dyn Fn() -> bool>) -> Result<bool> {
         let start = Instant::now();
         self.engine.apply_edits()?;
         if self.readback.bytes() != readback_bytes(&self.engine) {
@@ -245,13 +255,13 @@ impl Renderer {
             self.history = Some(History::default());
         }
         let probed = counts_bytes(&self.engine);
-        let mut record = 0.0;
+        let mut recording = 0.0;
         loop {
             let (engine, readback) = (&mut self.engine, &self.readback);
-            let submitted = self.context.submit_and_wait(&format!("in pass {number}"), Some(&self.timers), |rec| {
+            let record = |rec: &mut Recorder| {
                 let start = Instant::now();
                 engine.record_pass(rec)?;
-                record += start.elapsed().as_secs_f64();
+                recording += start.elapsed().as_secs_f64();
                 let frame = engine.frame();
                 rec.copy_range(&frame.status, 0, readback, 0, 16)?;
                 for (i, list) in counted_lists(frame).enumerate() {
@@ -261,9 +271,17 @@ impl Renderer {
                 let output = &frame.output;
                 output.record_probe(rec, number % INSTANCES)?;
                 rec.copy_range(output.probed(), 0, readback, probed, output.probed().bytes())
-            });
-            // The film does not have a pass that failed.
-            submitted.inspect_err(|_| self.engine.set_passes(number))?;
+            };
+            let (what, timers) = (format!("in pass {number}"), Some(&self.timers));
+            let submitted = match stop {
+                None => self.context.submit_and_wait(&what, timers, record).map(|()| true),
+                Some(stop) => self.context.submit_unless(&what, timers, stop, record),
+            };
+            if !matches!(submitted, Ok(true)) {
+                // The film does not have a pass that failed or was broken off.
+                self.engine.set_passes(number);
+                return submitted;
+            }
             let words = self.readback.read::<u32>()?;
             let (counts, sums) = words.split_at(probed as usize / 4);
             let lost = counts[0];
@@ -296,10 +314,10 @@ impl Renderer {
             }
         }
         let seconds = start.elapsed().as_secs_f64();
-        self.last_pass = PassTimes { seconds, record, gpu_passes, rays: self.rays - rays };
+        self.last_pass = PassTimes { seconds, record: recording, gpu_passes, rays: self.rays - rays };
         self.add_stage("render", start);
         self.rendered += 1;
-        Ok(())
+        Ok(true)
     }
 
     /// Adds the rays of a pass: eye rays, particles, shadow and gather rays of the shading points of each bounce, and

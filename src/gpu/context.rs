@@ -227,6 +227,28 @@ impl Context {
         timers: Option<&Timers>,
         record: impl FnOnce(&mut Recorder<'_>) -> Result<()>,
     ) -> Result<()> {
+        self.submit(what, timers, None, record).map(drop)
+    }
+
+    /// The same in parts: before each but the first `stop` is asked whether to break off. Returns whether all was done; commands after
+    /// [`Recorder::last_part`] are done as a whole or not at all.
+    pub fn submit_unless(
+        &self,
+        what: &str,
+        timers: Option<&Timers>,
+        stop: &dyn Fn() -> bool,
+        record: impl FnOnce(&mut Recorder<'_>) -> Result<()>,
+    ) -> Result<bool> {
+        self.submit(what, timers, Some(stop), record)
+    }
+
+    fn submit(
+        &self,
+        what: &str,
+        timers: Option<&Timers>,
+        stop: Option<&dyn Fn() -> bool>,
+        record: impl FnOnce(&mut Recorder<'_>) -> Result<()>,
+    ) -> Result<bool> {
         if self.is_adopted() {
             return Err(Error::Resource {
                 name: what.to_owned(),
@@ -247,27 +269,40 @@ impl Context {
         unsafe { device.begin_command_buffer(submission.commands, &begin) }.map_err(|r| self.failed(what, r))?;
         // SAFETY: it is recording, on our own queue family; the retained objects are held until the wait is over.
         let mut recorder = unsafe { Recorder::new(self, submission.commands, timers) };
+        if stop.is_some() {
+            // SAFETY: the pool is the submission's alone.
+            recorder = unsafe { recorder.in_parts(submission.pool) };
+        }
         recorder.begin();
         record(&mut recorder)?;
         recorder.end();
-        let retained = recorder.finish();
-        // SAFETY: as above; the command buffer is complete and submitted once, the queue is locked meanwhile.
-        unsafe {
-            device.end_command_buffer(submission.commands).map_err(|r| self.failed(what, r))?;
-            let commands = [submission.commands];
-            let submit = [vk::SubmitInfo::default().command_buffers(&commands)];
-            let queue = self.inner.queue.lock().unwrap_or_else(PoisonError::into_inner);
-            device.queue_submit(*queue, &submit, submission.fence).map_err(|r| self.failed(what, r))?;
-            drop(queue);
-            if let Err(result) = device.wait_for_fences(&[submission.fence], true, u64::MAX) {
-                // Only a lost device or lack of memory ends the wait early. Nothing may be destroyed that still runs.
-                let _ = device.device_wait_idle();
-                return Err(self.failed(what, result));
+        let (parts, retained) = recorder.finish_parts().map_err(|r| self.failed(what, r))?;
+        for (i, part) in parts.into_iter().enumerate() {
+            if i > 0 && stop.is_some_and(|stop| stop()) {
+                return Ok(false);
+            }
+            // SAFETY: as above; the command buffer is complete and submitted once, the queue is locked meanwhile, and the fence is not in
+            // use: the part before was waited for.
+            unsafe {
+                if i > 0 {
+                    device.reset_fences(&[submission.fence]).map_err(|r| self.failed(what, r))?;
+                }
+                let commands = [part];
+                let submit = [vk::SubmitInfo::default().command_buffers(&commands)];
+                let queue = self.inner.queue.lock().unwrap_or_else(PoisonError::into_inner);
+                device.queue_submit(*queue, &submit, submission.fence).map_err(|r| self.failed(what, r))?;
+                drop(queue);
+                if let Err(result) = device.wait_for_fences(&[submission.fence], true, u64::MAX) {
+                    // Only a lost device or lack of memory ends the wait early. Nothing may be destroyed that still runs.
+                    let _ = device.device_wait_idle();
+                    return Err(self.failed(what, result));
+                }
             }
         }
         drop(retained);
-        Ok(())
+        Ok(true)
     }
+
 
     /// Records into a host's command buffer; the returned object keeps alive the resources of the commands.
     ///

@@ -51,12 +51,27 @@ pub struct Retained {
     _objects: Vec<Arc<dyn Send + Sync>>,
 }
 
-/// Records into one command buffer.
+/// Dispatches of a part: some milliseconds on a graphics card, and some tenths of a second on a processor.
+const PART: u32 = 8;
+
+/// Work that is recorded into several command buffers, to be submitted one after the other.
+struct Parts {
+    pool: vk::CommandPool,
+    /// The parts that are complete.
+    done: Vec<vk::CommandBuffer>,
+    /// Dispatches of the last part.
+    dispatches: u32,
+    /// The last part takes what is still to come.
+    last: bool,
+}
+
+/// Records into one command buffer, or into parts.
 pub struct Recorder<'a> {
     ctx: Context,
     commands: vk::CommandBuffer,
     timers: Option<&'a Timers>,
     retained: Vec<Arc<dyn Send + Sync>>,
+    parts: Option<Parts>,
 }
 
 impl<'a> Recorder<'a> {
@@ -73,7 +88,57 @@ impl<'a> Recorder<'a> {
             unsafe { timers.0.reset(commands) };
             retained.push(timers.0.clone());
         }
-        Recorder { ctx: ctx.clone(), commands, timers, retained }
+        Recorder { ctx: ctx.clone(), commands, timers, retained, parts: None }
+    }
+
+    /// Goes on in a new command buffer of a pool after some dispatches each, until [`Recorder::last_part`].
+    ///
+    /// # Safety
+    /// The command buffer comes from this pool, which is used by nobody else while this lives.
+    pub(super) unsafe fn in_parts(mut self, pool: vk::CommandPool) -> Recorder<'a> {
+        self.parts = Some(Parts { pool, done: Vec::new(), dispatches: 0, last: false });
+        self
+    }
+
+    /// What follows is done as a whole or not at all, if the work is submitted in parts.
+    pub fn last_part(&mut self) {
+        if let Some(parts) = &mut self.parts {
+            parts.last = true;
+        }
+    }
+
+    /// Ends recording and the last command buffer; returns all of them with the resources of the commands.
+    pub(super) fn finish_parts(self) -> std::result::Result<(Vec<vk::CommandBuffer>, Retained), vk::Result> {
+        // SAFETY: the command buffer is recording.
+        unsafe { self.ctx.device().end_command_buffer(self.commands) }?;
+        let mut all = self.parts.map(|parts| parts.done).unwrap_or_default();
+        all.push(self.commands);
+        Ok((all, Retained { _objects: self.retained }))
+    }
+
+    /// Begins another part if this one has enough dispatches.
+    fn next_part(&mut self) -> Result<()> {
+        let Some(parts) = &mut self.parts else { return Ok(()) };
+        parts.dispatches += 1;
+        if parts.last || parts.dispatches < PART {
+            return Ok(());
+        }
+        let device = self.ctx.device();
+        let failed = |result| self.ctx.failed("a part of a pass", result);
+        let allocate = vk::CommandBufferAllocateInfo::default()
+            .command_pool(parts.pool)
+            .level(vk::CommandBufferLevel::PRIMARY)
+            .command_buffer_count(1);
+        let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: the pool is this recorder's alone; the command buffer so far is recording, the new one is begun once.
+        unsafe {
+            let next = device.allocate_command_buffers(&allocate).map_err(failed)?.swap_remove(0);
+            device.end_command_buffer(self.commands).map_err(failed)?;
+            device.begin_command_buffer(next, &begin).map_err(failed)?;
+            parts.done.push(std::mem::replace(&mut self.commands, next));
+        }
+        parts.dispatches = 0;
+        Ok(())
     }
 
     /// Ends recording (the command buffer itself stays open) and returns the resources of the commands.
@@ -118,8 +183,7 @@ impl<'a> Recorder<'a> {
         }
         // SAFETY: the command buffer is recording; pipeline, set and push constants were set by `prepare`.
         unsafe { self.ctx.device().cmd_dispatch(self.commands, x as u32, y as u32, 1) };
-        self.after_dispatch();
-        Ok(())
+        self.after_dispatch()
     }
 
     /// Runs a kernel with no workgroups.
@@ -148,8 +212,7 @@ impl<'a> Recorder<'a> {
         self.retained.push(args.0.clone());
         // SAFETY: as above; the arguments lie inside a buffer with indirect usage.
         unsafe { self.ctx.device().cmd_dispatch_indirect(self.commands, args.handle(), offset) };
-        self.after_dispatch();
-        Ok(())
+        self.after_dispatch()
     }
 
     /// Binds everything for a dispatch.
@@ -347,24 +410,23 @@ impl<'a> Recorder<'a> {
 
     /// Records under a name: a label for debuggers, and a scope of the timers.
     pub fn scope(&mut self, name: &str, record: impl FnOnce(&mut Self) -> Result<()>) -> Result<()> {
-        let commands = self.commands;
         let debug = self.ctx.inner.debug.clone().filter(|_| self.ctx.inner.labels);
         let label = std::ffi::CString::new(name).unwrap_or_default();
         if let Some(debug) = &debug {
             let label = vk::DebugUtilsLabelEXT::default().label_name(&label);
             // SAFETY: the extension is enabled and the command buffer is recording; the label is closed below.
-            unsafe { debug.cmd_begin_debug_utils_label(commands, &label) };
+            unsafe { debug.cmd_begin_debug_utils_label(self.commands, &label) };
         }
         // SAFETY: the command buffer is recording on the timers' device; they were reset at its start.
-        let query = self.timers.and_then(|timers| unsafe { timers.0.begin(commands, name) });
+        let query = self.timers.and_then(|timers| unsafe { timers.0.begin(self.commands, name) });
         let result = record(self);
         if let (Some(timers), Some(query)) = (self.timers, query) {
-            // SAFETY: as above.
-            unsafe { timers.0.end(commands, query) };
+            // SAFETY: as above; the command buffer may be that of a later part.
+            unsafe { timers.0.end(self.commands, query) };
         }
         if let Some(debug) = &debug {
-            // SAFETY: closes the label opened above.
-            unsafe { debug.cmd_end_debug_utils_label(commands) };
+            // SAFETY: closes the label opened above, maybe in an earlier part, which is submitted before.
+            unsafe { debug.cmd_end_debug_utils_label(self.commands) };
         }
         result
     }
@@ -383,8 +445,9 @@ impl<'a> Recorder<'a> {
         Err(Error::Resource { name: image.name().to_owned(), message: "belongs to another context".into() })
     }
 
-    fn after_dispatch(&mut self) {
+    fn after_dispatch(&mut self) -> Result<()> {
         self.barrier(vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_WRITE, USERS, USES);
+        self.next_part()
     }
 
     fn after_transfer(&mut self, dst: &Buffer) {
