@@ -15,7 +15,7 @@ use lightsum::gpu::Context;
 use lightsum::radiosity::quadtree::Shape;
 use lightsum::radiosity::reconstruct::{bilinear, fill, filter, hermite, mitchell};
 use lightsum::radiosity::texture::Grid;
-use lightsum::radiosity::{Options, Radiosity, TextureOptions, Times};
+use lightsum::radiosity::{Options, Radiosity, TextureOptions};
 use lightsum::scene::{Camera, KeptFace, KeptLight, KeptPage, Material, Scene, Triangle};
 use lightsum::settings::{Clip, Compensation, Lookup, Settings};
 use lightsum::standalone::{self, RenderOptions, Renderer};
@@ -226,7 +226,7 @@ fn figure(context: &Context, settings: &Settings, path: &str) -> Outcome<()> {
     let wall = &radiosity.surfaces()[0];
     let at = |i: usize| wall.texel([i % SIDE, i / SIDE].map(|n| n as f32 / (SIDE - 1) as f32), 9);
     let points: Vec<Texel> = (0..SIDE * SIDE).map(at).collect();
-    let light = radiosity.light(&points, 4, &mut Times::default(), &mut |_| true)?;
+    let light = radiosity.light(&points, 4, &mut |_| true)?;
     let values = light.iter().map(|light| light.total().x).collect();
     let reference = Grid { size: [SIDE; 2], values };
     let sampled = |height: u8| {

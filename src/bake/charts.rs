@@ -9,7 +9,7 @@ use glam::Vec2;
 use uvunwrap::{Density, MeshInput};
 
 use super::sides::Sides;
-use super::{Options, file_charts, too_dense};
+use super::{Stop, Options, file_charts, too_dense};
 use crate::error::{Error, Result};
 use crate::scene::Scene;
 
@@ -41,13 +41,24 @@ pub struct Charts {
     pub density: f32,
 }
 
-/// Lays out the lit sides. Errors: a chart larger than a page, with a density that would fit.
-pub fn lay_out(scene: &Scene, sides: &[Sides], density: f32, options: &Options) -> Result<Charts> {
+/// Lays out the lit sides, unless `stop` breaks it off.
+///
+/// Errors: a chart larger than a page, with a density that would fit; [`Error::Interrupted`].
+pub fn lay_out(
+    scene: &Scene,
+    sides: &[Sides],
+    density: f32,
+    options: &Options,
+    stop: Stop,
+) -> Result<Charts> {
     let (mut charts, rest) = file_charts::of_file(scene, sides, density, options);
+    if stop() {
+        return Err(Error::Interrupted);
+    }
     if rest.iter().all(|sides| sides.count() == 0) {
         return Ok(charts);
     }
-    let new = unwrap(scene, &rest, density, options)?;
+    let new = unwrap(scene, &rest, density, options, stop)?;
     let (pages, count) = (charts.pages.len() as u32, charts.count);
     charts.faces.extend(new.faces.iter().map(|face| Face {
         page: pages + face.page,
@@ -60,7 +71,13 @@ pub fn lay_out(scene: &Scene, sides: &[Sides], density: f32, options: &Options) 
 }
 
 /// New charts of sides.
-fn unwrap(scene: &Scene, sides: &[Sides], density: f32, options: &Options) -> Result<Charts> {
+fn unwrap(
+    scene: &Scene,
+    sides: &[Sides],
+    density: f32,
+    options: &Options,
+    stop: Stop,
+) -> Result<Charts> {
     let mut groups: BTreeMap<(u32, bool), Vec<u32>> = BTreeMap::new();
     for (i, triangle) in (0u32..).zip(&scene.triangles) {
         for back in [false, true].into_iter().filter(|&back| sides[i as usize].has(back)) {
@@ -71,7 +88,8 @@ fn unwrap(scene: &Scene, sides: &[Sides], density: f32, options: &Options) -> Re
     let inputs: Vec<MeshInput> = meshes.iter().map(|mesh| MeshInput::new(&mesh.positions, &mesh.indices)).collect();
     let made = |page_size| {
         let density = Density::Fixed { texels_per_unit: density, page_size };
-        uvunwrap::generate(&inputs, &uvunwrap::Options { density, padding: options.padding, ..Default::default() })
+        let options = uvunwrap::Options { density, padding: options.padding, ..Default::default() };
+        uvunwrap::generate_with_progress(&inputs, &options, |_| !stop())
     };
     // One page as small as can be, or several of the greatest size.
     let most = options.max_size;
@@ -138,6 +156,7 @@ fn failure(error: &uvunwrap::Error, density: f32, options: &Options) -> Error {
         uvunwrap::Error::AtlasTooLarge { texels } => {
             too_dense(f64::from(density), f64::from(density) * (f64::from(1 << 26) / texels as f64).sqrt())
         }
+        uvunwrap::Error::Cancelled => Error::Interrupted,
         ref other => Error::Scene(format!("charts: {other}")),
     }
 }
@@ -161,7 +180,7 @@ mod tests {
         let both = Sides { front: true, back: true };
         let density = 12.0;
         let options = Options { max_size: 256, ..Options::default() };
-        let charts = unwrap(&scene, &vec![both; scene.triangles.len()], density, &options).unwrap();
+        let charts = unwrap(&scene, &vec![both; scene.triangles.len()], density, &options, &|| false).unwrap();
         assert!(charts.pages.len() > 1, "several pages: {:?}", charts.pages);
         assert_eq!(charts.faces.len(), 2 * scene.triangles.len());
         let mut owner: HashMap<(u32, i32, i32), u32> = HashMap::new();
@@ -185,9 +204,9 @@ mod tests {
         let scene = builtin::room(800);
         let sides = vec![FRONT; scene.triangles.len()];
         let options = Options { max_size: 64, ..Options::default() };
-        let message = unwrap(&scene, &sides, 50.0, &options).unwrap_err().to_string();
+        let message = unwrap(&scene, &sides, 50.0, &options, &|| false).unwrap_err().to_string();
         let fits: f32 = message.split("; ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
         assert!(message.contains("--density") && fits < 50.0, "{message}");
-        unwrap(&scene, &sides, fits, &options).unwrap();
+        unwrap(&scene, &sides, fits, &options, &|| false).unwrap();
     }
 }

@@ -47,6 +47,9 @@ const MAX_BATCH: u64 = 1 << 18;
 const FILM_BYTES: u64 = 19 * 16;
 const POINT_BYTES: u64 = 15 * 16;
 
+/// Asked now and then whether to break off.
+pub type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
+
 /// Options of a bake.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
@@ -135,17 +138,28 @@ impl Bake {
     ///
     /// Errors: options or settings out of range; a density at which the texels do not fit, with one that would.
     pub fn new(context: &Context, scene: &Scene, settings: Settings, options: Options) -> Result<Bake> {
+        Self::new_unless(context, scene, settings, options, &|| false)
+    }
+
+    /// [`Bake::new`], unless `stop` breaks it off. Errors: [`Error::Interrupted`] too.
+    pub fn new_unless(
+        context: &Context,
+        scene: &Scene,
+        settings: Settings,
+        options: Options,
+        stop: Stop,
+    ) -> Result<Bake> {
         options.validate()?;
         let settings = self::settings(settings);
         let scene = prepare(scene);
         let start = std::time::Instant::now();
-        let sides = sides::lit(context, &scene, &settings)?;
+        let sides = sides::lit(context, &scene, &settings, stop)?;
         log::debug!("lit sides found in {:.1} s", start.elapsed().as_secs_f64());
-        Self::with_sides(context, scene, settings, options, sides)
+        Self::with_sides((context, stop), scene, settings, options, sides)
     }
 
     fn with_sides(
-        context: &Context,
+        (context, stop): (&Context, Stop),
         scene: Scene,
         settings: Settings,
         options: Options,
@@ -164,7 +178,7 @@ impl Bake {
             return Err(too_dense(density, (most / area).sqrt()));
         }
         let start = std::time::Instant::now();
-        let charts = charts::lay_out(&scene, &sides, density as f32, &options)?;
+        let charts = charts::lay_out(&scene, &sides, density as f32, &options, stop)?;
         log::debug!("charts made in {:.1} s", start.elapsed().as_secs_f64());
         let pages = texels::of_charts(&charts);
         let batches = batches(&charts, &pages, batch_texels(context, &settings));

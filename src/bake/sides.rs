@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::BLOCK;
-use crate::error::Result;
+use super::{BLOCK, Stop};
+use crate::error::{Error, Result};
 use crate::gpu::Context;
 use crate::scene::{Material, Scene, Surface};
 use crate::settings::{Compensation, Settings};
@@ -57,8 +57,8 @@ pub fn is_diffuse(m: &Material) -> bool {
 /// Most particles of a pass over the probes.
 const PARTICLES: u32 = 32;
 
-/// The lit sides of each triangle. Deterministic.
-pub fn lit(context: &Context, scene: &Scene, settings: &Settings) -> Result<Vec<Sides>> {
+/// The lit sides of each triangle, unless `stop` breaks it off. Deterministic. Errors: [`Error::Interrupted`]; those of a renderer.
+pub fn lit(context: &Context, scene: &Scene, settings: &Settings, stop: Stop) -> Result<Vec<Sides>> {
     let diffuse: Vec<bool> = scene.materials.iter().map(is_diffuse).collect();
     let area: f64 = (0..scene.triangles.len()).map(|i| f64::from(scene.triangle_area(i))).sum();
     let mut probes = Vec::new();
@@ -91,7 +91,9 @@ pub fn lit(context: &Context, scene: &Scene, settings: &Settings) -> Result<Vec<
         let atlas = Arc::new(Atlas { size: [width, height], texels });
         let mut renderer = Renderer::with_atlas(context.clone(), scene.clone(), atlas, settings.clone())?;
         for _ in 0..PASSES {
-            renderer.pass()?;
+            if !renderer.pass_unless(stop)? {
+                return Err(Error::Interrupted);
+            }
         }
         let layers = renderer.layers()?;
         let light = layers.direct.iter().zip(&layers.indirect).map(|(a, b)| (*a + *b).element_sum());

@@ -410,7 +410,9 @@ impl<'a> Recorder<'a> {
 
     /// Records under a name: a label for debuggers, and a scope of the timers.
     pub fn scope(&mut self, name: &str, record: impl FnOnce(&mut Self) -> Result<()>) -> Result<()> {
-        let debug = self.ctx.inner.debug.clone().filter(|_| self.ctx.inner.labels);
+        // Not across parts: Mesa 22.3 crashes where a label is closed in another command buffer.
+        let labels = self.ctx.inner.labels && self.parts.is_none();
+        let debug = self.ctx.inner.debug.clone().filter(|_| labels);
         let label = std::ffi::CString::new(name).unwrap_or_default();
         if let Some(debug) = &debug {
             let label = vk::DebugUtilsLabelEXT::default().label_name(&label);
@@ -425,7 +427,7 @@ impl<'a> Recorder<'a> {
             unsafe { timers.0.end(self.commands, query) };
         }
         if let Some(debug) = &debug {
-            // SAFETY: closes the label opened above, maybe in an earlier part, which is submitted before.
+            // SAFETY: closes the label opened above.
             unsafe { debug.cmd_end_debug_utils_label(self.commands) };
         }
         result

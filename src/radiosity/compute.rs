@@ -4,25 +4,22 @@ use std::sync::Arc;
 
 use glam::Vec2;
 
+use super::batches::{Batches, whole_blocks};
+use super::growth::Growth;
 use super::layout::{self, Texture};
-use super::refine::{Options, Point, Solution, refine};
+use super::refine::{Options, Place, Point, Solution};
 use super::surfaces::{Surface, surfaces};
 use super::{Light, quadtree::Shape};
 use crate::accel::Bvh;
 use crate::bake::charts::{Charts, Face};
 use crate::bake::sides::{self, Sides};
-use crate::bake::{self, Lightmap, Page, lightmap};
+use crate::bake::{self, Lightmap, Page, Stop, lightmap};
 use crate::error::{Error, Result};
 use crate::gpu::Context;
 use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::standalone::Renderer;
 use crate::view::{Atlas, Texel};
-
-/// Side of a block of points, which is a cluster.
-const BLOCK: usize = 8;
-/// Blocks in a row of a view.
-const ACROSS: usize = 64;
 
 /// Options of the textures.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,9 +71,19 @@ pub struct Progress {
 impl Radiosity {
     /// Finds the lit sides and the surfaces. Errors: settings out of range; no light on a surface that reflects diffusely.
     pub fn new(context: &Context, scene: &Scene, settings: Settings) -> Result<Radiosity> {
+        Self::new_unless(context, scene, settings, &|| false)
+    }
+
+    /// [`Radiosity::new`], unless `stop` breaks it off. Errors: [`Error::Interrupted`] too.
+    pub fn new_unless(
+        context: &Context,
+        scene: &Scene,
+        settings: Settings,
+        stop: Stop,
+    ) -> Result<Radiosity> {
         let settings = bake::settings(settings);
         let scene = bake::prepare(scene);
-        let sides = sides::lit(context, &scene, &settings)?;
+        let sides = sides::lit(context, &scene, &settings, stop)?;
         let surfaces = surfaces(&scene, &sides);
         if surfaces.is_empty() {
             let message = "no light reaches a surface that reflects diffusely; there is nothing to bake";
@@ -110,64 +117,68 @@ impl Radiosity {
         &self,
         points: &[Texel],
         passes: u32,
-        times: &mut Times,
         progress: &mut dyn FnMut(f64) -> bool,
     ) -> Result<Vec<Light>> {
-        let most = bake::batch_texels(&self.context, &self.settings) / (BLOCK * BLOCK) * BLOCK * BLOCK;
-        let mut found = Vec::with_capacity(points.len());
-        for batch in points.chunks(most.max(BLOCK * BLOCK)) {
-            let start = std::time::Instant::now();
-            let (atlas, places) = view(batch);
-            let mut renderer =
-                Renderer::with_atlas(self.context.clone(), self.scene.clone(), Arc::new(atlas), self.settings.clone())?;
-            times.prepare += start.elapsed().as_secs_f64();
-            let start = std::time::Instant::now();
-            for pass in 0..passes {
-                let share = batch.len() as f64 * f64::from(pass) / f64::from(passes);
-                if !progress((found.len() as f64 + share) / points.len() as f64) {
-                    return Err(Error::Interrupted);
-                }
-                renderer.pass()?;
+        let mut batches = Batches::new(points.to_vec(), passes);
+        while !batches.are_done() {
+            if !progress(batches.share()) {
+                return Err(Error::Interrupted);
             }
-            let layers = renderer.layers()?;
-            times.passes += start.elapsed().as_secs_f64();
-            found.extend(places.iter().map(|&i| Light { direct: layers.direct[i], indirect: layers.indirect[i] }));
+            batches.pass(self, &|| false)?;
         }
-        Ok(found)
+        Ok(batches.light()?.unwrap_or_default())
     }
 
     /// Grows the trees; every round's points have the light of `passes` passes. `progress` returns false to break off.
+    ///
+    /// Errors: [`Error::Interrupted`]; options out of range; those of a renderer.
     pub fn refine(
         &self,
         options: &Options,
         passes: u32,
         progress: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<(Solution, Times)> {
-        let roots: Vec<_> = self.surfaces.iter().map(|surface| surface.root).collect();
-        let leaves = lightmap::leaves(&self.bvh);
-        let (mut times, mut round, mut mean) = (Times::default(), 0, None);
-        let start = std::time::Instant::now();
-        let mut light = |points: &[Point]| {
-            let texel = |p: &Point| self.surfaces[p.root as usize].texel(p.at, options.height);
-            let texels: Vec<Texel> = points.iter().map(texel).collect();
-            let mut tell = |done: f64| progress(Progress { round, points: texels.len(), done });
-            let found = self.light(&texels, passes, &mut times, &mut tell)?;
-            round += 1;
-            // The points of the first round lie everywhere.
-            let mean = *mean.get_or_insert_with(|| {
-                let sum: f64 = found.iter().map(|light| f64::from(light.total().element_sum())).sum();
-                (sum / found.len().max(1) as f64) as f32
-            });
-            let seen = |(texel, light): (&Texel, Light)| {
-                let dark = light.total().element_sum() < lightmap::DARK * mean;
-                let inside = dark && lightmap::is_inside(&self.sides, &self.bvh, &leaves, texel);
-                (!inside).then_some(light)
-            };
-            Ok(texels.iter().zip(found).map(seen).collect())
-        };
-        let solution = refine(&roots, options, &mut light)?;
-        times.host = start.elapsed().as_secs_f64() - times.prepare - times.passes;
-        Ok((solution, times))
+        let mut growth = Growth::new(self, options, passes)?;
+        while !growth.is_done() {
+            if !progress(growth.progress()) {
+                return Err(Error::Interrupted);
+            }
+            growth.pass(&|| false)?;
+        }
+        let times = growth.times();
+        Ok((growth.solution()?, times))
+    }
+
+    /// Most points that are rendered together.
+    pub(super) fn batch_points(&self) -> usize {
+        whole_blocks(bake::batch_texels(&self.context, &self.settings))
+    }
+
+    /// The points of samples.
+    pub(super) fn texels(&self, solution: &Solution, places: &[Place]) -> Vec<Texel> {
+        let height = solution.options().height;
+        let texel = |p: Point| self.surfaces[p.root as usize].texel(p.at, height);
+        solution.points_of(places).into_iter().map(texel).collect()
+    }
+
+    /// A renderer of a view of points.
+    pub(super) fn renderer_of(&self, atlas: Arc<Atlas>) -> Result<Renderer> {
+        Renderer::with_atlas(self.context.clone(), self.scene.clone(), atlas, self.settings.clone())
+    }
+
+    /// What the light of points depends on.
+    pub(super) fn scene_and_settings(&self) -> (&Scene, &Settings) {
+        (&self.scene, &self.settings)
+    }
+
+    /// Numbers of the triangles in the order of the tree's leaves, for [`Radiosity::is_inside`].
+    pub(super) fn leaves(&self) -> Vec<u32> {
+        lightmap::leaves(&self.bvh)
+    }
+
+    /// Whether a dark point lies inside of geometry.
+    pub(super) fn is_inside(&self, leaves: &[u32], point: &Texel) -> bool {
+        lightmap::is_inside(&self.sides, &self.bvh, leaves, point)
     }
 
     /// The light map: textures of all surfaces, within the budget, each in its rectangle of a page.
@@ -246,20 +257,4 @@ pub fn check(options: &Options, textures: &TextureOptions, pages: &bake::Options
         return Err(Error::Setting { name: "--height", message });
     }
     Ok(())
-}
-
-/// A view of points, in blocks, and the entry of each point.
-fn view(points: &[Texel]) -> (Atlas, Vec<usize>) {
-    let blocks = points.len().div_ceil(BLOCK * BLOCK);
-    let across = ACROSS.min(blocks);
-    let size = [across * BLOCK, blocks.div_ceil(across) * BLOCK];
-    let place = |i: usize| {
-        let (block, i) = (i / (BLOCK * BLOCK), i % (BLOCK * BLOCK));
-        let (x, y) = (block % across * BLOCK + i % BLOCK, block / across * BLOCK + i / BLOCK);
-        x + y * size[0]
-    };
-    let places: Vec<usize> = (0..points.len()).map(place).collect();
-    let mut texels = vec![None; size[0] * size[1]];
-    places.iter().zip(points).for_each(|(&place, point)| texels[place] = Some(*point));
-    (Atlas { size: size.map(|n| n as u32), texels }, places)
 }

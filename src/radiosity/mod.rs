@@ -6,19 +6,24 @@
 //! 3. [`texture`] flattens a tree into a texture, of order zero or one.
 //! 4. [`reconstruct`] makes it smooth: bicubic patches without T-vertices, a low-pass filter, the look-up.
 //! 5. [`layout`] gives the most subdivided surfaces textures of their own and places all on pages.
-//! 6. [`compute`] lights the points on the device and makes a [`crate::bake::Lightmap`], which is shown and written as any other.
-//! 7. [`sphere`] samples spheres as six patches and joins them in one texture of latitude and longitude.
+//! 6. [`growth`] does the rounds on the device, pass by pass, so that they can be broken off and gone on with.
+//! 7. [`compute`] lights the points on the device and makes a [`crate::bake::Lightmap`], which is shown and written as any other.
+//! 8. [`sphere`] samples spheres as six patches and joins them in one texture of latitude and longitude.
 
+mod batches;
 pub mod compute;
+pub mod growth;
 pub mod layout;
 pub mod quadtree;
 pub mod reconstruct;
 pub mod refine;
+mod saved;
 pub mod sphere;
 pub mod surfaces;
 pub mod texture;
 
 pub use compute::{Progress, Radiosity, TextureOptions, Times};
+pub use growth::{Growth, Part, ROUND_PASSES};
 pub use refine::{Options, Order, Solution};
 
 use std::ops::{Add, Mul, Sub};

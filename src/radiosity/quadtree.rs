@@ -149,6 +149,38 @@ impl Tree {
         self.nodes.extend(element.children(self.shape).map(|element| Node { element, children: 0 }));
     }
 
+    /// For each node the index of its first child, 0 for leaves: all that tells the tree from others of its shape.
+    pub fn links(&self) -> impl Iterator<Item = u32> {
+        self.nodes.iter().map(|node| node.children)
+    }
+
+    /// The tree with these [`Tree::links`]; `None`: they are those of no tree of levels up to `height`.
+    pub fn from_links(shape: Shape, links: &[u32], height: u8) -> Option<Tree> {
+        let mut nodes = vec![Node { element: Element::ROOT, children: 0 }; links.len()];
+        let mut known = vec![false; links.len()];
+        *known.first_mut()? = true;
+        for (i, &first) in links.iter().enumerate() {
+            if !known[i] {
+                return None;
+            }
+            let first = first as usize;
+            if first == 0 {
+                continue;
+            }
+            let element = nodes[i].element;
+            let fits = first > i && first % 4 == 1 && first + 4 <= links.len() && !known[first];
+            if !fits || element.level >= height {
+                return None;
+            }
+            nodes[i].children = first as u32;
+            for (k, element) in element.children(shape).into_iter().enumerate() {
+                nodes[first + k].element = element;
+                known[first + k] = true;
+            }
+        }
+        Some(Tree { shape, nodes })
+    }
+
     /// The leaves, in the order of the nodes.
     pub fn leaves(&self) -> impl Iterator<Item = (u32, Element)> {
         (0..).zip(&self.nodes).filter(|(_, node)| node.children == 0).map(|(i, node)| (i, node.element))
@@ -245,6 +277,29 @@ pub(super) mod tests {
         assert!((sum(|_| true) - 1.0).abs() < 1e-5);
         let right = Tree::full(Shape::Quad, 1).leaves().nth(1).unwrap().1;
         assert_eq!(right.share(Shape::Quad, halves), 0.25 * 1.6);
+    }
+
+    #[test]
+    fn trees_come_back_from_their_links_and_nothing_else_does() {
+        for shape in [Shape::Quad, Shape::Triangle] {
+            for seed in 0..10 {
+                let tree = random(shape, 1 + 4 * seed, 5, seed);
+                let links: Vec<u32> = tree.links().collect();
+                assert_eq!(Tree::from_links(shape, &links, 5).as_ref(), Some(&tree));
+                // Nothing else is a tree.
+                let height = tree.height();
+                assert!(height == 0 || Tree::from_links(shape, &links, height - 1).is_none());
+                for i in 0..links.len() {
+                    for wrong in [1, 2, links.len() as u32, u32::MAX].into_iter().filter(|&link| link != links[i]) {
+                        let mut links = links.clone();
+                        links[i] = wrong;
+                        assert!(Tree::from_links(shape, &links, 5).is_none(), "{i} {wrong} {links:?}");
+                    }
+                }
+                assert!(links.len() < 2 || Tree::from_links(shape, &links[..links.len() - 1], 5).is_none());
+            }
+        }
+        assert_eq!(Tree::from_links(Shape::Quad, &[], 5), None);
     }
 
     #[test]

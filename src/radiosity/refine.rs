@@ -13,7 +13,7 @@
 //! Samples miss light that changes between them alone. So each surface begins with several elements, in proportion to its area;
 //! all surfaces together have [`Options::start`].
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use glam::Vec3;
 
@@ -107,7 +107,10 @@ pub struct Round {
 }
 
 /// Samples by their place; `None`: inside of geometry.
-type Samples = HashMap<[u32; 2], Option<Light>>;
+pub(super) type Samples = HashMap<[u32; 2], Option<Light>>;
+
+/// Place of a sample: index of the surface, and whole coordinates there.
+pub type Place = (u32, [u32; 2]);
 
 /// Lights points of surfaces; `None`: a point inside of geometry.
 pub type Lit<'a> = dyn FnMut(&[Point]) -> Result<Vec<Option<Light>>> + 'a;
@@ -117,43 +120,47 @@ pub type Lit<'a> = dyn FnMut(&[Point]) -> Result<Vec<Option<Light>>> + 'a;
 pub struct Solution {
     /// The tree of each surface.
     pub trees: Vec<Tree>,
-    samples: Vec<Samples>,
+    pub(super) samples: Vec<Samples>,
     /// The rounds.
     pub rounds: Vec<Round>,
     /// Mean irradiance of all surfaces, of the mean of the channels.
     pub mean: f32,
-    options: Options,
+    pub(super) options: Options,
 }
 
 /// Grows trees. `light` gives the light of points, `None` inside of geometry, and is called once a round.
 ///
 /// Deterministic. Errors: options out of range, more surfaces than elements; those of `light`.
 pub fn refine(roots: &[Root], options: &Options, light: &mut Lit) -> Result<Solution> {
-    options.validate()?;
-    if roots.len() > options.elements {
-        let message = format!("{} is less than the number of surfaces, {}", options.elements, roots.len());
-        return Err(Error::Setting { name: "--elements", message });
-    }
-    let mut solution = Solution {
-        trees: roots.iter().map(|root| Tree::new(root.shape)).collect(),
-        samples: vec![Samples::new(); roots.len()],
-        rounds: Vec::new(),
-        mean: 0.0,
-        options: *options,
-    };
-    solution.start(roots);
+    let mut solution = Solution::new(roots, options)?;
     loop {
-        let points = solution.light(light)?;
-        solution.mean = solution.mean(roots);
-        let splits = solution.split(roots);
-        solution.rounds.push(Round { points, splits });
-        if splits == 0 {
+        let wanted = solution.wanted();
+        let found = if wanted.is_empty() { Vec::new() } else { light(&solution.points_of(&wanted))? };
+        if solution.round(roots, &wanted, found)? == 0 {
             return Ok(solution);
         }
     }
 }
 
 impl Solution {
+    /// The trees before the first round. Errors: options out of range, more surfaces than elements.
+    pub fn new(roots: &[Root], options: &Options) -> Result<Solution> {
+        options.validate()?;
+        if roots.len() > options.elements {
+            let message = format!("{} is less than the number of surfaces, {}", options.elements, roots.len());
+            return Err(Error::Setting { name: "--elements", message });
+        }
+        let mut solution = Solution {
+            trees: roots.iter().map(|root| Tree::new(root.shape)).collect(),
+            samples: vec![Samples::new(); roots.len()],
+            rounds: Vec::new(),
+            mean: 0.0,
+            options: *options,
+        };
+        solution.start(roots);
+        Ok(solution)
+    }
+
     /// Splits large surfaces into elements of alike area.
     fn start(&mut self, roots: &[Root]) {
         let total: f32 = roots.iter().map(|root| root.area).sum();
@@ -170,31 +177,61 @@ impl Solution {
         }
     }
 
-    /// Lights the samples that leaves lack; returns their number.
-    fn light(&mut self, light: &mut Lit) -> Result<usize> {
-        let (mut points, mut keys) = (Vec::new(), Vec::new());
-        let scale = 1.0 / (FINE << self.options.height) as f32;
-        let options = self.options;
-        for (root, (tree, samples)) in (0..).zip(self.trees.iter().zip(&mut self.samples)) {
+    /// The samples that leaves lack, by surface and along its tree.
+    pub fn wanted(&self) -> Vec<Place> {
+        let mut places = Vec::new();
+        for (root, (tree, samples)) in (0..).zip(self.trees.iter().zip(&self.samples)) {
+            let mut new = HashSet::new();
             tree.visit(&mut |_, element| {
-                for key in needed(&options, tree.shape(), element) {
-                    samples.entry(key).or_insert_with(|| {
-                        points.push(Point { root, at: key.map(|n| n as f32 * scale) });
-                        keys.push((root as usize, key));
-                        None
-                    });
-                }
+                let keys = needed(&self.options, tree.shape(), element);
+                let lacking = keys.into_iter().filter(|key| !samples.contains_key(key) && new.insert(*key));
+                places.extend(lacking.map(|key| (root, key)));
             });
         }
-        let found = if points.is_empty() { Vec::new() } else { light(&points)? };
-        if found.len() != points.len() {
-            let message = format!("light at {} points where {} were asked for", found.len(), points.len());
+        places
+    }
+
+    /// The points of places.
+    pub fn points_of(&self, places: &[Place]) -> Vec<Point> {
+        let scale = 1.0 / (FINE << self.options.height) as f32;
+        places.iter().map(|&(root, key)| Point { root, at: key.map(|n| n as f32 * scale) }).collect()
+    }
+
+    /// Ends a round: takes the light of the samples that leaves lacked, and splits leaves; returns their number.
+    ///
+    /// Errors: not the light of each place.
+    pub fn round(&mut self, roots: &[Root], places: &[Place], found: Vec<Option<Light>>) -> Result<usize> {
+        if found.len() != places.len() {
+            let message = format!("light at {} points where {} were asked for", found.len(), places.len());
             return Err(Error::Resource { name: String::from("radiosity"), message });
         }
-        for ((root, key), light) in keys.into_iter().zip(found) {
-            self.samples[root].insert(key, light);
+        self.set(places.iter().copied().zip(found));
+        self.mean = self.mean(roots);
+        let splits = self.split(roots);
+        self.rounds.push(Round { points: places.len(), splits });
+        Ok(splits)
+    }
+
+    /// Sets the light of samples.
+    pub fn set(&mut self, samples: impl IntoIterator<Item = (Place, Option<Light>)>) {
+        for ((root, key), light) in samples {
+            self.samples[root as usize].insert(key, light);
         }
-        Ok(points.len())
+    }
+
+    /// The samples outside of geometry, surface by surface and near each other.
+    pub fn lit(&self) -> Vec<Place> {
+        let mut all = Vec::with_capacity(self.points());
+        for (root, samples) in (0..).zip(&self.samples) {
+            all.extend(samples.iter().filter(|(_, light)| light.is_some()).map(|(&key, _)| (root, key)));
+        }
+        all.sort_unstable_by_key(|&(root, key)| (root, along_curve(key)));
+        all
+    }
+
+    /// Light of a sample; black inside of geometry.
+    pub fn at(&self, (root, key): Place) -> Light {
+        self.sample(root as usize, key)
     }
 
     /// Light at a place; black inside of geometry.
@@ -329,6 +366,12 @@ impl Light {
     }
 }
 
+/// Place along a curve that visits quarters one after the other (Morton).
+fn along_curve([x, y]: [u32; 2]) -> u64 {
+    let spread = |n: u32| (0..16).fold(0, |sum, bit| sum | u64::from(n >> bit & 1) << (2 * bit));
+    spread(x) | spread(y) << 1
+}
+
 /// Place of the centre of an element in a tree of a greatest height.
 fn centre(shape: Shape, element: Element, height: u8) -> [u32; 2] {
     let corners = element.corners(shape, height);
@@ -443,14 +486,10 @@ mod tests {
         let mut solution = grown(Shape::Quad, &options, f);
         for node in [1, 6, 12] {
             solution.trees[0].split(node);
-            solution
-                .light(&mut |points| {
-                    Ok(points
-                        .iter()
-                        .map(|p| Some(Light { direct: Vec3::splat(f(p.at)), indirect: Vec3::ZERO }))
-                        .collect())
-                })
-                .unwrap();
+            let wanted = solution.wanted();
+            let of = |p: &Point| Some(Light { direct: Vec3::splat(f(p.at)), indirect: Vec3::ZERO });
+            let found: Vec<Option<Light>> = solution.points_of(&wanted).iter().map(of).collect();
+            solution.set(wanted.into_iter().zip(found));
             let tree = &solution.trees[0];
             for parent in 0..tree.len() as u32 {
                 let Some(children) = tree.children(parent) else { continue };

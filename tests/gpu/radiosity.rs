@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use lightsum::bake::{self, Lightmap};
 use lightsum::gpu::Context;
-use lightsum::radiosity::{Options, Order, Radiosity, Solution, TextureOptions, Times};
+use lightsum::radiosity::{Options, Order, Radiosity, Solution, TextureOptions};
 use lightsum::scene::{KeptLight, Scene, builtin};
 use lightsum::settings::{Clip, Compensation, Lookup, Settings};
 use lightsum::view::Texel;
@@ -107,7 +107,7 @@ fn all_rounds_have_the_same_lights() {
         let radiosity = Radiosity::new(ctx, &scene, settings).unwrap();
         let point = |i: u32| Texel { triangle: 10 + i % 2, uv: [0.01 * (i % 40) as f32 + 0.1, 0.3], back: false };
         let all: Vec<Texel> = (0..700).map(point).collect();
-        let light = |points: &[Texel]| radiosity.light(points, 3, &mut Times::default(), &mut |_| true).unwrap();
+        let light = |points: &[Texel]| radiosity.light(points, 3, &mut |_| true).unwrap();
         let whole = light(&all);
         let part = light(&all[300..371]);
         for (a, b) in whole[300..371].iter().zip(&part) {

@@ -1,24 +1,21 @@
 //! `lightsum bake`: light of a scene kept in textures.
 
-use std::ffi::OsString;
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use lightsum::bake::files::{self, Form};
 use lightsum::bake::{Bake, Lightmap};
 use lightsum::gpu::Context;
 use lightsum::output::{self, Layers, Metadata, State};
 use lightsum::settings::Settings;
-use lightsum::standalone::{self, RenderOptions, Renderer};
+use lightsum::standalone::{self, RenderOptions};
 use lightsum::{Error, Result, Scene, scene};
 
 use crate::args;
-use crate::checkpoint::Checkpoints;
+use crate::parts::{Job, View, part_path};
 use crate::play;
 use crate::progress::{Progress, duration};
 use crate::render::{SOFTWARE, pipeline_cache, settings, watch_for_interrupt};
-use crate::stop::{Stop, error_is_due};
+use crate::stop::{Clock, Stop};
 use crate::{say, say_aside};
 
 /// Runs the command.
@@ -38,11 +35,12 @@ pub fn run(args: &args::Bake) -> Result<()> {
     };
     let start = Instant::now();
     let (context, settings) = standalone::open(settings, &options)?;
+    let clock = Clock::start(Stop::choose(&args.stop, scene.render.passes), &interrupted);
     if let Some(adaptive) = args.adaptive.options() {
-        let (light, passes) = crate::radiosity::light(args, (&context, &scene), &settings, adaptive, &interrupted)?;
-        return write(args, (&context, &scene), &settings, &light, (passes, None), start);
+        return crate::radiosity::run(args, (&context, &scene), &settings, adaptive, &clock);
     }
-    let bake = Bake::new(&context, &scene, settings.clone(), args.options())?;
+    let bake = Bake::new_unless(&context, &scene, settings.clone(), args.options(), &|| clock.is_over())
+        .map_err(|error| clock.tell(error))?;
     let charts = bake.charts();
     let [device, host] = bake.memory().map(|bytes| bytes as f64 / f64::from(1 << 20));
     say_aside(&format!(
@@ -56,31 +54,30 @@ pub fn run(args: &args::Bake) -> Result<()> {
     ));
 
     let start = Instant::now();
-    let mut job = Job {
-        bake: &bake,
-        stop: Stop::choose(&args.stop, scene.render.passes),
-        resume: args.stop.resume,
-        checkpoint: args.stop.checkpoint.0,
-        states: Vec::new(),
-        output: &args.output,
-        interrupted: &interrupted,
-        progress: Progress::new(),
-        passes: 0,
-        error: None,
+    let state_path = |i: usize| match bake.batches().len() {
+        1 => State::path_for(&args.output),
+        _ => part_path(&args.output, i),
     };
-    let images = job.run()?;
-    let Some(images) = images else { return Ok(()) };
+    let views = bake.batches().iter().enumerate();
+    let views = views.map(|(i, batch)| View { points: batch.texels(), state: state_path(i) }).collect();
+    let mut progress = Progress::new();
+    let mut job = Job::new(args, views, &clock, &mut progress, 0.0);
+    let images = job.run(0, &|i| bake.renderer(i))?;
+    if images.iter().all(Option::is_none) {
+        return Err(Error::Interrupted);
+    }
+    // Unless some have not begun.
+    let Some(images) = images.into_iter().collect::<Option<Vec<_>>>() else { return Ok(()) };
     let (passes, error) = (job.passes, job.error);
+    let images: Vec<Layers> = images.into_iter().map(|(image, _)| image).collect();
     let light = bake.finish(&images)?;
     write(args, (&context, &scene), &settings, &light, (passes, error), start)?;
-    if !args.stop.resume && !interrupted.load(Ordering::Relaxed) {
-        job.states.iter().for_each(Checkpoints::remove);
-    }
+    job.remove_states();
     Ok(())
 }
 
 /// Writes the files of a bake that began at `start`.
-fn write(
+pub fn write(
     args: &args::Bake,
     (context, scene): (&Context, &Scene),
     settings: &Settings,
@@ -147,119 +144,4 @@ fn bake_settings(args: &args::Bake, scene: &lightsum::Scene) -> Settings {
         chosen.pattern = [1, 1];
     }
     lightsum::bake::settings(chosen)
-}
-
-/// The batches of a bake being rendered.
-struct Job<'a> {
-    bake: &'a Bake,
-    stop: Stop,
-    resume: bool,
-    /// Time between two checkpoints of a batch.
-    checkpoint: Option<Duration>,
-    /// The states of the batches that have begun.
-    states: Vec<Checkpoints>,
-    output: &'a Path,
-    interrupted: &'a AtomicBool,
-    progress: Progress,
-    /// The fewest passes of a batch.
-    passes: u32,
-    /// The greatest estimated error of a batch.
-    error: Option<f32>,
-}
-
-impl Job<'_> {
-    /// The state of a batch: `OUTPUT.state` if there is one batch, else `OUTPUT.0.state` and so on.
-    fn state_path(&self, batch: usize) -> PathBuf {
-        if self.bake.batches().len() == 1 {
-            return State::path_for(self.output);
-        }
-        let mut name = OsString::from(self.output);
-        name.push(format!(".{batch}"));
-        State::path_for(Path::new(&name))
-    }
-
-    /// Renders all batches, one after the other. An interrupt keeps their states; `None`: some have not begun.
-    fn run(&mut self) -> Result<Option<Vec<Layers>>> {
-        let batches = self.bake.batches();
-        let total = self.bake.texels().max(1) as f64;
-        let (mut images, mut done) = (Vec::new(), 0.0);
-        for (i, batch) in batches.iter().enumerate() {
-            let share = batch.texels() as f64 / total;
-            let mut renderer = self.bake.renderer(i)?;
-            let path = self.state_path(i);
-            if self.resume && path.exists() {
-                let state = State::read(&path)?;
-                state.check(&path, renderer.fingerprint(), renderer.engine().view().size())?;
-                renderer.load_state(state.passes, &state.accumulators)?;
-                log::info!("{}: going on after {} passes", path.display(), state.passes);
-            }
-            let mut states = Checkpoints::new(Some(&path), self.checkpoint);
-            if let Err(error) = self.batch(&mut renderer, &mut states, i, (done, share)) {
-                states.rescue(&renderer);
-                return Err(error);
-            }
-            let broken_off = self.interrupted.load(Ordering::Relaxed);
-            if renderer.passes() == 0 {
-                return if i == 0 { Err(Error::Interrupted) } else { Ok(None) };
-            }
-            if broken_off {
-                states.rescue(&renderer);
-            } else if self.resume || batches.len() > 1 {
-                states.write(&renderer)?;
-            }
-            self.states.push(states);
-            if broken_off && i + 1 < batches.len() {
-                return Ok(None);
-            }
-            self.passes = if i == 0 { renderer.passes() } else { self.passes.min(renderer.passes()) };
-            self.error = renderer.error_estimate().map(|e| self.error.map_or(e, |other| other.max(e)));
-            images.push(renderer.layers()?);
-            done += share;
-        }
-        self.progress.finish();
-        Ok(Some(images))
-    }
-
-    /// Runs the passes of batch `i`, which has `share` of the texels; `done`: the share of those before.
-    fn batch(
-        &mut self,
-        renderer: &mut Renderer,
-        states: &mut Checkpoints,
-        i: usize,
-        (done, share): (f64, f64),
-    ) -> Result<()> {
-        let (start, before) = (Instant::now(), renderer.passes());
-        let stop = self.stop.of_share(share);
-        let mut error = renderer.error_estimate();
-        loop {
-            let (passes, elapsed) = (renderer.passes(), start.elapsed());
-            if self.interrupted.load(Ordering::Relaxed) || passes > 0 && stop.reached(passes, elapsed, error) {
-                return Ok(());
-            }
-            renderer.pass()?;
-            states.after_pass(renderer);
-            let passes = renderer.passes();
-            if error_is_due(passes) {
-                error = renderer.error_estimate();
-            }
-            let text = || {
-                let rate = f64::from(passes - before) / start.elapsed().as_secs_f64().max(1e-9);
-                let error = error.map(|e| format!(", error {e:.4}")).unwrap_or_default();
-                let part = match self.bake.batches().len() {
-                    1 => String::new(),
-                    n => format!("part {} of {n}, ", i + 1),
-                };
-                format!("{part}{passes} passes, {rate:.2} passes/s{error}")
-            };
-            let fraction = stop.fraction(passes, passes - before, start.elapsed(), error);
-            self.progress.show(text, done + share * fraction);
-        }
-    }
-}
-
-impl Stop {
-    /// The conditions for a part of the work: with a part of the time.
-    fn of_share(&self, share: f64) -> Stop {
-        self.with_time(|time| Duration::from_secs_f64(time.as_secs_f64() * share))
-    }
 }

@@ -1,11 +1,57 @@
 //! Checkpoints: the state of a rendering in a file that is renewed while it runs, so that a killed run loses little.
 
+use crate::render::count;
 use crate::say_aside;
 use lightsum::Result;
 use lightsum::output::State;
+use lightsum::radiosity::Growth;
 use lightsum::standalone::Renderer;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+
+/// Work that can be kept and gone on with.
+pub trait Progressive {
+    /// Whether there is anything to keep.
+    fn is_begun(&self) -> bool;
+    /// What is done, in words.
+    fn done(&self) -> String;
+    /// The state.
+    fn state(&self) -> Result<State>;
+}
+
+impl Progressive for Renderer {
+    fn is_begun(&self) -> bool {
+        self.passes() > 0
+    }
+
+    fn done(&self) -> String {
+        count(self.passes())
+    }
+
+    fn state(&self) -> Result<State> {
+        let [width, height] = self.engine().view().size();
+        let accumulators = self.save_state()?;
+        Ok(State { fingerprint: self.fingerprint(), width, height, passes: self.passes(), accumulators })
+    }
+}
+
+impl Progressive for Growth<'_> {
+    fn is_begun(&self) -> bool {
+        self.has_light()
+    }
+
+    fn done(&self) -> String {
+        match self.rounds() {
+            0 => String::from("a part of the first round"),
+            1 => String::from("1 round"),
+            rounds => format!("{rounds} rounds"),
+        }
+    }
+
+    fn state(&self) -> Result<State> {
+        Growth::state(self)
+    }
+}
 
 /// The state file of a rendering.
 pub struct Checkpoints {
@@ -15,8 +61,8 @@ pub struct Checkpoints {
     /// Time between two checkpoints; `None`: there are none.
     every: Option<Duration>,
     last: Instant,
-    /// Passes in the file, if this run wrote it.
-    written: Option<u32>,
+    /// What is in the file, if this run wrote it.
+    written: Option<String>,
 }
 
 impl Checkpoints {
@@ -27,40 +73,37 @@ impl Checkpoints {
 
     /// Writes the state if the last checkpoint is old enough. A failure is told, and the rendering goes on: the next
     /// checkpoint may succeed.
-    pub fn after_pass(&mut self, renderer: &Renderer) {
+    pub fn after_pass(&mut self, work: &impl Progressive) {
         if self.every.is_none_or(|every| self.last.elapsed() < every) {
             return;
         }
-        if let Err(error) = self.write(renderer) {
-            log::warn!("no checkpoint after {} passes, rendering goes on: {error}", renderer.passes());
+        if let Err(error) = self.write(work) {
+            log::warn!("no checkpoint after {}, rendering goes on: {error}", work.done());
         }
         self.last = Instant::now();
     }
 
     /// Writes the state; nothing without an output.
-    pub fn write(&mut self, renderer: &Renderer) -> Result<()> {
-        self.path.clone().map_or(Ok(()), |path| self.write_to(&path, renderer))
+    pub fn write(&mut self, work: &impl Progressive) -> Result<()> {
+        self.path.clone().map_or(Ok(()), |path| self.write_to(&path, work))
     }
 
-    fn write_to(&mut self, path: &Path, renderer: &Renderer) -> Result<()> {
-        let [width, height] = renderer.engine().view().size();
-        let (fingerprint, passes) = (renderer.fingerprint(), renderer.passes());
-        let accumulators = renderer.save_state()?;
-        State { fingerprint, width, height, passes, accumulators }.write(path)?;
-        self.written = Some(passes);
+    fn write_to(&mut self, path: &Path, work: &impl Progressive) -> Result<()> {
+        work.state()?.write(path)?;
+        self.written = Some(work.done());
         Ok(())
     }
 
     /// Writes the state, in the folder for temporary files where its own place does not take it, and tells how to go on.
-    pub fn rescue(&mut self, renderer: &Renderer) {
-        if renderer.passes() == 0 {
+    pub fn rescue(&mut self, work: &impl Progressive) {
+        if !work.is_begun() {
             return;
         }
-        if let Err(error) = self.write(renderer) {
+        if let Err(error) = self.write(work) {
             log::warn!("{error}");
             let name = self.path.as_ref().and_then(|path| path.file_name());
             let Some(instead) = name.map(|name| std::env::temp_dir().join(name)) else { return };
-            match self.write_to(&instead, renderer) {
+            match self.write_to(&instead, work) {
                 Ok(()) => self.instead = Some(instead),
                 Err(error) => log::warn!("{error}"),
             }
@@ -70,14 +113,14 @@ impl Checkpoints {
 
     /// Tells how to go on from the file, if this run wrote it.
     pub fn tell(&self) {
-        let (Some(path), Some(passes)) = (&self.path, self.written) else { return };
+        let (Some(path), Some(done)) = (&self.path, &self.written) else { return };
         let path = path.display();
         match &self.instead {
             None => say_aside(&format!(
-                "the state after {passes} passes is in {path}; the same command with --resume goes on"
+                "the state after {done} is in {path}; the same command with --resume goes on"
             )),
             Some(instead) => say_aside(&format!(
-                "the state after {passes} passes is in {}; moved to {path}, the same command with --resume goes on",
+                "the state after {done} is in {}; moved to {path}, the same command with --resume goes on",
                 instead.display()
             )),
         }
@@ -85,7 +128,7 @@ impl Checkpoints {
 
     /// Removes the file if this run wrote it: the rendering is done.
     pub fn remove(&self) {
-        if let (Some(path), Some(_)) = (&self.path, self.written)
+        if let (Some(path), Some(_)) = (&self.path, &self.written)
             && let Err(error) = std::fs::remove_file(path)
         {
             log::warn!("removing {}: {error}", path.display());

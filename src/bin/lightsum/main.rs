@@ -12,6 +12,7 @@ mod bake;
 mod camera;
 mod checkpoint;
 mod info;
+mod parts;
 mod path;
 mod play;
 mod progress;

@@ -326,7 +326,8 @@ fn passes(
     Ok((elapsed, renderer.error_estimate()))
 }
 
-fn count(passes: u32) -> String {
+/// A number of passes in words.
+pub fn count(passes: u32) -> String {
     format!("{passes} {}", if passes == 1 { "pass" } else { "passes" })
 }
 

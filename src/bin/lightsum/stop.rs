@@ -1,7 +1,9 @@
 //! Stopping conditions of a rendering.
 
 use crate::args;
-use std::time::Duration;
+use lightsum::Error;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 /// Number of passes if no condition is given.
 const DEFAULT_PASSES: u32 = 64;
@@ -32,10 +34,15 @@ impl Stop {
         self.passes
     }
 
+    /// Whether the time is over, after `elapsed`.
+    pub fn is_late(&self, elapsed: Duration) -> bool {
+        self.time.is_some_and(|limit| elapsed >= limit)
+    }
+
     /// Whether the rendering is done with `passes` passes in the image, after this run has taken `elapsed`.
     pub fn reached(&self, passes: u32, elapsed: Duration, error: Option<f32>) -> bool {
         self.passes.is_some_and(|limit| passes >= limit)
-            || self.time.is_some_and(|limit| elapsed >= limit)
+            || self.is_late(elapsed)
             || self.error.zip(error).is_some_and(|(limit, error)| error <= limit)
     }
 
@@ -52,6 +59,55 @@ impl Stop {
             of_run(f64::from(passes) * ratio * ratio)
         });
         [by_passes, by_time, by_error].into_iter().flatten().fold(0.0, f64::max).clamp(0.0, 1.0)
+    }
+}
+
+/// When work has to end: by an interrupt, or because the time is over, which goes from the start on.
+#[derive(Clone, Copy)]
+pub struct Clock<'a> {
+    interrupted: &'a AtomicBool,
+    start: Instant,
+    stop: Stop,
+}
+
+impl<'a> Clock<'a> {
+    /// Starts the clock. `interrupted`: raised by an interrupt.
+    pub fn start(stop: Stop, interrupted: &'a AtomicBool) -> Clock<'a> {
+        Clock { interrupted, start: Instant::now(), stop }
+    }
+
+    /// Whether there was an interrupt.
+    pub fn is_interrupted(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
+    }
+
+    /// Whether there was an interrupt or the time is over.
+    pub fn is_over(&self) -> bool {
+        self.is_interrupted() || self.stop.is_late(self.start.elapsed())
+    }
+
+    /// The conditions with what is left of the time.
+    pub fn left(&self) -> Stop {
+        self.stop.with_time(|time| time.saturating_sub(self.start.elapsed()))
+    }
+
+    /// Fraction of the time that is over, if that is a condition.
+    pub fn fraction(&self) -> Option<f64> {
+        self.stop.time.map(|time| (self.start.elapsed().as_secs_f64() / time.as_secs_f64()).min(1.0))
+    }
+
+    /// The error of work that ended before there was anything to write: of an interrupt, or of too short a time.
+    pub fn tell(&self, error: Error) -> Error {
+        match (error, self.stop.time) {
+            (Error::Interrupted, Some(time)) if !self.is_interrupted() => {
+                let message = format!(
+                    "the {} seconds were over before the first pass; nothing was written; give more of them",
+                    time.as_secs_f64()
+                );
+                Error::Setting { name: "--time", message }
+            }
+            (error, _) => error,
+        }
     }
 }
 

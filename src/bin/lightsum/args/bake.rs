@@ -86,10 +86,10 @@ impl Bake {
 pub struct Adaptive {
     /// Sample light adaptively: split surfaces where it differs by more than this part of the mean light.
     ///
-    /// Each quadrilateral and triangle has a quadtree, and the most subdivided ones get textures of their own size. All of --passes light
-    /// each round of splits. See docs/radiosity.md.
+    /// Each quadrilateral and triangle has a quadtree, and the most subdivided ones get textures of their own size. Up to 16 of --passes
+    /// light each round of splits, the rest all samples in the end. See docs/radiosity.md.
     #[arg(long, value_name = "EPS", allow_negative_numbers = true, value_parser = positive)]
-    #[arg(conflicts_with_all = ["density", "time", "target_error", "resume", "checkpoint"])]
+    #[arg(conflicts_with = "density")]
     pub adaptive: Option<f32>,
     /// Greatest height of a quadtree, 1 to 10 [default: 6]: textures of up to 2^N + 1 texels a side.
     #[arg(long, value_name = "N", requires = "adaptive", value_parser = clap::value_parser!(u8).range(1..=10))]
