@@ -9,7 +9,7 @@ use glam::Vec2;
 use uvunwrap::{Density, MeshInput};
 
 use super::sides::Sides;
-use super::{Stop, Options, file_charts, too_dense};
+use super::{Options, Stop, file_charts, too_dense};
 use crate::error::{Error, Result};
 use crate::scene::Scene;
 
@@ -44,13 +44,7 @@ pub struct Charts {
 /// Lays out the lit sides, unless `stop` breaks it off.
 ///
 /// Errors: a chart larger than a page, with a density that would fit; [`Error::Interrupted`].
-pub fn lay_out(
-    scene: &Scene,
-    sides: &[Sides],
-    density: f32,
-    options: &Options,
-    stop: Stop,
-) -> Result<Charts> {
+pub fn lay_out(scene: &Scene, sides: &[Sides], density: f32, options: &Options, stop: Stop) -> Result<Charts> {
     let (mut charts, rest) = file_charts::of_file(scene, sides, density, options);
     if stop() {
         return Err(Error::Interrupted);
@@ -71,13 +65,7 @@ pub fn lay_out(
 }
 
 /// New charts of sides.
-fn unwrap(
-    scene: &Scene,
-    sides: &[Sides],
-    density: f32,
-    options: &Options,
-    stop: Stop,
-) -> Result<Charts> {
+fn unwrap(scene: &Scene, sides: &[Sides], density: f32, options: &Options, stop: Stop) -> Result<Charts> {
     let mut groups: BTreeMap<(u32, bool), Vec<u32>> = BTreeMap::new();
     for (i, triangle) in (0u32..).zip(&scene.triangles) {
         for back in [false, true].into_iter().filter(|&back| sides[i as usize].has(back)) {

@@ -303,7 +303,6 @@ impl Context {
         Ok(true)
     }
 
-
     /// Records into a host's command buffer; the returned object keeps alive the resources of the commands.
     ///
     /// After an error nothing is kept alive: end or reset the command buffer, but do not submit it.

@@ -68,12 +68,12 @@ impl Batches {
         let rest = &self.points[self.found.len()..];
         let (atlas, slots) = view(&rest[..rest.len().min(of.batch_points())]);
         match &mut self.renderer {
-            Some(renderer) => renderer.engine_mut().set_atlas(Arc::new(atlas))?,
+            Some(renderer) => {
+                renderer.engine_mut().set_atlas(Arc::new(atlas))?;
+                // The same points again would go on instead.
+                renderer.engine_mut().restart();
+            }
             none => *none = Some(of.renderer_of(Arc::new(atlas))?),
-        }
-        if let Some(renderer) = &mut self.renderer {
-            // A batch of the same points would go on instead.
-            renderer.engine_mut().restart();
         }
         self.slots = slots;
         Ok(())

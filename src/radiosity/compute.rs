@@ -75,12 +75,7 @@ impl Radiosity {
     }
 
     /// [`Radiosity::new`], unless `stop` breaks it off. Errors: [`Error::Interrupted`] too.
-    pub fn new_unless(
-        context: &Context,
-        scene: &Scene,
-        settings: Settings,
-        stop: Stop,
-    ) -> Result<Radiosity> {
+    pub fn new_unless(context: &Context, scene: &Scene, settings: Settings, stop: Stop) -> Result<Radiosity> {
         let settings = bake::settings(settings);
         let scene = bake::prepare(scene);
         let sides = sides::lit(context, &scene, &settings, stop)?;
@@ -113,12 +108,7 @@ impl Radiosity {
     /// points. `progress` is told the share that is done and returns false to break off.
     ///
     /// Errors: [`Error::Interrupted`]; those of a renderer.
-    pub fn light(
-        &self,
-        points: &[Texel],
-        passes: u32,
-        progress: &mut dyn FnMut(f64) -> bool,
-    ) -> Result<Vec<Light>> {
+    pub fn light(&self, points: &[Texel], passes: u32, progress: &mut dyn FnMut(f64) -> bool) -> Result<Vec<Light>> {
         let mut batches = Batches::new(points.to_vec(), passes);
         while !batches.are_done() {
             if !progress(batches.share()) {

@@ -9,8 +9,8 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::batches::{Batches, light, view};
 use super::Light;
+use super::batches::{Batches, light, view};
 use super::compute::{Progress, Radiosity, Times};
 use super::refine::{Options, Place, Root, Solution};
 use super::saved::{self, Saved};

@@ -33,14 +33,18 @@ fn folder() -> tempfile::TempDir {
     folder
 }
 
-fn lightsum(folder: &Path, line: &str) -> Output {
+fn command(folder: &Path, line: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lightsum"));
     command.args(line.split_whitespace());
     if let Ok(device) = std::env::var("LIGHTSUM_DEVICE") {
         command.args(["--device", &device]);
     }
     command.current_dir(folder).env_remove("RUST_LOG").env("XDG_CACHE_HOME", folder.join("cache"));
-    command.output().expect("the program starts")
+    command
+}
+
+fn lightsum(folder: &Path, line: &str) -> Output {
+    command(folder, line).output().expect("the program starts")
 }
 
 #[track_caller]
@@ -189,6 +193,108 @@ fn a_target_error_and_a_time_end_a_bake() {
 }
 
 #[test]
+fn an_adaptive_bake_goes_on_where_it_stopped() {
+    let folder = folder();
+    let folder = folder.path();
+    let bake = |passes: u32, rest: &str| {
+        let line = "bake scene.toml -o room.glb --adaptive 0.1 --height 4 --particles 8";
+        let told = works(folder, &format!("{line} --passes {passes} {rest}"));
+        (told, fs::read(folder.join("room-irradiance-0.exr")).unwrap())
+    };
+    let (_, whole) = bake(24, "");
+    let states = ["room.glb.state", "room.glb.0.state"].map(|name| folder.join(name));
+    assert!(states.iter().all(|state| !state.exists()));
+    bake(18, "--resume");
+    assert!(states.iter().all(|state| state.exists()));
+    let (_, resumed) = bake(24, "--resume");
+    assert!(resumed == whole, "the bits of an uninterrupted bake");
+    // The rounds are done again if their state is lost.
+    fs::remove_file(&states[0]).unwrap();
+    assert!(bake(24, "--resume").1 == whole);
+    let other =
+        fails(folder, "bake scene.toml -o room.glb --adaptive 0.2 --height 4 --particles 8 --passes 24 --resume");
+    assert!(other.contains("room.glb.state") && other.contains("remove the state"), "{other}");
+    let (told, _) = bake(100_000, "--time 2 --target-error 0.00001 --seed 4");
+    assert!(told.contains("estimated error") || told.contains("broken off"), "{told}");
+    assert!(!fails(folder, "bake scene.toml -o room.glb --time 0.001").contains("panicked"));
+}
+
+#[cfg(unix)]
+mod signals {
+    use super::*;
+    use std::io::{BufRead, BufReader, Read};
+    use std::process::{Child, ChildStderr, Stdio};
+
+    /// A bake that was begun, after its first line of progress.
+    fn begun(folder: &Path, line: &str) -> (Child, BufReader<ChildStderr>) {
+        let mut run = command(folder, line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut stderr = BufReader::new(run.stderr.take().unwrap());
+        loop {
+            let mut told = String::new();
+            assert!(stderr.read_line(&mut told).unwrap() > 0, "the bake ends before it tells its progress");
+            if told.contains(" left") || told.starts_with("round") {
+                return (run, stderr);
+            }
+        }
+    }
+
+    /// Sends a signal and waits; returns what the bake told.
+    fn interrupt((mut run, mut stderr): (Child, BufReader<ChildStderr>), signal: &str) -> String {
+        let killed = Command::new("sh").args(["-c", &format!("kill -{signal} {}", run.id())]).status().unwrap();
+        assert!(killed.success());
+        let mut rest = String::new();
+        stderr.read_to_string(&mut rest).unwrap();
+        let status = run.wait().unwrap();
+        if signal != "KILL" {
+            assert_eq!(status.code(), Some(0), "{signal}: {rest}");
+        }
+        rest
+    }
+
+    #[test]
+    fn an_interrupt_writes_what_there_is_and_resume_finishes() {
+        let folder = folder();
+        let folder = folder.path();
+        // The same bits at the end, from states of the last passes and of rounds.
+        for (signal, state, flags) in [
+            ("TERM", "room.glb.state", "--density 16 --particles 8"),
+            ("INT", "room.glb.0.state", "--adaptive 0.1 --height 4 --particles 8"),
+            ("HUP", "room.glb.state", "--adaptive 0.001 --height 9 --elements 400000 --particles 64"),
+        ] {
+            let line = |passes: u32| format!("bake scene.toml -o room.glb {flags} --passes {passes}");
+            let rest = interrupt(begun(folder, &line(1_000_000)), signal);
+            assert!(rest.contains("interrupted") && rest.contains(state) && rest.contains("--resume"), "{rest}");
+            assert!(mean(&folder.join("room-irradiance-0.exr")) > 0.0);
+            let state = lightsum::output::State::read(&folder.join(state)).unwrap();
+            if signal != "HUP" {
+                works(folder, &format!("{} --resume", line(state.passes + 3)));
+                let resumed = fs::read(folder.join("room-irradiance-0.exr")).unwrap();
+                for name in ["room.glb.state", "room.glb.0.state"] {
+                    let _ = fs::remove_file(folder.join(name));
+                }
+                works(folder, &line(state.passes + 3));
+                assert!(resumed == fs::read(folder.join("room-irradiance-0.exr")).unwrap(), "{signal}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_killed_adaptive_bake_goes_on_from_its_checkpoint() {
+        let folder = folder();
+        let folder = folder.path();
+        let line = "bake scene.toml -o room.glb --adaptive 0.1 --height 4 --particles 8";
+        let run = begun(folder, &format!("{line} --passes 1000000 --checkpoint 0.05"));
+        interrupt(run, "KILL");
+        let state = lightsum::output::State::read(&folder.join("room.glb.0.state")).unwrap();
+        let passes = state.passes + 2;
+        works(folder, &format!("{line} --passes {passes} --resume"));
+        let resumed = fs::read(folder.join("room-irradiance-0.exr")).unwrap();
+        works(folder, &format!("{line} --passes {passes}"));
+        assert!(resumed == fs::read(folder.join("room-irradiance-0.exr")).unwrap());
+    }
+}
+
+#[test]
 fn wrong_use_is_told() {
     let folder = folder();
     let folder = folder.path();
@@ -232,8 +338,6 @@ fn adaptive_bakes_are_shown_like_others() {
         ("--adaptive 0", "--adaptive"),
         ("--adaptive nan", "--adaptive"),
         ("--adaptive 0.1 --density 4", "--density"),
-        ("--adaptive 0.1 --time 4", "--time"),
-        ("--adaptive 0.1 --resume", "--resume"),
         ("--adaptive 0.1 --height 11", "--height"),
         ("--adaptive 0.1 --height 9 --max-size 256", "7 would fit"),
         ("--adaptive 0.1 --elements 1", "--elements"),

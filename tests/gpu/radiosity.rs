@@ -5,7 +5,8 @@ use std::sync::Arc;
 use glam::Vec3;
 use lightsum::bake::{self, Lightmap};
 use lightsum::gpu::Context;
-use lightsum::radiosity::{Options, Order, Radiosity, Solution, TextureOptions};
+use lightsum::output::State;
+use lightsum::radiosity::{Growth, Options, Order, Radiosity, Solution, TextureOptions};
 use lightsum::scene::{KeptLight, Scene, builtin};
 use lightsum::settings::{Clip, Compensation, Lookup, Settings};
 use lightsum::view::Texel;
@@ -115,6 +116,87 @@ fn all_rounds_have_the_same_lights() {
             assert!(difference <= 1e-5 * a.total().max_element(), "{a:?} {b:?}");
         }
         assert!(whole[0].total() != whole[1].total() && whole[0].total().max_element() > 0.0);
+    });
+}
+
+#[test]
+fn growth_that_is_broken_off_goes_on_bit_for_bit() {
+    gpu_test(|ctx| {
+        let scene = room(false);
+        let radiosity = Radiosity::new(ctx, &scene, Settings { particles: 8, ..plain() }).unwrap();
+        let options = Options { epsilon: 0.2, height: 4, ..Options::default() };
+        let whole = radiosity.refine(&options, 3, &mut |_| true).unwrap().0;
+        assert!(whole.rounds.len() > 2, "{:?}", whole.rounds);
+        let mut growth = Growth::new(&radiosity, &options, 3).unwrap();
+        assert!(!growth.has_light() && matches!(growth.solution(), Err(lightsum::Error::Interrupted)));
+        let mut passes = 0;
+        while !growth.is_done() {
+            if growth.progress().points == 0 {
+                assert!(growth.pass(&|| true).unwrap(), "there is nothing to break off");
+                continue;
+            }
+            // A pass that is broken off, then the state of another run.
+            assert!(!growth.pass(&|| true).unwrap());
+            let state = growth.state().unwrap();
+            let path = tempfile::tempdir().unwrap();
+            let path = path.path().join("a.state");
+            state.write(&path).unwrap();
+            let mut next = Growth::new(&radiosity, &options, 3).unwrap();
+            assert_eq!(next.fingerprint(), state.fingerprint);
+            next.go_on(&State::read(&path).unwrap()).unwrap();
+            assert_eq!((next.rounds(), next.progress()), (growth.rounds(), growth.progress()));
+            assert!(next.pass(&|| false).unwrap());
+            growth = next;
+            passes += 1;
+            // The light that there is becomes a map: from the first pass on.
+            let part = growth.solution().unwrap();
+            let light = radiosity.lightmap(&part, &TextureOptions::default(), &bake::Options::default()).unwrap();
+            assert!(light.pages[0].direct.iter().any(|light| light.x > 0.0));
+        }
+        assert_eq!(passes, 3 * whole.rounds.iter().filter(|round| round.points > 0).count());
+        let resumed = growth.solution().unwrap();
+        let bits = |solution: &Solution| solution.lit().iter().map(|&place| (place, solution.at(place))).collect();
+        let (a, b): (Vec<_>, Vec<_>) = (bits(&resumed), bits(&whole));
+        let other = a.iter().zip(&b).filter(|(a, b)| a != b).count();
+        assert!(resumed == whole, "{other} of {} samples differ, first {:?}", a.len(), a.iter().zip(&b).find(|(a, b)| a != b));
+        // Other trees refuse the state.
+        let state = growth.state().unwrap();
+        let other = Growth::new(&radiosity, &options, 4).unwrap();
+        assert_ne!(other.fingerprint(), state.fingerprint);
+        let mut short = state.clone();
+        short.accumulators.truncate(100);
+        let refused = Growth::new(&radiosity, &options, 3).unwrap().go_on(&short).unwrap_err().to_string();
+        assert!(refused.contains("--resume"), "{refused}");
+    });
+}
+
+#[test]
+fn passes_after_the_rounds_are_those_that_follow() {
+    gpu_test(|ctx| {
+        let scene = room(false);
+        let radiosity = Radiosity::new(ctx, &scene, Settings { particles: 8, ..plain() }).unwrap();
+        let options = Options { epsilon: 0.3, height: 3, ..Options::default() };
+        let mut solution = radiosity.refine(&options, 2, &mut |_| true).unwrap().0;
+        let parts = radiosity.parts(&solution);
+        let [part] = &parts[..] else { panic!("{}", parts.len()) };
+        assert_eq!(part.len() + solution.inside(), solution.points());
+        let mut renderer = radiosity.renderer(part, 2).unwrap();
+        (0..3).for_each(|_| renderer.pass().unwrap());
+        assert_eq!(renderer.passes(), 5);
+        part.add(&mut solution, 2, &renderer.layers().unwrap(), 3);
+        // The light of five passes at once.
+        let places = solution.lit();
+        let points: Vec<Texel> = solution
+            .points_of(&places)
+            .iter()
+            .map(|p| radiosity.surfaces()[p.root as usize].texel(p.at, options.height))
+            .collect();
+        let expected = radiosity.light(&points, 5, &mut |_| true).unwrap();
+        for (&place, expected) in places.iter().zip(expected) {
+            let found = solution.at(place).total();
+            let difference = (found - expected.total()).abs().max_element();
+            assert!(difference <= 1e-5 * expected.total().max_element().max(1e-3), "{found} {expected:?}");
+        }
     });
 }
 

@@ -1,6 +1,8 @@
 //! The whole renderer against the path tracer, and its other guarantees: the same bits for the same seed, states that
 //! resume where they stopped, lights that can be read back, consistent layers.
 
+use std::cell::Cell;
+
 use glam::{Vec2, Vec3};
 use lightsum::Error;
 use lightsum::estimate::relative_error;
@@ -376,6 +378,38 @@ fn a_saved_state_goes_on_bit_for_bit() {
         let refused = other.load_state(1, &state).unwrap_err().to_string();
         assert!(refused.contains("--resume"), "{refused}");
         assert!(whole.load_state(1, &state[1..]).is_err());
+    });
+}
+
+#[test]
+fn a_pass_that_is_broken_off_does_not_count() {
+    gpu_test(|ctx| {
+        let (scene, camera) = cornell();
+        let settings = settings(8, 5);
+        let unbroken = render(ctx, &scene, camera, &settings, 3);
+        let mut renderer = renderer(ctx, &scene, camera, &settings);
+        let asked = Cell::new(0);
+        let mut broken = 0;
+        // Broken off at the first question, then at later ones, up to a pass that is done.
+        for last in 0.. {
+            asked.set(0);
+            let stop = || asked.replace(asked.get() + 1) == last;
+            let passes = renderer.passes();
+            let done = renderer.pass_unless(&stop).unwrap();
+            assert_eq!(renderer.passes(), passes + u32::from(done));
+            if done {
+                break;
+            }
+            broken += 1;
+            assert_eq!(asked.get(), last + 1);
+            if last == 3 {
+                assert!(renderer.pass_unless(&|| false).unwrap());
+            }
+        }
+        assert!(broken > 6, "a pass has several parts: {broken}");
+        renderer.pass().unwrap();
+        assert_eq!(renderer.passes(), 3);
+        assert!(bits(&renderer.layers().unwrap()) == bits(&unbroken));
     });
 }
 

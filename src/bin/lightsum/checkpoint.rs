@@ -116,9 +116,7 @@ impl Checkpoints {
         let (Some(path), Some(done)) = (&self.path, &self.written) else { return };
         let path = path.display();
         match &self.instead {
-            None => say_aside(&format!(
-                "the state after {done} is in {path}; the same command with --resume goes on"
-            )),
+            None => say_aside(&format!("the state after {done} is in {path}; the same command with --resume goes on")),
             Some(instead) => say_aside(&format!(
                 "the state after {done} is in {}; moved to {path}, the same command with --resume goes on",
                 instead.display()

@@ -4,9 +4,9 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use lightsum::Result;
 use lightsum::output::{Layers, State};
 use lightsum::standalone::Renderer;
-use lightsum::Result;
 
 use crate::args;
 use crate::checkpoint::Checkpoints;
