@@ -169,12 +169,16 @@ impl Engine {
         }
         self.apply_edits()?;
         let parameters = self.plan.parameters(self.passes)?;
-        if self.upload || self.clear {
+        let texels = self.frame.eye.stage_texels(&self.context, &self.scene, &self.plan.view, self.passes)?;
+        if self.upload || self.clear || texels.is_some() {
             rec.begin();
         }
         if let (true, Some(staging)) = (self.upload, &self.staging) {
             rec.scope("upload", |rec| staging.record(rec))?;
             self.frame.record_setup(rec)?;
+        }
+        if let Some(staging) = &texels {
+            rec.scope("texels", |rec| staging.record(rec))?;
         }
         if self.new_image {
             rec.image_to_general(self.image())?;

@@ -181,6 +181,7 @@ impl Renderer {
         for Texel { triangle, uv: [u, v], back } in atlas.texels.iter().flatten() {
             fingerprint.add(bytemuck::cast_slice(&[*triangle, u.to_bits(), v.to_bits(), u32::from(*back)]));
         }
+        fingerprint.add(&[u8::from(atlas.moving.is_some())]);
         let engine = Engine::with_view(&context, &scene, View::Atlas(atlas), settings)?;
         Self::with_engine(context, scene, engine, fingerprint.0, start)
     }

@@ -10,6 +10,7 @@
 //! An **atlas** has a point on a triangle for each texel, seen along its normal from the front or from the back. 8 x 8 texels form a
 //! cluster, as pixels do.
 
+use std::fmt::Debug;
 use std::sync::Arc;
 
 use crate::error::{Error, Result};
@@ -85,13 +86,39 @@ pub struct Texel {
     pub back: bool,
 }
 
+/// Texels whose points move from pass to pass.
+pub trait Moving: Send + Sync + Debug {
+    /// The texels of a pass, as many as the atlas has, and on surfaces where those of the atlas are.
+    fn texels(&self, pass: u32) -> Vec<Option<Texel>>;
+}
+
 /// Texels on the surfaces of a scene.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Atlas {
     /// Width and height.
     pub size: [u32; 2],
     /// The texels, row by row; `None` is on no surface and stays black.
     pub texels: Vec<Option<Texel>>,
+    /// Where they lie in each pass; `None`: they stay.
+    pub moving: Option<Arc<dyn Moving>>,
+}
+
+impl Atlas {
+    /// Texels that stay.
+    pub fn new(size: [u32; 2], texels: Vec<Option<Texel>>) -> Atlas {
+        Atlas { size, texels, moving: None }
+    }
+}
+
+impl PartialEq for Atlas {
+    fn eq(&self, other: &Atlas) -> bool {
+        let moving = match (&self.moving, &other.moving) {
+            (None, None) => true,
+            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+            _ => false,
+        };
+        moving && self.size == other.size && self.texels == other.texels
+    }
 }
 
 /// A camera or an atlas.

@@ -71,16 +71,17 @@ impl Bake {
         }
         let mut pages: Vec<Page> = self.charts.pages.iter().map(|&size| Page::new(size)).collect();
         let mut valid: Vec<Vec<bool>> = pages.iter().map(|page| vec![false; page.direct.len()]).collect();
-        let bvh = Bvh::build(&self.scene)?;
-        let leaves = leaves(&bvh);
+        let bvh = &self.bvh;
+        let leaves = leaves(bvh);
+        let geometry = Inside { sides: &self.sides, bvh, leaves: &leaves };
         let mean = mean_light(&self.batches, images);
         let mut inside = 0;
         for (batch, image) in self.batches.iter().zip(images) {
             let texel = |i: usize| {
                 let (texel, place) = (batch.atlas.texels[i]?, batch.places[i]?);
                 let dark = (image.direct[i] + image.indirect[i]).element_sum() < DARK * mean;
-                let within = dark && is_inside(&self.sides, &bvh, &leaves, &texel);
-                Some((i, place, within, surface(&self.scene, &bvh, &leaves, &texel, 1.0 / self.charts.density)))
+                let within = dark && geometry.holds(&texel);
+                Some((i, place, within, surface(&self.scene, bvh, &leaves, &texel, 1.0 / self.charts.density)))
             };
             let found: Vec<_> = (0..batch.places.len()).into_par_iter().filter_map(texel).collect();
             for (i, (page, at), within, [albedo, emission]) in found {
@@ -112,20 +113,32 @@ impl Lightmap {
     }
 }
 
-/// Whether a texel sees nothing but sides without light: it lies inside a body, or below what stands on its surface.
-pub(crate) fn is_inside(sides: &[Sides], bvh: &Bvh, leaves: &[u32], texel: &Texel) -> bool {
-    let (hit, normal) = at(bvh, leaves, texel);
-    let origin = offset_origin(bvh.position(&hit), normal, bvh.scale());
-    let (tangent, bitangent) = normal.any_orthonormal_pair();
-    (0..RAYS).all(|i| {
-        let [u, v] = hammersley(i, RAYS);
-        let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
-        let direction = (tangent * cos + bitangent * sin) * u.sqrt() + normal * (1.0 - u).sqrt();
-        bvh.closest(&Ray::new(origin, direction)).is_some_and(|hit| {
-            let back = bvh.normal(hit.triangle).dot(direction) > 0.0;
-            !sides[bvh.scene_triangle(hit.triangle) as usize].has(back)
+/// What tells texels inside of geometry.
+pub(crate) struct Inside<'a> {
+    /// The lit sides.
+    pub sides: &'a [Sides],
+    /// The tree of the scene.
+    pub bvh: &'a Bvh,
+    /// [`leaves`] of the tree.
+    pub leaves: &'a [u32],
+}
+
+impl Inside<'_> {
+    /// Whether a texel sees nothing but sides without light: it lies inside a body, or below what stands on its surface.
+    pub fn holds(&self, texel: &Texel) -> bool {
+        let (hit, normal) = at(self.bvh, self.leaves, texel);
+        let origin = offset_origin(self.bvh.position(&hit), normal, self.bvh.scale());
+        let (tangent, bitangent) = normal.any_orthonormal_pair();
+        (0..RAYS).all(|i| {
+            let [u, v] = hammersley(i, RAYS);
+            let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
+            let direction = (tangent * cos + bitangent * sin) * u.sqrt() + normal * (1.0 - u).sqrt();
+            self.bvh.closest(&Ray::new(origin, direction)).is_some_and(|hit| {
+                let back = self.bvh.normal(hit.triangle).dot(direction) > 0.0;
+                !self.sides[self.bvh.scene_triangle(hit.triangle) as usize].has(back)
+            })
         })
-    })
+    }
 }
 
 /// Number in the order of the leaves of each triangle of the scene.

@@ -10,17 +10,19 @@
 //! 2. [`charts`] lays the lit sides out on the pages of an atlas: by the file's own coordinates where they are good, else anew.
 //! 3. [`texels`] gives each texel its point: its centre on the chart, or near a chart's border the nearest point of it, so that
 //!    bilinear look-ups meet light of their own surface only.
-//! 4. The texels in blocks of 8 x 8 form one or more atlas views ([`Bake::batches`]), each rendered like an image, with the error
+//! 4. `moves` moves the points within their texels from pass to pass.
+//! 5. The texels in blocks of 8 x 8 form one or more atlas views ([`Bake::batches`]), each rendered like an image, with the error
 //!    estimate and the state of one.
-//! 5. [`Lightmap`] collects them: texels inside geometry are masked, and what is masked or outside of charts is filled from
+//! 6. [`Lightmap`] collects them: texels inside geometry are masked, and what is masked or outside of charts is filled from
 //!    neighbours.
-//! 6. [`files`] writes and reads glTF with the maps beside it; [`crate::scene::KeptLight`] is what a renderer shows.
+//! 7. [`files`] writes and reads glTF with the maps beside it; [`crate::scene::KeptLight`] is what a renderer shows.
 
 pub mod charts;
 mod file_charts;
 pub mod files;
 pub(crate) mod lightmap;
 mod materials;
+mod moves;
 pub mod sides;
 pub mod texels;
 
@@ -28,6 +30,7 @@ pub use lightmap::{Lightmap, Page};
 
 use std::sync::Arc;
 
+use crate::accel::Bvh;
 use crate::error::{Error, Result};
 use crate::gpu::Context;
 use crate::scene::{Material, Scene};
@@ -35,6 +38,8 @@ use crate::settings::{Compensation, Settings};
 use crate::standalone::Renderer;
 use crate::view::{Atlas, MAX_PIXELS};
 use charts::Charts;
+use lightmap::Inside;
+use moves::Moves;
 use sides::Sides;
 
 /// Side of a block of texels, which is a cluster of shading points.
@@ -116,6 +121,7 @@ pub struct Bake {
     sides: Vec<Sides>,
     charts: Charts,
     batches: Vec<Batch>,
+    bvh: Bvh,
 }
 
 /// Texels that are rendered together.
@@ -180,9 +186,11 @@ impl Bake {
         let start = std::time::Instant::now();
         let charts = charts::lay_out(&scene, &sides, density as f32, &options, stop)?;
         log::debug!("charts made in {:.1} s", start.elapsed().as_secs_f64());
-        let pages = texels::of_charts(&charts);
-        let batches = batches(&charts, &pages, batch_texels(context, &settings));
-        Ok(Bake { context: context.clone(), scene, settings, options, sides, charts, batches })
+        let bvh = Bvh::build(&scene)?;
+        let inside = Inside { sides: &sides, bvh: &bvh, leaves: &lightmap::leaves(&bvh) };
+        let batches = batches(&charts, batch_texels(context, &settings), &inside);
+        log::debug!("texels made in {:.1} s", start.elapsed().as_secs_f64());
+        Ok(Bake { context: context.clone(), scene, settings, options, sides, charts, batches, bvh })
     }
 
     /// The charts.
@@ -277,7 +285,8 @@ pub(crate) fn batch_texels(context: &Context, settings: &Settings) -> usize {
 }
 
 /// Divides the texels of all pages into views of whole blocks, in the order of the pages.
-fn batches(charts: &Charts, pages: &[Vec<Option<crate::view::Texel>>], most: usize) -> Vec<Batch> {
+fn batches(charts: &Charts, most: usize, inside: &Inside) -> Vec<Batch> {
+    let (pages, owners) = texels::of_charts(charts);
     let mut blocks = Vec::new();
     for (page, (texels, &[width, height])) in pages.iter().zip(&charts.pages).enumerate() {
         for y in (0..height).step_by(BLOCK as usize) {
@@ -295,7 +304,9 @@ fn batches(charts: &Charts, pages: &[Vec<Option<crate::view::Texel>>], most: usi
         }
     }
     let per_batch = (most / (BLOCK * BLOCK) as usize).max(1);
-    let batch = |blocks: &[(u32, Vec<Option<u32>>)]| {
+    let mut entries: Vec<Vec<Option<moves::Entry>>> = pages.iter().map(|page| vec![None; page.len()]).collect();
+    let mut views = Vec::new();
+    for (view, blocks) in (0..).zip(blocks.chunks(per_batch)) {
         let across = BLOCKS_ACROSS.min(blocks.len() as u32);
         let rows = (blocks.len() as u32).div_ceil(across);
         let size = [across * BLOCK, rows * BLOCK];
@@ -303,11 +314,21 @@ fn batches(charts: &Charts, pages: &[Vec<Option<crate::view::Texel>>], most: usi
         for (b, (page, of_block)) in (0..).zip(blocks) {
             for (i, at) in (0..).zip(of_block) {
                 let (x, y) = (b % across * BLOCK + i % BLOCK, b / across * BLOCK + i / BLOCK);
-                places[(x + y * size[0]) as usize] = at.map(|at| (*page, at));
+                let slot = x + y * size[0];
+                places[slot as usize] = at.map(|at| (*page, at));
+                if let Some(at) = at {
+                    entries[*page as usize][*at as usize] = Some((view, slot));
+                }
             }
         }
-        let texel = |place: &Option<(u32, u32)>| place.and_then(|(page, at)| pages[page as usize][at as usize]);
-        Batch { atlas: Arc::new(Atlas { size, texels: places.iter().map(texel).collect() }), places }
+        views.push((size, places));
+    }
+    let texel = |place: &Option<(u32, u32)>| place.and_then(|(page, at)| pages[page as usize][at as usize]);
+    let still: Vec<Vec<_>> = views.iter().map(|(_, places)| places.iter().map(texel).collect()).collect();
+    let moves = moves::of_views(charts, &owners, &entries, still.clone());
+    let batch = |((size, places), (texels, mut moves)): (([u32; 2], Vec<_>), (Vec<_>, Moves))| {
+        moves.keep(|texel| inside.holds(texel));
+        Batch { atlas: Arc::new(Atlas { size, texels, moving: Some(Arc::new(moves)) }), places }
     };
-    blocks.chunks(per_batch).map(batch).collect()
+    views.into_iter().zip(still.into_iter().zip(moves)).map(batch).collect()
 }

@@ -88,7 +88,7 @@ pub fn lit(context: &Context, scene: &Scene, settings: &Settings, stop: Stop) ->
         let width = (texels.len() as u32).min(512).next_multiple_of(BLOCK);
         let height = (texels.len() as u32).div_ceil(width);
         texels.resize((width * height) as usize, None);
-        let atlas = Arc::new(Atlas { size: [width, height], texels });
+        let atlas = Arc::new(Atlas::new([width, height], texels));
         let mut renderer = Renderer::with_atlas(context.clone(), scene.clone(), atlas, settings.clone())?;
         for _ in 0..PASSES {
             if !renderer.pass_unless(stop)? {

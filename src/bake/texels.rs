@@ -1,4 +1,4 @@
-//! The point of each texel: where its centre lies on a chart; or, for texels that bilinear look-ups within the chart reach, the
+//! The point of each texel at its centre (it moves from pass to pass, see [`super::moves`]): where it lies on a chart; or, for texels that bilinear look-ups within the chart reach, the
 //! nearest point of the chart.
 
 use glam::Vec2;
@@ -7,43 +7,78 @@ use super::charts::{Charts, Face};
 use crate::view::Texel;
 
 /// Distance in texels up to which look-ups reach: the diagonal of a texel.
-const REACH: f32 = std::f32::consts::SQRT_2;
+pub(super) const REACH: f32 = std::f32::consts::SQRT_2;
+/// Number of a face where there is none.
+pub(super) const NONE: u32 = u32::MAX;
 /// Distance in texels by which points on the border of a chart are moved into their triangle: at the border itself rounding
 /// decides on which side of an adjoining wall they lie.
 const INWARDS: f32 = 0.05;
 
-/// The texels of each page, row by row.
-pub fn of_charts(charts: &Charts) -> Vec<Vec<Option<Texel>>> {
+/// The texels of each page, row by row, at their centres; and the number of the face of each, [`NONE`] where there is none.
+pub fn of_charts(charts: &Charts) -> (Vec<Vec<Option<Texel>>>, Vec<Vec<u32>>) {
     let area = |&[w, h]: &[u32; 2]| w as usize * h as usize;
     let mut pages: Vec<Vec<Option<Texel>>> = charts.pages.iter().map(|size| vec![None; area(size)]).collect();
+    let mut owners: Vec<Vec<u32>> = charts.pages.iter().map(|size| vec![NONE; area(size)]).collect();
     let mut distances: Vec<Vec<f32>> = charts.pages.iter().map(|size| vec![REACH; area(size)]).collect();
-    for face in &charts.faces {
-        let [a, b, c] = face.corners;
-        let area = (b - a).perp_dot(c - a).abs();
-        if area <= 1e-9 || area.is_nan() {
-            continue;
-        }
-        let [width, height] = charts.pages[face.page as usize];
-        let low = a.min(b).min(c) - REACH - 0.5;
-        let high = a.max(b).max(c) + REACH - 0.5;
-        let range =
-            |low: f32, high: f32, end: u32| low.ceil().max(0.0) as u32..((high.floor() + 1.0).max(0.0) as u32).min(end);
-        for y in range(low.y, high.y, height) {
-            for x in range(low.x, high.x, width) {
-                let (weights, distance) = nearest(face, Vec2::new(x as f32 + 0.5, y as f32 + 0.5));
-                let at = (x + y * width) as usize;
-                let nearer = &mut distances[face.page as usize][at];
-                // Of faces that share the nearest point the first has it.
-                if distance < *nearer {
-                    *nearer = distance;
-                    let [u, v] = if distance > 0.0 { moved_inwards(face, weights) } else { weights };
-                    pages[face.page as usize][at] =
-                        Some(Texel { triangle: face.triangle, uv: [u, v], back: face.back });
-                }
+    for (index, face) in (0..).zip(&charts.faces) {
+        let page = face.page as usize;
+        around(face, charts.pages[page], REACH, |at, centre, distance| {
+            let nearer = &mut distances[page][at];
+            // Of faces that share the nearest point the first has it.
+            if distance < *nearer {
+                *nearer = distance;
+                owners[page][at] = index;
+                pages[page][at] = Some(texel(face, nearest(face, centre)));
             }
+        });
+    }
+    (pages, owners)
+}
+
+/// Calls for each texel of a page whose centre may be as near to a face as `reach`: with its index, its centre and their distance. Faces
+/// without area have none.
+pub(super) fn around(face: &Face, [width, height]: [u32; 2], reach: f32, mut texel: impl FnMut(usize, Vec2, f32)) {
+    let [a, b, c] = face.corners;
+    if !has_area(face) {
+        return;
+    }
+    let low = a.min(b).min(c) - reach - 0.5;
+    let high = a.max(b).max(c) + reach - 0.5;
+    let range =
+        |low: f32, high: f32, end: u32| low.ceil().max(0.0) as u32..((high.floor() + 1.0).max(0.0) as u32).min(end);
+    for y in range(low.y, high.y, height) {
+        for x in range(low.x, high.x, width) {
+            let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+            texel((x + y * width) as usize, centre, nearest(face, centre).1);
         }
     }
-    pages
+}
+
+fn has_area(face: &Face) -> bool {
+    let [a, b, c] = face.corners;
+    let area = (b - a).perp_dot(c - a).abs();
+    area > 1e-9 && area.is_finite()
+}
+
+/// The texel of the nearest point to `p` of some faces with area, of the first of those that share it; `None` without faces.
+pub(super) fn nearest_of<'a>(faces: impl Iterator<Item = &'a Face>, p: Vec2) -> Option<Texel> {
+    let mut found: Option<(&Face, ([f32; 2], f32))> = None;
+    for face in faces {
+        let near = nearest(face, p);
+        if found.is_none_or(|(_, (_, distance))| near.1 < distance) {
+            found = Some((face, near));
+        }
+        if near.1 == 0.0 {
+            break;
+        }
+    }
+    found.map(|(face, near)| texel(face, near))
+}
+
+/// The texel of the nearest point of a face, which lies at a distance.
+fn texel(face: &Face, (weights, distance): ([f32; 2], f32)) -> Texel {
+    let uv = if distance > 0.0 { moved_inwards(face, weights) } else { weights };
+    Texel { triangle: face.triangle, uv, back: face.back }
 }
 
 /// Weights of the second and third corner at the point of a face that is nearest to `p`, and its distance.
@@ -85,7 +120,7 @@ mod tests {
     fn texels_lie_at_their_centres_or_at_the_nearest_point() {
         let square = [face([[2.0, 2.0], [6.0, 2.0], [6.0, 6.0]]), face([[2.0, 2.0], [6.0, 6.0], [2.0, 6.0]])];
         let charts = Charts { pages: vec![[8, 8]], faces: square.to_vec(), count: 1, density: 1.0 };
-        let texels = &of_charts(&charts)[0];
+        let texels = &of_charts(&charts).0[0];
         for (i, texel) in texels.iter().enumerate() {
             let centre = Vec2::new((i % 8) as f32 + 0.5, (i / 8) as f32 + 0.5);
             let clamped = centre.clamp(Vec2::splat(2.0), Vec2::splat(6.0));
@@ -104,7 +139,7 @@ mod tests {
     fn every_look_up_on_a_chart_finds_its_four_texels() {
         let slanted = face([[3.1, 2.7], [12.4, 5.2], [6.6, 13.9]]);
         let charts = Charts { pages: vec![[17, 17]], faces: vec![slanted], count: 1, density: 1.0 };
-        let texels = &of_charts(&charts)[0];
+        let texels = &of_charts(&charts).0[0];
         for i in 0..=40 {
             for j in 0..=40 - i {
                 let [a, b, c] = slanted.corners;
@@ -122,7 +157,7 @@ mod tests {
         let line = face([[1.0, 1.0], [3.0, 3.0], [2.0, 2.0]]);
         let corner = face([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]);
         let charts = Charts { pages: vec![[3, 2]], faces: vec![line, corner], count: 2, density: 1.0 };
-        let texels = &of_charts(&charts)[0];
+        let texels = &of_charts(&charts).0[0];
         assert!(texels[0].is_some() && texels.iter().flatten().all(|t| t.uv.iter().all(|w| w.is_finite())));
     }
 }

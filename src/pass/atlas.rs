@@ -10,7 +10,7 @@ use glam::Vec3;
 use super::{BoundKernel, EyePathState, Kit, Rays, ShadingPoints, groups};
 use crate::accel::Bvh;
 use crate::error::{Error, Result};
-use crate::gpu::{Recorder, Resources, shaders};
+use crate::gpu::{Buffer, Context, Recorder, Resources, Staging, shaders};
 use crate::view::{self, Texel};
 
 /// Triangle number of a texel that lies on no triangle.
@@ -19,6 +19,7 @@ const NONE: u32 = u32::MAX;
 /// The pass.
 pub struct Atlas {
     kernel: BoundKernel,
+    records: Buffer,
     texels: u32,
 }
 
@@ -34,35 +35,43 @@ impl Atlas {
         paths: &EyePathState,
         points: &ShadingPoints,
     ) -> Result<Self> {
-        // The device numbers triangles in the order of the leaves.
-        let mut leaf_of = vec![NONE; bvh.triangle_count() as usize];
-        for leaf in 0..bvh.triangle_count() {
-            leaf_of[bvh.scene_triangle(leaf) as usize] = leaf;
-        }
-        let record = |(i, texel): (usize, &Option<Texel>)| {
-            let Some(Texel { triangle, uv: [u, v], back }) = *texel else { return Ok([NONE, 0, 0, 0]) };
-            let Some(&leaf) = leaf_of.get(triangle as usize) else {
-                return Err(Error::Scene(format!(
-                    "texel {i} of the atlas lies on triangle {triangle}, which does not exist"
-                )));
-            };
-            if !(u >= 0.0 && v >= 0.0 && u + v <= 1.0 + 1e-6) {
-                return Err(Error::Scene(format!(
-                    "texel {i} of the atlas lies at ({u}, {v}), outside of its triangle"
-                )));
-            }
-            Ok([leaf, u.to_bits(), v.to_bits(), u32::from(back)])
-        };
-        let records: Vec<_> = atlas.texels.iter().enumerate().map(record).collect::<Result<_>>()?;
-        let texels = Resources::of([("texels", &kit.stage("atlas", &records)?)]);
+        let records = kit.stage("atlas", &records(bvh, &atlas.texels)?)?;
+        let texels = Resources::of([("texels", &records)]);
         let sets = [&texels, &rays.resources(), &paths.resources(), &points.resources()];
-        Ok(Atlas { kernel: kit.bind(&shaders::ATLAS, &sets)?, texels: records.len() as u32 })
+        Ok(Atlas { kernel: kit.bind(&shaders::ATLAS, &sets)?, records, texels: atlas.texels.len() as u32 })
+    }
+
+    /// Stages other texels, as many as before. Errors: those of [`Atlas::new`].
+    pub fn stage(&self, ctx: &Context, staging: &mut Staging, bvh: &Bvh, texels: &[Option<Texel>]) -> Result<()> {
+        staging.stage_into(ctx, &self.records, 0, &records(bvh, texels)?)
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.kernel.run(rec, &[], groups(self.texels))
     }
+}
+
+/// What the kernel reads.
+fn records(bvh: &Bvh, texels: &[Option<Texel>]) -> Result<Vec<[u32; 4]>> {
+    // The device numbers triangles in the order of the leaves.
+    let mut leaf_of = vec![NONE; bvh.triangle_count() as usize];
+    for leaf in 0..bvh.triangle_count() {
+        leaf_of[bvh.scene_triangle(leaf) as usize] = leaf;
+    }
+    let record = |(i, texel): (usize, &Option<Texel>)| {
+        let Some(Texel { triangle, uv: [u, v], back }) = *texel else { return Ok([NONE, 0, 0, 0]) };
+        let Some(&leaf) = leaf_of.get(triangle as usize) else {
+            return Err(Error::Scene(format!(
+                "texel {i} of the atlas lies on triangle {triangle}, which does not exist"
+            )));
+        };
+        if !(u >= 0.0 && v >= 0.0 && u + v <= 1.0 + 1e-6) {
+            return Err(Error::Scene(format!("texel {i} of the atlas lies at ({u}, {v}), outside of its triangle")));
+        }
+        Ok([leaf, u.to_bits(), v.to_bits(), u32::from(back)])
+    };
+    texels.iter().enumerate().map(record).collect()
 }
 
 /// Oracle: the point of a texel and its viewing direction.

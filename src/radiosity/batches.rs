@@ -151,7 +151,7 @@ pub(super) fn view(points: &[Texel]) -> (Atlas, Vec<usize>) {
     let places: Vec<usize> = (0..points.len()).map(place).collect();
     let mut texels = vec![None; size[0] * size[1]];
     places.iter().zip(points).for_each(|(&place, point)| texels[place] = Some(*point));
-    (Atlas { size: size.map(|n| n as u32), texels }, places)
+    (Atlas::new(size.map(|n| n as u32), texels), places)
 }
 
 /// Most points of a batch: whole blocks.

@@ -12,6 +12,7 @@ use super::surfaces::{Surface, surfaces};
 use super::{Light, quadtree::Shape};
 use crate::accel::Bvh;
 use crate::bake::charts::{Charts, Face};
+use crate::bake::lightmap::Inside;
 use crate::bake::sides::{self, Sides};
 use crate::bake::{self, Lightmap, Page, Stop, lightmap};
 use crate::error::{Error, Result};
@@ -168,7 +169,7 @@ impl Radiosity {
 
     /// Whether a dark point lies inside of geometry.
     pub(super) fn is_inside(&self, leaves: &[u32], point: &Texel) -> bool {
-        lightmap::is_inside(&self.sides, &self.bvh, leaves, point)
+        Inside { sides: &self.sides, bvh: &self.bvh, leaves }.holds(point)
     }
 
     /// The light map: textures of all surfaces, within the budget, each in its rectangle of a page.

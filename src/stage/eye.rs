@@ -4,7 +4,7 @@ use super::points::{ListFinish, ListFinishSteps, Turns};
 use super::{Counts, PointOrder, Stage, batch};
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
-use crate::gpu::{Buffer, Recorder};
+use crate::gpu::{Buffer, Context, Recorder, Staging};
 use crate::pass::atlas::Atlas;
 use crate::pass::camera_rays::CameraRays;
 use crate::pass::clusters::{self, Clusters};
@@ -183,6 +183,15 @@ impl Eye {
     pub fn classes(&self) -> Option<&Buffer> {
         let sorted = self.sort_buffers.as_ref().map(|buffers| &buffers.classes);
         sorted.or(self.clusters.as_ref().map(|clusters| &clusters.listed))
+    }
+
+    /// Stages the texels of a pass, if the view is an atlas whose texels move.
+    pub fn stage_texels(&self, ctx: &Context, scene: &DeviceScene, view: &View, pass: u32) -> Result<Option<Staging>> {
+        let (View::Atlas(view), FirstHits::Atlas(atlas)) = (view, &self.first) else { return Ok(None) };
+        let Some(moving) = &view.moving else { return Ok(None) };
+        let mut staging = Staging::new();
+        atlas.stage(ctx, &mut staging, &scene.bvh, &moving.texels(pass))?;
+        Ok(Some(staging))
     }
 
     /// The part up to the first hits.

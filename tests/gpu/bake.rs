@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
+use lightsum::accel::{Bvh, Ray};
 use lightsum::bake::files::{self, Form, Manifest, Parts};
 use lightsum::bake::{Bake, Lightmap, Options};
 use lightsum::bsdf::sample_texture;
@@ -11,6 +12,9 @@ use lightsum::output::{Metadata, Tonemap};
 use lightsum::pass::{ShadingPoints, kept_light};
 use lightsum::scene::{Camera, KeptFace, KeptLight, KeptPage, Light, Scene, Texture, TextureUse, Wrap, builtin};
 use lightsum::settings::{Clip, Compensation, Exposure, Lookup, Settings};
+
+use lightsum::standalone::Renderer;
+use lightsum::view::Atlas;
 
 use crate::rig::{AWKWARD_IMAGES, Rig, close, gallery, has};
 use crate::scenes::{Soup, renderer};
@@ -169,6 +173,61 @@ fn kept_light_shows_the_image_that_computes_all_of_it() {
         assert!(errors[2] <= 0.02, "{errors:?}");
         // Shadows of single lights are steps, whose error falls with the root of a texel's width; elsewhere it falls faster.
         assert!(errors[1] < 0.75 * errors[0] && errors[2] < 0.6 * errors[1], "{errors:?}");
+    });
+}
+
+#[test]
+fn points_that_move_follow_hard_shadows_better_than_centres() {
+    gpu_test(|ctx| {
+        // A point light beyond a square that hangs over the floor, turned against the texels.
+        let mut soup = Soup::new("hard shadow");
+        let white = soup.diffuse(0.7, 0.0);
+        soup.quad(Vec3::ZERO, 4.0 * Vec3::Z, 4.0 * Vec3::X, white);
+        let (u, v) = (Vec3::new(0.8, 0.0, 0.5), Vec3::new(-0.5, 0.0, 0.8));
+        soup.quad(Vec3::new(1.9, 1.0, 1.3), v, u, white);
+        let (light, intensity) = (Vec3::new(2.1, 4.0, 2.2), Vec3::splat(9.0));
+        soup.0.lights.push(Light::Point { position: light, intensity });
+        let scene = soup.0;
+        let settings = Settings { particles: 1, max_depth: 2, ..plain() };
+        const PASSES: u32 = 34;
+        let (bake, moved) = baked(ctx, &scene, &settings, at_density(5.0), PASSES);
+        let still: Vec<_> = bake
+            .batches()
+            .iter()
+            .map(|batch| {
+                let atlas = Atlas::new(batch.atlas.size, batch.atlas.texels.clone());
+                let mut renderer =
+                    Renderer::with_atlas(ctx.clone(), scene.clone(), Arc::new(atlas), settings.clone()).unwrap();
+                (0..PASSES).for_each(|_| renderer.pass().unwrap());
+                renderer.layers().unwrap()
+            })
+            .collect();
+        let still = bake.finish(&still).unwrap();
+        let bvh = Bvh::build(&scene).unwrap();
+        let error = |map: &Lightmap| {
+            let kept = map.kept(&scene);
+            let (mut sum, mut of) = (0.0, 0.0);
+            const N: u32 = 200;
+            for i in 0..N * N {
+                let [s, t] = [i % N, i / N].map(|n| (n as f32 + 0.5) / N as f32);
+                if s + t > 1.0 {
+                    continue;
+                }
+                for triangle in [0, 1] {
+                    let [a, b, c] = scene.triangle_positions(triangle);
+                    let point = a + s * (b - a) + t * (c - a);
+                    let to = light - point;
+                    let seen = bvh.closest(&Ray::new(point + 1e-3 * Vec3::Y, to.normalize())).is_none();
+                    let expected = if seen { intensity.x * to.y / to.length().powi(3) } else { 0.0 };
+                    let [direct, _] = kept.irradiance(triangle as u32, false, [s, t]);
+                    sum += (direct.x - expected).powi(2);
+                    of += expected * expected;
+                }
+            }
+            (sum / of).sqrt()
+        };
+        let [moved, still] = [error(&moved), error(&still)];
+        assert!(moved < 0.95 * still && still < 0.3, "{moved} {still}");
     });
 }
 

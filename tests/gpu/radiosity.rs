@@ -158,7 +158,12 @@ fn growth_that_is_broken_off_goes_on_bit_for_bit() {
         let bits = |solution: &Solution| solution.lit().iter().map(|&place| (place, solution.at(place))).collect();
         let (a, b): (Vec<_>, Vec<_>) = (bits(&resumed), bits(&whole));
         let other = a.iter().zip(&b).filter(|(a, b)| a != b).count();
-        assert!(resumed == whole, "{other} of {} samples differ, first {:?}", a.len(), a.iter().zip(&b).find(|(a, b)| a != b));
+        assert!(
+            resumed == whole,
+            "{other} of {} samples differ, first {:?}",
+            a.len(),
+            a.iter().zip(&b).find(|(a, b)| a != b)
+        );
         // Other trees refuse the state.
         let state = growth.state().unwrap();
         let other = Growth::new(&radiosity, &options, 4).unwrap();

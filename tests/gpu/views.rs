@@ -13,7 +13,7 @@ use lightsum::scene::{Camera, Scene};
 use lightsum::settings::{Clip, Compensation, Filter, LightChoice, Settings, Superposition};
 use lightsum::stage::Stage;
 use lightsum::standalone::Renderer;
-use lightsum::view::{Atlas, Region, Texel, View};
+use lightsum::view::{Atlas, Moving, Region, Texel, View};
 use lightsum::{Engine, tiles};
 
 use crate::rig::{close, gallery, has, is_lit};
@@ -250,7 +250,7 @@ fn texels(scene: &Scene, size: [u32; 2]) -> Atlas {
         let uv = [0.1 + 0.5 * (i % 7) as f32 / 7.0, 0.05 + 0.3 * (i % 5) as f32 / 5.0];
         (i % 11 != 3).then_some(Texel { triangle: i * 13 % scene.triangles.len() as u32, uv, back: i % 4 == 2 })
     };
-    Atlas { size, texels: (0..count).map(texel).collect() }
+    Atlas::new(size, (0..count).map(texel).collect())
 }
 
 #[test]
@@ -275,6 +275,59 @@ fn texels_of_an_atlas_follow_the_shading_oracle() {
             })
             .unwrap();
             check_texels(ctx, &scene, &engine, &atlas);
+        }
+    });
+}
+
+/// Texels that lie elsewhere in each pass.
+#[derive(Debug)]
+struct Wandering(Atlas);
+
+impl Moving for Wandering {
+    fn texels(&self, pass: u32) -> Vec<Option<Texel>> {
+        let moved =
+            |t: &Texel| Texel { uv: [t.uv[0] + 0.05 * (pass % 3) as f32, t.uv[1] + 0.1 * (pass % 2) as f32], ..*t };
+        self.0.texels.iter().map(|texel| texel.as_ref().map(moved)).collect()
+    }
+}
+
+#[test]
+fn texels_that_move_have_the_light_of_their_places() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        let settings = Settings { particles: 9, ..Settings::plain() };
+        for size in [[1, 1], [27, 1], [31, 17]] {
+            let still = texels(&scene, size);
+            let wandering = Wandering(still.clone());
+            let of = |atlas: Atlas| Renderer::with_atlas(ctx.clone(), scene.clone(), Arc::new(atlas), settings.clone());
+            let mut expected = vec![Vec3::ZERO; still.texels.len()];
+            for pass in 0..5 {
+                // One pass of this number, its texels in their places.
+                let atlas = Atlas::new(size, wandering.texels(pass));
+                let mut renderer = of(atlas).unwrap();
+                let empty = vec![0; HostFilm::byte_count(size, false)];
+                renderer.load_film(pass, &HostFilm::from_bytes(&empty, size, false).unwrap()).unwrap();
+                renderer.pass().unwrap();
+                let layers = renderer.layers().unwrap();
+                expected.iter_mut().zip(&layers.indirect).for_each(|(sum, light)| *sum += *light / 5.0);
+            }
+            let moving = Atlas { moving: Some(Arc::new(wandering)), ..still.clone() };
+            let mut renderer = of(moving.clone()).unwrap();
+            (0..3).for_each(|_| renderer.pass().unwrap());
+            // It goes on from its state, and another atlas does not.
+            let mut resumed = of(moving).unwrap();
+            assert_eq!(renderer.fingerprint(), resumed.fingerprint());
+            assert_ne!(renderer.fingerprint(), of(still).unwrap().fingerprint());
+            resumed.load_state(3, &renderer.save_state().unwrap()).unwrap();
+            for renderer in [&mut renderer, &mut resumed] {
+                (3..5).for_each(|_| renderer.pass().unwrap());
+            }
+            let found = renderer.layers().unwrap();
+            assert!(found.indirect == resumed.layers().unwrap().indirect);
+            assert!(found.indirect.iter().any(|light| light.x > 0.0));
+            for (found, expected) in found.indirect.iter().zip(expected) {
+                assert!((*found - expected).abs().max_element() <= 1e-4 * (1e-3 + expected.max_element()));
+            }
         }
     });
 }
@@ -352,14 +405,14 @@ fn atlases_render_like_images() {
         let refused = |settings: Settings, atlas: Atlas| {
             Engine::with_view(ctx, &scene, View::Atlas(Arc::new(atlas)), settings).err().unwrap().to_string()
         };
-        let one = |texel| Atlas { size: [1, 1], texels: vec![Some(texel)] };
+        let one = |texel| Atlas::new([1, 1], vec![Some(texel)]);
         let nowhere = Texel { triangle: 1 << 20, uv: [0.0; 2], back: false };
         assert!(refused(settings.clone(), one(nowhere)).contains("does not exist"));
         let outside = Texel { triangle: 0, uv: [0.7, 0.6], back: false };
         assert!(refused(settings.clone(), one(outside)).contains("outside"));
         let nan = Texel { triangle: 0, uv: [f32::NAN, 0.0], back: false };
         assert!(refused(settings.clone(), one(nan)).contains("outside"));
-        let short = Atlas { size: [2, 2], texels: vec![None] };
+        let short = Atlas::new([2, 2], vec![None]);
         assert!(refused(settings.clone(), short).contains("as many texels"));
         let mut moving = Engine::new_dynamic(ctx, scene.clone(), camera_of(&scene, [8, 8]), settings).unwrap();
         assert!(moving.set_atlas(atlas).is_err());

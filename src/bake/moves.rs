@@ -1,0 +1,217 @@
+//! The points of texels move from pass to pass, so that a texel converges to the mean over the middle of its area: edges of shadows follow
+//! the grid less.
+//!
+//! All texels of a pass have the same offset from their centres, so that neighbours see light alike. Offsets are those of a
+//! low-discrepancy sequence; two passes, one of each instance, share one, and the next two have it mirrored, so that their mean is the
+//! centre. Where the offset leads out of the texel's chart its nearest point is taken. Texels of which a part lies inside of geometry keep
+//! their centre: light averaged over what nobody sees would darken the rest.
+
+use std::sync::Arc;
+
+use glam::Vec2;
+use rayon::prelude::*;
+
+use super::charts::{Charts, Face};
+use super::texels::{self, NONE, REACH};
+use crate::plan::INSTANCES;
+use crate::view::{Moving, Texel};
+
+/// Distance from its centre in which a texel's points lie: half a diagonal.
+const HALF: f32 = WIDTH * std::f32::consts::FRAC_1_SQRT_2;
+/// Numbers of the sequence, the powers of 1 / 1.3247..., the root of x^3 = x + 1: it fills the square evenly.
+const STEPS: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_3];
+
+/// Width of the square in which a texel's points lie, in texels. Look-ups average over two texels already: of the widths 0, 1/2, 3/4 and 1
+/// this one has the least error where shadows are hard, and hardly more than 0 where they are soft.
+const WIDTH: f32 = 0.5;
+
+/// Offset of a pass from the centres, in texels.
+pub fn offset(pass: u32) -> Vec2 {
+    let step = pass / INSTANCES;
+    let (point, mirrored) = (step.div_ceil(2), step > 0 && step.is_multiple_of(2));
+    // The centre, then pairs.
+    let at = STEPS.map(|step| ((0.5 + f64::from(point) * step).fract() - 0.5) as f32);
+    Vec2::from_array(at) * if mirrored { -WIDTH } else { WIDTH }
+}
+
+/// The texels of a view that move.
+#[derive(Debug)]
+pub(super) struct Moves {
+    faces: Arc<[Face]>,
+    /// The texels at their centres.
+    still: Vec<Option<Texel>>,
+    centres: Vec<Vec2>,
+    /// `starts[i]..starts[i + 1]`: places in `near` of the faces that entry i may lie on; none: it stays.
+    starts: Vec<u32>,
+    near: Vec<u32>,
+}
+
+impl Moves {
+    /// The texel of an entry at an offset, if it has faces.
+    fn texel(&self, i: usize, offset: Vec2) -> Option<Texel> {
+        let near = &self.near[self.starts[i] as usize..self.starts[i + 1] as usize];
+        texels::nearest_of(near.iter().map(|&face| &self.faces[face as usize]), self.centres[i] + offset)
+    }
+
+    /// Lets those texels stay that have a point inside of geometry, by five points each.
+    pub fn keep(&mut self, inside: impl Fn(&Texel) -> bool + Sync) {
+        const CORNERS: [Vec2; 5] = [Vec2::ZERO, Vec2::NEG_ONE, Vec2::new(1.0, -1.0), Vec2::new(-1.0, 1.0), Vec2::ONE];
+        let stays =
+            |i: usize| CORNERS.iter().any(|&at| self.texel(i, 0.5 * WIDTH * at).is_some_and(|texel| inside(&texel)));
+        let stays: Vec<bool> = (0..self.still.len()).into_par_iter().map(stays).collect();
+        let (mut near, mut starts) = (Vec::new(), vec![0]);
+        for (i, stays) in stays.into_iter().enumerate() {
+            if !stays {
+                near.extend_from_slice(&self.near[self.starts[i] as usize..self.starts[i + 1] as usize]);
+            }
+            starts.push(near.len() as u32);
+        }
+        (self.near, self.starts) = (near, starts);
+    }
+}
+
+impl Moving for Moves {
+    fn texels(&self, pass: u32) -> Vec<Option<Texel>> {
+        let offset = offset(pass);
+        (0..self.still.len()).into_par_iter().map(|i| self.texel(i, offset).or(self.still[i])).collect()
+    }
+}
+
+/// Entry of a texel in a view: index of the view, and of the entry there.
+pub(super) type Entry = (u32, u32);
+
+/// The moves of views. `owners`: the face of each texel of each page; `entries`: its entry; `views`: the texels of the views.
+pub(super) fn of_views(
+    charts: &Charts,
+    owners: &[Vec<u32>],
+    entries: &[Vec<Option<Entry>>],
+    views: Vec<Vec<Option<Texel>>>,
+) -> Vec<Moves> {
+    let faces: Arc<[Face]> = charts.faces.clone().into();
+    let mut near: Vec<Vec<(u32, u32)>> = vec![Vec::new(); views.len()];
+    let mut centres: Vec<Vec<Vec2>> = views.iter().map(|view| vec![Vec2::ZERO; view.len()]).collect();
+    for (index, face) in (0..).zip(charts.faces.iter()) {
+        let page = face.page as usize;
+        texels::around(face, charts.pages[page], REACH + HALF, |at, centre, distance| {
+            let (owner, entry) = (owners[page][at], entries[page][at]);
+            if let Some((view, slot)) = entry
+                && owner != NONE
+                && charts.faces[owner as usize].chart == face.chart
+                && distance < REACH + HALF
+            {
+                near[view as usize].push((slot, index));
+                centres[view as usize][slot as usize] = centre;
+            }
+        });
+    }
+    let of_view = |((still, near), centres): ((Vec<Option<Texel>>, Vec<(u32, u32)>), Vec<Vec2>)| {
+        let mut starts = vec![0u32; still.len() + 1];
+        near.iter().for_each(|&(slot, _)| starts[slot as usize + 1] += 1);
+        (0..still.len()).for_each(|i| starts[i + 1] += starts[i]);
+        let mut next = starts.clone();
+        let mut sorted = vec![0; near.len()];
+        // In the order of the faces.
+        for (slot, face) in near {
+            let place = &mut next[slot as usize];
+            sorted[*place as usize] = face;
+            *place += 1;
+        }
+        Moves { faces: faces.clone(), still, centres, starts, near: sorted }
+    };
+    views.into_iter().zip(near).zip(centres).map(of_view).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn offsets_fill_the_texel_about_its_centre() {
+        assert_eq!((offset(0), offset(1)), (Vec2::ZERO, Vec2::ZERO));
+        for pairs in [1, 5, 16] {
+            let count = 2 + 4 * pairs;
+            let mean = (0..count).map(offset).sum::<Vec2>() / count as f32;
+            assert!(mean.length() < 1e-6, "{mean}");
+        }
+        // As many points in each of 4 x 4 parts, nearly.
+        let mut counts = [0; 16];
+        for pass in 2..258 {
+            let at = (offset(pass) / WIDTH + 0.5) * 4.0;
+            assert!(at.min_element() >= 0.0 && at.max_element() <= 4.0);
+            counts[at.min(Vec2::splat(3.99)).x as usize + 4 * at.min(Vec2::splat(3.99)).y as usize] += 1;
+        }
+        assert!(counts.iter().all(|n| (12..=20).contains(n)), "{counts:?}");
+    }
+
+    fn face(triangle: u32, chart: u32, corners: [[f32; 2]; 3]) -> Face {
+        Face { triangle, back: false, page: 0, chart, corners: corners.map(Vec2::from_array) }
+    }
+
+    /// Two charts of two triangles each, one texel apart.
+    fn charts() -> Charts {
+        let square = |first: u32, x: f32| {
+            [
+                face(first, first, [[x, 2.0], [x + 4.3, 2.0], [x + 4.3, 6.4]]),
+                face(first + 1, first, [[x, 2.0], [x + 4.3, 6.4], [x, 6.4]]),
+            ]
+        };
+        let faces = [square(0, 2.0), square(2, 7.3)].concat();
+        Charts { pages: vec![[14, 9]], faces, count: 2, density: 1.0 }
+    }
+
+    fn moves() -> (Charts, Moves) {
+        let charts = charts();
+        let (pages, owners) = texels::of_charts(&charts);
+        let entries = vec![(0..pages[0].len() as u32).map(|i| Some((0, i))).collect()];
+        let moves = of_views(&charts, &owners, &entries, pages).remove(0);
+        (charts, moves)
+    }
+
+    #[test]
+    fn points_are_the_nearest_of_their_chart() {
+        let (charts, moves) = moves();
+        assert_eq!(moves.texels(0), moves.still, "the first passes have the centres");
+        for pass in [2, 4, 6, 8, 31] {
+            let offset = offset(pass);
+            for (i, (texel, still)) in moves.texels(pass).iter().zip(&moves.still).enumerate() {
+                assert_eq!(texel.is_some(), still.is_some());
+                let (Some(texel), Some(still)) = (texel, still) else { continue };
+                let chart = |t: u32| charts.faces[t as usize].chart;
+                assert_eq!(chart(texel.triangle), chart(still.triangle), "{i}");
+                let f = &charts.faces[texel.triangle as usize];
+                let [u, v] = texel.uv;
+                assert!(u >= 0.0 && v >= 0.0 && u + v <= 1.0 + 1e-6);
+                let at = f.corners[0] + u * (f.corners[1] - f.corners[0]) + v * (f.corners[2] - f.corners[0]);
+                let wanted = Vec2::new((i % 14) as f32 + 0.5, (i / 14) as f32 + 0.5) + offset;
+                let x = if chart(texel.triangle) == 0 { 2.0 } else { 7.3 };
+                let nearest = wanted.clamp(Vec2::new(x, 2.0), Vec2::new(x + 4.3, 6.4));
+                assert!((at - nearest).length() < 0.06, "{i}: {at} for {nearest}");
+            }
+        }
+    }
+
+    #[test]
+    fn texels_with_a_part_inside_of_geometry_stay() {
+        let (charts, mut moves) = moves();
+        // What lies left of x = 4 on the page is covered.
+        let at = |texel: &Texel| {
+            let f = &charts.faces[texel.triangle as usize];
+            f.corners[0] + texel.uv[0] * (f.corners[1] - f.corners[0]) + texel.uv[1] * (f.corners[2] - f.corners[0])
+        };
+        moves.keep(|texel| at(texel).x < 3.4);
+        let moved = moves.texels(2);
+        for i in 0..moved.len() {
+            let Some(still) = moves.still[i] else { continue };
+            let (column, place) = (i % 14, at(&still));
+            match column {
+                // Those that reach below x = 3.4, border included.
+                0..=3 => assert_eq!(moved[i], Some(still), "{i}"),
+                _ if moved[i] == Some(still) => {
+                    let held = place.x < 6.2 && place.x > 6.0 || !(2.1..6.3).contains(&place.y);
+                    assert!(held || place.x > 7.3, "{i} {place}");
+                }
+                _ => {}
+            }
+        }
+    }
+}
