@@ -4,10 +4,12 @@ use std::sync::Arc;
 
 use glam::Vec2;
 
+use super::balls;
 use super::batches::{Batches, whole_blocks};
 use super::growth::Growth;
 use super::layout::{self, Texture};
 use super::refine::{Options, Place, Point, Solution};
+use super::sphere::PATCHES;
 use super::surfaces::{Surface, surfaces};
 use super::{Light, quadtree::Shape};
 use crate::accel::Bvh;
@@ -80,7 +82,7 @@ impl Radiosity {
         let settings = bake::settings(settings);
         let scene = bake::prepare(scene);
         let sides = sides::lit(context, &scene, &settings, stop)?;
-        let surfaces = surfaces(&scene, &sides);
+        let surfaces = surfaces(&scene, &sides)?;
         if surfaces.is_empty() {
             let message = "no light reaches a surface that reflects diffusely; there is nothing to bake";
             return Err(Error::Scene(String::from(message)));
@@ -178,21 +180,25 @@ impl Radiosity {
     pub fn lightmap(&self, solution: &Solution, textures: &TextureOptions, pages: &bake::Options) -> Result<Lightmap> {
         check(solution.options(), textures, pages)?;
         let TextureOptions { budget, filter } = *textures;
-        let mut textures = layout::textures(&self.surfaces, solution, budget, filter);
+        let most = pages.max_size.saturating_sub(2 * pages.padding);
+        let mut textures = layout::textures(&self.surfaces, solution, budget, filter, most);
         let sizes = layout::place(&mut textures, pages.padding, pages.max_size);
         let leaves = lightmap::leaves(&self.bvh);
         let mut filled: Vec<Page> = sizes.iter().map(|&size| Page::new(size)).collect();
         let mut faces = Vec::new();
         let (mut texels, mut area) = (0.0, 0.0);
-        for (chart, (surface, texture)) in (0..).zip(self.surfaces.iter().zip(&textures)) {
-            let n = texture.grid.size[0];
-            let width = (surface.root.area / (n * n) as f32).sqrt();
+        for (chart, texture) in (0..).zip(&textures) {
+            let surface = &self.surfaces[texture.surface];
+            let count = texture.grid.size.map(|n| n as f32).iter().product::<f32>();
+            let of_all = surface.root.area * if surface.patch.is_some() { PATCHES as f32 } else { 1.0 };
+            let width = (of_all / count).sqrt();
             self.fill(&mut filled[texture.page as usize], (surface, texture), &leaves, (width, pages.padding));
-            texels += (n * n) as f64;
-            area += f64::from(surface.root.area);
-            for &(triangle, corners) in &surface.faces {
-                let corners = match n {
-                    1 => [texture.place(Vec2::ZERO); 3],
+            texels += f64::from(count);
+            area += f64::from(of_all);
+            let ball = surface.patch.iter().flat_map(|(ball, _)| ball.faces());
+            for (triangle, corners) in surface.faces.iter().copied().chain(ball) {
+                let corners = match texture.grid.size {
+                    [1, 1] => [texture.place(Vec2::ZERO); 3],
                     _ => corners.map(|at| texture.place(at)),
                 };
                 faces.push(Face { triangle, back: surface.back, page: texture.page, chart, corners });
@@ -211,19 +217,24 @@ impl Radiosity {
         leaves: &[u32],
         (width, padding): (f32, u32),
     ) {
-        let (n, pad) = (texture.grid.size[0] as i64, i64::from(padding));
-        for y in -pad..n + pad {
-            for x in -pad..n + pad {
+        let ([across, down], pad) = (texture.size().map(i64::from), i64::from(padding));
+        for y in -pad..down + pad {
+            for x in -pad..across + pad {
                 let [column, row] = [(0, x), (1, y)].map(|(k, i)| (i64::from(texture.origin[k]) + i) as usize);
                 let at = column + row * page.size[0] as usize;
                 let light = layout::texel(texture, [x, y]);
                 (page.direct[at], page.indirect[at]) = (light.direct, light.indirect);
-                let on = match (n, surface.root.shape) {
-                    (1, Shape::Triangle) => [1.0 / 3.0; 2],
-                    (1, Shape::Quad) => [0.5, 0.4],
-                    _ => [x, y].map(|i| i as f32 / (n - 1) as f32),
+                let texel = match &surface.patch {
+                    Some((ball, _)) => ball.texel(balls::direction([x, y], texture.grid.size)),
+                    None => {
+                        let on = match (across, surface.root.shape) {
+                            (1, Shape::Triangle) => [1.0 / 3.0; 2],
+                            (1, Shape::Quad) => [0.5, 0.4],
+                            _ => [x, y].map(|i| i as f32 / (across - 1) as f32),
+                        };
+                        surface.texel(on, Options::MAX_HEIGHT)
+                    }
                 };
-                let texel = surface.texel(on, Options::MAX_HEIGHT);
                 [page.albedo[at], page.emission[at]] = lightmap::surface(&self.scene, &self.bvh, leaves, &texel, width);
             }
         }

@@ -9,17 +9,23 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::Light;
-use super::quadtree::Shape;
+use super::balls::Ball;
+use super::quadtree::{Shape, Tree};
 use super::reconstruct::{beyond, fill, filter};
 use super::refine::{Order, Solution};
+use super::sphere::{LatLong, PATCHES, of_vertices, wrapped};
 use super::surfaces::Surface;
 use super::texture::{Grid, accumulate};
 
-/// The texture of a surface.
+/// The texture of a surface or of a sphere.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
-    /// 2^h + 1 texels a side, or one.
+    /// Index of the surface, or of the first patch of the sphere.
+    pub surface: usize,
+    /// 2^h + 1 texels a side, or one; of a sphere 4 * 2^h by 2 * 2^h.
     pub grid: Grid<Light>,
+    /// For a sphere: columns beyond the seam, which repeat the first ones.
+    pub repeated: Option<u32>,
     /// Page, and place of its first texel there.
     pub page: u32,
     /// Column and row.
@@ -27,37 +33,106 @@ pub struct Texture {
 }
 
 impl Texture {
-    /// Position on the page in texels of a point of the surface: corners lie at centres of texels.
+    /// Width and height on the page, without padding.
+    pub fn size(&self) -> [u32; 2] {
+        let [width, height] = self.grid.size.map(|n| n as u32);
+        [width + self.repeated.unwrap_or(0), height]
+    }
+
+    /// Position on the page in texels of a point of the surface: corners lie at centres of texels. Of a sphere: of turns and latitude.
     pub fn place(&self, at: Vec2) -> Vec2 {
-        let span = (self.grid.size[0] - 1) as f32;
-        Vec2::new(self.origin[0] as f32, self.origin[1] as f32) + 0.5 + span * at
+        let origin = Vec2::new(self.origin[0] as f32, self.origin[1] as f32);
+        let [width, height] = self.grid.size.map(|n| n as f32);
+        match self.repeated {
+            Some(_) => origin + Vec2::new(width, height) * at,
+            None => origin + 0.5 + (width - 1.0) * at,
+        }
     }
 }
 
+/// A texture to be made: the height of its trees, and its size.
+struct Wanted {
+    surface: usize,
+    leaves: usize,
+    height: u8,
+    size: [u64; 2],
+}
+
 /// Textures of all surfaces, with places still to be chosen. `budget`: texels of textures with more than 2 x 2; `width`: of the filter,
-/// 2 to 6.
-pub fn textures(surfaces: &[Surface], solution: &Solution, budget: u64, width: u32) -> Vec<Texture> {
-    let side = |i: usize| (1u64 << solution.trees[i].height()) + 1;
-    let mut order: Vec<usize> = (0..surfaces.len()).filter(|&i| solution.trees[i].height() > 0).collect();
-    order.sort_by_key(|&i| (std::cmp::Reverse(solution.trees[i].leaf_count()), i));
-    let mut own = vec![false; surfaces.len()];
+/// 2 to 6; `most`: greatest side.
+pub fn textures(surfaces: &[Surface], solution: &Solution, budget: u64, width: u32, most: u32) -> Vec<Texture> {
+    let wanted = |i: usize| {
+        let tree = &solution.trees[i];
+        match &surfaces[i].patch {
+            None => {
+                let side = (1u64 << tree.height()) + 1;
+                Some(Wanted { surface: i, leaves: tree.leaf_count(), height: tree.height(), size: [side; 2] })
+            }
+            Some((ball, 0)) => {
+                let trees = &solution.trees[i..i + PATCHES];
+                let deepest = trees.iter().map(Tree::height).max().unwrap_or(0);
+                let size = |height: u8| {
+                    let n = 1u64 << height;
+                    [4 * n + u64::from(repeated(ball, height)), 2 * n]
+                };
+                let fits = (0..=deepest).rev().find(|&height| size(height)[0] <= u64::from(most));
+                let height = fits.unwrap_or(0);
+                let leaves = trees.iter().map(Tree::leaf_count).sum();
+                Some(Wanted { surface: i, leaves, height, size: size(height) })
+            }
+            Some(_) => None,
+        }
+    };
+    let mut all: Vec<Wanted> = (0..surfaces.len()).filter_map(wanted).collect();
+    let mut order: Vec<usize> = (0..all.len()).filter(|&k| all[k].height > 0).collect();
+    order.sort_by_key(|&k| (std::cmp::Reverse(all[k].leaves), k));
     let mut left = budget;
-    for i in order {
-        if side(i) * side(i) <= left {
-            left -= side(i) * side(i);
-            own[i] = true;
+    for k in order {
+        let [w, h] = all[k].size;
+        match w * h <= left {
+            true => left -= w * h,
+            false => all[k].height = 0,
         }
     }
-    let grid = |i: usize| {
-        let shape = surfaces[i].root.shape;
-        let height = if own[i] { solution.trees[i].height() } else { 0 };
-        let full = clamped(&filter(&fill(shape, height, vertices(solution, i, height)), shape, width));
-        let even = !own[i] && solution.trees[i].height() == 0 && is_even(&full, shape, solution);
-        let light = solution.mean_of(i, surfaces[i].root.halves);
-        if even { Grid::square(1, light) } else { full }
+    let texture = |&Wanted { surface, height, .. }: &Wanted| {
+        let (grid, repeated) = match &surfaces[surface].patch {
+            Some((ball, _)) => (sphere_grid(solution, surface, height, width), Some(repeated(ball, height))),
+            None => (grid(&surfaces[surface], solution, surface, height, width), None),
+        };
+        Texture { surface, grid, repeated, page: 0, origin: [0, 0] }
     };
-    let grids: Vec<Grid<Light>> = (0..surfaces.len()).into_par_iter().map(grid).collect();
-    grids.into_iter().map(|grid| Texture { grid, page: 0, origin: [0, 0] }).collect()
+    all.par_iter().map(texture).collect()
+}
+
+/// The grid of a surface of triangles.
+fn grid(surface: &Surface, solution: &Solution, i: usize, height: u8, width: u32) -> Grid<Light> {
+    let shape = surface.root.shape;
+    let full = clamped(&filter(&fill(shape, height, vertices(solution, i, height)), shape, width));
+    match height == 0 && solution.trees[i].height() == 0 && is_even(&full, shape, solution) {
+        true => Grid::square(1, solution.mean_of(i, surface.root.halves)),
+        false => full,
+    }
+}
+
+/// The grid of a sphere, whose patches are those from `first` on.
+fn sphere_grid(solution: &Solution, first: usize, height: u8, width: u32) -> Grid<Light> {
+    let known: Vec<_> = (first..first + PATCHES)
+        .map(|i| {
+            let own = solution.trees[i].height().min(height);
+            (height - own, vertices(solution, i, own))
+        })
+        .collect();
+    // A shallower tree has vertices on some lines of the grid.
+    let at = |patch: usize, at: [u32; 2]| {
+        let (down, known) = &known[patch];
+        at.iter().all(|n| n.is_multiple_of(1 << down)).then(|| known(at.map(|n| n >> down))).flatten()
+    };
+    clamped(&LatLong::new(&of_vertices(height, at)).filtered(width).grid)
+}
+
+/// Columns that a sphere's texture repeats.
+fn repeated(ball: &Ball, height: u8) -> u32 {
+    (ball.overhang() * (4u32 << height) as f32 - 1e-3).ceil().max(0.0) as u32
 }
 
 /// Bicubic patches overshoot; light is not negative.
@@ -142,35 +217,39 @@ fn vertices(solution: &Solution, surface: usize, height: u8) -> impl Fn([u32; 2]
 /// Places textures on pages, in rows, the largest first, with `padding` texels around each; returns the sizes of the pages, none of
 /// which is larger than `most`. Textures are no larger than that with their padding.
 pub fn place(textures: &mut [Texture], padding: u32, most: u32) -> Vec<[u32; 2]> {
-    let outer = |texture: &Texture| texture.grid.size[0] as u32 + 2 * padding;
+    let outer = |texture: &Texture| texture.size().map(|n| n + 2 * padding);
     let mut order: Vec<usize> = (0..textures.len()).collect();
-    order.sort_by_key(|&i| (std::cmp::Reverse(outer(&textures[i])), i));
-    let area: u64 = textures.iter().map(|t| u64::from(outer(t)).pow(2)).sum();
-    let largest = textures.iter().map(outer).max().unwrap_or(1);
-    let width = ((area as f64 * 1.05).sqrt().ceil() as u32).clamp(largest, most.max(largest));
+    order.sort_by_key(|&i| (outer(&textures[i]).map(std::cmp::Reverse)[1], i));
+    let area: u64 = textures.iter().map(|t| outer(t).map(u64::from).iter().product::<u64>()).sum();
+    let largest = |axis: usize| textures.iter().map(|texture| outer(texture)[axis]).max().unwrap_or(1);
+    let (widest, highest) = (largest(0), largest(1));
+    let width = ((area as f64 * 1.05).sqrt().ceil() as u32).clamp(widest, most.max(widest));
     let mut pages: Vec<[u32; 2]> = Vec::new();
     let (mut x, mut y, mut row) = (width, 0, 0);
     for i in order {
-        let side = outer(&textures[i]);
-        if x + side > width {
-            (x, y, row) = (0, y + row, side);
+        let [across, down] = outer(&textures[i]);
+        if x + across > width {
+            (x, y, row) = (0, y + row, down);
         }
-        if pages.is_empty() || y + side > most.max(largest) {
+        if pages.is_empty() || y + down > most.max(highest) {
             pages.push([width, 0]);
-            (x, y, row) = (0, 0, side);
+            (x, y, row) = (0, 0, down);
         }
         textures[i].page = pages.len() as u32 - 1;
         textures[i].origin = [x + padding, y + padding];
         if let Some(page) = pages.last_mut() {
-            page[1] = page[1].max(y + side);
+            page[1] = page[1].max(y + down);
         }
-        x += side;
+        x += across;
     }
     pages
 }
 
 /// Light of a texel of a texture or around it, by column and row from its first one.
 pub fn texel(texture: &Texture, at: [i64; 2]) -> Light {
+    if texture.repeated.is_some() {
+        return wrapped(&texture.grid, at.map(|n| n as isize));
+    }
     match texture.grid.values[..] {
         [light] => light,
         _ => not_negative(beyond(&texture.grid, at.map(|n| n as isize))),
@@ -191,7 +270,7 @@ mod tests {
             Ok(points.iter().map(|p| f(p.root, p.at).map(light)).collect())
         };
         let solution = refine(&roots, &options, &mut of).unwrap();
-        let surfaces = roots.map(|root| Surface { root, faces: Vec::new(), back: false });
+        let surfaces = roots.map(|root| Surface { root, faces: Vec::new(), back: false, patch: None });
         (surfaces.to_vec(), solution)
     }
 
@@ -208,7 +287,7 @@ mod tests {
         for order in [Order::Zero, Order::First] {
             let (surfaces, solution) = solved(steps, order);
             let sides = |budget: u64| -> Vec<usize> {
-                textures(&surfaces, &solution, budget, 2).iter().map(|t| t.grid.size[0]).collect()
+                textures(&surfaces, &solution, budget, 2, 2048).iter().map(|t| t.grid.size[0]).collect()
             };
             let [first, second, third] = sides(1 << 20)[..] else { panic!() };
             assert_eq!((first, third), (65, 1));
@@ -222,7 +301,7 @@ mod tests {
         // Half of the surface is covered.
         let covered = |_: u32, [s, _]: [f32; 2]| (s < 0.55).then_some(2.0);
         let (surfaces, solution) = solved(covered, Order::First);
-        for texture in textures(&surfaces, &solution, 1 << 20, 4) {
+        for texture in textures(&surfaces, &solution, 1 << 20, 4, 2048) {
             let n = texture.grid.size[0];
             let shape = if texture.grid.size == [1, 1] { 1 } else { n };
             assert!((0..shape).all(|i| (texture.grid.at([i, 0]).direct.x - 2.0).abs() < 1e-5));
@@ -231,19 +310,27 @@ mod tests {
 
     #[test]
     fn textures_do_not_overlap() {
-        let of = |side: usize| Texture { grid: Grid::square(side, Light::default()), page: 0, origin: [0, 0] };
+        let of = |side: usize| {
+            // Some as a sphere has them.
+            let (size, repeated) = match side {
+                5 | 9 | 17 => ([4 * side, 2 * side], Some(side as u32 / 2)),
+                _ => ([side; 2], None),
+            };
+            let grid = Grid { size, values: vec![Light::default(); size[0] * size[1]] };
+            Texture { surface: 0, grid, repeated, page: 0, origin: [0, 0] }
+        };
         let mut all: Vec<Texture> = [1, 2, 65, 2, 33, 1, 65, 17, 9, 1, 1, 2, 5].map(of).to_vec();
-        for (padding, most) in [(2, 2048), (1, 80), (16, 97)] {
+        for (padding, most) in [(2, 2048), (1, 80), (16, 108)] {
             let pages = place(&mut all, padding, most);
             let mut owner = HashMap::new();
             for (i, texture) in all.iter().enumerate() {
-                let side = texture.grid.size[0] as u32;
+                let [across, down] = texture.size();
                 let [w, h] = pages[texture.page as usize];
                 assert!(w <= most && h <= most);
                 let [x0, y0] = texture.origin;
-                assert!(x0 + side + padding <= w && y0 + side + padding <= h, "{i}");
-                for y in y0 - padding..y0 + side + padding {
-                    for x in x0 - padding..x0 + side + padding {
+                assert!(x0 + across + padding <= w && y0 + down + padding <= h, "{i}");
+                for y in y0 - padding..y0 + down + padding {
+                    for x in x0 - padding..x0 + across + padding {
                         assert_eq!(*owner.entry((texture.page, x, y)).or_insert(i), i);
                     }
                 }

@@ -8,8 +8,9 @@
 //! 5. [`layout`] gives the most subdivided surfaces textures of their own and places all on pages.
 //! 6. [`growth`] does the rounds on the device, pass by pass, so that they can be broken off and gone on with.
 //! 7. [`compute`] lights the points on the device and makes a [`crate::bake::Lightmap`], which is shown and written as any other.
-//! 8. [`sphere`] samples spheres as six patches and joins them in one texture of latitude and longitude.
+//! 8. [`sphere`] samples spheres as six patches and joins them in one texture of latitude and longitude; [`balls`] finds them in meshes.
 
+pub mod balls;
 mod batches;
 pub mod compute;
 pub mod growth;

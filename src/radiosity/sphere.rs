@@ -153,12 +153,13 @@ pub fn wrapped<T: Value>(grid: &Grid<T>, [x, y]: [isize; 2]) -> T {
     grid.at([x.rem_euclid(w) as usize, y.clamp(0, h - 1) as usize])
 }
 
-/// Longitude and latitude of a place in texels.
-fn angles([x, y]: [f32; 2], [w, h]: [usize; 2]) -> [f32; 2] {
+/// Longitude and latitude of a place in texels, in radians.
+pub(super) fn angles([x, y]: [f32; 2], [w, h]: [usize; 2]) -> [f32; 2] {
     [TAU * x / w as f32, PI * y / h as f32 - FRAC_PI_2]
 }
 
-fn towards(longitude: f32, latitude: f32) -> Vec3 {
+/// The direction of a longitude and a latitude.
+pub(super) fn towards(longitude: f32, latitude: f32) -> Vec3 {
     let (sin, cos) = latitude.sin_cos();
     Vec3::new(cos * longitude.cos(), sin, cos * longitude.sin())
 }

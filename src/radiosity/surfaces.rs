@@ -4,13 +4,17 @@
 //! and the diagonal between the first and the third: on a parallelogram they are bilinear, elsewhere they have a bend on the diagonal, as
 //! any texture on two triangles has.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 
+use super::balls::{Ball, balls};
 use super::quadtree::Shape;
 use super::refine::Root;
+use super::sphere;
 use crate::bake::sides::Sides;
+use crate::error::Result;
 use crate::scene::Scene;
 use crate::view::Texel;
 
@@ -22,8 +26,8 @@ const PLANAR: f32 = 1e-3;
 /// which side of an adjoining wall they lie.
 const INWARDS: f32 = 0.05;
 
-/// One side of one or two triangles.
-#[derive(Clone, Debug, PartialEq)]
+/// One side of one or two triangles, or a patch of a sphere.
+#[derive(Clone, Debug)]
 pub struct Surface {
     /// Shape and area.
     pub root: Root,
@@ -31,11 +35,27 @@ pub struct Surface {
     pub faces: Vec<(u32, [Vec2; 3])>,
     /// Their backs, else their fronts.
     pub back: bool,
+    /// The sphere of which it is a patch, with the patch's number; it has no faces of its own then.
+    pub patch: Option<(Arc<Ball>, usize)>,
+}
+
+impl PartialEq for Surface {
+    fn eq(&self, other: &Surface) -> bool {
+        let patch = match (&self.patch, &other.patch) {
+            (None, None) => true,
+            (Some((a, i)), Some((b, k))) => Arc::ptr_eq(a, b) && i == k,
+            _ => false,
+        };
+        patch && (self.root, &self.faces, self.back) == (other.root, &other.faces, other.back)
+    }
 }
 
 impl Surface {
     /// The point at coordinates (s, t), moved off the edges by a part of the finest cell of a tree of this height.
     pub fn texel(&self, at: [f32; 2], height: u8) -> Texel {
+        if let Some((ball, patch)) = &self.patch {
+            return ball.texel(sphere::direction(*patch, at));
+        }
         let inset = INWARDS * (-f32::from(height)).exp2();
         let at = match self.root.shape {
             Shape::Quad => Vec2::from_array(at).clamp(Vec2::splat(inset), Vec2::splat(1.0 - inset)),
@@ -62,11 +82,18 @@ struct Pair {
     triangles: [(u32, usize); 2],
 }
 
-/// The surfaces of the lit sides, in the order of their first triangles. Triangles without area have none.
-pub fn surfaces(scene: &Scene, sides: &[Sides]) -> Vec<Surface> {
+/// The surfaces of the lit sides, in the order of their first triangles, then the patches of spheres. Triangles without area have none.
+///
+/// Errors: a tree over the triangles of a sphere that cannot be built.
+pub fn surfaces(scene: &Scene, sides: &[Sides]) -> Result<Vec<Surface>> {
+    let balls = balls(scene, sides)?;
+    let taken: HashSet<(u32, bool)> =
+        balls.iter().flat_map(|ball| ball.faces().map(|(triangle, _)| (triangle, ball.back()))).collect();
     let mut found = Vec::new();
     for back in [false, true] {
-        let lit = |i: u32| sides[i as usize].has(back) && scene.triangle_area(i as usize) > 0.0;
+        let lit = |i: u32| {
+            sides[i as usize].has(back) && scene.triangle_area(i as usize) > 0.0 && !taken.contains(&(i, back))
+        };
         let all: Vec<u32> = (0..scene.triangles.len() as u32).filter(|&i| lit(i)).collect();
         let mut pairs = pairs(scene, &all);
         pairs.sort_by_key(|pair| {
@@ -91,15 +118,16 @@ pub fn surfaces(scene: &Scene, sides: &[Sides]) -> Vec<Surface> {
             let areas = [i, j].map(|t| scene.triangle_area(t as usize));
             let area = areas[0] + areas[1];
             let root = Root { shape: Shape::Quad, area, halves: areas.map(|a| a / area) };
-            found.push(Surface { root, faces: vec![(i, corners[0]), (j, corners[1])], back });
+            found.push(Surface { root, faces: vec![(i, corners[0]), (j, corners[1])], back, patch: None });
         }
         for i in all.into_iter().filter(|&i| !taken[i as usize]) {
             let root = Root { shape: Shape::Triangle, area: scene.triangle_area(i as usize), halves: [0.5; 2] };
-            found.push(Surface { root, faces: vec![(i, ALONE.map(Vec2::from_array))], back });
+            found.push(Surface { root, faces: vec![(i, ALONE.map(Vec2::from_array))], back, patch: None });
         }
     }
     found.sort_by_key(|surface| (surface.faces[0].0, surface.back));
-    found
+    found.extend(balls.into_iter().flat_map(Ball::surfaces));
+    Ok(found)
 }
 
 /// The pairs among these triangles that form a planar convex quadrilateral of one object and material.
@@ -180,7 +208,7 @@ mod tests {
     fn triangles_that_form_a_quadrilateral_are_one_surface() {
         let corners = [[0.0, 0.0], [2.0, 0.0], [3.0, 2.0], [0.0, 1.0]];
         let scene = scene(&quad(corners));
-        let found = surfaces(&scene, &[FRONT, Sides { front: true, back: true }]);
+        let found = surfaces(&scene, &[FRONT, Sides { front: true, back: true }]).unwrap();
         assert_eq!(found.len(), 2, "the back of one triangle is lit alone");
         let surface = found.iter().find(|s| s.root.shape == Shape::Quad).unwrap();
         assert!(
@@ -208,22 +236,22 @@ mod tests {
         let [a, b] = quad([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]);
         let [c, d] = quad([[1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [1.0, 1.0]]);
         let strip = scene(&[a, b, c, d]);
-        let found = surfaces(&strip, &[FRONT; 4]);
+        let found = surfaces(&strip, &[FRONT; 4]).unwrap();
         let faces: Vec<Vec<u32>> = found.iter().map(|s| s.faces.iter().map(|f| f.0).collect()).collect();
         assert_eq!(faces, [[0, 1], [2, 3]]);
         let bent = scene(&[a, [Vec3::new(0.0, 1.0, 1.2), a[0], a[2]]]);
-        assert_eq!(surfaces(&bent, &[FRONT; 2]).len(), 2);
+        assert_eq!(surfaces(&bent, &[FRONT; 2]).unwrap().len(), 2);
         let dented = scene(&quad([[0.0, 0.0], [1.0, 0.0], [0.2, 0.2], [0.0, 1.0]]));
-        assert_eq!(surfaces(&dented, &[FRONT; 2]).len(), 2);
+        assert_eq!(surfaces(&dented, &[FRONT; 2]).unwrap().len(), 2);
         let flat = scene(&[[Vec3::ZERO, Vec3::X, 2.0 * Vec3::X], a]);
-        let found = surfaces(&flat, &[FRONT; 2]);
+        let found = surfaces(&flat, &[FRONT; 2]).unwrap();
         assert_eq!((found.len(), found[0].faces[0].0), (1, 1));
     }
 
     #[test]
     fn points_of_triangles_stay_inside() {
         let scene = scene(&[[Vec3::ZERO, Vec3::X, Vec3::Y]]);
-        let surface = &surfaces(&scene, &[FRONT])[0];
+        let surface = &surfaces(&scene, &[FRONT]).unwrap()[0];
         for at in [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.5], [0.25, 0.5]] {
             let Texel { uv: [u, v], .. } = surface.texel(at, 4);
             assert!(u > 0.002 && v > 0.002 && u + v < 0.998, "{at:?}");

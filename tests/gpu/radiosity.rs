@@ -3,11 +3,12 @@
 use std::sync::Arc;
 
 use glam::Vec3;
+use lightsum::bake::files::{self, Form, Parts};
 use lightsum::bake::{self, Lightmap};
 use lightsum::gpu::Context;
-use lightsum::output::State;
+use lightsum::output::{Metadata, State};
 use lightsum::radiosity::{Growth, Options, Order, Radiosity, Solution, TextureOptions};
-use lightsum::scene::{KeptLight, Scene, builtin};
+use lightsum::scene::{KeptLight, Light, Scene, builtin};
 use lightsum::settings::{Clip, Compensation, Lookup, Settings};
 use lightsum::view::Texel;
 
@@ -97,6 +98,57 @@ fn a_furnace_and_a_sphere_are_even() {
         let [emitted, rho] = [patches.iter().map(|p| p.0).sum::<f32>(), patches.iter().map(|p| p.1).sum()];
         let expected = emitted / 8.0 / (1.0 - rho / 8.0);
         assert!((found / expected - 1.0).abs() < 0.03, "{found} for {expected}");
+    });
+}
+
+#[test]
+fn a_ball_under_a_point_light_has_its_closed_form() {
+    gpu_test(|ctx| {
+        let mut soup = Soup::new("ball");
+        let white = soup.diffuse(0.6, 0.0);
+        let (centre, radius) = (Vec3::new(1.0, 2.0, -1.0), 0.5);
+        soup.ball(centre, radius, 24, white);
+        soup.quad(Vec3::new(-2.0, 0.0, -3.0), 4.0 * Vec3::Z, 5.0 * Vec3::X, white);
+        let (light, intensity) = (centre + Vec3::new(1.5, 1.1, 0.7), 4.0);
+        soup.0.lights.push(Light::Point { position: light, intensity: Vec3::splat(intensity) });
+        let scene = soup.0;
+        let settings = Settings { particles: 1, max_depth: 2, ..plain() };
+        let options = Options { epsilon: 0.02, height: 5, ..Options::default() };
+        let (radiosity, solution, light_map) = solved(ctx, &scene, &settings, &options, 2);
+        let patches = radiosity.surfaces().iter().filter(|surface| surface.patch.is_some()).count();
+        assert_eq!((patches, radiosity.surfaces().len()), (6, 7));
+        assert!(solution.trees[1..].iter().all(|tree| tree.height() > 1));
+        // What the file gives back is what the engine shows.
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("ball.glb");
+        files::write(&path, &scene, &light_map, (Parts::Together, Form::Lit), &Metadata::default()).unwrap();
+        let read = files::read(&path, &scene).unwrap();
+        let kept = light_map.kept(&scene);
+        let (mut worst, mut sum, mut of, mut count) = (0.0f32, 0.0, 0.0, 0);
+        let greatest = intensity / ((light - centre).length() - radius).powi(2);
+        for (i, triangle) in (0u32..).zip(&scene.triangles) {
+            let corners = scene.triangle_positions(i as usize);
+            if !triangle.smooth {
+                continue;
+            }
+            for uv in [[0.33, 0.33], [0.05, 0.05], [0.9, 0.05], [0.05, 0.9], [0.48, 0.48]] {
+                let [a, b, c] = corners;
+                let normal = (a + uv[0] * (b - a) + uv[1] * (c - a) - centre).normalize();
+                let to = light - (centre + radius * normal);
+                let cos = normal.dot(to.normalize());
+                let found = kept.irradiance(i, false, uv)[0].x;
+                let from_file: Vec3 = read.irradiance(i, false, uv).into_iter().sum();
+                assert!((from_file.x - found).abs() <= 2e-3 * greatest, "{from_file} {found}");
+                if cos > 0.15 {
+                    let expected = intensity * cos / to.length_squared();
+                    worst = worst.max((found - expected).abs() / greatest);
+                    (sum, of, count) = (sum + found, of + expected, count + 1);
+                } else if cos < -0.15 {
+                    assert!(found < 0.01 * greatest, "{found}");
+                }
+            }
+        }
+        assert!(count > 1000 && worst < 0.03 && (sum / of - 1.0).abs() < 0.03, "{worst} {} {count}", sum / of);
     });
 }
 
