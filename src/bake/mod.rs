@@ -304,6 +304,8 @@ fn batches(charts: &Charts, most: usize, inside: &Inside) -> Vec<Batch> {
         }
     }
     let per_batch = (most / (BLOCK * BLOCK) as usize).max(1);
+    let staying = |(texels, &size): (&Vec<_>, &[u32; 2])| moves::staying(texels, size, |texel| inside.holds(texel));
+    let staying: Vec<Vec<bool>> = pages.iter().zip(&charts.pages).map(staying).collect();
     let mut entries: Vec<Vec<Option<moves::Entry>>> = pages.iter().map(|page| vec![None; page.len()]).collect();
     let mut views = Vec::new();
     for (view, blocks) in (0..).zip(blocks.chunks(per_batch)) {
@@ -316,8 +318,8 @@ fn batches(charts: &Charts, most: usize, inside: &Inside) -> Vec<Batch> {
                 let (x, y) = (b % across * BLOCK + i % BLOCK, b / across * BLOCK + i / BLOCK);
                 let slot = x + y * size[0];
                 places[slot as usize] = at.map(|at| (*page, at));
-                if let Some(at) = at {
-                    entries[*page as usize][*at as usize] = Some((view, slot));
+                if let Some(at) = at.filter(|&at| !staying[*page as usize][at as usize]) {
+                    entries[*page as usize][at as usize] = Some((view, slot));
                 }
             }
         }
@@ -326,9 +328,9 @@ fn batches(charts: &Charts, most: usize, inside: &Inside) -> Vec<Batch> {
     let texel = |place: &Option<(u32, u32)>| place.and_then(|(page, at)| pages[page as usize][at as usize]);
     let still: Vec<Vec<_>> = views.iter().map(|(_, places)| places.iter().map(texel).collect()).collect();
     let moves = moves::of_views(charts, &owners, &entries, still.clone());
-    let batch = |((size, places), (texels, mut moves)): (([u32; 2], Vec<_>), (Vec<_>, Moves))| {
-        moves.keep(|texel| inside.holds(texel));
-        Batch { atlas: Arc::new(Atlas { size, texels, moving: Some(Arc::new(moves)) }), places }
+    let batch = |((size, places), (texels, moves)): (([u32; 2], Vec<_>), (Vec<_>, Moves))| Batch {
+        atlas: Arc::new(Atlas { size, texels, moving: Some(Arc::new(moves)) }),
+        places,
     };
     views.into_iter().zip(still.into_iter().zip(moves)).map(batch).collect()
 }

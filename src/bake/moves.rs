@@ -3,7 +3,7 @@
 //!
 //! All texels of a pass have the same offset from their centres, so that neighbours see light alike. Offsets are those of a
 //! low-discrepancy sequence; two passes, one of each instance, share one, and the next two have it mirrored, so that their mean is the
-//! centre. Where the offset leads out of the texel's chart its nearest point is taken. Texels of which a part lies inside of geometry keep
+//! centre. Where the offset leads out of the texel's chart its nearest point is taken. Texels inside of geometry and their neighbours keep
 //! their centre: light averaged over what nobody sees would darken the rest.
 
 use std::sync::Arc;
@@ -52,22 +52,6 @@ impl Moves {
         let near = &self.near[self.starts[i] as usize..self.starts[i + 1] as usize];
         texels::nearest_of(near.iter().map(|&face| &self.faces[face as usize]), self.centres[i] + offset)
     }
-
-    /// Lets those texels stay that have a point inside of geometry, by five points each.
-    pub fn keep(&mut self, inside: impl Fn(&Texel) -> bool + Sync) {
-        const CORNERS: [Vec2; 5] = [Vec2::ZERO, Vec2::NEG_ONE, Vec2::new(1.0, -1.0), Vec2::new(-1.0, 1.0), Vec2::ONE];
-        let stays =
-            |i: usize| CORNERS.iter().any(|&at| self.texel(i, 0.5 * WIDTH * at).is_some_and(|texel| inside(&texel)));
-        let stays: Vec<bool> = (0..self.still.len()).into_par_iter().map(stays).collect();
-        let (mut near, mut starts) = (Vec::new(), vec![0]);
-        for (i, stays) in stays.into_iter().enumerate() {
-            if !stays {
-                near.extend_from_slice(&self.near[self.starts[i] as usize..self.starts[i + 1] as usize]);
-            }
-            starts.push(near.len() as u32);
-        }
-        (self.near, self.starts) = (near, starts);
-    }
 }
 
 impl Moving for Moves {
@@ -77,10 +61,25 @@ impl Moving for Moves {
     }
 }
 
+/// Which texels of a page stay: those inside of geometry, and their neighbours, of which a part may be.
+pub(super) fn staying(
+    texels: &[Option<Texel>],
+    [width, height]: [u32; 2],
+    inside: impl Fn(&Texel) -> bool + Sync,
+) -> Vec<bool> {
+    let inside: Vec<bool> = texels.par_iter().map(|texel| texel.as_ref().is_some_and(&inside)).collect();
+    let near = |n: usize, end: u32| n.saturating_sub(1)..(n + 2).min(end as usize);
+    let stays = |i: usize| {
+        let (x, y) = (i % width as usize, i / width as usize);
+        near(y, height).any(|y| near(x, width).any(|x| inside[x + y * width as usize]))
+    };
+    (0..inside.len()).map(stays).collect()
+}
+
 /// Entry of a texel in a view: index of the view, and of the entry there.
 pub(super) type Entry = (u32, u32);
 
-/// The moves of views. `owners`: the face of each texel of each page; `entries`: its entry; `views`: the texels of the views.
+/// The moves of views. `owners`: the face of each texel of each page; `entries`: its entry, if it moves; `views`: the texels of the views.
 pub(super) fn of_views(
     charts: &Charts,
     owners: &[Vec<u32>],
@@ -191,27 +190,26 @@ mod tests {
     }
 
     #[test]
-    fn texels_with_a_part_inside_of_geometry_stay() {
-        let (charts, mut moves) = moves();
-        // What lies left of x = 4 on the page is covered.
+    fn texels_inside_of_geometry_and_their_neighbours_stay() {
+        let (charts, still) = (charts(), moves().1.still);
+        // What lies left of x = 3 on the page is covered.
         let at = |texel: &Texel| {
             let f = &charts.faces[texel.triangle as usize];
             f.corners[0] + texel.uv[0] * (f.corners[1] - f.corners[0]) + texel.uv[1] * (f.corners[2] - f.corners[0])
         };
-        moves.keep(|texel| at(texel).x < 3.4);
-        let moved = moves.texels(2);
-        for i in 0..moved.len() {
-            let Some(still) = moves.still[i] else { continue };
-            let (column, place) = (i % 14, at(&still));
-            match column {
-                // Those that reach below x = 3.4, border included.
-                0..=3 => assert_eq!(moved[i], Some(still), "{i}"),
-                _ if moved[i] == Some(still) => {
-                    let held = place.x < 6.2 && place.x > 6.0 || !(2.1..6.3).contains(&place.y);
-                    assert!(held || place.x > 7.3, "{i} {place}");
-                }
-                _ => {}
-            }
+        let stays = staying(&still, [14, 9], |texel| at(texel).x < 3.0);
+        let covered = |i: usize| still[i].is_some_and(|texel| at(&texel).x < 3.0);
+        for (i, stays) in stays.iter().enumerate() {
+            let (x, y) = (i % 14, i / 14);
+            let mut near = (0..14 * 9usize).filter(|&k| (k % 14).abs_diff(x) <= 1 && (k / 14).abs_diff(y) <= 1);
+            assert_eq!(*stays, near.any(covered), "{x} {y}");
         }
+        // Without an entry they do not move.
+        let (pages, owners) = texels::of_charts(&charts);
+        let entries = vec![(0..pages[0].len()).map(|i| (!stays[i]).then_some((0, i as u32))).collect()];
+        let moves = of_views(&charts, &owners, &entries, pages).remove(0);
+        let moved = moves.texels(2);
+        assert!((0..moved.len()).all(|i| !stays[i] || moved[i] == still[i]));
+        assert!((0..moved.len()).filter(|&i| moved[i] != still[i]).count() > 30);
     }
 }
