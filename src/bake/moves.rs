@@ -103,7 +103,7 @@ pub(super) fn of_views(
             }
         });
     }
-    let of_view = |((still, near), centres): ((Vec<Option<Texel>>, Vec<(u32, u32)>), Vec<Vec2>)| {
+    let of_view = |still: Vec<Option<Texel>>, near: Vec<(u32, u32)>, centres: Vec<Vec2>| {
         let mut starts = vec![0u32; still.len() + 1];
         near.iter().for_each(|&(slot, _)| starts[slot as usize + 1] += 1);
         (0..still.len()).for_each(|i| starts[i + 1] += starts[i]);
@@ -117,7 +117,7 @@ pub(super) fn of_views(
         }
         Moves { faces: faces.clone(), still, centres, starts, near: sorted }
     };
-    views.into_iter().zip(near).zip(centres).map(of_view).collect()
+    views.into_iter().zip(near).zip(centres).map(|((still, near), centres)| of_view(still, near, centres)).collect()
 }
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
-//! The point of each texel at its centre (it moves from pass to pass, see [`super::moves`]): where it lies on a chart; or, for texels that bilinear look-ups within the chart reach, the
-//! nearest point of the chart.
+//! The point of each texel at its centre (it moves from pass to pass, see `moves`): where it lies on a chart; or, for texels that bilinear
+//! look-ups within the chart reach, the nearest point of the chart.
 
 use glam::Vec2;
 
@@ -14,7 +14,7 @@ pub(super) const NONE: u32 = u32::MAX;
 /// decides on which side of an adjoining wall they lie.
 const INWARDS: f32 = 0.05;
 
-/// The texels of each page, row by row, at their centres; and the number of the face of each, [`NONE`] where there is none.
+/// The texels of each page, row by row, at their centres; and the number of the face of each, `u32::MAX` where there is none.
 pub fn of_charts(charts: &Charts) -> (Vec<Vec<Option<Texel>>>, Vec<Vec<u32>>) {
     let area = |&[w, h]: &[u32; 2]| w as usize * h as usize;
     let mut pages: Vec<Vec<Option<Texel>>> = charts.pages.iter().map(|size| vec![None; area(size)]).collect();

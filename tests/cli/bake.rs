@@ -229,13 +229,12 @@ mod signals {
     fn begun(folder: &Path, line: &str) -> (Child, BufReader<ChildStderr>) {
         let mut run = command(folder, line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         let mut stderr = BufReader::new(run.stderr.take().unwrap());
-        loop {
-            let mut told = String::new();
+        let mut told = String::new();
+        while !(told.contains(" left") || told.starts_with("round")) {
+            told.clear();
             assert!(stderr.read_line(&mut told).unwrap() > 0, "the bake ends before it tells its progress");
-            if told.contains(" left") || told.starts_with("round") {
-                return (run, stderr);
-            }
         }
+        (run, stderr)
     }
 
     /// Sends a signal and waits; returns what the bake told.
