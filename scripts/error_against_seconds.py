@@ -21,6 +21,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -33,10 +34,13 @@ GUIDES = "albedo:albedo,normal:sh_normal"
 class Errors:
     """Relative RMSE and energy against two references."""
 
-    def __init__(self, first, second, percentile=99.5):
+    def __init__(self, first, second, without, percentile=99.5):
         self.first, self.second = read(first), read(second)
         luminance = (self.first + self.second).mean(axis=-1)
         self.counted = luminance <= np.percentile(luminance, percentile)
+        height, width = luminance.shape
+        for x0, y0, x1, y1 in without:
+            self.counted[int(y0 * height) : int(y1 * height), int(x0 * width) : int(x1 * width)] = False
         self.weight = weights(self.first, self.second, self.counted)
         self.mean = (self.first + self.second)[self.counted].mean() / 2
 
@@ -148,13 +152,37 @@ def write_scene(mi, scene, args, integrator, folder, size):
             shape["type"] = "ply"
             meshes[name].write_ply(shape["filename"])
     description["integrator"] = integrator
-    description["sensor"]["sampler"] = {"type": "independent", "sample_count": 4}
+    description["sensor"]["sampler"] = {"type": "independent", "sample_count": "$spp"}
+    root = ElementTree.Element("scene", version="3.0.0")
+    add_xml(root, {name: value for name, value in description.items() if name != "type"})
     path = folder / "scene.xml"
-    mi.xml.dict_to_xml(description, str(path))
-    text = path.read_text()
-    text = re.sub(r'(<integer name="sample_count" value=")[^"]*', r"\1$spp", text)
-    path.write_text(text)
+    ElementTree.ElementTree(root).write(path)
     return path
+
+
+TAGS = {
+    "path": "integrator", "aov": "integrator", "perspective": "sensor", "hdrfilm": "film", "box": "rfilter", "independent": "sampler",
+    "ply": "shape", "area": "emitter", "bitmap": "texture",
+}
+
+
+def add_xml(element, values):
+    """Adds a dictionary of Mitsuba's to an element of its scene format."""
+    for name, value in values.items():
+        if isinstance(value, dict) and value["type"] == "rgb":
+            ElementTree.SubElement(element, "rgb", name=name, value=" ".join(map(str, np.broadcast_to(value["value"], 3))))
+        elif isinstance(value, dict):
+            tag = TAGS.get(value["type"], "bsdf")
+            named = {"name": name} if tag in ("bsdf", "texture") else {}
+            inner = ElementTree.SubElement(element, tag, type=value["type"], **named)
+            add_xml(inner, {key: one for key, one in value.items() if key != "type"})
+        elif hasattr(value, "matrix"):
+            matrix = " ".join(map(str, np.array(value.matrix).ravel()))
+            ElementTree.SubElement(ElementTree.SubElement(element, "transform", name=name), "matrix", value=matrix)
+        else:
+            kinds = {bool: "boolean", int: "integer", float: "float"}
+            kind = "integer" if value == "$spp" else kinds.get(type(value), "string")
+            ElementTree.SubElement(element, kind, name=name, value=str(value).lower() if kind == "boolean" else str(value))
 
 
 def plot(files, out):
@@ -196,6 +224,8 @@ def main():
     parser.add_argument("--unfiltered", type=numbers, default=[], help="passes of renderings without the filter")
     parser.add_argument("--samples", type=numbers, default=SAMPLES)
     parser.add_argument("--process", action="store_true", help="seconds of whole processes")
+    rectangle = lambda text: [float(word) for word in text.split(",")]
+    parser.add_argument("--without", type=rectangle, action="append", default=[], metavar="X0,Y0,X1,Y1", help="a rectangle of the image that does not count, from 0,0 to 1,1")
     parser.add_argument("--title")
     parser.add_argument("--lightsum", default="target/release/lightsum")
     parser.add_argument("--json")
@@ -206,7 +236,7 @@ def main():
     if len(args.files) != 3:
         parser.error("a scene and two references, please")
     args.scene, first, second = args.files
-    errors = Errors(first, second)
+    errors = Errors(first, second, args.without)
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
         rows = ours(args, errors, folder) + peer(args, errors, folder)

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::charts::Charts;
 use super::sides::Sides;
-use super::{Bake, Batch};
+use super::{Bake, Batch, outliers};
 use crate::accel::{Bvh, Hit, Ray, offset_origin};
 use crate::error::{Error, Result};
 use crate::output::Layers;
@@ -62,8 +62,9 @@ pub struct Lightmap {
 }
 
 impl Bake {
-    /// Puts the images of all batches together. Errors: not an image of each batch.
-    pub fn finish(&self, images: &[Layers]) -> Result<Lightmap> {
+    /// Puts the images of all batches, of this many passes, together; [outliers](super::outliers) of indirect light are spread. Errors: not
+    /// an image of each batch.
+    pub fn finish(&self, images: &[Layers], passes: u32) -> Result<Lightmap> {
         let fits = |(image, batch): (&Layers, &Batch)| image.indirect.len() == batch.places.len();
         if images.len() != self.batches.len() || !images.iter().zip(&self.batches).all(fits) {
             let message = String::from("there must be an image with all layers for each batch");
@@ -94,7 +95,10 @@ impl Bake {
             }
         }
         let rings = self.options.padding.max(MIN_RINGS);
-        pages.par_iter_mut().zip(valid).for_each(|(page, valid)| fill(page, valid, rings));
+        pages.par_iter_mut().zip(valid).for_each(|(page, valid)| {
+            outliers::spread(&mut page.indirect, &valid, page.size[0], passes);
+            fill(page, valid, rings);
+        });
         Ok(Lightmap { charts: self.charts.clone(), pages, inside })
     }
 }

@@ -23,6 +23,7 @@ pub mod files;
 pub(crate) mod lightmap;
 mod materials;
 mod moves;
+mod outliers;
 pub mod sides;
 pub mod texels;
 

@@ -33,7 +33,7 @@ fn baked(ctx: &Context, scene: &Scene, settings: &Settings, options: Options, pa
         renderer.layers().unwrap()
     };
     let images: Vec<_> = (0..bake.batches().len()).map(image).collect();
-    let light = bake.finish(&images).unwrap();
+    let light = bake.finish(&images, passes).unwrap();
     (bake, light)
 }
 
@@ -202,7 +202,7 @@ fn points_that_move_follow_hard_shadows_better_than_centres() {
                 renderer.layers().unwrap()
             })
             .collect();
-        let still = bake.finish(&still).unwrap();
+        let still = bake.finish(&still, PASSES).unwrap();
         let bvh = Bvh::build(&scene).unwrap();
         let error = |map: &Lightmap| {
             let kept = map.kept(&scene);

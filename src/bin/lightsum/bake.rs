@@ -70,7 +70,7 @@ pub fn run(args: &args::Bake) -> Result<()> {
     let Some(images) = images.into_iter().collect::<Option<Vec<_>>>() else { return Ok(()) };
     let (passes, error) = (job.passes, job.error);
     let images: Vec<Layers> = images.into_iter().map(|(image, _)| image).collect();
-    let light = bake.finish(&images)?;
+    let light = bake.finish(&images, passes)?;
     write(args, (&context, &scene), &settings, &light, (passes, error), start)?;
     job.remove_states();
     Ok(())
