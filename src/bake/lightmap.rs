@@ -62,8 +62,8 @@ pub struct Lightmap {
 }
 
 impl Bake {
-    /// Puts the images of all batches, of this many passes, together; [outliers](super::outliers) of indirect light are spread. Errors: not
-    /// an image of each batch.
+    /// Puts the images of all batches, of this many passes, together; single texels far brighter than those around them have their indirect
+    /// light spread. Errors: not an image of each batch.
     pub fn finish(&self, images: &[Layers], passes: u32) -> Result<Lightmap> {
         let fits = |(image, batch): (&Layers, &Batch)| image.indirect.len() == batch.places.len();
         if images.len() != self.batches.len() || !images.iter().zip(&self.batches).all(fits) {
