@@ -8,5 +8,6 @@ mod scene_keys;
 mod scene_mitsuba;
 mod scene_obj;
 mod scene_origin;
+mod scene_own;
 mod scene_ply;
 mod transport;

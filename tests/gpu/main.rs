@@ -15,6 +15,7 @@ mod environment;
 mod far_scenes;
 mod frosted_panes;
 mod gain;
+mod gallery;
 mod gpu_layer;
 mod importance;
 mod independent;
