@@ -119,11 +119,10 @@ def ours(args, passes, folder):
 
 def read_map(glb):
     (page,) = document(glb)["extras"]["lightsum"]["lightmap"]["pages"]
-    name = page["irradiance"] if "irradiance" in page else next(value for value in page.values() if str(value).endswith(".exr"))
-    with OpenEXR.File(str(pathlib.Path(glb).parent / name)) as file:
+    with OpenEXR.File(str(pathlib.Path(glb).parent / page["irradiance"])) as file:
         channels = file.channels()
         name = next(name for name in ("RGBA", "RGB") if name in channels)
-        return channels[name].pixels[..., :3].astype(np.float64) * 2.0 ** -page.get("exposure", 0)
+        return channels[name].pixels[..., :3].astype(np.float64) * 2.0 ** -page["exposure"]
 
 
 def main():

@@ -130,9 +130,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         node = select(nodes, node, lit);
         var blocked = false;
 #if ALPHA
-        // A surface that lets light pass ends the walk for a moment, and is looked up outside of it: a SIMD driver runs the body of a loop
-        // once even if it has no iteration, and in the walk that takes longer than all else. The walk goes on behind it in the same leaf,
-        // which it always finishes.
+        // A surface that lets light pass interrupts the walk and is looked up outside of it: in the walk the code of the look-up took
+        // longer than all other code (lavapipe), where it ran and where it did not. The walk goes on in the same leaf, which it always
+        // finishes.
         var resume = 0u;
         loop {
         var waiting = NO_TRIANGLE;

@@ -329,9 +329,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if ALPHA
             // The walk will meet this leaf again, so that its surfaces that let light pass wait until then.
             var first = true;
-            // Leaves with such surfaces, by lane: first triangle, and mask of those in the shaft. What they let pass is looked up when
-            // the walk ends or no lane is left: a SIMD driver runs the body of a loop once even if it has no iteration, and in the
-            // walk's loops that takes longer than all else.
+            // Each lane holds a leaf with such surfaces: its first triangle, and the mask of those in the shaft. They are looked up when the
+            // walk ends or no lane is left. In the walk's loops the code of the look-up took longer than all other code (lavapipe),
+            // where it ran and where it did not.
             var waiting = vec2<u32>(0u);
             var waiting_count = 0u;
             loop {

@@ -320,6 +320,13 @@ impl Bvh {
         self.e1[triangle as usize][3].to_bits()
     }
 
+    /// For each triangle of the scene its number in the order of the leaves.
+    pub fn leaf_numbers(&self) -> Vec<u32> {
+        let mut numbers = vec![0; self.triangle_count() as usize];
+        (0..self.triangle_count()).for_each(|leaf| numbers[self.scene_triangle(leaf) as usize] = leaf);
+        numbers
+    }
+
     /// Material of a triangle in the order of the leaves.
     pub fn material(&self, triangle: u32) -> u32 {
         self.v0[triangle as usize][3].to_bits()

@@ -169,7 +169,7 @@ impl Engine {
         }
         self.apply_edits()?;
         let parameters = self.plan.parameters(self.passes)?;
-        let texels = self.frame.eye.stage_texels(&self.context, &self.scene, &self.plan.view, self.passes)?;
+        let texels = self.frame.eye.stage_texels(&self.context, &self.plan.view, self.passes)?;
         if self.upload || self.clear || texels.is_some() {
             rec.begin();
         }

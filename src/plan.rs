@@ -44,18 +44,21 @@ pub fn shade_steps(lights: u32, budget: u32) -> u32 {
 /// its exit. Every visit (of a node, child, leaf or triangle) has at most one such loop or a few shorter ones. Each
 /// light adds two such loops, specular lobes one for each ray; start and end take a few, and the classes of pixels one
 /// each. When the budget runs out, at most the children and the leaves of one node are still unfinished; their triangles may let
-/// light pass.
+/// light pass, and then wait, a few leaves at a time, to be looked up.
 pub fn cluster_steps(lights: u32, budget: u32, lanes: u32) -> u32 {
     let rays = 64 / lanes;
     let visit = (rays + 2).max(10);
     let light = 2 * (rays + 1) + rays * (rays + 3) + 12;
-    let under_way = 8 * visit + 8 * (3 + 8 * (1 + ALPHA_VISITS) * visit);
+    let under_way = 8 * visit + 8 * (3 + 8 * (1 + alpha_visits(rays)) * visit);
     budget.saturating_sub(light * lights + under_way + 16 * rays + 60 + Settings::MAX_PATTERN.pow(2)) / visit
 }
 
-/// Visits of triangles by a cluster whose loops are as long as those over a triangle that lets light pass: each ray looks up where
-/// it meets the triangle, and one texture. Shader twin: `shaders/include/alpha.wgsl`.
-const ALPHA_VISITS: u32 = 8;
+/// Visits of triangles by a cluster of lanes with so many rays whose loops are as long as those over one more that lets light pass: each
+/// ray looks up where it meets the triangle, and one texture, and there is a loop over all rays in each. Shader twin:
+/// `shaders/include/cluster_walk.wgsl`.
+fn alpha_visits(rays: u32) -> u32 {
+    rays + 4
+}
 
 /// Minimum visits for clusters: with fewer they would leave most of their work to single rays, so single rays do all of
 /// it.

@@ -5,12 +5,6 @@
 @group(0) @binding(21) var<storage, read> triangle_uvs: array<vec4<f32>>;
 @group(0) @binding(22) var<storage, read> materials: array<MaterialRecord>;
 
-// Visits of triangles by a cluster of rays whose loops are as long as those over a triangle that lets rays pass. Host twin:
-// plan::ALPHA_VISITS.
-const ALPHA_VISITS: u32 = 8u;
-
-// Leaves whose triangles may wait to be looked up, one in each lane of the smallest subgroup.
-const WAITING_LEAVES: u32 = 4u;
 const NO_TRIANGLE: u32 = 0xffffffffu;
 
 fn has_alpha(triangle: u32) -> bool {

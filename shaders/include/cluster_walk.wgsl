@@ -10,6 +10,10 @@ const PARTS: u32 = 8u / min(LANES, 8u);
 // Registers that hold the sixteen words of the stack, lane by lane. The host takes these kernels only where that is enough
 // (accel::wide::stack_bound).
 const WORDS: u32 = 16u / min(LANES, 16u);
+// Visits of triangles whose loops are as long as those over one more that lets rays pass. Host twin: plan::alpha_visits.
+const ALPHA_VISITS: u32 = RAYS + 4u;
+// Leaves whose triangles may wait to be looked up, one in each lane of the smallest subgroup.
+const WAITING_LEAVES: u32 = 4u;
 
 // Number of the child or triangle that a lane holds in a part.
 fn number_of(part: u32, lane: u32) -> u32 {

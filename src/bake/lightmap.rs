@@ -73,7 +73,7 @@ impl Bake {
         let mut pages: Vec<Page> = self.charts.pages.iter().map(|&size| Page::new(size)).collect();
         let mut valid: Vec<Vec<bool>> = pages.iter().map(|page| vec![false; page.direct.len()]).collect();
         let bvh = &self.bvh;
-        let leaves = leaves(bvh);
+        let leaves = bvh.leaf_numbers();
         let geometry = Inside { sides: &self.sides, bvh, leaves: &leaves };
         let mean = mean_light(&self.batches, images);
         let mut inside = 0;
@@ -117,13 +117,13 @@ impl Lightmap {
     }
 }
 
-/// What tells texels inside of geometry.
+/// Test of texels for being inside of geometry.
 pub(crate) struct Inside<'a> {
     /// The lit sides.
     pub sides: &'a [Sides],
     /// The tree of the scene.
     pub bvh: &'a Bvh,
-    /// [`leaves`] of the tree.
+    /// [`Bvh::leaf_numbers`].
     pub leaves: &'a [u32],
 }
 
@@ -143,13 +143,6 @@ impl Inside<'_> {
             })
         })
     }
-}
-
-/// Number in the order of the leaves of each triangle of the scene.
-pub(crate) fn leaves(bvh: &Bvh) -> Vec<u32> {
-    let mut leaves = vec![0; bvh.triangle_count() as usize];
-    (0..bvh.triangle_count()).for_each(|leaf| leaves[bvh.scene_triangle(leaf) as usize] = leaf);
-    leaves
 }
 
 /// The point of a texel, and the normal of its side.

@@ -44,9 +44,9 @@ use moves::Moves;
 use sides::Sides;
 
 /// Side of a block of texels, which is a cluster of shading points.
-const BLOCK: u32 = 8;
+pub(crate) const BLOCK: u32 = 8;
 /// Blocks in a row of an atlas view.
-const BLOCKS_ACROSS: u32 = 64;
+pub(crate) const BLOCKS_ACROSS: u32 = 64;
 /// Most texels of a batch: more do not trace faster.
 const MAX_BATCH: u64 = 1 << 18;
 /// Bytes of a device for each texel of a batch: of the film, and of the shading points of each bounce with their light and rays.
@@ -188,7 +188,7 @@ impl Bake {
         let charts = charts::lay_out(&scene, &sides, density as f32, &options, stop)?;
         log::debug!("charts made in {:.1} s", start.elapsed().as_secs_f64());
         let bvh = Bvh::build(&scene)?;
-        let inside = Inside { sides: &sides, bvh: &bvh, leaves: &lightmap::leaves(&bvh) };
+        let inside = Inside { sides: &sides, bvh: &bvh, leaves: &bvh.leaf_numbers() };
         let batches = batches(&charts, batch_texels(context, &settings), &inside);
         log::debug!("texels made in {:.1} s", start.elapsed().as_secs_f64());
         Ok(Bake { context: context.clone(), scene, settings, options, sides, charts, batches, bvh })

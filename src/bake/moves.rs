@@ -192,7 +192,7 @@ mod tests {
     #[test]
     fn texels_inside_of_geometry_and_their_neighbours_stay() {
         let (charts, still) = (charts(), moves().1.still);
-        // What lies left of x = 3 on the page is covered.
+        // The page is covered left of x = 3.
         let at = |texel: &Texel| {
             let f = &charts.faces[texel.triangle as usize];
             f.corners[0] + texel.uv[0] * (f.corners[1] - f.corners[0]) + texel.uv[1] * (f.corners[2] - f.corners[0])

@@ -104,7 +104,7 @@ mod tests {
         assert!((sum(&light) - before).length() < 1e-4 * before.length());
         let most = light.iter().map(|l| l.x).fold(0.0, f32::max);
         assert!(most < 2.5, "{most}");
-        // What is equal on all sides stays so.
+        // Texels at one distance have the same light.
         assert!((light[219] - light[221]).length() < 1e-5 && (light[199] - light[241]).length() < 1e-5);
     }
 

@@ -100,7 +100,7 @@ impl<'a> Recorder<'a> {
         self
     }
 
-    /// What follows is done as a whole or not at all, if the work is submitted in parts.
+    /// Begins the last part: if the work is submitted in parts, the device runs all later commands or none.
     pub fn last_part(&mut self) {
         if let Some(parts) = &mut self.parts {
             parts.last = true;

@@ -20,6 +20,8 @@ const NONE: u32 = u32::MAX;
 pub struct Atlas {
     kernel: BoundKernel,
     records: Buffer,
+    /// [`Bvh::leaf_numbers`]: the device numbers triangles in the order of the leaves.
+    leaves: Vec<u32>,
     texels: u32,
 }
 
@@ -35,15 +37,16 @@ impl Atlas {
         paths: &EyePathState,
         points: &ShadingPoints,
     ) -> Result<Self> {
-        let records = kit.stage("atlas", &records(bvh, &atlas.texels)?)?;
+        let leaves = bvh.leaf_numbers();
+        let records = kit.stage("atlas", &records(&leaves, &atlas.texels)?)?;
         let texels = Resources::of([("texels", &records)]);
         let sets = [&texels, &rays.resources(), &paths.resources(), &points.resources()];
-        Ok(Atlas { kernel: kit.bind(&shaders::ATLAS, &sets)?, records, texels: atlas.texels.len() as u32 })
+        Ok(Atlas { kernel: kit.bind(&shaders::ATLAS, &sets)?, records, leaves, texels: atlas.texels.len() as u32 })
     }
 
     /// Stages other texels, as many as before. Errors: those of [`Atlas::new`].
-    pub fn stage(&self, ctx: &Context, staging: &mut Staging, bvh: &Bvh, texels: &[Option<Texel>]) -> Result<()> {
-        staging.stage_into(ctx, &self.records, 0, &records(bvh, texels)?)
+    pub fn stage(&self, ctx: &Context, staging: &mut Staging, texels: &[Option<Texel>]) -> Result<()> {
+        staging.stage_into(ctx, &self.records, 0, &records(&self.leaves, texels)?)
     }
 
     /// Records the pass.
@@ -52,16 +55,11 @@ impl Atlas {
     }
 }
 
-/// What the kernel reads.
-fn records(bvh: &Bvh, texels: &[Option<Texel>]) -> Result<Vec<[u32; 4]>> {
-    // The device numbers triangles in the order of the leaves.
-    let mut leaf_of = vec![NONE; bvh.triangle_count() as usize];
-    for leaf in 0..bvh.triangle_count() {
-        leaf_of[bvh.scene_triangle(leaf) as usize] = leaf;
-    }
+/// The kernel's record of each texel.
+fn records(leaves: &[u32], texels: &[Option<Texel>]) -> Result<Vec<[u32; 4]>> {
     let record = |(i, texel): (usize, &Option<Texel>)| {
         let Some(Texel { triangle, uv: [u, v], back }) = *texel else { return Ok([NONE, 0, 0, 0]) };
-        let Some(&leaf) = leaf_of.get(triangle as usize) else {
+        let Some(&leaf) = leaves.get(triangle as usize) else {
             return Err(Error::Scene(format!(
                 "texel {i} of the atlas lies on triangle {triangle}, which does not exist"
             )));

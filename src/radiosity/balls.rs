@@ -184,7 +184,7 @@ fn fitted(corners: &[[Vec3; 3]]) -> Option<(Vec3, f32)> {
     let centre = found.truncate() * 0.5;
     let radius = (found.w + centre.length_squared()).sqrt();
     let off = all().map(|p| (((p - mean) / scale - centre).length() / radius - 1.0).abs()).fold(0.0, f64::max);
-    // Also what is no number is no sphere.
+    // False for NaN too.
     (off <= TOLERANCE).then(|| ((mean + scale * centre).as_vec3(), (radius * scale) as f32))
 }
 

@@ -4,15 +4,16 @@ use std::sync::Arc;
 
 use super::Light;
 use super::compute::Radiosity;
+use crate::bake;
 use crate::error::Result;
 use crate::output::Layers;
 use crate::standalone::Renderer;
 use crate::view::{Atlas, Texel};
 
 /// Side of a block of points, which is a cluster.
-const BLOCK: usize = 8;
+const BLOCK: usize = bake::BLOCK as usize;
 /// Blocks in a row of a view.
-const ACROSS: usize = 64;
+const ACROSS: usize = bake::BLOCKS_ACROSS as usize;
 
 /// Points under way. The passes of all batches have the same virtual lights.
 pub(super) struct Batches {
@@ -110,7 +111,7 @@ impl Batches {
         self.are_done() || self.slots.len() == self.points.len() && self.begun() > 0
     }
 
-    /// What is done: the light of earlier batches, and passes and state of the present one.
+    /// The finished work: light of earlier batches, passes and state of the present one.
     pub fn state(&self) -> Result<(&[Light], u32, Vec<u8>)> {
         match &self.renderer {
             Some(renderer) if self.begun() > 0 => Ok((&self.found, renderer.passes(), renderer.save_state()?)),

@@ -159,14 +159,14 @@ impl Radiosity {
         Renderer::with_atlas(self.context.clone(), self.scene.clone(), atlas, self.settings.clone())
     }
 
-    /// What the light of points depends on.
+    /// Scene and settings, on which the light of points depends.
     pub(super) fn scene_and_settings(&self) -> (&Scene, &Settings) {
         (&self.scene, &self.settings)
     }
 
     /// Numbers of the triangles in the order of the tree's leaves, for [`Radiosity::is_inside`].
     pub(super) fn leaves(&self) -> Vec<u32> {
-        lightmap::leaves(&self.bvh)
+        self.bvh.leaf_numbers()
     }
 
     /// Whether a dark point lies inside of geometry.
@@ -183,7 +183,7 @@ impl Radiosity {
         let most = pages.max_size.saturating_sub(2 * pages.padding);
         let mut textures = layout::textures(&self.surfaces, solution, budget, filter, most);
         let sizes = layout::place(&mut textures, pages.padding, pages.max_size);
-        let leaves = lightmap::leaves(&self.bvh);
+        let leaves = self.bvh.leaf_numbers();
         let mut filled: Vec<Page> = sizes.iter().map(|&size| Page::new(size)).collect();
         let mut faces = Vec::new();
         let (mut texels, mut area) = (0.0, 0.0);

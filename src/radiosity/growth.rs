@@ -159,7 +159,7 @@ impl<'a> Growth<'a> {
         fingerprint(scene, &(self.solution.options(), self.passes), settings)
     }
 
-    /// What is done so far, for [`Growth::go_on`].
+    /// The state of the finished work, for [`Growth::go_on`].
     pub fn state(&self) -> Result<State> {
         let (found, passes, film) = self.batches.state()?;
         let now = Saved { mean: self.mean, done: self.done, found: found.to_vec(), passes, film };

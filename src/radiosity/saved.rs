@@ -12,7 +12,7 @@ use super::refine::{Round, Samples, Solution};
 const MAGIC: u32 = u32::from_le_bytes(*b"TREE");
 const VERSION: u32 = 1;
 
-/// What there is of a growth beside its trees.
+/// A growth without its trees.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Saved {
     /// Mean of the first round.

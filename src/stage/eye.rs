@@ -186,11 +186,11 @@ impl Eye {
     }
 
     /// Stages the texels of a pass, if the view is an atlas whose texels move.
-    pub fn stage_texels(&self, ctx: &Context, scene: &DeviceScene, view: &View, pass: u32) -> Result<Option<Staging>> {
+    pub fn stage_texels(&self, ctx: &Context, view: &View, pass: u32) -> Result<Option<Staging>> {
         let (View::Atlas(view), FirstHits::Atlas(atlas)) = (view, &self.first) else { return Ok(None) };
         let Some(moving) = &view.moving else { return Ok(None) };
         let mut staging = Staging::new();
-        atlas.stage(ctx, &mut staging, &scene.bvh, &moving.texels(pass))?;
+        atlas.stage(ctx, &mut staging, &moving.texels(pass))?;
         Ok(Some(staging))
     }
 

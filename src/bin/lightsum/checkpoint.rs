@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 pub trait Progressive {
     /// Whether there is anything to keep.
     fn is_begun(&self) -> bool;
-    /// What is done, in words.
+    /// The finished work in words.
     fn done(&self) -> String;
     /// The state.
     fn state(&self) -> Result<State>;
@@ -61,7 +61,7 @@ pub struct Checkpoints {
     /// Time between two checkpoints; `None`: there are none.
     every: Option<Duration>,
     last: Instant,
-    /// What is in the file, if this run wrote it.
+    /// The work in the file in words, if this run wrote it.
     written: Option<String>,
 }
 
