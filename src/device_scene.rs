@@ -25,6 +25,7 @@ use crate::light::targets::Targets;
 use crate::pass::kept_light::KeptBuffers;
 use crate::pass::layout::PointLight;
 use crate::pass::mirror_image::Tables;
+use crate::plan::RayClusters;
 use crate::sampling::sobol;
 use crate::scene::reflectors::Reflector;
 use crate::scene::{Scene, Surface};
@@ -306,9 +307,10 @@ impl DeviceScene {
         self.mirrors.list.len() as u32
     }
 
-    /// Subgroup size of the cluster kernels, if the scene has what they need.
-    pub fn cluster_lanes(&self, context: &Context) -> Option<u32> {
-        self.wide_nodes.as_ref().map(|_| context.info().subgroup_size)
+    /// Clusters of rays, if the scene has what their kernels need.
+    pub fn clusters(&self, context: &Context) -> Option<RayClusters> {
+        let clusters = RayClusters { lanes: context.info().subgroup_size, has_alpha: self.has_alpha };
+        self.wide_nodes.as_ref().map(|_| clusters)
     }
 
     /// All buffers by their names in shaders.

@@ -11,7 +11,7 @@ const PARTS: u32 = 8u / min(LANES, 8u);
 // (accel::wide::stack_bound).
 const WORDS: u32 = 16u / min(LANES, 16u);
 // Visits of triangles whose loops are as long as those over one more that lets rays pass. Host twin: plan::alpha_visits.
-const ALPHA_VISITS: u32 = RAYS + 4u;
+const ALPHA_VISITS: u32 = RAYS + 5u;
 // Leaves whose triangles may wait to be looked up, one in each lane of the smallest subgroup.
 const WAITING_LEAVES: u32 = 4u;
 

@@ -46,7 +46,7 @@ use crate::accel::{Bvh, Ray};
 use crate::bsdf::{Reflectance, pdf_specular};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources};
-use crate::plan::{self, StepTable};
+use crate::plan::{self, RayClusters, StepTable};
 use crate::scene::Scene;
 use crate::settings::Settings;
 
@@ -164,10 +164,10 @@ impl ShadowRays {
 }
 
 impl Chunk {
-    /// Subgroup size of the cluster kernel, if the budget of a dispatch suffices for clusters.
-    pub fn lanes(settings: &Settings, lanes: Option<u32>) -> Option<u32> {
-        let steps = |lanes: u32| plan::cluster_steps(Chunk::size(settings, true), settings.loop_budget, lanes);
-        lanes.filter(|&lanes| steps(lanes) >= plan::MIN_CLUSTER_STEPS)
+    /// The clusters, if the budget of a dispatch suffices for them.
+    pub fn clusters(settings: &Settings, clusters: Option<RayClusters>) -> Option<RayClusters> {
+        let steps = |clusters| plan::cluster_steps(Chunk::size(settings, true), settings.loop_budget, clusters);
+        clusters.filter(|&clusters| steps(clusters) >= plan::MIN_CLUSTER_STEPS)
     }
 
     /// Maximum number of lights in a chunk. Chunks for clusters are larger: a cluster loads its points once for all
@@ -177,13 +177,13 @@ impl Chunk {
         if clusters { (4 * single).min(CLUSTER_LIGHTS) } else { single }
     }
 
-    /// Steps for the lights `first..end` of a chunk. `lanes`: from [`Chunk::lanes`], if clusters take the chunk;
+    /// Steps for the lights `first..end` of a chunk. `clusters`: from [`Chunk::clusters`], if they take the chunk;
     /// `by_screen`: the list is in screen order.
     pub fn new(
         table: &mut StepTable,
         settings: &Settings,
         (first, end): (u32, u32),
-        lanes: Option<u32>,
+        clusters: Option<RayClusters>,
         by_screen: bool,
     ) -> Chunk {
         // Single rays take at most this number of lights in a round; a larger chunk has more rounds in proportion.
@@ -193,10 +193,10 @@ impl Chunk {
         let clears = u32::from(first == 0);
         let indirect = if by_screen { 2 } else { 1 };
         let chunk = Step { first, end, steps, lights: most, indirect, clears, ..Step::default() };
-        let Some(lanes) = lanes else {
+        let Some(clusters) = clusters else {
             return Chunk { rounds: table.add_rounds(rounds, chunk), clusters: false };
         };
-        let cluster_steps = plan::cluster_steps(Chunk::size(settings, true), settings.loop_budget, lanes);
+        let cluster_steps = plan::cluster_steps(Chunk::size(settings, true), settings.loop_budget, clusters);
         let clears = |round: u32| if round == 0 { chunk.clears } else { 0 };
         let together =
             (0..CLUSTER_ROUNDS).map(|round| Step { round, clears: clears(round), steps: cluster_steps, ..chunk });

@@ -18,7 +18,7 @@ use crate::accel::alpha::chance;
 use crate::accel::{Bvh, Hit, Ray};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
-use crate::plan::{StepTable, cluster_steps, trace_steps};
+use crate::plan::{RayClusters, StepTable, cluster_steps, trace_steps};
 use crate::scene::Scene;
 use crate::settings::Settings;
 
@@ -31,23 +31,23 @@ pub struct EyeSteps {
 }
 
 impl EyeSteps {
-    /// Adds the steps to the table. `lanes`: subgroup size of the cluster kernel, if clusters take the rays first.
-    pub fn new(table: &mut StepTable, settings: &Settings, pixels: u32, lanes: Option<u32>) -> EyeSteps {
+    /// Adds the steps to the table. `clusters`: they take the rays first.
+    pub fn new(table: &mut StepTable, settings: &Settings, pixels: u32, clusters: Option<RayClusters>) -> EyeSteps {
         let single = Step { end: pixels, steps: trace_steps(settings.loop_budget), ..Step::default() };
-        EyeSteps::of(table, settings, single, lanes)
+        EyeSteps::of(table, settings, single, clusters)
     }
 
     /// For rays on a list.
-    pub fn of_list(table: &mut StepTable, settings: &Settings, lanes: Option<u32>) -> EyeSteps {
+    pub fn of_list(table: &mut StepTable, settings: &Settings, clusters: Option<RayClusters>) -> EyeSteps {
         let single = Step { indirect: 1, steps: trace_steps(settings.loop_budget), ..Step::default() };
-        EyeSteps::of(table, settings, single, lanes)
+        EyeSteps::of(table, settings, single, clusters)
     }
 
-    fn of(table: &mut StepTable, settings: &Settings, single: Step, lanes: Option<u32>) -> EyeSteps {
-        let Some(lanes) = lanes else {
+    fn of(table: &mut StepTable, settings: &Settings, single: Step, clusters: Option<RayClusters>) -> EyeSteps {
+        let Some(clusters) = clusters else {
             return EyeSteps { clusters: None, rounds: table.add_rounds(settings.rounds, single) };
         };
-        let steps = cluster_steps(1, settings.loop_budget, lanes);
+        let steps = cluster_steps(1, settings.loop_budget, clusters);
         let clusters = Some(table.add(Step { steps, ..single }));
         let last = |round: u32| u32::from(round == settings.rounds);
         let rounds =

@@ -177,10 +177,10 @@ impl Visibility {
 
         let mut table = StepTable::default();
         let lights = workload.lights.len() as u32;
-        let lanes = Chunk::lanes(settings, scene.cluster_lanes(context).filter(|_| kernels.cluster.is_some()));
-        let size = Chunk::size(settings, lanes.is_some());
+        let ray_clusters = Chunk::clusters(settings, scene.clusters(context).filter(|_| kernels.cluster.is_some()));
+        let size = Chunk::size(settings, ray_clusters.is_some());
         let chunks = (0..lights.div_ceil(size))
-            .map(|i| Chunk::new(&mut table, settings, (i * size, lights.min((i + 1) * size)), lanes, false))
+            .map(|i| Chunk::new(&mut table, settings, (i * size, lights.min((i + 1) * size)), ray_clusters, false))
             .collect();
         let frame = staging.stage(context, "visibility frame", &[frame])?;
         let status = Buffer::new(context, "visibility status", 16, Memory::Device)?;

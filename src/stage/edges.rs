@@ -45,8 +45,8 @@ impl Edges {
     ) -> Result<Option<Edges>> {
         let Some(guides) = &eye.guides else { return Ok(None) };
         let mut table = StepTable::default();
-        let lanes = Chunk::lanes(&plan.settings, scene.cluster_lanes(kit.context));
-        let edge_steps = EyeSteps::of_list(&mut table, &plan.settings, lanes);
+        let ray_clusters = Chunk::clusters(&plan.settings, scene.clusters(kit.context));
+        let edge_steps = EyeSteps::of_list(&mut table, &plan.settings, ray_clusters);
         let list_step = table.add_list();
         let rounds = if plan.eye.plain_mirrors { table.add_list_rounds(&plan.settings) } else { Vec::new() };
         let steps = table.stage(kit, "edge steps")?;

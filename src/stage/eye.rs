@@ -87,8 +87,8 @@ impl Eye {
         let lit = plan.lights_points();
 
         let mut table = StepTable::default();
-        let lanes = Chunk::lanes(settings, scene.cluster_lanes(kit.context));
-        let first_steps = EyeSteps::new(&mut table, settings, pixels, lanes);
+        let ray_clusters = Chunk::clusters(settings, scene.clusters(kit.context));
+        let first_steps = EyeSteps::new(&mut table, settings, pixels, ray_clusters);
         let follow_steps: Vec<u32> = (0..eye.steps)
             .map(|bounce| {
                 let split = if bounce == 0 { eye.split_offset() } else { 0 };

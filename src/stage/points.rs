@@ -102,8 +102,8 @@ pub(super) fn chunks(
     order: PointOrder,
 ) -> Vec<Chunk> {
     let settings = &plan.settings;
-    let lanes = Chunk::lanes(settings, scene.cluster_lanes(context)).filter(|_| order != PointOrder::Any);
-    let size = Chunk::size(settings, lanes.is_some());
+    let ray_clusters = Chunk::clusters(settings, scene.clusters(context)).filter(|_| order != PointOrder::Any);
+    let size = Chunk::size(settings, ray_clusters.is_some());
     // Eye segment, gather rays, shadow ray and j reflections are bounce + j + 2 segments.
     let reflections = (settings.max_depth as usize).checked_sub(bounce as usize + 2);
     let ranges = reflections.map_or(Vec::new(), |j| plan.lists.chunks(size, j));
@@ -115,8 +115,8 @@ pub(super) fn chunks(
             let mut places = delta.iter().take(end as usize).skip(first as usize);
             let parallel =
                 places.any(|l| l.is_parallel()) || (plan.lists.environment && first < plan.lists.first_placed());
-            let lanes = lanes.filter(|_| !parallel);
-            Chunk::new(table, settings, (first, end), lanes, order == PointOrder::Screen)
+            let ray_clusters = ray_clusters.filter(|_| !parallel);
+            Chunk::new(table, settings, (first, end), ray_clusters, order == PointOrder::Screen)
         })
         .collect();
     // Mirrors and glass on the particle's path count as well.
