@@ -121,7 +121,8 @@ pub struct Material {
     pub emission: Vec3,
     /// Index into `textures` (sRGB).
     pub emission_texture: Option<u32>,
-    /// For each [`TextureUse`] whether the texture lies by [`Scene::second_uvs`] instead of [`Scene::uvs`]; never for the base.
+    /// For each [`TextureUse`](super::TextureUse) whether the texture lies by [`second_uvs`](super::Scene::second_uvs) instead of
+    /// [`uvs`](super::Scene::uvs); never for the base.
     pub second_uvs: [bool; 4],
     /// Emits from both sides.
     pub two_sided: bool,
