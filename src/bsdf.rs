@@ -358,7 +358,7 @@ pub fn sample_texture(texture: &Texture, uv: [f32; 2]) -> Vec4 {
 }
 
 /// The mean of a scene's texture over a footprint of this width in texture coordinates, 0: a point: linear between the two levels whose
-/// texels are as wide. The levels are made anew at each call.
+/// texels are as wide. The levels are made anew at each call, unless the scene keeps them ([`Scene::keep_levels`]).
 pub fn sample_filtered(scene: &Scene, index: u32, uv: [f32; 2], footprint: f32) -> Vec4 {
     let texture = &scene.textures[index as usize];
     let extent = (texture.width as f32 * texture.height as f32).sqrt();
@@ -367,12 +367,9 @@ pub fn sample_filtered(scene: &Scene, index: u32, uv: [f32; 2], footprint: f32) 
     if level <= 0.0 {
         return sample_texture(texture, uv);
     }
-    let of_level = |number: u32| {
-        let Some(before) = number.checked_sub(1) else { return sample_texture(texture, uv) };
-        // Their number is that of the levels but one.
-        let (size, texels) = texture.levels(scene.counts_by_alpha(index)).nth(before as usize).unwrap_or_default();
-        let (name, srgb, wrap) = (String::new(), texture.srgb, texture.wrap);
-        sample_texture(&Texture { name, width: size[0], height: size[1], texels, srgb, wrap }, uv)
+    let of_level = |number: u32| match number {
+        0 => sample_texture(texture, uv),
+        _ => scene.with_level(index, number, |texture| sample_texture(texture, uv)),
     };
     let fine = level as u32;
     of_level(fine).lerp(of_level((fine + 1).min(last)), level.fract())

@@ -266,6 +266,7 @@ pub(crate) fn prepare(scene: &Scene) -> Scene {
             }
         }
     }
+    scene.keep_levels();
     scene
 }
 

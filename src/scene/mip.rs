@@ -4,7 +4,7 @@
 //! where a width or height is odd. So all levels have one mean. Normal maps are averaged alike; the mean of unit vectors is shorter
 //! than one, and whoever reads it normalises it: bumps that are smaller than a texel of the level are flat there.
 
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock, OnceLock};
 
 use fast_srgb8::f32_to_srgb8;
 use glam::Vec4;
@@ -53,6 +53,36 @@ impl Scene {
     /// pass.
     pub fn counts_by_alpha(&self, texture: u32) -> bool {
         self.materials.iter().any(|m| m.base_texture == Some(texture) && m.has_alpha())
+    }
+}
+
+/// The levels of a scene's textures, each texture's made when first looked up.
+#[derive(Debug, Default)]
+pub struct KeptLevels(Vec<OnceLock<Vec<Texture>>>);
+
+impl Scene {
+    /// Keeps the levels of textures from the first look-up on the host on: a third of a texture's memory. From then on, textures and
+    /// which materials use them must stay as they are, until this is called again.
+    pub fn keep_levels(&mut self) {
+        let none = self.textures.iter().map(|_| OnceLock::new()).collect();
+        self.levels = Some(Arc::new(KeptLevels(none)));
+    }
+
+    /// Looks a texture up on a level, 1 to the last.
+    pub(crate) fn with_level<T>(&self, texture: u32, level: u32, look_up: impl FnOnce(&Texture) -> T) -> T {
+        let of = &self.textures[texture as usize];
+        let levels = || of.levels(self.counts_by_alpha(texture)).map(|(size, texels)| of.with_texels(size, texels));
+        let index = level as usize - 1;
+        match self.levels.as_ref().and_then(|kept| kept.0.get(texture as usize)) {
+            Some(kept) => look_up(&kept.get_or_init(|| levels().collect())[index]),
+            None => look_up(&levels().nth(index).unwrap_or_else(|| of.clone())),
+        }
+    }
+}
+
+impl Texture {
+    fn with_texels(&self, [width, height]: [u32; 2], texels: Vec<[u8; 4]>) -> Texture {
+        Texture { name: String::new(), width, height, texels, srgb: self.srgb, wrap: self.wrap }
     }
 }
 
@@ -211,6 +241,21 @@ mod tests {
     fn light_is_averaged_and_not_its_code() {
         let checks = Texture { texels: vec![[0, 0, 0, 255], [255; 4]], ..texture(2, 1, true) };
         assert_eq!(checks.levels(false).next().unwrap().1, [[188, 188, 188, 255]]);
+    }
+
+    #[test]
+    fn kept_levels_are_those_made_anew() {
+        let mut scene = Scene { textures: vec![texture(27, 3, true), texture(64, 32, false)], ..Scene::default() };
+        let look_up = |scene: &Scene| {
+            (0..2)
+                .flat_map(|index| (1..=4).map(move |level| (index, level)))
+                .map(|(index, level)| scene.with_level(index, level, Texture::clone))
+                .collect::<Vec<_>>()
+        };
+        let anew = look_up(&scene);
+        scene.keep_levels();
+        assert!(look_up(&scene) == anew && look_up(&scene) == anew);
+        assert_eq!((anew[0].width, anew[7].height), (13, 2));
     }
 
     #[test]

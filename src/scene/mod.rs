@@ -58,6 +58,7 @@ pub use export::{VirtualLight, export_lights};
 pub(crate) use kept_light::mitchell_filter;
 pub use kept_light::{KeptFace, KeptLight, KeptPage};
 pub use material::{Alpha, Material, Surface};
+pub use mip::KeptLevels;
 pub(crate) use texture::linear_to_srgb;
 pub use texture::{Cone, TextureUse};
 
@@ -123,6 +124,8 @@ pub struct Scene {
     pub animations: Option<Arc<Animations>>,
     /// `[render]` of the scene file: defaults that the command line overrides.
     pub render: RenderDefaults,
+    /// Levels of the textures, kept for look-ups on the host: see [`Scene::keep_levels`].
+    pub levels: Option<Arc<KeptLevels>>,
 }
 
 impl Default for Scene {
@@ -150,6 +153,7 @@ impl Default for Scene {
             cameras: Vec::new(),
             animations: None,
             render: RenderDefaults::default(),
+            levels: None,
         }
     }
 }
