@@ -219,9 +219,10 @@ impl Engine {
     }
 
     /// Sets the number of passes, for a caller that has restored the sums of `passes` passes, or to repeat a failed
-    /// pass.
+    /// pass. Before pass 0 the sums are cleared.
     pub fn set_passes(&mut self, passes: u32) {
         self.passes = passes;
+        self.clear = passes == 0;
     }
 
     /// Changes to a camera of the same resolution, and restarts if it differs. Takes effect with the next pass; commands

@@ -82,6 +82,8 @@ pub struct Renderer {
     /// Of the passes in the film; `None`: there are passes without.
     history: Option<History>,
     fingerprint: u64,
+    /// Of scene and settings, for a renderer of texels.
+    without_atlas: Option<u64>,
     stages: Vec<(String, f64)>,
     gpu_passes: Vec<(String, f64)>,
     last_pass: PassTimes,
@@ -177,13 +179,27 @@ impl Renderer {
     /// [`Renderer::with_context`] for texels on surfaces.
     pub fn with_atlas(context: Context, scene: Scene, atlas: Arc<Atlas>, settings: Settings) -> Result<Renderer> {
         let start = Instant::now();
-        let mut fingerprint = Fnv(fingerprint(&scene, &atlas.size, &settings));
-        for Texel { triangle, uv: [u, v], back } in atlas.texels.iter().flatten() {
-            fingerprint.add(bytemuck::cast_slice(&[*triangle, u.to_bits(), v.to_bits(), u32::from(*back)]));
-        }
-        fingerprint.add(&[u8::from(atlas.moving.is_some())]);
+        let without = fingerprint(&scene, &"atlas", &settings);
+        let fingerprint = of_atlas(without, &atlas);
         let engine = Engine::with_view(&context, &scene, View::Atlas(atlas), settings)?;
-        Self::with_engine(context, scene, engine, fingerprint.0, start)
+        let mut renderer = Self::with_engine(context, scene, engine, fingerprint, start)?;
+        renderer.without_atlas = Some(without);
+        Ok(renderer)
+    }
+
+    /// Renders other texels from now on, as a new [`Renderer::with_atlas`] would; scene and kernels stay on the device. Errors: the
+    /// renderer was not made by [`Renderer::with_atlas`].
+    pub fn set_atlas(&mut self, atlas: Arc<Atlas>) -> Result<()> {
+        let Some(without) = self.without_atlas else {
+            let message = String::from("the renderer shows a camera's image; make one by Renderer::with_atlas");
+            return Err(Error::Setting { name: "view", message });
+        };
+        self.engine.set_atlas(atlas.clone())?;
+        // The same texels start anew too.
+        self.engine.restart();
+        self.history = Some(History::default());
+        self.fingerprint = of_atlas(without, &atlas);
+        Ok(())
     }
 
     /// [`Renderer::with_context`] with a scene that may change: see [`Renderer::engine_mut`].
@@ -220,6 +236,7 @@ impl Renderer {
             readback,
             history: Some(History::default()),
             fingerprint,
+            without_atlas: None,
             stages: vec![(String::from("build"), built), (String::from("upload"), total - built)],
             gpu_passes: Vec::new(),
             last_pass: PassTimes::default(),
@@ -536,6 +553,17 @@ impl Renderer {
         export_lights(path, self.scene(), &lights)?;
         Ok(lights.len())
     }
+}
+
+/// The fingerprint of scene and settings, and of texels.
+fn of_atlas(without: u64, atlas: &Atlas) -> u64 {
+    let mut fingerprint = Fnv(without);
+    fingerprint.add(bytemuck::cast_slice(&atlas.size));
+    for Texel { triangle, uv: [u, v], back } in atlas.texels.iter().flatten() {
+        fingerprint.add(bytemuck::cast_slice(&[*triangle, u.to_bits(), v.to_bits(), u32::from(*back)]));
+    }
+    fingerprint.add(&[u8::from(atlas.moving.is_some())]);
+    fingerprint.0
 }
 
 /// Bytes of the status and of the work of all lists.

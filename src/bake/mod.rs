@@ -221,14 +221,13 @@ impl Bake {
         [largest * texel_bytes(&self.settings), maps * (24 + 16 + 24)]
     }
 
-    /// A renderer of batch `i`.
-    pub fn renderer(&self, i: usize) -> Result<Renderer> {
-        Renderer::with_atlas(
-            self.context.clone(),
-            self.scene.clone(),
-            self.batches[i].atlas.clone(),
-            self.settings.clone(),
-        )
+    /// A renderer of batch `i`. `last`: that of another batch, which leaves it scene and kernels.
+    pub fn renderer(&self, i: usize, last: Option<Renderer>) -> Result<Renderer> {
+        let atlas = self.batches[i].atlas.clone();
+        match last {
+            Some(mut renderer) => renderer.set_atlas(atlas).map(|()| renderer),
+            None => Renderer::with_atlas(self.context.clone(), self.scene.clone(), atlas, self.settings.clone()),
+        }
     }
 }
 

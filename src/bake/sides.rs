@@ -83,13 +83,17 @@ pub fn lit(context: &Context, scene: &Scene, settings: &Settings, stop: Stop) ->
         ..super::settings(settings.clone())
     };
     let mut found = Vec::with_capacity(probes.len());
+    let mut last: Option<Renderer> = None;
     for batch in probes.chunks(BATCH) {
         let mut texels = batch.to_vec();
         let width = (texels.len() as u32).min(512).next_multiple_of(BLOCK);
         let height = (texels.len() as u32).div_ceil(width);
         texels.resize((width * height) as usize, None);
         let atlas = Arc::new(Atlas::new([width, height], texels));
-        let mut renderer = Renderer::with_atlas(context.clone(), scene.clone(), atlas, settings.clone())?;
+        let mut renderer = match last.take() {
+            Some(mut renderer) => renderer.set_atlas(atlas).map(|()| renderer)?,
+            None => Renderer::with_atlas(context.clone(), scene.clone(), atlas, settings.clone())?,
+        };
         for _ in 0..PASSES {
             if !renderer.pass_unless(stop)? {
                 return Err(Error::Interrupted);
@@ -98,6 +102,7 @@ pub fn lit(context: &Context, scene: &Scene, settings: &Settings, stop: Stop) ->
         let layers = renderer.layers()?;
         let light = layers.direct.iter().zip(&layers.indirect).map(|(a, b)| (*a + *b).element_sum());
         found.extend(light.take(batch.len()));
+        last = Some(renderer);
     }
     let mean = found.iter().sum::<f32>() / found.len().max(1) as f32;
     let mut sides = vec![Sides::default(); scene.triangles.len()];

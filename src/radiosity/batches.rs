@@ -69,11 +69,7 @@ impl Batches {
         let rest = &self.points[self.found.len()..];
         let (atlas, slots) = view(&rest[..rest.len().min(of.batch_points())]);
         match &mut self.renderer {
-            Some(renderer) => {
-                renderer.engine_mut().set_atlas(Arc::new(atlas))?;
-                // The same points again would go on instead.
-                renderer.engine_mut().restart();
-            }
+            Some(renderer) => renderer.set_atlas(Arc::new(atlas))?,
             none => *none = Some(of.renderer_of(Arc::new(atlas))?),
         }
         self.slots = slots;

@@ -229,9 +229,13 @@ impl Radiosity {
         solution.lit().chunks(self.batch_points()).map(of_part).collect()
     }
 
-    /// A renderer of a part, whose first pass has the number `passes`: those before are in the samples.
-    pub fn renderer(&self, part: &Part, passes: u32) -> Result<Renderer> {
-        let mut renderer = self.renderer_of(part.atlas.clone())?;
+    /// A renderer of a part, whose first pass has the number `passes`: those before are in the samples. `last`: that of another part, which
+    /// leaves it scene and kernels.
+    pub fn renderer(&self, part: &Part, passes: u32, last: Option<Renderer>) -> Result<Renderer> {
+        let mut renderer = match last {
+            Some(mut renderer) => renderer.set_atlas(part.atlas.clone()).map(|()| renderer)?,
+            None => self.renderer_of(part.atlas.clone())?,
+        };
         let empty = vec![0; HostFilm::byte_count(part.atlas.size, false)];
         renderer.load_film(passes, &HostFilm::from_bytes(&empty, part.atlas.size, false)?)?;
         Ok(renderer)

@@ -28,7 +28,7 @@ fn plain() -> Settings {
 fn baked(ctx: &Context, scene: &Scene, settings: &Settings, options: Options, passes: u32) -> (Bake, Lightmap) {
     let bake = Bake::new(ctx, scene, settings.clone(), options).unwrap();
     let image = |i: usize| {
-        let mut renderer = bake.renderer(i).unwrap();
+        let mut renderer = bake.renderer(i, None).unwrap();
         (0..passes).for_each(|_| renderer.pass().unwrap());
         renderer.layers().unwrap()
     };

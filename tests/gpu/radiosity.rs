@@ -237,7 +237,7 @@ fn passes_after_the_rounds_are_those_that_follow() {
         let parts = radiosity.parts(&solution);
         let [part] = &parts[..] else { panic!("{}", parts.len()) };
         assert_eq!(part.len() + solution.inside(), solution.points());
-        let mut renderer = radiosity.renderer(part, 2).unwrap();
+        let mut renderer = radiosity.renderer(part, 2, None).unwrap();
         (0..3).for_each(|_| renderer.pass().unwrap());
         assert_eq!(renderer.passes(), 5);
         part.add(&mut solution, 2, &renderer.layers().unwrap(), 3);

@@ -315,7 +315,7 @@ fn texels_that_move_have_the_light_of_their_places() {
             let mut renderer = of(moving.clone()).unwrap();
             (0..3).for_each(|_| renderer.pass().unwrap());
             // It goes on from its state, and another atlas does not.
-            let mut resumed = of(moving).unwrap();
+            let mut resumed = of(moving.clone()).unwrap();
             assert_eq!(renderer.fingerprint(), resumed.fingerprint());
             assert_ne!(renderer.fingerprint(), of(still).unwrap().fingerprint());
             resumed.load_state(3, &renderer.save_state().unwrap()).unwrap();
@@ -324,6 +324,20 @@ fn texels_that_move_have_the_light_of_their_places() {
             }
             let found = renderer.layers().unwrap();
             assert!(found.indirect == resumed.layers().unwrap().indirect);
+            // A renderer that showed other texels, of another size, is as good as a new one.
+            let mut taken = of(texels(&scene, [13, 7])).unwrap();
+            (0..2).for_each(|_| taken.pass().unwrap());
+            let state = renderer.save_state().unwrap();
+            for again in 0..2 {
+                taken.set_atlas(Arc::new(moving.clone())).unwrap();
+                assert_eq!((taken.passes(), taken.fingerprint()), (0, renderer.fingerprint()));
+                let first = if again == 0 { 0 } else { 5 };
+                if first > 0 {
+                    taken.load_state(first, &state).unwrap();
+                }
+                (first..5).for_each(|_| taken.pass().unwrap());
+                assert!(taken.save_state().unwrap() == state);
+            }
             assert!(found.indirect.iter().any(|light| light.x > 0.0));
             for (found, expected) in found.indirect.iter().zip(expected) {
                 assert!((*found - expected).abs().max_element() <= 1e-4 * (1e-3 + expected.max_element()));

@@ -62,7 +62,7 @@ pub fn run(args: &args::Bake) -> Result<()> {
     let views = views.map(|(i, batch)| View { points: batch.texels(), state: state_path(i) }).collect();
     let mut progress = Progress::new();
     let mut job = Job::new(args, views, &clock, &mut progress, 0.0);
-    let images = job.run(0, &|i| bake.renderer(i))?;
+    let images = job.run(0, &|i, last| bake.renderer(i, last))?;
     if images.iter().all(Option::is_none) {
         return Err(Error::Interrupted);
     }

@@ -16,6 +16,9 @@ use crate::stop::{Clock, Stop, error_is_due};
 /// The image of a view and the number of passes in it.
 pub type Image = (Layers, u32);
 
+/// Makes the renderer of a view; that of another view leaves it scene and kernels.
+pub type RendererOf<'a> = dyn Fn(usize, Option<Renderer>) -> Result<Renderer> + 'a;
+
 /// A view to be rendered.
 pub struct View {
     /// Points in it.
@@ -71,15 +74,16 @@ impl<'a> Job<'a> {
         }
     }
 
-    /// Renders all views, one after the other, each by a renderer after `first` passes. Returns their images with the numbers of passes
+    /// Renders all views, one after the other, each by a renderer after `first` passes, made from the one before. Returns their images with the numbers of passes
     /// in them, `None` for a view without. An interrupt keeps the states of those that have begun.
-    pub fn run(&mut self, first: u32, renderer: &dyn Fn(usize) -> Result<Renderer>) -> Result<Vec<Option<Image>>> {
+    pub fn run(&mut self, first: u32, renderer: &RendererOf) -> Result<Vec<Option<Image>>> {
         let total = self.views.iter().map(|view| view.points).sum::<usize>().max(1) as f64;
         let stop = self.clock.left();
         let (mut images, mut done) = (vec![None; self.views.len()], 0.0);
+        let mut last = None;
         for (i, image) in images.iter_mut().enumerate() {
             let share = self.views[i].points as f64 / total;
-            let mut renderer = renderer(i)?;
+            let mut renderer = renderer(i, last.take())?;
             let path = self.views[i].state.clone();
             if self.resume && path.exists() {
                 let state = State::read(&path)?;
@@ -98,6 +102,7 @@ impl<'a> Job<'a> {
                     break;
                 }
                 // There was no time.
+                last = Some(renderer);
                 continue;
             }
             if broken_off {
@@ -113,6 +118,7 @@ impl<'a> Job<'a> {
                 break;
             }
             done += share;
+            last = Some(renderer);
         }
         self.progress.finish();
         Ok(images)

@@ -82,7 +82,7 @@ pub fn run(
     let views = parts.iter().enumerate();
     let views = views.map(|(i, part)| View { points: part.len(), state: part_path(&args.output, i) }).collect();
     let mut job = Job::new(args, views, clock, &mut progress, share);
-    let images = job.run(passes, &|i| radiosity.renderer(&parts[i], passes))?;
+    let images = job.run(passes, &|i, last| radiosity.renderer(&parts[i], passes, last))?;
     for (part, image) in parts.iter().zip(&images) {
         if let Some((image, more)) = image {
             part.add(&mut solution, passes, image, *more);
