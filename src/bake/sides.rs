@@ -9,21 +9,24 @@ use glam::Vec3;
 
 use super::{BLOCK, Stop};
 use crate::error::{Error, Result};
+use crate::film::HostFilm;
 use crate::gpu::Context;
 use crate::scene::{Material, Scene, Surface};
 use crate::settings::{Compensation, Settings};
 use crate::standalone::Renderer;
 use crate::view::{Atlas, Texel};
 
-/// Passes of the probes.
-const PASSES: u32 = 4;
+/// Ranges of passes: each for the probes of sides that are dark after those before.
+const ROUNDS: [std::ops::Range<u32>; 3] = [0..1, 1..4, 4..12];
+/// Triangles whose fronts come together and then their backs: rays of neighbours are alike.
+const GROUP: usize = 64;
 /// Most probes of a side.
 const MAX_PROBES: usize = 16;
 /// Probes of all sides that large triangles share.
 const SPREAD: f64 = 200_000.0;
 /// Entries of a view.
 const BATCH: usize = 1 << 18;
-/// A side is lit if one of its probes has this part of the mean irradiance.
+/// A side is lit if one of its probes has this part of the mean irradiance of all in the first pass.
 const LEAST: f32 = 1e-3;
 
 /// Lit sides of a triangle.
@@ -55,21 +58,21 @@ pub fn is_diffuse(m: &Material) -> bool {
 }
 
 /// Most particles of a pass over the probes.
-const PARTICLES: u32 = 32;
+const PARTICLES: u32 = 8;
 
 /// The lit sides of each triangle, unless `stop` breaks it off. Deterministic. Errors: [`Error::Interrupted`]; those of a renderer.
 pub fn lit(context: &Context, scene: &Scene, settings: &Settings, stop: Stop) -> Result<Vec<Sides>> {
     let diffuse: Vec<bool> = scene.materials.iter().map(is_diffuse).collect();
     let area: f64 = (0..scene.triangles.len()).map(|i| f64::from(scene.triangle_area(i))).sum();
+    let numbers: Vec<u32> = (0..scene.triangles.len() as u32).collect();
     let mut probes = Vec::new();
-    for (i, triangle) in (0u32..).zip(&scene.triangles) {
-        if !diffuse[triangle.material as usize] {
-            continue;
-        }
-        let share = f64::from(scene.triangle_area(i as usize)) / area * SPREAD;
-        let count = (share as usize).clamp(1, MAX_PROBES);
-        for back in [false, true] {
-            probes.extend((0..count).map(|k| Some(Texel { triangle: i, uv: point(k, count), back })));
+    for group in numbers.chunks(GROUP) {
+        for (&i, back) in [false, true].iter().flat_map(|back| group.iter().map(move |i| (i, *back))) {
+            if diffuse[scene.triangles[i as usize].material as usize] {
+                let share = f64::from(scene.triangle_area(i as usize)) / area * SPREAD;
+                let count = (share as usize).clamp(1, MAX_PROBES);
+                probes.extend((0..count).map(|k| Texel { triangle: i, uv: point(k, count), back }));
+            }
         }
     }
     // A few lights each tell more or less light, but always whether there is any.
@@ -82,37 +85,52 @@ pub fn lit(context: &Context, scene: &Scene, settings: &Settings, stop: Stop) ->
         photons: settings.photons.min(20_000),
         ..super::settings(settings.clone())
     };
-    let mut found = Vec::with_capacity(probes.len());
-    let mut last: Option<Renderer> = None;
-    for batch in probes.chunks(BATCH) {
-        let mut texels = batch.to_vec();
-        let width = (texels.len() as u32).min(512).next_multiple_of(BLOCK);
-        let height = (texels.len() as u32).div_ceil(width);
-        texels.resize((width * height) as usize, None);
-        let atlas = Arc::new(Atlas::new([width, height], texels));
-        let mut renderer = match last.take() {
-            Some(mut renderer) => renderer.set_atlas(atlas).map(|()| renderer)?,
-            None => Renderer::with_atlas(context.clone(), scene.clone(), atlas, settings.clone())?,
-        };
-        for _ in 0..PASSES {
-            if !renderer.pass_unless(stop)? {
-                return Err(Error::Interrupted);
+    let mut renderer = None;
+    let mut light = |probes: &[Texel], passes: std::ops::Range<u32>| -> Result<Vec<f32>> {
+        let mut found = Vec::with_capacity(probes.len());
+        for batch in probes.chunks(BATCH) {
+            let atlas = Arc::new(atlas(batch));
+            let mut of = match renderer.take() {
+                Some(renderer) => renderer,
+                None => Renderer::with_atlas(context.clone(), scene.clone(), atlas.clone(), settings.clone())?,
+            };
+            of.set_atlas(atlas.clone())?;
+            // Passes after those before, and none of their sums.
+            let empty = vec![0; HostFilm::byte_count(atlas.size, false)];
+            of.load_film(passes.start, &HostFilm::from_bytes(&empty, atlas.size, false)?)?;
+            for _ in passes.clone() {
+                if !of.pass_unless(stop)? {
+                    return Err(Error::Interrupted);
+                }
             }
+            let layers = of.layers()?;
+            let light = layers.direct.iter().zip(&layers.indirect).map(|(a, b)| (*a + *b).element_sum());
+            found.extend(light.take(batch.len()));
+            renderer = Some(of);
         }
-        let layers = renderer.layers()?;
-        let light = layers.direct.iter().zip(&layers.indirect).map(|(a, b)| (*a + *b).element_sum());
-        found.extend(light.take(batch.len()));
-        last = Some(renderer);
-    }
-    let mean = found.iter().sum::<f32>() / found.len().max(1) as f32;
+        Ok(found)
+    };
     let mut sides = vec![Sides::default(); scene.triangles.len()];
-    for (probe, light) in probes.iter().flatten().zip(found) {
-        if light > LEAST * mean {
+    let mut least = None;
+    for passes in ROUNDS {
+        let found = light(&probes, passes)?;
+        let least = *least.get_or_insert_with(|| LEAST * found.iter().sum::<f32>() / found.len().max(1) as f32);
+        for (probe, _) in probes.iter().zip(found).filter(|(_, light)| *light > least) {
             let of = &mut sides[probe.triangle as usize];
             *(if probe.back { &mut of.back } else { &mut of.front }) = true;
         }
+        probes.retain(|probe| !sides[probe.triangle as usize].has(probe.back));
     }
     Ok(sides)
+}
+
+/// The view of a batch of probes.
+fn atlas(batch: &[Texel]) -> Atlas {
+    let mut texels: Vec<Option<Texel>> = batch.iter().copied().map(Some).collect();
+    let width = (texels.len() as u32).min(512).next_multiple_of(BLOCK);
+    let height = (texels.len() as u32).div_ceil(width);
+    texels.resize((width * height) as usize, None);
+    Atlas::new([width, height], texels)
 }
 
 /// Point k of n in a triangle: the centroid if it is alone, else spread by Hammersley's points.
