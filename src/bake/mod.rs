@@ -95,8 +95,8 @@ impl Options {
     }
 }
 
-/// Settings for texels: all lights at every point, so that neighbours have alike errors and the maps are smooth; what an atlas
-/// cannot have is off.
+/// Settings for texels: one class, or as many as are asked for, so that neighbours have alike errors and the maps are smooth; what an
+/// atlas cannot have is off. With a light pool each block of texels chooses lights from it.
 pub fn settings(settings: Settings) -> Settings {
     Settings {
         superposition: None,

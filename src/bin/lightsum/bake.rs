@@ -130,7 +130,12 @@ fn maps(sizes: &[[u32; 2]]) -> String {
 /// same time (128 to 1024 two thirds of that of 32 in the Cornell box), but passes then take minutes in large scenes.
 const PARTICLES: u32 = 64;
 
-/// The flags over settings for texels: all of them share their lights, and no pool is chosen from.
+/// Particles of the pool of a pass, from which each block of texels chooses its lights. At equal passes 4000 have about half the error of
+/// none in Sponza, and two thirds in the Cornell box; 1200 have nearly as much as 4000.
+const LIGHT_POOL: u32 = 4000;
+
+/// The flags over settings for texels: all of them share their particles. Trees split where neighbours differ, so that their points share
+/// their lights too.
 fn bake_settings(args: &args::Bake, scene: &lightsum::Scene) -> Settings {
     let mut chosen = settings(&args.light, &args::Glossy::default(), &args.device, &scene.render);
     let given = args.light.preset.is_some();
@@ -138,7 +143,8 @@ fn bake_settings(args: &args::Bake, scene: &lightsum::Scene) -> Settings {
         chosen.particles = PARTICLES;
     }
     let classes = chosen.classes();
-    let mut chosen = Settings { light_pool: 0, ..chosen };
+    let default = if given || args.adaptive.options().is_some() { 0 } else { LIGHT_POOL };
+    let mut chosen = Settings { light_pool: args.light.light_pool.unwrap_or(default), ..chosen };
     if args.light.interleave.is_none() && !given {
         chosen.photons *= classes;
         chosen.pattern = [1, 1];
