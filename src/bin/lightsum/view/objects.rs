@@ -1,0 +1,96 @@
+//! The chosen object: its place and its materials.
+
+use egui::{DragValue, Ui};
+use glam::Vec3;
+use lightsum::scene::{Material, Surface};
+
+use super::panel::Request;
+use super::session::Session;
+
+/// Draws them; asks for what the user changed.
+pub fn show(ui: &mut Ui, session: &Session, object: u32, requests: &mut Vec<Request>) {
+    let now = session.placed(object);
+    let mut placed = now;
+    let size = session.engine().plan().scene.extent.size;
+    ui.horizontal(|ui| {
+        ui.label("place");
+        for value in [&mut placed.pose.translation.x, &mut placed.pose.translation.y, &mut placed.pose.translation.z] {
+            ui.add(DragValue::new(value).speed(2e-3 * size).max_decimals(3));
+        }
+    });
+    ui.horizontal(|ui| {
+        ui.label("turn");
+        ui.add(DragValue::new(&mut placed.pose.degrees).speed(1.0).suffix("°"));
+        ui.label("scale");
+        let mut scale = placed.pose.scale.x;
+        if ui.add(DragValue::new(&mut scale).range(0.01..=100.0).speed(0.01)).changed() {
+            placed.pose.scale = Vec3::splat(scale);
+        }
+        if ui.small_button("back").on_hover_text("where the model has it").clicked() {
+            placed.pose = Default::default();
+        }
+    });
+    if placed != now {
+        requests.push(Request::Place(object, placed));
+    }
+    let Some(scene) = session.scene() else { return };
+    for index in session.materials(object) {
+        let Some(now) = scene.materials.get(index as usize) else { continue };
+        ui.separator();
+        let mut material = now.clone();
+        ui.push_id(index, |ui| edit(ui, &mut material));
+        if material != *now {
+            requests.push(Request::Material(index, Box::new(material)));
+        }
+    }
+}
+
+fn edit(ui: &mut Ui, material: &mut Material) {
+    ui.label(format!("material {}", material.name));
+    ui.horizontal(|ui| {
+        let surfaces = [(Surface::Opaque, "opaque"), (Surface::Mirror, "mirror"), (Surface::Glass, "glass")];
+        for (surface, name) in surfaces {
+            ui.selectable_value(&mut material.surface, surface, name);
+        }
+    });
+    ui.horizontal(|ui| {
+        ui.label("colour");
+        color(ui, &mut material.base_color);
+        ui.label("specular");
+        color(ui, &mut material.specular);
+    });
+    ui.horizontal(|ui| {
+        ui.label("roughness");
+        ui.add(DragValue::new(&mut material.roughness).range(0.0..=1.0).speed(0.005));
+        ui.label("metallic");
+        ui.add(DragValue::new(&mut material.metallic).range(0.0..=1.0).speed(0.005));
+    });
+    if material.surface == Surface::Glass {
+        ui.horizontal(|ui| {
+            ui.label("index of refraction");
+            ui.add(DragValue::new(&mut material.ior).range(1.0..=4.0).speed(0.005));
+        });
+    }
+    // A colour of greatest channel 1, and its radiance.
+    let mut strength = material.emission.max_element();
+    let mut hue = if strength > 0.0 { material.emission / strength } else { Vec3::ONE };
+    ui.horizontal(|ui| {
+        ui.label("emission");
+        let turned = color(ui, &mut hue);
+        let speed = (0.01 * strength).max(0.01);
+        let raised = ui.add(DragValue::new(&mut strength).range(0.0..=f32::MAX).speed(speed)).changed();
+        if turned || raised {
+            material.emission = hue * strength;
+        }
+    });
+}
+
+/// A colour, linear; whether it was changed.
+fn color(ui: &mut Ui, value: &mut Vec3) -> bool {
+    let mut rgb = value.to_array();
+    let changed = ui.color_edit_button_rgb(&mut rgb).changed();
+    if changed {
+        *value = Vec3::from_array(rgb);
+    }
+    changed
+}
