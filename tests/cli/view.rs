@@ -108,6 +108,7 @@ passes 4
 screenshot turned.exr
 key Home
 key H                           # the help is drawn over the image
+key H
 click 40,32                     # the box is chosen
 drag left 40,32 52,26           # moved across the view
 drag left 52,26 60,26 ctrl      # and turned

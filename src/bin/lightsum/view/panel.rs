@@ -12,7 +12,7 @@ use super::clock::Clock;
 use super::keys::{ACTIONS, Action, MOUSE};
 use super::navigate::Mode;
 use super::route::Placed;
-use super::session::{Look, Session};
+use super::session::{Look, Session, WHOLE};
 use super::{objects, options};
 use crate::args::Arguments;
 
@@ -269,7 +269,6 @@ fn camera(ui: &mut Ui, session: &Session, requests: &mut Vec<Request>) {
 }
 
 fn times(ui: &mut Ui, clock: &Clock) {
-    let whole: f64 = clock.passes.iter().map(|(_, ms)| ms).sum();
     let text = |name: &str, value: Option<f64>| value.map(|ms| format!("{name} {ms:.0} ms"));
     let line = [text("frame", clock.moving.last()), text("input to image", clock.latency.last())];
     let line: Vec<String> = line.into_iter().flatten().collect();
@@ -280,10 +279,11 @@ fn times(ui: &mut Ui, clock: &Clock) {
         ui.label("The device writes no timestamps, or nothing has run.");
         return;
     }
-    ui.label(format!("GPU passes {whole:.1} ms"));
-    // "sort" is a part of others, so a share may exceed the rest.
-    let most = clock.passes.iter().map(|(_, ms)| *ms).fold(1e-9, f64::max);
-    for (name, ms) in &clock.passes {
+    let whole = clock.passes.iter().find(|(name, _)| name == WHOLE).map_or(0.0, |(_, ms)| *ms);
+    ui.label(format!("GPU {whole:.1} ms")).on_hover_text("by timestamps; some passes are parts of others");
+    let passes = || clock.passes.iter().filter(|(name, _)| name != WHOLE);
+    let most = passes().map(|(_, ms)| *ms).fold(1e-9, f64::max);
+    for (name, ms) in passes() {
         let bar = egui::ProgressBar::new((ms / most) as f32).desired_height(14.0).corner_radius(1.0);
         ui.add(bar.text(RichText::new(format!("{name} {ms:.1}")).small()));
     }

@@ -21,6 +21,9 @@ use crate::camera;
 use crate::path::Pose;
 use crate::render::{Job, metadata, pipeline_cache, settings};
 
+/// Name of the scope around all of a frame's GPU passes.
+pub const WHOLE: &str = "frame";
+
 /// How the image is shown.
 #[derive(Clone, Copy, Debug)]
 pub struct Look {
@@ -197,7 +200,12 @@ impl Session {
     /// Records a pass if asked, and what is shown; returns that.
     pub fn record(&mut self, rec: &mut Recorder, look: &Look, pass: bool) -> Result<Image> {
         let before = self.engine.passes();
-        let shown = self.record_all(rec, look, pass);
+        let mut shown = Err(Error::Interrupted);
+        let outcome = rec.scope(WHOLE, |rec| {
+            shown = self.record_all(rec, look, pass);
+            Ok(())
+        });
+        let shown = outcome.and(shown);
         if shown.is_err() {
             // Nothing of this will be submitted.
             self.pending = None;
