@@ -76,7 +76,7 @@ fn folder() -> tempfile::TempDir {
 /// An attribute of an EXR file that is JSON.
 fn attribute(path: &Path, name: &str) -> serde_json::Value {
     let meta = exr::meta::MetaData::read_from_file(path, false).unwrap();
-    let found = meta.headers[0].own_attributes.other.iter().find(|(key, _)| key.to_string() == name);
+    let found = meta.headers[0].own_attributes.other.iter().find(|entry| *entry.0 == *name);
     let Some((_, exr::meta::attribute::AttributeValue::Text(text))) = found else { panic!("{name} is missing") };
     serde_json::from_str(&text.to_string()).unwrap()
 }

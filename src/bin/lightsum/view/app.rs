@@ -115,6 +115,9 @@ impl App {
     /// Ends everything; returns what was measured, as JSON.
     pub fn end(self) -> (Value, Result<()>) {
         let App { stage, session, loading, clock, frames, failure, .. } = self;
+        if let Some(stage) = &stage {
+            stage.window.set_visible(false);
+        }
         // A scene that is still being loaded keeps the device until it is there.
         drop(loading.map(|loading| loading.done.recv()));
         drop(session);
@@ -431,7 +434,7 @@ impl App {
                         let count = session.route.len();
                         self.tell(false, format!("key {count} of the path is recorded"));
                     }
-                    _ => session.selected = None,
+                    _ => session.select(None),
                 }
             }
         }

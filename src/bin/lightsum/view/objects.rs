@@ -8,7 +8,8 @@ use super::panel::Request;
 use super::session::Session;
 
 /// Draws them; asks for what the user changed.
-pub fn show(ui: &mut Ui, session: &Session, object: u32, requests: &mut Vec<Request>) {
+pub fn show(ui: &mut Ui, session: &Session, requests: &mut Vec<Request>) {
+    let Some((object, materials)) = session.selected() else { return };
     let now = session.placed(object);
     let mut placed = now;
     let size = session.engine().plan().scene.extent.size;
@@ -34,7 +35,7 @@ pub fn show(ui: &mut Ui, session: &Session, object: u32, requests: &mut Vec<Requ
         requests.push(Request::Place(object, placed));
     }
     let Some(scene) = session.scene() else { return };
-    for index in session.materials(object) {
+    for &index in materials {
         let Some(now) = scene.materials.get(index as usize) else { continue };
         ui.separator();
         let mut material = now.clone();

@@ -130,10 +130,11 @@ impl Panel {
         self.image(ui, session, look, requests);
         ui.collapsing("Camera", |ui| camera(ui, session, requests));
         ui.collapsing("Settings", |ui| options::show(ui, self, engine.settings(), requests));
-        let object = session.selected.and_then(|object| Some((object, session.scene()?.objects.get(object as usize)?)));
+        let object =
+            session.selected().and_then(|(object, _)| Some((object, session.scene()?.objects.get(object as usize)?)));
         let title = object.map_or(String::from("Object"), |(_, name)| format!("Object: {name}"));
         egui::CollapsingHeader::new(title).id_salt("object").default_open(true).show(ui, |ui| match object {
-            Some((object, _)) => objects::show(ui, session, object, requests),
+            Some(_) => objects::show(ui, session, requests),
             None => drop(ui.label("Click an object to choose it.")),
         });
         egui::CollapsingHeader::new("Time").default_open(true).show(ui, |ui| times(ui, clock));

@@ -40,7 +40,9 @@ impl Pointer {
     pub fn press(&mut self, button: MouseButton, session: &Session) {
         self.drag = match button {
             MouseButton::Left => {
-                let object = session.pick(self.at).filter(|(object, _)| session.selected == Some(*object));
+                let object = session
+                    .pick(self.at)
+                    .filter(|(object, _)| session.selected().is_some_and(|chosen| chosen.0 == *object));
                 match object {
                     Some((object, point)) => {
                         Drag::Object { object, before: session.placed(object), from: self.at, point }
@@ -59,7 +61,7 @@ impl Pointer {
         if let Drag::Turn { from, click: true } = std::mem::take(&mut self.drag)
             && from.distance(self.at) < CLICK
         {
-            session.selected = session.pick(self.at).map(|(object, _)| object);
+            session.select(session.pick(self.at).map(|(object, _)| object));
         }
     }
 

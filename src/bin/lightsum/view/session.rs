@@ -1,6 +1,6 @@
 //! A scene that is being viewed: its engine, which records into the window's command buffers, and the state that the user changes.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec2, Vec3};
@@ -47,13 +47,13 @@ pub struct Session {
     pub mode: Mode,
     /// The camera that the scene was opened with.
     pub home: Camera,
-    /// The object that the user chose.
-    pub selected: Option<u32>,
     /// The objects that were moved.
     pub placed: BTreeMap<u32, Placed>,
     /// The keys recorded so far.
     pub route: Route,
     engine: Engine,
+    /// The object that the user chose, and its materials.
+    selected: Option<(u32, Vec<u32>)>,
     origin: DVec3,
     /// Middle of each object's box before it was moved.
     pivots: Vec<Vec3>,
@@ -177,14 +177,19 @@ impl Session {
         self.engine.set_material(index, material)
     }
 
-    /// Materials of an object.
-    pub fn materials(&self, object: u32) -> Vec<u32> {
-        let Some(scene) = self.scene() else { return Vec::new() };
-        let mut found: Vec<u32> =
-            scene.triangles.iter().filter(|t| t.object == object).map(|triangle| triangle.material).collect();
-        found.sort_unstable();
-        found.dedup();
-        found
+    /// The object that the user chose, and its materials.
+    pub fn selected(&self) -> Option<(u32, &[u32])> {
+        self.selected.as_ref().map(|(object, materials)| (*object, materials.as_slice()))
+    }
+
+    /// Chooses an object, or none.
+    pub fn select(&mut self, object: Option<u32>) {
+        let materials = |object: u32| {
+            let all = self.scene().map(|scene| scene.triangles.as_slice()).unwrap_or_default();
+            let own = all.iter().filter(|triangle| triangle.object == object).map(|triangle| triangle.material);
+            (object, BTreeSet::from_iter(own).into_iter().collect())
+        };
+        self.selected = object.map(materials);
     }
 
     /// Starts the image over.
