@@ -22,7 +22,7 @@ pub struct View {
     /// Exposure in stops, or auto: by the brightness of the first image [default: the scene's, or 0].
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = exposure)]
     pub exposure: Option<Exposure>,
-    /// Tone curve.
+    /// Tone curve of the window and its PNG files.
     #[arg(long, value_name = "CURVE", value_enum, default_value = "srgb")]
     pub tonemap: Curve,
     /// Runs the commands of a file, one a line, in place of mouse and keys; see docs/viewer.md.
