@@ -116,6 +116,7 @@ key K
 passes 4
 screenshot moved.exr
 path moved.toml
+lights on
 look normal
 passes 4
 look specular                   # needs sums of its own

@@ -91,7 +91,7 @@ impl App {
             stage: None,
             session: None,
             loading: None,
-            look: Look { stops: 0.0, auto: false, tonemap: args.tonemap.into(), layer: None },
+            look: Look { stops: 0.0, auto: false, tonemap: args.tonemap.into(), layer: None, lights: false },
             panel: Panel::new(String::new()),
             clock: Clock::default(),
             // A script says how many passes it waits for.
@@ -277,7 +277,11 @@ impl App {
         self.frames += 1;
         self.settled = true;
         let (Some(stage), Some(session)) = (&self.stage, &mut self.session) else { return Ok(()) };
-        if pass && session.finished()? {
+        let had_lights = !session.lights().is_empty();
+        let done = session.finished()?;
+        // Lights that are new to the panel.
+        self.dirty |= had_lights == session.lights().is_empty();
+        if pass && done {
             self.clock.end(first, &stage.timers.read()?);
         }
         if self.look.auto && session.engine().passes() > 0 {
@@ -386,6 +390,7 @@ impl App {
             Request::Camera(camera) => session.set_camera(camera),
             Request::Place(object, placed) => session.place(object, placed),
             Request::Material(index, material) => session.set_material(index, *material),
+            Request::Light(index, light) => session.set_light(index, light),
             Request::RemoveKey => {
                 session.route.remove_last();
                 Ok(())
@@ -434,7 +439,7 @@ impl App {
                         let count = session.route.len();
                         self.tell(false, format!("key {count} of the path is recorded"));
                     }
-                    _ => session.select(None),
+                    _ => session.choose(None),
                 }
             }
         }

@@ -9,6 +9,7 @@ mod keys;
 mod navigate;
 mod objects;
 mod options;
+mod overlay;
 mod painter;
 mod panel;
 mod play;

@@ -71,6 +71,16 @@ pub fn ray(camera: &Camera, [x, y]: [f32; 2]) -> Ray {
     Ray::new(camera.eye, forward + (x - 0.5 * width) * unit * right + (0.5 * height - y) * unit * top)
 }
 
+/// Where a point is in the image, in pixels from its upper left corner; `None`: it is not before the eye.
+pub fn project(camera: &Camera, point: Vec3) -> Option<[f32; 2]> {
+    let (right, top, forward) = camera.world_from_camera();
+    let offset = point - camera.eye;
+    let depth = offset.dot(forward) * pixel(camera);
+    let [width, height] = camera.resolution.map(|n| n as f32);
+    let at = [0.5 * width + offset.dot(right) / depth, 0.5 * height - offset.dot(top) / depth];
+    (depth > 0.0 && at.iter().all(|x| x.is_finite())).then_some(at)
+}
+
 /// Size of a pixel at unit distance.
 fn pixel(camera: &Camera) -> f32 {
     2.0 * (0.5 * camera.fov_y.to_radians()).tan() / camera.resolution[1] as f32
@@ -142,6 +152,9 @@ mod tests {
         assert!(near(middle.direction, -Vec3::Z));
         let corner = ray(&camera(), [0.0, 0.0]);
         assert!(near(corner.direction, Vec3::new(-2.0, 1.0, -1.0)), "{corner:?}");
+        let back = project(&camera(), corner.origin + 3.0 * corner.direction).unwrap();
+        assert!(back.iter().all(|x| x.abs() < 1e-3), "{back:?}");
+        assert_eq!(project(&camera(), Vec3::new(0.0, 1.0, 5.0)), None);
         let hit = on_plane(&corner, Vec3::ZERO, Vec3::Z).unwrap();
         assert!(near(hit, Vec3::new(-8.0, 5.0, 0.0)), "{hit}");
         assert_eq!(on_plane(&corner, Vec3::new(0.0, 0.0, 9.0), Vec3::Z), None);

@@ -1,15 +1,19 @@
-//! The chosen object: its place and its materials.
+//! The chosen object, its place and its materials; lights without area.
 
 use egui::{DragValue, Ui};
 use glam::Vec3;
-use lightsum::scene::{Material, Surface};
+use lightsum::scene::{Light, Material, Surface};
 
 use super::panel::Request;
 use super::session::Session;
 
+/// Most lights that are listed.
+const LAMPS: u32 = 64;
+
 /// Draws them; asks for what the user changed.
 pub fn show(ui: &mut Ui, session: &Session, requests: &mut Vec<Request>) {
-    let Some((object, materials)) = session.selected() else { return };
+    let Some(chosen) = session.chosen() else { return };
+    let object = chosen.object;
     let now = session.placed(object);
     let mut placed = now;
     let size = session.engine().plan().scene.extent.size;
@@ -35,7 +39,7 @@ pub fn show(ui: &mut Ui, session: &Session, requests: &mut Vec<Request>) {
         requests.push(Request::Place(object, placed));
     }
     let Some(scene) = session.scene() else { return };
-    for &index in materials {
+    for &index in &chosen.materials {
         let Some(now) = scene.materials.get(index as usize) else { continue };
         ui.separator();
         let mut material = now.clone();
@@ -72,16 +76,50 @@ fn edit(ui: &mut Ui, material: &mut Material) {
             ui.add(DragValue::new(&mut material.ior).range(1.0..=4.0).speed(0.005));
         });
     }
-    // A colour of greatest channel 1, and its radiance.
-    let mut strength = material.emission.max_element();
-    let mut hue = if strength > 0.0 { material.emission / strength } else { Vec3::ONE };
+    light(ui, "emission", &mut material.emission);
+}
+
+/// Draws the lights without area; asks for what the user changed.
+pub fn lamps(ui: &mut Ui, session: &Session, requests: &mut Vec<Request>) {
+    let lights = session.scene().map(|scene| scene.lights.as_slice()).unwrap_or_default();
+    let mut rest = lights.iter().filter(|light| !matches!(light, Light::Sphere { .. })).count();
+    for (index, now) in (0..).zip(lights) {
+        let mut changed = *now;
+        let Some((name, strength)) = lamp(&mut changed) else { continue };
+        if index >= LAMPS {
+            ui.label(format!("and {rest} more"));
+            return;
+        }
+        rest -= 1;
+        ui.push_id(index, |ui| light(ui, &format!("{name} {index}"), strength));
+        if changed != *now {
+            requests.push(Request::Light(index, changed));
+        }
+    }
+}
+
+/// Kind and strength of a light that has no area.
+fn lamp(light: &mut Light) -> Option<(&'static str, &mut Vec3)> {
+    match light {
+        Light::Point { intensity, .. } => Some(("point", intensity)),
+        Light::Spot { intensity, .. } => Some(("spot", intensity)),
+        Light::Directional { irradiance, .. } => Some(("parallel", irradiance)),
+        Light::Imported { power, .. } => Some(("virtual", power)),
+        Light::Sphere { .. } => None,
+    }
+}
+
+/// The strength of a light: a colour of greatest channel 1, and its factor.
+fn light(ui: &mut Ui, name: &str, value: &mut Vec3) {
+    let mut strength = value.max_element();
+    let mut hue = if strength > 0.0 { *value / strength } else { Vec3::ONE };
     ui.horizontal(|ui| {
-        ui.label("emission");
+        ui.label(name);
         let turned = color(ui, &mut hue);
         let speed = (0.01 * strength).max(0.01);
         let raised = ui.add(DragValue::new(&mut strength).range(0.0..=f32::MAX).speed(speed)).changed();
         if turned || raised {
-            material.emission = hue * strength;
+            *value = hue * strength;
         }
     });
 }

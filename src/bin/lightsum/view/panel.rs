@@ -4,7 +4,7 @@ use clap::CommandFactory;
 use egui::{Align2, Color32, DragValue, RichText, Ui};
 use lightsum::output::Tonemap;
 use lightsum::pass::layer::Layer;
-use lightsum::scene::{Camera, Material};
+use lightsum::scene::{Camera, Light, Material};
 use lightsum::settings::Settings;
 use std::collections::HashMap;
 
@@ -13,7 +13,7 @@ use super::keys::{ACTIONS, Action, MOUSE};
 use super::navigate::Mode;
 use super::route::Placed;
 use super::session::{Look, Session, WHOLE};
-use super::{objects, options};
+use super::{objects, options, overlay};
 use crate::args::Arguments;
 
 /// Width of the panel, points.
@@ -31,6 +31,8 @@ pub enum Request {
     Place(u32, Placed),
     /// Another material.
     Material(u32, Box<Material>),
+    /// Another light.
+    Light(u32, Light),
     /// The key of the path that was recorded last is not wanted.
     RemoveKey,
 }
@@ -96,6 +98,9 @@ impl Panel {
             });
         }
         let image = ui.available_rect_before_wrap();
+        if let Some(session) = session {
+            overlay::show(ui.painter(), session, image);
+        }
         self.over(ui, session, loading, image);
         (requests, image)
     }
@@ -130,13 +135,16 @@ impl Panel {
         self.image(ui, session, look, requests);
         ui.collapsing("Camera", |ui| camera(ui, session, requests));
         ui.collapsing("Settings", |ui| options::show(ui, self, engine.settings(), requests));
-        let object =
-            session.selected().and_then(|(object, _)| Some((object, session.scene()?.objects.get(object as usize)?)));
-        let title = object.map_or(String::from("Object"), |(_, name)| format!("Object: {name}"));
+        let object = session.chosen().and_then(|chosen| session.scene()?.objects.get(chosen.object as usize));
+        let title = object.map_or(String::from("Object"), |name| format!("Object: {name}"));
         egui::CollapsingHeader::new(title).id_salt("object").default_open(true).show(ui, |ui| match object {
             Some(_) => objects::show(ui, session, requests),
             None => drop(ui.label("Click an object to choose it.")),
         });
+        if session.scene().is_some_and(|scene| scene.lights.iter().any(|light| !matches!(light, Light::Sphere { .. })))
+        {
+            ui.collapsing("Lights", |ui| objects::lamps(ui, session, requests));
+        }
         egui::CollapsingHeader::new("Time").default_open(true).show(ui, |ui| times(ui, clock));
         ui.separator();
         ui.label(RichText::new("H shows the keys.").small());
@@ -168,6 +176,8 @@ impl Panel {
         if look.layer != before && look.layer.is_some_and(Layer::is_summand) && !settings.summands {
             requests.push(Request::Settings(Box::new(Settings { summands: true, ..settings.clone() })));
         }
+        ui.checkbox(&mut look.lights, "virtual lights")
+            .on_hover_text("those of the latest pass, as points, the hidden ones too");
         ui.horizontal(|ui| {
             for (name, action) in [("save PNG", Action::Png), ("save EXR", Action::Exr)] {
                 if ui.button(name).clicked() {

@@ -76,6 +76,7 @@ impl App {
                     self.touched();
                 }
             }
+            Command::Lights(shown) => self.look.lights = shown,
             Command::Look(layer) => {
                 self.look.layer = layer;
                 let session = self.session.as_mut()?;

@@ -42,7 +42,7 @@ impl Pointer {
             MouseButton::Left => {
                 let object = session
                     .pick(self.at)
-                    .filter(|(object, _)| session.selected().is_some_and(|chosen| chosen.0 == *object));
+                    .filter(|(object, _)| session.chosen().is_some_and(|chosen| chosen.object == *object));
                 match object {
                     Some((object, point)) => {
                         Drag::Object { object, before: session.placed(object), from: self.at, point }
@@ -61,7 +61,7 @@ impl Pointer {
         if let Drag::Turn { from, click: true } = std::mem::take(&mut self.drag)
             && from.distance(self.at) < CLICK
         {
-            session.select(session.pick(self.at).map(|(object, _)| object));
+            session.choose(session.pick(self.at).map(|(object, _)| object));
         }
     }
 

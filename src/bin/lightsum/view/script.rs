@@ -9,6 +9,7 @@
 //! wheel -3                        steps of the wheel
 //! set --particles 8 ...           the settings that `render` has with these flags
 //! look normal|image               a layer, or the image
+//! lights on|off                   the virtual lights over it
 //! drop FILE                       a file dropped on the window; waits until it is loaded or refused
 //! passes 4                        waits until the image has so many passes, and renders no more
 //! screenshot FILE                 writes the image
@@ -53,6 +54,7 @@ pub enum Command {
     Wheel(f32),
     Set(Box<Flags>),
     Look(Option<Layer>),
+    Lights(bool),
     Drop(PathBuf),
     /// Waits for a scene.
     Loaded,
@@ -123,6 +125,8 @@ fn command(line: &str) -> Result<Command, String> {
         ("set", flags) => {
             Flags::try_parse_from(flags).map(|flags| Command::Set(Box::new(flags))).map_err(|error| error.to_string())
         }
+        ("lights", ["on"]) => Ok(Command::Lights(true)),
+        ("lights", ["off"]) => Ok(Command::Lights(false)),
         ("look", ["image"]) => Ok(Command::Look(None)),
         ("look", [layer]) => {
             let named = |known: &Layer| format!("{known:?}").eq_ignore_ascii_case(layer);

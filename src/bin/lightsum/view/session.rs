@@ -8,8 +8,9 @@ use lightsum::gpu::{Buffer, Context, Image, Memory, Recorder};
 use lightsum::output::{Encoding, Tonemap, Wanted};
 use lightsum::pass::display::{Curve, Display};
 use lightsum::pass::layer::{Layer, ShowLayer};
+use lightsum::pass::layout::PointLight;
 use lightsum::plan::trace_steps;
-use lightsum::scene::{self, Camera, Scene};
+use lightsum::scene::{self, Camera, Light, Scene};
 use lightsum::settings::{Exposure, Settings};
 use lightsum::standalone::{self, MAX_ROUNDS};
 use lightsum::{Engine, Error, Result};
@@ -35,6 +36,8 @@ pub struct Look {
     pub tonemap: Tonemap,
     /// A layer in place of the image.
     pub layer: Option<Layer>,
+    /// The virtual lights are drawn over it.
+    pub lights: bool,
 }
 
 /// A scene and its engine.
@@ -52,12 +55,14 @@ pub struct Session {
     /// The keys recorded so far.
     pub route: Route,
     engine: Engine,
-    /// The object that the user chose, and its materials.
-    selected: Option<(u32, Vec<u32>)>,
+    /// The object that the user chose.
+    chosen: Option<Chosen>,
     origin: DVec3,
     /// Middle of each object's box before it was moved.
     pivots: Vec<Vec3>,
     readback: Buffer,
+    /// Virtual lights of the pass in flight, and those of the one before.
+    lights: (Option<Buffer>, Vec<PointLight>),
     set_up: bool,
     /// Pass in flight, whose count of lost rays will be read.
     pending: Option<u32>,
@@ -65,8 +70,17 @@ pub struct Session {
     layer: Option<(Layer, ShowLayer)>,
 }
 
-/// Middles of the boxes of a scene's objects.
-fn pivots(scene: &Scene) -> Vec<Vec3> {
+/// An object that the user chose.
+pub struct Chosen {
+    /// Its index.
+    pub object: u32,
+    /// Its materials.
+    pub materials: Vec<u32>,
+    vertices: Vec<u32>,
+}
+
+/// Corners of the boxes of a scene's objects.
+fn boxes(scene: &Scene) -> Vec<(Vec3, Vec3)> {
     let mut boxes = vec![(Vec3::INFINITY, Vec3::NEG_INFINITY); scene.objects.len()];
     for triangle in &scene.triangles {
         let (low, high) = &mut boxes[triangle.object as usize];
@@ -75,7 +89,7 @@ fn pivots(scene: &Scene) -> Vec<Vec3> {
             (*low, *high) = (low.min(position), high.max(position));
         }
     }
-    boxes.into_iter().map(|(low, high)| if low.cmple(high).all() { 0.5 * (low + high) } else { Vec3::ZERO }).collect()
+    boxes
 }
 
 impl Session {
@@ -86,20 +100,23 @@ impl Session {
         let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
         settings.validate()?;
         let settings = standalone::with_traversal(context, settings, pipeline_cache().as_deref())?;
-        let (name, origin, pivots) = (scene.name.clone(), scene.origin, pivots(&scene));
+        let (name, origin) = (scene.name.clone(), scene.origin);
+        let middle = |(low, high): (Vec3, Vec3)| if low.cmple(high).all() { 0.5 * (low + high) } else { Vec3::ZERO };
+        let pivots = boxes(&scene).into_iter().map(middle).collect();
         let engine = Engine::new_dynamic(context, scene, camera, settings)?;
         Ok(Session {
             name,
             path: path.to_path_buf(),
             mode: Mode::default(),
             home: camera,
-            selected: None,
+            chosen: None,
             placed: BTreeMap::new(),
             route: Route::default(),
             engine,
             origin,
             pivots,
             readback: Buffer::new(context, "lost rays", 16, Memory::Readback)?,
+            lights: (None, Vec::new()),
             set_up: false,
             pending: None,
             display: None,
@@ -172,24 +189,39 @@ impl Session {
         Ok(())
     }
 
+    /// Changes a light without area.
+    pub fn set_light(&mut self, index: u32, light: Light) -> Result<()> {
+        self.engine.set_light(index, light)
+    }
+
     /// Changes a material.
     pub fn set_material(&mut self, index: u32, material: scene::Material) -> Result<()> {
         self.engine.set_material(index, material)
     }
 
-    /// The object that the user chose, and its materials.
-    pub fn selected(&self) -> Option<(u32, &[u32])> {
-        self.selected.as_ref().map(|(object, materials)| (*object, materials.as_slice()))
+    /// The object that the user chose.
+    pub fn chosen(&self) -> Option<&Chosen> {
+        self.chosen.as_ref()
     }
 
     /// Chooses an object, or none.
-    pub fn select(&mut self, object: Option<u32>) {
-        let materials = |object: u32| {
+    pub fn choose(&mut self, object: Option<u32>) {
+        let of = |object: u32| {
             let all = self.scene().map(|scene| scene.triangles.as_slice()).unwrap_or_default();
-            let own = all.iter().filter(|triangle| triangle.object == object).map(|triangle| triangle.material);
-            (object, BTreeSet::from_iter(own).into_iter().collect())
+            let own = || all.iter().filter(|triangle| triangle.object == object);
+            let materials = BTreeSet::from_iter(own().map(|triangle| triangle.material)).into_iter().collect();
+            let vertices = BTreeSet::from_iter(own().flat_map(|triangle| triangle.vertices)).into_iter().collect();
+            Chosen { object, materials, vertices }
         };
-        self.selected = object.map(materials);
+        self.chosen = object.map(of);
+    }
+
+    /// The corners of the chosen object's box.
+    pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
+        let scene = self.scene()?;
+        let vertices = self.chosen.as_ref()?.vertices.iter().map(|&vertex| scene.positions[vertex as usize]);
+        vertices
+            .fold(None, |bounds, p| Some(bounds.map_or((p, p), |(low, high): (Vec3, Vec3)| (low.min(p), high.max(p)))))
     }
 
     /// Starts the image over.
@@ -233,6 +265,7 @@ impl Session {
             self.engine.record_pass(rec)?;
             rec.copy_range(&self.engine.frame().status, 0, &self.readback, 0, self.readback.bytes())?;
         }
+        self.record_lights(rec, look.lights)?;
         let (context, image) = (self.engine.context().clone(), self.engine.image().clone());
         let is_new = !self.display.as_ref().is_some_and(|display| display.is_of(&image));
         if pass || is_new {
@@ -264,6 +297,24 @@ impl Session {
         Ok(display.shown.clone())
     }
 
+    /// Copies the virtual lights of the latest pass, if they are wanted.
+    fn record_lights(&mut self, rec: &mut Recorder, wanted: bool) -> Result<()> {
+        let lights = self.engine.frame().lights();
+        let buffer = match self.lights.0.take().filter(|buffer| buffer.bytes() == lights.bytes()) {
+            _ if !wanted || self.engine.passes() == 0 => return Ok(()),
+            Some(buffer) => buffer,
+            None => Buffer::new(self.engine.context(), "virtual lights read back", lights.bytes(), Memory::Readback)?,
+        };
+        rec.copy(lights, &buffer)?;
+        self.lights.0 = Some(buffer);
+        Ok(())
+    }
+
+    /// Virtual lights of the latest pass, if they are wanted; some emit nothing.
+    pub fn lights(&self) -> &[PointLight] {
+        &self.lights.1
+    }
+
     /// After the submission of what was recorded.
     pub fn submitted(&mut self) {
         self.engine.setup_finished();
@@ -273,6 +324,7 @@ impl Session {
     ///
     /// Errors: rays do not finish in any number of rounds.
     pub fn finished(&mut self) -> Result<bool> {
+        self.lights.1 = self.lights.0.as_ref().map_or(Ok(Vec::new()), Buffer::read)?;
         let Some(pass) = self.pending.take() else { return Ok(false) };
         let lost = self.readback.read::<u32>()?[0];
         if lost == 0 {
