@@ -8,6 +8,10 @@ use std::thread::{self, JoinHandle};
 
 use crate::render::{channels, command, fails, folder, kill, text};
 
+/// Flags for few kernels and quick passes.
+const QUICK: &str =
+    "--particles 2 --max-depth 2 --traversal single --compensation off --interleave 1x1 --no-antialias --light-pool 0";
+
 /// A packet of tev's protocol without its length: numbers are little endian, names end in 0.
 struct Packet(Vec<u8>);
 
@@ -112,7 +116,7 @@ fn listen(keep: bool) -> (String, JoinHandle<Told>) {
 fn a_viewer_is_sent_the_image() {
     let folder = folder();
     let (address, heard) = listen(true);
-    let line = format!("render scene.toml --passes 3 --particles 4 --float -o a.exr --display {address}");
+    let line = format!("render scene.toml --passes 3 --float -o a.exr --display {address} {QUICK}");
     let output = command(folder.path(), &line).output().unwrap();
     assert!(output.status.success(), "{}", text(&output.stderr));
     let told = heard.join().unwrap();
@@ -129,9 +133,7 @@ fn a_lost_viewer_does_not_stop_the_rendering() {
     let folder = folder();
     let (address, heard) = listen(false);
     // Large enough that the system cannot take in what nobody reads.
-    let line = format!(
-        "render scene.toml --resolution 200x160 --passes 4 --particles 1 --max-depth 2 -o a.png --display {address}"
-    );
+    let line = format!("render scene.toml --resolution 200x160 --passes 4 -o a.png --display {address} {QUICK}");
     let output = command(folder.path(), &line).output().unwrap();
     heard.join().unwrap();
     let said = text(&output.stderr);
@@ -148,7 +150,8 @@ fn a_lost_viewer_does_not_stop_the_rendering() {
 fn previews_are_whole_images() {
     let folder = folder();
     let path = folder.path().join("a.png");
-    let mut run = command(folder.path(), "render scene.toml --passes 1000000 --particles 4 --preview 0.01 -o a.png");
+    let mut run =
+        command(folder.path(), &format!("render scene.toml --passes 1000000 --preview 0.01 -o a.png {QUICK}"));
     let mut run = run.stderr(Stdio::null()).stdout(Stdio::null()).spawn().unwrap();
     let mut different = Vec::new();
     while different.len() < 3 {

@@ -74,6 +74,8 @@ pub struct App {
     before: Instant,
     /// The image in the window: upper left corner, width and height, pixels.
     image: [u32; 4],
+    /// A size of the image that the device has no room for.
+    refused: Option<[u32; 2]>,
     frames: u64,
     failure: Option<Error>,
 }
@@ -107,6 +109,7 @@ impl App {
             hidden: None,
             before: Instant::now(),
             image: [0; 4],
+            refused: None,
             frames: 0,
             failure: None,
         }
@@ -147,6 +150,10 @@ impl App {
 
     /// Shows a message in the window and on standard error.
     pub(super) fn tell(&mut self, is_error: bool, text: String) {
+        // What fails again in the frame that shows its message must not make another one.
+        if is_error && self.panel.notice.as_ref().is_some_and(|notice| notice.text == text) {
+            return;
+        }
         say_aside(&if is_error { format!("error: {text}") } else { text.clone() });
         self.panel.notice = Some(Notice { text, is_error });
         self.dirty = true;
@@ -220,7 +227,7 @@ impl App {
         };
         self.loading = None;
         if let Some(session) = self.check(loaded) {
-            self.panel.notice = None;
+            (self.panel.notice, self.refused) = (None, None);
             match session.exposure(&self.args) {
                 Exposure::Stops(stops) => self.look.stops = stops,
                 Exposure::Auto => self.look.auto = true,
@@ -341,11 +348,15 @@ impl App {
         stage.presenter.resize([window.width, window.height]);
         let [x, y, width, height] = wanted;
         let mut session = self.session.as_mut().filter(|_| width > 0 && height > 0);
+        let mut refusal = None;
         if let Some(session) = &mut session {
-            let size = session.engine().view().size();
-            if size != [width, height] {
-                session.resize([width, height])?;
+            let size = [width, height];
+            if session.engine().view().size() != size && self.refused != Some(size) {
                 self.clock.input();
+                let resized = session.resize(size);
+                // An image of the size before is shown enlarged.
+                self.refused = resized.is_err().then_some(size);
+                refusal = resized.err();
             }
         }
         let first = session.as_ref().is_some_and(|session| session.engine().passes() == 0);
@@ -375,7 +386,7 @@ impl App {
             }
             Outcome::Skipped => self.hidden = Some(Instant::now() + HIDDEN),
         }
-        Ok(())
+        refusal.map_or(Ok(()), Err)
     }
 
     /// Does what the panel was asked for.
