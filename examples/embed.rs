@@ -142,19 +142,23 @@ impl Host {
 
     /// Lends the device to lightsum. The context and all objects made from it must be dropped before the host.
     pub fn lend(&self) -> Result<Context> {
-        let lent = HostDevice {
+        // On a host's device `validation` means: VK_EXT_debug_utils is enabled, so collect the layer's messages.
+        let options = ContextOptions { validation: self.validation, ..ContextOptions::default() };
+        // SAFETY: the handles belong together, the device was checked and made as required, and the host outlives the
+        // context.
+        Ok(unsafe { Context::adopt(self.handles(), &options) }?)
+    }
+
+    /// The handles that are lent.
+    pub fn handles(&self) -> HostDevice {
+        HostDevice {
             entry: self.entry.clone(),
             instance: self.instance.clone(),
             physical_device: self.physical_device,
             device: self.device.clone(),
             queue_family: self.queue_family,
             queue: self.queue,
-        };
-        // On a host's device `validation` means: VK_EXT_debug_utils is enabled, so collect the layer's messages.
-        let options = ContextOptions { validation: self.validation, ..ContextOptions::default() };
-        // SAFETY: the handles belong together, the device was checked and made as required, and the host outlives the
-        // context.
-        Ok(unsafe { Context::adopt(lent, &options) }?)
+        }
     }
 
     /// A command buffer in the recording state.

@@ -1,7 +1,7 @@
 #!/bin/bash
 # Install what running needs and is not there: the Vulkan loader and a driver (Mesa's, which has one for the processor).
 #   scripts/setup.sh            for rendering
-#   scripts/setup.sh --tests    for the tests as well: the validation layer
+#   scripts/setup.sh --tests    for the tests as well: the validation layer, and an X server without a screen with what a window needs
 set -euo pipefail
 
 tests=false
@@ -14,9 +14,9 @@ esac
 # Folders in which the loader looks for drivers and layers.
 folders=(/etc/vulkan /usr/share/vulkan /usr/local/share/vulkan /usr/local/etc/vulkan "${XDG_DATA_HOME:-${HOME:-/root}/.local/share}/vulkan")
 
-has_loader() {
+has_library() {
   # ldconfig lies in a folder that not every user's path has. No grep -q: it would break the pipe early.
-  PATH="$PATH:/sbin:/usr/sbin" ldconfig -p 2>/dev/null | grep -c 'libvulkan\.so\.1' >/dev/null
+  PATH="$PATH:/sbin:/usr/sbin" ldconfig -p 2>/dev/null | grep -cF "$1" >/dev/null
 }
 
 # Whether a file of this pattern lies in one of the folders.
@@ -37,10 +37,15 @@ has_layer() {
 }
 
 packages=()
-has_loader || packages+=(libvulkan1)
+has_library libvulkan.so.1 || packages+=(libvulkan1)
 has_driver || packages+=(mesa-vulkan-drivers)
 if $tests; then
   has_layer || packages+=(vulkan-validationlayers)
+  command -v Xvfb >/dev/null || packages+=(xvfb)
+  # winit loads these when it opens a window.
+  for library in libX11-xcb.so.1:libx11-xcb1 libXcursor.so.1:libxcursor1 libXi.so.6:libxi6 libxkbcommon-x11.so.0:libxkbcommon-x11-0; do
+    has_library "${library%%:*}" || packages+=("${library##*:}")
+  done
 fi
 [ ${#packages[@]} -gt 0 ] || exit 0
 

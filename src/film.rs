@@ -19,6 +19,7 @@ use self::mean::Sums;
 use crate::error::{Error, Result};
 use crate::gpu::{Buffer, Context, Memory, Resources, Snapshot, Staging, download};
 use crate::output::{Layers, Wanted};
+use crate::pass::layer::Layer;
 use crate::pass::{gain, vec4s};
 use crate::plan::INSTANCES;
 
@@ -154,6 +155,27 @@ impl Film {
             ("rest_specular", &specular[1]),
             ("tail_specular", &specular[2]),
         ]))
+    }
+
+    /// The sums of a layer by the names in `layer`; `None`: they are not kept.
+    pub fn as_layer(&self, layer: Layer) -> Option<Resources> {
+        let named = |sum: &Sum| Resources::of([("sum", &sum.0[0]), ("rest", &sum.0[1])]);
+        let of = match layer {
+            Layer::Direct | Layer::Depth => &self.direct,
+            Layer::Indirect => &self.indirect,
+            Layer::Albedo => &self.albedo,
+            Layer::Normal => &self.normal,
+            Layer::Emission | Layer::Diffuse | Layer::Specular => {
+                let [emission, diffuse, specular] = self.summands.as_ref()?;
+                let own = match layer {
+                    Layer::Emission => emission,
+                    Layer::Diffuse => diffuse,
+                    _ => specular,
+                };
+                return Some(named(own).with("sum_diffuse", &diffuse.0[0]).with("sum_specular", &specular.0[0]));
+            }
+        };
+        Some(named(of))
     }
 
     /// The sums by the names in `resolve`.

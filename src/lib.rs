@@ -88,7 +88,7 @@
 //!
 //! After any number of passes the film becomes an image, from which the bias of the filters is taken ([`gain`](pass::gain)), in one of two ways. For a host,
 //! [`Engine::record_image`](engine::Engine::record_image) has [`resolve`](pass::resolve) write the mean to an image on the
-//! device. For files, the host reads the film ([`Film::download`](film::Film::download)), computes mean and layers
+//! device, and [`display`](pass::display) turns it, or a [`layer`](pass::layer) of the film, into the colours of a display. For files, the host reads the film ([`Film::download`](film::Film::download)), computes mean and layers
 //! ([`HostFilm::mean`](film::HostFilm::mean)), and [`output`] writes them. After each pass, [`probe`](pass::probe) copies the
 //! sums of a few pixels for [`estimate`], which tells how far the image is from its limit.
 //!
@@ -120,6 +120,7 @@
 //!
 //! - `hot-reload`: compile the kernels from `shaders/` (or the folder that `LIGHTSUM_SHADERS` names) whenever an
 //!   engine is made, for work on them.
+//! - `viewer` (default): `lightsum view`, and [`gpu::surface`], a window's device and images.
 
 #![warn(missing_docs)]
 #![deny(unsafe_op_in_unsafe_fn)]

@@ -27,7 +27,7 @@ use crate::tiles;
 use crate::view::{Atlas, Region, Texel, View};
 
 /// Maximum number of rounds: beyond them, after some ten million steps, a ray is given up as pathological.
-const MAX_ROUNDS: u32 = 1024;
+pub const MAX_ROUNDS: u32 = 1024;
 
 /// Choice of the device, and options.
 #[derive(Clone, Debug, Default)]
@@ -117,12 +117,19 @@ pub fn open(settings: Settings, options: &RenderOptions) -> Result<(Context, Set
         validation: options.validation,
         checked_shaders: options.checked_shaders,
         pipeline_cache: options.pipeline_cache.clone(),
+        ..ContextOptions::default()
     })?;
-    let traversal = match (settings.traversal, &options.pipeline_cache) {
-        (Traversal::Auto, Some(cache)) if calibrate::is_open(context.info()) => calibrate::choose(&context, cache)?,
+    let settings = with_traversal(&context, settings, options.pipeline_cache.as_deref())?;
+    Ok((context, settings))
+}
+
+/// Chooses the traversal kernel for a device, where that is open and there is a pipeline cache beside which the choice is kept.
+pub fn with_traversal(context: &Context, settings: Settings, cache: Option<&Path>) -> Result<Settings> {
+    let traversal = match (settings.traversal, cache) {
+        (Traversal::Auto, Some(cache)) if calibrate::is_open(context.info()) => calibrate::choose(context, cache)?,
         (traversal, _) => traversal,
     };
-    Ok((context, Settings { traversal, ..settings }))
+    Ok(Settings { traversal, ..settings })
 }
 
 impl Renderer {

@@ -19,10 +19,11 @@ use crate::error::{Error, Result};
 
 /// Compiles those of the shaders that have not been compiled before, the ones with much code first. Returns their number.
 ///
-/// Does nothing on other drivers, on a host's device, without a file to remember by, or where the driver keeps no code.
+/// Does nothing on other drivers, on a host's device that allows no work of ours, without a file to remember by, or where the driver keeps
+/// no code.
 pub(super) fn compile_ahead(ctx: &Context, mut shaders: Vec<&'static Shader>) -> Result<usize> {
     let Some(file) = ctx.pipeline_cache_path().map(beside) else { return Ok(0) };
-    if ctx.is_adopted() || ctx.info().driver != "llvmpipe" || !driver_keeps_code() {
+    if !ctx.inner.own_work || ctx.info().driver != "llvmpipe" || !driver_keeps_code() {
         return Ok(0);
     }
     let known: BTreeSet<String> =

@@ -32,10 +32,15 @@ pub struct ContextOptions {
     pub checked_shaders: bool,
     /// File that keeps compiled pipelines from run to run. Default none.
     pub pipeline_cache: Option<PathBuf>,
+    /// On a host's device: this library may do work of its own, where a method says that it reads back or measures
+    /// ([`Film::mean`](crate::film::Film::mean), [`super::download`], [`crate::calibrate`]). It then submits to the host's queue, on the
+    /// thread that calls the method, and waits; kernels are compiled ahead. The host uses the queue on no other thread meanwhile. Default
+    /// false: nothing is ever submitted, and these methods are refused.
+    pub own_work: bool,
 }
 
 /// Vulkan handles of a host. The host keeps ownership: they are not destroyed here, and nothing is submitted to the queue
-/// or waited for.
+/// or waited for, unless [`ContextOptions::own_work`] allows it.
 pub struct HostDevice {
     /// The loader.
     pub entry: ash::Entry,
@@ -59,7 +64,7 @@ pub struct Context {
     kernels: Arc<Mutex<HashMap<usize, Kernel>>>,
 }
 
-/// Fields are dropped in this order: what stands on the device, the device, the instance.
+/// Fields are dropped in this order: what stands on the device, the device, the instance, the lender.
 pub(super) struct Inner {
     allocator: Mutex<Allocator>,
     pub cache: PipelineCache,
@@ -70,13 +75,17 @@ pub(super) struct Inner {
     pub device: Device,
     pub info: DeviceInfo,
     pub checked_shaders: bool,
+    /// Whether we may submit: on our own device, and on a host's that allows it.
+    pub own_work: bool,
     pub physical: vk::PhysicalDevice,
     /// Bits of a timestamp that count; 0 without timestamps.
     pub timestamp_bits: u32,
     queue_family: u32,
     /// Vulkan wants one thread at a time on a queue.
-    queue: Mutex<vk::Queue>,
+    queue: Arc<Mutex<vk::Queue>>,
     pub instance: Instance,
+    /// Keeps a lent device.
+    _lender: Option<Arc<dyn Send + Sync>>,
 }
 
 /// A device that is destroyed with its owner if it is our own.
@@ -115,8 +124,9 @@ impl Context {
         let device = Device { raw, owned: true };
         // SAFETY: one queue of this family was created with the device.
         let queue = unsafe { device.raw.get_device_queue(queue_family, 0) };
+        let queue = Arc::new(Mutex::new(queue));
         // SAFETY: all handles belong together.
-        unsafe { Context::assemble(instance, physical, device, queue_family, queue, index, options) }
+        unsafe { Context::assemble(instance, physical, device, (queue_family, queue, None), index, options) }
     }
 
     /// Stands on a host's device.
@@ -126,6 +136,21 @@ impl Context {
     /// for Vulkan 1.1 or later and [`super::Requirements::check`] found nothing missing; with `options.validation` the
     /// instance has VK_EXT_debug_utils enabled.
     pub unsafe fn adopt(host: HostDevice, options: &ContextOptions) -> Result<Context> {
+        let queue = Arc::new(Mutex::new(host.queue));
+        // SAFETY: the caller's promise.
+        unsafe { Context::adopt_from(host, queue, None, options) }
+    }
+
+    /// The same; `queue` is locked by all who use the host's queue, and the context keeps `lender`.
+    ///
+    /// # Safety
+    /// As for [`Context::adopt`], but that `lender` may be what keeps the handles valid.
+    pub(super) unsafe fn adopt_from(
+        host: HostDevice,
+        queue: Arc<Mutex<vk::Queue>>,
+        lender: Option<Arc<dyn Send + Sync>>,
+        options: &ContextOptions,
+    ) -> Result<Context> {
         // SAFETY: the caller's promise.
         unsafe {
             let index = match host.instance.enumerate_physical_devices() {
@@ -134,7 +159,8 @@ impl Context {
             };
             let instance = Instance::adopt(host.entry, host.instance, options.validation)?;
             let device = Device { raw: host.device, owned: false };
-            Context::assemble(instance, host.physical_device, device, host.queue_family, host.queue, index, options)
+            let queue = (host.queue_family, queue, lender);
+            Context::assemble(instance, host.physical_device, device, queue, index, options)
         }
     }
 
@@ -144,8 +170,7 @@ impl Context {
         instance: Instance,
         physical: vk::PhysicalDevice,
         device: Device,
-        queue_family: u32,
-        queue: vk::Queue,
+        (queue_family, queue, lender): (u32, Arc<Mutex<vk::Queue>>, Option<Arc<dyn Send + Sync>>),
         index: usize,
         options: &ContextOptions,
     ) -> Result<Context> {
@@ -180,6 +205,7 @@ impl Context {
         // SAFETY: the cache is dropped before the device (order of `Inner`'s fields).
         let cache = unsafe { PipelineCache::load(device.raw.clone(), &info, options.pipeline_cache.clone()) }?;
         let debug = instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &device.raw));
+        let own_work = device.owned || options.own_work;
         let inner = Inner {
             allocator: Mutex::new(allocator),
             cache,
@@ -188,11 +214,13 @@ impl Context {
             device,
             info,
             checked_shaders: options.checked_shaders,
+            own_work,
             physical,
             timestamp_bits,
             queue_family,
-            queue: Mutex::new(queue),
+            queue,
             instance,
+            _lender: lender,
         };
         Ok(Context { inner: Arc::new(inner), kernels: Arc::default() })
     }
@@ -205,6 +233,11 @@ impl Context {
     /// The device is a host's.
     pub fn is_adopted(&self) -> bool {
         !self.inner.device.owned
+    }
+
+    /// Bytes of memory in use by buffers and images of this context: 0 once all of them are gone.
+    pub fn allocated_bytes(&self) -> u64 {
+        self.allocator().generate_report().total_allocated_bytes
     }
 
     /// Takes the validation layer's messages since the last call; empty without validation.
@@ -220,7 +253,8 @@ impl Context {
     /// Records commands, submits them to our own queue and waits until they are done. Writes of earlier submissions are
     /// visible to the commands, and their writes are visible to the host and to later submissions.
     ///
-    /// `what` names the work in errors. Refused on a host's device: it submits its command buffers itself.
+    /// `what` names the work in errors. Refused on a host's device, which submits its command buffers itself, unless
+    /// [`ContextOptions::own_work`] allows it.
     pub fn submit_and_wait(
         &self,
         what: &str,
@@ -249,11 +283,13 @@ impl Context {
         stop: Option<&dyn Fn() -> bool>,
         record: impl FnOnce(&mut Recorder<'_>) -> Result<()>,
     ) -> Result<bool> {
-        if self.is_adopted() {
+        if !self.inner.own_work {
             return Err(Error::Resource {
                 name: what.to_owned(),
-                message: "the device is the host's, which submits its own command buffers; record into one of them"
-                    .into(),
+                message:
+                    "the device is the host's, which submits its own command buffers; record into one of them, or set \
+                          ContextOptions::own_work"
+                        .into(),
             });
         }
         if timers.is_some_and(|timers| !timers.belongs_to(self)) {
@@ -348,7 +384,7 @@ impl Context {
 
     /// Compiles the kernels so far on all cores, with a driver that would compile them one by one when they first run (lavapipe),
     /// unless the list beside the pipeline cache has them. Returns the number of those compiled. Without a file of the pipeline cache,
-    /// and on a host's device, it does nothing.
+    /// and on a host's device that does not allow [`ContextOptions::own_work`], it does nothing.
     pub fn compile_ahead(&self) -> Result<usize> {
         let mut kernels: Vec<_> = self.kernels().values().map(Kernel::shader).collect();
         kernels.sort_by_key(|shader| (Reverse(shader.spirv.len()), shader.name));

@@ -92,6 +92,11 @@ pub(super) struct Instance {
 impl Instance {
     /// Creates an instance, with the validation layer and its synchronisation checks if asked for.
     pub fn create(validation: bool) -> Result<Instance> {
+        Instance::with_extensions(validation, &[])
+    }
+
+    /// The same with extensions, which a window needs.
+    pub fn with_extensions(validation: bool, wanted: &[&CStr]) -> Result<Instance> {
         // SAFETY: loading the system's Vulkan loader runs its initialisers, which is what it is for.
         let entry = unsafe { ash::Entry::load() }.map_err(|e| {
             Error::NoDevice(format!("no Vulkan loader ({e}); install it (Debian: apt install libvulkan1)"))
@@ -109,7 +114,13 @@ impl Instance {
         let mut extensions = unsafe { entry.enumerate_instance_extension_properties(None) }
             .map_err(vulkan("vkEnumerateInstanceExtensionProperties"))?;
         let mut layers: Vec<*const c_char> = Vec::new();
-        let mut names: Vec<*const c_char> = Vec::new();
+        let mut names: Vec<*const c_char> = wanted.iter().map(|name| name.as_ptr()).collect();
+        let lacks = |name: &&CStr| !extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(*name));
+        if let Some(name) = wanted.iter().copied().find(lacks) {
+            let message =
+                format!("no Vulkan driver can show images in a window: {} is missing", name.to_string_lossy());
+            return Err(Error::NoDevice(message));
+        }
         if validation {
             // SAFETY: as above.
             let known = unsafe { entry.enumerate_instance_layer_properties() }

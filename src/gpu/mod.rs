@@ -19,6 +19,8 @@ mod recorder;
 mod resources;
 mod snapshot;
 mod staging;
+#[cfg(feature = "viewer")]
+pub mod surface;
 mod timers;
 #[cfg(any(feature = "hot-reload", test))]
 mod wgsl;

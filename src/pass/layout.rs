@@ -183,6 +183,26 @@ pub struct Push {
     pub step: u32,
 }
 
+/// Push constants of `display`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub struct DisplayPush {
+    /// Factor of the radiance.
+    pub scale: f32,
+    /// The curve, see [`super::display::Curve`].
+    pub curve: u32,
+}
+
+/// Push constants of `layer`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub struct LayerPush {
+    /// The layer, see [`super::layer::Layer`].
+    pub kind: u32,
+    /// Depth that is shown half as bright as depth 0, scene units.
+    pub unit: f32,
+}
+
 /// Push constants of `discontinuity`; `shaders/include/discontinuity.wgsl` says what each member is.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

@@ -5,4 +5,7 @@ mod bake;
 mod bench;
 mod flags;
 mod general;
+mod live;
 mod render;
+#[cfg(feature = "viewer")]
+mod view;

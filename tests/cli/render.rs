@@ -31,7 +31,7 @@ resolution = [20, 16]
 ";
 
 /// A folder with the scene.
-fn folder() -> tempfile::TempDir {
+pub fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a temporary folder");
     for (name, text) in [("room.obj", MODEL), ("room.mtl", MATERIALS), ("scene.toml", SCENE)] {
         fs::write(folder.path().join(name), text).unwrap();
@@ -40,7 +40,7 @@ fn folder() -> tempfile::TempDir {
 }
 
 /// The program in a folder, with a cache of its own.
-fn command(folder: &Path, arguments: &str) -> Command {
+pub fn command(folder: &Path, arguments: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lightsum"));
     command.args(arguments.split_whitespace()).current_dir(folder).env_remove("RUST_LOG");
     if let (Ok(device), false) = (std::env::var("LIGHTSUM_DEVICE"), arguments.contains("--device")) {
@@ -50,12 +50,12 @@ fn command(folder: &Path, arguments: &str) -> Command {
     command
 }
 
-fn text(bytes: &[u8]) -> String {
+pub fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
 #[track_caller]
-fn succeeds(folder: &Path, arguments: &str) -> Output {
+pub fn succeeds(folder: &Path, arguments: &str) -> Output {
     let output = command(folder, arguments).output().expect("the program starts");
     assert!(output.status.success(), "{arguments}: {}", text(&output.stderr));
     output
@@ -71,7 +71,7 @@ fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 /// Runs it, checks the exit code, that the message contains `names`, and that no file was changed or left; returns the
 /// message.
 #[track_caller]
-fn fails(folder: &Path, arguments: &str, code: i32, names: &[&str]) -> String {
+pub fn fails(folder: &Path, arguments: &str, code: i32, names: &[&str]) -> String {
     fs::write(folder.join("old.exr"), "an image from before").unwrap();
     let before = contents(folder);
     let output = command(folder, arguments).output().expect("the program starts");
@@ -88,7 +88,7 @@ fn fails(folder: &Path, arguments: &str, code: i32, names: &[&str]) -> String {
 }
 
 /// The channels of an EXR file by name.
-fn channels(path: &Path) -> BTreeMap<String, Vec<f32>> {
+pub fn channels(path: &Path) -> BTreeMap<String, Vec<f32>> {
     let image = exr::prelude::read_first_flat_layer_from_file(path).unwrap();
     let list = image.layer_data.channel_data.list;
     list.iter().map(|c| (c.name.to_string(), c.sample_data.values_as_f32().collect())).collect()
@@ -199,7 +199,7 @@ fn endless(folder: &Path, more: &str) -> (Child, BufReader<ChildStderr>) {
     (run, stderr)
 }
 
-fn kill(run: &Child, signal: &str) {
+pub fn kill(run: &Child, signal: &str) {
     let killed = Command::new("sh").args(["-c", &format!("kill -{signal} {}", run.id())]).status().unwrap();
     assert!(killed.success());
 }

@@ -1,7 +1,8 @@
 //! The engine in a host's command buffers: `examples/embed.rs` unchanged, and other things that a host may do.
 
 use ash::vk;
-use lightsum::gpu::{Context, DeviceChoice, Retained, download};
+use lightsum::gpu::{Buffer, Context, ContextOptions, DeviceChoice, Memory, Retained, download};
+use lightsum::output::Wanted;
 use lightsum::scene::builtin;
 use lightsum::settings::Traversal;
 use lightsum::{Camera, Engine, Error, RenderOptions, Renderer, Scene, Settings};
@@ -163,8 +164,7 @@ fn two_engines_share_a_device() {
 
 /// Renders `passes` passes and reads the image.
 pub fn image(ctx: &Context, engine: &mut Engine, passes: u32) -> Vec<[f32; 4]> {
-    let readback =
-        lightsum::gpu::Buffer::new(ctx, "image", engine.image().bytes(), lightsum::gpu::Memory::Readback).unwrap();
+    let readback = Buffer::new(ctx, "image", engine.image().bytes(), Memory::Readback).unwrap();
     ctx.submit_and_wait("passes", None, |rec| {
         (0..passes).try_for_each(|_| engine.record_pass(rec))?;
         engine.record_image(rec)?;
@@ -272,5 +272,37 @@ fn a_pass_with_lost_rays_is_left_out() {
         patient.set_passes(1);
         assert_eq!(mended, image(ctx, &mut patient, 1));
         assert!(mended.iter().flatten().any(|&x| x > 0.0));
+    });
+}
+
+#[test]
+fn a_host_may_let_the_library_read_back() {
+    gpu_test(|_| {
+        let host = Host::new(true).unwrap();
+        let witness = host.lend().unwrap();
+        let (scene, camera, settings) = small();
+        let options = ContextOptions { validation: true, own_work: true, ..ContextOptions::default() };
+        // SAFETY: as in `Host::lend`; the host outlives the context.
+        let context = unsafe { Context::adopt(host.handles(), &options) }.unwrap();
+        let mut engine = Engine::new(&context, &scene, camera, settings).unwrap();
+        let commands = host.begin().unwrap();
+        let recorded = record(&context, commands, &mut engine, true);
+        host.submit(commands, recorded).unwrap().wait().unwrap();
+        engine.setup_finished();
+        let size = engine.view().size();
+        let image = engine.film().mean(&context, size, Wanted::Color).unwrap();
+        let mean = image.color.iter().map(|color| color.element_sum()).sum::<f32>() / image.color.len() as f32;
+        assert!(mean > 0.01, "the image is black: {mean}");
+
+        // Without leave it does not submit; and what is made from a context is given back with it.
+        let reserved = host.lend().unwrap();
+        let kept = Buffer::new(&reserved, "kept", 64, Memory::Device).unwrap();
+        let error = message(download::<u32>(&reserved, &kept));
+        assert!(error.contains("own_work"), "{error}");
+        assert!(reserved.allocated_bytes() >= 64 && context.allocated_bytes() > 0);
+        drop((kept, engine));
+        assert_eq!((reserved.allocated_bytes(), context.allocated_bytes()), (0, 0));
+        drop((reserved, context));
+        assert_silent(witness.take_messages());
     });
 }

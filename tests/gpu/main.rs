@@ -8,6 +8,7 @@ mod convolve;
 mod delta_choice;
 mod devices;
 mod discontinuity;
+mod display;
 mod edges;
 mod embed;
 mod emission_textures;

@@ -7,6 +7,8 @@ mod play;
 mod reading;
 mod superposition;
 mod values;
+#[cfg(feature = "viewer")]
+mod view;
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
@@ -26,10 +28,14 @@ pub use play::{Play, Pose};
 pub use reading::Reading;
 pub use superposition::Glossy;
 pub use values::check_resolution;
+#[cfg(feature = "viewer")]
+pub use values::extent;
 use values::{
-    checkpoint, crop, delta_lights, distance, exposure, filter, image_path, pattern, positive, resolution, seconds,
-    share,
+    address, checkpoint, crop, delta_lights, distance, exposure, filter, image_path, pattern, positive, resolution,
+    seconds, share,
 };
+#[cfg(feature = "viewer")]
+pub use view::View;
 
 /// Global illumination without noise: a sum over virtual lights (instant radiosity), computed by Vulkan.
 #[derive(Debug, Parser)]
@@ -62,6 +68,11 @@ pub enum Command {
     /// `render --light-from` shows it again, in a time that does not depend on the number of lights; so do engines that know light
     /// maps, and with --unlit any viewer.
     Bake(Box<Bake>),
+    /// Show a scene in a window: walk through it, move objects, change materials and settings.
+    ///
+    /// H shows the keys.
+    #[cfg(feature = "viewer")]
+    View(Box<View>),
     /// Print what a scene holds: triangles, materials, lights with their power, textures, size, camera, memory, and what was left out.
     Info(Info),
 }
@@ -158,7 +169,7 @@ pub struct Render {
 pub struct Output {
     /// Image to write: .exr (linear, with layers) or .png (for display). Can be repeated.
     #[arg(short, long = "output", value_name = "FILE", value_parser = PathBufValueParser::new().try_map(image_path))]
-    #[arg(required_unless_present_any = ["list_devices", "export_lights", "stats"])]
+    #[arg(required_unless_present_any = ["list_devices", "export_lights", "stats", "display"])]
     pub outputs: Vec<PathBuf>,
     /// Image size in pixels [default: the scene's, or 640x480]. Time and memory grow with the number of pixels.
     #[arg(long, value_name = "WxH", value_parser = resolution)]
@@ -179,6 +190,14 @@ pub struct Output {
     /// Write the colour of EXR files as 32-bit float instead of 16-bit half. Doubles its size.
     #[arg(long)]
     pub float: bool,
+    /// Rewrite the images every so many seconds while they are rendered. A file is always whole.
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds, requires = "outputs")]
+    pub preview: Option<Duration>,
+    /// Show the image in the viewer tev while it is rendered; tev listens at 127.0.0.1:14158.
+    ///
+    /// Sent at most twice a second. If the connection is lost, the rendering goes on without.
+    #[arg(long, value_name = "HOST:PORT", value_parser = address)]
+    pub display: Option<String>,
     /// Also write emission, diffuse and specular light as layers of EXR files; they add up to the image exactly.
     #[arg(long)]
     pub summands: bool,
@@ -247,7 +266,7 @@ pub struct Stop {
 pub struct CheckpointFlag(pub Option<Duration>);
 
 /// Light transport.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Light")]
 pub struct Light {
     /// Particles started from the lights in each pass, 1 to 65536 [default: the scene's, or 32].
@@ -384,7 +403,7 @@ pub struct Light {
 }
 
 /// Device and execution.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Device")]
 pub struct Device {
     /// Vulkan device: part of its name, its index in --list-devices, or cpu [default: the fastest kind available].
@@ -420,7 +439,7 @@ pub struct Reference {
     #[arg(long, conflicts_with_all = [
         "passes", "time", "target_error", "resume", "checkpoint", "particles", "light_pool", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "no_split", "no_glossy_paths", "no_antialias",
         "photons", "photon_radius", "interleave_photons", "mirror_lights", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "summands",
-        "light_threshold", "light_choice", "power_fraction", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats",
+        "light_threshold", "light_choice", "power_fraction", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats", "preview", "display",
     ])]
     pub reference: bool,
     /// Samples per pixel of --reference [default: 64]. Time grows linearly, noise falls with the square root.

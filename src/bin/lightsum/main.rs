@@ -1,5 +1,5 @@
 //! The command line: `lightsum render SCENE -o IMAGE`, `lightsum bake SCENE -o MODEL.glb`, `lightsum animate SCENE -o FRAME-%04d.png`,
-//! `lightsum info SCENE`.
+//! `lightsum view SCENE`, `lightsum info SCENE`.
 //!
 //! Exit codes: 0 done, 1 failed, 2 wrong use. Progress, warnings and errors go to standard error; requested output and
 //! the line that names the files written go to standard output.
@@ -12,6 +12,7 @@ mod bake;
 mod camera;
 mod checkpoint;
 mod info;
+mod live;
 mod parts;
 mod path;
 mod play;
@@ -20,6 +21,8 @@ mod radiosity;
 mod reference;
 mod render;
 mod stop;
+#[cfg(feature = "viewer")]
+mod view;
 
 use args::{Arguments, Command};
 use clap::Parser;
@@ -35,6 +38,8 @@ fn main() -> ExitCode {
         Some(Command::Animate(animate)) => animate::run(animate),
         Some(Command::Bake(bake)) => bake::run(bake),
         Some(Command::Info(info)) => info::run(info),
+        #[cfg(feature = "viewer")]
+        Some(Command::View(view)) => view::run(view),
         None if !arguments.list_devices => {
             say_aside("error: nothing to do: give a command, such as render, or --list-devices; --help explains");
             return ExitCode::from(2);

@@ -100,11 +100,30 @@ pub struct Track {
     keys: Vec<(f64, Pose)>,
 }
 
-#[derive(Clone, Copy)]
-struct Pose {
-    translation: Vec3,
-    degrees: f32,
-    scale: Vec3,
+/// Pose of an object relative to where its model has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// Translation, scene units.
+    pub translation: Vec3,
+    /// Angle of the rotation.
+    pub degrees: f32,
+    /// Factor along each axis.
+    pub scale: Vec3,
+}
+
+impl Default for Pose {
+    fn default() -> Pose {
+        Pose { translation: Vec3::ZERO, degrees: 0.0, scale: Vec3::ONE }
+    }
+}
+
+impl Pose {
+    /// The transform, with a rotation about `axis`; `pivot` is the fixed point of rotation and scale.
+    pub fn transform(&self, axis: Vec3, pivot: Vec3) -> Affine3A {
+        let rotation = Quat::from_axis_angle(axis, self.degrees.to_radians());
+        let about_pivot = Affine3A::from_scale_rotation_translation(self.scale, rotation, self.translation + pivot);
+        about_pivot * Affine3A::from_translation(-pivot)
+    }
 }
 
 impl Motion {
@@ -185,12 +204,12 @@ impl Track {
     /// The transforms of the objects at a time.
     pub fn transform(&self, time: f64) -> Affine3A {
         let Some((a, b, f)) = between(&self.keys, time) else { return Affine3A::IDENTITY };
-        let angle = lerp(a.degrees, b.degrees, f).to_radians();
-        let translation = a.translation.lerp(b.translation, f);
-        let rotation = Quat::from_axis_angle(self.axis, angle);
-        let about_pivot =
-            Affine3A::from_scale_rotation_translation(a.scale.lerp(b.scale, f), rotation, translation + self.pivot);
-        about_pivot * Affine3A::from_translation(-self.pivot)
+        let pose = Pose {
+            translation: a.translation.lerp(b.translation, f),
+            degrees: lerp(a.degrees, b.degrees, f),
+            scale: a.scale.lerp(b.scale, f),
+        };
+        pose.transform(self.axis, self.pivot)
     }
 }
 

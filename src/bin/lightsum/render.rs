@@ -2,6 +2,7 @@
 
 use crate::args::{Device, FilterFlag, Glossy, Light, Preset, Render};
 use crate::checkpoint::Checkpoints;
+use crate::live::Live;
 use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due};
 use crate::{camera, play, reference, say, say_aside};
@@ -87,25 +88,29 @@ pub fn run(args: &Render) -> Result<()> {
     }
 }
 
+/// Applies a preset, which leaves the other settings as they are.
+pub fn apply_preset(settings: &mut Settings, preset: Preset) {
+    let preset = match preset {
+        Preset::Progressive => Settings::default(),
+        Preset::Interactive => Settings::interactive(),
+    };
+    settings.particles = preset.particles;
+    settings.light_pool = preset.light_pool;
+    settings.direct_lights = preset.direct_lights;
+    settings.pattern = preset.pattern;
+    settings.clip = preset.clip;
+    settings.compensation = preset.compensation;
+    settings.jitter = preset.jitter;
+    settings.photons = preset.photons;
+    settings.mirror_lights = preset.mirror_lights;
+    settings.filter = preset.filter;
+}
+
 /// Settings in order of precedence: command line, preset, `[render]` of the scene, defaults.
 pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &RenderDefaults) -> Settings {
-    let defaults = Settings::default();
-    let mut settings = defaults.clone().with_scene_defaults(render);
+    let mut settings = Settings::default().with_scene_defaults(render);
     if let Some(preset) = light.preset {
-        let preset = match preset {
-            Preset::Progressive => defaults,
-            Preset::Interactive => Settings::interactive(),
-        };
-        settings.particles = preset.particles;
-        settings.light_pool = preset.light_pool;
-        settings.direct_lights = preset.direct_lights;
-        settings.pattern = preset.pattern;
-        settings.clip = preset.clip;
-        settings.compensation = preset.compensation;
-        settings.jitter = preset.jitter;
-        settings.photons = preset.photons;
-        settings.mirror_lights = preset.mirror_lights;
-        settings.filter = preset.filter;
+        apply_preset(&mut settings, preset);
     }
     // A scene's own number is that of each class.
     let keeps = light.preset.is_none() && render.photons.is_some();
@@ -171,6 +176,7 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
         strips: args.output.crop.is_none(),
     };
     let stop = Stop::choose(&args.stop, scene.render.passes);
+    let mut live = Live::new(&args.output, &job.name)?;
     let mut renderer = Renderer::new(scene, job.camera, job.settings.clone(), &options)?;
     job.stages.push(("prepare".into(), start.elapsed().as_secs_f64()));
 
@@ -189,7 +195,7 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
         for (_, what) in left_out.iter().filter(|left_out| left_out.0) {
             log::warn!("{}: {what} are not exported", path.display());
         }
-        if job.outputs.is_empty() && args.output.stats.is_none() {
+        if job.outputs.is_empty() && args.output.stats.is_none() && args.output.display.is_none() {
             return Ok(());
         }
     }
@@ -201,7 +207,7 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
     }
 
     let mut checkpoints = Checkpoints::new(state_path, args.stop.checkpoint.0);
-    let (rendering, error) = match passes(&mut renderer, &stop, &interrupted, &mut checkpoints) {
+    let (rendering, error) = match passes(&job, &mut renderer, &stop, &interrupted, (&mut checkpoints, &mut live)) {
         Ok(done) => done,
         Err(error) => {
             save_what_there_is(&job, &renderer, &mut checkpoints);
@@ -213,6 +219,7 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
     if passes == 0 {
         return Err(Error::Interrupted);
     }
+    live.end(&renderer);
     let start = Instant::now();
     let statistics = renderer.statistics();
     // A failure to write one file must not prevent the others.
@@ -261,6 +268,8 @@ fn in_strips(job: Job, mut renderer: Renderer, args: &Render, interrupted: &Atom
         (flags.target_error.is_some(), "--target-error"),
         (flags.resume, "--resume"),
         (args.output.export_lights.is_some(), "--export-lights"),
+        (args.output.preview.is_some(), "--preview"),
+        (args.output.display.is_some(), "--display"),
     ];
     if let Some((_, name)) = excluded.into_iter().find(|(given, _)| *given) {
         return Err(too_large(name));
@@ -294,10 +303,11 @@ fn in_strips(job: Job, mut renderer: Renderer, args: &Render, interrupted: &Atom
 
 /// Runs passes until `stop` or an interrupt; returns their time and the last error estimate.
 fn passes(
+    job: &Job,
     renderer: &mut Renderer,
     stop: &Stop,
     interrupted: &AtomicBool,
-    checkpoints: &mut Checkpoints,
+    (checkpoints, live): (&mut Checkpoints, &mut Live),
 ) -> Result<(Duration, Option<f32>)> {
     let before = renderer.passes();
     let mut error = renderer.error_estimate();
@@ -320,6 +330,7 @@ fn passes(
         };
         progress.show(text, stop.fraction(passes, rendered, elapsed, error));
         checkpoints.after_pass(renderer);
+        live.after_pass(renderer, || write_image(job, renderer, &renderer.statistics()));
     }
     progress.finish();
     let elapsed = progress.elapsed();

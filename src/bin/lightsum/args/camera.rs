@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 use super::values::{angle, distance, orbit, point, positive, vector};
 
 /// The camera; each flag overrides a value of the scene's camera.
-#[derive(Debug, Default, Args)]
+#[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Camera (overrides the scene's; a model without one is framed)")]
 pub struct Camera {
     /// Name of a camera of the glTF file [default: its first].

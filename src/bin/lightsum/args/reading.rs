@@ -3,7 +3,7 @@
 use clap::{Args, ValueEnum};
 
 /// How a scene is read.
-#[derive(Debug, Default, Args)]
+#[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Reading")]
 pub struct Reading {
     /// Whether the lights of a glTF file are in candela and lux, to be divided by 683 lm/W [default: the scene's, or auto].

@@ -4,7 +4,7 @@ use clap::{Args, ValueEnum};
 use lightsum::settings::{Reflectance, Settings, Spread, Superposition};
 
 /// Mirror images on glossy planes.
-#[derive(Debug, Default, Args)]
+#[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Glossy planes")]
 pub struct Glossy {
     /// Show a convolved mirror image of the room on glossy planes [default: the scene's, or off].

@@ -22,7 +22,7 @@ pub(super) fn image_path(path: PathBuf) -> Result<PathBuf, String> {
 }
 
 /// Two numbers separated by an x.
-pub(super) fn extent(text: &str) -> Option<[u32; 2]> {
+pub fn extent(text: &str) -> Option<[u32; 2]> {
     text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]))
 }
 
@@ -136,6 +136,15 @@ pub(super) fn moment(text: &str) -> Result<f64, String> {
 /// A number per second.
 pub(super) fn rate(text: &str) -> Result<f64, String> {
     number(text, |v| (1e-3..=1e6).contains(&v), "a number from 0.001 to 1000000").map(f64::from)
+}
+
+/// A host and a port, which is looked up later.
+pub(super) fn address(text: &str) -> Result<String, String> {
+    let is_one = |(host, port): (&str, &str)| !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0);
+    match text.rsplit_once(':').is_some_and(is_one) {
+        true => Ok(text.to_owned()),
+        false => Err("expected HOST:PORT, such as 127.0.0.1:14158".into()),
+    }
 }
 
 pub(super) fn seconds(text: &str) -> Result<Duration, String> {

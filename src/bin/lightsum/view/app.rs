@@ -1,0 +1,606 @@
+//! The window's events and frames.
+//!
+//! One frame is in flight at a time. When it is done, what it measured is read, and the next one is recorded with all input so far: a pass of
+//! the engine if the image wants one, the image for the display, and the panel.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::time::{Duration, Instant};
+
+use glam::{Vec2, Vec3};
+use lightsum::gpu::surface::{Outcome, Shown};
+use lightsum::settings::Exposure;
+use lightsum::{Error, Result};
+use serde_json::{Value, json};
+use winit::application::ApplicationHandler;
+use winit::dpi::{LogicalSize, PhysicalSize};
+use winit::event::{ElementState, MouseScrollDelta, StartCause, WindowEvent};
+use winit::event_loop::{ActiveEventLoop, ControlFlow};
+use winit::keyboard::{KeyCode, ModifiersState, PhysicalKey};
+use winit::window::{Fullscreen, Window, WindowId};
+
+use super::clock::Clock;
+use super::keys::{self, Action, MOVES};
+use super::navigate::{self, Mode};
+use super::panel::{Notice, Panel, Request, WIDTH};
+use super::pointer::Pointer;
+use super::script::Script;
+use super::session::{Look, Session};
+use super::stage::Stage;
+use crate::args::View;
+use crate::say_aside;
+
+/// Between two looks whether the frame in flight is done.
+const GLANCE: Duration = Duration::from_millis(1);
+/// Between two tries to show a frame in a window that is minimised or hidden.
+const HIDDEN: Duration = Duration::from_millis(50);
+/// Most seconds that a held key moves the camera for in one frame.
+const LONGEST: f32 = 0.25;
+/// Part of the size of what is seen that held keys fly in a second.
+const SPEED: f32 = 0.3;
+/// Pixels of a trackpad that count as a step of the wheel.
+const WHEEL: f64 = 40.0;
+/// Size of the image unless flags say otherwise.
+const SIZE: [u32; 2] = [640, 480];
+
+/// The program.
+pub struct App {
+    pub(super) args: Arc<View>,
+    pub(super) stage: Option<Stage>,
+    pub(super) session: Option<Session>,
+    pub(super) loading: Option<Loading>,
+    pub(super) look: Look,
+    pub(super) panel: Panel,
+    pub(super) clock: Clock,
+    /// Passes after which the image stays as it is.
+    pub(super) limit: u32,
+    /// The commands of a script.
+    pub(super) script: Option<Script>,
+    /// A frame has shown what the latest command of the script did.
+    settled: bool,
+    pub(super) held: ModifiersState,
+    pointer: Pointer,
+    down: HashSet<KeyCode>,
+    /// The frame in flight, if any: whether it has a pass, and whether that is the first of its image.
+    flight: Option<(bool, bool)>,
+    /// Something has changed that no frame shows.
+    dirty: bool,
+    /// When the panel wants to be drawn again.
+    again: Option<Instant>,
+    /// The window gives no image until then.
+    hidden: Option<Instant>,
+    before: Instant,
+    /// The image in the window: upper left corner, width and height, pixels.
+    image: [u32; 4],
+    /// A size of the image that the device has no room for.
+    refused: Option<[u32; 2]>,
+    frames: u64,
+    failure: Option<Error>,
+}
+
+/// A scene that is being loaded.
+pub struct Loading {
+    path: PathBuf,
+    done: Receiver<Result<Session>>,
+}
+
+impl App {
+    pub fn new(args: &View, script: Option<Script>) -> App {
+        App {
+            args: Arc::new(args.clone()),
+            stage: None,
+            session: None,
+            loading: None,
+            look: Look { stops: 0.0, auto: false, tonemap: args.tonemap.into(), layer: None, lights: false },
+            panel: Panel::new(String::new()),
+            clock: Clock::default(),
+            // A script says how many passes it waits for.
+            limit: if script.is_some() { 1 } else { args.passes },
+            script,
+            settled: false,
+            held: ModifiersState::empty(),
+            pointer: Pointer::default(),
+            down: HashSet::new(),
+            flight: None,
+            dirty: true,
+            again: None,
+            hidden: None,
+            before: Instant::now(),
+            image: [0; 4],
+            refused: None,
+            frames: 0,
+            failure: None,
+        }
+    }
+
+    /// Ends everything; returns what was measured, as JSON.
+    pub fn end(self) -> (Value, Result<()>) {
+        let App { stage, session, loading, clock, frames, failure, .. } = self;
+        if let Some(stage) = &stage {
+            stage.window.set_visible(false);
+        }
+        // A scene that is still being loaded keeps the device until it is there.
+        drop(loading.map(|loading| loading.done.recv()));
+        drop(session);
+        let watch = stage.as_ref().map(|stage| stage.device.take_messages()).unwrap_or_default();
+        let (bytes, messages) = stage.map(Stage::end).unwrap_or_default();
+        let messages = [watch, messages.take()].concat();
+        let summary = json!({
+            "frames": frames,
+            "moving_frame_ms": clock.moving.json(),
+            "input_to_image_ms": clock.latency.json(),
+            "validation_messages": messages.len(),
+            "bytes_not_given_back": bytes,
+        });
+        let outcome = match (failure, messages.first()) {
+            (Some(error), _) => Err(error),
+            (None, Some(message)) => {
+                Err(Error::Resource { name: "the window".into(), message: format!("validation: {message}") })
+            }
+            (None, None) if bytes > 0 => Err(Error::Resource {
+                name: "the window".into(),
+                message: format!("{bytes} bytes of the device were not given back"),
+            }),
+            (None, None) => Ok(()),
+        };
+        (summary, outcome)
+    }
+
+    /// Shows a message in the window and on standard error.
+    pub(super) fn tell(&mut self, is_error: bool, text: String) {
+        // What fails again in the frame that shows its message must not make another one.
+        if is_error && self.panel.notice.as_ref().is_some_and(|notice| notice.text == text) {
+            return;
+        }
+        say_aside(&if is_error { format!("error: {text}") } else { text.clone() });
+        self.panel.notice = Some(Notice { text, is_error });
+        self.dirty = true;
+    }
+
+    /// Shows an error, unless the program cannot go on.
+    pub(super) fn check<T>(&mut self, result: Result<T>) -> Option<T> {
+        match result {
+            Ok(value) => return Some(value),
+            Err(error @ Error::DeviceLost { .. }) => self.failure = Some(error),
+            Err(error) => self.tell(true, error.to_string()),
+        }
+        None
+    }
+
+    /// Something changes the image.
+    pub(super) fn touched(&mut self) {
+        self.clock.input();
+        self.panel.paused = false;
+        self.dirty = true;
+    }
+
+    /// The next command of a script waits for a frame.
+    pub(super) fn wait_for_frame(&mut self) {
+        (self.settled, self.dirty) = (false, true);
+    }
+
+    fn open_window(&mut self, events: &ActiveEventLoop) -> Result<()> {
+        let [width, height] = self.args.resolution.unwrap_or(SIZE);
+        let attributes = Window::default_attributes().with_title("lightsum").with_visible(false);
+        let failed = |error| Error::NoDevice(format!("no window can be opened: {error}"));
+        let window = events.create_window(attributes).map_err(failed)?;
+        let panel = (f64::from(WIDTH) * window.scale_factor()).round() as u32;
+        let _ = window.request_inner_size(PhysicalSize::new(width + panel, height));
+        window.set_min_inner_size(Some(LogicalSize::new(16, 16)));
+        window.set_visible(true);
+        let stage = Stage::new(window, &self.args)?;
+        let info = stage.device.info();
+        self.panel.device = format!("{} ({} {})", info.name, info.driver, info.driver_version);
+        self.stage = Some(stage);
+        if let Some(scene) = self.args.scene.clone() {
+            self.load(scene);
+        }
+        Ok(())
+    }
+
+    /// Starts loading a scene, on a thread of its own.
+    pub(super) fn load(&mut self, path: PathBuf) {
+        let Some(stage) = &self.stage else { return };
+        let (context, args, file) = (stage.context.clone(), self.args.clone(), path.clone());
+        let [.., width, height] = self.image;
+        let size = if width > 0 && height > 0 { Some([width, height]) } else { self.args.resolution.or(Some(SIZE)) };
+        let (send, done) = channel();
+        std::thread::spawn(move || {
+            // Nobody waits for it any more if another scene was opened meanwhile.
+            let _ = send.send(Session::open(&context, &file, &args, size));
+        });
+        self.loading = Some(Loading { path, done });
+        self.dirty = true;
+    }
+
+    /// Takes a scene that was loaded.
+    fn loaded(&mut self) {
+        let Some(Loading { done, .. }) = &self.loading else { return };
+        let loaded = match done.try_recv() {
+            Ok(loaded) => loaded,
+            Err(TryRecvError::Empty) => return,
+            Err(TryRecvError::Disconnected) => {
+                Err(Error::Scene(String::from("the thread that loaded it ended early, as it says on standard error")))
+            }
+        };
+        self.loading = None;
+        if let Some(session) = self.check(loaded) {
+            (self.panel.notice, self.refused) = (None, None);
+            match session.exposure(&self.args) {
+                Exposure::Stops(stops) => self.look.stops = stops,
+                Exposure::Auto => self.look.auto = true,
+            }
+            if let Some(stage) = &self.stage {
+                stage.window.set_title(&format!("{} - lightsum", session.name));
+            }
+            self.session = Some(session);
+        }
+        self.touched();
+    }
+
+    /// Goes on: with the frame in flight, the script, and the next frame.
+    fn tick(&mut self, events: &ActiveEventLoop) {
+        let done = self.tick_frame(events);
+        if self.check(done).is_none() && self.failure.is_none() {
+            // Frames that fail one after the other would fill the window with messages.
+            self.panel.paused = true;
+        }
+        if self.failure.is_some() {
+            events.exit();
+        }
+    }
+
+    fn tick_frame(&mut self, events: &ActiveEventLoop) -> Result<()> {
+        let Some(stage) = &mut self.stage else { return Ok(()) };
+        if !stage.presenter.is_idle()? {
+            return Ok(());
+        }
+        if let Some((pass, first)) = self.flight.take() {
+            self.frame_done(pass, first)?;
+        }
+        self.loaded();
+        if self.hidden.is_some_and(|until| until > Instant::now()) {
+            return Ok(());
+        }
+        if self.settled {
+            self.run_script(events)?;
+        }
+        let panel_wants = self.again.is_some_and(|at| at <= Instant::now());
+        let flies = MOVES.iter().any(|(key, _)| self.down.contains(key));
+        if self.dirty || panel_wants || flies || self.wants_pass() {
+            self.frame()?;
+        }
+        Ok(())
+    }
+
+    fn wants_pass(&self) -> bool {
+        !self.panel.paused && self.session.as_ref().is_some_and(|session| session.wants_pass(self.limit))
+    }
+
+    /// After the end of a frame.
+    fn frame_done(&mut self, pass: bool, first: bool) -> Result<()> {
+        self.frames += 1;
+        self.settled = true;
+        let (Some(stage), Some(session)) = (&self.stage, &mut self.session) else { return Ok(()) };
+        let had_lights = !session.lights().is_empty();
+        let done = session.finished()?;
+        // Lights that are new to the panel.
+        self.dirty |= had_lights == session.lights().is_empty();
+        if pass && done {
+            self.clock.end(first, &stage.timers.read()?);
+        }
+        if self.look.auto && session.engine().passes() > 0 {
+            self.look.auto = false;
+            self.look.stops = session.stops(Exposure::Auto)?;
+            self.dirty = true;
+        }
+        Ok(())
+    }
+
+    /// Moves the camera by the keys that are down.
+    fn fly(&mut self) -> Result<()> {
+        let now = Instant::now();
+        let seconds = (now - std::mem::replace(&mut self.before, now)).as_secs_f32().min(LONGEST);
+        let held = MOVES.iter().filter(|(key, _)| self.down.contains(key));
+        let direction: Vec3 = held.map(|(_, by)| Vec3::from_array(*by)).sum();
+        let Some(session) = self.session.as_mut().filter(|_| direction != Vec3::ZERO) else { return Ok(()) };
+        let size = session.engine().plan().scene.extent.size;
+        let speed = SPEED * size * if self.held.shift_key() { 4.0 } else { 1.0 };
+        session.set_camera(navigate::fly(session.camera(), direction * speed * seconds))?;
+        self.touched();
+        Ok(())
+    }
+
+    /// Draws the panel and records a frame.
+    fn frame(&mut self) -> Result<()> {
+        self.fly()?;
+        let Some(stage) = &mut self.stage else { return Ok(()) };
+        let (input, window) = (stage.input.take_egui_input(&stage.window), stage.window.inner_size());
+        let context = stage.input.egui_ctx().clone();
+        let loading = self.loading.as_ref().map(|loading| loading.path.display().to_string());
+        let (mut requests, mut place) = (Vec::new(), egui::Rect::ZERO);
+        let before = self.look;
+        let (panel, look, clock, session) = (&mut self.panel, &mut self.look, &self.clock, self.session.as_ref());
+        let drawn = context.run_ui(input, |ui| {
+            let (asked, image) = panel.show(ui, session, look, clock, loading.as_deref());
+            requests.extend(asked);
+            place = image;
+        });
+        if before.layer != self.look.layer {
+            self.panel.notice = None;
+        }
+        stage.input.handle_platform_output(&stage.window, drawn.platform_output);
+        stage.painter.update(drawn.textures_delta)?;
+        let scale = drawn.pixels_per_point;
+        let shapes = context.tessellate(drawn.shapes, scale);
+        let delay = drawn.viewport_output.values().map(|output| output.repaint_delay).min();
+        self.again = delay.filter(|delay| *delay < Duration::from_secs(3600)).map(|delay| Instant::now() + delay);
+        self.dirty = false;
+        self.image = in_pixels(place, scale, window);
+        for request in requests {
+            self.fulfil(request);
+        }
+
+        let (pass, wanted) = (self.wants_pass(), self.image);
+        let (Some(stage), look) = (&mut self.stage, self.look) else { return Ok(()) };
+        stage.presenter.resize([window.width, window.height]);
+        let [x, y, width, height] = wanted;
+        let mut session = self.session.as_mut().filter(|_| width > 0 && height > 0);
+        let mut refusal = None;
+        if let Some(session) = &mut session {
+            let size = [width, height];
+            if session.engine().view().size() != size && self.refused != Some(size) {
+                self.clock.input();
+                let resized = session.resize(size);
+                // An image of the size before is shown enlarged.
+                self.refused = resized.is_err().then_some(size);
+                refusal = resized.err();
+            }
+        }
+        let first = session.as_ref().is_some_and(|session| session.engine().passes() == 0);
+        let has_session = session.is_some();
+        let pass = pass && has_session;
+        let painter = &mut stage.painter;
+        let outcome = stage.presenter.show(
+            Some(&stage.timers),
+            |rec| {
+                let Some(session) = session.as_mut() else { return Ok(None) };
+                let image = session.record(rec, &look, pass)?;
+                Ok(Some(Shown { image, at: [x, y], size: [width, height] }))
+            },
+            |canvas| painter.draw(canvas, scale, &shapes),
+        )?;
+        match outcome {
+            Outcome::Submitted => {
+                session.into_iter().for_each(Session::submitted);
+                if pass {
+                    self.clock.begin();
+                }
+                self.flight = Some((pass, first));
+            }
+            Outcome::Failed(error) => {
+                self.flight = Some((false, false));
+                return Err(error);
+            }
+            Outcome::Skipped => self.hidden = Some(Instant::now() + HIDDEN),
+        }
+        refusal.map_or(Ok(()), Err)
+    }
+
+    /// Does what the panel was asked for.
+    fn fulfil(&mut self, request: Request) {
+        if let Request::Do(action) = request {
+            return self.act(action);
+        }
+        let Some(session) = &mut self.session else { return };
+        let result = match request {
+            Request::Do(_) => Ok(()),
+            Request::Settings(settings) => session.set_settings(*settings),
+            Request::Camera(camera) => session.set_camera(camera),
+            Request::Place(object, placed) => session.place(object, placed),
+            Request::Material(index, material) => session.set_material(index, *material),
+            Request::Light(index, light) => session.set_light(index, light),
+            Request::RemoveKey => {
+                session.route.remove_last();
+                Ok(())
+            }
+        };
+        if self.check(result).is_some() {
+            self.touched();
+        }
+    }
+
+    /// Does what a key does.
+    pub(super) fn act(&mut self, action: Action) {
+        self.dirty = true;
+        match action {
+            Action::Help => self.panel.help = !self.panel.help,
+            Action::Panel => self.panel.open = !self.panel.open,
+            Action::FullScreen => {
+                if let Some(stage) = &self.stage {
+                    let whole = stage.window.fullscreen().is_none().then_some(Fullscreen::Borderless(None));
+                    stage.window.set_fullscreen(whole);
+                }
+            }
+            Action::Pause => self.panel.paused = !self.panel.paused,
+            Action::Png => self.screenshot(None, "png"),
+            Action::Exr => self.screenshot(None, "exr"),
+            Action::SavePath => self.save_path(None),
+            action => {
+                let Some(session) = &mut self.session else { return };
+                match action {
+                    Action::Mode => {
+                        session.mode = if session.mode == Mode::Orbit { Mode::Fly } else { Mode::Orbit };
+                    }
+                    Action::Home => {
+                        let resolution = session.camera().resolution;
+                        let home = session.home;
+                        let result = session.set_camera(lightsum::Camera { resolution, ..home });
+                        self.check(result);
+                        self.touched();
+                    }
+                    Action::Restart => {
+                        session.restart();
+                        self.touched();
+                    }
+                    Action::Record => {
+                        session.add_key();
+                        let count = session.route.len();
+                        self.tell(false, format!("key {count} of the path is recorded"));
+                    }
+                    _ => session.choose(None),
+                }
+            }
+        }
+    }
+
+    /// Writes the image; without a name under one that is not taken.
+    pub(super) fn screenshot(&mut self, path: Option<&Path>, extension: &str) {
+        self.save(path, extension, |session, look, path| session.write(path, look));
+    }
+
+    /// Writes the recorded path.
+    pub(super) fn save_path(&mut self, path: Option<&Path>) {
+        self.save(path, "toml", |session, _, path| session.save_route(path));
+    }
+
+    fn save(&mut self, path: Option<&Path>, extension: &str, write: impl FnOnce(&Session, &Look, &Path) -> Result<()>) {
+        let (Some(stage), Some(session)) = (&mut self.stage, &self.session) else { return };
+        let path = path.map_or_else(|| free_name(&session.name, extension), Path::to_path_buf);
+        let look = self.look;
+        let written = stage.presenter.wait().and_then(|()| write(session, &look, &path));
+        if self.check(written).is_some() {
+            self.tell(false, format!("saved {}", path.display()));
+        }
+    }
+
+    fn key(&mut self, key: KeyCode, pressed: bool) {
+        if !pressed {
+            self.down.remove(&key);
+            return;
+        }
+        if MOVES.iter().any(|(known, _)| *known == key) {
+            self.down.insert(key);
+            self.before = Instant::now();
+            self.dirty = true;
+        } else if let Some(action) = keys::action(key) {
+            self.act(action);
+        }
+    }
+
+    fn over_image(&self, [x, y]: [f64; 2]) -> Vec2 {
+        let [left, top, ..] = self.image;
+        Vec2::new(x as f32 - left as f32, y as f32 - top as f32)
+    }
+
+    /// Takes an event of the window, from the system or from a script.
+    pub(super) fn take(&mut self, events: &ActiveEventLoop, event: &WindowEvent) {
+        let Some(stage) = &mut self.stage else { return };
+        let response = stage.input.on_window_event(&stage.window, event);
+        self.dirty |= response.repaint;
+        match event {
+            WindowEvent::CloseRequested => events.exit(),
+            WindowEvent::DroppedFile(path) => self.load(path.clone()),
+            WindowEvent::ModifiersChanged(held) => self.held = held.state(),
+            WindowEvent::Focused(false) => self.down.clear(),
+            WindowEvent::KeyboardInput { event, .. } => {
+                if let PhysicalKey::Code(key) = event.physical_key
+                    && (!response.consumed || event.state == ElementState::Released)
+                    && !event.repeat
+                {
+                    self.key(key, event.state == ElementState::Pressed);
+                }
+            }
+            WindowEvent::CursorMoved { position, .. } => {
+                let at = self.over_image([position.x, position.y]);
+                let Some(session) = &mut self.session else { return };
+                let moved = self.pointer.go(at, self.held, session);
+                if self.check(moved) == Some(true) {
+                    self.touched();
+                }
+            }
+            WindowEvent::MouseInput { state, button, .. } => {
+                let Some(session) = &mut self.session else { return };
+                match state {
+                    ElementState::Pressed if !response.consumed => self.pointer.press(*button, session),
+                    ElementState::Pressed => {}
+                    ElementState::Released => self.pointer.release(session),
+                }
+            }
+            WindowEvent::MouseWheel { delta, .. } if !response.consumed => {
+                let steps = match delta {
+                    MouseScrollDelta::LineDelta(_, y) => *y,
+                    MouseScrollDelta::PixelDelta(by) => (by.y / WHEEL) as f32,
+                };
+                let Some(session) = &mut self.session else { return };
+                let moved = self.pointer.wheel(steps, session);
+                if self.check(moved).is_some() {
+                    self.touched();
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+impl ApplicationHandler for App {
+    fn new_events(&mut self, events: &ActiveEventLoop, cause: StartCause) {
+        if cause == StartCause::Init {
+            events.set_control_flow(ControlFlow::Wait);
+        }
+    }
+
+    fn resumed(&mut self, events: &ActiveEventLoop) {
+        if self.stage.is_none()
+            && let Err(error) = self.open_window(events)
+        {
+            self.failure = Some(error);
+            events.exit();
+        }
+    }
+
+    fn window_event(&mut self, events: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        let of_user = matches!(
+            event,
+            WindowEvent::CursorMoved { .. }
+                | WindowEvent::MouseInput { .. }
+                | WindowEvent::MouseWheel { .. }
+                | WindowEvent::KeyboardInput { .. }
+                | WindowEvent::ModifiersChanged(_)
+        );
+        // A script is not disturbed.
+        if !(of_user && self.script.is_some()) {
+            self.take(events, &event);
+        }
+    }
+
+    fn about_to_wait(&mut self, events: &ActiveEventLoop) {
+        self.tick(events);
+        let busy = self.flight.is_some() || self.loading.is_some() || self.script.is_some();
+        events.set_control_flow(match self.again {
+            _ if self.hidden.is_some_and(|until| until > Instant::now()) => {
+                ControlFlow::WaitUntil(Instant::now() + HIDDEN)
+            }
+            _ if busy => ControlFlow::WaitUntil(Instant::now() + GLANCE),
+            _ if self.dirty || self.wants_pass() => ControlFlow::Poll,
+            Some(again) => ControlFlow::WaitUntil(again),
+            None => ControlFlow::Wait,
+        });
+    }
+}
+
+/// The part of the window, in whole pixels, that a rectangle in points covers.
+fn in_pixels(place: egui::Rect, scale: f32, window: PhysicalSize<u32>) -> [u32; 4] {
+    let whole = |points: f32, most: u32| ((points * scale).round().max(0.0) as u32).min(most);
+    let [left, top] = [whole(place.left(), window.width), whole(place.top(), window.height)];
+    let [right, bottom] = [whole(place.right(), window.width), whole(place.bottom(), window.height)];
+    [left, top, right.saturating_sub(left), bottom.saturating_sub(top)]
+}
+
+/// A name of a file in the program's folder that is not taken.
+fn free_name(scene: &str, extension: &str) -> PathBuf {
+    let name = |i: u32| PathBuf::from(format!("{scene}-{i:04}.{extension}"));
+    (1..10_000).map(name).find(|path| !path.exists()).unwrap_or_else(|| name(10_000))
+}

@@ -1,0 +1,162 @@
+//! The settings, each with the help of its flag.
+
+use egui::{DragValue, Ui};
+use lightsum::settings::{ClusterOrder, Compensation, Filter, LightChoice, Sequence, Settings, Spread, Superposition};
+
+use super::panel::{Panel, Request};
+use crate::args::Preset;
+use crate::render::apply_preset;
+
+/// Draws them; asks for others if the user changed one.
+pub fn show(ui: &mut Ui, panel: &Panel, now: &Settings, requests: &mut Vec<Request>) {
+    let mut s = now.clone();
+    ui.horizontal(|ui| {
+        ui.label("preset").on_hover_text(panel.flag("preset"));
+        for (preset, name) in [(Preset::Progressive, "progressive"), (Preset::Interactive, "interactive")] {
+            if ui.small_button(name).clicked() {
+                apply_preset(&mut s, preset);
+            }
+        }
+    });
+    egui::Grid::new("settings").num_columns(2).striped(true).show(ui, |ui| {
+        numbers(ui, panel, &mut s);
+        choices(ui, panel, &mut s);
+    });
+    if s != *now {
+        requests.push(Request::Settings(Box::new(s)));
+    }
+}
+
+/// A row: the name of a flag, which shows its help, and what changes it.
+fn row(ui: &mut Ui, panel: &Panel, flag: &str, change: impl FnOnce(&mut Ui)) {
+    ui.label(flag.replace('_', " ")).on_hover_text(panel.flag(flag));
+    change(ui);
+    ui.end_row();
+}
+
+/// A number of at least `low`.
+fn number(ui: &mut Ui, value: &mut u32, low: u32, high: u32) {
+    let speed = (f64::from(*value) * 0.02).max(0.1);
+    ui.add(DragValue::new(value).range(low..=high).speed(speed));
+}
+
+/// A value that may be left to the program.
+fn optional<T: egui::emath::Numeric>(ui: &mut Ui, value: &mut Option<T>, start: T, low: T, high: T) {
+    ui.horizontal(|ui| {
+        let mut given = value.is_some();
+        ui.checkbox(&mut given, "");
+        match (given, value.as_mut()) {
+            (true, Some(value)) => drop(ui.add(DragValue::new(value).range(low..=high).speed(0.1))),
+            (true, None) => *value = Some(start),
+            (false, _) => {
+                *value = None;
+                ui.label("auto");
+            }
+        }
+    });
+}
+
+fn numbers(ui: &mut Ui, panel: &Panel, s: &mut Settings) {
+    row(ui, panel, "particles", |ui| number(ui, &mut s.particles, 1, Settings::MAX_PARTICLES));
+    row(ui, panel, "light_pool", |ui| number(ui, &mut s.light_pool, 0, Settings::MAX_PARTICLES));
+    row(ui, panel, "direct_lights", |ui| optional(ui, &mut s.direct_lights, 4, 1, Settings::MAX_PARTICLES));
+    row(ui, panel, "delta_lights", |ui| optional(ui, &mut s.delta_lights, 64, 1, Settings::MAX_DELTA_LIGHTS));
+    row(ui, panel, "interleave", |ui| {
+        ui.horizontal(|ui| s.pattern.iter_mut().for_each(|n| number(ui, n, 1, Settings::MAX_PATTERN)));
+    });
+    row(ui, panel, "max_depth", |ui| number(ui, &mut s.max_depth, 1, Settings::MAX_DEPTH));
+    row(ui, panel, "max_specular", |ui| number(ui, &mut s.max_specular, 0, Settings::MAX_SPECULAR));
+    let most = Settings::MAX_PHOTONS / s.classes();
+    row(ui, panel, "photons", |ui| number(ui, &mut s.photons, 0, most));
+    row(ui, panel, "photon_radius", |ui| optional(ui, &mut s.photon_radius, 1.0, 1e-6, 1e9));
+    row(ui, panel, "mirror_lights", |ui| number(ui, &mut s.mirror_lights, 0, Settings::MAX_MIRROR_LIGHTS));
+    let clip = &mut s.clip;
+    row(ui, panel, "clip_fraction", |ui| match clip {
+        lightsum::Clip::Fraction(fraction) => drop(ui.add(DragValue::new(fraction).range(0.0..=10.0).speed(0.002))),
+        lightsum::Clip::Distance(distance) => {
+            drop(ui.add(DragValue::new(distance).range(0.0..=f32::MAX).speed(0.01).prefix("distance ")));
+        }
+    });
+    row(ui, panel, "light_threshold", |ui| {
+        ui.add(DragValue::new(&mut s.light_threshold).range(0.0..=f32::MAX).speed(1e-4));
+    });
+    row(ui, panel, "power_fraction", |ui| {
+        ui.add(DragValue::new(&mut s.power_fraction).range(0.001..=1.0).speed(0.005));
+    });
+    row(ui, panel, "seed", |ui| drop(ui.add(DragValue::new(&mut s.seed))));
+    row(ui, panel, "lights_per_dispatch", |ui| number(ui, &mut s.lights_per_dispatch, 1, 64));
+    row(ui, panel, "rounds", |ui| number(ui, &mut s.rounds, 1, 1024));
+}
+
+fn choices(ui: &mut Ui, panel: &Panel, s: &mut Settings) {
+    let mut window = s.filter.map(|filter| filter.window);
+    row(ui, panel, "filter", |ui| {
+        let named = |window: Option<Option<[u32; 2]>>| match window {
+            None => String::from("off"),
+            Some(None) => String::from("auto"),
+            Some(Some([x, y])) => format!("{x} x {y}"),
+        };
+        let sizes = [3, 5, 7, 9].map(|n| Some(Some([n, n])));
+        egui::ComboBox::new("filter", "").selected_text(named(window)).show_ui(ui, |ui| {
+            for choice in [None, Some(None)].into_iter().chain(sizes) {
+                ui.selectable_value(&mut window, choice, named(choice));
+            }
+        });
+    });
+    if window != s.filter.map(|filter| filter.window) {
+        s.filter = window.map(|window| Filter { window, ..s.filter.unwrap_or_default() });
+    }
+    if let Some(filter) = &mut s.filter {
+        let mut not = !filter.direct;
+        row(ui, panel, "no_filter_direct", |ui| drop(ui.checkbox(&mut not, "")));
+        filter.direct = !not;
+    }
+    row(ui, panel, "compensation", |ui| {
+        choice(ui, "compensation", &mut s.compensation, &[Compensation::Off, Compensation::Near, Compensation::Exact]);
+    });
+    let mut spread = s.superposition.map(|superposition| superposition.spread);
+    row(ui, panel, "superposition", |ui| {
+        let all = [None, Some(Spread::Mirror), Some(Spread::Invariant), Some(Spread::Variant)];
+        let named =
+            |spread: Option<Spread>| spread.map_or(String::from("off"), |spread| format!("{spread:?}").to_lowercase());
+        egui::ComboBox::new("superposition", "").selected_text(named(spread)).show_ui(ui, |ui| {
+            for choice in all {
+                ui.selectable_value(&mut spread, choice, named(choice));
+            }
+        });
+    });
+    if spread != s.superposition.map(|superposition| superposition.spread) {
+        s.superposition = spread.map(|spread| Superposition { spread, ..s.superposition.unwrap_or_default() });
+    }
+    row(ui, panel, "light_choice", |ui| {
+        choice(ui, "light_choice", &mut s.light_choice, &[LightChoice::Power, LightChoice::Contribution]);
+    });
+    row(ui, panel, "sequence", |ui| {
+        choice(ui, "sequence", &mut s.sequence, &[Sequence::Halton, Sequence::Sobol]);
+    });
+    row(ui, panel, "cluster_order", |ui| {
+        choice(ui, "cluster_order", &mut s.cluster_order, &[ClusterOrder::Screen, ClusterOrder::Space]);
+    });
+    for (flag, value) in
+        [("no_split", &mut s.split), ("no_glossy_paths", &mut s.glossy_paths), ("no_antialias", &mut s.antialias)]
+    {
+        let mut not = !*value;
+        row(ui, panel, flag, |ui| drop(ui.checkbox(&mut not, "")));
+        *value = !not;
+    }
+    for (flag, value) in
+        [("interleave_photons", &mut s.interleave_photons), ("jitter", &mut s.jitter), ("summands", &mut s.summands)]
+    {
+        row(ui, panel, flag, |ui| drop(ui.checkbox(value, "")));
+    }
+}
+
+/// One of several named values.
+fn choice<T: PartialEq + Copy + std::fmt::Debug>(ui: &mut Ui, id: &str, value: &mut T, all: &[T]) {
+    let named = |value: &T| format!("{value:?}").to_lowercase();
+    egui::ComboBox::new(id, "").selected_text(named(value)).show_ui(ui, |ui| {
+        for one in all {
+            ui.selectable_value(value, *one, named(one));
+        }
+    });
+}

@@ -1,0 +1,392 @@
+//! A scene that is being viewed: its engine, which records into the window's command buffers, and the state that the user changes.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use glam::{DVec3, Vec2, Vec3};
+use lightsum::gpu::{Buffer, Context, Image, Memory, Recorder};
+use lightsum::output::{Encoding, Tonemap, Wanted};
+use lightsum::pass::display::{Curve, Display};
+use lightsum::pass::layer::{Layer, ShowLayer};
+use lightsum::pass::layout::PointLight;
+use lightsum::plan::trace_steps;
+use lightsum::scene::{self, Camera, Light, Scene};
+use lightsum::settings::{Exposure, Settings};
+use lightsum::standalone::{self, MAX_ROUNDS};
+use lightsum::{Engine, Error, Result};
+
+use super::navigate::{self, Mode};
+use super::route::{Placed, Route};
+use crate::args::View;
+use crate::camera;
+use crate::path::Pose;
+use crate::render::{Job, metadata, pipeline_cache, settings};
+
+/// Name of the scope around all of a frame's GPU passes.
+pub const WHOLE: &str = "frame";
+
+/// How the image is shown.
+#[derive(Clone, Copy, Debug)]
+pub struct Look {
+    /// Exposure, stops.
+    pub stops: f32,
+    /// The exposure is to be set by the next image.
+    pub auto: bool,
+    /// Tone curve.
+    pub tonemap: Tonemap,
+    /// A layer in place of the image.
+    pub layer: Option<Layer>,
+    /// The virtual lights are drawn over it.
+    pub lights: bool,
+}
+
+/// A scene and its engine.
+pub struct Session {
+    /// The scene's name.
+    pub name: String,
+    /// Its file.
+    pub path: PathBuf,
+    /// How the camera moves.
+    pub mode: Mode,
+    /// The camera that the scene was opened with.
+    pub home: Camera,
+    /// The objects that were moved.
+    pub placed: BTreeMap<u32, Placed>,
+    /// The keys recorded so far.
+    pub route: Route,
+    engine: Engine,
+    /// The object that the user chose.
+    chosen: Option<Chosen>,
+    origin: DVec3,
+    /// Middle of each object's box before it was moved.
+    pivots: Vec<Vec3>,
+    readback: Buffer,
+    /// Virtual lights of the pass in flight, and those of the one before.
+    lights: (Option<Buffer>, Vec<PointLight>),
+    set_up: bool,
+    /// Pass in flight, whose count of lost rays will be read.
+    pending: Option<u32>,
+    display: Option<Display>,
+    layer: Option<(Layer, ShowLayer)>,
+}
+
+/// An object that the user chose.
+pub struct Chosen {
+    /// Its index.
+    pub object: u32,
+    /// Its materials.
+    pub materials: Vec<u32>,
+    vertices: Vec<u32>,
+}
+
+/// Corners of the boxes of a scene's objects.
+fn boxes(scene: &Scene) -> Vec<(Vec3, Vec3)> {
+    let mut boxes = vec![(Vec3::INFINITY, Vec3::NEG_INFINITY); scene.objects.len()];
+    for triangle in &scene.triangles {
+        let (low, high) = &mut boxes[triangle.object as usize];
+        for vertex in triangle.vertices {
+            let position = scene.positions[vertex as usize];
+            (*low, *high) = (low.min(position), high.max(position));
+        }
+    }
+    boxes
+}
+
+impl Session {
+    /// Loads a scene and makes its engine on a lent device, for an image of this size; `None`: the size that flags and scene name.
+    pub fn open(context: &Context, path: &Path, args: &View, size: Option<[u32; 2]>) -> Result<Session> {
+        let scene = scene::load_with(path, args.reading.photometric())?;
+        let camera = camera::choose(&scene, &args.camera, size.or(args.resolution))?;
+        let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
+        settings.validate()?;
+        let settings = standalone::with_traversal(context, settings, pipeline_cache().as_deref())?;
+        let (name, origin) = (scene.name.clone(), scene.origin);
+        let middle = |(low, high): (Vec3, Vec3)| if low.cmple(high).all() { 0.5 * (low + high) } else { Vec3::ZERO };
+        let pivots = boxes(&scene).into_iter().map(middle).collect();
+        let engine = Engine::new_dynamic(context, scene, camera, settings)?;
+        Ok(Session {
+            name,
+            path: path.to_path_buf(),
+            mode: Mode::default(),
+            home: camera,
+            chosen: None,
+            placed: BTreeMap::new(),
+            route: Route::default(),
+            engine,
+            origin,
+            pivots,
+            readback: Buffer::new(context, "lost rays", 16, Memory::Readback)?,
+            lights: (None, Vec::new()),
+            set_up: false,
+            pending: None,
+            display: None,
+            layer: None,
+        })
+    }
+
+    /// The engine.
+    pub fn engine(&self) -> &Engine {
+        &self.engine
+    }
+
+    /// The scene as it is now.
+    pub fn scene(&self) -> Option<&Scene> {
+        self.engine.scene()
+    }
+
+    /// The camera.
+    pub fn camera(&self) -> Camera {
+        // The view is always that of a camera.
+        self.engine.view().camera().copied().unwrap_or(self.home)
+    }
+
+    /// Exposure that flags or the scene name.
+    pub fn exposure(&self, args: &View) -> Exposure {
+        args.exposure.or(self.scene().and_then(|scene| scene.render.exposure)).unwrap_or_default()
+    }
+
+    /// Moves the camera; one that cannot see is left out.
+    pub fn set_camera(&mut self, camera: Camera) -> Result<()> {
+        if camera.check().is_err() {
+            return Ok(());
+        }
+        self.engine.set_camera(camera)
+    }
+
+    /// Changes the size of the image.
+    pub fn resize(&mut self, size: [u32; 2]) -> Result<()> {
+        self.engine.resize(size)
+    }
+
+    /// Changes the settings.
+    pub fn set_settings(&mut self, settings: Settings) -> Result<()> {
+        self.layer = None;
+        self.engine.set_settings(settings)
+    }
+
+    /// The object under a point of the image, in pixels, and the point of it that is seen.
+    pub fn pick(&self, at: Vec2) -> Option<(u32, Vec3)> {
+        let hit = self.engine.bvh().closest(&navigate::ray(&self.camera(), at.to_array()))?;
+        let triangle = self.engine.bvh().scene_triangle(hit.triangle);
+        let object = self.scene()?.triangles.get(triangle as usize)?.object;
+        Some((object, self.engine.bvh().position(&hit)))
+    }
+
+    /// Where an object is.
+    pub fn placed(&self, object: u32) -> Placed {
+        let still = Placed {
+            axis: self.home.up.normalize(),
+            pivot: self.pivots.get(object as usize).copied().unwrap_or_default(),
+            pose: Pose::default(),
+        };
+        self.placed.get(&object).copied().unwrap_or(still)
+    }
+
+    /// Moves an object.
+    pub fn place(&mut self, object: u32, placed: Placed) -> Result<()> {
+        self.engine.set_transform(object, placed.pose.transform(placed.axis, placed.pivot))?;
+        self.placed.insert(object, placed);
+        Ok(())
+    }
+
+    /// Changes a light without area.
+    pub fn set_light(&mut self, index: u32, light: Light) -> Result<()> {
+        self.engine.set_light(index, light)
+    }
+
+    /// Changes a material.
+    pub fn set_material(&mut self, index: u32, material: scene::Material) -> Result<()> {
+        self.engine.set_material(index, material)
+    }
+
+    /// The object that the user chose.
+    pub fn chosen(&self) -> Option<&Chosen> {
+        self.chosen.as_ref()
+    }
+
+    /// Chooses an object, or none.
+    pub fn choose(&mut self, object: Option<u32>) {
+        let of = |object: u32| {
+            let all = self.scene().map(|scene| scene.triangles.as_slice()).unwrap_or_default();
+            let own = || all.iter().filter(|triangle| triangle.object == object);
+            let materials = BTreeSet::from_iter(own().map(|triangle| triangle.material)).into_iter().collect();
+            let vertices = BTreeSet::from_iter(own().flat_map(|triangle| triangle.vertices)).into_iter().collect();
+            Chosen { object, materials, vertices }
+        };
+        self.chosen = object.map(of);
+    }
+
+    /// The corners of the chosen object's box.
+    pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
+        let scene = self.scene()?;
+        let vertices = self.chosen.as_ref()?.vertices.iter().map(|&vertex| scene.positions[vertex as usize]);
+        vertices
+            .fold(None, |bounds, p| Some(bounds.map_or((p, p), |(low, high): (Vec3, Vec3)| (low.min(p), high.max(p)))))
+    }
+
+    /// Starts the image over.
+    pub fn restart(&mut self) {
+        self.engine.restart();
+    }
+
+    /// Whether the image may take another pass.
+    pub fn wants_pass(&self, limit: u32) -> bool {
+        self.engine.passes() < limit
+    }
+
+    /// Records a pass if asked, and what is shown; returns that.
+    pub fn record(&mut self, rec: &mut Recorder, look: &Look, pass: bool) -> Result<Image> {
+        let before = self.engine.passes();
+        let mut shown = Err(Error::Interrupted);
+        let outcome = rec.scope(WHOLE, |rec| {
+            shown = self.record_all(rec, look, pass);
+            Ok(())
+        });
+        let shown = outcome.and(shown);
+        if shown.is_err() {
+            // Nothing of this will be submitted.
+            self.pending = None;
+            self.set_up = false;
+            self.display = None;
+            self.layer = None;
+            self.engine.set_passes(before);
+            self.engine.upload_again();
+        }
+        shown
+    }
+
+    fn record_all(&mut self, rec: &mut Recorder, look: &Look, pass: bool) -> Result<Image> {
+        if !self.set_up {
+            self.engine.record_setup(rec)?;
+            self.set_up = true;
+        }
+        if pass {
+            self.pending = Some(self.engine.passes());
+            self.engine.record_pass(rec)?;
+            rec.copy_range(&self.engine.frame().status, 0, &self.readback, 0, self.readback.bytes())?;
+        }
+        self.record_lights(rec, look.lights)?;
+        let (context, image) = (self.engine.context().clone(), self.engine.image().clone());
+        let is_new = !self.display.as_ref().is_some_and(|display| display.is_of(&image));
+        if pass || is_new {
+            self.engine.record_image(rec)?;
+        }
+        let (stops, source) = match look.layer.filter(|layer| !layer.is_summand() || self.engine.settings().summands) {
+            None => (look.stops, image),
+            Some(wanted) => {
+                let size = [image.width(), image.height()];
+                let fits = |(layer, show): &(Layer, ShowLayer)| {
+                    *layer == wanted && [show.image.width(), show.image.height()] == size
+                };
+                if !self.layer.as_ref().is_some_and(fits) {
+                    let show = ShowLayer::new(&context, self.engine.film(), size, wanted)?;
+                    self.layer = Some((wanted, show));
+                }
+                let camera = self.camera();
+                let Some((_, show)) = &mut self.layer else { return Ok(image) };
+                show.record(rec, (camera.target - camera.eye).length())?;
+                (if wanted.is_light() { look.stops } else { 0.0 }, show.image.clone())
+            }
+        };
+        let curve = look.layer.map_or(Curve::Tone(look.tonemap), |layer| layer.curve(look.tonemap));
+        if !self.display.as_ref().is_some_and(|display| display.is_of(&source)) {
+            self.display = Some(Display::new(&context, &source)?);
+        }
+        let Some(display) = &mut self.display else { return Ok(source) };
+        display.record(rec, stops, curve)?;
+        Ok(display.shown.clone())
+    }
+
+    /// Copies the virtual lights of the latest pass, if they are wanted.
+    fn record_lights(&mut self, rec: &mut Recorder, wanted: bool) -> Result<()> {
+        let lights = self.engine.frame().lights();
+        let buffer = match self.lights.0.take().filter(|buffer| buffer.bytes() == lights.bytes()) {
+            _ if !wanted || self.engine.passes() == 0 => return Ok(()),
+            Some(buffer) => buffer,
+            None => Buffer::new(self.engine.context(), "virtual lights read back", lights.bytes(), Memory::Readback)?,
+        };
+        rec.copy(lights, &buffer)?;
+        self.lights.0 = Some(buffer);
+        Ok(())
+    }
+
+    /// Virtual lights of the latest pass, if they are wanted; some emit nothing.
+    pub fn lights(&self) -> &[PointLight] {
+        &self.lights.1
+    }
+
+    /// After the submission of what was recorded.
+    pub fn submitted(&mut self) {
+        self.engine.setup_finished();
+    }
+
+    /// After the end of a frame: gives rays that were lost more rounds, and repeats their pass. Returns whether a pass was done.
+    ///
+    /// Errors: rays do not finish in any number of rounds.
+    pub fn finished(&mut self) -> Result<bool> {
+        self.lights.1 = self.lights.0.as_ref().map_or(Ok(Vec::new()), Buffer::read)?;
+        let Some(pass) = self.pending.take() else { return Ok(false) };
+        let lost = self.readback.read::<u32>()?[0];
+        if lost == 0 {
+            return Ok(true);
+        }
+        let rounds = self.engine.settings().rounds;
+        if rounds >= MAX_ROUNDS {
+            let steps = u64::from(rounds) * u64::from(trace_steps(self.engine.settings().loop_budget));
+            return Err(Error::Unfinished { pass: "shade or trace", rays: lost, steps });
+        }
+        log::info!("{lost} rays ran out of steps in pass {pass}; going on with {} rounds", 4 * rounds);
+        if self.engine.passes() == pass + 1 {
+            self.engine.set_passes(pass);
+        }
+        self.engine.set_rounds((4 * rounds).min(MAX_ROUNDS))?;
+        Ok(false)
+    }
+
+    /// Stops of an exposure for the image so far, which must not be in flight.
+    pub fn stops(&self, exposure: Exposure) -> Result<f32> {
+        match exposure {
+            Exposure::Stops(stops) => Ok(stops),
+            Exposure::Auto => Ok(exposure.stops(&self.layers(Wanted::Color)?.color)),
+        }
+    }
+
+    fn layers(&self, wanted: Wanted) -> Result<lightsum::output::Layers> {
+        self.engine.film().mean(self.engine.context(), self.engine.view().size(), wanted)
+    }
+
+    /// Writes the image, which must not be in flight, as EXR or PNG.
+    pub fn write(&self, path: &Path, look: &Look) -> Result<()> {
+        let encoding =
+            Encoding { float: false, color_only: false, exposure: Exposure::Stops(look.stops), tonemap: look.tonemap };
+        let job = Job {
+            name: self.name.clone(),
+            camera: self.camera(),
+            origin: self.origin,
+            settings: self.engine.settings().clone(),
+            outputs: vec![path.to_path_buf()],
+            encoding,
+            denoise: false,
+            stages: Vec::new(),
+        };
+        let info = self.engine.context().info();
+        let driver = format!("{} {}", info.driver, info.driver_version);
+        let mut metadata = metadata(&job, &info.name, driver);
+        metadata.passes = self.engine.passes();
+        job.write_outputs(&self.layers(job.wanted())?, &metadata)
+    }
+
+    /// Writes the recorded path.
+    pub fn save_route(&self, path: &Path) -> Result<()> {
+        match self.scene() {
+            Some(scene) => self.route.save(path, scene),
+            None => Ok(()),
+        }
+    }
+
+    /// Records a key of the path.
+    pub fn add_key(&mut self) {
+        let camera = self.camera();
+        self.route.add(camera, &self.placed);
+    }
+}

@@ -1,0 +1,186 @@
+//! `lightsum view` under Xvfb, driven by a script: what it shows is what `render` and `animate` make of the same state.
+//!
+//! Needs Xvfb and the X libraries that scripts/setup.sh --tests installs. LIGHTSUM_DEVICE names the device, as for all tests with a device.
+
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+use crate::render::{channels, command, succeeds, text};
+
+/// A room without a front, with a box in the middle of the view and a lamp that shines down.
+const MODEL: &str = "mtllib room.mtl
+o room
+v -1 0 -1\nv -1 0 1\nv 1 0 1\nv 1 0 -1
+v -0.5 1 -0.5\nv 0.5 1 -0.5\nv 0.5 1 0.5\nv -0.5 1 0.5
+v -1 1 -1\nv 1 1 -1
+usemtl floor\nf 1 2 3 4
+usemtl wall\nf 1 4 10 9
+o lamp
+usemtl lamp\nf 5 6 7 8
+o box
+v -0.2 0.1 0\nv 0.2 0.1 0\nv 0.2 0.6 0\nv -0.2 0.6 0
+v -0.2 0.1 -0.4\nv 0.2 0.1 -0.4\nv 0.2 0.6 -0.4\nv -0.2 0.6 -0.4
+usemtl wall
+f 11 12 13 14\nf 16 15 18 17\nf 12 16 17 13\nf 15 11 14 18\nf 14 13 17 18\nf 15 16 12 11
+";
+const MATERIALS: &str =
+    "newmtl floor\nKd 0.5 0.5 0.5\nnewmtl wall\nKd 0.2 0.6 0.3\nnewmtl lamp\nKd 0 0 0\nKe 10 10 10\n";
+const SCENE: &str = "model = \"room.obj\"
+[camera]
+eye = [0.0, 0.5, 4.0]
+target = [0.0, 0.4, 0.0]
+fov_y = 30.0
+";
+/// Flags for quick passes.
+const QUICK: &str = "--particles 4 --max-depth 3 --traversal single";
+
+/// An X server without a screen, which goes with the test.
+struct Display {
+    server: Child,
+    name: String,
+}
+
+impl Display {
+    fn open() -> Display {
+        let mut server = Command::new("Xvfb")
+            .args(["-displayfd", "1", "-screen", "0", "800x600x24", "-nolisten", "tcp"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("Xvfb starts; scripts/setup.sh --tests installs it");
+        let mut number = String::new();
+        BufReader::new(server.stdout.take().unwrap()).read_line(&mut number).unwrap();
+        assert!(!number.trim().is_empty(), "Xvfb has no display");
+        Display { server, name: format!(":{}", number.trim()) }
+    }
+}
+
+impl Drop for Display {
+    fn drop(&mut self) {
+        let _ = self.server.kill();
+        let _ = self.server.wait();
+    }
+}
+
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let other = SCENE.replace("30.0", "24.0");
+    for (name, text) in [("room.obj", MODEL), ("room.mtl", MATERIALS), ("scene.toml", SCENE), ("other.toml", &other)] {
+        fs::write(folder.path().join(name), text).unwrap();
+    }
+    folder
+}
+
+/// An attribute of an EXR file that is JSON.
+fn attribute(path: &Path, name: &str) -> serde_json::Value {
+    let meta = exr::meta::MetaData::read_from_file(path, false).unwrap();
+    let found = meta.headers[0].own_attributes.other.iter().find(|entry| *entry.0 == *name);
+    let Some((_, exr::meta::attribute::AttributeValue::Text(text))) = found else { panic!("{name} is missing") };
+    serde_json::from_str(&text.to_string()).unwrap()
+}
+
+#[track_caller]
+fn assert_close(a: &Path, b: &Path, tolerance: f32) {
+    let (a, b) = (channels(a), channels(b));
+    for name in ["R", "G", "B"] {
+        let mean = b[name].iter().sum::<f32>() / b[name].len() as f32;
+        assert!(mean > 0.01 && a[name].len() == b[name].len(), "{name}: {mean}");
+        let worst = a[name].iter().zip(&b[name]).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(worst <= tolerance * mean, "{name}: {worst} of {mean}");
+    }
+}
+
+#[test]
+fn a_script_walks_through_a_scene() {
+    let (display, folder) = (Display::open(), folder());
+    let script = "
+window 96x72
+panel off
+passes 2
+drag right 20,20 32,26          # the view turns
+key O
+wheel 0.5                       # and goes on a little
+set --particles 8 --max-depth 3 --seed 3
+window 80x60
+passes 4
+screenshot turned.exr
+key Home
+key H                           # the help is drawn over the image
+key H
+click 40,32                     # the box is chosen
+drag left 40,32 52,26           # moved across the view
+drag left 52,26 60,26 ctrl      # and turned
+key K
+passes 4
+screenshot moved.exr
+path moved.toml
+lights on
+look normal
+passes 4
+look specular                   # needs sums of its own
+passes 2
+look image
+drop missing.obj                # is refused, and the scene stays
+drop other.toml
+passes 3
+screenshot other.exr
+screenshot other.png
+quit
+";
+    fs::write(folder.path().join("script.txt"), script).unwrap();
+    let line = format!("view scene.toml --script script.txt --validation {QUICK}");
+    let output = command(folder.path(), &line).env("DISPLAY", &display.name).env_remove("WAYLAND_DISPLAY").output();
+    let output = output.unwrap();
+    let (told, said) = (text(&output.stdout), text(&output.stderr));
+    assert!(output.status.success(), "{told}{said}");
+    assert!(said.contains("missing.obj") && !said.contains("panicked"), "{said}");
+    let summary: serde_json::Value = serde_json::from_str(told.lines().last().unwrap()).unwrap();
+    assert_eq!((&summary["validation_messages"], &summary["bytes_not_given_back"]), (&0.into(), &0.into()));
+    assert!(summary["moving_frame_ms"]["count"].as_u64() > Some(3), "{summary}");
+    assert!(summary["input_to_image_ms"]["median"].as_f64() > Some(0.0), "{summary}");
+
+    // The camera that the mouse left.
+    let camera = attribute(&folder.path().join("turned.exr"), "camera");
+    let point = |name: &str| {
+        let numbers = camera[name].as_array().unwrap().iter().map(|x| x.as_f64().unwrap().to_string());
+        numbers.collect::<Vec<_>>().join(",")
+    };
+    assert_ne!(point("eye"), "0,0.5,4");
+    let size = "--resolution 80x60 --max-depth 3 --traversal single";
+    let flags = format!("--eye {} --target {} --passes 4 --particles 8 --seed 3 {size}", point("eye"), point("target"));
+    succeeds(folder.path(), &format!("render scene.toml -o expected.exr {flags}"));
+    // A scene that may change has trees of its own, in which rays along edges may go either way.
+    let file = |name: &str| folder.path().join(name);
+    assert_close(&file("turned.exr"), &file("expected.exr"), 0.02);
+
+    // The box that the mouse moved, played as a path: bit for bit.
+    let moved = fs::read_to_string(file("moved.toml")).unwrap();
+    assert!(moved.contains("name = \"box\"") && moved.contains("degrees = 4.0"), "{moved}");
+    let flags = format!("--path moved.toml --moving-passes 4 --particles 8 --seed 3 {size}");
+    succeeds(folder.path(), &format!("animate scene.toml -o frame-%d.exr {flags}"));
+    let (shown, played) = (channels(&file("moved.exr")), channels(&file("frame-0.exr")));
+    for name in ["R", "G", "B", "A"] {
+        assert!(shown[name] == played[name], "{name} of the box that moved");
+    }
+    assert_ne!(shown["R"], channels(&file("turned.exr"))["R"]);
+
+    succeeds(
+        folder.path(),
+        &format!("render other.toml -o expected.exr -o expected.png --passes 3 --resolution 80x60 {QUICK}"),
+    );
+    assert_close(&file("other.exr"), &file("expected.exr"), 0.02);
+    assert_eq!(image::image_dimensions(file("other.png")).unwrap(), (80, 60));
+}
+
+#[test]
+fn without_a_display_it_says_what_to_do() {
+    let folder = folder();
+    let mut view = command(folder.path(), "view scene.toml");
+    let output =
+        view.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("WAYLAND_SOCKET").output().unwrap();
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("DISPLAY") && said.contains("lightsum render") && !said.contains("panicked"), "{said}");
+}
