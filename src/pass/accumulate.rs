@@ -8,8 +8,8 @@
 //! that shows the background covers its pixel.
 //!
 //! Sums are exact ([`crate::film`]), so thousands of passes lose nothing to f32 and their order does not matter. Colour
-//! has a sum for each of the two independent instances, from which [`crate::estimate`] tells the error. A pass that lost rays is
-//! left out (see `schedule`). Cost: 25 vec4 and 220 operations a pixel; where the third float of a sum changes 2 vec4 more.
+//! has a sum for each of the two independent instances, from which [`crate::estimate`] tells the error. A pass that lost rays, or with a
+//! value that is no number, is left out (see `schedule`, `finite`). Cost: 25 vec4 and 220 operations a pixel; where the third float of a sum changes 2 vec4 more.
 
 use glam::{Vec3, Vec4};
 

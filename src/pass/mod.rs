@@ -20,6 +20,7 @@ pub mod discontinuity_lobes;
 pub mod edges;
 pub mod eye_paths;
 pub mod eye_points;
+pub mod finite;
 pub mod gain;
 pub mod gather;
 pub mod gathered_points;
