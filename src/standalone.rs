@@ -209,7 +209,7 @@ impl Renderer {
         self.engine.set_atlas(atlas.clone())?;
         // The same texels start anew too.
         self.engine.restart();
-        self.history = Some(History::default());
+        (self.history, self.skipped) = (Some(History::default()), 0);
         self.fingerprint = of_atlas(without, &atlas);
         Ok(())
     }
