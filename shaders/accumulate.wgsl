@@ -4,6 +4,7 @@
 #include "radiance.wgsl"
 #include "exact_sum.wgsl"
 #include "addends.wgsl"
+#include "left_out.wgsl"
 
 @group(0) @binding(1) var<storage, read> status: array<u32>;
 @group(0) @binding(3) var<storage, read> point_shading: array<vec4<f32>>;
@@ -62,7 +63,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         tail_indirect[pixel] += e_indirect.error;
     }
     // Guides for filters, in units far below what they are good for: for 256 passes one float is exact.
-    let albedo = two_sum(sum_albedo[pixel], in_guide_units(added.albedo));
+    let albedo = two_sum(sum_albedo[pixel], in_guide_units(if_number(added.albedo)));
     if any(albedo.error != vec4<f32>(0.0)) {
         let whole = two_sum(albedo.sum, rest_albedo[pixel] + albedo.error);
         sum_albedo[pixel] = whole.sum;
@@ -70,7 +71,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     } else {
         sum_albedo[pixel] = albedo.sum;
     }
-    let normal = two_sum(sum_normal[pixel], in_guide_units(added.normal));
+    let normal = two_sum(sum_normal[pixel], in_guide_units(if_number(added.normal)));
     if any(normal.error != vec4<f32>(0.0)) {
         let whole = two_sum(normal.sum, rest_normal[pixel] + normal.error);
         sum_normal[pixel] = whole.sum;

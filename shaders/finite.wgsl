@@ -15,20 +15,23 @@
 @group(0) @binding(8) var<storage, read> indirect: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read> specular: array<vec4<f32>>;
 @group(0) @binding(10) var<storage, read> throughput: array<vec4<f32>>;
-@group(0) @binding(11) var<storage, read> shown: array<vec4<f32>>;  // light of second components, or `emitted` again
+#if SUMMANDS
+@group(0) @binding(11) var<storage, read> shown: array<vec4<f32>>;  // light of second components
+#endif
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let pixel = (group.x + group.y * groups.x) * 64u + lane;
-    if pixel >= frame.size.z {
-        return;
-    }
-    let added = addends_of(pixel);
-    let color = max(magnitude(added.color), magnitude(vec4<f32>(shown[pixel].xyz, 0.0)));
-    let light = max(magnitude(added.direct), magnitude(vec4<f32>(added.indirect, 0.0)));
-    let guides = max(magnitude(vec4<f32>(added.albedo, 0.0)), magnitude(vec4<f32>(added.normal, 0.0)));
+    // Lanes beyond the image look at its last pixel: after a return SIMD processors would read lane by lane.
+    let at = min(pixel, frame.size.z - 1u);
+    let added = addends_of(at);
+    var largest = max(magnitude(added.color), max(magnitude(added.direct), magnitude(vec4<f32>(added.indirect, 0.0))));
+#if SUMMANDS
+    largest = max(largest, magnitude(vec4<f32>(shown[at].xyz, 0.0)));
+#endif
     // A loop, because SIMD processors run both sides of a branch: these atomics cost more than all the rest, and are hardly ever needed.
-    for (var bad = select(0u, 1u, max(max(color, light), guides) >= LIMIT); bad > 0u; bad -= 1u) {
+    let is_bad = pixel < frame.size.z && largest >= LIMIT;
+    for (var bad = select(0u, 1u, is_bad); bad > 0u; bad -= 1u) {
         atomicAdd(&status[1], 1u);
         atomicMax(&status[2], pixel + 1u);
     }

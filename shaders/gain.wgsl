@@ -34,7 +34,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     // The light before the filter may be no number where that after it is one.
-    let gain = select(vec3<f32>(0.0), found, magnitude(vec4<f32>(found, 0.0)) < LIMIT);
+    let gain = if_number(found);
     // Bounded by 2^50, whose square is the limit.
     let grey = clamp(mean3(gain), -1125899906842624.0, 1125899906842624.0);
     let sum = sum_with(sum_gain[pixel], rest_gain[pixel], vec4<f32>(gain, grey * grey));

@@ -228,7 +228,8 @@ impl Frame {
                 Some(Lens::new(kit, &lens::Inputs { points, paths, lighting, size })?)
             }
         };
-        let output = Output::new(kit, &eye, lighting, shown, (film, image))?;
+        let second = summands.as_ref().map(|summands| &summands.reflected);
+        let output = Output::new(kit, &eye, lighting, second, (film, image))?;
         Ok(Frame {
             parameters,
             status,

@@ -9,3 +9,8 @@ fn magnitude(v: vec4<f32>) -> u32 {
     let bits = bitcast<vec4<u32>>(v) & vec4<u32>(0x7fffffffu);
     return max(max(bits.x, bits.y), max(bits.z, bits.w));
 }
+
+// Zero in place of a vector that is no number.
+fn if_number(v: vec3<f32>) -> vec3<f32> {
+    return select(vec3<f32>(0.0), v, magnitude(vec4<f32>(v, 0.0)) < LIMIT);
+}

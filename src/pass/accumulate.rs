@@ -52,8 +52,9 @@ pub fn sum_with([high, middle, low]: [Vec4; 3], x: Vec4) -> [Vec4; 3] {
     [high, middle, low + error]
 }
 
-/// Oracle: a sum of guides plus one more addend, rounded to [`GUIDE_UNIT`].
+/// Oracle: a sum of guides plus one more addend, rounded to [`GUIDE_UNIT`]; zero if it is no number.
 pub fn sum_of_guides([sum, rest]: [Vec4; 2], x: Vec3) -> [Vec4; 2] {
+    let x = if super::finite::reference(&x.to_array()) { x } else { Vec3::ZERO };
     // Shaders round halves to even.
     let rounded = Vec3::from_array((x / GUIDE_UNIT).to_array().map(f32::round_ties_even)) * GUIDE_UNIT;
     let (sum, error) = two_sum(sum, rounded.extend(0.0));

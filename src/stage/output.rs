@@ -23,16 +23,17 @@ pub struct Output {
 }
 
 impl Output {
-    /// Adds the points of `eye`, lit by `lighting`, to `film`. `shown`: light of second components, or the points' emission.
+    /// Adds the points of `eye`, lit by `lighting`, to `film`. `summands`: light of second components that
+    /// is summed apart.
     pub fn new(
         kit: &Kit,
         eye: &Eye,
         lighting: &Lighting,
-        shown: &Buffer,
+        summands: Option<&Buffer>,
         (film, image): (Film, Image),
     ) -> Result<Output> {
         Ok(Output {
-            finite: Finite::new(kit, &eye.points, &eye.paths, lighting, shown, film.pixels())?,
+            finite: Finite::new(kit, &eye.points, &eye.paths, lighting, summands, film.pixels())?,
             accumulate: Accumulate::new(kit, &eye.points, &eye.paths, lighting, &film)?,
             resolve: Resolve::new(kit, &film, &image)?,
             probe: Probe::new(kit, &film)?,
