@@ -3,6 +3,8 @@
 #include "math.wgsl"
 #include "radiance.wgsl"
 #include "exact_sum.wgsl"
+#include "addends.wgsl"
+#include "left_out.wgsl"
 
 @group(0) @binding(1) var<storage, read> status: array<u32>;
 @group(0) @binding(3) var<storage, read> point_shading: array<vec4<f32>>;
@@ -32,42 +34,36 @@
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let pixel = (group.x + group.y * groups.x) * 64u + lane;
-    // A pass with lost rays leaves no trace; the host reports it or repeats it with more rounds.
-    if pixel >= frame.size.z || status[0] != 0u {
+    // A pass that lost rays, or with a value that is no number, leaves no trace; the host repeats it.
+    if pixel >= frame.size.z || (status[0] | status[1]) != 0u {
         return;
     }
     if pixel == 0u {
         counts[frame.keys.w] += 1u;
     }
-    let through = throughput[pixel];
-    let flags = point_wo[pixel].w;
-    let hit = select(0.0, 1.0, has_flag(flags, COVERED));
-    let ends = select(0.0, 1.0, has_flag(flags, HIT));
-    let light = lighting_of(pixel);
-    let kd = point_kd[pixel].xyz;
-    let radiance = emitted[pixel].xyz + through.xyz * reflected_radiance(kd, light);
+    let added = addends_of(pixel);
 
     // Layers that a pixel needs once stand where irradiance has no component: coverage after colour, depth after direct.
-    let color = sum_with(sum_color[pixel], rest_color[pixel], vec4<f32>(radiance, hit + emitted[pixel].w));
+    let color = sum_with(sum_color[pixel], rest_color[pixel], added.color);
     sum_color[pixel] = color.high;
     rest_color[pixel] = color.middle;
     if any(color.error != vec4<f32>(0.0)) {
         tail_color[pixel] += color.error;
     }
-    let e_direct = sum_with(sum_direct[pixel], rest_direct[pixel], vec4<f32>(light.e_direct, hit * through.w));
+    let e_direct = sum_with(sum_direct[pixel], rest_direct[pixel], added.direct);
     sum_direct[pixel] = e_direct.high;
     rest_direct[pixel] = e_direct.middle;
     if any(e_direct.error != vec4<f32>(0.0)) {
         tail_direct[pixel] += e_direct.error;
     }
-    let e_indirect = sum_with(sum_indirect[pixel], rest_indirect[pixel], vec4<f32>(light.e_indirect, 0.0));
+    let e_indirect = sum_with(sum_indirect[pixel], rest_indirect[pixel], vec4<f32>(added.indirect, 0.0));
     sum_indirect[pixel] = e_indirect.high;
     rest_indirect[pixel] = e_indirect.middle;
     if any(e_indirect.error != vec4<f32>(0.0)) {
         tail_indirect[pixel] += e_indirect.error;
     }
     // Guides for filters, in units far below what they are good for: for 256 passes one float is exact.
-    let albedo = two_sum(sum_albedo[pixel], in_guide_units(through.xyz * (kd + point_f0[pixel].xyz)));
+    let albedo = two_sum(sum_albedo[pixel], in_guide_units(if_number(added.albedo)));
     if any(albedo.error != vec4<f32>(0.0)) {
         let whole = two_sum(albedo.sum, rest_albedo[pixel] + albedo.error);
         sum_albedo[pixel] = whole.sum;
@@ -75,7 +71,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     } else {
         sum_albedo[pixel] = albedo.sum;
     }
-    let normal = two_sum(sum_normal[pixel], in_guide_units(ends * point_shading[pixel].xyz));
+    let normal = two_sum(sum_normal[pixel], in_guide_units(if_number(added.normal)));
     if any(normal.error != vec4<f32>(0.0)) {
         let whole = two_sum(normal.sum, rest_normal[pixel] + normal.error);
         sum_normal[pixel] = whole.sum;

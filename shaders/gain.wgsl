@@ -4,6 +4,7 @@
 #include "radiance.wgsl"
 #include "raw_lighting.wgsl"
 #include "exact_sum.wgsl"
+#include "left_out.wgsl"
 
 @group(0) @binding(1) var<storage, read> status: array<u32>;
 @group(0) @binding(2) var<storage, read> point_kd: array<vec4<f32>>;
@@ -27,12 +28,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let own = diffuse_radiance(point_kd[pixel].xyz, gained_irradiance(pixel)) + gained_specular(pixel);
-    let gain = throughput[pixel].xyz * own + path_gain[pixel].xyz;
+    let found = throughput[pixel].xyz * own + path_gain[pixel].xyz;
     path_gain[pixel] = vec4<f32>(0.0);
-    if status[0] != 0u {
+    if (status[0] | status[1]) != 0u {
         return;
     }
-    let grey = mean3(gain);
+    // The light before the filter may be no number where that after it is one.
+    let gain = if_number(found);
+    // Bounded by 2^50, whose square is the limit.
+    let grey = clamp(mean3(gain), -1125899906842624.0, 1125899906842624.0);
     let sum = sum_with(sum_gain[pixel], rest_gain[pixel], vec4<f32>(gain, grey * grey));
     sum_gain[pixel] = sum.high;
     rest_gain[pixel] = sum.middle;

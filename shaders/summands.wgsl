@@ -42,7 +42,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let mirrored = gloss + select(zero, seen + body, by_mirror);
     // `accumulate` reads no second components, so their light is added here.
     emitted[pixel] = vec4<f32>(seen + reflected[pixel].xyz, 0.0);
-    if status[0] != 0u {
+    if (status[0] | status[1]) != 0u {
         return;
     }
     let emission_sum = sum_with(sum_emission[pixel], rest_emission[pixel], vec4<f32>(emission, 0.0));

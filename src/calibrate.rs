@@ -81,8 +81,7 @@ fn beside(cache: &Path) -> PathBuf {
 }
 
 fn describe(info: &DeviceInfo) -> String {
-    let DeviceInfo { name, driver, driver_version, subgroup_size, .. } = info;
-    format!("{name}, {driver} {driver_version}, subgroups of {subgroup_size}, lightsum {}", env!("CARGO_PKG_VERSION"))
+    format!("{}, lightsum {}", info.identity(), env!("CARGO_PKG_VERSION"))
 }
 
 fn write(file: &Path, measured: &Measured) -> Result<()> {

@@ -24,8 +24,9 @@
 //!   two passes, also while frames are in flight: uploads are recorded at the start of the next pass, from memory that
 //!   its `Retained` holds. A change that affects the image restarts the sums; other changes do not. If the first pass
 //!   after a change is never submitted, call [`Engine::upload_again`].
-//! - **Lost rays.** A pass in which a ray ran out of steps is left out of the sums and of the mean; [`Film::counts`]
-//!   has the number of passes in them, and [`Engine::set_rounds`] gives rays more steps.
+//! - **Passes left out.** A pass in which a ray ran out of steps, or with a pixel that is no number (NaN, infinite), is left out of the
+//!   sums and of the mean; [`Film::counts`] has the number of passes in them, [`Frame::status`] tells why the latest was left out, and
+//!   [`Engine::set_rounds`] gives rays more steps.
 //!
 //! [`Film::counts`]: crate::film::Film::counts
 

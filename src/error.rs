@@ -43,7 +43,7 @@ pub enum Error {
     #[error("{0}")]
     NoDevice(String),
     /// A Vulkan call failed.
-    #[error("{what}: {result}")]
+    #[error("{what}: the driver reports {result}; try again, with a newer driver or another device (--list-devices)")]
     Vulkan {
         /// The call or pass.
         what: String,
@@ -52,19 +52,32 @@ pub enum Error {
     },
     /// The device was lost while a pass ran.
     #[error(
-        "the device was lost {during}: the driver reset it (watchdog or fault); lower --lights-per-dispatch or the resolution"
+        "the device was lost ({during}): the driver reset it (watchdog or fault); lower --lights-per-dispatch or the resolution"
     )]
     DeviceLost {
         /// The work in progress.
         during: String,
     },
     /// Device or host memory ran out.
-    #[error("{resource}: no memory for {bytes} bytes; lower the resolution or --particles, or simplify the scene")]
+    #[error(
+        "{resource}: no memory{}; lower the resolution or --particles, simplify the scene, or end other programs",
+        bytes.map(|n| format!(" for {n} bytes")).unwrap_or_default()
+    )]
     OutOfMemory {
         /// The requested resource.
         resource: String,
-        /// Its size.
-        bytes: u64,
+        /// Its size, if Vulkan was told one.
+        bytes: Option<u64>,
+    },
+    /// The device did not finish its work.
+    #[error(
+        "the device did not finish {during} within {seconds} s; lower --lights-per-dispatch or the resolution, or look whether the driver hangs"
+    )]
+    Timeout {
+        /// The work in progress.
+        during: String,
+        /// The time that it had.
+        seconds: u64,
     },
     /// A resource exceeds a limit of the device.
     #[error("{resource}: {bytes} bytes exceed the device's limit of {limit} ({limit_name}); {advice}")]
@@ -95,6 +108,29 @@ pub enum Error {
         name: String,
         /// naga's report.
         message: String,
+    },
+    /// Passes one after the other have values that are no numbers.
+    #[error(
+        "{passes} passes in a row have pixels whose light is no number (NaN or infinite), {pixels} in the last one, such as {},{}: look for \
+         extreme values of emission, sizes or distances in what that pixel shows, or try another device", at[0], at[1]
+    )]
+    NoNumber {
+        /// Passes that were left out.
+        passes: u32,
+        /// Such pixels of the last of them.
+        pixels: u32,
+        /// One of them, column and row in the view.
+        at: [u32; 2],
+    },
+    /// The error of an image cannot be estimated, since the estimate is no number.
+    #[error(
+        "the estimated error after {passes} passes is no number ({estimate}); a rendering with --passes or --time needs none"
+    )]
+    NoEstimate {
+        /// Passes in the image.
+        passes: u32,
+        /// The estimate.
+        estimate: f32,
     },
     /// An interrupt before the first result.
     #[error("interrupted before the first pass was done; nothing was written")]

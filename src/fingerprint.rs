@@ -3,7 +3,7 @@
 use std::fmt::Debug;
 
 use crate::scene::Scene;
-use crate::settings::Settings;
+use crate::settings::{Settings, Traversal};
 
 /// FNV-1a, 64 bit.
 pub struct Fnv(pub u64);
@@ -23,9 +23,10 @@ impl Fnv {
     }
 }
 
-/// Fingerprint of everything that affects any bit of the image. `rounds` (how often rays may be resumed) and the passes of an
-/// animation's frames do not, and are excluded. The partition into dispatches does: it decides which rays of a difficult scene
-/// clusters leave to single rays. `view` is a camera or an atlas.
+/// Fingerprint of everything that a user chooses and that affects any bit of the image. `rounds` (how often rays may be resumed) and the
+/// passes of an animation's frames do not, and are excluded. The partition into dispatches does: it decides which rays of a difficult
+/// scene clusters leave to single rays. Device, driver and traversal are told apart by a [`Provenance`](crate::output::Provenance): the
+/// machine and a measurement choose them. `view` is a camera or an atlas.
 pub fn fingerprint(scene: &Scene, view: &impl Debug, settings: &Settings) -> u64 {
     let mut hash = Fnv::default();
     hash.add(bytemuck::cast_slice(&scene.positions));
@@ -51,7 +52,7 @@ pub fn fingerprint(scene: &Scene, view: &impl Debug, settings: &Settings) -> u64
         }
     }
     // Debug prints floats in their shortest exact form.
-    let settings = Settings { rounds: 1, moving_passes: 1, ..settings.clone() };
+    let settings = Settings { rounds: 1, moving_passes: 1, traversal: Traversal::Auto, ..settings.clone() };
     let words = format!(
         "{:?} {:?} {:?} {:?} {:?} {}",
         scene.materials, scene.lights, scene.environment, view, settings, scene.emitters_are_lights
@@ -140,11 +141,12 @@ mod tests {
     }
 
     #[test]
-    fn every_part_of_camera_and_settings_counts_but_how_often_rays_go_on() {
+    fn every_part_of_camera_and_settings_counts_but_how_rays_go_on() {
         let of = |camera: Camera, settings: Settings| fingerprint(&scene(), &camera, &settings);
         let (view, usual) = (camera(), Settings::default);
         let base = of(view, usual());
         assert_eq!(base, of(view, Settings { rounds: 9, moving_passes: 7, ..usual() }));
+        assert_eq!(base, of(view, Settings { traversal: Traversal::Single, ..usual() }), "a measurement chooses it");
         for changed in [
             Camera { eye: Vec3::X, ..view },
             Camera { target: Vec3::new(0.1, 0.0, 1.0), ..view },

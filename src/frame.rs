@@ -32,7 +32,7 @@ use crate::stage::{
 pub struct Frame {
     /// Parameters, written at the start of each pass.
     pub parameters: Buffer,
-    /// `[0]`: rays lost in this frame.
+    /// Of this frame, `[0]`: rays lost; `[1]`: pixels whose values are no numbers; `[2]`: 1 + the last of them.
     pub status: Buffer,
     /// Finds the visible shading points.
     pub eye: Eye,
@@ -228,7 +228,8 @@ impl Frame {
                 Some(Lens::new(kit, &lens::Inputs { points, paths, lighting, size })?)
             }
         };
-        let output = Output::new(kit, &eye, lighting, (film, image))?;
+        let second = summands.as_ref().map(|summands| &summands.reflected);
+        let output = Output::new(kit, &eye, lighting, second, (film, image))?;
         Ok(Frame {
             parameters,
             status,
@@ -289,6 +290,7 @@ impl Frame {
         self.glossy_planes.run(rec)?;
         self.merge.run(rec)?;
         self.edges.run(rec)?;
+        self.output.record_check(rec)?;
         // The sums have all of a pass or nothing.
         rec.last_part();
         self.gain.run(rec)?;
@@ -297,7 +299,7 @@ impl Frame {
         self.output.record_accumulate(rec, parameters.instance())
     }
 
-    /// Records the parameters of a pass, and clears the count of lost rays.
+    /// Records the parameters of a pass, and clears the counts of its status.
     pub fn record_start(&self, rec: &mut Recorder, parameters: &layout::FrameParameters) -> Result<()> {
         rec.begin();
         rec.update(&self.parameters, 0, bytemuck::bytes_of(parameters))?;

@@ -1,43 +1,136 @@
 //! The one way to the bytes of a file.
 //!
 //! A scene may come from anywhere and name any path. So only regular files are read: a device would never end, and a pipe would wait
-//! for a writer. A file larger than half of the machine's memory is refused before memory is taken for it.
+//! for a writer. What a scene's files name must lie below the folder of the scene ([`Inputs`]), and all that is read and decoded for a
+//! scene is counted before memory is taken for it: more than half of the machine's memory is refused, unless another limit is set.
 
 use crate::error::{Error, Result};
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 
-/// Reads a whole file. Errors: [`Error::Io`]; [`Error::File`] if it is no regular file, or too large.
+/// Reads a whole file that the user named. Errors: [`Error::Io`]; [`Error::File`] if it is no regular file, or larger than half of the
+/// machine's memory.
 pub fn read(path: &Path) -> Result<Vec<u8>> {
-    read_at_most(path, half_of_memory())
+    Inputs::anywhere().read(path)
 }
 
 /// Reads a whole file of UTF-8 text. Errors: as [`read`]; [`Error::File`] if it is not UTF-8.
 pub fn read_text(path: &Path) -> Result<String> {
-    String::from_utf8(read(path)?).map_err(|_| Error::file(path, "is not text in UTF-8; convert it"))
+    Inputs::anywhere().read_text(path)
 }
 
-fn read_at_most(path: &Path, limit: u64) -> Result<Vec<u8>> {
-    // Before it is opened: that alone would wait at a pipe.
-    let data = std::fs::metadata(path).map_err(Error::io("reading", path))?;
-    if !data.is_file() {
-        let kind = if data.is_dir() { "a directory" } else { "a device or pipe" };
-        return Err(Error::file(path, format!("is {kind}; name a regular file")));
+/// The files of one scene: where they may lie, and how much memory they may take together.
+#[derive(Debug)]
+pub struct Inputs {
+    /// Folders below which they lie, without links; empty: anywhere.
+    folders: Vec<PathBuf>,
+    /// Bytes that they may take, and those that they have taken.
+    limit: u64,
+    taken: AtomicU64,
+    /// Those that were read.
+    read: Mutex<Vec<PathBuf>>,
+}
+
+impl Inputs {
+    /// The files of a scene below its own folder. `limit`: bytes of all files and of what they are decoded to; `None`: half of the
+    /// machine's memory.
+    pub fn of(scene: &Path, limit: Option<u64>) -> Inputs {
+        Inputs { folders: vec![folder_of(scene)], ..Inputs::within(limit) }
     }
-    let too_large = |bytes: u64| {
-        let message =
-            format!("has {bytes} bytes or more, over half of this machine's memory ({limit}); make it smaller");
+
+    /// Files that lie anywhere.
+    pub fn within(limit: Option<u64>) -> Inputs {
+        let limit = limit.unwrap_or_else(half_of_memory);
+        Inputs { folders: Vec::new(), limit, taken: AtomicU64::new(0), read: Mutex::default() }
+    }
+
+    /// Files that lie anywhere and take half of the machine's memory at most.
+    pub fn anywhere() -> Inputs {
+        Inputs::within(None)
+    }
+
+    /// Files may lie below the folder of this one as well. It is the model that a scene description names.
+    pub fn allow_beside(&mut self, model: &Path) {
+        if !self.folders.is_empty() {
+            self.folders.push(folder_of(model));
+        }
+    }
+
+    /// The files that were read, each as often as it was.
+    pub fn into_files(self) -> Vec<PathBuf> {
+        self.read.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Counts `bytes` of memory that `path` needs. Errors: [`Error::File`] if it is too much together with what was counted before.
+    pub fn take(&self, path: &Path, bytes: u64) -> Result<()> {
+        let before = self.taken.fetch_add(bytes, Ordering::Relaxed);
+        match before.checked_add(bytes) {
+            Some(all) if all <= self.limit => Ok(()),
+            all => {
+                // A file that is left out takes nothing.
+                self.taken.fetch_sub(bytes, Ordering::Relaxed);
+                let message = format!(
+                    "needs {bytes} bytes of memory, with what was read before {}; at most {} are allowed (by default half of this \
+                     machine's memory): make the scene smaller, or raise --max-input-memory",
+                    all.unwrap_or(u64::MAX),
+                    self.limit
+                );
+                Err(Error::file(path, message))
+            }
+        }
+    }
+
+    /// Reads a whole file of UTF-8 text. Errors: as [`Inputs::read`]; [`Error::File`] if it is not UTF-8.
+    pub fn read_text(&self, path: &Path) -> Result<String> {
+        let text =
+            String::from_utf8(self.read(path)?).map_err(|_| Error::file(path, "is not text in UTF-8; convert it"))?;
+        Ok(text.strip_prefix('\u{feff}').map(String::from).unwrap_or(text))
+    }
+
+    /// Reads a whole file. Errors: [`Error::Io`]; [`Error::File`] if it is no regular file, lies elsewhere, or is too large.
+    pub fn read(&self, path: &Path) -> Result<Vec<u8>> {
+        // Before it is opened: that alone would wait at a pipe.
+        let data = std::fs::metadata(path).map_err(Error::io("reading", path))?;
+        if !data.is_file() {
+            let kind = if data.is_dir() { "a directory" } else { "a device or pipe" };
+            return Err(Error::file(path, format!("is {kind}; name a regular file")));
+        }
+        self.check_place(path)?;
+        self.take(path, data.len())?;
+        let mut bytes = Vec::with_capacity(data.len() as usize);
+        let file = File::open(path).map_err(Error::io("reading", path))?;
+        // It may grow meanwhile, and files of the kernel tell no size.
+        let rest = data.len() + self.limit.saturating_sub(self.taken.load(Ordering::Relaxed));
+        file.take(rest.saturating_add(1)).read_to_end(&mut bytes).map_err(Error::io("reading", path))?;
+        self.take(path, (bytes.len() as u64).saturating_sub(data.len()))?;
+        self.read.lock().unwrap_or_else(PoisonError::into_inner).push(path.to_path_buf());
+        Ok(bytes)
+    }
+
+    /// Refuses a file outside of the folders.
+    fn check_place(&self, path: &Path) -> Result<()> {
+        let Some(first) = self.folders.first() else { return Ok(()) };
+        let real = path.canonicalize().map_err(Error::io("finding", path))?;
+        if self.folders.iter().any(|folder| real.starts_with(folder)) {
+            return Ok(());
+        }
+        let first = first.display();
+        let message = format!(
+            "lies outside of the scene's folder, {first}; move it there, or give --allow-outside if this scene may read any file"
+        );
         Err(Error::file(path, message))
-    };
-    if data.len() > limit {
-        return too_large(data.len());
     }
-    let mut bytes = Vec::with_capacity(data.len() as usize);
-    // It may grow meanwhile, and files of the kernel tell no size.
-    let file = File::open(path).map_err(Error::io("reading", path))?;
-    file.take(limit.saturating_add(1)).read_to_end(&mut bytes).map_err(Error::io("reading", path))?;
-    if bytes.len() as u64 > limit { too_large(bytes.len() as u64) } else { Ok(bytes) }
+}
+
+/// The folder of a file, without links; as it is told if it does not exist.
+fn folder_of(file: &Path) -> PathBuf {
+    // Of the file itself, which may be a link.
+    let real = file.canonicalize();
+    let folder = real.as_deref().unwrap_or(file).parent().unwrap_or(Path::new(""));
+    folder.to_path_buf()
 }
 
 /// Half of the machine's memory in bytes; 4 GiB where the system does not tell.
@@ -58,11 +151,67 @@ mod tests {
         std::fs::write(&path, "abc").unwrap();
         assert_eq!(read(&path).unwrap(), b"abc");
         assert_eq!(read_text(&path).unwrap(), "abc");
-        assert_eq!(read_at_most(&path, 3).unwrap(), b"abc");
-        let message = read_at_most(&path, 2).unwrap_err().to_string();
-        assert!(message.contains("3 bytes") && message.contains("memory (2)"), "{message}");
+        let inputs = Inputs::within(Some(7));
+        assert_eq!(inputs.read(&path).unwrap(), b"abc");
+        inputs.take(&path, 2).unwrap();
+        let message = inputs.read(&path).unwrap_err().to_string();
+        assert!(message.contains("3 bytes") && message.contains("before 8; at most 7"), "{message}");
+        // What was refused does not count.
+        inputs.take(&path, 2).unwrap();
+        assert!(
+            inputs.take(&path, 1).is_err() && inputs.take(&path, u64::MAX).is_err() && inputs.take(&path, 0).is_ok()
+        );
         std::fs::write(&path, [0xff, 0xfe]).unwrap();
         assert!(read_text(&path).unwrap_err().to_string().contains("UTF-8"));
+        std::fs::write(&path, "\u{feff}a = 1").unwrap();
+        assert_eq!(read_text(&path).unwrap(), "a = 1", "without the mark of the byte order");
+    }
+
+    #[test]
+    fn files_lie_below_the_scene_or_its_model() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for name in ["scene", "scene/textures", "models", "scene2"] {
+            std::fs::create_dir_all(at(name)).unwrap();
+        }
+        for name in
+            ["scene/scene.toml", "scene/textures/a.png", "models/a.obj", "models/b.png", "scene2/c.png", "d.png"]
+        {
+            std::fs::write(at(name), "x").unwrap();
+        }
+        let refused = |inputs: &Inputs, name: &str| {
+            let message = inputs.read(&at(name)).unwrap_err().to_string();
+            assert!(
+                message.contains("outside of the scene's folder") && message.contains("--allow-outside"),
+                "{message}"
+            );
+        };
+        let mut inputs = Inputs::of(&at("scene/scene.toml"), None);
+        for inside in ["scene/textures/a.png", "scene/../scene/textures/../textures/a.png"] {
+            assert_eq!(inputs.read(&at(inside)).unwrap(), b"x", "{inside}");
+        }
+        ["scene/../d.png", "d.png", "scene2/c.png", "models/b.png"]
+            .iter()
+            .for_each(|outside| refused(&inputs, outside));
+        inputs.allow_beside(&at("models/a.obj"));
+        assert_eq!(inputs.read(&at("models/b.png")).unwrap(), b"x");
+        refused(&inputs, "d.png");
+        assert_eq!(Inputs::anywhere().read(&at("d.png")).unwrap(), b"x");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_lead_nowhere_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("scene")).unwrap();
+        std::fs::write(at("secret"), "x").unwrap();
+        std::fs::write(at("scene/scene.toml"), "x").unwrap();
+        std::os::unix::fs::symlink(at("secret"), at("scene/link.png")).unwrap();
+        std::os::unix::fs::symlink(at("scene/scene.toml"), at("scene.toml")).unwrap();
+        assert!(Inputs::of(&at("scene/scene.toml"), None).read(&at("scene/link.png")).is_err());
+        // The scene itself may be a link: its files lie beside what it leads to.
+        assert_eq!(Inputs::of(&at("scene.toml"), None).read(&at("scene/scene.toml")).unwrap(), b"x");
     }
 
     #[test]

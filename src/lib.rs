@@ -82,7 +82,8 @@
 //!    components, [`convolve`](pass::convolve) spreads it, and [`superpose`](pass::superpose) adds it to the planes.
 //! 9. [`merge`](pass::merge) adds the light of the other second components to their pixels, [`summands`](pass::summands) sums
 //!    emission, diffuse and specular light apart, and [`lens`](pass::lens) blurs by [`convolve`](pass::convolve) what is out of focus.
-//! 10. [`Output`](stage::Output): [`accumulate`](pass::accumulate) adds the pass to the film.
+//! 10. [`Output`](stage::Output): [`finite`](pass::finite) looks, before anything is summed, whether the pass is made of numbers, and
+//!     [`accumulate`](pass::accumulate) adds it to the film.
 //!
 //! Of these only `Eye`, `Walk`, `Shade` and `Output` always run; the others run where settings and scene ask for them.
 //!

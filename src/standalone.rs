@@ -15,7 +15,7 @@ use crate::film::HostFilm;
 use crate::fingerprint::{Fnv, fingerprint};
 use crate::frame::Frame;
 use crate::gpu::{Buffer, Context, ContextOptions, DeviceChoice, Memory, Recorder, Timers, download};
-use crate::output::{Layers, Statistics, Wanted};
+use crate::output::{Layers, Provenance, Statistics, Wanted};
 use crate::pass::List;
 use crate::pass::layout::{DispatchCounts, PointLight};
 use crate::pass::probe;
@@ -28,6 +28,8 @@ use crate::view::{Atlas, Region, Texel, View};
 
 /// Maximum number of rounds: beyond them, after some ten million steps, a ray is given up as pathological.
 pub const MAX_ROUNDS: u32 = 1024;
+/// Maximum number of passes in a row that are left out because some pixel is no number.
+const MAX_LEFT_OUT: u32 = 8;
 
 /// Choice of the device, and options.
 #[derive(Clone, Debug, Default)]
@@ -40,6 +42,9 @@ pub struct RenderOptions {
     pub checked_shaders: bool,
     /// File that keeps compiled pipelines between runs. Default none.
     pub pipeline_cache: Option<PathBuf>,
+    /// The kernel for [`Traversal::Auto`], as an earlier run chose it: [`Provenance::traversal`] of its state. Default: the faster one, by a
+    /// measurement that is kept beside the pipeline cache.
+    pub traversal: Option<Traversal>,
     /// The scene may change between passes, see [`Engine::new_dynamic`]. Default false. Costs memory, and some time for
     /// each ray.
     pub dynamic: bool,
@@ -88,6 +93,10 @@ pub struct Renderer {
     gpu_passes: Vec<(String, f64)>,
     last_pass: PassTimes,
     rendered: u32,
+    /// Sequence numbers since the start of the image whose passes were left out.
+    skipped: u32,
+    /// Passes of this run that were left out.
+    left_out: u32,
     rays: u64,
     culled: u64,
     photons: u64,
@@ -119,7 +128,10 @@ pub fn open(settings: Settings, options: &RenderOptions) -> Result<(Context, Set
         pipeline_cache: options.pipeline_cache.clone(),
         ..ContextOptions::default()
     })?;
-    let settings = with_traversal(&context, settings, options.pipeline_cache.as_deref())?;
+    let settings = match options.traversal {
+        Some(earlier) if settings.traversal == Traversal::Auto => Settings { traversal: earlier, ..settings },
+        _ => with_traversal(&context, settings, options.pipeline_cache.as_deref())?,
+    };
     Ok((context, settings))
 }
 
@@ -204,7 +216,7 @@ impl Renderer {
         self.engine.set_atlas(atlas.clone())?;
         // The same texels start anew too.
         self.engine.restart();
-        self.history = Some(History::default());
+        (self.history, self.skipped) = (Some(History::default()), 0);
         self.fingerprint = of_atlas(without, &atlas);
         Ok(())
     }
@@ -248,6 +260,8 @@ impl Renderer {
             gpu_passes: Vec::new(),
             last_pass: PassTimes::default(),
             rendered: 0,
+            skipped: 0,
+            left_out: 0,
             rays: 0,
             culled: 0,
             photons: 0,
@@ -256,7 +270,10 @@ impl Renderer {
         })
     }
 
-    /// Renders one pass and adds it to the image. Rays that run out of steps get more rounds, and the pass is repeated.
+    /// Renders one pass and adds it to the image. Rays that run out of steps get more rounds, and the pass is repeated. A pass with a
+    /// pixel that is no number is left out and repeated with the next sequence number.
+    ///
+    /// Errors leave the sums of the passes before: [`Error::NoNumber`] if several passes in a row are left out; those of the device.
     pub fn pass(&mut self) -> Result<()> {
         self.pass_with(None).map(drop)
     }
@@ -274,14 +291,17 @@ impl Renderer {
             // Edits may change the number of lists.
             self.readback = readback(&self.context, &self.engine)?;
         }
-        let (number, rays) = (self.engine.passes(), self.rays);
-        if number == 0 {
+        let rays = self.rays;
+        if self.engine.passes() == 0 {
             // Its first pass, or a restart.
             self.history = Some(History::default());
+            self.skipped = 0;
         }
+        let mut left_out = 0;
         let probed = counts_bytes(&self.engine);
         let mut recording = 0.0;
         loop {
+            let number = self.engine.passes();
             let (engine, readback) = (&mut self.engine, &self.readback);
             let record = |rec: &mut Recorder| {
                 let start = Instant::now();
@@ -309,7 +329,23 @@ impl Renderer {
             }
             let words = self.readback.read::<u32>()?;
             let (counts, sums) = words.split_at(probed as usize / 4);
-            let lost = counts[0];
+            let [lost, no_numbers, last] = [counts[0], counts[1], counts[2]];
+            if lost == 0 && no_numbers > 0 {
+                left_out += 1;
+                self.skipped += 1;
+                self.left_out += 1;
+                let width = self.engine.view().size()[0];
+                let at = [last.saturating_sub(1) % width, last.saturating_sub(1) / width];
+                log::warn!(
+                    "pass {number} is left out: {no_numbers} of its pixels are no numbers, such as {},{}; another takes its place",
+                    at[0],
+                    at[1]
+                );
+                if left_out == MAX_LEFT_OUT {
+                    return Err(Error::NoNumber { passes: left_out, pixels: no_numbers, at });
+                }
+                continue;
+            }
             if lost == 0 {
                 self.count_rays(&counts[4..]);
                 if let Some(history) = &mut self.history {
@@ -329,7 +365,8 @@ impl Renderer {
         self.engine.setup_finished();
         let messages = self.context.take_messages();
         if let Some(message) = messages.first() {
-            return Err(Error::Resource { name: format!("pass {number}"), message: format!("validation: {message}") });
+            let name = format!("pass {}", self.engine.passes() - 1);
+            return Err(Error::Resource { name, message: format!("validation: {message}") });
         }
         let gpu_passes = self.timers.read()?;
         for (name, seconds) in &gpu_passes {
@@ -385,9 +422,9 @@ impl Renderer {
         }
     }
 
-    /// Number of passes in the image.
+    /// Number of passes in the image, with those before its own if it began with a later one ([`Renderer::load_film`]).
     pub fn passes(&self) -> u32 {
-        self.engine.passes()
+        self.engine.passes().saturating_sub(self.skipped)
     }
 
     /// Times of the latest pass; zeros before the first.
@@ -403,6 +440,11 @@ impl Renderer {
     /// The engine, to change camera, settings and scene. Record passes only through [`Renderer::pass`].
     pub fn engine_mut(&mut self) -> &mut Engine {
         &mut self.engine
+    }
+
+    /// Gives the device back and keeps the scene of the start.
+    pub fn into_scene(self) -> Scene {
+        self.scene
     }
 
     /// The scene as it is now.
@@ -455,10 +497,11 @@ impl Renderer {
         self.engine.film().download(&self.context, self.engine.view().size())
     }
 
-    /// The sums of all passes and what the error is estimated from, as bytes, little endian: with the number of passes,
-    /// the complete state for a later run.
+    /// The number of passes left out, the sums of all others and what the error is estimated from, as bytes, little endian: with the
+    /// number of passes, the complete state for a later run.
     pub fn save_state(&self) -> Result<Vec<u8>> {
-        let mut bytes = self.film()?.to_bytes();
+        let mut bytes = self.skipped.to_le_bytes().to_vec();
+        bytes.extend(self.film()?.to_bytes());
         bytes.extend(self.history.iter().flat_map(History::to_bytes));
         Ok(bytes)
     }
@@ -466,17 +509,18 @@ impl Renderer {
     /// Continues from [`Renderer::save_state`] after `passes` passes of the same scene, camera and settings.
     pub fn load_state(&mut self, passes: u32, bytes: &[u8]) -> Result<()> {
         let (size, summands) = (self.engine.view().size(), self.engine.settings().summands);
+        let other = || Error::Scene(String::from("the saved state has sums for another image; start without --resume"));
+        let (skipped, bytes) = bytes.split_first_chunk::<4>().ok_or_else(other)?;
+        let skipped = u32::from_le_bytes(*skipped);
         let (film, history) = bytes.split_at(HostFilm::byte_count(size, summands).min(bytes.len()));
         let film = HostFilm::from_bytes(film, size, summands)?;
         let pixels = probe::pixels(size[0] * size[1]).len();
         let history = match history {
             [] => None,
-            bytes => Some(History::from_bytes(bytes, pixels).ok_or_else(|| {
-                Error::Scene(String::from("the saved state has sums for another image; start without --resume"))
-            })?),
+            bytes => Some(History::from_bytes(bytes, pixels).ok_or_else(other)?),
         };
-        self.load_film(passes, &film)?;
-        self.history = history;
+        self.load_film(passes.checked_add(skipped).ok_or_else(other)?, &film)?;
+        (self.history, self.skipped) = (history, skipped);
         Ok(())
     }
 
@@ -492,6 +536,7 @@ impl Renderer {
         self.engine.film().stage(&self.context, &mut staging, film)?;
         self.context.submit_and_wait("restoring the film", None, |rec| staging.record(rec))?;
         self.engine.set_passes(passes);
+        self.skipped = 0;
         self.history = (film.passes() == 0).then(History::default);
         Ok(())
     }
@@ -499,6 +544,11 @@ impl Renderer {
     /// Fingerprint of scene, camera and settings at the start.
     pub fn fingerprint(&self) -> u64 {
         self.fingerprint
+    }
+
+    /// The device and the kernels of the passes.
+    pub fn provenance(&self) -> Provenance {
+        Provenance { device: self.context.info().identity(), traversal: self.engine.settings().traversal }
     }
 
     /// Counts and times so far.
@@ -517,6 +567,7 @@ impl Renderer {
             lights_per_pass: f64::from(p.lights.slots() * p.settings.classes()),
             passes: self.passes(),
             passes_rendered: self.rendered,
+            passes_left_out: self.left_out,
             rays: self.rays,
             culled_pairs: self.culled,
             photons: self.photons,

@@ -21,7 +21,7 @@ use super::materials::{self, Materials};
 use super::{Charts, Lightmap};
 use crate::error::{Error, Result};
 use crate::fingerprint::Fnv;
-use crate::output::{self, Encoding, Layers, Metadata, Tonemap, write_file};
+use crate::output::{self, Encoding, FileSet, Layers, Metadata, Tonemap};
 use crate::scene::export::{self, GENERATOR, Writer};
 use crate::scene::gltf::{ours, quietly};
 use crate::scene::{KeptFace, KeptLight, KeptPage, Scene, TextureUse};
@@ -151,7 +151,7 @@ fn geometry(scene: &Scene) -> String {
     format!("{:016x}", hash.0)
 }
 
-/// Writes the model `path` (`.glb`) and its maps; the model last, so that its maps are always there. Returns the names of all.
+/// Writes the model `path` (`.glb`) and its maps, all or none; the model gets its name last. Returns the names of all.
 ///
 /// Errors: [`Error::File`] for another extension; [`Error::Io`].
 pub fn write(
@@ -164,7 +164,7 @@ pub fn write(
     if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("glb")) {
         return Err(Error::file(path, "light is kept with a binary glTF model; let the name end in .glb"));
     }
-    let mut written = Vec::new();
+    let (mut files, mut written) = (FileSet::default(), Vec::new());
     let mut pages = Vec::new();
     for (i, page) in light.pages.iter().enumerate() {
         let sum = |i: usize| page.direct[i] + page.indirect[i];
@@ -177,7 +177,8 @@ pub fn write(
             let file = map_path(path, what, i);
             let color = (0..page.direct.len()).map(|i| values(i) * scale).collect();
             let layers = Layers { width: page.size[0], height: page.size[1], color, ..Layers::default() };
-            output::write(&file, &layers, metadata, &Encoding { color_only: true, ..Encoding::default() })?;
+            let encoding = Encoding { color_only: true, ..Encoding::default() };
+            files.add(&file, &[&output::encode(&file, &layers, metadata, &encoding)?])?;
             let name = file_name(&file);
             written.push(file);
             Ok(Some(name))
@@ -203,7 +204,8 @@ pub fn write(
         objects: objects(scene, &light.charts),
     };
     let bytes = model(path, scene, light, form, manifest)?;
-    write_file(path, &[&bytes])?;
+    files.add(path, &[&bytes])?;
+    files.commit()?;
     written.insert(0, path.to_path_buf());
     Ok(written)
 }

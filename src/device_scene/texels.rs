@@ -193,7 +193,7 @@ impl DeviceTextures {
             let name = format!("scene texels {}", pages.len());
             let page = Image::layered(context, &name, packing.size[0], packing.size[1], layers);
             pages.push(page.map_err(|error| match error {
-                Error::OutOfMemory { bytes, .. } => Error::Scene(format!(
+                Error::OutOfMemory { bytes: Some(bytes), .. } => Error::Scene(format!(
                     "no memory on the device for {} MiB of its {} textures, which take {} MiB; scale them down",
                     bytes.div_ceil(1 << 20),
                     textures.len(),

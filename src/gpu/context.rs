@@ -20,6 +20,9 @@ use super::recorder::{Recorder, Retained};
 use super::timers::Timers;
 use crate::error::{Error, Result};
 
+/// Time for one submission: on a processor the largest pass of a large scene takes minutes.
+const TIMEOUT_SECONDS: u64 = 3600;
+
 /// How to make a [`Context`].
 #[derive(Clone, Debug, Default)]
 pub struct ContextOptions {
@@ -328,8 +331,13 @@ impl Context {
                 let queue = self.inner.queue.lock().unwrap_or_else(PoisonError::into_inner);
                 device.queue_submit(*queue, &submit, submission.fence).map_err(|r| self.failed(what, r))?;
                 drop(queue);
-                if let Err(result) = device.wait_for_fences(&[submission.fence], true, u64::MAX) {
-                    // Only a lost device or lack of memory ends the wait early. Nothing may be destroyed that still runs.
+                let waited = device.wait_for_fences(&[submission.fence], true, TIMEOUT_SECONDS * 1_000_000_000);
+                if let Err(result) = waited {
+                    // A lost device, lack of memory, or a hang, after which this waits for ever too, unless the driver resets the
+                    // device. Nothing may be destroyed that still runs.
+                    if result == vk::Result::TIMEOUT {
+                        log::warn!("{}; waiting for the driver to reset the device", self.failed(what, result));
+                    }
                     let _ = device.device_wait_idle();
                     return Err(self.failed(what, result));
                 }
@@ -362,10 +370,7 @@ impl Context {
     /// The error for a failed call while `what` was made or run.
     pub(super) fn failed(&self, what: &str, result: vk::Result) -> Error {
         match result {
-            vk::Result::ERROR_OUT_OF_HOST_MEMORY | vk::Result::ERROR_OUT_OF_DEVICE_MEMORY => {
-                // Vulkan does not say how much was asked for: what is held already tells the user as much.
-                Error::OutOfMemory { resource: what.to_owned(), bytes: self.allocator().capacity() }
-            }
+            vk::Result::TIMEOUT => Error::Timeout { during: what.to_owned(), seconds: TIMEOUT_SECONDS },
             result => vulkan(what)(result),
         }
     }

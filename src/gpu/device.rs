@@ -140,6 +140,12 @@ impl DeviceInfo {
         }
     }
 
+    /// The device, its driver and the width of its subgroups in one line: renderings by the same one have the same bits.
+    pub fn identity(&self) -> String {
+        let DeviceInfo { name, driver, driver_version, subgroup_size, .. } = self;
+        format!("{name}, {driver} {driver_version}, subgroups of {subgroup_size}")
+    }
+
     fn line(&self) -> String {
         format!("{}: {} ({} {})", self.index, self.name, self.driver, self.driver_version)
     }

@@ -229,6 +229,9 @@ pub(super) fn vulkan(what: &str) -> impl FnOnce(vk::Result) -> Error + use<> {
     let what = what.to_owned();
     move |result| match result {
         vk::Result::ERROR_DEVICE_LOST => Error::DeviceLost { during: what },
+        vk::Result::ERROR_OUT_OF_HOST_MEMORY | vk::Result::ERROR_OUT_OF_DEVICE_MEMORY => {
+            Error::OutOfMemory { resource: what, bytes: None }
+        }
         result => Error::Vulkan { what, result },
     }
 }

@@ -454,9 +454,15 @@ fn allocate(
         linear,
         allocation_scheme: AllocationScheme::GpuAllocatorManaged,
     };
+    let (resource, bytes) = (name.to_owned(), requirements.size);
     ctx.allocator().allocate(&desc).map_err(|error| match error {
-        AllocationError::OutOfMemory => Error::OutOfMemory { resource: name.to_owned(), bytes: requirements.size },
-        error => Error::Resource { name: name.to_owned(), message: format!("{error} ({} bytes)", requirements.size) },
+        AllocationError::OutOfMemory => Error::OutOfMemory { resource, bytes: Some(bytes) },
+        // The allocator tells other results of Vulkan in words alone.
+        AllocationError::Internal(text) if text.contains("ERROR_DEVICE_LOST") => Error::DeviceLost { during: resource },
+        error => {
+            let message = format!("{error} ({bytes} bytes); try again, or choose another device (--list-devices)");
+            Error::Resource { name: resource, message }
+        }
     })
 }
 
@@ -480,7 +486,7 @@ fn release(ctx: &Context, name: &str, allocation: Option<Allocation>) {
 fn failed(name: &str, bytes: u64, result: vk::Result) -> Error {
     match result {
         vk::Result::ERROR_OUT_OF_HOST_MEMORY | vk::Result::ERROR_OUT_OF_DEVICE_MEMORY => {
-            Error::OutOfMemory { resource: name.to_owned(), bytes }
+            Error::OutOfMemory { resource: name.to_owned(), bytes: Some(bytes) }
         }
         result => super::instance::vulkan(name)(result),
     }

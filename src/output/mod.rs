@@ -3,15 +3,17 @@
 //! Every file is written under a temporary name in the same folder and then renamed, so that a reader never sees a partial
 //! file and a failed run leaves an existing file unchanged. Same layers, same metadata: same bytes.
 
+mod claim;
 pub mod denoise;
 mod exr;
 mod png;
 mod state;
 mod stats;
 
+pub use claim::{Claim, check_apart, claim};
 pub use png::Tonemap;
 pub(crate) use png::encode as encode_png;
-pub use state::State;
+pub use state::{Provenance, State};
 pub use stats::Statistics;
 
 use crate::error::{Error, Result};
@@ -201,31 +203,56 @@ impl Format {
 /// Errors: [`Error::Setting`] for an unknown extension, [`Error::File`] for layers of the wrong size, [`Error::Io`] if the file
 /// cannot be written.
 pub fn write(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Encoding) -> Result<()> {
+    write_file(path, &[&encode(path, layers, metadata, encoding)?])
+}
+
+/// The bytes of [`write()`].
+pub(crate) fn encode(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Encoding) -> Result<Vec<u8>> {
     let format = Format::of(path)?;
     layers.validate(path)?;
-    let bytes = match format {
-        Format::Exr => exr::encode(path, layers, metadata, encoding)?,
-        Format::Png => png::encode(path, layers, encoding.exposure, encoding.tonemap)?,
-    };
-    write_file(path, &[&bytes])
+    match format {
+        Format::Exr => exr::encode(path, layers, metadata, encoding),
+        Format::Png => png::encode(path, layers, encoding.exposure, encoding.tonemap),
+    }
 }
 
 /// Writes the concatenation of `parts` to a file, through a temporary file that is then renamed.
 ///
 /// Devices and pipes are written directly.
 pub fn write_file(path: &Path, parts: &[&[u8]]) -> Result<()> {
-    let write_all = |file: &mut File| parts.iter().try_for_each(|part| file.write_all(part));
-    match Target::of(path)? {
-        Target::Stream => {
-            let mut file = OpenOptions::new().write(true).open(path).map_err(Error::io("opening", path))?;
-            write_all(&mut file).map_err(Error::io("writing", path))
+    let mut files = FileSet::default();
+    files.add(path, parts)?;
+    files.commit()
+}
+
+/// Files that belong together: all are written under temporary names before the first gets its own. If one of them cannot be written all
+/// stay as they were.
+#[derive(Default)]
+pub struct FileSet(Vec<(Temporary, PathBuf, PathBuf)>);
+
+impl FileSet {
+    /// Writes the concatenation of `parts` under a temporary name beside `path`; devices and pipes are written directly.
+    pub fn add(&mut self, path: &Path, parts: &[&[u8]]) -> Result<()> {
+        let write_all = |file: &mut File| parts.iter().try_for_each(|part| file.write_all(part));
+        match Target::of(path)? {
+            Target::Stream => {
+                let mut file = OpenOptions::new().write(true).open(path).map_err(Error::io("opening", path))?;
+                write_all(&mut file).map_err(Error::io("writing", path))
+            }
+            Target::File(place) => {
+                let (mut file, temporary) = Temporary::create(path, &place)?;
+                write_all(&mut file).and_then(|()| file.sync_all()).map_err(Error::io("writing", path))?;
+                self.0.push((temporary, place, path.to_path_buf()));
+                Ok(())
+            }
         }
-        Target::File(place) => {
-            let (mut file, temporary) = Temporary::create(path, &place)?;
-            write_all(&mut file).and_then(|()| file.sync_all()).map_err(Error::io("writing", path))?;
-            drop(file);
-            temporary.rename_to(&place).map_err(Error::io("renaming the finished file to", path))
-        }
+    }
+
+    /// Gives all files their names, in the order in which they were added.
+    pub fn commit(self) -> Result<()> {
+        self.0.into_iter().try_for_each(|(temporary, place, path)| {
+            temporary.rename_to(&place).map_err(Error::io("renaming the finished file to", &path))
+        })
     }
 }
 
@@ -313,6 +340,28 @@ mod tests {
         check_writable(&path).unwrap();
         check_writable(&directory.path().join("b.bin")).unwrap();
         assert_eq!(names(directory.path()), ["a.bin"]);
+    }
+
+    #[test]
+    fn files_that_belong_together_are_replaced_together() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = |name: &str| directory.path().join(name);
+        fs::write(path("a.bin"), "old").unwrap();
+        let mut files = FileSet::default();
+        files.add(&path("a.bin"), &[b"new"]).unwrap();
+        assert!(files.add(&path("absent/b.bin"), &[b"new"]).is_err());
+        drop(files);
+        assert_eq!(
+            (names(directory.path()), fs::read(path("a.bin")).unwrap()),
+            (vec!["a.bin".into()], b"old".to_vec())
+        );
+        let mut files = FileSet::default();
+        files.add(&path("a.bin"), &[b"new"]).unwrap();
+        files.add(&path("b.bin"), &[b"new"]).unwrap();
+        assert_eq!(fs::read(path("a.bin")).unwrap(), b"old");
+        files.commit().unwrap();
+        assert_eq!(names(directory.path()).len(), 2);
+        assert!(["a.bin", "b.bin"].map(|name| fs::read(path(name)).unwrap() == b"new") == [true; 2]);
     }
 
     #[cfg(unix)]

@@ -1,25 +1,40 @@
 //! The state of an unfinished rendering, from which `--resume` continues bit for bit.
 //!
-//! Little endian: magic "LSUMSTAT", version u32, width u32, height u32, passes u32, fingerprint u64, length of the
-//! accumulators u64, checksum u64 (FNV-1a over all other bytes), accumulators.
+//! Little endian: magic "LSUMSTAT", version u32, width u32, height u32, passes u32, traversal u32, length of the device's name u32,
+//! fingerprint u64, length of the accumulators u64, checksum u64 (FNV-1a over all other bytes), the device's name, accumulators.
 
 use super::write_file;
 use crate::error::{Error, Result};
+use crate::settings::Traversal;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"LSUMSTAT";
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// Bytes of the header up to the checksum.
-const FIELDS: usize = 8 + 4 * 4 + 2 * 8;
+const FIELDS: usize = 8 + 6 * 4 + 2 * 8;
 /// Bytes of the whole header.
 const HEADER: usize = FIELDS + 8;
+
+/// The traversals by their numbers in the file.
+const TRAVERSALS: [Traversal; 3] = [Traversal::Auto, Traversal::Single, Traversal::Cluster];
+
+/// The device and the kernels of a rendering. Both decide about the last bits of an image.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Provenance {
+    /// The device and its driver, [`DeviceInfo::identity`](crate::gpu::DeviceInfo::identity).
+    pub device: String,
+    /// The traversal kernel: the one that was asked for, or [`Traversal::Auto`] or [`Traversal::Single`] as a measurement chose.
+    pub traversal: Traversal,
+}
 
 /// State of an unfinished rendering.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct State {
     /// Of scene, camera and settings.
     pub fingerprint: u64,
+    /// What the passes were made with.
+    pub provenance: Provenance,
     /// Width in pixels.
     pub width: u32,
     /// Height in pixels.
@@ -40,16 +55,18 @@ impl State {
 
     /// Writes the state.
     pub fn write(&self, path: &Path) -> Result<()> {
+        let Provenance { device, traversal } = &self.provenance;
+        let traversal = TRAVERSALS.iter().position(|t| t == traversal).unwrap_or_default() as u32;
         let mut header = Vec::with_capacity(HEADER);
         header.extend(MAGIC);
-        for value in [VERSION, self.width, self.height, self.passes] {
+        for value in [VERSION, self.width, self.height, self.passes, traversal, device.len() as u32] {
             header.extend(value.to_le_bytes());
         }
         header.extend(self.fingerprint.to_le_bytes());
         header.extend((self.accumulators.len() as u64).to_le_bytes());
-        let sum = checksum(&[&header, &self.accumulators]);
+        let sum = checksum(&[&header, device.as_bytes(), &self.accumulators]);
         header.extend(sum.to_le_bytes());
-        write_file(path, &[&header, &self.accumulators])
+        write_file(path, &[&header, device.as_bytes(), &self.accumulators])
     }
 
     /// Reads a state. Errors: [`Error::Io`]; [`Error::File`] if the state is incomplete, damaged or of another version.
@@ -71,20 +88,34 @@ impl State {
             return refuse(format!("the state has version {version}, this program reads {VERSION}"));
         }
         let (width, height, passes) = (u32_at(12), u32_at(16), u32_at(20));
-        let (fingerprint, length, sum) = (u64_at(24), u64_at(32), u64_at(FIELDS));
-        let present = (bytes.len() - HEADER) as u64;
-        if length != present {
-            return refuse(format!("the state is cut off: {present} of {length} bytes are there"));
+        let (traversal, name) = (u32_at(24), u32_at(28) as usize);
+        let (fingerprint, length, sum) = (u64_at(32), u64_at(40), u64_at(FIELDS));
+        let (present, expected) = ((bytes.len() - HEADER) as u64, length.saturating_add(name as u64));
+        if expected != present {
+            return refuse(format!("the state is cut off: {present} of {expected} bytes are there"));
         }
         if sum != checksum(&[&bytes[..FIELDS], &bytes[HEADER..]]) {
             return refuse("the state is damaged: its checksum is wrong".into());
         }
-        bytes.drain(..HEADER);
-        Ok(State { fingerprint, width, height, passes, accumulators: bytes })
+        // The name lies within the bytes, whose number was checked.
+        let device = String::from_utf8_lossy(&bytes[HEADER..HEADER + name]).into_owned();
+        let Some(&traversal) = TRAVERSALS.get(traversal as usize) else {
+            return refuse(format!("the state has the unknown traversal {traversal}"));
+        };
+        bytes.drain(..HEADER + name);
+        let provenance = Provenance { device, traversal };
+        Ok(State { fingerprint, provenance, width, height, passes, accumulators: bytes })
     }
 
-    /// Checks that the state belongs to this rendering. Errors: [`Error::File`] for another size or fingerprint.
-    pub fn check(&self, path: &Path, fingerprint: u64, [width, height]: [u32; 2]) -> Result<()> {
+    /// Checks that the state belongs to this rendering. Another device or driver is told by a warning: the passes so far have its bits,
+    /// and those to come differ in the last ones. Errors: [`Error::File`] for another size, fingerprint or traversal.
+    pub fn check(
+        &self,
+        path: &Path,
+        fingerprint: u64,
+        [width, height]: [u32; 2],
+        provenance: &Provenance,
+    ) -> Result<()> {
         if (self.width, self.height) != (width, height) {
             let message = format!(
                 "the state is of {}x{} pixels, this rendering is {width}x{height}; \
@@ -97,6 +128,23 @@ impl State {
             let message = "the state is of another scene, camera or settings; \
                            give the same ones as before or remove the state to start anew";
             return Err(Error::file(path, message));
+        }
+        let Provenance { device, traversal } = &self.provenance;
+        if *traversal != provenance.traversal {
+            let message = format!(
+                "the state is of --traversal {}, this rendering has {}; leave the flag out to go on with that of the state",
+                format!("{traversal:?}").to_lowercase(),
+                format!("{:?}", provenance.traversal).to_lowercase()
+            );
+            return Err(Error::file(path, message));
+        }
+        if *device != provenance.device {
+            log::warn!(
+                "{}: the passes so far are of {device}, the others will be of {}: the image is as good, \
+                 but its last bits are those of neither",
+                path.display(),
+                provenance.device
+            );
         }
         Ok(())
     }
@@ -114,7 +162,8 @@ mod tests {
 
     fn sample() -> State {
         let accumulators = (0..1000u32).flat_map(u32::to_le_bytes).collect();
-        State { fingerprint: 0x0123_4567_89ab_cdef, width: 50, height: 20, passes: 3, accumulators }
+        let provenance = Provenance { device: "a device, of 1984".into(), traversal: Traversal::Single };
+        State { fingerprint: 0x0123_4567_89ab_cdef, provenance, width: 50, height: 20, passes: 3, accumulators }
     }
 
     #[test]
@@ -133,11 +182,17 @@ mod tests {
         sample().write(&path).unwrap();
         let read = State::read(&path).unwrap();
         assert_eq!(read, sample());
-        read.check(&path, sample().fingerprint, [50, 20]).unwrap();
-        let other_size = read.check(&path, sample().fingerprint, [20, 50]).unwrap_err().to_string();
+        let made = &sample().provenance;
+        read.check(&path, sample().fingerprint, [50, 20], made).unwrap();
+        let other_device = Provenance { device: "another".into(), ..made.clone() };
+        read.check(&path, sample().fingerprint, [50, 20], &other_device).unwrap();
+        let other_size = read.check(&path, sample().fingerprint, [20, 50], made).unwrap_err().to_string();
         assert!(other_size.contains("50x20") && other_size.contains("20x50"), "{other_size}");
-        let other_scene = read.check(&path, 1, [50, 20]).unwrap_err().to_string();
+        let other_scene = read.check(&path, 1, [50, 20], made).unwrap_err().to_string();
         assert!(other_scene.contains("another scene"), "{other_scene}");
+        let clusters = Provenance { traversal: Traversal::Cluster, ..made.clone() };
+        let other_kernel = read.check(&path, sample().fingerprint, [50, 20], &clusters).unwrap_err().to_string();
+        assert!(other_kernel.contains("--traversal single") && other_kernel.contains("has cluster"), "{other_kernel}");
     }
 
     #[test]
@@ -158,14 +213,17 @@ mod tests {
         let mut longer = whole.clone();
         longer.push(0);
         assert!(reason(&longer).contains("cut off"));
-        for place in [12, 20, 24, FIELDS, HEADER, whole.len() - 1] {
+        for place in [12, 20, 24, 32, FIELDS, HEADER, HEADER + 20, whole.len() - 1] {
             let mut damaged = whole.clone();
             damaged[place] ^= 1;
             assert!(reason(&damaged).contains("damaged"), "{place}");
         }
         let mut newer = whole.clone();
-        newer[8] = 3;
-        assert!(reason(&newer).contains("version 3"));
+        newer[8] = 4;
+        assert!(reason(&newer).contains("version 4"));
+        let mut longer_name = whole.clone();
+        longer_name[28..32].fill(255);
+        assert!(reason(&longer_name).contains("cut off"));
         let absent = directory.path().join("absent");
         assert!(State::read(&absent).unwrap_err().to_string().contains("absent"));
     }

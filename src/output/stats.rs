@@ -28,6 +28,8 @@ pub struct Statistics {
     pub passes: u32,
     /// Passes that this run rendered; fewer than `passes` after a resume.
     pub passes_rendered: u32,
+    /// Passes of this run that were left out because some pixel was no number, and repeated with the next sequence number.
+    pub passes_left_out: u32,
     /// Eye rays (including those after mirrors and glass), photon rays, gather rays and pairs of a shading point and a light of this run. Pairs
     /// that face away from each other are included, although no ray is traced for them.
     pub rays: u64,

@@ -8,8 +8,8 @@
 //! that shows the background covers its pixel.
 //!
 //! Sums are exact ([`crate::film`]), so thousands of passes lose nothing to f32 and their order does not matter. Colour
-//! has a sum for each of the two independent instances, from which [`crate::estimate`] tells the error. A pass that lost rays is
-//! left out (see `schedule`). Cost: 25 vec4 and 220 operations a pixel; where the third float of a sum changes 2 vec4 more.
+//! has a sum for each of the two independent instances, from which [`crate::estimate`] tells the error. A pass that lost rays, or with a
+//! value that is no number, is left out (see `schedule`, `finite`). Cost: 25 vec4 and 220 operations a pixel; where the third float of a sum changes 2 vec4 more.
 
 use glam::{Vec3, Vec4};
 
@@ -52,8 +52,9 @@ pub fn sum_with([high, middle, low]: [Vec4; 3], x: Vec4) -> [Vec4; 3] {
     [high, middle, low + error]
 }
 
-/// Oracle: a sum of guides plus one more addend, rounded to [`GUIDE_UNIT`].
+/// Oracle: a sum of guides plus one more addend, rounded to [`GUIDE_UNIT`]; zero if it is no number.
 pub fn sum_of_guides([sum, rest]: [Vec4; 2], x: Vec3) -> [Vec4; 2] {
+    let x = if super::finite::reference(&x.to_array()) { x } else { Vec3::ZERO };
     // Shaders round halves to even.
     let rounded = Vec3::from_array((x / GUIDE_UNIT).to_array().map(f32::round_ties_even)) * GUIDE_UNIT;
     let (sum, error) = two_sum(sum, rounded.extend(0.0));

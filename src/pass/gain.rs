@@ -22,6 +22,8 @@
 //! A filter that preserves the sum of light moves light from pixel to pixel. The image keeps that sum only if neighbouring pixels give back the same
 //! part s; so s comes from a window that neighbours mostly share.
 //!
+//! A gain that is no number, of light that was none before the filter, counts as zero, and squares of means of more than 2^50 as 2^100.
+//!
 //! Limits: mirror images that are spread keep their gain. The layers of irradiance are those of the
 //! filter, and where summands are kept diffuse and specular light share the part taken away as they share the light.
 //!

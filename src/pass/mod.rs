@@ -21,6 +21,7 @@ pub mod display;
 pub mod edges;
 pub mod eye_paths;
 pub mod eye_points;
+pub mod finite;
 pub mod gain;
 pub mod gather;
 pub mod gathered_points;

@@ -19,6 +19,7 @@ use crate::bake::sides::{self, Sides};
 use crate::bake::{self, Lightmap, Page, Stop, lightmap};
 use crate::error::{Error, Result};
 use crate::gpu::Context;
+use crate::output::Provenance;
 use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::standalone::Renderer;
@@ -89,6 +90,11 @@ impl Radiosity {
         }
         let bvh = Bvh::build(&scene)?;
         Ok(Radiosity { context: context.clone(), scene, settings, sides, surfaces, bvh })
+    }
+
+    /// The device and the kernels of the passes.
+    pub fn provenance(&self) -> Provenance {
+        Provenance { device: self.context.info().identity(), traversal: self.settings.traversal }
     }
 
     /// The surfaces.

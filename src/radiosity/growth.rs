@@ -165,7 +165,8 @@ impl<'a> Growth<'a> {
         let now = Saved { mean: self.mean, done: self.done, found: found.to_vec(), passes, film };
         let accumulators = saved::to_bytes(&self.solution, &now);
         let rounds = self.rounds() as u32;
-        Ok(State { fingerprint: self.fingerprint(), width: 0, height: 0, passes: rounds, accumulators })
+        let (fingerprint, provenance) = (self.fingerprint(), self.of.provenance());
+        Ok(State { fingerprint, provenance, width: 0, height: 0, passes: rounds, accumulators })
     }
 
     /// Goes on from a state of the same scene, settings and options, which has been checked by its fingerprint.

@@ -58,6 +58,7 @@ use toml::Spanned;
 use super::tessellate::icosphere;
 use super::{Camera, Environment, Light, Material, RenderDefaults, Scene, Surface, load_model};
 use crate::error::{Error, Result};
+use crate::input::Inputs;
 use crate::superposition::lobe::Table;
 
 /// Subdivisions of the icosahedron that represents a sphere light: 1280 triangles.
@@ -161,7 +162,7 @@ struct EnvironmentEntry {
 
 impl EnvironmentEntry {
     /// Reads the image, relative to `folder`; the error is a message.
-    fn load(&self, folder: &Path) -> Result<std::result::Result<Environment, String>> {
+    fn load(&self, inputs: &Inputs, folder: &Path) -> Result<std::result::Result<Environment, String>> {
         if self.image.is_none() && self.radiance.is_none() && self.sun.is_none() {
             return Ok(Err(String::from("neither `image` nor `sun` nor `radiance`")));
         }
@@ -176,7 +177,7 @@ impl EnvironmentEntry {
             return Ok(Err(String::from("`up` must be a direction and `rotation` an angle in degrees")));
         }
         let whole = match (&self.image, self.sun) {
-            (Some(image), _) => Environment::load(&folder.join(image))?.scaled(radiance),
+            (Some(image), _) => Environment::load_from(inputs, &folder.join(image))?.scaled(radiance),
             (None, Some([azimuth, elevation])) => {
                 match Environment::sun_and_sky(azimuth, elevation, self.turbidity.unwrap_or(3.0)) {
                     Ok(sky) => sky.scaled(radiance),
@@ -208,8 +209,8 @@ struct MaterialEntry {
 }
 
 /// Reads a description and the model that it names; the result is not validated yet.
-pub(super) fn load(path: &Path, photometric: Option<bool>) -> Result<Scene> {
-    let text = crate::input::read_text(path)?;
+pub(super) fn load(path: &Path, photometric: Option<bool>, inputs: &mut Inputs) -> Result<Scene> {
+    let text = inputs.read_text(path)?;
     let error = |span: Option<Range<usize>>, message: String| match span {
         Some(span) => Error::at(path, line_of(&text, span.start), message),
         None => Error::file(path, message),
@@ -224,7 +225,8 @@ pub(super) fn load(path: &Path, photometric: Option<bool>) -> Result<Scene> {
         let message = format!("model {} does not exist", model_path.display());
         return Err(error(Some(model.span()), message));
     }
-    let mut scene = load_model(&model_path, photometric.or(description.photometric))?;
+    inputs.allow_beside(&model_path);
+    let mut scene = load_model(&model_path, photometric.or(description.photometric), inputs)?;
     scene.name = name_of(path);
     scene.render = description.render;
     if description.face_normals {
@@ -237,7 +239,7 @@ pub(super) fn load(path: &Path, photometric: Option<bool>) -> Result<Scene> {
     }
     for (name, entry) in &description.materials {
         let lobe = match &entry.lobe {
-            Some(file) => Some(Arc::new(Table::load(&path.parent().unwrap_or(Path::new("")).join(file))?)),
+            Some(file) => Some(Arc::new(Table::load_from(inputs, &path.parent().unwrap_or(Path::new("")).join(file))?)),
             None => None,
         };
         change_material(&mut scene, name.get_ref(), entry, lobe)
@@ -247,7 +249,7 @@ pub(super) fn load(path: &Path, photometric: Option<bool>) -> Result<Scene> {
         scene.materials.iter_mut().for_each(|m| m.two_sided = true);
     }
     if let Some(entry) = &description.environment {
-        let environment = entry.get_ref().load(path.parent().unwrap_or(Path::new("")))?;
+        let environment = entry.get_ref().load(inputs, path.parent().unwrap_or(Path::new("")))?;
         let environment = environment.map_err(|m| error(Some(entry.span()), format!("[environment]: {m}")))?;
         scene.environment = Some(Arc::new(environment));
     }

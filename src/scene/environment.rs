@@ -9,6 +9,7 @@
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use std::fmt;
+use std::io::Cursor;
 use std::path::Path;
 
 use glam::Vec3;
@@ -16,6 +17,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::fingerprint::Fnv;
+use crate::input::Inputs;
 
 /// Greatest width of the table; larger images are averaged down over squares of texels.
 pub const MAX_WIDTH: u32 = 2048;
@@ -98,11 +100,19 @@ impl Environment {
     ///
     /// Errors: a file that cannot be read or decoded, of another shape, with negative or not finite radiance.
     pub fn load(path: &Path) -> Result<Environment> {
-        let bytes = crate::input::read(path)?;
-        let image = image::load_from_memory(&bytes)
-            .map_err(|e| Error::file(path, format!("not an environment of the kinds .exr and .hdr: {e}")))?
-            .into_rgb32f();
-        let (width, height) = image.dimensions();
+        Environment::load_from(&Inputs::anywhere(), path)
+    }
+
+    /// [`Environment::load`] as one of the files of a scene.
+    pub(super) fn load_from(inputs: &Inputs, path: &Path) -> Result<Environment> {
+        let bytes = inputs.read(path)?;
+        let other = |e: String| Error::file(path, format!("not an environment of the kinds .exr and .hdr: {e}"));
+        let format = image::guess_format(&bytes).map_err(|e| other(e.to_string()))?;
+        let reader = || image::ImageReader::with_format(Cursor::new(&bytes), format);
+        let (width, height) = reader().into_dimensions().map_err(|e| other(e.to_string()))?;
+        // Decoded, converted, and as texels.
+        inputs.take(path, u64::from(width) * u64::from(height) * 3 * size_of::<Vec3>() as u64)?;
+        let image = reader().decode().map_err(|e| other(e.to_string()))?.into_rgb32f();
         if width != 2 * height || height == 0 {
             let message = format!("{width}x{height} pixels; an environment needs twice as many columns as rows");
             return Err(Error::file(path, message));

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 
 use super::{Alpha, Camera, Light, Material, Scene, Surface, Texture, TextureUse, Wrap};
 use crate::error::{Error, Result};
-use crate::output::write_file;
+use crate::output::FileSet;
 
 /// A virtual light on a surface: one-sided cosine emission of total flux `power`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,7 +105,7 @@ impl MaterialExtras {
 /// `asset.generator`.
 pub(crate) const GENERATOR: &str = concat!("lightsum ", env!("CARGO_PKG_VERSION"));
 
-/// Writes `path` (`.gltf`), its buffer (`.bin`) and its textures (`.png`) beside it: geometry, materials, camera and lights.
+/// Writes `path` (`.gltf`), its buffer (`.bin`) and its textures (`.png`) beside it, all or none: geometry, materials, camera and lights.
 /// Coordinates in the file are those of the world: a node holds [`Scene::origin`], if it is not zero.
 ///
 /// `lights` represent the emissive surfaces, sphere lights and reflections; the scene's own point, spot, directional
@@ -124,13 +124,21 @@ pub fn export_lights(path: &Path, scene: &Scene, lights: &[VirtualLight]) -> Res
     document.camera(scene);
     document.lights(scene, lights);
     let images: Vec<PathBuf> = (0..scene.textures.len()).map(|i| texture_path(path, i)).collect();
+    let mut files = FileSet::default();
     for (texture, file) in scene.textures.iter().zip(&images) {
-        write_file(file, &[&png(texture).map_err(|why| Error::file(file, why))?])?;
+        files.add(file, &[&png(texture).map_err(|why| Error::file(file, why))?])?;
     }
-    write_file(&bin_path, &[&document.bin])?;
+    files.add(&bin_path, &[&document.bin])?;
     let json = document.json(scene, &bin_path, &images);
     let text = serde_json::to_vec_pretty(&json).map_err(|e| Error::file(path, e.to_string()))?;
-    write_file(path, &[&text])
+    files.add(path, &[&text])?;
+    files.commit()
+}
+
+/// The files that [`export_lights`] writes for a scene.
+pub fn exported_files(path: &Path, scene: &Scene) -> Vec<PathBuf> {
+    let images = (0..scene.textures.len()).map(|i| texture_path(path, i));
+    images.chain([path.with_extension("bin"), path.to_path_buf()]).collect()
 }
 
 fn texture_path(path: &Path, index: usize) -> PathBuf {

@@ -31,6 +31,11 @@ use super::gltf_extensions::{Extensions, INSTANCING};
 use super::gltf_material::{TextureKey, UvMaps};
 use super::{Camera, Light, NamedCamera, Scene, Texture, Triangle, gltf_animation, origin};
 use crate::error::{Error, Result};
+use crate::input::Inputs;
+
+/// Memory of a vertex, as read, placed and kept, and of an index with its part of a triangle.
+const VERTEX_BYTES: u64 = 128;
+const INDEX_BYTES: u64 = 12;
 
 /// Luminous efficacy that converts photometric to radiometric quantities, lm/W.
 const EFFICACY: f32 = 683.0;
@@ -38,10 +43,12 @@ const EFFICACY: f32 = 683.0;
 /// Reads a glTF file; the result is not validated yet.
 ///
 /// `photometric`: intensities are in candela and irradiances in lux, else in W; `None`: as the file looks.
-pub(super) fn load(path: &Path, photometric: Option<bool>) -> Result<Scene> {
-    let bytes = crate::input::read(path)?;
+pub(super) fn load(path: &Path, photometric: Option<bool>, inputs: &Inputs) -> Result<Scene> {
+    let bytes = inputs.read(path)?;
+    // Editors may mark the byte order of the text, which JSON does not know.
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
     // The glTF crate does not check everything in a file (indices inside extensions, percent signs in URIs).
-    match quietly(|| read(path, &bytes, photometric)) {
+    match quietly(|| read(path, bytes, photometric, inputs)) {
         Ok(result) => result,
         Err(message) => Err(Error::file(path, format!("malformed glTF: {message}"))),
     }
@@ -68,7 +75,7 @@ pub(crate) fn quietly<T>(f: impl FnOnce() -> T) -> Result<T, String> {
     })
 }
 
-fn read(path: &Path, bytes: &[u8], photometric: Option<bool>) -> Result<Scene> {
+fn read(path: &Path, bytes: &[u8], photometric: Option<bool>, inputs: &Inputs) -> Result<Scene> {
     let failed = |e: gltf::Error| Error::file(path, reason(&e));
     let Gltf { document, blob } = Gltf::from_slice_without_validation(bytes).map_err(failed)?;
     let mut root = document.into_json();
@@ -78,7 +85,7 @@ fn read(path: &Path, bytes: &[u8], photometric: Option<bool>) -> Result<Scene> {
     let mut reader = Reader {
         path,
         document: &document,
-        buffers: Buffers::read(path, &document, blob, extensions.quantized)?,
+        buffers: Buffers::read((path, inputs), &document, blob, extensions.quantized)?,
         light_scale: if photometric.unwrap_or_else(|| looks_photometric(path, &document)) {
             1.0 / EFFICACY
         } else {
@@ -317,6 +324,10 @@ impl Reader<'_> {
         let Some(positions) = primitive.get(&Semantic::Positions) else { return Ok(()) };
         let positions = self.buffers.vectors::<3>(&positions, "POSITION")?;
         let count = positions.len();
+        // Nodes and instances repeat a mesh, and accessors without bytes repeat zeros.
+        let indices = primitive.indices().map_or(count, |accessor| accessor.count());
+        let bytes = (count as u64 * VERTEX_BYTES).saturating_add(indices as u64 * INDEX_BYTES);
+        self.buffers.inputs.take(self.path, bytes)?;
         let material = primitive.material();
         let maps = UvMaps::of(&material);
         let coordinates = |set: u32| match primitive.get(&Semantic::TexCoords(set)) {

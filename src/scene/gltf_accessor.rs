@@ -9,6 +9,7 @@ use gltf::{Accessor, Document, buffer};
 
 use super::gltf_compressed;
 use crate::error::{Error, Result};
+use crate::input::Inputs;
 
 /// Elements that an accessor without a buffer view may ask to be filled with zeros.
 const MOST_ZEROS: usize = 1 << 24;
@@ -16,6 +17,7 @@ const MOST_ZEROS: usize = 1 << 24;
 /// The buffers of a document.
 pub(super) struct Buffers<'a> {
     path: &'a Path,
+    pub(super) inputs: &'a Inputs,
     data: Vec<buffer::Data>,
     /// Views and accessors that are compressed in the file, by index.
     views: BTreeMap<usize, Vec<u8>>,
@@ -27,7 +29,7 @@ pub(super) struct Buffers<'a> {
 impl<'a> Buffers<'a> {
     /// Reads external files, data URIs and the binary chunk.
     pub(super) fn read(
-        path: &'a Path,
+        (path, inputs): (&'a Path, &'a Inputs),
         document: &Document,
         mut blob: Option<Vec<u8>>,
         quantized: bool,
@@ -39,7 +41,7 @@ impl<'a> Buffers<'a> {
                 continue;
             }
             let bytes = match buffer.source() {
-                buffer::Source::Uri(uri) => external(path, uri),
+                buffer::Source::Uri(uri) => external(inputs, path, uri),
                 buffer::Source::Bin => blob.take().ok_or_else(|| reason(&gltf::Error::MissingBlob)),
             };
             let mut bytes = bytes.map_err(|why| Error::file(path, format!("buffer {}: {why}", buffer.index())))?;
@@ -54,7 +56,7 @@ impl<'a> Buffers<'a> {
             data.push(bytes);
         }
         let (views, accessors) = (BTreeMap::new(), BTreeMap::new());
-        let mut buffers = Buffers { path, data, views, accessors, quantized };
+        let mut buffers = Buffers { path, inputs, data, views, accessors, quantized };
         let error = |message: String| Error::file(path, message);
         let (mut taken, all) = (0, buffers.data.iter().map(|data| data.0.len()).sum::<usize>());
         for view in document.views() {
@@ -234,8 +236,8 @@ fn little_endian(bytes: &[u8]) -> u32 {
 }
 
 /// The bytes that a URI of the document stands for: those of a file next to it, or of the URI itself.
-pub(super) fn external(document: &Path, uri: &str) -> Result<Vec<u8>, String> {
-    let of_file = |path: PathBuf| crate::input::read(&path).map_err(|e| e.to_string());
+pub(super) fn external(inputs: &Inputs, document: &Path, uri: &str) -> Result<Vec<u8>, String> {
+    let of_file = |path: PathBuf| inputs.read(&path).map_err(|e| e.to_string());
     match uri.split_once(':') {
         Some(("data", _)) => {
             buffer::Data::from_source(buffer::Source::Uri(uri), None).map(|data| data.0).map_err(|e| reason(&e))

@@ -392,7 +392,7 @@ fn read_image(path: &Path, buffers: &Buffers, image: &gltf::Image) -> Result<Tex
     let numbered = || format!("image {}", image.index());
     let failed = |name: &str, why: String| Error::file(path, format!("texture {name}: {why}"));
     let decode = |bytes: &[u8], name: String| {
-        Texture::decode(bytes, name.clone(), false, [Wrap::Repeat; 2]).map_err(|why| failed(&name, why))
+        Texture::decode(buffers.inputs, bytes, name.clone(), false, [Wrap::Repeat; 2]).map_err(|why| failed(&name, why))
     };
     match image.source() {
         image::Source::View { view, .. } => {
@@ -400,7 +400,7 @@ fn read_image(path: &Path, buffers: &Buffers, image: &gltf::Image) -> Result<Tex
         }
         image::Source::Uri { uri, .. } => {
             let name = if uri.starts_with("data:") { numbered() } else { uri.to_string() };
-            let bytes = external(path, uri).map_err(|why| failed(&name, why))?;
+            let bytes = external(buffers.inputs, path, uri).map_err(|why| failed(&name, why))?;
             decode(&bytes, name)
         }
     }

@@ -12,11 +12,16 @@ use super::mitsuba_shape::Mesh;
 use super::mitsuba_xml::{Element, MAX_NESTING, read};
 use super::{Light, Material, NamedCamera, Scene, Triangle, origin};
 use crate::error::{Error, Result};
+use crate::input::Inputs;
 use crate::settings::Settings;
 
+/// Memory of a vertex and of a triangle of the scene.
+const VERTEX_BYTES: usize = 68;
+const TRIANGLE_BYTES: usize = size_of::<Triangle>();
+
 /// Reads a scene; the result is not validated yet.
-pub(super) fn load(path: &Path) -> Result<Scene> {
-    let root = read(path)?;
+pub(super) fn load(path: &Path, inputs: &Inputs) -> Result<Scene> {
+    let root = read(path, inputs)?;
     let mut ids = HashMap::new();
     collect_ids(&root, &mut ids)?;
     for alias in root.children_of("alias") {
@@ -27,6 +32,7 @@ pub(super) fn load(path: &Path) -> Result<Scene> {
     }
     let mut reader = Reader {
         path,
+        inputs,
         ids,
         ignored: BTreeSet::new(),
         looks: HashMap::new(),
@@ -63,6 +69,7 @@ fn collect_ids<'a>(element: &'a Element, ids: &mut HashMap<&'a str, &'a Element>
 
 pub(super) struct Reader<'a> {
     path: &'a Path,
+    pub(super) inputs: &'a Inputs,
     ids: HashMap<&'a str, &'a Element>,
     ignored: BTreeSet<String>,
     /// Materials of the scene, by what they are made of.
@@ -183,6 +190,8 @@ impl<'a> Reader<'a> {
         if !fits {
             return Err(element.error("more than 2^32 vertices; split the scene"));
         }
+        // Instances repeat a mesh: as it will be, in double precision meanwhile, with the triangles that the tree takes.
+        self.inputs.take(self.path, (count * VERTEX_BYTES + mesh.triangles.len() * TRIANGLE_BYTES) as u64)?;
         if let Some(i) = mesh.positions.iter().position(|p| !p.as_vec3().is_finite()) {
             return Err(element.error(format!("vertex {i} is at {}", mesh.positions[i])));
         }

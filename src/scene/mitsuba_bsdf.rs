@@ -10,6 +10,7 @@ use super::texture::srgb_to_linear;
 use super::{Alpha, MIN_ROUGHNESS, Material, Surface, Texture};
 use crate::bsdf::Reflectance;
 use crate::error::Result;
+use crate::input::Inputs;
 
 /// A material of the scene, and what its textures want of the vertices.
 #[derive(Clone)]
@@ -305,14 +306,14 @@ impl<'a> Reader<'a> {
             let index = match self.textures.get(&key) {
                 Some(&index) => index,
                 None => {
-                    let mut texture = first.load()?;
+                    let mut texture = first.load(self.inputs)?;
                     match inner {
                         Some((inner, factor)) => put_below_coat(&mut texture, inner, factor),
                         None if base.is_none() => texture.texels.fill([255; 4]),
                         None => {}
                     }
                     if let Some(image) = &opacity {
-                        texture = with_opacity(texture, image)?;
+                        texture = with_opacity(self.inputs, texture, image)?;
                     }
                     self.add_texture(key, texture)
                 }
@@ -337,7 +338,7 @@ impl<'a> Reader<'a> {
             let index = match self.textures.get(&key) {
                 Some(&index) => index,
                 None => {
-                    let mut texture = image.load()?;
+                    let mut texture = image.load(self.inputs)?;
                     if flip {
                         texture.texels.iter_mut().for_each(|texel| texel[1] = 255 - texel[1]);
                     }
@@ -378,8 +379,8 @@ fn put_below_coat(texture: &mut Texture, inner: f32, factor: Vec3) {
 }
 
 /// The texture with the luminance of an image as its alpha, on the finer grid of the two.
-fn with_opacity(mut texture: Texture, image: &Image) -> Result<Texture> {
-    let mask = image.load()?;
+fn with_opacity(inputs: &Inputs, mut texture: Texture, image: &Image) -> Result<Texture> {
+    let mask = image.load(inputs)?;
     let scaled = |i: u32, to: u32, from: u32| (u64::from(i) * u64::from(to) / u64::from(from)) as u32;
     let (width, height) = (mask.width.max(texture.width), mask.height.max(texture.height));
     let mut texels = Vec::with_capacity(width as usize * height as usize);

@@ -65,7 +65,7 @@ impl<'a> Reader<'a> {
                 if scale < 0.0 {
                     return Err(e.error(format!("scale {scale} is negative")));
                 }
-                let mut environment = Environment::load(&self.file(e)?)?.scaled(Vec3::splat(scale));
+                let mut environment = Environment::load_from(self.inputs, &self.file(e)?)?.scaled(Vec3::splat(scale));
                 // The middle of the image lies towards +z, its right towards -x.
                 environment.axes = turned(e, world, [-DVec3::X, DVec3::Y, -DVec3::Z])?;
                 self.environment(e, environment)

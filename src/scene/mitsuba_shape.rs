@@ -12,6 +12,7 @@ use super::mitsuba_xml::Element;
 use super::tessellate::icosphere;
 use super::{load_model, stem};
 use crate::error::Result;
+use crate::input::Inputs;
 
 /// Subdivisions of the icosahedron that represents a sphere: 20,480 triangles.
 const SPHERE_SUBDIVISIONS: u32 = 5;
@@ -144,7 +145,7 @@ impl<'a> Reader<'a> {
         let mut mesh = match element.kind() {
             kind @ ("obj" | "ply") => {
                 let file = self.file(element)?;
-                let mut mesh = of_model(&file)?;
+                let mut mesh = of_model(&file, self.inputs)?;
                 mesh.name = name.unwrap_or_else(|| stem(&file));
                 // The loader turned v upside down as OBJ files need it, and as PLY files do not.
                 let keep = kind == "obj";
@@ -162,7 +163,7 @@ impl<'a> Reader<'a> {
                 let file = self.file(element)?;
                 let bytes = match self.serialized.take() {
                     Some((path, bytes)) if path == file => bytes,
-                    _ => crate::input::read(&file)?,
+                    _ => self.inputs.read(&file)?,
                 };
                 let index = usize::try_from(index).map_err(|_| element.error("shape_index is negative"))?;
                 let read = serialized(&file, &bytes, index);
@@ -318,8 +319,8 @@ fn sphere(name: String) -> Mesh {
 }
 
 /// The triangles of a model, without its materials.
-fn of_model(file: &Path) -> Result<Mesh> {
-    let scene = load_model(file, None)?;
+fn of_model(file: &Path, inputs: &Inputs) -> Result<Mesh> {
+    let scene = load_model(file, None, inputs)?;
     let mut mesh = Mesh::new(String::new());
     mesh.positions = scene.positions.iter().map(|&p| scene.to_world(p)).collect();
     if scene.triangles.iter().any(|t| t.smooth) {

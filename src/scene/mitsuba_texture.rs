@@ -11,6 +11,7 @@ use super::sky::{observer, rgb_from_xyz};
 use super::texture::srgb_to_linear;
 use super::{Texture, Wrap};
 use crate::error::{Error, Result};
+use crate::input::Inputs;
 
 /// Texels along the side of the texture that stands for a checkerboard.
 const CHECKER_SIZE: u32 = 128;
@@ -53,11 +54,11 @@ impl Image {
     }
 
     /// Reads it. Opaque: these scenes have opacity in textures of their own.
-    pub(super) fn load(&self) -> Result<Texture> {
+    pub(super) fn load(&self, inputs: &Inputs) -> Result<Texture> {
         match &self.source {
             Source::Bitmap { file, srgb, wrap } => {
-                let bytes = crate::input::read(file)?;
-                let mut texture = Texture::decode(&bytes, file.display().to_string(), *srgb, [*wrap; 2])
+                let bytes = inputs.read(file)?;
+                let mut texture = Texture::decode(inputs, &bytes, file.display().to_string(), *srgb, [*wrap; 2])
                     .map_err(|why| Error::file(file, format!("the texture cannot be read: {why}")))?;
                 texture.texels.iter_mut().for_each(|texel| texel[3] = 255);
                 Ok(texture)
@@ -107,7 +108,7 @@ impl<'a> Reader<'a> {
             Value::Color(color) => Ok(color),
             Value::Image(image) => {
                 self.leave_out(what);
-                Ok(image.factor * image.load()?.average())
+                Ok(image.factor * image.load(self.inputs)?.average())
             }
             Value::Vertices => {
                 self.leave_out(what);

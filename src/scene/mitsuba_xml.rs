@@ -7,12 +7,19 @@ use glam::{DMat4, DVec3, DVec4, Vec3};
 use roxmltree::{Document, Node, ParsingOptions};
 
 use crate::error::{Error, Result};
+use crate::input::Inputs;
 
 /// Greatest depth of elements within elements, and of files within files.
 pub(super) const MAX_NESTING: usize = 32;
 
 /// Greatest number of elements of a scene, with those of included files.
 const MAX_ELEMENTS: u32 = 4_000_000;
+
+/// Greatest number of files, each as often as it is included.
+const MAX_FILES: u32 = 4096;
+
+/// Greatest length of an attribute with the values of parameters in it: each may stand for several others.
+const MAX_VALUE: usize = 1 << 20;
 
 /// An element of the scene; its names are in lower case with underscores, as Mitsuba 3 has them (0.6: `toWorld`).
 pub(super) struct Element {
@@ -24,19 +31,25 @@ pub(super) struct Element {
 }
 
 /// Reads a file and those that it includes.
-pub(super) fn read(path: &Path) -> Result<Element> {
-    Reader { parameters: Vec::new(), elements: 0 }.file(path, 0)
+pub(super) fn read(path: &Path, inputs: &Inputs) -> Result<Element> {
+    Reader { inputs, parameters: Vec::new(), elements: 0, files: 0 }.file(path, 0)
 }
 
-struct Reader {
+struct Reader<'a> {
+    inputs: &'a Inputs,
     /// Names and values, in the order of their definition; the first definition of a name counts.
     parameters: Vec<(String, String)>,
     elements: u32,
+    files: u32,
 }
 
-impl Reader {
+impl Reader<'_> {
     fn file(&mut self, path: &Path, depth: usize) -> Result<Element> {
-        let bytes = crate::input::read(path)?;
+        self.files += 1;
+        if self.files > MAX_FILES {
+            return Err(Error::file(path, format!("more than {MAX_FILES} files are included; join them")));
+        }
+        let bytes = self.inputs.read(path)?;
         let text = String::from_utf8_lossy(&bytes);
         let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         // Without a DTD there are no entities that could expand.
@@ -108,6 +121,9 @@ impl Reader {
             let (_, value) = known.ok_or_else(|| format!("parameter ${name} has no <default>"))?;
             filled += value;
             filled += rest;
+            if filled.len() > MAX_VALUE {
+                return Err(format!("parameter ${name} makes a value of more than {MAX_VALUE} bytes"));
+            }
         }
         Ok(filled)
     }
@@ -320,7 +336,7 @@ mod tests {
     #[test]
     fn parameters_are_put_in() {
         let parameters = [("a", "1"), ("ab", "2"), ("a", "3")].map(|(n, v)| (n.to_string(), v.to_string())).to_vec();
-        let reader = Reader { parameters, elements: 0 };
+        let reader = Reader { inputs: &Inputs::anywhere(), parameters, elements: 0, files: 0 };
         assert_eq!(reader.filled_in("$a,$ab-$a.png"), Ok(String::from("1,2-1.png")));
         assert!(reader.filled_in("$b").is_err());
     }

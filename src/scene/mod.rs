@@ -42,7 +42,7 @@ mod tessellate;
 mod texture;
 pub(crate) mod validate;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::{DVec3, Vec2, Vec3};
@@ -50,11 +50,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::bsdf::sample_texture;
 use crate::error::{Error, Result};
+use crate::input::Inputs;
 use crate::settings::{Compensation, Exposure, Spread};
 
 pub use animation::Animations;
 pub use environment::Environment;
-pub use export::{VirtualLight, export_lights};
+pub use export::{VirtualLight, export_lights, exported_files};
 pub(crate) use kept_light::mitchell_filter;
 pub use kept_light::{KeptFace, KeptLight, KeptPage};
 pub use material::{Alpha, Material, Surface};
@@ -113,6 +114,8 @@ pub struct Scene {
     /// KHR_materials_emissive_strength: programs that show such files do not light them by it, so a scene without any other light
     /// gets the default sky too.
     pub emission_is_relative: bool,
+    /// The files that it was read from.
+    pub files: Vec<PathBuf>,
     /// What the files hold and the loader leaves out, for messages.
     pub ignored: Vec<String>,
     /// Camera of the file, if it has one: the first.
@@ -148,6 +151,7 @@ impl Default for Scene {
             emitters_are_lights: true,
             kept_light: None,
             emission_is_relative: false,
+            files: Vec::new(),
             ignored: Vec::new(),
             camera: None,
             cameras: Vec::new(),
@@ -168,33 +172,49 @@ impl Default for Scene {
 ///
 /// Errors: [`Error::Io`] if a file cannot be read; [`Error::File`], with the line if known, if it is invalid.
 pub fn load(path: &Path) -> Result<Scene> {
-    load_with(path, None)
+    load_with(path, &ReadOptions::default())
 }
 
-/// [`load`] with the units of a glTF file's lights: `photometric` for candela and lux, which are divided by 683 lm/W, else
-/// W/sr and W/m^2. `None`: as a description says, or else photometric if Blender wrote the file and the strongest light
-/// is at least 100.
-pub fn load_with(path: &Path, photometric: Option<bool>) -> Result<Scene> {
+/// How a scene is read.
+#[derive(Clone, Debug, Default)]
+pub struct ReadOptions {
+    /// Units of a glTF file's lights: true for candela and lux, which are divided by 683 lm/W, false for W/sr and W/m^2. Default: as a
+    /// description says, or else photometric if Blender wrote the file and the strongest light is at least 100.
+    pub photometric: Option<bool>,
+    /// The scene's files may name files outside of its folder. Default false: only below the folder of the file that is named here, or
+    /// below that of the model that a description names.
+    pub allow_outside: bool,
+    /// Bytes of memory that the files may take, as they are and decoded. Default: half of the machine's memory.
+    pub max_memory: Option<u64>,
+}
+
+/// [`load`] with options.
+pub fn load_with(path: &Path, options: &ReadOptions) -> Result<Scene> {
+    let mut inputs = match options.allow_outside {
+        true => Inputs::within(options.max_memory),
+        false => Inputs::of(path, options.max_memory),
+    };
     let mut scene = match extension(path).as_str() {
-        "toml" => description::load(path, photometric)?,
-        _ => load_model(path, photometric)?,
+        "toml" => description::load(path, options.photometric, &mut inputs)?,
+        _ => load_model(path, options.photometric, &inputs)?,
     };
     scene.light_by_default();
     scene.validate(path)?;
+    scene.files = inputs.into_files();
     Ok(scene)
 }
 
 /// Reads a model without validating it: a description may still add lights and change materials.
-fn load_model(path: &Path, photometric: Option<bool>) -> Result<Scene> {
+fn load_model(path: &Path, photometric: Option<bool>, inputs: &Inputs) -> Result<Scene> {
     let mut scene = match extension(path).as_str() {
         "obj" => {
-            let mut scene = obj::load(path)?;
+            let mut scene = obj::load(path, inputs)?;
             scene.find_panes();
             scene
         }
-        "ply" => ply::load(path)?,
-        "xml" => mitsuba::load(path)?,
-        "gltf" | "glb" => gltf::load(path, photometric)?,
+        "ply" => ply::load(path, inputs)?,
+        "xml" => mitsuba::load(path, inputs)?,
+        "gltf" | "glb" => gltf::load(path, photometric, inputs)?,
         other => {
             let message =
                 format!("cannot read scenes of the kind {other:?}; use .toml, .obj, .ply, .gltf, .glb or .xml");

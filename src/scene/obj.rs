@@ -15,13 +15,14 @@ use super::tessellate::{MOST_CORNERS, triangulate};
 use super::texture::srgb_to_linear;
 use super::{Scene, Triangle};
 use crate::error::{Error, Result};
+use crate::input::Inputs;
 
 /// The name of objects and materials whose name is empty.
 pub(super) const UNNAMED: &str = "unnamed";
 
 /// Reads an OBJ file with its material libraries; the result is not validated yet.
-pub(super) fn load(path: &Path) -> Result<Scene> {
-    let bytes = crate::input::read(path)?;
+pub(super) fn load(path: &Path, inputs: &Inputs) -> Result<Scene> {
+    let bytes = inputs.read(path)?;
     let text = decode(&bytes);
     let mut checker = Checker::new(path, has_colors(&text));
     // Materials keep their names through tobj and nothing else; the libraries are read afterwards.
@@ -44,7 +45,7 @@ pub(super) fn load(path: &Path) -> Result<Scene> {
     let mut scene = Scene { origin: origin(&models), ..Scene::default() };
     let mut library = Library::default();
     for (line, rest) in &checker.libraries {
-        library.read(&mut scene, path, *line, rest)?;
+        library.read(&mut scene, inputs, path, (*line, rest))?;
     }
     let mut objects = HashMap::new();
     for tobj::Model { mesh, name } in models {
@@ -59,7 +60,7 @@ pub(super) fn load(path: &Path) -> Result<Scene> {
         let placement = library.mark_used(material);
         add_mesh(&mut scene, path, &mesh, [material, object], placement)?;
     }
-    library.read_textures(&mut scene)?;
+    library.read_textures(&mut scene, inputs)?;
     if !scene.colors.is_empty() {
         scene.colors.resize(scene.positions.len(), Vec3::ONE);
     }

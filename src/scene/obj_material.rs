@@ -18,6 +18,7 @@ use super::obj_lines::{Statement, decode, number, through_tobj};
 use super::obj_texture::{Maps, Textures, map_file};
 use super::{Alpha, MIN_ROUGHNESS, Material, Scene, Surface};
 use crate::error::{Error, Result};
+use crate::input::Inputs;
 
 /// The materials of a model by name. Textures that faces use are read by [`Library::read_textures`].
 #[derive(Default)]
@@ -31,7 +32,13 @@ pub(super) struct Library {
 
 impl Library {
     /// Adds the materials of the files that a `mtllib` statement names. The first definition of a name counts.
-    pub(super) fn read(&mut self, scene: &mut Scene, model: &Path, line: usize, rest: &str) -> Result<()> {
+    pub(super) fn read(
+        &mut self,
+        scene: &mut Scene,
+        inputs: &Inputs,
+        model: &Path,
+        (line, rest): (usize, &str),
+    ) -> Result<()> {
         let folder = model.parent().unwrap_or(Path::new(""));
         // One name, with spaces or not; else several, whose own spaces are escaped.
         let mut files = vec![folder.join(rest.replace('\\', "/"))];
@@ -42,7 +49,7 @@ impl Library {
         }
         let (found, missing): (Vec<_>, Vec<_>) = files.into_iter().partition(|file| file.is_file());
         for file in found {
-            let (materials, ignored) = read(&file)?;
+            let (materials, ignored) = read(&file, inputs)?;
             for (material, maps) in materials {
                 if !self.by_name.contains_key(&material.name) {
                     let name = material.name.clone();
@@ -88,8 +95,8 @@ impl Library {
     }
 
     /// Reads all textures in use. Errors: the first colour texture that cannot be read.
-    pub(super) fn read_textures(&mut self, scene: &mut Scene) -> Result<()> {
-        self.textures.read(scene)
+    pub(super) fn read_textures(&mut self, scene: &mut Scene, inputs: &Inputs) -> Result<()> {
+        self.textures.read(scene, inputs)
     }
 
     /// Reports names that no library has defined.
@@ -104,8 +111,8 @@ impl Library {
 type Described = Vec<(Material, Maps)>;
 
 /// Reads a library; also returns what it leaves out.
-fn read(path: &Path) -> Result<(Described, BTreeSet<String>)> {
-    let bytes = crate::input::read(path)?;
+fn read(path: &Path, inputs: &Inputs) -> Result<(Described, BTreeSet<String>)> {
+    let bytes = inputs.read(path)?;
     let mut current: Option<String> = None;
     let mut ignored = BTreeSet::new();
     // Lines of the maps of each material.

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use super::{Alpha, Material, Scene, Texture, Wrap};
 use crate::error::{Error, Result};
+use crate::input::Inputs;
 
 /// One texture of a material: the file, and the place of the statement.
 #[derive(Clone)]
@@ -157,12 +158,12 @@ impl Textures {
 
     /// Reads all textures, on all cores. A map of opacity, normals or emission that cannot be read is left out. Errors: the first
     /// colour texture that cannot be read.
-    pub(super) fn read(&mut self, scene: &mut Scene) -> Result<()> {
+    pub(super) fn read(&mut self, scene: &mut Scene, inputs: &Inputs) -> Result<()> {
         let materials = &scene.materials;
         let read = |job: Job| {
             let mut missing = Vec::new();
             let name = &materials[job.material as usize].name;
-            let texture = job.read(name, &mut missing)?;
+            let texture = job.read(inputs, name, &mut missing)?;
             Ok((texture, missing))
         };
         let jobs = std::mem::take(&mut self.jobs);
@@ -213,9 +214,9 @@ impl Material {
 }
 
 impl Job {
-    fn read(self, material: &str, missing: &mut Vec<String>) -> Result<Option<Scaled>> {
+    fn read(self, inputs: &Inputs, material: &str, missing: &mut Vec<String>) -> Result<Option<Scaled>> {
         let mut optional = |word: &str, map: &Map, content: Content| {
-            let read = map.read(content);
+            let read = map.read(inputs, content);
             read.inspect_err(|reason| {
                 let (library, file) = (map.library.display(), map.file.display());
                 log::warn!("{library}:{}: material {material:?}: {word} {file}: {reason}", map.line);
@@ -232,7 +233,7 @@ impl Job {
         // Opacity is linear, as normals are.
         let alpha = alpha.and_then(|map| optional("map_d", &map, Content::Normal)).map(|(alpha, _)| alpha);
         let Some(map) = color else { return Ok(alpha.map(|alpha| (with_opacity(None, alpha), 1.0))) };
-        let (color, _) = map.read(Content::Color).map_err(|reason| {
+        let (color, _) = map.read(inputs, Content::Color).map_err(|reason| {
             let file = map.file.display();
             let message = format!("material {material:?}: texture {file} cannot be read: {reason}");
             Error::at(&map.library, map.line, message)
@@ -252,12 +253,12 @@ impl Map {
         if extension == "exr" || extension == "hdr" { Content::Radiance } else { Content::Color }
     }
 
-    fn read(&self, content: Content) -> Result<Scaled, String> {
-        let bytes = crate::input::read(&self.file).map_err(|e| e.to_string())?;
+    fn read(&self, inputs: &Inputs, content: Content) -> Result<Scaled, String> {
+        let bytes = inputs.read(&self.file).map_err(|e| e.to_string())?;
         let (name, wrap) = (self.file.to_string_lossy().into_owned(), [self.options.wrap; 2]);
         match content {
-            Content::Radiance => Texture::decode_radiance(&bytes, name, wrap),
-            other => Ok((Texture::decode(&bytes, name, other == Content::Color, wrap)?, 1.0)),
+            Content::Radiance => Texture::decode_radiance(inputs, &bytes, name, wrap),
+            other => Ok((Texture::decode(inputs, &bytes, name, other == Content::Color, wrap)?, 1.0)),
         }
     }
 }

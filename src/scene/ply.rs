@@ -18,10 +18,11 @@ use super::tessellate::{MOST_CORNERS, triangulate};
 use super::texture::srgb_to_linear;
 use super::{Material, Scene, Texture, Triangle, Wrap, origin};
 use crate::error::{Error, Result};
+use crate::input::Inputs;
 
 /// Reads a PLY file; the result is not validated yet.
-pub(super) fn load(path: &Path) -> Result<Scene> {
-    let bytes = crate::input::read(path)?;
+pub(super) fn load(path: &Path, inputs: &Inputs) -> Result<Scene> {
+    let bytes = inputs.read(path)?;
     let line = Rc::new(Cell::new(1));
     // The crate wants a white space after the last number.
     let source = Lines { bytes: bytes.as_slice().chain(&b"\n"[..]), line: line.clone(), ended: false };
@@ -54,8 +55,9 @@ pub(super) fn load(path: &Path) -> Result<Scene> {
     if let Some(name) = texture {
         let file = path.parent().unwrap_or(Path::new("")).join(name.replace('\\', "/"));
         let error = |why: String| Error::file(path, format!("texture {}: {why}", file.display()));
-        let bytes = crate::input::read(&file)?;
-        scene.textures.push(Texture::decode(&bytes, name.to_string(), true, [Wrap::Repeat; 2]).map_err(error)?);
+        let bytes = inputs.read(&file)?;
+        let decoded = Texture::decode(inputs, &bytes, name.to_string(), true, [Wrap::Repeat; 2]);
+        scene.textures.push(decoded.map_err(error)?);
     }
     let definition = header.elem_defs.iter().find(|e| e.name == "vertex");
     fill(path, &mut scene, definition, &vertices, &faces)?;

@@ -1,9 +1,14 @@
 //! Textures: decoding and averages; where they lie on surfaces.
 
+use std::io::Cursor;
+use std::path::Path;
+
 use glam::{Vec2, Vec3, Vec4};
+use image::{ImageFormat, ImageReader};
 
 use super::{Scene, Texture, Triangle, Wrap, ktx2};
 use crate::bsdf::{mapped_normal, sample_filtered};
+use crate::input::Inputs;
 
 /// A use of a texture by a material.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,11 +23,22 @@ pub enum TextureUse {
     Emission = 3,
 }
 
+/// Counts the memory of decoded texels, before it is taken where the decoder allows that.
+fn count(inputs: &Inputs, name: &str, [width, height]: [u32; 2], texel: u64) -> Result<(), String> {
+    inputs.take(Path::new(name), u64::from(width) * u64::from(height) * texel).map_err(|e| e.to_string())
+}
+
 impl Texture {
     /// Decodes a PNG, JPEG, TGA, BMP, WebP, KTX 2.0, OpenEXR or Radiance file; the error is the decoder's reason. Values of files of
     /// floats (OpenEXR, Radiance) are linear; they are cut to [0, 1], and the log says so where it matters.
-    pub(super) fn decode(bytes: &[u8], name: String, srgb: bool, wrap: [Wrap; 2]) -> Result<Texture, String> {
-        let (texture, peak) = Texture::decode_with(bytes, name, srgb, wrap, false)?;
+    pub(super) fn decode(
+        inputs: &Inputs,
+        bytes: &[u8],
+        name: String,
+        srgb: bool,
+        wrap: [Wrap; 2],
+    ) -> Result<Texture, String> {
+        let (texture, peak) = Texture::decode_with(inputs, bytes, name, srgb, wrap, false)?;
         if peak > 1.0 {
             log::warn!("{}: values above 1 are cut off: no surface reflects more than it receives", texture.name);
         }
@@ -31,11 +47,17 @@ impl Texture {
 
     /// The same for radiance: values of files of floats are divided by the returned factor, the greatest of them if that is above
     /// 1, so that none is cut off.
-    pub(super) fn decode_radiance(bytes: &[u8], name: String, wrap: [Wrap; 2]) -> Result<(Texture, f32), String> {
-        Texture::decode_with(bytes, name, true, wrap, true)
+    pub(super) fn decode_radiance(
+        inputs: &Inputs,
+        bytes: &[u8],
+        name: String,
+        wrap: [Wrap; 2],
+    ) -> Result<(Texture, f32), String> {
+        Texture::decode_with(inputs, bytes, name, true, wrap, true)
     }
 
     fn decode_with(
+        inputs: &Inputs,
         bytes: &[u8],
         name: String,
         srgb: bool,
@@ -44,14 +66,20 @@ impl Texture {
     ) -> Result<(Texture, f32), String> {
         if ktx2::is_ktx2(bytes) {
             let (width, height, texels) = ktx2::decode(bytes)?;
+            count(inputs, &name, [width, height], 4)?;
             return Ok((Texture { name, width, height, texels, srgb, wrap }, 1.0));
         }
-        let format = image::guess_format(bytes).ok().or_else(|| image::ImageFormat::from_path(&name).ok());
-        let decoded = match format {
-            Some(format) => image::load_from_memory_with_format(bytes, format),
-            None => image::load_from_memory(bytes),
+        let format = image::guess_format(bytes).ok().or_else(|| ImageFormat::from_path(&name).ok());
+        let format = match format {
+            Some(format) => format,
+            None => image::guess_format(bytes).map_err(|e| e.to_string())?,
         };
-        let image = decoded.map_err(|e| e.to_string())?;
+        let reader = || ImageReader::with_format(Cursor::new(bytes), format);
+        let (width, height) = reader().into_dimensions().map_err(|e| e.to_string())?;
+        // Of floats while it is converted.
+        let texel = if matches!(format, ImageFormat::OpenExr | ImageFormat::Hdr) { 16 } else { 4 };
+        count(inputs, &name, [width, height], texel)?;
+        let image = reader().decode().map_err(|e| e.to_string())?;
         let (width, height) = (image.width(), image.height());
         if !matches!(image, image::DynamicImage::ImageRgb32F(_) | image::DynamicImage::ImageRgba32F(_)) {
             let texels = image.into_rgba8().into_raw().chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect();
@@ -223,14 +251,17 @@ mod tests {
     #[test]
     fn floats_are_linear() {
         let bytes = float_file(&[0.5, 0.01, 1.0, 4.0, 0.25, 0.0]);
-        let decode = |srgb| Texture::decode(&bytes, String::from("t.exr"), srgb, [Wrap::Repeat; 2]).unwrap();
+        let decode = |srgb| {
+            Texture::decode(&Inputs::anywhere(), &bytes, String::from("t.exr"), srgb, [Wrap::Repeat; 2]).unwrap()
+        };
         for (srgb, texture) in [(true, decode(true)), (false, decode(false))] {
             for (x, wanted) in [Vec3::new(0.5, 0.01, 1.0), Vec3::new(1.0, 0.25, 0.0)].into_iter().enumerate() {
                 let got = texture.linear_texel(x as u32, 0).truncate();
                 assert!((got - wanted).abs().max_element() < 0.5 / 255.0 * 2.3, "sRGB {srgb}: {got} of {wanted}");
             }
         }
-        let (texture, factor) = Texture::decode_radiance(&bytes, String::from("t.exr"), [Wrap::Repeat; 2]).unwrap();
+        let (texture, factor) =
+            Texture::decode_radiance(&Inputs::anywhere(), &bytes, String::from("t.exr"), [Wrap::Repeat; 2]).unwrap();
         assert_eq!(factor, 4.0);
         let got = factor * texture.linear_texel(1, 0).truncate();
         assert!((got - Vec3::new(4.0, 0.25, 0.0)).abs().max_element() < 0.01, "{got}");
@@ -242,7 +273,8 @@ mod tests {
     fn wrong_floats_are_named() {
         for wrong in [f32::NAN, f32::INFINITY, -1.0] {
             let bytes = float_file(&[0.5, 0.5, 0.5, 0.5, wrong, 0.5]);
-            let why = Texture::decode(&bytes, String::from("t.exr"), true, [Wrap::Repeat; 2]).unwrap_err();
+            let why = Texture::decode(&Inputs::anywhere(), &bytes, String::from("t.exr"), true, [Wrap::Repeat; 2])
+                .unwrap_err();
             assert!(why.contains("texel (1, 0)"), "{why}");
         }
     }

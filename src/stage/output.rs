@@ -1,10 +1,11 @@
-//! Adds the image of a pass to the film, turns the film's mean into an image, and copies sums for the error estimate.
+//! Looks whether the image of a pass is made of numbers, adds it to the film, turns the film's mean into an image, and copies sums for the error estimate.
 
 use super::Eye;
 use crate::error::Result;
 use crate::film::Film;
 use crate::gpu::{Buffer, Image, Recorder};
 use crate::pass::accumulate::Accumulate;
+use crate::pass::finite::Finite;
 use crate::pass::probe::Probe;
 use crate::pass::resolve::Resolve;
 use crate::pass::{Kit, Lighting};
@@ -15,15 +16,24 @@ pub struct Output {
     pub film: Film,
     /// The image for the host.
     pub image: Image,
+    finite: Finite,
     accumulate: Accumulate,
     resolve: Resolve,
     probe: Probe,
 }
 
 impl Output {
-    /// Adds the points of `eye`, lit by `lighting`, to `film`.
-    pub fn new(kit: &Kit, eye: &Eye, lighting: &Lighting, (film, image): (Film, Image)) -> Result<Output> {
+    /// Adds the points of `eye`, lit by `lighting`, to `film`. `summands`: light of second components that
+    /// is summed apart.
+    pub fn new(
+        kit: &Kit,
+        eye: &Eye,
+        lighting: &Lighting,
+        summands: Option<&Buffer>,
+        (film, image): (Film, Image),
+    ) -> Result<Output> {
         Ok(Output {
+            finite: Finite::new(kit, &eye.points, &eye.paths, lighting, summands, film.pixels())?,
             accumulate: Accumulate::new(kit, &eye.points, &eye.paths, lighting, &film)?,
             resolve: Resolve::new(kit, &film, &image)?,
             probe: Probe::new(kit, &film)?,
@@ -35,6 +45,11 @@ impl Output {
     /// Records the clearing of the sums.
     pub fn record_clear(&self, rec: &mut Recorder) -> Result<()> {
         self.film.buffers().try_for_each(|buffer| rec.fill(buffer, 0))
+    }
+
+    /// Records the count of pixels whose values are no numbers, before anything is added to sums.
+    pub fn record_check(&self, rec: &mut Recorder) -> Result<()> {
+        rec.scope("finite", |rec| self.finite.record(rec))
     }
 
     /// Records the addition of a pass to the sums of an instance.

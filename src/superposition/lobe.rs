@@ -12,6 +12,7 @@ use serde::Deserialize;
 
 use crate::bsdf::{MIN_ALPHA, Reflectance};
 use crate::error::{Error, Result};
+use crate::input::Inputs;
 
 /// Maximum exponent of [`Lobe::Phong`]: the lobe is then as narrow as GGX with the minimum alpha.
 pub const MAX_EXPONENT: f32 = 1e6;
@@ -113,7 +114,12 @@ impl Table {
 
     /// Reads a TOML file with the four arrays of [`Table::new`]: `cos_i`, `cos_o`, `azimuth`, `values`.
     pub fn load(path: &Path) -> Result<Table> {
-        let text = crate::input::read_text(path)?;
+        Table::load_from(&Inputs::anywhere(), path)
+    }
+
+    /// [`Table::load`] as one of the files of a scene.
+    pub(crate) fn load_from(inputs: &Inputs, path: &Path) -> Result<Table> {
+        let text = inputs.read_text(path)?;
         let line = |span: Range<usize>| text[..span.start].matches('\n').count() + 1;
         let file: TableFile = toml::from_str(&text).map_err(|e| Error::File {
             path: path.to_path_buf(),

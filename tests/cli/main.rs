@@ -3,6 +3,9 @@
 mod animate;
 mod bake;
 mod bench;
+#[cfg(target_os = "linux")]
+mod faults;
+mod files;
 mod flags;
 mod general;
 mod live;

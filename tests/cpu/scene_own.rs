@@ -209,3 +209,23 @@ fn generated_scenes_are_valid() {
     assert_eq!(a.positions, b.positions);
     assert_eq!(builtin::deep_scene(1000).triangles.len(), 1014);
 }
+
+#[test]
+fn descriptions_are_read_as_editors_write_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl lampe\nf 1 2 3 # a comment\n";
+    std::fs::write(folder.path().join("m.obj"), model).unwrap();
+    std::fs::write(folder.path().join("m.mtl"), "newmtl lampe\nKe 1 1 1\n").unwrap();
+    let plain = "model = \"m.obj\"\n[materials.lampe]\nroughness = 0.5\n";
+    for text in [
+        plain.to_string(),
+        format!("\u{feff}{plain}"),
+        plain.replace('\n', "\r\n"),
+        plain.replace(' ', "\t"),
+        format!("\u{feff}{}", plain.replace('\n', " # a comment\r\n")),
+    ] {
+        std::fs::write(folder.path().join("scene.toml"), &text).unwrap();
+        let scene = scene::load(&folder.path().join("scene.toml")).unwrap_or_else(|e| panic!("{text:?}: {e}"));
+        assert_eq!(material(&scene, "lampe").roughness, 0.5, "{text:?}");
+    }
+}

@@ -26,6 +26,7 @@ mod mirror_lights;
 mod mirrors_and_glass;
 mod moving;
 mod near;
+mod no_numbers;
 mod outliers;
 mod passes_eye;
 mod passes_film;

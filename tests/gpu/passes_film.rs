@@ -5,6 +5,7 @@ use glam::{DVec4, Vec3, Vec4};
 use lightsum::film::{Film, GUIDE_UNIT, Sum};
 use lightsum::gpu::{Buffer, Context, Image, Memory, Resources, Staging, download, upload};
 use lightsum::pass::accumulate::{self, Accumulate};
+use lightsum::pass::finite::{self, Finite};
 use lightsum::pass::gain;
 use lightsum::pass::layout;
 use lightsum::pass::probe::{self, Probe};
@@ -143,6 +144,73 @@ fn accumulate_loses_nothing_over_thousands_of_passes() {
     });
 }
 
+/// Values that make a pixel no number, and some that do not.
+const EXTREME: [f32; 6] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 3e38, 1e29, -3e30];
+
+/// Fills a buffer with numbers below 1 and w components from `w`, and one in 40 of the components with extreme values; returns them.
+fn spoil(ctx: &Context, buffer: &Buffer, n: &mut Numbers, w: impl Fn(u32) -> f32) -> Vec<Vec4> {
+    let mut values = fill(ctx, buffer, n, 1.0, w);
+    for value in &mut values {
+        for axis in 0..3 {
+            let (chance, which) = (n.next(), n.next());
+            if chance < 0.025 {
+                value[axis] = EXTREME[(which * EXTREME.len() as f32) as usize];
+            }
+        }
+    }
+    let mut staging = Staging::new();
+    staging.stage_into(ctx, buffer, 0, &values).unwrap();
+    ctx.submit_and_wait("spoil", None, |rec| staging.record(rec)).unwrap();
+    values
+}
+
+#[test]
+fn finite_counts_the_pixels_that_are_no_numbers() {
+    gpu_test(|ctx| {
+        let mut kinds = [0; 2];
+        for size in AWKWARD_IMAGES {
+            let s = Sheet::new(ctx, size, 1);
+            let (r, n, pixels) = (&s.receivers, &mut Numbers(size[0]), size[0] * size[1]);
+            let summands = size[0] % 2 == 1;
+            let (covered, lit) = (|i: u32| i % 3 != 2, |i: u32| i % 5 != 4);
+            let flags = |i: u32| {
+                let all = [(ShadingPoints::COVERED, covered(i)), (ShadingPoints::LIT, lit(i))];
+                ShadingPoints::word(all.into_iter().filter(|f| f.1).map(|f| f.0).sum())
+            };
+            let depth = |i: u32| if i % 101 == 100 { f32::INFINITY } else { 2.5 };
+            fill(ctx, &r.wo, n, 1.0, flags);
+            let through = spoil(ctx, &s.paths.throughput, n, depth);
+            let [kd, emitted] = [&r.kd, &r.emitted].map(|b| spoil(ctx, b, n, |_| 0.0));
+            let light = [&s.sums.direct, &s.sums.indirect, &s.sums.specular].map(|b| spoil(ctx, b, n, |_| f32::NAN));
+            let shown = Buffer::new(ctx, "shown", 16 * u64::from(pixels), Memory::Device).unwrap();
+            let more = spoil(ctx, &shown, n, |_| f32::NAN);
+
+            let one_if = |yes: bool| if yes { 1.0 } else { 0.0 };
+            let is_number = |pixel: u32| {
+                let i = pixel as usize;
+                let light = [0, 1, 2].map(|k| if lit(pixel) { light[k][i].truncate() } else { Vec3::ZERO });
+                let beta = through[i].truncate();
+                let radiance = accumulate::reference(emitted[i].truncate(), beta, kd[i].truncate(), light);
+                let second = if summands { more[i].truncate() } else { Vec3::ZERO };
+                let all = [radiance, light[0], light[1], second].map(|v| v.to_array());
+                finite::reference(&[all.concat(), vec![one_if(covered(pixel)) * through[i].w]].concat())
+            };
+            let bad: Vec<u32> = (0..pixels).filter(|&pixel| !is_number(pixel)).collect();
+            let status = upload(ctx, "status", &[0u32; 4]).unwrap();
+            let shared = Resources::of([("frame", &s.frame), ("status", &status)]);
+            let pass =
+                make(ctx, shared, |kit| Finite::new(kit, r, &s.paths, &s.sums, summands.then_some(&shown), pixels));
+            ctx.submit_and_wait("finite", None, |rec| pass.record(rec)).unwrap();
+            let found = download::<u32>(ctx, &status).unwrap();
+            let last = bad.last().map_or(0, |pixel| pixel + 1);
+            assert_eq!(found, [0, bad.len() as u32, last, 0], "{size:?}");
+            kinds[0] += bad.len();
+            kinds[1] += pixels as usize - bad.len();
+        }
+        assert!(kinds.iter().all(|&count| count > 300), "{kinds:?}");
+    });
+}
+
 #[test]
 fn accumulate_is_the_exact_sum() {
     gpu_test(|ctx| {
@@ -153,7 +221,8 @@ fn accumulate_is_the_exact_sum() {
         fill(ctx, &s.paths.throughput, n, 1.0, |_| 1.0);
         let direct = fill(ctx, &s.sums.direct, n, 1.0, |_| 0.0);
         let albedo = fill(ctx, &r.kd, n, 1.0, |_| 0.0);
-        fill(ctx, &r.f0, n, 0.0, |_| 0.0);
+        let f0 = spoil(ctx, &r.f0, n, |_| 0.0);
+        assert!(f0.iter().any(|v| !v.is_finite()));
         fill(ctx, &r.shading, n, 1.0, |_| 0.0);
         let old: Vec<Vec<Vec4>> = (s.film.direct.0.iter().zip([3000.0, 1e-4, 1e-12]))
             .map(|(level, scale)| fill(ctx, level, n, scale, |_| 0.0))
@@ -162,25 +231,26 @@ fn accumulate_is_the_exact_sum() {
             .map(|(level, scale)| fill(ctx, level, n, scale, |_| 0.0))
             .collect();
         let through = download::<Vec4>(ctx, &s.paths.throughput).unwrap();
-        for lost in [1u32, 0] {
-            let status = upload(ctx, "status", &[lost, 0, 0, 0]).unwrap();
+        for status in [[1u32, 0, 0, 0], [0, 1, 5, 0], [0; 4]] {
+            let left_out = status != [0; 4];
+            let status = upload(ctx, "status", &status).unwrap();
             let pass = s.accumulate(ctx, &status);
             ctx.submit_and_wait("accumulate", None, |rec| pass.record(rec, 0)).unwrap();
             let get = |sum: &Sum| sum.0.iter().map(|b| download::<Vec4>(ctx, b).unwrap()).collect::<Vec<_>>();
             let (found, found_albedo) = (get(&s.film.direct), get(&s.film.albedo));
             for i in 0..64 {
                 let (before, before_albedo) = ([0, 1, 2].map(|k| old[k][i]), [0, 1].map(|k| old_albedo[k][i]));
-                let one = through[i].truncate() * albedo[i].truncate();
-                let (expected, expected_albedo) = match lost {
-                    // A pass that lost rays has no effect.
-                    1 => (before, before_albedo),
-                    _ => (
+                let one = through[i].truncate() * (albedo[i].truncate() + f0[i].truncate());
+                let (expected, expected_albedo) = match left_out {
+                    // A pass that lost rays, or with a value that is no number, has no effect.
+                    true => (before, before_albedo),
+                    false => (
                         accumulate::sum_with(before, direct[i].truncate().extend(through[i].w)),
                         accumulate::sum_of_guides(before_albedo, one),
                     ),
                 };
                 // Additions and subtractions are exactly rounded on every device.
-                assert_eq!([0, 1, 2].map(|k| found[k][i]), expected, "pixel {i}, {lost} rays lost");
+                assert_eq!([0, 1, 2].map(|k| found[k][i]), expected, "pixel {i}, left out: {left_out}");
                 assert_eq!([0, 1].map(|k| found_albedo[k][i]), expected_albedo, "albedo of pixel {i}");
             }
         }

@@ -218,7 +218,7 @@ mod tests {
             advice: "simplify the scene",
         };
         assert!(is_refusal(&limit));
-        assert!(is_refusal(&Error::OutOfMemory { resource: "rays".into(), bytes: 1 }));
+        assert!(is_refusal(&Error::OutOfMemory { resource: "rays".into(), bytes: Some(1) }));
         assert!(!is_refusal(&Error::Scene("no light".into())));
     }
 }

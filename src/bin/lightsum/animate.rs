@@ -61,10 +61,12 @@ impl Pattern {
 pub fn run(args: &Animate) -> Result<()> {
     let pattern = args.output.as_deref().map(Pattern::new).transpose()?;
     let first = pattern.as_ref().map(|pattern| pattern.name(0));
-    first.iter().chain(&args.timings).try_for_each(|file| output::check_writable(file))?;
+    let files: Vec<PathBuf> = first.into_iter().chain(args.timings.clone()).collect();
+    files.iter().try_for_each(|file| output::check_writable(file))?;
+    let _claim = output::claim(files.iter().map(PathBuf::as_path))?;
 
     let start = Instant::now();
-    let scene = scene::load_with(&args.scene, args.reading.photometric())?;
+    let scene = scene::load_with(&args.scene, &args.reading.options())?;
     let mut play = match (&args.path, &args.play.animation) {
         (Some(_), None) => None,
         (None, None) => Some(Play::new(&scene, None, "--path")?),
@@ -80,6 +82,10 @@ pub fn run(args: &Animate) -> Result<()> {
         (None, Some(play)) => Motion::still(play.times(args.play.frames, args.play.fps)?),
         (None, None) => Motion::still(Vec::new()),
     };
+    let inputs: Vec<PathBuf> = scene.files.iter().chain(&args.path).cloned().collect();
+    let frames = (0..motion.times.len()).filter_map(|frame| Some(pattern.as_ref()?.name(frame)));
+    let outputs: Vec<PathBuf> = frames.chain(args.timings.clone()).collect();
+    output::check_apart(outputs.iter().map(PathBuf::as_path), &inputs)?;
     let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
     let settings = Settings { moving_passes: args.moving_passes.unwrap_or(settings.moving_passes), ..settings };
     settings.validate()?;
@@ -111,10 +117,7 @@ pub fn run(args: &Animate) -> Result<()> {
 
     let mut progress = Progress::new();
     let mut frames = Vec::new();
-    for (number, &time) in motion.times.iter().enumerate() {
-        if interrupted.load(Ordering::Relaxed) {
-            break;
-        }
+    let mut next = |(number, time): (usize, f64), frames: &mut Vec<Value>| -> Result<()> {
         let edit = Instant::now();
         job.camera = motion.camera(time).unwrap_or(still);
         if let Some(play) = &mut play {
@@ -147,16 +150,36 @@ pub fn run(args: &Animate) -> Result<()> {
         frame["edit"] = edit.into();
         frame["write"] = write.elapsed().as_secs_f64().into();
         frames.push(frame);
-        let (done, all) = (number + 1, motion.times.len());
+        Ok(())
+    };
+    let mut failed = None;
+    let all = motion.times.len();
+    for (number, &time) in motion.times.iter().enumerate() {
+        if interrupted.load(Ordering::Relaxed) {
+            break;
+        }
+        if let Err(error) = next((number, time), &mut frames) {
+            failed = Some(error);
+            break;
+        }
+        let done = number + 1;
         progress.show(|| format!("frame {done} of {all}"), done as f64 / all as f64);
     }
     progress.finish();
     if frames.is_empty() {
-        return Err(Error::Interrupted);
+        return Err(failed.unwrap_or(Error::Interrupted));
     }
     let count = frames.len();
     if let Some(path) = &args.timings {
-        write_timings(path, &job, &renderer, frames)?;
+        let written = write_timings(path, &job, &renderer, frames);
+        match &failed {
+            None => written?,
+            Some(_) => written.unwrap_or_else(|error| log::warn!("the timings before the error are lost: {error}")),
+        }
+    }
+    if let Some(error) = failed {
+        say_aside(&format!("{count} of {all} frames were done before the error"));
+        return Err(error);
     }
     if count < motion.times.len() {
         say_aside(&format!("interrupted after {count} of {} frames", motion.times.len()));
@@ -245,7 +268,7 @@ fn write_timings(path: &Path, job: &Job, renderer: &Renderer, frames: Vec<Value>
     });
     // Numbers and strings only: serialisation cannot fail.
     let text = serde_json::to_string_pretty(&value).unwrap_or_default();
-    std::fs::write(path, text + "\n").map_err(Error::io("writing", path))
+    output::write_file(path, &[text.as_bytes(), b"\n"])
 }
 
 #[cfg(test)]

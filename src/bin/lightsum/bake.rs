@@ -11,6 +11,7 @@ use lightsum::standalone::{self, RenderOptions};
 use lightsum::{Error, Result, Scene, scene};
 
 use crate::args;
+use crate::checkpoint::earlier_traversal;
 use crate::parts::{Job, View, part_path};
 use crate::play;
 use crate::progress::{Progress, duration};
@@ -21,13 +22,18 @@ use crate::{say, say_aside};
 /// Runs the command.
 pub fn run(args: &args::Bake) -> Result<()> {
     output::check_writable(&args.output)?;
-    let mut scene = scene::load_with(&args.scene, args.reading.photometric())?;
+    let state = State::path_for(&args.output);
+    let _claim = output::claim([args.output.as_path(), &state])?;
+    let mut scene = scene::load_with(&args.scene, &args.reading.options())?;
     play::pose(&mut scene, &args.scene, args.pose.animation.as_deref(), args.pose.at)?;
+    output::check_apart([args.output.as_path(), &state], &scene.files)?;
     let settings = bake_settings(args, &scene);
     settings.validate()?;
     args.options().validate()?;
     let interrupted = watch_for_interrupt();
+    let states = [state, part_path(&args.output, 0)];
     let options = RenderOptions {
+        traversal: if args.stop.resume { earlier_traversal(&states)? } else { None },
         device: args.device.device.clone().unwrap_or_default(),
         validation: args.device.validation,
         pipeline_cache: pipeline_cache(),

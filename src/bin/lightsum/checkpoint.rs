@@ -5,6 +5,7 @@ use crate::say_aside;
 use lightsum::Result;
 use lightsum::output::State;
 use lightsum::radiosity::Growth;
+use lightsum::settings::Traversal;
 use lightsum::standalone::Renderer;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -31,7 +32,8 @@ impl Progressive for Renderer {
     fn state(&self) -> Result<State> {
         let [width, height] = self.engine().view().size();
         let accumulators = self.save_state()?;
-        Ok(State { fingerprint: self.fingerprint(), width, height, passes: self.passes(), accumulators })
+        let (fingerprint, provenance) = (self.fingerprint(), self.provenance());
+        Ok(State { fingerprint, provenance, width, height, passes: self.passes(), accumulators })
     }
 }
 
@@ -53,6 +55,25 @@ impl Progressive for Growth<'_> {
     }
 }
 
+/// The state in a file, if there is one.
+pub fn earlier(path: &Path) -> Result<Option<State>> {
+    path.exists().then(|| State::read(path)).transpose()
+}
+
+/// The traversal kernel of the first of these state files that is there.
+pub fn earlier_traversal<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> Result<Option<Traversal>> {
+    let first = paths.into_iter().find(|path| path.exists());
+    Ok(first.map(|path| State::read(path)).transpose()?.map(|state| state.provenance.traversal))
+}
+
+/// Goes on after the passes of a state.
+pub fn go_on(path: &Path, state: &State, renderer: &mut Renderer) -> Result<()> {
+    state.check(path, renderer.fingerprint(), renderer.engine().view().size(), &renderer.provenance())?;
+    renderer.load_state(state.passes, &state.accumulators)?;
+    log::info!("{}: going on after {} passes", path.display(), state.passes);
+    Ok(())
+}
+
 /// The state file of a rendering.
 pub struct Checkpoints {
     path: Option<PathBuf>,
@@ -69,6 +90,14 @@ impl Checkpoints {
     /// `path`: the file; `None`: the rendering has no output to write it beside.
     pub fn new(path: Option<&Path>, every: Option<Duration>) -> Checkpoints {
         Checkpoints { path: path.map(Path::to_path_buf), instead: None, every, last: Instant::now(), written: None }
+    }
+
+    /// The state in the file, if this run wrote it.
+    pub fn latest(&self) -> Result<Option<(&Path, State)>> {
+        match (&self.path, &self.written) {
+            (Some(path), Some(_)) => Ok(Some((path, State::read(path)?))),
+            _ => Ok(None),
+        }
     }
 
     /// Writes the state if the last checkpoint is old enough. A failure is told, and the rendering goes on: the next

@@ -6,7 +6,7 @@ use lightsum::{Error, Result, scene};
 
 /// Prints the summary of a scene.
 pub fn run(args: &args::Info) -> Result<()> {
-    let scene = scene::load_with(&args.scene, args.reading.photometric())?;
+    let scene = scene::load_with(&args.scene, &args.reading.options())?;
     let summary = Summary::of(&scene)?;
     if args.json {
         let text = serde_json::to_string_pretty(&summary).map_err(|e| Error::file(&args.scene, e.to_string()))?;

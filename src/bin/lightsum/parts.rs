@@ -9,9 +9,9 @@ use lightsum::output::{Layers, State};
 use lightsum::standalone::Renderer;
 
 use crate::args;
-use crate::checkpoint::Checkpoints;
+use crate::checkpoint::{Checkpoints, earlier, go_on};
 use crate::progress::Progress;
-use crate::stop::{Clock, Stop, error_is_due};
+use crate::stop::{Clock, Stop, error_is_due, error_of};
 
 /// The image of a view and the number of passes in it.
 pub type Image = (Layers, u32);
@@ -85,11 +85,10 @@ impl<'a> Job<'a> {
             let share = self.views[i].points as f64 / total;
             let mut renderer = renderer(i, last.take())?;
             let path = self.views[i].state.clone();
-            if self.resume && path.exists() {
-                let state = State::read(&path)?;
-                state.check(&path, renderer.fingerprint(), renderer.engine().view().size())?;
-                renderer.load_state(state.passes, &state.accumulators)?;
-                log::info!("{}: going on after {} passes", path.display(), state.passes);
+            if self.resume
+                && let Some(state) = earlier(&path)?
+            {
+                go_on(&path, &state, &mut renderer)?;
             }
             let mut states = Checkpoints::new(Some(&path), self.checkpoint);
             if let Err(error) = self.view(&mut renderer, &mut states, i, (stop.of_share(share), done, share)) {
@@ -111,7 +110,7 @@ impl<'a> Job<'a> {
                 states.write(&renderer)?;
             }
             self.passes = if self.states.is_empty() { renderer.passes() } else { self.passes.min(renderer.passes()) };
-            self.error = renderer.error_estimate().map(|e| self.error.map_or(e, |other| other.max(e)));
+            self.error = error_of(&renderer)?.map(|e| self.error.map_or(e, |other| other.max(e)));
             self.states.push(states);
             *image = Some((renderer.layers()?, renderer.passes() - first));
             if broken_off {
@@ -133,7 +132,7 @@ impl<'a> Job<'a> {
         (stop, done, share): (Stop, f64, f64),
     ) -> Result<()> {
         let (start, before) = (Instant::now(), renderer.passes());
-        let mut error = renderer.error_estimate();
+        let mut error = error_of(renderer)?;
         loop {
             let (passes, elapsed) = (renderer.passes(), start.elapsed());
             if self.clock.is_interrupted() || passes > 0 && stop.reached(passes, elapsed, error) {
@@ -147,7 +146,7 @@ impl<'a> Job<'a> {
             states.after_pass(renderer);
             let passes = renderer.passes();
             if error_is_due(passes) {
-                error = renderer.error_estimate();
+                error = error_of(renderer)?;
             }
             let text = || {
                 let rate = f64::from(passes - before) / start.elapsed().as_secs_f64().max(1e-9);

@@ -43,7 +43,7 @@ pub fn run(
     let mut states = Checkpoints::new(Some(&path), args.stop.checkpoint.0);
     if args.stop.resume && path.exists() {
         let state = State::read(&path)?;
-        state.check(&path, growth.fingerprint(), [state.width, state.height])?;
+        state.check(&path, growth.fingerprint(), [state.width, state.height], &radiosity.provenance())?;
         growth.go_on(&state)?;
         log::info!("{}: going on after {} rounds", path.display(), growth.rounds());
     }

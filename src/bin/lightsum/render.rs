@@ -1,10 +1,10 @@
 //! `lightsum render`: flags and scene become settings, passes run until a condition is met, files are written.
 
 use crate::args::{Device, FilterFlag, Glossy, Light, Preset, Render};
-use crate::checkpoint::Checkpoints;
+use crate::checkpoint::{self, Checkpoints};
 use crate::live::Live;
 use crate::progress::{Progress, duration};
-use crate::stop::{Stop, error_is_due};
+use crate::stop::{Stop, error_is_due, error_of};
 use crate::{camera, play, reference, say, say_aside};
 use glam::DVec3;
 use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics, Wanted};
@@ -44,14 +44,21 @@ pub fn run(args: &Render) -> Result<()> {
     };
     let state = args.output.outputs.first().map(|output| State::path_for(output));
     let files = args.output.outputs.iter().chain(&args.output.stats).chain(&args.output.export_lights);
-    files.chain(&state).try_for_each(|file| output::check_writable(file))?;
+    let mut files: Vec<PathBuf> = files.chain(&state).cloned().collect();
+    files.iter().try_for_each(|file| output::check_writable(file))?;
+    let _claim = output::claim(files.iter().map(PathBuf::as_path))?;
 
     let start = Instant::now();
-    let mut scene = scene::load_with(path, args.reading.photometric())?;
+    let mut scene = scene::load_with(path, &args.reading.options())?;
     play::pose(&mut scene, path, args.pose.animation.as_deref(), args.pose.at)?;
     if let Some(kept) = &args.output.light_from {
         scene.kept_light = Some(Arc::new(lightsum::bake::files::read(kept, &scene)?));
     }
+    if let Some(path) = &args.output.export_lights {
+        files.extend(scene::exported_files(path, &scene));
+    }
+    scene.files.extend(args.output.light_from.clone());
+    output::check_apart(files.iter().map(PathBuf::as_path), &scene.files)?;
     let stages = vec![("load".into(), start.elapsed().as_secs_f64())];
     let camera = camera::choose(&scene, &args.camera, args.output.resolution)?;
     args.output.crop.map_or(Ok(()), |crop| crop.check(camera.resolution))?;
@@ -165,12 +172,17 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
 /// Renders by instant radiosity and writes the requested files.
 fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path>) -> Result<()> {
     let interrupted = watch_for_interrupt();
+    let earlier = match state_path.filter(|_| args.stop.resume) {
+        Some(path) => checkpoint::earlier(path)?.map(|state| (path, state)),
+        None => None,
+    };
     let start = Instant::now();
     let options = RenderOptions {
         device: args.device.device.clone().unwrap_or_default(),
         validation: args.device.validation,
         checked_shaders: false,
         pipeline_cache: pipeline_cache(),
+        traversal: earlier.as_ref().map(|(_, state)| state.provenance.traversal),
         dynamic: false,
         crop: args.output.crop,
         strips: args.output.crop.is_none(),
@@ -199,15 +211,30 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
             return Ok(());
         }
     }
-    if let Some(path) = state_path.filter(|path| args.stop.resume && path.exists()) {
-        let state = State::read(path)?;
-        state.check(path, renderer.fingerprint(), renderer.engine().view().size())?;
-        renderer.load_state(state.passes, &state.accumulators)?;
-        log::info!("{}: going on after {} passes", path.display(), state.passes);
+    if let Some((path, state)) = &earlier {
+        checkpoint::go_on(path, state, &mut renderer)?;
     }
 
     let mut checkpoints = Checkpoints::new(state_path, args.stop.checkpoint.0);
-    let (rendering, error) = match passes(&job, &mut renderer, &stop, &interrupted, (&mut checkpoints, &mut live)) {
+    let (mut start, mut stop, mut opened_again) = (Instant::now(), stop, false);
+    let (rendered, mut outcome, writing) = loop {
+        let rendered = passes(&job, &mut renderer, &stop, &interrupted, (&mut checkpoints, &mut live));
+        let writing = Instant::now();
+        let written = match &rendered {
+            Ok(_) if renderer.passes() > 0 => write_image(&job, &renderer, &renderer.statistics()),
+            _ => Ok(()),
+        };
+        let lost = rendered.as_ref().err().or(written.as_ref().err());
+        match lost.filter(|error| !opened_again && matches!(error, Error::DeviceLost { .. })) {
+            None => break (rendered, written, writing),
+            Some(error) => log::warn!("{error}; opening it once more"),
+        }
+        renderer = open_again(renderer, &job, &options, (&checkpoints, earlier.as_ref()))
+            .inspect_err(|_| checkpoints.tell())?;
+        stop = stop.with_time(|time| time.saturating_sub(start.elapsed()));
+        (start, opened_again) = (Instant::now(), true);
+    };
+    let (rendering, error) = match rendered {
         Ok(done) => done,
         Err(error) => {
             save_what_there_is(&job, &renderer, &mut checkpoints);
@@ -220,10 +247,8 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
         return Err(Error::Interrupted);
     }
     live.end(&renderer);
-    let start = Instant::now();
     let statistics = renderer.statistics();
     // A failure to write one file must not prevent the others.
-    let mut outcome = write_image(&job, &renderer, &statistics);
     if outcome.is_err() {
         checkpoints.rescue(&renderer);
     } else if args.stop.resume || broken_off {
@@ -231,7 +256,7 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
     } else {
         checkpoints.remove();
     }
-    job.stages.push(("write".into(), start.elapsed().as_secs_f64()));
+    job.stages.push(("write".into(), writing.elapsed().as_secs_f64()));
     if let Some(path) = &args.output.stats {
         // In between: the renderer's set-up and all its passes, including those of --export-lights.
         let (before, after) = job.stages.split_at(job.stages.len().min(2));
@@ -253,6 +278,24 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
     let error = error.map(|e| format!(", estimated error {e:.4}")).unwrap_or_default();
     job.say_where(&format!("{}{error}, rendered in {}", count(passes), duration(rendering)));
     Ok(())
+}
+
+/// Opens a lost device once more, and goes on from the latest checkpoint of this run, from the earlier state, or anew.
+fn open_again(
+    lost: Renderer,
+    job: &Job,
+    options: &RenderOptions,
+    (checkpoints, earlier): (&Checkpoints, Option<&(&Path, State)>),
+) -> Result<Renderer> {
+    let options = RenderOptions { traversal: Some(lost.provenance().traversal), ..options.clone() };
+    let mut renderer = Renderer::new(lost.into_scene(), job.camera, job.settings.clone(), &options)?;
+    match (checkpoints.latest()?, earlier) {
+        (Some((path, state)), _) => checkpoint::go_on(path, &state, &mut renderer)?,
+        (None, Some((path, state))) => checkpoint::go_on(path, state, &mut renderer)?,
+        (None, None) => {}
+    }
+    say_aside(&format!("the device was lost; rendering goes on after {}", count(renderer.passes())));
+    Ok(renderer)
 }
 
 /// Renders an image that is too large for the device, strip by strip.
@@ -310,7 +353,7 @@ fn passes(
     (checkpoints, live): (&mut Checkpoints, &mut Live),
 ) -> Result<(Duration, Option<f32>)> {
     let before = renderer.passes();
-    let mut error = renderer.error_estimate();
+    let mut error = error_of(renderer)?;
     let mut progress = Progress::new();
     loop {
         let (passes, elapsed) = (renderer.passes(), progress.elapsed());
@@ -320,7 +363,7 @@ fn passes(
         renderer.pass()?;
         let passes = renderer.passes();
         if error_is_due(passes) {
-            error = renderer.error_estimate();
+            error = error_of(renderer)?;
         }
         let (rendered, elapsed) = (passes - before, progress.elapsed());
         let text = || {
@@ -334,7 +377,7 @@ fn passes(
     }
     progress.finish();
     let elapsed = progress.elapsed();
-    Ok((elapsed, renderer.error_estimate()))
+    Ok((elapsed, error_of(renderer)?))
 }
 
 /// A number of passes in words.

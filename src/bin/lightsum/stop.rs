@@ -1,7 +1,8 @@
 //! Stopping conditions of a rendering.
 
 use crate::args;
-use lightsum::Error;
+use lightsum::standalone::Renderer;
+use lightsum::{Error, Result};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -111,6 +112,18 @@ impl<'a> Clock<'a> {
     }
 }
 
+/// The renderer's estimate of its error. Errors: the estimate is no number, so that no rendering could ever come below a target.
+pub fn error_of(renderer: &Renderer) -> Result<Option<f32>> {
+    a_number(renderer.error_estimate(), renderer.passes())
+}
+
+fn a_number(estimate: Option<f32>, passes: u32) -> Result<Option<f32>> {
+    match estimate {
+        Some(estimate) if !estimate.is_finite() => Err(Error::NoEstimate { passes, estimate }),
+        estimate => Ok(estimate),
+    }
+}
+
 /// Whether the error is estimated after this many passes: at an eighth of the passes so far, rounded to a power of two.
 ///
 /// Depends on the number of passes only, so that a resumed run stops at the same pass as an uninterrupted one.
@@ -158,6 +171,15 @@ mod tests {
         let error = Stop::choose(&flags(None, None, Some(0.1)), None);
         assert_eq!(error.fraction(8, 8, second, None), 0.0);
         assert!((error.fraction(8, 8, second, Some(0.2)) - 0.25).abs() < 1e-6);
+    }
+
+    #[test]
+    fn an_estimate_that_is_no_number_is_an_error() {
+        assert_eq!((a_number(None, 3).unwrap(), a_number(Some(0.5), 8).unwrap()), (None, Some(0.5)));
+        for estimate in [f32::NAN, f32::INFINITY] {
+            let message = a_number(Some(estimate), 9).unwrap_err().to_string();
+            assert!(message.contains("after 9 passes is no number"), "{message}");
+        }
     }
 
     #[test]

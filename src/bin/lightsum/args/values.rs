@@ -128,6 +128,20 @@ pub(super) fn checkpoint(text: &str) -> Result<CheckpointFlag, String> {
     }
 }
 
+/// A number of bytes, with K, M, G or T for powers of 1024.
+pub(super) fn bytes(text: &str) -> Result<u64, String> {
+    let (number, shift) = match text.char_indices().last() {
+        Some((at, unit)) if unit.is_ascii_alphabetic() => (
+            &text[..at],
+            ["K", "M", "G", "T"].iter().position(|u| u.eq_ignore_ascii_case(&text[at..])).map(|i| 10 * (i + 1)),
+        ),
+        _ => (text, Some(0)),
+    };
+    let bytes =
+        number.parse::<u64>().ok().zip(shift).and_then(|(n, shift)| n.checked_mul(1 << shift)).filter(|&n| n > 0);
+    bytes.ok_or_else(|| "expected a number of bytes above 0, such as 1000000, 512M or 4G".into())
+}
+
 /// A time that may be 0 or negative, seconds.
 pub(super) fn moment(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|t: &f64| t.is_finite()).ok_or_else(|| "expected a number of seconds".into())

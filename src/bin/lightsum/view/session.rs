@@ -95,7 +95,7 @@ fn boxes(scene: &Scene) -> Vec<(Vec3, Vec3)> {
 impl Session {
     /// Loads a scene and makes its engine on a lent device, for an image of this size; `None`: the size that flags and scene name.
     pub fn open(context: &Context, path: &Path, args: &View, size: Option<[u32; 2]>) -> Result<Session> {
-        let scene = scene::load_with(path, args.reading.photometric())?;
+        let scene = scene::load_with(path, &args.reading.options())?;
         let camera = camera::choose(&scene, &args.camera, size.or(args.resolution))?;
         let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
         settings.validate()?;

@@ -1,0 +1,317 @@
+//! Faults of the device: a Vulkan layer of the tests (`tests/fault_layer/`) makes single calls fail.
+//!
+//! Whatever fails, the program goes on or ends with exit code 1 and an error that names the work; no object is left at the end, no file is
+//! half-written, and the passes before are not lost.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::OnceLock;
+
+use lightsum::output::State;
+
+use crate::render::{command, contents, folder, text};
+
+const OUT_OF_HOST_MEMORY: i32 = -1;
+const OUT_OF_DEVICE_MEMORY: i32 = -2;
+const DEVICE_LOST: i32 = -4;
+const TIMEOUT: i32 = 2;
+
+/// A folder with the layer's manifest. `cargo test` builds the layer, unless one binary of tests alone is asked for.
+fn layer() -> &'static Path {
+    static FOLDER: OnceLock<tempfile::TempDir> = OnceLock::new();
+    let make = || {
+        let test = std::env::current_exe().unwrap();
+        let target: PathBuf = test.ancestors().nth(2).unwrap().to_path_buf();
+        let library = target.join("examples/libfault_layer.so");
+        let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fault_layer/lib.rs");
+        let changed = |path: &Path| fs::metadata(path).and_then(|data| data.modified()).ok();
+        if changed(&library) < changed(Path::new(source)) {
+            let mut build = Command::new(env!("CARGO"));
+            build.args(["build", "--quiet", "--example", "fault_layer", "--manifest-path"]);
+            build.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml"));
+            if target.ends_with("release") {
+                build.arg("--release");
+            }
+            assert!(build.arg("--target-dir").arg(target.parent().unwrap()).status().unwrap().success());
+        }
+        let manifest = serde_json::json!({
+            "file_format_version": "1.2.0",
+            "layer": {
+                "name": "VK_LAYER_LIGHTSUM_fault",
+                "type": "GLOBAL",
+                "library_path": library,
+                "api_version": "1.3.0",
+                "implementation_version": "1",
+                "description": "makes single calls fail",
+            },
+        });
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("fault.json"), manifest.to_string()).unwrap();
+        folder
+    };
+    FOLDER.get_or_init(make).path()
+}
+
+/// A folder of compiled pipelines that all tests here share; those of a rendering are there.
+fn cache() -> &'static Path {
+    static FOLDER: OnceLock<tempfile::TempDir> = OnceLock::new();
+    let make = || {
+        let (cache, scene) = (tempfile::tempdir().unwrap(), folder());
+        let output = command(scene.path(), RENDER).env("XDG_CACHE_HOME", cache.path()).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        cache
+    };
+    FOLDER.get_or_init(make).path()
+}
+
+/// Runs the program without the layer.
+#[track_caller]
+fn succeeds(folder: &Path, arguments: &str) {
+    let output = command(folder, arguments).env("XDG_CACHE_HOME", cache()).output().unwrap();
+    assert!(output.status.success(), "{arguments}: {}", text(&output.stderr));
+}
+
+/// A run under the layer.
+struct Run {
+    output: Output,
+    /// Names of the calls that may fail, in order.
+    calls: Vec<String>,
+    /// The name of those that failed.
+    failed: Vec<String>,
+    /// Objects made and not destroyed, by kind.
+    left: BTreeMap<String, i64>,
+}
+
+/// Runs the program; `faults`: numbers of calls, from 1, and their results.
+fn run(folder: &Path, arguments: &str, faults: &[(usize, i32)]) -> Run {
+    let log = tempfile::NamedTempFile::new().unwrap();
+    let mut command = command(folder, arguments);
+    command
+        .env("XDG_CACHE_HOME", cache())
+        .env("VK_LAYER_PATH", layer())
+        .env("VK_INSTANCE_LAYERS", "VK_LAYER_LIGHTSUM_fault");
+    let faults: Vec<String> = faults.iter().map(|(call, result)| format!("{call}:{result}")).collect();
+    command.env("LIGHTSUM_FAULT", faults.join(",")).env("LIGHTSUM_FAULT_LOG", log.path());
+    let output = command.output().unwrap();
+    let mut run = Run { output, calls: Vec::new(), failed: Vec::new(), left: BTreeMap::new() };
+    for line in fs::read_to_string(log.path()).unwrap().lines() {
+        let (what, rest) = line.split_once(' ').unwrap();
+        match what {
+            "made" => *run.left.entry(rest.to_owned()).or_default() += 1,
+            "gone" => *run.left.entry(rest.to_owned()).or_default() -= 1,
+            _ => {
+                let name = rest.split_once(' ').unwrap().1.to_owned();
+                run.calls.push(name.clone());
+                if what == "fail" {
+                    run.failed.push(name);
+                }
+            }
+        }
+    }
+    assert!(!run.calls.is_empty(), "the layer was not loaded: {}", text(&run.output.stderr));
+    run
+}
+
+impl Run {
+    /// Fails unless the run ended in order; returns whether it was successful.
+    #[track_caller]
+    fn ended_in_order(&self, what: &str) -> bool {
+        let message = text(&self.output.stderr);
+        let code = self.output.status.code();
+        assert!(!message.contains("panicked"), "{what}: {message}");
+        assert!(matches!(code, Some(0 | 1)), "{what}: {:?}: {message}", self.output.status);
+        let error = message.lines().find(|line| line.starts_with("error: "));
+        assert_eq!(error.is_some(), code == Some(1), "{what}: {message}");
+        // Of what failed and what can be done.
+        assert!(error.is_none_or(|line| line.contains("; ")), "{what}: {message}");
+        let left: Vec<_> = self.left.iter().filter(|(_, count)| **count != 0).collect();
+        assert!(left.is_empty(), "{what} left {left:?}: {message}");
+        code == Some(0)
+    }
+}
+
+/// A rendering of three passes, its second with a checkpoint after each pass.
+const RENDER: &str = "render scene.toml -o a.exr --particles 4 --passes 3 --checkpoint 0.000001";
+
+/// Checks what a failed rendering of `RENDER` leaves: nothing, or the image and the state of fewer passes.
+fn leaves_whole_files(folder: &Path, what: &str) {
+    for (name, bytes) in contents(folder) {
+        match name.as_str() {
+            "a.exr" => {
+                exr::prelude::read_first_flat_layer_from_file(folder.join(&name))
+                    .unwrap_or_else(|e| panic!("{what}: {e}"));
+            }
+            "a.exr.state" => assert!(State::read(&folder.join(&name)).unwrap().passes <= 3, "{what}"),
+            "room.obj" | "room.mtl" | "scene.toml" => {}
+            _ => panic!("{what} left {name} of {} bytes", bytes.len()),
+        }
+    }
+}
+
+fn clean(folder: &Path) {
+    for name in ["a.exr", "a.exr.state"] {
+        let _ = fs::remove_file(folder.join(name));
+    }
+}
+
+/// Lets call number `call` of a rendering fail; `sound`: its image without faults.
+fn fail_one(folder: &Path, call: usize, result: i32, sound: &[u8]) -> Run {
+    clean(folder);
+    let run = run(folder, RENDER, &[(call, result)]);
+    let what = format!("result {result} of call {call}, {:?}", run.failed);
+    if run.ended_in_order(&what) {
+        assert!(fs::read(folder.join("a.exr")).unwrap() == sound, "{what}: another image");
+    }
+    leaves_whole_files(folder, &what);
+    run
+}
+
+/// A rendering without faults: its calls, and the image.
+fn sound(folder: &Path) -> (Vec<String>, Vec<u8>) {
+    let sound = run(folder, RENDER, &[]);
+    assert!(sound.ended_in_order("no fault"), "{}", text(&sound.output.stderr));
+    (sound.calls, fs::read(folder.join("a.exr")).unwrap())
+}
+
+#[test]
+fn one_call_of_each_kind_may_fail() {
+    let folder = folder();
+    let (calls, image) = sound(folder.path());
+    let mut places: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+    for (call, name) in (1..).zip(&calls) {
+        places.entry(name).or_default().push(call);
+    }
+    println!("{} calls of {} kinds", calls.len(), places.len());
+    let results = [OUT_OF_HOST_MEMORY, OUT_OF_DEVICE_MEMORY, DEVICE_LOST];
+    let mut errors = 0;
+    for (i, (name, places)) in places.iter().enumerate() {
+        let result = if *name == "vkWaitForFences" { TIMEOUT } else { results[i % 3] };
+        let run = fail_one(folder.path(), places[places.len() * 2 / 3], result, &image);
+        errors += usize::from(!run.output.status.success());
+    }
+    assert!(errors > places.len() / 2, "{errors} of {} ended in errors", places.len());
+}
+
+#[test]
+#[ignore = "takes hours: every call of a rendering with each result; LIGHTSUM_FAULT_STRIDE=N takes every N-th"]
+fn every_call_may_fail() {
+    let stride = std::env::var("LIGHTSUM_FAULT_STRIDE").map_or(1, |stride| stride.parse().unwrap());
+    let folder = folder();
+    let (calls, image) = sound(folder.path());
+    let mut outcomes: BTreeMap<(i32, Option<i32>), usize> = BTreeMap::new();
+    for (i, call) in (1..=calls.len()).step_by(stride).enumerate() {
+        let result = [OUT_OF_HOST_MEMORY, OUT_OF_DEVICE_MEMORY, DEVICE_LOST, TIMEOUT];
+        // Every result in turn where not all calls fail.
+        let chosen = if stride == 1 { &result[..] } else { &result[i % 4..][..1] };
+        for &result in chosen.iter().filter(|&&r| r != TIMEOUT || calls[call - 1] == "vkWaitForFences") {
+            let run = fail_one(folder.path(), call, result, &image);
+            *outcomes.entry((result, run.output.status.code())).or_default() += 1;
+        }
+    }
+    println!("of {} calls, by result and exit code: {outcomes:?}", calls.len());
+}
+
+#[test]
+fn an_error_in_a_pass_writes_the_passes_before() {
+    let folder = folder();
+    let line = "render scene.toml -o a.exr --particles 4 --passes 3 --checkpoint off";
+    let (_, image) = sound(folder.path());
+    let passes = in_passes(&run(folder.path(), line, &[]).calls, "vkBeginCommandBuffer");
+    clean(folder.path());
+    assert_eq!(passes.len(), 3);
+    let failed = run(folder.path(), line, &[(passes[2], OUT_OF_DEVICE_MEMORY)]);
+    assert!(!failed.ended_in_order("the third pass"));
+    let message = text(&failed.output.stderr);
+    assert!(message.contains("2 passes before the error are in the image"), "{message}");
+    assert!(message.contains("state after 2 passes is in a.exr.state"), "{message}");
+    assert!(message.contains("error: in pass 2: no memory"), "{message}");
+    leaves_whole_files(folder.path(), "the third pass");
+    succeeds(folder.path(), &format!("{line} --resume"));
+    assert!(fs::read(folder.path().join("a.exr")).unwrap() == image, "the third pass after a fault");
+}
+
+/// The last calls of a name in each pass: before its timestamps are read.
+fn in_passes(calls: &[String], name: &str) -> Vec<usize> {
+    let places =
+        |name: &str| (1..).zip(calls).filter(|(_, call)| *call == name).map(|(at, _)| at).collect::<Vec<usize>>();
+    let (ends, all) = (places("vkGetQueryPoolResults"), places(name));
+    ends.iter().map(|end| *all.iter().rfind(|place| *place < end).unwrap()).collect()
+}
+
+#[test]
+fn a_lost_device_is_opened_once_more() {
+    let folder = folder();
+    let (calls, image) = sound(folder.path());
+    let lost = in_passes(&calls, "vkQueueSubmit")[2];
+    for checkpoint in ["0.000001", "off"] {
+        let line = format!("render scene.toml -o a.exr --particles 4 --passes 3 --checkpoint {checkpoint}");
+        let lost = in_passes(&run(folder.path(), &line, &[]).calls, "vkQueueSubmit")[2];
+        clean(folder.path());
+        let once = run(folder.path(), &line, &[(lost, DEVICE_LOST)]);
+        let message = text(&once.output.stderr);
+        assert!(once.ended_in_order("lost once"), "{message}");
+        let after = if checkpoint == "off" { "after 0 passes" } else { "after 2 passes" };
+        assert!(message.contains("opening it once more") && message.contains(after), "{message}");
+        assert!(fs::read(folder.path().join("a.exr")).unwrap() == image, "another image with checkpoints {checkpoint}");
+    }
+
+    clean(folder.path());
+    let twice = run(folder.path(), RENDER, &[(lost, DEVICE_LOST), (lost + calls.len() / 2, DEVICE_LOST)]);
+    assert!(!twice.ended_in_order("lost twice"), "{}", text(&twice.output.stderr));
+    assert_eq!(twice.failed.len(), 2);
+    let message = text(&twice.output.stderr);
+    assert!(message.contains("the device was lost") && message.contains("a.exr.state"), "{message}");
+    assert!(State::read(&folder.path().join("a.exr.state")).unwrap().passes >= 2);
+    succeeds(folder.path(), &format!("{RENDER} --resume"));
+    assert!(fs::read(folder.path().join("a.exr")).unwrap() == image, "after two lost devices");
+}
+
+#[test]
+fn an_animation_keeps_the_frames_before_an_error() {
+    let folder = folder();
+    let path = "frames = 4\n[[camera]]\ntime = 0.0\neye = [0.0, 0.5, 4.0]\ntarget = [0.0, 0.4, 0.0]\n\
+                [[camera]]\ntime = 0.3\neye = [0.5, 0.5, 4.0]\ntarget = [0.0, 0.4, 0.0]\n";
+    fs::write(folder.path().join("path.toml"), path).unwrap();
+    let line = "animate scene.toml --path path.toml -o f%d.png --timings t.json --particles 4 --moving-passes 1";
+    succeeds(folder.path(), line);
+    let sound = run(folder.path(), line, &[]);
+    assert!(sound.ended_in_order("no fault"));
+    let frames: Vec<_> = contents(folder.path()).into_iter().filter(|(name, _)| name.starts_with('f')).collect();
+    assert_eq!(frames.len(), 4);
+    frames.iter().for_each(|(name, _)| fs::remove_file(folder.path().join(name)).unwrap());
+    let third = in_passes(&sound.calls, "vkQueueSubmit")[2];
+    let failed = run(folder.path(), line, &[(third, OUT_OF_HOST_MEMORY)]);
+    assert!(!failed.ended_in_order("the third frame"));
+    let message = text(&failed.output.stderr);
+    assert!(message.contains("2 of 4 frames were done before the error"), "{message}");
+    let after = contents(folder.path());
+    let written: Vec<_> =
+        after.iter().filter(|(name, _)| name.starts_with('f')).map(|(n, b)| (n.clone(), b.clone())).collect();
+    assert!(written == frames[..2], "{:?}", after.keys());
+    let timings: serde_json::Value = serde_json::from_slice(&after["t.json"]).unwrap();
+    assert_eq!(timings["frames"].as_array().map(Vec::len), Some(2));
+}
+
+#[test]
+fn a_bake_keeps_the_passes_before_an_error() {
+    let folder = folder();
+    let line = "bake scene.toml -o a.glb --particles 8 --density 4 --passes 3 --checkpoint off";
+    succeeds(folder.path(), line);
+    let files =
+        || contents(folder.path()).into_iter().filter(|(name, _)| name.starts_with('a')).collect::<BTreeMap<_, _>>();
+    let whole = files();
+    let sound = run(folder.path(), line, &[]);
+    assert!(sound.ended_in_order("no fault") && files() == whole);
+    whole.keys().for_each(|name| fs::remove_file(folder.path().join(name)).unwrap());
+    let third = *in_passes(&sound.calls, "vkBeginCommandBuffer").last().unwrap();
+    let failed = run(folder.path(), line, &[(third, OUT_OF_HOST_MEMORY)]);
+    assert!(!failed.ended_in_order("the third pass"));
+    let message = text(&failed.output.stderr);
+    assert!(message.contains("state after 2 passes is in a.glb.state"), "{message}");
+    assert_eq!(files().into_keys().collect::<Vec<_>>(), ["a.glb.state"]);
+    succeeds(folder.path(), &format!("{line} --resume"));
+    fs::remove_file(folder.path().join("a.glb.state")).unwrap();
+    assert!(files() == whole, "after the third pass again");
+}
