@@ -17,9 +17,13 @@ fn names_are_decoded_and_relative_to_the_model() {
     std::fs::create_dir(case.path("my images")).unwrap();
     std::fs::write(case.path("my images/w\u{e4}nde.png"), png(&[[9, 8, 7, 255]], 1)).unwrap();
     assert_eq!(case.load().unwrap().textures[0].texels, [[9, 8, 7, 255]]);
-    // The same by its absolute address, which is not encoded.
+    // The same by its absolute address, which is not encoded. It lies outside of the folder of this model.
     let absolute = textured(&format!("file://{}", case.path("my images/w\u{e4}nde.png").display()));
-    assert_eq!(absolute.load().unwrap().textures[0].texels, [[9, 8, 7, 255]]);
+    let message = absolute.load().unwrap_err().to_string();
+    assert!(message.contains("w\u{e4}nde.png: lies outside") && message.contains("--allow-outside"), "{message}");
+    let anywhere = scene::ReadOptions { allow_outside: true, ..Default::default() };
+    let scene = scene::load_with(&absolute.path("a.gltf"), &anywhere).unwrap();
+    assert_eq!(scene.textures[0].texels, [[9, 8, 7, 255]]);
 }
 
 #[cfg(unix)]
