@@ -229,7 +229,11 @@ fn an_interrupt_writes_what_there_is_and_resume_finishes() {
         assert_eq!(status.code(), Some(0), "{signal}: {rest}");
         assert!(rest.contains("interrupted") && rest.contains("a.exr.state") && rest.contains("--resume"), "{rest}");
         assert!(channels(&folder.path().join("a.exr"))["R"].iter().any(|&r| r > 0.0));
-        finishes(folder.path());
+        // All signals take one way, whose bits are compared once.
+        match signal {
+            "INT" => finishes(folder.path()),
+            _ => assert!(State::read(&folder.path().join("a.exr.state")).unwrap().passes > 0),
+        }
     }
 }
 
