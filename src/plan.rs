@@ -364,7 +364,7 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
         lights = LightPlan { survivors: Vec::new(), delta: 0, environment: false };
     }
     let (mut lists, mut particles) = (lights.clone(), settings.particles);
-    // What gather rays of an image meet may lie far from its pixel, whose list would fit it badly; in a bake all lists are for surfaces.
+    // A gathered point has the list of the point that its ray left. For texels that lowers the error; for images it was not measured.
     let may_choose = view.camera().is_none() || !gathers_exactly(settings, view);
     if settings.light_pool > settings.particles && lights.survivors.len() > 1 && may_choose {
         let (pool, started) = LightPlan::of_pool(settings, rho, delta);

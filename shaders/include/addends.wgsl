@@ -1,4 +1,5 @@
-// What a pass adds to the sums of a pixel. Needs frame.wgsl, math.wgsl, radiance.wgsl, and the points and paths bound by their names.
+// The values that a pass adds to the sums of a pixel. The including shader includes frame.wgsl, math.wgsl and radiance.wgsl, and binds the
+// buffers of shading points, lighting and eye paths under the names used here.
 struct Addends {
     color: vec4<f32>,     // radiance; w: coverage
     direct: vec4<f32>,    // irradiance; w: depth along the view direction times coverage

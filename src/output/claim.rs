@@ -45,7 +45,7 @@ pub fn claim<'a>(outputs: impl IntoIterator<Item = &'a Path>) -> Result<Claim> {
 
 impl Drop for Claim {
     fn drop(&mut self) {
-        // While the lock is held, so that nobody else's file is removed. What cannot be removed does no harm.
+        // While the lock is held, so that nobody else's file is removed. A lock file that cannot be removed does no harm.
         self.0.iter().for_each(|(_, path)| drop(fs::remove_file(path)));
     }
 }
@@ -108,7 +108,7 @@ mod tests {
         let message = |outputs: &[PathBuf]| claim(outputs.iter().map(PathBuf::as_path)).unwrap_err().to_string();
         let first = claim([at("a.exr").as_path(), &at("b.exr")]).unwrap();
         assert!(message(&[at("c.exr"), at("b.exr")]).contains("b.exr: another lightsum writes this file"));
-        // What the refused one had is free.
+        // The refused claim holds no lock.
         drop(claim([at("c.exr").as_path()]).unwrap());
         // By whatever name.
         std::fs::create_dir(at("x")).unwrap();

@@ -33,7 +33,7 @@ pub struct Provenance {
 pub struct State {
     /// Of scene, camera and settings.
     pub fingerprint: u64,
-    /// What the passes were made with.
+    /// Device, driver and traversal of the passes.
     pub provenance: Provenance,
     /// Width in pixels.
     pub width: u32,

@@ -6,7 +6,7 @@
 //! only a part is a number.
 //!
 //! The light of second components, which [`summands`](super::summands) adds itself, is looked at apart. What [`lens`](super::lens) adds
-//! later is a mean of what was looked at. Albedos and normals that are no numbers count as zero in their sums. Cost: 7 vec4 and 60
+//! later is a mean of checked values. Albedos and normals that are no numbers count as zero in their sums. Cost: 7 vec4 and 60
 //! operations a pixel, 1 vec4 more with summands.
 
 use super::{BoundKernel, EyePathState, Kit, Lighting, ShadingPoints, groups};

@@ -24,7 +24,7 @@ pub struct Shown {
     pub size: [u32; 2],
 }
 
-/// What a program draws over the image: a command buffer within a render pass of one attachment, the whole window.
+/// The target of a program's own drawing over the image: a command buffer inside a render pass, whose one attachment is the window's image.
 pub struct Canvas {
     /// The command buffer.
     pub commands: vk::CommandBuffer,
@@ -32,7 +32,7 @@ pub struct Canvas {
     pub extent: vk::Extent2D,
 }
 
-/// What became of a frame.
+/// The outcome of a frame.
 #[derive(Debug)]
 pub enum Outcome {
     /// It was submitted with all commands.
@@ -55,7 +55,7 @@ pub struct Presenter {
     /// The swapchain does not fit the window any more.
     outdated: bool,
     in_flight: bool,
-    /// What the frame in flight uses.
+    /// Resources that the frame in flight uses.
     retained: Option<(Option<Retained>, Option<Image>)>,
     swapchain: Option<Swapchain>,
     format: Format,
@@ -135,7 +135,7 @@ impl Presenter {
 
     /// Shows a frame, after the one in flight: what `record` records and returns, under what `draw` draws.
     ///
-    /// Neither is called while the window has no area or gives no image. What `draw` uses must live until the frame is done. Errors: the
+    /// Neither is called while the window has no area or gives no image. Resources that `draw` uses must live until the frame is done. Errors: the
     /// device or the surface was lost; those of `draw`.
     pub fn show(
         &mut self,

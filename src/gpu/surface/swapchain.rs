@@ -6,7 +6,7 @@ use super::WindowDevice;
 use crate::error::{Error, Result};
 use crate::gpu::memory::WHOLE_IMAGE;
 
-/// What does not change with the size of the window: the format of its images and the pass that draws over them.
+/// The parts that a resized window keeps: the format of its images and the render pass that draws over them.
 pub(super) struct Format {
     device: WindowDevice,
     pub surface: vk::SurfaceFormatKHR,

@@ -20,7 +20,7 @@ pub struct Reading {
     allow_outside: bool,
     /// Memory that the scene's files may take, as they are and decoded, such as 512M or 4G [default: half of the machine's].
     ///
-    /// What needs more is refused before it is read.
+    /// A file beyond this limit is refused before it is read.
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     max_input_memory: Option<u64>,
 }

@@ -150,7 +150,7 @@ impl App {
 
     /// Shows a message in the window and on standard error.
     pub(super) fn tell(&mut self, is_error: bool, text: String) {
-        // What fails again in the frame that shows its message must not make another one.
+        // The frame that shows a message may fail in the same way; a second message would cause a third.
         if is_error && self.panel.notice.as_ref().is_some_and(|notice| notice.text == text) {
             return;
         }

@@ -69,7 +69,7 @@ pub const MOUSE: [(&str, &str); 8] = [
     ("drop a file", "open it"),
 ];
 
-/// What a key does.
+/// The action of a key.
 pub fn action(key: KeyCode) -> Option<Action> {
     ACTIONS.iter().find(|(code, ..)| *code == key).map(|(.., action, _)| *action)
 }

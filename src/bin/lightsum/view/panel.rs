@@ -1,4 +1,4 @@
-//! What is drawn beside and over the image: the panel, the help, and messages.
+//! The panel beside the image, and help and messages over it.
 
 use clap::CommandFactory;
 use egui::{Align2, Color32, DragValue, RichText, Ui};
@@ -19,9 +19,9 @@ use crate::args::Arguments;
 /// Width of the panel, points.
 pub const WIDTH: f32 = 300.0;
 
-/// What the user asks for by the panel.
+/// Requests that the user makes in the panel.
 pub enum Request {
-    /// What a key does.
+    /// The action of a key.
     Do(Action),
     /// Other settings.
     Settings(Box<Settings>),
