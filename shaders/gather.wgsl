@@ -20,7 +20,7 @@
 @group(0) @binding(10) var<storage, read_write> beta: array<vec4<f32>>;
 @group(0) @binding(11) var<storage, read_write> ray_origin: array<vec4<f32>>;
 @group(0) @binding(12) var<storage, read_write> ray_direction: array<vec4<f32>>;
-#if NEAR
+#if GAPS
 @group(0) @binding(13) var<storage, read_write> list_out: array<u32>;
 @group(0) @binding(14) var<storage, read_write> work_out: DispatchCounts;
 #endif
@@ -30,15 +30,20 @@ var<immediate> push: Push;
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let step = steps[push.step];
     let place = (group.x + group.y * groups.x) * 64u + lane;
-#if NEAR
+#if GAPS
     // A list in screen order has gaps.
     if place >= max(atomicLoad(&work.live), work.total) {
         return;
     }
     let slot = list[place];
-    if slot == NO_POINT || !has_near_ray(slot, point_wo[slot].w) {
+    if slot == NO_POINT {
         return;
     }
+#if NEAR
+    if !has_near_ray(slot, point_wo[slot].w) {
+        return;
+    }
+#endif
     list_out[atomicAdd(&work_out.live, 1u)] = slot;
 #else
     if place >= atomicLoad(&work.live) {
@@ -85,8 +90,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if NEAR
     weight *= near_ray_weight(slot, wo_flags.w);
 #endif
+    // Russian roulette from the second ray on.
+    let survival = select(min(max(weight.x, max(weight.y, weight.z)), 1.0), 1.0, first);
+    let dies = random(key(frame.keys.x, STREAM_GATHER_ROULETTE, sample, step.bounce)) >= survival;
+    weight = select(weight / max(survival, 1e-6), vec3<f32>(0.0), dies);
     beta[slot] = vec4<f32>(before.xyz * weight, select(before.w, select(1.0, 0.0, diffuse), first));
-    let reach = select(0.0, frame.up.w, above && (mean3(kd.xyz) > 0.0 || !diffuse));
+    let reach = select(0.0, frame.up.w, above && !dies && (mean3(kd.xyz) > 0.0 || !diffuse));
     ray_origin[slot] = vec4<f32>(point_position[slot].xyz, reach);
     ray_direction[slot] = vec4<f32>(s.wi, 0.0);
 }

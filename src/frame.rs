@@ -143,7 +143,7 @@ impl Frame {
                 Some(MirrorLights::new(kit, settings, mirrors, &inputs)?)
             }
         };
-        let compensation = Compensation::new(kit, scene, plan, (&eye, &light_lists, &shade))?;
+        let compensation = Compensation::new(kit, scene, plan, (&eye, &light_lists, &walk.lights, &shade))?;
         let near_light = NearLight::new(kit, scene, plan, (&eye, &light_lists, &shade))?;
         let discontinuity = match settings.filter {
             None => None,

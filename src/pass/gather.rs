@@ -4,7 +4,8 @@
 //! Clipping the distance to virtual lights takes from the integral over surfaces the share 1 - d^2 / clip^2 where d < clip.
 //! That share is estimated by a path: a direction by the reflectance (diffuse lobe by the cosine law, specular lobe by
 //! visible normals), traced no farther than clip. Its hit becomes a shading point of the next bounce with that weight,
-//! lit by the same clipped lights and gathered from in turn until the path is as long as allowed.
+//! lit by the same clipped lights and gathered from in turn until the path is as long as allowed, or until it ends by Russian roulette:
+//! from the second ray on it goes on with the greatest channel of the weight of its reflection as probability, and is divided by it.
 //!
 //! The directions of a pixel over the passes follow one low-discrepancy sequence, randomised anew for every pixel. Of Sobol' points the
 //! same two dimensions serve all bounces, in another order for each (padded replications, Wald et al. 2002, 4.4; see
@@ -30,7 +31,7 @@ use super::{BoundKernel, Kit, List, Rays, ShadingPoints, layout, near_points, pu
 use crate::accel::Ray;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
-use crate::sampling::dimensions::{GATHER, GATHER_LOBE};
+use crate::sampling::dimensions::{GATHER, GATHER_LOBE, GATHER_ROULETTE};
 use crate::sampling::halton::radical_inverse;
 use crate::sampling::random::{hash, key, random_f32};
 use crate::sampling::rotate;
@@ -57,8 +58,22 @@ impl Gather {
         Ok(Gather { kernel: kit.bind(&shaders::GATHER, &sets)?, work: list.work.clone() })
     }
 
-    /// As [`Gather::new`] for near rays, which leave a quarter of the classes of pixels in each pass and count for all.
-    /// `list` may have gaps; `started` receives the points that have a ray.
+    /// As [`Gather::new`] for a list that may have gaps; `started` receives the points.
+    pub fn with_gaps(
+        kit: &Kit,
+        points: &ShadingPoints,
+        (list, started): (&List, &List),
+        rays: &Rays,
+        beta: &Buffer,
+        steps: &Resources,
+    ) -> Result<Self> {
+        let beta = Resources::of([("beta", beta)]);
+        let sets = [&points.resources(), &list.resources(), &started.as_output(), &rays.resources(), &beta, steps];
+        Ok(Gather { kernel: kit.bind(&shaders::GATHER_GAPS, &sets)?, work: list.work.clone() })
+    }
+
+    /// As [`Gather::with_gaps`] for near rays, which leave a quarter of the classes of pixels in each pass and count for all.
+    /// `started` receives the points that have a ray.
     pub fn of_near_rays(
         kit: &Kit,
         points: &ShadingPoints,
@@ -142,7 +157,10 @@ fn towards(
         (true, true) => Vec3::splat(std::f32::consts::PI / p),
         (true, false) => weight,
     };
-    let sends = above && (r.kd != Vec3::ZERO || !diffuse);
+    let survival = if bounce == 0 { 1.0 } else { weight.max_element().min(1.0) };
+    let dies = random_f32(key(frame.keys[0], GATHER_ROULETTE, sample, bounce)) >= survival;
+    let weight = if dies { Vec3::ZERO } else { weight / survival.max(1e-6) };
+    let sends = above && !dies && (r.kd != Vec3::ZERO || !diffuse);
     let ray = Ray { origin: receiver.position, t_max: if sends { frame.up[3] } else { 0.0 }, direction: wi };
     (ray, beta * weight, !diffuse)
 }

@@ -25,7 +25,7 @@
 //! A light that changes, because something moves, changes the choice of few others; systematic sampling, which lays the lights on one
 //! line, would choose anew behind it.
 //!
-//! Where points form no clusters of the screen, or the lists of all clusters exceed the largest buffer that kernels may bind, each
+//! Points that gather rays hit form no clusters of the screen; where points form none, or the lists of all clusters exceed the largest buffer that kernels may bind, each
 //! class chooses by power alone.
 //!
 //! Differs from the paper in that: it chooses for parts of the image instead of the whole, and without visibility.
@@ -35,7 +35,7 @@
 
 use glam::Vec3;
 
-use super::clusters;
+use super::clusters::{self, Clusters};
 use super::layout::{FrameParameters, PointLight};
 use super::light_regions::{self, LightRegions};
 use super::schedule::TOTAL_GROUPS;
@@ -91,6 +91,15 @@ enum Lists {
 impl LightLists {
     /// Lists of `lights` for the points of `eye`.
     pub fn new(kit: &Kit, plan: &Plan, eye: &Eye, lights: &Buffer) -> Result<LightLists> {
+        Self::of(kit, plan, (eye, eye.clusters.as_ref()), lights)
+    }
+
+    /// Lists of `lights` for all points of a class of pixels, chosen by power.
+    pub fn of_classes(kit: &Kit, plan: &Plan, eye: &Eye, lights: &Buffer) -> Result<LightLists> {
+        Self::of(kit, plan, (eye, None), lights)
+    }
+
+    fn of(kit: &Kit, plan: &Plan, (eye, clusters): (&Eye, Option<&Clusters>), lights: &Buffer) -> Result<LightLists> {
         let (classes, slots) = (plan.settings.classes(), plan.lists.slots());
         let [width, height] = plan.view.size();
         let [across, down] = plan.settings.pattern;
@@ -106,7 +115,7 @@ impl LightLists {
         let list_size = u64::from(slots) * size_of::<PointLight>() as u64;
         let room = kit.context.info().max_storage_buffer_range;
         let fits = u64::from(count) * list_size <= room && light_regions::bytes(plan) <= room;
-        let of_screen = eye.clusters.as_ref().filter(|_| fits);
+        let of_screen = clusters.filter(|_| fits);
         let lists = if of_screen.is_some() { count } else { classes };
         let listed = kit.array("lights of clusters", lists, list_size)?;
         let of_class = plan.lights.slots() - plan.lights.first_slot(1);

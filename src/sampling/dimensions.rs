@@ -25,6 +25,7 @@
 //! | [`GATHER`]  | rotation of the gather ray: pixel, dimension              |
 //! | [`PIXEL`]   | everything in the path tracer: pixel, running number      |
 //! | [`GATHER_LOBE`] | lobe of the gather ray: pixel, bounce                 |
+//! | [`GATHER_ROULETTE`] | whether a path of gather rays goes on: pixel, bounce |
 //! | [`WINDOW`]  | offset of the passes in their segments of the sequence: 0, 0 |
 //! | [`OFFSET`]  | scrambling of the pixel offsets: dimension, or 2 for their order; 0 |
 //! | [`COMPONENT`] | transmission or reflection: slot of the pixel, mirrors and glass so far |
@@ -101,6 +102,8 @@ pub const PHOTON: u32 = 20;
 pub const PHOTON_SIDE: u32 = 21;
 /// Stream: component that a photon takes at a mirror or glass.
 pub const PHOTON_COMPONENT: u32 = 22;
+/// Stream: Russian roulette of the paths of gather rays.
+pub const GATHER_ROULETTE: u32 = 23;
 
 /// Dimensions of a photon: direction, place on the emitter (the first also chooses it), target.
 pub const PHOTON_DIMENSIONS: [usize; 5] = [0, 1, 2, 3, 4];

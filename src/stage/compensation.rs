@@ -10,6 +10,7 @@ use crate::pass::gather::Gather;
 use crate::pass::gathered_points::{self, GatheredPoints};
 use crate::pass::layout::Step;
 use crate::pass::light_lists::LightLists;
+use crate::pass::schedule::Schedule;
 use crate::pass::shade::{self, Chunk};
 use crate::pass::trace::Trace;
 use crate::pass::{Kit, Lighting, List, ShadingPoints};
@@ -27,6 +28,8 @@ pub struct Compensation {
     pub bounces: Vec<Bounce>,
     counts: Counts,
     list_rounds: Vec<u32>,
+    /// Lights of the classes of pixels, where clusters of the screen have others.
+    lists: Option<LightLists>,
 }
 
 /// From one set of points to the next, and the light of these back to the pixels.
@@ -34,6 +37,8 @@ pub struct Bounce {
     /// The points that the rays hit.
     pub list: List,
     gather: (Gather, u32),
+    /// Finishes the list of the points that have a ray, if it is another than that of the points.
+    started: Option<(Schedule, u32)>,
     trace: Trace,
     points: GatheredPoints,
     finish: ListFinish,
@@ -42,12 +47,13 @@ pub struct Bounce {
 }
 
 impl Compensation {
-    /// From the points of `eye`, lit by the lights of `lists`, to the lighting of `shade`. `None`: nothing is cut off.
+    /// From the points of `eye` to the lighting of `shade`. The hits are lit by the lights of `lists`, or by those that their classes choose
+    /// of `lights` if each cluster of the screen has lights of its own. `None`: nothing is cut off.
     pub fn new(
         kit: &Kit,
         scene: &DeviceScene,
         plan: &Plan,
-        (eye, lists, shade): (&Eye, &LightLists, &Shade),
+        (eye, lists, lights, shade): (&Eye, &LightLists, &Buffer, &Shade),
     ) -> Result<Option<Compensation>> {
         if plan.bounces() == 1 {
             return Ok(None);
@@ -58,14 +64,33 @@ impl Compensation {
         let beta = kit.vec4s("beta", slots)?;
         let mut table = StepTable::default();
         let list_rounds = table.add_list_rounds(settings);
+        let started_step = table.add_list();
         let bounces: Vec<BounceSteps> =
             (1..plan.bounces()).map(|bounce| BounceSteps::new(&mut table, kit, scene, plan, eye, bounce)).collect();
         let steps = table.stage(kit, "compensation steps")?;
+        let of_classes = match &eye.clusters {
+            Some(_) => Some(LightLists::of_classes(kit, plan, eye, lights)?),
+            None => None,
+        };
+        let lists = of_classes.as_ref().unwrap_or(lists);
+        let sort_buffers = eye.sort_buffers.as_ref();
+        let order = eye.order.of_gathered();
+        let started = match &eye.clusters {
+            Some(_) => Some(List::new(kit, "gather rays", &kit.array("gather rays list", slots, 4)?)?),
+            None => None,
+        };
         let mut before = (eye.list.clone(), &eye.points);
         let mut made = Vec::new();
         for (bounce, numbers) in (1..).zip(bounces) {
             let list = eye.turns.list(kit, "gathered points", bounce)?;
             let (list_in, from) = &before;
+            // The list of the screen has gaps.
+            let started = started.as_ref().filter(|_| bounce == 1);
+            let gather = match started {
+                Some(started) => Gather::with_gaps(kit, from, (list_in, started), &eye.rays, &beta, &steps)?,
+                None => Gather::new(kit, from, list_in, &eye.rays, &beta, &steps)?,
+            };
+            let list_in = started.unwrap_or(list_in);
             let lit = !numbers.chunks.is_empty();
             let shade_inputs = shade::Inputs {
                 points: &points,
@@ -73,7 +98,7 @@ impl Compensation {
                 lists,
                 progress: &eye.rays.progress,
                 lighting: &lighting,
-                classes: eye.classes(),
+                classes: sort_buffers.map(|buffers| &buffers.classes),
             };
             let last = bounce + 1 == settings.max_depth as usize;
             let inputs = gathered_points::Inputs {
@@ -82,11 +107,15 @@ impl Compensation {
                 list_out: &list,
                 beta: &beta,
                 points: &points,
-                step: eye.order.step(lit, last),
+                step: order.step(lit, last),
             };
-            let sort = eye.sort_buffers.as_ref().filter(|_| lit);
+            let sort = sort_buffers.filter(|_| lit);
             made.push(Bounce {
-                gather: (Gather::new(kit, from, list_in, &eye.rays, &beta, &steps)?, numbers.gather),
+                gather: (gather, numbers.gather),
+                started: match started {
+                    Some(started) => Some((Schedule::new(kit, &started.work, &steps)?, started_step)),
+                    None => None,
+                },
                 trace: Trace::new(kit, &eye.rays, list_in, &steps)?,
                 points: GatheredPoints::new(kit, &inputs)?,
                 finish: ListFinish::new(kit, &list, &points, sort, numbers.finish, &steps)?,
@@ -102,8 +131,8 @@ impl Compensation {
             });
             before = (list, &points);
         }
-        let counts = Counts::new(kit, settings.classes(), made.iter().map(|bounce| &bounce.list))?;
-        Ok(Some(Compensation { points, beta, lighting, bounces: made, counts, list_rounds }))
+        let counts = Counts::new(kit, settings.classes(), made.iter().map(|bounce| &bounce.list).chain(&started))?;
+        Ok(Some(Compensation { points, beta, lighting, bounces: made, counts, list_rounds, lists: of_classes }))
     }
 
     /// Clears the counts.
@@ -115,6 +144,7 @@ impl Compensation {
     pub fn record_gather(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
         let bounce = &self.bounces[bounce - 1];
         bounce.gather.0.record(rec, bounce.gather.1)?;
+        bounce.started.as_ref().map_or(Ok(()), |(schedule, step)| schedule.record(rec, *step))?;
         bounce.trace.record(rec, &self.list_rounds, None)?;
         bounce.points.record(rec)?;
         bounce.finish.record(rec)
@@ -145,7 +175,7 @@ struct BounceSteps {
 
 impl BounceSteps {
     fn new(table: &mut StepTable, kit: &Kit, scene: &DeviceScene, plan: &Plan, eye: &Eye, bounce: u32) -> BounceSteps {
-        let chunks = chunks(table, plan, (kit.context, scene), bounce, eye.order);
+        let chunks = chunks(table, plan, (kit.context, scene), bounce, eye.order.of_gathered());
         BounceSteps {
             gather: table.add(Step { bounce: bounce - 1, ..Step::default() }),
             collect: table.add(Step { bounce, ..Step::default() }),
@@ -160,6 +190,7 @@ impl Stage for Compensation {
 
     fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.record_clear(rec)?;
+        self.lists.as_ref().map_or(Ok(()), |lists| lists.run(rec))?;
         (1..=self.bounces.len()).try_for_each(|bounce| {
             rec.scope("gather", |rec| self.record_gather(rec, bounce))?;
             rec.scope("shade", |rec| self.record_shade(rec, bounce))?;

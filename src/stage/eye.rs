@@ -45,7 +45,7 @@ pub struct Eye {
     pub order: PointOrder,
     /// Puts the points in clusters by their pixels, in the order [`PointOrder::Screen`].
     pub clusters: Option<Clusters>,
-    /// Room to sort in, in the order [`PointOrder::Space`].
+    /// Room to sort in, in the order [`PointOrder::Space`], and for points that gather rays find.
     pub(super) sort_buffers: Option<SortBuffers>,
     pub(super) turns: Turns,
     counts: Counts,
@@ -115,10 +115,8 @@ impl Eye {
             PointOrder::Screen => Some(Clusters::new(kit, &list, cluster_count, &steps)?),
             _ => None,
         };
-        let sort_buffers = match order {
-            PointOrder::Space => Some(SortBuffers::new(kit, listed, settings.classes())?),
-            _ => None,
-        };
+        let sorts = order == PointOrder::Space || order == PointOrder::Screen && plan.bounces() > 1;
+        let sort_buffers = if sorts { Some(SortBuffers::new(kit, listed, settings.classes())?) } else { None };
         // Clusters of the screen are filled from places, one for each pixel.
         let places = clusters.as_ref().map_or(&list.entries, |clusters| &clusters.places);
         let filled = List { entries: places.clone(), work: list.work.clone() };
@@ -152,7 +150,7 @@ impl Eye {
             1 => None,
             _ => Some(SplitPoints::new(kit, &inputs, &ideal_tiles)?),
         };
-        let sort = sort_buffers.as_ref().filter(|_| lit);
+        let sort = sort_buffers.as_ref().filter(|_| lit && order == PointOrder::Space);
         Ok(Eye {
             counts: Counts::new(kit, settings.classes(), lists.iter().chain([&list, &batch]))?,
             tiles: Tiles::new(kit, &rays, &ideal_tiles, tile_count)?,
@@ -181,8 +179,10 @@ impl Eye {
 
     /// Classes of the clusters, for the kernels that take clusters; `None`: there are none.
     pub fn classes(&self) -> Option<&Buffer> {
-        let sorted = self.sort_buffers.as_ref().map(|buffers| &buffers.classes);
-        sorted.or(self.clusters.as_ref().map(|clusters| &clusters.listed))
+        match &self.clusters {
+            Some(clusters) => Some(&clusters.listed),
+            None => self.sort_buffers.as_ref().map(|buffers| &buffers.classes),
+        }
     }
 
     /// Stages the texels of a pass, if the view is an atlas whose texels move.

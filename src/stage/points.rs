@@ -26,8 +26,8 @@ impl PointOrder {
     /// The order for the points of a plan.
     pub fn of(plan: &Plan, scene: &DeviceScene) -> PointOrder {
         let settings = &plan.settings;
-        // The rays of compensation need lists without gaps.
-        let gaps = plan.bounces() == 1;
+        // Clusters in space find fewer lights that all of their points see behind edges, but cannot have lights of their own.
+        let gaps = plan.bounces() == 1 || plan.chooses_lights();
         match scene.wide_nodes {
             None => PointOrder::Any,
             Some(_) if gaps && settings.cluster_order == ClusterOrder::Screen && settings.max_depth > 1 => {
@@ -35,6 +35,11 @@ impl PointOrder {
             }
             Some(_) => PointOrder::Space,
         }
+    }
+
+    /// The order of the points that gather rays of points in this order hit.
+    pub fn of_gathered(self) -> PointOrder {
+        if self == PointOrder::Any { PointOrder::Any } else { PointOrder::Space }
     }
 
     /// Step of the pass that makes a list of points; `lit`: they will be shaded; `last`: they only emit.
