@@ -13,7 +13,7 @@ use lightsum::standalone::{RenderOptions, Renderer};
 use lightsum::{Error, Result};
 use serde_json::{Value, json};
 
-use crate::args::Animate;
+use crate::args::{Animate, tell_ring};
 use crate::path::Motion;
 use crate::play::Play;
 use crate::progress::{Progress, duration};
@@ -87,7 +87,8 @@ pub fn run(args: &Animate) -> Result<()> {
     let outputs: Vec<PathBuf> = frames.chain(args.timings.clone()).collect();
     output::check_apart(outputs.iter().map(PathBuf::as_path), &inputs)?;
     let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
-    let settings = Settings { moving_passes: args.moving_passes.unwrap_or(settings.moving_passes), ..settings };
+    let mut settings = Settings { moving_passes: args.moving_passes.unwrap_or(settings.moving_passes), ..settings };
+    args.ring.apply(&mut settings);
     settings.validate()?;
     let mut job = Job {
         name: scene.name.clone(),
@@ -114,6 +115,7 @@ pub fn run(args: &Animate) -> Result<()> {
         ..RenderOptions::default()
     };
     let mut renderer = Renderer::new(scene, still, settings, &options)?;
+    tell_ring(renderer.engine().settings(), still.resolution);
 
     let mut progress = Progress::new();
     let mut frames = Vec::new();
@@ -223,7 +225,7 @@ fn in_path(path: &Path, (line, error): (Option<usize>, Error)) -> Error {
 
 /// Renders the passes of a frame; returns their times.
 fn render_frame(renderer: &mut Renderer, passes: u32) -> Result<Value> {
-    let before = renderer.passes();
+    let before = renderer.engine().passes_unchanged();
     let (mut seconds, mut record) = (0.0, 0.0);
     let mut gpu_passes: BTreeMap<String, f64> = BTreeMap::new();
     for _ in 0..passes {

@@ -5,6 +5,7 @@ mod camera;
 mod choices;
 mod play;
 mod reading;
+mod ring;
 mod superposition;
 mod values;
 #[cfg(feature = "viewer")]
@@ -26,6 +27,7 @@ pub use choices::{
 };
 pub use play::{Play, Pose};
 pub use reading::Reading;
+pub use ring::{Ring, tell_ring};
 pub use superposition::Glossy;
 pub use values::check_resolution;
 #[cfg(feature = "viewer")]
@@ -121,6 +123,8 @@ pub struct Animate {
     pub tonemap: Curve,
     #[command(flatten)]
     pub play: Play,
+    #[command(flatten)]
+    pub ring: Ring,
     #[command(flatten)]
     pub camera: Camera,
     #[command(flatten)]

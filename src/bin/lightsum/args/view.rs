@@ -5,7 +5,7 @@ use lightsum::settings::Exposure;
 use std::path::PathBuf;
 
 use super::values::{exposure, resolution};
-use super::{Camera, Curve, Device, Glossy, Light, Reading};
+use super::{Camera, Curve, Device, Glossy, Light, Reading, Ring};
 
 /// Flags of `view`.
 #[derive(Clone, Debug, Args)]
@@ -28,6 +28,8 @@ pub struct View {
     /// Runs the commands of a file, one a line, in place of mouse and keys; see docs/viewer.md.
     #[arg(long, value_name = "FILE", hide = true)]
     pub script: Option<PathBuf>,
+    #[command(flatten)]
+    pub ring: Ring,
     #[command(flatten)]
     pub camera: Camera,
     #[command(flatten)]

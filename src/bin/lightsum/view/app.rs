@@ -359,7 +359,7 @@ impl App {
                 refusal = resized.err();
             }
         }
-        let first = session.as_ref().is_some_and(|session| session.engine().passes() == 0);
+        let first = session.as_ref().is_some_and(|session| session.engine().passes_unchanged() == 0);
         let has_session = session.is_some();
         let pass = pass && has_session;
         let painter = &mut stage.painter;

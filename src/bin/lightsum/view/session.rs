@@ -17,7 +17,7 @@ use lightsum::{Engine, Error, Result};
 
 use super::navigate::{self, Mode};
 use super::route::{Placed, Route};
-use crate::args::View;
+use crate::args::{View, tell_ring};
 use crate::camera;
 use crate::path::Pose;
 use crate::render::{Job, metadata, pipeline_cache, settings};
@@ -97,13 +97,15 @@ impl Session {
     pub fn open(context: &Context, path: &Path, args: &View, size: Option<[u32; 2]>) -> Result<Session> {
         let scene = scene::load_with(path, &args.reading.options())?;
         let camera = camera::choose(&scene, &args.camera, size.or(args.resolution))?;
-        let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
+        let mut settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
+        args.ring.apply(&mut settings);
         settings.validate()?;
         let settings = standalone::with_traversal(context, settings, pipeline_cache().as_deref())?;
         let (name, origin) = (scene.name.clone(), scene.origin);
         let middle = |(low, high): (Vec3, Vec3)| if low.cmple(high).all() { 0.5 * (low + high) } else { Vec3::ZERO };
         let pivots = boxes(&scene).into_iter().map(middle).collect();
         let engine = Engine::new_dynamic(context, scene, camera, settings)?;
+        tell_ring(engine.settings(), camera.resolution);
         Ok(Session {
             name,
             path: path.to_path_buf(),
@@ -231,7 +233,7 @@ impl Session {
 
     /// Whether the image may take another pass.
     pub fn wants_pass(&self, limit: u32) -> bool {
-        self.engine.passes() < limit
+        self.engine.passes_unchanged() < limit
     }
 
     /// Records a pass if asked, and what is shown; returns that.
