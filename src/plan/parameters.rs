@@ -139,7 +139,12 @@ impl Plan {
                 Filter::weight(refined),
                 if s.photon_radius.is_some() { 0.0 } else { FOOTPRINT },
             ],
-            cones: [cones.pixel, cones.particle, cones.gather, s.ring.map_or(0.0, |_| ring::survival(extent.reflectivity))],
+            cones: [
+                cones.pixel,
+                cones.particle,
+                cones.gather,
+                s.ring.map_or(0.0, |_| ring::survival(extent.reflectivity)),
+            ],
         })
     }
 }

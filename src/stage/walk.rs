@@ -58,13 +58,7 @@ struct Follow {
 
 impl Walk {
     /// Particles start from `emitters`, whose records hold the probability of each. `kept`: lights of a ring to go on with.
-    pub fn new(
-        kit: &Kit,
-        scene: &DeviceScene,
-        plan: &Plan,
-        emitters: &Buffer,
-        kept: Option<&Buffer>,
-    ) -> Result<Walk> {
+    pub fn new(kit: &Kit, scene: &DeviceScene, plan: &Plan, emitters: &Buffer, kept: Option<&Buffer>) -> Result<Walk> {
         let (settings, classes) = (&plan.settings, plan.settings.classes());
         let particle_count = plan.particles * classes;
         let mut table = StepTable::default();

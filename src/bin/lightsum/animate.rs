@@ -90,6 +90,7 @@ pub fn run(args: &Animate) -> Result<()> {
     let mut settings = Settings { moving_passes: args.moving_passes.unwrap_or(settings.moving_passes), ..settings };
     args.ring.apply(&mut settings);
     settings.validate()?;
+    tell_ring(&settings, still.resolution)?;
     let mut job = Job {
         name: scene.name.clone(),
         camera: still,
@@ -115,7 +116,6 @@ pub fn run(args: &Animate) -> Result<()> {
         ..RenderOptions::default()
     };
     let mut renderer = Renderer::new(scene, still, settings, &options)?;
-    tell_ring(renderer.engine().settings(), still.resolution);
 
     let mut progress = Progress::new();
     let mut frames = Vec::new();

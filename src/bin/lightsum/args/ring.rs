@@ -1,6 +1,7 @@
 //! The flags of a ring of path images.
 
 use clap::{Args, ValueEnum};
+use lightsum::Result;
 use lightsum::ring;
 use lightsum::settings::Settings;
 
@@ -50,13 +51,15 @@ impl Ring {
     }
 }
 
-/// Says how much memory the ring of these settings takes; without a ring nothing.
-pub fn tell_ring(settings: &Settings, size: [u32; 2]) {
-    let Some(ring) = &settings.ring else { return };
+/// Says how much memory the ring of these settings takes, before it is made; without a ring nothing. Errors: it takes too much.
+pub fn tell_ring(settings: &Settings, size: [u32; 2]) -> Result<()> {
+    let Some(ring) = &settings.ring else { return Ok(()) };
+    ring.check(size, settings.max_depth)?;
     let what = match ring.form {
         ring::Form::Images => "images",
         ring::Form::Lights => "paths",
     };
     let mib = ring.bytes(size, settings.max_depth) as f64 / (1 << 20) as f64;
     say_aside(&format!("a ring of {} {what} takes {mib:.1} MiB of {}", ring.length, ring.memory));
+    Ok(())
 }

@@ -131,6 +131,10 @@ impl Panel {
                 requests.push(Request::Do(Action::Restart));
             }
         });
+        if let Some(ring) = &engine.settings().ring {
+            let mib = ring.bytes([width, height], engine.settings().max_depth) as f64 / (1 << 20) as f64;
+            ui.label(format!("ring of {}, {mib:.0} MiB", ring.length)).on_hover_text(self.flag("ring"));
+        }
         ui.separator();
         self.image(ui, session, look, requests);
         ui.collapsing("Camera", |ui| camera(ui, session, requests));

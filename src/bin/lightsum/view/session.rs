@@ -100,12 +100,12 @@ impl Session {
         let mut settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
         args.ring.apply(&mut settings);
         settings.validate()?;
+        tell_ring(&settings, camera.resolution)?;
         let settings = standalone::with_traversal(context, settings, pipeline_cache().as_deref())?;
         let (name, origin) = (scene.name.clone(), scene.origin);
         let middle = |(low, high): (Vec3, Vec3)| if low.cmple(high).all() { 0.5 * (low + high) } else { Vec3::ZERO };
         let pivots = boxes(&scene).into_iter().map(middle).collect();
         let engine = Engine::new_dynamic(context, scene, camera, settings)?;
-        tell_ring(engine.settings(), camera.resolution);
         Ok(Session {
             name,
             path: path.to_path_buf(),
