@@ -127,6 +127,16 @@ drop other.toml
 passes 3
 screenshot other.exr
 screenshot other.png
+set --particles 4 --max-depth 3 --ring images --ring-length 3
+passes 5
+drag right 20,20 32,26          # the ring goes on
+passes 6
+screenshot ring.exr
+set --particles 4 --max-depth 3 --ring lights --ring-length 3
+look emission                   # no ring has such sums
+look image
+passes 2
+screenshot lights.exr
 quit
 ";
     fs::write(folder.path().join("script.txt"), script).unwrap();
@@ -172,6 +182,14 @@ quit
     );
     assert_close(&file("other.exr"), &file("expected.exr"), 0.02);
     assert_eq!(image::image_dimensions(file("other.png")).unwrap(), (80, 60));
+
+    assert!(said.contains("--summands"), "{said}");
+    assert!(attribute(&file("ring.exr"), "passes").as_u64() > Some(10), "a drag does not empty a ring");
+    for (name, form) in [("ring.exr", "images"), ("lights.exr", "lights")] {
+        assert_eq!(attribute(&file(name), "settings")["ring"]["form"], form);
+        let green = &channels(&file(name))["G"];
+        assert!(green.iter().sum::<f32>() / green.len() as f32 > 0.01, "{name}");
+    }
 }
 
 #[test]
