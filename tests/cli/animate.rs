@@ -113,9 +113,9 @@ fn a_ring_goes_on_from_frame_to_frame() {
     let all = [&more[..], &["--resolution", "640x480", "--ring-memory", "100"]].concat();
     let output = run(folder.path(), &all);
     let said = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert_eq!(output.status.code(), Some(2), "{said}");
     assert!(
-        said.contains("--ring-length") && said.contains("takes 2402 MiB") && said.contains("42 would fit"),
+        said.contains("--ring-length") && said.contains("takes 2401 MiB") && said.contains("42 would fit"),
         "{said}"
     );
     assert!(!folder.path().join("no-0.png").exists());
