@@ -198,7 +198,7 @@ impl Film {
         let of = match layer {
             Layer::Direct | Layer::Depth => &self.direct,
             Layer::Indirect => &self.indirect,
-            Layer::Albedo => &self.albedo,
+            Layer::Albedo | Layer::Classes | Layer::Clusters => &self.albedo,
             Layer::Normal => &self.normal,
             Layer::Emission | Layer::Diffuse | Layer::Specular => {
                 let [emission, diffuse, specular] = self.summands.as_ref()?;

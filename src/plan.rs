@@ -4,6 +4,7 @@
 mod cones;
 mod lights;
 mod parameters;
+mod ring;
 
 pub use self::cones::Cones;
 pub use self::lights::LightPlan;
@@ -350,7 +351,7 @@ pub fn derive(scene: &DeviceScene, asked: &Settings, view: &View) -> Result<Plan
     asked.validate()?;
     let settings = &settings_for(scene, asked);
     view.check(settings)?;
-    check_ring(settings, view)?;
+    ring::check(settings, view)?;
     check_choice(settings, scene)?;
     if settings.summands && view.has_lens() {
         return Err(Error::Setting {
@@ -412,15 +413,7 @@ pub fn derive(scene: &DeviceScene, asked: &Settings, view: &View) -> Result<Plan
 
 /// The settings for a scene: those of a ring, without what stands in for virtual lights where kept light does.
 fn settings_for(scene: &DeviceScene, settings: &Settings) -> Settings {
-    let of_ring = settings.ring.map(|ring| Settings {
-        particles: ring.paths(),
-        direct_lights: None,
-        light_pool: 0,
-        pattern: [1, 1],
-        filter: None,
-        photons: settings.photons.saturating_mul(settings.classes()).min(Settings::MAX_PHOTONS),
-        ..settings.clone()
-    });
+    let of_ring = settings.ring.map(|ring| ring::settings(settings, &ring));
     let settings = of_ring.as_ref().unwrap_or(settings);
     if scene.kept_light.is_none() {
         return settings.clone();
@@ -435,16 +428,6 @@ fn settings_for(scene: &DeviceScene, settings: &Settings) -> Settings {
         filter: None,
         ..settings.clone()
     }
-}
-
-/// Checks that the images or lights of a ring fit its memory.
-fn check_ring(settings: &Settings, view: &View) -> Result<()> {
-    let Some(ring) = &settings.ring else { return Ok(()) };
-    if view.camera().is_none() {
-        let message = String::from("a ring keeps images of a camera, and texels have none; leave it out");
-        return Err(Error::Setting { name: "--ring", message });
-    }
-    ring.check(view.size(), settings.max_depth)
 }
 
 /// Checks the number of emitters, and of lights without area, against the maximum that can be chosen from.

@@ -201,6 +201,8 @@ pub struct LayerPush {
     pub kind: u32,
     /// Depth that is shown half as bright as depth 0, scene units.
     pub unit: f32,
+    /// Width and height of the interleaving pattern.
+    pub pattern: [u32; 2],
 }
 
 /// Push constants of `discontinuity`; `shaders/include/discontinuity.wgsl` says what each member is.

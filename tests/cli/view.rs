@@ -99,6 +99,7 @@ fn a_script_walks_through_a_scene() {
 window 96x72
 panel off
 passes 2
+key M                           # coarser in motion
 drag right 20,20 32,26          # the view turns
 key O
 wheel 0.5                       # and goes on a little
@@ -119,6 +120,8 @@ path moved.toml
 lights on
 look normal
 passes 4
+look classes
+look clusters
 look specular                   # needs sums of its own
 passes 2
 look image
@@ -148,6 +151,7 @@ quit
     assert!(said.contains("missing.obj") && !said.contains("panicked"), "{said}");
     let summary: serde_json::Value = serde_json::from_str(told.lines().last().unwrap()).unwrap();
     assert_eq!((&summary["validation_messages"], &summary["bytes_not_given_back"]), (&0.into(), &0.into()));
+    assert!(summary["coarse_frames"].as_u64() > Some(0), "{summary}");
     assert!(summary["moving_frame_ms"]["count"].as_u64() > Some(3), "{summary}");
     assert!(summary["input_to_image_ms"]["median"].as_f64() > Some(0.0), "{summary}");
 

@@ -37,7 +37,7 @@ use values::{
     seconds, share,
 };
 #[cfg(feature = "viewer")]
-pub use view::View;
+pub use view::{MAX_COARSER, View};
 
 /// Global illumination without noise: a sum over virtual lights (instant radiosity), computed by Vulkan.
 #[derive(Debug, Parser)]

@@ -7,6 +7,9 @@ use std::path::PathBuf;
 use super::values::{exposure, resolution};
 use super::{Camera, Curve, Device, Glossy, Light, Reading, Ring};
 
+/// Maximum of `--coarser`.
+pub const MAX_COARSER: u32 = 8;
+
 /// Flags of `view`.
 #[derive(Clone, Debug, Args)]
 pub struct View {
@@ -22,6 +25,11 @@ pub struct View {
     /// Exposure in stops, or auto: by the brightness of the first image [default: the scene's, or 0].
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = exposure)]
     pub exposure: Option<Exposure>,
+    /// Render an image N times smaller each way while the camera moves, 1 to 8 [default: 1]. The still image is the same.
+    ///
+    /// Without effect in a ring.
+    #[arg(long, value_name = "N", default_value_t = 1, hide_default_value = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_COARSER)))]
+    pub coarser: u32,
     /// Tone curve of the window and its PNG files.
     #[arg(long, value_name = "CURVE", value_enum, default_value = "srgb")]
     pub tonemap: Curve,

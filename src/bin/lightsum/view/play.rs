@@ -106,7 +106,7 @@ impl App {
                 if passes > count {
                     session.restart();
                 }
-                if passes != count {
+                if passes != count || session.is_coarse() {
                     return Some(VecDeque::from([Command::Passes(count)]));
                 }
             }

@@ -55,6 +55,9 @@ pub struct Session {
     /// The keys recorded so far.
     pub route: Route,
     engine: Engine,
+    /// Size at which the image is shown, and by how much that of the engine is smaller while the camera moves.
+    size: [u32; 2],
+    coarser: u32,
     /// The object that the user chose.
     chosen: Option<Chosen>,
     origin: DVec3,
@@ -115,6 +118,8 @@ impl Session {
             placed: BTreeMap::new(),
             route: Route::default(),
             engine,
+            size: camera.resolution,
+            coarser: 1,
             origin,
             pivots,
             readback: Buffer::new(context, "lost rays", 16, Memory::Readback)?,
@@ -136,8 +141,13 @@ impl Session {
         self.engine.scene()
     }
 
-    /// The camera.
+    /// The camera, of the size at which the image is shown.
     pub fn camera(&self) -> Camera {
+        Camera { resolution: self.size, ..self.rendered() }
+    }
+
+    /// The camera of the size at which the image is rendered.
+    fn rendered(&self) -> Camera {
         // The view is always that of a camera.
         self.engine.view().camera().copied().unwrap_or(self.home)
     }
@@ -152,12 +162,23 @@ impl Session {
         if camera.check().is_err() {
             return Ok(());
         }
-        self.engine.set_camera(camera)
+        self.engine.set_camera(Camera { resolution: self.rendered().resolution, ..camera })
     }
 
-    /// Changes the size of the image.
-    pub fn resize(&mut self, size: [u32; 2]) -> Result<()> {
-        self.engine.resize(size)
+    /// Changes the size at which the image is shown, and renders it smaller by a factor. Returns whether anything changed.
+    pub fn resize(&mut self, size: [u32; 2], coarser: u32) -> Result<bool> {
+        let rendered = size.map(|n| n.div_ceil(coarser));
+        let changes = rendered != self.engine.view().size();
+        if changes {
+            self.engine.resize(rendered)?;
+        }
+        (self.size, self.coarser) = (size, coarser);
+        Ok(changes)
+    }
+
+    /// Whether the image is rendered smaller than it is shown.
+    pub fn is_coarse(&self) -> bool {
+        self.coarser > 1
     }
 
     /// Changes the settings.
@@ -273,7 +294,7 @@ impl Session {
         if pass || is_new {
             self.engine.record_image(rec)?;
         }
-        let (stops, source) = match look.layer.filter(|layer| !layer.is_summand() || self.engine.settings().summands) {
+        let (stops, source) = match look.layer.filter(|layer| self.shows(*layer)) {
             None => (look.stops, image),
             Some(wanted) => {
                 let size = [image.width(), image.height()];
@@ -286,7 +307,7 @@ impl Session {
                 }
                 let camera = self.camera();
                 let Some((_, show)) = &mut self.layer else { return Ok(image) };
-                show.record(rec, (camera.target - camera.eye).length())?;
+                show.record(rec, (camera.target - camera.eye).length(), self.engine.plan().settings.pattern)?;
                 (if wanted.is_light() { look.stops } else { 0.0 }, show.image.clone())
             }
         };
@@ -297,6 +318,14 @@ impl Session {
         let Some(display) = &mut self.display else { return Ok(source) };
         display.record(rec, stops, curve)?;
         Ok(display.shown.clone())
+    }
+
+    /// Whether a layer can be shown as things are: summands need sums of their own, and clusters the order of the screen.
+    pub fn shows(&self, layer: Layer) -> bool {
+        match layer {
+            Layer::Clusters => self.engine.frame().eye.clusters.is_some(),
+            layer => !layer.is_summand() || self.engine.settings().summands,
+        }
     }
 
     /// Copies the virtual lights of the latest pass, if they are wanted.
@@ -363,7 +392,7 @@ impl Session {
             Encoding { float: false, color_only: false, exposure: Exposure::Stops(look.stops), tonemap: look.tonemap };
         let job = Job {
             name: self.name.clone(),
-            camera: self.camera(),
+            camera: self.rendered(),
             origin: self.origin,
             settings: self.engine.settings().clone(),
             outputs: vec![path.to_path_buf()],
