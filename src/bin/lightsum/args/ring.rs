@@ -52,7 +52,7 @@ impl Ring {
 }
 
 /// Says how much memory the ring of these settings takes, before it is made; without a ring nothing. Errors: it takes too much.
-pub fn tell_ring(settings: &Settings, size: [u32; 2]) -> Result<()> {
+pub fn tell(settings: &Settings, size: [u32; 2]) -> Result<()> {
     let Some(ring) = &settings.ring else { return Ok(()) };
     ring.check(size, settings.max_depth)?;
     let what = match ring.form {

@@ -97,7 +97,7 @@ impl App {
             stage: None,
             session: None,
             loading: None,
-            look: Look { stops: 0.0, auto: false, tonemap: args.tonemap.into(), layer: None, lights: false },
+            look: Look { stops: 0.0, auto: false, tonemap: args.shown.tonemap.into(), layer: None, lights: false },
             panel: Panel::new(args.coarser),
             clock: Clock::default(),
             // A script says how many passes it waits for.
@@ -207,7 +207,7 @@ impl App {
     }
 
     fn open_window(&mut self, events: &ActiveEventLoop) -> Result<()> {
-        let [width, height] = self.args.resolution.unwrap_or(SIZE);
+        let [width, height] = self.args.shown.resolution.unwrap_or(SIZE);
         let attributes = Window::default_attributes().with_title("lightsum").with_visible(false);
         let failed = |error| Error::NoDevice(format!("no window can be opened: {error}"));
         let window = events.create_window(attributes).map_err(failed)?;
@@ -230,7 +230,8 @@ impl App {
         let Some(stage) = &self.stage else { return };
         let (context, args, file) = (stage.context.clone(), self.args.clone(), path.clone());
         let [.., width, height] = self.image;
-        let size = if width > 0 && height > 0 { Some([width, height]) } else { self.args.resolution.or(Some(SIZE)) };
+        let size =
+            if width > 0 && height > 0 { Some([width, height]) } else { self.args.shown.resolution.or(Some(SIZE)) };
         let (send, done) = channel();
         std::thread::spawn(move || {
             // Nobody waits for it any more if another scene was opened meanwhile.

@@ -17,10 +17,10 @@ use lightsum::{Engine, Error, Result};
 
 use super::navigate::{self, Mode};
 use super::route::{Placed, Route};
-use crate::args::{View, tell_ring};
+use crate::args::View;
 use crate::camera;
 use crate::path::Pose;
-use crate::render::{Job, metadata, pipeline_cache, settings};
+use crate::render::{Job, metadata, pipeline_cache};
 
 /// Name of the scope around all of a frame's GPU passes.
 pub const WHOLE: &str = "frame";
@@ -98,12 +98,9 @@ fn boxes(scene: &Scene) -> Vec<(Vec3, Vec3)> {
 impl Session {
     /// Loads a scene and makes its engine on a lent device, for an image of this size; `None`: the size that flags and scene name.
     pub fn open(context: &Context, path: &Path, args: &View, size: Option<[u32; 2]>) -> Result<Session> {
-        let scene = scene::load_with(path, &args.reading.options())?;
-        let camera = camera::choose(&scene, &args.camera, size.or(args.resolution))?;
-        let mut settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
-        args.ring.apply(&mut settings);
-        settings.validate()?;
-        tell_ring(&settings, camera.resolution)?;
+        let scene = scene::load_with(path, &args.shown.reading.options())?;
+        let camera = camera::choose(&scene, &args.shown.camera, size.or(args.shown.resolution))?;
+        let settings = args.shown.settings(&scene.render, camera.resolution)?;
         let settings = standalone::with_traversal(context, settings, pipeline_cache().as_deref())?;
         let (name, origin) = (scene.name.clone(), scene.origin);
         let middle = |(low, high): (Vec3, Vec3)| if low.cmple(high).all() { 0.5 * (low + high) } else { Vec3::ZERO };
@@ -154,7 +151,7 @@ impl Session {
 
     /// Exposure that flags or the scene name.
     pub fn exposure(&self, args: &View) -> Exposure {
-        args.exposure.or(self.scene().and_then(|scene| scene.render.exposure)).unwrap_or_default()
+        args.shown.exposure.or(self.scene().and_then(|scene| scene.render.exposure)).unwrap_or_default()
     }
 
     /// Moves the camera; one that cannot see is left out.
