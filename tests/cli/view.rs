@@ -7,6 +7,8 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
+#[cfg(target_os = "linux")]
+use crate::faults::{DEVICE_LOST, run_command};
 use crate::render::{channels, command, succeeds, text};
 
 /// A room without a front, with a box in the middle of the view and a lamp that shines down.
@@ -144,8 +146,10 @@ quit
 ";
     fs::write(folder.path().join("script.txt"), script).unwrap();
     let line = format!("view scene.toml --script script.txt --validation {QUICK}");
-    let output = command(folder.path(), &line).env("DISPLAY", &display.name).env_remove("WAYLAND_DISPLAY").output();
-    let output = output.unwrap();
+    let mut view = command(folder.path(), &line);
+    view.env("DISPLAY", &display.name).env_remove("WAYLAND_DISPLAY");
+    // Sizes of a script are in pixels, whatever the scale of the display.
+    let output = view.env("WINIT_X11_SCALE_FACTOR", "1.5").output().unwrap();
     let (told, said) = (text(&output.stdout), text(&output.stderr));
     assert!(output.status.success(), "{told}{said}");
     assert!(said.contains("missing.obj") && !said.contains("panicked"), "{said}");
@@ -194,6 +198,34 @@ quit
         let green = &channels(&file(name))["G"];
         assert!(green.iter().sum::<f32>() / green.len() as f32 > 0.01, "{name}");
     }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_window_whose_device_is_lost_ends_in_order() {
+    let (display, folder) = (Display::open(), folder());
+    fs::write(folder.path().join("script.txt"), "window 32x24\npanel off\npasses 30\nquit\n").unwrap();
+    let view = || {
+        let mut view = command(folder.path(), &format!("view scene.toml --script script.txt {QUICK}"));
+        view.env("DISPLAY", &display.name).env_remove("WAYLAND_DISPLAY");
+        view
+    };
+    let whole = run_command(view(), &[]);
+    assert!(whole.output.status.success(), "{}", text(&whole.output.stderr));
+    // The first submissions are uploads and the first frames.
+    let submissions: Vec<usize> = (1..)
+        .zip(&whole.calls)
+        .filter(|(_, name)| name.starts_with("vkQueueSubmit"))
+        .map(|(number, _)| number)
+        .collect();
+    assert!(submissions.len() > 20, "{submissions:?}");
+    let lost = run_command(view(), &[(submissions[12], DEVICE_LOST)]);
+    let (told, said) = (text(&lost.output.stdout), text(&lost.output.stderr));
+    assert_eq!(lost.output.status.code(), Some(1), "{said}");
+    assert!(said.contains("the device was lost") && !said.contains("panicked"), "{said}");
+    let summary: serde_json::Value = serde_json::from_str(told.lines().last().unwrap()).unwrap();
+    assert_eq!(summary["bytes_not_given_back"], 0, "{summary}");
+    assert!(summary["frames"].as_u64() > Some(0), "{summary}");
 }
 
 #[test]
