@@ -5,6 +5,7 @@
 struct LayerPush {
     kind: u32,      // one of those below
     unit: f32,      // depth that is shown half as bright as depth 0
+    pattern: vec2<u32>, // of interleaved sampling
 }
 
 // Host twin: pass::layer::Layer.
@@ -15,6 +16,15 @@ const IRRADIANCE: u32 = 3u;
 const ALBEDO: u32 = 4u;
 const NORMAL: u32 = 5u;
 const DEPTH: u32 = 6u;
+const CLASSES: u32 = 7u;
+const CLUSTERS: u32 = 8u;
+
+// The colour of a number. CPU twin: pass::layer::false_color.
+fn false_color(number: u32) -> vec3<f32> {
+    let hue = f32(number * 0x9e3779b9u) / 4294967296.0;
+    let turned = fract(hue + vec3<f32>(0.0, 2.0 / 3.0, 1.0 / 3.0));
+    return 0.2 + 0.8 * clamp(abs(turned * 6.0 - 3.0) - 1.0, vec3<f32>(0.0), vec3<f32>(1.0));
+}
 
 @group(0) @binding(0) var<storage, read> sum: array<vec4<f32>>;
 @group(0) @binding(1) var<storage, read> rest: array<vec4<f32>>;
@@ -59,6 +69,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let covered = (sum_a[pixel].w + sum_b[pixel].w) / passes;
         let depth = mean.w / max(covered, 1e-20);
         shown = vec3<f32>(select(0.0, push.unit / (push.unit + depth), covered > 0.0));
+    } else if push.kind == CLASSES || push.kind == CLUSTERS {
+        let within = at % push.pattern;
+        let its_class = within.x + push.pattern.x * within.y;
+        // Blocks of eight times the pattern: each class in it is a cluster.
+        let side = 8u * push.pattern;
+        let block = at.x / side.x + (size.x + side.x - 1u) / side.x * (at.y / side.y);
+        let number = select(its_class, block * push.pattern.x * push.pattern.y + its_class, push.kind == CLUSTERS);
+        let albedo = min((mean.x + mean.y + mean.z) * (1.0 / 3.0), 1.0);
+        shown = false_color(number) * (0.25 + 0.75 * albedo);
     }
 #endif
     textureStore(layer, at, vec4<f32>(shown, 1.0));

@@ -5,6 +5,7 @@
 #include "bsdf.wgsl"
 #include "surface.wgsl"
 #include "ideal.wgsl"
+#include "walk.wgsl"
 
 @group(0) @binding(9) var<storage, read_write> work_in: DispatchCounts;
 @group(0) @binding(10) var<storage, read> list_in: array<u32>;
@@ -33,7 +34,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let hit = hits[particle];
     let triangle = bitcast<u32>(hit.w);
     let carried = flux[particle];
-    let found = triangle != 0xffffffffu && mean3(carried.xyz) > 0.0;
+    let found = triangle != 0xffffffffu && mean3(carried.xyz) > 0.0 && begins(particle);
     let at = select(0u, triangle, found);
     let ideal = found && materials[material_of(triangle_normals[at])].flags.z != SURFACE_OPAQUE;
     let d = ray_direction[particle].xyz;

@@ -21,20 +21,21 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let particle = (group.x + group.y * groups.x) * 64u + lane;
     let j = step.bounce;
     let depth = frame.depths[j];
-    if particle >= depth.x * frame.pattern.z {
+    if particle >= depth.x * frame.pattern.z || !begins(particle) {
         return;
     }
     let hit = hits[particle];
     let triangle = bitcast<u32>(hit.w);
-    let found = triangle != 0xffffffffu;
+    let weight = roulette(j, particle);
+    let found = triangle != 0xffffffffu && weight > 0.0;
     let d = ray_direction[particle].xyz;
-    let s = surface_at(select(0u, triangle, found), hit.y, hit.z, d, frame.cones.y * hit.x);
+    let s = surface_at(select(0u, triangle, triangle != 0xffffffffu), hit.y, hit.z, d, frame.cones.y * hit.x);
     let r = s.reflectance;
 
     // Flux is deposited by the geometric cosine and reflected by the shading one (Veach 1997, 5.3).
     let skew = min(dot(s.shading, d) / min(dot(s.geometric, d), -1e-7), 4.0);
     let carried = flux[particle];
-    let arriving = carried.xyz * select(0.0, skew, found);
+    let arriving = carried.xyz * select(0.0, skew * weight, found);
 
     // Paths over mirrors and glass may be too long for the light: from the eye over a point that is lit.
     let fits = f32(j) + carried.w + 2.0 <= f32(frame.scene.z);

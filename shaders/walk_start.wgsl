@@ -16,7 +16,7 @@
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let particle = (group.x + group.y * groups.x) * 64u + lane;
-    if particle >= frame.walk.y * frame.pattern.z {
+    if particle >= frame.walk.y * frame.pattern.z || !begins(particle) {
         return;
     }
     let side = random(key(frame.keys.x, STREAM_SIDE, particle, 0u));

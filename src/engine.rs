@@ -24,6 +24,8 @@
 //!   two passes, also while frames are in flight: uploads are recorded at the start of the next pass, from memory that
 //!   its `Retained` holds. A change that affects the image restarts the sums; other changes do not. If the first pass
 //!   after a change is never submitted, call [`Engine::upload_again`].
+//! - **Rings.** With [`Settings::ring`] a change of camera or scene does not restart: the next pass replaces the oldest image or path. A
+//!   change of size or settings does.
 //! - **Passes left out.** A pass in which a ray ran out of steps, or with a pixel that is no number (NaN, infinite), is left out of the
 //!   sums and of the mean; [`Film::counts`] has the number of passes in them, [`Frame::status`] tells why the latest was left out, and
 //!   [`Engine::set_rounds`] gives rays more steps.
@@ -41,13 +43,15 @@ use crate::accel::objects::ObjectTrees;
 use crate::device_scene::DeviceScene;
 use crate::error::{Error, Result};
 use crate::film::Film;
-use crate::frame::Frame;
+use crate::frame::{Frame, Kept};
 use crate::gpu::{Context, Image, Recorder, Staging};
 use crate::light::emitters::Emitters;
 use crate::pass::TraversalKernels;
 use crate::plan::{self, Plan};
+use crate::ring::Paths;
 use crate::scene::{Camera, Scene};
 use crate::settings::{Settings, Traversal};
+use crate::stage::Output;
 use crate::view::{Atlas, Region, View};
 
 /// Renders a scene on a device.
@@ -61,6 +65,10 @@ pub struct Engine {
     /// State for scene edits; `None` if the scene is static.
     dynamic: Option<Box<edit::DynamicScene>>,
     passes: u32,
+    /// Passes since the image last changed.
+    unchanged: u32,
+    /// Paths of a ring of lights; empty: all begin with the next pass.
+    paths: Paths,
     /// Whether `record_setup` has been recorded.
     set_up: bool,
     /// Whether the next pass records the uploads first.
@@ -125,6 +133,8 @@ impl Engine {
             staging: Some(staging),
             dynamic: None,
             passes: 0,
+            unchanged: 0,
+            paths: Paths::default(),
             set_up: false,
             upload: false,
             clear: false,
@@ -144,7 +154,7 @@ impl Engine {
         self.frame.record_setup(rec)?;
         self.frame.output.record_clear(rec)?;
         rec.image_to_general(self.image())?;
-        self.passes = 0;
+        (self.passes, self.unchanged, self.paths) = (0, 0, Paths::default());
         (self.set_up, self.upload, self.clear, self.new_image) = (true, false, false, false);
         Ok(())
     }
@@ -169,7 +179,11 @@ impl Engine {
             });
         }
         self.apply_edits()?;
-        let parameters = self.plan.parameters(self.passes)?;
+        let parameters = self.plan.parameters_of(self.passes, self.paths == Paths::default())?;
+        let mut paths = self.paths.clone();
+        if self.plan.settings.ring.is_some() {
+            paths.begin(&parameters);
+        }
         let texels = self.frame.eye.stage_texels(&self.context, &self.plan.view, self.passes)?;
         if self.upload || self.clear || texels.is_some() {
             rec.begin();
@@ -187,8 +201,10 @@ impl Engine {
         if self.clear {
             self.frame.output.record_clear(rec)?;
         }
-        self.frame.record(rec, &parameters)?;
+        self.frame.record(rec, &parameters, &paths)?;
         self.passes += 1;
+        self.unchanged += 1;
+        self.paths = paths;
         (self.upload, self.clear, self.new_image) = (false, false, false);
         Ok(())
     }
@@ -219,14 +235,22 @@ impl Engine {
         self.passes
     }
 
+    /// Passes recorded since camera or scene changed. In a ring, which goes on through changes, fewer than [`Engine::passes`].
+    pub fn passes_unchanged(&self) -> u32 {
+        self.unchanged
+    }
+
     /// Sets the number of passes, for a caller that has restored the sums of `passes` passes, or to repeat a failed
     /// pass. Before pass 0 the sums are cleared.
     pub fn set_passes(&mut self, passes: u32) {
         self.passes = passes;
+        self.unchanged = self.unchanged.min(passes);
+        // Rays of the paths that began may be among those lost.
+        self.paths = Paths::default();
         self.clear = passes == 0;
     }
 
-    /// Changes to a camera of the same resolution, and restarts if it differs. Takes effect with the next pass; commands
+    /// Changes to a camera of the same resolution, and restarts if it differs, unless a ring goes on. Takes effect with the next pass; commands
     /// recorded earlier keep their camera. A change between pinhole and lens makes new passes. A region of the image
     /// stays the same region.
     pub fn set_camera(&mut self, camera: Camera) -> Result<()> {
@@ -265,9 +289,14 @@ impl Engine {
         if view == self.plan.view {
             return Ok(());
         }
-        let plan = plan::derive(&self.scene, &self.plan.settings, &view)?;
+        let plan = plan::derive(&self.scene, &self.plan.asked, &view)?;
+        let same_size = view.size() == self.plan.view.size();
         self.set_plan(plan)?;
-        self.restart();
+        if same_size {
+            self.changed();
+        } else {
+            self.restart();
+        }
         Ok(())
     }
 
@@ -294,15 +323,24 @@ impl Engine {
         self.set_view(View::Atlas(atlas))
     }
 
-    /// Restarts: the next pass clears the sums and is pass 0. Until then the image keeps its content.
+    /// Restarts: the next pass clears the sums and is pass 0; a ring is emptied. Until then the image keeps its content.
     pub fn restart(&mut self) {
-        self.passes = 0;
+        (self.passes, self.unchanged, self.paths) = (0, 0, Paths::default());
         self.clear = true;
+    }
+
+    /// After a change of camera or scene: restarts, unless a ring goes on.
+    fn changed(&mut self) {
+        self.unchanged = 0;
+        if self.plan.settings.ring.is_none() {
+            self.restart();
+        }
     }
 
     /// Gives rays more rounds, from the next pass on. Keeps the sums of earlier passes.
     pub fn set_rounds(&mut self, rounds: u32) -> Result<()> {
         let settings = Settings { rounds, ..self.plan.settings.clone() };
+        let asked = Settings { rounds, ..self.plan.asked.clone() };
         settings.validate()?;
         if !self.set_up {
             return Err(Error::Resource {
@@ -310,7 +348,7 @@ impl Engine {
                 message: String::from("rounds are changed before record_setup; set them in Settings"),
             });
         }
-        self.set_plan(Plan { settings, ..self.plan.clone() })
+        self.set_plan(Plan { asked, settings, ..self.plan.clone() })
     }
 
     /// Changes the settings from the next pass on, and restarts if they change the result of a pass. Settings that only
@@ -322,7 +360,7 @@ impl Engine {
     /// the engine is made.
     pub fn set_settings(&mut self, settings: Settings) -> Result<()> {
         settings.validate()?;
-        let old = &self.plan.settings;
+        let old = &self.plan.asked;
         if settings.traversal != old.traversal {
             return Err(Error::Setting {
                 name: "--traversal",
@@ -354,14 +392,28 @@ impl Engine {
     fn make_frame(&mut self, plan: &Plan) -> Result<()> {
         let output = &self.frame.output;
         let same_size = plan.view.size() == [output.image.width(), output.image.height()];
-        let kept = same_size.then(|| (output.film.clone(), output.image.clone()));
+        let kept = same_size.then(|| self.kept());
         let mut staging = self.take_staging();
         let frame = make_frame(&self.context, &mut staging, &mut self.scene, plan, kept);
         // Data staged earlier must be uploaded whether or not there are new passes.
         self.keep_staging(staging);
-        self.frame = frame?;
+        self.take_frame(frame?);
         self.new_image |= !same_size;
         Ok(())
+    }
+
+    /// What a new frame of the same size takes over.
+    fn kept(&self) -> Kept {
+        let Output { film, image, .. } = &self.frame.output;
+        let lights = (self.paths != Paths::default()).then(|| self.frame.lights().clone());
+        Kept { film: film.clone(), image: image.clone(), lights }
+    }
+
+    fn take_frame(&mut self, frame: Frame) {
+        if !frame.walk.keeps {
+            self.paths = Paths::default();
+        }
+        self.frame = frame;
     }
 
     /// Takes the uploads that have not been recorded yet, to add to them.
@@ -395,9 +447,10 @@ impl Engine {
         &self.plan
     }
 
-    /// The settings.
+    /// The settings, as asked for; [`Plan::settings`] has what a ring makes of them.
     pub fn settings(&self) -> &Settings {
-        &self.plan.settings
+        let Plan { asked, .. } = &self.plan;
+        asked
     }
 
     /// The view.
@@ -427,7 +480,7 @@ fn make_frame(
     staging: &mut Staging,
     scene: &mut DeviceScene,
     plan: &Plan,
-    kept: Option<(Film, Image)>,
+    kept: Option<Kept>,
 ) -> Result<Frame> {
     if plan.eye.mirrors {
         scene.make_tables(context, staging)?;

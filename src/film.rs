@@ -41,6 +41,29 @@ const GUIDE: usize = 2;
 /// Unit to which albedos and normals are rounded, a thirtieth of the half floats of an EXR layer.
 pub const GUIDE_UNIT: f32 = 1.0 / 65536.0;
 
+/// Images that a ring keeps, on the device ([`crate::pass::ring`]).
+#[derive(Clone)]
+pub struct RingImages {
+    /// Buffers of so many images as one binding can hold.
+    pub buffers: Vec<Buffer>,
+    /// Images of each buffer but the last.
+    pub each: u32,
+    /// Number of images.
+    pub length: u32,
+}
+
+impl RingImages {
+    fn new(context: &Context, pixels: u32, length: u32) -> Result<RingImages> {
+        let bytes = crate::ring::PIXEL_BYTES * u64::from(pixels);
+        let each = (context.info().max_storage_buffer_range / bytes.max(1)).clamp(1, u64::from(length)) as u32;
+        let buffer = |i: u32| {
+            let images = each.min(length - i * each);
+            Buffer::new(context, &format!("ring {i}"), bytes * u64::from(images), Memory::Device)
+        };
+        Ok(RingImages { buffers: (0..length.div_ceil(each)).map(buffer).collect::<Result<_>>()?, each, length })
+    }
+}
+
 /// Sums over the passes, on the device; they persist between frames.
 #[derive(Clone)]
 pub struct Film {
@@ -60,6 +83,8 @@ pub struct Film {
     pub summands: Option<[Sum; Film::SUMMANDS]>,
     /// `[i]`: number of passes in the sums of instance i, counted by the device: passes that lost rays are left out.
     pub counts: Buffer,
+    /// The images whose sum is in the first instance's colour; `None`: passes are summed and not kept.
+    pub ring: Option<RingImages>,
     pixels: u32,
 }
 
@@ -79,6 +104,7 @@ impl Film {
             gain: sum("gain", RADIANCE)?,
             summands: None,
             counts: Buffer::new(context, "film counts", 16, Memory::Device)?,
+            ring: None,
             pixels,
         }
         .with_summands(context, summands)
@@ -101,6 +127,14 @@ impl Film {
         Ok(self)
     }
 
+    /// The same sums with a ring of so many images, or none. Clear the film before the first step of another ring.
+    pub fn with_ring(mut self, context: &Context, images: Option<u32>) -> Result<Film> {
+        if images != self.ring.as_ref().map(|ring| ring.length) {
+            self.ring = images.map(|images| RingImages::new(context, self.pixels, images)).transpose()?;
+        }
+        Ok(self)
+    }
+
     /// All sums in a fixed order.
     fn sums(&self) -> impl Iterator<Item = &Sum> {
         let first = self.color.iter().chain([&self.direct, &self.indirect, &self.albedo, &self.normal, &self.gain]);
@@ -109,7 +143,8 @@ impl Film {
 
     /// All buffers.
     pub fn buffers(&self) -> impl Iterator<Item = &Buffer> {
-        self.sums().flat_map(|sum| &sum.0).chain([&self.counts])
+        let ring = self.ring.iter().flat_map(|ring| &ring.buffers);
+        self.sums().flat_map(|sum| &sum.0).chain([&self.counts]).chain(ring)
     }
 
     /// The sums of an instance by the names in `accumulate`.
@@ -163,7 +198,7 @@ impl Film {
         let of = match layer {
             Layer::Direct | Layer::Depth => &self.direct,
             Layer::Indirect => &self.indirect,
-            Layer::Albedo => &self.albedo,
+            Layer::Albedo | Layer::Classes | Layer::Clusters => &self.albedo,
             Layer::Normal => &self.normal,
             Layer::Emission | Layer::Diffuse | Layer::Specular => {
                 let [emission, diffuse, specular] = self.summands.as_ref()?;

@@ -23,10 +23,21 @@ use crate::pass::outliers::{self, Outliers};
 use crate::pass::summands::Summands;
 use crate::pass::{Kit, List};
 use crate::plan::Plan;
+use crate::ring::{Form, Paths};
 use crate::settings::LightChoice;
 use crate::stage::{
     Compensation, Edges, Eye, GlossyPlanes, NearLight, Output, PhotonLighting, Photons, Shade, Stage, Walk,
 };
+
+/// What a new frame takes over from the one before.
+pub struct Kept {
+    /// Running sums.
+    pub film: Film,
+    /// The image for the host.
+    pub image: Image,
+    /// Lights of a ring, if as many paths are kept.
+    pub lights: Option<Buffer>,
+}
 
 /// The stages of a frame and its buffers.
 pub struct Frame {
@@ -86,13 +97,13 @@ pub struct Frame {
 
 impl Frame {
     /// Makes the stages of a plan for a scene; if glossy planes mirror the room the scene must have their tables.
-    /// `kept`: film and image to continue with, of the same size; `None`: new ones.
+    /// `kept`: what to continue with, of the same size; `None`: new ones.
     pub fn new(
         context: &Context,
         staging: &mut Staging,
         scene: &DeviceScene,
         plan: &Plan,
-        kept: Option<(Film, Image)>,
+        kept: Option<Kept>,
     ) -> Result<Frame> {
         let settings = &plan.settings;
         let parameters =
@@ -100,10 +111,14 @@ impl Frame {
         let status = Buffer::new(context, "status", 16, Memory::Device)?;
         let own = Resources::of([("frame", &parameters), ("status", &status)]);
         let kit = &Kit::new(context, staging, scene, settings.traversal, &own);
-        let (film, image) = match kept {
-            Some((film, image)) => (film.with_summands(context, settings.summands)?, image),
-            None => Self::new_film(context, plan)?,
+        let (film, image, lights) = match kept {
+            Some(Kept { film, image, lights }) => (film.with_summands(context, settings.summands)?, image, lights),
+            None => {
+                let (film, image) = Self::new_film(context, plan)?;
+                (film, image, None)
+            }
         };
+        let film = film.with_ring(context, settings.ring.map(|ring| ring.images()))?;
 
         let eye = Eye::new(kit, scene, plan)?;
         let importance = match settings.light_choice {
@@ -111,7 +126,8 @@ impl Frame {
             LightChoice::Contribution => Some(Importance::new(kit, &scene.emitter_records, &eye.points)?),
         };
         let emitters = importance.as_ref().map_or(&scene.emitter_records, |importance| &importance.emitters);
-        let walk = Walk::new(kit, scene, plan, emitters)?;
+        let lights = lights.filter(|_| settings.ring.is_some_and(|ring| ring.form == Form::Lights));
+        let walk = Walk::new(kit, scene, plan, emitters, lights.as_ref())?;
         let delta_choice = match plan.chooses_delta(scene) {
             false => None,
             true => {
@@ -267,8 +283,8 @@ impl Frame {
         Ok((film, Image::new(context, "image", width, height, ash::vk::Format::R32G32B32A32_SFLOAT)?))
     }
 
-    /// Records one pass of the renderer.
-    pub fn record(&self, rec: &mut Recorder, parameters: &layout::FrameParameters) -> Result<()> {
+    /// Records one pass of the renderer. `paths`: those whose lights a ring holds; none without a ring.
+    pub fn record(&self, rec: &mut Recorder, parameters: &layout::FrameParameters, paths: &Paths) -> Result<()> {
         self.record_start(rec, parameters)?;
         self.eye.run(rec)?;
         self.importance.run(rec)?;
@@ -276,12 +292,12 @@ impl Frame {
         self.delta_choice.run(rec)?;
         self.light_lists.run(rec)?;
         self.photons.run(rec)?;
-        self.shade.run(rec)?;
+        self.shade.run_paths(rec, paths)?;
         self.kept_light.run(rec)?;
         self.photon_lighting.run(rec)?;
         self.mirror_lights.run(rec)?;
         self.compensation.run(rec)?;
-        self.near_light.run(rec)?;
+        self.near_light.as_ref().map_or(Ok(()), |near| near.run_paths(rec, paths))?;
         self.discontinuity.run(rec)?;
         self.path_gain.run(rec)?;
         self.glossy_light.run(rec)?;
@@ -296,7 +312,7 @@ impl Frame {
         self.gain.run(rec)?;
         self.summands.run(rec)?;
         self.lens.run(rec)?;
-        self.output.record_accumulate(rec, parameters.instance())
+        self.output.record_accumulate(rec, parameters)
     }
 
     /// Records the parameters of a pass, and clears the counts of its status.

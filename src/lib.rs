@@ -24,6 +24,7 @@
 //! | [`view`] | where light is wanted: a camera, a region of its image, an atlas of texels |
 //! | [`extent`] | the extent of what a view shows, from which all default lengths derive |
 //! | [`film`] | exact sums over passes, on the device and on the host; merging, means |
+//! | [`ring`] | images or lights of the latest paths, for scenes that move |
 //! | [`plan`] | all that follows from scene, settings and view; the parameters of each pass |
 //! | [`pass`] | the GPU passes, one file each with its CPU oracle; its shaders begin with the same stem |
 //! | [`stage`] | the stages of a frame, each with its passes, buffers and steps |
@@ -83,7 +84,7 @@
 //! 9. [`merge`](pass::merge) adds the light of the other second components to their pixels, [`summands`](pass::summands) sums
 //!    emission, diffuse and specular light apart, and [`lens`](pass::lens) blurs by [`convolve`](pass::convolve) what is out of focus.
 //! 10. [`Output`](stage::Output): [`finite`](pass::finite) looks, before anything is summed, whether the pass is made of numbers, and
-//!     [`accumulate`](pass::accumulate) adds it to the film.
+//!     [`accumulate`](pass::accumulate) adds it to the film. In a ring, [`ring`](pass::ring) puts it in place of the oldest image instead.
 //!
 //! Of these only `Eye`, `Walk`, `Shade` and `Output` always run; the others run where settings and scene ask for them.
 //!
@@ -149,6 +150,7 @@ pub mod film;
 pub mod frame;
 pub mod pass;
 pub mod plan;
+pub mod ring;
 pub mod stage;
 pub mod view;
 

@@ -4,6 +4,7 @@
 mod cones;
 mod lights;
 mod parameters;
+mod ring;
 
 pub use self::cones::Cones;
 pub use self::lights::LightPlan;
@@ -201,20 +202,23 @@ impl PhotonPlan {
         if settings.interleave_photons { self.each } else { self.total() }
     }
 
-    /// [`layout::FrameParameters::photons`] and [`layout::FrameParameters::photon`] for pass number `local` of its instance.
+    /// [`layout::FrameParameters::photons`] and [`layout::FrameParameters::photon`] for pass number `local` of its instance, whose blur is
+    /// that of pass number `refined`.
     fn parameters(
         &self,
         settings: &Settings,
         lights: &LightPlan,
         size: f32,
-        local: u32,
+        (local, refined): (u32, u32),
     ) -> Result<([u32; 4], [f32; 4])> {
         let total = self.total();
+        // A ring goes on for ever: its photons begin the sequence again.
+        let local = if settings.ring.is_some() { local % (u32::MAX / total) } else { local };
         let first = local.checked_mul(total).filter(|f| f.checked_add(total).is_some()).ok_or(Error::Setting {
             name: "--passes",
             message: format!("pass {local} of {total} photons leaves the 2^32 points of the sequence"),
         })?;
-        let radius = self.radius(settings, size, local);
+        let radius = self.radius(settings, size, refined);
         let share =
             1.0 / (std::f64::consts::PI * f64::from(radius) * f64::from(radius) * f64::from(self.in_reach(settings)));
         let integers = [self.each, first, self.targets, (1 << self.bucket_bits()) - 1];
@@ -305,7 +309,9 @@ impl StepTable {
 /// scene.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// The settings.
+    /// The settings as asked for.
+    pub asked: Settings,
+    /// The settings in effect: those of a ring in place of some.
     pub settings: Settings,
     /// The view.
     pub view: View,
@@ -341,10 +347,11 @@ pub struct SceneSize {
 }
 
 /// Derives the plan of a rendering. Errors: settings or view out of range, or beyond what the scene supports.
-pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<Plan> {
-    settings.validate()?;
-    let settings = &settings_for(scene, settings);
+pub fn derive(scene: &DeviceScene, asked: &Settings, view: &View) -> Result<Plan> {
+    asked.validate()?;
+    let settings = &settings_for(scene, asked);
     view.check(settings)?;
+    ring::check(settings, view)?;
     check_choice(settings, scene)?;
     if settings.summands && view.has_lens() {
         return Err(Error::Setting {
@@ -356,7 +363,10 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
     }
     let extent = Extent::of(&scene.bvh, &scene.albedos, view);
     let (delta, rho) = (scene.delta.len() as u32, extent.reflectivity);
-    let mut lights = LightPlan::new(settings, rho, delta);
+    let mut lights = match &settings.ring {
+        None => LightPlan::new(settings, rho, delta),
+        Some(ring) => LightPlan::of_ring(settings, ring.paths(), delta),
+    };
     if scene.lights_are_complete {
         lights.survivors.clear();
     }
@@ -381,6 +391,7 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
     }
     check_slots(settings, scene.specular, view)?;
     Ok(Plan {
+        asked: asked.clone(),
         photons: PhotonPlan::new(settings, scene.target_count()),
         mirrors: MirrorPlan::new(settings, scene.mirror_count(), &lights),
         lights,
@@ -400,8 +411,10 @@ pub fn derive(scene: &DeviceScene, settings: &Settings, view: &View) -> Result<P
     })
 }
 
-/// The settings for a scene, without what stands in for virtual lights where kept light does.
+/// The settings for a scene: those of a ring, without what stands in for virtual lights where kept light does.
 fn settings_for(scene: &DeviceScene, settings: &Settings) -> Settings {
+    let of_ring = settings.ring.map(|ring| ring::settings(settings, &ring));
+    let settings = of_ring.as_ref().unwrap_or(settings);
     if scene.kept_light.is_none() {
         return settings.clone();
     }

@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::plan::{LOOP_BUDGET, min_loop_budget};
+use crate::ring::Ring;
 use crate::scene::RenderDefaults;
 use crate::scene::reflectors::MAX_REFLECTORS;
 use glam::Vec3;
@@ -384,6 +385,9 @@ pub struct Settings {
     /// Passes per frame of an animation (moderate oversampling while something moves, Wald et al. 2002, 5.2). Default 4; 1 to
     /// 4096. The cost is linear; more passes flicker less. Does not change the result of a pass.
     pub moving_passes: u32,
+    /// Keeps the images or lights of the latest paths while something moves ([`crate::ring`]). Default `None`. Replaces `particles`,
+    /// `light_pool`, `direct_lights`, `pattern` and `filter`: one path a pass lights all pixels. For a camera's image, without `summands`.
+    pub ring: Option<Ring>,
 }
 
 impl Default for Settings {
@@ -421,6 +425,7 @@ impl Default for Settings {
             traversal: Traversal::Auto,
             cluster_order: ClusterOrder::Screen,
             moving_passes: 4,
+            ring: None,
         }
     }
 }
@@ -515,6 +520,13 @@ impl Settings {
         range("--moving-passes", self.moving_passes, 1, Self::MAX_MOVING_PASSES)?;
         range("loop_budget", self.loop_budget, min_loop_budget(self.lights_per_dispatch), LOOP_BUDGET)?;
         range("--photons", self.photons, 0, Self::MAX_PHOTONS / self.classes())?;
+        if let Some(ring) = &self.ring {
+            ring.validate()?;
+            if self.summands {
+                let message = String::from("a ring keeps whole images; leave it out, or --ring");
+                return Err(Error::Setting { name: "--summands", message });
+            }
+        }
         if let Some(r) = self.photon_radius.filter(|r| !(r.is_finite() && *r > 0.0)) {
             return Err(Error::Setting { name: "--photon-radius", message: format!("{r} is not a distance above 0") });
         }

@@ -294,7 +294,8 @@ impl Renderer {
         let rays = self.rays;
         if self.engine.passes() == 0 {
             // Its first pass, or a restart.
-            self.history = Some(History::default());
+            // Images of a ring come and go, which tells nothing of their error.
+            self.history = self.engine.settings().ring.is_none().then(History::default);
             self.skipped = 0;
         }
         let mut left_out = 0;
@@ -388,7 +389,7 @@ impl Renderer {
         let [width, height] = self.engine.view().size();
         // Clusters choose the lights of their points from those that are left.
         let (plan, chosen) = (&self.engine.plan().lights, &self.engine.plan().lists);
-        let classes = u64::from(self.engine.settings().classes());
+        let classes = u64::from(self.engine.plan().settings.classes());
         let mut rays = u64::from(width) * u64::from(height)
             + plan.survivors.iter().skip(1).map(|&n| u64::from(n) * classes).sum::<u64>();
         let frame = self.engine.frame();
@@ -594,7 +595,7 @@ impl Renderer {
             log::warn!("the file's lights leave out what comes directly from the environment: glTF has no such light");
         }
         // The lights of each class represent all the light; divide it among the classes.
-        let classes = self.engine.settings().classes() as f32;
+        let classes = self.engine.plan().settings.classes() as f32;
         let lights: Vec<VirtualLight> = self
             .lights()?
             .iter()

@@ -22,9 +22,10 @@ struct FrameParameters {
                                 // eye paths follow, 0: none
     superposition: vec4<u32>,   // number of planar reflectors handled by superposition; form of their reflectance (settings::Reflectance)
     mirrors: vec4<u32>,         // mirrored lights of each class N, lights to mirror, planar mirrors M; neighbours of a class that share near light
-    lists: vec4<u32>,           // lights that a cluster chooses from the lights after reflections of its class, lights of a cluster; bits of the weight of near light of the same class, 0
+    lists: vec4<u32>,           // lights that a cluster chooses from the lights after reflections of its class, lights of a cluster; bits of the weight of near light of the same class;
+                                // 1 + the only particle whose path begins in this pass, 0: all do
     lens: vec4<f32>,            // aperture diameter times the pixels of a unit of length at unit distance, 1 / focus distance; z: weight of neighbours;
                                 // w: photons in a footprint, 0: all have radius r
     cones: vec4<f32>,           // widths that textures are averaged over: of a pixel at unit depth, of particles and of gather rays at unit
-                                // distance; 0
+                                // distance; w: probability that a particle survives a reflection, 0: all do (see ring.rs)
 }

@@ -14,6 +14,19 @@ fn sequence_point(j: u32, index: u32) -> vec2<f32> {
     );
 }
 
+// Whether the path of a particle begins in this pass. In a ring of lights one does, and the others keep their lights.
+fn begins(particle: u32) -> bool {
+    return frame.lists.w == 0u || particle + 1u == frame.lists.w;
+}
+
+// The weight of a particle after its j-th reflection: 1 without roulette, else 0 or the inverse of the probability to survive. CPU twin:
+// ring::survives.
+fn roulette(j: u32, particle: u32) -> f32 {
+    let probability = frame.cones.w;
+    let survives = random(key(frame.keys.x, STREAM_ROULETTE, particle, j)) < probability;
+    return select(select(0.0, 1.0 / max(probability, 1e-3), survives), 1.0, probability == 0.0);
+}
+
 // Index of the light that a particle leaves at a vertex; each class of pixels has a set of lights. Particle i of class k of K is
 // number i K + k, so that the particles that continue come first in every class.
 fn light_slot(particle: u32, first: u32) -> u32 {

@@ -117,7 +117,7 @@ impl Engine {
         }
         check_transform(&transform).map_err(|message| refused(&name, &message))?;
         moving.place(object, transform, None)?;
-        self.restart();
+        self.changed();
         Ok(())
     }
 
@@ -159,7 +159,7 @@ impl Engine {
         };
         let transform = moving.transforms[object as usize];
         moving.place(object, transform, Some((positions, normals)))?;
-        self.restart();
+        self.changed();
         Ok(())
     }
 
@@ -208,7 +208,7 @@ impl Engine {
         }
         moving.pending.emission |= emission;
         moving.pending.materials.push(index);
-        self.restart();
+        self.changed();
         Ok(())
     }
 
@@ -237,7 +237,7 @@ impl Engine {
             return Err(error);
         }
         moving.pending.lights = true;
-        self.restart();
+        self.changed();
         Ok(())
     }
 
@@ -283,11 +283,11 @@ impl Engine {
         let updated = self.scene.update(&self.context, &mut staging, of_host, &touched, emits, &moving.averages);
         let start = Instant::now();
         let result = updated.and_then(|update| {
-            let plan = plan::derive(&self.scene, &self.plan.settings, &self.plan.view)?;
+            let plan = plan::derive(&self.scene, &self.plan.asked, &self.plan.view)?;
             if update.replaced || !plan.fits_frame_of(&self.plan) {
-                let output = &self.frame.output;
-                let kept = Some((output.film.clone(), output.image.clone()));
-                self.frame = make_frame(&self.context, &mut staging, &mut self.scene, &plan, kept)?;
+                let kept = Some(self.kept());
+                let frame = make_frame(&self.context, &mut staging, &mut self.scene, &plan, kept)?;
+                self.take_frame(frame);
             } else if update.delta {
                 self.frame.stage_delta(&self.context, &mut staging, &self.scene)?;
             }

@@ -7,6 +7,7 @@
 //! | albedo | itself |
 //! | normal | (1 + n) / 2; black on the background |
 //! | depth | u / (u + z) for a depth z, with a unit of length u; black on the background |
+//! | classes, clusters | the albedo, in a false colour for each class of pixels or each cluster in screen order ([`clusters`](super::clusters)) |
 //!
 //! Cost: 2 to 8 vec4 a pixel; for diffuse and specular light 50 more of the pixels around it.
 
@@ -15,6 +16,7 @@ use glam::Vec3;
 
 use super::display::Curve;
 use super::{BoundKernel, groups, layout};
+use crate::bsdf::mean;
 use crate::error::{Error, Result};
 use crate::film::Film;
 use crate::gpu::{Context, Image, Kernel, Recorder, Resources, shaders};
@@ -39,11 +41,15 @@ pub enum Layer {
     Normal,
     /// Depth along the view direction.
     Depth,
+    /// Classes of pixels of interleaved sampling.
+    Classes,
+    /// Clusters of pixels that shadow rays are traced for together, where they are in screen order.
+    Clusters,
 }
 
 impl Layer {
     /// All of them.
-    pub const ALL: [Layer; 8] = [
+    pub const ALL: [Layer; 10] = [
         Layer::Emission,
         Layer::Diffuse,
         Layer::Specular,
@@ -52,6 +58,8 @@ impl Layer {
         Layer::Albedo,
         Layer::Normal,
         Layer::Depth,
+        Layer::Classes,
+        Layer::Clusters,
     ];
 
     /// Whether the film has it only with [`Settings::summands`](crate::Settings::summands).
@@ -67,7 +75,7 @@ impl Layer {
     /// The curve by which a display shows it, if light is shown by `tonemap`.
     pub fn curve(self, tonemap: Tonemap) -> Curve {
         match self {
-            Layer::Albedo => Curve::Tone(Tonemap::Srgb),
+            Layer::Albedo | Layer::Classes | Layer::Clusters => Curve::Tone(Tonemap::Srgb),
             Layer::Normal | Layer::Depth => Curve::Linear,
             _ => Curve::Tone(tonemap),
         }
@@ -82,6 +90,8 @@ impl Layer {
             Layer::Albedo => 4,
             Layer::Normal => 5,
             Layer::Depth => 6,
+            Layer::Classes => 7,
+            Layer::Clusters => 8,
         }
     }
 }
@@ -109,13 +119,13 @@ impl ShowLayer {
         Ok(ShowLayer { image, kernel: BoundKernel(kernel), layer, is_new: true })
     }
 
-    /// Records the pass; `unit` as in the table above, scene units.
-    pub fn record(&mut self, rec: &mut Recorder, unit: f32) -> Result<()> {
+    /// Records the pass; `unit` as in the table above, scene units; `pattern`: that of interleaved sampling.
+    pub fn record(&mut self, rec: &mut Recorder, unit: f32, pattern: [u32; 2]) -> Result<()> {
         rec.begin();
         if self.is_new {
             rec.image_to_general(&self.image)?;
         }
-        let push = layout::LayerPush { kind: self.layer.number(), unit };
+        let push = layout::LayerPush { kind: self.layer.number(), unit, pattern };
         let pixels = self.image.width() * self.image.height();
         rec.scope("layer", |rec| self.kernel.run(rec, bytemuck::bytes_of(&push), groups(pixels)))?;
         self.is_new = false;
@@ -124,7 +134,11 @@ impl ShowLayer {
 }
 
 /// Oracle: a layer of a pixel as it is shown, from the layers of files; these must have it.
-pub fn reference(layers: &Layers, pixel: usize, layer: Layer, unit: f32) -> Vec3 {
+pub fn reference(layers: &Layers, pixel: usize, layer: Layer, unit: f32, pattern: [u32; 2]) -> Vec3 {
+    let classes = pattern[0] * pattern[1];
+    let [x, y] = [pixel as u32 % layers.width, pixel as u32 / layers.width];
+    let class = x % pattern[0] + pattern[0] * (y % pattern[1]);
+    let shaded = |number: u32| false_color(number) * (0.25 + 0.75 * mean(layers.albedo[pixel]).min(1.0));
     match layer {
         Layer::Emission => layers.emission[pixel],
         Layer::Diffuse => layers.diffuse[pixel],
@@ -140,5 +154,17 @@ pub fn reference(layers: &Layers, pixel: usize, layer: Layer, unit: f32) -> Vec3
             depth if depth.is_finite() => Vec3::splat(unit / (unit + depth)),
             _ => Vec3::ZERO,
         },
+        Layer::Classes => shaded(class),
+        Layer::Clusters => {
+            let [across, down] = pattern.map(|n| 8 * n);
+            shaded((x / across + layers.width.div_ceil(across) * (y / down)) * classes + class)
+        }
     }
+}
+
+/// Oracle: the colour of a number; those of neighbouring numbers differ by a golden section of all hues.
+pub fn false_color(number: u32) -> Vec3 {
+    let hue = number.wrapping_mul(0x9e37_79b9) as f32 / 4_294_967_296.0;
+    let channel = |turn: f32| 0.2 + 0.8 * (((hue + turn).fract() * 6.0 - 3.0).abs() - 1.0).clamp(0.0, 1.0);
+    Vec3::new(channel(0.0), channel(2.0 / 3.0), channel(1.0 / 3.0))
 }

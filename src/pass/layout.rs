@@ -53,13 +53,13 @@ pub struct FrameParameters {
     /// near light.
     pub mirrors: [u32; 4],
     /// Lights that a cluster chooses, lights of a cluster (see [`super::light_lists`]); bits of the weight of near light of the same class
-    /// (see [`super::near_collect::weight`]); 0.
+    /// (see [`super::near_collect::weight`]); 1 + the only particle whose path begins in this pass, 0: all do.
     pub lists: [u32; 4],
     /// Of the lens: its diameter times the pixels of a unit of length at unit distance, 1 / distance in focus; z: weight of neighbours;
     /// w: photons in a footprint, 0: all have the radius of the look-up (see [`super::photon_width`]).
     pub lens: [f32; 4],
     /// Widths of the cones that textures are averaged over: of a pixel at unit depth, of particles and of gather rays at unit distance
-    /// (see [`crate::plan::Cones`]); 0.
+    /// (see [`crate::plan::Cones`]); w: probability that a particle survives a reflection, 0: all do (see [`crate::ring`]).
     pub cones: [f32; 4],
 }
 
@@ -201,6 +201,8 @@ pub struct LayerPush {
     pub kind: u32,
     /// Depth that is shown half as bright as depth 0, scene units.
     pub unit: f32,
+    /// Width and height of the interleaving pattern.
+    pub pattern: [u32; 2],
 }
 
 /// Push constants of `discontinuity`; `shaders/include/discontinuity.wgsl` says what each member is.

@@ -49,6 +49,7 @@ pub mod photon_start;
 pub mod photon_width;
 pub mod probe;
 pub mod resolve;
+pub mod ring;
 pub mod schedule;
 pub mod shade;
 pub mod sort;

@@ -47,6 +47,7 @@ use crate::bsdf::{Reflectance, pdf_specular};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources};
 use crate::plan::{self, RayClusters, StepTable};
+use crate::ring::Paths;
 use crate::scene::Scene;
 use crate::settings::Settings;
 
@@ -80,6 +81,8 @@ pub struct Chunk {
     pub rounds: Vec<u32>,
     /// Whether all its lights have a position, so that clusters can take them.
     pub clusters: bool,
+    /// Its lights: the first, and one past the last.
+    pub lights: (u32, u32),
 }
 
 /// Inputs and outputs.
@@ -111,7 +114,7 @@ impl Shade {
     }
 
     /// Records the chunks, each in its rounds.
-    pub fn record(&self, rec: &mut Recorder, chunks: &[Chunk]) -> Result<()> {
+    pub fn record<'a>(&self, rec: &mut Recorder, chunks: impl IntoIterator<Item = &'a Chunk>) -> Result<()> {
         self.rays.record(rec, chunks)
     }
 }
@@ -143,7 +146,7 @@ impl ShadowRays {
     }
 
     /// Records the chunks, each in its rounds.
-    pub fn record(&self, rec: &mut Recorder, chunks: &[Chunk]) -> Result<()> {
+    pub fn record<'a>(&self, rec: &mut Recorder, chunks: impl IntoIterator<Item = &'a Chunk>) -> Result<()> {
         for chunk in chunks {
             if chunk.clusters && self.cluster.is_some() {
                 rec.fill(&self.progress, NO_LIGHT_LEFT)?;
@@ -164,6 +167,11 @@ impl ShadowRays {
 }
 
 impl Chunk {
+    /// Whether its dispatches may add light: all do but those of dark slots of a ring. The first one initialises the sums.
+    pub fn is_lit(&self, paths: &Paths, delta: u32) -> bool {
+        self.lights.0 == 0 || paths.light(self.lights, delta)
+    }
+
     /// The clusters, if the budget of a dispatch suffices for them.
     pub fn clusters(settings: &Settings, clusters: Option<RayClusters>) -> Option<RayClusters> {
         let steps = |clusters| plan::cluster_steps(Chunk::size(settings, true), settings.loop_budget, clusters);
@@ -194,7 +202,7 @@ impl Chunk {
         let indirect = if by_screen { 2 } else { 1 };
         let chunk = Step { first, end, steps, lights: most, indirect, clears, ..Step::default() };
         let Some(clusters) = clusters else {
-            return Chunk { rounds: table.add_rounds(rounds, chunk), clusters: false };
+            return Chunk { rounds: table.add_rounds(rounds, chunk), clusters: false, lights: (first, end) };
         };
         let cluster_steps = plan::cluster_steps(Chunk::size(settings, true), settings.loop_budget, clusters);
         let clears = |round: u32| if round == 0 { chunk.clears } else { 0 };
@@ -202,7 +210,8 @@ impl Chunk {
             (0..CLUSTER_ROUNDS).map(|round| Step { round, clears: clears(round), steps: cluster_steps, ..chunk });
         // The work that clusters leave over has all rounds of the single rays ahead.
         let one_by_one = (1..=rounds).map(|round| Step { round, clears: 0, last: u32::from(round == rounds), ..chunk });
-        Chunk { rounds: together.chain(one_by_one).map(|step| table.add(step)).collect(), clusters: true }
+        let rounds = together.chain(one_by_one).map(|step| table.add(step)).collect();
+        Chunk { rounds, clusters: true, lights: (first, end) }
     }
 }
 

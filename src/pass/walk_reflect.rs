@@ -4,6 +4,8 @@
 //! A light at a reflection keeps the particle's direction of incidence and the whole reflectance: its intensity towards
 //! wo is Phi / N_j f_r(wi, wo) cos. A particle that continues takes the diffuse or the specular lobe at random.
 //!
+//! In a ring ([`crate::ring`]) nothing is absorbed by number: a particle that roulette ends leaves no light, others are brighter.
+//!
 //! Differs from the paper in that: figure 6 multiplies by N / floor(rho^j N) at every reflection, although the text's
 //! factor is the ratio to the N that started, so each light here is divided by N_j once; surfaces may be glossy; and
 //! the adjoint of shading normals is accounted for (Veach 1997, 5.3). Lobes of lights are widened
@@ -18,6 +20,7 @@ use super::{BoundKernel, Kit, Rays, groups, push};
 use crate::accel::{Ray, offset_origin};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
+use crate::ring::survives;
 use crate::sampling::dimensions::LOBE;
 use crate::sampling::random::{key, random_f32};
 use glam::Vec3;
@@ -53,9 +56,10 @@ pub fn reference(
 ) -> (PointLight, Ray, Vec3) {
     let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
     let nothing = (PointLight::default(), Ray { origin: Vec3::ZERO, t_max: 0.0, direction: d }, Vec3::ZERO);
-    let Some(s) = surface else { return nothing };
+    let Some(s) = surface.filter(|_| survives(frame, particle, j as u32)) else { return nothing };
     let r = &s.reflectance;
-    let arriving = flux * (s.shading.dot(d) / s.geometric.dot(d).min(-1e-7)).min(4.0);
+    let weight = if frame.cones[3] > 0.0 { 1.0 / frame.cones[3] } else { 1.0 };
+    let arriving = flux * weight * (s.shading.dot(d) / s.geometric.dot(d).min(-1e-7)).min(4.0);
     let fits = j as u32 + specular + 2 <= frame.scene[2];
     let share = if fits { f32::from_bits(frame.depths[j][2]) } else { 0.0 };
     let origin = offset_origin(s.position, s.geometric, frame.eye[3]);

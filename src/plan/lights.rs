@@ -40,6 +40,13 @@ impl LightPlan {
         LightPlan { survivors, delta: settings.delta_lights.map_or(delta, |most| most.min(delta)), environment: false }
     }
 
+    /// The lights of so many paths of a ring, each of which may be as long as is allowed: light k of j reflections has the slot
+    /// `first_slot(j) + k`.
+    pub(super) fn of_ring(settings: &Settings, paths: u32, delta: u32) -> LightPlan {
+        let plan = LightPlan::of_particles(settings, paths, 1.0, delta);
+        LightPlan { survivors: vec![paths; plan.survivors.len()], ..plan }
+    }
+
     /// The lights of a pool from which clusters choose, and the number of particles that leave them: `light_pool`, or fewer so that
     /// there are at most [`MAX_POOL`] of them.
     pub(super) fn of_pool(settings: &Settings, mean_reflectivity: f32, delta: u32) -> (LightPlan, u32) {

@@ -8,6 +8,7 @@ use crate::pass::layout;
 use crate::pass::near_collect;
 use crate::pass::near_points::NEAR_SPREAD;
 use crate::pass::photon_width::FOOTPRINT;
+use crate::ring::{self, Form, Ring};
 use crate::sampling::dimensions::{OFFSET, REPLICA, ROTATION, WINDOW};
 use crate::sampling::halton::PRIMES;
 use crate::sampling::random::{hash, key, random_f32};
@@ -24,10 +25,18 @@ impl Plan {
     /// golden-ratio steps from a random start: evenly spread, and unrelated to any base. For Sobol' points, all of whose
     /// dimensions have base 2, random starting points give less error.
     pub fn parameters(&self, pass: u32) -> Result<layout::FrameParameters> {
+        self.parameters_of(pass, pass == 0)
+    }
+
+    /// [`Plan::parameters`]; `begins`: all paths of a ring of lights begin in this pass, not the newest alone.
+    pub fn parameters_of(&self, pass: u32, begins: bool) -> Result<layout::FrameParameters> {
         let s = &self.settings;
-        let instance = pass % INSTANCES;
-        let local = pass / INSTANCES;
-        let of_pass = self.particles * s.classes();
+        // A ring has one sequence, of which each step takes one point, and its errors are those of as many passes as it keeps images.
+        let (instance, local, refined) = match &s.ring {
+            None => (pass % INSTANCES, pass / INSTANCES, pass),
+            Some(ring) => (0, pass, pass.min(ring.images() - 1)),
+        };
+        let of_pass = if s.ring.is_some() { 1 } else { self.particles * s.classes() };
         let first = local.checked_mul(of_pass).filter(|f| f.checked_add(of_pass).is_some()).ok_or(Error::Setting {
             name: "--passes",
             message: format!("pass {pass} of {of_pass} particles leaves the 2^32 points of the sequence"),
@@ -47,7 +56,11 @@ impl Plan {
             Sequence::Halton => start.wrapping_add(local.wrapping_mul(0x9e37_79b9)),
             Sequence::Sobol => hash(start ^ hash(local)),
         };
-        let rotation = ((u64::from(turn) * u64::from(self.particles)) >> 32) as u32;
+        // Path p of a ring has the slot p mod N, whatever the step.
+        let rotation = match &s.ring {
+            None => ((u64::from(turn) * u64::from(self.particles)) >> 32) as u32,
+            Some(_) => (self.particles - local % self.particles) % self.particles,
+        };
         let mut depths = [[0; 4]; 16];
         let mut shifts = [[0.0; 4]; 16];
         let mut words = [[0; 4]; 16];
@@ -63,15 +76,20 @@ impl Plan {
                 shifts[j][d + 2] = f32::from_bits(PRIMES[2 * j + d]);
             }
         }
+        // The newest path of a ring of lights; the first step begins all of them.
+        let only = match &s.ring {
+            Some(Ring { form: Form::Lights, .. }) if !begins => 1 + (local + self.particles - 1) % self.particles,
+            _ => 0,
+        };
         let bit = |set: bool, bit: u32| if set { bit } else { 0 };
         let bits = bit(s.jitter, layout::FrameParameters::JITTER)
             | bit(s.sequence == Sequence::Sobol, layout::FrameParameters::SOBOL)
             | bit(!s.interleave_photons, layout::FrameParameters::SHARED_PHOTONS)
             | bit(self.lights.environment, layout::FrameParameters::ENVIRONMENT);
         let offset = pixel_offset(seed_key, pass);
-        let cones = Cones::of(&self.view, self.particles, pass);
+        let cones = Cones::of(&self.view, self.particles, refined);
         let (photons, photon) = match self.photons {
-            Some(plan) => plan.parameters(s, &self.lights, extent.size, local)?,
+            Some(plan) => plan.parameters(s, &self.lights, extent.size, (local, refined / INSTANCES))?,
             None => ([0; 4], [0.0; 4]),
         };
         let superposition = match s.superposition.filter(|_| self.eye.mirrors) {
@@ -101,7 +119,7 @@ impl Plan {
             choice: [
                 s.power_fraction,
                 self.lights.survivors.first().map_or(0.0, |&n| n as f32) / self.scene.emission.max(f32::MIN_POSITIVE),
-                self.lists.survivors.iter().skip(1).sum::<u32>() as f32 / surface_area(extent.size),
+                self.reflected_lights() / surface_area(extent.size),
                 if self.eye.lobes { MAX_FOLLOWED_ALPHA } else { 0.0 },
             ],
             superposition,
@@ -112,17 +130,33 @@ impl Plan {
             lists: [
                 self.lists.slots() - self.lists.first_slot(1),
                 self.lists.slots(),
-                near_collect::weight(pass).to_bits(),
-                0,
+                near_collect::weight(refined).to_bits(),
+                only,
             ],
             lens: [
                 lookout.lens[0],
                 lookout.lens[1],
-                Filter::weight(pass),
+                Filter::weight(refined),
                 if s.photon_radius.is_some() { 0.0 } else { FOOTPRINT },
             ],
-            cones: [cones.pixel, cones.particle, cones.gather, 0.0],
+            cones: [
+                cones.pixel,
+                cones.particle,
+                cones.gather,
+                s.ring.map_or(0.0, |_| ring::survival(extent.reflectivity)),
+            ],
         })
+    }
+}
+
+impl Plan {
+    /// Lights after reflections that light a point, in the mean.
+    fn reflected_lights(&self) -> f32 {
+        if self.settings.ring.is_none() {
+            return self.lists.survivors.iter().skip(1).sum::<u32>() as f32;
+        }
+        let rho = ring::survival(self.scene.extent.reflectivity);
+        self.particles as f32 * rho / (1.0 - rho)
     }
 }
 

@@ -40,6 +40,7 @@
 //! | [`PHOTON_SIDE`] | side of a two-sided emitter: photon, 0                |
 //! | [`WALK_COMPONENT`] | transmission, reflection or base: particle, reflection and mirrors and glass so far |
 //! | [`PHOTON_COMPONENT`] | transmission or reflection: photon, mirrors and glass so far |
+//! | [`ROULETTE`] | absorption in a ring: particle, reflection |
 
 use super::halton::PRIMES;
 use super::sobol;
@@ -102,8 +103,10 @@ pub const PHOTON: u32 = 20;
 pub const PHOTON_SIDE: u32 = 21;
 /// Stream: component that a photon takes at a mirror or glass.
 pub const PHOTON_COMPONENT: u32 = 22;
+/// Stream: absorption of particles in a ring.
+pub const ROULETTE: u32 = 23;
 /// Stream: Russian roulette of the paths of gather rays.
-pub const GATHER_ROULETTE: u32 = 23;
+pub const GATHER_ROULETTE: u32 = 24;
 
 /// Dimensions of a photon: direction, place on the emitter (the first also chooses it), target.
 pub const PHOTON_DIMENSIONS: [usize; 5] = [0, 1, 2, 3, 4];

@@ -16,6 +16,7 @@ use crate::pass::shade::{self, Chunk};
 use crate::pass::trace::Trace;
 use crate::pass::{Kit, Lighting, List, ShadingPoints};
 use crate::plan::{Plan, StepTable};
+use crate::ring::Paths;
 
 /// The stage.
 pub struct NearLight {
@@ -44,6 +45,7 @@ pub struct NearLight {
     schedules: [Schedule; 3],
     list_step: u32,
     shade: (shade::Shade, Vec<Chunk>),
+    delta: u32,
     collect: NearCollect,
 }
 
@@ -122,6 +124,7 @@ impl NearLight {
             ],
             list_step,
             shade: (shade::Shade::new(kit, &shade_inputs, &steps)?, chunks),
+            delta: plan.lists.delta,
             collect: NearCollect::new(kit, plan, &collect_inputs)?,
             points,
             beta,
@@ -132,6 +135,19 @@ impl NearLight {
             onward,
             near,
         }))
+    }
+
+    /// Records its passes for lights of these paths.
+    pub fn run_paths(&self, rec: &mut Recorder, paths: &Paths) -> Result<()> {
+        rec.scope(Self::NAME, |rec| self.record_paths(rec, paths))
+    }
+
+    fn record_paths(&self, rec: &mut Recorder, paths: &Paths) -> Result<()> {
+        self.record_rays(rec)?;
+        rec.scope("near_points", |rec| self.record_points(rec))?;
+        rec.scope("near_onward", |rec| self.record_onward(rec))?;
+        rec.scope("near_shade", |rec| self.record_shade(rec, paths))?;
+        rec.scope("near_collect", |rec| self.record_collect(rec))
     }
 
     /// The part up to the hits of the near rays.
@@ -155,9 +171,9 @@ impl NearLight {
         self.schedules[2].record(rec, self.list_step)
     }
 
-    /// Hits that no pixel shows are lit.
-    pub fn record_shade(&self, rec: &mut Recorder) -> Result<()> {
-        self.shade.0.record(rec, &self.shade.1)
+    /// Hits that no pixel shows are lit by lights of these paths.
+    pub fn record_shade(&self, rec: &mut Recorder, paths: &Paths) -> Result<()> {
+        self.shade.0.record(rec, self.shade.1.iter().filter(|chunk| chunk.is_lit(paths, self.delta)))
     }
 
     /// The light goes back to the pixels.
@@ -170,10 +186,6 @@ impl Stage for NearLight {
     const NAME: &'static str = "near_light";
 
     fn record(&self, rec: &mut Recorder) -> Result<()> {
-        self.record_rays(rec)?;
-        rec.scope("near_points", |rec| self.record_points(rec))?;
-        rec.scope("near_onward", |rec| self.record_onward(rec))?;
-        rec.scope("near_shade", |rec| self.record_shade(rec))?;
-        rec.scope("near_collect", |rec| self.record_collect(rec))
+        self.record_paths(rec, &Paths::default())
     }
 }

@@ -1,4 +1,4 @@
-//! Looks whether the image of a pass is made of numbers, adds it to the film, turns the film's mean into an image, and copies sums for the error estimate.
+//! Looks whether the image of a pass is made of numbers, adds it to the film or to a ring, turns the film's mean into an image, and copies sums for the error estimate.
 
 use super::Eye;
 use crate::error::Result;
@@ -6,9 +6,19 @@ use crate::film::Film;
 use crate::gpu::{Buffer, Image, Recorder};
 use crate::pass::accumulate::Accumulate;
 use crate::pass::finite::Finite;
+use crate::pass::layout::FrameParameters;
 use crate::pass::probe::Probe;
 use crate::pass::resolve::Resolve;
+use crate::pass::ring::Ring;
 use crate::pass::{Kit, Lighting};
+
+/// How a pass enters the film.
+enum Sum {
+    /// It is added.
+    Film(Accumulate),
+    /// It replaces the oldest.
+    Ring(Ring),
+}
 
 /// The stage.
 pub struct Output {
@@ -17,7 +27,7 @@ pub struct Output {
     /// The image for the host.
     pub image: Image,
     finite: Finite,
-    accumulate: Accumulate,
+    sum: Sum,
     resolve: Resolve,
     probe: Probe,
 }
@@ -34,7 +44,10 @@ impl Output {
     ) -> Result<Output> {
         Ok(Output {
             finite: Finite::new(kit, &eye.points, &eye.paths, lighting, summands, film.pixels())?,
-            accumulate: Accumulate::new(kit, &eye.points, &eye.paths, lighting, &film)?,
+            sum: match &film.ring {
+                Some(images) => Sum::Ring(Ring::new(kit, (&eye.points, &eye.paths, lighting), &film, images)?),
+                None => Sum::Film(Accumulate::new(kit, &eye.points, &eye.paths, lighting, &film)?),
+            },
             resolve: Resolve::new(kit, &film, &image)?,
             probe: Probe::new(kit, &film)?,
             film,
@@ -52,9 +65,12 @@ impl Output {
         rec.scope("finite", |rec| self.finite.record(rec))
     }
 
-    /// Records the addition of a pass to the sums of an instance.
-    pub fn record_accumulate(&self, rec: &mut Recorder, instance: u32) -> Result<()> {
-        rec.scope("accumulate", |rec| self.accumulate.record(rec, instance))
+    /// Records the addition of a pass to the sums of its instance, or to the ring.
+    pub fn record_accumulate(&self, rec: &mut Recorder, parameters: &FrameParameters) -> Result<()> {
+        match &self.sum {
+            Sum::Film(accumulate) => rec.scope("accumulate", |rec| accumulate.record(rec, parameters.instance())),
+            Sum::Ring(ring) => rec.scope("ring", |rec| ring.record(rec, parameters.size[3])),
+        }
     }
 
     /// Records the mean of all passes into the image.

@@ -9,6 +9,7 @@ use crate::pass::light_lists::LightLists;
 use crate::pass::shade::{self, Chunk};
 use crate::pass::{Kit, Lighting};
 use crate::plan::{Plan, StepTable};
+use crate::ring::Paths;
 
 /// The stage.
 pub struct Shade {
@@ -16,6 +17,7 @@ pub struct Shade {
     pub lighting: Lighting,
     pass: shade::Shade,
     chunks: Vec<Chunk>,
+    delta: u32,
 }
 
 impl Shade {
@@ -33,7 +35,13 @@ impl Shade {
             lighting: &lighting,
             classes: eye.classes(),
         };
-        Ok(Shade { pass: shade::Shade::new(kit, &inputs, &steps)?, lighting, chunks })
+        Ok(Shade { pass: shade::Shade::new(kit, &inputs, &steps)?, lighting, chunks, delta: plan.lists.delta })
+    }
+
+    /// Records its passes for lights of these paths.
+    pub fn run_paths(&self, rec: &mut Recorder, paths: &Paths) -> Result<()> {
+        let lit = self.chunks.iter().filter(|chunk| chunk.is_lit(paths, self.delta));
+        rec.scope(Self::NAME, |rec| self.pass.record(rec, lit))
     }
 }
 

@@ -23,6 +23,8 @@ pub struct Walk {
     pub flux: Buffer,
     /// Glass media around each particle.
     pub media: Buffer,
+    /// Whether the lights are those that it was to go on with.
+    pub keeps: bool,
     counts: Counts,
     start: WalkStart,
     trace: Trace,
@@ -55,8 +57,8 @@ struct Follow {
 }
 
 impl Walk {
-    /// Particles start from `emitters`, whose records hold the probability of each.
-    pub fn new(kit: &Kit, scene: &DeviceScene, plan: &Plan, emitters: &Buffer) -> Result<Walk> {
+    /// Particles start from `emitters`, whose records hold the probability of each. `kept`: lights of a ring to go on with.
+    pub fn new(kit: &Kit, scene: &DeviceScene, plan: &Plan, emitters: &Buffer, kept: Option<&Buffer>) -> Result<Walk> {
         let (settings, classes) = (&plan.settings, plan.settings.classes());
         let particle_count = plan.particles * classes;
         let mut table = StepTable::default();
@@ -81,7 +83,16 @@ impl Walk {
         let slots = plan.lights.slots();
         let mut of_class = plan.delta_slots(scene).into_owned();
         of_class.resize(slots.max(1) as usize, PointLight::default());
-        let lights = kit.stage("lights", &of_class.repeat(classes as usize))?;
+        let bytes = u64::from(slots) * size_of::<PointLight>() as u64;
+        let kept = kept.filter(|lights| classes == 1 && slots > 0 && lights.bytes() == bytes);
+        let lights = match kept {
+            None => kit.stage("lights", &of_class.repeat(classes as usize))?,
+            Some(lights) => {
+                let delta = &of_class[..plan.lights.delta as usize];
+                kit.staging.borrow_mut().stage_into(kit.context, lights, 0, delta)?;
+                lights.clone()
+            }
+        };
         let particles = Rays::new(kit.context, "particle", particle_count)?;
         let flux = kit.vec4s("particle flux", particle_count)?;
         let batch = batch(kit, "particles")?;
@@ -129,6 +140,7 @@ impl Walk {
             particles,
             flux,
             media,
+            keeps: kept.is_some(),
             particle_count,
             classes,
             slots,

@@ -88,6 +88,33 @@ fn still_frames_accumulate_and_equal_a_rendering() {
 }
 
 #[test]
+fn a_ring_goes_on_from_frame_to_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    // The block moves once, and stands still again.
+    let path = "times = [0, 1, 2, 3, 4]\n[[object]]\nname = \"tall_block\"\nkeys = [{ time = 0 }, { time = 1, translation = [-60, 0, 0] }]\n";
+    fs::write(folder.path().join("p.toml"), path).unwrap();
+    let more =
+        [SCENE, "--path", "p.toml", "-o", "f-%d.png", "--moving-passes", "2", "--ring", "images", "--ring-length", "4"];
+    let output = run(folder.path(), &arguments(&more));
+    let told = text(&output.stderr);
+    assert!(output.status.success() && told.contains("a ring of 4 images takes 0.0 MiB of 1024"), "{told}");
+    let frame = |i: usize| image::open(folder.path().join(format!("f-{i}.png"))).unwrap().into_rgb8();
+    assert!((1..5).all(|i| frame(i) != frame(i - 1)), "paths come and go");
+
+    let more = [SCENE, "--path", "p.toml", "-o", "no-%d.png", "--ring", "images", "--ring-length", "1024"];
+    let all = [&more[..], &["--resolution", "640x480", "--ring-memory", "100"]].concat();
+    let output = run(folder.path(), &all);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(
+        said.contains("--ring-length") && said.contains("takes 2401 MiB") && said.contains("42 would fit"),
+        "{said}"
+    );
+    assert!(!folder.path().join("no-0.png").exists());
+    assert_eq!(run(folder.path(), &[SCENE, "--ring-length", "8"]).status.code(), Some(2), "a length without a ring");
+}
+
+#[test]
 fn wrong_paths_are_refused_by_file_line_and_key() {
     let folder = tempfile::tempdir().unwrap();
     let cases: [(&str, &[&str]); 14] = [

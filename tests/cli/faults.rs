@@ -15,7 +15,7 @@ use crate::render::{command, contents, folder, text};
 
 const OUT_OF_HOST_MEMORY: i32 = -1;
 const OUT_OF_DEVICE_MEMORY: i32 = -2;
-const DEVICE_LOST: i32 = -4;
+pub const DEVICE_LOST: i32 = -4;
 const TIMEOUT: i32 = 2;
 
 /// A folder with the layer's manifest. `cargo test` builds the layer, unless one binary of tests alone is asked for.
@@ -74,10 +74,10 @@ fn succeeds(folder: &Path, arguments: &str) {
 }
 
 /// A run under the layer.
-struct Run {
-    output: Output,
+pub struct Run {
+    pub output: Output,
     /// Names of the calls that may fail, in order.
-    calls: Vec<String>,
+    pub calls: Vec<String>,
     /// The name of those that failed.
     failed: Vec<String>,
     /// Objects made and not destroyed, by kind.
@@ -86,8 +86,12 @@ struct Run {
 
 /// Runs the program; `faults`: numbers of calls, from 1, and their results.
 fn run(folder: &Path, arguments: &str, faults: &[(usize, i32)]) -> Run {
+    run_command(command(folder, arguments), faults)
+}
+
+/// Likewise for a command that is set up already.
+pub fn run_command(mut command: Command, faults: &[(usize, i32)]) -> Run {
     let log = tempfile::NamedTempFile::new().unwrap();
-    let mut command = command(folder, arguments);
     command
         .env("XDG_CACHE_HOME", cache())
         .env("VK_LAYER_PATH", layer())

@@ -7,6 +7,8 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
+#[cfg(target_os = "linux")]
+use crate::faults::{DEVICE_LOST, run_command};
 use crate::render::{channels, command, succeeds, text};
 
 /// A room without a front, with a box in the middle of the view and a lamp that shines down.
@@ -99,6 +101,7 @@ fn a_script_walks_through_a_scene() {
 window 96x72
 panel off
 passes 2
+key M                           # coarser in motion
 drag right 20,20 32,26          # the view turns
 key O
 wheel 0.5                       # and goes on a little
@@ -119,6 +122,8 @@ path moved.toml
 lights on
 look normal
 passes 4
+look classes
+look clusters
 look specular                   # needs sums of its own
 passes 2
 look image
@@ -127,17 +132,30 @@ drop other.toml
 passes 3
 screenshot other.exr
 screenshot other.png
+set --particles 4 --max-depth 3 --ring images --ring-length 3
+passes 5
+drag right 20,20 32,26          # the ring goes on
+passes 6
+screenshot ring.exr
+set --particles 4 --max-depth 3 --ring lights --ring-length 3
+look emission                   # no ring has such sums
+look image
+passes 2
+screenshot lights.exr
 quit
 ";
     fs::write(folder.path().join("script.txt"), script).unwrap();
     let line = format!("view scene.toml --script script.txt --validation {QUICK}");
-    let output = command(folder.path(), &line).env("DISPLAY", &display.name).env_remove("WAYLAND_DISPLAY").output();
-    let output = output.unwrap();
+    let mut view = command(folder.path(), &line);
+    view.env("DISPLAY", &display.name).env_remove("WAYLAND_DISPLAY");
+    // Sizes of a script are in pixels, whatever the scale of the display.
+    let output = view.env("WINIT_X11_SCALE_FACTOR", "1.5").output().unwrap();
     let (told, said) = (text(&output.stdout), text(&output.stderr));
     assert!(output.status.success(), "{told}{said}");
     assert!(said.contains("missing.obj") && !said.contains("panicked"), "{said}");
     let summary: serde_json::Value = serde_json::from_str(told.lines().last().unwrap()).unwrap();
     assert_eq!((&summary["validation_messages"], &summary["bytes_not_given_back"]), (&0.into(), &0.into()));
+    assert!(summary["coarse_frames"].as_u64() > Some(0), "{summary}");
     assert!(summary["moving_frame_ms"]["count"].as_u64() > Some(3), "{summary}");
     assert!(summary["input_to_image_ms"]["median"].as_f64() > Some(0.0), "{summary}");
 
@@ -172,6 +190,42 @@ quit
     );
     assert_close(&file("other.exr"), &file("expected.exr"), 0.02);
     assert_eq!(image::image_dimensions(file("other.png")).unwrap(), (80, 60));
+
+    assert!(said.contains("--summands"), "{said}");
+    assert!(attribute(&file("ring.exr"), "passes").as_u64() > Some(10), "a drag does not empty a ring");
+    for (name, form) in [("ring.exr", "images"), ("lights.exr", "lights")] {
+        assert_eq!(attribute(&file(name), "settings")["ring"]["form"], form);
+        let green = &channels(&file(name))["G"];
+        assert!(green.iter().sum::<f32>() / green.len() as f32 > 0.01, "{name}");
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_window_whose_device_is_lost_ends_in_order() {
+    let (display, folder) = (Display::open(), folder());
+    fs::write(folder.path().join("script.txt"), "window 32x24\npanel off\npasses 30\nquit\n").unwrap();
+    let view = || {
+        let mut view = command(folder.path(), &format!("view scene.toml --script script.txt {QUICK}"));
+        view.env("DISPLAY", &display.name).env_remove("WAYLAND_DISPLAY");
+        view
+    };
+    let whole = run_command(view(), &[]);
+    assert!(whole.output.status.success(), "{}", text(&whole.output.stderr));
+    // The first submissions are uploads and the first frames.
+    let submissions: Vec<usize> = (1..)
+        .zip(&whole.calls)
+        .filter(|(_, name)| name.starts_with("vkQueueSubmit"))
+        .map(|(number, _)| number)
+        .collect();
+    assert!(submissions.len() > 20, "{submissions:?}");
+    let lost = run_command(view(), &[(submissions[12], DEVICE_LOST)]);
+    let (told, said) = (text(&lost.output.stdout), text(&lost.output.stderr));
+    assert_eq!(lost.output.status.code(), Some(1), "{said}");
+    assert!(said.contains("the device was lost") && !said.contains("panicked"), "{said}");
+    let summary: serde_json::Value = serde_json::from_str(told.lines().last().unwrap()).unwrap();
+    assert_eq!(summary["bytes_not_given_back"], 0, "{summary}");
+    assert!(summary["frames"].as_u64() > Some(0), "{summary}");
 }
 
 #[test]

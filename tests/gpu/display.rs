@@ -38,6 +38,9 @@ fn texels<T: bytemuck::Pod>(
     readback.read().unwrap()
 }
 
+/// A pattern whose sides differ.
+const PATTERN: [u32; 2] = [3, 2];
+
 #[test]
 fn layers_are_those_of_files() {
     gpu_test(|ctx| {
@@ -62,9 +65,9 @@ fn layers_are_those_of_files() {
             for wanted in Layer::ALL {
                 let mut show = ShowLayer::new(ctx, &film, size, wanted).unwrap();
                 let image = show.image.clone();
-                let found: Vec<Vec4> = texels(ctx, &image, |rec| show.record(rec, 2.5));
+                let found: Vec<Vec4> = texels(ctx, &image, |rec| show.record(rec, 2.5, PATTERN));
                 for (pixel, found) in found.iter().enumerate() {
-                    let expected = layer::reference(&files, pixel, wanted, 2.5);
+                    let expected = layer::reference(&files, pixel, wanted, 2.5, PATTERN);
                     let error = (found.truncate() - expected).abs().max_element();
                     assert!(
                         error <= 2e-5 * (1.0 + expected.length()),
@@ -104,7 +107,7 @@ fn a_display_shows_what_png_files_hold() {
                 for stops in [0.0, -2.5, 3.0] {
                     let shown = display.shown.clone();
                     let found: Vec<[u8; 4]> = texels(ctx, &shown, |rec| {
-                        show.record(rec, 1.0)?;
+                        show.record(rec, 1.0, [1, 1])?;
                         display.record(rec, stops, curve)
                     });
                     for (i, found) in (0..).zip(found) {

@@ -39,6 +39,7 @@ mod radiosity;
 mod references;
 mod renderer;
 mod rig;
+mod ring;
 mod scenes;
 mod sequences;
 mod superposition;

@@ -7,6 +7,7 @@ use lightsum::pass::layout::PointLight;
 use lightsum::pass::mirror_lights::{mirrored, reference, weight};
 use lightsum::pass::{ShadingPoints, near_points};
 use lightsum::path_trace::{Options, SpecularPaths};
+use lightsum::ring::Paths;
 use lightsum::scene::{Camera, Light, Material, Scene, Surface};
 use lightsum::settings::Settings;
 use lightsum::stage::Stage;
@@ -162,7 +163,7 @@ fn a_mirror_throws_the_light_of_the_image_on_a_wall() {
     gpu_test(|ctx| {
         let (scene, light) = beam();
         let rig = Rig::new(ctx, &scene, [61, 47], Settings { mirror_lights: 3, ..settings(4, 3) });
-        rig.run(|frame, rec| frame.record(rec, &rig.parameters));
+        rig.run(|frame, rec| frame.record(rec, &rig.parameters, &Paths::default()));
         let indirect = rig.vec4s(&rig.frame().shade.lighting.indirect);
         let image = light * Vec3::new(1.0, -1.0, 1.0);
         let all = receivers(&rig, &rig.frame().eye.points);

@@ -7,6 +7,7 @@ use lightsum::pass::near_points::{self, NOT_SHOWN, Seen};
 use lightsum::pass::shade::ShadingPoint;
 use lightsum::pass::surface::{SurfacePoint, surface_at};
 use lightsum::pass::{ShadingPoints, gather, sort};
+use lightsum::ring::Paths;
 use lightsum::settings::{Clip, Compensation, Filter, Settings};
 use lightsum::stage::NearLight;
 
@@ -199,7 +200,7 @@ fn check_collect(rig: &Rig) -> [usize; 2] {
     let (p, near) = (&rig.parameters, stage(rig));
     let lighting = &rig.frame().shade.lighting;
     let three = |l: &lightsum::pass::Lighting| [&l.direct, &l.indirect, &l.specular].map(|b| rig.vec4s(b));
-    rig.run(|_, rec| near.record_shade(rec));
+    rig.run(|_, rec| near.record_shade(rec, &Paths::default()));
     let (before, lit) = (three(lighting), three(&near.hit_lighting));
     let [beta, emitted, kd, wo] =
         [&near.beta, &near.points.emitted, &near.points.kd, &near.points.wo].map(|b| rig.vec4s(b));

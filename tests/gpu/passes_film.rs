@@ -22,7 +22,7 @@ pub struct Sheet {
     pub receivers: ShadingPoints,
     pub paths: EyePathState,
     pub sums: Lighting,
-    film: Film,
+    pub film: Film,
 }
 
 impl Sheet {

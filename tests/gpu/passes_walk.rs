@@ -9,6 +9,7 @@ use lightsum::pass::layout::PointLight;
 use lightsum::pass::surface::surface_at;
 use lightsum::pass::walk_follow::{self, Fate};
 use lightsum::pass::{walk_reflect, walk_start};
+use lightsum::ring::{Form, Ring};
 use lightsum::scene::Scene;
 use lightsum::settings::{Sequence, Settings};
 use lightsum::stage::Stage;
@@ -367,7 +368,8 @@ fn walk(rig: &Rig) -> Vec<PointLight> {
     of_class[..plan.delta as usize].copy_from_slice(&rig.engine.device_scene().delta);
     let mut lights = of_class.repeat(classes as usize);
     let slot = |i: u32, j: usize| walk_start::light_slot(p, i, plan.first_slot(j)) as usize;
-    for i in 0..rig.engine.plan().settings.particles() {
+    let begins = |i: &u32| p.lists[3] == 0 || p.lists[3] == i + 1;
+    for i in (0..rig.engine.plan().settings.particles()).filter(begins) {
         let (light, mut ray, mut flux) = walk_start::reference(p, (rig.engine.emitters(), &rig.scene.textures), i);
         if i < plan.survivors[0] * classes {
             lights[slot(i, 0)] = light;
@@ -410,15 +412,25 @@ fn the_walk_against_the_oracle_path_by_path() {
         let scene = gallery();
         let sine = sine_error(ctx, &scene);
         let one = [1, 1];
-        for (paths, pattern, jitter, pass) in [
-            (1, one, false, 0),
-            (27, one, true, 1),
-            (64, one, false, 2),
-            (2049, one, false, 0),
-            (2049, one, true, 3),
-            (229, [3, 3], false, 2),
+        let of_ring = |form, length, jitter| {
+            let ring = Some(Ring { length, ..Ring::new(form) });
+            Settings { ring, ..interleaved(1, [2, 3], jitter) }
+        };
+        for (settings, pass) in [
+            (interleaved(1, one, false), 0),
+            (interleaved(27, one, true), 1),
+            (interleaved(64, one, false), 2),
+            (interleaved(2049, one, false), 0),
+            (interleaved(2049, one, true), 3),
+            (interleaved(229, [3, 3], false), 2),
+            (of_ring(Form::Images, 5, false), 7),
+            (of_ring(Form::Lights, 1000, true), 0),
+            // One path begins, and the slots of the others stay as they are.
+            (of_ring(Form::Lights, 27, false), 5),
         ] {
-            let mut rig = Rig::new(ctx, &scene, [1, 1], interleaved(paths, pattern, jitter));
+            let (paths, jitter) = (settings.particles, settings.jitter);
+            let what = format!("{:?}", settings.ring);
+            let mut rig = Rig::new(ctx, &scene, [1, 1], settings);
             rig.parameters = rig.engine.plan().parameters(pass).unwrap();
             let parameters = rig.parameters;
             rig.run(|frame, rec| {
@@ -428,7 +440,7 @@ fn the_walk_against_the_oracle_path_by_path() {
             let found: Vec<PointLight> = rig.get(&rig.frame().walk.lights);
             let expected = walk(&rig);
             assert_eq!(found.len(), expected.len());
-            let mut tally = Tally::new(format!("walk of {paths} particles, pass {pass}, jitter {jitter}"));
+            let mut tally = Tally::new(format!("walk of {paths} particles, pass {pass}, jitter {jitter}, ring {what}"));
             let extent = rig.bvh().diagonal();
             for (slot, (a, b)) in found.iter().zip(&expected).enumerate() {
                 // Rounding differences grow from vertex to vertex, most at curved surfaces and sharp lobes.

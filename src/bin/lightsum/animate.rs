@@ -17,7 +17,7 @@ use crate::args::Animate;
 use crate::path::Motion;
 use crate::play::Play;
 use crate::progress::{Progress, duration};
-use crate::render::{Job, metadata, pipeline_cache, settings, watch_for_interrupt};
+use crate::render::{Job, metadata, pipeline_cache, watch_for_interrupt};
 use crate::{camera, say, say_aside};
 
 /// File name pattern with a frame number.
@@ -59,6 +59,7 @@ impl Pattern {
 
 /// Runs the command.
 pub fn run(args: &Animate) -> Result<()> {
+    let shown = &args.shown;
     let pattern = args.output.as_deref().map(Pattern::new).transpose()?;
     let first = pattern.as_ref().map(|pattern| pattern.name(0));
     let files: Vec<PathBuf> = first.into_iter().chain(args.timings.clone()).collect();
@@ -66,7 +67,7 @@ pub fn run(args: &Animate) -> Result<()> {
     let _claim = output::claim(files.iter().map(PathBuf::as_path))?;
 
     let start = Instant::now();
-    let scene = scene::load_with(&args.scene, &args.reading.options())?;
+    let scene = scene::load_with(&args.scene, &shown.reading.options())?;
     let mut play = match (&args.path, &args.play.animation) {
         (Some(_), None) => None,
         (None, None) => Some(Play::new(&scene, None, "--path")?),
@@ -76,7 +77,7 @@ pub fn run(args: &Animate) -> Result<()> {
         // A model that is framed is framed as the animation begins.
         play.advance(play.start());
     }
-    let still = camera::choose(play.as_ref().map_or(&scene, Play::scene), &args.camera, args.resolution)?;
+    let still = camera::choose(play.as_ref().map_or(&scene, Play::scene), &shown.camera, shown.resolution)?;
     let motion = match (&args.path, &play) {
         (Some(path), _) => Motion::load(path, &scene, still)?,
         (None, Some(play)) => Motion::still(play.times(args.play.frames, args.play.fps)?),
@@ -86,9 +87,8 @@ pub fn run(args: &Animate) -> Result<()> {
     let frames = (0..motion.times.len()).filter_map(|frame| Some(pattern.as_ref()?.name(frame)));
     let outputs: Vec<PathBuf> = frames.chain(args.timings.clone()).collect();
     output::check_apart(outputs.iter().map(PathBuf::as_path), &inputs)?;
-    let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
+    let settings = shown.settings(&scene.render, still.resolution)?;
     let settings = Settings { moving_passes: args.moving_passes.unwrap_or(settings.moving_passes), ..settings };
-    settings.validate()?;
     let mut job = Job {
         name: scene.name.clone(),
         camera: still,
@@ -98,16 +98,16 @@ pub fn run(args: &Animate) -> Result<()> {
         encoding: Encoding {
             float: false,
             color_only: true,
-            exposure: args.exposure.or(scene.render.exposure).unwrap_or_default(),
-            tonemap: args.tonemap.into(),
+            exposure: shown.exposure.or(scene.render.exposure).unwrap_or_default(),
+            tonemap: shown.tonemap.into(),
         },
         denoise: false,
         stages: vec![("load".into(), start.elapsed().as_secs_f64())],
     };
     let interrupted = watch_for_interrupt();
     let options = RenderOptions {
-        device: args.device.device.clone().unwrap_or_default(),
-        validation: args.device.validation,
+        device: shown.device.device.clone().unwrap_or_default(),
+        validation: shown.device.validation,
         checked_shaders: false,
         pipeline_cache: pipeline_cache(),
         dynamic: true,
@@ -123,7 +123,7 @@ pub fn run(args: &Animate) -> Result<()> {
         if let Some(play) = &mut play {
             play.advance(time);
             if motion.camera(time).is_none() {
-                job.camera = camera::follow(play.camera(args.camera.camera.as_deref()), still, &args.camera);
+                job.camera = camera::follow(play.camera(shown.camera.camera.as_deref()), still, &shown.camera);
             }
             play.place(renderer.engine_mut()).map_err(|error| in_model(&args.scene, time, error))?;
         }
@@ -223,7 +223,7 @@ fn in_path(path: &Path, (line, error): (Option<usize>, Error)) -> Error {
 
 /// Renders the passes of a frame; returns their times.
 fn render_frame(renderer: &mut Renderer, passes: u32) -> Result<Value> {
-    let before = renderer.passes();
+    let before = renderer.engine().passes_unchanged();
     let (mut seconds, mut record) = (0.0, 0.0);
     let mut gpu_passes: BTreeMap<String, f64> = BTreeMap::new();
     for _ in 0..passes {

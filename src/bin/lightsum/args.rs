@@ -5,6 +5,7 @@ mod camera;
 mod choices;
 mod play;
 mod reading;
+mod ring;
 mod superposition;
 mod values;
 #[cfg(feature = "viewer")]
@@ -12,11 +13,15 @@ mod view;
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
+use lightsum::Result;
 use lightsum::gpu::DeviceChoice;
+use lightsum::scene::RenderDefaults;
 use lightsum::settings::{Exposure, Settings};
 use lightsum::view::Region;
 use std::path::PathBuf;
 use std::time::Duration;
+
+use crate::render::settings;
 
 pub use bake::Bake;
 pub use camera::Camera;
@@ -26,6 +31,7 @@ pub use choices::{
 };
 pub use play::{Play, Pose};
 pub use reading::Reading;
+pub use ring::Ring;
 pub use superposition::Glossy;
 pub use values::check_resolution;
 #[cfg(feature = "viewer")]
@@ -35,7 +41,7 @@ use values::{
     seconds, share,
 };
 #[cfg(feature = "viewer")]
-pub use view::View;
+pub use view::{MAX_COARSER, View};
 
 /// Global illumination without noise: a sum over virtual lights (instant radiosity), computed by Vulkan.
 #[derive(Debug, Parser)]
@@ -110,17 +116,26 @@ pub struct Animate {
     /// Passes per frame, 1 to 4096 [default: 4]. Time grows linearly; more passes reduce flicker.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_MOVING_PASSES)))]
     pub moving_passes: Option<u32>,
-    /// Image size in pixels [default: the scene's, or 640x480].
+    #[command(flatten)]
+    pub play: Play,
+    #[command(flatten)]
+    pub shown: Moving,
+}
+
+/// Flags of what shows a scene that moves.
+#[derive(Clone, Debug, Args)]
+pub struct Moving {
+    /// Image size in pixels [default: the scene's, or 640x480]; a window is wider by its panel.
     #[arg(long, value_name = "WxH", value_parser = resolution)]
     pub resolution: Option<[u32; 2]>,
-    /// Exposure of PNG files in stops, or auto: that of the first frame by its brightness [default: the scene's, or 0].
+    /// Exposure in stops, or auto: by the brightness of the first image [default: the scene's, or 0].
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = exposure)]
     pub exposure: Option<Exposure>,
-    /// Tone curve of PNG files.
+    /// Tone curve of the window and of PNG files.
     #[arg(long, value_name = "CURVE", value_enum, default_value = "srgb")]
     pub tonemap: Curve,
     #[command(flatten)]
-    pub play: Play,
+    pub ring: Ring,
     #[command(flatten)]
     pub camera: Camera,
     #[command(flatten)]
@@ -131,6 +146,17 @@ pub struct Animate {
     pub glossy: Glossy,
     #[command(flatten)]
     pub device: Device,
+}
+
+impl Moving {
+    /// The settings for a scene. Says how much memory a ring takes.
+    pub fn settings(&self, render: &RenderDefaults, resolution: [u32; 2]) -> Result<Settings> {
+        let mut settings = settings(&self.light, &self.glossy, &self.device, render);
+        self.ring.apply(&mut settings);
+        settings.validate()?;
+        ring::tell(&settings, resolution)?;
+        Ok(settings)
+    }
 }
 
 /// Flags of `render`.

@@ -3,26 +3,26 @@
 //! One frame is in flight at a time. When it is done, what it measured is read, and the next one is recorded with all input so far: a pass of
 //! the engine if the image wants one, the image for the display, and the panel.
 
+mod events;
+
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use lightsum::gpu::surface::{Outcome, Shown};
 use lightsum::settings::Exposure;
 use lightsum::{Error, Result};
 use serde_json::{Value, json};
-use winit::application::ApplicationHandler;
 use winit::dpi::{LogicalSize, PhysicalSize};
-use winit::event::{ElementState, MouseScrollDelta, StartCause, WindowEvent};
-use winit::event_loop::{ActiveEventLoop, ControlFlow};
-use winit::keyboard::{KeyCode, ModifiersState, PhysicalKey};
-use winit::window::{Fullscreen, Window, WindowId};
+use winit::event_loop::ActiveEventLoop;
+use winit::keyboard::{KeyCode, ModifiersState};
+use winit::window::{Fullscreen, Window};
 
 use super::clock::Clock;
-use super::keys::{self, Action, MOVES};
+use super::keys::{Action, MOVES};
 use super::navigate::{self, Mode};
 use super::panel::{Notice, Panel, Request, WIDTH};
 use super::pointer::Pointer;
@@ -32,16 +32,16 @@ use super::stage::Stage;
 use crate::args::View;
 use crate::say_aside;
 
-/// Between two looks whether the frame in flight is done.
-const GLANCE: Duration = Duration::from_millis(1);
 /// Between two tries to show a frame in a window that is minimised or hidden.
 const HIDDEN: Duration = Duration::from_millis(50);
 /// Most seconds that a held key moves the camera for in one frame.
 const LONGEST: f32 = 0.25;
+/// After the last motion of the camera the image stays coarse for this long.
+const SETTLE: Duration = Duration::from_millis(200);
+/// Maximum factor that the key for coarser images sets.
+const COARSER_KEY: u32 = 4;
 /// Part of the size of what is seen that held keys fly in a second.
 const SPEED: f32 = 0.3;
-/// Pixels of a trackpad that count as a step of the wheel.
-const WHEEL: f64 = 40.0;
 /// Size of the image unless flags say otherwise.
 const SIZE: [u32; 2] = [640, 480];
 
@@ -72,11 +72,15 @@ pub struct App {
     /// The window gives no image until then.
     hidden: Option<Instant>,
     before: Instant,
+    /// When the camera last moved.
+    moved: Option<Instant>,
     /// The image in the window: upper left corner, width and height, pixels.
     image: [u32; 4],
     /// A size of the image that the device has no room for.
     refused: Option<[u32; 2]>,
     frames: u64,
+    /// Of these, frames with a pass of fewer pixels.
+    coarse_frames: u64,
     failure: Option<Error>,
 }
 
@@ -93,8 +97,8 @@ impl App {
             stage: None,
             session: None,
             loading: None,
-            look: Look { stops: 0.0, auto: false, tonemap: args.tonemap.into(), layer: None, lights: false },
-            panel: Panel::new(String::new()),
+            look: Look { stops: 0.0, auto: false, tonemap: args.shown.tonemap.into(), layer: None, lights: false },
+            panel: Panel::new(args.coarser),
             clock: Clock::default(),
             // A script says how many passes it waits for.
             limit: if script.is_some() { 1 } else { args.passes },
@@ -108,16 +112,18 @@ impl App {
             again: None,
             hidden: None,
             before: Instant::now(),
+            moved: None,
             image: [0; 4],
             refused: None,
             frames: 0,
+            coarse_frames: 0,
             failure: None,
         }
     }
 
     /// Ends everything; returns what was measured, as JSON.
     pub fn end(self) -> (Value, Result<()>) {
-        let App { stage, session, loading, clock, frames, failure, .. } = self;
+        let App { stage, session, loading, clock, frames, coarse_frames, failure, .. } = self;
         if let Some(stage) = &stage {
             stage.window.set_visible(false);
         }
@@ -129,6 +135,7 @@ impl App {
         let messages = [watch, messages.take()].concat();
         let summary = json!({
             "frames": frames,
+            "coarse_frames": coarse_frames,
             "moving_frame_ms": clock.moving.json(),
             "input_to_image_ms": clock.latency.json(),
             "validation_messages": messages.len(),
@@ -176,13 +183,31 @@ impl App {
         self.dirty = true;
     }
 
+    /// Something moves the camera.
+    pub(super) fn camera_moved(&mut self) {
+        self.moved = Some(Instant::now());
+        self.touched();
+    }
+
+    /// By how much the next image is smaller than it is shown. A ring would lose its images by a change of size.
+    fn coarser(&self) -> u32 {
+        let moves = self.moved.is_some_and(|at| at.elapsed() < SETTLE);
+        let ring = self.session.as_ref().is_some_and(|session| session.engine().settings().ring.is_some());
+        if moves && !ring { self.panel.coarser } else { 1 }
+    }
+
+    /// Whether a coarse image is to be replaced, since the camera stands still.
+    fn refines(&self) -> bool {
+        self.session.as_ref().is_some_and(Session::is_coarse) && self.coarser() == 1
+    }
+
     /// The next command of a script waits for a frame.
     pub(super) fn wait_for_frame(&mut self) {
         (self.settled, self.dirty) = (false, true);
     }
 
     fn open_window(&mut self, events: &ActiveEventLoop) -> Result<()> {
-        let [width, height] = self.args.resolution.unwrap_or(SIZE);
+        let [width, height] = self.args.shown.resolution.unwrap_or(SIZE);
         let attributes = Window::default_attributes().with_title("lightsum").with_visible(false);
         let failed = |error| Error::NoDevice(format!("no window can be opened: {error}"));
         let window = events.create_window(attributes).map_err(failed)?;
@@ -205,7 +230,8 @@ impl App {
         let Some(stage) = &self.stage else { return };
         let (context, args, file) = (stage.context.clone(), self.args.clone(), path.clone());
         let [.., width, height] = self.image;
-        let size = if width > 0 && height > 0 { Some([width, height]) } else { self.args.resolution.or(Some(SIZE)) };
+        let size =
+            if width > 0 && height > 0 { Some([width, height]) } else { self.args.shown.resolution.or(Some(SIZE)) };
         let (send, done) = channel();
         std::thread::spawn(move || {
             // Nobody waits for it any more if another scene was opened meanwhile.
@@ -269,7 +295,7 @@ impl App {
         }
         let panel_wants = self.again.is_some_and(|at| at <= Instant::now());
         let flies = MOVES.iter().any(|(key, _)| self.down.contains(key));
-        if self.dirty || panel_wants || flies || self.wants_pass() {
+        if self.dirty || panel_wants || flies || self.wants_pass() || self.refines() {
             self.frame()?;
         }
         Ok(())
@@ -288,6 +314,7 @@ impl App {
         let done = session.finished()?;
         // Lights that are new to the panel.
         self.dirty |= had_lights == session.lights().is_empty();
+        self.coarse_frames += u64::from(pass && session.is_coarse());
         if pass && done {
             self.clock.end(first, &stage.timers.read()?);
         }
@@ -309,7 +336,7 @@ impl App {
         let size = session.engine().plan().scene.extent.size;
         let speed = SPEED * size * if self.held.shift_key() { 4.0 } else { 1.0 };
         session.set_camera(navigate::fly(session.camera(), direction * speed * seconds))?;
-        self.touched();
+        self.camera_moved();
         Ok(())
     }
 
@@ -343,7 +370,7 @@ impl App {
             self.fulfil(request);
         }
 
-        let (pass, wanted) = (self.wants_pass(), self.image);
+        let (pass, wanted, coarser) = (self.wants_pass(), self.image, self.coarser());
         let (Some(stage), look) = (&mut self.stage, self.look) else { return Ok(()) };
         stage.presenter.resize([window.width, window.height]);
         let [x, y, width, height] = wanted;
@@ -351,15 +378,19 @@ impl App {
         let mut refusal = None;
         if let Some(session) = &mut session {
             let size = [width, height];
-            if session.engine().view().size() != size && self.refused != Some(size) {
-                self.clock.input();
-                let resized = session.resize(size);
-                // An image of the size before is shown enlarged.
-                self.refused = resized.is_err().then_some(size);
-                refusal = resized.err();
+            if self.refused != Some(size) {
+                match session.resize(size, coarser) {
+                    Ok(true) => self.clock.input(),
+                    Ok(false) => {}
+                    Err(error) => {
+                        // An image of the size before is shown enlarged.
+                        self.refused = Some(size);
+                        refusal = Some(error);
+                    }
+                }
             }
         }
-        let first = session.as_ref().is_some_and(|session| session.engine().passes() == 0);
+        let first = session.as_ref().is_some_and(|session| session.engine().passes_unchanged() == 0);
         let has_session = session.is_some();
         let pass = pass && has_session;
         let painter = &mut stage.painter;
@@ -398,7 +429,10 @@ impl App {
         let result = match request {
             Request::Do(_) => Ok(()),
             Request::Settings(settings) => session.set_settings(*settings),
-            Request::Camera(camera) => session.set_camera(camera),
+            Request::Camera(camera) => {
+                self.moved = Some(Instant::now());
+                session.set_camera(camera)
+            }
             Request::Place(object, placed) => session.place(object, placed),
             Request::Material(index, material) => session.set_material(index, *material),
             Request::Light(index, light) => session.set_light(index, light),
@@ -425,6 +459,7 @@ impl App {
                 }
             }
             Action::Pause => self.panel.paused = !self.panel.paused,
+            Action::Coarser => self.panel.coarser = self.panel.coarser % COARSER_KEY + 1,
             Action::Png => self.screenshot(None, "png"),
             Action::Exr => self.screenshot(None, "exr"),
             Action::SavePath => self.save_path(None),
@@ -474,120 +509,6 @@ impl App {
         if self.check(written).is_some() {
             self.tell(false, format!("saved {}", path.display()));
         }
-    }
-
-    fn key(&mut self, key: KeyCode, pressed: bool) {
-        if !pressed {
-            self.down.remove(&key);
-            return;
-        }
-        if MOVES.iter().any(|(known, _)| *known == key) {
-            self.down.insert(key);
-            self.before = Instant::now();
-            self.dirty = true;
-        } else if let Some(action) = keys::action(key) {
-            self.act(action);
-        }
-    }
-
-    fn over_image(&self, [x, y]: [f64; 2]) -> Vec2 {
-        let [left, top, ..] = self.image;
-        Vec2::new(x as f32 - left as f32, y as f32 - top as f32)
-    }
-
-    /// Takes an event of the window, from the system or from a script.
-    pub(super) fn take(&mut self, events: &ActiveEventLoop, event: &WindowEvent) {
-        let Some(stage) = &mut self.stage else { return };
-        let response = stage.input.on_window_event(&stage.window, event);
-        self.dirty |= response.repaint;
-        match event {
-            WindowEvent::CloseRequested => events.exit(),
-            WindowEvent::DroppedFile(path) => self.load(path.clone()),
-            WindowEvent::ModifiersChanged(held) => self.held = held.state(),
-            WindowEvent::Focused(false) => self.down.clear(),
-            WindowEvent::KeyboardInput { event, .. } => {
-                if let PhysicalKey::Code(key) = event.physical_key
-                    && (!response.consumed || event.state == ElementState::Released)
-                    && !event.repeat
-                {
-                    self.key(key, event.state == ElementState::Pressed);
-                }
-            }
-            WindowEvent::CursorMoved { position, .. } => {
-                let at = self.over_image([position.x, position.y]);
-                let Some(session) = &mut self.session else { return };
-                let moved = self.pointer.go(at, self.held, session);
-                if self.check(moved) == Some(true) {
-                    self.touched();
-                }
-            }
-            WindowEvent::MouseInput { state, button, .. } => {
-                let Some(session) = &mut self.session else { return };
-                match state {
-                    ElementState::Pressed if !response.consumed => self.pointer.press(*button, session),
-                    ElementState::Pressed => {}
-                    ElementState::Released => self.pointer.release(session),
-                }
-            }
-            WindowEvent::MouseWheel { delta, .. } if !response.consumed => {
-                let steps = match delta {
-                    MouseScrollDelta::LineDelta(_, y) => *y,
-                    MouseScrollDelta::PixelDelta(by) => (by.y / WHEEL) as f32,
-                };
-                let Some(session) = &mut self.session else { return };
-                let moved = self.pointer.wheel(steps, session);
-                if self.check(moved).is_some() {
-                    self.touched();
-                }
-            }
-            _ => {}
-        }
-    }
-}
-
-impl ApplicationHandler for App {
-    fn new_events(&mut self, events: &ActiveEventLoop, cause: StartCause) {
-        if cause == StartCause::Init {
-            events.set_control_flow(ControlFlow::Wait);
-        }
-    }
-
-    fn resumed(&mut self, events: &ActiveEventLoop) {
-        if self.stage.is_none()
-            && let Err(error) = self.open_window(events)
-        {
-            self.failure = Some(error);
-            events.exit();
-        }
-    }
-
-    fn window_event(&mut self, events: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
-        let of_user = matches!(
-            event,
-            WindowEvent::CursorMoved { .. }
-                | WindowEvent::MouseInput { .. }
-                | WindowEvent::MouseWheel { .. }
-                | WindowEvent::KeyboardInput { .. }
-                | WindowEvent::ModifiersChanged(_)
-        );
-        // A script is not disturbed.
-        if !(of_user && self.script.is_some()) {
-            self.take(events, &event);
-        }
-    }
-
-    fn about_to_wait(&mut self, events: &ActiveEventLoop) {
-        self.tick(events);
-        let busy = self.flight.is_some() || self.loading.is_some() || self.script.is_some();
-        events.set_control_flow(match self.again {
-            _ if self.hidden.is_some_and(|until| until > Instant::now()) => {
-                ControlFlow::WaitUntil(Instant::now() + HIDDEN)
-            }
-            _ if busy => ControlFlow::WaitUntil(Instant::now() + GLANCE),
-            _ if self.dirty || self.wants_pass() => ControlFlow::Poll,
-            Some(again) => ControlFlow::WaitUntil(again),
-            None => ControlFlow::Wait,
-        });
     }
 }
 

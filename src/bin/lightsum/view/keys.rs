@@ -11,6 +11,8 @@ pub enum Action {
     Panel,
     /// Orbit or flight.
     Mode,
+    /// Renders fewer pixels while the camera moves, or all.
+    Coarser,
     /// Back to the camera of the scene.
     Home,
     /// Starts the image over.
@@ -32,10 +34,11 @@ pub enum Action {
 }
 
 /// Keys that do something once, their names, and help.
-pub const ACTIONS: [(KeyCode, &str, Action, &str); 12] = [
+pub const ACTIONS: [(KeyCode, &str, Action, &str); 13] = [
     (KeyCode::KeyH, "H", Action::Help, "this help"),
     (KeyCode::KeyP, "P", Action::Panel, "the panel"),
     (KeyCode::KeyO, "O", Action::Mode, "orbit or fly"),
+    (KeyCode::KeyM, "M", Action::Coarser, "coarser while the camera moves: 1, 2, 3, 4"),
     (KeyCode::Home, "Home", Action::Home, "back to the scene's camera"),
     (KeyCode::KeyR, "R", Action::Restart, "start the image over"),
     (KeyCode::Space, "Space", Action::Pause, "stop, go on"),

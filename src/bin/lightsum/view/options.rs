@@ -1,6 +1,7 @@
 //! The settings, each with the help of its flag.
 
 use egui::{DragValue, Ui};
+use lightsum::ring::{Form, Ring};
 use lightsum::settings::{ClusterOrder, Compensation, Filter, LightChoice, Sequence, Settings, Spread, Superposition};
 
 use super::panel::{Panel, Request};
@@ -114,6 +115,7 @@ fn choices(ui: &mut Ui, panel: &Panel, s: &mut Settings) {
     row(ui, panel, "compensation", |ui| {
         choice(ui, "compensation", &mut s.compensation, &[Compensation::Off, Compensation::Near, Compensation::Exact]);
     });
+    ring(ui, panel, s);
     let mut spread = s.superposition.map(|superposition| superposition.spread);
     row(ui, panel, "superposition", |ui| {
         let all = [None, Some(Spread::Mirror), Some(Spread::Invariant), Some(Spread::Variant)];
@@ -148,6 +150,24 @@ fn choices(ui: &mut Ui, panel: &Panel, s: &mut Settings) {
         [("interleave_photons", &mut s.interleave_photons), ("jitter", &mut s.jitter), ("summands", &mut s.summands)]
     {
         row(ui, panel, flag, |ui| drop(ui.checkbox(value, "")));
+    }
+}
+
+fn ring(ui: &mut Ui, panel: &Panel, s: &mut Settings) {
+    let mut form = s.ring.map(|ring| ring.form);
+    row(ui, panel, "ring", |ui| {
+        let named = |form: Option<Form>| form.map_or(String::from("off"), |form| format!("{form:?}").to_lowercase());
+        egui::ComboBox::new("ring", "").selected_text(named(form)).show_ui(ui, |ui| {
+            for choice in [None, Some(Form::Images), Some(Form::Lights)] {
+                ui.selectable_value(&mut form, choice, named(choice));
+            }
+        });
+    });
+    if form != s.ring.map(|ring| ring.form) {
+        s.ring = form.map(|form| Ring { form, ..s.ring.unwrap_or(Ring::new(form)) });
+    }
+    if let Some(ring) = &mut s.ring {
+        row(ui, panel, "ring_length", |ui| number(ui, &mut ring.length, 1, Ring::MAX_LENGTH));
     }
 }
 

@@ -14,7 +14,7 @@ use super::navigate::Mode;
 use super::route::Placed;
 use super::session::{Look, Session, WHOLE};
 use super::{objects, options, overlay};
-use crate::args::Arguments;
+use crate::args::{Arguments, MAX_COARSER};
 
 /// Width of the panel, points.
 pub const WIDTH: f32 = 300.0;
@@ -53,6 +53,8 @@ pub struct Panel {
     pub help: bool,
     /// No passes are rendered.
     pub paused: bool,
+    /// By how much the image is smaller while the camera moves; 1: not at all.
+    pub coarser: u32,
     /// The latest message.
     pub notice: Option<Notice>,
     /// Name of the device and its driver.
@@ -62,8 +64,8 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// For a device.
-    pub fn new(device: String) -> Panel {
+    /// For images that are smaller by this factor while the camera moves.
+    pub fn new(coarser: u32) -> Panel {
         let mut flags = HashMap::new();
         let arguments = Arguments::command();
         for command in arguments.get_subcommands() {
@@ -72,7 +74,7 @@ impl Panel {
                 flags.entry(flag.get_id().to_string()).or_insert(help.unwrap_or_default());
             }
         }
-        Panel { open: true, help: false, paused: false, notice: None, device, flags }
+        Panel { open: true, help: false, paused: false, coarser, notice: None, device: String::new(), flags }
     }
 
     /// Help of a flag.
@@ -131,9 +133,19 @@ impl Panel {
                 requests.push(Request::Do(Action::Restart));
             }
         });
+        if let Some(ring) = &engine.settings().ring {
+            let mib = ring.bytes([width, height], engine.settings().max_depth) as f64 / (1 << 20) as f64;
+            ui.label(format!("ring of {}, {mib:.0} MiB", ring.length)).on_hover_text(self.flag("ring"));
+        }
         ui.separator();
         self.image(ui, session, look, requests);
-        ui.collapsing("Camera", |ui| camera(ui, session, requests));
+        ui.collapsing("Camera", |ui| {
+            camera(ui, session, requests);
+            ui.horizontal(|ui| {
+                ui.label("coarser in motion").on_hover_text(self.flag("coarser"));
+                ui.add(DragValue::new(&mut self.coarser).range(1..=MAX_COARSER).speed(0.05));
+            });
+        });
         ui.collapsing("Settings", |ui| options::show(ui, self, engine.settings(), requests));
         let object = session.chosen().and_then(|chosen| session.scene()?.objects.get(chosen.object as usize));
         let title = object.map_or(String::from("Object"), |name| format!("Object: {name}"));
@@ -168,7 +180,9 @@ impl Panel {
             |layer: Option<Layer>| layer.map_or(String::from("image"), |layer| format!("{layer:?}").to_lowercase());
         let before = look.layer;
         egui::ComboBox::new("layer", "shown").selected_text(name(look.layer)).show_ui(ui, |ui| {
-            for layer in [None].into_iter().chain(Layer::ALL.map(Some)) {
+            // Summands get their sums when they are chosen.
+            let offered = |layer: &Layer| layer.is_summand() || session.shows(*layer);
+            for layer in [None].into_iter().chain(Layer::ALL.into_iter().filter(offered).map(Some)) {
                 ui.selectable_value(&mut look.layer, layer, name(layer));
             }
         });

@@ -69,7 +69,8 @@ impl App {
                 let session = self.session.as_mut()?;
                 let defaults = session.scene().map(|scene| scene.render.clone()).unwrap_or_default();
                 let now = session.engine().settings();
-                let wanted = settings(&flags.light, &flags.glossy, &flags.device, &defaults);
+                let mut wanted = settings(&flags.light, &flags.glossy, &flags.device, &defaults);
+                flags.ring.apply(&mut wanted);
                 let wanted = Settings { traversal: now.traversal, summands: now.summands, ..wanted };
                 let result = session.set_settings(wanted);
                 if self.check(result).is_some() {
@@ -101,11 +102,11 @@ impl App {
                     return Some(VecDeque::from([Command::Passes(count)]));
                 }
                 let session = self.session.as_mut()?;
-                let passes = session.engine().passes();
+                let passes = session.engine().passes_unchanged();
                 if passes > count {
                     session.restart();
                 }
-                if passes != count {
+                if passes != count || session.is_coarse() {
                     return Some(VecDeque::from([Command::Passes(count)]));
                 }
             }

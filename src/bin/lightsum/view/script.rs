@@ -7,7 +7,7 @@
 //! drag left 10,10 60,20 [shift]   a drag of a button between two points of the window, in pixels, with shift or ctrl if wanted
 //! click 10,10                     a click of the left button
 //! wheel -3                        steps of the wheel
-//! set --particles 8 ...           the settings that `render` has with these flags
+//! set --particles 8 ...           the settings that these flags of `view` make
 //! look normal|image               a layer, or the image
 //! lights on|off                   the virtual lights over it
 //! drop FILE                       a file dropped on the window; waits until it is loaded or refused
@@ -72,6 +72,8 @@ pub struct Flags {
     pub light: args::Light,
     #[command(flatten)]
     pub glossy: args::Glossy,
+    #[command(flatten)]
+    pub ring: args::Ring,
     #[command(flatten)]
     pub device: args::Device,
 }

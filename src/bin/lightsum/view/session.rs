@@ -20,7 +20,7 @@ use super::route::{Placed, Route};
 use crate::args::View;
 use crate::camera;
 use crate::path::Pose;
-use crate::render::{Job, metadata, pipeline_cache, settings};
+use crate::render::{Job, metadata, pipeline_cache};
 
 /// Name of the scope around all of a frame's GPU passes.
 pub const WHOLE: &str = "frame";
@@ -55,6 +55,9 @@ pub struct Session {
     /// The keys recorded so far.
     pub route: Route,
     engine: Engine,
+    /// Size at which the image is shown, and by how much that of the engine is smaller while the camera moves.
+    size: [u32; 2],
+    coarser: u32,
     /// The object that the user chose.
     chosen: Option<Chosen>,
     origin: DVec3,
@@ -95,10 +98,9 @@ fn boxes(scene: &Scene) -> Vec<(Vec3, Vec3)> {
 impl Session {
     /// Loads a scene and makes its engine on a lent device, for an image of this size; `None`: the size that flags and scene name.
     pub fn open(context: &Context, path: &Path, args: &View, size: Option<[u32; 2]>) -> Result<Session> {
-        let scene = scene::load_with(path, &args.reading.options())?;
-        let camera = camera::choose(&scene, &args.camera, size.or(args.resolution))?;
-        let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
-        settings.validate()?;
+        let scene = scene::load_with(path, &args.shown.reading.options())?;
+        let camera = camera::choose(&scene, &args.shown.camera, size.or(args.shown.resolution))?;
+        let settings = args.shown.settings(&scene.render, camera.resolution)?;
         let settings = standalone::with_traversal(context, settings, pipeline_cache().as_deref())?;
         let (name, origin) = (scene.name.clone(), scene.origin);
         let middle = |(low, high): (Vec3, Vec3)| if low.cmple(high).all() { 0.5 * (low + high) } else { Vec3::ZERO };
@@ -113,6 +115,8 @@ impl Session {
             placed: BTreeMap::new(),
             route: Route::default(),
             engine,
+            size: camera.resolution,
+            coarser: 1,
             origin,
             pivots,
             readback: Buffer::new(context, "lost rays", 16, Memory::Readback)?,
@@ -134,15 +138,20 @@ impl Session {
         self.engine.scene()
     }
 
-    /// The camera.
+    /// The camera, of the size at which the image is shown.
     pub fn camera(&self) -> Camera {
+        Camera { resolution: self.size, ..self.rendered() }
+    }
+
+    /// The camera of the size at which the image is rendered.
+    fn rendered(&self) -> Camera {
         // The view is always that of a camera.
         self.engine.view().camera().copied().unwrap_or(self.home)
     }
 
     /// Exposure that flags or the scene name.
     pub fn exposure(&self, args: &View) -> Exposure {
-        args.exposure.or(self.scene().and_then(|scene| scene.render.exposure)).unwrap_or_default()
+        args.shown.exposure.or(self.scene().and_then(|scene| scene.render.exposure)).unwrap_or_default()
     }
 
     /// Moves the camera; one that cannot see is left out.
@@ -150,12 +159,23 @@ impl Session {
         if camera.check().is_err() {
             return Ok(());
         }
-        self.engine.set_camera(camera)
+        self.engine.set_camera(Camera { resolution: self.rendered().resolution, ..camera })
     }
 
-    /// Changes the size of the image.
-    pub fn resize(&mut self, size: [u32; 2]) -> Result<()> {
-        self.engine.resize(size)
+    /// Changes the size at which the image is shown, and renders it smaller by a factor. Returns whether anything changed.
+    pub fn resize(&mut self, size: [u32; 2], coarser: u32) -> Result<bool> {
+        let rendered = size.map(|n| n.div_ceil(coarser));
+        let changes = rendered != self.engine.view().size();
+        if changes {
+            self.engine.resize(rendered)?;
+        }
+        (self.size, self.coarser) = (size, coarser);
+        Ok(changes)
+    }
+
+    /// Whether the image is rendered smaller than it is shown.
+    pub fn is_coarse(&self) -> bool {
+        self.coarser > 1
     }
 
     /// Changes the settings.
@@ -231,7 +251,7 @@ impl Session {
 
     /// Whether the image may take another pass.
     pub fn wants_pass(&self, limit: u32) -> bool {
-        self.engine.passes() < limit
+        self.engine.passes_unchanged() < limit
     }
 
     /// Records a pass if asked, and what is shown; returns that.
@@ -271,7 +291,7 @@ impl Session {
         if pass || is_new {
             self.engine.record_image(rec)?;
         }
-        let (stops, source) = match look.layer.filter(|layer| !layer.is_summand() || self.engine.settings().summands) {
+        let (stops, source) = match look.layer.filter(|layer| self.shows(*layer)) {
             None => (look.stops, image),
             Some(wanted) => {
                 let size = [image.width(), image.height()];
@@ -284,7 +304,7 @@ impl Session {
                 }
                 let camera = self.camera();
                 let Some((_, show)) = &mut self.layer else { return Ok(image) };
-                show.record(rec, (camera.target - camera.eye).length())?;
+                show.record(rec, (camera.target - camera.eye).length(), self.engine.plan().settings.pattern)?;
                 (if wanted.is_light() { look.stops } else { 0.0 }, show.image.clone())
             }
         };
@@ -295,6 +315,14 @@ impl Session {
         let Some(display) = &mut self.display else { return Ok(source) };
         display.record(rec, stops, curve)?;
         Ok(display.shown.clone())
+    }
+
+    /// Whether a layer can be shown as things are: summands need sums of their own, and clusters the order of the screen.
+    pub fn shows(&self, layer: Layer) -> bool {
+        match layer {
+            Layer::Clusters => self.engine.frame().eye.clusters.is_some(),
+            layer => !layer.is_summand() || self.engine.settings().summands,
+        }
     }
 
     /// Copies the virtual lights of the latest pass, if they are wanted.
@@ -361,7 +389,7 @@ impl Session {
             Encoding { float: false, color_only: false, exposure: Exposure::Stops(look.stops), tonemap: look.tonemap };
         let job = Job {
             name: self.name.clone(),
-            camera: self.camera(),
+            camera: self.rendered(),
             origin: self.origin,
             settings: self.engine.settings().clone(),
             outputs: vec![path.to_path_buf()],

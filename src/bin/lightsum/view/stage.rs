@@ -37,8 +37,8 @@ impl Stage {
     /// Opens a device for a window.
     pub fn new(window: Window, args: &View) -> Result<Stage> {
         let window = Arc::new(window);
-        let choice = args.device.device.clone().unwrap_or_default();
-        let device = WindowDevice::new(window.clone(), &choice, args.device.validation)?;
+        let choice = args.shown.device.device.clone().unwrap_or_default();
+        let device = WindowDevice::new(window.clone(), &choice, args.shown.device.validation)?;
         let options = ContextOptions { pipeline_cache: pipeline_cache(), own_work: true, ..ContextOptions::default() };
         let context = device.lend(&options)?;
         let size = window.inner_size();
