@@ -51,6 +51,10 @@ pub fn fingerprint(scene: &Scene, view: &impl Debug, settings: &Settings) -> u64
             hash.add(bytemuck::cast_slice(&page.indirect));
         }
     }
+    if let Some(images) = &scene.mirror_images {
+        hash.add(bytemuck::cast_slice(&images.points));
+        hash.add(format!("{:?} {} {:?}", images.size, images.layers, images.hemispheres).as_bytes());
+    }
     // Debug prints floats in their shortest exact form.
     let settings = Settings { rounds: 1, moving_passes: 1, traversal: Traversal::Auto, ..settings.clone() };
     let words = format!(
