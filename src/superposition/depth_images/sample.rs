@@ -104,10 +104,9 @@ fn hemispheres(scene: &Scene, settings: &Settings, options: &Options) -> Result<
     settings.validate()?;
     let setting = |name, message: &str| Err(Error::Setting { name, message: String::from(message) });
     if settings.mirroring_planes() == 0 {
-        return setting(
-            "--mirror-source",
-            "images are shown by superposition; use --superposition variant or mirror too",
-        );
+        let message =
+            "superposition shows images; use --superposition variant or mirror with it, and --reflectors above 0";
+        return setting("--mirror-source", message);
     }
     let reflectors = scene.reflectors();
     check_flat(scene, &reflectors)?;
