@@ -36,7 +36,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let y = view.y.x * q.x + view.y.y * q.y + view.y.z * q.z + view.y.w;
     let z = view.z.x * q.x + view.z.y * q.y + view.z.z * q.z + view.z.w;
     let counts = inside && kept && depth > 0.0 && z > 0.0;
-    // The pixels whose samples the box of the point covers.
+    // The pixels whose samples lie in the box around the point.
     let extent = vec2<u32>(tile.size & 0xffffu, tile.size >> 16u);
     let middle = vec2<f32>(x, y) / select(1.0, z, counts) - frame.pixel_offset.xy;
     let first = vec2<i32>(floor(clamp(middle - 0.5 * vec2<f32>(extent) + 1.0, vec2<f32>(-FAR), vec2<f32>(FAR))));
@@ -44,7 +44,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let total = select(0u, extent.x * extent.y, counts);
     for (var i = 0u; i < total; i += 1u) {
         let pixel = first + vec2<i32>(vec2<u32>(i % extent.x, i / extent.x));
-        let covers = all(pixel >= vec2<i32>(0)) && all(pixel < size);
+        let away = vec2<f32>(pixel) - middle;
+        let s = tile.inside.x * away.x + tile.inside.y * away.y;
+        let t = tile.inside.z * away.x + tile.inside.w * away.y;
+        let covers = max(abs(s), abs(t)) <= 1.0 && all(pixel >= vec2<i32>(0)) && all(pixel < size);
         let slot = select(0u, u32(pixel.x + pixel.y * size.x), covers);
         if covers && region[slot] == view.points.w {
 #if COLOR

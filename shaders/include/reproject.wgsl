@@ -8,9 +8,10 @@ struct DepthView {
 }
 
 struct DepthTile {
+    inside: vec4<f32>,  // rows of a matrix: the coordinates of an offset in pixels along the edges of a point, at most 1 inside
     view: u32,
     corner: u32,        // column of its first point; row in the upper half of the word
-    size: u32,          // width of its points in pixels; height in the upper half
+    size: u32,          // width of the box around a point in pixels; height in the upper half
     step: u32,          // only points of every so many-th column and row count, a power of two
 }
 

@@ -396,13 +396,15 @@ pub struct DepthView {
 
 /// A tile of 8 x 8 points of an image with depth.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct DepthTile {
+    /// Rows of a matrix: the coordinates of an offset in pixels along the edges of a point, at most 1 inside.
+    pub inside: [f32; 4],
     /// Index of its [`DepthView`].
     pub view: u32,
     /// Column of its first point, and its row in the upper half of the word.
     pub corner: u32,
-    /// Width of its points in pixels, and their height in the upper half of the word.
+    /// Width of the box around a point in pixels, and its height in the upper half of the word.
     pub size: u32,
     /// Only points of every so many-th column and row count.
     pub step: u32,

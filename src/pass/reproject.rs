@@ -1,7 +1,7 @@
 //! Reprojects images with depth to the pixels of their planar reflectors (Bastos 1999, sections 6.6.3 and 6.6.4).
 //!
 //! [`crate::superposition::depth_images::project`] chooses images and sizes of points on the host. A point at depth z of its image lies at the
-//! pixel (X / Z, Y / Z), X, Y and Z being dot products of (z x, z y, z, 1), and covers a box of pixels around it that show its reflector.
+//! pixel (X / Z, Y / Z), X, Y and Z being dot products of (z x, z y, z, 1), and covers the pixels in a parallelogram around it that show its reflector.
 //! The nearest point counts, without any order among the invocations:
 //!
 //! ```text
@@ -210,14 +210,15 @@ pub fn reference(
                 continue;
             }
             let extent = [tile.size & 0xffff, tile.size >> 16];
-            let start = |at: f32, axis: usize| {
-                (at / z - frame.pixel_offset[axis] - 0.5 * extent[axis] as f32 + 1.0).floor() as i32
-            };
-            let corner = [start(of(view.x), 0), start(of(view.y), 1)];
+            let middle = [of(view.x) / z - frame.pixel_offset[0], of(view.y) / z - frame.pixel_offset[1]];
+            let corner = [0, 1].map(|axis| (middle[axis] - 0.5 * extent[axis] as f32 + 1.0).floor() as i32);
             let [across, down] = extent.map(|n| n as i32);
             for (i, j) in (0..down).flat_map(|j| (0..across).map(move |i| (i, j))) {
                 let (px, py) = (corner[0].saturating_add(i), corner[1].saturating_add(j));
-                if px < 0 || py < 0 || px >= width || py >= height {
+                let (away_x, away_y) = (px as f32 - middle[0], py as f32 - middle[1]);
+                let [a, b, c, d] = tile.inside;
+                let outside = (a * away_x + b * away_y).abs() > 1.0 || (c * away_x + d * away_y).abs() > 1.0;
+                if outside || px < 0 || py < 0 || px >= width || py >= height {
                     continue;
                 }
                 let pixel = (px + py * width) as usize;

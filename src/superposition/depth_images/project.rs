@@ -20,12 +20,13 @@
 //!
 //! to first order, with depths measured along the axes of both views, p the edge of a pixel of the frame at unit distance, so that `window`
 //! includes the ratio of the focal lengths, d the direction from the mirrored eye to the centroid, and X that of the edge. Both edges are
-//! projected exactly; the box around them is the width and height of the point. They are rounded up, and cut off at [`MAX_POINT`]. Of
+//! projected exactly. The point covers the pixels in their parallelogram, [`WIDENING`] times as wide, since edges differ within a node. The
+//! box around it is cut off at [`MAX_POINT`]. Of
 //! points whose edges are shorter than a pixel only every 2^k-th in both axes is taken, so that those left are as long as the pixel at most
 //! (program 6.16).
 //!
-//! Differs from the thesis in that: `directional` as printed is the dot product d.X, which vanishes where the image is seen head on; edges
-//! lie in the surface, since on walls that stand on the mirror squares parallel to it leave gaps, through which farther walls show; the
+//! Differs from the thesis in that: `directional` as printed is the dot product d.X, which vanishes where the image is seen head on; points are
+//! parallelograms and not squares of the screen, which overlap, so that the nearest of them shift the image; edges lie in the surface, since on walls that stand on the mirror squares parallel to it leave gaps, through which farther walls show; the
 //! view direction of the selection is that towards the element's centre, since at the edge of a wide view the images of the view's own
 //! direction look past the element; the step of the points is that of a node and not of the image.
 
@@ -41,6 +42,9 @@ pub const MAX_POINT: u32 = 16;
 
 /// By how much of a pixel a point may be smaller than its edges say: rounding must not add a pixel to each point.
 const SLACK: f64 = 1.0 / 64.0;
+
+/// By how much parallelograms are wider than their edges say.
+pub const WIDENING: f64 = 1.2;
 
 /// How far beyond the edge of the view points count as seen, as a part of its width and height: they cover pixels inside.
 const MARGIN: f64 = 0.05;
@@ -113,9 +117,17 @@ pub fn rounded(edges: [DVec2; 2]) -> [u32; 3] {
     let longest = edges.map(DVec2::length).into_iter().fold(1.0 / 1024.0, f64::max);
     // As far as whole images may be one point.
     let step = (1.0 / longest).log2().floor().max(0.0).exp2();
-    let extent = edges[0].abs() + edges[1].abs();
+    let extent = WIDENING * (edges[0].abs() + edges[1].abs());
     let [width, height] = extent.to_array().map(|x| (x * step - SLACK).ceil().clamp(1.0, f64::from(MAX_POINT)) as u32);
     [width, height, step as u32]
+}
+
+/// The matrix, row by row, by which an offset in pixels from a point has coordinates along these edges times `step`, which are at most 1 in
+/// the parallelogram of the point. Zero if the edges have no area: the point then covers its box.
+pub fn coordinates([u, v]: [DVec2; 2], step: u32) -> [f32; 4] {
+    let scale = 2.0 / (WIDENING * f64::from(step) * u.perp_dot(v));
+    let rows = [v.y, -v.x, -u.y, u.x].map(|x| (scale * x) as f32);
+    if rows.iter().all(|x| x.is_finite()) { rows } else { [0.0; 4] }
 }
 
 /// The images and tiles of a frame.
@@ -169,12 +181,13 @@ impl Projection {
         let before = self.tiles.len();
         let sees = |node: &Node| viewer.may_see(&corners(node.bounds));
         images.trees[image].visit(sees, |node| {
-            let [width, height, step] = rounded(viewer.point_edges(node));
-            let size = width | height << 16;
+            let edges = viewer.point_edges(node);
+            let [width, height, step] = rounded(edges);
+            let (size, inside) = (width | height << 16, coordinates(edges, step));
             for y in (0..node.size[1]).step_by(TILE as usize) {
                 for x in (0..node.size[0]).step_by(TILE as usize) {
                     let corner = (node.corner[0] + x) | (node.corner[1] + y) << 16;
-                    self.tiles.push(DepthTile { view, corner, size, step });
+                    self.tiles.push(DepthTile { view, corner, size, step, inside });
                 }
             }
         });
@@ -234,7 +247,7 @@ mod tests {
         let pose = Pose::new(Vec3::new(0.0, 0.0, -4.0), &element(), size);
         let found = project(&of(vec![pose], size, 3.0), &frame(0.0, 0.0, size, 0.25), 1, &CHOICE);
         assert_eq!((found.views.len(), found.tiles.len()), (1, 4));
-        assert!(found.tiles.iter().all(|tile| (tile.size, tile.step) == (1 | 1 << 16, 1)), "{:?}", found.tiles);
+        assert!(found.tiles.iter().all(|tile| (tile.size, tile.step) == (2 | 2 << 16, 1)), "{:?}", found.tiles);
         let view = found.views[0];
         for (x, y, depth) in [(0.5_f32, 0.5_f32, 1.0_f32), (3.5, 9.5, 7.0), (15.5, 2.5, 1.5)] {
             let dot = |row: [f32; 4]| row[0] * depth * x + row[1] * depth * y + row[2] * depth + row[3];
@@ -260,7 +273,7 @@ mod tests {
             "{u} {v}"
         );
         let tiles = project(&images, &frame, 1, &CHOICE).tiles;
-        assert!(tiles.iter().all(|tile| (tile.size, tile.step) == (14 | 14 << 16, 1)), "{tiles:?}");
+        assert!(tiles.iter().all(|tile| (tile.size, tile.step) == (16 | 16 << 16, 1)), "{tiles:?}");
         // From the side, with the centroid in the middle of the view: the formula of the module is exact.
         let (eye, pixel) = (DVec3::new(-9.0, 2.0, -4.0), 2.0 * 0.5 / 160.0);
         let q = node.centroid.as_dvec3() - eye;
@@ -277,18 +290,17 @@ mod tests {
     fn small_points_are_skipped_and_large_ones_are_cut_off() {
         let square = |size: f64| [DVec2::new(size, 0.0), DVec2::new(0.0, size)];
         for (size, expected) in [
-            (1.0, [1, 1]),
-            (1.001, [1, 1]),
+            (1.0, [2, 1]),
             (1.1, [2, 1]),
-            (2.0, [2, 1]),
-            (0.99, [1, 1]),
+            (2.0, [3, 1]),
+            (0.99, [2, 1]),
             (0.51, [1, 1]),
-            (0.5, [1, 2]),
+            (0.5, [2, 2]),
             (0.26, [1, 2]),
-            (0.25, [1, 4]),
+            (0.25, [2, 4]),
             (0.1, [1, 8]),
             (0.0, [1, 1024]),
-            (15.5, [16, 1]),
+            (12.9, [16, 1]),
             (400.0, [MAX_POINT, 1]),
             (f64::INFINITY, [MAX_POINT, 1]),
         ] {
@@ -303,8 +315,18 @@ mod tests {
             assert!(size * f64::from(step) <= f64::from(width) + SLACK + 1e-9, "{size}: {width} {step}");
         }
         // Turned and lengthened ones have the box around them.
-        assert_eq!(rounded([DVec2::new(3.0, -1.0), DVec2::new(0.5, 2.5)]), [4, 4, 1]);
-        assert_eq!(rounded([DVec2::new(6.0, 0.0), DVec2::new(0.0, 0.3)]), [6, 1, 1]);
+        let edges = [DVec2::new(3.0, -1.0), DVec2::new(0.5, 2.5)];
+        assert_eq!(rounded(edges), [5, 5, 1]);
+        assert_eq!(rounded([DVec2::new(6.0, 0.0), DVec2::new(0.0, 0.3)]), [8, 1, 1]);
+        // Corners of the wider parallelogram have the coordinates 1 and -1.
+        let rows = coordinates(edges, 1).map(f64::from);
+        for (s, t) in [(1.0, 1.0), (1.0, -1.0), (-0.5, 0.25)] {
+            let at = 0.5 * WIDENING * (s * edges[0] + t * edges[1]);
+            let found = [rows[0] * at.x + rows[1] * at.y, rows[2] * at.x + rows[3] * at.y];
+            assert!((found[0] - s).abs() < 1e-6 && (found[1] - t).abs() < 1e-6, "{found:?}");
+        }
+        assert_eq!(coordinates([DVec2::X, DVec2::X], 1), [0.0; 4]);
+        assert_eq!(coordinates([DVec2::INFINITY; 2], 1), [0.0; 4]);
     }
 
     #[test]
