@@ -24,6 +24,7 @@
 @group(0) @binding(21) var<storage, read_write> widening: array<vec4<f32>>; // widening of its kernel by further glossy planes
 @group(0) @binding(22) var<storage, read_write> panes: array<vec4<f32>>;    // two for each pixel of a frosted pane
 @group(0) @binding(23) var<storage, read_write> lobe_of: array<f32>;    // density of the ray's direction if it follows a lobe, else 0
+@group(0) @binding(24) var<storage, read> reprojected: array<vec4<f32>>;  // radiance and depth by images with depth; depth 0: by a ray
 var<immediate> push: Push;
 
 // Probability of following a lobe over its reflectance, and alpha below which it is 1. Host twins: pass::eye_paths.
@@ -214,7 +215,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         // Faint lobes are followed by some classes only.
         let follow = select(1.0, lobe_chance(split.second_weight, s.reflectance.alpha), shiny);
         let second = select(vec3<f32>(0.0), before.xyz * split.second_weight / follow, numbers.z < follow);
-        if splits && split.probability < 1.0 && max(max(second.x, second.y), second.z) > 0.0 {
+        // Where images with depth show the mirror image no ray is needed.
+        let has_images = frame.superposition.z != 0u && plane > 0u;
+        let by_image = has_images && reprojected[select(0u, pixel, has_images)].w > 0.0;
+        if splits && !by_image && split.probability < 1.0 && max(max(second.x, second.y), second.z) > 0.0 {
             throughput[branch] = vec4<f32>(second, depth);
             media[branch] = inside;
             if shiny {

@@ -24,6 +24,8 @@
 @group(0) @binding(15) var<storage, read_write> source: array<vec4<f32>>;     // radiance; w: depth of the point seen
 @group(0) @binding(16) var<storage, read_write> footprint: array<vec4<f32>>;  // of the tail: diameter, texture, direction of the u axis
 
+@group(0) @binding(20) var<storage, read> reprojected: array<vec4<f32>>; // radiance and depth by images with depth; depth 0: by a ray
+
 // Radius of the core over that of the whole kernel.
 const CORE_RADIUS: f32 = 0.3;
 // Depth of pixels that see nothing, beyond every surface.
@@ -49,7 +51,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     emitted[slot] = vec4<f32>(0.0);
     throughput[slot] = vec4<f32>(0.0, 0.0, 0.0, through.w);
 
-    let found = has_flag(point_wo[slot].w, HIT);
+    // Images with depth bring the light of pixels that no ray was traced for.
+    let image = reprojected[select(0u, pixel, frame.superposition.z != 0u)];
+    let sampled = frame.superposition.z != 0u && !is_pane && image.w > 0.0;
+    let found = sampled || has_flag(point_wo[slot].w, HIT);
     let wo = point_wo[pixel].xyz;
     let normal = point_geometric[pixel].xyz;
     let at_pane = 2u * select(0u, pixel, is_pane);
@@ -59,7 +64,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // Size of the disc at the reflected point, as the eye sees it: tan(beta) z_r / (t + z_r) for each plane on the path. For points
     // far away only the angles count. A pane seen directly counts among the other planes.
     let more = widening[pixel];
-    let end = select(NOTHING_SEEN, through.w, found);
+    let end = select(NOTHING_SEEN, select(through.w, image.w, sampled), found);
     let own = select(tan_beta * (1.0 - throughput[pixel].w / end), 0.0, is_pane);
     let others = more.x + (more.z / end - 2.0 * more.y) / end;
     let half = sqrt(own * own + max(others, 0.0));
@@ -68,7 +73,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // direction to the normal, is mirrored as well.
     let disc = select(image_of_disc(-wo, mu * wo - normal), panes[at_pane + 1u].xyz, is_pane);
     let diameter = 4.0 * half * disc.z;
-    source[pixel] = vec4<f32>(l, end);
+    source[pixel] = vec4<f32>(select(l, image.xyz, sampled), end);
     footprint[pixel] = vec4<f32>(diameter, f32(tail), disc.xy);
     core_footprint[pixel] = vec4<f32>(CORE_RADIUS * diameter, f32(tail + VIEW_ANGLES), disc.xy);
 }

@@ -25,16 +25,18 @@ use crate::light::targets::Targets;
 use crate::pass::kept_light::KeptBuffers;
 use crate::pass::layout::PointLight;
 use crate::pass::mirror_image::Tables;
+use crate::pass::reproject::DepthImageBuffers;
 use crate::plan::RayClusters;
 use crate::sampling::sobol;
 use crate::scene::reflectors::Reflector;
 use crate::scene::{Scene, Surface};
 use crate::superposition::lobe::Lobe;
 
+pub(crate) use records::is_shiny;
 pub use records::{delta_lights, encode_normal};
 use records::{
-    environment_record, finishes, has_lobe, has_patterns, is_shiny, material_record, reflector_numbers,
-    second_coordinates, shading_attributes, vertex_colors,
+    environment_record, finishes, has_lobe, has_patterns, material_record, reflector_numbers, second_coordinates,
+    shading_attributes, vertex_colors,
 };
 use texels::DeviceTextures;
 pub use update::SceneChanges;
@@ -106,6 +108,8 @@ pub struct DeviceScene {
     pub mirror_buffers: Option<MirrorBuffers>,
     /// Light kept in textures; `None`: virtual lights light the scene.
     pub kept_light: Option<KeptBuffers>,
+    /// Mirror images of the reflectors; `None`: rays show what they reflect.
+    pub mirror_images: Option<DepthImageBuffers>,
     /// Kernels and reflectances of the reflectors, made on first use.
     tables: Option<Tables>,
 }
@@ -267,6 +271,10 @@ impl DeviceScene {
             mirror_buffers: None,
             kept_light: match &scene.kept_light {
                 Some(light) => Some(KeptBuffers::new(context, staging, &bvh, light)?),
+                None => None,
+            },
+            mirror_images: match &scene.mirror_images {
+                Some(images) => Some(DepthImageBuffers::new(context, staging, images)?),
                 None => None,
             },
             tables: None,

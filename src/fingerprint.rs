@@ -51,6 +51,10 @@ pub fn fingerprint(scene: &Scene, view: &impl Debug, settings: &Settings) -> u64
             hash.add(bytemuck::cast_slice(&page.indirect));
         }
     }
+    if let Some(images) = &scene.mirror_images {
+        hash.add(bytemuck::cast_slice(&images.points));
+        hash.add(format!("{:?} {} {:?}", images.size, images.layers, images.hemispheres).as_bytes());
+    }
     // Debug prints floats in their shortest exact form.
     let settings = Settings { rounds: 1, moving_passes: 1, traversal: Traversal::Auto, ..settings.clone() };
     let words = format!(
@@ -66,6 +70,7 @@ mod tests {
     use super::*;
     use crate::scene::{Camera, Light, Material, Surface, Texture, Triangle, Wrap};
     use crate::settings::{Clip, Compensation, Sequence};
+    use crate::superposition::depth_images::DepthImages;
     use glam::{Vec2, Vec3};
 
     fn scene() -> Scene {
@@ -104,7 +109,7 @@ mod tests {
     fn every_part_of_a_scene_counts() {
         type Change = (&'static str, fn(&mut Scene));
         let base = fingerprint(&scene(), &camera(), &Settings::plain());
-        let changes: [Change; 26] = [
+        let changes: [Change; 27] = [
             ("position", |s| s.positions[0].y = 1e-30),
             ("normal", |s| s.normals[1].x = 1e-30),
             ("texture coordinate", |s| s.uvs[2].y = 1e-30),
@@ -131,6 +136,10 @@ mod tests {
             ("wrap", |s| s.textures[0].wrap[1] = Wrap::Clamp),
             ("light", |s| s.lights[0] = Light::Point { position: Vec3::ONE, intensity: Vec3::new(1.0, 1.0, 1.5) }),
             ("kind of emitters", |s| s.emitters_are_lights = false),
+            ("images with depth", |s| {
+                let images = DepthImages::new([8, 8], 1, Vec::new(), vec![[1.0; 4]]);
+                s.mirror_images = Some(std::sync::Arc::new(images));
+            }),
         ];
         assert_eq!(base, fingerprint(&scene(), &camera(), &Settings::plain()));
         for (what, change) in changes {

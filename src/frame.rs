@@ -320,6 +320,9 @@ impl Frame {
         rec.begin();
         rec.update(&self.parameters, 0, bytemuck::bytes_of(parameters))?;
         rec.fill(&self.status, 0)?;
+        if let Some(reproject) = &self.eye.reproject {
+            reproject.record_start(rec, parameters)?;
+        }
         self.summands.as_ref().map_or(Ok(()), |summands| summands.record_clear(rec))
     }
 

@@ -53,7 +53,8 @@
 //!    mirrors, glass or narrow lobes ([`tiles`](pass::tiles)) are followed by [`eye_paths`](pass::eye_paths) and [`trace`](pass::trace) in turns,
 //!    split in two where both components count. [`eye_points`](pass::eye_points) and
 //!    [`split_points`](pass::split_points) turn hits into shading points on a list, and [`clusters`](pass::clusters) or [`sort`](pass::sort) brings neighbours together. An [`atlas`](pass::atlas) takes the place of
-//!    camera rays where texels are lit. [`schedule`](pass::schedule) turns counts into indirect dispatches, here and everywhere.
+//!    camera rays where texels are lit. Where images with depth show what glossy planes mirror, [`reproject`](pass::reproject) projects their points
+//!    first, and rays are traced for the rest. [`schedule`](pass::schedule) turns counts into indirect dispatches, here and everywhere.
 //! 2. [`importance`](pass::importance) estimates the contribution of each emitter to the points seen, if emitters are chosen by it.
 //! 3. [`Walk`](stage::Walk): [`walk_start`](pass::walk_start) sends particles from the emitters. For each reflection
 //!    [`trace`](pass::trace) finds their hits, [`walk_follow`](pass::walk_follow) continues those at mirrors and glass, and

@@ -21,7 +21,7 @@ use crate::pass::delta_choice::{Candidates, MAX_CANDIDATES};
 use crate::pass::importance::MAX_EMITTERS;
 use crate::pass::layout::{PointLight, Step};
 use crate::pass::photon_grid::MAX_BUCKET_BITS;
-use crate::settings::{Compensation, LightChoice, Settings};
+use crate::settings::{Compensation, LightChoice, MirrorImages, Settings};
 use crate::view::{MAX_PIXELS, View};
 
 /// Maximum iterations of all loops of a shader invocation's subgroup together. lavapipe before Mesa 25 silently ends
@@ -99,6 +99,8 @@ pub struct EyePlan {
     pub mirrors: bool,
     /// Whether some of these planes are frosted panes, which show the scene behind them.
     pub panes: bool,
+    /// Images with depth that show what glossy planes mirror; `None`: rays do.
+    pub images: Option<MirrorImages>,
     /// Whether paths follow narrow specular lobes.
     pub lobes: bool,
 }
@@ -120,6 +122,7 @@ impl EyePlan {
                 plain_mirrors: false,
                 mirrors: false,
                 panes: false,
+                images: None,
                 lobes: false,
             };
         }
@@ -134,7 +137,8 @@ impl EyePlan {
         };
         let splits = settings.split && (specular.splits || mirrors || lobes) && steps > 0;
         let plain_mirrors = specular.plain_mirrors && steps > 0;
-        EyePlan { pixels, steps, components: if splits { 2 } else { 1 }, plain_mirrors, mirrors, panes, lobes }
+        let images = settings.mirror_images().filter(|_| mirrors);
+        EyePlan { pixels, steps, components: if splits { 2 } else { 1 }, plain_mirrors, mirrors, panes, images, lobes }
     }
 
     /// Slots of all shading points of the eye.
@@ -390,6 +394,12 @@ pub fn derive(scene: &DeviceScene, asked: &Settings, view: &View) -> Result<Plan
         eye = EyePlan::new(&Settings { glossy_paths: false, ..settings.clone() }, scene.specular, view);
     }
     check_slots(settings, scene.specular, view)?;
+    if eye.images.is_some() && scene.mirror_images.is_none() {
+        return Err(Error::Setting {
+            name: "--mirror-source",
+            message: String::from("the scene has no images with depth; make them by DepthImages::sample, or use rays"),
+        });
+    }
     Ok(Plan {
         asked: asked.clone(),
         photons: PhotonPlan::new(settings, scene.target_count()),

@@ -228,6 +228,44 @@ pub enum Reflectance {
     Fresnel,
 }
 
+/// Which images with depth fit a mirrored view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ImageChoice {
+    /// Those with the least angle between their view direction and the mirrored one.
+    #[default]
+    Angle,
+    /// Those whose centres of projection are nearest to the mirrored eye. As good far from the mirror, worse near the hemispheres.
+    Distance,
+}
+
+/// The images with depth that a frame merges.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct MirrorImages {
+    /// Choice of the images. Default `Angle`.
+    pub choice: ImageChoice,
+    /// Images of each hemisphere in view. Default 2; 1 to 256. More: fewer holes, and the time of reprojection in proportion.
+    pub merged: u32,
+}
+
+impl Default for MirrorImages {
+    fn default() -> Self {
+        MirrorImages { choice: ImageChoice::default(), merged: 2 }
+    }
+}
+
+/// Where the mirror image of a glossy plane comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MirrorSource {
+    /// A mirrored ray for each pixel, whose hit point gets the full light of the pass.
+    #[default]
+    Rays,
+    /// Images with depth ([`crate::scene::Scene::mirror_images`]), and rays where they have holes (Bastos 1999, section 6.6). Biased: they
+    /// hold diffuse light as it was when they were made.
+    Images(MirrorImages),
+}
+
 /// Superposition (Bastos 1999): a glossy plane that the eye sees directly shows its lit base plus the mirror image of the room,
 /// convolved with the kernel of its material. Without it eye paths follow the lobes of glossy planes, as of other glossy surfaces
 /// (`glossy_paths`): without the kernel's bias, and sooner on a processor, but a single frame shows separate reflections.
@@ -245,6 +283,8 @@ pub struct Superposition {
     /// Number of planar reflectors that mirror the room, largest first. Default 255, the maximum; fewer cost less. The
     /// others are glossy surfaces like any other.
     pub reflectors: u32,
+    /// Source of the mirror image. Default `Rays`.
+    pub mirror_source: MirrorSource,
 }
 
 impl Default for Superposition {
@@ -255,6 +295,7 @@ impl Default for Superposition {
             occlusion: true,
             kernel_width: 15,
             reflectors: MAX_REFLECTORS as u32,
+            mirror_source: MirrorSource::default(),
         }
     }
 }
@@ -542,6 +583,9 @@ impl Settings {
         if let Some(superposition) = &self.superposition {
             range("--kernel-width", superposition.kernel_width, 0, 4096)?;
             range("--reflectors", superposition.reflectors, 0, MAX_REFLECTORS as u32)?;
+            if let MirrorSource::Images(images) = superposition.mirror_source {
+                range("--mirror-merge", images.merged, 1, 256)?;
+            }
             if !self.split || self.max_specular == 0 {
                 return Err(Error::Setting {
                     name: "--superposition",
@@ -585,6 +629,14 @@ impl Settings {
     /// Number of planar reflectors that mirror the room if they are glossy.
     pub fn mirroring_planes(&self) -> u32 {
         self.superposition.map_or(0, |superposition| superposition.reflectors)
+    }
+
+    /// The images with depth that glossy planes show, if they show any.
+    pub fn mirror_images(&self) -> Option<MirrorImages> {
+        match self.superposition?.mirror_source {
+            MirrorSource::Rays => None,
+            MirrorSource::Images(images) => Some(images),
+        }
     }
 
     /// Whether the clipping distance is above 0.

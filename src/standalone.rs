@@ -572,6 +572,7 @@ impl Renderer {
             rays: self.rays,
             culled_pairs: self.culled,
             photons: self.photons,
+            mirror_pixels: None,
             rays_per_second: if seconds > 0.0 { self.rays as f64 / seconds } else { 0.0 },
             error_estimate: self.error_estimate(),
             stages: self.stages.clone(),

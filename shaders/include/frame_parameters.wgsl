@@ -20,7 +20,8 @@ struct FrameParameters {
     choice: vec4<f32>,          // fraction of emitter samples still chosen by power where contributions choose (defensive sampling); virtual
                                 // lights on a unit of area of an emitter of radiance 1, and of other surfaces; greatest alpha of a lobe that
                                 // eye paths follow, 0: none
-    superposition: vec4<u32>,   // number of planar reflectors handled by superposition; form of their reflectance (settings::Reflectance)
+    superposition: vec4<u32>,   // number of planar reflectors handled by superposition; form of their reflectance (settings::Reflectance);
+                                // 1: images with depth show what they mirror
     mirrors: vec4<u32>,         // mirrored lights of each class N, lights to mirror, planar mirrors M; neighbours of a class that share near light
     lists: vec4<u32>,           // lights that a cluster chooses from the lights after reflections of its class, lights of a cluster; bits of the weight of near light of the same class;
                                 // 1 + the only particle whose path begins in this pass, 0: all do

@@ -52,7 +52,7 @@ pub(super) fn has_lobe(m: &crate::scene::Material) -> bool {
 }
 
 /// Whether eye paths may follow its lobe: it is narrow enough, at least at some texel.
-pub(super) fn is_shiny(m: &crate::scene::Material) -> bool {
+pub(crate) fn is_shiny(m: &crate::scene::Material) -> bool {
     let alpha = Reflectance::new(m.base_color, m.metallic, m.roughness, m.specular).alpha;
     has_lobe(m) && (m.metallic_roughness_texture.is_some() || alpha <= MAX_FOLLOWED_ALPHA)
 }

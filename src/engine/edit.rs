@@ -74,6 +74,10 @@ impl Engine {
             let message = "kept light is that of a scene as it stands; make the engine by Engine::new";
             return Err(Error::Scene(String::from(message)));
         }
+        if scene.mirror_images.is_some() {
+            let message = "images with depth are those of a scene as it stands; make the engine by Engine::new";
+            return Err(Error::Scene(String::from(message)));
+        }
         let vertices = scene.separate_objects();
         let (mut engine, trees) = Self::with_trees(context, &scene, View::whole(camera), settings, true)?;
         engine.dynamic = trees.map(|trees| {

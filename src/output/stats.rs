@@ -2,6 +2,7 @@
 
 use super::write_file;
 use crate::error::{Error, Result};
+use crate::pass::reproject::MirrorPixels;
 use serde::{Serialize, Serializer};
 use std::path::Path;
 
@@ -37,6 +38,9 @@ pub struct Statistics {
     pub culled_pairs: u64,
     /// Caustic photons stored in this run.
     pub photons: u64,
+    /// Pixels of the latest pass that show reflectors with images with depth: all, those that no point reached, and those whose nearest
+    /// point has no colour; rays show the last two. Null without such images.
+    pub mirror_pixels: Option<MirrorPixels>,
     /// Rays per second of stage "render".
     pub rays_per_second: f64,
     /// Relative error of the image, as [`crate::estimate`] defines and estimates it; null while unknown.

@@ -47,7 +47,8 @@ pub struct FrameParameters {
     /// Share of the choice of emitters that goes by power, where it goes by contribution; virtual lights on a unit of area of
     /// an emitter of mean radiance 1, and of other surfaces; maximum alpha of a lobe that eye paths follow, 0: none.
     pub choice: [f32; 4],
-    /// Planar reflectors, by their number, that mirror the room; form of their reflectance, as in [`crate::settings::Reflectance`].
+    /// Planar reflectors, by their number, that mirror the room; form of their reflectance, as in [`crate::settings::Reflectance`]; 1:
+    /// images with depth show what they mirror.
     pub superposition: [u32; 4],
     /// Mirrored lights of each class N, lights to mirror, planar mirrors; neighbours of a class, across and down, that share
     /// near light.
@@ -379,4 +380,34 @@ pub struct LevelRecord {
     pub layer: u32,
     /// Number of the image.
     pub page: u32,
+}
+
+/// An image with depth as a frame sees it; `shaders/include/reproject.wgsl` says what each component is.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct DepthView {
+    /// X of a point from (z x, z y, z, 1), see [`crate::superposition::depth_images::project`].
+    pub x: [f32; 4],
+    /// Y.
+    pub y: [f32; 4],
+    /// Z.
+    pub z: [f32; 4],
+    /// Its first point, width, height, number of its reflector.
+    pub points: [u32; 4],
+}
+
+/// A tile of 8 x 8 points of an image with depth.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct DepthTile {
+    /// Rows of a matrix: the coordinates of an offset in pixels along the edges of a point, at most 1 inside.
+    pub inside: [f32; 4],
+    /// Index of its [`DepthView`].
+    pub view: u32,
+    /// Column of its first point, and its row in the upper half of the word.
+    pub corner: u32,
+    /// Width of the box around a point in pixels, and its height in the upper half of the word.
+    pub size: u32,
+    /// Only points of every so many-th column and row count.
+    pub step: u32,
 }

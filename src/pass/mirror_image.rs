@@ -23,6 +23,11 @@
 //! the end of the path add up: sum over planes of (tan(beta_i) (z - z_i))^2, with z the length of the whole path and
 //! z_i the length up to the plane.
 //!
+//! # Images with depth
+//!
+//! Where images with depth show the mirror image ([`reproject`](super::reproject)) the second component has no path, and L and the depth
+//! are those of the nearest point.
+//!
 //! # Frosted panes
 //!
 //! A frosted pane is treated likewise, with the room behind it (section 8.2.3.1: translucency). Its lobe is a
@@ -147,21 +152,29 @@ pub struct Planes {
     /// Two vectors for each pixel of a frosted pane: transmittance of the spread light, w: cosine of the viewing angle;
     /// direction of the kernel's u axis, pixels in a unit of length at unit distance.
     pub panes: Buffer,
+    /// Radiance and depth of the mirror image where images with depth show it ([`super::reproject`]), depth 0: a ray shows it.
+    pub reprojected: Buffer,
 }
 
 impl Planes {
-    /// Allocates `pixels` pixels, or minimal buffers for what the scene does not have.
-    pub fn new(kit: &Kit, pixels: u32, mirrors: bool, panes: bool) -> Result<Planes> {
+    /// Allocates `pixels` pixels, or minimal buffers for what the scene does not have. `images`: images with depth show mirror images.
+    pub fn new(kit: &Kit, pixels: u32, mirrors: bool, panes: bool, images: bool) -> Result<Planes> {
         Ok(Planes {
             region: kit.array("region", if mirrors { pixels } else { 4 }, 4)?,
             widening: kit.vec4s("widening", if mirrors { pixels } else { VIEW_ANGLES as u32 })?,
             panes: kit.vec4s("panes", if panes { 2 * pixels } else { 2 })?,
+            reprojected: kit.vec4s("reprojected mirror image", if images { pixels } else { 1 })?,
         })
     }
 
     /// The buffers by their names in shaders.
     pub fn resources(&self) -> Resources {
-        Resources::of([("region", &self.region), ("widening", &self.widening), ("panes", &self.panes)])
+        Resources::of([
+            ("region", &self.region),
+            ("widening", &self.widening),
+            ("panes", &self.panes),
+            ("reprojected", &self.reprojected),
+        ])
     }
 }
 

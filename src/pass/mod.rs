@@ -48,6 +48,7 @@ pub mod photon_radius;
 pub mod photon_start;
 pub mod photon_width;
 pub mod probe;
+pub mod reproject;
 pub mod resolve;
 pub mod ring;
 pub mod schedule;

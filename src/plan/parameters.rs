@@ -93,7 +93,9 @@ impl Plan {
             None => ([0; 4], [0.0; 4]),
         };
         let superposition = match s.superposition.filter(|_| self.eye.mirrors) {
-            Some(superposition) => [superposition.reflectors, superposition.reflectance as u32, 0, 0],
+            Some(superposition) => {
+                [superposition.reflectors, superposition.reflectance as u32, u32::from(self.eye.images.is_some()), 0]
+            }
             None => [0; 4],
         };
         let xyzw = |v: Vec3, w: f32| [v.x, v.y, v.z, w];

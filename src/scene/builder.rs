@@ -6,13 +6,13 @@ use super::{Material, Scene, Triangle};
 
 impl Scene {
     /// Adds a material and returns its index.
-    pub(super) fn add_material(&mut self, material: Material) -> u32 {
+    pub(crate) fn add_material(&mut self, material: Material) -> u32 {
         self.materials.push(material);
         self.materials.len() as u32 - 1
     }
 
     /// Adds an object's name and returns its index.
-    pub(super) fn add_object(&mut self, name: impl Into<String>) -> u32 {
+    pub(crate) fn add_object(&mut self, name: impl Into<String>) -> u32 {
         self.objects.push(name.into());
         self.objects.len() as u32 - 1
     }
@@ -48,7 +48,7 @@ impl Scene {
     }
 
     /// Adds a parallelogram; its front is the side to which cross(edge_u, edge_v) points.
-    pub(super) fn add_quad(&mut self, corner: Vec3, edge_u: Vec3, edge_v: Vec3, material: u32, object: u32) {
+    pub(crate) fn add_quad(&mut self, corner: Vec3, edge_u: Vec3, edge_v: Vec3, material: u32, object: u32) {
         let points = [corner, corner + edge_u, corner + edge_u + edge_v, corner + edge_v];
         self.add_mesh(&points, &[[0, 1, 2], [0, 2, 3]], material, object);
     }

@@ -52,6 +52,7 @@ use crate::bsdf::sample_texture;
 use crate::error::{Error, Result};
 use crate::input::Inputs;
 use crate::settings::{Compensation, Exposure, Spread};
+use crate::superposition::depth_images::DepthImages;
 
 pub use animation::Animations;
 pub use environment::Environment;
@@ -110,6 +111,9 @@ pub struct Scene {
     pub emitters_are_lights: bool,
     /// Light kept in textures: the image shows it in place of all virtual lights and photons. The path tracer does not use it.
     pub kept_light: Option<Arc<KeptLight>>,
+    /// Mirror images of its planar reflectors, which superposition shows if its settings say so. They hold the light of the scene as it
+    /// stands.
+    pub mirror_images: Option<Arc<DepthImages>>,
     /// Whether the emission of surfaces is relative to the white of a screen, as in a glTF file that gives no
     /// KHR_materials_emissive_strength: programs that show such files do not light them by it, so a scene without any other light
     /// gets the default sky too.
@@ -150,6 +154,7 @@ impl Default for Scene {
             environment: None,
             emitters_are_lights: true,
             kept_light: None,
+            mirror_images: None,
             emission_is_relative: false,
             files: Vec::new(),
             ignored: Vec::new(),

@@ -13,6 +13,7 @@ use crate::pass::eye_paths::{self, EyePaths};
 use crate::pass::eye_points::{self, EyePoints};
 use crate::pass::layout::Step;
 use crate::pass::mirror_image::Planes;
+use crate::pass::reproject::{self, Reproject};
 use crate::pass::schedule::Schedule;
 use crate::pass::shade::Chunk;
 use crate::pass::sort::SortBuffers;
@@ -35,6 +36,8 @@ pub struct Eye {
     pub guides: Option<EdgeGuides>,
     /// Records that the paths leave of glossy planes.
     pub planes: Planes,
+    /// Shows what glossy planes mirror by images with depth.
+    pub reproject: Option<Reproject>,
     /// Tiles of pixels that show mirrors or glass.
     pub ideal_tiles: List,
     /// For each step through mirrors and glass the rays that go on.
@@ -105,7 +108,16 @@ impl Eye {
         let points = ShadingPoints::new(kit.context, "eye", slots)?;
         let guides =
             if plan.antialiases() { Some(EdgeGuides::new(kit, &rays, pixels, eye.plain_mirrors)?) } else { None };
-        let planes = Planes::new(kit, pixels, eye.mirrors, eye.panes)?;
+        let planes = Planes::new(kit, pixels, eye.mirrors, eye.panes, eye.images.is_some())?;
+        let reproject = match (eye.images, &scene.mirror_images) {
+            (Some(choice), Some(images)) => {
+                let (region, reprojected, reflectors) =
+                    (&planes.region, &planes.reprojected, settings.mirroring_planes());
+                let inputs = reproject::Inputs { rays: &rays, images, region, reprojected, pixels, reflectors, choice };
+                Some(Reproject::new(kit, &inputs)?)
+            }
+            _ => None,
+        };
         let turns = Turns::new(kit, listed)?;
         let list = turns.list(kit, "eye points", 0)?;
         let lists = (0..follow_steps.len()).map(|i| turns.list(kit, "eye paths", i)).collect::<Result<Vec<_>>>()?;
@@ -167,6 +179,7 @@ impl Eye {
             points,
             guides,
             planes,
+            reproject,
             ideal_tiles,
             lists,
             list,
@@ -205,6 +218,14 @@ impl Eye {
                 self.guides.as_ref().map_or(Ok(()), |guides| guides.record(rec))
             }
             FirstHits::Atlas(atlas) => atlas.record(rec),
+        }
+    }
+
+    /// The part in which images with depth are reprojected.
+    pub fn record_reprojection(&self, rec: &mut Recorder) -> Result<()> {
+        match &self.reproject {
+            Some(reproject) => rec.scope("reproject", |rec| reproject.record(rec)),
+            None => Ok(()),
         }
     }
 
@@ -253,6 +274,7 @@ impl Stage for Eye {
 
     fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.record_first(rec)?;
+        self.record_reprojection(rec)?;
         (0..self.steps()).try_for_each(|step| self.record_step(rec, step))?;
         self.record_points(rec)
     }

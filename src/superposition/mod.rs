@@ -9,8 +9,11 @@
 //! | [`kernels`] | shape and size of the blur for each angle of view (7.4.2.2) |
 //! | [`reflectance`] | the modulation for each angle of view (6.7) |
 //!
+//! [`depth_images`] samples mirror images before the first frame, in place of traced rays (6.6).
+//!
 //! `docs/superposition.md` has all definitions and measurements.
 
+pub mod depth_images;
 pub mod kernels;
 pub mod lobe;
 pub mod reflectance;

@@ -39,6 +39,33 @@ fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
 }
 
 #[test]
+fn images_with_depth_need_a_scene_that_stands_still() {
+    let folder = tempfile::tempdir().unwrap();
+    let flags = ["--superposition", "mirror", "--mirror-source", "images", "-o", "f-%02d.png"];
+    let output = run(folder.path(), &arguments(&[&[SCENE, "--path", TURN], &flags[..]].concat()));
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    assert!(message.contains("--mirror-source") && message.contains("objects move"), "{message}");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().filter(|f| f.as_ref().unwrap().path().is_file()).count(), 0);
+
+    // The camera alone may move.
+    fs::write(
+        folder.path().join("walk.toml"),
+        "frames = 2\n[[camera]]\ntime = 0.0\neye = [1.5, 0.4, 2.5]\ntarget = [1.5, 0.04, 0.0]\n\
+         [[camera]]\ntime = 1.0\neye = [1.9, 0.5, 2.5]\ntarget = [1.5, 0.04, 0.0]\n",
+    )
+    .unwrap();
+    let floor = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/glossy-floor/scene.toml");
+    let small = ["--mirror-hemispheres", "1", "--mirror-images", "2", "--mirror-side", "16", "--mirror-passes", "1"];
+    let path = [floor, "--path", "walk.toml", "--timings", "t.json", "--moving-passes", "1"];
+    succeeds(folder.path(), &arguments(&[&path[..], &flags, &small].concat()));
+    let times: serde_json::Value = serde_json::from_slice(&fs::read(folder.path().join("t.json")).unwrap()).unwrap();
+    for frame in times["frames"].as_array().unwrap() {
+        assert!(frame["mirror_pixels"]["shown"].as_u64().is_some_and(|shown| shown > 50), "{frame}");
+    }
+}
+
+#[test]
 fn frames_and_times_are_written() {
     let folder = tempfile::tempdir().unwrap();
     let more =

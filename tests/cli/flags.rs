@@ -7,6 +7,8 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
+use crate::render::fails;
+
 /// A floor that is glossy, a wall and a screen before it, a mirror at the side, and two lamps, one of which hardly matters to the view.
 const MODEL: &str = "mtllib room.mtl
 v -1 0 -1\nv -1 0 1\nv 1 0 1\nv 1 0 -1
@@ -131,6 +133,35 @@ fn each_flag_of_glossy_planes_changes_their_reflection() {
         image("--superposition variant --reflectors 0") != images[4],
         "no reflector is left, and it shows the same"
     );
+}
+
+#[test]
+fn images_with_depth_show_about_what_rays_show() {
+    let folder = folder();
+    let flags = "--passes 2 --particles 32 --superposition mirror";
+    let images = "--mirror-source images --mirror-hemispheres 2 --mirror-images 3 --mirror-side 16 --mirror-passes 4";
+    let rays = render(folder.path(), "scene.toml", &format!("{flags} --mirror-source rays"));
+    let image = |more: &str| render(folder.path(), "scene.toml", &format!("{flags} {images} {more}"));
+    let image = image("--stats s.json --mirror-merge 1 --mirror-choice distance --mirror-layers 2");
+    let stats: serde_json::Value =
+        serde_json::from_slice(&fs::read(folder.path().join("s.json")).unwrap()).expect("statistics are JSON");
+    assert!(stats["mirror_pixels"]["shown"].as_u64().is_some_and(|shown| shown > 20), "{stats}");
+    let ratio = energy(&image, &rays);
+    assert!(image != rays && (ratio - 1.0).abs() < 0.1, "energy {ratio}");
+
+    let refused = |flags: &str, names: &[&str]| {
+        fails(folder.path(), &format!("render scene.toml -o old.exr --mirror-source images {flags}"), 2, names);
+    };
+    refused("", &["--mirror-source", "--superposition variant"]);
+    refused("--superposition mirror --reflectors 0", &["--mirror-source", "--reflectors"]);
+    refused("--superposition mirror --mirror-memory 1M", &["--mirror-memory", "MiB", "1.0 are allowed"]);
+    fs::write(folder.path().join("plain.mtl"), "newmtl floor\nKd 1 1 1\nnewmtl lamp\nKd 0 0 0\nKe 1 1 1\n").unwrap();
+    let plain = MODEL.replace("room.mtl", "plain.mtl").replace("usemtl wall", "usemtl floor");
+    let plain = plain.replace("usemtl mirror", "usemtl floor").replace("usemtl other", "usemtl lamp");
+    fs::write(folder.path().join("plain.obj"), plain).unwrap();
+    fs::write(folder.path().join("plain.toml"), SCENE.replace("room.obj", "plain.obj")).unwrap();
+    let flags = "render plain.toml -o old.exr --superposition mirror --mirror-source images";
+    fails(folder.path(), flags, 2, &["--mirror-source", "no planar glossy reflector"]);
 }
 
 #[test]

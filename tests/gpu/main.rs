@@ -6,6 +6,7 @@ mod bake;
 mod caustics;
 mod convolve;
 mod delta_choice;
+mod depth_images;
 mod devices;
 mod discontinuity;
 mod display;

@@ -18,7 +18,7 @@ use crate::path::Motion;
 use crate::play::Play;
 use crate::progress::{Progress, duration};
 use crate::render::{Job, metadata, pipeline_cache, watch_for_interrupt};
-use crate::{camera, say, say_aside};
+use crate::{camera, mirrors, say, say_aside};
 
 /// File name pattern with a frame number.
 struct Pattern {
@@ -67,7 +67,7 @@ pub fn run(args: &Animate) -> Result<()> {
     let _claim = output::claim(files.iter().map(PathBuf::as_path))?;
 
     let start = Instant::now();
-    let scene = scene::load_with(&args.scene, &shown.reading.options())?;
+    let mut scene = scene::load_with(&args.scene, &shown.reading.options())?;
     let mut play = match (&args.path, &args.play.animation) {
         (Some(_), None) => None,
         (None, None) => Some(Play::new(&scene, None, "--path")?),
@@ -88,7 +88,13 @@ pub fn run(args: &Animate) -> Result<()> {
     let outputs: Vec<PathBuf> = frames.chain(args.timings.clone()).collect();
     output::check_apart(outputs.iter().map(PathBuf::as_path), &inputs)?;
     let settings = shown.settings(&scene.render, still.resolution)?;
-    let settings = Settings { moving_passes: args.moving_passes.unwrap_or(settings.moving_passes), ..settings };
+    let mut settings = Settings { moving_passes: args.moving_passes.unwrap_or(settings.moving_passes), ..settings };
+    args.mirrors.apply(&mut settings);
+    settings.validate()?;
+    if args.mirrors.wants_images() && (play.is_some() || !motion.objects.is_empty()) {
+        let message = String::from("images show a scene that stands still, and objects move here; use rays");
+        return Err(Error::Setting { name: "--mirror-source", message });
+    }
     let mut job = Job {
         name: scene.name.clone(),
         camera: still,
@@ -110,9 +116,11 @@ pub fn run(args: &Animate) -> Result<()> {
         validation: shown.device.validation,
         checked_shaders: false,
         pipeline_cache: pipeline_cache(),
-        dynamic: true,
+        // Where nothing but the camera moves the scene may hold images of itself.
+        dynamic: !args.mirrors.wants_images(),
         ..RenderOptions::default()
     };
+    mirrors::sample(&mut scene, &settings, &args.mirrors, &options, &interrupted)?;
     let mut renderer = Renderer::new(scene, still, settings, &options)?;
 
     let mut progress = Progress::new();
@@ -252,6 +260,7 @@ fn render_frame(renderer: &mut Renderer, passes: u32) -> Result<Value> {
         "render": seconds,
         "record": record,
         "gpu_passes": gpu_passes,
+        "mirror_pixels": mirrors::pixels(renderer)?,
     }))
 }
 

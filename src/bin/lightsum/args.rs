@@ -3,6 +3,7 @@
 mod bake;
 mod camera;
 mod choices;
+mod mirrors;
 mod play;
 mod reading;
 mod ring;
@@ -29,6 +30,7 @@ pub use choices::{
     AgreementFlag, ClusterOrderFlag, CompensationFlag, Curve, DeltaLightsFlag, Denoiser, FilterFlag, LightChoiceFlag,
     LookupFlag, Preset, SequenceFlag, SpecularFlag, TraversalFlag,
 };
+pub use mirrors::Mirrors;
 pub use play::{Play, Pose};
 pub use reading::Reading;
 pub use ring::Ring;
@@ -119,6 +121,8 @@ pub struct Animate {
     #[command(flatten)]
     pub play: Play,
     #[command(flatten)]
+    pub mirrors: Mirrors,
+    #[command(flatten)]
     pub shown: Moving,
 }
 
@@ -144,6 +148,8 @@ pub struct Moving {
     pub light: Light,
     #[command(flatten)]
     pub glossy: Glossy,
+    #[command(flatten)]
+    pub mirrors: Mirrors,
     #[command(flatten)]
     pub device: Device,
 }
@@ -181,6 +187,8 @@ pub struct Render {
     pub light: Light,
     #[command(flatten)]
     pub glossy: Glossy,
+    #[command(flatten)]
+    pub mirrors: Mirrors,
     #[command(flatten)]
     pub camera: Camera,
     #[command(flatten)]
@@ -464,7 +472,7 @@ pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise instead of structured error.
     #[arg(long, conflicts_with_all = [
         "passes", "time", "target_error", "resume", "checkpoint", "particles", "light_pool", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "no_split", "no_glossy_paths", "no_antialias",
-        "photons", "photon_radius", "interleave_photons", "mirror_lights", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "summands",
+        "photons", "photon_radius", "interleave_photons", "mirror_lights", "filter", "superposition", "reflectance", "kernel_width", "no_occlusion", "reflectors", "mirror_source", "summands",
         "light_threshold", "light_choice", "power_fraction", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats", "preview", "display",
     ])]
     pub reference: bool,

@@ -13,6 +13,7 @@ mod camera;
 mod checkpoint;
 mod info;
 mod live;
+mod mirrors;
 mod parts;
 mod path;
 mod play;

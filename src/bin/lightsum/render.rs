@@ -5,7 +5,7 @@ use crate::checkpoint::{self, Checkpoints};
 use crate::live::Live;
 use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due, error_of};
-use crate::{camera, play, reference, say, say_aside};
+use crate::{camera, mirrors, play, reference, say, say_aside};
 use glam::DVec3;
 use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics, Wanted};
 use lightsum::pass::layout::PointLight;
@@ -72,6 +72,7 @@ pub fn run(args: &Render) -> Result<()> {
             settings.pattern = [1, 1];
         }
     }
+    args.mirrors.apply(&mut settings);
     settings.validate()?;
     let denoise = args.output.denoise.is_some();
     if denoise {
@@ -170,7 +171,7 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
 }
 
 /// Renders by instant radiosity and writes the requested files.
-fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path>) -> Result<()> {
+fn radiosity(mut job: Job, mut scene: Scene, args: &Render, state_path: Option<&Path>) -> Result<()> {
     let interrupted = watch_for_interrupt();
     let earlier = match state_path.filter(|_| args.stop.resume) {
         Some(path) => checkpoint::earlier(path)?.map(|state| (path, state)),
@@ -189,6 +190,7 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
     };
     let stop = Stop::choose(&args.stop, scene.render.passes);
     let mut live = Live::new(&args.output, &job.name)?;
+    mirrors::sample(&mut scene, &job.settings, &args.mirrors, &options, &interrupted)?;
     let mut renderer = Renderer::new(scene, job.camera, job.settings.clone(), &options)?;
     job.stages.push(("prepare".into(), start.elapsed().as_secs_f64()));
 
@@ -247,7 +249,8 @@ fn radiosity(mut job: Job, scene: Scene, args: &Render, state_path: Option<&Path
         return Err(Error::Interrupted);
     }
     live.end(&renderer);
-    let statistics = renderer.statistics();
+    let statistics = Statistics { mirror_pixels: mirrors::pixels(&renderer)?, ..renderer.statistics() };
+    mirrors::tell(statistics.mirror_pixels);
     // A failure to write one file must not prevent the others.
     if outcome.is_err() {
         checkpoints.rescue(&renderer);

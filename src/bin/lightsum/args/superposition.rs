@@ -74,6 +74,7 @@ impl Glossy {
                 occlusion: defaults.occlusion && !self.no_occlusion,
                 kernel_width: self.kernel_width.unwrap_or(defaults.kernel_width),
                 reflectors: self.reflectors.unwrap_or(defaults.reflectors),
+                mirror_source: defaults.mirror_source,
             }
         });
     }
