@@ -378,9 +378,7 @@ pub fn derive(scene: &DeviceScene, asked: &Settings, view: &View) -> Result<Plan
         lights = LightPlan { survivors: Vec::new(), delta: 0, environment: false };
     }
     let (mut lists, mut particles) = (lights.clone(), settings.particles);
-    // A gathered point has the list of the point that its ray left. For texels that lowers the error; for images it was not measured.
-    let may_choose = view.camera().is_none() || !gathers_exactly(settings, view);
-    if settings.light_pool > settings.particles && lights.survivors.len() > 1 && may_choose {
+    if settings.light_pool > settings.particles && lights.survivors.len() > 1 {
         let (pool, started) = LightPlan::of_pool(settings, rho, delta);
         let chosen = lights.of_cluster();
         if started > settings.particles {

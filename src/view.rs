@@ -41,8 +41,7 @@ impl Region {
     /// The smallest region around this one whose pixels, rendered alone, have the bits of the whole image: with an
     /// apron for the filter and for edges, and on the borders of blocks of 8 x 8 pixels of each class, or of regions that choose lights.
     pub fn around(&self, settings: &Settings, image: [u32; 2]) -> Region {
-        // Near light needs the whole image, and with gather rays all lights light all points.
-        let chooses = settings.light_pool > 0 && settings.compensation == Compensation::Off;
+        let chooses = settings.light_pool > 0;
         let span = |axis: usize| {
             let of_filter = settings.filter.map_or(0, |filter| filter.window(settings.pattern)[axis] / 2 * 2 + APRON);
             let apron = of_filter + if settings.antialias { EDGE_APRON } else { 0 };
@@ -221,7 +220,7 @@ impl View {
         match settings {
             _ if self.has_lens() => Some("a lens blurs over the whole image"),
             Settings { superposition: Some(_), .. } => Some("mirror images spread over the whole image"),
-            Settings { compensation: crate::settings::Compensation::Near, .. } if settings.clips() => {
+            Settings { compensation: Compensation::Near, .. } if settings.clips() => {
                 Some("--compensation near looks at the whole image (exact does not)")
             }
             Settings { light_choice: crate::settings::LightChoice::Contribution, .. } => {

@@ -114,7 +114,10 @@ impl LightLists {
         let count = clusters::count([width, height], [across, down]) * plan.eye.components;
         let list_size = u64::from(slots) * size_of::<PointLight>() as u64;
         let room = kit.context.info().max_storage_buffer_range;
-        let fits = u64::from(count) * list_size <= room && light_regions::bytes(plan) <= room;
+        // A part of an image chooses as the whole does.
+        let whole = plan.view.camera().map_or([width, height], |camera| camera.resolution);
+        let of_whole = clusters::count(whole, [across, down]) * plan.eye.components;
+        let fits = u64::from(of_whole) * list_size <= room && light_regions::bytes(plan, whole) <= room;
         let of_screen = clusters.filter(|_| fits);
         let lists = if of_screen.is_some() { count } else { classes };
         let listed = kit.array("lights of clusters", lists, list_size)?;

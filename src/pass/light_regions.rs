@@ -56,9 +56,9 @@ pub fn count([width, height]: [u32; 2], [across, down]: [u32; 2]) -> u32 {
     width.div_ceil(8 * across * REGION) * height.div_ceil(8 * down * REGION) * across * down
 }
 
-/// Bytes of the lights of all regions.
-pub fn bytes(plan: &Plan) -> u64 {
-    let regions = count(plan.view.size(), plan.settings.pattern) * plan.eye.components;
+/// Bytes of the lights of all regions of an image of this size.
+pub fn bytes(plan: &Plan, size: [u32; 2]) -> u64 {
+    let regions = count(size, plan.settings.pattern) * plan.eye.components;
     32 * u64::from(CHOSEN) * u64::from(regions)
 }
 

@@ -96,20 +96,22 @@ fn parts_of_images_choose_lights_as_the_whole() {
     gpu_test(|ctx| {
         let scene = gallery();
         let camera = camera_of(&scene, [230, 40]);
-        let settings = Settings { particles: 6, compensation: Compensation::Off, ..Settings::interactive() };
-        let mut whole = renderer(ctx, &scene, camera, &settings);
-        film(&mut whole, 1);
-        let crop = Region { origin: [140, 10], size: [60, 20] };
-        let mut part = renderer(ctx, &scene, camera, &settings);
-        part.set_crop(Some(crop)).unwrap();
-        assert_eq!(part.engine().view().size(), [134, 40]);
-        film(&mut part, 1);
-        assert_same(&part.layers().unwrap(), &whole.layers().unwrap().cut(crop), "a part");
-        // Another part of the same view starts anew.
-        let other = Region { origin: [150, 12], size: [9, 9] };
-        part.set_crop(Some(other)).unwrap();
-        film(&mut part, 1);
-        assert_same(&part.layers().unwrap(), &whole.layers().unwrap().cut(other), "another part");
+        for compensation in [Compensation::Off, Compensation::Exact] {
+            let settings = Settings { particles: 6, compensation, ..Settings::interactive() };
+            let mut whole = renderer(ctx, &scene, camera, &settings);
+            film(&mut whole, 1);
+            let crop = Region { origin: [140, 10], size: [60, 20] };
+            let mut part = renderer(ctx, &scene, camera, &settings);
+            part.set_crop(Some(crop)).unwrap();
+            assert_eq!(part.engine().view().size(), [134, 40]);
+            film(&mut part, 1);
+            assert_same(&part.layers().unwrap(), &whole.layers().unwrap().cut(crop), "a part");
+            // Another part of the same view starts anew.
+            let other = Region { origin: [150, 12], size: [9, 9] };
+            part.set_crop(Some(other)).unwrap();
+            film(&mut part, 1);
+            assert_same(&part.layers().unwrap(), &whole.layers().unwrap().cut(other), "another part");
+        }
     });
 }
 

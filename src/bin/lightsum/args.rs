@@ -311,7 +311,7 @@ pub struct Light {
     /// Particles whose lights form a pool from which small parts of the image choose, 0 to 65536 [default: 1200; 0: no pool].
     ///
     /// Each part takes as many lights as --particles leave after reflections, those that matter to it. More: less noise in
-    /// indirect light, and some more time. Without effect with --compensation exact, and with --export-lights.
+    /// indirect light, and some more time. Without effect with --export-lights.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_PARTICLES)))]
     pub light_pool: Option<u32>,
     /// Virtual lights on the emitters, for direct light, 1 to --particles [default: the scene's, or a quarter of --particles].
