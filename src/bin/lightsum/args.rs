@@ -149,8 +149,6 @@ pub struct Moving {
     #[command(flatten)]
     pub glossy: Glossy,
     #[command(flatten)]
-    pub mirrors: Mirrors,
-    #[command(flatten)]
     pub device: Device,
 }
 
