@@ -402,7 +402,7 @@ impl Engine {
         Ok(())
     }
 
-    /// What a new frame of the same size takes over.
+    /// The buffers that a new frame of the same size goes on with.
     fn kept(&self) -> Kept {
         let Output { film, image, .. } = &self.frame.output;
         let lights = (self.paths != Paths::default()).then(|| self.frame.lights().clone());
@@ -449,8 +449,7 @@ impl Engine {
 
     /// The settings, as asked for; [`Plan::settings`] has what a ring makes of them.
     pub fn settings(&self) -> &Settings {
-        let Plan { asked, .. } = &self.plan;
-        asked
+        &self.plan.asked
     }
 
     /// The view.

@@ -29,7 +29,7 @@ use crate::stage::{
     Compensation, Edges, Eye, GlossyPlanes, NearLight, Output, PhotonLighting, Photons, Shade, Stage, Walk,
 };
 
-/// What a new frame takes over from the one before.
+/// Buffers of a frame that the next one goes on with.
 pub struct Kept {
     /// Running sums.
     pub film: Film,
@@ -97,7 +97,7 @@ pub struct Frame {
 
 impl Frame {
     /// Makes the stages of a plan for a scene; if glossy planes mirror the room the scene must have their tables.
-    /// `kept`: what to continue with, of the same size; `None`: new ones.
+    /// `kept`: buffers to go on with, of the same size; `None`: new ones.
     pub fn new(
         context: &Context,
         staging: &mut Staging,

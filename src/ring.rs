@@ -5,7 +5,7 @@
 //! camera or scene change, and nothing lasts longer than N steps:
 //!
 //! - [`Form::Images`], as in the paper: the images of the path's lights are summed into one, which replaces the oldest of the N that are
-//!   kept; shown is their mean. A step costs the same for every N. What moves drags N faint images behind it.
+//!   kept; shown is their mean. A step costs the same for every N. An object that moves leaves N faint images behind it.
 //! - [`Form::Lights`]: the lights of N paths are kept, those of the oldest are replaced, and all light the image anew. A step costs N
 //!   times as much, but camera, objects and shadows are where they are; only the light that comes from them is up to N steps old.
 //!

@@ -1,6 +1,8 @@
 //! Rendering without a host: a device of its own, one pass at a time, submitted and waited for. The command line uses
 //! it.
 
+mod passes;
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -13,24 +15,19 @@ use crate::error::{Error, Result};
 use crate::estimate::History;
 use crate::film::HostFilm;
 use crate::fingerprint::{Fnv, fingerprint};
-use crate::frame::Frame;
-use crate::gpu::{Buffer, Context, ContextOptions, DeviceChoice, Memory, Recorder, Timers, download};
+use crate::gpu::{Buffer, Context, ContextOptions, DeviceChoice, Timers, download};
 use crate::output::{Layers, Provenance, Statistics, Wanted};
-use crate::pass::List;
-use crate::pass::layout::{DispatchCounts, PointLight};
+use crate::pass::layout::PointLight;
 use crate::pass::probe;
-use crate::plan::{INSTANCES, trace_steps};
 use crate::scene::{Camera, Scene};
 use crate::scene::{VirtualLight, export_lights};
 use crate::settings::{Compensation, Settings, Traversal};
 use crate::tiles;
 use crate::view::{Atlas, Region, Texel, View};
+use passes::readback;
 
 /// Maximum number of rounds: beyond them, after some ten million steps, a ray is given up as pathological.
 pub const MAX_ROUNDS: u32 = 1024;
-/// Maximum number of passes in a row that are left out because some pixel is no number.
-const MAX_LEFT_OUT: u32 = 8;
-
 /// Choice of the device, and options.
 #[derive(Clone, Debug, Default)]
 pub struct RenderOptions {
@@ -68,13 +65,6 @@ pub struct PassTimes {
     pub gpu_passes: Vec<(String, f64)>,
     /// Rays, counted as in [`Statistics::rays`].
     pub rays: u64,
-}
-
-/// The lists whose lengths are read back: shading points of each bounce, eye paths, photons that continue, photons in
-/// their grid.
-fn counted_lists(frame: &Frame) -> impl Iterator<Item = &List> {
-    let of_photons = frame.photons.iter().flat_map(|photons| photons.lists.iter().chain([&photons.grid.list]));
-    frame.point_lists().chain(&frame.eye.lists).chain(of_photons)
 }
 
 /// A scene being rendered.
@@ -268,159 +258,6 @@ impl Renderer {
             crop: None,
             strips: Vec::new(),
         })
-    }
-
-    /// Renders one pass and adds it to the image. Rays that run out of steps get more rounds, and the pass is repeated. A pass with a
-    /// pixel that is no number is left out and repeated with the next sequence number.
-    ///
-    /// Errors leave the sums of the passes before: [`Error::NoNumber`] if several passes in a row are left out; those of the device.
-    pub fn pass(&mut self) -> Result<()> {
-        self.pass_with(None).map(drop)
-    }
-
-    /// [`Renderer::pass`], unless `stop` says otherwise: it is asked before the pass and every few dispatches. Returns whether the pass is
-    /// in the image; one that was broken off is not, and the next pass takes its number.
-    pub fn pass_unless(&mut self, stop: &dyn Fn() -> bool) -> Result<bool> {
-        Ok(!stop() && self.pass_with(Some(stop))?)
-    }
-
-    fn pass_with(&mut self, stop: Option<&dyn Fn() -> bool>) -> Result<bool> {
-        let start = Instant::now();
-        self.engine.apply_edits()?;
-        if self.readback.bytes() != readback_bytes(&self.engine) {
-            // Edits may change the number of lists.
-            self.readback = readback(&self.context, &self.engine)?;
-        }
-        let rays = self.rays;
-        if self.engine.passes() == 0 {
-            // Its first pass, or a restart.
-            // Images of a ring come and go, which tells nothing of their error.
-            self.history = self.engine.settings().ring.is_none().then(History::default);
-            self.skipped = 0;
-        }
-        let mut left_out = 0;
-        let probed = counts_bytes(&self.engine);
-        let mut recording = 0.0;
-        loop {
-            let number = self.engine.passes();
-            let (engine, readback) = (&mut self.engine, &self.readback);
-            let record = |rec: &mut Recorder| {
-                let start = Instant::now();
-                engine.record_pass(rec)?;
-                recording += start.elapsed().as_secs_f64();
-                let frame = engine.frame();
-                rec.copy_range(&frame.status, 0, readback, 0, 16)?;
-                for (i, list) in counted_lists(frame).enumerate() {
-                    let bytes = size_of::<DispatchCounts>() as u64;
-                    rec.copy_range(&list.work, 0, readback, 16 + i as u64 * bytes, bytes)?;
-                }
-                let output = &frame.output;
-                output.record_probe(rec, number % INSTANCES)?;
-                rec.copy_range(output.probed(), 0, readback, probed, output.probed().bytes())
-            };
-            let (what, timers) = (format!("in pass {number}"), Some(&self.timers));
-            let submitted = match stop {
-                None => self.context.submit_and_wait(&what, timers, record).map(|()| true),
-                Some(stop) => self.context.submit_unless(&what, timers, stop, record),
-            };
-            if !matches!(submitted, Ok(true)) {
-                // The film does not have a pass that failed or was broken off.
-                self.engine.set_passes(number);
-                return submitted;
-            }
-            let words = self.readback.read::<u32>()?;
-            let (counts, sums) = words.split_at(probed as usize / 4);
-            let [lost, no_numbers, last] = [counts[0], counts[1], counts[2]];
-            if lost == 0 && no_numbers > 0 {
-                left_out += 1;
-                self.skipped += 1;
-                self.left_out += 1;
-                let width = self.engine.view().size()[0];
-                let at = [last.saturating_sub(1) % width, last.saturating_sub(1) / width];
-                log::warn!(
-                    "pass {number} is left out: {no_numbers} of its pixels are no numbers, such as {},{}; another takes its place",
-                    at[0],
-                    at[1]
-                );
-                if left_out == MAX_LEFT_OUT {
-                    return Err(Error::NoNumber { passes: left_out, pixels: no_numbers, at });
-                }
-                continue;
-            }
-            if lost == 0 {
-                self.count_rays(&counts[4..]);
-                if let Some(history) = &mut self.history {
-                    history.add(number % INSTANCES, bytemuck::cast_slice(sums));
-                }
-                break;
-            }
-            self.engine.set_passes(number);
-            let rounds = self.engine.settings().rounds;
-            if rounds >= MAX_ROUNDS {
-                let steps = u64::from(rounds) * u64::from(trace_steps(self.engine.settings().loop_budget));
-                return Err(Error::Unfinished { pass: "shade or trace", rays: lost, steps });
-            }
-            log::info!("{lost} rays ran out of steps in pass {number}; going on with {} rounds", 4 * rounds);
-            self.engine.set_rounds((4 * rounds).min(MAX_ROUNDS))?;
-        }
-        self.engine.setup_finished();
-        let messages = self.context.take_messages();
-        if let Some(message) = messages.first() {
-            let name = format!("pass {}", self.engine.passes() - 1);
-            return Err(Error::Resource { name, message: format!("validation: {message}") });
-        }
-        let gpu_passes = self.timers.read()?;
-        for (name, seconds) in &gpu_passes {
-            match self.gpu_passes.iter_mut().find(|(n, _)| n == name) {
-                Some((_, sum)) => *sum += seconds,
-                None => self.gpu_passes.push((name.clone(), *seconds)),
-            }
-        }
-        let seconds = start.elapsed().as_secs_f64();
-        self.last_pass = PassTimes { seconds, record: recording, gpu_passes, rays: self.rays - rays };
-        self.add_stage("render", start);
-        self.rendered += 1;
-        Ok(true)
-    }
-
-    /// Adds the rays of a pass: eye rays, particles, shadow and gather rays of the shading points of each bounce, and
-    /// continuations at mirrors and glass, of photons too. Also counts the stored photons.
-    fn count_rays(&mut self, work: &[u32]) {
-        let [width, height] = self.engine.view().size();
-        // Clusters choose the lights of their points from those that are left.
-        let (plan, chosen) = (&self.engine.plan().lights, &self.engine.plan().lists);
-        let classes = u64::from(self.engine.plan().settings.classes());
-        let mut rays = u64::from(width) * u64::from(height)
-            + plan.survivors.iter().skip(1).map(|&n| u64::from(n) * classes).sum::<u64>();
-        let frame = self.engine.frame();
-        let bounces = frame.point_lists().count();
-        let grid = frame.photons.as_ref().map(|photons| {
-            rays += u64::from(photons.count);
-            bounces + frame.eye.lists.len() + photons.lists.len()
-        });
-        for (b, work) in work.chunks(size_of::<DispatchCounts>() / 4).enumerate() {
-            let live = u64::from(work[0]);
-            if Some(b) == grid {
-                self.photons += live;
-                continue;
-            }
-            if b >= bounces {
-                rays += live;
-                continue;
-            }
-            self.culled += u64::from(work[3]);
-            let reflections = plan.survivors.len().saturating_sub(b);
-            rays += live * u64::from(chosen.first_slot(reflections)) + if b + 1 < bounces { live } else { 0 };
-        }
-        self.rays += rays;
-    }
-
-    fn add_stage(&mut self, name: &str, start: Instant) {
-        let seconds = start.elapsed().as_secs_f64();
-        match self.stages.iter_mut().find(|(n, _)| n == name) {
-            Some((_, sum)) => *sum += seconds,
-            None => self.stages.push((name.to_owned(), seconds)),
-        }
     }
 
     /// Number of passes in the image, with those before its own if it began with a later one ([`Renderer::load_film`]).
@@ -624,18 +461,4 @@ fn of_atlas(without: u64, atlas: &Atlas) -> u64 {
     }
     fingerprint.add(&[u8::from(atlas.moving.is_some())]);
     fingerprint.0
-}
-
-/// Bytes of the status and of the work of all lists.
-fn counts_bytes(engine: &Engine) -> u64 {
-    16 + (counted_lists(engine.frame()).count() * size_of::<DispatchCounts>()) as u64
-}
-
-/// Bytes read back after each pass: counts, then the probed sums.
-fn readback_bytes(engine: &Engine) -> u64 {
-    counts_bytes(engine) + engine.frame().output.probed().bytes()
-}
-
-fn readback(context: &Context, engine: &Engine) -> Result<Buffer> {
-    Buffer::new(context, "counts and sums read back", readback_bytes(engine), Memory::Readback)
 }

@@ -1,4 +1,4 @@
-//! What a scene holds: counts, lights with their power, size, memory, and what its files hold beyond that.
+//! A summary of a scene: counts, lights with their power, size, memory, and what its files hold beyond that.
 
 use std::collections::BTreeMap;
 
@@ -38,14 +38,14 @@ pub struct Summary {
     pub cameras: Vec<String>,
     /// Animations of a glTF file.
     pub animations: Vec<AnimationSummary>,
-    /// What emits light, the strongest first.
+    /// The emitters, the strongest first.
     pub lights: Vec<LightSummary>,
     /// Emitted flux of all lights, W: mean of red, green and blue.
     pub power: f32,
     /// Bytes of the scene's buffers on a device, without those of the image and its passes, and without targets of photons and planar
     /// mirrors.
     pub device_bytes: u64,
-    /// What the files hold and the loader leaves out.
+    /// Content of the files that the loader leaves out.
     pub ignored: Vec<String>,
 }
 

@@ -34,9 +34,12 @@ pub fn cut([width, height]: [u32; 2], settings: &Settings, pixels: u64) -> Vec<R
     }
     let block = 8 * settings.pattern[1];
     let strip = |first: u32, rows: u32| Region { origin: [0, first], size: [width, rows.min(height - first)] };
-    // The tallest strip of whole blocks, with neighbours above and below, that fits with its apron.
-    let fits = |rows: &u32| strip(block.min(height - 1), *rows).around(settings, image).pixels() <= pixels;
-    let rows = (1..=height.div_ceil(block)).map(|n| n * block).take_while(fits).last().unwrap_or(block);
+    // The tallest strips of whole blocks that fit with their aprons.
+    let fits = |rows: &u32| {
+        let mut strips = (0..height).step_by(*rows as usize).map(|first| strip(first, *rows));
+        strips.all(|strip| strip.around(settings, image).pixels() <= pixels)
+    };
+    let rows = (1..=height.div_ceil(block)).rev().map(|n| n * block).find(fits).unwrap_or(block);
     (0..height).step_by(rows as usize).map(|first| strip(first, rows)).collect()
 }
 
@@ -68,10 +71,12 @@ mod tests {
 
     #[test]
     fn strips_cover_the_image_within_the_limit() {
+        let alone = Settings { light_pool: 0, ..Settings::interactive() };
         let small = [([640, 480], 50_000), ([100, 1000], 9_000), ([7, 3], 100), ([301, 211], 30_000)];
-        // Regions that choose lights are larger than blocks, and not counted here.
-        for settings in [Settings::plain(), Settings { light_pool: 0, ..Settings::interactive() }] {
-            for (image, pixels) in small {
+        // Clusters choose lights from regions of 96 x 96 pixels, of which a strip needs up to three rows.
+        let of_regions = [([640, 480], 200_000), ([100, 1000], 30_000), ([7, 3], 100), ([301, 411], 90_000)];
+        for (settings, images) in [(Settings::plain(), small), (alone, small), (Settings::interactive(), of_regions)] {
+            for (image, pixels) in images {
                 let strips = cut(image, &settings, pixels);
                 let mut next = 0;
                 for strip in &strips {

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use crate::error::{Error, Result};
 use crate::pass::light_regions::REGION;
 use crate::scene::Camera;
-use crate::settings::{Compensation, Settings};
+use crate::settings::{Compensation, LightChoice, Settings};
 
 /// Pixels beyond two windows one after the other: guides read one pixel further, and the filter's bias is told by two on each side.
 const APRON: u32 = 3;
@@ -223,7 +223,7 @@ impl View {
             Settings { compensation: Compensation::Near, .. } if settings.clips() => {
                 Some("--compensation near looks at the whole image (exact does not)")
             }
-            Settings { light_choice: crate::settings::LightChoice::Contribution, .. } => {
+            Settings { light_choice: LightChoice::Contribution, .. } => {
                 Some("--light-choice contribution looks at the whole image")
             }
             _ => None,

@@ -17,6 +17,7 @@
 //!    neighbours.
 //! 7. [`files`] writes and reads glTF with the maps beside it; [`crate::scene::KeptLight`] is what a renderer shows.
 
+pub(crate) mod blocks;
 pub mod charts;
 mod file_charts;
 pub mod files;
@@ -38,15 +39,12 @@ use crate::scene::{Material, Scene};
 use crate::settings::{Compensation, Settings};
 use crate::standalone::Renderer;
 use crate::view::{Atlas, MAX_PIXELS};
+use blocks::{ACROSS, BLOCK, ENTRIES, view_size};
 use charts::Charts;
 use lightmap::Inside;
 use moves::Moves;
 use sides::Sides;
 
-/// Side of a block of texels, which is a cluster of shading points.
-pub(crate) const BLOCK: u32 = 8;
-/// Blocks in a row of an atlas view.
-pub(crate) const BLOCKS_ACROSS: u32 = 64;
 /// Most texels of a batch: more do not trace faster.
 const MAX_BATCH: u64 = 1 << 18;
 /// Bytes of a device for each texel of a batch: of the film, and of the shading points of each bounce with their light and rays.
@@ -281,7 +279,7 @@ fn texel_bytes(settings: &Settings) -> u64 {
 pub(crate) fn batch_texels(context: &Context, settings: &Settings) -> usize {
     let info = context.info();
     let memory = info.device_memory / 4 / texel_bytes(settings);
-    let block_row = u64::from(BLOCK * BLOCK * BLOCKS_ACROSS);
+    let block_row = (ACROSS * ENTRIES) as u64;
     memory.min(info.max_storage_buffer_range / 16).clamp(block_row, MAX_BATCH) as usize
 }
 
@@ -304,20 +302,17 @@ fn batches(charts: &Charts, most: usize, inside: &Inside) -> Vec<Batch> {
             }
         }
     }
-    let per_batch = (most / (BLOCK * BLOCK) as usize).max(1);
+    let per_batch = (most / ENTRIES).max(1);
     let staying = |(texels, &size): (&Vec<_>, &[u32; 2])| moves::staying(texels, size, |texel| inside.holds(texel));
     let staying: Vec<Vec<bool>> = pages.iter().zip(&charts.pages).map(staying).collect();
     let mut entries: Vec<Vec<Option<moves::Entry>>> = pages.iter().map(|page| vec![None; page.len()]).collect();
     let mut views = Vec::new();
     for (view, blocks) in (0..).zip(blocks.chunks(per_batch)) {
-        let across = BLOCKS_ACROSS.min(blocks.len() as u32);
-        let rows = (blocks.len() as u32).div_ceil(across);
-        let size = [across * BLOCK, rows * BLOCK];
+        let size = view_size(blocks.len());
         let mut places = vec![None; (size[0] * size[1]) as usize];
         for (b, (page, of_block)) in (0..).zip(blocks) {
             for (i, at) in (0..).zip(of_block) {
-                let (x, y) = (b % across * BLOCK + i % BLOCK, b / across * BLOCK + i / BLOCK);
-                let slot = x + y * size[0];
+                let slot = blocks::slot(b, i, size[0]) as u32;
                 places[slot as usize] = at.map(|at| (*page, at));
                 if let Some(at) = at.filter(|&at| !staying[*page as usize][at as usize]) {
                     entries[*page as usize][at as usize] = Some((view, slot));

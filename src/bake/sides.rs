@@ -7,7 +7,8 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::{BLOCK, Stop};
+use super::Stop;
+use super::blocks::BLOCK;
 use crate::error::{Error, Result};
 use crate::film::HostFilm;
 use crate::gpu::Context;

@@ -37,7 +37,7 @@ impl Curve {
 
 /// The pass.
 pub struct Display {
-    /// What a display shows: R8G8B8A8_UNORM of the size of the image, layout GENERAL after the first [`Display::record`].
+    /// The image for a display: R8G8B8A8_UNORM of the size of the image, layout GENERAL after the first [`Display::record`].
     pub shown: Image,
     of: Image,
     kernel: BoundKernel,

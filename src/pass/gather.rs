@@ -30,7 +30,7 @@ use super::shade::ShadingPoint;
 use super::{BoundKernel, Kit, List, Rays, ShadingPoints, layout, near_points, push};
 use crate::accel::Ray;
 use crate::error::Result;
-use crate::gpu::{Buffer, Recorder, Resources, shaders};
+use crate::gpu::{Buffer, Recorder, Resources, Shader, shaders};
 use crate::sampling::dimensions::{GATHER, GATHER_LOBE, GATHER_ROULETTE};
 use crate::sampling::halton::radical_inverse;
 use crate::sampling::random::{hash, key, random_f32};
@@ -53,9 +53,7 @@ impl Gather {
         beta: &Buffer,
         steps: &Resources,
     ) -> Result<Self> {
-        let beta = Resources::of([("beta", beta)]);
-        let sets = [&points.resources(), &list.resources(), &rays.resources(), &beta, steps];
-        Ok(Gather { kernel: kit.bind(&shaders::GATHER, &sets)?, work: list.work.clone() })
+        Self::of(kit, &shaders::GATHER, points, (list, None), (rays, beta, steps))
     }
 
     /// As [`Gather::new`] for a list that may have gaps; `started` receives the points.
@@ -67,9 +65,7 @@ impl Gather {
         beta: &Buffer,
         steps: &Resources,
     ) -> Result<Self> {
-        let beta = Resources::of([("beta", beta)]);
-        let sets = [&points.resources(), &list.resources(), &started.as_output(), &rays.resources(), &beta, steps];
-        Ok(Gather { kernel: kit.bind(&shaders::GATHER_GAPS, &sets)?, work: list.work.clone() })
+        Self::of(kit, &shaders::GATHER_GAPS, points, (list, Some(started)), (rays, beta, steps))
     }
 
     /// As [`Gather::with_gaps`] for near rays, which leave a quarter of the classes of pixels in each pass and count for all.
@@ -82,9 +78,20 @@ impl Gather {
         beta: &Buffer,
         steps: &Resources,
     ) -> Result<Self> {
+        Self::of(kit, &shaders::GATHER_NEAR, points, (list, Some(started)), (rays, beta, steps))
+    }
+
+    fn of(
+        kit: &Kit,
+        shader: &'static Shader,
+        points: &ShadingPoints,
+        (list, started): (&List, Option<&List>),
+        (rays, beta, steps): (&Rays, &Buffer, &Resources),
+    ) -> Result<Self> {
         let beta = Resources::of([("beta", beta)]);
-        let sets = [&points.resources(), &list.resources(), &started.as_output(), &rays.resources(), &beta, steps];
-        Ok(Gather { kernel: kit.bind(&shaders::GATHER_NEAR, &sets)?, work: list.work.clone() })
+        let started = started.map_or_else(|| Resources::of([]), List::as_output);
+        let sets = [&points.resources(), &list.resources(), &started, &rays.resources(), &beta, steps];
+        Ok(Gather { kernel: kit.bind(shader, &sets)?, work: list.work.clone() })
     }
 
     /// Records the pass.

@@ -148,7 +148,7 @@ impl Reproject {
         })
     }
 
-    /// What a frame sees of the images.
+    /// The images that a frame reprojects, and the tiles of their points.
     pub fn projection(&self, parameters: &FrameParameters) -> Projection {
         project(&self.images, parameters, self.reflectors, &self.choice)
     }

@@ -1,4 +1,4 @@
-//! What a ring of paths changes in a plan.
+//! Changes that a ring of paths makes to the settings of a plan.
 
 use crate::error::{Error, Result};
 use crate::ring::Ring;

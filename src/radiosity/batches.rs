@@ -4,16 +4,11 @@ use std::sync::Arc;
 
 use super::Light;
 use super::compute::Radiosity;
-use crate::bake;
+use crate::bake::blocks::{ENTRIES, slot, view_size};
 use crate::error::Result;
 use crate::output::Layers;
 use crate::standalone::Renderer;
 use crate::view::{Atlas, Texel};
-
-/// Side of a block of points, which is a cluster.
-const BLOCK: usize = bake::BLOCK as usize;
-/// Blocks in a row of a view.
-const ACROSS: usize = bake::BLOCKS_ACROSS as usize;
 
 /// Points under way. The passes of all batches have the same virtual lights.
 pub(super) struct Batches {
@@ -137,21 +132,14 @@ pub(super) fn light(slots: &[usize], layers: &Layers) -> Vec<Light> {
 
 /// A view of points, in blocks, and the entry of each point.
 pub(super) fn view(points: &[Texel]) -> (Atlas, Vec<usize>) {
-    let blocks = points.len().div_ceil(BLOCK * BLOCK);
-    let across = ACROSS.min(blocks);
-    let size = [across * BLOCK, blocks.div_ceil(across) * BLOCK];
-    let place = |i: usize| {
-        let (block, i) = (i / (BLOCK * BLOCK), i % (BLOCK * BLOCK));
-        let (x, y) = (block % across * BLOCK + i % BLOCK, block / across * BLOCK + i / BLOCK);
-        x + y * size[0]
-    };
-    let places: Vec<usize> = (0..points.len()).map(place).collect();
-    let mut texels = vec![None; size[0] * size[1]];
+    let size = view_size(points.len().div_ceil(ENTRIES));
+    let places: Vec<usize> = (0..points.len()).map(|i| slot(i / ENTRIES, i % ENTRIES, size[0])).collect();
+    let mut texels = vec![None; (size[0] * size[1]) as usize];
     places.iter().zip(points).for_each(|(&place, point)| texels[place] = Some(*point));
-    (Atlas::new(size.map(|n| n as u32), texels), places)
+    (Atlas::new(size, texels), places)
 }
 
 /// Most points of a batch: whole blocks.
 pub(super) fn whole_blocks(texels: usize) -> usize {
-    (texels / (BLOCK * BLOCK)).max(1) * BLOCK * BLOCK
+    (texels / ENTRIES).max(1) * ENTRIES
 }

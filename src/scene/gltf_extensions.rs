@@ -48,7 +48,7 @@ const READ: [&str; 18] = [
     "KHR_texture_transform",
 ];
 
-/// What the extensions of a document mean for its loader.
+/// Consequences of a document's extensions for its loader.
 pub(super) struct Extensions {
     /// Attributes may be integers.
     pub quantized: bool,

@@ -120,7 +120,7 @@ pub struct Scene {
     pub emission_is_relative: bool,
     /// The files that it was read from.
     pub files: Vec<PathBuf>,
-    /// What the files hold and the loader leaves out, for messages.
+    /// Content of the files that the loader leaves out, for messages.
     pub ignored: Vec<String>,
     /// Camera of the file, if it has one: the first.
     pub camera: Option<Camera>,

@@ -49,7 +49,7 @@ impl Packet {
     }
 }
 
-/// What a listener has been told: size, and the pixels of each channel.
+/// The image as a listener has received it: size, and the pixels of each channel.
 #[derive(Debug, Default)]
 struct Told {
     size: [u32; 2],

@@ -66,7 +66,7 @@ struct Below<Get> {
 /// Instances and devices by their keys.
 static INSTANCES: Mutex<BTreeMap<usize, Below<vk::PFN_vkGetInstanceProcAddr>>> = Mutex::new(BTreeMap::new());
 static DEVICES: Mutex<BTreeMap<usize, Below<vk::PFN_vkGetDeviceProcAddr>>> = Mutex::new(BTreeMap::new());
-/// What destroys each instance, in the layer below.
+/// The function of the layer below that destroys each instance.
 static DESTROYERS: Mutex<BTreeMap<usize, vk::PFN_vkDestroyInstance>> = Mutex::new(BTreeMap::new());
 /// Keys of the devices that are lost.
 static LOST: Mutex<BTreeSet<usize>> = Mutex::new(BTreeSet::new());

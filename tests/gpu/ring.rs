@@ -295,7 +295,7 @@ fn rings_go_on_through_changes_and_are_refused_beyond_their_memory() {
             assert_eq!((renderer.passes(), renderer.engine().passes_unchanged()), (4, 1), "{form:?}");
             assert_eq!(renderer.error_estimate(), None);
             assert!(mean(&renderer.image(Wanted::Color).unwrap().color).element_sum() > 0.01);
-            // What the ring replaces comes back with its end.
+            // The settings that the ring replaces have effect again when it ends.
             let engine = renderer.engine_mut();
             assert_eq!(engine.settings(), &settings);
             assert_eq!(engine.plan().settings.pattern, [1, 1]);

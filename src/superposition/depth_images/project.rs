@@ -152,7 +152,7 @@ pub fn select(hemisphere: &Hemisphere, eye: DVec3, choice: ImageChoice, count: u
     order.into_iter().take(count as usize).map(|(_, i)| i).collect()
 }
 
-/// What the frame sees of the images, of the first `reflectors` reflectors.
+/// The images of the first `reflectors` reflectors that the frame reprojects, and the tiles of their points.
 pub fn project(images: &DepthImages, frame: &FrameParameters, reflectors: u32, choice: &MirrorImages) -> Projection {
     let viewer = Viewer::of(frame);
     let mut found = Projection::default();

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::{DepthImages, Element, Hemisphere, Options, Points, Pose};
 use crate::accel::{Bvh, Ray, offset_origin};
 use crate::bake;
+use crate::bake::blocks::{BLOCK, ENTRIES, slot, view_size};
 use crate::device_scene::is_shiny;
 use crate::error::{Error, Result};
 use crate::gpu::Context;
@@ -18,10 +19,6 @@ use crate::settings::Settings;
 use crate::standalone::Renderer;
 use crate::view::{Atlas, Texel};
 
-/// Side of a block of texels, which is a cluster of shading points.
-const BLOCK: u32 = 8;
-/// Blocks in a row of an atlas view.
-const ACROSS: u32 = 64;
 /// Most backs of surfaces that a ray passes on its way to a further layer.
 const MAX_BACKS: u32 = 16;
 /// Edges of a reflector that are tried as the direction of its elements.
@@ -312,7 +309,7 @@ fn light(
             }
         }
     }
-    let per_batch = (bake::batch_texels(context, &settings) / (BLOCK * BLOCK) as usize).max(1);
+    let per_batch = (bake::batch_texels(context, &settings) / ENTRIES).max(1);
     let batches = blocks.len().div_ceil(per_batch);
     let own = Scene { mirror_images: None, ..scene.clone() };
     let mut last: Option<Renderer> = None;
@@ -341,14 +338,11 @@ fn light(
 
 /// The view of some blocks, and the point of each of its texels.
 fn atlas(blocks: &[Vec<Option<usize>>], found: &[Found]) -> (Arc<Atlas>, Vec<Option<usize>>) {
-    let across = ACROSS.min(blocks.len() as u32);
-    let rows = (blocks.len() as u32).div_ceil(across);
-    let size = [across * BLOCK, rows * BLOCK];
+    let size = view_size(blocks.len());
     let mut places = vec![None; (size[0] * size[1]) as usize];
     for (b, block) in (0..).zip(blocks) {
         for (i, point) in (0..).zip(block) {
-            let (x, y) = (b % across * BLOCK + i % BLOCK, b / across * BLOCK + i / BLOCK);
-            places[(x + y * size[0]) as usize] = *point;
+            places[slot(b, i, size[0])] = *point;
         }
     }
     let texels = places.iter().map(|point| point.and_then(|point| found[point].texel)).collect();

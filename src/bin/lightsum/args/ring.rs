@@ -11,10 +11,10 @@ use crate::say_aside;
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Ring of paths (for scenes that move)")]
 pub struct Ring {
-    /// Each pass follows one path of light, which replaces the oldest of a ring; what moves does not start the image over.
+    /// Each pass follows one path of light, which replaces the oldest of a ring; a change of the scene or the camera does not start the image over.
     ///
-    /// In place of --particles, --light-pool, --direct-lights, --interleave and --filter. What moves leaves ghosts for as many passes as
-    /// the ring has paths.
+    /// --particles, --light-pool, --direct-lights, --interleave and --filter have no effect in a ring. Objects that move leave ghosts for as
+    /// many passes as the ring has paths.
     #[arg(long, value_name = "WHAT", value_enum)]
     pub ring: Option<RingFlag>,
     /// Number of paths in the ring, 1 to 1024 [default: 64]. More: less noise, longer ghosts; more memory for images, more time for

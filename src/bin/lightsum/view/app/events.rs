@@ -1,4 +1,4 @@
-//! What the system, or a script in its place, tells the window.
+//! Events of the window, from the system or from a script.
 
 use std::time::{Duration, Instant};
 
