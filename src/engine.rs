@@ -449,7 +449,8 @@ impl Engine {
 
     /// The settings, as asked for; [`Plan::settings`] has what a ring makes of them.
     pub fn settings(&self) -> &Settings {
-        &self.plan.asked
+        let Plan { asked, .. } = &self.plan;
+        asked
     }
 
     /// The view.
