@@ -14,7 +14,6 @@ mod checkpoint;
 mod info;
 mod live;
 mod parts;
-mod path;
 mod play;
 mod progress;
 mod radiosity;
