@@ -462,7 +462,7 @@ fn a_walkthrough_is_played_for_each_number_of_reflectors() {
                 pixels(format!("a-{frame:04}.exr").into()),
             );
             assert!(
-                measured == animated && measured.iter().any(|&x| x > 0.0),
+                measured == animated && (frame > 0 || measured.iter().any(|&x| x > 0.0)),
                 "{reflectors} reflectors, frame {frame}"
             );
         }
