@@ -3,6 +3,9 @@
 //! Every frame is rendered for all numbers in turn, so that a busy minute of the machine meets them all. One pass a frame, with the
 //! settings of `--preset interactive --superposition variant --moving-passes 1`; the images are those of `lightsum animate`. A frame's
 //! time is that of placing camera and objects and of the pass; reading the image back does not count.
+//!
+//! With `--every` the frame before each played one is rendered too and not counted: a jump over many frames may cost what no frame of the
+//! path does, such as new lists of lights where the rooms around the eye reflect otherwise.
 
 mod plot;
 mod series;
@@ -73,7 +76,11 @@ pub fn run(args: &Walkthrough) -> Result<()> {
     let mut seen = Vec::new();
     for &(number, time) in &times {
         let camera = motion.camera(time).unwrap_or(still);
+        let before = number.checked_sub(1).filter(|_| args.every > 1).and_then(|before| motion.times.get(before));
         for (renderer, series) in renderers.iter_mut().zip(&mut series) {
+            if let Some(&before) = before {
+                play(renderer, &motion, motion.camera(before).unwrap_or(still), before)?;
+            }
             series.frames.push(play(renderer, &motion, camera, time)?);
             if let Some(folder) = &args.images {
                 write_image(folder, renderer, series.reflectors, number)?;
