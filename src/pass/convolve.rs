@@ -60,10 +60,12 @@
 //! Differs from the thesis in: the normalisations (it has none), regions, the fast form; its programs scatter, this
 //! pass gathers, in a fixed order, so that the same input gives the same bits.
 //!
-//! Cost. Direct: a disc of n pixels takes three loads of 16 bytes and some 60 operations for each of its pixels, at
-//! each pixel of the image, and half of that for the sums of the kernels. Fast: some 60 loads of 16 bytes a pixel
+//! Only tiles of 8 x 8 texels with pixels of a region are worked on (`occupied`); where there are none, none are.
+//!
+//! Cost, for each pixel of such a tile. Direct: a disc of n pixels takes three loads of 16 bytes and some 60 operations for each of its pixels, at
+//! each pixel, and half of that for the sums of the kernels. Fast: some 60 loads of 16 bytes a pixel
 //! whatever the width, plus the kernel windows, which cost more at finer levels; docs/benchmarks.md has times. Memory:
-//! 48 bytes a pixel, 60 more in the fast form.
+//! 48 bytes a pixel of the image, 60 more in the fast form; 32, in the fast form 45 of them are set to 0 in each frame.
 
 use super::layout::ConvolveStep;
 use super::{BoundKernel, vec4s};
@@ -207,7 +209,8 @@ pub struct Convolve {
     occupied: Occupied,
     /// Whether another convolution records the list of tiles before this one.
     shares: bool,
-    /// Region and layer of each source, of the image and of coarser levels; regions of coarser entries.
+    /// Set to 0 before each run, since steps over listed tiles read neighbours: region and layer of each source, of the image and of
+    /// coarser levels; regions of coarser entries. And the result, which is 0 outside every region.
     cleared: Vec<Buffer>,
     sources: Sources,
     tiles: BoundKernel,
@@ -328,7 +331,6 @@ impl Convolve {
         if !self.shares {
             occupied.record(rec)?;
         }
-        // Texels outside the listed tiles are of no region.
         self.cleared.iter().try_for_each(|buffer| rec.fill(buffer, 0))?;
         match &self.sources {
             Sources::Direct { weigh } => {
