@@ -34,7 +34,14 @@ fn panels(text: &mut String, numbers: &[usize], series: &[Series]) -> Result<(),
         .x_label_area_size(36)
         .y_label_area_size(56)
         .build_cartesian_2d(first..last, 0.0..1.05e3 * longest)?;
-    chart.configure_mesh().light_line_style(TRANSPARENT).x_desc("frame").y_desc("ms").label_style(FONT).draw()?;
+    chart
+        .configure_mesh()
+        .light_line_style(TRANSPARENT)
+        .x_label_formatter(&|n| format!("{n:.0}"))
+        .x_desc("frame")
+        .y_desc("ms")
+        .label_style(FONT)
+        .draw()?;
     for (i, of_count) in series.iter().enumerate() {
         let color = color(i, series.len());
         let points = numbers.iter().zip(of_count.seconds()).map(|(&number, seconds)| (number as f64, 1e3 * seconds));
@@ -47,7 +54,7 @@ fn panels(text: &mut String, numbers: &[usize], series: &[Series]) -> Result<(),
     }
     chart
         .configure_series_labels()
-        .position(SeriesLabelPosition::UpperLeft)
+        .position(SeriesLabelPosition::LowerMiddle)
         .background_style(WHITE.mix(0.8))
         .label_font(FONT)
         .draw()?;
@@ -74,7 +81,12 @@ fn panels(text: &mut String, numbers: &[usize], series: &[Series]) -> Result<(),
         let line = chart.draw_series(LineSeries::new(points, color.stroke_width(2)).point_size(3))?;
         line.label(name).legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], color.stroke_width(2)));
     }
-    chart.configure_series_labels().background_style(WHITE.mix(0.8)).label_font(FONT).draw()?;
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::LowerMiddle)
+        .background_style(WHITE.mix(0.8))
+        .label_font(FONT)
+        .draw()?;
     root.present()?;
     Ok(())
 }
