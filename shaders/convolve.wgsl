@@ -3,6 +3,7 @@
 // LAYERS: regions 1 and 2 spread over each other.
 #include "convolve.wgsl"
 #include "convolve_kernel.wgsl"
+#include "convolve_occupied.wgsl"
 
 #if FINE
 @group(0) @binding(2) var<storage, read> source: array<vec4<f32>>;
@@ -127,14 +128,12 @@ fn gathered(so_far: Sums, place: Place, reach: i32, plane: u32, limit: vec2<f32>
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let here = steps[push.step];
-    let count = here.tiles.x * here.tiles.y;
-    let index = group.x + group.y * groups.x;
-    if index >= count {
+    let number = occupied_tile(here, group, groups);
+    if number == NO_TILE {
         return;
     }
-    let number = spread_out(index, count);
     let tile = tiles[here.first_tile + number];
-    let at = 8u * vec2<u32>(number % here.tiles.x, number / here.tiles.x) + vec2<u32>(lane & 7u, lane / 8u);
+    let at = texel_of(here, number, lane);
     let texel = at.y * here.size.x + at.x;
     let inside = all(at < here.size);
     let entry = here.first + texel;
@@ -146,7 +145,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     place.id0 = region[entry] & 0xffffu;
-    // Tiles outside every region gather nothing.
+    // A loop that runs zero times skips work on every device.
     for (var once = 0; once < tile.z; once += 1) {
         let own = source[entry];
         let first = (here.flags & FIRST_ROUND) != 0u;
@@ -175,9 +174,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let mean = select(own.xyz, sums.sum0.xyz / sums.sum0.w, reached);
         let written = select(sums.sum0, vec4<f32>(mean, sums.sum0.w), last);
         spread[entry] = select(vec4<f32>(0.0), written, place.id0 != 0u);
-    }
-    if tile.z == 0 {
-        spread[entry] = vec4<f32>(0.0);
     }
 #else
     if !inside {

@@ -2,6 +2,7 @@
 // See pass/convolve.rs.
 // FINE: the level is the image itself.
 #include "convolve.wgsl"
+#include "convolve_occupied.wgsl"
 #if FINE
 #include "convolve_source.wgsl"
 #endif
@@ -162,16 +163,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let here = steps[push.step];
     let above = steps[push.step + 1u];
     let parents = above.size.x * above.size.y;
-    let count = (parents + 63u) / 64u;
-    let index = group.x + group.y * groups.x;
-    if index >= count {
+    let tile = occupied_tile(above, group, groups);
+    if tile == NO_TILE {
         return;
     }
-    let parent = spread_out(index, count) * 64u + lane;
-    if parent >= parents {
+    let parent_at = texel_of(above, tile, lane);
+    if any(parent_at >= above.size) {
         return;
     }
-    let corner = 2u * vec2<u32>(parent % above.size.x, parent / above.size.x);
+    let parent = parent_at.x + parent_at.y * above.size.x;
+    let corner = 2u * parent_at;
     let right = corner.x + 1u < here.size.x;
     let down = corner.y + 1u < here.size.y;
     let first = here.first + corner.y * here.size.x + corner.x;

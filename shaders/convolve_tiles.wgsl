@@ -9,6 +9,7 @@
 #else
 @group(0) @binding(9) var<storage, read> members: array<u32>;
 #endif
+@group(0) @binding(12) var<storage, read> marks: array<u32>;       // 1: the tile has texels of a region
 @group(0) @binding(11) var<storage, read_write> tiles: array<vec4<i32>>;   // texels that either plane's sources reach, -1: none; 1: has pixels
 
 // Reach of a source in texels.
@@ -30,7 +31,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var reach0 = -1;
     var reach1 = -1;
     var busy = 0;
-    for (var y = low.y; y < high.y; y += 1u) {
+    let end = select(low.y, high.y, marks[here.first_tile + tile] != 0u);
+    for (var y = low.y; y < end; y += 1u) {
         for (var x = low.x; x < high.x; x += 1u) {
             let at = here.first + y * here.size.x + x;
 #if FINE

@@ -2,6 +2,7 @@
 #include "convolve.wgsl"
 #include "convolve_kernel.wgsl"
 #include "convolve_source.wgsl"
+#include "convolve_occupied.wgsl"
 
 @group(0) @binding(5) var<storage, read> moments: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read_write> masses: array<vec4<f32>>;
@@ -13,16 +14,15 @@ const SUMMED: f32 = 256.0;
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let here = steps[push.step];
-    let pixels = here.size.x * here.size.y;
-    let count = (pixels + 63u) / 64u;
-    let index = group.x + group.y * groups.x;
-    if index >= count {
+    let tile = occupied_tile(here, group, groups);
+    if tile == NO_TILE {
         return;
     }
-    let pixel = spread_out(index, count) * 64u + lane;
-    if pixel >= pixels {
+    let at = texel_of(here, tile, lane);
+    if any(at >= here.size) {
         return;
     }
+    let pixel = at.x + at.y * here.size.x;
     let id = region_of(pixel);
     let foot = load_footprint(pixel, here);
     let layer = u32(foot.layer + 0.5);

@@ -12,13 +12,14 @@ struct ConvolveStep {
     texel: f32,             // edge of a texel in pixels
     widest: f32,            // maximum diameter in pixels
     reach: u32,             // reach of a source of the level, in tiles
-    unused: u32,
+    level: u32,             // of the pyramid; 0: the image
 }
 
 const FIRST_ROUND: u32 = 1u;
 const LAST_ROUND: u32 = 2u;
 const TOP_LEVEL: u32 = 4u;
 const INVARIANT: u32 = 8u;
+const EVERYWHERE: u32 = 16u;
 
 struct Push {
     step: u32,

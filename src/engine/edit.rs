@@ -16,6 +16,7 @@ use crate::error::{Error, Result};
 use crate::gpu::Context;
 use crate::light::emitters::Emitters;
 use crate::plan::{self, check_slots};
+use crate::scene::path::Motion;
 use crate::scene::validate::is_degenerate;
 use crate::scene::{Camera, Light, Material, Scene, Surface, Texture, TextureUse};
 use crate::settings::Settings;
@@ -123,6 +124,20 @@ impl Engine {
         moving.place(object, transform, None)?;
         self.changed();
         Ok(())
+    }
+
+    /// Moves the camera to `camera` and the objects of a path to their poses at a time, in seconds, and applies these edits.
+    ///
+    /// Errors: those of [`Engine::set_camera`] and [`Engine::set_transform`]; they name the line of the path's file.
+    pub fn place(&mut self, motion: &Motion, camera: Camera, time: f64) -> Result<()> {
+        self.set_camera(camera).map_err(|error| motion.in_file(None, error))?;
+        for track in &motion.objects {
+            let transform = track.transform(time);
+            for &object in &track.objects {
+                self.set_transform(object, transform).map_err(|error| motion.in_file(Some(track.line), error))?;
+            }
+        }
+        self.apply_edits().map_err(|error| motion.in_file(None, error))
     }
 
     /// The transform of an object.

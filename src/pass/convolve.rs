@@ -60,10 +60,12 @@
 //! Differs from the thesis in: the normalisations (it has none), regions, the fast form; its programs scatter, this
 //! pass gathers, in a fixed order, so that the same input gives the same bits.
 //!
-//! Cost. Direct: a disc of n pixels takes three loads of 16 bytes and some 60 operations for each of its pixels, at
-//! each pixel of the image, and half of that for the sums of the kernels. Fast: some 60 loads of 16 bytes a pixel
+//! Only tiles of 8 x 8 texels with pixels of a region are worked on (`occupied`); where there are none, none are.
+//!
+//! Cost, for each pixel of such a tile. Direct: a disc of n pixels takes three loads of 16 bytes and some 60 operations for each of its pixels, at
+//! each pixel, and half of that for the sums of the kernels. Fast: some 60 loads of 16 bytes a pixel
 //! whatever the width, plus the kernel windows, which cost more at finer levels; docs/benchmarks.md has times. Memory:
-//! 48 bytes a pixel, 60 more in the fast form.
+//! 48 bytes a pixel of the image, 60 more in the fast form; 32, in the fast form 45 of them are set to 0 in each frame.
 
 use super::layout::ConvolveStep;
 use super::{BoundKernel, vec4s};
@@ -72,11 +74,13 @@ use crate::gpu::{Buffer, Context, Kernel, Memory, Recorder, Resources, Shader, S
 use crate::superposition::kernels::MAX_NARROWING;
 
 pub mod levels;
+mod occupied;
 pub mod reference;
 
 pub use reference::reference;
 
 use levels::Levels;
+use occupied::Occupied;
 
 /// Edge of a kernel texture in texels.
 pub const KERNEL_TEXELS: u32 = 32;
@@ -202,6 +206,12 @@ pub struct Convolve {
     /// Convolved radiance; w: sum of the weights. 0 for pixels that take no part.
     pub spread: Buffer,
     levels: Levels,
+    occupied: Occupied,
+    /// Whether another convolution records the list of tiles before this one.
+    shares: bool,
+    /// Set to 0 before each run, since steps over listed tiles read neighbours: region and layer of each source, of the image and of
+    /// coarser levels; regions of coarser entries. And the result, which is 0 outside every region.
+    cleared: Vec<Buffer>,
     sources: Sources,
     tiles: BoundKernel,
     reach: [BoundKernel; 2],
@@ -220,6 +230,24 @@ impl Convolve {
     /// Prepares the convolution of `inputs.source`.
     pub fn new(context: &Context, staging: &mut Staging, inputs: &Inputs) -> Result<Self> {
         inputs.check()?;
+        let occupied = Occupied::new(context, staging, inputs.region, inputs.size, inputs.layers)?;
+        Self::over(context, staging, inputs, occupied, false)
+    }
+
+    /// [`Convolve::new`] for inputs of the same size and regions as those of `first`, which is recorded before in each frame: its list of
+    /// tiles serves both.
+    pub fn after(context: &Context, staging: &mut Staging, inputs: &Inputs, first: &Convolve) -> Result<Self> {
+        inputs.check()?;
+        Self::over(context, staging, inputs, first.occupied.clone(), true)
+    }
+
+    fn over(
+        context: &Context,
+        staging: &mut Staging,
+        inputs: &Inputs,
+        occupied: Occupied,
+        shares: bool,
+    ) -> Result<Self> {
         let levels = Levels::new(inputs)?;
         let fast = inputs.chosen() == Form::Fast;
         let [width, height] = inputs.size;
@@ -246,7 +274,11 @@ impl Convolve {
             ("spread", &spread),
         ]);
         let make = |shader, [masses, shapes]: &[Buffer; 2], own: &Resources| {
-            bind(context, shader, &[&shared, &Resources::of([("masses", masses), ("shapes", shapes)]), own])
+            bind(
+                context,
+                shader,
+                &[&shared, occupied.resources(), &Resources::of([("masses", masses), ("shapes", shapes)]), own],
+            )
         };
         let none = Resources::new();
         let found = Resources::of([("tiles", &tiles[0])]);
@@ -280,7 +312,9 @@ impl Convolve {
             make(&shaders::CONVOLVE_REACH_DOWN, &fine, &down)?,
         ];
         let gather = make(gather, &fine, &found)?;
-        Ok(Convolve { spread, levels, sources, tiles, reach, gather })
+        let [fine, raised] = [fine, raised].map(|[_, shapes]| shapes);
+        let cleared = if fast { vec![spread.clone(), fine, raised, members] } else { vec![spread.clone(), fine] };
+        Ok(Convolve { spread, levels, occupied, shares, cleared, sources, tiles, reach, gather })
     }
 
     /// The form in use.
@@ -293,28 +327,32 @@ impl Convolve {
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        let levels = &self.levels;
+        let Convolve { levels, occupied, .. } = self;
+        if !self.shares {
+            occupied.record(rec)?;
+        }
+        self.cleared.iter().try_for_each(|buffer| rec.fill(buffer, 0))?;
         match &self.sources {
             Sources::Direct { weigh } => {
                 for step in levels.weigh.clone() {
-                    run(rec, weigh, step, levels.pixel_groups(0))?;
+                    occupied.run_listed(rec, weigh, step, 0)?;
                 }
                 self.record_tiles(rec, &self.tiles, 0)?;
             }
             Sources::Fast { reduce, reduce_coarse, tiles_coarse, gather_coarse } => {
-                run(rec, reduce, 0, levels.pixel_groups(1))?;
+                occupied.run_listed(rec, reduce, 0, 1)?;
                 self.record_tiles(rec, &self.tiles, 0)?;
                 for level in 1..levels.count {
-                    run(rec, reduce_coarse, level, levels.pixel_groups(level + 1))?;
+                    occupied.run_listed(rec, reduce_coarse, level, level + 1)?;
                     self.record_tiles(rec, tiles_coarse, level)?;
                 }
                 for level in (1..levels.count).rev() {
-                    run(rec, gather_coarse, level, levels.tile_count(level))?;
+                    occupied.run_listed(rec, gather_coarse, level, level)?;
                 }
             }
         }
         for step in levels.gather.clone() {
-            run(rec, &self.gather, step, levels.tile_count(0))?;
+            occupied.run_listed(rec, &self.gather, step, 0)?;
         }
         Ok(())
     }
@@ -322,7 +360,7 @@ impl Convolve {
     /// Records the reach of the sources that reach each tile of a level.
     fn record_tiles(&self, rec: &mut Recorder, tiles: &BoundKernel, level: usize) -> Result<()> {
         let [across, down] = &self.reach;
-        [tiles, across, down].into_iter().try_for_each(|step| run(rec, step, level, self.levels.tile_groups(level)))
+        [tiles, across, down].into_iter().try_for_each(|step| self.occupied.run_all(rec, step, level))
     }
 }
 

@@ -247,8 +247,8 @@ pub struct ConvolveStep {
     pub widest: f32,
     /// Tiles that a source of the level reaches across.
     pub reach: u32,
-    /// Nothing.
-    pub unused: u32,
+    /// Level of the pyramid; 0: the image.
+    pub level: u32,
 }
 
 impl ConvolveStep {
@@ -260,6 +260,8 @@ impl ConvolveStep {
     pub const TOP_LEVEL: u32 = 4;
     /// One footprint is that of all pixels.
     pub const INVARIANT: u32 = 8;
+    /// All tiles count as tiles of a region.
+    pub const EVERYWHERE: u32 = 16;
 }
 
 /// One point light of any kind; `shaders/include/lights.wgsl` gives the formula. For the shadow rays to area lights

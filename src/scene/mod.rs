@@ -35,6 +35,7 @@ mod obj_texture;
 mod objects;
 mod origin;
 mod pane;
+pub mod path;
 mod ply;
 pub mod reflectors;
 mod sky;

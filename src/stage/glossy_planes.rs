@@ -52,7 +52,7 @@ impl GlossyPlanes {
                 let mut staging = kit.staging.borrow_mut();
                 let library = Library::new(kit.context, &mut staging, &tables.textures, &tables.narrowings)?;
                 let widest = size[0].max(size[1]) as f32;
-                let mut convolve = |radius: f32, texture: usize, footprint: &Buffer| {
+                let mut convolve = |radius: f32, texture: usize, footprint: &Buffer, first: Option<&Convolve>| {
                     // One kernel for all: that of the largest reflector at normal incidence.
                     let width = radius * settings.kernel_width as f32;
                     let one = staging.stage(kit.context, "footprint of all", &[[width, texture as f32, 1.0, 0.0]])?;
@@ -60,24 +60,24 @@ impl GlossyPlanes {
                         Spread::Invariant => (&one, width),
                         _ => (footprint, radius * widest),
                     };
-                    Convolve::new(
-                        kit.context,
-                        &mut staging,
-                        &convolve::Inputs {
-                            library: &library,
-                            source: &image.source,
-                            footprint,
-                            region: &planes.region,
-                            size,
-                            widest,
-                            form: Form::Auto,
-                            occlusion: settings.occlusion && settings.spread == Spread::Variant,
-                            layers: false,
-                        },
-                    )
+                    let inputs = convolve::Inputs {
+                        library: &library,
+                        source: &image.source,
+                        footprint,
+                        region: &planes.region,
+                        size,
+                        widest,
+                        form: Form::Auto,
+                        occlusion: settings.occlusion && settings.spread == Spread::Variant,
+                        layers: false,
+                    };
+                    match first {
+                        None => Convolve::new(kit.context, &mut staging, &inputs),
+                        Some(first) => Convolve::after(kit.context, &mut staging, &inputs, first),
+                    }
                 };
-                let tail = convolve(1.0, VIEW_ANGLES - 1, &image.footprint)?;
-                let core = convolve(CORE_RADIUS as f32, 2 * VIEW_ANGLES - 1, &image.core_footprint)?;
+                let tail = convolve(1.0, VIEW_ANGLES - 1, &image.footprint, None)?;
+                let core = convolve(CORE_RADIUS as f32, 2 * VIEW_ANGLES - 1, &image.core_footprint, Some(&tail))?;
                 Some(Convolution { library, tail, core })
             }
         };

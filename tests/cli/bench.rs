@@ -408,3 +408,79 @@ fn convolution_is_measured_for_every_width_and_form() {
     assert_eq!(few.iter().map(key).collect::<Vec<_>>(), [(3, "fast".to_owned()), (9, "fast".to_owned())]);
     assert!(few.iter().all(|line| line["relative_rmse"].is_null()), "there is nothing to compare with");
 }
+
+#[test]
+fn a_walkthrough_is_played_for_each_number_of_reflectors() {
+    let folder = folder();
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/plates/scene.toml");
+    let place = |name: &str| folder.path().join(name);
+    fs::write(place("room.obj"), GLOSSY).unwrap();
+    fs::write(place("room.mtl"), "newmtl floor\nKd 0.4 0.4 0.4\nPr 0.2\nKs 0.3 0.3 0.3\nnewmtl lamp\nKe 10 10 10\n")
+        .unwrap();
+    // Later frames look away from the floor.
+    let path = "frames = 3\n[[camera]]\ntime = 0\neye = [0, 0.6, 3]\ntarget = [0, 0, 0]\n[[camera]]\ntime = 1\neye = [0, 1, 3]\ntarget = [0, 9, 3.1]\n";
+    fs::write(place("path.toml"), path).unwrap();
+    fs::create_dir(place("images")).unwrap();
+    let size = "--resolution 64x48 --path path.toml";
+    let all = format!("walkthrough --scene room.obj {size} --json --timings t.json --plot p.svg --images images");
+    let output = text(&succeeds(folder.path(), &all).stdout);
+    let lines: Vec<Value> = output.lines().map(|line| serde_json::from_str(line).expect(line)).collect();
+    assert_eq!(lines.iter().map(|line| line["reflectors"].as_u64().unwrap()).collect::<Vec<_>>(), [0, 1]);
+    for line in &lines {
+        assert_eq!((&line["mode"], &line["frames"]), (&"walkthrough".into(), &3.into()));
+        assert_eq!(line["without_reflectors"]["frames"], 2, "{line}");
+        let mean = positive(&line["mean_seconds"]);
+        assert!((positive(&line["frames_per_second"]) * mean - 1.0).abs() < 1e-9, "{line}");
+        positive(&line["median_seconds"]);
+        let passes = line["gpu_passes"].as_array().unwrap();
+        let mirrors = passes.iter().find(|pass| pass["pass"] == "mirrors");
+        assert_eq!(mirrors.is_some(), line["reflectors"] == 1, "{line}");
+        assert!(mirrors.is_none_or(|mirrors| positive(&mirrors["share"]) < 1.0));
+    }
+    let times: Value = serde_json::from_slice(&fs::read(place("t.json")).unwrap()).unwrap();
+    let shown: Vec<u64> =
+        times["frames"].as_array().unwrap().iter().map(|f| f["reflector_pixels"][0].as_u64().unwrap()).collect();
+    assert!(shown[0] > 100 && shown[2] == 0, "{shown:?}");
+    assert!(times["slope"]["seconds"].is_f64() && times["series"][1]["times"].as_array().unwrap().len() == 3);
+    let plot = fs::read_to_string(place("p.svg")).unwrap();
+    assert!(plot.starts_with("<svg") && plot.contains("frames per second") && plot.contains("1 reflector\n"), "{plot}");
+
+    // The images are those of `animate`.
+    let mut animate = Command::new(env!("CARGO_BIN_EXE_lightsum"));
+    let flags = "animate room.obj --path path.toml --resolution 64x48 --preset interactive --moving-passes 1";
+    animate.args(flags.split_whitespace()).args("--superposition variant --reflectors 1 -o a-%04d.exr".split(' '));
+    if let Ok(device) = std::env::var("LIGHTSUM_DEVICE") {
+        animate.args(["--device", &device]);
+    }
+    let output = animate.current_dir(folder.path()).env("XDG_CACHE_HOME", place("cache")).output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    for frame in 0..3 {
+        let pixels = |name: String| image::open(place(&name)).unwrap().into_rgb32f().into_raw();
+        let (measured, animated) = (pixels(format!("images/1-{frame:04}.exr")), pixels(format!("a-{frame:04}.exr")));
+        assert!(measured == animated, "frame {frame}");
+        assert!(frame > 0 || measured.iter().any(|&x| x > 0.0), "the first frame shows the floor");
+    }
+    assert!(fs::read(place("images/0-0000.exr")).unwrap() != fs::read(place("images/1-0000.exr")).unwrap());
+
+    let table =
+        text(&succeeds(folder.path(), &format!("walkthrough --scene room.obj {size} --reflectors 1 --every 2")).stdout);
+    assert!(table.contains("2 frames, 1 of them without") && table.contains("mirrors"), "{table}");
+
+    fs::write(place("empty.toml"), "frames = 0\n").unwrap();
+    let walk = |more: &str| format!("walkthrough --scene room.obj {more}");
+    fails(folder.path(), &walk("--path empty.toml"), 1, &["empty.toml:1", "frames"]);
+    fails(folder.path(), &walk("--path absent.toml"), 1, &["absent.toml"]);
+    fails(folder.path(), &walk("--path path.toml --reflectors 1..0"), 2, &["--reflectors", "empty"]);
+    fails(folder.path(), &walk("--path path.toml --reflectors 0..2"), 2, &["--reflectors", "room.obj has 1"]);
+    fails(folder.path(), &walk("--path path.toml --images absent"), 1, &["absent", "--images"]);
+    fails(folder.path(), &walk("--path path.toml --plot absent/p.svg"), 1, &["absent"]);
+    fails(folder.path(), &format!("walkthrough --scene {scene} {size} --reflectors 1"), 2, &["has 0"]);
+}
+
+/// A glossy floor under a lamp.
+const GLOSSY: &str = "mtllib room.mtl
+v -2 0 -2\nv -2 0 2\nv 2 0 2\nv 2 0 -2
+v -0.5 1 -0.5\nv 0.5 1 -0.5\nv 0.5 1 0.5\nv -0.5 1 0.5
+usemtl floor\nf 1 2 3 4
+usemtl lamp\nf 5 6 7 8
+";

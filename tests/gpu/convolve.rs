@@ -63,9 +63,16 @@ impl Subject {
 
     /// The result of the pass.
     fn convolved(&self, ctx: &Context) -> Vec<Vec4> {
+        self.convolved_after(ctx, &[])
+    }
+
+    /// The result of the pass after it has run for other regions.
+    fn convolved_after(&self, ctx: &Context, earlier: &[Vec<u32>]) -> Vec<Vec4> {
         let flat = |v: &[Vec4]| v.iter().flat_map(|v| v.to_array()).collect::<Vec<f32>>();
         let source = upload(ctx, "source", &flat(&self.source)).unwrap();
         let footprint = upload(ctx, "footprint", &flat(&self.footprint)).unwrap();
+        let own = upload(ctx, "own region", &self.region).unwrap();
+        let earlier: Vec<_> = earlier.iter().map(|regions| upload(ctx, "earlier region", regions).unwrap()).collect();
         let region = upload(ctx, "region", &self.region).unwrap();
         let kernels = upload(ctx, "kernels", &self.kernels).unwrap();
         let mut staging = Staging::new();
@@ -86,6 +93,11 @@ impl Subject {
             staging.record(rec)?;
             library.record(rec)?;
             rec.fill(&pass.spread, crate::support::SENTINEL)?;
+            for regions in &earlier {
+                rec.copy(regions, &region)?;
+                pass.record(rec)?;
+            }
+            rec.copy(&own, &region)?;
             pass.record(rec)
         })
         .unwrap();
@@ -425,4 +437,26 @@ fn natural(size: [u32; 2], widest: f32, layer: f32) -> Subject {
     subject.region.fill(1);
     subject.narrowings.fill(0);
     subject
+}
+
+/// Tiles without pixels of a region are left out; nothing of what they held in an earlier frame comes back.
+#[test]
+fn convolve_forgets_regions_that_have_moved() {
+    gpu_test(|ctx| {
+        for (form, occlusion) in [(Form::Fast, true), (Form::Fast, false), (Form::Direct, false)] {
+            let size = [75, 43];
+            let within = |low: u32, high: u32| {
+                let here = |i: u32| (low..high).contains(&(i % size[0])) && i / size[0] > 20;
+                (0..size[0] * size[1]).map(|i| u32::from(here(i))).collect::<Vec<u32>>()
+            };
+            let subject = Subject { form, occlusion, region: within(3, 20), ..Subject::random(size, 21.0) };
+            let fresh = subject.convolved(ctx);
+            assert!(fresh.iter().zip(&subject.region).all(|(l, &region)| (region == 0) == (*l == Vec4::ZERO)));
+            for earlier in [within(15, 75), within(0, 0), vec![1; subject.region.len()]] {
+                assert!(subject.convolved_after(ctx, &[earlier]) == fresh, "{form:?}, occlusion {occlusion}");
+            }
+            let nowhere = Subject { region: within(0, 0), ..subject };
+            assert!(nowhere.convolved_after(ctx, &[vec![1; nowhere.region.len()]]).iter().all(|l| *l == Vec4::ZERO));
+        }
+    });
 }

@@ -3,11 +3,15 @@
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use lightsum::gpu::DeviceChoice;
+use lightsum::scene::reflectors;
 use lightsum::settings::{ClusterOrder, Settings, Traversal};
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 /// Maximum number of pixels of an image.
 pub const MAX_PIXELS: u64 = 1 << 26;
+/// Maximum number of reflectors of a scene.
+const MAX_REFLECTORS: u32 = reflectors::MAX_REFLECTORS as u32;
 
 /// Measures the passes of lightsum.
 ///
@@ -40,6 +44,8 @@ pub enum Command {
     Edits(Edits),
     /// Convolution of mirror images with kernels from 1 to 127 pixels wide; half the image is a reflector.
     Convolve(Convolve),
+    /// A recorded path through a scene, for each number of glossy reflectors: frame times, shares of the passes, slope.
+    Walkthrough(Walkthrough),
 }
 
 /// Flags common to all subcommands.
@@ -124,6 +130,45 @@ pub struct Convolve {
     #[arg(long, value_name = "FORM,...", value_delimiter = ',', default_value = "direct,fast,invariant")]
     #[arg(value_parser = ["direct", "fast", "invariant"])]
     pub form: Vec<String>,
+}
+
+/// Flags of `walkthrough`.
+#[derive(Clone, Debug, Args)]
+pub struct Walkthrough {
+    /// Scene description (.toml) or model (.obj, .ply, .gltf, .glb, .xml).
+    #[arg(long, value_name = "SCENE", default_value = "scenes/six-rooms/scene.toml")]
+    pub scene: String,
+    /// Path file, as lightsum animate --path plays it.
+    #[arg(long, value_name = "FILE", default_value = "scenes/six-rooms/walk.toml")]
+    pub path: PathBuf,
+    /// Numbers of glossy planes that mirror the room, largest first: one number, or a range with both its ends [default: from none to all
+    /// of the scene].
+    #[arg(long, value_name = "A..B", value_parser = reflectors)]
+    pub reflectors: Option<RangeInclusive<u32>>,
+    /// Number of frames, spread evenly over the path [default: the path's].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub frames: Option<u32>,
+    /// Play only every K-th frame.
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub every: u32,
+    /// Image size in pixels.
+    #[arg(long, value_name = "WxH", default_value = "720x486", value_parser = resolution)]
+    pub resolution: [u32; 2],
+    /// Vulkan device: part of its name, its index in lightsum --list-devices, or cpu [default: the fastest kind available].
+    #[arg(long, value_name = "NAME|INDEX|cpu")]
+    pub device: Option<DeviceChoice>,
+    /// Print one JSON object for each number of reflectors instead of tables.
+    #[arg(long)]
+    pub json: bool,
+    /// Write all frames with their times, and the means of the tables, to this JSON file.
+    #[arg(long, value_name = "FILE.json")]
+    pub timings: Option<PathBuf>,
+    /// Draw frame times along the path, and frames per second over the number of reflectors, as an SVG file.
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// Write the images to this folder, which must exist: REFLECTORS-FRAME.exr.
+    #[arg(long, value_name = "DIR")]
+    pub images: Option<PathBuf>,
 }
 
 /// Flags of `shadow-rays`.
@@ -252,6 +297,16 @@ fn share(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A range with both its ends, or one number.
+fn reflectors(text: &str) -> Result<RangeInclusive<u32>, String> {
+    let (first, last) = text.split_once("..").unwrap_or((text, text));
+    match (first.parse(), last.parse()) {
+        (Ok(first), Ok(last)) if first > last => Err(format!("is empty; {last}..{first} is not")),
+        (Ok(first), Ok(last)) if last <= MAX_REFLECTORS => Ok(first..=last),
+        _ => Err(format!("is not a number or a range like 0..5, up to {MAX_REFLECTORS}")),
+    }
+}
+
 fn traversal() -> impl TypedValueParser<Value = Traversal> {
     PossibleValuesParser::new(["auto", "single", "cluster"]).map(|name| match name.as_str() {
         "single" => Traversal::Single,
@@ -301,6 +356,15 @@ mod tests {
         assert_eq!(frame.traversal, [Traversal::Single, Traversal::Cluster]);
         assert_eq!((frame.common.repeats, frame.common.resolution), (3, [17, 5]));
         assert!(frame.lights_per_dispatch.is_empty() && !frame.no_compensation && !frame.common.json);
+    }
+
+    #[test]
+    fn reflectors_are_a_range_with_both_ends() {
+        assert_eq!(super::reflectors("0..5"), Ok(0..=5));
+        assert_eq!(super::reflectors("3"), Ok(3..=3));
+        for wrong in ["5..0", "", "..", "0..", "0..256", "-1..2", "0-5"] {
+            assert!(super::reflectors(wrong).is_err(), "{wrong}");
+        }
     }
 
     #[test]

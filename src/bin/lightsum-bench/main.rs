@@ -1,4 +1,4 @@
-//! The benchmark: `lightsum-bench frame`, `shadow-rays`, `scaling`, `startup`, `compare`, `edits`, `convolve`.
+//! The benchmark: `lightsum-bench frame`, `shadow-rays`, `scaling`, `startup`, `compare`, `edits`, `convolve`, `walkthrough`.
 //!
 //! Results go to standard output, as tables or with `--json` as one JSON object a line; the rest goes to standard error.
 //! Exit codes: 0 done, 1 failed, 2 wrong use.
@@ -17,6 +17,7 @@ mod scene;
 mod scratch;
 mod shadow_rays;
 mod startup;
+mod walkthrough;
 
 use args::Command;
 use clap::Parser;
@@ -36,6 +37,7 @@ fn main() -> ExitCode {
         Command::Compare(args) => compare::run(args),
         Command::Edits(args) => edits::run(args),
         Command::Convolve(args) => convolve::run(args),
+        Command::Walkthrough(args) => walkthrough::run(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

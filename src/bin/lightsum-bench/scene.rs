@@ -4,7 +4,7 @@ use crate::args::Common;
 use glam::{Vec3, Vec4};
 use lightsum::accel::Bvh;
 use lightsum::bsdf::basis;
-use lightsum::gpu::{Context, ContextOptions, download};
+use lightsum::gpu::{Context, ContextOptions, DeviceChoice, download};
 use lightsum::pass::ShadingPoints;
 use lightsum::pass::layout::PointLight;
 use lightsum::pass::sort;
@@ -45,7 +45,12 @@ fn room(name: &str) -> Result<Option<u32>> {
 
 /// Opens the device.
 pub fn open(common: &Common) -> Result<Context> {
-    let device = common.device.clone().unwrap_or_default();
+    open_device(&common.device)
+}
+
+/// Opens a device, by default the fastest kind.
+pub fn open_device(device: &Option<DeviceChoice>) -> Result<Context> {
+    let device = device.clone().unwrap_or_default();
     Context::headless(&ContextOptions { device, ..ContextOptions::default() })
 }
 

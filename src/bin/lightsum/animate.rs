@@ -7,14 +7,13 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use lightsum::output::{self, Encoding};
-use lightsum::scene;
+use lightsum::scene::{self, path::Motion};
 use lightsum::settings::{Exposure, Settings};
 use lightsum::standalone::{RenderOptions, Renderer};
 use lightsum::{Error, Result};
 use serde_json::{Value, json};
 
 use crate::args::Animate;
-use crate::path::Motion;
 use crate::play::Play;
 use crate::progress::{Progress, duration};
 use crate::render::{Job, metadata, pipeline_cache, watch_for_interrupt};
@@ -135,11 +134,8 @@ pub fn run(args: &Animate) -> Result<()> {
             }
             play.place(renderer.engine_mut()).map_err(|error| in_model(&args.scene, time, error))?;
         }
-        let placed = place(&mut renderer, &motion, time, &job);
-        placed.map_err(|error| match &args.path {
-            Some(path) => in_path(path, error),
-            None => in_model(&args.scene, time, error.1),
-        })?;
+        let placed = renderer.engine_mut().place(&motion, job.camera, time);
+        placed.map_err(|error| in_model(&args.scene, time, error))?;
         let edit = edit.elapsed().as_secs_f64();
         let mut frame = render_frame(&mut renderer, job.settings.moving_passes)?;
         let write = Instant::now();
@@ -199,33 +195,11 @@ pub fn run(args: &Animate) -> Result<()> {
     Ok(())
 }
 
-/// Moves camera and objects to their poses at a time.
-fn place(renderer: &mut Renderer, motion: &Motion, time: f64, job: &Job) -> Result<(), (Option<usize>, Error)> {
-    let engine = renderer.engine_mut();
-    engine.set_camera(job.camera).map_err(|error| (None, error))?;
-    for track in &motion.objects {
-        let transform = track.transform(time);
-        for &object in &track.objects {
-            engine.set_transform(object, transform).map_err(|error| (Some(track.line), error))?;
-        }
-    }
-    engine.apply_edits().map_err(|error| (None, error))
-}
-
 /// Attributes an error in the scene at some time of an animation to the model.
 fn in_model(model: &Path, time: f64, error: Error) -> Error {
     match error {
         Error::Scene(message) => Error::file(model, format!("at {time} s of its animation: {message}")),
         error => error,
-    }
-}
-
-/// Attributes an error in the scene at some time to the path file.
-fn in_path(path: &Path, (line, error): (Option<usize>, Error)) -> Error {
-    match (line, error) {
-        (Some(line), Error::Scene(message)) => Error::at(path, line, message),
-        (None, Error::Scene(message)) => Error::file(path, message),
-        (_, error) => error,
     }
 }
 

@@ -15,7 +15,6 @@ mod info;
 mod live;
 mod mirrors;
 mod parts;
-mod path;
 mod play;
 mod progress;
 mod radiosity;

@@ -77,7 +77,7 @@ impl Levels {
                 texel,
                 widest,
                 reach: reach.div_ceil(8) + 1,
-                unused: 0,
+                level: level as u32,
             });
             levels.entries += if level == 0 { 0 } else { 2 * size[0] * size[1] };
             levels.tiles += tiles[0] * tiles[1];
@@ -120,22 +120,5 @@ impl Levels {
             self.steps.push(step);
         }
         first..self.steps.len()
-    }
-
-    /// Workgroups for one invocation a texel of a level.
-    pub fn pixel_groups(&self, level: usize) -> u64 {
-        let [width, height] = self.steps[level].size;
-        crate::pass::groups(width * height)
-    }
-
-    /// Number of tiles of a level.
-    pub fn tile_count(&self, level: usize) -> u64 {
-        let [across, down] = self.steps[level].tiles;
-        u64::from(across) * u64::from(down)
-    }
-
-    /// Workgroups for one invocation a tile of a level.
-    pub fn tile_groups(&self, level: usize) -> u64 {
-        self.tile_count(level).div_ceil(crate::pass::GROUP)
     }
 }

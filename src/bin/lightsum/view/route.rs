@@ -6,10 +6,9 @@ use std::path::Path;
 
 use glam::{DVec3, Vec3};
 use lightsum::output::write_file;
+use lightsum::scene::path::Pose;
 use lightsum::scene::{Camera, Scene};
 use lightsum::{Error, Result};
-
-use crate::path::Pose;
 
 /// Seconds between two keys.
 const STEP: f64 = 1.0;
@@ -110,8 +109,8 @@ impl Route {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::path::Motion;
     use lightsum::scene::builtin;
+    use lightsum::scene::path::Motion;
 
     #[test]
     fn a_path_that_was_recorded_plays() {

@@ -10,6 +10,7 @@ use lightsum::pass::display::{Curve, Display};
 use lightsum::pass::layer::{Layer, ShowLayer};
 use lightsum::pass::layout::PointLight;
 use lightsum::plan::trace_steps;
+use lightsum::scene::path::Pose;
 use lightsum::scene::{self, Camera, Light, Scene};
 use lightsum::settings::{Exposure, Settings};
 use lightsum::standalone::{self, MAX_ROUNDS};
@@ -19,7 +20,6 @@ use super::navigate::{self, Mode};
 use super::route::{Placed, Route};
 use crate::args::View;
 use crate::camera;
-use crate::path::Pose;
 use crate::render::{Job, metadata, pipeline_cache};
 
 /// Name of the scope around all of a frame's GPU passes.

@@ -22,13 +22,14 @@
 //! Between keys every number is interpolated linearly; before the first key and after the last it is constant.
 
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::{Affine3A, DVec3, Quat, Vec3};
-use lightsum::scene::{Camera, Scene};
-use lightsum::{Error, Result};
 use serde::Deserialize;
 use toml::Spanned;
+
+use super::{Camera, Scene};
+use crate::error::{Error, Result};
 
 /// Maximum number of frames.
 const MAX_FRAMES: usize = 1_000_000;
@@ -87,6 +88,8 @@ pub struct Motion {
     camera: Vec<(f64, Camera)>,
     /// The objects that move.
     pub objects: Vec<Track>,
+    /// The file, if it was read from one.
+    file: Option<PathBuf>,
 }
 
 /// Motion of the objects of one name.
@@ -129,12 +132,12 @@ impl Pose {
 impl Motion {
     /// No motion, at these times.
     pub fn still(times: Vec<f64>) -> Motion {
-        Motion { times, camera: Vec::new(), objects: Vec::new() }
+        Motion { times, camera: Vec::new(), objects: Vec::new(), file: None }
     }
 
-    /// Reads a path for a scene seen by `camera`. Errors name the file, the line and the key.
+    /// Reads a path for a scene seen by `camera`, which gives the values that the keys leave out. Errors name the file, the line and the key.
     pub fn load(path: &Path, scene: &Scene, camera: Camera) -> Result<Motion> {
-        let text = lightsum::input::read_text(path)?;
+        let text = crate::input::read_text(path)?;
         let line = |span: Range<usize>| text.bytes().take(span.start).filter(|&b| b == b'\n').count() + 1;
         let at = |span: Range<usize>, message: String| Error::at(path, line(span), message);
         let file: File = toml::from_str(&text).map_err(|e| {
@@ -185,7 +188,23 @@ impl Motion {
                 times.get_ref().clone()
             }
         };
-        Ok(Motion { times, camera: cameras, objects })
+        Ok(Motion { times, camera: cameras, objects, file: Some(path.to_owned()) })
+    }
+
+    /// The path with another number of frames, spread evenly from its first frame to its last. At least one.
+    pub fn with_frames(self, frames: u32) -> Motion {
+        let (first, last) = (self.times.first().copied().unwrap_or(0.0), self.times.last().copied().unwrap_or(0.0));
+        let step = (last - first) / f64::from(frames.saturating_sub(1).max(1));
+        Motion { times: (0..frames.max(1)).map(|i| first + step * f64::from(i)).collect(), ..self }
+    }
+
+    /// Attributes an error in the scene to the file, and to the line of the object whose pose it is.
+    pub(crate) fn in_file(&self, line: Option<usize>, error: Error) -> Error {
+        match (&self.file, line, error) {
+            (Some(file), Some(line), Error::Scene(message)) => Error::at(file, line, message),
+            (Some(file), None, Error::Scene(message)) => Error::file(file, message),
+            (_, _, error) => error,
+        }
     }
 
     /// The camera at a time; `None` if the path has no camera keys.
