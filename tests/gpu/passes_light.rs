@@ -187,7 +187,7 @@ pub fn check_shade(rig: &Rig, bounce: usize) {
     // Eye segment, gather rays, shadow ray and j reflections together do not exceed the maximum path length.
     let plan = &rig.engine.plan().lists;
     let Some(reflections) = p.scene[2].checked_sub(bounce as u32 + 2) else { return };
-    let lights: Vec<PointLight> = rig.get(&frame.light_lists.lights);
+    let lights = rig.listed_lights();
     let first: Vec<u32> = rig.get(&frame.light_lists.first);
     // Each class of pixels, or each cluster, has its own lights.
     let words = rig.vec4s(&targets.wo);
