@@ -161,7 +161,8 @@ impl Frame {
         };
         let compensation = Compensation::new(kit, scene, plan, (&eye, &light_lists, &walk.lights, &shade))?;
         let near_light = NearLight::new(kit, scene, plan, (&eye, &light_lists, &shade))?;
-        let discontinuity = match settings.filter {
+        // Kept light has no noise that a filter could take away.
+        let discontinuity = match settings.filter.filter(|_| kept_light.is_none()) {
             None => None,
             Some(filter) => Some(Discontinuity::new(
                 kit,
@@ -178,7 +179,7 @@ impl Frame {
             )?),
         };
         let lighting = discontinuity.as_ref().map_or(&shade.lighting, |filter| &filter.filtered);
-        let path_gain_of = match discontinuity.is_some() && !plan.view.has_lens() {
+        let path_gain_of = match settings.filter.is_some() && !plan.view.has_lens() {
             false => None,
             true => Some(kit.vec4s("gain of paths and edges", plan.eye.pixels)?),
         };

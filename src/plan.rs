@@ -322,7 +322,6 @@ fn settings_for(scene: &DeviceScene, settings: &Settings) -> Settings {
         photons: 0,
         mirror_lights: 0,
         compensation: Compensation::Off,
-        filter: None,
         ..settings.clone()
     }
 }

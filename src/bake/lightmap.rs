@@ -130,19 +130,24 @@ pub(crate) struct Inside<'a> {
 impl Inside<'_> {
     /// Whether a texel sees nothing but sides without light: it lies inside a body, or below what stands on its surface.
     pub fn holds(&self, texel: &Texel) -> bool {
-        let (hit, normal) = at(self.bvh, self.leaves, texel);
-        let origin = offset_origin(self.bvh.position(&hit), normal, self.bvh.scale());
-        let (tangent, bitangent) = normal.any_orthonormal_pair();
-        (0..RAYS).all(|i| {
-            let [u, v] = hammersley(i, RAYS);
-            let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
-            let direction = (tangent * cos + bitangent * sin) * u.sqrt() + normal * (1.0 - u).sqrt();
-            self.bvh.closest(&Ray::new(origin, direction)).is_some_and(|hit| {
-                let back = self.bvh.normal(hit.triangle).dot(direction) > 0.0;
-                !self.sides[self.bvh.scene_triangle(hit.triangle) as usize].has(back)
-            })
-        })
+        let dark = |(triangle, back): (u32, bool)| !self.sides[triangle as usize].has(back);
+        seen(self.bvh, self.leaves, texel, RAYS).all(|side| side.is_some_and(dark))
     }
+}
+
+/// The sides that the nearest hits of rays from a texel show, by triangle and whether it is the back; `None`: the ray leaves the scene.
+/// The density of the rays goes by the cosine.
+pub(crate) fn seen(bvh: &Bvh, leaves: &[u32], texel: &Texel, rays: u32) -> impl Iterator<Item = Option<(u32, bool)>> {
+    let (hit, normal) = at(bvh, leaves, texel);
+    let origin = offset_origin(bvh.position(&hit), normal, bvh.scale());
+    let (tangent, bitangent) = normal.any_orthonormal_pair();
+    (0..rays).map(move |i| {
+        let [u, v] = hammersley(i, rays);
+        let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
+        let direction = (tangent * cos + bitangent * sin) * u.sqrt() + normal * (1.0 - u).sqrt();
+        let hit = bvh.closest(&Ray::new(origin, direction))?;
+        Some((bvh.scene_triangle(hit.triangle), bvh.normal(hit.triangle).dot(direction) > 0.0))
+    })
 }
 
 /// The point of a texel, and the normal of its side.

@@ -1,14 +1,18 @@
 //! The sides of triangles that light reaches, found by a few passes at probes: points on both sides of each triangle.
 //!
 //! Models come as sheets without thickness and in mixed orientations, so that neither the front nor what rays meet first tells the
-//! side that is seen. Light does: what it does not reach is black anyway.
+//! side that is seen. Light does: what it does not reach is black anyway. The few lights of these passes miss sides that only light of many
+//! reflections reaches, such as those that face a dim corridor. So a dark side that sees lit ones is lit too, and so on.
 
 use std::sync::Arc;
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::Stop;
 use super::blocks::BLOCK;
+use super::lightmap;
+use crate::accel::Bvh;
 use crate::error::{Error, Result};
 use crate::film::HostFilm;
 use crate::gpu::Context;
@@ -18,7 +22,7 @@ use crate::standalone::Renderer;
 use crate::view::{Atlas, Texel};
 
 /// Ranges of passes: each for the probes of sides that are dark after those before.
-const ROUNDS: [std::ops::Range<u32>; 3] = [0..1, 1..4, 4..12];
+const ROUNDS: [std::ops::Range<u32>; 2] = [0..1, 1..4];
 /// Triangles whose fronts come together and then their backs: rays of neighbours are alike.
 const GROUP: usize = 64;
 /// Most probes of a side.
@@ -29,6 +33,10 @@ const SPREAD: f64 = 200_000.0;
 const BATCH: usize = 1 << 18;
 /// A side is lit if one of its probes has this part of the mean irradiance of all in the first pass.
 const LEAST: f32 = 1e-3;
+/// Rays by which a probe on a dark side looks for lit ones.
+const RAYS: u32 = 16;
+/// Of these, the rays that must end on lit sides. More: sides that see light through a crack alone stay dark.
+const SEEN: usize = 2;
 
 /// Lit sides of a triangle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,6 +56,10 @@ impl Sides {
     /// Whether a side is lit.
     pub fn has(self, back: bool) -> bool {
         if back { self.back } else { self.front }
+    }
+
+    fn light(&mut self, back: bool) {
+        *(if back { &mut self.back } else { &mut self.front }) = true;
     }
 }
 
@@ -117,12 +129,43 @@ pub fn lit(context: &Context, scene: &Scene, settings: &Settings, stop: Stop) ->
         let found = light(&probes, passes)?;
         let least = *least.get_or_insert_with(|| LEAST * found.iter().sum::<f32>() / found.len().max(1) as f32);
         for (probe, _) in probes.iter().zip(found).filter(|(_, light)| *light > least) {
-            let of = &mut sides[probe.triangle as usize];
-            *(if probe.back { &mut of.back } else { &mut of.front }) = true;
+            sides[probe.triangle as usize].light(probe.back);
         }
         probes.retain(|probe| !sides[probe.triangle as usize].has(probe.back));
     }
+    spread(scene, &probes, &mut sides, stop)?;
     Ok(sides)
+}
+
+/// Lights dark sides whose probes see enough lit ones, until there are no more. Errors: [`Error::Interrupted`].
+fn spread(scene: &Scene, probes: &[Texel], sides: &mut [Sides], stop: Stop) -> Result<()> {
+    let bvh = Bvh::build(scene)?;
+    let leaves = bvh.leaf_numbers();
+    let mut dark = Vec::with_capacity(probes.len());
+    for chunk in probes.chunks(4096) {
+        if stop() {
+            return Err(Error::Interrupted);
+        }
+        let seen = |probe: &Texel| lightmap::seen(&bvh, &leaves, probe, RAYS).flatten().collect::<Vec<_>>();
+        dark.par_extend(chunk.par_iter().map(|probe| (*probe, seen(probe))));
+    }
+    loop {
+        let before = dark.len();
+        let mut found = Vec::new();
+        dark.retain(|(probe, seen)| {
+            let lit = seen.iter().filter(|(triangle, back)| sides[*triangle as usize].has(*back)).count() >= SEEN;
+            if lit {
+                found.push((probe.triangle, probe.back));
+            }
+            !lit
+        });
+        for (triangle, back) in found {
+            sides[triangle as usize].light(back);
+        }
+        if dark.len() == before {
+            return Ok(());
+        }
+    }
 }
 
 /// The view of a batch of probes.

@@ -177,6 +177,27 @@ fn kept_light_shows_the_image_that_computes_all_of_it() {
 }
 
 #[test]
+fn sides_that_only_many_reflections_reach_have_texels() {
+    gpu_test(|ctx| {
+        let mut soup = Soup::new("winding corridor");
+        let (grey, lamp) = (soup.diffuse(0.3, 0.0), soup.diffuse(0.0, 12.0));
+        soup.room(Vec3::ZERO, Vec3::new(7.0, 1.0, 1.0), [grey; 6]);
+        soup.quad(Vec3::new(0.2, 0.99, 0.2), Vec3::X * 0.4, Vec3::Z * 0.4, lamp);
+        for i in 1..7 {
+            let gap = if i % 2 == 0 { 0.15 } else { 0.0 };
+            soup.quad(Vec3::new(i as f32, 0.0, gap), Vec3::Y, Vec3::Z * 0.85, grey);
+        }
+        let bake = Bake::new(ctx, &soup.0, plain(), at_density(4.0)).unwrap();
+        let mut sides: Vec<_> = bake.charts().faces.iter().map(|face| (face.triangle, face.back)).collect();
+        sides.sort_unstable();
+        sides.dedup();
+        // The room's sides from within, and both of each of the walls; not the room from outside.
+        assert_eq!(sides.len(), 12 + 6 * 2 * 2, "{sides:?}");
+        assert!(sides.iter().filter(|(triangle, _)| *triangle < 12).all(|(_, back)| !back), "{sides:?}");
+    });
+}
+
+#[test]
 fn blocks_that_choose_from_a_pool_have_less_error_and_no_less_light() {
     gpu_test(|ctx| {
         let scene = room(true);
