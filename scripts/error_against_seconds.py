@@ -58,7 +58,7 @@ def ours(args, errors, folder):
     command = [args.lightsum, "render", args.scene, "-o", image, "--no-layers", "--stats", stats]
     command += ["--max-depth", str(args.max_depth), "--resolution", f"{width}x{height}"]
     settings = [("lightsum", passes, []) for passes in args.passes]
-    settings += [("lightsum, no filter", passes, ["--filter", "off"]) for passes in args.unfiltered]
+    settings += [("lightsum, no filter", passes, ["--filter", "off", "--compensation", "exact"]) for passes in args.unfiltered]
     for who, passes, flags in settings:
         seconds = []
         for _ in range(2):

@@ -14,6 +14,7 @@ light, 5 three further reflections. With an LLVM library (DRJIT_LIBLLVM_PATH) it
 import argparse
 import os
 import pathlib
+import shutil
 import tempfile
 import tomllib
 
@@ -139,8 +140,12 @@ def write_plain(description, folder):
     for file in source.parent.iterdir():
         copy = folder / file.name
         copy.unlink(missing_ok=True)
+        if file.is_dir():
+            shutil.copytree(file, copy, dirs_exist_ok=True)
+            continue
         if file.suffix != ".mtl":
-            copy.symlink_to(file)
+            # A link would lead out of the folder, where lightsum reads nothing.
+            shutil.copy(file, copy)
             continue
         materials, name, lines = materials_of(file), "", []
         for words in words_of(file):
