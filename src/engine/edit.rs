@@ -316,6 +316,7 @@ impl Engine {
         self.keep_staging(staging);
         let (update, plan) = result?;
         self.plan = plan;
+        self.particles = true;
         moving.times = EditTimes {
             vertices: std::mem::take(&mut moving.vertex_seconds),
             refit: update.changes.refit_seconds,
