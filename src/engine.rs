@@ -257,6 +257,8 @@ impl Engine {
         // Rays of the paths that began may be among those lost.
         self.paths = Paths::default();
         self.clear = passes == 0;
+        // The pass that failed may have been the one that traced them.
+        self.particles = true;
     }
 
     /// Changes to a camera of the same resolution, and restarts if it differs, unless a ring goes on. Takes effect with the next pass; commands

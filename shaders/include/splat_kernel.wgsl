@@ -1,8 +1,8 @@
 // The kernel of a splat, and the part of it that lies on a planar surface. CPU twins: pass::splat_light::{kernel, coverage}.
 
-// A Gaussian of deviation h / 5, cut off at h / 2: exp(-SHARPNESS d^2 / h^2), and its integral without the cut over that with it.
-const SHARPNESS: f32 = 12.5;
-const CUT_OFF: f32 = 1.0459561;
+// A Gaussian of deviation h / 4, cut off at h / 2: exp(-SHARPNESS d^2 / h^2), and its integral without the cut over that with it.
+const SHARPNESS: f32 = 8.0;
+const CUT_OFF: f32 = 1.1565176;
 // Smallest part of a kernel that a light is divided by. Host twin: pass::splat_light::MIN_COVERED.
 const MIN_COVERED: f32 = 1e-3;
 

@@ -265,6 +265,7 @@ impl Engine {
         if let Some(moving) = &mut self.dynamic {
             moving.pending.everything = true;
         }
+        self.particles = true;
         self.restart();
     }
 

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! L(x, omega) += 1 / (h^2 c(x)) sum_j f_r(omega_j, x, omega) Phi_j / m  k((x - x_j) / h)
-//! k(y) = a exp(-12.5 y^2) for y < 1/2
+//! k(y) = a exp(-8 y^2) for y < 1/2
 //! ```
 //!
 //! with f_r the lobe alone, m the number of particles, a such that k integrates to 1, and c(x) the part of the kernel around x that lies
@@ -29,8 +29,8 @@ use super::{BoundKernel, Kit, Lighting, List, ShadingPoints, push};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
-/// Exponent of the kernel: its standard deviation is h / 5.
-pub const SHARPNESS: f32 = 12.5;
+/// Exponent of the kernel: its standard deviation is h / 4.
+pub const SHARPNESS: f32 = 8.0;
 
 /// Smallest part of a kernel that a light is divided by. Shader twin: `MIN_COVERED`.
 pub const MIN_COVERED: f32 = 1e-3;
@@ -209,7 +209,7 @@ mod tests {
             .sum();
         assert!((sum - 1.0).abs() < 1e-5, "{sum}");
         // The shader's constants.
-        assert!((kernel(0.0) - 1.045_956 * SHARPNESS / PI).abs() < 1e-4);
+        assert!((kernel(0.0) - 1.156_518 * SHARPNESS / PI).abs() < 1e-4);
     }
 
     #[test]

@@ -15,7 +15,7 @@ pub struct Splats {
     /// Particles that leave the emitters. Default 100,000; 1 to [`Splats::MAX_PARTICLES`]. At most as many hits are stored: then fewer
     /// particles count. More: sharper reflections with the same noise, 124 bytes each, and some microseconds each once.
     pub particles: u32,
-    /// C of the diameter of a kernel, h = C sqrt(A / n) for n hits on a surface of area A. Default 40; 1 to 100. Higher: less noise, more
+    /// C of the diameter of a kernel, h = C sqrt(A / n) for n hits on a surface of area A. Default 32; 1 to 100. Higher: less noise, more
     /// blur, and time in proportion to its square.
     pub width: f32,
     /// Lobes up to this GGX alpha are left to eye paths, or to virtual lights where `glossy_paths` is off: few particles arrive from
@@ -25,7 +25,7 @@ pub struct Splats {
 
 impl Default for Splats {
     fn default() -> Splats {
-        Splats { particles: 100_000, width: 40.0, alpha: 0.1 }
+        Splats { particles: 100_000, width: 32.0, alpha: 0.1 }
     }
 }
 

@@ -14,7 +14,7 @@ pub struct SplatFlags {
     /// They are traced once, before the first pass. More: sharper reflections with the same noise, 124 bytes each.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Splats::MAX_PARTICLES)))]
     pub splat_particles: Option<u32>,
-    /// C of the diameter of a splat, C sqrt(A / n) for n hits on a surface of area A, 1 to 100 [default: 40].
+    /// C of the diameter of a splat, C sqrt(A / n) for n hits on a surface of area A, 1 to 100 [default: 32].
     ///
     /// Higher: less noise, more blur, and time in proportion to its square.
     #[arg(long, value_name = "C", value_parser = width)]
