@@ -274,8 +274,8 @@ pub struct Settings {
     /// hit point, and the convolution. Biased: the incident light at each point of the plane is taken from the mirror image
     /// that the eye sees there. Needs `split` and `max_specular` of 1 or more. No cost in scenes without such planes.
     pub superposition: Option<Superposition>,
-    /// Glossy surfaces shown by splats of particles ([`crate::stage::Splats`]). Default `None`. Costs the particles once, and some 400 look-ups
-    /// for each pixel that shows such a surface. No cost in scenes without.
+    /// Glossy surfaces shown by splats of particles ([`crate::stage::Splats`]). Default `None`. Costs the particles once, and in
+    /// each pass some 2000 look-ups for each pixel of one class that shows such a surface. No cost in scenes without.
     pub splats: Option<Splats>,
     /// Also sum emission, diffuse and specular light separately, as layers that add up to the image.
     /// Default false. True costs some milliseconds a pass and 112 bytes a pixel.

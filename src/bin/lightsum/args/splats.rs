@@ -11,7 +11,7 @@ pub struct SplatFlags {
     pub glossy: Option<GlossyFlag>,
     /// Particles of --glossy splats, 1 to 4000000 [default: 100000]. At most as many hits are stored.
     ///
-    /// They are traced once, before the first pass. More: sharper reflections with the same noise, 124 bytes each.
+    /// They are traced once, before the first pass. More: sharper reflections with the same noise, 110 bytes each.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Splats::MAX_PARTICLES)))]
     pub splat_particles: Option<u32>,
     /// C of the diameter of a splat, C sqrt(A / n) for n hits on a surface of area A, 1 to 100 [default: 32].
