@@ -1,6 +1,6 @@
 // Chooses the lights that light a cluster of shading points. See pass/light_lists.rs. Three kernels, one after the other.
 // POOL: collects what the choice needs to know of each light of the pool.
-// CHOOSE: chooses. Without either: copies the chosen lights into the list of each cluster.
+// CHOOSE: chooses. Without either: writes the list of each cluster.
 // CLASSES: lists of classes of pixels, chosen by power alone. REGIONS: clusters choose from the lights of their region.
 #include "frame.wgsl"
 #include "work.wgsl"
@@ -36,8 +36,7 @@
 #endif
 #endif
 #else
-@group(0) @binding(1) var<storage, read> lights: array<PointLight>;
-@group(0) @binding(4) var<storage, read_write> listed_lights: array<PointLight>;
+@group(0) @binding(4) var<storage, read_write> listed_lights: array<vec2<u32>>;     // see listed_light.wgsl
 @group(0) @binding(5) var<storage, read_write> first_light: array<u32>;
 #endif
 #if CLASSES
@@ -241,15 +240,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let none = is_chosen && choice.x == NO_POINT;
         let from_light = class_number * frame.pattern.w + select(i, copied + select(choice.x, 0u, none), is_chosen);
         let times = select(select(1.0, bitcast<f32>(choice.y), is_chosen), 0.0, none);
-        let emit = lights[from_light].emit;
-        let flux = lights[from_light].flux;
-        let at = number * slots + i;
-        listed_lights[at].position = lights[from_light].position;
-        listed_lights[at].normal = lights[from_light].normal;
-        listed_lights[at].emit = vec4<f32>(emit.xyz * times, emit.w);
-        listed_lights[at].wi = lights[from_light].wi;
-        listed_lights[at].flux = vec4<f32>(flux.xyz * times, flux.w);
-        listed_lights[at].f0 = lights[from_light].f0;
+        listed_lights[number * slots + i] = vec2<u32>(from_light, bitcast<u32>(times));
     }
 }
 #endif

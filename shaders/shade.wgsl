@@ -19,6 +19,7 @@
 #if VISIBILITY
 #else
 #include "light_at.wgsl"
+#include "listed_light.wgsl"
 #endif
 
 @group(0) @binding(6) var<storage, read> point_position: array<vec4<f32>>;
@@ -41,6 +42,7 @@
 @group(0) @binding(17) var<storage, read_write> indirect: array<vec4<f32>>;
 @group(0) @binding(18) var<storage, read_write> specular: array<vec4<f32>>;
 @group(0) @binding(19) var<storage, read> first_light: array<u32>;
+@group(0) @binding(29) var<storage, read> listed_lights: array<vec2<u32>>;
 #endif
 var<immediate> push: Push;
 
@@ -101,15 +103,21 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if AREA
         let l_position = vec4<f32>(area_point(area_light(lights[at_light]), slot, at_light), 0.0);
 #else
+#if VISIBILITY
         let l_position = lights[at_light].position;
+#else
+        let listed = listed_lights[at_light];
+        let times = bitcast<f32>(listed.y);
+        let l_position = lights[listed.x].position;
+#endif
 #endif
 #if VISIBILITY
         let d = l_position.xyz - origin;
         let lit = dot(d, geometric.xyz) > 0.0;
 #else
-        let l_normal = lights[at_light].normal;
-        let l_emit = lights[at_light].emit;
-        let l_f0 = lights[at_light].f0;
+        let l_normal = lights[listed.x].normal;
+        let l_emit = vec4<f32>(lights[listed.x].emit.xyz * times, lights[listed.x].emit.w);
+        let l_f0 = lights[listed.x].f0;
         let flags = bitcast<u32>(l_position.w);
         let d = to_light(l_position, l_normal, origin);
         let r2 = dot(d, d);
@@ -118,7 +126,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         var intensity = plain_intensity(l_normal, l_emit, flags, cos_light);
         // Rare work is in loops that mostly run zero times: a SIMD driver executes an `if` for all lanes.
         for (var i = select(0u, 1u, lobe_shines(flags, cos_light)); i > 0u; i -= 1u) {
-            intensity += lobe_intensity(lights[at_light], wi, cos_light);
+            intensity += lobe_intensity(listed_light(at_light), wi, cos_light);
         }
         let cos_receiver = dot(wi, shading.xyz);
         let lit = cos_receiver > 0.0 && dot(wi, geometric.xyz) > 0.0 && mean3(intensity) > 0.0 && r2 > 0.0
@@ -196,7 +204,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         e_indirect += select(e, vec3<f32>(0.0), is_direct);
         for (var i = select(0u, 1u, glossy && lit && !blocked && (is_direct || !splats)); i > 0u; i -= 1u) {
             let lobe = lobe_density(shading.w, shading.xyz, wo.xyz, wi);
-            let divided = intensity * (cos_receiver * highlight_falloff(l_f0, lights[at_light].wi, flags, r2, cos_light, lobe));
+            let divided = intensity * (cos_receiver * highlight_falloff(l_f0, lights[listed.x].wi, flags, r2, cos_light, lobe));
             let near = intensity * (cos_receiver * falloff_beyond(flags, r2, SPLAT_CLIP));
             l_specular += select(select(e, near, splats), divided, sampled) * eval_specular(point_lobe(geometric, shading, f0), shading.xyz, wo.xyz, wi);
         }

@@ -23,6 +23,7 @@
 #if VISIBILITY
 #else
 #include "light_at.wgsl"
+#include "listed_light.wgsl"
 #endif
 
 @group(0) @binding(6) var<storage, read> point_position: array<vec4<f32>>;
@@ -52,6 +53,7 @@
 @group(0) @binding(19) var<storage, read> classes: array<vec2<u32>>;
 // The first light of each shading point; the same for all of a cluster.
 @group(0) @binding(20) var<storage, read> first_light: array<u32>;
+@group(0) @binding(29) var<storage, read> listed_lights: array<vec2<u32>>;
 #endif
 var<immediate> push: Push;
 
@@ -60,7 +62,7 @@ var<immediate> push: Push;
 // Light from a visible light through specular lobes: returns the irradiance by the light's own lobe, and adds the radiance that
 // the shading point's lobe reflects to `specular`. `passes`: share of the light that the surfaces on its way let pass.
 fn add_lobes(light: u32, p: u32, clip2: f32, passes: f32) -> vec3<f32> {
-    let l = lights[light];
+    let l = listed_light(light);
     let geometric = point_geometric[p];
     let shading = point_shading[p];
     let f0 = point_f0[p];
@@ -211,7 +213,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     shading_hi = max_reduce(shading_hi);
     for (var base = 0u; base < count; base += LANES) {
         let i = base + lane;
-        let l = lights[lights_at + step.first + min(i, count - 1u)];
+        let l = listed_light(lights_at + step.first + min(i, count - 1u));
         let d_lo = l.position.xyz - hi;
         let d_hi = l.position.xyz - lo;
         let flags = bitcast<u32>(l.position.w);
@@ -266,16 +268,21 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             var q: array<vec3<f32>, RAYS>;
             var moment: array<vec3<f32>, RAYS>;
 #else
+#if VISIBILITY
             let l_position = lights[at_light].position;
+#else
+            let listed = listed_lights[at_light];
+            let l_position = lights[listed.x].position;
+#endif
             let origin = l_position.xyz;
 #endif
 #if VISIBILITY
 #else
-            let l_normal = lights[at_light].normal;
-            let l_emit = lights[at_light].emit;
+            let l_normal = lights[listed.x].normal;
+            let l_emit = vec4<f32>(lights[listed.x].emit.xyz * bitcast<f32>(listed.y), lights[listed.x].emit.w);
             let flags = bitcast<u32>(l_position.w);
             let surface = (flags & LIGHT_SURFACE) != 0u;
-            let slack = step.bounces - min(u32(lights[at_light].f0.w), step.bounces);
+            let slack = step.bounces - min(u32(lights[listed.x].f0.w), step.bounces);
 #endif
 
             // Rays run from the light (t = 0) to the shading points (t = 1).

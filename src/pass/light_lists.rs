@@ -29,8 +29,8 @@
 //! class chooses by power alone.
 //!
 //! Differs from the paper in that: it chooses for parts of the image instead of the whole, and without visibility.
-//! Cost: for each cluster 64 bytes and 20 + 50 R operations for each light that it weighs, R = [`REPRESENTATIVES`], 16 bytes for each of its points, and 200 bytes for
-//! each light that lights it: for 640x480 pixels a third to a half of the time that shadow rays take. Memory: 104 bytes for each of
+//! Cost: for each cluster 64 bytes and 20 + 50 R operations for each light that it weighs, R = [`REPRESENTATIVES`], 16 bytes for each of its points, and 24 bytes for
+//! each light that lights it: for 640x480 pixels a third to a half of the time that shadow rays take. Memory: 16 bytes for each of
 //! the latter; 32 for each light of the pool.
 
 use glam::Vec3;
@@ -61,9 +61,11 @@ pub const REPRESENTATIVES: u32 = 8;
 
 /// The lights of each shading point, and the pass that chooses them.
 pub struct LightLists {
-    /// [`PointLight`]s: those of the walk, or for each cluster (or class) those that it chose.
+    /// [`PointLight`]s, those of the walk.
     pub lights: Buffer,
-    /// Index of the first light of each slot.
+    /// Of each cluster (or class) the lights that it takes: number among `lights`, and bits of the factor of what it emits.
+    pub listed: Buffer,
+    /// The first entry of each slot in `listed`.
     pub first: Buffer,
     chooses: Option<Chooses>,
 }
@@ -109,10 +111,13 @@ impl LightLists {
         let first: Vec<u32> = (0..plan.eye.components).flat_map(|_| of_pixels.clone()).collect();
         let first = kit.stage("first lights", &first)?;
         if !plan.chooses_lights() {
-            return Ok(LightLists { lights: lights.clone(), first, chooses: None });
+            // Each class takes all of its lights as they are.
+            let all: Vec<[u32; 2]> = (0..classes * slots).map(|light| [light, 1.0f32.to_bits()]).collect();
+            let listed = kit.stage("listed lights", &all)?;
+            return Ok(LightLists { lights: lights.clone(), listed, first, chooses: None });
         }
         let count = clusters::count([width, height], [across, down]) * plan.eye.components;
-        let list_size = u64::from(slots) * size_of::<PointLight>() as u64;
+        let list_size = u64::from(slots) * size_of::<[u32; 2]>() as u64;
         let room = kit.context.info().max_storage_buffer_range;
         // A part of an image chooses as the whole does.
         let whole = plan.view.camera().map_or([width, height], |camera| camera.resolution);
@@ -120,7 +125,7 @@ impl LightLists {
         let fits = u64::from(of_whole) * list_size <= room && light_regions::bytes(plan, whole) <= room;
         let of_screen = clusters.filter(|_| fits);
         let lists = if of_screen.is_some() { count } else { classes };
-        let listed = kit.array("lights of clusters", lists, list_size)?;
+        let listed = kit.array("listed lights", lists, list_size)?;
         let of_class = plan.lights.slots() - plan.lights.first_slot(1);
         let pool = of_class * classes;
         let candidates = kit.vec4s("lights to choose from", 2 * pool)?;
@@ -172,7 +177,7 @@ impl LightLists {
             copy: kit.bind(copy, &sets)?,
             lists: of_lists,
         };
-        Ok(LightLists { lights: listed, first, chooses: Some(chooses) })
+        Ok(LightLists { lights: lights.clone(), listed, first, chooses: Some(chooses) })
     }
 
     /// Lights that regions of the image took of a large pool.
@@ -182,7 +187,7 @@ impl LightLists {
 
     /// The buffers by their names in shaders.
     pub fn resources(&self) -> Resources {
-        Resources::of([("lights", &self.lights), ("first_light", &self.first)])
+        Resources::of([("lights", &self.lights), ("listed_lights", &self.listed), ("first_light", &self.first)])
     }
 
     /// Records the pass.
@@ -196,6 +201,14 @@ impl LightLists {
             Lists::Clusters(work) => chooses.copy.run_listed(rec, &[], work, TOTAL_GROUPS),
         }
     }
+}
+
+/// Oracle: the light of an entry of [`LightLists::listed`].
+pub fn listed_light(lights: &[PointLight], [number, times]: [u32; 2]) -> PointLight {
+    let times = f32::from_bits(times);
+    let scaled = |[r, g, b, w]: [f32; 4]| [r * times, g * times, b * times, w];
+    let light = lights[number as usize];
+    PointLight { emit: scaled(light.emit), flux: scaled(light.flux), ..light }
 }
 
 /// Oracle: power of a light, its lobe spread evenly; mean over channels.

@@ -441,7 +441,7 @@ fn a_walkthrough_is_played_for_each_number_of_reflectors() {
     let shown: Vec<u64> =
         times["frames"].as_array().unwrap().iter().map(|f| f["reflector_pixels"][0].as_u64().unwrap()).collect();
     assert!(shown[0] > 100 && shown[2] == 0, "{shown:?}");
-    assert!(times["slope"]["seconds"].is_f64() && times["series"][1]["times"].as_array().unwrap().len() == 3);
+    assert!(times["slope"]["rays"]["seconds"].is_f64() && times["series"][1]["times"].as_array().unwrap().len() == 3);
     let plot = fs::read_to_string(place("p.svg")).unwrap();
     assert!(plot.starts_with("<svg") && plot.contains("frames per second") && plot.contains("1 reflector\n"), "{plot}");
 
@@ -456,11 +456,12 @@ fn a_walkthrough_is_played_for_each_number_of_reflectors() {
     assert!(output.status.success(), "{}", text(&output.stderr));
     for frame in 0..3 {
         let pixels = |name: String| image::open(place(&name)).unwrap().into_rgb32f().into_raw();
-        let (measured, animated) = (pixels(format!("images/1-{frame:04}.exr")), pixels(format!("a-{frame:04}.exr")));
+        let (measured, animated) =
+            (pixels(format!("images/rays-1-{frame:04}.exr")), pixels(format!("a-{frame:04}.exr")));
         assert!(measured == animated, "frame {frame}");
         assert!(frame > 0 || measured.iter().any(|&x| x > 0.0), "the first frame shows the floor");
     }
-    assert!(fs::read(place("images/0-0000.exr")).unwrap() != fs::read(place("images/1-0000.exr")).unwrap());
+    assert!(fs::read(place("images/rays-0-0000.exr")).unwrap() != fs::read(place("images/rays-1-0000.exr")).unwrap());
 
     let table =
         text(&succeeds(folder.path(), &format!("walkthrough --scene room.obj {size} --reflectors 1 --every 2")).stdout);
@@ -475,10 +476,23 @@ fn a_walkthrough_is_played_for_each_number_of_reflectors() {
     fails(folder.path(), &walk("--path path.toml --images absent"), 1, &["absent", "--images"]);
     fails(folder.path(), &walk("--path path.toml --plot absent/p.svg"), 1, &["absent"]);
     fails(folder.path(), &format!("walkthrough --scene {scene} {size} --reflectors 1"), 2, &["has 0"]);
+    let moves = format!("{path}[[object]]\nname = \"all\"\nkeys = [{{ time = 0 }}, {{ time = 1, degrees = 9 }}]\n");
+    fs::write(place("moves.toml"), moves).unwrap();
+    fails(folder.path(), &walk("--path moves.toml --mirror-source images"), 1, &["moves.toml", "take rays"]);
+
+    let both = "--frames 1 --reflectors 1 --mirror-source rays,images --json";
+    let output = text(&succeeds(folder.path(), &format!("walkthrough --scene room.obj {size} {both}")).stdout);
+    let of_source = |line: &str| {
+        let line: Value = serde_json::from_str(line).expect(line);
+        let reprojected = line["gpu_passes"].as_array().unwrap().iter().any(|pass| pass["pass"] == "reproject");
+        (line["mirror_source"].as_str().unwrap().to_owned(), reprojected)
+    };
+    assert_eq!(output.lines().map(of_source).collect::<Vec<_>>(), [("rays".into(), false), ("images".into(), true)]);
 }
 
 /// A glossy floor under a lamp.
 const GLOSSY: &str = "mtllib room.mtl
+o all
 v -2 0 -2\nv -2 0 2\nv 2 0 2\nv 2 0 -2
 v -0.5 1 -0.5\nv 0.5 1 -0.5\nv 0.5 1 0.5\nv -0.5 1 0.5
 usemtl floor\nf 1 2 3 4

@@ -68,8 +68,12 @@ impl Drop for Display {
 
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let other = SCENE.replace("30.0", "24.0");
-    for (name, text) in [("room.obj", MODEL), ("room.mtl", MATERIALS), ("scene.toml", SCENE), ("other.toml", &other)] {
+    let (other, glossy) = (
+        SCENE.replace("30.0", "24.0"),
+        format!("{SCENE}[materials.floor]\nspecular = [0.4, 0.4, 0.4]\nroughness = 0.2\n"),
+    );
+    let scenes = [("scene.toml", SCENE), ("other.toml", &other), ("glossy.toml", &glossy)];
+    for (name, text) in [("room.obj", MODEL), ("room.mtl", MATERIALS)].into_iter().chain(scenes) {
         fs::write(folder.path().join(name), text).unwrap();
     }
     folder
@@ -142,6 +146,10 @@ look emission                   # no ring has such sums
 look image
 passes 2
 screenshot lights.exr
+drop glossy.toml
+set --particles 4 --max-depth 3 --superposition variant
+kernels on                      # of the floor's mirror image
+passes 2
 quit
 ";
     fs::write(folder.path().join("script.txt"), script).unwrap();
@@ -155,6 +163,7 @@ quit
     assert!(said.contains("missing.obj") && !said.contains("panicked"), "{said}");
     let summary: serde_json::Value = serde_json::from_str(told.lines().last().unwrap()).unwrap();
     assert_eq!((&summary["validation_messages"], &summary["bytes_not_given_back"]), (&0.into(), &0.into()));
+    assert!(summary["kernels"].as_u64() > Some(0), "{summary}");
     assert!(summary["coarse_frames"].as_u64() > Some(0), "{summary}");
     assert!(summary["moving_frame_ms"]["count"].as_u64() > Some(3), "{summary}");
     assert!(summary["input_to_image_ms"]["median"].as_f64() > Some(0.0), "{summary}");

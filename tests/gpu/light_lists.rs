@@ -124,10 +124,10 @@ fn check_regions(rig: &Rig, buffer: &Buffer) -> Vec<Vec<(PointLight, u32)>> {
 /// Compares the lists of all clusters of a rig, and returns how many lights they hold.
 fn check_clusters(rig: &Rig) -> usize {
     let (frame, p, plan) = (rig.frame(), &rig.parameters, rig.engine.plan());
-    rig.prefill(&[&frame.light_lists.lights]);
+    rig.prefill(&[&frame.light_lists.listed]);
     rig.run(|frame, rec| frame.light_lists.record(rec));
     let lights: Vec<PointLight> = rig.get(&frame.walk.lights);
-    let listed: Vec<PointLight> = rig.get(&frame.light_lists.lights);
+    let listed = rig.listed_lights();
     let first: Vec<u32> = rig.get(&frame.light_lists.first);
     let clusters: Vec<[u32; 2]> = rig.get(&frame.eye.clusters.as_ref().unwrap().listed);
     let entries: Vec<u32> = rig.get(&frame.eye.list.entries);
@@ -202,7 +202,7 @@ fn classes_choose_by_power_where_there_are_no_clusters() {
             rig.walk_and_look();
             rig.run(|frame, rec| frame.light_lists.record(rec));
             let lights: Vec<PointLight> = rig.get(&frame.walk.lights);
-            let listed: Vec<PointLight> = rig.get(&frame.light_lists.lights);
+            let listed = rig.listed_lights();
             let copied = plan.lists.first_slot(1) as usize;
             let mut tally = Tally::new(format!("lists of classes, {resolution:?}"));
             for class in 0..plan.settings.classes() {

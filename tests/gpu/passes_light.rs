@@ -27,7 +27,7 @@ const DIFFUSE: f32 = 1e-4;
 
 /// Tolerance for light over a specular lobe, which magnifies differences of the directions: SwiftShader is 1e-3 off at
 /// worst.
-const LOBE: f32 = 2e-3;
+pub const LOBE: f32 = 2e-3;
 
 /// The shading points in the form of the oracles.
 pub fn receivers(rig: &Rig, r: &ShadingPoints) -> Vec<ShadingPoint> {
@@ -46,6 +46,7 @@ pub fn receivers(rig: &Rig, r: &ShadingPoints) -> Vec<ShadingPoint> {
             },
             wo: wo[i].truncate(),
             sampled: has(wo[i], ShadingPoints::LOBE_SAMPLED).then_some(rig.parameters.choice[2]),
+            splats: has(wo[i], ShadingPoints::SPLATS),
         })
         .collect()
 }
@@ -187,7 +188,7 @@ pub fn check_shade(rig: &Rig, bounce: usize) {
     // Eye segment, gather rays, shadow ray and j reflections together do not exceed the maximum path length.
     let plan = &rig.engine.plan().lists;
     let Some(reflections) = p.scene[2].checked_sub(bounce as u32 + 2) else { return };
-    let lights: Vec<PointLight> = rig.get(&frame.light_lists.lights);
+    let lights = rig.listed_lights();
     let first: Vec<u32> = rig.get(&frame.light_lists.first);
     // Each class of pixels, or each cluster, has its own lights.
     let words = rig.vec4s(&targets.wo);

@@ -1,19 +1,18 @@
 //! Splats from the emitters to the pixels against their oracles.
 
 use glam::{Vec3, Vec4};
-use lightsum::bsdf::Reflectance;
 use lightsum::bsdf::ideal::Media;
 use lightsum::gpu::Context;
-use lightsum::pass::layout::DispatchCounts;
-use lightsum::pass::shade::ShadingPoint;
+use lightsum::pass::layout::{DispatchCounts, PointLight};
 use lightsum::pass::splat_light::{self, Hit};
 use lightsum::pass::splat_start::SplatState;
 use lightsum::pass::surface::surface_at;
-use lightsum::pass::{List, ShadingPoints, splat_follow, splat_grid, splat_pack, splat_start, splat_width};
+use lightsum::pass::{List, ShadingPoints, shade, splat_follow, splat_grid, splat_pack, splat_start, splat_width};
 use lightsum::scene::Scene;
 use lightsum::settings::{Settings, Splats};
 use lightsum::stage::{self, Stage};
 
+use crate::passes_light::{LOBE, receivers};
 use crate::rig::{
     AWKWARD_IMAGES, Rig, SINE, STRAYS, Tally, close, gallery, gallery_outdoors, has, hit_of, ray_of, sine_error,
 };
@@ -219,27 +218,29 @@ fn check_light(rig: &Rig, what: &str, hits: &[Hit], width: &[f32]) -> usize {
         (rig.get(&surfaces.records), rig.get(&surfaces.of_triangle));
     let edges: Vec<[[f32; 4]; 2]> = rig.get(&surfaces.edges);
     let r = &rig.frame().eye.points;
-    let [position, geometric, shading, f0, wo] =
-        [&r.position, &r.geometric, &r.shading, &r.f0, &r.wo].map(|b| rig.vec4s(b));
+    let (receivers, wo) = (receivers(rig, r), rig.vec4s(&r.wo));
+    let lights: Vec<PointLight> = rig.get(rig.frame().lights());
+    let mut highlights = Tally::new(format!("highlights beside splats, {what}"));
     let mut tally = Tally::new(format!("splat_light, {what}"));
     let mut lit = 0;
     for slot in rig.list(0) {
         let i = slot as usize;
-        let reflectance =
-            Reflectance { kd: Vec3::ZERO, f0: f0[i].truncate(), f90: geometric[i].w, alpha: shading[i].w };
-        let receiver = ShadingPoint {
-            sampled: None,
-            position: position[i].truncate(),
-            geometric: geometric[i].truncate(),
-            shading: shading[i].truncate(),
-            reflectance,
-            wo: wo[i].truncate(),
-        };
+        let receiver = receivers[i];
+        let reflectance = receiver.reflectance;
         let flags = ShadingPoints::flags(wo[i].w);
         let shows = has(wo[i], ShadingPoints::SPLATS);
         let sampled = has(wo[i], ShadingPoints::LOBE_SAMPLED);
         let lobe = has(wo[i], ShadingPoints::GLOSSY) && !sampled && reflectance.alpha > s.plan.settings.alpha;
         assert_eq!(shows, lobe, "{what}: slot {slot}, {reflectance:?}");
+        if shows && flags < ShadingPoints::ONE_SEGMENT + ShadingPoints::SPLATS {
+            // Of direct light alone.
+            let (clip2, far) = (rig.parameters.right[3], rig.parameters.forward[3]);
+            let wanted = shade::reference(rig.scene, rig.bvh(), &receiver, &lights, clip2, far)[2];
+            let found = before[i].truncate();
+            highlights.check_values(close(found, wanted, LOBE, 1e-9), &[(found, wanted)], || {
+                format!("slot {slot}: {found} for {wanted}")
+            });
+        }
         let surface = hit_of(eye_hits[i]).map_or(0, |hit| of_triangle[hit.triangle as usize]);
         let mut wanted = Vec3::ZERO;
         if shows && surface > 0 && width[surface as usize - 1] > 0.0 {
@@ -260,6 +261,7 @@ fn check_light(rig: &Rig, what: &str, hits: &[Hit], width: &[f32]) -> usize {
         lit += usize::from(found != Vec3::ZERO);
     }
     tally.finish(STRAYS);
+    highlights.finish(STRAYS);
     lit
 }
 

@@ -10,7 +10,8 @@ use lightsum::frame::Frame;
 use lightsum::gpu::{Buffer, Context, Recorder, Resources, Staging, download};
 use lightsum::pass::clusters::NO_POINT;
 use lightsum::pass::eye_paths::Plane;
-use lightsum::pass::{Kit, List, ShadingPoints, layout, trace, walk_start};
+use lightsum::pass::layout::PointLight;
+use lightsum::pass::{Kit, List, ShadingPoints, layout, light_lists, trace, walk_start};
 use lightsum::scene::{Camera, Scene, Surface};
 use lightsum::settings::{Settings, Traversal};
 use lightsum::stage::{Compensation, Stage};
@@ -103,6 +104,17 @@ impl<'a> Rig<'a> {
 
     pub fn get<T: Pod>(&self, buffer: &Buffer) -> Vec<T> {
         download(self.ctx, buffer).unwrap()
+    }
+
+    /// The lights of all lists; entries that nobody wrote hold dark ones.
+    pub fn listed_lights(&self) -> Vec<PointLight> {
+        let lists = &self.frame().light_lists;
+        let lights: Vec<PointLight> = self.get(&lists.lights);
+        let light = |entry: [u32; 2]| match lights.get(entry[0] as usize) {
+            Some(_) => light_lists::listed_light(&lights, entry),
+            None => PointLight::default(),
+        };
+        self.get(&lists.listed).into_iter().map(light).collect()
     }
 
     pub fn vec4s(&self, buffer: &Buffer) -> Vec<Vec4> {

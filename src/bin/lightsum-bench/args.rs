@@ -136,6 +136,26 @@ pub struct Convolve {
     pub form: Vec<String>,
 }
 
+/// Where mirror images come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Source {
+    /// Mirrored rays.
+    #[default]
+    Rays,
+    /// Images with depth.
+    Images,
+}
+
+impl Source {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Source::Rays => "rays",
+            Source::Images => "images",
+        }
+    }
+}
+
 /// Flags of `walkthrough`.
 #[derive(Clone, Debug, Args)]
 pub struct Walkthrough {
@@ -149,6 +169,10 @@ pub struct Walkthrough {
     /// of the scene].
     #[arg(long, value_name = "A..B", value_parser = reflectors)]
     pub reflectors: Option<RangeInclusive<u32>>,
+    /// Sources of mirror images, each played with all these numbers: rays, images (with depth, sampled before the first frame) or both,
+    /// with a comma.
+    #[arg(long, value_name = "SOURCE,...", default_value = "rays", value_delimiter = ',', value_parser = mirror_source())]
+    pub mirror_source: Vec<Source>,
     /// Number of frames, spread evenly over the path [default: the path's].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub frames: Option<u32>,
@@ -167,10 +191,10 @@ pub struct Walkthrough {
     /// Write all frames with their times, and the means of the tables, to this JSON file.
     #[arg(long, value_name = "FILE.json")]
     pub timings: Option<PathBuf>,
-    /// Draw frame times along the path, and frames per second over the number of reflectors, as an SVG file.
+    /// Draw frame times along the path (of the last source), and frames per second over the number of reflectors, as an SVG file.
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
-    /// Write the images to this folder, which must exist: REFLECTORS-FRAME.exr.
+    /// Write the images to this folder, which must exist: SOURCE-REFLECTORS-FRAME.exr.
     #[arg(long, value_name = "DIR")]
     pub images: Option<PathBuf>,
 }
@@ -323,6 +347,13 @@ fn cluster_order() -> impl TypedValueParser<Value = ClusterOrder> {
     PossibleValuesParser::new(["screen", "space"]).map(|name| match name.as_str() {
         "space" => ClusterOrder::Space,
         _ => ClusterOrder::Screen,
+    })
+}
+
+fn mirror_source() -> impl TypedValueParser<Value = Source> {
+    PossibleValuesParser::new(["rays", "images"]).map(|name| match name.as_str() {
+        "images" => Source::Images,
+        _ => Source::Rays,
     })
 }
 

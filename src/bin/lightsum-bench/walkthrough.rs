@@ -2,7 +2,9 @@
 //!
 //! Every frame is rendered for all numbers in turn, so that a busy minute of the machine meets them all. One pass a frame, with the
 //! settings of `--preset interactive --superposition variant --moving-passes 1`; the images are those of `lightsum animate`. A frame's
-//! time is that of placing camera and objects and of the pass; reading the image back does not count.
+//! time is that of placing camera and objects and of the pass; reading the image back does not count, nor does sampling the images with
+//! depth of `--mirror-source images`, which have the sizes of their flags' defaults. Where they are among the sources, all engines hold the
+//! scene in one tree, as a scene that stands still; else one tree for each object, as those of `lightsum animate` do.
 //!
 //! With `--every` the frame before each played one is rendered too and not counted: a jump over many frames may cost what no frame of the
 //! path does, such as new lists of lights where the rooms around the eye reflect otherwise.
@@ -11,6 +13,7 @@ mod plot;
 mod series;
 
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Instant;
 
 use cpu_time::ProcessTime;
@@ -18,11 +21,12 @@ use lightsum::gpu::{Context, download};
 use lightsum::output::{self, Encoding, Metadata, Wanted};
 use lightsum::scene::path::Motion;
 use lightsum::scene::{Camera, Scene};
-use lightsum::settings::{Settings, Spread, Superposition};
+use lightsum::settings::{MirrorImages, MirrorSource, Settings, Spread, Superposition};
+use lightsum::superposition::depth_images::{DepthImages, Options, Plan};
 use lightsum::{Error, Renderer, Result};
 use serde_json::{Value, json};
 
-use crate::args::Walkthrough;
+use crate::args::{Source, Walkthrough};
 use crate::{report, scene};
 use series::{Frame, Series};
 
@@ -56,11 +60,25 @@ pub fn run(args: &Walkthrough) -> Result<()> {
     }
     let mut series = Vec::new();
     let mut renderers = Vec::new();
-    for reflectors in counts {
-        let superposition = Superposition { spread: Spread::Variant, reflectors, ..Superposition::default() };
-        let settings = Settings { superposition: Some(superposition), ..Settings::interactive() };
-        series.push(Series::new(reflectors));
-        renderers.push(Renderer::with_context_dynamic(context.clone(), scene.clone(), still, settings)?);
+    let with_images = args.mirror_source.contains(&Source::Images);
+    if with_images && !motion.objects.is_empty() {
+        let message = "the path moves objects, and images with depth are those of a scene that stands still; take rays";
+        return Err(Error::file(&args.path, message));
+    }
+    for &source in &args.mirror_source {
+        let mut scene = scene.clone();
+        if source == Source::Images {
+            let settings = settings(source, *counts.end());
+            let plan = Plan::new(&scene, &settings, Options::default())?;
+            scene.mirror_images =
+                Some(Arc::new(DepthImages::sample(&context, &scene, &settings, plan, &mut |_| true)?));
+        }
+        for reflectors in counts.clone() {
+            series.push(Series::new(source, reflectors));
+            let settings = settings(source, reflectors);
+            let new = if with_images { Renderer::with_context } else { Renderer::with_context_dynamic };
+            renderers.push(new(context.clone(), scene.clone(), still, settings)?);
+        }
     }
     let times: Vec<(usize, f64)> = motion.times.iter().copied().enumerate().step_by(args.every as usize).collect();
     for (i, (renderer, series)) in renderers.iter_mut().zip(&mut series).enumerate() {
@@ -71,7 +89,7 @@ pub fn run(args: &Walkthrough) -> Result<()> {
             renderer.pass()?;
             renderer.engine_mut().restart();
         }
-        log::info!("renderer {i} of {} reflectors is warm", series.reflectors);
+        log::info!("renderer {i} of {} reflectors, {}, is warm", series.reflectors, series.source.name());
     }
     let mut seen = Vec::new();
     for &(number, time) in &times {
@@ -83,7 +101,7 @@ pub fn run(args: &Walkthrough) -> Result<()> {
             }
             series.frames.push(play(renderer, &motion, camera, time)?);
             if let Some(folder) = &args.images {
-                write_image(folder, renderer, series.reflectors, number)?;
+                write_image(folder, renderer, series, number)?;
             }
         }
         seen.push(renderers.last().map_or(Ok(Vec::new()), |renderer| pixels(&context, renderer))?);
@@ -91,6 +109,7 @@ pub fn run(args: &Walkthrough) -> Result<()> {
 
     let of_frame = |((number, time), seen): (&(usize, f64), &Vec<u32>)| json!({ "frame": number, "time": time, "reflector_pixels": seen });
     let frames: Vec<Value> = times.iter().zip(&seen).map(of_frame).collect();
+    let sources = || series.chunk_by(|a, b| a.source == b.source);
     let without: Vec<bool> = seen.iter().map(|pixels| pixels.iter().sum::<u32>() == 0).collect();
     let common = report::fields(json!({
         "mode": "walkthrough",
@@ -103,7 +122,8 @@ pub fn run(args: &Walkthrough) -> Result<()> {
         let mut all = common.clone();
         all.extend(environment.clone());
         all.insert("frames".into(), frames.into());
-        all.insert("slope".into(), series::slopes(&series, &without));
+        let slopes = sources().map(|of| (of[0].source.name().to_owned(), series::slopes(of, &without)));
+        all.insert("slope".into(), slopes.collect());
         all.insert("series".into(), series.iter().map(|s| Value::Object(s.all_fields(&without))).collect());
         // Numbers and strings only: serialisation cannot fail.
         let text = serde_json::to_string(&all).unwrap_or_default();
@@ -132,7 +152,23 @@ pub fn run(args: &Walkthrough) -> Result<()> {
         times.len(),
         without.iter().filter(|without| **without).count(),
     ))?;
-    series::print(&series, &without)
+    for of_source in sources() {
+        report::say("")?;
+        report::say(&format!("mirror images from {}", of_source[0].source.name()))?;
+        series::print(of_source, &without)?;
+    }
+    Ok(())
+}
+
+/// Settings of a frame.
+fn settings(source: Source, reflectors: u32) -> Settings {
+    let mirror_source = match source {
+        Source::Rays => MirrorSource::Rays,
+        Source::Images => MirrorSource::Images(MirrorImages::default()),
+    };
+    let superposition =
+        Superposition { spread: Spread::Variant, reflectors, mirror_source, ..Superposition::default() };
+    Settings { superposition: Some(superposition), ..Settings::interactive() }
 }
 
 /// The numbers of reflectors to play the path with.
@@ -175,8 +211,8 @@ fn pixels(context: &Context, renderer: &Renderer) -> Result<Vec<u32>> {
     Ok(counts)
 }
 
-fn write_image(folder: &Path, renderer: &Renderer, reflectors: u32, number: usize) -> Result<()> {
-    let path = folder.join(format!("{reflectors}-{number:04}.exr"));
+fn write_image(folder: &Path, renderer: &Renderer, series: &Series, number: usize) -> Result<()> {
+    let path = folder.join(format!("{}-{}-{number:04}.exr", series.source.name(), series.reflectors));
     let encoding = Encoding { color_only: true, ..Encoding::default() };
     output::write(&path, &renderer.image(Wanted::Color)?, &Metadata::default(), &encoding)
 }

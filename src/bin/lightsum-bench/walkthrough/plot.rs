@@ -1,4 +1,4 @@
-//! The plot: frame times along the path, and frames per second over the number of reflectors (figure 6.20 of the thesis).
+//! The plot: frame times along the path of the last source of mirror images, and frames per second over the number of reflectors (figure 6.20 of the thesis).
 
 use std::error::Error;
 
@@ -14,7 +14,7 @@ const LEFT: u32 = 580;
 /// Font of all labels: that of the viewer.
 const FONT: (&str, u32) = ("sans-serif", 13);
 
-/// Draws the frames of these numbers as an SVG document. Errors say what the drawing library reports.
+/// Draws the frames of these numbers as an SVG document; all series of a source stand beside each other. Errors say what the drawing library reports.
 pub fn draw(numbers: &[usize], series: &[Series]) -> Result<String, String> {
     let mut text = String::new();
     panels(&mut text, numbers, series).map_err(|error| error.to_string())?;
@@ -27,9 +27,12 @@ fn panels(text: &mut String, numbers: &[usize], series: &[Series]) -> Result<(),
     let (left, right) = root.split_horizontally(LEFT);
     let first = numbers.first().copied().unwrap_or(0) as f64;
     let last = (numbers.last().copied().unwrap_or(0) as f64).max(first + 1.0);
-    let longest = series.iter().flat_map(Series::seconds).fold(1e-3, f64::max);
+    let sources: Vec<&[Series]> = series.chunk_by(|a, b| a.source == b.source).collect();
+    let along = sources.last().copied().unwrap_or_default();
+    let longest = along.iter().flat_map(Series::seconds).fold(1e-3, f64::max);
+    let caption = format!("frame time along the path, {}", along.first().map_or("", |s| s.source.name()));
     let mut chart = ChartBuilder::on(&left)
-        .caption("frame time along the path", FONT)
+        .caption(caption, FONT)
         .margin(8)
         .x_label_area_size(36)
         .y_label_area_size(56)
@@ -42,8 +45,8 @@ fn panels(text: &mut String, numbers: &[usize], series: &[Series]) -> Result<(),
         .y_desc("ms")
         .label_style(FONT)
         .draw()?;
-    for (i, of_count) in series.iter().enumerate() {
-        let color = color(i, series.len());
+    for (i, of_count) in along.iter().enumerate() {
+        let color = color(i, along.len());
         let points = numbers.iter().zip(of_count.seconds()).map(|(&number, seconds)| (number as f64, 1e3 * seconds));
         let line = chart.draw_series(LineSeries::new(points, color.stroke_width(2)))?;
         let name = match of_count.reflectors {
@@ -60,9 +63,17 @@ fn panels(text: &mut String, numbers: &[usize], series: &[Series]) -> Result<(),
         .draw()?;
 
     let ends = [series.first(), series.last()].map(|s| s.map_or(0.0, |s| f64::from(s.reflectors)));
-    let rates: [Vec<(f64, f64)>; 2] = [mean, report::median]
-        .map(|of| series.iter().map(|s| (f64::from(s.reflectors), 1.0 / of(&s.seconds()).max(1e-9))).collect());
-    let highest = rates.iter().flatten().map(|(_, rate)| *rate).fold(1e-3, f64::max);
+    let mut rates = Vec::new();
+    for (of_source, source_color) in sources.iter().zip([BLACK, RED]) {
+        let name = of_source.first().map_or("", |s| s.source.name());
+        let styles: [(_, fn(&[f64]) -> f64, _); 2] =
+            [("mean", mean, source_color.to_rgba()), ("median", report::median, source_color.mix(0.4))];
+        for (kind, of, color) in styles {
+            let rate = |s: &Series| (f64::from(s.reflectors), 1.0 / of(&s.seconds()).max(1e-9));
+            rates.push((format!("{name}, {kind}"), color, of_source.iter().map(rate).collect::<Vec<_>>()));
+        }
+    }
+    let highest = rates.iter().flat_map(|(_, _, points)| points).map(|(_, rate)| *rate).fold(1e-3, f64::max);
     let mut chart = ChartBuilder::on(&right)
         .caption("frames per second", FONT)
         .margin(8)
@@ -72,12 +83,12 @@ fn panels(text: &mut String, numbers: &[usize], series: &[Series]) -> Result<(),
     chart
         .configure_mesh()
         .light_line_style(TRANSPARENT)
-        .x_labels(series.len().clamp(2, 10))
+        .x_labels(along.len().clamp(2, 10))
         .x_label_formatter(&|n| format!("{n:.0}"))
         .x_desc("reflectors")
         .label_style(FONT)
         .draw()?;
-    for (points, (name, color)) in rates.into_iter().zip([("mean", BLACK), ("median", RED)]) {
+    for (name, color, points) in rates {
         let line = chart.draw_series(LineSeries::new(points, color.stroke_width(2)).point_size(3))?;
         line.label(name).legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], color.stroke_width(2)));
     }

@@ -3,6 +3,7 @@
 use lightsum::Result;
 use serde_json::{Value, json};
 
+use crate::args::Source;
 use crate::report::{self, Fields, Table, milliseconds, percent};
 
 /// Times of a frame.
@@ -17,9 +18,11 @@ pub struct Frame {
     pub gpu_passes: Vec<(String, f64)>,
 }
 
-/// The frames for one number of reflectors.
+/// The frames for one source of mirror images and one number of reflectors.
 #[derive(Clone, Debug, Default)]
 pub struct Series {
+    /// Source of mirror images.
+    pub source: Source,
     /// Maximum number of glossy planes that mirror the room.
     pub reflectors: u32,
     /// Frames in order.
@@ -28,8 +31,8 @@ pub struct Series {
 
 impl Series {
     /// No frames yet.
-    pub fn new(reflectors: u32) -> Series {
-        Series { reflectors, frames: Vec::new() }
+    pub fn new(source: Source, reflectors: u32) -> Series {
+        Series { source, reflectors, frames: Vec::new() }
     }
 
     /// A time of each frame.
@@ -61,6 +64,7 @@ impl Series {
         let passes = self.passes().into_iter();
         let passes = passes.map(|(pass, s)| json!({ "pass": pass, "mean_seconds": s, "share": s / of_mean }));
         report::fields(json!({
+            "mirror_source": self.source.name(),
             "reflectors": self.reflectors,
             "frames": seconds.len(),
             "mean_seconds": of_mean,
@@ -124,7 +128,7 @@ pub fn slopes(series: &[Series], without: &[bool]) -> Value {
     })
 }
 
-/// Prints the tables and the slopes.
+/// Prints the tables and the slopes of one source.
 pub fn print(series: &[Series], without: &[bool]) -> Result<()> {
     let columns = [
         ("reflectors", 10),
@@ -193,7 +197,7 @@ mod tests {
     fn frames_without_reflectors_are_apart() {
         let frame =
             |seconds: f64| Frame { seconds, cpu: 2.0 * seconds, gpu_passes: vec![("eye".into(), 0.5 * seconds)] };
-        let series = Series { reflectors: 3, frames: [1.0, 2.0, 6.0].map(frame).into() };
+        let series = Series { frames: [1.0, 2.0, 6.0].map(frame).into(), ..Series::new(Source::Rays, 3) };
         let fields = series.fields(&[true, true, false]);
         assert_eq!((&fields["mean_seconds"], &fields["median_seconds"]), (&3.0.into(), &2.0.into()));
         assert_eq!(fields["without_reflectors"], json!({ "frames": 2, "mean_seconds": 1.5, "mean_cpu_seconds": 3.0 }));

@@ -81,6 +81,8 @@ pub struct App {
     frames: u64,
     /// Of these, frames with a pass of fewer pixels.
     coarse_frames: u64,
+    /// Most kernels that were drawn.
+    kernels: usize,
     failure: Option<Error>,
 }
 
@@ -97,7 +99,14 @@ impl App {
             stage: None,
             session: None,
             loading: None,
-            look: Look { stops: 0.0, auto: false, tonemap: args.shown.tonemap.into(), layer: None, lights: false },
+            look: Look {
+                stops: 0.0,
+                auto: false,
+                tonemap: args.shown.tonemap.into(),
+                layer: None,
+                lights: false,
+                kernels: false,
+            },
             panel: Panel::new(args.coarser),
             clock: Clock::default(),
             // A script says how many passes it waits for.
@@ -117,13 +126,14 @@ impl App {
             refused: None,
             frames: 0,
             coarse_frames: 0,
+            kernels: 0,
             failure: None,
         }
     }
 
     /// Ends everything; returns what was measured, as JSON.
     pub fn end(self) -> (Value, Result<()>) {
-        let App { stage, session, loading, clock, frames, coarse_frames, failure, .. } = self;
+        let App { stage, session, loading, clock, frames, coarse_frames, kernels, failure, .. } = self;
         if let Some(stage) = &stage {
             stage.window.set_visible(false);
         }
@@ -136,6 +146,7 @@ impl App {
         let summary = json!({
             "frames": frames,
             "coarse_frames": coarse_frames,
+            "kernels": kernels,
             "moving_frame_ms": clock.moving.json(),
             "input_to_image_ms": clock.latency.json(),
             "validation_messages": messages.len(),
@@ -310,10 +321,12 @@ impl App {
         self.frames += 1;
         self.settled = true;
         let (Some(stage), Some(session)) = (&self.stage, &mut self.session) else { return Ok(()) };
-        let had_lights = !session.lights().is_empty();
+        let drawn = |session: &Session| [session.lights().is_empty(), session.kernels().is_empty()];
+        let before = drawn(session);
         let done = session.finished()?;
-        // Lights that are new to the panel.
-        self.dirty |= had_lights == session.lights().is_empty();
+        // Lights or kernels that are new to the panel.
+        self.dirty |= before != drawn(session);
+        self.kernels = self.kernels.max(session.kernels().len());
         self.coarse_frames += u64::from(pass && session.is_coarse());
         if pass && done {
             self.clock.end(first, &stage.timers.read()?);

@@ -1,6 +1,6 @@
-//! The settings, each with the help of its flag.
+//! The settings, each with the help of its flag and the time of the GPU passes that it changes.
 
-use egui::{DragValue, Ui};
+use egui::{DragValue, RichText, Ui};
 use lightsum::ring::{Form, Ring};
 use lightsum::settings::{ClusterOrder, Compensation, Filter, LightChoice, Sequence, Settings, Spread, Superposition};
 
@@ -8,18 +8,53 @@ use super::panel::{Panel, Request};
 use crate::args::Preset;
 use crate::render::apply_preset;
 
+/// The GPU passes whose time a setting changes, by its flag. Settings that are not here change no time, or that of all passes.
+const PASSES: [(&str, &[&str]); 22] = [
+    ("particles", &["walk", "light_lists", "shade"]),
+    ("light_pool", &["walk", "light_lists"]),
+    ("direct_lights", &["light_lists", "shade"]),
+    ("delta_lights", &["shade"]),
+    ("max_depth", &["walk", "shade"]),
+    ("max_specular", &["eye"]),
+    ("photons", &["photons"]),
+    ("photon_radius", &["photons"]),
+    ("interleave_photons", &["photons"]),
+    ("mirror_lights", &["mirror_lights"]),
+    ("clip_fraction", &["near_light", "compensation"]),
+    ("light_threshold", &["shade"]),
+    ("lights_per_dispatch", &["shade"]),
+    ("filter", &["discontinuity", "discontinuity_lobes", "outliers"]),
+    ("no_filter_direct", &["discontinuity", "discontinuity_lobes"]),
+    ("compensation", &["near_light", "compensation"]),
+    ("superposition", &["mirrors"]),
+    ("cluster_order", &["sort", "clusters"]),
+    ("no_split", &["eye"]),
+    ("no_glossy_paths", &["eye", "glossy_light"]),
+    ("no_antialias", &["edges"]),
+    ("ring", &["ring"]),
+];
+
+/// Milliseconds of a frame that a setting changes, by the latest times of the GPU passes; `None`: it is not one of [`PASSES`], or none of
+/// its passes runs.
+fn cost(flag: &str, times: &[(String, f64)]) -> Option<f64> {
+    let (_, passes) = PASSES.iter().find(|(known, _)| *known == flag)?;
+    let ran = || times.iter().filter(|(name, _)| passes.contains(&name.as_str()));
+    ran().next().map(|_| ran().map(|(_, ms)| ms).sum())
+}
+
 /// Draws them; asks for others if the user changed one.
-pub fn show(ui: &mut Ui, panel: &Panel, now: &Settings, requests: &mut Vec<Request>) {
+pub fn show(ui: &mut Ui, panel: &Panel, times: &[(String, f64)], now: &Settings, requests: &mut Vec<Request>) {
+    let panel = &Rows { panel, times };
     let mut s = now.clone();
     ui.horizontal(|ui| {
-        ui.label("preset").on_hover_text(panel.flag("preset"));
+        ui.label("preset").on_hover_text(panel.panel.flag("preset"));
         for (preset, name) in [(Preset::Progressive, "progressive"), (Preset::Interactive, "interactive")] {
             if ui.small_button(name).clicked() {
                 apply_preset(&mut s, preset);
             }
         }
     });
-    egui::Grid::new("settings").num_columns(2).striped(true).show(ui, |ui| {
+    egui::Grid::new("settings").num_columns(3).striped(true).show(ui, |ui| {
         numbers(ui, panel, &mut s);
         choices(ui, panel, &mut s);
     });
@@ -28,10 +63,22 @@ pub fn show(ui: &mut Ui, panel: &Panel, now: &Settings, requests: &mut Vec<Reque
     }
 }
 
-/// A row: the name of a flag, which shows its help, and what changes it.
-fn row(ui: &mut Ui, panel: &Panel, flag: &str, change: impl FnOnce(&mut Ui)) {
-    ui.label(flag.replace('_', " ")).on_hover_text(panel.flag(flag));
+/// Source of what a row shows beside its setting.
+struct Rows<'a> {
+    panel: &'a Panel,
+    /// Milliseconds of each GPU pass.
+    times: &'a [(String, f64)],
+}
+
+/// A row: the name of a flag, which shows its help, what changes it, and the time of its passes.
+fn row(ui: &mut Ui, rows: &Rows, flag: &str, change: impl FnOnce(&mut Ui)) {
+    ui.label(flag.replace('_', " ")).on_hover_text(rows.panel.flag(flag));
     change(ui);
+    if let Some(ms) = cost(flag, rows.times) {
+        let passes =
+            PASSES.iter().find(|(known, _)| *known == flag).map_or(String::new(), |(_, passes)| passes.join(", "));
+        ui.label(RichText::new(format!("{ms:.1} ms")).small()).on_hover_text(format!("GPU time of {passes}"));
+    }
     ui.end_row();
 }
 
@@ -57,7 +104,7 @@ fn optional<T: egui::emath::Numeric>(ui: &mut Ui, value: &mut Option<T>, start: 
     });
 }
 
-fn numbers(ui: &mut Ui, panel: &Panel, s: &mut Settings) {
+fn numbers(ui: &mut Ui, panel: &Rows, s: &mut Settings) {
     row(ui, panel, "particles", |ui| number(ui, &mut s.particles, 1, Settings::MAX_PARTICLES));
     row(ui, panel, "light_pool", |ui| number(ui, &mut s.light_pool, 0, Settings::MAX_PARTICLES));
     row(ui, panel, "direct_lights", |ui| optional(ui, &mut s.direct_lights, 4, 1, Settings::MAX_PARTICLES));
@@ -89,7 +136,7 @@ fn numbers(ui: &mut Ui, panel: &Panel, s: &mut Settings) {
     row(ui, panel, "rounds", |ui| number(ui, &mut s.rounds, 1, 1024));
 }
 
-fn choices(ui: &mut Ui, panel: &Panel, s: &mut Settings) {
+fn choices(ui: &mut Ui, panel: &Rows, s: &mut Settings) {
     let mut window = s.filter.map(|filter| filter.window);
     row(ui, panel, "filter", |ui| {
         let named = |window: Option<Option<[u32; 2]>>| match window {
@@ -153,7 +200,7 @@ fn choices(ui: &mut Ui, panel: &Panel, s: &mut Settings) {
     }
 }
 
-fn ring(ui: &mut Ui, panel: &Panel, s: &mut Settings) {
+fn ring(ui: &mut Ui, panel: &Rows, s: &mut Settings) {
     let mut form = s.ring.map(|ring| ring.form);
     row(ui, panel, "ring", |ui| {
         let named = |form: Option<Form>| form.map_or(String::from("off"), |form| format!("{form:?}").to_lowercase());
@@ -179,4 +226,17 @@ fn choice<T: PartialEq + Copy + std::fmt::Debug>(ui: &mut Ui, id: &str, value: &
             ui.selectable_value(value, *one, named(one));
         }
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_cost_the_time_of_their_passes() {
+        let times = [("walk", 2.0), ("shade", 5.0), ("edges", 1.0)].map(|(name, ms)| (String::from(name), ms));
+        assert_eq!(cost("particles", &times), Some(7.0));
+        assert_eq!(cost("no_antialias", &times), Some(1.0));
+        assert_eq!((cost("photons", &times), cost("seed", &times)), (None, None));
+    }
 }

@@ -1,4 +1,4 @@
-//! Lines and points over the image: the box of the chosen object, and the virtual lights of the latest pass.
+//! Lines and points over the image: the box of the chosen object, and of the latest pass virtual lights and kernels of mirror images.
 
 use egui::{Color32, Painter, Pos2, Rect, Stroke};
 use glam::Vec3;
@@ -13,6 +13,37 @@ const MOST: usize = 4096;
 const EDGES: [[usize; 2]; 12] =
     [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
 
+/// Kernels that are drawn in a line.
+const KERNELS: usize = 16;
+/// Minimum of pixels between them, each way.
+const KERNEL_SPACING: usize = 16;
+
+/// The kernel by which a pixel of a mirror image is spread.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Kernel {
+    /// Centre of the pixel, pixels.
+    center: [f32; 2],
+    /// Diameter, pixels.
+    diameter: f32,
+    /// Unit vector of its u axis; it points from the mirror direction to the normal.
+    axis: [f32; 2],
+}
+
+/// Kernels of evenly spaced pixels, of an image with a footprint (diameter, texture, u axis) and a region for each pixel; region 0 has none.
+pub fn kernels(footprints: &[[f32; 4]], regions: &[u32], width: usize) -> Vec<Kernel> {
+    let lines = regions.len() / width.max(1);
+    let spacing = (width / KERNELS).max(KERNEL_SPACING);
+    let places = (spacing / 2..lines).step_by(spacing);
+    let places = places.flat_map(|y| (spacing / 2..width).step_by(spacing).map(move |x| [x, y]));
+    places
+        .filter(|[x, y]| regions[y * width + x] != 0)
+        .map(|[x, y]| {
+            let [diameter, _, u, v] = footprints[y * width + x];
+            Kernel { center: [x as f32 + 0.5, y as f32 + 0.5], diameter, axis: [u, v] }
+        })
+        .collect()
+}
+
 /// Draws them into the place of the image, in points.
 pub fn show(painter: &Painter, session: &Session, place: Rect) {
     let camera = session.camera();
@@ -24,6 +55,15 @@ pub fn show(painter: &Painter, session: &Session, place: Rect) {
         if let (true, Some(at)) = (emit.max_element() > 0.0, at(&camera, position, place)) {
             painter.circle(at, 2.0, color(emit), Stroke::new(0.5, Color32::BLACK));
         }
+    }
+    let [width, height] = session.engine().view().size().map(|n| n as f32);
+    let scale = place.size() / egui::vec2(width, height);
+    for kernel in session.kernels() {
+        let center = place.min + egui::Vec2::from(kernel.center) * scale;
+        let radius = 0.5 * kernel.diameter * scale.x;
+        let stroke = Stroke::new(1.0, Color32::from_rgba_unmultiplied(90, 220, 255, 110));
+        painter.circle_stroke(center, radius, stroke);
+        painter.line_segment([center, center + egui::Vec2::from(kernel.axis) * radius], stroke);
     }
     let Some((low, high)) = session.bounds() else { return };
     let corner =
@@ -46,4 +86,25 @@ fn at(camera: &Camera, point: Vec3, place: Rect) -> Option<Pos2> {
 fn color(emit: Vec3) -> Color32 {
     let [r, g, b] = (emit / emit.max_element()).clamp(Vec3::ZERO, Vec3::ONE).to_array();
     egui::Rgba::from_rgb(r, g, b).into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kernels_are_those_of_evenly_spaced_pixels() {
+        let (width, height) = (40, 20);
+        let footprints: Vec<[f32; 4]> = (0..width * height).map(|i| [i as f32, 0.0, 0.6, 0.8]).collect();
+        let mut regions = vec![1; width * height];
+        let at = |x: usize, y: usize| Kernel {
+            center: [x as f32 + 0.5, y as f32 + 0.5],
+            diameter: (y * width + x) as f32,
+            axis: [0.6, 0.8],
+        };
+        assert_eq!(kernels(&footprints, &regions, width), [at(8, 8), at(24, 8)]);
+        regions[8 * width + 8] = 0;
+        assert_eq!(kernels(&footprints, &regions, width), [at(24, 8)]);
+        assert_eq!(kernels(&[], &[], 0), []);
+    }
 }

@@ -146,7 +146,7 @@ impl Panel {
                 ui.add(DragValue::new(&mut self.coarser).range(1..=MAX_COARSER).speed(0.05));
             });
         });
-        ui.collapsing("Settings", |ui| options::show(ui, self, engine.settings(), requests));
+        ui.collapsing("Settings", |ui| options::show(ui, self, &clock.passes, engine.settings(), requests));
         let object = session.chosen().and_then(|chosen| session.scene()?.objects.get(chosen.object as usize));
         let title = object.map_or(String::from("Object"), |name| format!("Object: {name}"));
         egui::CollapsingHeader::new(title).id_salt("object").default_open(true).show(ui, |ui| match object {
@@ -192,6 +192,11 @@ impl Panel {
         }
         ui.checkbox(&mut look.lights, "virtual lights")
             .on_hover_text("those of the latest pass, as points, the hidden ones too");
+        if session.has_kernels() {
+            ui.checkbox(&mut look.kernels, "kernels").on_hover_text(
+                "by which the mirror images of the latest pass are spread: widths of some, and their u axes",
+            );
+        }
         ui.horizontal(|ui| {
             for (name, action) in [("save PNG", Action::Png), ("save EXR", Action::Exr)] {
                 if ui.button(name).clicked() {

@@ -65,6 +65,10 @@ impl App {
                 let (delta, phase) = (MouseScrollDelta::LineDelta(0.0, steps), TouchPhase::Moved);
                 self.take(events, &WindowEvent::MouseWheel { device_id: DeviceId::dummy(), delta, phase });
             }
+            // What acts on the scene waits for the one that is being loaded.
+            command @ (Command::Set(_) | Command::Look(_)) if self.loading.is_some() => {
+                return Some(VecDeque::from([command]));
+            }
             Command::Set(flags) => {
                 let session = self.session.as_mut()?;
                 let defaults = session.scene().map(|scene| scene.render.clone()).unwrap_or_default();
@@ -78,6 +82,7 @@ impl App {
                 }
             }
             Command::Lights(shown) => self.look.lights = shown,
+            Command::Kernels(shown) => self.look.kernels = shown,
             Command::Look(layer) => {
                 self.look.layer = layer;
                 let session = self.session.as_mut()?;

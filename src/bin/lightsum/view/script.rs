@@ -10,6 +10,7 @@
 //! set --particles 8 ...           the settings that these flags of `view` make
 //! look normal|image               a layer, or the image
 //! lights on|off                   the virtual lights over it
+//! kernels on|off                  the kernels of mirror images over it
 //! drop FILE                       a file dropped on the window; waits until it is loaded or refused
 //! passes 4                        waits until the image has so many passes, and renders no more
 //! screenshot FILE                 writes the image
@@ -55,6 +56,7 @@ pub enum Command {
     Set(Box<Flags>),
     Look(Option<Layer>),
     Lights(bool),
+    Kernels(bool),
     Drop(PathBuf),
     /// Waits for a scene.
     Loaded,
@@ -129,6 +131,8 @@ fn command(line: &str) -> Result<Command, String> {
         }
         ("lights", ["on"]) => Ok(Command::Lights(true)),
         ("lights", ["off"]) => Ok(Command::Lights(false)),
+        ("kernels", ["on"]) => Ok(Command::Kernels(true)),
+        ("kernels", ["off"]) => Ok(Command::Kernels(false)),
         ("look", ["image"]) => Ok(Command::Look(None)),
         ("look", [layer]) => {
             let named = |known: &Layer| format!("{known:?}").eq_ignore_ascii_case(layer);

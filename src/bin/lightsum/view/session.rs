@@ -17,6 +17,7 @@ use lightsum::standalone::{self, MAX_ROUNDS};
 use lightsum::{Engine, Error, Result};
 
 use super::navigate::{self, Mode};
+use super::overlay::{self, Kernel};
 use super::route::{Placed, Route};
 use crate::args::View;
 use crate::camera;
@@ -38,6 +39,8 @@ pub struct Look {
     pub layer: Option<Layer>,
     /// The virtual lights are drawn over it.
     pub lights: bool,
+    /// Kernels of mirror images are drawn over it.
+    pub kernels: bool,
 }
 
 /// A scene and its engine.
@@ -66,6 +69,8 @@ pub struct Session {
     readback: Buffer,
     /// Virtual lights of the pass in flight, and those of the one before.
     lights: (Option<Buffer>, Vec<PointLight>),
+    /// Kernels of the mirror images of the pass in flight, and those of the one before.
+    kernels: (Option<[Buffer; 2]>, Vec<Kernel>),
     set_up: bool,
     /// Pass in flight, whose count of lost rays will be read.
     pending: Option<u32>,
@@ -121,6 +126,7 @@ impl Session {
             pivots,
             readback: Buffer::new(context, "lost rays", 16, Memory::Readback)?,
             lights: (None, Vec::new()),
+            kernels: (None, Vec::new()),
             set_up: false,
             pending: None,
             display: None,
@@ -286,6 +292,7 @@ impl Session {
             rec.copy_range(&self.engine.frame().status, 0, &self.readback, 0, self.readback.bytes())?;
         }
         self.record_lights(rec, look.lights)?;
+        self.record_kernels(rec, look.kernels)?;
         let (context, image) = (self.engine.context().clone(), self.engine.image().clone());
         let is_new = !self.display.as_ref().is_some_and(|display| display.is_of(&image));
         if pass || is_new {
@@ -343,6 +350,38 @@ impl Session {
         &self.lights.1
     }
 
+    /// Whether mirror images are spread by kernels.
+    pub fn has_kernels(&self) -> bool {
+        self.engine.frame().glossy_planes.is_some()
+    }
+
+    /// Copies the kernels of the latest pass, if they are wanted.
+    fn record_kernels(&mut self, rec: &mut Recorder, wanted: bool) -> Result<()> {
+        let old = self.kernels.0.take();
+        let Some(planes) = self.engine.frame().glossy_planes.as_ref().filter(|_| wanted && self.engine.passes() > 0)
+        else {
+            return Ok(());
+        };
+        let sources = [&planes.image.footprint, &self.engine.frame().eye.planes.region];
+        let fits = |old: &[Buffer; 2]| [0, 1].iter().all(|&i| old[i].bytes() == sources[i].bytes());
+        let new =
+            |source: &Buffer| Buffer::new(self.engine.context(), "kernels read back", source.bytes(), Memory::Readback);
+        let copies = match old.filter(fits) {
+            Some(old) => old,
+            None => [new(sources[0])?, new(sources[1])?],
+        };
+        for (source, copy) in sources.into_iter().zip(&copies) {
+            rec.copy(source, copy)?;
+        }
+        self.kernels.0 = Some(copies);
+        Ok(())
+    }
+
+    /// Kernels of some pixels of the latest pass, if they are wanted.
+    pub fn kernels(&self) -> &[Kernel] {
+        &self.kernels.1
+    }
+
     /// After the submission of what was recorded.
     pub fn submitted(&mut self) {
         self.engine.setup_finished();
@@ -353,6 +392,11 @@ impl Session {
     /// Errors: rays do not finish in any number of rounds.
     pub fn finished(&mut self) -> Result<bool> {
         self.lights.1 = self.lights.0.as_ref().map_or(Ok(Vec::new()), Buffer::read)?;
+        let width = self.engine.view().size()[0] as usize;
+        self.kernels.1 = match &self.kernels.0 {
+            Some([footprints, regions]) => overlay::kernels(&footprints.read()?, &regions.read()?, width),
+            None => Vec::new(),
+        };
         let Some(pass) = self.pending.take() else { return Ok(false) };
         let lost = self.readback.read::<u32>()?[0];
         if lost == 0 {
