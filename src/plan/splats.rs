@@ -80,7 +80,8 @@ impl SplatPlan {
     }
 
     /// Candidates of a point that one dispatch may loop over within `budget`: each takes at most 3 iterations (its own, and 2 if it lies
-    /// within the kernel), and eight points of a subgroup may have theirs in different cells; each edge of the outline 20; the cells 54 and the exits.
+    /// within the kernel), and eight points of a subgroup may have theirs in different cells; each edge of the
+    /// outline 20; the cells and the exits 60.
     fn chunk(budget: u32) -> u32 {
         (budget.saturating_sub(60 + 20 * MAX_EDGES) / 24).max(1)
     }
