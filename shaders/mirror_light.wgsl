@@ -48,7 +48,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let lobe = point_lobe(geometric, shading, f0);
     let seen = free && mean3(reflected) > 0.0;
     // A path along the lobe brings the light of surfaces, but meets no light without area.
-    let glossy = has_flag(wo.w, GLOSSY) && !(has_flag(wo.w, LOBE_SAMPLED) && (bitcast<u32>(l.position.w) & LIGHT_SURFACE) != 0u);
+    let glossy = has_flag(wo.w, GLOSSY) && !has_flag(wo.w, SPLATS) && !(has_flag(wo.w, LOBE_SAMPLED) && (bitcast<u32>(l.position.w) & LIGHT_SURFACE) != 0u);
     let gloss = select(vec3<f32>(0.0), e * eval_specular(lobe, shading.xyz, wo.xyz, wi), glossy);
     indirect[slot] += vec4<f32>(select(vec3<f32>(0.0), e, seen), 0.0);
     specular[slot] += vec4<f32>(select(vec3<f32>(0.0), gloss, seen), 0.0);

@@ -44,7 +44,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let shading = point_shading[slot];
     let f0 = point_f0[slot];
     let wo = point_wo[slot];
-    let glossy = has_flag(wo.w, GLOSSY);
+    let glossy = has_flag(wo.w, GLOSSY) && !has_flag(wo.w, SPLATS);
     let sampled = has_flag(wo.w, LOBE_SAMPLED);
     let lobe = point_lobe(geometric, shading, f0);
     let radius2 = frame.photon.x * frame.photon.x;

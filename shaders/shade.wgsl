@@ -88,6 +88,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let wo = point_wo[slot];
     let glossy = has_flag(wo.w, GLOSSY);
     let sampled = has_flag(wo.w, LOBE_SAMPLED);
+    let splats = has_flag(wo.w, SPLATS);
     let used = f32(segments_of(wo.w));
     // The first chunk starts the sums; values of an earlier frame are not read.
     var e_direct = select(vec3<f32>(0.0), direct[slot].xyz, step.clears == 0u);
@@ -201,10 +202,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let is_direct = l_f0.w == 0.0;
         e_direct += select(vec3<f32>(0.0), e, is_direct);
         e_indirect += select(e, vec3<f32>(0.0), is_direct);
-        for (var i = select(0u, 1u, glossy && lit && !blocked); i > 0u; i -= 1u) {
+        for (var i = select(0u, 1u, glossy && lit && !blocked && (is_direct || !splats)); i > 0u; i -= 1u) {
             let lobe = lobe_density(shading.w, shading.xyz, wo.xyz, wi);
             let divided = intensity * (cos_receiver * highlight_falloff(l_f0, lights[listed.x].wi, flags, r2, cos_light, lobe));
-            l_specular += select(e, divided, sampled) * eval_specular(point_lobe(geometric, shading, f0), shading.xyz, wo.xyz, wi);
+            let near = intensity * (cos_receiver * falloff_beyond(flags, r2, SPLAT_CLIP));
+            l_specular += select(select(e, near, splats), divided, sampled) * eval_specular(point_lobe(geometric, shading, f0), shading.xyz, wo.xyz, wi);
         }
 #endif
         light += 1u;

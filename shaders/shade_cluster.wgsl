@@ -77,9 +77,12 @@ fn add_lobes(light: u32, p: u32, clip2: f32, passes: f32) -> vec3<f32> {
     let cosine = max(dot(wi, shading.xyz), 0.0);
     let falloff = inverse_square(r2, clip2);
     let divided = highlight_falloff(l.f0, l.wi, flags, r2, cos_light, lobe_density(shading.w, shading.xyz, wo.xyz, wi));
-    let factor = passes * cosine * select(falloff, divided, has_flag(wo.w, LOBE_SAMPLED));
+    let splats = has_flag(wo.w, SPLATS);
+    let own = select(falloff, inverse_square(r2, SPLAT_CLIP * clip2), splats);
+    let factor = passes * cosine * select(own, divided, has_flag(wo.w, LOBE_SAMPLED));
+    let shows = has_flag(wo.w, GLOSSY) && (l.f0.w == 0.0 || !splats);
     let reflected = eval_specular(point_lobe(geometric, shading, f0), shading.xyz, wo.xyz, wi);
-    specular[p] += vec4<f32>(select(vec3<f32>(0.0), (plain + extra) * factor * reflected, has_flag(wo.w, GLOSSY)), 0.0);
+    specular[p] += vec4<f32>(select(vec3<f32>(0.0), (plain + extra) * factor * reflected, shows), 0.0);
     return extra * (passes * cosine * falloff);
 }
 #endif

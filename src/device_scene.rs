@@ -110,6 +110,8 @@ pub struct DeviceScene {
     pub kept_light: Option<KeptBuffers>,
     /// Mirror images of the reflectors; `None`: rays show what they reflect.
     pub mirror_images: Option<DepthImageBuffers>,
+    /// Surfaces of splats; `None`: they were not asked for.
+    pub surfaces: Option<SurfaceBuffers>,
     /// Kernels and reflectances of the reflectors, made on first use.
     tables: Option<Tables>,
 }
@@ -132,6 +134,21 @@ pub struct TargetBuffers {
     pub triangles: Buffer,
     /// For each triangle the number of its target + 1, or 0.
     pub of_triangle: Buffer,
+}
+
+/// Surfaces of splats on the device.
+#[derive(Clone)]
+pub struct SurfaceBuffers {
+    /// Their number.
+    pub count: u32,
+    /// Bits of the area, first edge and end of its edges, of each; at least one.
+    pub records: Buffer,
+    /// Two vec4 for each edge of an outline; at least one, which may be no surface's.
+    pub edges: Buffer,
+    /// For each triangle the number of its surface + 1, or 0.
+    pub of_triangle: Buffer,
+    /// Lobes with a greater alpha count.
+    pub alpha: f32,
 }
 
 /// Finish of a planar reflector, with mean texture values.
@@ -277,6 +294,7 @@ impl DeviceScene {
                 Some(images) => Some(DepthImageBuffers::new(context, staging, images)?),
                 None => None,
             },
+            surfaces: None,
             tables: None,
             emitters,
             lights_are_complete: !scene.emitters_are_lights,

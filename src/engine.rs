@@ -77,6 +77,8 @@ pub struct Engine {
     clear: bool,
     /// Whether the image is new and has no layout yet.
     new_image: bool,
+    /// Whether the next pass traces the particles of splats first.
+    particles: bool,
 }
 
 impl Engine {
@@ -96,7 +98,7 @@ impl Engine {
     /// `dynamic`: with a hierarchy of objects that can move.
     fn with_trees(
         context: &Context,
-        scene: &Scene,
+        host_scene: &Scene,
         view: View,
         settings: Settings,
         dynamic: bool,
@@ -106,10 +108,10 @@ impl Engine {
         let mut staging = Staging::new();
         let clusters = TraversalKernels::shade(context, settings.traversal, false)?.cluster.is_some();
         let (mut scene, trees) = if dynamic {
-            let (scene, trees) = DeviceScene::new_dynamic(context, &mut staging, scene, clusters)?;
+            let (scene, trees) = DeviceScene::new_dynamic(context, &mut staging, host_scene, clusters)?;
             (scene, Some(trees))
         } else {
-            (DeviceScene::new(context, &mut staging, scene, clusters)?, None)
+            (DeviceScene::new(context, &mut staging, host_scene, clusters)?, None)
         };
         if scene.wide_nodes.is_none() && clusters {
             if settings.traversal == Traversal::Cluster {
@@ -122,6 +124,9 @@ impl Engine {
         }
         if scene.specular.frosted_panes && settings.mirroring_planes() == 0 {
             log::info!("frosted panes are shown clear without --superposition");
+        }
+        if let Some(splats) = &settings.splats {
+            scene.make_surfaces(context, &mut staging, host_scene, splats.alpha)?;
         }
         let plan = plan::derive(&scene, &settings, &view)?;
         let frame = make_frame(context, &mut staging, &mut scene, &plan, None)?;
@@ -139,6 +144,7 @@ impl Engine {
             upload: false,
             clear: false,
             new_image: false,
+            particles: true,
         };
         Ok((engine, trees))
     }
@@ -201,11 +207,14 @@ impl Engine {
         if self.clear {
             self.frame.output.record_clear(rec)?;
         }
+        if self.particles && self.frame.splats.is_some() {
+            self.frame.record_particles(rec, &self.plan.parameters_of(0, true)?)?;
+        }
         self.frame.record(rec, &parameters, &paths)?;
         self.passes += 1;
         self.unchanged += 1;
         self.paths = paths;
-        (self.upload, self.clear, self.new_image) = (false, false, false);
+        (self.upload, self.clear, self.new_image, self.particles) = (false, false, false, false);
         Ok(())
     }
 
@@ -248,6 +257,8 @@ impl Engine {
         // Rays of the paths that began may be among those lost.
         self.paths = Paths::default();
         self.clear = passes == 0;
+        // The pass that failed may have been the one that traced them.
+        self.particles = true;
     }
 
     /// Changes to a camera of the same resolution, and restarts if it differs, unless a ring goes on. Takes effect with the next pass; commands
@@ -414,6 +425,7 @@ impl Engine {
             self.paths = Paths::default();
         }
         self.frame = frame;
+        self.particles = true;
     }
 
     /// Takes the uploads that have not been recorded yet, to add to them.

@@ -26,7 +26,7 @@ use crate::plan::Plan;
 use crate::ring::{Form, Paths};
 use crate::settings::LightChoice;
 use crate::stage::{
-    Compensation, Edges, Eye, GlossyPlanes, NearLight, Output, PhotonLighting, Photons, Shade, Stage, Walk,
+    Compensation, Edges, Eye, GlossyPlanes, NearLight, Output, PhotonLighting, Photons, Shade, Splats, Stage, Walk,
 };
 
 /// Buffers of a frame that the next one goes on with.
@@ -65,6 +65,8 @@ pub struct Frame {
     pub photon_lighting: Option<PhotonLighting>,
     /// Lights the visible points by point lights over planar mirrors.
     pub mirror_lights: Option<MirrorLights>,
+    /// Lights lobes of the visible points by particles that are stored on their surfaces.
+    pub splats: Option<Splats>,
     /// Restores the light that clipping removed, by short rays, bounce by bounce.
     pub compensation: Option<Compensation>,
     /// Restores it from the irradiance of other pixels.
@@ -159,6 +161,7 @@ impl Frame {
                 Some(MirrorLights::new(kit, settings, mirrors, &inputs)?)
             }
         };
+        let splats = Splats::new(kit, scene, plan, (&eye, &shade))?;
         let compensation = Compensation::new(kit, scene, plan, (&eye, &light_lists, &walk.lights, &shade))?;
         let near_light = NearLight::new(kit, scene, plan, (&eye, &light_lists, &shade))?;
         // Kept light has no noise that a filter could take away.
@@ -260,6 +263,7 @@ impl Frame {
             kept_light,
             photon_lighting,
             mirror_lights,
+            splats,
             compensation,
             near_light,
             discontinuity,
@@ -288,6 +292,7 @@ impl Frame {
     pub fn record(&self, rec: &mut Recorder, parameters: &layout::FrameParameters, paths: &Paths) -> Result<()> {
         self.record_start(rec, parameters)?;
         self.eye.run(rec)?;
+        self.splats.as_ref().map_or(Ok(()), |splats| splats.record_find(rec))?;
         self.importance.run(rec)?;
         self.walk.run(rec)?;
         self.delta_choice.run(rec)?;
@@ -297,6 +302,7 @@ impl Frame {
         self.kept_light.run(rec)?;
         self.photon_lighting.run(rec)?;
         self.mirror_lights.run(rec)?;
+        self.splats.run(rec)?;
         self.compensation.run(rec)?;
         self.near_light.as_ref().map_or(Ok(()), |near| near.run_paths(rec, paths))?;
         self.discontinuity.run(rec)?;
@@ -325,6 +331,12 @@ impl Frame {
             reproject.record_start(rec, parameters)?;
         }
         self.summands.as_ref().map_or(Ok(()), |summands| summands.record_clear(rec))
+    }
+
+    /// Records the particles of splats anew, before a pass; nothing where there are none. `parameters`: those of the first pass.
+    pub fn record_particles(&self, rec: &mut Recorder, parameters: &layout::FrameParameters) -> Result<()> {
+        rec.begin();
+        self.splats.as_ref().map_or(Ok(()), |splats| splats.record_particles(rec, parameters))
     }
 
     /// Records work needed once, after the uploads of a new frame and before its first pass.

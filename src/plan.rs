@@ -6,10 +6,12 @@ mod lights;
 mod parameters;
 mod photons;
 mod ring;
+mod splats;
 
 pub use self::cones::Cones;
 pub use self::lights::LightPlan;
 pub use self::photons::{MirrorPlan, PhotonPlan};
+pub use self::splats::SplatPlan;
 pub use parameters::{MAX_FOLLOWED_ALPHA, MIN_LIGHT_ALPHA};
 
 use std::borrow::Cow;
@@ -220,6 +222,8 @@ pub struct Plan {
     pub photons: Option<PhotonPlan>,
     /// Mirrored lights; `None`: there are none.
     pub mirrors: Option<MirrorPlan>,
+    /// Splats; `None`: there are none.
+    pub splats: Option<SplatPlan>,
     /// Sizes of the scene.
     pub scene: SceneSize,
 }
@@ -291,6 +295,7 @@ pub fn derive(scene: &DeviceScene, asked: &Settings, view: &View) -> Result<Plan
         asked: asked.clone(),
         photons: PhotonPlan::new(settings, scene.target_count()),
         mirrors: MirrorPlan::new(settings, scene.mirror_count(), &lights),
+        splats: SplatPlan::of(settings, scene, view)?,
         lights,
         lists,
         particles,
@@ -446,8 +451,8 @@ impl Plan {
             && self.settings.clips() == other.settings.clips()
             && same_view
             && self.scene.extent.reflectivity == other.scene.extent.reflectivity
-            && (&self.lights, &self.lists, self.eye, self.photons, self.mirrors)
-                == (&other.lights, &other.lists, other.eye, other.photons, other.mirrors)
+            && (&self.lights, &self.lists, self.eye, self.photons, self.mirrors, self.splats)
+                == (&other.lights, &other.lists, other.eye, other.photons, other.mirrors, other.splats)
     }
 }
 

@@ -1,7 +1,9 @@
 //! The renderer's settings: meaning, unit, default, and the cost of higher and lower values.
 
+mod splats;
 mod superposition;
 
+pub use splats::Splats;
 pub use superposition::{ImageChoice, MirrorImages, MirrorSource, Reflectance, Spread, Superposition};
 
 use crate::error::{Error, Result};
@@ -272,6 +274,9 @@ pub struct Settings {
     /// hit point, and the convolution. Biased: the incident light at each point of the plane is taken from the mirror image
     /// that the eye sees there. Needs `split` and `max_specular` of 1 or more. No cost in scenes without such planes.
     pub superposition: Option<Superposition>,
+    /// Glossy surfaces shown by splats of particles ([`crate::stage::Splats`]). Default `None`. Costs the particles once, and in
+    /// each pass some 2000 look-ups for each pixel of one class that shows such a surface. No cost in scenes without.
+    pub splats: Option<Splats>,
     /// Also sum emission, diffuse and specular light separately, as layers that add up to the image.
     /// Default false. True costs some milliseconds a pass and 112 bytes a pixel.
     pub summands: bool,
@@ -353,6 +358,7 @@ impl Default for Settings {
             photon_radius: None,
             interleave_photons: false,
             superposition: None,
+            splats: None,
             summands: false,
             mirror_lights: 2,
             clip: Clip::Fraction(0.1),
@@ -498,6 +504,14 @@ impl Settings {
                         "a plane and its mirror image are two components: take away --no-split and --max-specular 0, or turn it off",
                     ),
                 });
+            }
+        }
+        if let Some(splats) = &self.splats {
+            splats.validate()?;
+            if self.ring.is_some() {
+                let message =
+                    String::from("a ring replaces its light path by path, splats keep theirs; leave out one of them");
+                return Err(Error::Setting { name: "--ring", message });
             }
         }
         let (Clip::Distance(c) | Clip::Fraction(c)) = self.clip;

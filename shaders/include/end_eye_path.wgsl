@@ -11,6 +11,12 @@ fn carries(weight: vec3<f32>) -> bool {
     return max(max(weight.x, weight.y), weight.z) > 0.0;
 }
 
+// Whether splats show lobes of this alpha.
+fn shows_splats(alpha: f32) -> bool {
+    let least = frame.superposition.w;
+    return least != 0u && alpha > bitcast<f32>(least);
+}
+
 // Writes the shading point that a path's last ray met, and returns whether it is lit. `only_emits`: paths are too short for light that
 // it reflects.
 fn end_eye_path(slot: u32, ray: vec4<f32>, hit: vec4<f32>, only_emits: bool) -> bool {
@@ -52,7 +58,9 @@ fn end_eye_path(slot: u32, ray: vec4<f32>, hit: vec4<f32>, only_emits: bool) -> 
     let lit = met.found && sends && reaches && !only_emits;
     let by_specular = through.w > 0.0;
     let of_path = bitcast<u32>(before.w) & (LOBE_SAMPLED | NARROW_LOBE | UNLIKELY | 15u * ONE_SEGMENT);
-    let flags = flag_if(LIT, lit) | flag_if(COVERED, met.found || by_specular || has_environment()) | flag_if(SEEN_BY_SPECULAR, by_specular) | of_path;
+    let r = met.surface.reflectance;
+    let splats = shows_splats(r.alpha) && r.f90 > 0.0 && !met.without_lobe && !has_flag(before.w, LOBE_SAMPLED);
+    let flags = flag_if(SPLATS, splats) | flag_if(LIT, lit) | flag_if(COVERED, met.found || by_specular || has_environment()) | flag_if(SEEN_BY_SPECULAR, by_specular) | of_path;
     write_point(slot, met, flags);
     return lit;
 }

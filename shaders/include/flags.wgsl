@@ -23,6 +23,9 @@ const LOBE_FOLLOWED: u32 = 32u;     // it ended on the base of a glossy plane: t
 // Segments of the eye path beyond its first surface that is neither mirror nor glass, at most 15.
 const ONE_SEGMENT: u32 = 512u;
 
+// Of a shading point again.
+const SPLATS: u32 = 8192u;          // its lobe shows indirect light by splats
+
 fn segments_of(word: f32) -> u32 {
     return (bitcast<u32>(word) / ONE_SEGMENT) & 15u;
 }

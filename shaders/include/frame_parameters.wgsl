@@ -21,7 +21,7 @@ struct FrameParameters {
                                 // lights on a unit of area of an emitter of radiance 1, and of other surfaces; greatest alpha of a lobe that
                                 // eye paths follow, 0: none
     superposition: vec4<u32>,   // number of planar reflectors handled by superposition; form of their reflectance (settings::Reflectance);
-                                // 1: images with depth show what they mirror
+                                // 1: images with depth show what they mirror; bits of the alpha above which splats show lobes, 0: none
     mirrors: vec4<u32>,         // mirrored lights of each class N, lights to mirror, planar mirrors M; neighbours of a class that share near light
     lists: vec4<u32>,           // lights that a cluster chooses from the lights after reflections of its class, lights of a cluster; bits of the weight of near light of the same class;
                                 // 1 + the only particle whose path begins in this pass, 0: all do

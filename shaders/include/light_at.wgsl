@@ -2,6 +2,10 @@
 // CPU twin: pass::shade::light_towards.
 #include "lobe_shares.wgsl"
 
+// Factor of the square of the clip distance for direct highlights where splats show the rest of a lobe: nothing restores what is cut off
+// there. Host twin: pass::shade::SPLAT_CLIP.
+const SPLAT_CLIP: f32 = 0.01;
+
 // Vector from x to a light, not normalised.
 fn to_light(position: vec4<f32>, normal: vec4<f32>, x: vec3<f32>) -> vec3<f32> {
     let parallel = (bitcast<u32>(position.w) & LIGHT_DIRECTIONAL) != 0u;

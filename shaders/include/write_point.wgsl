@@ -43,8 +43,8 @@ fn write_point(slot: u32, met: Met, flags: u32) {
     let s = met.surface;
     let r = s.reflectance;
     let glossy = r.f90 > 0.0 && !met.without_lobe;
-    // Of a lobe with a path of its own nothing is clipped, and nothing has to be gathered.
-    let sampled = (flags & LOBE_SAMPLED) != 0u;
+    // Of a lobe with a path of its own, or with splats, nothing is clipped, and nothing has to be gathered.
+    let sampled = (flags & (LOBE_SAMPLED | SPLATS)) != 0u;
     let diffuse = select(diffuse_probability(r), 1.0, met.without_lobe || sampled);
     let word = flags | flag_if(HIT, met.found) | flag_if(GLOSSY, glossy);
     point_position[slot] = vec4<f32>(offset_origin(s.position, s.geometric, frame.eye.w), select(0.0, met.t, met.found));

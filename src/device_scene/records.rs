@@ -51,6 +51,12 @@ pub(super) fn has_lobe(m: &crate::scene::Material) -> bool {
     m.surface == Surface::Opaque && (m.metallic > 0.0 || whole.f90 > 0.0)
 }
 
+/// Whether it has a lobe with a greater alpha than this, at least at some texel.
+pub(super) fn has_wide_lobe(m: &crate::scene::Material, alpha: f32) -> bool {
+    let own = Reflectance::new(m.base_color, m.metallic, m.roughness, m.specular).alpha;
+    has_lobe(m) && (m.metallic_roughness_texture.is_some() || own > alpha)
+}
+
 /// Whether eye paths may follow its lobe: it is narrow enough, at least at some texel.
 pub(crate) fn is_shiny(m: &crate::scene::Material) -> bool {
     let alpha = Reflectance::new(m.base_color, m.metallic, m.roughness, m.specular).alpha;

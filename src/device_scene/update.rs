@@ -5,8 +5,10 @@ use std::slice::from_ref;
 use bytemuck::Zeroable;
 use glam::Vec3;
 
-use super::records::{finishes, material_record, reflector_numbers, shading_attributes};
-use super::{DeviceScene, MirrorBuffers, SpecularFeatures, TargetBuffers, delta_lights, fits_kernel, write};
+use super::records::{finishes, has_wide_lobe, material_record, reflector_numbers, shading_attributes};
+use super::{
+    DeviceScene, MirrorBuffers, SpecularFeatures, SurfaceBuffers, TargetBuffers, delta_lights, fits_kernel, write,
+};
 use crate::accel::objects::{Changes, ObjectTrees};
 use crate::accel::wide::WideBvh;
 use crate::error::Result;
@@ -16,6 +18,7 @@ use crate::light::mirrors::Mirrors;
 use crate::light::targets::{TargetTriangle, Targets};
 use crate::pass::layout::{MaterialRecord, PointLight};
 use crate::scene::reflectors::Reflector;
+use crate::scene::surfaces::Surfaces;
 use crate::scene::{Light, Scene};
 
 /// Parts of the scene touched by edits.
@@ -92,6 +95,7 @@ impl DeviceScene {
         // Other kernels trace where surfaces let rays pass.
         let everything = touched.everything || self.has_alpha != scene.has_alpha();
         let mut replaced = everything;
+        let splat_alpha = self.surfaces.as_ref().map(|surfaces| surfaces.alpha);
         if everything {
             let bvh = self.bvh.clone();
             let kept = self.delta.clone();
@@ -114,6 +118,12 @@ impl DeviceScene {
                 replaced |= self.update_targets(context, staging, scene)?;
                 replaced |= self.update_mirrors(context, staging, scene)?;
             }
+        }
+        if let Some(alpha) =
+            splat_alpha.filter(|_| everything || !touched.moved.is_empty() || !touched.materials.is_empty())
+        {
+            self.make_surfaces(context, staging, scene, alpha)?;
+            replaced = true;
         }
         if other_delta {
             let delta = delta_lights(scene, self.bvh.typical_scale());
@@ -158,6 +168,33 @@ impl DeviceScene {
             }),
         };
         Ok(true)
+    }
+
+    /// Finds and stages the surfaces of splats, for lobes with a greater alpha than this.
+    pub fn make_surfaces(&mut self, context: &Context, staging: &mut Staging, scene: &Scene, alpha: f32) -> Result<()> {
+        let surfaces = Surfaces::of(scene, |m| has_wide_lobe(&scene.materials[m as usize], alpha));
+        let mut first = 0;
+        let mut records: Vec<[u32; 4]> = (surfaces.list.iter())
+            .map(|surface| {
+                let end = first + surface.edges.len() as u32;
+                [surface.area.to_bits(), std::mem::replace(&mut first, end), end, 0]
+            })
+            .collect();
+        let edges = surfaces.list.iter().flat_map(|surface| surface.edges.iter().flatten());
+        let mut edges: Vec<[f32; 4]> = edges.map(|p| p.extend(0.0).to_array()).collect();
+        let of_leaf = (0..self.bvh.triangle_count()).map(|t| surfaces.of_triangle[self.bvh.scene_triangle(t) as usize]);
+        let of_leaf: Vec<u32> = of_leaf.collect();
+        let count = records.len() as u32;
+        records.resize(records.len().max(1), [0; 4]);
+        edges.resize(edges.len().max(2), [0.0; 4]);
+        self.surfaces = Some(SurfaceBuffers {
+            count,
+            records: staging.stage(context, "surfaces", &records)?,
+            edges: staging.stage(context, "edges of surfaces", &edges)?,
+            of_triangle: staging.stage(context, "surfaces of triangles", &of_leaf)?,
+            alpha,
+        });
+        Ok(())
     }
 
     /// Finds and stages the planar mirrors. Returns whether buffers were replaced, as above.

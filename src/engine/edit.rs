@@ -265,6 +265,7 @@ impl Engine {
         if let Some(moving) = &mut self.dynamic {
             moving.pending.everything = true;
         }
+        self.particles = true;
         self.restart();
     }
 
@@ -316,6 +317,7 @@ impl Engine {
         self.keep_staging(staging);
         let (update, plan) = result?;
         self.plan = plan;
+        self.particles = true;
         moving.times = EditTimes {
             vertices: std::mem::take(&mut moving.vertex_seconds),
             refit: update.changes.refit_seconds,

@@ -3,6 +3,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
+pub use super::splat_start::SplatParameters;
 pub use crate::light::emitters::EmitterRecord;
 
 /// Parameters of one pass of the renderer; `shaders/include/frame.wgsl` says what each component is.
@@ -48,7 +49,7 @@ pub struct FrameParameters {
     /// an emitter of mean radiance 1, and of other surfaces; maximum alpha of a lobe that eye paths follow, 0: none.
     pub choice: [f32; 4],
     /// Planar reflectors, by their number, that mirror the room; form of their reflectance, as in [`crate::settings::Reflectance`]; 1:
-    /// images with depth show what they mirror.
+    /// images with depth show what they mirror; bits of the alpha above which splats show lobes, 0: none.
     pub superposition: [u32; 4],
     /// Mirrored lights of each class N, lights to mirror, planar mirrors; neighbours of a class, across and down, that share
     /// near light.

@@ -1,5 +1,5 @@
 //! The GPU passes of a frame. Each has a file of its own; the names of its shaders begin with its stem, but for
-//! `photon_grid` (`photon_keys`, `photon_cells`), `mirror_lights` (`mirror_*`) and `visibility`, which takes variants of
+//! `photon_grid` (`photon_keys`, `photon_cells`), `splat_grid` (`splat_keys`, `splat_cells`), `mirror_lights` (`mirror_*`) and `visibility`, which takes variants of
 //! `shade`. `frame.rs` has their order. [`layout`] and [`surface`] are what the passes share.
 //!
 //! A pass is made from a [`Kit`], which holds the resources that every pass may bind, and from the buffers of the stage
@@ -54,6 +54,13 @@ pub mod ring;
 pub mod schedule;
 pub mod shade;
 pub mod sort;
+pub mod splat_find;
+pub mod splat_follow;
+pub mod splat_grid;
+pub mod splat_light;
+pub mod splat_pack;
+pub mod splat_start;
+pub mod splat_width;
 pub mod split_points;
 pub mod summands;
 pub mod superpose;
@@ -434,6 +441,8 @@ impl ShadingPoints {
     pub const UNLIKELY: u32 = 256;
     /// One segment of the eye path beyond its first surface that is neither mirror nor glass; up to 15 of them.
     pub const ONE_SEGMENT: u32 = 512;
+    /// Flag: splats show indirect light of its specular lobe.
+    pub const SPLATS: u32 = 8192;
 
     /// The bits of 1.0, which are in every word with a flag, see `shaders/include/flags.wgsl`.
     const FLAGS: u32 = 0x3f80_0000;
@@ -441,7 +450,7 @@ impl ShadingPoints {
     /// The flags that a word holds: none, unless a pass wrote it.
     pub fn flags(word: f32) -> u32 {
         let flags = word.to_bits() ^ ShadingPoints::FLAGS;
-        if flags < 16 * ShadingPoints::ONE_SEGMENT { flags } else { 0 }
+        if flags < 2 * ShadingPoints::SPLATS { flags } else { 0 }
     }
 
     /// The word that holds these flags.

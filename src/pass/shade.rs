@@ -230,14 +230,19 @@ pub struct ShadingPoint {
     pub wo: Vec3,
     /// If a path of its own follows its lobe: virtual lights on a unit of area of surfaces that do not emit.
     pub sampled: Option<f32>,
+    /// Whether splats show indirect light of its lobe.
+    pub splats: bool,
 }
 
+/// Factor of the square of the clip distance for direct highlights where splats show the rest of a lobe. Shader twin: `SPLAT_CLIP`.
+pub const SPLAT_CLIP: f32 = 0.01;
+
 impl ShadingPoint {
-    /// Its reflectance as far as light is gathered for it: without a lobe that has a path of its own, since nothing of that is
-    /// clipped.
+    /// Its reflectance as far as light is gathered for it: without a lobe that has a path of its own or splats, since nothing of that
+    /// is clipped.
     pub fn gathering(&self) -> Reflectance {
         let r = self.reflectance;
-        if self.sampled.is_some() { Reflectance { f0: Vec3::ZERO, f90: 0.0, ..r } } else { r }
+        if self.sampled.is_some() || self.splats { Reflectance { f0: Vec3::ZERO, f90: 0.0, ..r } } else { r }
     }
 }
 
@@ -307,7 +312,12 @@ pub fn reference(
         let passes = bvh.transmittance(scene, &Ray { origin: receiver.position, t_max: 1.0, direction: d });
         let e = e * passes;
         sums[usize::from(light.f0[3] != 0.0)] += e;
-        if receiver.reflectance.f90 > 0.0 {
+        if receiver.splats {
+            if light.f0[3] == 0.0 {
+                let l = light_towards(light, wi, r2, SPLAT_CLIP * clip2) * (cos * passes);
+                sums[2] += l * receiver.reflectance.eval_specular(receiver.shading, receiver.wo, wi);
+            }
+        } else if receiver.reflectance.f90 > 0.0 {
             let l = receiver.sampled.map_or(e, |surfaces| {
                 // The intensity: the light at unit distance, not clipped.
                 let falloff = highlight_falloff(light, receiver, wi, r2, surfaces);

@@ -92,11 +92,14 @@ impl Plan {
             Some(plan) => plan.parameters(s, &self.lights, extent.size, (local, refined / INSTANCES))?,
             None => ([0; 4], [0.0; 4]),
         };
+        let splats = s.splats.filter(|_| self.splats.is_some());
+        let least_alpha = splats.map_or(0, |splats| splats.alpha.max(f32::MIN_POSITIVE).to_bits());
         let superposition = match s.superposition.filter(|_| self.eye.mirrors) {
             Some(superposition) => {
-                [superposition.reflectors, superposition.reflectance as u32, u32::from(self.eye.images.is_some()), 0]
+                let images = u32::from(self.eye.images.is_some());
+                [superposition.reflectors, superposition.reflectance as u32, images, least_alpha]
             }
-            None => [0; 4],
+            None => [0, 0, 0, least_alpha],
         };
         let xyzw = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
         let (lowest, highest) = extent.bounds;
@@ -122,7 +125,11 @@ impl Plan {
                 s.power_fraction,
                 self.lights.survivors.first().map_or(0.0, |&n| n as f32) / self.scene.emission.max(f32::MIN_POSITIVE),
                 self.reflected_lights() / surface_area(extent.size),
-                if self.eye.lobes { MAX_FOLLOWED_ALPHA } else { 0.0 },
+                match splats {
+                    _ if !self.eye.lobes => 0.0,
+                    None => MAX_FOLLOWED_ALPHA,
+                    Some(splats) => splats.alpha.min(MAX_FOLLOWED_ALPHA),
+                },
             ],
             superposition,
             mirrors: {

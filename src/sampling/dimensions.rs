@@ -9,6 +9,7 @@
 //! | direction of segment j of a particle, j in 0..16 | 2j + 2, 2j + 3   | 5, 7; 11, 13; ... |
 //! | gather ray of bounce b                          | 2b, 2b + 1, rotated by stream `GATHER` | 2, 3; 5, 7; ... |
 //! | photon: direction; emitter and point; target    | 0, 1; 2, 3; 4, rotated by stream `PHOTON` | 2, 3; 5, 7; 11 |
+//! | particle of splats: as a particle               | those of a particle, of Sobol', scrambled by stream `SPLAT` | |
 //!
 //! Sobol' points use the same dimensions, without bases; they are randomised by XOR instead of rotation. Their gather rays
 //! are padded replications: every bounce uses dimensions 0 and 1, each in its own order (stream `REPLICA`).
@@ -41,6 +42,9 @@
 //! | [`WALK_COMPONENT`] | transmission, reflection or base: particle, reflection and mirrors and glass so far |
 //! | [`PHOTON_COMPONENT`] | transmission or reflection: photon, mirrors and glass so far |
 //! | [`ROULETTE`] | absorption in a ring: particle, reflection |
+//! | [`SPLAT`]   | scrambling of the points of the particles of splats: dimension, 0 |
+//! | [`SPLAT_SIDE`] | side of a two-sided emitter: particle, 0                |
+//! | [`SPLAT_LOBE`], [`SPLAT_COMPONENT`], [`SPLAT_ROULETTE`] | diffuse or specular; transmission, reflection or base; absorption: particle, bounces |
 
 use super::halton::PRIMES;
 use super::sobol;
@@ -107,6 +111,16 @@ pub const PHOTON_COMPONENT: u32 = 22;
 pub const ROULETTE: u32 = 23;
 /// Stream: Russian roulette of the paths of gather rays.
 pub const GATHER_ROULETTE: u32 = 24;
+/// Stream: scrambling of the points of the particles of splats.
+pub const SPLAT: u32 = 25;
+/// Stream: side of a two-sided emitter that such a particle leaves.
+pub const SPLAT_SIDE: u32 = 26;
+/// Stream: diffuse or specular reflection of such a particle.
+pub const SPLAT_LOBE: u32 = 27;
+/// Stream: component that such a particle takes at a mirror or glass.
+pub const SPLAT_COMPONENT: u32 = 28;
+/// Stream: absorption of such a particle.
+pub const SPLAT_ROULETTE: u32 = 29;
 
 /// Dimensions of a photon: direction, place on the emitter (the first also chooses it), target.
 pub const PHOTON_DIMENSIONS: [usize; 5] = [0, 1, 2, 3, 4];

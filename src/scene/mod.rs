@@ -39,6 +39,7 @@ pub mod path;
 mod ply;
 pub mod reflectors;
 mod sky;
+pub mod surfaces;
 mod tessellate;
 mod texture;
 pub(crate) mod validate;

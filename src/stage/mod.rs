@@ -10,6 +10,7 @@ mod output;
 mod photons;
 mod points;
 mod shade;
+mod splats;
 mod walk;
 
 pub use compensation::{Bounce, Compensation};
@@ -21,6 +22,7 @@ pub use output::Output;
 pub use photons::{PhotonLighting, Photons};
 pub use points::PointOrder;
 pub use shade::Shade;
+pub use splats::Splats;
 pub use walk::Walk;
 
 use crate::error::Result;

@@ -27,7 +27,7 @@ const DIFFUSE: f32 = 1e-4;
 
 /// Tolerance for light over a specular lobe, which magnifies differences of the directions: SwiftShader is 1e-3 off at
 /// worst.
-const LOBE: f32 = 2e-3;
+pub const LOBE: f32 = 2e-3;
 
 /// The shading points in the form of the oracles.
 pub fn receivers(rig: &Rig, r: &ShadingPoints) -> Vec<ShadingPoint> {
@@ -46,6 +46,7 @@ pub fn receivers(rig: &Rig, r: &ShadingPoints) -> Vec<ShadingPoint> {
             },
             wo: wo[i].truncate(),
             sampled: has(wo[i], ShadingPoints::LOBE_SAMPLED).then_some(rig.parameters.choice[2]),
+            splats: has(wo[i], ShadingPoints::SPLATS),
         })
         .collect()
 }

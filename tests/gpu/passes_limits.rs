@@ -57,6 +57,7 @@ fn more_work_than_the_driver_lets_one_dispatch_do() {
         for i in rig.list(0).into_iter().map(|i| i as usize).step_by(2) {
             let receiver = ShadingPoint {
                 sampled: None,
+                splats: false,
                 position: position[i].truncate(),
                 geometric: geometric[i].truncate(),
                 shading: shading[i].truncate(),

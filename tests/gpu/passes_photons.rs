@@ -295,6 +295,7 @@ fn check_light(rig: &Rig, what: &str, mut photons: Vec<Photon>, narrowed: &mut u
             Reflectance { kd: Vec3::ZERO, f0: f0[i].truncate(), f90: geometric[i].w, alpha: shading[i].w };
         let receiver = ShadingPoint {
             sampled: has(wo[i], ShadingPoints::LOBE_SAMPLED).then_some(rig.parameters.choice[2]),
+            splats: false,
             position: position[i].truncate(),
             geometric: geometric[i].truncate(),
             shading: shading[i].truncate(),

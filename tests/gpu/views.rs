@@ -379,6 +379,7 @@ fn check_texels(ctx: &Context, scene: &Scene, engine: &Engine, atlas: &Atlas) {
         assert!(close(position[i].truncate(), point, 1e-3, 1e-3), "place of texel {i}");
         let receiver = ShadingPoint {
             sampled: None,
+            splats: false,
             position: position[i].truncate(),
             geometric: surface.geometric,
             shading: surface.shading,

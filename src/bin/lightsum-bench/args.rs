@@ -4,7 +4,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use lightsum::gpu::DeviceChoice;
 use lightsum::scene::reflectors;
-use lightsum::settings::{ClusterOrder, Settings, Traversal};
+use lightsum::settings::{ClusterOrder, Settings, Splats, Traversal};
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
@@ -93,6 +93,10 @@ pub struct Frame {
     /// Maximum number of glossy planes that mirror the room, largest first (--superposition variant): 0 to 255.
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=255))]
     pub reflectors: Vec<u32>,
+    /// Particles of splats (--glossy splats), 1 to 4000000.
+    #[arg(long, value_name = "N,...", value_delimiter = ',')]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=i64::from(Splats::MAX_PARTICLES)))]
+    pub splats: Vec<u32>,
     /// Use the settings of --preset interactive instead of the defaults and the scene's; other flags override them.
     #[arg(long)]
     pub interactive: bool,

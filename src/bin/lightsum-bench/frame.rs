@@ -4,7 +4,7 @@ use crate::args::Frame;
 use crate::passes::{Passes, kernel};
 use crate::report::{self, Table, milliseconds, percent};
 use crate::scene;
-use lightsum::settings::{Compensation, Settings, Superposition};
+use lightsum::settings::{Compensation, Settings, Splats, Superposition};
 use lightsum::{Renderer, Result};
 use serde_json::Value;
 
@@ -61,6 +61,9 @@ fn combinations(args: &Frame, base: Settings) -> Vec<Settings> {
     let list = each(list, &args.lights_per_dispatch, |s, v| s.lights_per_dispatch = v);
     let list = each(list, &args.traversal, |s, v| s.traversal = v);
     let list = each(list, &args.cluster_order, |s, v| s.cluster_order = v);
+    let list = each(list, &args.splats, |s, particles| {
+        s.splats = Some(Splats { particles, ..s.splats.unwrap_or_default() });
+    });
     each(list, &args.reflectors, |s, reflectors| {
         s.superposition = Some(Superposition { reflectors, ..s.superposition.unwrap_or_default() });
     })
@@ -82,7 +85,8 @@ fn print(name: &str, renderer: &Renderer, passes: &Passes) -> Result<()> {
             Compensation::Near => ", near compensation",
             Compensation::Exact => "",
         },
-        s.superposition.map_or(String::new(), |s| format!(", up to {} reflectors", s.reflectors)),
+        s.superposition.map_or(String::new(), |s| format!(", up to {} reflectors", s.reflectors))
+            + &s.splats.map_or(String::new(), |s| format!(", splats of {} particles", s.particles)),
         s.lights_per_dispatch,
         kernel(renderer),
     ))?;

@@ -1,5 +1,6 @@
 //! The flags of glossy planes.
 
+use super::splats::SplatFlags;
 use clap::{Args, ValueEnum};
 use lightsum::settings::{Reflectance, Settings, Spread, Superposition};
 
@@ -25,6 +26,8 @@ pub struct Glossy {
     /// Maximum number of glossy planes that mirror the room, largest first, 0 to 255 [default: 255]. Fewer cost less.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=255))]
     pub reflectors: Option<u32>,
+    #[command(flatten)]
+    pub splats: SplatFlags,
 }
 
 /// Values of `--superposition`.
@@ -54,6 +57,7 @@ pub enum ReflectanceFlag {
 impl Glossy {
     /// Applies the flags to the settings.
     pub fn apply(&self, settings: &mut Settings) {
+        self.splats.apply(settings);
         let spread = match self.superposition {
             Some(SpreadFlag::Off) => None,
             Some(SpreadFlag::Mirror) => Some(Spread::Mirror),
