@@ -66,12 +66,12 @@ fn panels(text: &mut String, numbers: &[usize], series: &[Series]) -> Result<(),
     let mut rates = Vec::new();
     for (of_source, source_color) in sources.iter().zip([BLACK, RED]) {
         let name = of_source.first().map_or("", |s| s.source.name());
-        let styles: [(_, fn(&[f64]) -> f64, _); 2] =
-            [("mean", mean, source_color.to_rgba()), ("median", report::median, source_color.mix(0.4))];
-        for (kind, of, color) in styles {
+        let mut add = |kind: &str, color: RGBAColor, of: fn(&[f64]) -> f64| {
             let rate = |s: &Series| (f64::from(s.reflectors), 1.0 / of(&s.seconds()).max(1e-9));
             rates.push((format!("{name}, {kind}"), color, of_source.iter().map(rate).collect::<Vec<_>>()));
-        }
+        };
+        add("mean", source_color.to_rgba(), mean);
+        add("median", source_color.mix(0.4), report::median);
     }
     let highest = rates.iter().flat_map(|(_, _, points)| points).map(|(_, rate)| *rate).fold(1e-3, f64::max);
     let mut chart = ChartBuilder::on(&right)
