@@ -102,6 +102,7 @@ mod tests {
             resolution: [4, 3],
             aperture: 0.0,
             focus: None,
+            shutter: 0.0,
         }
     }
 

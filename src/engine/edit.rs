@@ -44,13 +44,13 @@ pub struct EditTimes {
 
 /// State for scene edits.
 pub(super) struct DynamicScene {
-    scene: Scene,
+    pub(super) scene: Scene,
     /// Vertices of each object.
-    vertices: Vec<Range<usize>>,
+    pub(super) vertices: Vec<Range<usize>>,
     /// Triangles of each object.
     triangles: Vec<Vec<u32>>,
     /// Vertices before the transforms.
-    rest_positions: Vec<Vec3>,
+    pub(super) rest_positions: Vec<Vec3>,
     rest_normals: Vec<Vec3>,
     /// Lights before the transforms.
     rest_lights: Vec<Light>,
@@ -276,6 +276,11 @@ impl Engine {
     /// Updates hierarchy, emitters and passes for the edits, and stages the uploads. [`Engine::record_pass`] does this
     /// itself.
     pub fn apply_edits(&mut self) -> Result<()> {
+        self.apply_scene_edits()?;
+        self.stage_shutter()
+    }
+
+    fn apply_scene_edits(&mut self) -> Result<()> {
         let Some(mut moving) = self.dynamic.take() else { return Ok(()) };
         let result = if moving.pending.is_empty() { Ok(()) } else { self.apply(&mut moving) };
         if result.is_err() {
@@ -316,6 +321,8 @@ impl Engine {
         self.keep_staging(staging);
         let (update, plan) = result?;
         self.plan = plan;
+        // Triangles may have another order.
+        self.shutter.staged = false;
         moving.times = EditTimes {
             vertices: std::mem::take(&mut moving.vertex_seconds),
             refit: update.changes.refit_seconds,
@@ -332,14 +339,14 @@ impl Engine {
     }
 }
 
-fn still() -> Error {
+pub(super) fn still() -> Error {
     Error::Resource {
         name: String::from("engine"),
         message: String::from("its scene cannot change; make the engine by Engine::new_dynamic"),
     }
 }
 
-fn refused(object: &str, message: &str) -> Error {
+pub(super) fn refused(object: &str, message: &str) -> Error {
     Error::Scene(format!("object {object:?}: {message}"))
 }
 
@@ -373,7 +380,7 @@ fn similarity(matrix: &Mat3A) -> Option<f32> {
 
 impl DynamicScene {
     /// Name of an object with triangles.
-    fn name(&self, object: u32) -> Result<String> {
+    pub(super) fn name(&self, object: u32) -> Result<String> {
         let Some(name) = self.scene.objects.get(object as usize) else {
             let count = self.scene.objects.len();
             return Err(Error::Scene(format!("object {object} does not exist, there are {count}")));

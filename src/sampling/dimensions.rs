@@ -41,6 +41,7 @@
 //! | [`WALK_COMPONENT`] | transmission, reflection or base: particle, reflection and mirrors and glass so far |
 //! | [`PHOTON_COMPONENT`] | transmission or reflection: photon, mirrors and glass so far |
 //! | [`ROULETTE`] | absorption in a ring: particle, reflection |
+//! | [`BLUR`] | first sample of wide windows of motion blur: 0, 0 |
 
 use super::halton::PRIMES;
 use super::sobol;
@@ -107,6 +108,8 @@ pub const PHOTON_COMPONENT: u32 = 22;
 pub const ROULETTE: u32 = 23;
 /// Stream: Russian roulette of the paths of gather rays.
 pub const GATHER_ROULETTE: u32 = 24;
+/// Stream: first sample of wide windows of motion blur.
+pub const BLUR: u32 = 25;
 
 /// Dimensions of a photon: direction, place on the emitter (the first also chooses it), target.
 pub const PHOTON_DIMENSIONS: [usize; 5] = [0, 1, 2, 3, 4];

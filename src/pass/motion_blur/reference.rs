@@ -1,0 +1,85 @@
+//! The oracle: the sums as stated, over the whole image.
+
+use glam::{DVec2, DVec3, Vec4};
+
+use super::DEPTH_TOLERANCE;
+
+/// Time, as a share, that a source of velocity `v` spends on the pixel at an offset from it.
+pub fn time_on(v: DVec2, offset: DVec2) -> f64 {
+    // The longer side becomes the first axis.
+    let turn = |a: DVec2| if v.x.abs() >= v.y.abs() { a } else { DVec2::new(a.y, a.x) };
+    let (v, offset) = (turn(v), turn(offset));
+    let length = v.x.abs();
+    if length <= 1.0 {
+        return if offset == DVec2::ZERO { 1.0 } else { 0.0 };
+    }
+    // From -1/2 to 1/2 the place is v t; the column holds it from `enters` to `leaves`.
+    let times = [offset.x - 0.5, offset.x + 0.5].map(|x| (x / length).clamp(-0.5, 0.5));
+    let [enters, leaves] = times;
+    let row = v.y * 0.5 * (enters + leaves) * v.x.signum();
+    (leaves - enters) * (1.0 - (offset.y - row).abs()).max(0.0)
+}
+
+/// The image with the velocities `v`; `source`: radiance, w: depth.
+pub fn reference([width, height]: [u32; 2], source: &[Vec4], velocity: &[DVec2]) -> Vec<DVec3> {
+    let place = |i: usize| DVec2::new((i as u32 % width).into(), (i as u32 / width).into());
+    let light = |i: usize| source[i].truncate().as_dvec3();
+    let pixels = (width * height) as usize;
+    (0..pixels)
+        .map(|p| {
+            let front = source[p].w - source[p].w.abs() * DEPTH_TOLERANCE;
+            let (mut over, mut own) = ((DVec3::ZERO, 0.0), (DVec3::ZERO, 0.0));
+            for q in 0..pixels {
+                let offset = place(p) - place(q);
+                let (sum, time) = match source[q].w < front {
+                    true => (&mut over, time_on(velocity[q], offset)),
+                    false => (&mut own, time_on(velocity[p], -offset)),
+                };
+                *sum = (sum.0 + time * light(q), sum.1 + time);
+            }
+            over.0 / f64::max(over.1, 1.0) + f64::max(1.0 - over.1, 0.0) * own.0 / own.1
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Over the grid the times sum to 1, their mean is the source, and their variance is that of the segment.
+    #[test]
+    fn times_are_those_of_a_segment() {
+        for v in [[0.0, 0.0], [0.9, -0.3], [1.1, 0.4], [5.0, 0.0], [-7.3, 2.2], [3.0, -12.6], [0.5, 31.0], [22.0, 22.0]] {
+            let v = DVec2::from(v);
+            let moments = |of: &dyn Fn(DVec2) -> f64| -> f64 {
+                let grid = (-20..=20).flat_map(|y| (-20..=20).map(move |x| DVec2::new(x.into(), y.into())));
+                grid.map(|o| time_on(v, o) * of(o)).sum()
+            };
+            assert!((moments(&|_| 1.0) - 1.0).abs() < 1e-12, "{v}");
+            assert!(moments(&|o| o.x).abs() < 1e-9 && moments(&|o| o.y).abs() < 1e-9, "{v}");
+            let along = v.normalize_or_zero();
+            let variance = moments(&|o| o.dot(along).powi(2));
+            let expected = if v.abs().max_element() > 1.0 { v.length_squared() / 12.0 } else { 0.0 };
+            assert!((variance - expected).abs() < 0.35, "{v}: {variance} for {expected}");
+            let across = moments(&|o| o.perp_dot(along).powi(2));
+            assert!(across < 0.3, "{v}: {across}");
+        }
+    }
+
+    /// A bright object that moves to the right in front of a dark background: the profile of a box over its edge.
+    #[test]
+    fn a_moving_edge_has_the_profile_of_a_box() {
+        let (width, edge, length) = (40u32, 20.0, 9.0);
+        let object = |x: u32| f64::from(x) < edge;
+        let source: Vec<Vec4> =
+            (0..width).map(|x| if object(x) { Vec4::new(1.0, 1.0, 1.0, 2.0) } else { Vec4::new(0.0, 0.0, 0.0, 5.0) }).collect();
+        let velocity: Vec<DVec2> =
+            (0..width).map(|x| if object(x) { DVec2::new(length, 0.0) } else { DVec2::ZERO }).collect();
+        let image = reference([width, 1], &source, &velocity);
+        for x in 6..34 {
+            let expected = (0.5 + (edge - 0.5 - f64::from(x)) / length).clamp(0.0, 1.0);
+            let found = image[x as usize].x;
+            assert!((found - expected).abs() < 0.013, "{x}: {found} for {expected}");
+        }
+    }
+}
