@@ -21,13 +21,19 @@ fn entry_at(place: vec2<i32>) -> Entry {
     return Entry(u32(safe.y) * frame.size.x + u32(safe.x), all(safe == place));
 }
 
-// Light of the surface that the pixel shows, and of what it uncovers as it moves; w: weight. `front`: sources of less depth are left out.
-fn own_light(at: vec2<i32>, v: vec2<f32>, front: f32) -> vec4<f32> {
+// Light of the surface that the pixel shows, and of what it uncovers as it moves.
+struct Own {
+    sum: vec4<f32>,     // light, weight
+    inside: f32,        // part of the segment that lies in the image
+}
+
+// `front`: sources of less depth are left out.
+fn own_light(at: vec2<i32>, v: vec2<f32>, front: f32) -> Own {
     let wide = abs(v.x) >= abs(v.y);
     let axes = select(v.yx, v, wide);
     let slope = slope_of(axes.x, axes.y);
     let reach = i32(0.5 * max(abs(axes.x), 1.0) + 0.5);
-    var sum = vec4<f32>(0.0);
+    var own: Own;
     for (var m = -reach; m <= reach; m += 1) {
         let column = column_of(f32(m), axes.x);
         let line = column.middle * slope;
@@ -37,11 +43,12 @@ fn own_light(at: vec2<i32>, v: vec2<f32>, front: f32) -> vec4<f32> {
             let entry = entry_at(at + select(place.yx, place, wide));
             let weight = column.share * select(1.0 - (line - row), line - row, k == 1);
             let light = source[entry.index];
-            let counts = entry.inside && weight > 0.0 && light.w >= front;
-            sum += select(vec4<f32>(0.0), weight * vec4<f32>(light.xyz, 1.0), counts);
+            let counts = entry.inside && weight > 0.0;
+            own.inside += select(0.0, weight, counts);
+            own.sum += select(vec4<f32>(0.0), weight * vec4<f32>(light.xyz, 1.0), counts && light.w >= front);
         }
     }
-    return sum;
+    return own;
 }
 
 // Light of nearer surfaces that cover the pixel for a part of the time; w: that part.
@@ -54,7 +61,7 @@ fn light_in_front(at: vec2<i32>, front: f32, window: MotionWindow) -> vec4<f32> 
     var sum = vec4<f32>(0.0);
     for (var m = begin - along; m <= along; m += stride) {
         let line = window.slope * f32(m);
-        let reach = min(window.across, window.spread * f32(abs(m))) + window.margin;
+        let reach = min(window.across, window.spread * f32(abs(m) + 1)) + window.margin;
         let high = i32(floor(line + reach));
         for (var r = i32(ceil(line - reach)); r <= high; r += stride) {
             let offset = select(vec2<i32>(r, m), vec2<i32>(m, r), wide);
@@ -92,7 +99,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     for (var once = select(1u, 0u, even); once > 0u; once -= 1u) {
         over = light_in_front(vec2<i32>(at), front, window);
     }
-    let rest = max(1.0 - over.w, 0.0);
-    let blurred = over.xyz / max(over.w, 1.0) + rest * own.xyz / own.w;
+    // What lies outside of the image is unknown.
+    let rest = max(own.inside - over.w, 0.0);
+    let blurred = (over.xyz / max(over.w, 1.0) + rest * own.sum.xyz / own.sum.w) / (min(over.w, 1.0) + rest);
     emitted[pixel] += vec4<f32>(blurred - shown.xyz, 0.0);
 }

@@ -32,8 +32,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let low = max(at - far, vec2<i32>(0));
     let high = min(at + far, tiles - 1);
     // Velocities of all sources that matter, those at rest included; and of those that move.
-    var every = vec4<f32>(1e9, -1e9, 1e9, -1e9);
-    var moving = every;
+    var moving = vec4<f32>(1e9, -1e9, 1e9, -1e9);
+    var every = select(moving, vec4<f32>(0.0), own.rests != 0u);
     var longest = vec2<f32>(0.0);
     for (var y = low.y; y <= high.y; y += 1) {
         for (var x = low.x; x <= high.x; x += 1) {

@@ -13,7 +13,9 @@
 //! f = sum over q in F of k_q(p - q)                                          time for which something in front covers p
 //! C = sum over q in F of k_q(p - q) L_q
 //! O = sum over q not in F of k_p(q - p) L_q / sum over q not in F of k_p(q - p)
-//! L'_p = C / max(f, 1) + max(1 - f, 0) O
+//! e = sum over q in the image of k_p(q - p)                                  1, but for p whose segment leaves the image
+//! r = max(e - f, 0)
+//! L'_p = (C / max(f, 1) + r O) / (min(f, 1) + r)
 //! ```
 //!
 //! O is the surface of p itself, as it passes, and beyond its outline what lies behind: the light of pixels there stands in for the background

@@ -123,7 +123,7 @@ fn half_extents(camera: &Camera) -> [f32; 2] {
     [tan * width / height, tan]
 }
 
-/// Oracle: projects a point by the cameras at the ends. `places`: where it is then, or the direction to a point at infinity; `depth`: of the
+/// Oracle: projects a point by the cameras at the ends. `places`: where it is then, or the direction to a point at infinity, of depth 1 now; `depth`: of the
 /// point now, `None` for one at infinity.
 pub fn reference(ends: [&Camera; 2], places: [Vec3; 2], depth: Option<f32>) -> DVec2 {
     let project = |e: usize| {
@@ -133,7 +133,7 @@ pub fn reference(ends: [&Camera; 2], places: [Vec3; 2], depth: Option<f32>) -> D
         let seen = places[e].as_dvec3() - from.as_dvec3();
         let [width, height] = camera.resolution.map(f64::from);
         let tan = (0.5 * f64::from(camera.fov_y).to_radians()).tan();
-        let nearest = NEAREST * f64::from(depth.unwrap_or(0.0));
+        let nearest = NEAREST * f64::from(depth.unwrap_or(1.0));
         let scale = 0.5 * height / tan / seen.dot(forward.as_dvec3()).max(nearest);
         DVec2::new(0.5 * width + scale * seen.dot(right.as_dvec3()), 0.5 * height - scale * seen.dot(up.as_dvec3()))
     };

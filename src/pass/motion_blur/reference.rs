@@ -28,16 +28,18 @@ pub fn reference([width, height]: [u32; 2], source: &[Vec4], velocity: &[DVec2])
     (0..pixels)
         .map(|p| {
             let front = source[p].w - source[p].w.abs() * DEPTH_TOLERANCE;
-            let (mut over, mut own) = ((DVec3::ZERO, 0.0), (DVec3::ZERO, 0.0));
+            let (mut over, mut own, mut inside) = ((DVec3::ZERO, 0.0), (DVec3::ZERO, 0.0), 0.0);
             for q in 0..pixels {
                 let offset = place(p) - place(q);
+                inside += time_on(velocity[p], -offset);
                 let (sum, time) = match source[q].w < front {
                     true => (&mut over, time_on(velocity[q], offset)),
                     false => (&mut own, time_on(velocity[p], -offset)),
                 };
                 *sum = (sum.0 + time * light(q), sum.1 + time);
             }
-            over.0 / f64::max(over.1, 1.0) + f64::max(1.0 - over.1, 0.0) * own.0 / own.1
+            let rest = f64::max(inside - over.1, 0.0);
+            (over.0 / f64::max(over.1, 1.0) + rest * own.0 / own.1) / (f64::min(over.1, 1.0) + rest)
         })
         .collect()
 }

@@ -1,0 +1,251 @@
+//! Motion blur: the passes against their oracles, edges in closed form, sub-frames, and images of the path tracer's shutter.
+
+use glam::{Affine3A, DVec2, Quat, Vec3, Vec4};
+use lightsum::engine::{Engine, PosedObject, ShutterEnd};
+use lightsum::gpu::{Context, Staging};
+use lightsum::pass::{ShadingPoints, accumulate, lens, motion_blur, velocity};
+use lightsum::scene::{Camera, Scene};
+use lightsum::settings::{Compensation, Settings};
+use lightsum::stage::Stage;
+use lightsum::standalone::Renderer;
+
+use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery, has, hit_of, is_lit};
+use crate::scenes::{Soup, camera, fov, settings};
+use crate::support::gpu_test;
+
+fn posed(object: u32, transform: Affine3A) -> PosedObject {
+    PosedObject { object, transform, vertices: None }
+}
+
+/// A rig of a scene whose objects move, and whose shutter is open.
+fn rig<'a>(ctx: &'a Context, scene: &'a Scene, camera: Camera, ends: [ShutterEnd; 2]) -> Rig<'a> {
+    let settings = Settings { compensation: Compensation::Off, ..settings(4, 5) };
+    let mut engine = Engine::new_dynamic(ctx, scene.clone(), camera, settings).unwrap();
+    engine.set_shutter_ends(Some(ends)).unwrap();
+    let parameters = engine.plan().parameters(0).unwrap();
+    ctx.submit_and_wait("setup", None, |rec| {
+        engine.record_setup(rec)?;
+        engine.frame().record_start(rec, &parameters)
+    })
+    .unwrap();
+    engine.setup_finished();
+    Rig { ctx, scene, engine, parameters }
+}
+
+#[test]
+fn velocities_follow_their_oracle() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        let (mut moving, mut still, mut mirrored, mut nothing) = (0, 0, 0, 0);
+        for resolution in AWKWARD_IMAGES {
+            let now = Camera { resolution, shutter: 0.5, ..scene.camera.unwrap() };
+            let shift = Vec3::new(0.02, 0.01, -0.03);
+            let [a, b] = [-1.0, 1.0].map(|s| Camera { eye: now.eye + s * shift, target: now.target + s * 0.2 * Vec3::X, ..now });
+            let cameras = [a, Camera { fov_y: now.fov_y * 1.1, ..b }];
+            let turn = |s: f32| Affine3A::from_rotation_translation(Quat::from_rotation_y(0.1 * s), Vec3::new(0.1, 0.05, 0.02) * s);
+            let objects: Vec<u32> = (0..scene.objects.len() as u32).filter(|o| o % 3 != 0).collect();
+            let listed = |scene: &Scene, o: u32| scene.triangles.iter().any(|t| t.object == o);
+            let ends = [-1.0, 1.0].map(|s: f32| ShutterEnd {
+                camera: cameras[usize::from(s > 0.0)],
+                objects: objects.iter().filter(|o| listed(&scene, **o)).map(|&o| posed(o, turn(s))).collect(),
+            });
+            let rig = rig(ctx, &scene, now, ends);
+            rig.walk_and_look();
+            let pass = rig.frame().velocity.as_ref().unwrap();
+            rig.prefill(&[&pass.velocity]);
+            rig.run(|_, rec| pass.record(rec));
+            let found: Vec<[f32; 2]> = rig.get(&pass.velocity);
+            let (hits, wo) = (rig.vec4s(&rig.frame().eye.rays.hits), rig.vec4s(&rig.frame().eye.points.wo));
+            let through = rig.vec4s(&rig.frame().eye.paths.throughput);
+            let mut tally = Tally::new(format!("velocity, {resolution:?}"));
+            for (i, v) in found.iter().enumerate() {
+                let at = [i as u32 % resolution[0], i as u32 / resolution[0]].map(|n| n as f32);
+                let offset = rig.parameters.pixel_offset;
+                let d = lightsum::path_trace::camera_direction(&now, resolution, at[0] + offset[0], at[1] + offset[1]);
+                let seen = d / d.dot(now.world_from_camera().2);
+                let hit = hit_of(hits[i]).filter(|_| has(wo[i], ShadingPoints::HIT));
+                let depth = hit.map(|_| through[i].w);
+                let unfolded = depth.map_or(seen, |z| now.eye + z * seen);
+                let object = hit.filter(|_| !has(wo[i], ShadingPoints::SEEN_BY_SPECULAR)).map(|hit| {
+                    let triangle = rig.bvh().scene_triangle(hit.triangle);
+                    rig.engine.scene().unwrap().triangles[triangle as usize].object
+                });
+                let moves = object.filter(|o| objects.contains(o));
+                let places = [-1.0, 1.0].map(|s| moves.map_or(unfolded, |_| turn(s).transform_point3(unfolded)));
+                let expected = velocity::reference(cameras.each_ref(), places, depth);
+                let v = DVec2::new(v[0].into(), v[1].into());
+                // Where a length is that of a pixel it may count or not.
+                let barely = v.abs().max_element().max(expected.abs().max_element()) < 1.01;
+                let agrees = (v - expected).length() < 2e-3 * expected.length() + 2e-3;
+                tally.check(agrees || barely, || format!("{i}: {v} for {expected}"));
+                match (hit, moves) {
+                    (None, _) => nothing += 1,
+                    (_, Some(_)) => moving += 1,
+                    _ if object.is_none() => mirrored += 1,
+                    _ => still += 1,
+                }
+            }
+            tally.finish(0.01);
+        }
+        println!("{moving} {still} {mirrored} {nothing}");
+        assert!(moving > 100 && still > 100 && mirrored > 5 && nothing > 5);
+    });
+}
+
+/// Velocities by the number of a pixel: a few patterns that tiles must bound.
+fn patterns([width, _]: [u32; 2]) -> [(&'static str, Box<dyn Fn(u32) -> DVec2>); 6] {
+    let hashed = |i: u32| DVec2::from([0, 1].map(|k| f64::from(lightsum::sampling::random::random_f32(2 * i + k)) - 0.5));
+    [
+        ("rest", Box::new(|_| DVec2::ZERO)),
+        ("alike", Box::new(|_| DVec2::new(5.3, -2.1))),
+        ("any", Box::new(move |i| 24.0 * hashed(i))),
+        ("stripes", Box::new(move |i| [DVec2::new(13.0, 3.0), DVec2::ZERO, DVec2::new(-2.0, 17.5)][(i % width / 5 % 3) as usize])),
+        ("one tile", Box::new(move |i| if (8..16).contains(&(i % width)) { DVec2::new(-11.0, 4.0) } else { DVec2::ZERO })),
+        ("growing", Box::new(move |i| DVec2::new(0.11, 0.02) * f64::from(i % width))),
+    ]
+}
+
+#[test]
+fn motion_blur_follows_its_oracle() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        let mut changed = 0;
+        for resolution in AWKWARD_IMAGES {
+            let now = Camera { resolution, shutter: 1.0, ..scene.camera.unwrap() };
+            let still = || ShutterEnd { camera: now, objects: Vec::new() };
+            let rig = rig(ctx, &scene, now, [still(), still()]);
+            rig.light();
+            rig.run(|frame, rec| frame.merge.record(rec));
+            assert_eq!(rig.lost(), 0);
+            let frame = rig.frame();
+            let (blur, velocities) = (frame.motion_blur.as_ref().unwrap(), &frame.velocity.as_ref().unwrap().velocity);
+            let (r, sums) = (&frame.eye.points, &frame.shade.lighting);
+            let [kd, wo, before] = [&r.kd, &r.wo, &r.emitted].map(|b| rig.vec4s(b));
+            let lights = [&sums.direct, &sums.indirect, &sums.specular].map(|b| rig.vec4s(b));
+            let through = rig.vec4s(&frame.eye.paths.throughput);
+            let pixels = (resolution[0] * resolution[1]) as usize;
+            let source: Vec<Vec4> = (0..pixels)
+                .map(|i| {
+                    let light = lights.each_ref().map(|l| if is_lit(wo[i]) { l[i].truncate() } else { Vec3::ZERO });
+                    let [e, beta, kd] = [before[i], through[i], kd[i]].map(Vec4::truncate);
+                    let depth = if has(wo[i], ShadingPoints::HIT) { through[i].w } else { lens::NOTHING_SEEN };
+                    accumulate::reference(e, beta, kd, light).extend(depth)
+                })
+                .collect();
+            for (name, pattern) in patterns(resolution) {
+                let moves: Vec<DVec2> = (0..pixels as u32)
+                    .map(&pattern)
+                    .map(|v| if v.abs().max_element() > 1.0 { v } else { DVec2::ZERO })
+                    .collect();
+                let mut staging = Staging::new();
+                let velocity: Vec<[f32; 2]> = moves.iter().map(|v| v.as_vec2().to_array()).collect();
+                staging.stage_into(ctx, velocities, 0, &velocity).unwrap();
+                staging.stage_into(ctx, &r.emitted, 0, &before[..pixels]).unwrap();
+                rig.run(|_, rec| staging.record(rec));
+                rig.prefill(&[&blur.source, &blur.windows]);
+                rig.run(|_, rec| blur.record(rec));
+                let after = rig.vec4s(&r.emitted);
+                if name == "rest" {
+                    assert!(after[..pixels] == before[..pixels], "{resolution:?}");
+                    continue;
+                }
+                let expected = motion_blur::reference(resolution, &source, &moves);
+                let mut tally = Tally::new(format!("motion blur, {name}, {resolution:?}"));
+                for i in 0..pixels {
+                    let found = (after[i] - before[i] + source[i]).truncate();
+                    let expected = expected[i].as_vec3();
+                    changed += usize::from(!close(source[i].truncate(), expected, 0.01, 1e-3));
+                    tally.check_values(close(found, expected, 2e-4, 2e-4), &[(found, expected)], || {
+                        format!("{i}: {found} for {expected}, not moved {}", source[i])
+                    });
+                }
+                // Sources on the border of being in front may count as either.
+                tally.finish(0.002);
+            }
+        }
+        assert!(changed > 1500, "{changed}");
+    });
+}
+
+/// A scene of two objects, the wall and the board in front of it, that the camera sees from the origin.
+fn board(light: [f32; 3], corner: Vec3, size: Vec3) -> (Scene, u32) {
+    let mut soup = Soup::new("board");
+    let (wall, glow) = (soup.diffuse(0.0, 1.0), soup.diffuse(0.0, light));
+    soup.quad(Vec3::new(-30.0, -30.0, 8.0), Vec3::Y * 60.0, Vec3::X * 60.0, wall);
+    soup.0.objects.push(String::from("board"));
+    let first = soup.0.triangles.len();
+    soup.quad(corner, Vec3::Y * size.y, Vec3::X * size.x, glow);
+    soup.0.triangles[first..].iter_mut().for_each(|t| t.object = 1);
+    (soup.0, 1)
+}
+
+/// Pixels of a unit of length at unit distance.
+fn pixels_of_unit(camera: &Camera) -> f32 {
+    0.5 * camera.resolution[1] as f32 / (0.5 * camera.fov_y).to_radians().tan()
+}
+
+/// The image of a scene while an object moves by `path`, seen by a camera with an open shutter.
+fn swept(ctx: &Context, (scene, object): (&Scene, u32), camera: Camera, path: Vec3, passes: u32) -> Vec<Vec3> {
+    let mut renderer = Renderer::with_context_dynamic(ctx.clone(), scene.clone(), camera, settings(1, 1)).unwrap();
+    let end = |s: f32| ShutterEnd { camera, objects: vec![posed(object, Affine3A::from_translation(s * path))] };
+    renderer.engine_mut().set_shutter_ends(Some([end(-0.5), end(0.5)])).unwrap();
+    (0..passes).for_each(|_| renderer.pass().unwrap());
+    renderer.layers().unwrap().color
+}
+
+/// The edge of a board that moves gets the profile of a box as long as the way, along the motion, on both sides.
+#[test]
+fn moving_edges_have_the_profile_of_a_box() {
+    gpu_test(|ctx| {
+        let view = Camera { shutter: 1.0, ..camera(Vec3::ZERO, Vec3::Z, 40.0, [96, 33]) };
+        let z = 2.0;
+        // Its edge is on the image's vertical line through the middle; the camera's right is -x.
+        let (scene, object) = board([3.0, 3.0, 3.0], Vec3::new(0.0, -9.0, z), Vec3::new(9.0, 18.0, 0.0));
+        for (length, slope) in [(5.0, 0.0), (17.0, 0.0), (31.0, 0.0), (31.0, 0.4), (-20.0, -0.7)] {
+            let path = Vec3::new(-length, -slope * length, 0.0) * z / pixels_of_unit(&view);
+            let image = swept(ctx, (&scene, object), view, path, 1);
+            let share = |x: usize| 0.5 * (image[16 * 96 + x].x - 1.0);
+            let mut worst = 0.0f32;
+            for x in 8..88 {
+                let expected = (0.5 + (47.5 - x as f32) / length.abs()).clamp(0.0, 1.0);
+                worst = worst.max((share(x) - expected).abs());
+            }
+            println!("{:?}", (38..58).map(|x| (share(x) * 1000.0).round() / 1000.0).collect::<Vec<_>>());
+            println!("{length}, {slope}: worst {worst:.4}");
+            assert!(worst < 0.6 / length.abs(), "{length}, {slope}: {worst}");
+        }
+    });
+}
+
+/// The background of a moving object keeps its bits beyond the reach of the object, and there are no other bits where nothing moves.
+#[test]
+fn zero_velocity_changes_no_bit() {
+    gpu_test(|ctx| {
+        let view = camera(Vec3::ZERO, Vec3::Z, fov(1.0, 2.0), [61, 47]);
+        let open = Camera { shutter: 1.0, ..view };
+        let (mut scene, object) = board([2.0, 0.5, 0.1], Vec3::new(-0.2, -0.2, 2.0), Vec3::new(0.4, 0.4, 0.0));
+        scene.materials[0].base_color = Vec3::splat(0.5);
+        let render = |camera: Camera, path: Option<Vec3>| {
+            let settings = settings(4, 2);
+            let mut renderer = Renderer::with_context_dynamic(ctx.clone(), scene.clone(), camera, settings).unwrap();
+            let end = |s: f32, path: Vec3| ShutterEnd { camera, objects: vec![posed(object, Affine3A::from_translation(s * path))] };
+            let ends = path.map(|path| [end(-0.5, path), end(0.5, path)]);
+            renderer.engine_mut().set_shutter_ends(ends).unwrap();
+            renderer.pass().unwrap();
+            renderer.pass().unwrap();
+            renderer.layers().unwrap().color
+        };
+        let sharp = render(view, None);
+        assert!(sharp == render(open, None), "nothing moves");
+        assert!(sharp == render(open, Some(Vec3::ZERO)), "an object moves by nothing");
+        let image = render(open, Some(Vec3::new(0.8, 0.0, 0.0)));
+        // 0.4 to either side of a board of half width 0.2: 14.1 pixels from the middle, and 0.2 above and below: 4.7.
+        let far = |i: usize| {
+            let (x, y) = ((i % 61) as f32 - 30.0, (i / 61) as f32 - 23.0);
+            x.abs() > 16.0 || y.abs() > 6.0
+        };
+        let changed = |i: &usize| image[*i] != sharp[*i];
+        assert!((0..sharp.len()).filter(|i| far(*i)).all(|i| !changed(&i)));
+        assert!((0..sharp.len()).filter(changed).count() > 150);
+    });
+}
