@@ -7,7 +7,7 @@
 use std::ops::Range;
 use std::time::Instant;
 
-use glam::{Affine3A, Mat3A, Vec3};
+use glam::{Affine3A, Vec3};
 
 use super::{Engine, make_frame};
 use crate::accel::objects::ObjectTrees;
@@ -17,13 +17,11 @@ use crate::gpu::Context;
 use crate::light::emitters::Emitters;
 use crate::plan::{self, check_slots};
 use crate::scene::path::Motion;
+use crate::scene::posed::{normal_matrix, similarity};
 use crate::scene::validate::is_degenerate;
 use crate::scene::{Camera, Light, Material, Scene, Surface, Texture, TextureUse};
 use crate::settings::Settings;
 use crate::view::View;
-
-/// Maximum difference between the columns of a similarity and orthogonal vectors of its scale.
-const RIGID: f32 = 1e-5;
 
 /// CPU times of the latest edits, in seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -369,15 +367,6 @@ fn check_transform(transform: &Affine3A) -> Result<(), String> {
     Ok(())
 }
 
-/// The factor by which a transform scales lengths, if it is the same in all directions.
-fn similarity(matrix: &Mat3A) -> Option<f32> {
-    let scale = matrix.x_axis.length();
-    let product = matrix.transpose() * *matrix;
-    let even = (product - Mat3A::from_diagonal(Vec3::splat(scale * scale))).abs();
-    let worst = even.x_axis.max(even.y_axis).max(even.z_axis).max_element();
-    (worst <= RIGID * scale * scale).then_some(scale)
-}
-
 impl DynamicScene {
     /// Name of an object with triangles.
     pub(super) fn name(&self, object: u32) -> Result<String> {
@@ -444,10 +433,7 @@ impl DynamicScene {
         if still {
             self.scene.normals[range.clone()].copy_from_slice(&self.rest_normals[range]);
         } else if smooth {
-            // The cofactors are the inverse transpose up to a factor.
-            let m = transform.matrix3;
-            let (x, y, z) = (m.x_axis, m.y_axis, m.z_axis);
-            let cofactors = Mat3A::from_cols(y.cross(z), z.cross(x), x.cross(y));
+            let cofactors = normal_matrix(&transform.matrix3);
             for (normal, rest) in self.scene.normals[range.clone()].iter_mut().zip(&self.rest_normals[range]) {
                 *normal = (cofactors * *rest).normalize_or(*rest);
             }

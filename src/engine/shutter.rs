@@ -61,7 +61,9 @@ impl Engine {
     }
 
     fn check_end(&self, end: &ShutterEnd) -> Result<()> {
-        end.camera.check().map_err(|message| Error::Scene(format!("camera at an end of the shutter's time: {message}")))?;
+        end.camera
+            .check()
+            .map_err(|message| Error::Scene(format!("camera at an end of the shutter's time: {message}")))?;
         let whole = self.plan.view.within().size;
         if end.camera.resolution != whole {
             let [width, height] = whole;
@@ -106,7 +108,8 @@ impl Engine {
 impl ShutterEnd {
     /// The end at a time of a path, in seconds. `vertices`: those that an animation gives to objects at that time.
     pub fn at(motion: &Motion, camera: Camera, vertices: Vec<(u32, Vec<Vec3>)>, time: f64) -> ShutterEnd {
-        let posed = |(object, vertices)| PosedObject { object, transform: Affine3A::IDENTITY, vertices: Some(vertices) };
+        let posed =
+            |(object, vertices)| PosedObject { object, transform: Affine3A::IDENTITY, vertices: Some(vertices) };
         let mut objects: Vec<PosedObject> = vertices.into_iter().map(posed).collect();
         for track in &motion.objects {
             let transform = track.transform(time);

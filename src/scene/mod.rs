@@ -37,6 +37,7 @@ mod origin;
 mod pane;
 pub mod path;
 mod ply;
+pub(crate) mod posed;
 pub mod reflectors;
 mod sky;
 mod tessellate;

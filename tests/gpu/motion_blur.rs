@@ -4,14 +4,15 @@ use glam::{Affine3A, DVec2, Quat, Vec3, Vec4};
 use lightsum::engine::{Engine, PosedObject, ShutterEnd};
 use lightsum::gpu::{Context, Staging};
 use lightsum::pass::{ShadingPoints, accumulate, lens, motion_blur, velocity};
+use lightsum::path_trace::{self, Options, SpecularPaths};
 use lightsum::scene::{Camera, Scene};
 use lightsum::settings::{Compensation, Settings};
 use lightsum::stage::Stage;
 use lightsum::standalone::Renderer;
 
 use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery, has, hit_of, is_lit};
-use crate::scenes::{Soup, camera, fov, settings};
-use crate::support::gpu_test;
+use crate::scenes::{Soup, camera, compare, fov, settings};
+use crate::support::{gpu_test, unwatched};
 
 fn posed(object: u32, transform: Affine3A) -> PosedObject {
     PosedObject { object, transform, vertices: None }
@@ -40,9 +41,12 @@ fn velocities_follow_their_oracle() {
         for resolution in AWKWARD_IMAGES {
             let now = Camera { resolution, shutter: 0.5, ..scene.camera.unwrap() };
             let shift = Vec3::new(0.02, 0.01, -0.03);
-            let [a, b] = [-1.0, 1.0].map(|s| Camera { eye: now.eye + s * shift, target: now.target + s * 0.2 * Vec3::X, ..now });
+            let [a, b] =
+                [-1.0, 1.0].map(|s| Camera { eye: now.eye + s * shift, target: now.target + s * 0.2 * Vec3::X, ..now });
             let cameras = [a, Camera { fov_y: now.fov_y * 1.1, ..b }];
-            let turn = |s: f32| Affine3A::from_rotation_translation(Quat::from_rotation_y(0.1 * s), Vec3::new(0.1, 0.05, 0.02) * s);
+            let turn = |s: f32| {
+                Affine3A::from_rotation_translation(Quat::from_rotation_y(0.1 * s), Vec3::new(0.1, 0.05, 0.02) * s)
+            };
             let objects: Vec<u32> = (0..scene.objects.len() as u32).filter(|o| o % 3 != 0).collect();
             let listed = |scene: &Scene, o: u32| scene.triangles.iter().any(|t| t.object == o);
             let ends = [-1.0, 1.0].map(|s: f32| ShutterEnd {
@@ -92,15 +96,21 @@ fn velocities_follow_their_oracle() {
     });
 }
 
-/// Velocities by the number of a pixel: a few patterns that tiles must bound.
-fn patterns([width, _]: [u32; 2]) -> [(&'static str, Box<dyn Fn(u32) -> DVec2>); 6] {
-    let hashed = |i: u32| DVec2::from([0, 1].map(|k| f64::from(lightsum::sampling::random::random_f32(2 * i + k)) - 0.5));
+/// Velocity by the number of a pixel.
+type Pattern = Box<dyn Fn(u32) -> DVec2>;
+
+/// A few patterns that tiles must bound.
+fn patterns([width, _]: [u32; 2]) -> [(&'static str, Pattern); 6] {
+    let hashed =
+        |i: u32| DVec2::from([0, 1].map(|k| f64::from(lightsum::sampling::random::random_f32(2 * i + k)) - 0.5));
+    let striped = [DVec2::new(13.0, 3.0), DVec2::ZERO, DVec2::new(-2.0, 17.5)];
+    let one_tile = |x: u32| if (8..16).contains(&x) { DVec2::new(-11.0, 4.0) } else { DVec2::ZERO };
     [
         ("rest", Box::new(|_| DVec2::ZERO)),
         ("alike", Box::new(|_| DVec2::new(5.3, -2.1))),
         ("any", Box::new(move |i| 24.0 * hashed(i))),
-        ("stripes", Box::new(move |i| [DVec2::new(13.0, 3.0), DVec2::ZERO, DVec2::new(-2.0, 17.5)][(i % width / 5 % 3) as usize])),
-        ("one tile", Box::new(move |i| if (8..16).contains(&(i % width)) { DVec2::new(-11.0, 4.0) } else { DVec2::ZERO })),
+        ("stripes", Box::new(move |i| striped[(i % width / 5 % 3) as usize])),
+        ("one tile", Box::new(move |i| one_tile(i % width))),
         ("growing", Box::new(move |i| DVec2::new(0.11, 0.02) * f64::from(i % width))),
     ]
 }
@@ -210,7 +220,6 @@ fn moving_edges_have_the_profile_of_a_box() {
                 let expected = (0.5 + (47.5 - x as f32) / length.abs()).clamp(0.0, 1.0);
                 worst = worst.max((share(x) - expected).abs());
             }
-            println!("{:?}", (38..58).map(|x| (share(x) * 1000.0).round() / 1000.0).collect::<Vec<_>>());
             println!("{length}, {slope}: worst {worst:.4}");
             assert!(worst < 0.6 / length.abs(), "{length}, {slope}: {worst}");
         }
@@ -228,7 +237,10 @@ fn zero_velocity_changes_no_bit() {
         let render = |camera: Camera, path: Option<Vec3>| {
             let settings = settings(4, 2);
             let mut renderer = Renderer::with_context_dynamic(ctx.clone(), scene.clone(), camera, settings).unwrap();
-            let end = |s: f32, path: Vec3| ShutterEnd { camera, objects: vec![posed(object, Affine3A::from_translation(s * path))] };
+            let end = |s: f32, path: Vec3| ShutterEnd {
+                camera,
+                objects: vec![posed(object, Affine3A::from_translation(s * path))],
+            };
             let ends = path.map(|path| [end(-0.5, path), end(0.5, path)]);
             renderer.engine_mut().set_shutter_ends(ends).unwrap();
             renderer.pass().unwrap();
@@ -247,5 +259,170 @@ fn zero_velocity_changes_no_bit() {
         let changed = |i: &usize| image[*i] != sharp[*i];
         assert!((0..sharp.len()).filter(|i| far(*i)).all(|i| !changed(&i)));
         assert!((0..sharp.len()).filter(changed).count() > 150);
+    });
+}
+
+/// Centre and radius of the ball below.
+const BALL: (Vec3, f32) = (Vec3::new(0.0, -0.1, 2.4), 0.45);
+
+/// A ball, the second object, in front of a wall with bright bars, in a room with a lamp.
+fn ball() -> (Scene, Camera) {
+    let mut soup = Soup::new("ball");
+    let (gray, lamp) = (soup.diffuse(0.6, 0.0), soup.diffuse(0.0, 12.0));
+    let (blue, glow) = (soup.diffuse([0.3, 0.4, 0.8], 0.0), soup.diffuse(0.3, [2.0, 0.7, 0.3]));
+    soup.room(Vec3::new(-2.0, -1.0, -1.0), Vec3::new(2.0, 1.5, 5.0), [gray; 6]);
+    soup.quad(Vec3::new(-0.7, 1.49, 2.0), Vec3::X * 1.4, Vec3::Z * 1.4, lamp);
+    let bar = soup.diffuse(0.0, 1.5);
+    for i in 0..6 {
+        soup.quad(Vec3::new(-1.8 + 0.6 * i as f32, -0.8, 4.99), Vec3::Y * 2.0, Vec3::X * 0.3, bar);
+    }
+    soup.0.objects.push(String::from("ball"));
+    let first = soup.0.triangles.len();
+    soup.ball(BALL.0, BALL.1, 16, blue);
+    for (i, triangle) in soup.0.triangles[first..].iter_mut().enumerate() {
+        triangle.object = 1;
+        // Patches that glow.
+        triangle.material = if i / 4 % 3 == 0 { glow } else { blue };
+    }
+    (soup.0, camera(Vec3::new(0.0, 0.0, -0.5), Vec3::new(0.0, -0.1, 3.0), 50.0, [64, 48]))
+}
+
+/// Ball and camera at a part, from 0 to 1, of the time for which the shutter is open.
+fn at(view: Camera, (ball, eye): (f32, f32), part: f32) -> (Affine3A, Camera) {
+    let s = part - 0.5;
+    let turned = Affine3A::from_translation(BALL.0)
+        * Affine3A::from_rotation_translation(
+            Quat::from_rotation_y(0.8 * ball * s),
+            Vec3::new(1.0, 0.2, 0.1) * ball * s,
+        )
+        * Affine3A::from_translation(-BALL.0);
+    let shift = Vec3::new(0.25, 0.0, 0.1) * eye * s;
+    (turned, Camera { eye: view.eye + shift, target: view.target - 0.3 * shift, ..view })
+}
+
+/// One blurred frame against the mean of 64 sharp ones, of what emits.
+#[test]
+fn one_frame_stands_for_many_sub_frames() {
+    gpu_test(|ctx| {
+        let (scene, view) = ball();
+        let frames = 64;
+        for (speeds, limits) in [((0.5, 0.0), [0.06, 0.30]), ((0.0, 1.0), [0.05, 0.25]), ((0.5, 1.0), [0.1, 0.3])] {
+            let moving = |camera: Camera| {
+                Renderer::with_context_dynamic(ctx.clone(), scene.clone(), camera, settings(1, 1)).unwrap()
+            };
+            let mut sharp = moving(view);
+            let mut frame = |part: f32| {
+                let (transform, camera) = at(view, speeds, part);
+                sharp.engine_mut().set_transform(1, transform).unwrap();
+                sharp.engine_mut().set_camera(camera).unwrap();
+                sharp.pass().unwrap();
+                sharp.layers().unwrap().color
+            };
+            let mut mean = vec![Vec3::ZERO; 64 * 48];
+            for i in 0..frames {
+                let image = frame((i as f32 + 0.5) / frames as f32);
+                mean.iter_mut().zip(&image).for_each(|(sum, l)| *sum += *l / frames as f32);
+            }
+            let middle = frame(0.5);
+            let mut blurred = moving(Camera { shutter: 0.1, ..view });
+            let end = |part| {
+                let (transform, camera) = at(view, speeds, part);
+                ShutterEnd { camera, objects: vec![posed(1, transform)] }
+            };
+            blurred.engine_mut().set_shutter_ends(Some([end(0.0), end(1.0)])).unwrap();
+            blurred.pass().unwrap();
+            let image = blurred.layers().unwrap().color;
+            let ((energy, error), (_, without)) = (compare(&image, &mean), compare(&middle, &mean));
+            println!("{speeds:?}: energy {energy:.4}, error {error:.4}, sharp {without:.4}");
+            assert!(
+                (energy - 1.0).abs() < 0.03 && error < limits[0] && without > limits[1],
+                "{speeds:?}: {energy} {error}"
+            );
+        }
+    });
+}
+
+/// Against the path tracer's shutter, with direct light.
+#[test]
+fn images_agree_with_path_tracing() {
+    gpu_test(|ctx| {
+        let (scene, view) = ball();
+        let open = Camera { shutter: 0.1, ..view };
+        let speeds = (0.5, 0.5);
+        let options = Options {
+            resolution: view.resolution,
+            samples: 256,
+            max_depth: 2,
+            max_specular: 0,
+            seed: 7,
+            specular_paths: SpecularPaths::None,
+        };
+        let moment = |part: f64| {
+            let (transform, camera) = at(view, speeds, part as f32);
+            let mut scene = scene.clone();
+            let ranges = scene.separate_objects();
+            for p in &mut scene.positions[ranges[1].clone()] {
+                *p = transform.transform_point3(*p);
+            }
+            for n in &mut scene.normals[ranges[1].clone()] {
+                *n = transform.transform_vector3(*n);
+            }
+            Ok((scene, camera))
+        };
+        let reference = path_trace::render_open(moment, &options, |_| true).unwrap();
+        let image = |camera: Camera| {
+            let context = unwatched();
+            let mut renderer = Renderer::with_context_dynamic(context, scene.clone(), camera, settings(16, 2)).unwrap();
+            let end = |part| {
+                let (transform, camera) = at(view, speeds, part);
+                ShutterEnd { camera, objects: vec![posed(1, transform)] }
+            };
+            renderer.engine_mut().set_shutter_ends(Some([end(0.0), end(1.0)])).unwrap();
+            (0..16).for_each(|_| renderer.pass().unwrap());
+            renderer.layers().unwrap().color
+        };
+        let ((energy, error), (_, without)) = (compare(&image(open), &reference), compare(&image(view), &reference));
+        println!("energy {energy:.4}, error {error:.4}, without a shutter {without:.4}");
+        assert!((energy - 1.0).abs() < 0.02 && error < 0.13 && without > 0.25, "{energy} {error} {without}");
+        // What one frame watches for the validation layer.
+        let mut renderer = Renderer::with_context_dynamic(ctx.clone(), scene.clone(), open, settings(16, 2)).unwrap();
+        renderer.pass().unwrap();
+    });
+}
+
+#[test]
+fn wrong_shutters_are_refused() {
+    gpu_test(|ctx| {
+        let (scene, view) = ball();
+        let open = Camera { shutter: 0.1, ..view };
+        let summands = Settings { summands: true, ..settings(4, 2) };
+        let text = Engine::new(ctx, &scene, open, summands).err().unwrap().to_string();
+        assert!(text.contains("--summands") && text.contains("--shutter"), "{text}");
+        let mut still = Engine::new(ctx, &scene, open, settings(4, 2)).unwrap();
+        for shutter in [-0.1, f32::NAN, f32::INFINITY] {
+            let text = still.set_camera(Camera { shutter, ..view }).unwrap_err().to_string();
+            assert!(text.contains("shutter"), "{text}");
+        }
+        let end = |camera: Camera, objects: Vec<PosedObject>| {
+            Some([ShutterEnd { camera, objects }, ShutterEnd { camera, objects: Vec::new() }])
+        };
+        let moves = vec![posed(1, Affine3A::IDENTITY)];
+        assert!(still.set_shutter_ends(end(open, moves.clone())).unwrap_err().to_string().contains("new_dynamic"));
+        let small = Camera { resolution: [8, 8], ..open };
+        assert!(still.set_shutter_ends(end(small, Vec::new())).unwrap_err().to_string().contains("64x48"));
+        let blind = Camera { target: open.eye, ..open };
+        assert!(still.set_shutter_ends(end(blind, Vec::new())).unwrap_err().to_string().contains("coincide"));
+        let mut moving = Engine::new_dynamic(ctx, scene, open, settings(4, 2)).unwrap();
+        moving.set_shutter_ends(end(open, moves.clone())).unwrap();
+        let far = Affine3A::from_scale(Vec3::splat(f32::MAX));
+        let few = PosedObject { vertices: Some(vec![Vec3::ZERO]), ..moves[0].clone() };
+        for (objects, words) in [
+            (vec![posed(7, Affine3A::IDENTITY)], "does not exist"),
+            (vec![posed(1, far)], "\"ball\": as the shutter opens"),
+            (vec![few], "vertices, 1 are given"),
+        ] {
+            let text = moving.set_shutter_ends(end(open, objects)).unwrap_err().to_string();
+            assert!(text.contains(words), "{text}");
+        }
     });
 }

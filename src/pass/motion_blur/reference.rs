@@ -51,7 +51,8 @@ mod tests {
     /// Over the grid the times sum to 1, their mean is the source, and their variance is that of the segment.
     #[test]
     fn times_are_those_of_a_segment() {
-        for v in [[0.0, 0.0], [0.9, -0.3], [1.1, 0.4], [5.0, 0.0], [-7.3, 2.2], [3.0, -12.6], [0.5, 31.0], [22.0, 22.0]] {
+        for v in [[0.0, 0.0], [0.9, -0.3], [1.1, 0.4], [5.0, 0.0], [-7.3, 2.2], [3.0, -12.6], [0.5, 31.0], [22.0, 22.0]]
+        {
             let v = DVec2::from(v);
             let moments = |of: &dyn Fn(DVec2) -> f64| -> f64 {
                 let grid = (-20..=20).flat_map(|y| (-20..=20).map(move |x| DVec2::new(x.into(), y.into())));
@@ -73,8 +74,9 @@ mod tests {
     fn a_moving_edge_has_the_profile_of_a_box() {
         let (width, edge, length) = (40u32, 20.0, 9.0);
         let object = |x: u32| f64::from(x) < edge;
-        let source: Vec<Vec4> =
-            (0..width).map(|x| if object(x) { Vec4::new(1.0, 1.0, 1.0, 2.0) } else { Vec4::new(0.0, 0.0, 0.0, 5.0) }).collect();
+        let source: Vec<Vec4> = (0..width)
+            .map(|x| if object(x) { Vec4::new(1.0, 1.0, 1.0, 2.0) } else { Vec4::new(0.0, 0.0, 0.0, 5.0) })
+            .collect();
         let velocity: Vec<DVec2> =
             (0..width).map(|x| if object(x) { DVec2::new(length, 0.0) } else { DVec2::ZERO }).collect();
         let image = reference([width, 1], &source, &velocity);
