@@ -6,7 +6,7 @@
 #include "spread_out.wgsl"
 
 @group(0) @binding(1) var<storage, read> motion_windows: array<MotionWindow>;
-@group(0) @binding(2) var<storage, read> velocity: array<vec2<f32>>;
+@group(0) @binding(2) var<storage, read> velocity: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> source: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read_write> emitted: array<vec4<f32>>;
 
@@ -67,7 +67,7 @@ fn light_in_front(at: vec2<i32>, front: f32, window: MotionWindow) -> vec4<f32> 
             let offset = select(vec2<i32>(r, m), vec2<i32>(m, r), wide);
             let entry = entry_at(at + offset);
             let light = source[entry.index];
-            let time = time_on(velocity[entry.index], vec2<f32>(offset));
+            let time = time_on(velocity[entry.index].xy, vec2<f32>(offset));
             let counts = entry.inside && time > 0.0 && light.w < front;
             sum += select(vec4<f32>(0.0), time * vec4<f32>(light.xyz, 1.0), counts);
         }
@@ -93,7 +93,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let shown = source[pixel];
     let even = window.even != 0u;
     let front = select(shown.w - abs(shown.w) * DEPTH_TOLERANCE, -1.0, even);
-    let own = own_light(vec2<i32>(at), velocity[pixel], front);
+    let own = own_light(vec2<i32>(at), velocity[pixel].xy, front);
     var over = vec4<f32>(0.0);
     // A loop that runs zero times skips work on every device.
     for (var once = select(1u, 0u, even); once > 0u; once -= 1u) {

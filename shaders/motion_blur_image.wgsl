@@ -12,10 +12,8 @@
 @group(0) @binding(6) var<storage, read> indirect: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> specular: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read> emitted: array<vec4<f32>>;
-@group(0) @binding(9) var<storage, read_write> source: array<vec4<f32>>;      // radiance; w: depth
-
-// Depth of pixels that see nothing, beyond every surface. Host twin: pass::mirror_image::NOTHING_SEEN.
-const NOTHING_SEEN: f32 = 3.0e38;
+@group(0) @binding(9) var<storage, read> velocity: array<vec4<f32>>;
+@group(0) @binding(10) var<storage, read_write> source: array<vec4<f32>>;      // radiance; w: depth
 
 // A workgroup for each tile.
 @compute @workgroup_size(64)
@@ -30,7 +28,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let pixel = at.y * frame.size.x + at.x;
-    let through = throughput[pixel];
-    let l = emitted[pixel].xyz + through.xyz * reflected_radiance(point_kd[pixel].xyz, lighting_of(pixel));
-    source[pixel] = vec4<f32>(l, select(NOTHING_SEEN, through.w, has_flag(point_wo[pixel].w, HIT)));
+    let l = emitted[pixel].xyz + throughput[pixel].xyz * reflected_radiance(point_kd[pixel].xyz, lighting_of(pixel));
+    source[pixel] = vec4<f32>(l, velocity[pixel].z);
 }

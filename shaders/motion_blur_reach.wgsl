@@ -15,7 +15,7 @@ const ALIKE_SHARE: f32 = 0.0625;
 // Reach of a tile's sources along rows and columns.
 fn reach_of(tile: MotionTile) -> vec2<f32> {
     let reach = 0.5 * vec2<f32>(max(-tile.range.x, tile.range.y), max(-tile.range.z, tile.range.w)) + 1.0;
-    return select(vec2<f32>(-1.0), reach, tile.moves != 0u);
+    return select(vec2<f32>(-1.0), reach, (tile.kinds & MOVES) != 0u);
 }
 
 @compute @workgroup_size(64)
@@ -33,18 +33,20 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let high = min(at + far, tiles - 1);
     // Velocities of all sources that matter, those at rest included; and of those that move.
     var moving = vec4<f32>(1e9, -1e9, 1e9, -1e9);
-    var every = select(moving, vec4<f32>(0.0), own.rests != 0u);
+    var every = select(moving, vec4<f32>(0.0), (own.kinds & RESTS) != 0u);
     var longest = vec2<f32>(0.0);
+    var reach = own_reach;
     for (var y = low.y; y <= high.y; y += 1) {
         for (var x = low.x; x <= high.x; x += 1) {
             let other = motion_tiles[y * tiles.x + x];
             let apart = max(8.0 * vec2<f32>(abs(vec2<i32>(x, y) - at)) - 7.0, vec2<f32>(0.0));
             let reaches = all(max(reach_of(other), own_reach) >= apart);
-            let sends = reaches && other.moves != 0u;
+            let sends = reaches && (other.kinds & MOVES) != 0u;
             let joined = vec4<f32>(max(moving.yw, other.range.yw), min(moving.xz, other.range.xz));
             moving = select(moving, vec4<f32>(joined.z, joined.x, joined.w, joined.y), sends);
-            let rests = reaches && other.rests != 0u;
+            let rests = reaches && (other.kinds & RESTS) != 0u;
             every = select(every, vec4<f32>(min(every.x, 0.0), max(every.y, 0.0), min(every.z, 0.0), max(every.w, 0.0)), rests);
+            reach = select(reach, max(reach, reach_of(other)), sends);
             longest = select(longest, other.longest, sends && dot(other.longest, other.longest) > dot(longest, longest));
         }
     }
@@ -74,7 +76,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         window.spread = select(max(max(ratio.x, ratio.y), max(ratio.z, ratio.w)), 1e9, others);
         window.margin = select(1.0, 2.0, others);
         let range = max(every.y - every.x, every.w - every.z);
-        window.even = select(0u, 1u, range <= max(ALIKE, ALIKE_SHARE * sqrt(dot(longest, longest))));
+        // Sources come from between this tile and those that reach it.
+        var kinds = 0u;
+        for (var y = low.y; y <= high.y; y += 1) {
+            for (var x = low.x; x <= high.x; x += 1) {
+                let apart = max(8.0 * vec2<f32>(abs(vec2<i32>(x, y) - at)) - 7.0, vec2<f32>(0.0));
+                kinds |= select(0u, motion_tiles[y * tiles.x + x].kinds, all(reach >= apart));
+            }
+        }
+        let alike = range <= max(ALIKE, ALIKE_SHARE * sqrt(dot(longest, longest)));
+        window.even = select(0u, 1u, alike || (kinds & JUMPS) == 0u);
         let samples = (2.0 * window.along + 1.0) * (2.0 * (window.across + window.margin) + 1.0);
         window.stride = u32(ceil(sqrt(max(samples / SAMPLES, 1.0))));
     }

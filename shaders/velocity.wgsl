@@ -10,8 +10,10 @@
 @group(0) @binding(4) var<storage, read> throughput: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> motion_of: array<u32>;         // 1 + number among the triangles that move; 0: stands still
 @group(0) @binding(6) var<storage, read> motion: array<vec4<f32>>;      // six for each of these: displacements of its corners, opening first
-@group(0) @binding(7) var<storage, read_write> velocity: array<vec2<f32>>;
+@group(0) @binding(7) var<storage, read_write> velocity: array<vec4<f32>>;    // to the right, down; depth
 
+// Depth of pixels that see nothing, beyond every surface. Host twin: pass::mirror_image::NOTHING_SEEN.
+const NOTHING_SEEN: f32 = 3.0e38;
 // Least depth at the ends of the motion, as a share of the depth now: points nearer to the eye, or behind it, count as being there.
 const NEAREST: f32 = 0.05;
 
@@ -48,7 +50,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let change = (ends[1] - ends[0]) * vec2<f32>(0.5, -0.5) * vec2<f32>(frame.within.zw);
     let bounded = clamp(change, vec2<f32>(-1e5), vec2<f32>(1e5));
     let length = sqrt(dot(bounded, bounded));
-    // Within a pixel nothing is spread. Comparisons with NaN are false.
-    let moves = max(abs(change.x), abs(change.y)) > 1.0;
-    velocity[pixel] = select(vec2<f32>(0.0), bounded * min(1.0, MAX_LENGTH / length), moves);
+    // Comparisons with NaN are false.
+    let v = select(vec2<f32>(0.0), bounded * min(1.0, MAX_LENGTH / length), length > 0.0);
+    velocity[pixel] = vec4<f32>(v, select(NOTHING_SEEN, throughput[pixel].w, found), 0.0);
 }

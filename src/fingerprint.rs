@@ -165,6 +165,7 @@ mod tests {
             Camera { resolution: [3, 4], ..view },
             Camera { aperture: 0.1, ..view },
             Camera { focus: Some(2.0), ..view },
+            Camera { shutter: 0.1, ..view },
         ] {
             assert_ne!(base, of(changed, usual()), "{changed:?}");
         }

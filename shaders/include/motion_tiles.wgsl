@@ -4,9 +4,13 @@
 struct MotionTile {
     range: vec4<f32>,        // least and greatest velocity to the right, then downwards, of the pixels that move
     longest: vec2<f32>,     // the longest of them
-    moves: u32,             // 1: some move
-    rests: u32,             // 1: some do not
+    kinds: u32,             // bits, see below
+    zero: u32,
 }
+
+const MOVES: u32 = 1u;      // some of its pixels move
+const RESTS: u32 = 2u;      // some do not
+const JUMPS: u32 = 4u;      // between neighbours, one of which it holds, velocity or depth jumps
 
 // The sources that reach a tile, as a window around each of its pixels.
 struct MotionWindow {
@@ -16,6 +20,6 @@ struct MotionWindow {
     spread: f32,            // the same for each pixel of distance along the line
     margin: f32,            // pixels beyond
     wide: u32,              // 1: the longer side lies along rows
-    even: u32,              // 1: all sources move alike, and depths need no comparison
+    even: u32,              // 1: all sources count as one surface, and depths need no comparison
     stride: u32,            // pixels from one sample of the window to the next
 }

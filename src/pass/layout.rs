@@ -288,10 +288,10 @@ pub struct MotionTile {
     pub range: [f32; 4],
     /// The longest of them.
     pub longest: [f32; 2],
-    /// 1: some move.
-    pub moves: u32,
-    /// 1: some do not.
-    pub rests: u32,
+    /// Bits: 1, some of its pixels move; 2, some do not; 4, velocity or depth jumps between neighbours, one of which it holds.
+    pub kinds: u32,
+    /// Nothing.
+    pub zero: u32,
 }
 
 /// The sources that reach a tile, as a window around each of its pixels ([`super::motion_blur`]); `shaders/include/motion_tiles.wgsl`.
@@ -310,7 +310,7 @@ pub struct MotionWindow {
     pub margin: f32,
     /// 1: the longer side lies along rows.
     pub wide: u32,
-    /// 1: all sources move alike.
+    /// 1: all sources count as one surface.
     pub even: u32,
     /// Pixels from one sample of the window to the next.
     pub stride: u32,

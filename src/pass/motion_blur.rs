@@ -24,8 +24,9 @@
 //! sum of k_q L_q.
 //!
 //! **Tiles.** What moves in each tile of 8 x 8 pixels bounds the pixels from which sources in front may come: a window along the longest
-//! velocity that reaches the tile, widened by how much others deviate from it, at each distance. Where velocities are [`ALIKE`] there is no
-//! window, and O is taken over all q. A window of more than [`SAMPLES`] pixels takes every second, third, ... column and row, from another
+//! velocity that reaches the tile, widened by how much others deviate from it, at each distance. There is no window, and O is taken over
+//! all q, where all velocities that reach the tile are [`ALIKE`], or where neither they nor depths jump between neighbours ([`VELOCITY_JUMP`],
+//! [`DEPTH_TOLERANCE`]): on one smooth surface the point that is at p at a time t is p - v_p t, to first order in the slope of v. A window of more than [`SAMPLES`] pixels takes every second, third, ... column and row, from another
 //! start in each pass.
 //!
 //! The pass adds L' - L to the emission of the pixel, as the [`lens`](super::lens) does, after it; light without shutter and with it differ by no
@@ -36,8 +37,8 @@
 //! from the pixels along its path, and what only shows at other times is missing; shadows, highlights and mirrored objects do not move;
 //! each point moves along a straight line at constant speed.
 //!
-//! Cost: 8 bytes a pixel for its tile, a few hundred for each tile; where something moves 11 vec4, then 2 vec4 for each pixel of length, and
-//! where not all is alike 3 vec4 for each pixel of the window. 16 bytes of memory a pixel.
+//! Cost: 2 vec4 a pixel for its tile, a few hundred bytes for each tile; where something moves 12 vec4, then 2 vec4 for each pixel of length, and
+//! where velocity or depth jumps 2 vec4 for each pixel of the window. 16 bytes of memory a pixel.
 
 use super::layout::{MotionTile, MotionWindow};
 use super::{BoundKernel, EyePathState, Kit, Lighting, ShadingPoints};
@@ -54,6 +55,10 @@ pub use reference::reference;
 pub const DEPTH_TOLERANCE: f32 = 0.01;
 /// Samples of a window.
 pub const SAMPLES: f32 = 12000.0;
+/// Greatest difference between the velocities of neighbours on one surface, pixels.
+///
+/// Higher: less time; edges between things that touch and move differently are off by as much for each pixel of the way.
+pub const VELOCITY_JUMP: f32 = 0.25;
 /// Difference of velocities up to which they count as alike, pixels.
 pub const ALIKE: f32 = 0.25;
 /// The same as a share of the longest. Higher: less time where cameras move through a scene, and edges between surfaces at different depths

@@ -9,7 +9,7 @@
 //! ```
 //!
 //! where d z is the vector from the eye to P. So a point at infinity moves as the camera turns, and where nothing moves v is exactly 0.
-//! A velocity within a pixel along rows and along columns counts as 0, since nothing is spread; a longer one than [`MAX_LENGTH`] is cut.
+//! A longer velocity than [`MAX_LENGTH`] is cut.
 //! Points nearer to the eye at one end than a twentieth of their depth now, or behind it, count as being there.
 //!
 //! Differs from the thesis (Bastos 1999, 8.2.3.1) in: there the support is proportional to the distance from the viewer; by the projection it
@@ -18,7 +18,7 @@
 //! What mirrors and glass show moves as a point that stands still at the place of its image: right for planar mirrors that do not move.
 //! Of glossy planes, the velocity is that of the plane.
 //!
-//! Cost: 3 vec4 and 70 operations a pixel, 6 vec4 more where triangles move; 8 bytes of memory a pixel, and 100 bytes for each triangle of a
+//! Cost: 3 vec4 and 70 operations a pixel, 6 vec4 more where triangles move; 16 bytes of memory a pixel, and 100 bytes for each triangle of a
 //! scene whose objects may move.
 
 use glam::{DVec2, Vec3};
@@ -37,7 +37,7 @@ const NEAREST: f64 = 0.05;
 
 /// The pass.
 pub struct Velocity {
-    /// Velocity of each pixel, pixels: two `f32`.
+    /// Velocity of each pixel, to the right and down, pixels; z: depth, w: 0.
     pub velocity: Buffer,
     shutter: Buffer,
     motion_of: Buffer,
@@ -63,7 +63,7 @@ impl Velocity {
         pixels: u32,
         triangles: u32,
     ) -> Result<Velocity> {
-        let velocity = kit.array("velocities", pixels, 8)?;
+        let velocity = kit.vec4s("velocities", pixels)?;
         let shutter = kit.array("shutter", 1, size_of::<Shutter>() as u64)?;
         let motion_of = kit.array("triangles that move", triangles.max(1), 4)?;
         let motion = kit.array("displacements", triangles.max(1), 96)?;
@@ -138,5 +138,5 @@ pub fn reference(ends: [&Camera; 2], places: [Vec3; 2], depth: Option<f32>) -> D
         DVec2::new(0.5 * width + scale * seen.dot(right.as_dvec3()), 0.5 * height - scale * seen.dot(up.as_dvec3()))
     };
     let v = project(1) - project(0);
-    if v.abs().max_element() <= 1.0 { DVec2::ZERO } else { v.clamp_length_max(f64::from(MAX_LENGTH)) }
+    v.clamp_length_max(f64::from(MAX_LENGTH))
 }

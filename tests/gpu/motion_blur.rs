@@ -1,8 +1,10 @@
 //! Motion blur: the passes against their oracles, edges in closed form, sub-frames, and images of the path tracer's shutter.
 
-use glam::{Affine3A, DVec2, Quat, Vec3, Vec4};
+use glam::{Affine3A, DVec2, Quat, Vec2, Vec3, Vec4};
 use lightsum::engine::{Engine, PosedObject, ShutterEnd};
 use lightsum::gpu::{Context, Staging};
+use lightsum::pass::layout::MotionWindow;
+use lightsum::pass::motion_blur::reference;
 use lightsum::pass::{ShadingPoints, accumulate, lens, motion_blur, velocity};
 use lightsum::path_trace::{self, Options, SpecularPaths};
 use lightsum::scene::{Camera, Scene};
@@ -11,7 +13,7 @@ use lightsum::stage::Stage;
 use lightsum::standalone::Renderer;
 
 use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery, has, hit_of, is_lit};
-use crate::scenes::{Soup, camera, compare, fov, settings};
+use crate::scenes::{Soup, camera, fov, settings};
 use crate::support::{gpu_test, unwatched};
 
 fn posed(object: u32, transform: Affine3A) -> PosedObject {
@@ -58,7 +60,7 @@ fn velocities_follow_their_oracle() {
             let pass = rig.frame().velocity.as_ref().unwrap();
             rig.prefill(&[&pass.velocity]);
             rig.run(|_, rec| pass.record(rec));
-            let found: Vec<[f32; 2]> = rig.get(&pass.velocity);
+            let found = rig.vec4s(&pass.velocity);
             let (hits, wo) = (rig.vec4s(&rig.frame().eye.rays.hits), rig.vec4s(&rig.frame().eye.points.wo));
             let through = rig.vec4s(&rig.frame().eye.paths.throughput);
             let mut tally = Tally::new(format!("velocity, {resolution:?}"));
@@ -77,11 +79,10 @@ fn velocities_follow_their_oracle() {
                 let moves = object.filter(|o| objects.contains(o));
                 let places = [-1.0, 1.0].map(|s| moves.map_or(unfolded, |_| turn(s).transform_point3(unfolded)));
                 let expected = velocity::reference(cameras.each_ref(), places, depth);
-                let v = DVec2::new(v[0].into(), v[1].into());
-                // Where a length is that of a pixel it may count or not.
-                let barely = v.abs().max_element().max(expected.abs().max_element()) < 1.01;
+                assert_eq!((v.z, v.w), (depth.unwrap_or(lens::NOTHING_SEEN), 0.0));
+                let v = DVec2::new(v.x.into(), v.y.into());
                 let agrees = (v - expected).length() < 2e-3 * expected.length() + 2e-3;
-                tally.check(agrees || barely, || format!("{i}: {v} for {expected}"));
+                tally.check(agrees, || format!("{i}: {v} for {expected}"));
                 match (hit, moves) {
                     (None, _) => nothing += 1,
                     (_, Some(_)) => moving += 1,
@@ -100,7 +101,7 @@ fn velocities_follow_their_oracle() {
 type Pattern = Box<dyn Fn(u32) -> DVec2>;
 
 /// A few patterns that tiles must bound.
-fn patterns([width, _]: [u32; 2]) -> [(&'static str, Pattern); 6] {
+fn patterns([width, _]: [u32; 2]) -> [(&'static str, Pattern); 7] {
     let hashed =
         |i: u32| DVec2::from([0, 1].map(|k| f64::from(lightsum::sampling::random::random_f32(2 * i + k)) - 0.5));
     let striped = [DVec2::new(13.0, 3.0), DVec2::ZERO, DVec2::new(-2.0, 17.5)];
@@ -111,6 +112,7 @@ fn patterns([width, _]: [u32; 2]) -> [(&'static str, Pattern); 6] {
         ("any", Box::new(move |i| 24.0 * hashed(i))),
         ("stripes", Box::new(move |i| striped[(i % width / 5 % 3) as usize])),
         ("one tile", Box::new(move |i| one_tile(i % width))),
+        ("sloping", Box::new(|i| DVec2::new(6.0 + 0.003 * f64::from(i % 683), 2.0))),
         ("growing", Box::new(move |i| DVec2::new(0.11, 0.02) * f64::from(i % width))),
     ]
 }
@@ -119,7 +121,7 @@ fn patterns([width, _]: [u32; 2]) -> [(&'static str, Pattern); 6] {
 fn motion_blur_follows_its_oracle() {
     gpu_test(|ctx| {
         let scene = gallery();
-        let mut changed = 0;
+        let (mut changed, mut together) = (0, 0);
         for resolution in AWKWARD_IMAGES {
             let now = Camera { resolution, shutter: 1.0, ..scene.camera.unwrap() };
             let still = || ShutterEnd { camera: now, objects: Vec::new() };
@@ -143,12 +145,11 @@ fn motion_blur_follows_its_oracle() {
                 })
                 .collect();
             for (name, pattern) in patterns(resolution) {
-                let moves: Vec<DVec2> = (0..pixels as u32)
-                    .map(&pattern)
-                    .map(|v| if v.abs().max_element() > 1.0 { v } else { DVec2::ZERO })
-                    .collect();
+                let moves: Vec<DVec2> = (0..pixels as u32).map(&pattern).collect();
                 let mut staging = Staging::new();
-                let velocity: Vec<[f32; 2]> = moves.iter().map(|v| v.as_vec2().to_array()).collect();
+                let depth: Vec<f32> = source.iter().map(|l| l.w).collect();
+                let with_depth = |(v, z): (&DVec2, &f32)| [v.x as f32, v.y as f32, *z, 0.0];
+                let velocity: Vec<[f32; 4]> = moves.iter().zip(&depth).map(with_depth).collect();
                 staging.stage_into(ctx, velocities, 0, &velocity).unwrap();
                 staging.stage_into(ctx, &r.emitted, 0, &before[..pixels]).unwrap();
                 rig.run(|_, rec| staging.record(rec));
@@ -159,7 +160,18 @@ fn motion_blur_follows_its_oracle() {
                     assert!(after[..pixels] == before[..pixels], "{resolution:?}");
                     continue;
                 }
-                let expected = motion_blur::reference(resolution, &source, &moves);
+                let windows: Vec<MotionWindow> = rig.get(&blur.windows);
+                let columns = resolution[0].div_ceil(8);
+                let short: Vec<Vec2> = moves.iter().map(|v| v.as_vec2()).collect();
+                for (i, window) in (0..).zip(&windows) {
+                    let even = reference::even(resolution, &depth, &short, [i % columns, i / columns]);
+                    let found = (window.along >= 0.0).then_some(window.even == 1);
+                    assert_eq!(found, even, "{name}, {resolution:?}, tile {i}: {window:?}");
+                    together += usize::from(even == Some(true));
+                }
+                let tile_of = |p: u32| p % resolution[0] / 8 + p / resolution[0] / 8 * columns;
+                let even = |p: usize| windows[tile_of(p as u32) as usize].even == 1;
+                let expected = motion_blur::reference(resolution, &source, &moves, even);
                 let mut tally = Tally::new(format!("motion blur, {name}, {resolution:?}"));
                 for i in 0..pixels {
                     let found = (after[i] - before[i] + source[i]).truncate();
@@ -173,7 +185,7 @@ fn motion_blur_follows_its_oracle() {
                 tally.finish(0.002);
             }
         }
-        assert!(changed > 1500, "{changed}");
+        assert!(changed > 1500 && together > 50, "{changed} {together}");
     });
 }
 
@@ -300,13 +312,21 @@ fn at(view: Camera, (ball, eye): (f32, f32), part: f32) -> (Affine3A, Camera) {
     (turned, Camera { eye: view.eye + shift, target: view.target - 0.3 * shift, ..view })
 }
 
+/// Energy ratio and root mean square error of an image, as a share of the root mean square of the reference: what emits is much brighter than the
+/// rest, so relative errors of dark pixels tell nothing.
+fn compare_bright(image: &[Vec3], reference: &[Vec3]) -> (f32, f32) {
+    let sum = |of: &dyn Fn(Vec3, Vec3) -> f32| image.iter().zip(reference).map(|(a, b)| of(*a, *b)).sum::<f32>();
+    let energy = sum(&|a, _| a.element_sum()) / sum(&|_, b| b.element_sum());
+    (energy, (sum(&|a, b| (a - b).length_squared()) / sum(&|_, b| b.length_squared())).sqrt())
+}
+
 /// One blurred frame against the mean of 64 sharp ones, of what emits.
 #[test]
 fn one_frame_stands_for_many_sub_frames() {
     gpu_test(|ctx| {
         let (scene, view) = ball();
-        let frames = 64;
-        for (speeds, limits) in [((0.5, 0.0), [0.06, 0.30]), ((0.0, 1.0), [0.05, 0.25]), ((0.5, 1.0), [0.1, 0.3])] {
+        let (frames, mut errors) = (64, Vec::new());
+        for (speeds, limits) in [((1.0, 0.0), [0.07, 0.11]), ((0.0, 2.0), [0.16, 0.2]), ((1.0, 2.0), [0.16, 0.2])] {
             let moving = |camera: Camera| {
                 Renderer::with_context_dynamic(ctx.clone(), scene.clone(), camera, settings(1, 1)).unwrap()
             };
@@ -332,13 +352,13 @@ fn one_frame_stands_for_many_sub_frames() {
             blurred.engine_mut().set_shutter_ends(Some([end(0.0), end(1.0)])).unwrap();
             blurred.pass().unwrap();
             let image = blurred.layers().unwrap().color;
-            let ((energy, error), (_, without)) = (compare(&image, &mean), compare(&middle, &mean));
+            let ((energy, error), (_, without)) = (compare_bright(&image, &mean), compare_bright(&middle, &mean));
             println!("{speeds:?}: energy {energy:.4}, error {error:.4}, sharp {without:.4}");
-            assert!(
-                (energy - 1.0).abs() < 0.03 && error < limits[0] && without > limits[1],
-                "{speeds:?}: {energy} {error}"
-            );
+            errors.push((energy, error / limits[0], without / limits[1]));
         }
+        let good =
+            |&(energy, error, without): &(f32, f32, f32)| (energy - 1.0).abs() < 0.04 && error < 1.0 && without > 1.0;
+        assert!(errors.iter().all(good), "{errors:?}");
     });
 }
 
@@ -348,7 +368,7 @@ fn images_agree_with_path_tracing() {
     gpu_test(|ctx| {
         let (scene, view) = ball();
         let open = Camera { shutter: 0.1, ..view };
-        let speeds = (0.5, 0.5);
+        let speeds = (1.0, 3.0);
         let options = Options {
             resolution: view.resolution,
             samples: 256,
@@ -369,7 +389,7 @@ fn images_agree_with_path_tracing() {
             }
             Ok((scene, camera))
         };
-        let reference = path_trace::render_open(moment, &options, |_| true).unwrap();
+        let traced = path_trace::render_open(moment, &options, |_| true).unwrap();
         let image = |camera: Camera| {
             let context = unwatched();
             let mut renderer = Renderer::with_context_dynamic(context, scene.clone(), camera, settings(16, 2)).unwrap();
@@ -381,9 +401,10 @@ fn images_agree_with_path_tracing() {
             (0..16).for_each(|_| renderer.pass().unwrap());
             renderer.layers().unwrap().color
         };
-        let ((energy, error), (_, without)) = (compare(&image(open), &reference), compare(&image(view), &reference));
+        let ((energy, error), (_, without)) =
+            (compare_bright(&image(open), &traced), compare_bright(&image(view), &traced));
         println!("energy {energy:.4}, error {error:.4}, without a shutter {without:.4}");
-        assert!((energy - 1.0).abs() < 0.02 && error < 0.13 && without > 0.25, "{energy} {error} {without}");
+        assert!((energy - 1.0).abs() < 0.02 && error < 0.1 && without > 0.2, "{energy} {error} {without}");
         // What one frame watches for the validation layer.
         let mut renderer = Renderer::with_context_dynamic(ctx.clone(), scene.clone(), open, settings(16, 2)).unwrap();
         renderer.pass().unwrap();
