@@ -68,6 +68,7 @@ fn room() -> lightsum::Result<Scene> {
         resolution: [320, 240],
         aperture: 0.0,
         focus: None,
+        shutter: 0.0,
     });
     // The path only names the scene in messages.
     scene.validate(Path::new("room"))?;

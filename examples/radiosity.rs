@@ -87,6 +87,7 @@ fn hall() -> Scene {
         resolution: [640, 480],
         aperture: 0.0,
         focus: None,
+        shutter: 0.0,
     });
     scene
 }

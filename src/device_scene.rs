@@ -76,6 +76,8 @@ pub struct DeviceScene {
     pub textured: bool,
     /// Whether some surfaces let rays pass.
     pub has_alpha: bool,
+    /// Whether its objects may move.
+    pub movable: bool,
     /// Lower corners of the nodes, and skip indices.
     pub node_min: Buffer,
     /// Upper corners of the nodes, and leaf words.
@@ -231,7 +233,8 @@ impl DeviceScene {
         clusters: bool,
     ) -> Result<(DeviceScene, ObjectTrees)> {
         let (trees, bvh) = ObjectTrees::build(scene, clusters)?;
-        Ok((Self::with_tree(context, staging, scene, bvh, trees.wide.as_ref())?, trees))
+        let scene = Self::with_tree(context, staging, scene, bvh, trees.wide.as_ref())?;
+        Ok((DeviceScene { movable: true, ..scene }, trees))
     }
 
     fn with_tree(
@@ -280,6 +283,7 @@ impl DeviceScene {
             albedos: scene.mean_albedos(),
             textured: has_patterns(scene),
             has_alpha,
+            movable: false,
             finishes: finishes(scene, &reflectors),
             reflectors,
             targets: Targets::default(),
@@ -321,6 +325,11 @@ impl DeviceScene {
     /// Indices of the emitters without area, in the order of [`DeviceScene::delta`].
     pub fn delta_emitters(&self) -> Vec<u32> {
         self.emitters.delta.iter().map(|&i| i as u32).collect()
+    }
+
+    /// Triangles that may move: all or none.
+    pub fn movable_triangles(&self) -> u32 {
+        if self.movable { self.bvh.triangle_count() } else { 0 }
     }
 
     /// Number of targets of photons.

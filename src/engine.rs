@@ -33,8 +33,10 @@
 //! [`Film::counts`]: crate::film::Film::counts
 
 mod edit;
+mod shutter;
 
 pub use edit::EditTimes;
+pub use shutter::{PosedObject, ShutterEnd};
 
 use std::sync::Arc;
 
@@ -64,6 +66,8 @@ pub struct Engine {
     staging: Option<Staging>,
     /// State for scene edits; `None` if the scene is static.
     dynamic: Option<Box<edit::DynamicScene>>,
+    /// What moves while the shutter is open.
+    shutter: shutter::Moves,
     passes: u32,
     /// Passes since the image last changed.
     unchanged: u32,
@@ -137,6 +141,7 @@ impl Engine {
             frame,
             staging: Some(staging),
             dynamic: None,
+            shutter: shutter::Moves::default(),
             passes: 0,
             unchanged: 0,
             paths: Paths::default(),
@@ -303,6 +308,7 @@ impl Engine {
         let plan = plan::derive(&self.scene, &self.plan.asked, &view)?;
         let same_size = view.size() == self.plan.view.size();
         self.set_plan(plan)?;
+        self.shutter.staged = false;
         if same_size {
             self.changed();
         } else {
@@ -424,6 +430,7 @@ impl Engine {
         if !frame.walk.keeps {
             self.paths = Paths::default();
         }
+        self.shutter.staged = false;
         self.frame = frame;
         self.particles = true;
     }

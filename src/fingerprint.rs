@@ -102,6 +102,7 @@ mod tests {
             resolution: [4, 3],
             aperture: 0.0,
             focus: None,
+            shutter: 0.0,
         }
     }
 
@@ -164,6 +165,7 @@ mod tests {
             Camera { resolution: [3, 4], ..view },
             Camera { aperture: 0.1, ..view },
             Camera { focus: Some(2.0), ..view },
+            Camera { shutter: 0.1, ..view },
         ] {
             assert_ne!(base, of(changed, usual()), "{changed:?}");
         }

@@ -19,8 +19,10 @@ use crate::pass::lens::{self, Lens};
 use crate::pass::light_lists::LightLists;
 use crate::pass::merge::Merge;
 use crate::pass::mirror_lights::{self, MirrorLights};
+use crate::pass::motion_blur::{self, MotionBlur};
 use crate::pass::outliers::{self, Outliers};
 use crate::pass::summands::Summands;
+use crate::pass::velocity::Velocity;
 use crate::pass::{Kit, List};
 use crate::plan::Plan;
 use crate::ring::{Form, Paths};
@@ -47,6 +49,8 @@ pub struct Frame {
     pub status: Buffer,
     /// Finds the visible shading points.
     pub eye: Eye,
+    /// Finds how far what each pixel shows moves while the shutter is open.
+    pub velocity: Option<Velocity>,
     /// Sets the probabilities by which the particles of this pass choose emitters, from the visible points.
     pub importance: Option<Importance>,
     /// Traces particles from the emitters, which become point lights.
@@ -93,6 +97,8 @@ pub struct Frame {
     pub summands: Option<Summands>,
     /// Blurs pixels out of focus.
     pub lens: Option<Lens>,
+    /// Blurs what moves.
+    pub motion_blur: Option<MotionBlur>,
     /// Adds the image to the film.
     pub output: Output,
 }
@@ -123,6 +129,13 @@ impl Frame {
         let film = film.with_ring(context, settings.ring.map(|ring| ring.images()))?;
 
         let eye = Eye::new(kit, scene, plan)?;
+        let velocity = match plan.view.has_shutter() {
+            false => None,
+            true => {
+                let seen = (&eye.rays, &eye.paths, &eye.points);
+                Some(Velocity::new(kit, seen, plan.eye.pixels, scene.movable_triangles())?)
+            }
+        };
         let importance = match settings.light_choice {
             LightChoice::Power => None,
             LightChoice::Contribution => Some(Importance::new(kit, &scene.emitter_records, &eye.points)?),
@@ -182,7 +195,7 @@ impl Frame {
             )?),
         };
         let lighting = discontinuity.as_ref().map_or(&shade.lighting, |filter| &filter.filtered);
-        let path_gain_of = match settings.filter.is_some() && !plan.view.has_lens() {
+        let path_gain_of = match settings.filter.is_some() && !plan.view.has_lens() && !plan.view.has_shutter() {
             false => None,
             true => Some(kit.vec4s("gain of paths and edges", plan.eye.pixels)?),
         };
@@ -248,12 +261,20 @@ impl Frame {
                 Some(Lens::new(kit, &lens::Inputs { points, paths, lighting, size })?)
             }
         };
+        let motion_blur = match &velocity {
+            None => None,
+            Some(Velocity { velocity, .. }) => {
+                let (points, paths, size) = (&eye.points, &eye.paths, plan.view.size());
+                Some(MotionBlur::new(kit, &motion_blur::Inputs { velocity, points, paths, lighting, size })?)
+            }
+        };
         let second = summands.as_ref().map(|summands| &summands.reflected);
         let output = Output::new(kit, &eye, lighting, second, (film, image))?;
         Ok(Frame {
             parameters,
             status,
             eye,
+            velocity,
             importance,
             walk,
             delta_choice,
@@ -277,6 +298,7 @@ impl Frame {
             gain,
             summands,
             lens,
+            motion_blur,
             output,
         })
     }
@@ -293,6 +315,7 @@ impl Frame {
         self.record_start(rec, parameters)?;
         self.eye.run(rec)?;
         self.splats.as_ref().map_or(Ok(()), |splats| splats.record_find(rec))?;
+        self.velocity.run(rec)?;
         self.importance.run(rec)?;
         self.walk.run(rec)?;
         self.delta_choice.run(rec)?;
@@ -319,6 +342,7 @@ impl Frame {
         self.gain.run(rec)?;
         self.summands.run(rec)?;
         self.lens.run(rec)?;
+        self.motion_blur.run(rec)?;
         self.output.record_accumulate(rec, parameters)
     }
 

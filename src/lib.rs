@@ -54,7 +54,7 @@
 //!    split in two where both components count. [`eye_points`](pass::eye_points) and
 //!    [`split_points`](pass::split_points) turn hits into shading points on a list, and [`clusters`](pass::clusters) or [`sort`](pass::sort) brings neighbours together. An [`atlas`](pass::atlas) takes the place of
 //!    camera rays where texels are lit. Where images with depth show what glossy planes mirror, [`reproject`](pass::reproject) projects their points
-//!    first, and rays are traced for the rest. [`schedule`](pass::schedule) turns counts into indirect dispatches, here and everywhere.
+//!    first, and rays are traced for the rest. [`velocity`](pass::velocity) finds how far what pixels show moves while the shutter is open. [`schedule`](pass::schedule) turns counts into indirect dispatches, here and everywhere.
 //! 2. [`importance`](pass::importance) estimates the contribution of each emitter to the points seen, if emitters are chosen by it.
 //! 3. [`Walk`](stage::Walk): [`walk_start`](pass::walk_start) sends particles from the emitters. For each reflection
 //!    [`trace`](pass::trace) finds their hits, [`walk_follow`](pass::walk_follow) continues those at mirrors and glass, and
@@ -83,7 +83,8 @@
 //! 8. [`GlossyPlanes`](stage::GlossyPlanes): [`mirror_image`](pass::mirror_image) takes the image of glossy planes from the second
 //!    components, [`convolve`](pass::convolve) spreads it, and [`superpose`](pass::superpose) adds it to the planes.
 //! 9. [`merge`](pass::merge) adds the light of the other second components to their pixels, [`summands`](pass::summands) sums
-//!    emission, diffuse and specular light apart, and [`lens`](pass::lens) blurs by [`convolve`](pass::convolve) what is out of focus.
+//!    emission, diffuse and specular light apart, [`lens`](pass::lens) blurs by [`convolve`](pass::convolve) what is out of focus, and
+//!    [`motion_blur`](pass::motion_blur) what moves.
 //! 10. [`Output`](stage::Output): [`finite`](pass::finite) looks, before anything is summed, whether the pass is made of numbers, and
 //!     [`accumulate`](pass::accumulate) adds it to the film. In a ring, [`ring`](pass::ring) puts it in place of the oldest image instead.
 //!

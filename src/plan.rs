@@ -258,6 +258,14 @@ pub fn derive(scene: &DeviceScene, asked: &Settings, view: &View) -> Result<Plan
             ),
         });
     }
+    if settings.summands && view.has_shutter() {
+        return Err(Error::Setting {
+            name: "--summands",
+            message: String::from(
+                "an open shutter blurs their sum alone, so that they would not add up; leave it out, or --shutter 0",
+            ),
+        });
+    }
     let extent = Extent::of(&scene.bvh, &scene.albedos, view);
     let (delta, rho) = (scene.delta.len() as u32, extent.reflectivity);
     let mut lights = match &settings.ring {
@@ -443,7 +451,9 @@ impl Plan {
         };
         let same_view = match (&self.view, &other.view) {
             (View::Camera { .. }, View::Camera { .. }) => {
-                self.view.size() == other.view.size() && self.view.has_lens() == other.view.has_lens()
+                self.view.size() == other.view.size()
+                    && self.view.has_lens() == other.view.has_lens()
+                    && self.view.has_shutter() == other.view.has_shutter()
             }
             (one, another) => one == another,
         };

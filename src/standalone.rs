@@ -10,7 +10,7 @@ use std::time::Instant;
 use glam::Vec3;
 
 use crate::calibrate;
-use crate::engine::Engine;
+use crate::engine::{Engine, PosedObject, ShutterEnd};
 use crate::error::{Error, Result};
 use crate::estimate::History;
 use crate::film::HostFilm;
@@ -268,6 +268,22 @@ impl Renderer {
     /// Times of the latest pass; zeros before the first.
     pub fn last_pass(&self) -> &PassTimes {
         &self.last_pass
+    }
+
+    /// [`Engine::set_shutter_ends`], as a part of what the image's fingerprint tells.
+    pub fn set_shutter_ends(&mut self, ends: Option<[ShutterEnd; 2]>) -> Result<()> {
+        self.engine.set_shutter_ends(ends.clone())?;
+        let mut fingerprint = Fnv(self.fingerprint);
+        for end in ends.iter().flatten() {
+            fingerprint.add(format!("{:?}", end.camera).as_bytes());
+            for PosedObject { object, transform, vertices } in &end.objects {
+                fingerprint.add(&object.to_le_bytes());
+                fingerprint.add(bytemuck::cast_slice(&transform.to_cols_array()));
+                fingerprint.add(bytemuck::cast_slice(vertices.as_deref().unwrap_or_default()));
+            }
+        }
+        self.fingerprint = fingerprint.0;
+        Ok(())
     }
 
     /// The engine.

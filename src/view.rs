@@ -174,6 +174,11 @@ impl View {
         self.camera().is_some_and(Camera::has_lens)
     }
 
+    /// Whether its shutter is open for some time.
+    pub fn has_shutter(&self) -> bool {
+        self.camera().is_some_and(Camera::has_shutter)
+    }
+
     /// Checks it against the settings. Errors: an empty view, a region outside its image or not on the borders of
     /// blocks, a combination whose result would depend on pixels outside the region.
     pub fn check(&self, settings: &Settings) -> Result<()> {
@@ -219,6 +224,7 @@ impl View {
     pub fn needs_whole(&self, settings: &Settings) -> Option<&'static str> {
         match settings {
             _ if self.has_lens() => Some("a lens blurs over the whole image"),
+            _ if self.has_shutter() => Some("an open shutter blurs over the whole image"),
             Settings { superposition: Some(_), .. } => Some("mirror images spread over the whole image"),
             Settings { compensation: Compensation::Near, .. } if settings.clips() => {
                 Some("--compensation near looks at the whole image (exact does not)")

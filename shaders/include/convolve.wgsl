@@ -1,4 +1,5 @@
 // Shared by the steps of the convolution. See pass/convolve.rs.
+#include "spread_out.wgsl"
 
 // A step: a level of the pyramid, or rows of the window. Host twin: pass::layout::ConvolveStep.
 struct ConvolveStep {
@@ -42,10 +43,3 @@ const SUPPORT: f32 = 1.0885;
 const MIN_SUM: f32 = 1e-3;
 // Inverse radius of a source that does not spread.
 const DELTA: f32 = 1e6;
-
-// Index of the workgroup, permuted by a stride. Some devices give each core a contiguous run of workgroups; the stride shares out
-// the expensive parts of an image.
-fn spread_out(group: u32, groups: u32) -> u32 {
-    let stride = select(7919u, 1u, groups % 7919u == 0u || groups > 500000u);
-    return (group * stride) % groups;
-}

@@ -101,6 +101,7 @@ impl DeviceScene {
             let kept = self.delta.clone();
             *self = DeviceScene::with_tree(context, staging, scene, bvh, trees.wide.as_ref())?;
             self.delta = kept;
+            self.movable = true;
         } else {
             if !touched.moved.is_empty() {
                 replaced |= self.update_hierarchy(context, staging, scene, trees.wide.as_ref(), &changes)?;

@@ -7,7 +7,7 @@
 use std::ops::Range;
 use std::time::Instant;
 
-use glam::{Affine3A, Mat3A, Vec3};
+use glam::{Affine3A, Vec3};
 
 use super::{Engine, make_frame};
 use crate::accel::objects::ObjectTrees;
@@ -17,13 +17,11 @@ use crate::gpu::Context;
 use crate::light::emitters::Emitters;
 use crate::plan::{self, check_slots};
 use crate::scene::path::Motion;
+use crate::scene::posed::{normal_matrix, similarity};
 use crate::scene::validate::is_degenerate;
 use crate::scene::{Camera, Light, Material, Scene, Surface, Texture, TextureUse};
 use crate::settings::Settings;
 use crate::view::View;
-
-/// Maximum difference between the columns of a similarity and orthogonal vectors of its scale.
-const RIGID: f32 = 1e-5;
 
 /// CPU times of the latest edits, in seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -44,13 +42,13 @@ pub struct EditTimes {
 
 /// State for scene edits.
 pub(super) struct DynamicScene {
-    scene: Scene,
+    pub(super) scene: Scene,
     /// Vertices of each object.
-    vertices: Vec<Range<usize>>,
+    pub(super) vertices: Vec<Range<usize>>,
     /// Triangles of each object.
     triangles: Vec<Vec<u32>>,
     /// Vertices before the transforms.
-    rest_positions: Vec<Vec3>,
+    pub(super) rest_positions: Vec<Vec3>,
     rest_normals: Vec<Vec3>,
     /// Lights before the transforms.
     rest_lights: Vec<Light>,
@@ -277,6 +275,11 @@ impl Engine {
     /// Updates hierarchy, emitters and passes for the edits, and stages the uploads. [`Engine::record_pass`] does this
     /// itself.
     pub fn apply_edits(&mut self) -> Result<()> {
+        self.apply_scene_edits()?;
+        self.stage_shutter()
+    }
+
+    fn apply_scene_edits(&mut self) -> Result<()> {
         let Some(mut moving) = self.dynamic.take() else { return Ok(()) };
         let result = if moving.pending.is_empty() { Ok(()) } else { self.apply(&mut moving) };
         if result.is_err() {
@@ -318,6 +321,8 @@ impl Engine {
         let (update, plan) = result?;
         self.plan = plan;
         self.particles = true;
+        // Triangles may have another order.
+        self.shutter.staged = false;
         moving.times = EditTimes {
             vertices: std::mem::take(&mut moving.vertex_seconds),
             refit: update.changes.refit_seconds,
@@ -334,14 +339,14 @@ impl Engine {
     }
 }
 
-fn still() -> Error {
+pub(super) fn still() -> Error {
     Error::Resource {
         name: String::from("engine"),
         message: String::from("its scene cannot change; make the engine by Engine::new_dynamic"),
     }
 }
 
-fn refused(object: &str, message: &str) -> Error {
+pub(super) fn refused(object: &str, message: &str) -> Error {
     Error::Scene(format!("object {object:?}: {message}"))
 }
 
@@ -364,18 +369,9 @@ fn check_transform(transform: &Affine3A) -> Result<(), String> {
     Ok(())
 }
 
-/// The factor by which a transform scales lengths, if it is the same in all directions.
-fn similarity(matrix: &Mat3A) -> Option<f32> {
-    let scale = matrix.x_axis.length();
-    let product = matrix.transpose() * *matrix;
-    let even = (product - Mat3A::from_diagonal(Vec3::splat(scale * scale))).abs();
-    let worst = even.x_axis.max(even.y_axis).max(even.z_axis).max_element();
-    (worst <= RIGID * scale * scale).then_some(scale)
-}
-
 impl DynamicScene {
     /// Name of an object with triangles.
-    fn name(&self, object: u32) -> Result<String> {
+    pub(super) fn name(&self, object: u32) -> Result<String> {
         let Some(name) = self.scene.objects.get(object as usize) else {
             let count = self.scene.objects.len();
             return Err(Error::Scene(format!("object {object} does not exist, there are {count}")));
@@ -439,10 +435,7 @@ impl DynamicScene {
         if still {
             self.scene.normals[range.clone()].copy_from_slice(&self.rest_normals[range]);
         } else if smooth {
-            // The cofactors are the inverse transpose up to a factor.
-            let m = transform.matrix3;
-            let (x, y, z) = (m.x_axis, m.y_axis, m.z_axis);
-            let cofactors = Mat3A::from_cols(y.cross(z), z.cross(x), x.cross(y));
+            let cofactors = normal_matrix(&transform.matrix3);
             for (normal, rest) in self.scene.normals[range.clone()].iter_mut().zip(&self.rest_normals[range]) {
                 *normal = (cofactors * *rest).normalize_or(*rest);
             }

@@ -265,6 +265,58 @@ impl ConvolveStep {
     pub const EVERYWHERE: u32 = 16;
 }
 
+/// What moves while the shutter is open, for [`super::velocity`]: cameras as it opens and as it closes; `shaders/include/shutter.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Shutter {
+    /// Eye now less eye then.
+    pub shift: [[f32; 4]; 2],
+    /// Image half width at unit distance, divided by its square.
+    pub right: [[f32; 4]; 2],
+    /// Likewise its half height.
+    pub up: [[f32; 4]; 2],
+    /// Unit view direction.
+    pub forward: [[f32; 4]; 2],
+    /// Triangles that move; zeros.
+    pub moving: [u32; 4],
+}
+
+/// Velocities in a tile of 8 x 8 pixels ([`super::motion_blur`]); `shaders/include/motion_tiles.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct MotionTile {
+    /// Least and greatest velocity to the right, then downwards, of the pixels that move.
+    pub range: [f32; 4],
+    /// The longest of them.
+    pub longest: [f32; 2],
+    /// Bits: 1, some of its pixels move; 2, some do not; 4, velocity or depth jumps between neighbours, one of which it holds.
+    pub kinds: u32,
+    /// Nothing.
+    pub zero: u32,
+}
+
+/// The sources that reach a tile, as a window around each of its pixels ([`super::motion_blur`]); `shaders/include/motion_tiles.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct MotionWindow {
+    /// Slope of the longest velocity, against its longer side.
+    pub slope: f32,
+    /// Reach along that side, pixels; -1: nothing reaches the tile.
+    pub along: f32,
+    /// Greatest distance of the end of a segment from the line of that slope.
+    pub across: f32,
+    /// The same for each pixel of distance along the line.
+    pub spread: f32,
+    /// Pixels beyond.
+    pub margin: f32,
+    /// 1: the longer side lies along rows.
+    pub wide: u32,
+    /// 1: all sources count as one surface.
+    pub even: u32,
+    /// Pixels from one sample of the window to the next.
+    pub stride: u32,
+}
+
 /// One point light of any kind; `shaders/include/lights.wgsl` gives the formula. For the shadow rays to area lights
 /// ([`super::visibility`]) `position` is a corner, `wi` and `flux` are the edges from there.
 #[repr(C)]

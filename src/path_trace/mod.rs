@@ -9,8 +9,10 @@
 //! [`SpecularPaths`] allows; frosted panes scatter transmitted light everywhere. Mirrors and glass on the way from the eye do not
 //! count as segments; they have their own limit.
 
+mod shutter;
 mod surface;
 
+pub use shutter::render_open;
 pub use surface::PathVertex;
 
 use crate::accel::{Bvh, Hit, Ray, offset_origin};

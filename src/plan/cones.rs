@@ -48,7 +48,8 @@ mod tests {
     #[test]
     fn cones_narrow_with_the_passes() {
         let (eye, target, up) = (Vec3::ZERO, Vec3::NEG_Z, Vec3::Y);
-        let camera = Camera { eye, target, up, fov_y: 90.0, resolution: [200, 100], aperture: 0.0, focus: None };
+        let camera =
+            Camera { eye, target, up, fov_y: 90.0, resolution: [200, 100], aperture: 0.0, focus: None, shutter: 0.0 };
         let view = View::whole(camera);
         let first = Cones::of(&view, 100, 0);
         assert!((first.pixel - 0.02).abs() < 1e-6 && (first.particle - 0.1).abs() < 1e-6, "{first:?}");

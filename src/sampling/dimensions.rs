@@ -45,6 +45,7 @@
 //! | [`SPLAT`]   | scrambling of the points of the particles of splats: dimension, 0 |
 //! | [`SPLAT_SIDE`] | side of a two-sided emitter: particle, 0                |
 //! | [`SPLAT_LOBE`], [`SPLAT_COMPONENT`], [`SPLAT_ROULETTE`] | diffuse or specular; transmission, reflection or base; absorption: particle, bounces |
+//! | [`BLUR`] | first sample of wide windows of motion blur: 0, 0 |
 
 use super::halton::PRIMES;
 use super::sobol;
@@ -121,6 +122,8 @@ pub const SPLAT_LOBE: u32 = 27;
 pub const SPLAT_COMPONENT: u32 = 28;
 /// Stream: absorption of such a particle.
 pub const SPLAT_ROULETTE: u32 = 29;
+/// Stream: first sample of wide windows of motion blur.
+pub const BLUR: u32 = 30;
 
 /// Dimensions of a photon: direction, place on the emitter (the first also chooses it), target.
 pub const PHOTON_DIMENSIONS: [usize; 5] = [0, 1, 2, 3, 4];

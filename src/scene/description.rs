@@ -102,13 +102,15 @@ struct CameraEntry {
     aperture: f32,
     #[serde(default)]
     focus: Option<f32>,
+    #[serde(default)]
+    shutter: f32,
 }
 
 impl CameraEntry {
     fn of(&self, scene: &Scene) -> Camera {
-        let CameraEntry { eye, target, up, fov_y, resolution, aperture, focus } = *self;
+        let CameraEntry { eye, target, up, fov_y, resolution, aperture, focus, shutter } = *self;
         let [eye, target] = [eye, target].map(|p| scene.from_world(p));
-        Camera { eye, target, up, fov_y, resolution, aperture, focus }
+        Camera { eye, target, up, fov_y, resolution, aperture, focus, shutter }
     }
 }
 

@@ -143,7 +143,16 @@ impl Camera {
         let least = front + (0.05 * (high - low).length()).max(f32::MIN_POSITIVE);
         let distance = ((r + l) / (2.0 * tan_x)).max((t + b) / (2.0 * tan_y)).max(least);
         let target = middle + right * (0.5 * (r - l)) + up * (0.5 * (t - b));
-        Camera { eye: target + distance * back, target, up, fov_y: FOV, resolution, aperture: 0.0, focus: None }
+        Camera {
+            eye: target + distance * back,
+            target,
+            up,
+            fov_y: FOV,
+            resolution,
+            aperture: 0.0,
+            focus: None,
+            shutter: 0.0,
+        }
     }
 }
 

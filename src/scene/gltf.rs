@@ -495,6 +495,7 @@ fn perspective(world: DMat4, fov_y: f32, aspect: Option<f32>) -> Camera {
         resolution: [width as u32, 480],
         aperture: 0.0,
         focus: None,
+        shutter: 0.0,
     }
 }
 

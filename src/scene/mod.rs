@@ -37,6 +37,7 @@ mod origin;
 mod pane;
 pub mod path;
 mod ply;
+pub(crate) mod posed;
 pub mod reflectors;
 mod sky;
 pub mod surfaces;
@@ -470,6 +471,11 @@ pub struct Camera {
     /// Distance of the focal plane from the eye along the viewing direction, scene units. Default `None`: that of `target`.
     #[serde(default)]
     pub focus: Option<f32>,
+    /// Time for which the shutter is open, seconds, half of it before the moment that is shown and half after. Default 0: an instant.
+    /// The blur of what moves grows in proportion, and so does the cost of its convolution ([`crate::pass::motion_blur`]). The engine is
+    /// told what moves meanwhile by [`crate::Engine::set_shutter_ends`].
+    #[serde(default)]
+    pub shutter: f32,
 }
 
 /// A camera of a file.
@@ -492,6 +498,11 @@ impl Camera {
     /// Whether the aperture is above 0: surfaces out of focus are blurred.
     pub fn has_lens(&self) -> bool {
         self.aperture > 0.0
+    }
+
+    /// Whether the shutter is open for some time: what moves is blurred.
+    pub fn has_shutter(&self) -> bool {
+        self.shutter > 0.0
     }
 
     /// Distance of the focal plane along the viewing direction.

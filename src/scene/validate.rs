@@ -294,6 +294,9 @@ impl Camera {
         if let Some(focus) = self.focus.filter(|f| !(f.is_finite() && *f > 0.0)) {
             return Err(format!("focus {focus} is not a distance above 0"));
         }
+        if !(self.shutter.is_finite() && self.shutter >= 0.0) {
+            return Err(format!("shutter {} is not a time of 0 or more", self.shutter));
+        }
         if self.resolution.contains(&0) || self.resolution.iter().any(|&r| r > 65_536) {
             let [w, h] = self.resolution;
             return Err(format!("resolution {w}x{h} must lie between 1x1 and 65536x65536"));

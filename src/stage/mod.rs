@@ -39,8 +39,10 @@ use crate::pass::lens::Lens;
 use crate::pass::light_lists::LightLists;
 use crate::pass::merge::Merge;
 use crate::pass::mirror_lights::MirrorLights;
+use crate::pass::motion_blur::MotionBlur;
 use crate::pass::outliers::Outliers;
 use crate::pass::summands::Summands;
+use crate::pass::velocity::Velocity;
 use crate::pass::{Kit, List};
 
 /// A part of the frame that is recorded as a whole. An optional stage is an `Option` of one.
@@ -105,6 +107,8 @@ stages! {
     Outliers = "outliers",
     Merge = "merge",
     Summands = "summands",
+    Velocity = "velocity",
+    MotionBlur = "motion_blur",
 }
 
 impl Stage for Lens {

@@ -322,3 +322,34 @@ fn animations_that_are_not_there_are_named() {
         assert!(words.iter().all(|word| message.contains(word)), "{line:?}: {message}");
     }
 }
+
+/// A frame of a path with an open shutter; the same as a still image, and by the path tracer.
+#[test]
+fn an_open_shutter_blurs_what_moves() {
+    let folder = tempfile::tempdir().unwrap();
+    let slide = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell/slide.toml")).unwrap();
+    fs::write(folder.path().join("slide.toml"), slide.replace("frames = 9", "times = [1.0]")).unwrap();
+    let frame = |name: &str| image::open(folder.path().join(name)).unwrap().into_rgb8().into_raw();
+    let path = arguments(&[SCENE, "--path", "slide.toml", "--shutter"]);
+    for flags in [&["0", "-o", "sharp-%d.png"][..], &["1", "-o", "blurred-%d.png", "--validation"]] {
+        succeeds(folder.path(), &[&path[..], flags, &["--moving-passes", "1"]].concat());
+    }
+    let render = |more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lightsum"));
+        command.arg("render").args(&SMALL[..2]).args([SCENE, "--path", "slide.toml", "--at", "1"]).args(more);
+        let output = command.current_dir(folder.path()).env("XDG_CACHE_HOME", folder.path().join("cache")).output();
+        let output = output.unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+    };
+    render(&[&SMALL[2..], &["--passes", "1", "--shutter", "1", "-o", "still.png"]].concat());
+    let traced = ["--reference", "--spp", "64", "--max-depth", "2"];
+    render(&[&traced[..], &["--shutter", "1", "-o", "traced.png"]].concat());
+    render(&[&traced[..], &["-o", "instant.png"]].concat());
+    let differ = |a: &str, b: &str| frame(a).iter().zip(&frame(b)).filter(|(a, b)| a.abs_diff(**b) > 10).count();
+    let [blurs, stands, traces] =
+        [["blurred-0.png", "sharp-0.png"], ["blurred-0.png", "still.png"], ["traced.png", "instant.png"]]
+            .map(|[a, b]| differ(a, b));
+    assert!(blurs > 40 && traces > 60, "{blurs} {traces}");
+    // The still image begins in that pose, so places are rounded otherwise.
+    assert!(stands < 30, "{stands}");
+}

@@ -73,6 +73,16 @@ fn lenses_are_read_and_checked() {
 }
 
 #[test]
+fn shutters_are_read_and_checked() {
+    let camera = |words: &str| with_description(&format!("model = \"a.obj\"\n{CAMERA}{words}")).camera.unwrap();
+    assert!((camera("").shutter, camera("").has_shutter()) == (0.0, false));
+    assert!((camera("shutter = 0.02\n").shutter, camera("shutter = 0.02\n").has_shutter()) == (0.02, true));
+    for words in ["shutter = -0.1", "shutter = nan", "shutter = inf"] {
+        refused_description(&format!("model = \"a.obj\"\n{CAMERA}{words}\n"), &["[camera]", "shutter"]);
+    }
+}
+
+#[test]
 fn vertex_colors_of_obj_are_decoded() {
     let folder = tempfile::tempdir().unwrap();
     let text = "v 0 0 0\nv 1 0 0 1 0.5 0\nv 0 1 0 0 0 2\nv 0 0 1\nf 1 2 3\nf 1 2 4\n";

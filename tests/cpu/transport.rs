@@ -432,6 +432,7 @@ fn room() -> (Scene, Camera) {
         resolution: [20, 12],
         aperture: 0.0,
         focus: None,
+        shutter: 0.0,
     };
     (b.0, camera)
 }

@@ -130,6 +130,7 @@ pub fn room(screen: bool) -> Scene {
         resolution: [72, 54],
         aperture: 0.0,
         focus: None,
+        shutter: 0.0,
     });
     scene
 }

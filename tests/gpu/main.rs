@@ -25,6 +25,7 @@ mod lens;
 mod light_lists;
 mod mirror_lights;
 mod mirrors_and_glass;
+mod motion_blur;
 mod moving;
 mod near;
 mod no_numbers;

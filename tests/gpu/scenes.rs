@@ -92,7 +92,16 @@ impl From<[f32; 3]> for Color {
 /// A camera whose up is y, or z if it looks along y.
 pub fn camera(eye: Vec3, target: Vec3, fov_y: f32, resolution: [u32; 2]) -> Camera {
     let along_y = (target - eye).normalize().y.abs() > 0.99;
-    Camera { eye, target, up: if along_y { Vec3::Z } else { Vec3::Y }, fov_y, resolution, aperture: 0.0, focus: None }
+    Camera {
+        eye,
+        target,
+        up: if along_y { Vec3::Z } else { Vec3::Y },
+        fov_y,
+        resolution,
+        aperture: 0.0,
+        focus: None,
+        shutter: 0.0,
+    }
 }
 
 /// A camera of one pixel that sees a point and hardly anything around it.

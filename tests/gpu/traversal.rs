@@ -157,6 +157,7 @@ fn a_scene_of_one_triangle() {
             resolution: [27, 19],
             aperture: 0.0,
             focus: None,
+            shutter: 0.0,
         };
         compare(ctx, "one triangle", &scene, camera, 4);
     });

@@ -44,6 +44,8 @@ pub enum Command {
     Edits(Edits),
     /// Convolution of mirror images with kernels from 1 to 127 pixels wide; half the image is a reflector.
     Convolve(Convolve),
+    /// Motion blur by a camera that moves, with segments from 1 to 63 pixels long.
+    Motion(Motion),
     /// A recorded path through a scene, for each number of glossy reflectors: frame times, shares of the passes, slope.
     Walkthrough(Walkthrough),
 }
@@ -154,6 +156,24 @@ impl Source {
             Source::Images => "images",
         }
     }
+}
+
+/// Flags of `motion`.
+#[derive(Clone, Debug, Args)]
+pub struct Motion {
+    /// Scene description (.toml), model (.obj, .ply, .gltf, .glb, .xml), or room:N for a generated room of about N triangles.
+    #[arg(long, value_name = "SCENE", default_value = "scenes/six-rooms/scene.toml")]
+    pub scene: String,
+    #[command(flatten)]
+    pub common: Common,
+    /// Pixels that the middle of the image moves while the shutter is open (onwards: its left and right edges), 0 to 1023.
+    #[arg(long, value_name = "N,...", value_delimiter = ',', default_value = "0,7,15,31,63")]
+    #[arg(value_parser = clap::value_parser!(u32).range(0..=1023))]
+    pub pixels: Vec<u32>,
+    /// What the camera does: turns, or moves sideways or onwards.
+    #[arg(long, value_name = "HOW,...", value_delimiter = ',', default_value = "turn,sideways,onwards")]
+    #[arg(value_parser = ["turn", "sideways", "onwards"])]
+    pub camera: Vec<String>,
 }
 
 /// Flags of `walkthrough`.

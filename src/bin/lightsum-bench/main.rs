@@ -1,4 +1,4 @@
-//! The benchmark: `lightsum-bench frame`, `shadow-rays`, `scaling`, `startup`, `compare`, `edits`, `convolve`, `walkthrough`.
+//! The benchmark: `lightsum-bench frame`, `shadow-rays`, `scaling`, `startup`, `compare`, `edits`, `convolve`, `motion`, `walkthrough`.
 //!
 //! Results go to standard output, as tables or with `--json` as one JSON object a line; the rest goes to standard error.
 //! Exit codes: 0 done, 1 failed, 2 wrong use.
@@ -10,6 +10,7 @@ mod compare;
 mod convolve;
 mod edits;
 mod frame;
+mod motion;
 mod passes;
 mod report;
 mod scaling;
@@ -37,6 +38,7 @@ fn main() -> ExitCode {
         Command::Compare(args) => compare::run(args),
         Command::Edits(args) => edits::run(args),
         Command::Convolve(args) => convolve::run(args),
+        Command::Motion(args) => motion::run(args),
         Command::Walkthrough(args) => walkthrough::run(args),
     };
     match result {

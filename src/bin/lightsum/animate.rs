@@ -6,14 +6,15 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
+use lightsum::engine::ShutterEnd;
 use lightsum::output::{self, Encoding};
-use lightsum::scene::{self, path::Motion};
+use lightsum::scene::{self, Camera, path::Motion};
 use lightsum::settings::{Exposure, Settings};
 use lightsum::standalone::{RenderOptions, Renderer};
 use lightsum::{Error, Result};
 use serde_json::{Value, json};
 
-use crate::args::Animate;
+use crate::args::{self, Animate};
 use crate::play::Play;
 use crate::progress::{Progress, duration};
 use crate::render::{Job, metadata, pipeline_cache, watch_for_interrupt};
@@ -136,6 +137,11 @@ pub fn run(args: &Animate) -> Result<()> {
         }
         let placed = renderer.engine_mut().place(&motion, job.camera, time);
         placed.map_err(|error| in_model(&args.scene, time, error))?;
+        if job.camera.has_shutter() {
+            let ends = ends(&motion, play.as_mut(), (job.camera, &shown.camera), time);
+            let set = renderer.engine_mut().set_shutter_ends(Some(ends));
+            set.map_err(|error| in_model(&args.scene, time, error))?;
+        }
         let edit = edit.elapsed().as_secs_f64();
         let mut frame = render_frame(&mut renderer, job.settings.moving_passes)?;
         let write = Instant::now();
@@ -193,6 +199,26 @@ pub fn run(args: &Animate) -> Result<()> {
     let passes = job.settings.moving_passes;
     say(&format!("{}: {count} frames of {passes} passes in {}{arrow}{place}", job.name, duration(progress.elapsed())));
     Ok(())
+}
+
+/// Where camera and objects are as the shutter opens and closes around a time.
+fn ends(
+    motion: &Motion,
+    mut play: Option<&mut Play>,
+    (camera, flags): (Camera, &args::Camera),
+    time: f64,
+) -> [ShutterEnd; 2] {
+    [-0.5, 0.5].map(|part| {
+        let then = time + part * f64::from(camera.shutter);
+        let (mut own, mut vertices) = (None, Vec::new());
+        if let Some(play) = &mut play {
+            play.advance(then);
+            own = play.camera(flags.camera.as_deref());
+            vertices = play.vertices();
+        }
+        let camera = motion.camera(then).unwrap_or_else(|| camera::follow(own, camera, flags));
+        ShutterEnd::at(motion, camera, vertices, then)
+    })
 }
 
 /// Attributes an error in the scene at some time of an animation to the model.

@@ -180,6 +180,9 @@ pub struct Render {
     pub stop: Stop,
     #[command(flatten)]
     pub pose: Pose,
+    /// Show camera and objects as a path file (.toml) of `animate` has them at --at [default: at its first frame].
+    #[arg(long, value_name = "FILE.toml", help_heading = "Pose")]
+    pub path: Option<PathBuf>,
     #[command(flatten)]
     pub reading: Reading,
     #[command(flatten)]
@@ -552,6 +555,9 @@ mod tests {
             "a.toml -o a.exr --aperture -1",
             "a.toml -o a.exr --aperture nan",
             "a.toml -o a.exr --focus 0",
+            "a.toml -o a.exr --shutter -0.1",
+            "a.toml -o a.exr --shutter nan",
+            "a.toml -o a.exr --shutter inf",
             "a.toml -o a.exr --focus -2",
             "a.toml -o a.exr --time 0",
             "a.toml -o a.exr --time nan",

@@ -30,11 +30,13 @@ pub fn choose(scene: &Scene, flags: &args::Camera, resolution: Option<[u32; 2]>)
     camera.fov_y = flags.fov.unwrap_or(camera.fov_y);
     camera.aperture = flags.aperture.unwrap_or(camera.aperture);
     camera.focus = flags.focus.or(camera.focus);
+    camera.shutter = flags.shutter.unwrap_or(camera.shutter);
     camera.resolution = resolution.unwrap_or(camera.resolution);
     args::check_resolution(camera.resolution).map_err(|message| Error::Setting { name: "--resolution", message })?;
-    camera
-        .check()
-        .map_err(|message| Error::Setting { name: "--eye, --target, --up, --fov, --aperture, --focus", message })?;
+    camera.check().map_err(|message| Error::Setting {
+        name: "--eye, --target, --up, --fov, --aperture, --focus, --shutter",
+        message,
+    })?;
     Ok(camera)
 }
 
@@ -44,6 +46,14 @@ pub fn follow(own: Option<Camera>, still: Camera, flags: &args::Camera) -> Camer
     match own {
         Some(own) if !held => Camera { eye: own.eye, target: own.target, up: own.up, ..still },
         _ => still,
+    }
+}
+
+/// The camera of a scene, or that of a name.
+pub fn named(scene: &Scene, name: Option<&str>) -> Option<Camera> {
+    match name {
+        Some(name) => scene.cameras.iter().find(|named| named.name == name).map(|named| named.camera),
+        None => scene.camera,
     }
 }
 

@@ -14,6 +14,7 @@ mod checkpoint;
 mod info;
 mod live;
 mod mirrors;
+mod moment;
 mod parts;
 mod play;
 mod progress;

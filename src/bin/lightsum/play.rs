@@ -6,6 +6,8 @@ use glam::Vec3;
 use lightsum::scene::{Animations, Camera, Scene};
 use lightsum::{Engine, Error, Result};
 
+use crate::camera;
+
 /// Maximum number of frames.
 pub const MAX_FRAMES: u32 = 1_000_000;
 
@@ -114,10 +116,13 @@ impl Play {
 
     /// A camera of the scene: that of the name, or the scene's own.
     pub fn camera(&self, name: Option<&str>) -> Option<Camera> {
-        match name {
-            Some(name) => self.scene.cameras.iter().find(|named| named.name == name).map(|named| named.camera),
-            None => self.scene.camera,
-        }
+        camera::named(&self.scene, name)
+    }
+
+    /// Vertices of the objects that move, in the latest pose.
+    pub fn vertices(&self) -> Vec<(u32, Vec<Vec3>)> {
+        let place = |&v: &u32| self.scene.positions[v as usize];
+        self.objects.iter().map(|(object, vertices)| (*object, vertices.iter().map(place).collect())).collect()
     }
 
     /// Gives an engine of this scene the pose.

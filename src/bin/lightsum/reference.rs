@@ -1,6 +1,7 @@
 //! `--reference`: the same scene by path tracing on the CPU.
 
 use crate::args::Render;
+use crate::moment::Moment;
 use crate::progress::{Progress, duration};
 use crate::render::{Job, metadata, watch_for_interrupt};
 use lightsum::accel::Bvh;
@@ -16,7 +17,7 @@ use std::sync::atomic::Ordering;
 const DEFAULT_SPP: u32 = 64;
 
 /// Renders and writes the outputs; an interrupt writes the mean of the paths so far.
-pub fn run(job: &Job, scene: &Scene, args: &Render) -> Result<()> {
+pub fn run(job: &Job, scene: &Scene, moment: &Moment, args: &Render) -> Result<()> {
     let interrupted = watch_for_interrupt();
     let resolution = job.camera.resolution;
     let options = path_trace::Options {
@@ -27,15 +28,20 @@ pub fn run(job: &Job, scene: &Scene, args: &Render) -> Result<()> {
         seed: job.settings.seed,
         specular_paths: args.reference.specular_paths.map_or(SpecularPaths::All, Into::into),
     };
-    let bvh = Bvh::build(scene)?;
-    let emitters = Emitters::of(scene, scene.emitters_are_lights)?;
     let (progress, samples) = (RefCell::new(Progress::new()), Cell::new(0));
-    let color = path_trace::render(scene, &bvh, &emitters, &job.camera, &options, |fraction| {
+    let told = |fraction: f32| {
         samples.set((fraction * options.samples as f32).round() as u32);
         let done = || format!("{} of {} paths a pixel", samples.get(), options.samples);
         progress.borrow_mut().show(done, f64::from(fraction));
         !interrupted.load(Ordering::Relaxed)
-    })?;
+    };
+    let color = if moment.moves() {
+        path_trace::render_open(|part| moment.at(part), &options, told)?
+    } else {
+        let bvh = Bvh::build(scene)?;
+        let emitters = Emitters::of(scene, scene.emitters_are_lights)?;
+        path_trace::render(scene, &bvh, &emitters, &job.camera, &options, told)?
+    };
     let progress = progress.into_inner();
     progress.finish();
     let [width, height] = resolution;

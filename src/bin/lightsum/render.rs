@@ -3,10 +3,12 @@
 use crate::args::{Device, FilterFlag, Glossy, Light, Preset, Render};
 use crate::checkpoint::{self, Checkpoints};
 use crate::live::Live;
+use crate::moment::Moment;
 use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due, error_of};
-use crate::{camera, mirrors, play, reference, say, say_aside};
+use crate::{mirrors, reference, say, say_aside};
 use glam::DVec3;
+use lightsum::engine::ShutterEnd;
 use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics, Wanted};
 use lightsum::pass::layout::PointLight;
 use lightsum::scene::{self, Camera, RenderDefaults, Scene};
@@ -50,7 +52,8 @@ pub fn run(args: &Render) -> Result<()> {
 
     let start = Instant::now();
     let mut scene = scene::load_with(path, &args.reading.options())?;
-    play::pose(&mut scene, path, args.pose.animation.as_deref(), args.pose.at)?;
+    let moment = Moment::of(&mut scene, path, args)?;
+    let camera = moment.camera;
     if let Some(kept) = &args.output.light_from {
         scene.kept_light = Some(Arc::new(lightsum::bake::files::read(kept, &scene)?));
     }
@@ -60,7 +63,6 @@ pub fn run(args: &Render) -> Result<()> {
     scene.files.extend(args.output.light_from.clone());
     output::check_apart(files.iter().map(PathBuf::as_path), &scene.files)?;
     let stages = vec![("load".into(), start.elapsed().as_secs_f64())];
-    let camera = camera::choose(&scene, &args.camera, args.output.resolution)?;
     args.output.crop.map_or(Ok(()), |crop| crop.check(camera.resolution))?;
     let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
     let lookup = args.output.lookup.map_or(settings.lookup, Into::into);
@@ -90,9 +92,9 @@ pub fn run(args: &Render) -> Result<()> {
     let job =
         Job { name: scene.name.clone(), camera, origin: scene.origin, settings, outputs, encoding, denoise, stages };
     if args.reference.reference {
-        reference::run(&job, &scene, args)
+        reference::run(&job, &scene, &moment, args)
     } else {
-        radiosity(job, scene, args, state.as_deref())
+        radiosity(job, scene, &moment, args, state.as_deref())
     }
 }
 
@@ -171,27 +173,29 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
 }
 
 /// Renders by instant radiosity and writes the requested files.
-fn radiosity(mut job: Job, mut scene: Scene, args: &Render, state_path: Option<&Path>) -> Result<()> {
+fn radiosity(mut job: Job, mut scene: Scene, moment: &Moment, args: &Render, state_path: Option<&Path>) -> Result<()> {
     let interrupted = watch_for_interrupt();
     let earlier = match state_path.filter(|_| args.stop.resume) {
         Some(path) => checkpoint::earlier(path)?.map(|state| (path, state)),
         None => None,
     };
     let start = Instant::now();
+    let ends = moment.ends(&scene)?;
     let options = RenderOptions {
         device: args.device.device.clone().unwrap_or_default(),
         validation: args.device.validation,
         checked_shaders: false,
         pipeline_cache: pipeline_cache(),
         traversal: earlier.as_ref().map(|(_, state)| state.provenance.traversal),
-        dynamic: false,
+        dynamic: ends.iter().flatten().any(|end| !end.objects.is_empty()),
         crop: args.output.crop,
-        strips: args.output.crop.is_none(),
+        strips: args.output.crop.is_none() && ends.is_none(),
     };
     let stop = Stop::choose(&args.stop, scene.render.passes);
     let mut live = Live::new(&args.output, &job.name)?;
     mirrors::sample(&mut scene, &job.settings, &args.mirrors, &options, &interrupted)?;
     let mut renderer = Renderer::new(scene, job.camera, job.settings.clone(), &options)?;
+    renderer.set_shutter_ends(ends.clone())?;
     job.stages.push(("prepare".into(), start.elapsed().as_secs_f64()));
 
     if !renderer.strips().is_empty() {
@@ -231,7 +235,7 @@ fn radiosity(mut job: Job, mut scene: Scene, args: &Render, state_path: Option<&
             None => break (rendered, written, writing),
             Some(error) => log::warn!("{error}; opening it once more"),
         }
-        renderer = open_again(renderer, &job, &options, (&checkpoints, earlier.as_ref()))
+        renderer = open_again(renderer, &job, (&options, ends.as_ref()), (&checkpoints, earlier.as_ref()))
             .inspect_err(|_| checkpoints.tell())?;
         stop = stop.with_time(|time| time.saturating_sub(start.elapsed()));
         (start, opened_again) = (Instant::now(), true);
@@ -287,11 +291,12 @@ fn radiosity(mut job: Job, mut scene: Scene, args: &Render, state_path: Option<&
 fn open_again(
     lost: Renderer,
     job: &Job,
-    options: &RenderOptions,
+    (options, ends): (&RenderOptions, Option<&[ShutterEnd; 2]>),
     (checkpoints, earlier): (&Checkpoints, Option<&(&Path, State)>),
 ) -> Result<Renderer> {
     let options = RenderOptions { traversal: Some(lost.provenance().traversal), ..options.clone() };
     let mut renderer = Renderer::new(lost.into_scene(), job.camera, job.settings.clone(), &options)?;
+    renderer.set_shutter_ends(ends.cloned())?;
     match (checkpoints.latest()?, earlier) {
         (Some((path, state)), _) => checkpoint::go_on(path, &state, &mut renderer)?,
         (None, Some((path, state))) => checkpoint::go_on(path, state, &mut renderer)?,

@@ -37,4 +37,10 @@ pub struct Camera {
     /// Focus distance along the viewing direction, scene units [default: the scene's, or that of the target].
     #[arg(long, value_name = "DISTANCE", allow_negative_numbers = true, value_parser = positive)]
     pub focus: Option<f32>,
+    /// Time for which the shutter is open, seconds, around the moment that is shown: what moves is blurred [default: the scene's, or 0].
+    ///
+    /// Objects and camera move by the path and the animation. The blur grows in proportion. Any value but 0 costs a convolution in each pass,
+    /// where something moves.
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = distance)]
+    pub shutter: Option<f32>,
 }

@@ -106,6 +106,7 @@ mod tests {
             resolution: [200, 100],
             aperture: 0.0,
             focus: None,
+            shutter: 0.0,
         }
     }
 

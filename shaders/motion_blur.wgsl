@@ -1,0 +1,106 @@
+// Spreads each pixel over the segment that it covers while the shutter is open, what is in front first. See pass/motion_blur.rs.
+#include "frame.wgsl"
+#include "math.wgsl"
+#include "segments.wgsl"
+#include "motion_tiles.wgsl"
+#include "spread_out.wgsl"
+
+@group(0) @binding(1) var<storage, read> motion_windows: array<MotionWindow>;
+@group(0) @binding(2) var<storage, read> velocity: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> source: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read_write> emitted: array<vec4<f32>>;
+
+// Entry of a place, and whether it is in the image.
+struct Entry {
+    index: u32,
+    inside: bool,
+}
+
+fn entry_at(place: vec2<i32>) -> Entry {
+    let safe = clamp(place, vec2<i32>(0), vec2<i32>(frame.size.xy) - 1);
+    return Entry(u32(safe.y) * frame.size.x + u32(safe.x), all(safe == place));
+}
+
+// Light of the surface that the pixel shows, and of what it uncovers as it moves.
+struct Own {
+    sum: vec4<f32>,     // light, weight
+    inside: f32,        // part of the segment that lies in the image
+}
+
+// `front`: sources of less depth are left out.
+fn own_light(at: vec2<i32>, v: vec2<f32>, front: f32) -> Own {
+    let wide = abs(v.x) >= abs(v.y);
+    let axes = select(v.yx, v, wide);
+    let slope = slope_of(axes.x, axes.y);
+    let reach = i32(0.5 * max(abs(axes.x), 1.0) + 0.5);
+    var own: Own;
+    for (var m = -reach; m <= reach; m += 1) {
+        let column = column_of(f32(m), axes.x);
+        let line = column.middle * slope;
+        let row = floor(line);
+        for (var k = 0; k < 2; k += 1) {
+            let place = vec2<i32>(m, i32(row) + k);
+            let entry = entry_at(at + select(place.yx, place, wide));
+            let weight = column.share * select(1.0 - (line - row), line - row, k == 1);
+            let light = source[entry.index];
+            let counts = entry.inside && weight > 0.0;
+            own.inside += select(0.0, weight, counts);
+            own.sum += select(vec4<f32>(0.0), weight * vec4<f32>(light.xyz, 1.0), counts && light.w >= front);
+        }
+    }
+    return own;
+}
+
+// Light of nearer surfaces that cover the pixel for a part of the time; w: that part.
+fn light_in_front(at: vec2<i32>, front: f32, window: MotionWindow) -> vec4<f32> {
+    let wide = window.wide != 0u;
+    let stride = i32(window.stride);
+    let along = i32(window.along);
+    // Places within a stride change from pass to pass.
+    let begin = i32(random(key(frame.keys.x, STREAM_BLUR, 0u, 0u)) * f32(stride));
+    var sum = vec4<f32>(0.0);
+    for (var m = begin - along; m <= along; m += stride) {
+        let line = window.slope * f32(m);
+        let reach = min(window.across, window.spread * f32(abs(m) + 1)) + window.margin;
+        let high = i32(floor(line + reach));
+        for (var r = i32(ceil(line - reach)); r <= high; r += stride) {
+            let offset = select(vec2<i32>(r, m), vec2<i32>(m, r), wide);
+            let entry = entry_at(at + offset);
+            let light = source[entry.index];
+            let time = time_on(velocity[entry.index].xy, vec2<f32>(offset));
+            let counts = entry.inside && time > 0.0 && light.w < front;
+            sum += select(vec4<f32>(0.0), time * vec4<f32>(light.xyz, 1.0), counts);
+        }
+    }
+    return sum * f32(stride * stride);
+}
+
+// A workgroup for each tile.
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let tiles = (frame.size.xy + 7u) / 8u;
+    let index = group.x + group.y * groups.x;
+    if index >= tiles.x * tiles.y {
+        return;
+    }
+    let tile = spread_out(index, tiles.x * tiles.y);
+    let window = motion_windows[tile];
+    let at = pixel_of_tile(tile, lane);
+    if window.along < 0.0 || any(at >= frame.size.xy) {
+        return;
+    }
+    let pixel = at.y * frame.size.x + at.x;
+    let shown = source[pixel];
+    let even = window.even != 0u;
+    let front = select(shown.w - abs(shown.w) * DEPTH_TOLERANCE, -1.0, even);
+    let own = own_light(vec2<i32>(at), velocity[pixel].xy, front);
+    var over = vec4<f32>(0.0);
+    // A loop that runs zero times skips work on every device.
+    for (var once = select(1u, 0u, even); once > 0u; once -= 1u) {
+        over = light_in_front(vec2<i32>(at), front, window);
+    }
+    // What lies outside of the image is unknown.
+    let rest = max(own.inside - over.w, 0.0);
+    let blurred = (over.xyz / max(over.w, 1.0) + rest * own.sum.xyz / own.sum.w) / (min(over.w, 1.0) + rest);
+    emitted[pixel] += vec4<f32>(blurred - shown.xyz, 0.0);
+}

@@ -1,0 +1,56 @@
+// Writes how far the point that each pixel shows moves in the image while the shutter is open. See pass/velocity.rs.
+#include "frame.wgsl"
+#include "camera.wgsl"
+#include "flags.wgsl"
+#include "shutter.wgsl"
+
+@group(0) @binding(1) var<storage, read> shutter: Shutter;
+@group(0) @binding(2) var<storage, read> hits: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> point_wo: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> throughput: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> motion_of: array<u32>;         // 1 + number among the triangles that move; 0: stands still
+@group(0) @binding(6) var<storage, read> motion: array<vec4<f32>>;      // six for each of these: displacements of its corners, opening first
+@group(0) @binding(7) var<storage, read_write> velocity: array<vec4<f32>>;    // to the right, down; depth
+
+// Depth of pixels that see nothing, beyond every surface. Host twin: pass::mirror_image::NOTHING_SEEN.
+const NOTHING_SEEN: f32 = 3.0e38;
+// Least depth at the ends of the motion, as a share of the depth now: points nearer to the eye, or behind it, count as being there.
+const NEAREST: f32 = 0.05;
+
+// Place in the image of a point, in half widths and half heights. `seen`: the point less the eye, divided by the depth now.
+fn projected(seen: vec3<f32>, end: u32) -> vec2<f32> {
+    let depth = max(dot(seen, shutter.forward[end].xyz), NEAREST);
+    return vec2<f32>(dot(seen, shutter.right[end].xyz), dot(seen, shutter.up[end].xyz)) / depth;
+}
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let pixel = (group.x + group.y * groups.x) * 64u + lane;
+    if pixel >= frame.size.z {
+        return;
+    }
+    let hit = hits[pixel];
+    let word = point_wo[pixel].w;
+    let found = has_flag(word, HIT);
+    // What mirrors and glass show stands still behind them.
+    let directly = found && !has_flag(word, SEEN_BY_SPECULAR) && shutter.moving.x > 0u;
+    let number = select(0u, motion_of[select(0u, bitcast<u32>(hit.w), directly)], directly);
+    let first = select(0u, 6u * (number - 1u), number > 0u);
+    let weights = select(vec3<f32>(0.0), vec3<f32>(1.0 - hit.y - hit.z, hit.y, hit.z), number > 0u);
+    let nearness = select(0.0, 1.0 / max(throughput[pixel].w, 1e-30), found);
+    let at = vec2<f32>(place_of_pixel(pixel) + frame.within.xy) + frame.pixel_offset.xy;
+    let now = towards(at.x, at.y);
+    var ends: array<vec2<f32>, 2>;
+    for (var end = 0u; end < 2u; end += 1u) {
+        let corner = first + 3u * end;
+        let moved = weights.x * motion[corner].xyz + weights.y * motion[corner + 1u].xyz + weights.z * motion[corner + 2u].xyz;
+        ends[end] = projected(now + nearness * (shutter.shift[end].xyz + moved), end);
+    }
+    // Rows count downwards.
+    let change = (ends[1] - ends[0]) * vec2<f32>(0.5, -0.5) * vec2<f32>(frame.within.zw);
+    let bounded = clamp(change, vec2<f32>(-1e5), vec2<f32>(1e5));
+    let length = sqrt(dot(bounded, bounded));
+    // Comparisons with NaN are false.
+    let v = select(vec2<f32>(0.0), bounded * min(1.0, MAX_LENGTH / length), length > 0.0);
+    velocity[pixel] = vec4<f32>(v, select(NOTHING_SEEN, throughput[pixel].w, found), 0.0);
+}
