@@ -189,7 +189,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         // A mirror over a base emits from the base: `eye_points` adds that where the path stays.
         // The path stopped on the base; do not also shade the lobe.
         let without_lobe = flag_if(LOBE_FOLLOWED, stays && plane > 0u && in_image);
-        let emission_share = path_share(lobe_before, lights_on_emitter(s.emission), distance2, cos_hit);
+        let emission_share = path_share(lobe_before, lights_on_emitter(s.exitance), distance2, cos_hit);
         let emission = select(before.xyz * s.emission * emission_share, vec3<f32>(0.0), split.stays);
         let sampled = flag_if(LOBE_SAMPLED, stays && shiny && split.probability < 1.0);
         let longer = select(segments, min(segments + 1u, 15u), goes_on && (from_lobe || shiny));

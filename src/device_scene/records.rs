@@ -8,6 +8,7 @@ use super::ReflectorFinish;
 use crate::accel::Bvh;
 use crate::bsdf::Reflectance;
 use crate::bsdf::ideal::frost;
+use crate::light::cosine;
 use crate::light::emitters::Emitters;
 use crate::pass::layout::{MaterialRecord, PointLight};
 use crate::plan::MAX_FOLLOWED_ALPHA;
@@ -42,6 +43,7 @@ pub(super) fn material_record(m: &crate::scene::Material) -> MaterialRecord {
                 | m.emission_texture.map_or(0, |t| t + 1) << MaterialRecord::EMISSION_SHIFT,
         ],
         normal: [m.normal_texture.map_or(0, |t| t + 1), m.normal_scale.to_bits(), opacity.to_bits(), cutoff.to_bits()],
+        emitting: [m.emission_exponent, cosine::flatness(m.emission_exponent), 0.0, 0.0],
     }
 }
 
@@ -163,6 +165,7 @@ pub(super) fn shading_attributes(
 pub fn delta_lights(scene: &Scene, coordinate_scale: f32) -> Vec<PointLight> {
     let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
     let flags = f32::from_bits;
+    let directed = |exponent: f32| if exponent == 1.0 { 0 } else { PointLight::DIRECTED };
     scene
         .lights
         .iter()
@@ -189,13 +192,13 @@ pub fn delta_lights(scene: &Scene, coordinate_scale: f32) -> Vec<PointLight> {
                 emit: with(irradiance, 1.0),
                 ..PointLight::default()
             }),
-            Light::Imported { position, normal, power } => Some(PointLight {
+            Light::Imported { position, normal, power, exponent } => Some(PointLight {
                 position: with(
                     crate::accel::offset_origin(position, normal, coordinate_scale),
-                    flags(PointLight::SURFACE | PointLight::CLIPPED),
+                    flags(PointLight::SURFACE | PointLight::CLIPPED | directed(exponent)),
                 ),
-                normal: with(normal, 0.0),
-                emit: with(power * std::f32::consts::FRAC_1_PI, 1.0),
+                normal: with(normal, exponent - 1.0),
+                emit: with(power * (std::f32::consts::FRAC_1_PI * cosine::sharpness(exponent)), 1.0),
                 ..PointLight::default()
             }),
             Light::Sphere { .. } => None,

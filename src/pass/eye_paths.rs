@@ -187,7 +187,7 @@ pub fn shares_at(
     surface: &SurfacePoint,
 ) -> [f32; 2] {
     let cosine = surface.geometric.dot(d).abs();
-    let lights = [frame.choice[1] * mean(surface.emission), frame.choice[2]];
+    let lights = [frame.choice[1] * surface.exitance, frame.choice[2]];
     lights.map(|lights| path_share(path.lobe, lights, t * t, cosine))
 }
 

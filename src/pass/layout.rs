@@ -271,7 +271,7 @@ impl ConvolveStep {
 pub struct PointLight {
     /// Position with ray-origin offset; w: bits of the flags.
     pub position: [f32; 4],
-    /// Normal or axis; w: scale of the spot's falloff.
+    /// Normal or axis; w: scale of the spot's falloff; with [`PointLight::DIRECTED`] the exponent of the cosine less 1.
     pub normal: [f32; 4],
     /// Radiant intensity along the normal; w: offset of the spot's falloff.
     pub emit: [f32; 4],
@@ -295,6 +295,14 @@ impl PointLight {
     /// Parallel light of the environment.
     pub const ENVIRONMENT: u32 = 16;
 
+    /// Emits by a higher power of the cosine, see [`crate::light::cosine`].
+    pub const DIRECTED: u32 = 32;
+
+    /// Exponent of the cosine by which a light on a surface emits.
+    pub fn exponent(&self) -> f32 {
+        if self.flags() & PointLight::DIRECTED == 0 { 1.0 } else { self.normal[3] + 1.0 }
+    }
+
     /// Parallel light, which comes from no place.
     pub fn is_parallel(&self) -> bool {
         self.flags() & PointLight::DIRECTIONAL != 0
@@ -314,13 +322,15 @@ pub struct MaterialRecord {
     pub base: [f32; 4],
     /// Dielectric reflectance at normal incidence; w: roughness.
     pub specular: [f32; 4],
-    /// Radiance, with a texture where that is white; w: index of refraction.
+    /// Radiance along the normal, with a texture where that is white; w: index of refraction.
     pub emission: [f32; 4],
     /// Base texture + 1, metallic-roughness texture + 1, kind of surface, [`MaterialRecord::TWO_SIDED`],
     /// [`MaterialRecord::SHINY`], [`MaterialRecord::ALPHA`], [`MaterialRecord::SECOND_UVS`], emission texture + 1.
     pub flags: [u32; 4],
     /// Normal texture + 1, bits of its scale, of the opacity and of the cutoff of alpha (negative: none).
     pub normal: [u32; 4],
+    /// Exponent of the emitted cosine, exitance over that of Lambert's law; zw: 0.
+    pub emitting: [f32; 4],
 }
 
 impl MaterialRecord {

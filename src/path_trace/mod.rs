@@ -17,6 +17,7 @@ use crate::accel::{Bvh, Hit, Ray, offset_origin};
 use crate::bsdf::Reflectance;
 use crate::bsdf::ideal::{BsdfSample, Media, frost, specular_samples};
 use crate::error::{Error, Result};
+use crate::light::cosine;
 use crate::light::emitters::{Emitter, Emitters, Kind, NO_EMITTER};
 use crate::sampling::dimensions::PIXEL;
 use crate::sampling::random::{hash, key, random_f32};
@@ -361,7 +362,8 @@ impl<'a> Tracer<'a> {
         }
         let pdf = area_pdf(e, distance2, cos);
         let weight = power_heuristic(pdf, reflectance.pdf(n.shading, wi, point.wo));
-        let light = reflected(wi) * e.radiance_at(&self.scene.textures, u0, u1) * (weight / pdf);
+        let radiance = e.radiance_at(&self.scene.textures, u0, u1) * cosine::falloff(cos, e.exponent);
+        let light = reflected(wi) * radiance * (weight / pdf);
         self.unless(light, Ray::between(from, offset_origin(target, axis, self.scale)))
     }
 

@@ -36,6 +36,10 @@
 //! lobe = "lobe.toml"            # measured lobe that blurs its mirror image: a table, see docs/superposition.md
 //! reflector = true              # whether its flat faces mirror the room; default: see docs/superposition.md
 //!
+//! [materials.spotlight]
+//! emission = [90, 80, 70]       # radiance along the normal, W/(m^2 sr)
+//! emission_exponent = 20        # intensity by cos^20 of the angle from the normal, 1 to 1000; also of lights of type quad
+//!
 //! [materials.window]
 //! surface = "glass"             # opaque, mirror or glass
 //! thin = true                   # a thin sheet without refraction
@@ -144,6 +148,7 @@ enum LightEntry {
         edge_u: Vec3,
         edge_v: Vec3,
         radiance: Vec3,
+        emission_exponent: Option<f32>,
     },
 }
 
@@ -201,6 +206,7 @@ struct MaterialEntry {
     opacity: Option<f32>,
     alpha_cutoff: Option<f32>,
     emission: Option<Vec3>,
+    emission_exponent: Option<f32>,
     two_sided: Option<bool>,
     ior: Option<f32>,
     thin: Option<bool>,
@@ -290,6 +296,7 @@ fn change_material(
         m.alpha = m.alpha.with(entry.opacity, entry.alpha_cutoff);
         m.emission = entry.emission.unwrap_or(m.emission);
         scene.emission_is_relative &= entry.emission.is_none();
+        m.emission_exponent = entry.emission_exponent.unwrap_or(m.emission_exponent);
         m.two_sided = entry.two_sided.unwrap_or(m.two_sided);
         m.ior = entry.ior.unwrap_or(m.ior);
         m.thin = entry.thin.unwrap_or(m.thin);
@@ -345,13 +352,13 @@ fn add_light(scene: &mut Scene, name: &str, entry: &LightEntry) -> Result<(), St
             scene.add_mesh(&points, &faces, material, object);
             light
         }
-        LightEntry::Quad { corner, edge_u, edge_v, radiance } => {
+        LightEntry::Quad { corner, edge_u, edge_v, radiance, emission_exponent } => {
             let corner = scene.from_world(corner);
             let area = edge_u.cross(edge_v).length();
             if !(corner.is_finite() && area.is_normal()) {
                 return Err(String::from("corner and edges must be finite and span an area"));
             }
-            let material = emitter(radiance);
+            let material = Material { emission_exponent: emission_exponent.unwrap_or(1.0), ..emitter(radiance) };
             material.check()?;
             let object = scene.add_object(name);
             let material = scene.add_material(material);

@@ -212,6 +212,7 @@ impl Reader<'_> {
             specular,
             alpha,
             emission,
+            emission_exponent: 1.0,
             emission_texture,
             second_uvs: maps.uses_second,
             two_sided: material.double_sided(),

@@ -117,8 +117,11 @@ pub struct Material {
     pub specular: Vec3,
     /// How much of the surface is there, unless it emits: emitters are opaque.
     pub alpha: Alpha,
-    /// Emitted radiance; multiplied by `emission_texture` if there is one.
+    /// Emitted radiance along the normal; multiplied by `emission_texture` if there is one.
     pub emission: Vec3,
+    /// Exponent d of the emitted intensity, which goes by cos^d of the angle from the normal, in [1, [`MAX_EXPONENT`](crate::light::cosine::MAX_EXPONENT)].
+    /// 1: the same radiance in every direction. `emission` is the radiance along the normal.
+    pub emission_exponent: f32,
     /// Index into `textures` (sRGB).
     pub emission_texture: Option<u32>,
     /// For each [`TextureUse`](super::TextureUse) whether the texture lies by [`second_uvs`](super::Scene::second_uvs) instead of
@@ -155,6 +158,7 @@ impl Default for Material {
             specular: Vec3::ZERO,
             alpha: Alpha::Opaque,
             emission: Vec3::ZERO,
+            emission_exponent: 1.0,
             emission_texture: None,
             second_uvs: [false; 4],
             two_sided: false,

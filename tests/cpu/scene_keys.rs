@@ -46,6 +46,7 @@ fn every_key_of_a_material_is_obeyed() {
             Material { alpha: Alpha::Mask { opacity: 0.25, cutoff: 0.5 }, ..plain.clone() },
         ),
         ("emission = [1, 2, 3]", Material { emission: Vec3::new(1.0, 2.0, 3.0), ..plain.clone() }),
+        ("emission_exponent = 12.5", Material { emission_exponent: 12.5, ..plain.clone() }),
         ("two_sided = true", Material { two_sided: true, ..plain.clone() }),
         ("ior = 1.25", Material { ior: 1.25, ..plain.clone() }),
         ("reflector = true", Material { reflector: Some(true), ..plain.clone() }),
@@ -61,6 +62,17 @@ fn every_key_of_a_material_is_obeyed() {
     ] {
         assert_ne!(changed, plain, "{keys}: the key has its default");
         assert_eq!(wall(keys), changed, "{keys}");
+    }
+}
+
+#[test]
+fn exponents_out_of_range_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for value in ["0.5", "1001.0", "nan", "inf", "-1.0"] {
+        let keys = format!("[materials.lamp]\nemission_exponent = {value}\n");
+        let error = load(folder.path(), &keys).unwrap_err().to_string();
+        assert!(error.contains("a.toml:2") && error.contains("materials.lamp"), "{error}");
+        assert!(error.contains("emission_exponent") && error.contains("[1, 1000]"), "{error}");
     }
 }
 

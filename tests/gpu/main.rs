@@ -8,6 +8,7 @@ mod convolve;
 mod delta_choice;
 mod depth_images;
 mod devices;
+mod directed_lights;
 mod discontinuity;
 mod display;
 mod edges;
