@@ -70,7 +70,7 @@ fn split_of_lobe(s: Surface, wo: vec3<f32>, follows: bool, point: vec2<f32>) -> 
     let r = s.reflectance;
     let sample = sample_lobe(r, false, 0.0, s.shading, wo, point.x, point.y);
     let base = mean3(r.kd);
-    let narrow = r.f90 > 0.0 && r.alpha <= frame.choice.w && follows;
+    let narrow = r.f90 > 0.0 && width_of(r.alpha) <= frame.choice.w && follows;
     // Highlights of lights need their part even if there is no base.
     let share = clamp(base / (base + mean3(schlick(r, dot(s.shading, wo)))), 0.25, 0.75);
     var split: SpecularSplit;
@@ -213,7 +213,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             go_on(slot, s, wi, ray.w);
         }
         // Faint lobes are followed by some classes only.
-        let follow = select(1.0, lobe_chance(split.second_weight, s.reflectance.alpha), shiny);
+        let follow = select(1.0, lobe_chance(split.second_weight, width_of(s.reflectance.alpha)), shiny);
         let second = select(vec3<f32>(0.0), before.xyz * split.second_weight / follow, numbers.z < follow);
         // Where images with depth show the mirror image no ray is needed.
         let has_images = frame.superposition.z != 0u && plane > 0u;
@@ -223,7 +223,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             media[branch] = inside;
             if shiny {
                 lobe_of[branch] = lobe_density(s.reflectance.alpha, s.shading, -ray.xyz, split.second_wi);
-                let narrow = flag_if(NARROW_LOBE, s.reflectance.alpha < NARROW);
+                let narrow = flag_if(NARROW_LOBE, width_of(s.reflectance.alpha) < NARROW);
                 emitted[branch] = vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(flag_if(ONE_SEGMENT, true) | narrow));
             }
             go_on(branch, s, split.second_wi, ray.w);

@@ -10,7 +10,7 @@ struct PointLight {
     position: vec4<f32>,    // position, ray-origin offset applied; w: bits of the flags below
     normal: vec4<f32>,      // surface normal or axis, unit; w: spot_scale, of directed lights d - 1
     emit: vec4<f32>,        // radiant intensity along the normal (directional: irradiance); w: spot_offset
-    wi: vec4<f32>,          // direction back along the particle's path; w: GGX alpha, or on an emitter the lights on a unit of its area,
+    wi: vec4<f32>,          // direction back along the particle's path; w: alpha of the lobe, or on an emitter the lights on a unit of its area,
                             // or of the environment those in a unit of solid angle
     flux: vec4<f32>,        // incident flux, for the specular lobe; w: f90
     f0: vec4<f32>,          // reflectance of the lobe at normal incidence; w: bounces so far: reflections, mirrors and glass

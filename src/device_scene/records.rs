@@ -43,7 +43,7 @@ pub(super) fn material_record(m: &crate::scene::Material) -> MaterialRecord {
                 | m.emission_texture.map_or(0, |t| t + 1) << MaterialRecord::EMISSION_SHIFT,
         ],
         normal: [m.normal_texture.map_or(0, |t| t + 1), m.normal_scale.to_bits(), opacity.to_bits(), cutoff.to_bits()],
-        emitting: [m.emission_exponent, cosine::flatness(m.emission_exponent), 0.0, 0.0],
+        lobes: [m.emission_exponent, cosine::flatness(m.emission_exponent), m.phong_exponent.map_or(0.0, |d| -d), 0.0],
     }
 }
 
@@ -55,8 +55,7 @@ pub(super) fn has_lobe(m: &crate::scene::Material) -> bool {
 
 /// Whether eye paths may follow its lobe: it is narrow enough, at least at some texel.
 pub(crate) fn is_shiny(m: &crate::scene::Material) -> bool {
-    let alpha = Reflectance::new(m.base_color, m.metallic, m.roughness, m.specular).alpha;
-    has_lobe(m) && (m.metallic_roughness_texture.is_some() || alpha <= MAX_FOLLOWED_ALPHA)
+    has_lobe(m) && (m.metallic_roughness_texture.is_some() || m.lobe_width() <= MAX_FOLLOWED_ALPHA)
 }
 
 /// Octahedral encoding of a unit vector, 2 x 16 bit (Meyer et al. 2010).
@@ -84,8 +83,12 @@ pub(super) fn finishes(scene: &Scene, reflectors: &[Reflector]) -> Vec<Reflector
         }
         let (base, mr) = (mean(m.base_texture), mean(m.metallic_roughness_texture));
         let reflectance = Reflectance::new(m.base_color * base, m.metallic * mr.z, m.roughness * mr.y, m.specular);
-        let ggx = Lobe::Ggx { alpha: reflectance.alpha };
-        ReflectorFinish { reflectance, lobe: m.lobe.clone().map_or(ggx, Lobe::Table) }
+        let lobe = match (&m.lobe, m.phong_exponent) {
+            (Some(table), _) => Lobe::Table(table.clone()),
+            (None, Some(exponent)) => Lobe::Cosine { exponent },
+            (None, None) => Lobe::Ggx { alpha: reflectance.alpha },
+        };
+        ReflectorFinish { reflectance, lobe }
     };
     reflectors.iter().map(finish).collect()
 }

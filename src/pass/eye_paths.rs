@@ -55,6 +55,7 @@ use super::surface::SurfacePoint;
 use super::{BoundKernel, EyePathState, Kit, List, Rays, ShadingPoints, layout, push};
 use crate::accel::{Ray, offset_origin};
 use crate::bsdf::ideal::{BsdfSample, Media, specular_samples};
+use crate::bsdf::phong::width_of;
 use crate::bsdf::{Normals, mean, pdf_specular, schlick};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
@@ -291,7 +292,7 @@ fn at_lobe(
     surface: &SurfacePoint,
 ) -> Option<(EyePath, Option<EyePath>)> {
     let (r, n) = (surface.reflectance, surface.shading);
-    if r.f90 <= 0.0 || r.alpha > frame.choice[3] || path.segments + 2 > frame.scene[2] {
+    if r.f90 <= 0.0 || width_of(r.alpha) > frame.choice[3] || path.segments + 2 > frame.scene[2] {
         return None;
     }
     let base = mean(r.kd);
@@ -312,10 +313,11 @@ fn at_lobe(
         }
     };
     if split_offset > 0 {
-        let chance = if r.alpha < NARROW { 1.0 } else { (LOBE_CHANCE * weight.max_element()).clamp(0.2, 1.0) };
+        let chance =
+            if width_of(r.alpha) < NARROW { 1.0 } else { (LOBE_CHANCE * weight.max_element()).clamp(0.2, 1.0) };
         let weight = if numbers[2] < chance { weight / chance } else { Vec3::ZERO };
         let along = along(path.slot + split_offset, path.throughput * weight);
-        let branch = EyePath { emitted: Vec3::ZERO, narrow: r.alpha < NARROW, ..along };
+        let branch = EyePath { emitted: Vec3::ZERO, narrow: width_of(r.alpha) < NARROW, ..along };
         return Some((EyePath { ray: None, sampled: true, ..*path }, Some(branch)));
     }
     if numbers[2] < share {

@@ -275,7 +275,7 @@ pub struct PointLight {
     pub normal: [f32; 4],
     /// Radiant intensity along the normal; w: offset of the spot's falloff.
     pub emit: [f32; 4],
-    /// Towards where the particle came from; w: GGX alpha, or on an emitter the lights on a unit of its area.
+    /// Towards where the particle came from; w: alpha of the lobe, or on an emitter the lights on a unit of its area.
     pub wi: [f32; 4],
     /// Incident flux; w: f90.
     pub flux: [f32; 4],
@@ -329,8 +329,8 @@ pub struct MaterialRecord {
     pub flags: [u32; 4],
     /// Normal texture + 1, bits of its scale, of the opacity and of the cutoff of alpha (negative: none).
     pub normal: [u32; 4],
-    /// Exponent of the emitted cosine, exitance over that of Lambert's law; zw: 0.
-    pub emitting: [f32; 4],
+    /// Exponent of the emitted cosine, exitance over that of Lambert's law; minus the exponent of a [`crate::bsdf::phong`] lobe, 0: GGX; w: 0.
+    pub lobes: [f32; 4],
 }
 
 impl MaterialRecord {

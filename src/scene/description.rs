@@ -36,6 +36,10 @@
 //! lobe = "lobe.toml"            # measured lobe that blurs its mirror image: a table, see docs/superposition.md
 //! reflector = true              # whether its flat faces mirror the room; default: see docs/superposition.md
 //!
+//! [materials.plastic]
+//! specular = [0.05, 0.05, 0.05]
+//! phong_exponent = 40           # its lobe is cos^40 about the mirror direction in place of GGX, 1 to 10000
+//!
 //! [materials.spotlight]
 //! emission = [90, 80, 70]       # radiance along the normal, W/(m^2 sr)
 //! emission_exponent = 20        # intensity by cos^20 of the angle from the normal, 1 to 1000; also of lights of type quad
@@ -202,6 +206,7 @@ struct MaterialEntry {
     base_color: Option<Vec3>,
     metallic: Option<f32>,
     roughness: Option<f32>,
+    phong_exponent: Option<f32>,
     specular: Option<Vec3>,
     opacity: Option<f32>,
     alpha_cutoff: Option<f32>,
@@ -292,6 +297,7 @@ fn change_material(
         m.base_color = entry.base_color.unwrap_or(m.base_color);
         m.metallic = entry.metallic.unwrap_or(m.metallic);
         m.roughness = entry.roughness.unwrap_or(m.roughness);
+        m.phong_exponent = entry.phong_exponent.or(m.phong_exponent);
         m.specular = entry.specular.unwrap_or(m.specular);
         m.alpha = m.alpha.with(entry.opacity, entry.alpha_cutoff);
         m.emission = entry.emission.unwrap_or(m.emission);

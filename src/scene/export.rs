@@ -79,6 +79,8 @@ pub(super) struct MaterialExtras {
     frost: f32,
     #[serde(default)]
     reflector: Option<bool>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    phong_exponent: Option<f32>,
 }
 
 impl MaterialExtras {
@@ -96,6 +98,7 @@ impl MaterialExtras {
             thin: m.thin,
             frost: m.frost,
             reflector: m.reflector,
+            phong_exponent: m.phong_exponent,
         }
     }
 
@@ -113,6 +116,7 @@ impl MaterialExtras {
         m.thin = self.thin;
         m.frost = self.frost;
         m.reflector = self.reflector;
+        m.phong_exponent = self.phong_exponent;
     }
 }
 

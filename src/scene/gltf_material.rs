@@ -206,6 +206,7 @@ impl Reader<'_> {
             base_texture,
             metallic: pbr.metallic_factor(),
             roughness: pbr.roughness_factor(),
+            phong_exponent: None,
             metallic_roughness_texture,
             normal_texture,
             normal_scale: material.normal_texture().map_or(1.0, |info| info.scale()),

@@ -6,6 +6,7 @@ use std::path::Path;
 use glam::Vec3;
 
 use super::{Camera, Light, Material, NamedCamera, Scene, TextureUse};
+use crate::bsdf::phong::EXPONENTS;
 use crate::error::{Error, Result};
 use crate::light::cosine::MAX_EXPONENT;
 
@@ -236,6 +237,9 @@ impl Material {
         color("specular", self.specular)?;
         range("metallic", self.metallic, 0.0, 1.0)?;
         range("roughness", self.roughness, 0.0, 1.0)?;
+        if let Some(exponent) = self.phong_exponent {
+            range("phong_exponent", exponent, *EXPONENTS.start(), *EXPONENTS.end())?;
+        }
         range("frost", self.frost, 0.0, 1.0)?;
         power("emission", self.emission, true)?;
         range("emission_exponent", self.emission_exponent, 1.0, MAX_EXPONENT)?;

@@ -38,6 +38,7 @@ fn every_key_of_a_material_is_obeyed() {
     for (keys, changed) in [
         ("base_color = [0.1, 0.2, 0.3]", Material { base_color: Vec3::new(0.1, 0.2, 0.3), ..plain.clone() }),
         ("metallic = 0.25", Material { metallic: 0.25, ..plain.clone() }),
+        ("phong_exponent = 12.5", Material { phong_exponent: Some(12.5), ..plain.clone() }),
         ("roughness = 0.375", Material { roughness: 0.375, ..plain.clone() }),
         ("specular = [0.04, 0.05, 0.06]", Material { specular: Vec3::new(0.04, 0.05, 0.06), ..plain.clone() }),
         ("opacity = 0.25", Material { alpha: Alpha::Blend { opacity: 0.25 }, ..plain.clone() }),
@@ -68,11 +69,13 @@ fn every_key_of_a_material_is_obeyed() {
 #[test]
 fn exponents_out_of_range_are_refused() {
     let folder = tempfile::tempdir().unwrap();
-    for value in ["0.5", "1001.0", "nan", "inf", "-1.0"] {
-        let keys = format!("[materials.lamp]\nemission_exponent = {value}\n");
-        let error = load(folder.path(), &keys).unwrap_err().to_string();
-        assert!(error.contains("a.toml:2") && error.contains("materials.lamp"), "{error}");
-        assert!(error.contains("emission_exponent") && error.contains("[1, 1000]"), "{error}");
+    for (key, range) in [("emission_exponent", "[1, 1000]"), ("phong_exponent", "[1, 10000]")] {
+        for value in ["0.5", "10001.0", "nan", "inf", "-1.0"] {
+            let keys = format!("[materials.lamp]\n{key} = {value}\n");
+            let error = load(folder.path(), &keys).unwrap_err().to_string();
+            assert!(error.contains("a.toml:2") && error.contains("materials.lamp"), "{error}");
+            assert!(error.contains(key) && error.contains(range), "{error}");
+        }
     }
 }
 

@@ -213,8 +213,12 @@ fn gallery_and(more: impl FnOnce(&mut Builder)) -> Scene {
         second_uvs: second_uvs(TextureUse::Normal),
         ..plain()
     });
-    let paint =
-        b.material(Material { base_texture: Some(mirrored), specular: Vec3::splat(0.04), roughness: 0.5, ..plain() });
+    let paint = b.material(Material {
+        base_texture: Some(mirrored),
+        specular: Vec3::splat(0.04),
+        phong_exponent: Some(9.0),
+        ..plain()
+    });
     let metal = b.material(Material {
         base_color: rgb(0.9, 0.7, 0.4),
         metallic: 0.9,

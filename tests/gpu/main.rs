@@ -37,6 +37,7 @@ mod passes_limits;
 mod passes_paths;
 mod passes_photons;
 mod passes_walk;
+mod phong_lobes;
 mod radiosity;
 mod references;
 mod renderer;

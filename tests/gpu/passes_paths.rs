@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use glam::{Vec3, Vec4};
 use lightsum::bsdf::Reflectance;
 use lightsum::bsdf::ideal::Media;
+use lightsum::bsdf::phong::width_of;
 use lightsum::gpu::{Resources, download, upload};
 use lightsum::pass::eye_paths::{self, EyePath};
 use lightsum::pass::glossy_light;
@@ -211,7 +212,8 @@ fn check_tiles(rig: &Rig) {
             let material = rig.bvh().material(hit.triangle) as usize;
             let m = &rig.scene.materials[material];
             let whole = Reflectance::new(m.base_color, m.metallic, m.roughness, m.specular);
-            let narrow = m.metallic_roughness_texture.is_some() || whole.alpha <= MAX_FOLLOWED_ALPHA;
+            let alpha = width_of(m.phong_exponent.map_or(whole.alpha, |d| -d));
+            let narrow = m.metallic_roughness_texture.is_some() || alpha <= MAX_FOLLOWED_ALPHA;
             let followed = rig.parameters.choice[3] > 0.0 && narrow && (whole.f90 > 0.0 || m.metallic > 0.0);
             m.surface != Surface::Opaque || rig.plane(&hit) > 0 || followed
         })
