@@ -160,7 +160,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let mu = dot(s.geometric, -ray.xyz);
         let lobe = lobe_at(reflectors[max(max(plane, pane), 1u) - 1u].x, mu);
         if plane > 0u {
-            split = split_of_plane(s, -ray.xyz, select(reflectance_of_lobe(lobe, s.reflectance.f0, s.reflectance.f90), vec3<f32>(1.0), splits));
+            // Within a mirror image the equations stand for the table too.
+            let schlicks = reflectance_of_lobe(lobe, s.reflectance.f0, s.reflectance.f90);
+            let reflectance = select(schlicks, lobe.y * fresnel_fitted(s.reflectance.f0, mu), is_fresnel());
+            split = split_of_plane(s, -ray.xyz, select(reflectance, vec3<f32>(1.0), splits));
         }
         if frosted {
             let disc = image_of_disc(ray.xyz, -mu * ray.xyz - s.geometric);

@@ -272,6 +272,9 @@ pub struct Settings {
     /// hit point, and the convolution. Biased: the incident light at each point of the plane is taken from the mirror image
     /// that the eye sees there. Needs `split` and `max_specular` of 1 or more. No cost in scenes without such planes.
     pub superposition: Option<Superposition>,
+    /// Directional reflectance of mirrors and of mirror images of glossy planes. Default `Schlick`. Highlights and paths along lobes keep
+    /// Schlick's approximation, which their lobes are normalised with.
+    pub reflectance: Reflectance,
     /// Also sum emission, diffuse and specular light separately, as layers that add up to the image.
     /// Default false. True costs some milliseconds a pass and 112 bytes a pixel.
     pub summands: bool,
@@ -353,6 +356,7 @@ impl Default for Settings {
             photon_radius: None,
             interleave_photons: false,
             superposition: None,
+            reflectance: Reflectance::Schlick,
             summands: false,
             mirror_lights: 2,
             clip: Clip::Fraction(0.1),

@@ -63,6 +63,8 @@ use crate::sampling::dimensions::{COMPONENT, EYE_LOBE};
 use crate::sampling::random::{hash, key};
 use crate::sampling::sobol::unit;
 use crate::scene::{Scene, Surface};
+use crate::settings::Reflectance;
+use crate::superposition::reflectance::fresnel_fitted_rgb;
 
 /// Probability of following a lobe beside its surface, over its reflectance: faint lobes are followed by some classes of pixels
 /// only, in some passes. Higher: less noise in faint reflections, more rays.
@@ -233,7 +235,8 @@ pub fn reference(
     }
     let normals = Normals { geometric: surface.geometric, shading: surface.shading, front: surface.front };
     let eta = path.media.relative_index(&scene.materials, surface.material, surface.front);
-    let split = specular_samples(material, &surface.finish, &normals, -d, eta)?.split(surface.reflectance.kd);
+    let split = specular_samples(material, &surface.finish, &normals, -d, eta, frame.reflectance())?
+        .split(surface.reflectance.kd);
     let own = own_number(frame, path.slot, step);
     let first = splits || own < split.probability;
     let (sample, probability) =
@@ -349,7 +352,10 @@ fn at_plane(
         return (EyePath { ray: None, ..*path }, Some(branch));
     }
     let r = &surface.reflectance;
-    let reflectance = r.f0 * (energy - grazing) + r.f90 * grazing;
+    let reflectance = match frame.reflectance() {
+        Reflectance::Schlick => r.f0 * (energy - grazing) + r.f90 * grazing,
+        Reflectance::Map | Reflectance::Fresnel => energy * fresnel_fitted_rgb(r.f0, -n.dot(d)),
+    };
     let probability = mean(r.kd) / (mean(r.kd) + mean(reflectance));
     let stays = own_number(frame, path.slot, step) < probability;
     let chance = if stays { probability } else { 1.0 - probability };

@@ -3,6 +3,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::settings::Reflectance;
+
 pub use crate::light::emitters::EmitterRecord;
 
 /// Parameters of one pass of the renderer; `shaders/include/frame.wgsl` says what each component is.
@@ -73,6 +75,11 @@ impl FrameParameters {
     pub const SHARED_PHOTONS: u32 = 4;
     /// Bit of `keys[2]`: rays that leave the scene meet an environment.
     pub const ENVIRONMENT: u32 = 8;
+
+    /// Reflectance of mirrors.
+    pub fn reflectance(&self) -> Reflectance {
+        [Reflectance::Schlick, Reflectance::Map, Reflectance::Fresnel][self.superposition[1] as usize % 3]
+    }
 
     /// Instance of the pass.
     pub fn instance(&self) -> u32 {

@@ -94,9 +94,9 @@ impl Plan {
         };
         let superposition = match s.superposition.filter(|_| self.eye.mirrors) {
             Some(superposition) => {
-                [superposition.reflectors, superposition.reflectance as u32, u32::from(self.eye.images.is_some()), 0]
+                [superposition.reflectors, s.reflectance as u32, u32::from(self.eye.images.is_some()), 0]
             }
-            None => [0; 4],
+            None => [0, s.reflectance as u32, 0, 0],
         };
         let xyzw = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
         let (lowest, highest) = extent.bounds;

@@ -450,6 +450,7 @@ const OPTIONS: Options = Options {
     max_specular: 8,
     seed: 3,
     specular_paths: SpecularPaths::All,
+    reflectance: lightsum::settings::Reflectance::Schlick,
 };
 
 #[test]

@@ -92,6 +92,7 @@ fn a_parlour_of_directed_lights_against_the_path_tracer() {
             max_specular: 8,
             seed: 7,
             specular_paths: SpecularPaths::All,
+            reflectance: Default::default(),
         };
         let reference = path_traced(&scene, &view, &options);
         let defaults = Settings { max_depth: 4, antialias: false, ..Settings::default() };

@@ -141,6 +141,7 @@ fn a_parlour_against_the_path_tracer() {
             max_specular: 8,
             seed: 7,
             specular_paths: SpecularPaths::All,
+            reflectance: Default::default(),
         };
         let reference = path_traced(&scene, &view, &options);
         for (name, settings, limit) in [

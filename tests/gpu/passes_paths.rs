@@ -14,7 +14,7 @@ use lightsum::pass::surface::surface_at;
 use lightsum::pass::{List, ShadingPoints, layout, sort, tiles};
 use lightsum::plan::MAX_FOLLOWED_ALPHA;
 use lightsum::scene::{Scene, Surface, builtin};
-use lightsum::settings::{Settings, Superposition};
+use lightsum::settings::{Reflectance as Form, Settings, Superposition};
 
 use crate::passes_film::{Sheet, fill};
 use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, STRAYS, Tally, close, gallery, has, hit_of, make, ray_of, untouched};
@@ -258,6 +258,7 @@ fn eye_paths_follow_their_oracle() {
                     max_specular: 5,
                     split,
                     superposition,
+                    reflectance: [Form::Schlick, Form::Fresnel, Form::Map][i % 3],
                     seed: i as u64,
                     ..Settings::plain()
                 };

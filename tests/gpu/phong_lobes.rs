@@ -45,6 +45,7 @@ fn images_have_the_energy_of_the_path_tracer() {
             max_specular: 4,
             seed: 3,
             specular_paths: SpecularPaths::All,
+            reflectance: Default::default(),
         };
         let reference = path_traced(&scene, &view, &options);
         let usual = Settings { max_depth: 5, antialias: false, ..Settings::default() };

@@ -26,6 +26,7 @@ pub fn run(job: &Job, scene: &Scene, args: &Render) -> Result<()> {
         max_specular: job.settings.max_specular,
         seed: job.settings.seed,
         specular_paths: args.reference.specular_paths.map_or(SpecularPaths::All, Into::into),
+        reflectance: job.settings.reflectance,
     };
     let bvh = Bvh::build(scene)?;
     let emitters = Emitters::of(scene, scene.emitters_are_lights)?;
