@@ -1,4 +1,5 @@
 // Averages the specular radiance of neighbours that reflect alike. See pass/discontinuity_lobes.rs.
+#include "lobe_width.wgsl"
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "flags.wgsl"
@@ -23,7 +24,7 @@ struct Gloss {
     geometric: vec3<f32>,
     mirrored: vec3<f32>,    // direction of ideal reflection
     f0: vec3<f32>,
-    alpha: f32,
+    alpha: f32,             // of a GGX lobe about as wide
     takes_part: bool,
 }
 
@@ -32,7 +33,7 @@ fn gloss_at(slot: u32) -> Gloss {
     let shading = point_shading[slot];
     let mirrored = shading.xyz * (2.0 * dot(shading.xyz, wo.xyz)) - wo.xyz;
     let takes_part = has_flag(wo.w, GLOSSY) && has_flag(wo.w, LIT);
-    return Gloss(point_position[slot].xyz, point_geometric[slot].xyz, mirrored, point_f0[slot].xyz, shading.w, takes_part);
+    return Gloss(point_position[slot].xyz, point_geometric[slot].xyz, mirrored, point_f0[slot].xyz, width_of(shading.w), takes_part);
 }
 
 // Whether two shading points reflect alike: on one smooth surface, of one finish, mirrored directions within the lobe. Symmetric.

@@ -70,7 +70,7 @@ fn split_of_lobe(s: Surface, wo: vec3<f32>, follows: bool, point: vec2<f32>) -> 
     let r = s.reflectance;
     let sample = sample_lobe(r, false, 0.0, s.shading, wo, point.x, point.y);
     let base = mean3(r.kd);
-    let narrow = r.f90 > 0.0 && r.alpha <= frame.choice.w && follows;
+    let narrow = r.f90 > 0.0 && width_of(r.alpha) <= frame.choice.w && follows;
     // Highlights of lights need their part even if there is no base.
     let share = clamp(base / (base + mean3(schlick(r, dot(s.shading, wo)))), 0.25, 0.75);
     var split: SpecularSplit;
@@ -160,7 +160,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let mu = dot(s.geometric, -ray.xyz);
         let lobe = lobe_at(reflectors[max(max(plane, pane), 1u) - 1u].x, mu);
         if plane > 0u {
-            split = split_of_plane(s, -ray.xyz, select(reflectance_of_lobe(lobe, s.reflectance.f0, s.reflectance.f90), vec3<f32>(1.0), splits));
+            // Within a mirror image the equations stand for the table too.
+            let schlicks = reflectance_of_lobe(lobe, s.reflectance.f0, s.reflectance.f90);
+            let reflectance = select(schlicks, lobe.y * fresnel_fitted(s.reflectance.f0, mu), is_fresnel());
+            split = split_of_plane(s, -ray.xyz, select(reflectance, vec3<f32>(1.0), splits));
         }
         if frosted {
             let disc = image_of_disc(ray.xyz, -mu * ray.xyz - s.geometric);
@@ -189,7 +192,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         // A mirror over a base emits from the base: `eye_points` adds that where the path stays.
         // The path stopped on the base; do not also shade the lobe.
         let without_lobe = flag_if(LOBE_FOLLOWED, stays && plane > 0u && in_image);
-        let emission_share = path_share(lobe_before, lights_on_emitter(s.emission), distance2, cos_hit);
+        let emission_share = path_share(lobe_before, lights_on_emitter(s.exitance), distance2, cos_hit);
         let emission = select(before.xyz * s.emission * emission_share, vec3<f32>(0.0), split.stays);
         let sampled = flag_if(LOBE_SAMPLED, stays && shiny && split.probability < 1.0);
         let longer = select(segments, min(segments + 1u, 15u), goes_on && (from_lobe || shiny));
@@ -213,7 +216,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             go_on(slot, s, wi, ray.w);
         }
         // Faint lobes are followed by some classes only.
-        let follow = select(1.0, lobe_chance(split.second_weight, s.reflectance.alpha), shiny);
+        let follow = select(1.0, lobe_chance(split.second_weight, width_of(s.reflectance.alpha)), shiny);
         let second = select(vec3<f32>(0.0), before.xyz * split.second_weight / follow, numbers.z < follow);
         // Where images with depth show the mirror image no ray is needed.
         let has_images = frame.superposition.z != 0u && plane > 0u;
@@ -223,7 +226,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             media[branch] = inside;
             if shiny {
                 lobe_of[branch] = lobe_density(s.reflectance.alpha, s.shading, -ray.xyz, split.second_wi);
-                let narrow = flag_if(NARROW_LOBE, s.reflectance.alpha < NARROW);
+                let narrow = flag_if(NARROW_LOBE, width_of(s.reflectance.alpha) < NARROW);
                 emitted[branch] = vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(flag_if(ONE_SEGMENT, true) | narrow));
             }
             go_on(branch, s, split.second_wi, ray.w);

@@ -2,6 +2,7 @@
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "emitters.wgsl"
+#include "cosine.wgsl"
 #include "flags.wgsl"
 
 @group(0) @binding(1) var<storage, read> emitters: array<EmitterRecord>;
@@ -25,7 +26,7 @@ fn irradiance(e: EmitterRecord, x: vec3<f32>, n: vec3<f32>) -> f32 {
     let wi = d / max(sqrt(r2), 1e-20);
     let cosine = dot(wi, n);
     let leaving = -dot(wi, e.normal.xyz);
-    let emitting = select(max(leaving, 0.0), abs(leaving), (flags & 1u) != 0u);
+    let emitting = cosine_power(select(max(leaving, 0.0), abs(leaving), (flags & 1u) != 0u), e.flux.w);
     // A minimum distance even without clipping: otherwise one point on a light could outweigh all others.
     let nearest = max(frame.right.w, 1e-8 * frame.eye.w * frame.eye.w);
     let spread = e.e1.w * INV_PI;
@@ -59,7 +60,7 @@ fn irradiance(e: EmitterRecord, x: vec3<f32>, n: vec3<f32>) -> f32 {
             return radiance * e.e1.w * clamp(sine - dot(e.normal.xyz, n), 0.0, 1.0);
         }
         default: {
-            return radiance * INV_PI * emitting * max(cosine, 0.0) / max(r2, nearest);
+            return radiance * (INV_PI * cosine_sharpness(e.flux.w)) * emitting * max(cosine, 0.0) / max(r2, nearest);
         }
     }
 }

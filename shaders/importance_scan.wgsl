@@ -65,7 +65,7 @@ fn main(@builtin(local_invocation_index) lane: u32) {
         var e = emitters[i];
         let power = e.flux.xyz * e.normal.w;
         let probability = upper - lower;
-        e.flux = vec4<f32>(select(vec3<f32>(0.0), power / probability, probability > 0.0), 0.0);
+        e.flux = vec4<f32>(select(vec3<f32>(0.0), power / probability, probability > 0.0), e.flux.w);
         e.normal.w = probability;
         e.radiance.w = upper;
         chosen[i] = e;

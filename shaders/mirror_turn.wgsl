@@ -4,6 +4,7 @@
 #include "math.wgsl"
 #include "bsdf.wgsl"
 #include "surface.wgsl"
+#include "mirror_reflectance.wgsl"
 #include "lights.wgsl"
 #include "light_at.wgsl"
 #include "mirror_lights.wgsl"
@@ -38,7 +39,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let by_mirror = found && number > 0u && mirror_of[at] == number;
     let d = ray_direction[slot].xyz;
     let s = surface_at(at, hit.y, hit.z, d, frame.cones.y * hit.x);
-    let reflected = schlick(s.ideal, -dot(s.shading, d));
+    let reflected = mirror_reflectance(s.ideal, -dot(s.shading, d));
 
     // The mirror image of the mirrored light is the light itself.
     let l = mirrored_light(mirror, mirrored[chosen]);

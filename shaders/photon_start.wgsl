@@ -65,6 +65,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let times = f32(frame.photons.x) / f32(max(part, 1u)) * select(1.0, 1.0 / max(chance, 1e-37), from_light);
     if from_light {
         start.kind = EMITTER_VIRTUAL;
+        start.exponent = 1.0;
         start.origin = light.position.xyz;
         start.normal = light.normal.xyz;
     }
@@ -153,7 +154,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let cosine = dot(start.normal, direction);
     let ramp = clamp((cosine - e.e1.y) / max(e.e1.x - e.e1.y, 1e-6), 0.0, 1.0);
     let of_point = e.radiance.xyz * (select(1.0, ramp * ramp, start.kind == EMITTER_SPOT) / e.normal.w);
-    let of_surface = start.flux * (INV_PI * max(cosine, 0.0));
+    let of_surface = start.flux * (INV_PI * cosine_sharpness(start.exponent) * cosine_power(max(cosine, 0.0), start.exponent));
     let is_point = start.kind == EMITTER_POINT || start.kind == EMITTER_SPOT;
     let into_cone = select(of_surface, of_point, is_point) * spread;
     let of_disc = irradiance * (select(PI * sphere.w * sphere.w, facing * parts.y, by_area) / e.normal.w);

@@ -3,6 +3,7 @@
 #include "work.wgsl"
 #include "listed_tile.wgsl"
 #include "math.wgsl"
+#include "fresnel_fitted.wgsl"
 #include "reflectors.wgsl"
 
 @group(0) @binding(1) var<storage, read> point_geometric: array<vec4<f32>>;
@@ -19,17 +20,6 @@
 
 const FORM_MAP: u32 = 1u;
 const FORM_FRESNEL: u32 = 2u;
-
-// Fresnel term fitted to the reflectance at normal incidence (Bastos 1999, equations 6.10 to 6.14), for each band.
-fn fresnel_fitted(f0: vec3<f32>, cos: f32) -> vec3<f32> {
-    let root = sqrt(clamp(f0, vec3<f32>(0.0), vec3<f32>(0.999999)));
-    let n = (1.0 + root) / (1.0 - root);
-    let c = clamp(cos, 0.0, 1.0);
-    let g = sqrt(n * n + c * c - 1.0);
-    let perpendicular = (g - c) / (g + c);
-    let ratio = (c * (g + c) - 1.0) / (c * (g - c) + 1.0);
-    return select(0.5 * perpendicular * perpendicular * (1.0 + ratio * ratio), vec3<f32>(0.0), f0 <= vec3<f32>(0.0));
-}
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {

@@ -29,12 +29,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let of_environment = place.kind == EMITTER_ENVIRONMENT;
     let e = emitters[place.emitter];
     let irradiance = place.radiance.xyz * (e.e1.w / e.normal.w * bitcast<f32>(depth.z));
-    let flags = select(LIGHT_SURFACE | LIGHT_CLIPPED, LIGHT_DIRECTIONAL | LIGHT_ENVIRONMENT, of_environment);
+    let exponent = select(1.0, place.exponent, place.kind <= EMITTER_SPHERE);
+    let directed = select(0u, LIGHT_DIRECTED, exponent != 1.0);
+    let flags = select(LIGHT_SURFACE | LIGHT_CLIPPED | directed, LIGHT_DIRECTIONAL | LIGHT_ENVIRONMENT, of_environment);
     let light = PointLight(
         vec4<f32>(place.origin, bitcast<f32>(flags)),
-        vec4<f32>(place.normal, 0.0),
-        vec4<f32>(select(place.flux * (share * INV_PI), irradiance, of_environment), 1.0),
-        vec4<f32>(place.normal, select(lights_on_emitter(place.radiance.xyz), lights_from_environment(place.radiance.w), of_environment)),
+        vec4<f32>(place.normal, exponent - 1.0),
+        vec4<f32>(select(place.flux * (share * INV_PI * cosine_sharpness(exponent)), irradiance, of_environment), 1.0),
+        vec4<f32>(place.normal, select(lights_on_emitter(mean3(place.radiance.xyz)), lights_from_environment(place.radiance.w), of_environment)),
         vec4<f32>(0.0),
         vec4<f32>(0.0),
     );

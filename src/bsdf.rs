@@ -1,4 +1,4 @@
-//! Reflection at a surface: Lambert plus a GGX lobe; Fresnel's equations; texture lookup.
+//! Reflection at a surface: Lambert plus a lobe, GGX or [`phong`]; Fresnel's equations; texture lookup.
 //!
 //! f_r = kd / pi + D G2 F / (4 cos cos'), D and G2 of GGX (G2 height-correlated, Smith), F after Schlick.
 //!
@@ -9,6 +9,7 @@
 //! For ideal lobes see [`ideal`]: the reflectance here is then that of the diffuse base alone.
 
 pub mod ideal;
+pub mod phong;
 
 use crate::scene::mip::level_count;
 use crate::scene::{Cone, Material, Scene, Surface, Texture, TextureUse, Triangle, Wrap};
@@ -27,7 +28,7 @@ pub struct Reflectance {
     pub f0: Vec3,
     /// Specular reflectance at grazing incidence.
     pub f90: f32,
-    /// GGX roughness.
+    /// GGX roughness; negative: minus the exponent of a [`phong`] lobe.
     pub alpha: f32,
 }
 
@@ -70,6 +71,10 @@ impl Reflectance {
             return Vec3::ZERO;
         }
         let h = (wi + wo).normalize();
+        if let Some(exponent) = phong::exponent_of(self.alpha) {
+            let lobe = phong::pdf(n, wi, wo, exponent) * phong::over_pdf(cos_i, cos_o, exponent);
+            return schlick(self.f0, self.f90, wo.dot(h)) * lobe;
+        }
         let d = ggx(n, h, self.alpha);
         // G2 / (4 cos cos').
         let a2 = self.alpha * self.alpha;
@@ -108,7 +113,10 @@ impl Reflectance {
         if choice < self.diffuse_probability() {
             return world(sample_diffuse(u));
         }
-        world(sample_specular(Vec3::new(wo.dot(t), wo.dot(b), wo.dot(n)), self.alpha, u))
+        match phong::exponent_of(self.alpha) {
+            Some(exponent) => phong::sample(n, wo, exponent, u),
+            None => world(sample_specular(Vec3::new(wo.dot(t), wo.dot(b), wo.dot(n)), self.alpha, u)),
+        }
     }
 
     /// A direction from one lobe, by [`sample_diffuse`] or [`sample_specular`], and its weight: reflectance times cosine over
@@ -120,8 +128,10 @@ impl Reflectance {
         if diffuse {
             return (world(sample_diffuse([u, v])), self.kd / p);
         }
-        let h = sample_specular(Vec3::new(t.dot(wo), b.dot(wo), n.dot(wo)), self.alpha, [u, v]);
-        let wi = world(h);
+        let wi = match phong::exponent_of(self.alpha) {
+            Some(exponent) => phong::sample(n, wo, exponent, [u, v]),
+            None => world(sample_specular(Vec3::new(t.dot(wo), b.dot(wo), n.dot(wo)), self.alpha, [u, v])),
+        };
         let pdf = pdf_specular(n, wi, wo, self.alpha) * (1.0 - p);
         let weight = if pdf > 0.0 { self.eval_specular(n, wi, wo) * (n.dot(wi) / pdf) } else { Vec3::ZERO };
         (wi, weight)
@@ -141,6 +151,7 @@ impl Reflectance {
 
     /// The lobe widened to at least this alpha, grown (by a factor of at most 4) to reflect as much light from `wo` as before.
     pub fn widened(&self, n: Vec3, wo: Vec3, alpha: f32) -> Reflectance {
+        let alpha = phong::widened_alpha(self.alpha, alpha);
         if self.f90 <= 0.0 || self.alpha >= alpha {
             return *self;
         }
@@ -168,6 +179,7 @@ impl Finish {
         let base = material.base_color * base;
         let metallic = material.metallic * metallic;
         let whole = Reflectance::new(base, metallic, material.roughness * roughness, material.specular);
+        let whole = Reflectance { alpha: material.phong_exponent.map_or(whole.alpha, |d| -d), ..whole };
         match material.surface {
             Surface::Opaque => Finish { reflectance: whole, ideal: Vec3::ZERO, ideal_f90: 0.0 },
             Surface::Mirror => Finish { reflectance: whole.base_alone(), ideal: whole.f0, ideal_f90: whole.f90 },
@@ -303,6 +315,9 @@ pub fn pdf_specular(n: Vec3, wi: Vec3, wo: Vec3, alpha: f32) -> f32 {
     let cos_o = n.dot(wo);
     if n.dot(wi) <= 0.0 || cos_o <= 0.0 {
         return 0.0;
+    }
+    if let Some(exponent) = phong::exponent_of(alpha) {
+        return phong::pdf(n, wi, wo, exponent);
     }
     let h = (wi + wo).normalize();
     masking(cos_o, alpha) * ggx(n, h, alpha) / (4.0 * cos_o)

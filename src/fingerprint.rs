@@ -110,7 +110,7 @@ mod tests {
     fn every_part_of_a_scene_counts() {
         type Change = (&'static str, fn(&mut Scene));
         let base = fingerprint(&scene(), &camera(), &Settings::plain());
-        let changes: [Change; 27] = [
+        let changes: [Change; 28] = [
             ("position", |s| s.positions[0].y = 1e-30),
             ("normal", |s| s.normals[1].x = 1e-30),
             ("texture coordinate", |s| s.uvs[2].y = 1e-30),
@@ -128,6 +128,7 @@ mod tests {
             ("base texture", |s| s.materials[0].base_texture = Some(0)),
             ("roughness", |s| s.materials[0].roughness = 0.9),
             ("emission", |s| s.materials[0].emission.z = 1e-30),
+            ("exponent of the emission", |s| s.materials[0].emission_exponent = 2.0),
             ("sides", |s| s.materials[0].two_sided = true),
             ("index of refraction", |s| s.materials[0].ior = 1.6),
             ("reflector", |s| s.materials[0].reflector = Some(true)),

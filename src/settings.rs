@@ -277,6 +277,9 @@ pub struct Settings {
     /// Glossy surfaces shown by splats of particles ([`crate::stage::Splats`]). Default `None`. Costs the particles once, and in
     /// each pass some 2000 look-ups for each pixel of one class that shows such a surface. No cost in scenes without.
     pub splats: Option<Splats>,
+    /// Directional reflectance of mirrors and of mirror images of glossy planes. Default `Schlick`. Highlights and paths along lobes keep
+    /// Schlick's approximation, which their lobes are normalised with.
+    pub reflectance: Reflectance,
     /// Also sum emission, diffuse and specular light separately, as layers that add up to the image.
     /// Default false. True costs some milliseconds a pass and 112 bytes a pixel.
     pub summands: bool,
@@ -359,6 +362,7 @@ impl Default for Settings {
             interleave_photons: false,
             superposition: None,
             splats: None,
+            reflectance: Reflectance::Schlick,
             summands: false,
             mirror_lights: 2,
             clip: Clip::Fraction(0.1),

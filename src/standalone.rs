@@ -16,6 +16,7 @@ use crate::estimate::History;
 use crate::film::HostFilm;
 use crate::fingerprint::{Fnv, fingerprint};
 use crate::gpu::{Buffer, Context, ContextOptions, DeviceChoice, Timers, download};
+use crate::light::cosine::exitance;
 use crate::output::{Layers, Provenance, Statistics, Wanted};
 use crate::pass::layout::PointLight;
 use crate::pass::probe;
@@ -440,7 +441,7 @@ impl Renderer {
 
     /// Writes the virtual lights of the latest pass with the scene as glTF (Keller 1997, 5); returns their number.
     ///
-    /// Leaves out the specular lobes of the lights: a file's lights have the cosine law.
+    /// Leaves out the specular lobes of the lights: a file's lights emit by powers of the cosine.
     pub fn export_lights(&mut self, path: &Path) -> Result<usize> {
         if self.passes() == 0 {
             self.pass()?;
@@ -459,7 +460,8 @@ impl Renderer {
                 VirtualLight {
                     position: xyz(l.position),
                     normal: xyz(l.normal),
-                    power: xyz(l.emit) * (std::f32::consts::PI / classes),
+                    power: xyz(l.emit) * (exitance(l.exponent()) / classes),
+                    exponent: l.exponent(),
                 }
             })
             .collect();

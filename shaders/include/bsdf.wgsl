@@ -1,10 +1,11 @@
-// Reflectance: Lambert plus a GGX lobe. CPU twin: bsdf.rs. Needs math.wgsl.
+// Reflectance: Lambert plus a lobe, GGX or by phong.wgsl. CPU twin: bsdf.rs. Needs math.wgsl.
+#include "phong.wgsl"
 
 struct Reflectance {
     kd: vec3<f32>,
     f90: f32,
     f0: vec3<f32>,
-    alpha: f32,
+    alpha: f32,             // negative: minus the exponent of a lobe by phong.wgsl
 }
 
 // Mean of Schlick's Fresnel term over the cosine-weighted hemisphere.
@@ -32,7 +33,7 @@ fn schlick(r: Reflectance, cos_h: f32) -> vec3<f32> {
     return r.f0 + (vec3<f32>(r.f90) - r.f0) * (m2 * m2 * m);
 }
 
-// The GGX lobe, with height-correlated Smith masking (Heitz 2014); without the cosine. Symmetric in wo and wi.
+// The lobe; GGX with height-correlated Smith masking (Heitz 2014); without the cosine. Symmetric in wo and wi.
 fn eval_specular(r: Reflectance, n: vec3<f32>, wo: vec3<f32>, wi: vec3<f32>) -> vec3<f32> {
     let cos_o = dot(n, wo);
     let cos_i = dot(n, wi);
@@ -45,11 +46,16 @@ fn eval_specular(r: Reflectance, n: vec3<f32>, wo: vec3<f32>, wi: vec3<f32>) -> 
     let k = dot(c, c) + a2 * cos_h * cos_h;
     let d = a2 / (PI * k * k);
     let v = 0.5 / (cos_o * sqrt(a2 + (1.0 - a2) * cos_i * cos_i) + cos_i * sqrt(a2 + (1.0 - a2) * cos_o * cos_o));
-    let f = schlick(r, dot(wo, h)) * (d * v);
+    var lobe = d * v;
+    // A loop, because it runs zero times where all lobes are GGX.
+    for (var i = select(0u, 1u, r.alpha < 0.0); i > 0u; i -= 1u) {
+        lobe = phong_density(n, wi, wo, -r.alpha) * phong_over_density(cos_i, cos_o, -r.alpha);
+    }
+    let f = schlick(r, dot(wo, h)) * lobe;
     return select(vec3<f32>(0.0), f, cos_o > 0.0 && cos_i > 0.0);
 }
 
-// Density over solid angle of the specular directions of `sample_lobe`: G1(wo) D(h) / (4 cos_o).
+// Density over solid angle of the specular directions of `sample_lobe`; of GGX G1(wo) D(h) / (4 cos_o).
 fn lobe_density(alpha: f32, n: vec3<f32>, wo: vec3<f32>, wi: vec3<f32>) -> f32 {
     let cos_o = dot(n, wo);
     let sum = wo + wi;
@@ -58,7 +64,10 @@ fn lobe_density(alpha: f32, n: vec3<f32>, wo: vec3<f32>, wi: vec3<f32>) -> f32 {
     let c = cross(n, h);
     let a2 = alpha * alpha;
     let k = dot(c, c) + a2 * cos_h * cos_h;
-    let density = a2 / (PI * k * k) / (2.0 * (cos_o + sqrt(a2 + (1.0 - a2) * cos_o * cos_o)));
+    var density = a2 / (PI * k * k) / (2.0 * (cos_o + sqrt(a2 + (1.0 - a2) * cos_o * cos_o)));
+    for (var i = select(0u, 1u, alpha < 0.0); i > 0u; i -= 1u) {
+        density = phong_density(n, wi, wo, -alpha);
+    }
     return select(0.0, density, cos_o > 0.0 && dot(n, wi) > 0.0);
 }
 
@@ -67,14 +76,23 @@ struct LobeSample {
     weight: vec3<f32>,      // f cos / pdf, divided by the lobe's probability
 }
 
-// A direction from one lobe: cosine law for the diffuse (Keller 1997, 3.2), visible normals for the specular one
-// (Heitz 2018). The caller drops directions below the surface.
+// A direction from one lobe: cosine law for the diffuse (Keller 1997, 3.2), for the specular one visible normals
+// (Heitz 2018), or a power of the cosine. The caller drops directions below the surface.
 fn sample_lobe(r: Reflectance, diffuse: bool, p_diffuse: f32, n: vec3<f32>, wo: vec3<f32>, u: f32, v: f32) -> LobeSample {
     let frame_n = basis(n);
     let circle = unit_circle(v);
     let direction = sqrt(u) * (circle.x * frame_n[0] + circle.y * frame_n[1]) + sqrt(max(1.0 - u, 0.0)) * n;
     var s = LobeSample(direction, r.kd / max(p_diffuse, 1e-6));
-    for (var i = select(1u, 0u, diffuse); i > 0u; i -= 1u) {
+    for (var i = select(1u, 0u, diffuse || r.alpha >= 0.0); i > 0u; i -= 1u) {
+        let wi = phong_sample(n, wo, -r.alpha, u, v);
+        let cos_i = dot(n, wi);
+        let sum = wo + wi;
+        let cos_h = sqrt(0.25 * dot(sum, sum));
+        let share = cos_i * phong_over_density(max(cos_i, 0.0), dot(n, wo), -r.alpha) / max(1.0 - p_diffuse, 1e-6);
+        s.wi = wi;
+        s.weight = select(vec3<f32>(0.0), schlick(r, cos_h) * share, cos_i > 0.0);
+    }
+    for (var i = select(1u, 0u, diffuse || r.alpha < 0.0); i > 0u; i -= 1u) {
         let local = vec3<f32>(dot(wo, frame_n[0]), dot(wo, frame_n[1]), dot(wo, n));
         let stretched = vec3<f32>(r.alpha * local.x, r.alpha * local.y, local.z);
         let vh = stretched / sqrt(dot(stretched, stretched));

@@ -2,6 +2,7 @@
 // as `emitters`. CPU twin: light::emitters.
 // UNTEXTURED: there are no textures.
 #include "environment.wgsl"
+#include "cosine.wgsl"
 #if UNTEXTURED
 #else
 #include "texture.wgsl"
@@ -13,8 +14,9 @@ struct Start {
     position: vec3<f32>,    // on the emitter itself
     origin: vec3<f32>,      // the same with the ray-origin offset
     normal: vec3<f32>,      // axis of the emission
-    radiance: vec4<f32>,    // of the environment from this direction, with its density; else that of the emitter, at this point
+    radiance: vec4<f32>,    // of the environment from this direction, with its density; of surfaces exitance over pi at this point
     flux: vec3<f32>,        // of a particle if it were the only one
+    exponent: f32,          // of the cosine by which a surface emits
 }
 
 // Texture of a triangle or quad at coordinates along its edges.
@@ -58,7 +60,7 @@ fn start_at(place: vec2<f32>, side: f32) -> Start {
 
     var position = e.p0.xyz;
     var normal = axis;
-    var radiance = e.radiance;
+    var radiance = vec4<f32>(e.radiance.xyz * e.pattern.w, e.radiance.w);
     var along = vec2<f32>(0.0);
     let disc = sqrt(u0);
     let around = unit_circle(u1);
@@ -104,7 +106,7 @@ fn start_at(place: vec2<f32>, side: f32) -> Start {
         let sides = select(1.0, 2.0, (flags & 1u) != 0u);
         radiance = vec4<f32>(flux * (e.normal.w / (PI * e.e1.w * sides)), radiance.w);
     }
-    return Start(index, kind, position, origin, normal, radiance, flux);
+    return Start(index, kind, position, origin, normal, radiance, flux, e.flux.w);
 }
 
 // Point at which the ray of a particle begins, given the numbers of its direction.
@@ -141,9 +143,14 @@ fn direction_from(start: Start, leave: vec2<f32>) -> vec3<f32> {
         case EMITTER_DIRECTIONAL, EMITTER_ENVIRONMENT: {
         }
         default: {
-            let s = sqrt(leave.x);
+            var s = sqrt(leave.x);
+            var c = sqrt(1.0 - leave.x);
             let p = unit_circle(leave.y);
-            direction = s * (p.x * tangents[0] + p.y * tangents[1]) + sqrt(1.0 - leave.x) * normal;
+            if start.exponent != 1.0 {
+                c = pow(1.0 - leave.x, 1.0 / (start.exponent + 1.0));
+                s = sqrt(max(1.0 - c * c, 0.0));
+            }
+            direction = s * (p.x * tangents[0] + p.y * tangents[1]) + c * normal;
         }
     }
     return direction;

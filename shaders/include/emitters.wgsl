@@ -6,10 +6,11 @@ struct EmitterRecord {
                             // cosine from the zenith); w: area, of the environment solid angle
     e2: vec4<f32>,          // second edge (environment: range of the cosine, radius of the scene); w: bits: 1 two-sided, 2 inward
     normal: vec4<f32>,      // normal or axis; w: probability
-    radiance: vec4<f32>,    // radiance (with a texture its mean), intensity or irradiance; w: upper end of its interval in the distribution
-    flux: vec4<f32>,        // flux of a particle: power / probability; with a texture where that is white
+    radiance: vec4<f32>,    // radiance along the normal (with a texture its mean), intensity or irradiance; w: upper end of its interval in the distribution
+    flux: vec4<f32>,        // flux of a particle: power / probability; with a texture where that is white; w: exponent of the cosine
     uv: vec4<f32>,          // texture coordinates of the first corner; their change along the first edge
-    pattern: vec4<f32>,     // their change along the second edge; z: bits of the texture + 1 over those of 1.0, or 0
+    pattern: vec4<f32>,     // their change along the second edge; z: bits of the texture + 1 over those of 1.0, or 0;
+                            // w: exitance over that of Lambert's law
 }
 
 const EMITTER_TRIANGLE: u32 = 0u;

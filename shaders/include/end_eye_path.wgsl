@@ -35,7 +35,7 @@ fn end_eye_path(slot: u32, ray: vec4<f32>, hit: vec4<f32>, only_emits: bool) -> 
     let lobe = select(0.0, lobe_of[select(0u, slot, follows)], follows);
     let cosine = abs(dot(met.surface.geometric, ray.xyz));
     let distance2 = hit.x * hit.x;
-    let of_emission = through.xyz * path_share(lobe, lights_on_emitter(met.surface.emission), distance2, cosine);
+    let of_emission = through.xyz * path_share(lobe, lights_on_emitter(met.surface.exitance), distance2, cosine);
     let carried = through.xyz * path_share(lobe, lights_on_surfaces(), distance2, cosine);
 
     let emission = select(vec3<f32>(0.0), of_emission * met.surface.emission, met.found);

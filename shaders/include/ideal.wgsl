@@ -1,4 +1,5 @@
-// Ideal reflection and refraction at mirrors and glass. Needs bsdf.wgsl and surface.wgsl. CPU twin: bsdf::ideal.
+// Ideal reflection and refraction at mirrors and glass. Needs frame.wgsl, bsdf.wgsl and surface.wgsl. CPU twin: bsdf::ideal.
+#include "mirror_reflectance.wgsl"
 
 // The bodies of glass around a ray, the last one entered first: material + 1, or 0 for none.
 // Entering puts a body on top; leaving removes it at any depth.
@@ -77,7 +78,7 @@ fn specular_split(s: Surface, wo: vec3<f32>, eta: f32) -> SpecularSplit {
     let f = fresnel_dielectric(cos_o, eta);
     let r = select(f.x, 2.0 * f.x / (1.0 + f.x), is_pane);
     let passes = !is_mirror && select(f.y >= 0.0, r < 1.0, is_pane);
-    let mirrored = select(vec3<f32>(r), schlick(s.ideal, cos_o), is_mirror);
+    let mirrored = select(vec3<f32>(r), mirror_reflectance(s.ideal, cos_o), is_mirror);
     let base = mean3(s.reflectance.kd);
     let reflects = mean3(mirrored);
 

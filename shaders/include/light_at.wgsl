@@ -1,5 +1,6 @@
 // A point light seen from a shading point, by the formula of lights.wgsl. Needs frame.wgsl, math.wgsl, bsdf.wgsl and lights.wgsl.
 // CPU twin: pass::shade::light_towards.
+#include "cosine.wgsl"
 #include "lobe_shares.wgsl"
 
 // Factor of the square of the clip distance for direct highlights where splats show the rest of a lobe: nothing restores what is cut off
@@ -14,8 +15,10 @@ fn to_light(position: vec4<f32>, normal: vec4<f32>, x: vec3<f32>) -> vec3<f32> {
 
 // Intensity without the specular lobe; `cosine` is that of the angle between the normal and the direction to the shading point.
 fn plain_intensity(normal: vec4<f32>, emit: vec4<f32>, flags: u32, cosine: f32) -> vec3<f32> {
+    // 1 where a directed light emits.
     let spot = clamp(cosine * normal.w + emit.w, 0.0, 1.0);
-    return emit.xyz * (select(1.0, max(cosine, 0.0), (flags & LIGHT_SURFACE) != 0u) * spot * spot);
+    let exponent = select(1.0, normal.w + 1.0, (flags & LIGHT_DIRECTED) != 0u);
+    return emit.xyz * (select(1.0, cosine_power(max(cosine, 0.0), exponent), (flags & LIGHT_SURFACE) != 0u) * spot * spot);
 }
 
 fn lobe_shines(flags: u32, cosine: f32) -> bool {

@@ -15,9 +15,9 @@ fn highlight_factor(lobe: f32, lights: f32, distance2: f32, cosine: f32) -> f32 
     return lights / max(lobe * cosine + lights * distance2, 1e-37);
 }
 
-// Virtual lights on a unit of area of an emitter of this radiance, and of other surfaces.
-fn lights_on_emitter(radiance: vec3<f32>) -> f32 {
-    return frame.choice.y * mean3(radiance);
+// Virtual lights on a unit of area of an emitter of this exitance over pi, and of other surfaces.
+fn lights_on_emitter(exitance: f32) -> f32 {
+    return frame.choice.y * exitance;
 }
 
 fn lights_on_surfaces() -> f32 {

@@ -3,9 +3,11 @@
 struct MaterialRecord {
     base: vec4<f32>,        // base colour; w: metallic
     specular: vec4<f32>,    // dielectric reflectance at normal incidence; w: roughness
-    emission: vec4<f32>,    // radiance, with a texture where that is white; w: index of refraction
+    emission: vec4<f32>,    // radiance along the normal, with a texture where that is white; w: index of refraction
     flags: vec4<u32>,       // base texture + 1, metallic-roughness texture + 1, kind of surface, bits below
     normal: vec4<u32>,      // normal texture + 1, bits of its scale, of the opacity and of the cutoff of alpha (negative: none)
+    lobes: vec4<f32>,       // exponent of the emitted cosine, exitance over that of Lambert's law; minus the exponent of a lobe by phong.wgsl,
+                            // 0: GGX; w: 0
 }
 
 const MATERIAL_TWO_SIDED: u32 = 1u; // emits on both sides

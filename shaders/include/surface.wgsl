@@ -2,6 +2,7 @@
 // UNTEXTURED: there are no textures and no vertex colours.
 #include "octahedral.wgsl"
 
+#include "cosine.wgsl"
 #include "material.wgsl"
 #if UNTEXTURED
 #else
@@ -20,6 +21,7 @@ struct Surface {
     geometric: vec3<f32>,   // on the side that the ray came from
     shading: vec3<f32>,     // on the same side
     emission: vec3<f32>,    // back along the ray
+    exitance: f32,          // over pi on this side; mean of the channels
     kind: u32,              // SURFACE_...
     front: bool,            // seen from its front
     material: u32,
@@ -150,11 +152,12 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>, width: f32) -> Surfac
     s.position = position;
     s.geometric = geometric;
     s.shading = shading;
-    s.emission = select(vec3<f32>(0.0), emission, emits);
+    s.emission = select(vec3<f32>(0.0), emission * cosine_falloff(abs(dot(face_normal, d)), material.lobes.x), emits);
+    s.exitance = select(0.0, mean3(emission) * material.lobes.y, emits);
     s.kind = kind;
     s.front = front;
     s.material = material_of(normals);
-    s.reflectance = Reflectance(kd, whole.f90 * lobe, whole.f0 * lobe, select(1.0, whole.alpha, kind == SURFACE_OPAQUE));
+    s.reflectance = Reflectance(kd, whole.f90 * lobe, whole.f0 * lobe, select(1.0, select(whole.alpha, material.lobes.z, material.lobes.z < 0.0), kind == SURFACE_OPAQUE));
     s.ideal = Reflectance(vec3<f32>(0.0), whole.f90, select(whole.f0, base, kind > SURFACE_MIRROR), 1.0);
     return s;
 }

@@ -28,7 +28,7 @@ fn met_by(d: vec3<f32>, hit: vec4<f32>, width: f32) -> Met {
 // As `met_by`, for gather rays: its lobe is widened as that of a light, so that no light shines at it from an extremely narrow one.
 fn gathered_by(d: vec3<f32>, hit: vec4<f32>) -> Met {
     var met = met_by(d, hit, frame.cones.z * hit.x);
-    met.surface.reflectance.alpha = max(met.surface.reflectance.alpha, frame.pixel_offset.z);
+    met.surface.reflectance.alpha = widened_alpha(met.surface.reflectance.alpha, frame.pixel_offset.z);
     return met;
 }
 

@@ -1,6 +1,6 @@
 //! Ideal reflection and refraction at mirrors, glass and panes: directions and weights of the continued rays.
 //!
-//! A mirror is the lobe of [`Reflectance`] without roughness: it reflects by Schlick's term into the one
+//! A mirror is the lobe of [`Reflectance`] without roughness: it reflects by Schlick's term, or by Fresnel's equations, into the one
 //! mirrored direction, over the diffuse base of the material. Smooth glass reflects the fraction R of Fresnel's equations
 //! and transmits 1 - R, refracted by Snell's law and tinted by its base colour at each crossing; radiance changes by the
 //! square of the relative index. A pane is glass of no thickness: light passes straight through, and all
@@ -13,8 +13,10 @@
 //! Smooth normals lean over at silhouettes. If one would send a ray to the wrong side of the surface, the face normal is used,
 //! so that there are no black rims.
 
-use super::{Finish, MIN_ALPHA, Normals, Reflectance, fresnel_dielectric, mean, reflect, schlick};
+use super::{Finish, MIN_ALPHA, Normals, Reflectance, fresnel_dielectric, mean, reflect};
 use crate::scene::{Material, Surface};
+use crate::settings;
+use crate::superposition::reflectance::of_mirror;
 use glam::Vec3;
 
 /// Stack of the bodies of glass around a ray, the one entered last first: material index + 1, 0 if empty.
@@ -138,7 +140,7 @@ impl SpecularSamples {
     }
 }
 
-/// The continuations at a surface of this material, `eta` the index of refraction behind it over that in front of it; `None`
+/// The continuations at a surface of this material, `form` the reflectance of mirrors, `eta` the index of refraction behind it over that in front of it; `None`
 /// for opaque surfaces.
 pub fn specular_samples(
     material: &Material,
@@ -146,19 +148,21 @@ pub fn specular_samples(
     normals: &Normals,
     wo: Vec3,
     eta: f32,
+    form: settings::Reflectance,
 ) -> Option<SpecularSamples> {
     match material.surface {
         Surface::Opaque => None,
-        Surface::Mirror => Some(mirror(normals, wo, finish.ideal, finish.ideal_f90)),
+        Surface::Mirror => Some(mirror(normals, wo, (finish.ideal, finish.ideal_f90), form)),
         Surface::Glass if material.thin => Some(pane(normals, wo, eta, finish.ideal)),
         Surface::Glass => Some(glass(normals, wo, eta, finish.ideal)),
     }
 }
 
-/// A mirror of reflectance `f0` at normal and `f90` at grazing incidence.
-pub fn mirror(normals: &Normals, wo: Vec3, f0: Vec3, f90: f32) -> SpecularSamples {
+/// A mirror of reflectance `f0` at normal and by Schlick's formula `f90` at grazing incidence.
+pub fn mirror(normals: &Normals, wo: Vec3, (f0, f90): (Vec3, f32), form: settings::Reflectance) -> SpecularSamples {
     let n = upright(normals, wo, 1.0);
-    SpecularSamples { reflected: reflected(normals, wo, n, schlick(f0, f90, n.dot(wo))), transmitted: None }
+    let reflectance = of_mirror(form, (f0, f90), n.dot(wo));
+    SpecularSamples { reflected: reflected(normals, wo, n, reflectance), transmitted: None }
 }
 
 /// Glass of relative index `eta` (far over near).
@@ -214,6 +218,8 @@ fn refract(wo: Vec3, n: Vec3, eta: f32, cos_t: f32) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const SCHLICK: settings::Reflectance = settings::Reflectance::Schlick;
 
     fn flat(wo: Vec3) -> Normals {
         Normals::facing(Vec3::Z, Vec3::Z, wo)
@@ -296,11 +302,17 @@ mod tests {
     #[test]
     fn a_mirror_follows_schlick() {
         let f0 = Vec3::new(0.9, 0.5, 0.0);
-        let straight = mirror(&flat(Vec3::Z), Vec3::Z, f0, 1.0).reflected;
+        let straight = mirror(&flat(Vec3::Z), Vec3::Z, (f0, 1.0), SCHLICK).reflected;
         assert_eq!((straight.wi, straight.weight), (Vec3::Z, f0));
-        let samples = mirror(&flat(from(60.0)), from(60.0), f0, 1.0);
+        let samples = mirror(&flat(from(60.0)), from(60.0), (f0, 1.0), SCHLICK);
         let expected = f0 + (1.0 - f0) * 0.5f32.powi(5);
         assert!((samples.reflected.weight - expected).length() < 1e-6 && samples.transmitted.is_none());
+        // Or Fresnel's equations: glass at 60 degrees of incidence.
+        let glass = (Vec3::splat(0.04), 1.0);
+        for form in [settings::Reflectance::Map, settings::Reflectance::Fresnel] {
+            let weight = mirror(&flat(from(60.0)), from(60.0), glass, form).reflected.weight;
+            assert!((weight - 0.0892).abs().max_element() < 1e-4, "{weight}");
+        }
     }
 
     #[test]
@@ -311,9 +323,9 @@ mod tests {
             (pane(&flat(wo), wo, 1.5, Vec3::ONE), Vec3::ZERO),
             (glass(&flat(wo), wo, 1.0 / 1.5, Vec3::ONE), Vec3::ZERO),
             (glass(&flat(wo), wo, 1.0, Vec3::ONE), Vec3::ZERO),
-            (mirror(&flat(wo), wo, Vec3::splat(0.2), 1.0), Vec3::splat(0.6)),
-            (mirror(&flat(wo), wo, Vec3::ZERO, 0.0), Vec3::splat(0.6)),
-            (mirror(&flat(wo), wo, Vec3::splat(0.2), 1.0), Vec3::ZERO),
+            (mirror(&flat(wo), wo, (Vec3::splat(0.2), 1.0), SCHLICK), Vec3::splat(0.6)),
+            (mirror(&flat(wo), wo, (Vec3::ZERO, 0.0), SCHLICK), Vec3::splat(0.6)),
+            (mirror(&flat(wo), wo, (Vec3::splat(0.2), 1.0), SCHLICK), Vec3::ZERO),
         ];
         let splits = samples.map(|(samples, kd)| samples.split(kd));
         let probability = |i: usize| splits[i].probability;
@@ -345,7 +357,7 @@ mod tests {
                         );
                     }
                 }
-                assert!(mirror(&normals, wo, Vec3::ONE, 1.0).reflected.wi.z > 0.0);
+                assert!(mirror(&normals, wo, (Vec3::ONE, 1.0), SCHLICK).reflected.wi.z > 0.0);
             }
         }
     }

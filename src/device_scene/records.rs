@@ -8,6 +8,7 @@ use super::ReflectorFinish;
 use crate::accel::Bvh;
 use crate::bsdf::Reflectance;
 use crate::bsdf::ideal::frost;
+use crate::light::cosine;
 use crate::light::emitters::Emitters;
 use crate::pass::layout::{MaterialRecord, PointLight};
 use crate::plan::MAX_FOLLOWED_ALPHA;
@@ -42,6 +43,7 @@ pub(super) fn material_record(m: &crate::scene::Material) -> MaterialRecord {
                 | m.emission_texture.map_or(0, |t| t + 1) << MaterialRecord::EMISSION_SHIFT,
         ],
         normal: [m.normal_texture.map_or(0, |t| t + 1), m.normal_scale.to_bits(), opacity.to_bits(), cutoff.to_bits()],
+        lobes: [m.emission_exponent, cosine::flatness(m.emission_exponent), m.phong_exponent.map_or(0.0, |d| -d), 0.0],
     }
 }
 
@@ -59,8 +61,7 @@ pub(super) fn has_wide_lobe(m: &crate::scene::Material, alpha: f32) -> bool {
 
 /// Whether eye paths may follow its lobe: it is narrow enough, at least at some texel.
 pub(crate) fn is_shiny(m: &crate::scene::Material) -> bool {
-    let alpha = Reflectance::new(m.base_color, m.metallic, m.roughness, m.specular).alpha;
-    has_lobe(m) && (m.metallic_roughness_texture.is_some() || alpha <= MAX_FOLLOWED_ALPHA)
+    has_lobe(m) && (m.metallic_roughness_texture.is_some() || m.lobe_width() <= MAX_FOLLOWED_ALPHA)
 }
 
 /// Octahedral encoding of a unit vector, 2 x 16 bit (Meyer et al. 2010).
@@ -88,8 +89,12 @@ pub(super) fn finishes(scene: &Scene, reflectors: &[Reflector]) -> Vec<Reflector
         }
         let (base, mr) = (mean(m.base_texture), mean(m.metallic_roughness_texture));
         let reflectance = Reflectance::new(m.base_color * base, m.metallic * mr.z, m.roughness * mr.y, m.specular);
-        let ggx = Lobe::Ggx { alpha: reflectance.alpha };
-        ReflectorFinish { reflectance, lobe: m.lobe.clone().map_or(ggx, Lobe::Table) }
+        let lobe = match (&m.lobe, m.phong_exponent) {
+            (Some(table), _) => Lobe::Table(table.clone()),
+            (None, Some(exponent)) => Lobe::Cosine { exponent },
+            (None, None) => Lobe::Ggx { alpha: reflectance.alpha },
+        };
+        ReflectorFinish { reflectance, lobe }
     };
     reflectors.iter().map(finish).collect()
 }
@@ -169,6 +174,7 @@ pub(super) fn shading_attributes(
 pub fn delta_lights(scene: &Scene, coordinate_scale: f32) -> Vec<PointLight> {
     let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
     let flags = f32::from_bits;
+    let directed = |exponent: f32| if exponent == 1.0 { 0 } else { PointLight::DIRECTED };
     scene
         .lights
         .iter()
@@ -195,13 +201,13 @@ pub fn delta_lights(scene: &Scene, coordinate_scale: f32) -> Vec<PointLight> {
                 emit: with(irradiance, 1.0),
                 ..PointLight::default()
             }),
-            Light::Imported { position, normal, power } => Some(PointLight {
+            Light::Imported { position, normal, power, exponent } => Some(PointLight {
                 position: with(
                     crate::accel::offset_origin(position, normal, coordinate_scale),
-                    flags(PointLight::SURFACE | PointLight::CLIPPED),
+                    flags(PointLight::SURFACE | PointLight::CLIPPED | directed(exponent)),
                 ),
-                normal: with(normal, 0.0),
-                emit: with(power * std::f32::consts::FRAC_1_PI, 1.0),
+                normal: with(normal, exponent - 1.0),
+                emit: with(power * (std::f32::consts::FRAC_1_PI * cosine::sharpness(exponent)), 1.0),
                 ..PointLight::default()
             }),
             Light::Sphere { .. } => None,

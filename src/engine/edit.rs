@@ -199,6 +199,9 @@ impl Engine {
         if material.emission_texture.is_some() && moving.scene.lights.iter().any(of_sphere) {
             return Err(wrong(String::from("the material of a sphere light has no emission texture")));
         }
+        if material.emission_exponent != 1.0 && moving.scene.lights.iter().any(of_sphere) {
+            return Err(wrong(String::from("the material of a sphere light has emission_exponent 1")));
+        }
         if material.surface != Surface::Glass {
             material.limit_albedo();
         }
@@ -207,6 +210,7 @@ impl Engine {
         }
         let pattern = |m: &Material| (m.emission_texture, m.second_uvs[TextureUse::Emission as usize]);
         let emission = material.emission != old.emission
+            || material.emission_exponent != old.emission_exponent
             || material.two_sided != old.two_sided
             || pattern(&material) != pattern(&old);
         moving.scene.materials[index as usize] = material;

@@ -25,8 +25,9 @@ pub use patterns::{Parts, Pattern};
 use make::{of_light, of_patch, of_surface};
 
 use crate::accel::unit_normal;
-use crate::bsdf::{basis, mean, sample_diffuse};
+use crate::bsdf::{basis, mean};
 use crate::error::{Error, Result};
+use crate::light::cosine;
 use crate::sampling::ONE_MINUS_EPSILON;
 use crate::scene::{Environment, Light, Scene, Texture};
 use bytemuck::{Pod, Zeroable};
@@ -54,7 +55,7 @@ pub enum Kind {
     Spot = 4,
     /// Parallel light.
     Directional = 5,
-    /// Point with cosine emission about a normal.
+    /// Point with emission by a power of the cosine about a normal.
     Imported = 6,
     /// Part of the environment.
     Environment = 7,
@@ -78,7 +79,7 @@ pub struct Emitter {
     /// Triangle, quad, virtual: unit normal of the side that emits. Spot, directional, environment: unit direction of the
     /// light, of the middle of the part.
     pub normal: Vec3,
-    /// Triangle, quad, sphere: radiance, its mean if there is a texture; environment: its mean. Point, spot: radiant intensity. Directional: irradiance across its direction.
+    /// Triangle, quad, sphere: radiance along the normal, its mean if there is a texture; environment: its mean. Point, spot: radiant intensity. Directional: irradiance across its direction.
     /// Virtual: flux.
     pub radiance: Vec3,
     /// Area of one side; directional: of the disc; environment: solid angle; 0 for points.
@@ -91,6 +92,8 @@ pub struct Emitter {
     pub power: Vec3,
     /// Probability of being chosen, from the distribution as stored.
     pub probability: f32,
+    /// Triangle, quad, virtual: exponent of the cosine, see [`cosine`]. Else 1.
+    pub exponent: f32,
     /// Texture of a triangle or quad.
     pub pattern: Option<Pattern>,
 }
@@ -116,11 +119,12 @@ pub struct EmitterRecord {
     pub normal: [f32; 4],
     /// xyz: `radiance`; w: the upper end of its interval in the distribution, as in [`Emitters::cdf`].
     pub radiance: [f32; 4],
-    /// xyz: flux of a particle started here, `power / probability` (0 if never chosen), with a texture where that is white; w: 0.
+    /// xyz: flux of a particle started here, `power / probability` (0 if never chosen), with a texture where that is white; w: exponent of the cosine.
     pub flux: [f32; 4],
     /// Texture coordinates of the first corner, and their change along the first edge.
     pub uv: [f32; 4],
-    /// xy: their change along the second edge; z: bits of the texture + 1 over those of 1.0, or 0 without one.
+    /// xy: their change along the second edge; z: bits of the texture + 1 over those of 1.0, or 0 without one; w: exitance over that of
+    /// Lambert's law.
     pub pattern: [f32; 4],
 }
 
@@ -140,7 +144,7 @@ pub struct Start {
     pub normal: Vec3,
     /// Flux of the particle if it were the only one; divide by the number of particles.
     pub flux: Vec3,
-    /// Environment: radiance from this direction; with a texture: at this point. Else that of the emitter.
+    /// Environment: radiance from this direction. Surfaces: exitance over pi, at this point. Else that of the emitter.
     pub radiance: Vec3,
 }
 
@@ -263,7 +267,7 @@ impl Emitters {
                 self.of_triangle[t] = index;
                 self.list[index as usize] = Emitter {
                     pattern: patterns::of_face(scene, triangle, (k + 2) % 3),
-                    ..of_surface(Kind::Quad, c, a - c, b - c, material.emission, material.two_sided)
+                    ..of_surface(Kind::Quad, [c, a - c, b - c], material)
                 };
                 let v = scene.triangles[other as usize].vertices.map(|v| scene.positions[v as usize]);
                 for i in 0..3 {
@@ -275,7 +279,7 @@ impl Emitters {
             let [a, b, c] = corners;
             self.list.push(Emitter {
                 pattern: patterns::of_face(scene, triangle, 0),
-                ..of_surface(Kind::Triangle, a, b - a, c - a, material.emission, material.two_sided)
+                ..of_surface(Kind::Triangle, [a, b - a, c - a], material)
             });
             for k in 0..3 {
                 half_edges.insert([end(corners[k]), end(corners[(k + 1) % 3])], (t as u32, (k + 2) % 3));
@@ -350,9 +354,11 @@ impl Emitters {
         if e.pattern.is_some() {
             let radiance = e.radiance_at(textures, u0, u1);
             let flux = radiance * (e.white_power() / e.probability);
+            let radiance = radiance * cosine::flatness(e.exponent);
             return Start { emitter, position, normal, flux, radiance };
         }
-        Start { emitter, position, normal, flux: e.power / e.probability, radiance: e.radiance }
+        let radiance = e.radiance * cosine::flatness(e.exponent);
+        Start { emitter, position, normal, flux: e.power / e.probability, radiance }
     }
 
     /// Direction in which a particle leaves its start; distributed as the emitter's radiance times the cosine.
@@ -363,7 +369,7 @@ impl Emitters {
             t * w.x + b * w.y + start.normal * w.z
         };
         match e.kind {
-            Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Imported => around(sample_diffuse(u)),
+            Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Imported => around(cosine::sample(u, e.exponent)),
             Kind::Point => uniform_sphere(u),
             Kind::Spot => {
                 // Exact inversion of the falloff's integral over the cosine: first the full cone, then the ramp, whose
@@ -409,7 +415,7 @@ impl Emitters {
         self.list.get(emitter as usize).map_or(0.0, |e| e.probability / e.area)
     }
 
-    /// Mean radiance times area over all emitters: their power over pi.
+    /// Mean exitance over pi times area over all emitters: their power over pi.
     pub fn emission(&self) -> f32 {
         self.list.iter().map(|e| mean(e.power)).sum::<f32>() / PI
     }
@@ -429,9 +435,9 @@ impl Emitters {
                 e2: vec4(e.e2, f32::from_bits(flags)),
                 normal: vec4(e.normal, e.probability),
                 radiance: vec4(e.radiance, end),
-                flux: vec4(flux, 0.0),
+                flux: vec4(flux, e.exponent),
                 uv: [uv.x, uv.y, along_1.x, along_1.y],
-                pattern: [along_2.x, along_2.y, f32::from_bits(texture), 0.0],
+                pattern: [along_2.x, along_2.y, f32::from_bits(texture), cosine::flatness(e.exponent)],
             }
         };
         self.list.iter().zip(&self.cdf).map(one).collect()
@@ -467,14 +473,14 @@ impl Emitter {
         if self.kind == Kind::Triangle { [s * (1.0 - u1), s * u1] } else { [u0, u1] }
     }
 
-    /// Radiance at the point of [`Emitter::sample_point`]; `textures`: those of the scene.
+    /// Radiance along the normal at the point of [`Emitter::sample_point`]; `textures`: those of the scene.
     pub fn radiance_at(&self, textures: &[Texture], u0: f32, u1: f32) -> Vec3 {
         self.pattern.map_or(self.radiance, |pattern| pattern.radiance(textures, self.along_edges(u0, u1)))
     }
 
-    /// Power of a triangle or quad of radiance 1: pi times the area of its sides.
+    /// Power of a triangle or quad of radiance 1 along its normal: 2 pi / (d + 1) times the area of its sides.
     fn white_power(&self) -> f32 {
-        PI * self.area * if self.two_sided { 2.0 } else { 1.0 }
+        cosine::exitance(self.exponent) * self.area * if self.two_sided { 2.0 } else { 1.0 }
     }
 
     /// Direction towards a part of an environment from the unit square.
@@ -498,7 +504,10 @@ impl Emitter {
         match self.kind {
             Kind::Point => self.radiance,
             Kind::Spot => self.radiance * spot_falloff(self.normal.dot(direction), self.e1.x, self.e1.y),
-            Kind::Imported => self.radiance * (self.normal.dot(direction).max(0.0) * (1.0 / PI)),
+            Kind::Imported => {
+                let falloff = cosine::power(self.normal.dot(direction).max(0.0), self.exponent);
+                self.radiance * (falloff * cosine::sharpness(self.exponent) * (1.0 / PI))
+            }
             Kind::Triangle | Kind::Quad | Kind::Sphere | Kind::Directional | Kind::Environment => Vec3::ZERO,
         }
     }

@@ -30,6 +30,7 @@
 
 use crate::accel::{Bvh, unit_normal};
 use crate::bsdf::{basis, sample_diffuse};
+use crate::light::cosine;
 use crate::light::emitters::{Emitters, Kind, Start};
 use crate::pass::layout::PointLight;
 use crate::pass::shade::light_towards;
@@ -232,7 +233,10 @@ impl Targets {
         };
         let intensity = |direction: Vec3| match e.kind {
             Kind::Point | Kind::Spot => e.intensity(direction) / e.probability,
-            _ => start.flux * (FRAC_1_PI * start.normal.dot(direction).max(0.0)),
+            _ => {
+                let falloff = cosine::power(start.normal.dot(direction).max(0.0), e.exponent);
+                start.flux * (FRAC_1_PI * cosine::sharpness(e.exponent) * falloff)
+            }
         };
         if let Some(place) = self.place(target, origin, parallel, leave) {
             let (origin, direction, flux) = if parallel {

@@ -15,6 +15,7 @@ use glam::{IVec2, Vec3};
 use super::layout::{self, Window};
 use super::schedule::LIST_GROUPS;
 use super::{BoundKernel, Kit, Lighting, List, ShadingPoints};
+use crate::bsdf::phong::width_of;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::settings::Filter;
@@ -99,7 +100,8 @@ impl Gloss {
         let chord = other.position - self.position;
         let rise = chord.dot(self.geometric + other.geometric);
         let turn = (2.0 - 2.0 * self.geometric.dot(other.geometric)).max(0.0);
-        let (narrow, wide) = (self.alpha.min(other.alpha), self.alpha.max(other.alpha));
+        let [own, others] = [self.alpha, other.alpha].map(width_of);
+        let (narrow, wide) = (own.min(others), own.max(others));
         rise * rise <= chord.length_squared() * (turn + SLOPE * SLOPE)
             && wide <= 1.25 * narrow
             && (mirrored(self) - mirrored(other)).length() <= narrow

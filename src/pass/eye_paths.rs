@@ -55,6 +55,7 @@ use super::surface::SurfacePoint;
 use super::{BoundKernel, EyePathState, Kit, List, Rays, ShadingPoints, layout, push};
 use crate::accel::{Ray, offset_origin};
 use crate::bsdf::ideal::{BsdfSample, Media, specular_samples};
+use crate::bsdf::phong::width_of;
 use crate::bsdf::{Normals, mean, pdf_specular, schlick};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
@@ -62,6 +63,8 @@ use crate::sampling::dimensions::{COMPONENT, EYE_LOBE};
 use crate::sampling::random::{hash, key};
 use crate::sampling::sobol::unit;
 use crate::scene::{Scene, Surface};
+use crate::settings::Reflectance;
+use crate::superposition::reflectance::fresnel_fitted_rgb;
 
 /// Probability of following a lobe beside its surface, over its reflectance: faint lobes are followed by some classes of pixels
 /// only, in some passes. Higher: less noise in faint reflections, more rays.
@@ -187,7 +190,7 @@ pub fn shares_at(
     surface: &SurfacePoint,
 ) -> [f32; 2] {
     let cosine = surface.geometric.dot(d).abs();
-    let lights = [frame.choice[1] * mean(surface.emission), frame.choice[2]];
+    let lights = [frame.choice[1] * surface.exitance, frame.choice[2]];
     lights.map(|lights| path_share(path.lobe, lights, t * t, cosine))
 }
 
@@ -232,7 +235,8 @@ pub fn reference(
     }
     let normals = Normals { geometric: surface.geometric, shading: surface.shading, front: surface.front };
     let eta = path.media.relative_index(&scene.materials, surface.material, surface.front);
-    let split = specular_samples(material, &surface.finish, &normals, -d, eta)?.split(surface.reflectance.kd);
+    let split = specular_samples(material, &surface.finish, &normals, -d, eta, frame.reflectance())?
+        .split(surface.reflectance.kd);
     let own = own_number(frame, path.slot, step);
     let first = splits || own < split.probability;
     let (sample, probability) =
@@ -291,7 +295,7 @@ fn at_lobe(
     surface: &SurfacePoint,
 ) -> Option<(EyePath, Option<EyePath>)> {
     let (r, n) = (surface.reflectance, surface.shading);
-    if r.f90 <= 0.0 || r.alpha > frame.choice[3] || path.segments + 2 > frame.scene[2] {
+    if r.f90 <= 0.0 || width_of(r.alpha) > frame.choice[3] || path.segments + 2 > frame.scene[2] {
         return None;
     }
     let base = mean(r.kd);
@@ -312,10 +316,11 @@ fn at_lobe(
         }
     };
     if split_offset > 0 {
-        let chance = if r.alpha < NARROW { 1.0 } else { (LOBE_CHANCE * weight.max_element()).clamp(0.2, 1.0) };
+        let chance =
+            if width_of(r.alpha) < NARROW { 1.0 } else { (LOBE_CHANCE * weight.max_element()).clamp(0.2, 1.0) };
         let weight = if numbers[2] < chance { weight / chance } else { Vec3::ZERO };
         let along = along(path.slot + split_offset, path.throughput * weight);
-        let branch = EyePath { emitted: Vec3::ZERO, narrow: r.alpha < NARROW, ..along };
+        let branch = EyePath { emitted: Vec3::ZERO, narrow: width_of(r.alpha) < NARROW, ..along };
         return Some((EyePath { ray: None, sampled: true, ..*path }, Some(branch)));
     }
     if numbers[2] < share {
@@ -347,7 +352,10 @@ fn at_plane(
         return (EyePath { ray: None, ..*path }, Some(branch));
     }
     let r = &surface.reflectance;
-    let reflectance = r.f0 * (energy - grazing) + r.f90 * grazing;
+    let reflectance = match frame.reflectance() {
+        Reflectance::Schlick => r.f0 * (energy - grazing) + r.f90 * grazing,
+        Reflectance::Map | Reflectance::Fresnel => energy * fresnel_fitted_rgb(r.f0, -n.dot(d)),
+    };
     let probability = mean(r.kd) / (mean(r.kd) + mean(reflectance));
     let stays = own_number(frame, path.slot, step) < probability;
     let chance = if stays { probability } else { 1.0 - probability };

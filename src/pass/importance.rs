@@ -35,6 +35,7 @@ use super::{BoundKernel, Kit, ShadingPoints, groups};
 use crate::bsdf::mean;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
+use crate::light::cosine;
 use crate::light::emitters::{Emitter, Emitters, Kind, spot_falloff};
 use crate::sampling::halton::radical_inverse;
 
@@ -95,7 +96,7 @@ pub fn irradiance(frame: &layout::FrameParameters, e: &Emitter, x: Vec3, n: Vec3
     let r2 = d.length_squared();
     let wi = d / r2.sqrt().max(1e-20);
     let (cos, leaving) = (wi.dot(n), -wi.dot(e.normal));
-    let emitting = if e.two_sided { leaving.abs() } else { leaving.max(0.0) };
+    let emitting = cosine::power(if e.two_sided { leaving.abs() } else { leaving.max(0.0) }, e.exponent);
     let nearest = frame.right[3].max(1e-8 * frame.eye[3] * frame.eye[3]);
     let falloff = 1.0 / r2.max(nearest);
     let pi = std::f32::consts::PI;
@@ -118,7 +119,7 @@ pub fn irradiance(frame: &layout::FrameParameters, e: &Emitter, x: Vec3, n: Vec3
             let sin = (e.area / (2.0 * pi)).min(1.0).sqrt();
             e.area * (sin - e.normal.dot(n)).clamp(0.0, 1.0)
         }
-        Kind::Imported => emitting * cos.max(0.0) * falloff / pi,
+        Kind::Imported => cosine::sharpness(e.exponent) * emitting * cos.max(0.0) * falloff / pi,
     };
     mean(e.radiance) * geometry
 }

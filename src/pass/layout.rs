@@ -4,6 +4,8 @@
 use bytemuck::{Pod, Zeroable};
 
 pub use super::splat_start::SplatParameters;
+use crate::settings::Reflectance;
+
 pub use crate::light::emitters::EmitterRecord;
 
 /// Parameters of one pass of the renderer; `shaders/include/frame.wgsl` says what each component is.
@@ -74,6 +76,11 @@ impl FrameParameters {
     pub const SHARED_PHOTONS: u32 = 4;
     /// Bit of `keys[2]`: rays that leave the scene meet an environment.
     pub const ENVIRONMENT: u32 = 8;
+
+    /// Reflectance of mirrors.
+    pub fn reflectance(&self) -> Reflectance {
+        [Reflectance::Schlick, Reflectance::Map, Reflectance::Fresnel][self.superposition[1] as usize % 3]
+    }
 
     /// Instance of the pass.
     pub fn instance(&self) -> u32 {
@@ -324,11 +331,11 @@ pub struct MotionWindow {
 pub struct PointLight {
     /// Position with ray-origin offset; w: bits of the flags.
     pub position: [f32; 4],
-    /// Normal or axis; w: scale of the spot's falloff.
+    /// Normal or axis; w: scale of the spot's falloff; with [`PointLight::DIRECTED`] the exponent of the cosine less 1.
     pub normal: [f32; 4],
     /// Radiant intensity along the normal; w: offset of the spot's falloff.
     pub emit: [f32; 4],
-    /// Towards where the particle came from; w: GGX alpha, or on an emitter the lights on a unit of its area.
+    /// Towards where the particle came from; w: alpha of the lobe, or on an emitter the lights on a unit of its area.
     pub wi: [f32; 4],
     /// Incident flux; w: f90.
     pub flux: [f32; 4],
@@ -347,6 +354,14 @@ impl PointLight {
     pub const GLOSSY: u32 = 8;
     /// Parallel light of the environment.
     pub const ENVIRONMENT: u32 = 16;
+
+    /// Emits by a higher power of the cosine, see [`crate::light::cosine`].
+    pub const DIRECTED: u32 = 32;
+
+    /// Exponent of the cosine by which a light on a surface emits.
+    pub fn exponent(&self) -> f32 {
+        if self.flags() & PointLight::DIRECTED == 0 { 1.0 } else { self.normal[3] + 1.0 }
+    }
 
     /// Parallel light, which comes from no place.
     pub fn is_parallel(&self) -> bool {
@@ -367,13 +382,15 @@ pub struct MaterialRecord {
     pub base: [f32; 4],
     /// Dielectric reflectance at normal incidence; w: roughness.
     pub specular: [f32; 4],
-    /// Radiance, with a texture where that is white; w: index of refraction.
+    /// Radiance along the normal, with a texture where that is white; w: index of refraction.
     pub emission: [f32; 4],
     /// Base texture + 1, metallic-roughness texture + 1, kind of surface, [`MaterialRecord::TWO_SIDED`],
     /// [`MaterialRecord::SHINY`], [`MaterialRecord::ALPHA`], [`MaterialRecord::SECOND_UVS`], emission texture + 1.
     pub flags: [u32; 4],
     /// Normal texture + 1, bits of its scale, of the opacity and of the cutoff of alpha (negative: none).
     pub normal: [u32; 4],
+    /// Exponent of the emitted cosine, exitance over that of Lambert's law; minus the exponent of a [`crate::bsdf::phong`] lobe, 0: GGX; w: 0.
+    pub lobes: [f32; 4],
 }
 
 impl MaterialRecord {

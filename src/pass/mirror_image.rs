@@ -47,6 +47,7 @@ use glam::{Vec2, Vec3};
 use super::schedule::LIST_GROUPS;
 use super::{BoundKernel, EyePathState, Kit, Lighting, List, ShadingPoints, vec4s};
 use crate::bsdf::MIN_ALPHA;
+use crate::bsdf::phong::EXPONENTS;
 use crate::device_scene::ReflectorFinish;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Recorder, Resources, Staging, shaders};
@@ -63,10 +64,12 @@ const _: () = assert!(VIEW_ANGLES == 32 && MAP_TEXELS == 128 && CORE_RADIUS == 0
 /// Maximum number of lobes in the tables.
 const MAX_LOBES: usize = MAX_LAYERS as usize / (2 * VIEW_ANGLES);
 
-/// The GGX lobes that are used if there are more than [`MAX_LOBES`]: ln(alpha) in steps of a sixth, 36 lobes in all.
+/// The lobes that are used if there are more than [`MAX_LOBES`]: ln(alpha) in steps of a sixth, 36 lobes in all, and ln(exponent) in steps of 1,
+/// 10 lobes.
 fn coarsened(lobe: &Lobe) -> Lobe {
     match lobe {
         Lobe::Ggx { alpha } => Lobe::Ggx { alpha: ((alpha.ln() * 6.0).round() / 6.0).exp().max(MIN_ALPHA) },
+        Lobe::Cosine { exponent } => Lobe::Cosine { exponent: exponent.ln().round().exp().min(*EXPONENTS.end()) },
         other => other.clone(),
     }
 }

@@ -46,13 +46,14 @@ use super::shade::{ShadingPoint, light_towards};
 use super::trace::Trace;
 use super::{BoundKernel, Kit, Lighting, List, Rays, ShadingPoints, push};
 use crate::accel::{Bvh, Ray, offset_origin};
-use crate::bsdf::{mean, schlick};
+use crate::bsdf::mean;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::path_trace::PathVertex;
 use crate::plan::{MirrorPlan, StepTable};
 use crate::scene::Scene;
 use crate::settings::Settings;
+use crate::superposition::reflectance::of_mirror;
 
 /// The pass over one set of shading points.
 pub struct MirrorLights {
@@ -231,7 +232,7 @@ pub fn reference(
     }
     let point = PathVertex::of(scene, bvh, &hit, -wi);
     let finish = point.finish(scene);
-    let reflected = schlick(finish.ideal, finish.ideal_f90, point.normals.shading.dot(-wi));
+    let reflected = of_mirror(frame.reflectance(), (finish.ideal, finish.ideal_f90), point.normals.shading.dot(-wi));
     let origin = offset_origin(point.position, point.normals.geometric, frame.eye[3]);
     let direction = way(&mirrored(image, mirror), origin);
     if bvh.occluded(&Ray { origin, t_max: 1.0, direction }) {

@@ -111,7 +111,7 @@ pub fn reference(
     let normals = Normals { geometric: s.geometric, shading: s.shading, front: s.front };
     let eta = media.relative_index(&scene.materials, s.material, s.front);
     let first = step == 0;
-    let Some(samples) = specular_samples(material, &s.finish, &normals, -d, eta) else {
+    let Some(samples) = specular_samples(material, &s.finish, &normals, -d, eta, frame.reflectance()) else {
         return if first || !fits { Fate::Lost } else { Fate::Stored(flux) };
     };
     if last || first && !aimed {

@@ -46,6 +46,7 @@ use crate::accel::{Bvh, Ray};
 use crate::bsdf::{Reflectance, pdf_specular};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources};
+use crate::light::cosine;
 use crate::plan::{self, RayClusters, StepTable};
 use crate::ring::Paths;
 use crate::scene::Scene;
@@ -253,8 +254,9 @@ pub fn light_towards(light: &PointLight, wi: Vec3, r2: f32, clip2: f32) -> Vec3 
     let flags = light.flags();
     let normal = xyz(light.normal);
     let cos = -wi.dot(normal);
+    // Of lights that emit by a power of the cosine it is 1 where they emit.
     let spot = (cos * light.normal[3] + light.emit[3]).clamp(0.0, 1.0);
-    let cosine_law = if flags & PointLight::SURFACE != 0 { cos.max(0.0) } else { 1.0 };
+    let cosine_law = if flags & PointLight::SURFACE != 0 { cosine::power(cos.max(0.0), light.exponent()) } else { 1.0 };
     let mut intensity = xyz(light.emit) * (cosine_law * spot * spot);
     if flags & PointLight::GLOSSY != 0 && cos > 0.0 {
         let lobe = Reflectance { kd: Vec3::ZERO, f0: xyz(light.f0), f90: light.flux[3], alpha: light.wi[3] };

@@ -105,7 +105,7 @@ pub fn reference(
     let material = &scene.materials[s.material as usize];
     let normals = Normals { geometric: s.geometric, shading: s.shading, front: s.front };
     let eta = media.relative_index(&scene.materials, s.material, s.front);
-    let (wi, weight, media) = match specular_samples(material, &s.finish, &normals, -d, eta) {
+    let (wi, weight, media) = match specular_samples(material, &s.finish, &normals, -d, eta, frame.reflectance()) {
         None => by_base(1.0),
         Some(samples) => {
             let reflected = samples.reflected;

@@ -6,7 +6,8 @@
 use glam::Vec3;
 
 use crate::accel::{Bvh, Hit};
-use crate::bsdf::{Finish, Reflectance};
+use crate::bsdf::{Finish, Reflectance, mean};
+use crate::light::cosine;
 use crate::scene::{Cone, Scene};
 
 /// The surface at a hit, seen along the ray.
@@ -20,6 +21,8 @@ pub struct SurfacePoint {
     pub shading: Vec3,
     /// Radiance emitted back along the ray.
     pub emission: Vec3,
+    /// Exitance over pi on this side, mean of the channels.
+    pub exitance: f32,
     /// Reflectance; of mirrors the diffuse base, of glass zero.
     pub reflectance: Reflectance,
     /// The same with what is ideal.
@@ -51,8 +54,20 @@ pub fn surface_at(scene: &Scene, bvh: &Bvh, hit: &Hit, d: Vec3, width: f32) -> S
     shading = if mapped.dot(d) < 0.0 { mapped } else { shading };
     let finish = Finish::over(scene, triangle, weights, cone);
     let emits = front || material.two_sided;
-    let emission = if emits { scene.emission_over(triangle, weights, cone) } else { Vec3::ZERO };
+    let along_normal = if emits { scene.emission_over(triangle, weights, cone) } else { Vec3::ZERO };
+    let emission = along_normal * cosine::falloff(cone.cosine, material.emission_exponent);
+    let exitance = mean(along_normal) * cosine::flatness(material.emission_exponent);
     let reflectance = finish.reflectance;
     let material = triangle.material;
-    SurfacePoint { position: bvh.position(hit), geometric, shading, emission, reflectance, finish, front, material }
+    SurfacePoint {
+        position: bvh.position(hit),
+        geometric,
+        shading,
+        emission,
+        exitance,
+        reflectance,
+        finish,
+        front,
+        material,
+    }
 }

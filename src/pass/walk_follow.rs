@@ -89,7 +89,9 @@ pub fn reference(
     let material = &scene.materials[s.material as usize];
     let normals = Normals { geometric: s.geometric, shading: s.shading, front: s.front };
     let eta = media.relative_index(&scene.materials, s.material, s.front);
-    let Some(samples) = specular_samples(material, &s.finish, &normals, -d, eta) else { return Fate::Unchanged };
+    let Some(samples) = specular_samples(material, &s.finish, &normals, -d, eta, frame.reflectance()) else {
+        return Fate::Unchanged;
+    };
     let (reflected, split) = (samples.reflected, samples.split(s.reflectance.kd));
     let base = split.first.is_none();
     if j + specular + 3 > frame.scene[2] {

@@ -25,6 +25,7 @@ use crate::accel::{Ray, offset_origin};
 use crate::bsdf::mean;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
+use crate::light::cosine;
 use crate::light::emitters::{Emitters, Kind};
 use crate::sampling::dimensions::{FIRST_LIGHT, JITTER, SIDE};
 use crate::sampling::halton::radical_inverse;
@@ -138,13 +139,15 @@ pub fn reference(
             ..PointLight::default()
         }
     };
+    let exponent = if surface { emitters.list[place.emitter as usize].exponent } else { 1.0 };
+    let directed = if exponent == 1.0 { 0 } else { PointLight::DIRECTED };
     let on_emitter = || PointLight {
         position: with(
             offset_origin(place.position, place.normal, frame.eye[3]),
-            f32::from_bits(PointLight::SURFACE | PointLight::CLIPPED),
+            f32::from_bits(PointLight::SURFACE | PointLight::CLIPPED | directed),
         ),
-        normal: with(place.normal, 0.0),
-        emit: with(place.flux * (share * std::f32::consts::FRAC_1_PI), 1.0),
+        normal: with(place.normal, exponent - 1.0),
+        emit: with(place.flux * (share * std::f32::consts::FRAC_1_PI * cosine::sharpness(exponent)), 1.0),
         wi: with(place.normal, frame.choice[1] * mean(place.radiance)),
         ..PointLight::default()
     };

@@ -19,10 +19,12 @@ use crate::accel::{Bvh, Hit, Ray, offset_origin};
 use crate::bsdf::Reflectance;
 use crate::bsdf::ideal::{BsdfSample, Media, frost, specular_samples};
 use crate::error::{Error, Result};
+use crate::light::cosine;
 use crate::light::emitters::{Emitter, Emitters, Kind, NO_EMITTER};
 use crate::sampling::dimensions::PIXEL;
 use crate::sampling::random::{hash, key, random_f32};
 use crate::scene::{Camera, Scene};
+use crate::settings;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -42,6 +44,8 @@ pub struct Options {
     pub seed: u64,
     /// Paths that follow mirrors and glass.
     pub specular_paths: SpecularPaths,
+    /// Reflectance of mirrors.
+    pub reflectance: settings::Reflectance,
 }
 
 /// Paths that follow mirrors and glass; for other paths mirrors reflect only by their diffuse base, and glass is black.
@@ -180,17 +184,18 @@ pub struct Tracer<'a> {
     max_depth: u32,
     max_specular: u32,
     specular_paths: SpecularPaths,
+    reflectance: settings::Reflectance,
 }
 
 impl<'a> Tracer<'a> {
     /// Applies the options for path lengths and specular paths.
     pub fn new(scene: &'a Scene, bvh: &'a Bvh, emitters: &'a Emitters, options: &Options) -> Tracer<'a> {
-        let Options { max_depth, max_specular, specular_paths, .. } = *options;
+        let Options { max_depth, max_specular, specular_paths, reflectance, .. } = *options;
         let scale = bvh.typical_scale();
         // Imported lights include reflected light.
         let max_depth = if scene.emitters_are_lights { max_depth } else { max_depth.min(2) };
         let has_alpha = scene.has_alpha();
-        Tracer { scene, bvh, emitters, has_alpha, scale, max_depth, max_specular, specular_paths }
+        Tracer { scene, bvh, emitters, has_alpha, scale, max_depth, max_specular, specular_paths, reflectance }
     }
 
     /// One estimate of the radiance that arrives against a ray of unit direction.
@@ -264,7 +269,8 @@ impl<'a> Tracer<'a> {
     fn ideal(&self, point: &PathVertex, media: &Media, rng: &mut Rng) -> (Option<BsdfSample>, f32) {
         let finish = point.finish(self.scene);
         let eta = media.relative_index(&self.scene.materials, point.material_index, point.normals.front);
-        let Some(samples) = specular_samples(point.material, &finish, &point.normals, point.wo, eta) else {
+        let Some(samples) = specular_samples(point.material, &finish, &point.normals, point.wo, eta, self.reflectance)
+        else {
             return (None, 1.0);
         };
         let split = samples.split(finish.reflectance.kd);
@@ -363,7 +369,8 @@ impl<'a> Tracer<'a> {
         }
         let pdf = area_pdf(e, distance2, cos);
         let weight = power_heuristic(pdf, reflectance.pdf(n.shading, wi, point.wo));
-        let light = reflected(wi) * e.radiance_at(&self.scene.textures, u0, u1) * (weight / pdf);
+        let radiance = e.radiance_at(&self.scene.textures, u0, u1) * cosine::falloff(cos, e.exponent);
+        let light = reflected(wi) * radiance * (weight / pdf);
         self.unless(light, Ray::between(from, offset_origin(target, axis, self.scale)))
     }
 

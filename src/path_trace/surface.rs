@@ -2,6 +2,7 @@
 
 use crate::accel::{Bvh, Hit};
 use crate::bsdf::{Finish, Normals};
+use crate::light::cosine;
 use crate::scene::{Material, Scene};
 use glam::Vec3;
 
@@ -58,7 +59,12 @@ impl<'a> PathVertex<'a> {
     /// Emitted radiance towards `wo`.
     pub fn emission(&self, scene: &Scene) -> Vec3 {
         let seen = self.normals.front || self.material.two_sided;
-        if seen { scene.emission_at(&scene.triangles[self.triangle as usize], self.weights) } else { Vec3::ZERO }
+        if !seen {
+            return Vec3::ZERO;
+        }
+        let cos = self.normals.geometric.dot(self.wo);
+        let along_normal = scene.emission_at(&scene.triangles[self.triangle as usize], self.weights);
+        along_normal * cosine::falloff(cos, self.material.emission_exponent)
     }
 
     /// The material with its textures applied.

@@ -97,9 +97,9 @@ impl Plan {
         let superposition = match s.superposition.filter(|_| self.eye.mirrors) {
             Some(superposition) => {
                 let images = u32::from(self.eye.images.is_some());
-                [superposition.reflectors, superposition.reflectance as u32, images, least_alpha]
+                [superposition.reflectors, s.reflectance as u32, images, least_alpha]
             }
-            None => [0, 0, 0, least_alpha],
+            None => [0, s.reflectance as u32, 0, least_alpha],
         };
         let xyzw = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
         let (lowest, highest) = extent.bounds;

@@ -36,6 +36,14 @@
 //! lobe = "lobe.toml"            # measured lobe that blurs its mirror image: a table, see docs/superposition.md
 //! reflector = true              # whether its flat faces mirror the room; default: see docs/superposition.md
 //!
+//! [materials.plastic]
+//! specular = [0.05, 0.05, 0.05]
+//! phong_exponent = 40           # its lobe is cos^40 about the mirror direction in place of GGX, 1 to 10000
+//!
+//! [materials.spotlight]
+//! emission = [90, 80, 70]       # radiance along the normal, W/(m^2 sr)
+//! emission_exponent = 20        # intensity by cos^20 of the angle from the normal, 1 to 1000; also of lights of type quad
+//!
 //! [materials.window]
 //! surface = "glass"             # opaque, mirror or glass
 //! thin = true                   # a thin sheet without refraction
@@ -146,6 +154,7 @@ enum LightEntry {
         edge_u: Vec3,
         edge_v: Vec3,
         radiance: Vec3,
+        emission_exponent: Option<f32>,
     },
 }
 
@@ -199,10 +208,12 @@ struct MaterialEntry {
     base_color: Option<Vec3>,
     metallic: Option<f32>,
     roughness: Option<f32>,
+    phong_exponent: Option<f32>,
     specular: Option<Vec3>,
     opacity: Option<f32>,
     alpha_cutoff: Option<f32>,
     emission: Option<Vec3>,
+    emission_exponent: Option<f32>,
     two_sided: Option<bool>,
     ior: Option<f32>,
     thin: Option<bool>,
@@ -288,10 +299,12 @@ fn change_material(
         m.base_color = entry.base_color.unwrap_or(m.base_color);
         m.metallic = entry.metallic.unwrap_or(m.metallic);
         m.roughness = entry.roughness.unwrap_or(m.roughness);
+        m.phong_exponent = entry.phong_exponent.or(m.phong_exponent);
         m.specular = entry.specular.unwrap_or(m.specular);
         m.alpha = m.alpha.with(entry.opacity, entry.alpha_cutoff);
         m.emission = entry.emission.unwrap_or(m.emission);
         scene.emission_is_relative &= entry.emission.is_none();
+        m.emission_exponent = entry.emission_exponent.unwrap_or(m.emission_exponent);
         m.two_sided = entry.two_sided.unwrap_or(m.two_sided);
         m.ior = entry.ior.unwrap_or(m.ior);
         m.thin = entry.thin.unwrap_or(m.thin);
@@ -347,13 +360,13 @@ fn add_light(scene: &mut Scene, name: &str, entry: &LightEntry) -> Result<(), St
             scene.add_mesh(&points, &faces, material, object);
             light
         }
-        LightEntry::Quad { corner, edge_u, edge_v, radiance } => {
+        LightEntry::Quad { corner, edge_u, edge_v, radiance, emission_exponent } => {
             let corner = scene.from_world(corner);
             let area = edge_u.cross(edge_v).length();
             if !(corner.is_finite() && area.is_normal()) {
                 return Err(String::from("corner and edges must be finite and span an area"));
             }
-            let material = emitter(radiance);
+            let material = Material { emission_exponent: emission_exponent.unwrap_or(1.0), ..emitter(radiance) };
             material.check()?;
             let object = scene.add_object(name);
             let material = scene.add_material(material);

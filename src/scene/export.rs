@@ -1,7 +1,7 @@
 //! Writing a scene with its virtual lights as glTF, for other renderers and for reading back.
 
 use std::collections::BTreeMap;
-use std::f32::consts::{FRAC_PI_2, PI};
+use std::f32::consts::FRAC_PI_2;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -11,9 +11,10 @@ use serde_json::{Value, json};
 
 use super::{Alpha, Camera, Light, Material, Scene, Surface, Texture, TextureUse, Wrap};
 use crate::error::{Error, Result};
+use crate::light::cosine::exitance;
 use crate::output::FileSet;
 
-/// A virtual light on a surface: one-sided cosine emission of total flux `power`.
+/// A virtual light on a surface: emission to one side of total flux `power`, by a power of the cosine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VirtualLight {
     /// Position.
@@ -22,6 +23,8 @@ pub struct VirtualLight {
     pub normal: Vec3,
     /// Flux, W.
     pub power: Vec3,
+    /// Exponent of the cosine, at least 1.
+    pub exponent: f32,
 }
 
 /// `asset.extras.lightsum`.
@@ -48,6 +51,13 @@ pub(super) struct VirtualExtras {
     pub(super) is_virtual: bool,
     pub(super) power: Vec3,
     pub(super) normal: Vec3,
+    #[serde(default = "lambert")]
+    pub(super) exponent: f32,
+}
+
+/// The exponent of lights in files without one.
+fn lambert() -> f32 {
+    1.0
 }
 
 /// `material.extras.lightsum`: properties that glTF's materials do not have, or only rounded.
@@ -59,6 +69,8 @@ pub(super) struct MaterialExtras {
     roughness: f32,
     specular: Vec3,
     emission: Vec3,
+    #[serde(default = "lambert")]
+    emission_exponent: f32,
     two_sided: bool,
     ior: f32,
     #[serde(default)]
@@ -67,6 +79,8 @@ pub(super) struct MaterialExtras {
     frost: f32,
     #[serde(default)]
     reflector: Option<bool>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    phong_exponent: Option<f32>,
 }
 
 impl MaterialExtras {
@@ -78,11 +92,13 @@ impl MaterialExtras {
             roughness: m.roughness,
             specular: m.specular,
             emission: m.emission,
+            emission_exponent: m.emission_exponent,
             two_sided: m.two_sided,
             ior: m.ior,
             thin: m.thin,
             frost: m.frost,
             reflector: m.reflector,
+            phong_exponent: m.phong_exponent,
         }
     }
 
@@ -94,11 +110,13 @@ impl MaterialExtras {
         m.roughness = self.roughness;
         m.specular = self.specular;
         m.emission = self.emission;
+        m.emission_exponent = self.emission_exponent;
         m.two_sided = self.two_sided;
         m.ior = self.ior;
         m.thin = self.thin;
         m.frost = self.frost;
         m.reflector = self.reflector;
+        m.phong_exponent = self.phong_exponent;
     }
 }
 
@@ -110,7 +128,7 @@ pub(crate) const GENERATOR: &str = concat!("lightsum ", env!("CARGO_PKG_VERSION"
 ///
 /// `lights` represent the emissive surfaces, sphere lights and reflections; the scene's own point, spot, directional
 /// and virtual lights are written as well. KHR_lights_punctual has no light with a cosine lobe, so each virtual light is a
-/// spot over the hemisphere with the maximum intensity, power / pi (W/sr); `extras.lightsum` has the exact light, which
+/// spot over the hemisphere with the intensity along its normal, for a cosine lobe power / pi (W/sr); `extras.lightsum` has the exact light, which
 /// reading the file restores. Emissive surfaces stay visible, but do not light the scene a second time when the file is read.
 ///
 /// Errors: [`Error::File`] if the name does not end in `.gltf`; [`Error::Io`] if a file cannot be written.
@@ -304,8 +322,8 @@ impl Writer {
                         None,
                     );
                 }
-                Light::Imported { position, normal, power } => {
-                    self.virtual_light(&VirtualLight { position, normal, power });
+                Light::Imported { position, normal, power, exponent } => {
+                    self.virtual_light(&VirtualLight { position, normal, power, exponent });
                 }
                 // Its surface is a mesh, its light among the virtual lights.
                 Light::Sphere { .. } => {}
@@ -316,11 +334,11 @@ impl Writer {
         }
     }
 
-    fn virtual_light(&mut self, &VirtualLight { position, normal, power }: &VirtualLight) {
+    fn virtual_light(&mut self, &VirtualLight { position, normal, power, exponent }: &VirtualLight) {
         let cone = json!({ "innerConeAngle": 0.0, "outerConeAngle": number(FRAC_PI_2) });
-        let exact = extras(VirtualExtras { is_virtual: true, power, normal });
+        let exact = extras(VirtualExtras { is_virtual: true, power, normal, exponent });
         let kind = json!({ "type": "spot", "spot": cone });
-        self.light("virtual", kind, power / PI, Some(position), Some(normal), Some(exact));
+        self.light("virtual", kind, power / exitance(exponent), Some(position), Some(normal), Some(exact));
     }
 
     fn light(

@@ -433,7 +433,8 @@ impl Reader<'_> {
         let (place, position) = (world.w_axis.truncate(), Vec3::ZERO);
         if let Some(exact) = ours::<VirtualExtras>(node.extras()) {
             self.lights.push(place);
-            self.scene.lights.push(Light::Imported { position, normal: exact.normal, power: exact.power });
+            let VirtualExtras { normal, power, exponent, .. } = exact;
+            self.scene.lights.push(Light::Imported { position, normal, power, exponent });
             return;
         }
         let intensity = Vec3::from_array(light.color()) * light.intensity() * self.light_scale;

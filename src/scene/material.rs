@@ -6,6 +6,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::Texture;
+use crate::bsdf::phong;
 use crate::superposition::lobe::Table;
 
 /// Kind of light scattering at a surface.
@@ -92,7 +93,7 @@ impl Alpha {
 /// A material: reflectance f_r = kd/pi + ks D G F / (4 cos cos').
 ///
 /// kd = base_color (1 - metallic) (1 - mean F), F0 = mix(specular, base_color, metallic), GGX alpha = roughness^2.
-/// There is no specular lobe where F0 is 0.
+/// There is no specular lobe where F0 is 0. With a `phong_exponent` the lobe is that of [`crate::bsdf::phong`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// Name in the file.
@@ -107,6 +108,8 @@ pub struct Material {
     pub metallic: f32,
     /// Perceptual roughness in [0, 1].
     pub roughness: f32,
+    /// Exponent of a lobe by a power of the cosine in place of GGX, in [`phong::EXPONENTS`](crate::bsdf::phong::EXPONENTS); `roughness` has no effect then.
+    pub phong_exponent: Option<f32>,
     /// Index into `textures` (linear; green: roughness, blue: metallic, as in glTF).
     pub metallic_roughness_texture: Option<u32>,
     /// Index into `textures` (linear): tangent-space normals of the front, as in glTF.
@@ -117,8 +120,11 @@ pub struct Material {
     pub specular: Vec3,
     /// How much of the surface is there, unless it emits: emitters are opaque.
     pub alpha: Alpha,
-    /// Emitted radiance; multiplied by `emission_texture` if there is one.
+    /// Emitted radiance along the normal; multiplied by `emission_texture` if there is one.
     pub emission: Vec3,
+    /// Exponent d of the emitted intensity, which goes by cos^d of the angle from the normal, in [1, [`MAX_EXPONENT`](crate::light::cosine::MAX_EXPONENT)].
+    /// 1: the same radiance in every direction. `emission` is the radiance along the normal.
+    pub emission_exponent: f32,
     /// Index into `textures` (sRGB).
     pub emission_texture: Option<u32>,
     /// For each [`TextureUse`](super::TextureUse) whether the texture lies by [`second_uvs`](super::Scene::second_uvs) instead of
@@ -149,12 +155,14 @@ impl Default for Material {
             base_texture: None,
             metallic: 0.0,
             roughness: 1.0,
+            phong_exponent: None,
             metallic_roughness_texture: None,
             normal_texture: None,
             normal_scale: 1.0,
             specular: Vec3::ZERO,
             alpha: Alpha::Opaque,
             emission: Vec3::ZERO,
+            emission_exponent: 1.0,
             emission_texture: None,
             second_uvs: [false; 4],
             two_sided: false,
@@ -171,6 +179,11 @@ impl Material {
     /// Whether rays may pass.
     pub fn has_alpha(&self) -> bool {
         self.alpha != Alpha::Opaque && self.emission == Vec3::ZERO
+    }
+
+    /// Alpha of its lobe without textures, or for another lobe that of a GGX lobe about as wide.
+    pub(crate) fn lobe_width(&self) -> f32 {
+        self.phong_exponent.map_or(self.roughness * self.roughness, |d| phong::width_of(-d))
     }
 
     /// Its textures.

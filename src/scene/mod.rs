@@ -436,8 +436,8 @@ pub enum Light {
         /// Index into `objects` of its triangles.
         object: u32,
     },
-    /// A virtual light with cosine emission from one side, as written by `--export-lights`: radiance
-    /// `power / pi` per unit area and cosine, that is intensity `power / pi * cos(theta)`.
+    /// A virtual light that emits to one side, as written by `--export-lights`: intensity
+    /// `power * (d + 1) / (2 pi) * cos(theta)^d`, d the exponent.
     Imported {
         /// Position.
         position: Vec3,
@@ -445,6 +445,8 @@ pub enum Light {
         normal: Vec3,
         /// Emitted flux, W.
         power: Vec3,
+        /// Exponent of the cosine in [1, [`MAX_EXPONENT`](crate::light::cosine::MAX_EXPONENT)]; 1: Lambert.
+        exponent: f32,
     },
 }
 

@@ -61,7 +61,7 @@ impl Material {
     pub fn may_reflect(&self) -> bool {
         let f0 = self.specular.lerp(self.base_color, self.metallic).element_sum() / 3.0;
         let shows = match self.surface {
-            Surface::Opaque => f0 >= MIN_F0 && self.roughness * self.roughness <= MAX_ALPHA,
+            Surface::Opaque => f0 >= MIN_F0 && self.lobe_width() <= MAX_ALPHA,
             Surface::Mirror => true,
             Surface::Glass => {
                 let wanted = self.reflector != Some(false) && !self.has_alpha();

@@ -6,7 +6,9 @@ use std::path::Path;
 use glam::Vec3;
 
 use super::{Camera, Light, Material, NamedCamera, Scene, TextureUse};
+use crate::bsdf::phong::EXPONENTS;
 use crate::error::{Error, Result};
+use crate::light::cosine::MAX_EXPONENT;
 
 /// A triangle is degenerate if its height is below this fraction of its longest edge: its normal is then noise.
 const THINNEST: f64 = 1e-9;
@@ -122,14 +124,24 @@ impl Scene {
             {
                 return Err(Error::file(path, format!("sphere light: object {object} does not exist")));
             }
-            if let Light::Sphere { object, .. } = light
-                && self
-                    .triangles
-                    .iter()
-                    .any(|t| t.object == *object && self.materials[t.material as usize].emission_texture.is_some())
-            {
-                let message = "the material of a sphere light has an emission texture; remove that, or the light";
-                return Err(Error::file(path, message));
+            if let Light::Sphere { object, .. } = light {
+                let mut triangles = self.triangles.iter().filter(|t| t.object == *object);
+                let wrong = triangles.find_map(|t| {
+                    let m = &self.materials[t.material as usize];
+                    let wrong = if m.emission_texture.is_some() {
+                        Some("emission texture")
+                    } else {
+                        (m.emission_exponent != 1.0).then_some("emission_exponent")
+                    };
+                    wrong.map(|what| (what, &m.name))
+                });
+                if let Some((what, name)) = wrong {
+                    let object = &self.objects[*object as usize];
+                    let message = format!(
+                        "object {object:?}: material {name:?} of a sphere light has an {what}; remove that, or the light"
+                    );
+                    return Err(Error::file(path, message));
+                }
             }
         }
         Ok(())
@@ -225,8 +237,12 @@ impl Material {
         color("specular", self.specular)?;
         range("metallic", self.metallic, 0.0, 1.0)?;
         range("roughness", self.roughness, 0.0, 1.0)?;
+        if let Some(exponent) = self.phong_exponent {
+            range("phong_exponent", exponent, *EXPONENTS.start(), *EXPONENTS.end())?;
+        }
         range("frost", self.frost, 0.0, 1.0)?;
         power("emission", self.emission, true)?;
+        range("emission_exponent", self.emission_exponent, 1.0, MAX_EXPONENT)?;
         self.alpha.check()?;
         // The range of Ni in MTL.
         range("ior", self.ior, 0.001, 10.0)
@@ -263,9 +279,10 @@ impl Light {
                 }
                 Err(format!("radius {radius} must be above 0"))
             }
-            Light::Imported { position, normal, power: flux } => {
+            Light::Imported { position, normal, power: flux, exponent } => {
                 place("position", position)?;
                 unit("normal", normal)?;
+                range("exponent", exponent, 1.0, MAX_EXPONENT)?;
                 power("power", flux, true)
             }
         }

@@ -17,15 +17,15 @@ pub enum Spread {
     Variant,
 }
 
-/// Directional reflectance of a glossy plane (Bastos 1999, section 6.7).
+/// Directional reflectance of mirrors and of the mirror images of glossy planes (Bastos 1999, section 6.7).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reflectance {
-    /// The lobe's energy times Schlick's approximation, as for point lights.
+    /// Schlick's approximation, of glossy planes times the lobe's energy, as for point lights.
     #[default]
     Schlick,
     /// A table over directions of the Fresnel term, fitted to the reflectance at normal incidence. Textures of base colour
-    /// and metallic enter with their mean.
+    /// and metallic enter with their mean. Mirrors, and glossy planes within mirror images, take the equations themselves.
     Map,
     /// The same Fresnel term evaluated at each pixel.
     Fresnel,
@@ -76,8 +76,6 @@ pub enum MirrorSource {
 pub struct Superposition {
     /// Convolution. Default `Variant`. `Mirror` and `Invariant` are for comparison, and cost less.
     pub spread: Spread,
-    /// Reflectance model. Default `Schlick`.
-    pub reflectance: Reflectance,
     /// Keep the blurred image of far surfaces from bleeding over sharp near ones. Default true. False is the algorithm of
     /// the thesis, which is a little faster.
     pub occlusion: bool,
@@ -94,7 +92,6 @@ impl Default for Superposition {
     fn default() -> Self {
         Superposition {
             spread: Spread::default(),
-            reflectance: Reflectance::default(),
             occlusion: true,
             kernel_width: 15,
             reflectors: MAX_REFLECTORS as u32,

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3Swizzles};
 use serde::Deserialize;
 
-use crate::bsdf::{MIN_ALPHA, Reflectance};
+use crate::bsdf::{MIN_ALPHA, Reflectance, phong};
 use crate::error::{Error, Result};
 use crate::input::Inputs;
 
@@ -34,6 +34,11 @@ pub enum Lobe {
         /// The exponent n, 1 to [`MAX_EXPONENT`].
         exponent: f32,
     },
+    /// The renderer's other lobe ([`phong`]) with F = 1.
+    Cosine {
+        /// The exponent d, in [`phong::EXPONENTS`].
+        exponent: f32,
+    },
     /// Tabulated values.
     Table(Arc<Table>),
 }
@@ -48,6 +53,9 @@ impl Lobe {
             Lobe::Ggx { alpha } => {
                 let white = Reflectance { kd: Vec3::ZERO, f0: Vec3::ONE, f90: 1.0, alpha: *alpha };
                 white.eval_specular(Vec3::Z, wi, wo).x
+            }
+            Lobe::Cosine { exponent } => {
+                phong::pdf(Vec3::Z, wi, wo, *exponent) * phong::over_pdf(wi.z, wo.z, *exponent)
             }
             Lobe::Phong { exponent } => {
                 // cos^n from the chord, |wi - r|^2 = 2 (1 - cos): near 1 the cosine itself has lost its digits.
@@ -70,6 +78,10 @@ impl Lobe {
             }
             Lobe::Phong { exponent } if !(1.0..=MAX_EXPONENT).contains(exponent) => {
                 Err(format!("the exponent of Phong is {exponent}; it must lie between 1 and {MAX_EXPONENT}"))
+            }
+            Lobe::Cosine { exponent } if !phong::EXPONENTS.contains(exponent) => {
+                let (low, high) = phong::EXPONENTS.into_inner();
+                Err(format!("the exponent of the cosine is {exponent}; it must lie between {low} and {high}"))
             }
             _ => Ok(()),
         }

@@ -15,7 +15,9 @@
 
 use glam::{Vec3, Vec4};
 
+use crate::bsdf::schlick;
 use crate::error::{Error, Result};
+use crate::settings;
 
 /// The index of refraction that reflects `f0` at normal incidence (equation 6.14). Infinite for 1.
 pub fn effective_index(f0: f64) -> f64 {
@@ -28,7 +30,7 @@ pub fn effective_index(f0: f64) -> f64 {
 ///
 /// This is Fresnel's equation for unpolarised light and a real index of refraction, 1 or more: exact for dielectrics. For
 /// metals it dips below `f0` before it rises to 1, at the Brewster angle of light polarised in the plane of incidence; a
-/// conductor, whose index is complex, dips less, and Schlick's approximation ([`schlick`](crate::bsdf::schlick)) not at all.
+/// conductor, whose index is complex, dips less, and Schlick's approximation ([`schlick`]) not at all.
 /// 0 reflects nothing at any angle, 1 everything.
 pub fn fresnel_fitted(f0: f32, cos: f32) -> f32 {
     if f0 <= 0.0 || f0 >= 1.0 {
@@ -45,6 +47,15 @@ pub fn fresnel_fitted(f0: f32, cos: f32) -> f32 {
 /// [`fresnel_fitted`] in three bands.
 pub fn fresnel_fitted_rgb(f0: Vec3, cos: f32) -> Vec3 {
     Vec3::from_array(f0.to_array().map(|f0| fresnel_fitted(f0, cos)))
+}
+
+/// Reflectance of an ideal mirror that reflects `f0` at normal and by Schlick's formula `f90` at grazing incidence, at an angle of
+/// incidence with cosine `cos`. The table takes the equations themselves.
+pub fn of_mirror(form: settings::Reflectance, (f0, f90): (Vec3, f32), cos: f32) -> Vec3 {
+    match form {
+        settings::Reflectance::Schlick => schlick(f0, f90, cos),
+        settings::Reflectance::Map | settings::Reflectance::Fresnel => fresnel_fitted_rgb(f0, cos),
+    }
 }
 
 /// Equation 6.9 in one band, in 1/sr: F / (pi (n.l) (n.v)) for unit directions away from the surface; 0 if either is not above it.
@@ -119,7 +130,7 @@ fn texel_cosine(texel: usize) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bsdf::{fresnel_dielectric, schlick};
+    use crate::bsdf::fresnel_dielectric;
     use crate::superposition::kernels::KernelLibrary;
     use crate::superposition::lobe::Lobe;
 

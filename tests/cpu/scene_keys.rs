@@ -38,6 +38,7 @@ fn every_key_of_a_material_is_obeyed() {
     for (keys, changed) in [
         ("base_color = [0.1, 0.2, 0.3]", Material { base_color: Vec3::new(0.1, 0.2, 0.3), ..plain.clone() }),
         ("metallic = 0.25", Material { metallic: 0.25, ..plain.clone() }),
+        ("phong_exponent = 12.5", Material { phong_exponent: Some(12.5), ..plain.clone() }),
         ("roughness = 0.375", Material { roughness: 0.375, ..plain.clone() }),
         ("specular = [0.04, 0.05, 0.06]", Material { specular: Vec3::new(0.04, 0.05, 0.06), ..plain.clone() }),
         ("opacity = 0.25", Material { alpha: Alpha::Blend { opacity: 0.25 }, ..plain.clone() }),
@@ -46,6 +47,7 @@ fn every_key_of_a_material_is_obeyed() {
             Material { alpha: Alpha::Mask { opacity: 0.25, cutoff: 0.5 }, ..plain.clone() },
         ),
         ("emission = [1, 2, 3]", Material { emission: Vec3::new(1.0, 2.0, 3.0), ..plain.clone() }),
+        ("emission_exponent = 12.5", Material { emission_exponent: 12.5, ..plain.clone() }),
         ("two_sided = true", Material { two_sided: true, ..plain.clone() }),
         ("ior = 1.25", Material { ior: 1.25, ..plain.clone() }),
         ("reflector = true", Material { reflector: Some(true), ..plain.clone() }),
@@ -61,6 +63,19 @@ fn every_key_of_a_material_is_obeyed() {
     ] {
         assert_ne!(changed, plain, "{keys}: the key has its default");
         assert_eq!(wall(keys), changed, "{keys}");
+    }
+}
+
+#[test]
+fn exponents_out_of_range_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for (key, range) in [("emission_exponent", "[1, 1000]"), ("phong_exponent", "[1, 10000]")] {
+        for value in ["0.5", "10001.0", "nan", "inf", "-1.0"] {
+            let keys = format!("[materials.lamp]\n{key} = {value}\n");
+            let error = load(folder.path(), &keys).unwrap_err().to_string();
+            assert!(error.contains("a.toml:2") && error.contains("materials.lamp"), "{error}");
+            assert!(error.contains(key) && error.contains(range), "{error}");
+        }
     }
 }
 

@@ -85,7 +85,7 @@ fn a_far_scene_comes_back_from_gltf_bit_for_bit() {
     let scene = moved_box(far(4));
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("far.gltf");
-    let light = VirtualLight { position: Vec3::new(1.5, -2.25, 0.1), normal: Vec3::Y, power: Vec3::ONE };
+    let light = VirtualLight { position: Vec3::new(1.5, -2.25, 0.1), normal: Vec3::Y, power: Vec3::ONE, exponent: 1.0 };
     export_lights(&path, &scene, &[light]).unwrap();
     let back = scene::load(&path).unwrap();
     assert_eq!((back.origin, back.camera), (scene.origin, scene.camera));

@@ -353,7 +353,14 @@ fn delta_lights_by_hand() {
     for (light, irradiance) in [
         (Light::Point { position, intensity: Vec3::splat(5.0) }, 5.0 * cos / d2),
         (Light::Spot { position, direction: axis, intensity: Vec3::splat(5.0), inner, outer }, 5.0 * s * s * cos / d2),
-        (Light::Imported { position, normal: -Vec3::Y, power: Vec3::splat(5.0) }, 5.0 / PI * cos * cos / d2),
+        (
+            Light::Imported { position, normal: -Vec3::Y, power: Vec3::splat(5.0), exponent: 1.0 },
+            5.0 / PI * cos * cos / d2,
+        ),
+        (
+            Light::Imported { position, normal: -Vec3::Y, power: Vec3::splat(5.0), exponent: 20.0 },
+            5.0 * 21.0 / (2.0 * PI) * cos.powi(20) * cos / d2,
+        ),
         (Light::Directional { direction: sun, irradiance: Vec3::splat(5.0) }, 5.0 * 0.8),
     ] {
         let mut b = Build::default();
@@ -444,6 +451,7 @@ const OPTIONS: Options = Options {
     max_specular: 8,
     seed: 3,
     specular_paths: SpecularPaths::All,
+    reflectance: lightsum::settings::Reflectance::Schlick,
 };
 
 #[test]

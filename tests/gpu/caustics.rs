@@ -133,7 +133,15 @@ fn a_paraboloid_brings_parallel_light_to_its_focus() {
 fn thrown(scene: &Scene, camera: &Camera, samples: u32, max_depth: u32) -> Vec<Vec3> {
     let image = |specular_paths: SpecularPaths| {
         let resolution = camera.resolution;
-        let options = Options { resolution, samples, max_depth, max_specular: 8, seed: 7, specular_paths };
+        let options = Options {
+            resolution,
+            samples,
+            max_depth,
+            max_specular: 8,
+            seed: 7,
+            specular_paths,
+            reflectance: Default::default(),
+        };
         path_traced(scene, camera, &options)
     };
     image(SpecularPaths::All).iter().zip(image(SpecularPaths::Eye)).map(|(all, eye)| *all - eye).collect()
@@ -264,6 +272,7 @@ fn all_light_of_a_room_with_mirror_and_glass_is_there() {
                 max_specular: 8,
                 seed: 7,
                 specular_paths,
+                reflectance: Default::default(),
             };
             mean(&path_traced(&soup.0, &view, &options)).x
         };

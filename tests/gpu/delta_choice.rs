@@ -27,7 +27,7 @@ fn lamps(count: u32) -> Scene {
         b.0.lights.push(match i % 5 {
             0 | 1 => Light::Point { position, intensity },
             2 => Light::Spot { position, direction, intensity, inner: 0.3, outer: 0.9 },
-            3 => Light::Imported { position, normal: direction, power: intensity },
+            3 => Light::Imported { position, normal: direction, power: intensity, exponent: 4.0 },
             _ => Light::Directional { direction, irradiance: intensity * 1e-3 },
         });
     }

@@ -72,7 +72,7 @@ fn a_furnace_of_grey_textures() {
 }
 
 /// A television, a stained window and a few lit letters in a room with matt, glossy, mirroring and clear things.
-fn parlour() -> (Scene, Camera) {
+pub fn parlour() -> (Scene, Camera) {
     let mut soup = Soup::new("parlour");
     soup.0.textures.push(texture(64, 36, |x, y| match (x, y) {
         (8..24, 6..20) => [250, 240, 220],
@@ -141,6 +141,7 @@ fn a_parlour_against_the_path_tracer() {
             max_specular: 8,
             seed: 7,
             specular_paths: SpecularPaths::All,
+            reflectance: Default::default(),
         };
         let reference = path_traced(&scene, &view, &options);
         for (name, settings, limit) in [

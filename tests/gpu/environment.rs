@@ -104,6 +104,7 @@ fn a_sky_with_and_without_a_sun_against_the_path_tracer() {
                 max_specular: 8,
                 seed: 7,
                 specular_paths: SpecularPaths::All,
+                reflectance: Default::default(),
             };
             let reference = path_traced(&scene, &view, &options);
             // Rays at the silhouette of a mirror ball take the light of the next pixel, which may show the sun.

@@ -125,6 +125,7 @@ fn listed_lights(b: &mut Builder, glow: u32) {
         position: Vec3::new(-1.9, 0.3, -0.5),
         normal: Vec3::X,
         power: Vec3::new(0.8, 0.3, 0.1),
+        exponent: 2.5,
     });
     // A closed glowing sphere behind the room: only particles that start in it see it.
     let center = Vec3::new(9.0, 0.0, 0.0);
@@ -213,8 +214,12 @@ fn gallery_and(more: impl FnOnce(&mut Builder)) -> Scene {
         second_uvs: second_uvs(TextureUse::Normal),
         ..plain()
     });
-    let paint =
-        b.material(Material { base_texture: Some(mirrored), specular: Vec3::splat(0.04), roughness: 0.5, ..plain() });
+    let paint = b.material(Material {
+        base_texture: Some(mirrored),
+        specular: Vec3::splat(0.04),
+        phong_exponent: Some(9.0),
+        ..plain()
+    });
     let metal = b.material(Material {
         base_color: rgb(0.9, 0.7, 0.4),
         metallic: 0.9,
@@ -247,14 +252,16 @@ fn gallery_and(more: impl FnOnce(&mut Builder)) -> Scene {
     let crystal = b.material(glass(1.7, false));
     let water = b.material(glass(1.33, false));
     let lamp = b.material(Material { emission: rgb(3.0, 2.5, 2.0), base_color: Vec3::ZERO, ..plain() });
-    let sheet = b.material(Material { emission: rgb(0.4, 0.6, 0.8), two_sided: true, ..plain() });
+    let sheet =
+        b.material(Material { emission: rgb(0.8, 1.2, 1.6), emission_exponent: 3.0, two_sided: true, ..plain() });
     // Lights behind stained glass, half of it black.
     let stained = b.texture(true, [Wrap::Repeat, Wrap::Mirror]);
     for (i, texel) in b.0.textures[stained as usize].texels.iter_mut().enumerate() {
         *texel = if i % 2 == 0 { [0, 0, 0, 255] } else { [60 + 19 * (i as u8 % 7), 200, 255 - 20 * i as u8, 255] };
     }
     let window = b.material(Material {
-        emission: rgb(1.5, 1.2, 2.0),
+        emission: rgb(3.0, 2.4, 4.0),
+        emission_exponent: 3.0,
         emission_texture: Some(stained),
         base_texture: Some(repeat),
         ..plain()

@@ -34,13 +34,14 @@ fn lamps(count: usize) -> Scene {
     });
     let glow = |two_sided: bool| Material { emission: Vec3::new(3.0, 2.0, 1.0), two_sided, ..Material::default() };
     let materials = [false, true].map(|two_sided| b.material(glow(two_sided)));
+    let narrow = b.material(Material { emission_exponent: 7.5, ..glow(true) });
     b.quad(Vec3::new(-4.0, 0.0, -4.0), Vec3::Z * 8.0, Vec3::X * 8.0, floor, 1.0);
     let listed = if count > 10 { 6 } else { 0 };
     for i in 0..count - listed {
         let at = numbers.vec3() * Vec3::new(8.0, 2.0, 8.0) - Vec3::new(4.0, -0.2, 4.0);
         let size = 0.1 + 0.2 * numbers.next();
         let (u, v) = ((numbers.vec3() - 0.5) * size, (numbers.vec3() - 0.5) * size);
-        let material = materials[i % 2];
+        let material = if i % 5 == 4 { narrow } else { materials[i % 2] };
         if i % 3 == 0 { b.quad(at, u, v, material, 1.0) } else { b.triangle([at, at + u, at + v], material) }
     }
     if listed > 0 {
@@ -53,7 +54,8 @@ fn lamps(count: usize) -> Scene {
         let direction = Vec3::new(0.1, -1.0, 0.2).normalize();
         b.0.lights.push(Light::Spot { position, direction, intensity, inner: 0.3, outer: 0.7 });
         b.0.lights.push(Light::Directional { direction, irradiance: Vec3::splat(0.02) });
-        b.0.lights.push(Light::Imported { position, normal: direction, power: Vec3::new(0.1, 0.2, 0.3) });
+        let power = Vec3::new(0.1, 0.2, 0.3);
+        b.0.lights.push(Light::Imported { position, normal: direction, power, exponent: 3.0 });
     }
     b.finish(Vec3::new(0.1, 1.5, -3.0), Vec3::new(0.0, 0.0, 0.5))
 }

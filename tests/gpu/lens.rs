@@ -228,6 +228,7 @@ fn images_agree_with_path_tracing() {
             max_specular: 0,
             seed: 7,
             specular_paths: SpecularPaths::None,
+            reflectance: Default::default(),
         };
         // Circles of up to 5 and of up to 16 pixels. Limits of the error elsewhere and at rims.
         for (aperture, limits) in [(0.5, [0.115, 0.27]), (1.5, [0.095, 0.28])] {

@@ -9,7 +9,7 @@ use lightsum::pass::{ShadingPoints, near_points};
 use lightsum::path_trace::{Options, SpecularPaths};
 use lightsum::ring::Paths;
 use lightsum::scene::{Camera, Light, Material, Scene, Surface};
-use lightsum::settings::Settings;
+use lightsum::settings::{Reflectance, Settings};
 use lightsum::stage::Stage;
 
 use crate::passes_light::receivers;
@@ -98,7 +98,8 @@ fn mirror_lights_follow_their_oracle() {
         let scene = gallery();
         for (resolution, pattern) in AWKWARD_IMAGES.into_iter().zip([[1, 1], [2, 1], [1, 1], [1, 2], [3, 2]]) {
             // Lobes without paths of their own.
-            let base = Settings { mirror_lights: 9, pattern, glossy_paths: false, ..settings(27, 5) };
+            let reflectance = Reflectance::Fresnel;
+            let base = Settings { mirror_lights: 9, pattern, glossy_paths: false, reflectance, ..settings(27, 5) };
             let rig = Rig::new(ctx, &scene, resolution, base);
             let sums = &rig.frame().shade.lighting;
             rig.run(|frame, rec| {
@@ -227,6 +228,7 @@ fn light_by_way_of_mirrors_has_the_energy_of_the_path_tracer() {
             max_specular: 8,
             seed: 1,
             specular_paths: SpecularPaths::All,
+            reflectance: Default::default(),
         };
         let truth = path_traced(&soup.0, &view, &options);
         let image = |mirror_lights| {

@@ -1,13 +1,16 @@
 //! Mirrors and glass in view: against the path tracer, against closed forms, and layer by layer.
 
 use glam::Vec3;
+use lightsum::accel::Bvh;
 use lightsum::gpu::Context;
+use lightsum::light::emitters::Emitters;
+use lightsum::path_trace::{self, Options, SpecularPaths};
 use lightsum::scene::{Camera, Light, Material, Surface};
-use lightsum::settings::{Settings, Traversal};
+use lightsum::settings::{Reflectance, Settings, Traversal};
 
 use crate::renderer::{agrees, bits, path_traced};
 use crate::rig::gallery;
-use crate::scenes::{Soup, camera, compare, mean, render, settings};
+use crate::scenes::{Soup, camera, compare, mean, probe, render, settings};
 use crate::support::gpu_test;
 
 /// A mirror over a base of colour `base`.
@@ -332,6 +335,46 @@ fn glass_and_mirrors_in_a_furnace_are_invisible() {
                 println!("{what}, {preset}: {all:.4}, the ball {inside:.4}");
                 assert!((all - 1.0).abs() < 0.005 && (inside - 1.0).abs() < 0.005, "{what}, {preset}: {all}, {inside}");
             }
+        }
+    });
+}
+
+#[test]
+fn a_mirror_reflects_by_the_equations_that_are_asked_for() {
+    gpu_test(|ctx| {
+        let mut soup = Soup::new("mirror");
+        let floor = soup.material(mirror(Vec3::ZERO, Vec3::splat(0.04)));
+        soup.quad(Vec3::new(-9.0, 0.0, -9.0), Vec3::Z * 18.0, Vec3::X * 18.0, floor);
+        let sky = soup.diffuse(0.0, 2.0);
+        soup.quad(Vec3::new(-9.0, 2.0, -9.0), Vec3::X * 18.0, Vec3::Z * 18.0, sky);
+        // At 60 degrees of incidence.
+        let view = probe(Vec3::new(3f32.sqrt(), 1.0, 0.0), Vec3::ZERO);
+        let schlick = 0.04 + 0.96 / 32.0;
+        for (reflectance, expected) in
+            [(Reflectance::Schlick, schlick), (Reflectance::Map, 0.0892), (Reflectance::Fresnel, 0.0892)]
+        {
+            let settings = Settings { reflectance, ..settings(1, 2) };
+            let found = mean(&render(ctx, &soup.0, view, &settings, 1).color).x;
+            assert!((found - 2.0 * expected).abs() < 2e-4, "{reflectance:?}: {found}");
+            let options = Options {
+                resolution: [1, 1],
+                samples: 4,
+                max_depth: 2,
+                max_specular: 4,
+                seed: 1,
+                specular_paths: SpecularPaths::All,
+                reflectance,
+            };
+            let traced = path_trace::render(
+                &soup.0,
+                &Bvh::build(&soup.0).unwrap(),
+                &Emitters::of(&soup.0, true).unwrap(),
+                &view,
+                &options,
+                |_| true,
+            );
+            let traced = f64::from(traced.unwrap()[0].x);
+            assert!((traced - 2.0 * expected).abs() < 2e-4, "{reflectance:?}: {traced} by the path tracer");
         }
     });
 }

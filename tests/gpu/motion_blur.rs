@@ -381,6 +381,7 @@ fn images_agree_with_path_tracing() {
             max_depth: 2,
             max_specular: 0,
             seed: 7,
+            reflectance: Default::default(),
             specular_paths: SpecularPaths::None,
         };
         let moment = |part: f64| {

@@ -70,7 +70,7 @@ fn settings_with(engine: &mut Engine, change: impl Fn(&mut Settings)) {
 type Edit = fn(&mut Engine);
 
 /// Every kind of edit.
-const EDITS: [(&str, Edit); 30] = [
+const EDITS: [(&str, Edit); 31] = [
     ("an object moves", |e| {
         let turn = Quat::from_rotation_y(0.3);
         let to = Affine3A::from_rotation_translation(turn, Vec3::new(-60.0, 20.0, 30.0));
@@ -170,6 +170,7 @@ const EDITS: [(&str, Edit); 30] = [
         });
     }),
     ("they are glossy no more", |e| change(e, "white", |m| m.roughness = 0.9)),
+    ("an emitter emits towards its normal", |e| change(e, "light", |m| m.emission_exponent = 4.0)),
 ];
 
 #[test]

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use glam::{Vec3, Vec4};
 use lightsum::bsdf::Reflectance;
 use lightsum::bsdf::ideal::Media;
+use lightsum::bsdf::phong::width_of;
 use lightsum::gpu::{Resources, download, upload};
 use lightsum::pass::eye_paths::{self, EyePath};
 use lightsum::pass::glossy_light;
@@ -13,7 +14,7 @@ use lightsum::pass::surface::surface_at;
 use lightsum::pass::{List, ShadingPoints, layout, sort, tiles};
 use lightsum::plan::MAX_FOLLOWED_ALPHA;
 use lightsum::scene::{Scene, Surface, builtin};
-use lightsum::settings::{Settings, Superposition};
+use lightsum::settings::{Reflectance as Form, Settings, Superposition};
 
 use crate::passes_film::{Sheet, fill};
 use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, STRAYS, Tally, close, gallery, has, hit_of, make, ray_of, untouched};
@@ -211,7 +212,8 @@ fn check_tiles(rig: &Rig) {
             let material = rig.bvh().material(hit.triangle) as usize;
             let m = &rig.scene.materials[material];
             let whole = Reflectance::new(m.base_color, m.metallic, m.roughness, m.specular);
-            let narrow = m.metallic_roughness_texture.is_some() || whole.alpha <= MAX_FOLLOWED_ALPHA;
+            let alpha = width_of(m.phong_exponent.map_or(whole.alpha, |d| -d));
+            let narrow = m.metallic_roughness_texture.is_some() || alpha <= MAX_FOLLOWED_ALPHA;
             let followed = rig.parameters.choice[3] > 0.0 && narrow && (whole.f90 > 0.0 || m.metallic > 0.0);
             m.surface != Surface::Opaque || rig.plane(&hit) > 0 || followed
         })
@@ -256,6 +258,7 @@ fn eye_paths_follow_their_oracle() {
                     max_specular: 5,
                     split,
                     superposition,
+                    reflectance: [Form::Schlick, Form::Fresnel, Form::Map][i % 3],
                     seed: i as u64,
                     ..Settings::plain()
                 };

@@ -14,7 +14,7 @@ use lightsum::pass::{
     ShadingPoints, photon_find, photon_grid, photon_lights, photon_radius, photon_start, photon_width,
 };
 use lightsum::scene::Scene;
-use lightsum::settings::{Sequence, Settings};
+use lightsum::settings::{Reflectance as Form, Sequence, Settings};
 use lightsum::stage::{Photons, Stage};
 
 use crate::rig::{
@@ -364,6 +364,7 @@ fn photons_follow_their_oracles() {
         let sine = sine_error(ctx, &scene);
         let (mut seen, mut narrowed, mut lit) = ([0; 4], 0, [0; 2]);
         let base = Settings {
+            reflectance: Form::Fresnel,
             particles: 4,
             max_specular: 5,
             mirror_lights: 0,

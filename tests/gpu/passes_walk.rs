@@ -11,7 +11,7 @@ use lightsum::pass::walk_follow::{self, Fate};
 use lightsum::pass::{walk_reflect, walk_start};
 use lightsum::ring::{Form, Ring};
 use lightsum::scene::Scene;
-use lightsum::settings::{Sequence, Settings};
+use lightsum::settings::{Reflectance, Sequence, Settings};
 use lightsum::stage::Stage;
 
 use crate::rig::{
@@ -28,7 +28,8 @@ fn settings(particles: u32, jitter: bool) -> Settings {
 }
 
 fn interleaved(particles: u32, pattern: [u32; 2], jitter: bool) -> Settings {
-    Settings { particles, pattern, jitter, seed: 7, ..Settings::plain() }
+    let reflectance = if jitter { Reflectance::Fresnel } else { Reflectance::Schlick };
+    Settings { particles, pattern, jitter, reflectance, seed: 7, ..Settings::plain() }
 }
 
 /// Whether two lights have the same emission, from positions within `place`. For lights without power, the rest is

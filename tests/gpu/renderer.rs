@@ -29,8 +29,15 @@ pub fn cornell() -> (Scene, Camera) {
 /// The path tracer's image of a scene, with mirrors and glass followed as by the renderer.
 pub fn path_traced(scene: &Scene, camera: &Camera, samples: u32, max_depth: u32) -> Vec<Vec3> {
     let specular_paths = SpecularPaths::VirtualLights;
-    let options =
-        Options { resolution: camera.resolution, samples, max_depth, max_specular: 8, seed: 7, specular_paths };
+    let options = Options {
+        resolution: camera.resolution,
+        samples,
+        max_depth,
+        max_specular: 8,
+        seed: 7,
+        specular_paths,
+        reflectance: Default::default(),
+    };
     references::path_traced(scene, camera, &options)
 }
 

@@ -131,6 +131,7 @@ fn boxes_and_balls_are_as_bright_as_the_path_tracers() {
                 max_depth: 5,
                 max_specular: 8,
                 seed: 0,
+                reflectance: Default::default(),
                 specular_paths: SpecularPaths::All,
             };
             let reference = path_traced(&scene, &view, &options);

@@ -27,6 +27,7 @@ pub fn run(job: &Job, scene: &Scene, moment: &Moment, args: &Render) -> Result<(
         max_specular: job.settings.max_specular,
         seed: job.settings.seed,
         specular_paths: args.reference.specular_paths.map_or(SpecularPaths::All, Into::into),
+        reflectance: job.settings.reflectance,
     };
     let (progress, samples) = (RefCell::new(Progress::new()), Cell::new(0));
     let told = |fraction: f32| {

@@ -7,8 +7,9 @@ use glam::Vec3;
 use super::{Emitter, Kind};
 use crate::accel::unit_normal;
 use crate::bsdf::basis;
+use crate::light::cosine::exitance;
 use crate::scene::environment::Patch;
-use crate::scene::{Environment, Light, Scene};
+use crate::scene::{Environment, Light, Material, Scene};
 
 /// An emitter with everything at 0 but its kind and place.
 fn blank(kind: Kind, p0: Vec3) -> Emitter {
@@ -24,17 +25,19 @@ fn blank(kind: Kind, p0: Vec3) -> Emitter {
         inward: false,
         power: Vec3::ZERO,
         probability: 0.0,
+        exponent: 1.0,
         pattern: None,
     }
 }
 
-/// A triangle or quad: Phi = pi L A, twice that if both sides emit.
-pub(super) fn of_surface(kind: Kind, p0: Vec3, e1: Vec3, e2: Vec3, radiance: Vec3, two_sided: bool) -> Emitter {
+/// A triangle or quad: Phi = 2 pi / (d + 1) L A, twice that if both sides emit.
+pub(super) fn of_surface(kind: Kind, [p0, e1, e2]: [Vec3; 3], material: &Material) -> Emitter {
+    let Material { emission: radiance, two_sided, emission_exponent: exponent, .. } = *material;
     let parallelogram = e1.cross(e2).length();
     let area = if kind == Kind::Quad { parallelogram } else { 0.5 * parallelogram };
     let sides = if two_sided { 2.0 } else { 1.0 };
-    let power = radiance * (PI * area * sides);
-    Emitter { e1, e2, normal: unit_normal(e1, e2), radiance, area, two_sided, power, ..blank(kind, p0) }
+    let power = radiance * (exitance(exponent) * area * sides);
+    Emitter { e1, e2, normal: unit_normal(e1, e2), radiance, area, two_sided, power, exponent, ..blank(kind, p0) }
 }
 
 pub(super) fn of_light(scene: &Scene, light: &Light) -> Emitter {
@@ -79,8 +82,8 @@ pub(super) fn of_light(scene: &Scene, light: &Light) -> Emitter {
                 ..blank(Kind::Sphere, center)
             }
         }
-        Light::Imported { position, normal, power } => {
-            Emitter { normal, radiance: power, power, ..blank(Kind::Imported, position) }
+        Light::Imported { position, normal, power, exponent } => {
+            Emitter { normal, radiance: power, power, exponent, ..blank(Kind::Imported, position) }
         }
     }
 }

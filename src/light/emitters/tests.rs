@@ -220,7 +220,7 @@ fn spheres_own_their_triangles() {
 fn directions_of_points_and_virtual_lights() {
     let lights = vec![
         Light::Point { position: Vec3::ZERO, intensity: Vec3::ONE },
-        Light::Imported { position: Vec3::X, normal: -Vec3::Y, power: Vec3::ONE },
+        Light::Imported { position: Vec3::X, normal: -Vec3::Y, power: Vec3::ONE, exponent: 1.0 },
     ];
     let e = Emitters::of(&scene(square(), &[([0, 1, 2], 1)], lights), true).unwrap();
     assert_eq!(e.delta, [0, 1]);

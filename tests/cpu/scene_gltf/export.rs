@@ -29,6 +29,8 @@ fn rich_scene() -> Scene {
     scene.materials[3].ior = 1.7;
     (scene.materials[3].thin, scene.materials[3].frost) = (true, 0.3);
     scene.materials[4].two_sided = true;
+    scene.materials[4].emission_exponent = 12.5;
+    scene.materials[1].phong_exponent = Some(33.0);
     scene.triangles[0].smooth = true;
     for (i, uv) in scene.uvs.iter_mut().enumerate() {
         *uv = Vec2::new(i as f32 * 0.1, 1.0 / (1.0 + i as f32));
@@ -48,6 +50,7 @@ fn exported_lights_come_back() {
             position: Vec3::new(0.1 + x / 7.0, x / 3.0, 0.3),
             normal: Vec3::new(x.sin(), x.cos(), 0.3 * x - 1.0).normalize(),
             power: Vec3::new(0.1 * x, 1.0 / 3.0, 1e-7 * x),
+            exponent: 1.0 + 7.3 * (i / 5) as f32,
         }
     };
     let lights: Vec<VirtualLight> = (0..20).map(virtual_light).collect();
@@ -60,8 +63,15 @@ fn exported_lights_come_back() {
     let virtual_lights = |scene: &Scene| -> Vec<Light> {
         scene.lights.iter().filter(|l| matches!(l, Light::Imported { .. })).copied().collect()
     };
-    let expected: Vec<Light> =
-        lights.iter().map(|l| Light::Imported { position: l.position, normal: l.normal, power: l.power }).collect();
+    let expected: Vec<Light> = lights
+        .iter()
+        .map(|&VirtualLight { position, normal, power, exponent }| Light::Imported {
+            position,
+            normal,
+            power,
+            exponent,
+        })
+        .collect();
     assert_eq!(virtual_lights(&back), expected);
     assert_eq!(back.lights[0], scene.lights[0]);
     let Light::Directional { direction, .. } = back.lights[1] else { panic!("{:?}", back.lights[1]) };
@@ -102,7 +112,7 @@ fn exported_lights_come_back() {
 
 #[test]
 fn exported_files_mean_the_same_to_others() {
-    let light = VirtualLight { position: Vec3::ONE, normal: Vec3::X, power: Vec3::new(1.0, 2.0, 0.5) };
+    let light = VirtualLight { position: Vec3::ONE, normal: Vec3::X, power: Vec3::new(1.0, 2.0, 0.5), exponent: 1.0 };
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("lights.gltf");
     export_lights(&path, &builtin::furnace(0.5, 3.0), &[light]).unwrap();

@@ -114,7 +114,7 @@ fn emission_textures_and_second_coordinates_are_exported() {
     );
     let scene = case.load().unwrap();
     let path = case.path("out.gltf");
-    let light = VirtualLight { position: Vec3::Z, normal: -Vec3::Z, power: Vec3::ONE };
+    let light = VirtualLight { position: Vec3::Z, normal: -Vec3::Z, power: Vec3::ONE, exponent: 1.0 };
     export_lights(&path, &scene, &[light]).unwrap();
     let back = scene::load(&path).unwrap();
     assert_eq!((&back.uvs, &back.second_uvs), (&scene.uvs, &scene.second_uvs));

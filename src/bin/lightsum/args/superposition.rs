@@ -14,7 +14,7 @@ pub struct Glossy {
     /// the convolution. No cost in scenes without such planes.
     #[arg(long, value_name = "HOW", value_enum)]
     pub superposition: Option<SpreadFlag>,
-    /// Reflectance model of glossy planes [default: schlick].
+    /// Reflectance model of mirrors and of the mirror images of glossy planes [default: schlick].
     #[arg(long, value_name = "HOW", value_enum)]
     pub reflectance: Option<ReflectanceFlag>,
     /// Width in pixels of the kernel of --superposition invariant, 0 to 4096 [default: 15].
@@ -46,12 +46,22 @@ pub enum SpreadFlag {
 /// Values of `--reflectance`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ReflectanceFlag {
-    /// Schlick's approximation, as for all other surfaces
+    /// Schlick's approximation, as for highlights
     Schlick,
     /// A table of the Fresnel term
     Map,
     /// The Fresnel term at each pixel
     Fresnel,
+}
+
+impl From<ReflectanceFlag> for Reflectance {
+    fn from(flag: ReflectanceFlag) -> Reflectance {
+        match flag {
+            ReflectanceFlag::Schlick => Reflectance::Schlick,
+            ReflectanceFlag::Map => Reflectance::Map,
+            ReflectanceFlag::Fresnel => Reflectance::Fresnel,
+        }
+    }
 }
 
 impl Glossy {
@@ -65,16 +75,13 @@ impl Glossy {
             Some(SpreadFlag::Variant) => Some(Spread::Variant),
             None => settings.superposition.map(|superposition| superposition.spread),
         };
+        if let Some(reflectance) = self.reflectance {
+            settings.reflectance = reflectance.into();
+        }
         settings.superposition = spread.map(|spread| {
             let defaults = settings.superposition.unwrap_or_default();
             Superposition {
                 spread,
-                reflectance: match self.reflectance {
-                    None => defaults.reflectance,
-                    Some(ReflectanceFlag::Schlick) => Reflectance::Schlick,
-                    Some(ReflectanceFlag::Map) => Reflectance::Map,
-                    Some(ReflectanceFlag::Fresnel) => Reflectance::Fresnel,
-                },
                 occlusion: defaults.occlusion && !self.no_occlusion,
                 kernel_width: self.kernel_width.unwrap_or(defaults.kernel_width),
                 reflectors: self.reflectors.unwrap_or(defaults.reflectors),

@@ -2,6 +2,7 @@
 
 use egui::{DragValue, Ui};
 use glam::Vec3;
+use lightsum::light::cosine::MAX_EXPONENT;
 use lightsum::scene::{Light, Material, Surface};
 
 use super::panel::Request;
@@ -77,6 +78,12 @@ fn edit(ui: &mut Ui, material: &mut Material) {
         });
     }
     light(ui, "emission", &mut material.emission);
+    if material.emission != Vec3::ZERO {
+        ui.horizontal(|ui| {
+            ui.label("exponent of the cosine");
+            ui.add(DragValue::new(&mut material.emission_exponent).range(1.0..=MAX_EXPONENT).speed(0.1));
+        });
+    }
 }
 
 /// Draws the lights without area; asks for what the user changed.
