@@ -67,6 +67,8 @@
 //! whatever the width, plus the kernel windows, which cost more at finer levels; docs/benchmarks.md has times. Memory:
 //! 48 bytes a pixel of the image, 60 more in the fast form; 32, in the fast form 45 of them are set to 0 in each frame.
 
+use serde::Serialize;
+
 use super::layout::ConvolveStep;
 use super::{BoundKernel, vec4s};
 use crate::error::{Error, Result};
@@ -113,7 +115,8 @@ pub const MAX_WIDTH: u32 = 16384;
 pub const NARROW: f32 = 4.0;
 
 /// Algorithm that takes the sum.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Form {
     /// Direct up to [`NARROW`], else fast.
     #[default]

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::pass::convolve::Form;
 use crate::scene::reflectors::MAX_REFLECTORS;
 
 /// Convolution of the mirror image of a glossy plane (Bastos 1999, section 7.4).
@@ -81,6 +82,9 @@ pub struct Superposition {
     pub occlusion: bool,
     /// Diameter in pixels of the kernel of `Invariant`. Default 15; 0 to 4096.
     pub kernel_width: u32,
+    /// Algorithm of the convolution. Default `Auto`: direct for narrow kernels, else fast. Direct takes the sum as stated, for comparison; its time
+    /// grows with the square of the widths.
+    pub form: Form,
     /// Number of planar reflectors that mirror the room, largest first. Default 255, the maximum; fewer cost less. The
     /// others are glossy surfaces like any other.
     pub reflectors: u32,
@@ -94,6 +98,7 @@ impl Default for Superposition {
             spread: Spread::default(),
             occlusion: true,
             kernel_width: 15,
+            form: Form::default(),
             reflectors: MAX_REFLECTORS as u32,
             mirror_source: MirrorSource::default(),
         }

@@ -3,7 +3,7 @@
 use super::{Eye, Stage};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder};
-use crate::pass::convolve::{self, Convolve, Form, Library};
+use crate::pass::convolve::{self, Convolve, Library};
 use crate::pass::mirror_image::{self, Image, MirrorImage, Tables};
 use crate::pass::superpose::Superpose;
 use crate::pass::{Kit, Lighting};
@@ -67,7 +67,7 @@ impl GlossyPlanes {
                         region: &planes.region,
                         size,
                         widest,
-                        form: Form::Auto,
+                        form: settings.form,
                         occlusion: settings.occlusion && settings.spread == Spread::Variant,
                         layers: false,
                     };

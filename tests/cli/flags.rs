@@ -121,6 +121,7 @@ fn each_flag_of_glossy_planes_changes_their_reflection() {
         "--superposition variant --reflectance map",
         "--superposition variant --reflectance fresnel",
         "--superposition variant --no-occlusion",
+        "--superposition variant --convolution fast",
     ];
     let images = all.map(image);
     for (i, flags) in all.iter().enumerate() {
@@ -129,6 +130,8 @@ fn each_flag_of_glossy_planes_changes_their_reflection() {
         }
     }
     assert!(image("") == images[0], "glossy planes show no room by themselves");
+    let [direct, fast] = [image("--superposition variant --convolution direct"), images[8].clone()];
+    assert!(direct != fast && (energy(&direct, &fast) - 1.0).abs() < 0.05, "{}", energy(&direct, &fast));
     assert!(
         image("--superposition variant --reflectors 0") != images[4],
         "no reflector is left, and it shows the same"

@@ -2,6 +2,7 @@
 
 use super::splats::SplatFlags;
 use clap::{Args, ValueEnum};
+use lightsum::pass::convolve::Form;
 use lightsum::settings::{Reflectance, Settings, Spread, Superposition};
 
 /// Mirror images on glossy planes.
@@ -20,6 +21,9 @@ pub struct Glossy {
     /// Width in pixels of the kernel of --superposition invariant, 0 to 4096 [default: 15].
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(0..=4096))]
     pub kernel_width: Option<u32>,
+    /// Algorithm of the convolution [default: auto].
+    #[arg(long, value_name = "FORM", value_enum)]
+    pub convolution: Option<FormFlag>,
     /// Let the blurred image of far surfaces bleed over sharp near ones: a little faster.
     #[arg(long)]
     pub no_occlusion: bool,
@@ -41,6 +45,27 @@ pub enum SpreadFlag {
     Invariant,
     /// The material's kernel, wider for reflected points farther away
     Variant,
+}
+
+/// Values of `--convolution`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum FormFlag {
+    /// Direct for narrow kernels, else fast
+    Auto,
+    /// The sum over all pixels of each kernel, whose time grows with the square of its width
+    Direct,
+    /// A pyramid of images, with an error of 1 to 4 %
+    Fast,
+}
+
+impl From<FormFlag> for Form {
+    fn from(flag: FormFlag) -> Form {
+        match flag {
+            FormFlag::Auto => Form::Auto,
+            FormFlag::Direct => Form::Direct,
+            FormFlag::Fast => Form::Fast,
+        }
+    }
 }
 
 /// Values of `--reflectance`.
@@ -84,6 +109,7 @@ impl Glossy {
                 spread,
                 occlusion: defaults.occlusion && !self.no_occlusion,
                 kernel_width: self.kernel_width.unwrap_or(defaults.kernel_width),
+                form: self.convolution.map_or(defaults.form, Form::from),
                 reflectors: self.reflectors.unwrap_or(defaults.reflectors),
                 mirror_source: defaults.mirror_source,
             }
