@@ -121,7 +121,7 @@ fn each_flag_of_glossy_planes_changes_their_reflection() {
         "--superposition variant --reflectance map",
         "--superposition variant --reflectance fresnel",
         "--superposition variant --no-occlusion",
-        "--superposition variant --convolution fast",
+        "--superposition variant --convolution direct",
     ];
     let images = all.map(image);
     for (i, flags) in all.iter().enumerate() {
@@ -130,8 +130,8 @@ fn each_flag_of_glossy_planes_changes_their_reflection() {
         }
     }
     assert!(image("") == images[0], "glossy planes show no room by themselves");
-    let [direct, fast] = [image("--superposition variant --convolution direct"), images[8].clone()];
-    assert!(direct != fast && (energy(&direct, &fast) - 1.0).abs() < 0.05, "{}", energy(&direct, &fast));
+    let ratio = energy(&images[8], &images[4]);
+    assert!((ratio - 1.0).abs() < 0.05, "both forms of the convolution have the same light: {ratio}");
     assert!(
         image("--superposition variant --reflectors 0") != images[4],
         "no reflector is left, and it shows the same"

@@ -24,6 +24,7 @@ fn own_scenes_load() {
         ("furnace", 12),
         ("glass-ball", 800),
         ("glossy-balls", 18_256),
+        ("glossy-box", 34),
         ("glossy-floor", 4068),
         ("indirect-room", 9436),
         ("keller-room", 804),

@@ -285,7 +285,7 @@ fn splats_against_their_oracles() {
         }
         let outdoors = gallery_outdoors();
         lit += follow(ctx, &outdoors, [31, 17], settings(500), sine_error(ctx, &outdoors), &mut seen);
-        assert!(seen.iter().all(|&n| n > 50) && lit > 300, "absorbed, stored, continued: {seen:?}; lit {lit}");
+        assert!(seen.iter().all(|&n| n > 50) && lit > 100, "absorbed, stored, continued: {seen:?}; lit {lit}");
     });
 }
 
