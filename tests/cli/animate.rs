@@ -17,7 +17,7 @@ fn run(folder: &Path, arguments: &[&str]) -> Output {
     if let Ok(device) = std::env::var("LIGHTSUM_DEVICE") {
         command.args(["--device", &device]);
     }
-    command.env("XDG_CACHE_HOME", folder.join("cache")).output().expect("the program starts")
+    command.env("XDG_CACHE_HOME", crate::render::cache()).output().expect("the program starts")
 }
 
 fn text(bytes: &[u8]) -> String {
@@ -106,7 +106,7 @@ fn still_frames_accumulate_and_equal_a_rendering() {
     assert_eq!(passes, [1, 2, 3]);
     let mut command = Command::new(env!("CARGO_BIN_EXE_lightsum"));
     command.args(["render", SCENE, "-o", "r.png", "--passes", "3"]).args(SMALL).current_dir(folder.path());
-    let output = command.env("XDG_CACHE_HOME", folder.path().join("cache")).output().unwrap();
+    let output = command.env("XDG_CACHE_HOME", crate::render::cache()).output().unwrap();
     assert!(output.status.success(), "{}", text(&output.stderr));
     let [a, b] = ["2.png", "r.png"].map(|name| image::open(folder.path().join(name)).unwrap().into_rgb8().into_raw());
     // The tree differs, so rays within rounding of an edge may hit another triangle.
@@ -266,7 +266,7 @@ fn a_model_plays_its_animations_and_stands_in_its_poses() {
         if let Ok(device) = std::env::var("LIGHTSUM_DEVICE") {
             command.args(["--device", &device]);
         }
-        let output = command.env("XDG_CACHE_HOME", folder.join("cache")).output().unwrap();
+        let output = command.env("XDG_CACHE_HOME", crate::render::cache()).output().unwrap();
         assert!(output.status.success(), "{}", text(&output.stderr));
         pixels(folder, name)
     };
@@ -337,7 +337,7 @@ fn an_open_shutter_blurs_what_moves() {
     let render = |more: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_lightsum"));
         command.arg("render").args(&SMALL[..2]).args([SCENE, "--path", "slide.toml", "--at", "1"]).args(more);
-        let output = command.current_dir(folder.path()).env("XDG_CACHE_HOME", folder.path().join("cache")).output();
+        let output = command.current_dir(folder.path()).env("XDG_CACHE_HOME", crate::render::cache()).output();
         let output = output.unwrap();
         assert!(output.status.success(), "{}", text(&output.stderr));
     };

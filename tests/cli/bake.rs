@@ -39,7 +39,7 @@ fn command(folder: &Path, line: &str) -> Command {
     if let Ok(device) = std::env::var("LIGHTSUM_DEVICE") {
         command.args(["--device", &device]);
     }
-    command.current_dir(folder).env_remove("RUST_LOG").env("XDG_CACHE_HOME", folder.join("cache"));
+    command.current_dir(folder).env_remove("RUST_LOG").env("XDG_CACHE_HOME", crate::render::cache());
     command
 }
 

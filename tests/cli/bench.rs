@@ -452,7 +452,7 @@ fn a_walkthrough_is_played_for_each_number_of_reflectors() {
     if let Ok(device) = std::env::var("LIGHTSUM_DEVICE") {
         animate.args(["--device", &device]);
     }
-    let output = animate.current_dir(folder.path()).env("XDG_CACHE_HOME", place("cache")).output().unwrap();
+    let output = animate.current_dir(folder.path()).env("XDG_CACHE_HOME", crate::render::cache()).output().unwrap();
     assert!(output.status.success(), "{}", text(&output.stderr));
     for frame in 0..3 {
         let pixels = |name: String| image::open(place(&name)).unwrap().into_rgb32f().into_raw();

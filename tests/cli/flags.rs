@@ -48,7 +48,7 @@ fn render(folder: &Path, scene: &str, flags: &str) -> Image {
     if let Ok(device) = std::env::var("LIGHTSUM_DEVICE") {
         command.args(["--device", &device]);
     }
-    command.current_dir(folder).env_remove("RUST_LOG").env("XDG_CACHE_HOME", folder.join("cache"));
+    command.current_dir(folder).env_remove("RUST_LOG").env("XDG_CACHE_HOME", crate::render::cache());
     let output = command.output().expect("the program starts");
     assert!(output.status.success(), "{flags}: {}", String::from_utf8_lossy(&output.stderr));
     let image = exr::prelude::read_first_flat_layer_from_file(folder.join("a.exr")).unwrap();

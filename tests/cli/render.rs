@@ -39,14 +39,19 @@ pub fn folder() -> tempfile::TempDir {
     folder
 }
 
-/// The program in a folder, with a cache of its own.
+/// The folder of the kernels that drivers have compiled, which all runs share: it outlives the tests, as a user's does.
+pub fn cache() -> &'static str {
+    concat!(env!("CARGO_TARGET_TMPDIR"), "/cache")
+}
+
+/// The program in a folder.
 pub fn command(folder: &Path, arguments: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lightsum"));
     command.args(arguments.split_whitespace()).current_dir(folder).env_remove("RUST_LOG");
     if let (Ok(device), false) = (std::env::var("LIGHTSUM_DEVICE"), arguments.contains("--device")) {
         command.args(["--device", &device]);
     }
-    command.env("XDG_CACHE_HOME", folder.join("cache"));
+    command.env("XDG_CACHE_HOME", cache());
     command
 }
 
@@ -412,7 +417,7 @@ fn a_full_disk_is_an_error_and_leaves_nothing() {
         let mut limited = Command::new("sh");
         let line = "trap '' XFSZ; ulimit -f 4; exec \"$0\" \"$@\"";
         limited.args(["-c", line]).arg(inner.get_program()).args(inner.get_args()).current_dir(folder.path());
-        limited.env_remove("RUST_LOG").env("XDG_CACHE_HOME", folder.path().join("cache"));
+        limited.env_remove("RUST_LOG").env("XDG_CACHE_HOME", cache());
         let output = limited.output().unwrap();
         let message = text(&output.stderr);
         assert_eq!(output.status.code(), Some(1), "{:?}: {message}", output.status);
