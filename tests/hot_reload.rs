@@ -78,8 +78,8 @@ fn a_changed_shader_is_picked_up() {
     // Also through an include.
     let dark = with_change(
         "include/surface.wgsl",
-        "vec3<f32>(0.0), emission, emits",
-        "vec3<f32>(0.0), vec3<f32>(0.25), emits",
+        "vec3<f32>(0.0), emission * cosine_falloff",
+        "vec3<f32>(0.0), vec3<f32>(0.25) * cosine_falloff",
     );
     assert!(dark.contains("radiance 0.25\n"), "{dark}");
 }
