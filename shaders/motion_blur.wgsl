@@ -99,7 +99,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     for (var once = select(1u, 0u, even); once > 0u; once -= 1u) {
         over = light_in_front(vec2<i32>(at), front, window);
     }
-    // What lies outside of the image is unknown.
+    // Light from outside the image is unknown.
     let rest = max(own.inside - over.w, 0.0);
     let blurred = (over.xyz / max(over.w, 1.0) + rest * own.sum.xyz / own.sum.w) / (min(over.w, 1.0) + rest);
     emitted[pixel] += vec4<f32>(blurred - shown.xyz, 0.0);

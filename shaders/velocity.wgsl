@@ -32,7 +32,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let hit = hits[pixel];
     let word = point_wo[pixel].w;
     let found = has_flag(word, HIT);
-    // What mirrors and glass show stands still behind them.
+    // Images in mirrors and glass stand still behind them.
     let directly = found && !has_flag(word, SEEN_BY_SPECULAR) && shutter.moving.x > 0u;
     let number = select(0u, motion_of[select(0u, bitcast<u32>(hit.w), directly)], directly);
     let first = select(0u, 6u * (number - 1u), number > 0u);

@@ -66,7 +66,7 @@ pub struct Engine {
     staging: Option<Staging>,
     /// State for scene edits; `None` if the scene is static.
     dynamic: Option<Box<edit::DynamicScene>>,
-    /// What moves while the shutter is open.
+    /// Motion while the shutter is open.
     shutter: shutter::Moves,
     passes: u32,
     /// Passes since the image last changed.

@@ -1,4 +1,4 @@
-// What moves while the shutter is open. See pass/velocity.rs.
+// Motion while the shutter is open. See pass/velocity.rs.
 
 // Cameras as it opens and as it closes. Host twin: pass::layout::Shutter.
 struct Shutter {

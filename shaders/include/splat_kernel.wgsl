@@ -29,7 +29,7 @@ fn wedge(distance: f32, angle: f32) -> f32 {
     return select(-whole, whole, angle >= 0.0) * (0.5 * INV_PI);
 }
 
-// What the directed edge from a to b adds to the part of a kernel that lies within an outline.
+// Contribution of the directed edge from a to b to the part of a kernel within an outline.
 fn edge_part(x: vec3<f32>, n: vec3<f32>, a: vec3<f32>, b: vec3<f32>, width: f32) -> f32 {
     let along = b - a;
     let length2 = dot(along, along);

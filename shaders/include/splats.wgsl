@@ -14,7 +14,7 @@ struct SplatParameters {
 
 @group(0) @binding(30) var<storage, read> splat_parameters: SplatParameters;
 
-// What is in `splat_state`.
+// Entries of `splat_state`.
 const SPLAT_HITS: u32 = 0u;         // hits stored
 const SPLAT_PARTICLES: u32 = 1u;    // particles of the batches that are stored
 const SPLAT_FIRST: u32 = 2u;        // first particle of the present batch

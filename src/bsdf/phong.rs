@@ -8,7 +8,7 @@
 //! ```
 //!
 //! Where the cosines are alike that is F rho (d + 1) / (2 pi) cos^d about r. The greater cosine (Neumann et al. 1999) in place of cos_o makes f
-//! symmetric and bounded. What the horizon cuts from the lobe is given back by N: g(cos) is the share of the lobe about a direction of this
+//! symmetric and bounded. N gives back the part of the lobe that the horizon cuts: g(cos) is the share of the lobe about a direction of this
 //! cosine that stays above the surface, and is fitted: the albedo is 1 towards the normal, at most 1.015 between, and falls to 0.8 (for d = 1: 0.87)
 //! at the horizon.
 //!

@@ -1,4 +1,4 @@
-//! What moves while the shutter is open, for [`crate::pass::velocity`].
+//! Motion while the shutter is open, for [`crate::pass::velocity`].
 
 use std::collections::BTreeMap;
 
@@ -32,7 +32,7 @@ pub struct PosedObject {
     pub vertices: Option<Vec<Vec3>>,
 }
 
-/// What moves, and whether the device knows.
+/// Motion, and whether the device has it.
 #[derive(Default)]
 pub(super) struct Moves {
     pub ends: Option<[ShutterEnd; 2]>,

@@ -272,7 +272,7 @@ impl ConvolveStep {
     pub const EVERYWHERE: u32 = 16;
 }
 
-/// What moves while the shutter is open, for [`super::velocity`]: cameras as it opens and as it closes; `shaders/include/shutter.wgsl`.
+/// Motion while the shutter is open, for [`super::velocity`]: cameras as it opens and as it closes; `shaders/include/shutter.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Shutter {

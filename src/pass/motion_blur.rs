@@ -23,7 +23,7 @@
 //! within the outline, and a pixel that does not move and that nothing in front passes keeps its bits. Where all move alike L' is the plain
 //! sum of k_q L_q.
 //!
-//! **Tiles.** What moves in each tile of 8 x 8 pixels bounds the pixels from which sources in front may come: a window along the longest
+//! **Tiles.** The motion in each tile of 8 x 8 pixels bounds the pixels from which sources in front may come: a window along the longest
 //! velocity that reaches the tile, widened by how much others deviate from it, at each distance. There is no window, and O is taken over
 //! all q, where all velocities that reach the tile are [`ALIKE`], or where neither they nor depths jump between neighbours ([`VELOCITY_JUMP`],
 //! [`DEPTH_TOLERANCE`]): on one smooth surface the point that is at p at a time t is p - v_p t, to first order in the slope of v. A window of more than [`SAMPLES`] pixels takes every second, third, ... column and row, from another

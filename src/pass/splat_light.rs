@@ -49,7 +49,7 @@ pub struct Inputs<'a> {
     pub found: &'a List,
     /// The hits of particles.
     pub grid: &'a Grid,
-    /// What is stored, a [`super::splat_start::SplatState`].
+    /// State of the store, a [`super::splat_start::SplatState`].
     pub state: &'a Buffer,
     /// Areas and outlines of the surfaces, and h of each.
     pub surfaces: [&'a Buffer; 3],

@@ -44,7 +44,7 @@ pub struct SplatParameters {
     pub alpha: f32,
 }
 
-/// What is stored, as the device counts it.
+/// State of the store, as the device counts it.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct SplatState {

@@ -15,7 +15,7 @@
 //! Differs from the thesis (Bastos 1999, 8.2.3.1) in: there the support is proportional to the distance from the viewer; by the projection it
 //! is f |v_perp| dt / z, the reverse.
 //!
-//! What mirrors and glass show moves as a point that stands still at the place of its image: right for planar mirrors that do not move.
+//! A point seen in mirrors or glass moves as one that stands still at the place of its image: right for planar mirrors that do not move.
 //! Of glossy planes, the velocity is that of the plane.
 //!
 //! Cost: 3 vec4 and 70 operations a pixel, 6 vec4 more where triangles move; 16 bytes of memory a pixel, and 100 bytes for each triangle of a
@@ -46,7 +46,7 @@ pub struct Velocity {
     pixels: u32,
 }
 
-/// What moves while the shutter is open.
+/// Motion while the shutter is open.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Moving {
     /// For each triangle of the tree 1 + its number among those that move, or 0; empty: none moves.

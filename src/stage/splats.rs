@@ -20,7 +20,7 @@ use crate::plan::{Plan, SplatPlan, StepTable, trace_steps};
 
 /// The stage. Recorded as a whole it adds light; [`Splats::record_particles`] comes before the first pass.
 pub struct Splats {
-    /// What it was made for.
+    /// Number and kernels of its particles.
     pub plan: SplatPlan,
     /// Rays of a batch of particles.
     pub rays: Rays,

@@ -412,7 +412,7 @@ fn images_agree_with_path_tracing() {
             (compare_bright(&image(open), &traced), compare_bright(&image(view), &traced));
         println!("energy {energy:.4}, error {error:.4}, without a shutter {without:.4}");
         assert!((energy - 1.0).abs() < 0.02 && error < 0.1 && without > 0.2, "{energy} {error} {without}");
-        // What one frame watches for the validation layer.
+        // The validation layer watches one frame.
         let mut renderer = Renderer::with_context_dynamic(ctx.clone(), scene.clone(), open, settings(16, 2)).unwrap();
         renderer.pass().unwrap();
     });

@@ -170,7 +170,7 @@ pub struct Motion {
     #[arg(long, value_name = "N,...", value_delimiter = ',', default_value = "0,7,15,31,63")]
     #[arg(value_parser = clap::value_parser!(u32).range(0..=1023))]
     pub pixels: Vec<u32>,
-    /// What the camera does: turns, or moves sideways or onwards.
+    /// Motion of the camera: turn, sideways or onwards.
     #[arg(long, value_name = "HOW,...", value_delimiter = ',', default_value = "turn,sideways,onwards")]
     #[arg(value_parser = ["turn", "sideways", "onwards"])]
     pub camera: Vec<String>,

@@ -98,7 +98,7 @@ impl<'a> Moment<'a> {
         Ok((scene, camera))
     }
 
-    /// What an engine of `scene`, in the pose of the moment, needs to know of its motion; `None`: nothing moves.
+    /// Motion of `scene` for an engine in the pose of the moment; `None`: nothing moves.
     pub fn ends(&self, scene: &Scene) -> Result<Option<[ShutterEnd; 2]>> {
         if !self.moves() {
             return Ok(None);

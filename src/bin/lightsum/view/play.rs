@@ -65,7 +65,7 @@ impl App {
                 let (delta, phase) = (MouseScrollDelta::LineDelta(0.0, steps), TouchPhase::Moved);
                 self.take(events, &WindowEvent::MouseWheel { device_id: DeviceId::dummy(), delta, phase });
             }
-            // What acts on the scene waits for the one that is being loaded.
+            // Commands that act on the scene wait until it is loaded.
             command @ (Command::Set(_) | Command::Look(_)) if self.loading.is_some() => {
                 return Some(VecDeque::from([command]));
             }
