@@ -32,30 +32,32 @@ impl Batch {
     }
 }
 
-/// Divides the texels of all pages into views of at most `most` texels, as large as each other.
+/// Divides the texels of all pages into views of at most `most` texels. Each has blocks from all over the scene, so that all have much the
+/// same light and the same error.
 pub(super) fn divide(charts: &Charts, most: usize, inside: &Inside) -> Vec<Batch> {
     let (pages, owners) = texels::of_charts(charts);
     let mut placed = placed(charts, &pages, inside);
     neighbours_together(&mut placed);
     let blocks = placed.len().div_ceil(ENTRIES);
-    let views = blocks.div_ceil((most / ENTRIES).max(1)).max(1);
-    let per_view = blocks.div_ceil(views).max(1) * ENTRIES;
+    let views = blocks.div_ceil((most / ENTRIES).max(1));
     let staying = |(texels, &size): (&Vec<_>, &[u32; 2])| moves::staying(texels, size, |texel| inside.holds(texel));
     let staying: Vec<Vec<bool>> = pages.iter().zip(&charts.pages).map(staying).collect();
     let mut entries: Vec<Vec<Option<moves::Entry>>> = pages.iter().map(|page| vec![None; page.len()]).collect();
-    let mut views = Vec::new();
-    for (view, placed) in (0..).zip(placed.chunks(per_view)) {
-        let size = view_size(placed.len().div_ceil(ENTRIES));
+    let of_view = |view: usize| {
+        let size = view_size((blocks - view).div_ceil(views));
         let mut places = vec![None; (size[0] * size[1]) as usize];
-        for (i, &Placed { place: (page, at), .. }) in placed.iter().enumerate() {
-            let slot = blocks::slot(i / ENTRIES, i % ENTRIES, size[0]);
-            places[slot] = Some((page, at));
-            if !staying[page as usize][at as usize] {
-                entries[page as usize][at as usize] = Some((view, slot as u32));
+        for (b, block) in placed.chunks(ENTRIES).skip(view).step_by(views).enumerate() {
+            for (i, &Placed { place: (page, at), .. }) in block.iter().enumerate() {
+                let slot = blocks::slot(b, i, size[0]);
+                places[slot] = Some((page, at));
+                if !staying[page as usize][at as usize] {
+                    entries[page as usize][at as usize] = Some((view as u32, slot as u32));
+                }
             }
         }
-        views.push((size, places));
-    }
+        (size, places)
+    };
+    let views: Vec<([u32; 2], Vec<_>)> = (0..views).map(of_view).collect();
     let texel = |place: &Option<(u32, u32)>| place.and_then(|(page, at)| pages[page as usize][at as usize]);
     let still: Vec<Vec<_>> = views.iter().map(|(_, places)| places.iter().map(texel).collect()).collect();
     let moves = moves::of_views(charts, &owners, &entries, still.clone());
