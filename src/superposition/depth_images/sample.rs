@@ -107,7 +107,7 @@ fn hemispheres(scene: &Scene, settings: &Settings, options: &Options) -> Result<
     }
     let reflectors = scene.reflectors();
     check_flat(scene, &reflectors)?;
-    let opaque = |r: &Reflector| scene.materials[r.material as usize].surface == Surface::Opaque;
+    let opaque = |r: &Reflector| !r.curved && scene.materials[r.material as usize].surface == Surface::Opaque;
     let numbered = (1..=settings.mirroring_planes()).zip(&reflectors).filter(|(_, reflector)| opaque(reflector));
     let mut found = Vec::new();
     let mut images = 0;
@@ -435,6 +435,8 @@ mod tests {
         scene.materials[0].reflector = Some(true);
         scene.triangles.iter_mut().for_each(|t| t.smooth = true);
         scene.normals = vec![Vec3::ONE.normalize(); scene.positions.len()];
+        assert!(refused(&scene, &settings, Options::default()).contains("no planar glossy reflector"));
+        scene.materials[0].normal_texture = Some(0);
         let message = refused(&scene, &settings, Options::default());
         assert!(message.contains("bowl") && message.contains("flat"), "{message}");
         scene.materials[0].reflector = Some(false);
