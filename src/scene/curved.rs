@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use glam::Vec3;
 
-use super::reflectors::Reflector;
+use super::reflectors::{Reflector, SAME_NORMAL};
 use super::surfaces::{corner, root};
 use super::{Material, Scene, Surface};
 
@@ -25,9 +25,9 @@ impl Material {
 }
 
 impl Scene {
-    /// The curved reflectors, largest first. Faces are connected where they share a corner and its shading normal; flat parts of such a
-    /// surface belong to it. `is_bent`: whether a face is shaded as part of a curved surface.
-    pub(super) fn curved_reflectors(&self, is_bent: impl Fn(u32) -> bool) -> Vec<Reflector> {
+    /// The curved reflectors, largest first. Faces are connected where they share a corner and its shading normal; a surface is curved if its
+    /// normals differ, however little over one face, and flat parts of it belong to it.
+    pub(super) fn curved_reflectors(&self) -> Vec<Reflector> {
         let candidates: Vec<bool> = self.materials.iter().map(Material::may_curve).collect();
         if !candidates.contains(&true) {
             return Vec::new();
@@ -71,8 +71,12 @@ impl Scene {
                 triangles,
             }
         };
-        let bent = parts.into_values().filter(|triangles| triangles.iter().any(|&i| is_bent(i)));
-        let mut found: Vec<Reflector> = bent.map(reflector).collect();
+        let corners = |i: &u32| self.triangles[*i as usize].vertices.map(|v| self.normals[v as usize]);
+        let is_curved = |triangles: &Vec<u32>| {
+            let [first, ..] = corners(&triangles[0]);
+            triangles.iter().flat_map(corners).any(|normal| normal.dot(first) < 1.0 - SAME_NORMAL)
+        };
+        let mut found: Vec<Reflector> = parts.into_values().filter(is_curved).map(reflector).collect();
         found.sort_by(|a, b| b.area.total_cmp(&a.area).then(a.triangles.cmp(&b.triangles)));
         found
     }
@@ -100,6 +104,19 @@ mod tests {
         }
         scene.add_quad(Vec3::NEG_Y, Vec3::Z, Vec3::X, shiny, object);
         scene
+    }
+
+    #[test]
+    fn finely_divided_surfaces_are_curved_as_well() {
+        let mut scene = balls(Some(true));
+        let (points, faces) = icosphere(6);
+        let (vertex, triangle) = (scene.positions.len(), scene.triangles.len());
+        scene.add_mesh(&points.iter().map(|p| *p + Vec3::Z * 5.0).collect::<Vec<Vec3>>(), &faces, 0, 0);
+        scene.normals[vertex..].copy_from_slice(&points);
+        scene.triangles[triangle..].iter_mut().for_each(|t| t.smooth = true);
+        let found = scene.reflectors();
+        let kinds: Vec<(bool, usize)> = found.iter().map(|r| (r.curved, r.triangles.len())).collect();
+        assert_eq!(kinds, [(false, 2), (true, faces.len()), (true, 320), (true, 320)]);
     }
 
     #[test]

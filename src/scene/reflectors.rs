@@ -24,7 +24,7 @@ const MIN_AREA: f64 = 2e-4;
 const MAX_SHARE: f64 = 1e3;
 
 /// Normals of one plane differ by no more than this in each coordinate.
-const SAME_NORMAL: f32 = 1e-3;
+pub(super) const SAME_NORMAL: f32 = 1e-3;
 
 /// Distances of one plane from the origin differ by no more than this fraction of the diagonal of its faces' box.
 const SAME_OFFSET: f32 = 1e-4;
@@ -78,11 +78,7 @@ impl Scene {
     /// The reflectors: planes, the largest first, then curved surfaces, the largest first. The `reflector` property of a material overrides
     /// the minimum area; faces shaded as part of a curved surface count only where it is true.
     pub fn reflectors(&self) -> Vec<Reflector> {
-        let bent = |i: u32| {
-            let [a, b, c] = self.triangle_positions(i as usize);
-            self.is_bent(&self.triangles[i as usize], (b - a).cross(c - a).normalize_or_zero())
-        };
-        let curved = self.curved_reflectors(bent);
+        let curved = self.curved_reflectors();
         let mut found = self.planar_reflectors(&curved);
         found.extend(curved);
         if found.len() > MAX_REFLECTORS {
