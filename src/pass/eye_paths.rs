@@ -385,5 +385,10 @@ fn at_plane(
     if stays {
         return (EyePath { ray: None, throughput: path.throughput / chance, unlikely, ..*path }, None);
     }
-    (EyePath { throughput: path.throughput * reflectance / chance, unlikely, ..mirrored }, None)
+    if path.segments > 0 && path.segments + 2 > frame.scene[2] {
+        return (EyePath { ray: None, throughput: Vec3::ZERO, unlikely, ..*path }, None);
+    }
+    // After a lobe segments count, and the plane's image is found in one way only.
+    let (segments, lobe) = if path.segments > 0 { (path.segments + 1, 0.0) } else { (0, path.lobe) };
+    (EyePath { throughput: path.throughput * reflectance / chance, unlikely, segments, lobe, ..mirrored }, None)
 }

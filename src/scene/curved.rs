@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use glam::Vec3;
 
-use super::reflectors::{Reflector, SAME_NORMAL};
+use super::reflectors::{MAX_SHARE, MIN_AREA, Reflector, SAME_NORMAL};
 use super::surfaces::{corner, root};
 use super::{Material, Scene, Surface};
 
@@ -18,15 +18,15 @@ const MAX_NORMALS: usize = 16;
 type Corner = (u32, [u32; 3]);
 
 impl Material {
-    /// Whether curved faces of this material are curved reflectors: on request only.
+    /// Whether curved faces of this material may be curved reflectors: on request, or by the lobe as flat ones.
     pub fn may_curve(&self) -> bool {
-        self.reflector == Some(true) && self.surface == Surface::Opaque && self.may_reflect()
+        self.surface == Surface::Opaque && self.may_reflect()
     }
 }
 
 impl Scene {
     /// The curved reflectors, largest first. Faces are connected where they share a corner and its shading normal; a surface is curved if its
-    /// normals differ, however little over one face, and flat parts of it belong to it.
+    /// normals differ, however little over one face, and flat parts of it belong to it. The minimum area is that of planes.
     pub(super) fn curved_reflectors(&self) -> Vec<Reflector> {
         let candidates: Vec<bool> = self.materials.iter().map(Material::may_curve).collect();
         if !candidates.contains(&true) {
@@ -77,6 +77,12 @@ impl Scene {
             triangles.iter().flat_map(corners).any(|normal| normal.dot(first) < 1.0 - SAME_NORMAL)
         };
         let mut found: Vec<Reflector> = parts.into_values().filter(is_curved).map(reflector).collect();
+        let total: f64 = (0..self.triangles.len()).map(|i| f64::from(self.triangle_area(i))).sum();
+        let curved: f64 = found.iter().map(|reflector| f64::from(reflector.area)).sum();
+        let least = MIN_AREA * total.min(MAX_SHARE * curved);
+        found.retain(|reflector| {
+            self.materials[reflector.material as usize].reflector == Some(true) || f64::from(reflector.area) >= least
+        });
         found.sort_by(|a, b| b.area.total_cmp(&a.area).then(a.triangles.cmp(&b.triangles)));
         found
     }
@@ -88,19 +94,24 @@ mod tests {
     use crate::scene::Triangle;
     use crate::scene::tessellate::icosphere;
 
+    /// A smooth ball of 20 * 4^level faces in the first object.
+    fn add_ball(scene: &mut Scene, center: Vec3, radius: f32, material: u32, level: u32) {
+        let (points, faces) = icosphere(level);
+        let placed: Vec<Vec3> = points.iter().map(|p| *p * radius + center).collect();
+        let (vertex, triangle) = (scene.positions.len(), scene.triangles.len());
+        scene.add_mesh(&placed, &faces, material, 0);
+        scene.normals[vertex..].copy_from_slice(&points);
+        scene.triangles[triangle..].iter_mut().for_each(|t| t.smooth = true);
+    }
+
     /// Two balls of one glossy material, one of another, and a floor.
     fn balls(reflector: Option<bool>) -> Scene {
         let mut scene = Scene::default();
         let glossy = Material { specular: Vec3::splat(0.3), roughness: 0.2, reflector, ..Material::default() };
         let (shiny, other) = (scene.add_material(glossy), scene.add_material(Material::default()));
         let object = scene.add_object("balls");
-        let (points, faces) = icosphere(2);
         for (x, radius, material) in [(0.0, 1.0, shiny), (3.0, 0.5, shiny), (6.0, 2.0, other)] {
-            let placed: Vec<Vec3> = points.iter().map(|p| *p * radius + Vec3::X * x).collect();
-            let (vertex, triangle) = (scene.positions.len(), scene.triangles.len());
-            scene.add_mesh(&placed, &faces, material, object);
-            scene.normals[vertex..].copy_from_slice(&points);
-            scene.triangles[triangle..].iter_mut().for_each(|t| t.smooth = true);
+            add_ball(&mut scene, Vec3::X * x, radius, material, 2);
         }
         scene.add_quad(Vec3::NEG_Y, Vec3::Z, Vec3::X, shiny, object);
         scene
@@ -109,25 +120,30 @@ mod tests {
     #[test]
     fn finely_divided_surfaces_are_curved_as_well() {
         let mut scene = balls(Some(true));
-        let (points, faces) = icosphere(6);
-        let (vertex, triangle) = (scene.positions.len(), scene.triangles.len());
-        scene.add_mesh(&points.iter().map(|p| *p + Vec3::Z * 5.0).collect::<Vec<Vec3>>(), &faces, 0, 0);
-        scene.normals[vertex..].copy_from_slice(&points);
-        scene.triangles[triangle..].iter_mut().for_each(|t| t.smooth = true);
+        add_ball(&mut scene, Vec3::Z * 5.0, 1.0, 0, 6);
         let found = scene.reflectors();
         let kinds: Vec<(bool, usize)> = found.iter().map(|r| (r.curved, r.triangles.len())).collect();
-        assert_eq!(kinds, [(false, 2), (true, faces.len()), (true, 320), (true, 320)]);
+        assert_eq!(kinds, [(false, 2), (true, 20 << 12), (true, 320), (true, 320)]);
     }
 
     #[test]
-    fn connected_smooth_faces_are_one_reflector_where_asked_for() {
+    fn connected_smooth_faces_are_one_reflector() {
         let found = balls(Some(true)).reflectors();
         let curved: Vec<bool> = found.iter().map(|r| r.curved).collect();
         assert_eq!(curved, [false, true, true], "planes come first");
         assert_eq!(found[1].triangles.len(), 320);
         assert!(found[1].area > 3.9 * found[2].area && found[1].material == 0);
-        for asked in [None, Some(false)] {
-            assert!(balls(asked).reflectors().iter().all(|r| !r.curved));
+        assert_eq!(balls(None).reflectors(), found);
+        assert!(balls(Some(false)).reflectors().is_empty());
+        let mut rough = balls(None);
+        rough.materials[0].roughness = 0.8;
+        assert!(rough.reflectors().is_empty());
+        // A crumb beside a large wall counts where it is asked for.
+        for (asked, count) in [(None, 3), (Some(true), 5)] {
+            let mut scene = balls(asked);
+            scene.add_quad(Vec3::Y * 90.0, Vec3::Z * 100.0, Vec3::X * 100.0, 0, 0);
+            add_ball(&mut scene, Vec3::Z * 9.0, 0.02, 0, 1);
+            assert_eq!(scene.reflectors().len(), count);
         }
     }
 

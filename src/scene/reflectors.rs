@@ -18,10 +18,10 @@ const MAX_ALPHA: f32 = 0.3;
 const MIN_F0: f32 = 0.02;
 
 /// Minimum area as a fraction of the area of all triangles.
-const MIN_AREA: f64 = 2e-4;
+pub(super) const MIN_AREA: f64 = 2e-4;
 
 /// The area of all triangles counts as no more than this multiple of the area of all flat reflectors.
-const MAX_SHARE: f64 = 1e3;
+pub(super) const MAX_SHARE: f64 = 1e3;
 
 /// Normals of one plane differ by no more than this in each coordinate.
 pub(super) const SAME_NORMAL: f32 = 1e-3;
@@ -76,7 +76,7 @@ impl Material {
 
 impl Scene {
     /// The reflectors: planes, the largest first, then curved surfaces, the largest first. The `reflector` property of a material overrides
-    /// the minimum area; faces shaded as part of a curved surface count only where it is true.
+    /// the minimum area. Faces shaded as part of a curved surface are no planes.
     pub fn reflectors(&self) -> Vec<Reflector> {
         let curved = self.curved_reflectors();
         let mut found = self.planar_reflectors(&curved);

@@ -178,7 +178,9 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
         }
         tally.check_values(after.is(i, path, *cos_view), &values, || {
             let (origin, direction) = (after.origin[i], after.direction[i]);
-            format!("slot {slot}: {origin} {direction} {} {:?} for {path:?}", after.throughput[i], after.media[i])
+            let (through, media, emitted, lobe) =
+                (after.throughput[i], after.media[i], after.emitted[i], after.lobe[i]);
+            format!("slot {slot}: {origin} {direction} {through} {media:?} {emitted} {lobe} for {path:?}")
         });
     }
     tally.finish(STRAYS);
