@@ -57,7 +57,7 @@ struct Parallel {
 }
 
 impl Material {
-    /// Whether flat faces of this material may be planar reflectors: on request, or for a mirror, a lobe narrow and strong
+    /// Whether faces of this material may be reflectors, flat ones of any kind and curved ones of opaque materials: on request, or for a mirror, a lobe narrow and strong
     /// enough to show images, or frosted glass of any roughness. Textures are ignored, only their factors count, but a
     /// face with a normal map is not flat. One that lets rays pass is none either.
     pub fn may_reflect(&self) -> bool {
