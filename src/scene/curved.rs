@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use glam::Vec3;
 
-use super::reflectors::{MAX_SHARE, MIN_AREA, Reflector, SAME_NORMAL};
+use super::reflectors::{Reflector, SAME_NORMAL};
 use super::surfaces::{corner, root};
 use super::{Material, Scene, Surface};
 
@@ -18,15 +18,15 @@ const MAX_NORMALS: usize = 16;
 type Corner = (u32, [u32; 3]);
 
 impl Material {
-    /// Whether curved faces of this material may be curved reflectors: on request, or by the lobe as flat ones.
+    /// Whether curved faces of this material are curved reflectors: on request only, see docs/superposition.md.
     pub fn may_curve(&self) -> bool {
-        self.surface == Surface::Opaque && self.may_reflect()
+        self.reflector == Some(true) && self.surface == Surface::Opaque && self.may_reflect()
     }
 }
 
 impl Scene {
     /// The curved reflectors, largest first. Faces are connected where they share a corner and its shading normal; a surface is curved if its
-    /// normals differ, however little over one face, and flat parts of it belong to it. The minimum area is that of planes.
+    /// normals differ, however little over one face, and flat parts of it belong to it.
     pub(super) fn curved_reflectors(&self) -> Vec<Reflector> {
         let candidates: Vec<bool> = self.materials.iter().map(Material::may_curve).collect();
         if !candidates.contains(&true) {
@@ -77,12 +77,6 @@ impl Scene {
             triangles.iter().flat_map(corners).any(|normal| normal.dot(first) < 1.0 - SAME_NORMAL)
         };
         let mut found: Vec<Reflector> = parts.into_values().filter(is_curved).map(reflector).collect();
-        let total: f64 = (0..self.triangles.len()).map(|i| f64::from(self.triangle_area(i))).sum();
-        let curved: f64 = found.iter().map(|reflector| f64::from(reflector.area)).sum();
-        let least = MIN_AREA * total.min(MAX_SHARE * curved);
-        found.retain(|reflector| {
-            self.materials[reflector.material as usize].reflector == Some(true) || f64::from(reflector.area) >= least
-        });
         found.sort_by(|a, b| b.area.total_cmp(&a.area).then(a.triangles.cmp(&b.triangles)));
         found
     }
@@ -127,23 +121,14 @@ mod tests {
     }
 
     #[test]
-    fn connected_smooth_faces_are_one_reflector() {
+    fn connected_smooth_faces_are_one_reflector_where_asked_for() {
         let found = balls(Some(true)).reflectors();
         let curved: Vec<bool> = found.iter().map(|r| r.curved).collect();
         assert_eq!(curved, [false, true, true], "planes come first");
         assert_eq!(found[1].triangles.len(), 320);
         assert!(found[1].area > 3.9 * found[2].area && found[1].material == 0);
-        assert_eq!(balls(None).reflectors(), found);
-        assert!(balls(Some(false)).reflectors().is_empty());
-        let mut rough = balls(None);
-        rough.materials[0].roughness = 0.8;
-        assert!(rough.reflectors().is_empty());
-        // A crumb beside a large wall counts where it is asked for.
-        for (asked, count) in [(None, 3), (Some(true), 5)] {
-            let mut scene = balls(asked);
-            scene.add_quad(Vec3::Y * 90.0, Vec3::Z * 100.0, Vec3::X * 100.0, 0, 0);
-            add_ball(&mut scene, Vec3::Z * 9.0, 0.02, 0, 1);
-            assert_eq!(scene.reflectors().len(), count);
+        for asked in [None, Some(false)] {
+            assert!(balls(asked).reflectors().iter().all(|r| !r.curved));
         }
     }
 

@@ -18,10 +18,10 @@ const MAX_ALPHA: f32 = 0.3;
 const MIN_F0: f32 = 0.02;
 
 /// Minimum area as a fraction of the area of all triangles.
-pub(super) const MIN_AREA: f64 = 2e-4;
+const MIN_AREA: f64 = 2e-4;
 
 /// The area of all triangles counts as no more than this multiple of the area of all flat reflectors.
-pub(super) const MAX_SHARE: f64 = 1e3;
+const MAX_SHARE: f64 = 1e3;
 
 /// Normals of one plane differ by no more than this in each coordinate.
 pub(super) const SAME_NORMAL: f32 = 1e-3;
@@ -57,7 +57,7 @@ struct Parallel {
 }
 
 impl Material {
-    /// Whether faces of this material may be reflectors, flat ones of any kind and curved ones of opaque materials: on request, or for a mirror, a lobe narrow and strong
+    /// Whether faces of this material may be reflectors, flat ones, and where asked for curved ones of opaque materials: on request, or for a mirror, a lobe narrow and strong
     /// enough to show images, or frosted glass of any roughness. Textures are ignored, only their factors count, but a
     /// face with a normal map is not flat. One that lets rays pass is none either.
     pub fn may_reflect(&self) -> bool {
@@ -76,7 +76,7 @@ impl Material {
 
 impl Scene {
     /// The reflectors: planes, the largest first, then curved surfaces, the largest first. The `reflector` property of a material overrides
-    /// the minimum area. Faces shaded as part of a curved surface are no planes.
+    /// the minimum area; only where it is true, faces shaded as part of a curved surface count, as curved reflectors.
     pub fn reflectors(&self) -> Vec<Reflector> {
         let curved = self.curved_reflectors();
         let mut found = self.planar_reflectors(&curved);

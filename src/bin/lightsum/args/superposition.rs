@@ -9,7 +9,7 @@ use lightsum::settings::{Reflectance, Settings, Spread, Superposition};
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Glossy planes")]
 pub struct Glossy {
-    /// Show a convolved mirror image of the room on glossy planes and smooth curved surfaces [default: the scene's, or off].
+    /// Show a convolved mirror image of the room on glossy planes, and on curved surfaces with the key `reflector` [default: the scene's, or off].
     ///
     /// Without it eye paths follow their lobes, as of other glossy surfaces, so that a single frame shows separate reflections. Costs
     /// the convolution. No cost in scenes without such surfaces.
