@@ -16,7 +16,7 @@ const EDGES: [[usize; 2]; 12] =
 /// Kernels that are drawn in a line.
 const KERNELS: usize = 16;
 /// Edges of the outline of one.
-const EDGES: u32 = 48;
+const OUTLINE_EDGES: u32 = 48;
 /// Minimum of pixels between them, each way.
 const KERNEL_SPACING: usize = 16;
 
@@ -68,7 +68,7 @@ pub fn show(painter: &Painter, session: &Session, place: Rect) {
         let axis = egui::Vec2::from(kernel.axis);
         let along = axis.normalized() * radius;
         let across = along.rot90() / axis.length().max(1.0);
-        let angles = (0..EDGES).map(|i| std::f32::consts::TAU * i as f32 / EDGES as f32);
+        let angles = (0..OUTLINE_EDGES).map(|i| std::f32::consts::TAU * i as f32 / OUTLINE_EDGES as f32);
         let outline = angles.map(|angle| center + along * angle.cos() + across * angle.sin()).collect();
         painter.add(egui::Shape::closed_line(outline, stroke));
         painter.line_segment([center, center + along], stroke);
