@@ -154,7 +154,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         }
         var limit = vec2<f32>(0.0);
 #if OCCLUDED
-        let foot = footprint[select(entry, 0u, (here.flags & INVARIANT) != 0u)];
+        let foot = footprint[select(entry, min(place.id0, arrayLength(&footprint) - 1u), (here.flags & INVARIANT) != 0u)];
         limit.x = max(0.5, 0.5 * select(0.0, min(foot.x, here.widest), foot.x > 1.0));
         limit.y = own.w + abs(own.w) * DEPTH_TOLERANCE;
 #endif

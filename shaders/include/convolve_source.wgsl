@@ -11,8 +11,13 @@ struct Footprint {
     layer: f32,
 }
 
+// Entry of a pixel's kernel: its own, or that of its region, of which the last serves all further ones.
+fn entry_of_kernel(pixel: u32, here: ConvolveStep) -> u32 {
+    return select(pixel, min(region[pixel] & 0xffffu, arrayLength(&footprint) - 1u), (here.flags & INVARIANT) != 0u);
+}
+
 fn load_footprint(pixel: u32, here: ConvolveStep) -> Footprint {
-    let found = footprint[select(pixel, 0u, (here.flags & INVARIANT) != 0u)];
+    let found = footprint[entry_of_kernel(pixel, here)];
     var result: Footprint;
     // Comparisons with NaN are false.
     let spreads = found.x > 1.0;

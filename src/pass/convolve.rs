@@ -23,7 +23,7 @@
 //! 65535: sources spread only within their own region. **Output**, [`Convolve::spread`]: radiance; w: the sum of the
 //! weights, so that rgb times w is the sum of program 7.17.
 //!
-//! **Invariant** (program 7.12): a footprint buffer of a single entry applies to all pixels; factors that vary with
+//! **Invariant** (program 7.12): a footprint buffer with an entry for each region applies to all of its pixels; factors that vary with
 //! direction are applied to the image before or after by the caller.
 //!
 //! **Direct.** Each pixel gathers the sum as stated. Tiles of 8 x 8 pixels store the maximum reach of the sources that
@@ -138,8 +138,10 @@ pub struct Inputs<'a> {
     pub library: &'a Library,
     /// Radiance; w: depth, in any unit that orders.
     pub source: &'a Buffer,
-    /// Kernel diameter in pixels, layer, vector of the u axis, longer than 1 if the kernel is narrower; one entry for each pixel, or one for all.
+    /// Kernel diameter in pixels, layer, vector of the u axis, longer than 1 if the kernel is narrower; one entry for each pixel, or `by_region`.
     pub footprint: &'a Buffer,
+    /// `footprint` has an entry for each region number, from 0 on; the last serves all further ones, so one serves all.
+    pub by_region: bool,
     /// Region number up to 65535; 0: the pixel takes no part.
     pub region: &'a Buffer,
     /// Width and height of the image.
@@ -380,8 +382,8 @@ impl Inputs<'_> {
     fn check(&self) -> Result<()> {
         let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
         for (buffer, element) in [(self.source, 16), (self.footprint, 16), (self.region, 4)] {
-            let one_for_all = buffer.handle() == self.footprint.handle() && buffer.bytes() == element;
-            if buffer.bytes() != element * pixels && !one_for_all {
+            let of_regions = self.by_region && buffer.handle() == self.footprint.handle() && buffer.bytes() >= element;
+            if buffer.bytes() != element * pixels && !of_regions {
                 let [width, height] = self.size;
                 let message =
                     format!("{} bytes, {element} for each of {width}x{height} pixels are needed", buffer.bytes());

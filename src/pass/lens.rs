@@ -85,6 +85,7 @@ impl Lens {
                 library: &library,
                 source: &source,
                 footprint: &footprint,
+                by_region: false,
                 region: &region,
                 size: inputs.size,
                 widest: width.max(height) as f32,

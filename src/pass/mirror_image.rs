@@ -110,6 +110,8 @@ pub struct Tables {
     pub lobes: Buffer,
     /// Kernel texture of each layer.
     pub textures: Buffer,
+    /// For each reflector tan(beta) at normal incidence, and the first texture of its lobe.
+    pub facing: Vec<(f32, usize)>,
     /// By how many steps each layer is narrower than its texture.
     pub narrowings: Vec<u32>,
     /// Reflectance maps: energy of the lobe times Fresnel's term.
@@ -145,6 +147,10 @@ impl Tables {
             reflectors.push([first, i * MAP_TEXELS as u32, kind, 0]);
             maps.extend(map.to_gpu());
         }
+        let facing = (0..)
+            .zip(&reflectors)
+            .map(|(i, record)| (library.look_up(i, 1.0).map_or(0.0, |lobe| lobe.tan_beta), 2 * record[0] as usize));
+        let facing = facing.collect();
         let mut tables = library.to_gpu();
         let mut of_lobe = HashMap::new();
         for record in reflectors.iter_mut().filter(|record| record[2] == CURVED_SURFACE) {
@@ -155,6 +161,7 @@ impl Tables {
             reflectors: staging.stage(context, "reflectors", &reflectors)?,
             lobes: staging.stage(context, "reflector lobes", &tables.layers)?,
             textures: staging.stage(context, "reflector kernels", &tables.textures)?,
+            facing,
             narrowings: tables.narrowings,
             maps: staging.stage(context, "reflectance maps", &maps)?,
             library,

@@ -80,7 +80,8 @@ pub struct Superposition {
     /// Keep the blurred image of far surfaces from bleeding over sharp near ones. Default true. False is the algorithm of
     /// the thesis, which is a little faster.
     pub occlusion: bool,
-    /// Diameter in pixels of the kernel of `Invariant`. Default 15; 0 to 4096.
+    /// Diameter in pixels of the first reflector's kernel with `Invariant`; those of others are wider or narrower as their lobes are at
+    /// normal incidence. Default 15; 0 to 4096.
     pub kernel_width: u32,
     /// Algorithm of the convolution. Default `Auto`: direct for narrow kernels, else fast. Direct takes the sum as stated, for comparison; its time
     /// grows with the square of the widths.

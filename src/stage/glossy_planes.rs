@@ -53,17 +53,26 @@ impl GlossyPlanes {
                 let library = Library::new(kit.context, &mut staging, &tables.textures, &tables.narrowings)?;
                 let widest = size[0].max(size[1]) as f32;
                 let mut convolve = |radius: f32, texture: usize, footprint: &Buffer, first: Option<&Convolve>| {
-                    // One kernel for all: that of the largest reflector at normal incidence.
-                    let width = radius * settings.kernel_width as f32;
-                    let one = staging.stage(kit.context, "footprint of all", &[[width, texture as f32, 1.0, 0.0]])?;
+                    // One kernel for each reflector: that at normal incidence, the first one as wide as asked for.
+                    let wide = |tan_beta: f32| {
+                        let first = tables.facing.first().map_or(tan_beta, |&(tan_beta, _)| tan_beta);
+                        radius * settings.kernel_width as f32 * tan_beta / first.max(f32::MIN_POSITIVE)
+                    };
+                    let kernel = |&(tan_beta, texture_of): &(f32, usize)| {
+                        [wide(tan_beta), (texture + texture_of) as f32, 1.0, 0.0]
+                    };
+                    let kernels: Vec<[f32; 4]> =
+                        [[0.0; 4]].into_iter().chain(tables.facing.iter().map(kernel)).collect();
+                    let of_regions = staging.stage(kit.context, "footprints of reflectors", &kernels)?;
                     let (footprint, widest) = match settings.spread {
-                        Spread::Invariant => (&one, width),
+                        Spread::Invariant => (&of_regions, kernels.iter().map(|kernel| kernel[0]).fold(0.0, f32::max)),
                         _ => (footprint, radius * widest),
                     };
                     let inputs = convolve::Inputs {
                         library: &library,
                         source: &image.source,
                         footprint,
+                        by_region: settings.spread == Spread::Invariant,
                         region: &planes.region,
                         size,
                         widest,

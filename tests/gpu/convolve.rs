@@ -81,6 +81,7 @@ impl Subject {
             library: &library,
             source: &source,
             footprint: &footprint,
+            by_region: self.footprint.len() < self.region.len(),
             region: &region,
             size: self.size,
             widest: self.widest,
@@ -146,6 +147,27 @@ fn convolve_follows_its_oracle() {
         // More taps than one dispatch may take, and a kernel wider than those that are summed for the norm.
         let subject = Subject::random([300, 2], 420.0);
         assert_close(&subject.convolved(ctx), &subject.expected(), 1e-3, "420 pixels wide");
+    });
+}
+
+/// Three kernels for four region numbers give the bits of the same kernels written for each pixel, and follow the oracle.
+#[test]
+fn regions_have_kernels_of_their_own() {
+    gpu_test(|ctx| {
+        for size in [[27, 1], [31, 17], [2049, 1]] {
+            for form in FORMS {
+                let each = Subject { form, occlusion: true, ..Subject::random(size, 12.0) };
+                let kernels = [Vec4::ZERO, Vec4::new(9.0, 2.0, 0.6, 0.8), Vec4::new(4.5, 1.0, 1.0, 0.0)];
+                let of_pixel = |&id: &u32| kernels[(id as usize).min(2)];
+                let each = Subject { footprint: each.region.iter().map(of_pixel).collect(), ..each };
+                let found = each.convolved(ctx);
+                if form == Form::Direct {
+                    assert_close(&found, &each.expected(), 2e-4, &format!("{size:?}"));
+                }
+                let by_region = Subject { footprint: kernels.to_vec(), ..each };
+                assert_eq!(found, by_region.convolved(ctx), "{size:?} {form:?}");
+            }
+        }
     });
 }
 
@@ -412,6 +434,7 @@ fn wrong_inputs_of_convolve_are_named() {
             library: &library,
             source: &source,
             footprint: &footprint,
+            by_region: true,
             region: &region,
             size: [3, 2],
             widest: 3.0,
@@ -422,7 +445,7 @@ fn wrong_inputs_of_convolve_are_named() {
         assert!(Convolve::new(ctx, &mut staging, &inputs).is_ok());
         for (wrong, name) in [
             (Inputs { source: &small, ..inputs }, "small"),
-            (Inputs { footprint: &small, ..inputs }, "small"),
+            (Inputs { footprint: &small, by_region: false, ..inputs }, "small"),
             (Inputs { region: &small, ..inputs }, "small"),
             (Inputs { size: [0, 2], ..inputs }, "source"),
         ] {

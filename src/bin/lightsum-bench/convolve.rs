@@ -66,6 +66,7 @@ impl Subject {
             library: &self.library,
             source: &self.source,
             footprint: &footprint,
+            by_region: invariant,
             region: &self.region,
             size: self.size,
             widest: width as f32,

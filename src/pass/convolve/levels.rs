@@ -48,8 +48,7 @@ impl Levels {
         // Comparisons with NaN are false.
         let widest = if inputs.widest > 1.0 { inputs.widest.min(MAX_DIAMETER) } else { 1.0 };
         let fast = inputs.chosen() == Form::Fast;
-        let invariant = inputs.footprint.bytes() == 16 && width * height > 1;
-        let invariant = if invariant { ConvolveStep::INVARIANT } else { 0 };
+        let invariant = if inputs.by_region { ConvolveStep::INVARIANT } else { 0 };
         let whole = [-(MAX_WIDTH as i32), MAX_WIDTH as i32 + 1];
         let mut levels = Levels { steps: Vec::new(), count: 1, entries: 0, tiles: 0, weigh: 0..0, gather: 0..1 };
         let mut size = inputs.size;

@@ -18,7 +18,8 @@ pub struct Glossy {
     /// Reflectance model of mirrors and of the mirror images of glossy planes [default: schlick].
     #[arg(long, value_name = "HOW", value_enum)]
     pub reflectance: Option<ReflectanceFlag>,
-    /// Width in pixels of the kernel of --superposition invariant, 0 to 4096 [default: 15].
+    /// Width in pixels of the largest reflector's kernel with --superposition invariant, 0 to 4096 [default: 15]; others are as wide as
+    /// their lobes are in proportion.
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(0..=4096))]
     pub kernel_width: Option<u32>,
     /// Algorithm of the convolution [default: auto].
