@@ -1,0 +1,303 @@
+//! The oracles: each quantity of the pass from its equation.
+
+use glam::{Vec2, Vec3, Vec4, Vec4Swizzles};
+
+use super::{ALONG_EDGE, LEAST_COSINE, SEARCH, TILE, TOLERANCE, WIDEST, samples_of};
+use crate::accel::offset_origin;
+use crate::light::cosine;
+use crate::light::emitters::Emitter;
+use crate::pass::layout::FrameParameters;
+
+/// An emitter: a parallelogram.
+#[derive(Clone, Copy, Debug)]
+pub struct Light {
+    /// Its centre, with ray-origin offset.
+    pub centre: Vec3,
+    /// A corner.
+    pub corner: Vec3,
+    /// The edges from there.
+    pub edges: [Vec3; 2],
+    /// Unit normal.
+    pub normal: Vec3,
+    /// Radiance along the normal.
+    pub radiance: Vec3,
+    /// Exponent of the cosine.
+    pub exponent: f32,
+}
+
+impl Light {
+    /// Of an emitter; `scale`: coordinate scale of the scene.
+    pub fn of(e: &Emitter, scale: f32) -> Light {
+        Light {
+            centre: offset_origin(e.p0 + 0.5 * (e.e1 + e.e2), e.normal, scale),
+            corner: e.p0,
+            edges: [e.e1, e.e2],
+            normal: e.normal,
+            radiance: e.radiance,
+            exponent: e.exponent,
+        }
+    }
+
+    /// Whether its centre is above the horizon of a point with normal n, and the point above that of the emitter.
+    pub fn faces(&self, x: Vec3, n: Vec3) -> bool {
+        let d = self.centre - x;
+        d.dot(n) > 0.0 && d.dot(self.normal) < 0.0
+    }
+
+    /// Irradiance without shadows at a point with these normals, clipped at the root of `clip2`.
+    pub fn irradiance(&self, x: Vec3, [geometric, shading]: [Vec3; 2], clip2: f32) -> Vec3 {
+        let area = self.edges[0].cross(self.edges[1]).length();
+        let places = (0..ALONG_EDGE * ALONG_EDGE)
+            .map(|i| [i % ALONG_EDGE, i / ALONG_EDGE].map(|k| (k as f32 + 0.5) / ALONG_EDGE as f32));
+        let sum: f32 = places
+            .map(|[u, v]| {
+                let d = self.corner + u * self.edges[0] + v * self.edges[1] - x;
+                let wi = d.normalize();
+                let emitted = -wi.dot(self.normal);
+                if emitted <= 0.0 || wi.dot(geometric) <= 0.0 {
+                    return 0.0;
+                }
+                cosine::power(emitted, self.exponent) * wi.dot(shading).max(0.0) / d.length_squared().max(clip2)
+            })
+            .sum();
+        self.radiance * (area * sum / (ALONG_EDGE * ALONG_EDGE) as f32)
+    }
+}
+
+/// The kernel of a point in the image for a ratio of 1.
+#[derive(Clone, Copy, Debug)]
+pub struct Kernel {
+    /// Pixels along the edges of the light.
+    pub edges: [Vec2; 2],
+    /// Change of depth along them, over the depth.
+    pub depth: Vec2,
+}
+
+impl Kernel {
+    /// Of a point x with normal n.
+    pub fn of(frame: &FrameParameters, light: &Light, x: Vec3, n: Vec3) -> Kernel {
+        let xyz = |v: [f32; 4]| Vec4::from_array(v).xyz();
+        let w = x - light.centre;
+        let height = n.dot(w).min(-LEAST_COSINE * w.length());
+        let onto_plane = light.edges.map(|e| e - w * (n.dot(e) / height));
+        let [eye, right, up, forward] = [frame.eye, frame.right, frame.up, frame.forward].map(xyz);
+        let z = (x - eye).dot(forward);
+        let half = 0.5 * Vec2::new(frame.within[2] as f32, frame.within[3] as f32);
+        // Half widths and half heights at unit distance; rows count downwards.
+        let lateral = |v: Vec3| {
+            half * Vec2::new(v.dot(right) / right.length_squared(), -v.dot(up) / up.length_squared())
+        };
+        let depths = onto_plane.map(|p| p.dot(forward) / z);
+        let edge = |k: usize| lateral(onto_plane[k]) / z - lateral(x - eye) / z * depths[k];
+        Kernel { edges: [edge(0), edge(1)], depth: Vec2::from(depths) }
+    }
+
+    /// Half of the greater side of the box around it.
+    pub fn half_extent(&self) -> f32 {
+        0.5 * (self.edges[0].abs() + self.edges[1].abs()).max_element()
+    }
+
+    /// The greatest ratio whose kernel is not too wide.
+    pub fn bounded(&self, ratio: f32) -> f32 {
+        ratio.min(WIDEST / self.half_extent().max(1e-6))
+    }
+
+    /// Pixels to the sample of the light's point (u, v) from its centre; `along`: these times the ratio.
+    pub fn offset(&self, along: Vec2) -> Vec2 {
+        (self.edges[0] * along.x + self.edges[1] * along.y) / (1.0 + self.depth.dot(along)).max(0.25)
+    }
+
+    /// The pixel at an offset from another.
+    fn pixel(&self, at: [u32; 2], along: Vec2, size: [u32; 2]) -> Option<[u32; 2]> {
+        let place = (Vec2::new(at[0] as f32, at[1] as f32) + 0.5 + self.offset(along)).floor();
+        let inside = place.min_element() >= 0.0 && place.x < size[0] as f32 && place.y < size[1] as f32;
+        inside.then_some([place.x as u32, place.y as u32])
+    }
+}
+
+/// Point i of n = 2^k evenly spread ones in the unit square.
+pub fn spread_point(i: u32, n: u32) -> Vec2 {
+    Vec2::new((i as f32 + 0.5) / n as f32, (i.reverse_bits() >> 8) as f32 / 16_777_216.0 + 0.5 / n as f32)
+}
+
+/// Whether a point lies on the surface of x with normal n.
+pub fn on_surface(x: Vec3, n: Vec3, point: Vec3) -> bool {
+    let chord = point - x;
+    chord.dot(n).powi(2) <= TOLERANCE * TOLERANCE * chord.length_squared()
+}
+
+/// Ratio of a blocker at the share t of the way to the centre; `extent`: of its kernel for a ratio of 1.
+pub fn ratio_of(t: f32, extent: f32) -> f32 {
+    let t = t.clamp(0.0, 1.0);
+    (t / (1.0 - t).max(1e-4)).min(WIDEST / extent.max(1e-6))
+}
+
+/// Greatest reach in pixels and greatest ratio of a tile's blockers, and whether it shows lit and blocked pixels.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tile {
+    /// Reach.
+    pub reach: f32,
+    /// Ratio.
+    pub ratio: f32,
+    /// Shows lit pixels.
+    pub lit: bool,
+    /// Shows blocked pixels.
+    pub blocked: bool,
+}
+
+/// Greatest ratio of the blockers that reach tile `at`; 0: there are none, or nothing lit is in their reach.
+pub fn window(columns: u32, tiles: &[Tile], at: u32) -> f32 {
+    let apart = |other: usize| {
+        let (x, y) = (other as u32 % columns, other as u32 / columns);
+        let tiles_between = x.abs_diff(at % columns).max(y.abs_diff(at / columns));
+        (TILE * tiles_between) as f32 - (TILE - 1) as f32
+    };
+    let reaches = |i: &usize| tiles[*i].blocked && tiles[*i].reach >= apart(*i).max(0.0);
+    let (mut ratio, mut reach) = (0.0f32, -1.0f32);
+    for i in (0..tiles.len()).filter(reaches) {
+        (ratio, reach) = (ratio.max(tiles[i].ratio), reach.max(tiles[i].reach));
+    }
+    let lit = (0..tiles.len()).any(|i| tiles[i].lit && reach >= apart(i).max(0.0));
+    if lit { ratio } else { 0.0 }
+}
+
+/// What a pixel shows, for the search and the convolution.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    /// Parameters of the pass.
+    pub frame: &'a FrameParameters,
+    /// The emitter.
+    pub light: &'a Light,
+    /// The pixel.
+    pub at: [u32; 2],
+    /// Its point.
+    pub x: Vec3,
+    /// Its normal.
+    pub n: Vec3,
+}
+
+impl Seen<'_> {
+    fn size(&self) -> [u32; 2] {
+        [self.frame.size[0], self.frame.size[1]]
+    }
+
+    /// Mean ratio of the blockers whose kernels reach it; `blockers`: a point of each quad, w: its ratio.
+    pub fn mean_ratio(&self, blockers: &[Vec4], greatest: f32) -> f32 {
+        let kernel = Kernel::of(self.frame, self.light, self.x, self.n);
+        let widest = kernel.bounded(greatest);
+        let across = self.size()[0].div_ceil(2);
+        let blocker = |[x, y]: [u32; 2]| blockers[(x / 2 + y / 2 * across) as usize];
+        let counts = |b: &Vec4| b.w > 0.0 && on_surface(self.x, self.n, b.xyz());
+        let samples = (0..SEARCH).filter_map(|i| {
+            let p = 2.0 * spread_point(i, SEARCH) - 1.0;
+            let along = 0.5 * widest * p * p.abs();
+            let found = blocker(kernel.pixel(self.at, along, self.size())?);
+            (along.abs().max_element() <= 0.5 * found.w).then_some(found)
+        });
+        let found: Vec<f32> = [blocker(self.at)].into_iter().chain(samples).filter(counts).map(|b| b.w).collect();
+        found.iter().sum::<f32>() / found.len().max(1) as f32
+    }
+
+    /// Share of its kernel that is lit; `source`: point of each pixel, w: 1 lit, 0 blocked, -1 neither.
+    pub fn lit_share(&self, source: &[Vec4], ratio: f32) -> f32 {
+        let width = self.size()[0];
+        let of = |[x, y]: [u32; 2]| source[(x + y * width) as usize];
+        let kernel = Kernel::of(self.frame, self.light, self.x, self.n);
+        let bounded = kernel.bounded(ratio);
+        let count = if ratio > 0.0 { samples_of(2.0 * bounded * kernel.half_extent()) } else { 0 };
+        let samples = (0..count)
+            .filter_map(|i| kernel.pixel(self.at, bounded * (spread_point(i, count) - 0.5), self.size()))
+            .map(of)
+            .filter(|s| s.w >= 0.0 && on_surface(self.x, self.n, s.xyz()));
+        let (sum, weight) = samples.fold((0.0, 0.0), |(sum, weight), s| (sum + s.w, weight + 1.0));
+        let own = of(self.at).w;
+        let hard = if own >= 0.0 { own } else { 1.0 };
+        if weight > 0.0 { sum / weight } else { hard }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame() -> FrameParameters {
+        let [forward, right, up] = [Vec3::new(0.6, -0.48, 0.64), Vec3::new(0.8, 0.36, -0.48), Vec3::new(0.0, 0.8, 0.6)];
+        let with = |v: Vec3| v.extend(0.0).to_array();
+        FrameParameters {
+            eye: with(Vec3::new(-1.0, 2.0, -1.5)),
+            right: with(0.7 * right),
+            up: with(0.5 * up),
+            forward: with(forward),
+            size: [640, 480, 640 * 480, 0],
+            within: [0, 0, 640, 480],
+            ..FrameParameters::default()
+        }
+    }
+
+    /// Place of a point in the image, pixels.
+    fn project(frame: &FrameParameters, p: Vec3) -> Vec2 {
+        let xyz = |v: [f32; 4]| Vec4::from_array(v).xyz();
+        let d = p - xyz(frame.eye);
+        let z = d.dot(xyz(frame.forward));
+        let along = |axis: Vec3| d.dot(axis) / (z * axis.length_squared());
+        Vec2::new(320.0, 240.0) * Vec2::new(1.0 + along(xyz(frame.right)), 1.0 - along(xyz(frame.up)))
+    }
+
+    /// What blocks the light's point at x casts its shadow, seen from the centre, where the kernel has its sample.
+    #[test]
+    fn kernels_follow_the_shadow_of_an_occluder() {
+        let frame = frame();
+        let light = Light {
+            centre: Vec3::new(0.3, 3.0, 1.0),
+            corner: Vec3::ZERO,
+            edges: [Vec3::new(0.4, 0.1, 0.0), Vec3::new(0.05, -0.1, 0.5)],
+            normal: -Vec3::Y,
+            radiance: Vec3::ONE,
+            exponent: 1.0,
+        };
+        for n in [Vec3::Y, Vec3::new(0.2, 0.9, -0.3).normalize()] {
+            for (x, t) in [(Vec3::new(0.5, 0.0, 1.0), 0.3), (Vec3::new(1.0, 0.2, 0.4), 0.6), (Vec3::new(0.2, 0.4, 1.9), 0.05)] {
+                for [u, v] in [[0.5, 0.5], [-0.5, 0.2], [0.0, -0.4]] {
+                    let of_light = light.centre + u * light.edges[0] + v * light.edges[1];
+                    let occluder = x + t * (of_light - x);
+                    // From the centre through the occluder to the plane of x.
+                    let d = occluder - light.centre;
+                    let seen = light.centre + d * ((x - light.centre).dot(n) / d.dot(n));
+                    let offset = project(&frame, seen) - project(&frame, x);
+                    let found = Kernel::of(&frame, &light, x, n).offset(Vec2::new(u, v) * ratio_of(t, 0.0));
+                    let tolerance = 0.02 + 2e-3 * offset.length();
+                    assert!((found - offset).length() < tolerance, "{n} {x} {t}: {found} for {offset}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn spread_points_fill_every_column_and_row() {
+        for n in [16, 32, 64] {
+            for axis in 0..2 {
+                let mut filled: Vec<u32> = (0..n).map(|i| (spread_point(i, n)[axis] * n as f32) as u32).collect();
+                filled.sort_unstable();
+                assert!(filled.into_iter().eq(0..n), "{n}");
+            }
+        }
+    }
+
+    #[test]
+    fn irradiance_is_that_of_a_small_square() {
+        let light = Light {
+            centre: Vec3::new(0.0, 2.0, 0.0),
+            corner: Vec3::new(-0.05, 2.0, -0.05),
+            edges: [0.1 * Vec3::X, 0.1 * Vec3::Z],
+            normal: -Vec3::Y,
+            radiance: Vec3::new(10.0, 5.0, 1.0),
+            exponent: 1.0,
+        };
+        let found = light.irradiance(Vec3::ZERO, [Vec3::Y; 2], 0.0);
+        assert!((found - light.radiance * 0.01 / 4.0).length() < 1e-4 * found.length(), "{found}");
+        assert_eq!(light.irradiance(Vec3::ZERO, [-Vec3::Y; 2], 0.0), Vec3::ZERO);
+        // Within the clip distance it is that at this distance.
+        let clipped = light.irradiance(Vec3::ZERO, [Vec3::Y; 2], 16.0);
+        assert!((clipped - found / 4.0).length() < 1e-3 * found.length(), "{clipped}");
+    }
+}
