@@ -29,6 +29,24 @@ fn samples_of(width: f32) -> u32 {
     return select(select(64u, 32u, width <= 8.0), 16u, width <= 3.0);
 }
 
+// Ratio between those of the four quads around a pixel; 0: nothing to convolve. `quads`: 4, or 0 to look at none.
+fn ratio_between(at: vec2<u32>, x: vec3<f32>, n: vec3<f32>, quads: u32) -> f32 {
+    let place = 0.5 * vec2<f32>(at) - 0.25;
+    let first = floor(place);
+    let part = place - first;
+    let last = vec2<i32>((frame.size.xy - 1u) / 2u);
+    var sum = vec2<f32>(0.0);
+    for (var i = 0u; i < quads; i += 1u) {
+        let step = vec2<u32>(i & 1u, i / 2u);
+        let quad = vec2<u32>(clamp(vec2<i32>(first) + vec2<i32>(step), vec2<i32>(0), last));
+        let shares = select(1.0 - part, part, step == vec2<u32>(1u));
+        let found = ratios[quad_of(2u * quad)];
+        let counts = found.w > 0.0 && on_plane(x, n, found.xyz);
+        sum += select(vec2<f32>(0.0), shares.x * shares.y * vec2<f32>(found.w, 1.0), counts);
+    }
+    return sum.x / max(sum.y, 1e-6);
+}
+
 // Share of the kernel that is lit.
 fn lit_share(light: SoftLight, at: vec2<u32>, own: vec4<f32>, n: vec3<f32>, ratio: f32) -> f32 {
     let kernel = soft_kernel(light, own.xyz, n);
@@ -40,11 +58,12 @@ fn lit_share(light: SoftLight, at: vec2<u32>, own: vec4<f32>, n: vec3<f32>, rati
         let place = vec2<i32>(floor(vec2<f32>(at) + 0.5 + kernel_offset(kernel, along)));
         let safe = clamp(place, vec2<i32>(0), vec2<i32>(frame.size.xy) - 1);
         let found = source[u32(safe.y) * frame.size.x + u32(safe.x)];
-        let counts = all(safe == place) && found.w >= 0.0 && on_surface(own.xyz, n, found.xyz);
-        sum += select(vec2<f32>(0.0), vec2<f32>(found.w, 1.0), counts);
+        let lit = is_lit(found.w);
+        let counts = all(safe == place) && (lit || is_blocked(found.w)) && on_surface(own.xyz, n, found);
+        sum += select(vec2<f32>(0.0), vec2<f32>(select(0.0, 1.0, lit), 1.0), counts);
     }
     // A point that does not face the centre has no hard shadow of its own.
-    let hard = select(1.0, own.w, own.w >= 0.0);
+    let hard = select(1.0, 0.0, is_blocked(own.w));
     return select(hard, sum.x / max(sum.y, 1.0), sum.y > 0.0);
 }
 
@@ -89,10 +108,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let of_quad = ratios[quad_of(at)];
     let greatest = soft_windows[soft_tile_of(at)];
     // A quad may show several surfaces.
-    let agrees = on_surface(own.xyz, n, of_quad.xyz);
-    let alone = !agrees && greatest > 0.0 && own.w >= 0.0;
+    let agrees = on_plane(own.xyz, n, of_quad.xyz);
+    let alone = !agrees && greatest > 0.0 && (is_lit(own.w) || is_blocked(own.w));
     let searched = mean_ratio(light, at, own.xyz, n, greatest, select(0u, SEARCH, alone));
-    let ratio = select(select(0.0, of_quad.w, agrees), searched, alone);
+    let between = ratio_between(at, own.xyz, n, select(0u, 4u, agrees && greatest > 0.0));
+    let ratio = select(between, searched, alone);
     let share = lit_share(light, at, own, n, ratio);
     let e = unshadowed(emitters[frame.soft_emitters[step.first / 4u][step.first & 3u]], own.xyz, n, point_shading[pixel].xyz);
     soft_direct[pixel] = vec4<f32>(before + share * e, 0.0);

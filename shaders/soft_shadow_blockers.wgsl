@@ -18,7 +18,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if quad >= quads.x * quads.y {
         return;
     }
-    if blockers[quad].w == 0.0 {
+    let word = bitcast<u32>(blockers[quad].w);
+    if word == 0u {
         return;
     }
     let hit = hits[quad];
@@ -27,8 +28,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let t = clamp(select(0.0, hit.x, found), 0.0, 1.0);
     let extent = ray_direction[quad].w;
     let ratio = bounded_ratio(t / max(1.0 - t, 1e-4), extent);
-    blockers[quad].w = ratio;
-    let reach = ratio * extent + 1.0;
+    let known = (bitcast<u32>(ratio) & RATIO_BITS) | (word & ~RATIO_BITS);
+    blockers[quad].w = select(0.0, bitcast<f32>(known), ratio > 1e-30);
+    // And the margin of the search.
+    let reach = ratio * extent + 2.0;
     let tile = 4u * soft_tile_of(2u * divided(quad, quads.x).yx);
     // Bits of positive floats order like the floats.
     atomicMax(&soft_tiles[tile], bitcast<u32>(reach));

@@ -35,7 +35,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let at = corner + vec2<u32>(i & 1u, i / 2u);
         let inside = all(at < frame.size.xy);
         let pixel = select(0u, at.x + at.y * frame.size.x, inside);
-        chosen = min(chosen, select(NO_POINT, pixel, inside && source[pixel].w >= 0.0));
+        let word = source[pixel].w;
+        chosen = min(chosen, select(NO_POINT, pixel, inside && (is_lit(word) || is_blocked(word))));
     }
     let counts = chosen != NO_POINT;
     let pixel = select(0u, chosen, counts);

@@ -12,7 +12,7 @@
 @group(0) @binding(4) var<storage, read> point_geometric: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> point_wo: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read> visible: array<u32>;
-@group(0) @binding(7) var<storage, read_write> source: array<vec4<f32>>;    // point; w: 1 lit, 0 blocked, -1 neither: the centre is below the horizon
+@group(0) @binding(7) var<storage, read_write> source: array<vec4<f32>>;    // point; w: its word, neither lit nor blocked where the centre is below the horizon
 var<immediate> push: Push;
 
 @compute @workgroup_size(64)
@@ -23,8 +23,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let light = soft_light(steps[push.step].first);
     let x = point_position[pixel].xyz;
+    let n = point_geometric[pixel].xyz;
     let d = light.centre - x;
-    let faces = dot(d, point_geometric[pixel].xyz) > 0.0 && dot(d, light.normal) < 0.0;
+    let faces = dot(d, n) > 0.0 && dot(d, light.normal) < 0.0;
     let counts = faces && has_flag(point_wo[pixel].w, SOFT);
-    source[pixel] = vec4<f32>(x, select(-1.0, select(0.0, 1.0, visible[pixel] != 0u), counts));
+    let state = select(0u, select(PIXEL_BLOCKED, PIXEL_LIT, visible[pixel] != 0u), counts);
+    source[pixel] = vec4<f32>(x, bitcast<f32>(PIXEL_WORD | state | select(0u, normal_code(n), counts)));
 }

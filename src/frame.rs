@@ -29,8 +29,8 @@ use crate::plan::Plan;
 use crate::ring::{Form, Paths};
 use crate::settings::LightChoice;
 use crate::stage::{
-    Compensation, Edges, Eye, GlossyPlanes, NearLight, Output, PhotonLighting, Photons, Shade, SoftShadows,
-    Splats, Stage, Walk,
+    Compensation, Edges, Eye, GlossyPlanes, NearLight, Output, PhotonLighting, Photons, Shade, SoftShadows, Splats,
+    Stage, Walk,
 };
 
 /// Buffers of a frame that the next one goes on with.

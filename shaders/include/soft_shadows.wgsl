@@ -11,6 +11,18 @@ const WIDEST: f32 = 256.0;
 const LEAST_COSINE: f32 = 0.05;
 // Distance from the tangent plane up to which points count as one surface, over their distance. Host twin: pass::soft_shadow::TOLERANCE.
 const TOLERANCE: f32 = 0.1;
+// Least cosine between the normals of one surface. Host twin: pass::soft_shadow::LEAST_AGREEMENT.
+const LEAST_AGREEMENT: f32 = 0.9;
+
+// Words about a point, as the bits of a float that is neither denormal nor no number: a code of its normal in the lowest bits,
+// and of a pixel what it shows, or of a blocker the upper half of its ratio.
+const NORMAL_BITS: u32 = 0x3fffu;
+const PIXEL_WORD: u32 = 0x3f800000u;
+const PIXEL_LIT: u32 = 0x4000u;
+const PIXEL_BLOCKED: u32 = 0x8000u;
+const BLOCKER_FOUND: u32 = 0xbf800000u;     // its ratio is not known yet
+const BLOCKER_AT_EDGE: u32 = 0x8000u;       // lit pixels are beside it
+const RATIO_BITS: u32 = 0xffff0000u;
 
 // An emitter: a parallelogram about its centre.
 struct SoftLight {
@@ -75,11 +87,44 @@ fn spread_point(i: u32, n: u32) -> vec2<f32> {
     return vec2<f32>((f32(i) + 0.5) * share, f32(reverseBits(i) >> 8u) * (1.0 / 16777216.0) + 0.5 * share);
 }
 
-// Whether a point lies on the surface of x with normal n.
-fn on_surface(x: vec3<f32>, n: vec3<f32>, point: vec3<f32>) -> bool {
+// Whether a point lies on the tangent plane of x with normal n.
+fn on_plane(x: vec3<f32>, n: vec3<f32>, point: vec3<f32>) -> bool {
     let chord = point - x;
     let rise = dot(chord, n);
     return rise * rise <= TOLERANCE * TOLERANCE * dot(chord, chord);
+}
+
+// Code of a unit vector, 2 x 7 bits (octahedral, Meyer et al. 2010).
+fn normal_code(n: vec3<f32>) -> u32 {
+    let p = n.xy / (abs(n.x) + abs(n.y) + abs(n.z));
+    let folded = (1.0 - abs(p.yx)) * select(vec2<f32>(-1.0), vec2<f32>(1.0), p >= vec2<f32>(0.0));
+    let e = vec2<u32>(clamp(63.5 * select(folded, p, n.z >= 0.0) + 64.0, vec2<f32>(0.0), vec2<f32>(127.0)));
+    return e.x | (e.y << 7u);
+}
+
+// Whether a point whose word is given lies on the surface of x with normal n.
+fn on_surface(x: vec3<f32>, n: vec3<f32>, point: vec4<f32>) -> bool {
+    let code = bitcast<u32>(point.w);
+    let e = vec2<f32>(vec2<u32>(code & 127u, (code >> 7u) & 127u)) / 63.5 - 1.0;
+    let z = 1.0 - abs(e.x) - abs(e.y);
+    let fold = max(-z, 0.0);
+    let normal = vec3<f32>(e - select(vec2<f32>(-fold), vec2<f32>(fold), e >= vec2<f32>(0.0)), z);
+    let cosine = dot(normal, n);
+    let alike = cosine > 0.0 && cosine * cosine >= LEAST_AGREEMENT * LEAST_AGREEMENT * dot(normal, normal);
+    return alike && on_plane(x, n, point.xyz);
+}
+
+fn is_lit(word: f32) -> bool {
+    return (bitcast<u32>(word) & PIXEL_LIT) != 0u;
+}
+
+fn is_blocked(word: f32) -> bool {
+    return (bitcast<u32>(word) & PIXEL_BLOCKED) != 0u;
+}
+
+// 0: no blocker.
+fn ratio_in(word: f32) -> f32 {
+    return bitcast<f32>(bitcast<u32>(word) & RATIO_BITS);
 }
 
 // Index of the quad of 2 x 2 pixels around a pixel.

@@ -58,6 +58,12 @@ pub const LEAST_COSINE: f32 = 0.05;
 pub const TOLERANCE: f32 = 0.1;
 /// Samples of the search for blockers.
 pub const SEARCH: u32 = 64;
+/// Pixels by which kernels reach farther in the search.
+pub const MARGIN: f32 = 1.5;
+/// Weight in the search of blockers beside lit pixels, which are at the outline of what blocks; others count 1.
+pub const EDGE_WEIGHT: f32 = 8.0;
+/// Least cosine between the normals of one surface.
+pub const LEAST_AGREEMENT: f32 = 0.9;
 /// Points on an emitter along each of its edges.
 pub const ALONG_EDGE: u32 = 4;
 
@@ -82,13 +88,13 @@ pub struct SoftShadow {
     pub lights: Buffer,
     /// Whether each pixel sees the centre.
     pub visible: Buffer,
-    /// Point; w: 1 lit, 0 blocked, -1 neither.
+    /// Point of each pixel; w: its word, see [`reference::Word`].
     pub source: Buffer,
     /// Rays of quads to what blocks them.
     pub rays: Rays,
     /// The quads with such rays.
     pub blocked: List,
-    /// Blocked point of each quad; w: ratio of its kernel, 0: none.
+    /// Blocked point of each quad; w: its word, 0: none.
     pub blockers: Buffer,
     /// Of each tile: greatest reach of its blockers in pixels, greatest ratio, 1 for lit and 2 for blocked pixels, 0.
     pub tiles: Buffer,

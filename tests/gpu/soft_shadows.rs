@@ -9,7 +9,7 @@ use lightsum::gpu::Context;
 use lightsum::light::emitters::Emitters;
 use lightsum::pass::layout::PointLight;
 use lightsum::pass::soft_shadow::TILE;
-use lightsum::pass::soft_shadow::reference::{Kernel, Light, Seen, Tile, ratio_of, window};
+use lightsum::pass::soft_shadow::reference::{Kernel, Light, Seen, Tile, Word, on_plane, on_surface, ratio_of, window};
 use lightsum::pass::{ShadingPoints, shade};
 use lightsum::scene::{Camera, Light as SceneLight, Material, Scene};
 use lightsum::settings::{Compensation, Filter, Settings, SoftShadows, Traversal};
@@ -17,7 +17,9 @@ use lightsum::stage::{self, Stage};
 use lightsum::view::View;
 
 use crate::passes_light::receivers;
-use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, gallery_with_alpha, has, hit_of, is_lit, ray_of, xyz};
+use crate::rig::{
+    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, gallery_with_alpha, has, hit_of, is_lit, ray_of, xyz,
+};
 use crate::scenes::{Soup, camera, compare, fov, original, render, settings};
 use crate::support::gpu_test;
 
@@ -31,7 +33,7 @@ fn stage<'a>(rig: &'a Rig) -> &'a stage::SoftShadows {
 
 /// A rig after its eye stage.
 fn rig<'a>(ctx: &'a Context, scene: &'a Scene, resolution: [u32; 2], traversal: Traversal) -> Rig<'a> {
-    let settings = Settings { compensation: Compensation::Off, traversal, ..settings(8, 5) };
+    let settings = Settings { compensation: Compensation::Off, traversal, ..settings(64, 5) };
     let rig = Rig::new(ctx, scene, resolution, soft(settings));
     rig.walk_and_look();
     rig
@@ -87,10 +89,13 @@ fn check_emitter(rig: &Rig, k: usize, light: &Light, soft: &[u32], before: &[Vec
 
     rig.run(|_, rec| stage.record_blockers(rec, k));
     let [source, blockers] = [&pass.source, &pass.blockers].map(|b| rig.vec4s(b));
+    let lit = |i: usize| Word(source[i].w.to_bits()).lit();
     for i in 0..pixels as usize {
         let counts = soft.binary_search(&(i as u32)).is_ok() && faces(i);
-        let state = if !counts { -1.0 } else { f32::from(visible[i] > 0) };
-        assert_eq!(source[i].w, state, "{what}: pixel {i}");
+        let expected = Word::of_pixel(counts.then_some(visible[i] > 0), points[i].geometric);
+        assert_eq!(lit(i), expected.lit(), "{what}: pixel {i}");
+        let normal = Word(source[i].w.to_bits()).normal();
+        assert!(!counts || normal.dot(points[i].geometric) > 0.998, "{what}: pixel {i}: {normal}");
         assert!(!counts || source[i].xyz() == points[i].position);
     }
     let [origin, direction, hits] = [&pass.rays.origin, &pass.rays.direction, &pass.rays.hits].map(|b| rig.vec4s(b));
@@ -105,8 +110,8 @@ fn check_emitter(rig: &Rig, k: usize, light: &Light, soft: &[u32], before: &[Vec
         let shown: Vec<usize> =
             of_quad.filter(|at| at[0] < width && at[1] < height).map(|[x, y]| (x + y * width) as usize).collect();
         let tile = &mut tiles[(corner[0] / TILE + corner[1] / TILE * columns) as usize];
-        tile.lit |= shown.iter().any(|&i| source[i].w == 1.0);
-        let blocked = shown.iter().copied().find(|&i| source[i].w == 0.0);
+        tile.lit |= shown.iter().any(|&i| lit(i) == Some(true));
+        let blocked = shown.iter().copied().find(|&i| lit(i) == Some(false));
         tile.blocked |= blocked.is_some();
         let q = quad as usize;
         assert_eq!(listed.binary_search(&quad).is_ok(), blocked.is_some(), "{what}: quad {quad}");
@@ -123,17 +128,30 @@ fn check_emitter(rig: &Rig, k: usize, light: &Light, soft: &[u32], before: &[Vec
         let extent = Kernel::of(p, light, points[i].position, points[i].geometric).half_extent();
         assert!((direction[q].w - extent).abs() <= 1e-3 * extent, "{what}: quad {quad}: {} {extent}", direction[q].w);
         let ratio = ratio_of(hit_of(hits[q]).map_or(0.0, |h| h.t), direction[q].w);
-        assert!((blockers[q].w - ratio).abs() <= 1e-5 * ratio, "{what}: quad {quad}: {} {ratio}", blockers[q].w);
+        // A pixel beyond each side.
+        let beside = [[-2, 0], [3, 0], [0, -2], [1, 3]].map(|[x, y]| [corner[0] as i32 + x, corner[1] as i32 + y]);
+        let at_edge = shown.iter().any(|&i| lit(i) == Some(true))
+            || beside.iter().any(|&[x, y]| {
+                let j = (x.clamp(0, width as i32 - 1) + y.clamp(0, height as i32 - 1) * width as i32) as usize;
+                lit(j) == Some(true) && on_surface(points[i].position, points[i].geometric, source[j])
+            });
+        let expected = Word::of_blocker(ratio, at_edge, Word(source[i].w.to_bits()));
+        let found = Word(blockers[q].w.to_bits());
+        // The upper half of a float has 8 bits of a number.
+        let alike = (found.ratio() - expected.ratio()).abs() <= 0.01 * ratio && found.0 & 0xffff == expected.0 & 0xffff;
+        assert!(alike || ratio < 1e-20, "{what}: quad {quad}: {found:?} for {expected:?}");
         assert_eq!(blockers[q].xyz(), points[i].position);
-        tile.ratio = tile.ratio.max(blockers[q].w);
-        tile.reach = tile.reach.max(blockers[q].w * direction[q].w + 1.0);
+        tile.ratio = tile.ratio.max(ratio);
+        tile.reach = tile.reach.max(ratio * direction[q].w + 2.0);
     }
     rays.finish(STRAYS);
     let found: Vec<[u32; 4]> = rig.get(&pass.tiles);
     let windows: Vec<f32> = rig.get(&pass.windows);
     for (i, (tile, found)) in tiles.iter_mut().zip(&found).enumerate() {
         let shows = u32::from(tile.lit) | 2 * u32::from(tile.blocked);
-        assert_eq!((found[1], found[2]), (tile.ratio.to_bits(), shows), "{what}: tile {i}");
+        assert_eq!(found[2], shows, "{what}: tile {i}");
+        assert!((f32::from_bits(found[1]) - tile.ratio).abs() <= 1e-5 * tile.ratio, "{what}: tile {i}");
+        tile.ratio = f32::from_bits(found[1]);
         assert!((f32::from_bits(found[0]) - tile.reach).abs() <= 1e-4 * tile.reach, "{what}: tile {i}");
         tile.reach = f32::from_bits(found[0]);
     }
@@ -155,10 +173,9 @@ fn check_emitter(rig: &Rig, k: usize, light: &Light, soft: &[u32], before: &[Vec
         let corner = [quad % across * 2, quad / across * 2];
         let of_quad = (0..4).map(|i| [corner[0] + i % 2, corner[1] + i / 2]);
         let mut shown = of_quad.filter(|at| at[0] < width && at[1] < height).map(|[x, y]| (x + y * width) as usize);
-        let first = shown.find(|&i| source[i].w >= 0.0).filter(|_| window_of(corner) > 0.0);
-        let expected = first.map_or(Vec4::ZERO, |i| {
-            points[i].position.extend(seen_at(i).mean_ratio(&blockers, window_of(corner)))
-        });
+        let first = shown.find(|&i| lit(i).is_some()).filter(|_| window_of(corner) > 0.0);
+        let expected = first
+            .map_or(Vec4::ZERO, |i| points[i].position.extend(seen_at(i).mean_ratio(&blockers, window_of(corner))));
         let found = ratios[quad as usize];
         met.reached += usize::from(expected.w > 0.0);
         let alike = (found.w - expected.w).abs() <= 1e-4 * expected.w && found.xyz() == expected.xyz();
@@ -176,10 +193,10 @@ fn check_emitter(rig: &Rig, k: usize, light: &Light, soft: &[u32], before: &[Vec
         }
         let seen = seen_at(i);
         let of_quad = ratios[quad_of(seen.at)];
-        let agrees = lightsum::pass::soft_shadow::reference::on_surface(seen.x, seen.n, of_quad.xyz());
         let ratio = match window_of(seen.at) {
-            _ if agrees => of_quad.w,
-            greatest if greatest > 0.0 && source[i].w >= 0.0 => seen.mean_ratio(&blockers, greatest),
+            0.0 => 0.0,
+            _ if on_plane(seen.x, seen.n, of_quad.xyz()) => seen.ratio_between(&ratios),
+            greatest if lit(i).is_some() => seen.mean_ratio(&blockers, greatest),
             _ => 0.0,
         };
         let share = seen.lit_share(&source, ratio);
@@ -292,7 +309,7 @@ fn penumbrae_have_the_width_of_the_geometry() {
             };
             let profile: Vec<f32> = (0..resolution[0]).map(share).collect();
             let (dark, light) = (profile[resolution[0] as usize - 1], profile[0]);
-            assert!(dark < 1e-6 && (light - 1.0).abs() < 1e-5, "{height}: {dark} {light}");
+            assert!(dark < 1e-6 && (light - 1.0).abs() < 1e-4, "{height}: {dark} {light}");
             // The steps between neighbours have the moments of a box.
             let steps: Vec<(f32, f32)> =
                 profile.windows(2).enumerate().map(|(x, v)| (x as f32 + 1.0, v[0] - v[1])).collect();
@@ -356,13 +373,13 @@ fn room() -> (Scene, Camera) {
 fn images_agree_with_many_virtual_lights() {
     gpu_test(|ctx| {
         let (scene, view) = room();
-        let many = render(ctx, &scene, view, &original(256, 2), 16).color;
-        let image = |settings: &Settings, passes| compare(&render(ctx, &scene, view, settings, passes).color, &many);
-        let (energy, error) = image(&soft(original(4, 2)), 8);
-        let (_, four) = image(&original(4, 2), 1);
-        let (_, one) = image(&soft(original(4, 2)), 1);
-        println!("energy {energy:.4}, error {error:.4}; of one pass {one:.4}, of four lights {four:.4}");
-        assert!((energy - 1.0).abs() < 0.02 && error < 0.1 && one < four, "{energy} {error} {one} {four}");
+        // The first pass of each has the same place in its pixels.
+        let many = render(ctx, &scene, view, &original(1024, 2), 1).color;
+        let image = |settings: &Settings| compare(&render(ctx, &scene, view, settings, 1).color, &many);
+        let (energy, error) = image(&soft(original(4, 2)));
+        let errors = [4, 16, 64].map(|lights| image(&original(lights, 2)).1);
+        println!("energy {energy:.4}, error {error:.4}; of 4, 16, 64 lights {errors:.4?}");
+        assert!((energy - 1.0).abs() < 0.02 && error < 0.1 && error < 0.5 * errors[0], "{energy} {error} {errors:?}");
     });
 }
 
@@ -408,7 +425,8 @@ fn scenes_without_such_emitters_change_no_bit() {
 fn soft_shadows_are_refused_where_they_make_no_sense() {
     gpu_test(|ctx| {
         let (scene, view) = room();
-        let refused = |scene: &Scene, settings: Settings| Engine::new(ctx, scene, view, settings).err().unwrap().to_string();
+        let refused =
+            |scene: &Scene, settings: Settings| Engine::new(ctx, scene, view, settings).err().unwrap().to_string();
         let kept = SceneLight::Imported { position: Vec3::Y, normal: Vec3::Y, power: Vec3::ONE, exponent: 1.0 };
         let imported = Scene { emitters_are_lights: false, lights: vec![kept], ..scene.clone() };
         for (scene, settings, words) in [
@@ -423,10 +441,7 @@ fn soft_shadows_are_refused_where_they_make_no_sense() {
             let text = refused(scene, settings);
             assert!(text.contains("--soft-shadow") && text.contains(words), "{text}");
         }
-        let part = View::Camera {
-            camera: view,
-            region: lightsum::view::Region { origin: [0, 0], size: [32, 24] },
-        };
+        let part = View::Camera { camera: view, region: lightsum::view::Region { origin: [0, 0], size: [32, 24] } };
         let text = part.check(&soft(settings(4, 2))).unwrap_err().to_string();
         assert!(text.contains("soft shadows"), "{text}");
     });

@@ -2,7 +2,9 @@
 
 use glam::{Vec2, Vec3, Vec4, Vec4Swizzles};
 
-use super::{ALONG_EDGE, LEAST_COSINE, SEARCH, TILE, TOLERANCE, WIDEST, samples_of};
+use super::{
+    ALONG_EDGE, EDGE_WEIGHT, LEAST_AGREEMENT, LEAST_COSINE, MARGIN, SEARCH, TILE, TOLERANCE, WIDEST, samples_of,
+};
 use crate::accel::offset_origin;
 use crate::light::cosine;
 use crate::light::emitters::Emitter;
@@ -84,9 +86,8 @@ impl Kernel {
         let z = (x - eye).dot(forward);
         let half = 0.5 * Vec2::new(frame.within[2] as f32, frame.within[3] as f32);
         // Half widths and half heights at unit distance; rows count downwards.
-        let lateral = |v: Vec3| {
-            half * Vec2::new(v.dot(right) / right.length_squared(), -v.dot(up) / up.length_squared())
-        };
+        let lateral =
+            |v: Vec3| half * Vec2::new(v.dot(right) / right.length_squared(), -v.dot(up) / up.length_squared());
         let depths = onto_plane.map(|p| p.dot(forward) / z);
         let edge = |k: usize| lateral(onto_plane[k]) / z - lateral(x - eye) / z * depths[k];
         Kernel { edges: [edge(0), edge(1)], depth: Vec2::from(depths) }
@@ -120,10 +121,66 @@ pub fn spread_point(i: u32, n: u32) -> Vec2 {
     Vec2::new((i as f32 + 0.5) / n as f32, (i.reverse_bits() >> 8) as f32 / 16_777_216.0 + 0.5 / n as f32)
 }
 
-/// Whether a point lies on the surface of x with normal n.
-pub fn on_surface(x: Vec3, n: Vec3, point: Vec3) -> bool {
+/// Whether a point lies on the tangent plane of x with normal n.
+pub fn on_plane(x: Vec3, n: Vec3, point: Vec3) -> bool {
     let chord = point - x;
     chord.dot(n).powi(2) <= TOLERANCE * TOLERANCE * chord.length_squared()
+}
+
+/// Whether a point with its word lies on the surface of x with normal n.
+pub fn on_surface(x: Vec3, n: Vec3, point: Vec4) -> bool {
+    Word(point.w.to_bits()).normal().dot(n) >= LEAST_AGREEMENT && on_plane(x, n, point.xyz())
+}
+
+/// Word about a point: a code of its normal in 14 bits; of a pixel whether it is lit or blocked, of a blocker the upper half of its ratio.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Word(pub u32);
+
+impl Word {
+    /// Of a pixel's point with normal n that faces the centre and sees it or not; `None`: it does not face it.
+    pub fn of_pixel(state: Option<bool>, n: Vec3) -> Word {
+        let code = |lit| Self::code(n) | if lit { 0x4000 } else { 0x8000 };
+        Word(1f32.to_bits() | state.map_or(0, code))
+    }
+
+    /// Of a blocker.
+    pub fn of_blocker(ratio: f32, at_edge: bool, of_pixel: Word) -> Word {
+        let ratio = ratio.to_bits() & 0xffff_0000;
+        Word(ratio | if at_edge { 0x8000 } else { 0 } | of_pixel.0 & 0x3fff)
+    }
+
+    /// Whether a pixel is lit or blocked; `None`: neither.
+    pub fn lit(self) -> Option<bool> {
+        (self.0 & 0xc000 != 0).then_some(self.0 & 0x4000 != 0)
+    }
+
+    /// Ratio of a blocker.
+    pub fn ratio(self) -> f32 {
+        f32::from_bits(self.0 & 0xffff_0000)
+    }
+
+    /// Weight of a blocker.
+    fn weight(self) -> f32 {
+        if self.0 & 0x8000 != 0 { EDGE_WEIGHT } else { 1.0 }
+    }
+
+    fn code(n: Vec3) -> u32 {
+        let p = n.truncate() / (n.x.abs() + n.y.abs() + n.z.abs());
+        let sign = |x: f32| if x >= 0.0 { 1.0 } else { -1.0 };
+        let folded = Vec2::new((1.0 - p.y.abs()) * sign(p.x), (1.0 - p.x.abs()) * sign(p.y));
+        let e = if n.z >= 0.0 { p } else { folded };
+        let [x, y] = (63.5 * e + 64.0).to_array().map(|v| v.clamp(0.0, 127.0) as u32);
+        x | y << 7
+    }
+
+    /// The normal, to some degrees.
+    pub fn normal(self) -> Vec3 {
+        let e = Vec2::from([0, 7].map(|shift| (self.0 >> shift & 127) as f32 / 63.5 - 1.0));
+        let z = 1.0 - e.x.abs() - e.y.abs();
+        let fold = (-z).max(0.0);
+        let unfolded = |x: f32| if x >= 0.0 { x - fold } else { x + fold };
+        Vec3::new(unfolded(e.x), unfolded(e.y), z).normalize()
+    }
 }
 
 /// Ratio of a blocker at the share t of the way to the centre; `extent`: of its kernel for a ratio of 1.
@@ -181,24 +238,46 @@ impl Seen<'_> {
         [self.frame.size[0], self.frame.size[1]]
     }
 
-    /// Mean ratio of the blockers whose kernels reach it; `blockers`: a point of each quad, w: its ratio.
+    /// Mean ratio of the blockers whose kernels reach it; `blockers`: a point of each quad, w: its word.
     pub fn mean_ratio(&self, blockers: &[Vec4], greatest: f32) -> f32 {
         let kernel = Kernel::of(self.frame, self.light, self.x, self.n);
         let widest = kernel.bounded(greatest);
+        let margin = MARGIN / Vec2::from(kernel.edges.map(Vec2::length)).max(Vec2::splat(1e-6));
         let across = self.size()[0].div_ceil(2);
         let blocker = |[x, y]: [u32; 2]| blockers[(x / 2 + y / 2 * across) as usize];
-        let counts = |b: &Vec4| b.w > 0.0 && on_surface(self.x, self.n, b.xyz());
+        let counts = |b: &Vec4| b.w > 0.0 && on_surface(self.x, self.n, *b);
         let samples = (0..SEARCH).filter_map(|i| {
             let p = 2.0 * spread_point(i, SEARCH) - 1.0;
-            let along = 0.5 * widest * p * p.abs();
+            let along = (0.5 * widest + margin) * p * p.abs();
             let found = blocker(kernel.pixel(self.at, along, self.size())?);
-            (along.abs().max_element() <= 0.5 * found.w).then_some(found)
+            along.abs().cmple(0.5 * Word(found.w.to_bits()).ratio() + margin).all().then_some(found)
         });
-        let found: Vec<f32> = [blocker(self.at)].into_iter().chain(samples).filter(counts).map(|b| b.w).collect();
-        found.iter().sum::<f32>() / found.len().max(1) as f32
+        let found = [blocker(self.at)].into_iter().chain(samples).filter(counts).map(|b| Word(b.w.to_bits()));
+        let (sum, weight) = found
+            .fold((0.0, 0.0f32), |(sum, weight), word| (sum + word.weight() * word.ratio(), weight + word.weight()));
+        sum / weight.max(1.0)
     }
 
-    /// Share of its kernel that is lit; `source`: point of each pixel, w: 1 lit, 0 blocked, -1 neither.
+    /// Ratio between those of the four quads around it; `ratios`: a point of each quad, w: its ratio.
+    pub fn ratio_between(&self, ratios: &[Vec4]) -> f32 {
+        let [across, down] = self.size().map(|n| n.div_ceil(2));
+        let place = self.at.map(|at| 0.5 * at as f32 - 0.25);
+        let corners = (0..4).map(|i| [i & 1, i / 2]).map(|step| {
+            let of = |k: usize, last: u32| {
+                let (first, part) = (place[k].floor(), place[k] - place[k].floor());
+                let quad = (first as i32 + step[k]).clamp(0, last as i32) as u32;
+                (quad, if step[k] == 1 { part } else { 1.0 - part })
+            };
+            let ((x, share_x), (y, share_y)) = (of(0, across - 1), of(1, down - 1));
+            (ratios[(x + y * across) as usize], share_x * share_y)
+        });
+        let counts = |(r, _): &(Vec4, f32)| r.w > 0.0 && on_plane(self.x, self.n, r.xyz());
+        let (sum, weight) =
+            corners.filter(counts).fold((0.0, 0.0f32), |(sum, weight), (r, share)| (sum + share * r.w, weight + share));
+        sum / weight.max(1e-6)
+    }
+
+    /// Share of its kernel that is lit; `source`: point of each pixel, w: its word.
     pub fn lit_share(&self, source: &[Vec4], ratio: f32) -> f32 {
         let width = self.size()[0];
         let of = |[x, y]: [u32; 2]| source[(x + y * width) as usize];
@@ -208,10 +287,10 @@ impl Seen<'_> {
         let samples = (0..count)
             .filter_map(|i| kernel.pixel(self.at, bounded * (spread_point(i, count) - 0.5), self.size()))
             .map(of)
-            .filter(|s| s.w >= 0.0 && on_surface(self.x, self.n, s.xyz()));
-        let (sum, weight) = samples.fold((0.0, 0.0), |(sum, weight), s| (sum + s.w, weight + 1.0));
-        let own = of(self.at).w;
-        let hard = if own >= 0.0 { own } else { 1.0 };
+            .filter(|s| on_surface(self.x, self.n, *s))
+            .filter_map(|s| Word(s.w.to_bits()).lit());
+        let (sum, weight) = samples.fold((0.0, 0.0), |(sum, weight), lit| (sum + f32::from(lit), weight + 1.0));
+        let hard = Word(of(self.at).w.to_bits()).lit().map_or(1.0, f32::from);
         if weight > 0.0 { sum / weight } else { hard }
     }
 }
@@ -256,7 +335,9 @@ mod tests {
             exponent: 1.0,
         };
         for n in [Vec3::Y, Vec3::new(0.2, 0.9, -0.3).normalize()] {
-            for (x, t) in [(Vec3::new(0.5, 0.0, 1.0), 0.3), (Vec3::new(1.0, 0.2, 0.4), 0.6), (Vec3::new(0.2, 0.4, 1.9), 0.05)] {
+            for (x, t) in
+                [(Vec3::new(0.5, 0.0, 1.0), 0.3), (Vec3::new(1.0, 0.2, 0.4), 0.6), (Vec3::new(0.2, 0.4, 1.9), 0.05)]
+            {
                 for [u, v] in [[0.5, 0.5], [-0.5, 0.2], [0.0, -0.4]] {
                     let of_light = light.centre + u * light.edges[0] + v * light.edges[1];
                     let occluder = x + t * (of_light - x);
@@ -270,6 +351,21 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn words_keep_normals_and_ratios() {
+        for i in 0..500u32 {
+            let [u, v] = [spread_point(i, 512).x, spread_point(i, 512).y];
+            let n = crate::bsdf::sample_diffuse([u, v]) * if i % 2 == 0 { 1.0 } else { -1.0 };
+            let pixel = Word::of_pixel(Some(i % 3 == 0), n);
+            assert!(pixel.normal().dot(n) > 0.999, "{n}: {}", pixel.normal());
+            assert_eq!(pixel.lit(), Some(i % 3 == 0));
+            let blocker = Word::of_blocker(0.01 * (i + 1) as f32, true, pixel);
+            assert!((blocker.ratio() / (0.01 * (i + 1) as f32) - 1.0).abs() < 0.01);
+            assert_eq!(blocker.normal(), pixel.normal());
+        }
+        assert_eq!(Word::of_pixel(None, Vec3::Z).lit(), None);
     }
 
     #[test]
