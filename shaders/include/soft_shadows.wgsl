@@ -1,12 +1,12 @@
 // Kernels of soft shadows. Needs frame.wgsl, math.wgsl, emitters.wgsl, and the emitters bound as `emitters`. CPU twin: pass::soft_shadow::reference.
 
 // Edge of a tile, pixels. Host twin: pass::soft_shadow::TILE.
-const SOFT_TILE: u32 = 16u;
+const SOFT_TILE: u32 = 8u;
 // What the pixels of a tile show.
 const SHOWS_LIT: u32 = 1u;
 const SHOWS_BLOCKED: u32 = 2u;
 // Greatest half width or height of a kernel, pixels. Host twin: pass::soft_shadow::WIDEST.
-const WIDEST: f32 = 256.0;
+const WIDEST: f32 = 128.0;
 // Kernels grow no more at cosines of incidence below. Host twin: pass::soft_shadow::LEAST_COSINE.
 const LEAST_COSINE: f32 = 0.05;
 // Distance from the tangent plane up to which points count as one surface, over their distance. Host twin: pass::soft_shadow::TOLERANCE.
@@ -23,6 +23,13 @@ const PIXEL_BLOCKED: u32 = 0x8000u;
 const BLOCKER_FOUND: u32 = 0xbf800000u;     // its ratio is not known yet
 const BLOCKER_AT_EDGE: u32 = 0x8000u;       // lit pixels are beside it
 const RATIO_BITS: u32 = 0xffff0000u;
+
+// What is known of a quad beside a point of it: above 0 the ratio of its kernel; 0 if no kernel reaches it; of wide kernels QUAD_LIT less the
+// share that is lit; or nothing.
+const QUAD_LIT: f32 = -1.0;
+const QUAD_UNKNOWN: f32 = -4.0;
+// Kernels of more pixels are wide: one serves a quad. Host twin: pass::soft_shadow::WIDE.
+const WIDE: f32 = 8.0;
 
 // An emitter: a parallelogram about its centre.
 struct SoftLight {

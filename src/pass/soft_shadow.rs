@@ -23,10 +23,11 @@
 //! thing that blocks it, which tells r. From the receiver's side that is the rear of a body: near the ground its shadow is sharp.
 //!
 //! **Search.** The ratio of a pixel's kernel, lit or not, is the mean of those r whose own kernel, about a blocked point, reaches it
-//! (as Fernando 2005, "Percentage-closer soft shadows", averages depths), from [`SEARCH`] samples of the widest kernel that reaches its tile, denser
-//! near the middle. It is found once for each quad, and again for pixels of a quad that show other surfaces.
+//! (as Fernando 2005, "Percentage-closer soft shadows", averages depths), from up to 64 samples of the widest kernel that reaches its tile, denser
+//! near the middle; those beside lit pixels count [`EDGE_WEIGHT`] times, because deep in a shadow the nearest thing is not the one whose outline casts its edge. It is found once for each quad, and again for
+//! pixels of a quad that show other surfaces. Kernels of more than [`WIDE`] pixels are convolved for quads too, and pixels take what lies between theirs.
 //!
-//! **Tiles** of 16 x 16 pixels that no blocker reaches, or from which nothing lit is in reach, keep V.
+//! **Tiles** of 8 x 8 pixels that no blocker reaches, or from which nothing lit is in reach, keep V.
 //!
 //! Samples are 16, 32 or 64 points (Hammersley) of the parallelogram, the same for all pixels: there is no noise, and a step between
 //! light and shadow has as many levels. Kernels reach [`WIDEST`] pixels at most.
@@ -35,8 +36,8 @@
 //! from the emitter in: one layer of pixels; one occluder at a point; V' is the mean over the emitter's area, whatever its parts contribute; what only parts of the emitter other than
 //! its centre see is not known.
 //!
-//! Cost, for each emitter: a shadow ray for each pixel, one ray for each quad with blocked pixels; near edges of shadows 64 vec4 for each quad and
-//! up to 64 for each pixel; 300 operations a pixel. 60 bytes of memory a pixel.
+//! Cost, for each emitter: a shadow ray for each pixel, one ray for each quad with blocked pixels; near edges of shadows up to 128 vec4 for each quad and
+//! up to 36 for each pixel; 300 operations a pixel. 60 bytes of memory a pixel.
 
 use super::layout::PointLight;
 use super::{BoundKernel, Kit, Lighting, List, Rays, ShadingPoints, groups, push};
@@ -47,17 +48,17 @@ use crate::settings::SoftShadows;
 pub mod reference;
 
 /// Edge of a tile, pixels.
-pub const TILE: u32 = 16;
+pub const TILE: u32 = 8;
 /// Greatest half width or height of a kernel, pixels.
-pub const WIDEST: f32 = 256.0;
+pub const WIDEST: f32 = 128.0;
+/// Kernels of more pixels are convolved once for a quad.
+pub const WIDE: f32 = 8.0;
 /// Kernels grow no more at cosines of incidence below.
 pub const LEAST_COSINE: f32 = 0.05;
 /// Distance from the tangent plane up to which a point counts as one of the surface, over its distance from the pixel's point.
 ///
 /// Higher: light leaks over bends. Lower: kernels on curved surfaces are cut.
 pub const TOLERANCE: f32 = 0.1;
-/// Samples of the search for blockers.
-pub const SEARCH: u32 = 64;
 /// Pixels by which kernels reach farther in the search.
 pub const MARGIN: f32 = 1.5;
 /// Weight in the search of blockers beside lit pixels, which are at the outline of what blocks; others count 1.
@@ -66,6 +67,17 @@ pub const EDGE_WEIGHT: f32 = 8.0;
 pub const LEAST_AGREEMENT: f32 = 0.9;
 /// Points on an emitter along each of its edges.
 pub const ALONG_EDGE: u32 = 4;
+
+/// Samples of the search for blockers in so many pixels across.
+pub fn searches_of(width: f32) -> u32 {
+    if width <= 6.0 {
+        16
+    } else if width <= 12.0 {
+        32
+    } else {
+        64
+    }
+}
 
 /// Samples of a kernel that is so many pixels wide.
 pub fn samples_of(width: f32) -> u32 {
@@ -100,8 +112,8 @@ pub struct SoftShadow {
     pub tiles: Buffer,
     /// Greatest ratio of the blockers that reach each tile; 0: nothing to convolve.
     pub windows: Buffer,
-    /// A point of each quad; w: ratio of its kernel.
-    pub ratios: Buffer,
+    /// A point of each quad; w: what is known of it, see [`reference::Quad`].
+    pub quads: Buffer,
     farthest: Buffer,
     write_list: BoundKernel,
     write_source: BoundKernel,
@@ -129,7 +141,7 @@ impl SoftShadow {
         let blockers = kit.vec4s("blockers", quads)?;
         let tiles = kit.vec4s("soft tiles", tiles_of(TILE))?;
         let windows = kit.array("soft windows", tiles_of(TILE), 4)?;
-        let ratios = kit.vec4s("ratios of kernels", quads)?;
+        let of_quads = kit.vec4s("kernels of quads", quads)?;
         let farthest = kit.array("reach of blockers", 1, 4)?;
         let own = Resources::of([
             ("soft_direct", &direct),
@@ -139,7 +151,7 @@ impl SoftShadow {
             ("blockers", &blockers),
             ("soft_tiles", &tiles),
             ("soft_windows", &windows),
-            ("ratios", &ratios),
+            ("soft_quads", &of_quads),
             ("farthest", &farthest),
         ]);
         let of_points = points.resources();
@@ -162,7 +174,7 @@ impl SoftShadow {
             blockers,
             tiles,
             windows,
-            ratios,
+            quads: of_quads,
             farthest,
             size: [width, height],
         })
@@ -192,12 +204,12 @@ impl SoftShadow {
         self.reach.run(rec, &[], groups(self.count(TILE)))
     }
 
-    /// Records the widths of the kernels.
+    /// Records the widths of the kernels, and the convolution by wide ones.
     pub fn record_search(&self, rec: &mut Recorder, step: u32) -> Result<()> {
-        self.search.run(rec, &push(step), u64::from(self.count(TILE)))
+        self.search.run(rec, &push(step), u64::from(self.count(16)))
     }
 
-    /// Records the convolution, and the light of the emitter.
+    /// Records the convolution by narrow kernels, and the light of the emitter.
     pub fn record_convolution(&self, rec: &mut Recorder, step: u32) -> Result<()> {
         self.convolve.run(rec, &push(step), u64::from(self.count(8)))
     }

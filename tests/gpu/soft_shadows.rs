@@ -9,7 +9,9 @@ use lightsum::gpu::Context;
 use lightsum::light::emitters::Emitters;
 use lightsum::pass::layout::PointLight;
 use lightsum::pass::soft_shadow::TILE;
-use lightsum::pass::soft_shadow::reference::{Kernel, Light, Seen, Tile, Word, on_plane, on_surface, ratio_of, window};
+use lightsum::pass::soft_shadow::reference::{
+    Kernel, Light, Quad, Seen, Tile, Word, on_plane, on_surface, ratio_of, window,
+};
 use lightsum::pass::{ShadingPoints, shade};
 use lightsum::scene::{Camera, Light as SceneLight, Material, Scene};
 use lightsum::settings::{Compensation, Filter, Settings, SoftShadows, Traversal};
@@ -67,6 +69,7 @@ fn check_list(rig: &Rig) -> Vec<u32> {
 struct Met {
     blocked: usize,
     reached: usize,
+    wide: usize,
     partly: usize,
 }
 
@@ -159,9 +162,9 @@ fn check_emitter(rig: &Rig, k: usize, light: &Light, soft: &[u32], before: &[Vec
         assert_eq!(windows[i as usize], window(columns, &tiles, i), "{what}: tile {i}");
     }
 
-    rig.prefill(&[&pass.ratios]);
+    rig.prefill(&[&pass.quads]);
     rig.run(|_, rec| stage.record_search(rec, k));
-    let ratios = rig.vec4s(&pass.ratios);
+    let quads = rig.vec4s(&pass.quads);
     let seen_at = |i: usize| {
         let at = [i as u32 % width, i as u32 / width];
         Seen { frame: p, light, at, x: points[i].position, n: points[i].geometric }
@@ -174,11 +177,14 @@ fn check_emitter(rig: &Rig, k: usize, light: &Light, soft: &[u32], before: &[Vec
         let of_quad = (0..4).map(|i| [corner[0] + i % 2, corner[1] + i / 2]);
         let mut shown = of_quad.filter(|at| at[0] < width && at[1] < height).map(|[x, y]| (x + y * width) as usize);
         let first = shown.find(|&i| lit(i).is_some()).filter(|_| window_of(corner) > 0.0);
-        let expected = first
-            .map_or(Vec4::ZERO, |i| points[i].position.extend(seen_at(i).mean_ratio(&blockers, window_of(corner))));
-        let found = ratios[quad as usize];
-        met.reached += usize::from(expected.w > 0.0);
-        let alike = (found.w - expected.w).abs() <= 1e-4 * expected.w && found.xyz() == expected.xyz();
+        let expected = first.map_or(Vec4::new(0.0, 0.0, 0.0, -4.0), |i| {
+            let known = seen_at(i).quad((&source, &blockers), window_of(corner));
+            points[i].position.extend(known.written())
+        });
+        let found = quads[quad as usize];
+        met.reached += usize::from(expected.w != 0.0 && expected.w != -4.0);
+        met.wide += usize::from(matches!(Quad::read(expected.w), Some(Quad::Wide(_))));
+        let alike = (found.w - expected.w).abs() <= 1e-4 * expected.w.abs() && found.xyz() == expected.xyz();
         search.check(alike, || format!("quad {quad}: {found} for {expected}"));
     }
     search.finish(0.005);
@@ -192,14 +198,22 @@ fn check_emitter(rig: &Rig, k: usize, light: &Light, soft: &[u32], before: &[Vec
             continue;
         }
         let seen = seen_at(i);
-        let of_quad = ratios[quad_of(seen.at)];
-        let ratio = match window_of(seen.at) {
-            0.0 => 0.0,
-            _ if on_plane(seen.x, seen.n, of_quad.xyz()) => seen.ratio_between(&ratios),
-            greatest if lit(i).is_some() => seen.mean_ratio(&blockers, greatest),
-            _ => 0.0,
+        let of_quad = quads[quad_of(seen.at)];
+        let agrees = Quad::read(of_quad.w).is_some() && on_plane(seen.x, seen.n, of_quad.xyz());
+        let known = match window_of(seen.at) {
+            0.0 => Quad::Open,
+            _ if agrees => seen.between(&source, &quads),
+            greatest if lit(i).is_some() => match seen.mean_ratio(&blockers, greatest) {
+                0.0 => Quad::Open,
+                ratio => Quad::Narrow(ratio),
+            },
+            _ => Quad::Open,
         };
-        let share = seen.lit_share(&source, ratio);
+        let share = match known {
+            Quad::Open => lit(i).map_or(1.0, f32::from),
+            Quad::Narrow(ratio) => seen.lit_share(&source, ratio),
+            Quad::Wide(share) => share,
+        };
         met.partly += usize::from(share > 0.0 && share < 1.0);
         let expected = share * light.irradiance(seen.x, [points[i].geometric, points[i].shading], p.right[3]);
         let found = after[i].xyz() - before[i];
@@ -232,7 +246,7 @@ fn soft_shadows_follow_their_oracles() {
             assert_eq!(rig.lost(), 0);
         }
         println!("{met:?}");
-        assert!(met.blocked > 100 && met.reached > 100 && met.partly > 50, "{met:?}");
+        assert!(met.blocked > 100 && met.reached > 100 && met.wide > 10 && met.partly > 50, "{met:?}");
     });
 }
 
@@ -379,7 +393,7 @@ fn images_agree_with_many_virtual_lights() {
         let (energy, error) = image(&soft(original(4, 2)));
         let errors = [4, 16, 64].map(|lights| image(&original(lights, 2)).1);
         println!("energy {energy:.4}, error {error:.4}; of 4, 16, 64 lights {errors:.4?}");
-        assert!((energy - 1.0).abs() < 0.02 && error < 0.1 && error < 0.5 * errors[0], "{energy} {error} {errors:?}");
+        assert!((energy - 1.0).abs() < 0.02 && error < 0.08 && error < errors[0], "{energy} {error} {errors:?}");
     });
 }
 

@@ -3,7 +3,8 @@
 use glam::{Vec2, Vec3, Vec4, Vec4Swizzles};
 
 use super::{
-    ALONG_EDGE, EDGE_WEIGHT, LEAST_AGREEMENT, LEAST_COSINE, MARGIN, SEARCH, TILE, TOLERANCE, WIDEST, samples_of,
+    ALONG_EDGE, EDGE_WEIGHT, LEAST_AGREEMENT, LEAST_COSINE, MARGIN, TILE, TOLERANCE, WIDE, WIDEST, samples_of,
+    searches_of,
 };
 use crate::accel::offset_origin;
 use crate::light::cosine;
@@ -218,6 +219,38 @@ pub fn window(columns: u32, tiles: &[Tile], at: u32) -> f32 {
     if lit { ratio } else { 0.0 }
 }
 
+/// What is known of a quad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Quad {
+    /// No kernel reaches it.
+    Open,
+    /// Ratio of its kernel.
+    Narrow(f32),
+    /// Share of its kernel that is lit.
+    Wide(f32),
+}
+
+impl Quad {
+    /// As a number.
+    pub fn written(self) -> f32 {
+        match self {
+            Quad::Open => 0.0,
+            Quad::Narrow(ratio) => ratio,
+            Quad::Wide(share) => -1.0 - share,
+        }
+    }
+
+    /// From its number; `None`: nothing is known.
+    pub fn read(number: f32) -> Option<Quad> {
+        match number {
+            _ if number > 0.0 => Some(Quad::Narrow(number)),
+            _ if number < -3.0 => None,
+            0.0 => Some(Quad::Open),
+            _ => Some(Quad::Wide(-1.0 - number)),
+        }
+    }
+}
+
 /// What a pixel shows, for the search and the convolution.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen<'a> {
@@ -246,8 +279,9 @@ impl Seen<'_> {
         let across = self.size()[0].div_ceil(2);
         let blocker = |[x, y]: [u32; 2]| blockers[(x / 2 + y / 2 * across) as usize];
         let counts = |b: &Vec4| b.w > 0.0 && on_surface(self.x, self.n, *b);
-        let samples = (0..SEARCH).filter_map(|i| {
-            let p = 2.0 * spread_point(i, SEARCH) - 1.0;
+        let count = searches_of(2.0 * (widest * kernel.half_extent() + MARGIN));
+        let samples = (0..count).filter_map(|i| {
+            let p = 2.0 * spread_point(i, count) - 1.0;
             let along = (0.5 * widest + margin) * p * p.abs();
             let found = blocker(kernel.pixel(self.at, along, self.size())?);
             along.abs().cmple(0.5 * Word(found.w.to_bits()).ratio() + margin).all().then_some(found)
@@ -258,23 +292,49 @@ impl Seen<'_> {
         sum / weight.max(1.0)
     }
 
-    /// Ratio between those of the four quads around it; `ratios`: a point of each quad, w: its ratio.
-    pub fn ratio_between(&self, ratios: &[Vec4]) -> f32 {
+    /// What is known of a quad from this point of it; `source`: point of each pixel, w: its word.
+    pub fn quad(&self, (source, blockers): (&[Vec4], &[Vec4]), greatest: f32) -> Quad {
+        let ratio = self.mean_ratio(blockers, greatest);
+        let kernel = Kernel::of(self.frame, self.light, self.x, self.n);
+        match ratio {
+            0.0 => Quad::Open,
+            _ if 2.0 * kernel.bounded(ratio) * kernel.half_extent() > WIDE => Quad::Wide(self.lit_share(source, ratio)),
+            _ => Quad::Narrow(ratio),
+        }
+    }
+
+    /// Share that is lit by the four quads around it, of each a point, w: what is known; or the ratio of its kernel if its own is narrow.
+    pub fn between(&self, source: &[Vec4], quads: &[Vec4]) -> Quad {
         let [across, down] = self.size().map(|n| n.div_ceil(2));
+        let of = |[x, y]: [u32; 2]| quads[(x + y * across) as usize];
+        let hard = self.hard(source);
         let place = self.at.map(|at| 0.5 * at as f32 - 0.25);
-        let corners = (0..4).map(|i| [i & 1, i / 2]).map(|step| {
-            let of = |k: usize, last: u32| {
+        let (mut narrow, mut others) = ((0.0, 0.0f32), (0.0, 0.0f32));
+        for step in [[0, 0], [1, 0], [0, 1], [1, 1]] {
+            let [(x, share_x), (y, share_y)] = [(0, across - 1), (1, down - 1)].map(|(k, last): (usize, u32)| {
                 let (first, part) = (place[k].floor(), place[k] - place[k].floor());
-                let quad = (first as i32 + step[k]).clamp(0, last as i32) as u32;
-                (quad, if step[k] == 1 { part } else { 1.0 - part })
-            };
-            let ((x, share_x), (y, share_y)) = (of(0, across - 1), of(1, down - 1));
-            (ratios[(x + y * across) as usize], share_x * share_y)
-        });
-        let counts = |(r, _): &(Vec4, f32)| r.w > 0.0 && on_plane(self.x, self.n, r.xyz());
-        let (sum, weight) =
-            corners.filter(counts).fold((0.0, 0.0f32), |(sum, weight), (r, share)| (sum + share * r.w, weight + share));
-        sum / weight.max(1e-6)
+                ((first as i32 + step[k]).clamp(0, last as i32) as u32, if step[k] == 1 { part } else { 1.0 - part })
+            });
+            let (found, weight) = (of([x, y]), share_x * share_y);
+            let add = |sum: &mut (f32, f32), value: f32| *sum = (sum.0 + weight * value, sum.1 + weight);
+            match Quad::read(found.w) {
+                Some(_) if !on_plane(self.x, self.n, found.xyz()) => {}
+                None => {}
+                Some(Quad::Narrow(ratio)) => add(&mut narrow, ratio),
+                Some(Quad::Wide(share)) => add(&mut others, share),
+                Some(Quad::Open) => add(&mut others, hard),
+            }
+        }
+        match Quad::read(of(self.at.map(|n| n / 2)).w) {
+            Some(Quad::Narrow(_)) => Quad::Narrow(narrow.0 / narrow.1.max(1e-6)),
+            _ => Quad::Wide(if others.1 > 0.0 { others.0 / others.1.max(1e-6) } else { hard }),
+        }
+    }
+
+    /// Share that is lit without a kernel.
+    fn hard(&self, source: &[Vec4]) -> f32 {
+        let own = source[(self.at[0] + self.at[1] * self.size()[0]) as usize];
+        Word(own.w.to_bits()).lit().map_or(1.0, f32::from)
     }
 
     /// Share of its kernel that is lit; `source`: point of each pixel, w: its word.
@@ -283,15 +343,14 @@ impl Seen<'_> {
         let of = |[x, y]: [u32; 2]| source[(x + y * width) as usize];
         let kernel = Kernel::of(self.frame, self.light, self.x, self.n);
         let bounded = kernel.bounded(ratio);
-        let count = if ratio > 0.0 { samples_of(2.0 * bounded * kernel.half_extent()) } else { 0 };
+        let count = samples_of(2.0 * bounded * kernel.half_extent());
         let samples = (0..count)
             .filter_map(|i| kernel.pixel(self.at, bounded * (spread_point(i, count) - 0.5), self.size()))
             .map(of)
             .filter(|s| on_surface(self.x, self.n, *s))
             .filter_map(|s| Word(s.w.to_bits()).lit());
         let (sum, weight) = samples.fold((0.0, 0.0), |(sum, weight), lit| (sum + f32::from(lit), weight + 1.0));
-        let hard = Word(of(self.at).w.to_bits()).lit().map_or(1.0, f32::from);
-        if weight > 0.0 { sum / weight } else { hard }
+        if weight > 0.0 { sum / weight } else { self.hard(source) }
     }
 }
 
