@@ -27,7 +27,8 @@ const ALONG_EDGE: u32 = 4u;
 // What is known between the four quads around a pixel of x: ratio of the narrow kernels, 0: there are none; share of the others that is lit, of
 // quads without a kernel `hard`.
 fn between_quads(at: vec2<u32>, x: vec3<f32>, n: vec3<f32>, hard: f32) -> vec2<f32> {
-    let place = 0.5 * vec2<f32>(at) - 0.25;
+    // The point of a quad is that of its first pixel, but at outlines.
+    let place = 0.5 * vec2<f32>(at);
     let first = floor(place);
     let part = place - first;
     let last = vec2<i32>((frame.size.xy - 1u) / 2u);
@@ -47,20 +48,32 @@ fn between_quads(at: vec2<u32>, x: vec3<f32>, n: vec3<f32>, hard: f32) -> vec2<f
     return vec2<f32>(ratio.x / max(ratio.y, 1e-6), select(hard, share.x / max(share.y, 1e-6), share.y > 0.0));
 }
 
-// Irradiance by the whole emitter without shadows, clipped like that of virtual lights. `points`: all of them, or 0 for none.
-fn unshadowed(e: EmitterRecord, x: vec3<f32>, geometric: vec3<f32>, shading: vec3<f32>, points: u32) -> vec3<f32> {
+// Irradiance by the whole emitter without shadows, clipped like that of virtual lights. `rows`: ALONG_EDGE, or 0 for none.
+fn unshadowed(emitter: u32, x: vec3<f32>, geometric: vec3<f32>, shading: vec3<f32>, rows: u32) -> vec3<f32> {
+    let e1 = emitters[emitter].e1;
+    let step = e1.xyz / f32(ALONG_EDGE);
+    let next = emitters[emitter].e2.xyz / f32(ALONG_EDGE);
+    let normal = emitters[emitter].normal.xyz;
+    let exponent = emitters[emitter].flux.w;
+    var row = emitters[emitter].p0.xyz + 0.5 * (step + next) - x;
     var sum = 0.0;
-    for (var i = 0u; i < points; i += 1u) {
-        let along = (vec2<f32>(vec2<u32>(i % ALONG_EDGE, i / ALONG_EDGE)) + 0.5) / f32(ALONG_EDGE);
-        let d = e.p0.xyz + along.x * e.e1.xyz + along.y * e.e2.xyz - x;
-        let r2 = max(dot(d, d), 1e-37);
-        let wi = d / sqrt(r2);
-        let cosine = max(-dot(wi, e.normal.xyz), 0.0);
-        let intensity = cosine_power(cosine, e.flux.w);
-        let received = select(0.0, max(dot(wi, shading), 0.0), dot(wi, geometric) > 0.0);
-        sum += select(0.0, intensity * received / max(r2, frame.right.w), cosine > 0.0);
+    for (var j = 0u; j < rows; j += 1u) {
+        var d = row;
+        for (var i = 0u; i < ALONG_EDGE; i += 1u) {
+            let r2 = max(dot(d, d), 1e-37);
+            let emitted = max(-dot(d, normal), 0.0);
+            let received = select(0.0, max(dot(d, shading), 0.0), dot(d, geometric) > 0.0);
+            var light = emitted * received / (r2 * max(r2, frame.right.w));
+            // A loop, because it runs zero times where all emitters have the cosine law.
+            for (var k = select(1u, 0u, exponent == 1.0); k > 0u; k -= 1u) {
+                light *= cosine_falloff(emitted / sqrt(r2), exponent);
+            }
+            sum += light;
+            d += step;
+        }
+        row += next;
     }
-    return e.radiance.xyz * (e.e1.w * sum / f32(ALONG_EDGE * ALONG_EDGE));
+    return emitters[emitter].radiance.xyz * (e1.w * sum / f32(ALONG_EDGE * ALONG_EDGE));
 }
 
 // A workgroup for each tile of 8 x 8 pixels.
@@ -104,8 +117,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             }
         }
     }
-    let e = emitters[frame.soft_emitters[step.first / 4u][step.first & 3u]];
-    let points = select(0u, ALONG_EDGE * ALONG_EDGE, share > 0.0);
+    let emitter = frame.soft_emitters[step.first / 4u][step.first & 3u];
+    let rows = select(0u, ALONG_EDGE, share > 0.0);
     let before = select(vec3<f32>(0.0), soft_direct[pixel].xyz, step.clears == 0u);
-    soft_direct[pixel] = vec4<f32>(before + share * unshadowed(e, own.xyz, n, point_shading[pixel].xyz, points), 0.0);
+    soft_direct[pixel] = vec4<f32>(before + share * unshadowed(emitter, own.xyz, n, point_shading[pixel].xyz, rows), 0.0);
 }

@@ -308,7 +308,8 @@ impl Seen<'_> {
         let [across, down] = self.size().map(|n| n.div_ceil(2));
         let of = |[x, y]: [u32; 2]| quads[(x + y * across) as usize];
         let hard = self.hard(source);
-        let place = self.at.map(|at| 0.5 * at as f32 - 0.25);
+        // The point of a quad is that of its first pixel, but at outlines.
+        let place = self.at.map(|at| 0.5 * at as f32);
         let (mut narrow, mut others) = ((0.0, 0.0f32), (0.0, 0.0f32));
         for step in [[0, 0], [1, 0], [0, 1], [1, 1]] {
             let [(x, share_x), (y, share_y)] = [(0, across - 1), (1, down - 1)].map(|(k, last): (usize, u32)| {
