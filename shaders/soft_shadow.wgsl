@@ -48,8 +48,8 @@ fn between_quads(at: vec2<u32>, x: vec3<f32>, n: vec3<f32>, hard: f32) -> vec2<f
     return vec2<f32>(ratio.x / max(ratio.y, 1e-6), select(hard, share.x / max(share.y, 1e-6), share.y > 0.0));
 }
 
-// Irradiance by the whole emitter without shadows, clipped like that of virtual lights. `rows`: ALONG_EDGE, or 0 for none.
-fn unshadowed(emitter: u32, x: vec3<f32>, geometric: vec3<f32>, shading: vec3<f32>, rows: u32) -> vec3<f32> {
+// Irradiance by the whole emitter without shadows, clipped like that of virtual lights.
+fn unshadowed(emitter: u32, x: vec3<f32>, geometric: vec3<f32>, shading: vec3<f32>) -> vec3<f32> {
     let e1 = emitters[emitter].e1;
     let step = e1.xyz / f32(ALONG_EDGE);
     let next = emitters[emitter].e2.xyz / f32(ALONG_EDGE);
@@ -57,7 +57,7 @@ fn unshadowed(emitter: u32, x: vec3<f32>, geometric: vec3<f32>, shading: vec3<f3
     let exponent = emitters[emitter].flux.w;
     var row = emitters[emitter].p0.xyz + 0.5 * (step + next) - x;
     var sum = 0.0;
-    for (var j = 0u; j < rows; j += 1u) {
+    for (var j = 0u; j < ALONG_EDGE; j += 1u) {
         var d = row;
         for (var i = 0u; i < ALONG_EDGE; i += 1u) {
             let r2 = max(dot(d, d), 1e-37);
@@ -81,22 +81,20 @@ fn unshadowed(emitter: u32, x: vec3<f32>, geometric: vec3<f32>, shading: vec3<f3
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let tiles = (frame.size.xy + 7u) / 8u;
     let index = group.x + group.y * groups.x;
-    if index >= tiles.x * tiles.y {
-        return;
-    }
-    let at = pixel_of_tile(spread_out(index, tiles.x * tiles.y), lane);
-    if any(at >= frame.size.xy) {
-        return;
-    }
+    let place = pixel_of_tile(spread_out(min(index, tiles.x * tiles.y - 1u), tiles.x * tiles.y), lane);
+    // No early return: loads under a condition are slow on lavapipe.
+    let at = min(place, frame.size.xy - 1u);
+    let inside = all(at == place) && index < tiles.x * tiles.y;
     let pixel = at.x + at.y * frame.size.x;
     let step = steps[push.step];
-    if !has_flag(point_wo[pixel].w, SOFT) {
-        soft_direct[pixel] = vec4<f32>(0.0);
-        return;
-    }
+    let counts = inside && has_flag(point_wo[pixel].w, SOFT);
     let own = source[pixel];
     let n = point_geometric[pixel].xyz;
-    let greatest = soft_windows[soft_tile_of(at)];
+    let shading = point_shading[pixel].xyz;
+    let emitter = frame.soft_emitters[step.first / 4u][step.first & 3u];
+    let whole = unshadowed(emitter, own.xyz, n, shading);
+    let before = select(vec3<f32>(0.0), soft_direct[pixel].xyz, step.clears == 0u);
+    let greatest = select(0.0, soft_windows[soft_tile_of(at)], counts);
     var share = hard_share(own.w);
     // Loops that run zero times skip work on every device.
     for (var once = select(0u, 1u, greatest > 0.0); once > 0u; once -= 1u) {
@@ -117,8 +115,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             }
         }
     }
-    let emitter = frame.soft_emitters[step.first / 4u][step.first & 3u];
-    let rows = select(0u, ALONG_EDGE, share > 0.0);
-    let before = select(vec3<f32>(0.0), soft_direct[pixel].xyz, step.clears == 0u);
-    soft_direct[pixel] = vec4<f32>(before + share * unshadowed(emitter, own.xyz, n, point_shading[pixel].xyz, rows), 0.0);
+    if inside {
+        soft_direct[pixel] = vec4<f32>(select(vec3<f32>(0.0), before + share * whole, counts), 0.0);
+    }
 }

@@ -151,7 +151,7 @@ fn check_emitter(rig: &Rig, k: usize, light: &Light, soft: &[u32], before: &[Vec
     let found: Vec<[u32; 4]> = rig.get(&pass.tiles);
     let windows: Vec<f32> = rig.get(&pass.windows);
     for (i, (tile, found)) in tiles.iter_mut().zip(&found).enumerate() {
-        let shows = u32::from(tile.lit) | 2 * u32::from(tile.blocked);
+        let shows = u32::from(tile.lit) | (2 * u32::from(tile.blocked));
         assert_eq!(found[2], shows, "{what}: tile {i}");
         assert!((f32::from_bits(found[1]) - tile.ratio).abs() <= 1e-5 * tile.ratio, "{what}: tile {i}");
         tile.ratio = f32::from_bits(found[1]);
