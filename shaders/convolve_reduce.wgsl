@@ -17,6 +17,8 @@
 // Kernels this many texels wide stay at their level as a whole up to STAYS, in part up to LEAVES. Host twins in pass/convolve.rs.
 const STAYS: f32 = 6.0;
 const LEAVES: f32 = 8.0;
+// Least width of the disc with the variance of a kernel, in diameters. Host twin: pass::convolve::levels::MIN_BREADTH.
+const MIN_BREADTH: f32 = 0.5;
 // Minimum share of a kernel's variance that remains after subtracting the variance of the pyramid.
 const MIN_VARIANCE: f32 = 0.02;
 // Minimum standard deviation that remains, in texels.
@@ -25,7 +27,7 @@ const MIN_DEVIATION: f32 = 0.4;
 struct Entry {
     light: vec4<f32>,       // radiance times weight, weight
     diameter: f32,          // pixels
-    axis: vec2<f32>,        // unit vector, or shorter
+    axis: vec2<f32>,        // along u; where it is longer than 1, the factor by which the kernel is narrower along v than the library states
     layer: f32,
     depth: f32,
 }
@@ -54,8 +56,12 @@ fn norm(layer: u32, diameter: f32, axis: vec2<f32>, mean: f32) -> f32 {
 fn settle(at: u32, entry: Entry, id: u32, held: bool, here: ConvolveStep) -> f32 {
     let layer = u32(entry.layer + 0.5);
     let stats = moments[2u * layer];
-    let breadth = moments[2u * layer + 1u].x;
-    let narrowing = moments[2u * layer + 1u].y;
+    let length = sqrt(dot(entry.axis, entry.axis));
+    // The kernel's own narrowing comes on top of that of the library, which the moments contain.
+    let narrowing = min(u32(moments[2u * layer + 1u].y) + steps_of(length), MAX_STEPS);
+    let extra = exp2(-0.25 * (f32(narrowing) - moments[2u * layer + 1u].y));
+    let breadth = max(moments[2u * layer + 1u].x * sqrt(extra), MIN_BREADTH);
+    let deviations = vec2<f32>(stats.x, stats.y * extra);
     let width = entry.diameter * breadth / here.texel;
     let top = (here.flags & TOP_LEVEL) != 0u;
     let rises = held && !top;
@@ -65,15 +71,14 @@ fn settle(at: u32, entry: Entry, id: u32, held: bool, here: ConvolveStep) -> f32
     let radius = 0.5 * diameter;
     // The box filter of a texel and the splines of the upsampling widen a kernel.
     let added = (here.texel * here.texel - 1.0) / 3.0;
-    let variance = max(stats.xy * stats.xy * radius * radius, vec2<f32>(1e-12));
+    let variance = max(deviations * deviations * radius * radius, vec2<f32>(1e-12));
     // Kernels narrower than this could fall between the texels; the sums over the grid do not hold for them.
     let whole_radius = radius / here.texel;
-    let narrowest = MIN_DEVIATION / max(stats.xy, vec2<f32>(1e-6));
+    let narrowest = MIN_DEVIATION / max(deviations, vec2<f32>(1e-6));
     let taken_off = sqrt(max(1.0 - added / variance, vec2<f32>(MIN_VARIANCE))) * whole_radius;
     let radii = min(max(taken_off, narrowest), vec2<f32>(whole_radius));
-    let length = sqrt(dot(entry.axis, entry.axis));
     let axis = select(vec2<f32>(1.0, 0.0), entry.axis / length, length > 1e-6);
-    let whole = norm(layer, 2.0 * sqrt(radii.x * radii.y), axis, stats.z);
+    let whole = norm(layer, 2.0 * sqrt(radii.x * radii.y * extra), axis, stats.z);
     let spreads = diameter > 0.0 && whole > MIN_SUM;
     let weight = select(1.0, 1.0 / whole, spreads) * share;
     let there = id != 0u && entry.light.w > 0.0;
@@ -82,9 +87,9 @@ fn settle(at: u32, entry: Entry, id: u32, held: bool, here: ConvolveStep) -> f32
     // On the image itself the third component is the depth, on coarser levels the ratio.
 #if FINE
     let third = entry.depth;
-    let with_steps = packed | (u32(narrowing) << 28u);
+    let with_steps = packed | (narrowing << 28u);
 #else
-    let third = select(1.0, exp2(0.25 * narrowing) * radii.x / radii.y, spreads);
+    let third = select(1.0, exp2(0.25 * f32(narrowing)) * radii.x / radii.y, spreads);
     let with_steps = packed;
 #endif
     shapes[at] = vec4<f32>(select(vec2<f32>(DELTA, 0.0), axis / radii.x, spreads), third, bitcast<f32>(with_steps));
@@ -98,7 +103,7 @@ fn load_entry(at: u32, here: ConvolveStep) -> Entry {
     var entry: Entry;
     entry.light = vec4<f32>(light.xyz, 1.0);
     entry.diameter = foot.diameter;
-    entry.axis = foot.axis;
+    entry.axis = foot.axis * exp2(0.25 * f32(foot.steps));
     entry.layer = foot.layer;
     entry.depth = light.w;
     return entry;

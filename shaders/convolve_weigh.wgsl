@@ -28,7 +28,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let layer = u32(foot.layer + 0.5);
     let moves = id != 0u && foot.diameter > 0.0;
     let axis = foot.axis * (2.0 / max(foot.diameter, 1.0));
-    let narrowing = u32(moments[2u * layer + 1u].y);
+    let of_layer = u32(moments[2u * layer + 1u].y);
+    let narrowing = min(of_layer + foot.steps, MAX_STEPS);
     let ratio = narrowed(narrowing);
     let summed = moves && foot.diameter <= SUMMED;
     let reach = select(-1, i32(0.5 * SUPPORT * foot.diameter), summed);
@@ -46,7 +47,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         masses[pixel].w = sum;
         return;
     }
-    let whole = select(moments[2u * layer].z * foot.diameter * foot.diameter, sum, summed);
+    let extra = exp2(-0.25 * f32(narrowing - of_layer));
+    let whole = select(moments[2u * layer].z * foot.diameter * foot.diameter * extra, sum, summed);
     let spreads = moves && whole > MIN_SUM;
     let light = source[pixel];
     let weight = select(1.0, 1.0 / whole, spreads);

@@ -5,6 +5,7 @@
 #include "bsdf.wgsl"
 #include "point.wgsl"
 #include "surface.wgsl"
+#include "curvature.wgsl"
 #include "ideal.wgsl"
 #include "reflectors.wgsl"
 #include "lobe_shares.wgsl"
@@ -20,9 +21,9 @@
 @group(0) @binding(17) var<storage, read_write> throughput: array<vec4<f32>>;
 @group(0) @binding(18) var<storage, read_write> media: array<vec4<u32>>;
 @group(0) @binding(19) var<storage, read_write> emitted: array<vec4<f32>>;
-@group(0) @binding(20) var<storage, read_write> region: array<u32>;     // planar reflector that a pixel shows, 0: none
+@group(0) @binding(20) var<storage, read_write> region: array<u32>;     // reflector that a pixel shows, 0: none
 @group(0) @binding(21) var<storage, read_write> widening: array<vec4<f32>>; // widening of its kernel by further glossy planes
-@group(0) @binding(22) var<storage, read_write> panes: array<vec4<f32>>;    // two for each pixel of a frosted pane
+@group(0) @binding(22) var<storage, read_write> extras: array<vec4<f32>>;   // two for each pixel of a frosted pane or a curved surface
 @group(0) @binding(23) var<storage, read_write> lobe_of: array<f32>;    // density of the ray's direction if it follows a lobe, else 0
 @group(0) @binding(24) var<storage, read> reprojected: array<vec4<f32>>;  // radiance and depth by images with depth; depth 0: by a ray
 var<immediate> push: Push;
@@ -128,9 +129,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let mirrors = frame.superposition.x > 0u;
     let pixel = select(slot, slot - frame.size.z, slot >= frame.size.z);
     let shows = select(0u, region[select(0u, pixel, mirrors)], mirrors && !first_hit);
-    let image_is_first = reflectors[max(shows, 1u) - 1u].z != 0u;
+    let image_is_first = reflectors[max(shows, 1u) - 1u].z == FROSTED_PANE;
     let in_image = shows > 0u && image_is_first == (slot < frame.size.z);
-    let plane = select(0u, glossy_plane(normals), found && (splits || in_image));
+    // A curved surface shows its mirror image where it is seen directly and hardly concave; elsewhere paths follow its lobe.
+    let reflects = select(0u, glossy_plane(normals), found && (splits || (in_image && !is_curved(normals))));
+    let bends = reflects > 0u && is_curved(normals);
+    var bend: Bend;
+    for (var i = select(0u, 1u, bends); i > 0u; i -= 1u) {
+        bend = bend_at(at, hit.y, hit.z, ray_direction[slot].xyz, hit.x);
+    }
+    let plane = select(reflects, 0u, bends && !bend.mild);
     // A frosted pane seen directly shows the scene behind it; the lobe is applied to that later.
     let pane = select(0u, frosted_pane(normals), found && (splits || in_image));
     let frosted = splits && pane > 0u;
@@ -165,10 +173,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             let reflectance = select(schlicks, lobe.y * fresnel_fitted(s.reflectance.f0, mu), is_fresnel());
             split = split_of_plane(s, -ray.xyz, select(reflectance, vec3<f32>(1.0), splits));
         }
+        let bent = bends && plane > 0u;
+        if bent {
+            split.second_wi = reflected(-ray.xyz, bend.normal);
+            extras[2u * slot] = vec4<f32>(bend.power, bend.mu);
+            extras[2u * slot + 1u] = vec4<f32>(image_of_disc(ray.xyz, -bend.u), hit.x);
+        }
         if frosted {
             let disc = image_of_disc(ray.xyz, -mu * ray.xyz - s.geometric);
-            panes[2u * slot] = vec4<f32>(split.first_weight, mu);
-            panes[2u * slot + 1u] = vec4<f32>(disc, 0.0);
+            extras[2u * slot] = vec4<f32>(split.first_weight, mu);
+            extras[2u * slot + 1u] = vec4<f32>(disc, 0.0);
             split.first_weight = vec3<f32>(1.0);
         }
         let numbers = path_numbers(slot, step.bounce);
@@ -191,7 +205,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         throughput[slot] = vec4<f32>(after, select(before.w, depth, goes_on));
         // A mirror over a base emits from the base: `eye_points` adds that where the path stays.
         // The path stopped on the base; do not also shade the lobe.
-        let without_lobe = flag_if(LOBE_FOLLOWED, stays && plane > 0u && in_image);
+        let without_lobe = flag_if(LOBE_FOLLOWED, stays && plane > 0u && (in_image || bent));
         let emission_share = path_share(lobe_before, lights_on_emitter(s.exitance), distance2, cos_hit);
         let emission = select(before.xyz * s.emission * emission_share, vec3<f32>(0.0), split.stays);
         let sampled = flag_if(LOBE_SAMPLED, stays && shiny && split.probability < 1.0);

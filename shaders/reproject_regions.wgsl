@@ -18,7 +18,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let triangle = bitcast<u32>(hits[pixel].w);
     let found = triangle != 0xffffffffu;
-    region[pixel] = select(0u, glossy_plane(triangle_normals[select(0u, triangle, found)]), found);
+    let normals = triangle_normals[select(0u, triangle, found)];
+    // Rays show what curved surfaces mirror.
+    region[pixel] = select(0u, glossy_plane(normals), found && !is_curved(normals));
     nearest[pixel] = NO_IMAGE;
     chosen[pixel] = NO_IMAGE;
 }

@@ -15,7 +15,7 @@
 @group(0) @binding(7) var<storage, read> region: array<u32>;
 @group(0) @binding(8) var<storage, read> spread: array<vec4<f32>>;     // spread by the tail of the kernel
 @group(0) @binding(10) var<storage, read> core: array<vec4<f32>>;       // spread by its core
-@group(0) @binding(11) var<storage, read> panes: array<vec4<f32>>;     // two for each pixel of a frosted pane
+@group(0) @binding(11) var<storage, read> extras: array<vec4<f32>>;    // two for each pixel of a frosted pane or a curved surface
 @group(0) @binding(9) var<storage, read> maps: array<vec4<f32>>;       // reflectance maps
 
 const FORM_MAP: u32 = 1u;
@@ -34,9 +34,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let geometric = point_geometric[pixel];
     let f0 = point_f0[pixel].xyz;
     let tables = reflectors[plane - 1u];
-    let is_pane = tables.z != 0u;
-    let pane = panes[2u * select(0u, pixel, is_pane)];
-    let mu = select(dot(geometric.xyz, point_wo[pixel].xyz), pane.w, is_pane);
+    let is_pane = tables.z == FROSTED_PANE;
+    let extra = extras[2u * select(0u, pixel, tables.z != 0u)];
+    let mu = select(dot(geometric.xyz, point_wo[pixel].xyz), extra.w, tables.z != 0u);
     let lobe = lobe_at(tables.x, mu);
     let form = frame.superposition.y;
     let s = sqrt(clamp(mu, 0.0, 1.0)) * f32(MAP_TEXELS - 1u);
@@ -44,7 +44,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let mapped = mix(maps[tables.y + i], maps[tables.y + min(i + 1u, MAP_TEXELS - 1u)], s - f32(i)).xyz;
     let schlick = reflectance_of_lobe(lobe, f0, geometric.w);
     let evaluated = select(schlick, lobe.y * fresnel_fitted(f0, mu), form == FORM_FRESNEL);
-    let reflectance = select(select(evaluated, mapped, form == FORM_MAP), lobe.y * pane.xyz, is_pane);
+    let reflectance = select(select(evaluated, mapped, form == FORM_MAP), lobe.y * extra.xyz, is_pane);
     let l = mix(spread[pixel].xyz, core[pixel].xyz, lobe.w);
     shown[pixel] += vec4<f32>(reflectance * l, 0.0);
 }

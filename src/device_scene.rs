@@ -35,7 +35,7 @@ use crate::superposition::lobe::Lobe;
 pub(crate) use records::is_shiny;
 pub use records::{delta_lights, encode_normal};
 use records::{
-    environment_record, finishes, has_lobe, has_patterns, material_record, reflector_numbers, second_coordinates,
+    environment_record, finishes, has_lobe, has_patterns, material_record, reflector_bits, second_coordinates,
     shading_attributes, vertex_colors,
 };
 use texels::DeviceTextures;
@@ -47,8 +47,8 @@ const CLUSTER_STACK: u32 = 16;
 /// Maximum number of wide nodes: a word of that stack has 24 bits for one.
 const MAX_WIDE_NODES: u32 = 1 << 24;
 
-/// Exclusive upper bound of the number of materials: a word of `normals` has 23 bits for one.
-const MAX_MATERIALS: usize = 1 << 23;
+/// Exclusive upper bound of the number of materials: a word of `normals` has 22 bits for one.
+const MAX_MATERIALS: usize = 1 << 22;
 
 /// A scene on the device; written before the first frame, and in part again before frames that follow scene edits.
 pub struct DeviceScene {
@@ -64,7 +64,7 @@ pub struct DeviceScene {
     pub targets: Targets,
     /// Planar mirrors.
     pub mirrors: Mirrors,
-    /// Planar reflectors; number i + 1 in `normals` is `reflectors[i]`.
+    /// Flat and curved reflectors; number i + 1 in `normals` is `reflectors[i]`.
     pub reflectors: Vec<Reflector>,
     /// Finishes of the reflectors, with mean texture values.
     pub finishes: Vec<ReflectorFinish>,
@@ -153,7 +153,7 @@ pub struct SurfaceBuffers {
     pub alpha: f32,
 }
 
-/// Finish of a planar reflector, with mean texture values.
+/// Finish of a reflector, with mean texture values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReflectorFinish {
     /// Reflectance and roughness.
@@ -175,8 +175,10 @@ pub struct SpecularFeatures {
     pub lobes: bool,
     /// Whether there are lobes that eye paths may follow.
     pub shiny: bool,
-    /// Whether there are planar reflectors with a lobe; superposition treats them as mirrors over a base.
+    /// Whether there are reflectors with a lobe; superposition treats them as mirrors over a base.
     pub glossy_planes: bool,
+    /// Whether some of them are curved.
+    pub curved: bool,
     /// Whether there are frosted panes among the planar reflectors; superposition spreads the scene behind them.
     pub frosted_panes: bool,
 }
@@ -194,6 +196,7 @@ impl SpecularFeatures {
         let glossy = |r: &Reflector| scene.materials[r.material as usize].surface == Surface::Opaque;
         let mut ideal = SpecularFeatures {
             glossy_planes: reflectors.iter().any(glossy),
+            curved: reflectors.iter().any(|r| r.curved),
             frosted_panes: reflectors.iter().any(|r| r.pane),
             ..SpecularFeatures::default()
         };
@@ -257,7 +260,7 @@ impl DeviceScene {
             )));
         }
         let reflectors = scene.reflectors();
-        let of_triangle = reflector_numbers(scene, &reflectors);
+        let of_triangle = reflector_bits(scene, &reflectors);
         let (mut normals, mut uvs) = shading_attributes(scene, &bvh, &of_triangle, 0..bvh.triangle_count() as usize);
         normals.extend(vertex_colors(scene));
         if has_patterns(scene) {

@@ -103,6 +103,8 @@ pub struct EyePlan {
     pub mirrors: bool,
     /// Whether some of these planes are frosted panes, which show the scene behind them.
     pub panes: bool,
+    /// Whether some of them are curved surfaces.
+    pub curved: bool,
     /// Images with depth that show what glossy planes mirror; `None`: rays do.
     pub images: Option<MirrorImages>,
     /// Whether paths follow narrow specular lobes.
@@ -126,6 +128,7 @@ impl EyePlan {
                 plain_mirrors: false,
                 mirrors: false,
                 panes: false,
+                curved: false,
                 images: None,
                 lobes: false,
             };
@@ -133,6 +136,7 @@ impl EyePlan {
         let spreads = settings.mirroring_planes() > 0;
         let mirrors = specular.spreads() && spreads;
         let panes = specular.frosted_panes && spreads;
+        let curved = specular.curved && spreads;
         let lobes = specular.shiny && settings.glossy_paths && settings.max_depth > 1 && settings.max_specular > 0;
         let steps = match (specular.any || mirrors, lobes) {
             (true, _) => settings.max_specular,
@@ -142,7 +146,8 @@ impl EyePlan {
         let splits = settings.split && (specular.splits || mirrors || lobes) && steps > 0;
         let plain_mirrors = specular.plain_mirrors && steps > 0;
         let images = settings.mirror_images().filter(|_| mirrors);
-        EyePlan { pixels, steps, components: if splits { 2 } else { 1 }, plain_mirrors, mirrors, panes, images, lobes }
+        let components = if splits { 2 } else { 1 };
+        EyePlan { pixels, steps, components, plain_mirrors, mirrors, panes, curved, images, lobes }
     }
 
     /// Slots of all shading points of the eye.

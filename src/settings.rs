@@ -563,7 +563,7 @@ impl Settings {
         self.particles * self.classes()
     }
 
-    /// Number of planar reflectors that mirror the room if they are glossy.
+    /// Number of reflectors, flat and curved, that mirror the room if they are glossy.
     pub fn mirroring_planes(&self) -> u32 {
         self.superposition.map_or(0, |superposition| superposition.reflectors)
     }

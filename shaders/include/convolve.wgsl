@@ -41,5 +41,12 @@ const NORM_ANGLES: u32 = 8u;
 const SUPPORT: f32 = 1.0885;
 // A kernel with a smaller sum over the grid falls between its texels.
 const MIN_SUM: f32 = 1e-3;
+// Most steps of 2^(1/4) by which a kernel is narrower along v: four bits.
+const MAX_STEPS: u32 = 15u;
 // Inverse radius of a source that does not spread.
 const DELTA: f32 = 1e6;
+
+// Steps of 2^(1/4) in a factor; none below 1.
+fn steps_of(factor: f32) -> u32 {
+    return u32(4.0 * log2(clamp(factor, 1.0, 16.0)) + 0.5);
+}

@@ -7,6 +7,7 @@
 struct Footprint {
     diameter: f32,          // pixels; 0: the source does not spread
     axis: vec2<f32>,        // unit vector
+    steps: u32,             // by which the kernel is narrower along v than the library states
     layer: f32,
 }
 
@@ -19,6 +20,7 @@ fn load_footprint(pixel: u32, here: ConvolveStep) -> Footprint {
     let length = sqrt(dot(found.zw, found.zw));
     let directed = length > 0.0 && length < 1e30;
     result.axis = select(vec2<f32>(1.0, 0.0), found.zw / length, directed);
+    result.steps = select(0u, steps_of(length), directed);
     result.layer = select(0.0, clamp(found.y, 0.0, f32(here.layers - 1u)), found.y > 0.0);
     return result;
 }

@@ -24,9 +24,11 @@ fn end_eye_path(slot: u32, ray: vec4<f32>, hit: vec4<f32>, only_emits: bool) -> 
     let before = emitted[slot];
     // Flat mirrors keep the width of a pixel's cone; curved ones are taken for flat.
     var met = met_by(ray.xyz, hit, frame.cones.x * (through.w + ray.w * hit.x));
-    // A glossy plane seen directly shows only its base here; the lobe comes with the mirror image.
+    // A glossy plane seen directly shows only its base here; the lobe comes with the mirror image. At curved surfaces that depends on the
+    // curvature, and `eye_paths` has said so.
     let triangle = select(0u, bitcast<u32>(hit.w), met.found);
-    let direct = through.w == 0.0 && glossy_plane(triangle_normals[triangle]) > 0u;
+    let normals = triangle_normals[triangle];
+    let direct = through.w == 0.0 && glossy_plane(normals) > 0u && !is_curved(normals);
     met.without_lobe = direct || has_flag(before.w, LOBE_FOLLOWED);
 
     // Virtual lights bring the rest of what a path along a lobe meets.

@@ -1,10 +1,14 @@
-// Tables of glossy planes. Host twin: pass::mirror_image::Tables; superposition::kernels says what a layer is.
+// Tables of glossy reflectors. Host twin: pass::mirror_image::Tables; superposition::kernels says what a layer is.
 
 const VIEW_ANGLES: u32 = 32u;
 const MAP_TEXELS: u32 = 128u;
 
-@group(0) @binding(28) var<storage, read> reflectors: array<vec4<u32>>;    // first layer, first texel of the reflectance map, 1: frosted pane
-@group(0) @binding(29) var<storage, read> lobes: array<vec4<f32>>;         // of each layer: tan beta, energy, its grazing part, share of the core
+// Kinds of reflectors besides glossy planes.
+const FROSTED_PANE: u32 = 1u;
+const CURVED_SURFACE: u32 = 2u;
+
+@group(0) @binding(28) var<storage, read> reflectors: array<vec4<u32>>;    // first layer, first texel of the reflectance map, kind, textures of a curved surface
+@group(0) @binding(29) var<storage, read> lobes: array<vec4<f32>>;         // of each layer: tan beta, energy, its grazing part, share of the core; then aspects
 
 // Position of the cosine of a view angle among the layers of a material, from 0.
 fn view_place(mu: f32) -> f32 {

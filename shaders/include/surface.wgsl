@@ -9,7 +9,7 @@
 #include "texture.wgsl"
 #endif
 
-@group(0) @binding(1) var<storage, read> triangle_normals: array<vec4<u32>>;    // three octahedral normals; w: reflector << 24 | material << 1 | smooth
+@group(0) @binding(1) var<storage, read> triangle_normals: array<vec4<u32>>;    // three octahedral normals; w: reflector << 24 | CURVED | material << 1 | smooth
 @group(0) @binding(2) var<storage, read> triangle_uvs: array<vec4<f32>>;        // two for each triangle: uv0 uv1, uv2, bits of the places of its vertex colours in triangle_normals and of its second coordinates here, or 0
 @group(0) @binding(3) var<storage, read> triangle_v0: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> triangle_e1: array<vec4<f32>>;
@@ -29,11 +29,19 @@ struct Surface {
     ideal: Reflectance,     // mirrors: f0 and f90; glass: f0 is the tint
 }
 
+// Its reflector is a curved surface. Host twin: device_scene::records::CURVED.
+const CURVED: u32 = 0x800000u;
+
 fn material_of(normals: vec4<u32>) -> u32 {
-    return (normals.w & 0xffffffu) >> 1u;
+    return (normals.w & 0x7fffffu) >> 1u;
 }
 
-// Number of the glossy plane that a triangle belongs to under superposition, or 0.
+// Whether a triangle belongs to a curved reflector.
+fn is_curved(normals: vec4<u32>) -> bool {
+    return (normals.w & CURVED) != 0u;
+}
+
+// Number of the glossy reflector, flat or curved, that a triangle belongs to under superposition, or 0.
 fn glossy_plane(normals: vec4<u32>) -> u32 {
     let number = normals.w >> 24u;
     let counts = number <= frame.superposition.x && materials[material_of(normals)].flags.z == SURFACE_OPAQUE;

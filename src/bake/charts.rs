@@ -8,7 +8,9 @@ use std::collections::{BTreeMap, HashMap};
 use glam::Vec2;
 use uvunwrap::{Density, MeshInput};
 
+use super::moves::WIDTH;
 use super::sides::Sides;
+use super::texels::INWARDS;
 use super::{Options, Stop, file_charts, too_dense};
 use crate::error::{Error, Result};
 use crate::scene::Scene;
@@ -40,6 +42,9 @@ pub struct Charts {
     /// Texels along a unit of length.
     pub density: f32,
 }
+
+/// Rounding of positions on a page, in texels.
+const ROUNDING: f32 = 1e-2;
 
 /// Lays out the lit sides, unless `stop` breaks it off.
 ///
@@ -102,8 +107,45 @@ fn unwrap(scene: &Scene, sides: &[Sides], density: f32, options: &Options, stop:
             }
         }
     }
+    fit_to_centres(&mut faces, atlas.chart_count as usize);
     let pages = vec![[atlas.width, atlas.height]; atlas.page_count as usize];
     Ok(Charts { pages, faces, count: atlas.chart_count, density: atlas.texels_per_unit })
+}
+
+/// Scales and moves each chart so that its bounds lie on centres of texels, the outermost ones just inside: then no look-up reaches beyond them,
+/// and a chart of n by m texels needs (n + 1) (m + 1). Where a chart is narrower than half a texel, one column or row of texels holds it:
+/// it takes the half texel over which points move.
+///
+/// Charts keep their first column and row and take at most one more than before, where the padding is.
+fn fit_to_centres(faces: &mut [Face], count: usize) {
+    // Scale, and place of the point 0, of each chart and axis.
+    let fit = |low: f32, high: f32| {
+        let (first, width) = ((low + ROUNDING).floor() + 0.5, (high - low).max(f32::MIN_POSITIVE));
+        let (start, end) = match width.round() {
+            0.0 => (first - 0.5 * WIDTH, first + 0.5 * WIDTH),
+            texels => (first - INWARDS, first + texels + INWARDS),
+        };
+        let scale = (end - start) / width;
+        (scale, start - scale * low)
+    };
+    let fits: Vec<[(f32, f32); 2]> =
+        bounds(faces, count).iter().map(|[low, high]| [fit(low.x, high.x), fit(low.y, high.y)]).collect();
+    for face in faces {
+        let [x, y] = fits[face.chart as usize];
+        face.corners = face.corners.map(|c| Vec2::new(x.0 * c.x + x.1, y.0 * c.y + y.1));
+    }
+}
+
+/// Least and greatest positions of each chart.
+pub(super) fn bounds(faces: &[Face], count: usize) -> Vec<[Vec2; 2]> {
+    let mut bounds = vec![[Vec2::INFINITY, Vec2::NEG_INFINITY]; count];
+    for face in faces {
+        let [low, high] = &mut bounds[face.chart as usize];
+        for corner in face.corners {
+            (*low, *high) = (low.min(corner), high.max(corner));
+        }
+    }
+    bounds
 }
 
 /// Input of the unwrapper: one side of an object's triangles, counter-clockwise as seen from it.
@@ -172,10 +214,19 @@ mod tests {
         assert!(charts.pages.len() > 1, "several pages: {:?}", charts.pages);
         assert_eq!(charts.faces.len(), 2 * scene.triangles.len());
         let mut owner: HashMap<(u32, i32, i32), u32> = HashMap::new();
+        let bounds = bounds(&charts.faces, charts.count as usize);
         for face in &charts.faces {
+            let [low, high] = bounds[face.chart as usize];
+            for (low, high) in [(low.x, high.x), (low.y, high.y)] {
+                let on_centres = [low + INWARDS, high - INWARDS].iter().all(|x| (x.fract() - 0.5).abs() < 1e-3);
+                let in_middle = ((0.5 * (low + high)).fract() - 0.5).abs() < 1e-3 && (high - low - WIDTH).abs() < 1e-3;
+                assert!(on_centres && high - low > 0.9 || in_middle, "{low} to {high}");
+            }
             let expected = 2.0 * density * density * scene.triangle_area(face.triangle as usize);
             let found = area2(face);
-            assert!((found.abs() / expected - 1.0).abs() < 0.3, "{face:?}: {found} for {expected}");
+            // Narrow charts become as wide as a whole number of texels.
+            let narrow = (high - low).min_element() < 4.0;
+            assert!(narrow || (found.abs() / expected - 1.0).abs() < 0.3, "{face:?}: {found} for {expected}");
             assert_eq!(found < 0.0, face.back, "the back is mirrored, in the triangle's own order");
             let [w, h] = charts.pages[face.page as usize].map(|n| n as f32);
             for corner in face.corners {

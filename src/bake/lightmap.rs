@@ -128,6 +128,12 @@ pub(crate) struct Inside<'a> {
 }
 
 impl Inside<'_> {
+    /// Position and normal of a texel.
+    pub fn place(&self, texel: &Texel) -> (Vec3, Vec3) {
+        let (hit, normal) = at(self.bvh, self.leaves, texel);
+        (self.bvh.position(&hit), normal)
+    }
+
     /// Whether a texel sees nothing but sides without light: it lies inside a body, or below what stands on its surface.
     pub fn holds(&self, texel: &Texel) -> bool {
         let dark = |(triangle, back): (u32, bool)| !self.sides[triangle as usize].has(back);

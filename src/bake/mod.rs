@@ -11,12 +11,13 @@
 //! 3. [`texels`] gives each texel its point: its centre on the chart, or near a chart's border the nearest point of it, so that
 //!    bilinear look-ups meet light of their own surface only.
 //! 4. `moves` moves the points within their texels from pass to pass.
-//! 5. The texels in blocks of 8 x 8 form one or more atlas views ([`Bake::batches`]), each rendered like an image, with the error
+//! 5. Blocks of 64 neighbouring texels form one or more atlas views ([`Bake::batches`]), each rendered like an image, with the error
 //!    estimate and the state of one.
 //! 6. [`Lightmap`] collects them: texels inside geometry are masked, and what is masked or outside of charts is filled from
 //!    neighbours.
 //! 7. [`files`] writes and reads glTF with the maps beside it; [`crate::scene::KeptLight`] is what a renderer shows.
 
+mod batches;
 pub(crate) mod blocks;
 pub mod charts;
 mod file_charts;
@@ -28,9 +29,8 @@ mod outliers;
 pub mod sides;
 pub mod texels;
 
+pub use batches::Batch;
 pub use lightmap::{Lightmap, Page};
-
-use std::sync::Arc;
 
 use crate::accel::Bvh;
 use crate::error::{Error, Result};
@@ -38,11 +38,10 @@ use crate::gpu::Context;
 use crate::scene::{Material, Scene};
 use crate::settings::{Compensation, Settings};
 use crate::standalone::Renderer;
-use crate::view::{Atlas, MAX_PIXELS};
-use blocks::{ACROSS, BLOCK, ENTRIES, view_size};
+use crate::view::MAX_PIXELS;
+use blocks::{ACROSS, ENTRIES};
 use charts::Charts;
 use lightmap::Inside;
-use moves::Moves;
 use sides::Sides;
 
 /// Most texels of a batch: more do not trace faster.
@@ -124,21 +123,6 @@ pub struct Bake {
     bvh: Bvh,
 }
 
-/// Texels that are rendered together.
-pub struct Batch {
-    /// The view.
-    pub atlas: Arc<Atlas>,
-    /// Page and index in it of each block's texels, in the order of the view.
-    places: Vec<Option<(u32, u32)>>,
-}
-
-impl Batch {
-    /// Number of texels with a point.
-    pub fn texels(&self) -> usize {
-        self.places.iter().flatten().count()
-    }
-}
-
 impl Bake {
     /// Finds the lit sides, makes charts and texels.
     ///
@@ -188,7 +172,7 @@ impl Bake {
         log::debug!("charts made in {:.1} s", start.elapsed().as_secs_f64());
         let bvh = Bvh::build(&scene)?;
         let inside = Inside { sides: &sides, bvh: &bvh, leaves: &bvh.leaf_numbers() };
-        let batches = batches(&charts, batch_texels(context, &settings), &inside);
+        let batches = batches::divide(&charts, batch_texels(context, &settings), &inside);
         log::debug!("texels made in {:.1} s", start.elapsed().as_secs_f64());
         Ok(Bake { context: context.clone(), scene, settings, options, sides, charts, batches, bvh })
     }
@@ -282,52 +266,4 @@ pub(crate) fn batch_texels(context: &Context, settings: &Settings) -> usize {
     let memory = info.device_memory / 4 / texel_bytes(settings);
     let block_row = (ACROSS * ENTRIES) as u64;
     memory.min(info.max_storage_buffer_range / 16).clamp(block_row, MAX_BATCH) as usize
-}
-
-/// Divides the texels of all pages into views of whole blocks, in the order of the pages.
-fn batches(charts: &Charts, most: usize, inside: &Inside) -> Vec<Batch> {
-    let (pages, owners) = texels::of_charts(charts);
-    let mut blocks = Vec::new();
-    for (page, (texels, &[width, height])) in pages.iter().zip(&charts.pages).enumerate() {
-        for y in (0..height).step_by(BLOCK as usize) {
-            for x in (0..width).step_by(BLOCK as usize) {
-                let inside = |i: u32| {
-                    let (x, y) = (x + i % BLOCK, y + i / BLOCK);
-                    (x < width && y < height).then_some(x + y * width)
-                };
-                let of_block: Vec<Option<u32>> =
-                    (0..BLOCK * BLOCK).map(|i| inside(i).filter(|&at| texels[at as usize].is_some())).collect();
-                if of_block.iter().any(Option::is_some) {
-                    blocks.push((page as u32, of_block));
-                }
-            }
-        }
-    }
-    let per_batch = (most / ENTRIES).max(1);
-    let staying = |(texels, &size): (&Vec<_>, &[u32; 2])| moves::staying(texels, size, |texel| inside.holds(texel));
-    let staying: Vec<Vec<bool>> = pages.iter().zip(&charts.pages).map(staying).collect();
-    let mut entries: Vec<Vec<Option<moves::Entry>>> = pages.iter().map(|page| vec![None; page.len()]).collect();
-    let mut views = Vec::new();
-    for (view, blocks) in (0..).zip(blocks.chunks(per_batch)) {
-        let size = view_size(blocks.len());
-        let mut places = vec![None; (size[0] * size[1]) as usize];
-        for (b, (page, of_block)) in (0..).zip(blocks) {
-            for (i, at) in (0..).zip(of_block) {
-                let slot = blocks::slot(b, i, size[0]) as u32;
-                places[slot as usize] = at.map(|at| (*page, at));
-                if let Some(at) = at.filter(|&at| !staying[*page as usize][at as usize]) {
-                    entries[*page as usize][at as usize] = Some((view, slot));
-                }
-            }
-        }
-        views.push((size, places));
-    }
-    let texel = |place: &Option<(u32, u32)>| place.and_then(|(page, at)| pages[page as usize][at as usize]);
-    let still: Vec<Vec<_>> = views.iter().map(|(_, places)| places.iter().map(texel).collect()).collect();
-    let moves = moves::of_views(charts, &owners, &entries, still.clone());
-    let batch = |((size, places), (texels, moves)): (([u32; 2], Vec<_>), (Vec<_>, Moves))| Batch {
-        atlas: Arc::new(Atlas { size, texels, moving: Some(Arc::new(moves)) }),
-        places,
-    };
-    views.into_iter().zip(still.into_iter().zip(moves)).map(batch).collect()
 }

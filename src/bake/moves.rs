@@ -3,7 +3,8 @@
 //!
 //! All texels of a pass have the same offset from their centres, so that neighbours see light alike. Offsets are those of a
 //! low-discrepancy sequence; two passes, one of each instance, share one, and the next two have it mirrored, so that their mean is the
-//! centre. Where the offset leads out of the texel's chart its nearest point is taken. Texels inside of geometry and their neighbours keep
+//! centre. Where the offset leads out of the texel's chart its nearest point is taken. Texels on the bounds of their chart do not move across
+//! them: moving inwards alone they would show the light beside the border. Texels inside of geometry and their neighbours keep
 //! their centre: light averaged over what nobody sees would darken the rest.
 
 use std::sync::Arc;
@@ -11,7 +12,7 @@ use std::sync::Arc;
 use glam::Vec2;
 use rayon::prelude::*;
 
-use super::charts::{Charts, Face};
+use super::charts::{self, Charts, Face};
 use super::texels::{self, NONE, REACH};
 use crate::plan::INSTANCES;
 use crate::view::{Moving, Texel};
@@ -23,7 +24,7 @@ const STEPS: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_3];
 
 /// Width of the square in which a texel's points lie, in texels. Look-ups average over two texels already: of the widths 0, 1/2, 3/4 and 1
 /// this one has the least error where shadows are hard, and hardly more than 0 where they are soft.
-const WIDTH: f32 = 0.5;
+pub(super) const WIDTH: f32 = 0.5;
 
 /// Offset of a pass from the centres, in texels.
 pub fn offset(pass: u32) -> Vec2 {
@@ -41,6 +42,8 @@ pub(super) struct Moves {
     /// The texels at their centres.
     still: Vec<Option<Texel>>,
     centres: Vec<Vec2>,
+    /// By how much of the offset an entry moves along each axis, 0 or 1.
+    free: Vec<Vec2>,
     /// `starts[i]..starts[i + 1]`: places in `near` of the faces that entry i may lie on; none: it stays.
     starts: Vec<u32>,
     near: Vec<u32>,
@@ -50,7 +53,7 @@ impl Moves {
     /// The texel of an entry at an offset, if it has faces.
     fn texel(&self, i: usize, offset: Vec2) -> Option<Texel> {
         let near = &self.near[self.starts[i] as usize..self.starts[i + 1] as usize];
-        texels::nearest_of(near.iter().map(|&face| &self.faces[face as usize]), self.centres[i] + offset)
+        texels::nearest_of(near.iter().map(|&face| &self.faces[face as usize]), self.centres[i] + self.free[i] * offset)
     }
 }
 
@@ -88,7 +91,9 @@ pub(super) fn of_views(
 ) -> Vec<Moves> {
     let faces: Arc<[Face]> = charts.faces.clone().into();
     let mut near: Vec<Vec<(u32, u32)>> = vec![Vec::new(); views.len()];
-    let mut centres: Vec<Vec<Vec2>> = views.iter().map(|view| vec![Vec2::ZERO; view.len()]).collect();
+    let zeros: Vec<Vec<Vec2>> = views.iter().map(|view| vec![Vec2::ZERO; view.len()]).collect();
+    let (mut centres, mut free) = (zeros.clone(), zeros);
+    let bounds = charts::bounds(&charts.faces, charts.count as usize);
     for (index, face) in (0..).zip(charts.faces.iter()) {
         let page = face.page as usize;
         texels::around(face, charts.pages[page], REACH + HALF, |at, centre, distance| {
@@ -100,10 +105,14 @@ pub(super) fn of_views(
             {
                 near[view as usize].push((slot, index));
                 centres[view as usize][slot as usize] = centre;
+                let [low, high] = bounds[face.chart as usize];
+                let room = (centre - low).abs().min((high - centre).abs());
+                free[view as usize][slot as usize] =
+                    Vec2::select(room.cmpge(Vec2::splat(0.49 * WIDTH)), Vec2::ONE, Vec2::ZERO);
             }
         });
     }
-    let of_view = |still: Vec<Option<Texel>>, near: Vec<(u32, u32)>, centres: Vec<Vec2>| {
+    let of_view = |still: Vec<Option<Texel>>, near: Vec<(u32, u32)>, (centres, free): (Vec<Vec2>, Vec<Vec2>)| {
         let mut starts = vec![0u32; still.len() + 1];
         near.iter().for_each(|&(slot, _)| starts[slot as usize + 1] += 1);
         (0..still.len()).for_each(|i| starts[i + 1] += starts[i]);
@@ -115,9 +124,10 @@ pub(super) fn of_views(
             sorted[*place as usize] = face;
             *place += 1;
         }
-        Moves { faces: faces.clone(), still, centres, starts, near: sorted }
+        Moves { faces: faces.clone(), still, centres, free, starts, near: sorted }
     };
-    views.into_iter().zip(near).zip(centres).map(|((still, near), centres)| of_view(still, near, centres)).collect()
+    let of_entries = centres.into_iter().zip(free);
+    views.into_iter().zip(near).zip(of_entries).map(|((still, near), of)| of_view(still, near, of)).collect()
 }
 
 #[cfg(test)]
@@ -150,8 +160,8 @@ mod tests {
     fn charts() -> Charts {
         let square = |first: u32, x: f32| {
             [
-                face(first, first, [[x, 2.0], [x + 4.3, 2.0], [x + 4.3, 6.4]]),
-                face(first + 1, first, [[x, 2.0], [x + 4.3, 6.4], [x, 6.4]]),
+                face(first, first / 2, [[x, 2.0], [x + 4.3, 2.0], [x + 4.3, 6.4]]),
+                face(first + 1, first / 2, [[x, 2.0], [x + 4.3, 6.4], [x, 6.4]]),
             ]
         };
         let faces = [square(0, 2.0), square(2, 7.3)].concat();
@@ -181,9 +191,12 @@ mod tests {
                 let [u, v] = texel.uv;
                 assert!(u >= 0.0 && v >= 0.0 && u + v <= 1.0 + 1e-6);
                 let at = f.corners[0] + u * (f.corners[1] - f.corners[0]) + v * (f.corners[2] - f.corners[0]);
-                let wanted = Vec2::new((i % 14) as f32 + 0.5, (i / 14) as f32 + 0.5) + offset;
                 let x = if chart(texel.triangle) == 0 { 2.0 } else { 7.3 };
-                let nearest = wanted.clamp(Vec2::new(x, 2.0), Vec2::new(x + 4.3, 6.4));
+                let (low, high) = (Vec2::new(x, 2.0), Vec2::new(x + 4.3, 6.4));
+                let centre = Vec2::new((i % 14) as f32 + 0.5, (i / 14) as f32 + 0.5);
+                let held = (centre - low).abs().min((high - centre).abs()).cmplt(Vec2::splat(0.49 * WIDTH));
+                let wanted = centre + Vec2::select(held, Vec2::ZERO, offset);
+                let nearest = wanted.clamp(low, high);
                 assert!((at - nearest).length() < 0.06, "{i}: {at} for {nearest}");
             }
         }

@@ -99,13 +99,18 @@ pub(super) fn finishes(scene: &Scene, reflectors: &[Reflector]) -> Vec<Reflector
     reflectors.iter().map(finish).collect()
 }
 
-/// For each triangle the number of its reflector, 0: none; empty if there are no reflectors.
-pub(super) fn reflector_numbers(scene: &Scene, reflectors: &[Reflector]) -> Vec<u8> {
-    let mut numbers = vec![0; if reflectors.is_empty() { 0 } else { scene.triangles.len() }];
-    for (number, reflector) in (1..=u8::MAX).zip(reflectors) {
-        reflector.triangles.iter().for_each(|&i| numbers[i as usize] = number);
+/// Bit of the last word of a triangle's normals: its reflector is curved. Shader twin: `shaders/include/surface.wgsl`.
+const CURVED: u32 = 1 << 23;
+
+/// For each triangle the bits that state its reflector in the last word of its normals: the number from bit 24 on, 0: none, and
+/// [`CURVED`]; empty if there are no reflectors.
+pub(super) fn reflector_bits(scene: &Scene, reflectors: &[Reflector]) -> Vec<u32> {
+    let mut bits = vec![0; if reflectors.is_empty() { 0 } else { scene.triangles.len() }];
+    for (number, reflector) in (1..=u32::from(u8::MAX)).zip(reflectors) {
+        let word = number << 24 | if reflector.curved { CURVED } else { 0 };
+        reflector.triangles.iter().for_each(|&i| bits[i as usize] = word);
     }
-    numbers
+    bits
 }
 
 /// Whether surfaces need texture coordinates: there are textures, since edits may give one to any material, or vertex colours.
@@ -139,7 +144,7 @@ pub(super) fn second_coordinates(scene: &Scene) -> Vec<[f32; 4]> {
 pub(super) fn shading_attributes(
     scene: &Scene,
     bvh: &Bvh,
-    reflectors: &[u8],
+    reflectors: &[u32],
     range: Range<usize>,
 ) -> (Vec<[u32; 4]>, Vec<[f32; 4]>) {
     let textured = has_patterns(scene);
@@ -156,7 +161,7 @@ pub(super) fn shading_attributes(
             }
         }
         let reflector = reflectors.get(index).copied().unwrap_or(0);
-        n[3] = u32::from(reflector) << 24 | t.material << 1 | u32::from(t.smooth);
+        n[3] = reflector | t.material << 1 | u32::from(t.smooth);
         normals.push(n);
         if textured {
             let [a, b, c] = t.vertices.map(|v| scene.uvs.get(v as usize).copied().unwrap_or(Vec2::ZERO));

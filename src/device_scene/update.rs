@@ -5,7 +5,7 @@ use std::slice::from_ref;
 use bytemuck::Zeroable;
 use glam::Vec3;
 
-use super::records::{finishes, has_wide_lobe, material_record, reflector_numbers, shading_attributes};
+use super::records::{finishes, has_wide_lobe, material_record, reflector_bits, shading_attributes};
 use super::{
     DeviceScene, MirrorBuffers, SpecularFeatures, SurfaceBuffers, TargetBuffers, delta_lights, fits_kernel, write,
 };
@@ -247,7 +247,7 @@ impl DeviceScene {
         staging.stage_ranges(context, &self.v0, &bvh.v0, &changes.triangles)?;
         staging.stage_ranges(context, &self.e1, &bvh.e1, &changes.triangles)?;
         staging.stage_ranges(context, &self.e2, &bvh.e2, &changes.triangles)?;
-        let of_triangle = reflector_numbers(scene, &self.reflectors);
+        let of_triangle = reflector_bits(scene, &self.reflectors);
         for range in &changes.triangles {
             let reordered = changes.reordered.contains(range);
             let smooth = |k: usize| scene.triangles[bvh.scene_triangle(k as u32) as usize].smooth;
@@ -263,18 +263,20 @@ impl DeviceScene {
         Ok(replaced)
     }
 
-    /// Finds the planar reflectors again and stages the changes. No other edits may come between the update of the
+    /// Finds the reflectors again and stages the changes. No other edits may come between the update of the
     /// hierarchy and this one. Returns whether passes must be made anew.
     fn update_reflectors(&mut self, context: &Context, staging: &mut Staging, scene: &Scene) -> Result<bool> {
         let bvh = &self.bvh;
         let reflectors = scene.reflectors();
-        let same = |(a, b): (&Reflector, &Reflector)| a.material == b.material && a.triangles == b.triangles;
+        let same = |(a, b): (&Reflector, &Reflector)| {
+            a.material == b.material && a.curved == b.curved && a.triangles == b.triangles
+        };
         let renumbered =
             reflectors.len() != self.reflectors.len() || !reflectors.iter().zip(&self.reflectors).all(same);
         self.reflectors = reflectors;
         if renumbered {
-            let numbers = reflector_numbers(scene, &self.reflectors);
-            let (normals, _) = shading_attributes(scene, bvh, &numbers, 0..bvh.triangle_count() as usize);
+            let bits = reflector_bits(scene, &self.reflectors);
+            let (normals, _) = shading_attributes(scene, bvh, &bits, 0..bvh.triangle_count() as usize);
             staging.stage_into(context, &self.normals, 0, &normals)?;
         }
         let specular = SpecularFeatures::of(scene, &self.reflectors);

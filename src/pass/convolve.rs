@@ -17,8 +17,9 @@
 //! pixel that no weight reaches keeps its own radiance.
 //!
 //! **Inputs**, an entry for each pixel, row by row. Radiance; w: depth of the visible point (any unit that orders).
-//! Footprint: diameter in pixels, layer of the library (rounded here), unit vector of the kernel's u axis in the image
-//! (x to the right, y down). Region: 0 if the pixel takes no part and gets 0, else the number of its reflector, up to
+//! Footprint: diameter in pixels, layer of the library (rounded here), vector of the kernel's u axis in the image
+//! (x to the right, y down); its length, where above 1, is the factor by which this kernel is narrower along v than the library
+//! states, in steps of 2^(1/4), up to [`MAX_STEPS`] with those of the library. Region: 0 if the pixel takes no part and gets 0, else the number of its reflector, up to
 //! 65535: sources spread only within their own region. **Output**, [`Convolve::spread`]: radiance; w: the sum of the
 //! weights, so that rgb times w is the sum of program 7.17.
 //!
@@ -101,6 +102,9 @@ pub const SUPPORT: f32 = 1.0885;
 /// Higher: things slightly behind an edge spread over it. Lower: surfaces that recede from the eye stop spreading.
 pub const DEPTH_TOLERANCE: f32 = 0.01;
 
+/// Maximum steps of 2^(1/4) by which a kernel is narrower along v than along u.
+pub const MAX_STEPS: u32 = 15;
+
 /// Maximum number of textures in a library.
 pub const MAX_LAYERS: u32 = 4095;
 
@@ -134,7 +138,7 @@ pub struct Inputs<'a> {
     pub library: &'a Library,
     /// Radiance; w: depth, in any unit that orders.
     pub source: &'a Buffer,
-    /// Kernel diameter in pixels, layer, unit vector of the u axis; one entry for each pixel, or one for all.
+    /// Kernel diameter in pixels, layer, vector of the u axis, longer than 1 if the kernel is narrower; one entry for each pixel, or one for all.
     pub footprint: &'a Buffer,
     /// Region number up to 65535; 0: the pixel takes no part.
     pub region: &'a Buffer,

@@ -34,7 +34,8 @@
 //! Over mirrors and glass each pixel chooses for itself, evenly over its passes ([`own_number`]): a reflection of one in twenty comes once in twenty passes.
 //!
 //! For a glossy plane seen directly (superposition, see `mirror_image`) the first component is the base, where the path
-//! ends, and the second the mirror image itself, with throughput 1. For a frosted pane the first component is the scene
+//! ends, and the second the mirror image itself, with throughput 1. So it is for a curved reflector, mirrored by the shading normal, where it is not
+//! too concave ([`super::curvature`]); there, and in mirror images, it is a glossy surface like any other. For a frosted pane the first component is the scene
 //! behind it, also with throughput 1, and the pane's emission goes with the second.
 //!
 //! Differs from the paper in that: a path is split once, whatever the weights of the components; point lights light wide
@@ -204,6 +205,11 @@ pub enum Plane {
         /// The part of it that is weighted by F90.
         grazing: f32,
     },
+    /// A curved surface seen directly, which mirrors the room by this normal.
+    Curved {
+        /// The normal.
+        normal: Vec3,
+    },
     /// A frosted pane.
     Frosted,
 }
@@ -226,6 +232,11 @@ pub fn reference(
     let numbers = path_numbers(frame, class, step);
     if let Some(Plane::Glossy { energy, grazing }) = plane {
         return Some(at_plane(frame, step, split_offset, path, (d, cos_view * t), surface, [energy, grazing]));
+    }
+    if let Some(Plane::Curved { normal }) = plane {
+        let branch = EyePath { slot: path.slot + split_offset, emitted: Vec3::ZERO, ..*path };
+        let mirrored = mirrored(frame, &branch, (d, cos_view * t), surface, normal);
+        return Some((EyePath { ray: None, ..*path }, Some(mirrored)));
     }
     let splits = step == 0 && split_offset > 0;
     let fits = path.segments + 2 <= frame.scene[2];
@@ -333,6 +344,19 @@ fn at_lobe(
     Some((if next.ray.is_some() { next } else { ended }, None))
 }
 
+/// The path mirrored by a normal of a surface.
+fn mirrored(
+    frame: &layout::FrameParameters,
+    path: &EyePath,
+    (d, depth): (Vec3, f32),
+    surface: &SurfacePoint,
+    n: Vec3,
+) -> EyePath {
+    let origin = offset_origin(surface.position, surface.geometric, frame.eye[3]);
+    let ray = Some(Ray { origin, t_max: 3.0e38, direction: d - 2.0 * d.dot(n) * n });
+    EyePath { ray, depth: path.depth + depth, ..*path }
+}
+
 /// Oracle for glossy planes: both components at the first hit, one of them at later hits.
 fn at_plane(
     frame: &layout::FrameParameters,
@@ -344,9 +368,7 @@ fn at_plane(
     [energy, grazing]: [f32; 2],
 ) -> (EyePath, Option<EyePath>) {
     let n = surface.geometric;
-    let origin = offset_origin(surface.position, n, frame.eye[3]);
-    let ray = Some(Ray { origin, t_max: 3.0e38, direction: d - 2.0 * d.dot(n) * n });
-    let mirrored = EyePath { ray, depth: path.depth + depth, ..*path };
+    let mirrored = mirrored(frame, path, (d, depth), surface, n);
     if step == 0 {
         let branch = EyePath { slot: path.slot + split_offset, emitted: Vec3::ZERO, ..mirrored };
         return (EyePath { ray: None, ..*path }, Some(branch));
@@ -363,5 +385,10 @@ fn at_plane(
     if stays {
         return (EyePath { ray: None, throughput: path.throughput / chance, unlikely, ..*path }, None);
     }
-    (EyePath { throughput: path.throughput * reflectance / chance, unlikely, ..mirrored }, None)
+    if path.segments > 0 && path.segments + 2 > frame.scene[2] {
+        return (EyePath { ray: None, throughput: Vec3::ZERO, unlikely, ..*path }, None);
+    }
+    // After a lobe segments count, and the plane's image is found in one way only.
+    let (segments, lobe) = if path.segments > 0 { (path.segments + 1, 0.0) } else { (0, path.lobe) };
+    (EyePath { throughput: path.throughput * reflectance / chance, unlikely, segments, lobe, ..mirrored }, None)
 }

@@ -1,6 +1,6 @@
 //! The GPU passes of a frame. Each has a file of its own; the names of its shaders begin with its stem, but for
 //! `photon_grid` (`photon_keys`, `photon_cells`), `splat_grid` (`splat_keys`, `splat_cells`), `mirror_lights` (`mirror_*`) and `visibility`, which takes variants of
-//! `shade`. `frame.rs` has their order. [`layout`] and [`surface`] are what the passes share.
+//! `shade`. `frame.rs` has their order. [`layout`], [`surface`] and [`curvature`] are what the passes share.
 //!
 //! A pass is made from a [`Kit`], which holds the resources that every pass may bind, and from the buffers of the stage
 //! that owns it.
@@ -14,6 +14,7 @@ pub mod camera_rays;
 pub mod clusters;
 pub mod collect;
 pub mod convolve;
+pub mod curvature;
 pub mod delta_choice;
 pub mod discontinuity;
 pub mod discontinuity_lobes;

@@ -34,7 +34,7 @@
 //! [materials.floor]             # overrides a material of the model
 //! roughness = 0.3
 //! lobe = "lobe.toml"            # measured lobe that blurs its mirror image: a table, see docs/superposition.md
-//! reflector = true              # whether its flat faces mirror the room; default: see docs/superposition.md
+//! reflector = true              # whether its flat faces mirror the room, and if true its smooth curved ones; default: see docs/superposition.md
 //!
 //! [materials.plastic]
 //! specular = [0.05, 0.05, 0.05]

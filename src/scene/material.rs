@@ -139,7 +139,7 @@ pub struct Material {
     pub thin: bool,
     /// Perceptual roughness in [0, 1] of thin glass, which blurs the image behind it (see [`crate::bsdf::ideal::frost`]). 0: clear.
     pub frost: f32,
-    /// Whether flat faces of this material are planar reflectors; `None`: see [`Material::may_reflect`].
+    /// Whether flat faces of this material are planar reflectors, and if `true` smooth curved ones curved reflectors; `None`: see [`Material::may_reflect`].
     pub reflector: Option<bool>,
     /// Measured reflectance distribution, without the Fresnel factor, that convolves the mirror image of its planar reflectors.
     /// Point lights are still reflected by the GGX lobe of `roughness`.

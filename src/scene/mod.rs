@@ -6,6 +6,7 @@
 pub mod animation;
 mod builder;
 pub mod builtin;
+mod curved;
 mod description;
 pub mod environment;
 pub(crate) mod export;

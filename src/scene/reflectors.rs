@@ -1,5 +1,5 @@
 //! Planar reflectors: coplanar triangles of one mirror or glossy material (Bastos 1999, section 6.3). Frosted panes, which blur
-//! the image behind them, are found and numbered with them.
+//! the image behind them, and curved reflectors are found and numbered with them.
 
 use std::collections::HashMap;
 
@@ -8,7 +8,7 @@ use glam::{IVec3, Vec3};
 use super::{Material, Scene, Surface, Triangle};
 use crate::bsdf::ideal::frost;
 
-/// Maximum number of reflectors of a scene; the largest by area are kept.
+/// Maximum number of reflectors of a scene; the largest planes are kept, then the largest curved ones.
 pub const MAX_REFLECTORS: usize = 255;
 
 /// Maximum alpha of a reflector's lobe: rougher planes show no images, and highlights of point lights suffice.
@@ -24,18 +24,20 @@ const MIN_AREA: f64 = 2e-4;
 const MAX_SHARE: f64 = 1e3;
 
 /// Normals of one plane differ by no more than this in each coordinate.
-const SAME_NORMAL: f32 = 1e-3;
+pub(super) const SAME_NORMAL: f32 = 1e-3;
 
 /// Distances of one plane from the origin differ by no more than this fraction of the diagonal of its faces' box.
 const SAME_OFFSET: f32 = 1e-4;
 
-/// Coplanar triangles of one mirror, glossy or frosted material.
+/// Coplanar triangles of one mirror, glossy or frosted material, or a curved surface of a glossy one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reflector {
     /// Index of the material.
     pub material: u32,
     /// Whether it is a frosted pane: it blurs the transmitted image, not the reflected one.
     pub pane: bool,
+    /// Whether it is a curved surface; it has no normal then.
+    pub curved: bool,
     /// Unit normal on the front side.
     pub normal: Vec3,
     /// The plane is `normal . p = offset`.
@@ -55,7 +57,7 @@ struct Parallel {
 }
 
 impl Material {
-    /// Whether flat faces of this material may be planar reflectors: on request, or for a mirror, a lobe narrow and strong
+    /// Whether faces of this material may be reflectors, flat ones, and where asked for curved ones of opaque materials: on request, or for a mirror, a lobe narrow and strong
     /// enough to show images, or frosted glass of any roughness. Textures are ignored, only their factors count, but a
     /// face with a normal map is not flat. One that lets rays pass is none either.
     pub fn may_reflect(&self) -> bool {
@@ -73,14 +75,29 @@ impl Material {
 }
 
 impl Scene {
-    /// The planar reflectors, largest first. The `reflector` property of a material overrides the minimum area; faces shaded
-    /// as part of a curved surface do not count.
+    /// The reflectors: planes, the largest first, then curved surfaces, the largest first. The `reflector` property of a material overrides
+    /// the minimum area; only where it is true, faces shaded as part of a curved surface count, as curved reflectors.
     pub fn reflectors(&self) -> Vec<Reflector> {
+        let curved = self.curved_reflectors();
+        let mut found = self.planar_reflectors(&curved);
+        found.extend(curved);
+        if found.len() > MAX_REFLECTORS {
+            let more = found.len() - MAX_REFLECTORS;
+            log::warn!("{more} reflectors beside the {MAX_REFLECTORS} greatest show no mirror images");
+            found.truncate(MAX_REFLECTORS);
+        }
+        found
+    }
+
+    /// The planar reflectors, largest first, without faces of `curved` ones.
+    fn planar_reflectors(&self, curved: &[Reflector]) -> Vec<Reflector> {
+        let mut of_curved = vec![false; if curved.is_empty() { 0 } else { self.triangles.len() }];
+        curved.iter().flat_map(|reflector| &reflector.triangles).for_each(|&i| of_curved[i as usize] = true);
         let candidates: Vec<bool> = self.materials.iter().map(Material::may_reflect).collect();
         let mut of_normal: HashMap<(u32, IVec3), usize> = HashMap::new();
         let mut parallel: Vec<Parallel> = Vec::new();
         for (i, t) in (0u32..).zip(&self.triangles) {
-            if !candidates[t.material as usize] {
+            if !candidates[t.material as usize] || of_curved.get(i as usize) == Some(&true) {
                 continue;
             }
             let [a, b, c] = self.triangle_positions(i as usize);
@@ -126,16 +143,12 @@ impl Scene {
                 if asked_for || area >= MIN_AREA * total {
                     let offset = plane[plane.len() / 2].0;
                     let pane = self.materials[material as usize].surface == Surface::Glass;
-                    found.push(Reflector { material, pane, normal, offset, area: area as f32, triangles });
+                    let area = area as f32;
+                    found.push(Reflector { material, pane, curved: false, normal, offset, area, triangles });
                 }
             }
         }
         found.sort_by(|a, b| b.area.total_cmp(&a.area).then(a.triangles.cmp(&b.triangles)));
-        if found.len() > MAX_REFLECTORS {
-            let more = found.len() - MAX_REFLECTORS;
-            log::warn!("{more} planar reflectors beside the {MAX_REFLECTORS} greatest are lit by point lights alone");
-            found.truncate(MAX_REFLECTORS);
-        }
         found
     }
 

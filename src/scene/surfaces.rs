@@ -40,12 +40,12 @@ pub struct Surfaces {
 /// A corner, by the bits of its position: meshes repeat corners with other normals.
 type Corner = [u32; 3];
 
-fn corner(p: Vec3) -> Corner {
+pub(super) fn corner(p: Vec3) -> Corner {
     // Of the two zeros one.
     (p + 0.0).to_array().map(f32::to_bits)
 }
 
-fn root(parents: &mut [u32], mut i: u32) -> u32 {
+pub(super) fn root(parents: &mut [u32], mut i: u32) -> u32 {
     while parents[i as usize] != i {
         parents[i as usize] = parents[parents[i as usize] as usize];
         i = parents[i as usize];

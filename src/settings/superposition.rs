@@ -85,7 +85,7 @@ pub struct Superposition {
     /// Algorithm of the convolution. Default `Auto`: direct for narrow kernels, else fast. Direct takes the sum as stated, for comparison; its time
     /// grows with the square of the widths.
     pub form: Form,
-    /// Number of planar reflectors that mirror the room, largest first. Default 255, the maximum; fewer cost less. The
+    /// Number of reflectors that mirror the room, the largest planes first, then the largest curved surfaces. Default 255, the maximum; fewer cost less. The
     /// others are glossy surfaces like any other.
     pub reflectors: u32,
     /// Source of the mirror image. Default `Rays`.

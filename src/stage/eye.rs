@@ -108,7 +108,7 @@ impl Eye {
         let points = ShadingPoints::new(kit.context, "eye", slots)?;
         let guides =
             if plan.antialiases() { Some(EdgeGuides::new(kit, &rays, pixels, eye.plain_mirrors)?) } else { None };
-        let planes = Planes::new(kit, pixels, eye.mirrors, eye.panes, eye.images.is_some())?;
+        let planes = Planes::new(kit, pixels, eye.mirrors, eye.panes || eye.curved, eye.images.is_some())?;
         let reproject = match (eye.images, &scene.mirror_images) {
             (Some(choice), Some(images)) => {
                 let (region, reprojected, reflectors) =

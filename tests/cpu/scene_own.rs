@@ -19,6 +19,7 @@ fn own_scenes_load() {
     names.sort();
     let triangles = [
         ("balls-and-sheets", 3762),
+        ("chequered-ball", 1092),
         ("cornell", 32),
         ("frosted-pane", 312),
         ("furnace", 12),
@@ -110,6 +111,14 @@ fn the_glossy_floor_is_the_only_reflector_of_its_room() {
     assert_eq!(reflectors.len(), 1);
     assert_eq!(scene.materials[reflectors[0].material as usize].name, "floor");
     assert_eq!((reflectors[0].normal, reflectors[0].offset), (Vec3::Y, 0.0));
+    assert_smooth_normals_agree(&scene);
+}
+
+#[test]
+fn the_chequered_room_has_a_curved_reflector() {
+    let scene = scene::load(&repository("scenes/chequered-ball/scene.toml")).unwrap();
+    let reflectors = scene.reflectors();
+    assert_eq!((reflectors.len(), reflectors[0].curved, reflectors[0].triangles.len()), (1, true, 728));
     assert_smooth_normals_agree(&scene);
 }
 

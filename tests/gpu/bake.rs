@@ -70,11 +70,12 @@ fn unit_squares_have_their_form_factors() {
             soup.quad(Vec3::ZERO, z, x, grey);
             soup.quad(corner, u, v, lamp);
             let scene = soup.0;
-            let settings = Settings { particles: 64, max_depth: 2, ..plain() };
+            // Texels on the common edge see the emitter so near that only gathered light tells its irradiance.
+            let settings = Settings { particles: 64, max_depth: 2, pattern: [1, 1], ..Settings::default() };
             let (bake, light) = baked(ctx, &scene, &settings, at_density(48.0), 32);
             assert_eq!(bake.charts().faces.len(), 2, "the lamp reflects nothing, and the floor's back has no light");
             let found = mean(&light.kept(&scene), &[0, 1]) / (std::f32::consts::PI * 3.0);
-            assert!((found / factor - 1.0).abs().max_element() < 6e-3, "{found} for {factor}");
+            assert!((found / factor - 1.0).abs().max_element() < 2e-3, "{found} for {factor}");
         }
     });
 }
@@ -387,7 +388,7 @@ fn seams_between_objects_have_no_steps() {
         scene.objects.push(String::from("other part"));
         scene.triangles[2].object = 1;
         scene.triangles[3].object = 1;
-        let settings = Settings { particles: 64, max_depth: 2, ..plain() };
+        let settings = Settings { particles: 64, max_depth: 2, pattern: [1, 1], ..Settings::default() };
         let (bake, light) = baked(ctx, &scene, &settings, at_density(24.0), 8);
         assert_eq!(bake.charts().count, 2);
         let kept = light.kept(&scene);

@@ -183,6 +183,31 @@ fn convolve_fast_errs_little() {
     });
 }
 
+/// A longer u axis narrows its kernel along v by its length, beside what the library states, up to 15 steps in all.
+#[test]
+fn convolve_narrows_kernels_by_their_axes() {
+    gpu_test(|ctx| {
+        for size in SIZES {
+            let mut subject = Subject::random(size, 17.0);
+            for (i, foot) in subject.footprint.iter_mut().enumerate() {
+                let length = (0.25 * (i % 18) as f32).exp2();
+                (foot.z, foot.w) = (foot.z * length, foot.w * length);
+            }
+            assert_close(&subject.convolved(ctx), &subject.expected(), 2e-4, &format!("{size:?}"));
+        }
+        for (widest, stretch, greatest) in [(7.0, 2.0, 0.01), (31.0, 2.0, 0.03), (31.0, 4.0, 0.06), (63.0, 8.0, 0.1)] {
+            let stretched = |form| {
+                let mut subject = Subject { form, ..natural([160, 120], widest, 1.0) };
+                subject.footprint.iter_mut().for_each(|foot| (foot.z, foot.w) = (foot.z * stretch, foot.w * stretch));
+                subject.convolved(ctx)
+            };
+            let error = relative_rmse(&stretched(Form::Fast), &stretched(Form::Direct));
+            println!("{widest} pixels, {stretch} times as long as wide: {error:.4}");
+            assert!(error < greatest, "{widest}, {stretch}: {error}");
+        }
+    });
+}
+
 fn relative_rmse(image: &[Vec4], expected: &[Vec4]) -> f32 {
     let mean = expected.iter().map(|v| v.truncate().element_sum()).sum::<f32>() / (3 * expected.len()) as f32;
     let squares = image.iter().zip(expected).map(|(a, b)| (a.truncate() - b.truncate()).length_squared()).sum::<f32>();

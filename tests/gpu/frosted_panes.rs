@@ -64,7 +64,7 @@ fn what_is_behind_panes_follows_the_oracle_of_mirror_images() {
             let sums = &frame.shade.lighting;
             let lights = [&sums.direct, &sums.indirect, &sums.specular].map(|b| rig.vec4s(b));
             let (through, region) = (rig.vec4s(&frame.eye.paths.throughput), rig.get::<u32>(&frame.eye.planes.region));
-            let (widening, weights) = (rig.vec4s(&frame.eye.planes.widening), rig.vec4s(&frame.eye.planes.panes));
+            let (widening, weights) = (rig.vec4s(&frame.eye.planes.widening), rig.vec4s(&frame.eye.planes.extras));
             let mirrors = frame.glossy_planes.as_ref().unwrap();
             rig.run(|_, rec| mirrors.record_image(rec));
             let (source, footprint) = (rig.vec4s(&mirrors.image.source), rig.vec4s(&mirrors.image.footprint));

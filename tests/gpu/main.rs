@@ -5,6 +5,7 @@
 mod bake;
 mod caustics;
 mod convolve;
+mod curved_reflectors;
 mod delta_choice;
 mod depth_images;
 mod devices;

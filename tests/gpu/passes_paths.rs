@@ -7,7 +7,7 @@ use lightsum::bsdf::Reflectance;
 use lightsum::bsdf::ideal::Media;
 use lightsum::bsdf::phong::width_of;
 use lightsum::gpu::{Resources, download, upload};
-use lightsum::pass::eye_paths::{self, EyePath};
+use lightsum::pass::eye_paths::{self, EyePath, Plane};
 use lightsum::pass::glossy_light;
 use lightsum::pass::merge::{self, Merge};
 use lightsum::pass::surface::surface_at;
@@ -94,6 +94,7 @@ struct Seen {
     crossed: usize,
     within_two: usize,
     mirrored: usize,
+    curved: usize,
     in_mirrors: usize,
     along_lobes: usize,
     further: usize,
@@ -136,10 +137,12 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
         let surface = surface_at(rig.scene, rig.bvh(), &hit, d, width);
         let way = (d, hit.t, cos_view);
         let number = (step as u32, sort::class_of(&rig.parameters, slot));
-        let plane = rig.spreading_plane(&hit, d).filter(|_| {
+        let plane = rig.spreading_plane(&hit, d).filter(|plane| {
             let shown = || rig.get::<u32>(&frame.eye.planes.region)[(slot % pixels) as usize];
-            step == 0 || (shown() > 0 && rig.is_pane(shown()) == (slot < pixels))
+            let is_curved = matches!(plane, Plane::Curved { .. });
+            step == 0 || (!is_curved && shown() > 0 && rig.is_pane(shown()) == (slot < pixels))
         });
+        seen.curved += usize::from(matches!(plane, Some(Plane::Curved { .. })));
         seen.mirrored += usize::from(plane.is_some() && step == 0);
         seen.in_mirrors += usize::from(plane.is_some() && step > 0);
         if let Some((next, branch)) =
@@ -175,7 +178,9 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
         }
         tally.check_values(after.is(i, path, *cos_view), &values, || {
             let (origin, direction) = (after.origin[i], after.direction[i]);
-            format!("slot {slot}: {origin} {direction} {} {:?} for {path:?}", after.throughput[i], after.media[i])
+            let (through, media, emitted, lobe) =
+                (after.throughput[i], after.media[i], after.emitted[i], after.lobe[i]);
+            format!("slot {slot}: {origin} {direction} {through} {media:?} {emitted} {lobe} for {path:?}")
         });
     }
     tally.finish(STRAYS);
@@ -249,7 +254,15 @@ fn eye_paths_follow_their_oracle() {
         let planes = Some(Superposition::default());
         let mut frosted = scene.clone();
         frosted.materials.iter_mut().filter(|m| m.thin).for_each(|m| m.frost = 0.5);
-        let cases = [(&scene, true, None), (&scene, false, None), (&scene, true, planes), (&frosted, true, planes)];
+        let mut curved = scene.clone();
+        curved.materials.iter_mut().filter(|m| m.may_reflect()).for_each(|m| m.reflector = Some(true));
+        let cases = [
+            (&scene, true, None),
+            (&scene, false, None),
+            (&scene, true, planes),
+            (&frosted, true, planes),
+            (&curved, true, planes),
+        ];
         for (scene, split, superposition) in cases {
             let mut seen = Seen::default();
             for (i, resolution) in AWKWARD_IMAGES.into_iter().enumerate() {
@@ -269,6 +282,7 @@ fn eye_paths_follow_their_oracle() {
             let all = [seen.first, seen.second, seen.stayed, seen.crossed, seen.within_two, seen.along_lobes];
             assert!(all.iter().all(|&n| n > 5) && (seen.split > 5) == split && seen.further > 0, "{seen:?}");
             assert!((seen.mirrored > 5) == superposition.is_some(), "{seen:?}");
+            assert!((seen.curved > 5) == std::ptr::eq(scene, &curved), "{seen:?}");
         }
     });
 }

@@ -9,6 +9,7 @@ use lightsum::engine::Engine;
 use lightsum::frame::Frame;
 use lightsum::gpu::{Buffer, Context, Recorder, Resources, Staging, download};
 use lightsum::pass::clusters::NO_POINT;
+use lightsum::pass::curvature::bend_at;
 use lightsum::pass::eye_paths::Plane;
 use lightsum::pass::layout::PointLight;
 use lightsum::pass::{Kit, List, ShadingPoints, layout, light_lists, trace, walk_start};
@@ -172,7 +173,7 @@ impl<'a> Rig<'a> {
         if counts && number <= self.engine.plan().settings.mirroring_planes() { number } else { 0 }
     }
 
-    /// Number of the hit's reflector if it is a glossy plane that mirrors the room, else 0.
+    /// Number of the hit's reflector if it is a glossy plane or curved surface that mirrors the room, else 0.
     pub fn plane(&self, hit: &Hit) -> u32 {
         self.reflector(hit, Surface::Opaque)
     }
@@ -182,12 +183,16 @@ impl<'a> Rig<'a> {
         &self.engine.device_scene().tables().unwrap().library
     }
 
-    /// The plane of superposition at a hit, seen along `d`.
+    /// The plane, or curved surface, of superposition at a hit of an eye ray along `d`.
     pub fn spreading_plane(&self, hit: &Hit, d: Vec3) -> Option<Plane> {
         if self.reflector(hit, Surface::Glass) > 0 {
             return Some(Plane::Frosted);
         }
         let number = self.plane(hit).checked_sub(1)?;
+        if self.engine.device_scene().reflectors[number as usize].curved {
+            let bend = bend_at(self.scene, self.bvh(), hit, d, xyz(self.parameters.right));
+            return bend.mild.then_some(Plane::Curved { normal: bend.normal });
+        }
         let mu = self.bvh().normal(hit.triangle).dot(d).abs();
         let lobe = self.library().look_up(number, mu)?;
         Some(Plane::Glossy { energy: lobe.energy, grazing: lobe.grazing })

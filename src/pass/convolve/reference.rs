@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3, Vec4};
 
-use super::{DEPTH_TOLERANCE, KERNEL_TEXELS};
+use super::{DEPTH_TOLERANCE, KERNEL_TEXELS, MAX_STEPS};
 
 /// Inputs of the oracle.
 #[derive(Clone, Copy)]
@@ -11,7 +11,7 @@ pub struct Image<'a> {
     pub size: [u32; 2],
     /// Radiance; w: depth.
     pub source: &'a [Vec4],
-    /// Kernel diameter in pixels, layer, unit vector of the u axis.
+    /// Kernel diameter in pixels, layer, vector of the u axis.
     pub footprint: &'a [Vec4],
     /// Region of each pixel.
     pub region: &'a [u32],
@@ -55,8 +55,10 @@ impl<'a> Splat<'a> {
         let layers = kernels.len() / texels;
         let layer = (footprint.y.max(0.0).round() as usize).min(layers - 1);
         let texture = &kernels[layer * texels..(layer + 1) * texels];
-        let axis = DVec2::new(f64::from(footprint.z), f64::from(footprint.w)).try_normalize().unwrap_or(DVec2::X);
-        let ratio = (0.25 * f64::from(narrowings[layer])).exp2();
+        let axis = DVec2::new(f64::from(footprint.z), f64::from(footprint.w));
+        let own = (4.0 * axis.length().clamp(1.0, 16.0).log2()).round() as u32;
+        let axis = axis.try_normalize().unwrap_or(DVec2::X);
+        let ratio = (0.25 * f64::from((narrowings[layer] + own).min(MAX_STEPS))).exp2();
         let mut splat = Splat { texture, axis, radius: 0.5 * f64::from(footprint.x), ratio, sum: 0.0 };
         if footprint.x > 1.0 {
             let reach = splat.reach();

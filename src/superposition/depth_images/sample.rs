@@ -107,7 +107,7 @@ fn hemispheres(scene: &Scene, settings: &Settings, options: &Options) -> Result<
     }
     let reflectors = scene.reflectors();
     check_flat(scene, &reflectors)?;
-    let opaque = |r: &Reflector| scene.materials[r.material as usize].surface == Surface::Opaque;
+    let opaque = |r: &Reflector| !r.curved && scene.materials[r.material as usize].surface == Surface::Opaque;
     let numbered = (1..=settings.mirroring_planes()).zip(&reflectors).filter(|(_, reflector)| opaque(reflector));
     let mut found = Vec::new();
     let mut images = 0;

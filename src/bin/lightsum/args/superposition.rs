@@ -10,10 +10,10 @@ use lightsum::settings::{Reflectance, Settings, Spread, Superposition};
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Glossy planes")]
 pub struct Glossy {
-    /// Show a convolved mirror image of the room on glossy planes [default: the scene's, or off].
+    /// Show a convolved mirror image of the room on glossy planes, and on curved surfaces with the key `reflector` [default: the scene's, or off].
     ///
     /// Without it eye paths follow their lobes, as of other glossy surfaces, so that a single frame shows separate reflections. Costs
-    /// the convolution. No cost in scenes without such planes.
+    /// the convolution. No cost in scenes without such surfaces.
     #[arg(long, value_name = "HOW", value_enum)]
     pub superposition: Option<SpreadFlag>,
     /// Reflectance model of mirrors and of the mirror images of glossy planes [default: schlick].
@@ -28,7 +28,9 @@ pub struct Glossy {
     /// Let the blurred image of far surfaces bleed over sharp near ones: a little faster.
     #[arg(long)]
     pub no_occlusion: bool,
-    /// Maximum number of glossy planes that mirror the room, largest first, 0 to 255 [default: 255]. Fewer cost less.
+    /// Maximum number of glossy planes and curved surfaces that mirror the room, 0 to 255 [default: 255]. Fewer cost less.
+    ///
+    /// The largest planes come first, then the largest curved surfaces.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=255))]
     pub reflectors: Option<u32>,
     #[command(flatten)]

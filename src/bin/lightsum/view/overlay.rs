@@ -15,6 +15,8 @@ const EDGES: [[usize; 2]; 12] =
 
 /// Kernels that are drawn in a line.
 const KERNELS: usize = 16;
+/// Edges of the outline of one.
+const OUTLINE_EDGES: u32 = 48;
 /// Minimum of pixels between them, each way.
 const KERNEL_SPACING: usize = 16;
 
@@ -25,7 +27,8 @@ pub struct Kernel {
     center: [f32; 2],
     /// Diameter, pixels.
     diameter: f32,
-    /// Unit vector of its u axis; it points from the mirror direction to the normal.
+    /// Vector of its u axis; it points from the mirror direction to the normal, on curved surfaces along the longer axis. Its length, where
+    /// above 1, is the factor by which it is longer than wide there.
     axis: [f32; 2],
 }
 
@@ -62,8 +65,13 @@ pub fn show(painter: &Painter, session: &Session, place: Rect) {
         let center = place.min + egui::Vec2::from(kernel.center) * scale;
         let radius = 0.5 * kernel.diameter * scale.x;
         let stroke = Stroke::new(1.0, Color32::from_rgba_unmultiplied(90, 220, 255, 110));
-        painter.circle_stroke(center, radius, stroke);
-        painter.line_segment([center, center + egui::Vec2::from(kernel.axis) * radius], stroke);
+        let axis = egui::Vec2::from(kernel.axis);
+        let along = axis.normalized() * radius;
+        let across = along.rot90() / axis.length().max(1.0);
+        let angles = (0..OUTLINE_EDGES).map(|i| std::f32::consts::TAU * i as f32 / OUTLINE_EDGES as f32);
+        let outline = angles.map(|angle| center + along * angle.cos() + across * angle.sin()).collect();
+        painter.add(egui::Shape::closed_line(outline, stroke));
+        painter.line_segment([center, center + along], stroke);
     }
     let Some((low, high)) = session.bounds() else { return };
     let corner =
