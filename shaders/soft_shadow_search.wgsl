@@ -47,8 +47,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let kernel = soft_kernel(soft_light(steps[push.step].first), own.xyz, n);
         let ratio = mean_ratio(kernel, at, own.xyz, n, greatest);
         var known = ratio;
-        let is_wide = 2.0 * bounded_ratio(ratio, half_extent(kernel)) * half_extent(kernel) > WIDE;
-        for (var wide = select(0u, 1u, is_wide); wide > 0u; wide -= 1u) {
+        for (var wide = select(0u, 1u, is_wide(kernel, ratio)); wide > 0u; wide -= 1u) {
             known = QUAD_LIT - lit_share(kernel, at, own, n, ratio);
         }
         found = vec4<f32>(own.xyz, known);

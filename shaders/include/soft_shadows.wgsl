@@ -28,8 +28,8 @@ const RATIO_BITS: u32 = 0xffff0000u;
 // share that is lit; or nothing.
 const QUAD_LIT: f32 = -1.0;
 const QUAD_UNKNOWN: f32 = -4.0;
-// Kernels of more pixels are wide: one serves a quad. Host twin: pass::soft_shadow::WIDE.
-const WIDE: f32 = 8.0;
+// Kernels whose shorter side has more pixels are wide: one serves a quad. Host twin: pass::soft_shadow::WIDE.
+const WIDE: f32 = 6.0;
 
 // An emitter: a parallelogram about its centre.
 struct SoftLight {
@@ -76,6 +76,12 @@ fn soft_kernel(light: SoftLight, x: vec3<f32>, n: vec3<f32>) -> SoftKernel {
 fn half_extent(kernel: SoftKernel) -> f32 {
     let size = abs(kernel.a) + abs(kernel.b);
     return 0.5 * max(size.x, size.y);
+}
+
+// Whether a kernel is wide both ways.
+fn is_wide(kernel: SoftKernel, ratio: f32) -> bool {
+    let size = abs(kernel.a) + abs(kernel.b);
+    return min(size.x, size.y) * bounded_ratio(ratio, half_extent(kernel)) > WIDE;
 }
 
 // The greatest ratio whose kernel is not too wide.

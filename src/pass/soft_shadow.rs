@@ -25,7 +25,7 @@
 //! **Search.** The ratio of a pixel's kernel, lit or not, is the mean of those r whose own kernel, about a blocked point, reaches it
 //! (as Fernando 2005, "Percentage-closer soft shadows", averages depths), from up to 64 samples of the widest kernel that reaches its tile, denser
 //! near the middle; those beside lit pixels count [`EDGE_WEIGHT`] times, because deep in a shadow the nearest thing is not the one whose outline casts its edge. It is found once for each quad, and again for
-//! pixels of a quad that show other surfaces. Kernels of more than [`WIDE`] pixels are convolved for quads too, and pixels take what lies between theirs.
+//! pixels of a quad that show other surfaces. Kernels of more than [`WIDE`] pixels both ways are convolved for quads too, and pixels take what lies between theirs.
 //!
 //! **Tiles** of 8 x 8 pixels that no blocker reaches, or from which nothing lit is in reach, keep V.
 //!
@@ -51,8 +51,8 @@ pub mod reference;
 pub const TILE: u32 = 8;
 /// Greatest half width or height of a kernel, pixels.
 pub const WIDEST: f32 = 128.0;
-/// Kernels of more pixels are convolved once for a quad.
-pub const WIDE: f32 = 8.0;
+/// Kernels whose shorter side has more pixels are convolved once for a quad.
+pub const WIDE: f32 = 6.0;
 /// Kernels grow no more at cosines of incidence below.
 pub const LEAST_COSINE: f32 = 0.05;
 /// Distance from the tangent plane up to which a point counts as one of the surface, over its distance from the pixel's point.

@@ -99,6 +99,11 @@ impl Kernel {
         0.5 * (self.edges[0].abs() + self.edges[1].abs()).max_element()
     }
 
+    /// Whether it is wide both ways.
+    fn is_wide(&self, ratio: f32) -> bool {
+        (self.edges[0].abs() + self.edges[1].abs()).min_element() * self.bounded(ratio) > WIDE
+    }
+
     /// The greatest ratio whose kernel is not too wide.
     pub fn bounded(&self, ratio: f32) -> f32 {
         ratio.min(WIDEST / self.half_extent().max(1e-6))
@@ -298,7 +303,7 @@ impl Seen<'_> {
         let kernel = Kernel::of(self.frame, self.light, self.x, self.n);
         match ratio {
             0.0 => Quad::Open,
-            _ if 2.0 * kernel.bounded(ratio) * kernel.half_extent() > WIDE => Quad::Wide(self.lit_share(source, ratio)),
+            _ if kernel.is_wide(ratio) => Quad::Wide(self.lit_share(source, ratio)),
             _ => Quad::Narrow(ratio),
         }
     }
