@@ -1,4 +1,5 @@
 // Sums the light of near rays, from pixel to pixel. See pass/near_collect.rs.
+// SOFT_SHADOWS: light with soft shadows is kept apart.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -23,6 +24,9 @@
 @group(0) @binding(12) var<storage, read> pixel_direct: array<vec4<f32>>;
 @group(0) @binding(13) var<storage, read> pixel_indirect: array<vec4<f32>>;
 @group(0) @binding(14) var<storage, read> seen_wo: array<vec4<f32>>;
+#if SOFT_SHADOWS
+@group(0) @binding(17) var<storage, read> soft_direct: array<vec4<f32>>;
+#endif
 // Light through near rays: direct and indirect irradiance. w of the first: the lobe, as in beta.
 @group(0) @binding(15) var<storage, read_write> near_direct: array<vec4<f32>>;
 @group(0) @binding(16) var<storage, read_write> near_indirect: array<vec4<f32>>;
@@ -50,7 +54,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let went_on = e_own.w != 0.0;
         let links = k + select(0u, 1u, went_on);
         let share = select(vec4<f32>(0.0), shares[min(links, NEAR_LINKS - 1u)], links < NEAR_LINKS);
-        let by_pixel = share.x * pixel_direct[safe].xyz + share.y * pixel_indirect[safe].xyz;
+#if SOFT_SHADOWS
+        // Second components have none.
+        let of_pixel = safe < frame.size.z;
+        let direct_light = pixel_direct[safe].xyz + select(vec3<f32>(0.0), soft_direct[select(0u, safe, of_pixel)].xyz, of_pixel);
+#else
+        let direct_light = pixel_direct[safe].xyz;
+#endif
+        let by_pixel = share.x * direct_light + share.y * pixel_indirect[safe].xyz;
         let gathered = lighting_of(at);
         let lit = diffuse_radiance(point_kd[at].xyz, share.x * gathered.e_direct + share.w * gathered.e_indirect) + share.w * gathered.l_specular;
         // An emitter hit by the first near ray is direct light.

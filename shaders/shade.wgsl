@@ -89,6 +89,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let glossy = has_flag(wo.w, GLOSSY);
     let sampled = has_flag(wo.w, LOBE_SAMPLED);
     let splats = has_flag(wo.w, SPLATS);
+    let soft = has_flag(wo.w, SOFT);
     let used = f32(segments_of(wo.w));
     // The first chunk starts the sums; values of an earlier frame are not read.
     var e_direct = select(vec3<f32>(0.0), direct[slot].xyz, step.clears == 0u);
@@ -130,7 +131,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         }
         let cos_receiver = dot(wi, shading.xyz);
         let lit = cos_receiver > 0.0 && dot(wi, geometric.xyz) > 0.0 && mean3(intensity) > 0.0 && r2 > 0.0
-            && l_f0.w + used <= f32(step.bounces);
+            && l_f0.w + used <= f32(step.bounces) && (glossy || !soft || (flags & LIGHT_SOFT) == 0u);
 #endif
 
         // Shadow ray from the shading point (t = 0) to the light (t = 1): any triangle strictly between blocks it.
@@ -200,7 +201,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #else
         let e = intensity * select(0.0, cos_receiver * falloff_beyond(flags, r2, select(1.0, 0.25, step.closer == 1u)), lit && !blocked);
         let is_direct = l_f0.w == 0.0;
-        e_direct += select(vec3<f32>(0.0), e, is_direct);
+        e_direct += select(vec3<f32>(0.0), e, is_direct && !(soft && (flags & LIGHT_SOFT) != 0u));
         e_indirect += select(e, vec3<f32>(0.0), is_direct);
         for (var i = select(0u, 1u, glossy && lit && !blocked && (is_direct || !splats)); i > 0u; i -= 1u) {
             let lobe = lobe_density(shading.w, shading.xyz, wo.xyz, wi);

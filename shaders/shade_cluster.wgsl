@@ -148,6 +148,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var shading: array<vec3<f32>, RAYS>;
     var sum: array<vec3<f32>, RAYS>;
     var glossy = 0u;
+    var soft = 0u;
     // Segments of the eye paths to them, four bits each.
     var used = vec2<u32>(0u);
 #endif
@@ -174,6 +175,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         shading_hi = max(shading_hi, shading[r]);
         let word = point_wo[p].w;
         glossy |= select(0u, 1u << r, has_flag(word, GLOSSY)) & present;
+        soft |= select(0u, 1u << r, has_flag(word, SOFT));
         used[r / 8u] |= segments_of(word) << (4u * (r & 7u));
 #endif
     }
@@ -316,6 +318,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 alive |= select(0u, 1u << r, lit);
                 inverse[r] = safe_inverse(d[r]);
             }
+#if VISIBILITY
+#else
+            // Of a light whose shadows are convolved, only highlights are shown.
+            let apart = select(0u, soft, (flags & LIGHT_SOFT) != 0u);
+            alive &= ~apart | glossy;
+#endif
 #if COUNTERS
             met[0] += 1u;
             met[1] += countOneBits(alive);
@@ -555,7 +563,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #else
                 let factor = dot(wi, shading[r]) * inverse_square(r2, clip2);
 #endif
-                sum[r] += intensity * select(0.0, factor, ((alive >> r) & 1u) != 0u);
+                sum[r] += intensity * select(0.0, factor, (((alive & ~apart) >> r) & 1u) != 0u);
             }
             // Specular lobes, of the light or of shading points, are rarer: ray by ray.
             for (var rest = alive & select(glossy, present, (flags & LIGHT_GLOSSY) != 0u); rest != 0u; rest &= rest - 1u) {

@@ -6,6 +6,7 @@
 #include "lights.wgsl"
 #include "walk.wgsl"
 #include "lobe_shares.wgsl"
+#include "soft_emitters.wgsl"
 
 @group(0) @binding(1) var<storage, read> emitters: array<EmitterRecord>;
 @group(0) @binding(2) var<storage, read_write> ray_origin: array<vec4<f32>>;
@@ -31,7 +32,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let irradiance = place.radiance.xyz * (e.e1.w / e.normal.w * bitcast<f32>(depth.z));
     let exponent = select(1.0, place.exponent, place.kind <= EMITTER_SPHERE);
     let directed = select(0u, LIGHT_DIRECTED, exponent != 1.0);
-    let flags = select(LIGHT_SURFACE | LIGHT_CLIPPED | directed, LIGHT_DIRECTIONAL | LIGHT_ENVIRONMENT, of_environment);
+    let soft = select(0u, LIGHT_SOFT, is_soft(place.emitter));
+    let flags = select(LIGHT_SURFACE | LIGHT_CLIPPED | directed | soft, LIGHT_DIRECTIONAL | LIGHT_ENVIRONMENT, of_environment);
     let light = PointLight(
         vec4<f32>(place.origin, bitcast<f32>(flags)),
         vec4<f32>(place.normal, exponent - 1.0),

@@ -21,6 +21,7 @@ use crate::pass::merge::Merge;
 use crate::pass::mirror_lights::{self, MirrorLights};
 use crate::pass::motion_blur::{self, MotionBlur};
 use crate::pass::outliers::{self, Outliers};
+use crate::pass::soft_shadow::SoftShadowAdd;
 use crate::pass::summands::Summands;
 use crate::pass::velocity::Velocity;
 use crate::pass::{Kit, List};
@@ -28,7 +29,8 @@ use crate::plan::Plan;
 use crate::ring::{Form, Paths};
 use crate::settings::LightChoice;
 use crate::stage::{
-    Compensation, Edges, Eye, GlossyPlanes, NearLight, Output, PhotonLighting, Photons, Shade, Splats, Stage, Walk,
+    Compensation, Edges, Eye, GlossyPlanes, NearLight, Output, PhotonLighting, Photons, Shade, SoftShadows, Splats,
+    Stage, Walk,
 };
 
 /// Buffers of a frame that the next one goes on with.
@@ -63,6 +65,8 @@ pub struct Frame {
     pub photons: Option<Photons>,
     /// Lights the visible points by point lights, with clipped distances.
     pub shade: Shade,
+    /// Lights them by the largest emitters, with soft shadows by convolution, and keeps that light apart.
+    pub soft_shadows: Option<SoftShadows>,
     /// Lights them by light kept in textures, in place of virtual lights.
     pub kept_light: Option<KeptLight>,
     /// Lights the visible points by photons.
@@ -83,6 +87,8 @@ pub struct Frame {
     pub glossy_light: Option<GlossyLight>,
     /// Averages specular radiance over neighbours that reflect alike.
     pub discontinuity_lobes: Option<DiscontinuityLobes>,
+    /// Adds the light with soft shadows, which no filter averages.
+    pub soft_shadow_add: Option<SoftShadowAdd>,
     /// Lowers emission that unlikely paths found.
     pub outliers: Option<Outliers>,
     /// Spreads mirror images over their glossy planes.
@@ -153,6 +159,7 @@ impl Frame {
         let light_lists = LightLists::new(kit, plan, &eye, &walk.lights)?;
         let photons = Photons::new(kit, plan, &walk)?;
         let shade = Shade::new(kit, scene, plan, &eye, &light_lists)?;
+        let soft_shadows = SoftShadows::new(kit, scene, plan, &eye)?;
         let kept_light = match &scene.kept_light {
             None => None,
             Some(kept) => {
@@ -176,7 +183,7 @@ impl Frame {
         };
         let splats = Splats::new(kit, scene, plan, (&eye, &shade))?;
         let compensation = Compensation::new(kit, scene, plan, (&eye, &light_lists, &walk.lights, &shade))?;
-        let near_light = NearLight::new(kit, scene, plan, (&eye, &light_lists, &shade))?;
+        let near_light = NearLight::new(kit, scene, plan, (&eye, &light_lists, &shade), soft_shadows.as_ref())?;
         // Kept light has no noise that a filter could take away.
         let discontinuity = match settings.filter.filter(|_| kept_light.is_none()) {
             None => None,
@@ -220,6 +227,14 @@ impl Frame {
             }
         };
         let lighting = discontinuity_lobes.as_ref().map_or(lighting, |filter| &filter.filtered);
+        let soft_shadow_add = match &soft_shadows {
+            None => None,
+            Some(SoftShadows { pass, .. }) => {
+                let raw = discontinuity.as_ref().map(|_| &shade.lighting);
+                let all: Vec<_> = [lighting].into_iter().chain(raw).collect();
+                Some(SoftShadowAdd::new(kit, &eye.points, &pass.direct, &all, plan.eye.pixels)?)
+            }
+        };
         let outliers = match settings.filter.is_some() && plan.eye.components == 2 {
             false => None,
             true => {
@@ -281,6 +296,7 @@ impl Frame {
             light_lists,
             photons,
             shade,
+            soft_shadows,
             kept_light,
             photon_lighting,
             mirror_lights,
@@ -291,6 +307,7 @@ impl Frame {
             path_gain,
             glossy_light,
             discontinuity_lobes,
+            soft_shadow_add,
             outliers,
             glossy_planes,
             merge,
@@ -322,6 +339,7 @@ impl Frame {
         self.light_lists.run(rec)?;
         self.photons.run(rec)?;
         self.shade.run_paths(rec, paths)?;
+        self.soft_shadows.run(rec)?;
         self.kept_light.run(rec)?;
         self.photon_lighting.run(rec)?;
         self.mirror_lights.run(rec)?;
@@ -332,6 +350,7 @@ impl Frame {
         self.path_gain.run(rec)?;
         self.glossy_light.run(rec)?;
         self.discontinuity_lobes.run(rec)?;
+        self.soft_shadow_add.run(rec)?;
         self.outliers.run(rec)?;
         self.glossy_planes.run(rec)?;
         self.merge.run(rec)?;

@@ -65,6 +65,7 @@
 //!    [`photon_radius`](pass::photon_radius) sets the radius of the look-up and [`photon_grid`](pass::photon_grid) sorts them into a hash grid.
 //! 5. [`light_lists`](pass::light_lists) chooses the lights of each cluster of points, from a large pool among those that
 //!    [`light_regions`](pass::light_regions) took. [`Shade`](stage::Shade): [`shade`](pass::shade) lights the points by them, no nearer than the clip distance.
+//!    [`SoftShadows`](stage::SoftShadows): [`soft_shadow`](pass::soft_shadow) lights them by the largest emitters in place of virtual lights on these, if asked for.
 //!    Where the scene has kept light, [`kept_light`](pass::kept_light) takes the place of all lights.
 //!    [`PhotonLighting`](stage::PhotonLighting): [`photon_find`](pass::photon_find) lists the points near photons,
 //!    [`photon_width`](pass::photon_width) sets the widths of these, and
@@ -78,6 +79,7 @@
 //! 7. [`discontinuity`](pass::discontinuity) averages irradiance over neighbours on one surface,
 //!    [`glossy_light`](pass::glossy_light) adds the light of paths along lobes to their pixels, and
 //!    [`discontinuity_lobes`](pass::discontinuity_lobes) averages the light of lobes over neighbours that reflect alike.
+//!    Light with [soft shadows](pass::soft_shadow::SoftShadowAdd) is added after them.
 //!    [`outliers`](pass::outliers) lowers emission that unlikely paths over mirrors and glass found.
 //!    [`gain`](pass::gain) sums what these add to each pixel.
 //! 8. [`GlossyPlanes`](stage::GlossyPlanes): [`mirror_image`](pass::mirror_image) takes the image of glossy planes from the second

@@ -6,6 +6,7 @@ mod lights;
 mod parameters;
 mod photons;
 mod ring;
+mod soft_shadows;
 mod splats;
 
 pub use self::cones::Cones;
@@ -229,6 +230,8 @@ pub struct Plan {
     pub mirrors: Option<MirrorPlan>,
     /// Splats; `None`: there are none.
     pub splats: Option<SplatPlan>,
+    /// Numbers of the emitters whose shadows are convolved, see [`crate::pass::soft_shadow`].
+    pub soft_emitters: Vec<u32>,
     /// Sizes of the scene.
     pub scene: SceneSize,
 }
@@ -309,6 +312,7 @@ pub fn derive(scene: &DeviceScene, asked: &Settings, view: &View) -> Result<Plan
         photons: PhotonPlan::new(settings, scene.target_count()),
         mirrors: MirrorPlan::new(settings, scene.mirror_count(), &lights),
         splats: SplatPlan::of(settings, scene, view)?,
+        soft_emitters: soft_shadows::emitters(settings, scene, view)?,
         lights,
         lists,
         particles,
@@ -465,6 +469,7 @@ impl Plan {
         of_uniforms == other.settings
             && self.settings.clips() == other.settings.clips()
             && same_view
+            && self.soft_emitters.len() == other.soft_emitters.len()
             && self.scene.extent.reflectivity == other.scene.extent.reflectivity
             && (&self.lights, &self.lists, self.eye, self.photons, self.mirrors, self.splats)
                 == (&other.lights, &other.lists, other.eye, other.photons, other.mirrors, other.splats)

@@ -1,8 +1,10 @@
 //! The renderer's settings: meaning, unit, default, and the cost of higher and lower values.
 
+mod soft_shadows;
 mod splats;
 mod superposition;
 
+pub use soft_shadows::{ShadowForm, SoftShadows};
 pub use splats::Splats;
 pub use superposition::{ImageChoice, MirrorImages, MirrorSource, Reflectance, Spread, Superposition};
 
@@ -277,6 +279,9 @@ pub struct Settings {
     /// Glossy surfaces shown by splats of particles ([`crate::stage::Splats`]). Default `None`. Costs the particles once, and in
     /// each pass some 2000 look-ups for each pixel of one class that shows such a surface. No cost in scenes without.
     pub splats: Option<Splats>,
+    /// Shadows of large emitters by convolution. Default `None`. Costs a shadow ray for each pixel and emitter, and the convolution at the
+    /// shadows' edges, in place of the shadow rays to the virtual lights on these emitters.
+    pub soft_shadows: Option<SoftShadows>,
     /// Directional reflectance of mirrors and of mirror images of glossy planes. Default `Schlick`. Highlights and paths along lobes keep
     /// Schlick's approximation, which their lobes are normalised with.
     pub reflectance: Reflectance,
@@ -362,6 +367,7 @@ impl Default for Settings {
             interleave_photons: false,
             superposition: None,
             splats: None,
+            soft_shadows: None,
             reflectance: Reflectance::Schlick,
             summands: false,
             mirror_lights: 2,
@@ -442,6 +448,11 @@ impl Settings {
         if let Some(spread) = render.superposition {
             self.superposition = Some(Superposition { spread, ..self.superposition.unwrap_or_default() });
         }
+        self.soft_shadows = match render.soft_shadows {
+            None => self.soft_shadows,
+            Some(ShadowForm::Off) => None,
+            Some(ShadowForm::Splat) => Some(self.soft_shadows.unwrap_or_default()),
+        };
         self.compensation = render.compensation.map_or(self.compensation, |chosen| chosen.0);
         self.seed = render.seed.unwrap_or(self.seed);
         if let Some(f) = render.clip_fraction {
@@ -509,6 +520,9 @@ impl Settings {
                     ),
                 });
             }
+        }
+        if let Some(soft) = &self.soft_shadows {
+            soft.validate()?;
         }
         if let Some(splats) = &self.splats {
             splats.validate()?;

@@ -202,9 +202,10 @@ impl View {
                 if atlas.texels.len() as u64 != u64::from(width) * u64::from(height) {
                     return refuse("an atlas has as many texels as its size says");
                 }
-                match settings.superposition {
-                    Some(_) => refuse("mirror images need a camera; use --superposition off"),
-                    None => Ok(()),
+                match (settings.superposition, settings.soft_shadows) {
+                    (Some(_), _) => refuse("mirror images need a camera; use --superposition off"),
+                    (_, Some(_)) => refuse("shadows are convolved in a camera's image; use --soft-shadows off"),
+                    (None, None) => Ok(()),
                 }
             }
         }
@@ -226,6 +227,7 @@ impl View {
             _ if self.has_lens() => Some("a lens blurs over the whole image"),
             _ if self.has_shutter() => Some("an open shutter blurs over the whole image"),
             Settings { superposition: Some(_), .. } => Some("mirror images spread over the whole image"),
+            Settings { soft_shadows: Some(_), .. } => Some("soft shadows are convolved over the whole image"),
             Settings { compensation: Compensation::Near, .. } if settings.clips() => {
                 Some("--compensation near looks at the whole image (exact does not)")
             }

@@ -62,7 +62,8 @@ fn end_eye_path(slot: u32, ray: vec4<f32>, hit: vec4<f32>, only_emits: bool) -> 
     let of_path = bitcast<u32>(before.w) & (LOBE_SAMPLED | NARROW_LOBE | UNLIKELY | 15u * ONE_SEGMENT);
     let r = met.surface.reflectance;
     let splats = shows_splats(r.alpha) && r.f90 > 0.0 && !met.without_lobe && !has_flag(before.w, LOBE_SAMPLED);
-    let flags = flag_if(SPLATS, splats) | flag_if(LIT, lit) | flag_if(COVERED, met.found || by_specular || has_environment()) | flag_if(SEEN_BY_SPECULAR, by_specular) | of_path;
+    let soft = lit && frame.soft.x > 0u && slot < frame.size.z && !by_specular;
+    let flags = flag_if(SOFT, soft) | flag_if(SPLATS, splats) | flag_if(LIT, lit) | flag_if(COVERED, met.found || by_specular || has_environment()) | flag_if(SEEN_BY_SPECULAR, by_specular) | of_path;
     write_point(slot, met, flags);
     return lit;
 }

@@ -25,6 +25,7 @@ const ONE_SEGMENT: u32 = 512u;
 
 // Of a shading point again.
 const SPLATS: u32 = 8192u;          // its lobe shows indirect light by splats
+const SOFT: u32 = 16384u;           // convolved shadows bring the diffuse light of large emitters
 
 fn segments_of(word: f32) -> u32 {
     return (bitcast<u32>(word) / ONE_SEGMENT) & 15u;

@@ -29,4 +29,6 @@ struct FrameParameters {
                                 // w: photons in a footprint, 0: all have radius r
     cones: vec4<f32>,           // widths that textures are averaged over: of a pixel at unit depth, of particles and of gather rays at unit
                                 // distance; w: probability that a particle survives a reflection, 0: all do (see ring.rs)
+    soft: vec4<u32>,            // number of emitters whose shadows are convolved (see soft_shadow.rs); zeros
+    soft_emitters: array<vec4<u32>, 2>, // their numbers
 }

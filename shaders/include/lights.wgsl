@@ -22,3 +22,4 @@ const LIGHT_DIRECTIONAL: u32 = 4u;  // `normal` is the direction in which light 
 const LIGHT_GLOSSY: u32 = 8u;       // has a specular lobe
 const LIGHT_ENVIRONMENT: u32 = 16u; // parallel light of the environment
 const LIGHT_DIRECTED: u32 = 32u;    // emits by a higher power of the cosine
+const LIGHT_SOFT: u32 = 64u;        // on an emitter whose shadows are convolved: no diffuse light for points with the flag SOFT

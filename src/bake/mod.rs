@@ -97,6 +97,7 @@ impl Options {
 pub fn settings(settings: Settings) -> Settings {
     Settings {
         superposition: None,
+        soft_shadows: None,
         filter: None,
         antialias: false,
         summands: false,

@@ -65,6 +65,10 @@ pub struct FrameParameters {
     /// Widths of the cones that textures are averaged over: of a pixel at unit depth, of particles and of gather rays at unit distance
     /// (see [`crate::plan::Cones`]); w: probability that a particle survives a reflection, 0: all do (see [`crate::ring`]).
     pub cones: [f32; 4],
+    /// Number of emitters whose shadows are convolved ([`super::soft_shadow`]); zeros.
+    pub soft: [u32; 4],
+    /// Their numbers.
+    pub soft_emitters: [[u32; 4]; 2],
 }
 
 impl FrameParameters {
@@ -93,6 +97,11 @@ impl FrameParameters {
         let [x, y, whole_width, whole_height] = self.within;
         let (second, pixel) = (slot / pixels, slot % pixels);
         pixel % width + x + (pixel / width + y + second * whole_height) * whole_width
+    }
+
+    /// Whether the shadows of an emitter are convolved.
+    pub fn is_soft(&self, emitter: u32) -> bool {
+        self.soft_emitters.as_flattened()[..self.soft[0] as usize].contains(&emitter)
     }
 
     /// Whether a bit of `keys[2]` is set.
@@ -357,6 +366,8 @@ impl PointLight {
 
     /// Emits by a higher power of the cosine, see [`crate::light::cosine`].
     pub const DIRECTED: u32 = 32;
+    /// On an emitter whose shadows are convolved ([`super::soft_shadow`]).
+    pub const SOFT: u32 = 64;
 
     /// Exponent of the cosine by which a light on a surface emits.
     pub fn exponent(&self) -> f32 {

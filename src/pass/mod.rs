@@ -55,6 +55,7 @@ pub mod resolve;
 pub mod ring;
 pub mod schedule;
 pub mod shade;
+pub mod soft_shadow;
 pub mod sort;
 pub mod splat_find;
 pub mod splat_follow;
@@ -446,6 +447,8 @@ impl ShadingPoints {
     pub const ONE_SEGMENT: u32 = 512;
     /// Flag: splats show indirect light of its specular lobe.
     pub const SPLATS: u32 = 8192;
+    /// Flag: convolved shadows bring the diffuse light of large emitters.
+    pub const SOFT: u32 = 16384;
 
     /// The bits of 1.0, which are in every word with a flag, see `shaders/include/flags.wgsl`.
     const FLAGS: u32 = 0x3f80_0000;
@@ -453,7 +456,7 @@ impl ShadingPoints {
     /// The flags that a word holds: none, unless a pass wrote it.
     pub fn flags(word: f32) -> u32 {
         let flags = word.to_bits() ^ ShadingPoints::FLAGS;
-        if flags < 2 * ShadingPoints::SPLATS { flags } else { 0 }
+        if flags < 2 * ShadingPoints::SOFT { flags } else { 0 }
     }
 
     /// The word that holds these flags.

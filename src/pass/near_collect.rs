@@ -87,6 +87,8 @@ pub struct Inputs<'a> {
     pub near_slot: &'a Buffer,
     /// Light of the pixels.
     pub pixels: &'a Lighting,
+    /// Direct light of the pixels that is kept apart, [`super::soft_shadow::SoftShadow::direct`].
+    pub soft_direct: Option<&'a Buffer>,
     /// The points of the pixels.
     pub seen: &'a ShadingPoints,
     /// Receives near light: direct and indirect; w of the first: the lobe.
@@ -96,7 +98,7 @@ pub struct Inputs<'a> {
 impl NearCollect {
     /// Writes `near` and adds it to `pixels`.
     pub fn new(kit: &Kit, plan: &Plan, inputs: &Inputs) -> Result<Self> {
-        let Inputs { all, list, points, lighting, beta, near_slot, pixels, seen, near } = *inputs;
+        let Inputs { all, list, points, lighting, beta, near_slot, pixels, soft_direct, seen, near } = *inputs;
         let shares = kit.stage("near shares", &shares(plan.settings.max_depth, plan.scene.extent.reflectivity))?;
         let own = Resources::of([
             ("beta", beta),
@@ -124,7 +126,14 @@ impl NearCollect {
                 Some((kernel, all.work.clone()))
             }
         };
-        Ok(NearCollect { sum: kit.bind(&shaders::NEAR_COLLECT, &sets)?, add, spread, work: list.work.clone() })
+        let sum = match soft_direct {
+            None => kit.bind(&shaders::NEAR_COLLECT, &sets)?,
+            Some(soft) => {
+                let apart = Resources::of([("soft_direct", soft)]);
+                kit.bind(&shaders::NEAR_COLLECT_SOFT, &[&sets[..], &[&apart]].concat())?
+            }
+        };
+        Ok(NearCollect { sum, add, spread, work: list.work.clone() })
     }
 
     /// Records the pass.

@@ -141,10 +141,11 @@ pub fn reference(
     };
     let exponent = if surface { emitters.list[place.emitter as usize].exponent } else { 1.0 };
     let directed = if exponent == 1.0 { 0 } else { PointLight::DIRECTED };
+    let soft = if frame.is_soft(place.emitter) { PointLight::SOFT } else { 0 };
     let on_emitter = || PointLight {
         position: with(
             offset_origin(place.position, place.normal, frame.eye[3]),
-            f32::from_bits(PointLight::SURFACE | PointLight::CLIPPED | directed),
+            f32::from_bits(PointLight::SURFACE | PointLight::CLIPPED | directed | soft),
         ),
         normal: with(place.normal, exponent - 1.0),
         emit: with(place.flux * (share * std::f32::consts::FRAC_1_PI * cosine::sharpness(exponent)), 1.0),

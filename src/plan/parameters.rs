@@ -4,6 +4,7 @@ use glam::Vec3;
 
 use super::{Cones, INSTANCES, Plan};
 use crate::error::{Error, Result};
+use crate::light::emitters::NO_EMITTER;
 use crate::pass::layout;
 use crate::pass::near_collect;
 use crate::pass::near_points::NEAR_SPREAD;
@@ -154,6 +155,9 @@ impl Plan {
                 cones.gather,
                 s.ring.map_or(0.0, |_| ring::survival(extent.reflectivity)),
             ],
+            soft: [self.soft_emitters.len() as u32, 0, 0, 0],
+            soft_emitters: [0, 1]
+                .map(|half| [0, 1, 2, 3].map(|k| self.soft_emitters.get(4 * half + k).copied().unwrap_or(NO_EMITTER))),
         })
     }
 }

@@ -55,7 +55,7 @@ use serde::{Deserialize, Serialize};
 use crate::bsdf::sample_texture;
 use crate::error::{Error, Result};
 use crate::input::Inputs;
-use crate::settings::{Compensation, Exposure, Spread};
+use crate::settings::{Compensation, Exposure, ShadowForm, Spread};
 use crate::superposition::depth_images::DepthImages;
 
 pub use animation::Animations;
@@ -570,6 +570,8 @@ pub struct RenderDefaults {
     pub photon_radius: Option<f32>,
     /// Convolution of the mirror image on glossy planes; without it they show none.
     pub superposition: Option<Spread>,
+    /// Shadows of large emitters.
+    pub soft_shadows: Option<ShadowForm>,
     /// Clipping distance in scene units.
     pub clip: Option<f32>,
     /// Clipping distance as a fraction of the size of what the view shows.

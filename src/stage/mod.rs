@@ -10,6 +10,7 @@ mod output;
 mod photons;
 mod points;
 mod shade;
+mod soft_shadows;
 mod splats;
 mod walk;
 
@@ -22,6 +23,7 @@ pub use output::Output;
 pub use photons::{PhotonLighting, Photons};
 pub use points::PointOrder;
 pub use shade::Shade;
+pub use soft_shadows::SoftShadows;
 pub use splats::Splats;
 pub use walk::Walk;
 
@@ -41,6 +43,7 @@ use crate::pass::merge::Merge;
 use crate::pass::mirror_lights::MirrorLights;
 use crate::pass::motion_blur::MotionBlur;
 use crate::pass::outliers::Outliers;
+use crate::pass::soft_shadow::SoftShadowAdd;
 use crate::pass::summands::Summands;
 use crate::pass::velocity::Velocity;
 use crate::pass::{Kit, List};
@@ -105,6 +108,7 @@ stages! {
     PathGain = "path_gain",
     Gain = "gain",
     Outliers = "outliers",
+    SoftShadowAdd = "soft_shadow_add",
     Merge = "merge",
     Summands = "summands",
     Velocity = "velocity",

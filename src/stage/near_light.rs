@@ -2,7 +2,7 @@
 //! point (see [`crate::pass::near_points`]).
 
 use super::points::chunks;
-use super::{Counts, Eye, PointOrder, Shade, Stage};
+use super::{Counts, Eye, PointOrder, Shade, SoftShadows, Stage};
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder};
@@ -50,12 +50,13 @@ pub struct NearLight {
 }
 
 impl NearLight {
-    /// From the points of `eye`, lit by the lights of `lists`. `None`: nothing is cut off, or it is gathered exactly.
+    /// From the points of `eye`, lit by the lights of `lists` and, with soft shadows, by `soft`. `None`: nothing is cut off, or it is gathered exactly.
     pub fn new(
         kit: &Kit,
         scene: &DeviceScene,
         plan: &Plan,
         (eye, lists, shade): (&Eye, &LightLists, &Shade),
+        soft: Option<&SoftShadows>,
     ) -> Result<Option<NearLight>> {
         if !plan.reuses_pixels() {
             return Ok(None);
@@ -104,6 +105,7 @@ impl NearLight {
             beta: &beta,
             near_slot: &near_slot,
             pixels: &shade.lighting,
+            soft_direct: soft.map(|soft| &soft.pass.direct),
             seen: &eye.points,
             near: &near,
         };

@@ -381,6 +381,22 @@ fn edits_are_measured() {
 }
 
 #[test]
+fn soft_shadows_are_measured_for_every_width_and_number_of_emitters() {
+    let folder = folder();
+    let of_boards = lines(folder.path(), "shadows --pixels 1,7");
+    assert_eq!(of_boards.iter().map(|line| line["pixels"].as_u64()).collect::<Vec<_>>(), [Some(1), Some(7)]);
+    let of_room = lines(folder.path(), "shadows --scene room:300 --lights 0,1");
+    let emitters: Vec<_> = of_room.iter().map(|line| line["emitters"].as_u64()).collect();
+    assert!(emitters[0] == Some(0) && emitters.len() == 2, "{emitters:?}");
+    for line in of_boards.iter().chain(&of_room) {
+        positive(&line["frame_seconds"]);
+        if line["emitters"] != 0 {
+            positive(&line["all_seconds"]);
+        }
+    }
+}
+
+#[test]
 fn convolution_is_measured_for_every_width_and_form() {
     let folder = folder();
     let lines = lines(folder.path(), "convolve");

@@ -168,6 +168,20 @@ fn images_with_depth_show_about_what_rays_show() {
 }
 
 #[test]
+fn soft_shadows_change_the_image_and_hardly_its_energy() {
+    let folder = folder();
+    let image = |scene: &str, flags: &str| render(folder.path(), scene, &format!("--passes 2 --particles 32 {flags}"));
+    let (plain, soft) = (image("scene.toml", ""), image("scene.toml", "--soft-shadows splat"));
+    let ratio = energy(&soft, &plain);
+    assert!(soft != plain && (ratio - 1.0).abs() < 0.1, "energy {ratio}");
+    assert!(image("scene.toml", "--soft-shadows splat --soft-shadow-lights 1") != soft, "the scene has two lamps");
+    fs::write(folder.path().join("soft.toml"), format!("{SCENE}[render]\nsoft_shadows = \"splat\"\n")).unwrap();
+    assert!(image("soft.toml", "") == soft && image("soft.toml", "--soft-shadows off") == plain);
+    fails(folder.path(), "bake scene.toml -o a.glb --soft-shadows splat", 2, &["--soft-shadows"]);
+    fails(folder.path(), "render scene.toml -o b.png --soft-shadows splat --reference", 2, &["--soft-shadows"]);
+}
+
+#[test]
 fn the_summands_add_up_to_the_image() {
     let folder = folder();
     let image = render(folder.path(), "scene.toml", "--passes 2 --particles 8 --summands --superposition variant");

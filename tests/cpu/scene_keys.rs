@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::Vec3;
 use lightsum::Scene;
 use lightsum::scene::{self, Alpha, CompensationKey, Material, RenderDefaults, Surface};
-use lightsum::settings::{Compensation, Spread};
+use lightsum::settings::{Compensation, ShadowForm, Spread};
 use lightsum::superposition::lobe::Table;
 
 const MODEL: &str = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl wall\nf 1 2 3\nusemtl lamp\nf 1 3 4\n";
@@ -84,7 +84,7 @@ fn every_key_of_the_rendering_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let keys = "[render]\npasses = 3\nparticles = 5\ndirect_lights = 4\ninterleave = [2, 3]\nmax_depth = 6\nmax_specular = 7\n\
                 split = false\nglossy_paths = false\nphotons = 8\nphoton_radius = 0.5\nsuperposition = \"invariant\"\nclip = 0.25\n\
-                compensation = false\nseed = 9\nexposure = -1.5\n";
+                soft_shadows = \"splat\"\n                compensation = false\nseed = 9\nexposure = -1.5\n";
     let expected = RenderDefaults {
         passes: Some(3),
         particles: Some(5),
@@ -97,6 +97,7 @@ fn every_key_of_the_rendering_is_read() {
         photons: Some(8),
         photon_radius: Some(0.5),
         superposition: Some(Spread::Invariant),
+        soft_shadows: Some(ShadowForm::Splat),
         clip: Some(0.25),
         clip_fraction: None,
         compensation: Some(CompensationKey(Compensation::Off)),

@@ -48,6 +48,7 @@ mod rig;
 mod ring;
 mod scenes;
 mod sequences;
+mod soft_shadows;
 mod splats;
 mod superposition;
 mod support;

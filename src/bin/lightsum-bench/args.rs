@@ -4,7 +4,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use lightsum::gpu::DeviceChoice;
 use lightsum::scene::reflectors;
-use lightsum::settings::{ClusterOrder, Settings, Splats, Traversal};
+use lightsum::settings::{ClusterOrder, Settings, SoftShadows, Splats, Traversal};
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
@@ -46,6 +46,8 @@ pub enum Command {
     Convolve(Convolve),
     /// Motion blur by a camera that moves, with segments from 1 to 63 pixels long.
     Motion(Motion),
+    /// Soft shadows by convolution, with penumbrae from 1 to 63 pixels wide, or of a scene by the number of emitters.
+    Shadows(Shadows),
     /// A recorded path through a scene, for each number of glossy reflectors: frame times, shares of the passes, slope.
     Walkthrough(Walkthrough),
 }
@@ -174,6 +176,25 @@ pub struct Motion {
     #[arg(long, value_name = "HOW,...", value_delimiter = ',', default_value = "turn,sideways,onwards")]
     #[arg(value_parser = ["turn", "sideways", "onwards"])]
     pub camera: Vec<String>,
+}
+
+/// Flags of `shadows`.
+#[derive(Clone, Debug, Args)]
+pub struct Shadows {
+    /// Scene description (.toml), model (.obj, .ply, .gltf, .glb, .xml), or room:N for a generated room of about N triangles [default: boards
+    /// above a floor, by --pixels].
+    #[arg(long, value_name = "SCENE", conflicts_with = "pixels")]
+    pub scene: Option<String>,
+    #[command(flatten)]
+    pub common: Common,
+    /// Widths of the penumbrae of the boards in the middle of the image, pixels, 1 to 255.
+    #[arg(long, value_name = "N,...", value_delimiter = ',', default_value = "1,7,15,31,63")]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=255))]
+    pub pixels: Vec<u32>,
+    /// Numbers of emitters whose shadows are convolved, of --scene; 0: none.
+    #[arg(long, value_name = "N,...", value_delimiter = ',', default_value = "0,1,4", requires = "scene")]
+    #[arg(value_parser = clap::value_parser!(u32).range(0..=i64::from(SoftShadows::MAX_LIGHTS)))]
+    pub lights: Vec<u32>,
 }
 
 /// Flags of `walkthrough`.

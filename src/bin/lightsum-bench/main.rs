@@ -1,4 +1,5 @@
-//! The benchmark: `lightsum-bench frame`, `shadow-rays`, `scaling`, `startup`, `compare`, `edits`, `convolve`, `motion`, `walkthrough`.
+//! The benchmark: `lightsum-bench frame`, `shadow-rays`, `scaling`, `startup`, `compare`, `edits`, `convolve`, `motion`, `shadows`,
+//! `walkthrough`.
 //!
 //! Results go to standard output, as tables or with `--json` as one JSON object a line; the rest goes to standard error.
 //! Exit codes: 0 done, 1 failed, 2 wrong use.
@@ -17,6 +18,7 @@ mod scaling;
 mod scene;
 mod scratch;
 mod shadow_rays;
+mod shadows;
 mod startup;
 mod walkthrough;
 
@@ -39,6 +41,7 @@ fn main() -> ExitCode {
         Command::Edits(args) => edits::run(args),
         Command::Convolve(args) => convolve::run(args),
         Command::Motion(args) => motion::run(args),
+        Command::Shadows(args) => shadows::run(args),
         Command::Walkthrough(args) => walkthrough::run(args),
     };
     match result {

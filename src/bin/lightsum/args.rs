@@ -7,6 +7,7 @@ mod mirrors;
 mod play;
 mod reading;
 mod ring;
+mod soft_shadows;
 mod splats;
 mod superposition;
 mod values;
@@ -474,7 +475,7 @@ pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise instead of structured error.
     #[arg(long, conflicts_with_all = [
         "passes", "time", "target_error", "resume", "checkpoint", "particles", "light_pool", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "no_split", "no_glossy_paths", "no_antialias",
-        "photons", "photon_radius", "interleave_photons", "mirror_lights", "filter", "superposition", "kernel_width", "convolution", "no_occlusion", "reflectors", "glossy", "splat_particles", "splat_width", "splat_alpha", "mirror_source", "summands",
+        "photons", "photon_radius", "interleave_photons", "mirror_lights", "filter", "superposition", "kernel_width", "convolution", "no_occlusion", "reflectors", "glossy", "splat_particles", "splat_width", "splat_alpha", "soft_shadows", "soft_shadow_lights", "mirror_source", "summands",
         "light_threshold", "light_choice", "power_fraction", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats", "preview", "display",
     ])]
     pub reference: bool,

@@ -1,5 +1,6 @@
 //! The flags of glossy planes.
 
+use super::soft_shadows::SoftFlags;
 use super::splats::SplatFlags;
 use clap::{Args, ValueEnum};
 use lightsum::pass::convolve::Form;
@@ -35,6 +36,8 @@ pub struct Glossy {
     pub reflectors: Option<u32>,
     #[command(flatten)]
     pub splats: SplatFlags,
+    #[command(flatten)]
+    pub soft: SoftFlags,
 }
 
 /// Values of `--superposition`.
@@ -96,6 +99,7 @@ impl Glossy {
     /// Applies the flags to the settings.
     pub fn apply(&self, settings: &mut Settings) {
         self.splats.apply(settings);
+        self.soft.apply(settings);
         let spread = match self.superposition {
             Some(SpreadFlag::Off) => None,
             Some(SpreadFlag::Mirror) => Some(Spread::Mirror),
