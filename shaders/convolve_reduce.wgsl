@@ -24,6 +24,10 @@ const MIN_VARIANCE: f32 = 0.02;
 // Minimum standard deviation that remains, in texels.
 const MIN_DEVIATION: f32 = 0.4;
 
+// Layers of one table that a texel holds lie closer together than this: those of a curved surface are 64 in order, the same layers of two
+// angles of a grain 64 apart.
+const LAYERS_OF_TABLE: f32 = 47.5;
+
 struct Entry {
     light: vec4<f32>,       // radiance times weight, weight
     diameter: f32,          // pixels
@@ -121,6 +125,17 @@ fn load_entry(at: u32, here: ConvolveStep) -> Entry {
 }
 #endif
 
+// The layers of entries that were added up: the least, the greatest, that of the heaviest entry, and its weight.
+fn with_layer(so_far: vec4<f32>, takes: bool, layer: f32, weight: f32) -> vec4<f32> {
+    let best = select(so_far.zw, vec2<f32>(layer, weight), weight > so_far.w);
+    return select(so_far, vec4<f32>(min(so_far.x, layer), max(so_far.y, layer), best), takes);
+}
+
+// Between the layers of several tables there is no mean: that of the heaviest entry stands for all.
+fn mean_layer(mean: f32, layers: vec4<f32>, weight: f32) -> f32 {
+    return select(mean, layers.z * weight, layers.y - layers.x > LAYERS_OF_TABLE);
+}
+
 // Number of pixels of a region among the entries.
 fn votes(id: u32, ids: array<vec4<u32>, 2>, counts: array<vec4<f32>, 2>) -> f32 {
     let all = select(vec4<f32>(0.0), counts[0], ids[0] == vec4<u32>(id)) + select(vec4<f32>(0.0), counts[1], ids[1] == vec4<u32>(id));
@@ -217,6 +232,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var light1 = vec4<f32>(0.0);
     var means0 = vec4<f32>(0.0);
     var means1 = vec4<f32>(0.0);
+    var layers0 = vec4<f32>(1e9, -1.0, 0.0, 0.0);
+    var layers1 = layers0;
     // Entries outside every region are only cleared. A loop that runs zero times skips work on every device.
     let live = select(0u, 4u * PLANES, id0 != 0u);
     for (var i = live; i < 4u * PLANES; i += 1u) {
@@ -242,8 +259,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             means0 += select(vec4<f32>(0.0), means, takes0);
             light1 += select(vec4<f32>(0.0), light, takes1);
             means1 += select(vec4<f32>(0.0), means, takes1);
+            layers0 = with_layer(layers0, takes0, entry.layer, light.w);
+            layers1 = with_layer(layers1, takes1, entry.layer, light.w);
         }
     }
+    means0.w = mean_layer(means0.w, layers0, light0.w);
+    means1.w = mean_layer(means1.w, layers1, light1.w);
     let at0 = above.first + parent;
     let at1 = at0 + parents;
     rising[2u * at0] = light0;

@@ -166,7 +166,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let cos_hit = abs(dot(s.geometric, ray.xyz));
         let distance2 = hit.x * hit.x;
         let mu = dot(s.geometric, -ray.xyz);
-        let lobe = lobe_at(reflectors[max(max(plane, pane), 1u) - 1u].x, mu);
+        let tables = reflectors[max(max(plane, pane), 1u) - 1u];
+        let lobe = lobe_at(first_layer(tables, s.reflectance.alpha, s.shading, -ray.xyz), mu);
         if plane > 0u {
             // Within a mirror image the equations stand for the table too.
             let schlicks = reflectance_of_lobe(lobe, s.reflectance.f0, s.reflectance.f90);

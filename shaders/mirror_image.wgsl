@@ -7,6 +7,7 @@
 #include "radiance.wgsl"
 #include "reflectors.wgsl"
 
+@group(0) @binding(1) var<storage, read> point_shading: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> point_geometric: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> point_kd: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> point_wo: array<vec4<f32>>;
@@ -99,8 +100,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let extra = extras[2u * select(0u, pixel, has_extras)];
     let seen_as = extras[2u * select(0u, pixel, has_extras) + 1u];
     let mu = select(dot(normal, wo), extra.w, has_extras);
-    let tail = tail_of(tables.x, mu);
-    let tan_beta = lobe_at(tables.x, mu).x;
+    let shading = point_shading[pixel];
+    let first = first_layer(tables, shading.w, shading.xyz, wo);
+    let tail = tail_of(first, mu);
+    let tan_beta = lobe_at(first, mu).x;
     // Size of the disc at the reflected point, as the eye sees it: tan(beta) z_r / (t + z_r) for each plane on the path. For points
     // far away only the angles count. A pane seen directly counts among the other planes.
     let more = widening[pixel];

@@ -7,6 +7,7 @@
 #include "reflectors.wgsl"
 
 @group(0) @binding(1) var<storage, read> point_geometric: array<vec4<f32>>;
+@group(0) @binding(12) var<storage, read> point_shading: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> point_f0: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> point_wo: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read_write> shown: array<vec4<f32>>;
@@ -36,8 +37,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let tables = reflectors[plane - 1u];
     let is_pane = tables.z == FROSTED_PANE;
     let extra = extras[2u * select(0u, pixel, tables.z != 0u)];
-    let mu = select(dot(geometric.xyz, point_wo[pixel].xyz), extra.w, tables.z != 0u);
-    let lobe = lobe_at(tables.x, mu);
+    let wo = point_wo[pixel].xyz;
+    let mu = select(dot(geometric.xyz, wo), extra.w, tables.z != 0u);
+    let shading = point_shading[pixel];
+    let lobe = lobe_at(first_layer(tables, shading.w, shading.xyz, wo), mu);
     let form = frame.superposition.y;
     let s = sqrt(clamp(mu, 0.0, 1.0)) * f32(MAP_TEXELS - 1u);
     let i = u32(s);

@@ -42,8 +42,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let share = select(0.0, bitcast<f32>(depth.z), fits);
     let glossy = r.f90 > 0.0;
     // A wider lobe of the same energy.
-    let alpha = widened_alpha(r.alpha, frame.pixel_offset.z);
-    let grown = widening_factor(r, s.geometric, -d, alpha);
+    let lobe = Reflectance(r.kd, r.f90, r.f0, turned_lobe(r.alpha, s.shading, s.geometric));
+    let alpha = widened_alpha(lobe.alpha, frame.pixel_offset.z);
+    let grown = widening_factor(lobe, s.geometric, -d, alpha);
     let flags = LIGHT_SURFACE | LIGHT_CLIPPED | select(0u, LIGHT_GLOSSY, glossy);
     let position = offset_origin(s.position, s.geometric, frame.eye.w);
     lights[light_slot(particle, depth.y)] = PointLight(

@@ -1,4 +1,4 @@
-//! Reflection at a surface: Lambert plus a lobe, GGX or [`phong`]; Fresnel's equations; texture lookup.
+//! Reflection at a surface: Lambert plus a lobe, GGX, GGX of two widths ([`anisotropic`]) or [`phong`]; Fresnel's equations; texture lookup.
 //!
 //! f_r = kd / pi + D G2 F / (4 cos cos'), D and G2 of GGX (G2 height-correlated, Smith), F after Schlick.
 //!
@@ -8,6 +8,7 @@
 //!
 //! For ideal lobes see [`ideal`]: the reflectance here is then that of the diffuse base alone.
 
+pub mod anisotropic;
 pub mod ideal;
 pub mod phong;
 
@@ -28,7 +29,7 @@ pub struct Reflectance {
     pub f0: Vec3,
     /// Specular reflectance at grazing incidence.
     pub f90: f32,
-    /// GGX roughness; negative: minus the exponent of a [`phong`] lobe.
+    /// GGX roughness, at most 1; negative: minus the exponent of a [`phong`] lobe; 2 or more: the word of an [`anisotropic`] lobe.
     pub alpha: f32,
 }
 
@@ -75,6 +76,9 @@ impl Reflectance {
             let lobe = phong::pdf(n, wi, wo, exponent) * phong::over_pdf(cos_i, cos_o, exponent);
             return schlick(self.f0, self.f90, wo.dot(h)) * lobe;
         }
+        if let Some(grain) = anisotropic::unpack(self.alpha, n) {
+            return schlick(self.f0, self.f90, wo.dot(h)) * grain.eval(n, wi, wo);
+        }
         let d = ggx(n, h, self.alpha);
         // G2 / (4 cos cos').
         let a2 = self.alpha * self.alpha;
@@ -108,30 +112,38 @@ impl Reflectance {
 
     /// A direction wi for wo: `choice` selects the lobe, `u` the direction. It may lie below the surface (then f_r is 0).
     pub fn sample(&self, n: Vec3, wo: Vec3, choice: f32, u: [f32; 2]) -> Vec3 {
-        let (t, b) = basis(n);
-        let world = |w: Vec3| t * w.x + b * w.y + n * w.z;
         if choice < self.diffuse_probability() {
-            return world(sample_diffuse(u));
+            let ((t, b), w) = (basis(n), sample_diffuse(u));
+            return t * w.x + b * w.y + n * w.z;
         }
-        match phong::exponent_of(self.alpha) {
-            Some(exponent) => phong::sample(n, wo, exponent, u),
-            None => world(sample_specular(Vec3::new(wo.dot(t), wo.dot(b), wo.dot(n)), self.alpha, u)),
+        self.sample_of_lobe(n, wo, u)
+    }
+
+    /// A direction from the specular lobe.
+    fn sample_of_lobe(&self, n: Vec3, wo: Vec3, u: [f32; 2]) -> Vec3 {
+        if let Some(exponent) = phong::exponent_of(self.alpha) {
+            return phong::sample(n, wo, exponent, u);
         }
+        let (t, b, alphas) = match anisotropic::unpack(self.alpha, n) {
+            Some(grain) => (grain.along, grain.across, grain.alphas),
+            None => {
+                let (t, b) = basis(n);
+                (t, b, Vec2::splat(self.alpha))
+            }
+        };
+        let w = sample_specular(Vec3::new(wo.dot(t), wo.dot(b), wo.dot(n)), alphas, u);
+        t * w.x + b * w.y + n * w.z
     }
 
     /// A direction from one lobe, by [`sample_diffuse`] or [`sample_specular`], and its weight: reflectance times cosine over
     /// the lobe's own pdf and the probability of the lobe. Zero weight below the surface.
     pub fn sample_lobe(&self, diffuse: bool, n: Vec3, wo: Vec3, u: f32, v: f32) -> (Vec3, Vec3) {
-        let (t, b) = basis(n);
-        let world = |w: Vec3| t * w.x + b * w.y + n * w.z;
         let p = self.diffuse_probability();
         if diffuse {
-            return (world(sample_diffuse([u, v])), self.kd / p);
+            let ((t, b), w) = (basis(n), sample_diffuse([u, v]));
+            return (t * w.x + b * w.y + n * w.z, self.kd / p);
         }
-        let wi = match phong::exponent_of(self.alpha) {
-            Some(exponent) => phong::sample(n, wo, exponent, [u, v]),
-            None => world(sample_specular(Vec3::new(t.dot(wo), b.dot(wo), n.dot(wo)), self.alpha, [u, v])),
-        };
+        let wi = self.sample_of_lobe(n, wo, [u, v]);
         let pdf = pdf_specular(n, wi, wo, self.alpha) * (1.0 - p);
         let weight = if pdf > 0.0 { self.eval_specular(n, wi, wo) * (n.dot(wi) / pdf) } else { Vec3::ZERO };
         (wi, weight)
@@ -152,7 +164,7 @@ impl Reflectance {
     /// The lobe widened to at least this alpha, grown (by a factor of at most 4) to reflect as much light from `wo` as before.
     pub fn widened(&self, n: Vec3, wo: Vec3, alpha: f32) -> Reflectance {
         let alpha = phong::widened_alpha(self.alpha, alpha);
-        if self.f90 <= 0.0 || self.alpha >= alpha {
+        if self.f90 <= 0.0 || self.alpha == alpha {
             return *self;
         }
         let wide = Reflectance { alpha, ..*self };
@@ -188,6 +200,19 @@ impl Finish {
                 Finish { reflectance: nothing, ideal: base, ideal_f90: 0.0 }
             }
         }
+    }
+
+    /// The same with the lobe of an anisotropic material along the grain of a triangle, about the shading normal of the side that is seen;
+    /// `front`: of the front.
+    pub fn along_grain(mut self, scene: &Scene, triangle: &Triangle, shading: Vec3, front: bool) -> Finish {
+        let m = &scene.materials[triangle.material as usize];
+        if m.is_anisotropic() {
+            let alpha = self.reflectance.alpha;
+            let grain = scene.grain(triangle, if front { shading } else { -shading });
+            let alphas = Vec2::new(m.alpha_along(alpha), alpha);
+            self.reflectance.alpha = anisotropic::pack(alphas, grain, shading);
+        }
+        self
     }
 
     /// Of a triangle's material at a point, by the weights of its corners.
@@ -290,10 +315,10 @@ pub fn sample_diffuse(u: [f32; 2]) -> Vec3 {
     Vec3::new(sin * phi.cos(), sin * phi.sin(), cos)
 }
 
-/// Direction reflected at a visible GGX normal (Heitz 2018), around +z. May lie below the surface.
-pub fn sample_specular(wo: Vec3, alpha: f32, u: [f32; 2]) -> Vec3 {
+/// Direction reflected at a visible GGX normal (Heitz 2018), around +z, with the alphas along x and y. May lie below the surface.
+pub fn sample_specular(wo: Vec3, alphas: Vec2, u: [f32; 2]) -> Vec3 {
     // Stretched view direction and a basis around it.
-    let v = Vec3::new(alpha * wo.x, alpha * wo.y, wo.z).normalize();
+    let v = Vec3::new(alphas.x * wo.x, alphas.y * wo.y, wo.z).normalize();
     let length2 = v.x * v.x + v.y * v.y;
     let t1 = if length2 > 0.0 { Vec3::new(-v.y, v.x, 0.0) * (1.0 / length2.sqrt()) } else { Vec3::X };
     let t2 = v.cross(t1);
@@ -306,7 +331,7 @@ pub fn sample_specular(wo: Vec3, alpha: f32, u: [f32; 2]) -> Vec3 {
     // Projected onto the hemisphere, and unstretched.
     let z = (1.0 - x * x - y * y).max(0.0).sqrt();
     let m = t1 * x + t2 * y + v * z;
-    let h = Vec3::new(alpha * m.x, alpha * m.y, m.z.max(0.0)).normalize();
+    let h = Vec3::new(alphas.x * m.x, alphas.y * m.y, m.z.max(0.0)).normalize();
     h * (2.0 * wo.dot(h)) - wo
 }
 
@@ -318,6 +343,9 @@ pub fn pdf_specular(n: Vec3, wi: Vec3, wo: Vec3, alpha: f32) -> f32 {
     }
     if let Some(exponent) = phong::exponent_of(alpha) {
         return phong::pdf(n, wi, wo, exponent);
+    }
+    if let Some(grain) = anisotropic::unpack(alpha, n) {
+        return grain.pdf(n, wi, wo);
     }
     let h = (wi + wo).normalize();
     masking(cos_o, alpha) * ggx(n, h, alpha) / (4.0 * cos_o)

@@ -1,11 +1,12 @@
-// Reflectance: Lambert plus a lobe, GGX or by phong.wgsl. CPU twin: bsdf.rs. Needs math.wgsl.
+// Reflectance: Lambert plus a lobe, GGX or by phong.wgsl or anisotropic.wgsl. CPU twin: bsdf.rs. Needs math.wgsl.
 #include "phong.wgsl"
+#include "anisotropic.wgsl"
 
 struct Reflectance {
     kd: vec3<f32>,
     f90: f32,
     f0: vec3<f32>,
-    alpha: f32,             // negative: minus the exponent of a lobe by phong.wgsl
+    alpha: f32,             // negative: minus the exponent of a lobe by phong.wgsl; 2 or more: a lobe by anisotropic.wgsl
 }
 
 // Mean of Schlick's Fresnel term over the cosine-weighted hemisphere.
@@ -51,6 +52,10 @@ fn eval_specular(r: Reflectance, n: vec3<f32>, wo: vec3<f32>, wi: vec3<f32>) -> 
     for (var i = select(0u, 1u, r.alpha < 0.0); i > 0u; i -= 1u) {
         lobe = phong_density(n, wi, wo, -r.alpha) * phong_over_density(cos_i, cos_o, -r.alpha);
     }
+    for (var i = select(0u, 1u, is_anisotropic(r.alpha)); i > 0u; i -= 1u) {
+        let g = unpack_grain(r.alpha, n);
+        lobe = grain_distribution(g, n, h) * 0.5 / (cos_o * grain_stretch(g, wi, cos_i) + cos_i * grain_stretch(g, wo, cos_o));
+    }
     let f = schlick(r, dot(wo, h)) * lobe;
     return select(vec3<f32>(0.0), f, cos_o > 0.0 && cos_i > 0.0);
 }
@@ -67,6 +72,10 @@ fn lobe_density(alpha: f32, n: vec3<f32>, wo: vec3<f32>, wi: vec3<f32>) -> f32 {
     var density = a2 / (PI * k * k) / (2.0 * (cos_o + sqrt(a2 + (1.0 - a2) * cos_o * cos_o)));
     for (var i = select(0u, 1u, alpha < 0.0); i > 0u; i -= 1u) {
         density = phong_density(n, wi, wo, -alpha);
+    }
+    for (var i = select(0u, 1u, is_anisotropic(alpha)); i > 0u; i -= 1u) {
+        let g = unpack_grain(alpha, n);
+        density = grain_distribution(g, n, h) / (2.0 * (cos_o + grain_stretch(g, wo, cos_o)));
     }
     return select(0.0, density, cos_o > 0.0 && dot(n, wi) > 0.0);
 }
@@ -93,9 +102,16 @@ fn sample_lobe(r: Reflectance, diffuse: bool, p_diffuse: f32, n: vec3<f32>, wo: 
         s.weight = select(vec3<f32>(0.0), schlick(r, cos_h) * share, cos_i > 0.0);
     }
     for (var i = select(1u, 0u, diffuse || r.alpha < 0.0); i > 0u; i -= 1u) {
-        let local = vec3<f32>(dot(wo, frame_n[0]), dot(wo, frame_n[1]), dot(wo, n));
-        let stretched = vec3<f32>(r.alpha * local.x, r.alpha * local.y, local.z);
-        let vh = stretched / sqrt(dot(stretched, stretched));
+        let two = is_anisotropic(r.alpha);
+        // Without a branch, so that it leaves the loops of callers.
+        let unpacked = unpack_grain(r.alpha, n);
+        let along = select(frame_n[0], unpacked.along, two);
+        let across = select(frame_n[1], unpacked.across, two);
+        let grain = Grain(along, across, select(vec2<f32>(r.alpha), unpacked.alphas, two));
+        let local = vec3<f32>(dot(wo, grain.along), dot(wo, grain.across), dot(wo, n));
+        let stretched = vec3<f32>(grain.alphas * local.xy, local.z);
+        let stretch = sqrt(dot(stretched, stretched));
+        let vh = stretched / stretch;
         let length2 = vh.x * vh.x + vh.y * vh.y;
         let t1 = select(vec3<f32>(1.0, 0.0, 0.0), vec3<f32>(-vh.y, vh.x, 0.0) / sqrt(max(length2, 1e-30)), length2 > 1e-12);
         let t2 = cross(vh, t1);
@@ -104,16 +120,17 @@ fn sample_lobe(r: Reflectance, diffuse: bool, p_diffuse: f32, n: vec3<f32>, wo: 
         let blend = 0.5 * (1.0 + vh.z);
         let p2 = (1.0 - blend) * sqrt(max(1.0 - p1 * p1, 0.0)) + blend * radius * circle.y;
         let nh = p1 * t1 + p2 * t2 + sqrt(max(1.0 - p1 * p1 - p2 * p2, 0.0)) * vh;
-        let ne = vec3<f32>(r.alpha * nh.x, r.alpha * nh.y, max(nh.z, 1e-7));
+        let ne = vec3<f32>(grain.alphas * nh.xy, max(nh.z, 1e-7));
         let m = ne / sqrt(dot(ne, ne));
-        let h = m.x * frame_n[0] + m.y * frame_n[1] + m.z * n;
+        let h = m.x * grain.along + m.y * grain.across + m.z * n;
         let cos_h = dot(wo, h);
         let wi = 2.0 * cos_h * h - wo;
         let cos_i = dot(n, wi);
         let cos_o = local.z;
-        let a2 = r.alpha * r.alpha;
-        let lo = sqrt(a2 + (1.0 - a2) * cos_o * cos_o);
-        let li = sqrt(a2 + (1.0 - a2) * cos_i * cos_i);
+        let a2 = grain.alphas.x * grain.alphas.x;
+        let flat = grain.alphas * (2.0 * cos_h * m.xy - local.xy);
+        let lo = select(sqrt(a2 + (1.0 - a2) * cos_o * cos_o), stretch, two);
+        let li = select(sqrt(a2 + (1.0 - a2) * cos_i * cos_i), sqrt(dot(flat, flat) + cos_i * cos_i), two);
         // G2 / G1(wo) of the height-correlated masking.
         let g = cos_i * (cos_o + lo) / (cos_o * li + cos_i * lo);
         s.wi = wi;
@@ -136,7 +153,7 @@ fn lobe_albedo(r: Reflectance, n: vec3<f32>, wo: vec3<f32>) -> f32 {
 // Factor by which a lobe widened to this alpha must grow to reflect as much light from wo as the lobe itself, at most 4.
 fn widening_factor(r: Reflectance, n: vec3<f32>, wo: vec3<f32>, alpha: f32) -> f32 {
     var factor = 1.0;
-    for (var i = select(0u, 1u, r.f90 > 0.0 && r.alpha < alpha); i > 0u; i -= 1u) {
+    for (var i = select(0u, 1u, r.f90 > 0.0 && r.alpha != alpha); i > 0u; i -= 1u) {
         let wide = Reflectance(r.kd, r.f90, r.f0, alpha);
         factor = clamp(lobe_albedo(r, n, wo) / max(lobe_albedo(wide, n, wo), 1e-6), 1.0, 4.0);
     }

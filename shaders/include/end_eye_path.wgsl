@@ -11,10 +11,10 @@ fn carries(weight: vec3<f32>) -> bool {
     return max(max(weight.x, weight.y), weight.z) > 0.0;
 }
 
-// Whether splats show lobes of this alpha.
+// Whether splats show the lobe of this alpha.
 fn shows_splats(alpha: f32) -> bool {
     let least = frame.superposition.w;
-    return least != 0u && alpha > bitcast<f32>(least);
+    return least != 0u && width_of(alpha) > bitcast<f32>(least);
 }
 
 // Writes the shading point that a path's last ray met, and returns whether it is lit. `only_emits`: paths are too short for light that

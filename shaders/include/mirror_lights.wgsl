@@ -1,4 +1,6 @@
-// Planar mirrors and the lights that they mirror. Needs lights.wgsl. Host twin: pass::layout::MirrorRecord.
+// Planar mirrors and the lights that they mirror. Needs math.wgsl and lights.wgsl. Host twin: pass::layout::MirrorRecord.
+#include "anisotropic.wgsl"
+
 struct MirrorRecord {
     plane: vec4<f32>,       // unit normal n; w: o with n . p = o on the plane
     middle: vec4<f32>,      // centre of the area; w: area
@@ -23,6 +25,12 @@ fn mirrored_light(mirror: MirrorRecord, l: PointLight) -> PointLight {
     image.position = vec4<f32>(mirrored_point(mirror, l.position.xyz), l.position.w);
     image.normal = vec4<f32>(mirrored_direction(mirror, l.normal.xyz), l.normal.w);
     image.wi = vec4<f32>(mirrored_direction(mirror, l.wi.xyz), l.wi.w);
+    // A loop, because it runs zero times where no lobe has two widths.
+    let two = (bitcast<u32>(l.position.w) & LIGHT_GLOSSY) != 0u && is_anisotropic(l.wi.w);
+    for (var i = select(0u, 1u, two); i > 0u; i -= 1u) {
+        let along = mirrored_direction(mirror, unpack_grain(l.wi.w, l.normal.xyz).along);
+        image.wi.w = with_grain(l.wi.w, along, image.normal.xyz);
+    }
     return image;
 }
 

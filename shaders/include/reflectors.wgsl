@@ -1,14 +1,29 @@
-// Tables of glossy reflectors. Host twin: pass::mirror_image::Tables; superposition::kernels says what a layer is.
+// Tables of glossy reflectors. Needs math.wgsl. Host twin: pass::mirror_image::Tables; superposition::kernels says what a layer is.
+#include "anisotropic.wgsl"
 
 const VIEW_ANGLES: u32 = 32u;
 const MAP_TEXELS: u32 = 128u;
+const AZIMUTHS: f32 = 8.0;
 
 // Kinds of reflectors besides glossy planes.
 const FROSTED_PANE: u32 = 1u;
 const CURVED_SURFACE: u32 = 2u;
 
-@group(0) @binding(28) var<storage, read> reflectors: array<vec4<u32>>;    // first layer, first texel of the reflectance map, kind, textures of a curved surface
+@group(0) @binding(28) var<storage, read> reflectors: array<vec4<u32>>;    // first layer, first texel of the reflectance map, kind, textures of a curved surface or of a plane 1: lobe of two widths
 @group(0) @binding(29) var<storage, read> lobes: array<vec4<f32>>;         // of each layer: tan beta, energy, its grazing part, share of the core; then aspects
+
+// First layer of a plane of this alpha about its normal n, seen from wo: for a lobe of two widths by the angle between the grain and the plane
+// of incidence.
+fn first_layer(tables: vec4<u32>, alpha: f32, n: vec3<f32>, wo: vec3<f32>) -> u32 {
+    var first = tables.x;
+    // A loop, because it runs zero times where no lobe has two widths.
+    for (var i = select(0u, 1u, tables.z == 0u && tables.w != 0u); i > 0u; i -= 1u) {
+        let along = unpack_grain(alpha, n).along;
+        let turn = atan2(dot(along, cross(wo, n)), dot(along, wo)) * (AZIMUTHS * INV_PI);
+        first += VIEW_ANGLES * (u32(turn + AZIMUTHS + 0.5) % u32(AZIMUTHS));
+    }
+    return first;
+}
 
 // Position of the cosine of a view angle among the layers of a material, from 0.
 fn view_place(mu: f32) -> f32 {

@@ -153,6 +153,20 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>, width: f32) -> Surfac
 #endif
     let kind = material.flags.z;
     let whole = reflectance_of(base, metallic, material.specular.xyz, roughness);
+    var alpha = select(whole.alpha, material.lobes.z, material.lobes.z < 0.0);
+    // A loop, because it runs zero times where no lobe has two widths.
+    for (var i = select(0u, 1u, material.lobes.z > 0.0); i > 0u; i -= 1u) {
+        var corners = vec4<f32>(0.0);
+        var last = vec2<f32>(0.0);
+#if UNTEXTURED
+#else
+        corners = triangle_uvs[2u * triangle];
+        last = more.xy;
+#endif
+        let of_front = shading * select(-1.0, 1.0, front);
+        let along = grain_of(e1, e2, corners.zw - corners.xy, last - corners.xy, material.lobes.w, of_front);
+        alpha = pack_grain(vec2<f32>(mix(whole.alpha, 1.0, material.lobes.z), whole.alpha), along, shading);
+    }
     let lobe = select(0.0, 1.0, kind == SURFACE_OPAQUE);
     let kd = select(whole.kd, vec3<f32>(0.0), kind > SURFACE_MIRROR);
     let emits = front || (material.flags.w & MATERIAL_TWO_SIDED) != 0u;
@@ -165,7 +179,7 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>, width: f32) -> Surfac
     s.kind = kind;
     s.front = front;
     s.material = material_of(normals);
-    s.reflectance = Reflectance(kd, whole.f90 * lobe, whole.f0 * lobe, select(1.0, select(whole.alpha, material.lobes.z, material.lobes.z < 0.0), kind == SURFACE_OPAQUE));
+    s.reflectance = Reflectance(kd, whole.f90 * lobe, whole.f0 * lobe, select(1.0, alpha, kind == SURFACE_OPAQUE));
     s.ideal = Reflectance(vec3<f32>(0.0), whole.f90, select(whole.f0, base, kind > SURFACE_MIRROR), 1.0);
     return s;
 }

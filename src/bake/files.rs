@@ -319,6 +319,9 @@ fn model(path: &Path, scene: &Scene, light: &Lightmap, form: Form, manifest: Man
         ],
         Form::Unlit { .. } => vec!["KHR_materials_unlit"],
     };
+    if form == Form::Lit && scene.materials.iter().any(|m| m.is_anisotropic()) {
+        extensions.push("KHR_materials_anisotropy");
+    }
     // glTF does not allow empty arrays.
     if !embedded.is_empty() {
         json["images"] = json!(embedded);
@@ -407,7 +410,7 @@ fn primitive(
     match form {
         Form::Lit => {
             // Sets are numbered without gaps.
-            if page.is_some() || m.textures().next().is_some() {
+            if page.is_some() || m.textures().next().is_some() || m.is_anisotropic() {
                 set(0, own(&scene.uvs));
                 if !scene.second_uvs.is_empty() {
                     set(1, own(&scene.second_uvs));

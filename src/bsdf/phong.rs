@@ -21,7 +21,7 @@ use std::f32::consts::TAU;
 
 use glam::Vec3;
 
-use super::{basis, reflect};
+use super::{anisotropic, basis, reflect};
 
 /// Least and greatest exponent.
 pub const EXPONENTS: std::ops::RangeInclusive<f32> = 1.0..=1e4;
@@ -31,14 +31,22 @@ pub fn exponent_of(alpha: f32) -> Option<f32> {
     (alpha < 0.0).then_some(-alpha)
 }
 
-/// Alpha of a GGX lobe about as wide.
+/// Alpha of a GGX lobe about as wide; of one of two widths their geometric mean.
 pub fn width_of(alpha: f32) -> f32 {
-    if alpha < 0.0 { (-0.5 / alpha).sqrt() } else { alpha }
+    match alpha {
+        alpha if alpha < 0.0 => (-0.5 / alpha).sqrt(),
+        alpha if anisotropic::is_anisotropic(alpha) => anisotropic::width_of(alpha),
+        alpha => alpha,
+    }
 }
 
 /// The lobe widened to at least the width of this alpha.
 pub fn widened_alpha(alpha: f32, least: f32) -> f32 {
-    if alpha < 0.0 { alpha.max(-0.5 / (least * least)) } else { alpha.max(least) }
+    match alpha {
+        alpha if alpha < 0.0 => alpha.max(-0.5 / (least * least)),
+        alpha if anisotropic::is_anisotropic(alpha) => anisotropic::widened(alpha, least),
+        alpha => alpha.max(least),
+    }
 }
 
 /// Density over solid angle of [`sample`] for unit directions above the surface.

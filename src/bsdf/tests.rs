@@ -81,7 +81,7 @@ fn no_lobe_without_specular() {
 }
 
 /// Counts samples in cells of the hemisphere and compares with the density integrated over each.
-fn check_sampling(name: &str, sample: impl Fn([f32; 2]) -> Vec3, pdf: impl Fn(Vec3) -> f32) {
+pub(super) fn check_sampling(name: &str, sample: impl Fn([f32; 2]) -> Vec3, pdf: impl Fn(Vec3) -> f32) {
     let (rows, columns, count) = (12usize, 16usize, 1u32 << 18);
     let cell = |w: Vec3| {
         let row = ((1.0 - w.z) * rows as f32) as usize;
@@ -128,7 +128,11 @@ fn samples_follow_their_density() {
     check_sampling("diffuse", sample_diffuse, |w| w.z / PI);
     for (theta, alpha) in [(0.0, 0.5), (0.6, 0.4), (1.3, 0.3), (1.0, 1.0)] {
         let wo = direction(theta, 0.8);
-        check_sampling("specular", |u| sample_specular(wo, alpha, u), |wi| pdf_specular(Vec3::Z, wi, wo, alpha));
+        check_sampling(
+            "specular",
+            |u| sample_specular(wo, Vec2::splat(alpha), u),
+            |wi| pdf_specular(Vec3::Z, wi, wo, alpha),
+        );
     }
     for r in reflectances() {
         let wo = direction(0.8, 2.0);
@@ -163,7 +167,7 @@ fn narrow_lobes_keep_their_energy() {
     let wo = direction(0.5, 1.0);
     let mut total = 0.0;
     for i in 0..4096 {
-        let wi = sample_specular(wo, r.alpha, [halton(0, i), halton(1, i)]);
+        let wi = sample_specular(wo, Vec2::splat(r.alpha), [halton(0, i), halton(1, i)]);
         total += r.eval_specular(Vec3::Z, wi, wo).x * wi.z / pdf_specular(Vec3::Z, wi, wo, r.alpha) / 4096.0;
     }
     assert!((total - 1.0).abs() < 1e-3, "{total}");

@@ -6,17 +6,18 @@ use glam::{Vec2, Vec3};
 
 use super::ReflectorFinish;
 use crate::accel::Bvh;
-use crate::bsdf::Reflectance;
+use crate::bsdf::anisotropic::pack;
 use crate::bsdf::ideal::frost;
+use crate::bsdf::{MIN_ALPHA, Reflectance};
 use crate::light::cosine;
 use crate::light::emitters::Emitters;
 use crate::pass::layout::{MaterialRecord, PointLight};
 use crate::plan::MAX_FOLLOWED_ALPHA;
 use crate::scene::reflectors::Reflector;
-use crate::scene::{Alpha, Environment, Light, Scene, Surface};
+use crate::scene::{Alpha, Environment, Light, Material, Scene, Surface};
 use crate::superposition::lobe::Lobe;
 
-pub(super) fn material_record(m: &crate::scene::Material) -> MaterialRecord {
+pub(super) fn material_record(m: &Material) -> MaterialRecord {
     let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
     let (opacity, cutoff) = match m.alpha {
         Alpha::Mask { opacity, cutoff } if m.has_alpha() => (opacity, cutoff),
@@ -43,24 +44,33 @@ pub(super) fn material_record(m: &crate::scene::Material) -> MaterialRecord {
                 | m.emission_texture.map_or(0, |t| t + 1) << MaterialRecord::EMISSION_SHIFT,
         ],
         normal: [m.normal_texture.map_or(0, |t| t + 1), m.normal_scale.to_bits(), opacity.to_bits(), cutoff.to_bits()],
-        lobes: [m.emission_exponent, cosine::flatness(m.emission_exponent), m.phong_exponent.map_or(0.0, |d| -d), 0.0],
+        lobes: [
+            m.emission_exponent,
+            cosine::flatness(m.emission_exponent),
+            match m.phong_exponent {
+                Some(exponent) => -exponent,
+                None if m.is_anisotropic() => m.anisotropy * m.anisotropy,
+                None => 0.0,
+            },
+            // A grain has no sense: half a turn is none. Within it sines of devices are exact enough.
+            m.anisotropy_rotation % std::f32::consts::PI,
+        ],
     }
 }
 
 /// Whether it has a specular lobe, at least at some texel.
-pub(super) fn has_lobe(m: &crate::scene::Material) -> bool {
+pub(super) fn has_lobe(m: &Material) -> bool {
     let whole = Reflectance::new(m.base_color, m.metallic, m.roughness, m.specular);
     m.surface == Surface::Opaque && (m.metallic > 0.0 || whole.f90 > 0.0)
 }
 
 /// Whether it has a lobe with a greater alpha than this, at least at some texel.
-pub(super) fn has_wide_lobe(m: &crate::scene::Material, alpha: f32) -> bool {
-    let own = Reflectance::new(m.base_color, m.metallic, m.roughness, m.specular).alpha;
-    has_lobe(m) && (m.metallic_roughness_texture.is_some() || own > alpha)
+pub(super) fn has_wide_lobe(m: &Material, alpha: f32) -> bool {
+    has_lobe(m) && (m.metallic_roughness_texture.is_some() || m.lobe_width().max(MIN_ALPHA) > alpha)
 }
 
 /// Whether eye paths may follow its lobe: it is narrow enough, at least at some texel.
-pub(crate) fn is_shiny(m: &crate::scene::Material) -> bool {
+pub(crate) fn is_shiny(m: &Material) -> bool {
     has_lobe(m) && (m.metallic_roughness_texture.is_some() || m.lobe_width() <= MAX_FOLLOWED_ALPHA)
 }
 
@@ -92,6 +102,10 @@ pub(super) fn finishes(scene: &Scene, reflectors: &[Reflector]) -> Vec<Reflector
         let lobe = match (&m.lobe, m.phong_exponent) {
             (Some(table), _) => Lobe::Table(table.clone()),
             (None, Some(exponent)) => Lobe::Cosine { exponent },
+            (None, None) if m.is_anisotropic() => {
+                let alphas = Vec2::new(m.alpha_along(reflectance.alpha), reflectance.alpha);
+                Lobe::Anisotropic { alpha: pack(alphas, Vec3::X, Vec3::Z) }
+            }
             (None, None) => Lobe::Ggx { alpha: reflectance.alpha },
         };
         ReflectorFinish { reflectance, lobe }
@@ -113,9 +127,11 @@ pub(super) fn reflector_bits(scene: &Scene, reflectors: &[Reflector]) -> Vec<u32
     bits
 }
 
-/// Whether surfaces need texture coordinates: there are textures, since edits may give one to any material, or vertex colours.
+/// Whether surfaces need texture coordinates: there are textures, since edits may give one to any material, or vertex colours, or the grain
+/// of a lobe follows them.
 pub(super) fn has_patterns(scene: &Scene) -> bool {
-    !(scene.textures.is_empty() && scene.colors.is_empty())
+    let follows = !scene.uvs.is_empty() && scene.materials.iter().any(Material::is_anisotropic);
+    follows || !(scene.textures.is_empty() && scene.colors.is_empty())
 }
 
 /// Colours of the vertices of triangles, in the scene's order: three words of 10 bits for each channel's square root.

@@ -5,7 +5,7 @@ use std::slice::from_ref;
 use bytemuck::Zeroable;
 use glam::Vec3;
 
-use super::records::{finishes, has_wide_lobe, material_record, reflector_bits, shading_attributes};
+use super::records::{finishes, has_patterns, has_wide_lobe, material_record, reflector_bits, shading_attributes};
 use super::{
     DeviceScene, MirrorBuffers, SpecularFeatures, SurfaceBuffers, TargetBuffers, delta_lights, fits_kernel, write,
 };
@@ -92,8 +92,9 @@ impl DeviceScene {
         let light_seconds = start.elapsed().as_secs_f64();
 
         let start = std::time::Instant::now();
-        // Other kernels trace where surfaces let rays pass.
-        let everything = touched.everything || self.has_alpha != scene.has_alpha();
+        // Other kernels trace where surfaces let rays pass, and others find surfaces with texture coordinates.
+        let everything =
+            touched.everything || self.has_alpha != scene.has_alpha() || self.textured != has_patterns(scene);
         let mut replaced = everything;
         let splat_alpha = self.surfaces.as_ref().map(|surfaces| surfaces.alpha);
         if everything {

@@ -400,7 +400,8 @@ pub struct MaterialRecord {
     pub flags: [u32; 4],
     /// Normal texture + 1, bits of its scale, of the opacity and of the cutoff of alpha (negative: none).
     pub normal: [u32; 4],
-    /// Exponent of the emitted cosine, exitance over that of Lambert's law; minus the exponent of a [`crate::bsdf::phong`] lobe, 0: GGX; w: 0.
+    /// Exponent of the emitted cosine, exitance over that of Lambert's law; minus the exponent of a [`crate::bsdf::phong`] lobe, 0: GGX, above: square of
+    /// the strength of its anisotropy; rotation of its grain ([`crate::bsdf::anisotropic`]).
     pub lobes: [f32; 4],
 }
 

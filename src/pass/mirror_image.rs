@@ -66,19 +66,21 @@ use glam::{DMat2, DVec2, Vec2, Vec3};
 use super::schedule::LIST_GROUPS;
 use super::{BoundKernel, EyePathState, Kit, Lighting, List, ShadingPoints, vec4s};
 use crate::bsdf::MIN_ALPHA;
-use crate::bsdf::phong::EXPONENTS;
+use crate::bsdf::phong::{EXPONENTS, width_of};
 use crate::device_scene::ReflectorFinish;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Recorder, Resources, Staging, shaders};
 use crate::pass::convolve::MAX_LAYERS;
 use crate::pass::layout;
 use crate::scene::reflectors::Reflector;
-use crate::superposition::kernels::{CORE_RADIUS, GpuKernels, KERNEL_TEXELS, Kernel, KernelLibrary, Part, VIEW_ANGLES};
+use crate::superposition::kernels::{
+    AZIMUTHS, CORE_RADIUS, GpuKernels, KERNEL_TEXELS, Kernel, KernelLibrary, Part, VIEW_ANGLES,
+};
 use crate::superposition::lobe::Lobe;
 use crate::superposition::reflectance::{MAP_TEXELS, ReflectanceMap, fresnel_fitted_rgb};
 
 // shaders/include/reflectors.wgsl has the same numbers.
-const _: () = assert!(VIEW_ANGLES == 32 && MAP_TEXELS == 128 && CORE_RADIUS == 0.3);
+const _: () = assert!(VIEW_ANGLES == 32 && AZIMUTHS == 8 && MAP_TEXELS == 128 && CORE_RADIUS == 0.3);
 
 /// Kinds of reflectors besides glossy planes, as `shaders/include/reflectors.wgsl` has them.
 const FROSTED_PANE: u32 = 1;
@@ -91,19 +93,26 @@ const MAX_LOBES: usize = MAX_LAYERS as usize / (2 * VIEW_ANGLES);
 pub const THINNEST: f32 = 1.5;
 
 /// The lobes that are used if there are more than [`MAX_LOBES`]: ln(alpha) in steps of a sixth, 36 lobes in all, and ln(exponent) in steps of 1,
-/// 10 lobes.
+/// 10 lobes; one width, the geometric mean, in place of two.
 fn coarsened(lobe: &Lobe) -> Lobe {
     match lobe {
+        Lobe::Anisotropic { alpha } => coarsened(&one_width(*alpha)),
         Lobe::Ggx { alpha } => Lobe::Ggx { alpha: ((alpha.ln() * 6.0).round() / 6.0).exp().max(MIN_ALPHA) },
         Lobe::Cosine { exponent } => Lobe::Cosine { exponent: exponent.ln().round().exp().min(*EXPONENTS.end()) },
         other => other.clone(),
     }
 }
 
+/// The lobe of one width, the geometric mean, in place of two.
+fn one_width(alpha: f32) -> Lobe {
+    Lobe::Ggx { alpha: width_of(alpha).clamp(MIN_ALPHA, 1.0) }
+}
+
 /// Tables of the reflectors of a scene, on the device.
 pub struct Tables {
     /// For each reflector: its first layer, the first texel of its reflectance map, its kind (1: frosted pane, 2: curved), and for a curved one
-    /// the first of the textures of its own and from bit 12 on the first row of its aspects in `lobes`, 0: it has none.
+    /// the first of the textures of its own and from bit 12 on the first row of its aspects in `lobes`, 0: it has none. Of a plane 1 if its lobe has two
+    /// widths.
     pub reflectors: Buffer,
     /// Lobe of each layer: tan(beta), energy, its grazing part, fraction of the core. Then for lobes on curved surfaces the aspects of tail
     /// and core, for each view angle.
@@ -135,16 +144,22 @@ impl Tables {
                 distinct.push(&finish.lobe);
             }
         }
-        let coarse = distinct.len() > MAX_LOBES;
+        let tables = |lobe: &&Lobe| if matches!(lobe, Lobe::Anisotropic { .. }) { AZIMUTHS } else { 1 };
+        let coarse = distinct.iter().map(tables).sum::<usize>() > MAX_LOBES;
         let (mut reflectors, mut maps): (Vec<[u32; 4]>, _) = (Vec::new(), Vec::new());
         for ((i, finish), reflector) in (0u32..).zip(finishes).zip(of) {
-            let first = library.add(i, if coarse { coarsened(&finish.lobe) } else { finish.lobe.clone() })?;
-            let map = ReflectanceMap::new(|mu| {
-                let energy = library.look_up(i, mu).map_or(0.0, |lobe| lobe.energy);
-                energy * fresnel_fitted_rgb(finish.reflectance.f0, mu)
-            })?;
+            let lobe = match &finish.lobe {
+                lobe if coarse => coarsened(lobe),
+                // Curvature has the kernel's axes on curved surfaces.
+                Lobe::Anisotropic { alpha } if reflector.curved => one_width(*alpha),
+                lobe => lobe.clone(),
+            };
+            let first = library.add(i, lobe.clone())?;
+            let map =
+                ReflectanceMap::new(|mu| library.mean_energy(i, mu) * fresnel_fitted_rgb(finish.reflectance.f0, mu))?;
             let kind = u32::from(reflector.pane) * FROSTED_PANE + u32::from(reflector.curved) * CURVED_SURFACE;
-            reflectors.push([first, i * MAP_TEXELS as u32, kind, 0]);
+            let two_widths = u32::from(matches!(lobe, Lobe::Anisotropic { .. }));
+            reflectors.push([first, i * MAP_TEXELS as u32, kind, two_widths]);
             maps.extend(map.to_gpu());
         }
         let facing = (0..)

@@ -46,6 +46,7 @@ use super::shade::{ShadingPoint, light_towards};
 use super::trace::Trace;
 use super::{BoundKernel, Kit, Lighting, List, Rays, ShadingPoints, push};
 use crate::accel::{Bvh, Ray, offset_origin};
+use crate::bsdf::anisotropic::{unpack, with_direction};
 use crate::bsdf::mean;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
@@ -199,7 +200,12 @@ pub fn mirrored(light: &PointLight, mirror: &MirrorRecord) -> PointLight {
     let direction = |v: [f32; 4]| (xyz(v) - 2.0 * n.dot(xyz(v)) * n).extend(v[3]).to_array();
     let height = n.dot(xyz(light.position)) - mirror.plane[3];
     let position = (xyz(light.position) - 2.0 * height * n).extend(light.position[3]).to_array();
-    PointLight { position, normal: direction(light.normal), wi: direction(light.wi), ..*light }
+    let (normal, mut wi) = (direction(light.normal), direction(light.wi));
+    if let Some(grain) = unpack(wi[3], xyz(light.normal)).filter(|_| light.flags() & PointLight::GLOSSY != 0) {
+        let along = grain.along - 2.0 * n.dot(grain.along) * n;
+        wi[3] = with_direction(wi[3], along, xyz(normal));
+    }
+    PointLight { position, normal, wi, ..*light }
 }
 
 /// Oracle: irradiance and specular radiance that a mirrored light of mirror `number` adds at a shading point.

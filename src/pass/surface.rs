@@ -52,7 +52,7 @@ pub fn surface_at(scene: &Scene, bvh: &Bvh, hit: &Hit, d: Vec3, width: f32) -> S
     let cone = Cone { width, cosine: face.dot(d).abs() };
     let mapped = scene.mapped_normal_over(triangle, weights, shading * side, cone) * side;
     shading = if mapped.dot(d) < 0.0 { mapped } else { shading };
-    let finish = Finish::over(scene, triangle, weights, cone);
+    let finish = Finish::over(scene, triangle, weights, cone).along_grain(scene, triangle, shading, front);
     let emits = front || material.two_sided;
     let along_normal = if emits { scene.emission_over(triangle, weights, cone) } else { Vec3::ZERO };
     let emission = along_normal * cosine::falloff(cone.cosine, material.emission_exponent);

@@ -18,6 +18,8 @@ use super::surface::SurfacePoint;
 use super::walk_start::walk_numbers;
 use super::{BoundKernel, Kit, Rays, groups, push};
 use crate::accel::{Ray, offset_origin};
+use crate::bsdf::Reflectance;
+use crate::bsdf::anisotropic::turned;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::ring::survives;
@@ -64,7 +66,8 @@ pub fn reference(
     let share = if fits { f32::from_bits(frame.depths[j][2]) } else { 0.0 };
     let origin = offset_origin(s.position, s.geometric, frame.eye[3]);
     let glossy = if r.f90 > 0.0 { PointLight::GLOSSY } else { 0 };
-    let wide = r.widened(s.geometric, -d, frame.pixel_offset[2]);
+    let lobe = Reflectance { alpha: turned(r.alpha, s.shading, s.geometric), ..*r };
+    let wide = lobe.widened(s.geometric, -d, frame.pixel_offset[2]);
     let light = PointLight {
         position: with(origin, f32::from_bits(PointLight::SURFACE | PointLight::CLIPPED | glossy)),
         normal: with(s.geometric, 0.0),

@@ -69,6 +69,7 @@ impl<'a> PathVertex<'a> {
 
     /// The material with its textures applied.
     pub fn finish(&self, scene: &Scene) -> Finish {
-        Finish::at(scene, &scene.triangles[self.triangle as usize], self.weights)
+        let (triangle, n) = (&scene.triangles[self.triangle as usize], &self.normals);
+        Finish::at(scene, triangle, self.weights).along_grain(scene, triangle, n.shading, n.front)
     }
 }

@@ -40,6 +40,11 @@
 //! specular = [0.05, 0.05, 0.05]
 //! phong_exponent = 40           # its lobe is cos^40 about the mirror direction in place of GGX, 1 to 10000
 //!
+//! [materials.steel]             # brushed metal
+//! roughness = 0.3
+//! anisotropy = 0.8              # 0 to 1: alpha = roughness^2 across the grain, mix(alpha, 1, 0.8^2) along it
+//! anisotropy_rotation = 0.5     # radians, -2 pi to 2 pi, from the direction of growing u to that of the grain
+//!
 //! [materials.spotlight]
 //! emission = [90, 80, 70]       # radiance along the normal, W/(m^2 sr)
 //! emission_exponent = 20        # intensity by cos^20 of the angle from the normal, 1 to 1000; also of lights of type quad
@@ -209,6 +214,8 @@ struct MaterialEntry {
     metallic: Option<f32>,
     roughness: Option<f32>,
     phong_exponent: Option<f32>,
+    anisotropy: Option<f32>,
+    anisotropy_rotation: Option<f32>,
     specular: Option<Vec3>,
     opacity: Option<f32>,
     alpha_cutoff: Option<f32>,
@@ -300,6 +307,8 @@ fn change_material(
         m.metallic = entry.metallic.unwrap_or(m.metallic);
         m.roughness = entry.roughness.unwrap_or(m.roughness);
         m.phong_exponent = entry.phong_exponent.or(m.phong_exponent);
+        m.anisotropy = entry.anisotropy.unwrap_or(m.anisotropy);
+        m.anisotropy_rotation = entry.anisotropy_rotation.unwrap_or(m.anisotropy_rotation);
         m.specular = entry.specular.unwrap_or(m.specular);
         m.alpha = m.alpha.with(entry.opacity, entry.alpha_cutoff);
         m.emission = entry.emission.unwrap_or(m.emission);

@@ -60,6 +60,11 @@ fn lambert() -> f32 {
     1.0
 }
 
+/// Of a number that files without it have.
+fn is_zero(x: &f32) -> bool {
+    *x == 0.0
+}
+
 /// `material.extras.lightsum`: properties that glTF's materials do not have, or only rounded.
 #[derive(Serialize, Deserialize)]
 pub(super) struct MaterialExtras {
@@ -81,6 +86,10 @@ pub(super) struct MaterialExtras {
     reflector: Option<bool>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     phong_exponent: Option<f32>,
+    #[serde(default, skip_serializing_if = "is_zero")]
+    anisotropy: f32,
+    #[serde(default, skip_serializing_if = "is_zero")]
+    anisotropy_rotation: f32,
 }
 
 impl MaterialExtras {
@@ -99,6 +108,8 @@ impl MaterialExtras {
             frost: m.frost,
             reflector: m.reflector,
             phong_exponent: m.phong_exponent,
+            anisotropy: m.anisotropy,
+            anisotropy_rotation: m.anisotropy_rotation,
         }
     }
 
@@ -117,6 +128,8 @@ impl MaterialExtras {
         m.frost = self.frost;
         m.reflector = self.reflector;
         m.phong_exponent = self.phong_exponent;
+        m.anisotropy = self.anisotropy;
+        m.anisotropy_rotation = self.anisotropy_rotation;
     }
 }
 
@@ -270,7 +283,7 @@ impl Writer {
         }
         let m = &scene.materials[material as usize];
         let sets = [("TEXCOORD_0", &scene.uvs), ("TEXCOORD_1", &scene.second_uvs)];
-        let wanted = [m.textures().next().is_some(), m.second_uvs.contains(&true)];
+        let wanted = [m.textures().next().is_some() || m.is_anisotropic(), m.second_uvs.contains(&true)];
         for ((name, set), _) in sets.into_iter().zip(wanted).filter(|(_, wanted)| *wanted) {
             let uvs = used.iter().flat_map(|v| set[*v as usize].to_array()).map(f32::to_le_bytes);
             let shape = json!({ "componentType": 5126, "type": "VEC2" });
@@ -404,6 +417,9 @@ impl Writer {
         if !self.cameras.is_empty() {
             document["cameras"] = json!(self.cameras);
         }
+        if scene.materials.iter().any(Material::is_anisotropic) {
+            extensions.push(String::from("KHR_materials_anisotropy"));
+        }
         if !self.lights.is_empty() {
             extensions.push(String::from("KHR_lights_punctual"));
             document["extensions"] = json!({ "KHR_lights_punctual": { "lights": self.lights } });
@@ -469,6 +485,10 @@ pub(crate) fn material(m: &Material) -> Value {
     }
     if let Some(texture) = m.emission_texture {
         material["emissiveTexture"] = info(texture, TextureUse::Emission);
+    }
+    if m.is_anisotropic() {
+        material["extensions"]["KHR_materials_anisotropy"] =
+            json!({ "anisotropyStrength": number(m.anisotropy), "anisotropyRotation": number(m.anisotropy_rotation) });
     }
     let greatest = m.emission.max_element();
     if greatest > 0.0 {

@@ -2,7 +2,7 @@
 //!
 //! Metallic-roughness materials with normal maps, KHR_materials_emissive_strength, _ior, _specular, _transmission and _volume (a
 //! thickness above 0 makes a body of glass, else it is a pane); KHR_texture_transform; EXT_texture_webp; KHR_texture_basisu. Textures of
-//! one material may take two sets of coordinates or transforms of them. Brought near, and named: KHR_materials_clearcoat, _anisotropy and
+//! one material may take two sets of coordinates or transforms of them. KHR_materials_anisotropy without its texture. Brought near, and named: KHR_materials_clearcoat and
 //! _pbrSpecularGlossiness. Lobes too smooth for point lights become ideal mirrors.
 
 use std::collections::HashMap;
@@ -207,6 +207,8 @@ impl Reader<'_> {
             metallic: pbr.metallic_factor(),
             roughness: pbr.roughness_factor(),
             phong_exponent: None,
+            anisotropy: 0.0,
+            anisotropy_rotation: 0.0,
             metallic_roughness_texture,
             normal_texture,
             normal_scale: material.normal_texture().map_or(1.0, |info| info.scale()),
@@ -240,7 +242,7 @@ impl Reader<'_> {
         Ok(index)
     }
 
-    /// Brings extensions near that need another lobe, or more than one.
+    /// Takes the strength of anisotropy, and brings extensions near that need another lobe, or more than one.
     fn approximate(&mut self, material: &gltf::Material, converted: &mut Material) -> Result<()> {
         let number = |extension: &Value, name: &str, otherwise: f32| {
             extension.get(name).and_then(Value::as_f64).map_or(otherwise, |x| x as f32)
@@ -283,11 +285,13 @@ impl Reader<'_> {
         if let Some(extension) = material.extension_value(ANISOTROPY) {
             let strength = number(extension, "anisotropyStrength", 0.0).clamp(0.0, 1.0);
             if strength > 0.0 {
-                self.leave_out("KHR_materials_anisotropy (roughness is the same in all directions)");
-                // The lobe is alpha wide across and mix(alpha, 1, strength^2) along; the geometric mean keeps its area.
-                let across = converted.roughness * converted.roughness;
-                let along = across + (1.0 - across) * strength * strength;
-                converted.roughness = (across * along).sqrt().sqrt();
+                converted.anisotropy = strength;
+                converted.anisotropy_rotation = number(extension, "anisotropyRotation", 0.0) % std::f32::consts::TAU;
+                if extension.get("anisotropyTexture").is_some() {
+                    self.leave_out(
+                        "the texture of KHR_materials_anisotropy (strength and direction are the same everywhere)",
+                    );
+                }
             }
         }
         if let Some(extension) = material.extension_value(CLEARCOAT) {

@@ -93,7 +93,8 @@ impl Alpha {
 /// A material: reflectance f_r = kd/pi + ks D G F / (4 cos cos').
 ///
 /// kd = base_color (1 - metallic) (1 - mean F), F0 = mix(specular, base_color, metallic), GGX alpha = roughness^2.
-/// There is no specular lobe where F0 is 0. With a `phong_exponent` the lobe is that of [`crate::bsdf::phong`].
+/// There is no specular lobe where F0 is 0. With a `phong_exponent` the lobe is that of [`crate::bsdf::phong`], with `anisotropy` that of
+/// [`crate::bsdf::anisotropic`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// Name in the file.
@@ -110,6 +111,11 @@ pub struct Material {
     pub roughness: f32,
     /// Exponent of a lobe by a power of the cosine in place of GGX, in [`phong::EXPONENTS`](crate::bsdf::phong::EXPONENTS); `roughness` has no effect then.
     pub phong_exponent: Option<f32>,
+    /// Strength in [0, 1] of the anisotropy of a GGX lobe, as in glTF: along the grain ([`crate::bsdf::anisotropic`]) alpha is
+    /// mix(alpha, 1, strength^2). 0: the same in all directions.
+    pub anisotropy: f32,
+    /// Angle in radians, in \[-2 pi, 2 pi\], of the grain from the direction of growing u.
+    pub anisotropy_rotation: f32,
     /// Index into `textures` (linear; green: roughness, blue: metallic, as in glTF).
     pub metallic_roughness_texture: Option<u32>,
     /// Index into `textures` (linear): tangent-space normals of the front, as in glTF.
@@ -156,6 +162,8 @@ impl Default for Material {
             metallic: 0.0,
             roughness: 1.0,
             phong_exponent: None,
+            anisotropy: 0.0,
+            anisotropy_rotation: 0.0,
             metallic_roughness_texture: None,
             normal_texture: None,
             normal_scale: 1.0,
@@ -183,7 +191,22 @@ impl Material {
 
     /// Alpha of its lobe without textures, or for another lobe that of a GGX lobe about as wide.
     pub(crate) fn lobe_width(&self) -> f32 {
-        self.phong_exponent.map_or(self.roughness * self.roughness, |d| phong::width_of(-d))
+        let alpha = self.roughness * self.roughness;
+        match self.phong_exponent {
+            Some(d) => phong::width_of(-d),
+            None if self.is_anisotropic() => (alpha * self.alpha_along(alpha)).sqrt(),
+            None => alpha,
+        }
+    }
+
+    /// Whether its lobe has two widths.
+    pub(crate) fn is_anisotropic(&self) -> bool {
+        self.anisotropy > 0.0 && self.phong_exponent.is_none() && self.surface == Surface::Opaque
+    }
+
+    /// Alpha along the grain, for the alpha across it.
+    pub(crate) fn alpha_along(&self, across: f32) -> f32 {
+        across + (1.0 - across) * self.anisotropy * self.anisotropy
     }
 
     /// Its textures.

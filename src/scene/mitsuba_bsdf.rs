@@ -1,5 +1,7 @@
 //! BSDFs of Mitsuba's scenes as materials.
 
+use std::f32::consts::FRAC_PI_2;
+
 use glam::{Affine2, Vec3};
 
 use super::mitsuba::Reader;
@@ -167,27 +169,29 @@ impl<'a> Reader<'a> {
 
     /// Sets the roughness of a rough BSDF; a smooth one is a mirror.
     fn roughen(&mut self, e: &'a Element, draft: &mut Draft) -> Result<()> {
-        let roughness = if e.kind().starts_with("rough") { self.roughness(e)? } else { 0.0 };
+        let [u, v] = if e.kind().starts_with("rough") { self.alphas(e)? } else { [0.0; 2] };
         let m = &mut draft.material;
-        m.roughness = roughness;
-        if roughness < MIN_ROUGHNESS {
+        m.roughness = u.min(v).sqrt();
+        if u.max(v).sqrt() < MIN_ROUGHNESS {
             m.surface = Surface::Mirror;
+        } else if u != v {
+            m.roughness = m.roughness.max(MIN_ROUGHNESS);
+            let across = m.roughness * m.roughness;
+            m.anisotropy = ((u.max(v) - across) / (1.0 - across)).clamp(0.0, 1.0).sqrt();
+            m.anisotropy_rotation = if u > v { 0.0 } else { FRAC_PI_2 };
         }
         Ok(())
     }
 
-    /// The square root of alpha.
-    fn roughness(&mut self, e: &'a Element) -> Result<f32> {
+    /// Alpha along u and v.
+    fn alphas(&mut self, e: &'a Element) -> Result<[f32; 2]> {
         if e.string("distribution").unwrap_or("beckmann") != "ggx" {
             self.leave_out("the micro-facet distribution of Beckmann (GGX of the same alpha)");
         }
-        let mut alpha = self.plain(e, "alpha", 0.1)?.element_sum() / 3.0;
-        if e.property("alpha_u").is_some() || e.property("alpha_v").is_some() {
-            self.leave_out("anisotropic roughness (the geometric mean)");
-            let [u, v] = ["alpha_u", "alpha_v"].map(|name| self.plain(e, name, 0.1));
-            alpha = (u? * v?).element_sum().max(0.0).sqrt() / 3.0f32.sqrt();
-        }
-        Ok(alpha.clamp(0.0, 1.0).sqrt())
+        let two = e.property("alpha_u").is_some() || e.property("alpha_v").is_some();
+        let names = if two { ["alpha_u", "alpha_v"] } else { ["alpha"; 2] };
+        let [u, v] = names.map(|name| self.plain(e, name, 0.1));
+        Ok([u?, v?].map(|alpha| (alpha.element_sum() / 3.0).clamp(0.0, 1.0)))
     }
 
     /// The index of refraction of this name: a number or a material.

@@ -7,6 +7,7 @@ use glam::{Vec2, Vec3, Vec4};
 use image::{ImageFormat, ImageReader};
 
 use super::{Scene, Texture, Triangle, Wrap, ktx2};
+use crate::bsdf::anisotropic::grain;
 use crate::bsdf::{mapped_normal, sample_filtered};
 use crate::input::Inputs;
 
@@ -195,6 +196,14 @@ impl Scene {
         let uvs = self.corner_uvs(triangle, TextureUse::Normal);
         let texel = self.texel_over(triangle, weights, (texture, TextureUse::Normal), cone).truncate();
         mapped_normal(texel, material.normal_scale, [b - a, c - a], [uvs[1] - uvs[0], uvs[2] - uvs[0]], normal)
+    }
+
+    /// Direction along the grain ([`crate::bsdf::anisotropic`]) of a triangle about the unit normal of its front.
+    pub fn grain(&self, triangle: &Triangle, normal: Vec3) -> Vec3 {
+        let [a, b, c] = triangle.vertices.map(|v| self.positions[v as usize]);
+        let uvs = self.corner_uvs(triangle, TextureUse::Base);
+        let rotation = self.materials[triangle.material as usize].anisotropy_rotation;
+        grain([b - a, c - a], [uvs[1] - uvs[0], uvs[2] - uvs[0]], rotation, normal)
     }
 
     /// Radiance that a triangle emits at a point, by the weights of its corners.

@@ -1,6 +1,6 @@
 //! Validation of scenes.
 
-use std::f32::consts::FRAC_PI_2;
+use std::f32::consts::{FRAC_PI_2, TAU};
 use std::path::Path;
 
 use glam::Vec3;
@@ -240,6 +240,8 @@ impl Material {
         if let Some(exponent) = self.phong_exponent {
             range("phong_exponent", exponent, *EXPONENTS.start(), *EXPONENTS.end())?;
         }
+        range("anisotropy", self.anisotropy, 0.0, 1.0)?;
+        range("anisotropy_rotation", self.anisotropy_rotation, -TAU, TAU)?;
         range("frost", self.frost, 0.0, 1.0)?;
         power("emission", self.emission, true)?;
         range("emission_exponent", self.emission_exponent, 1.0, MAX_EXPONENT)?;

@@ -45,6 +45,12 @@
 //! weight of texel (p, q) = textures[(tail * 32 + q) * 32 + p],  (x, y) = ((p, q) + 0.5) / 16 - 1
 //! ```
 //!
+//! # Lobes of two widths
+//!
+//! The kernel of an anisotropic lobe depends on the angle psi between its grain and the plane of incidence too. It is tabulated for [`AZIMUTHS`]
+//! angles, each like a lobe of its own: the layers of azimuth k, psi = pi k / [`AZIMUTHS`] from u towards v, begin at
+//! `first` + k N, and the look-up takes the nearest.
+//!
 //! # Differences from the thesis
 //!
 //! - The thesis takes the cone within which f is not 0, which for most lobes is the hemisphere.
@@ -61,6 +67,7 @@ use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::lobe::Lobe;
+use crate::bsdf::anisotropic::with_direction;
 use crate::error::{Error, Result};
 
 /// Texels along each side of a kernel.
@@ -71,6 +78,9 @@ pub const VIEW_ANGLES: usize = 32;
 
 /// Share of a lobe's energy within beta of the mirror direction.
 pub const CONE_SHARE: f64 = 0.9;
+
+/// Angles between grain and plane of incidence at which kernels of lobes of two widths are tabulated.
+pub const AZIMUTHS: usize = 8;
 
 /// Upper bound of tan beta: the disc then reaches 63 degrees from the mirror direction, and its diameter is four times the
 /// distance of the mirrored point.
@@ -143,7 +153,8 @@ impl Kernel {
         let samples = view.samples();
         let mut cumulative = vec![0.0; RINGS + 1];
         let (mut energy, mut grazing) = (0.0, 0.0);
-        for (ring, of_ring) in samples.chunks_exact(DIRECTIONS).enumerate() {
+        let of_one = view.sides().len() * DIRECTIONS;
+        for (ring, of_ring) in samples.chunks_exact(of_one).enumerate() {
             for sample in of_ring {
                 energy += sample.energy;
                 grazing += sample.energy * (1.0 - sample.cos_h).powi(5);
@@ -164,7 +175,7 @@ impl Kernel {
         let core_narrowing = narrowing_of(&samples, core_width, core_of);
         let within = |(i, s): (usize, &Sample)| {
             // The edge of the ellipse cuts through rings.
-            let [inner, outer] = [0.0, 1.0].map(|edge| ring_angle((i / DIRECTIONS) as f64 + edge).tan());
+            let [inner, outer] = [0.0, 1.0].map(|edge| ring_angle((i / of_one) as f64 + edge).tan());
             let stretch = s.at.x.hypot(s.at.y / aspect_of(tail_narrowing)) / s.at.length();
             let share = (width / stretch - inner) / (outer - inner);
             if s.at.is_finite() && outer > inner { share.clamp(0.0, 1.0) * s.energy } else { 0.0 }
@@ -187,6 +198,17 @@ impl Kernel {
                 texture: view.texture(core_width, aspect_of(core_narrowing), in_core),
             },
         }
+    }
+}
+
+impl Kernel {
+    /// The kernel of the lobe mirrored in the plane of incidence.
+    fn mirrored(&self) -> Kernel {
+        let mut image = self.clone();
+        for part in [&mut image.tail, &mut image.core] {
+            part.texture = part.texture.rchunks(KERNEL_TEXELS).flatten().copied().collect();
+        }
+        image
     }
 }
 
@@ -230,6 +252,8 @@ fn point() -> Vec<f32> {
 /// A lobe, a view direction in the xz plane, and the frame about its mirror direction.
 struct View<'a> {
     lobe: &'a Lobe,
+    /// It is its own mirror image in the plane of incidence.
+    symmetric: bool,
     wo: Vec3,
     /// Mirror direction.
     r: DVec3,
@@ -240,7 +264,19 @@ struct View<'a> {
 impl View<'_> {
     fn new(lobe: &Lobe, mu: f64) -> View<'_> {
         let sin = (1.0 - mu * mu).max(0.0).sqrt();
-        View { lobe, wo: DVec3::new(sin, 0.0, mu).as_vec3(), r: DVec3::new(-sin, 0.0, mu), u: DVec3::new(mu, 0.0, sin) }
+        let symmetric = lobe.mirrored() == *lobe;
+        View {
+            lobe,
+            symmetric,
+            wo: DVec3::new(sin, 0.0, mu).as_vec3(),
+            r: DVec3::new(-sin, 0.0, mu),
+            u: DVec3::new(mu, 0.0, sin),
+        }
+    }
+
+    /// Signs of v that must be looked at: others are mirror images.
+    fn sides(&self) -> &'static [f64] {
+        if self.symmetric { &[1.0] } else { &[-1.0, 1.0] }
     }
 
     /// f cos theta_i in the direction r + x u + y v, of any length.
@@ -252,18 +288,19 @@ impl View<'_> {
     /// The lobe in parts, ring by ring about r.
     ///
     /// Rings are dense about r, for narrow lobes, and directions are dense in the plane of incidence, where a lobe at grazing
-    /// angles is a ridge. Each part also represents its mirror image in that plane.
+    /// angles is a ridge. Each part also represents its mirror image in that plane, unless there are two [`View::sides`].
     fn samples(&self) -> Vec<Sample> {
-        let mut samples = Vec::with_capacity(RINGS * DIRECTIONS);
+        let sides = self.sides();
+        let mut samples = Vec::with_capacity(RINGS * DIRECTIONS * sides.len());
         for ring in 0..RINGS {
             let angle = ring_angle(ring as f64 + 0.5);
             let (sin, cos) = angle.sin_cos();
             // d omega = sin dangle dphi, and dangle = 4 angle / rings dring.
-            let ring_area = (2.0 * PI / DIRECTIONS as f64) * sin * 4.0 * angle / (ring as f64 + 0.5);
-            for k in 0..DIRECTIONS {
+            let ring_area = (2.0 * PI / (DIRECTIONS * sides.len()) as f64) * sin * 4.0 * angle / (ring as f64 + 0.5);
+            for (side, k) in sides.iter().flat_map(|side| (0..DIRECTIONS).map(move |k| (side, k))) {
                 // phi = pi t - sin(2 pi t) / 2 for t from 0 to 1, so dphi ~ 1 - cos(2 pi t).
                 let t = 2.0 * PI * (k as f64 + 0.5) / DIRECTIONS as f64;
-                let (sin_phi, cos_phi) = (0.5 * (t - t.sin())).sin_cos();
+                let (sin_phi, cos_phi) = (0.5 * (t - t.sin()) * side).sin_cos();
                 let wi = self.r * cos + self.u * (sin * cos_phi) + DVec3::Y * (sin * sin_phi);
                 let f_cos = self.f_cos(cos, sin * cos_phi, sin * sin_phi);
                 samples.push(Sample {
@@ -286,36 +323,50 @@ impl View<'_> {
     /// The kernel's maximum at a distance from the mirror direction.
     fn max_at(&self, distance: f64) -> f64 {
         let angle = |k: usize| k as f64 * (PI / DIRECTIONS as f64);
-        (0..=DIRECTIONS).map(|k| self.density(DVec2::from_angle(angle(k)) * distance)).fold(0.0, f64::max)
+        let of = |side: &f64| {
+            (0..=DIRECTIONS).map(|k| self.density(DVec2::from_angle(angle(k) * side) * distance)).fold(0.0, f64::max)
+        };
+        self.sides().iter().map(of).fold(0.0, f64::max)
     }
 
     /// The texels of a part of the kernel for a half width along u, and that along v over it.
     fn texture(&self, half_width: f64, aspect: f64, part: impl Fn(f64, DVec2) -> f64) -> Vec<f32> {
         let half = KERNEL_TEXELS / 2;
         let texel = 1.0 / half as f64;
-        // One half; the other mirrors it.
-        let mut means = vec![0.0; KERNEL_TEXELS * half];
-        for (index, mean) in means.iter_mut().enumerate() {
-            let (i, j) = (index % KERNEL_TEXELS, index / KERNEL_TEXELS);
-            for b in 0..SAMPLES[1] {
-                // Dense towards v = 0, where a lobe at grazing angles is a ridge narrower than a texel: v = t^2 dv, so dv ~ t dt.
-                let t = (b as f64 + 0.5) / SAMPLES[1] as f64;
-                let y = (j as f64 + t * t) * texel;
-                for a in 0..SAMPLES[0] {
-                    let x = (i as f64 + (a as f64 + 0.5) / SAMPLES[0] as f64) * texel - 1.0;
-                    if x * x + y * y < 1.0 {
-                        let at = DVec2::new(x, y * aspect) * half_width;
-                        *mean += t * part(self.density(at), at);
+        let sides = self.sides();
+        // Two halves need no more samples than one for both: without symmetry no ridge lies along an axis.
+        let [columns, rows] = SAMPLES.map(|n| n / sides.len());
+        let half_of = |side: &f64| {
+            let mut means = vec![0.0; KERNEL_TEXELS * half];
+            for (index, mean) in means.iter_mut().enumerate() {
+                let (i, j) = (index % KERNEL_TEXELS, index / KERNEL_TEXELS);
+                for b in 0..rows {
+                    // Dense towards v = 0, where a lobe at grazing angles is a ridge narrower than a texel: v = t^2 dv, so dv ~ t dt.
+                    let t = (b as f64 + 0.5) / rows as f64;
+                    let y = (j as f64 + t * t) * texel;
+                    for a in 0..columns {
+                        let x = (i as f64 + (a as f64 + 0.5) / columns as f64) * texel - 1.0;
+                        if x * x + y * y < 1.0 {
+                            let at = DVec2::new(x, y * aspect * side) * half_width;
+                            *mean += t * part(self.density(at), at);
+                        }
                     }
                 }
             }
-        }
-        let total = 2.0 * means.iter().sum::<f64>();
+            means
+        };
+        // For one side alone the other mirrors it.
+        let halves: Vec<Vec<f64>> = sides.iter().map(half_of).collect();
+        let [below, above] = [&halves[0], &halves[sides.len() - 1]];
+        let total = below.iter().sum::<f64>() + above.iter().sum::<f64>();
         if total <= 0.0 {
             return point();
         }
-        let row = |j: usize| if j < half { half - 1 - j } else { j - half };
-        let texels = (0..KERNEL_TEXELS).flat_map(|j| &means[row(j) * KERNEL_TEXELS..][..KERNEL_TEXELS]);
+        let row = |j: usize| if j < half { (below, half - 1 - j) } else { (above, j - half) };
+        let texels = (0..KERNEL_TEXELS).flat_map(|j| {
+            let (means, j) = row(j);
+            &means[j * KERNEL_TEXELS..][..KERNEL_TEXELS]
+        });
         texels.map(|mean| (mean / total) as f32).collect()
     }
 }
@@ -335,7 +386,7 @@ fn angle_of(cumulative: &[f64], energy: f64) -> f64 {
 /// The kernels of all glossy materials of a scene. Materials with equal lobes share theirs.
 #[derive(Clone, Debug, Default)]
 pub struct KernelLibrary {
-    /// One lobe for each [`VIEW_ANGLES`] layers.
+    /// One lobe for each [`VIEW_ANGLES`] layers; the azimuths of a lobe of two widths stand one behind the other.
     lobes: Vec<Lobe>,
     layers: Vec<Kernel>,
     /// First layer of each material; [`NO_KERNEL`] if none was added.
@@ -366,13 +417,21 @@ impl KernelLibrary {
     /// Errors: a lobe whose parameters are out of range.
     pub fn add(&mut self, material: u32, lobe: Lobe) -> Result<u32> {
         lobe.check().map_err(|message| Error::Resource { name: format!("kernels of material {material}"), message })?;
-        let known = self.lobes.iter().position(|known| *known == lobe);
-        let index = known.unwrap_or_else(|| {
-            let layers = (0..VIEW_ANGLES).into_par_iter().map(|layer| Kernel::new(&lobe, view_cosine(layer)));
-            self.layers.par_extend(layers);
-            self.lobes.push(lobe);
-            self.lobes.len() - 1
-        });
+        let index = match &lobe {
+            Lobe::Anisotropic { alpha } => {
+                let of_azimuth = |k: usize| {
+                    let (sin, cos) = (std::f32::consts::PI * k as f32 / AZIMUTHS as f32).sin_cos();
+                    Lobe::Anisotropic { alpha: with_direction(*alpha, Vec3::new(cos, sin, 0.0), Vec3::Z) }
+                };
+                let first = self.index_of(of_azimuth(0));
+                // If the first was known, then so are the others behind it.
+                (1..AZIMUTHS).for_each(|k| {
+                    self.index_of(of_azimuth(k));
+                });
+                first
+            }
+            _ => self.index_of(lobe),
+        };
         let first = (index * VIEW_ANGLES) as u32;
         let material = material as usize;
         if self.first_layer.len() <= material {
@@ -380,6 +439,27 @@ impl KernelLibrary {
         }
         self.first_layer[material] = first;
         Ok(first)
+    }
+
+    /// Place of a lobe, which is tabulated unless it is known.
+    fn index_of(&mut self, lobe: Lobe) -> usize {
+        if let Some(known) = self.lobes.iter().position(|known| *known == lobe) {
+            return known;
+        }
+        let image = lobe.mirrored();
+        match self.lobes.iter().position(|known| *known == image) {
+            Some(image) => {
+                let layers: Vec<Kernel> =
+                    self.layers[image * VIEW_ANGLES..][..VIEW_ANGLES].iter().map(Kernel::mirrored).collect();
+                self.layers.extend(layers);
+            }
+            None => {
+                let layers = (0..VIEW_ANGLES).into_par_iter().map(|layer| Kernel::new(&lobe, view_cosine(layer)));
+                self.layers.par_extend(layers);
+            }
+        }
+        self.lobes.push(lobe);
+        self.lobes.len() - 1
     }
 
     /// First layer of a material.
@@ -392,21 +472,34 @@ impl KernelLibrary {
         &self.layers
     }
 
-    /// The look-up for cos theta_o = `mu`, as in a shader; `None` without kernels.
+    /// Mean energy of a material's lobe for cos theta_o = `mu`, over the azimuths at which it is tabulated; 0 without kernels.
+    pub fn mean_energy(&self, material: u32, mu: f32) -> f32 {
+        let Some(first) = self.first_layer(material) else { return 0.0 };
+        let count = if self.lobes[first as usize / VIEW_ANGLES].is_isotropic() { 1 } else { AZIMUTHS };
+        let of = |k: usize| self.look_up_from(first + (k * VIEW_ANGLES) as u32, mu).energy;
+        (0..count).map(of).sum::<f32>() / count as f32
+    }
+
+    /// The look-up for cos theta_o = `mu`, as in a shader, of a lobe of two widths at azimuth 0; `None` without kernels.
     pub fn look_up(&self, material: u32, mu: f32) -> Option<LookUp<'_>> {
-        let layers = &self.layers[self.first_layer(material)? as usize..][..VIEW_ANGLES];
+        Some(self.look_up_from(self.first_layer(material)?, mu))
+    }
+
+    /// The look-up in the layers that begin at `first`, one of them for each angle of view.
+    fn look_up_from(&self, first: u32, mu: f32) -> LookUp<'_> {
+        let layers = &self.layers[first as usize..][..VIEW_ANGLES];
         let s = (mu * VIEW_ANGLES as f32 - 1.0).clamp(0.0, (VIEW_ANGLES - 1) as f32);
         let i = s as usize;
         let (a, b, t) = (&layers[i], &layers[(i + 1).min(VIEW_ANGLES - 1)], s - i as f32);
         let mix = |a: f32, b: f32| a + (b - a) * t;
-        Some(LookUp {
+        LookUp {
             tan_beta: mix(a.tan_beta, b.tan_beta),
             energy: mix(a.energy, b.energy),
             grazing: mix(a.grazing, b.grazing),
             captured: mix(a.captured, b.captured),
             core_share: mix(a.core_share, b.core_share),
             nearest: &layers[(s + 0.5) as usize],
-        })
+        }
     }
 
     /// The tables in device form.

@@ -1,6 +1,6 @@
 //! Reflectance distributions of glossy lobes, without their Fresnel factor: the input of [`kernels`](super::kernels).
 //!
-//! Directions are unit vectors away from the surface, whose normal is +z. All lobes are isotropic.
+//! Directions are unit vectors away from the surface, whose normal is +z. All lobes but [`Lobe::Anisotropic`] are isotropic.
 
 use std::f32::consts::PI;
 use std::ops::Range;
@@ -10,7 +10,7 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3Swizzles};
 use serde::Deserialize;
 
-use crate::bsdf::{MIN_ALPHA, Reflectance, phong};
+use crate::bsdf::{MIN_ALPHA, Reflectance, anisotropic, phong};
 use crate::error::{Error, Result};
 use crate::input::Inputs;
 
@@ -23,6 +23,11 @@ pub enum Lobe {
     /// The renderer's own lobe ([`Reflectance::eval_specular`]) with F = 1.
     Ggx {
         /// Roughness, [`MIN_ALPHA`] to 1; the square of the perceptual roughness.
+        alpha: f32,
+    },
+    /// The renderer's lobe of two widths ([`anisotropic`]) with F = 1.
+    Anisotropic {
+        /// The number that stands for it, about +z.
         alpha: f32,
     },
     /// A lobe of constant shape about the mirror direction r (thesis 7.4.2), in the form of Lafortune and Willems 1994, which is
@@ -44,13 +49,29 @@ pub enum Lobe {
 }
 
 impl Lobe {
+    /// The same mirrored in the xz plane.
+    pub(super) fn mirrored(&self) -> Lobe {
+        let of = |alpha: f32| anisotropic::unpack(alpha, Vec3::Z).map(|grain| grain.along * Vec3::new(1.0, -1.0, 1.0));
+        match *self {
+            Lobe::Anisotropic { alpha } => Lobe::Anisotropic {
+                alpha: of(alpha).map_or(alpha, |along| anisotropic::with_direction(alpha, along, Vec3::Z)),
+            },
+            ref other => other.clone(),
+        }
+    }
+
+    /// Whether it is its own mirror image in the plane of incidence, from wherever it is seen.
+    pub(super) fn is_isotropic(&self) -> bool {
+        !matches!(self, Lobe::Anisotropic { .. })
+    }
+
     /// f(wi, wo) in 1/sr; 0 if either direction is not above the surface.
     pub fn eval(&self, wi: Vec3, wo: Vec3) -> f32 {
         if wi.z <= 0.0 || wo.z <= 0.0 {
             return 0.0;
         }
         match self {
-            Lobe::Ggx { alpha } => {
+            Lobe::Ggx { alpha } | Lobe::Anisotropic { alpha } => {
                 let white = Reflectance { kd: Vec3::ZERO, f0: Vec3::ONE, f90: 1.0, alpha: *alpha };
                 white.eval_specular(Vec3::Z, wi, wo).x
             }
@@ -75,6 +96,9 @@ impl Lobe {
         match self {
             Lobe::Ggx { alpha } if !(MIN_ALPHA..=1.0).contains(alpha) => {
                 Err(format!("alpha of GGX is {alpha}; it must lie between {MIN_ALPHA} and 1"))
+            }
+            Lobe::Anisotropic { alpha } if !(alpha.is_finite() && anisotropic::is_anisotropic(*alpha)) => {
+                Err(format!("{alpha} stands for no lobe of two widths"))
             }
             Lobe::Phong { exponent } if !(1.0..=MAX_EXPONENT).contains(exponent) => {
                 Err(format!("the exponent of Phong is {exponent}; it must lie between 1 and {MAX_EXPONENT}"))

@@ -39,6 +39,8 @@ fn every_key_of_a_material_is_obeyed() {
         ("base_color = [0.1, 0.2, 0.3]", Material { base_color: Vec3::new(0.1, 0.2, 0.3), ..plain.clone() }),
         ("metallic = 0.25", Material { metallic: 0.25, ..plain.clone() }),
         ("phong_exponent = 12.5", Material { phong_exponent: Some(12.5), ..plain.clone() }),
+        ("anisotropy = 0.75", Material { anisotropy: 0.75, ..plain.clone() }),
+        ("anisotropy_rotation = -0.5", Material { anisotropy_rotation: -0.5, ..plain.clone() }),
         ("roughness = 0.375", Material { roughness: 0.375, ..plain.clone() }),
         ("specular = [0.04, 0.05, 0.06]", Material { specular: Vec3::new(0.04, 0.05, 0.06), ..plain.clone() }),
         ("opacity = 0.25", Material { alpha: Alpha::Blend { opacity: 0.25 }, ..plain.clone() }),
@@ -67,10 +69,15 @@ fn every_key_of_a_material_is_obeyed() {
 }
 
 #[test]
-fn exponents_out_of_range_are_refused() {
+fn lobes_out_of_range_are_refused() {
     let folder = tempfile::tempdir().unwrap();
-    for (key, range) in [("emission_exponent", "[1, 1000]"), ("phong_exponent", "[1, 10000]")] {
-        for value in ["0.5", "10001.0", "nan", "inf", "-1.0"] {
+    for (key, range, outside) in [
+        ("emission_exponent", "[1, 1000]", "0.5"),
+        ("phong_exponent", "[1, 10000]", "0.5"),
+        ("anisotropy", "[0, 1]", "1.5"),
+        ("anisotropy_rotation", "[-6.2831855, 6.2831855]", "6.3"),
+    ] {
+        for value in [outside, "10001.0", "nan", "inf", "-10.0"] {
             let keys = format!("[materials.lamp]\n{key} = {value}\n");
             let error = load(folder.path(), &keys).unwrap_err().to_string();
             assert!(error.contains("a.toml:2") && error.contains("materials.lamp"), "{error}");

@@ -191,6 +191,13 @@ fn materials_are_those_of_mitsuba_as_far_as_ours_go() {
         &format!("{rough}<float name=\"eta\" value=\"1.5\"/><float name=\"k\" value=\"0\"/>"),
     );
     assert!(near(m.base_color, [0.04; 3], 1e-6) && m.roughness == 0.5 && m.surface == Surface::Opaque);
+    // Alphas of two widths: the greater one lies along u or along v.
+    for (u, v, rotation) in [(0.25, 0.0625, 0.0), (0.0625, 0.25, std::f32::consts::FRAC_PI_2)] {
+        let alphas = format!("<float name=\"alpha_u\" value=\"{u}\"/><float name=\"alpha_v\" value=\"{v}\"/>");
+        let ggx = "<string name=\"distribution\" value=\"ggx\"/>";
+        let m = material("roughconductor", &format!("{ggx}{alphas}"));
+        assert_eq!((m.roughness, m.anisotropy, m.anisotropy_rotation), (0.25, 0.2f32.sqrt(), rotation));
+    }
     let m = material("dielectric", "<float name=\"int_ior\" value=\"1.6\"/><float name=\"ext_ior\" value=\"1\"/>");
     assert!(m.surface == Surface::Glass && !m.thin && (m.ior - 1.6).abs() < 1e-6);
     let m = material("thindielectric", "<string name=\"int_ior\" value=\"bk7\"/>");

@@ -19,6 +19,7 @@ fn own_scenes_load() {
     names.sort();
     let triangles = [
         ("balls-and-sheets", 3762),
+        ("brushed-metal", 394),
         ("chequered-ball", 1092),
         ("cornell", 32),
         ("frosted-pane", 312),

@@ -227,9 +227,16 @@ fn gallery_and(more: impl FnOnce(&mut Builder)) -> Scene {
         metallic_roughness_texture: Some(rough),
         second_uvs: second_uvs(TextureUse::MetallicRoughness),
         specular: Vec3::splat(0.04),
+        anisotropy: 0.6,
         ..plain()
     });
-    let gloss = b.material(Material { specular: rgb(0.2, 0.1, 0.05), roughness: 0.3, ..plain() });
+    let gloss = b.material(Material {
+        specular: rgb(0.2, 0.1, 0.05),
+        roughness: 0.3,
+        anisotropy: 0.5,
+        anisotropy_rotation: 0.7,
+        ..plain()
+    });
     let mirror = |base_color: Vec3, specular: Vec3| Material {
         surface: Surface::Mirror,
         base_color,

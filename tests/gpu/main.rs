@@ -17,6 +17,7 @@ mod embed;
 mod emission_textures;
 mod environment;
 mod far_scenes;
+mod four_ways;
 mod frosted_panes;
 mod gain;
 mod gallery;

@@ -11,7 +11,8 @@ use lightsum::scene::{Alpha, Scene, Surface, builtin};
 use lightsum::settings::{Clip, Settings, Superposition, Traversal};
 
 use crate::rig::{
-    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, gallery_with_alpha, has, hit_of, is_lit, ray_of, untouched, xyz,
+    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, gallery_with_alpha, has, hit_of, is_lit, ray_of, same_lobe,
+    untouched, xyz,
 };
 use crate::support::gpu_test;
 
@@ -51,14 +52,15 @@ impl Found {
     }
 
     /// Compares the shading point of slot `i` with the oracle's surface at the end of its path, which had throughput
-    /// `through`, depth `through.w` and cosine `cos_view`, and collected `emission`; returns whether it is lit.
+    /// `through`, depth `through.w` and cosine `cos_view`, and collected `emission`; `on_base`: it ends on the base of a plane within a mirror
+    /// image. Returns whether it is lit.
     fn check(
         &self,
         tally: &mut Tally,
         i: usize,
         rig: &Rig,
         (d, hit): (Vec3, Option<Hit>),
-        (path, cos_view): (&EyePath, f32),
+        (path, cos_view, on_base): (&EyePath, f32, bool),
     ) -> bool {
         let (through, emission) = (path.throughput.extend(path.depth), path.emitted);
         let lit = is_lit(self.wo[i]);
@@ -93,8 +95,8 @@ impl Found {
         tally.check(sampled == path.sampled, || format!("lobe of {i}"));
         let place = offset_origin(s.position, s.geometric, rig.parameters.eye[3]);
         let near = |a: f32, b: f32| (a - b).abs() <= RELATIVE;
-        // A plane that mirrors the room and is seen directly has no lobe.
-        let mirrors = through.w == 0.0 && i < rig.parameters.size[2] as usize && rig.plane(&hit) > 0;
+        // A plane that mirrors the room and is seen directly has no lobe, nor has one on whose base a path in a mirror image ends.
+        let mirrors = on_base || through.w == 0.0 && i < rig.parameters.size[2] as usize && rig.plane(&hit) > 0;
         let reflects = r.kd != Vec3::ZERO || (r.f0 != Vec3::ZERO && !mirrors);
         let probability = if mirrors || sampled { 1.0 } else { r.diffuse_probability() };
         tally.check(close(self.position[i].truncate(), place, 1e-5, 1e-6), || {
@@ -112,7 +114,9 @@ impl Found {
             format!("reflectance {i}: {kd:?} for {r:?}")
         });
         tally.check(near(self.geometric[i].w, r.f90), || format!("f90 {i}: {} for {}", self.geometric[i].w, r.f90));
-        tally.check(near(self.shading[i].w, r.alpha), || format!("alpha {i}: {} for {}", self.shading[i].w, r.alpha));
+        tally.check(same_lobe(self.shading[i].w, r.alpha, RELATIVE), || {
+            format!("alpha {i}: {} for {}", self.shading[i].w, r.alpha)
+        });
         tally.check(!reflects || near(self.kd[i].w, probability), || format!("probability {i}"));
         tally.check(glossy == (r.f90 > 0.0 && !mirrors), || format!("lobe {i}"));
         tally.check(close(self.wo[i].truncate(), -d, 0.0, 0.0), || format!("wo {i}"));
@@ -185,7 +189,8 @@ fn look(rig: &Rig) -> Vec<Option<Hit>> {
             narrow: flags & ShadingPoints::NARROW_LOBE != 0,
             unlikely: flags & ShadingPoints::UNLIKELY != 0,
         };
-        if found.check(&mut surfaces, i, rig, (ray.truncate(), hit), (&path, ray.w)) {
+        let on_base = flags & ShadingPoints::LOBE_FOLLOWED != 0;
+        if found.check(&mut surfaces, i, rig, (ray.truncate(), hit), (&path, ray.w, on_base)) {
             lit.push(i as u32);
         }
     }

@@ -2,6 +2,7 @@
 
 use glam::{Vec3, Vec4};
 use lightsum::bsdf::ideal::Media;
+use lightsum::bsdf::phong::width_of;
 use lightsum::gpu::Context;
 use lightsum::pass::layout::{DispatchCounts, PointLight};
 use lightsum::pass::splat_light::{self, Hit};
@@ -230,7 +231,7 @@ fn check_light(rig: &Rig, what: &str, hits: &[Hit], width: &[f32]) -> usize {
         let flags = ShadingPoints::flags(wo[i].w);
         let shows = has(wo[i], ShadingPoints::SPLATS);
         let sampled = has(wo[i], ShadingPoints::LOBE_SAMPLED);
-        let lobe = has(wo[i], ShadingPoints::GLOSSY) && !sampled && reflectance.alpha > s.plan.settings.alpha;
+        let lobe = has(wo[i], ShadingPoints::GLOSSY) && !sampled && width_of(reflectance.alpha) > s.plan.settings.alpha;
         assert_eq!(shows, lobe, "{what}: slot {slot}, {reflectance:?}");
         if shows && flags < ShadingPoints::ONE_SEGMENT + ShadingPoints::SPLATS {
             // Of direct light alone.

@@ -15,8 +15,8 @@ use lightsum::settings::{Reflectance, Sequence, Settings};
 use lightsum::stage::Stage;
 
 use crate::rig::{
-    Rig, SINE, STRAYS, Tally, close, gallery, gallery_outdoors, gallery_with_alpha, hit_of, ray_of, sine_error,
-    untouched, xyz,
+    Rig, SINE, STRAYS, Tally, close, gallery, gallery_outdoors, gallery_with_alpha, hit_of, ray_of, same_lobe,
+    sine_error, untouched, xyz,
 };
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
@@ -50,7 +50,7 @@ pub fn same_light(a: &PointLight, b: &PointLight, place: f32) -> bool {
         && v(|l| l.f0, RELATIVE, 1e-6)
         && w(|l| l.normal)
         && w(|l| l.emit)
-        && (a.wi[3] - b.wi[3]).abs() <= RELATIVE * b.wi[3].abs()
+        && same_lobe(a.wi[3], b.wi[3], RELATIVE * b.wi[3].abs())
         && w(|l| l.flux)
         && w(|l| l.f0)
 }

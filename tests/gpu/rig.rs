@@ -5,6 +5,7 @@ use std::cell::RefCell;
 use bytemuck::Pod;
 use glam::{Vec3, Vec4};
 use lightsum::accel::{Bvh, Hit, Ray};
+use lightsum::bsdf::anisotropic::unpack;
 use lightsum::engine::Engine;
 use lightsum::frame::Frame;
 use lightsum::gpu::{Buffer, Context, Recorder, Resources, Staging, download};
@@ -236,6 +237,16 @@ pub fn sine_error(ctx: &Context, scene: &Scene) -> f32 {
     let worst = (0..directions.len()).map(error).fold(1e-6, f32::max);
     assert!(worst < SINE, "sines and cosines are off by {worst}");
     worst
+}
+
+/// Whether two alphas stand for one lobe, plain ones within a tolerance; of two widths the numbers of both may be one step apart.
+pub fn same_lobe(a: f32, b: f32, tolerance: f32) -> bool {
+    match [a, b].map(|alpha| unpack(alpha, Vec3::Z)) {
+        [Some(a), Some(b)] => {
+            ((a.alphas - b.alphas) / b.alphas).abs().max_element() < 0.015 && a.along.cross(b.along).length() < 2e-3
+        }
+        _ => (a - b).abs() <= tolerance,
+    }
 }
 
 /// Whether a point has a flag, by its `wo`.

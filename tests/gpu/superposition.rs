@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3, Vec4};
 use lightsum::bsdf::Reflectance as Finish;
+use lightsum::pass::convolve::Form;
 use lightsum::pass::{ShadingPoints, accumulate, merge, mirror_image, summands, superpose};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface};
 use lightsum::settings::{Compensation, Reflectance, Settings, Spread, Superposition};
@@ -280,15 +281,69 @@ fn a_rough_floor_reflects_as_much_as_the_path_tracer_says() {
     });
 }
 
+/// A floor that reflects a small light before a black wall.
+fn spot(floor: Material) -> (Scene, Camera) {
+    let mut soup = Soup::new("spot");
+    let (black, lamp) = (soup.diffuse(0.0, 0.0), soup.diffuse(0.0, 10.0));
+    let floor = soup.material(Material { base_color: Vec3::ONE, metallic: 1.0, ..floor });
+    soup.quad(Vec3::new(-4.0, 0.0, -1.0), Vec3::Z * 5.5, Vec3::X * 8.0, floor);
+    soup.quad(Vec3::new(-5.0, 0.0, 4.52), Vec3::Y * 5.0, Vec3::X * 10.0, black);
+    soup.quad(Vec3::new(-0.2, 1.0, 4.5), Vec3::Y * 0.4, Vec3::X * 0.4, lamp);
+    (soup.0, camera(Vec3::new(0.0, 1.0, 0.0), Vec3::new(0.0, 0.0, 1.9), 60.0, [48, 36]))
+}
+
+/// Mean and second moments of the light of an image below its upper third: x, y, x^2, y^2, x y.
+fn shape(image: &[Vec3]) -> [f64; 5] {
+    let (mut sum, mut moments) = (0.0, [0.0; 5]);
+    for (i, light) in image.iter().enumerate().skip(48 * 10) {
+        let [x, y] = [i % 48, i / 48].map(|k| k as f64);
+        let light = f64::from(light.y);
+        sum += light;
+        moments.iter_mut().zip([x, y, x * x, y * y, x * y]).for_each(|(m, v)| *m += light * v);
+    }
+    let [x, y, xx, yy, xy] = moments.map(|m| m / sum);
+    [x, y, xx - x * x, yy - y * y, xy - x * y]
+}
+
+/// The grain of a kernel lies in the image at the right angle.
+#[test]
+fn grains_lie_in_the_image_as_the_path_tracer_says() {
+    gpu_test(|ctx| {
+        let floor = Material { roughness: 0.2, anisotropy: 0.4, anisotropy_rotation: 0.8, ..Material::default() };
+        let (scene, camera) = spot(floor);
+        let truth = shape(&path_traced(&scene, &camera, 256, 2));
+        // The pyramid of the fast form rounds long kernels.
+        for (form, least) in [(Form::Direct, 0.7), (Form::Fast, 0.45)] {
+            let settings = Settings {
+                superposition: Some(Superposition { form, ..Superposition::default() }),
+                compensation: Compensation::Off,
+                ..scenes::settings(1, 1)
+            };
+            let found = shape(&render(ctx, &scene, camera, &settings, 4).color);
+            println!("{form:?}: {found:.2?} for {truth:.2?}");
+            assert!((0..2).all(|k| (found[k] - truth[k]).abs() < 1.2), "{form:?}: {found:?} for {truth:?}");
+            let share = found[4] / truth[4];
+            assert!(share > least && share < 1.1, "{form:?}: {found:?} for {truth:?}");
+        }
+    });
+}
+
 /// In constant light the floor reflects what its lobe does as a whole, however much of it lies beyond the mirror image.
 #[test]
 fn a_rough_floor_in_constant_light_reflects_the_energy_of_its_lobe() {
     gpu_test(|ctx| {
-        for roughness in [0.2, 0.4] {
+        for (roughness, anisotropy, anisotropy_rotation) in [(0.2, 0.0, 0.0), (0.4, 0.0, 0.0), (0.3, 0.5, 0.6)] {
             let mut soup = Soup::new("constant");
             let lamp = soup.diffuse(0.0, 1.0);
             let base_color = Vec3::new(0.63, 0.56, 0.37);
-            let floor = soup.material(Material { base_color, metallic: 1.0, roughness, ..Material::default() });
+            let floor = soup.material(Material {
+                base_color,
+                metallic: 1.0,
+                roughness,
+                anisotropy,
+                anisotropy_rotation,
+                ..Material::default()
+            });
             soup.room(Vec3::new(-4.0, -0.5, -3.0), Vec3::new(4.0, 3.0, 5.0), [lamp; 6]);
             soup.quad(Vec3::new(-3.9, 0.0, -2.9), Vec3::Z * 7.8, Vec3::X * 7.8, floor);
             let camera = stripes(roughness).1;

@@ -4,6 +4,8 @@
 use super::super::lobe::{MAX_EXPONENT, Table};
 use super::*;
 use crate::bsdf::MIN_ALPHA;
+use crate::bsdf::anisotropic::{pack, unpack};
+use glam::Vec2;
 use std::sync::Arc;
 
 /// One point of a quadrature: a direction and f cos theta_i d omega_i there. The weights sum to the energy.
@@ -37,16 +39,26 @@ fn quadrature(mut point: impl FnMut(f64, f64) -> Point) -> Vec<Point> {
 /// tan^2 theta_m = alpha^2 (1 - q) / q, and f cos theta_i d omega_i = D G2 (wo.m) / cos theta_o d omega_m. At grazing angles
 /// a few of the steepest normals, q near 0, have large weights: q = a^3 samples them densely.
 fn ggx_samples(alpha: f64, mu: f64) -> Vec<Point> {
+    ggx_samples_of([alpha; 2], DVec2::X, mu)
+}
+
+/// The same with alphas along a direction of the surface and across it: for the slopes divided by them all stays as it is.
+fn ggx_samples_of(alphas: [f64; 2], along: DVec2, mu: f64) -> Vec<Point> {
     let wo = view(mu);
-    let lambda = |cos: f64| 0.5 * ((1.0 + alpha * alpha * (1.0 / (cos * cos) - 1.0)).sqrt() - 1.0);
+    let across = along.perp();
+    let lambda = |w: DVec3| {
+        let (x, y) = (alphas[0] * w.truncate().dot(along), alphas[1] * w.truncate().dot(across));
+        0.5 * ((1.0 + (x * x + y * y) / (w.z * w.z)).sqrt() - 1.0)
+    };
     quadrature(|a, b| {
         let q = a * a * a;
-        let tan = alpha * ((1.0 - q) / q).sqrt();
+        let slope = ((1.0 - q) / q).sqrt();
         let (sin_phi, cos_phi) = (2.0 * PI * b).sin_cos();
-        let m = DVec3::new(tan * cos_phi, tan * sin_phi, 1.0).normalize();
+        let m =
+            (along * (alphas[0] * slope * cos_phi) + across * (alphas[1] * slope * sin_phi)).extend(1.0).normalize();
         let dot = wo.dot(m);
         let wi = m * (2.0 * dot) - wo;
-        let weight = 3.0 * a * a * dot / (mu * m.z) / (1.0 + lambda(mu) + lambda(wi.z));
+        let weight = 3.0 * a * a * dot / (mu * m.z) / (1.0 + lambda(wo) + lambda(wi));
         if dot > 0.0 { (wi, weight) } else { (DVec3::NEG_Z, 0.0) }
     })
 }
@@ -119,7 +131,7 @@ fn exact(lobe: &Lobe, points: &[Point], mu: f64, kernel: &Kernel) -> Exact {
         let at = DVec2::from_angle(k as f64 * PI / 180.0) * (CORE_RADIUS * width);
         density((r + u * at.x + DVec3::Y * at.y).normalize())
     };
-    let level = (0..=180).map(rim).fold(0.0, f64::max);
+    let level = (0..360).map(rim).fold(0.0, f64::max);
     let (mut energy, mut grazing, mut cone, mut captured, mut core) = (0.0, 0.0, 0.0, 0.0, 0.0);
     // Position of each point, and its weights in core and tail.
     let mut seen = Vec::new();
@@ -192,6 +204,25 @@ fn check(lobe: &Lobe, mu: f64, points: &[Point]) {
         }
     }
     assert!(all_misplaced < 0.01, "{lobe:?} at {mu}: {all_misplaced} of the kernel lies in wrong texels");
+}
+
+#[test]
+fn kernels_of_two_widths_are_those_of_the_lobe() {
+    for (alphas, azimuth) in [([0.3, 0.08], 0.6f32), ([0.04, 0.15], 0.0)] {
+        let along = Vec3::new(azimuth.cos(), azimuth.sin(), 0.0);
+        let alpha = pack(Vec2::from_array(alphas), along, Vec3::Z);
+        let grain = unpack(alpha, Vec3::Z).unwrap();
+        let lobe = Lobe::Anisotropic { alpha };
+        for mu in [1.0, 0.7, 0.3] {
+            let along = grain.along.as_dvec3().truncate();
+            check(&lobe, mu, &ggx_samples_of(grain.alphas.as_dvec2().to_array(), along, mu));
+        }
+        let [kernel, image] = [&lobe, &lobe.mirrored()].map(|lobe| Kernel::new(lobe, 0.5));
+        let apart = |a: &Part, b: &Part| a.texture.iter().zip(&b.texture).map(|(a, b)| (a - b).abs()).sum::<f32>();
+        let image_of = kernel.mirrored();
+        assert!(apart(&image_of.tail, &image.tail) < 1e-4 && apart(&image_of.core, &image.core) < 1e-4);
+        assert!((kernel.tan_beta - image.tan_beta).abs() < 1e-5 && (kernel.energy - image.energy).abs() < 1e-5);
+    }
 }
 
 #[test]
@@ -360,6 +391,7 @@ fn library_refuses_impossible_lobes() {
     for (lobe, expected) in [
         (Lobe::Ggx { alpha: 0.0 }, "kernels of material 7: alpha of GGX is 0"),
         (Lobe::Ggx { alpha: f32::NAN }, "alpha of GGX is NaN"),
+        (Lobe::Anisotropic { alpha: 0.5 }, "0.5 stands for no lobe of two widths"),
         (Lobe::Phong { exponent: 1e9 }, "the exponent of Phong is 1000000000"),
     ] {
         let refused = library.add(7, lobe).unwrap_err().to_string();

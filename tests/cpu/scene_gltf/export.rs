@@ -31,6 +31,7 @@ fn rich_scene() -> Scene {
     scene.materials[4].two_sided = true;
     scene.materials[4].emission_exponent = 12.5;
     scene.materials[1].phong_exponent = Some(33.0);
+    (scene.materials[0].anisotropy, scene.materials[0].anisotropy_rotation) = (0.6, -0.7);
     scene.triangles[0].smooth = true;
     for (i, uv) in scene.uvs.iter_mut().enumerate() {
         *uv = Vec2::new(i as f32 * 0.1, 1.0 / (1.0 + i as f32));

@@ -149,10 +149,13 @@ fn other_lobes_are_brought_near_and_named() {
     }
     assert_eq!(load(coat, json!({}), 0.8, 0.0).1, "");
 
-    // alpha 0.25 across, 0.25 + 0.75 * 0.64 along.
-    let (m, named, _) = load("KHR_materials_anisotropy", json!({ "anisotropyStrength": 0.8 }), 0.5, 1.0);
-    assert!((m.roughness.powi(4) - 0.25 * 0.73).abs() < 1e-5, "{}", m.roughness);
-    assert!(named.contains("KHR_materials_anisotropy"), "{named}");
+    let brushed = json!({ "anisotropyStrength": 0.8, "anisotropyRotation": 0.5 });
+    let (m, named, _) = load("KHR_materials_anisotropy", brushed.clone(), 0.5, 1.0);
+    assert_eq!((m.roughness, m.anisotropy, m.anisotropy_rotation, named.as_str()), (0.5, 0.8, 0.5, ""));
+    let mut textured = brushed;
+    textured["anisotropyTexture"] = json!({ "index": 0 });
+    let (m, named, _) = load("KHR_materials_anisotropy", textured, 0.5, 1.0);
+    assert!(m.anisotropy == 0.8 && named.contains("the texture of KHR_materials_anisotropy"), "{named}");
 
     let old = json!({
         "diffuseFactor": [0.5, 0.25, 0.125, 1.0], "specularFactor": [0.2, 0.4, 0.6], "glossinessFactor": 0.5,

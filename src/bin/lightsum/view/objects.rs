@@ -71,6 +71,14 @@ fn edit(ui: &mut Ui, material: &mut Material) {
         ui.label("metallic");
         ui.add(DragValue::new(&mut material.metallic).range(0.0..=1.0).speed(0.005));
     });
+    if material.surface == Surface::Opaque {
+        ui.horizontal(|ui| {
+            ui.label("anisotropy");
+            ui.add(DragValue::new(&mut material.anisotropy).range(0.0..=1.0).speed(0.005));
+            ui.label("rotation");
+            ui.add(DragValue::new(&mut material.anisotropy_rotation).range(-3.2..=3.2).speed(0.01));
+        });
+    }
     if material.surface == Surface::Glass {
         ui.horizontal(|ui| {
             ui.label("index of refraction");
