@@ -155,8 +155,9 @@ mod tests {
         let first = places(&all);
         all.sort_by_key(|t| t.place);
         neighbours_together(&mut all);
-        let same = |(a, b): (&[(u32, u32)], &[(u32, u32)])| {
-            let sorted = |places: &[(u32, u32)]| {
+        type Places<'a> = &'a [(u32, u32)];
+        let same = |(a, b): (Places, Places)| {
+            let sorted = |places: Places| {
                 let mut places = places.to_vec();
                 places.sort_unstable();
                 places
