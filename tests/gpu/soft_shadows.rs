@@ -274,6 +274,13 @@ fn shade_leaves_soft_shadows_out() {
                     shade::reference(rig.scene, rig.bvh(), &points[i], lights, p.right[3], p.forward[3])
                 };
                 let soft = has(wo[i], ShadingPoints::SOFT);
+                // Long eye paths take no light from long particle paths.
+                let segments = ShadingPoints::flags(wo[i].w) % ShadingPoints::SOFT / ShadingPoints::ONE_SEGMENT;
+                let within = |lights: &[PointLight]| {
+                    let most = rig.engine.plan().settings.max_depth as f32 - 2.0;
+                    lights.iter().copied().filter(|l| l.f0[3] + segments as f32 <= most).collect::<Vec<_>>()
+                };
+                let (lights, others) = (within(&lights), within(&others));
                 let whole = of(&lights);
                 let direct = if soft { of(&others)[0] } else { whole[0] };
                 marked += usize::from(soft && direct != whole[0]);
