@@ -65,6 +65,9 @@ pub fn relative_error(image: &[f64], reference: &[f64]) -> f64 {
     (squares[..counted].iter().sum::<f64>() / counted as f64).sqrt()
 }
 
+/// Which of the pixels that were added count.
+pub type Counts<'a> = &'a dyn Fn(usize) -> bool;
+
 /// Sums of radiance over the first passes, at a few pixels.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Sums {
@@ -134,15 +137,20 @@ impl History {
 
     /// The error of the image; `None`: unknown.
     pub fn estimate(&self) -> Option<f32> {
+        self.estimate_of(&|_| true)
+    }
+
+    /// The error of the pixels of which `counts` holds, by their place among those that were added; `None`: unknown.
+    pub fn estimate_of(&self, counts: Counts) -> Option<f32> {
         let passes = f64::from(self.passes());
-        let [a, b] = [0, 1].map(|instance| self.shown(&self.latest, instance));
+        let [a, b] = [0, 1].map(|instance| self.shown(&self.latest, instance, counts));
         if self.passes() < MIN_PASSES || a.len() != b.len() {
             return None;
         }
         let image: Vec<f64> = a.iter().zip(&b).map(|(a, b)| (a + b) / passes).collect();
         // Two blocks have level 1.
         let levels = self.kept.len().max(1).ilog2().min(MAX_LEVEL);
-        let mut contrasts = self.cells(levels);
+        let mut contrasts = self.cells(levels, (a.len(), counts));
         walsh_transform(&mut contrasts);
         let squares: Vec<f64> = contrasts.par_iter().map(|sum| mean_square_error(&image, sum, passes)).collect();
         let half = 1 << levels;
@@ -158,17 +166,17 @@ impl History {
     }
 
     /// Sums of radiance of an instance, as far as the image shows it.
-    fn shown(&self, sums: &Sums, instance: usize) -> Vec<f64> {
+    fn shown(&self, sums: &Sums, instance: usize, counts: Counts) -> Vec<f64> {
         let (radiance, gain) = (&sums.radiance[instance], &sums.gain[instance]);
-        let shares = self.shares.iter().flat_map(|&share| [share; 3]);
-        radiance.iter().zip(gain).zip(shares).map(|((l, gain), share)| l - share * gain).collect()
+        let of_pixel = |i: usize| (3 * i..3 * i + 3).map(move |k| radiance[k] - self.shares[i] * gain[k]);
+        (0..radiance.len() / 3).filter(|&i| counts(i)).flat_map(of_pixel).collect()
     }
 
     /// Sums of radiance of 2^levels cells of each instance, and each one's number of passes as a last number. The index of
     /// a cell has the instance in the highest bit and then the binary digits of its place in time, the first as the
     /// lowest bit.
-    fn cells(&self, levels: u32) -> Vec<Vec<f64>> {
-        let mut cells = vec![vec![0.0; self.latest.radiance[0].len() + 1]; (INSTANCES as usize) << levels];
+    fn cells(&self, levels: u32, (numbers, counts): (usize, Counts)) -> Vec<Vec<f64>> {
+        let mut cells = vec![vec![0.0; numbers + 1]; (INSTANCES as usize) << levels];
         let unfinished = Some(&self.latest).filter(|sums| !sums.passes().is_multiple_of(self.block));
         let mut start = &Sums::default();
         for end in self.kept.iter().chain(unfinished) {
@@ -179,8 +187,8 @@ impl History {
                 let cell = &mut cells[place + (instance << levels)];
                 let last = cell.len() - 1;
                 cell[last] += f64::from(end.counts[instance] - start.counts[instance]);
-                cell.iter_mut().zip(self.shown(end, instance)).for_each(|(sum, x)| *sum += x);
-                cell.iter_mut().zip(self.shown(start, instance)).for_each(|(sum, x)| *sum -= x);
+                cell.iter_mut().zip(self.shown(end, instance, counts)).for_each(|(sum, x)| *sum += x);
+                cell.iter_mut().zip(self.shown(start, instance, counts)).for_each(|(sum, x)| *sum -= x);
             }
             start = end;
         }
@@ -313,6 +321,20 @@ mod tests {
     }
 
     #[test]
+    fn pixels_that_do_not_count_change_nothing() {
+        let noise = |pass, pixel| 2.0 + 0.3 * normal(3, pass, pixel);
+        let (alone, _) = history(16, 200, noise);
+        // Lamps, and pixels that show nothing, in between.
+        let (all, _) = history(16, 400, |pass, pixel| match pixel % 4 {
+            0 | 1 => noise(pass, pixel / 4 * 2 + pixel % 4),
+            2 => 0.0,
+            _ => 5000.0 + normal(4, pass, pixel),
+        });
+        assert_eq!(all.estimate_of(&|i| i % 4 < 2), alone.estimate());
+        assert!(all.estimate() < alone.estimate().map(|error| 0.1 * error));
+    }
+
+    #[test]
     fn errors_are_relative_and_bounded_and_the_greatest_are_left_out() {
         let reference = vec![2.0; 3 * 1000];
         let floor = 0.01 * 4.0;
@@ -361,7 +383,7 @@ mod tests {
             }
             assert!(passes - history.block < history.kept.last().unwrap().passes());
             for levels in [1, 2] {
-                let cells = history.cells(levels);
+                let cells = history.cells(levels, (history.latest.radiance[0].len(), &|_| true));
                 let total = |i: usize| cells.iter().map(|cell| cell[i]).sum::<f64>();
                 assert_eq!(total(6), f64::from(passes));
                 assert!((total(0) - image[0] * f64::from(passes)).abs() < 1e-6, "{passes}");

@@ -309,9 +309,19 @@ impl Renderer {
 
     /// Relative error of the image against its limit, as [`crate::estimate`] defines and estimates it; `None`: unknown,
     /// because there are too few passes or because the image began with a film of passes of another renderer. Includes noise
-    /// and structured error, but not the bias of clipping or filters.
+    /// and structured error, but not the bias of clipping or filters. Of an atlas the texels on surfaces that do not emit count.
     pub fn error_estimate(&self) -> Option<f32> {
-        self.history.as_ref().and_then(History::estimate)
+        let history = self.history.as_ref()?;
+        let View::Atlas(atlas) = self.engine.view() else { return history.estimate() };
+        // Texels without a point have no error, and what a surface emits is known: lamps would outshine the light on the rest.
+        let counts = |pixel: &u32| {
+            atlas.texels[*pixel as usize].is_some_and(|texel| {
+                let material = self.scene.triangles[texel.triangle as usize].material;
+                self.scene.materials[material as usize].emission == glam::Vec3::ZERO
+            })
+        };
+        let counted: Vec<bool> = probe::pixels(atlas.texels.len() as u32).iter().map(counts).collect();
+        history.estimate_of(&|i| counted[i])
     }
 
     /// The image and its layers, for the part of [`Renderer::set_crop`]. Reads about 300 bytes a pixel.

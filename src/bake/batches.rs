@@ -7,6 +7,8 @@
 
 use std::sync::Arc;
 
+use rayon::prelude::*;
+
 use super::blocks::{self, ENTRIES, view_size};
 use super::charts::Charts;
 use super::lightmap::Inside;
@@ -33,15 +35,18 @@ impl Batch {
 }
 
 /// Divides the texels of all pages into views of at most `most` texels. Each has blocks from all over the scene, so that all have much the
-/// same light and the same error.
-pub(super) fn divide(charts: &Charts, most: usize, inside: &Inside) -> Vec<Batch> {
+/// same light and the same error. Returns also the number of texels inside geometry, which are in none.
+pub(super) fn divide(charts: &Charts, most: usize, inside: &Inside) -> (Vec<Batch>, usize) {
     let (pages, owners) = texels::of_charts(charts);
-    let mut placed = placed(charts, &pages, inside);
+    // Texels that see no side with light are not rendered.
+    let holds = |texel: &Option<Texel>| texel.as_ref().is_some_and(|texel| inside.holds(texel));
+    let within: Vec<Vec<bool>> = pages.iter().map(|texels| texels.par_iter().map(holds).collect()).collect();
+    let mut placed = placed(charts, (&pages, &within), inside);
     neighbours_together(&mut placed);
     let blocks = placed.len().div_ceil(ENTRIES);
     let views = blocks.div_ceil((most / ENTRIES).max(1));
-    let staying = |(texels, &size): (&Vec<_>, &[u32; 2])| moves::staying(texels, size, |texel| inside.holds(texel));
-    let staying: Vec<Vec<bool>> = pages.iter().zip(&charts.pages).map(staying).collect();
+    let staying: Vec<Vec<bool>> =
+        within.iter().zip(&charts.pages).map(|(within, &size)| moves::staying(within, size)).collect();
     let mut entries: Vec<Vec<Option<moves::Entry>>> = pages.iter().map(|page| vec![None; page.len()]).collect();
     let of_view = |view: usize| {
         let size = view_size((blocks - view).div_ceil(views));
@@ -65,7 +70,8 @@ pub(super) fn divide(charts: &Charts, most: usize, inside: &Inside) -> Vec<Batch
         atlas: Arc::new(Atlas { size, texels, moving: Some(Arc::new(moves)) }),
         places,
     };
-    views.into_iter().zip(still.into_iter().zip(moves)).map(batch).collect()
+    let batches = views.into_iter().zip(still.into_iter().zip(moves)).map(batch).collect();
+    (batches, within.iter().flatten().filter(|&&within| within).count())
 }
 
 /// A texel in space and on its page.
@@ -77,8 +83,8 @@ struct Placed {
     place: (u32, u32),
 }
 
-/// The texels of all pages, page by page.
-fn placed(charts: &Charts, pages: &[Vec<Option<Texel>>], inside: &Inside) -> Vec<Placed> {
+/// The texels of all pages that are not `within` geometry, page by page.
+fn placed(charts: &Charts, (pages, within): (&[Vec<Option<Texel>>], &[Vec<bool>]), inside: &Inside) -> Vec<Placed> {
     let length = NORMAL / charts.density;
     let texel = |page: u32, at: usize, texel: &Texel| {
         let (position, normal) = inside.place(texel);
@@ -86,8 +92,8 @@ fn placed(charts: &Charts, pages: &[Vec<Option<Texel>>], inside: &Inside) -> Vec
         Placed { at: [x, y, z, a, b, c], place: (page, at as u32) }
     };
     let of_page = |(page, texels): (u32, &Vec<Option<Texel>>)| {
-        let found: Vec<Placed> =
-            texels.iter().enumerate().filter_map(|(at, of)| Some(texel(page, at, of.as_ref()?))).collect();
+        let outside = texels.iter().enumerate().filter(|(at, _)| !within[page as usize][*at]);
+        let found: Vec<Placed> = outside.filter_map(|(at, of)| Some(texel(page, at, of.as_ref()?))).collect();
         found
     };
     (0..).zip(pages).flat_map(of_page).collect()

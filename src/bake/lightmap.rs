@@ -19,7 +19,7 @@ use crate::view::Texel;
 /// Texels with less than this part of the mean light are tested for being inside geometry.
 pub(crate) const DARK: f32 = 1e-3;
 /// Rays of this test.
-const RAYS: u32 = 32;
+const RAYS: u32 = 64;
 /// Rings of texels that are filled beyond those with light.
 const MIN_RINGS: u32 = 4;
 
@@ -76,7 +76,7 @@ impl Bake {
         let leaves = bvh.leaf_numbers();
         let geometry = Inside { sides: &self.sides, bvh, leaves: &leaves };
         let mean = mean_light(&self.batches, images);
-        let mut inside = 0;
+        let mut inside = self.within;
         for (batch, image) in self.batches.iter().zip(images) {
             let texel = |i: usize| {
                 let (texel, place) = (batch.atlas.texels[i]?, batch.places[i]?);

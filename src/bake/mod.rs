@@ -120,6 +120,8 @@ pub struct Bake {
     sides: Vec<Sides>,
     charts: Charts,
     batches: Vec<Batch>,
+    /// Texels inside geometry, which are in no batch.
+    within: usize,
     bvh: Bvh,
 }
 
@@ -172,9 +174,14 @@ impl Bake {
         log::debug!("charts made in {:.1} s", start.elapsed().as_secs_f64());
         let bvh = Bvh::build(&scene)?;
         let inside = Inside { sides: &sides, bvh: &bvh, leaves: &bvh.leaf_numbers() };
-        let batches = batches::divide(&charts, batch_texels(context, &settings), &inside);
+        let (batches, within) = batches::divide(&charts, batch_texels(context, &settings), &inside);
+        if batches.is_empty() {
+            let message =
+                "every texel of the surfaces that light reaches lies inside geometry; there is nothing to bake";
+            return Err(Error::Scene(String::from(message)));
+        }
         log::debug!("texels made in {:.1} s", start.elapsed().as_secs_f64());
-        Ok(Bake { context: context.clone(), scene, settings, options, sides, charts, batches, bvh })
+        Ok(Bake { context: context.clone(), scene, settings, options, sides, charts, batches, within, bvh })
     }
 
     /// The charts.

@@ -65,12 +65,7 @@ impl Moving for Moves {
 }
 
 /// Which texels of a page stay: those inside of geometry, and their neighbours, of which a part may be.
-pub(super) fn staying(
-    texels: &[Option<Texel>],
-    [width, height]: [u32; 2],
-    inside: impl Fn(&Texel) -> bool + Sync,
-) -> Vec<bool> {
-    let inside: Vec<bool> = texels.par_iter().map(|texel| texel.as_ref().is_some_and(&inside)).collect();
+pub(super) fn staying(inside: &[bool], [width, height]: [u32; 2]) -> Vec<bool> {
     let near = |n: usize, end: u32| n.saturating_sub(1)..(n + 2).min(end as usize);
     let stays = |i: usize| {
         let (x, y) = (i % width as usize, i / width as usize);
@@ -210,8 +205,8 @@ mod tests {
             let f = &charts.faces[texel.triangle as usize];
             f.corners[0] + texel.uv[0] * (f.corners[1] - f.corners[0]) + texel.uv[1] * (f.corners[2] - f.corners[0])
         };
-        let stays = staying(&still, [14, 9], |texel| at(texel).x < 3.0);
         let covered = |i: usize| still[i].is_some_and(|texel| at(&texel).x < 3.0);
+        let stays = staying(&(0..still.len()).map(covered).collect::<Vec<_>>(), [14, 9]);
         for (i, stays) in stays.iter().enumerate() {
             let (x, y) = (i % 14, i / 14);
             let mut near = (0..14 * 9usize).filter(|&k| (k % 14).abs_diff(x) <= 1 && (k / 14).abs_diff(y) <= 1);

@@ -110,7 +110,9 @@ impl<'a> Job<'a> {
                 states.write(&renderer)?;
             }
             self.passes = if self.states.is_empty() { renderer.passes() } else { self.passes.min(renderer.passes()) };
-            self.error = error_of(&renderer)?.map(|e| self.error.map_or(e, |other| other.max(e)));
+            let error = error_of(&renderer)?;
+            log::info!("part {}: {} passes, estimated error {error:?}", i + 1, renderer.passes());
+            self.error = error.map(|e| self.error.map_or(e, |other| other.max(e)));
             self.states.push(states);
             *image = Some((renderer.layers()?, renderer.passes() - first));
             if broken_off {
