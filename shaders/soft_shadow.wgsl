@@ -24,7 +24,7 @@ var<immediate> push: Push;
 // Points on the emitter along each of its edges. Host twin: pass::soft_shadow::ALONG_EDGE.
 const ALONG_EDGE: u32 = 4u;
 
-// What is known between the four quads around a pixel of x: ratio of the narrow kernels, 0: there are none; share of the others that is lit, of
+// Interpolates the four quads around a pixel of x. Returns the ratio of the narrow kernels, 0: there are none; share of the others that is lit, of
 // quads without a kernel `hard`.
 fn between_quads(at: vec2<u32>, x: vec3<f32>, n: vec3<f32>, hard: f32) -> vec2<f32> {
     // The point of a quad is that of its first pixel, but at outlines.

@@ -22,7 +22,7 @@ fn pack_grain(alphas: vec2<f32>, along: vec3<f32>, n: vec3<f32>) -> f32 {
     return bitcast<f32>(LOBE_BASE + ((lobe_step(alphas.x) << 21u) | (lobe_step(alphas.y) << 12u) | grain_bits(along, n)));
 }
 
-// What a number of at least 2 stands for.
+// The lobe that an alpha of 2 or more encodes.
 fn unpack_grain(alpha: f32, n: vec3<f32>) -> Grain {
     let word = bitcast<u32>(alpha);
     let d = f32(word & 0xfffu) * (1.0 / 2048.0) - 1.0;

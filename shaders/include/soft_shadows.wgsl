@@ -2,7 +2,7 @@
 
 // Edge of a tile, pixels. Host twin: pass::soft_shadow::TILE.
 const SOFT_TILE: u32 = 8u;
-// What the pixels of a tile show.
+// Bits of a tile: it has lit pixels, or blocked ones.
 const SHOWS_LIT: u32 = 1u;
 const SHOWS_BLOCKED: u32 = 2u;
 // Greatest half width or height of a kernel, pixels. Host twin: pass::soft_shadow::WIDEST.
@@ -24,7 +24,7 @@ const BLOCKER_FOUND: u32 = 0xbf800000u;     // its ratio is not known yet
 const BLOCKER_AT_EDGE: u32 = 0x8000u;       // lit pixels are beside it
 const RATIO_BITS: u32 = 0xffff0000u;
 
-// What is known of a quad beside a point of it: above 0 the ratio of its kernel; 0 if no kernel reaches it; of wide kernels QUAD_LIT less the
+// Values of a quad, stored with a point of it: above 0 the ratio of its kernel; 0 if no kernel reaches it; of wide kernels QUAD_LIT less the
 // share that is lit; or nothing.
 const QUAD_LIT: f32 = -1.0;
 const QUAD_UNKNOWN: f32 = -4.0;

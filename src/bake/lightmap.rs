@@ -16,9 +16,7 @@ use crate::sampling::hammersley::hammersley;
 use crate::scene::{KeptFace, KeptLight, KeptPage, Scene};
 use crate::view::Texel;
 
-/// Texels with less than this part of the mean light are tested for being inside geometry.
-pub(crate) const DARK: f32 = 1e-3;
-/// Rays of this test.
+/// Rays of the test for being inside geometry.
 const RAYS: u32 = 64;
 /// Rings of texels that are filled beyond those with light.
 const MIN_RINGS: u32 = 4;
@@ -74,24 +72,18 @@ impl Bake {
         let mut valid: Vec<Vec<bool>> = pages.iter().map(|page| vec![false; page.direct.len()]).collect();
         let bvh = &self.bvh;
         let leaves = bvh.leaf_numbers();
-        let geometry = Inside { sides: &self.sides, bvh, leaves: &leaves };
-        let mean = mean_light(&self.batches, images);
-        let mut inside = self.within;
         for (batch, image) in self.batches.iter().zip(images) {
             let texel = |i: usize| {
                 let (texel, place) = (batch.atlas.texels[i]?, batch.places[i]?);
-                let dark = (image.direct[i] + image.indirect[i]).element_sum() < DARK * mean;
-                let within = dark && geometry.holds(&texel);
-                Some((i, place, within, surface(&self.scene, bvh, &leaves, &texel, 1.0 / self.charts.density)))
+                Some((i, place, surface(&self.scene, bvh, &leaves, &texel, 1.0 / self.charts.density)))
             };
             let found: Vec<_> = (0..batch.places.len()).into_par_iter().filter_map(texel).collect();
-            for (i, (page, at), within, [albedo, emission]) in found {
+            for (i, (page, at), [albedo, emission]) in found {
                 let (page, at) = (page as usize, at as usize);
                 let of = &mut pages[page];
                 (of.direct[at], of.indirect[at]) = (image.direct[i], image.indirect[i]);
                 (of.albedo[at], of.emission[at]) = (albedo, emission);
-                valid[page][at] = !within;
-                inside += usize::from(within);
+                valid[page][at] = true;
             }
         }
         let rings = self.options.padding.max(MIN_RINGS);
@@ -99,7 +91,7 @@ impl Bake {
             outliers::spread(&mut page.indirect, &valid, page.size[0], passes);
             fill(page, valid, rings);
         });
-        Ok(Lightmap { charts: self.charts.clone(), pages, inside })
+        Ok(Lightmap { charts: self.charts.clone(), pages, inside: self.within })
     }
 }
 
@@ -168,18 +160,6 @@ pub(crate) fn surface(scene: &Scene, bvh: &Bvh, leaves: &[u32], texel: &Texel, w
     let (hit, normal) = at(bvh, leaves, texel);
     let point = surface_at(scene, bvh, &hit, -normal, width);
     [point.reflectance.kd, point.emission]
-}
-
-/// Mean over the texels of the sum of the channels.
-fn mean_light(batches: &[Batch], images: &[Layers]) -> f32 {
-    let (mut sum, mut count) = (0.0, 0);
-    for (batch, image) in batches.iter().zip(images) {
-        for i in (0..batch.places.len()).filter(|&i| batch.places[i].is_some()) {
-            sum += f64::from((image.direct[i] + image.indirect[i]).element_sum());
-            count += 1;
-        }
-    }
-    (sum / f64::from(count.max(1))) as f32
 }
 
 /// Gives texels without light the mean of their neighbours, ring by ring.

@@ -117,7 +117,6 @@ pub struct Bake {
     scene: Scene,
     settings: Settings,
     options: Options,
-    sides: Vec<Sides>,
     charts: Charts,
     batches: Vec<Batch>,
     /// Texels inside geometry, which are in no batch.
@@ -181,7 +180,7 @@ impl Bake {
             return Err(Error::Scene(String::from(message)));
         }
         log::debug!("texels made in {:.1} s", start.elapsed().as_secs_f64());
-        Ok(Bake { context: context.clone(), scene, settings, options, sides, charts, batches, within, bvh })
+        Ok(Bake { context: context.clone(), scene, settings, options, charts, batches, within, bvh })
     }
 
     /// The charts.

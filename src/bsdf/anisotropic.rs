@@ -75,7 +75,7 @@ pub fn pack(alphas: Vec2, along: Vec3, n: Vec3) -> f32 {
     f32::from_bits(BASE + (along << ALONG_SHIFT | across << ACROSS_SHIFT | direction))
 }
 
-/// What a number stands for about the unit normal `n`; `None`: not for a lobe of two widths.
+/// The lobe about the unit normal `n` that an alpha encodes; `None`: the alpha is that of a lobe of one width.
 pub fn unpack(alpha: f32, n: Vec3) -> Option<Grain> {
     if !is_anisotropic(alpha) {
         return None;

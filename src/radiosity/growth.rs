@@ -14,13 +14,15 @@ use super::batches::{Batches, light, view};
 use super::compute::{Progress, Radiosity, Times};
 use super::refine::{Options, Place, Root, Solution};
 use super::saved::{self, Saved};
-use crate::bake::lightmap;
 use crate::error::{Error, Result};
 use crate::film::HostFilm;
 use crate::fingerprint::fingerprint;
 use crate::output::{Layers, State};
 use crate::standalone::Renderer;
 use crate::view::{Atlas, Texel};
+
+/// Points with less than this part of the mean light are tested for being inside geometry.
+const DARK: f32 = 1e-3;
 
 /// Most passes of a round of a bake; an even number, so that both instances have as many.
 pub const ROUND_PASSES: u32 = 16;
@@ -134,7 +136,7 @@ impl<'a> Growth<'a> {
             (sum / found.len().max(1) as f64) as f32
         });
         let of_point = |(texel, light): (&Texel, Light)| {
-            let dark = light.total().element_sum() < lightmap::DARK * mean;
+            let dark = light.total().element_sum() < DARK * mean;
             let inside = dark && self.of.is_inside(&self.leaves, texel);
             (!inside).then_some(light)
         };

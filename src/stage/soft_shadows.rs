@@ -24,7 +24,7 @@ pub struct SoftShadows {
     list_step: u32,
 }
 
-/// What is fixed for one emitter.
+/// Step and chunk of lights of one emitter.
 struct OfEmitter {
     step: u32,
     chunk: Chunk,

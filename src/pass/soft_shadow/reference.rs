@@ -224,7 +224,7 @@ pub fn window(columns: u32, tiles: &[Tile], at: u32) -> f32 {
     if lit { ratio } else { 0.0 }
 }
 
-/// What is known of a quad.
+/// Result of the search for blockers at a quad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Quad {
     /// No kernel reaches it.
@@ -256,7 +256,7 @@ impl Quad {
     }
 }
 
-/// What a pixel shows, for the search and the convolution.
+/// Point, surface and hard shadow of a pixel, for the search and the convolution.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen<'a> {
     /// Parameters of the pass.
@@ -297,7 +297,7 @@ impl Seen<'_> {
         sum / weight.max(1.0)
     }
 
-    /// What is known of a quad from this point of it; `source`: point of each pixel, w: its word.
+    /// Searches for blockers at this point of a quad; `source`: point of each pixel, w: its word.
     pub fn quad(&self, (source, blockers): (&[Vec4], &[Vec4]), greatest: f32) -> Quad {
         let ratio = self.mean_ratio(blockers, greatest);
         let kernel = Kernel::of(self.frame, self.light, self.x, self.n);
@@ -387,7 +387,7 @@ mod tests {
         Vec2::new(320.0, 240.0) * Vec2::new(1.0 + along(xyz(frame.right)), 1.0 - along(xyz(frame.up)))
     }
 
-    /// What blocks the light's point at x casts its shadow, seen from the centre, where the kernel has its sample.
+    /// An occluder between x and a point of the light has its shadow from the light's centre at the kernel's sample for that point.
     #[test]
     fn kernels_follow_the_shadow_of_an_occluder() {
         let frame = frame();
