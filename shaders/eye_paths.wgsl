@@ -212,7 +212,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let sampled = flag_if(LOBE_SAMPLED, stays && shiny && split.probability < 1.0);
         let longer = select(segments, min(segments + 1u, 15u), goes_on && (from_lobe || shiny));
         let unlikely = flag_if(UNLIKELY, has_flag(met.w, UNLIKELY) || (chance < 0.5 && !shiny));
-        let met_flags = flag_if(longer * ONE_SEGMENT, longer > 0u) | without_lobe | sampled | unlikely | flag_if(NARROW_LOBE, has_flag(met.w, NARROW_LOBE));
+        let chose = flag_if(CHOSE, has_flag(met.w, CHOSE) || (chance < 1.0 && !shiny));
+        let met_flags = flag_if(longer * ONE_SEGMENT, longer > 0u) | without_lobe | sampled | unlikely | chose | flag_if(NARROW_LOBE, has_flag(met.w, NARROW_LOBE));
         emitted[slot] = vec4<f32>(met.xyz + select(emission, vec3<f32>(0.0), frosted), bitcast<f32>(met_flags));
         if goes_on && (from_lobe || shiny) {
             let density = lobe_density(s.reflectance.alpha, s.shading, -ray.xyz, wi);

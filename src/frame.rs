@@ -23,6 +23,7 @@ use crate::pass::motion_blur::{self, MotionBlur};
 use crate::pass::outliers::{self, Outliers};
 use crate::pass::soft_shadow::SoftShadowAdd;
 use crate::pass::summands::Summands;
+use crate::pass::unlikely::{self, Unlikely};
 use crate::pass::velocity::Velocity;
 use crate::pass::{Kit, List};
 use crate::plan::Plan;
@@ -91,6 +92,8 @@ pub struct Frame {
     pub soft_shadow_add: Option<SoftShadowAdd>,
     /// Lowers emission that unlikely paths found.
     pub outliers: Option<Outliers>,
+    /// Spreads what unlikely components show over their neighbours.
+    pub unlikely: Option<Unlikely>,
     /// Spreads mirror images over their glossy planes.
     pub glossy_planes: Option<GlossyPlanes>,
     /// Adds the light of second components to their pixels.
@@ -134,7 +137,7 @@ impl Frame {
         };
         let film = film.with_ring(context, settings.ring.map(|ring| ring.images()))?;
 
-        let eye = Eye::new(kit, scene, plan)?;
+        let eye = Eye::new(kit, scene, plan, &film)?;
         let velocity = match plan.view.has_shutter() {
             false => None,
             true => {
@@ -249,6 +252,20 @@ impl Frame {
                 Some(Outliers::new(kit, &inputs, plan.eye.slots())?)
             }
         };
+        let unlikely = match settings.filter.is_some() && plan.eye.components == 2 {
+            false => None,
+            true => {
+                let inputs = unlikely::Inputs {
+                    points: &eye.points,
+                    paths: &eye.paths,
+                    lighting,
+                    tiles: &eye.ideal_tiles,
+                    region: &eye.planes.region,
+                    path_gain: path_gain_of.as_ref(),
+                };
+                Some(Unlikely::new(kit, &inputs, plan.eye.slots())?)
+            }
+        };
         let summands = match film.as_summands() {
             None => None,
             Some(sums) => Some(Summands::new(kit, &eye.points, &eye.paths, lighting, &film, &sums)?),
@@ -309,6 +326,7 @@ impl Frame {
             discontinuity_lobes,
             soft_shadow_add,
             outliers,
+            unlikely,
             glossy_planes,
             merge,
             edges,
@@ -352,6 +370,7 @@ impl Frame {
         self.discontinuity_lobes.run(rec)?;
         self.soft_shadow_add.run(rec)?;
         self.outliers.run(rec)?;
+        self.unlikely.run(rec)?;
         self.glossy_planes.run(rec)?;
         self.merge.run(rec)?;
         self.edges.run(rec)?;

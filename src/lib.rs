@@ -80,7 +80,8 @@
 //!    [`glossy_light`](pass::glossy_light) adds the light of paths along lobes to their pixels, and
 //!    [`discontinuity_lobes`](pass::discontinuity_lobes) averages the light of lobes over neighbours that reflect alike.
 //!    Light with [soft shadows](pass::soft_shadow::SoftShadowAdd) is added after them.
-//!    [`outliers`](pass::outliers) lowers emission that unlikely paths over mirrors and glass found.
+//!    [`outliers`](pass::outliers) lowers emission that unlikely paths over mirrors and glass found, and [`unlikely`](pass::unlikely) spreads
+//!    over their neighbours what else such paths show.
 //!    [`gain`](pass::gain) sums what these add to each pixel.
 //! 8. [`GlossyPlanes`](stage::GlossyPlanes): [`mirror_image`](pass::mirror_image) takes the image of glossy planes from the second
 //!    components, [`convolve`](pass::convolve) spreads it, and [`superpose`](pass::superpose) adds it to the planes.

@@ -27,6 +27,9 @@ const ONE_SEGMENT: u32 = 512u;
 const SPLATS: u32 = 8192u;          // its lobe shows indirect light by splats
 const SOFT: u32 = 16384u;           // convolved shadows bring the diffuse light of large emitters
 
+// Of an eye path again, and of a shading point.
+const CHOSE: u32 = 32768u;          // the eye path to it chose one component of a mirror or glass at random
+
 fn segments_of(word: f32) -> u32 {
     return (bitcast<u32>(word) / ONE_SEGMENT) & 15u;
 }

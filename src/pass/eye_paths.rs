@@ -143,6 +143,8 @@ pub struct EyePath {
     pub narrow: bool,
     /// It chose a component of a probability below one half.
     pub unlikely: bool,
+    /// Whether it chose one component of a mirror or glass at random.
+    pub chose: bool,
 }
 
 /// Steps of the Kronecker sequences of a path's surfaces, in units of 2^-32, in turns: the powers 1/p and 1/p^2 of the plastic number p, the
@@ -271,6 +273,7 @@ pub fn reference(
             sampled: false,
             narrow: path.narrow,
             unlikely: path.unlikely || chance < 0.5,
+            chose: path.chose || chance < 1.0,
         }
     };
     let mut next = match sample {
@@ -279,6 +282,7 @@ pub fn reference(
             ray: None,
             throughput: path.throughput / chance,
             unlikely: path.unlikely || chance < 0.5,
+            chose: path.chose || chance < 1.0,
             ..*path
         },
     };
@@ -381,14 +385,14 @@ fn at_plane(
     let probability = mean(r.kd) / (mean(r.kd) + mean(reflectance));
     let stays = own_number(frame, path.slot, step) < probability;
     let chance = if stays { probability } else { 1.0 - probability };
-    let unlikely = path.unlikely || chance < 0.5;
+    let (unlikely, chose) = (path.unlikely || chance < 0.5, path.chose || chance < 1.0);
     if stays {
-        return (EyePath { ray: None, throughput: path.throughput / chance, unlikely, ..*path }, None);
+        return (EyePath { ray: None, throughput: path.throughput / chance, unlikely, chose, ..*path }, None);
     }
     if path.segments > 0 && path.segments + 2 > frame.scene[2] {
-        return (EyePath { ray: None, throughput: Vec3::ZERO, unlikely, ..*path }, None);
+        return (EyePath { ray: None, throughput: Vec3::ZERO, unlikely, chose, ..*path }, None);
     }
     // After a lobe segments count, and the plane's image is found in one way only.
     let (segments, lobe) = if path.segments > 0 { (path.segments + 1, 0.0) } else { (0, path.lobe) };
-    (EyePath { throughput: path.throughput * reflectance / chance, unlikely, segments, lobe, ..mirrored }, None)
+    (EyePath { throughput: path.throughput * reflectance / chance, unlikely, chose, segments, lobe, ..mirrored }, None)
 }

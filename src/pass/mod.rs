@@ -70,6 +70,7 @@ pub mod superpose;
 pub mod surface;
 pub mod tiles;
 pub mod trace;
+pub mod unlikely;
 pub mod velocity;
 pub mod visibility;
 pub mod walk_follow;
@@ -449,6 +450,8 @@ impl ShadingPoints {
     pub const SPLATS: u32 = 8192;
     /// Flag: convolved shadows bring the diffuse light of large emitters.
     pub const SOFT: u32 = 16384;
+    /// Flag: the eye path to it chose one component of a mirror or glass at random.
+    pub const CHOSE: u32 = 32768;
 
     /// The bits of 1.0, which are in every word with a flag, see `shaders/include/flags.wgsl`.
     const FLAGS: u32 = 0x3f80_0000;
@@ -456,7 +459,12 @@ impl ShadingPoints {
     /// The flags that a word holds: none, unless a pass wrote it.
     pub fn flags(word: f32) -> u32 {
         let flags = word.to_bits() ^ ShadingPoints::FLAGS;
-        if flags < 2 * ShadingPoints::SOFT { flags } else { 0 }
+        if flags < 2 * ShadingPoints::CHOSE { flags } else { 0 }
+    }
+
+    /// Segments of the eye path beyond its first surface that is neither mirror nor glass, of [`ShadingPoints::flags`].
+    pub fn segments(flags: u32) -> u32 {
+        flags / ShadingPoints::ONE_SEGMENT & 15
     }
 
     /// The word that holds these flags.

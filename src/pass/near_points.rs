@@ -64,7 +64,7 @@ pub fn near_order(frame: &FrameParameters, class: u32) -> u32 {
 /// `flags`: [`ShadingPoints::flags`].
 pub fn stands_alone(frame: &FrameParameters, slot: u32, flags: u32) -> bool {
     let narrow = flags & ShadingPoints::NARROW_LOBE != 0;
-    slot >= frame.size[2] && (narrow || flags < ShadingPoints::ONE_SEGMENT)
+    slot >= frame.size[2] && (narrow || ShadingPoints::segments(flags) == 0)
 }
 
 /// Whether a slot of a class sends a near ray in a pass: a quarter of the classes does, others in the next passes; and all

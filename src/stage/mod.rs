@@ -45,6 +45,7 @@ use crate::pass::motion_blur::MotionBlur;
 use crate::pass::outliers::Outliers;
 use crate::pass::soft_shadow::SoftShadowAdd;
 use crate::pass::summands::Summands;
+use crate::pass::unlikely::Unlikely;
 use crate::pass::velocity::Velocity;
 use crate::pass::{Kit, List};
 
@@ -108,6 +109,7 @@ stages! {
     PathGain = "path_gain",
     Gain = "gain",
     Outliers = "outliers",
+    Unlikely = "unlikely",
     SoftShadowAdd = "soft_shadow_add",
     Merge = "merge",
     Summands = "summands",

@@ -56,5 +56,6 @@ mod support;
 mod textures;
 mod transport;
 mod traversal;
+mod unlikely;
 mod views;
 mod visibility;

@@ -70,9 +70,10 @@ impl Found {
         let end = self.throughput[i];
         let emitted = self.emitted[i].truncate();
         tally.check(by_specular == (through.w > 0.0), || format!("way to {i}"));
-        let segments = ShadingPoints::flags(self.wo[i].w) / ShadingPoints::ONE_SEGMENT;
+        let segments = ShadingPoints::segments(ShadingPoints::flags(self.wo[i].w));
         tally.check(segments == path.segments, || format!("segments {i}: {segments}"));
         tally.check(has(self.wo[i], ShadingPoints::UNLIKELY) == path.unlikely, || format!("chance of {i}"));
+        tally.check(has(self.wo[i], ShadingPoints::CHOSE) == path.chose, || format!("choice of {i}"));
         let Some(hit) = hit else {
             tally.check(end.truncate() == through.truncate(), || format!("throughput {i}, nothing met"));
             let nothing = [self.kd[i], self.f0[i]].iter().all(|v| v.truncate() == Vec3::ZERO);
@@ -175,7 +176,7 @@ fn look(rig: &Rig) -> Vec<Option<Hit>> {
         let is_dead = i >= pixels as usize && through[i].truncate() == Vec3::ZERO;
         let (ray, hit) = if is_dead { (Vec4::ZERO, None) } else { (directions[i], hit_of(last_hits[i])) };
         let flags = ShadingPoints::flags(met[i].w);
-        let segments = flags / ShadingPoints::ONE_SEGMENT;
+        let segments = ShadingPoints::segments(flags);
         let path = EyePath {
             slot: i as u32,
             ray: None,
@@ -188,6 +189,7 @@ fn look(rig: &Rig) -> Vec<Option<Hit>> {
             sampled: flags & ShadingPoints::LOBE_SAMPLED != 0,
             narrow: flags & ShadingPoints::NARROW_LOBE != 0,
             unlikely: flags & ShadingPoints::UNLIKELY != 0,
+            chose: flags & ShadingPoints::CHOSE != 0,
         };
         let on_base = flags & ShadingPoints::LOBE_FOLLOWED != 0;
         if found.check(&mut surfaces, i, rig, (ray.truncate(), hit), (&path, ray.w, on_base)) {

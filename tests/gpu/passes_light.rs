@@ -193,7 +193,7 @@ pub fn check_shade(rig: &Rig, bounce: usize) {
     // Each class of pixels, or each cluster, has its own lights.
     let words = rig.vec4s(&targets.wo);
     let lights_of = |slot: u32| {
-        let segments = ShadingPoints::flags(words[slot as usize].w) / ShadingPoints::ONE_SEGMENT;
+        let segments = ShadingPoints::segments(ShadingPoints::flags(words[slot as usize].w));
         let first = first[slot as usize] as usize;
         let all = &lights[first..first + plan.first_slot(reflections as usize + 1) as usize];
         // Mirrors and glass on the particle's path count as well.
@@ -409,7 +409,7 @@ fn shade_each_kind(ctx: &Context, traversal: Traversal) {
         for &i in &rig.list(0) {
             let i = i as usize;
             let p = &rig.parameters;
-            let segments = ShadingPoints::flags(words[i].w) / ShadingPoints::ONE_SEGMENT;
+            let segments = ShadingPoints::segments(ShadingPoints::flags(words[i].w));
             let in_reach = light.f0[3] as u32 + segments + 2 <= p.scene[2];
             let lights: &[PointLight] = if in_reach { &[light] } else { &[] };
             let expected = shade::reference(rig.scene, rig.bvh(), &receivers[i], lights, p.right[3], p.forward[3]);

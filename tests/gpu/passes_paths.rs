@@ -53,7 +53,7 @@ impl EyePathState {
 
     /// Segments of the path in slot `i`, and density of its direction along a lobe. At a first hit nothing is known of either.
     fn lobe_of(&self, i: usize, step: usize) -> (u32, f32) {
-        let segments = if step > 0 { ShadingPoints::flags(self.emitted[i].w) / ShadingPoints::ONE_SEGMENT } else { 0 };
+        let segments = if step > 0 { ShadingPoints::segments(ShadingPoints::flags(self.emitted[i].w)) } else { 0 };
         (segments, if segments > 0 { self.lobe[i] } else { 0.0 })
     }
 
@@ -70,7 +70,8 @@ impl EyePathState {
             && close(self.emitted[i].truncate(), expected.emitted, 1e-4, 1e-6)
             && has(self.emitted[i], ShadingPoints::LOBE_SAMPLED) == expected.sampled
             && has(self.emitted[i], ShadingPoints::NARROW_LOBE) == expected.narrow
-            && has(self.emitted[i], ShadingPoints::UNLIKELY) == expected.unlikely;
+            && has(self.emitted[i], ShadingPoints::UNLIKELY) == expected.unlikely
+            && has(self.emitted[i], ShadingPoints::CHOSE) == expected.chose;
         let Some(ray) = expected.ray else { return state };
         let found = ray_of(self.origin[i], self.direction[i]);
         state
@@ -132,6 +133,7 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
             sampled: false,
             narrow: step > 0 && has(before.emitted[i], ShadingPoints::NARROW_LOBE),
             unlikely: step > 0 && has(before.emitted[i], ShadingPoints::UNLIKELY),
+            chose: step > 0 && has(before.emitted[i], ShadingPoints::CHOSE),
         };
         let width = rig.parameters.cones[0] * (path.depth + cos_view * hit.t);
         let surface = surface_at(rig.scene, rig.bvh(), &hit, d, width);

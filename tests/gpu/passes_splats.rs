@@ -233,7 +233,7 @@ fn check_light(rig: &Rig, what: &str, hits: &[Hit], width: &[f32]) -> usize {
         let sampled = has(wo[i], ShadingPoints::LOBE_SAMPLED);
         let lobe = has(wo[i], ShadingPoints::GLOSSY) && !sampled && width_of(reflectance.alpha) > s.plan.settings.alpha;
         assert_eq!(shows, lobe, "{what}: slot {slot}, {reflectance:?}");
-        if shows && flags < ShadingPoints::ONE_SEGMENT + ShadingPoints::SPLATS {
+        if shows && ShadingPoints::segments(flags) == 0 {
             // Of direct light alone.
             let (clip2, far) = (rig.parameters.right[3], rig.parameters.forward[3]);
             let wanted = shade::reference(rig.scene, rig.bvh(), &receiver, &lights, clip2, far)[2];
@@ -250,7 +250,7 @@ fn check_light(rig: &Rig, what: &str, hits: &[Hit], width: &[f32]) -> usize {
             let xyz = |v: [f32; 4]| Vec3::new(v[0], v[1], v[2]);
             let outline: Vec<[Vec3; 2]> = edges[first..end].iter().map(|edge| edge.map(xyz)).collect();
             let covered = splat_light::coverage(receiver.position, receiver.geometric, &outline, h);
-            let segments = (flags / ShadingPoints::ONE_SEGMENT) & 15;
+            let segments = ShadingPoints::segments(flags);
             let on = (surface, h, covered);
             wanted = splat_light::reference(&rig.parameters, (&receiver, segments), on, hits, state.particles);
         }

@@ -275,7 +275,7 @@ fn shade_leaves_soft_shadows_out() {
                 };
                 let soft = has(wo[i], ShadingPoints::SOFT);
                 // Long eye paths take no light from long particle paths.
-                let segments = ShadingPoints::flags(wo[i].w) % ShadingPoints::SOFT / ShadingPoints::ONE_SEGMENT;
+                let segments = ShadingPoints::segments(ShadingPoints::flags(wo[i].w));
                 let within = |lights: &[PointLight]| {
                     let most = rig.engine.plan().settings.max_depth as f32 - 2.0;
                     lights.iter().copied().filter(|l| l.f0[3] + segments as f32 <= most).collect::<Vec<_>>()

@@ -23,7 +23,7 @@ const PASSES: [(&str, &[&str]); 22] = [
     ("clip_fraction", &["near_light", "compensation"]),
     ("light_threshold", &["shade"]),
     ("lights_per_dispatch", &["shade"]),
-    ("filter", &["discontinuity", "discontinuity_lobes", "outliers"]),
+    ("filter", &["discontinuity", "discontinuity_lobes", "outliers", "unlikely"]),
     ("no_filter_direct", &["discontinuity", "discontinuity_lobes"]),
     ("compensation", &["near_light", "compensation"]),
     ("superposition", &["mirrors"]),
