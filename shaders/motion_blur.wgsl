@@ -50,7 +50,7 @@ fn light_in_front(at: vec2<i32>, front: f32, window: MotionWindow, dither: u32) 
     var sum = vec4<f32>(0.0);
     for (var m = begin - along; m <= along; m += stride) {
         let line = window.slope * f32(m);
-        let reach = min(window.across, window.spread * f32(max(abs(m), 1))) + window.margin;
+        let reach = min(window.across, window.spread * f32(abs(m) + 1)) + window.margin;
         // Rows of sources whose slopes are the least and the greatest.
         let part = dither_of(-m, dither);
         let high = -i32(floor(part - line - reach));

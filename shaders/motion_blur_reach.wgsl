@@ -73,9 +73,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         window.wide = select(0u, 1u, wide);
         window.along = ceil(0.5 * max(abs(major.x), abs(major.y)) + 1.0);
         window.across = 0.5 * max(max(apart.x, apart.y), max(apart.z, apart.w));
-        // Segments whose longer side is the other one, or of any direction, are bounded by their ends alone.
+        // Segments of any direction are bounded by their ends alone. Those whose longer side is the other one stray from their line
+        // by a pixel along it, and by one across.
         let others = crosses || steepest > least;
-        window.spread = select(max(max(ratio.x, ratio.y), max(ratio.z, ratio.w)), 1e9, others);
+        window.spread = select(max(max(ratio.x, ratio.y), max(ratio.z, ratio.w)), 1e9, crosses);
         window.margin = select(0.01, 2.0, others);
         // The last column of a segment reaches half a pixel beyond its end.
         window.across += select(0.5 * window.spread, 0.0, others);
