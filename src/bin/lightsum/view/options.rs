@@ -4,8 +4,8 @@ use egui::{DragValue, RichText, Ui};
 use lightsum::engine::Engine;
 use lightsum::ring::{Form, Ring};
 use lightsum::settings::{
-    ClusterOrder, Compensation, Filter, GlossyForm, LightChoice, Sequence, Settings, ShadowForm, SoftShadows, Splats, Spread,
-    Superposition,
+    ClusterOrder, Compensation, Filter, GlossyForm, LightChoice, Sequence, Settings, ShadowForm, SoftShadows, Splats,
+    Spread, Superposition,
 };
 
 use super::panel::{Panel, Request};
