@@ -321,8 +321,8 @@ fn compare_bright(image: &[Vec3], reference: &[Vec3]) -> (f32, f32) {
     (energy, (sum(&|a, b| (a - b).length_squared()) / sum(&|_, b| b.length_squared())).sqrt())
 }
 
-/// One blurred frame against the mean of 64 sharp ones, of what emits. In the middle of a wider image: light that enters over its edges while the
-/// shutter is open is not there at the moment that is shown.
+/// One blurred frame against the mean of 64 sharp ones, of what emits. The errors are those of the middle of an image that holds all that emits,
+/// the energy is that of all of it: where the lamp lay across an edge, the energy was off by 5 % for what came in and went out.
 #[test]
 fn one_frame_stands_for_many_sub_frames() {
     gpu_test(|ctx| {
@@ -369,8 +369,8 @@ fn one_frame_stands_for_many_sub_frames() {
             let (whole, _) = compare_bright(&image, &mean);
             let [image, mean, now] = [&image, &mean, &now].map(|image| middle(image));
             let ((energy, error), (_, without)) = (compare_bright(&image, &mean), compare_bright(&now, &mean));
-            println!("{speeds:?}: energy {energy:.4}, with the edges {whole:.4}, error {error:.4}, sharp {without:.4}");
-            errors.push((energy, error / limits[0], without / limits[1]));
+            println!("{speeds:?}: energy {whole:.4}, in the middle {energy:.4}, error {error:.4}, sharp {without:.4}");
+            errors.push((whole, error / limits[0], without / limits[1]));
         }
         let good =
             |&(energy, error, without): &(f32, f32, f32)| (energy - 1.0).abs() < 0.02 && error < 1.0 && without > 1.0;
