@@ -23,7 +23,7 @@
 //! thing that blocks it, which tells r. From the receiver's side that is the rear of a body: near the ground its shadow is sharp.
 //!
 //! **Search.** The ratio of a pixel's kernel, lit or not, is the mean of those r whose own kernel, about a blocked point, reaches it
-//! (as Fernando 2005, "Percentage-closer soft shadows", averages depths), from up to 64 samples of the widest kernel that reaches its tile, denser
+//! (as Fernando 2005, "Percentage-closer soft shadows", averages depths), from up to 32 samples of the widest kernel that reaches its tile, denser
 //! near the middle; those beside lit pixels count [`EDGE_WEIGHT`] times, because deep in a shadow the nearest thing is not the one whose outline casts its edge. It is found once for each quad, and again for
 //! pixels of a quad that show other surfaces. Kernels of more than [`WIDE`] pixels both ways are convolved for quads too, and pixels take what lies between theirs.
 //!
@@ -36,8 +36,8 @@
 //! from the emitter in: one layer of pixels; one occluder at a point; V' is the mean over the emitter's area, whatever its parts contribute; what only parts of the emitter other than
 //! its centre see is not known.
 //!
-//! Cost, for each emitter: a shadow ray for each pixel, one ray for each quad with blocked pixels; near edges of shadows up to 128 vec4 for each quad and
-//! up to 36 for each pixel; 300 operations a pixel. 60 bytes of memory a pixel.
+//! Cost, for each emitter: a shadow ray for each pixel, one ray for each quad with blocked pixels; near edges of shadows up to 96 texels for each quad and
+//! up to 36 for each pixel; 300 operations a pixel. 64 bytes of memory a pixel.
 
 use ash::vk;
 
