@@ -52,11 +52,9 @@ fn light_in_front(at: vec2<i32>, front: f32, window: MotionWindow, dither: u32) 
         let line = window.slope * f32(m);
         let reach = min(window.across, window.spread * f32(abs(m) + 1)) + window.margin;
         // Rows of sources whose slopes are the least and the greatest.
-        let part = select(line, -line, m < 0) + dither_of(abs(m), dither);
-        let least = i32(floor(part - reach));
-        let greatest = i32(floor(part + reach));
-        let high = select(greatest, -least, m < 0);
-        for (var r = select(least, -greatest, m < 0); r <= high; r += stride) {
+        let part = dither_of(-m, dither);
+        let high = -i32(floor(part - line - reach));
+        for (var r = -i32(floor(part - line + reach)); r <= high; r += stride) {
             let offset = select(vec2<i32>(r, m), vec2<i32>(m, r), wide);
             let q = at + offset;
             let safe = in_image(q);

@@ -14,16 +14,15 @@ fn slope_of(major: f32, minor: f32) -> f32 {
     return minor / select(1.0, major, abs(major) > 1.0);
 }
 
-// Part of a row by which a column is shifted that is not negative; `dither`: a word that differs from pass to pass.
+// Part of a row by which a column is shifted; `dither`: a word that differs from pass to pass.
 fn dither_of(column: i32, dither: u32) -> f32 {
     return f32((dither + u32(column) * 0x9e3779b9u) >> 8u) * (1.0 / 16777216.0);
 }
 
 // The row that takes a column's part of a segment: one of the two beside it, dithered from column to column, so that the mean over
-// columns and passes lies on the segment; opposite columns have opposite rows. Host twin: pass::motion_blur::reference::Dither::row.
+// columns and passes lies on the segment. Host twin: pass::motion_blur::reference::Dither::row.
 fn row_of(column: i32, slope: f32, dither: u32) -> i32 {
-    let row = i32(floor(f32(abs(column)) * slope + dither_of(abs(column), dither)));
-    return select(row, -row, column < 0);
+    return i32(floor(f32(column) * slope + dither_of(column, dither)));
 }
 
 // Time, as a share, that a source of velocity v spends on the pixel at an offset from it.

@@ -5,7 +5,7 @@
 //! the time that it spends on the pixel at offset o. Along the longer side of the segment, of m pixels, that is the part of the segment that
 //! lies in the column of o, over m; in it one of the two nearest rows takes all. Which one changes from column to column by a sequence of even
 //! steps of the golden section, and from pass to pass by its start, so that in the mean over columns or passes both take their
-//! shares; opposite columns have opposite rows. The k_q sum to 1 over the grid, and for m up to 1 they are a delta.
+//! shares. The k_q sum to 1 over the grid, and for m up to 1 they are a delta.
 //!
 //! The sum is that of the splat convolution ([`super::convolve`], program 7.17) taken from front to back, because segments of different
 //! surfaces cover a pixel at different times. With the sources F in front of p, whose depth is less than that of p:
