@@ -6,19 +6,13 @@
 #include "spread_out.wgsl"
 
 @group(0) @binding(1) var<storage, read> motion_windows: array<MotionWindow>;
-@group(0) @binding(2) var<storage, read> velocity: array<vec4<f32>>;
-@group(0) @binding(3) var<storage, read> source: array<vec4<f32>>;
+@group(0) @binding(3) var source: texture_storage_2d<rgba32float, read>;
+@group(0) @binding(5) var sweep: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(4) var<storage, read_write> emitted: array<vec4<f32>>;
 
-// Entry of a place, and whether it is in the image.
-struct Entry {
-    index: u32,
-    inside: bool,
-}
-
-fn entry_at(place: vec2<i32>) -> Entry {
-    let safe = clamp(place, vec2<i32>(0), vec2<i32>(frame.size.xy) - 1);
-    return Entry(u32(safe.y) * frame.size.x + u32(safe.x), all(safe == place));
+// Nearest place in the image.
+fn in_image(place: vec2<i32>) -> vec2<i32> {
+    return clamp(place, vec2<i32>(0), vec2<i32>(frame.size.xy) - 1);
 }
 
 // Light of the surface that the pixel shows, and of what it uncovers as it moves.
@@ -28,31 +22,26 @@ struct Own {
 }
 
 // `front`: sources of less depth are left out.
-fn own_light(at: vec2<i32>, v: vec2<f32>, front: f32) -> Own {
+fn own_light(at: vec2<i32>, v: vec2<f32>, front: f32, dither: u32) -> Own {
     let wide = abs(v.x) >= abs(v.y);
     let axes = select(v.yx, v, wide);
     let slope = slope_of(axes.x, axes.y);
     let reach = i32(0.5 * max(abs(axes.x), 1.0) + 0.5);
     var own: Own;
     for (var m = -reach; m <= reach; m += 1) {
-        let column = column_of(f32(m), axes.x);
-        let line = column.middle * slope;
-        let row = floor(line);
-        for (var k = 0; k < 2; k += 1) {
-            let place = vec2<i32>(m, i32(row) + k);
-            let entry = entry_at(at + select(place.yx, place, wide));
-            let weight = column.share * select(1.0 - (line - row), line - row, k == 1);
-            let light = source[entry.index];
-            let counts = entry.inside && weight > 0.0;
-            own.inside += select(0.0, weight, counts);
-            own.sum += select(vec4<f32>(0.0), weight * vec4<f32>(light.xyz, 1.0), counts && light.w >= front);
-        }
+        let offset = vec2<i32>(m, row_of(m, slope, dither));
+        let q = at - select(offset.yx, offset, wide);
+        let safe = in_image(q);
+        let light = textureLoad(source, safe);
+        let weight = select(0.0, share_of(f32(m), axes.x), all(safe == q));
+        own.inside += weight;
+        own.sum += select(0.0, weight, light.w >= front) * vec4<f32>(light.xyz, 1.0);
     }
     return own;
 }
 
 // Light of nearer surfaces that cover the pixel for a part of the time; w: that part.
-fn light_in_front(at: vec2<i32>, front: f32, window: MotionWindow) -> vec4<f32> {
+fn light_in_front(at: vec2<i32>, front: f32, window: MotionWindow, dither: u32) -> vec4<f32> {
     let wide = window.wide != 0u;
     let stride = i32(window.stride);
     let along = i32(window.along);
@@ -62,14 +51,19 @@ fn light_in_front(at: vec2<i32>, front: f32, window: MotionWindow) -> vec4<f32> 
     for (var m = begin - along; m <= along; m += stride) {
         let line = window.slope * f32(m);
         let reach = min(window.across, window.spread * f32(abs(m) + 1)) + window.margin;
-        let high = i32(floor(line + reach));
-        for (var r = i32(ceil(line - reach)); r <= high; r += stride) {
+        // Rows of sources whose slopes are the least and the greatest.
+        let part = dither_of(-m, dither);
+        let high = -i32(floor(part - line - reach));
+        for (var r = -i32(floor(part - line + reach)); r <= high; r += stride) {
             let offset = select(vec2<i32>(r, m), vec2<i32>(m, r), wide);
-            let entry = entry_at(at + offset);
-            let light = source[entry.index];
-            let time = time_on(velocity[entry.index].xy, vec2<f32>(offset));
-            let counts = entry.inside && time > 0.0 && light.w < front;
-            sum += select(vec4<f32>(0.0), time * vec4<f32>(light.xyz, 1.0), counts);
+            let q = at + offset;
+            let safe = in_image(q);
+            let moved = textureLoad(sweep, safe);
+            let time = select(0.0, time_on(moved.xy, -offset, dither), all(safe == q) && moved.z < front);
+            // Runs zero times where nothing in front passes.
+            for (var once = select(0u, 1u, time > 0.0); once > 0u; once -= 1u) {
+                sum += time * vec4<f32>(textureLoad(source, safe).xyz, 1.0);
+            }
         }
     }
     return sum * f32(stride * stride);
@@ -90,14 +84,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let pixel = at.y * frame.size.x + at.x;
-    let shown = source[pixel];
+    let shown = textureLoad(source, vec2<i32>(at));
     let even = window.even != 0u;
     let front = select(shown.w - abs(shown.w) * DEPTH_TOLERANCE, -1.0, even);
-    let own = own_light(vec2<i32>(at), velocity[pixel].xy, front);
+    let dither = key(frame.keys.x, STREAM_BLUR, 0u, 1u);
+    let own = own_light(vec2<i32>(at), textureLoad(sweep, vec2<i32>(at)).xy, front, dither);
     var over = vec4<f32>(0.0);
     // A loop that runs zero times skips work on every device.
-    for (var once = select(1u, 0u, even); once > 0u; once -= 1u) {
-        over = light_in_front(vec2<i32>(at), front, window);
+    for (var once = select(1u, 0u, even || front <= window.nearest); once > 0u; once -= 1u) {
+        over = light_in_front(vec2<i32>(at), front, window, dither);
     }
     // Light from outside the image is unknown.
     let rest = max(own.inside - over.w, 0.0);

@@ -13,7 +13,8 @@
 @group(0) @binding(7) var<storage, read> specular: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read> emitted: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read> velocity: array<vec4<f32>>;
-@group(0) @binding(10) var<storage, read_write> source: array<vec4<f32>>;      // radiance; w: depth
+@group(0) @binding(10) var source: texture_storage_2d<rgba32float, write>;     // radiance; w: depth
+@group(0) @binding(11) var sweep: texture_storage_2d<rgba32float, write>;      // velocity; depth
 
 // A workgroup for each tile.
 @compute @workgroup_size(64)
@@ -29,5 +30,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let pixel = at.y * frame.size.x + at.x;
     let l = emitted[pixel].xyz + throughput[pixel].xyz * reflected_radiance(point_kd[pixel].xyz, lighting_of(pixel));
-    source[pixel] = vec4<f32>(l, velocity[pixel].z);
+    let v = velocity[pixel];
+    textureStore(source, vec2<i32>(at), vec4<f32>(l, v.z));
+    textureStore(sweep, vec2<i32>(at), vec4<f32>(v.xyz, 0.0));
 }

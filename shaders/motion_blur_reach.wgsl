@@ -36,6 +36,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var every = select(moving, vec4<f32>(0.0), (own.kinds & RESTS) != 0u);
     var longest = vec2<f32>(0.0);
     var reach = own_reach;
+    var nearest = own.nearest;
     for (var y = low.y; y <= high.y; y += 1) {
         for (var x = low.x; x <= high.x; x += 1) {
             let other = motion_tiles[y * tiles.x + x];
@@ -46,6 +47,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             moving = select(moving, vec4<f32>(joined.z, joined.x, joined.w, joined.y), sends);
             let rests = reaches && (other.kinds & RESTS) != 0u;
             every = select(every, vec4<f32>(min(every.x, 0.0), max(every.y, 0.0), min(every.z, 0.0), max(every.w, 0.0)), rests);
+            nearest = select(nearest, min(nearest, other.nearest), sends);
             reach = select(reach, max(reach, reach_of(other)), sends);
             longest = select(longest, other.longest, sends && dot(other.longest, other.longest) > dot(longest, longest));
         }
@@ -71,10 +73,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         window.wide = select(0u, 1u, wide);
         window.along = ceil(0.5 * max(abs(major.x), abs(major.y)) + 1.0);
         window.across = 0.5 * max(max(apart.x, apart.y), max(apart.z, apart.w));
-        // Segments whose longer side is the other one, or of any direction, are bounded by their ends alone.
+        // Segments of any direction are bounded by their ends alone. Those whose longer side is the other one stray from their line
+        // by a pixel along it, and by one across.
         let others = crosses || steepest > least;
-        window.spread = select(max(max(ratio.x, ratio.y), max(ratio.z, ratio.w)), 1e9, others);
-        window.margin = select(1.0, 2.0, others);
+        window.spread = select(max(max(ratio.x, ratio.y), max(ratio.z, ratio.w)), 1e9, crosses);
+        window.margin = select(0.01, 2.0, others);
+        // The last column of a segment reaches half a pixel beyond its end.
+        window.across += select(0.5 * window.spread, 0.0, others);
         let range = max(every.y - every.x, every.w - every.z);
         // Sources come from between this tile and those that reach it.
         var kinds = 0u;
@@ -89,5 +94,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let samples = (2.0 * window.along + 1.0) * (2.0 * (window.across + window.margin) + 1.0);
         window.stride = u32(ceil(sqrt(max(samples / SAMPLES, 1.0))));
     }
+    window.nearest = nearest;
     motion_windows[tile] = window;
 }

@@ -6,14 +6,15 @@
 @group(0) @binding(2) var<storage, read_write> motion_tiles: array<MotionTile>;
 @group(0) @binding(3) var<storage, read_write> farthest: atomic<u32>;   // reach of any source, in tiles
 
-// Differences between neighbours that are none of one surface: of velocities, in pixels, and of depths, as a share of the lesser one. Host
-// twins: pass::motion_blur::{VELOCITY_JUMP, DEPTH_TOLERANCE}.
+// Difference between the velocities of neighbours that are none of one surface, pixels. Host twin: pass::motion_blur::VELOCITY_JUMP.
 const VELOCITY_JUMP: f32 = 0.25;
-const DEPTH_JUMP: f32 = 0.01;
 
-fn jumps(a: vec4<f32>, b: vec4<f32>) -> bool {
+// A depth beyond all others.
+const NOTHING: f32 = 3.4e38;
+
+fn jumps(a: vec2<f32>, b: vec2<f32>) -> bool {
     let change = abs(a - b);
-    return max(change.x, change.y) > VELOCITY_JUMP || change.z > DEPTH_JUMP * min(a.z, b.z);
+    return max(change.x, change.y) > VELOCITY_JUMP;
 }
 
 @compute @workgroup_size(64)
@@ -26,16 +27,17 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let part = part_of_tile(tile);
     var found: MotionTile;
     found.range = vec4<f32>(1e9, -1e9, 1e9, -1e9);
+    found.nearest = NOTHING;
     var greatest = 0.0;
     for (var y = part.y; y < part.y + part.w; y += 1u) {
         let row = y * frame.size.x;
         let above = row - select(0u, frame.size.x, y > 0u);
-        var left = velocity[row + max(part.x, 1u) - 1u];
+        var left = velocity[row + max(part.x, 1u) - 1u].xy;
         for (var x = part.x; x < part.x + part.z; x += 1u) {
             let own = velocity[row + x];
             let v = own.xy;
-            let jump = jumps(own, left) || jumps(own, velocity[above + x]);
-            left = own;
+            let jump = jumps(v, left) || jumps(v, velocity[above + x].xy);
+            left = v;
             let length = dot(v, v);
             // Within a pixel nothing is spread.
             let moves = max(abs(v.x), abs(v.y)) > 1.0;
@@ -44,6 +46,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             found.range = select(found.range, vec4<f32>(low.x, high.x, low.y, high.y), moves);
             found.longest = select(found.longest, v, moves && length > greatest);
             greatest = max(greatest, length);
+            found.nearest = select(found.nearest, min(found.nearest, own.z), moves);
             found.kinds |= select(RESTS, MOVES, moves) | select(0u, JUMPS, jump);
         }
     }

@@ -3,21 +3,21 @@
 #include "work.wgsl"
 #include "math.wgsl"
 #include "flags.wgsl"
-#include "emitters.wgsl"
 #include "cosine.wgsl"
 #include "soft_shadows.wgsl"
+#include "soft_emitter.wgsl"
 #include "soft_search.wgsl"
 #include "spread_out.wgsl"
 
-@group(0) @binding(1) var<storage, read> emitters: array<EmitterRecord>;
+@group(0) @binding(1) var<storage, read> soft_emitter: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> steps: array<Step>;
-@group(0) @binding(3) var<storage, read> source: array<vec4<f32>>;
+@group(0) @binding(3) var source: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(4) var<storage, read> point_geometric: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> point_shading: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read> point_wo: array<vec4<f32>>;
-@group(0) @binding(7) var<storage, read> blockers: array<vec4<f32>>;
+@group(0) @binding(7) var blockers: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(8) var<storage, read> soft_windows: array<f32>;
-@group(0) @binding(9) var<storage, read> soft_quads: array<vec4<f32>>;
+@group(0) @binding(9) var soft_quads: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(10) var<storage, read_write> soft_direct: array<vec4<f32>>;      // irradiance; w: 0
 var<immediate> push: Push;
 
@@ -36,10 +36,10 @@ fn between_quads(at: vec2<u32>, x: vec3<f32>, n: vec3<f32>, hard: f32) -> vec2<f
     var share = vec2<f32>(0.0);
     for (var i = 0u; i < 4u; i += 1u) {
         let step = vec2<u32>(i & 1u, i / 2u);
-        let quad = vec2<u32>(clamp(vec2<i32>(first) + vec2<i32>(step), vec2<i32>(0), last));
+        let quad = clamp(vec2<i32>(first) + vec2<i32>(step), vec2<i32>(0), last);
         let shares = select(1.0 - part, part, step == vec2<u32>(1u));
         let weight = shares.x * shares.y;
-        let found = soft_quads[quad_of(2u * quad)];
+        let found = textureLoad(soft_quads, quad);
         let counts = found.w != QUAD_UNKNOWN && on_plane(x, n, found.xyz);
         let of_kernel = select(hard, QUAD_LIT - found.w, found.w < 0.0);
         ratio += select(vec2<f32>(0.0), weight * vec2<f32>(found.w, 1.0), counts && found.w > 0.0);
@@ -49,31 +49,37 @@ fn between_quads(at: vec2<u32>, x: vec3<f32>, n: vec3<f32>, hard: f32) -> vec2<f
 }
 
 // Irradiance by the whole emitter without shadows, clipped like that of virtual lights.
-fn unshadowed(emitter: u32, x: vec3<f32>, geometric: vec3<f32>, shading: vec3<f32>) -> vec3<f32> {
-    let e1 = emitters[emitter].e1;
-    let step = e1.xyz / f32(ALONG_EDGE);
-    let next = emitters[emitter].e2.xyz / f32(ALONG_EDGE);
-    let normal = emitters[emitter].normal.xyz;
-    let exponent = emitters[emitter].flux.w;
-    var row = emitters[emitter].p0.xyz + 0.5 * (step + next) - x;
+fn unshadowed(x: vec3<f32>, geometric: vec3<f32>, shading: vec3<f32>) -> vec3<f32> {
+    let step = soft_emitter[1].xyz / f32(ALONG_EDGE);
+    let next = soft_emitter[2].xyz / f32(ALONG_EDGE);
+    let normal = soft_emitter[3].xyz;
+    let exponent = soft_emitter[1].w;
+    let radiance = soft_emitter[5].xyz * soft_emitter[0].w;
+    let clip2 = frame.right.w;
+    let corner = soft_emitter[4].xyz + 0.5 * (step + next) - x;
     var sum = 0.0;
-    for (var j = 0u; j < ALONG_EDGE; j += 1u) {
-        var d = row;
-        for (var i = 0u; i < ALONG_EDGE; i += 1u) {
-            let r2 = max(dot(d, d), 1e-37);
-            let emitted = max(-dot(d, normal), 0.0);
-            let received = select(0.0, max(dot(d, shading), 0.0), dot(d, geometric) > 0.0);
-            var light = emitted * received / (r2 * max(r2, frame.right.w));
-            // A loop, because it runs zero times where all emitters have the cosine law.
-            for (var k = select(1u, 0u, exponent == 1.0); k > 0u; k -= 1u) {
-                light *= cosine_falloff(emitted / sqrt(r2), exponent);
-            }
-            sum += light;
-            d += step;
-        }
-        row += next;
+    for (var i = 0u; i < ALONG_EDGE * ALONG_EDGE; i += 1u) {
+        let d = corner + f32(i % ALONG_EDGE) * step + f32(i / ALONG_EDGE) * next;
+        sum += by_cosines(d, normal, geometric, shading, clip2);
     }
-    return emitters[emitter].radiance.xyz * (e1.w * sum / f32(ALONG_EDGE * ALONG_EDGE));
+    // A loop, because it runs zero times where all emitters have the cosine law; apart, so that the other one holds no loop.
+    for (var once = select(1u, 0u, exponent == 1.0); once > 0u; once -= 1u) {
+        sum = 0.0;
+        for (var i = 0u; i < ALONG_EDGE * ALONG_EDGE; i += 1u) {
+            let d = corner + f32(i % ALONG_EDGE) * step + f32(i / ALONG_EDGE) * next;
+            let cosine = max(-dot(d, normal), 0.0) / sqrt(max(dot(d, d), 1e-37));
+            sum += by_cosines(d, normal, geometric, shading, clip2) * cosine_falloff(cosine, exponent);
+        }
+    }
+    return radiance * (sum / f32(ALONG_EDGE * ALONG_EDGE));
+}
+
+// Light that arrives from a point d away of an emitter with the cosine law, over its radiance and area.
+fn by_cosines(d: vec3<f32>, normal: vec3<f32>, geometric: vec3<f32>, shading: vec3<f32>, clip2: f32) -> f32 {
+    let r2 = max(dot(d, d), 1e-37);
+    let emitted = max(-dot(d, normal), 0.0);
+    let received = select(0.0, max(dot(d, shading), 0.0), dot(d, geometric) > 0.0);
+    return emitted * received / (r2 * max(r2, clip2));
 }
 
 // A workgroup for each tile of 8 x 8 pixels.
@@ -86,19 +92,19 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let at = min(place, frame.size.xy - 1u);
     let inside = all(at == place) && index < tiles.x * tiles.y;
     let pixel = at.x + at.y * frame.size.x;
-    let step = steps[push.step];
+    let clears = steps[push.step].clears != 0u;
     let counts = inside && has_flag(point_wo[pixel].w, SOFT);
-    let own = source[pixel];
+    let own = textureLoad(source, vec2<i32>(at));
     let n = point_geometric[pixel].xyz;
     let shading = point_shading[pixel].xyz;
-    let emitter = frame.soft_emitters[step.first / 4u][step.first & 3u];
-    let whole = unshadowed(emitter, own.xyz, n, shading);
-    let before = select(vec3<f32>(0.0), soft_direct[pixel].xyz, step.clears == 0u);
+    let whole = unshadowed(own.xyz, n, shading);
+    let kernel = soft_kernel(soft_view(), soft_light(), own.xyz, n);
+    let before = select(vec3<f32>(0.0), soft_direct[pixel].xyz, !clears);
     let greatest = select(0.0, soft_windows[soft_tile_of(at)], counts);
     var share = hard_share(own.w);
     // Loops that run zero times skip work on every device.
     for (var once = select(0u, 1u, greatest > 0.0); once > 0u; once -= 1u) {
-        let of_quad = soft_quads[quad_of(at)];
+        let of_quad = textureLoad(soft_quads, vec2<i32>(at / 2u));
         let agrees = of_quad.w != QUAD_UNKNOWN && on_plane(own.xyz, n, of_quad.xyz);
         let between = between_quads(at, own.xyz, n, share);
         // A quad may show several surfaces.
@@ -106,7 +112,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         var ratio = select(0.0, between.x, agrees && of_quad.w > 0.0);
         share = select(share, between.y, agrees && of_quad.w <= 0.0);
         for (var here = select(0u, 1u, alone || ratio > 0.0); here > 0u; here -= 1u) {
-            let kernel = soft_kernel(soft_light(step.first), own.xyz, n);
             for (var search = select(0u, 1u, alone); search > 0u; search -= 1u) {
                 ratio = mean_ratio(kernel, at, own.xyz, n, greatest);
             }

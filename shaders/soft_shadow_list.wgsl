@@ -12,6 +12,7 @@
 @group(0) @binding(3) var<storage, read_write> list_out: array<u32>;
 @group(0) @binding(4) var<storage, read_write> work_out: DispatchCounts;
 @group(0) @binding(5) var<storage, read_write> lights: array<PointLight>;
+@group(0) @binding(6) var<storage, read_write> soft_emitters: array<vec4<f32>>;     // six for each, see soft_emitter.wgsl
 
 // One invocation for each tile of 8 x 8 pixels.
 @compute @workgroup_size(64)
@@ -19,7 +20,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let tile = (group.x + group.y * groups.x) * 64u + lane;
     let zero = vec4<f32>(0.0);
     if tile < frame.soft.x {
-        lights[tile] = PointLight(vec4<f32>(soft_light(tile).centre, 0.0), zero, zero, zero, zero, zero);
+        let e = emitters[frame.soft_emitters[tile / 4u][tile & 3u]];
+        let centre = offset_origin(e.p0.xyz + 0.5 * (e.e1.xyz + e.e2.xyz), e.normal.xyz, frame.eye.w);
+        lights[tile] = PointLight(vec4<f32>(centre, 0.0), zero, zero, zero, zero, zero);
+        soft_emitters[6u * tile] = vec4<f32>(centre, e.e1.w);
+        soft_emitters[6u * tile + 1u] = vec4<f32>(e.e1.xyz, e.flux.w);
+        soft_emitters[6u * tile + 2u] = e.e2;
+        soft_emitters[6u * tile + 3u] = e.normal;
+        soft_emitters[6u * tile + 4u] = e.p0;
+        soft_emitters[6u * tile + 5u] = e.radiance;
     }
     let tiles = (frame.size.xy + 7u) / 8u;
     if tile >= tiles.x * tiles.y {

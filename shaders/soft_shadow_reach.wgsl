@@ -1,10 +1,8 @@
 // Finds the blockers that reach each tile. See pass/soft_shadow.rs.
 #include "frame.wgsl"
 #include "math.wgsl"
-#include "emitters.wgsl"
 #include "soft_shadows.wgsl"
 
-@group(0) @binding(1) var<storage, read> emitters: array<EmitterRecord>;
 @group(0) @binding(2) var<storage, read> soft_tiles: array<vec4<u32>>;
 @group(0) @binding(3) var<storage, read> farthest: u32;
 @group(0) @binding(4) var<storage, read_write> soft_windows: array<f32>;    // greatest ratio of blockers that reach the tile; 0: nothing to convolve

@@ -7,7 +7,7 @@
 @group(0) @binding(2) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(3) var<storage, read> splat_hits: array<vec4<u32>>;
 @group(0) @binding(4) var<storage, read> surface_width: array<f32>;
-@group(0) @binding(5) var<storage, read_write> sorted_hits: array<vec4<u32>>;    // in place of the surface the code of the cell
+@group(0) @binding(5) var sorted_hits: texture_storage_2d<rgba32uint, write>;    // in place of the surface the code of the cell
 @group(0) @binding(6) var<storage, read_write> splat_buckets: array<u32>;   // first, end of each; cleared before
 
 @compute @workgroup_size(64)
@@ -22,8 +22,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let hit = splat_hits[place];
     let width = surface_width[max(hit.w, 1u) - 1u];
     let code = splat_code(vec3<i32>(floor(splat_cells(bitcast<vec3<f32>>(hit.xyz), width))), hit.w);
-    sorted_hits[2u * i] = vec4<u32>(hit.xyz, code);
-    sorted_hits[2u * i + 1u] = splat_hits[place + 1u];
+    textureStore(sorted_hits, sorted_place(2u * i), vec4<u32>(hit.xyz, code));
+    textureStore(sorted_hits, sorted_place(2u * i + 1u), splat_hits[place + 1u]);
     if i == 0u || keys[max(i, 1u) - 1u].x != bucket {
         splat_buckets[2u * bucket] = i;
     }

@@ -16,7 +16,7 @@
 @group(0) @binding(5) var<storage, read> hits: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read> surface_of: array<u32>;
 @group(0) @binding(7) var<storage, read> surface_width: array<f32>;
-@group(0) @binding(8) var<storage, read> splat_buckets: array<u32>;
+@group(0) @binding(8) var<storage, read> splat_buckets: array<vec2<u32>>;
 @group(0) @binding(9) var<storage, read_write> found: array<vec2<u32>>;     // slot, surface + 1
 #endif
 @group(0) @binding(10) var<storage, read_write> found_work: DispatchCounts;     // unfinished: most candidates of a point

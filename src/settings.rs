@@ -5,7 +5,7 @@ mod splats;
 mod superposition;
 
 pub use soft_shadows::{ShadowForm, SoftShadows};
-pub use splats::Splats;
+pub use splats::{GlossyForm, Splats};
 pub use superposition::{ImageChoice, MirrorImages, MirrorSource, Reflectance, Spread, Superposition};
 
 use crate::error::{Error, Result};
@@ -448,11 +448,9 @@ impl Settings {
         if let Some(spread) = render.superposition {
             self.superposition = Some(Superposition { spread, ..self.superposition.unwrap_or_default() });
         }
-        self.soft_shadows = match render.soft_shadows {
-            None => self.soft_shadows,
-            Some(ShadowForm::Off) => None,
-            Some(ShadowForm::Splat) => Some(self.soft_shadows.unwrap_or_default()),
-        };
+        self.soft_shadows = SoftShadows::chosen(self.soft_shadows, render.soft_shadows, render.soft_shadow_lights);
+        let (width, alpha) = (render.splat_width, render.splat_alpha);
+        self.splats = Splats::chosen(self.splats, render.glossy, (render.splat_particles, width, alpha));
         self.compensation = render.compensation.map_or(self.compensation, |chosen| chosen.0);
         self.seed = render.seed.unwrap_or(self.seed);
         if let Some(f) = render.clip_fraction {

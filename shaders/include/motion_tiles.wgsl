@@ -5,7 +5,7 @@ struct MotionTile {
     range: vec4<f32>,        // least and greatest velocity to the right, then downwards, of the pixels that move
     longest: vec2<f32>,     // the longest of them
     kinds: u32,             // bits, see below
-    zero: u32,
+    nearest: f32,           // least depth of those that move
 }
 
 const MOVES: u32 = 1u;      // some of its pixels move
@@ -22,4 +22,5 @@ struct MotionWindow {
     wide: u32,              // 1: the longer side lies along rows
     even: u32,              // 1: all sources count as one surface, and depths need no comparison
     stride: u32,            // pixels from one sample of the window to the next
+    nearest: f32,           // least depth of these sources
 }

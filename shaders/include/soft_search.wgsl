@@ -8,11 +8,11 @@ const EDGE_WEIGHT: f32 = 8.0;
 
 // Samples of the search, and of the convolution, in so many pixels across. Host twins: pass::soft_shadow::{searches_of, samples_of}.
 fn searches_of(width: f32) -> u32 {
-    return select(select(64u, 32u, width <= 12.0), 16u, width <= 6.0);
+    return select(32u, 16u, width <= 6.0);
 }
 
 fn samples_of(width: f32) -> u32 {
-    return select(select(64u, 32u, width <= 8.0), 16u, width <= 3.0);
+    return select(select(64u, 32u, width <= 32.0), 16u, width <= 3.0);
 }
 
 // Ratio of a blocker, times its weight; its weight.
@@ -26,7 +26,7 @@ fn mean_ratio(kernel: SoftKernel, at: vec2<u32>, x: vec3<f32>, n: vec3<f32>, gre
     let extent = half_extent(kernel);
     let widest = bounded_ratio(greatest, extent);
     let margin = MARGIN / max(vec2<f32>(sqrt(dot(kernel.a, kernel.a)), sqrt(dot(kernel.b, kernel.b))), vec2<f32>(1e-6));
-    let own = blockers[quad_of(at)];
+    let own = textureLoad(blockers, vec2<i32>(at / 2u));
     let own_counts = own.w > 0.0 && on_surface(x, n, own);
     var sum = select(vec2<f32>(0.0), weighted(own.w), own_counts);
     let count = searches_of(2.0 * (widest * extent + MARGIN));
@@ -36,7 +36,7 @@ fn mean_ratio(kernel: SoftKernel, at: vec2<u32>, x: vec3<f32>, n: vec3<f32>, gre
         let along = (0.5 * widest + margin) * p * abs(p);
         let place = vec2<i32>(floor(vec2<f32>(at) + 0.5 + kernel_offset(kernel, along)));
         let safe = clamp(place, vec2<i32>(0), vec2<i32>(frame.size.xy) - 1);
-        let blocker = blockers[quad_of(vec2<u32>(safe))];
+        let blocker = textureLoad(blockers, safe / 2);
         let reaches = all(abs(along) <= 0.5 * ratio_in(blocker.w) + margin);
         let counts = all(safe == place) && blocker.w > 0.0 && reaches && on_surface(x, n, blocker);
         sum += select(vec2<f32>(0.0), weighted(blocker.w), counts);
@@ -59,7 +59,7 @@ fn lit_share(kernel: SoftKernel, at: vec2<u32>, own: vec4<f32>, n: vec3<f32>, ra
         let along = bounded * (spread_point(i, count) - 0.5);
         let place = vec2<i32>(floor(vec2<f32>(at) + 0.5 + kernel_offset(kernel, along)));
         let safe = clamp(place, vec2<i32>(0), vec2<i32>(frame.size.xy) - 1);
-        let found = source[u32(safe.y) * frame.size.x + u32(safe.x)];
+        let found = textureLoad(source, safe);
         let lit = is_lit(found.w);
         let counts = all(safe == place) && (lit || is_blocked(found.w)) && on_surface(own.xyz, n, found);
         sum += select(vec2<f32>(0.0), vec2<f32>(select(0.0, 1.0, lit), 1.0), counts);

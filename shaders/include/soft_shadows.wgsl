@@ -1,4 +1,4 @@
-// Kernels of soft shadows. Needs frame.wgsl, math.wgsl, emitters.wgsl, and the emitters bound as `emitters`. CPU twin: pass::soft_shadow::reference.
+// Kernels of soft shadows. Needs frame.wgsl and math.wgsl. CPU twin: pass::soft_shadow::reference.
 
 // Edge of a tile, pixels. Host twin: pass::soft_shadow::TILE.
 const SOFT_TILE: u32 = 8u;
@@ -39,10 +39,21 @@ struct SoftLight {
     normal: vec3<f32>,
 }
 
-fn soft_light(k: u32) -> SoftLight {
-    let e = emitters[frame.soft_emitters[k / 4u][k & 3u]];
-    let centre = e.p0.xyz + 0.5 * (e.e1.xyz + e.e2.xyz);
-    return SoftLight(offset_origin(centre, e.normal.xyz, frame.eye.w), e.e1.xyz, e.e2.xyz, e.normal.xyz);
+// The camera, as kernels are projected.
+struct SoftView {
+    eye: vec3<f32>,
+    forward: vec3<f32>,
+    right: vec3<f32>,       // over its square, like `up`
+    up: vec3<f32>,
+    scale: vec2<f32>,       // half of the size of the image; rows count downwards
+}
+
+// Kernels load it, and the emitter, before their first branch: behind one, lavapipe loads them lane by lane.
+fn soft_view() -> SoftView {
+    let right = frame.right.xyz;
+    let up = frame.up.xyz;
+    let scale = vec2<f32>(0.5, -0.5) * vec2<f32>(frame.within.zw);
+    return SoftView(frame.eye.xyz, frame.forward.xyz, right / dot(right, right), up / dot(up, up), scale);
 }
 
 // The kernel of a point x with normal n in the image, for a ratio of 1: pixels along the edges of the light, and the change of depth
@@ -53,22 +64,19 @@ struct SoftKernel {
     depth: vec2<f32>,
 }
 
-fn soft_kernel(light: SoftLight, x: vec3<f32>, n: vec3<f32>) -> SoftKernel {
+fn soft_kernel(view: SoftView, light: SoftLight, x: vec3<f32>, n: vec3<f32>) -> SoftKernel {
     let w = x - light.centre;
     let height = min(dot(n, w), -LEAST_COSINE * sqrt(dot(w, w)));
     // Along the rays of the centre onto the tangent plane.
     let p = light.e1 - w * (dot(n, light.e1) / height);
     let q = light.e2 - w * (dot(n, light.e2) / height);
-    let d = x - frame.eye.xyz;
-    let z = max(dot(d, frame.forward.xyz), 1e-30);
-    let right = frame.right.xyz / dot(frame.right.xyz, frame.right.xyz);
-    let up = frame.up.xyz / dot(frame.up.xyz, frame.up.xyz);
-    // Rows count downwards.
-    let scale = vec2<f32>(0.5, -0.5) * vec2<f32>(frame.within.zw) / z;
-    let at = vec2<f32>(dot(d, right), dot(d, up)) / z;
-    let depth = vec2<f32>(dot(p, frame.forward.xyz), dot(q, frame.forward.xyz));
-    let a = scale * (vec2<f32>(dot(p, right), dot(p, up)) - at * depth.x);
-    let b = scale * (vec2<f32>(dot(q, right), dot(q, up)) - at * depth.y);
+    let d = x - view.eye;
+    let z = max(dot(d, view.forward), 1e-30);
+    let scale = view.scale / z;
+    let at = vec2<f32>(dot(d, view.right), dot(d, view.up)) / z;
+    let depth = vec2<f32>(dot(p, view.forward), dot(q, view.forward));
+    let a = scale * (vec2<f32>(dot(p, view.right), dot(p, view.up)) - at * depth.x);
+    let b = scale * (vec2<f32>(dot(q, view.right), dot(q, view.up)) - at * depth.y);
     return SoftKernel(a, b, depth / z);
 }
 

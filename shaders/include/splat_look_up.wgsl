@@ -28,8 +28,7 @@ fn splat_cell(look_up: SplatLookUp, k: u32) -> SplatCell {
     let away = max(max(low - look_up.at, look_up.at - low - 1.0), vec3<f32>(0.0));
     let code = splat_code(cell, look_up.surface);
     let bucket = splat_bucket(code);
-    let first = splat_buckets[2u * bucket];
-    let count = splat_buckets[2u * bucket + 1u] - first;
+    let ends = splat_buckets[bucket];
     // Hits lie in their cells but for rounding.
-    return SplatCell(code, first, select(0u, count, dot(away, away) <= 1.001));
+    return SplatCell(code, ends.x, select(0u, ends.y - ends.x, dot(away, away) <= 1.001));
 }

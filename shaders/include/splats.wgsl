@@ -33,6 +33,14 @@ struct SplatHit {
     bounces: u32,
 }
 
+// Texels of a row of the image of sorted hits. Host twin: pass::splat_grid::ACROSS.
+const ACROSS_BITS: u32 = 12u;
+
+// Place of a number in it.
+fn sorted_place(i: u32) -> vec2<i32> {
+    return vec2<i32>(vec2<u32>(i & ((1u << ACROSS_BITS) - 1u), i >> ACROSS_BITS));
+}
+
 // Direction by octahedral encoding in 2 x 14 bits, bounces in 4.
 fn pack_arrival(wi: vec3<f32>, bounces: u32) -> u32 {
     let p = wi.xy / (abs(wi.x) + abs(wi.y) + abs(wi.z));

@@ -307,8 +307,8 @@ pub struct MotionTile {
     pub longest: [f32; 2],
     /// Bits: 1, some of its pixels move; 2, some do not; 4, velocity or depth jumps between neighbours, one of which it holds.
     pub kinds: u32,
-    /// Nothing.
-    pub zero: u32,
+    /// Least depth of those that move.
+    pub nearest: f32,
 }
 
 /// The sources that reach a tile, as a window around each of its pixels ([`super::motion_blur`]); `shaders/include/motion_tiles.wgsl`.
@@ -331,6 +331,8 @@ pub struct MotionWindow {
     pub even: u32,
     /// Pixels from one sample of the window to the next.
     pub stride: u32,
+    /// Least depth of these sources.
+    pub nearest: f32,
 }
 
 /// One point light of any kind; `shaders/include/lights.wgsl` gives the formula. For the shadow rays to area lights

@@ -3,8 +3,9 @@
 //!
 //! The kernel of a pixel q is the segment along its velocity v_q ([`super::velocity`]), in the middle of which it lies; k_q(o) is the part of
 //! the time that it spends on the pixel at offset o. Along the longer side of the segment, of m pixels, that is the part of the segment that
-//! lies in the column of o, over m; in it the light is shared between the two nearest rows. The k_q sum to 1 over the grid, and for m up to 1
-//! they are a delta.
+//! lies in the column of o, over m; in it one of the two nearest rows takes all. Which one changes from column to column by a sequence of even
+//! steps of the golden section, and from pass to pass by its start, so that in the mean over columns or passes both take their
+//! shares. The k_q sum to 1 over the grid, and for m up to 1 they are a delta.
 //!
 //! The sum is that of the splat convolution ([`super::convolve`], program 7.17) taken from front to back, because segments of different
 //! surfaces cover a pixel at different times. With the sources F in front of p, whose depth is less than that of p:
@@ -25,9 +26,10 @@
 //!
 //! **Tiles.** The motion in each tile of 8 x 8 pixels bounds the pixels from which sources in front may come: a window along the longest
 //! velocity that reaches the tile, widened by how much others deviate from it, at each distance. There is no window, and O is taken over
-//! all q, where all velocities that reach the tile are [`ALIKE`], or where neither they nor depths jump between neighbours ([`VELOCITY_JUMP`],
-//! [`DEPTH_TOLERANCE`]): on one smooth surface the point that is at p at a time t is p - v_p t, to first order in the slope of v. A window of more than [`SAMPLES`] pixels takes every second, third, ... column and row, from another
-//! start in each pass.
+//! all q, where all velocities that reach the tile are [`ALIKE`], or where they do not jump between neighbours ([`VELOCITY_JUMP`]): there the
+//! image moves like one smooth surface, whatever its depths, nothing is uncovered, and the point that is at p at a time t is p - v_p t, to first
+//! order in the slope of v. A window is not looked through for pixels that are nearer than all that moves around. One of more than [`SAMPLES`]
+//! pixels takes every second, third, ... column and row, from another start in each pass.
 //!
 //! The pass adds L' - L to the emission of the pixel, as the [`lens`](super::lens) does, after it; light without shutter and with it differ by no
 //! bit where nothing moves.
@@ -37,13 +39,15 @@
 //! from the pixels along its path, and what only shows at other times is missing; shadows, highlights and mirrored objects do not move;
 //! each point moves along a straight line at constant speed.
 //!
-//! Cost: 2 vec4 a pixel for its tile, a few hundred bytes for each tile; where something moves 12 vec4, then 2 vec4 for each pixel of length, and
-//! where velocity or depth jumps 2 vec4 for each pixel of the window. 16 bytes of memory a pixel.
+//! Cost: 2 vec4 a pixel for its tile, a few hundred bytes for each tile; where something moves 12 vec4, then a texel for each pixel of length,
+//! and where velocity jumps one for each pixel of the window, two if it is in front. 32 bytes of memory a pixel.
+
+use ash::vk;
 
 use super::layout::{MotionTile, MotionWindow};
 use super::{BoundKernel, EyePathState, Kit, Lighting, ShadingPoints};
 use crate::error::Result;
-use crate::gpu::{Buffer, Recorder, Resources, shaders};
+use crate::gpu::{Buffer, Image, Recorder, Resources, shaders};
 
 pub mod reference;
 
@@ -67,8 +71,11 @@ pub const ALIKE_SHARE: f32 = 0.0625;
 
 /// The pass.
 pub struct MotionBlur {
-    /// Image of the pass before it; w: depth. Written where something that moves reaches.
-    pub source: Buffer,
+    /// Image of the pass before it; w: depth. Written where something that moves reaches. An image, because lavapipe loads texels faster than
+    /// elements of buffers.
+    pub source: Image,
+    /// Velocities there; z: depth.
+    pub sweep: Image,
     /// [`MotionWindow`] of each tile.
     pub windows: Buffer,
     farthest: Buffer,
@@ -98,17 +105,19 @@ impl MotionBlur {
     pub fn new(kit: &Kit, inputs: &Inputs) -> Result<MotionBlur> {
         let [width, height] = inputs.size;
         let count = width.div_ceil(8) * height.div_ceil(8);
-        let source = kit.vec4s("image before motion", width * height)?;
+        let image = |name| Image::new(kit.context, name, width, height, vk::Format::R32G32B32A32_SFLOAT);
+        let (source, sweep) = (image("image before motion")?, image("motion of the image")?);
         let tiles = kit.array("motion tiles", count, size_of::<MotionTile>() as u64)?;
         let windows = kit.array("motion windows", count, size_of::<MotionWindow>() as u64)?;
         let farthest = kit.array("reach of motion", 1, 4)?;
         let own = Resources::of([
             ("velocity", inputs.velocity),
-            ("source", &source),
             ("motion_tiles", &tiles),
             ("motion_windows", &windows),
             ("farthest", &farthest),
-        ]);
+        ])
+        .with_image("source", &source)
+        .with_image("sweep", &sweep);
         let sets = [&own, &inputs.points.resources(), &inputs.paths.resources(), &inputs.lighting.resources()];
         Ok(MotionBlur {
             tiles: kit.bind(&shaders::MOTION_BLUR_TILES, &sets)?,
@@ -117,6 +126,7 @@ impl MotionBlur {
             spread: kit.bind(&shaders::MOTION_BLUR, &sets)?,
             count: u64::from(count),
             source,
+            sweep,
             windows,
             farthest,
         })
@@ -131,6 +141,8 @@ impl MotionBlur {
     /// Records the windows of the tiles, and the image of the pass where something reaches.
     pub fn record_image(&self, rec: &mut Recorder) -> Result<()> {
         rec.fill(&self.farthest, 0)?;
+        rec.image_to_general(&self.source)?;
+        rec.image_to_general(&self.sweep)?;
         let lanes = self.count.div_ceil(super::GROUP);
         self.tiles.run(rec, &[], lanes)?;
         self.reach.run(rec, &[], lanes)?;

@@ -23,7 +23,7 @@
 //! thing that blocks it, which tells r. From the receiver's side that is the rear of a body: near the ground its shadow is sharp.
 //!
 //! **Search.** The ratio of a pixel's kernel, lit or not, is the mean of those r whose own kernel, about a blocked point, reaches it
-//! (as Fernando 2005, "Percentage-closer soft shadows", averages depths), from up to 64 samples of the widest kernel that reaches its tile, denser
+//! (as Fernando 2005, "Percentage-closer soft shadows", averages depths), from up to 32 samples of the widest kernel that reaches its tile, denser
 //! near the middle; those beside lit pixels count [`EDGE_WEIGHT`] times, because deep in a shadow the nearest thing is not the one whose outline casts its edge. It is found once for each quad, and again for
 //! pixels of a quad that show other surfaces. Kernels of more than [`WIDE`] pixels both ways are convolved for quads too, and pixels take what lies between theirs.
 //!
@@ -36,17 +36,21 @@
 //! from the emitter in: one layer of pixels; one occluder at a point; V' is the mean over the emitter's area, whatever its parts contribute; what only parts of the emitter other than
 //! its centre see is not known.
 //!
-//! Cost, for each emitter: a shadow ray for each pixel, one ray for each quad with blocked pixels; near edges of shadows up to 128 vec4 for each quad and
-//! up to 36 for each pixel; 300 operations a pixel. 60 bytes of memory a pixel.
+//! Cost, for each emitter: a shadow ray for each pixel, one ray for each quad with blocked pixels; near edges of shadows up to 96 texels for each quad and
+//! up to 36 for each pixel; 300 operations a pixel. 64 bytes of memory a pixel.
+
+use ash::vk;
 
 use super::layout::PointLight;
 use super::{BoundKernel, Kit, Lighting, List, Rays, ShadingPoints, groups, push};
 use crate::error::Result;
-use crate::gpu::{Buffer, Recorder, Resources, shaders};
+use crate::gpu::{Buffer, Image, Recorder, Resources, shaders};
 use crate::settings::SoftShadows;
 
 pub mod reference;
 
+/// Vectors of an emitter's record; `shaders/include/soft_emitter.wgsl`.
+const EMITTER: u32 = 6;
 /// Edge of a tile, pixels.
 pub const TILE: u32 = 8;
 /// Greatest half width or height of a kernel, pixels.
@@ -70,20 +74,14 @@ pub const ALONG_EDGE: u32 = 4;
 
 /// Samples of the search for blockers in so many pixels across.
 pub fn searches_of(width: f32) -> u32 {
-    if width <= 6.0 {
-        16
-    } else if width <= 12.0 {
-        32
-    } else {
-        64
-    }
+    if width <= 6.0 { 16 } else { 32 }
 }
 
 /// Samples of a kernel that is so many pixels wide.
 pub fn samples_of(width: f32) -> u32 {
     if width <= 3.0 {
         16
-    } else if width <= 8.0 {
+    } else if width <= 32.0 {
         32
     } else {
         64
@@ -101,20 +99,22 @@ pub struct SoftShadow {
     /// Whether each pixel sees the centre.
     pub visible: Buffer,
     /// Point of each pixel; w: its word, see [`reference::Word`].
-    pub source: Buffer,
+    pub source: Image,
     /// Rays of quads to what blocks them.
     pub rays: Rays,
     /// The quads with such rays.
     pub blocked: List,
     /// Blocked point of each quad; w: its word, 0: none.
-    pub blockers: Buffer,
+    pub blockers: Image,
     /// Of each tile: greatest reach of its blockers in pixels, greatest ratio, 1 for lit and 2 for blocked pixels, 0.
     pub tiles: Buffer,
     /// Greatest ratio of the blockers that reach each tile; 0: nothing to convolve.
     pub windows: Buffer,
     /// A point of each quad; w: what is known of it, see [`reference::Quad`].
-    pub quads: Buffer,
+    pub quads: Image,
     farthest: Buffer,
+    emitters: Buffer,
+    emitter: Buffer,
     write_list: BoundKernel,
     write_source: BoundKernel,
     aim: BoundKernel,
@@ -135,25 +135,36 @@ impl SoftShadow {
         let list = List::new(kit, "soft pixels", &kit.array("soft pixels list", 64 * tiles_of(8), 4)?)?;
         let lights = kit.array("soft lights", SoftShadows::MAX_LIGHTS, size_of::<PointLight>() as u64)?;
         let visible = kit.array("soft visibility", pixels, 4)?;
-        let source = kit.vec4s("hard shadow", pixels)?;
+        // Images, because lavapipe loads texels faster than elements of buffers.
+        let image = |name: &str, edge: u32| {
+            let [across, down] = [width, height].map(|n| n.div_ceil(edge));
+            Image::new(kit.context, name, across, down, vk::Format::R32G32B32A32_SFLOAT)
+        };
+        let source = image("hard shadow", 1)?;
         let rays = Rays::new(kit.context, "blocker", quads)?;
         let blocked = List::new(kit, "blocked quads", &kit.array("blocked quads list", quads, 4)?)?;
-        let blockers = kit.vec4s("blockers", quads)?;
+        let aimed = kit.vec4s("blocked points", quads)?;
+        let blockers = image("blockers", 2)?;
         let tiles = kit.vec4s("soft tiles", tiles_of(TILE))?;
         let windows = kit.array("soft windows", tiles_of(TILE), 4)?;
-        let of_quads = kit.vec4s("kernels of quads", quads)?;
+        let of_quads = image("kernels of quads", 2)?;
+        let emitters = kit.vec4s("soft emitters", EMITTER * SoftShadows::MAX_LIGHTS)?;
+        let emitter = kit.vec4s("soft emitter", EMITTER)?;
         let farthest = kit.array("reach of blockers", 1, 4)?;
         let own = Resources::of([
             ("soft_direct", &direct),
             ("lights", &lights),
             ("visible", &visible),
-            ("source", &source),
-            ("blockers", &blockers),
+            ("soft_emitters", &emitters),
+            ("soft_emitter", &emitter),
+            ("aimed", &aimed),
             ("soft_tiles", &tiles),
             ("soft_windows", &windows),
-            ("soft_quads", &of_quads),
             ("farthest", &farthest),
-        ]);
+        ])
+        .with_image("source", &source)
+        .with_image("blockers", &blockers)
+        .with_image("soft_quads", &of_quads);
         let of_points = points.resources();
         let sets = [&own, &of_points, &rays.resources(), steps];
         Ok(SoftShadow {
@@ -176,6 +187,8 @@ impl SoftShadow {
             windows,
             quads: of_quads,
             farthest,
+            emitters,
+            emitter,
             size: [width, height],
         })
     }
@@ -190,12 +203,16 @@ impl SoftShadow {
         self.write_list.run(rec, &[], groups(self.count(8).max(SoftShadows::MAX_LIGHTS)))
     }
 
-    /// Records the hard shadow of the emitter of a step, and the rays to what blocks its light; the counts of their list must be cleared.
-    pub fn record_source(&self, rec: &mut Recorder, step: u32) -> Result<()> {
+    /// Records the hard shadow of emitter k, and the rays to what blocks its light; the counts of their list must be cleared.
+    pub fn record_source(&self, rec: &mut Recorder, k: u32) -> Result<()> {
+        let bytes = self.emitter.bytes();
+        rec.copy_range(&self.emitters, u64::from(k) * bytes, &self.emitter, 0, bytes)?;
+        // What they held is of another emitter.
+        [&self.source, &self.blockers, &self.quads].into_iter().try_for_each(|image| rec.image_to_general(image))?;
         rec.fill(&self.tiles, 0)?;
         rec.fill(&self.farthest, 0)?;
-        self.write_source.run(rec, &push(step), groups(self.size[0] * self.size[1]))?;
-        self.aim.run(rec, &push(step), groups(self.count(2)))
+        self.write_source.run(rec, &[], groups(self.size[0] * self.size[1]))?;
+        self.aim.run(rec, &[], groups(self.count(2)))
     }
 
     /// Records the ratios of the blockers, and which of them reach each tile.
@@ -205,11 +222,11 @@ impl SoftShadow {
     }
 
     /// Records the widths of the kernels, and the convolution by wide ones.
-    pub fn record_search(&self, rec: &mut Recorder, step: u32) -> Result<()> {
-        self.search.run(rec, &push(step), u64::from(self.count(16)))
+    pub fn record_search(&self, rec: &mut Recorder) -> Result<()> {
+        self.search.run(rec, &[], u64::from(self.count(16)))
     }
 
-    /// Records the convolution by narrow kernels, and the light of the emitter.
+    /// Records the convolution by narrow kernels, and the light of the emitter; `step` says whether it is the first.
     pub fn record_convolution(&self, rec: &mut Recorder, step: u32) -> Result<()> {
         self.convolve.run(rec, &push(step), u64::from(self.count(8)))
     }

@@ -9,25 +9,30 @@
 //!
 //! Cost for n hits: 160 n bytes plus those of the sort, 24 dispatches.
 
+use ash::vk;
 use glam::Vec3;
 
 use super::layout::SplatParameters;
 use super::sort::{Sort, SortBuffers, SortSteps};
 use super::{BoundKernel, Kit, List, groups};
 use crate::error::Result;
-use crate::gpu::{Buffer, Recorder, Resources, shaders};
+use crate::gpu::{Buffer, Image, Recorder, Resources, shaders};
 use crate::sampling::random::hash;
 
 /// Maximum number of bits of a bucket number: keys have 24, and places without a hit follow all buckets.
 pub const MAX_BUCKET_BITS: u32 = 22;
+
+/// Texels of a row of the image of sorted hits.
+const ACROSS: u32 = 4096;
 
 /// Hits in the order of their buckets.
 #[derive(Clone)]
 pub struct Grid {
     /// Number of hits, as [`super::layout::DispatchCounts::live`], and the order of all places.
     pub list: List,
-    /// The hits; in place of the surface the code of the cell.
-    pub hits: Buffer,
+    /// The hits, two texels each, row by row; in place of the surface the code of the cell. An image, because lavapipe loads texels faster than
+    /// elements of buffers.
+    pub hits: Image,
     /// First hit and end of each bucket.
     pub buckets: Buffer,
 }
@@ -35,16 +40,17 @@ pub struct Grid {
 impl Grid {
     /// Allocates so many hits and buckets.
     pub fn new(kit: &Kit, hits: u32, buckets: u32) -> Result<Grid> {
+        let rows = (2 * hits).div_ceil(ACROSS).max(1);
         Ok(Grid {
             list: List::new(kit, "splat grid", &kit.array("splat order", hits, 4)?)?,
-            hits: kit.array("sorted splats", hits, 32)?,
+            hits: Image::new(kit.context, "sorted splats", ACROSS, rows, vk::Format::R32G32B32A32_UINT)?,
             buckets: kit.array("splat buckets", buckets, 8)?,
         })
     }
 
     /// The buffers by their names in shaders, without the list.
     pub fn resources(&self) -> Resources {
-        Resources::of([("sorted_hits", &self.hits), ("splat_buckets", &self.buckets)])
+        Resources::of([("splat_buckets", &self.buckets)]).with_image("sorted_hits", &self.hits)
     }
 }
 
@@ -52,7 +58,7 @@ impl Grid {
 pub struct SplatGrid {
     sort: Sort,
     cells: BoundKernel,
-    buckets: Buffer,
+    grid: Grid,
     capacity: u32,
 }
 
@@ -73,12 +79,13 @@ impl SplatGrid {
         let sort = Sort::by_keys(kit, keys, &grid.list, &buffers, steps)?;
         let sorted = Resources::of([("keys", buffers.sorted())]);
         let cells = kit.bind(&shaders::SPLAT_CELLS, &[&stored, &sorted, &work, &grid.resources(), own])?;
-        Ok(SplatGrid { sort, cells, buckets: grid.buckets.clone(), capacity })
+        Ok(SplatGrid { sort, cells, grid: grid.clone(), capacity })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder, steps: &SortSteps) -> Result<()> {
-        rec.fill(&self.buckets, 0)?;
+        rec.image_to_general(&self.grid.hits)?;
+        rec.fill(&self.grid.buckets, 0)?;
         self.sort.record(rec, steps)?;
         self.cells.run(rec, &[], groups(self.capacity))
     }

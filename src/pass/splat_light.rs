@@ -15,9 +15,10 @@
 //!
 //! Bias: reflections are blurred over h, across shadows too; curved surfaces darken towards their open rims.
 //!
-//! Cost for each point that `splat_find` has listed: 27 look-ups of 8 bytes; 16 bytes and 20 operations for each of some 2 C^2 candidates,
-//! and 16 bytes and 100 operations for each of some pi C^2 / 4 hits within the kernel; 200 operations for each edge. A dispatch takes as
-//! many candidates as its loops may.
+//! Cost for each point that `splat_find` has listed: 27 look-ups of 8 bytes; a texel and 20 operations for each of some 2 C^2 candidates,
+//! and a texel and 100 operations for each of some pi C^2 / 4 hits within the kernel; 200 operations for each edge. The lanes of a subgroup
+//! go through their candidates each in its own cells, and evaluate the lobe for all hits of a block of candidates together: candidate by
+//! candidate nearly all evaluations would be masked out. A dispatch takes as many candidates as its loops may.
 
 use glam::Vec3;
 use std::f32::consts::PI;

@@ -79,11 +79,11 @@ impl SplatPlan {
         hits * (32 + 32 + 4 + 16 + 2) + (8 << self.bucket_bits()) + batch * (56 + 32 + 8) + 32 * u64::from(self.slots())
     }
 
-    /// Candidates of a point that one dispatch may loop over within `budget`: each takes at most 3 iterations (its own, and 2 if it lies
-    /// within the kernel), and eight points of a subgroup may have theirs in different cells; each edge of the
-    /// outline 20; the cells and the exits 60.
+    /// Candidates of a point that one dispatch may loop over within `budget`: each takes at most 5 iterations (its own, and 3 if it lies
+    /// within the kernel; the exits of blocks); each edge of the outline 20; the cells, their ends for eight points of a subgroup, and the
+    /// exits 330.
     fn chunk(budget: u32) -> u32 {
-        (budget.saturating_sub(60 + 20 * MAX_EDGES) / 24).max(1)
+        (budget.saturating_sub(330 + 20 * MAX_EDGES) / 5).max(1)
     }
 
     /// The parameters on the device.
@@ -110,7 +110,7 @@ mod tests {
     #[test]
     fn hits_are_looked_up_within_the_loop_budget() {
         let chunk = SplatPlan::chunk(LOOP_BUDGET);
-        assert!(chunk > 1000 && 24 * chunk + 20 * MAX_EDGES + 60 <= LOOP_BUDGET, "{chunk}");
+        assert!(chunk > 1000 && 5 * chunk + 20 * MAX_EDGES + 330 <= LOOP_BUDGET, "{chunk}");
     }
 
     #[test]

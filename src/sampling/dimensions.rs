@@ -45,7 +45,7 @@
 //! | [`SPLAT`]   | scrambling of the points of the particles of splats: dimension, 0 |
 //! | [`SPLAT_SIDE`] | side of a two-sided emitter: particle, 0                |
 //! | [`SPLAT_LOBE`], [`SPLAT_COMPONENT`], [`SPLAT_ROULETTE`] | diffuse or specular; transmission, reflection or base; absorption: particle, bounces |
-//! | [`BLUR`] | first sample of wide windows of motion blur: 0, 0 |
+//! | [`BLUR`] | first sample of wide windows of motion blur: 0, 0; rows of segments: 0, 1 |
 
 use super::halton::PRIMES;
 use super::sobol;
@@ -122,7 +122,7 @@ pub const SPLAT_LOBE: u32 = 27;
 pub const SPLAT_COMPONENT: u32 = 28;
 /// Stream: absorption of such a particle.
 pub const SPLAT_ROULETTE: u32 = 29;
-/// Stream: first sample of wide windows of motion blur.
+/// Stream: first sample of wide windows, and rows of segments, of motion blur.
 pub const BLUR: u32 = 30;
 
 /// Dimensions of a photon: direction, place on the emitter (the first also chooses it), target.

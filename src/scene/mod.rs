@@ -55,7 +55,7 @@ use serde::{Deserialize, Serialize};
 use crate::bsdf::sample_texture;
 use crate::error::{Error, Result};
 use crate::input::Inputs;
-use crate::settings::{Compensation, Exposure, ShadowForm, Spread};
+use crate::settings::{Compensation, Exposure, GlossyForm, ShadowForm, Spread};
 use crate::superposition::depth_images::DepthImages;
 
 pub use animation::Animations;
@@ -572,6 +572,16 @@ pub struct RenderDefaults {
     pub superposition: Option<Spread>,
     /// Shadows of large emitters.
     pub soft_shadows: Option<ShadowForm>,
+    /// Number of these emitters.
+    pub soft_shadow_lights: Option<u32>,
+    /// Glossy surfaces that show no convolved mirror image.
+    pub glossy: Option<GlossyForm>,
+    /// Particles of splats.
+    pub splat_particles: Option<u32>,
+    /// C of the diameter of a splat.
+    pub splat_width: Option<f32>,
+    /// GGX alpha up to which lobes are left to paths.
+    pub splat_alpha: Option<f32>,
     /// Clipping distance in scene units.
     pub clip: Option<f32>,
     /// Clipping distance as a fraction of the size of what the view shows.

@@ -34,6 +34,16 @@ impl Default for SoftShadows {
 }
 
 impl SoftShadows {
+    /// The settings after a choice of the form and of the number of lights, as of flags or keys; `None` leaves either as it is.
+    pub fn chosen(before: Option<SoftShadows>, form: Option<ShadowForm>, lights: Option<u32>) -> Option<SoftShadows> {
+        let soft = match form {
+            Some(ShadowForm::Off) => None,
+            Some(ShadowForm::Splat) => Some(before.unwrap_or_default()),
+            None => before,
+        };
+        soft.map(|soft| SoftShadows { lights: lights.unwrap_or(soft.lights) })
+    }
+
     /// Maximum `lights`.
     pub const MAX_LIGHTS: u32 = 8;
 

@@ -1,8 +1,18 @@
 //! Settings of splats: glossy surfaces shown by particles stored on them.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+
+/// How glossy surfaces are shown that show no convolved mirror image: value of the key `glossy`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GlossyForm {
+    /// Highlights of all lights, and eye paths along narrow lobes.
+    Paths,
+    /// Highlights of direct light, and splats of particles.
+    Splats,
+}
 
 /// Splats (Bastos 1999, section 7.3): glossy surfaces that show no mirror image reflect the light of particles that are stored where they
 /// arrived, and direct light by the virtual lights on the emitters. The particles are traced before the first pass, and again when the
@@ -30,6 +40,24 @@ impl Default for Splats {
 }
 
 impl Splats {
+    /// The settings after a choice of the form and of particles, width and alpha, as of flags or keys; `None` leaves each as it is.
+    pub fn chosen(
+        before: Option<Splats>,
+        form: Option<GlossyForm>,
+        (particles, width, alpha): (Option<u32>, Option<f32>, Option<f32>),
+    ) -> Option<Splats> {
+        let splats = match form {
+            Some(GlossyForm::Paths) => None,
+            Some(GlossyForm::Splats) => Some(before.unwrap_or_default()),
+            None => before,
+        };
+        splats.map(|splats| Splats {
+            particles: particles.unwrap_or(splats.particles),
+            width: width.unwrap_or(splats.width),
+            alpha: alpha.unwrap_or(splats.alpha),
+        })
+    }
+
     /// Maximum `particles`: their hits fit one storage binding of the smallest devices.
     pub const MAX_PARTICLES: u32 = 4_000_000;
 

@@ -87,15 +87,15 @@ impl SoftShadows {
     /// Records the distances of what blocks its light.
     pub fn record_blockers(&self, rec: &mut Recorder, k: usize) -> Result<()> {
         self.counts[1].record_clear(rec)?;
-        self.pass.record_source(rec, self.emitters[k].step)?;
+        self.pass.record_source(rec, k as u32)?;
         self.schedules[1].record(rec, self.list_step)?;
         self.trace.0.record(rec, &self.trace.1, None)?;
         self.pass.record_blockers(rec)
     }
 
     /// Records the widths of its kernels.
-    pub fn record_search(&self, rec: &mut Recorder, k: usize) -> Result<()> {
-        self.pass.record_search(rec, self.emitters[k].step)
+    pub fn record_search(&self, rec: &mut Recorder) -> Result<()> {
+        self.pass.record_search(rec)
     }
 
     /// Records the convolution, and its light.
@@ -112,7 +112,7 @@ impl Stage for SoftShadows {
         (0..self.emitters.len()).try_for_each(|k| {
             rec.scope("soft_rays", |rec| self.record_rays(rec, k))?;
             rec.scope("soft_blockers", |rec| self.record_blockers(rec, k))?;
-            rec.scope("soft_search", |rec| self.record_search(rec, k))?;
+            rec.scope("soft_search", |rec| self.record_search(rec))?;
             rec.scope("soft_convolve", |rec| self.record_convolution(rec, k))
         })
     }

@@ -87,6 +87,8 @@ fn what_is_baked_is_shown_again() {
     works(folder, "bake scene.toml -o unlit.glb --density 8 --passes 2 --unlit --exposure auto --tonemap agx");
     let message = fails(folder, "render scene.toml -o a.png --light-from scene.toml");
     assert!(message.contains("scene.toml") && !message.contains("panicked"), "{message}");
+    let message = fails(folder, "render scene.toml -o a.png --light-from room.glb --soft-shadows splat");
+    assert!(message.contains("--soft-shadows") && message.contains("leave out --light-from"), "{message}");
     works(folder, "bake scene.toml -o indirect.glb --density 8 --passes 2 --parts indirect");
     let message = fails(folder, "render scene.toml -o a.png --light-from indirect.glb");
     assert!(message.contains("--parts"), "{message}");

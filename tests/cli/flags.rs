@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use crate::render::fails;
+use crate::render::{fails, succeeds};
 
 /// A floor that is glossy, a wall and a screen before it, a mirror at the side, and two lamps, one of which hardly matters to the view.
 const MODEL: &str = "mtllib room.mtl
@@ -179,6 +179,42 @@ fn soft_shadows_change_the_image_and_hardly_its_energy() {
     assert!(image("soft.toml", "") == soft && image("soft.toml", "--soft-shadows off") == plain);
     fails(folder.path(), "bake scene.toml -o a.glb --soft-shadows splat", 2, &["--soft-shadows"]);
     fails(folder.path(), "render scene.toml -o b.png --soft-shadows splat --reference", 2, &["--soft-shadows"]);
+}
+
+#[test]
+fn splats_by_keys_are_those_by_flags() {
+    let folder = folder();
+    let keys = "glossy = \"splats\"\nsplat_particles = 3000\nsplat_width = 40\nsplat_alpha = 0.01\n\
+                soft_shadows = \"splat\"\nsoft_shadow_lights = 1\n";
+    fs::write(folder.path().join("keys.toml"), format!("{SCENE}[render]\n{keys}")).unwrap();
+    let image = |scene: &str, flags: &str| render(folder.path(), scene, &format!("--passes 2 --particles 8 {flags}"));
+    let flags = "--glossy splats --splat-particles 3000 --splat-width 40 --splat-alpha 0.01 --soft-shadows splat \
+                 --soft-shadow-lights 1";
+    let by_keys = image("keys.toml", "");
+    assert!(by_keys == image("scene.toml", flags), "keys and flags give different images");
+    // Each key counts, and flags override them.
+    for other in ["--glossy paths", "--splat-particles 2000", "--splat-width 20", "--soft-shadow-lights 2"] {
+        assert!(by_keys != image("keys.toml", other), "{other} changes nothing");
+    }
+    assert!(image("keys.toml", "--glossy paths --soft-shadows off") == image("scene.toml", ""));
+}
+
+#[test]
+fn resumed_runs_with_splats_and_soft_shadows_equal_unbroken_ones() {
+    let folder = folder();
+    let file = |name: &str| fs::read(folder.path().join(name)).unwrap();
+    for flags in ["--glossy splats --splat-particles 3000 --splat-alpha 0.01", "--soft-shadows splat"] {
+        let run = |output: &str, passes: u32, more: &str| {
+            let line = format!("render scene.toml -o {output} --float --particles 8 --passes {passes} {flags} {more}");
+            succeeds(folder.path(), &line);
+        };
+        run("whole.exr", 5, "");
+        run("parts.exr", 2, "--resume");
+        assert!(file("whole.exr") != file("parts.exr"), "{flags}: the passes make no difference");
+        run("parts.exr", 5, "--resume");
+        assert!(file("whole.exr") == file("parts.exr"), "{flags}");
+        fs::remove_file(folder.path().join("parts.exr.state")).unwrap();
+    }
 }
 
 #[test]

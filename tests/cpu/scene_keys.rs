@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::Vec3;
 use lightsum::Scene;
 use lightsum::scene::{self, Alpha, CompensationKey, Material, RenderDefaults, Surface};
-use lightsum::settings::{Compensation, ShadowForm, Spread};
+use lightsum::settings::{Compensation, GlossyForm, Settings, ShadowForm, SoftShadows, Splats, Spread};
 use lightsum::superposition::lobe::Table;
 
 const MODEL: &str = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl wall\nf 1 2 3\nusemtl lamp\nf 1 3 4\n";
@@ -91,7 +91,8 @@ fn every_key_of_the_rendering_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let keys = "[render]\npasses = 3\nparticles = 5\ndirect_lights = 4\ninterleave = [2, 3]\nmax_depth = 6\nmax_specular = 7\n\
                 split = false\nglossy_paths = false\nphotons = 8\nphoton_radius = 0.5\nsuperposition = \"invariant\"\nclip = 0.25\n\
-                soft_shadows = \"splat\"\n                compensation = false\nseed = 9\nexposure = -1.5\n";
+                soft_shadows = \"splat\"\nsoft_shadow_lights = 2\nglossy = \"splats\"\nsplat_particles = 500\n\
+                splat_width = 24\nsplat_alpha = 0.2\ncompensation = false\nseed = 9\nexposure = -1.5\n";
     let expected = RenderDefaults {
         passes: Some(3),
         particles: Some(5),
@@ -105,6 +106,11 @@ fn every_key_of_the_rendering_is_read() {
         photon_radius: Some(0.5),
         superposition: Some(Spread::Invariant),
         soft_shadows: Some(ShadowForm::Splat),
+        soft_shadow_lights: Some(2),
+        glossy: Some(GlossyForm::Splats),
+        splat_particles: Some(500),
+        splat_width: Some(24.0),
+        splat_alpha: Some(0.2),
         clip: Some(0.25),
         clip_fraction: None,
         compensation: Some(CompensationKey(Compensation::Off)),
@@ -112,6 +118,35 @@ fn every_key_of_the_rendering_is_read() {
         exposure: Some(lightsum::settings::Exposure::Stops(-1.5)),
     };
     assert_eq!(load(folder.path(), keys).unwrap().render, expected);
+    let settings = Settings::default().with_scene_defaults(&expected);
+    assert_eq!(settings.soft_shadows, Some(SoftShadows { lights: 2 }));
+    assert_eq!(settings.splats, Some(Splats { particles: 500, width: 24.0, alpha: 0.2 }));
+    // Without the form the numbers turn nothing on, and the forms "off" and "paths" turn it off.
+    let numbers = load(folder.path(), "[render]\nsoft_shadow_lights = 2\nsplat_width = 24\n").unwrap().render;
+    let plain = Settings::default().with_scene_defaults(&numbers);
+    assert_eq!((plain.soft_shadows, plain.splats), (None, None));
+    let off = load(folder.path(), "[render]\nsoft_shadows = \"off\"\nglossy = \"paths\"\n").unwrap().render;
+    let plain = settings.with_scene_defaults(&off);
+    assert_eq!((plain.soft_shadows, plain.splats), (None, None));
+    for (key, words) in [
+        ("soft_shadows = \"soft\"", "`splat`"),
+        ("glossy = \"splat\"", "`splats`"),
+        ("splat_particles = -1", "u32"),
+        ("splat_width = \"wide\"", "f32"),
+    ] {
+        let error = load(folder.path(), &format!("[render]\n{key}\n")).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("a.toml:3"), "{key}: {error}");
+    }
+    for (key, flag) in [
+        ("soft_shadows = \"splat\"\nsoft_shadow_lights = 9", "--soft-shadow-lights"),
+        ("glossy = \"splats\"\nsplat_particles = 0", "--splat-particles"),
+        ("glossy = \"splats\"\nsplat_width = 0.5", "--splat-width"),
+        ("glossy = \"splats\"\nsplat_alpha = 2", "--splat-alpha"),
+    ] {
+        let render = load(folder.path(), &format!("[render]\n{key}\n")).unwrap().render;
+        let error = Settings::default().with_scene_defaults(&render).validate().unwrap_err().to_string();
+        assert!(error.contains(flag), "{key}: {error}");
+    }
     let fraction = load(folder.path(), "[render]\nclip_fraction = 0.125\n").unwrap().render;
     assert_eq!(fraction, RenderDefaults { clip_fraction: Some(0.125), ..RenderDefaults::default() });
     for (value, expected) in

@@ -144,6 +144,7 @@ fn motion_blur_follows_its_oracle() {
                     accumulate::reference(e, beta, kd, light).extend(depth)
                 })
                 .collect();
+            let dither = reference::Dither::of(rig.parameters.keys[0]);
             for (name, pattern) in patterns(resolution) {
                 let moves: Vec<DVec2> = (0..pixels as u32).map(&pattern).collect();
                 let mut staging = Staging::new();
@@ -153,7 +154,7 @@ fn motion_blur_follows_its_oracle() {
                 staging.stage_into(ctx, velocities, 0, &velocity).unwrap();
                 staging.stage_into(ctx, &r.emitted, 0, &before[..pixels]).unwrap();
                 rig.run(|_, rec| staging.record(rec));
-                rig.prefill(&[&blur.source, &blur.windows]);
+                rig.prefill(&[&blur.windows]);
                 rig.run(|_, rec| blur.record(rec));
                 let after = rig.vec4s(&r.emitted);
                 if name == "rest" {
@@ -164,14 +165,14 @@ fn motion_blur_follows_its_oracle() {
                 let columns = resolution[0].div_ceil(8);
                 let short: Vec<Vec2> = moves.iter().map(|v| v.as_vec2()).collect();
                 for (i, window) in (0..).zip(&windows) {
-                    let even = reference::even(resolution, &depth, &short, [i % columns, i / columns]);
+                    let even = reference::even(resolution, &short, [i % columns, i / columns]);
                     let found = (window.along >= 0.0).then_some(window.even == 1);
                     assert_eq!(found, even, "{name}, {resolution:?}, tile {i}: {window:?}");
                     together += usize::from(even == Some(true));
                 }
                 let tile_of = |p: u32| p % resolution[0] / 8 + p / resolution[0] / 8 * columns;
                 let even = |p: usize| windows[tile_of(p as u32) as usize].even == 1;
-                let expected = motion_blur::reference(resolution, &source, &moves, even);
+                let expected = motion_blur::reference(resolution, &source, &moves, even, dither);
                 let mut tally = Tally::new(format!("motion blur, {name}, {resolution:?}"));
                 for i in 0..pixels {
                     let found = (after[i] - before[i] + source[i]).truncate();
@@ -320,11 +321,24 @@ fn compare_bright(image: &[Vec3], reference: &[Vec3]) -> (f32, f32) {
     (energy, (sum(&|a, b| (a - b).length_squared()) / sum(&|_, b| b.length_squared())).sqrt())
 }
 
-/// One blurred frame against the mean of 64 sharp ones, of what emits.
+/// One blurred frame against the mean of 64 sharp ones, of what emits. The errors are those of the middle of an image that holds all that emits,
+/// the energy is that of all of it: where the lamp lay across an edge, the energy was off by 5 % for what came in and went out.
 #[test]
 fn one_frame_stands_for_many_sub_frames() {
     gpu_test(|ctx| {
-        let (scene, view) = ball();
+        let (scene, narrow) = ball();
+        let (width, height) = (96, 72);
+        let wider = 2.0 * (1.5 * (0.5 * narrow.fov_y).to_radians().tan()).atan().to_degrees();
+        let view = Camera { resolution: [width, height], fov_y: wider, ..narrow };
+        // The part that the narrow view shows.
+        let middle = |image: &[Vec3]| -> Vec<Vec3> {
+            let [x, y] = [0, 1].map(|k| {
+                let margin = (view.resolution[k] - narrow.resolution[k]) / 2;
+                margin..margin + narrow.resolution[k]
+            });
+            let inside = |i: &usize| x.contains(&(*i as u32 % width)) && y.contains(&(*i as u32 / width));
+            (0..image.len()).filter(inside).map(|i| image[i]).collect()
+        };
         let (frames, mut errors) = (64, Vec::new());
         for (speeds, limits) in [((1.0, 0.0), [0.07, 0.11]), ((0.0, 2.0), [0.16, 0.2]), ((1.0, 2.0), [0.16, 0.2])] {
             let moving = |camera: Camera| {
@@ -338,12 +352,12 @@ fn one_frame_stands_for_many_sub_frames() {
                 sharp.pass().unwrap();
                 sharp.layers().unwrap().color
             };
-            let mut mean = vec![Vec3::ZERO; 64 * 48];
+            let mut mean = vec![Vec3::ZERO; (width * height) as usize];
             for i in 0..frames {
                 let image = frame((i as f32 + 0.5) / frames as f32);
                 mean.iter_mut().zip(&image).for_each(|(sum, l)| *sum += *l / frames as f32);
             }
-            let middle = frame(0.5);
+            let now = frame(0.5);
             let mut blurred = moving(Camera { shutter: 0.1, ..view });
             let end = |part| {
                 let (transform, camera) = at(view, speeds, part);
@@ -352,18 +366,14 @@ fn one_frame_stands_for_many_sub_frames() {
             blurred.engine_mut().set_shutter_ends(Some([end(0.0), end(1.0)])).unwrap();
             blurred.pass().unwrap();
             let image = blurred.layers().unwrap().color;
-            let ((energy, error), (_, without)) = (compare_bright(&image, &mean), compare_bright(&middle, &mean));
-            // Light that enters over the edge of the image is missing near it.
-            let inner = |image: &[Vec3]| -> Vec<Vec3> {
-                let inside = |i: &usize| (16..48).contains(&(i % 64)) && (12..36).contains(&(i / 64));
-                (0..image.len()).filter(inside).map(|i| image[i]).collect()
-            };
-            let (within, _) = compare_bright(&inner(&image), &inner(&mean));
-            println!("{speeds:?}: energy {energy:.4}, in the middle {within:.4}, error {error:.4}, sharp {without:.4}");
-            errors.push((energy, error / limits[0], without / limits[1]));
+            let (whole, _) = compare_bright(&image, &mean);
+            let [image, mean, now] = [&image, &mean, &now].map(|image| middle(image));
+            let ((energy, error), (_, without)) = (compare_bright(&image, &mean), compare_bright(&now, &mean));
+            println!("{speeds:?}: energy {whole:.4}, in the middle {energy:.4}, error {error:.4}, sharp {without:.4}");
+            errors.push((whole, error / limits[0], without / limits[1]));
         }
         let good =
-            |&(energy, error, without): &(f32, f32, f32)| (energy - 1.0).abs() < 0.06 && error < 1.0 && without > 1.0;
+            |&(energy, error, without): &(f32, f32, f32)| (energy - 1.0).abs() < 0.02 && error < 1.0 && without > 1.0;
         assert!(errors.iter().all(good), "{errors:?}");
     });
 }

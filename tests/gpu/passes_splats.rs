@@ -180,7 +180,7 @@ fn check_grid(rig: &Rig, what: &str) -> (Vec<Hit>, Vec<f32>) {
     let places: Vec<(Vec3, u32, f32)> =
         read.iter().map(|hit| (hit.position, hit.surface, width[hit.surface as usize - 1])).collect();
     let order = splat_grid::reference(&parameters, &places);
-    let (sorted, buckets): (Vec<Words>, Vec<[u32; 2]>) = (rig.get(&s.grid.hits), rig.get(&s.grid.buckets));
+    let (sorted, buckets): (Vec<Words>, Vec<[u32; 2]>) = (rig.texels(&s.grid.hits), rig.get(&s.grid.buckets));
     let mut cells = Tally::new(format!("splat_grid, {what}"));
     let mut found = 0;
     for (i, &from) in order.iter().enumerate() {

@@ -8,7 +8,7 @@ use lightsum::accel::{Bvh, Hit, Ray};
 use lightsum::bsdf::anisotropic::unpack;
 use lightsum::engine::Engine;
 use lightsum::frame::Frame;
-use lightsum::gpu::{Buffer, Context, Recorder, Resources, Staging, download};
+use lightsum::gpu::{Buffer, Context, Image, Memory, Recorder, Resources, Staging, download};
 use lightsum::pass::clusters::NO_POINT;
 use lightsum::pass::curvature::bend_at;
 use lightsum::pass::eye_paths::Plane;
@@ -106,6 +106,13 @@ impl<'a> Rig<'a> {
 
     pub fn get<T: Pod>(&self, buffer: &Buffer) -> Vec<T> {
         download(self.ctx, buffer).unwrap()
+    }
+
+    /// Texels of an image, row by row.
+    pub fn texels<T: Pod>(&self, image: &Image) -> Vec<T> {
+        let buffer = Buffer::new(self.ctx, "texels", image.bytes(), Memory::Device).unwrap();
+        self.run(|_, rec| rec.copy_image_to_buffer(image, &buffer));
+        self.get(&buffer)
     }
 
     /// The lights of all lists; entries that nobody wrote hold dark ones.

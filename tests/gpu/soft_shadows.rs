@@ -91,7 +91,7 @@ fn check_emitter(rig: &Rig, k: usize, light: &Light, soft: &[u32], before: &[Vec
     seen.finish(STRAYS);
 
     rig.run(|_, rec| stage.record_blockers(rec, k));
-    let [source, blockers] = [&pass.source, &pass.blockers].map(|b| rig.vec4s(b));
+    let [source, blockers]: [Vec<Vec4>; 2] = [&pass.source, &pass.blockers].map(|image| rig.texels(image));
     let lit = |i: usize| Word(source[i].w.to_bits()).lit();
     for i in 0..pixels as usize {
         let counts = soft.binary_search(&(i as u32)).is_ok() && faces(i);
@@ -162,9 +162,8 @@ fn check_emitter(rig: &Rig, k: usize, light: &Light, soft: &[u32], before: &[Vec
         assert_eq!(windows[i as usize], window(columns, &tiles, i), "{what}: tile {i}");
     }
 
-    rig.prefill(&[&pass.quads]);
-    rig.run(|_, rec| stage.record_search(rec, k));
-    let quads = rig.vec4s(&pass.quads);
+    rig.run(|_, rec| stage.record_search(rec));
+    let quads: Vec<Vec4> = rig.texels(&pass.quads);
     let seen_at = |i: usize| {
         let at = [i as u32 % width, i as u32 / width];
         Seen { frame: p, light, at, x: points[i].position, n: points[i].geometric }

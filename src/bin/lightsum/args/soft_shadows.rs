@@ -1,7 +1,7 @@
 //! The flags of soft shadows by convolution.
 
 use clap::{Args, ValueEnum};
-use lightsum::settings::{Settings, SoftShadows};
+use lightsum::settings::{Settings, ShadowForm, SoftShadows};
 
 /// Shadows of large emitters.
 #[derive(Clone, Debug, Default, Args)]
@@ -27,12 +27,10 @@ pub enum SoftFlag {
 impl SoftFlags {
     /// Applies the flags to the settings.
     pub fn apply(&self, settings: &mut Settings) {
-        let before = match self.soft_shadows {
-            Some(SoftFlag::Off) => None,
-            Some(SoftFlag::Splat) => Some(settings.soft_shadows.unwrap_or_default()),
-            None => settings.soft_shadows,
-        };
-        settings.soft_shadows =
-            before.map(|soft| SoftShadows { lights: self.soft_shadow_lights.unwrap_or(soft.lights) });
+        let form = self.soft_shadows.map(|flag| match flag {
+            SoftFlag::Off => ShadowForm::Off,
+            SoftFlag::Splat => ShadowForm::Splat,
+        });
+        settings.soft_shadows = SoftShadows::chosen(settings.soft_shadows, form, self.soft_shadow_lights);
     }
 }

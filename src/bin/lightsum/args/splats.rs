@@ -1,12 +1,12 @@
 //! The flags of splats.
 
 use clap::{Args, ValueEnum};
-use lightsum::settings::{Settings, Splats};
+use lightsum::settings::{GlossyForm, Settings, Splats};
 
 /// How glossy surfaces are shown that show no convolved mirror image.
 #[derive(Clone, Debug, Default, Args)]
 pub struct SplatFlags {
-    /// How glossy surfaces are shown, but for planes under --superposition [default: paths].
+    /// How glossy surfaces are shown, but for planes under --superposition [default: the scene's, or paths].
     #[arg(long, value_name = "HOW", value_enum)]
     pub glossy: Option<GlossyFlag>,
     /// Particles of --glossy splats, 1 to 4000000 [default: 100000]. At most as many hits are stored.
@@ -49,15 +49,11 @@ fn alpha(text: &str) -> Result<f32, String> {
 impl SplatFlags {
     /// Applies the flags to the settings.
     pub fn apply(&self, settings: &mut Settings) {
-        let before = match self.glossy {
-            Some(GlossyFlag::Paths) => None,
-            Some(GlossyFlag::Splats) => Some(settings.splats.unwrap_or_default()),
-            None => settings.splats,
-        };
-        settings.splats = before.map(|splats| Splats {
-            particles: self.splat_particles.unwrap_or(splats.particles),
-            width: self.splat_width.unwrap_or(splats.width),
-            alpha: self.splat_alpha.unwrap_or(splats.alpha),
+        let form = self.glossy.map(|flag| match flag {
+            GlossyFlag::Paths => GlossyForm::Paths,
+            GlossyFlag::Splats => GlossyForm::Splats,
         });
+        let numbers = (self.splat_particles, self.splat_width, self.splat_alpha);
+        settings.splats = Splats::chosen(settings.splats, form, numbers);
     }
 }

@@ -1,15 +1,19 @@
 //! The settings, each with the help of its flag and the time of the GPU passes that it changes.
 
 use egui::{DragValue, RichText, Ui};
+use lightsum::engine::Engine;
 use lightsum::ring::{Form, Ring};
-use lightsum::settings::{ClusterOrder, Compensation, Filter, LightChoice, Sequence, Settings, Spread, Superposition};
+use lightsum::settings::{
+    ClusterOrder, Compensation, Filter, GlossyForm, LightChoice, Sequence, Settings, ShadowForm, SoftShadows, Splats,
+    Spread, Superposition,
+};
 
 use super::panel::{Panel, Request};
 use crate::args::Preset;
 use crate::render::apply_preset;
 
 /// The GPU passes whose time a setting changes, by its flag. Settings that are not here change no time, or that of all passes.
-const PASSES: [(&str, &[&str]); 22] = [
+const PASSES: [(&str, &[&str]); 25] = [
     ("particles", &["walk", "light_lists", "shade"]),
     ("light_pool", &["walk", "light_lists"]),
     ("direct_lights", &["light_lists", "shade"]),
@@ -27,6 +31,9 @@ const PASSES: [(&str, &[&str]); 22] = [
     ("no_filter_direct", &["discontinuity", "discontinuity_lobes"]),
     ("compensation", &["near_light", "compensation"]),
     ("superposition", &["mirrors"]),
+    ("glossy", &["splats"]),
+    ("splat_width", &["splats"]),
+    ("soft_shadows", &["soft_shadows"]),
     ("cluster_order", &["sort", "clusters"]),
     ("no_split", &["eye"]),
     ("no_glossy_paths", &["eye", "glossy_light"]),
@@ -43,8 +50,9 @@ fn cost(flag: &str, times: &[(String, f64)]) -> Option<f64> {
 }
 
 /// Draws them; asks for others if the user changed one.
-pub fn show(ui: &mut Ui, panel: &Panel, times: &[(String, f64)], now: &Settings, requests: &mut Vec<Request>) {
+pub fn show(ui: &mut Ui, panel: &Panel, times: &[(String, f64)], engine: &Engine, requests: &mut Vec<Request>) {
     let panel = &Rows { panel, times };
+    let now = engine.settings();
     let mut s = now.clone();
     ui.horizontal(|ui| {
         ui.label("preset").on_hover_text(panel.panel.flag("preset"));
@@ -57,6 +65,10 @@ pub fn show(ui: &mut Ui, panel: &Panel, times: &[(String, f64)], now: &Settings,
     egui::Grid::new("settings").num_columns(3).striped(true).show(ui, |ui| {
         numbers(ui, panel, &mut s);
         choices(ui, panel, &mut s);
+        // An engine that was made without splats cannot show them.
+        if engine.device_scene().surfaces.is_some() {
+            glossy(ui, panel, &mut s);
+        }
     });
     if s != *now {
         requests.push(Request::Settings(Box::new(s)));
@@ -177,6 +189,7 @@ fn choices(ui: &mut Ui, panel: &Rows, s: &mut Settings) {
     if spread != s.superposition.map(|superposition| superposition.spread) {
         s.superposition = spread.map(|spread| Superposition { spread, ..s.superposition.unwrap_or_default() });
     }
+    soft_shadows(ui, panel, s);
     row(ui, panel, "light_choice", |ui| {
         choice(ui, "light_choice", &mut s.light_choice, &[LightChoice::Power, LightChoice::Contribution]);
     });
@@ -215,6 +228,28 @@ fn ring(ui: &mut Ui, panel: &Rows, s: &mut Settings) {
     }
     if let Some(ring) = &mut s.ring {
         row(ui, panel, "ring_length", |ui| number(ui, &mut ring.length, 1, Ring::MAX_LENGTH));
+    }
+}
+
+/// Splats. Their alpha is settled when the scene is loaded.
+fn glossy(ui: &mut Ui, panel: &Rows, s: &mut Settings) {
+    let mut form = if s.splats.is_some() { GlossyForm::Splats } else { GlossyForm::Paths };
+    row(ui, panel, "glossy", |ui| choice(ui, "glossy", &mut form, &[GlossyForm::Paths, GlossyForm::Splats]));
+    s.splats = Splats::chosen(s.splats, Some(form), (None, None, None));
+    if let Some(splats) = &mut s.splats {
+        row(ui, panel, "splat_particles", |ui| number(ui, &mut splats.particles, 1, Splats::MAX_PARTICLES));
+        row(ui, panel, "splat_width", |ui| {
+            ui.add(DragValue::new(&mut splats.width).range(1.0..=100.0).speed(0.2));
+        });
+    }
+}
+
+fn soft_shadows(ui: &mut Ui, panel: &Rows, s: &mut Settings) {
+    let mut form = if s.soft_shadows.is_some() { ShadowForm::Splat } else { ShadowForm::Off };
+    row(ui, panel, "soft_shadows", |ui| choice(ui, "soft_shadows", &mut form, &[ShadowForm::Off, ShadowForm::Splat]));
+    s.soft_shadows = SoftShadows::chosen(s.soft_shadows, Some(form), None);
+    if let Some(soft) = &mut s.soft_shadows {
+        row(ui, panel, "soft_shadow_lights", |ui| number(ui, &mut soft.lights, 1, SoftShadows::MAX_LIGHTS));
     }
 }
 

@@ -146,7 +146,7 @@ impl Panel {
                 ui.add(DragValue::new(&mut self.coarser).range(1..=MAX_COARSER).speed(0.05));
             });
         });
-        ui.collapsing("Settings", |ui| options::show(ui, self, &clock.passes, engine.settings(), requests));
+        ui.collapsing("Settings", |ui| options::show(ui, self, &clock.passes, engine, requests));
         let object = session.chosen().and_then(|chosen| session.scene()?.objects.get(chosen.object as usize));
         let title = object.map_or(String::from("Object"), |name| format!("Object: {name}"));
         egui::CollapsingHeader::new(title).id_salt("object").default_open(true).show(ui, |ui| match object {
