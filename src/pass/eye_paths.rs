@@ -242,7 +242,7 @@ pub fn reference(
     let fits = path.segments + 2 <= frame.scene[2];
     let material = &scene.materials[surface.material as usize];
     if material.surface == Surface::Opaque {
-        return at_lobe(frame, numbers, if splits { split_offset } else { 0 }, path, (d, t, cos_view), surface);
+        return at_lobe(frame, scene, numbers, if splits { split_offset } else { 0 }, path, (d, t, cos_view), surface);
     }
     let normals = Normals { geometric: surface.geometric, shading: surface.shading, front: surface.front };
     let eta = path.media.relative_index(&scene.materials, surface.material, surface.front);
@@ -299,6 +299,7 @@ pub fn reference(
 /// is chosen. `None` if the surface has no lobe narrow enough, and the path just ends.
 fn at_lobe(
     frame: &layout::FrameParameters,
+    scene: &Scene,
     numbers: [f32; 3],
     split_offset: u32,
     path: &EyePath,
@@ -312,7 +313,7 @@ fn at_lobe(
     let base = mean(r.kd);
     let share = (base / (base + mean(schlick(r.f0, r.f90, -n.dot(d))))).clamp(0.25, 0.75);
     let alone = crate::bsdf::Reflectance { kd: Vec3::ZERO, ..r };
-    let (wi, weight) = alone.sample_lobe(false, n, -d, numbers[0], numbers[1]);
+    let (wi, weight) = alone.sample_lobe(&scene.materials, false, n, -d, numbers[0], numbers[1]);
     let weight = if wi.dot(surface.geometric) > 0.0 { weight } else { Vec3::ZERO };
     let along = |slot: u32, throughput: Vec3| {
         let origin = offset_origin(surface.position, surface.geometric, frame.eye[3]);
@@ -321,7 +322,7 @@ fn at_lobe(
             ray: (throughput.max_element() > 0.0).then_some(Ray { origin, t_max: 3.0e38, direction: wi }),
             throughput,
             depth: path.depth + cos_view * t,
-            lobe: pdf_specular(n, wi, -d, r.alpha),
+            lobe: pdf_specular(&scene.materials, n, wi, -d, r.alpha),
             segments: path.segments + 1,
             ..*path
         }

@@ -50,7 +50,7 @@ impl SplatPlan {
             // The eye's segment and those of the particle.
             bounces: settings.max_depth.saturating_sub(2),
             surfaces: surfaces.count,
-            chunk: SplatPlan::chunk(settings.loop_budget),
+            chunk: SplatPlan::chunk(settings.loop_budget, scene.has_tables()),
         };
         let shows = surfaces.count > 0 && plan.bounces > 0 && view.camera().is_some();
         Ok(shows.then_some(plan))
@@ -80,10 +80,11 @@ impl SplatPlan {
     }
 
     /// Candidates of a point that one dispatch may loop over within `budget`: each takes at most 3 iterations (its own, and 2 if it lies
-    /// within the kernel), and eight points of a subgroup may have theirs in different cells; each edge of the
+    /// within the kernel; beside `tables` there may be lobes of two other kinds, of 2 more), and eight points of a subgroup may have theirs in different cells; each edge of the
     /// outline 20; the cells and the exits 60.
-    fn chunk(budget: u32) -> u32 {
-        (budget.saturating_sub(60 + 20 * MAX_EDGES) / 24).max(1)
+    fn chunk(budget: u32, tables: bool) -> u32 {
+        let each = if tables { 8 * 5 } else { 8 * 3 };
+        (budget.saturating_sub(60 + 20 * MAX_EDGES) / each).max(1)
     }
 
     /// The parameters on the device.
@@ -109,8 +110,10 @@ mod tests {
 
     #[test]
     fn hits_are_looked_up_within_the_loop_budget() {
-        let chunk = SplatPlan::chunk(LOOP_BUDGET);
-        assert!(chunk > 1000 && 24 * chunk + 20 * MAX_EDGES + 60 <= LOOP_BUDGET, "{chunk}");
+        for (tables, each) in [(false, 24), (true, 40)] {
+            let chunk = SplatPlan::chunk(LOOP_BUDGET, tables);
+            assert!(chunk > 1000 && each * chunk + 20 * MAX_EDGES + 60 <= LOOP_BUDGET, "{chunk}");
+        }
     }
 
     #[test]

@@ -112,7 +112,7 @@ fn check_points(rig: &Rig, sine: f32, met: &mut Met) {
     for &slot in &started {
         let i = slot as usize;
         let (expected, weight, specular) =
-            gather::near_reference(p, slot, (sort::class_of(p, slot), flags(slot)), &before[i]);
+            gather::near_reference(p, &rig.scene.materials, slot, (sort::class_of(p, slot), flags(slot)), &before[i]);
         let (ray, hit) = rays_of(&traced, i);
         let tolerance = if specular { 2.0 * sine.sqrt() } else { 5e-4 };
         let same = ray.origin == expected.origin && close(ray.direction, expected.direction, 0.0, tolerance);

@@ -106,7 +106,7 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
     for &pixel in &listed {
         let i = pixel as usize;
         let so_far = if bounce == 1 { Vec3::ONE } else { old[i].truncate() };
-        let (expected, weight, specular) = gather::reference(p, pixel, bounce as u32 - 1, &before[i], so_far);
+        let (expected, weight, specular) = gather::reference(p, &rig.scene.materials, pixel, bounce as u32 - 1, &before[i], so_far);
         let ray = ray_of(origin[i], direction[i]);
         // A microfacet near the edge of visibility contains the root of a small difference of sines.
         let tolerance = if specular { 2.0 * sine.sqrt() } else { RELATIVE };
@@ -332,7 +332,7 @@ fn effects(rig: &Rig, light: &PointLight) -> Effects {
         let parallel = light.flags() & PointLight::DIRECTIONAL != 0;
         let d = if parallel { -far * xyz(light.normal) } else { xyz(light.position) - r.position };
         let wi = d.normalize();
-        let sent = shade::light_towards(light, wi, d.length_squared(), clip2);
+        let sent = shade::light_towards(&rig.scene.materials, light, wi, d.length_squared(), clip2);
         if sent == Vec3::ZERO || wi.dot(r.shading) <= 0.0 || wi.dot(r.geometric) <= 0.0 {
             continue;
         }

@@ -218,8 +218,9 @@ fn check_tiles(rig: &Rig) {
             let m = &rig.scene.materials[material];
             let whole = Reflectance::new(m.base_color, m.metallic, m.roughness, m.specular);
             let along = whole.alpha + (1.0 - whole.alpha) * m.anisotropy.powi(2);
-            let alpha = m.phong_exponent.map_or((whole.alpha * along).sqrt(), |d| width_of(-d));
-            let narrow = m.metallic_roughness_texture.is_some() || alpha <= MAX_FOLLOWED_ALPHA;
+            let other = m.phong_exponent.map_or((whole.alpha * along).sqrt(), |d| width_of(-d));
+            let alpha = m.lobe.as_ref().map_or(other, |table| table.alpha());
+            let narrow = m.metallic_roughness_texture.is_some() && m.lobe.is_none() || alpha <= MAX_FOLLOWED_ALPHA;
             let followed = rig.parameters.choice[3] > 0.0 && narrow && (whole.f90 > 0.0 || m.metallic > 0.0);
             m.surface != Surface::Opaque || rig.plane(&hit) > 0 || followed
         })

@@ -302,7 +302,7 @@ fn check_light(rig: &Rig, what: &str, mut photons: Vec<Photon>, narrowed: &mut u
             reflectance,
             wo: wo[i].truncate(),
         };
-        let expected = photon_light::reference(&rig.parameters, slot, &receiver, &photons);
+        let expected = photon_light::reference(&rig.parameters, &rig.scene.materials, slot, &receiver, &photons);
         for (k, sum) in expected.into_iter().enumerate() {
             let found = (after[k][i] - before[k][i]).truncate();
             let rounding = 1e-5 * before[k][i].truncate().max_element();

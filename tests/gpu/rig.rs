@@ -215,7 +215,7 @@ pub fn make<T>(ctx: &Context, shared: Resources, pass: impl FnOnce(&Kit) -> ligh
     let mut staging = Staging::new();
     let (uploads, traversal) = (RefCell::new(&mut staging), Traversal::Auto);
     let made =
-        pass(&Kit { context: ctx, staging: uploads, shared, textured: false, has_alpha: false, traversal }).unwrap();
+        pass(&Kit { context: ctx, staging: uploads, shared, textured: false, has_alpha: false, tables: false, traversal }).unwrap();
     ctx.submit_and_wait("uploads", None, |rec| staging.record(rec)).unwrap();
     made
 }
