@@ -184,7 +184,8 @@ impl Reflectance {
             return *self;
         }
         let wide = Reflectance { alpha, ..*self };
-        let factor = (self.lobe_albedo(materials, n, wo) / wide.lobe_albedo(materials, n, wo).max(1e-6)).clamp(1.0, 4.0);
+        let factor =
+            (self.lobe_albedo(materials, n, wo) / wide.lobe_albedo(materials, n, wo).max(1e-6)).clamp(1.0, 4.0);
         Reflectance { f0: factor * wide.f0, f90: factor * wide.f90, ..wide }
     }
 }

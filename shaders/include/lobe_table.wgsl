@@ -83,15 +83,10 @@ fn table_mixed_cell(first: u32, second: u32, t: f32, count: u32, x: f32) -> u32 
     return table_mixed_step(first, second, t, last, k, 1u, x);
 }
 
-// T by a cosine.
-fn table_total(table: LobeTable, o: TablePlace) -> f32 {
+// The albedo.
+fn table_albedo(table: LobeTable, o: TablePlace) -> f32 {
     let at = table.reflected + (o.cell + 1u) * table.n - 1u;
     return table_mixed(at, at + table.n, o.t);
-}
-
-// The middle of an interval of cosines.
-fn table_middle(table: LobeTable, cell: u32) -> f32 {
-    return 0.5 * (table_at(table.cosines + cell) + table_at(table.cosines + cell + 1u));
 }
 
 // f.
@@ -123,8 +118,8 @@ fn table_density(alpha: f32, n: vec3<f32>, wi: vec3<f32>, wo: vec3<f32>) -> f32 
     let table = lobe_table(alpha);
     let i = table_place(table.cosines, table.n, dot(n, wi));
     let o = table_place(table.cosines, table.n, dot(n, wo));
-    let total = table_total(table, o);
-    return select(0.0, table_value(table, n, wi, wo, i, o) * table_middle(table, i.cell) / max(total, 1e-37), total > 0.0);
+    let albedo = table_albedo(table, o);
+    return select(0.0, table_value(table, n, wi, wo, i, o) * dot(n, wi) / max(albedo, 1e-37), albedo > 0.0);
 }
 
 // Position in [0, 1] for a uniform number, of a density that goes linearly from a to b.
@@ -133,7 +128,20 @@ fn sample_linear(a: f32, b: f32, u: f32) -> f32 {
     return clamp(u * (a + b) / max(a + root, 1e-37), 0.0, 1.0);
 }
 
-// A direction above the surface; w: the lobe without its Fresnel term, times the cosine, over the density.
+// The same of a density that is the product of two functions that go linearly from x to y, a and b.
+fn sample_product(a: vec2<f32>, b: vec2<f32>, u: f32) -> f32 {
+    // Six times the integrals of the three parts.
+    let parts = vec3<f32>(2.0 * a.x * b.x, a.x * b.y + a.y * b.x, 2.0 * a.y * b.y);
+    let whole = u * (parts.x + parts.y + parts.z);
+    let both = parts.x + parts.y;
+    let within = clamp((vec3<f32>(whole) - vec3<f32>(0.0, parts.x, both)) / max(parts, vec3<f32>(1e-37)), vec3<f32>(0.0), vec3<f32>(1.0));
+    let low = 1.0 - pow(1.0 - within.x, 1.0 / 3.0);
+    let middle = 0.5 - sin(asin(1.0 - 2.0 * within.y) * (1.0 / 3.0));
+    let high = pow(within.z, 1.0 / 3.0);
+    return select(select(high, middle, whole < both), low, whole < parts.x);
+}
+
+// A direction above the surface; w: the lobe without its Fresnel term, times the cosine, over the density: the albedo.
 fn table_sample(alpha: f32, n: vec3<f32>, wo: vec3<f32>, u: f32, v: f32) -> vec4<f32> {
     let table = lobe_table(alpha);
     let o = table_place(table.cosines, table.n, dot(n, wo));
@@ -153,8 +161,10 @@ fn table_sample(alpha: f32, n: vec3<f32>, wo: vec3<f32>, u: f32, v: f32) -> vec4
     let rest = clamp((of_cosine - before) / max(table_at(sums + i + 1u) - before, 1e-37), 0.0, 1.0);
     let low = (row * table.n + i) * table.m;
     let part = table.partial + low;
-    let t = sample_linear(table_at(part + table.m - 1u), table_at(part + 2u * table.m - 1u), rest);
-    let cosine = table_mixed(table.cosines + i, table.cosines + i + 1u, t);
+    let whole = vec2<f32>(table_at(part + table.m - 1u), table_at(part + 2u * table.m - 1u));
+    let ends = vec2<f32>(table_at(table.cosines + i), table_at(table.cosines + i + 1u));
+    let t = sample_product(whole, ends, rest);
+    let cosine = ends.x + (ends.y - ends.x) * t;
     // The azimuth, of either sign.
     let of_azimuth = abs(2.0 * v - 1.0) * table_mixed(part + table.m - 1u, part + 2u * table.m - 1u, t);
     let l = table_mixed_cell(part, part + table.m, t, table.m, of_azimuth);
@@ -170,5 +180,5 @@ fn table_sample(alpha: f32, n: vec3<f32>, wo: vec3<f32>, u: f32, v: f32) -> vec4
     let sine = sqrt(max(1.0 - cosine * cosine, 0.0));
     let side = select(sin(azimuth), -sin(azimuth), v < 0.5);
     let wi = x * (sine * cos(azimuth)) + cross(n, x) * (sine * side) + n * cosine;
-    return vec4<f32>(wi, both * cosine / table_middle(table, i));
+    return vec4<f32>(wi, both);
 }

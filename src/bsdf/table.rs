@@ -14,16 +14,20 @@
 //!
 //! # Directions
 //!
-//! With c the cosine of wi, phi its azimuth and m(c) the middle of the interval of nodes that holds c:
-//!
 //! ```text
-//! p(wi) = f(wi, wo) m(c) / T(wo)        T(wo) = integral over c and phi of f m
-//! f cos_i / p = T(wo) c / m(c)          between 0 and 2 T(wo)
+//! p(wi) = f(wi, wo) cos_i / a(wo)       a(wo) = integral of f cos_i, the albedo
 //! ```
 //!
-//! f is linear between rows of cos theta_o, and so is T. A sample takes one of both rows at random, then c from the row's cumulative sums (within an interval
-//! the integral over phi is linear in c), then phi from cumulative sums over phi, which are linear in c too (within an interval f is linear).
-//! So p is exact, and positive wherever f is.
+//! f is linear between rows of cos theta_o, and so is a. A sample takes one of both rows at random, then an interval of cos theta_i from the row's cumulative sums.
+//! Within it the density of t, from 0 to 1, is the product of two linear functions: the cosine, and the integral of f over the azimuth. With their values A0, A1, c0, c1
+//! at the ends that is a mixture of three densities that have closed inverses,
+//!
+//! ```text
+//! A0 c0 (1 - t)^2 + (A0 c1 + A1 c0) t (1 - t) + A1 c1 t^2
+//! t = 1 - (1 - u)^(1/3),   1/2 - sin(arcsin(1 - 2 u) / 3),   u^(1/3)
+//! ```
+//!
+//! The azimuth comes from cumulative sums, which are linear in t; within an interval f is linear. So p is exact, and no sample has a weight above the albedo.
 //!
 //! # In one number
 //!
@@ -114,7 +118,7 @@ pub struct Grid {
     values: Vec<f32>,
     /// For each value the integral of f over the azimuth from 0 to its own.
     partial: Vec<f32>,
-    /// For each pair of cosines the integral of f m over all azimuths and over cos theta_i from 0 to its own.
+    /// For each pair of cosines the integral of f cos theta_i over all azimuths and over cos theta_i from 0 to its own.
     reflected: Vec<f32>,
 }
 
@@ -306,6 +310,21 @@ fn sample_linear(a: f32, b: f32, u: f32) -> f32 {
     (u * (a + b) / (a + root).max(1e-37)).clamp(0.0, 1.0)
 }
 
+/// Position in [0, 1] for a uniform number, of a density that is the product of two functions that go linearly from a to b.
+fn sample_product([a0, b0]: [f32; 2], [a1, b1]: [f32; 2], u: f32) -> f32 {
+    // Six times the integrals of the three parts.
+    let parts = [2.0 * a0 * a1, a0 * b1 + b0 * a1, 2.0 * b0 * b1];
+    let target = u * (parts[0] + parts[1] + parts[2]);
+    let within = |before: f32, part: usize| ((target - before) / parts[part].max(1e-37)).clamp(0.0, 1.0);
+    if target < parts[0] {
+        1.0 - (1.0 - within(0.0, 0)).cbrt()
+    } else if target < parts[0] + parts[1] {
+        0.5 - ((1.0 - 2.0 * within(parts[0], 1)).asin() / 3.0).sin()
+    } else {
+        within(parts[0] + parts[1], 2).cbrt()
+    }
+}
+
 impl Raw {
     fn check(&self) -> Result<(), String> {
         check_axis("cos_i", &self.cos_i, 1.0)?;
@@ -332,7 +351,8 @@ impl Raw {
     fn joined(&self) -> Result<(Vec<f32>, Vec<f32>), String> {
         let axis = |nodes: &mut dyn Iterator<Item = f32>, end: f32| {
             // The ends first, so that they stay exact.
-            let mut all: Vec<f32> = nodes.filter(|x| (SAME_NODE..=end - SAME_NODE).contains(x)).chain([0.0, end]).collect();
+            let mut all: Vec<f32> =
+                nodes.filter(|x| (SAME_NODE..=end - SAME_NODE).contains(x)).chain([0.0, end]).collect();
             all.sort_by(f32::total_cmp);
             all.dedup_by(|b, a| *b - *a < SAME_NODE);
             all
@@ -472,9 +492,9 @@ impl Grid {
             let mut sum = 0.0;
             self.reflected.push(0.0);
             for i in 1..n {
-                let (low, high) = (f64::from(self.cosines[i - 1]), f64::from(self.cosines[i]));
+                let (low, width) = (f64::from(self.cosines[i - 1]), f64::from(self.cosines[i] - self.cosines[i - 1]));
                 // Both sides of the plane of incidence.
-                sum += 2.0 * 0.5 * (whole(i - 1) + whole(i)) * (high - low) * 0.5 * (low + high);
+                sum += 2.0 * width * (whole(i - 1) * (0.5 * low + width / 6.0) + whole(i) * (0.5 * low + width / 3.0));
                 self.reflected.push(sum as f32);
             }
         }
@@ -507,17 +527,7 @@ impl Grid {
 
     /// Albedo of light from each cosine: the integral of f cos_i.
     fn albedos(&self) -> Vec<f64> {
-        let (n, m) = (self.cosines.len(), self.azimuths.len());
-        let of = |o: usize| {
-            let whole = |i: usize| 2.0 * f64::from(self.partial[(o * n + i) * m + m - 1]);
-            let part = |i: usize| {
-                let low = f64::from(self.cosines[i]);
-                let width = f64::from(self.cosines[i + 1]) - low;
-                width * (whole(i) * (0.5 * low + width / 6.0) + whole(i + 1) * (0.5 * low + width / 3.0))
-            };
-            (0..n - 1).map(part).sum()
-        };
-        (0..n).map(of).collect()
+        (0..self.cosines.len()).map(|row| f64::from(self.albedo(row))).collect()
     }
 
     /// Alpha of a GGX lobe about as wide.
@@ -544,7 +554,7 @@ impl Grid {
         let (mut all, mut shown) = (0.0, 0.0);
         for (row, &cos) in self.cosines.iter().enumerate() {
             let wo = direction(cos, 0.0);
-            let light = cos * self.reflected[(row + 1) * self.cosines.len() - 1];
+            let light = cos * self.albedo(row);
             for i in 0..64 {
                 let wi = self.sample(Vec3::Z, wo, [i / 8, i % 8].map(|k| (k as f32 + 0.5) / 8.0));
                 all += light;
@@ -569,14 +579,17 @@ impl Grid {
             let points = (0..WIDE_SAMPLES * WIDE_SAMPLES).map(|i| {
                 let u = [i / WIDE_SAMPLES, i % WIDE_SAMPLES].map(|k| (k as f32 + 0.5) / WIDE_SAMPLES as f32);
                 let wi = self.sample(Vec3::Z, wo, u);
-                (wi, self.over_pdf(wi.z, o) / (WIDE_SAMPLES * WIDE_SAMPLES) as f32)
+                // Few of the samples are near the horizon, where each would weigh much.
+                (wi, self.over_pdf(wi.z.max(0.01), o) / (WIDE_SAMPLES * WIDE_SAMPLES) as f32)
             });
             let points: Vec<(Vec3, f32)> = points.collect();
             let mut values = Vec::with_capacity(WIDE_NODES * WIDE_NODES);
             for &i in &cosines {
                 for &azimuth in &azimuths {
                     let wi = direction(i, azimuth);
-                    let part = |(at, f): &(Vec3, f32)| f * (kernel(wi.dot(*at)) + kernel(wi.dot(*at * Vec3::new(1.0, 1.0, -1.0))));
+                    let part = |(at, f): &(Vec3, f32)| {
+                        f * (kernel(wi.dot(*at)) + kernel(wi.dot(*at * Vec3::new(1.0, 1.0, -1.0))))
+                    };
                     values.push(points.iter().map(part).sum::<f32>());
                 }
             }
@@ -616,17 +629,15 @@ impl Grid {
         mix(along_cos_i(o), along_cos_i(o + 1), y)
     }
 
-    /// T(wo).
-    fn total(&self, row: usize) -> f32 {
+    /// The albedo by a row of cos theta_o.
+    fn albedo(&self, row: usize) -> f32 {
         self.reflected[(row + 1) * self.cosines.len() - 1]
     }
 
     /// f over the density of [`Grid::sample`], by the cosines.
-    pub(super) fn over_pdf(&self, cos_i: f32, cos_o: f32) -> f32 {
+    fn over_pdf(&self, cos_i: f32, cos_o: f32) -> f32 {
         let (o, y) = interval(&self.cosines, cos_o);
-        let (i, _) = interval(&self.cosines, cos_i);
-        let middle = 0.5 * (self.cosines[i] + self.cosines[i + 1]);
-        mix(self.total(o), self.total(o + 1), y) / middle
+        mix(self.albedo(o), self.albedo(o + 1), y) / cos_i.max(1e-7)
     }
 
     /// Density over solid angle of [`Grid::sample`] for unit directions above the surface.
@@ -640,7 +651,7 @@ impl Grid {
         let (count, turns) = (self.cosines.len(), self.azimuths.len());
         let (row, y) = interval(&self.cosines, n.dot(wo));
         // One of both rows.
-        let (first, second) = ((1.0 - y) * self.total(row), y * self.total(row + 1));
+        let (first, second) = ((1.0 - y) * self.albedo(row), y * self.albedo(row + 1));
         let share = first / (first + second).max(1e-37);
         let (row, along) =
             if u[0] < share { (row, u[0] / share) } else { (row + 1, (u[0] - share) / (1.0 - share).max(1e-7)) };
@@ -650,7 +661,8 @@ impl Grid {
         let i = cell(count, |k| sums[k] <= target);
         let rest = ((target - sums[i]) / (sums[i + 1] - sums[i]).max(1e-37)).clamp(0.0, 1.0);
         let part = |i: usize, l: usize| self.partial[(row * count + i) * turns + l];
-        let t = sample_linear(part(i, turns - 1), part(i + 1, turns - 1), rest);
+        let t =
+            sample_product([part(i, turns - 1), part(i + 1, turns - 1)], [self.cosines[i], self.cosines[i + 1]], rest);
         let cos = mix(self.cosines[i], self.cosines[i + 1], t);
         // The azimuth, of either sign.
         let sum = |l: usize| mix(part(i, l), part(i + 1, l), t);

@@ -136,7 +136,11 @@ fn samples_follow_their_density() {
     }
     for r in reflectances() {
         let wo = direction(0.8, 2.0);
-        check_sampling("both", |u| r.sample(&[], Vec3::Z, wo, random_f32(u[0].to_bits()), u), |wi| r.pdf(&[], Vec3::Z, wi, wo));
+        check_sampling(
+            "both",
+            |u| r.sample(&[], Vec3::Z, wo, random_f32(u[0].to_bits()), u),
+            |wi| r.pdf(&[], Vec3::Z, wi, wo),
+        );
     }
 }
 

@@ -106,7 +106,8 @@ pub fn reference(
             sums[0] += arriving;
             // A path along the lobe brings this light, unless no path can meet its emitter.
             if receiver.sampled.is_none() || photon.without_area {
-                sums[1] += arriving * receiver.reflectance.eval_specular(materials, receiver.shading, photon.wi, receiver.wo);
+                sums[1] +=
+                    arriving * receiver.reflectance.eval_specular(materials, receiver.shading, photon.wi, receiver.wo);
             }
         }
     }

@@ -22,10 +22,10 @@ use crate::bsdf::Reflectance;
 use crate::bsdf::anisotropic::turned;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
-use crate::scene::Material;
 use crate::ring::survives;
 use crate::sampling::dimensions::LOBE;
 use crate::sampling::random::{key, random_f32};
+use crate::scene::Material;
 use glam::Vec3;
 
 /// The pass.

@@ -336,7 +336,11 @@ impl<'a> Tracer<'a> {
         let from = offset_origin(point.position, n.geometric, self.scale);
         // f_r cos, or 0 below the surface.
         let reflected = |wi: Vec3| {
-            if n.above(wi) { reflectance.eval(&self.scene.materials, n.shading, wi, point.wo) * n.shading.dot(wi) } else { Vec3::ZERO }
+            if n.above(wi) {
+                reflectance.eval(&self.scene.materials, n.shading, wi, point.wo) * n.shading.dot(wi)
+            } else {
+                Vec3::ZERO
+            }
         };
         if let (Kind::Environment, Some(environment)) = (e.kind, &self.emitters.environment) {
             let wi = e.sample_sky(&environment.of, u0, u1);

@@ -87,6 +87,24 @@ fn lobes_out_of_range_are_refused() {
 }
 
 #[test]
+fn tables_of_lobes_that_are_no_reflectance_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for (table, words) in [
+        (LOBE.replace("0.3]", "nan]"), "value 3, at cos_i 1, cos_o 0.5, azimuth 1, is NaN"),
+        (LOBE.replace("[0.2, 0.25", "[-0.2, 0.25"), "value 0"),
+        (LOBE.replace(", 0.3]", "]"), "3 values for 2 x 1 x 2 nodes"),
+        (LOBE.replace("0.2, 0.25, 0.25, 0.3", "2.0, 2.5, 2.5, 3.0"), "is reflected"),
+        (LOBE.replace("[0.2, 0.25", "[0.0, 0.0"), "exchanged directions differ"),
+    ] {
+        fs::write(folder.path().join("other.toml"), &table).unwrap();
+        let error = load(folder.path(), "[materials.wall]\nlobe = \"other.toml\"\n").unwrap_err().to_string();
+        assert!(error.contains("other.toml") && error.contains(words), "{table}: {error}");
+    }
+    let error = load(folder.path(), "[materials.wall]\nlobe = \"none.toml\"\n").unwrap_err().to_string();
+    assert!(error.contains("none.toml") && error.contains("reading failed"), "{error}");
+}
+
+#[test]
 fn every_key_of_the_rendering_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let keys = "[render]\npasses = 3\nparticles = 5\ndirect_lights = 4\ninterleave = [2, 3]\nmax_depth = 6\nmax_specular = 7\n\

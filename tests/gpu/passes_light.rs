@@ -106,7 +106,8 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
     for &pixel in &listed {
         let i = pixel as usize;
         let so_far = if bounce == 1 { Vec3::ONE } else { old[i].truncate() };
-        let (expected, weight, specular) = gather::reference(p, &rig.scene.materials, pixel, bounce as u32 - 1, &before[i], so_far);
+        let (expected, weight, specular) =
+            gather::reference(p, &rig.scene.materials, pixel, bounce as u32 - 1, &before[i], so_far);
         let ray = ray_of(origin[i], direction[i]);
         // A microfacet near the edge of visibility contains the root of a small difference of sines.
         let tolerance = if specular { 2.0 * sine.sqrt() } else { RELATIVE };

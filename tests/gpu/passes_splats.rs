@@ -252,7 +252,14 @@ fn check_light(rig: &Rig, what: &str, hits: &[Hit], width: &[f32]) -> usize {
             let covered = splat_light::coverage(receiver.position, receiver.geometric, &outline, h);
             let segments = (flags / ShadingPoints::ONE_SEGMENT) & 15;
             let on = (surface, h, covered);
-            wanted = splat_light::reference(&rig.parameters, &rig.scene.materials, (&receiver, segments), on, hits, state.particles);
+            wanted = splat_light::reference(
+                &rig.parameters,
+                &rig.scene.materials,
+                (&receiver, segments),
+                on,
+                hits,
+                state.particles,
+            );
         }
         let found = (after[i] - before[i]).truncate();
         let rounding = 1e-5 * before[i].truncate().max_element();

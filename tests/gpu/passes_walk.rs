@@ -217,8 +217,15 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
             let (hit, ray) = (hit_of(hits[n]), ray_of(origins[n], directions[n]));
             let surface = hit.map(|hit| surface_at(scene, rig.bvh(), &hit, ray.direction, p.cones[1] * hit.t));
             let flux = fluxes[n].truncate();
-            let (light, next, next_flux) =
-                walk_reflect::reference(p, &scene.materials, j, (n as u32, fluxes[n].w as u32), ray.direction, flux, surface.as_ref());
+            let (light, next, next_flux) = walk_reflect::reference(
+                p,
+                &scene.materials,
+                j,
+                (n as u32, fluxes[n].w as u32),
+                ray.direction,
+                flux,
+                surface.as_ref(),
+            );
             let found = &lights[slot(n, j)];
             tally.check_values(same_light(found, &light, 1e-5), &of_lights(found, &light), || {
                 format!("particle {n}: {found:?}\nfor {light:?}")
@@ -398,8 +405,15 @@ fn walk(rig: &Rig) -> Vec<PointLight> {
                     }
                 }
             }
-            let (light, next, next_flux) =
-                walk_reflect::reference(p, &rig.scene.materials, j, (i, specular), ray.direction, flux, surface.as_ref());
+            let (light, next, next_flux) = walk_reflect::reference(
+                p,
+                &rig.scene.materials,
+                j,
+                (i, specular),
+                ray.direction,
+                flux,
+                surface.as_ref(),
+            );
             lights[slot(i, j)] = light;
             (ray, flux) = (next, next_flux);
         }

@@ -214,8 +214,16 @@ impl<'a> Rig<'a> {
 pub fn make<T>(ctx: &Context, shared: Resources, pass: impl FnOnce(&Kit) -> lightsum::Result<T>) -> T {
     let mut staging = Staging::new();
     let (uploads, traversal) = (RefCell::new(&mut staging), Traversal::Auto);
-    let made =
-        pass(&Kit { context: ctx, staging: uploads, shared, textured: false, has_alpha: false, tables: false, traversal }).unwrap();
+    let made = pass(&Kit {
+        context: ctx,
+        staging: uploads,
+        shared,
+        textured: false,
+        has_alpha: false,
+        tables: false,
+        traversal,
+    })
+    .unwrap();
     ctx.submit_and_wait("uploads", None, |rec| staging.record(rec)).unwrap();
     made
 }

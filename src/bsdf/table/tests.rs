@@ -160,7 +160,7 @@ fn a_furnace_keeps_its_light_and_samples_have_their_density() {
             for i in 0..n * n {
                 let u = [i % n, i / n].map(|k| (k as f32 + 0.5) / n as f32);
                 let (wi, weight) = r.sample_lobe(&materials, false, Vec3::Z, wo, u[0], u[1]);
-                assert!(wi.z >= 0.0 && (wi.length() - 1.0).abs() < 1e-4 && weight.x <= 2.1, "{name}: {wi} {weight}");
+                assert!(wi.z >= 0.0 && (wi.length() - 1.0).abs() < 1e-4 && weight.x <= 1.001, "{name}: {wi} {weight}");
                 sampled += f64::from(weight.x);
                 // Even in the square root of the sine towards grazing, and in the azimuth.
                 let wi = direction(u[0] * u[0], TAU * u[1]);
@@ -175,11 +175,17 @@ fn a_furnace_keeps_its_light_and_samples_have_their_density() {
             let (k, t) = interval(&cosines, wo.z);
             let closed = expected[k] + (expected[k + 1] - expected[k]) * f64::from(t);
             println!("{name}, {degrees} degrees: {sampled:.4} {integrated:.4} {closed:.4}, density {density:.4}");
-            assert!((sampled - closed).abs() < 4e-3 && (integrated - closed).abs() < 6e-3, "{name}: {sampled} {integrated} {closed}");
+            assert!(
+                (sampled - closed).abs() < 4e-3 && (integrated - closed).abs() < 6e-3,
+                "{name}: {sampled} {integrated} {closed}"
+            );
             assert!((density - 1.0).abs() < 6e-3, "{name}, {degrees} degrees: {density}");
             assert!(sampled < 1.001, "{name}: {sampled}");
             // f = 12 / 2 pi cos^11 about wo, a part of which the horizon cuts off.
-            assert!(degrees > 0.0 || albedo.is_none_or(|albedo| (sampled - albedo * 12.0 / 13.0).abs() < 0.01), "{sampled}");
+            assert!(
+                degrees > 0.0 || albedo.is_none_or(|albedo| (sampled - albedo * 12.0 / 13.0).abs() < 0.01),
+                "{sampled}"
+            );
             let sample = |u| r.sample_of_lobe(&materials, Vec3::Z, wo, u);
             let pdf = |wi| pdf_specular(&materials, Vec3::Z, wi, wo, r.alpha);
             if degrees < 80.0 {
@@ -207,7 +213,9 @@ fn a_table_of_ggx_is_ggx() {
 
 #[test]
 fn numbers_hold_tables_and_their_widths() {
-    for (material, table) in [(0, ggx_table(0.3, 17)), (7, retro_reflective()), (MAX_MATERIALS as u32 - 1, ggx_table(0.12, 65))] {
+    for (material, table) in
+        [(0, ggx_table(0.3, 17)), (7, retro_reflective()), (MAX_MATERIALS as u32 - 1, ggx_table(0.12, 65))]
+    {
         let alpha = number(material, &table);
         assert!(is_table(alpha) && !anisotropic::is_anisotropic(alpha), "{alpha}");
         assert!((width_of(alpha) / table.alpha() - 1.0).abs() < 0.008);
@@ -238,9 +246,12 @@ fn lobes_of_lights_are_as_wide_as_they_must_be_and_keep_their_energy() {
                 // Of GGX of that alpha, which is widened likewise.
                 let usual = ggx(0.1).widened(&[], n, from(degrees), MIN_LIGHT_ALPHA);
                 let mirrored = from(-degrees);
-                let [found, expected] = [widened, usual].map(|r| r.eval_specular(&materials, n, mirrored, from(degrees)).x);
+                let [found, expected] =
+                    [widened, usual].map(|r| r.eval_specular(&materials, n, mirrored, from(degrees)).x);
                 println!("{degrees} degrees: peak {found:.3}, of GGX {expected:.3}");
-                assert!((0.5..2.0).contains(&(found / expected)), "{degrees} degrees: {found} for {expected}");
+                // The kernel is as wide across the plane of incidence as along it, where GGX is narrower by the cosine.
+                let least = 0.85 * from(degrees).z;
+                assert!((least..1.3).contains(&(found / expected)), "{degrees} degrees: {found} for {expected}");
                 let grid = materials[0].lobe.as_ref().unwrap().grids()[1];
                 assert!((0.8..1.25).contains(&(grid.width() / MIN_LIGHT_ALPHA)), "{}", grid.width());
             }
