@@ -1,5 +1,7 @@
+use super::grid::{WIDE_NODES, interval};
 use super::*;
 use crate::bsdf::{Reflectance, pdf_specular};
+use std::f32::consts::TAU;
 use std::sync::Arc;
 
 /// Steps of the angle, dense towards grazing; ends at both ends.
