@@ -48,9 +48,9 @@ def table(name, f, azimuths):
     direction = lambda c, a: (sqrt(max(1 - c * c, 0)) * cos(a), sqrt(max(1 - c * c, 0)) * sin(a), c)
     values = [f(direction(i, a), direction(o, 0)) for i in cosines for o in cosines for a in azimuths]
     text = ["# written by generate.py"]
-    for key, numbers in (("cos_i", cosines), ("cos_o", cosines), ("azimuth", azimuths), ("values", values)):
+    for key, digits, numbers in (("cos_i", 7, cosines), ("cos_o", 7, cosines), ("azimuth", 7, azimuths), ("values", 4, values)):
         text.append("%s = [" % key)
-        text.extend("    " + ", ".join("%.4g" % x for x in numbers[i:i + 17]) + "," for i in range(0, len(numbers), 17))
+        text.extend("    " + ", ".join("%.*g" % (digits, x) for x in numbers[i:i + 17]) + "," for i in range(0, len(numbers), 17))
         text.append("]")
     (HERE / (name + ".toml")).write_text("\n".join(text) + "\n")
 

@@ -99,7 +99,7 @@ fn mirror_lights_follow_their_oracle() {
         for (resolution, pattern) in AWKWARD_IMAGES.into_iter().zip([[1, 1], [2, 1], [1, 1], [1, 2], [3, 2]]) {
             // Lobes without paths of their own.
             let reflectance = Reflectance::Fresnel;
-            let base = Settings { mirror_lights: 9, pattern, glossy_paths: false, reflectance, ..settings(27, 5) };
+            let base = Settings { mirror_lights: 24, pattern, glossy_paths: false, reflectance, ..settings(27, 5) };
             let rig = Rig::new(ctx, &scene, resolution, base);
             let sums = &rig.frame().shade.lighting;
             rig.run(|frame, rec| {
