@@ -98,7 +98,7 @@ pub struct DeviceScene {
     pub uvs: Buffer,
     /// [`crate::pass::layout::MaterialRecord`]s.
     pub materials: Buffer,
-    /// [`table::words`] of the materials.
+    /// Tables of the materials' lobes, as `shaders/include/lobe_table.wgsl` reads them.
     pub lobe_tables: Buffer,
     /// What that was made of.
     lobes: Vec<Option<Arc<Table>>>,

@@ -180,7 +180,8 @@ pub fn path_share(lobe: f32, lights: f32, distance2: f32, cosine: f32) -> f32 {
 
 /// Oracle: the part of virtual lights, over the square of the distance.
 pub fn highlight_factor(lobe: f32, lights: f32, distance2: f32, cosine: f32) -> f32 {
-    lights / (lobe * cosine + lights * distance2)
+    // Both may be 0: a dark light where a lobe from a table reflects nothing.
+    lights / (lobe * cosine + lights * distance2).max(1e-37)
 }
 
 /// Oracle: the parts of the emission of a surface and of the light that it reflects which a path brings.

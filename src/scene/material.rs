@@ -94,7 +94,7 @@ impl Alpha {
 ///
 /// kd = base_color (1 - metallic) (1 - mean F), F0 = mix(specular, base_color, metallic), GGX alpha = roughness^2.
 /// There is no specular lobe where F0 is 0. With a `phong_exponent` the lobe is that of [`crate::bsdf::phong`], with `anisotropy` that of
-/// [`crate::bsdf::anisotropic`].
+/// [`crate::bsdf::anisotropic`], with a `lobe` that of [`crate::bsdf::table`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// Name in the file.
