@@ -14,8 +14,8 @@ use lightsum::settings::{Clip, Sequence, Settings, Traversal};
 use lightsum::stage::Stage;
 
 use crate::rig::{
-    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, gallery_with_alpha, has, hit_of, is_lit, make, ray_of,
-    sine_error, untouched, xyz,
+    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery_with_alpha, gallery_with_tables, has, hit_of, is_lit, make,
+    ray_of, sine_error, untouched, xyz,
 };
 use crate::support::gpu_test;
 
@@ -297,7 +297,7 @@ fn surfaces_that_let_light_pass_follow_their_oracles() {
 #[test]
 fn shade_gather_and_collect_follow_their_oracles() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         let sine = sine_error(ctx, &scene);
         let patterns = [[1, 1], [3, 3], [2, 3], [8, 8], [1, 1]];
         let mut compared = [0; 6];
@@ -369,7 +369,7 @@ fn shade_of_each_kind_of_light() {
 }
 
 fn shade_each_kind(ctx: &Context, traversal: Traversal) {
-    let scene = gallery();
+    let scene = gallery_with_tables();
     let settings = Settings { particles: 27, clip: Clip::Distance(1.0), seed: 3, traversal, ..Settings::plain() };
     let rig = Rig::new(ctx, &scene, [31, 17], settings);
     rig.walk_and_look();

@@ -19,7 +19,7 @@ use lightsum::settings::{Settings, Traversal};
 use lightsum::stage::{Compensation, Stage};
 use lightsum::superposition::kernels::KernelLibrary;
 
-pub use crate::gallery::{Builder, gallery, gallery_outdoors, gallery_with_alpha};
+pub use crate::gallery::{Builder, gallery, gallery_outdoors, gallery_with_alpha, gallery_with_tables};
 
 /// Image sizes that reveal off-by-one mistakes: one pixel, part of a workgroup, one workgroup, 2049 pixels, a prime
 /// width.
