@@ -1,4 +1,4 @@
-//! Reflection at a surface: Lambert plus a lobe, GGX, GGX of two widths ([`anisotropic`]) or [`phong`]; Fresnel's equations; texture lookup.
+//! Reflection at a surface: Lambert plus a lobe, GGX, GGX of two widths ([`anisotropic`]), [`phong`] or a [`table`]; Fresnel's equations; texture lookup.
 //!
 //! f_r = kd / pi + D G2 F / (4 cos cos'), D and G2 of GGX (G2 height-correlated, Smith), F after Schlick.
 //!
@@ -11,6 +11,7 @@
 pub mod anisotropic;
 pub mod ideal;
 pub mod phong;
+pub mod table;
 
 use crate::scene::mip::level_count;
 use crate::scene::{Cone, Material, Scene, Surface, Texture, TextureUse, Triangle, Wrap};
@@ -29,7 +30,8 @@ pub struct Reflectance {
     pub f0: Vec3,
     /// Specular reflectance at grazing incidence.
     pub f90: f32,
-    /// GGX roughness, at most 1; negative: minus the exponent of a [`phong`] lobe; 2 or more: the word of an [`anisotropic`] lobe.
+    /// GGX roughness, at most 1; negative: minus the exponent of a [`phong`] lobe; 2 or more: the word of an [`anisotropic`] lobe;
+    /// between 1 and 2: that of a [`table`] of one of the scene's materials, which functions look up in `materials`.
     pub alpha: f32,
 }
 
@@ -66,7 +68,7 @@ impl Reflectance {
     }
 
     /// The specular part of f_r for unit directions that leave the surface; 0 if either is not above it.
-    pub fn eval_specular(&self, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
+    pub fn eval_specular(&self, materials: &[Material], n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
         let (cos_i, cos_o) = (n.dot(wi), n.dot(wo));
         if cos_i <= 0.0 || cos_o <= 0.0 || self.f90 <= 0.0 {
             return Vec3::ZERO;
@@ -79,6 +81,9 @@ impl Reflectance {
         if let Some(grain) = anisotropic::unpack(self.alpha, n) {
             return schlick(self.f0, self.f90, wo.dot(h)) * grain.eval(n, wi, wo);
         }
+        if let Some(table) = table::find(materials, self.alpha) {
+            return schlick(self.f0, self.f90, wo.dot(h)) * table.eval(n, wi, wo);
+        }
         let d = ggx(n, h, self.alpha);
         // G2 / (4 cos cos').
         let a2 = self.alpha * self.alpha;
@@ -89,15 +94,15 @@ impl Reflectance {
     }
 
     /// f_r for unit directions that leave the surface; 0 if either is not above it.
-    pub fn eval(&self, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
+    pub fn eval(&self, materials: &[Material], n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
         if n.dot(wi) <= 0.0 || n.dot(wo) <= 0.0 {
             return Vec3::ZERO;
         }
-        self.eval_diffuse() + self.eval_specular(n, wi, wo)
+        self.eval_diffuse() + self.eval_specular(materials, n, wi, wo)
     }
 
     /// Density over solid angle of [`Reflectance::sample`].
-    pub fn pdf(&self, n: Vec3, wi: Vec3, wo: Vec3) -> f32 {
+    pub fn pdf(&self, materials: &[Material], n: Vec3, wi: Vec3, wo: Vec3) -> f32 {
         let cos_i = n.dot(wi);
         if cos_i <= 0.0 || n.dot(wo) <= 0.0 {
             return 0.0;
@@ -105,24 +110,27 @@ impl Reflectance {
         let p = self.diffuse_probability();
         let mut pdf = p * (cos_i / PI);
         if p < 1.0 {
-            pdf += (1.0 - p) * pdf_specular(n, wi, wo, self.alpha);
+            pdf += (1.0 - p) * pdf_specular(materials, n, wi, wo, self.alpha);
         }
         pdf
     }
 
     /// A direction wi for wo: `choice` selects the lobe, `u` the direction. It may lie below the surface (then f_r is 0).
-    pub fn sample(&self, n: Vec3, wo: Vec3, choice: f32, u: [f32; 2]) -> Vec3 {
+    pub fn sample(&self, materials: &[Material], n: Vec3, wo: Vec3, choice: f32, u: [f32; 2]) -> Vec3 {
         if choice < self.diffuse_probability() {
             let ((t, b), w) = (basis(n), sample_diffuse(u));
             return t * w.x + b * w.y + n * w.z;
         }
-        self.sample_of_lobe(n, wo, u)
+        self.sample_of_lobe(materials, n, wo, u)
     }
 
     /// A direction from the specular lobe.
-    fn sample_of_lobe(&self, n: Vec3, wo: Vec3, u: [f32; 2]) -> Vec3 {
+    fn sample_of_lobe(&self, materials: &[Material], n: Vec3, wo: Vec3, u: [f32; 2]) -> Vec3 {
         if let Some(exponent) = phong::exponent_of(self.alpha) {
             return phong::sample(n, wo, exponent, u);
+        }
+        if let Some(table) = table::find(materials, self.alpha) {
+            return table.sample(n, wo, u);
         }
         let (t, b, alphas) = match anisotropic::unpack(self.alpha, n) {
             Some(grain) => (grain.along, grain.across, grain.alphas),
@@ -137,38 +145,47 @@ impl Reflectance {
 
     /// A direction from one lobe, by [`sample_diffuse`] or [`sample_specular`], and its weight: reflectance times cosine over
     /// the lobe's own pdf and the probability of the lobe. Zero weight below the surface.
-    pub fn sample_lobe(&self, diffuse: bool, n: Vec3, wo: Vec3, u: f32, v: f32) -> (Vec3, Vec3) {
+    pub fn sample_lobe(
+        &self,
+        materials: &[Material],
+        diffuse: bool,
+        n: Vec3,
+        wo: Vec3,
+        u: f32,
+        v: f32,
+    ) -> (Vec3, Vec3) {
         let p = self.diffuse_probability();
         if diffuse {
             let ((t, b), w) = (basis(n), sample_diffuse([u, v]));
             return (t * w.x + b * w.y + n * w.z, self.kd / p);
         }
-        let wi = self.sample_of_lobe(n, wo, [u, v]);
-        let pdf = pdf_specular(n, wi, wo, self.alpha) * (1.0 - p);
-        let weight = if pdf > 0.0 { self.eval_specular(n, wi, wo) * (n.dot(wi) / pdf) } else { Vec3::ZERO };
+        let wi = self.sample_of_lobe(materials, n, wo, [u, v]);
+        let pdf = pdf_specular(materials, n, wi, wo, self.alpha) * (1.0 - p);
+        let weight = if pdf > 0.0 { self.eval_specular(materials, n, wi, wo) * (n.dot(wi) / pdf) } else { Vec3::ZERO };
         (wi, weight)
     }
 
     /// Light that the lobe reflects of light from `wo`, mean of the channels, by 8 x 4 visible normals, denser where masking
     /// begins.
-    pub fn lobe_albedo(&self, n: Vec3, wo: Vec3) -> f32 {
+    pub fn lobe_albedo(&self, materials: &[Material], n: Vec3, wo: Vec3) -> f32 {
         let lobe = Reflectance { kd: Vec3::ZERO, ..*self };
         let sample = |i: u32| {
             let left = 1.0 - ((i / 4) as f32 + 0.5) / 8.0;
             let turn = ((i % 4) as f32 + 0.25 + 0.5 * (i / 4 % 2) as f32) / 4.0;
-            left * lobe.sample_lobe(false, n, wo, 1.0 - left * left, turn).1
+            left * lobe.sample_lobe(materials, false, n, wo, 1.0 - left * left, turn).1
         };
         (0..32).map(sample).sum::<Vec3>().element_sum() / 48.0
     }
 
     /// The lobe widened to at least this alpha, grown (by a factor of at most 4) to reflect as much light from `wo` as before.
-    pub fn widened(&self, n: Vec3, wo: Vec3, alpha: f32) -> Reflectance {
+    pub fn widened(&self, materials: &[Material], n: Vec3, wo: Vec3, alpha: f32) -> Reflectance {
         let alpha = phong::widened_alpha(self.alpha, alpha);
         if self.f90 <= 0.0 || self.alpha == alpha {
             return *self;
         }
         let wide = Reflectance { alpha, ..*self };
-        let factor = (self.lobe_albedo(n, wo) / wide.lobe_albedo(n, wo).max(1e-6)).clamp(1.0, 4.0);
+        let factor =
+            (self.lobe_albedo(materials, n, wo) / wide.lobe_albedo(materials, n, wo).max(1e-6)).clamp(1.0, 4.0);
         Reflectance { f0: factor * wide.f0, f90: factor * wide.f90, ..wide }
     }
 }
@@ -185,7 +202,7 @@ pub struct Finish {
 }
 
 impl Finish {
-    /// Of a material with these texture values: base colour, and (roughness, metallic).
+    /// Of a material with these texture values: base colour, and (roughness, metallic); but for the lobe of a table, which belongs to a scene.
     pub fn of(material: &Material, base: Vec3, roughness_metallic: [f32; 2]) -> Finish {
         let [roughness, metallic] = roughness_metallic;
         let base = material.base_color * base;
@@ -228,7 +245,11 @@ impl Finish {
         };
         let base = texel(material.base_texture, TextureUse::Base).truncate();
         let mr = texel(material.metallic_roughness_texture, TextureUse::MetallicRoughness);
-        Finish::of(material, base * scene.color_at(triangle, weights), [mr.y, mr.z])
+        let mut finish = Finish::of(material, base * scene.color_at(triangle, weights), [mr.y, mr.z]);
+        if let (Some(table), Surface::Opaque) = (&material.lobe, material.surface) {
+            finish.reflectance.alpha = table::number(triangle.material, table);
+        }
+        finish
     }
 }
 
@@ -335,8 +356,8 @@ pub fn sample_specular(wo: Vec3, alphas: Vec2, u: [f32; 2]) -> Vec3 {
     h * (2.0 * wo.dot(h)) - wo
 }
 
-/// Density over solid angle of [`sample_specular`]: G1(wo) D(h) / (4 cos_o).
-pub fn pdf_specular(n: Vec3, wi: Vec3, wo: Vec3, alpha: f32) -> f32 {
+/// Density over solid angle of the directions of a lobe; of GGX, by [`sample_specular`]: G1(wo) D(h) / (4 cos_o).
+pub fn pdf_specular(materials: &[Material], n: Vec3, wi: Vec3, wo: Vec3, alpha: f32) -> f32 {
     let cos_o = n.dot(wo);
     if n.dot(wi) <= 0.0 || cos_o <= 0.0 {
         return 0.0;
@@ -346,6 +367,9 @@ pub fn pdf_specular(n: Vec3, wi: Vec3, wo: Vec3, alpha: f32) -> f32 {
     }
     if let Some(grain) = anisotropic::unpack(alpha, n) {
         return grain.pdf(n, wi, wo);
+    }
+    if let Some(table) = table::find(materials, alpha) {
+        return table.pdf(n, wi, wo);
     }
     let h = (wi + wo).normalize();
     masking(cos_o, alpha) * ggx(n, h, alpha) / (4.0 * cos_o)

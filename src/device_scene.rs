@@ -9,6 +9,7 @@ pub mod texels;
 mod update;
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use bytemuck::Pod;
 use glam::Vec3;
@@ -17,6 +18,7 @@ use crate::accel::Bvh;
 use crate::accel::objects::ObjectTrees;
 use crate::accel::wide::WideBvh;
 use crate::bsdf::Reflectance;
+use crate::bsdf::table::{self, Table};
 use crate::error::{Error, Result};
 use crate::gpu::{Buffer, Context, Resources, Staging};
 use crate::light::emitters::Emitters;
@@ -96,6 +98,10 @@ pub struct DeviceScene {
     pub uvs: Buffer,
     /// [`crate::pass::layout::MaterialRecord`]s.
     pub materials: Buffer,
+    /// Tables of the materials' lobes, as `shaders/include/lobe_table.wgsl` reads them.
+    pub lobe_tables: Buffer,
+    /// What that was made of.
+    lobes: Vec<Option<Arc<Table>>>,
     /// The textures.
     pub textures: DeviceTextures,
     /// [`crate::light::emitters::EmitterRecord`]s.
@@ -259,6 +265,7 @@ impl DeviceScene {
                 "{count} materials; the device's tables number fewer than {MAX_MATERIALS}"
             )));
         }
+        scene.check_tables().map_err(Error::Scene)?;
         let reflectors = scene.reflectors();
         let of_triangle = reflector_bits(scene, &reflectors);
         let (mut normals, mut uvs) = shading_attributes(scene, &bvh, &of_triangle, 0..bvh.triangle_count() as usize);
@@ -266,7 +273,7 @@ impl DeviceScene {
         if has_patterns(scene) {
             uvs.extend(second_coordinates(scene));
         }
-        let materials: Vec<_> = scene.materials.iter().map(material_record).collect();
+        let materials: Vec<_> = (0..).zip(&scene.materials).map(|(i, m)| material_record(i, m)).collect();
         let mut device_scene = DeviceScene {
             node_min: staging.stage(context, "scene node minima", &bvh.node_min)?,
             node_max: staging.stage(context, "scene node maxima", &bvh.node_max)?,
@@ -277,6 +284,8 @@ impl DeviceScene {
             normals: staging.stage(context, "scene normals", &normals)?,
             uvs: staging.stage(context, "scene texture coordinates", &uvs)?,
             materials: staging.stage(context, "scene materials", &materials)?,
+            lobe_tables: staging.stage(context, "scene lobe tables", &table::words(&scene.materials))?,
+            lobes: scene.lobes(),
             textures: DeviceTextures::new(context, staging, scene)?,
             emitter_records: staging.stage(context, "scene emitters", &emitters.records())?,
             environment: staging.stage(context, "scene environment", &environment_record(scene, &emitters))?,
@@ -362,6 +371,7 @@ impl DeviceScene {
             ("triangle_normals", &self.normals),
             ("triangle_uvs", &self.uvs),
             ("materials", &self.materials),
+            ("lobe_tables", &self.lobe_tables),
             ("emitters", &self.emitter_records),
             ("environment", &self.environment),
             ("sobol_columns", &self.sobol_columns),
@@ -381,6 +391,11 @@ impl DeviceScene {
             all = all.with("mirror_of", &targets.of_triangle);
         }
         all
+    }
+
+    /// Whether materials have lobes by tables.
+    pub fn has_tables(&self) -> bool {
+        self.lobes.iter().any(Option::is_some)
     }
 
     /// Bytes of all buffers.

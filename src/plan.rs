@@ -247,6 +247,8 @@ pub struct SceneSize {
     pub diagonal: f32,
     /// Mean radiance of the emitters with area, times their area on all sides that emit.
     pub emission: f32,
+    /// Whether materials have lobes by tables.
+    pub tables: bool,
     /// Lengths of the surfaces that the view shows.
     pub extent: Extent,
 }
@@ -325,6 +327,7 @@ pub fn derive(scene: &DeviceScene, asked: &Settings, view: &View) -> Result<Plan
             emitters: scene.emitters.list.len() as u32,
             diagonal: scene.bvh.diagonal(),
             emission: scene.emitters.emission(),
+            tables: scene.has_tables(),
             extent,
         },
     })
@@ -470,6 +473,7 @@ impl Plan {
             && self.settings.clips() == other.settings.clips()
             && same_view
             && self.soft_emitters.len() == other.soft_emitters.len()
+            && self.scene.tables == other.scene.tables
             && self.scene.extent.reflectivity == other.scene.extent.reflectivity
             && (&self.lights, &self.lists, self.eye, self.photons, self.mirrors, self.splats)
                 == (&other.lights, &other.lists, other.eye, other.photons, other.mirrors, other.splats)

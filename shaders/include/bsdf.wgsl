@@ -1,12 +1,16 @@
-// Reflectance: Lambert plus a lobe, GGX or by phong.wgsl or anisotropic.wgsl. CPU twin: bsdf.rs. Needs math.wgsl.
+// Reflectance: Lambert plus a lobe, GGX or by phong.wgsl, anisotropic.wgsl, or where TABLES is set by lobe_table.wgsl. CPU twin: bsdf.rs. Needs math.wgsl.
 #include "phong.wgsl"
 #include "anisotropic.wgsl"
+#if TABLES
+#include "lobe_table.wgsl"
+#endif
 
 struct Reflectance {
     kd: vec3<f32>,
     f90: f32,
     f0: vec3<f32>,
-    alpha: f32,             // negative: minus the exponent of a lobe by phong.wgsl; 2 or more: a lobe by anisotropic.wgsl
+    alpha: f32,             // negative: minus the exponent of a lobe by phong.wgsl; 2 or more: a lobe by anisotropic.wgsl; between
+                            // 1 and 2: one by lobe_table.wgsl
 }
 
 // Mean of Schlick's Fresnel term over the cosine-weighted hemisphere.
@@ -56,6 +60,11 @@ fn eval_specular(r: Reflectance, n: vec3<f32>, wo: vec3<f32>, wi: vec3<f32>) -> 
         let g = unpack_grain(r.alpha, n);
         lobe = grain_distribution(g, n, h) * 0.5 / (cos_o * grain_stretch(g, wi, cos_i) + cos_i * grain_stretch(g, wo, cos_o));
     }
+#if TABLES
+    for (var i = select(0u, 1u, is_table(r.alpha) && cos_o > 0.0 && cos_i > 0.0); i > 0u; i -= 1u) {
+        lobe = table_lobe(r.alpha, n, wi, wo);
+    }
+#endif
     let f = schlick(r, dot(wo, h)) * lobe;
     return select(vec3<f32>(0.0), f, cos_o > 0.0 && cos_i > 0.0);
 }
@@ -77,6 +86,11 @@ fn lobe_density(alpha: f32, n: vec3<f32>, wo: vec3<f32>, wi: vec3<f32>) -> f32 {
         let g = unpack_grain(alpha, n);
         density = grain_distribution(g, n, h) / (2.0 * (cos_o + grain_stretch(g, wo, cos_o)));
     }
+#if TABLES
+    for (var i = select(0u, 1u, is_table(alpha) && cos_o > 0.0 && dot(n, wi) > 0.0); i > 0u; i -= 1u) {
+        density = table_density(alpha, n, wi, wo);
+    }
+#endif
     return select(0.0, density, cos_o > 0.0 && dot(n, wi) > 0.0);
 }
 
@@ -86,7 +100,7 @@ struct LobeSample {
 }
 
 // A direction from one lobe: cosine law for the diffuse (Keller 1997, 3.2), for the specular one visible normals
-// (Heitz 2018), or a power of the cosine. The caller drops directions below the surface.
+// (Heitz 2018), a power of the cosine or a table. The caller drops directions below the surface.
 fn sample_lobe(r: Reflectance, diffuse: bool, p_diffuse: f32, n: vec3<f32>, wo: vec3<f32>, u: f32, v: f32) -> LobeSample {
     let frame_n = basis(n);
     let circle = unit_circle(v);
@@ -101,7 +115,16 @@ fn sample_lobe(r: Reflectance, diffuse: bool, p_diffuse: f32, n: vec3<f32>, wo: 
         s.wi = wi;
         s.weight = select(vec3<f32>(0.0), schlick(r, cos_h) * share, cos_i > 0.0);
     }
-    for (var i = select(1u, 0u, diffuse || r.alpha < 0.0); i > 0u; i -= 1u) {
+#if TABLES
+    for (var i = select(1u, 0u, diffuse || !is_table(r.alpha)); i > 0u; i -= 1u) {
+        let found = table_sample(r.alpha, n, wo, u, v);
+        let sum = wo + found.xyz;
+        let cos_h = sqrt(0.25 * dot(sum, sum));
+        s.wi = found.xyz;
+        s.weight = schlick(r, cos_h) * (found.w / max(1.0 - p_diffuse, 1e-6));
+    }
+#endif
+    for (var i = select(1u, 0u, diffuse || r.alpha < 0.0 || is_table(r.alpha)); i > 0u; i -= 1u) {
         let two = is_anisotropic(r.alpha);
         // Without a branch, so that it leaves the loops of callers.
         let unpacked = unpack_grain(r.alpha, n);

@@ -7,7 +7,8 @@ struct MaterialRecord {
     flags: vec4<u32>,       // base texture + 1, metallic-roughness texture + 1, kind of surface, bits below
     normal: vec4<u32>,      // normal texture + 1, bits of its scale, of the opacity and of the cutoff of alpha (negative: none)
     lobes: vec4<f32>,       // exponent of the emitted cosine, exitance over that of Lambert's law; minus the exponent of a lobe by phong.wgsl,
-                            // 0: GGX, above: square of the strength of its anisotropy; rotation of its grain
+                            // 0: GGX, up to 1: square of the strength of its anisotropy, above: the number of a table by lobe_table.wgsl; rotation
+                            // of its grain
 }
 
 const MATERIAL_TWO_SIDED: u32 = 1u; // emits on both sides

@@ -153,9 +153,9 @@ fn surface_at(triangle: u32, u: f32, v: f32, d: vec3<f32>, width: f32) -> Surfac
 #endif
     let kind = material.flags.z;
     let whole = reflectance_of(base, metallic, material.specular.xyz, roughness);
-    var alpha = select(whole.alpha, material.lobes.z, material.lobes.z < 0.0);
+    var alpha = select(whole.alpha, material.lobes.z, material.lobes.z < 0.0 || is_table(material.lobes.z));
     // A loop, because it runs zero times where no lobe has two widths.
-    for (var i = select(0u, 1u, material.lobes.z > 0.0); i > 0u; i -= 1u) {
+    for (var i = select(0u, 1u, material.lobes.z > 0.0 && !is_table(material.lobes.z)); i > 0u; i -= 1u) {
         var corners = vec4<f32>(0.0);
         var last = vec2<f32>(0.0);
 #if UNTEXTURED

@@ -57,8 +57,14 @@ pub fn is_anisotropic(alpha: f32) -> bool {
     alpha >= 2.0
 }
 
-fn step_of(alpha: f32) -> u32 {
+/// An alpha in steps of a 50th of an octave.
+pub(super) fn step_of(alpha: f32) -> u32 {
     (-STEPS_OF_OCTAVE * alpha.log2() + 0.5).clamp(0.0, LEAST as f32) as u32
+}
+
+/// The alpha of such a number of steps.
+pub(super) fn alpha_of(step: u32) -> f32 {
+    (step as f32 * (-1.0 / STEPS_OF_OCTAVE)).exp2()
 }
 
 fn steps(word: u32) -> [u32; 2] {
@@ -81,7 +87,7 @@ pub fn unpack(alpha: f32, n: Vec3) -> Option<Grain> {
         return None;
     }
     let word = alpha.to_bits();
-    let alphas = Vec2::from_array(steps(word).map(|step| (step as f32 * (-1.0 / STEPS_OF_OCTAVE)).exp2()));
+    let alphas = Vec2::from_array(steps(word).map(alpha_of));
     let d = (word & 0xfff) as f32 * (1.0 / DIRECTIONS) - 1.0;
     let scale = 1.0 / (1.0 + d * d);
     let (x, y) = ((1.0 - d * d) * scale, 2.0 * d * scale);

@@ -101,7 +101,7 @@ impl BsdfSample {
     /// chooses it. Its weight is zero if it would not leave the pane.
     pub fn frosted(self, n: Vec3, wo: Vec3, alpha: f32, u: [f32; 2]) -> BsdfSample {
         let lobe = Reflectance { kd: Vec3::ZERO, f0: Vec3::ONE, f90: 1.0, alpha };
-        let (wi, share) = lobe.sample_lobe(false, n, wo, u[0], u[1]);
+        let (wi, share) = lobe.sample_lobe(&[], false, n, wo, u[0], u[1]);
         BsdfSample { wi: wi - 2.0 * n.dot(wi) * n, weight: self.weight * share, ..self }
     }
 }
@@ -289,7 +289,7 @@ mod tests {
                 sampled = [sampled[0] + share, sampled[1] + share * near(sample.wi)];
                 // Cosine-weighted directions behind the pane.
                 let up = super::super::sample_diffuse(u);
-                let f = f64::from(lobe.eval_specular(Vec3::Z, up, wo).x * std::f32::consts::PI) / f64::from(n * n);
+                let f = f64::from(lobe.eval_specular(&[], Vec3::Z, up, wo).x * std::f32::consts::PI) / f64::from(n * n);
                 integrated = [integrated[0] + f, integrated[1] + f * near(Vec3::new(up.x, up.y, -up.z))];
             }
             for (a, b) in sampled.into_iter().zip(integrated) {

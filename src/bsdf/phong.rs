@@ -21,7 +21,7 @@ use std::f32::consts::TAU;
 
 use glam::Vec3;
 
-use super::{anisotropic, basis, reflect};
+use super::{anisotropic, basis, reflect, table};
 
 /// Least and greatest exponent.
 pub const EXPONENTS: std::ops::RangeInclusive<f32> = 1.0..=1e4;
@@ -36,6 +36,7 @@ pub fn width_of(alpha: f32) -> f32 {
     match alpha {
         alpha if alpha < 0.0 => (-0.5 / alpha).sqrt(),
         alpha if anisotropic::is_anisotropic(alpha) => anisotropic::width_of(alpha),
+        alpha if table::is_table(alpha) => table::width_of(alpha),
         alpha => alpha,
     }
 }
@@ -45,6 +46,7 @@ pub fn widened_alpha(alpha: f32, least: f32) -> f32 {
     match alpha {
         alpha if alpha < 0.0 => alpha.max(-0.5 / (least * least)),
         alpha if anisotropic::is_anisotropic(alpha) => anisotropic::widened(alpha, least),
+        alpha if table::is_table(alpha) => table::widened(alpha, least),
         alpha => alpha.max(least),
     }
 }

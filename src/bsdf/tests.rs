@@ -40,7 +40,7 @@ fn reciprocal() {
             let world = |w: Vec3| t * w.x + b * w.y + n * w.z;
             let wi = world(sample_diffuse([halton(0, i), halton(1, i)]));
             let wo = world(sample_diffuse([halton(2, i), halton(3, i)]));
-            let (forward, backward) = (r.eval(n, wi, wo), r.eval(n, wo, wi));
+            let (forward, backward) = (r.eval(&[], n, wi, wo), r.eval(&[], n, wo, wi));
             assert!((forward - backward).abs().max_element() <= 1e-4 * forward.max_element(), "{forward} {backward}");
         }
     }
@@ -54,7 +54,7 @@ fn mean_albedo_is_at_most_one() {
         for k in 0..16 {
             // Uniform in cos^2: the plain mean is the cosine-weighted one.
             let wo = sample_diffuse([(k as f32 + 0.5) / 16.0, 0.1]);
-            total += integrate(256, 256, |wi| white.eval(Vec3::Z, wi, wo)).x / 16.0;
+            total += integrate(256, 256, |wi| white.eval(&[], Vec3::Z, wi, wo)).x / 16.0;
         }
         assert!(total <= 1.003, "metallic {m}, roughness {r}, specular {s}: {total}");
         assert!(total > 0.4, "metallic {m}, roughness {r}, specular {s}: {total}");
@@ -66,7 +66,7 @@ fn lobe_albedo_is_at_most_one_for_each_direction() {
     for roughness in [0.3, 0.5, 0.8, 1.0] {
         let white = Reflectance::new(Vec3::ONE, 1.0, roughness, Vec3::ZERO);
         for theta in [0.1, 0.7, 1.2, 1.5] {
-            let albedo = integrate(400, 400, |wi| white.eval_specular(Vec3::Z, wi, direction(theta, 0.3))).x;
+            let albedo = integrate(400, 400, |wi| white.eval_specular(&[], Vec3::Z, wi, direction(theta, 0.3))).x;
             assert!(albedo <= 1.01 && albedo > 0.3, "roughness {roughness}, theta {theta}: {albedo}");
         }
     }
@@ -76,8 +76,8 @@ fn lobe_albedo_is_at_most_one_for_each_direction() {
 fn no_lobe_without_specular() {
     let r = Reflectance::new(Vec3::splat(0.7), 0.0, 0.2, Vec3::ZERO);
     assert_eq!((r.kd, r.f90, r.diffuse_probability()), (Vec3::splat(0.7), 0.0, 1.0));
-    assert_eq!(r.eval(Vec3::Z, direction(0.3, 1.0), direction(0.3, 4.14)), Vec3::splat(0.7 / PI));
-    assert_eq!(r.eval(Vec3::Z, direction(1.6, 1.0), direction(0.3, 4.14)), Vec3::ZERO);
+    assert_eq!(r.eval(&[], Vec3::Z, direction(0.3, 1.0), direction(0.3, 4.14)), Vec3::splat(0.7 / PI));
+    assert_eq!(r.eval(&[], Vec3::Z, direction(1.6, 1.0), direction(0.3, 4.14)), Vec3::ZERO);
 }
 
 /// Counts samples in cells of the hemisphere and compares with the density integrated over each.
@@ -131,12 +131,16 @@ fn samples_follow_their_density() {
         check_sampling(
             "specular",
             |u| sample_specular(wo, Vec2::splat(alpha), u),
-            |wi| pdf_specular(Vec3::Z, wi, wo, alpha),
+            |wi| pdf_specular(&[], Vec3::Z, wi, wo, alpha),
         );
     }
     for r in reflectances() {
         let wo = direction(0.8, 2.0);
-        check_sampling("both", |u| r.sample(Vec3::Z, wo, random_f32(u[0].to_bits()), u), |wi| r.pdf(Vec3::Z, wi, wo));
+        check_sampling(
+            "both",
+            |u| r.sample(&[], Vec3::Z, wo, random_f32(u[0].to_bits()), u),
+            |wi| r.pdf(&[], Vec3::Z, wi, wo),
+        );
     }
 }
 
@@ -145,14 +149,14 @@ fn white_furnace_by_sampling() {
     // The sampled estimate of the albedo equals the quadrature's.
     for r in reflectances() {
         let wo = direction(0.9, 0.2);
-        let expected = integrate(500, 500, |wi| r.eval(Vec3::Z, wi, wo));
+        let expected = integrate(500, 500, |wi| r.eval(&[], Vec3::Z, wi, wo));
         let count = 1u32 << 16;
         let mut estimate = Vec3::ZERO;
         for i in 0..count {
-            let wi = r.sample(Vec3::Z, wo, halton(2, i), [halton(0, i), halton(1, i)]);
-            let pdf = r.pdf(Vec3::Z, wi, wo);
+            let wi = r.sample(&[], Vec3::Z, wo, halton(2, i), [halton(0, i), halton(1, i)]);
+            let pdf = r.pdf(&[], Vec3::Z, wi, wo);
             if pdf > 0.0 {
-                estimate += r.eval(Vec3::Z, wi, wo) * (wi.z / pdf / count as f32);
+                estimate += r.eval(&[], Vec3::Z, wi, wo) * (wi.z / pdf / count as f32);
             }
         }
         let error = (estimate - expected).abs().max_element();
@@ -168,7 +172,7 @@ fn narrow_lobes_keep_their_energy() {
     let mut total = 0.0;
     for i in 0..4096 {
         let wi = sample_specular(wo, Vec2::splat(r.alpha), [halton(0, i), halton(1, i)]);
-        total += r.eval_specular(Vec3::Z, wi, wo).x * wi.z / pdf_specular(Vec3::Z, wi, wo, r.alpha) / 4096.0;
+        total += r.eval_specular(&[], Vec3::Z, wi, wo).x * wi.z / pdf_specular(&[], Vec3::Z, wi, wo, r.alpha) / 4096.0;
     }
     assert!((total - 1.0).abs() < 1e-3, "{total}");
 }
@@ -276,20 +280,20 @@ fn widened_lobes_reflect_as_much() {
                 let (t, b) = basis(n);
                 let local = direction(theta, 0.7);
                 let wo = t * local.x + b * local.y + n * local.z;
-                let wide = r.widened(n, wo, 0.25);
+                let wide = r.widened(&[], n, wo, 0.25);
                 assert_eq!(wide.alpha, 0.25);
                 // Of the wide lobe by another rule: the hemisphere's midpoints.
                 let world = |w: Vec3| t * w.x + b * w.y + n * w.z;
-                let albedo = integrate(400, 800, |w| wide.eval_specular(n, world(w), wo)).x;
+                let albedo = integrate(400, 800, |w| wide.eval_specular(&[], n, world(w), wo)).x;
                 let points =
-                    (0..4096).map(|i| r.sample_lobe(false, n, wo, (i as f32 + 0.5) / 4096.0, halton(2, i)).1.x);
+                    (0..4096).map(|i| r.sample_lobe(&[], false, n, wo, (i as f32 + 0.5) / 4096.0, halton(2, i)).1.x);
                 let exact = points.sum::<f32>() / 4096.0;
                 assert!(
                     (albedo / exact - 1.0).abs() < 0.03,
                     "f0 {f0}, alpha {alpha}, theta {theta}: {albedo} for {exact}"
                 );
             }
-            assert_eq!(r.widened(n, n, alpha), r);
+            assert_eq!(r.widened(&[], n, n, alpha), r);
         }
     }
 }

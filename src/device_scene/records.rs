@@ -8,7 +8,7 @@ use super::ReflectorFinish;
 use crate::accel::Bvh;
 use crate::bsdf::anisotropic::pack;
 use crate::bsdf::ideal::frost;
-use crate::bsdf::{MIN_ALPHA, Reflectance};
+use crate::bsdf::{MIN_ALPHA, Reflectance, table};
 use crate::light::cosine;
 use crate::light::emitters::Emitters;
 use crate::pass::layout::{MaterialRecord, PointLight};
@@ -17,7 +17,8 @@ use crate::scene::reflectors::Reflector;
 use crate::scene::{Alpha, Environment, Light, Material, Scene, Surface};
 use crate::superposition::lobe::Lobe;
 
-pub(super) fn material_record(m: &Material) -> MaterialRecord {
+/// The record of the material with this index.
+pub(super) fn material_record(index: u32, m: &Material) -> MaterialRecord {
     let with = |v: Vec3, w: f32| [v.x, v.y, v.z, w];
     let (opacity, cutoff) = match m.alpha {
         Alpha::Mask { opacity, cutoff } if m.has_alpha() => (opacity, cutoff),
@@ -47,10 +48,11 @@ pub(super) fn material_record(m: &Material) -> MaterialRecord {
         lobes: [
             m.emission_exponent,
             cosine::flatness(m.emission_exponent),
-            match m.phong_exponent {
-                Some(exponent) => -exponent,
-                None if m.is_anisotropic() => m.anisotropy * m.anisotropy,
-                None => 0.0,
+            match (&m.lobe, m.phong_exponent) {
+                (Some(table), _) => table::number(index, table),
+                (None, Some(exponent)) => -exponent,
+                (None, None) if m.is_anisotropic() => m.anisotropy * m.anisotropy,
+                (None, None) => 0.0,
             },
             // A grain has no sense: half a turn is none. Within it sines of devices are exact enough.
             m.anisotropy_rotation % std::f32::consts::PI,
@@ -64,14 +66,19 @@ pub(super) fn has_lobe(m: &Material) -> bool {
     m.surface == Surface::Opaque && (m.metallic > 0.0 || whole.f90 > 0.0)
 }
 
+/// Whether a texture changes the width of its lobe.
+fn has_roughness_texture(m: &Material) -> bool {
+    m.metallic_roughness_texture.is_some() && m.lobe.is_none()
+}
+
 /// Whether it has a lobe with a greater alpha than this, at least at some texel.
 pub(super) fn has_wide_lobe(m: &Material, alpha: f32) -> bool {
-    has_lobe(m) && (m.metallic_roughness_texture.is_some() || m.lobe_width().max(MIN_ALPHA) > alpha)
+    has_lobe(m) && (has_roughness_texture(m) || m.lobe_width().max(MIN_ALPHA) > alpha)
 }
 
 /// Whether eye paths may follow its lobe: it is narrow enough, at least at some texel.
 pub(crate) fn is_shiny(m: &Material) -> bool {
-    has_lobe(m) && (m.metallic_roughness_texture.is_some() || m.lobe_width() <= MAX_FOLLOWED_ALPHA)
+    has_lobe(m) && (has_roughness_texture(m) || m.lobe_width() <= MAX_FOLLOWED_ALPHA)
 }
 
 /// Octahedral encoding of a unit vector, 2 x 16 bit (Meyer et al. 2010).

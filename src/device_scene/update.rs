@@ -1,6 +1,7 @@
 //! Brings a changed scene up to date on the device.
 
 use std::slice::from_ref;
+use std::sync::Arc;
 
 use bytemuck::Zeroable;
 use glam::Vec3;
@@ -11,7 +12,8 @@ use super::{
 };
 use crate::accel::objects::{Changes, ObjectTrees};
 use crate::accel::wide::WideBvh;
-use crate::error::Result;
+use crate::bsdf::table::{self, Table};
+use crate::error::{Error, Result};
 use crate::gpu::{Context, Staging};
 use crate::light::emitters::Emitters;
 use crate::light::mirrors::Mirrors;
@@ -107,7 +109,7 @@ impl DeviceScene {
             if !touched.moved.is_empty() {
                 replaced |= self.update_hierarchy(context, staging, scene, trees.wide.as_ref(), &changes)?;
             }
-            self.update_materials(context, staging, scene, &touched.materials)?;
+            replaced |= self.update_materials(context, staging, scene, &touched.materials)?;
             self.albedos = scene.materials.iter().map(|material| material.mean_albedo(averages)).collect();
             if let Some(emitters) = emitters {
                 let records = emitters.records();
@@ -289,19 +291,32 @@ impl DeviceScene {
         Ok(replaced)
     }
 
-    /// Stages some materials.
+    /// Stages some materials, and the tables of lobes if they have others. Returns whether passes must be made anew.
     fn update_materials(
         &mut self,
         context: &Context,
         staging: &mut Staging,
         scene: &Scene,
         changed: &[u32],
-    ) -> Result<()> {
+    ) -> Result<bool> {
+        scene.check_tables().map_err(Error::Scene)?;
         for &index in changed {
-            let record = material_record(&scene.materials[index as usize]);
+            let record = material_record(index, &scene.materials[index as usize]);
             let at = u64::from(index) * size_of::<MaterialRecord>() as u64;
             staging.stage_into(context, &self.materials, at, &[record])?;
         }
-        Ok(())
+        let lobes = scene.lobes();
+        let same = |(one, other): (&Option<Arc<Table>>, &Option<Arc<Table>>)| {
+            one.as_ref().map(Arc::as_ptr) == other.as_ref().map(Arc::as_ptr)
+        };
+        if lobes.len() == self.lobes.len() && lobes.iter().zip(&self.lobes).all(same) {
+            return Ok(false);
+        }
+        self.lobes = lobes;
+        let words = table::words(&scene.materials);
+        let all = 0..words.len();
+        write(context, staging, &mut self.lobe_tables, &words, from_ref(&all))?;
+        // Other kernels evaluate tables.
+        Ok(true)
     }
 }

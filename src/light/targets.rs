@@ -278,7 +278,8 @@ impl Targets {
                 (t * local.x + b * local.y + normal * local.z, PI / local.z)
             }),
         };
-        let flux = light_towards(light, -direction, 1.0, 0.0) * (over_density / p);
+        // Lights that photons start from have no lobe.
+        let flux = light_towards(&[], light, -direction, 1.0, 0.0) * (over_density / p);
         let aim = place.map_or(target as u32 + 1, |place| MAX_TARGETS as u32 + 1 + place.triangle);
         Some(Shot { aim, origin, direction, flux })
     }

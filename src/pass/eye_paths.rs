@@ -182,7 +182,8 @@ pub fn path_share(lobe: f32, lights: f32, distance2: f32, cosine: f32) -> f32 {
 
 /// Oracle: the part of virtual lights, over the square of the distance.
 pub fn highlight_factor(lobe: f32, lights: f32, distance2: f32, cosine: f32) -> f32 {
-    lights / (lobe * cosine + lights * distance2)
+    // Both may be 0: a dark light where a lobe from a table reflects nothing.
+    lights / (lobe * cosine + lights * distance2).max(1e-37)
 }
 
 /// Oracle: the parts of the emission of a surface and of the light that it reflects which a path brings.
@@ -244,7 +245,7 @@ pub fn reference(
     let fits = path.segments + 2 <= frame.scene[2];
     let material = &scene.materials[surface.material as usize];
     if material.surface == Surface::Opaque {
-        return at_lobe(frame, numbers, if splits { split_offset } else { 0 }, path, (d, t, cos_view), surface);
+        return at_lobe(frame, scene, numbers, if splits { split_offset } else { 0 }, path, (d, t, cos_view), surface);
     }
     let normals = Normals { geometric: surface.geometric, shading: surface.shading, front: surface.front };
     let eta = path.media.relative_index(&scene.materials, surface.material, surface.front);
@@ -303,6 +304,7 @@ pub fn reference(
 /// is chosen. `None` if the surface has no lobe narrow enough, and the path just ends.
 fn at_lobe(
     frame: &layout::FrameParameters,
+    scene: &Scene,
     numbers: [f32; 3],
     split_offset: u32,
     path: &EyePath,
@@ -316,7 +318,7 @@ fn at_lobe(
     let base = mean(r.kd);
     let share = (base / (base + mean(schlick(r.f0, r.f90, -n.dot(d))))).clamp(0.25, 0.75);
     let alone = crate::bsdf::Reflectance { kd: Vec3::ZERO, ..r };
-    let (wi, weight) = alone.sample_lobe(false, n, -d, numbers[0], numbers[1]);
+    let (wi, weight) = alone.sample_lobe(&scene.materials, false, n, -d, numbers[0], numbers[1]);
     let weight = if wi.dot(surface.geometric) > 0.0 { weight } else { Vec3::ZERO };
     let along = |slot: u32, throughput: Vec3| {
         let origin = offset_origin(surface.position, surface.geometric, frame.eye[3]);
@@ -325,7 +327,7 @@ fn at_lobe(
             ray: (throughput.max_element() > 0.0).then_some(Ray { origin, t_max: 3.0e38, direction: wi }),
             throughput,
             depth: path.depth + cos_view * t,
-            lobe: pdf_specular(n, wi, -d, r.alpha),
+            lobe: pdf_specular(&scene.materials, n, wi, -d, r.alpha),
             segments: path.segments + 1,
             ..*path
         }

@@ -36,6 +36,7 @@ use crate::sampling::halton::radical_inverse;
 use crate::sampling::random::{hash, key, random_f32};
 use crate::sampling::rotate;
 use crate::sampling::sobol::unit;
+use crate::scene::Material;
 
 /// The pass from one set of shading points.
 pub struct Gather {
@@ -103,6 +104,7 @@ impl Gather {
 /// Oracle: the ray, the throughput after it, and whether it left through the specular lobe.
 pub fn reference(
     frame: &layout::FrameParameters,
+    materials: &[Material],
     pixel: u32,
     bounce: u32,
     receiver: &ShadingPoint,
@@ -117,19 +119,20 @@ pub fn reference(
         let base = frame.shifts[bounce as usize][2 + d].to_bits();
         rotate(radical_inverse(base, frame.size[3]), random_f32(k))
     });
-    towards(frame, (sample, bounce), point, receiver, beta)
+    towards(frame, materials, (sample, bounce), point, receiver, beta)
 }
 
 /// Oracle: the near ray of a slot of a class with these flags.
 pub fn near_reference(
     frame: &layout::FrameParameters,
+    materials: &[Material],
     pixel: u32,
     (class, flags): (u32, u32),
     receiver: &ShadingPoint,
 ) -> (Ray, Vec3, bool) {
     let point = near_point(frame, pixel, class);
     let weight = Vec3::splat(near_points::ray_weight(frame, pixel, flags));
-    towards(frame, (frame.sample_of(pixel), 0), point, receiver, weight)
+    towards(frame, materials, (frame.sample_of(pixel), 0), point, receiver, weight)
 }
 
 /// Oracle: point that gives the near ray of a slot its direction.
@@ -148,6 +151,7 @@ pub fn near_point(frame: &layout::FrameParameters, slot: u32, class: u32) -> [f3
 /// The ray of a sample point.
 fn towards(
     frame: &layout::FrameParameters,
+    materials: &[Material],
     (sample, bounce): (u32, u32),
     [u, v]: [f32; 2],
     receiver: &ShadingPoint,
@@ -156,7 +160,7 @@ fn towards(
     let r = receiver.gathering();
     let p = r.diffuse_probability();
     let diffuse = random_f32(key(frame.keys[0], GATHER_LOBE, sample, bounce)) < p;
-    let (wi, weight) = r.sample_lobe(diffuse, receiver.shading, receiver.wo, u, v);
+    let (wi, weight) = r.sample_lobe(materials, diffuse, receiver.shading, receiver.wo, u, v);
     let above = wi.dot(receiver.geometric) > 0.0 && wi.dot(receiver.shading) > 0.0;
     let weight = match (above, bounce == 0 && diffuse) {
         (false, _) => Vec3::ZERO,

@@ -244,11 +244,11 @@ pub fn reference(
     if bvh.occluded(&Ray { origin, t_max: 1.0, direction }) {
         return none;
     }
-    let e = light_towards(image, wi, r2, frame.right[3]) * reflected * cos;
+    let e = light_towards(&scene.materials, image, wi, r2, frame.right[3]) * reflected * cos;
     // A path along the lobe brings the light of surfaces.
     let left_out = receiver.sampled.is_some() && image.flags() & PointLight::SURFACE != 0;
     let gloss = if receiver.reflectance.f90 > 0.0 && !left_out {
-        receiver.reflectance.eval_specular(receiver.shading, receiver.wo, wi)
+        receiver.reflectance.eval_specular(&scene.materials, receiver.shading, receiver.wo, wi)
     } else {
         Vec3::ZERO
     };

@@ -118,6 +118,8 @@ pub struct Kit<'a> {
     pub textured: bool,
     /// Whether some surfaces let rays pass.
     pub has_alpha: bool,
+    /// Whether materials have tables of lobes. If so, kernels that evaluate them are chosen.
+    pub tables: bool,
     /// Selects the form of the kernels that trace rays.
     pub traversal: Traversal,
 }
@@ -137,12 +139,15 @@ impl<'a> Kit<'a> {
             shared: scene.resources().and(own),
             textured: scene.textured,
             has_alpha: scene.has_alpha,
+            tables: scene.has_tables(),
             traversal,
         }
     }
 
-    /// Makes a kernel and binds its resources by name, from `sets` or else from the shared resources.
+    /// Makes a kernel, or its variant for tables of lobes, and binds its resources by name, from `sets` or else from the shared resources.
     pub fn bind(&self, shader: &'static Shader, sets: &[&Resources]) -> Result<BoundKernel> {
+        let for_tables = |other: &&&'static Shader| other.name.strip_suffix("_tables") == Some(shader.name);
+        let shader = shaders::ALL.iter().filter(|_| self.tables).find(for_tables).unwrap_or(&shader);
         Ok(BoundKernel(Kernel::new(self.context, shader)?.bind_from(sets, &self.shared)?))
     }
 

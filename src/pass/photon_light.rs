@@ -33,6 +33,7 @@ use super::sort::class_of;
 use super::{BoundKernel, Kit, Lighting, List, ShadingPoints, layout, photon_width, push};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
+use crate::scene::Material;
 
 /// Minimum cosine between the normals of photon and shading point.
 pub const MIN_COSINE: f32 = 0.5;
@@ -83,7 +84,13 @@ pub struct Photon {
 }
 
 /// Oracle: irradiance and specular radiance that photons add at the shading point of a slot.
-pub fn reference(frame: &layout::FrameParameters, slot: u32, receiver: &ShadingPoint, photons: &[Photon]) -> [Vec3; 2] {
+pub fn reference(
+    frame: &layout::FrameParameters,
+    materials: &[Material],
+    slot: u32,
+    receiver: &ShadingPoint,
+    photons: &[Photon],
+) -> [Vec3; 2] {
     let [radius, _, share, _] = frame.photon;
     let class = grid_class(frame, class_of(frame, slot));
     let mut sums = [Vec3::ZERO; 2];
@@ -99,7 +106,8 @@ pub fn reference(frame: &layout::FrameParameters, slot: u32, receiver: &ShadingP
             sums[0] += arriving;
             // A path along the lobe brings this light, unless no path can meet its emitter.
             if receiver.sampled.is_none() || photon.without_area {
-                sums[1] += arriving * receiver.reflectance.eval_specular(receiver.shading, photon.wi, receiver.wo);
+                sums[1] +=
+                    arriving * receiver.reflectance.eval_specular(materials, receiver.shading, photon.wi, receiver.wo);
             }
         }
     }

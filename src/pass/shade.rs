@@ -49,7 +49,7 @@ use crate::gpu::{Buffer, Recorder, Resources};
 use crate::light::cosine;
 use crate::plan::{self, RayClusters, StepTable};
 use crate::ring::Paths;
-use crate::scene::Scene;
+use crate::scene::{Material, Scene};
 use crate::settings::Settings;
 
 /// The pass over one set of shading points.
@@ -249,7 +249,7 @@ impl ShadingPoint {
 
 /// Oracle: the perpendicular irradiance that `light` sends towards a point in direction `-wi` (wi from the point to the
 /// light) at squared distance `r2`, visibility aside.
-pub fn light_towards(light: &PointLight, wi: Vec3, r2: f32, clip2: f32) -> Vec3 {
+pub fn light_towards(materials: &[Material], light: &PointLight, wi: Vec3, r2: f32, clip2: f32) -> Vec3 {
     let xyz = |a: [f32; 4]| Vec3::new(a[0], a[1], a[2]);
     let flags = light.flags();
     let normal = xyz(light.normal);
@@ -260,7 +260,7 @@ pub fn light_towards(light: &PointLight, wi: Vec3, r2: f32, clip2: f32) -> Vec3 
     let mut intensity = xyz(light.emit) * (cosine_law * spot * spot);
     if flags & PointLight::GLOSSY != 0 && cos > 0.0 {
         let lobe = Reflectance { kd: Vec3::ZERO, f0: xyz(light.f0), f90: light.flux[3], alpha: light.wi[3] };
-        intensity += xyz(light.flux) * lobe.eval_specular(normal, xyz(light.wi), -wi) * cos;
+        intensity += xyz(light.flux) * lobe.eval_specular(materials, normal, xyz(light.wi), -wi) * cos;
     }
     let clip2 = if flags & PointLight::CLIPPED != 0 { clip2 } else { 0.0 };
     let falloff = if flags & PointLight::DIRECTIONAL != 0 { 1.0 } else { 1.0 / r2.max(clip2) };
@@ -269,16 +269,22 @@ pub fn light_towards(light: &PointLight, wi: Vec3, r2: f32, clip2: f32) -> Vec3 
 
 /// Oracle: the share of a light's highlight, over the square of the distance, at a point whose lobe a path follows; `surfaces`:
 /// virtual lights on a unit of area of other surfaces.
-fn highlight_falloff(light: &PointLight, receiver: &ShadingPoint, wi: Vec3, r2: f32, surfaces: f32) -> f32 {
+fn highlight_falloff(
+    materials: &[Material],
+    light: &PointLight,
+    receiver: &ShadingPoint,
+    (wi, r2): (Vec3, f32),
+    surfaces: f32,
+) -> f32 {
     if light.flags() & PointLight::DIRECTIONAL != 0 {
-        let lobe = pdf_specular(receiver.shading, wi, receiver.wo, receiver.reflectance.alpha);
+        let lobe = pdf_specular(materials, receiver.shading, wi, receiver.wo, receiver.reflectance.alpha);
         let found = light.flags() & PointLight::ENVIRONMENT != 0;
         return if found { light.wi[3] / (light.wi[3] + lobe).max(1e-37) } else { 1.0 };
     }
     if light.flags() & PointLight::SURFACE == 0 {
         return 1.0 / r2;
     }
-    let lobe = pdf_specular(receiver.shading, wi, receiver.wo, receiver.reflectance.alpha);
+    let lobe = pdf_specular(materials, receiver.shading, wi, receiver.wo, receiver.reflectance.alpha);
     let lights = if light.f0[3] == 0.0 { light.wi[3] } else { surfaces };
     let normal = Vec3::new(light.normal[0], light.normal[1], light.normal[2]);
     highlight_factor(lobe, lights, r2, -wi.dot(normal))
@@ -293,6 +299,7 @@ pub fn reference(
     clip2: f32,
     far: f32,
 ) -> [Vec3; 3] {
+    let materials = &scene.materials;
     let mut sums = [Vec3::ZERO; 3];
     for light in lights {
         let at = Vec3::new(light.position[0], light.position[1], light.position[2]);
@@ -307,7 +314,7 @@ pub fn reference(
         if cos <= 0.0 || wi.dot(receiver.geometric) <= 0.0 {
             continue;
         }
-        let e = light_towards(light, wi, r2, clip2) * cos;
+        let e = light_towards(materials, light, wi, r2, clip2) * cos;
         if e == Vec3::ZERO {
             continue;
         }
@@ -316,16 +323,16 @@ pub fn reference(
         sums[usize::from(light.f0[3] != 0.0)] += e;
         if receiver.splats {
             if light.f0[3] == 0.0 {
-                let l = light_towards(light, wi, r2, SPLAT_CLIP * clip2) * (cos * passes);
-                sums[2] += l * receiver.reflectance.eval_specular(receiver.shading, receiver.wo, wi);
+                let l = light_towards(materials, light, wi, r2, SPLAT_CLIP * clip2) * (cos * passes);
+                sums[2] += l * receiver.reflectance.eval_specular(materials, receiver.shading, receiver.wo, wi);
             }
         } else if receiver.reflectance.f90 > 0.0 {
             let l = receiver.sampled.map_or(e, |surfaces| {
                 // The intensity: the light at unit distance, not clipped.
-                let falloff = highlight_falloff(light, receiver, wi, r2, surfaces);
-                light_towards(light, wi, 1.0, 0.0) * (cos * falloff * passes)
+                let falloff = highlight_falloff(materials, light, receiver, (wi, r2), surfaces);
+                light_towards(materials, light, wi, 1.0, 0.0) * (cos * falloff * passes)
             });
-            sums[2] += l * receiver.reflectance.eval_specular(receiver.shading, receiver.wo, wi);
+            sums[2] += l * receiver.reflectance.eval_specular(materials, receiver.shading, receiver.wo, wi);
         }
     }
     sums

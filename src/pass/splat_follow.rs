@@ -95,7 +95,8 @@ pub fn reference(
     let by_base = |factor: f32| {
         let r = &s.reflectance;
         let [u, v] = numbers(frame, bounces as usize + 2, particle);
-        let (wi, weight) = r.sample_lobe(random(SPLAT_LOBE) < r.diffuse_probability(), s.shading, -d, u, v);
+        let (wi, weight) =
+            r.sample_lobe(&scene.materials, random(SPLAT_LOBE) < r.diffuse_probability(), s.shading, -d, u, v);
         let (cos_geometric, cos_shading) = (wi.dot(s.geometric), wi.dot(s.shading));
         let skew = (s.shading.dot(d) / s.geometric.dot(d).min(-1e-7)).min(4.0);
         let leave = (cos_geometric / cos_shading.max(1e-7)).min(4.0);

@@ -29,6 +29,7 @@ use super::splat_grid::Grid;
 use super::{BoundKernel, Kit, Lighting, List, ShadingPoints, push};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
+use crate::scene::Material;
 
 /// Exponent of the kernel: its standard deviation is h / 4.
 pub const SHARPNESS: f32 = 8.0;
@@ -167,6 +168,7 @@ pub fn coverage(x: Vec3, n: Vec3, edges: &[[Vec3; 2]], h: f32) -> f32 {
 /// of the kernel that lies on the surface.
 pub fn reference(
     frame: &FrameParameters,
+    materials: &[Material],
     (receiver, segments): (&ShadingPoint, u32),
     (surface, h, covered): (u32, f32, f32),
     hits: &[Hit],
@@ -178,7 +180,7 @@ pub fn reference(
         if cos_geometric > 0.0 && cos_shading > 0.0 {
             let skew = (cos_shading / cos_geometric.max(1e-7)).min(4.0);
             let k = kernel(hit.position.distance(receiver.position) / h);
-            let f = receiver.reflectance.eval_specular(receiver.shading, receiver.wo, hit.wi);
+            let f = receiver.reflectance.eval_specular(materials, receiver.shading, receiver.wo, hit.wi);
             sum += hit.flux * f * (skew * k);
         }
     }

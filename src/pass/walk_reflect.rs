@@ -25,6 +25,7 @@ use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::ring::survives;
 use crate::sampling::dimensions::LOBE;
 use crate::sampling::random::{key, random_f32};
+use crate::scene::Material;
 use glam::Vec3;
 
 /// The pass.
@@ -50,6 +51,7 @@ impl WalkReflect {
 /// `specular` mirrors and glass.
 pub fn reference(
     frame: &layout::FrameParameters,
+    materials: &[Material],
     j: usize,
     (particle, specular): (u32, u32),
     d: Vec3,
@@ -67,7 +69,7 @@ pub fn reference(
     let origin = offset_origin(s.position, s.geometric, frame.eye[3]);
     let glossy = if r.f90 > 0.0 { PointLight::GLOSSY } else { 0 };
     let lobe = Reflectance { alpha: turned(r.alpha, s.shading, s.geometric), ..*r };
-    let wide = lobe.widened(s.geometric, -d, frame.pixel_offset[2]);
+    let wide = lobe.widened(materials, s.geometric, -d, frame.pixel_offset[2]);
     let light = PointLight {
         position: with(origin, f32::from_bits(PointLight::SURFACE | PointLight::CLIPPED | glossy)),
         normal: with(s.geometric, 0.0),
@@ -78,7 +80,7 @@ pub fn reference(
     };
     let diffuse = random_f32(key(frame.keys[0], LOBE, particle, j as u32)) < r.diffuse_probability();
     let [u, v] = walk_numbers(frame, j + 1, particle);
-    let (wi, weight) = r.sample_lobe(diffuse, s.shading, -d, u, v);
+    let (wi, weight) = r.sample_lobe(materials, diffuse, s.shading, -d, u, v);
     let (cos_geometric, cos_shading) = (wi.dot(s.geometric), wi.dot(s.shading));
     let flies = particle < frame.depths[j][3] * frame.pattern[2] && cos_geometric > 0.0 && cos_shading > 0.0;
     let flux = if flies { arriving * weight * (cos_geometric / cos_shading.max(1e-7)).min(4.0) } else { Vec3::ZERO };

@@ -246,13 +246,13 @@ impl<'a> Tracer<'a> {
                 let reflectance = point.finish(self.scene).reflectance;
                 radiance += beta * self.direct(&point, &reflectance, rng);
                 let choice = rng.next_f32();
-                let wi = reflectance.sample(n.shading, point.wo, choice, rng.pair());
-                let pdf = reflectance.pdf(n.shading, wi, point.wo);
+                let wi = reflectance.sample(&self.scene.materials, n.shading, point.wo, choice, rng.pair());
+                let pdf = reflectance.pdf(&self.scene.materials, n.shading, wi, point.wo);
                 // Written so that NaN also ends the path.
                 if !(n.above(wi) && pdf > 0.0) {
                     break;
                 }
-                beta *= reflectance.eval(n.shading, wi, point.wo) * (n.shading.dot(wi) / pdf);
+                beta *= reflectance.eval(&self.scene.materials, n.shading, wi, point.wo) * (n.shading.dot(wi) / pdf);
                 last = Some((point.position, pdf));
                 directly = false;
                 reflections += 1;
@@ -336,12 +336,16 @@ impl<'a> Tracer<'a> {
         let from = offset_origin(point.position, n.geometric, self.scale);
         // f_r cos, or 0 below the surface.
         let reflected = |wi: Vec3| {
-            if n.above(wi) { reflectance.eval(n.shading, wi, point.wo) * n.shading.dot(wi) } else { Vec3::ZERO }
+            if n.above(wi) {
+                reflectance.eval(&self.scene.materials, n.shading, wi, point.wo) * n.shading.dot(wi)
+            } else {
+                Vec3::ZERO
+            }
         };
         if let (Kind::Environment, Some(environment)) = (e.kind, &self.emitters.environment) {
             let wi = e.sample_sky(&environment.of, u0, u1);
             let pdf = e.probability / e.area;
-            let weight = power_heuristic(pdf, reflectance.pdf(n.shading, wi, point.wo));
+            let weight = power_heuristic(pdf, reflectance.pdf(&self.scene.materials, n.shading, wi, point.wo));
             let light = reflected(wi) * environment.of.radiance(wi) * (weight / pdf);
             return self.unless(light, Ray::new(from, wi));
         }
@@ -368,7 +372,7 @@ impl<'a> Tracer<'a> {
             return Vec3::ZERO;
         }
         let pdf = area_pdf(e, distance2, cos);
-        let weight = power_heuristic(pdf, reflectance.pdf(n.shading, wi, point.wo));
+        let weight = power_heuristic(pdf, reflectance.pdf(&self.scene.materials, n.shading, wi, point.wo));
         let radiance = e.radiance_at(&self.scene.textures, u0, u1) * cosine::falloff(cos, e.exponent);
         let light = reflected(wi) * radiance * (weight / pdf);
         self.unless(light, Ray::between(from, offset_origin(target, axis, self.scale)))

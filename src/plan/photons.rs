@@ -39,9 +39,9 @@ impl PhotonPlan {
     }
 
     /// Photons that one dispatch of the look-up may loop over within `budget`: each takes at most 11 iterations (its
-    /// own, 8 to find its cell including the exit, 2 for a specular lobe), besides 10 for the cells and the exit.
-    pub fn chunk(budget: u32) -> u32 {
-        (budget.saturating_sub(10) / 11).max(1)
+    /// own, 8 to find its cell including the exit, 2 for a specular lobe, beside `tables` 4), besides 10 for the cells and the exit.
+    pub fn chunk(budget: u32, tables: bool) -> u32 {
+        (budget.saturating_sub(10) / if tables { 13 } else { 11 }).max(1)
     }
 
     /// Radius of the look-up for a view of this size ([`Extent::size`]), unless `photon_radius` sets it: sqrt(N) radii
@@ -126,10 +126,12 @@ mod tests {
     #[test]
     fn photons_are_looked_up_within_the_loop_budget() {
         for budget in [min_loop_budget(1), min_loop_budget(64), LOOP_BUDGET] {
-            let chunk = PhotonPlan::chunk(budget);
             // Every photon of the chunk, with the loops over cells and for the lobe; in addition the cells, and the
             // exit.
-            assert!(chunk >= 1 && 11 * chunk + 10 <= budget.max(25), "{budget}: {chunk}");
+            for (tables, each) in [(false, 11), (true, 13)] {
+                let chunk = PhotonPlan::chunk(budget, tables);
+                assert!(chunk >= 1 && each * chunk + 10 <= budget.max(25), "{budget}: {chunk}");
+            }
         }
         let settings = Settings { photons: 500, pattern: [5, 5], ..Settings::plain() };
         let plan = PhotonPlan::new(&settings, 1).unwrap();

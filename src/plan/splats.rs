@@ -50,7 +50,7 @@ impl SplatPlan {
             // The eye's segment and those of the particle.
             bounces: settings.max_depth.saturating_sub(2),
             surfaces: surfaces.count,
-            chunk: SplatPlan::chunk(settings.loop_budget),
+            chunk: SplatPlan::chunk(settings.loop_budget, scene.has_tables()),
         };
         let shows = surfaces.count > 0 && plan.bounces > 0 && view.camera().is_some();
         Ok(shows.then_some(plan))
@@ -79,11 +79,12 @@ impl SplatPlan {
         hits * (32 + 32 + 4 + 16 + 2) + (8 << self.bucket_bits()) + batch * (56 + 32 + 8) + 32 * u64::from(self.slots())
     }
 
-    /// Candidates of a point that one dispatch may loop over within `budget`: each takes at most 5 iterations (its own, and 3 if it lies
-    /// within the kernel; the exits of blocks); each edge of the outline 20; the cells, their ends for eight points of a subgroup, and the
-    /// exits 330.
-    fn chunk(budget: u32) -> u32 {
-        (budget.saturating_sub(330 + 20 * MAX_EDGES) / 5).max(1)
+    /// Candidates of a point that one dispatch may loop over within `budget`: each takes at most 6 iterations (its own, and 4 if it lies
+    /// within the kernel, where a subgroup may have lobes of two kinds; the exits of blocks), and 2 more beside `tables`; each edge of the outline
+    /// 20; the cells, their ends for eight points of a subgroup, and the exits 330.
+    fn chunk(budget: u32, tables: bool) -> u32 {
+        let each = if tables { 8 } else { 6 };
+        (budget.saturating_sub(330 + 20 * MAX_EDGES) / each).max(1)
     }
 
     /// The parameters on the device.
@@ -109,8 +110,10 @@ mod tests {
 
     #[test]
     fn hits_are_looked_up_within_the_loop_budget() {
-        let chunk = SplatPlan::chunk(LOOP_BUDGET);
-        assert!(chunk > 1000 && 5 * chunk + 20 * MAX_EDGES + 330 <= LOOP_BUDGET, "{chunk}");
+        for (tables, each) in [(false, 6), (true, 8)] {
+            let chunk = SplatPlan::chunk(LOOP_BUDGET, tables);
+            assert!(chunk > 1000 && each * chunk + 20 * MAX_EDGES + 330 <= LOOP_BUDGET, "{chunk}");
+        }
     }
 
     #[test]

@@ -33,7 +33,7 @@
 //!
 //! [materials.floor]             # overrides a material of the model
 //! roughness = 0.3
-//! lobe = "lobe.toml"            # measured lobe that blurs its mirror image: a table, see docs/superposition.md
+//! lobe = "lobe.toml"            # measured lobe in place of GGX: a table, see docs/lobes.md; `roughness`, `phong_exponent` and `anisotropy` have no effect
 //! reflector = true              # whether its flat faces mirror the room, and if true its smooth curved ones; default: see docs/superposition.md
 //!
 //! [materials.plastic]

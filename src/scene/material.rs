@@ -94,7 +94,7 @@ impl Alpha {
 ///
 /// kd = base_color (1 - metallic) (1 - mean F), F0 = mix(specular, base_color, metallic), GGX alpha = roughness^2.
 /// There is no specular lobe where F0 is 0. With a `phong_exponent` the lobe is that of [`crate::bsdf::phong`], with `anisotropy` that of
-/// [`crate::bsdf::anisotropic`].
+/// [`crate::bsdf::anisotropic`], with a `lobe` that of [`crate::bsdf::table`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// Name in the file.
@@ -147,8 +147,8 @@ pub struct Material {
     pub frost: f32,
     /// Whether flat faces of this material are planar reflectors, and if `true` smooth curved ones curved reflectors; `None`: see [`Material::may_reflect`].
     pub reflector: Option<bool>,
-    /// Measured reflectance distribution, without the Fresnel factor, that convolves the mirror image of its planar reflectors.
-    /// Point lights are still reflected by the GGX lobe of `roughness`.
+    /// Measured lobe, without the Fresnel factor, in place of GGX ([`crate::bsdf::table`]); `roughness`, `phong_exponent` and `anisotropy` have no
+    /// effect then. Of thin glass it is the lobe that blurs the image behind it.
     pub lobe: Option<Arc<Table>>,
 }
 
@@ -192,6 +192,9 @@ impl Material {
     /// Alpha of its lobe without textures, or for another lobe that of a GGX lobe about as wide.
     pub(crate) fn lobe_width(&self) -> f32 {
         let alpha = self.roughness * self.roughness;
+        if let Some(table) = &self.lobe {
+            return table.alpha();
+        }
         match self.phong_exponent {
             Some(d) => phong::width_of(-d),
             None if self.is_anisotropic() => (alpha * self.alpha_along(alpha)).sqrt(),
@@ -201,7 +204,7 @@ impl Material {
 
     /// Whether its lobe has two widths.
     pub(crate) fn is_anisotropic(&self) -> bool {
-        self.anisotropy > 0.0 && self.phong_exponent.is_none() && self.surface == Surface::Opaque
+        self.anisotropy > 0.0 && self.phong_exponent.is_none() && self.lobe.is_none() && self.surface == Surface::Opaque
     }
 
     /// Alpha along the grain, for the alpha across it.

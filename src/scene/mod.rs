@@ -53,6 +53,7 @@ use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::bsdf::sample_texture;
+use crate::bsdf::table::Table;
 use crate::error::{Error, Result};
 use crate::input::Inputs;
 use crate::settings::{Compensation, Exposure, GlossyForm, ShadowForm, Spread};
@@ -341,6 +342,11 @@ impl Scene {
             self.materials[t.material as usize].emission.max_element() > 0.0 && !sampled_elsewhere[t.object as usize]
         };
         (0u32..).zip(&self.triangles).filter(|(_, t)| emits(t)).map(|(i, _)| i).collect()
+    }
+
+    /// For each material the table of its lobe.
+    pub(crate) fn lobes(&self) -> Vec<Option<Arc<Table>>> {
+        self.materials.iter().map(|material| material.lobe.clone()).collect()
     }
 
     /// For each material the mean over RGB of the reflectance kd + F0 that particles see, textures by their average; ideal reflection and

@@ -14,6 +14,9 @@ pub const MAX_REFLECTORS: usize = 255;
 /// Maximum alpha of a reflector's lobe: rougher planes show no images, and highlights of point lights suffice.
 const MAX_ALPHA: f32 = 0.3;
 
+/// Minimum part of the light that a table of a lobe reflects to where a mirror image shows it.
+const MIN_IMAGE_SHARE: f32 = 0.8;
+
 /// Minimum reflectance at normal incidence, mean of the channels.
 const MIN_F0: f32 = 0.02;
 
@@ -63,7 +66,10 @@ impl Material {
     pub fn may_reflect(&self) -> bool {
         let f0 = self.specular.lerp(self.base_color, self.metallic).element_sum() / 3.0;
         let shows = match self.surface {
-            Surface::Opaque => f0 >= MIN_F0 && self.lobe_width() <= MAX_ALPHA,
+            Surface::Opaque => {
+                let images = self.lobe.as_ref().is_none_or(|table| table.image_share() >= MIN_IMAGE_SHARE);
+                f0 >= MIN_F0 && self.lobe_width() <= MAX_ALPHA && images
+            }
             Surface::Mirror => true,
             Surface::Glass => {
                 let wanted = self.reflector != Some(false) && !self.has_alpha();

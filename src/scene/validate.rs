@@ -7,6 +7,7 @@ use glam::Vec3;
 
 use super::{Camera, Light, Material, NamedCamera, Scene, TextureUse};
 use crate::bsdf::phong::EXPONENTS;
+use crate::bsdf::table::MAX_MATERIALS;
 use crate::error::{Error, Result};
 use crate::light::cosine::MAX_EXPONENT;
 
@@ -24,6 +25,7 @@ impl Scene {
         for material in &self.materials {
             material.check().map_err(|m| Error::file(path, format!("material {:?}: {m}", material.name)))?;
         }
+        self.check_tables().map_err(|m| Error::file(path, m))?;
         for texture in &self.textures {
             if texture.width == 0 || texture.texels.len() as u64 != u64::from(texture.width) * u64::from(texture.height)
             {
@@ -53,6 +55,17 @@ impl Scene {
             return Err(Error::file(path, message));
         }
         Ok(())
+    }
+
+    /// The message names the material whose lobe has a table that no number stands for.
+    pub(crate) fn check_tables(&self) -> std::result::Result<(), String> {
+        match self.materials.iter().skip(MAX_MATERIALS).find(|m| m.lobe.is_some()) {
+            Some(m) => Err(format!(
+                "material {:?}: only the first {MAX_MATERIALS} materials may have a lobe from a file; put it before others",
+                m.name
+            )),
+            None => Ok(()),
+        }
     }
 
     fn check_arrays(&self, path: &Path) -> Result<()> {

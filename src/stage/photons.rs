@@ -193,7 +193,7 @@ impl PhotonLighting {
         let Some(photons) = photons else { return Ok(None) };
         let mut table = StepTable::default();
         let list_step = table.add_list();
-        let chunk = PhotonPlan::chunk(plan.settings.loop_budget);
+        let chunk = PhotonPlan::chunk(plan.settings.loop_budget, plan.scene.tables);
         let stretches = (0..photons.count)
             .step_by(chunk as usize)
             .map(|first| table.add(Step { first, end: photons.count.min(first + chunk), ..Step::default() }))

@@ -11,7 +11,7 @@ use lightsum::superposition::lobe::Table;
 
 const MODEL: &str = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl wall\nf 1 2 3\nusemtl lamp\nf 1 3 4\n";
 const MATERIALS: &str = "newmtl wall\nKd 0.5 0.4 0.3\nnewmtl lamp\nKd 0 0 0\nKe 1 1 1\n";
-const LOBE: &str = "cos_i = [0.2, 1]\ncos_o = [0.5]\nazimuth = [0, 1]\nvalues = [0.1, 0.2, 0.3, 0.4]\n";
+const LOBE: &str = "cos_i = [0.2, 1]\ncos_o = [0.5]\nazimuth = [0, 1]\nvalues = [0.2, 0.25, 0.25, 0.3]\n";
 
 fn load(folder: &Path, more: &str) -> lightsum::Result<Scene> {
     for (name, text) in [("a.obj", MODEL), ("a.mtl", MATERIALS), ("lobe.toml", LOBE)] {
@@ -34,7 +34,7 @@ fn every_key_of_a_material_is_obeyed() {
     let plain = wall("");
     let base_color = Vec3::new(0.5, 0.4, 0.3);
     assert_eq!(plain, Material { name: String::from("wall"), base_color, ..plain.clone() });
-    let lobe = Table::new(vec![0.2, 1.0], vec![0.5], vec![0.0, 1.0], vec![0.1, 0.2, 0.3, 0.4]).unwrap();
+    let lobe = Table::new(vec![0.2, 1.0], vec![0.5], vec![0.0, 1.0], vec![0.2, 0.25, 0.25, 0.3]).unwrap();
     for (keys, changed) in [
         ("base_color = [0.1, 0.2, 0.3]", Material { base_color: Vec3::new(0.1, 0.2, 0.3), ..plain.clone() }),
         ("metallic = 0.25", Material { metallic: 0.25, ..plain.clone() }),
@@ -84,6 +84,24 @@ fn lobes_out_of_range_are_refused() {
             assert!(error.contains(key) && error.contains(range), "{error}");
         }
     }
+}
+
+#[test]
+fn tables_of_lobes_that_are_no_reflectance_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for (table, words) in [
+        (LOBE.replace("0.3]", "nan]"), "value 3, at cos_i 1, cos_o 0.5, azimuth 1, is NaN"),
+        (LOBE.replace("[0.2, 0.25", "[-0.2, 0.25"), "value 0"),
+        (LOBE.replace(", 0.3]", "]"), "3 values for 2 x 1 x 2 nodes"),
+        (LOBE.replace("0.2, 0.25, 0.25, 0.3", "2.0, 2.5, 2.5, 3.0"), "is reflected"),
+        (LOBE.replace("[0.2, 0.25", "[0.0, 0.0"), "exchanged directions differ"),
+    ] {
+        fs::write(folder.path().join("other.toml"), &table).unwrap();
+        let error = load(folder.path(), "[materials.wall]\nlobe = \"other.toml\"\n").unwrap_err().to_string();
+        assert!(error.contains("other.toml") && error.contains(words), "{table}: {error}");
+    }
+    let error = load(folder.path(), "[materials.wall]\nlobe = \"none.toml\"\n").unwrap_err().to_string();
+    assert!(error.contains("none.toml") && error.contains("reading failed"), "{error}");
 }
 
 #[test]

@@ -30,6 +30,7 @@ fn own_scenes_load() {
         ("glossy-floor", 4068),
         ("indirect-room", 9436),
         ("keller-room", 804),
+        ("measured-lobes", 2890),
         ("outdoors", 6734),
         ("plates", 4),
         ("six-rooms", 140_812),

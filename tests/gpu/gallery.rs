@@ -9,6 +9,8 @@ use lightsum::scene::{
     Alpha, Camera, Environment, Light, Material, Scene, Surface, Texture, TextureUse, Triangle, Wrap,
 };
 
+use crate::lobe_tables;
+
 /// Unit vector of an octahedral code of 2 x 16 bit (Meyer et al. 2010).
 fn decode_normal(code: u32) -> Vec3 {
     let snorm = |x: u32| f32::from(x as u16 as i16) / 32767.0;
@@ -154,6 +156,26 @@ pub fn gallery_outdoors() -> Scene {
 /// A room four units wide, open at the camera and in a corner, with every kind of material, texture and light.
 pub fn gallery() -> Scene {
     gallery_and(|_| ())
+}
+
+/// The gallery with lobes from tables, narrow and back towards the light.
+pub fn gallery_with_tables() -> Scene {
+    gallery_and(|b| {
+        let enamel = b.material(Material {
+            base_color: Vec3::new(0.4, 0.5, 0.6),
+            specular: Vec3::new(0.3, 0.2, 0.1),
+            lobe: Some(lobe_tables::narrow()),
+            ..Material::default()
+        });
+        let velvet = b.material(Material {
+            base_color: Vec3::new(0.6, 0.5, 0.7),
+            metallic: 0.8,
+            lobe: Some(lobe_tables::retro_reflective()),
+            ..Material::default()
+        });
+        b.sphere(Vec3::new(1.4, 0.3, -0.2), 0.3, 2, enamel, false);
+        b.quad(Vec3::new(-1.9, 0.02, -0.2), Vec3::Z * 1.6, Vec3::X * 1.1, velvet, 1.0);
+    })
 }
 
 /// The gallery with surfaces that let rays pass: leaves, a curtain, veils one behind another, and half a mirror.

@@ -9,7 +9,7 @@ use lightsum::scene::Scene;
 use lightsum::settings::{Clip, Compensation, Settings, Traversal};
 
 use crate::passes_light::check_shade;
-use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, xyz};
+use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery_with_tables, xyz};
 use crate::scenes::{Soup, camera, mean, render};
 use crate::support::gpu_test;
 
@@ -173,7 +173,7 @@ fn check_clusters(rig: &Rig) -> usize {
 #[test]
 fn clusters_choose_as_their_oracle() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         let (mut held, mut regions) = (0, 0);
         let patterns = [[1, 1], [3, 3], [2, 3], [3, 3], [8, 8]];
         let images = AWKWARD_IMAGES.into_iter().chain([[150, 40]]).zip(patterns.into_iter().chain([[1, 2]]));
@@ -195,7 +195,7 @@ fn clusters_choose_as_their_oracle() {
 #[test]
 fn classes_choose_by_power_where_there_are_no_clusters() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         for (resolution, pattern) in [([1, 1], [1, 1]), ([31, 17], [2, 3])] {
             let rig = Rig::new(ctx, &scene, resolution, settings(pattern, Traversal::Single));
             let (frame, p, plan) = (rig.frame(), &rig.parameters, rig.engine.plan());

@@ -15,7 +15,7 @@ use lightsum::stage::Stage;
 use crate::passes_light::receivers;
 use crate::references::path_traced;
 use crate::renderer::bits;
-use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, xyz};
+use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery_with_tables, xyz};
 use crate::scenes::{Soup, camera, mean, original, render, settings};
 use crate::support::gpu_test;
 
@@ -40,7 +40,7 @@ fn chosen(rig: &Rig) -> Vec<Vec<(PointLight, u32)>> {
 #[test]
 fn lights_and_mirrors_are_chosen_by_their_oracle() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         for (n, paths) in [(1, 1), (7, 27), (64, 64), (1024, 64), (40, 2049)] {
             let base = Settings { mirror_lights: n, pattern: [2, 1], ..settings(paths, 5) };
             let rig = Rig::new(ctx, &scene, [8, 8], base);
@@ -95,11 +95,11 @@ fn lights_and_mirrors_are_chosen_by_their_oracle() {
 #[test]
 fn mirror_lights_follow_their_oracle() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         for (resolution, pattern) in AWKWARD_IMAGES.into_iter().zip([[1, 1], [2, 1], [1, 1], [1, 2], [3, 2]]) {
             // Lobes without paths of their own.
             let reflectance = Reflectance::Fresnel;
-            let base = Settings { mirror_lights: 9, pattern, glossy_paths: false, reflectance, ..settings(27, 5) };
+            let base = Settings { mirror_lights: 24, pattern, glossy_paths: false, reflectance, ..settings(27, 5) };
             let rig = Rig::new(ctx, &scene, resolution, base);
             let sums = &rig.frame().shade.lighting;
             rig.run(|frame, rec| {
@@ -261,7 +261,7 @@ fn photons_leave_out_what_mirrored_lights_do() {
 #[test]
 fn the_same_seed_gives_the_same_mirrored_lights() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         let view = Camera { resolution: [31, 17], ..scene.camera.unwrap() };
         let base = Settings { mirror_lights: 5, photons: 100, pattern: [2, 2], ..settings(8, 4) };
         let image = |settings: Settings| bits(&render(ctx, &scene, view, &settings, 2));

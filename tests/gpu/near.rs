@@ -12,7 +12,7 @@ use lightsum::settings::{Clip, Compensation, Filter, Settings};
 use lightsum::stage::NearLight;
 
 use crate::passes_light::receivers;
-use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, hit_of, is_lit, ray_of, sine_error};
+use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery_with_tables, hit_of, is_lit, ray_of, sine_error};
 use crate::scenes::render;
 use crate::support::gpu_test;
 use std::f32::consts::FRAC_1_PI;
@@ -112,7 +112,7 @@ fn check_points(rig: &Rig, sine: f32, met: &mut Met) {
     for &slot in &started {
         let i = slot as usize;
         let (expected, weight, specular) =
-            gather::near_reference(p, slot, (sort::class_of(p, slot), flags(slot)), &before[i]);
+            gather::near_reference(p, &rig.scene.materials, slot, (sort::class_of(p, slot), flags(slot)), &before[i]);
         let (ray, hit) = rays_of(&traced, i);
         let tolerance = if specular { 2.0 * sine.sqrt() } else { 5e-4 };
         let same = ray.origin == expected.origin && close(ray.direction, expected.direction, 0.0, tolerance);
@@ -283,7 +283,7 @@ fn check_collect(rig: &Rig) -> [usize; 2] {
 #[test]
 fn near_light_follows_its_oracles() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         let sine = sine_error(ctx, &scene);
         let (mut met, mut averaged, mut spread) = (Met::default(), 0, 0);
         let patterns = [[1, 1], [3, 3], [2, 3], [8, 8], [3, 3]];

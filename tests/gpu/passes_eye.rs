@@ -11,8 +11,8 @@ use lightsum::scene::{Alpha, Scene, Surface, builtin};
 use lightsum::settings::{Clip, Settings, Superposition, Traversal};
 
 use crate::rig::{
-    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, gallery_with_alpha, has, hit_of, is_lit, ray_of, same_lobe,
-    untouched, xyz,
+    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery_with_alpha, gallery_with_tables, has, hit_of, is_lit, ray_of,
+    same_lobe, untouched, xyz,
 };
 use crate::support::gpu_test;
 
@@ -205,7 +205,7 @@ fn look(rig: &Rig) -> Vec<Option<Hit>> {
 #[test]
 fn camera_rays_trace_and_receivers_follow_their_oracles() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         let mut seen = vec![0; scene.materials.len()];
         let mut missed = 0;
         for (resolution, superposition) in

@@ -14,8 +14,8 @@ use lightsum::settings::{Clip, Sequence, Settings, Traversal};
 use lightsum::stage::Stage;
 
 use crate::rig::{
-    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, gallery_with_alpha, has, hit_of, is_lit, make, ray_of,
-    sine_error, untouched, xyz,
+    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery_with_alpha, gallery_with_tables, has, hit_of, is_lit, make,
+    ray_of, sine_error, untouched, xyz,
 };
 use crate::support::gpu_test;
 
@@ -106,7 +106,8 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
     for &pixel in &listed {
         let i = pixel as usize;
         let so_far = if bounce == 1 { Vec3::ONE } else { old[i].truncate() };
-        let (expected, weight, specular) = gather::reference(p, pixel, bounce as u32 - 1, &before[i], so_far);
+        let (expected, weight, specular) =
+            gather::reference(p, &rig.scene.materials, pixel, bounce as u32 - 1, &before[i], so_far);
         let ray = ray_of(origin[i], direction[i]);
         // A microfacet near the edge of visibility contains the root of a small difference of sines.
         let tolerance = if specular { 2.0 * sine.sqrt() } else { RELATIVE };
@@ -296,7 +297,7 @@ fn surfaces_that_let_light_pass_follow_their_oracles() {
 #[test]
 fn shade_gather_and_collect_follow_their_oracles() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         let sine = sine_error(ctx, &scene);
         let patterns = [[1, 1], [3, 3], [2, 3], [8, 8], [1, 1]];
         let mut compared = [0; 6];
@@ -332,7 +333,7 @@ fn effects(rig: &Rig, light: &PointLight) -> Effects {
         let parallel = light.flags() & PointLight::DIRECTIONAL != 0;
         let d = if parallel { -far * xyz(light.normal) } else { xyz(light.position) - r.position };
         let wi = d.normalize();
-        let sent = shade::light_towards(light, wi, d.length_squared(), clip2);
+        let sent = shade::light_towards(&rig.scene.materials, light, wi, d.length_squared(), clip2);
         if sent == Vec3::ZERO || wi.dot(r.shading) <= 0.0 || wi.dot(r.geometric) <= 0.0 {
             continue;
         }
@@ -368,7 +369,7 @@ fn shade_of_each_kind_of_light() {
 }
 
 fn shade_each_kind(ctx: &Context, traversal: Traversal) {
-    let scene = gallery();
+    let scene = gallery_with_tables();
     let settings = Settings { particles: 27, clip: Clip::Distance(1.0), seed: 3, traversal, ..Settings::plain() };
     let rig = Rig::new(ctx, &scene, [31, 17], settings);
     rig.walk_and_look();

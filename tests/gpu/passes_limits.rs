@@ -26,7 +26,7 @@ fn reach(rig: &Rig, receiver: &ShadingPoint, lights: &[PointLight]) -> (usize, u
     for light in lights {
         let d = xyz(light.position) - receiver.position;
         let wi = d.normalize();
-        let sent = shade::light_towards(light, wi, d.length_squared(), 0.0);
+        let sent = shade::light_towards(&rig.scene.materials, light, wi, d.length_squared(), 0.0);
         let mut steps = Steps::default();
         if sent != Vec3::ZERO && wi.dot(receiver.shading) > 0.0 && wi.dot(receiver.geometric) > 0.0 {
             rig.bvh().occluded_counted(&Ray::between(receiver.position, xyz(light.position)), &mut steps);

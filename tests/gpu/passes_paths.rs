@@ -17,7 +17,9 @@ use lightsum::scene::{Scene, Surface, builtin};
 use lightsum::settings::{Reflectance as Form, Settings, Superposition};
 
 use crate::passes_film::{Sheet, fill};
-use crate::rig::{AWKWARD_IMAGES, Numbers, Rig, STRAYS, Tally, close, gallery, has, hit_of, make, ray_of, untouched};
+use crate::rig::{
+    AWKWARD_IMAGES, Numbers, Rig, STRAYS, Tally, close, gallery_with_tables, has, hit_of, make, ray_of, untouched,
+};
 use crate::support::gpu_test;
 
 /// Tolerance for a direction: refraction near the critical angle magnifies the rounding of roots and divisions.
@@ -220,8 +222,9 @@ fn check_tiles(rig: &Rig) {
             let m = &rig.scene.materials[material];
             let whole = Reflectance::new(m.base_color, m.metallic, m.roughness, m.specular);
             let along = whole.alpha + (1.0 - whole.alpha) * m.anisotropy.powi(2);
-            let alpha = m.phong_exponent.map_or((whole.alpha * along).sqrt(), |d| width_of(-d));
-            let narrow = m.metallic_roughness_texture.is_some() || alpha <= MAX_FOLLOWED_ALPHA;
+            let other = m.phong_exponent.map_or((whole.alpha * along).sqrt(), |d| width_of(-d));
+            let alpha = m.lobe.as_ref().map_or(other, |table| table.alpha());
+            let narrow = m.metallic_roughness_texture.is_some() && m.lobe.is_none() || alpha <= MAX_FOLLOWED_ALPHA;
             let followed = rig.parameters.choice[3] > 0.0 && narrow && (whole.f90 > 0.0 || m.metallic > 0.0);
             m.surface != Surface::Opaque || rig.plane(&hit) > 0 || followed
         })
@@ -253,7 +256,7 @@ fn follow(rig: &Rig, seen: &mut Seen) {
 #[test]
 fn eye_paths_follow_their_oracle() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         let planes = Some(Superposition::default());
         let mut frosted = scene.clone();
         frosted.materials.iter_mut().filter(|m| m.thin).for_each(|m| m.frost = 0.5);
@@ -300,9 +303,9 @@ fn scenes_without_mirrors_and_glass_do_not_pay() {
         };
         let defaults = Settings { particles: 1, ..Settings::plain() };
         assert_eq!(steps(&builtin::furnace(0.5, 1.0), defaults.clone()), (0, 1));
-        assert_eq!(steps(&gallery(), defaults.clone()), (8, 2));
-        assert_eq!(steps(&gallery(), Settings { split: false, ..defaults.clone() }), (8, 1));
-        assert_eq!(steps(&gallery(), Settings { max_specular: 0, ..defaults.clone() }), (0, 1));
+        assert_eq!(steps(&gallery_with_tables(), defaults.clone()), (8, 2));
+        assert_eq!(steps(&gallery_with_tables(), Settings { split: false, ..defaults.clone() }), (8, 1));
+        assert_eq!(steps(&gallery_with_tables(), Settings { max_specular: 0, ..defaults.clone() }), (0, 1));
         // Mirrors without a base have one component.
         let mut scene = builtin::furnace(0.5, 1.0);
         scene.materials[0].surface = lightsum::scene::Surface::Mirror;
@@ -316,7 +319,7 @@ fn scenes_without_mirrors_and_glass_do_not_pay() {
 #[test]
 fn tiles_are_listed_in_order() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         for resolution in [[1, 1], [8, 513], [521, 9], [640, 200]] {
             let rig = Rig::new(ctx, &scene, resolution, Settings { particles: 1, ..Settings::plain() });
             rig.run(|frame, rec| frame.eye.record_first(rec));
@@ -372,7 +375,7 @@ fn merge_adds_second_components_to_their_pixels() {
 #[test]
 fn light_along_lobes_joins_its_pixel() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         let mut joined = 0;
         for resolution in AWKWARD_IMAGES {
             let rig = Rig::new(ctx, &scene, resolution, Settings { particles: 3, ..Settings::plain() });

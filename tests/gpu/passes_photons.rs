@@ -18,7 +18,8 @@ use lightsum::settings::{Reflectance as Form, Sequence, Settings};
 use lightsum::stage::{Photons, Stage};
 
 use crate::rig::{
-    AWKWARD_IMAGES, Rig, SINE, STRAYS, Tally, close, gallery, gallery_outdoors, has, hit_of, ray_of, sine_error,
+    AWKWARD_IMAGES, Rig, SINE, STRAYS, Tally, close, gallery_outdoors, gallery_with_tables, has, hit_of, ray_of,
+    sine_error,
 };
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
@@ -302,7 +303,7 @@ fn check_light(rig: &Rig, what: &str, mut photons: Vec<Photon>, narrowed: &mut u
             reflectance,
             wo: wo[i].truncate(),
         };
-        let expected = photon_light::reference(&rig.parameters, slot, &receiver, &photons);
+        let expected = photon_light::reference(&rig.parameters, &rig.scene.materials, slot, &receiver, &photons);
         for (k, sum) in expected.into_iter().enumerate() {
             let found = (after[k][i] - before[k][i]).truncate();
             let rounding = 1e-5 * before[k][i].truncate().max_element();
@@ -360,7 +361,7 @@ fn photons_from_an_environment_follow_their_oracles() {
 #[test]
 fn photons_follow_their_oracles() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         let sine = sine_error(ctx, &scene);
         let (mut seen, mut narrowed, mut lit) = ([0; 4], 0, [0; 2]);
         let base = Settings {

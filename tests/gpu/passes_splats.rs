@@ -15,7 +15,8 @@ use lightsum::stage::{self, Stage};
 
 use crate::passes_light::{LOBE, receivers};
 use crate::rig::{
-    AWKWARD_IMAGES, Rig, SINE, STRAYS, Tally, close, gallery, gallery_outdoors, has, hit_of, ray_of, sine_error,
+    AWKWARD_IMAGES, Rig, SINE, STRAYS, Tally, close, gallery_outdoors, gallery_with_tables, has, hit_of, ray_of,
+    sine_error,
 };
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
@@ -252,7 +253,14 @@ fn check_light(rig: &Rig, what: &str, hits: &[Hit], width: &[f32]) -> usize {
             let covered = splat_light::coverage(receiver.position, receiver.geometric, &outline, h);
             let segments = ShadingPoints::segments(flags);
             let on = (surface, h, covered);
-            wanted = splat_light::reference(&rig.parameters, (&receiver, segments), on, hits, state.particles);
+            wanted = splat_light::reference(
+                &rig.parameters,
+                &rig.scene.materials,
+                (&receiver, segments),
+                on,
+                hits,
+                state.particles,
+            );
         }
         let found = (after[i] - before[i]).truncate();
         let rounding = 1e-5 * before[i].truncate().max_element();
@@ -278,7 +286,7 @@ fn follow(ctx: &Context, scene: &Scene, size: [u32; 2], settings: Settings, sine
 #[test]
 fn splats_against_their_oracles() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         let sine = sine_error(ctx, &scene);
         let (mut seen, mut lit) = ([0; 3], 0);
         for (particles, size) in AWKWARD_SIZES.into_iter().zip(AWKWARD_IMAGES.into_iter().skip(1)) {
@@ -296,7 +304,7 @@ fn splats_against_their_oracles() {
 #[test]
 fn a_batch_whose_hits_do_not_fit_is_left_out_whole() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         let rig = Rig::new(ctx, &scene, [1, 1], settings(2049));
         let s = splats(&rig);
         let mut parameters = s.plan.parameters();
@@ -328,7 +336,7 @@ fn a_batch_whose_hits_do_not_fit_is_left_out_whole() {
 #[test]
 fn each_class_of_pixels_takes_splats_in_one_of_as_many_passes() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         let light = |pattern: [u32; 2], local: u32| {
             let rig = Rig::new(ctx, &scene, [31, 17], Settings { pattern, ..settings(500) });
             let s = splats(&rig);

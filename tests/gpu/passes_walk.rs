@@ -15,8 +15,8 @@ use lightsum::settings::{Reflectance, Sequence, Settings};
 use lightsum::stage::Stage;
 
 use crate::rig::{
-    Rig, SINE, STRAYS, Tally, close, gallery, gallery_outdoors, gallery_with_alpha, hit_of, ray_of, same_lobe,
-    sine_error, untouched, xyz,
+    Rig, SINE, STRAYS, Tally, close, gallery_outdoors, gallery_with_alpha, gallery_with_tables, hit_of, ray_of,
+    same_lobe, sine_error, untouched, xyz,
 };
 use crate::support::{AWKWARD_SIZES, gpu_test};
 
@@ -217,8 +217,15 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
             let (hit, ray) = (hit_of(hits[n]), ray_of(origins[n], directions[n]));
             let surface = hit.map(|hit| surface_at(scene, rig.bvh(), &hit, ray.direction, p.cones[1] * hit.t));
             let flux = fluxes[n].truncate();
-            let (light, next, next_flux) =
-                walk_reflect::reference(p, j, (n as u32, fluxes[n].w as u32), ray.direction, flux, surface.as_ref());
+            let (light, next, next_flux) = walk_reflect::reference(
+                p,
+                &scene.materials,
+                j,
+                (n as u32, fluxes[n].w as u32),
+                ray.direction,
+                flux,
+                surface.as_ref(),
+            );
             let found = &lights[slot(n, j)];
             tally.check_values(same_light(found, &light, 1e-5), &of_lights(found, &light), || {
                 format!("particle {n}: {found:?}\nfor {light:?}")
@@ -243,7 +250,7 @@ fn follow(ctx: &Context, scene: &Scene, settings: Settings) -> (Vec<Kind>, [usiz
 #[test]
 fn walk_start_and_walk_reflect_follow_their_oracles() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         for paths in AWKWARD_SIZES {
             for (jitter, sequence) in
                 [(false, Sequence::Halton), (true, Sequence::Halton), (false, Sequence::Sobol), (true, Sequence::Sobol)]
@@ -268,7 +275,7 @@ fn the_walk_of_each_class_follows_its_oracles() {
     gpu_test(|ctx| {
         let scene = gallery_with_alpha();
         follow(ctx, &scene, settings(2049, false));
-        let scene = gallery();
+        let scene = gallery_with_tables();
         for (paths, pattern) in [(1, [8, 8]), (27, [3, 3]), (64, [2, 1]), (683, [1, 3])] {
             follow(ctx, &scene, interleaved(paths, pattern, paths == 27));
             let direct_lights = Some(paths / 16 + 1);
@@ -291,7 +298,7 @@ fn the_walk_from_an_environment_follows_its_oracles() {
 #[test]
 fn every_emitter_starts_particles() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         let rig = Rig::new(ctx, &scene, [1, 1], settings(2049, false));
         let emitters = rig.engine.emitters();
         let mut started = vec![0; emitters.list.len()];
@@ -330,7 +337,7 @@ fn shares(points: impl Iterator<Item = f32>) -> [f64; 16] {
 #[test]
 fn survivors_come_from_everywhere_on_the_emitters() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         for sequence in [Sequence::Halton, Sequence::Sobol] {
             for (particles, pattern) in [(32, [1, 1]), (20, [3, 3])] {
                 let settings = Settings { sequence, direct_lights: Some(4), ..interleaved(particles, pattern, false) };
@@ -398,8 +405,15 @@ fn walk(rig: &Rig) -> Vec<PointLight> {
                     }
                 }
             }
-            let (light, next, next_flux) =
-                walk_reflect::reference(p, j, (i, specular), ray.direction, flux, surface.as_ref());
+            let (light, next, next_flux) = walk_reflect::reference(
+                p,
+                &rig.scene.materials,
+                j,
+                (i, specular),
+                ray.direction,
+                flux,
+                surface.as_ref(),
+            );
             lights[slot(i, j)] = light;
             (ray, flux) = (next, next_flux);
         }
@@ -410,7 +424,7 @@ fn walk(rig: &Rig) -> Vec<PointLight> {
 #[test]
 fn the_walk_against_the_oracle_path_by_path() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let scene = gallery_with_tables();
         let sine = sine_error(ctx, &scene);
         let one = [1, 1];
         let of_ring = |form, length, jitter| {

@@ -1,4 +1,4 @@
-//! Lobes by a power of the cosine about the mirror direction, and GGX lobes of two widths: whole images against the path tracer.
+//! Lobes by a power of the cosine about the mirror direction, GGX lobes of two widths, and lobes from tables: whole images against the path tracer.
 
 use glam::Vec3;
 use lightsum::accel::{Bvh, Ray};
@@ -6,6 +6,7 @@ use lightsum::path_trace::{Options, SpecularPaths, camera_direction};
 use lightsum::scene::{Camera, Material, Scene};
 use lightsum::settings::{Settings, Superposition};
 
+use crate::lobe_tables;
 use crate::references::path_traced;
 use crate::scenes::{Soup, camera, compare, render, settings};
 use crate::support::gpu_test;
@@ -51,6 +52,16 @@ fn images_with_lobes_of_two_widths_have_the_energy_of_the_path_tracer() {
     let materials = [lobe(metal(), 0.25, 0.3, 0.6), lobe(metal(), 0.4, 0.8, 0.0), lobe(paint(), 0.3, 0.4, 1.3)];
     // The tail of the floor's lobe sees the lamp, which the mirror image does not show.
     check(&room("two widths", materials), false);
+}
+
+#[test]
+fn images_with_lobes_from_tables_have_the_energy_of_the_path_tracer() {
+    let [floor, ball, wall] =
+        [lobe_tables::retro_reflective(), lobe_tables::off_specular(), lobe_tables::ggx(0.3, 33)].map(Some);
+    let materials =
+        [Material { lobe: floor, ..metal() }, Material { lobe: ball, ..metal() }, Material { lobe: wall, ..paint() }];
+    // Light that goes back to where it comes from makes no mirror image.
+    check(&room("tables", materials), false);
 }
 
 /// `mirrors`: with mirror images too.

@@ -19,7 +19,7 @@ use lightsum::settings::{Settings, Traversal};
 use lightsum::stage::{Compensation, Stage};
 use lightsum::superposition::kernels::KernelLibrary;
 
-pub use crate::gallery::{Builder, gallery, gallery_outdoors, gallery_with_alpha};
+pub use crate::gallery::{Builder, gallery, gallery_outdoors, gallery_with_alpha, gallery_with_tables};
 
 /// Image sizes that reveal off-by-one mistakes: one pixel, part of a workgroup, one workgroup, 2049 pixels, a prime
 /// width.
@@ -221,8 +221,16 @@ impl<'a> Rig<'a> {
 pub fn make<T>(ctx: &Context, shared: Resources, pass: impl FnOnce(&Kit) -> lightsum::Result<T>) -> T {
     let mut staging = Staging::new();
     let (uploads, traversal) = (RefCell::new(&mut staging), Traversal::Auto);
-    let made =
-        pass(&Kit { context: ctx, staging: uploads, shared, textured: false, has_alpha: false, traversal }).unwrap();
+    let made = pass(&Kit {
+        context: ctx,
+        staging: uploads,
+        shared,
+        textured: false,
+        has_alpha: false,
+        tables: false,
+        traversal,
+    })
+    .unwrap();
     ctx.submit_and_wait("uploads", None, |rec| staging.record(rec)).unwrap();
     made
 }

@@ -99,7 +99,7 @@ fn uniform_light_is_reflected_by_the_albedo_of_the_lobe_up_to_the_rims() {
         let light = rig.vec4s(&rig.frame().shade.lighting.specular);
         let steps = 200_000;
         let albedo = (0..steps).map(|i| {
-            let (wi, weight) = reflectance.sample_lobe(false, Vec3::Z, Vec3::Z, halton(0, i), halton(1, i));
+            let (wi, weight) = reflectance.sample_lobe(&[], false, Vec3::Z, Vec3::Z, halton(0, i), halton(1, i));
             if wi.z > 0.0 { f64::from(weight.x) * (1.0 - f64::from(reflectance.diffuse_probability())) } else { 0.0 }
         });
         let albedo = albedo.sum::<f64>() / f64::from(steps);

@@ -46,9 +46,9 @@ fn with_one_width_it_is_the_lobe_of_that_width() {
     let (two, one) = (white(pack(Vec2::splat(0.25), Vec3::X, n)), white(0.25));
     for i in 0..200 {
         let [wi, wo] = [0, 2].map(|d| (direction(89.0 * halton(d, i), 7.0 * halton(d + 1, i)) + n).normalize());
-        let (a, b) = (two.eval_specular(n, wi, wo).x, one.eval_specular(n, wi, wo).x);
+        let (a, b) = (two.eval_specular(&[], n, wi, wo).x, one.eval_specular(&[], n, wi, wo).x);
         assert!((a - b).abs() <= 1e-4 * b, "{a} for {b}");
-        let (a, b) = (pdf_specular(n, wi, wo, two.alpha), pdf_specular(n, wi, wo, 0.25));
+        let (a, b) = (pdf_specular(&[], n, wi, wo, two.alpha), pdf_specular(&[], n, wi, wo, 0.25));
         assert!((a - b).abs() <= 1e-4 * b, "{a} for {b}");
     }
 }
@@ -63,7 +63,7 @@ fn a_furnace_keeps_its_light_and_swapped_directions_reflect_alike() {
             let (mut sampled, mut integrated, mut density) = (0.0, 0.0, 0.0);
             for i in 0..n * n {
                 let u = [i % n, i / n].map(|k| (k as f32 + 0.5) / n as f32);
-                sampled += f64::from(r.sample_lobe(false, Vec3::Z, wo, u[0], u[1]).1.x);
+                sampled += f64::from(r.sample_lobe(&[], false, Vec3::Z, wo, u[0], u[1]).1.x);
                 // Over the hemisphere of half vectors, denser where the normals of a narrow lobe are: t = (pi / 2) s^3.
                 let s = f64::from(u[0]);
                 let (sin, cos) = (0.5 * PI_64 * s.powi(3)).sin_cos();
@@ -72,9 +72,9 @@ fn a_furnace_keeps_its_light_and_swapped_directions_reflect_alike() {
                 let cos_h = wo.dot(h);
                 let wi = h * (2.0 * cos_h) - wo;
                 let solid_angle = 2.0 * PI_64 * sin * 1.5 * PI_64 * s * s * 4.0 * f64::from(cos_h.max(0.0));
-                integrated += f64::from(r.eval_specular(Vec3::Z, wi, wo).x * wi.z.max(0.0)) * solid_angle;
-                density += f64::from(pdf_specular(Vec3::Z, wi, wo, r.alpha)) * solid_angle;
-                let (one, other) = (r.eval_specular(Vec3::Z, wi, wo).x, r.eval_specular(Vec3::Z, wo, wi).x);
+                integrated += f64::from(r.eval_specular(&[], Vec3::Z, wi, wo).x * wi.z.max(0.0)) * solid_angle;
+                density += f64::from(pdf_specular(&[], Vec3::Z, wi, wo, r.alpha)) * solid_angle;
+                let (one, other) = (r.eval_specular(&[], Vec3::Z, wi, wo).x, r.eval_specular(&[], Vec3::Z, wo, wi).x);
                 assert!((one - other).abs() <= 1e-3 * one, "{along} {across}: {one} and {other}");
             }
             let [sampled, integrated, density] = [sampled, integrated, density].map(|sum| sum / f64::from(n * n));
@@ -93,8 +93,8 @@ fn samples_follow_their_density() {
         let alpha = pack(Vec2::new(along, across), direction(90.0, 0.4), Vec3::Z);
         for (degrees, azimuth) in [(0.0, 0.0), (50.0, 1.0), (75.0, 2.5)] {
             let wo = direction(degrees, azimuth);
-            let sample = |u| white(alpha).sample_of_lobe(Vec3::Z, wo, u);
-            crate::bsdf::tests::check_sampling("two widths", sample, |wi| pdf_specular(Vec3::Z, wi, wo, alpha));
+            let sample = |u| white(alpha).sample_of_lobe(&[], Vec3::Z, wo, u);
+            crate::bsdf::tests::check_sampling("two widths", sample, |wi| pdf_specular(&[], Vec3::Z, wi, wo, alpha));
         }
     }
 }
@@ -103,7 +103,7 @@ fn samples_follow_their_density() {
 #[test]
 fn lobes_are_wide_along_the_grain() {
     let r = white(pack(Vec2::new(0.5, 0.1), Vec3::Y, Vec3::Z));
-    let towards = |x: f32, y: f32| r.eval_specular(Vec3::Z, Vec3::new(x, y, 1.0).normalize(), Vec3::Z).x;
+    let towards = |x: f32, y: f32| r.eval_specular(&[], Vec3::Z, Vec3::new(x, y, 1.0).normalize(), Vec3::Z).x;
     assert!(towards(0.0, 0.6) > 10.0 * towards(0.6, 0.0));
     // At half vectors of slopes in the ratio of the alphas D differs by cos^-4 alone.
     let of_slope = |x: f32, y: f32| {

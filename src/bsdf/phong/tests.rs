@@ -22,7 +22,7 @@ fn a_furnace_keeps_its_light_and_swapped_directions_reflect_alike() {
             let (mut sampled, mut integrated, mut density) = (0.0, 0.0, 0.0);
             for i in 0..n * n {
                 let u = [i % n, i / n].map(|k| (k as f32 + 0.5) / n as f32);
-                sampled += f64::from(r.sample_lobe(false, Vec3::Z, wo, u[0], u[1]).1.x);
+                sampled += f64::from(r.sample_lobe(&[], false, Vec3::Z, wo, u[0], u[1]).1.x);
                 // sin t dt, with smaller steps where the lobe is: t = pi s^3.
                 let s = f64::from(u[0]);
                 let (sin, cos) = (PI * s.powi(3)).sin_cos();
@@ -30,9 +30,9 @@ fn a_furnace_keeps_its_light_and_swapped_directions_reflect_alike() {
                 let (t, b) = basis(reflect(wo, Vec3::Z));
                 let (y, x) = (TAU * u[1]).sin_cos();
                 let wi = (t * x + b * y) * sin as f32 + reflect(wo, Vec3::Z) * cos as f32;
-                integrated += f64::from(r.eval_specular(Vec3::Z, wi, wo).x * wi.z.max(0.0)) * solid_angle;
-                density += f64::from(pdf_specular(Vec3::Z, wi, wo, r.alpha)) * solid_angle;
-                let (one, other) = (r.eval_specular(Vec3::Z, wi, wo).x, r.eval_specular(Vec3::Z, wo, wi).x);
+                integrated += f64::from(r.eval_specular(&[], Vec3::Z, wi, wo).x * wi.z.max(0.0)) * solid_angle;
+                density += f64::from(pdf_specular(&[], Vec3::Z, wi, wo, r.alpha)) * solid_angle;
+                let (one, other) = (r.eval_specular(&[], Vec3::Z, wi, wo).x, r.eval_specular(&[], Vec3::Z, wo, wi).x);
                 assert!((one - other).abs() <= 1e-3 * one, "exponent {exponent}: {one} and {other}");
             }
             let [sampled, integrated, density] = [sampled, integrated, density].map(|sum| sum / f64::from(n * n));
@@ -55,7 +55,7 @@ fn where_the_cosines_are_alike_the_intensity_is_that_of_the_paper() {
             let half = 2f32.powf(-1.0 / d).acos();
             let across = r * half.cos() + Vec3::Y * half.sin();
             for (w, share) in [(r, 1.0), (across, 0.5)] {
-                let found = lobe(d).eval_specular(Vec3::Z, wo, w).x * w.z;
+                let found = lobe(d).eval_specular(&[], Vec3::Z, wo, w).x * w.z;
                 let expected = share * (d + 1.0) / TAU * w.z / (wo.z.max(w.z) * kept(wo.z, d).max(kept(w.z, d)));
                 assert!((found / expected - 1.0).abs() < 2e-3, "{d}, {degrees}: {found} for {expected}");
                 // Of narrow lobes nothing is below the horizon.
@@ -71,8 +71,8 @@ fn wide_lobes_stay_and_narrow_ones_are_widened() {
     assert_eq!((width_of(0.3), exponent_of(0.3)), (0.3, None));
     assert_eq!((width_of(-50.0), exponent_of(-50.0)), (0.1, Some(50.0)));
     assert_eq!((widened_alpha(-4.0, 0.25), widened_alpha(-50.0, 0.25)), (-4.0, -8.0));
-    let wide = lobe(50.0).widened(Vec3::Z, from(40.0), 0.25);
+    let wide = lobe(50.0).widened(&[], Vec3::Z, from(40.0), 0.25);
     assert_eq!(wide.alpha, -8.0);
-    let [narrow, wide] = [lobe(50.0), wide].map(|r| r.lobe_albedo(Vec3::Z, from(40.0)));
+    let [narrow, wide] = [lobe(50.0), wide].map(|r| r.lobe_albedo(&[], Vec3::Z, from(40.0)));
     assert!((wide / narrow - 1.0).abs() < 0.01, "{wide} for {narrow}");
 }

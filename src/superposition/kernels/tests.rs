@@ -335,13 +335,15 @@ fn table_of_a_lobe_has_its_kernels() {
 fn lobe_without_light_at_its_mirror_direction() {
     let table = |values: Vec<f32>| {
         let azimuth = vec![0.0, 1.0, 1.1];
-        Lobe::Table(Arc::new(Table::new(vec![0.5], vec![0.5], azimuth, values).unwrap()))
+        // Towards the normal itself no azimuth is left out.
+        let cosines = vec![0.5, 0.999];
+        Lobe::Table(Arc::new(Table::new(cosines.clone(), cosines, azimuth, values.repeat(4)).unwrap()))
     };
     let black = Kernel::new(&table(vec![0.0; 3]), 0.5);
     assert_eq!((black.tan_beta, black.energy, black.captured), (0.0, 0.0, 0.0));
     assert_eq!(black.tail.texture.iter().sum::<f32>(), 1.0);
     // Purely retroreflective.
-    let back = Kernel::new(&table(vec![1.0, 1.0, 0.0]), view_cosine(0));
+    let back = Kernel::new(&table(vec![0.9, 0.9, 0.0]), view_cosine(0));
     assert!(back.energy > 0.1 && back.captured < 1e-6, "{} {}", back.energy, back.captured);
     assert_eq!(f64::from(back.tan_beta), MAX_TAN_BETA);
     assert_eq!(back.tail.texture, black.tail.texture);
