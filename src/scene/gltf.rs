@@ -152,6 +152,10 @@ fn check(path: &Path, root: &gltf::json::Root) -> Result<()> {
             return Err(Error::file(path, format!("animation {i} moves node {node}, of {} nodes", root.nodes.len())));
         }
     }
+    // Nor that an image in a view has a type, which it then unwraps.
+    if let Some(i) = root.images.iter().position(|image| image.buffer_view.is_some() && image.mime_type.is_none()) {
+        return Err(Error::file(path, format!("image {i} lies in a buffer view and has no mimeType; add it")));
+    }
     Ok(())
 }
 

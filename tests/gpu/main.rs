@@ -26,6 +26,7 @@ mod importance;
 mod independent;
 mod lens;
 mod light_lists;
+mod memory;
 mod mirror_lights;
 mod mirrors_and_glass;
 mod motion_blur;
