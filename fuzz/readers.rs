@@ -6,7 +6,7 @@
 use std::cell::RefCell;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::Vec3;
 use lightsum::accel::Bvh;
@@ -58,7 +58,6 @@ const ROOM_MTL: &str = "newmtl floor\nKd 0.5 0.5 0.5\nmap_Kd color.png\nmap_d co
 const KTX2_GLTF: &str = include_str!("fixed/ktx2.gltf");
 const DRACO: &str = include_str!("fixed/draco.gltf");
 const MESHOPT: &str = include_str!("fixed/meshopt.gltf");
-const CAMERA: &str = "[camera]\neye = [0, 1, 5]\ntarget = [0, 1, 0]\nfov_y = 40\n";
 
 /// A folder with the fixed files, gone with its thread.
 struct Place(PathBuf);
@@ -98,30 +97,30 @@ impl Drop for Place {
     }
 }
 
-thread_local! {
-    static PLACE: Place = Place::new();
-    /// Places of panics in the library on this thread, caught or not, if they are watched.
-    static PANICS: RefCell<Vec<String>> = const { RefCell::new(Vec::new()) };
-}
+thread_local!(static PLACE: Place = Place::new());
+
+/// Places of panics in the library, caught or not, if they are watched.
+static PANICS: Mutex<Vec<String>> = Mutex::new(Vec::new());
 
 /// Places of the panics in the library since the last call.
 pub fn panics() -> Vec<String> {
-    PANICS.take()
+    std::mem::take(&mut PANICS.lock().unwrap_or_else(PoisonError::into_inner))
 }
 
-/// Writes down where the library panics: the loader of glTF makes an error of panics, which only the glTF crates may cause.
+/// Writes down where the library panics: the loader of glTF makes an error of panics, which only other crates may cause. `then` is
+/// told of each.
 pub fn watch_panics(then: fn(&str)) {
     // The loader's own hook comes first.
     read("gltf", b"{");
     let previous = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| {
-        let at = info.location().map(ToString::to_string).unwrap_or_default();
-        let foreign = at.contains("/registry/") || at.starts_with("/rustc/");
-        if !foreign {
-            PANICS.with_borrow_mut(|panics| panics.push(at.clone()));
-            then(&format!("{at}: {info}"));
-        }
         previous(info);
+        let at = info.location().map(ToString::to_string).unwrap_or_default();
+        let foreign = ["/registry/", "/rustc/", "/library/", "tests/"].iter().any(|part| at.contains(part));
+        if !foreign {
+            PANICS.lock().unwrap_or_else(PoisonError::into_inner).push(at);
+            then(&info.to_string());
+        }
     }));
 }
 
@@ -144,7 +143,7 @@ fn load(path: &Path) -> bool {
     let Ok(mut scene) = scene::load_with(path, &options()) else { return false };
     if scene.triangles.len() <= 64 {
         // Errors are allowed.
-        let _ = (Summary::of(&scene), Bvh::build(&scene).map(|bvh| bvh.validate(&scene)));
+        let _ = (Summary::of(&scene), Bvh::build(&scene).and_then(|bvh| bvh.validate(&scene)));
         let camera = scene.framed([16, 16], None);
         assert!(camera.check().is_ok(), "the scene is framed by a camera that is refused");
         if scene.animations.as_ref().is_some_and(|animations| !animations.list.is_empty()) {

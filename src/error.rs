@@ -71,8 +71,7 @@ pub enum Error {
     },
     /// Buffers and images would take more of the device's memory than there is, or than [`crate::gpu::ContextOptions::max_memory`] allows.
     #[error(
-        "{resource}: {needed} bytes of the device's memory are needed, {limit} are free or allowed; the most is for {largest}: {}, or raise \
-         --max-device-memory", lowered_by(largest)
+        "{resource}: {needed} bytes of the device's memory are needed, {limit} are free or allowed; {advice}, or raise --max-device-memory"
     )]
     TooMuchMemory {
         /// The resource that does not fit.
@@ -81,8 +80,8 @@ pub enum Error {
         needed: u64,
         /// Bytes that may be taken.
         limit: u64,
-        /// The name with the most memory.
-        largest: String,
+        /// What lowers most of them.
+        advice: &'static str,
     },
     /// The device did not finish its work.
     #[error(
@@ -192,7 +191,7 @@ impl Error {
 }
 
 /// What lowers the memory of a resource, by its name.
-fn lowered_by(resource: &str) -> &'static str {
+pub(crate) fn lowered_by(resource: &str) -> &'static str {
     let has = |word: &str| resource.contains(word);
     if resource.starts_with("scene ") {
         "simplify the scene, or shrink its textures"

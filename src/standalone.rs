@@ -117,8 +117,7 @@ fn engine(context: &Context, scene: &Scene, view: View, settings: Settings) -> R
     match Engine::with_view(context, scene, view.clone(), settings.clone()) {
         Err(Error::TooMuchMemory { resource, limit, .. }) => {
             let needed = Engine::memory_of(context, scene, view, settings)?;
-            let largest = needed.by_name.first().map_or(resource.clone(), |(name, _)| name.clone());
-            Err(Error::TooMuchMemory { resource, needed: needed.total(), limit, largest })
+            Err(Error::TooMuchMemory { resource, needed: needed.total(), limit, advice: needed.advice() })
         }
         made => made,
     }

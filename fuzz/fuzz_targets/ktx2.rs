@@ -3,6 +3,11 @@
 #[path = "../readers.rs"]
 mod readers;
 
-libfuzzer_sys::fuzz_target!(init: readers::watch_panics(|_| std::process::abort()), |bytes: &[u8]| {
+fn stop(panic: &str) {
+    eprintln!("{panic}");
+    std::process::abort();
+}
+
+libfuzzer_sys::fuzz_target!(init: readers::watch_panics(stop), |bytes: &[u8]| {
     readers::read("ktx2", bytes);
 });

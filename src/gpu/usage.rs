@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::memory::Memory;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, lowered_by};
 
 /// Memory of buffers and images, bytes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -20,6 +20,14 @@ impl MemoryUse {
     /// On the device and for transfers.
     pub fn total(&self) -> u64 {
         self.device + self.transfer
+    }
+
+    /// What lowers most of it.
+    pub(crate) fn advice(&self) -> &'static str {
+        let mut sums: BTreeMap<&'static str, u64> = BTreeMap::new();
+        self.by_name.iter().for_each(|(name, bytes)| *sums.entry(lowered_by(name)).or_default() += bytes);
+        // Without any memory there is nothing to lower.
+        sums.into_iter().max_by_key(|(_, bytes)| *bytes).map_or("free some", |(advice, _)| advice)
     }
 }
 
@@ -49,7 +57,7 @@ impl Usage {
                 resource: name.to_owned(),
                 needed: taken + bytes,
                 limit: self.limit,
-                largest: self.use_of_all().by_name.into_iter().next().map_or(name.to_owned(), |(name, _)| name),
+                advice: self.use_of_all().advice(),
             });
         }
         *self.sum(memory) += bytes;
@@ -96,11 +104,12 @@ mod tests {
             // 5 more fit where transfers count, else 40.
             let room = if unified { 5 } else { 40 };
             let error = usage.take("c", room + 1, Memory::Device).unwrap_err();
-            assert!(matches!(&error, Error::TooMuchMemory { needed: 101, limit: 100, largest, .. } if largest == "a"));
-            usage.take("c", room, Memory::Device).unwrap();
+            assert!(matches!(error, Error::TooMuchMemory { needed: 101, limit: 100, .. }));
+            usage.take("photon flux", room, Memory::Device).unwrap();
             usage.give_back("b", 5, Memory::Readback);
             usage.give_back("a", 60, Memory::Device);
             assert_eq!(usage.use_of_all().by_name.iter().map(|(_, bytes)| bytes).sum::<u64>(), 30 + room);
+            assert!(usage.use_of_all().advice().contains(if unified { "--resolution" } else { "--photons" }));
         }
     }
 }
