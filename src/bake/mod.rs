@@ -204,14 +204,14 @@ impl Bake {
         self.batches.iter().map(Batch::texels).sum()
     }
 
-    /// Bytes that buffers and images need, and bytes that the host needs for the maps. The first are counted by
+    /// Bytes that buffers and images need on the device, and bytes that the host needs for the maps. The first are counted by
     /// [`Engine::memory_of`] for the largest batch. Errors: those of an engine.
     pub fn memory(&self) -> Result<[u64; 2]> {
         let largest = self.batches.iter().max_by_key(|batch| batch.atlas.texels.len());
         let device = match largest {
             Some(batch) => {
                 let view = View::Atlas(batch.atlas.clone());
-                Engine::memory_of(&self.context, &self.scene, view, self.settings.clone())?.total()
+                Engine::memory_of(&self.context, &self.scene, view, self.settings.clone())?.device
             }
             None => 0,
         };

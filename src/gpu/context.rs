@@ -217,10 +217,7 @@ impl Context {
         let cache = unsafe { PipelineCache::load(device.raw.clone(), &info, options.pipeline_cache.clone()) }?;
         let debug = instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &device.raw));
         let own_work = device.owned || options.own_work;
-        let unified = matches!(
-            info.device_type,
-            vk::PhysicalDeviceType::CPU | vk::PhysicalDeviceType::INTEGRATED_GPU
-        );
+        let unified = matches!(info.device_type, vk::PhysicalDeviceType::CPU | vk::PhysicalDeviceType::INTEGRATED_GPU);
         let limit = options.max_memory.unwrap_or(if device.owned { info.free_memory() } else { u64::MAX });
         let inner = Inner {
             allocator: Mutex::new(allocator),

@@ -262,7 +262,7 @@ impl Kernel {
             set: vk::DescriptorSet::null(),
             _retained: chosen.iter().map(|(_, bound)| bound.retain()).collect(),
         };
-        // Nor can what has no memory be bound: it is measured only.
+        // There is nothing to bind, or only what is measured and has no memory.
         if !chosen.iter().all(|(_, bound)| bound.is_backed()) || chosen.is_empty() {
             return Ok(Bindings(Arc::new(inner)));
         }

@@ -8,13 +8,18 @@ use crate::render::{channels, command, folder, succeeds, text};
 
 /// Red, green and blue of all pixels of an image.
 fn colors(path: &Path) -> Vec<f32> {
-    channels(path).into_iter().filter(|(name, _)| matches!(name.as_str(), "R" | "G" | "B")).flat_map(|(_, v)| v).collect()
+    channels(path)
+        .into_iter()
+        .filter(|(name, _)| matches!(name.as_str(), "R" | "G" | "B"))
+        .flat_map(|(_, v)| v)
+        .collect()
 }
 
 /// Renders two passes with lavapipe and two with another driver: `other` makes the command with it.
 fn goes_on(other: impl Fn(&Path, &str) -> Command) {
     let folder = folder();
-    let line = |output: &str, passes: u32| format!("render scene.toml -o {output} --particles 8 --passes {passes} --resume");
+    let line =
+        |output: &str, passes: u32| format!("render scene.toml -o {output} --particles 8 --passes {passes} --resume");
     succeeds(folder.path(), &line("whole.exr", 4));
     succeeds(folder.path(), &line("parts.exr", 2));
     let state = folder.path().join("parts.exr.state");

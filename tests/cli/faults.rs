@@ -163,7 +163,7 @@ fn leaves_whole_files(folder: &Path, what: &str) {
                     .unwrap_or_else(|e| panic!("{what}: {e}"));
             }
             "a.exr.state" => assert!(State::read(&folder.join(&name)).unwrap().passes <= 3, "{what}"),
-            "room.obj" | "room.mtl" | "scene.toml" => {}
+            "room.obj" | "room.mtl" | "scene.toml" | "path.toml" => {}
             _ => panic!("{what} left {name} of {} bytes", bytes.len()),
         }
     }

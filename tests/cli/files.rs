@@ -145,7 +145,8 @@ fn light_beyond_numbers_is_an_error() {
     let line = "render scene.toml -o old.exr --passes 3 --particles 2";
     let message = fails(folder.path(), line, 1, &["8 passes in a row", "no number", "emission"]);
     assert!(message.contains("pass 0 is left out"), "{message}");
-    let message = fails(folder.path(), "render scene.toml -o old.exr --reference --spp 2", 1, &["all 2 paths", "no number"]);
+    let message =
+        fails(folder.path(), "render scene.toml -o old.exr --reference --spp 2", 1, &["all 2 paths", "no number"]);
     assert!(message.contains("emission"), "{message}");
 }
 

@@ -41,8 +41,8 @@ pub use values::check_resolution;
 #[cfg(feature = "viewer")]
 pub use values::extent;
 use values::{
-    address, bytes, checkpoint, crop, delta_lights, distance, exposure, filter, image_path, pattern, positive, resolution,
-    seconds, share,
+    address, bytes, checkpoint, crop, delta_lights, distance, exposure, filter, image_path, pattern, positive,
+    resolution, seconds, share,
 };
 #[cfg(feature = "viewer")]
 pub use view::{MAX_COARSER, View};
