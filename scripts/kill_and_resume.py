@@ -55,7 +55,7 @@ def broken(program, parent, passes, seconds, rng, sound, tally):
         except subprocess.TimeoutExpired:
             state = "with a state" if (folder / "a.exr.state").exists() else "before a state"
             run.send_signal(number)
-            text = run.communicate(timeout=60)[0].decode(errors="replace")
+            text = run.communicate(timeout=3600)[0].decode(errors="replace")
             tally[f"{signal.Signals(number).name} {state}"] += 1
             expected = -9 if number == signal.SIGKILL else 0
             # An interrupt before the first pass leaves no image, which is an error.
@@ -63,7 +63,7 @@ def broken(program, parent, passes, seconds, rng, sound, tally):
             if run.returncode != expected and not early:
                 return f"exit code {run.returncode} after {signal.Signals(number).name}: {text}"
     run = command(program, folder, passes)
-    text = run.communicate(timeout=600)[0].decode(errors="replace")
+    text = run.communicate(timeout=3600)[0].decode(errors="replace")
     if run.returncode != 0 or "panicked" in text:
         return f"exit code {run.returncode}: {text}"
     if images(folder) != sound:

@@ -158,7 +158,7 @@ fn a_rendering_that_does_not_fit_the_device_is_refused() {
     let message = fails(folder.path(), &refused, 1, &["1048576 are free or allowed", "lower --resolution"]);
     assert!(!folder.path().join("new.exr").exists(), "{message}");
     fails(folder.path(), &format!("{line} --max-device-memory 64K"), 1, &["bytes of the device's memory are needed"]);
-    fails(folder.path(), "bake scene.toml -o a.glb --density 4 --max-device-memory 1M", 1, &["--max-device-memory"]);
+    fails(folder.path(), "bake scene.toml -o a.glb --density 4 --max-device-memory 64K", 1, &["--max-device-memory"]);
     fails(folder.path(), &format!("{line} --max-device-memory=-1"), 2, &["--max-device-memory", "512M"]);
     succeeds(folder.path(), &format!("{line} --max-device-memory 1G --stats s.json"));
     let stats: serde_json::Value = serde_json::from_slice(&fs::read(folder.path().join("s.json")).unwrap()).unwrap();

@@ -4,14 +4,14 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 #[path = "../../fuzz/readers.rs"]
-mod readers;
+mod formats;
 
 #[test]
 fn the_kept_corpus_is_read_or_refused() {
-    readers::watch_panics(|_| {});
+    formats::watch_panics(|_| {});
     let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus");
     let (mut bytes, mut all_refused) = (0, 0);
-    for (name, _) in readers::READERS {
+    for (name, _) in formats::READERS {
         let mut files: Vec<_> =
             std::fs::read_dir(corpus.join(name)).unwrap().map(|entry| entry.unwrap().path()).collect();
         files.sort();
@@ -20,8 +20,8 @@ fn the_kept_corpus_is_read_or_refused() {
             let content = std::fs::read(file).unwrap();
             bytes += content.len();
             let start = Instant::now();
-            let outcome = std::panic::catch_unwind(|| readers::read(name, &content));
-            let panics = readers::panics();
+            let outcome = std::panic::catch_unwind(|| formats::read(name, &content));
+            let panics = formats::panics();
             assert!(panics.is_empty() && outcome.is_ok(), "{}: {panics:?}", file.display());
             assert!(start.elapsed() < Duration::from_secs(10), "{}: {:?}", file.display(), start.elapsed());
             *(if outcome.unwrap() { &mut valid } else { &mut refused }) += 1;
