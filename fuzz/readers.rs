@@ -6,15 +6,14 @@
 use std::cell::RefCell;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
-use glam::Vec3;
 use lightsum::accel::Bvh;
 use lightsum::estimate::History;
 use lightsum::film::HostFilm;
 use lightsum::output::State;
 use lightsum::scene::path::Motion;
-use lightsum::scene::{Environment, ReadOptions, Scene};
+use lightsum::scene::{ReadOptions, Scene};
 use lightsum::summary::Summary;
 use lightsum::superposition::lobe::Table;
 use lightsum::{bake, scene};
@@ -33,7 +32,7 @@ pub const READERS: [(&str, Read); 18] = [
     ("ktx2", |place, bytes| beside(place, "a.ktx2", bytes, "ktx2.gltf")),
     ("texture", |place, bytes| beside(place, "color.png", bytes, "room.obj")),
     ("emission", |place, bytes| beside(place, "emission.exr", bytes, "room.obj")),
-    ("environment", environment),
+    ("environment", |place, bytes| beside(place, "sky.exr", bytes, "sky.toml")),
     ("ply", |place, bytes| model(place, "a.ply", bytes)),
     ("mitsuba", |place, bytes| model(place, "a.xml", bytes)),
     ("description", |place, bytes| model(place, "a.toml", bytes)),
@@ -71,7 +70,7 @@ impl Place {
         let digits: String = thread.chars().filter(char::is_ascii_digit).collect();
         let place = parent.join(format!("lightsum-readers-{}-{digits}", std::process::id()));
         fs::create_dir_all(&place).expect("a folder for the files");
-        let files: [(&str, &[u8]); 10] = [
+        let files: [(&str, &[u8]); 11] = [
             ("room.obj", ROOM_OBJ.as_bytes()),
             ("room.mtl", ROOM_MTL.as_bytes()),
             ("color.png", include_bytes!("../tests/cpu/data/four texels.png")),
@@ -81,6 +80,7 @@ impl Place {
             ("kept.obj", include_bytes!("fixed/kept.obj")),
             ("kept-irradiance-0.exr", include_bytes!("fixed/kept-irradiance-0.exr")),
             ("tiles.png", include_bytes!("../tests/cpu/data/four texels.png")),
+            ("sky.toml", b"model = \"room.obj\"\n[environment]\nimage = \"sky.exr\"\n"),
             ("a.mtl", b"newmtl m\nKd 0.1 0.2 0.3\n"),
         ];
         for (name, bytes) in files {
@@ -189,15 +189,6 @@ fn as_glb(document: &[u8], binary: &[u8]) -> Vec<u8> {
 /// The compressed buffer of a fixed document.
 fn compressed(place: &Path, document: &str, bytes: &[u8]) -> bool {
     model(place, "a.glb", &as_glb(document.as_bytes(), bytes))
-}
-
-fn environment(place: &Path, bytes: &[u8]) -> bool {
-    let Ok(environment) = Environment::load(&put(place, "sky.exr", bytes)) else { return false };
-    let environment = environment.turned(Vec3::Y, 1.0);
-    let mut scene = room(place);
-    scene.environment = Some(Arc::new(environment));
-    let _ = Summary::of(&scene);
-    true
 }
 
 fn room(place: &Path) -> Scene {

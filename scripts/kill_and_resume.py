@@ -81,11 +81,12 @@ def main():
     parser.add_argument("--runs", type=int, default=200)
     parser.add_argument("--passes", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--minutes", type=float, default=1e9, help="no run begins later")
     options = parser.parse_args()
     program = str(Path(options.program).resolve())
     rng = random.Random(options.seed)
     tally = collections.Counter()
-    wrong = 0
+    wrong = done = 0
     with tempfile.TemporaryDirectory() as parent:
         os.environ["XDG_CACHE_HOME"] = parent
         folder = fresh(parent)
@@ -101,14 +102,16 @@ def main():
                 sys.exit(f"the unbroken run failed: {text}")
         sound = images(folder)
         print(f"an unbroken run of {options.passes} passes takes {seconds:.2f} s", flush=True)
-        for i in range(options.runs):
+        end = time.monotonic() + 60 * options.minutes
+        while done < options.runs and time.monotonic() < end:
             problem = broken(program, parent, options.passes, seconds, rng, sound, tally)
             if problem:
                 wrong += 1
-                print(f"run {i}: {problem}", flush=True)
+                print(f"run {done}: {problem}", flush=True)
+            done += 1
     for what, count in sorted(tally.items()):
         print(f"{count:5} {what}")
-    print(f"{options.runs - wrong} of {options.runs} images equal the unbroken one")
+    print(f"{done - wrong} of {done} images equal the unbroken one")
     sys.exit(1 if wrong else 0)
 
 

@@ -44,7 +44,8 @@ fn decode_unsafely(bytes: &[u8], reserve: Reserve) -> Result<Pixels, String> {
         reserve(most)?;
     }
     let pixels = (width as u64).saturating_mul(height as u64);
-    reserve(pixels.saturating_mul(size_of::<[f32; 4]>() as u64))?;
+    // As they are decoded, and in the form that the caller makes of them.
+    reserve(pixels.saturating_mul(2 * size_of::<[f32; 4]>() as u64))?;
     let [Ok(columns), Ok(rows)] = [width, height].map(i32::try_from) else {
         return Err(format!("{width}x{height} pixels are too many"));
     };
