@@ -133,7 +133,7 @@ pub fn camera_ray(camera: &Camera, resolution: [u32; 2], x: f32, y: f32, [u0, u1
 /// `progress` receives the finished fraction after each round of samples over the whole image and returns whether to continue; if
 /// not, the image is the mean of the rounds so far.
 ///
-/// Paths whose light is no number, by the rule of [`finite`](crate::pass::finite), are left out of the mean of their pixel; the log
+/// Paths whose light is no number, by the rule of [`finite`], are left out of the mean of their pixel; the log
 /// tells how many. Errors: [`Error::Setting`]; [`Error::NoNumberTraced`] for a pixel without any other path.
 pub fn render(
     scene: &Scene,
