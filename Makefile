@@ -38,6 +38,7 @@ test:
 	LP_NATIVE_VECTOR_WIDTH=128 cargo test --test gpu -- visibility:: traversal:: passes_eye:: passes_light::
 	LP_NATIVE_VECTOR_WIDTH=512 cargo test --test gpu -- --test-threads=1 visibility::
 	scripts/swiftshader.sh cargo test --test gpu -- visibility:: traversal::clusters_may
+	cargo test --test cli -- --ignored drivers::
 
 test-swiftshader:
 	scripts/setup.sh --tests

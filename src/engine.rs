@@ -46,7 +46,7 @@ use crate::device_scene::DeviceScene;
 use crate::error::{Error, Result};
 use crate::film::Film;
 use crate::frame::{Frame, Kept};
-use crate::gpu::{Context, Image, Recorder, Staging};
+use crate::gpu::{Context, Image, MemoryUse, Recorder, Staging};
 use crate::light::emitters::Emitters;
 use crate::pass::TraversalKernels;
 use crate::plan::{self, Plan};
@@ -97,6 +97,15 @@ impl Engine {
     /// [`Engine::new`] for a region of a camera's image or for texels on the scene's surfaces.
     pub fn with_view(context: &Context, scene: &Scene, view: View, settings: Settings) -> Result<Engine> {
         Ok(Self::with_trees(context, scene, view, settings, false)?.0)
+    }
+
+    /// Memory that [`Engine::with_view`] takes, without taking it: the estimate counts the same buffers and images. Costs the time of an engine
+    /// without its kernels. Errors: as [`Engine::with_view`], but that memory does not run out.
+    pub fn memory_of(context: &Context, scene: &Scene, view: View, settings: Settings) -> Result<MemoryUse> {
+        let measuring = context.measuring();
+        // Its objects are counted while they live.
+        let _engine = Self::with_trees(&measuring, scene, view, settings, false)?;
+        Ok(measuring.memory_use())
     }
 
     /// `dynamic`: with a hierarchy of objects that can move.

@@ -69,6 +69,20 @@ pub enum Error {
         /// Its size, if Vulkan was told one.
         bytes: Option<u64>,
     },
+    /// Buffers and images would take more of the device's memory than there is, or than [`crate::gpu::ContextOptions::max_memory`] allows.
+    #[error(
+        "{resource}: {needed} bytes of the device's memory are needed, {limit} are free or allowed; {advice}, or raise --max-device-memory"
+    )]
+    TooMuchMemory {
+        /// The resource that does not fit.
+        resource: String,
+        /// Bytes of all resources: of those up to this one, or of all that are needed if that is known.
+        needed: u64,
+        /// Bytes that may be taken.
+        limit: u64,
+        /// What lowers most of them.
+        advice: &'static str,
+    },
     /// The device did not finish its work.
     #[error(
         "the device did not finish {during} within {seconds} s; lower --lights-per-dispatch or the resolution, or look whether the driver hangs"
@@ -122,6 +136,17 @@ pub enum Error {
         /// One of them, column and row in the view.
         at: [u32; 2],
     },
+    /// The path tracer finds no number for a pixel.
+    #[error(
+        "all {paths} paths of pixel {},{} have light that is no number (NaN, infinite, or 2^100 and more): look for extreme values of \
+         emission, sizes or distances in what that pixel shows", at[0], at[1]
+    )]
+    NoNumberTraced {
+        /// Paths that were left out.
+        paths: u32,
+        /// The pixel, column and row in the view.
+        at: [u32; 2],
+    },
     /// The error of an image cannot be estimated, since the estimate is no number.
     #[error(
         "the estimated error after {passes} passes is no number ({estimate}); a rendering with --passes or --time needs none"
@@ -162,5 +187,23 @@ impl Error {
     /// An [`Error::File`] at a line (from 1).
     pub fn at(path: &Path, line: usize, message: impl Into<String>) -> Error {
         Error::File { path: path.to_path_buf(), line: Some(line), message: message.into() }
+    }
+}
+
+/// What lowers the memory of a resource, by its name.
+pub(crate) fn lowered_by(resource: &str) -> &'static str {
+    let has = |word: &str| resource.contains(word);
+    if resource.starts_with("scene ") {
+        "simplify the scene, or shrink its textures"
+    } else if has("photon") {
+        "lower --photons"
+    } else if has("splat") {
+        "lower --splat-particles"
+    } else if has("ring") {
+        "lower --ring"
+    } else if has("light") && !has("direct") || has("particle") || has("walk") {
+        "lower --particles or --max-depth"
+    } else {
+        "lower --resolution, or render a part of it with --crop"
     }
 }

@@ -22,6 +22,7 @@ use std::ops::Range;
 use glam::Vec4;
 use rayon::prelude::*;
 
+use crate::film::MAX_PASSES;
 use crate::plan::INSTANCES;
 
 /// Relative errors of a pixel count at most as much as this.
@@ -204,12 +205,13 @@ impl History {
         bytes
     }
 
-    /// Restores a history of `pixels` pixels from [`History::to_bytes`]; `None`: wrong number of bytes.
+    /// Restores a history of `pixels` pixels from [`History::to_bytes`]; `None`: wrong number of bytes, or
+    /// passes that there cannot be.
     pub fn from_bytes(bytes: &[u8], pixels: usize) -> Option<History> {
         let (words, rest) = bytes.split_at_checked(8)?;
         let word = |at: usize| words.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes);
         let (block, kept) = (word(0)?, word(4)? as usize);
-        if block == 0 || kept > MAX_BLOCKS {
+        if block == 0 || block > MAX_PASSES || kept > MAX_BLOCKS {
             return None;
         }
         let (counts, numbers) = rest.split_at_checked(4 * INSTANCES as usize * (kept + 1))?;
@@ -231,6 +233,12 @@ impl History {
             let wanted = |count: u32| if count > 0 { 3 * pixels } else { 0 };
             arrays.all(|(&count, (radiance, gain))| [radiance.len(), gain.len()] == [wanted(count); 2])
         };
+        let passes = |sums: &Sums| sums.counts.iter().map(|&count| u64::from(count)).sum::<u64>();
+        let grows = |(a, b): (&Sums, &Sums)| a.counts.iter().zip(b.counts).all(|(a, b)| *a <= b);
+        // Then those before have no more.
+        if passes(&history.latest) > u64::from(MAX_PASSES) || !history.sums().zip(history.sums().skip(1)).all(grows) {
+            return None;
+        }
         let shares = if history.passes() > 0 { pixels } else { 0 };
         let complete = history.sums().all(complete) && history.shares.len() == shares;
         (complete && history.to_bytes().len() == bytes.len()).then_some(history)
@@ -501,6 +509,12 @@ mod tests {
             go_on(&mut restored, stop..70, 5, radiance);
             assert_eq!((restored.estimate(), &restored), (whole.estimate(), &whole));
             assert_eq!(History::from_bytes(&bytes[..bytes.len() - 1], 5), None);
+            // Counts that shrink, and counts beyond all passes.
+            for count in [u32::MAX, MAX_PASSES + 1] {
+                let mut other = bytes.clone();
+                other[8..12].copy_from_slice(&count.to_le_bytes());
+                assert_eq!(History::from_bytes(&other, 5), None, "{count}");
+            }
             assert_eq!(History::from_bytes(&[bytes.as_slice(), &[0]].concat(), 5), None);
             assert!(stop == 0 || History::from_bytes(&bytes, 6).is_none());
         }

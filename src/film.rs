@@ -36,6 +36,8 @@ impl Sum {
 
 /// Floats in a sum of radiance or irradiance.
 const RADIANCE: usize = 3;
+/// Most passes of a film: sums of the numbers of [`crate::pass::finite`] stay finite.
+pub const MAX_PASSES: u32 = 1 << 27;
 /// Floats in a sum of guides.
 const GUIDE: usize = 2;
 /// Unit to which albedos and normals are rounded, a thirtieth of the half floats of an EXR layer.
@@ -371,6 +373,10 @@ impl HostFilm {
             let message = format!("films of {w}x{h} and {v}x{u} pixels, or with other layers, do not add up");
             return Err(Error::Resource { name: String::from("film"), message });
         }
+        if self.passes() + other.passes() > MAX_PASSES {
+            let message = format!("films of more than {MAX_PASSES} passes do not add up; render fewer");
+            return Err(Error::Resource { name: String::from("film"), message });
+        }
         self.sums.iter_mut().zip(&other.sums).for_each(|(sum, other)| sum.merge(Some(other)));
         self.counts.iter_mut().zip(other.counts).for_each(|(count, other)| *count += other);
         Ok(())
@@ -404,7 +410,7 @@ impl HostFilm {
     }
 
     /// Restores a film of this size, with or without summands, from [`HostFilm::to_bytes`]. Errors: wrong number of
-    /// bytes.
+    /// bytes; more passes than [`MAX_PASSES`].
     pub fn from_bytes(bytes: &[u8], size: [u32; 2], summands: bool) -> Result<HostFilm> {
         let pixels = size[0] as usize * size[1] as usize;
         let levels = levels(summands);
@@ -421,6 +427,9 @@ impl HostFilm {
         let mut level = || (0..pixels).map(|_| Vec4::from_array([(); 4].map(|()| f32::from_bits(word())))).collect();
         let sums = levels.iter().map(|&count| HostSum((0..count).map(|_| level()).collect())).collect();
         let counts = [(); INSTANCES as usize].map(|()| word());
+        if counts.iter().map(|&count| u64::from(count)).sum::<u64>() > u64::from(MAX_PASSES) {
+            return Err(Error::Scene(String::from("the saved state has too many passes; start without --resume")));
+        }
         Ok(HostFilm { size, counts, sums, summands })
     }
 }
@@ -447,6 +456,24 @@ mod tests {
             assert_eq!(film(&form).canonical().sums[0], film(&[1.0, a, b]).canonical().sums[0], "{form:?}");
         }
         assert_ne!(film(&[1.0, a, 2.0 * b]).canonical().sums[0], film(&[1.0, a, b]).canonical().sums[0]);
+    }
+
+    #[test]
+    fn passes_beyond_the_most_are_refused() {
+        let mut bytes = film(&[1.0, 0.0, 0.0]).to_bytes();
+        let at = bytes.len() - 4 * INSTANCES as usize;
+        let mut restored = |counts: [u32; 2]| {
+            bytes[at..].copy_from_slice(bytemuck::cast_slice(&counts.map(u32::to_le)));
+            HostFilm::from_bytes(&bytes, [1, 1], false)
+        };
+        let mut full = restored([MAX_PASSES - 1, 1]).unwrap();
+        assert_eq!(full.passes(), MAX_PASSES);
+        for counts in [[MAX_PASSES, 1], [u32::MAX, u32::MAX]] {
+            assert!(restored(counts).unwrap_err().to_string().contains("too many passes"));
+        }
+        let message = full.merge(&film(&[1.0, 0.0, 0.0])).unwrap_err().to_string();
+        assert!(message.contains("do not add up"), "{message}");
+        assert_eq!(full.passes(), MAX_PASSES, "unchanged");
     }
 
     #[test]

@@ -135,9 +135,19 @@ fn folder_of(file: &Path) -> PathBuf {
 
 /// Half of the machine's memory in bytes; 4 GiB where the system does not tell.
 pub(crate) fn half_of_memory() -> u64 {
-    let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
-    let total = text.lines().find_map(|line| line.strip_prefix("MemTotal:")?.split_whitespace().next()?.parse().ok());
-    total.map_or(4 << 30, |kib: u64| kib * 512)
+    told_memory("MemTotal:").map_or(4 << 30, |bytes| bytes / 2)
+}
+
+/// Bytes of memory that can be had without swapping; without limit where the system does not tell.
+pub(crate) fn free_memory() -> u64 {
+    told_memory("MemAvailable:").unwrap_or(u64::MAX)
+}
+
+/// A size that the kernel tells, bytes.
+fn told_memory(name: &str) -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let kib: u64 = text.lines().find_map(|line| line.strip_prefix(name)?.split_whitespace().next()?.parse().ok())?;
+    kib.checked_mul(1024)
 }
 
 #[cfg(test)]
@@ -240,5 +250,6 @@ mod tests {
     fn files_of_the_kernel_tell_no_size_and_are_read() {
         assert!(!read(Path::new("/proc/self/status")).unwrap().is_empty());
         assert!(half_of_memory() > 1 << 20);
+        assert!(free_memory() > 1 << 20 && free_memory() < 2 * half_of_memory());
     }
 }

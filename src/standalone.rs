@@ -38,6 +38,8 @@ pub struct RenderOptions {
     pub validation: bool,
     /// Run the kernels that check every index. Default false.
     pub checked_shaders: bool,
+    /// [`ContextOptions::max_memory`]. Default: what is free.
+    pub max_memory: Option<u64>,
     /// File that keeps compiled pipelines between runs. Default none.
     pub pipeline_cache: Option<PathBuf>,
     /// The kernel for [`Traversal::Auto`], as an earlier run chose it: [`Provenance::traversal`] of its state. Default: the faster one, by a
@@ -110,12 +112,24 @@ fn view_of(camera: Camera, settings: &Settings, crop: Option<Region>) -> Result<
     }
 }
 
+/// An engine, or an error that tells how much memory it needs altogether.
+fn engine(context: &Context, scene: &Scene, view: View, settings: Settings) -> Result<Engine> {
+    match Engine::with_view(context, scene, view.clone(), settings.clone()) {
+        Err(Error::TooMuchMemory { resource, limit, .. }) => {
+            let needed = Engine::memory_of(context, scene, view, settings)?;
+            Err(Error::TooMuchMemory { resource, needed: needed.total(), limit, advice: needed.advice() })
+        }
+        made => made,
+    }
+}
+
 /// Opens a device, and chooses the traversal kernel where that is open.
 pub fn open(settings: Settings, options: &RenderOptions) -> Result<(Context, Settings)> {
     let context = Context::headless(&ContextOptions {
         device: options.device.clone(),
         validation: options.validation,
         checked_shaders: options.checked_shaders,
+        max_memory: options.max_memory,
         pipeline_cache: options.pipeline_cache.clone(),
         ..ContextOptions::default()
     })?;
@@ -180,7 +194,7 @@ impl Renderer {
             fingerprint.add(bytemuck::cast_slice(&[origin, size]));
         }
         let view = view_of(camera, &settings, crop)?;
-        let engine = Engine::with_view(&context, &scene, view, settings)?;
+        let engine = engine(&context, &scene, view, settings)?;
         let mut renderer = Self::with_engine(context, scene, engine, fingerprint.0, start)?;
         renderer.crop = crop;
         Ok(renderer)
@@ -191,7 +205,7 @@ impl Renderer {
         let start = Instant::now();
         let without = fingerprint(&scene, &"atlas", &settings);
         let fingerprint = of_atlas(without, &atlas);
-        let engine = Engine::with_view(&context, &scene, View::Atlas(atlas), settings)?;
+        let engine = engine(&context, &scene, View::Atlas(atlas), settings)?;
         let mut renderer = Self::with_engine(context, scene, engine, fingerprint, start)?;
         renderer.without_atlas = Some(without);
         Ok(renderer)
@@ -429,6 +443,7 @@ impl Renderer {
             resolution: p.view.size(),
             triangles: u64::from(self.engine.bvh().triangle_count()),
             nodes: u64::from(p.scene.nodes),
+            device_bytes: self.context.memory_use().device,
             lights_per_pass: f64::from(p.lights.slots() * p.settings.classes()),
             passes: self.passes(),
             passes_rendered: self.rendered,

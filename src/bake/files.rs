@@ -21,9 +21,11 @@ use super::materials::{self, Materials};
 use super::{Charts, Lightmap};
 use crate::error::{Error, Result};
 use crate::fingerprint::Fnv;
+use crate::input::Inputs;
 use crate::output::{self, Encoding, FileSet, Layers, Metadata, Tonemap};
 use crate::scene::export::{self, GENERATOR, Writer};
 use crate::scene::gltf::{ours, quietly};
+use crate::scene::openexr;
 use crate::scene::{KeptFace, KeptLight, KeptPage, Scene, TextureUse};
 use crate::settings::Exposure;
 
@@ -515,12 +517,13 @@ fn read_map(path: &Path, name: &str, entry: &PageEntry) -> Result<Vec<Vec3>> {
         return Err(Error::file(path, format!("map {name:?} does not lie beside the model")));
     }
     let bytes = crate::input::read(&file)?;
-    let image = image::load_from_memory_with_format(&bytes, image::ImageFormat::OpenExr);
-    let image = image.map_err(|e| Error::file(&file, e.to_string()))?;
-    if [image.width(), image.height()] != entry.size {
-        let (w, h, [a, b]) = (image.width(), image.height(), entry.size);
+    let inputs = Inputs::anywhere();
+    let reserve = |bytes| inputs.take(&file, bytes).map_err(|e| e.to_string());
+    let openexr::Pixels { size, values } = openexr::decode(&bytes, &reserve).map_err(|e| Error::file(&file, e))?;
+    if size != entry.size {
+        let ([w, h], [a, b]) = (size, entry.size);
         return Err(Error::file(&file, format!("the map has {w}x{h} texels where {} says {a}x{b}", path.display())));
     }
     let scale = (-entry.exposure as f32).exp2();
-    Ok(image.to_rgb32f().pixels().map(|p| Vec3::from_array(p.0) * scale).collect())
+    Ok(values.into_iter().map(|[r, g, b, _]| Vec3::new(r, g, b) * scale).collect())
 }

@@ -33,12 +33,13 @@ pub use batches::Batch;
 pub use lightmap::{Lightmap, Page};
 
 use crate::accel::Bvh;
+use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::gpu::Context;
 use crate::scene::{Material, Scene};
 use crate::settings::{Compensation, Settings};
 use crate::standalone::Renderer;
-use crate::view::MAX_PIXELS;
+use crate::view::{MAX_PIXELS, View};
 use blocks::{ACROSS, ENTRIES};
 use charts::Charts;
 use lightmap::Inside;
@@ -203,11 +204,19 @@ impl Bake {
         self.batches.iter().map(Batch::texels).sum()
     }
 
-    /// Bytes that the device needs beside the scene, and bytes that the host needs for the maps.
-    pub fn memory(&self) -> [u64; 2] {
-        let largest = self.batches.iter().map(|batch| batch.atlas.texels.len() as u64).max().unwrap_or(0);
+    /// Bytes that buffers and images need on the device, and bytes that the host needs for the maps. The first are counted by
+    /// [`Engine::memory_of`] for the largest batch. Errors: those of an engine.
+    pub fn memory(&self) -> Result<[u64; 2]> {
+        let largest = self.batches.iter().max_by_key(|batch| batch.atlas.texels.len());
+        let device = match largest {
+            Some(batch) => {
+                let view = View::Atlas(batch.atlas.clone());
+                Engine::memory_of(&self.context, &self.scene, view, self.settings.clone())?.device
+            }
+            None => 0,
+        };
         let maps: u64 = self.charts.pages.iter().map(|&[w, h]| u64::from(w) * u64::from(h)).sum();
-        [largest * texel_bytes(&self.settings), maps * (24 + 16 + 24)]
+        Ok([device, maps * (24 + 16 + 24)])
     }
 
     /// A renderer of batch `i`. `last`: that of another batch, which leaves it scene and kernels.

@@ -18,6 +18,7 @@ use super::instance::{Instance, Messages, vulkan};
 use super::kernel::Kernel;
 use super::recorder::{Recorder, Retained};
 use super::timers::Timers;
+use super::usage::{MemoryUse, Usage};
 use crate::error::{Error, Result};
 
 /// Time for one submission: on a processor the largest pass of a large scene takes minutes.
@@ -35,6 +36,9 @@ pub struct ContextOptions {
     pub checked_shaders: bool,
     /// File that keeps compiled pipelines from run to run. Default none.
     pub pipeline_cache: Option<PathBuf>,
+    /// Bytes that buffers and images may take. Default: the device's memory, and on a processor no more than what is free; without limit on
+    /// a host's device.
+    pub max_memory: Option<u64>,
     /// On a host's device: this library may do work of its own, where a method says that it reads back or measures
     /// ([`Film::mean`](crate::film::Film::mean), [`super::download`], [`crate::calibrate`]). It then submits to the host's queue, on the
     /// thread that calls the method, and waits; kernels are compiled ahead. The host uses the queue on no other thread meanwhile. Default
@@ -65,6 +69,10 @@ pub struct Context {
     pub(super) inner: Arc<Inner>,
     /// Kernels by the addresses of their shaders. Beside `inner`, which every kernel holds.
     kernels: Arc<Mutex<HashMap<usize, Kernel>>>,
+    /// What the buffers and images take.
+    usage: Arc<Mutex<Usage>>,
+    /// Whether buffers and images are counted and have no memory.
+    measures: bool,
 }
 
 /// Fields are dropped in this order: what stands on the device, the device, the instance, the lender.
@@ -209,6 +217,8 @@ impl Context {
         let cache = unsafe { PipelineCache::load(device.raw.clone(), &info, options.pipeline_cache.clone()) }?;
         let debug = instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &device.raw));
         let own_work = device.owned || options.own_work;
+        let unified = matches!(info.device_type, vk::PhysicalDeviceType::CPU | vk::PhysicalDeviceType::INTEGRATED_GPU);
+        let limit = options.max_memory.unwrap_or(if device.owned { info.free_memory() } else { u64::MAX });
         let inner = Inner {
             allocator: Mutex::new(allocator),
             cache,
@@ -225,7 +235,30 @@ impl Context {
             instance,
             _lender: lender,
         };
-        Ok(Context { inner: Arc::new(inner), kernels: Arc::default() })
+        let usage = Arc::new(Mutex::new(Usage::new(limit, unified)));
+        Ok(Context { inner: Arc::new(inner), kernels: Arc::default(), usage, measures: false })
+    }
+
+    /// The same device for finding out how much memory objects need: the buffers and images that are made from it are counted apart
+    /// ([`Context::memory_use`]) and have no memory, kernels are not bound to them, and nothing is submitted.
+    pub(crate) fn measuring(&self) -> Context {
+        let usage = Arc::new(Mutex::new(Usage::new(u64::MAX, false)));
+        Context { inner: self.inner.clone(), kernels: self.kernels.clone(), usage, measures: true }
+    }
+
+    /// Whether it is a [`Context::measuring`].
+    pub(super) fn measures(&self) -> bool {
+        self.measures
+    }
+
+    /// What the buffers and images of this context take.
+    pub fn memory_use(&self) -> MemoryUse {
+        self.usage().use_of_all()
+    }
+
+    pub(super) fn usage(&self) -> MutexGuard<'_, Usage> {
+        // Sums are sound whatever thread left them.
+        self.usage.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The device and its limits.
@@ -300,6 +333,9 @@ impl Context {
                 name: what.to_owned(),
                 message: "the timers belong to another context".into(),
             });
+        }
+        if self.measures {
+            return Ok(true);
         }
         let submission = Submission::new(self, what)?;
         let device = self.device();
@@ -378,6 +414,9 @@ impl Context {
     /// Makes the pipelines of all kernels so far, on all cores: drivers spend milliseconds on each, and the kernels of a
     /// frame are many. Errors: the first failure, kernels with much code before those with little.
     pub fn make_pipelines(&self) -> Result<()> {
+        if self.measures {
+            return Ok(());
+        }
         let mut kernels: Vec<_> =
             self.kernels().values().map(|kernel| (kernel.waiting_bytes(), kernel.clone())).collect();
         kernels.retain(|(bytes, _)| *bytes > 0);
@@ -391,6 +430,9 @@ impl Context {
     /// unless the list beside the pipeline cache has them. Returns the number of those compiled. Without a file of the pipeline cache,
     /// and on a host's device that does not allow [`ContextOptions::own_work`], it does nothing.
     pub fn compile_ahead(&self) -> Result<usize> {
+        if self.measures {
+            return Ok(0);
+        }
         let mut kernels: Vec<_> = self.kernels().values().map(Kernel::shader).collect();
         kernels.sort_by_key(|shader| (Reverse(shader.spirv.len()), shader.name));
         compile_ahead(self, kernels)
@@ -412,7 +454,7 @@ impl Context {
 
     /// The same device for a kernel, which must not hold the table that holds it.
     pub(super) fn without_kernels(&self) -> Context {
-        Context { inner: self.inner.clone(), kernels: Arc::default() }
+        Context { kernels: Arc::default(), ..self.clone() }
     }
 
     /// The device, for calls of the caller's own.

@@ -140,6 +140,14 @@ impl DeviceInfo {
         }
     }
 
+    /// Memory that is free now, bytes: of a processor no more than what the system can give without swapping, of other devices all.
+    pub(super) fn free_memory(&self) -> u64 {
+        match self.device_type {
+            vk::PhysicalDeviceType::CPU => self.device_memory.min(crate::input::free_memory()),
+            _ => self.device_memory,
+        }
+    }
+
     /// The device, its driver and the width of its subgroups in one line: renderings by the same one have the same bits.
     pub fn identity(&self) -> String {
         let DeviceInfo { name, driver, driver_version, subgroup_size, .. } = self;

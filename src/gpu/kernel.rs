@@ -262,7 +262,8 @@ impl Kernel {
             set: vk::DescriptorSet::null(),
             _retained: chosen.iter().map(|(_, bound)| bound.retain()).collect(),
         };
-        if chosen.is_empty() {
+        // There is nothing to bind, or only what is measured and has no memory.
+        if !chosen.iter().all(|(_, bound)| bound.is_backed()) || chosen.is_empty() {
             return Ok(Bindings(Arc::new(inner)));
         }
         let failed = |r| ctx.failed(shader.name, r);
@@ -348,6 +349,13 @@ impl Bound<'_> {
         match self {
             Bound::Buffer(buffer) => buffer.0.clone(),
             Bound::Image(image) => image.0.clone(),
+        }
+    }
+
+    fn is_backed(&self) -> bool {
+        match self {
+            Bound::Buffer(buffer) => buffer.is_backed(),
+            Bound::Image(image) => image.is_backed(),
         }
     }
 

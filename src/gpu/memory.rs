@@ -32,8 +32,10 @@ pub(super) struct BufferInner {
     size: u64,
     memory: Memory,
     handle: vk::Buffer,
-    /// None only while dropping.
+    /// None if the context measures, and while dropping.
     allocation: Option<Allocation>,
+    /// Bytes in the context's sums.
+    counted: u64,
     /// Held while the host reads or writes the memory, since clones may be used from several threads.
     access: Mutex<()>,
 }
@@ -65,6 +67,7 @@ impl Buffer {
             memory,
             handle,
             allocation: None,
+            counted: 0,
             access: Mutex::new(()),
         };
         // SAFETY: the handle is alive; the memory fits its requirements and is bound once, at the offset it was given.
@@ -75,10 +78,14 @@ impl Buffer {
                 Memory::Upload => MemoryLocation::CpuToGpu,
                 Memory::Readback => MemoryLocation::GpuToCpu,
             };
-            let allocation = inner.allocation.insert(allocate(ctx, name, requirements, location, true)?);
-            device
-                .bind_buffer_memory(handle, allocation.memory(), allocation.offset())
-                .map_err(|r| failed(name, size, r))?;
+            ctx.usage().take(name, requirements.size, memory)?;
+            inner.counted = requirements.size;
+            if !ctx.measures() {
+                let allocation = inner.allocation.insert(allocate(ctx, name, requirements, location, true)?);
+                device
+                    .bind_buffer_memory(handle, allocation.memory(), allocation.offset())
+                    .map_err(|r| failed(name, size, r))?;
+            }
         }
         ctx.name(handle, name);
         Ok(Buffer(Arc::new(inner)))
@@ -125,6 +132,11 @@ impl Buffer {
         }
     }
 
+    /// Whether it has memory: not if its context measures.
+    pub(super) fn is_backed(&self) -> bool {
+        self.0.allocation.is_some()
+    }
+
     /// The mapped memory of a buffer of this kind.
     fn mapped(&self, memory: Memory, verb: &str) -> Result<*mut u8> {
         let pointer = self.0.allocation.as_ref().and_then(Allocation::mapped_ptr);
@@ -136,6 +148,9 @@ impl Buffer {
 
     /// Writes into a buffer of [`Memory::Upload`]. The device must not be reading the same bytes meanwhile.
     pub fn write(&self, offset: u64, bytes: &[u8]) -> Result<()> {
+        if self.0.ctx.measures() {
+            return self.check_range(offset, bytes.len() as u64);
+        }
         let pointer = self.mapped(Memory::Upload, "written")?;
         self.check_range(offset, bytes.len() as u64)?;
         let _access = self.0.access.lock().unwrap_or_else(PoisonError::into_inner);
@@ -203,6 +218,7 @@ impl Drop for BufferInner {
     fn drop(&mut self) {
         // SAFETY: whoever recorded commands with this buffer retained it until they were done.
         unsafe { self.ctx.device().destroy_buffer(self.handle, None) };
+        self.ctx.usage().give_back(&self.name, self.counted, self.memory);
         release(&self.ctx, &self.name, self.allocation.take());
     }
 }
@@ -223,8 +239,10 @@ pub(super) struct ImageInner {
     texel_bytes: u64,
     handle: vk::Image,
     view: vk::ImageView,
-    /// None only while dropping.
+    /// None if the context measures, and while dropping.
     allocation: Option<Allocation>,
+    /// Bytes in the context's sums.
+    counted: u64,
 }
 
 /// The greatest images with layers of R8G8B8A8_UNORM on a device.
@@ -347,10 +365,16 @@ impl Image {
             handle,
             view: vk::ImageView::null(),
             allocation: None,
+            counted: 0,
         };
         // SAFETY: the handle is alive; the memory fits its requirements and is bound once, before the view is made.
         unsafe {
             let requirements = device.get_image_memory_requirements(handle);
+            ctx.usage().take(name, requirements.size, Memory::Device)?;
+            inner.counted = requirements.size;
+            if ctx.measures() {
+                return Ok(Image(Arc::new(inner)));
+            }
             let allocation =
                 inner.allocation.insert(allocate(ctx, name, requirements, MemoryLocation::GpuOnly, false)?);
             device
@@ -409,6 +433,11 @@ impl Image {
         self.0.layers.is_some()
     }
 
+    /// Whether it has memory: not if its context measures.
+    pub(super) fn is_backed(&self) -> bool {
+        self.0.allocation.is_some()
+    }
+
     /// Bytes of the image without padding, as [`super::Recorder::copy_image_to_buffer`] writes it.
     pub fn bytes(&self) -> u64 {
         u64::from(self.0.width) * u64::from(self.0.height) * u64::from(self.layers()) * self.0.texel_bytes
@@ -435,6 +464,7 @@ impl Drop for ImageInner {
             self.ctx.device().destroy_image_view(self.view, None);
             self.ctx.device().destroy_image(self.handle, None);
         }
+        self.ctx.usage().give_back(&self.name, self.counted, Memory::Device);
         release(&self.ctx, &self.name, self.allocation.take());
     }
 }

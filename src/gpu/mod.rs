@@ -22,6 +22,7 @@ mod staging;
 #[cfg(feature = "viewer")]
 pub mod surface;
 mod timers;
+mod usage;
 #[cfg(any(feature = "hot-reload", test))]
 mod wgsl;
 #[cfg(test)]
@@ -37,6 +38,7 @@ pub use resources::Resources;
 pub use snapshot::Snapshot;
 pub use staging::{LayerUpload, Staging, download, upload};
 pub use timers::Timers;
+pub use usage::MemoryUse;
 
 /// The kernels, compiled from `shaders/` by the build script.
 pub mod shaders {

@@ -23,6 +23,8 @@ pub struct Statistics {
     pub triangles: u64,
     /// Nodes of its bounding volume hierarchy.
     pub nodes: u64,
+    /// Bytes of the device's memory that its buffers and images take.
+    pub device_bytes: u64,
     /// Virtual lights of a pass, on average.
     pub lights_per_pass: f64,
     /// Passes in the image.

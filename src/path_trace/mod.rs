@@ -21,6 +21,7 @@ use crate::bsdf::ideal::{BsdfSample, Media, frost, specular_samples};
 use crate::error::{Error, Result};
 use crate::light::cosine;
 use crate::light::emitters::{Emitter, Emitters, Kind, NO_EMITTER};
+use crate::pass::finite;
 use crate::sampling::dimensions::PIXEL;
 use crate::sampling::random::{hash, key, random_f32};
 use crate::scene::{Camera, Scene};
@@ -131,6 +132,9 @@ pub fn camera_ray(camera: &Camera, resolution: [u32; 2], x: f32, y: f32, [u0, u1
 ///
 /// `progress` receives the finished fraction after each round of samples over the whole image and returns whether to continue; if
 /// not, the image is the mean of the rounds so far.
+///
+/// Paths whose light is no number, by the rule of [`finite`], are left out of the mean of their pixel; the log
+/// tells how many. Errors: [`Error::Setting`]; [`Error::NoNumberTraced`] for a pixel without any other path.
 pub fn render(
     scene: &Scene,
     bvh: &Bvh,
@@ -139,18 +143,40 @@ pub fn render(
     options: &Options,
     progress: impl Fn(f32) -> bool,
 ) -> Result<Vec<Vec3>> {
+    let (image, left_out) = trace(scene, bvh, emitters, camera, options, progress)?;
+    tell(left_out);
+    Ok(image)
+}
+
+/// Warns of paths that were left out.
+fn tell(left_out: u64) {
+    if left_out > 0 {
+        log::warn!("{left_out} paths are left out: their light is no number (NaN, infinite, or 2^100 and more)");
+    }
+}
+
+/// [`render`], with the number of paths that are left out.
+fn trace(
+    scene: &Scene,
+    bvh: &Bvh,
+    emitters: &Emitters,
+    camera: &Camera,
+    options: &Options,
+    progress: impl Fn(f32) -> bool,
+) -> Result<(Vec<Vec3>, u64)> {
     options.validate()?;
     let tracer = Tracer::new(scene, bvh, emitters, options);
     let [width, height] = options.resolution;
     let pixels = width as usize * height as usize;
-    let mut sums = vec![DVec3::ZERO; pixels];
+    // Light and number of the paths that count.
+    let mut sums = vec![(DVec3::ZERO, 0u32); pixels];
     // Rounds long enough to occupy every core on a small image.
     let round = 65_536usize.div_ceil(pixels).min(1 << 16) as u32;
     let mut done = 0;
     while done < options.samples {
         let end = options.samples.min(done.saturating_add(round));
         sums.par_chunks_mut(width as usize).enumerate().for_each(|(y, row)| {
-            for (x, sum) in row.iter_mut().enumerate() {
+            for (x, (sum, count)) in row.iter_mut().enumerate() {
                 let pixel = (y * width as usize + x) as u32;
                 for sample in done..end {
                     let mut rng = Rng::new(options.seed, pixel, sample);
@@ -161,7 +187,11 @@ pub fn render(
                     } else {
                         Ray::new(camera.eye, camera_direction(camera, options.resolution, x, y))
                     };
-                    *sum += tracer.radiance(ray, &mut rng).as_dvec3();
+                    let radiance = tracer.radiance(ray, &mut rng);
+                    if finite::reference(&radiance.to_array()) {
+                        *sum += radiance.as_dvec3();
+                        *count += 1;
+                    }
                 }
             }
         });
@@ -170,7 +200,12 @@ pub fn render(
             break;
         }
     }
-    Ok(sums.into_iter().map(|s| (s / f64::from(done)).as_vec3()).collect())
+    if let Some(pixel) = sums.iter().position(|(_, count)| *count == 0) {
+        return Err(Error::NoNumberTraced { paths: done, at: [pixel as u32 % width, pixel as u32 / width] });
+    }
+    let left_out = sums.iter().map(|(_, count)| u64::from(done - count)).sum();
+    let mean = |(sum, count): (DVec3, u32)| (sum / f64::from(count)).as_vec3();
+    Ok((sums.into_iter().map(mean).collect(), left_out))
 }
 
 /// A scene with its acceleration structure and emitters.
@@ -405,4 +440,53 @@ fn power_heuristic(a: f32, b: f32) -> f32 {
     // The ratio first: squares of large densities would overflow.
     let ratio = b / a;
     1.0 / (1.0 + ratio * ratio)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Triangle, builtin};
+
+    #[test]
+    fn paths_that_are_no_numbers_are_left_out_and_counted() {
+        // Every path sees 2 W/(m^2 sr), but for those that meet the one triangle whose light is beyond numbers.
+        let sound = builtin::furnace(0.0, 2.0);
+        let camera = Camera { fov_y: 90.0, resolution: [8, 8], ..sound.camera.unwrap() };
+        let options = Options {
+            resolution: [8, 8],
+            samples: 64,
+            max_depth: 1,
+            max_specular: 0,
+            seed: 3,
+            specular_paths: SpecularPaths::None,
+            reflectance: settings::Reflectance::default(),
+        };
+        let traced = |scene: &Scene| {
+            let (bvh, emitters) = (Bvh::build(scene).unwrap(), Emitters::of(scene, true).unwrap());
+            trace(scene, &bvh, &emitters, &camera, &options, |_| true)
+        };
+        let (image, left_out) = traced(&sound).unwrap();
+        assert!(left_out == 0 && image.iter().all(|l| *l == Vec3::splat(2.0)), "{left_out}: {image:?}");
+        let mut faulty = sound.clone();
+        faulty.materials.push(faulty.materials[0].clone());
+        let bright = faulty.materials.len() as u32 - 1;
+        faulty.materials[bright as usize].emission = Vec3::splat(2e30);
+        // A triangle that covers a part of pixel 4,4.
+        let direction = camera_direction(&camera, [8, 8], 4.5, 4.5);
+        let (right, up, _) = camera.world_from_camera();
+        let first = faulty.positions.len() as u32;
+        faulty.positions.extend([right - up, -right - up, up].map(|at| camera.eye + 0.3 * direction + 0.01 * at));
+        faulty.normals.extend([-direction; 3]);
+        faulty.uvs.extend([glam::Vec2::ZERO; 3]);
+        faulty.materials[bright as usize].two_sided = true;
+        let vertices = [first, first + 1, first + 2];
+        faulty.triangles.push(Triangle { vertices, material: bright, ..faulty.triangles[0] });
+        let (image, left_out) = traced(&faulty).unwrap();
+        assert!(left_out > 0 && left_out < 64, "{left_out}");
+        assert!(image.iter().all(|l| *l == Vec3::splat(2.0)), "{image:?}");
+        // A pixel without any path that counts.
+        faulty.triangles.iter_mut().for_each(|triangle| triangle.material = bright);
+        let message = traced(&faulty).unwrap_err().to_string();
+        assert!(message.starts_with("all 64 paths of pixel 0,0 have light that is no number"), "{message}");
+    }
 }

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::{Options, render};
+use super::{Options, tell, trace};
 use crate::accel::Bvh;
 use crate::error::Result;
 use crate::light::emitters::Emitters;
@@ -12,9 +12,9 @@ use crate::scene::{Camera, Scene};
 const MOMENTS: u32 = 64;
 
 /// Renders what a camera sees while its shutter is open: the mean over moments, in the middles of equal parts of the time, with equal numbers of
-/// samples, up to one more. `at` gives scene and camera at a part of the time in (0, 1), and `progress` is that of [`render`].
+/// samples, up to one more. `at` gives scene and camera at a part of the time in (0, 1), and `progress` is that of [`render`](super::render).
 ///
-/// Errors: those of `at`, of [`Bvh::build`], of [`Emitters::of`] and of [`render`].
+/// Errors: those of `at`, of [`Bvh::build`], of [`Emitters::of`] and of [`render`](super::render).
 pub fn render_open(
     at: impl Fn(f64) -> Result<(Scene, Camera)>,
     options: &Options,
@@ -23,7 +23,7 @@ pub fn render_open(
     let moments = options.samples.clamp(1, MOMENTS);
     let [width, height] = options.resolution;
     let mut sums = vec![DVec3::ZERO; width as usize * height as usize];
-    let mut weight = 0.0;
+    let (mut weight, mut left_out) = (0.0, 0);
     // Should it be broken off, what there is covers the time evenly.
     let stride = (1..moments).rev().find(|&n| 2 * n <= moments.max(2) && gcd(n, moments) == 1).unwrap_or(1);
     for i in 0..moments {
@@ -38,13 +38,15 @@ pub fn render_open(
             going_on.set(progress(whole.min(1.0)));
             going_on.get()
         };
-        let image = render(&scene, &bvh, &emitters, &camera, &Options { samples, seed, ..*options }, done)?;
+        let (image, lost) = trace(&scene, &bvh, &emitters, &camera, &Options { samples, seed, ..*options }, done)?;
+        left_out += lost;
         sums.iter_mut().zip(&image).for_each(|(sum, l)| *sum += l.as_dvec3() * f64::from(samples));
         weight += f64::from(samples);
         if !going_on.get() {
             break;
         }
     }
+    tell(left_out);
     Ok(sums.into_iter().map(|sum| (sum / weight).as_vec3()).collect())
 }
 

@@ -15,6 +15,7 @@ use std::path::Path;
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::openexr;
 use crate::error::{Error, Result};
 use crate::fingerprint::Fnv;
 use crate::input::Inputs;
@@ -108,16 +109,22 @@ impl Environment {
         let bytes = inputs.read(path)?;
         let other = |e: String| Error::file(path, format!("not an environment of the kinds .exr and .hdr: {e}"));
         let format = image::guess_format(&bytes).map_err(|e| other(e.to_string()))?;
-        let reader = || image::ImageReader::with_format(Cursor::new(&bytes), format);
-        let (width, height) = reader().into_dimensions().map_err(|e| other(e.to_string()))?;
-        // Decoded, converted, and as texels.
-        inputs.take(path, u64::from(width) * u64::from(height) * 3 * size_of::<Vec3>() as u64)?;
-        let image = reader().decode().map_err(|e| other(e.to_string()))?.into_rgb32f();
+        let (width, height, texels) = if format == image::ImageFormat::OpenExr {
+            let reserve = |bytes| inputs.take(path, bytes).map_err(|e| e.to_string());
+            let openexr::Pixels { size: [width, height], values } = openexr::decode(&bytes, &reserve).map_err(other)?;
+            (width, height, values.into_iter().map(|[r, g, b, _]| Vec3::new(r, g, b)).collect::<Vec<_>>())
+        } else {
+            let reader = || image::ImageReader::with_format(Cursor::new(&bytes), format);
+            let (width, height) = reader().into_dimensions().map_err(|e| other(e.to_string()))?;
+            // Decoded, converted, and as texels.
+            inputs.take(path, u64::from(width) * u64::from(height) * 3 * size_of::<Vec3>() as u64)?;
+            let image = reader().decode().map_err(|e| other(e.to_string()))?.into_rgb32f();
+            (width, height, image.into_raw().chunks_exact(3).map(Vec3::from_slice).collect())
+        };
         if width != 2 * height || height == 0 {
             let message = format!("{width}x{height} pixels; an environment needs twice as many columns as rows");
             return Err(Error::file(path, message));
         }
-        let texels: Vec<Vec3> = image.into_raw().chunks_exact(3).map(|c| Vec3::new(c[0], c[1], c[2])).collect();
         if let Some(i) = texels.iter().position(|t| !t.is_finite() || t.min_element() < 0.0) {
             let (x, y) = (i as u32 % width, i as u32 / width);
             let message = format!("pixel {x},{y} holds {}; radiance must be finite and not negative", texels[i]);

@@ -152,6 +152,15 @@ fn check(path: &Path, root: &gltf::json::Root) -> Result<()> {
             return Err(Error::file(path, format!("animation {i} moves node {node}, of {} nodes", root.nodes.len())));
         }
     }
+    // Nor that an image lies somewhere, and in a view has a type, which it then unwraps.
+    for (i, image) in root.images.iter().enumerate() {
+        let problem = match (&image.buffer_view, &image.mime_type, &image.uri) {
+            (None, _, None) => "has neither uri nor bufferView",
+            (Some(_), None, _) => "lies in a buffer view and has no mimeType",
+            _ => continue,
+        };
+        return Err(Error::file(path, format!("image {i} {problem}; add it, or remove the image")));
+    }
     Ok(())
 }
 

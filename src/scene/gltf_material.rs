@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use serde_json::Value;
 
 use super::export::MaterialExtras;
-use super::gltf::{Reader, ours};
+use super::gltf::{Reader, ours, quietly};
 use super::gltf_accessor::{Buffers, external};
 use super::gltf_extensions::{ANISOTROPY, BASISU, CLEARCOAT, GLOSSINESS, WEBP};
 use super::{Alpha, MIN_ROUGHNESS, Material, Surface, Texture, Wrap};
@@ -393,8 +393,13 @@ fn image_of<'a>(document: &'a gltf::Document, texture: &gltf::Texture<'a>) -> Re
     }
 }
 
-/// Decodes an image, as a texture that is linear and repeats.
+/// Decodes an image, as a texture that is linear and repeats. A thread of its own keeps panics of the crates quiet.
 fn read_image(path: &Path, buffers: &Buffers, image: &gltf::Image) -> Result<Texture> {
+    quietly(|| decode_image(path, buffers, image))
+        .unwrap_or_else(|message| Err(Error::file(path, format!("malformed glTF: {message}"))))
+}
+
+fn decode_image(path: &Path, buffers: &Buffers, image: &gltf::Image) -> Result<Texture> {
     let numbered = || format!("image {}", image.index());
     let failed = |name: &str, why: String| Error::file(path, format!("texture {name}: {why}"));
     let decode = |bytes: &[u8], name: String| {

@@ -13,6 +13,9 @@ use super::gltf::quietly;
 /// Most texels of a texture: as many as 16384 x 16384.
 const MOST_TEXELS: u64 = 1 << 28;
 
+/// Bytes of a texel.
+const TEXEL_BYTES: u64 = 4;
+
 /// Most bytes of the blocks of a level of all layers.
 const MOST_BLOCKS: u64 = 1 << 30;
 
@@ -21,8 +24,11 @@ pub(super) fn is_ktx2(bytes: &[u8]) -> bool {
     bytes.starts_with(b"\xabKTX 20\xbb\r\n\x1a\n")
 }
 
-/// Width, height and RGBA texels as the file encodes them. Error: the reason.
-pub(super) fn decode(bytes: &[u8]) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
+/// Reserves bytes of memory, or tells why not.
+pub(super) type Reserve<'a> = &'a dyn Fn(u64) -> Result<(), String>;
+
+/// Width, height and RGBA texels as the file encodes them. `reserve` is asked before memory is taken. Error: the reason.
+pub(super) fn decode(bytes: &[u8], reserve: Reserve) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
     let reader = Reader::new(bytes).map_err(|e| format!("invalid KTX 2.0 file: {e:?}"))?;
     let header = reader.header();
     let (width, height) = (header.pixel_width, header.pixel_height);
@@ -34,11 +40,12 @@ pub(super) fn decode(bytes: &[u8]) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
         return Err(format!("{width}x{height} texels are more than {MOST_TEXELS}"));
     }
     let Some(order) = header.format.and_then(plain) else {
-        return transcode(bytes, &reader, texels).map(|texels| (width, height, texels));
+        return transcode(bytes, &reader, texels, reserve).map(|texels| (width, height, texels));
     };
     let Some(level) = reader.levels().next() else { return Err(String::from("it has no level")) };
     // At most 2^30; an array has further layers behind the first.
     let length = texels as usize * order.len();
+    reserve(length as u64 + texels * TEXEL_BYTES)?;
     let mut data = Vec::new();
     let read = match header.supercompression_scheme {
         None => level.data.take(length as u64).read_to_end(&mut data).map_err(|e| e.to_string()),
@@ -78,7 +85,7 @@ fn plain(format: Format) -> Option<&'static [usize]> {
 }
 
 /// Unpacks blocks of 4x4 texels or more.
-fn transcode(bytes: &[u8], reader: &Reader<&[u8]>, texels: u64) -> Result<Vec<[u8; 4]>, String> {
+fn transcode(bytes: &[u8], reader: &Reader<&[u8]>, texels: u64, reserve: Reserve) -> Result<Vec<[u8; 4]>, String> {
     let name = || reader.header().format.map_or_else(|| String::from("of no name"), |format| format!("{format:?}"));
     // A block has at most 16 bytes, and there is at least one in each row and column.
     let layers = u64::from(reader.header().layer_count.max(1));
@@ -87,6 +94,9 @@ fn transcode(bytes: &[u8], reader: &Reader<&[u8]>, texels: u64) -> Result<Vec<[u
     if reader.levels().any(|level| level.uncompressed_byte_length > most) {
         return Err(format!("a level has more bytes than {texels} texels need, or than {MOST_BLOCKS}"));
     }
+    let largest = reader.levels().map(|level| level.uncompressed_byte_length).max().unwrap_or(0);
+    // Blocks, and texels twice: as they are unpacked and as they are kept.
+    reserve(largest + 2 * texels * TEXEL_BYTES)?;
     // The transcoder does not check everything in a file.
     let unpacked = quietly(|| {
         let open = Transcoder::new(bytes);
@@ -108,6 +118,21 @@ fn transcode(bytes: &[u8], reader: &Reader<&[u8]>, texels: u64) -> Result<Vec<[u
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn decode(bytes: &[u8]) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
+        super::decode(bytes, &|_| Ok(()))
+    }
+
+    #[test]
+    fn memory_is_reserved_before_it_is_taken() {
+        let refuse = |bytes: u64| Err(format!("{bytes} are too many"));
+        // 16384 x 16384 texels of one byte, of which none is there.
+        let error = super::decode(&file(9, [1 << 14; 2], 0, &[0]), &refuse).unwrap_err();
+        assert_eq!(error, format!("{} are too many", 5u64 << 28));
+        // One texel as a block of UASTC: four bytes by the file, and the texel twice.
+        let error = super::decode(&file(0, [1, 1], 0, &[0; 16]), &refuse).unwrap_err();
+        assert_eq!(error, "12 are too many");
+    }
 
     /// A file with one level.
     fn file(format: u32, size: [u32; 2], scheme: u32, data: &[u8]) -> Vec<u8> {

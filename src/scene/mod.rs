@@ -34,6 +34,7 @@ mod obj_lines;
 mod obj_material;
 mod obj_texture;
 mod objects;
+pub(crate) mod openexr;
 mod origin;
 mod pane;
 pub mod path;

@@ -86,6 +86,9 @@ impl Maps {
 /// Files of a texture, whether it is clamped, and what it holds. Only emission of files of floats differs from other colours.
 type Key = (Option<PathBuf>, Option<PathBuf>, bool, Content);
 
+/// Memory of a texel of a texture that is enlarged: as it is kept, twice while it is resized, and as floats.
+const ENLARGED_BYTES: u64 = 28;
+
 /// A texture, and the factor that its values lack.
 type Scaled = (Texture, f32);
 
@@ -239,7 +242,13 @@ impl Job {
             Error::at(&map.library, map.line, message)
         })?;
         let texture = match alpha {
-            Some(alpha) => with_opacity(Some(color), alpha),
+            Some(alpha) => {
+                let [width, height] = larger(&color, &alpha).map(u64::from);
+                if [width, height] != [color.width, color.height].map(u64::from) {
+                    inputs.take(&map.file, width * height * ENLARGED_BYTES)?;
+                }
+                with_opacity(Some(color), alpha)
+            }
             None => color,
         };
         Ok(Some((texture, 1.0)))
@@ -280,7 +289,7 @@ fn with_opacity(color: Option<Texture>, alpha: Texture) -> Texture {
         srgb: true,
         wrap: alpha.wrap,
     });
-    let (width, height) = (result.width.max(alpha.width), result.height.max(alpha.height));
+    let [width, height] = larger(&result, &alpha);
     let opacity = alpha.texels.iter().map(opacity).map(|a| [a; 4]).collect();
     let opacity = enlarged(opacity, [alpha.width, alpha.height], [width, height]);
     result.texels = enlarged(result.texels, [result.width, result.height], [width, height]);
@@ -289,6 +298,11 @@ fn with_opacity(color: Option<Texture>, alpha: Texture) -> Texture {
         texel[3] = opacity[0];
     }
     result
+}
+
+/// Size that holds two textures.
+fn larger(a: &Texture, b: &Texture) -> [u32; 2] {
+    [a.width.max(b.width), a.height.max(b.height)]
 }
 
 fn enlarged(texels: Vec<[u8; 4]>, from: [u32; 2], to: [u32; 2]) -> Vec<[u8; 4]> {
@@ -366,6 +380,21 @@ mod tests {
         assert_eq!(parse("-s wood.png"), ("wood.png", plain));
         assert_eq!(parse("-o nan 1 wood.png").1, plain);
         assert_eq!(ignored.into_iter().collect::<Vec<_>>(), ["map_Kd -mm"]);
+    }
+
+    /// A long row and a high column of texels are small; the image that holds both is not.
+    #[test]
+    fn colour_and_opacity_are_counted_before_they_are_joined() {
+        let folder = tempfile::tempdir().unwrap();
+        let map = |name: &str, size: [u32; 2]| {
+            let file = folder.path().join(name);
+            image::GrayImage::new(size[0], size[1]).save(&file).unwrap();
+            Some(Map { file, options: Options::default(), library: folder.path().join("a.mtl"), line: 7 })
+        };
+        let source = Source::Base { color: map("row.png", [20_000, 1]), alpha: map("column.png", [1, 20_000]) };
+        let inputs = Inputs::within(Some(1 << 30));
+        let message = Job { material: 0, source }.read(&inputs, "m", &mut Vec::new()).err().unwrap().to_string();
+        assert!(message.contains("row.png") && message.contains("11200000000 bytes of memory"), "{message}");
     }
 
     fn texture(width: u32, height: u32, texels: Vec<[u8; 4]>) -> Texture {

@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::{Vec2, Vec3, Vec4};
 use image::{ImageFormat, ImageReader};
 
-use super::{Scene, Texture, Triangle, Wrap, ktx2};
+use super::{Scene, Texture, Triangle, Wrap, ktx2, openexr};
 use crate::bsdf::anisotropic::grain;
 use crate::bsdf::{mapped_normal, sample_filtered};
 use crate::input::Inputs;
@@ -65,9 +65,9 @@ impl Texture {
         wrap: [Wrap; 2],
         scaled: bool,
     ) -> Result<(Texture, f32), String> {
+        let reserve = |bytes| inputs.take(Path::new(&name), bytes).map_err(|e| e.to_string());
         if ktx2::is_ktx2(bytes) {
-            let (width, height, texels) = ktx2::decode(bytes)?;
-            count(inputs, &name, [width, height], 4)?;
+            let (width, height, texels) = ktx2::decode(bytes, &reserve)?;
             return Ok((Texture { name, width, height, texels, srgb, wrap }, 1.0));
         }
         let format = image::guess_format(bytes).ok().or_else(|| ImageFormat::from_path(&name).ok());
@@ -75,18 +75,22 @@ impl Texture {
             Some(format) => format,
             None => image::guess_format(bytes).map_err(|e| e.to_string())?,
         };
-        let reader = || ImageReader::with_format(Cursor::new(bytes), format);
-        let (width, height) = reader().into_dimensions().map_err(|e| e.to_string())?;
-        // Of floats while it is converted.
-        let texel = if matches!(format, ImageFormat::OpenExr | ImageFormat::Hdr) { 16 } else { 4 };
-        count(inputs, &name, [width, height], texel)?;
-        let image = reader().decode().map_err(|e| e.to_string())?;
-        let (width, height) = (image.width(), image.height());
-        if !matches!(image, image::DynamicImage::ImageRgb32F(_) | image::DynamicImage::ImageRgba32F(_)) {
-            let texels = image.into_rgba8().into_raw().chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect();
-            return Ok((Texture { name, width, height, texels, srgb, wrap }, 1.0));
-        }
-        let values = image.into_rgba32f().into_raw();
+        let (width, height, values) = if format == ImageFormat::OpenExr {
+            let openexr::Pixels { size: [width, height], values } = openexr::decode(bytes, &reserve)?;
+            (width, height, values.into_flattened())
+        } else {
+            let reader = || ImageReader::with_format(Cursor::new(bytes), format);
+            let (width, height) = reader().into_dimensions().map_err(|e| e.to_string())?;
+            // Of floats while it is converted.
+            count(inputs, &name, [width, height], if format == ImageFormat::Hdr { 16 } else { 4 })?;
+            let image = reader().decode().map_err(|e| e.to_string())?;
+            let (width, height) = (image.width(), image.height());
+            if !matches!(image, image::DynamicImage::ImageRgb32F(_) | image::DynamicImage::ImageRgba32F(_)) {
+                let texels = image.into_rgba8().into_raw().chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect();
+                return Ok((Texture { name, width, height, texels, srgb, wrap }, 1.0));
+            }
+            (width, height, image.into_rgba32f().into_raw())
+        };
         if let Some(at) = values.iter().position(|v| !v.is_finite() || *v < 0.0) {
             let (x, y) = (at / 4 % width as usize, at / 4 / width as usize);
             return Err(format!("the value {} of the texel ({x}, {y}) is negative or not a number", values[at]));

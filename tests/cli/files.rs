@@ -145,4 +145,22 @@ fn light_beyond_numbers_is_an_error() {
     let line = "render scene.toml -o old.exr --passes 3 --particles 2";
     let message = fails(folder.path(), line, 1, &["8 passes in a row", "no number", "emission"]);
     assert!(message.contains("pass 0 is left out"), "{message}");
+    let message =
+        fails(folder.path(), "render scene.toml -o old.exr --reference --spp 2", 1, &["all 2 paths", "no number"]);
+    assert!(message.contains("emission"), "{message}");
+}
+
+#[test]
+fn a_rendering_that_does_not_fit_the_device_is_refused() {
+    let folder = folder();
+    let line = "render scene.toml -o new.exr --passes 1 --particles 4 --resolution 64x64";
+    let refused = format!("{line} --max-device-memory 1M");
+    let message = fails(folder.path(), &refused, 1, &["1048576 are free or allowed", "lower --resolution"]);
+    assert!(!folder.path().join("new.exr").exists(), "{message}");
+    fails(folder.path(), &format!("{line} --max-device-memory 64K"), 1, &["bytes of the device's memory are needed"]);
+    fails(folder.path(), "bake scene.toml -o a.glb --density 4 --max-device-memory 64K", 1, &["--max-device-memory"]);
+    fails(folder.path(), &format!("{line} --max-device-memory=-1"), 2, &["--max-device-memory", "512M"]);
+    succeeds(folder.path(), &format!("{line} --max-device-memory 1G --stats s.json"));
+    let stats: serde_json::Value = serde_json::from_slice(&fs::read(folder.path().join("s.json")).unwrap()).unwrap();
+    assert!(stats["device_bytes"].as_u64().unwrap() > 1 << 20, "{stats}");
 }

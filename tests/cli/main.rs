@@ -4,6 +4,7 @@ mod animate;
 mod bake;
 mod bench;
 #[cfg(target_os = "linux")]
+mod drivers;
 mod faults;
 mod files;
 mod flags;

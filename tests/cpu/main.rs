@@ -1,5 +1,6 @@
 //! Tests without a device.
 
+mod readers;
 mod scene;
 mod scene_gltf;
 mod scene_gltf_animation;

@@ -27,6 +27,7 @@ mod independent;
 mod lens;
 mod light_lists;
 mod lobe_tables;
+mod memory;
 mod mirror_lights;
 mod mirrors_and_glass;
 mod motion_blur;

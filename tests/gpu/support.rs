@@ -58,6 +58,7 @@ pub fn options() -> ContextOptions {
         validation: true,
         checked_shaders: std::env::var_os("LIGHTSUM_CHECKED").is_some(),
         pipeline_cache: None,
+        max_memory: None,
         own_work: false,
     }
 }

@@ -115,6 +115,7 @@ pub fn run(args: &Animate) -> Result<()> {
         device: shown.device.device.clone().unwrap_or_default(),
         validation: shown.device.validation,
         checked_shaders: false,
+        max_memory: shown.device.max_device_memory,
         pipeline_cache: pipeline_cache(),
         // Where nothing but the camera moves the scene may hold images of itself.
         dynamic: !args.mirrors.wants_images(),

@@ -41,8 +41,8 @@ pub use values::check_resolution;
 #[cfg(feature = "viewer")]
 pub use values::extent;
 use values::{
-    address, checkpoint, crop, delta_lights, distance, exposure, filter, image_path, pattern, positive, resolution,
-    seconds, share,
+    address, bytes, checkpoint, crop, delta_lights, distance, exposure, filter, image_path, pattern, positive,
+    resolution, seconds, share,
 };
 #[cfg(feature = "viewer")]
 pub use view::{MAX_COARSER, View};
@@ -449,6 +449,11 @@ pub struct Device {
     /// Run under the Vulkan validation layer, which must be installed. Slower.
     #[arg(long)]
     pub validation: bool,
+    /// Memory that a rendering may take on the device, such as 512M or 4G [default: what is free].
+    ///
+    /// A rendering that needs more is refused before its first pass.
+    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    pub max_device_memory: Option<u64>,
     /// Maximum lights in one dispatch of the shading pass, 1 to 64 [default: 8].
     ///
     /// Higher: fewer dispatches, but fewer traversal steps for each light within one. Lower it if the driver resets the

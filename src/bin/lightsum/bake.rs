@@ -36,6 +36,7 @@ pub fn run(args: &args::Bake) -> Result<()> {
         traversal: if args.stop.resume { earlier_traversal(&states)? } else { None },
         device: args.device.device.clone().unwrap_or_default(),
         validation: args.device.validation,
+        max_memory: args.device.max_device_memory,
         pipeline_cache: pipeline_cache(),
         ..RenderOptions::default()
     };
@@ -48,10 +49,10 @@ pub fn run(args: &args::Bake) -> Result<()> {
     let bake = Bake::new_unless(&context, &scene, settings.clone(), args.options(), &|| clock.is_over())
         .map_err(|error| clock.tell(error))?;
     let charts = bake.charts();
-    let [device, host] = bake.memory().map(|bytes| bytes as f64 / f64::from(1 << 20));
+    let [device, host] = bake.memory()?.map(|bytes| bytes as f64 / f64::from(1 << 20));
     say_aside(&format!(
         "{} charts of {:.3} texels a unit, {} texels on {}, laid out in {}; \
-         {device:.0} MiB of the device and {host:.0} MiB beside the scene",
+         {device:.0} MiB of the device and {host:.0} MiB for the maps",
         charts.count,
         charts.density,
         bake.texels(),

@@ -185,6 +185,7 @@ fn radiosity(mut job: Job, mut scene: Scene, moment: &Moment, args: &Render, sta
         device: args.device.device.clone().unwrap_or_default(),
         validation: args.device.validation,
         checked_shaders: false,
+        max_memory: args.device.max_device_memory,
         pipeline_cache: pipeline_cache(),
         traversal: earlier.as_ref().map(|(_, state)| state.provenance.traversal),
         dynamic: ends.iter().flatten().any(|end| !end.objects.is_empty()),

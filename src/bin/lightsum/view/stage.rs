@@ -39,7 +39,12 @@ impl Stage {
         let window = Arc::new(window);
         let choice = args.shown.device.device.clone().unwrap_or_default();
         let device = WindowDevice::new(window.clone(), &choice, args.shown.device.validation)?;
-        let options = ContextOptions { pipeline_cache: pipeline_cache(), own_work: true, ..ContextOptions::default() };
+        let options = ContextOptions {
+            pipeline_cache: pipeline_cache(),
+            max_memory: args.shown.device.max_device_memory,
+            own_work: true,
+            ..ContextOptions::default()
+        };
         let context = device.lend(&options)?;
         let size = window.inner_size();
         let presenter = Presenter::new(&device, &context, [size.width, size.height])?;
