@@ -10,13 +10,13 @@
 #endif
 
 @group(0) @binding(2) var<storage, read> point_wo: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> throughput: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read> region: array<u32>;
 @group(0) @binding(9) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(10) var<storage, read> tiles: array<u32>;
-@group(0) @binding(11) var<storage, read_write> surplus: array<vec4<f32>>;  // of each slot: radiance; slots that share it, 0: none
+@group(0) @binding(11) var<storage, read_write> surplus: array<vec4<f32>>;  // of each slot: radiance; throughput of the slots that share it, 0: none
 #if FIND
 @group(0) @binding(1) var<storage, read> point_kd: array<vec4<f32>>;
-@group(0) @binding(3) var<storage, read> throughput: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> direct: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> indirect: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read> specular: array<vec4<f32>>;
@@ -47,9 +47,9 @@ fn middle_of(at: vec2<u32>) -> vec2<u32> {
 const MOST: f32 = 0.1;
 
 struct Around {
-    likely: vec4<f32>,      // sum of radiance of slots of likely paths; their number
-    least: f32,             // least grey among them
-    number: f32,            // of all slots
+    likely: vec4<f32>,      // sums of radiance and of throughput of slots of likely paths
+    least: f32,             // least grey among them over throughput
+    all: f32,               // throughput of all slots
 }
 
 fn radiance_of(slot: u32) -> vec3<f32> {
@@ -66,24 +66,27 @@ fn around(at: vec2<u32>, component: u32) -> Around {
         let inside = all(there >= vec2<i32>(0)) && all(there < vec2<i32>(frame.size.xy)) && all(there / 8 == vec2<i32>(at / 8u));
         let pixel = select(0u, u32(there.x) + u32(there.y) * frame.size.x, inside);
         let takes = inside && takes_part(pixel, component);
-        sums.number += select(0.0, 1.0, takes);
-        let likely = takes && !has_flag(point_wo[component + pixel].w, UNLIKELY);
+        let through = mean3(throughput[component + pixel].xyz);
+        sums.all += select(0.0, through, takes);
+        let likely = takes && through > 0.0 && !has_flag(point_wo[component + pixel].w, UNLIKELY);
         let radiance = radiance_of(component + pixel);
-        sums.likely += select(vec4<f32>(0.0), vec4<f32>(radiance, 1.0), likely);
-        sums.least = min(sums.least, select(3.0e38, mean3(radiance), likely));
+        sums.likely += select(vec4<f32>(0.0), vec4<f32>(radiance, through), likely);
+        sums.least = min(sums.least, select(3.0e38, mean3(radiance) / through, likely));
     }
     return sums;
 }
 
 fn surplus_of(at: vec2<u32>, component: u32) -> vec4<f32> {
     let sums = around(at, component);
-    let more = radiance_of(component + at.x + at.y * frame.size.x) - sums.likely.xyz / max(sums.likely.w, 1.0);
-    let most = MOST * sums.number * max(sums.least, 0.0);
+    let slot = component + at.x + at.y * frame.size.x;
+    let expected = mean3(throughput[slot].xyz) / max(sums.likely.w, 1e-30) * sums.likely.xyz;
+    let more = radiance_of(slot) - expected;
+    let most = MOST * sums.all * max(sums.least, 0.0);
     let given = frame.lens.z * min(1.0, most / max(abs(mean3(more)), 1e-30)) * more;
-    return select(vec4<f32>(0.0), vec4<f32>(given, sums.number), sums.likely.w > 0.0);
+    return select(vec4<f32>(0.0), vec4<f32>(given, sums.all), sums.likely.w > 0.0);
 }
 #else
-// What a slot gets of the surplus of its tile; `component`: first slot of its component.
+// What a slot gets of the surplus of its tile, over its throughput; `component`: first slot of its component.
 fn share_of(at: vec2<u32>, component: u32) -> vec3<f32> {
     let corner = at & vec2<u32>(0xfffffff8u);
     var sum = vec3<f32>(0.0);
@@ -94,7 +97,7 @@ fn share_of(at: vec2<u32>, component: u32) -> vec3<f32> {
         let middle = middle_of(there);
         // Differences of unsigned numbers would wrap.
         let near = all(at + 2u >= middle) && all(at <= middle + 2u);
-        sum += select(vec3<f32>(0.0), more.xyz / max(more.w, 1.0), inside && near && more.w > 0.0);
+        sum += select(vec3<f32>(0.0), more.xyz / max(more.w, 1e-30), inside && near && more.w > 0.0);
     }
     return sum;
 }
@@ -124,7 +127,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         var change = vec3<f32>(0.0);
         // Not where no path of the subgroup chose.
         for (var i = select(0u, 1u, takes); i > 0u; i -= 1u) {
-            change = share_of(at, component * frame.size.z) - surplus[slot].xyz;
+            change = mean3(throughput[slot].xyz) * share_of(at, component * frame.size.z) - surplus[slot].xyz;
         }
         emitted[slot] += vec4<f32>(change, 0.0);
 #if GAIN

@@ -140,10 +140,11 @@ impl DeviceInfo {
         }
     }
 
-    /// Memory that is free now, bytes: of a processor no more than what the system can give without swapping, of other devices all.
+    /// Memory that is free now, bytes: of a processor what the system can give without swapping, whatever the driver tells (lavapipe of Mesa 22.3 says
+    /// 2 GiB, and gives more); of other devices all.
     pub(super) fn free_memory(&self) -> u64 {
         match self.device_type {
-            vk::PhysicalDeviceType::CPU => self.device_memory.min(crate::input::free_memory()),
+            vk::PhysicalDeviceType::CPU => crate::input::free_memory(),
             _ => self.device_memory,
         }
     }

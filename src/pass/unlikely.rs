@@ -3,15 +3,15 @@
 //! Beyond the first mirror or glass a path chooses one component ([`eye_paths`](super::eye_paths)). Of the pixels that show a ball of glass one in some
 //! twenty-five sees the room by reflection inside the ball, where the others look through it: dots, which are most of the error of a first
 //! frame there. Each of them stands for the share of that reflection in all pixels around it. Let W be the slots of its component, in the 5 x 5
-//! pixels around it that lie in its tile of 8 x 8 pixels, whose paths chose components too, and M the mean radiance of those among them whose path
-//! chose no component of a probability below one half. With the filter's weight w ([`Filter::weight`](crate::settings::Filter::weight)) such a slot of
-//! radiance L gives its surplus to all of W alike:
+//! pixels around it that lie in its tile of 8 x 8 pixels, whose paths chose components too, T the mean over the channels of a slot's throughput, and M the sum of the radiance of those
+//! among them whose path chose no component of a probability below one half, over the sum of their T: what they see beyond mirrors and glass. With the filter's weight w ([`Filter::weight`](crate::settings::Filter::weight)) such a slot of
+//! radiance L gives its surplus to all of W in proportion to T, which falls towards the rim of a ball:
 //!
 //! ```text
-//! D = w s (L - M),     L' = L - D + sum over the slots whose W holds this one of D / |W|,     L = L_e + throughput (kd / pi E + L_s)
+//! D = w s (L - T M),     L' = L - D + T sum over the slots whose W holds this one of D / sum_W T,     L = L_e + throughput (kd / pi E + L_s)
 //! ```
 //!
-//! The factor s, at most 1, keeps the grey of each part |D| / |W| below [`MOST`] times that of the darkest likely slot of W: a lamp among them would
+//! The factor s, at most 1, keeps the grey of |D| / sum_W T below [`MOST`] times the least L / T of the likely slots of W: a lamp among them would
 //! leave a dark ring around itself. The sum over the image is kept. The change is made in the emission of the slots, which may become negative in single pixels. The gain of the
 //! filter ([`gain`](super::gain)) includes it, so that edges in what the component shows get sharp where the passes show that they are more than noise.
 //! Slots without a likely one in W keep their light.
@@ -27,13 +27,13 @@ use super::{BoundKernel, EyePathState, Kit, Lighting, List, ShadingPoints};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
-/// Greatest part that a slot receives, over the radiance of the darkest likely one around. Higher: fewer dots, and darker rings around lamps that are seen in
+/// Greatest part that a slot receives over its throughput, in units of the same of the darkest likely one around. Higher: fewer dots, and darker rings around lamps that are seen in
 /// glass.
 pub const MOST: f32 = 0.1;
 
 /// The pass.
 pub struct Unlikely {
-    /// Of each slot: radiance that it gives away; number of slots that share it, 0: none.
+    /// Of each slot: radiance that it gives away; throughput of the slots that share it, 0: none.
     pub surplus: Buffer,
     find: BoundKernel,
     spread: BoundKernel,
@@ -97,17 +97,29 @@ pub fn around(frame: &FrameParameters, pixel: u32) -> Vec<u32> {
     axis(y, height).flat_map(|y| axis(x, width).map(move |x| y * width + x)).collect()
 }
 
-/// Oracle: the surplus of a slot of an unlikely path of this radiance, and its part for each slot of W. `others`: radiance of the slots of W,
-/// itself included, and whether their path is likely.
-pub fn reference(frame: &FrameParameters, radiance: Vec3, others: &[(Vec3, bool)]) -> [Vec3; 2] {
-    let likely: Vec<Vec3> = others.iter().filter(|(_, likely)| *likely).map(|&(l, _)| l).collect();
-    if likely.is_empty() {
+/// A slot of W.
+#[derive(Clone, Copy, Debug)]
+pub struct Other {
+    /// Radiance L.
+    pub radiance: Vec3,
+    /// Mean over the channels of its throughput, T.
+    pub through: f32,
+    /// Whether its path chose no component of a probability below one half.
+    pub likely: bool,
+}
+
+/// Oracle: the surplus of a slot of an unlikely path, and its part for a slot of W of throughput 1. `all`: the slots of W, itself included.
+pub fn reference(frame: &FrameParameters, own: &Other, all: &[Other]) -> [Vec3; 2] {
+    let likely = || all.iter().filter(|other| other.likely && other.through > 0.0);
+    if likely().next().is_none() {
         return [Vec3::ZERO; 2];
     }
     let grey = |l: Vec3| l.element_sum() / 3.0;
-    let more = radiance - likely.iter().sum::<Vec3>() / likely.len() as f32;
-    let least = likely.iter().map(|&l| grey(l)).fold(f32::MAX, f32::min).max(0.0);
-    let most = MOST * others.len() as f32 * least;
+    let seen = likely().map(|o| o.radiance).sum::<Vec3>() / likely().map(|o| o.through).sum::<f32>();
+    let more = own.radiance - own.through * seen;
+    let through: f32 = all.iter().map(|o| o.through).sum();
+    let least = likely().map(|o| grey(o.radiance) / o.through).fold(f32::MAX, f32::min).max(0.0);
+    let most = MOST * through * least;
     let surplus = frame.lens[2] * (most / grey(more).abs().max(1e-30)).min(1.0) * more;
-    [surplus, surplus / others.len() as f32]
+    [surplus, surplus / through]
 }

@@ -61,11 +61,17 @@ fn follow(rig: &Rig) -> [usize; 2] {
             let around: Vec<u32> =
                 unlikely::around(p, pixel).into_iter().filter(|&n| takes(n, of(n))).map(of).collect();
             assert!(around.contains(&slot));
-            let others: Vec<(Vec3, bool)> = around.iter().map(|&n| (radiance(n as usize), !is_unlikely(n))).collect();
-            let [surplus, part] = unlikely::reference(p, radiance(slot as usize), &others);
+            let through = |n: u32| throughput[n as usize].truncate().element_sum() / 3.0;
+            let other = |n: u32| unlikely::Other {
+                radiance: radiance(n as usize),
+                through: through(n),
+                likely: !is_unlikely(n),
+            };
+            let others: Vec<_> = around.iter().map(|&n| other(n)).collect();
+            let [surplus, part] = unlikely::reference(p, &other(slot), &others);
             seen[usize::from(surplus == Vec3::ZERO)] += 1;
             expected[slot as usize] -= surplus;
-            around.iter().for_each(|&n| expected[n as usize] += part);
+            around.iter().for_each(|&n| expected[n as usize] += through(n) * part);
         }
     }
     let mut tally = Tally::new(format!("unlikely components at {:?}", p.size));
