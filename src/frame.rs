@@ -137,7 +137,7 @@ impl Frame {
         };
         let film = film.with_ring(context, settings.ring.map(|ring| ring.images()))?;
 
-        let eye = Eye::new(kit, scene, plan, &film)?;
+        let eye = Eye::new(kit, scene, plan)?;
         let velocity = match plan.view.has_shutter() {
             false => None,
             true => {

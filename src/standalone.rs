@@ -502,6 +502,6 @@ fn of_atlas(without: u64, atlas: &Atlas) -> u64 {
     for Texel { triangle, uv: [u, v], back } in atlas.texels.iter().flatten() {
         fingerprint.add(bytemuck::cast_slice(&[*triangle, u.to_bits(), v.to_bits(), u32::from(*back)]));
     }
-    fingerprint.add(&[u8::from(atlas.moving.is_some()), u8::from(atlas.rests)]);
+    fingerprint.add(&[u8::from(atlas.moving.is_some())]);
     fingerprint.0
 }

@@ -100,15 +100,12 @@ pub struct Atlas {
     pub texels: Vec<Option<Texel>>,
     /// Where they lie in each pass; `None`: they stay.
     pub moving: Option<Arc<dyn Moving>>,
-    /// Whether blocks of 8 x 8 texels without light are rendered less often, see [`crate::pass::atlas`]: the means of their light are then those over all passes,
-    /// `alpha` times `depth` is the share of the passes in which they were rendered. Width and height must be multiples of 8.
-    pub rests: bool,
 }
 
 impl Atlas {
     /// Texels that stay.
     pub fn new(size: [u32; 2], texels: Vec<Option<Texel>>) -> Atlas {
-        Atlas { size, texels, moving: None, rests: false }
+        Atlas { size, texels, moving: None }
     }
 }
 
@@ -119,7 +116,7 @@ impl PartialEq for Atlas {
             (Some(a), Some(b)) => Arc::ptr_eq(a, b),
             _ => false,
         };
-        moving && self.rests == other.rests && self.size == other.size && self.texels == other.texels
+        moving && self.size == other.size && self.texels == other.texels
     }
 }
 
@@ -204,9 +201,6 @@ impl View {
                 let refuse = |message: &str| Err(Error::Setting { name: "view", message: message.to_owned() });
                 if atlas.texels.len() as u64 != u64::from(width) * u64::from(height) {
                     return refuse("an atlas has as many texels as its size says");
-                }
-                if atlas.rests && (width % 8 != 0 || height % 8 != 0) {
-                    return refuse("an atlas whose blocks rest has a width and a height in multiples of 8");
                 }
                 match (settings.superposition, settings.soft_shadows) {
                     (Some(_), _) => refuse("mirror images need a camera; use --superposition off"),

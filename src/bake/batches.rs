@@ -67,7 +67,7 @@ pub(super) fn divide(charts: &Charts, most: usize, inside: &Inside) -> (Vec<Batc
     let still: Vec<Vec<_>> = views.iter().map(|(_, places)| places.iter().map(texel).collect()).collect();
     let moves = moves::of_views(charts, &owners, &entries, still.clone());
     let batch = |((size, places), (texels, moves)): (([u32; 2], Vec<_>), (Vec<_>, Moves))| Batch {
-        atlas: Arc::new(Atlas { size, texels, moving: Some(Arc::new(moves)), rests: true }),
+        atlas: Arc::new(Atlas { size, texels, moving: Some(Arc::new(moves)) }),
         places,
     };
     let batches = views.into_iter().zip(still.into_iter().zip(moves)).map(batch).collect();

@@ -81,9 +81,7 @@ impl Bake {
             for (i, (page, at), [albedo, emission]) in found {
                 let (page, at) = (page as usize, at as usize);
                 let of = &mut pages[page];
-                // Blocks without light are not rendered in all passes.
-                let rendered = if image.alpha[i] > 0.0 { image.alpha[i] * image.depth[i] } else { 1.0 };
-                (of.direct[at], of.indirect[at]) = (image.direct[i] / rendered, image.indirect[i] / rendered);
+                (of.direct[at], of.indirect[at]) = (image.direct[i], image.indirect[i]);
                 (of.albedo[at], of.emission[at]) = (albedo, emission);
                 valid[page][at] = true;
             }

@@ -3,11 +3,6 @@
 //!
 //! Replaces `camera_rays` and the `trace` of its rays. A texel without a triangle counts as a ray that hit nothing.
 //!
-//! Blocks of 8 x 8 texels may rest: where no texel of one has had light in the first [`FIRST`] passes of each instance, it is rendered in one of [`TURNS`]
-//! of them only, until it has. The means of such texels are too small by the share of the passes in which they were rendered, which
-//! the depth of the film tells: each rendering of a texel has depth 1. Light that a block meets for the first time late weighs a little more than
-//! it should, by less than [`TURNS`] passes' worth.
-//!
 //! Cost: 48 bytes read, 64 bytes written and 20 operations a texel.
 
 use glam::Vec3;
@@ -15,17 +10,11 @@ use glam::Vec3;
 use super::{BoundKernel, EyePathState, Kit, Rays, ShadingPoints, groups};
 use crate::accel::Bvh;
 use crate::error::{Error, Result};
-use crate::film::Film;
 use crate::gpu::{Buffer, Context, Recorder, Resources, Staging, shaders};
 use crate::view::{self, Texel};
 
 /// Triangle number of a texel that lies on no triangle.
 const NONE: u32 = u32::MAX;
-
-/// Passes of each instance in which all blocks are rendered.
-pub const FIRST: u32 = 4;
-/// Of so many passes of an instance a block that rests is rendered in one.
-pub const TURNS: u32 = 4;
 
 /// The pass.
 pub struct Atlas {
@@ -37,7 +26,7 @@ pub struct Atlas {
 }
 
 impl Atlas {
-    /// Writes `rays.hits` and `rays.direction`, and initialises `paths` and the emission of `points`. `film`: the sums of the passes before.
+    /// Writes `rays.hits` and `rays.direction`, and initialises `paths` and the emission of `points`.
     ///
     /// Errors: a texel names a triangle that is not in the scene, or lies outside its triangle.
     pub fn new(
@@ -47,14 +36,12 @@ impl Atlas {
         rays: &Rays,
         paths: &EyePathState,
         points: &ShadingPoints,
-        film: &Film,
     ) -> Result<Self> {
         let leaves = bvh.leaf_numbers();
         let records = kit.stage("atlas", &records(&leaves, &atlas.texels)?)?;
         let texels = Resources::of([("texels", &records)]);
-        let sets = [&texels, &rays.resources(), &paths.resources(), &points.resources(), &film.as_sums(0)];
-        let kernel = if atlas.rests { &shaders::ATLAS_RESTS } else { &shaders::ATLAS };
-        Ok(Atlas { kernel: kit.bind(kernel, &sets)?, records, leaves, texels: atlas.texels.len() as u32 })
+        let sets = [&texels, &rays.resources(), &paths.resources(), &points.resources()];
+        Ok(Atlas { kernel: kit.bind(&shaders::ATLAS, &sets)?, records, leaves, texels: atlas.texels.len() as u32 })
     }
 
     /// Stages other texels, as many as before. Errors: those of [`Atlas::new`].
@@ -83,11 +70,6 @@ fn records(leaves: &[u32], texels: &[Option<Texel>]) -> Result<Vec<[u32; 4]>> {
         Ok([leaf, u.to_bits(), v.to_bits(), u32::from(back)])
     };
     texels.iter().enumerate().map(record).collect()
-}
-
-/// Oracle: whether a block is rendered in a pass of an instance, if none of its texels has had light.
-pub fn is_rendered(block: u32, pass_of_instance: u32) -> bool {
-    pass_of_instance < FIRST || (pass_of_instance + block).is_multiple_of(TURNS)
 }
 
 /// Oracle: the point of a texel and its viewing direction.

@@ -4,7 +4,6 @@ use super::points::{ListFinish, ListFinishSteps, Turns};
 use super::{Counts, PointOrder, Stage, batch};
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
-use crate::film::Film;
 use crate::gpu::{Buffer, Context, Recorder, Staging};
 use crate::pass::atlas::Atlas;
 use crate::pass::camera_rays::CameraRays;
@@ -79,8 +78,8 @@ struct Follow {
 }
 
 impl Eye {
-    /// For the view of a plan, whose sums `film` has.
-    pub fn new(kit: &Kit, scene: &DeviceScene, plan: &Plan, film: &Film) -> Result<Eye> {
+    /// For the view of a plan.
+    pub fn new(kit: &Kit, scene: &DeviceScene, plan: &Plan) -> Result<Eye> {
         let (settings, eye) = (&plan.settings, plan.eye);
         let (size, slots, pixels) = (plan.view.size(), eye.slots(), eye.pixels);
         let order = PointOrder::of(plan, scene);
@@ -141,7 +140,7 @@ impl Eye {
                 steps: first_steps,
                 pixels,
             },
-            View::Atlas(atlas) => FirstHits::Atlas(Atlas::new(kit, &scene.bvh, atlas, &rays, &paths, &points, film)?),
+            View::Atlas(atlas) => FirstHits::Atlas(Atlas::new(kit, &scene.bvh, atlas, &rays, &paths, &points)?),
         };
         let tables = if eye.mirrors { scene.tables() } else { None };
         let follow = (lists.iter().zip(follow_steps).enumerate())

@@ -9,12 +9,12 @@ use lightsum::bake::{Bake, Lightmap, Options};
 use lightsum::bsdf::sample_texture;
 use lightsum::gpu::Context;
 use lightsum::output::{Metadata, Tonemap};
-use lightsum::pass::{ShadingPoints, atlas, kept_light};
+use lightsum::pass::{ShadingPoints, kept_light};
 use lightsum::scene::{Camera, KeptFace, KeptLight, KeptPage, Light, Scene, Texture, TextureUse, Wrap, builtin};
 use lightsum::settings::{Clip, Compensation, Exposure, Lookup, Settings};
 
 use lightsum::standalone::Renderer;
-use lightsum::view::{Atlas, Texel};
+use lightsum::view::Atlas;
 
 use crate::rig::{AWKWARD_IMAGES, Rig, close, gallery, has};
 use crate::scenes::{Soup, renderer};
@@ -563,56 +563,5 @@ fn what_does_not_fit_is_refused_with_a_density_that_would() {
         dark.materials.iter_mut().for_each(|m| m.base_color = Vec3::ZERO);
         let message = Bake::new(ctx, &dark, plain(), Options::default()).err().unwrap().to_string();
         assert!(message.contains("nothing to bake"), "{message}");
-    });
-}
-
-/// Two floors, one in a lit room and one in a closed one: blocks of the second rest, and the light of the first does not change by it.
-#[test]
-fn blocks_without_light_rest() {
-    gpu_test(|ctx| {
-        let mut soup = Soup::new("a lit room and a dark one");
-        let (wall, lamp) = (soup.diffuse(0.5, 0.0), soup.diffuse(0.0, 5.0));
-        soup.room(Vec3::ZERO, Vec3::ONE, [wall; 6]);
-        soup.room(Vec3::X * 2.0, Vec3::new(3.0, 1.0, 1.0), [wall; 6]);
-        soup.quad(Vec3::new(0.4, 0.95, 0.4), Vec3::X * 0.2, Vec3::Z * 0.2, lamp);
-        let scene = soup.0;
-        // A block on the floor of each room, and one that is half in each.
-        let floor = |x: f32| {
-            let on = |t: &lightsum::scene::Triangle| {
-                let at = t.vertices.map(|v| scene.positions[v as usize]);
-                at.iter().all(|p| p.y == 0.0 && p.x >= x && p.x <= x + 1.0)
-            };
-            scene.triangles.iter().position(on).unwrap() as u32
-        };
-        let texel = |i: usize| {
-            let (x, y) = (i % 24, i / 24);
-            let dark = if x < 16 { x >= 8 } else { y >= 4 };
-            let uv = [0.1 + 0.05 * (x % 8) as f32, 0.1 + 0.05 * y as f32];
-            let triangle = floor(if dark { 2.0 } else { 0.0 });
-            Some(Texel { triangle, uv, back: false })
-        };
-        let texels: Vec<_> = (0..8 * 24).map(texel).collect();
-        let settings = lightsum::bake::settings(Settings { particles: 16, ..Settings::plain() });
-        let passes = 20;
-        let image = |rests: bool| {
-            let atlas = Arc::new(Atlas { rests, ..Atlas::new([24, 8], texels.clone()) });
-            let mut renderer = Renderer::with_atlas(ctx.clone(), scene.clone(), atlas, settings.clone()).unwrap();
-            (0..passes).for_each(|_| renderer.pass().unwrap());
-            renderer.layers().unwrap()
-        };
-        let [all, resting] = [false, true].map(image);
-        assert_eq!(all.direct, resting.direct);
-        assert_eq!(all.indirect, resting.indirect);
-        for i in 0..8 * 24 {
-            let (x, y) = (i % 24, i / 24);
-            let share = resting.alpha[i] * resting.depth[i];
-            let block = (x / 8) as u32;
-            let rendered = (0..passes).filter(|pass| atlas::is_rendered(block, pass / 2)).count();
-            let expected = if block == 1 { rendered as f32 / passes as f32 } else { 1.0 };
-            assert!((share - expected).abs() < 1e-5, "{share} of the passes for {expected} at {x}, {y}");
-            let lit = if block == 2 { y < 4 } else { block == 0 };
-            assert_eq!(all.direct[i].max_element() > 0.0, lit, "{x}, {y}");
-        }
-        assert!(all.alpha.iter().all(|&alpha| alpha == 1.0));
     });
 }
