@@ -469,7 +469,7 @@ impl ShadingPoints {
 
     /// Segments of the eye path beyond its first surface that is neither mirror nor glass, of [`ShadingPoints::flags`].
     pub fn segments(flags: u32) -> u32 {
-        flags / ShadingPoints::ONE_SEGMENT & 15
+        (flags / ShadingPoints::ONE_SEGMENT) & 15
     }
 
     /// The word that holds these flags.
