@@ -86,7 +86,7 @@ fn surplus_of(at: vec2<u32>, component: u32) -> vec4<f32> {
     return select(vec4<f32>(0.0), vec4<f32>(given, sums.all), sums.likely.w > 0.0);
 }
 #else
-// What a slot gets of the surplus of its tile, over its throughput; `component`: first slot of its component.
+// Sum of the parts of the surplus that a slot receives, over its throughput; `component`: first slot of its component.
 fn share_of(at: vec2<u32>, component: u32) -> vec3<f32> {
     let corner = at & vec2<u32>(0xfffffff8u);
     var sum = vec3<f32>(0.0);

@@ -100,7 +100,7 @@ pub struct DeviceScene {
     pub materials: Buffer,
     /// Tables of the materials' lobes, as `shaders/include/lobe_table.wgsl` reads them.
     pub lobe_tables: Buffer,
-    /// What that was made of.
+    /// The input of the tables.
     lobes: Vec<Option<Arc<Table>>>,
     /// The textures.
     pub textures: DeviceTextures,

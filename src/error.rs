@@ -80,7 +80,7 @@ pub enum Error {
         needed: u64,
         /// Bytes that may be taken.
         limit: u64,
-        /// What lowers most of them.
+        /// Settings that lower most of them.
         advice: &'static str,
     },
     /// The device did not finish its work.
@@ -190,7 +190,7 @@ impl Error {
     }
 }
 
-/// What lowers the memory of a resource, by its name.
+/// The setting that lowers the memory of a resource of this name.
 pub(crate) fn lowered_by(resource: &str) -> &'static str {
     let has = |word: &str| resource.contains(word);
     if resource.starts_with("scene ") {

@@ -23,7 +23,7 @@ use crate::pass::motion_blur::{self, MotionBlur};
 use crate::pass::outliers::{self, Outliers};
 use crate::pass::soft_shadow::SoftShadowAdd;
 use crate::pass::summands::Summands;
-use crate::pass::unlikely::{self, Unlikely};
+use crate::pass::unlikely::Unlikely;
 use crate::pass::velocity::Velocity;
 use crate::pass::{Kit, List};
 use crate::plan::Plan;
@@ -238,8 +238,8 @@ impl Frame {
                 Some(SoftShadowAdd::new(kit, &eye.points, &pass.direct, &all, plan.eye.pixels)?)
             }
         };
-        let outliers = match settings.filter.is_some() && plan.eye.components == 2 {
-            false => None,
+        let (outliers, unlikely) = match settings.filter.is_some() && plan.eye.components == 2 {
+            false => (None, None),
             true => {
                 let inputs = outliers::Inputs {
                     points: &eye.points,
@@ -249,21 +249,8 @@ impl Frame {
                     region: &eye.planes.region,
                     path_gain: path_gain_of.as_ref(),
                 };
-                Some(Outliers::new(kit, &inputs, plan.eye.slots())?)
-            }
-        };
-        let unlikely = match settings.filter.is_some() && plan.eye.components == 2 {
-            false => None,
-            true => {
-                let inputs = unlikely::Inputs {
-                    points: &eye.points,
-                    paths: &eye.paths,
-                    lighting,
-                    tiles: &eye.ideal_tiles,
-                    region: &eye.planes.region,
-                    path_gain: path_gain_of.as_ref(),
-                };
-                Some(Unlikely::new(kit, &inputs, plan.eye.slots())?)
+                let slots = plan.eye.slots();
+                (Some(Outliers::new(kit, &inputs, slots)?), Some(Unlikely::new(kit, &inputs, slots)?))
             }
         };
         let summands = match film.as_summands() {

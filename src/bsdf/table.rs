@@ -108,7 +108,7 @@ struct TableFile {
     values: Vec<f32>,
 }
 
-/// What a table is made from.
+/// Input of a table.
 struct Raw {
     cos_i: Vec<f32>,
     cos_o: Vec<f32>,

@@ -69,7 +69,7 @@ pub struct Context {
     pub(super) inner: Arc<Inner>,
     /// Kernels by the addresses of their shaders. Beside `inner`, which every kernel holds.
     kernels: Arc<Mutex<HashMap<usize, Kernel>>>,
-    /// What the buffers and images take.
+    /// Memory of the buffers and images.
     usage: Arc<Mutex<Usage>>,
     /// Whether buffers and images are counted and have no memory.
     measures: bool,
@@ -251,7 +251,7 @@ impl Context {
         self.measures
     }
 
-    /// What the buffers and images of this context take.
+    /// Memory of the buffers and images of this context.
     pub fn memory_use(&self) -> MemoryUse {
         self.usage().use_of_all()
     }

@@ -22,7 +22,7 @@ impl MemoryUse {
         self.device + self.transfer
     }
 
-    /// What lowers most of it.
+    /// The setting that lowers most of it.
     pub(crate) fn advice(&self) -> &'static str {
         let mut sums: BTreeMap<&'static str, u64> = BTreeMap::new();
         self.by_name.iter().for_each(|(name, bytes)| *sums.entry(lowered_by(name)).or_default() += bytes);

@@ -207,7 +207,7 @@ impl SoftShadow {
     pub fn record_source(&self, rec: &mut Recorder, k: u32) -> Result<()> {
         let bytes = self.emitter.bytes();
         rec.copy_range(&self.emitters, u64::from(k) * bytes, &self.emitter, 0, bytes)?;
-        // What they held is of another emitter.
+        // They held values of another emitter.
         [&self.source, &self.blockers, &self.quads].into_iter().try_for_each(|image| rec.image_to_general(image))?;
         rec.fill(&self.tiles, 0)?;
         rec.fill(&self.farthest, 0)?;

@@ -22,8 +22,9 @@
 use glam::Vec3;
 
 use super::layout::FrameParameters;
+use super::outliers::Inputs;
 use super::schedule::LIST_GROUPS;
-use super::{BoundKernel, EyePathState, Kit, Lighting, List, ShadingPoints};
+use super::{BoundKernel, Kit};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
@@ -40,24 +41,8 @@ pub struct Unlikely {
     tiles: Buffer,
 }
 
-/// Inputs.
-pub struct Inputs<'a> {
-    /// Shading points; their emission is changed.
-    pub points: &'a ShadingPoints,
-    /// Eye paths to them.
-    pub paths: &'a EyePathState,
-    /// Their light.
-    pub lighting: &'a Lighting,
-    /// Tiles with second components.
-    pub tiles: &'a List,
-    /// Planes that pixels show, whose mirror image is spread.
-    pub region: &'a Buffer,
-    /// The gain by second components, which receives the change, if it is summed.
-    pub path_gain: Option<&'a Buffer>,
-}
-
 impl Unlikely {
-    /// For images of two components of `slots` slots in all.
+    /// For images of two components of `slots` slots in all. The emission of the points is changed, and the gain by second components receives the change.
     pub fn new(kit: &Kit, inputs: &Inputs, slots: u32) -> Result<Unlikely> {
         let Inputs { points, paths, lighting, tiles, region, path_gain } = *inputs;
         let surplus = kit.vec4s("surplus of unlikely components", slots)?;
