@@ -3,6 +3,7 @@
 mod animate;
 mod bake;
 mod bench;
+mod cluster;
 #[cfg(target_os = "linux")]
 mod drivers;
 mod faults;
@@ -10,6 +11,8 @@ mod files;
 mod flags;
 mod general;
 mod live;
+#[cfg(feature = "mpi")]
+mod ranks;
 mod render;
 #[cfg(feature = "viewer")]
 mod view;
