@@ -138,21 +138,21 @@ impl State {
     /// [`State::check`] for a file of some kind.
     pub(super) fn check_as(
         &self,
-        Kind { noun, remedy, .. }: &Kind,
+        Kind { noun, .. }: &Kind,
         path: &Path,
         (fingerprint, [width, height], provenance): (u64, [u32; 2], &Provenance),
     ) -> Result<()> {
         if (self.width, self.height) != (width, height) {
             let message = format!(
                 "the {noun} is of {}x{} pixels, this rendering is {width}x{height}; \
-                 give --resolution {}x{}, or {remedy}",
+                 give --resolution {}x{} or remove the {noun} to start anew",
                 self.width, self.height, self.width, self.height
             );
             return Err(Error::file(path, message));
         }
         if self.fingerprint != fingerprint {
             let message = format!(
-                "the {noun} is of another scene, camera or settings; give the same ones as before, or {remedy}"
+                "the {noun} is of another scene, camera or settings; give the same ones as before or remove the {noun} to start anew"
             );
             return Err(Error::file(path, message));
         }
