@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use lightsum::output::FilmFile;
 
-use crate::render::{SCENE, cache, command, contents, folder, kill, succeeds, text};
+use crate::render::{SCENE, cache, contents, folder, kill, succeeds, text};
 
 /// mpirun with the program and its arguments, in a folder.
 fn mpirun(folder: &Path, ranks: usize, arguments: &str) -> Command {

@@ -133,7 +133,7 @@ impl Tasks {
     fn done(&mut self, rank: usize, number: u32) -> bool {
         let Some(task) = self.of_rank.get_mut(&rank) else { return true };
         task.start = number as usize + 1;
-        let over = task.is_empty();
+        let over = task.start >= task.end;
         if over {
             self.of_rank.remove(&rank);
         }

@@ -36,7 +36,8 @@ pub fn add(master: &Master, sum: &mut Sum, limits: &Limits, progress: &mut Progr
         if interrupted.load(Ordering::Relaxed) || passes > 0 && stop.is_late(elapsed) {
             ranks.schedule.stop();
         }
-        if checkpoint.is_some_and(|every| last.elapsed() >= every) {
+        // Not before the last one is there: ranks that deliver all the time would never be all done.
+        if !ranks.collecting && checkpoint.is_some_and(|every| last.elapsed() >= every) {
             ranks.schedule.collect();
             (ranks.collecting, last) = (true, Instant::now());
         }
