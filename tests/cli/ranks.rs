@@ -157,8 +157,8 @@ fn an_interrupt_writes_what_there_is() {
     let folder = folder.path();
     let line = "render scene.toml -o a.exr --particles 8 --resolution 96x64 --passes 1000000 --checkpoint 0.2";
     let mut run = mpirun(folder, 3, line);
-    // mpirun kills its ranks after a second, unless it is told to wait.
-    let mut run = run.env("OMPI_MCA_odls_base_sigkill_timeout", "30").stderr(Stdio::piped()).spawn().unwrap();
+    // mpirun waits so many seconds before SIGTERM and again before SIGKILL.
+    let mut run = run.env("OMPI_MCA_odls_base_sigkill_timeout", "4").stderr(Stdio::piped()).spawn().unwrap();
     wait_for(&folder.join("a.exr.film"));
     kill(&run, "TERM");
     let mut message = String::new();
