@@ -5,6 +5,8 @@
 mod wgsl;
 #[path = "src/gpu/wgsl_emit.rs"]
 mod wgsl_emit;
+#[path = "src/gpu/wgsl_parameters.rs"]
+mod wgsl_parameters;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
