@@ -222,7 +222,8 @@ fn an_adaptive_bake_goes_on_where_it_stopped() {
     let (told, _) = bake(100_000, "--target-error 0.5 --seed 4");
     assert!(told.contains("estimated error 0."), "{told}");
     // How far two seconds reach depends on the machine: to the end of the layout, to a round, or to the passes after the rounds.
-    let timed = lightsum(folder, "bake scene.toml -o timed.glb --adaptive 0.1 --height 4 --time 2 --target-error 0.00001");
+    let timed =
+        lightsum(folder, "bake scene.toml -o timed.glb --adaptive 0.1 --height 4 --time 2 --target-error 0.00001");
     let told = String::from_utf8_lossy(&timed.stderr);
     assert_eq!(timed.status.success(), folder.join("timed.glb").exists(), "{told}");
     assert!(timed.status.success() || told.contains("the 2 seconds were over before the first pass"), "{told}");
