@@ -53,7 +53,7 @@ fn checks_are_named_once_and_name_kernels_that_exist() {
         for stem in check.kernels.split_whitespace() {
             let is_one =
                 |name: &&str| name.strip_prefix(stem).is_some_and(|rest| rest.is_empty() || rest.starts_with('_'));
-            assert!(all.iter().any(|name| is_one(name)), "{}: there is no kernel {stem}", check.name);
+            assert!(all.iter().any(is_one), "{}: there is no kernel {stem}", check.name);
         }
         assert!(!check.exercises().is_empty(), "{} exercises nothing", check.name);
     }

@@ -3,7 +3,6 @@
 use glam::Vec3;
 use lightsum::scene::{Camera, Light, Scene};
 use lightsum::settings::{LightChoice, Settings};
-use lightsum::stage::Stage;
 
 use crate::scenes::{Soup, camera, compare, mean, render, settings};
 use crate::support::gpu_test;

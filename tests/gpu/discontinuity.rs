@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 use lightsum::gpu::Context;
-use lightsum::pass::discontinuity::{self, Guide, agree};
+use lightsum::pass::discontinuity::{Guide, agree};
 use lightsum::scene::{Light, Material, Scene, Texture, Wrap};
 use lightsum::settings::{Agreement, Filter, Settings};
 use lightsum::stage::Stage;

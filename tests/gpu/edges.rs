@@ -2,7 +2,6 @@
 
 use glam::Vec3;
 use lightsum::gpu::Context;
-use lightsum::pass::edges;
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, Texture, Wrap};
 use lightsum::settings::Settings;
 

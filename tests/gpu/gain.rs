@@ -7,7 +7,6 @@ use lightsum::gpu::{Buffer, Image, Memory, Resources, Staging};
 use lightsum::pass::gain;
 use lightsum::pass::resolve::Resolve;
 use lightsum::settings::{Filter, Settings};
-use lightsum::stage::Stage;
 
 use crate::rig::{close, make};
 use crate::scenes::{Soup, camera, compare, render, settings};

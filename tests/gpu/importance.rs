@@ -2,7 +2,6 @@
 
 use glam::Vec3;
 use lightsum::settings::{Clip, Settings};
-use lightsum::stage::Stage;
 
 use crate::renderer::cornell;
 use crate::scenes::{Soup, camera, compare, mean, render, settings};

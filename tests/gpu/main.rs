@@ -2,6 +2,8 @@
 //!
 //! One binary, so that few devices serve all tests; each test's turn ends with a look at the validation layer's messages.
 
+use lightsum::conform::{lobe_tables, rig};
+
 mod bake;
 mod caustics;
 mod checks;

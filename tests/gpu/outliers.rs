@@ -3,7 +3,6 @@
 use glam::Vec3;
 use lightsum::scene::{Material, Surface};
 use lightsum::settings::{Filter, Settings};
-use lightsum::stage::Stage;
 
 use crate::scenes::{Soup, camera, mean, render};
 use crate::support::gpu_test;

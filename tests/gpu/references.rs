@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Write};
 use std::fs;
-use std::hash::DefaultHasher;
+use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 

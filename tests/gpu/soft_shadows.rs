@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{Vec2, Vec3, Vec4, Vec4Swizzles};
 use lightsum::accel::Ray;
 use lightsum::engine::Engine;
 use lightsum::gpu::Context;

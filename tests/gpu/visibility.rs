@@ -1,6 +1,7 @@
 //! Light that is too faint to be worth its shadow rays.
 
 use glam::Vec3;
+use lightsum::gpu::Context;
 use lightsum::pass::TraversalKernels;
 use lightsum::scene::builtin;
 use lightsum::settings::{Compensation, Settings, Traversal};

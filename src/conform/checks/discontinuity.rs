@@ -72,11 +72,7 @@ pub fn filtered(ctx: &Context, rig: &Rig, filter: Filter, irradiance: [&[Vec3]; 
     [&pass.filtered.direct, &pass.filtered.indirect].map(|b| rig.vec4s(b).iter().map(|e| e.truncate()).collect())
 }
 
-/// The visible shading points of a scene in its first pass.
-fn seen<'a>(bench: &'a Bench, scene: &'a Scene, size: [u32; 2], pattern: [u32; 2]) -> Rig<'a> {
-    seen_in_pass(bench, scene, size, pattern, 0)
-}
-
+/// The visible shading points of a scene in a pass.
 fn seen_in_pass<'a>(bench: &'a Bench, scene: &'a Scene, size: [u32; 2], pattern: [u32; 2], pass: u32) -> Rig<'a> {
     let rig = bench.rig_at_pass(scene, size, Settings { particles: 1, pattern, ..Settings::plain() }, pass);
     rig.run(|frame, rec| frame.eye.record(rec));
