@@ -35,7 +35,7 @@ test:
 	scripts/setup.sh --tests
 	cargo test --no-fail-fast
 	cargo test --no-fail-fast $(HOT_RELOAD)
-	LP_NATIVE_VECTOR_WIDTH=128 cargo test --test gpu -- visibility:: traversal:: passes_eye:: passes_light::
+	LP_NATIVE_VECTOR_WIDTH=128 cargo test --test gpu -- visibility:: traversal:: checks::eye:: checks::light::
 	LP_NATIVE_VECTOR_WIDTH=512 cargo test --test gpu -- --test-threads=1 visibility::
 	scripts/swiftshader.sh cargo test --test gpu -- visibility:: traversal::clusters_may
 	cargo test --test cli -- --ignored drivers::

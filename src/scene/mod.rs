@@ -11,35 +11,55 @@ mod description;
 pub mod environment;
 pub(crate) mod export;
 mod framing;
+#[cfg(feature = "gltf")]
 pub(crate) mod gltf;
+#[cfg(feature = "gltf")]
 mod gltf_accessor;
+#[cfg(feature = "gltf")]
 mod gltf_animation;
+#[cfg(feature = "gltf")]
 mod gltf_compressed;
+#[cfg(feature = "gltf")]
 mod gltf_extensions;
+#[cfg(feature = "gltf")]
 mod gltf_material;
 mod kept_light;
+#[cfg(feature = "gltf")]
 mod ktx2;
 mod large_polygon;
 mod material;
 pub mod mip;
+#[cfg(feature = "mitsuba")]
 mod mitsuba;
+#[cfg(feature = "mitsuba")]
 mod mitsuba_bsdf;
+#[cfg(feature = "mitsuba")]
 mod mitsuba_emitter;
+#[cfg(feature = "mitsuba")]
 mod mitsuba_indices;
+#[cfg(feature = "mitsuba")]
 mod mitsuba_shape;
+#[cfg(feature = "mitsuba")]
 mod mitsuba_texture;
+#[cfg(feature = "mitsuba")]
 mod mitsuba_xml;
+#[cfg(feature = "obj")]
 mod obj;
+#[cfg(feature = "obj")]
 mod obj_lines;
+#[cfg(feature = "obj")]
 mod obj_material;
+#[cfg(feature = "obj")]
 mod obj_texture;
 mod objects;
 pub(crate) mod openexr;
 mod origin;
 mod pane;
 pub mod path;
+#[cfg(feature = "ply")]
 mod ply;
 pub(crate) mod posed;
+pub(crate) mod quietly;
 pub mod reflectors;
 mod sky;
 pub mod surfaces;
@@ -218,17 +238,31 @@ pub fn load_with(path: &Path, options: &ReadOptions) -> Result<Scene> {
 /// Reads a model without validating it: a description may still add lights and change materials.
 fn load_model(path: &Path, photometric: Option<bool>, inputs: &Inputs) -> Result<Scene> {
     let mut scene = match extension(path).as_str() {
+        #[cfg(feature = "obj")]
         "obj" => {
             let mut scene = obj::load(path, inputs)?;
             scene.find_panes();
             scene
         }
+        #[cfg(feature = "ply")]
         "ply" => ply::load(path, inputs)?,
+        #[cfg(feature = "mitsuba")]
         "xml" => mitsuba::load(path, inputs)?,
+        #[cfg(feature = "gltf")]
         "gltf" | "glb" => gltf::load(path, photometric, inputs)?,
         other => {
-            let message =
-                format!("cannot read scenes of the kind {other:?}; use .toml, .obj, .ply, .gltf, .glb or .xml");
+            let feature = match other {
+                "obj" | "ply" => Some(other),
+                "gltf" | "glb" => Some("gltf"),
+                "xml" => Some("mitsuba"),
+                _ => None,
+            };
+            let message = match feature {
+                Some(feature) => {
+                    format!("this program was built without the feature {feature}, which reads such files")
+                }
+                None => format!("cannot read scenes of the kind {other:?}; use .toml, .obj, .ply, .gltf, .glb or .xml"),
+            };
             return Err(Error::file(path, message));
         }
     };

@@ -3,6 +3,7 @@
 mod animate;
 mod bake;
 mod bench;
+mod conform;
 #[cfg(target_os = "linux")]
 mod drivers;
 mod faults;
