@@ -75,6 +75,7 @@ fn run_checks(run: &Run) -> Result<bool> {
     let checks = some(&run.selection)?;
     let outputs: Vec<_> = run.json.iter().chain(&run.junit).map(|path| path.as_path()).collect();
     output::check_apart(outputs.iter().copied(), &[])?;
+    let _claim = output::claim(outputs.iter().copied())?;
     outputs.iter().try_for_each(|path| output::check_writable(path))?;
     let devices = gpu::list_devices()?;
     let device = devices[run.bench.device.choice.pick(&devices)?].clone(); // `pick` returns an index of the list it was given.
