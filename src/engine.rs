@@ -275,6 +275,14 @@ impl Engine {
         self.particles = true;
     }
 
+    /// Sets the number of the next pass and keeps the sums, whatever passes they have: for parts of a rendering that are merged.
+    /// `again`: the last pass failed.
+    pub(crate) fn seek(&mut self, pass: u32, again: bool) {
+        self.passes = pass;
+        self.paths = Paths::default();
+        self.particles |= again;
+    }
+
     /// Changes to a camera of the same resolution, and restarts if it differs, unless a ring goes on. Takes effect with the next pass; commands
     /// recorded earlier keep their camera. A change between pinhole and lens makes new passes. A region of the image
     /// stays the same region.

@@ -160,6 +160,16 @@ pub enum Error {
     /// An interrupt before the first result.
     #[error("interrupted before the first pass was done; nothing was written")]
     Interrupted,
+    /// A rank of a cluster cannot go on.
+    #[error("rank {rank} on {host}: {message}")]
+    Rank {
+        /// Its number.
+        rank: usize,
+        /// Its machine.
+        host: String,
+        /// The problem and the remedy.
+        message: String,
+    },
     /// A ray needed more traversal steps than the rounds of a pass allow.
     #[error("pass {pass}: {rays} rays did not finish within {steps} steps; raise --rounds")]
     Unfinished {

@@ -3,13 +3,88 @@
 //! A scene may come from anywhere and name any path. So only regular files are read: a device would never end, and a pipe would wait
 //! for a writer. What a scene's files name must lie below the folder of the scene ([`Inputs`]), and all that is read and decoded for a
 //! scene is counted before memory is taken for it: more than half of the machine's memory is refused, unless another limit is set.
+//!
+//! Or from another machine: one process keeps what it reads ([`keep`]), and others read that in place of files of their own ([`read_from`]).
 
 use crate::error::{Error, Result};
+use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Files by their paths, as they were named.
+type Files = BTreeMap<PathBuf, Vec<u8>>;
+
+/// Where files come from.
+enum Source {
+    Machine,
+    /// The machine; what is read is kept.
+    Kept(Files),
+    /// Another machine: there are no others than these.
+    Elsewhere(Files),
+}
+
+static SOURCE: Mutex<Source> = Mutex::new(Source::Machine);
+
+fn source() -> MutexGuard<'static, Source> {
+    SOURCE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Keeps all files that this process reads from now on, for [`kept`].
+pub fn keep() {
+    *source() = Source::Kept(Files::new());
+}
+
+/// The files read since [`keep`], for [`read_from`] on another machine; they are no longer kept.
+pub fn kept() -> Vec<u8> {
+    match std::mem::replace(&mut *source(), Source::Machine) {
+        Source::Kept(files) => to_bytes(files),
+        Source::Machine | Source::Elsewhere(_) => Vec::new(),
+    }
+}
+
+/// Has this process read the files of [`kept`], and no others; of nothing, its own again. Errors: [`Error::Scene`] if they are cut off.
+pub fn read_from(bytes: &[u8]) -> Result<()> {
+    let files = from_bytes(bytes).ok_or_else(|| Error::Scene(String::from("the files from rank 0 are cut off")))?;
+    *source() = if files.is_empty() { Source::Machine } else { Source::Elsewhere(files) };
+    Ok(())
+}
+
+/// For each file the lengths of name and content, u64 little endian, and both.
+fn to_bytes(files: Files) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for (path, content) in files {
+        let name = path.to_string_lossy();
+        [name.len(), content.len()].iter().for_each(|length| bytes.extend((*length as u64).to_le_bytes()));
+        bytes.extend(name.as_bytes());
+        bytes.extend(content);
+    }
+    bytes
+}
+
+/// The files of [`to_bytes`]; `None`: they are cut off.
+fn from_bytes(mut bytes: &[u8]) -> Option<Files> {
+    let mut files = Files::new();
+    while !bytes.is_empty() {
+        let (lengths, rest) = bytes.split_at_checked(16)?;
+        let length = |at: usize| usize::try_from(u64::from_le_bytes(std::array::from_fn(|i| lengths[at + i]))).ok();
+        let (name, rest) = rest.split_at_checked(length(0)?)?;
+        let (content, rest) = rest.split_at_checked(length(8)?)?;
+        files.insert(PathBuf::from(String::from_utf8_lossy(name).as_ref()), content.to_vec());
+        bytes = rest;
+    }
+    Some(files)
+}
+
+/// Whether there is a regular file of this name.
+pub(crate) fn is_file(path: &Path) -> bool {
+    match &*source() {
+        Source::Elsewhere(files) => files.contains_key(path),
+        Source::Machine | Source::Kept(_) => path.is_file(),
+    }
+}
 
 /// Reads a whole file that the user named. Errors: [`Error::Io`]; [`Error::File`] if it is no regular file, or larger than half of the
 /// machine's memory.
@@ -92,6 +167,28 @@ impl Inputs {
 
     /// Reads a whole file. Errors: [`Error::Io`]; [`Error::File`] if it is no regular file, lies elsewhere, or is too large.
     pub fn read(&self, path: &Path) -> Result<Vec<u8>> {
+        let elsewhere = match &*source() {
+            // The machine where it lies has checked its place.
+            Source::Elsewhere(files) => Some(files.get(path).cloned().ok_or_else(|| ErrorKind::NotFound.into())),
+            Source::Machine | Source::Kept(_) => None,
+        };
+        let bytes = match elsewhere {
+            Some(found) => {
+                let bytes = found.map_err(Error::io("reading", path))?;
+                self.take(path, bytes.len() as u64)?;
+                bytes
+            }
+            None => self.read_here(path)?,
+        };
+        self.read.lock().unwrap_or_else(PoisonError::into_inner).push(path.to_path_buf());
+        if let Source::Kept(files) = &mut *source() {
+            files.insert(path.to_path_buf(), bytes.clone());
+        }
+        Ok(bytes)
+    }
+
+    /// Reads a file of this machine.
+    fn read_here(&self, path: &Path) -> Result<Vec<u8>> {
         // Before it is opened: that alone would wait at a pipe.
         let data = std::fs::metadata(path).map_err(Error::io("reading", path))?;
         if !data.is_file() {
@@ -106,7 +203,6 @@ impl Inputs {
         let rest = data.len() + self.limit.saturating_sub(self.taken.load(Ordering::Relaxed));
         file.take(rest.saturating_add(1)).read_to_end(&mut bytes).map_err(Error::io("reading", path))?;
         self.take(path, (bytes.len() as u64).saturating_sub(data.len()))?;
-        self.read.lock().unwrap_or_else(PoisonError::into_inner).push(path.to_path_buf());
         Ok(bytes)
     }
 
@@ -175,6 +271,18 @@ mod tests {
         assert!(read_text(&path).unwrap_err().to_string().contains("UTF-8"));
         std::fs::write(&path, "\u{feff}a = 1").unwrap();
         assert_eq!(read_text(&path).unwrap(), "a = 1", "without the mark of the byte order");
+    }
+
+    #[test]
+    fn files_travel_whole() {
+        let files: Files = [("a/b.toml", "x"), ("empty", ""), ("c", "content")]
+            .map(|(name, content)| (PathBuf::from(name), content.as_bytes().to_vec()))
+            .into();
+        let bytes = to_bytes(files.clone());
+        assert_eq!(from_bytes(&bytes), Some(files));
+        assert_eq!(from_bytes(&[]), Some(Files::new()));
+        assert_eq!(from_bytes(&bytes[..bytes.len() - 1]), None);
+        assert_eq!(from_bytes(&[255; 20]), None);
     }
 
     #[test]

@@ -36,7 +36,8 @@
 //! | [`summary`] | what a scene holds, for people and as JSON |
 //! | [`path_trace`] | CPU path tracer, the ground truth |
 //! | [`bake`] | light kept in textures: charts, texels, files |
-//! | [`output`] | EXR, PNG, statistics, resumable state |
+//! | [`output`] | EXR, PNG, statistics, resumable state, films |
+//! | [`cluster`] | one image on many machines |
 //! | [`fingerprint`] | a hash that tells renderings apart |
 //! | [`gpu`] | the only code that calls Vulkan; it knows nothing about light |
 //!
@@ -134,6 +135,7 @@
 //! - `conform` (default): the checks of `lightsum-conform`.
 //! - `hot-reload`: compile the kernels from `shaders/` (or the folder that `LIGHTSUM_SHADERS` names) whenever an
 //!   engine is made, for work on them.
+//! - `mpi`: one rendering on several ranks, started by `mpirun`.
 //! - `viewer` (default): `lightsum view`, and [`gpu::surface`], a window's device and images.
 
 #![warn(missing_docs)]
@@ -178,6 +180,7 @@ pub mod summary;
 pub mod tiles;
 
 // Ground truth and results.
+pub mod cluster;
 pub mod fingerprint;
 pub mod output;
 pub mod path_trace;

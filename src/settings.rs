@@ -45,7 +45,7 @@ pub enum Compensation {
 }
 
 /// Traversal kernel for shadow rays, and for eye rays up to the first hit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Traversal {
     /// Clusters if the device and the scene allow them, else single rays. A renderer that keeps a pipeline cache measures

@@ -346,9 +346,17 @@ impl Renderer {
     /// The image with the wanted layers, for the part of [`Renderer::set_crop`]. Colour alone reads about 100 bytes a pixel.
     pub fn image(&self, wanted: Wanted) -> Result<Layers> {
         let layers = self.engine.film().mean(&self.context, self.engine.view().size(), wanted)?;
-        let (Some(crop), View::Camera { region, .. }) = (self.crop, self.engine.view()) else { return Ok(layers) };
+        Ok(match self.part() {
+            Some(part) => layers.cut(part),
+            None => layers,
+        })
+    }
+
+    /// Where the part of [`Renderer::set_crop`] lies in the film; `None`: it is all of it.
+    pub fn part(&self) -> Option<Region> {
+        let (Some(crop), View::Camera { region, .. }) = (self.crop, self.engine.view()) else { return None };
         let origin = [0, 1].map(|axis| crop.origin[axis] - region.origin[axis]);
-        Ok(layers.cut(Region { origin, ..crop }))
+        Some(Region { origin, ..crop })
     }
 
     /// Renders a part of the camera's image from now on, bit for bit as in the whole image; `None`: all of it.

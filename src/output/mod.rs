@@ -6,11 +6,13 @@
 mod claim;
 pub mod denoise;
 mod exr;
+mod film_file;
 mod png;
 mod state;
 mod stats;
 
 pub use claim::{Claim, check_apart, claim};
+pub use film_file::{About, FilmFile, Merger};
 pub use png::Tonemap;
 pub(crate) use png::encode as encode_png;
 pub use state::{Provenance, State};
@@ -206,8 +208,8 @@ pub fn write(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Encod
     write_file(path, &[&encode(path, layers, metadata, encoding)?])
 }
 
-/// The bytes of [`write()`].
-pub(crate) fn encode(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Encoding) -> Result<Vec<u8>> {
+/// The bytes of [`write()`]. Errors: as that, but for those of the system.
+pub fn encode(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Encoding) -> Result<Vec<u8>> {
     let format = Format::of(path)?;
     layers.validate(path)?;
     match format {

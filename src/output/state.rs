@@ -9,12 +9,24 @@ use crate::settings::Traversal;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-const MAGIC: [u8; 8] = *b"LSUMSTAT";
 const VERSION: u32 = 3;
 /// Bytes of the header up to the checksum.
 const FIELDS: usize = 8 + 6 * 4 + 2 * 8;
 /// Bytes of the whole header.
 const HEADER: usize = FIELDS + 8;
+
+/// What a file of this format holds.
+pub(super) struct Kind {
+    magic: [u8; 8],
+    noun: &'static str,
+    /// What to do with a file that cannot be read, or is of another rendering.
+    remedy: &'static str,
+}
+
+/// An unfinished rendering.
+const STATE: Kind = Kind { magic: *b"LSUMSTAT", noun: "state", remedy: "remove it to start anew" };
+/// A film to be merged with others.
+pub(super) const FILM: Kind = Kind { magic: *b"LSUMFILM", noun: "film", remedy: "remove it and render it again" };
 
 /// The traversals by their numbers in the file.
 const TRAVERSALS: [Traversal; 3] = [Traversal::Auto, Traversal::Single, Traversal::Cluster];
@@ -55,10 +67,15 @@ impl State {
 
     /// Writes the state.
     pub fn write(&self, path: &Path) -> Result<()> {
+        self.write_as(&STATE, path)
+    }
+
+    /// [`State::write`] for a file of some kind.
+    pub(super) fn write_as(&self, kind: &Kind, path: &Path) -> Result<()> {
         let Provenance { device, traversal } = &self.provenance;
         let traversal = TRAVERSALS.iter().position(|t| t == traversal).unwrap_or_default() as u32;
         let mut header = Vec::with_capacity(HEADER);
-        header.extend(MAGIC);
+        header.extend(kind.magic);
         for value in [VERSION, self.width, self.height, self.passes, traversal, device.len() as u32] {
             header.extend(value.to_le_bytes());
         }
@@ -71,36 +88,41 @@ impl State {
 
     /// Reads a state. Errors: [`Error::Io`]; [`Error::File`] if the state is incomplete, damaged or of another version.
     pub fn read(path: &Path) -> Result<State> {
-        const REMOVE: &str = "remove it to start anew";
+        Self::read_as(&STATE, path)
+    }
+
+    /// [`State::read`] for a file of some kind.
+    pub(super) fn read_as(kind: &Kind, path: &Path) -> Result<State> {
+        let Kind { magic, noun, remedy } = kind;
         let mut bytes = crate::input::read(path)?;
-        let refuse = |message: String| Err(Error::file(path, format!("{message}; {REMOVE}")));
-        if bytes.get(..8) != Some(&MAGIC) {
-            return refuse("this is not a state file of lightsum".into());
+        let refuse = |message: String| Err(Error::file(path, format!("{message}; {remedy}")));
+        if bytes.get(..8) != Some(magic) {
+            return refuse(format!("this is not a {noun} file of lightsum"));
         }
         if bytes.len() < HEADER {
-            return refuse("the state is cut off".into());
+            return refuse(format!("the {noun} is cut off"));
         }
         // Both slices lie within the header, whose length was checked.
         let u32_at = |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
         let u64_at = |at: usize| u64::from(u32_at(at)) | u64::from(u32_at(at + 4)) << 32;
         let version = u32_at(8);
         if version != VERSION {
-            return refuse(format!("the state has version {version}, this program reads {VERSION}"));
+            return refuse(format!("the {noun} has version {version}, this program reads {VERSION}"));
         }
         let (width, height, passes) = (u32_at(12), u32_at(16), u32_at(20));
         let (traversal, name) = (u32_at(24), u32_at(28) as usize);
         let (fingerprint, length, sum) = (u64_at(32), u64_at(40), u64_at(FIELDS));
         let (present, expected) = ((bytes.len() - HEADER) as u64, length.saturating_add(name as u64));
         if expected != present {
-            return refuse(format!("the state is cut off: {present} of {expected} bytes are there"));
+            return refuse(format!("the {noun} is cut off: {present} of {expected} bytes are there"));
         }
         if sum != checksum(&[&bytes[..FIELDS], &bytes[HEADER..]]) {
-            return refuse("the state is damaged: its checksum is wrong".into());
+            return refuse(format!("the {noun} is damaged: its checksum is wrong"));
         }
         // The name lies within the bytes, whose number was checked.
         let device = String::from_utf8_lossy(&bytes[HEADER..HEADER + name]).into_owned();
         let Some(&traversal) = TRAVERSALS.get(traversal as usize) else {
-            return refuse(format!("the state has the unknown traversal {traversal}"));
+            return refuse(format!("the {noun} has the unknown traversal {traversal}"));
         };
         bytes.drain(..HEADER + name);
         let provenance = Provenance { device, traversal };
@@ -109,30 +131,35 @@ impl State {
 
     /// Checks that the state belongs to this rendering. Another device or driver is told by a warning: the passes so far have its bits,
     /// and those to come differ in the last ones. Errors: [`Error::File`] for another size, fingerprint or traversal.
-    pub fn check(
+    pub fn check(&self, path: &Path, fingerprint: u64, size: [u32; 2], provenance: &Provenance) -> Result<()> {
+        self.check_as(&STATE, path, (fingerprint, size, provenance))
+    }
+
+    /// [`State::check`] for a file of some kind.
+    pub(super) fn check_as(
         &self,
+        Kind { noun, remedy, .. }: &Kind,
         path: &Path,
-        fingerprint: u64,
-        [width, height]: [u32; 2],
-        provenance: &Provenance,
+        (fingerprint, [width, height], provenance): (u64, [u32; 2], &Provenance),
     ) -> Result<()> {
         if (self.width, self.height) != (width, height) {
             let message = format!(
-                "the state is of {}x{} pixels, this rendering is {width}x{height}; \
-                 give --resolution {}x{} or remove the state to start anew",
+                "the {noun} is of {}x{} pixels, this rendering is {width}x{height}; \
+                 give --resolution {}x{}, or {remedy}",
                 self.width, self.height, self.width, self.height
             );
             return Err(Error::file(path, message));
         }
         if self.fingerprint != fingerprint {
-            let message = "the state is of another scene, camera or settings; \
-                           give the same ones as before or remove the state to start anew";
+            let message = format!(
+                "the {noun} is of another scene, camera or settings; give the same ones as before, or {remedy}"
+            );
             return Err(Error::file(path, message));
         }
         let Provenance { device, traversal } = &self.provenance;
         if *traversal != provenance.traversal {
             let message = format!(
-                "the state is of --traversal {}, this rendering has {}; leave the flag out to go on with that of the state",
+                "the {noun} is of --traversal {}, this rendering has {}; leave the flag out to go on with that of the {noun}",
                 format!("{traversal:?}").to_lowercase(),
                 format!("{:?}", provenance.traversal).to_lowercase()
             );

@@ -241,7 +241,7 @@ pub(super) fn load(path: &Path, photometric: Option<bool>, inputs: &mut Inputs) 
         return Err(Error::file(path, "no `model`; name an OBJ, PLY, glTF, GLB or XML file, relative to this file"));
     };
     let model_path = path.parent().unwrap_or(Path::new("")).join(model.get_ref());
-    if !model_path.is_file() {
+    if !crate::input::is_file(&model_path) {
         let message = format!("model {} does not exist", model_path.display());
         return Err(error(Some(model.span()), message));
     }

@@ -121,11 +121,15 @@ impl<'a> Reader<'a> {
     pub(super) fn file(&self, element: &Element) -> Result<PathBuf> {
         let name = element.string("filename").ok_or_else(|| element.error("no filename"))?;
         let file = element.path(name);
-        if file.is_file() {
+        if crate::input::is_file(&file) {
             return Ok(file);
         }
         let other = self.path.parent().unwrap_or(Path::new("")).join(name.replace('\\', "/"));
-        if other.is_file() { Ok(other) } else { Err(element.error(format!("file {} does not exist", file.display()))) }
+        if crate::input::is_file(&other) {
+            Ok(other)
+        } else {
+            Err(element.error(format!("file {} does not exist", file.display())))
+        }
     }
 
     fn integrator(&mut self, element: &'a Element) -> Result<()> {

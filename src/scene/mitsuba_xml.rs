@@ -98,7 +98,7 @@ impl Reader<'_> {
                 "include" => {
                     let name = inner.attribute("filename").ok_or_else(|| inner.error("no filename"))?;
                     let path = inner.path(name);
-                    if !path.is_file() {
+                    if !crate::input::is_file(&path) {
                         return Err(inner.error(format!("included file {} does not exist", path.display())));
                     }
                     let mut included = self.file(&path, depth + 1)?;

@@ -42,12 +42,12 @@ impl Library {
         let folder = model.parent().unwrap_or(Path::new(""));
         // One name, with spaces or not; else several, whose own spaces are escaped.
         let mut files = vec![folder.join(rest.replace('\\', "/"))];
-        if !files[0].is_file() {
+        if !crate::input::is_file(&files[0]) {
             let escaped = rest.replace("\\ ", "\0");
             let names = escaped.split_whitespace().map(|name| name.replace('\0', " ").replace('\\', "/"));
             files = names.map(|name| folder.join(name)).collect();
         }
-        let (found, missing): (Vec<_>, Vec<_>) = files.into_iter().partition(|file| file.is_file());
+        let (found, missing): (Vec<_>, Vec<_>) = files.into_iter().partition(|file| crate::input::is_file(file));
         for file in found {
             let (materials, ignored) = read(&file, inputs)?;
             for (material, maps) in materials {

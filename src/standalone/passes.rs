@@ -15,6 +15,15 @@ use crate::plan::{INSTANCES, trace_steps};
 /// Maximum number of passes in a row that are left out because some pixel is no number.
 const MAX_LEFT_OUT: u32 = 8;
 
+/// Which passes a rendering has.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Numbers {
+    /// One after the other; where one is left out the next takes its place.
+    InTurn,
+    /// One of a given number alone.
+    One,
+}
+
 /// The lists whose lengths are read back: shading points of each bounce, eye paths, photons that continue, photons in
 /// their grid.
 fn counted_lists(frame: &Frame) -> impl Iterator<Item = &List> {
@@ -28,16 +37,28 @@ impl Renderer {
     ///
     /// Errors leave the sums of the passes before: [`Error::NoNumber`] if several passes in a row are left out; those of the device.
     pub fn pass(&mut self) -> Result<()> {
-        self.pass_with(None).map(drop)
+        self.pass_with(None, Numbers::InTurn).map(drop)
+    }
+
+    /// Renders the pass of a number and adds it to the sums, whatever passes they have: films of disjoint passes merge to that of all.
+    /// Returns whether it is in them; a pass with a pixel that is no number is left out. Passes that are not in turn tell nothing of their
+    /// error, so that [`Renderer::error_estimate`] is `None` from then on, and [`Renderer::passes`] is one more than the last number.
+    ///
+    /// Errors: those of the device, which leave the sums of the passes before.
+    pub fn pass_of(&mut self, number: u32) -> Result<bool> {
+        self.history = None;
+        self.skipped = 0;
+        self.engine.seek(number, false);
+        self.pass_with(None, Numbers::One)
     }
 
     /// [`Renderer::pass`], unless `stop` says otherwise: it is asked before the pass and every few dispatches. Returns whether the pass is
     /// in the image; one that was broken off is not, and the next pass takes its number.
     pub fn pass_unless(&mut self, stop: &dyn Fn() -> bool) -> Result<bool> {
-        Ok(!stop() && self.pass_with(Some(stop))?)
+        Ok(!stop() && self.pass_with(Some(stop), Numbers::InTurn)?)
     }
 
-    fn pass_with(&mut self, stop: Option<&dyn Fn() -> bool>) -> Result<bool> {
+    fn pass_with(&mut self, stop: Option<&dyn Fn() -> bool>, numbers: Numbers) -> Result<bool> {
         let start = Instant::now();
         self.engine.apply_edits()?;
         if self.readback.bytes() != readback_bytes(&self.engine) {
@@ -45,7 +66,7 @@ impl Renderer {
             self.readback = readback(&self.context, &self.engine)?;
         }
         let rays = self.rays;
-        if self.engine.passes() == 0 {
+        if self.engine.passes() == 0 && numbers == Numbers::InTurn {
             // Its first pass, or a restart.
             // Images of a ring come and go, which tells nothing of their error.
             self.history = self.engine.settings().ring.is_none().then(History::default);
@@ -78,7 +99,7 @@ impl Renderer {
             };
             if !matches!(submitted, Ok(true)) {
                 // The film does not have a pass that failed or was broken off.
-                self.engine.set_passes(number);
+                self.take_back(number, numbers);
                 return submitted;
             }
             let words = self.readback.read::<u32>()?;
@@ -90,11 +111,15 @@ impl Renderer {
                 self.left_out += 1;
                 let width = self.engine.view().size()[0];
                 let at = [last.saturating_sub(1) % width, last.saturating_sub(1) / width];
+                let instead = if numbers == Numbers::One { "" } else { "; another takes its place" };
                 log::warn!(
-                    "pass {number} is left out: {no_numbers} of its pixels are no numbers, such as {},{}; another takes its place",
+                    "pass {number} is left out: {no_numbers} of its pixels are no numbers, such as {},{}{instead}",
                     at[0],
                     at[1]
                 );
+                if numbers == Numbers::One {
+                    return Ok(false);
+                }
                 if left_out == MAX_LEFT_OUT {
                     return Err(Error::NoNumber { passes: left_out, pixels: no_numbers, at });
                 }
@@ -107,7 +132,7 @@ impl Renderer {
                 }
                 break;
             }
-            self.engine.set_passes(number);
+            self.take_back(number, numbers);
             let rounds = self.engine.settings().rounds;
             if rounds >= MAX_ROUNDS {
                 let steps = u64::from(rounds) * u64::from(trace_steps(self.engine.settings().loop_budget));
@@ -134,6 +159,14 @@ impl Renderer {
         self.add_stage("render", start);
         self.rendered += 1;
         Ok(true)
+    }
+
+    /// Makes a pass the next one again that is not in the film.
+    fn take_back(&mut self, number: u32, numbers: Numbers) {
+        match numbers {
+            Numbers::InTurn => self.engine.set_passes(number),
+            Numbers::One => self.engine.seek(number, true),
+        }
     }
 
     /// Adds the rays of a pass: eye rays, particles, shadow and gather rays of the shading points of each bounce, and

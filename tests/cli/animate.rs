@@ -353,3 +353,38 @@ fn an_open_shutter_blurs_what_moves() {
     // The still image begins in that pose, so places are rounded otherwise.
     assert!(stands < 30, "{stands}");
 }
+
+#[test]
+fn parts_of_an_animation_have_the_frames_of_the_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    animated(folder);
+    // The leaf turns for two seconds and stands still for two; frames at rest accumulate.
+    let path = "times = [0, 1, 2, 3, 4]\n[[camera]]\ntime = 0\n";
+    fs::write(folder.join("p.toml"), path).unwrap();
+    let more = |output: &str, part: &str| {
+        let line = format!(
+            "leaf.gltf --path p.toml --animation turn -o {output}-%d.png --moving-passes 2 --exposure auto {part}"
+        );
+        succeeds(folder, &arguments(&line.split_whitespace().collect::<Vec<_>>()))
+    };
+    more("a", "");
+    let said = more("b", "--frames 3..5");
+    assert!(said.contains("2 frames of 2 passes"), "{said}");
+    more("b", "--frames 0..2");
+    more("b", "--frames 2..3");
+    for frame in 0..5 {
+        let [a, b] = ["a", "b"].map(|name| fs::read(folder.join(format!("{name}-{frame}.png"))).unwrap());
+        assert!(a == b, "frame {frame} differs");
+    }
+    for (line, words) in [
+        ("leaf.gltf --path p.toml --frames 3..6 -o c-%d.png", ["--frames", "5 frames"]),
+        ("leaf.gltf --path p.toml --frames 3..5/9 -o c-%d.png", ["--frames", "--path"]),
+        ("leaf.gltf --path p.toml --frames 1..2 --ring images -o c-%d.png", ["--frames", "ring"]),
+    ] {
+        let output = run(folder, &arguments(&line.split_whitespace().collect::<Vec<_>>()));
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{line}: {message}");
+        assert!(words.iter().all(|word| message.contains(word)), "{line}: {message}");
+    }
+}

@@ -3,6 +3,7 @@
 mod animate;
 mod bake;
 mod bench;
+mod cluster;
 mod conform;
 #[cfg(target_os = "linux")]
 mod drivers;
@@ -11,6 +12,8 @@ mod files;
 mod flags;
 mod general;
 mod live;
+#[cfg(feature = "mpi")]
+mod ranks;
 mod render;
 #[cfg(feature = "viewer")]
 mod view;

@@ -1,179 +1,53 @@
 //! `lightsum animate`: loads a scene once and renders frames with a moving camera and moving objects, by a recorded path, by an
 //! animation of the model, or by both.
 
+mod pattern;
+mod script;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use lightsum::engine::ShutterEnd;
-use lightsum::output::{self, Encoding};
-use lightsum::scene::{self, Camera, path::Motion};
-use lightsum::settings::{Exposure, Settings};
+use lightsum::output::{self, Layers, Metadata};
+use lightsum::scene::Scene;
+use lightsum::settings::{Exposure, Traversal};
 use lightsum::standalone::{RenderOptions, Renderer};
 use lightsum::{Error, Result};
 use serde_json::{Value, json};
 
-use crate::args::{self, Animate};
-use crate::play::Play;
-use crate::progress::{Progress, duration};
+use crate::args::Animate;
+use crate::progress::Progress;
 use crate::render::{Job, metadata, pipeline_cache, watch_for_interrupt};
-use crate::{camera, mirrors, say, say_aside};
-
-/// File name pattern with a frame number.
-struct Pattern {
-    before: String,
-    digits: usize,
-    after: String,
-}
-
-impl Pattern {
-    /// Parses a pattern such as `frame-%04d.png`.
-    fn new(path: &Path) -> Result<Pattern> {
-        let wrong = |message: &str| {
-            let message = format!("{}: {message}, as in frames/%04d.png", path.display());
-            Err(Error::Setting { name: "--output", message })
-        };
-        let Some(text) = path.to_str() else { return wrong("the name must be readable text") };
-        let Some((before, rest)) = text.split_once('%') else { return wrong("there must be a %d for the frame") };
-        let Some((digits, after)) = rest.split_once('d') else { return wrong("after % there must be a d") };
-        let number = digits.strip_prefix('0').unwrap_or(digits);
-        let digits = match number {
-            "" if digits.is_empty() => 1,
-            _ => match number.parse() {
-                Ok(digits @ 1..=9) => digits,
-                _ => return wrong("between % and d there may be a width from 01 to 09"),
-            },
-        };
-        if after.contains('%') {
-            return wrong("there must be one % alone");
-        }
-        Ok(Pattern { before: before.to_owned(), digits, after: after.to_owned() })
-    }
-
-    fn name(&self, frame: usize) -> PathBuf {
-        let Pattern { before, digits, after } = self;
-        PathBuf::from(format!("{before}{frame:0digits$}{after}"))
-    }
-}
+use crate::{mirrors, say_aside};
+pub use script::Script;
 
 /// Runs the command.
 pub fn run(args: &Animate) -> Result<()> {
-    let shown = &args.shown;
-    let pattern = args.output.as_deref().map(Pattern::new).transpose()?;
-    let first = pattern.as_ref().map(|pattern| pattern.name(0));
-    let files: Vec<PathBuf> = first.into_iter().chain(args.timings.clone()).collect();
-    files.iter().try_for_each(|file| output::check_writable(file))?;
-    let _claim = output::claim(files.iter().map(PathBuf::as_path))?;
-
-    let start = Instant::now();
-    let mut scene = scene::load_with(&args.scene, &shown.reading.options())?;
-    let mut play = match (&args.path, &args.play.animation) {
-        (Some(_), None) => None,
-        (None, None) => Some(Play::new(&scene, None, "--path")?),
-        (_, Some(name)) => Some(Play::new(&scene, Some(name), "--animation")?),
-    };
-    if let Some(play) = &mut play {
-        // A model that is framed is framed as the animation begins.
-        play.advance(play.start());
-    }
-    let still = camera::choose(play.as_ref().map_or(&scene, Play::scene), &shown.camera, shown.resolution)?;
-    let motion = match (&args.path, &play) {
-        (Some(path), _) => Motion::load(path, &scene, still)?,
-        (None, Some(play)) => Motion::still(play.times(args.play.frames, args.play.fps)?),
-        (None, None) => Motion::still(Vec::new()),
-    };
-    let inputs: Vec<PathBuf> = scene.files.iter().chain(&args.path).cloned().collect();
-    let frames = (0..motion.times.len()).filter_map(|frame| Some(pattern.as_ref()?.name(frame)));
-    let outputs: Vec<PathBuf> = frames.chain(args.timings.clone()).collect();
-    output::check_apart(outputs.iter().map(PathBuf::as_path), &inputs)?;
-    let settings = shown.settings(&scene.render, still.resolution)?;
-    let mut settings = Settings { moving_passes: args.moving_passes.unwrap_or(settings.moving_passes), ..settings };
-    args.mirrors.apply(&mut settings);
-    settings.validate()?;
-    if args.mirrors.wants_images() && (play.is_some() || !motion.objects.is_empty()) {
-        let message = String::from("images show a scene that stands still, and objects move here; use rays");
-        return Err(Error::Setting { name: "--mirror-source", message });
-    }
-    let mut job = Job {
-        name: scene.name.clone(),
-        camera: still,
-        origin: scene.origin,
-        settings: settings.clone(),
-        outputs: Vec::new(),
-        encoding: Encoding {
-            float: false,
-            color_only: true,
-            exposure: shown.exposure.or(scene.render.exposure).unwrap_or_default(),
-            tonemap: shown.tonemap.into(),
-        },
-        denoise: false,
-        stages: vec![("load".into(), start.elapsed().as_secs_f64())],
-    };
+    let (script, scene) = Script::new(args)?;
+    let part = script.part();
+    let outputs = script.outputs(part.clone());
+    outputs.iter().take(1).chain(&args.timings).try_for_each(|file| output::check_writable(file))?;
+    let claimed: Vec<&Path> = outputs.iter().take(1).chain(&args.timings).map(PathBuf::as_path).collect();
+    let _claim = output::claim(claimed)?;
     let interrupted = watch_for_interrupt();
-    let options = RenderOptions {
-        device: shown.device.device.clone().unwrap_or_default(),
-        validation: shown.device.validation,
-        checked_shaders: false,
-        max_memory: shown.device.max_device_memory,
-        pipeline_cache: pipeline_cache(),
-        // Where nothing but the camera moves the scene may hold images of itself.
-        dynamic: !args.mirrors.wants_images(),
-        ..RenderOptions::default()
-    };
-    mirrors::sample(&mut scene, &settings, &args.mirrors, &options, &interrupted)?;
-    let mut renderer = Renderer::new(scene, still, settings, &options)?;
+    let mut player = Player::new(script, scene, None, &interrupted)?;
 
     let mut progress = Progress::new();
-    let mut frames = Vec::new();
-    let mut next = |(number, time): (usize, f64), frames: &mut Vec<Value>| -> Result<()> {
-        let edit = Instant::now();
-        job.camera = motion.camera(time).unwrap_or(still);
-        if let Some(play) = &mut play {
-            play.advance(time);
-            if motion.camera(time).is_none() {
-                job.camera = camera::follow(play.camera(shown.camera.camera.as_deref()), still, &shown.camera);
-            }
-            play.place(renderer.engine_mut()).map_err(|error| in_model(&args.scene, time, error))?;
-        }
-        let placed = renderer.engine_mut().place(&motion, job.camera, time);
-        placed.map_err(|error| in_model(&args.scene, time, error))?;
-        if job.camera.has_shutter() {
-            let ends = ends(&motion, play.as_mut(), (job.camera, &shown.camera), time);
-            let set = renderer.engine_mut().set_shutter_ends(Some(ends));
-            set.map_err(|error| in_model(&args.scene, time, error))?;
-        }
-        let edit = edit.elapsed().as_secs_f64();
-        let mut frame = render_frame(&mut renderer, job.settings.moving_passes)?;
-        let write = Instant::now();
-        if let Some(pattern) = &pattern {
-            job.outputs = vec![pattern.name(number)];
-            let statistics = renderer.statistics();
-            let mut metadata = metadata(&job, &statistics.device, statistics.driver);
-            metadata.passes = renderer.passes();
-            let image = renderer.image(job.wanted())?;
-            // Later frames keep the exposure of the first: a picture whose brightness follows its content would flicker.
-            job.encoding.exposure = Exposure::Stops(job.encoding.exposure.stops(&image.color));
-            job.write_outputs(&image, &metadata)?;
-        }
-        frame["frame"] = number.into();
-        frame["time"] = time.into();
-        frame["edit"] = edit.into();
-        frame["write"] = write.elapsed().as_secs_f64().into();
-        frames.push(frame);
-        Ok(())
-    };
-    let mut failed = None;
-    let all = motion.times.len();
-    for (number, &time) in motion.times.iter().enumerate() {
+    let (mut frames, mut failed) = (Vec::new(), None);
+    let all = part.len();
+    for number in part {
         if interrupted.load(Ordering::Relaxed) {
             break;
         }
-        if let Err(error) = next((number, time), &mut frames) {
-            failed = Some(error);
-            break;
+        match player.write(number) {
+            Ok(frame) => frames.push(frame),
+            Err(error) => {
+                failed = Some(error);
+                break;
+            }
         }
-        let done = number + 1;
+        let done = frames.len();
         progress.show(|| format!("frame {done} of {all}"), done as f64 / all as f64);
     }
     progress.finish();
@@ -182,7 +56,9 @@ pub fn run(args: &Animate) -> Result<()> {
     }
     let count = frames.len();
     if let Some(path) = &args.timings {
-        let written = write_timings(path, &job, &renderer, frames);
+        let statistics = player.renderer.statistics();
+        let of_device = (statistics.device.as_str(), statistics.driver.as_str(), statistics.triangles);
+        let written = write_json(path, &timings(&player.script.job, of_device, frames));
         match &failed {
             None => written?,
             Some(_) => written.unwrap_or_else(|error| log::warn!("the timings before the error are lost: {error}")),
@@ -192,34 +68,125 @@ pub fn run(args: &Animate) -> Result<()> {
         say_aside(&format!("{count} of {all} frames were done before the error"));
         return Err(error);
     }
-    if count < motion.times.len() {
-        say_aside(&format!("interrupted after {count} of {} frames", motion.times.len()));
+    if count < all {
+        say_aside(&format!("interrupted after {count} of {all} frames"));
     }
-    let place = args.output.iter().chain(&args.timings).map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ");
-    let arrow = if place.is_empty() { "" } else { " -> " };
-    let passes = job.settings.moving_passes;
-    say(&format!("{}: {count} frames of {passes} passes in {}{arrow}{place}", job.name, duration(progress.elapsed())));
+    player.script.say_where(count, progress.elapsed());
     Ok(())
 }
 
-/// Where camera and objects are as the shutter opens and closes around a time.
-fn ends(
-    motion: &Motion,
-    mut play: Option<&mut Play>,
-    (camera, flags): (Camera, &args::Camera),
-    time: f64,
-) -> [ShutterEnd; 2] {
-    [-0.5, 0.5].map(|part| {
-        let then = time + part * f64::from(camera.shutter);
-        let (mut own, mut vertices) = (None, Vec::new());
-        if let Some(play) = &mut play {
-            play.advance(then);
-            own = play.camera(flags.camera.as_deref());
-            vertices = play.vertices();
+/// Renders the frames of a script.
+pub struct Player<'a> {
+    pub script: Script<'a>,
+    pub renderer: Renderer,
+    /// The frame that follows what was rendered.
+    next: usize,
+}
+
+/// A frame.
+pub struct Frame {
+    /// Its times as JSON.
+    pub timings: Value,
+    /// The image, if one is written, and its provenance.
+    pub image: Option<(Layers, Metadata)>,
+}
+
+impl<'a> Player<'a> {
+    /// Opens the device. `traversal`: the kernel where the flags leave it open; `None`: the faster one, for the whole animation.
+    pub fn new(
+        script: Script<'a>,
+        mut scene: Scene,
+        traversal: Option<Traversal>,
+        interrupted: &AtomicBool,
+    ) -> Result<Player<'a>> {
+        let (args, shown) = (script.args, &script.args.shown);
+        let options = RenderOptions {
+            device: shown.device.device.clone().unwrap_or_default(),
+            validation: shown.device.validation,
+            checked_shaders: false,
+            max_memory: shown.device.max_device_memory,
+            pipeline_cache: pipeline_cache(),
+            // Frames that several machines render shall not differ by what each of them measured.
+            traversal: traversal.or(script.is_part_of_many().then_some(Traversal::Auto)),
+            // Where nothing but the camera moves the scene may hold images of itself.
+            dynamic: !args.mirrors.wants_images(),
+            ..RenderOptions::default()
+        };
+        mirrors::sample(&mut scene, &script.job.settings, &args.mirrors, &options, interrupted)?;
+        let renderer = Renderer::new(scene, script.still, script.job.settings.clone(), &options)?;
+        Ok(Player { script, renderer, next: 0 })
+    }
+
+    /// Renders a frame and writes its image; returns its times.
+    fn write(&mut self, number: usize) -> Result<Value> {
+        let Frame { mut timings, image } = self.frame(number)?;
+        let write = Instant::now();
+        if let Some((layers, metadata)) = image {
+            self.script.job.outputs = self.script.output(number).into_iter().collect();
+            self.script.job.write_outputs(&layers, &metadata)?;
         }
-        let camera = motion.camera(then).unwrap_or_else(|| camera::follow(own, camera, flags));
-        ShutterEnd::at(motion, camera, vertices, then)
-    })
+        timings["write"] = write.elapsed().as_secs_f64().into();
+        Ok(timings)
+    }
+
+    /// Renders a frame, with what it needs of the frames before: the exposure of the first, and the passes of those between which nothing
+    /// moves.
+    pub fn frame(&mut self, number: usize) -> Result<Frame> {
+        if number != self.next {
+            if number > 0 && self.script.job.encoding.exposure == Exposure::Auto && self.script.is_for_display() {
+                self.start(0);
+                self.in_turn(0)?;
+            }
+            let first = self.script.first_of_still(number);
+            self.start(first);
+            for before in first..number {
+                self.in_turn(before)?;
+            }
+        }
+        self.in_turn(number)
+    }
+
+    /// Starts anew with a frame.
+    fn start(&mut self, number: usize) {
+        self.renderer.engine_mut().restart();
+        self.next = number;
+    }
+
+    /// Renders the next frame.
+    fn in_turn(&mut self, number: usize) -> Result<Frame> {
+        let edit = Instant::now();
+        let script = &mut self.script;
+        let time = script.motion.times[number];
+        let in_model = |error| in_model(&script.args.scene, time, error);
+        script.job.camera = script.camera(time);
+        let engine = self.renderer.engine_mut();
+        if let Some(play) = &script.play {
+            play.place(engine).map_err(in_model)?;
+        }
+        engine.place(&script.motion, script.job.camera, time).map_err(in_model)?;
+        if script.job.camera.has_shutter() {
+            let ends = script.ends(script.job.camera, time);
+            engine.set_shutter_ends(Some(ends)).map_err(in_model)?;
+        }
+        let edit = edit.elapsed().as_secs_f64();
+        let mut timings = render_frame(&mut self.renderer, script.job.settings.moving_passes)?;
+        timings["frame"] = number.into();
+        timings["time"] = time.into();
+        timings["edit"] = edit.into();
+        let mut image = None;
+        if let Some(output) = script.output(number) {
+            script.job.outputs = vec![output];
+            let statistics = self.renderer.statistics();
+            let mut metadata = metadata(&script.job, &statistics.device, statistics.driver);
+            metadata.passes = self.renderer.passes();
+            let layers = self.renderer.image(script.job.wanted())?;
+            // Later frames keep the exposure of the first: a picture whose brightness follows its content would flicker.
+            script.job.encoding.exposure = Exposure::Stops(script.job.encoding.exposure.stops(&layers.color));
+            image = Some((layers, metadata));
+        }
+        self.next = number + 1;
+        Ok(Frame { timings, image })
+    }
 }
 
 /// Attributes an error in the scene at some time of an animation to the model.
@@ -265,33 +232,22 @@ fn render_frame(renderer: &mut Renderer, passes: u32) -> Result<Value> {
     }))
 }
 
-fn write_timings(path: &Path, job: &Job, renderer: &Renderer, frames: Vec<Value>) -> Result<()> {
-    let statistics = renderer.statistics();
-    let value = json!({
+/// The times of frames as JSON. `device`, `driver`: what rendered them; `triangles`: those of the scene.
+pub fn timings(job: &Job, (device, driver, triangles): (&str, &str, u64), frames: Vec<Value>) -> Value {
+    json!({
         "scene": job.name,
-        "device": statistics.device,
-        "driver": statistics.driver,
+        "device": device,
+        "driver": driver,
         "resolution": job.camera.resolution,
-        "triangles": statistics.triangles,
+        "triangles": triangles,
         "moving_passes": job.settings.moving_passes,
         "frames": frames,
-    });
-    // Numbers and strings only: serialisation cannot fail.
-    let text = serde_json::to_string_pretty(&value).unwrap_or_default();
-    output::write_file(path, &[text.as_bytes(), b"\n"])
+    })
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn patterns_have_one_number() {
-        for (pattern, name) in [("a/%04d.png", "a/0007.png"), ("f-%d.exr", "f-7.exr"), ("%3d.png", "007.png")] {
-            assert_eq!(Pattern::new(Path::new(pattern)).unwrap().name(7), Path::new(name));
-        }
-        for wrong in ["a.png", "a%.png", "a%xd.png", "%d-%d.png", "%00d.png", "%99d.png"] {
-            assert!(Pattern::new(Path::new(wrong)).is_err(), "{wrong}");
-        }
-    }
+/// Writes JSON to a file.
+pub fn write_json(path: &Path, value: &Value) -> Result<()> {
+    // Numbers and strings only: serialisation cannot fail.
+    let text = serde_json::to_string_pretty(value).unwrap_or_default();
+    output::write_file(path, &[text.as_bytes(), b"\n"])
 }

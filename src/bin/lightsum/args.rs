@@ -3,9 +3,11 @@
 mod bake;
 mod camera;
 mod choices;
+mod cluster;
 mod mirrors;
 mod play;
 mod reading;
+mod reference;
 mod ring;
 mod soft_shadows;
 mod splats;
@@ -32,18 +34,20 @@ pub use choices::{
     AgreementFlag, ClusterOrderFlag, CompensationFlag, Curve, DeltaLightsFlag, Denoiser, FilterFlag, LightChoiceFlag,
     LookupFlag, Preset, SequenceFlag, SpecularFlag, TraversalFlag,
 };
+pub use cluster::{Cluster, Merge, PartFlag, Ranks};
 pub use mirrors::Mirrors;
 pub use play::{Play, Pose};
 pub use reading::Reading;
+pub use reference::Reference;
 pub use ring::Ring;
 pub use superposition::Glossy;
-pub use values::check_resolution;
 #[cfg(feature = "viewer")]
 pub use values::extent;
 use values::{
-    address, bytes, checkpoint, crop, delta_lights, distance, exposure, filter, image_path, pattern, positive,
-    resolution, seconds, share,
+    address, bytes, checkpoint, crop, delta_lights, distance, exposure, filter, image_path, output_path, pattern,
+    positive, resolution, seconds, share,
 };
+pub use values::{check_resolution, is_film};
 #[cfg(feature = "viewer")]
 pub use view::{MAX_COARSER, View};
 
@@ -60,6 +64,17 @@ pub struct Arguments {
     /// The subcommand.
     #[command(subcommand)]
     pub command: Option<Command>,
+}
+
+impl Arguments {
+    /// Whether it is for one process, although a launcher may have started several.
+    pub fn is_of_one_process(&self) -> bool {
+        match &self.command {
+            Some(Command::Render(render)) => render.list_devices || render.cluster.shard.is_some(),
+            Some(Command::Info(_) | Command::Merge(_)) | None => true,
+            _ => false,
+        }
+    }
 }
 
 /// The subcommands.
@@ -83,6 +98,10 @@ pub enum Command {
     /// H shows the keys.
     #[cfg(feature = "viewer")]
     View(Box<View>),
+    /// Add up films that `render` wrote with --shard, to an image or to a film.
+    ///
+    /// In any order the image has the bits of one rendering of all passes. Films of a part of them merge too; what is missing is told.
+    Merge(Merge),
     /// Print what a scene holds: triangles, materials, lights with their power, textures, size, camera, memory, and what was left out.
     Info(Info),
 }
@@ -126,6 +145,8 @@ pub struct Animate {
     pub mirrors: Mirrors,
     #[command(flatten)]
     pub shown: Moving,
+    #[command(flatten)]
+    pub cluster: Ranks,
 }
 
 /// Flags of what shows a scene that moves.
@@ -197,6 +218,8 @@ pub struct Render {
     #[command(flatten)]
     pub device: Device,
     #[command(flatten)]
+    pub cluster: Cluster,
+    #[command(flatten)]
     pub reference: Reference,
 }
 
@@ -204,8 +227,8 @@ pub struct Render {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Output")]
 pub struct Output {
-    /// Image to write: .exr (linear, with layers) or .png (for display). Can be repeated.
-    #[arg(short, long = "output", value_name = "FILE", value_parser = PathBufValueParser::new().try_map(image_path))]
+    /// Image to write: .exr (linear, with layers) or .png (for display). Can be repeated. A .film is for `merge`.
+    #[arg(short, long = "output", value_name = "FILE", value_parser = PathBufValueParser::new().try_map(output_path))]
     #[arg(required_unless_present_any = ["list_devices", "export_lights", "stats", "display"])]
     pub outputs: Vec<PathBuf>,
     /// Image size in pixels [default: the scene's, or 640x480]. Time and memory grow with the number of pixels.
@@ -471,25 +494,6 @@ pub struct Device {
     /// Order in which visible points are grouped into clusters [default: screen].
     #[arg(long, value_name = "ORDER")]
     pub cluster_order: Option<ClusterOrderFlag>,
-}
-
-/// Path tracing on the CPU, for comparison.
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Reference")]
-pub struct Reference {
-    /// Render by path tracing on the CPU instead: same scene, camera and path length, noise instead of structured error.
-    #[arg(long, conflicts_with_all = [
-        "passes", "time", "target_error", "resume", "checkpoint", "particles", "light_pool", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "no_split", "no_glossy_paths", "no_antialias",
-        "photons", "photon_radius", "interleave_photons", "mirror_lights", "filter", "superposition", "kernel_width", "convolution", "no_occlusion", "reflectors", "glossy", "splat_particles", "splat_width", "splat_alpha", "soft_shadows", "soft_shadow_lights", "mirror_source", "summands",
-        "light_threshold", "light_choice", "power_fraction", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats", "preview", "display",
-    ])]
-    pub reference: bool,
-    /// Samples per pixel of --reference [default: 64]. Time grows linearly, noise falls with the square root.
-    #[arg(long, value_name = "N", requires = "reference", value_parser = clap::value_parser!(u32).range(1..))]
-    pub spp: Option<u32>,
-    /// Paths of --reference that continue at mirrors and glass [default: all].
-    #[arg(long, value_name = "WHERE", requires = "reference")]
-    pub specular_paths: Option<SpecularFlag>,
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use lightsum::bake::files::{self, Form};
 use lightsum::bake::{Bake, Lightmap};
 use lightsum::gpu::Context;
 use lightsum::output::{self, Layers, Metadata, State};
-use lightsum::settings::Settings;
+use lightsum::settings::{Settings, Traversal};
 use lightsum::standalone::{self, RenderOptions};
 use lightsum::{Error, Result, Scene, scene};
 
@@ -24,22 +24,11 @@ pub fn run(args: &args::Bake) -> Result<()> {
     output::check_writable(&args.output)?;
     let state = State::path_for(&args.output);
     let _claim = output::claim([args.output.as_path(), &state])?;
-    let mut scene = scene::load_with(&args.scene, &args.reading.options())?;
-    play::pose(&mut scene, &args.scene, args.pose.animation.as_deref(), args.pose.at)?;
+    let (scene, settings) = prepare(args)?;
     output::check_apart([args.output.as_path(), &state], &scene.files)?;
-    let settings = bake_settings(args, &scene);
-    settings.validate()?;
-    args.options().validate()?;
     let interrupted = watch_for_interrupt();
     let states = [state, part_path(&args.output, 0)];
-    let options = RenderOptions {
-        traversal: if args.stop.resume { earlier_traversal(&states)? } else { None },
-        device: args.device.device.clone().unwrap_or_default(),
-        validation: args.device.validation,
-        max_memory: args.device.max_device_memory,
-        pipeline_cache: pipeline_cache(),
-        ..RenderOptions::default()
-    };
+    let options = options(args, if args.stop.resume { earlier_traversal(&states)? } else { None });
     let start = Instant::now();
     let (context, settings) = standalone::open(settings, &options)?;
     let clock = Clock::start(Stop::choose(&args.stop, scene.render.passes), &interrupted);
@@ -83,6 +72,39 @@ pub fn run(args: &args::Bake) -> Result<()> {
     Ok(())
 }
 
+/// Reads the scene, and checks the flags.
+pub fn prepare(args: &args::Bake) -> Result<(Scene, Settings)> {
+    let mut scene = scene::load_with(&args.scene, &args.reading.options())?;
+    play::pose(&mut scene, &args.scene, args.pose.animation.as_deref(), args.pose.at)?;
+    let settings = bake_settings(args, &scene);
+    settings.validate()?;
+    args.options().validate()?;
+    Ok((scene, settings))
+}
+
+/// How to render. `traversal`: the kernel where the flags leave it open; `None`: the faster one.
+pub fn options(args: &args::Bake, traversal: Option<Traversal>) -> RenderOptions {
+    RenderOptions {
+        traversal,
+        device: args.device.device.clone().unwrap_or_default(),
+        validation: args.device.validation,
+        max_memory: args.device.max_device_memory,
+        pipeline_cache: pipeline_cache(),
+        ..RenderOptions::default()
+    }
+}
+
+/// Provenance of the maps of a bake, without device and passes.
+pub fn metadata(scene: &Scene, settings: &Settings) -> Metadata {
+    Metadata {
+        software: SOFTWARE.into(),
+        scene: scene.name.clone(),
+        settings: serde_json::to_string(settings).unwrap_or_default(),
+        seed: settings.seed,
+        ..Metadata::default()
+    }
+}
+
 /// Writes the files of a bake that began at `start`.
 pub fn write(
     args: &args::Bake,
@@ -94,14 +116,10 @@ pub fn write(
 ) -> Result<()> {
     let info = context.info();
     let metadata = Metadata {
-        software: SOFTWARE.into(),
-        scene: scene.name.clone(),
-        settings: serde_json::to_string(settings).unwrap_or_default(),
-        seed: settings.seed,
         passes,
         device: info.name.clone(),
         driver: format!("{} {}", info.driver, info.driver_version),
-        ..Metadata::default()
+        ..metadata(scene, settings)
     };
     let form = match args.unlit {
         true => Form::Unlit {

@@ -1,5 +1,5 @@
 //! The command line: `lightsum render SCENE -o IMAGE`, `lightsum bake SCENE -o MODEL.glb`, `lightsum animate SCENE -o FRAME-%04d.png`,
-//! `lightsum view SCENE`, `lightsum info SCENE`.
+//! `lightsum view SCENE`, `lightsum info SCENE`, `lightsum merge FILM... -o IMAGE`.
 //!
 //! Exit codes: 0 done, 1 failed, 2 wrong use. Progress, warnings and errors go to standard error; requested output and
 //! the line that names the files written go to standard output.
@@ -11,8 +11,12 @@ mod args;
 mod bake;
 mod camera;
 mod checkpoint;
+#[cfg(feature = "mpi")]
+mod cluster;
 mod info;
+mod launcher;
 mod live;
+mod merge;
 mod mirrors;
 mod moment;
 mod parts;
@@ -21,6 +25,7 @@ mod progress;
 mod radiosity;
 mod reference;
 mod render;
+mod shard;
 mod stop;
 #[cfg(feature = "viewer")]
 mod view;
@@ -30,22 +35,18 @@ use clap::Parser;
 use lightsum::{Error, Result, gpu};
 use std::io::Write;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     log_to_stderr(arguments.verbose);
-    let result = match &arguments.command {
-        Some(Command::Render(render)) if !render.list_devices => render::run(render),
-        Some(Command::Animate(animate)) => animate::run(animate),
-        Some(Command::Bake(bake)) => bake::run(bake),
-        Some(Command::Info(info)) => info::run(info),
-        #[cfg(feature = "viewer")]
-        Some(Command::View(view)) => view::run(view),
-        None if !arguments.list_devices => {
-            say_aside("error: nothing to do: give a command, such as render, or --list-devices; --help explains");
-            return ExitCode::from(2);
-        }
-        _ => list_devices(),
+    if arguments.command.is_none() && !arguments.list_devices {
+        say_aside("error: nothing to do: give a command, such as render, or --list-devices; --help explains");
+        return ExitCode::from(2);
+    }
+    let result = match launcher::ranks() {
+        Some(ranks) if ranks > 1 && !arguments.is_of_one_process() => on_ranks(&arguments, ranks),
+        _ => run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -55,6 +56,32 @@ fn main() -> ExitCode {
             ExitCode::from(if matches!(error, Error::Setting { .. }) { 2 } else { 1 })
         }
     }
+}
+
+/// Runs a command in this process.
+fn run(arguments: &Arguments) -> Result<()> {
+    match &arguments.command {
+        Some(Command::Render(render)) if !render.list_devices => render::run(render),
+        Some(Command::Animate(animate)) => animate::run(animate),
+        Some(Command::Bake(bake)) => bake::run(bake),
+        Some(Command::Info(info)) => info::run(info),
+        Some(Command::Merge(merge)) => merge::run(merge),
+        #[cfg(feature = "viewer")]
+        Some(Command::View(view)) => view::run(view),
+        _ => list_devices(),
+    }
+}
+
+/// Runs a command on the ranks that a launcher has started.
+#[cfg(feature = "mpi")]
+fn on_ranks(arguments: &Arguments, ranks: usize) -> Result<()> {
+    cluster::run(arguments, ranks)
+}
+
+/// Refuses to render the same image on all ranks.
+#[cfg(not(feature = "mpi"))]
+fn on_ranks(_: &Arguments, ranks: usize) -> Result<()> {
+    Err(launcher::without_mpi(ranks))
 }
 
 /// Warnings always, more with each `-v`; `RUST_LOG` selects by module.
@@ -96,12 +123,25 @@ fn list_devices() -> Result<()> {
     Ok(())
 }
 
+/// Whether this process is one of many that render together, and another one speaks.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// Says nothing from now on but warnings.
+#[cfg(feature = "mpi")]
+fn be_quiet() {
+    QUIET.store(true, Ordering::Relaxed);
+}
+
 /// Prints a line to standard output; ignores a closed pipe.
 fn say(line: &str) {
-    let _ = writeln!(std::io::stdout(), "{line}");
+    if !QUIET.load(Ordering::Relaxed) {
+        let _ = writeln!(std::io::stdout(), "{line}");
+    }
 }
 
 /// Prints a line to standard error.
 fn say_aside(line: &str) {
-    let _ = writeln!(std::io::stderr(), "{line}");
+    if !QUIET.load(Ordering::Relaxed) {
+        let _ = writeln!(std::io::stderr(), "{line}");
+    }
 }

@@ -6,13 +6,13 @@ use crate::live::Live;
 use crate::moment::Moment;
 use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due, error_of};
-use crate::{mirrors, reference, say, say_aside};
+use crate::{mirrors, reference, say, say_aside, shard};
 use glam::DVec3;
 use lightsum::engine::ShutterEnd;
 use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics, Wanted};
 use lightsum::pass::layout::PointLight;
 use lightsum::scene::{self, Camera, RenderDefaults, Scene};
-use lightsum::settings::{Agreement, Clip, Compensation, Filter, Settings};
+use lightsum::settings::{Agreement, Clip, Compensation, Filter, Settings, Traversal};
 use lightsum::standalone::{RenderOptions, Renderer};
 use lightsum::{Error, Result, tiles};
 use std::path::{Path, PathBuf};
@@ -40,16 +40,35 @@ pub struct Job {
 
 /// Runs the command.
 pub fn run(args: &Render) -> Result<()> {
+    let part = shard::Part::of(args)?;
+    let state = args.output.outputs.first().filter(|_| part.is_none()).map(|output| State::path_for(output));
+    let mut files = outputs(args, state.as_ref());
+    files.iter().try_for_each(|file| output::check_writable(file))?;
+    let _claim = output::claim(files.iter().map(PathBuf::as_path))?;
+    let (job, scene, moment) = prepare(args)?;
+    if let Some(path) = &args.output.export_lights {
+        files.extend(scene::exported_files(path, &scene));
+    }
+    output::check_apart(files.iter().map(PathBuf::as_path), &scene.files)?;
+    if args.reference.reference {
+        reference::run(&job, &scene, &moment, args)
+    } else {
+        radiosity(job, scene, &moment, args, (state.as_deref(), part))
+    }
+}
+
+/// The files that the flags name, and that of the state.
+pub fn outputs(args: &Render, state: Option<&PathBuf>) -> Vec<PathBuf> {
+    let files = args.output.outputs.iter().chain(&args.output.stats).chain(&args.output.export_lights);
+    files.chain(state).cloned().collect()
+}
+
+/// Reads the scene, and checks the flags.
+pub fn prepare(args: &Render) -> Result<(Job, Scene, Moment<'_>)> {
     let Some(path) = &args.scene else {
         // The parser demands a scene unless devices are listed.
         return Err(Error::Setting { name: "SCENE", message: "none is given".into() });
     };
-    let state = args.output.outputs.first().map(|output| State::path_for(output));
-    let files = args.output.outputs.iter().chain(&args.output.stats).chain(&args.output.export_lights);
-    let mut files: Vec<PathBuf> = files.chain(&state).cloned().collect();
-    files.iter().try_for_each(|file| output::check_writable(file))?;
-    let _claim = output::claim(files.iter().map(PathBuf::as_path))?;
-
     let start = Instant::now();
     let mut scene = scene::load_with(path, &args.reading.options())?;
     let moment = Moment::of(&mut scene, path, args)?;
@@ -57,11 +76,7 @@ pub fn run(args: &Render) -> Result<()> {
     if let Some(kept) = &args.output.light_from {
         scene.kept_light = Some(Arc::new(lightsum::bake::files::read(kept, &scene)?));
     }
-    if let Some(path) = &args.output.export_lights {
-        files.extend(scene::exported_files(path, &scene));
-    }
     scene.files.extend(args.output.light_from.clone());
-    output::check_apart(files.iter().map(PathBuf::as_path), &scene.files)?;
     let stages = vec![("load".into(), start.elapsed().as_secs_f64())];
     args.output.crop.map_or(Ok(()), |crop| crop.check(camera.resolution))?;
     let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
@@ -91,10 +106,21 @@ pub fn run(args: &Render) -> Result<()> {
     let outputs = args.output.outputs.clone();
     let job =
         Job { name: scene.name.clone(), camera, origin: scene.origin, settings, outputs, encoding, denoise, stages };
-    if args.reference.reference {
-        reference::run(&job, &scene, &moment, args)
-    } else {
-        radiosity(job, scene, &moment, args, state.as_deref())
+    Ok((job, scene, moment))
+}
+
+/// How to render. `traversal`: the kernel where the flags leave it open; `None`: the faster one.
+pub fn options(args: &Render, traversal: Option<Traversal>, ends: Option<&[ShutterEnd; 2]>) -> RenderOptions {
+    RenderOptions {
+        device: args.device.device.clone().unwrap_or_default(),
+        validation: args.device.validation,
+        checked_shaders: false,
+        max_memory: args.device.max_device_memory,
+        pipeline_cache: pipeline_cache(),
+        traversal,
+        dynamic: ends.into_iter().flatten().any(|end| !end.objects.is_empty()),
+        crop: args.output.crop,
+        strips: false,
     }
 }
 
@@ -172,8 +198,14 @@ pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &Render
     settings
 }
 
-/// Renders by instant radiosity and writes the requested files.
-fn radiosity(mut job: Job, mut scene: Scene, moment: &Moment, args: &Render, state_path: Option<&Path>) -> Result<()> {
+/// Renders by instant radiosity and writes the requested files: images, with their state at `state_path`, or a part of the passes.
+fn radiosity(
+    mut job: Job,
+    mut scene: Scene,
+    moment: &Moment,
+    args: &Render,
+    (state_path, part): (Option<&Path>, Option<shard::Part>),
+) -> Result<()> {
     let interrupted = watch_for_interrupt();
     let earlier = match state_path.filter(|_| args.stop.resume) {
         Some(path) => checkpoint::earlier(path)?.map(|state| (path, state)),
@@ -181,17 +213,12 @@ fn radiosity(mut job: Job, mut scene: Scene, moment: &Moment, args: &Render, sta
     };
     let start = Instant::now();
     let ends = moment.ends(&scene)?;
-    let options = RenderOptions {
-        device: args.device.device.clone().unwrap_or_default(),
-        validation: args.device.validation,
-        checked_shaders: false,
-        max_memory: args.device.max_device_memory,
-        pipeline_cache: pipeline_cache(),
-        traversal: earlier.as_ref().map(|(_, state)| state.provenance.traversal),
-        dynamic: ends.iter().flatten().any(|end| !end.objects.is_empty()),
-        crop: args.output.crop,
-        strips: args.output.crop.is_none() && ends.is_none(),
+    let traversal = match &part {
+        Some(part) => Some(part.traversal()),
+        None => earlier.as_ref().map(|(_, state)| state.provenance.traversal),
     };
+    let strips = args.output.crop.is_none() && ends.is_none() && part.is_none();
+    let options = RenderOptions { strips, ..options(args, traversal, ends.as_ref()) };
     let stop = Stop::choose(&args.stop, scene.render.passes);
     let mut live = Live::new(&args.output, &job.name)?;
     mirrors::sample(&mut scene, &job.settings, &args.mirrors, &options, &interrupted)?;
@@ -199,6 +226,9 @@ fn radiosity(mut job: Job, mut scene: Scene, moment: &Moment, args: &Render, sta
     renderer.set_shutter_ends(ends.clone())?;
     job.stages.push(("prepare".into(), start.elapsed().as_secs_f64()));
 
+    if let Some(part) = part {
+        return part.run(&job, renderer, args, &interrupted);
+    }
     if !renderer.strips().is_empty() {
         return in_strips(job, renderer, args, &interrupted);
     }
@@ -428,16 +458,7 @@ impl Job {
 
     /// Writes every output; returns the first error after all have been tried.
     pub fn write_outputs(&self, layers: &Layers, metadata: &Metadata) -> Result<()> {
-        let mut denoised = Layers::default();
-        let layers = if self.denoise && !self.outputs.is_empty() {
-            denoised.clone_from(layers);
-            output::denoise::denoise(&mut denoised)?;
-            &denoised
-        } else {
-            layers
-        };
-        let write = |path: &PathBuf| output::write(path, layers, metadata, &self.encoding);
-        self.outputs.iter().map(write).fold(Ok(()), Result::and)
+        write_images(&self.outputs, layers, metadata, (&self.encoding, self.denoise))
     }
 
     /// The last line: a summary and the names of the files.
@@ -448,15 +469,38 @@ impl Job {
     }
 }
 
+/// Writes an image to files; returns the first error after all have been tried. `denoise`: without its noise.
+pub fn write_images(
+    outputs: &[PathBuf],
+    layers: &Layers,
+    metadata: &Metadata,
+    (encoding, denoise): (&Encoding, bool),
+) -> Result<()> {
+    let mut denoised = Layers::default();
+    let layers = if denoise && !outputs.is_empty() {
+        denoised.clone_from(layers);
+        output::denoise::denoise(&mut denoised)?;
+        &denoised
+    } else {
+        layers
+    };
+    outputs.iter().map(|path| output::write(path, layers, metadata, encoding)).fold(Ok(()), Result::and)
+}
+
 /// The program and its version, for metadata.
 pub const SOFTWARE: &str = concat!("lightsum ", env!("CARGO_PKG_VERSION"));
+
+/// The program, and what changed its image.
+pub fn software(denoised: bool) -> String {
+    if denoised { format!("{SOFTWARE}, denoised by Open Image Denoise") } else { SOFTWARE.into() }
+}
 
 /// Metadata of a job's image, without the number of passes.
 pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {
     let s = &job.settings;
     let settings = serde_json::to_string(s).unwrap_or_default();
     Metadata {
-        software: if job.denoise { format!("{SOFTWARE}, denoised by Open Image Denoise") } else { SOFTWARE.into() },
+        software: software(job.denoise),
         scene: job.name.clone(),
         settings,
         seed: s.seed,

@@ -40,6 +40,11 @@ impl Stop {
         self.time.is_some_and(|limit| elapsed >= limit)
     }
 
+    /// Fraction of the time that is over after `elapsed`; 0 if time is no condition.
+    pub fn fraction_of_time(&self, elapsed: Duration) -> f64 {
+        self.time.map_or(0.0, |time| (elapsed.as_secs_f64() / time.as_secs_f64()).min(1.0))
+    }
+
     /// Whether the rendering is done with `passes` passes in the image, after this run has taken `elapsed`.
     pub fn reached(&self, passes: u32, elapsed: Duration, error: Option<f32>) -> bool {
         self.passes.is_some_and(|limit| passes >= limit)
@@ -94,7 +99,7 @@ impl<'a> Clock<'a> {
 
     /// Fraction of the time that is over, if that is a condition.
     pub fn fraction(&self) -> Option<f64> {
-        self.stop.time.map(|time| (self.start.elapsed().as_secs_f64() / time.as_secs_f64()).min(1.0))
+        self.stop.time.map(|_| self.stop.fraction_of_time(self.start.elapsed()))
     }
 
     /// The error of work that ended before there was anything to write: of an interrupt, or of too short a time.

@@ -1,6 +1,6 @@
 //! Parsers of flag values.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use glam::{DVec3, Vec3};
@@ -19,6 +19,19 @@ pub(super) fn image_path(path: PathBuf) -> Result<PathBuf, String> {
         Ok(_) => Ok(path),
         Err(_) => Err("the name must end in .exr or .png".into()),
     }
+}
+
+/// An image or a film.
+pub(super) fn output_path(path: PathBuf) -> Result<PathBuf, String> {
+    match is_film(&path) || Format::of(&path).is_ok() {
+        true => Ok(path),
+        false => Err("the name must end in .exr, .png or .film".into()),
+    }
+}
+
+/// Whether a file of this name holds a film.
+pub fn is_film(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("film"))
 }
 
 /// Two numbers separated by an x.

@@ -1,0 +1,213 @@
+//! One rendering on several ranks, under `mpirun`.
+
+use std::fs;
+use std::io::Read;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use lightsum::output::FilmFile;
+
+use crate::render::{SCENE, cache, command, contents, folder, kill, succeeds, text};
+
+/// mpirun with the program and its arguments, in a folder.
+fn mpirun(folder: &Path, ranks: usize, arguments: &str) -> Command {
+    let mut command = Command::new("mpirun");
+    // More ranks than cores; no binding, so that the processor's driver has all of them.
+    command.args(["--allow-run-as-root", "--oversubscribe", "--bind-to", "none", "-n", &ranks.to_string()]);
+    command.arg(env!("CARGO_BIN_EXE_lightsum")).args(arguments.split_whitespace());
+    if let Ok(device) = std::env::var("LIGHTSUM_DEVICE") {
+        command.args(["--device", &device]);
+    }
+    command.current_dir(folder).env_remove("RUST_LOG").env("XDG_CACHE_HOME", cache());
+    command
+}
+
+#[track_caller]
+fn runs(folder: &Path, ranks: usize, arguments: &str) -> Output {
+    let output = mpirun(folder, ranks, arguments).output().expect("mpirun is installed (scripts/setup.sh --tests)");
+    assert!(output.status.success(), "{ranks} ranks, {arguments}: {}", text(&output.stderr));
+    output
+}
+
+#[test]
+fn any_number_of_ranks_gives_the_bits_of_one_process() {
+    let folder = folder();
+    let folder = folder.path();
+    let line = |name: &str| format!("render scene.toml -o {name}.exr -o {name}.png --particles 8 --passes 5");
+    let same = |name: &str| {
+        for kind in ["exr", "png"] {
+            let [whole, parts] = ["whole", name].map(|name| fs::read(folder.join(format!("{name}.{kind}"))).unwrap());
+            assert!(whole == parts, "{name}.{kind} differs");
+        }
+    };
+    succeeds(folder, &line("whole"));
+    runs(folder, 1, &line("one"));
+    same("one");
+    let output = runs(folder, 3, &format!("{} --checkpoint 0.05 --stats s.json", line("three")));
+    same("three");
+    assert!(text(&output.stdout).contains("5 passes on 3 ranks"), "{}", text(&output.stdout));
+    let stats: serde_json::Value = serde_json::from_slice(&fs::read(folder.join("s.json")).unwrap()).unwrap();
+    let passes: u64 =
+        stats["ranks"].as_array().unwrap().iter().map(|rank| rank["work"]["passes"].as_u64().unwrap()).sum();
+    assert_eq!((passes, &stats["master"]["passes"]), (5, &5.into()));
+    assert!(!contents(folder).keys().any(|name| name.contains(".film") || name.contains(".tmp")));
+    // More ranks than passes, which have the files of their own machine, and a film.
+    runs(folder, 4, "render scene.toml -o two.film --particles 8 --passes 2 --local-scene");
+    succeeds(folder, "render scene.toml -o alone.film --particles 8 --passes 2");
+    assert!(fs::read(folder.join("two.film")).unwrap() == fs::read(folder.join("alone.film")).unwrap());
+}
+
+#[test]
+fn ranks_need_no_files_of_their_own() {
+    let folder = folder();
+    let folder = folder.path();
+    let elsewhere = tempfile::tempdir().unwrap();
+    let line = "render scene.toml -o a.exr --particles 8 --passes 2";
+    succeeds(folder, &line.replace("a.exr", "b.exr"));
+    let program = env!("CARGO_BIN_EXE_lightsum");
+    let of_two = |second: &Path, first_line: &str, second_line: &str| {
+        let mut command = Command::new("mpirun");
+        command.args(["--allow-run-as-root", "--oversubscribe", "--bind-to", "none", "-n", "1", "-wdir"]);
+        command.arg(folder).arg(program).args(first_line.split_whitespace());
+        command.args([":", "-n", "1", "-wdir"]).arg(second).arg(program).args(second_line.split_whitespace());
+        let output = command.env_remove("RUST_LOG").env("XDG_CACHE_HOME", cache()).output().unwrap();
+        (output.status.success(), text(&output.stderr))
+    };
+    let (success, message) = of_two(elsewhere.path(), line, line);
+    assert!(success, "{message}");
+    assert!(fs::read(folder.join("a.exr")).unwrap() == fs::read(folder.join("b.exr")).unwrap());
+    assert_eq!(fs::read_dir(elsewhere.path()).unwrap().count(), 0);
+    fs::remove_file(folder.join("a.exr")).unwrap();
+
+    // Other arguments, a rank without a device, and other files.
+    let refused = |(success, message): (bool, String), words: &[&str]| {
+        assert!(!success, "{message}");
+        assert!(
+            words.iter().all(|word| message.contains(word)) && !message.contains("panicked"),
+            "{words:?}: {message}"
+        );
+        assert!(!folder.join("a.exr").exists());
+    };
+    refused(of_two(folder, line, &line.replace("8", "9")), &["rank 1 on", "other arguments", "--particles 9"]);
+    let unknown = "render scene.toml -o a.exr --passes 2 --device none-of-this-name";
+    refused(of_two(folder, unknown, unknown), &["error: rank 1 on", "none-of-this-name"]);
+    let local = format!("{line} --local-scene");
+    refused(of_two(elsewhere.path(), &local, &local), &["error: rank 1 on", "scene.toml"]);
+    for name in ["room.obj", "room.mtl"] {
+        fs::copy(folder.join(name), elsewhere.path().join(name)).unwrap();
+    }
+    fs::write(elsewhere.path().join("scene.toml"), SCENE.replace("fov_y = 30.0", "fov_y = 31.0")).unwrap();
+    let mut three = mpirun(folder, 1, &local);
+    three.args([":", "-n", "1", "-wdir"]).arg(folder).arg(program).args(local.split_whitespace());
+    three.args([":", "-n", "1", "-wdir"]).arg(elsewhere.path()).arg(program).args(local.split_whitespace());
+    let output = three.output().unwrap();
+    refused((output.status.success(), text(&output.stderr)), &["error: rank 2 on", "--local-scene"]);
+}
+
+fn wait_for(film: &Path) {
+    let start = Instant::now();
+    while !film.exists() {
+        assert!(start.elapsed() < Duration::from_secs(60), "there is no film");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+/// The processes that a process has started.
+fn children(parent: u32) -> Vec<u32> {
+    let of = |pid: u32| {
+        let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+        // After the name in parentheses: state, parent.
+        let started_by: u32 = stat.rsplit_once(')')?.1.split_whitespace().nth(1)?.parse().ok()?;
+        (started_by == parent).then_some(pid)
+    };
+    let names = fs::read_dir("/proc").unwrap().filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    names.filter_map(|name| of(name.parse().ok()?)).collect()
+}
+
+#[test]
+fn a_job_whose_rank_is_killed_goes_on_with_one_rank_fewer() {
+    let folder = folder();
+    let folder = folder.path();
+    let line = |passes: u32| format!("render scene.toml -o a.exr --particles 8 --resolution 96x64 --passes {passes}");
+    let mut run = mpirun(folder, 4, &format!("{} --checkpoint 0.1", line(1_000_000)));
+    let mut run = run.stderr(Stdio::piped()).spawn().unwrap();
+    let film = folder.join("a.exr.film");
+    wait_for(&film);
+    // The last of mpirun's children: a rank that renders.
+    let last = children(run.id()).into_iter().max().expect("mpirun has children");
+    assert!(Command::new("kill").args(["-KILL", &last.to_string()]).status().unwrap().success());
+    assert!(!run.wait().unwrap().success());
+    let mut message = String::new();
+    run.stderr.take().unwrap().read_to_string(&mut message).unwrap();
+    assert!(message.contains("rank 3") && message.contains("signal 9"), "{message}");
+
+    let there = FilmFile::read(&film).unwrap();
+    assert!(there.film.passes() > 0);
+    let end = there.about.passes.end().max(there.film.passes()) + 3;
+    runs(folder, 3, &format!("{} --resume", line(end)));
+    assert_eq!(FilmFile::read(&film).unwrap().about.passes.count(), u64::from(end));
+    succeeds(folder, &line(end).replace("a.exr", "b.exr"));
+    assert!(fs::read(folder.join("a.exr")).unwrap() == fs::read(folder.join("b.exr")).unwrap());
+}
+
+#[test]
+fn an_interrupt_writes_what_there_is() {
+    let folder = folder();
+    let folder = folder.path();
+    let line = "render scene.toml -o a.exr --particles 8 --resolution 96x64 --passes 1000000 --checkpoint 0.2";
+    let mut run = mpirun(folder, 3, line);
+    // mpirun kills its ranks after a second, unless it is told to wait.
+    let mut run = run.env("OMPI_MCA_odls_base_sigkill_timeout", "30").stderr(Stdio::piped()).spawn().unwrap();
+    wait_for(&folder.join("a.exr.film"));
+    kill(&run, "TERM");
+    let mut message = String::new();
+    run.stderr.take().unwrap().read_to_string(&mut message).unwrap();
+    run.wait().unwrap();
+    assert!(message.contains("a.exr.film") && message.contains("--resume"), "{message}");
+    let film = FilmFile::read(&folder.join("a.exr.film")).unwrap();
+    assert!(film.film.passes() > 0 && folder.join("a.exr").exists());
+}
+
+#[test]
+fn frames_of_an_animation_are_those_of_one_process() {
+    let folder = folder();
+    let folder = folder.path();
+    let path = "times = [0, 1, 2, 3, 4]\n[[camera]]\ntime = 1\n[[camera]]\ntime = 2\neye = [0.5, 0.6, 3.5]\n";
+    fs::write(folder.join("p.toml"), path).unwrap();
+    let flags = "--path p.toml --moving-passes 2 --particles 8 --exposure auto";
+    succeeds(folder, &format!("animate scene.toml -o a-%d.png {flags}"));
+    runs(folder, 3, &format!("animate scene.toml -o b-%d.png {flags} --timings t.json"));
+    for frame in 0..5 {
+        let [a, b] = ["a", "b"].map(|name| fs::read(folder.join(format!("{name}-{frame}.png"))).unwrap());
+        assert!(a == b, "frame {frame} differs");
+    }
+    let times: serde_json::Value = serde_json::from_slice(&fs::read(folder.join("t.json")).unwrap()).unwrap();
+    let passes: Vec<_> = times["frames"].as_array().unwrap().iter().map(|f| f["passes"].as_u64().unwrap()).collect();
+    assert_eq!(passes, [2, 4, 2, 4, 6]);
+    let output = mpirun(folder, 2, &format!("animate scene.toml -o c-%d.png {flags} --ring images")).output().unwrap();
+    assert!(!output.status.success() && text(&output.stderr).contains("--ring"), "{}", text(&output.stderr));
+}
+
+#[test]
+fn a_bake_has_the_files_of_one_process() {
+    let folders = [folder(), folder()];
+    let line = "bake scene.toml -o a.glb --passes 3 --particles 8 --light-pool 0 --density 4";
+    succeeds(folders[0].path(), line);
+    runs(folders[1].path(), 3, line);
+    let [one, many] = folders.each_ref().map(|folder| contents(folder.path()));
+    assert!(one.len() > 4 && one.keys().eq(many.keys()), "{:?} and {:?}", one.keys(), many.keys());
+    for (name, bytes) in &one {
+        assert!(many[name] == *bytes, "{name} differs");
+    }
+    // It goes on from a film of fewer passes.
+    let more = line.replace("--passes 3", "--passes 5");
+    runs(folders[1].path(), 2, &format!("{line} --resume"));
+    runs(folders[1].path(), 4, &format!("{more} --resume"));
+    succeeds(folders[0].path(), &more);
+    let maps = folders.each_ref().map(|folder| {
+        let files = contents(folder.path()).into_iter();
+        files.filter(|(name, _)| name.ends_with(".exr")).collect::<Vec<_>>()
+    });
+    assert!(!maps[0].is_empty() && maps[0] == maps[1]);
+}
