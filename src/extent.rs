@@ -130,11 +130,11 @@ fn texels(bvh: &Bvh, atlas: &Atlas) -> Vec<(Vec3, Vec3)> {
     // The sum of the areas up to each side, with its triangle.
     let sums: Vec<(f64, u32, bool)> = sides
         .into_iter()
-        .map(|(triangle, back)| {
-            let leaf = numbers[triangle as usize];
+        .filter_map(|(triangle, back)| {
+            let &leaf = numbers.get(triangle as usize)?;
             let [a, b, c] = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(|uv| at(leaf, uv));
             total += f64::from((b - a).cross(c - a).length());
-            (total, leaf, back)
+            Some((total, leaf, back))
         })
         .collect();
     let count = GRID[0] * GRID[1];

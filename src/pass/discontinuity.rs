@@ -163,7 +163,7 @@ impl Discontinuity {
             (true, true, false) => &shaders::DISCONTINUITY_WIDE_PAPER_INDIRECT,
         };
         let own = Resources::of([("filtered_direct", &filtered.direct), ("filtered_indirect", &filtered.indirect)]);
-        let own = names.iter().zip(&images).fold(own, |own, (name, image)| own.with_image(*name, image));
+        let own = names.iter().zip(&images).fold(own, |own, (name, image)| own.with_image(name, image));
         let (points, paths, lighting) = (points.resources(), paths.resources(), lighting.resources());
         let bind = |shader| kit.bind(shader, &[&own, &points, &paths, &lighting, &ideal_tiles.as_tiles()]);
         let (guides, average) = (bind(guides)?, bind(average)?);
