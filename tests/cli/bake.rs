@@ -219,8 +219,6 @@ fn an_adaptive_bake_goes_on_where_it_stopped() {
     let other =
         fails(folder, "bake scene.toml -o room.glb --adaptive 0.2 --height 4 --particles 8 --passes 24 --resume");
     assert!(other.contains("room.glb.state") && other.contains("remove it"), "{other}");
-    let (told, _) = bake(100_000, "--time 2 --target-error 0.00001 --seed 4");
-    assert!(told.contains("estimated error") || told.contains("broken off"), "{told}");
     assert!(!fails(folder, "bake scene.toml -o room.glb --time 0.001").contains("panicked"));
 }
 
