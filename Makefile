@@ -11,9 +11,6 @@
 # Passes of the demo: more are smoother and take longer in proportion.
 DEMO_PASSES ?= 16
 
-# Tests are built once, with MPI.
-TESTED = --features mpi
-
 # The feature needs the library once more; its few tests are not worth optimising it.
 HOT_RELOAD = --features hot-reload --test hot_reload --config profile.dev.opt-level=0
 
@@ -36,16 +33,16 @@ demo:
 # All tests; then the kernels that walk trees in subgroups of 4 and 16, and on another driver.
 test:
 	scripts/setup.sh --tests
-	cargo test --no-fail-fast $(TESTED)
+	cargo test --no-fail-fast
 	cargo test --no-fail-fast $(HOT_RELOAD)
-	LP_NATIVE_VECTOR_WIDTH=128 cargo test $(TESTED) --test gpu -- visibility:: traversal:: passes_eye:: passes_light::
-	LP_NATIVE_VECTOR_WIDTH=512 cargo test $(TESTED) --test gpu -- --test-threads=1 visibility::
-	scripts/swiftshader.sh cargo test $(TESTED) --test gpu -- visibility:: traversal::clusters_may
-	cargo test $(TESTED) --test cli -- --ignored drivers::
+	LP_NATIVE_VECTOR_WIDTH=128 cargo test --test gpu -- visibility:: traversal:: checks::eye:: checks::light::
+	LP_NATIVE_VECTOR_WIDTH=512 cargo test --test gpu -- --test-threads=1 visibility::
+	scripts/swiftshader.sh cargo test --test gpu -- visibility:: traversal::clusters_may
+	cargo test --test cli -- --ignored drivers::
 
 test-swiftshader:
 	scripts/setup.sh --tests
-	scripts/swiftshader.sh cargo test $(TESTED) --test gpu
+	scripts/swiftshader.sh cargo test --test gpu
 
 test-web:
 	scripts/setup.sh
@@ -58,6 +55,5 @@ bench:
 lint:
 	cargo fmt --check
 	cargo clippy --all-targets -- -D warnings
-	if command -v mpicc >/dev/null; then cargo clippy $(TESTED) --bin lightsum --test cli -- -D warnings; fi
 	cargo clippy $(HOT_RELOAD) --lib -- -D warnings
 	RUSTDOCFLAGS=-Dwarnings cargo doc --no-deps

@@ -5,6 +5,8 @@
 mod wgsl;
 #[path = "src/gpu/wgsl_emit.rs"]
 mod wgsl_emit;
+#[path = "src/gpu/wgsl_parameters.rs"]
+mod wgsl_parameters;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
@@ -16,7 +18,10 @@ fn main() -> ExitCode {
     };
     let (root, out) = (PathBuf::from(root), PathBuf::from(out));
     println!("cargo::rustc-env=LIGHTSUM_COMMIT={}", commit(&root).unwrap_or_else(|| "unknown".into()));
-    let result = folder(&root, "shaders", &out, "").and_then(|()| folder(&root, "tests/gpu/kernels", &out, "test_"));
+    let mut result = folder(&root, "shaders", &out, "");
+    if std::env::var_os("CARGO_FEATURE_CONFORM").is_some() {
+        result = result.and_then(|()| folder(&root, "src/conform/kernels", &out, "conform_"));
+    }
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(message) => {
@@ -26,15 +31,10 @@ fn main() -> ExitCode {
     }
 }
 
-/// Compiles one folder of kernels; a folder that is absent (the tests' one in a published crate) counts as empty.
+/// Compiles one folder of kernels.
 fn folder(root: &Path, label: &str, out: &Path, prefix: &str) -> Result<(), String> {
-    let dir = root.join(label);
-    let built = if dir.is_dir() {
-        println!("cargo::rerun-if-changed={label}");
-        wgsl_emit::build(&dir, label)?
-    } else {
-        Vec::new()
-    };
+    println!("cargo::rerun-if-changed={label}");
+    let built = wgsl_emit::build(&root.join(label), label)?;
     let write = |name: String, bytes: &[u8]| {
         std::fs::write(out.join(&name), bytes).map_err(|e| format!("{}: {e}", out.join(&name).display()))
     };

@@ -1,8 +1,7 @@
 #!/bin/bash
 # Install what running needs and is not there: the Vulkan loader and a driver (Mesa's, which has one for the processor).
 #   scripts/setup.sh            for rendering
-#   scripts/setup.sh --tests    for the tests as well: the validation layer, an X server without a screen with what a window needs, and MPI
-#                               with what its Rust crate needs to build
+#   scripts/setup.sh --tests    for the tests as well: the validation layer, and an X server without a screen with what a window needs
 set -euo pipefail
 
 tests=false
@@ -43,9 +42,6 @@ has_driver || packages+=(mesa-vulkan-drivers)
 if $tests; then
   has_layer || packages+=(vulkan-validationlayers)
   command -v Xvfb >/dev/null || packages+=(xvfb)
-  command -v mpirun >/dev/null || packages+=(openmpi-bin)
-  command -v mpicc >/dev/null || packages+=(libopenmpi-dev)
-  compgen -G '/usr/lib/llvm-*/lib/libclang*.so*' >/dev/null || has_library libclang || packages+=(libclang-dev)
   # winit loads these when it opens a window.
   for library in libX11-xcb.so.1:libx11-xcb1 libXcursor.so.1:libxcursor1 libXi.so.6:libxi6 libxkbcommon-x11.so.0:libxkbcommon-x11-0; do
     has_library "${library%%:*}" || packages+=("${library##*:}")

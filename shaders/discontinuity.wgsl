@@ -4,12 +4,12 @@
 #include "octahedral.wgsl"
 #include "discontinuity.wgsl"
 
-@group(0) @binding(1) var<storage, read> guide_points: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read> guide_normals: array<vec4<f32>>;
-@group(0) @binding(3) var<storage, read> indirect: array<vec4<f32>>;
+@group(0) @binding(1) var guide_points: texture_storage_2d<rgba32float, read>;
+@group(0) @binding(2) var guide_normals: texture_storage_2d<rgba32float, read>;
+@group(0) @binding(3) var guide_indirect: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(4) var<storage, read_write> filtered_indirect: array<vec4<f32>>;
 #if DIRECT
-@group(0) @binding(5) var<storage, read> direct: array<vec4<f32>>;
+@group(0) @binding(5) var guide_direct: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(6) var<storage, read_write> filtered_direct: array<vec4<f32>>;
 #endif
 @group(0) @binding(7) var<storage, read_write> work: DispatchCounts;
@@ -43,17 +43,17 @@ struct Gain {
 
 fn load(at: vec2<i32>) -> Cell {
     let inside = clamp(at, vec2<i32>(0), vec2<i32>(frame.size.xy) - 1);
-    let slot = slot_at(inside);
-    let point = guide_points[slot];
-    let normal = guide_normals[slot];
+    let texel = texel_at(inside);
+    let point = textureLoad(guide_points, texel);
+    let normal = textureLoad(guide_normals, texel);
     var cell: Cell;
     cell.point = point.xyz;
     cell.geometric = decode_normal(bitcast<u32>(point.w));
     cell.shading = normal.xyz;
     cell.extent = select(0.0, normal.w, all(at == inside));
-    cell.indirect = indirect[slot].xyz;
+    cell.indirect = textureLoad(guide_indirect, texel).xyz;
 #if DIRECT
-    cell.direct = direct[slot].xyz;
+    cell.direct = textureLoad(guide_direct, texel).xyz;
 #endif
     return cell;
 }

@@ -1,4 +1,4 @@
-// Packs the values that the discontinuity buffer compares. See pass/discontinuity.rs.
+// Packs the values that the discontinuity buffer compares, and those that it averages. See pass/discontinuity.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -12,10 +12,17 @@
 @group(0) @binding(4) var<storage, read> point_kd: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> point_wo: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read> throughput: array<vec4<f32>>;      // w: depth along the whole path
-@group(0) @binding(7) var<storage, read_write> guide_points: array<vec4<f32>>;
-@group(0) @binding(8) var<storage, read_write> guide_normals: array<vec4<f32>>;
+// Second components lie below the first.
+@group(0) @binding(7) var guide_points: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(8) var guide_normals: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(9) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(10) var<storage, read> tiles: array<u32>;
+@group(0) @binding(11) var<storage, read> indirect: array<vec4<f32>>;
+@group(0) @binding(12) var guide_indirect: texture_storage_2d<rgba32float, write>;
+#if DIRECT
+@group(0) @binding(13) var<storage, read> direct: array<vec4<f32>>;
+@group(0) @binding(14) var guide_direct: texture_storage_2d<rgba32float, write>;
+#endif
 
 #if PAPER
 #else
@@ -80,6 +87,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #endif
     // Ray origins have an offset that changes along the surface; the comparison needs points on the surface.
     let point = offset_origin(position.xyz, -normal, frame.eye.w);
-    guide_points[slot] = vec4<f32>(point, bitcast<f32>(encode_normal(normal)));
-    guide_normals[slot] = vec4<f32>(point_shading[slot].xyz, select(0.0, extent, takes_part));
+    let to = texel_at(at);
+    textureStore(guide_points, to, vec4<f32>(point, bitcast<f32>(encode_normal(normal))));
+    textureStore(guide_normals, to, vec4<f32>(point_shading[slot].xyz, select(0.0, extent, takes_part)));
+    textureStore(guide_indirect, to, indirect[slot]);
+#if DIRECT
+    textureStore(guide_direct, to, direct[slot]);
+#endif
+    // Second components of tiles that are not listed take no part.
+    if !second && textureDimensions(guide_normals).y > frame.size.y {
+        textureStore(guide_normals, at + vec2<i32>(0, i32(frame.size.y)), vec4<f32>(0.0));
+    }
 }

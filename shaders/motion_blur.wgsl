@@ -10,11 +10,6 @@
 @group(0) @binding(5) var sweep: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(4) var<storage, read_write> emitted: array<vec4<f32>>;
 
-// Nearest place in the image.
-fn in_image(place: vec2<i32>) -> vec2<i32> {
-    return clamp(place, vec2<i32>(0), vec2<i32>(frame.size.xy) - 1);
-}
-
 // Light of the surface that the pixel shows, and of what it uncovers as it moves.
 struct Own {
     sum: vec4<f32>,     // light, weight
@@ -22,18 +17,16 @@ struct Own {
 }
 
 // `front`: sources of less depth are left out.
-fn own_light(at: vec2<i32>, v: vec2<f32>, front: f32, dither: u32) -> Own {
-    let wide = abs(v.x) >= abs(v.y);
-    let axes = select(v.yx, v, wide);
-    let slope = slope_of(axes.x, axes.y);
-    let reach = i32(0.5 * max(abs(axes.x), 1.0) + 0.5);
+fn own_light(at: vec2<i32>, segment: Segment, front: f32, dither: u32) -> Own {
+    let last = vec2<i32>(frame.size.xy) - 1;
+    let reach = i32(segment.half + 0.5);
     var own: Own;
     for (var m = -reach; m <= reach; m += 1) {
-        let offset = vec2<i32>(m, row_of(m, slope, dither));
-        let q = at - select(offset.yx, offset, wide);
-        let safe = in_image(q);
+        let offset = vec2<i32>(m, row_of(m, segment.slope, dither));
+        let q = at - select(offset.yx, offset, segment.wide);
+        let safe = clamp(q, vec2<i32>(0), last);
         let light = textureLoad(source, safe);
-        let weight = select(0.0, share_of(f32(m), axes.x), all(safe == q));
+        let weight = select(0.0, share_of(f32(m), segment), all(safe == q));
         own.inside += weight;
         own.sum += select(0.0, weight, light.w >= front) * vec4<f32>(light.xyz, 1.0);
     }
@@ -42,6 +35,7 @@ fn own_light(at: vec2<i32>, v: vec2<f32>, front: f32, dither: u32) -> Own {
 
 // Light of nearer surfaces that cover the pixel for a part of the time; w: that part.
 fn light_in_front(at: vec2<i32>, front: f32, window: MotionWindow, dither: u32) -> vec4<f32> {
+    let last = vec2<i32>(frame.size.xy) - 1;
     let wide = window.wide != 0u;
     let stride = i32(window.stride);
     let along = i32(window.along);
@@ -57,9 +51,9 @@ fn light_in_front(at: vec2<i32>, front: f32, window: MotionWindow, dither: u32) 
         for (var r = -i32(floor(part - line + reach)); r <= high; r += stride) {
             let offset = select(vec2<i32>(r, m), vec2<i32>(m, r), wide);
             let q = at + offset;
-            let safe = in_image(q);
+            let safe = clamp(q, vec2<i32>(0), last);
             let moved = textureLoad(sweep, safe);
-            let time = select(0.0, time_on(moved.xy, -offset, dither), all(safe == q) && moved.z < front);
+            let time = select(0.0, time_on(segment_of(moved), -offset, dither), all(safe == q) && moved.z < front);
             // Runs zero times where nothing in front passes.
             for (var once = select(0u, 1u, time > 0.0); once > 0u; once -= 1u) {
                 sum += time * vec4<f32>(textureLoad(source, safe).xyz, 1.0);
@@ -73,14 +67,13 @@ fn light_in_front(at: vec2<i32>, front: f32, window: MotionWindow, dither: u32) 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let tiles = (frame.size.xy + 7u) / 8u;
+    let count = tiles.x * tiles.y;
     let index = group.x + group.y * groups.x;
-    if index >= tiles.x * tiles.y {
-        return;
-    }
-    let tile = spread_out(index, tiles.x * tiles.y);
+    let tile = spread_out(min(index, count - 1u), count);
+    // Read where all lanes run (see gpu/wgsl_parameters.rs).
     let window = motion_windows[tile];
     let at = pixel_of_tile(tile, lane);
-    if window.along < 0.0 || any(at >= frame.size.xy) {
+    if index >= count || window.along < 0.0 || any(at >= frame.size.xy) {
         return;
     }
     let pixel = at.y * frame.size.x + at.x;
@@ -88,7 +81,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let even = window.even != 0u;
     let front = select(shown.w - abs(shown.w) * DEPTH_TOLERANCE, -1.0, even);
     let dither = key(frame.keys.x, STREAM_BLUR, 0u, 1u);
-    let own = own_light(vec2<i32>(at), textureLoad(sweep, vec2<i32>(at)).xy, front, dither);
+    let own = own_light(vec2<i32>(at), segment_of(textureLoad(sweep, vec2<i32>(at))), front, dither);
     var over = vec4<f32>(0.0);
     // A loop that runs zero times skips work on every device.
     for (var once = select(1u, 0u, even || front <= window.nearest); once > 0u; once -= 1u) {

@@ -31,7 +31,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let slot = list[place];
     let own = near_direct[slot];
     var e_direct = own.xyz;
-    var e_indirect = near_indirect[slot].xyz;
+    let own_indirect = near_indirect[slot].xyz;
+    var e_indirect = own_indirect;
 
     let pixel = pixel_of(slot);
     let size = vec2<i32>(frame.size.xy);
@@ -51,11 +52,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             let turn = max(2.0 - 2.0 * dot(normal, other_normal), 0.0);
             let rise = dot(chord, normal + other_normal);
             let smooth_between = dot(normal, other_normal) >= NEAR_SMOOTH && rise * rise <= dot(chord, chord) * (turn + NEAR_SLOPE * NEAR_SLOPE);
-            let near = near_direct[other];
             // Slots that are not lit may hold any value: they are left out, not multiplied by 0.
-            let taken = inside && smooth_between && has_flag(seen_wo[other].w, LIT) && own.w == near.w;
-            e_direct += select(vec3<f32>(0.0), part * (near.xyz - own.xyz), taken);
-            e_indirect += select(vec3<f32>(0.0), part * (near_indirect[other].xyz - near_indirect[slot].xyz), taken);
+            let alike = inside && smooth_between && has_flag(seen_wo[other].w, LIT);
+            for (var once = select(0u, 1u, alike); once > 0u; once -= 1u) {
+                let near = near_direct[other];
+                let taken = own.w == near.w;
+                e_direct += select(vec3<f32>(0.0), part * (near.xyz - own.xyz), taken);
+                e_indirect += select(vec3<f32>(0.0), part * (near_indirect[other].xyz - own_indirect), taken);
+            }
         }
     }
 #if MEAN

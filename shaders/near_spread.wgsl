@@ -59,23 +59,31 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             let alike = max(dot(normal, seen_geometric[other].xyz), 0.0) / (1.0 + slope2 / (NEAR_STEEP * NEAR_STEEP));
             let counts = inside && has_flag(seen_wo[other].w, LIT);
             let weight = select(0.0, alike, counts);
-            // Slots without near rays may hold any value: they are left out, not multiplied by 0.
+            // Slots without near rays may hold any value: they are left out, not multiplied by 0. The loop runs zero times for the most of
+            // them, since invocations beside each other have pixels of one class.
             let taken = counts && has_near_rays(u32(column + row * pattern.x), begin);
-            let near = mean_direct[other];
-            let other_indirect = mean_indirect[other].xyz;
-            let diffuse = near.w == 0.0;
-            sum_direct += select(vec3<f32>(0.0), weight * near.xyz, taken && diffuse);
-            sum_indirect += select(vec3<f32>(0.0), weight * other_indirect, taken && diffuse);
-            sum_specular += select(vec3<f32>(0.0), weight * (near.xyz + other_indirect), taken && !diffuse);
+            for (var once = select(0u, 1u, taken); once > 0u; once -= 1u) {
+                let near = mean_direct[other];
+                let other_indirect = mean_indirect[other].xyz;
+                let diffuse = near.w == 0.0;
+                sum_direct += select(vec3<f32>(0.0), weight * near.xyz, diffuse);
+                sum_indirect += select(vec3<f32>(0.0), weight * other_indirect, diffuse);
+                sum_specular += select(weight * (near.xyz + other_indirect), vec3<f32>(0.0), diffuse);
+            }
             weights += weight;
         }
     }
-    let flags = seen_wo[slot].w;
-    let has_own = has_near_ray(slot, flags);
-    let by_lobe = mean_direct[slot].w != 0.0;
-    let own_direct = select(vec3<f32>(0.0), mean_direct[slot].xyz, has_own && !by_lobe);
-    let own_indirect = select(vec3<f32>(0.0), mean_indirect[slot].xyz, has_own && !by_lobe);
-    let own_specular = select(vec3<f32>(0.0), mean_direct[slot].xyz + mean_indirect[slot].xyz, has_own && by_lobe);
+    var own_direct = vec3<f32>(0.0);
+    var own_indirect = vec3<f32>(0.0);
+    var own_specular = vec3<f32>(0.0);
+    for (var once = select(0u, 1u, has_near_ray(slot, seen_wo[slot].w)); once > 0u; once -= 1u) {
+        let near = mean_direct[slot];
+        let near_indirect = mean_indirect[slot].xyz;
+        let diffuse = near.w == 0.0;
+        own_direct = select(vec3<f32>(0.0), near.xyz, diffuse);
+        own_indirect = select(vec3<f32>(0.0), near_indirect, diffuse);
+        own_specular = select(near.xyz + near_indirect, vec3<f32>(0.0), diffuse);
+    }
     let share = select(0.0, frame.lens.z, first);
     let factor = share / max(weights, 1e-30);
     direct[slot] += vec4<f32>((1.0 - share) * own_direct + factor * sum_direct, 0.0);

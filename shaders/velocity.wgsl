@@ -18,9 +18,14 @@ const NOTHING_SEEN: f32 = 3.0e38;
 const NEAREST: f32 = 0.05;
 
 // Place in the image of a point, in half widths and half heights. `seen`: the point less the eye, divided by the depth now.
-fn projected(seen: vec3<f32>, end: u32) -> vec2<f32> {
-    let depth = max(dot(seen, shutter.forward[end].xyz), NEAREST);
-    return vec2<f32>(dot(seen, shutter.right[end].xyz), dot(seen, shutter.up[end].xyz)) / depth;
+fn projected(seen: vec3<f32>, right: vec4<f32>, up: vec4<f32>, forward: vec4<f32>) -> vec2<f32> {
+    let depth = max(dot(seen, forward.xyz), NEAREST);
+    return vec2<f32>(dot(seen, right.xyz), dot(seen, up.xyz)) / depth;
+}
+
+// Displacement of a point of a triangle.
+fn displaced(first: u32, weights: vec3<f32>) -> vec3<f32> {
+    return weights.x * motion[first].xyz + weights.y * motion[first + 1u].xyz + weights.z * motion[first + 2u].xyz;
 }
 
 @compute @workgroup_size(64)
@@ -31,26 +36,32 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let hit = hits[pixel];
     let word = point_wo[pixel].w;
+    let depth = throughput[pixel].w;
     let found = has_flag(word, HIT);
     // Images in mirrors and glass stand still behind them.
     let directly = found && !has_flag(word, SEEN_BY_SPECULAR) && shutter.moving.x > 0u;
     let number = select(0u, motion_of[select(0u, bitcast<u32>(hit.w), directly)], directly);
-    let first = select(0u, 6u * (number - 1u), number > 0u);
-    let weights = select(vec3<f32>(0.0), vec3<f32>(1.0 - hit.y - hit.z, hit.y, hit.z), number > 0u);
-    let nearness = select(0.0, 1.0 / max(throughput[pixel].w, 1e-30), found);
+    var opening = vec3<f32>(0.0);
+    var closing = vec3<f32>(0.0);
+    // Runs zero times where nothing moves by itself.
+    for (var once = select(0u, 1u, number > 0u); once > 0u; once -= 1u) {
+        let first = 6u * (number - 1u);
+        let weights = vec3<f32>(1.0 - hit.y - hit.z, hit.y, hit.z);
+        opening = displaced(first, weights);
+        closing = displaced(first + 3u, weights);
+    }
+    let nearness = select(0.0, 1.0 / max(depth, 1e-30), found);
     let at = vec2<f32>(place_of_pixel(pixel) + frame.within.xy) + frame.pixel_offset.xy;
     let now = towards(at.x, at.y);
-    var ends: array<vec2<f32>, 2>;
-    for (var end = 0u; end < 2u; end += 1u) {
-        let corner = first + 3u * end;
-        let moved = weights.x * motion[corner].xyz + weights.y * motion[corner + 1u].xyz + weights.z * motion[corner + 2u].xyz;
-        ends[end] = projected(now + nearness * (shutter.shift[end].xyz + moved), end);
-    }
+    let seen = now + nearness * (shutter.shift[0].xyz + opening);
+    let begin = projected(seen, shutter.right[0], shutter.up[0], shutter.forward[0]);
+    let seen_later = now + nearness * (shutter.shift[1].xyz + closing);
+    let end = projected(seen_later, shutter.right[1], shutter.up[1], shutter.forward[1]);
     // Rows count downwards.
-    let change = (ends[1] - ends[0]) * vec2<f32>(0.5, -0.5) * vec2<f32>(frame.within.zw);
+    let change = (end - begin) * vec2<f32>(0.5, -0.5) * vec2<f32>(frame.within.zw);
     let bounded = clamp(change, vec2<f32>(-1e5), vec2<f32>(1e5));
     let length = sqrt(dot(bounded, bounded));
     // Comparisons with NaN are false.
     let v = select(vec2<f32>(0.0), bounded * min(1.0, MAX_LENGTH / length), length > 0.0);
-    velocity[pixel] = vec4<f32>(v, select(NOTHING_SEEN, throughput[pixel].w, found), 0.0);
+    velocity[pixel] = vec4<f32>(v, select(NOTHING_SEEN, depth, found), 0.0);
 }

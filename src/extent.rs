@@ -1,14 +1,17 @@
 //! The extent of what a view shows, in place of the scene's bounding box: one distant vertex changes nothing.
 //!
 //! Rays of a coarse grid of pixels, and from each of their hits one ray by the cosine law, find the surfaces that light
-//! passes between. All lengths that nobody has set derive from them: the clip distance, the radius of photons, the offset
+//! passes between. Of an atlas the rays start from points spread by area over the triangles that have texels. All lengths that nobody has set derive from them: the clip distance, the radius of photons, the offset
 //! of ray origins, the grid by which points are sorted.
+
+use std::collections::BTreeSet;
 
 use glam::Vec3;
 
 use crate::accel::{Bvh, Hit, Ray, offset_origin};
 use crate::bsdf::basis;
 use crate::path_trace::camera_direction;
+use crate::sampling::halton::radical_inverse;
 use crate::sampling::hammersley::hammersley;
 use crate::scene::Camera;
 use crate::view::{Atlas, View};
@@ -117,28 +120,42 @@ fn seen(bvh: &Bvh, camera: &Camera) -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
-/// Points of some texels, and their normals.
+/// Points on the sides of triangles that have texels, and their normals, spread by area: texels that are many because they lie on many
+/// small parts tell nothing of the lengths between the surfaces that light comes from.
 fn texels(bvh: &Bvh, atlas: &Atlas) -> Vec<(Vec3, Vec3)> {
-    let texels: Vec<_> = atlas.texels.iter().flatten().collect();
-    let step = (texels.len() / (GRID[0] * GRID[1]) as usize).max(1);
-    let chosen: Vec<_> = texels.into_iter().step_by(step).collect();
-    let numbers: std::collections::HashMap<u32, u32> =
-        (0..bvh.triangle_count()).map(|triangle| (bvh.scene_triangle(triangle), triangle)).collect();
-    chosen
+    let sides: BTreeSet<(u32, bool)> = atlas.texels.iter().flatten().map(|t| (t.triangle, t.back)).collect();
+    let numbers = bvh.leaf_numbers();
+    let at = |triangle: u32, [u, v]: [f32; 2]| bvh.position(&Hit { t: 0.0, u, v, triangle });
+    let mut total = 0.0;
+    // The sum of the areas up to each side, with its triangle.
+    let sums: Vec<(f64, u32, bool)> = sides
         .into_iter()
-        .filter_map(|texel| {
-            let &triangle = numbers.get(&texel.triangle)?;
-            let hit = Hit { t: 0.0, u: texel.uv[0], v: texel.uv[1], triangle };
-            let front = bvh.normal(triangle);
-            Some((bvh.position(&hit), if texel.back { -front } else { front }))
+        .filter_map(|(triangle, back)| {
+            let &leaf = numbers.get(triangle as usize)?;
+            let [a, b, c] = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(|uv| at(leaf, uv));
+            total += f64::from((b - a).cross(c - a).length());
+            Some((total, leaf, back))
         })
-        .collect()
+        .collect();
+    let count = GRID[0] * GRID[1];
+    let point = |i: u32| {
+        let wanted = (f64::from(i) + 0.5) / f64::from(count) * total;
+        let &(_, triangle, back) = sums.get(sums.partition_point(|(sum, ..)| *sum < wanted))?;
+        let (root, along) = (radical_inverse(2, i).sqrt(), radical_inverse(3, i));
+        let front = bvh.normal(triangle);
+        let place = at(triangle, [root * (1.0 - along), root * along]);
+        Some((place, if back { -front } else { front }))
+    };
+    (0..count).filter_map(point).collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
-    use crate::scene::{Scene, builtin};
+    use crate::scene::{Scene, Triangle, builtin};
+    use crate::view::Texel;
 
     /// A room with its camera.
     fn room() -> (Scene, Camera) {
@@ -179,6 +196,31 @@ mod tests {
         let bvh = Bvh::build(&scene).unwrap();
         assert!(bvh.diagonal() > 1e6);
         assert_eq!(of_camera(&scene, &bvh, &camera), alone);
+    }
+
+    #[test]
+    fn many_texels_on_a_small_part_change_nothing() {
+        let (mut scene, _) = room();
+        let texel = |triangle: u32| Some(Texel { triangle, uv: [1.0 / 3.0; 2], back: false });
+        let walls: Vec<_> = (0..scene.triangles.len() as u32).map(texel).collect();
+        let of = |scene: &Scene, texels: Vec<Option<Texel>>| {
+            let view = View::Atlas(Arc::new(Atlas::new([texels.len() as u32, 1], texels)));
+            Extent::of(&Bvh::build(scene).unwrap(), &scene.mean_albedos(), &view)
+        };
+        let alone = of(&scene, walls.clone());
+        // Two sheets that face each other.
+        let (low, high) = scene.bounds();
+        let width = 1e-3 * (high - low).max_element();
+        for side in [-1.0, 1.0] {
+            let first = scene.positions.len() as u32;
+            let corner = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
+            scene.positions.extend(corner.map(|[x, z]| 0.5 * (low + high) + width * Vec3::new(x, 0.5 * side, z)));
+            let turned = if side < 0.0 { [0, 2, 1] } else { [0, 1, 2] };
+            scene.triangles.push(Triangle { vertices: turned.map(|v| first + v), ..scene.triangles[0] });
+        }
+        scene.normals.resize(scene.positions.len(), Vec3::Y);
+        let sheets = (0..10_000).map(|i| texel((walls.len() + i % 2) as u32));
+        assert_eq!(of(&scene, walls.iter().copied().chain(sheets).collect()).size, alone.size);
     }
 
     #[test]

@@ -126,12 +126,20 @@
 //!
 //! # Features
 //!
+//! Without the default ones the library renders what its host builds and what scene descriptions without models hold, with half of the
+//! dependencies.
+//!
+//! - `gltf`, `mitsuba`, `obj`, `ply` (all of them: `formats`, default): readers of these files. `gltf` reads textures in KTX 2.0 and
+//!   bakes too.
+//! - `cli` (default): what the programs need; they read all formats.
+//! - `conform` (default): the checks of `lightsum-conform`.
 //! - `hot-reload`: compile the kernels from `shaders/` (or the folder that `LIGHTSUM_SHADERS` names) whenever an
 //!   engine is made, for work on them.
 //! - `mpi`: one rendering on several ranks, started by `mpirun`.
 //! - `viewer` (default): `lightsum view`, and [`gpu::surface`], a window's device and images.
 
 #![warn(missing_docs)]
+#![cfg_attr(not(feature = "formats"), allow(dead_code, reason = "some of it serves readers of formats alone"))]
 #![deny(unsafe_op_in_unsafe_fn)]
 #![deny(unsafe_code)]
 
@@ -180,6 +188,10 @@ pub mod path_trace;
 // Vulkan.
 #[allow(unsafe_code)]
 pub mod gpu;
+
+// The kernels against their oracles. Unit tests do not need it a second time.
+#[cfg(all(feature = "conform", not(test)))]
+pub mod conform;
 
 pub use engine::Engine;
 pub use error::{Error, Result};

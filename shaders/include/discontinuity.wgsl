@@ -23,3 +23,8 @@ fn tile_corner(tile: u32) -> vec2<i32> {
 fn slot_at(at: vec2<i32>) -> i32 {
     return first_slot() + at.y * i32(frame.size.x) + at.x;
 }
+
+// Texel of a pixel in the images of the guides.
+fn texel_at(at: vec2<i32>) -> vec2<i32> {
+    return at + vec2<i32>(0, i32(window.component * frame.size.y));
+}

@@ -22,6 +22,8 @@ pub(crate) mod blocks;
 pub mod charts;
 mod file_charts;
 pub mod files;
+#[cfg(feature = "gltf")]
+mod kept;
 pub(crate) mod lightmap;
 mod materials;
 mod moves;

@@ -244,7 +244,7 @@ impl FromStr for DeviceChoice {
 
 impl DeviceChoice {
     /// Picks from the list; an unusable device is never picked silently.
-    pub(super) fn pick(&self, devices: &[DeviceInfo]) -> Result<usize> {
+    pub fn pick(&self, devices: &[DeviceInfo]) -> Result<usize> {
         if devices.is_empty() {
             return Err(no_driver());
         }

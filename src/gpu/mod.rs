@@ -27,6 +27,8 @@ mod usage;
 mod wgsl;
 #[cfg(test)]
 mod wgsl_emit;
+#[cfg(any(feature = "hot-reload", test))]
+mod wgsl_parameters;
 
 pub use context::{Context, ContextOptions, HostDevice};
 pub use device::{DeviceChoice, DeviceInfo, Requirements, list_devices};

@@ -1,6 +1,7 @@
 //! WGSL files to SPIR-V: includes, conditionals, naga, reflection.
 //!
-//! The build script compiles this file too (through `#[path]`), so it depends on nothing else in the crate.
+//! The build script compiles this file too (through `#[path]`), so it depends on nothing else in the crate but
+//! [`super::wgsl_parameters`].
 //!
 //! Directives stand alone on a line: `#include "file.wgsl"` (from `include/`, at most once per module), `#if FLAG`, `#else`,
 //! `#endif`. `permutations.txt` lists the flags of each module.
@@ -12,6 +13,8 @@ use std::path::Path;
 use naga::back::spv;
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
+
+use super::wgsl_parameters;
 
 /// Text with resolved directives, and the origin of each line.
 pub struct Source {
@@ -283,6 +286,7 @@ pub fn compile(source: &Source) -> Result<Compiled, String> {
     reflect(source, &module, &mut compiled)?;
     // A driver reads all functions of a module whenever a pipeline is made, and most of the library's are not called.
     naga::compact::compact(&mut module, naga::compact::KeepUnused::No);
+    wgsl_parameters::read_at_start(&mut module);
     let info = validator.validate(&module).map_err(|e| source.validation_error(&e))?;
     let write = |policy| {
         let options = spv::Options {

@@ -50,12 +50,13 @@
 //! Bias: shadows and other detail of the irradiance are blurred over the window; the bias of the mean of N passes vanishes as
 //! log(N) / N. The layers contain the filtered irradiance.
 //!
-//! Cost of a pixel: six vec4 read, two written, 70 operations for the guides; then for windows up to 3 x 3 22 / 4 times
+//! Cost of a pixel: eight vec4 read, four written, 70 operations for the guides; then for windows up to 3 x 3 22 / 4 times
 //! four vec4 read (three without direct light) and 9 x 60 operations, for wider ones of w x h pixels w (h + 3) / 4
 //! times as many and w h x 70; two vec4 written. Second components cost the same, and four points more to read, for
-//! pixels of tiles that show mirrors, glass or narrow lobes. 640x480 on two cores by lavapipe: 23 to 31 ms for 3 x 3 (docs/interactive.md). Memory: 48 or 64 bytes a
+//! pixels of tiles that show mirrors, glass or narrow lobes. 640x480 on two cores by lavapipe: 23 to 31 ms for 3 x 3 (docs/interactive.md). Memory: 64 or 96 bytes a
 //! slot.
 
+use ash::vk;
 use glam::{IVec2, Vec3, Vec4};
 
 use super::layout::{self, Window};
@@ -63,7 +64,7 @@ use super::schedule::LIST_GROUPS;
 use super::{BoundKernel, EyePathState, Kit, Lighting, List, ShadingPoints};
 use crate::accel::offset_origin;
 use crate::error::Result;
-use crate::gpu::{Buffer, Recorder, Resources, shaders};
+use crate::gpu::{Buffer, Image, Recorder, Resources, shaders};
 use crate::settings::{Agreement, Filter};
 
 /// Minimum scalar product of the shading normals of pixels that agree.
@@ -91,10 +92,8 @@ pub const MAX_SPREAD: f32 = 16.0;
 
 /// The pass.
 pub struct Discontinuity {
-    /// Points on the surface; w: octahedral code of the geometric normal.
-    pub guide_points: Buffer,
-    /// Shading normals; w: squared footprint, or depth; 0 if the slot takes no part.
-    pub guide_normals: Buffer,
+    /// What the filter reads: images, because lavapipe loads texels faster than elements of buffers. Second components lie below the first.
+    images: Vec<Image>,
     /// The lighting; filtered quantities have buffers of their own, the others share those of the input.
     pub filtered: Lighting,
     guides: BoundKernel,
@@ -130,7 +129,15 @@ impl Discontinuity {
         let Inputs { points, paths, lighting, ideal_tiles, components, size, pattern, filter } = *inputs;
         let [width, height] = size;
         let array = |what: &str| kit.vec4s(&format!("discontinuity {what}"), width * height * components);
-        let (guide_points, guide_normals) = (array("points")?, array("normals")?);
+        let image = |what: &str| {
+            let name = format!("discontinuity {what}");
+            Image::new(kit.context, &name, width, height * components, vk::Format::R32G32B32A32_SFLOAT)
+        };
+        // Points on the surface, w: octahedral code of the geometric normal; shading normals, w: squared footprint, or depth, 0 if the slot
+        // takes no part; irradiance.
+        let names = ["guide_points", "guide_normals", "guide_indirect", "guide_direct"];
+        let names = if filter.direct { &names[..] } else { &names[..3] };
+        let images = names.iter().map(|name| image(name)).collect::<Result<Vec<_>>>()?;
         let filtered = Lighting {
             direct: if filter.direct { array("direct")? } else { lighting.direct.clone() },
             indirect: array("indirect")?,
@@ -138,7 +145,12 @@ impl Discontinuity {
         };
         let windows = Window::of_components(&filter, pattern, components);
         let paper = filter.agreement == Agreement::DepthAndNormal;
-        let guides = if paper { &shaders::DISCONTINUITY_GUIDES_PAPER } else { &shaders::DISCONTINUITY_GUIDES };
+        let guides = match (paper, filter.direct) {
+            (false, true) => &shaders::DISCONTINUITY_GUIDES,
+            (false, false) => &shaders::DISCONTINUITY_GUIDES_INDIRECT,
+            (true, true) => &shaders::DISCONTINUITY_GUIDES_PAPER,
+            (true, false) => &shaders::DISCONTINUITY_GUIDES_PAPER_INDIRECT,
+        };
         let wide = windows[0].reach.iter().any(|&reach| reach > 1);
         let average = match (wide, paper, filter.direct) {
             (false, false, true) => &shaders::DISCONTINUITY,
@@ -150,25 +162,20 @@ impl Discontinuity {
             (true, true, true) => &shaders::DISCONTINUITY_WIDE_PAPER,
             (true, true, false) => &shaders::DISCONTINUITY_WIDE_PAPER_INDIRECT,
         };
-        let own = Resources::of([
-            ("guide_points", &guide_points),
-            ("guide_normals", &guide_normals),
-            ("filtered_direct", &filtered.direct),
-            ("filtered_indirect", &filtered.indirect),
-        ]);
+        let own = Resources::of([("filtered_direct", &filtered.direct), ("filtered_indirect", &filtered.indirect)]);
+        let own = names.iter().zip(&images).fold(own, |own, (name, image)| own.with_image(name, image));
         let (points, paths, lighting) = (points.resources(), paths.resources(), lighting.resources());
         let bind = |shader| kit.bind(shader, &[&own, &points, &paths, &lighting, &ideal_tiles.as_tiles()]);
         let (guides, average) = (bind(guides)?, bind(average)?);
         let tile_count = width.div_ceil(8) * height.div_ceil(8);
         let tiles = ideal_tiles.work.clone();
-        Ok(Discontinuity { guide_points, guide_normals, filtered, guides, average, windows, tiles, tile_count })
+        Ok(Discontinuity { images, filtered, guides, average, windows, tiles, tile_count })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        if self.windows.len() > 1 {
-            // Second components of the tiles that are not listed take no part.
-            rec.fill(&self.guide_normals, 0)?;
+        for image in &self.images {
+            rec.image_to_general(image)?;
         }
         for kernel in [&self.guides, &self.average] {
             for window in &self.windows {

@@ -16,6 +16,7 @@
 use std::collections::{HashMap, HashSet};
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::Light;
 use super::quadtree::{Element, Shape, Tree};
@@ -179,16 +180,17 @@ impl Solution {
 
     /// The samples that leaves lack, by surface and along its tree.
     pub fn wanted(&self) -> Vec<Place> {
-        let mut places = Vec::new();
-        for (root, (tree, samples)) in (0..).zip(self.trees.iter().zip(&self.samples)) {
-            let mut new = HashSet::new();
+        let of_root = |(root, (tree, samples)): (usize, (&Tree, &Samples))| {
+            let (mut new, mut places) = (HashSet::new(), Vec::new());
             tree.visit(&mut |_, element| {
                 let keys = needed(&self.options, tree.shape(), element);
                 let lacking = keys.into_iter().filter(|key| !samples.contains_key(key) && new.insert(*key));
-                places.extend(lacking.map(|key| (root, key)));
+                places.extend(lacking.map(|key| (root as u32, key)));
             });
-        }
-        places
+            places
+        };
+        let places: Vec<Vec<Place>> = self.trees.par_iter().zip(&self.samples).enumerate().map(of_root).collect();
+        places.concat()
     }
 
     /// The points of places.
@@ -285,10 +287,10 @@ impl Solution {
     }
 
     fn mean(&self, roots: &[Root]) -> f32 {
+        let lights: Vec<Light> = roots.par_iter().enumerate().map(|(i, root)| self.mean_of(i, root.halves)).collect();
         let (mut sum, mut area) = (0.0, 0.0);
-        for (i, root) in roots.iter().enumerate() {
-            let light = self.mean_of(i, root.halves).total();
-            sum += f64::from(light.element_sum() / 3.0) * f64::from(root.area);
+        for (root, light) in roots.iter().zip(lights) {
+            sum += f64::from(light.total().element_sum() / 3.0) * f64::from(root.area);
             area += f64::from(root.area);
         }
         (sum / area.max(f64::MIN_POSITIVE)) as f32
@@ -297,8 +299,8 @@ impl Solution {
     /// Splits leaves that do not tell their light; returns their number.
     fn split(&mut self, roots: &[Root]) -> usize {
         let threshold = self.options.epsilon * self.mean;
-        let mut found = Vec::new();
-        for (i, (root, tree)) in roots.iter().zip(&self.trees).enumerate() {
+        let of_root = |(i, (root, tree)): (usize, (&Root, &Tree))| {
+            let mut found = Vec::new();
             for (node, element) in tree.leaves().filter(|(_, e)| e.level < self.options.height) {
                 let error = self.error(i, node, element);
                 if error > threshold {
@@ -306,7 +308,10 @@ impl Solution {
                     found.push((error * area.sqrt(), i, node));
                 }
             }
-        }
+            found
+        };
+        let found: Vec<Vec<_>> = roots.par_iter().zip(&self.trees).enumerate().map(of_root).collect();
+        let mut found = found.concat();
         let room = (self.options.elements - self.elements()) / 3;
         if found.len() > room {
             found.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));

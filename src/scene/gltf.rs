@@ -7,12 +7,10 @@
 //! ([`super::gltf_compressed`]), skins and morph targets at rest, animations
 //! ([`super::gltf_animation`]), KHR_lights_punctual, perspective cameras, and the materials of [`super::gltf_material`].
 
-use std::cell::Cell;
 use std::collections::{BTreeSet, HashMap};
 use std::f32::consts::FRAC_PI_2;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
-use std::sync::{Arc, Once};
+use std::sync::Arc;
 
 use glam::{DMat4, DQuat, DVec3, Quat, Vec2, Vec3};
 use gltf::accessor::Dimensions;
@@ -29,6 +27,7 @@ use super::export::{AssetExtras, CameraExtras, VirtualExtras};
 use super::gltf_accessor::{Buffers, reason};
 use super::gltf_extensions::{Extensions, INSTANCING};
 use super::gltf_material::{TextureKey, UvMaps};
+use super::quietly::quietly;
 use super::{Camera, Light, NamedCamera, Scene, Texture, Triangle, gltf_animation, origin};
 use crate::error::{Error, Result};
 use crate::input::Inputs;
@@ -52,27 +51,6 @@ pub(super) fn load(path: &Path, photometric: Option<bool>, inputs: &Inputs) -> R
         Ok(result) => result,
         Err(message) => Err(Error::file(path, format!("malformed glTF: {message}"))),
     }
-}
-
-/// Runs `f` and returns a panic's message instead of printing it.
-pub(crate) fn quietly<T>(f: impl FnOnce() -> T) -> Result<T, String> {
-    thread_local!(static QUIET: Cell<bool> = const { Cell::new(false) });
-    static HOOK: Once = Once::new();
-    HOOK.call_once(|| {
-        let previous = std::panic::take_hook();
-        std::panic::set_hook(Box::new(move |info| {
-            if !QUIET.get() {
-                previous(info);
-            }
-        }));
-    });
-    let before = QUIET.replace(true);
-    let result = catch_unwind(AssertUnwindSafe(f));
-    QUIET.set(before);
-    result.map_err(|payload| {
-        let text = payload.downcast_ref::<String>().map(String::as_str);
-        text.or(payload.downcast_ref::<&str>().copied()).unwrap_or("unknown reason").to_string()
-    })
 }
 
 fn read(path: &Path, bytes: &[u8], photometric: Option<bool>, inputs: &Inputs) -> Result<Scene> {
@@ -520,11 +498,5 @@ mod tests {
         assert_eq!(assemble(Mode::TriangleFan, &indices), vec![[1, 2, 0], [2, 3, 0], [3, 4, 0]]);
         assert_eq!(assemble(Mode::Triangles, &indices), vec![[0, 1, 2]]);
         assert!(assemble(Mode::TriangleFan, &[]).is_empty());
-    }
-
-    #[test]
-    fn a_panic_becomes_a_message() {
-        assert_eq!(quietly(|| panic!("number {}", 7)), Err::<(), _>(String::from("number 7")));
-        assert_eq!(quietly(|| 3), Ok(3));
     }
 }

@@ -13,8 +13,8 @@ use meshopt_rs::index::sequence::decode_index_sequence;
 use meshopt_rs::vertex::buffer::decode_vertex_buffer;
 use serde_json::Value;
 
-use super::gltf::quietly;
 use super::gltf_extensions::{DRACO, MESHOPT};
+use super::quietly::quietly;
 use crate::input::half_of_memory;
 
 /// Bytes of all decoded Draco meshes of a file at most, if half of the machine's memory is not less: those of 50 million vertices with all

@@ -16,9 +16,10 @@ use rayon::prelude::*;
 use serde_json::Value;
 
 use super::export::MaterialExtras;
-use super::gltf::{Reader, ours, quietly};
+use super::gltf::{Reader, ours};
 use super::gltf_accessor::{Buffers, external};
 use super::gltf_extensions::{ANISOTROPY, BASISU, CLEARCOAT, GLOSSINESS, WEBP};
+use super::quietly::quietly;
 use super::{Alpha, MIN_ROUGHNESS, Material, Surface, Texture, Wrap};
 use crate::error::{Error, Result};
 

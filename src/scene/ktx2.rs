@@ -8,7 +8,8 @@ use std::io::Read;
 use basisu::{DecodeFlags, TargetFormat, Transcoder};
 use ktx2::{Format, Reader, SupercompressionScheme};
 
-use super::gltf::quietly;
+use super::quietly::quietly;
+use super::texture::Reserve;
 
 /// Most texels of a texture: as many as 16384 x 16384.
 const MOST_TEXELS: u64 = 1 << 28;
@@ -18,14 +19,6 @@ const TEXEL_BYTES: u64 = 4;
 
 /// Most bytes of the blocks of a level of all layers.
 const MOST_BLOCKS: u64 = 1 << 30;
-
-/// Whether bytes are a KTX 2.0 file.
-pub(super) fn is_ktx2(bytes: &[u8]) -> bool {
-    bytes.starts_with(b"\xabKTX 20\xbb\r\n\x1a\n")
-}
-
-/// Reserves bytes of memory, or tells why not.
-pub(super) type Reserve<'a> = &'a dyn Fn(u64) -> Result<(), String>;
 
 /// Width, height and RGBA texels as the file encodes them. `reserve` is asked before memory is taken. Error: the reason.
 pub(super) fn decode(bytes: &[u8], reserve: Reserve) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
@@ -118,6 +111,7 @@ fn transcode(bytes: &[u8], reader: &Reader<&[u8]>, texels: u64, reserve: Reserve
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::texture::is_ktx2;
 
     fn decode(bytes: &[u8]) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
         super::decode(bytes, &|_| Ok(()))

@@ -11,35 +11,55 @@ mod description;
 pub mod environment;
 pub(crate) mod export;
 mod framing;
+#[cfg(feature = "gltf")]
 pub(crate) mod gltf;
+#[cfg(feature = "gltf")]
 mod gltf_accessor;
+#[cfg(feature = "gltf")]
 mod gltf_animation;
+#[cfg(feature = "gltf")]
 mod gltf_compressed;
+#[cfg(feature = "gltf")]
 mod gltf_extensions;
+#[cfg(feature = "gltf")]
 mod gltf_material;
 mod kept_light;
+#[cfg(feature = "gltf")]
 mod ktx2;
 mod large_polygon;
 mod material;
 pub mod mip;
+#[cfg(feature = "mitsuba")]
 mod mitsuba;
+#[cfg(feature = "mitsuba")]
 mod mitsuba_bsdf;
+#[cfg(feature = "mitsuba")]
 mod mitsuba_emitter;
+#[cfg(feature = "mitsuba")]
 mod mitsuba_indices;
+#[cfg(feature = "mitsuba")]
 mod mitsuba_shape;
+#[cfg(feature = "mitsuba")]
 mod mitsuba_texture;
+#[cfg(feature = "mitsuba")]
 mod mitsuba_xml;
+#[cfg(feature = "obj")]
 mod obj;
+#[cfg(feature = "obj")]
 mod obj_lines;
+#[cfg(feature = "obj")]
 mod obj_material;
+#[cfg(feature = "obj")]
 mod obj_texture;
 mod objects;
 pub(crate) mod openexr;
 mod origin;
 mod pane;
 pub mod path;
+#[cfg(feature = "ply")]
 mod ply;
 pub(crate) mod posed;
+pub(crate) mod quietly;
 pub mod reflectors;
 mod sky;
 pub mod surfaces;
@@ -217,23 +237,50 @@ pub fn load_with(path: &Path, options: &ReadOptions) -> Result<Scene> {
 
 /// Reads a model without validating it: a description may still add lights and change materials.
 fn load_model(path: &Path, photometric: Option<bool>, inputs: &Inputs) -> Result<Scene> {
-    let mut scene = match extension(path).as_str() {
+    let mut scene = read_model(path, photometric, inputs)?;
+    scene.name = stem(path);
+    Ok(scene)
+}
+
+/// Kinds of files that this library was built without a reader for, each with the feature that has it.
+const UNREAD: &[[&str; 2]] = &[
+    #[cfg(not(feature = "obj"))]
+    ["obj", "obj"],
+    #[cfg(not(feature = "ply"))]
+    ["ply", "ply"],
+    #[cfg(not(feature = "mitsuba"))]
+    ["xml", "mitsuba"],
+    #[cfg(not(feature = "gltf"))]
+    ["gltf", "gltf"],
+    #[cfg(not(feature = "gltf"))]
+    ["glb", "gltf"],
+];
+
+#[cfg_attr(not(feature = "formats"), allow(unused_variables, reason = "what only some readers need"))]
+fn read_model(path: &Path, photometric: Option<bool>, inputs: &Inputs) -> Result<Scene> {
+    match extension(path).as_str() {
+        #[cfg(feature = "obj")]
         "obj" => {
             let mut scene = obj::load(path, inputs)?;
             scene.find_panes();
-            scene
+            Ok(scene)
         }
-        "ply" => ply::load(path, inputs)?,
-        "xml" => mitsuba::load(path, inputs)?,
-        "gltf" | "glb" => gltf::load(path, photometric, inputs)?,
-        other => {
-            let message =
-                format!("cannot read scenes of the kind {other:?}; use .toml, .obj, .ply, .gltf, .glb or .xml");
-            return Err(Error::file(path, message));
-        }
-    };
-    scene.name = stem(path);
-    Ok(scene)
+        #[cfg(feature = "ply")]
+        "ply" => ply::load(path, inputs),
+        #[cfg(feature = "mitsuba")]
+        "xml" => mitsuba::load(path, inputs),
+        #[cfg(feature = "gltf")]
+        "gltf" | "glb" => gltf::load(path, photometric, inputs),
+        kind => Err(Error::file(
+            path,
+            match UNREAD.iter().find(|[unread, _]| *unread == kind) {
+                Some([_, feature]) => {
+                    format!("this program was built without the feature {feature}, which reads such files")
+                }
+                None => format!("cannot read scenes of the kind {kind:?}; use .toml, .obj, .ply, .gltf, .glb or .xml"),
+            },
+        )),
+    }
 }
 
 fn extension(path: &Path) -> String {

@@ -7,8 +7,8 @@ use std::io::Cursor;
 
 use exr::prelude::{ReadChannels, ReadLayers, Text, Vec2, read};
 
-use super::gltf::quietly;
-use super::ktx2::Reserve;
+use super::quietly::quietly;
+use super::texture::Reserve;
 
 /// Pixels of a display window, from the top row on.
 pub(crate) struct Pixels {

@@ -6,7 +6,9 @@ use std::path::Path;
 use glam::{Vec2, Vec3, Vec4};
 use image::{ImageFormat, ImageReader};
 
-use super::{Scene, Texture, Triangle, Wrap, ktx2, openexr};
+#[cfg(feature = "gltf")]
+use super::ktx2::decode as decode_ktx2;
+use super::{Scene, Texture, Triangle, Wrap, openexr};
 use crate::bsdf::anisotropic::grain;
 use crate::bsdf::{mapped_normal, sample_filtered};
 use crate::input::Inputs;
@@ -22,6 +24,20 @@ pub enum TextureUse {
     Normal = 2,
     /// [`super::Material::emission_texture`].
     Emission = 3,
+}
+
+/// Reserves bytes of memory, or tells why not.
+pub(super) type Reserve<'a> = &'a dyn Fn(u64) -> Result<(), String>;
+
+/// Whether bytes are a KTX 2.0 file.
+pub(super) fn is_ktx2(bytes: &[u8]) -> bool {
+    bytes.starts_with(b"\xabKTX 20\xbb\r\n\x1a\n")
+}
+
+/// Stands for the decoder where it is not compiled.
+#[cfg(not(feature = "gltf"))]
+fn decode_ktx2(_: &[u8], _: Reserve) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
+    Err(String::from("this program was built without the feature gltf, which reads KTX 2.0 textures"))
 }
 
 /// Counts the memory of decoded texels, before it is taken where the decoder allows that.
@@ -66,8 +82,8 @@ impl Texture {
         scaled: bool,
     ) -> Result<(Texture, f32), String> {
         let reserve = |bytes| inputs.take(Path::new(&name), bytes).map_err(|e| e.to_string());
-        if ktx2::is_ktx2(bytes) {
-            let (width, height, texels) = ktx2::decode(bytes, &reserve)?;
+        if is_ktx2(bytes) {
+            let (width, height, texels) = decode_ktx2(bytes, &reserve)?;
             return Ok((Texture { name, width, height, texels, srgb, wrap }, 1.0));
         }
         let format = image::guess_format(bytes).ok().or_else(|| ImageFormat::from_path(&name).ok());

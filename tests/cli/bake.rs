@@ -218,9 +218,7 @@ fn an_adaptive_bake_goes_on_where_it_stopped() {
     assert!(bake(24, "--resume").1 == whole);
     let other =
         fails(folder, "bake scene.toml -o room.glb --adaptive 0.2 --height 4 --particles 8 --passes 24 --resume");
-    assert!(other.contains("room.glb.state") && other.contains("remove the state"), "{other}");
-    let (told, _) = bake(100_000, "--time 2 --target-error 0.00001 --seed 4");
-    assert!(told.contains("estimated error") || told.contains("broken off"), "{told}");
+    assert!(other.contains("room.glb.state") && other.contains("remove it"), "{other}");
     assert!(!fails(folder, "bake scene.toml -o room.glb --time 0.001").contains("panicked"));
 }
 

@@ -4,6 +4,7 @@ mod animate;
 mod bake;
 mod bench;
 mod cluster;
+mod conform;
 #[cfg(target_os = "linux")]
 mod drivers;
 mod faults;

@@ -1,5 +1,7 @@
 //! Tests without a device.
 
+mod conform;
+mod package;
 mod readers;
 mod scene;
 mod scene_gltf;

@@ -16,9 +16,10 @@ use lightsum::settings::{Clip, Compensation, Exposure, Lookup, Settings};
 use lightsum::standalone::Renderer;
 use lightsum::view::Atlas;
 
-use crate::rig::{AWKWARD_IMAGES, Rig, close, gallery, has};
+use crate::rig::{Rig, close, gallery, has};
 use crate::scenes::{Soup, renderer};
 use crate::support::gpu_test;
+use lightsum::conform::AWKWARD_IMAGES;
 
 /// All lights at every point, without clipping.
 fn plain() -> Settings {

@@ -11,9 +11,10 @@ use lightsum::settings::{Compensation, Settings, Superposition};
 use lightsum::superposition::kernels::VIEW_ANGLES;
 
 use crate::renderer::path_traced;
-use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, hit_of};
+use crate::rig::{Rig, STRAYS, Tally, hit_of};
 use crate::scenes::{self, Soup, camera, compare, render};
 use crate::support::gpu_test;
+use lightsum::conform::AWKWARD_IMAGES;
 
 const METAL: Vec3 = Vec3::new(0.9, 0.8, 0.7);
 

@@ -9,9 +9,10 @@ use lightsum::scene::{Camera, Material, Scene};
 use lightsum::settings::{Compensation, ImageChoice, MirrorImages, MirrorSource, Settings, Spread, Superposition};
 use lightsum::superposition::depth_images::{DepthImages, Hemisphere, Options, Plan, Pose, elements, hemisphere};
 
-use crate::rig::{AWKWARD_IMAGES, Builder, Rig, STRAYS, Tally};
+use crate::rig::{Builder, Rig, STRAYS, Tally};
 use crate::scenes::{compare, render, renderer};
 use crate::support::gpu_test;
+use lightsum::conform::AWKWARD_IMAGES;
 
 /// The square mirror on the floor is as wide as the room.
 const SIDE: f32 = 4.0;

@@ -9,7 +9,9 @@ use lightsum::gpu::{
     Buffer, Context, ContextOptions, HostDevice, Kernel, Memory, Recorder, Requirements, Staging, Timers,
 };
 
-use crate::gpu_layer::{error, fill_push, filled};
+use lightsum::conform::checks::kernels::{fill_push, filled};
+
+use crate::gpu_layer::error;
 use crate::support::{SENTINEL, assert_silent, gpu_test, kernels, options};
 
 /// A host's device, made here with ash alone; destroyed after the context that uses it.

@@ -1,211 +1,24 @@
-//! The discontinuity buffer against its oracle, and its guarantees: it preserves constants and energy, and keeps edges
+//! Guarantees of the discontinuity buffer: it preserves constants and energy, and keeps edges
 //! and textures sharp.
 
-use glam::{Vec3, Vec4};
-use lightsum::gpu::{Context, upload};
-use lightsum::pass::discontinuity::{self, Discontinuity, Guide, Inputs, PixelPoint, agree, guide};
-use lightsum::pass::discontinuity_lobes::{self, DiscontinuityLobes, Gloss};
-use lightsum::pass::layout::Window;
-use lightsum::pass::{Lighting, ShadingPoints};
+use glam::Vec3;
+use lightsum::gpu::Context;
+use lightsum::pass::discontinuity::{Guide, agree};
 use lightsum::scene::{Light, Material, Scene, Texture, Wrap};
 use lightsum::settings::{Agreement, Filter, Settings};
 use lightsum::stage::Stage;
 
-use crate::rig::{Builder, Numbers, Rig, STRAYS, Tally, close, gallery, has, is_lit, untouched};
+use crate::rig::{Builder, Rig, close, gallery};
 use crate::scenes::{Soup, camera, render};
 use crate::support::gpu_test;
 
-/// The guides of all slots by the oracle; second components of tiles that are not listed take no part.
-fn guides(rig: &Rig, agreement: Agreement) -> Vec<Guide> {
-    let (r, pixels) = (&rig.frame().eye.points, rig.parameters.size[2] as usize);
-    let [position, geometric, shading, kd, wo] =
-        [&r.position, &r.geometric, &r.shading, &r.kd, &r.wo].map(|b| rig.vec4s(b));
-    let throughput = rig.vec4s(&rig.frame().eye.paths.throughput);
-    let listed = rig.ideal_pixels();
-    let of_slot = |i: usize| {
-        if i >= pixels && listed.binary_search(&((i - pixels) as u32)).is_err() {
-            return Guide::default();
-        }
-        let receiver = PixelPoint {
-            position: position[i],
-            geometric: geometric[i],
-            shading: shading[i],
-            kd: kd[i],
-            wo: wo[i],
-            depth: throughput[i].w,
-        };
-        // Neighbours in the tile of 8 x 8 pixels.
-        let [width, height, ..] = rig.parameters.size.map(|n| n as usize);
-        let (x, y) = (i % pixels % width, i % pixels / width);
-        let lit = |j: usize, inside: bool| (i >= pixels && inside && is_lit(wo[j])).then(|| position[j].truncate());
-        let neighbours = [
-            [lit(i.wrapping_sub(1), x % 8 > 0), lit(i + 1, x % 8 < 7 && x + 1 < width)],
-            [lit(i.wrapping_sub(width), y % 8 > 0), lit(i + width, y % 8 < 7 && y + 1 < height)],
-        ];
-        guide(&rig.parameters, agreement, &receiver, neighbours)
-    };
-    (0..position.len()).map(of_slot).collect()
-}
-
-/// The filtered lighting for this direct and indirect irradiance of all slots.
-fn filtered(ctx: &Context, rig: &Rig, filter: Filter, irradiance: [&[Vec3]; 2]) -> [Vec<Vec3>; 2] {
-    let frame = rig.frame();
-    let [direct, indirect] = irradiance.map(|all| {
-        let wide: Vec<Vec4> = all.iter().map(|e| e.extend(0.0)).collect();
-        upload(ctx, "irradiance", bytemuck::cast_slice::<Vec4, f32>(&wide)).unwrap()
-    });
-    let [width, height, pixels, _] = rig.parameters.size;
-    let [pattern_width, pattern_height, ..] = rig.parameters.pattern;
-    let inputs = Inputs {
-        points: &frame.eye.points,
-        paths: &frame.eye.paths,
-        lighting: &Lighting { direct, indirect, specular: frame.shade.lighting.specular.clone() },
-        ideal_tiles: &frame.eye.ideal_tiles,
-        components: irradiance[0].len() as u32 / pixels,
-        size: [width, height],
-        pattern: [pattern_width, pattern_height],
-        filter,
-    };
-    let pass = rig.make(|kit| Discontinuity::new(kit, &inputs));
-    rig.prefill(&[&pass.filtered.indirect]);
-    if filter.direct {
-        rig.prefill(&[&pass.filtered.direct]);
-    }
-    rig.run(|_, rec| pass.record(rec));
-    [&pass.filtered.direct, &pass.filtered.indirect].map(|b| rig.vec4s(b).iter().map(|e| e.truncate()).collect())
-}
+use lightsum::conform::checks::discontinuity::{filtered, filters, guides, random};
 
 /// The visible shading points of a scene in its first pass.
 fn seen<'a>(ctx: &'a Context, scene: &'a Scene, size: [u32; 2], pattern: [u32; 2]) -> Rig<'a> {
-    seen_in_pass(ctx, scene, size, pattern, 0)
-}
-
-fn seen_in_pass<'a>(ctx: &'a Context, scene: &'a Scene, size: [u32; 2], pattern: [u32; 2], pass: u32) -> Rig<'a> {
-    let rig = Rig::at_pass(ctx, scene, size, Settings { particles: 1, pattern, ..Settings::plain() }, pass);
+    let rig = Rig::new(ctx, scene, size, Settings { particles: 1, pattern, ..Settings::plain() });
     rig.run(|frame, rec| frame.eye.record(rec));
     rig
-}
-
-fn random(count: usize) -> Vec<Vec3> {
-    let mut numbers = Numbers(count as u32);
-    (0..count).map(|_| numbers.vec3()).collect()
-}
-
-fn filters() -> Vec<(Filter, [u32; 2])> {
-    let filter = |window, direct, agreement| Filter { window, direct, agreement };
-    vec![
-        (filter(None, true, Agreement::Plane), [1, 1]),
-        (filter(None, false, Agreement::Plane), [2, 3]),
-        (filter(Some([3, 1]), true, Agreement::DepthAndNormal), [2, 1]),
-        (filter(Some([1, 3]), false, Agreement::DepthAndNormal), [1, 1]),
-        (filter(None, true, Agreement::Plane), [5, 4]),
-        (filter(Some([9, 5]), false, Agreement::Plane), [3, 2]),
-        (filter(Some([5, 7]), true, Agreement::DepthAndNormal), [4, 1]),
-        (filter(Some([1, 9]), false, Agreement::DepthAndNormal), [1, 8]),
-    ]
-}
-
-#[test]
-fn lobes_follow_their_oracle() {
-    gpu_test(|ctx| {
-        let scene = gallery();
-        let mut averaged = 0;
-        for size in [[1, 1], [27, 1], [64, 3], [2049, 1], [97, 61]] {
-            for (i, (filter, pattern)) in filters().into_iter().enumerate() {
-                // The filter of the later ones has faded.
-                let rig = seen_in_pass(ctx, &scene, size, pattern, 40 * i as u32);
-                let frame = rig.frame();
-                let r = &frame.eye.points;
-                let [position, geometric, shading, f0, wo] =
-                    [&r.position, &r.geometric, &r.shading, &r.f0, &r.wo].map(|b| rig.vec4s(b));
-                let pixels = (size[0] * size[1]) as usize;
-                let lobe = |i: usize| Gloss {
-                    position: position[i].truncate(),
-                    geometric: geometric[i].truncate(),
-                    shading: shading[i].truncate(),
-                    wo: wo[i].truncate(),
-                    f0: f0[i].truncate(),
-                    alpha: shading[i].w,
-                };
-                let takes_part = |i: usize| has(wo[i], ShadingPoints::GLOSSY) && is_lit(wo[i]);
-                let lobes: Vec<_> = (0..pixels).map(|i| takes_part(i).then(|| lobe(i))).collect();
-                let radiance = random(wo.len());
-                let wide: Vec<Vec4> = radiance.iter().map(|l| l.extend(0.0)).collect();
-                let specular = upload(ctx, "radiance", bytemuck::cast_slice::<Vec4, f32>(&wide)).unwrap();
-                let lighting = Lighting { specular, ..frame.shade.lighting.clone() };
-                let components = (wo.len() / pixels) as u32;
-                let inputs = (r, &lighting, &frame.eye.ideal_tiles);
-                let pass = rig.make(|kit| DiscontinuityLobes::new(kit, inputs, components, size, (filter, pattern)));
-                rig.run(|_, rec| pass.record(rec));
-                let found = rig.vec4s(&pass.filtered.specular);
-                let window = Window::new(&filter, pattern);
-                let expected = discontinuity_lobes::reference(&rig.parameters, &window, &lobes, &radiance);
-                let mut tally = Tally::new(format!("lobes, {size:?}, {filter:?}, pattern {pattern:?}"));
-                for i in 0..pixels {
-                    let (l, e) = (found[i].truncate(), expected[i]);
-                    tally.check_values(close(l, e, 1e-4, 1e-5), &[(l, e)], || format!("pixel {i}: {l} for {e}"));
-                    averaged += usize::from((e - radiance[i]).length() > 1e-3);
-                }
-                // Second components keep their own.
-                for i in rig.ideal_pixels().into_iter().map(|pixel| pixel as usize + pixels).filter(|&i| i < wo.len()) {
-                    tally.check(found[i].truncate() == radiance[i], || format!("slot {i}"));
-                }
-                tally.finish(STRAYS);
-            }
-        }
-        assert!(averaged > 2000, "{averaged} pixels are averaged");
-    });
-}
-
-#[test]
-fn discontinuity_follows_its_oracle() {
-    gpu_test(|ctx| {
-        let scene = gallery();
-        let mut averaged = [0; 2];
-        for size in [[1, 1], [27, 1], [64, 3], [2049, 1], [31, 17]] {
-            for (i, (filter, pattern)) in filters().into_iter().enumerate() {
-                // The filter of the later ones has faded.
-                let rig = seen_in_pass(ctx, &scene, size, pattern, 40 * i as u32);
-                let guides = guides(&rig, filter.agreement);
-                let pixels = (size[0] * size[1]) as usize;
-                let irradiance = [random(guides.len()), random(guides.len() + 1)[1..].to_vec()];
-                let found = filtered(ctx, &rig, filter, [&irradiance[0], &irradiance[1]]);
-                let window = Window::new(&filter, pattern);
-                let listed = rig.ideal_pixels();
-                let mut tally = Tally::new(format!("discontinuity, {size:?}, {filter:?}, pattern {pattern:?}"));
-                for (component, averaged) in averaged.iter_mut().enumerate().take(guides.len() / pixels) {
-                    let slots = component * pixels..(component + 1) * pixels;
-                    for (kind, (found, irradiance)) in found.iter().zip(&irradiance).enumerate() {
-                        let expected = discontinuity::reference(
-                            &rig.parameters,
-                            filter.agreement,
-                            &window,
-                            &guides[slots.clone()],
-                            &irradiance[slots.clone()],
-                        );
-                        for (pixel, slot) in slots.clone().enumerate() {
-                            let is_filtered = kind == 1 || filter.direct;
-                            if component == 1 && is_filtered && listed.binary_search(&(pixel as u32)).is_err() {
-                                tally.check(
-                                    untouched(found[slot].extend(f32::from_bits(crate::support::SENTINEL))),
-                                    || format!("slot {slot} is not listed"),
-                                );
-                                continue;
-                            }
-                            let e = if is_filtered { expected[pixel] } else { irradiance[slot] };
-                            let same = close(found[slot], e, 1e-4, 1e-5);
-                            tally.check_values(same, &[(found[slot], e)], || {
-                                format!("slot {slot}: {} for {e}", found[slot])
-                            });
-                            *averaged += usize::from(is_filtered && (e - irradiance[slot]).length() > 1e-3);
-                        }
-                    }
-                }
-                tally.finish(0.0);
-            }
-        }
-        assert!(averaged[0] > 10_000 && averaged[1] > 100, "hardly anything is averaged: {averaged:?}");
-    });
 }
 
 #[test]

@@ -11,9 +11,10 @@ use lightsum::superposition::kernels::{CORE_RADIUS, KERNEL_TEXELS, KernelLibrary
 use lightsum::superposition::lobe::Lobe;
 
 use crate::renderer::{agrees, bits, path_traced};
-use crate::rig::{AWKWARD_IMAGES, Builder, Rig, Tally, close, has, is_lit};
+use crate::rig::{Builder, Rig, Tally, close, has, is_lit};
 use crate::scenes::{Soup, camera, compare, mean, render, settings};
 use crate::support::gpu_test;
+use lightsum::conform::AWKWARD_IMAGES;
 
 const TINT: Vec3 = Vec3::new(0.9, 1.0, 0.8);
 

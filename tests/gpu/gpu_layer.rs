@@ -3,11 +3,12 @@
 use ash::vk;
 use lightsum::Error;
 use lightsum::gpu::{
-    Buffer, Context, ContextOptions, DeviceChoice, Image, Kernel, Memory, Snapshot, Timers, download, list_devices,
-    upload,
+    Buffer, Context, ContextOptions, DeviceChoice, Image, Kernel, Memory, Snapshot, Timers, list_devices, upload,
 };
 
-use crate::support::{AWKWARD_SIZES, FillPush, SENTINEL, assert_silent, gpu_test, kernels, options};
+use lightsum::conform::checks::kernels::fill_push;
+
+use crate::support::{SENTINEL, assert_silent, gpu_test, kernels, options};
 
 /// The error of an operation that must fail.
 pub fn error<T>(result: lightsum::Result<T>) -> Error {
@@ -15,101 +16,6 @@ pub fn error<T>(result: lightsum::Result<T>) -> Error {
         Ok(_) => panic!("succeeded, but must fail"),
         Err(error) => error,
     }
-}
-
-pub fn fill_push(count: usize, scale: u32) -> FillPush {
-    FillPush { count: u32::try_from(count).unwrap(), scale }
-}
-
-/// The result of `fill.wgsl` for equal values.
-pub fn filled(count: usize, before: u32, scale: u32) -> Vec<u32> {
-    (0..count as u32).map(|i| before.wrapping_mul(scale).wrapping_add(i)).collect()
-}
-
-#[test]
-fn upload_and_download_give_the_same_back() {
-    gpu_test(|ctx| {
-        for size in AWKWARD_SIZES {
-            let words: Vec<u32> = (0..size as u32).map(|i| i.wrapping_mul(2_654_435_761)).collect();
-            let buffer = upload(ctx, "words", &words).unwrap();
-            assert_eq!(buffer.bytes(), 4 * size as u64);
-            assert_eq!(download::<u32>(ctx, &buffer).unwrap(), words);
-            let bytes: Vec<u8> = (0..size).map(|i| i as u8).collect();
-            let buffer = upload(ctx, "bytes", &bytes).unwrap();
-            assert_eq!(download::<u8>(ctx, &buffer).unwrap(), bytes);
-        }
-        let nothing = upload::<u32>(ctx, "nothing", &[]).unwrap();
-        assert!(download::<u32>(ctx, &nothing).unwrap().is_empty());
-    });
-}
-
-#[test]
-fn uploads_beyond_one_chunk_arrive_whole() {
-    gpu_test(|ctx| {
-        let words: Vec<u32> = (0..(65 << 20) / 4).collect();
-        let buffer = upload(ctx, "words", &words).unwrap();
-        assert!(download::<u32>(ctx, &buffer).unwrap() == words);
-    });
-}
-
-#[test]
-fn a_dispatch_touches_its_elements_and_no_others() {
-    gpu_test(|ctx| {
-        let kernel = Kernel::new(ctx, &kernels::FILL).unwrap();
-        for size in AWKWARD_SIZES {
-            let values = Buffer::new(ctx, "values", 4 * (size as u64 + 7), Memory::Device).unwrap();
-            let bindings = kernel.bind(&[("values", (&values).into())]).unwrap();
-            ctx.submit_and_wait("fill", None, |rec| {
-                rec.fill(&values, SENTINEL)?;
-                rec.dispatch(&kernel, &bindings, bytemuck::bytes_of(&fill_push(size, 3)), size.div_ceil(64) as u64)
-            })
-            .unwrap();
-            let result = download::<u32>(ctx, &values).unwrap();
-            assert_eq!(result[..size], filled(size, SENTINEL, 3));
-            assert_eq!(result[size..], [SENTINEL; 7]);
-        }
-    });
-}
-
-#[test]
-fn each_command_sees_what_those_before_it_wrote() {
-    gpu_test(|ctx| {
-        let kernel = Kernel::new(ctx, &kernels::FILL).unwrap();
-        let size = 2049;
-        let values = upload(ctx, "values", &vec![1u32; size]).unwrap();
-        let copy = Buffer::new(ctx, "copy", values.bytes(), Memory::Readback).unwrap();
-        let bindings = kernel.bind(&[("values", (&values).into())]).unwrap();
-        ctx.submit_and_wait("chain", None, |rec| {
-            let push = fill_push(size, 2);
-            for _ in 0..3 {
-                rec.dispatch(&kernel, &bindings, bytemuck::bytes_of(&push), 33)?;
-            }
-            rec.update(&values, 4 * 2048, &7u32.to_le_bytes())?;
-            rec.copy(&values, &copy)
-        })
-        .unwrap();
-        // x -> 2x + i three times from 1: 8 + 7i.
-        let mut expected: Vec<u32> = (0..size as u32).map(|i| 8 + 7 * i).collect();
-        expected[2048] = 7;
-        assert_eq!(copy.read::<u32>().unwrap(), expected);
-    });
-}
-
-#[test]
-fn more_than_65535_workgroups_spread_over_two_axes() {
-    gpu_test(|ctx| {
-        let kernel = Kernel::new(ctx, &kernels::FILL).unwrap();
-        let groups = 70_001u64;
-        let size = groups as usize * 64 - 5;
-        let values = Buffer::new(ctx, "values", 4 * size as u64, Memory::Device).unwrap();
-        let bindings = kernel.bind(&[("values", (&values).into())]).unwrap();
-        ctx.submit_and_wait("fill", None, |rec| {
-            rec.fill(&values, SENTINEL)?;
-            rec.dispatch(&kernel, &bindings, bytemuck::bytes_of(&fill_push(size, 0)), groups)
-        })
-        .unwrap();
-        assert!(download::<u32>(ctx, &values).unwrap() == filled(size, SENTINEL, 0));
-    });
 }
 
 #[test]
@@ -125,71 +31,6 @@ fn too_many_workgroups_are_refused() {
         // Zero workgroups are no error.
         ctx.submit_and_wait("fill", None, |rec| rec.dispatch(&kernel, &bindings, bytemuck::bytes_of(&push), 0))
             .unwrap();
-    });
-}
-
-#[test]
-fn indirect_dispatches_take_their_size_from_a_buffer() {
-    gpu_test(|ctx| {
-        let kernel = Kernel::new(ctx, &kernels::FILL).unwrap();
-        let size = 2049;
-        let values = Buffer::new(ctx, "values", 4 * size as u64, Memory::Device).unwrap();
-        let args = Buffer::new(ctx, "args", 16, Memory::Device).unwrap();
-        let bindings = kernel.bind(&[("values", (&values).into())]).unwrap();
-        let push = fill_push(size, 0);
-        ctx.submit_and_wait("indirect", None, |rec| {
-            rec.fill(&values, SENTINEL)?;
-            rec.update(&args, 4, bytemuck::cast_slice(&[10u32, 2, 1]))?;
-            rec.dispatch_indirect(&kernel, &bindings, bytemuck::bytes_of(&push), &args, 4)
-        })
-        .unwrap();
-        let mut expected = filled(size, SENTINEL, 0);
-        expected[20 * 64..].fill(SENTINEL);
-        assert_eq!(download::<u32>(ctx, &values).unwrap(), expected);
-        let outside = ctx.submit_and_wait("indirect", None, |rec| {
-            rec.dispatch_indirect(&kernel, &bindings, bytemuck::bytes_of(&push), &args, 8)
-        });
-        assert!(error(outside).to_string().starts_with("args: "));
-    });
-}
-
-#[test]
-fn subgroups_workgroup_memory_and_atomics_work_at_any_subgroup_size() {
-    gpu_test(|ctx| {
-        let kernel = Kernel::new(ctx, &kernels::REDUCE).unwrap();
-        for size in AWKWARD_SIZES {
-            let input: Vec<u32> = (0..size as u32).map(|i| i.wrapping_mul(2_654_435_761) >> 8).collect();
-            let values = upload(ctx, "values", &input).unwrap();
-            let sums = Buffer::new(ctx, "sums", 16, Memory::Device).unwrap();
-            let bindings = kernel.bind(&[("totals", (&sums).into()), ("values", (&values).into())]).unwrap();
-            ctx.submit_and_wait("reduce", None, |rec| {
-                rec.update(&sums, 0, bytemuck::cast_slice(&[0, 0, SENTINEL, SENTINEL]))?;
-                rec.dispatch(&kernel, &bindings, &(size as u32).to_le_bytes(), size.div_ceil(64) as u64)
-            })
-            .unwrap();
-            let sum = input.iter().copied().fold(0, u32::wrapping_add);
-            let largest = input.iter().copied().max().unwrap();
-            assert_eq!(download::<u32>(ctx, &sums).unwrap(), [sum, largest, SENTINEL, SENTINEL]);
-        }
-    });
-}
-
-#[test]
-fn images_are_written_and_copied_out() {
-    gpu_test(|ctx| {
-        let kernel = Kernel::new(ctx, &kernels::PAINT).unwrap();
-        let image = Image::new(ctx, "film", 37, 5, vk::Format::R32G32B32A32_SFLOAT).unwrap();
-        let pixels = Buffer::new(ctx, "pixels", image.bytes(), Memory::Readback).unwrap();
-        let bindings = kernel.bind(&[("film", (&image).into())]).unwrap();
-        ctx.submit_and_wait("paint", None, |rec| {
-            rec.image_to_general(&image)?;
-            rec.dispatch(&kernel, &bindings, &[], 5)?;
-            rec.copy_image_to_buffer(&image, &pixels)
-        })
-        .unwrap();
-        let expected: Vec<[f32; 4]> =
-            (0..5).flat_map(|y| (0..37).map(move |x| [x as f32, y as f32, 0.5, 1.0])).collect();
-        assert_eq!(pixels.read::<[f32; 4]>().unwrap(), expected);
     });
 }
 
@@ -270,6 +111,13 @@ fn buffers_beyond_a_limit_or_range_are_refused() {
         assert!(error(small.write(60, &[0; 8])).to_string().starts_with("small: "));
         assert!(error(small.read::<u32>()).to_string().contains("Memory::Readback"));
         let outside = ctx.submit_and_wait("copy", None, |rec| rec.copy_range(&small, 32, &small, 0, 64));
+        assert!(error(outside).to_string().starts_with("small: "));
+        let kernel = Kernel::new(ctx, &kernels::FILL).unwrap();
+        let bindings = kernel.bind(&[("values", (&small).into())]).unwrap();
+        let push = fill_push(1, 0);
+        let outside = ctx.submit_and_wait("indirect", None, |rec| {
+            rec.dispatch_indirect(&kernel, &bindings, bytemuck::bytes_of(&push), &small, 56)
+        });
         assert!(error(outside).to_string().starts_with("small: "));
     });
 }

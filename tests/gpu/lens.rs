@@ -11,9 +11,10 @@ use lightsum::settings::{Compensation, Settings};
 use lightsum::stage::Stage;
 
 use crate::references::path_traced;
-use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery, has, is_lit};
+use crate::rig::{Rig, Tally, close, gallery, has, is_lit};
 use crate::scenes::{Soup, camera, compare, fov, mean, render, renderer, settings};
 use crate::support::gpu_test;
+use lightsum::conform::AWKWARD_IMAGES;
 
 #[test]
 fn lens_follows_its_oracle() {

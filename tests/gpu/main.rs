@@ -2,8 +2,11 @@
 //!
 //! One binary, so that few devices serve all tests; each test's turn ends with a look at the validation layer's messages.
 
+use lightsum::conform::{lobe_tables, rig};
+
 mod bake;
 mod caustics;
+mod checks;
 mod convolve;
 mod curved_reflectors;
 mod delta_choice;
@@ -11,7 +14,6 @@ mod depth_images;
 mod devices;
 mod directed_lights;
 mod discontinuity;
-mod display;
 mod edges;
 mod embed;
 mod emission_textures;
@@ -20,13 +22,11 @@ mod far_scenes;
 mod four_ways;
 mod frosted_panes;
 mod gain;
-mod gallery;
 mod gpu_layer;
 mod importance;
 mod independent;
 mod lens;
 mod light_lists;
-mod lobe_tables;
 mod memory;
 mod mirror_lights;
 mod mirrors_and_glass;
@@ -35,22 +35,15 @@ mod moving;
 mod near;
 mod no_numbers;
 mod outliers;
-mod passes_eye;
-mod passes_film;
-mod passes_light;
 mod passes_limits;
 mod passes_paths;
-mod passes_photons;
-mod passes_splats;
 mod passes_walk;
 mod phong_lobes;
 mod radiosity;
 mod references;
 mod renderer;
-mod rig;
 mod ring;
 mod scenes;
-mod sequences;
 mod soft_shadows;
 mod splats;
 mod superposition;

@@ -12,12 +12,13 @@ use lightsum::scene::{Camera, Light, Material, Scene, Surface};
 use lightsum::settings::{Reflectance, Settings};
 use lightsum::stage::Stage;
 
-use crate::passes_light::receivers;
 use crate::references::path_traced;
 use crate::renderer::bits;
-use crate::rig::{AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery_with_tables, xyz};
+use crate::rig::{Rig, STRAYS, Tally, close, gallery_with_tables, xyz};
 use crate::scenes::{Soup, camera, mean, original, render, settings};
 use crate::support::gpu_test;
+use lightsum::conform::AWKWARD_IMAGES;
+use lightsum::conform::checks::light::receivers;
 
 fn mirror(reflectance: f32) -> Material {
     let specular = Vec3::splat(reflectance);

@@ -12,9 +12,10 @@ use lightsum::settings::{Compensation, Settings};
 use lightsum::stage::Stage;
 use lightsum::standalone::Renderer;
 
-use crate::rig::{AWKWARD_IMAGES, Rig, Tally, close, gallery, has, hit_of, is_lit};
+use crate::rig::{Rig, Tally, close, gallery, has, hit_of, is_lit};
 use crate::scenes::{Soup, camera, fov, settings};
 use crate::support::{gpu_test, unwatched};
+use lightsum::conform::AWKWARD_IMAGES;
 
 fn posed(object: u32, transform: Affine3A) -> PosedObject {
     PosedObject { object, transform, vertices: None }

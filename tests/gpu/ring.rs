@@ -14,10 +14,11 @@ use lightsum::settings::Compensation;
 use lightsum::{Engine, Renderer, Settings};
 
 use crate::embed::{image, message, ready};
-use crate::passes_film::{Sheet, fill};
-use crate::rig::{Numbers, Rig, make};
+use crate::rig::{Rig, make};
 use crate::scenes::{Soup, camera, compare, mean, render};
 use crate::support::{AWKWARD_SIZES, gpu_test, unwatched};
+use lightsum::conform::Numbers;
+use lightsum::conform::checks::film::{Sheet, fill};
 
 fn ring(form: Form, length: u32) -> Option<Ring> {
     Some(Ring { length, ..Ring::new(form) })

@@ -18,12 +18,11 @@ use lightsum::settings::{Compensation, Filter, Settings, SoftShadows, Traversal}
 use lightsum::stage::{self, Stage};
 use lightsum::view::View;
 
-use crate::passes_light::receivers;
-use crate::rig::{
-    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery, gallery_with_alpha, has, hit_of, is_lit, ray_of, xyz,
-};
+use crate::rig::{Rig, STRAYS, Tally, close, gallery, gallery_with_alpha, has, hit_of, is_lit, ray_of, xyz};
 use crate::scenes::{Soup, camera, compare, fov, original, render, settings};
 use crate::support::gpu_test;
+use lightsum::conform::AWKWARD_IMAGES;
+use lightsum::conform::checks::light::receivers;
 
 fn soft(settings: Settings) -> Settings {
     Settings { soft_shadows: Some(SoftShadows::default()), ..settings }

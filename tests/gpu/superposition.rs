@@ -14,9 +14,10 @@ use lightsum::superposition::lobe::{Lobe, Table};
 use lightsum::superposition::reflectance::{ReflectanceMap, fresnel_fitted_rgb};
 
 use crate::renderer::path_traced;
-use crate::rig::{AWKWARD_IMAGES, Builder, Rig, Tally, close, has, is_lit};
+use crate::rig::{Builder, Rig, Tally, close, has, is_lit};
 use crate::scenes::{self, Soup, camera, compare, render};
 use crate::support::gpu_test;
+use lightsum::conform::AWKWARD_IMAGES;
 
 /// A room with a glossy floor, a glossy wall of another finish opposite the eye, and an opening to the background.
 fn room() -> Scene {

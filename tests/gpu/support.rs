@@ -3,49 +3,8 @@
 use std::cell::RefCell;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-use lightsum::gpu::{BindingInfo, BindingKind, Context, ContextOptions, Shader};
-
-/// Kernels of the tests, from `kernels/`.
-pub mod kernels {
-    use super::{BindingInfo, BindingKind, Shader};
-
-    include!(concat!(env!("OUT_DIR"), "/test_shaders.rs"));
-}
-
-/// Push constants of `kernels/fill.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-pub struct FillPush {
-    pub count: u32,
-    pub scale: u32,
-}
-
-/// Push constants of `kernels/reduce.wgsl`.
-#[repr(C)]
-pub struct ReducePush {
-    pub count: u32,
-}
-
-/// Output of `kernels/reduce.wgsl`.
-#[repr(C)]
-pub struct Totals {
-    pub sum: u32,
-    pub largest: u32,
-}
-
-mod layout_checks {
-    use lightsum::pass::layout::{LevelRecord, TextureRecord};
-
-    use super::{FillPush, ReducePush, Totals};
-
-    include!(concat!(env!("OUT_DIR"), "/test_layout_checks.rs"));
-}
-
-/// Initial content of outputs, which reveals elements that were not written.
-pub const SENTINEL: u32 = 0xdead_beef;
-
-/// Sizes that reveal off-by-one mistakes.
-pub const AWKWARD_SIZES: [usize; 4] = [1, 27, 64, 2049];
+pub use lightsum::conform::{AWKWARD_SIZES, SENTINEL, kernels};
+use lightsum::gpu::{Context, ContextOptions};
 
 /// Options of the tests' device: the one named by LIGHTSUM_DEVICE, else any; kernels with bounds checks if
 /// LIGHTSUM_CHECKED is set.

@@ -126,17 +126,20 @@ impl<'a> Part<'a> {
         let before = film.about.done();
         let total = stop.passes().map(|end| self.own(end));
         let numbers = (self.part.index..stop.passes().unwrap_or(u32::MAX)).step_by(self.part.count as usize);
-        for (rendered, number) in numbers.filter(|&number| !before.has(number)).enumerate() {
-            let late = rendered > 0 && stop.is_late(progress.elapsed());
+        for (rendered, number) in (1_u32..).zip(numbers.filter(|&number| !before.has(number))) {
+            let late = rendered > 1 && stop.is_late(progress.elapsed());
             if late || interrupted.load(Ordering::Relaxed) {
                 break;
             }
             film.add(number, renderer.pass_of(number)?);
             film.after_pass(renderer);
-            let (rendered, elapsed) = (rendered + 1, progress.elapsed());
-            let text = || format!("pass {number}, {:.2} passes/s", rendered as f64 / elapsed.as_secs_f64().max(1e-9));
-            let of_passes = total.map_or(0.0, |total| rendered as f64 / (total - before.count()).max(1) as f64);
-            progress.show(text, of_passes.max(stop.fraction_of_time(elapsed)));
+            let text = || {
+                let rate = f64::from(rendered) / progress.elapsed().as_secs_f64().max(1e-9);
+                format!("pass {number}, {rate:.2} passes/s")
+            };
+            let text = text();
+            let of_passes = total.map_or(0.0, |total| f64::from(rendered) / (total - before.count()).max(1) as f64);
+            progress.show(|| text, of_passes.max(stop.fraction_of_time(progress.elapsed())));
         }
         Ok(())
     }

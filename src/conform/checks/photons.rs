@@ -1,27 +1,24 @@
 //! Caustic photons from the emitters to the pixels against their oracles.
 
+use crate::bsdf::Reflectance;
+use crate::bsdf::ideal::Media;
+use crate::conform::Bench;
+use crate::conform::tally::within;
+use crate::pass::layout::{DispatchCounts, FrameParameters, PointLight};
+use crate::pass::photon_follow::{self, Fate};
+use crate::pass::photon_light::{self, Photon};
+use crate::pass::photon_start::Started;
+use crate::pass::shade::ShadingPoint;
+use crate::pass::surface::surface_at;
+use crate::pass::{ShadingPoints, photon_find, photon_grid, photon_lights, photon_radius, photon_start, photon_width};
+use crate::scene::Scene;
+use crate::settings::{Reflectance as Form, Sequence, Settings};
+use crate::stage::{Photons, Stage};
 use glam::{Vec3, Vec4};
-use lightsum::bsdf::Reflectance;
-use lightsum::bsdf::ideal::Media;
-use lightsum::gpu::Context;
-use lightsum::pass::layout::{DispatchCounts, FrameParameters, PointLight};
-use lightsum::pass::photon_follow::{self, Fate};
-use lightsum::pass::photon_light::{self, Photon};
-use lightsum::pass::photon_start::Started;
-use lightsum::pass::shade::ShadingPoint;
-use lightsum::pass::surface::surface_at;
-use lightsum::pass::{
-    ShadingPoints, photon_find, photon_grid, photon_lights, photon_radius, photon_start, photon_width,
-};
-use lightsum::scene::Scene;
-use lightsum::settings::{Reflectance as Form, Sequence, Settings};
-use lightsum::stage::{Photons, Stage};
 
-use crate::rig::{
-    AWKWARD_IMAGES, Rig, SINE, STRAYS, Tally, close, gallery_outdoors, gallery_with_tables, has, hit_of, ray_of,
-    sine_error,
+use crate::conform::rig::{
+    Rig, SINE, STRAYS, Tally, close, gallery_outdoors, gallery_with_tables, has, hit_of, ray_of, sine_error,
 };
-use crate::support::{AWKWARD_SIZES, gpu_test};
 
 /// Tolerance for a direction: refraction near the critical angle magnifies rounding.
 const DIRECTION: f32 = 1e-3;
@@ -66,7 +63,7 @@ fn check_weights(rig: &Rig, what: &str, lights: &[PointLight]) -> Vec<f32> {
         for i in (class * each + first)..(class + 1) * each {
             sum += f64::from(photon_lights::weight(&lights[i as usize], &rig.engine.device_scene().targets));
             let found = f64::from(sums[i as usize]);
-            assert!((found - sum).abs() <= 1e-4 * sum, "{what}: light {i}: {found} for {sum}");
+            assert!(within(found - sum, 1e-4 * sum), "{what}: light {i}: {found} for {sum}");
         }
     }
     sums
@@ -129,7 +126,7 @@ fn check_start(rig: &Rig, what: &str, sine: f32) -> usize {
 fn check_step(rig: &Rig, what: &str, step: usize, seen: &mut [usize; 4]) {
     let p = photons(rig);
     let before = State::of(rig);
-    let sorted = |list: &lightsum::pass::List| {
+    let sorted = |list: &crate::pass::List| {
         let live = rig.get::<DispatchCounts>(&list.work)[0].live as usize;
         let mut slots: Vec<u32> = rig.get(&list.entries);
         slots.truncate(live);
@@ -214,7 +211,7 @@ fn check_grid(rig: &mut Rig, what: &str) -> Vec<Photon> {
     let positions: Vec<Option<Vec3>> = state.position.iter().map(|v| (v.w == 1.0).then_some(v.truncate())).collect();
     let radius = photon_radius::reference(&rig.parameters, positions.iter().flatten().count());
     let found = rig.get::<FrameParameters>(&rig.frame().parameters)[0].photon;
-    assert!(radius.iter().zip(found).all(|(a, b)| (a - b).abs() <= 1e-5 * a.abs()), "{what}: {found:?} for {radius:?}");
+    assert!(radius.iter().zip(found).all(|(a, b)| within(a - b, 1e-5 * a.abs())), "{what}: {found:?} for {radius:?}");
     rig.parameters.photon = found;
     let g = &photons(rig).grid;
     let order = photon_grid::reference(&rig.parameters, &positions);
@@ -322,7 +319,7 @@ fn check_light(rig: &Rig, what: &str, mut photons: Vec<Photon>, narrowed: &mut u
 
 /// Shoots, follows, sorts and looks up the photons of these settings.
 fn follow(
-    ctx: &Context,
+    bench: &Bench,
     scene: &Scene,
     size: [u32; 2],
     settings: Settings,
@@ -330,7 +327,7 @@ fn follow(
     (seen, narrowed): (&mut [usize; 4], &mut usize),
 ) -> [usize; 2] {
     let what = format!("{} photons, {size:?}, pattern {:?}", settings.photons, settings.pattern);
-    let mut rig = Rig::new(ctx, scene, size, settings);
+    let mut rig = bench.rig(scene, size, settings);
     seen[3] += check_start(&rig, &what, sine);
     for step in 0..photons(&rig).lists.len() {
         check_step(&rig, &what, step, seen);
@@ -339,75 +336,69 @@ fn follow(
     check_light(&rig, &what, stored, narrowed)
 }
 
-#[test]
-fn photons_from_an_environment_follow_their_oracles() {
-    gpu_test(|ctx| {
-        let scene = gallery_outdoors();
-        let sine = sine_error(ctx, &scene);
-        let settings = Settings {
-            photons: 8191,
-            particles: 4,
-            max_specular: 5,
-            mirror_lights: 0,
-            photon_radius: Some(0.3),
-            ..Settings::plain()
-        };
-        let (mut seen, mut narrowed) = ([0; 4], 0);
-        let lit = follow(ctx, &scene, [31, 17], settings, sine, (&mut seen, &mut narrowed));
-        assert!(seen.iter().all(|&n| n > 10) && lit.iter().all(|&n| n > 0), "{seen:?} {lit:?}");
-    });
+pub fn photons_from_an_environment_follow_their_oracles(bench: &Bench) {
+    let scene = gallery_outdoors();
+    let sine = sine_error(bench, &scene);
+    let settings = Settings {
+        photons: 8191,
+        particles: 4,
+        max_specular: 5,
+        mirror_lights: 0,
+        photon_radius: Some(0.3),
+        ..Settings::plain()
+    };
+    let (mut seen, mut narrowed) = ([0; 4], 0);
+    let lit = follow(bench, &scene, [31, 17], settings, sine, (&mut seen, &mut narrowed));
+    bench.covered(seen.iter().all(|&n| n > 10) && lit.iter().all(|&n| n > 0), format_args!("{seen:?} {lit:?}"));
 }
 
-#[test]
-fn photons_follow_their_oracles() {
-    gpu_test(|ctx| {
-        let scene = gallery_with_tables();
-        let sine = sine_error(ctx, &scene);
-        let (mut seen, mut narrowed, mut lit) = ([0; 4], 0, [0; 2]);
-        let base = Settings {
-            reflectance: Form::Fresnel,
-            particles: 4,
-            max_specular: 5,
-            mirror_lights: 0,
-            glossy_paths: false,
-            photon_radius: Some(0.3),
-            ..Settings::plain()
-        };
-        for photons in AWKWARD_SIZES {
-            let settings = Settings { photons: photons as u32, seed: photons as u64, ..base.clone() };
-            lit = follow(ctx, &scene, [31, 17], settings, sine, (&mut seen, &mut narrowed));
+pub fn photons_follow_their_oracles(bench: &Bench) {
+    let scene = gallery_with_tables();
+    let sine = sine_error(bench, &scene);
+    let (mut seen, mut narrowed, mut lit) = ([0; 4], 0, [0; 2]);
+    let base = Settings {
+        reflectance: Form::Fresnel,
+        particles: 4,
+        max_specular: 5,
+        mirror_lights: 0,
+        glossy_paths: false,
+        photon_radius: Some(0.3),
+        ..Settings::plain()
+    };
+    for photons in bench.sizes() {
+        let settings = Settings { photons: photons as u32, seed: photons as u64, ..base.clone() };
+        lit = follow(bench, &scene, [31, 17], settings, sine, (&mut seen, &mut narrowed));
+    }
+    log::info!("lost, stored, gone on, from lights: {seen:?}; receivers lit diffusely and by a lobe: {lit:?}");
+    bench.covered(seen.iter().all(|&n| n > 100) && lit.iter().all(|&n| n > 10), format_args!("{seen:?} {lit:?}"));
+    // The other sequence; paths along lobes.
+    let settings = Settings { photons: 341, sequence: Sequence::Sobol, glossy_paths: true, ..base.clone() };
+    follow(bench, &scene, [31, 17], settings, sine, (&mut seen, &mut narrowed));
+    // Classes, and photons that are looked up in 15 ranges.
+    let settings = Settings { photons: 341, pattern: [3, 2], loop_budget: 1152, rounds: 100, ..base.clone() };
+    lit = follow(bench, &scene, [31, 17], settings.clone(), sine, (&mut seen, &mut narrowed));
+    bench.covered(lit[0] > 10, format_args!("{lit:?}"));
+    // Numbers of pixels and of photons that fill no workgroup, each alone and in classes.
+    lit = [0; 2];
+    for size in bench.images() {
+        for settings in [Settings { photons: 2039, seed: 5, ..base.clone() }, settings.clone()] {
+            let more = follow(bench, &scene, size, settings, sine, (&mut seen, &mut narrowed));
+            lit = [0, 1].map(|k| lit[k] + more[k]);
         }
-        println!("lost, stored, gone on, from lights: {seen:?}; receivers lit diffusely and by a lobe: {lit:?}");
-        assert!(seen.iter().all(|&n| n > 100) && lit.iter().all(|&n| n > 10), "{seen:?} {lit:?}");
-        // The other sequence; paths along lobes.
-        let settings = Settings { photons: 341, sequence: Sequence::Sobol, glossy_paths: true, ..base.clone() };
-        follow(ctx, &scene, [31, 17], settings, sine, (&mut seen, &mut narrowed));
-        // Classes, and photons that are looked up in 15 ranges.
-        let settings = Settings { photons: 341, pattern: [3, 2], loop_budget: 1152, rounds: 100, ..base.clone() };
-        lit = follow(ctx, &scene, [31, 17], settings.clone(), sine, (&mut seen, &mut narrowed));
-        assert!(lit[0] > 10, "{lit:?}");
-        // Numbers of pixels and of photons that fill no workgroup, each alone and in classes.
-        lit = [0; 2];
-        for size in AWKWARD_IMAGES {
-            for settings in [Settings { photons: 2039, seed: 5, ..base.clone() }, settings.clone()] {
-                let more = follow(ctx, &scene, size, settings, sine, (&mut seen, &mut narrowed));
-                lit = [0, 1].map(|k| lit[k] + more[k]);
-            }
+    }
+    bench.covered(lit.iter().all(|&n| n > 100), format_args!("{lit:?}"));
+    // Footprints by the photons around, which all classes share.
+    assert_eq!(narrowed, 0, "a radius of one's own is kept");
+    lit = [0; 2];
+    for (photons, pattern, size) in [(16381, [1, 1], [61, 47]), (2039, [3, 2], [97, 61])] {
+        let shared = Settings { photons, pattern, photon_radius: None, interleave_photons: false, ..base.clone() };
+        let stretches = Settings { loop_budget: 1152, rounds: 100, ..shared.clone() };
+        for settings in [shared, stretches] {
+            let more = follow(bench, &scene, size, settings, sine, (&mut seen, &mut narrowed));
+            lit = [0, 1].map(|k| lit[k] + more[k]);
         }
-        assert!(lit.iter().all(|&n| n > 100), "{lit:?}");
-        // Footprints by the photons around, which all classes share.
-        assert_eq!(narrowed, 0, "a radius of one's own is kept");
-        lit = [0; 2];
-        for (photons, pattern, size) in [(16381, [1, 1], [61, 47]), (2039, [3, 2], [97, 61])] {
-            let shared = Settings { photons, pattern, photon_radius: None, interleave_photons: false, ..base.clone() };
-            let stretches = Settings { loop_budget: 1152, rounds: 100, ..shared.clone() };
-            for settings in [shared, stretches] {
-                let more = follow(ctx, &scene, size, settings, sine, (&mut seen, &mut narrowed));
-                lit = [0, 1].map(|k| lit[k] + more[k]);
-            }
-        }
-        assert!(lit.iter().all(|&n| n > 10), "{lit:?}");
-        println!("{narrowed} photons narrower than the radius");
-        assert!(narrowed > 50);
-    });
+    }
+    bench.covered(lit.iter().all(|&n| n > 10), format_args!("{lit:?}"));
+    log::info!("{narrowed} photons narrower than the radius");
+    bench.covered(narrowed > 50, format_args!("{narrowed} photons are narrower than the radius"));
 }

@@ -1,24 +1,23 @@
 //! Splats from the emitters to the pixels against their oracles.
 
+use crate::bsdf::ideal::Media;
+use crate::bsdf::phong::width_of;
+use crate::conform::Bench;
+use crate::conform::tally::within;
+use crate::pass::layout::{DispatchCounts, PointLight};
+use crate::pass::splat_light::{self, Hit};
+use crate::pass::splat_start::SplatState;
+use crate::pass::surface::surface_at;
+use crate::pass::{List, ShadingPoints, shade, splat_follow, splat_grid, splat_pack, splat_start, splat_width};
+use crate::scene::Scene;
+use crate::settings::{Settings, Splats};
+use crate::stage::{self, Stage};
 use glam::{Vec3, Vec4};
-use lightsum::bsdf::ideal::Media;
-use lightsum::bsdf::phong::width_of;
-use lightsum::gpu::Context;
-use lightsum::pass::layout::{DispatchCounts, PointLight};
-use lightsum::pass::splat_light::{self, Hit};
-use lightsum::pass::splat_start::SplatState;
-use lightsum::pass::surface::surface_at;
-use lightsum::pass::{List, ShadingPoints, shade, splat_follow, splat_grid, splat_pack, splat_start, splat_width};
-use lightsum::scene::Scene;
-use lightsum::settings::{Settings, Splats};
-use lightsum::stage::{self, Stage};
 
-use crate::passes_light::{LOBE, receivers};
-use crate::rig::{
-    AWKWARD_IMAGES, Rig, SINE, STRAYS, Tally, close, gallery_outdoors, gallery_with_tables, has, hit_of, ray_of,
-    sine_error,
+use super::light::{LOBE, receivers};
+use crate::conform::rig::{
+    Rig, SINE, STRAYS, Tally, close, gallery_outdoors, gallery_with_tables, has, hit_of, ray_of, sine_error,
 };
-use crate::support::{AWKWARD_SIZES, gpu_test};
 
 /// Tolerance for a direction: refraction near the critical angle magnifies rounding.
 const DIRECTION: f32 = 1e-3;
@@ -175,7 +174,7 @@ fn check_grid(rig: &Rig, what: &str) -> (Vec<Hit>, Vec<f32>) {
     for (i, &h) in width.iter().enumerate() {
         let on = hits.iter().filter(|hit| hit[0][3] == i as u32 + 1).count() as u32;
         let wanted = splat_width::reference(parameters.width, f32::from_bits(records[i][0]), on);
-        assert!(counts[i] == on && (h - wanted).abs() <= 1e-5 * wanted, "{what}: surface {i}: {h} for {wanted}");
+        assert!(counts[i] == on && within(h - wanted, 1e-5 * wanted), "{what}: surface {i}: {h} for {wanted}");
     }
     let read: Vec<Hit> = hits.iter().map(|&words| Hit::of(words)).collect();
     let places: Vec<(Vec3, u32, f32)> =
@@ -274,95 +273,90 @@ fn check_light(rig: &Rig, what: &str, hits: &[Hit], width: &[f32]) -> usize {
     lit
 }
 
-fn follow(ctx: &Context, scene: &Scene, size: [u32; 2], settings: Settings, sine: f32, seen: &mut [usize; 3]) -> usize {
+fn follow(bench: &Bench, scene: &Scene, size: [u32; 2], settings: Settings, sine: f32, seen: &mut [usize; 3]) -> usize {
     let what = format!("{} particles, {size:?}", settings.splats.unwrap().particles);
-    let rig = Rig::new(ctx, scene, size, settings);
+    let rig = bench.rig(scene, size, settings);
     check_start(&rig, &what, sine);
     (0..splats(&rig).lists.len()).for_each(|bounces| check_step(&rig, &what, bounces, seen));
     let (hits, width) = check_grid(&rig, &what);
     check_light(&rig, &what, &hits, &width)
 }
 
-#[test]
-fn splats_against_their_oracles() {
-    gpu_test(|ctx| {
-        let scene = gallery_with_tables();
-        let sine = sine_error(ctx, &scene);
-        let (mut seen, mut lit) = ([0; 3], 0);
-        for (particles, size) in AWKWARD_SIZES.into_iter().zip(AWKWARD_IMAGES.into_iter().skip(1)) {
-            lit += follow(ctx, &scene, size, settings(particles as u32), sine, &mut seen);
-        }
-        let outdoors = gallery_outdoors();
-        let sine = sine_error(ctx, &outdoors);
-        for size in [[31, 17], [29, 19], [41, 13]] {
-            lit += follow(ctx, &outdoors, size, settings(500), sine, &mut seen);
-        }
-        assert!(seen.iter().all(|&n| n > 50) && lit > 300, "absorbed, stored, continued: {seen:?}; lit {lit}");
-    });
+pub fn splats_against_their_oracles(bench: &Bench) {
+    let scene = gallery_with_tables();
+    let sine = sine_error(bench, &scene);
+    let (mut seen, mut lit) = ([0; 3], 0);
+    for (particles, size) in bench.sizes().zip(bench.images().cycle().skip(1)) {
+        lit += follow(bench, &scene, size, settings(particles as u32), sine, &mut seen);
+    }
+    let outdoors = gallery_outdoors();
+    let sine = sine_error(bench, &outdoors);
+    for size in [[31, 17], [29, 19], [41, 13]] {
+        lit += follow(bench, &outdoors, size, settings(500), sine, &mut seen);
+    }
+    bench.covered(
+        seen.iter().all(|&n| n > 50) && lit > 300,
+        format_args!("absorbed, stored, continued: {seen:?}; lit {lit}"),
+    );
 }
 
-#[test]
-fn a_batch_whose_hits_do_not_fit_is_left_out_whole() {
-    gpu_test(|ctx| {
-        let scene = gallery_with_tables();
-        let rig = Rig::new(ctx, &scene, [1, 1], settings(2049));
+pub fn a_batch_whose_hits_do_not_fit_is_left_out_whole(bench: &Bench) {
+    let scene = gallery_with_tables();
+    let rig = bench.rig(&scene, [1, 1], settings(2049));
+    let s = splats(&rig);
+    let mut parameters = s.plan.parameters();
+    rig.run(|_, rec| s.record_clear(rec, &rig.parameters));
+    rig.run(|_, rec| s.record_batch(rec, 0));
+    let first = rig.get::<SplatState>(&s.state)[0];
+    assert!(first.full == 0 && first.particles == 2049, "{first:?}");
+    bench.covered(first.hits > 20, format_args!("{first:?}"));
+    let stored: Vec<Words> = rig.get(&s.hits);
+    // The same batch again and again, until one does not fit.
+    let mut hits = stored[..first.hits as usize].to_vec();
+    let mut state = first;
+    parameters.capacity = (s.hits.bytes() / 32) as u32;
+    let fresh: Vec<Words> = rig.get(&s.fresh);
+    for _ in 0..parameters.capacity / first.hits + 2 {
+        rig.run(|_, rec| s.record_pack(rec));
+        splat_pack::reference(&parameters, &mut state, &mut hits, &fresh);
+        assert_eq!(rig.get::<SplatState>(&s.state)[0], state);
+    }
+    assert_eq!(state.full, 1);
+    assert!(rig.get::<Words>(&s.hits)[..hits.len()] == hits[..], "what is stored is not touched");
+    // Nothing starts any more.
+    rig.run(|_, rec| s.record_start(rec, 0));
+    assert!(rig.vec4s(&s.rays.origin).iter().all(|origin| origin.w == 0.0));
+    rig.run(|_, rec| s.record_grid(rec));
+    assert_eq!(rig.get::<DispatchCounts>(&s.grid.list.work)[0].live, state.hits);
+}
+
+pub fn each_class_of_pixels_takes_splats_in_one_of_as_many_passes(bench: &Bench) {
+    let scene = gallery_with_tables();
+    let light = |pattern: [u32; 2], local: u32| {
+        let rig = bench.rig(&scene, [31, 17], Settings { pattern, ..settings(500) });
         let s = splats(&rig);
-        let mut parameters = s.plan.parameters();
-        rig.run(|_, rec| s.record_clear(rec, &rig.parameters));
-        rig.run(|_, rec| s.record_batch(rec, 0));
-        let first = rig.get::<SplatState>(&s.state)[0];
-        assert!(first.full == 0 && first.particles == 2049 && first.hits > 20, "{first:?}");
-        let stored: Vec<Words> = rig.get(&s.hits);
-        // The same batch again and again, until one does not fit.
-        let mut hits = stored[..first.hits as usize].to_vec();
-        let mut state = first;
-        parameters.capacity = (s.hits.bytes() / 32) as u32;
-        let fresh: Vec<Words> = rig.get(&s.fresh);
-        for _ in 0..parameters.capacity / first.hits + 2 {
-            rig.run(|_, rec| s.record_pack(rec));
-            splat_pack::reference(&parameters, &mut state, &mut hits, &fresh);
-            assert_eq!(rig.get::<SplatState>(&s.state)[0], state);
-        }
-        assert_eq!(state.full, 1);
-        assert!(rig.get::<Words>(&s.hits)[..hits.len()] == hits[..], "what is stored is not touched");
-        // Nothing starts any more.
-        rig.run(|_, rec| s.record_start(rec, 0));
-        assert!(rig.vec4s(&s.rays.origin).iter().all(|origin| origin.w == 0.0));
-        rig.run(|_, rec| s.record_grid(rec));
-        assert_eq!(rig.get::<DispatchCounts>(&s.grid.list.work)[0].live, state.hits);
-    });
-}
-
-#[test]
-fn each_class_of_pixels_takes_splats_in_one_of_as_many_passes() {
-    gpu_test(|ctx| {
-        let scene = gallery_with_tables();
-        let light = |pattern: [u32; 2], local: u32| {
-            let rig = Rig::new(ctx, &scene, [31, 17], Settings { pattern, ..settings(500) });
-            let s = splats(&rig);
-            // Another pass in which the eye sees the same.
-            let mut parameters = rig.parameters;
-            parameters.size[3] = local;
-            rig.run(|frame, rec| {
-                frame.record_start(rec, &parameters)?;
-                s.record_particles(rec, &parameters)?;
-                frame.walk.record(rec)?;
-                frame.eye.record(rec)?;
-                s.record_find(rec)?;
-                rec.fill(&frame.shade.lighting.specular, 0)?;
-                s.record(rec)
-            });
-            rig.vec4s(&rig.frame().shade.lighting.specular)
-        };
-        let whole = light([1, 1], 0);
-        let parts: Vec<Vec<Vec4>> = [0, 1].into_iter().map(|local| light([2, 1], local)).collect();
-        let mut lit = 0;
-        for (i, all) in whole.iter().map(|l| l.truncate()).enumerate() {
-            let [one, other] = [0, 1].map(|k| parts[k][i].truncate());
-            assert!(one == Vec3::ZERO || other == Vec3::ZERO, "slot {i}: {one}, {other}");
-            assert!(close((one + other) / 2.0, all, 1e-4, 0.0), "slot {i}: {one}, {other} for {all}");
-            lit += usize::from(all != Vec3::ZERO);
-        }
-        assert!(lit > 50 && parts[0] != parts[1], "{lit}");
-    });
+        // Another pass in which the eye sees the same.
+        let mut parameters = rig.parameters;
+        parameters.size[3] = local;
+        rig.run(|frame, rec| {
+            frame.record_start(rec, &parameters)?;
+            s.record_particles(rec, &parameters)?;
+            frame.walk.record(rec)?;
+            frame.eye.record(rec)?;
+            s.record_find(rec)?;
+            rec.fill(&frame.shade.lighting.specular, 0)?;
+            s.record(rec)
+        });
+        rig.vec4s(&rig.frame().shade.lighting.specular)
+    };
+    let whole = light([1, 1], 0);
+    let parts: Vec<Vec<Vec4>> = [0, 1].into_iter().map(|local| light([2, 1], local)).collect();
+    let mut lit = 0;
+    for (i, all) in whole.iter().map(|l| l.truncate()).enumerate() {
+        let [one, other] = [0, 1].map(|k| parts[k][i].truncate());
+        assert!(one == Vec3::ZERO || other == Vec3::ZERO, "slot {i}: {one}, {other}");
+        assert!(close((one + other) / 2.0, all, 1e-4, 0.0), "slot {i}: {one}, {other} for {all}");
+        lit += usize::from(all != Vec3::ZERO);
+    }
+    bench.covered(lit > 50 && parts[0] != parts[1], format_args!("{lit}"));
 }

@@ -1,23 +1,23 @@
 //! Shading, gathering, collecting and scheduling against their oracles.
 
+use crate::accel::{Ray, offset_origin};
+use crate::bsdf::Reflectance;
+use crate::conform::{Bench, Must};
+use crate::gpu::{Buffer, Resources, Staging, download, upload};
+use crate::pass::collect::{self, Gathered};
+use crate::pass::layout::{DispatchCounts, PointLight, Step};
+use crate::pass::schedule::{self, Schedule};
+use crate::pass::shade::{self, ShadingPoint};
+use crate::pass::surface::surface_at;
+use crate::pass::{Lighting, ShadingPoints, gather};
+use crate::settings::{Clip, Sequence, Settings, Traversal};
+use crate::stage::Stage;
 use glam::{Vec3, Vec4};
-use lightsum::accel::{Ray, offset_origin};
-use lightsum::bsdf::Reflectance;
-use lightsum::gpu::{Buffer, Context, Resources, Staging, download, upload};
-use lightsum::pass::collect::{self, Gathered};
-use lightsum::pass::layout::{DispatchCounts, PointLight, Step};
-use lightsum::pass::schedule::{self, Schedule};
-use lightsum::pass::shade::{self, ShadingPoint};
-use lightsum::pass::surface::surface_at;
-use lightsum::pass::{Lighting, ShadingPoints, gather};
-use lightsum::settings::{Clip, Sequence, Settings, Traversal};
-use lightsum::stage::Stage;
 
-use crate::rig::{
-    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery_with_alpha, gallery_with_tables, has, hit_of, is_lit, make,
-    ray_of, sine_error, untouched, xyz,
+use crate::conform::rig::{
+    Rig, STRAYS, Tally, close, gallery_with_alpha, gallery_with_tables, has, hit_of, is_lit, make, ray_of, sine_error,
+    untouched, xyz,
 };
-use crate::support::gpu_test;
 
 /// Tolerance for a direction of the diffuse lobe: Vulkan permits sines and cosines an error of 2^-11.
 const RELATIVE: f32 = 5e-4;
@@ -282,36 +282,30 @@ fn check_bounces(rig: &Rig, sine: f32) -> Seen {
     seen
 }
 
-#[test]
-fn surfaces_that_let_light_pass_follow_their_oracles() {
-    gpu_test(|ctx| {
-        let scene = gallery_with_alpha();
-        let sine = sine_error(ctx, &scene);
-        for resolution in AWKWARD_IMAGES {
-            let rig = Rig::new(ctx, &scene, resolution, Settings { pattern: [2, 1], ..of_bounces() });
-            check_bounces(&rig, sine);
-        }
-    });
+pub fn surfaces_that_let_light_pass_follow_their_oracles(bench: &Bench) {
+    let scene = gallery_with_alpha();
+    let sine = sine_error(bench, &scene);
+    for resolution in bench.images() {
+        let rig = bench.rig(&scene, resolution, Settings { pattern: [2, 1], ..of_bounces() });
+        check_bounces(&rig, sine);
+    }
 }
 
-#[test]
-fn shade_gather_and_collect_follow_their_oracles() {
-    gpu_test(|ctx| {
-        let scene = gallery_with_tables();
-        let sine = sine_error(ctx, &scene);
-        let patterns = [[1, 1], [3, 3], [2, 3], [8, 8], [1, 1]];
-        let mut compared = [0; 6];
-        // The last with Sobol' points.
-        let sequence = |i: usize| if i == 7 { Sequence::Sobol } else { Sequence::Halton };
-        let images = AWKWARD_IMAGES.into_iter().chain([[31, 17], [31, 17], [97, 61]]).zip(patterns.into_iter().cycle());
-        for (i, (resolution, pattern)) in images.enumerate() {
-            let settings = Settings { pattern, sequence: sequence(i), ..of_bounces() };
-            let seen = check_bounces(&Rig::new(ctx, &scene, resolution, settings), sine);
-            let all = [seen.gathered, seen.lit, seen.specular, seen.sums[0], seen.sums[1], seen.sums[2]];
-            compared.iter_mut().zip(all).for_each(|(sum, n)| *sum += n);
-        }
-        assert!(compared.iter().all(|&n| n > 50), "{compared:?}");
-    });
+pub fn shade_gather_and_collect_follow_their_oracles(bench: &Bench) {
+    let scene = gallery_with_tables();
+    let sine = sine_error(bench, &scene);
+    let patterns = [[1, 1], [3, 3], [2, 3], [8, 8], [1, 1]];
+    let mut compared = [0; 6];
+    // The last with Sobol' points.
+    let sequence = |i: usize| if i == 7 { Sequence::Sobol } else { Sequence::Halton };
+    let images = bench.images().chain([[31, 17], [31, 17], [97, 61]]).zip(patterns.into_iter().cycle());
+    for (i, (resolution, pattern)) in images.enumerate() {
+        let settings = Settings { pattern, sequence: sequence(i), ..of_bounces() };
+        let seen = check_bounces(&bench.rig(&scene, resolution, settings), sine);
+        let all = [seen.gathered, seen.lit, seen.specular, seen.sums[0], seen.sums[1], seen.sums[2]];
+        compared.iter_mut().zip(all).for_each(|(sum, n)| *sum += n);
+    }
+    bench.covered(compared.iter().all(|&n| n > 50), format_args!("{compared:?}"));
 }
 
 /// Effect of a single light on the shading points of the gallery.
@@ -356,22 +350,19 @@ fn only(rig: &Rig, slot: usize, light: PointLight) {
     }
     lights[slot] = light;
     let mut staging = Staging::new();
-    staging.stage_into(rig.ctx, &rig.frame().walk.lights, 0, &lights).unwrap();
+    staging.stage_into(rig.ctx, &rig.frame().walk.lights, 0, &lights).must();
     rig.run(|_, rec| staging.record(rec));
 }
 
-#[test]
-fn shade_of_each_kind_of_light() {
-    // One by one, and with the device's best kernel.
-    for traversal in [Traversal::Single, Traversal::Auto] {
-        gpu_test(|ctx| shade_each_kind(ctx, traversal));
-    }
+/// One by one, and with the device's best kernel.
+pub fn shade_of_each_kind_of_light(bench: &Bench) {
+    [Traversal::Single, Traversal::Auto].into_iter().for_each(|traversal| shade_each_kind(bench, traversal));
 }
 
-fn shade_each_kind(ctx: &Context, traversal: Traversal) {
+fn shade_each_kind(bench: &Bench, traversal: Traversal) {
     let scene = gallery_with_tables();
     let settings = Settings { particles: 27, clip: Clip::Distance(1.0), seed: 3, traversal, ..Settings::plain() };
-    let rig = Rig::new(ctx, &scene, [31, 17], settings);
+    let rig = bench.rig(&scene, [31, 17], settings);
     rig.walk_and_look();
     let lights: Vec<PointLight> = rig.get(&rig.frame().walk.lights);
     let delta = rig.engine.device_scene().delta.len();
@@ -421,53 +412,47 @@ fn shade_each_kind(ctx: &Context, traversal: Traversal) {
         }
         tally.finish(STRAYS);
         let e = effects(&rig, &light);
-        assert!(e.lit > 10 && e.specular > 0, "{name}: {e:?}");
-        assert!(!shadows || e.shadowed > 0, "{name}: {e:?}");
-        assert!(clips || light.flags() & PointLight::CLIPPED == 0, "{name}");
-        assert!(name != "near surface" || e.clipped > 10, "{name}: {e:?}");
+        bench.covered(e.lit > 10 && e.specular > 0, format_args!("{name}: {e:?}"));
+        bench.covered(!shadows || e.shadowed > 0, format_args!("{name}: {e:?}"));
+        bench.covered(clips || light.flags() & PointLight::CLIPPED == 0, format_args!("{name}"));
+        bench.covered(name != "near surface" || e.clipped > 10, format_args!("{name}: {e:?}"));
     }
 }
 
-#[test]
-fn schedule_turns_counts_into_dispatches() {
-    gpu_test(|ctx| {
-        for live in [0u32, 1, 63, 64, 65, (1 << 21) + 1, u32::MAX - 63] {
-            for unfinished in [0, 1, 77] {
-                let steps: Vec<Step> = [0, 1, 27, 64, 65, 2049, 3 << 21]
-                    .into_iter()
-                    .flat_map(|end| [[0, 0], [1, 0], [0, 1], [1, 1]].map(|[last, indirect]| (end, last, indirect)))
-                    .map(|(end, last, indirect)| Step { end, last, indirect, ..Step::default() })
-                    .collect();
-                let step_set = Resources::of([("steps", &upload(ctx, "steps", &steps).unwrap())]);
-                let list_groups = [9, 9, 9, unfinished];
-                let before =
-                    DispatchCounts { live, unfinished, round_groups: [9; 4], list_groups, ..DispatchCounts::default() };
-                let works: Vec<Buffer> = steps.iter().map(|_| upload(ctx, "work", &[before]).unwrap()).collect();
-                let status = upload(ctx, "status", &[5u32, 6, 7, 8]).unwrap();
-                let passes: Vec<Schedule> = make(ctx, Resources::of([("status", &status)]), |kit| {
-                    works.iter().map(|work| Schedule::new(kit, work, &step_set)).collect()
-                });
-                ctx.submit_and_wait("schedule", None, |rec| {
+pub fn schedule_turns_counts_into_dispatches(bench: &Bench) {
+    for live in [0u32, 1, 63, 64, 65, (1 << 21) + 1, u32::MAX - 63] {
+        for unfinished in [0, 1, 77] {
+            let steps: Vec<Step> = [0, 1, 27, 64, 65, 2049, 3 << 21]
+                .into_iter()
+                .flat_map(|end| [[0, 0], [1, 0], [0, 1], [1, 1]].map(|[last, indirect]| (end, last, indirect)))
+                .map(|(end, last, indirect)| Step { end, last, indirect, ..Step::default() })
+                .collect();
+            let step_set = Resources::of([("steps", &upload(bench, "steps", &steps).must())]);
+            let list_groups = [9, 9, 9, unfinished];
+            let before =
+                DispatchCounts { live, unfinished, round_groups: [9; 4], list_groups, ..DispatchCounts::default() };
+            let works: Vec<Buffer> = steps.iter().map(|_| upload(bench, "work", &[before]).must()).collect();
+            let status = upload(bench, "status", &[5u32, 6, 7, 8]).must();
+            let passes: Vec<Schedule> = make(bench, Resources::of([("status", &status)]), |kit| {
+                works.iter().map(|work| Schedule::new(kit, work, &step_set)).collect()
+            });
+            bench
+                .submit_and_wait("schedule", None, |rec| {
                     (0u32..).zip(&passes).try_for_each(|(i, pass)| pass.record(rec, i))
                 })
-                .unwrap();
-                let mut lost = 0;
-                for (step, work) in steps.iter().zip(&works) {
-                    let found = download::<DispatchCounts>(ctx, work).unwrap()[0];
-                    let (expected, more) = schedule::reference(&before, step);
-                    assert_eq!(
-                        bytemuck::bytes_of(&found),
-                        bytemuck::bytes_of(&expected),
-                        "{before:?} {step:?}: {found:?}"
-                    );
-                    lost += more;
-                    // Enough workgroups, within what every device allows.
-                    let [x, y, z, _] = found.list_groups;
-                    assert!(x <= 65_535 && y <= 65_535 && z == 1);
-                    assert!(u64::from(x) * u64::from(y) * 64 >= u64::from(live));
-                }
-                assert_eq!(download::<u32>(ctx, &status).unwrap(), [5 + lost, 6, 7, 8]);
+                .must();
+            let mut lost = 0;
+            for (step, work) in steps.iter().zip(&works) {
+                let found = download::<DispatchCounts>(bench, work).must()[0];
+                let (expected, more) = schedule::reference(&before, step);
+                assert_eq!(bytemuck::bytes_of(&found), bytemuck::bytes_of(&expected), "{before:?} {step:?}: {found:?}");
+                lost += more;
+                // Enough workgroups, within what every device allows.
+                let [x, y, z, _] = found.list_groups;
+                assert!(x <= 65_535 && y <= 65_535 && z == 1);
+                assert!(u64::from(x) * u64::from(y) * 64 >= u64::from(live));
             }
+            assert_eq!(download::<u32>(bench, &status).must(), [5 + lost, 6, 7, 8]);
         }
-    });
+    }
 }

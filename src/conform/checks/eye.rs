@@ -1,20 +1,21 @@
-//! Eye rays, closest hits and shading points against their oracles. `passes_paths` tests the steps between them, at
+//! Eye rays, closest hits and shading points against their oracles. [`super::paths`] checks the steps between them, at
 //! mirrors and glass.
 
+use crate::accel::{Hit, offset_origin};
+use crate::bsdf::ideal::Media;
+use crate::conform::tally::within;
+use crate::conform::{AWKWARD_IMAGES, Bench};
+use crate::pass::eye_paths::{self, EyePath};
+use crate::pass::surface::surface_at;
+use crate::pass::{ShadingPoints, camera_rays};
+use crate::scene::{Alpha, Scene, Surface, builtin};
+use crate::settings::{Clip, Settings, Superposition, Traversal};
 use glam::{Vec3, Vec4};
-use lightsum::accel::{Hit, offset_origin};
-use lightsum::bsdf::ideal::Media;
-use lightsum::pass::eye_paths::{self, EyePath};
-use lightsum::pass::surface::surface_at;
-use lightsum::pass::{ShadingPoints, camera_rays};
-use lightsum::scene::{Alpha, Scene, Surface, builtin};
-use lightsum::settings::{Clip, Settings, Superposition, Traversal};
 
-use crate::rig::{
-    AWKWARD_IMAGES, Rig, STRAYS, Tally, close, gallery_with_alpha, gallery_with_tables, has, hit_of, is_lit, ray_of,
-    same_lobe, untouched, xyz,
+use crate::conform::rig::{
+    Rig, STRAYS, Tally, close, gallery_with_alpha, gallery_with_tables, has, hit_of, is_lit, ray_of, same_lobe,
+    untouched, xyz,
 };
-use crate::support::gpu_test;
 
 /// Tolerance: a device's divisions, roots and powers are less exact than ours.
 const RELATIVE: f32 = 1e-4;
@@ -105,7 +106,7 @@ impl Found {
         });
         tally.check(self.position[i].w == hit.t, || format!("distance {i}"));
         let depth = through.w + cos_view * hit.t;
-        tally.check((end.w - depth).abs() <= 1e-6 * depth, || format!("depth {i}: {} for {depth}", end.w));
+        tally.check(within(end.w - depth, 1e-6 * depth), || format!("depth {i}: {} for {depth}", end.w));
         tally.check(close(self.geometric[i].truncate(), s.geometric, 0.0, RELATIVE), || format!("normal {i}"));
         tally.check(close(self.shading[i].truncate(), s.shading, 0.0, RELATIVE), || {
             format!("shading normal {i}: {} for {}", self.shading[i], s.shading)
@@ -148,7 +149,7 @@ fn look(rig: &Rig) -> Vec<Option<Hit>> {
         assert_eq!((ray.origin, ray.t_max), (expected.origin, expected.t_max), "{what}, pixel {i}");
         assert!(close(ray.direction, expected.direction, 0.0, 1e-6), "{what}, pixel {i}: {ray:?} for {expected:?}");
         let cos_view = expected.direction.dot(xyz(rig.parameters.forward));
-        assert!((directions[i].w - cos_view).abs() < 1e-6, "{what}, pixel {i}: {} for {cos_view}", directions[i].w);
+        assert!(within(directions[i].w - cos_view, 1e-6), "{what}, pixel {i}: {} for {cos_view}", directions[i].w);
         assert_eq!((through[i], emitted[i]), (Vec4::new(1.0, 1.0, 1.0, 0.0), Vec4::ZERO), "{what}, pixel {i}");
         let hit = hit_of(hits[i]);
         traced.check_hit(rig, &ray, hit, || format!("pixel {i}: {hit:?} of {ray:?}"));
@@ -202,72 +203,60 @@ fn look(rig: &Rig) -> Vec<Option<Hit>> {
     hits.into_iter().take(pixels as usize).map(hit_of).collect()
 }
 
-#[test]
-fn camera_rays_trace_and_receivers_follow_their_oracles() {
-    gpu_test(|ctx| {
-        let scene = gallery_with_tables();
-        let mut seen = vec![0; scene.materials.len()];
-        let mut missed = 0;
-        for (resolution, superposition) in
-            AWKWARD_IMAGES.into_iter().flat_map(|r| [(r, None), (r, Some(Superposition::default()))])
-        {
-            // Points seen through mirrors and glass, and in the last image glass itself as well.
-            let max_specular = if resolution == AWKWARD_IMAGES[4] { 1 } else { 8 };
-            let settings = Settings { particles: 1, max_specular, superposition, ..Settings::plain() };
-            let rig = Rig::new(ctx, &scene, resolution, settings);
-            for hit in look(&rig) {
-                match hit {
-                    Some(hit) => seen[rig.bvh().material(hit.triangle) as usize] += 1,
-                    None => missed += 1,
-                }
+pub fn camera_rays_trace_and_receivers_follow_their_oracles(bench: &Bench) {
+    let scene = gallery_with_tables();
+    let mut seen = vec![0; scene.materials.len()];
+    let mut missed = 0;
+    for (resolution, superposition) in bench.images().flat_map(|r| [(r, None), (r, Some(Superposition::default()))]) {
+        // Points seen through mirrors and glass, and in the last image glass itself as well.
+        let max_specular = if resolution == AWKWARD_IMAGES[4] { 1 } else { 8 };
+        let settings = Settings { particles: 1, max_specular, superposition, ..Settings::plain() };
+        let rig = bench.rig(&scene, resolution, settings);
+        for hit in look(&rig) {
+            match hit {
+                Some(hit) => seen[rig.bvh().material(hit.triangle) as usize] += 1,
+                None => missed += 1,
             }
         }
-        for (material, count) in scene.materials.iter().zip(&seen) {
-            assert!(*count > 0, "material {material:?} is not seen");
-        }
-        assert!(missed > 0, "every ray hits");
-        assert!(scene.materials.iter().any(|m| m.surface == Surface::Mirror));
-    });
+    }
+    for (material, count) in scene.materials.iter().zip(&seen) {
+        bench.covered(*count > 0, format_args!("material {material:?} is not seen"));
+    }
+    bench.covered(missed > 0, format_args!("every ray hits"));
+    assert!(scene.materials.iter().any(|m| m.surface == Surface::Mirror));
 }
 
-#[test]
-fn rays_through_surfaces_follow_their_oracles() {
-    gpu_test(|ctx| {
-        let scene = gallery_with_alpha();
-        let mut seen = vec![0; scene.materials.len()];
-        for (pass, resolution) in (0..).zip(AWKWARD_IMAGES) {
-            let settings = Settings { particles: 1, ..Settings::plain() };
-            let rig = Rig::at_pass(ctx, &scene, resolution, settings, pass);
-            let hits = look(&rig);
-            hits.iter().flatten().for_each(|hit| seen[rig.bvh().material(hit.triangle) as usize] += 1);
-        }
-        for (material, count) in scene.materials.iter().zip(&seen).filter(|(material, _)| material.has_alpha()) {
-            assert!(*count > 0, "material {material:?} is not seen");
-        }
-    });
+pub fn rays_through_surfaces_follow_their_oracles(bench: &Bench) {
+    let scene = gallery_with_alpha();
+    let mut seen = vec![0; scene.materials.len()];
+    for (pass, resolution) in (0..).zip(bench.images()) {
+        let settings = Settings { particles: 1, ..Settings::plain() };
+        let rig = bench.rig_at_pass(&scene, resolution, settings, pass);
+        let hits = look(&rig);
+        hits.iter().flatten().for_each(|hit| seen[rig.bvh().material(hit.triangle) as usize] += 1);
+    }
+    for (material, count) in scene.materials.iter().zip(&seen).filter(|(material, _)| material.has_alpha()) {
+        bench.covered(*count > 0, format_args!("material {material:?} is not seen"));
+    }
 }
 
 /// The image of both sides of a sheet from close by.
-#[test]
-fn emission_of_each_side() {
-    gpu_test(|ctx| {
-        for (two_sided, expected) in [(false, [1.0, 0.0]), (true, [1.0, 1.0])] {
-            let mut scene = builtin::single_triangle_light();
-            scene.materials[1].two_sided = two_sided;
-            // The lamp looks down.
-            for (side, expected) in expected.into_iter().enumerate() {
-                let y = if side == 0 { 0.5 } else { 1.5 };
-                let camera = scene.camera.as_mut().unwrap();
-                (camera.eye, camera.target, camera.up) =
-                    (Vec3::new(0.25, y, 0.25), Vec3::new(0.25, 1.0, 0.25), Vec3::X);
-                camera.fov_y = 5.0;
-                let rig = Rig::new(ctx, &scene, [8, 8], Settings { particles: 1, ..Settings::plain() });
-                look(&rig);
-                let emitted = rig.vec4s(&rig.frame().eye.points.emitted);
-                assert!(emitted.iter().all(|e| e.truncate() == Vec3::splat(expected)), "{two_sided} {side}");
-            }
+pub fn emission_of_each_side(bench: &Bench) {
+    for (two_sided, expected) in [(false, [1.0, 0.0]), (true, [1.0, 1.0])] {
+        let mut scene = builtin::single_triangle_light();
+        scene.materials[1].two_sided = two_sided;
+        // The lamp looks down.
+        for (side, expected) in expected.into_iter().enumerate() {
+            let y = if side == 0 { 0.5 } else { 1.5 };
+            let camera = scene.camera.as_mut().unwrap();
+            (camera.eye, camera.target, camera.up) = (Vec3::new(0.25, y, 0.25), Vec3::new(0.25, 1.0, 0.25), Vec3::X);
+            camera.fov_y = 5.0;
+            let rig = bench.rig(&scene, [8, 8], Settings { particles: 1, ..Settings::plain() });
+            look(&rig);
+            let emitted = rig.vec4s(&rig.frame().eye.points.emitted);
+            assert!(emitted.iter().all(|e| e.truncate() == Vec3::splat(expected)), "{two_sided} {side}");
         }
-    });
+    }
 }
 
 /// A deep scene all of whose surfaces but its lamp let a fifth of the light pass.
@@ -278,7 +267,7 @@ fn veiled(layers: u32) -> Scene {
 }
 
 /// Eye hits, and irradiance at the shading points, of a scene with the work cut into rounds.
-fn in_rounds(ctx: &lightsum::gpu::Context, scene: &Scene, loop_budget: u32, rounds: u32) -> [Vec<[u32; 4]>; 3] {
+fn in_rounds(bench: &Bench, scene: &Scene, loop_budget: u32, rounds: u32) -> [Vec<[u32; 4]>; 3] {
     let settings = Settings {
         particles: 3,
         max_depth: 3,
@@ -290,7 +279,7 @@ fn in_rounds(ctx: &lightsum::gpu::Context, scene: &Scene, loop_budget: u32, roun
         traversal: if scene.has_alpha() { Traversal::Single } else { Traversal::Auto },
         ..Settings::plain()
     };
-    let rig = Rig::new(ctx, scene, [27, 1], settings);
+    let rig = bench.rig(scene, [27, 1], settings);
     rig.light();
     assert_eq!(rig.lost(), 0, "with {loop_budget} iterations and {rounds} rounds");
     let sums = &rig.frame().shade.lighting;
@@ -303,20 +292,17 @@ fn in_rounds(ctx: &lightsum::gpu::Context, scene: &Scene, loop_budget: u32, roun
     [rig.get(&rig.frame().eye.rays.hits), at_points(&sums.direct), at_points(&sums.indirect)]
 }
 
-#[test]
-fn rays_carried_on_over_many_rounds_end_alike() {
-    gpu_test(|ctx| {
-        for scene in [builtin::deep_scene(60), veiled(60)] {
-            let at_once = in_rounds(ctx, &scene, lightsum::plan::LOOP_BUDGET, 1);
-            // Two steps a round.
-            let in_many = in_rounds(ctx, &scene, lightsum::plan::min_loop_budget(1), 100);
-            assert_eq!(lightsum::plan::trace_steps(18), 2);
-            assert_eq!(lightsum::plan::shade_steps(1, 18), 2);
-            assert!(at_once == in_many, "hits or sums depend on the rounds");
-            assert!(
-                at_once[1].iter().any(|e| f32::from_bits(e[0]) > 0.0)
-                    && at_once[2].iter().any(|e| f32::from_bits(e[0]) > 0.0)
-            );
-        }
-    });
+pub fn rays_carried_on_over_many_rounds_end_alike(bench: &Bench) {
+    for scene in [builtin::deep_scene(60), veiled(60)] {
+        let at_once = in_rounds(bench, &scene, crate::plan::LOOP_BUDGET, 1);
+        // Two steps a round.
+        let in_many = in_rounds(bench, &scene, crate::plan::min_loop_budget(1), 100);
+        assert_eq!(crate::plan::trace_steps(18), 2);
+        assert_eq!(crate::plan::shade_steps(1, 18), 2);
+        assert!(at_once == in_many, "hits or sums depend on the rounds");
+        assert!(
+            at_once[1].iter().any(|e| f32::from_bits(e[0]) > 0.0)
+                && at_once[2].iter().any(|e| f32::from_bits(e[0]) > 0.0)
+        );
+    }
 }

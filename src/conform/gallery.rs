@@ -3,13 +3,11 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use crate::device_scene::encode_normal;
+use crate::scene::{Alpha, Camera, Environment, Light, Material, Scene, Surface, Texture, TextureUse, Triangle, Wrap};
 use glam::{Vec2, Vec3};
-use lightsum::device_scene::encode_normal;
-use lightsum::scene::{
-    Alpha, Camera, Environment, Light, Material, Scene, Surface, Texture, TextureUse, Triangle, Wrap,
-};
 
-use crate::lobe_tables;
+use super::lobe_tables;
 
 /// Unit vector of an octahedral code of 2 x 16 bit (Meyer et al. 2010).
 fn decode_normal(code: u32) -> Vec3 {

@@ -2,28 +2,26 @@
 
 use std::cell::RefCell;
 
+use super::Must;
+use crate::accel::{Bvh, Hit, Ray};
+use crate::bsdf::anisotropic::unpack;
+use crate::engine::Engine;
+use crate::frame::Frame;
+use crate::gpu::{Buffer, Context, Image, Memory, Recorder, Resources, Staging, download};
+use crate::pass::clusters::NO_POINT;
+use crate::pass::curvature::bend_at;
+use crate::pass::eye_paths::Plane;
+use crate::pass::layout::PointLight;
+use crate::pass::{Kit, List, ShadingPoints, layout, light_lists, walk_start};
+use crate::scene::{Camera, Scene, Surface};
+use crate::settings::{Settings, Traversal};
+use crate::stage::{Compensation, Stage};
+use crate::superposition::kernels::KernelLibrary;
 use bytemuck::Pod;
 use glam::{Vec3, Vec4};
-use lightsum::accel::{Bvh, Hit, Ray};
-use lightsum::bsdf::anisotropic::unpack;
-use lightsum::engine::Engine;
-use lightsum::frame::Frame;
-use lightsum::gpu::{Buffer, Context, Image, Memory, Recorder, Resources, Staging, download};
-use lightsum::pass::clusters::NO_POINT;
-use lightsum::pass::curvature::bend_at;
-use lightsum::pass::eye_paths::Plane;
-use lightsum::pass::layout::PointLight;
-use lightsum::pass::{Kit, List, ShadingPoints, layout, light_lists, trace, walk_start};
-use lightsum::scene::{Camera, Scene, Surface};
-use lightsum::settings::{Settings, Traversal};
-use lightsum::stage::{Compensation, Stage};
-use lightsum::superposition::kernels::KernelLibrary;
 
-pub use crate::gallery::{Builder, gallery, gallery_outdoors, gallery_with_alpha, gallery_with_tables};
-
-/// Image sizes that reveal off-by-one mistakes: one pixel, part of a workgroup, one workgroup, 2049 pixels, a prime
-/// width.
-pub const AWKWARD_IMAGES: [[u32; 2]; 5] = [[1, 1], [27, 1], [8, 8], [683, 3], [31, 17]];
+pub use super::gallery::{Builder, gallery, gallery_outdoors, gallery_with_alpha, gallery_with_tables};
+pub use super::tally::{STRAYS, Tally, close};
 
 /// A scene whose stages run one by one.
 pub struct Rig<'a> {
@@ -46,13 +44,13 @@ impl<'a> Rig<'a> {
         let [width, height] = resolution.map(|n| n as f32);
         let tan = (0.5 * camera.fov_y).to_radians().tan() * (height / width.max(height));
         let camera = Camera { resolution, fov_y: 2.0 * tan.atan().to_degrees(), ..camera };
-        let mut engine = Engine::new(ctx, scene, camera, settings).unwrap();
-        let parameters = engine.plan().parameters(pass).unwrap();
+        let mut engine = Engine::new(ctx, scene, camera, settings).must();
+        let parameters = engine.plan().parameters(pass).must();
         ctx.submit_and_wait("setup", None, |rec| {
             engine.record_setup(rec)?;
             engine.frame().record_start(rec, &parameters)
         })
-        .unwrap();
+        .must();
         engine.setup_finished();
         Rig { ctx, scene, engine, parameters }
     }
@@ -85,32 +83,32 @@ impl<'a> Rig<'a> {
     }
 
     /// Runs commands of the frame.
-    pub fn run(&self, record: impl FnOnce(&Frame, &mut Recorder) -> lightsum::Result<()>) {
-        self.ctx.submit_and_wait("a stage", None, |rec| record(self.frame(), rec)).unwrap();
+    pub fn run(&self, record: impl FnOnce(&Frame, &mut Recorder) -> crate::Result<()>) {
+        self.ctx.submit_and_wait("a stage", None, |rec| record(self.frame(), rec)).must();
     }
 
     /// Makes one more pass of the frame.
-    pub fn make<T>(&self, pass: impl FnOnce(&Kit) -> lightsum::Result<T>) -> T {
+    pub fn make<T>(&self, pass: impl FnOnce(&Kit) -> crate::Result<T>) -> T {
         let own = Resources::of([("frame", &self.frame().parameters), ("status", &self.frame().status)]);
         let mut staging = Staging::new();
         let traversal = self.engine.settings().traversal;
-        let made = pass(&Kit::new(self.ctx, &mut staging, self.engine.device_scene(), traversal, &own)).unwrap();
+        let made = pass(&Kit::new(self.ctx, &mut staging, self.engine.device_scene(), traversal, &own)).must();
         self.run(|_, rec| staging.record(rec));
         made
     }
 
     /// Fills buffers with a value that no stage writes.
     pub fn prefill(&self, buffers: &[&Buffer]) {
-        self.run(|_, rec| buffers.iter().try_for_each(|b| rec.fill(b, crate::support::SENTINEL)));
+        self.run(|_, rec| buffers.iter().try_for_each(|b| rec.fill(b, super::SENTINEL)));
     }
 
     pub fn get<T: Pod>(&self, buffer: &Buffer) -> Vec<T> {
-        download(self.ctx, buffer).unwrap()
+        download(self.ctx, buffer).must()
     }
 
     /// Texels of an image, row by row.
     pub fn texels<T: Pod>(&self, image: &Image) -> Vec<T> {
-        let buffer = Buffer::new(self.ctx, "texels", image.bytes(), Memory::Device).unwrap();
+        let buffer = Buffer::new(self.ctx, "texels", image.bytes(), Memory::Device).must();
         self.run(|_, rec| rec.copy_image_to_buffer(image, &buffer));
         self.get(&buffer)
     }
@@ -218,7 +216,7 @@ impl<'a> Rig<'a> {
 }
 
 /// Makes a pass that shares these resources with no other pass, and has no scene.
-pub fn make<T>(ctx: &Context, shared: Resources, pass: impl FnOnce(&Kit) -> lightsum::Result<T>) -> T {
+pub fn make<T>(ctx: &Context, shared: Resources, pass: impl FnOnce(&Kit) -> crate::Result<T>) -> T {
     let mut staging = Staging::new();
     let (uploads, traversal) = (RefCell::new(&mut staging), Traversal::Auto);
     let made = pass(&Kit {
@@ -230,8 +228,8 @@ pub fn make<T>(ctx: &Context, shared: Resources, pass: impl FnOnce(&Kit) -> ligh
         tables: false,
         traversal,
     })
-    .unwrap();
-    ctx.submit_and_wait("uploads", None, |rec| staging.record(rec)).unwrap();
+    .must();
+    ctx.submit_and_wait("uploads", None, |rec| staging.record(rec)).must();
     made
 }
 
@@ -276,7 +274,7 @@ pub fn is_lit(wo: Vec4) -> bool {
 
 /// Whether nothing was written here since [`Rig::prefill`].
 pub fn untouched(v: Vec4) -> bool {
-    v.to_array().iter().all(|x| x.to_bits() == crate::support::SENTINEL)
+    v.to_array().iter().all(|x| x.to_bits() == super::SENTINEL)
 }
 
 pub fn xyz(a: [f32; 4]) -> Vec3 {
@@ -294,12 +292,6 @@ pub fn ray_of(origin: Vec4, direction: Vec4) -> Ray {
     Ray { origin: origin.truncate(), t_max: origin.w, direction: direction.truncate() }
 }
 
-/// Whether two vectors agree within `relative` of the larger one, or within `absolute`. NaN agrees with nothing.
-pub fn close(a: Vec3, b: Vec3, relative: f32, absolute: f32) -> bool {
-    let size = a.abs().max_element().max(b.abs().max_element());
-    (a - b).abs().cmple(Vec3::splat(absolute + relative * size)).all()
-}
-
 /// Whether two hits are on one triangle at one point, or on two at one distance (an edge, coincident faces).
 pub fn same_hit(a: Option<Hit>, b: Option<Hit>) -> bool {
     match (a, b) {
@@ -310,103 +302,5 @@ pub fn same_hit(a: Option<Hit>, b: Option<Hit>) -> bool {
             distance && (a.triangle != b.triangle || place)
         }
         _ => false,
-    }
-}
-
-/// Maximum fraction of comparisons that rounding may decide otherwise: at an edge, a horizon, or the threshold of a
-/// random choice. On lavapipe none is, on SwiftShader one of 2046 at most.
-pub const STRAYS: f64 = 0.001;
-
-/// How much larger than the largest expected value of its kind a found value may be where a comparison fails.
-const OUTLIER: f32 = 2.0;
-
-/// Most comparisons that may fail, however many there are.
-const MOST: usize = 6;
-
-/// Counts comparisons. One in a thousand may fail where rounding decides (a ray through an edge, a random number at a
-/// threshold), of small numbers none. Even there, what was found must be plausible: no NaN, no infinity, no value much
-/// larger than all expected ones, no hit off its ray.
-pub struct Tally {
-    what: String,
-    compared: usize,
-    failures: Vec<String>,
-    /// The largest component of each kind of values that was expected, and that was found where a comparison failed.
-    sizes: Vec<[f32; 2]>,
-}
-
-impl Tally {
-    pub fn new(what: impl Into<String>) -> Tally {
-        Tally { what: what.into(), compared: 0, failures: Vec::new(), sizes: Vec::new() }
-    }
-
-    pub fn check(&mut self, holds: bool, say: impl FnOnce() -> String) {
-        self.compared += 1;
-        if !holds {
-            self.failures.push(say());
-        }
-    }
-
-    /// Like [`Tally::check`], for pairs of a found and an expected value, whose place tells their kind: found values
-    /// stay plausible whether or not the comparison holds.
-    pub fn check_values(&mut self, holds: bool, values: &[(Vec3, Vec3)], say: impl FnOnce() -> String) {
-        let kinds = self.sizes.len().max(values.len());
-        self.sizes.resize(kinds, [0.0; 2]);
-        for ([largest, outlier], (found, expected)) in self.sizes.iter_mut().zip(values) {
-            *largest = largest.max(expected.abs().max_element());
-            if !holds {
-                assert!(found.is_finite(), "{}: {}", self.what, say());
-                *outlier = outlier.max(found.abs().max_element());
-            }
-        }
-        self.check(holds, say);
-    }
-
-    /// Compares the hit of a ray with the closest one. A hit that differs lies on the ray and in its triangle.
-    pub fn check_hit(&mut self, rig: &Rig, ray: &Ray, hit: Option<Hit>, say: impl FnOnce() -> String) {
-        let bvh = rig.bvh();
-        let holds = same_hit(hit, trace::reference(rig.scene, bvh, ray, rig.parameters.keys[0]));
-        if !holds && let Some(hit) = hit {
-            let off = (bvh.position(&hit) - ray.origin - ray.direction * hit.t).length();
-            let inside = hit.u >= -1e-3 && hit.v >= -1e-3 && hit.u + hit.v <= 1.0 + 2e-3;
-            let reached = hit.t >= 0.0 && hit.t <= ray.t_max && off <= 1e-3 * bvh.diagonal();
-            assert!(inside && reached, "{}: {hit:?} is off its ray by {off}: {}", self.what, say());
-        }
-        self.check(holds, say);
-    }
-
-    /// Fails if more than the fraction `share` of the comparisons failed, or one of them by too much.
-    pub fn finish(self, share: f64) {
-        let (failed, allowed) = (self.failures.len(), ((self.compared as f64 * share) as usize).min(MOST));
-        if failed > 0 {
-            println!("{}: {failed} of {} differ", self.what, self.compared);
-        }
-        let is_wild =
-            |words: &&String| words.split(|c: char| !c.is_alphanumeric()).any(|word| matches!(word, "NaN" | "inf"));
-        if let Some(failure) = self.failures.iter().find(is_wild) {
-            panic!("{}: {failure}", self.what);
-        }
-        let shown = self.failures[..failed.min(5)].join("\n");
-        assert!(failed <= allowed, "{}: {failed} of {} differ, {allowed} may:\n{shown}", self.what, self.compared);
-        for (kind, [largest, outlier]) in self.sizes.iter().enumerate() {
-            assert!(
-                *outlier <= OUTLIER * largest,
-                "{}: value {kind} reaches {outlier}, {largest} at most is expected:\n{shown}",
-                self.what
-            );
-        }
-    }
-}
-
-/// A generator of reproducible numbers in [0, 1).
-pub struct Numbers(pub u32);
-
-impl Numbers {
-    pub fn next(&mut self) -> f32 {
-        self.0 = self.0.wrapping_add(1);
-        lightsum::sampling::random::random_f32(self.0)
-    }
-
-    pub fn vec3(&mut self) -> Vec3 {
-        Vec3::new(self.next(), self.next(), self.next())
     }
 }

@@ -3,9 +3,9 @@
 use std::f32::consts::{PI, TAU};
 use std::sync::{Arc, OnceLock};
 
+use crate::bsdf::Reflectance;
+use crate::superposition::lobe::Table;
 use glam::Vec3;
-use lightsum::bsdf::Reflectance;
-use lightsum::superposition::lobe::Table;
 
 /// Even steps of the angle from grazing on.
 fn cosines(count: usize) -> Vec<f32> {

@@ -1,0 +1,176 @@
+//! Antialiased edges against their oracle.
+
+use crate::accel::{Hit, Ray, offset_origin};
+use crate::conform::Bench;
+use crate::pass::edges::{self, FirstHit, Nearby, Shown};
+use crate::pass::layout::FrameParameters;
+use crate::pass::surface::surface_at;
+use crate::pass::{ShadingPoints, accumulate, camera_rays};
+use crate::settings::Settings;
+use glam::{Vec3, Vec4};
+
+use crate::conform::rig::{Rig, STRAYS, Tally, close, gallery, has, hit_of, is_lit};
+
+/// The surfaces that a ray shows, from its hits: the second one is that after a flat mirror.
+fn shown(rig: &Rig, d: Vec3, first: Option<&Hit>, second: Option<Option<&Hit>>) -> Shown {
+    let first = first.map(|hit| FirstHit::new(rig.scene, rig.bvh(), hit, d));
+    match (first, second) {
+        (Some(mirror), Some(met)) => Shown::mirrored(rig.scene, rig.bvh(), mirror, d, met),
+        (first, _) => Shown { first, second: None },
+    }
+}
+
+/// The pixels as eye rays see them.
+struct Pixels {
+    nearby: Vec<Nearby>,
+    covered: Vec<bool>,
+}
+
+impl Pixels {
+    fn of(rig: &Rig) -> Pixels {
+        let (eye, lighting) = (&rig.frame().eye, &rig.frame().shade.lighting);
+        let guides = eye.guides.as_ref().unwrap();
+        let first: Vec<[u32; 2]> = rig.get(&guides.first_hits);
+        let second: Vec<[u32; 2]> = rig.get(guides.second_hits.as_ref().unwrap());
+        let [position, kd, wo, emitted] =
+            [&eye.points.position, &eye.points.kd, &eye.points.wo, &eye.points.emitted].map(|b| rig.vec4s(b));
+        let throughput = rig.vec4s(&eye.paths.throughput);
+        let sums = [&lighting.direct, &lighting.indirect, &lighting.specular].map(|b| rig.vec4s(b));
+        let nearby = |i: usize| {
+            let ray = camera_rays::reference(&rig.parameters, i as u32);
+            let hit = |guide: [u32; 2]| hit_of(Vec4::new(f32::from_bits(guide[1]), 0.0, 0.0, f32::from_bits(guide[0])));
+            let mirrored = second[i][0] != edges::NO_MIRROR;
+            let last = if mirrored { second[i] } else { first[i] };
+            let second = mirrored.then(|| hit(second[i]));
+            Nearby {
+                d: ray.direction,
+                shown: shown(rig, ray.direction, hit(first[i]).as_ref(), second.as_ref().map(Option::as_ref)),
+                is_last: position[i].w == f32::from_bits(last[1]),
+                point: [emitted[i], throughput[i], kd[i]].map(Vec4::truncate),
+                sums: [0, 1, 2].map(|k| if is_lit(wo[i]) { sums[k][i].truncate() } else { Vec3::ZERO }),
+            }
+        };
+        let covered = (0..first.len()).map(|i| has(wo[i], ShadingPoints::COVERED)).collect();
+        Pixels { nearby: (0..first.len()).map(nearby).collect(), covered }
+    }
+
+    /// Whether the oracle sees an edge at a pixel.
+    fn is_edge(&self, frame: &FrameParameters, pixel: usize) -> bool {
+        let [width, height, ..] = frame.size.map(|n| n as usize);
+        let (x, y) = (pixel % width, pixel / width);
+        let others = [
+            (x > 0).then(|| pixel - 1),
+            (x + 1 < width).then(|| pixel + 1),
+            (y > 0).then(|| pixel - width),
+            (y + 1 < height).then(|| pixel + width),
+        ];
+        let albedo = |i: usize| if self.nearby[i].is_last { self.nearby[i].point[2] } else { Vec3::ZERO };
+        others.into_iter().flatten().any(|other| {
+            !edges::same_shown(frame, &self.nearby[pixel].shown, &self.nearby[other].shown)
+                || edges::albedos_differ(albedo(pixel), albedo(other))
+        })
+    }
+
+    /// The 3 x 3 pixels around one.
+    fn around(&self, frame: &FrameParameters, pixel: usize) -> Vec<Nearby> {
+        let [width, height, ..] = frame.size.map(|n| n as usize);
+        let (x, y) = (pixel % width, pixel / width);
+        let rows = y.saturating_sub(1)..(y + 2).min(height);
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        rows.flat_map(|y| columns.clone().map(move |x| x + y * width)).map(|i| self.nearby[i]).collect()
+    }
+}
+
+pub fn edges_follow_their_oracle(bench: &Bench) {
+    let scene = gallery();
+    let (mut marked, mut unknown, mut compared, mut reflected) = (0, 0, 0, 0);
+    for (i, size) in bench.images().enumerate() {
+        let settings = Settings { particles: 3, antialias: true, split: i % 2 == 0, ..Settings::plain() };
+        let rig = bench.rig_at_pass(&scene, size, settings, 70 * i as u32);
+        rig.light();
+        let before = Pixels::of(&rig);
+        let stage = rig.frame().edges.as_ref().unwrap();
+        rig.run(|_, rec| stage.record_rays(rec));
+        let rays = &rig.frame().eye.rays;
+        let [directions, hits] = [&rays.direction, &rays.hits].map(|b| rig.vec4s(b));
+        rig.run(|_, rec| stage.record_reflected(rec));
+        let [turned, last_hits] = [&rays.direction, &rays.hits].map(|b| rig.vec4s(b));
+        rig.run(|_, rec| stage.pass.record_light(rec));
+        let words: Vec<u32> = rig.get(&stage.pass.edges);
+        let emitted = rig.vec4s(&rig.frame().eye.points.emitted);
+        assert_eq!(rig.lost(), 0);
+
+        let frame = &rig.parameters;
+        let [width, height] = size;
+        let mut tally = Tally::new(format!("edges, {size:?}"));
+        for tile in 0..width.div_ceil(8) * height.div_ceil(8) {
+            let (x, y) = (tile % width.div_ceil(8) * 8, tile / width.div_ceil(8) * 8);
+            let (w, h) = ((width - x).min(8), (height - y).min(8));
+            let slot = |i: u32| (x + i % w + (y + i / w) * width) as usize;
+            let at_edges: Vec<usize> = (0..w * h).map(slot).filter(|&pixel| words[pixel] != 0).collect();
+            let each = edges::rays_of(at_edges.len() as u32, w * h);
+            for i in 0..w * h {
+                let pixel = slot(i);
+                let edge = before.is_edge(frame, pixel);
+                tally.check((words[pixel] != 0) == edge, || format!("pixel {pixel}: edge {edge}"));
+                let own = before.nearby[pixel];
+                let [l, throughput, kd] = own.point;
+                let own_light = accumulate::reference(l, throughput, kd, own.sums)
+                    .extend(f32::from(u8::from(before.covered[pixel])));
+                let mut rays = Vec::new();
+                if words[pixel] != 0 {
+                    marked += 1;
+                    let place = at_edges.iter().position(|&other| other == pixel).unwrap() as u32;
+                    assert_eq!(words[pixel], 16 * place * each + each, "pixel {pixel}");
+                    for k in 0..each {
+                        let ray = slot(place * each + k);
+                        let d = directions[ray].truncate();
+                        let mut moved = *frame;
+                        moved.pixel_offset[..2].copy_from_slice(&edges::ray_offset(frame, k, each).to_array());
+                        let expected = camera_rays::reference(&moved, pixel as u32);
+                        assert!(close(d, expected.direction, 1e-5, 1e-6), "ray {k} of {pixel}: {d}");
+                        let hit = hit_of(hits[ray]);
+                        tally.check_hit(&rig, &expected, hit, || format!("ray {k} of pixel {pixel}"));
+                        let mirror = hit.filter(|hit| edges::is_plain_mirror(&scene, rig.bvh(), hit.triangle));
+                        let (mut last, mut last_d) = (hit, d);
+                        if let Some(mirror) = mirror {
+                            reflected += 1;
+                            (last, last_d) = (hit_of(last_hits[ray]), turned[ray].truncate());
+                            let n = FirstHit::new(&scene, rig.bvh(), &mirror, d).normal;
+                            assert!(close(last_d, d.reflect(n), 1e-5, 1e-6), "ray {k} of {pixel}: {last_d}");
+                            let scale = rig.bvh().typical_scale();
+                            let origin = offset_origin(rig.bvh().position(&mirror), n, scale);
+                            let onward = Ray::new(origin, d.reflect(n));
+                            tally.check_hit(&rig, &onward, last, || format!("ray {k} of {pixel} in a mirror"));
+                        }
+                        let own = shown(&rig, d, hit.as_ref(), mirror.map(|_| last.as_ref()));
+                        let length = last.map_or(0.0, |last| last.t) + mirror.map_or(0.0, |mirror| mirror.t);
+                        let forward = Vec4::from(frame.forward).truncate();
+                        let width = frame.cones[0] * d.dot(forward) * length;
+                        let surface = last.map(|hit| surface_at(&scene, rig.bvh(), &hit, last_d, width));
+                        let material = surface.map_or([Vec3::ZERO; 2], |s| [s.reflectance.kd, s.emission]);
+                        let around = before.around(frame, pixel);
+                        match edges::reference(frame, (d, &own), material, &around) {
+                            Some(l) => rays.push(l.extend(f32::from(u8::from(hit.is_some())))),
+                            None => unknown += 1,
+                        }
+                    }
+                }
+                let mean = edges::mean(own_light, &rays, frame.lens[2]);
+                let change = (mean - own_light).truncate();
+                let found = emitted[pixel];
+                let e = own.point[0] + change;
+                let same = close(found.truncate(), e, 2e-3, 1e-4 * (1.0 + own_light.truncate().length()));
+                tally.check_values(same, &[(found.truncate(), e)], || format!("pixel {pixel}: {found} for {e}"));
+                let coverage = mean.w - own_light.w;
+                tally.check((found.w - coverage).abs() < 1e-5, || format!("coverage {pixel}: {}", found.w));
+                compared += usize::from(change.length() > 1e-3);
+            }
+        }
+        tally.finish(STRAYS);
+    }
+    bench.covered(
+        marked > 300 && compared > 100 && unknown > 0 && reflected > 50,
+        format_args!("{marked} at edges, {compared} change, {unknown} rays unknown, {reflected} reflected"),
+    );
+}
