@@ -14,7 +14,7 @@ pub const HEAD: usize = 12;
 /// Most bytes of a text.
 const MAX_TEXT: u32 = 1 << 24;
 
-/// What a rank says.
+/// A message from a rank.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Message {
     /// To the master, first: who I am.
@@ -60,7 +60,7 @@ pub enum Message {
     Bye(Work),
 }
 
-/// Who a rank is.
+/// Identity of a rank.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Hello {
     /// Version of the program.
@@ -88,7 +88,7 @@ impl Hello {
     }
 }
 
-/// What a rank renders, and by what.
+/// The work of a rank, and its means.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ready {
     /// Of scene, camera and settings.
@@ -101,7 +101,7 @@ pub struct Ready {
     pub traversal: Traversal,
     /// Triangles of the scene.
     pub triangles: u64,
-    /// What is rendered.
+    /// The scene and its settings.
     pub about: About,
 }
 
@@ -116,7 +116,7 @@ impl Ready {
     }
 }
 
-/// What the work of a rank took.
+/// Cost of the work of a rank.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Work {
     /// Passes rendered.

@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 
 use super::Passes;
 
-/// What a rank is to do.
+/// The next task of a rank.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Task {
     /// Render the pass of this number.
@@ -21,7 +21,7 @@ pub enum Task {
     End,
 }
 
-/// What a rank has.
+/// The state of a rank.
 #[derive(Clone, Debug, Default)]
 struct Rank {
     running: Option<u32>,
@@ -68,7 +68,7 @@ impl Schedule {
             self.ranks[rank].running = Some(number);
             return Task::Pass(number);
         }
-        // What others have may be lost, or left out.
+        // Passes of other ranks may be lost, or left out.
         let others = self.ranks.iter().any(|rank| rank.running.is_some() || rank.has_film());
         match () {
             () if self.ranks[rank].has_film() => Task::Deliver,

@@ -16,7 +16,7 @@ pub const AWKWARD_SIZES: [usize; 4] = [1, 27, 64, 2049];
 /// The same as images, and a prime width.
 pub const AWKWARD_IMAGES: [[u32; 2]; 5] = [[1, 1], [27, 1], [8, 8], [683, 3], [31, 17]];
 
-/// What may be chosen for a run of checks.
+/// Options of a run of checks.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Choices {
     /// Added to the seed of every check.
@@ -98,7 +98,7 @@ impl Bench {
         Rig::at_pass(self, scene, resolution, Settings { seed, ..settings }, pass)
     }
 
-    /// What the device lacks for rays in clusters, if it lacks anything.
+    /// The feature or limit that the device lacks for rays in clusters, if any.
     pub(super) fn lacks_clusters(&self) -> Option<String> {
         let refused = TraversalKernels::visibility(self, Traversal::Cluster, false).is_err();
         refused.then(|| {

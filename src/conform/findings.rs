@@ -1,4 +1,4 @@
-//! What the comparisons of a check found, and why it could not go on.
+//! Results of the comparisons of a check, and the error that ended it.
 //!
 //! A check is one thread's work from begin to end, as a test is, so its findings are the thread's.
 
@@ -15,7 +15,7 @@ pub struct Worst {
     pub bound: f32,
 }
 
-/// What the comparisons of a check found.
+/// Results of the comparisons of a check.
 #[derive(Clone, Debug, Default)]
 pub struct Findings {
     /// Comparisons that were counted; those of whole arrays, bit for bit, are not.

@@ -45,7 +45,7 @@ pub struct Check {
     pub name: &'static str,
     /// Stems of the kernels that it is about, separated by spaces. Others may run before them.
     pub kernels: &'static str,
-    /// What it needs beyond what every check does.
+    /// Its needs beyond those of every check.
     pub needs: Needs,
     /// How the kernels are run, where that is part of the matter.
     pub host: &'static str,
@@ -55,7 +55,7 @@ pub struct Check {
     pub run: fn(&Bench),
 }
 
-/// What a check needs beyond Vulkan 1.1 with compute and the storage buffers that the kernels bind.
+/// A need of a check beyond Vulkan 1.1 with compute and the storage buffers that the kernels bind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Needs {
     /// Nothing.
@@ -65,7 +65,7 @@ pub enum Needs {
 }
 
 impl Check {
-    /// What it exercises: features of SPIR-V that its kernels use, and of Vulkan.
+    /// The features of SPIR-V and of Vulkan that its kernels use.
     pub fn exercises(&self) -> Vec<&'static str> {
         // Variants of a kernel continue its name.
         let belongs = |stem: &str, shader: &Shader| {
@@ -79,7 +79,7 @@ impl Check {
         found.into_iter().collect()
     }
 
-    /// What the device lacks for it, if it lacks anything.
+    /// The feature or limit that the device lacks for it, if any.
     pub fn lacks(&self, bench: &Bench) -> Option<String> {
         match self.needs {
             Needs::Nothing => None,
@@ -125,12 +125,12 @@ impl Verdict {
     }
 }
 
-/// What came of a check.
+/// Outcome of a check.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Outcome {
     /// The verdict.
     pub verdict: Verdict,
-    /// What differs, failed or is missing; empty if it passed.
+    /// The difference, failure or missing need; empty if it passed.
     pub message: String,
     /// Seconds that it took.
     pub seconds: f64,

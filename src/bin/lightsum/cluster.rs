@@ -60,9 +60,9 @@ struct Master<'a> {
     link: &'a Link,
     /// Machines by rank.
     hosts: Vec<String>,
-    /// What each of the other ranks renders.
+    /// The work of each of the other ranks.
     ready: Vec<Ready>,
-    /// What each of them has done, once it has ended.
+    /// The report of each of them, once it has ended.
     bye: Vec<(usize, Work)>,
 }
 
@@ -180,7 +180,7 @@ impl Master<'_> {
         self.bye.sort_by_key(|(rank, _)| *rank);
     }
 
-    /// What each rank has done, as JSON, once they have ended.
+    /// The reports of all ranks as JSON, once they have ended.
     fn works(&self) -> Value {
         let of_rank = |(rank, work): &(usize, Work)| {
             let device = self.ready.get(rank - 1).map(|ready| ready.device.clone());

@@ -145,7 +145,7 @@ impl<'a> Part<'a> {
     }
 }
 
-/// What a renderer renders, without passes. `metadata`: provenance of its image.
+/// A film of the renderer's image, without passes. `metadata`: provenance of its image.
 pub fn about(metadata: Metadata, exposure: Exposure, renderer: &Renderer) -> About {
     let statistics = renderer.statistics();
     let exposure = match exposure {

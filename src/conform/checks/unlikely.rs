@@ -1,4 +1,4 @@
-//! What unlikely components show is spread as its oracle says; the sum of light stays.
+//! The light of unlikely components is spread as its oracle says; the sum of light stays.
 
 use crate::conform::Bench;
 use crate::pass::{ShadingPoints, unlikely};

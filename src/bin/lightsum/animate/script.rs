@@ -1,4 +1,4 @@
-//! What an animation shows: its frames, and what moves.
+//! The frames of an animation, and the objects that move in it.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -18,7 +18,7 @@ use crate::progress::duration;
 use crate::render::Job;
 use crate::{camera, say};
 
-/// What an animation shows: its frames, and what moves.
+/// The frames of an animation, and the objects that move in it.
 pub struct Script<'a> {
     pub args: &'a Animate,
     pub job: Job,

@@ -108,7 +108,7 @@ struct Tasks {
     left: Range<usize>,
     /// Those of ranks that are lost.
     again: VecDeque<Range<usize>>,
-    /// What ranks render.
+    /// The work of the ranks.
     of_rank: BTreeMap<usize, Range<usize>>,
 }
 

@@ -18,7 +18,7 @@ use crate::args::{self, Animate, Arguments, Command, Render};
 use crate::render::{self, metadata};
 use crate::{bake, mirrors, shard};
 
-/// Renders until the master ends it. What fails is told to the master, which says it.
+/// Renders until the master ends it. The master is told of errors and prints them.
 pub fn run(arguments: &Arguments, link: &Link, hello: Hello) -> Result<()> {
     crate::be_quiet();
     // Launchers send signals to all ranks: the master decides.

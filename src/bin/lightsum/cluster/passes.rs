@@ -66,7 +66,7 @@ pub fn add(master: &Master, sum: &mut Sum, limits: &Limits, progress: &mut Progr
     Ok(())
 }
 
-/// What the ranks do.
+/// The work of the ranks.
 struct Ranks {
     schedule: Schedule,
     /// Those that are not lost.
