@@ -7,6 +7,8 @@ mod wgsl;
 mod wgsl_emit;
 #[path = "src/gpu/wgsl_parameters.rs"]
 mod wgsl_parameters;
+#[path = "src/gpu/wgsl_texels.rs"]
+mod wgsl_texels;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
@@ -43,6 +45,7 @@ fn folder(root: &Path, label: &str, out: &Path, prefix: &str) -> Result<(), Stri
         let name = &kernel.permutation.name;
         write(format!("{prefix}{name}.spv"), &bytes(&kernel.compiled.spirv))?;
         write(format!("{prefix}{name}.checked.spv"), &bytes(&kernel.compiled.spirv_checked))?;
+        write(format!("{prefix}{name}.texels.spv"), &bytes(&kernel.compiled.spirv_texels))?;
     }
     write(format!("{prefix}shaders.rs"), wgsl_emit::emit_shaders(&built, prefix).as_bytes())?;
     write(format!("{prefix}layout_checks.rs"), wgsl_emit::emit_layout_checks(&built).as_bytes())

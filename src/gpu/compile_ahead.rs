@@ -58,6 +58,7 @@ fn compile(ctx: &Context, shaders: &[&'static Shader], next: &AtomicUsize) -> Re
     let options = ContextOptions {
         device: DeviceChoice::Index(ctx.info().index),
         checked_shaders: ctx.inner.checked_shaders,
+        no_texel_buffers: !ctx.info().texel_buffers,
         ..ContextOptions::default()
     };
     let ctx = Context::headless(&options)?;
@@ -98,7 +99,7 @@ fn beside(cache: &Path) -> PathBuf {
 
 fn key(ctx: &Context, shader: &Shader) -> String {
     let info = ctx.info();
-    let code = if ctx.inner.checked_shaders { shader.spirv_checked } else { shader.spirv };
+    let code = shader.code(ctx);
     let driver = [info.driver.as_bytes(), info.driver_version.as_bytes(), &info.cache_uuid].concat();
     format!("{:016x}{:016x}", fnv1a(&driver), fnv1a(code))
 }

@@ -34,6 +34,8 @@ pub struct ContextOptions {
     pub validation: bool,
     /// Run the kernels that restrict every index to its array. Default false: they are slower.
     pub checked_shaders: bool,
+    /// Read arrays from storage buffers on every device, as on graphics cards.
+    pub no_texel_buffers: bool,
     /// File that keeps compiled pipelines from run to run. Default none.
     pub pipeline_cache: Option<PathBuf>,
     /// Bytes that buffers and images may take. Default: the device's memory, and on a processor no more than what is free; without limit on
@@ -201,6 +203,8 @@ impl Context {
         }
         let timestamp_bits = family.map_or(0, |f| f.timestamp_valid_bits);
         info.timestamps = timestamp_bits > 0;
+        // Kernels with bounds checks restrict the indices of arrays.
+        info.texel_buffers &= !options.no_texel_buffers && !options.checked_shaders;
         let allocator = Allocator::new(&AllocatorCreateDesc {
             instance: instance.raw.clone(),
             device: device.raw.clone(),

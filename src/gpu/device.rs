@@ -6,6 +6,7 @@ use std::str::FromStr;
 use ash::{khr, vk};
 
 use super::instance::{Instance, no_driver, vulkan};
+use super::kernel::texel_format;
 use crate::error::{Error, Result};
 
 /// A device and the limits that matter here.
@@ -45,6 +46,10 @@ pub struct DeviceInfo {
     pub max_push_bytes: u32,
     /// Maximum width and height of an image, pixels.
     pub max_image_dimension: u32,
+    /// Maximum number of sampled images and texel buffers of one kernel.
+    pub max_sampled_images: u32,
+    /// Kernels read arrays as texel buffers: the driver runs on the processor, and takes any storage buffer as one.
+    pub texel_buffers: bool,
     /// Memory of the device itself, bytes.
     pub device_memory: u64,
     /// Nanoseconds of one timestamp tick.
@@ -125,6 +130,13 @@ impl DeviceInfo {
             max_workgroup_memory: limits.max_compute_shared_memory_size,
             max_push_bytes: limits.max_push_constants_size,
             max_image_dimension: limits.max_image_dimension2_d,
+            max_sampled_images: limits
+                .max_per_stage_descriptor_sampled_images
+                .min(limits.max_descriptor_set_sampled_images),
+            texel_buffers: core.device_type == vk::PhysicalDeviceType::CPU
+                && limits.max_storage_buffer_range / 4 <= limits.max_texel_buffer_elements
+                // SAFETY: the caller's promise.
+                && unsafe { takes_texels(instance, physical) },
             device_memory: memory
                 .memory_heaps_as_slice()
                 .iter()
@@ -158,6 +170,18 @@ impl DeviceInfo {
     fn line(&self) -> String {
         format!("{}: {} ({} {})", self.index, self.name, self.driver, self.driver_version)
     }
+}
+
+/// Whether buffers of the formats that kernels use can be read as texels.
+///
+/// # Safety
+/// The physical device belongs to the instance.
+unsafe fn takes_texels(instance: &ash::Instance, physical: vk::PhysicalDevice) -> bool {
+    [4, 8, 16].map(texel_format).into_iter().all(|format| {
+        // SAFETY: the caller's promise.
+        let properties = unsafe { instance.get_physical_device_format_properties(physical, format) };
+        properties.buffer_features.contains(vk::FormatFeatureFlags::UNIFORM_TEXEL_BUFFER)
+    })
 }
 
 /// Maximum number of storage buffers of a kernel: the minimum of Vulkan's limits on them.

@@ -27,6 +27,8 @@ pub struct Shader {
     pub spirv: &'static [u8],
     /// SPIR-V with every index restricted to its array.
     pub spirv_checked: &'static [u8],
+    /// SPIR-V without bounds checks, with the arrays that are only read as texel buffers.
+    pub spirv_texels: &'static [u8],
     /// Invocations of a workgroup along each axis.
     pub workgroup_size: [u32; 3],
     /// Buffers and images of group 0, sorted by slot.
@@ -44,6 +46,24 @@ impl Shader {
     }
 }
 
+impl Shader {
+    /// Whether the kernel reads arrays as texel buffers: the device is one where that is faster, and has room for them.
+    fn reads_texels(&self, ctx: &Context) -> bool {
+        let sampled = |b: &&BindingInfo| b.texel_bytes > 0 || b.kind == BindingKind::ImageLayers;
+        let count = self.bindings.iter().filter(sampled).count();
+        ctx.info().texel_buffers && count <= ctx.info().max_sampled_images as usize
+    }
+
+    /// The SPIR-V for a device.
+    pub(super) fn code(&self, ctx: &Context) -> &'static [u8] {
+        match (ctx.inner.checked_shaders, self.reads_texels(ctx)) {
+            (true, _) => self.spirv_checked,
+            (false, true) => self.spirv_texels,
+            (false, false) => self.spirv,
+        }
+    }
+}
+
 /// A buffer or image that a kernel declares.
 #[derive(Debug)]
 pub struct BindingInfo {
@@ -53,6 +73,27 @@ pub struct BindingInfo {
     pub slot: u32,
     /// Its kind.
     pub kind: BindingKind,
+    /// Bytes of a texel where the kernel reads it as a texel buffer: 4, 8 or 16, integers of 32 bits. 0: it never does.
+    pub texel_bytes: u32,
+}
+
+impl BindingInfo {
+    /// `texels`: the kernel reads arrays as texel buffers.
+    fn descriptor(&self, texels: bool) -> vk::DescriptorType {
+        match self.texel_bytes > 0 && texels {
+            true => vk::DescriptorType::UNIFORM_TEXEL_BUFFER,
+            false => self.kind.descriptor(),
+        }
+    }
+}
+
+/// The format of texels of 4, 8 or 16 bytes.
+pub(super) fn texel_format(bytes: u32) -> vk::Format {
+    match bytes {
+        4 => vk::Format::R32_UINT,
+        8 => vk::Format::R32G32_UINT,
+        _ => vk::Format::R32G32B32A32_UINT,
+    }
 }
 
 /// Kind of a binding.
@@ -89,6 +130,8 @@ pub struct Kernel(pub(super) Arc<KernelInner>);
 pub(super) struct KernelInner {
     pub ctx: Context,
     pub shader: &'static Shader,
+    /// It reads arrays as texel buffers.
+    texels: bool,
     set_layout: vk::DescriptorSetLayout,
     pub layout: vk::PipelineLayout,
     pipeline: OnceLock<vk::Pipeline>,
@@ -122,6 +165,7 @@ impl Kernel {
         let mut inner = KernelInner {
             ctx: ctx.without_kernels(),
             shader,
+            texels: shader.reads_texels(ctx),
             set_layout: vk::DescriptorSetLayout::null(),
             layout: vk::PipelineLayout::null(),
             pipeline: OnceLock::new(),
@@ -133,7 +177,7 @@ impl Kernel {
             .map(|binding| {
                 vk::DescriptorSetLayoutBinding::default()
                     .binding(binding.slot)
-                    .descriptor_type(binding.kind.descriptor())
+                    .descriptor_type(binding.descriptor(inner.texels))
                     .descriptor_count(1)
                     .stage_flags(vk::ShaderStageFlags::COMPUTE)
             })
@@ -248,7 +292,7 @@ impl Kernel {
     }
 
     fn bind_chosen(&self, found: Vec<(&'static BindingInfo, Option<Bound<'_>>)>) -> Result<Bindings> {
-        let KernelInner { ctx, shader, .. } = &*self.0;
+        let &KernelInner { ref ctx, shader, texels, .. } = &*self.0;
         let misuse = |message: String| Error::Shader { name: shader.name.to_owned(), message };
         let mut chosen = Vec::with_capacity(found.len());
         for (binding, bound) in found {
@@ -260,6 +304,7 @@ impl Kernel {
             kernel: self.clone(),
             pool: vk::DescriptorPool::null(),
             set: vk::DescriptorSet::null(),
+            views: Vec::new(),
             _retained: chosen.iter().map(|(_, bound)| bound.retain()).collect(),
         };
         // There is nothing to bind, or only what is measured and has no memory.
@@ -268,11 +313,13 @@ impl Kernel {
         }
         let failed = |r| ctx.failed(shader.name, r);
         let device = ctx.device();
-        let sizes: Vec<_> = [BindingKind::StorageRead, BindingKind::StorageImage, BindingKind::ImageLayers]
+        let kinds = [BindingKind::StorageRead, BindingKind::StorageImage, BindingKind::ImageLayers];
+        let sizes: Vec<_> = kinds
             .map(BindingKind::descriptor)
             .into_iter()
+            .chain([vk::DescriptorType::UNIFORM_TEXEL_BUFFER])
             .map(|ty| {
-                let count = shader.bindings.iter().filter(|binding| binding.kind.descriptor() == ty).count();
+                let count = shader.bindings.iter().filter(|binding| binding.descriptor(texels) == ty).count();
                 vk::DescriptorPoolSize::default().ty(ty).descriptor_count(count as u32)
             })
             .filter(|size| size.descriptor_count > 0)
@@ -291,8 +338,19 @@ impl Kernel {
             let write = vk::WriteDescriptorSet::default()
                 .dst_set(inner.set)
                 .dst_binding(binding.slot)
-                .descriptor_type(binding.kind.descriptor());
+                .descriptor_type(binding.descriptor(texels));
             match bound {
+                // SAFETY: set and buffer are alive, the buffer has the usage and no more texels than the device takes (`reads_texels`);
+                // `inner` destroys the view. No command uses the set yet.
+                Bound::Buffer(buffer) if texels && binding.texel_bytes > 0 => unsafe {
+                    let create = vk::BufferViewCreateInfo::default()
+                        .buffer(buffer.handle())
+                        .format(texel_format(binding.texel_bytes))
+                        .range(vk::WHOLE_SIZE);
+                    inner.views.push(device.create_buffer_view(&create, None).map_err(failed)?);
+                    let view = &inner.views[inner.views.len() - 1..];
+                    device.update_descriptor_sets(&[write.texel_buffer_view(view).descriptor_count(1)], &[]);
+                },
                 // SAFETY: set and buffer are alive and of the declared type; no command uses the set yet.
                 Bound::Buffer(buffer) => unsafe {
                     let info = [vk::DescriptorBufferInfo::default().buffer(buffer.handle()).range(buffer.size())];
@@ -402,21 +460,29 @@ pub(super) struct BindingsInner {
     pool: vk::DescriptorPool,
     /// Null if the kernel binds nothing.
     pub set: vk::DescriptorSet,
+    /// Of the texel buffers.
+    views: Vec<vk::BufferView>,
     _retained: Vec<Arc<dyn Send + Sync>>,
 }
 
 impl Drop for BindingsInner {
     fn drop(&mut self) {
-        // SAFETY: recorders retain the bindings until their commands are done; the set goes with its pool.
-        unsafe { self.kernel.0.ctx.device().destroy_descriptor_pool(self.pool, None) };
+        let device = self.kernel.0.ctx.device();
+        // SAFETY: recorders retain the bindings until their commands are done; the set goes with its pool. The buffers of the views are
+        // retained until then.
+        unsafe {
+            device.destroy_descriptor_pool(self.pool, None);
+            for &view in &self.views {
+                device.destroy_buffer_view(view, None);
+            }
+        }
     }
 }
 
 /// The SPIR-V to run.
 #[cfg(not(feature = "hot-reload"))]
 fn code(ctx: &Context, shader: &'static Shader) -> Result<Vec<u32>> {
-    let bytes = if ctx.inner.checked_shaders { shader.spirv_checked } else { shader.spirv };
-    ash::util::read_spv(&mut std::io::Cursor::new(bytes))
+    ash::util::read_spv(&mut std::io::Cursor::new(shader.code(ctx)))
         .map_err(|e| Error::Shader { name: shader.name.to_owned(), message: format!("embedded SPIR-V: {e}") })
 }
 
@@ -440,7 +506,11 @@ fn code(ctx: &Context, shader: &'static Shader) -> Result<Vec<u32>> {
     if compiled.interface() != shader.interface || compiled.workgroup_size != shader.workgroup_size {
         return Err(failed("bindings, structures or workgroup size have changed; build the program again".into()));
     }
-    Ok(if ctx.inner.checked_shaders { compiled.spirv_checked } else { compiled.spirv })
+    Ok(match (ctx.inner.checked_shaders, shader.reads_texels(ctx)) {
+        (true, _) => compiled.spirv_checked,
+        (false, true) => compiled.spirv_texels,
+        (false, false) => compiled.spirv,
+    })
 }
 
 /// Refuses a kernel that the device cannot run.

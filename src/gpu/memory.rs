@@ -40,6 +40,18 @@ pub(super) struct BufferInner {
     access: Mutex<()>,
 }
 
+/// Bytes of a buffer that holds `size` bytes and is read as texels.
+///
+/// lavapipe (Mesa 22.3) compiles a kernel for each combination of properties of its texel buffers; by mistake these are whether the
+/// buffer's size is a power of two and whether the second byte of the size is zero. So they never are.
+fn capacity_of_texels(size: u64) -> u64 {
+    let mut capacity = size.next_multiple_of(16);
+    while capacity.is_power_of_two() || (capacity >> 8) & 0xff == 0 {
+        capacity += 272;
+    }
+    capacity
+}
+
 impl Buffer {
     /// Allocates a buffer of `bytes` bytes (rounded up to 4 inside, and to 16 if there are none). The content is undefined.
     pub fn new(ctx: &Context, name: &str, bytes: u64, memory: Memory) -> Result<Buffer> {
@@ -50,12 +62,16 @@ impl Buffer {
             within(name, size, info.max_storage_buffer_range, "maxStorageBufferRange")?;
         }
         within(name, size, info.max_allocation, "maxMemoryAllocationSize")?;
-        let create = vk::BufferCreateInfo::default().size(size).usage(
-            vk::BufferUsageFlags::STORAGE_BUFFER
-                | vk::BufferUsageFlags::TRANSFER_SRC
-                | vk::BufferUsageFlags::TRANSFER_DST
-                | vk::BufferUsageFlags::INDIRECT_BUFFER,
-        );
+        let mut usage = vk::BufferUsageFlags::STORAGE_BUFFER
+            | vk::BufferUsageFlags::TRANSFER_SRC
+            | vk::BufferUsageFlags::TRANSFER_DST
+            | vk::BufferUsageFlags::INDIRECT_BUFFER;
+        let mut capacity = size;
+        if info.texel_buffers {
+            usage |= vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER;
+            capacity = capacity_of_texels(size);
+        }
+        let create = vk::BufferCreateInfo::default().size(capacity).usage(usage);
         let device = ctx.device();
         // SAFETY: a plain creation on a live device; `inner` destroys it from here on.
         let handle = unsafe { device.create_buffer(&create, None) }.map_err(|r| failed(name, size, r))?;

@@ -29,6 +29,8 @@ mod wgsl;
 mod wgsl_emit;
 #[cfg(any(feature = "hot-reload", test))]
 mod wgsl_parameters;
+#[cfg(any(feature = "hot-reload", test))]
+mod wgsl_texels;
 
 pub use context::{Context, ContextOptions, HostDevice};
 pub use device::{DeviceChoice, DeviceInfo, Requirements, list_devices};

@@ -1,7 +1,7 @@
 //! WGSL files to SPIR-V: includes, conditionals, naga, reflection.
 //!
 //! The build script compiles this file too (through `#[path]`), so it depends on nothing else in the crate but
-//! [`super::wgsl_parameters`].
+//! [`super::wgsl_parameters`] and [`super::wgsl_texels`].
 //!
 //! Directives stand alone on a line: `#include "file.wgsl"` (from `include/`, at most once per module), `#if FLAG`, `#else`,
 //! `#endif`. `permutations.txt` lists the flags of each module.
@@ -12,11 +12,12 @@ use std::path::Path;
 
 use naga::back::spv;
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
-use naga::valid::{Capabilities, ValidationFlags, Validator};
+use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 
-use super::wgsl_parameters;
+use super::{wgsl_parameters, wgsl_texels};
 
 /// Text with resolved directives, and the origin of each line.
+#[derive(Clone)]
 pub struct Source {
     /// The module's own file as messages show it, such as `shaders/shade.wgsl`.
     pub file: String,
@@ -45,6 +46,8 @@ pub struct Binding {
     pub name: String,
     pub slot: u32,
     pub kind: Kind,
+    /// Bytes of a texel in `spirv_texels`; 0: a storage buffer or an image there too.
+    pub texel_bytes: u32,
 }
 
 /// Size and offsets of a structure that the host fills or reads.
@@ -63,6 +66,8 @@ pub struct Compiled {
     pub spirv: Vec<u32>,
     /// SPIR-V with every index restricted to its array.
     pub spirv_checked: Vec<u32>,
+    /// As `spirv`, with arrays that are only read as texel buffers.
+    pub spirv_texels: Vec<u32>,
     pub entry_point: String,
     pub workgroup_size: [u32; 3],
     /// Sorted by slot.
@@ -239,10 +244,12 @@ impl Source {
 }
 
 /// Device capabilities allowed to kernels: only subgroup operations, which are checked when a kernel is created.
-const CAPABILITIES: [spv::Capability; 10] = [
+const CAPABILITIES: [spv::Capability; 11] = [
     spv::Capability::Shader,
     spv::Capability::Matrix,
     spv::Capability::ImageQuery,
+    // Of images that become texel buffers.
+    spv::Capability::Sampled1D,
     spv::Capability::GroupNonUniform,
     spv::Capability::GroupNonUniformVote,
     spv::Capability::GroupNonUniformArithmetic,
@@ -252,18 +259,25 @@ const CAPABILITIES: [spv::Capability; 10] = [
     spv::Capability::GroupNonUniformQuad,
 ];
 
+/// Reads and checks a module.
+fn parse(source: &Source) -> Result<naga::Module, String> {
+    let module = naga::front::wgsl::parse_str(&source.text).map_err(|e| source.parse_error(&e))?;
+    validate(source, &module)?;
+    Ok(module)
+}
+
+fn validate(source: &Source, module: &naga::Module) -> Result<ModuleInfo, String> {
+    let capabilities = Capabilities::IMMEDIATES
+        | Capabilities::SUBGROUP
+        | Capabilities::SUBGROUP_BARRIER
+        | Capabilities::SHADER_FLOAT16_IN_FLOAT32;
+    let mut validator = Validator::new(ValidationFlags::all(), capabilities);
+    validator.validate(module).map_err(|e| source.validation_error(&e))
+}
+
 /// Compiles a module with exactly one compute entry point.
 pub fn compile(source: &Source) -> Result<Compiled, String> {
-    let mut module = naga::front::wgsl::parse_str(&source.text).map_err(|e| source.parse_error(&e))?;
-    let mut validator = Validator::new(
-        ValidationFlags::all(),
-        Capabilities::IMMEDIATES
-            | Capabilities::SUBGROUP
-            | Capabilities::SUBGROUP_BARRIER
-            | Capabilities::SHADER_FLOAT16_IN_FLOAT32,
-    );
-    validator.validate(&module).map_err(|e| source.validation_error(&e))?;
-
+    let module = parse(source)?;
     let [entry] = module.entry_points.as_slice() else {
         return Err(format!(
             "{}: {} entry points; write one @compute function",
@@ -277,6 +291,7 @@ pub fn compile(source: &Source) -> Result<Compiled, String> {
     let mut compiled = Compiled {
         spirv: Vec::new(),
         spirv_checked: Vec::new(),
+        spirv_texels: Vec::new(),
         entry_point: entry.name.clone(),
         workgroup_size: entry.workgroup_size,
         bindings: Vec::new(),
@@ -284,37 +299,52 @@ pub fn compile(source: &Source) -> Result<Compiled, String> {
         structs: Vec::new(),
     };
     reflect(source, &module, &mut compiled)?;
+    let texels = wgsl_texels::rewrite(&source.text, &module);
+    compiled.spirv_checked = write(source, module.clone(), BoundsCheckPolicy::Restrict)?;
+    compiled.spirv = write(source, module, BoundsCheckPolicy::Unchecked)?;
+    for binding in &mut compiled.bindings {
+        let found = texels.buffers.iter().find(|(name, _)| *name == binding.name);
+        binding.texel_bytes = found.map_or(0, |(_, bytes)| *bytes);
+    }
+    compiled.spirv_texels = match texels.buffers.is_empty() {
+        true => compiled.spirv.clone(),
+        false => {
+            let source = Source { text: texels.text, ..source.clone() };
+            let code = write(&source, parse(&source)?, BoundsCheckPolicy::Unchecked)?;
+            wgsl_texels::images_to_buffers(code)
+        }
+    };
+    Ok(compiled)
+}
+
+/// The SPIR-V of a module.
+fn write(source: &Source, mut module: naga::Module, policy: BoundsCheckPolicy) -> Result<Vec<u32>, String> {
     // A driver reads all functions of a module whenever a pipeline is made, and most of the library's are not called.
     naga::compact::compact(&mut module, naga::compact::KeepUnused::No);
     wgsl_parameters::read_at_start(&mut module);
-    let info = validator.validate(&module).map_err(|e| source.validation_error(&e))?;
-    let write = |policy| {
-        let options = spv::Options {
-            lang_version: (1, 3),
-            flags: spv::WriterFlags::DEBUG,
-            capabilities: Some(CAPABILITIES.into_iter().collect()),
-            bounds_check_policies: BoundsCheckPolicies {
-                index: policy,
-                buffer: policy,
-                image_load: policy,
-                binding_array: policy,
-            },
-            zero_initialize_workgroup_memory: spv::ZeroInitializeWorkgroupMemoryMode::None,
-            force_loop_bounding: false,
-            emit_int_div_checks: false,
-            fake_missing_bindings: true,
-            ..Default::default()
-        };
-        let pipeline = spv::PipelineOptions {
-            shader_stage: naga::ShaderStage::Compute,
-            entry_point: compiled.entry_point.clone(),
-        };
-        let code = spv::write_vec(&module, &info, &options, Some(&pipeline));
-        code.map(without_zeros).map_err(|e| format!("{}: {e}", source.file))
+    let info = validate(source, &module)?;
+    let options = spv::Options {
+        lang_version: (1, 3),
+        flags: spv::WriterFlags::DEBUG,
+        capabilities: Some(CAPABILITIES.into_iter().collect()),
+        bounds_check_policies: BoundsCheckPolicies {
+            index: policy,
+            buffer: policy,
+            image_load: policy,
+            binding_array: policy,
+        },
+        zero_initialize_workgroup_memory: spv::ZeroInitializeWorkgroupMemoryMode::None,
+        force_loop_bounding: false,
+        emit_int_div_checks: false,
+        fake_missing_bindings: true,
+        ..Default::default()
     };
-    (compiled.spirv, compiled.spirv_checked) =
-        (write(BoundsCheckPolicy::Unchecked)?, write(BoundsCheckPolicy::Restrict)?);
-    Ok(compiled)
+    let pipeline = spv::PipelineOptions {
+        shader_stage: naga::ShaderStage::Compute,
+        entry_point: module.entry_points[0].name.clone(),
+    };
+    let code = spv::write_vec(&module, &info, &options, Some(&pipeline));
+    code.map(without_zeros).map_err(|e| format!("{}: {e}", source.file))
 }
 
 /// Longest array of a function whose elements start as zeros.
@@ -387,7 +417,7 @@ fn reflect(source: &Source, module: &naga::Module, compiled: &mut Compiled) -> R
                 if let Some(other) = compiled.bindings.iter().find(|other| other.slot == binding.binding) {
                     return Err(format!("{place}: {name}: binding {} is taken by {}", other.slot, other.name));
                 }
-                compiled.bindings.push(Binding { name, slot: binding.binding, kind });
+                compiled.bindings.push(Binding { name, slot: binding.binding, kind, texel_bytes: 0 });
             }
             _ => return Err(format!("{place}: {name}: write @group(0) @binding(n)")),
         }

@@ -84,7 +84,7 @@ pub fn build(dir: &Path, label: &str) -> Result<Vec<Built>, String> {
         .collect()
 }
 
-/// Rust text with one `pub static` for each kernel. SPIR-V is read from `OUT_DIR/{prefix}{name}.spv` and `.checked.spv`.
+/// Rust text with one `pub static` for each kernel. SPIR-V is read from `OUT_DIR/{prefix}{name}.spv`, `.checked.spv` and `.texels.spv`.
 pub fn emit_shaders(list: &[Built], prefix: &str) -> String {
     let mut text = String::new();
     for built in list {
@@ -96,13 +96,14 @@ pub fn emit_shaders(list: &[Built], prefix: &str) -> String {
             text,
             "/// `{file}`{with}.\npub static {upper}: Shader = Shader {{\n    name: {name:?},\n    \
              file: {file:?},\n    flags: &{flags:?},\n    entry_point: c{entry:?},\n    spirv: {spirv},\n    \
-             spirv_checked: {checked},\n    workgroup_size: {size:?},\n    bindings: &[",
+             spirv_checked: {checked},\n    spirv_texels: {texels},\n    workgroup_size: {size:?},\n    bindings: &[",
             file = built.file,
             with = if flags.is_empty() { String::new() } else { format!(" with {}", flags.join(", ")) },
             upper = name.to_uppercase(),
             entry = compiled.entry_point,
             spirv = binary(".spv"),
             checked = binary(".checked.spv"),
+            texels = binary(".texels.spv"),
             size = compiled.workgroup_size,
         );
         for binding in &compiled.bindings {
@@ -114,8 +115,8 @@ pub fn emit_shaders(list: &[Built], prefix: &str) -> String {
             };
             let _ = write!(
                 text,
-                "\n        BindingInfo {{ name: {:?}, slot: {}, kind: BindingKind::{kind} }},",
-                binding.name, binding.slot
+                "\n        BindingInfo {{ name: {:?}, slot: {}, kind: BindingKind::{kind}, texel_bytes: {} }},",
+                binding.name, binding.slot, binding.texel_bytes
             );
         }
         let _ = write!(
@@ -270,9 +271,9 @@ struct LightList { count: u32, items: array<Light> }
             "flags: &[\"FILM\"]",
             "workgroup_size: [64, 1, 1]",
             "push_bytes: 8",
-            "BindingInfo { name: \"lights\", slot: 0, kind: BindingKind::StorageRead }",
-            "BindingInfo { name: \"film\", slot: 1, kind: BindingKind::StorageImage }",
-            "BindingInfo { name: \"radiance\", slot: 2, kind: BindingKind::StorageReadWrite }",
+            "BindingInfo { name: \"lights\", slot: 0, kind: BindingKind::StorageRead, texel_bytes: 0 }",
+            "BindingInfo { name: \"film\", slot: 1, kind: BindingKind::StorageImage, texel_bytes: 0 }",
+            "BindingInfo { name: \"radiance\", slot: 2, kind: BindingKind::StorageReadWrite, texel_bytes: 0 }",
             "/kernel-shade_film.checked.spv",
             "pub static ALL: &[&Shader] = &[&SHADE, &SHADE_FILM];",
         ] {

@@ -7,7 +7,7 @@ pub use lightsum::conform::{AWKWARD_SIZES, SENTINEL, kernels};
 use lightsum::gpu::{Context, ContextOptions};
 
 /// Options of the tests' device: the one named by LIGHTSUM_DEVICE, else any; kernels with bounds checks if
-/// LIGHTSUM_CHECKED is set.
+/// LIGHTSUM_CHECKED is set, and kernels that read storage buffers alone if LIGHTSUM_NO_TEXELS is.
 pub fn options() -> ContextOptions {
     ContextOptions {
         device: std::env::var("LIGHTSUM_DEVICE").map_or_else(
@@ -16,6 +16,7 @@ pub fn options() -> ContextOptions {
         ),
         validation: true,
         checked_shaders: std::env::var_os("LIGHTSUM_CHECKED").is_some(),
+        no_texel_buffers: std::env::var_os("LIGHTSUM_NO_TEXELS").is_some(),
         pipeline_cache: None,
         max_memory: None,
         own_work: false,

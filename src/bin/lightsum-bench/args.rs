@@ -64,6 +64,9 @@ pub struct Common {
     /// Vulkan device: part of its name, its index in lightsum --list-devices, or cpu [default: the fastest kind available].
     #[arg(long, value_name = "NAME|INDEX|cpu")]
     pub device: Option<DeviceChoice>,
+    /// Read arrays from storage buffers, as on graphics cards, where a driver on the processor would read texels.
+    #[arg(long)]
+    pub no_texel_buffers: bool,
     /// Print one JSON object per line instead of tables.
     #[arg(long)]
     pub json: bool,

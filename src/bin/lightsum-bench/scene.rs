@@ -45,13 +45,13 @@ fn room(name: &str) -> Result<Option<u32>> {
 
 /// Opens the device.
 pub fn open(common: &Common) -> Result<Context> {
-    open_device(&common.device)
+    open_device(&common.device, common.no_texel_buffers)
 }
 
 /// Opens a device, by default the fastest kind.
-pub fn open_device(device: &Option<DeviceChoice>) -> Result<Context> {
+pub fn open_device(device: &Option<DeviceChoice>, no_texel_buffers: bool) -> Result<Context> {
     let device = device.clone().unwrap_or_default();
-    Context::headless(&ContextOptions { device, ..ContextOptions::default() })
+    Context::headless(&ContextOptions { device, no_texel_buffers, ..ContextOptions::default() })
 }
 
 /// The scene's camera at this resolution, or a default one for a bare model.

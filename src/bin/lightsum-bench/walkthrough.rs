@@ -53,7 +53,7 @@ pub fn run(args: &Walkthrough) -> Result<()> {
     };
     let counts = counts(args, &scene)?;
 
-    let context = scene::open_device(&args.device)?;
+    let context = scene::open_device(&args.device, false)?;
     let environment = report::environment(context.info());
     if !args.json {
         report::print_environment(&environment)?;

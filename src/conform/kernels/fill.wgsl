@@ -1,4 +1,5 @@
 // values[i] = values[i] * scale + i for the first `count` elements.
+// BROKEN: without a look at the number of elements: the checks must notice.
 #include "linear_index.wgsl"
 
 struct FillPush { count: u32, scale: u32 }
@@ -13,6 +14,10 @@ fn main(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = linear_group(group, groups) * 64u + lane;
+#if BROKEN
+    if i >= arrayLength(&values) { return; }
+#else
     if i >= push.count { return; }
+#endif
     values[i] = values[i] * push.scale + i;
 }
