@@ -18,8 +18,8 @@ fn mean_fresnel(f0: vec3<f32>, f90: f32) -> vec3<f32> {
     return f0 + (vec3<f32>(f90) - f0) * (1.0 / 21.0);
 }
 
-fn reflectance_of(base: vec3<f32>, metallic: f32, specular: vec3<f32>, roughness: f32) -> Reflectance {
-    let f0 = mix(specular, base, metallic);
+fn reflectance_of(base: vec3<f32>, metallic: f32, dielectric: vec3<f32>, roughness: f32) -> Reflectance {
+    let f0 = mix(dielectric, base, metallic);
     let f90 = clamp(50.0 * max(max(f0.x, f0.y), f0.z), 0.0, 1.0);
     let kd = base * (1.0 - metallic) * (vec3<f32>(1.0) - mean_fresnel(f0, f90));
     return Reflectance(kd, f90, f0, max(roughness * roughness, 1e-3));

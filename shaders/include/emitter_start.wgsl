@@ -98,15 +98,15 @@ fn start_at(place: vec2<f32>, side: f32) -> Start {
     }
     let leaves_surface = kind <= EMITTER_SPHERE || kind == EMITTER_VIRTUAL;
     let origin = select(position, offset_origin(position, normal, frame.eye.w), leaves_surface);
-    var flux = e.flux.xyz;
+    var carried = e.flux.xyz;
     let disc_area = PI * e.e2.y * e.e2.y;
-    flux = select(flux, radiance.xyz * (e.e1.w * disc_area / e.normal.w), kind == EMITTER_ENVIRONMENT);
+    carried = select(carried, radiance.xyz * (e.e1.w * disc_area / e.normal.w), kind == EMITTER_ENVIRONMENT);
     if bitcast<u32>(e.pattern.z) != 0u {
-        flux *= pattern_at(e, along);
+        carried *= pattern_at(e, along);
         let sides = select(1.0, 2.0, (flags & 1u) != 0u);
-        radiance = vec4<f32>(flux * (e.normal.w / (PI * e.e1.w * sides)), radiance.w);
+        radiance = vec4<f32>(carried * (e.normal.w / (PI * e.e1.w * sides)), radiance.w);
     }
-    return Start(index, kind, position, origin, normal, radiance, flux, e.flux.w);
+    return Start(index, kind, position, origin, normal, radiance, carried, e.flux.w);
 }
 
 // Point at which the ray of a particle begins, given the numbers of its direction.

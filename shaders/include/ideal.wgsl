@@ -3,27 +3,27 @@
 
 // The bodies of glass around a ray, the last one entered first: material + 1, or 0 for none.
 // Entering puts a body on top; leaving removes it at any depth.
-fn crossed(media: vec4<u32>, body: u32, enters: bool) -> vec4<u32> {
+fn crossed(bodies: vec4<u32>, body: u32, enters: bool) -> vec4<u32> {
     // The bodies below the removed one move up.
-    let x = media.x == body;
-    let y = x || media.y == body;
-    let z = y || media.z == body;
-    let w = z || media.w == body;
-    let without = select(media, vec4<u32>(media.yzw, 0u), vec4<bool>(x, y, z, w));
-    return select(without, vec4<u32>(body, media.xyz), enters);
+    let x = bodies.x == body;
+    let y = x || bodies.y == body;
+    let z = y || bodies.z == body;
+    let w = z || bodies.w == body;
+    let without = select(bodies, vec4<u32>(bodies.yzw, 0u), vec4<bool>(x, y, z, w));
+    return select(without, vec4<u32>(body, bodies.xyz), enters);
 }
 
-fn index_of(media: vec4<u32>) -> f32 {
-    return select(materials[max(media.x, 1u) - 1u].emission.w, 1.0, media.x == 0u);
+fn index_of(bodies: vec4<u32>) -> f32 {
+    return select(materials[max(bodies.x, 1u) - 1u].emission.w, 1.0, bodies.x == 0u);
 }
 
 // Index of refraction behind the surface over that before it. A pane is always entered.
-fn relative_index(media: vec4<u32>, s: Surface) -> f32 {
+fn relative_index(bodies: vec4<u32>, s: Surface) -> f32 {
     let enters = s.front || s.kind == SURFACE_PANE;
     let own = materials[s.material].emission.w;
     // A ray outside all bodies that is about to leave one started inside it.
-    let near = select(index_of(media), own, media.x == 0u && !enters);
-    return index_of(crossed(media, s.material + 1u, enters)) / near;
+    let near = select(index_of(bodies), own, bodies.x == 0u && !enters);
+    return index_of(crossed(bodies, s.material + 1u, enters)) / near;
 }
 
 // Reflectance of a smooth dielectric by Fresnel's equations, and the cosine of the refracted ray; negative: total reflection.

@@ -34,7 +34,7 @@ pub struct ContextOptions {
     pub validation: bool,
     /// Run the kernels that restrict every index to its array. Default false: they are slower.
     pub checked_shaders: bool,
-    /// Read arrays from storage buffers on every device, as on graphics cards.
+    /// Take arrays as storage buffers on every device, as on graphics cards.
     pub no_texel_buffers: bool,
     /// File that keeps compiled pipelines from run to run. Default none.
     pub pipeline_cache: Option<PathBuf>,

@@ -48,7 +48,9 @@ pub struct DeviceInfo {
     pub max_image_dimension: u32,
     /// Maximum number of sampled images and texel buffers of one kernel.
     pub max_sampled_images: u32,
-    /// Kernels read arrays as texel buffers: the driver runs on the processor, and takes any storage buffer as one.
+    /// Maximum number of storage images and texel buffers that one kernel writes.
+    pub max_storage_images: u32,
+    /// Kernels take arrays as texel buffers: the driver runs on the processor, and takes any storage buffer as one.
     pub texel_buffers: bool,
     /// Memory of the device itself, bytes.
     pub device_memory: u64,
@@ -133,6 +135,9 @@ impl DeviceInfo {
             max_sampled_images: limits
                 .max_per_stage_descriptor_sampled_images
                 .min(limits.max_descriptor_set_sampled_images),
+            max_storage_images: limits
+                .max_per_stage_descriptor_storage_images
+                .min(limits.max_descriptor_set_storage_images),
             texel_buffers: core.device_type == vk::PhysicalDeviceType::CPU
                 && limits.max_storage_buffer_range / 4 <= limits.max_texel_buffer_elements
                 // SAFETY: the caller's promise.
@@ -172,7 +177,7 @@ impl DeviceInfo {
     }
 }
 
-/// Whether buffers of the formats that kernels use can be read as texels.
+/// Whether buffers of the formats that kernels use can be read as texels, and but for texels of two words written.
 ///
 /// # Safety
 /// The physical device belongs to the instance.
@@ -180,7 +185,9 @@ unsafe fn takes_texels(instance: &ash::Instance, physical: vk::PhysicalDevice) -
     [4, 8, 16].map(texel_format).into_iter().all(|format| {
         // SAFETY: the caller's promise.
         let properties = unsafe { instance.get_physical_device_format_properties(physical, format) };
-        properties.buffer_features.contains(vk::FormatFeatureFlags::UNIFORM_TEXEL_BUFFER)
+        let read = vk::FormatFeatureFlags::UNIFORM_TEXEL_BUFFER;
+        let written = vk::FormatFeatureFlags::STORAGE_TEXEL_BUFFER;
+        properties.buffer_features.contains(if format == texel_format(8) { read } else { read | written })
     })
 }
 

@@ -27,7 +27,7 @@ pub struct Shader {
     pub spirv: &'static [u8],
     /// SPIR-V with every index restricted to its array.
     pub spirv_checked: &'static [u8],
-    /// SPIR-V without bounds checks, with the arrays that are only read as texel buffers.
+    /// SPIR-V without bounds checks, with arrays as texel buffers.
     pub spirv_texels: &'static [u8],
     /// Invocations of a workgroup along each axis.
     pub workgroup_size: [u32; 3],
@@ -47,16 +47,18 @@ impl Shader {
 }
 
 impl Shader {
-    /// Whether the kernel reads arrays as texel buffers: the device is one where that is faster, and has room for them.
-    fn reads_texels(&self, ctx: &Context) -> bool {
-        let sampled = |b: &&BindingInfo| b.texel_bytes > 0 || b.kind == BindingKind::ImageLayers;
-        let count = self.bindings.iter().filter(sampled).count();
-        ctx.info().texel_buffers && count <= ctx.info().max_sampled_images as usize
+    /// Whether the kernel takes arrays as texel buffers: the device is one where that is faster, and has room for them.
+    fn takes_texels(&self, ctx: &Context) -> bool {
+        let count = |ty| self.bindings.iter().filter(|binding| binding.descriptor(true) == ty).count();
+        let sampled = count(vk::DescriptorType::UNIFORM_TEXEL_BUFFER) + count(vk::DescriptorType::SAMPLED_IMAGE);
+        let stored = count(vk::DescriptorType::STORAGE_TEXEL_BUFFER) + count(vk::DescriptorType::STORAGE_IMAGE);
+        let info = ctx.info();
+        info.texel_buffers && sampled <= info.max_sampled_images as usize && stored <= info.max_storage_images as usize
     }
 
     /// The SPIR-V for a device.
     pub(super) fn code(&self, ctx: &Context) -> &'static [u8] {
-        match (ctx.inner.checked_shaders, self.reads_texels(ctx)) {
+        match (ctx.inner.checked_shaders, self.takes_texels(ctx)) {
             (true, _) => self.spirv_checked,
             (false, true) => self.spirv_texels,
             (false, false) => self.spirv,
@@ -73,16 +75,17 @@ pub struct BindingInfo {
     pub slot: u32,
     /// Its kind.
     pub kind: BindingKind,
-    /// Bytes of a texel where the kernel reads it as a texel buffer: 4, 8 or 16, integers of 32 bits. 0: it never does.
+    /// Bytes of a texel where it is bound as a texel buffer: 4, 8 (to be read only) or 16, integers of 32 bits. 0: it never is.
     pub texel_bytes: u32,
 }
 
 impl BindingInfo {
-    /// `texels`: the kernel reads arrays as texel buffers.
+    /// `texels`: the kernel takes arrays as texel buffers.
     fn descriptor(&self, texels: bool) -> vk::DescriptorType {
-        match self.texel_bytes > 0 && texels {
-            true => vk::DescriptorType::UNIFORM_TEXEL_BUFFER,
-            false => self.kind.descriptor(),
+        match (self.texel_bytes > 0 && texels, self.kind) {
+            (true, BindingKind::StorageRead) => vk::DescriptorType::UNIFORM_TEXEL_BUFFER,
+            (true, _) => vk::DescriptorType::STORAGE_TEXEL_BUFFER,
+            (false, kind) => kind.descriptor(),
         }
     }
 }
@@ -130,7 +133,7 @@ pub struct Kernel(pub(super) Arc<KernelInner>);
 pub(super) struct KernelInner {
     pub ctx: Context,
     pub shader: &'static Shader,
-    /// It reads arrays as texel buffers.
+    /// It takes arrays as texel buffers.
     texels: bool,
     set_layout: vk::DescriptorSetLayout,
     pub layout: vk::PipelineLayout,
@@ -165,7 +168,7 @@ impl Kernel {
         let mut inner = KernelInner {
             ctx: ctx.without_kernels(),
             shader,
-            texels: shader.reads_texels(ctx),
+            texels: shader.takes_texels(ctx),
             set_layout: vk::DescriptorSetLayout::null(),
             layout: vk::PipelineLayout::null(),
             pipeline: OnceLock::new(),
@@ -317,7 +320,7 @@ impl Kernel {
         let sizes: Vec<_> = kinds
             .map(BindingKind::descriptor)
             .into_iter()
-            .chain([vk::DescriptorType::UNIFORM_TEXEL_BUFFER])
+            .chain([vk::DescriptorType::UNIFORM_TEXEL_BUFFER, vk::DescriptorType::STORAGE_TEXEL_BUFFER])
             .map(|ty| {
                 let count = shader.bindings.iter().filter(|binding| binding.descriptor(texels) == ty).count();
                 vk::DescriptorPoolSize::default().ty(ty).descriptor_count(count as u32)
@@ -340,7 +343,7 @@ impl Kernel {
                 .dst_binding(binding.slot)
                 .descriptor_type(binding.descriptor(texels));
             match bound {
-                // SAFETY: set and buffer are alive, the buffer has the usage and no more texels than the device takes (`reads_texels`);
+                // SAFETY: set and buffer are alive, the buffer has the usage and no more texels than the device takes (`DeviceInfo::texel_buffers`);
                 // `inner` destroys the view. No command uses the set yet.
                 Bound::Buffer(buffer) if texels && binding.texel_bytes > 0 => unsafe {
                     let create = vk::BufferViewCreateInfo::default()
@@ -506,7 +509,7 @@ fn code(ctx: &Context, shader: &'static Shader) -> Result<Vec<u32>> {
     if compiled.interface() != shader.interface || compiled.workgroup_size != shader.workgroup_size {
         return Err(failed("bindings, structures or workgroup size have changed; build the program again".into()));
     }
-    Ok(match (ctx.inner.checked_shaders, shader.reads_texels(ctx)) {
+    Ok(match (ctx.inner.checked_shaders, shader.takes_texels(ctx)) {
         (true, _) => compiled.spirv_checked,
         (false, true) => compiled.spirv_texels,
         (false, false) => compiled.spirv,

@@ -68,7 +68,7 @@ impl Buffer {
             | vk::BufferUsageFlags::INDIRECT_BUFFER;
         let mut capacity = size;
         if info.texel_buffers {
-            usage |= vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER;
+            usage |= vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER | vk::BufferUsageFlags::STORAGE_TEXEL_BUFFER;
             capacity = capacity_of_texels(size);
         }
         let create = vk::BufferCreateInfo::default().size(capacity).usage(usage);

@@ -66,7 +66,7 @@ pub struct Compiled {
     pub spirv: Vec<u32>,
     /// SPIR-V with every index restricted to its array.
     pub spirv_checked: Vec<u32>,
-    /// As `spirv`, with arrays that are only read as texel buffers.
+    /// As `spirv`, with arrays as texel buffers.
     pub spirv_texels: Vec<u32>,
     pub entry_point: String,
     pub workgroup_size: [u32; 3],
@@ -244,12 +244,13 @@ impl Source {
 }
 
 /// Device capabilities allowed to kernels: only subgroup operations, which are checked when a kernel is created.
-const CAPABILITIES: [spv::Capability; 11] = [
+const CAPABILITIES: [spv::Capability; 12] = [
     spv::Capability::Shader,
     spv::Capability::Matrix,
     spv::Capability::ImageQuery,
     // Of images that become texel buffers.
     spv::Capability::Sampled1D,
+    spv::Capability::Image1D,
     spv::Capability::GroupNonUniform,
     spv::Capability::GroupNonUniformVote,
     spv::Capability::GroupNonUniformArithmetic,

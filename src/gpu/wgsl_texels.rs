@@ -1,13 +1,14 @@
-//! Read-only arrays of a kernel as texel buffers, for drivers that run on the processor.
+//! Arrays of a kernel as texel buffers, for drivers that run on the processor.
 //!
-//! lavapipe (Mesa 22.3) reads an element of a storage buffer within any `if` or loop by a loop over the lanes, some 540 cycles for a vector
-//! of four in eight lanes, and a texel by straight-line code, some 90. So `name[i]` of each array that a kernel only reads becomes
-//! `element_of_name(i)`, a function that fetches the texels of an element from `texture_1d<u32>` and puts their bits together, and the SPIR-V is
-//! changed from images of one dimension, which WGSL has, to buffers of texels, which it lacks. The data does not change.
+//! lavapipe (Mesa 22.3) reads or writes an element of a storage buffer within any `if` or loop by a loop over the lanes for each of its
+//! words, some 540 cycles for a vector of four in eight lanes. It reads a texel by straight-line code, some 90, and writes one by a single
+//! loop. So `name[i]` becomes `element_of_name(i)`, a function that fetches the texels of an element from an image of one dimension and
+//! puts their bits together, `name[i] = v` becomes `set_name(i, v)`, and the SPIR-V is changed from images of one dimension, which WGSL
+//! has, to buffers of texels, which it lacks. The data does not change.
 //!
 //! The build script compiles this file too (through `#[path]`), so it depends on nothing else in the crate.
 
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 use std::fmt::Write as _;
 
 use naga::{AddressSpace, ArraySize, Handle, Module, ScalarKind, StorageAccess, Type, TypeInner};
@@ -18,34 +19,62 @@ pub struct Texels {
     pub buffers: Vec<(String, u32)>,
 }
 
-/// Rewrites the text of a module. Arrays stay as they are whose name stands for something else too, or for the array as a whole.
+/// Rewrites the text of a module. Arrays stay as they are whose name stands for something else too, that are used as a whole or whose
+/// elements are written in parts, and arrays that are written where invocations wait for each other.
 pub fn rewrite(text: &str, module: &Module) -> Texels {
     let mut texels = Texels { text: text.to_owned(), buffers: Vec::new() };
     let mut functions = String::new();
+    let waits = text.contains("Barrier(");
     for (_, variable) in module.global_variables.iter() {
         let (Some(name), Some(_)) = (&variable.name, &variable.binding) else { continue };
         let TypeInner::Array { base, stride, size } = module.types[variable.ty].inner else { continue };
-        let reads_only = variable.space == AddressSpace::Storage { access: StorageAccess::LOAD };
-        if !reads_only || size != ArraySize::Dynamic || names_a_local(module, name) {
+        let AddressSpace::Storage { access } = variable.space else { continue };
+        let writes = access.contains(StorageAccess::STORE);
+        if size != ArraySize::Dynamic || names_a_local(module, name) || (writes && waits) {
             continue;
         }
-        let bytes = [16, 8, 4].into_iter().find(|bytes| stride % bytes == 0).unwrap_or(4);
-        let Some(value) = value(module, base, 0, bytes) else { continue };
-        let Some(rewritten) = rewrite_variable(&texels.text, name) else { continue };
-        let texels_each = stride / bytes;
+        // Texels of two words can be read by any device, and written by some.
+        let sizes: &[u32] = if writes { &[16, 4] } else { &[16, 8, 4] };
+        let bytes = sizes.iter().copied().find(|bytes| stride % bytes == 0).unwrap_or(4);
+        let (Some(ty), Some(value)) = (type_name(module, base), value(module, base, 0, bytes)) else { continue };
+        let Some(rewritten) = rewrite_variable(&texels.text, name, bytes) else { continue };
+        let count = stride / bytes;
         // Writing to a String cannot fail.
-        let _ =
-            write!(functions, "fn element_of_{name}(i: u32) -> {} {{ ", type_name(module, base).unwrap_or_default());
-        for k in 0..texels_each {
-            let _ = write!(functions, "let t{k} = textureLoad({name}, i * {texels_each}u + {k}u, 0); ");
+        let _ = write!(functions, "fn element_of_{name}(i: u32) -> {ty} {{ ");
+        let level = if writes { "" } else { ", 0" };
+        for k in 0..count {
+            let _ = write!(functions, "let t{k} = textureLoad({name}, i * {count}u + {k}u{level}); ");
         }
         let _ = writeln!(functions, "return {value}; }}");
-        texels.text = rewritten;
+        if writes {
+            let mut words = vec!["0u".to_owned(); (stride / 4) as usize];
+            set_words(module, base, 0, "v", &mut words);
+            let _ = write!(functions, "fn set_{name}(i: u32, v: {ty}) {{ ");
+            for (k, texel) in words.chunks(bytes as usize / 4).enumerate() {
+                let texel = if let [word] = texel { word.clone() } else { texel.join(", ") };
+                let _ = write!(functions, "textureStore({name}, i * {count}u + {k}u, vec4<u32>({texel})); ");
+            }
+            let _ = writeln!(functions, "}}");
+        }
+        for operator in rewritten.operators {
+            let word = OPERATORS.iter().find(|(sign, _)| *sign == operator).map_or("", |(_, word)| word);
+            let _ = writeln!(
+                functions,
+                "fn {word}_{name}(i: u32, v: {ty}) {{ set_{name}(i, element_of_{name}(i) {operator} v); }}"
+            );
+        }
+        texels.text = rewritten.text;
         texels.buffers.push((name.clone(), bytes));
     }
+    // On lines of their own, so that messages name the right ones.
+    texels.text.push_str(if text.ends_with('\n') { "" } else { "\n" });
     texels.text.push_str(&functions);
     texels
 }
+
+/// Operators of assignments, and the word for each in the names of functions.
+const OPERATORS: [(char, &str); 6] =
+    [('+', "add_to"), ('-', "subtract_from"), ('*', "multiply"), ('|', "or_to"), ('&', "and_to"), ('^', "xor_to")];
 
 /// Whether a function has an argument or a variable of this name.
 fn names_a_local(module: &Module, name: &str) -> bool {
@@ -101,6 +130,30 @@ fn value(module: &Module, ty: Handle<Type>, offset: u32, bytes: u32) -> Option<S
     Some(format!("{}({})", type_name(module, ty)?, parts.join(", ")))
 }
 
+/// Expressions for the words of a value `v` that lies `offset` bytes into an element.
+fn set_words(module: &Module, ty: Handle<Type>, offset: u32, v: &str, words: &mut [String]) {
+    match &module.types[ty].inner {
+        TypeInner::Scalar(_) => words[(offset / 4) as usize] = format!("bitcast<u32>({v})"),
+        TypeInner::Vector { size, .. } => {
+            for (k, component) in ["x", "y", "z", "w"].into_iter().enumerate().take(*size as usize) {
+                words[offset as usize / 4 + k] = format!("bitcast<u32>({v}.{component})");
+            }
+        }
+        TypeInner::Array { base, size: ArraySize::Constant(length), stride } => {
+            for k in 0..length.get() {
+                set_words(module, *base, offset + k * stride, &format!("{v}[{k}]"), words);
+            }
+        }
+        TypeInner::Struct { members, .. } => {
+            for member in members {
+                let name = member.name.as_deref().unwrap_or_default();
+                set_words(module, member.ty, offset + member.offset, &format!("{v}.{name}"), words);
+            }
+        }
+        _ => {}
+    }
+}
+
 /// Places of a name in a text as a word, outside of comments and not as a member of a structure.
 fn places(text: &str, name: &str) -> Vec<usize> {
     let is_word = |c: Option<char>| c.is_some_and(|c| c.is_ascii_alphanumeric() || c == '_');
@@ -117,21 +170,48 @@ fn places(text: &str, name: &str) -> Vec<usize> {
         .collect()
 }
 
-/// Declares the variable as an image, and turns `name[index]` into `element_of_name(u32(index))`. `None` if it is used in another way.
-fn rewrite_variable(text: &str, name: &str) -> Option<String> {
-    const DECLARED: &str = "var<storage, read> ";
-    // Places and what stands there instead: the word, and the bracket that closes its index.
+/// A text with one variable rewritten, and the operators of its assignments.
+struct Rewritten {
+    text: String,
+    operators: BTreeSet<char>,
+}
+
+/// Declares the variable as an image, and turns `name[index]` into `element_of_name(u32(index))` and `name[index] = v` into
+/// `set_name(u32(index), v)`. `None` if it is used in another way.
+fn rewrite_variable(text: &str, name: &str, bytes: u32) -> Option<Rewritten> {
+    // Places and what stands there instead.
     let mut edits: Vec<(std::ops::Range<usize>, String)> = Vec::new();
+    let mut operators = BTreeSet::new();
     for at in places(text, name) {
-        let rest = &text[at + name.len()..];
-        if text[..at].ends_with(DECLARED) {
+        let (before, rest) = (&text[..at], &text[at + name.len()..]);
+        let declared = ["var<storage, read> ", "var<storage, read_write> "].into_iter().find(|d| before.ends_with(d));
+        if let Some(declared) = declared {
             let end = at + text[at..].find(';')?;
-            edits.push((at - DECLARED.len()..end, format!("var {name}: texture_1d<u32>")));
-        } else if rest.starts_with('[') && !text[..at].ends_with('&') {
+            let image = match (declared.contains("write"), bytes) {
+                (false, _) => "texture_1d<u32>",
+                (true, 16) => "texture_storage_1d<rgba32uint, read_write>",
+                (true, _) => "texture_storage_1d<r32uint, read_write>",
+            };
+            edits.push((at - declared.len()..end, format!("var {name}: {image}")));
+        } else if rest.starts_with('[') && !before.ends_with('&') {
             let open = at + name.len();
             let close = open + closing_bracket(&text[open..])?;
-            edits.push((at..open + 1, format!("element_of_{name}(u32(")));
-            edits.push((close..close + 1, "))".to_owned()));
+            match assignment(&text[close + 1..])? {
+                Use::Read => {
+                    edits.push((at..open + 1, format!("element_of_{name}(u32(")));
+                    edits.push((close..close + 1, "))".to_owned()));
+                }
+                Use::Write { operator, value, end } => {
+                    let word = match operator {
+                        Some(sign) => OPERATORS.iter().find(|(other, _)| *other == sign)?.1,
+                        None => "set",
+                    };
+                    operators.extend(operator);
+                    edits.push((at..open + 1, format!("{word}_{name}(u32(")));
+                    edits.push((close..close + 1 + value, "),".to_owned()));
+                    edits.push((close + 1 + end..close + 2 + end, ");".to_owned()));
+                }
+            }
         } else if !rest.trim_start().starts_with(':') {
             return None;
         }
@@ -145,7 +225,57 @@ fn rewrite_variable(text: &str, name: &str) -> Option<String> {
         from = range.end;
     }
     rewritten.push_str(&text[from..]);
-    Some(rewritten)
+    Some(Rewritten { text: rewritten, operators })
+}
+
+/// How an element is used.
+enum Use {
+    Read,
+    /// Starts of the value and of the semicolon after it.
+    Write {
+        operator: Option<char>,
+        value: usize,
+        end: usize,
+    },
+}
+
+/// The use of an element by the text after it. `None`: a part of it is written.
+fn assignment(after: &str) -> Option<Use> {
+    let trimmed = after.trim_start();
+    let skipped = after.len() - trimmed.len();
+    let mut signs = trimmed.chars();
+    let (first, second, third) = (signs.next(), signs.next(), signs.next());
+    let operator = match (first, second, third) {
+        (Some('='), Some(other), _) if other != '=' => Some((None, 1)),
+        (Some(sign), Some('='), Some(other)) if other != '=' && OPERATORS.iter().any(|(o, _)| *o == sign) => {
+            Some((Some(sign), 2))
+        }
+        _ => None,
+    };
+    if let Some((operator, signs)) = operator {
+        let end = semicolon(after)?;
+        return Some(Use::Write { operator, value: skipped + signs, end });
+    }
+    // Of a member or a component: up to the end of the path.
+    let path = trimmed.find(|c: char| !(c.is_ascii_alphanumeric() || "_.[]".contains(c))).unwrap_or(trimmed.len());
+    let mut signs = trimmed[path..].trim_start().chars();
+    let (first, second) = (signs.next(), signs.next());
+    let writes = first == Some('=') && second != Some('=')
+        || first.is_some_and(|sign| OPERATORS.iter().any(|(o, _)| *o == sign)) && second == Some('=');
+    (!(trimmed.starts_with(['.', '[']) && writes)).then_some(Use::Read)
+}
+
+/// Index of the first semicolon outside of comments.
+fn semicolon(text: &str) -> Option<usize> {
+    let mut from = 0;
+    for line in text.split_inclusive('\n') {
+        let code = line.find("//").unwrap_or(line.len());
+        if let Some(at) = line[..code].find(';') {
+            return Some(from + at);
+        }
+        from += line.len();
+    }
+    None
 }
 
 /// Index of the bracket that closes the first one of a text.
@@ -162,7 +292,7 @@ fn closing_bracket(text: &str) -> Option<usize> {
     None
 }
 
-/// Turns images of one dimension that are read without a sampler into texel buffers.
+/// Turns images of one dimension into texel buffers.
 pub fn images_to_buffers(code: Vec<u32>) -> Vec<u32> {
     const HEADER_WORDS: usize = 5;
     // Numbers of the SPIR-V specification: operations, capabilities, dimensions.
@@ -171,7 +301,9 @@ pub fn images_to_buffers(code: Vec<u32>) -> Vec<u32> {
     const LOAD: u32 = 61;
     const IMAGE_FETCH: u32 = 95;
     const SAMPLED_1D: u32 = 43;
+    const IMAGE_1D: u32 = 44;
     const SAMPLED_BUFFER: u32 = 46;
+    const IMAGE_BUFFER: u32 = 47;
     const DIM_1D: u32 = 0;
     const DIM_BUFFER: u32 = 5;
     let (mut types, mut loaded) = (HashSet::new(), HashSet::new());
@@ -183,6 +315,7 @@ pub fn images_to_buffers(code: Vec<u32>) -> Vec<u32> {
         rest = after;
         match (operation, instruction) {
             (CAPABILITY, [first, SAMPLED_1D]) => changed.extend([*first, SAMPLED_BUFFER]),
+            (CAPABILITY, [first, IMAGE_1D]) => changed.extend([*first, IMAGE_BUFFER]),
             (TYPE_IMAGE, [first, id, sampled, DIM_1D, kind @ ..]) => {
                 types.insert(*id);
                 changed.extend([*first, *id, *sampled, DIM_BUFFER]);
@@ -219,12 +352,18 @@ mod tests {
         @group(0) @binding(3) var<storage, read> counted: array<u32>;
         @group(0) @binding(4) var<storage, read> argument: array<f32>;
         @group(0) @binding(5) var<storage, read_write> out: array<f32>;
+        @group(0) @binding(6) var<storage, read_write> kept: array<Record>;
+        @group(0) @binding(7) var<storage, read_write> in_parts: array<vec4<f32>>;
         fn twice(argument: f32) -> f32 { return 2.0 * argument; }
         @compute @workgroup_size(64)
         fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let at = words[words[id.x] + arrayLength(&counted)];
             let record = records[at];
             out[id.x] = twice(pairs[i32(at)].y + records[at].few[1]) + record.inner.a.z + argument[0] + f32(counted[1]);
+            out[at] += select(out[id.x], // of this one; or
+                2.0, out[at] == 1.0);
+            kept[at] = Record(kept[at].inner, vec2<i32>(1, 2), record.few);
+            in_parts[at].y = in_parts[id.x].x;
         }";
 
     fn rewritten() -> Texels {
@@ -232,16 +371,30 @@ mod tests {
     }
 
     #[test]
-    fn arrays_that_are_read_by_element_become_texels() {
+    fn arrays_of_which_whole_elements_are_used_become_texels() {
         let texels = rewritten();
         let named = |name: &str, bytes| (name.to_owned(), bytes);
-        assert_eq!(texels.buffers, [named("words", 4), named("pairs", 8), named("records", 16)]);
+        assert_eq!(
+            texels.buffers,
+            [named("words", 4), named("pairs", 8), named("records", 16), named("out", 4), named("kept", 16)]
+        );
         for expected in [
             "var words: texture_1d<u32>;",
             "element_of_words(u32(element_of_words(u32(id.x)) + arrayLength(&counted)))",
             "element_of_pairs(u32(i32(at))).y + element_of_records(u32(at)).few[1]",
             "return Record(Inner(bitcast<vec3<f32>>(vec3<u32>(t0.x, t0.y, t0.z)), bitcast<u32>(t0.w)), \
              bitcast<vec2<i32>>(vec2<u32>(t1.x, t1.y)), array<f32, 2>(bitcast<f32>(t1.z), bitcast<f32>(t1.w)));",
+            "var out: texture_storage_1d<r32uint, read_write>;",
+            "set_out(u32(id.x), twice(",
+            "add_to_out(u32(at), select(element_of_out(u32(id.x)), // of this one; or",
+            "2.0, element_of_out(u32(at)) == 1.0));",
+            "fn add_to_out(i: u32, v: f32) { set_out(i, element_of_out(i) + v); }",
+            "textureStore(out, i * 1u + 0u, vec4<u32>(bitcast<u32>(v)));",
+            "var kept: texture_storage_1d<rgba32uint, read_write>;",
+            "set_kept(u32(at), Record(element_of_kept(u32(at)).inner, vec2<i32>(1, 2), record.few));",
+            "textureStore(kept, i * 2u + 0u, vec4<u32>(bitcast<u32>(v.inner.a.x), bitcast<u32>(v.inner.a.y), \
+             bitcast<u32>(v.inner.a.z), bitcast<u32>(v.inner.b)));",
+            "var<storage, read_write> in_parts: array<vec4<f32>>;",
             "var<storage, read> counted: array<u32>;",
             "var<storage, read> argument: array<f32>;",
             "// words[3] of a comment",
@@ -249,7 +402,7 @@ mod tests {
             assert!(texels.text.contains(expected), "{expected}\nis not in\n{}", texels.text);
         }
         let before = KERNEL.lines().count();
-        assert_eq!(texels.text.lines().count(), before + 2, "the functions follow the last line");
+        assert_eq!(texels.text.lines().count(), before + 8, "the functions follow the last line");
     }
 
     #[test]
@@ -274,6 +427,7 @@ mod tests {
         assert!(lengths(&changed, 95).iter().all(|fetch| fetch.len() == 5), "no level of detail");
         assert!(lengths(&changed, 25).iter().all(|image| image[3] == 5), "of dimension Buffer");
         let capabilities: Vec<u32> = lengths(&changed, 17).iter().map(|capability| capability[1]).collect();
-        assert!(capabilities.contains(&46) && !capabilities.contains(&43), "{capabilities:?}");
+        let has = |numbers: [u32; 2]| numbers.map(|number| capabilities.contains(&number));
+        assert_eq!((has([46, 47]), has([43, 44])), ([true, true], [false, false]), "{capabilities:?}");
     }
 }
