@@ -30,12 +30,13 @@ demo:
 		--passes $(DEMO_PASSES) --output out/cornell.exr --output out/cornell.png
 	@echo "The Cornell box: $(CURDIR)/out/cornell.exr and $(CURDIR)/out/cornell.png"
 
-# All tests; then the kernels that walk trees in subgroups of 4 and 16, and on another driver.
+# All tests; then the kernels that walk trees in subgroups of 4 and 16, kernels with storage buffers as on graphics cards, and another driver.
 test:
 	scripts/setup.sh --tests
 	cargo test --no-fail-fast
 	cargo test --no-fail-fast $(HOT_RELOAD)
 	LP_NATIVE_VECTOR_WIDTH=128 cargo test --test gpu -- visibility:: traversal:: checks::eye:: checks::light::
+	LIGHTSUM_NO_TEXELS=1 cargo test --test gpu -- visibility:: checks::
 	LP_NATIVE_VECTOR_WIDTH=512 cargo test --test gpu -- --test-threads=1 visibility::
 	scripts/swiftshader.sh cargo test --test gpu -- visibility:: traversal::clusters_may
 	cargo test --test cli -- --ignored drivers::
