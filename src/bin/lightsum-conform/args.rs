@@ -91,6 +91,9 @@ pub struct BenchArgs {
     /// Use the validation layer; its messages fail a check
     #[arg(long)]
     pub validation: bool,
+    /// Take arrays as storage buffers, as on graphics cards, where a driver on the processor would take them as texel buffers
+    #[arg(long)]
+    pub no_texel_buffers: bool,
 }
 
 impl BenchArgs {
@@ -103,6 +106,7 @@ impl BenchArgs {
         let mut flags = vec![format!("--device={}", self.device.text), format!("--seed={}", self.seed)];
         flags.extend(self.size.iter().map(|[width, height]| format!("--size={width}x{height}")));
         flags.extend(self.validation.then(|| "--validation".to_owned()));
+        flags.extend(self.no_texel_buffers.then(|| "--no-texel-buffers".to_owned()));
         flags
     }
 }
@@ -151,7 +155,8 @@ mod tests {
 
     #[test]
     fn flags_say_the_same_again() {
-        let words = ["lightsum-conform", "run", "--device=llvm", "--seed=3", "--size=1,31x17", "--validation"];
+        let flags = ["--device=llvm", "--seed=3", "--size=1,31x17", "--validation", "--no-texel-buffers"];
+        let words = ["lightsum-conform", "run"].into_iter().chain(flags);
         let of = |arguments: Arguments| match arguments.command {
             Command::Run(run) => run.bench,
             _ => unreachable!("it is a run"),

@@ -102,7 +102,12 @@ fn run_checks(run: &Run) -> Result<bool> {
 
 fn bench(arguments: &BenchArgs) -> Result<Bench> {
     let device = arguments.device.choice.clone();
-    let options = ContextOptions { device, validation: arguments.validation, ..ContextOptions::default() };
+    let options = ContextOptions {
+        device,
+        validation: arguments.validation,
+        no_texel_buffers: arguments.no_texel_buffers,
+        ..ContextOptions::default()
+    };
     // The verdict has the message.
     std::panic::set_hook(Box::new(|_| ()));
     Ok(Bench::new(&Context::headless(&options)?, arguments.choices()))

@@ -53,6 +53,7 @@ impl Report {
             "seed": run.bench.seed,
             "sizes": run.bench.size,
             "validation": run.bench.validation,
+            "no_texel_buffers": run.bench.no_texel_buffers,
             "in_process": run.in_process,
             "timeout_seconds": run.timeout.as_secs_f64(),
         });
