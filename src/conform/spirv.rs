@@ -1,4 +1,4 @@
-//! What a kernel asks of a driver, read from its SPIR-V (numbers of the SPIR-V specification, 1.6, and of GLSL.std.450).
+//! The features that a kernel uses of a driver, read from its SPIR-V (numbers of the SPIR-V specification, 1.6, and of GLSL.std.450).
 
 use std::collections::BTreeSet;
 
@@ -24,7 +24,7 @@ pub fn features(shader: &Shader) -> BTreeSet<&'static str> {
     found
 }
 
-/// What one instruction uses, by its code and operands.
+/// The features that one instruction uses, by its code and operands.
 fn feature(code: u32, operands: &[u32]) -> Option<&'static str> {
     let operand = |i: usize| operands.get(i).copied();
     Some(match code {

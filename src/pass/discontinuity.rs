@@ -92,7 +92,7 @@ pub const MAX_SPREAD: f32 = 16.0;
 
 /// The pass.
 pub struct Discontinuity {
-    /// What the filter reads: images, because lavapipe loads texels faster than elements of buffers. Second components lie below the first.
+    /// Inputs of the filter, as images because lavapipe loads texels faster than elements of buffers. Second components lie below the first.
     images: Vec<Image>,
     /// The lighting; filtered quantities have buffers of their own, the others share those of the input.
     pub filtered: Lighting,

@@ -1,4 +1,4 @@
-//! What the manifest promises to those who depend on the crate.
+//! Promises of the manifest to those who depend on the crate.
 
 use std::io::Write;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! What antialiased edges are for: outlines and textures as many passes show them.
+//! Antialiased edges: outlines and textures look as after many passes.
 
 use glam::Vec3;
 use lightsum::gpu::Context;

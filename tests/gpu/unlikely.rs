@@ -1,4 +1,4 @@
-//! What unlikely components show is spread over their neighbours.
+//! The light of unlikely components is spread over their neighbours.
 
 use glam::Vec3;
 use lightsum::scene::{Material, Surface};
