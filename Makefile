@@ -3,6 +3,7 @@
 # make test               everything that is checked by running
 # make test-swiftshader   the tests on the device again, on another driver
 # make test-web           baked models in the glTF validator and, in a browser, with three.js; needs node, npm and chromium
+# make test-wgpu          lightsum on the device of wgpu (examples/wgpu, a crate of its own)
 # make bench              seconds of each pass, for the Cornell box and a generated room
 # make lint               formatting, clippy and documentation
 # make build              the program alone
@@ -14,7 +15,7 @@ DEMO_PASSES ?= 16
 # The feature needs the library once more; its few tests are not worth optimising it.
 HOT_RELOAD = --features hot-reload --test hot_reload --config profile.dev.opt-level=0
 
-.PHONY: help build demo test test-swiftshader test-web bench lint
+.PHONY: help build demo test test-swiftshader test-web test-wgpu bench lint
 
 build:
 	cargo build --release
@@ -48,6 +49,10 @@ test-swiftshader:
 test-web:
 	scripts/setup.sh
 	scripts/test-web.sh
+
+test-wgpu:
+	scripts/setup.sh
+	cargo run --quiet --manifest-path examples/wgpu/Cargo.toml
 
 bench:
 	scripts/setup.sh

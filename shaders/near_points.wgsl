@@ -35,8 +35,8 @@ fn pixel_showing(p: vec3<f32>, n: vec3<f32>, of_class: u32) -> u32 {
     let z = max(dot(d, frame.forward.xyz), 1e-30);
     let half_width = dot(frame.right.xyz, frame.right.xyz);
     let half_height = dot(frame.up.xyz, frame.up.xyz);
-    let s = dot(d, frame.right.xyz) / (z * half_width);
-    let t = dot(d, frame.up.xyz) / (z * half_height);
+    let s = dot(d, frame.right.xyz) / (z * half_width) - frame.shift.x;
+    let t = dot(d, frame.up.xyz) / (z * half_height) - frame.shift.y;
     let whole = vec2<f32>(frame.within.zw);
     // The eye ray of a pixel passes at this offset from its corner.
     let at = vec2<f32>(0.5 + 0.5 * s, 0.5 - 0.5 * t) * whole - vec2<f32>(frame.within.xy) - frame.pixel_offset.xy;

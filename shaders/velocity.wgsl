@@ -20,7 +20,7 @@ const NEAREST: f32 = 0.05;
 // Place in the image of a point, in half widths and half heights. `seen`: the point less the eye, divided by the depth now.
 fn projected(seen: vec3<f32>, right: vec4<f32>, up: vec4<f32>, forward: vec4<f32>) -> vec2<f32> {
     let depth = max(dot(seen, forward.xyz), NEAREST);
-    return vec2<f32>(dot(seen, right.xyz), dot(seen, up.xyz)) / depth;
+    return vec2<f32>(dot(seen, right.xyz), dot(seen, up.xyz)) / depth - vec2<f32>(right.w, up.w);
 }
 
 // Displacement of a point of a triangle.

@@ -32,9 +32,13 @@
 //!
 //! [`Film::counts`]: crate::film::Film::counts
 
+mod buffers;
 mod edit;
+mod host;
+mod objects;
 mod shutter;
 
+pub use buffers::{LightLayout, PassBuffers, TreeBuffers, VirtualLights};
 pub use edit::EditTimes;
 pub use shutter::{PosedObject, ShutterEnd};
 

@@ -122,7 +122,7 @@
 //!
 //! On a host's device, recorded into the host's command buffer: [`gpu::Requirements`] says what the device needs,
 //! [`Context::adopt`] takes it, and [`Engine`] records. `examples/embed.rs` is such a host from the first line to the
-//! last.
+//! last; docs/embedding.md says who does what, and names the limits.
 //!
 //! # Features
 //!
@@ -200,3 +200,6 @@ pub use scene::{Camera, Scene};
 pub use settings::{Clip, Settings};
 pub use standalone::{RenderOptions, Renderer};
 pub use view::View;
+
+// Types of these crates are in the interface, so that a host needs the same versions.
+pub use {ash, glam};

@@ -56,6 +56,7 @@ pub struct RenderOptions {
 }
 
 /// Times of one pass.
+#[non_exhaustive]
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PassTimes {
     /// Wall-clock seconds, from recording to the end of the wait; longer if rays ran out of steps and the pass was

@@ -121,6 +121,7 @@ impl PartialEq for Atlas {
 }
 
 /// A camera or an atlas.
+#[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub enum View {
     /// A region of the pixels of a camera.

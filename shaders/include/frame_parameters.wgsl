@@ -29,6 +29,7 @@ struct FrameParameters {
                                 // w: photons in a footprint, 0: all have radius r
     cones: vec4<f32>,           // widths that textures are averaged over: of a pixel at unit depth, of particles and of gather rays at unit
                                 // distance; w: probability that a particle survives a reflection, 0: all do (see ring.rs)
+    shift: vec4<f32>,           // displacement of the image's centre from the view direction, in half widths and half heights; zeros
     soft: vec4<u32>,            // number of emitters whose shadows are convolved (see soft_shadow.rs); zeros
     soft_emitters: array<vec4<u32>, 2>, // their numbers
 }

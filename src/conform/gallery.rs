@@ -96,8 +96,17 @@ impl Builder {
 
     pub fn finish(mut self, eye: Vec3, target: Vec3) -> Scene {
         let (up, resolution) = (Vec3::Y, [8, 8]);
-        self.0.camera =
-            Some(Camera { eye, target, up, fov_y: 75.0, resolution, aperture: 0.0, focus: None, shutter: 0.0 });
+        self.0.camera = Some(Camera {
+            eye,
+            target,
+            up,
+            fov_y: 75.0,
+            resolution,
+            aperture: 0.0,
+            focus: None,
+            shutter: 0.0,
+            frustum: None,
+        });
         self.0.validate(Path::new("test scene")).unwrap();
         self.0
     }

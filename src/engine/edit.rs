@@ -17,13 +17,16 @@ use crate::gpu::Context;
 use crate::light::emitters::Emitters;
 use crate::plan::{self, check_slots};
 use crate::scene::path::Motion;
-use crate::scene::posed::{normal_matrix, similarity};
+use crate::scene::posed::similarity;
 use crate::scene::validate::is_degenerate;
-use crate::scene::{Camera, Light, Material, Scene, Surface, Texture, TextureUse};
+use crate::scene::{
+    Camera, Light, Material, Scene, Surface, Texture, TextureUse, check_transform, mirrors, outward_matrix,
+};
 use crate::settings::Settings;
 use crate::view::View;
 
 /// CPU times of the latest edits, in seconds.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EditTimes {
     /// Vertices: checking and moving them, at the time of the edits.
@@ -79,26 +82,14 @@ impl Engine {
         }
         let vertices = scene.separate_objects();
         let (mut engine, trees) = Self::with_trees(context, &scene, View::whole(camera), settings, true)?;
-        engine.dynamic = trees.map(|trees| {
-            let mut triangles = vec![Vec::new(); scene.objects.len()];
-            (0..).zip(&scene.triangles).for_each(|(i, t)| triangles[t.object as usize].push(i));
-            let moving = DynamicScene {
-                triangles,
-                rest_lights: scene.lights.clone(),
-                rest_positions: scene.positions.clone(),
-                rest_normals: scene.normals.clone(),
-                transforms: vec![Affine3A::IDENTITY; scene.objects.len()],
-                materials: materials_of(&scene),
-                averages: scene.textures.iter().map(Texture::average).collect(),
-                scene,
-                vertices,
-                trees,
-                pending: SceneChanges::default(),
-                vertex_seconds: 0.0,
-                times: EditTimes::default(),
-            };
-            Box::new(moving)
-        });
+        let rest = Rest {
+            vertices,
+            positions: scene.positions.clone(),
+            normals: scene.normals.clone(),
+            lights: scene.lights.clone(),
+            transforms: vec![Affine3A::IDENTITY; scene.objects.len()],
+        };
+        engine.dynamic = trees.map(|trees| Box::new(DynamicScene::new(scene, rest, trees)));
         Ok(engine)
     }
 
@@ -110,8 +101,10 @@ impl Engine {
     /// Moves an object: `transform` maps its initial position (or its vertices from [`Engine::set_vertices`]) to the
     /// new one, regardless of earlier transforms. A sphere light moves along if the object is its surface.
     ///
-    /// Errors, which leave everything unchanged: there is no such object; the transform is not finite, flattens the
-    /// object or turns it inside out; a triangle would lose its area; a sphere light would no longer be a sphere.
+    /// Fronts stay fronts where a transform mirrors the object; when it begins or ends to mirror, the whole scene is uploaded again.
+    ///
+    /// Errors, which leave everything unchanged: there is no such object; the transform is not finite or flattens the
+    /// object; a triangle would lose its area; a sphere light would no longer be a sphere.
     pub fn set_transform(&mut self, object: u32, transform: Affine3A) -> Result<()> {
         let moving = self.moving()?;
         let name = moving.name(object)?;
@@ -338,7 +331,7 @@ impl Engine {
         Ok(())
     }
 
-    fn moving(&mut self) -> Result<&mut DynamicScene> {
+    pub(super) fn moving(&mut self) -> Result<&mut DynamicScene> {
         self.dynamic.as_deref_mut().ok_or_else(still)
     }
 }
@@ -359,21 +352,55 @@ fn check_light(scene: &Scene, changed: bool) -> Result<()> {
     if changed { Emitters::of(scene, scene.emitters_are_lights).map(|_| ()) } else { Ok(()) }
 }
 
-fn check_transform(transform: &Affine3A) -> Result<(), String> {
-    let determinant = transform.matrix3.determinant();
-    if !transform.is_finite() || !determinant.is_finite() {
-        return Err(format!("its transform is not finite: {transform}"));
-    }
-    if determinant < 0.0 {
-        return Err(format!("its transform mirrors it, which would turn it inside out (determinant {determinant})"));
-    }
-    if !determinant.is_normal() {
-        return Err(format!("its transform leaves it without volume (determinant {determinant})"));
-    }
-    Ok(())
+/// A scene before the transforms of its objects.
+pub(super) struct Rest {
+    /// Vertices of each object.
+    pub(super) vertices: Vec<Range<usize>>,
+    pub(super) positions: Vec<Vec3>,
+    pub(super) normals: Vec<Vec3>,
+    pub(super) lights: Vec<Light>,
+    pub(super) transforms: Vec<Affine3A>,
 }
 
 impl DynamicScene {
+    /// A scene with nothing to upload.
+    pub(super) fn new(scene: Scene, rest: Rest, trees: ObjectTrees) -> DynamicScene {
+        let mut triangles = vec![Vec::new(); scene.objects.len()];
+        (0..).zip(&scene.triangles).for_each(|(i, t)| triangles[t.object as usize].push(i));
+        DynamicScene {
+            triangles,
+            rest_lights: rest.lights,
+            rest_positions: rest.positions,
+            rest_normals: rest.normals,
+            transforms: rest.transforms,
+            materials: materials_of(&scene),
+            averages: scene.textures.iter().map(Texture::average).collect(),
+            scene,
+            vertices: rest.vertices,
+            trees,
+            pending: SceneChanges::default(),
+            vertex_seconds: 0.0,
+            times: EditTimes::default(),
+        }
+    }
+
+    /// A copy of the scene before its transforms.
+    pub(super) fn rest(&self) -> Rest {
+        Rest {
+            vertices: self.vertices.clone(),
+            positions: self.rest_positions.clone(),
+            normals: self.rest_normals.clone(),
+            lights: self.rest_lights.clone(),
+            transforms: self.transforms.clone(),
+        }
+    }
+
+    /// Adds a material, which no triangle has yet.
+    pub(super) fn add_material(&mut self, material: Material) -> u32 {
+        self.pending.everything = true;
+        self.scene.add_material(material)
+    }
+
     /// Name of an object with triangles.
     pub(super) fn name(&self, object: u32) -> Result<String> {
         let Some(name) = self.scene.objects.get(object as usize) else {
@@ -387,7 +414,7 @@ impl DynamicScene {
     }
 
     /// The sphere light whose surface an object is.
-    fn sphere(&self, object: u32) -> Option<usize> {
+    pub(super) fn sphere(&self, object: u32) -> Option<usize> {
         let surface = |light: &Light| matches!(light, Light::Sphere { object: o, .. } if *o == object);
         self.scene.lights.iter().position(surface)
     }
@@ -439,10 +466,15 @@ impl DynamicScene {
         if still {
             self.scene.normals[range.clone()].copy_from_slice(&self.rest_normals[range]);
         } else if smooth {
-            let cofactors = normal_matrix(&transform.matrix3);
+            let outward = outward_matrix(&transform.matrix3);
             for (normal, rest) in self.scene.normals[range.clone()].iter_mut().zip(&self.rest_normals[range]) {
-                *normal = (cofactors * *rest).normalize_or(*rest);
+                *normal = (outward * *rest).normalize_or(*rest);
             }
+        }
+        if mirrors(&transform) != mirrors(&self.transforms[object as usize]) {
+            self.triangles[object as usize].iter().for_each(|&k| self.scene.triangles[k as usize].vertices.swap(1, 2));
+            // Attributes of corners change their places.
+            self.pending.everything = true;
         }
         self.transforms[object as usize] = transform;
         self.pending.moved.push(object);
@@ -453,11 +485,13 @@ impl DynamicScene {
     /// Unit normals of an object's vertices: the area-weighted mean of the faces around each.
     fn mean_normals(&self, object: u32, positions: &[Vec3]) -> Vec<Vec3> {
         let first = self.vertices[object as usize].start;
+        // Of a mirrored object the corners run the other way.
+        let side = if mirrors(&self.transforms[object as usize]) { -1.0 } else { 1.0 };
         let mut sums = vec![Vec3::ZERO; positions.len()];
         for &k in &self.triangles[object as usize] {
             let corners = self.scene.triangles[k as usize].vertices.map(|v| v as usize - first);
             let [a, b, c] = corners.map(|v| positions[v]);
-            let twice_area = (b - a).cross(c - a);
+            let twice_area = (b - a).cross(c - a) * side;
             corners.iter().for_each(|&v| sums[v] += twice_area);
         }
         sums.into_iter().map(|sum| sum.normalize_or(Vec3::Y)).collect()

@@ -10,6 +10,7 @@ use super::kernel::texel_format;
 use crate::error::{Error, Result};
 
 /// A device and the limits that matter here.
+#[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub struct DeviceInfo {
     /// Index in Vulkan's list, as for `--device`.
@@ -320,6 +321,7 @@ impl DeviceChoice {
 }
 
 /// Requirements for a host's device, to be checked before the device is created.
+#[non_exhaustive]
 #[derive(Clone, Debug)]
 pub struct Requirements {
     /// Minimum Vulkan version that the host's instance must request (`VkApplicationInfo::apiVersion`).

@@ -254,14 +254,18 @@ pub(super) struct ImageInner {
     format: vk::Format,
     texel_bytes: u64,
     handle: vk::Image,
+    /// Null if the context measures.
     view: vk::ImageView,
-    /// None if the context measures, and while dropping.
+    /// Whether the image itself belongs to the host.
+    adopted: bool,
+    /// None if the context measures, of the host's images, and while dropping.
     allocation: Option<Allocation>,
     /// Bytes in the context's sums.
     counted: u64,
 }
 
 /// The greatest images with layers of R8G8B8A8_UNORM on a device.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LayerLimits {
     /// Maximum width and height.
@@ -270,6 +274,32 @@ pub struct LayerLimits {
     pub layers: u32,
     /// Maximum bytes of one image.
     pub bytes: u64,
+}
+
+/// An image that a host lends.
+#[derive(Clone, Copy, Debug)]
+pub struct HostImage {
+    /// Its handle.
+    pub handle: vk::Image,
+    /// Its format.
+    pub format: vk::Format,
+    /// Width and height of its first level.
+    pub size: [u32; 2],
+    /// The usage that it was made with.
+    pub usage: vk::ImageUsageFlags,
+}
+
+/// Bytes of a texel of an image. Errors: images do not have the format.
+fn texel_bytes(name: &str, format: vk::Format) -> Result<u64> {
+    match format {
+        vk::Format::R32G32B32A32_SFLOAT | vk::Format::R32G32B32A32_UINT => Ok(16),
+        vk::Format::R32G32_SFLOAT | vk::Format::R32G32_UINT | vk::Format::R16G16B16A16_SFLOAT => Ok(8),
+        vk::Format::R32_SFLOAT | vk::Format::R32_UINT | vk::Format::R8G8B8A8_UNORM => Ok(4),
+        _ => Err(Error::Resource {
+            name: name.to_owned(),
+            message: format!("{format:?} is none of the formats that images may have"),
+        }),
+    }
 }
 
 const STORED: vk::ImageUsageFlags = vk::ImageUsageFlags::from_raw(
@@ -329,12 +359,7 @@ impl Image {
         format: vk::Format,
     ) -> Result<Image> {
         let misuse = |message: String| Error::Resource { name: name.to_owned(), message };
-        let texel_bytes = match format {
-            vk::Format::R32G32B32A32_SFLOAT | vk::Format::R32G32B32A32_UINT => 16,
-            vk::Format::R32G32_SFLOAT | vk::Format::R32G32_UINT | vk::Format::R16G16B16A16_SFLOAT => 8,
-            vk::Format::R32_SFLOAT | vk::Format::R32_UINT | vk::Format::R8G8B8A8_UNORM => 4,
-            _ => return Err(misuse(format!("{format:?} is none of the formats that images may have"))),
-        };
+        let texel_bytes = texel_bytes(name, format)?;
         if width == 0 || height == 0 || layers == Some(0) {
             return Err(misuse(format!("an image of {width}x{height} pixels and {layers:?} layers is empty")));
         }
@@ -380,6 +405,7 @@ impl Image {
             texel_bytes,
             handle,
             view: vk::ImageView::null(),
+            adopted: false,
             allocation: None,
             counted: 0,
         };
@@ -396,16 +422,45 @@ impl Image {
             device
                 .bind_image_memory(handle, allocation.memory(), allocation.offset())
                 .map_err(|r| failed(name, size, r))?;
-            let of_layers = layers.map(|_| vk::ImageViewType::TYPE_2D_ARRAY);
-            let view = vk::ImageViewCreateInfo::default()
-                .image(handle)
-                .view_type(of_layers.unwrap_or(vk::ImageViewType::TYPE_2D))
-                .format(format)
-                .subresource_range(WHOLE_IMAGE);
-            inner.view = device.create_image_view(&view, None).map_err(|r| failed(name, size, r))?;
+            inner.make_view(vk::ImageUsageFlags::empty())?;
         }
         ctx.name(handle, name);
-        ctx.name(inner.view, name);
+        Ok(Image(Arc::new(inner)))
+    }
+
+    /// Takes a host's image, which stays the host's: it is stored to, by a view of our own.
+    ///
+    /// Errors: a format that images may not have; no usage STORAGE; an empty image; the device cannot store to it.
+    ///
+    /// # Safety
+    /// The image belongs to the device of the context, is as described, has one sample and one layer at least, and has memory. It
+    /// outlives all clones of the returned image, and what was recorded with them.
+    pub unsafe fn adopt(ctx: &Context, name: &str, image: HostImage) -> Result<Image> {
+        let HostImage { handle, format, size: [width, height], usage } = image;
+        let misuse = |message: String| Error::Resource { name: name.to_owned(), message };
+        if width == 0 || height == 0 || handle == vk::Image::null() {
+            return Err(misuse(format!("an image of {width}x{height} pixels, or none, holds nothing")));
+        }
+        if !usage.contains(vk::ImageUsageFlags::STORAGE) {
+            return Err(misuse(format!("has the usage {usage:?}; make it with STORAGE")));
+        }
+        let texel_bytes = texel_bytes(name, format)?;
+        let mut inner = ImageInner {
+            ctx: ctx.clone(),
+            name: name.to_owned(),
+            width,
+            height,
+            layers: None,
+            format,
+            texel_bytes,
+            handle,
+            view: vk::ImageView::null(),
+            adopted: true,
+            allocation: None,
+            counted: 0,
+        };
+        // SAFETY: the caller promises that the image is alive, as described, and has memory.
+        unsafe { inner.make_view(vk::ImageUsageFlags::STORAGE)? };
         Ok(Image(Arc::new(inner)))
     }
 
@@ -451,7 +506,7 @@ impl Image {
 
     /// Whether it has memory: not if its context measures.
     pub(super) fn is_backed(&self) -> bool {
-        self.0.allocation.is_some()
+        self.0.view != vk::ImageView::null()
     }
 
     /// Bytes of the image without padding, as [`super::Recorder::copy_image_to_buffer`] writes it.
@@ -473,12 +528,39 @@ pub(super) const WHOLE_IMAGE: vk::ImageSubresourceRange = vk::ImageSubresourceRa
     layer_count: vk::REMAINING_ARRAY_LAYERS,
 };
 
+impl ImageInner {
+    /// Makes the view of the whole image. `usage`: that of the view alone; empty: that of the image.
+    ///
+    /// # Safety
+    /// The image is alive and has memory.
+    unsafe fn make_view(&mut self, usage: vk::ImageUsageFlags) -> Result<()> {
+        let of_layers = self.layers.map(|_| vk::ImageViewType::TYPE_2D_ARRAY);
+        let range = vk::ImageSubresourceRange { layer_count: self.layers.unwrap_or(1), ..WHOLE_IMAGE };
+        let mut of_view = vk::ImageViewUsageCreateInfo::default().usage(usage);
+        let mut create = vk::ImageViewCreateInfo::default()
+            .image(self.handle)
+            .view_type(of_layers.unwrap_or(vk::ImageViewType::TYPE_2D))
+            .format(self.format)
+            .subresource_range(range);
+        if !usage.is_empty() {
+            create = create.push_next(&mut of_view);
+        }
+        // SAFETY: the caller's promise; the view is destroyed with this.
+        let made = unsafe { self.ctx.device().create_image_view(&create, None) };
+        self.view = made.map_err(|r| failed(&self.name, u64::from(self.width) * u64::from(self.height), r))?;
+        self.ctx.name(self.view, &self.name);
+        Ok(())
+    }
+}
+
 impl Drop for ImageInner {
     fn drop(&mut self) {
-        // SAFETY: as for buffers; a view that was never made is null, which is ignored.
+        // SAFETY: as for buffers; a view that was never made is null, which is ignored. Images of the host stay.
         unsafe {
             self.ctx.device().destroy_image_view(self.view, None);
-            self.ctx.device().destroy_image(self.handle, None);
+            if !self.adopted {
+                self.ctx.device().destroy_image(self.handle, None);
+            }
         }
         self.ctx.usage().give_back(&self.name, self.counted, Memory::Device);
         release(&self.ctx, &self.name, self.allocation.take());

@@ -36,7 +36,7 @@ pub use context::{Context, ContextOptions, HostDevice};
 pub use device::{DeviceChoice, DeviceInfo, Requirements, list_devices};
 pub use instance::Messages;
 pub use kernel::{BindingInfo, BindingKind, Bindings, Bound, Kernel, Shader};
-pub use memory::{Buffer, Image, LayerLimits, Memory};
+pub use memory::{Buffer, HostImage, Image, LayerLimits, Memory};
 pub use recorder::{LayerPart, Recorder, Retained};
 pub use resources::Resources;
 pub use snapshot::Snapshot;

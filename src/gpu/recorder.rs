@@ -378,17 +378,25 @@ impl<'a> Recorder<'a> {
 
     /// Brings an image from the undefined layout to GENERAL; its content is lost.
     pub fn image_to_general(&mut self, image: &Image) -> Result<()> {
+        self.change_layout(image, vk::ImageLayout::UNDEFINED, vk::ImageLayout::GENERAL)
+    }
+
+    /// Brings an image from one layout to another, after all earlier commands and before all later ones, of any stage. From UNDEFINED its
+    /// content is lost.
+    pub fn change_layout(&mut self, image: &Image, before: vk::ImageLayout, after: vk::ImageLayout) -> Result<()> {
         self.check_image(image)?;
+        if matches!(after, vk::ImageLayout::UNDEFINED | vk::ImageLayout::PREINITIALIZED) {
+            return Err(Error::Resource {
+                name: image.name().to_owned(),
+                message: format!("no image can be brought to the layout {after:?}"),
+            });
+        }
         self.retained.push(image.0.clone());
         let barriers = [vk::ImageMemoryBarrier::default()
-            .dst_access_mask(
-                vk::AccessFlags::SHADER_READ
-                    | vk::AccessFlags::SHADER_WRITE
-                    | vk::AccessFlags::TRANSFER_READ
-                    | vk::AccessFlags::TRANSFER_WRITE,
-            )
-            .old_layout(vk::ImageLayout::UNDEFINED)
-            .new_layout(vk::ImageLayout::GENERAL)
+            .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
+            .dst_access_mask(vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE)
+            .old_layout(before)
+            .new_layout(after)
             .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
             .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
             .image(image.handle())
@@ -398,7 +406,7 @@ impl<'a> Recorder<'a> {
             self.ctx.device().cmd_pipeline_barrier(
                 self.commands,
                 vk::PipelineStageFlags::ALL_COMMANDS,
-                USERS,
+                vk::PipelineStageFlags::ALL_COMMANDS,
                 vk::DependencyFlags::empty(),
                 &[],
                 &[],

@@ -6,6 +6,7 @@ use super::memory::Memory;
 use crate::error::{Error, Result, lowered_by};
 
 /// Memory of buffers and images, bytes.
+#[non_exhaustive]
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct MemoryUse {
     /// On the device.

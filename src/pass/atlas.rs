@@ -19,7 +19,8 @@ const NONE: u32 = u32::MAX;
 /// The pass.
 pub struct Atlas {
     kernel: BoundKernel,
-    records: Buffer,
+    /// Of each texel: number of the triangle in the order of the leaves (all ones: none), bits of u and v, 1 if seen from the back.
+    pub records: Buffer,
     /// [`Bvh::leaf_numbers`]: the device numbers triangles in the order of the leaves.
     leaves: Vec<u32>,
     texels: u32,

@@ -34,8 +34,8 @@ pub fn reference(frame: &layout::FrameParameters, pixel: u32) -> Ray {
     let xyz = |a: [f32; 4]| Vec3::new(a[0], a[1], a[2]);
     let width = frame.size[0];
     let [x, y, whole_width, whole_height] = frame.within;
-    let s = 2.0 * ((pixel % width + x) as f32 + frame.pixel_offset[0]) / whole_width as f32 - 1.0;
-    let t = 1.0 - 2.0 * ((pixel / width + y) as f32 + frame.pixel_offset[1]) / whole_height as f32;
+    let s = 2.0 * ((pixel % width + x) as f32 + frame.pixel_offset[0]) / whole_width as f32 - 1.0 + frame.shift[0];
+    let t = 1.0 - 2.0 * ((pixel / width + y) as f32 + frame.pixel_offset[1]) / whole_height as f32 + frame.shift[1];
     let direction = (xyz(frame.forward) + s * xyz(frame.right) + t * xyz(frame.up)).normalize();
     Ray { origin: xyz(frame.eye), t_max: 3.0e38, direction }
 }

@@ -16,6 +16,7 @@ use crate::gpu::{Context, Image, Kernel, Recorder, Resources, shaders};
 use crate::output::Tonemap;
 
 /// From radiance to the displayed colour.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Curve {
     /// A curve of PNG files.

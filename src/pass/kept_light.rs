@@ -19,9 +19,12 @@ use crate::settings::Lookup;
 /// Kept light on the device.
 #[derive(Clone)]
 pub struct KeptBuffers {
-    faces: Buffer,
-    pages: Buffer,
-    texels: Buffer,
+    /// Two vec4 for each triangle in the order of the leaves: (u, v) of its first two corners, of the third, bits of 1 + its page, or 0.
+    pub faces: Buffer,
+    /// Of each page its first texel, width, height, and bits of the unit of its texels.
+    pub pages: Buffer,
+    /// Three words a texel, row by row: halves of direct, then of indirect irradiance, in units of the page.
+    pub texels: Buffer,
 }
 
 /// Unit of the texels of a page: a power of two with which they fill the range of halves, but for a factor of 2 to 4.

@@ -23,6 +23,7 @@ use crate::gpu::{Context, Image, Kernel, Recorder, Resources, shaders};
 use crate::output::{Layers, Tonemap};
 
 /// Which layer.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layer {
     /// Radiance emitted by the visible surface. Like the next two it needs [`Settings::summands`](crate::Settings::summands).

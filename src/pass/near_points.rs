@@ -165,8 +165,8 @@ pub fn pixel_of(frame: &FrameParameters, p: Vec3, class: u32) -> Option<u32> {
     let (d, right, up) = (p - xyz(frame.eye), xyz(frame.right), xyz(frame.up));
     let z = d.dot(xyz(frame.forward));
     let [x, y, width, height] = frame.within.map(|n| n as f32);
-    let s = d.dot(right) / (z.max(1e-30) * right.length_squared());
-    let t = d.dot(up) / (z.max(1e-30) * up.length_squared());
+    let s = d.dot(right) / (z.max(1e-30) * right.length_squared()) - frame.shift[0];
+    let t = d.dot(up) / (z.max(1e-30) * up.length_squared()) - frame.shift[1];
     let nearest = |at: f32, pattern: u32, place: u32| {
         ((at - place as f32) / pattern as f32 + 0.5).floor() * pattern as f32 + place as f32
     };

@@ -106,21 +106,15 @@ impl Velocity {
 /// Parameters of the cameras now and at the ends.
 pub fn shutter(now: &Camera, ends: [&Camera; 2], moving: u32) -> Shutter {
     let xyz = |v: Vec3| [v.x, v.y, v.z, 0.0];
-    let halves = ends.map(half_extents);
+    // Displacement of the image's centre in the last components.
+    let axis = |v: Vec3, shift: f32| [v.x, v.y, v.z, shift];
     Shutter {
         shift: ends.map(|end| xyz(now.eye - end.eye)),
-        right: [0, 1].map(|e| xyz(ends[e].world_from_camera().0 / halves[e][0])),
-        up: [0, 1].map(|e| xyz(ends[e].world_from_camera().1 / halves[e][1])),
+        right: [0, 1].map(|e| axis(ends[e].world_from_camera().0 / ends[e].half_extents()[0], ends[e].shift()[0])),
+        up: [0, 1].map(|e| axis(ends[e].world_from_camera().1 / ends[e].half_extents()[1], ends[e].shift()[1])),
         forward: ends.map(|end| xyz(end.world_from_camera().2)),
         moving: [moving, 0, 0, 0],
     }
-}
-
-/// Half width and half height of a camera's image at unit distance.
-fn half_extents(camera: &Camera) -> [f32; 2] {
-    let [width, height] = camera.resolution.map(|n| n as f32);
-    let tan = (0.5 * camera.fov_y.to_radians()).tan();
-    [tan * width / height, tan]
 }
 
 /// Oracle: projects a point by the cameras at the ends. `places`: where it is then, or the direction to a point at infinity, of depth 1 now; `depth`: of the
@@ -132,10 +126,12 @@ pub fn reference(ends: [&Camera; 2], places: [Vec3; 2], depth: Option<f32>) -> D
         let from = if depth.is_some() { camera.eye } else { Vec3::ZERO };
         let seen = places[e].as_dvec3() - from.as_dvec3();
         let [width, height] = camera.resolution.map(f64::from);
-        let tan = (0.5 * f64::from(camera.fov_y).to_radians()).tan();
-        let nearest = NEAREST * f64::from(depth.unwrap_or(1.0));
-        let scale = 0.5 * height / tan / seen.dot(forward.as_dvec3()).max(nearest);
-        DVec2::new(0.5 * width + scale * seen.dot(right.as_dvec3()), 0.5 * height - scale * seen.dot(up.as_dvec3()))
+        let depth_then = seen.dot(forward.as_dvec3()).max(NEAREST * f64::from(depth.unwrap_or(1.0)));
+        let ([half_width, half_height], [across, upwards]) =
+            (camera.half_extents().map(f64::from), camera.shift().map(f64::from));
+        let s = seen.dot(right.as_dvec3()) / depth_then / half_width - across;
+        let t = seen.dot(up.as_dvec3()) / depth_then / half_height - upwards;
+        DVec2::new(0.5 * width * (1.0 + s), 0.5 * height * (1.0 - t))
     };
     let v = project(1) - project(0);
     v.clamp_length_max(f64::from(MAX_LENGTH))

@@ -109,12 +109,10 @@ impl Rng {
 /// Unit direction of the ray of a camera through a point of the image, in pixels from the upper left corner.
 pub fn camera_direction(camera: &Camera, resolution: [u32; 2], x: f32, y: f32) -> Vec3 {
     let [width, height] = resolution.map(|n| n as f32);
-    let forward = (camera.target - camera.eye).normalize();
-    let right = forward.cross(camera.up).normalize();
-    let up = right.cross(forward);
-    let half = (camera.fov_y.to_radians() * 0.5).tan();
-    let across = (2.0 * x / width - 1.0) * half * (width / height);
-    let upwards = (1.0 - 2.0 * y / height) * half;
+    let (right, up, forward) = camera.world_from_camera();
+    let half_extents = Camera { resolution, ..*camera }.half_extents();
+    let across = (2.0 * x / width - 1.0 + camera.shift()[0]) * half_extents[0];
+    let upwards = (1.0 - 2.0 * y / height + camera.shift()[1]) * half_extents[1];
     (forward + right * across + up * upwards).normalize()
 }
 

@@ -30,9 +30,7 @@ impl Cones {
     /// shared by all. Texels of an atlas have no cones: they are points on surfaces.
     pub fn of(view: &View, particles: u32, pass: u32) -> Cones {
         let narrower = 1.0 / (pass as f32 + 1.0).sqrt();
-        let pixel = view
-            .camera()
-            .map_or(0.0, |camera| 2.0 * (0.5 * camera.fov_y.to_radians()).tan() / camera.resolution[1] as f32);
+        let pixel = view.camera().map_or(0.0, |camera| 2.0 * camera.half_extents()[1] / camera.resolution[1] as f32);
         let particle = (1.0 / particles.max(1) as f32).sqrt().min(MOST);
         Cones { pixel: pixel * narrower, particle: particle * narrower, gather: GATHER * narrower }
     }
@@ -48,8 +46,17 @@ mod tests {
     #[test]
     fn cones_narrow_with_the_passes() {
         let (eye, target, up) = (Vec3::ZERO, Vec3::NEG_Z, Vec3::Y);
-        let camera =
-            Camera { eye, target, up, fov_y: 90.0, resolution: [200, 100], aperture: 0.0, focus: None, shutter: 0.0 };
+        let camera = Camera {
+            eye,
+            target,
+            up,
+            fov_y: 90.0,
+            resolution: [200, 100],
+            aperture: 0.0,
+            focus: None,
+            shutter: 0.0,
+            frustum: None,
+        };
         let view = View::whole(camera);
         let first = Cones::of(&view, 100, 0);
         assert!((first.pixel - 0.02).abs() < 1e-6 && (first.particle - 0.1).abs() < 1e-6, "{first:?}");

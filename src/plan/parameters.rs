@@ -155,6 +155,7 @@ impl Plan {
                 cones.gather,
                 s.ring.map_or(0.0, |_| ring::survival(extent.reflectivity)),
             ],
+            shift: [lookout.shift[0], lookout.shift[1], 0.0, 0.0],
             soft: [self.soft_emitters.len() as u32, 0, 0, 0],
             soft_emitters: [0, 1]
                 .map(|half| [0, 1, 2, 3].map(|k| self.soft_emitters.get(4 * half + k).copied().unwrap_or(NO_EMITTER))),
@@ -180,24 +181,32 @@ struct Lookout {
     up: Vec3,
     forward: Vec3,
     lens: [f32; 2],
+    shift: [f32; 2],
 }
 
 impl Lookout {
     /// That of a view; an atlas has none, and its passes do not read it.
     fn of(view: &View) -> Lookout {
         let Some(camera) = view.camera() else {
-            return Lookout { eye: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: Vec3::Z, lens: [0.0; 2] };
+            return Lookout {
+                eye: Vec3::ZERO,
+                right: Vec3::X,
+                up: Vec3::Y,
+                forward: Vec3::Z,
+                lens: [0.0; 2],
+                shift: [0.0; 2],
+            };
         };
-        let [width, height] = camera.resolution.map(|n| n as f32);
+        let height = camera.resolution[1] as f32;
         let (right, up, forward) = camera.world_from_camera();
-        let tan_y = (0.5 * camera.fov_y.to_radians()).tan();
-        let tan_x = tan_y * width / height;
+        let [tan_x, tan_y] = camera.half_extents();
         Lookout {
             eye: camera.eye,
             right: right * tan_x,
             up: up * tan_y,
             forward,
             lens: [0.5 * height / tan_y * camera.aperture, 1.0 / camera.focus_distance()],
+            shift: camera.shift(),
         }
     }
 }

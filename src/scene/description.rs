@@ -123,7 +123,7 @@ impl CameraEntry {
     fn of(&self, scene: &Scene) -> Camera {
         let CameraEntry { eye, target, up, fov_y, resolution, aperture, focus, shutter } = *self;
         let [eye, target] = [eye, target].map(|p| scene.from_world(p));
-        Camera { eye, target, up, fov_y, resolution, aperture, focus, shutter }
+        Camera { eye, target, up, fov_y, resolution, aperture, focus, shutter, frustum: None }
     }
 }
 

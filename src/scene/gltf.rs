@@ -484,6 +484,7 @@ fn perspective(world: DMat4, fov_y: f32, aspect: Option<f32>) -> Camera {
         aperture: 0.0,
         focus: None,
         shutter: 0.0,
+        frustum: None,
     }
 }
 

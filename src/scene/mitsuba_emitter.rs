@@ -141,6 +141,7 @@ impl<'a> Reader<'a> {
             aperture: if lens { 2.0 * e.number("aperture_radius")?.unwrap_or(0.0) } else { 0.0 },
             focus,
             shutter: 0.0,
+            frustum: None,
         };
         camera.check().map_err(|m| e.error(m))?;
         self.add_camera(world.w_axis.truncate(), NamedCamera { name: e.label(), camera });

@@ -29,6 +29,8 @@ mod ktx2;
 mod large_polygon;
 mod load;
 mod material;
+mod matrices;
+mod mesh;
 pub mod mip;
 #[cfg(feature = "mitsuba")]
 mod mitsuba;
@@ -80,6 +82,7 @@ use crate::settings::{Compensation, Exposure, GlossyForm, ShadowForm, Spread};
 use crate::superposition::depth_images::DepthImages;
 
 pub use animation::Animations;
+pub use builder::SceneBuilder;
 pub use environment::Environment;
 pub use export::{VirtualLight, export_lights, exported_files};
 pub(crate) use kept_light::mitchell_filter;
@@ -87,7 +90,11 @@ pub use kept_light::{KeptFace, KeptLight, KeptPage};
 pub use load::{ReadOptions, load, load_with};
 use load::{extension, load_model, stem};
 pub use material::{Alpha, Material, Surface};
+pub use matrices::Frustum;
+pub use mesh::Mesh;
+pub(crate) use mesh::{check_transform, mirrors, outward_matrix};
 pub use mip::KeptLevels;
+pub use quietly::{panic_is_caught, silence_caught_panics};
 pub(crate) use texture::linear_to_srgb;
 pub use texture::{Cone, TextureUse};
 
@@ -417,6 +424,10 @@ pub struct Camera {
     /// told what moves meanwhile by [`crate::Engine::set_shutter_ends`].
     #[serde(default)]
     pub shutter: f32,
+    /// The image on the plane at unit distance, where it is not that of `fov_y`: off-centre, or with pixels that are not square. Default
+    /// `None`. [`Camera::from_matrices`] sets it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frustum: Option<Frustum>,
 }
 
 /// A camera of a file.

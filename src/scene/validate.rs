@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use super::{Camera, Light, Material, NamedCamera, Scene, TextureUse};
+use super::{Camera, Light, Material, NamedCamera, Scene, Texture, TextureUse};
 use crate::bsdf::phong::EXPONENTS;
 use crate::bsdf::table::MAX_MATERIALS;
 use crate::error::{Error, Result};
@@ -27,13 +27,7 @@ impl Scene {
         }
         self.check_tables().map_err(|m| Error::file(path, m))?;
         for texture in &self.textures {
-            if texture.width == 0 || texture.texels.len() as u64 != u64::from(texture.width) * u64::from(texture.height)
-            {
-                return Err(Error::file(
-                    path,
-                    format!("texture {:?}: its size does not match its texels", texture.name),
-                ));
-            }
+            texture.check().map_err(|m| Error::file(path, m))?;
         }
         self.drop_degenerate(path)?;
         if let Some(kept) = &self.kept_light {
@@ -243,6 +237,16 @@ fn unit(name: &str, value: Vec3) -> Result<(), String> {
     if value.is_normalized() { Ok(()) } else { Err(format!("{name} {value} is not of unit length")) }
 }
 
+impl Texture {
+    /// Checks its size; the message names it.
+    pub(super) fn check(&self) -> Result<(), String> {
+        if self.width == 0 || self.texels.len() as u64 != u64::from(self.width) * u64::from(self.height) {
+            return Err(format!("texture {:?}: its size does not match its texels", self.name));
+        }
+        Ok(())
+    }
+}
+
 impl Material {
     /// Checks every range; the message does not name file and object.
     pub(crate) fn check(&self) -> Result<(), String> {
@@ -319,6 +323,9 @@ impl Camera {
         }
         if !(self.fov_y > 0.0 && self.fov_y < 180.0) {
             return Err(format!("fov_y {} must lie between 0 and 180 degrees", self.fov_y));
+        }
+        if let Some(frustum) = &self.frustum {
+            frustum.check()?;
         }
         if !(self.aperture.is_finite() && self.aperture >= 0.0) {
             return Err(format!("aperture {} is not a diameter of 0 or more", self.aperture));

@@ -198,6 +198,14 @@ impl Eye {
         }
     }
 
+    /// Records of the texels, if the view is an atlas.
+    pub fn texels(&self) -> Option<&Buffer> {
+        match &self.first {
+            FirstHits::Camera { .. } => None,
+            FirstHits::Atlas(atlas) => Some(&atlas.records),
+        }
+    }
+
     /// Stages the texels of a pass, if the view is an atlas whose texels move.
     pub fn stage_texels(&self, ctx: &Context, view: &View, pass: u32) -> Result<Option<Staging>> {
         let (View::Atlas(view), FirstHits::Atlas(atlas)) = (view, &self.first) else { return Ok(None) };

@@ -48,7 +48,7 @@ impl Output {
                 Some(images) => Sum::Ring(Ring::new(kit, (&eye.points, &eye.paths, lighting), &film, images)?),
                 None => Sum::Film(Accumulate::new(kit, &eye.points, &eye.paths, lighting, &film)?),
             },
-            resolve: Resolve::new(kit, &film, &image)?,
+            resolve: Resolve::new(kit.context, &film, &image)?,
             probe: Probe::new(kit, &film)?,
             film,
             image,

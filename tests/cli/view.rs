@@ -247,3 +247,46 @@ fn without_a_display_it_says_what_to_do() {
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("DISPLAY") && said.contains("lightsum render") && !said.contains("panicked"), "{said}");
 }
+
+/// `cargo test` builds the examples, unless one binary of tests alone is asked for.
+fn example(name: &str) -> std::path::PathBuf {
+    let test = std::env::current_exe().unwrap();
+    // It lies in target/PROFILE/deps.
+    let profile = test.ancestors().nth(2).unwrap();
+    let program = profile.join("examples").join(name);
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples").join(name).with_extension("rs");
+    let changed = |path: &Path| fs::metadata(path).and_then(|data| data.modified()).ok();
+    if changed(&program) < changed(&source) {
+        let mut build = Command::new(env!("CARGO"));
+        build.args(["build", "--quiet", "--example", name, "--manifest-path"]);
+        build.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml"));
+        if profile.ends_with("release") {
+            build.arg("--release");
+        }
+        assert!(build.arg("--target-dir").arg(profile.parent().unwrap()).status().unwrap().success());
+    }
+    program
+}
+
+#[test]
+fn the_example_of_a_window_shows_frames_and_closes() {
+    let (folder, display) = (folder(), Display::open());
+    let run = |arguments: &[&str]| {
+        Command::new(example("window"))
+            .args(arguments)
+            .current_dir(folder.path())
+            .env("DISPLAY", &display.name)
+            .env_remove("WAYLAND_DISPLAY")
+            .output()
+            .unwrap()
+    };
+    let shown = run(&["scene.toml", "6"]);
+    assert!(shown.status.success(), "{}", text(&shown.stderr));
+    // The camera turns for the first half: the image of the last frame has the passes since.
+    let line = text(&shown.stdout);
+    let numbers: Vec<u32> = line.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+    assert_eq!(numbers[0], 6, "{line}");
+    assert!((2..=3).contains(&numbers[1]), "{line}");
+    let missing = run(&["missing.toml", "1"]);
+    assert!(!missing.status.success() && text(&missing.stderr).contains("missing.toml"), "{}", text(&missing.stderr));
+}

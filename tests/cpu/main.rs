@@ -1,6 +1,7 @@
 //! Tests without a device.
 
 mod conform;
+mod hosts;
 mod package;
 mod readers;
 mod scene;

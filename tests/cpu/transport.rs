@@ -440,6 +440,7 @@ fn room() -> (Scene, Camera) {
         aperture: 0.0,
         focus: None,
         shutter: 0.0,
+        frustum: None,
     };
     (b.0, camera)
 }

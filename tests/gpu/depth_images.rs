@@ -145,7 +145,17 @@ fn points_are_projected_as_the_oracle_says() {
 fn above_the_pole(size: u32) -> Camera {
     let (up, resolution) = (Vec3::NEG_Z, [size; 2]);
     let eye = Vec3::new(0.5 * SIDE, 0.5 * SIDE, 0.5 * SIDE);
-    Camera { eye, target: eye - Vec3::Y, up, fov_y: 90.0, resolution, aperture: 0.0, focus: None, shutter: 0.0 }
+    Camera {
+        eye,
+        target: eye - Vec3::Y,
+        up,
+        fov_y: 90.0,
+        resolution,
+        aperture: 0.0,
+        focus: None,
+        shutter: 0.0,
+        frustum: None,
+    }
 }
 
 #[test]

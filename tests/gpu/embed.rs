@@ -9,9 +9,8 @@ use lightsum::{Camera, Engine, Error, RenderOptions, Renderer, Scene, Settings};
 
 use crate::support::{assert_silent, gpu_test};
 
-#[allow(dead_code, reason = "its main and its file output are the example's own")]
-#[path = "../../examples/embed.rs"]
-mod example;
+// The other example has this one as a module.
+use crate::hosts::lights_for_rasterizer::embed as example;
 
 pub use example::{Host, Readback};
 

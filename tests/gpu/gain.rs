@@ -3,12 +3,12 @@
 use ash::vk;
 use glam::{DVec4, Vec3, Vec4};
 use lightsum::film::Film;
-use lightsum::gpu::{Buffer, Image, Memory, Resources, Staging};
+use lightsum::gpu::{Buffer, Image, Memory, Staging};
 use lightsum::pass::gain;
 use lightsum::pass::resolve::Resolve;
 use lightsum::settings::{Filter, Settings};
 
-use crate::rig::{close, make};
+use crate::rig::close;
 use crate::scenes::{Soup, camera, compare, render, settings};
 use crate::support::gpu_test;
 use lightsum::conform::checks::film::fill;
@@ -35,7 +35,7 @@ fn bias_is_taken_from_the_image() {
                 .collect();
             let image = Image::new(ctx, "image", width, height, vk::Format::R32G32B32A32_SFLOAT).unwrap();
             let out = Buffer::new(ctx, "copied image", image.bytes(), Memory::Readback).unwrap();
-            let pass = make(ctx, Resources::new(), |kit| Resolve::new(kit, &film, &image));
+            let pass = Resolve::new(ctx, &film, &image).unwrap();
             let mut staging = Staging::new();
             staging.stage_into(ctx, &film.counts, 0, &[passes.div_ceil(2), passes / 2]).unwrap();
             staging.stage_into(ctx, &film.gain.0[0], 0, &gains).unwrap();

@@ -23,6 +23,7 @@ mod four_ways;
 mod frosted_panes;
 mod gain;
 mod gpu_layer;
+mod hosts;
 mod importance;
 mod independent;
 mod lens;

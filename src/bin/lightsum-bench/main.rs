@@ -29,6 +29,7 @@ use std::io::ErrorKind;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
+    lightsum::scene::silence_caught_panics();
     env_logger::Builder::new().filter_level(log::LevelFilter::Warn).parse_default_env().init();
     let arguments = args::Arguments::parse();
     let result = match &arguments.command {

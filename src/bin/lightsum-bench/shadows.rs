@@ -44,8 +44,17 @@ fn add_quad(scene: &mut Scene, corner: Vec3, u: Vec3, v: Vec3, material: u32) {
 /// Boards above a floor under a square lamp, whose penumbrae are so many pixels wide in the middle of the image.
 fn boards(pixels: u32, resolution: [u32; 2]) -> Subject {
     let (eye, fov_y) = (Vec3::new(0.0, 4.0, -4.0), 40.0f32);
-    let camera =
-        Camera { eye, target: Vec3::ZERO, up: Vec3::Y, fov_y, resolution, aperture: 0.0, focus: None, shutter: 0.0 };
+    let camera = Camera {
+        eye,
+        target: Vec3::ZERO,
+        up: Vec3::Y,
+        fov_y,
+        resolution,
+        aperture: 0.0,
+        focus: None,
+        shutter: 0.0,
+        frustum: None,
+    };
     let unit = 0.5 * resolution[1] as f32 / (0.5 * fov_y.to_radians()).tan() / eye.length();
     let [low, high] = HEIGHTS;
     let lamp = pixels as f32 / unit * (high - low) / low;

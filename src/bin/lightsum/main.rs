@@ -38,6 +38,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 fn main() -> ExitCode {
+    lightsum::scene::silence_caught_panics();
     let arguments = Arguments::parse();
     log_to_stderr(arguments.verbose);
     if arguments.command.is_none() && !arguments.list_devices {

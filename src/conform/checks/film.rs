@@ -263,7 +263,7 @@ pub fn resolve_writes_the_mean_of_the_film(bench: &Bench) {
         let out = Buffer::new(bench, "copied image", image.bytes(), Memory::Readback).must();
         let sum = [0, 1].map(|i| fill(bench, &s.film.color[i].0[0], n, 100.0, |i| i as f32));
         let rest = [0, 1].map(|i| fill(bench, &s.film.color[i].0[1], n, 1e-3, |_| 0.0));
-        let pass = make(bench, Resources::new(), |kit| Resolve::new(kit, &s.film, &image));
+        let pass = Resolve::new(bench, &s.film, &image).must();
         let mut counts = Staging::new();
         counts.stage_into(bench, &s.film.counts, 0, &[passes.div_ceil(2), passes / 2]).must();
         bench

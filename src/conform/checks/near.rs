@@ -8,6 +8,7 @@ use crate::pass::shade::ShadingPoint;
 use crate::pass::surface::{SurfacePoint, surface_at};
 use crate::pass::{ShadingPoints, gather, sort};
 use crate::ring::Paths;
+use crate::scene::{Camera, Frustum};
 use crate::settings::{Clip, Compensation, Filter, Settings};
 use crate::stage::NearLight;
 use glam::{Vec3, Vec4};
@@ -306,6 +307,17 @@ pub fn near_light_follows_its_oracles(bench: &Bench) {
         met.rays > 1000 && met.shown > 300 && met.lit > 300 && met.specular > 50 && met.onward > 50,
         format_args!("{met:?}"),
     );
+    // Off-centre, as the projection of a host may be.
+    let mut shifted = scene.clone();
+    let frustum = Frustum { half_extents: [0.9, 0.7], shift: [0.35, -0.2] };
+    shifted.camera = shifted.camera.map(|camera| Camera { frustum: Some(frustum), ..camera });
+    let rig = bench.rig(&shifted, [61, 47], settings([3, 3]));
+    rig.light();
+    let mut of_shifted = Met::default();
+    check_points(&rig, sine, &mut of_shifted);
+    check_collect(&rig);
+    let shown = of_shifted.shown as f32 / met.shown as f32 * met.rays as f32;
+    bench.covered(shown > 0.5 * of_shifted.rays as f32, format_args!("{of_shifted:?}"));
     // With the shortest paths only emitters are found; nothing is lit.
     let rig = bench.rig(&scene, [31, 17], Settings { max_depth: 2, ..settings([3, 3]) });
     rig.light();

@@ -6,7 +6,7 @@
 //! (X / Z, Y / Z),   X = w/2 (q.r + q.f),   Y = h/2 (q.f - q.u),   Z = q.f
 //! ```
 //!
-//! with f the mirrored view direction, r and u its axes over the half width and height of the image at unit distance, and w and h in
+//! for an image centred on the view direction, with f the mirrored view direction, r and u its axes over the half width and height of the image at unit distance, and w and h in
 //! pixels. P is affine in (z x, z y, z), see [`super`], so that X, Y and Z are dot products with (z x, z y, z, 1): the product of the
 //! current transformation and the inverse one of the image.
 //!
@@ -56,6 +56,8 @@ pub struct Viewer {
     /// Half width, half height and direction of the view.
     axes: [DVec3; 3],
     size: [f64; 2],
+    /// That of the frame.
+    shift: [f64; 2],
 }
 
 impl Viewer {
@@ -63,14 +65,16 @@ impl Viewer {
     pub fn of(frame: &FrameParameters) -> Viewer {
         let xyz = |v: [f32; 4]| Vec3::new(v[0], v[1], v[2]).as_dvec3();
         let [width, height, ..] = frame.size.map(f64::from);
-        Viewer { eye: xyz(frame.eye), axes: [frame.right, frame.up, frame.forward].map(xyz), size: [width, height] }
+        let [across, upwards, ..] = frame.shift.map(f64::from);
+        let axes = [frame.right, frame.up, frame.forward].map(xyz);
+        Viewer { eye: xyz(frame.eye), axes, size: [width, height], shift: [across, upwards] }
     }
 
     /// Mirrored in a plane.
     pub fn mirrored(&self, (normal, offset): (Vec3, f32)) -> Viewer {
         let n = normal.as_dvec3();
         let eye = self.eye - 2.0 * (n.dot(self.eye) - f64::from(offset)) * n;
-        Viewer { eye, axes: self.axes.map(|v| v - 2.0 * n.dot(v) * n), size: self.size }
+        Viewer { eye, axes: self.axes.map(|v| v - 2.0 * n.dot(v) * n), ..*self }
     }
 
     /// The eye.
@@ -82,7 +86,8 @@ impl Viewer {
     pub fn project(&self, q: DVec3) -> DVec3 {
         let [right, up, forward] = self.axes;
         let [x, y, z] = [q.dot(right) / right.length_squared(), q.dot(up) / up.length_squared(), q.dot(forward)];
-        DVec3::new(0.5 * self.size[0] * (x + z), 0.5 * self.size[1] * (z - y), z)
+        let [across, upwards] = self.shift;
+        DVec3::new(0.5 * self.size[0] * (x + (1.0 - across) * z), 0.5 * self.size[1] * ((1.0 + upwards) * z - y), z)
     }
 
     /// Whether points that are the corners of a convex body may be seen.
@@ -279,7 +284,7 @@ mod tests {
         let q = node.centroid.as_dvec3() - eye;
         let d = q.normalize();
         let right = d.any_orthonormal_vector();
-        let viewer = Viewer { eye, axes: [0.5 * right, 0.5 * d.cross(right), d], size: [160.0; 2] };
+        let viewer = Viewer { eye, axes: [0.5 * right, 0.5 * d.cross(right), d], size: [160.0; 2], shift: [0.0; 2] };
         for (edge, along) in viewer.point_edges(node).into_iter().zip([DVec3::X, DVec3::NEG_Y]) {
             let formula = 7.0 * 2.0 / 16.0 / (q.length() * pixel) * (1.0 - d.dot(along).powi(2)).sqrt();
             assert!((edge.length() - formula).abs() < 1e-4 * formula, "{edge} {formula}");

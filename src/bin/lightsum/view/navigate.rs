@@ -107,6 +107,7 @@ mod tests {
             aperture: 0.0,
             focus: None,
             shutter: 0.0,
+            frustum: None,
         }
     }
 

@@ -1,0 +1,50 @@
+//! For hosts: the view by matrices, light in images of the host.
+
+use ash::vk;
+use glam::Mat4;
+
+use super::Engine;
+use crate::error::{Error, Result};
+use crate::gpu::{Image, Recorder};
+use crate::pass::resolve::Resolve;
+use crate::scene::Camera;
+
+impl Engine {
+    /// [`Engine::set_camera`] with the camera of a view matrix and a projection ([`Camera::from_matrices`]), at the size of the present
+    /// image. Lens and shutter stay those of the present camera.
+    pub fn set_matrices(&mut self, view: Mat4, projection: Mat4) -> Result<()> {
+        let camera = Camera::from_matrices(view, projection, self.plan.view.within().size)?;
+        let camera = match self.plan.view.camera() {
+            None => camera,
+            Some(&old) => {
+                let focus = if old.has_lens() { Some(old.focus_distance()) } else { None };
+                Camera { aperture: old.aperture, focus, shutter: old.shutter, ..camera }
+            }
+        };
+        self.set_camera(camera)
+    }
+
+    /// [`Engine::record_image`] into an image of the host ([`Image::adopt`]): R32G32B32A32_SFLOAT or R16G16B16A16_SFLOAT, usage STORAGE, of
+    /// the view's size. `layouts`: that of the image when the commands begin, and that which they leave; all pixels are written, so the
+    /// first may be UNDEFINED. A barrier makes the image visible to all later commands of the queue, of any stage.
+    ///
+    /// [`Engine::image`] is not written. After [`Engine::resize`] give an image of the new size; tree, scene and pipelines stay.
+    ///
+    /// Errors: another format or size; no layout can be left as UNDEFINED; the image belongs to another context.
+    pub fn record_image_to(&self, rec: &mut Recorder, image: &Image, layouts: [vk::ImageLayout; 2]) -> Result<()> {
+        let ([width, height], [before, after]) = (self.plan.view.size(), layouts);
+        if [image.width(), image.height()] != [width, height] {
+            let message = format!("has {}x{} pixels, but the view has {width}x{height}", image.width(), image.height());
+            return Err(Error::Resource { name: image.name().to_owned(), message });
+        }
+        let resolve = Resolve::new(&self.context, &self.frame.output.film, image)?;
+        rec.begin();
+        if self.new_image {
+            // The sums are as new, and hold anything until the next pass clears them.
+            self.frame.output.record_clear(rec)?;
+        }
+        rec.change_layout(image, before, vk::ImageLayout::GENERAL)?;
+        rec.scope("resolve", |rec| resolve.record(rec))?;
+        rec.change_layout(image, vk::ImageLayout::GENERAL, after)
+    }
+}
