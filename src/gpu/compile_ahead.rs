@@ -12,8 +12,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use super::cache::{fnv1a, replace};
+use super::image::Image;
 use super::kernel::{BindingKind, Bound, Kernel, Shader};
-use super::memory::{Buffer, Image, Memory};
+use super::memory::{Buffer, Memory};
 use super::{Context, ContextOptions, DeviceChoice};
 use crate::error::{Error, Result};
 

@@ -8,7 +8,8 @@ use std::time::Instant;
 use ash::vk;
 
 use super::context::Context;
-use super::memory::{Buffer, Image};
+use super::image::Image;
+use super::memory::Buffer;
 use super::resources::Resources;
 use crate::error::{Error, Result};
 

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use ash::vk;
 
 use super::context::Context;
+use super::image::{Image, WHOLE_IMAGE};
 use super::kernel::{Bindings, Kernel};
-use super::memory::{Buffer, Image, Memory, WHOLE_IMAGE};
+use super::memory::{Buffer, Memory};
 use super::timers::Timers;
 use crate::error::{Error, Result};
 

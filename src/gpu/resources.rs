@@ -1,7 +1,8 @@
 //! Named buffers and images; kernels bind those that they declare.
 
+use super::image::Image;
 use super::kernel::Bound;
-use super::memory::{Buffer, Image};
+use super::memory::Buffer;
 
 /// A buffer or an image, kept alive.
 #[derive(Clone)]

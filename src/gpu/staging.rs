@@ -5,7 +5,8 @@ use std::ops::Range;
 use bytemuck::Pod;
 
 use super::context::Context;
-use super::memory::{Buffer, Image, Memory};
+use super::image::Image;
+use super::memory::{Buffer, Memory};
 use super::recorder::{LayerPart, Recorder};
 use crate::error::Result;
 

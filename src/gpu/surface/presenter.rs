@@ -5,7 +5,7 @@ use ash::vk;
 use super::WindowDevice;
 use super::swapchain::{Format, Swapchain, WindowImage};
 use crate::error::{Error, Result};
-use crate::gpu::memory::WHOLE_IMAGE;
+use crate::gpu::image::WHOLE_IMAGE;
 use crate::gpu::{Context, Image, Recorder, Retained, Timers};
 
 /// Nanoseconds to wait for an image of a window; a hidden one may give none.

@@ -4,7 +4,7 @@ use ash::{khr, vk};
 
 use super::WindowDevice;
 use crate::error::{Error, Result};
-use crate::gpu::memory::WHOLE_IMAGE;
+use crate::gpu::image::WHOLE_IMAGE;
 
 /// The parts that a resized window keeps: the format of its images and the render pass that draws over them.
 pub(super) struct Format {
