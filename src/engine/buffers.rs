@@ -38,10 +38,11 @@ pub struct PassBuffers<'a> {
     pub lights: VirtualLights<'a>,
     /// The tree, to ask whether a light is visible.
     pub tree: TreeBuffers<'a>,
-    /// The points that the next pass lights, if the view is an atlas ([`crate::view::Atlas`]): four words a texel, namely the number of its triangle in the
-    /// order of the leaves ([`crate::accel::Bvh::leaf_numbers`]) or all ones, the bits of u and v, and 1 if it is seen from the back. A host may write them from a visibility buffer of
-    /// its own, after [`Engine::record_setup`] and before each pass, with a barrier to compute shaders; it calls [`Engine::restart`] when
-    /// they show other points. They are not checked: u and v lie in the triangle, which exists.
+    /// The points that the next pass lights, if the view is an atlas ([`crate::view::Atlas`]): four words a texel, namely the number of its
+    /// triangle in the order of the leaves ([`crate::accel::Bvh::leaf_numbers`]) or all ones, the bits of u and v, and 1 if it is seen from
+    /// the back. A host may write them from a visibility buffer of its own, after [`Engine::record_setup`] and before each pass, with a
+    /// barrier to compute shaders; it calls [`Engine::restart`] when they show other points. They are not checked: the triangle must
+    /// exist, and u and v lie in it.
     pub texels: Option<&'a Buffer>,
     /// Light kept in textures; `None`: the scene has none.
     pub kept_light: Option<&'a KeptBuffers>,

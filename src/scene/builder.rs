@@ -45,8 +45,8 @@ impl SceneBuilder {
         Ok(self.0.textures.len() as u32 - 1)
     }
 
-    /// Adds a material and returns its index. One that reflects more than it receives is scaled down, as when a file is read. Errors: a value out of range; a texture that
-    /// has not been added.
+    /// Adds a material and returns its index. One that reflects more than it receives is scaled down, as when a file is read. Errors: a
+    /// value out of range; a texture that has not been added.
     pub fn material(&mut self, material: Material) -> Result<u32> {
         self.0.checked_material(material).map(|material| self.0.add_material(material))
     }

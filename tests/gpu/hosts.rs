@@ -373,7 +373,7 @@ fn texels_written_on_the_device_are_lit() {
         // The same sides of triangles in both, so that lengths that follow from the view are the same.
         let texel = |i: u32| {
             let uv = [0.2 + 0.001 * i as f32, 0.3];
-            (i % 7 != 0).then_some(Texel { triangle: i % scene.triangles.len() as u32, uv, back: false })
+            (!i.is_multiple_of(7)).then_some(Texel { triangle: i % scene.triangles.len() as u32, uv, back: false })
         };
         let texels: Vec<_> = (0..16 * 9).map(texel).collect();
         let of = |texels: Vec<_>| {
