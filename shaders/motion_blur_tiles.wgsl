@@ -9,9 +9,6 @@
 // Difference between the velocities of neighbours that are none of one surface, pixels. Host twin: pass::motion_blur::VELOCITY_JUMP.
 const VELOCITY_JUMP: f32 = 0.25;
 
-// A depth beyond all others.
-const NOTHING: f32 = 3.4e38;
-
 fn jumps(a: vec2<f32>, b: vec2<f32>) -> bool {
     let change = abs(a - b);
     return max(change.x, change.y) > VELOCITY_JUMP;
@@ -27,7 +24,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let part = part_of_tile(tile);
     var found: MotionTile;
     found.range = vec4<f32>(1e9, -1e9, 1e9, -1e9);
-    found.nearest = NOTHING;
     var greatest = 0.0;
     for (var y = part.y; y < part.y + part.w; y += 1u) {
         let row = y * frame.size.x;
@@ -36,23 +32,22 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         for (var x = part.x; x < part.x + part.z; x += 1u) {
             let own = velocity[row + x];
             let v = own.xy;
+            found.deepest = max(found.deepest, own.z);
             let jump = jumps(v, left) || jumps(v, velocity[above + x].xy);
             left = v;
-            let length = dot(v, v);
             // Within a pixel nothing is spread.
             let moves = max(abs(v.x), abs(v.y)) > 1.0;
             let low = min(found.range.xz, v);
             let high = max(found.range.yw, v);
             found.range = select(found.range, vec4<f32>(low.x, high.x, low.y, high.y), moves);
-            found.longest = select(found.longest, v, moves && length > greatest);
-            greatest = max(greatest, length);
-            found.nearest = select(found.nearest, min(found.nearest, own.z), moves);
+            greatest = max(greatest, select(0.0, length(v), moves));
             found.kinds |= select(RESTS, MOVES, moves) | select(0u, JUMPS, jump);
         }
     }
+    found.longest = greatest;
     motion_tiles[tile] = found;
     if (found.kinds & MOVES) != 0u {
-        let reach = 0.5 * max(max(-found.range.x, found.range.y), max(-found.range.z, found.range.w)) + 1.0;
-        atomicMax(&farthest, (u32(reach) + 7u) / 8u);
+        let reach = reach_of(found);
+        atomicMax(&farthest, (u32(max(reach.x, reach.y)) + 7u) / 8u);
     }
 }

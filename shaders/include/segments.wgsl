@@ -3,6 +3,11 @@
 // A source is in front of a pixel if its depth is less by more than this share. Host twin: pass::motion_blur::DEPTH_TOLERANCE.
 const DEPTH_TOLERANCE: f32 = 0.01;
 
+// Sources of less depth are in front of a pixel of this one.
+fn depth_in_front(depth: f32) -> f32 {
+    return depth - abs(depth) * DEPTH_TOLERANCE;
+}
+
 // The segment of a velocity, which lies in the middle of it.
 struct Segment {
     slope: f32,     // against its longer side
@@ -40,8 +45,28 @@ fn row_of(column: i32, slope: f32, dither: u32) -> i32 {
     return i32(floor(f32(column) * slope + dither_of(column, dither)));
 }
 
-// Time, as a share, that the source of a segment spends on the pixel at an offset from it.
-fn time_on(segment: Segment, offset: vec2<i32>, dither: u32) -> f32 {
-    let place = select(offset.yx, offset, segment.wide);
-    return select(0.0, share_of(f32(place.x), segment), row_of(place.x, segment.slope, dither) == place.y);
+// The pixels of the image on a segment: of column m that of number origin + m * along + row * across.
+struct Line {
+    origin: i32,
+    along: i32,
+    across: i32,
+    columns: vec2<i32>,     // first and last that lie in the image and in the segment
+    rows: vec2<i32>,        // first and last that lie in the image
+}
+
+// `sign`: 1, or -1 for a segment turned round its middle, the pixels whose sources reach this one.
+fn line_of(at: vec2<i32>, segment: Segment, sign: i32) -> Line {
+    let size = vec2<i32>(frame.size.xy);
+    let last = size - 1 - at;
+    // Offsets that stay in the image, in both directions.
+    let low = select(-last, -at, sign > 0);
+    let high = select(at, last, sign > 0);
+    let reach = i32(segment.half + 0.5);
+    var line: Line;
+    line.origin = at.y * size.x + at.x;
+    line.along = sign * select(size.x, 1, segment.wide);
+    line.across = sign * select(1, size.x, segment.wide);
+    line.columns = clamp(vec2<i32>(-reach, reach), vec2<i32>(select(low.y, low.x, segment.wide)), vec2<i32>(select(high.y, high.x, segment.wide)));
+    line.rows = vec2<i32>(select(low.x, low.y, segment.wide), select(high.x, high.y, segment.wide));
+    return line;
 }

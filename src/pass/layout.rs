@@ -305,36 +305,24 @@ pub struct Shutter {
 pub struct MotionTile {
     /// Least and greatest velocity to the right, then downwards, of the pixels that move.
     pub range: [f32; 4],
-    /// The longest of them.
-    pub longest: [f32; 2],
-    /// Bits: 1, some of its pixels move; 2, some do not; 4, velocity or depth jumps between neighbours, one of which it holds.
+    /// Length of the longest of them.
+    pub longest: f32,
+    /// Bits: 1, some of its pixels move; 2, some do not; 4, velocity jumps between neighbours, one of which it holds.
     pub kinds: u32,
-    /// Least depth of those that move.
-    pub nearest: f32,
+    /// Greatest depth, of those too that do not move.
+    pub deepest: f32,
+    /// Zero.
+    pub unused: u32,
 }
 
-/// The sources that reach a tile, as a window around each of its pixels ([`super::motion_blur`]); `shaders/include/motion_tiles.wgsl`.
+/// The sources that reach a tile ([`super::motion_blur`]); `shaders/include/motion_tiles.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct MotionWindow {
-    /// Slope of the longest velocity, against its longer side.
-    pub slope: f32,
-    /// Reach along that side, pixels; -1: nothing reaches the tile.
-    pub along: f32,
-    /// Greatest distance of the end of a segment from the line of that slope.
-    pub across: f32,
-    /// The same for each pixel of distance along the line.
-    pub spread: f32,
-    /// Pixels beyond.
-    pub margin: f32,
-    /// 1: the longer side lies along rows.
-    pub wide: u32,
-    /// 1: all sources count as one surface.
+pub struct MotionReach {
+    /// 1: some do.
+    pub reached: u32,
+    /// 1: all of them count as one surface.
     pub even: u32,
-    /// Pixels from one sample of the window to the next.
-    pub stride: u32,
-    /// Least depth of these sources.
-    pub nearest: f32,
 }
 
 /// One point light of any kind; `shaders/include/lights.wgsl` gives the formula. For the shadow rays to area lights

@@ -24,12 +24,12 @@
 //! within the outline, and a pixel that does not move and that nothing in front passes keeps its bits. Where all move alike L' is the plain
 //! sum of k_q L_q.
 //!
-//! **Tiles.** The motion in each tile of 8 x 8 pixels bounds the pixels from which sources in front may come: a window along the longest
-//! velocity that reaches the tile, widened by how much others deviate from it, at each distance. There is no window, and O is taken over
+//! **Tiles.** The motion in tiles of 8 x 8 pixels tells where something reaches a pixel at all. Depths are not compared, and O is taken over
 //! all q, where all velocities that reach the tile are [`ALIKE`], or where they do not jump between neighbours ([`VELOCITY_JUMP`]): there the
 //! image moves like one smooth surface, whatever its depths, nothing is uncovered, and the point that is at p at a time t is p - v_p t, to first
-//! order in the slope of v. A window is not looked through for pixels that are nearer than all that moves around. One of more than [`SAMPLES`]
-//! pixels takes every second, third, ... column and row, from another start in each pass.
+//! order in the slope of v. Elsewhere each q adds its time and its light to f and C of the pixels that it passes in front of, feed-forward as
+//! in program 7.17. Atomic sums of whole numbers do not depend on their order: a step is 1 / 2^32 of the greatest sum that the longest
+//! segments allow, of time 2^-25 for 31 pixels, of light as much of the brightest pixel.
 //!
 //! The pass adds L' - L to the emission of the pixel, as the [`lens`](super::lens) does, after it; light without shutter and with it differ by no
 //! bit where nothing moves.
@@ -39,15 +39,13 @@
 //! from the pixels along its path, and what only shows at other times is missing; shadows, highlights and mirrored objects do not move;
 //! each point moves along a straight line at constant speed.
 //!
-//! Cost: 2 vec4 a pixel for its tile, a few hundred bytes for each tile; where something moves 12 vec4, then a texel for each pixel of length,
-//! and where velocity jumps one for each pixel of the window, two if it is in front. 32 bytes of memory a pixel.
+//! Cost: 2 vec4 a pixel for its tile, 24 bytes for each tile; where something moves 13 vec4, then a texel for each pixel of length, and where
+//! velocity jumps 4 bytes for each pixel of length and 16 bytes of atomic sums for each pixel passed in front of. 52 bytes of memory a pixel.
 
-use ash::vk;
-
-use super::layout::{MotionTile, MotionWindow};
+use super::layout::{MotionReach, MotionTile};
 use super::{BoundKernel, EyePathState, Kit, Lighting, ShadingPoints};
 use crate::error::Result;
-use crate::gpu::{Buffer, Image, Recorder, Resources, shaders};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
 pub mod reference;
 
@@ -57,8 +55,6 @@ pub use reference::reference;
 ///
 /// Higher: near things behind an edge bleed over it. Lower: parts of one surface count as in front of each other, which does no harm.
 pub const DEPTH_TOLERANCE: f32 = 0.01;
-/// Samples of a window.
-pub const SAMPLES: f32 = 12000.0;
 /// Greatest difference between the velocities of neighbours on one surface, pixels.
 ///
 /// Higher: less time; edges between things that touch and move differently are off by as much for each pixel of the way.
@@ -71,17 +67,15 @@ pub const ALIKE_SHARE: f32 = 0.0625;
 
 /// The pass.
 pub struct MotionBlur {
-    /// Image of the pass before it; w: depth. Written where something that moves reaches. An image, because lavapipe loads texels faster than
-    /// elements of buffers.
-    pub source: Image,
-    /// Velocities there; z: depth.
-    pub sweep: Image,
-    /// [`MotionWindow`] of each tile.
-    pub windows: Buffer,
+    /// [`MotionReach`] of each tile.
+    pub reach: Buffer,
     farthest: Buffer,
-    tiles: BoundKernel,
-    reach: BoundKernel,
+    brightest: Buffer,
+    find_tiles: BoundKernel,
+    find_reach: BoundKernel,
+    find_sends: BoundKernel,
     image: BoundKernel,
+    front: BoundKernel,
     spread: BoundKernel,
     count: u64,
 }
@@ -105,47 +99,50 @@ impl MotionBlur {
     pub fn new(kit: &Kit, inputs: &Inputs) -> Result<MotionBlur> {
         let [width, height] = inputs.size;
         let count = width.div_ceil(8) * height.div_ceil(8);
-        let image = |name| Image::new(kit.context, name, width, height, vk::Format::R32G32B32A32_SFLOAT);
-        let (source, sweep) = (image("image before motion")?, image("motion of the image")?);
+        let pixels = width * height;
         let tiles = kit.array("motion tiles", count, size_of::<MotionTile>() as u64)?;
-        let windows = kit.array("motion windows", count, size_of::<MotionWindow>() as u64)?;
-        let farthest = kit.array("reach of motion", 1, 4)?;
+        let reach = kit.array("reach of motion", count, size_of::<MotionReach>() as u64)?;
+        let sends = kit.array("tiles in front", count, 4)?;
+        let [farthest, brightest] = [kit.array("farthest motion", 1, 4)?, kit.array("brightest pixel", 1, 4)?];
+        let (source, sweep) = (kit.vec4s("image before motion", pixels)?, kit.vec4s("motion of the image", pixels)?);
+        let (front, passing) = (kit.array("depths in front", pixels, 4)?, kit.vec4s("light in front", pixels)?);
         let own = Resources::of([
             ("velocity", inputs.velocity),
             ("motion_tiles", &tiles),
-            ("motion_windows", &windows),
+            ("motion_reach", &reach),
+            ("sends", &sends),
             ("farthest", &farthest),
-        ])
-        .with_image("source", &source)
-        .with_image("sweep", &sweep);
+            ("brightest", &brightest),
+            ("source", &source),
+            ("sweep", &sweep),
+            ("front", &front),
+            ("passing", &passing),
+        ]);
         let sets = [&own, &inputs.points.resources(), &inputs.paths.resources(), &inputs.lighting.resources()];
         Ok(MotionBlur {
-            tiles: kit.bind(&shaders::MOTION_BLUR_TILES, &sets)?,
-            reach: kit.bind(&shaders::MOTION_BLUR_REACH, &sets)?,
+            find_tiles: kit.bind(&shaders::MOTION_BLUR_TILES, &sets)?,
+            find_reach: kit.bind(&shaders::MOTION_BLUR_REACH, &sets)?,
+            find_sends: kit.bind(&shaders::MOTION_BLUR_SENDS, &sets)?,
             image: kit.bind(&shaders::MOTION_BLUR_IMAGE, &sets)?,
+            front: kit.bind(&shaders::MOTION_BLUR_FRONT, &sets)?,
             spread: kit.bind(&shaders::MOTION_BLUR, &sets)?,
             count: u64::from(count),
-            source,
-            sweep,
-            windows,
+            reach,
             farthest,
+            brightest,
         })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        self.record_image(rec)?;
-        self.spread.run(rec, &[], self.count)
-    }
-
-    /// Records the windows of the tiles, and the image of the pass where something reaches.
-    pub fn record_image(&self, rec: &mut Recorder) -> Result<()> {
         rec.fill(&self.farthest, 0)?;
-        rec.image_to_general(&self.source)?;
-        rec.image_to_general(&self.sweep)?;
+        rec.fill(&self.brightest, 0)?;
         let lanes = self.count.div_ceil(super::GROUP);
-        self.tiles.run(rec, &[], lanes)?;
-        self.reach.run(rec, &[], lanes)?;
-        self.image.run(rec, &[], self.count)
+        self.find_tiles.run(rec, &[], lanes)?;
+        self.find_reach.run(rec, &[], lanes)?;
+        self.find_sends.run(rec, &[], lanes)?;
+        self.image.run(rec, &[], self.count)?;
+        self.front.run(rec, &[], self.count)?;
+        self.spread.run(rec, &[], self.count)
     }
 }

@@ -3,7 +3,7 @@
 use glam::{Affine3A, DVec2, Quat, Vec2, Vec3, Vec4};
 use lightsum::engine::{Engine, PosedObject, ShutterEnd};
 use lightsum::gpu::{Context, Staging};
-use lightsum::pass::layout::MotionWindow;
+use lightsum::pass::layout::MotionReach;
 use lightsum::pass::motion_blur::reference;
 use lightsum::pass::{ShadingPoints, accumulate, lens, motion_blur, velocity};
 use lightsum::path_trace::{self, Options, SpecularPaths};
@@ -155,24 +155,24 @@ fn motion_blur_follows_its_oracle() {
                 staging.stage_into(ctx, velocities, 0, &velocity).unwrap();
                 staging.stage_into(ctx, &r.emitted, 0, &before[..pixels]).unwrap();
                 rig.run(|_, rec| staging.record(rec));
-                rig.prefill(&[&blur.windows]);
+                rig.prefill(&[&blur.reach]);
                 rig.run(|_, rec| blur.record(rec));
                 let after = rig.vec4s(&r.emitted);
                 if name == "rest" {
                     assert!(after[..pixels] == before[..pixels], "{resolution:?}");
                     continue;
                 }
-                let windows: Vec<MotionWindow> = rig.get(&blur.windows);
+                let reach: Vec<MotionReach> = rig.get(&blur.reach);
                 let columns = resolution[0].div_ceil(8);
                 let short: Vec<Vec2> = moves.iter().map(|v| v.as_vec2()).collect();
-                for (i, window) in (0..).zip(&windows) {
+                for (i, reach) in (0..).zip(&reach) {
                     let even = reference::even(resolution, &short, [i % columns, i / columns]);
-                    let found = (window.along >= 0.0).then_some(window.even == 1);
-                    assert_eq!(found, even, "{name}, {resolution:?}, tile {i}: {window:?}");
+                    let found = (reach.reached == 1).then_some(reach.even == 1);
+                    assert_eq!(found, even, "{name}, {resolution:?}, tile {i}: {reach:?}");
                     together += usize::from(even == Some(true));
                 }
                 let tile_of = |p: u32| p % resolution[0] / 8 + p / resolution[0] / 8 * columns;
-                let even = |p: usize| windows[tile_of(p as u32) as usize].even == 1;
+                let even = |p: usize| reach[tile_of(p as u32) as usize].even == 1;
                 let expected = motion_blur::reference(resolution, &source, &moves, even, dither);
                 let mut tally = Tally::new(format!("motion blur, {name}, {resolution:?}"));
                 for i in 0..pixels {
