@@ -39,7 +39,7 @@
 //! from the pixels along its path, and what only shows at other times is missing; shadows, highlights and mirrored objects do not move;
 //! each point moves along a straight line at constant speed.
 //!
-//! Cost: 2 vec4 a pixel for its tile, 24 bytes for each tile; where something moves 13 vec4, then a texel for each pixel of length, and where
+//! Cost: 2 vec4 a pixel for its tile, 44 bytes for each tile; where something moves 13 vec4, then a texel for each pixel of length, and where
 //! velocity jumps 4 bytes for each pixel of length and 16 bytes of atomic sums for each pixel passed in front of. 52 bytes of memory a pixel.
 
 use super::layout::{MotionReach, MotionTile};
