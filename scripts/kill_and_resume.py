@@ -70,7 +70,7 @@ def broken(program, parent, passes, seconds, rng, sound, tally):
         return f"another image after {signals}: {text}"
     left = sorted(set(os.listdir(folder)) - {"scene.toml", "cornell.obj", "cornell.mtl", "a.exr", "a.png", "a.exr.state"})
     if left:
-        tally["left " + " ".join(name[:8] for name in left)] += 1
+        return f"left: {left}"
     shutil.rmtree(folder)
     return None
 

@@ -15,6 +15,7 @@ use crate::accel::{Bvh, Ray, offset_origin};
 use crate::device_scene::DeviceScene;
 use crate::error::{Error, Result};
 use crate::gpu::{Context, DeviceInfo, Staging, download};
+use crate::output::write_cache;
 use crate::pass::TraversalKernels;
 use crate::pass::visibility::{Inputs, Visibility, Workload};
 use crate::scene::{Camera, builtin};
@@ -86,16 +87,7 @@ fn describe(info: &DeviceInfo) -> String {
 
 fn write(file: &Path, measured: &Measured) -> Result<()> {
     let text = serde_json::to_string(measured).map_err(|e| Error::file(file, e.to_string()))?;
-    if let Some(folder) = file.parent() {
-        std::fs::create_dir_all(folder).map_err(Error::io("creating", folder))?;
-    }
-    let beside = file.with_extension(format!("{}.tmp", std::process::id()));
-    std::fs::write(&beside, text).map_err(Error::io("writing", &beside))?;
-    std::fs::rename(&beside, file).map_err(|e| {
-        // The error of the rename is reported; a leftover file is harmless.
-        let _ = std::fs::remove_file(&beside);
-        Error::io("renaming", file)(e)
-    })
+    write_cache(file, text.as_bytes())
 }
 
 fn measure(context: &Context, of: String) -> Result<Measured> {

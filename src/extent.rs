@@ -25,6 +25,10 @@ const MIN_HITS: usize = 8;
 /// The diagonal of a cube over the median length of rays by the cosine law between its faces.
 const DIAGONAL: f32 = 2.6;
 
+/// Sizes around the middle of the points beyond which their coordinates do not count: what is seen of a plane that reaches to the horizon
+/// must not move the origins of rays in a room.
+const REACH: f32 = 4.0;
+
 /// Fraction of the points on either side that bounds leave out.
 const OUTLIERS: f64 = 0.02;
 
@@ -39,7 +43,8 @@ pub struct Extent {
     pub size: f32,
     /// Corners of a box around the surfaces, without the 2 % of the points farthest out along each axis.
     pub bounds: (Vec3, Vec3),
-    /// Largest coordinate of the box, by magnitude, rounded up likewise; positions are rounded to its ulp.
+    /// Largest coordinate of the box, by magnitude, but at most that of the middle of the points plus four times the size, rounded up
+    /// likewise; positions are rounded to its ulp. Points farther out are rounded to that of their own coordinates.
     pub scale: f32,
     /// Mean reflectivity (Keller 1997, 3.2) of the surfaces that these rays meet, rounded to eighths: the mean over RGB of kd + F0 as
     /// particles see it, textures by their average. Ideal reflection and transmission do not count, because they absorb particles. Keller
@@ -84,14 +89,17 @@ impl Extent {
         let along = |axis: usize| {
             let mut sorted: Vec<f32> = points.iter().map(|p| p[axis]).collect();
             sorted.sort_by(f32::total_cmp);
-            (sorted[left_out], sorted[sorted.len() - 1 - left_out])
+            [sorted[left_out], sorted[sorted.len() / 2], sorted[sorted.len() - 1 - left_out]]
         };
         let [x, y, z] = [0, 1, 2].map(along);
-        let bounds = (Vec3::new(x.0, y.0, z.0), Vec3::new(x.1, y.1, z.1));
-        let scale = bounds.0.abs().max(bounds.1.abs()).max_element();
+        let [low, middle, high] = [0, 1, 2].map(|i| Vec3::new(x[i], y[i], z[i]));
+        let bounds = (low, high);
+        let size = in_steps(DIAGONAL * lengths[lengths.len() / 2]);
+        let farthest = low.abs().max(high.abs()).max_element();
+        let scale = farthest.min(middle.abs().max_element() + REACH * size);
         let mean = (reflected / lengths.len() as f64) as f32;
         Extent {
-            size: in_steps(DIAGONAL * lengths[lengths.len() / 2]),
+            size,
             bounds,
             scale: in_steps(scale),
             reflectivity: (mean / REFLECTIVITY_STEP).round() * REFLECTIVITY_STEP,
@@ -196,6 +204,38 @@ mod tests {
         let bvh = Bvh::build(&scene).unwrap();
         assert!(bvh.diagonal() > 1e6);
         assert_eq!(of_camera(&scene, &bvh, &camera), alone);
+    }
+
+    #[test]
+    fn a_distant_plane_in_place_of_a_wall_leaves_the_lengths_of_the_room() {
+        let (mut scene, camera) = room();
+        let bvh = Bvh::build(&scene).unwrap();
+        let alone = of_camera(&scene, &bvh, &camera);
+        // The wall that the camera looks at goes, and a plane behind it falls away from the room.
+        let forward = (camera.target - camera.eye).normalize();
+        let wall = bvh.position(&bvh.closest(&Ray::new(camera.eye, forward)).unwrap());
+        let axis = (0..3).max_by(|&i, &j| forward[i].abs().total_cmp(&forward[j].abs())).unwrap();
+        let away = forward[axis].signum();
+        let positions = scene.positions.clone();
+        let edge = if away > 0.0 { bvh.max[axis] } else { bvh.min[axis] };
+        scene
+            .triangles
+            .retain(|t| t.vertices.iter().any(|&v| (positions[v as usize][axis] - edge).abs() > 1e-3 * alone.size));
+        let (first, far) = (scene.positions.len() as u32, 1e6 * alone.size);
+        let along = |x: f32, y: f32, z: f32| {
+            let mut p = wall;
+            p[axis] += away * z;
+            p[(axis + 1) % 3] += x;
+            p[(axis + 2) % 3] += y;
+            p
+        };
+        scene.positions.extend([along(-far, -far, far), along(far, -far, 0.5 * far), along(0.0, far, 2.0 * far)]);
+        scene.normals.resize(scene.positions.len(), Vec3::Y);
+        scene.triangles.push(Triangle { vertices: [first, first + 1, first + 2], ..scene.triangles[0] });
+        let extent = of_camera(&scene, &Bvh::build(&scene).unwrap(), &camera);
+        let seen = extent.bounds.0.abs().max(extent.bounds.1.abs()).max_element();
+        assert!(seen > 1e4 * alone.size, "the plane is not seen: {extent:?}");
+        assert!(extent.size < 4.0 * alone.size && extent.scale < 16.0 * alone.scale, "{extent:?} for {alone:?}");
     }
 
     #[test]

@@ -410,7 +410,7 @@ impl HostFilm {
     }
 
     /// Restores a film of this size, with or without summands, from [`HostFilm::to_bytes`]. Errors: wrong number of
-    /// bytes; more passes than [`MAX_PASSES`].
+    /// bytes; more passes than [`MAX_PASSES`]; a sum that is no number.
     pub fn from_bytes(bytes: &[u8], size: [u32; 2], summands: bool) -> Result<HostFilm> {
         let pixels = size[0] as usize * size[1] as usize;
         let levels = levels(summands);
@@ -425,10 +425,16 @@ impl HostFilm {
         // The length was checked: no word is missing.
         let mut word = || words.next().unwrap_or(0);
         let mut level = || (0..pixels).map(|_| Vec4::from_array([(); 4].map(|()| f32::from_bits(word())))).collect();
-        let sums = levels.iter().map(|&count| HostSum((0..count).map(|_| level()).collect())).collect();
+        let sums: Vec<HostSum> = levels.iter().map(|&count| HostSum((0..count).map(|_| level()).collect())).collect();
         let counts = [(); INSTANCES as usize].map(|()| word());
         if counts.iter().map(|&count| u64::from(count)).sum::<u64>() > u64::from(MAX_PASSES) {
             return Err(Error::Scene(String::from("the saved state has too many passes; start without --resume")));
+        }
+        let is_number = |sum: &HostSum| sum.0.iter().flatten().all(|value: &Vec4| value.is_finite());
+        if !sums.iter().all(is_number) {
+            return Err(Error::Scene(String::from(
+                "the saved state has a sum that is no number; start without --resume",
+            )));
         }
         Ok(HostFilm { size, counts, sums, summands })
     }
@@ -474,6 +480,22 @@ mod tests {
         let message = full.merge(&film(&[1.0, 0.0, 0.0])).unwrap_err().to_string();
         assert!(message.contains("do not add up"), "{message}");
         assert_eq!(full.passes(), MAX_PASSES, "unchanged");
+    }
+
+    #[test]
+    fn sums_that_are_no_numbers_are_refused() {
+        let restored = |value: f32| {
+            let mut bytes = film(&[1.0, 0.0, 0.0]).to_bytes();
+            bytes[4..8].copy_from_slice(&value.to_le_bytes());
+            HostFilm::from_bytes(&bytes, [1, 1], false)
+        };
+        for value in [0.0, -0.0, -1.0, f32::MIN, f32::MAX, 1e-45] {
+            restored(value).unwrap();
+        }
+        for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            let message = restored(value).unwrap_err().to_string();
+            assert!(message.contains("no number"), "{message}");
+        }
     }
 
     #[test]

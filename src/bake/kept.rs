@@ -1,5 +1,6 @@
 //! Kept light, read again from the files of a bake.
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use glam::{Vec2, Vec3};
@@ -13,6 +14,9 @@ use crate::scene::gltf::ours;
 use crate::scene::quietly::quietly;
 use crate::scene::{KeptFace, KeptLight, KeptPage, Scene, openexr};
 
+/// Stops by which maps may be brighter than irradiance: their factors are numbers of single precision.
+const EXPOSURES: RangeInclusive<i32> = -126..=126;
+
 /// Reads the kept light of a scene from a file of [`super::files::write()`]. Errors: [`Error::Io`]; [`Error::File`] if the file is malformed, holds
 /// no light or a part of it, or is of another scene.
 pub fn read(path: &Path, scene: &Scene) -> Result<KeptLight> {
@@ -21,7 +25,12 @@ pub fn read(path: &Path, scene: &Scene) -> Result<KeptLight> {
     let (manifest, faces) = quietly(|| read_faces(path, &bytes, scene))
         .map_err(|message| Error::file(path, format!("malformed glTF: {message}")))??;
     let mut pages = Vec::new();
-    for entry in &manifest.pages {
+    for (i, entry) in manifest.pages.iter().enumerate() {
+        if !EXPOSURES.contains(&entry.exposure) {
+            let (low, high) = EXPOSURES.into_inner();
+            let message = format!("page {i} has the exposure {}; it must lie between {low} and {high}", entry.exposure);
+            return Err(Error::file(path, message));
+        }
         let map = |name: &Option<String>| name.as_ref().map(|name| read_map(path, name, entry)).transpose();
         let black = || vec![Vec3::ZERO; entry.size[0] as usize * entry.size[1] as usize];
         let (direct, indirect) = match (map(&entry.irradiance)?, map(&entry.direct)?, map(&entry.indirect)?) {

@@ -18,7 +18,7 @@ use crate::light::emitters::Emitters;
 use crate::plan::{self, check_slots};
 use crate::scene::path::Motion;
 use crate::scene::posed::similarity;
-use crate::scene::validate::is_degenerate;
+use crate::scene::validate::{is_degenerate, place};
 use crate::scene::{
     Camera, Light, Material, Scene, Surface, Texture, TextureUse, check_transform, mirrors, outward_matrix,
 };
@@ -432,9 +432,7 @@ impl DynamicScene {
         } else {
             rest_positions.iter().map(|&p| transform.transform_point3(p)).collect()
         };
-        if let Some(p) = positions.iter().find(|p| !p.is_finite()) {
-            return Err(refused(&name, &format!("a vertex would be at {p}")));
-        }
+        positions.iter().try_for_each(|&p| place("a vertex at", p)).map_err(|why| refused(&name, &why))?;
         let (mut smooth, first) = (false, range.start);
         for &k in &self.triangles[object as usize] {
             let triangle = &self.scene.triangles[k as usize];

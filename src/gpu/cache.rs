@@ -9,7 +9,8 @@ use ash::vk;
 
 use super::device::DeviceInfo;
 use super::instance::vulkan;
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::output::write_cache;
 
 const MAGIC: &[u8; 8] = b"LSPIPES1";
 
@@ -42,7 +43,7 @@ impl PipelineCache {
         if self.loaded == Some(sum) {
             return Ok(());
         }
-        replace(path, &[&MAGIC[..], &sum.to_le_bytes(), &data].concat())
+        write_cache(path, &[&MAGIC[..], &sum.to_le_bytes(), &data].concat())
     }
 
     pub fn path(&self) -> Option<&Path> {
@@ -96,22 +97,6 @@ fn payload<'a>(file: &'a [u8], info: &DeviceInfo) -> std::result::Result<&'a [u8
         && word(12) == info.device_id
         && header[16..] == info.cache_uuid;
     if fits { Ok(data) } else { Err("made by another driver or device") }
-}
-
-/// Writes a file beside the path and gives it the path's name.
-pub(super) fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(format!(".{}.tmp", std::process::id()));
-    let beside = PathBuf::from(beside);
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(Error::io("creating", folder))?;
-    }
-    std::fs::write(&beside, bytes).map_err(Error::io("writing", &beside))?;
-    std::fs::rename(&beside, path).map_err(|e| {
-        // The error of the rename is reported; a leftover file is harmless.
-        let _ = std::fs::remove_file(&beside);
-        Error::io("renaming", path)(e)
-    })
 }
 
 pub(super) fn fnv1a(data: &[u8]) -> u64 {

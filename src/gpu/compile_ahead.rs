@@ -11,12 +11,13 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use super::cache::{fnv1a, replace};
+use super::cache::fnv1a;
 use super::image::Image;
 use super::kernel::{BindingKind, Bound, Kernel, Shader};
 use super::memory::{Buffer, Memory};
 use super::{Context, ContextOptions, DeviceChoice};
 use crate::error::{Error, Result};
+use crate::output::write_cache;
 
 /// Compiles those of the shaders that have not been compiled before, the ones with much code first. Returns their number.
 ///
@@ -48,7 +49,7 @@ pub(super) fn compile_ahead(ctx: &Context, mut shaders: Vec<&'static Shader>) ->
     })?;
     let lines: BTreeSet<String> = known.into_iter().chain(shaders.iter().map(|shader| key(ctx, shader))).collect();
     let text: String = lines.into_iter().map(|line| line + "\n").collect();
-    if let Err(error) = replace(&file, text.as_bytes()) {
+    if let Err(error) = write_cache(&file, text.as_bytes()) {
         log::warn!("the list of compiled kernels is not kept: {error}");
     }
     Ok(shaders.len())
@@ -63,7 +64,9 @@ fn compile(ctx: &Context, shaders: &[&'static Shader], next: &AtomicUsize) -> Re
         ..ContextOptions::default()
     };
     let ctx = Context::headless(&options)?;
-    let buffer = Buffer::new(&ctx, "no data", 16, Memory::Device)?;
+    // No kernel runs, but each is bound to what it could read.
+    let fixed = shaders.iter().flat_map(|shader| shader.bindings).map(|binding| u64::from(binding.fixed_bytes)).max();
+    let buffer = Buffer::new(&ctx, "no data", fixed.unwrap_or(0).max(16), Memory::Device)?;
     let texels = Image::layered(&ctx, "no texels", 1, 1, 1)?;
     ctx.submit_and_wait("no texels", None, |rec| rec.image_to_general(&texels))?;
     while let Some(shader) = shaders.get(next.fetch_add(1, Ordering::Relaxed)) {

@@ -341,6 +341,7 @@ impl Context {
         if self.measures {
             return Ok(true);
         }
+        let _turn = timers.map(|timers| timers.take_turn(what)).transpose()?;
         let submission = Submission::new(self, what)?;
         let device = self.device();
         let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
@@ -393,8 +394,8 @@ impl Context {
     ///
     /// # Safety
     /// As for [`Recorder::new`]: the command buffer is recording outside a render pass, was allocated on this device
-    /// for a family with compute, and is used by nobody else meanwhile; the timers are of this context. The
-    /// returned object is kept until the commands have been executed or the command buffer has been reset.
+    /// for a family with compute, and is used by nobody else meanwhile; the timers are of this context and time no other
+    /// commands until these have been executed. The returned object is kept until the commands have been executed or the command buffer has been reset.
     pub unsafe fn record_into(
         &self,
         commands: vk::CommandBuffer,

@@ -9,7 +9,7 @@ use ash::vk;
 
 use super::context::Context;
 use super::image::Image;
-use super::memory::Buffer;
+use super::memory::{Buffer, Memory};
 use super::resources::Resources;
 use crate::error::{Error, Result};
 
@@ -78,6 +78,9 @@ pub struct BindingInfo {
     pub kind: BindingKind,
     /// Bytes of a texel where it is bound as a texel buffer: 4, 8 (to be read only) or 16, integers of 32 bits. 0: it never is.
     pub texel_bytes: u32,
+    /// Bytes that a buffer must have: those in front of a runtime-sized array, or all where there is none. How many elements of the array a
+    /// kernel touches, its parameters tell.
+    pub fixed_bytes: u32,
 }
 
 impl BindingInfo {
@@ -309,6 +312,7 @@ impl Kernel {
             pool: vk::DescriptorPool::null(),
             set: vk::DescriptorSet::null(),
             views: Vec::new(),
+            seen_by_host: chosen.iter().filter_map(|(_, bound)| bound.seen_by_host()).collect(),
             _retained: chosen.iter().map(|(_, bound)| bound.retain()).collect(),
         };
         // There is nothing to bind, or only what is measured and has no memory.
@@ -414,6 +418,14 @@ impl Bound<'_> {
         }
     }
 
+    /// A buffer that the host may write or read.
+    fn seen_by_host(&self) -> Option<Buffer> {
+        match self {
+            Bound::Buffer(buffer) if buffer.memory() != Memory::Device => Some((*buffer).clone()),
+            _ => None,
+        }
+    }
+
     fn is_backed(&self) -> bool {
         match self {
             Bound::Buffer(buffer) => buffer.is_backed(),
@@ -443,6 +455,9 @@ impl Bound<'_> {
                 buffer.bytes(),
                 ctx.info().max_storage_buffer_range
             )),
+            (Bound::Buffer(buffer), _) if buffer.size() < u64::from(binding.fixed_bytes) => {
+                Err(format!("{name} has {} bytes, and the kernel reads {}", buffer.bytes(), binding.fixed_bytes))
+            }
             _ => Ok(()),
         }
     }
@@ -466,6 +481,8 @@ pub(super) struct BindingsInner {
     pub set: vk::DescriptorSet,
     /// Of the texel buffers.
     views: Vec<vk::BufferView>,
+    /// Those of the buffers that the host may write or read.
+    pub seen_by_host: Vec<Buffer>,
     _retained: Vec<Arc<dyn Send + Sync>>,
 }
 

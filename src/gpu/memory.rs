@@ -1,6 +1,6 @@
 //! Buffers with their memory.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use ash::vk;
 use bytemuck::Pod;
@@ -36,8 +36,25 @@ pub(super) struct BufferInner {
     allocation: Option<Allocation>,
     /// Bytes in the context's sums.
     counted: u64,
-    /// Held while the host reads or writes the memory, since clones may be used from several threads.
-    access: Mutex<()>,
+    /// Recordings that use the buffer and are not given back yet, if the host sees it. Locked while the host reads or writes the memory,
+    /// since clones may be used from several threads.
+    recordings: Mutex<u32>,
+}
+
+/// The use of a buffer by commands, until they have been executed.
+struct Recorded(Arc<BufferInner>);
+
+impl Recorded {
+    fn new(buffer: &Buffer) -> Recorded {
+        *buffer.0.recordings.lock().unwrap_or_else(PoisonError::into_inner) += 1;
+        Recorded(buffer.0.clone())
+    }
+}
+
+impl Drop for Recorded {
+    fn drop(&mut self) {
+        *self.0.recordings.lock().unwrap_or_else(PoisonError::into_inner) -= 1;
+    }
 }
 
 /// Bytes of a buffer that holds `size` bytes and is read as texels.
@@ -84,7 +101,7 @@ impl Buffer {
             handle,
             allocation: None,
             counted: 0,
-            access: Mutex::new(()),
+            recordings: Mutex::new(0),
         };
         // SAFETY: the handle is alive; the memory fits its requirements and is bound once, at the offset it was given.
         unsafe {
@@ -148,6 +165,25 @@ impl Buffer {
         }
     }
 
+    /// Keeps it for commands, and from the host meanwhile.
+    pub(super) fn recorded(&self) -> Arc<dyn Send + Sync> {
+        match self.0.memory {
+            Memory::Device => self.0.clone(),
+            Memory::Upload | Memory::Readback => Arc::new(Recorded::new(self)),
+        }
+    }
+
+    /// Locks it for the host. Errors: commands that use it may not have been executed yet.
+    fn for_host(&self) -> Result<MutexGuard<'_, u32>> {
+        let recordings = self.0.recordings.lock().unwrap_or_else(PoisonError::into_inner);
+        if *recordings == 0 {
+            return Ok(recordings);
+        }
+        Err(self.misuse(String::from(
+            "recorded commands use it; let them be executed and drop what keeps their resources before the host does",
+        )))
+    }
+
     /// Whether it has memory: not if its context measures.
     pub(super) fn is_backed(&self) -> bool {
         self.0.allocation.is_some()
@@ -162,21 +198,22 @@ impl Buffer {
         }
     }
 
-    /// Writes into a buffer of [`Memory::Upload`]. The device must not be reading the same bytes meanwhile.
+    /// Writes into a buffer of [`Memory::Upload`]. Errors: it is none, the bytes lie outside, or commands were recorded that use it, unless
+    /// they have been executed and [`super::Retained`] was dropped.
     pub fn write(&self, offset: u64, bytes: &[u8]) -> Result<()> {
         if self.0.ctx.measures() {
             return self.check_range(offset, bytes.len() as u64);
         }
         let pointer = self.mapped(Memory::Upload, "written")?;
         self.check_range(offset, bytes.len() as u64)?;
-        let _access = self.0.access.lock().unwrap_or_else(PoisonError::into_inner);
-        // SAFETY: the range lies inside the mapped allocation, which no other thread of the host touches meanwhile. The
+        let _host = self.for_host()?;
+        // SAFETY: the range lies inside the mapped allocation, which neither the device nor another thread touches meanwhile. The
         // allocator maps host-coherent memory only, so nothing is to be flushed.
         unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), pointer.add(offset as usize), bytes.len()) };
         Ok(())
     }
 
-    /// Reads a buffer of [`Memory::Readback`] as a whole. The commands that wrote it must have been waited for.
+    /// Reads a buffer of [`Memory::Readback`] as a whole. Errors: as for [`Buffer::write`].
     pub fn read<T: Pod>(&self) -> Result<Vec<T>> {
         let count = self.count_of::<T>()?;
         let mut values = vec![T::zeroed(); count];
@@ -187,7 +224,7 @@ impl Buffer {
     pub(super) fn read_into(&self, offset: u64, bytes: &mut [u8]) -> Result<()> {
         let pointer = self.mapped(Memory::Readback, "read")?;
         self.check_range(offset, bytes.len() as u64)?;
-        let _access = self.0.access.lock().unwrap_or_else(PoisonError::into_inner);
+        let _host = self.for_host()?;
         // SAFETY: as in `write`; coherent memory needs no invalidation.
         unsafe { std::ptr::copy_nonoverlapping(pointer.add(offset as usize), bytes.as_mut_ptr(), bytes.len()) };
         Ok(())

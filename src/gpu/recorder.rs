@@ -80,7 +80,8 @@ impl<'a> Recorder<'a> {
     ///
     /// # Safety
     /// The command buffer is in the recording state outside a render pass, was allocated on the context's device for a
-    /// family with compute, and is used by nobody else while this lives; the timers are of the same context. What
+    /// family with compute, and is used by nobody else while this lives; the timers are of the same context, and time no other commands until these
+    /// have been executed. What
     /// [`Recorder::finish`] returns is kept until the commands have been executed or the command buffer has been reset.
     pub unsafe fn new(ctx: &Context, commands: vk::CommandBuffer, timers: Option<&'a Timers>) -> Recorder<'a> {
         let mut retained: Vec<Arc<dyn Send + Sync>> = Vec::new();
@@ -205,12 +206,15 @@ impl<'a> Recorder<'a> {
         offset: u64,
     ) -> Result<()> {
         self.check_buffer(args)?;
+        if args.memory() != Memory::Device {
+            return Err(args.misuse(String::from("arguments of a dispatch come from kernels, in Memory::Device")));
+        }
         args.check_range(offset, size_of::<vk::DispatchIndirectCommand>() as u64)?;
         if !offset.is_multiple_of(4) {
             return Err(args.misuse(format!("arguments of a dispatch at byte {offset}, which is no multiple of 4")));
         }
         self.prepare(kernel, bindings, push)?;
-        self.retained.push(args.0.clone());
+        self.retained.push(args.recorded());
         // SAFETY: as above; the arguments lie inside a buffer with indirect usage.
         unsafe { self.ctx.device().cmd_dispatch_indirect(self.commands, args.handle(), offset) };
         self.after_dispatch()
@@ -250,6 +254,7 @@ impl<'a> Recorder<'a> {
         }
         // The bindings keep the kernel and all its resources.
         self.retained.push(bindings.0.clone());
+        self.retained.extend(bindings.0.seen_by_host.iter().map(Buffer::recorded));
         Ok(())
     }
 
@@ -260,7 +265,7 @@ impl<'a> Recorder<'a> {
         if !offset.is_multiple_of(4) || !bytes.len().is_multiple_of(4) {
             return Err(buffer.misuse(format!("update of bytes {offset} + {}: no multiples of 4", bytes.len())));
         }
-        self.retained.push(buffer.0.clone());
+        self.retained.push(buffer.recorded());
         for (piece, at) in bytes.chunks(UPDATE_BYTES).zip((offset..).step_by(UPDATE_BYTES)) {
             // SAFETY: the command buffer is recording; range and alignment were checked above.
             unsafe { self.ctx.device().cmd_update_buffer(self.commands, buffer.handle(), at, piece) };
@@ -272,7 +277,7 @@ impl<'a> Recorder<'a> {
     /// Fills a buffer with a repeated value.
     pub fn fill(&mut self, buffer: &Buffer, value: u32) -> Result<()> {
         self.check_buffer(buffer)?;
-        self.retained.push(buffer.0.clone());
+        self.retained.push(buffer.recorded());
         // SAFETY: the command buffer is recording; the size is that of the buffer, a multiple of 4.
         unsafe { self.ctx.device().cmd_fill_buffer(self.commands, buffer.handle(), 0, buffer.size(), value) };
         self.after_transfer(buffer);
@@ -296,7 +301,7 @@ impl<'a> Recorder<'a> {
         if bytes == 0 {
             return Ok(());
         }
-        self.retained.extend([src.0.clone() as Arc<dyn Send + Sync>, dst.0.clone()]);
+        self.retained.extend([src.recorded(), dst.recorded()]);
         let regions = [vk::BufferCopy { src_offset: src_at, dst_offset: dst_at, size: bytes }];
         // SAFETY: the command buffer is recording; both ranges lie inside their buffers and do not overlap.
         unsafe { self.ctx.device().cmd_copy_buffer(self.commands, src.handle(), dst.handle(), &regions) };
@@ -309,7 +314,7 @@ impl<'a> Recorder<'a> {
         self.check_buffer(buffer)?;
         self.check_image(image)?;
         buffer.check_range(0, image.bytes())?;
-        self.retained.extend([image.0.clone() as Arc<dyn Send + Sync>, buffer.0.clone()]);
+        self.retained.extend([image.0.clone() as Arc<dyn Send + Sync>, buffer.recorded()]);
         let regions = [vk::BufferImageCopy::default()
             .image_subresource(vk::ImageSubresourceLayers {
                 aspect_mask: vk::ImageAspectFlags::COLOR,
@@ -344,12 +349,15 @@ impl<'a> Recorder<'a> {
                     message: format!("{part:?} lies outside {}x{}x{}", image.width(), image.height(), image.layers()),
                 });
             }
+            if part.size.contains(&0) || !part.offset.is_multiple_of(4) {
+                return Err(buffer.misuse(format!("{part:?} is empty, or begins at no multiple of 4 bytes")));
+            }
             buffer.check_range(part.offset, 4 * u64::from(part.size[0]) * u64::from(part.size[1]))?;
         }
         if parts.is_empty() {
             return Ok(());
         }
-        self.retained.extend([image.0.clone() as Arc<dyn Send + Sync>, buffer.0.clone()]);
+        self.retained.extend([image.0.clone() as Arc<dyn Send + Sync>, buffer.recorded()]);
         let region = |part: &LayerPart| {
             vk::BufferImageCopy::default()
                 .buffer_offset(part.offset)

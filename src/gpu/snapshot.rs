@@ -30,11 +30,11 @@ impl Snapshot {
 
     /// Copies the values from number `first` on. Errors: they lie outside the buffer.
     pub fn copy<T: Pod>(&self, first: usize, values: &mut [T]) -> Result<()> {
-        let (at, bytes): (_, &mut [u8]) = (first * size_of::<T>(), bytemuck::cast_slice_mut(values));
+        let (at, bytes): (_, &mut [u8]) = (first.saturating_mul(size_of::<T>()), bytemuck::cast_slice_mut(values));
         match &self.0 {
             Source::InPlace(buffer) => buffer.read_in_place(at as u64, bytes),
             Source::Copied { of, bytes: copy } => {
-                let piece = copy.get(at..at + bytes.len());
+                let piece = copy.get(at..at.saturating_add(bytes.len()));
                 bytes.copy_from_slice(piece.ok_or_else(|| of.misuse(format!("has no value {first}")))?);
                 Ok(())
             }

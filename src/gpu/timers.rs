@@ -1,11 +1,11 @@
 //! Times of the scopes of a command buffer, measured by the device.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use ash::vk;
 
 use super::context::Context;
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// Timestamps around the scopes of one command buffer at a time.
 pub struct Timers(pub(super) Arc<TimersInner>);
@@ -17,6 +17,8 @@ pub(super) struct TimersInner {
     capacity: u32,
     /// Names of the scopes recorded since the last reset; scope i has the queries 2i and 2i + 1.
     names: Mutex<Vec<String>>,
+    /// Held while commands that are timed are recorded and executed.
+    turn: Mutex<()>,
 }
 
 impl Timers {
@@ -27,6 +29,7 @@ impl Timers {
             pool: vk::QueryPool::null(),
             capacity: capacity.min(u32::MAX / 2),
             names: Mutex::default(),
+            turn: Mutex::default(),
         };
         if ctx.inner.timestamp_bits > 0 && inner.capacity > 0 {
             let create =
@@ -41,6 +44,19 @@ impl Timers {
 
     pub(super) fn belongs_to(&self, ctx: &Context) -> bool {
         Arc::ptr_eq(&self.0.ctx.inner, &ctx.inner)
+    }
+
+    /// Takes the timers for the commands of one submission. Errors: they time another one.
+    pub(super) fn take_turn(&self, what: &str) -> Result<MutexGuard<'_, ()>> {
+        match self.0.turn.try_lock() {
+            Ok(turn) => Ok(turn),
+            // Nothing is kept under the lock.
+            Err(TryLockError::Poisoned(poisoned)) => Ok(poisoned.into_inner()),
+            Err(TryLockError::WouldBlock) => Err(Error::Resource {
+                name: what.to_owned(),
+                message: String::from("the timers time other commands; give these timers of their own"),
+            }),
+        }
     }
 
     /// Seconds for each name of a scope, summed, in order of first use. The command buffer must have been executed.

@@ -48,6 +48,8 @@ pub struct Binding {
     pub kind: Kind,
     /// Bytes of a texel in `spirv_texels`; 0: a storage buffer or an image there too.
     pub texel_bytes: u32,
+    /// Bytes in front of a runtime-sized array, or all bytes where there is none; 0 of an image.
+    pub fixed_bytes: u32,
 }
 
 /// Size and offsets of a structure that the host fills or reads.
@@ -418,7 +420,8 @@ fn reflect(source: &Source, module: &naga::Module, compiled: &mut Compiled) -> R
                 if let Some(other) = compiled.bindings.iter().find(|other| other.slot == binding.binding) {
                     return Err(format!("{place}: {name}: binding {} is taken by {}", other.slot, other.name));
                 }
-                compiled.bindings.push(Binding { name, slot: binding.binding, kind, texel_bytes: 0 });
+                let fixed_bytes = fixed_bytes(module, inner);
+                compiled.bindings.push(Binding { name, slot: binding.binding, kind, texel_bytes: 0, fixed_bytes });
             }
             _ => return Err(format!("{place}: {name}: write @group(0) @binding(n)")),
         }
@@ -426,6 +429,21 @@ fn reflect(source: &Source, module: &naga::Module, compiled: &mut Compiled) -> R
     compiled.bindings.sort_by_key(|binding| binding.slot);
     compiled.structs.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(())
+}
+
+/// Bytes of a type in front of a runtime-sized array at its end.
+fn fixed_bytes(module: &naga::Module, inner: &naga::TypeInner) -> u32 {
+    let is_dynamic =
+        |inner: &naga::TypeInner| matches!(inner, naga::TypeInner::Array { size: naga::ArraySize::Dynamic, .. });
+    match inner {
+        naga::TypeInner::Image { .. } => 0,
+        inner if is_dynamic(inner) => 0,
+        naga::TypeInner::Struct { members, span } => match members.last() {
+            Some(last) if is_dynamic(&module.types[last.ty].inner) => last.offset,
+            _ => *span,
+        },
+        inner => inner.size(module.to_ctx()),
+    }
 }
 
 /// Appends the layouts of `ty` and of every structure inside it.

@@ -115,8 +115,9 @@ pub fn emit_shaders(list: &[Built], prefix: &str) -> String {
             };
             let _ = write!(
                 text,
-                "\n        BindingInfo {{ name: {:?}, slot: {}, kind: BindingKind::{kind}, texel_bytes: {} }},",
-                binding.name, binding.slot, binding.texel_bytes
+                "\n        BindingInfo {{ name: {:?}, slot: {}, kind: BindingKind::{kind}, texel_bytes: {}, \
+                 fixed_bytes: {} }},",
+                binding.name, binding.slot, binding.texel_bytes, binding.fixed_bytes
             );
         }
         let _ = write!(
@@ -271,9 +272,9 @@ struct LightList { count: u32, items: array<Light> }
             "flags: &[\"FILM\"]",
             "workgroup_size: [64, 1, 1]",
             "push_bytes: 8",
-            "BindingInfo { name: \"lights\", slot: 0, kind: BindingKind::StorageRead, texel_bytes: 0 }",
-            "BindingInfo { name: \"film\", slot: 1, kind: BindingKind::StorageImage, texel_bytes: 0 }",
-            "BindingInfo { name: \"radiance\", slot: 2, kind: BindingKind::StorageReadWrite, texel_bytes: 0 }",
+            "BindingInfo { name: \"lights\", slot: 0, kind: BindingKind::StorageRead, texel_bytes: 0, fixed_bytes: 16 }",
+            "BindingInfo { name: \"film\", slot: 1, kind: BindingKind::StorageImage, texel_bytes: 0, fixed_bytes: 0 }",
+            "BindingInfo { name: \"radiance\", slot: 2, kind: BindingKind::StorageReadWrite, texel_bytes: 0, fixed_bytes: 0 }",
             "/kernel-shade_film.checked.spv",
             "pub static ALL: &[&Shader] = &[&SHADE, &SHADE_FILM];",
         ] {

@@ -1,6 +1,6 @@
 //! The outputs of a run: apart from its inputs and from each other, and written by no other run meanwhile.
 
-use super::Target;
+use super::{Target, remove_leftovers, temporary};
 use crate::error::{Error, Result};
 use crate::fingerprint::Fnv;
 use std::collections::HashSet;
@@ -14,7 +14,8 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Default)]
 pub struct Claim(Vec<(File, PathBuf)>);
 
-/// Claims outputs; devices and pipes belong to nobody. Errors: [`Error::File`] if one is named twice, or claimed by another process.
+/// Claims outputs, and removes the temporary files that killed runs left beside them; devices and pipes belong to nobody. Errors:
+/// [`Error::File`] if one is named twice, or claimed by another process.
 pub fn claim<'a>(outputs: impl IntoIterator<Item = &'a Path>) -> Result<Claim> {
     let mut claim = Claim::default();
     let mut places = Vec::new();
@@ -40,6 +41,7 @@ pub fn claim<'a>(outputs: impl IntoIterator<Item = &'a Path>) -> Result<Claim> {
             Err(error) => log::info!("{}: not locked: {error}", output.display()),
         }
     }
+    remove_leftovers(places.iter().map(PathBuf::as_path));
     Ok(claim)
 }
 
@@ -58,22 +60,10 @@ fn lock(path: &Path) -> std::io::Result<Option<File>> {
             Err(TryLockError::WouldBlock) => return Ok(None),
             Err(TryLockError::Error(error)) => return Err(error),
             // Its owner may have removed it after it was opened here: then the lock is that of a file without a name.
-            Ok(()) if fs::metadata(path).is_ok_and(|named| is_same(&named, &file)) => return Ok(Some(file)),
+            Ok(()) if temporary::has_name(&file, path) => return Ok(Some(file)),
             Ok(()) => {}
         }
     }
-}
-
-#[cfg(unix)]
-fn is_same(named: &fs::Metadata, file: &File) -> bool {
-    use std::os::unix::fs::MetadataExt;
-    file.metadata().is_ok_and(|own| (own.dev(), own.ino()) == (named.dev(), named.ino()))
-}
-
-#[cfg(not(unix))]
-fn is_same(_: &fs::Metadata, _: &File) -> bool {
-    // An open file keeps its name.
-    true
 }
 
 /// Refuses outputs that are inputs of the run: they would be overwritten. Errors: [`Error::File`].

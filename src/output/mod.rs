@@ -1,7 +1,8 @@
 //! Output files: EXR with layers, PNG for display, statistics, and the state for resuming.
 //!
 //! Every file is written under a temporary name in the same folder and then renamed, so that a reader never sees a partial
-//! file and a failed run leaves an existing file unchanged. Same layers, same metadata: same bytes.
+//! file and a failed run leaves an existing file unchanged. What a killed run leaves of them, the next one on the same output removes
+//! ([`claim`]). Same layers, same metadata: same bytes.
 
 mod claim;
 pub mod denoise;
@@ -10,6 +11,7 @@ mod film_file;
 mod png;
 mod state;
 mod stats;
+mod temporary;
 
 pub use claim::{Claim, check_apart, claim};
 pub use film_file::{About, FilmFile, Merger};
@@ -17,15 +19,16 @@ pub use png::Tonemap;
 pub(crate) use png::encode as encode_png;
 pub use state::{Provenance, State};
 pub use stats::Statistics;
+pub use temporary::remove_leftovers;
 
 use crate::error::{Error, Result};
 use crate::settings::Exposure;
 use crate::view::Region;
 use glam::Vec3;
-use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
+use temporary::Temporary;
 
 /// A rendered image with its layers: row by row from the top, linear Rec. 709, `width * height` values each.
 ///
@@ -230,7 +233,21 @@ pub fn write_file(path: &Path, parts: &[&[u8]]) -> Result<()> {
 /// Files that belong together: all are written under temporary names before the first gets its own. If one of them cannot be written all
 /// stay as they were.
 #[derive(Default)]
-pub struct FileSet(Vec<(Temporary, PathBuf, PathBuf)>);
+pub struct FileSet(Vec<Member>);
+
+/// A file of a set.
+struct Member {
+    /// Open for its lock, unless it is one of too many.
+    lock: Option<File>,
+    temporary: Temporary,
+    place: PathBuf,
+    /// As given by the user.
+    path: PathBuf,
+}
+
+/// Files of a set that stay open; processes may have 1,024 in all. Later ones have no lock, and only the claim on the output keeps
+/// another run from taking them for leftovers.
+const MOST_OPEN: usize = 256;
 
 impl FileSet {
     /// Writes the concatenation of `parts` under a temporary name beside `path`; devices and pipes are written directly.
@@ -244,18 +261,36 @@ impl FileSet {
             Target::File(place) => {
                 let (mut file, temporary) = Temporary::create(path, &place)?;
                 write_all(&mut file).and_then(|()| file.sync_all()).map_err(Error::io("writing", path))?;
-                self.0.push((temporary, place, path.to_path_buf()));
+                let lock = (self.0.len() < MOST_OPEN).then_some(file);
+                self.0.push(Member { lock, temporary, place, path: path.to_path_buf() });
                 Ok(())
             }
         }
     }
 
-    /// Gives all files their names, in the order in which they were added.
+    /// Gives all files their names, in the order in which they were added. Files of several also lose what killed runs left of them;
+    /// those of one belong to a [`claim`], which sees to it.
     pub fn commit(self) -> Result<()> {
-        self.0.into_iter().try_for_each(|(temporary, place, path)| {
-            temporary.rename_to(&place).map_err(Error::io("renaming the finished file to", &path))
-        })
+        let places: Vec<PathBuf> = self.0.iter().map(|member| member.place.clone()).collect();
+        self.0.into_iter().try_for_each(|Member { lock, temporary, place, path }| {
+            let renamed = temporary.rename_to(&place).map_err(Error::io("renaming the finished file to", &path));
+            drop(lock);
+            renamed
+        })?;
+        if places.len() > 1 {
+            remove_leftovers(places.iter().map(PathBuf::as_path));
+        }
+        Ok(())
     }
+}
+
+/// Writes a file of a cache, whose folder may not exist yet; what killed runs left of it is removed.
+pub(crate) fn write_cache(path: &Path, bytes: &[u8]) -> Result<()> {
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder).map_err(Error::io("creating", folder))?;
+    }
+    remove_leftovers([path].into_iter());
+    write_file(path, &[bytes])
 }
 
 /// Checks before a long rendering whether [`write_file`] can write to a path.
@@ -283,42 +318,6 @@ impl Target {
             Err(e) if e.kind() == ErrorKind::NotFound => Ok(Target::File(path.to_path_buf())),
             Err(e) => Err(Error::io("writing", path)(e)),
         }
-    }
-}
-
-/// A temporary file that is removed unless it is renamed.
-struct Temporary(PathBuf);
-
-impl Temporary {
-    /// Creates one next to `place`; errors name `path`, as given by the user.
-    fn create(path: &Path, place: &Path) -> Result<(File, Temporary)> {
-        let Some(name) = place.file_name() else {
-            return Err(Error::file(path, "is not the name of a file"));
-        };
-        let mut attempt = 0;
-        loop {
-            let mut hidden = OsString::from(".");
-            hidden.push(name);
-            hidden.push(format!(".{}-{attempt}.tmp", std::process::id()));
-            let temporary = place.with_file_name(hidden);
-            match OpenOptions::new().write(true).create_new(true).open(&temporary) {
-                Ok(file) => return Ok((file, Temporary(temporary))),
-                // The name is taken by another thread, or by a killed process with the same id.
-                Err(e) if e.kind() == ErrorKind::AlreadyExists && attempt < 100 => attempt += 1,
-                Err(e) => return Err(Error::io("creating a file beside it", path)(e)),
-            }
-        }
-    }
-
-    fn rename_to(self, place: &Path) -> std::io::Result<()> {
-        fs::rename(&self.0, place)
-    }
-}
-
-impl Drop for Temporary {
-    fn drop(&mut self) {
-        // After a rename there is no file of this name; that is no error.
-        let _ = fs::remove_file(&self.0);
     }
 }
 

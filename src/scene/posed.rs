@@ -3,6 +3,7 @@
 use glam::{Mat3A, Vec3};
 
 use super::path::Motion;
+use super::validate::place;
 use super::{Light, Scene};
 use crate::error::{Error, Result};
 
@@ -46,9 +47,8 @@ impl Motion {
                 for n in &mut scene.normals[range.clone()] {
                     *n = (normals * *n).normalize_or(*n);
                 }
-                if let Some(p) = scene.positions[range].iter().find(|p| !p.is_finite()) {
-                    return Err(refuse(object, scene, &format!("a vertex would be at {p}")));
-                }
+                let moved = scene.positions[range].iter().try_for_each(|&p| place("a vertex at", p));
+                moved.map_err(|why| refuse(object, scene, &why))?;
                 let of_object = |light: &Light| matches!(light, Light::Sphere { object: o, .. } if *o == object);
                 let Some(index) = scene.lights.iter().position(of_object) else { continue };
                 if let Light::Sphere { center, radius, .. } = &mut scene.lights[index] {

@@ -14,6 +14,13 @@ use crate::light::cosine::MAX_EXPONENT;
 /// A triangle is degenerate if its height is below this fraction of its longest edge: its normal is then noise.
 const THINNEST: f64 = 1e-9;
 
+/// Greatest coordinate of vertices, lights and cameras, and greatest length, in scene units from [`Scene::origin`]: areas squared, and products
+/// of three lengths, are numbers of single precision then.
+pub const FARTHEST: f32 = 1e9;
+
+/// Least length of an edge of a triangle that is sure to be kept: the square of its area is a number of single precision still.
+pub const SHORTEST: f32 = 1e-9;
+
 impl Scene {
     /// Checks all invariants of a scene: parallel arrays, indices in range, finite numbers, materials,
     /// lights and camera in range, at least one triangle and at least one light. Messages name `path`.
@@ -111,9 +118,7 @@ impl Scene {
                 if v >= count {
                     return Err(error(format!("vertex {v} does not exist, there are {count}")));
                 }
-                if !self.positions[v].is_finite() {
-                    return Err(error(format!("vertex {v} is at {}", self.positions[v])));
-                }
+                place(&format!("vertex {v} at"), self.positions[v]).map_err(error)?;
                 if !self.uvs[v].is_finite() {
                     return Err(error(format!("texture coordinate {} of vertex {v} is not finite", self.uvs[v])));
                 }
@@ -174,7 +179,11 @@ impl Scene {
         let object = |i: usize| &self.objects[self.triangles[i].object as usize];
         let dropped = keep.iter().filter(|k| !**k).count();
         if dropped == keep.len() {
-            let message = format!("object {:?}: no triangle of the scene has an area", object(first));
+            let message = format!(
+                "object {:?}: no triangle of the scene has an area that single precision holds; give edges of {SHORTEST:e} or more, \
+                 in another unit of length",
+                object(first)
+            );
             return Err(Error::file(path, message));
         }
         for (i, t) in self.triangles.iter().enumerate() {
@@ -229,8 +238,24 @@ fn power(name: &str, value: Vec3, zero_allowed: bool) -> Result<(), String> {
     Ok(())
 }
 
-fn place(name: &str, value: Vec3) -> Result<(), String> {
-    if value.is_finite() { Ok(()) } else { Err(format!("{name} {value} is not finite")) }
+/// A point, near enough to the scene's origin for single precision.
+pub(crate) fn place(name: &str, value: Vec3) -> Result<(), String> {
+    if !value.is_finite() {
+        return Err(format!("{name} {value} is not finite"));
+    }
+    if value.abs().max_element() <= FARTHEST {
+        return Ok(());
+    }
+    Err(format!("{name} {value} is farther than {FARTHEST:e} from the scene's origin; take a larger unit of length"))
+}
+
+/// A length; `zero_allowed`: 0 is one.
+fn length(name: &str, value: f32, zero_allowed: bool) -> Result<(), String> {
+    if (value > 0.0 || zero_allowed && value == 0.0) && value <= FARTHEST {
+        return Ok(());
+    }
+    let least = if zero_allowed { "0 or more" } else { "above 0" };
+    Err(format!("{name} {value} must be {least}, and at most {FARTHEST:e}"))
 }
 
 fn unit(name: &str, value: Vec3) -> Result<(), String> {
@@ -293,10 +318,7 @@ impl Light {
             Light::Sphere { center, radius, radiance, .. } => {
                 place("center", center)?;
                 power("radiance", radiance, false)?;
-                if radius > 0.0 && radius.is_finite() {
-                    return Ok(());
-                }
-                Err(format!("radius {radius} must be above 0"))
+                length("radius", radius, false)
             }
             Light::Imported { position, normal, power: flux, exponent } => {
                 place("position", position)?;
@@ -313,7 +335,10 @@ impl Camera {
     pub fn check(&self) -> Result<(), String> {
         place("eye", self.eye)?;
         place("target", self.target)?;
-        place("up", self.up)?;
+        // A direction, of any length.
+        if !self.up.is_finite() {
+            return Err(format!("up {} is not finite", self.up));
+        }
         let view = (self.target - self.eye).normalize_or_zero();
         if view == Vec3::ZERO {
             return Err(format!("eye and target coincide at {}", self.eye));
@@ -327,11 +352,9 @@ impl Camera {
         if let Some(frustum) = &self.frustum {
             frustum.check()?;
         }
-        if !(self.aperture.is_finite() && self.aperture >= 0.0) {
-            return Err(format!("aperture {} is not a diameter of 0 or more", self.aperture));
-        }
-        if let Some(focus) = self.focus.filter(|f| !(f.is_finite() && *f > 0.0)) {
-            return Err(format!("focus {focus} is not a distance above 0"));
+        length("aperture", self.aperture, true)?;
+        if let Some(focus) = self.focus {
+            length("focus", focus, false)?;
         }
         if !(self.shutter.is_finite() && self.shutter >= 0.0) {
             return Err(format!("shutter {} is not a time of 0 or more", self.shutter));

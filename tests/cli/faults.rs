@@ -18,30 +18,31 @@ const OUT_OF_DEVICE_MEMORY: i32 = -2;
 pub const DEVICE_LOST: i32 = -4;
 const TIMEOUT: i32 = 2;
 
-/// The layer, beside the examples.
-fn layer_library() -> PathBuf {
+/// A file of the example `name`. `cargo test` builds examples, unless one binary of tests alone is asked for.
+fn example(name: &str, file: &str, source: &str) -> PathBuf {
     let test = std::env::current_exe().unwrap();
-    test.ancestors().nth(2).unwrap().join("examples/libfault_layer.so")
+    let built = test.ancestors().nth(2).unwrap().join("examples").join(file);
+    // It lies in target/PROFILE/examples.
+    let target = built.ancestors().nth(2).unwrap();
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join(source);
+    let changed = |path: &Path| fs::metadata(path).and_then(|data| data.modified()).ok();
+    if changed(&built) < changed(&source) {
+        let mut build = Command::new(env!("CARGO"));
+        build.args(["build", "--quiet", "--example", name, "--manifest-path"]);
+        build.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml"));
+        if target.ends_with("release") {
+            build.arg("--release");
+        }
+        assert!(build.arg("--target-dir").arg(target.parent().unwrap()).status().unwrap().success());
+    }
+    built
 }
 
-/// A folder with the layer's manifest. `cargo test` builds the layer, unless one binary of tests alone is asked for.
+/// A folder with the layer's manifest.
 fn layer() -> &'static Path {
     static FOLDER: OnceLock<tempfile::TempDir> = OnceLock::new();
     let make = || {
-        let library = layer_library();
-        // It lies in target/PROFILE/examples.
-        let target = library.ancestors().nth(2).unwrap();
-        let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fault_layer/lib.rs");
-        let changed = |path: &Path| fs::metadata(path).and_then(|data| data.modified()).ok();
-        if changed(&library) < changed(Path::new(source)) {
-            let mut build = Command::new(env!("CARGO"));
-            build.args(["build", "--quiet", "--example", "fault_layer", "--manifest-path"]);
-            build.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml"));
-            if target.ends_with("release") {
-                build.arg("--release");
-            }
-            assert!(build.arg("--target-dir").arg(target.parent().unwrap()).status().unwrap().success());
-        }
+        let library = example("fault_layer", "libfault_layer.so", "tests/fault_layer/lib.rs");
         let manifest = serde_json::json!({
             "file_format_version": "1.2.0",
             "layer": {
@@ -241,7 +242,9 @@ impl Work {
         if self.name != "embedding" {
             return command(folder, self.arguments);
         }
-        let mut command = Command::new(layer_library().with_file_name("embed"));
+        static EMBED: OnceLock<PathBuf> = OnceLock::new();
+        let embed = EMBED.get_or_init(|| example("embed", "embed", "examples/embed.rs"));
+        let mut command = Command::new(embed);
         command.args(self.arguments.split_whitespace()).current_dir(folder);
         command
     }
@@ -286,37 +289,62 @@ impl Work {
     }
 }
 
-#[test]
-#[ignore = "takes hours: every call of four kinds of work with each result; LIGHTSUM_FAULT_STRIDE=N takes every N-th"]
-fn every_call_may_fail() {
-    let stride = std::env::var("LIGHTSUM_FAULT_STRIDE").map_or(1, |stride| stride.parse().unwrap());
+/// What came of calls that failed: runs by result and exit code.
+type Outcomes = BTreeMap<(i32, Option<i32>), usize>;
+
+/// Lets those of a work's calls fail that `chosen` picks from their number, in turn with each result or, if `each`, with all results.
+fn fail_calls(work: &Work, each: bool, chosen: impl Fn(usize) -> Vec<usize>) -> (usize, Outcomes) {
     let folder = folder();
     let path = "frames = 3\n[[camera]]\ntime = 0.0\neye = [0.0, 0.5, 4.0]\ntarget = [0.0, 0.4, 0.0]\n\
                 [[camera]]\ntime = 0.3\neye = [0.5, 0.5, 4.0]\ntarget = [0.0, 0.4, 0.0]\n";
     fs::write(folder.path().join("path.toml"), path).unwrap();
+    // The first run compiles and measures what the others find.
+    run_command(work.command(folder.path()), &[]);
+    work.take_files(folder.path());
+    let whole = run_command(work.command(folder.path()), &[]);
+    assert!(whole.output.status.success(), "{}: {}", work.name, text(&whole.output.stderr));
+    let mut sound = work.take_files(folder.path());
+    sound.retain(|name, _| !name.ends_with(".state"));
+    assert!(!sound.is_empty(), "{}", work.name);
+    let calls = whole.calls;
+    let mut outcomes = Outcomes::new();
+    for (i, call) in chosen(calls.len()).into_iter().enumerate() {
+        let results = match calls[call - 1].as_str() {
+            "vkWaitForFences" => &[OUT_OF_HOST_MEMORY, OUT_OF_DEVICE_MEMORY, DEVICE_LOST, TIMEOUT][..],
+            _ => &[OUT_OF_HOST_MEMORY, OUT_OF_DEVICE_MEMORY, DEVICE_LOST],
+        };
+        let results = if each { results } else { &results[i % results.len()..][..1] };
+        for &result in results {
+            let run = work.fail(folder.path(), (call, result), &sound);
+            *outcomes.entry((result, run.output.status.code())).or_default() += 1;
+        }
+    }
+    (calls.len(), outcomes)
+}
+
+#[test]
+fn some_calls_of_each_work_may_fail() {
+    for work in &WORKS[1..] {
+        let (calls, outcomes) = fail_calls(work, false, |calls| (1..4).map(|i| i * calls / 4).collect());
+        assert_eq!(outcomes.values().sum::<usize>(), 3, "{} with {calls} calls", work.name);
+    }
+}
+
+#[test]
+#[ignore = "takes hours: scripts/faults.py runs it in parts. LIGHTSUM_FAULT_STRIDE=N takes every N-th call, from LIGHTSUM_FAULT_FIRST on, with one result"]
+fn every_call_may_fail() {
+    let number = |name: &str| std::env::var(name).map_or(1, |number| number.parse().unwrap());
+    let (stride, first) = (number("LIGHTSUM_FAULT_STRIDE"), number("LIGHTSUM_FAULT_FIRST"));
     let only = std::env::var("LIGHTSUM_FAULT_WORK").ok();
     for work in WORKS.iter().filter(|work| only.as_ref().is_none_or(|only| only == work.name)) {
-        // The first run compiles and measures what the others find.
-        run_command(work.command(folder.path()), &[]);
-        work.take_files(folder.path());
-        let whole = run_command(work.command(folder.path()), &[]);
-        assert!(whole.output.status.success(), "{}: {}", work.name, text(&whole.output.stderr));
-        let mut sound = work.take_files(folder.path());
-        sound.retain(|name, _| !name.ends_with(".state"));
-        assert!(!sound.is_empty(), "{}", work.name);
-        let calls = whole.calls;
-        let mut outcomes: BTreeMap<(i32, Option<i32>), usize> = BTreeMap::new();
-        for (i, call) in (1..=calls.len()).step_by(stride).enumerate() {
-            let result = [OUT_OF_HOST_MEMORY, OUT_OF_DEVICE_MEMORY, DEVICE_LOST, TIMEOUT];
-            // Every result in turn where not all calls fail.
-            let chosen = if stride == 1 { &result[..] } else { &result[i % 4..][..1] };
-            for &result in chosen.iter().filter(|&&r| r != TIMEOUT || calls[call - 1] == "vkWaitForFences") {
-                let run = work.fail(folder.path(), (call, result), &sound);
-                *outcomes.entry((result, run.output.status.code())).or_default() += 1;
-            }
-        }
+        let (calls, outcomes) = fail_calls(work, stride == 1, |calls| (first..=calls).step_by(stride).collect());
         let runs: usize = outcomes.values().sum();
-        println!("{}: {runs} runs of {} calls, by result and exit code: {outcomes:?}", work.name, calls.len());
+        let errors: usize = outcomes.iter().filter(|((_, code), _)| *code == Some(1)).map(|(_, runs)| runs).sum();
+        println!(
+            "{}: {calls} calls, {runs} failed, {errors} errors, {} went on: {outcomes:?}",
+            work.name,
+            runs - errors
+        );
     }
 }
 

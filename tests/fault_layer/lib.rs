@@ -190,6 +190,7 @@ fallible! {
     vkMapMemory(d: vk::Device, m: vk::DeviceMemory, at: u64, size: u64, f: vk::MemoryMapFlags, o: *mut *mut c_void);
     vkCreateBuffer(d: vk::Device, i: *const vk::BufferCreateInfo<'static>, c: Callbacks, o: *mut vk::Buffer) makes "buffer";
     vkBindBufferMemory(d: vk::Device, b: vk::Buffer, m: vk::DeviceMemory, at: u64);
+    vkCreateBufferView(d: vk::Device, i: *const vk::BufferViewCreateInfo<'static>, c: Callbacks, o: *mut vk::BufferView) makes "buffer view";
     vkCreateImage(d: vk::Device, i: *const vk::ImageCreateInfo<'static>, c: Callbacks, o: *mut vk::Image) makes "image";
     vkBindImageMemory(d: vk::Device, b: vk::Image, m: vk::DeviceMemory, at: u64);
     vkCreateImageView(d: vk::Device, i: *const vk::ImageViewCreateInfo<'static>, c: Callbacks, o: *mut vk::ImageView) makes "view";
@@ -243,6 +244,7 @@ macro_rules! destroys {
 destroys! {
     vkFreeMemory(vk::DeviceMemory) = "memory";
     vkDestroyBuffer(vk::Buffer) = "buffer";
+    vkDestroyBufferView(vk::BufferView) = "buffer view";
     vkDestroyImage(vk::Image) = "image";
     vkDestroyImageView(vk::ImageView) = "view";
     vkDestroyShaderModule(vk::ShaderModule) = "module";

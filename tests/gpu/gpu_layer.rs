@@ -3,7 +3,8 @@
 use ash::vk;
 use lightsum::Error;
 use lightsum::gpu::{
-    Buffer, Context, ContextOptions, DeviceChoice, Image, Kernel, Memory, Snapshot, Timers, list_devices, upload,
+    Buffer, Context, ContextOptions, DeviceChoice, Image, Kernel, LayerPart, Memory, Snapshot, Timers, list_devices,
+    shaders, upload,
 };
 
 use lightsum::conform::checks::kernels::fill_push;
@@ -119,6 +120,111 @@ fn buffers_beyond_a_limit_or_range_are_refused() {
             rec.dispatch_indirect(&kernel, &bindings, bytemuck::bytes_of(&push), &small, 56)
         });
         assert!(error(outside).to_string().starts_with("small: "));
+    });
+}
+
+#[test]
+fn a_buffer_without_room_for_what_a_kernel_always_reads_is_refused() {
+    gpu_test(|ctx| {
+        let small = Buffer::new(ctx, "small", 16, Memory::Device).unwrap();
+        let mut refused = 0;
+        for shader in shaders::ALL {
+            let Some(first) = shader.bindings.first().filter(|binding| binding.fixed_bytes > 16) else { continue };
+            let kernel = Kernel::new(ctx, shader).unwrap();
+            let message = error(kernel.bind(&[(first.name, (&small).into())])).to_string();
+            let reads = format!("small has 16 bytes, and the kernel reads {}", first.fixed_bytes);
+            assert!(message.ends_with(&reads), "{}: {message}", shader.name);
+            refused += 1;
+        }
+        assert!(refused > 10, "{refused} kernels begin with a structure");
+    });
+}
+
+#[test]
+fn the_host_leaves_buffers_alone_that_commands_use() {
+    gpu_test(|ctx| {
+        let from = Buffer::new(ctx, "from", 64, Memory::Upload).unwrap();
+        let to = Buffer::new(ctx, "to", 64, Memory::Readback).unwrap();
+        let kernel = Kernel::new(ctx, &kernels::FILL).unwrap();
+        let bindings = kernel.bind(&[("values", (&from).into())]).unwrap();
+        from.write(0, &[7; 64]).unwrap();
+        let is_refused = |message: String| assert!(message.contains("recorded commands use it"), "{message}");
+        ctx.submit_and_wait("copy", None, |rec| {
+            rec.copy(&from, &to)?;
+            is_refused(error(from.clone().write(0, &[8; 64])).to_string());
+            is_refused(error(to.read::<u8>()).to_string());
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(to.read::<u8>().unwrap(), [7; 64]);
+        // By a kernel that it is bound to.
+        ctx.submit_and_wait("fill", None, |rec| {
+            rec.dispatch(&kernel, &bindings, bytemuck::bytes_of(&fill_push(1, 0)), 1)?;
+            is_refused(error(from.write(0, &[8; 64])).to_string());
+            Ok(())
+        })
+        .unwrap();
+        from.write(0, &[9; 64]).unwrap();
+        // By commands that were never executed.
+        let abandoned = ctx.submit_and_wait("copy", None, |rec| {
+            rec.copy(&from, &to)?;
+            rec.copy_range(&from, 64, &to, 0, 64)
+        });
+        error(abandoned);
+        from.write(0, &[9; 64]).unwrap();
+    });
+}
+
+#[test]
+fn timers_time_one_submission_at_a_time() {
+    gpu_test(|ctx| {
+        let timers = Timers::new(ctx, 4).unwrap();
+        let own = Timers::new(ctx, 4).unwrap();
+        ctx.submit_and_wait("outer", Some(&timers), |_| {
+            let inner = std::thread::scope(|scope| {
+                scope.spawn(|| ctx.submit_and_wait("inner", Some(&timers), |_| Ok(()))).join().unwrap()
+            });
+            assert_eq!(
+                error(inner).to_string(),
+                "inner: the timers time other commands; give these timers of their own"
+            );
+            ctx.submit_and_wait("beside", Some(&own), |_| Ok(()))
+        })
+        .unwrap();
+        ctx.submit_and_wait("after", Some(&timers), |_| Ok(())).unwrap();
+    });
+}
+
+#[test]
+fn parts_of_layers_and_arguments_are_checked() {
+    gpu_test(|ctx| {
+        let image = Image::layered(ctx, "layers", 8, 8, 2).unwrap();
+        let texels = Buffer::new(ctx, "texels", 256, Memory::Upload).unwrap();
+        let whole = LayerPart { offset: 0, layer: 1, origin: [0; 2], size: [8, 8] };
+        let wrong = [
+            LayerPart { layer: 2, ..whole },
+            LayerPart { origin: [1, 0], ..whole },
+            LayerPart { origin: [u32::MAX, 0], ..whole },
+            LayerPart { size: [8, u32::MAX], ..whole },
+            LayerPart { size: [0, 8], ..whole },
+            LayerPart { offset: 4, ..whole },
+            LayerPart { offset: 2, size: [1, 1], ..whole },
+            LayerPart { offset: u64::MAX, ..whole },
+        ];
+        ctx.submit_and_wait("layers", None, |rec| {
+            rec.image_to_general(&image)?;
+            wrong.iter().for_each(|&part| drop(error(rec.copy_to_layers(&texels, &image, &[part]))));
+            rec.copy_to_layers(&texels, &image, &[whole])
+        })
+        .unwrap();
+        let kernel = Kernel::new(ctx, &kernels::FILL).unwrap();
+        let values = Buffer::new(ctx, "values", 64, Memory::Device).unwrap();
+        let bindings = kernel.bind(&[("values", (&values).into())]).unwrap();
+        let push = fill_push(1, 0);
+        let by_host = ctx.submit_and_wait("indirect", None, |rec| {
+            rec.dispatch_indirect(&kernel, &bindings, bytemuck::bytes_of(&push), &texels, 0)
+        });
+        assert!(error(by_host).to_string().contains("come from kernels"));
     });
 }
 

@@ -30,6 +30,7 @@ pub fn run(args: &Animate) -> Result<()> {
     outputs.iter().take(1).chain(&args.timings).try_for_each(|file| output::check_writable(file))?;
     let claimed: Vec<&Path> = outputs.iter().take(1).chain(&args.timings).map(PathBuf::as_path).collect();
     let _claim = output::claim(claimed)?;
+    output::remove_leftovers(outputs.iter().map(PathBuf::as_path));
     let interrupted = watch_for_interrupt();
     let mut player = Player::new(script, scene, None, &interrupted)?;
 

@@ -37,8 +37,20 @@ use std::io::Write;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+/// Makes an error of writing of a file that outgrows the system's limit (`ulimit -f`): unless it is caught, the signal ends the program with all
+/// that is in memory.
+#[cfg(unix)]
+fn keep_on_when_files_outgrow_their_limit() {
+    let caught = std::sync::Arc::new(AtomicBool::new(false));
+    if let Err(error) = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, caught) {
+        log::warn!("files that outgrow a limit will end the program: {error}");
+    }
+}
+
 fn main() -> ExitCode {
     lightsum::scene::silence_caught_panics();
+    #[cfg(unix)]
+    keep_on_when_files_outgrow_their_limit();
     let arguments = Arguments::parse();
     log_to_stderr(arguments.verbose);
     if arguments.command.is_none() && !arguments.list_devices {
