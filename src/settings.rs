@@ -1,19 +1,20 @@
 //! The renderer's settings: meaning, unit, default, and the cost of higher and lower values.
 
+pub mod keys;
 mod soft_shadows;
 mod splats;
 mod superposition;
 
+pub use keys::RenderDefaults;
 pub use soft_shadows::{ShadowForm, SoftShadows};
 pub use splats::{GlossyForm, Splats};
-pub use superposition::{ImageChoice, MirrorImages, MirrorSource, Reflectance, Spread, Superposition};
+pub use superposition::{ImageChoice, MirrorForm, MirrorImages, MirrorSource, Reflectance, Spread, Superposition};
 
 use crate::error::{Error, Result};
 use crate::plan::{LOOP_BUDGET, min_loop_budget};
 use crate::ring::Ring;
-use crate::scene::RenderDefaults;
-use crate::scene::reflectors::MAX_REFLECTORS;
 use glam::Vec3;
+use keys::Key;
 use serde::{Deserialize, Serialize};
 
 /// Clipping distance: the distance below which the 1/d^2 of a virtual light stops growing (Wald et al. 2002).
@@ -21,7 +22,7 @@ use serde::{Deserialize, Serialize};
 /// Closer than this, 1/d^2 is replaced by 1/clip^2, which bounds the bright blotch around each virtual light. Higher: smoother
 /// corners, more energy cut off (a bias towards dark corners; compensation restores it with short extra paths, slower and
 /// with a little grain). Lower: brighter blotches at few passes; 0 is Keller's original estimator.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Clip {
     /// In scene units.
@@ -61,7 +62,7 @@ pub enum Traversal {
 }
 
 /// Order in which visible points are grouped into clusters of 64.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ClusterOrder {
     /// By pixel if no light is gathered bounce by bounce (`compensation`), else as `Space`.
@@ -72,7 +73,7 @@ pub enum ClusterOrder {
 }
 
 /// Low-discrepancy sequence for particles and gather rays.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Sequence {
     /// Halton, rotated at random: a prime base for each dimension (Keller 1997).
@@ -83,7 +84,7 @@ pub enum Sequence {
 }
 
 /// Probability with which a particle starts from an emitter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LightChoice {
     /// Proportional to power (Keller 1997).
@@ -95,7 +96,7 @@ pub enum LightChoice {
 }
 
 /// Look-up in the textures of kept light.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Lookup {
     /// Between four texels.
@@ -107,7 +108,7 @@ pub enum Lookup {
 
 /// Test that decides whether two neighbouring pixels show one smooth surface, so that their irradiance may be averaged.
 /// `pass::discontinuity` gives both tests and their weights.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Agreement {
     /// The segment between the two points lies in both tangent planes, with tolerance for curvature. Symmetric weights
@@ -120,7 +121,7 @@ pub enum Agreement {
 }
 
 /// Discontinuity buffer: averages the irradiance of neighbouring pixels that show one surface (Wald et al. 2002, 4.3).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Filter {
     /// Width and height of the window in pixels, odd, 1 to 9, at least the interleaving pattern. Default `None`: the pattern's
     /// size rounded up to odd numbers, at least 3 x 3. Larger: smoother, blurs more, and costs in proportion to
@@ -157,9 +158,26 @@ impl Filter {
     }
 }
 
+/// Value of the key `filter`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Window {
+    /// As wide as the pattern, at least 3 x 3.
+    Auto,
+    /// Width and height.
+    Size([u32; 2]),
+}
+
+/// Values of several settings at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Preset {
+    /// Better with every pass: the defaults.
+    Progressive,
+    /// A smooth image after the first pass: [`Settings::interactive`].
+    Interactive,
+}
+
 /// Exposure of an image for display.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(from = "ExposureValue")]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Exposure {
     /// Radiance is multiplied by 2^stops.
     Stops(f32),
@@ -187,30 +205,9 @@ impl Exposure {
     }
 }
 
-#[derive(Deserialize)]
-#[serde(untagged, expecting = "exposure is a number of stops or \"auto\"")]
-enum ExposureValue {
-    Stops(f32),
-    Named(AutoWord),
-}
-
-#[derive(Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum AutoWord {
-    Auto,
-}
-
-impl From<ExposureValue> for Exposure {
-    fn from(value: ExposureValue) -> Exposure {
-        match value {
-            ExposureValue::Stops(stops) => Exposure::Stops(stops),
-            ExposureValue::Named(AutoWord::Auto) => Exposure::Auto,
-        }
-    }
-}
-
 /// Settings of a rendering. Each field documents meaning, unit, default and cost.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Settings {
     /// Particles N started from the lights in each pass, for each class of pixels (see `pattern`). Default 32; 1 to 65,536. The
     /// cost of a pass is linear in N (about N / (1 - rho) shadow rays per pixel); more particles reduce the difference
@@ -434,119 +431,39 @@ impl Settings {
         Settings { particles: 16, photons: 1500, mirror_lights: 1, ..Settings::default() }
     }
 
-    /// Applies the `[render]` section of a scene file.
-    pub fn with_scene_defaults(mut self, render: &RenderDefaults) -> Self {
-        self.particles = render.particles.unwrap_or(self.particles);
-        self.direct_lights = render.direct_lights.or(self.direct_lights);
-        self.pattern = render.interleave.unwrap_or(self.pattern);
-        self.max_depth = render.max_depth.unwrap_or(self.max_depth);
-        self.max_specular = render.max_specular.unwrap_or(self.max_specular);
-        self.split = render.split.unwrap_or(self.split);
-        self.glossy_paths = render.glossy_paths.unwrap_or(self.glossy_paths);
-        self.photons = render.photons.unwrap_or(self.photons);
-        self.photon_radius = render.photon_radius.or(self.photon_radius);
-        if let Some(spread) = render.superposition {
-            self.superposition = Some(Superposition { spread, ..self.superposition.unwrap_or_default() });
-        }
-        self.soft_shadows = SoftShadows::chosen(self.soft_shadows, render.soft_shadows, render.soft_shadow_lights);
-        let (width, alpha) = (render.splat_width, render.splat_alpha);
-        self.splats = Splats::chosen(self.splats, render.glossy, (render.splat_particles, width, alpha));
-        self.compensation = render.compensation.map_or(self.compensation, |chosen| chosen.0);
-        self.seed = render.seed.unwrap_or(self.seed);
-        if let Some(f) = render.clip_fraction {
-            self.clip = Clip::Fraction(f);
-        }
-        if let Some(d) = render.clip {
-            self.clip = Clip::Distance(d);
-        }
-        self
-    }
-
-    /// Checks every range. Errors: [`Error::Setting`], which names the flag.
+    /// Checks every range of the table of keys, and what must fit together. Errors: [`Error::Setting`], which names the flag.
     pub fn validate(&self) -> Result<()> {
+        let refuse = |name, message| Err(Error::Setting { name, message });
+        let given = self.keys().given();
+        let keys = given.iter().filter_map(|(name, given)| Some((Key::named(name)?, given)));
+        if let Some((key, given)) = keys.into_iter().find(|(key, given)| !key.allows(given)) {
+            return refuse(key.flag, format!("{given} is not {}", key.expected()));
+        }
         let range = |name, value: u32, low: u32, high: u32| {
             if (low..=high).contains(&value) {
                 Ok(())
             } else {
-                Err(Error::Setting { name, message: format!("{value} is not in {low}..={high}") })
+                refuse(name, format!("{value} is not in {low}..={high}"))
             }
         };
-        range("--particles", self.particles, 1, Self::MAX_PARTICLES)?;
-        range("--light-pool", self.light_pool, 0, Self::MAX_PARTICLES)?;
-        range("--direct-lights", self.direct_lights.unwrap_or(1), 1, Self::MAX_PARTICLES)?;
-        range("--delta-lights", self.delta_lights.unwrap_or(1), 1, Self::MAX_DELTA_LIGHTS)?;
-        range("--interleave", self.pattern[0], 1, Self::MAX_PATTERN)?;
-        range("--interleave", self.pattern[1], 1, Self::MAX_PATTERN)?;
-        range("--max-depth", self.max_depth, 1, Self::MAX_DEPTH)?;
-        range("--max-specular", self.max_specular, 0, Self::MAX_SPECULAR)?;
-        range("--mirror-lights", self.mirror_lights, 0, Self::MAX_MIRROR_LIGHTS)?;
-        range("--lights-per-dispatch", self.lights_per_dispatch, 1, 64)?;
-        range("--rounds", self.rounds, 1, 1024)?;
-        range("--moving-passes", self.moving_passes, 1, Self::MAX_MOVING_PASSES)?;
         range("loop_budget", self.loop_budget, min_loop_budget(self.lights_per_dispatch), LOOP_BUDGET)?;
         range("--photons", self.photons, 0, Self::MAX_PHOTONS / self.classes())?;
-        if let Some(ring) = &self.ring {
-            ring.validate()?;
-            if self.summands {
-                let message = String::from("a ring keeps whole images; leave it out, or --ring");
-                return Err(Error::Setting { name: "--summands", message });
-            }
-        }
-        if let Some(r) = self.photon_radius.filter(|r| !(r.is_finite() && *r > 0.0)) {
-            return Err(Error::Setting { name: "--photon-radius", message: format!("{r} is not a distance above 0") });
+        if self.ring.is_some() && self.summands {
+            return refuse("--summands", String::from("a ring keeps whole images; leave it out, or --ring"));
         }
         for (size, least) in self.filter.iter().flat_map(|f| f.window(self.pattern).into_iter().zip(self.pattern)) {
             range("--filter", size, least, Filter::MAX_WINDOW)?;
             if size % 2 == 0 {
-                return Err(Error::Setting {
-                    name: "--filter",
-                    message: format!("{size} is even; a window has a middle, take {}", size + 1),
-                });
+                return refuse("--filter", format!("{size} is even; a window has a middle, take {}", size + 1));
             }
         }
-        if let Some(superposition) = &self.superposition {
-            range("--kernel-width", superposition.kernel_width, 0, 4096)?;
-            range("--reflectors", superposition.reflectors, 0, MAX_REFLECTORS as u32)?;
-            if let MirrorSource::Images(images) = superposition.mirror_source {
-                range("--mirror-merge", images.merged, 1, 256)?;
-            }
-            if !self.split || self.max_specular == 0 {
-                return Err(Error::Setting {
-                    name: "--superposition",
-                    message: String::from(
-                        "a plane and its mirror image are two components: take away --no-split and --max-specular 0, or turn it off",
-                    ),
-                });
-            }
+        if self.superposition.is_some() && (!self.split || self.max_specular == 0) {
+            let message = "a plane and its mirror image are two components: take away --no-split and --max-specular 0, or turn it off";
+            return refuse("--superposition", String::from(message));
         }
-        if let Some(soft) = &self.soft_shadows {
-            soft.validate()?;
-        }
-        if let Some(splats) = &self.splats {
-            splats.validate()?;
-            if self.ring.is_some() {
-                let message =
-                    String::from("a ring replaces its light path by path, splats keep theirs; leave out one of them");
-                return Err(Error::Setting { name: "--ring", message });
-            }
-        }
-        let (Clip::Distance(c) | Clip::Fraction(c)) = self.clip;
-        if !(c.is_finite() && c >= 0.0) {
-            return Err(Error::Setting { name: "--clip", message: format!("{c} is not a distance of 0 or more") });
-        }
-        let f = self.power_fraction;
-        if !(f > 0.0 && f <= 1.0) {
-            return Err(Error::Setting {
-                name: "--power-fraction",
-                message: format!("{f} is not a share above 0 to 1"),
-            });
-        }
-        let t = self.light_threshold;
-        if !(t.is_finite() && t >= 0.0) {
-            return Err(Error::Setting {
-                name: "--light-threshold",
-                message: format!("{t} is not an irradiance of 0 or more"),
-            });
+        if self.splats.is_some() && self.ring.is_some() {
+            let message = "a ring replaces its light path by path, splats keep theirs; leave out one of them";
+            return refuse("--ring", String::from(message));
         }
         Ok(())
     }

@@ -68,7 +68,7 @@
 //! whatever the width, plus the kernel windows, which cost more at finer levels; docs/benchmarks.md has times. Memory:
 //! 48 bytes a pixel of the image, 60 more in the fast form; 32, in the fast form 45 of them are set to 0 in each frame.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::layout::ConvolveStep;
 use super::{BoundKernel, vec4s};
@@ -119,7 +119,7 @@ pub const MAX_WIDTH: u32 = 16384;
 pub const NARROW: f32 = 4.0;
 
 /// Algorithm that takes the sum.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Form {
     /// Direct up to [`NARROW`], else fast.

@@ -55,7 +55,7 @@
 //! ior = 1.52
 //! roughness = 0.3               # of a thin sheet: frosted glass; default: clear, whatever the model specifies
 //!
-//! [render]                      # defaults for the flags of the same names
+//! [render]                      # settings by the names of their flags, with underscores: see `settings::keys`
 //! passes = 64
 //! ```
 
@@ -72,6 +72,7 @@ use super::tessellate::icosphere;
 use super::{Camera, Environment, Light, Material, RenderDefaults, Scene, Surface, load_model};
 use crate::error::{Error, Result};
 use crate::input::Inputs;
+use crate::settings::keys::{Table as Keys, nearest};
 use crate::superposition::lobe::Table;
 
 /// Subdivisions of the icosahedron that represents a sphere light: 1280 triangles.
@@ -93,7 +94,7 @@ struct Description {
     #[serde(default)]
     materials: BTreeMap<Spanned<String>, MaterialEntry>,
     #[serde(default)]
-    render: RenderDefaults,
+    render: Keys,
 }
 
 fn yes() -> bool {
@@ -248,7 +249,8 @@ pub(super) fn load(path: &Path, photometric: Option<bool>, inputs: &mut Inputs) 
     inputs.allow_beside(&model_path);
     let mut scene = load_model(&model_path, photometric.or(description.photometric), inputs)?;
     scene.name = name_of(path);
-    scene.render = description.render;
+    scene.render = RenderDefaults::of_table(&description.render)
+        .map_err(|(span, message)| error(Some(span), format!("[render]: {message}")))?;
     if description.face_normals {
         scene.triangles.iter_mut().for_each(|t| t.smooth = false);
     }
@@ -386,42 +388,4 @@ fn add_light(scene: &mut Scene, name: &str, entry: &LightEntry) -> Result<(), St
     light.check()?;
     scene.lights.push(light);
     Ok(())
-}
-
-/// The names most similar to a misspelt one, for a message.
-pub(super) fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
-    let mut known: Vec<&str> = known.collect();
-    known.sort_unstable();
-    known.dedup();
-    known.sort_by_key(|k| edit_distance(&name.to_lowercase(), &k.to_lowercase()));
-    let names: Vec<String> = known.iter().take(5).map(|k| format!("{k:?}")).collect();
-    if names.is_empty() { String::from("none at all") } else { names.join(", ") }
-}
-
-/// Levenshtein distance.
-fn edit_distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, ca) in a.chars().enumerate() {
-        let mut diagonal = i;
-        row[0] = i + 1;
-        for (j, cb) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(ca != *cb);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn misspelt_names_find_their_neighbours() {
-        assert_eq!(edit_distance("kitten", "sitting"), 3);
-        assert_eq!(edit_distance("", "ab"), 2);
-        assert!(nearest("flor", ["ceiling", "Floor", "wall"].into_iter()).starts_with("\"Floor\""));
-    }
 }

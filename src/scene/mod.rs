@@ -78,7 +78,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::bsdf::sample_texture;
 use crate::bsdf::table::Table;
-use crate::settings::{Compensation, Exposure, GlossyForm, ShadowForm, Spread};
 use crate::superposition::depth_images::DepthImages;
 
 pub use animation::Animations;
@@ -97,6 +96,8 @@ pub use mip::KeptLevels;
 pub use quietly::{panic_is_caught, silence_caught_panics};
 pub(crate) use texture::linear_to_srgb;
 pub use texture::{Cone, TextureUse};
+
+pub use crate::settings::RenderDefaults;
 
 /// Minimum roughness of a lobe in a file: no point light would hit a smoother one.
 const MIN_ROUGHNESS: f32 = 0.03;
@@ -468,77 +469,4 @@ impl Camera {
         let right = forward.cross(self.up).normalize();
         (right, right.cross(forward), forward)
     }
-}
-
-/// Value of the key `compensation`: "off", "near" or "exact"; true is "exact", false is "off".
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(from = "CompensationValue")]
-pub struct CompensationKey(pub Compensation);
-
-#[derive(Deserialize)]
-#[serde(untagged, expecting = "compensation is \"off\", \"near\", \"exact\", true or false")]
-enum CompensationValue {
-    Switch(bool),
-    Named(Compensation),
-}
-
-impl From<CompensationValue> for CompensationKey {
-    fn from(value: CompensationValue) -> CompensationKey {
-        CompensationKey(match value {
-            CompensationValue::Switch(false) => Compensation::Off,
-            CompensationValue::Switch(true) => Compensation::Exact,
-            CompensationValue::Named(named) => named,
-        })
-    }
-}
-
-/// `[render]` of a scene file; each key corresponds to the command-line flag of the same name.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct RenderDefaults {
-    /// Number of passes.
-    pub passes: Option<u32>,
-    /// Particles started for each pass.
-    #[serde(alias = "paths")]
-    pub particles: Option<u32>,
-    /// Virtual lights on the emitters.
-    pub direct_lights: Option<u32>,
-    /// Width and height of the interleaving pattern.
-    pub interleave: Option<[u32; 2]>,
-    /// Maximum segments of a path.
-    pub max_depth: Option<u32>,
-    /// Maximum consecutive mirrors and glass surfaces on an eye path.
-    pub max_specular: Option<u32>,
-    /// Split eye paths at the first surface with two components.
-    pub split: Option<bool>,
-    /// Follow narrow specular lobes on eye paths.
-    pub glossy_paths: Option<bool>,
-    /// Caustic photons of each class of pixels in a pass.
-    pub photons: Option<u32>,
-    /// Radius of the photon density estimate, in scene units.
-    pub photon_radius: Option<f32>,
-    /// Convolution of the mirror image on glossy planes; without it they show none.
-    pub superposition: Option<Spread>,
-    /// Shadows of large emitters.
-    pub soft_shadows: Option<ShadowForm>,
-    /// Number of these emitters.
-    pub soft_shadow_lights: Option<u32>,
-    /// Glossy surfaces that show no convolved mirror image.
-    pub glossy: Option<GlossyForm>,
-    /// Particles of splats.
-    pub splat_particles: Option<u32>,
-    /// C of the diameter of a splat.
-    pub splat_width: Option<f32>,
-    /// GGX alpha up to which lobes are left to paths.
-    pub splat_alpha: Option<f32>,
-    /// Clipping distance in scene units.
-    pub clip: Option<f32>,
-    /// Clipping distance as a fraction of the size of what the view shows.
-    pub clip_fraction: Option<f32>,
-    /// Gather the light that clipping cuts off.
-    pub compensation: Option<CompensationKey>,
-    /// Seed.
-    pub seed: Option<u64>,
-    /// Exposure for PNG output: stops, or "auto".
-    pub exposure: Option<Exposure>,
 }

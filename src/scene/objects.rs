@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::{Vec2, Vec3};
 
 use super::Scene;
-use super::description::nearest;
+use crate::settings::keys::nearest;
 
 impl Scene {
     /// Indices of the objects of this name; a file may use one name for several objects.

@@ -5,7 +5,7 @@
 
 use std::io::Cursor;
 
-use exr::prelude::{ReadChannels, ReadLayers, Text, Vec2, read};
+use exr::prelude::{AttributeValue, ReadChannels, ReadLayers, Text, Vec2, read};
 
 use super::quietly::quietly;
 use super::texture::Reserve;
@@ -22,6 +22,24 @@ pub(crate) struct Pixels {
 pub(crate) fn decode(bytes: &[u8], reserve: Reserve) -> Result<Pixels, String> {
     // The crate does not check everything in a file.
     quietly(|| decode_unsafely(bytes, reserve)).unwrap_or_else(|message| Err(format!("malformed OpenEXR: {message}")))
+}
+
+/// Whether a file is OpenEXR, by its first bytes.
+pub(crate) fn is_one(bytes: &[u8]) -> bool {
+    bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01])
+}
+
+/// An attribute of the first layer that is a text; `None`: there is none of this name. Error: the reason.
+pub(crate) fn text_attribute(bytes: &[u8], name: &str) -> Result<Option<String>, String> {
+    let read = || {
+        let reader = exr::block::read(Cursor::new(bytes), false).map_err(|e| e.to_string())?;
+        let attributes = reader.headers().first().map(|header| &header.own_attributes.other);
+        Ok(match attributes.and_then(|attributes| attributes.get(&Text::from(name))) {
+            Some(AttributeValue::Text(text)) => Some(text.to_string()),
+            _ => None,
+        })
+    };
+    quietly(read).unwrap_or_else(Err).map_err(|message: String| format!("malformed OpenEXR: {message}"))
 }
 
 /// May panic with malformed files.

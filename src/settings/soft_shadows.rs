@@ -2,11 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
-
 /// How large emitters cast shadows: value of the key `soft_shadows`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ShadowForm {
     /// By many virtual lights, like all emitters.
     Off,
@@ -20,7 +17,7 @@ pub enum ShadowForm {
 ///
 /// The same in each pass, without noise, and biased. For a camera's image, in scenes where no surface lets part of the light pass. Emitters are parallelograms that
 /// emit from one side without a texture; others keep their virtual lights.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SoftShadows {
     /// Number of emitters, by power. Default 4; 1 to [`SoftShadows::MAX_LIGHTS`]. More: fewer emitters left to virtual lights, and
     /// time in proportion.
@@ -46,13 +43,4 @@ impl SoftShadows {
 
     /// Maximum `lights`.
     pub const MAX_LIGHTS: u32 = 8;
-
-    /// Checks every range. Errors: [`Error::Setting`], which names the flag.
-    pub fn validate(&self) -> Result<()> {
-        if (1..=Self::MAX_LIGHTS).contains(&self.lights) {
-            return Ok(());
-        }
-        let message = format!("{} is not in 1..={}", self.lights, Self::MAX_LIGHTS);
-        Err(Error::Setting { name: "--soft-shadow-lights", message })
-    }
 }

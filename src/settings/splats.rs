@@ -2,11 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
-
 /// How glossy surfaces are shown that show no convolved mirror image: value of the key `glossy`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GlossyForm {
     /// Highlights of all lights, and eye paths along narrow lobes.
     Paths,
@@ -20,7 +17,7 @@ pub enum GlossyForm {
 ///
 /// Biased: reflections are blurred over the kernels. In place of `glossy_paths`, whose paths still follow lobes with alpha up to `alpha`.
 /// Not in an atlas or a ring, nor with kept light or imported lights that replace all others.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Splats {
     /// Particles that leave the emitters. Default 100,000; 1 to [`Splats::MAX_PARTICLES`]. At most as many hits are stored: then fewer
     /// particles count. More: sharper reflections with the same noise; some 110 bytes and 3 microseconds each, once.
@@ -60,20 +57,4 @@ impl Splats {
 
     /// Maximum `particles`: their hits fit one storage binding of the smallest devices.
     pub const MAX_PARTICLES: u32 = 4_000_000;
-
-    /// Checks every range. Errors: [`Error::Setting`], which names the flag.
-    pub fn validate(&self) -> Result<()> {
-        let refused = |name, message| Err(Error::Setting { name, message });
-        if !(1..=Self::MAX_PARTICLES).contains(&self.particles) {
-            let message = format!("{} is not in 1..={}", self.particles, Self::MAX_PARTICLES);
-            return refused("--splat-particles", message);
-        }
-        if !(1.0..=100.0).contains(&self.width) {
-            return refused("--splat-width", format!("{} is not in 1..=100", self.width));
-        }
-        if !(0.0..=1.0).contains(&self.alpha) {
-            return refused("--splat-alpha", format!("{} is not in 0..=1", self.alpha));
-        }
-        Ok(())
-    }
 }

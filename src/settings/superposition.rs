@@ -19,7 +19,7 @@ pub enum Spread {
 }
 
 /// Directional reflectance of mirrors and of the mirror images of glossy planes (Bastos 1999, section 6.7).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reflectance {
     /// Schlick's approximation, of glossy planes times the lobe's energy, as for point lights.
@@ -32,8 +32,17 @@ pub enum Reflectance {
     Fresnel,
 }
 
+/// Value of the key `mirror_source`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MirrorForm {
+    /// A mirrored ray for each pixel.
+    Rays,
+    /// Images with depth, and rays where they have holes.
+    Images,
+}
+
 /// Which images with depth fit a mirrored view.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ImageChoice {
     /// Those with the least angle between their view direction and the mirrored one.
@@ -44,7 +53,7 @@ pub enum ImageChoice {
 }
 
 /// The images with depth that a frame merges.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MirrorImages {
     /// Choice of the images. Default `Angle`.
     pub choice: ImageChoice,
@@ -59,7 +68,7 @@ impl Default for MirrorImages {
 }
 
 /// Where the mirror image of a glossy plane comes from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MirrorSource {
     /// A mirrored ray for each pixel, whose hit point gets the full light of the pass.
@@ -73,7 +82,7 @@ pub enum MirrorSource {
 /// Superposition (Bastos 1999): a glossy plane that the eye sees directly shows its lit base plus the mirror image of the room,
 /// convolved with the kernel of its material. Without it eye paths follow the lobes of glossy planes, as of other glossy surfaces
 /// (`glossy_paths`): without the kernel's bias, and sooner on a processor, but a single frame shows separate reflections.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Superposition {
     /// Convolution. Default `Variant`. `Mirror` and `Invariant` are for comparison, and cost less.
     pub spread: Spread,

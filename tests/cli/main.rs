@@ -15,5 +15,6 @@ mod live;
 #[cfg(feature = "mpi")]
 mod ranks;
 mod render;
+mod settings;
 #[cfg(feature = "viewer")]
 mod view;

@@ -345,7 +345,7 @@ fn damaged_scenes_are_refused() {
     write("material.toml", format!("{SCENE}[materials.flor]\nroughness = 0.5\n"));
     fails(folder.path(), &run("material.toml"), 1, &["material.toml:", "flor", "floor"]);
     write("setting.toml", format!("{SCENE}[render]\nmax_depth = 99\n"));
-    fails(folder.path(), &run("setting.toml"), 2, &["max-depth", "99"]);
+    fails(folder.path(), &run("setting.toml"), 1, &["setting.toml:", "max_depth", "99", "1 to 16"]);
     write("broken.gltf", String::from("{ \"asset\": "));
     fails(folder.path(), &run("broken.gltf"), 1, &["broken.gltf"]);
     fails(folder.path(), &run("room.mtl"), 1, &["room.mtl"]);

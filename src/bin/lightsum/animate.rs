@@ -100,7 +100,7 @@ impl<'a> Player<'a> {
         traversal: Option<Traversal>,
         interrupted: &AtomicBool,
     ) -> Result<Player<'a>> {
-        let (args, shown) = (script.args, &script.args.shown);
+        let shown = &script.args.shown;
         let options = RenderOptions {
             device: shown.device.device.clone().unwrap_or_default(),
             validation: shown.device.validation,
@@ -110,10 +110,10 @@ impl<'a> Player<'a> {
             // Frames that several machines render shall not differ by what each of them measured.
             traversal: traversal.or(script.is_part_of_many().then_some(Traversal::Auto)),
             // Where nothing but the camera moves the scene may hold images of itself.
-            dynamic: !args.mirrors.wants_images(),
+            dynamic: !mirrors::wanted(&scene.render),
             ..RenderOptions::default()
         };
-        mirrors::sample(&mut scene, &script.job.settings, &args.mirrors, &options, interrupted)?;
+        mirrors::sample(&mut scene, &script.job.settings, &options, interrupted)?;
         let renderer = Renderer::new(scene, script.still, script.job.settings.clone(), &options)?;
         Ok(Player { script, renderer, next: 0 })
     }

@@ -4,49 +4,33 @@ mod bake;
 mod camera;
 mod choices;
 mod cluster;
-mod mirrors;
+mod keys;
 mod play;
 mod reading;
 mod reference;
-mod ring;
-mod soft_shadows;
-mod splats;
-mod superposition;
 mod values;
 #[cfg(feature = "viewer")]
 mod view;
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
-use lightsum::Result;
 use lightsum::gpu::DeviceChoice;
-use lightsum::scene::RenderDefaults;
-use lightsum::settings::{Exposure, Settings};
+use lightsum::settings::Exposure;
 use lightsum::view::Region;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use crate::render::settings;
-
 pub use bake::Bake;
 pub use camera::Camera;
-pub use choices::{
-    AgreementFlag, ClusterOrderFlag, CompensationFlag, Curve, DeltaLightsFlag, Denoiser, FilterFlag, LightChoiceFlag,
-    LookupFlag, Preset, SequenceFlag, SpecularFlag, TraversalFlag,
-};
+pub use choices::{Curve, Denoiser, SpecularFlag};
 pub use cluster::{Cluster, Merge, PartFlag, Ranks};
-pub use mirrors::Mirrors;
+pub use keys::Keys;
 pub use play::{Play, Pose};
 pub use reading::Reading;
 pub use reference::Reference;
-pub use ring::Ring;
-pub use superposition::Glossy;
 #[cfg(feature = "viewer")]
 pub use values::extent;
-use values::{
-    address, bytes, checkpoint, crop, delta_lights, distance, exposure, filter, image_path, output_path, pattern,
-    positive, resolution, seconds, share,
-};
+use values::{address, bytes, checkpoint, crop, exposure, image_path, output_path, resolution, seconds};
 pub use values::{check_resolution, is_film};
 #[cfg(feature = "viewer")]
 pub use view::{MAX_COARSER, View};
@@ -82,7 +66,7 @@ impl Arguments {
 pub enum Command {
     /// Render a scene to an image.
     ///
-    /// A flag overrides the key of the same name in the scene file's [render] section, which overrides the default.
+    /// A flag overrides --set, which overrides --settings, which overrides the scene file's [render], which overrides the preset.
     Render(Box<Render>),
     /// Play the animation of a model, or a recorded path of camera and objects, and write the frames, their timings, or both.
     ///
@@ -136,13 +120,8 @@ pub struct Animate {
     /// Write the seconds of each frame (edits, recording, GPU passes) as JSON.
     #[arg(long, value_name = "FILE.json")]
     pub timings: Option<PathBuf>,
-    /// Passes per frame, 1 to 4096 [default: 4]. Time grows linearly; more passes reduce flicker.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_MOVING_PASSES)))]
-    pub moving_passes: Option<u32>,
     #[command(flatten)]
     pub play: Play,
-    #[command(flatten)]
-    pub mirrors: Mirrors,
     #[command(flatten)]
     pub shown: Moving,
     #[command(flatten)]
@@ -162,28 +141,13 @@ pub struct Moving {
     #[arg(long, value_name = "CURVE", value_enum, default_value = "srgb")]
     pub tonemap: Curve,
     #[command(flatten)]
-    pub ring: Ring,
-    #[command(flatten)]
     pub camera: Camera,
     #[command(flatten)]
     pub reading: Reading,
     #[command(flatten)]
-    pub light: Light,
-    #[command(flatten)]
-    pub glossy: Glossy,
+    pub keys: Keys,
     #[command(flatten)]
     pub device: Device,
-}
-
-impl Moving {
-    /// The settings for a scene. Says how much memory a ring takes.
-    pub fn settings(&self, render: &RenderDefaults, resolution: [u32; 2]) -> Result<Settings> {
-        let mut settings = settings(&self.light, &self.glossy, &self.device, render);
-        self.ring.apply(&mut settings);
-        settings.validate()?;
-        ring::tell(&settings, resolution)?;
-        Ok(settings)
-    }
 }
 
 /// Flags of `render`.
@@ -208,11 +172,7 @@ pub struct Render {
     #[command(flatten)]
     pub reading: Reading,
     #[command(flatten)]
-    pub light: Light,
-    #[command(flatten)]
-    pub glossy: Glossy,
-    #[command(flatten)]
-    pub mirrors: Mirrors,
+    pub keys: Keys,
     #[command(flatten)]
     pub camera: Camera,
     #[command(flatten)]
@@ -258,9 +218,6 @@ pub struct Output {
     /// Sent at most twice a second. If the connection is lost, the rendering goes on without.
     #[arg(long, value_name = "HOST:PORT", value_parser = address)]
     pub display: Option<String>,
-    /// Also write emission, diffuse and specular light as layers of EXR files; they add up to the image exactly.
-    #[arg(long)]
-    pub summands: bool,
     /// Write EXR files without layers: smaller, and for programs that read only colour and alpha.
     #[arg(long)]
     pub no_layers: bool,
@@ -272,11 +229,6 @@ pub struct Output {
     /// Mirrors, glass and narrow lobes show it too. The time of a pass does not depend on the number of lights.
     #[arg(long, value_name = "FILE.glb", conflicts_with_all = ["export_lights", "reference"])]
     pub light_from: Option<PathBuf>,
-    /// Look-up of the light of --light-from [default: bilinear].
-    ///
-    /// Bicubic has no bends at texels, and reads four times as many.
-    #[arg(long, value_name = "WAY", value_enum, requires = "light_from")]
-    pub lookup: Option<LookupFlag>,
     /// Write device, counts, rays and the seconds of each stage and GPU pass as JSON.
     #[arg(long, value_name = "FILE.json")]
     pub stats: Option<PathBuf>,
@@ -292,21 +244,6 @@ pub struct Output {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "End")]
 pub struct Stop {
-    /// Number of passes, including those of a resumed state [default: the scene's, or 64].
-    ///
-    /// Time grows linearly; the error falls at least with the square root. The default applies if none of --passes,
-    /// --time and --target-error is given.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    pub passes: Option<u32>,
-    /// Stop after this many seconds of rendering, at the end of the current pass.
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
-    pub time: Option<Duration>,
-    /// Stop when the estimated relative error of the image is at most E (0.01: one percent), after 8 passes at the earliest.
-    ///
-    /// The error is the RMSE relative to each pixel, without bias and the worst 0.5 % of the pixels; see
-    /// docs/error-estimate.md. Half the error takes up to four times the passes.
-    #[arg(long, value_name = "E", allow_negative_numbers = true, value_parser = positive)]
-    pub target_error: Option<f32>,
     /// Resume from the state file next to the first output (OUTPUT.state) if it exists, and write it at the end.
     ///
     /// Scene, camera and settings must be the same. The result equals that of an uninterrupted run bit for bit. An
@@ -325,143 +262,6 @@ pub struct Stop {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CheckpointFlag(pub Option<Duration>);
 
-/// Light transport.
-#[derive(Clone, Debug, Args)]
-#[command(next_help_heading = "Light")]
-pub struct Light {
-    /// Particles started from the lights in each pass, 1 to 65536 [default: the scene's, or 32].
-    ///
-    /// The time of a pass grows linearly; more particles reduce the difference between passes.
-    #[arg(long, visible_alias = "paths", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PARTICLES)))]
-    pub particles: Option<u32>,
-    /// Particles whose lights form a pool from which small parts of the image choose, 0 to 65536 [default: 1200; 0: no pool].
-    ///
-    /// Each part takes as many lights as --particles leave after reflections, those that matter to it. More: less noise in
-    /// indirect light, and some more time. Without effect with --export-lights.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_PARTICLES)))]
-    pub light_pool: Option<u32>,
-    /// Virtual lights on the emitters, for direct light, 1 to --particles [default: the scene's, or a quarter of --particles].
-    ///
-    /// Fewer save shadow rays; shadows of single lights show until passes or a filter average them.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PARTICLES)))]
-    pub direct_lights: Option<u32>,
-    /// Interleaved sampling: size of the pixel pattern, 1x1 to 8x8 [default: the scene's, or 3x3].
-    ///
-    /// Each position in the pattern has its own virtual lights. A larger pattern lights a neighbourhood with more lights at
-    /// the same number of shadow rays, traced more slowly; the pattern shows without a filter or many passes.
-    #[arg(long, value_name = "NxM", value_parser = pattern)]
-    pub interleave: Option<[u32; 2]>,
-    /// Maximum segments of a light path from eye to emitter, 1 to 16 [default: the scene's, or 16].
-    ///
-    /// 1: emitters only; 2: direct light; 5: direct light and three further reflections, without 5 % of
-    /// the light in a grey room and 15 % in a white one.
-    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_DEPTH)))]
-    pub max_depth: Option<u32>,
-    /// Maximum consecutive mirrors and glass surfaces on an eye path, 0 to 64 [default: the scene's, or 8].
-    ///
-    /// Longer chains are black. Each surface costs a ray for every pixel that gets there; no cost in scenes without mirrors
-    /// and glass. They do not count in --max-depth.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_SPECULAR)))]
-    pub max_specular: Option<u32>,
-    /// At the first glass, choose transmission or reflection at random instead of following both.
-    ///
-    /// The same limit with half the memory, and faster passes, but noise on glass and on mirrors over a diffuse base.
-    #[arg(long)]
-    pub no_split: bool,
-    /// Show glossy surfaces by the highlights of lights alone, with no path along the lobe.
-    ///
-    /// Faster, but single highlights show as dots, and clipping darkens them.
-    #[arg(long)]
-    pub no_glossy_paths: bool,
-    /// One eye ray for each pixel in a pass, at edges too.
-    ///
-    /// A little faster, but edges have steps until many passes average them.
-    #[arg(long)]
-    pub no_antialias: bool,
-    /// Caustic photons in each pass, for each class of pixels; 0: no caustics [default: the scene's, or 27000 over all classes; with --preset interactive: 13500].
-    ///
-    /// Time grows linearly; more are smoother. No cost in scenes without mirrors and glass. At most 1048576 over all classes.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_PHOTONS)))]
-    pub photons: Option<u32>,
-    /// Radius of the photon density estimate, in scene units [default: the scene's, or by its size and --photons].
-    ///
-    /// Larger: less noise and more blur. By default it shrinks with the fourth root of the passes, so that the blur vanishes,
-    /// and photons have smaller ones where they are dense; a given radius is that of all, and stays.
-    #[arg(long, value_name = "R", allow_negative_numbers = true, value_parser = distance)]
-    pub photon_radius: Option<f32>,
-    /// Light each class of pixels by its own photons only, in place of all of them.
-    ///
-    /// The interleaved sampling of Wald et al. 2002, 4.2; noisier where the filter does not reach.
-    #[arg(long)]
-    pub interleave_photons: bool,
-    /// Mirrored lights in each pass, for each class of pixels, 0 to 1024 [default: 2; with --preset interactive: 1; none without planar mirrors].
-    ///
-    /// They light visible points through planar mirrors, without the blur and the noise of photons, which then omit these
-    /// paths. Each costs two rays for each pixel.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(Settings::MAX_MIRROR_LIGHTS)))]
-    pub mirror_lights: Option<u32>,
-    /// Clipping distance: closer than this, a virtual light grows no brighter, in scene units [default: see --clip-fraction].
-    ///
-    /// Higher: smoother corners, and more light for compensation to restore (slower, a little grain).
-    /// Lower: bright blotches that take more passes to vanish; 0 clips nothing.
-    #[arg(long, value_name = "D", allow_negative_numbers = true, value_parser = distance, conflicts_with = "clip_fraction")]
-    pub clip: Option<f32>,
-    /// Clipping distance as a fraction of the size of what the camera sees: in a room its diagonal, about [default: the scene's, or 0.1].
-    #[arg(long, value_name = "F", allow_negative_numbers = true, value_parser = distance)]
-    pub clip_fraction: Option<f32>,
-    /// How to restore the light that clipping cuts off [default: the scene's, or near].
-    #[arg(long, value_name = "HOW")]
-    pub compensation: Option<CompensationFlag>,
-    /// Short for --compensation off.
-    #[arg(long, conflicts_with = "compensation")]
-    pub no_compensation: bool,
-    /// Probability with which a particle starts from an emitter [default: power].
-    #[arg(long, value_name = "BY")]
-    pub light_choice: Option<LightChoiceFlag>,
-    /// Fraction of --light-choice contribution still drawn by power, above 0 to 1 [default: 0.2].
-    ///
-    /// Lower: lights that matter to the view get more of the particles; underestimated lights are noisier.
-    #[arg(long, visible_alias = "light-floor", value_name = "F", allow_negative_numbers = true, value_parser = share)]
-    pub power_fraction: Option<f32>,
-    /// Point, spot and directional lights evaluated in each pass, chosen by --light-choice, 1 to 2048, or all [default: all].
-    ///
-    /// The same limit; fewer save shadow rays in scenes with hundreds of lamps, and are noisier.
-    #[arg(long, value_name = "N|all", value_parser = delta_lights)]
-    pub delta_lights: Option<DeltaLightsFlag>,
-    /// Low-discrepancy sequence of the particles [default: halton].
-    #[arg(long, value_name = "NAME")]
-    pub sequence: Option<SequenceFlag>,
-    /// Jitter the low-discrepancy points in their cells: noise instead of structured error.
-    #[arg(long)]
-    pub jitter: bool,
-    /// Drop a light for a cluster of 64 neighbouring points if its irradiance there is at most E [default: 0].
-    ///
-    /// Higher: faster and darker, by at most E for each light of a pass. 0 drops only lights that contribute nothing.
-    #[arg(long, value_name = "E", allow_negative_numbers = true, value_parser = distance)]
-    pub light_threshold: Option<f32>,
-    /// Average irradiance over neighbouring pixels of one surface, in a window of this size [default: auto; off with --interleave 1x1].
-    ///
-    /// auto: the size of the interleaving pattern, at least 3x3; else odd numbers from 1 to 9, no smaller than the pattern.
-    /// Smooth images from few passes; blurs shadows over the window, but not textures; less with each pass after 64. Larger is
-    /// smoother, blurs more and takes longer.
-    #[arg(long, value_name = "WxH|auto|off", value_parser = filter)]
-    pub filter: Option<FilterFlag>,
-    /// Do not apply --filter to direct light: its shadows stay sharp, and noisy.
-    #[arg(long, requires = "filter")]
-    pub no_filter_direct: bool,
-    /// Test for pixels of one surface [default: plane].
-    #[arg(long, value_name = "TEST", requires = "filter")]
-    pub filter_agreement: Option<AgreementFlag>,
-    /// Random seed [default: the scene's, or 0]. Same seed, settings and device: same bits.
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
-    pub seed: Option<u64>,
-    /// Preset for --particles, --direct-lights, --interleave, --photons, --filter, --clip-fraction, --compensation and --jitter.
-    ///
-    /// These flags override the preset; the preset overrides the scene.
-    #[arg(long, value_enum)]
-    pub preset: Option<Preset>,
-}
-
 /// Device and execution.
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Device")]
@@ -477,23 +277,6 @@ pub struct Device {
     /// A rendering that needs more is refused before its first pass.
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     pub max_device_memory: Option<u64>,
-    /// Maximum lights in one dispatch of the shading pass, 1 to 64 [default: 8].
-    ///
-    /// Higher: fewer dispatches, but fewer traversal steps for each light within one. Lower it if the driver resets the
-    /// device because a dispatch takes too long.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
-    pub lights_per_dispatch: Option<u32>,
-    /// Dispatches over which a ray of a pass may spread, 1 to 1024 [default: 4].
-    ///
-    /// A round that no ray needs costs microseconds. Raise it if a rendering reports unfinished rays.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
-    pub rounds: Option<u32>,
-    /// Traversal kernel for shadow rays and eye rays [default: auto].
-    #[arg(long, value_name = "HOW")]
-    pub traversal: Option<TraversalFlag>,
-    /// Order in which visible points are grouped into clusters [default: screen].
-    #[arg(long, value_name = "ORDER")]
-    pub cluster_order: Option<ClusterOrderFlag>,
 }
 
 #[cfg(test)]
@@ -542,10 +325,10 @@ mod tests {
         assert_eq!(render.output.resolution, Some([17, 5]));
         assert_eq!(render.camera.eye, Some(DVec3::new(-1.0, 2.5, -300.0)));
         assert_eq!(render.output.exposure, Some(Exposure::Stops(-1.5)));
-        assert_eq!(render.stop.time, Some(Duration::from_millis(500)));
-        for (text, number) in [("all", None), ("0", None), ("12", Some(12))] {
+        assert_eq!(render.keys.flags.time, Some(0.5));
+        for (text, number) in [("all", None), ("12", Some(12))] {
             let render = parse(&format!("a.toml -o a.exr --delta-lights {text}")).unwrap();
-            assert_eq!(render.light.delta_lights, Some(DeltaLightsFlag(number)));
+            assert_eq!(render.keys.flags.delta_lights, Some(number));
         }
         parse("--list-devices").unwrap();
         parse("a.obj --export-lights l.gltf").unwrap();

@@ -6,7 +6,7 @@ use lightsum::bake::files::{self, Form};
 use lightsum::bake::{Bake, Lightmap};
 use lightsum::gpu::Context;
 use lightsum::output::{self, Layers, Metadata, State};
-use lightsum::settings::{Settings, Traversal};
+use lightsum::settings::{RenderDefaults, Settings, Traversal};
 use lightsum::standalone::{self, RenderOptions};
 use lightsum::{Error, Result, Scene, scene};
 
@@ -15,7 +15,7 @@ use crate::checkpoint::earlier_traversal;
 use crate::parts::{Job, View, part_path};
 use crate::play;
 use crate::progress::{Progress, duration};
-use crate::render::{SOFTWARE, pipeline_cache, settings, watch_for_interrupt};
+use crate::render::{SOFTWARE, pipeline_cache, watch_for_interrupt};
 use crate::stop::{Clock, Stop};
 use crate::{say, say_aside};
 
@@ -31,7 +31,7 @@ pub fn run(args: &args::Bake) -> Result<()> {
     let options = options(args, if args.stop.resume { earlier_traversal(&states)? } else { None });
     let start = Instant::now();
     let (context, settings) = standalone::open(settings, &options)?;
-    let clock = Clock::start(Stop::choose(&args.stop, scene.render.passes), &interrupted);
+    let clock = Clock::start(Stop::choose(&scene.render), &interrupted);
     if let Some(adaptive) = args.adaptive.options() {
         return crate::radiosity::run(args, (&context, &scene), &settings, adaptive, &clock);
     }
@@ -76,7 +76,8 @@ pub fn run(args: &args::Bake) -> Result<()> {
 pub fn prepare(args: &args::Bake) -> Result<(Scene, Settings)> {
     let mut scene = scene::load_with(&args.scene, &args.reading.options())?;
     play::pose(&mut scene, &args.scene, args.pose.animation.as_deref(), args.pose.at)?;
-    let settings = bake_settings(args, &scene);
+    let given = args.keys.override_scene(&mut scene, "bake")?;
+    let settings = bake_settings(args, &scene, &given);
     settings.validate()?;
     args.options().validate()?;
     Ok((scene, settings))
@@ -161,16 +162,17 @@ const LIGHT_POOL: u32 = 4000;
 
 /// The flags over settings for texels: all of them share their particles. Trees split where neighbours differ, so that their points share
 /// their lights too.
-fn bake_settings(args: &args::Bake, scene: &lightsum::Scene) -> Settings {
-    let mut chosen = settings(&args.light, &args::Glossy::default(), &args.device, &scene.render);
-    let given = args.light.preset.is_some();
-    if !given && args.light.particles.or(scene.render.particles).is_none() {
+fn bake_settings(args: &args::Bake, scene: &Scene, by_command: &RenderDefaults) -> Settings {
+    let keys = &scene.render;
+    let mut chosen = Settings::default().with_scene_defaults(keys);
+    let given = keys.preset.is_some();
+    if !given && keys.particles.is_none() {
         chosen.particles = PARTICLES;
     }
     let classes = chosen.classes();
     let default = if given || args.adaptive.options().is_some() { 0 } else { LIGHT_POOL };
-    let mut chosen = Settings { light_pool: args.light.light_pool.unwrap_or(default), ..chosen };
-    if args.light.interleave.is_none() && !given {
+    let mut chosen = Settings { light_pool: keys.light_pool.unwrap_or(default), ..chosen };
+    if by_command.interleave.is_none() && !given {
         chosen.photons *= classes;
         chosen.pattern = [1, 1];
     }

@@ -190,12 +190,13 @@ impl Master<'_> {
     }
 }
 
+/// Reason to refuse a flag.
+const NOT_HERE: &str = "it is for a rendering by one process; leave it out";
+
 /// Refuses flags that concern a rendering by one process.
 fn refuse_flags(flags: &[(bool, &'static str)]) -> Result<()> {
     match flags.iter().find(|(given, _)| *given) {
-        Some((_, name)) => {
-            Err(Error::Setting { name, message: String::from("it is for a rendering by one process; leave it out") })
-        }
+        Some((_, name)) => Err(Error::Setting { name, message: String::from(NOT_HERE) }),
         None => Ok(()),
     }
 }

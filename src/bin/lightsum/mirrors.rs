@@ -7,13 +7,30 @@ use std::time::Instant;
 use lightsum::Result;
 use lightsum::pass::reproject::MirrorPixels;
 use lightsum::scene::Scene;
-use lightsum::settings::Settings;
+use lightsum::settings::{MirrorForm, RenderDefaults, Settings};
 use lightsum::standalone::{self, RenderOptions, Renderer};
-use lightsum::superposition::depth_images::{DepthImages, Plan};
+use lightsum::superposition::depth_images::{DepthImages, Options, Plan};
 
-use crate::args::Mirrors;
 use crate::progress::{Progress, duration};
 use crate::say_aside;
+
+/// Whether images with depth are wanted.
+pub fn wanted(keys: &RenderDefaults) -> bool {
+    keys.mirror_source == Some(MirrorForm::Images)
+}
+
+/// The sizes of the images.
+fn sizes(keys: &RenderDefaults) -> Options {
+    let defaults = Options::default();
+    Options {
+        hemispheres: keys.mirror_hemispheres.unwrap_or(defaults.hemispheres),
+        images: keys.mirror_images.unwrap_or(defaults.images),
+        side: keys.mirror_side.unwrap_or(defaults.side),
+        layers: keys.mirror_layers.unwrap_or(defaults.layers),
+        passes: keys.mirror_passes.unwrap_or(defaults.passes),
+        memory: keys.mirror_memory.unwrap_or(defaults.memory),
+    }
+}
 
 /// The pixels of the latest pass that images with depth show, if there are images.
 pub fn pixels(renderer: &Renderer) -> Result<Option<MirrorPixels>> {
@@ -33,18 +50,12 @@ pub fn tell(pixels: Option<MirrorPixels>) {
 }
 
 /// Makes the images if they are wanted; says before how many bytes they take.
-pub fn sample(
-    scene: &mut Scene,
-    settings: &Settings,
-    args: &Mirrors,
-    options: &RenderOptions,
-    interrupted: &AtomicBool,
-) -> Result<()> {
-    if !args.wants_images() {
+pub fn sample(scene: &mut Scene, settings: &Settings, options: &RenderOptions, interrupted: &AtomicBool) -> Result<()> {
+    if !wanted(&scene.render) {
         return Ok(());
     }
     let start = Instant::now();
-    let plan = Plan::new(scene, settings, args.options())?;
+    let plan = Plan::new(scene, settings, sizes(&scene.render))?;
     let side = plan.options().side;
     say_aside(&format!(
         "{} hemispheres, {} images with depth of {side}x{side} points, {:.1} MiB",

@@ -26,7 +26,7 @@ pub fn run(
 ) -> Result<()> {
     let start = Instant::now();
     compute::check(&options, &textures, &args.options())?;
-    let stop = Stop::choose(&args.stop, scene.render.passes);
+    let stop = Stop::choose(&scene.render);
     let passes = stop.passes().map_or(ROUND_PASSES, |passes| passes.min(ROUND_PASSES));
     let radiosity = Radiosity::new_unless(context, scene, settings.clone(), &|| clock.is_over())
         .map_err(|error| clock.tell(error))?;

@@ -1,6 +1,6 @@
 //! `lightsum render`: flags and scene become settings, passes run until a condition is met, files are written.
 
-use crate::args::{Device, FilterFlag, Glossy, Light, Preset, Render};
+use crate::args::Render;
 use crate::checkpoint::{self, Checkpoints};
 use crate::live::Live;
 use crate::moment::Moment;
@@ -12,9 +12,9 @@ use lightsum::engine::ShutterEnd;
 use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics, Wanted};
 use lightsum::pass::layout::PointLight;
 use lightsum::scene::{self, Camera, RenderDefaults, Scene};
-use lightsum::settings::{Agreement, Clip, Compensation, Filter, Settings, Traversal};
+use lightsum::settings::{Settings, Traversal};
 use lightsum::standalone::{RenderOptions, Renderer};
-use lightsum::{Error, Result, tiles};
+use lightsum::{Error, Result, ring, tiles};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -71,6 +71,7 @@ pub fn prepare(args: &Render) -> Result<(Job, Scene, Moment<'_>)> {
     };
     let start = Instant::now();
     let mut scene = scene::load_with(path, &args.reading.options())?;
+    let given = args.keys.override_scene(&mut scene, "render")?;
     let moment = Moment::of(&mut scene, path, args)?;
     let camera = moment.camera;
     if let Some(kept) = &args.output.light_from {
@@ -79,17 +80,14 @@ pub fn prepare(args: &Render) -> Result<(Job, Scene, Moment<'_>)> {
     scene.files.extend(args.output.light_from.clone());
     let stages = vec![("load".into(), start.elapsed().as_secs_f64())];
     args.output.crop.map_or(Ok(()), |crop| crop.check(camera.resolution))?;
-    let settings = settings(&args.light, &args.glossy, &args.device, &scene.render);
-    let lookup = args.output.lookup.map_or(settings.lookup, Into::into);
-    let mut settings = Settings { summands: args.output.summands, lookup, ..settings };
+    let mut settings = Settings::default().with_scene_defaults(&scene.render);
     if args.output.export_lights.is_some() {
         // Exported lights light everything, so there must not be many more of them than a pass can afford.
         settings.light_pool = 0;
-        if args.light.interleave.is_none() {
+        if given.interleave.is_none() {
             settings.pattern = [1, 1];
         }
     }
-    args.mirrors.apply(&mut settings);
     settings.validate()?;
     let denoise = args.output.denoise.is_some();
     if denoise {
@@ -124,78 +122,19 @@ pub fn options(args: &Render, traversal: Option<Traversal>, ends: Option<&[Shutt
     }
 }
 
-/// Applies a preset, which leaves the other settings as they are.
-pub fn apply_preset(settings: &mut Settings, preset: Preset) {
-    let preset = match preset {
-        Preset::Progressive => Settings::default(),
-        Preset::Interactive => Settings::interactive(),
+/// The settings of a scene with its keys, over those of the command line. Says how much memory a ring takes.
+pub fn moving_settings(keys: &RenderDefaults, resolution: [u32; 2]) -> Result<Settings> {
+    let settings = Settings::default().with_scene_defaults(keys);
+    settings.validate()?;
+    let Some(ring) = &settings.ring else { return Ok(settings) };
+    ring.check(resolution, settings.max_depth)?;
+    let what = match ring.form {
+        ring::Form::Images => "images",
+        ring::Form::Lights => "paths",
     };
-    settings.particles = preset.particles;
-    settings.light_pool = preset.light_pool;
-    settings.direct_lights = preset.direct_lights;
-    settings.pattern = preset.pattern;
-    settings.clip = preset.clip;
-    settings.compensation = preset.compensation;
-    settings.jitter = preset.jitter;
-    settings.photons = preset.photons;
-    settings.mirror_lights = preset.mirror_lights;
-    settings.filter = preset.filter;
-}
-
-/// Settings in order of precedence: command line, preset, `[render]` of the scene, defaults.
-pub fn settings(light: &Light, glossy: &Glossy, device: &Device, render: &RenderDefaults) -> Settings {
-    let mut settings = Settings::default().with_scene_defaults(render);
-    if let Some(preset) = light.preset {
-        apply_preset(&mut settings, preset);
-    }
-    // A scene's own number is that of each class.
-    let keeps = light.preset.is_none() && render.photons.is_some();
-    let classes =
-        if keeps { light.interleave.unwrap_or(settings.pattern).iter().product() } else { settings.classes() };
-    settings.particles = light.particles.unwrap_or(settings.particles);
-    settings.light_pool = light.light_pool.unwrap_or(settings.light_pool);
-    settings.direct_lights = light.direct_lights.or(settings.direct_lights);
-    settings.pattern = light.interleave.unwrap_or(settings.pattern);
-    settings.max_depth = light.max_depth.unwrap_or(settings.max_depth);
-    settings.max_specular = light.max_specular.unwrap_or(settings.max_specular);
-    settings.split &= !light.no_split;
-    settings.glossy_paths &= !light.no_glossy_paths;
-    settings.antialias &= !light.no_antialias;
-    // Another pattern has as many photons over all classes.
-    let all = settings.photons * classes;
-    settings.photons = light.photons.unwrap_or(all.div_ceil(settings.classes()));
-    settings.photon_radius = light.photon_radius.or(settings.photon_radius);
-    settings.interleave_photons |= light.interleave_photons;
-    settings.clip = light.clip.map(Clip::Distance).or(light.clip_fraction.map(Clip::Fraction)).unwrap_or(settings.clip);
-    settings.compensation = match light.compensation {
-        _ if light.no_compensation => Compensation::Off,
-        chosen => chosen.map_or(settings.compensation, Into::into),
-    };
-    settings.filter = match light.filter {
-        // All pixels share their lights, so that their errors are alike.
-        None if settings.pattern == [1, 1] => None,
-        None => settings.filter,
-        Some(FilterFlag::Off) => None,
-        Some(size) => Some(Filter {
-            window: if let FilterFlag::Window(window) = size { Some(window) } else { None },
-            direct: !light.no_filter_direct,
-            agreement: light.filter_agreement.map_or(Agreement::default(), Into::into),
-        }),
-    };
-    glossy.apply(&mut settings);
-    settings.light_threshold = light.light_threshold.unwrap_or(settings.light_threshold);
-    settings.light_choice = light.light_choice.map_or(settings.light_choice, Into::into);
-    settings.power_fraction = light.power_fraction.unwrap_or(settings.power_fraction);
-    settings.mirror_lights = light.mirror_lights.unwrap_or(settings.mirror_lights);
-    settings.delta_lights = light.delta_lights.map_or(settings.delta_lights, |flag| flag.0);
-    settings.sequence = light.sequence.map_or(settings.sequence, Into::into);
-    settings.jitter |= light.jitter;
-    settings.seed = light.seed.unwrap_or(settings.seed);
-    settings.lights_per_dispatch = device.lights_per_dispatch.unwrap_or(settings.lights_per_dispatch);
-    settings.rounds = device.rounds.unwrap_or(settings.rounds);
-    settings.traversal = device.traversal.map_or(settings.traversal, Into::into);
-    settings.cluster_order = device.cluster_order.map_or(settings.cluster_order, Into::into);
-    settings
+    let mib = ring.bytes(resolution, settings.max_depth) as f64 / (1 << 20) as f64;
+    say_aside(&format!("a ring of {} {what} takes {mib:.1} MiB of {}", ring.length, ring.memory));
+    Ok(settings)
 }
 
 /// Renders by instant radiosity and writes the requested files: images, with their state at `state_path`, or a part of the passes.
@@ -219,9 +158,9 @@ fn radiosity(
     };
     let strips = args.output.crop.is_none() && ends.is_none() && part.is_none();
     let options = RenderOptions { strips, ..options(args, traversal, ends.as_ref()) };
-    let stop = Stop::choose(&args.stop, scene.render.passes);
+    let stop = Stop::choose(&scene.render);
     let mut live = Live::new(&args.output, &job.name)?;
-    mirrors::sample(&mut scene, &job.settings, &args.mirrors, &options, &interrupted)?;
+    mirrors::sample(&mut scene, &job.settings, &options, &interrupted)?;
     let mut renderer = Renderer::new(scene, job.camera, job.settings.clone(), &options)?;
     renderer.set_shutter_ends(ends.clone())?;
     job.stages.push(("prepare".into(), start.elapsed().as_secs_f64()));
@@ -344,11 +283,11 @@ fn in_strips(job: Job, mut renderer: Renderer, args: &Render, interrupted: &Atom
         name,
         message: format!("{width}x{height} is too large for the device at once, and strips take --passes alone"),
     };
-    let flags = &args.stop;
+    let keys = &renderer.scene().render;
     let excluded = [
-        (flags.time.is_some(), "--time"),
-        (flags.target_error.is_some(), "--target-error"),
-        (flags.resume, "--resume"),
+        (keys.time.is_some(), "--time"),
+        (keys.target_error.is_some(), "--target-error"),
+        (args.stop.resume, "--resume"),
         (args.output.export_lights.is_some(), "--export-lights"),
         (args.output.preview.is_some(), "--preview"),
         (args.output.display.is_some(), "--display"),
@@ -356,7 +295,7 @@ fn in_strips(job: Job, mut renderer: Renderer, args: &Render, interrupted: &Atom
     if let Some((_, name)) = excluded.into_iter().find(|(given, _)| *given) {
         return Err(too_large(name));
     }
-    let passes = Stop::choose(flags, renderer.scene().render.passes).passes().ok_or_else(|| too_large("--passes"))?;
+    let passes = Stop::choose(keys).passes().ok_or_else(|| too_large("--passes"))?;
     let strips = renderer.strips().to_vec();
     log::info!("{width}x{height} is rendered in {} strips", strips.len());
     let total = passes * strips.len() as u32;
@@ -540,13 +479,16 @@ mod tests {
     use super::*;
     use crate::args::{Arguments, Command};
     use clap::Parser;
-    use lightsum::scene::CompensationKey;
+    use lightsum::settings::keys::{Given, KEYS, Takes};
+    use lightsum::settings::{Agreement, Clip, Compensation, Filter, Spread};
 
     fn chosen(line: &str, render: &RenderDefaults) -> Settings {
         let start = ["lightsum", "render", "a.toml", "-o", "a.exr"];
         let arguments = Arguments::try_parse_from(start.into_iter().chain(line.split_whitespace())).unwrap();
         let Some(Command::Render(args)) = arguments.command else { unreachable!("the line names the command") };
-        settings(&args.light, &args.glossy, &args.device, render)
+        let mut keys = render.clone();
+        keys.override_by(&args.keys.given().unwrap());
+        Settings::default().with_scene_defaults(&keys)
     }
 
     #[test]
@@ -556,7 +498,7 @@ mod tests {
             particles: Some(7),
             max_specular: Some(3),
             clip: Some(0.5),
-            compensation: Some(CompensationKey(Compensation::Off)),
+            compensation: Some(Compensation::Off),
             seed: Some(9),
             ..RenderDefaults::default()
         };
@@ -581,11 +523,55 @@ mod tests {
         let filter = chosen("--filter 5x3 --no-filter-direct --filter-agreement paper", &scene).filter;
         let expected = Filter { window: Some([5, 3]), direct: false, agreement: Agreement::DepthAndNormal };
         assert_eq!(filter, Some(expected));
-        let preset = chosen("--preset progressive --particles 4", &scene);
-        assert_eq!((preset.particles, preset.clip, preset.compensation), (4, defaults.clip, Compensation::Near));
-        assert_eq!(preset.seed, 9);
+        // A preset is below the scene's keys.
+        let preset = chosen("--preset interactive --particles 4", &scene);
+        assert_eq!((preset.particles, preset.clip, preset.compensation), (4, Clip::Distance(0.5), Compensation::Off));
+        assert_eq!((preset.seed, preset.photons), (9, 1500));
         assert_eq!(chosen("--preset progressive --no-compensation", &scene).compensation, Compensation::Off);
-        assert_eq!(chosen("--preset interactive", &scene).compensation, Compensation::Near);
+        assert_eq!(chosen("--preset interactive", &RenderDefaults::default()), Settings::interactive());
         assert_eq!(chosen("--preset interactive --compensation exact", &scene).compensation, Compensation::Exact);
+    }
+
+    #[test]
+    fn set_is_below_flags_and_above_the_scene() {
+        let scene = RenderDefaults { particles: Some(7), seed: Some(9), ..RenderDefaults::default() };
+        let settings = chosen("--set particles=5 --set seed=3 --seed 2 --set max_depth=4 --set filter=off", &scene);
+        assert_eq!((settings.particles, settings.seed, settings.max_depth), (5, 2, 4));
+        assert_eq!(settings.filter, None);
+        // The last one counts.
+        assert_eq!(chosen("--set particles=5 --set particles=6", &scene).particles, 6);
+        assert_eq!(chosen("--particles 5 --particles 6", &scene).particles, 6);
+        let sizes =
+            chosen("--set interleave=[2,1] --set compensation='exact' --set filter_agreement=depth_and_normal", &scene);
+        assert_eq!((sizes.pattern, sizes.filter.map(|f| f.agreement)), ([2, 1], Some(Agreement::DepthAndNormal)));
+    }
+
+    #[test]
+    fn every_switch_can_be_turned_back() {
+        let switches = KEYS.iter().filter(|key| key.takes == Takes::Switch && key.acts_on("render"));
+        let mut count = 0;
+        for key in switches {
+            let (on, off) = (key.flag, key.flag.replacen("--", "--no-", 1));
+            let with = |line: &str, set: bool| {
+                let superposition = Some(Some(Spread::Variant));
+                let mut scene = RenderDefaults { superposition, ..RenderDefaults::default() };
+                scene.put(key.name, &Given::Switch(set)).unwrap();
+                chosen(line, &scene).keys()
+            };
+            assert!(with("", true) != with("", false), "{on} changes nothing");
+            for set in [true, false] {
+                assert_eq!(with(on, set), with("", true), "{on}");
+                assert_eq!(with(&off, set), with("", false), "{off}");
+                assert_eq!(with(&format!("{on} {off}"), set), with("", false), "{on} {off}");
+                assert_eq!(with(&format!("{off} {on}"), set), with("", true), "{off} {on}");
+            }
+            count += 1;
+        }
+        assert_eq!(count, 8);
+        let compensation = |line: &str| chosen(line, &RenderDefaults::default()).compensation;
+        assert_eq!(compensation("--no-compensation --compensation exact"), Compensation::Exact);
+        assert_eq!(compensation("--compensation exact --no-compensation"), Compensation::Off);
+        let filter = chosen("--preset interactive --no-filter-direct", &RenderDefaults::default()).filter;
+        assert_eq!(filter, Some(Filter { direct: false, ..Filter::default() }));
     }
 }

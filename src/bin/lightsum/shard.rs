@@ -15,6 +15,9 @@ use crate::render::{Job, count, metadata};
 use crate::say_aside;
 use crate::stop::Stop;
 
+/// Reason to refuse a flag.
+const NO_IMAGE: &str = "it concerns an image, and the output is a film of a part of the passes";
+
 /// A part of the passes, and the film of them.
 pub struct Part<'a> {
     path: &'a Path,
@@ -37,7 +40,6 @@ impl<'a> Part<'a> {
             }
         };
         let concerns_images = [
-            (args.stop.target_error.is_some(), "--target-error"),
             (args.output.preview.is_some(), "--preview"),
             (args.output.display.is_some(), "--display"),
             (args.output.denoise.is_some(), "--denoise"),
@@ -45,7 +47,7 @@ impl<'a> Part<'a> {
             (args.reference.reference, "--reference"),
         ];
         if let Some((_, name)) = concerns_images.into_iter().find(|(given, _)| *given) {
-            let message = String::from("it concerns an image, and the output is a film of a part of the passes");
+            let message = String::from(NO_IMAGE);
             return Err(Error::Setting { name, message });
         }
         let earlier = (args.stop.resume && path.exists()).then(|| FilmFile::read(path)).transpose()?;
@@ -64,7 +66,8 @@ impl<'a> Part<'a> {
 
     /// Renders the passes and writes the film.
     pub fn run(self, job: &Job, mut renderer: Renderer, args: &Render, interrupted: &AtomicBool) -> Result<()> {
-        let stop = Stop::choose(&args.stop, renderer.scene().render.passes);
+        let stop = Stop::choose(&renderer.scene().render);
+        stop.refuse_error(NO_IMAGE)?;
         let metadata = metadata(job, "", String::new());
         let mut about = About { asked: stop.passes(), ..about(metadata, job.encoding.exposure, &renderer) };
         if let Some(earlier) = &self.earlier {

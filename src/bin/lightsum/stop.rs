@@ -1,6 +1,6 @@
 //! Stopping conditions of a rendering.
 
-use crate::args;
+use lightsum::settings::RenderDefaults;
 use lightsum::standalone::Renderer;
 use lightsum::{Error, Result};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,11 +18,28 @@ pub struct Stop {
 }
 
 impl Stop {
-    /// In order of precedence: the flags, the scene's number of passes, the default.
-    pub fn choose(flags: &args::Stop, scene_passes: Option<u32>) -> Stop {
-        let (time, error) = (flags.time, flags.target_error);
-        let otherwise = (time.is_none() && error.is_none()).then(|| scene_passes.unwrap_or(DEFAULT_PASSES));
-        Stop { passes: flags.passes.or(otherwise), time, error }
+    /// Those that are given, or the default number of passes.
+    pub fn choose(keys: &RenderDefaults) -> Stop {
+        let (time, error) = (keys.time.map(Duration::from_secs_f32), keys.target_error);
+        let otherwise = (time.is_none() && error.is_none()).then_some(DEFAULT_PASSES);
+        Stop { passes: keys.passes.or(otherwise), time, error }
+    }
+
+    /// Refuses a target error, for the sake of what takes none.
+    pub fn refuse_error(&self, message: &str) -> Result<()> {
+        match self.error {
+            Some(_) => Err(Error::Setting { name: "--target-error", message: message.into() }),
+            None => Ok(()),
+        }
+    }
+
+    /// Refuses a time, for the sake of what takes none.
+    #[cfg(feature = "mpi")]
+    pub fn refuse_time(&self, message: &str) -> Result<()> {
+        match self.time {
+            Some(_) => Err(Error::Setting { name: "--time", message: message.into() }),
+            None => Ok(()),
+        }
     }
 
     /// The same with another time, if that is a condition.
@@ -140,23 +157,27 @@ pub fn error_is_due(passes: u32) -> bool {
 mod tests {
     use super::*;
 
-    fn flags(passes: Option<u32>, time: Option<u64>, target_error: Option<f32>) -> args::Stop {
-        let checkpoint = args::CheckpointFlag(None);
-        args::Stop { passes, time: time.map(Duration::from_secs), target_error, resume: false, checkpoint }
+    fn keys(passes: Option<u32>, time: Option<u64>, target_error: Option<f32>) -> RenderDefaults {
+        RenderDefaults { passes, time: time.map(|s| s as f32), target_error, ..RenderDefaults::default() }
     }
 
     #[test]
-    fn flags_come_before_the_scene_and_the_scene_before_the_default() {
-        assert_eq!(Stop::choose(&flags(None, None, None), None).passes, Some(64));
-        assert_eq!(Stop::choose(&flags(None, None, None), Some(9)).passes, Some(9));
-        assert_eq!(Stop::choose(&flags(Some(3), None, None), Some(9)).passes, Some(3));
-        assert_eq!(Stop::choose(&flags(None, Some(1), None), Some(9)).passes, None);
-        assert_eq!(Stop::choose(&flags(None, None, Some(0.1)), Some(9)).passes, None);
+    fn conditions_that_are_given_replace_those_below() {
+        let chosen = |over: RenderDefaults, passes| {
+            let mut scene = keys(passes, None, None);
+            scene.override_by(&over);
+            Stop::choose(&scene)
+        };
+        assert_eq!(chosen(keys(None, None, None), None).passes, Some(64));
+        assert_eq!(chosen(keys(None, None, None), Some(9)).passes, Some(9));
+        assert_eq!(chosen(keys(Some(3), None, None), Some(9)).passes, Some(3));
+        assert_eq!(chosen(keys(None, Some(1), None), Some(9)).passes, None);
+        assert_eq!(chosen(keys(None, None, Some(0.1)), Some(9)).passes, None);
     }
 
     #[test]
     fn the_first_condition_stops() {
-        let stop = Stop::choose(&flags(Some(10), Some(5), Some(0.1)), None);
+        let stop = Stop::choose(&keys(Some(10), Some(5), Some(0.1)));
         let second = Duration::from_secs(1);
         assert!(!stop.reached(9, second, Some(0.11)) && !stop.reached(9, second, None));
         assert!(stop.reached(10, second, None));
@@ -167,13 +188,13 @@ mod tests {
     #[test]
     fn the_fraction_counts_this_run() {
         let second = Duration::from_secs(1);
-        let passes = Stop::choose(&flags(Some(10), None, None), None);
+        let passes = Stop::choose(&keys(Some(10), None, None));
         assert_eq!(passes.fraction(5, 5, second, None), 0.5);
         assert_eq!(passes.fraction(8, 2, second, None), 0.5);
         assert_eq!(passes.fraction(12, 0, second, None), 0.0);
-        let time = Stop::choose(&flags(None, Some(4), None), None);
+        let time = Stop::choose(&keys(None, Some(4), None));
         assert_eq!(time.fraction(7, 7, second, None), 0.25);
-        let error = Stop::choose(&flags(None, None, Some(0.1)), None);
+        let error = Stop::choose(&keys(None, None, Some(0.1)));
         assert_eq!(error.fraction(8, 8, second, None), 0.0);
         assert!((error.fraction(8, 8, second, Some(0.2)) - 0.25).abs() < 1e-6);
     }

@@ -8,15 +8,14 @@ use glam::{Affine3A, Vec3};
 use lightsum::engine::ShutterEnd;
 use lightsum::output::{self, Encoding, Format};
 use lightsum::scene::{self, Camera, Light, Scene, path::Motion};
-use lightsum::settings::Settings;
 use lightsum::{Error, Result};
 
 use super::pattern::Pattern;
 use crate::args::{self, Animate};
 use crate::play::Play;
 use crate::progress::duration;
-use crate::render::Job;
-use crate::{camera, say};
+use crate::render::{Job, moving_settings};
+use crate::{camera, mirrors, say};
 
 /// The frames of an animation, and the objects that move in it.
 pub struct Script<'a> {
@@ -41,7 +40,8 @@ impl<'a> Script<'a> {
             return Err(Error::Setting { name: "--frames", message });
         }
         let start = Instant::now();
-        let scene = scene::load_with(&args.scene, &shown.reading.options())?;
+        let mut scene = scene::load_with(&args.scene, &shown.reading.options())?;
+        shown.keys.override_scene(&mut scene, "animate")?;
         let mut play = match (&args.path, &args.play.animation) {
             (Some(_), None) => None,
             (None, None) => Some(Play::new(&scene, None, "--path")?),
@@ -57,11 +57,8 @@ impl<'a> Script<'a> {
             (None, Some(play)) => Motion::still(play.times(count, args.play.fps)?),
             (None, None) => Motion::still(Vec::new()),
         };
-        let settings = shown.settings(&scene.render, still.resolution)?;
-        let mut settings = Settings { moving_passes: args.moving_passes.unwrap_or(settings.moving_passes), ..settings };
-        args.mirrors.apply(&mut settings);
-        settings.validate()?;
-        if args.mirrors.wants_images() && (play.is_some() || !motion.objects.is_empty()) {
+        let settings = moving_settings(&scene.render, still.resolution)?;
+        if mirrors::wanted(&scene.render) && (play.is_some() || !motion.objects.is_empty()) {
             let message = String::from("images show a scene that stands still, and objects move here; use rays");
             return Err(Error::Setting { name: "--mirror-source", message });
         }

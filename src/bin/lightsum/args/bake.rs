@@ -11,7 +11,7 @@ use lightsum::settings::Exposure;
 use lightsum::radiosity::{self, TextureOptions};
 
 use super::values::{exposure, positive};
-use super::{Curve, Device, Light, Pose, Ranks, Reading, Stop};
+use super::{Curve, Device, Keys, Pose, Ranks, Reading, Stop};
 
 fn model_path(path: PathBuf) -> Result<PathBuf, &'static str> {
     let fits = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb"));
@@ -63,7 +63,7 @@ pub struct Bake {
     #[command(flatten)]
     pub reading: Reading,
     #[command(flatten)]
-    pub light: Light,
+    pub keys: Keys,
     #[command(flatten)]
     pub device: Device,
     #[command(flatten)]

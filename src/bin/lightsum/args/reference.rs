@@ -10,9 +10,9 @@ use super::SpecularFlag;
 pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise instead of structured error.
     #[arg(long, conflicts_with_all = [
-        "passes", "time", "target_error", "resume", "checkpoint", "particles", "light_pool", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "no_split", "no_glossy_paths", "no_antialias",
-        "photons", "photon_radius", "interleave_photons", "mirror_lights", "filter", "superposition", "kernel_width", "convolution", "no_occlusion", "reflectors", "glossy", "splat_particles", "splat_width", "splat_alpha", "soft_shadows", "soft_shadow_lights", "mirror_source", "summands",
-        "light_threshold", "light_choice", "power_fraction", "delta_lights", "sequence", "jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats", "preview", "display",
+        "passes", "time", "target_error", "resume", "checkpoint", "particles", "light_pool", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "split", "no_split", "glossy_paths", "no_glossy_paths", "antialias", "no_antialias",
+        "photons", "photon_radius", "interleave_photons", "no_interleave_photons", "mirror_lights", "filter", "superposition", "kernel_width", "convolution", "occlusion", "no_occlusion", "reflectors", "glossy", "splat_particles", "splat_width", "splat_alpha", "soft_shadows", "soft_shadow_lights", "mirror_source", "summands", "no_summands",
+        "light_threshold", "light_choice", "power_fraction", "delta_lights", "sequence", "jitter", "no_jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats", "preview", "display",
     ])]
     pub reference: bool,
     /// Samples per pixel of --reference [default: 64]. Time grows linearly, noise falls with the square root.

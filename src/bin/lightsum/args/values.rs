@@ -6,10 +6,9 @@ use std::time::Duration;
 use glam::{DVec3, Vec3};
 use lightsum::output::Format;
 use lightsum::settings::Exposure;
-use lightsum::settings::Settings;
 use lightsum::view::Region;
 
-use super::{CheckpointFlag, DeltaLightsFlag, FilterFlag};
+use super::CheckpointFlag;
 
 /// Maximum number of pixels of an image.
 pub const MAX_PIXELS: u64 = 1 << 26;
@@ -48,11 +47,6 @@ pub(super) fn crop(text: &str) -> Result<Region, String> {
     }
 }
 
-pub(super) fn pattern(text: &str) -> Result<[u32; 2], String> {
-    let fits = |pattern: &[u32; 2]| pattern.iter().all(|n| (1..=Settings::MAX_PATTERN).contains(n));
-    extent(text).filter(fits).ok_or_else(|| "expected a pattern from 1x1 to 8x8 pixels, such as 3x3".into())
-}
-
 pub(super) fn resolution(text: &str) -> Result<[u32; 2], String> {
     let size = extent(text).ok_or("expected WIDTHxHEIGHT in pixels, such as 640x480")?;
     check_resolution(size).map(|()| size)
@@ -64,25 +58,6 @@ pub fn check_resolution([width, height]: [u32; 2]) -> Result<(), String> {
         0 => Err(format!("{width}x{height} has no pixels")),
         1..=MAX_PIXELS => Ok(()),
         pixels => Err(format!("{width}x{height} has {pixels} pixels; at most {MAX_PIXELS} are possible")),
-    }
-}
-
-pub(super) fn filter(text: &str) -> Result<FilterFlag, String> {
-    match text {
-        "off" => Ok(FilterFlag::Off),
-        "auto" => Ok(FilterFlag::Auto),
-        _ => {
-            let size = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-            size.map(FilterFlag::Window).ok_or("expected WIDTHxHEIGHT in pixels, such as 3x3, or auto, or off".into())
-        }
-    }
-}
-
-pub(super) fn delta_lights(text: &str) -> Result<DeltaLightsFlag, String> {
-    match (text, text.parse()) {
-        ("all", _) | (_, Ok(0)) => Ok(DeltaLightsFlag(None)),
-        (_, Ok(n)) if n <= Settings::MAX_DELTA_LIGHTS => Ok(DeltaLightsFlag(Some(n))),
-        _ => Err(format!("expected a number from 1 to {}, or all", Settings::MAX_DELTA_LIGHTS)),
     }
 }
 
@@ -116,10 +91,6 @@ pub(super) fn distance(text: &str) -> Result<f32, String> {
 
 pub(super) fn positive(text: &str) -> Result<f32, String> {
     number(text, |v| v > 0.0, "a number above 0")
-}
-
-pub(super) fn share(text: &str) -> Result<f32, String> {
-    number(text, |v| v > 0.0 && v <= 1.0, "a share above 0, at most 1")
 }
 
 pub(super) fn angle(text: &str) -> Result<f32, String> {

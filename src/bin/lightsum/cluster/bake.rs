@@ -12,6 +12,7 @@ use lightsum::output::{self, FilmFile};
 use lightsum::settings::Traversal;
 use lightsum::{Error, Result, input, standalone};
 
+use super::NOT_HERE;
 use super::passes::{self, Limits, Sum};
 use super::{Master, claim, refuse_flags};
 use crate::args;
@@ -29,11 +30,7 @@ fn film_path(output: &Path, part: usize) -> PathBuf {
 
 /// Runs the command.
 pub fn run(master: &mut Master, args: &args::Bake) -> Result<()> {
-    refuse_flags(&[
-        (args.adaptive.options().is_some(), "--adaptive"),
-        (args.stop.time.is_some(), "--time"),
-        (args.stop.target_error.is_some(), "--target-error"),
-    ])?;
+    refuse_flags(&[(args.adaptive.options().is_some(), "--adaptive")])?;
     let first = film_path(&args.output, 0);
     let files = [args.output.clone(), first.clone()];
     let _claim = claim(&files)?;
@@ -42,7 +39,9 @@ pub fn run(master: &mut Master, args: &args::Bake) -> Result<()> {
     input::keep();
     let (scene, settings) = prepare(args)?;
     output::check_apart(files.iter().map(PathBuf::as_path), &scene.files)?;
-    let stop = Stop::choose(&args.stop, scene.render.passes);
+    let stop = Stop::choose(&scene.render);
+    stop.refuse_time(NOT_HERE)?;
+    stop.refuse_error(NOT_HERE)?;
     let interrupted = watch_for_interrupt();
     master.load(args.cluster.local_scene, traversal)?;
     let (context, settings) = standalone::open(settings, &options(args, Some(traversal)))?;

@@ -94,7 +94,7 @@ impl Client<'_> {
         let (job, mut scene, moment) = render::prepare(args)?;
         let ends = moment.ends(&scene)?;
         let options = render::options(args, Some(traversal), ends.as_ref());
-        mirrors::sample(&mut scene, &job.settings, &args.mirrors, &options, &AtomicBool::new(false))?;
+        mirrors::sample(&mut scene, &job.settings, &options, &AtomicBool::new(false))?;
         let mut renderer = Renderer::new(scene, job.camera, job.settings.clone(), &options)?;
         renderer.set_shutter_ends(ends)?;
         let about = shard::about(metadata(&job, "", String::new()), job.encoding.exposure, &renderer);

@@ -10,6 +10,7 @@ use lightsum::settings::Traversal;
 use lightsum::{Error, Result, input};
 use serde_json::json;
 
+use super::NOT_HERE;
 use super::passes::{self, Limits, Sum};
 use super::{Master, claim, processor_since, refuse_flags};
 use crate::animate::write_json;
@@ -32,7 +33,6 @@ fn film_path(args: &Render) -> Option<PathBuf> {
 pub fn run(master: &mut Master, args: &Render) -> Result<()> {
     refuse_flags(&[
         (args.cluster.shard.is_some(), "--shard"),
-        (args.stop.target_error.is_some(), "--target-error"),
         (args.output.preview.is_some(), "--preview"),
         (args.output.display.is_some(), "--display"),
         (args.output.export_lights.is_some(), "--export-lights"),
@@ -49,7 +49,8 @@ pub fn run(master: &mut Master, args: &Render) -> Result<()> {
     input::keep();
     let (job, scene, _) = render::prepare(args)?;
     output::check_apart(files.iter().map(PathBuf::as_path), &scene.files)?;
-    let stop = Stop::choose(&args.stop, scene.render.passes);
+    let stop = Stop::choose(&scene.render);
+    stop.refuse_error(NOT_HERE)?;
     drop(scene);
     let interrupted = watch_for_interrupt();
     let traversal = earlier.as_ref().map_or(Traversal::Auto, |film| film.traversal);

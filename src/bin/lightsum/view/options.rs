@@ -4,13 +4,11 @@ use egui::{DragValue, RichText, Ui};
 use lightsum::engine::Engine;
 use lightsum::ring::{Form, Ring};
 use lightsum::settings::{
-    ClusterOrder, Compensation, Filter, GlossyForm, LightChoice, Sequence, Settings, ShadowForm, SoftShadows, Splats,
-    Spread, Superposition,
+    ClusterOrder, Compensation, Filter, GlossyForm, LightChoice, Preset, Sequence, Settings, ShadowForm, SoftShadows,
+    Splats, Spread, Superposition,
 };
 
 use super::panel::{Panel, Request};
-use crate::args::Preset;
-use crate::render::apply_preset;
 
 /// The GPU passes whose time a setting changes, by its flag. Settings that are not here change no time, or that of all passes.
 const PASSES: [(&str, &[&str]); 25] = [
@@ -58,7 +56,7 @@ pub fn show(ui: &mut Ui, panel: &Panel, times: &[(String, f64)], engine: &Engine
         ui.label("preset").on_hover_text(panel.panel.flag("preset"));
         for (preset, name) in [(Preset::Progressive, "progressive"), (Preset::Interactive, "interactive")] {
             if ui.small_button(name).clicked() {
-                apply_preset(&mut s, preset);
+                s.apply_preset(preset);
             }
         }
     });

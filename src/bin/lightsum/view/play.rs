@@ -12,7 +12,6 @@ use winit::keyboard::ModifiersState;
 use super::app::App;
 use super::keys;
 use super::script::{Command, Script};
-use crate::render::settings;
 
 /// Places that the mouse passes in a drag.
 const PLACES: u32 = 3;
@@ -71,10 +70,10 @@ impl App {
             }
             Command::Set(flags) => {
                 let session = self.session.as_mut()?;
-                let defaults = session.scene().map(|scene| scene.render.clone()).unwrap_or_default();
+                let mut keys = session.scene().map(|scene| scene.render.clone()).unwrap_or_default();
+                keys.override_by(&flags.keys.flags);
                 let now = session.engine().settings();
-                let mut wanted = settings(&flags.light, &flags.glossy, &flags.device, &defaults);
-                flags.ring.apply(&mut wanted);
+                let wanted = Settings::default().with_scene_defaults(&keys);
                 let wanted = Settings { traversal: now.traversal, summands: now.summands, ..wanted };
                 let result = session.set_settings(wanted);
                 if self.check(result).is_some() {

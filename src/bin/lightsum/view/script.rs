@@ -68,16 +68,10 @@ pub enum Command {
 
 /// Flags of `set`.
 #[derive(Debug, Parser)]
-#[command(no_binary_name = true)]
+#[command(name = "view", no_binary_name = true)]
 pub struct Flags {
     #[command(flatten)]
-    pub light: args::Light,
-    #[command(flatten)]
-    pub glossy: args::Glossy,
-    #[command(flatten)]
-    pub ring: args::Ring,
-    #[command(flatten)]
-    pub device: args::Device,
+    pub keys: args::Keys,
 }
 
 /// The commands that are still to be run.
@@ -170,7 +164,7 @@ mod tests {
         assert_eq!(commands.len(), 11);
         assert!(matches!(commands[0], Command::Window([96, 72])));
         assert!(matches!(commands[3], Command::Drag { to: [3.5, 4.0], shift: true, ctrl: false, .. }));
-        assert!(matches!(&commands[5], Command::Set(flags) if flags.light.particles == Some(8)));
+        assert!(matches!(&commands[5], Command::Set(flags) if flags.keys.flags.particles == Some(8)));
         assert!(matches!(&commands[7], Command::Drop(path) if path == Path::new("a scene.toml")));
         for (text, wrong) in
             [("passes\n", "passes"), ("\nkey Y", ":2"), ("drag up 1,1 2,2", "up"), ("set --no", "--no")]
