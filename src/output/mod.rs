@@ -5,9 +5,11 @@
 //! ([`claim`]). Same layers, same metadata: same bytes.
 
 mod claim;
+pub mod compare;
 pub mod denoise;
 mod exr;
 mod film_file;
+pub mod flip;
 mod png;
 mod state;
 mod stats;

@@ -94,8 +94,8 @@ pub use mesh::Mesh;
 pub(crate) use mesh::{check_transform, mirrors, outward_matrix};
 pub use mip::KeptLevels;
 pub use quietly::{panic_is_caught, silence_caught_panics};
-pub(crate) use texture::linear_to_srgb;
 pub use texture::{Cone, TextureUse};
+pub(crate) use texture::{linear_to_srgb, srgb_to_linear};
 
 pub use crate::settings::RenderDefaults;
 

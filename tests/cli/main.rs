@@ -11,6 +11,7 @@ mod faults;
 mod files;
 mod flags;
 mod general;
+mod help;
 mod live;
 #[cfg(feature = "mpi")]
 mod ranks;

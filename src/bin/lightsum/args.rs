@@ -4,10 +4,12 @@ mod bake;
 mod camera;
 mod choices;
 mod cluster;
+mod compare;
 mod keys;
 mod play;
 mod reading;
 mod reference;
+mod short_help;
 mod values;
 #[cfg(feature = "viewer")]
 mod view;
@@ -24,10 +26,14 @@ pub use bake::Bake;
 pub use camera::Camera;
 pub use choices::{Curve, Denoiser, SpecularFlag};
 pub use cluster::{Cluster, Merge, PartFlag, Ranks};
+pub use compare::{Compare, Devices, Measure};
 pub use keys::Keys;
 pub use play::{Play, Pose};
 pub use reading::Reading;
 pub use reference::Reference;
+#[cfg(feature = "viewer")]
+pub use short_help::command;
+pub use short_help::parse;
 #[cfg(feature = "viewer")]
 pub use values::extent;
 use values::{address, bytes, checkpoint, crop, exposure, image_path, output_path, resolution, seconds};
@@ -42,9 +48,15 @@ pub struct Arguments {
     /// List the Vulkan devices with their indices, then exit.
     #[arg(long)]
     pub list_devices: bool,
-    /// Verbose output on standard error: -v for progress, -vv for every step.
+    /// Tell more on standard error; -vv: every step.
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     pub verbose: u8,
+    /// Tell errors only: no warnings, no progress.
+    #[arg(short, long, global = true)]
+    pub quiet: bool,
+    /// Write what is told, and what -v would tell, to a file, with the seconds since the start.
+    #[arg(long, global = true, value_name = "FILE", hide_short_help = true)]
+    pub log_file: Option<PathBuf>,
     /// The subcommand.
     #[command(subcommand)]
     pub command: Option<Command>,
@@ -55,7 +67,7 @@ impl Arguments {
     pub fn is_of_one_process(&self) -> bool {
         match &self.command {
             Some(Command::Render(render)) => render.list_devices || render.cluster.shard.is_some(),
-            Some(Command::Info(_) | Command::Merge(_)) | None => true,
+            Some(Command::Info(_) | Command::Merge(_) | Command::Compare(_) | Command::Devices(_)) | None => true,
             _ => false,
         }
     }
@@ -88,6 +100,10 @@ pub enum Command {
     Merge(Merge),
     /// Print what a scene holds: triangles, materials, lights with their power, textures, size, camera, memory, and what was left out.
     Info(Info),
+    /// Compare two images: relative RMSE in linear radiance, ratio of energies, and FLIP.
+    Compare(Compare),
+    /// List the Vulkan devices with their indices.
+    Devices(Devices),
 }
 
 /// Flags of `info`.

@@ -17,7 +17,7 @@ use crate::play;
 use crate::progress::{Progress, duration};
 use crate::render::{SOFTWARE, pipeline_cache, watch_for_interrupt};
 use crate::stop::{Clock, Stop};
-use crate::{say, say_aside};
+use crate::{effect, say, say_aside};
 
 /// Runs the command.
 pub fn run(args: &args::Bake) -> Result<()> {
@@ -78,6 +78,7 @@ pub fn prepare(args: &args::Bake) -> Result<(Scene, Settings)> {
     play::pose(&mut scene, &args.scene, args.pose.animation.as_deref(), args.pose.at)?;
     let given = args.keys.override_scene(&mut scene, "bake")?;
     let settings = bake_settings(args, &scene, &given);
+    effect::warn(&given, &settings, &scene);
     settings.validate()?;
     args.options().validate()?;
     Ok((scene, settings))

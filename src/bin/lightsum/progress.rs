@@ -1,6 +1,7 @@
 //! Progress on standard error: a bar on a terminal, a plain line every few seconds elsewhere.
 
 use crate::say_aside;
+use crate::speak::is_quiet;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
@@ -21,7 +22,10 @@ impl Progress {
     /// Starts the clock.
     pub fn new() -> Progress {
         let style = ProgressStyle::with_template("{bar:30} {msg}");
-        let bar = style.ok().filter(|_| std::io::stderr().is_terminal()).map(|s| ProgressBar::new(STEPS).with_style(s));
+        let bar = style
+            .ok()
+            .filter(|_| std::io::stderr().is_terminal() && !is_quiet())
+            .map(|s| ProgressBar::new(STEPS).with_style(s));
         let start = Instant::now();
         Progress { bar, start, line: start }
     }

@@ -6,7 +6,7 @@ use crate::live::Live;
 use crate::moment::Moment;
 use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due, error_of};
-use crate::{mirrors, reference, say, say_aside, shard};
+use crate::{effect, mirrors, reference, say, say_aside, shard};
 use glam::DVec3;
 use lightsum::engine::ShutterEnd;
 use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics, Wanted};
@@ -89,6 +89,7 @@ pub fn prepare(args: &Render) -> Result<(Job, Scene, Moment<'_>)> {
         }
     }
     settings.validate()?;
+    effect::warn(&given, &settings, &scene);
     let denoise = args.output.denoise.is_some();
     if denoise {
         output::denoise::check()?;

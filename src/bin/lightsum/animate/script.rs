@@ -15,7 +15,7 @@ use crate::args::{self, Animate};
 use crate::play::Play;
 use crate::progress::duration;
 use crate::render::{Job, moving_settings};
-use crate::{camera, mirrors, say};
+use crate::{camera, effect, mirrors, say};
 
 /// The frames of an animation, and the objects that move in it.
 pub struct Script<'a> {
@@ -41,7 +41,7 @@ impl<'a> Script<'a> {
         }
         let start = Instant::now();
         let mut scene = scene::load_with(&args.scene, &shown.reading.options())?;
-        shown.keys.override_scene(&mut scene, "animate")?;
+        let given = shown.keys.override_scene(&mut scene, "animate")?;
         let mut play = match (&args.path, &args.play.animation) {
             (Some(_), None) => None,
             (None, None) => Some(Play::new(&scene, None, "--path")?),
@@ -58,6 +58,7 @@ impl<'a> Script<'a> {
             (None, None) => Motion::still(Vec::new()),
         };
         let settings = moving_settings(&scene.render, still.resolution)?;
+        effect::warn(&given, &settings, &scene);
         if mirrors::wanted(&scene.render) && (play.is_some() || !motion.objects.is_empty()) {
             let message = String::from("images show a scene that stands still, and objects move here; use rays");
             return Err(Error::Setting { name: "--mirror-source", message });

@@ -85,6 +85,10 @@ pub(super) fn exposure(text: &str) -> Result<Exposure, String> {
     number(text, |v| v.abs() <= 100.0, "a number of stops from -100 to 100, or auto").map(Exposure::Stops)
 }
 
+pub(super) fn stops(text: &str) -> Result<f32, String> {
+    number(text, |v| v.abs() <= 100.0, "a number of stops from -100 to 100")
+}
+
 pub(super) fn distance(text: &str) -> Result<f32, String> {
     number(text, |v| v >= 0.0, "a number of 0 or more")
 }

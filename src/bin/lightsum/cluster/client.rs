@@ -20,7 +20,7 @@ use crate::{bake, mirrors, shard};
 
 /// Renders until the master ends it. The master is told of errors and prints them.
 pub fn run(arguments: &Arguments, link: &Link, hello: Hello) -> Result<()> {
-    crate::be_quiet();
+    crate::be_mute();
     // Launchers send signals to all ranks: the master decides.
     if let Err(error) = ctrlc::set_handler(|| {}) {
         log::warn!("an interrupt ends this rank at once: {error}");

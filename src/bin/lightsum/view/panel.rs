@@ -1,6 +1,5 @@
 //! The panel beside the image, and help and messages over it.
 
-use clap::CommandFactory;
 use egui::{Align2, Color32, DragValue, RichText, Ui};
 use lightsum::output::Tonemap;
 use lightsum::pass::layer::Layer;
@@ -14,7 +13,7 @@ use super::navigate::Mode;
 use super::route::Placed;
 use super::session::{Look, Session, WHOLE};
 use super::{objects, options, overlay};
-use crate::args::{Arguments, MAX_COARSER};
+use crate::args::{self, MAX_COARSER};
 
 /// Width of the panel, points.
 pub const WIDTH: f32 = 300.0;
@@ -67,7 +66,7 @@ impl Panel {
     /// For images that are smaller by this factor while the camera moves.
     pub fn new(coarser: u32) -> Panel {
         let mut flags = HashMap::new();
-        let arguments = Arguments::command();
+        let arguments = args::command();
         for command in arguments.get_subcommands() {
             for flag in command.get_arguments() {
                 let help = flag.get_long_help().or(flag.get_help()).map(|help| help.to_string());

@@ -1,0 +1,131 @@
+//! Tells of flags that have no effect.
+
+use lightsum::scene::{Scene, Surface};
+use lightsum::settings::keys::Key;
+use lightsum::settings::{Compensation, LightChoice, MirrorForm, RenderDefaults, Settings, Spread, Traversal};
+
+/// Warns of each setting of the command line that has no effect on the rendering of a scene.
+pub fn warn(given: &RenderDefaults, settings: &Settings, scene: &Scene) {
+    for (flag, reason) in without_effect(given, settings, scene) {
+        log::warn!("{flag} has no effect: {reason}");
+    }
+}
+
+/// The flags without effect, and why.
+fn without_effect(given: &RenderDefaults, settings: &Settings, scene: &Scene) -> Vec<(&'static str, String)> {
+    let has = |surface: Surface| scene.materials.iter().any(|material| material.surface == surface);
+    let specular = has(Surface::Mirror) || has(Surface::Glass);
+    let superposition = settings.superposition.as_ref();
+    let is_spread = |spread: Spread| superposition.is_some_and(|superposition| superposition.spread == spread);
+    let off = |flag: &str| format!("{flag} is off");
+    let images = given.mirror_source == Some(MirrorForm::Images) || settings.mirror_images().is_some();
+    let rules: [(&[&str], bool, String); 15] = [
+        (
+            &["photons", "photon_radius", "interleave_photons", "max_specular", "mirror_lights"],
+            !specular,
+            "the scene has no mirrors and no glass".into(),
+        ),
+        (&["photon_radius", "interleave_photons"], settings.photons == 0, "--photons is 0".into()),
+        (
+            &["reflectors", "convolution", "occlusion", "kernel_width", "mirror_source"],
+            superposition.is_none(),
+            off("--superposition"),
+        ),
+        (
+            &["kernel_width"],
+            superposition.is_some() && !is_spread(Spread::Invariant),
+            "--superposition is not invariant".into(),
+        ),
+        (
+            &[
+                "mirror_hemispheres",
+                "mirror_images",
+                "mirror_side",
+                "mirror_layers",
+                "mirror_passes",
+                "mirror_memory",
+                "mirror_choice",
+                "mirror_merge",
+            ],
+            !images,
+            "--mirror-source is not images".into(),
+        ),
+        (
+            &["splat_particles", "splat_width", "splat_alpha"],
+            settings.splats.is_none(),
+            "--glossy is not splats".into(),
+        ),
+        (&["soft_shadow_lights"], settings.soft_shadows.is_none(), off("--soft-shadows")),
+        (&["filter_direct", "filter_agreement"], settings.filter.is_none(), off("--filter")),
+        (&["power_fraction"], settings.light_choice == LightChoice::Power, "--light-choice is power".into()),
+        (&["lookup"], scene.kept_light.is_none(), "it needs --light-from".into()),
+        (&["ring_length", "ring_memory"], settings.ring.is_none(), off("--ring")),
+        (
+            &["particles", "light_pool", "direct_lights", "interleave", "filter"],
+            settings.ring.is_some(),
+            "each pass of a ring has one path".into(),
+        ),
+        (
+            &["compensation"],
+            !settings.clips() && settings.compensation != Compensation::Off,
+            "nothing is clipped: --clip is 0".into(),
+        ),
+        (&["light_threshold"], settings.traversal == Traversal::Single, "--traversal is single".into()),
+        (
+            &["delta_lights"],
+            settings.delta_lights.is_some_and(|most| scene.lights.len() <= most as usize),
+            format!("the scene has {} such lights", scene.lights.len()),
+        ),
+    ];
+    let mut found: Vec<(&'static str, String)> = Vec::new();
+    for (keys, applies, reason) in rules {
+        for key in keys.iter().filter(|name| applies && given.has(name)).filter_map(|name| Key::named(name)) {
+            // One reason is enough.
+            if found.iter().all(|(flag, _)| *flag != key.flag) {
+                found.push((key.flag, reason.clone()));
+            }
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lightsum::scene::{Material, builtin};
+
+    fn told(line: &str, surface: Surface) -> Vec<(&'static str, String)> {
+        let mut given = RenderDefaults::default();
+        line.split_whitespace().for_each(|text| given.override_by(&RenderDefaults::assigned(text).unwrap()));
+        let mut scene = builtin::furnace(0.5, 1.0);
+        scene.materials.push(Material { surface, ..Material::default() });
+        without_effect(&given, &Settings::default().with_scene_defaults(&given), &scene)
+    }
+
+    #[test]
+    fn flags_without_effect_are_told_with_the_reason_and_others_are_not() {
+        for (line, flag, reason) in [
+            ("photon_radius=1", "--photon-radius", "no mirrors and no glass"),
+            ("kernel_width=3", "--kernel-width", "--superposition is off"),
+            ("kernel_width=3 superposition=variant", "--kernel-width", "not invariant"),
+            ("mirror_side=16", "--mirror-side", "not images"),
+            ("splat_width=9", "--splat-width", "not splats"),
+            ("soft_shadow_lights=2", "--soft-shadow-lights", "--soft-shadows is off"),
+            ("filter_direct=false filter=off", "--filter-direct", "--filter is off"),
+            ("power_fraction=0.5", "--power-fraction", "is power"),
+            ("lookup=bicubic", "--lookup", "--light-from"),
+            ("ring_length=3", "--ring-length", "--ring is off"),
+            ("ring=images particles=3", "--particles", "one path"),
+            ("clip=0 compensation=exact", "--compensation", "nothing is clipped"),
+            ("light_threshold=1 traversal=single", "--light-threshold", "is single"),
+            ("delta_lights=2000", "--delta-lights", "such lights"),
+        ] {
+            let found = told(line, Surface::Opaque);
+            assert!(found.len() == 1 && found[0].0 == flag && found[0].1.contains(reason), "{line}: {found:?}");
+        }
+        let glass = "photons=50 photon_radius=1 max_specular=3 superposition=invariant kernel_width=3 glossy=splats splat_width=9 \
+                     filter=auto filter_direct=false light_choice=contribution power_fraction=0.5 compensation=exact particles=3";
+        assert_eq!(told(glass, Surface::Glass), []);
+        assert_eq!(told("photons=0 photon_radius=1", Surface::Mirror), [("--photon-radius", "--photons is 0".into())]);
+    }
+}
