@@ -444,7 +444,13 @@ impl Renderer {
         let info = self.context.info();
         let seconds = self.stages.iter().find(|(n, _)| n == "render").map_or(0.0, |(_, s)| *s);
         let p = self.engine.plan();
+        let settings = self.engine.settings();
         Statistics {
+            version: env!("CARGO_PKG_VERSION").into(),
+            commit: env!("LIGHTSUM_COMMIT").into(),
+            // Numbers and words only: serialisation cannot fail.
+            settings: serde_json::to_value(settings).unwrap_or_default(),
+            seed: settings.seed,
             device: info.name.clone(),
             driver: format!("{} {}", info.driver, info.driver_version),
             api: info.api_version.to_string(),

@@ -9,6 +9,14 @@ use std::path::Path;
 /// Statistics of a rendering; the keys of the JSON file are the fields' names.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Statistics {
+    /// Version of the library.
+    pub version: String,
+    /// Commit from which it was built, or "unknown".
+    pub commit: String,
+    /// The settings, as JSON.
+    pub settings: serde_json::Value,
+    /// Their seed.
+    pub seed: u64,
     /// Name of the device.
     pub device: String,
     /// Name and version of its driver.

@@ -48,7 +48,8 @@ pub fn cache() -> &'static str {
 pub fn command(folder: &Path, arguments: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lightsum"));
     command.args(arguments.split_whitespace()).current_dir(folder).env_remove("RUST_LOG");
-    if let (Ok(device), false) = (std::env::var("LIGHTSUM_DEVICE"), arguments.contains("--device")) {
+    let renders = ["render", "animate", "bake"].iter().any(|name| arguments.starts_with(name));
+    if let (Ok(device), true) = (std::env::var("LIGHTSUM_DEVICE"), renders && !arguments.contains("--device")) {
         command.args(["--device", &device]);
     }
     command.env("XDG_CACHE_HOME", cache());

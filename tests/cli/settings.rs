@@ -1,8 +1,9 @@
 //! Settings by keys of `[render]`, by `--set` and by files of `--settings`.
 
 use std::fs;
+use std::time::Instant;
 
-use crate::render::{SCENE, channels, fails, folder, succeeds};
+use crate::render::{SCENE, channels, fails, folder, succeeds, text};
 
 #[test]
 fn settings_of_an_image_make_it_again() {
@@ -45,4 +46,67 @@ fn unknown_keys_and_wrong_values_are_refused_with_their_place() {
     fs::copy(folder.path().join("old.exr"), folder.path().join("no.exr")).unwrap();
     fails(folder.path(), &with("--settings no.exr"), 1, &["no.exr"]);
     fails(folder.path(), "render scene.toml -o keys.toml.exr --settings room.obj", 1, &["room.obj"]);
+}
+
+#[test]
+fn statistics_tell_settings_and_count_each_stage_once() {
+    let folder = folder();
+    let start = Instant::now();
+    succeeds(folder.path(), "render scene.toml --passes 2 --particles 7 --seed 5 --float -o a.exr --stats a.json");
+    let wall = start.elapsed().as_secs_f64();
+    let stats: serde_json::Value = serde_json::from_slice(&fs::read(folder.path().join("a.json")).unwrap()).unwrap();
+    let settings = (&stats["settings"]["particles"], &stats["settings"]["seed"], &stats["seed"]);
+    assert_eq!(settings, (&7.into(), &5.into(), &5.into()));
+    assert_eq!(stats["version"], env!("CARGO_PKG_VERSION"));
+    assert!(stats["commit"].as_str().is_some_and(|commit| commit.len() >= 7), "{}", stats["commit"]);
+    assert!(stats["device_bytes"].as_u64().is_some_and(|bytes| bytes > 0), "{}", stats["device_bytes"]);
+    let stages = stats["stages"].as_object().unwrap();
+    let sum: f64 = stages.values().filter_map(serde_json::Value::as_f64).sum();
+    assert!(sum > 0.0 && sum <= wall, "stages of {sum} s in a run of {wall} s: {stages:?}");
+    // They are settings of another rendering.
+    succeeds(folder.path(), "render scene.toml --passes 2 --float -o b.exr --settings a.json");
+    let image = |name: &str| channels(&folder.path().join(name));
+    assert!(image("a.exr") == image("b.exr"));
+}
+
+#[test]
+fn animations_have_layers_and_statistics() {
+    let folder = folder();
+    fs::write(
+        folder.path().join("path.toml"),
+        "frames = 2\n[[camera]]\ntime = 0.0\n[[camera]]\ntime = 1.0\neye = [0.1, 0.5, 4.0]\n",
+    )
+    .unwrap();
+    let run = |more: &str| {
+        succeeds(folder.path(), &format!("animate scene.toml --path path.toml --moving-passes 1 --particles 4 {more}"))
+    };
+    run("-o a%d.exr --layers --stats a.json");
+    run("-o b%d.exr");
+    for frame in 0..2 {
+        let [a, b] = ["a", "b"].map(|name| channels(&folder.path().join(format!("{name}{frame}.exr"))));
+        assert!(a.contains_key("normal.X") && a.contains_key("depth.Z"), "{:?}", a.keys());
+        assert_eq!(b.keys().collect::<Vec<_>>(), ["A", "B", "G", "R"]);
+        assert!(["R", "G", "B"].iter().all(|c| a[*c] == b[*c]), "layers change the image");
+    }
+    let stats: serde_json::Value = serde_json::from_slice(&fs::read(folder.path().join("a.json")).unwrap()).unwrap();
+    assert_eq!((&stats["passes_rendered"], &stats["settings"]["moving_passes"]), (&2.into(), &1.into()));
+    for stage in ["load", "render", "write"] {
+        assert!(stats["stages"][stage].as_f64().is_some_and(|seconds| seconds >= 0.0), "{stage}: {stats}");
+    }
+}
+
+#[test]
+fn the_manual_is_written() {
+    let folder = folder();
+    for shell in ["bash", "zsh", "fish"] {
+        let script = text(&succeeds(folder.path(), &format!("manual completions {shell}")).stdout);
+        assert!(script.contains("--light-pool") || script.contains("light-pool"), "{shell}");
+    }
+    succeeds(folder.path(), "manual man --into .");
+    let page = fs::read_to_string(folder.path().join("lightsum-render.1")).unwrap();
+    assert!(page.contains("light\\-pool") && folder.path().join("lightsum.1").exists());
+    succeeds(folder.path(), "manual reference --into .");
+    let reference = fs::read_to_string(folder.path().join("reference.md")).unwrap();
+    assert!(reference.starts_with("# Flags and keys") && reference.contains("`--light-pool N`"));
+    fails(folder.path(), "manual reference --into missing", 1, &["missing"]);
 }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use lightsum::output::{self, Layers, Metadata};
+use lightsum::output::{self, Layers, Metadata, Statistics};
 use lightsum::scene::Scene;
 use lightsum::settings::{Exposure, Traversal};
 use lightsum::standalone::{RenderOptions, Renderer};
@@ -27,8 +27,9 @@ pub fn run(args: &Animate) -> Result<()> {
     let (script, scene) = Script::new(args)?;
     let part = script.part();
     let outputs = script.outputs(part.clone());
-    outputs.iter().take(1).chain(&args.timings).try_for_each(|file| output::check_writable(file))?;
-    let claimed: Vec<&Path> = outputs.iter().take(1).chain(&args.timings).map(PathBuf::as_path).collect();
+    let files = || outputs.iter().take(1).chain(&args.timings).chain(&args.stats);
+    files().try_for_each(|file| output::check_writable(file))?;
+    let claimed: Vec<&Path> = files().map(PathBuf::as_path).collect();
     let _claim = output::claim(claimed)?;
     output::remove_leftovers(outputs.iter().map(PathBuf::as_path));
     let interrupted = watch_for_interrupt();
@@ -36,13 +37,17 @@ pub fn run(args: &Animate) -> Result<()> {
 
     let mut progress = Progress::new();
     let (mut frames, mut failed) = (Vec::new(), None);
+    let mut writing = 0.0;
     let all = part.len();
     for number in part {
         if interrupted.load(Ordering::Relaxed) {
             break;
         }
         match player.write(number) {
-            Ok(frame) => frames.push(frame),
+            Ok(frame) => {
+                writing += frame["write"].as_f64().unwrap_or_default();
+                frames.push(frame);
+            }
             Err(error) => {
                 failed = Some(error);
                 break;
@@ -63,6 +68,16 @@ pub fn run(args: &Animate) -> Result<()> {
         match &failed {
             None => written?,
             Some(_) => written.unwrap_or_else(|error| log::warn!("the timings before the error are lost: {error}")),
+        }
+    }
+    if let Some(path) = &args.stats {
+        let statistics = player.renderer.statistics();
+        let stages = player.script.job.stages.iter().chain(&statistics.stages).cloned();
+        let stages = stages.chain([(String::from("write"), writing)]).collect();
+        let written = Statistics { resolution: player.script.job.camera.resolution, stages, ..statistics }.write(path);
+        match &failed {
+            None => written?,
+            Some(_) => written.unwrap_or_else(|error| log::warn!("the statistics before the error are lost: {error}")),
         }
     }
     if let Some(error) = failed {

@@ -6,6 +6,7 @@ mod choices;
 mod cluster;
 mod compare;
 mod keys;
+mod manual;
 mod play;
 mod reading;
 mod reference;
@@ -28,12 +29,11 @@ pub use choices::{Curve, Denoiser, SpecularFlag};
 pub use cluster::{Cluster, Merge, PartFlag, Ranks};
 pub use compare::{Compare, Devices, Measure};
 pub use keys::Keys;
+pub use manual::Manual;
 pub use play::{Play, Pose};
 pub use reading::Reading;
 pub use reference::Reference;
-#[cfg(feature = "viewer")]
-pub use short_help::command;
-pub use short_help::parse;
+pub use short_help::{command, parse};
 #[cfg(feature = "viewer")]
 pub use values::extent;
 use values::{address, bytes, checkpoint, crop, exposure, image_path, output_path, resolution, seconds};
@@ -67,7 +67,10 @@ impl Arguments {
     pub fn is_of_one_process(&self) -> bool {
         match &self.command {
             Some(Command::Render(render)) => render.list_devices || render.cluster.shard.is_some(),
-            Some(Command::Info(_) | Command::Merge(_) | Command::Compare(_) | Command::Devices(_)) | None => true,
+            Some(
+                Command::Info(_) | Command::Merge(_) | Command::Compare(_) | Command::Devices(_) | Command::Manual(_),
+            )
+            | None => true,
             _ => false,
         }
     }
@@ -104,6 +107,9 @@ pub enum Command {
     Compare(Compare),
     /// List the Vulkan devices with their indices.
     Devices(Devices),
+    /// Print or write completions, pages of the manual and the reference.
+    #[command(subcommand, hide = true)]
+    Manual(Manual),
 }
 
 /// Flags of `info`.
@@ -136,6 +142,15 @@ pub struct Animate {
     /// Write the seconds of each frame (edits, recording, GPU passes) as JSON.
     #[arg(long, value_name = "FILE.json")]
     pub timings: Option<PathBuf>,
+    /// Write settings, device, counts, rays and the seconds of each stage of all frames together as JSON.
+    #[arg(long, value_name = "FILE.json")]
+    pub stats: Option<PathBuf>,
+    /// Write EXR files with layers: albedo, normal, depth and irradiance.
+    #[arg(long)]
+    pub layers: bool,
+    /// Write the colour of EXR files as 32-bit float instead of 16-bit half. Doubles its size.
+    #[arg(long)]
+    pub float: bool,
     #[command(flatten)]
     pub play: Play,
     #[command(flatten)]

@@ -19,6 +19,7 @@ mod effect;
 mod info;
 mod launcher;
 mod live;
+mod manual;
 mod merge;
 mod mirrors;
 mod moment;
@@ -93,6 +94,7 @@ fn run(arguments: &Arguments) -> Result<bool> {
         Some(Command::Animate(animate)) => animate::run(animate),
         Some(Command::Bake(bake)) => bake::run(bake),
         Some(Command::Info(info)) => info::run(info),
+        Some(Command::Manual(manual)) => manual::run(manual),
         Some(Command::Merge(merge)) => merge::run(merge),
         #[cfg(feature = "viewer")]
         Some(Command::View(view)) => view::run(view),

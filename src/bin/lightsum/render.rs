@@ -164,7 +164,9 @@ fn radiosity(
     mirrors::sample(&mut scene, &job.settings, &options, &interrupted)?;
     let mut renderer = Renderer::new(scene, job.camera, job.settings.clone(), &options)?;
     renderer.set_shutter_ends(ends.clone())?;
-    job.stages.push(("prepare".into(), start.elapsed().as_secs_f64()));
+    // The renderer counts its own stages.
+    let of_renderer: f64 = renderer.statistics().stages.iter().map(|(_, seconds)| seconds).sum();
+    job.stages.push(("prepare".into(), (start.elapsed().as_secs_f64() - of_renderer).max(0.0)));
 
     if let Some(part) = part {
         return part.run(&job, renderer, args, &interrupted);

@@ -70,8 +70,8 @@ impl<'a> Script<'a> {
             settings,
             outputs: Vec::new(),
             encoding: Encoding {
-                float: false,
-                color_only: true,
+                float: args.float,
+                color_only: !args.layers,
                 exposure: shown.exposure.or(scene.render.exposure).unwrap_or_default(),
                 tonemap: shown.tonemap.into(),
             },
@@ -81,7 +81,8 @@ impl<'a> Script<'a> {
         let script = Script { args, job, motion, play, still, pattern };
         script.check_part()?;
         let inputs: Vec<PathBuf> = scene.files.iter().chain(&args.path).cloned().collect();
-        let outputs: Vec<PathBuf> = script.outputs(script.part()).into_iter().chain(args.timings.clone()).collect();
+        let outputs: Vec<PathBuf> =
+            script.outputs(script.part()).into_iter().chain(args.timings.clone()).chain(args.stats.clone()).collect();
         output::check_apart(outputs.iter().map(PathBuf::as_path), &inputs)?;
         Ok((script, scene))
     }
@@ -130,7 +131,7 @@ impl<'a> Script<'a> {
 
     /// The last line: a summary and the names of the files.
     pub fn say_where(&self, count: usize, elapsed: Duration) {
-        let files = self.args.output.iter().chain(&self.args.timings);
+        let files = self.args.output.iter().chain(&self.args.timings).chain(&self.args.stats);
         let place = files.map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ");
         let arrow = if place.is_empty() { "" } else { " -> " };
         let (name, passes) = (&self.job.name, self.job.settings.moving_passes);

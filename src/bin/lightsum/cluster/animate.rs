@@ -22,7 +22,7 @@ use crate::say_aside;
 pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
     input::keep();
     let (mut script, scene) = Script::new(args)?;
-    refuse_flags(&[(script.job.settings.ring.is_some(), "--ring")])?;
+    refuse_flags(&[(script.job.settings.ring.is_some(), "--ring"), (args.stats.is_some(), "--stats")])?;
     drop(scene);
     let part = script.part();
     let files: Vec<PathBuf> = script.outputs(part.clone()).into_iter().take(1).chain(args.timings.clone()).collect();
