@@ -116,6 +116,7 @@ impl<L: Level> Sums<'_, L> {
             specular,
             color,
             alpha,
+            ..Layers::default()
         })
     }
 

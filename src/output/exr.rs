@@ -44,6 +44,7 @@ pub fn encode(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Enco
         channels.vectors("emission.", ["R", "G", "B"], &layers.emission, true);
         channels.vectors("diffuse.", ["R", "G", "B"], &layers.diffuse, true);
         channels.vectors("specular.", ["R", "G", "B"], &layers.specular, true);
+        layers.surfaces.channels().into_iter().for_each(|(name, values)| channels.scalars(name, values, true));
     }
 
     let mut channels = channels.list;
@@ -262,6 +263,7 @@ mod tests {
             diffuse: ramp(0.07),
             specular: ramp(0.005),
             alpha: vec![1.0; pixels],
+            ..Layers::default()
         };
         let metadata = Metadata {
             software: "lightsum test".into(),

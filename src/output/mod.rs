@@ -14,6 +14,7 @@ mod png;
 mod state;
 mod stats;
 mod temporary;
+pub mod surfaces;
 
 pub use claim::{Claim, check_apart, claim};
 pub use film_file::{About, FilmFile, Merger};
@@ -22,6 +23,7 @@ pub(crate) use png::encode as encode_png;
 pub use state::{Provenance, State};
 pub use stats::Statistics;
 pub use temporary::remove_leftovers;
+pub use surfaces::Surfaces;
 
 use crate::error::{Error, Result};
 use crate::settings::Exposure;
@@ -63,11 +65,13 @@ pub struct Layers {
     pub specular: Vec<Vec3>,
     /// Coverage of the pixel by the scene, in [0, 1].
     pub alpha: Vec<f32>,
+    /// Objects, materials and texture coordinates.
+    pub surfaces: Surfaces,
 }
 
 impl Layers {
     /// Every layer of colours, then those of numbers.
-    fn parts(&mut self) -> ([&mut Vec<Vec3>; 8], [&mut Vec<f32>; 2]) {
+    fn parts(&mut self) -> ([&mut Vec<Vec3>; 8], [&mut Vec<f32>; 6]) {
         let colors = [
             &mut self.color,
             &mut self.albedo,
@@ -78,7 +82,8 @@ impl Layers {
             &mut self.diffuse,
             &mut self.specular,
         ];
-        (colors, [&mut self.depth, &mut self.alpha])
+        let [object, material, u, v] = self.surfaces.parts();
+        (colors, [&mut self.depth, &mut self.alpha, object, material, u, v])
     }
 
     /// The part of the image within a region, which must lie in it.
@@ -125,6 +130,7 @@ impl Layers {
         check("irradiance_indirect", self.indirect.len(), true)?;
         check("emission", self.emission.len(), true)?;
         check("diffuse", self.diffuse.len(), true)?;
+        self.surfaces.channels().iter().try_for_each(|(name, values)| check(name, values.len(), true))?;
         check("specular", self.specular.len(), true)?;
         check("alpha", self.alpha.len(), true)
     }

@@ -1,5 +1,6 @@
 //! Settings by keys of `[render]`, by `--set` and by files of `--settings`.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::time::Instant;
 
@@ -82,6 +83,13 @@ fn animations_have_layers_and_statistics() {
     };
     run("-o a%d.exr --layers --stats a.json");
     run("-o b%d.exr");
+    run("-o c%d.exr --layers --surfaces");
+    let seen = channels(&folder.path().join("c1.exr"));
+    assert!(
+        ["object.ID", "material.ID", "uv.U", "uv.V"].iter().all(|name| seen.contains_key(*name)),
+        "{:?}",
+        seen.keys()
+    );
     for frame in 0..2 {
         let [a, b] = ["a", "b"].map(|name| channels(&folder.path().join(format!("{name}{frame}.exr"))));
         assert!(a.contains_key("normal.X") && a.contains_key("depth.Z"), "{:?}", a.keys());
@@ -93,6 +101,27 @@ fn animations_have_layers_and_statistics() {
     for stage in ["load", "render", "write"] {
         assert!(stats["stages"][stage].as_f64().is_some_and(|seconds| seconds >= 0.0), "{stage}: {stats}");
     }
+}
+
+#[test]
+fn surfaces_are_layers_of_the_image_and_of_its_parts() {
+    let folder = folder();
+    let image = |name: &str| channels(&folder.path().join(name));
+    succeeds(folder.path(), "render scene.toml --passes 1 --particles 2 -o a.exr --surfaces");
+    succeeds(folder.path(), "render scene.toml --passes 1 --particles 2 -o part.exr --surfaces --crop 4,6,10,5");
+    succeeds(folder.path(), "render scene.toml --passes 1 --particles 2 -o b.exr");
+    let (whole, part, plain) = (image("a.exr"), image("part.exr"), image("b.exr"));
+    let materials: BTreeSet<i32> = whole["material.ID"].iter().map(|id| *id as i32).collect();
+    assert!(materials.len() >= 3, "floor, wall and background: {materials:?}");
+    // The eye rays of a pass do not go through the centres, so that pixels at edges may differ.
+    let differs = |(id, depth): &(&f32, &f32)| (**id == -1.0) != (**depth == f32::INFINITY);
+    let edges = whole["material.ID"].iter().zip(&whole["depth.Z"]).filter(differs).count();
+    assert!(edges < 32, "{edges} of 320 pixels");
+    for name in ["object.ID", "material.ID", "uv.U", "uv.V"] {
+        let cut: Vec<f32> = (6..11).flat_map(|y| whole[name][y * 20 + 4..][..10].to_vec()).collect();
+        assert!(part[name] == cut && !plain.contains_key(name), "{name}");
+    }
+    assert!(plain.iter().all(|(name, values)| &whole[name] == values), "layers change the image");
 }
 
 #[test]

@@ -195,7 +195,8 @@ impl<'a> Player<'a> {
             let statistics = self.renderer.statistics();
             let mut metadata = metadata(&script.job, &statistics.device, statistics.driver);
             metadata.passes = self.renderer.passes();
-            let layers = self.renderer.image(script.job.wanted())?;
+            let mut layers = self.renderer.image(script.job.wanted())?;
+            script.job.add_surfaces(&mut layers, &self.renderer);
             // Later frames keep the exposure of the first: a picture whose brightness follows its content would flicker.
             script.job.encoding.exposure = Exposure::Stops(script.job.encoding.exposure.stops(&layers.color));
             image = Some((layers, metadata));

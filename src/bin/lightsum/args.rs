@@ -148,6 +148,11 @@ pub struct Animate {
     /// Write EXR files with layers: albedo, normal, depth and irradiance.
     #[arg(long)]
     pub layers: bool,
+    /// Also write what the centres of the pixels show as layers of EXR files: object and material by their numbers, and texture coordinates.
+    ///
+    /// Numbers count from 0 in the order of the scene; -1 is the background. Mirrors and glass are surfaces like others here.
+    #[arg(long, requires = "layers")]
+    pub surfaces: bool,
     /// Write the colour of EXR files as 32-bit float instead of 16-bit half. Doubles its size.
     #[arg(long)]
     pub float: bool,
@@ -249,6 +254,11 @@ pub struct Output {
     /// Sent at most twice a second. If the connection is lost, the rendering goes on without.
     #[arg(long, value_name = "HOST:PORT", value_parser = address)]
     pub display: Option<String>,
+    /// Also write what the centres of the pixels show as layers of EXR files: object and material by their numbers, and texture coordinates.
+    ///
+    /// Numbers count from 0 in the order of the scene; -1 is the background. Mirrors and glass are surfaces like others here.
+    #[arg(long, conflicts_with_all = ["no_layers", "reference", "shard"])]
+    pub surfaces: bool,
     /// Write EXR files without layers: smaller, and for programs that read only colour and alpha.
     #[arg(long)]
     pub no_layers: bool,

@@ -9,11 +9,12 @@ use crate::stop::{Stop, error_is_due, error_of};
 use crate::{effect, mirrors, reference, say, say_aside, shard};
 use glam::DVec3;
 use lightsum::engine::ShutterEnd;
-use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics, Wanted};
+use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics, Surfaces, Wanted};
 use lightsum::pass::layout::PointLight;
 use lightsum::scene::{self, Camera, RenderDefaults, Scene};
 use lightsum::settings::{Settings, Traversal};
 use lightsum::standalone::{RenderOptions, Renderer};
+use lightsum::view::Region;
 use lightsum::{Error, Result, ring, tiles};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -34,6 +35,10 @@ pub struct Job {
     pub encoding: Encoding,
     /// Whether a network removes noise from the outputs.
     pub denoise: bool,
+    /// The part of the image that is rendered, if it is not all of it.
+    pub crop: Option<Region>,
+    /// Whether the outputs have layers of objects, materials and texture coordinates.
+    pub surfaces: bool,
     /// Seconds of each stage so far.
     pub stages: Vec<(String, f64)>,
 }
@@ -102,9 +107,19 @@ pub fn prepare(args: &Render) -> Result<(Job, Scene, Moment<'_>)> {
         tonemap: args.output.tonemap.into(),
     };
     log::info!("{}: {} triangles, {camera:?}, {settings:?}", path.display(), scene.triangles.len());
-    let outputs = args.output.outputs.clone();
-    let job =
-        Job { name: scene.name.clone(), camera, origin: scene.origin, settings, outputs, encoding, denoise, stages };
+    let (outputs, crop, surfaces) = (args.output.outputs.clone(), args.output.crop, args.output.surfaces);
+    let job = Job {
+        name: scene.name.clone(),
+        camera,
+        origin: scene.origin,
+        settings,
+        outputs,
+        encoding,
+        denoise,
+        crop,
+        surfaces,
+        stages,
+    };
     Ok((job, scene, moment))
 }
 
@@ -309,7 +324,8 @@ fn in_strips(job: Job, mut renderer: Renderer, args: &Render, interrupted: &Atom
         !interrupted.load(Ordering::Relaxed)
     })?;
     progress.finish();
-    let layers = rendered.ok_or(Error::Interrupted)?;
+    let mut layers = rendered.ok_or(Error::Interrupted)?;
+    job.add_surfaces(&mut layers, &renderer);
     let statistics = renderer.statistics();
     let mut metadata = metadata(&job, &statistics.device, statistics.driver.clone());
     metadata.passes = passes;
@@ -372,7 +388,9 @@ fn write_image(job: &Job, renderer: &Renderer, statistics: &Statistics) -> Resul
     }
     let mut metadata = metadata(job, &statistics.device, statistics.driver.clone());
     metadata.passes = renderer.passes();
-    job.write_outputs(&renderer.image(job.wanted())?, &metadata)
+    let mut layers = renderer.image(job.wanted())?;
+    job.add_surfaces(&mut layers, renderer);
+    job.write_outputs(&layers, &metadata)
 }
 
 /// After an error in a pass: writes the image and the state of the passes before it, as far as the device still gives them.
@@ -396,6 +414,16 @@ impl Job {
     /// The layers that the outputs show.
     pub fn wanted(&self) -> Wanted {
         if self.denoise { Wanted::All } else { Wanted::by(&self.outputs, &self.encoding) }
+    }
+
+    /// Adds the layers of the surfaces, if they are wanted, for the whole image or its part.
+    pub fn add_surfaces(&self, layers: &mut Layers, renderer: &Renderer) {
+        if self.surfaces {
+            let whole = Surfaces::of(renderer.scene(), renderer.engine().bvh(), &self.camera);
+            let [width, height] = self.camera.resolution;
+            let whole = Layers { width, height, surfaces: whole, ..Layers::default() };
+            layers.surfaces = if let Some(crop) = self.crop { whole.cut(crop) } else { whole }.surfaces;
+        }
     }
 
     /// Writes every output; returns the first error after all have been tried.

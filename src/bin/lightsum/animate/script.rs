@@ -76,6 +76,8 @@ impl<'a> Script<'a> {
                 tonemap: shown.tonemap.into(),
             },
             denoise: false,
+            crop: None,
+            surfaces: args.surfaces,
             stages: vec![("load".into(), start.elapsed().as_secs_f64())],
         };
         let script = Script { args, job, motion, play, still, pattern };

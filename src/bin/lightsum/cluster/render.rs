@@ -33,6 +33,7 @@ fn film_path(args: &Render) -> Option<PathBuf> {
 pub fn run(master: &mut Master, args: &Render) -> Result<()> {
     refuse_flags(&[
         (args.cluster.shard.is_some(), "--shard"),
+        (args.output.surfaces, "--surfaces"),
         (args.output.preview.is_some(), "--preview"),
         (args.output.display.is_some(), "--display"),
         (args.output.export_lights.is_some(), "--export-lights"),

@@ -441,6 +441,8 @@ impl Session {
             outputs: vec![path.to_path_buf()],
             encoding,
             denoise: false,
+            crop: None,
+            surfaces: false,
             stages: Vec::new(),
         };
         let info = self.engine.context().info();
