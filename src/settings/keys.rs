@@ -39,8 +39,6 @@ pub struct Key {
     pub commands: &'static [&'static str],
     /// Whether these commands have its flag from here.
     pub has_flag: bool,
-    /// Whether the short help shows it.
-    pub common: bool,
 }
 
 /// Values of a key, beside words.
@@ -82,9 +80,8 @@ const ALL: &[&str] = &["render", "animate", "bake", "view"];
 impl Key {
     const fn new(flag: &'static str, heading: &'static str, takes: Takes, value_name: &'static str) -> Key {
         let (alias, nothing, words, default, text) = (None, None, &[], "", &[]);
-        let (has_flag, common) = (true, false);
-        let (name, commands) = ("", ALL);
-        Key { name, flag, alias, heading, value_name, takes, nothing, words, default, text, commands, has_flag, common }
+        let (name, commands, has_flag) = ("", ALL, true);
+        Key { name, flag, alias, heading, value_name, takes, nothing, words, default, text, commands, has_flag }
     }
 
     const fn switch(flag: &'static str, heading: &'static str, default: &'static str) -> Key {
@@ -132,10 +129,6 @@ impl Key {
 
     const fn on(self, commands: &'static [&'static str]) -> Key {
         Key { commands, ..self }
-    }
-
-    const fn in_short_help(self) -> Key {
-        Key { common: true, ..self }
     }
 
     /// The commands define the flag.

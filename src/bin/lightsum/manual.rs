@@ -94,17 +94,17 @@ fn row_of_key(key: &Key) -> String {
     format!("| {} |\n", cells.map(|text: &str| cell(text)).join(" | "))
 }
 
-/// Whether the table of settings has a flag.
-fn is_setting(arg: &Arg) -> bool {
+/// Whether the table of settings has a flag of a command.
+fn is_setting(command: &Command, arg: &Arg) -> bool {
     let id = arg.get_id().as_str();
     let of_key = Key::named(id).or_else(|| id.strip_prefix("no_").and_then(Key::named));
-    of_key.is_some_and(|key| key.has_flag && (arg.get_help_heading() == Some(key.heading) || key.common))
+    of_key.is_some_and(|key| key.has_flag && key.acts_on(command.get_name()))
 }
 
 /// The other flags of a command.
 fn table(command: &Command) -> String {
     let mut text = String::from("| flag | values | default | meaning |\n|---|---|---|---|\n");
-    for arg in command.get_arguments().filter(|arg| !is_setting(arg) || is_own(command, arg)) {
+    for arg in command.get_arguments().filter(|arg| !is_setting(command, arg)) {
         let value = arg.get_value_names().map(|names| names.join(" ")).filter(|_| arg.get_action().takes_values());
         let value = value.map_or(String::new(), |value| format!(" {value}"));
         let mut flag = match (arg.get_long(), arg.get_short()) {
@@ -125,11 +125,6 @@ fn table(command: &Command) -> String {
         text += &format!("| {} |\n", [flag, values, default, help].map(|text| cell(&text)).join(" | "));
     }
     text
-}
-
-/// Whether a command has a flag of its own of a setting's name.
-fn is_own(command: &Command, arg: &Arg) -> bool {
-    Key::named(arg.get_id().as_str()).is_some_and(|key| !key.acts_on(command.get_name()))
 }
 
 #[cfg(test)]

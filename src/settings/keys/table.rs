@@ -83,23 +83,23 @@ keys! {
     ///
     /// Time grows linearly; the error falls at least with the square root. The default applies if none of --passes, --time and
     /// --target-error is given.
-    passes: u32 = Key::count("--passes", END, 1, u32::MAX as u64).on(&["render", "bake"]).or_by("64").in_short_help();
+    passes: u32 = Key::count("--passes", END, 1, u32::MAX as u64).on(&["render", "bake"]).or_by("64");
     /// Stop after this many seconds of rendering, at the end of the current pass.
-    time: f32 = Key::above_0("--time", END, "SECONDS", 1e9).on(&["render", "bake"]).or_by("no limit").in_short_help();
+    time: f32 = Key::above_0("--time", END, "SECONDS", 1e9).on(&["render", "bake"]).or_by("no limit");
     /// Stop when the estimated relative error of the image is at most E (0.01: one percent), after 8 passes at the earliest.
     ///
     /// The error is the RMSE relative to each pixel, without bias and the worst 0.5 % of the pixels; see
     /// docs/error-estimate.md. Half the error takes up to four times the passes.
-    target_error: f32 = Key::above_0("--target-error", END, "E", f32::MAX).on(&["render", "bake"]).or_by("no target").in_short_help();
+    target_error: f32 = Key::above_0("--target-error", END, "E", f32::MAX).on(&["render", "bake"]).or_by("no target");
     /// Preset of the other settings of light, which override it.
     preset: Preset = Key::one_of("--preset", LIGHT, &[
         ("progressive", "Better with every pass, as without a preset: 3x3 interleaved sampling with a filter that fades, 32 particles and a pool of 1200, 8 direct lights, 3000 photons, near light from the pixels that show it"),
         ("interactive", "A smooth image after the first pass: the same with 16 particles, 4 direct lights and 1500 photons"),
-    ]).called("PRESET").or_by("progressive").in_short_help();
+    ]).called("PRESET").or_by("progressive");
     /// Particles started from the lights in each pass.
     ///
     /// The time of a pass grows linearly; more particles reduce the difference between passes.
-    particles: u32 = Key::count("--particles", LIGHT, 1, Settings::MAX_PARTICLES as u64).formerly("paths").or_by("32").in_short_help();
+    particles: u32 = Key::count("--particles", LIGHT, 1, Settings::MAX_PARTICLES as u64).formerly("paths").or_by("32");
     /// Particles whose lights form a pool from which small parts of the image choose; 0: no pool.
     ///
     /// Each part takes as many lights as --particles leave after reflections, those that matter to it. More: less noise in
@@ -214,7 +214,7 @@ keys! {
     /// Passes per frame.
     ///
     /// Time grows linearly; more passes reduce flicker.
-    moving_passes: u32 = Key::count("--moving-passes", LIGHT, 1, Settings::MAX_MOVING_PASSES as u64).on(&["animate"]).or_by("4").in_short_help();
+    moving_passes: u32 = Key::count("--moving-passes", LIGHT, 1, Settings::MAX_MOVING_PASSES as u64).on(&["animate"]).or_by("4");
     /// Look-up of the light of --light-from.
     ///
     /// Bicubic has no bends at texels, and reads four times as many.

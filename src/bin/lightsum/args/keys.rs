@@ -138,7 +138,6 @@ fn valued(key: &'static Key) -> Arg {
         .value_name(key.value_name)
         .help(short)
         .long_help(long)
-        .hide_short_help(!key.common)
         .allow_negative_numbers(true);
     let arg = match key.takes {
         Takes::Words => {
@@ -167,11 +166,11 @@ fn switches(key: &'static Key) -> [Arg; 2] {
         Arg::new(key.name).long(&key.flag[2..]).help(short.clone()).long_help(long.clone()).overrides_with(off.clone());
     let not = Arg::new(off.clone()).long(off.replace('_', "-")).overrides_with(key.name);
     let not = not.help(format!("Not {}: {short}", key.flag)).long_help(format!("Not {}: {long}", key.flag));
-    let arg = |arg: Arg, hidden: bool| arg.action(ArgAction::SetTrue).hide_short_help(!key.common).hide(hidden);
+    let arg = |arg: Arg, hidden: bool| arg.action(ArgAction::SetTrue).hide(hidden);
     [arg(on, is_on), arg(not, !is_on)]
 }
 
 fn no_compensation() -> Arg {
     let arg = Arg::new("no_compensation").long("no-compensation").action(ArgAction::SetTrue);
-    arg.hide_short_help(true).help("Short for --compensation off").overrides_with("compensation")
+    arg.help("Short for --compensation off").overrides_with("compensation")
 }
