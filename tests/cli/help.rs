@@ -66,7 +66,7 @@ fn images_are_compared() {
         assert!(text(&output.stdout).starts_with("relative RMSE"), "{limit}");
     }
     run("compare b.exr a.exr --fail-above 100");
-    // What PNG rounds and clips is little.
+    // PNG rounds and clips little.
     let energy = |line: &str| {
         let json: serde_json::Value = serde_json::from_slice(&run(line).stdout).unwrap();
         json["energy"].as_f64().unwrap()

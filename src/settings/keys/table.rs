@@ -73,7 +73,7 @@ const SPLATS: &str = "Splats and soft shadows";
 const RING: &str = "Ring of paths (for scenes that move)";
 const DEVICE: &str = "Device";
 
-/// What shows mirror images and splats; textures do not.
+/// Commands that show mirror images and splats, which textures do not hold.
 const SHOWN: &[&str] = &["render", "animate", "view"];
 const PLAYED: &[&str] = &["render", "animate"];
 const MOVING: &[&str] = &["animate", "view"];

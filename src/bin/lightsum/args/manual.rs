@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Subcommand;
 
-/// What `manual` writes.
+/// Texts that `manual` prints or writes.
 #[derive(Debug, Subcommand)]
 pub enum Manual {
     /// Print the completions of a shell.
