@@ -308,7 +308,7 @@ pub struct CheckpointFlag(pub Option<Duration>);
 #[command(next_help_heading = "Device")]
 pub struct Device {
     /// Vulkan device: part of its name, its index in --list-devices, or cpu [default: the fastest kind available].
-    #[arg(long, value_name = "NAME|INDEX|cpu")]
+    #[arg(long, value_name = "DEVICE")]
     pub device: Option<DeviceChoice>,
     /// Run under the Vulkan validation layer, which must be installed. Slower.
     #[arg(long)]

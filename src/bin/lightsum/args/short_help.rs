@@ -4,7 +4,8 @@ use clap::{Arg, ArgAction, Command, CommandFactory, FromArgMatches};
 
 use super::Arguments;
 
-/// The flags that the short help of a command shows, each with a text that fits its line.
+/// The flags that the short help of a command shows, each with a text that fits its line. Heads are at most 20 wide: beyond that clap puts
+/// texts on lines of their own.
 const COMMON: [(&str, &[(&str, &str)]); 4] = [
     (
         "render",
@@ -17,7 +18,7 @@ const COMMON: [(&str, &[(&str, &str)]); 4] = [
             ("time", "Stop after so many seconds"),
             ("target_error", "Stop at this relative error, such as 0.01"),
             ("preset", "Preset"),
-            ("particles", "Particles in each pass [default: 32]"),
+            ("particles", "Particles a pass [default: 32]"),
             ("seed", "Random seed [default: 0]"),
             ("eye", "Eye point"),
             ("target", "Point at the centre of the image"),
@@ -32,15 +33,13 @@ const COMMON: [(&str, &[(&str, &str)]); 4] = [
             ("scene", "Scene (.toml) or model (.obj, .ply, .gltf, .glb, .xml)"),
             ("path", "Keyframes of camera and objects"),
             ("output", "Images to write, such as frame-%04d.png"),
-            ("timings", "Write the seconds of each frame as JSON"),
             ("moving_passes", "Passes per frame [default: 4]"),
             ("animation", "Animation of the model: its name, or all"),
-            ("frames", "Number of frames, or the part A..B"),
             ("fps", "Frames per second [default: 24]"),
             ("resolution", "Size of the image [default: 640x480]"),
             ("exposure", "Exposure, or auto [default: 0]"),
             ("preset", "Preset"),
-            ("particles", "Particles in each pass [default: 32]"),
+            ("particles", "Particles a pass [default: 32]"),
             ("device", "Device: name, index or cpu"),
             ("set", "Set any key of [render]; can be repeated"),
         ],
@@ -74,7 +73,7 @@ const COMMON: [(&str, &[(&str, &str)]); 4] = [
             ("exposure", "Exposure, or auto [default: 0]"),
             ("preset", "Preset"),
             ("ring", "Ring of paths"),
-            ("particles", "Particles in each pass [default: 32]"),
+            ("particles", "Particles a pass [default: 32]"),
             ("max_depth", "Maximum segments of a path [default: 16]"),
             ("eye", "Eye point"),
             ("target", "Point at the centre of the image"),
