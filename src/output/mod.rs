@@ -13,8 +13,8 @@ pub mod flip;
 mod png;
 mod state;
 mod stats;
-mod temporary;
 pub mod surfaces;
+mod temporary;
 
 pub use claim::{Claim, check_apart, claim};
 pub use film_file::{About, FilmFile, Merger};
@@ -22,8 +22,8 @@ pub use png::Tonemap;
 pub(crate) use png::encode as encode_png;
 pub use state::{Provenance, State};
 pub use stats::Statistics;
-pub use temporary::remove_leftovers;
 pub use surfaces::Surfaces;
+pub use temporary::remove_leftovers;
 
 use crate::error::{Error, Result};
 use crate::settings::Exposure;
