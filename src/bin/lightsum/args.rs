@@ -131,7 +131,7 @@ pub struct Animate {
     /// Scene description (.toml) or bare model (.obj, .ply, .gltf, .glb, .xml).
     #[arg(value_name = "SCENE")]
     pub scene: PathBuf,
-    /// Path file (.toml): frames, and keyframes of camera and objects. See the README for its format.
+    /// Path file (.toml): frames, and keyframes of camera and objects. See docs/scene-files.md for its format.
     ///
     /// Without it the model plays an animation of its own.
     #[arg(long, value_name = "FILE.toml")]
