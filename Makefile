@@ -6,7 +6,7 @@
 # make test-wgpu          lightsum on the device of wgpu (examples/wgpu, a crate of its own)
 # make bench              seconds of each pass, for the Cornell box and a generated room
 # make lint               formatting, clippy and documentation
-# make build              the program alone
+# make build              the programs alone
 # cargo bench             host stages and GPU passes by criterion; --bench host needs no device
 
 # Passes of the demo: more are smoother and take longer in proportion.
