@@ -79,25 +79,29 @@ impl Engine {
         end.objects.iter().try_for_each(|posed| moving.posed(posed).map(drop))
     }
 
+    /// The cameras as the shutter opens and as it closes, and the triangles that move meanwhile; `None`: it is open for an instant.
+    pub fn while_open(&self) -> Option<([Camera; 2], Moving)> {
+        let camera = *self.plan.view.camera()?;
+        if !self.plan.view.has_shutter() {
+            return None;
+        }
+        Some(match (&self.shutter.ends, &self.dynamic) {
+            (None, _) => ([camera; 2], Moving::default()),
+            (Some(ends), None) => (ends.each_ref().map(|end| end.camera), Moving::default()),
+            (Some(ends), Some(dynamic)) => {
+                (ends.each_ref().map(|end| end.camera), dynamic.between(ends, &self.scene.bvh))
+            }
+        })
+    }
+
     /// Stages what moves, if the device does not know it yet.
     pub(super) fn stage_shutter(&mut self) -> Result<()> {
         let (Some(&camera), false) = (self.plan.view.camera(), self.shutter.staged) else { return Ok(()) };
-        if self.frame.velocity.is_none() {
-            return Ok(());
-        }
+        let (true, Some((cameras, moving))) = (self.frame.velocity.is_some(), self.while_open()) else { return Ok(()) };
         let mut staging = self.take_staging();
         let staged = match &self.frame.velocity {
             None => Ok(()),
-            Some(velocity) => {
-                let (cameras, moving) = match (&self.shutter.ends, &self.dynamic) {
-                    (None, _) => ([&camera; 2], Moving::default()),
-                    (Some(ends), None) => (ends.each_ref().map(|end| &end.camera), Moving::default()),
-                    (Some(ends), Some(dynamic)) => {
-                        (ends.each_ref().map(|end| &end.camera), dynamic.between(ends, &self.scene.bvh))
-                    }
-                };
-                velocity.stage(&self.context, &mut staging, (&camera, cameras), &moving)
-            }
+            Some(velocity) => velocity.stage(&self.context, &mut staging, (&camera, cameras.each_ref()), &moving),
         };
         self.keep_staging(staging);
         self.shutter.staged = staged.is_ok();

@@ -65,13 +65,13 @@ pub struct Layers {
     pub specular: Vec<Vec3>,
     /// Coverage of the pixel by the scene, in [0, 1].
     pub alpha: Vec<f32>,
-    /// Objects, materials and texture coordinates.
+    /// Objects, materials, texture coordinates and motion.
     pub surfaces: Surfaces,
 }
 
 impl Layers {
     /// Every layer of colours, then those of numbers.
-    fn parts(&mut self) -> ([&mut Vec<Vec3>; 8], [&mut Vec<f32>; 6]) {
+    fn parts(&mut self) -> ([&mut Vec<Vec3>; 8], [&mut Vec<f32>; 8]) {
         let colors = [
             &mut self.color,
             &mut self.albedo,
@@ -82,8 +82,8 @@ impl Layers {
             &mut self.diffuse,
             &mut self.specular,
         ];
-        let [object, material, u, v] = self.surfaces.parts();
-        (colors, [&mut self.depth, &mut self.alpha, object, material, u, v])
+        let [object, material, u, v, x, y] = self.surfaces.parts();
+        (colors, [&mut self.depth, &mut self.alpha, object, material, u, v, x, y])
     }
 
     /// The part of the image within a region, which must lie in it.

@@ -1,9 +1,10 @@
-//! Layers of the surfaces that an image shows: object, material and texture coordinates.
+//! Layers of the surfaces that an image shows: object, material, texture coordinates and motion.
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use crate::accel::{Bvh, Ray};
+use crate::pass::velocity::{self, Moving};
 use crate::path_trace::camera_direction;
 use crate::scene::{Camera, Scene, TextureUse};
 
@@ -16,39 +17,65 @@ pub struct Surfaces {
     pub material: Vec<f32>,
     /// Coordinates of the base texture; 0 on the background and where there are none.
     pub uv: [Vec<f32>; 2],
+    /// How far the surface, or the background, moves in the image while the shutter is open: to the right and down, pixels. Empty if the
+    /// shutter is open for an instant.
+    pub motion: [Vec<f32>; 2],
 }
 
+/// Cameras as the shutter opens and as it closes, and the triangles that move meanwhile.
+pub type Shutter = ([Camera; 2], Moving);
+
 impl Surfaces {
-    /// Of the whole image of a camera. `bvh`: that of the scene as it is.
-    pub fn of(scene: &Scene, bvh: &Bvh, camera: &Camera) -> Surfaces {
+    /// Of the whole image of a camera. `bvh`: that of the scene as it is; `shutter`: [`Engine::while_open`](crate::engine::Engine::while_open).
+    pub fn of(scene: &Scene, bvh: &Bvh, camera: &Camera, shutter: Option<&Shutter>) -> Surfaces {
         let [width, height] = camera.resolution;
+        let forward = camera.world_from_camera().2;
+        let motion_of = |places: [Vec3; 2], depth: Option<f32>| {
+            let ends = shutter.map(|(ends, _)| ends.each_ref());
+            ends.map_or(Vec2::ZERO, |ends| velocity::reference(ends, places, depth).as_vec2())
+        };
         let seen = |i: u32| {
             let [x, y] = [i % width, i / width].map(|n| n as f32 + 0.5);
             let ray = Ray::new(camera.eye, camera_direction(camera, camera.resolution, x, y));
             // Where half of the light passes or more, what is behind counts.
-            let Some(hit) = bvh.closest_stop(scene, &ray, |_| 0.5) else { return (-1.0, -1.0, Vec2::ZERO) };
+            let Some(hit) = bvh.closest_stop(scene, &ray, |_| 0.5) else {
+                let direction = ray.direction / ray.direction.dot(forward);
+                return (-1.0, -1.0, Vec2::ZERO, motion_of([direction; 2], None));
+            };
             let triangle = &scene.triangles[bvh.scene_triangle(hit.triangle) as usize];
-            let uv = scene.uv_at(triangle, [1.0 - hit.u - hit.v, hit.u, hit.v], TextureUse::Base);
-            (triangle.object as f32, triangle.material as f32, uv)
+            let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
+            let uv = scene.uv_at(triangle, weights, TextureUse::Base);
+            let point = |of: &dyn Fn(usize) -> Vec3| (0..3).map(|k| weights[k] * of(k)).sum::<Vec3>();
+            let place = point(&|k| scene.positions[triangle.vertices[k] as usize]);
+            let moved = shutter.and_then(|(_, moving)| moving.of(hit.triangle));
+            let places = [0, 1].map(|end| place + moved.map_or(Vec3::ZERO, |moved| point(&|k| moved[end][k])));
+            let motion = motion_of(places, Some((place - camera.eye).dot(forward)));
+            (triangle.object as f32, triangle.material as f32, uv, motion)
         };
-        let pixels: Vec<(f32, f32, Vec2)> = (0..width * height).into_par_iter().map(seen).collect();
+        let pixels: Vec<(f32, f32, Vec2, Vec2)> = (0..width * height).into_par_iter().map(seen).collect();
         Surfaces {
             object: pixels.iter().map(|pixel| pixel.0).collect(),
             material: pixels.iter().map(|pixel| pixel.1).collect(),
             uv: [0, 1].map(|axis| pixels.iter().map(|pixel| pixel.2[axis]).collect()),
+            motion: match shutter {
+                None => Default::default(),
+                Some(_) => [0, 1].map(|axis| pixels.iter().map(|pixel| pixel.3[axis]).collect()),
+            },
         }
     }
 
     /// Every list.
-    pub(super) fn parts(&mut self) -> [&mut Vec<f32>; 4] {
-        let [u, v] = &mut self.uv;
-        [&mut self.object, &mut self.material, u, v]
+    pub(super) fn parts(&mut self) -> [&mut Vec<f32>; 6] {
+        let ([u, v], [x, y]) = (&mut self.uv, &mut self.motion);
+        [&mut self.object, &mut self.material, u, v, x, y]
     }
 
     /// Every list with the name of its channel.
-    pub(super) fn channels(&self) -> [(&'static str, &[f32]); 4] {
-        let [u, v] = &self.uv;
-        [("object.ID", &self.object), ("material.ID", &self.material), ("uv.U", u), ("uv.V", v)]
+    pub(super) fn channels(&self) -> [(&'static str, &[f32]); 6] {
+        let ([u, v], [x, y]) = (&self.uv, &self.motion);
+        let surface = [("object.ID", &self.object), ("material.ID", &self.material)];
+        let [object, material] = surface.map(|(name, values)| (name, values.as_slice()));
+        [object, material, ("uv.U", u), ("uv.V", v), ("motion.X", x), ("motion.Y", y)]
     }
 }
 
@@ -57,6 +84,21 @@ mod tests {
     use super::*;
     use crate::scene::Material;
     use glam::Vec3;
+
+    /// Looks along -z; at unit distance a unit is 8 pixels.
+    fn camera() -> Camera {
+        Camera {
+            eye: Vec3::new(0.0, 0.0, 4.0),
+            target: Vec3::ZERO,
+            up: Vec3::Y,
+            fov_y: 90.0,
+            resolution: [16, 16],
+            aperture: 0.0,
+            focus: None,
+            shutter: 0.0,
+            frustum: None,
+        }
+    }
 
     /// A square of two units before a larger one, at whose centre the eye looks: each pixel is known by similar triangles.
     #[test]
@@ -68,18 +110,9 @@ mod tests {
             scene.add_quad(corner, 2.0 * half * Vec3::X, 2.0 * half * Vec3::Y, material, object);
         }
         scene.uvs = scene.positions.iter().map(|p| 0.125 * p.truncate() + Vec2::splat(0.5)).collect();
-        let camera = Camera {
-            eye: Vec3::new(0.0, 0.0, 4.0),
-            target: Vec3::ZERO,
-            up: Vec3::Y,
-            fov_y: 90.0,
-            resolution: [16, 16],
-            aperture: 0.0,
-            focus: None,
-            shutter: 0.0,
-            frustum: None,
-        };
-        let surfaces = Surfaces::of(&scene, &Bvh::build(&scene).unwrap(), &camera);
+        let camera = camera();
+        let bvh = Bvh::build(&scene).unwrap();
+        let surfaces = Surfaces::of(&scene, &bvh, &camera, None);
         let mut counts = [0; 3];
         for i in 0..256 {
             let slope = Vec2::new((i % 16) as f32 + 0.5, -((i / 16) as f32 + 0.5)) / 8.0 + Vec2::new(-1.0, 1.0);
@@ -95,5 +128,39 @@ mod tests {
             assert!(uv.abs_diff_eq(0.125 * at + Vec2::splat(0.5), 1e-5), "pixel {i}: {uv}");
         }
         assert!(counts.iter().all(|count| *count > 10), "{counts:?}");
+        assert!(surfaces.motion.iter().all(Vec::is_empty));
+    }
+
+    /// The near square moves by half a unit, the camera by a quarter: by similar triangles.
+    #[test]
+    fn motion_is_that_of_similar_triangles() {
+        let mut scene = Scene::default();
+        for (name, half, z) in [("far", 9.0, -2.0), ("near", 1.0, 0.0)] {
+            let (object, material) = (scene.add_object(name), scene.add_material(Material::default()));
+            let corner = Vec3::new(-half, -half, z);
+            scene.add_quad(corner, 2.0 * half * Vec3::X, 2.0 * half * Vec3::Y, material, object);
+        }
+        let camera = camera();
+        let bvh = Bvh::build(&scene).unwrap();
+        let ends = [-0.125, 0.125].map(|x| Camera {
+            eye: camera.eye + x * Vec3::X,
+            target: camera.target + x * Vec3::X,
+            ..camera
+        });
+        let near = |leaf: u32| scene.triangles[bvh.scene_triangle(leaf) as usize].object == 1;
+        let moving = Moving {
+            of_triangle: (0..4).map(|leaf| u32::from(near(leaf))).collect(),
+            displacements: vec![[-0.25, 0.25].map(|y| [y * Vec3::Y; 3])],
+        };
+        let surfaces = Surfaces::of(&scene, &bvh, &camera, Some(&(ends, moving)));
+        for i in 0..256 {
+            let expected = match surfaces.object[i] {
+                1.0 => Vec2::new(-0.25, -0.5) * 8.0 / 4.0,
+                _ => Vec2::new(-0.25, 0.0) * 8.0 / 6.0,
+            };
+            let found = Vec2::new(surfaces.motion[0][i], surfaces.motion[1][i]);
+            assert!(found.abs_diff_eq(expected, 1e-5), "pixel {i}: {found} for {expected}");
+        }
+        assert!(surfaces.object.contains(&1.0) && surfaces.object.contains(&0.0));
     }
 }

@@ -55,6 +55,14 @@ pub struct Moving {
     pub displacements: Vec<[[Vec3; 3]; 2]>,
 }
 
+impl Moving {
+    /// Displacements of the corners of a triangle of the tree, as the shutter opens and as it closes; `None`: it stands still.
+    pub fn of(&self, leaf: u32) -> Option<&[[Vec3; 3]; 2]> {
+        let number = self.of_triangle.get(leaf as usize).copied().unwrap_or(0);
+        self.displacements.get(number.checked_sub(1)? as usize)
+    }
+}
+
 impl Velocity {
     /// Prepares the pass; `triangles`: those that may move, of all of the scene or none.
     pub fn new(

@@ -148,7 +148,7 @@ pub struct Animate {
     /// Write EXR files with layers: albedo, normal, depth and irradiance.
     #[arg(long)]
     pub layers: bool,
-    /// Also write what the centres of the pixels show as layers of EXR files: object and material by their numbers, and texture coordinates.
+    /// Also write what the centres of the pixels show as layers of EXR files: object and material by their numbers, texture coordinates, and with an open shutter motion in pixels.
     ///
     /// Numbers count from 0 in the order of the scene; -1 is the background. Mirrors and glass are surfaces like others here.
     #[arg(long, requires = "layers")]
@@ -254,7 +254,7 @@ pub struct Output {
     /// Sent at most twice a second. If the connection is lost, the rendering goes on without.
     #[arg(long, value_name = "HOST:PORT", value_parser = address)]
     pub display: Option<String>,
-    /// Also write what the centres of the pixels show as layers of EXR files: object and material by their numbers, and texture coordinates.
+    /// Also write what the centres of the pixels show as layers of EXR files: object and material by their numbers, texture coordinates, and with an open shutter motion in pixels.
     ///
     /// Numbers count from 0 in the order of the scene; -1 is the background. Mirrors and glass are surfaces like others here.
     #[arg(long, conflicts_with_all = ["no_layers", "reference", "shard"])]

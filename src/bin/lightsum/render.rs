@@ -419,7 +419,8 @@ impl Job {
     /// Adds the layers of the surfaces, if they are wanted, for the whole image or its part.
     pub fn add_surfaces(&self, layers: &mut Layers, renderer: &Renderer) {
         if self.surfaces {
-            let whole = Surfaces::of(renderer.scene(), renderer.engine().bvh(), &self.camera);
+            let engine = renderer.engine();
+            let whole = Surfaces::of(renderer.scene(), engine.bvh(), &self.camera, engine.while_open().as_ref());
             let [width, height] = self.camera.resolution;
             let whole = Layers { width, height, surfaces: whole, ..Layers::default() };
             layers.surfaces = if let Some(crop) = self.crop { whole.cut(crop) } else { whole }.surfaces;
