@@ -102,9 +102,9 @@ fn a_second_process_on_one_output_is_told() {
         fails(folder.path(), line, 1, &["a.exr", "another lightsum writes this file"]);
     }
     succeeds(folder.path(), "render scene.toml -o b.exr --passes 1 --particles 2");
-    kill(&first, "KILL");
+    kill(&first.0, "KILL");
     stderr.read_to_string(&mut String::new()).unwrap();
-    assert!(!first.wait().unwrap().success());
+    assert!(!first.0.wait().unwrap().success());
     // A killed process leaves no output locked.
     succeeds(folder.path(), "render scene.toml -o a.exr --passes 1 --particles 2");
 }

@@ -194,11 +194,22 @@ fn a_resumed_run_equals_an_unbroken_one() {
     }
 }
 
+/// A program that ends with its test, whatever becomes of that.
+pub struct Running(pub Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It may have ended; nothing is to be done then.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
 /// A rendering that goes on until it is stopped, after its first line of progress.
-pub fn endless(folder: &Path, more: &str) -> (Child, BufReader<ChildStderr>) {
+pub fn endless(folder: &Path, more: &str) -> (Running, BufReader<ChildStderr>) {
     let line = format!("render scene.toml -o a.exr --particles 8 --resolution 96x64 --passes 1000000 {more}");
-    let mut run = command(folder, &line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let mut stderr = BufReader::new(run.stderr.take().unwrap());
+    let mut run = Running(command(folder, &line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap());
+    let mut stderr = BufReader::new(run.0.stderr.take().unwrap());
     let mut progress = String::new();
     stderr.read_line(&mut progress).unwrap();
     assert!(progress.contains("passes") && progress.contains("left"), "{progress}");
@@ -228,10 +239,10 @@ fn an_interrupt_writes_what_there_is_and_resume_finishes() {
     for signal in ["INT", "TERM", "HUP"] {
         let folder = folder();
         let (mut run, mut stderr) = endless(folder.path(), "");
-        kill(&run, signal);
+        kill(&run.0, signal);
         let mut rest = String::new();
         stderr.read_to_string(&mut rest).unwrap();
-        let status = run.wait().unwrap();
+        let status = run.0.wait().unwrap();
         assert_eq!(status.code(), Some(0), "{signal}: {rest}");
         assert!(rest.contains("interrupted") && rest.contains("a.exr.state") && rest.contains("--resume"), "{rest}");
         assert!(channels(&folder.path().join("a.exr"))["R"].iter().any(|&r| r > 0.0));
@@ -253,8 +264,8 @@ fn a_killed_run_goes_on_from_its_checkpoint() {
         assert!(start.elapsed() < Duration::from_secs(60), "there is no checkpoint");
         std::thread::sleep(Duration::from_millis(10));
     }
-    kill(&run, "KILL");
-    assert!(!run.wait().unwrap().success());
+    kill(&run.0, "KILL");
+    assert!(!run.0.wait().unwrap().success());
     // As if it had been killed while it wrote them.
     let parts = [".a.exr.4194304-0.tmp", ".a.exr.state.4194304-3.tmp"].map(|name| folder.path().join(name));
     parts.iter().for_each(|part| fs::write(part, "part").unwrap());
