@@ -294,8 +294,10 @@ impl Emitters {
         let total = self.list.iter().map(weight).sum::<f64>() + 0.0;
         // The comparison is written so that NaN fails it.
         if !(total > 0.0 && total.is_finite()) {
+            let mend =
+                if total > 0.0 { "lower their emission" } else { "give the scene a light or an emissive material" };
             return Err(Error::Scene(format!(
-                "the {} lights and emissive faces have a total power of {total} W; give the scene a light or an emissive material",
+                "the {} lights and emissive faces have a total power of {total} W; {mend}",
                 self.list.len()
             )));
         }

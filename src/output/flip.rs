@@ -204,7 +204,7 @@ mod tests {
         (map.iter().sum::<f32>() / map.len() as f32, map[0])
     }
 
-    /// The oracle is NVIDIA's own program (flip-evaluator 1.7): means and first pixels.
+    /// The oracle is NVIDIA's own program (flip-evaluator): means and first pixels.
     #[test]
     fn patterns_differ_as_much_as_by_the_authors_program() {
         for (size, a, b, expected) in [

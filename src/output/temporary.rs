@@ -45,6 +45,9 @@ impl Temporary {
                 }
                 // The name is taken by another thread, or by a killed process with the same id.
                 Err(e) if e.kind() == ErrorKind::AlreadyExists && attempt < 100 => attempt += 1,
+                Err(e) if e.kind() == ErrorKind::NotFound => {
+                    return Err(Error::file(path, "its folder does not exist; make it first"));
+                }
                 Err(e) => return Err(Error::io("creating a file beside it", path)(e)),
             }
         }

@@ -78,7 +78,7 @@ pub fn prepare(args: &args::Bake) -> Result<(Scene, Settings)> {
     play::pose(&mut scene, &args.scene, args.pose.animation.as_deref(), args.pose.at)?;
     let given = args.keys.override_scene(&mut scene, "bake")?;
     let settings = bake_settings(args, &scene, &given);
-    effect::warn(&given, &settings, &scene);
+    effect::warn(&args.keys.typed(), &settings, &scene);
     settings.validate()?;
     args.options().validate()?;
     Ok((scene, settings))

@@ -94,7 +94,7 @@ pub fn prepare(args: &Render) -> Result<(Job, Scene, Moment<'_>)> {
         }
     }
     settings.validate()?;
-    effect::warn(&given, &settings, &scene);
+    effect::warn(&args.keys.typed(), &settings, &scene);
     let denoise = args.output.denoise.is_some();
     if denoise {
         output::denoise::check()?;

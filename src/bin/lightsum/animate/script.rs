@@ -41,7 +41,7 @@ impl<'a> Script<'a> {
         }
         let start = Instant::now();
         let mut scene = scene::load_with(&args.scene, &shown.reading.options())?;
-        let given = shown.keys.override_scene(&mut scene, "animate")?;
+        shown.keys.override_scene(&mut scene, "animate")?;
         let mut play = match (&args.path, &args.play.animation) {
             (Some(_), None) => None,
             (None, None) => Some(Play::new(&scene, None, "--path")?),
@@ -58,7 +58,7 @@ impl<'a> Script<'a> {
             (None, None) => Motion::still(Vec::new()),
         };
         let settings = moving_settings(&scene.render, still.resolution)?;
-        effect::warn(&given, &settings, &scene);
+        effect::warn(&shown.keys.typed(), &settings, &scene);
         if mirrors::wanted(&scene.render) && (play.is_some() || !motion.objects.is_empty()) {
             let message = String::from("images show a scene that stands still, and objects move here; use rays");
             return Err(Error::Setting { name: "--mirror-source", message });

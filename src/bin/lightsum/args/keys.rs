@@ -27,8 +27,15 @@ impl Keys {
         for file in &self.files {
             keys.override_by(&RenderDefaults::load(file)?);
         }
-        self.set.iter().chain([&self.flags]).for_each(|over| keys.override_by(over));
+        keys.override_by(&self.typed());
         Ok(keys)
+    }
+
+    /// Those of `--set` and of flags alone.
+    pub fn typed(&self) -> RenderDefaults {
+        let mut keys = RenderDefaults::default();
+        self.set.iter().chain([&self.flags]).for_each(|over| keys.override_by(over));
+        keys
     }
 
     /// Lets them override `[render]` of a scene, which keeps those that the command takes; returns them.

@@ -104,10 +104,10 @@ impl Session {
     /// Loads a scene and makes its engine on a lent device, for an image of this size; `None`: the size that flags and scene name.
     pub fn open(context: &Context, path: &Path, args: &View, size: Option<[u32; 2]>) -> Result<Session> {
         let mut scene = scene::load_with(path, &args.shown.reading.options())?;
-        let given = args.shown.keys.override_scene(&mut scene, "view")?;
+        args.shown.keys.override_scene(&mut scene, "view")?;
         let camera = camera::choose(&scene, &args.shown.camera, size.or(args.shown.resolution))?;
         let settings = moving_settings(&scene.render, camera.resolution)?;
-        effect::warn(&given, &settings, &scene);
+        effect::warn(&args.shown.keys.typed(), &settings, &scene);
         let settings = standalone::with_traversal(context, settings, pipeline_cache().as_deref())?;
         let (name, origin) = (scene.name.clone(), scene.origin);
         let middle = |(low, high): (Vec3, Vec3)| if low.cmple(high).all() { 0.5 * (low + high) } else { Vec3::ZERO };
