@@ -15,6 +15,9 @@ DEMO_PASSES ?= 16
 # The feature needs the library once more; its few tests are not worth optimising it.
 HOT_RELOAD = --features hot-reload --test hot_reload --config profile.dev.opt-level=0
 
+# Several ranks, by the system's MPI; likewise.
+MPI = --features mpi --test cli --config profile.dev.opt-level=0
+
 .PHONY: help build demo test test-swiftshader test-web test-wgpu bench lint
 
 build:
@@ -36,6 +39,7 @@ test:
 	scripts/setup.sh --tests
 	cargo test --no-fail-fast
 	cargo test --no-fail-fast $(HOT_RELOAD)
+	cargo test --no-fail-fast $(MPI) -- ranks::
 	LP_NATIVE_VECTOR_WIDTH=128 cargo test --test gpu -- visibility:: traversal:: checks::eye:: checks::light::
 	LIGHTSUM_NO_TEXELS=1 cargo test --test gpu -- visibility:: checks::
 	LP_NATIVE_VECTOR_WIDTH=512 cargo test --test gpu -- --test-threads=1 visibility::

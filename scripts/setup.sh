@@ -1,7 +1,8 @@
 #!/bin/bash
 # Install what running needs and is not there: the Vulkan loader and a driver (Mesa's, which has one for the processor).
 #   scripts/setup.sh            for rendering
-#   scripts/setup.sh --tests    for the tests as well: the validation layer, and an X server without a screen with what a window needs
+#   scripts/setup.sh --tests    for the tests as well: the validation layer, an X server without a screen with what a window needs, and
+#                               MPI with libclang, by which its bindings are made
 set -euo pipefail
 
 tests=false
@@ -42,6 +43,9 @@ has_driver || packages+=(mesa-vulkan-drivers)
 if $tests; then
   has_layer || packages+=(vulkan-validationlayers)
   command -v Xvfb >/dev/null || packages+=(xvfb)
+  command -v mpicc >/dev/null || packages+=(libopenmpi-dev)
+  command -v mpirun >/dev/null || packages+=(openmpi-bin)
+  [ -n "${LIBCLANG_PATH:-}" ] || compgen -G '/usr/lib/llvm-*/lib/libclang*.so*' >/dev/null || packages+=(libclang-dev)
   # winit loads these when it opens a window.
   for library in libX11-xcb.so.1:libx11-xcb1 libXcursor.so.1:libxcursor1 libXi.so.6:libxi6 libxkbcommon-x11.so.0:libxkbcommon-x11-0; do
     has_library "${library%%:*}" || packages+=("${library##*:}")

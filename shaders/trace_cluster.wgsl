@@ -75,7 +75,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #endif
         d[r] = ray_direction[ray[r]].xyz;
         inverse[r] = safe_inverse(d[r]);
+#if EDGES
         best[r] = FAR;
+#else
+        // As in camera_rays.wgsl.
+        best[r] = select(-1.0, FAR, in_task(inside));
+#endif
         nearest[r] = NOTHING;
         lo = min(lo, d[r]);
         hi = max(hi, d[r]);

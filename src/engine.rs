@@ -58,7 +58,17 @@ use crate::ring::Paths;
 use crate::scene::{Camera, Scene};
 use crate::settings::{Settings, Traversal};
 use crate::stage::Output;
-use crate::view::{Atlas, Region, View};
+use crate::view::{Atlas, Region, Task, View};
+
+/// A part of a pass.
+pub(crate) enum Part<'a> {
+    /// All of it.
+    Whole,
+    /// The shading of the pixels of a task. Nothing is added to the film.
+    Points(&'a Task),
+    /// The rest, with shaded points from elsewhere.
+    Rest(&'a Staging),
+}
 
 /// Renders a scene on a device.
 pub struct Engine {
@@ -196,6 +206,11 @@ impl Engine {
     ///
     /// After an error do not submit the command buffer; the engine is unchanged.
     pub fn record_pass(&mut self, rec: &mut Recorder) -> Result<()> {
+        self.record_part(rec, &Part::Whole)
+    }
+
+    /// [`Engine::record_pass`] for a part of it.
+    pub(crate) fn record_part(&mut self, rec: &mut Recorder, part: &Part) -> Result<()> {
         if !self.set_up {
             return Err(Error::Resource {
                 name: String::from("engine"),
@@ -228,7 +243,11 @@ impl Engine {
         if self.particles && self.frame.splats.is_some() {
             self.frame.record_particles(rec, &self.plan.parameters_of(0, true)?)?;
         }
-        self.frame.record(rec, &parameters, &paths)?;
+        match part {
+            Part::Whole => self.frame.record(rec, &parameters, &paths)?,
+            Part::Points(task) => self.frame.record_points(rec, &parameters.of_task(task), &paths)?,
+            Part::Rest(points) => self.frame.record_taken(rec, &parameters, points)?,
+        }
         self.passes += 1;
         self.unchanged += 1;
         self.paths = paths;

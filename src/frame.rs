@@ -334,6 +334,12 @@ impl Frame {
 
     /// Records one pass of the renderer. `paths`: those whose lights a ring holds; none without a ring.
     pub fn record(&self, rec: &mut Recorder, parameters: &layout::FrameParameters, paths: &Paths) -> Result<()> {
+        self.record_points(rec, parameters, paths)?;
+        self.record_rest(rec, parameters)
+    }
+
+    /// Records the part of a pass that shades the points that the eye sees.
+    pub fn record_points(&self, rec: &mut Recorder, parameters: &layout::FrameParameters, paths: &Paths) -> Result<()> {
         self.record_start(rec, parameters)?;
         self.eye.run(rec)?;
         self.splats.as_ref().map_or(Ok(()), |splats| splats.record_find(rec))?;
@@ -350,7 +356,11 @@ impl Frame {
         self.mirror_lights.run(rec)?;
         self.splats.run(rec)?;
         self.compensation.run(rec)?;
-        self.near_light.as_ref().map_or(Ok(()), |near| near.run_paths(rec, paths))?;
+        self.near_light.as_ref().map_or(Ok(()), |near| near.run_paths(rec, paths))
+    }
+
+    /// Records the part that makes an image of these points, and adds it to the film.
+    fn record_rest(&self, rec: &mut Recorder, parameters: &layout::FrameParameters) -> Result<()> {
         self.discontinuity.run(rec)?;
         self.path_gain.run(rec)?;
         self.glossy_light.run(rec)?;
@@ -369,6 +379,40 @@ impl Frame {
         self.lens.run(rec)?;
         self.motion_blur.run(rec)?;
         self.output.record_accumulate(rec, parameters)
+    }
+
+    /// Records a pass whose shaded points are uploaded.
+    pub fn record_taken(
+        &self,
+        rec: &mut Recorder,
+        parameters: &layout::FrameParameters,
+        points: &Staging,
+    ) -> Result<()> {
+        self.record_start(rec, parameters)?;
+        rec.fill(&self.eye.planes.region, 0)?;
+        rec.scope("points", |rec| points.record(rec))?;
+        self.record_rest(rec, parameters)
+    }
+
+    /// The shaded points, as [`Frame::record_points`] leaves them: buffers of 16 bytes for each slot, and of 8 bytes for each pixel.
+    pub fn point_buffers(&self) -> [Vec<&Buffer>; 2] {
+        let (points, light) = (&self.eye.points, &self.shade.lighting);
+        let by_slot = vec![
+            &points.position,
+            &points.geometric,
+            &points.shading,
+            &points.kd,
+            &points.f0,
+            &points.wo,
+            &points.emitted,
+            &self.eye.paths.throughput,
+            &light.direct,
+            &light.indirect,
+            &light.specular,
+        ];
+        let guides = self.eye.guides.iter();
+        let by_pixel = guides.flat_map(|guides| [&guides.first_hits].into_iter().chain(&guides.second_hits)).collect();
+        [by_slot, by_pixel]
     }
 
     /// Records the parameters of a pass, and clears the counts of its status.

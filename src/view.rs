@@ -24,7 +24,7 @@ const APRON: u32 = 3;
 const EDGE_APRON: u32 = 9;
 
 /// A rectangle of pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Region {
     /// Its upper left pixel, x to the right, y down.
     pub origin: [u32; 2],
@@ -71,6 +71,37 @@ impl Region {
     /// Number of pixels.
     pub fn pixels(&self) -> u64 {
         u64::from(self.size[0]) * u64::from(self.size[1])
+    }
+}
+
+/// A part of the pixels of a view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Task {
+    /// Within this region of the view.
+    pub region: Region,
+    /// Of this class of the interleaving pattern; `None`: of all.
+    pub class: Option<u32>,
+}
+
+impl Task {
+    /// Cuts an image of this size into at least `count` parts, if it has as many: bands of rows, then by class, class by class. Bands begin where blocks of
+    /// pixels do, so that their pixels have the bits of the whole image.
+    pub fn cut(settings: &Settings, [width, height]: [u32; 2], count: u32) -> Vec<Task> {
+        let block = if settings.light_pool > 0 { REGION } else { 1 } * 8 * settings.pattern[1];
+        let classes = settings.classes();
+        let blocks = height.div_ceil(block);
+        let rows = block * (blocks / count.div_ceil(classes).clamp(1, blocks));
+        let bands =
+            (0..height).step_by(rows as usize).map(|y| Region { origin: [0, y], size: [width, rows.min(height - y)] });
+        let bands: Vec<Region> = bands.collect();
+        (0..classes).flat_map(|class| bands.iter().map(move |&region| Task { region, class: Some(class) })).collect()
+    }
+
+    /// Whether a pixel belongs to it.
+    pub fn has(&self, [x, y]: [u32; 2], [across, down]: [u32; 2]) -> bool {
+        let Region { origin, size } = self.region;
+        let inside = |at: u32, axis: usize| at >= origin[axis] && at - origin[axis] < size[axis];
+        inside(x, 0) && inside(y, 1) && self.class.is_none_or(|class| x % across + across * (y % down) == class)
     }
 }
 
@@ -165,6 +196,22 @@ impl View {
         }
     }
 
+    /// Errors: its pixels cannot be shaded task by task.
+    pub fn check_tasks(&self, settings: &Settings) -> Result<()> {
+        let why = match self {
+            View::Atlas(_) => Some("texels are not shaded by several ranks"),
+            View::Camera { .. } if settings.ring.is_some() => Some("a ring keeps light from pass to pass"),
+            View::Camera { .. } => self.needs_whole(settings),
+        };
+        match why {
+            None => Ok(()),
+            Some(why) => Err(Error::Setting {
+                name: "--cluster-tasks",
+                message: format!("{why}; give out frames instead of tiles"),
+            }),
+        }
+    }
+
     /// Whether it shows a part of a larger image.
     pub fn is_part(&self) -> bool {
         self.size() != self.within().size
@@ -247,6 +294,26 @@ pub const MAX_PIXELS: u64 = 1 << 26;
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn tasks_are_a_partition_of_the_image() {
+        for (pattern, light_pool, size, count) in [
+            ([3, 3], 0, [83, 61], 1),
+            ([1, 1], 0, [40, 200], 7),
+            ([2, 3], 0, [83, 115], 24),
+            ([3, 3], 16, [230, 300], 99),
+        ] {
+            let settings = Settings { pattern, light_pool, ..Settings::plain() };
+            let tasks = Task::cut(&settings, size, count);
+            let block = if light_pool > 0 { 32 } else { 8 } * pattern[1];
+            assert!(tasks.iter().all(|task| task.region.origin[1] % block == 0));
+            let blocks = size[1].div_ceil(block) * settings.classes();
+            assert!(tasks.len() as u32 >= count.min(blocks), "{} of {count} tasks", tasks.len());
+            for (x, y) in (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (x, y))) {
+                assert_eq!(tasks.iter().filter(|task| task.has([x, y], pattern)).count(), 1, "{x},{y}");
+            }
+        }
+    }
 
     #[test]
     fn regions_grow_to_whole_blocks() {

@@ -27,6 +27,13 @@ fn class_at(at: vec2<u32>) -> u32 {
     return divided(at.x, frame.pattern.x).y + frame.pattern.x * divided(at.y, frame.pattern.y).y;
 }
 
+// Whether a pixel belongs to the task of the pass.
+fn in_task(at: vec2<u32>) -> bool {
+    let within = all(at >= frame.task[0].xy) && all(at < frame.task[0].zw);
+    let in_class = frame.task[1].y == 0u || class_at(at) + 1u == frame.task[1].y;
+    return frame.task[1].x == 0u || (within && in_class);
+}
+
 // Class of a slot. Second components have the class of their pixel.
 fn class_of(slot: u32) -> u32 {
     return class_at(place_of_pixel(pixel_of(slot)));

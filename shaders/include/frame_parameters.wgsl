@@ -32,4 +32,5 @@ struct FrameParameters {
     shift: vec4<f32>,           // displacement of the image's centre from the view direction, in half widths and half heights; zeros
     soft: vec4<u32>,            // number of emitters whose shadows are convolved (see soft_shadow.rs); zeros
     soft_emitters: array<vec4<u32>, 2>, // their numbers
+    task: array<vec4<u32>, 2>,  // pixels that take part: first column and row, end of columns and rows; 1, or 0: all do; 1 + their class, 0: all
 }

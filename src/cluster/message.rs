@@ -8,6 +8,7 @@ use serde_json::Value;
 
 use crate::output::About;
 use crate::settings::Traversal;
+use crate::view::Task;
 
 /// Bytes before the text.
 pub const HEAD: usize = 12;
@@ -54,10 +55,25 @@ pub enum Message {
         /// Its times.
         timings: Value,
     },
+    /// To a rank: shade the points of this task in a pass of a frame.
+    Shade(Shade),
+    /// To the master: they are in the load. Asks for a task.
+    Shaded(Shade),
     /// To a rank: nothing is left, or someone failed.
     End,
     /// To the master, last: what it took me.
     Bye(Work),
+}
+
+/// A part of a pass of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Shade {
+    /// Number of the frame.
+    pub frame: u32,
+    /// Number of the pass in what the frame accumulates.
+    pub pass: u32,
+    /// Its pixels.
+    pub task: Task,
 }
 
 /// Identity of a rank.
@@ -119,7 +135,7 @@ impl Ready {
 /// Cost of the work of a rank.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Work {
-    /// Passes rendered.
+    /// Passes rendered, or tasks.
     pub passes: u32,
     /// Seconds from the first task to the end.
     pub wall: f64,
@@ -158,6 +174,7 @@ impl Message {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::view::Region;
 
     fn hello() -> Hello {
         Hello { version: "1".into(), arguments: vec!["render".into(), "a.toml".into()], host: "node".into() }
@@ -173,6 +190,8 @@ mod tests {
             triangles: 12,
             about: About { camera: "{\"fov\":1.5}".into(), exposure: Some(-0.3), ..About::default() },
         };
+        let region = Region { origin: [0, 24], size: [83, 24] };
+        let shade = Shade { frame: 2, pass: 1, task: Task { region, class: Some(8) } };
         let timings = serde_json::json!({ "seconds": 0.25 });
         for message in [
             Message::Hello(hello()),
@@ -182,6 +201,8 @@ mod tests {
             Message::Pass(7),
             Message::Rendered { kept: true, seconds: 0.1 },
             Message::Frame { number: 3, timings },
+            Message::Shade(shade),
+            Message::Shaded(shade),
             Message::Bye(Work { passes: 3, wall: 1.0, rendering: 0.5, processor: 0.7, bytes: 1 << 40 }),
             Message::End,
         ] {

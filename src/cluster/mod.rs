@@ -3,8 +3,10 @@
 
 pub mod message;
 mod passes;
+pub mod points;
 pub mod schedule;
 
 pub use message::Message;
 pub use passes::Passes;
+pub use points::{PassPoints, TaskPoints};
 pub use schedule::{Schedule, Task};

@@ -5,6 +5,7 @@ use bytemuck::{Pod, Zeroable};
 
 pub use super::splat_start::SplatParameters;
 use crate::settings::Reflectance;
+use crate::view::{Region, Task};
 
 pub use crate::light::emitters::EmitterRecord;
 
@@ -71,6 +72,9 @@ pub struct FrameParameters {
     pub soft: [u32; 4],
     /// Their numbers.
     pub soft_emitters: [[u32; 4]; 2],
+    /// The pixels that take part ([`crate::view::Task`]): first column and row, end of columns and rows; then 1, or 0: all pixels do; 1 + their
+    /// class, 0: all classes; zeros.
+    pub task: [[u32; 4]; 2],
 }
 
 impl FrameParameters {
@@ -82,6 +86,13 @@ impl FrameParameters {
     pub const SHARED_PHOTONS: u32 = 4;
     /// Bit of `keys[2]`: rays that leave the scene meet an environment.
     pub const ENVIRONMENT: u32 = 8;
+
+    /// With the pixels of a task alone.
+    pub fn of_task(self, task: &Task) -> FrameParameters {
+        let Region { origin: [x, y], size: [width, height] } = task.region;
+        let class = task.class.map_or(0, |class| class + 1);
+        FrameParameters { task: [[x, y, x + width, y + height], [1, class, 0, 0]], ..self }
+    }
 
     /// Reflectance of mirrors.
     pub fn reflectance(&self) -> Reflectance {
@@ -137,6 +148,12 @@ impl DispatchCounts {
     /// Nothing to do yet, for lists whose shading points belong to so many classes.
     pub fn of_classes(classes: u32) -> DispatchCounts {
         DispatchCounts { list_groups: [0, 0, 0, classes - 1], ..DispatchCounts::default() }
+    }
+
+    /// One workgroup for each of so many listed tiles, as [`super::tiles`] spreads them over two dimensions.
+    pub fn of_tiles(live: u32) -> DispatchCounts {
+        let x = live.min(32768);
+        DispatchCounts { live, list_groups: [x, live.div_ceil(x.max(1)), 1, 0], ..DispatchCounts::default() }
     }
 }
 

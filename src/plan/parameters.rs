@@ -159,6 +159,7 @@ impl Plan {
             soft: [self.soft_emitters.len() as u32, 0, 0, 0],
             soft_emitters: [0, 1]
                 .map(|half| [0, 1, 2, 3].map(|k| self.soft_emitters.get(4 * half + k).copied().unwrap_or(NO_EMITTER))),
+            task: [[0; 4]; 2],
         })
     }
 }

@@ -3,7 +3,8 @@
 use std::time::Instant;
 
 use super::{MAX_ROUNDS, PassTimes, Renderer};
-use crate::engine::Engine;
+use crate::cluster::points::{PassPoints, PointReader, TaskPoints};
+use crate::engine::{Engine, Part};
 use crate::error::{Error, Result};
 use crate::estimate::History;
 use crate::frame::Frame;
@@ -11,6 +12,7 @@ use crate::gpu::{Buffer, Context, Memory, Recorder};
 use crate::pass::List;
 use crate::pass::layout::DispatchCounts;
 use crate::plan::{INSTANCES, trace_steps};
+use crate::view::Task;
 
 /// Maximum number of passes in a row that are left out because some pixel is no number.
 const MAX_LEFT_OUT: u32 = 8;
@@ -37,7 +39,7 @@ impl Renderer {
     ///
     /// Errors leave the sums of the passes before: [`Error::NoNumber`] if several passes in a row are left out; those of the device.
     pub fn pass(&mut self) -> Result<()> {
-        self.pass_with(None, Numbers::InTurn).map(drop)
+        self.pass_with(None, Numbers::InTurn, &Part::Whole).map(drop)
     }
 
     /// Renders the pass of a number and adds it to the sums, whatever passes they have: films of disjoint passes merge to that of all.
@@ -49,16 +51,56 @@ impl Renderer {
         self.history = None;
         self.skipped = 0;
         self.engine.seek(number, false);
-        self.pass_with(None, Numbers::One)
+        self.pass_with(None, Numbers::One, &Part::Whole)
+    }
+
+    /// Shades the pixels of a task in the pass of a number, for [`Renderer::pass_from`] elsewhere. The film stays as it is.
+    ///
+    /// Errors: pixels that depend on others of the image ([`View::check_tasks`](crate::view::View::check_tasks)); those of the device.
+    pub fn points_of(&mut self, number: u32, task: &Task) -> Result<TaskPoints> {
+        self.engine.apply_edits()?;
+        self.engine.view().check_tasks(&self.engine.plan().settings)?;
+        loop {
+            self.engine.seek(number, false);
+            let reader = PointReader::new(&self.context, &self.engine, task)?;
+            let (engine, status) = (&mut self.engine, &self.readback);
+            let submitted = self.context.submit_and_wait(&format!("in pass {number}"), None, |rec| {
+                engine.record_part(rec, &Part::Points(task))?;
+                rec.copy_range(&engine.frame().status, 0, status, 0, 16)?;
+                reader.record(rec, engine.frame())
+            });
+            if let Err(error) = submitted {
+                self.engine.seek(number, true);
+                return Err(error);
+            }
+            let lost = self.readback.read::<u32>()?[0];
+            if lost == 0 {
+                self.engine.setup_finished();
+                self.check_messages()?;
+                return reader.read(&self.engine);
+            }
+            self.more_rounds(number, lost)?;
+        }
+    }
+
+    /// [`Renderer::pass_of`] with points that others have shaded.
+    pub fn pass_from(&mut self, number: u32, points: &PassPoints) -> Result<bool> {
+        self.engine.apply_edits()?;
+        self.engine.view().check_tasks(&self.engine.plan().settings)?;
+        self.history = None;
+        self.skipped = 0;
+        self.engine.seek(number, false);
+        let staging = points.stage(&self.context, self.engine.frame())?;
+        self.pass_with(None, Numbers::One, &Part::Rest(&staging))
     }
 
     /// [`Renderer::pass`], unless `stop` says otherwise: it is asked before the pass and every few dispatches. Returns whether the pass is
     /// in the image; one that was broken off is not, and the next pass takes its number.
     pub fn pass_unless(&mut self, stop: &dyn Fn() -> bool) -> Result<bool> {
-        Ok(!stop() && self.pass_with(Some(stop), Numbers::InTurn)?)
+        Ok(!stop() && self.pass_with(Some(stop), Numbers::InTurn, &Part::Whole)?)
     }
 
-    fn pass_with(&mut self, stop: Option<&dyn Fn() -> bool>, numbers: Numbers) -> Result<bool> {
+    fn pass_with(&mut self, stop: Option<&dyn Fn() -> bool>, numbers: Numbers, part: &Part) -> Result<bool> {
         let start = Instant::now();
         self.engine.apply_edits()?;
         if self.readback.bytes() != readback_bytes(&self.engine) {
@@ -80,7 +122,7 @@ impl Renderer {
             let (engine, readback) = (&mut self.engine, &self.readback);
             let record = |rec: &mut Recorder| {
                 let start = Instant::now();
-                engine.record_pass(rec)?;
+                engine.record_part(rec, part)?;
                 recording += start.elapsed().as_secs_f64();
                 let frame = engine.frame();
                 rec.copy_range(&frame.status, 0, readback, 0, 16)?;
@@ -126,27 +168,19 @@ impl Renderer {
                 continue;
             }
             if lost == 0 {
-                self.count_rays(&counts[4..]);
+                if matches!(part, Part::Whole) {
+                    self.count_rays(&counts[4..]);
+                }
                 if let Some(history) = &mut self.history {
                     history.add(number % INSTANCES, bytemuck::cast_slice(sums));
                 }
                 break;
             }
             self.take_back(number, numbers);
-            let rounds = self.engine.settings().rounds;
-            if rounds >= MAX_ROUNDS {
-                let steps = u64::from(rounds) * u64::from(trace_steps(self.engine.settings().loop_budget));
-                return Err(Error::Unfinished { pass: "shade or trace", rays: lost, steps });
-            }
-            log::info!("{lost} rays ran out of steps in pass {number}; going on with {} rounds", 4 * rounds);
-            self.engine.set_rounds((4 * rounds).min(MAX_ROUNDS))?;
+            self.more_rounds(number, lost)?;
         }
         self.engine.setup_finished();
-        let messages = self.context.take_messages();
-        if let Some(message) = messages.first() {
-            let name = format!("pass {}", self.engine.passes() - 1);
-            return Err(Error::Resource { name, message: format!("validation: {message}") });
-        }
+        self.check_messages()?;
         let gpu_passes = self.timers.read()?;
         for (name, seconds) in &gpu_passes {
             match self.gpu_passes.iter_mut().find(|(n, _)| n == name) {
@@ -159,6 +193,28 @@ impl Renderer {
         self.add_stage("render", start);
         self.rendered += 1;
         Ok(true)
+    }
+
+    /// Gives rays more rounds after `lost` of them ran out of steps.
+    fn more_rounds(&mut self, number: u32, lost: u32) -> Result<()> {
+        let rounds = self.engine.settings().rounds;
+        if rounds >= MAX_ROUNDS {
+            let steps = u64::from(rounds) * u64::from(trace_steps(self.engine.settings().loop_budget));
+            return Err(Error::Unfinished { pass: "shade or trace", rays: lost, steps });
+        }
+        log::info!("{lost} rays ran out of steps in pass {number}; going on with {} rounds", 4 * rounds);
+        self.engine.set_rounds((4 * rounds).min(MAX_ROUNDS))
+    }
+
+    /// Messages of the validation layer are errors.
+    fn check_messages(&self) -> Result<()> {
+        match self.context.take_messages().first() {
+            None => Ok(()),
+            Some(message) => {
+                let name = format!("pass {}", self.engine.passes() - 1);
+                Err(Error::Resource { name, message: format!("validation: {message}") })
+            }
+        }
     }
 
     /// Makes a pass the next one again that is not in the film.

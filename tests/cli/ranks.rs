@@ -190,6 +190,36 @@ fn frames_of_an_animation_are_those_of_one_process() {
 }
 
 #[test]
+fn tiles_of_an_animation_have_the_frames_of_one_process() {
+    let folder = folder();
+    let folder = folder.path();
+    let path = "times = [0, 1, 2, 3, 4]\n[[camera]]\ntime = 1\n[[camera]]\ntime = 2\neye = [0.5, 0.6, 3.5]\n";
+    fs::write(folder.join("p.toml"), path).unwrap();
+    let settings = "--preset interactive --particles 8 --compensation exact --superposition off";
+    let flags = format!("--path p.toml --moving-passes 2 --exposure auto {settings}");
+    succeeds(folder, &format!("animate scene.toml -o a-%d.png {flags}"));
+    for ranks in [2, 3, 5] {
+        let tiles = format!("animate scene.toml -o b-%d.png {flags} --cluster-tasks tiles --timings t.json");
+        runs(folder, ranks, &tiles);
+        for frame in 0..5 {
+            let [a, b] = ["a", "b"].map(|name| fs::read(folder.join(format!("{name}-{frame}.png"))).unwrap());
+            assert!(a == b, "{ranks} ranks: frame {frame} differs");
+        }
+    }
+    let times: serde_json::Value = serde_json::from_slice(&fs::read(folder.join("t.json")).unwrap()).unwrap();
+    let passes: Vec<_> = times["frames"].as_array().unwrap().iter().map(|f| f["passes"].as_u64().unwrap()).collect();
+    assert_eq!(passes, [2, 4, 2, 4, 6]);
+    assert_eq!(times["master"]["passes"], 10);
+    // A part needs frames before it.
+    runs(folder, 3, &format!("animate scene.toml -o c-%d.png {flags} --cluster-tasks tiles --frames 3..5"));
+    assert!(!folder.join("c-0.png").exists() && !folder.join("c-2.png").exists());
+    assert!(fs::read(folder.join("a-4.png")).unwrap() == fs::read(folder.join("c-4.png")).unwrap());
+    let near = format!("animate scene.toml -o d-%d.png {flags} --cluster-tasks tiles").replace("exact", "near");
+    let output = mpirun(folder, 2, &near).output().unwrap();
+    assert!(!output.status.success() && text(&output.stderr).contains("--cluster-tasks"), "{}", text(&output.stderr));
+}
+
+#[test]
 fn a_bake_has_the_files_of_one_process() {
     let folders = [folder(), folder()];
     let line = "bake scene.toml -o a.glb --passes 3 --particles 8 --light-pool 0 --density 4";

@@ -51,6 +51,7 @@ mod soft_shadows;
 mod splats;
 mod superposition;
 mod support;
+mod tasks;
 mod textures;
 mod transport;
 mod traversal;

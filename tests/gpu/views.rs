@@ -31,7 +31,7 @@ fn film(renderer: &mut Renderer, passes: u32) -> HostFilm {
 }
 
 /// Settings whose images use every path through the frame that a crop may take.
-fn all_kinds() -> Vec<(&'static str, Settings)> {
+pub fn all_kinds() -> Vec<(&'static str, Settings)> {
     let plain = Settings { particles: 6, ..Settings::plain() };
     // Near light from pixels needs the whole image.
     let interactive = Settings { particles: 6, compensation: Compensation::Exact, ..Settings::interactive() };

@@ -170,6 +170,14 @@ impl<'a> Player<'a> {
 
     /// Renders the next frame.
     fn in_turn(&mut self, number: usize) -> Result<Frame> {
+        let edit = self.place(number)?;
+        let mut timings = render_frame(&mut self.renderer, self.script.job.settings.moving_passes)?;
+        timings["edit"] = edit.into();
+        self.finish(number, timings)
+    }
+
+    /// Moves camera and objects to where they are in a frame; returns the seconds that it took.
+    pub fn place(&mut self, number: usize) -> Result<f64> {
         let edit = Instant::now();
         let script = &mut self.script;
         let time = script.motion.times[number];
@@ -184,11 +192,14 @@ impl<'a> Player<'a> {
             let ends = script.ends(script.job.camera, time);
             engine.set_shutter_ends(Some(ends)).map_err(in_model)?;
         }
-        let edit = edit.elapsed().as_secs_f64();
-        let mut timings = render_frame(&mut self.renderer, script.job.settings.moving_passes)?;
+        Ok(edit.elapsed().as_secs_f64())
+    }
+
+    /// The frame whose passes are rendered. `timings`: of them.
+    pub fn finish(&mut self, number: usize, mut timings: Value) -> Result<Frame> {
+        let script = &mut self.script;
         timings["frame"] = number.into();
-        timings["time"] = time.into();
-        timings["edit"] = edit.into();
+        timings["time"] = script.motion.times[number].into();
         let mut image = None;
         if let Some(output) = script.output(number) {
             script.job.outputs = vec![output];

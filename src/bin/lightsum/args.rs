@@ -26,7 +26,7 @@ use std::time::Duration;
 pub use bake::Bake;
 pub use camera::Camera;
 pub use choices::{Curve, Denoiser, SpecularFlag};
-pub use cluster::{Cluster, Merge, PartFlag, Ranks};
+pub use cluster::{Cluster, ClusterTasks, Merge, PartFlag, Ranks};
 pub use compare::{Compare, Devices, Measure};
 pub use keys::Keys;
 pub use manual::Manual;
@@ -162,6 +162,11 @@ pub struct Animate {
     pub shown: Moving,
     #[command(flatten)]
     pub cluster: Ranks,
+    /// Under mpirun, what a rank is asked for.
+    ///
+    /// frames: whole frames. tiles: points in a part of a frame, shaded, of which rank 0 makes the image: for frames that are wanted soon.
+    #[arg(long, value_name = "TASKS", value_enum, default_value = "frames", help_heading = "Cluster")]
+    pub cluster_tasks: ClusterTasks,
 }
 
 /// Flags of what shows a scene that moves.

@@ -4,7 +4,7 @@
 //! 1. Every rank says who it is; the master compares ([`Message::Hello`]).
 //! 2. The master reads the scene and broadcasts its files ([`Message::Load`]); the others read it from these, open their devices and tell
 //!    what they would render ([`Message::Ready`]).
-//! 3. Tasks, by the command: [`render`] and [`bake`] ([`passes`]), [`animate`].
+//! 3. Tasks, by the command: [`render`] and [`bake`] ([`passes`]), [`animate`] (frames), [`tiles`] (parts of frames).
 //! 4. [`Message::End`] to all, and [`Message::Bye`] of all: no message is under way when MPI ends.
 
 mod animate;
@@ -13,6 +13,7 @@ mod client;
 mod link;
 mod passes;
 mod render;
+mod tiles;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -24,7 +25,7 @@ use lightsum::settings::Traversal;
 use lightsum::{Error, Result, input, output};
 use serde_json::{Value, json};
 
-use crate::args::{Arguments, Command};
+use crate::args::{Arguments, ClusterTasks, Command};
 use link::Link;
 
 /// Time between two looks for messages.
@@ -71,6 +72,7 @@ impl Master<'_> {
         self.meet(hello)?;
         match &arguments.command {
             Some(Command::Render(args)) => render::run(self, args),
+            Some(Command::Animate(args)) if args.cluster_tasks == ClusterTasks::Tiles => tiles::run(self, args),
             Some(Command::Animate(args)) => animate::run(self, args),
             Some(Command::Bake(args)) => bake::run(self, args),
             _ => Err(Error::Setting {

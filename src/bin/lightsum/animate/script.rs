@@ -90,7 +90,7 @@ impl<'a> Script<'a> {
     }
 
     /// Whether images are for display, and not of radiance.
-    pub(super) fn is_for_display(&self) -> bool {
+    pub fn is_for_display(&self) -> bool {
         self.output(0).is_some_and(|path| Format::of(&path).is_ok_and(|format| format == Format::Png))
     }
 

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
 use clap::builder::{PathBufValueParser, TypedValueParser};
+use clap::{Args, ValueEnum};
 use lightsum::settings::Exposure;
 
 use super::values::{exposure, output_path};
@@ -18,6 +18,16 @@ pub struct Ranks {
     /// The files must be the same. For large scenes that all machines have.
     #[arg(long)]
     pub local_scene: bool,
+}
+
+/// Tasks of the ranks of an animation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum ClusterTasks {
+    /// Whole frames.
+    #[default]
+    Frames,
+    /// Pixels of one class in a band of rows.
+    Tiles,
 }
 
 /// A rendering in parts, or on several ranks.

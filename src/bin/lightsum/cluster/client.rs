@@ -155,8 +155,20 @@ impl Client<'_> {
         let job = &player.script.job;
         let about = shard::about(metadata(job, "", String::new()), job.encoding.exposure, &player.renderer);
         self.ready(&player.renderer, about)?;
+        let mut placed = None;
         loop {
             match self.link.wait()?.1 {
+                Message::Shade(shade) => {
+                    let start = Instant::now();
+                    if placed != Some(shade.frame) {
+                        player.place(shade.frame as usize)?;
+                        placed = Some(shade.frame);
+                    }
+                    let points = player.renderer.points_of(shade.pass, &shade.task)?.to_bytes();
+                    self.work.rendering += start.elapsed().as_secs_f64();
+                    self.work.passes += 1;
+                    self.link.send(0, &Message::Shaded(shade), &points);
+                }
                 Message::Frames([first, end]) => {
                     for number in first..end {
                         self.frame(&mut player, number)?;

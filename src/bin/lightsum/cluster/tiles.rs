@@ -1,0 +1,260 @@
+//! `animate` on several ranks whose tasks are parts of a frame: ranks shade points, rank 0 filters them and writes the images. While it does, the
+//! others have tasks of the next pass.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::ops::Range;
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+use cpu_time::ProcessTime;
+use lightsum::cluster::Message;
+use lightsum::cluster::message::Shade;
+use lightsum::cluster::points::{PassPoints, Shape, TaskPoints};
+use lightsum::settings::{Exposure, Traversal};
+use lightsum::view::Task;
+use lightsum::{Error, Result, input, output};
+use serde_json::{Value, json};
+
+use super::{LOOK, Master, claim, processor_since, refuse_flags};
+use crate::animate::{Player, Script, timings, write_json};
+use crate::args::Animate;
+use crate::progress::Progress;
+use crate::render::watch_for_interrupt;
+use crate::say_aside;
+
+/// Passes whose tasks are given out at a time: one is filtered while the next is shaded.
+const AHEAD: usize = 2;
+/// Tasks of a pass for each rank: more balance the load better, and cost more.
+const TASKS: usize = 2;
+
+/// Runs the command.
+pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
+    input::keep();
+    let (script, scene) = Script::new(args)?;
+    refuse_flags(&[(script.job.settings.ring.is_some(), "--ring"), (args.stats.is_some(), "--stats")])?;
+    let part = script.part();
+    let files: Vec<PathBuf> = script.outputs(part.clone()).into_iter().take(1).chain(args.timings.clone()).collect();
+    let _claim = claim(&files)?;
+    let interrupted = watch_for_interrupt();
+    master.load(args.cluster.local_scene, Traversal::Auto)?;
+    let mut player = Player::new(script, scene, Some(Traversal::Auto), &interrupted)?;
+    let engine = player.renderer.engine();
+    engine.view().check_tasks(&engine.plan().settings)?;
+    let tasks = Task::cut(&engine.plan().settings, engine.view().size(), (TASKS * master.clients().len()) as u32);
+    let shape = Shape::of(engine);
+
+    let (mut progress, processor) = (Progress::new(), ProcessTime::now());
+    let mut order = Order::new(&mut player.script, part.clone());
+    let mut given = Given { tasks, passes: VecDeque::new(), of_rank: BTreeMap::new(), class: BTreeMap::new() };
+    for _ in 0..AHEAD {
+        given.begin(order.next(&mut player.script), PassPoints::new(shape));
+    }
+    let mut free: BTreeSet<usize> = master.clients().collect();
+    let mut frames: Vec<Value> = Vec::new();
+    let (mut failure, mut bytes, mut filtering, mut passes) = (None, 0, 0.0, 0);
+    let mut edit = 0.0;
+    while !interrupted.load(Ordering::Relaxed) && failure.is_none() {
+        for rank in free.clone() {
+            let Some(shade) = given.next(rank) else { break };
+            free.remove(&rank);
+            master.link.send(rank, &Message::Shade(shade), &[]);
+        }
+        let Some(first) = given.passes.front() else { break };
+        if first.points.is_complete() {
+            let Some(mut pass) = given.passes.pop_front() else { break };
+            let start = Instant::now();
+            let done = finish(&mut player, &pass, &mut edit);
+            filtering += start.elapsed().as_secs_f64();
+            passes += 1;
+            match done {
+                Ok(Some(frame)) if part.contains(&pass.step.frame) => frames.push(frame),
+                Ok(_) => {}
+                Err(error) => failure = Some(error),
+            }
+            progress
+                .show(|| format!("frame {} of {}", frames.len(), part.len()), frames.len() as f64 / part.len() as f64);
+            pass.points.clear();
+            given.begin(order.next(&mut player.script), pass.points);
+            continue;
+        }
+        match master.link.poll()? {
+            None => std::thread::sleep(LOOK),
+            Some((rank, Message::Shaded(shade), load)) => {
+                bytes += load.len();
+                given.take(rank, &shade, &load)?;
+                free.insert(rank);
+            }
+            Some((rank, Message::Failed(why), _)) => {
+                given.lost(rank);
+                log::warn!("rank {rank} on {} is lost, others shade its points: {why}", master.hosts[rank]);
+                if free.is_empty() && given.of_rank.is_empty() {
+                    failure = Some(Error::Rank { rank, host: master.hosts[rank].clone(), message: why });
+                }
+            }
+            Some((rank, other, _)) => return master.refuse(rank, format!("unexpected message {other:?}")),
+        }
+    }
+    progress.finish();
+    let (wall, processor) = (progress.elapsed(), processor_since(processor));
+    master.end();
+    let count = frames.len();
+    if count == 0 {
+        return Err(failure.unwrap_or(Error::Interrupted));
+    }
+    if let Some(path) = &args.timings {
+        let statistics = player.renderer.statistics();
+        let of_device = (statistics.device.as_str(), statistics.driver.as_str(), statistics.triangles);
+        let mut value = timings(&player.script.job, of_device, frames);
+        value["master"] = json!({
+            "wall": wall.as_secs_f64(),
+            "processor": processor,
+            "bytes": bytes,
+            "passes": passes,
+            "filtering": filtering,
+        });
+        value["ranks"] = master.works();
+        write_json(path, &value)?;
+    }
+    if let Some(error) = failure {
+        say_aside(&format!("{count} of {} frames were done before the error", part.len()));
+        return Err(error);
+    }
+    if count < part.len() {
+        say_aside(&format!("interrupted after {count} of {} frames", part.len()));
+    }
+    player.script.say_where(count, progress.elapsed());
+    Ok(())
+}
+
+/// Filters a pass and adds it to its frame; after the last pass of it writes its image and returns its times. `edit`: seconds that it took to
+/// place what moves in it.
+fn finish(player: &mut Player, pass: &Pass, edit: &mut f64) -> Result<Option<Value>> {
+    let Step { frame, pass: number, of_frame } = pass.step;
+    if of_frame == 0 {
+        *edit = player.place(frame)?;
+    }
+    if number == 0 {
+        player.renderer.engine_mut().restart();
+    }
+    player.renderer.pass_from(number, &pass.points)?;
+    if of_frame + 1 < player.script.job.settings.moving_passes {
+        return Ok(None);
+    }
+    let own = json!({ "passes": player.renderer.passes(), "edit": *edit });
+    let mut frame = player.finish(frame, own)?;
+    let write = Instant::now();
+    if let (Some((layers, metadata)), true) = (&frame.image, player.script.part().contains(&pass.step.frame)) {
+        for path in &player.script.job.outputs {
+            let file = output::encode(path, layers, metadata, &player.script.job.encoding)?;
+            output::write_file(path, &[&file])?;
+        }
+    }
+    frame.timings["write"] = write.elapsed().as_secs_f64().into();
+    Ok(Some(frame.timings))
+}
+
+/// A pass of a frame.
+#[derive(Clone, Copy)]
+struct Step {
+    frame: usize,
+    /// Its number in what the frame accumulates.
+    pass: u32,
+    /// Its number within the frame.
+    of_frame: u32,
+}
+
+/// The passes of all frames, in order. Frames between which nothing moves accumulate.
+struct Order {
+    frames: VecDeque<usize>,
+    before: Option<Step>,
+}
+
+impl Order {
+    /// For these frames, with those that they need.
+    fn new(script: &mut Script, part: Range<usize>) -> Order {
+        let first = script.first_of_still(part.start);
+        let auto = part.start > 0 && script.job.encoding.exposure == Exposure::Auto && script.is_for_display();
+        let exposed = (auto && first > 0).then_some(0);
+        Order { frames: exposed.into_iter().chain(first..part.end).collect(), before: None }
+    }
+
+    fn next(&mut self, script: &mut Script) -> Option<Step> {
+        let next = match self.before {
+            Some(step) if step.of_frame + 1 < script.job.settings.moving_passes => {
+                Some(Step { pass: step.pass + 1, of_frame: step.of_frame + 1, ..step })
+            }
+            before => self.frames.pop_front().map(|frame| {
+                let goes_on =
+                    before.filter(|step| step.frame + 1 == frame && script.end_of_still(step.frame..frame + 1) > frame);
+                Step { frame, pass: goes_on.map_or(0, |step| step.pass + 1), of_frame: 0 }
+            }),
+        };
+        self.before = next.or(self.before);
+        next
+    }
+}
+
+/// A pass whose points are being shaded.
+struct Pass {
+    step: Step,
+    points: PassPoints,
+    /// Tasks that nobody has.
+    left: VecDeque<Task>,
+}
+
+/// The tasks that ranks have.
+struct Given {
+    /// Those of each pass.
+    tasks: Vec<Task>,
+    passes: VecDeque<Pass>,
+    of_rank: BTreeMap<usize, Shade>,
+    /// Class of the last task of each rank.
+    class: BTreeMap<usize, Option<u32>>,
+}
+
+impl Given {
+    /// Begins a pass, if there is one.
+    fn begin(&mut self, step: Option<Step>, points: PassPoints) {
+        let left = self.tasks.iter().copied().collect();
+        self.passes.extend(step.map(|step| Pass { step, points, left }));
+    }
+
+    /// A task for a rank: of the first pass that has some left, and of the class that it had before if there is one.
+    fn next(&mut self, rank: usize) -> Option<Shade> {
+        let pass = self.passes.iter_mut().find(|pass| !pass.left.is_empty())?;
+        let class = self.class.get(&rank);
+        let place = pass.left.iter().position(|task| Some(&task.class) == class).unwrap_or(0);
+        let task = pass.left.remove(place)?;
+        let shade = Shade { frame: pass.step.frame as u32, pass: pass.step.pass, task };
+        self.class.insert(rank, task.class);
+        self.of_rank.insert(rank, shade);
+        Some(shade)
+    }
+
+    fn pass_of(&mut self, shade: &Shade) -> Option<&mut Pass> {
+        let is_its = |pass: &&mut Pass| (pass.step.frame as u32, pass.step.pass) == (shade.frame, shade.pass);
+        self.passes.iter_mut().find(is_its)
+    }
+
+    /// Takes what a rank has shaded. Errors: it is not what it was asked for.
+    fn take(&mut self, rank: usize, shade: &Shade, load: &[u8]) -> Result<()> {
+        let asked = self.of_rank.remove(&rank);
+        match self.pass_of(shade).filter(|_| asked == Some(*shade)) {
+            Some(pass) => pass.points.take(&TaskPoints::from_bytes(shade.task, load)?),
+            None => {
+                let message = format!("rank {rank} shaded {shade:?} and was asked for {asked:?}");
+                Err(Error::Resource { name: String::from("MPI"), message })
+            }
+        }
+    }
+
+    /// Gives out what a lost rank has not shaded again.
+    fn lost(&mut self, rank: usize) {
+        if let Some(shade) = self.of_rank.remove(&rank)
+            && let Some(pass) = self.pass_of(&shade)
+        {
+            pass.left.push_front(shade.task);
+        }
+    }
+}

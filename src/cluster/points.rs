@@ -1,0 +1,292 @@
+//! Shaded points on their way: a client shades the pixels of a task ([`Renderer::points_of`](crate::Renderer::points_of)), the master puts the tasks
+//! of a pass together, filters, and adds the image to the film ([`Renderer::pass_from`](crate::Renderer::pass_from)), as in Wald et al. 2002, 4.2.
+//!
+//! A point is all that the stages after shading read: position, normals, reflectance, direction to the eye, emission, throughput, and light, 176
+//! bytes for each of its components; first hits, 8 or 16 bytes, where edges are antialiased. Nothing is rounded, so the image has the bits
+//! of a pass by one process.
+//!
+//! Cost of a task beside its share of the rays: lights and photons of all classes, and passes over the image that skip its other pixels.
+
+use std::collections::BTreeSet;
+
+use crate::engine::Engine;
+use crate::error::{Error, Result};
+use crate::frame::Frame;
+use crate::gpu::{Buffer, Context, Memory, Recorder, Staging};
+use crate::pass::layout::DispatchCounts;
+use crate::view::{Region, Task};
+
+/// The shape of the points of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shape {
+    /// Width and height.
+    pub size: [u32; 2],
+    /// Width and height of the interleaving pattern.
+    pub pattern: [u32; 2],
+    /// Components of a pixel.
+    pub components: u32,
+    /// Arrays of 16 bytes a slot, and of 8 bytes a pixel.
+    pub arrays: [usize; 2],
+}
+
+impl Shape {
+    /// That of an engine's view.
+    pub fn of(engine: &Engine) -> Shape {
+        let (plan, [by_slot, by_pixel]) = (engine.plan(), engine.frame().point_buffers());
+        Shape {
+            size: plan.view.size(),
+            pattern: plan.settings.pattern,
+            components: plan.eye.components,
+            arrays: [by_slot.len(), by_pixel.len()],
+        }
+    }
+
+    fn pixels(&self) -> usize {
+        self.size[0] as usize * self.size[1] as usize
+    }
+
+    /// Pixels of a task, row by row.
+    fn pixels_of(&self, task: &Task) -> Vec<u32> {
+        let Region { origin: [x, y], size: [width, height] } = task.region;
+        let all = (y..y + height).flat_map(|y| (x..x + width).map(move |x| [x, y]));
+        all.filter(|&at| task.has(at, self.pattern)).map(|[x, y]| x + y * self.size[0]).collect()
+    }
+
+    /// Those of them that lie in these tiles of 8 x 8 pixels.
+    fn in_tiles<'a>(&self, pixels: &'a [u32], tiles: &'a BTreeSet<u32>) -> impl Iterator<Item = u32> + 'a {
+        let width = self.size[0];
+        let tile_of = move |pixel: u32| pixel % width / 8 + width.div_ceil(8) * (pixel / width / 8);
+        pixels.iter().copied().filter(move |&pixel| tiles.contains(&tile_of(pixel)))
+    }
+
+    fn tile_count(&self) -> u32 {
+        self.size[0].div_ceil(8) * self.size[1].div_ceil(8)
+    }
+
+    /// Slots of a task: its pixels, then their second components in tiles that show mirrors, glass or narrow lobes.
+    fn slots(&self, task: &Task, tiles: &BTreeSet<u32>) -> (usize, Vec<usize>) {
+        let pixels = self.pixels_of(task);
+        let second: Vec<usize> = match self.components {
+            1 => Vec::new(),
+            _ => self.in_tiles(&pixels, tiles).map(|pixel| pixel as usize + self.pixels()).collect(),
+        };
+        (pixels.len(), pixels.iter().map(|&pixel| pixel as usize).chain(second).collect())
+    }
+}
+
+/// The shaded points of a task.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TaskPoints {
+    /// The task.
+    pub task: Task,
+    /// Tiles in which its pixels show mirrors, glass or narrow lobes, ascending.
+    tiles: Vec<u32>,
+    /// Values of its slots, array by array.
+    values: Vec<[u32; 4]>,
+    /// Hits of its pixels, array by array.
+    hits: Vec<[u32; 2]>,
+}
+
+impl TaskPoints {
+    /// As bytes: numbers of tiles, values and hits as u32, then these, little endian.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let counts = [self.tiles.len(), self.values.len(), self.hits.len()].map(|count| count as u32);
+        let parts: [&[u8]; 4] = [
+            bytemuck::cast_slice(&counts),
+            bytemuck::cast_slice(&self.tiles),
+            bytemuck::cast_slice(&self.values),
+            bytemuck::cast_slice(&self.hits),
+        ];
+        parts.concat()
+    }
+
+    /// The points of a task from [`TaskPoints::to_bytes`]. Errors: there are more or fewer bytes than they say.
+    pub fn from_bytes(task: Task, bytes: &[u8]) -> Result<TaskPoints> {
+        let message = || String::from("the points of a task are cut off or damaged");
+        let strange = || Error::Resource { name: String::from("points"), message: message() };
+        let words = |bytes: &[u8]| -> Vec<u32> { bytemuck::pod_collect_to_vec(bytes) };
+        let (counts, rest) = bytes.split_at_checked(12).ok_or_else(strange)?;
+        let counts = words(counts);
+        let [tiles, values, hits] = [(0, 4), (1, 16), (2, 8)].map(|(i, bytes)| counts[i] as usize * bytes);
+        if rest.len() != tiles + values + hits {
+            return Err(strange());
+        }
+        let (tiles, rest) = rest.split_at(tiles);
+        let (values, hits) = rest.split_at(values);
+        Ok(TaskPoints {
+            task,
+            tiles: words(tiles),
+            values: bytemuck::pod_collect_to_vec(values),
+            hits: bytemuck::pod_collect_to_vec(hits),
+        })
+    }
+}
+
+/// Reads the points of a task back: the rows that it lies in.
+pub(crate) struct PointReader {
+    task: Task,
+    shape: Shape,
+    rows: Buffer,
+    tiles: Buffer,
+    work: Buffer,
+}
+
+impl PointReader {
+    pub(crate) fn new(context: &Context, engine: &Engine, task: &Task) -> Result<PointReader> {
+        let shape = Shape::of(engine);
+        task.region.check(shape.size)?;
+        let pixels = u64::from(shape.size[0]) * u64::from(task.region.size[1]);
+        let bytes =
+            16 * pixels * u64::from(shape.components) * shape.arrays[0] as u64 + 8 * pixels * shape.arrays[1] as u64;
+        let buffer = |name, bytes| Buffer::new(context, name, bytes, Memory::Readback);
+        Ok(PointReader {
+            task: *task,
+            shape,
+            rows: buffer("points read back", bytes)?,
+            tiles: buffer("tiles read back", 4 * u64::from(shape.tile_count()))?,
+            work: buffer("count of tiles read back", size_of::<DispatchCounts>() as u64)?,
+        })
+    }
+
+    /// Records the copies, after the points of the task.
+    pub(crate) fn record(&self, rec: &mut Recorder, frame: &Frame) -> Result<()> {
+        let width = u64::from(self.shape.size[0]);
+        let (first, pixels) =
+            (width * u64::from(self.task.region.origin[1]), width * u64::from(self.task.region.size[1]));
+        let [by_slot, by_pixel] = frame.point_buffers();
+        let mut at = 0;
+        let mut copy = |rec: &mut Recorder, from: &Buffer, first: u64, bytes: u64| -> Result<()> {
+            rec.copy_range(from, first * bytes, &self.rows, at, pixels * bytes)?;
+            at += pixels * bytes;
+            Ok(())
+        };
+        for buffer in by_slot {
+            for component in 0..u64::from(self.shape.components) {
+                copy(rec, buffer, first + component * self.shape.pixels() as u64, 16)?;
+            }
+        }
+        by_pixel.into_iter().try_for_each(|buffer| copy(rec, buffer, first, 8))?;
+        if self.shape.components == 1 {
+            return Ok(());
+        }
+        let tiles = &frame.eye.ideal_tiles;
+        rec.copy_range(&tiles.entries, 0, &self.tiles, 0, self.tiles.bytes())?;
+        rec.copy_range(&tiles.work, 0, &self.work, 0, self.work.bytes())
+    }
+
+    /// The points, once the copies have been executed.
+    pub(crate) fn read(&self, engine: &Engine) -> Result<TaskPoints> {
+        let shape = self.shape;
+        let tiles: Vec<u32> = match shape.components {
+            1 => Vec::new(),
+            _ => {
+                let live = self.work.read::<DispatchCounts>()?[0].live;
+                self.tiles.read::<u32>()?.into_iter().take(live as usize).collect()
+            }
+        };
+        debug_assert_eq!(shape, Shape::of(engine));
+        let listed: BTreeSet<u32> = tiles.iter().copied().collect();
+        let (count, slots) = shape.slots(&self.task, &listed);
+        let rows = self.rows.read::<[u32; 2]>()?;
+        let first = (shape.size[0] * self.task.region.origin[1]) as usize;
+        let pixels = (shape.size[0] * self.task.region.size[1]) as usize;
+        let (of_slots, of_pixels) = rows.split_at(2 * pixels * shape.components as usize * shape.arrays[0]);
+        // Within an array rows of second components follow those of first ones.
+        let at =
+            |slot: usize| if slot < shape.pixels() { slot - first } else { slot - shape.pixels() - first + pixels };
+        let places: Vec<usize> = slots.iter().map(|&slot| at(slot)).collect();
+        let mut values = Vec::with_capacity(slots.len() * shape.arrays[0]);
+        for array in of_slots.chunks_exact(2 * pixels * shape.components as usize) {
+            let value = |&place: &usize| {
+                let ([a, b], [c, d]) = (array[2 * place], array[2 * place + 1]);
+                [a, b, c, d]
+            };
+            values.extend(places.iter().map(value));
+        }
+        let of_hits = of_pixels.chunks_exact(pixels);
+        let hits = of_hits.flat_map(|array| places[..count].iter().map(|&place| array[place])).collect();
+        Ok(TaskPoints { task: self.task, tiles, values, hits })
+    }
+}
+
+/// The shaded points of a pass, put together of those of its tasks.
+pub struct PassPoints {
+    shape: Shape,
+    tiles: BTreeSet<u32>,
+    arrays: Vec<Vec<[u32; 4]>>,
+    hits: Vec<Vec<[u32; 2]>>,
+    missing: usize,
+}
+
+impl PassPoints {
+    /// Without any point.
+    pub fn new(shape: Shape) -> PassPoints {
+        let slots = shape.pixels() * shape.components as usize;
+        PassPoints {
+            shape,
+            tiles: BTreeSet::new(),
+            arrays: vec![vec![[0; 4]; slots]; shape.arrays[0]],
+            hits: vec![vec![[0; 2]; shape.pixels()]; shape.arrays[1]],
+            missing: shape.pixels(),
+        }
+    }
+
+    /// Takes all points away, for another pass.
+    pub fn clear(&mut self) {
+        self.missing = self.shape.pixels();
+        // Pixels will be overwritten; second components, and the tiles that have them, change from pass to pass.
+        let first = self.shape.pixels();
+        self.arrays.iter_mut().for_each(|array| array[first..].fill([0; 4]));
+        self.tiles.clear();
+    }
+
+    /// Whether all pixels are there.
+    pub fn is_complete(&self) -> bool {
+        self.missing == 0
+    }
+
+    /// Takes the points of a task. Errors: they do not fit it.
+    pub fn take(&mut self, points: &TaskPoints) -> Result<()> {
+        let strange = || Error::Resource {
+            name: String::from("points"),
+            message: String::from("the points are not those of the task; ranks differ"),
+        };
+        points.task.region.check(self.shape.size)?;
+        let listed: BTreeSet<u32> = points.tiles.iter().copied().collect();
+        let (count, slots) = self.shape.slots(&points.task, &listed);
+        let fits = points.values.len() == slots.len() * self.arrays.len()
+            && points.hits.len() == count * self.hits.len()
+            && listed.last().is_none_or(|&tile| tile < self.shape.tile_count())
+            && count <= self.missing;
+        if !fits {
+            return Err(strange());
+        }
+        for (array, values) in self.arrays.iter_mut().zip(points.values.chunks_exact(slots.len().max(1))) {
+            slots.iter().zip(values).for_each(|(&slot, &value)| array[slot] = value);
+        }
+        for (array, hits) in self.hits.iter_mut().zip(points.hits.chunks_exact(count.max(1))) {
+            slots.iter().zip(hits).for_each(|(&slot, &hit)| array[slot] = hit);
+        }
+        self.tiles.extend(listed);
+        self.missing -= count;
+        Ok(())
+    }
+
+    /// Stages the points for the buffers of a frame. Errors: some are missing.
+    pub(crate) fn stage(&self, context: &Context, frame: &Frame) -> Result<Staging> {
+        if !self.is_complete() {
+            let message = format!("{} pixels of the pass are missing", self.missing);
+            return Err(Error::Resource { name: String::from("points"), message });
+        }
+        let mut staging = Staging::new();
+        let [by_slot, by_pixel] = frame.point_buffers();
+        let arrays = by_slot.into_iter().zip(&self.arrays);
+        arrays.into_iter().try_for_each(|(buffer, array)| staging.stage_into(context, buffer, 0, array))?;
+        let hits = by_pixel.into_iter().zip(&self.hits);
+        hits.into_iter().try_for_each(|(buffer, array)| staging.stage_into(context, buffer, 0, array))?;
+        let tiles: Vec<u32> = self.tiles.iter().copied().collect();
+        staging.stage_into(context, &frame.eye.ideal_tiles.entries, 0, &tiles)?;
+        staging.stage_into(context, &frame.eye.ideal_tiles.work, 0, &[DispatchCounts::of_tiles(tiles.len() as u32)])?;
+        Ok(staging)
+    }
+}
