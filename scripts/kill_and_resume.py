@@ -60,6 +60,8 @@ def broken(program, parent, passes, seconds, rng, sound, tally):
             expected = -9 if number == signal.SIGKILL else 0
             # An interrupt before the first pass leaves no image, which is an error.
             early = run.returncode == 1 and "before the first" in text
+            # Nor does one that comes while the program starts: the system ends it then.
+            early |= run.returncode == -number and not text
             if run.returncode != expected and not early:
                 return f"exit code {run.returncode} after {signal.Signals(number).name}: {text}"
     run = command(program, folder, passes)
