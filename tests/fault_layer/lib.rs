@@ -125,6 +125,7 @@ fn call(key: usize, name: &str, make: impl FnOnce() -> vk::Result) -> vk::Result
     if let Some(result) = fault(number) {
         if result == vk::Result::ERROR_DEVICE_LOST {
             lock(&LOST).insert(key);
+            end_work(key);
         }
         log(format_args!("fail {number} {name}"));
         return result;
@@ -141,6 +142,19 @@ unsafe fn next(key: usize, name: &CStr) -> VoidFunction {
     let below = lock(&DEVICES).get(&key).copied()?;
     // SAFETY: it was stored when the device was made, and the caller names a function of that device.
     unsafe { (below.get)(vk::Device::from_raw(below.handle), name.as_ptr()) }
+}
+
+/// Lets the device of a key end its work: a lost one does none, so that the caller may destroy what its last commands use.
+fn end_work(key: usize) {
+    let Some(below) = lock(&DEVICES).get(&key).copied() else { return };
+    // SAFETY: the layer below has the function; no other thread submits to this device meanwhile.
+    unsafe {
+        let wait: Option<vk::PFN_vkDeviceWaitIdle> = std::mem::transmute(next(key, c"vkDeviceWaitIdle"));
+        if let Some(wait) = wait {
+            // The device is lost whatever comes of this.
+            let _ = wait(vk::Device::from_raw(below.handle));
+        }
+    }
 }
 
 /// The link of a chain of structures.
