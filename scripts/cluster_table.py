@@ -1,15 +1,20 @@
 #!/usr/bin/env python3
-"""What a cluster costs: processor seconds, bytes and the master's time for each frame, at 1 to 16 clients (tables of docs/cluster.md).
+"""What a cluster costs: processor seconds, bytes and the master's time for each frame, and frames a second by the model (tables of docs/cluster.md).
 
     cargo build --release --features mpi
-    scripts/cluster_table.py target/release/lightsum --clients 1,2,4,8,16 --frames 32
+    scripts/cluster_table.py target/release/lightsum --tasks packed-tiles --clients 1,2,4,8 --frames 8
+    scripts/cluster_table.py target/release/lightsum --tasks frames --clients 1,2,4,8 --frames 32 --films
 
-Every client is a rank with one thread for the driver (LP_NUM_THREADS=1): a core of a cluster. A frame is one pass of `--preset interactive`,
-in which the camera moves, sent as PNG. A film is that of the same passes by `render`, handed over once by every client.
+Every rank has one thread for the driver (LP_NUM_THREADS=1): a core of a cluster. A frame is one pass of `--preset interactive` without near light, in
+which the camera moves, written as PNG. `--films` also times films of the same passes by `render`, handed over once by every client.
 
-The model: seconds = frames * work / min(clients, cores) + frames * (master + bytes / bandwidth), with work, master and bytes for a frame as measured with
-one client. The prediction for this machine has its number of cores, the master among them, and no network; that for a cluster has a core for
-each client and a bandwidth (--bandwidth, bytes a second).
+The model: ranks shade or render while the master filters or writes, so that
+
+    seconds of a frame = max(work / clients, master + bytes / bandwidth, (work + master) / cores)
+
+with work, master and bytes of a frame as fitted to what was measured: master and bytes are the means, work is a + b tasks, where b is what a task costs
+beside its pixels. For this machine the number of cores is its own and the bandwidth endless; a cluster has a core for each rank, and a bandwidth
+(--bandwidth, bytes a second).
 """
 
 import argparse
@@ -21,6 +26,7 @@ import time
 from pathlib import Path
 
 SCENES = ["scenes/cornell/scene.toml", "scenes/glass-ball/scene.toml", "scenes/indirect-room/scene.toml"]
+TABLE = [1, 2, 4, 8, 16]
 
 
 def path_file(folder, frames):
@@ -39,58 +45,88 @@ def run(program, ranks, arguments):
     return time.monotonic() - start
 
 
+def fit(xs, ys):
+    """The line a + b x nearest to points; b is 0 where there is one x."""
+    mean_x, mean_y = sum(xs) / len(xs), sum(ys) / len(ys)
+    spread = sum((x - mean_x) ** 2 for x in xs)
+    slope = sum((x - mean_x) * (y - mean_y) for x, y in zip(xs, ys)) / spread if spread > 0 else 0.0
+    return mean_y - slope * mean_x, slope
+
+
+def measure(program, scene, clients, options):
+    """Seconds of work and of the master, bytes, tasks, and frames a second, of a frame."""
+    with tempfile.TemporaryDirectory() as folder:
+        timings = Path(folder) / "t.json"
+        run(program, clients + 1, ["animate", scene, "--resolution", options.resolution, "--preset", "interactive", "--compensation", "off",
+                                   "--superposition", "off", "--path", str(path_file(folder, options.frames)), "-o", f"{folder}/%d.png",
+                                   "--moving-passes", "1", "--cluster-tasks", options.tasks, "--timings", str(timings)])
+        told = json.loads(timings.read_text())
+        ranks, master = [rank["work"] for rank in told["ranks"]], told["master"]
+        of_frame = [sum(rank["processor"] for rank in ranks), master["processor"], master["bytes"], sum(rank["passes"] for rank in ranks)]
+        return [value / options.frames for value in of_frame] + [options.frames / master["wall"]]
+
+
+def films(program, scene, clients, options):
+    """A line of the table of films."""
+    width, height = (int(n) for n in options.resolution.split("x"))
+    with tempfile.TemporaryDirectory() as folder:
+        stats = Path(folder) / "s.json"
+        run(program, clients + 1, ["render", scene, "--resolution", options.resolution, "--preset", "interactive", "--passes",
+                                   str(options.frames), "--checkpoint", "off", "-o", f"{folder}/a.exr", "--stats", str(stats)])
+        told = json.loads(stats.read_text())
+        master = told["master"]
+        work = sum(rank["work"]["processor"] for rank in told["ranks"]) / options.frames
+        pixels = width * height * master["films"]
+        return (f"| {Path(scene).parent.name} | {clients} | {master['films']} | {master['film_bytes'] / pixels:.0f} | "
+                f"{pixels / 1e6 / master['merging']:.1f} | {work:.3f} | {options.frames / master['wall']:.2f} |")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("program")
+    parser.add_argument("--tasks", choices=["frames", "tiles", "packed-tiles"], default="packed-tiles")
     parser.add_argument("--scenes", nargs="+", default=SCENES)
-    parser.add_argument("--clients", default="1,2,4,8,16")
-    parser.add_argument("--frames", type=int, default=32)
+    parser.add_argument("--clients", default="1,2,4,8")
+    parser.add_argument("--frames", type=int, default=8)
     parser.add_argument("--resolution", default="640x480")
     parser.add_argument("--bandwidth", type=float, default=117e6, help="bytes a second into the master (default: 1 Gbit/s)")
-    arguments = parser.parse_args()
-    program = str(Path(arguments.program).resolve())
-    width, height = (int(n) for n in arguments.resolution.split("x"))
-    cores = os.cpu_count()
-    print("| scene | clients | processor s/frame | bytes/pixel | master ms/frame | frames/s | model | cluster |")
+    parser.add_argument("--films", action="store_true", help="also the table of films")
+    options = parser.parse_args()
+    program = str(Path(options.program).resolve())
+    width, height = (int(n) for n in options.resolution.split("x"))
+    counts = [int(n) for n in options.clients.split(",")]
+    here = os.cpu_count()
+    print("| scene | clients | tasks/frame | processor s/frame | bytes/pixel | master ms/frame | frames/s | model |")
     print("|---|---|---|---|---|---|---|---|")
-    for scene in arguments.scenes:
-        fitted = None
-        for clients in (int(n) for n in arguments.clients.split(",")):
-            with tempfile.TemporaryDirectory() as folder:
-                common = [scene, "--resolution", arguments.resolution, "--preset", "interactive"]
-                timings = Path(folder) / "t.json"
-                run(program, clients + 1, ["animate", *common, "--path", str(path_file(folder, arguments.frames)), "-o",
-                                           f"{folder}/%d.png", "--moving-passes", "1", "--timings", str(timings)])
-                told = json.loads(timings.read_text())
-                work = sum(rank["work"]["processor"] for rank in told["ranks"]) / arguments.frames
-                master, size = told["master"]["processor"] / arguments.frames, told["master"]["bytes"] / arguments.frames
-                fitted = fitted or (work, master, size)
+    limits = []
+    for scene in options.scenes:
+        name = Path(scene).parent.name
+        measured = [measure(program, scene, clients, options) for clients in counts]
+        works, masters, sizes, tasks, speeds = (list(column) for column in zip(*measured))
+        start, slope = fit(tasks, works)
+        master, size = sum(masters) / len(masters), sum(sizes) / len(sizes)
 
-                def predicted(cores, bandwidth):
-                    w, m, b = fitted
-                    return 1.0 / (w / cores + m + b / bandwidth)
+        def predicted(clients, tasks, cores, bandwidth):
+            work = start + slope * tasks
+            return 1.0 / max(work / clients, master + size / bandwidth, (work + master) / cores)
 
-                print(f"| {Path(scene).parent.name} | {clients} | {work:.3f} | {size / width / height:.2f} | {1e3 * master:.2f} | "
-                      f"{arguments.frames / told['master']['wall']:.2f} | {predicted(min(clients, cores), 1e12):.2f} | "
-                      f"{predicted(clients, arguments.bandwidth):.2f} |", flush=True)
-        _, master, size = fitted
-        seconds = master + size / arguments.bandwidth
-        print(f"{Path(scene).parent.name}: the master takes {width * height / master / 1e6:.1f} Mpixel/s, with the network "
-              f"{width * height / seconds / 1e6:.1f} Mpixel/s", flush=True)
-    print("\n| scene | clients | films | bytes/pixel of a film | merging, Mpixel/s | processor s/pass | passes/s |")
-    print("|---|---|---|---|---|---|---|")
-    for scene in arguments.scenes:
-        for clients in (int(n) for n in arguments.clients.split(",")):
-            with tempfile.TemporaryDirectory() as folder:
-                stats = Path(folder) / "s.json"
-                run(program, clients + 1, ["render", scene, "--resolution", arguments.resolution, "--preset", "interactive", "--passes",
-                                           str(arguments.frames), "--checkpoint", "off", "-o", f"{folder}/a.exr", "--stats", str(stats)])
-                told = json.loads(stats.read_text())
-                master = told["master"]
-                work = sum(rank["work"]["processor"] for rank in told["ranks"]) / arguments.frames
-                pixels = width * height * master["films"]
-                print(f"| {Path(scene).parent.name} | {clients} | {master['films']} | {master['film_bytes'] / pixels:.0f} | "
-                      f"{pixels / 1e6 / master['merging']:.1f} | {work:.3f} | {arguments.frames / master['wall']:.2f} |", flush=True)
+        for clients, work, own, sent, count, speed in zip(counts, works, masters, sizes, tasks, speeds):
+            print(f"| {name} | {clients} | {count:.0f} | {work:.3f} | {sent / width / height:.2f} | {1e3 * own:.1f} | {speed:.2f} | "
+                  f"{predicted(clients, count, here, 1e12):.2f} |", flush=True)
+        # The smallest number of bands of the nine classes that gives two tasks to each client.
+        of = {clients: 1 if options.tasks == "frames" else 9 * -(-2 * clients // 9) for clients in TABLE}
+        cells = [f"{predicted(clients, of[clients], 1e9, options.bandwidth):.1f}" for clients in TABLE]
+        seconds = master + size / options.bandwidth
+        limits.append(f"| {name} | {' | '.join(cells)} | {width * height / master / 1e6:.1f} | {width * height / seconds / 1e6:.1f} |")
+    print(f"\n| scene | {' | '.join(f'{clients} clients' for clients in TABLE)} | master, Mpixel/s | with the network |")
+    print("|---|" + "---|" * (len(TABLE) + 2))
+    print("\n".join(limits), flush=True)
+    if options.films:
+        print("\n| scene | clients | films | bytes/pixel of a film | merging, Mpixel/s | processor s/pass | passes/s |")
+        print("|---|---|---|---|---|---|---|")
+        for scene in options.scenes:
+            for clients in counts:
+                print(films(program, scene, clients, options), flush=True)
 
 
 if __name__ == "__main__":

@@ -3,9 +3,11 @@
 //!
 //! A point is all that the stages after shading read: position, normals, reflectance, direction to the eye, emission, throughput, and light, 176
 //! bytes for each of its components; first hits, 8 or 16 bytes, where edges are antialiased. Nothing is rounded, so the image has the bits
-//! of a pass by one process.
+//! of a pass by one process; [`packing`] rounds.
 //!
 //! Cost of a task beside its share of the rays: lights and photons of all classes, and passes over the image that skip its other pixels.
+
+pub mod packing;
 
 use std::collections::BTreeSet;
 
@@ -74,6 +76,11 @@ impl Shape {
     }
 }
 
+fn strange() -> Error {
+    let message = String::from("the points of a task are cut off or damaged, or those of another one");
+    Error::Resource { name: String::from("points"), message }
+}
+
 /// The shaded points of a task.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TaskPoints {
@@ -102,8 +109,6 @@ impl TaskPoints {
 
     /// The points of a task from [`TaskPoints::to_bytes`]. Errors: there are more or fewer bytes than they say.
     pub fn from_bytes(task: Task, bytes: &[u8]) -> Result<TaskPoints> {
-        let message = || String::from("the points of a task are cut off or damaged");
-        let strange = || Error::Resource { name: String::from("points"), message: message() };
         let words = |bytes: &[u8]| -> Vec<u32> { bytemuck::pod_collect_to_vec(bytes) };
         let (counts, rest) = bytes.split_at_checked(12).ok_or_else(strange)?;
         let counts = words(counts);
@@ -247,10 +252,6 @@ impl PassPoints {
 
     /// Takes the points of a task. Errors: they do not fit it.
     pub fn take(&mut self, points: &TaskPoints) -> Result<()> {
-        let strange = || Error::Resource {
-            name: String::from("points"),
-            message: String::from("the points are not those of the task; ranks differ"),
-        };
         points.task.region.check(self.shape.size)?;
         let listed: BTreeSet<u32> = points.tiles.iter().copied().collect();
         let (count, slots) = self.shape.slots(&points.task, &listed);

@@ -210,6 +210,18 @@ fn tiles_of_an_animation_have_the_frames_of_one_process() {
     let passes: Vec<_> = times["frames"].as_array().unwrap().iter().map(|f| f["passes"].as_u64().unwrap()).collect();
     assert_eq!(passes, [2, 4, 2, 4, 6]);
     assert_eq!(times["master"]["passes"], 10);
+    let bytes = |name: &str| -> f64 {
+        let times: serde_json::Value = serde_json::from_slice(&fs::read(folder.join(name)).unwrap()).unwrap();
+        times["master"]["bytes"].as_f64().unwrap()
+    };
+    let packed = format!("animate scene.toml -o b-%d.png {flags} --cluster-tasks packed-tiles --timings p.json");
+    runs(folder, 3, &packed);
+    assert!(bytes("p.json") < 0.1 * bytes("t.json"), "{} and {} bytes", bytes("p.json"), bytes("t.json"));
+    // A level of 255 and a bit, here and there.
+    let levels = |name: &str| image::open(folder.join(name)).unwrap().to_rgb8().into_raw();
+    let differences = levels("a-4.png").into_iter().zip(levels("b-4.png")).map(|(a, b)| u32::from(a.abs_diff(b)));
+    let (sum, count) = differences.fold((0, 0), |(sum, count), difference| (sum + difference, count + 1));
+    assert!(f64::from(sum) < 0.5 * f64::from(count), "{sum} levels over {count} values");
     // A part needs frames before it.
     runs(folder, 3, &format!("animate scene.toml -o c-%d.png {flags} --cluster-tasks tiles --frames 3..5"));
     assert!(!folder.join("c-0.png").exists() && !folder.join("c-2.png").exists());

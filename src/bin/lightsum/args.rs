@@ -165,6 +165,7 @@ pub struct Animate {
     /// Under mpirun, what a rank is asked for.
     ///
     /// frames: whole frames. tiles: points in a part of a frame, shaded, of which rank 0 makes the image: for frames that are wanted soon.
+    /// packed-tiles: the same in a tenth of the bytes, rounded.
     #[arg(long, value_name = "TASKS", value_enum, default_value = "frames", help_heading = "Cluster")]
     pub cluster_tasks: ClusterTasks,
 }

@@ -72,7 +72,7 @@ impl Master<'_> {
         self.meet(hello)?;
         match &arguments.command {
             Some(Command::Render(args)) => render::run(self, args),
-            Some(Command::Animate(args)) if args.cluster_tasks == ClusterTasks::Tiles => tiles::run(self, args),
+            Some(Command::Animate(args)) if args.cluster_tasks != ClusterTasks::Frames => tiles::run(self, args),
             Some(Command::Animate(args)) => animate::run(self, args),
             Some(Command::Bake(args)) => bake::run(self, args),
             _ => Err(Error::Setting {

@@ -28,6 +28,8 @@ pub enum ClusterTasks {
     Frames,
     /// Pixels of one class in a band of rows.
     Tiles,
+    /// The same in a tenth of the bytes, rounded.
+    PackedTiles,
 }
 
 /// A rendering in parts, or on several ranks.

@@ -6,6 +6,7 @@ use std::time::Instant;
 use cpu_time::ProcessTime;
 use lightsum::cluster::Message;
 use lightsum::cluster::message::{Hello, Ready, Work};
+use lightsum::cluster::points::Shape;
 use lightsum::output::About;
 use lightsum::settings::{Exposure, Traversal};
 use lightsum::standalone::{self, Renderer};
@@ -14,7 +15,7 @@ use log::LevelFilter;
 
 use super::{Link, processor_since};
 use crate::animate::{Player, Script};
-use crate::args::{self, Animate, Arguments, Command, Render};
+use crate::args::{self, Animate, Arguments, ClusterTasks, Command, Render};
 use crate::render::{self, metadata};
 use crate::{bake, mirrors, shard};
 
@@ -164,7 +165,14 @@ impl Client<'_> {
                         player.place(shade.frame as usize)?;
                         placed = Some(shade.frame);
                     }
-                    let points = player.renderer.points_of(shade.pass, &shade.task)?.to_bytes();
+                    let points = player.renderer.points_of(shade.pass, &shade.task)?;
+                    let engine = player.renderer.engine();
+                    let points = match args.cluster_tasks {
+                        ClusterTasks::PackedTiles => {
+                            points.pack(&Shape::of(engine), &engine.plan().parameters(shade.pass)?)
+                        }
+                        _ => points.to_bytes(),
+                    };
                     self.work.rendering += start.elapsed().as_secs_f64();
                     self.work.passes += 1;
                     self.link.send(0, &Message::Shaded(shade), &points);

@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 
 use super::{LOOK, Master, claim, processor_since, refuse_flags};
 use crate::animate::{Player, Script, timings, write_json};
-use crate::args::Animate;
+use crate::args::{Animate, ClusterTasks};
 use crate::progress::Progress;
 use crate::render::watch_for_interrupt;
 use crate::say_aside;
@@ -46,7 +46,9 @@ pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
 
     let (mut progress, processor) = (Progress::new(), ProcessTime::now());
     let mut order = Order::new(&mut player.script, part.clone());
-    let mut given = Given { tasks, passes: VecDeque::new(), of_rank: BTreeMap::new(), class: BTreeMap::new() };
+    let packed = args.cluster_tasks == ClusterTasks::PackedTiles;
+    let mut given =
+        Given { tasks, shape, packed, passes: VecDeque::new(), of_rank: BTreeMap::new(), class: BTreeMap::new() };
     for _ in 0..AHEAD {
         given.begin(order.next(&mut player.script), PassPoints::new(shape));
     }
@@ -207,6 +209,9 @@ struct Pass {
 struct Given {
     /// Those of each pass.
     tasks: Vec<Task>,
+    shape: Shape,
+    /// Whether points come in few bytes.
+    packed: bool,
     passes: VecDeque<Pass>,
     of_rank: BTreeMap<usize, Shade>,
     /// Class of the last task of each rank.
@@ -240,8 +245,12 @@ impl Given {
     /// Takes what a rank has shaded. Errors: it is not what it was asked for.
     fn take(&mut self, rank: usize, shade: &Shade, load: &[u8]) -> Result<()> {
         let asked = self.of_rank.remove(&rank);
+        let (shape, packed) = (self.shape, self.packed);
         match self.pass_of(shade).filter(|_| asked == Some(*shade)) {
-            Some(pass) => pass.points.take(&TaskPoints::from_bytes(shade.task, load)?),
+            Some(pass) => pass.points.take(&match packed {
+                true => TaskPoints::unpack(shade.task, &shape, load)?,
+                false => TaskPoints::from_bytes(shade.task, load)?,
+            }),
             None => {
                 let message = format!("rank {rank} shaded {shade:?} and was asked for {asked:?}");
                 Err(Error::Resource { name: String::from("MPI"), message })
