@@ -1,8 +1,8 @@
 //! Output files: EXR with layers, PNG for display, statistics, and the state for resuming.
 //!
 //! Every file is written under a temporary name in the same folder and then renamed, so that a reader never sees a partial
-//! file and a failed run leaves an existing file unchanged. What a killed run leaves of them, the next one on the same output removes
-//! ([`claim`]). Same layers, same metadata: same bytes.
+//! file and a failed run leaves an existing file unchanged. The next run on the same output removes
+//! the temporary files of a killed one ([`claim`]). Same layers, same metadata: same bytes.
 
 mod claim;
 pub mod compare;

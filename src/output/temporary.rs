@@ -64,7 +64,7 @@ impl Drop for Temporary {
     fn drop(&mut self) {
         // After a rename the name may be that of another thread's file.
         if !self.is_renamed {
-            // What cannot be removed is left to the next run.
+            // The next run removes a file that this one could not.
             let _ = fs::remove_file(&self.path);
         }
     }
@@ -84,7 +84,7 @@ fn stem(name: &OsStr) -> OsString {
     stem
 }
 
-/// Removes the temporary files of these outputs that no process holds. What cannot be listed or removed stays.
+/// Removes the temporary files of these outputs that no process holds. Files stay that cannot be listed or removed.
 pub fn remove_leftovers<'a>(places: impl Iterator<Item = &'a Path>) {
     let mut stems: BTreeMap<&Path, BTreeSet<Vec<u8>>> = BTreeMap::new();
     for place in places {

@@ -289,7 +289,7 @@ impl Work {
     }
 }
 
-/// What came of calls that failed: runs by result and exit code.
+/// Number of runs for each result of the failed call and each exit code.
 type Outcomes = BTreeMap<(i32, Option<i32>), usize>;
 
 /// Lets those of a work's calls fail that `chosen` picks from their number, in turn with each result or, if `each`, with all results.

@@ -12,7 +12,7 @@ const OBJ: &str = "mtllib room.mtl\no floor\nusemtl floor\nv -1 0 -1\nv 1 0 -1\n
                    o lamp\nusemtl lamp\nv -1 2 -1\nv 1 2 -1\nv 1 2 1\nf 1 2 3\no pane\nusemtl pane\nf 1 2 7\n";
 const MTL: &str = "newmtl floor\nKd 0.5 0.5 0.5\nnewmtl lamp\nKe 5 5 5\nnewmtl pane\nKd 0.5 0.5 0.5\n";
 
-/// What is refused wherever a number may stand.
+/// Values that every key for a number refuses.
 const NO_NUMBERS: [&str; 4] = ["nan", "-nan", "inf", "-inf"];
 
 /// A number of a file: the file with `@` for the number, what is accepted, and what is refused besides [`NO_NUMBERS`].

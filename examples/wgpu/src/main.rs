@@ -102,7 +102,7 @@ async fn run() -> Result<()> {
 
     let of_texture = read_texture(&device, &queue, &texture)?;
     let lit = light(&device, &queue, &engine)?;
-    // What was recorded before is done too.
+    // Earlier commands of the queue have ended by then too.
     let image: Vec<[f32; 4]> = image.read()?;
     let (image, of_texture) = (mean(image.iter()), mean(of_texture.iter()));
     println!("mean radiance:   {of_texture:?} in wgpu's texture, {image:?} in lightsum's image");

@@ -18,7 +18,8 @@ use serde_json::{Value, json};
 
 use crate::args::Animate;
 use crate::progress::Progress;
-use crate::render::{Job, metadata, pipeline_cache, watch_for_interrupt};
+use crate::render::{Job, metadata, pipeline_cache};
+use crate::stop::watch_for_interrupt;
 use crate::{mirrors, say_aside};
 pub use script::Script;
 

@@ -15,8 +15,8 @@ use crate::checkpoint::earlier_traversal;
 use crate::parts::{Job, View, part_path};
 use crate::play;
 use crate::progress::{Progress, duration};
-use crate::render::{SOFTWARE, pipeline_cache, watch_for_interrupt};
-use crate::stop::{Clock, Stop};
+use crate::render::{SOFTWARE, pipeline_cache};
+use crate::stop::{Clock, Stop, watch_for_interrupt};
 use crate::{effect, say, say_aside};
 
 /// Runs the command.

@@ -3,7 +3,8 @@
 use crate::args::Render;
 use crate::moment::Moment;
 use crate::progress::{Progress, duration};
-use crate::render::{Job, metadata, watch_for_interrupt};
+use crate::render::{Job, metadata};
+use crate::stop::watch_for_interrupt;
 use lightsum::accel::Bvh;
 use lightsum::light::emitters::Emitters;
 use lightsum::output::Layers;

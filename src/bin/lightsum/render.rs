@@ -5,7 +5,7 @@ use crate::checkpoint::{self, Checkpoints};
 use crate::live::Live;
 use crate::moment::Moment;
 use crate::progress::{Progress, duration};
-use crate::stop::{Stop, error_is_due, error_of};
+use crate::stop::{Stop, error_is_due, error_of, watch_for_interrupt};
 use crate::{effect, mirrors, reference, say, say_aside, shard};
 use glam::DVec3;
 use lightsum::engine::ShutterEnd;
@@ -480,23 +480,6 @@ pub fn metadata(job: &Job, device: &str, driver: String) -> Metadata {
         device: device.into(),
         driver,
     }
-}
-
-/// The flag that Ctrl-C, SIGTERM and SIGHUP set; the current pass (or path per pixel) is finished first. A second one ends the program
-/// at once.
-pub fn watch_for_interrupt() -> Arc<AtomicBool> {
-    let flag = Arc::new(AtomicBool::new(false));
-    let raised = flag.clone();
-    let handler = move || {
-        if raised.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-        say_aside("interrupted: finishing what was begun; interrupt again to leave at once");
-    };
-    if let Err(error) = ctrlc::set_handler(handler) {
-        log::warn!("an interrupt will lose the image: {error}");
-    }
-    flag
 }
 
 /// File that keeps compiled pipelines between runs, in the user's cache folder if there is one.

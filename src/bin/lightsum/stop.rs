@@ -1,8 +1,10 @@
-//! Stopping conditions of a rendering.
+//! Stopping conditions of a rendering, and interrupts.
 
+use crate::speak::say_aside;
 use lightsum::settings::RenderDefaults;
 use lightsum::standalone::Renderer;
 use lightsum::{Error, Result};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -151,6 +153,23 @@ fn a_number(estimate: Option<f32>, passes: u32) -> Result<Option<f32>> {
 /// Depends on the number of passes only, so that a resumed run stops at the same pass as an uninterrupted one.
 pub fn error_is_due(passes: u32) -> bool {
     passes < 16 || passes.is_multiple_of(1 << (passes.ilog2() - 3))
+}
+
+/// The flag that Ctrl-C, SIGTERM and SIGHUP set; the current pass (or path per pixel) is finished first. A second one ends the program
+/// at once.
+pub fn watch_for_interrupt() -> Arc<AtomicBool> {
+    let flag = Arc::new(AtomicBool::new(false));
+    let raised = flag.clone();
+    let handler = move || {
+        if raised.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+        say_aside("interrupted: finishing what was begun; interrupt again to leave at once");
+    };
+    if let Err(error) = ctrlc::set_handler(handler) {
+        log::warn!("an interrupt will lose the image: {error}");
+    }
+    flag
 }
 
 #[cfg(test)]

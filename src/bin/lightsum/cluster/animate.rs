@@ -15,8 +15,8 @@ use super::{LOOK, Master, claim, processor_since, refuse_flags};
 use crate::animate::{Script, timings, write_json};
 use crate::args::Animate;
 use crate::progress::Progress;
-use crate::render::watch_for_interrupt;
 use crate::say_aside;
+use crate::stop::watch_for_interrupt;
 
 /// Runs the command.
 pub fn run(master: &mut Master, args: &Animate) -> Result<()> {

@@ -18,8 +18,7 @@ use super::{Master, claim, refuse_flags};
 use crate::args;
 use crate::bake::{options, prepare, write};
 use crate::progress::Progress;
-use crate::render::watch_for_interrupt;
-use crate::stop::Stop;
+use crate::stop::{Stop, watch_for_interrupt};
 
 /// The file of the film of a part.
 fn film_path(output: &Path, part: usize) -> PathBuf {

@@ -17,8 +17,8 @@ use crate::animate::write_json;
 use crate::args::{Render, is_film};
 use crate::merge;
 use crate::progress::{Progress, duration};
-use crate::render::{self, Job, count, software, watch_for_interrupt, write_images};
-use crate::stop::Stop;
+use crate::render::{self, Job, count, software, write_images};
+use crate::stop::{Stop, watch_for_interrupt};
 
 /// The file of the film while it is rendered.
 fn film_path(args: &Render) -> Option<PathBuf> {

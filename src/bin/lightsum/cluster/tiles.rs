@@ -20,8 +20,8 @@ use super::{LOOK, Master, claim, processor_since, refuse_flags};
 use crate::animate::{Player, Script, timings, write_json};
 use crate::args::{Animate, ClusterTasks};
 use crate::progress::Progress;
-use crate::render::watch_for_interrupt;
 use crate::say_aside;
+use crate::stop::watch_for_interrupt;
 
 /// Passes whose tasks are given out at a time: one is filtered while the next is shaded.
 const AHEAD: usize = 2;
