@@ -1,5 +1,5 @@
 #!/bin/bash
-# Fuzz the readers of files, one after the other on one thread at the lowest priority, and sum up executions and coverage:
+# Fuzz the readers of files, one after the other on one thread, and sum up executions and coverage:
 #   scripts/fuzz.sh --seconds 60                 each reader for a minute
 #   scripts/fuzz.sh --executions 100000 obj ply  these, until each has been executed so often in all runs together
 #   scripts/fuzz.sh                              only the table of what was done
@@ -31,7 +31,7 @@ if [ "$seconds" != 0 ] || [ "$executions" != 0 ]; then
   # As cargo-fuzz does without a sanitizer. A target is named so that build scripts are compiled without.
   flags="-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 -Cllvm-args=-sanitizer-coverage-inline-8bit-counters"
   flags+=" -Cllvm-args=-sanitizer-coverage-pc-table -Cllvm-args=-sanitizer-coverage-trace-compares --cfg fuzzing -Ccodegen-units=1"
-  RUSTFLAGS="$flags" nice -n 19 cargo "+${NIGHTLY:-nightly}" build --release --manifest-path fuzz/Cargo.toml --target "$triple" --target-dir "$work/build"
+  RUSTFLAGS="$flags" cargo "+${NIGHTLY:-nightly}" build --release --manifest-path fuzz/Cargo.toml --target "$triple" --target-dir "$work/build"
 fi
 
 # Executions of a reader in all runs.
@@ -50,7 +50,7 @@ for reader in "${readers[@]}"; do
   fi
   [ ${#limits[@]} -gt 0 ] || continue
   mkdir -p "$work/corpus/$reader" "$work/crashes"
-  nice -n 19 "$work/build/$triple/release/$reader" -max_len=8192 -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 \
+  "$work/build/$triple/release/$reader" -max_len=8192 -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 \
     -artifact_prefix="$work/crashes/$reader-" "${limits[@]}" "$work/corpus/$reader" "fuzz/corpus/$reader" \
     > "$work/$reader.$(date +%s).log" 2>&1 || { echo "crashed: $reader; see $work/crashes" >&2; crashed=1; }
 done

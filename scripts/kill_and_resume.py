@@ -94,7 +94,7 @@ def main():
         folder = fresh(parent)
         # The first run fills the caches; the second tells how long one takes.
         for _ in range(2):
-            for name in ("a.exr", "a.png"):
+            for name in ("a.exr", "a.png", "a.exr.state"):
                 (folder / name).unlink(missing_ok=True)
             start = time.monotonic()
             run = command(program, folder, options.passes)
@@ -111,6 +111,8 @@ def main():
                 wrong += 1
                 print(f"run {done}: {problem}", flush=True)
             done += 1
+            if done % 10 == 0:
+                print(f"{done - wrong} of {done} equal so far, {dict(sorted(tally.items()))}", flush=True)
     for what, count in sorted(tally.items()):
         print(f"{count:5} {what}")
     print(f"{done - wrong} of {done} images equal the unbroken one")

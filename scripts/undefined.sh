@@ -20,13 +20,13 @@ case "$mode" in
     filters=("$@")
     [ ${#filters[@]} -gt 0 ] || filters=(fingerprint:: film:: output::state output::film_file output::temporary sampling::halton sampling::random input:: gpu::kernel gpu::cache)
     # Files and the time are those of the machine; what rayon's threads leave at the end is no leak.
-    MIRIFLAGS="-Zmiri-disable-isolation -Zmiri-ignore-leaks" nice -n 19 \
+    MIRIFLAGS="-Zmiri-disable-isolation -Zmiri-ignore-leaks" \
       cargo "+$toolchain" miri test --lib "${features[@]}" --target-dir "$target/miri" -- "${filters[@]}"
     ;;
   threads)
     filters=("$@")
     [ ${#filters[@]} -gt 0 ] || filters=(output:: input:: accel:: light:: radiosity:: bake:: path_trace:: scene:: superposition::)
-    RUSTFLAGS="-Zsanitizer=thread" RUSTDOCFLAGS="-Zsanitizer=thread" TSAN_OPTIONS="halt_on_error=0 exitcode=66" nice -n 19 \
+    RUSTFLAGS="-Zsanitizer=thread" RUSTDOCFLAGS="-Zsanitizer=thread" TSAN_OPTIONS="halt_on_error=0 exitcode=66" \
       cargo "+$toolchain" test --lib "${features[@]}" -Zbuild-std --target "$triple" --target-dir "$target/threads" -- "${filters[@]}"
     ;;
   *)

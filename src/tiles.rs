@@ -43,26 +43,30 @@ pub fn cut([width, height]: [u32; 2], settings: &Settings, pixels: u64) -> Vec<R
     (0..height).step_by(rows as usize).map(|first| strip(first, rows)).collect()
 }
 
-/// Renders `passes` passes of each strip. `done` receives the number of passes of all strips so far; if it returns
-/// false the rendering ends early with `None`.
+/// Renders `passes` passes of each strip and appends the strips to `image`, which holds those of an earlier call that ended by an error, or
+/// none. `done` receives the number of passes of all strips so far; if it returns false the rendering ends early, and so does this with
+/// false.
 pub fn render(
     renderer: &mut Renderer,
     strips: &[Region],
     passes: u32,
+    image: &mut Layers,
     mut done: impl FnMut(u32) -> bool,
-) -> Result<Option<Layers>> {
-    let mut image = Layers::default();
+) -> Result<bool> {
     for (i, &strip) in (0..).zip(strips) {
+        if strip.origin[1] < image.height {
+            continue;
+        }
         renderer.set_crop(Some(strip))?;
         for pass in 0..passes {
             if !done(i * passes + pass) {
-                return Ok(None);
+                return Ok(false);
             }
             renderer.pass()?;
         }
         image.append_rows(renderer.layers()?);
     }
-    Ok(Some(image))
+    Ok(true)
 }
 
 #[cfg(test)]

@@ -226,7 +226,9 @@ const WORKS: [Work; 4] = [
     Work { name: "rendering", arguments: RENDER, stem: "a" },
     Work {
         name: "bake",
-        arguments: "bake scene.toml -o a.glb --particles 8 --density 4 --passes 2 --checkpoint 0.000001",
+        // As few passes of kernels as a bake can do with: each is a dozen calls that are alike.
+        arguments: "bake scene.toml -o a.glb --particles 4 --density 2 --passes 2 --max-depth 2 --clip 0 --compensation off \
+                    --photons 0 --light-pool 0 --checkpoint 0.000001",
         stem: "a",
     },
     Work {
@@ -401,6 +403,75 @@ fn a_lost_device_is_opened_once_more() {
     assert!(State::read(&folder.path().join("a.exr.state")).unwrap().passes >= 2);
     succeeds(folder.path(), &format!("{RENDER} --resume"));
     assert!(fs::read(folder.path().join("a.exr")).unwrap() == image, "after two lost devices");
+}
+
+/// Runs a work, then again for each of these submissions with the device lost in it: `words` are told, and the files are the same. `range`: the
+/// device's maxStorageBufferRange. Returns the number of submissions.
+fn goes_on_when_lost(line: &str, stem: &str, range: Option<&str>, words: &[(usize, &str)]) {
+    let folder = folder();
+    let path = "frames = 4\n[[camera]]\ntime = 0.0\neye = [0.0, 0.5, 4.0]\ntarget = [0.0, 0.4, 0.0]\n\
+                [[camera]]\ntime = 0.3\neye = [0.5, 0.5, 4.0]\ntarget = [0.0, 0.4, 0.0]\n";
+    fs::write(folder.path().join("path.toml"), path).unwrap();
+    let run = |faults: &[(usize, i32)]| {
+        let mut command = command(folder.path(), line);
+        range.into_iter().for_each(|range| {
+            command.env("LIGHTSUM_FAULT_RANGE", range);
+        });
+        run_command(command, faults)
+    };
+    let take_files = || {
+        let mut files = contents(folder.path());
+        files.retain(|name, _| name.starts_with(stem));
+        files.keys().for_each(|name| fs::remove_file(folder.path().join(name)).unwrap());
+        files
+    };
+    // The first run compiles and measures what the others find.
+    run(&[]);
+    take_files();
+    let sound = run(&[]);
+    assert!(sound.ended_in_order(line), "{line}: {}", text(&sound.output.stderr));
+    let files = take_files();
+    assert!(!files.is_empty(), "{line}");
+    let passes = in_passes(&sound.calls, "vkQueueSubmit");
+    for &(pass, words) in words {
+        let call = passes[pass.min(passes.len() - 1)];
+        let lost = run(&[(call, DEVICE_LOST)]);
+        let message = text(&lost.output.stderr);
+        assert!(lost.ended_in_order(line), "{line}, pass {pass}: {message}");
+        assert!(message.contains("opening it once more") && message.contains(words), "{line}, pass {pass}: {message}");
+        assert!(take_files() == files, "{line}: other files after a device that was lost in pass {pass}");
+        let twice = run(&[(call, DEVICE_LOST), (sound.calls.len() + call / 2, DEVICE_LOST)]);
+        let message = text(&twice.output.stderr);
+        assert_eq!(twice.failed.len(), 2, "{line}: {message}");
+        assert!(!twice.ended_in_order(line) && message.contains("error: "), "{line}, pass {pass}, twice: {message}");
+        take_files();
+    }
+}
+
+#[test]
+fn a_bake_goes_on_when_its_device_is_lost() {
+    let line = "bake scene.toml -o a.glb --particles 8 --density 4 --passes 3";
+    let often = format!("{line} --checkpoint 0.000001");
+    goes_on_when_lost(&often, "a", None, &[(usize::MAX, "going on from the latest checkpoints")]);
+    goes_on_when_lost(&format!("{line} --checkpoint off"), "a", None, &[(usize::MAX, "the device was lost")]);
+    let adaptive = "bake scene.toml -o a.glb --particles 8 --passes 6 --checkpoint 0.000001 --adaptive 0.1 --height 3";
+    goes_on_when_lost(adaptive, "a", None, &[(4, "the device was lost"), (usize::MAX, "the device was lost")]);
+}
+
+#[test]
+fn an_animation_goes_on_when_its_device_is_lost() {
+    let line = "animate scene.toml --path path.toml -o f%d.png --particles 4 --moving-passes 1";
+    goes_on_when_lost(line, "f", None, &[(0, "goes on with frame 0"), (2, "goes on with frame 2")]);
+    let ring = format!("{line} --ring lights --ring-length 3");
+    goes_on_when_lost(&ring, "f", None, &[(2, "goes on with frame 2")]);
+}
+
+#[test]
+fn strips_go_on_when_their_device_is_lost() {
+    // A bound that the image exceeds.
+    let line = "render scene.toml -o a.exr --particles 4 --passes 2 --resolution 320x480";
+    let words = [(1, "after 0 of"), (usize::MAX, "rendering goes on after 1 of 2 strips")];
+    goes_on_when_lost(line, "a", Some("2000000"), &words);
 }
 
 #[test]

@@ -9,6 +9,8 @@
 //! ```
 //!
 //! Calls are counted over all devices of the process; a lost device is lost alone.
+//!
+//! `LIGHTSUM_FAULT_RANGE=BYTES` is the `maxStorageBufferRange` of all devices.
 
 #![allow(non_snake_case, reason = "the functions have Vulkan's names")]
 
@@ -52,6 +54,14 @@ struct LinkInfo {
     link: *mut Link,
 }
 
+/// Functions of the layer below, asked when the instance is made: later on the loader answers with those of the uppermost layer.
+#[derive(Clone, Copy)]
+struct OfInstance {
+    destroy: Option<vk::PFN_vkDestroyInstance>,
+    properties: Option<vk::PFN_vkGetPhysicalDeviceProperties>,
+    properties2: Option<vk::PFN_vkGetPhysicalDeviceProperties2>,
+}
+
 const LOADER_INSTANCE_CREATE_INFO: i32 = 47;
 const LOADER_DEVICE_CREATE_INFO: i32 = 48;
 const LINK: i32 = 0;
@@ -66,8 +76,8 @@ struct Below<Get> {
 /// Instances and devices by their keys.
 static INSTANCES: Mutex<BTreeMap<usize, Below<vk::PFN_vkGetInstanceProcAddr>>> = Mutex::new(BTreeMap::new());
 static DEVICES: Mutex<BTreeMap<usize, Below<vk::PFN_vkGetDeviceProcAddr>>> = Mutex::new(BTreeMap::new());
-/// The function of the layer below that destroys each instance.
-static DESTROYERS: Mutex<BTreeMap<usize, vk::PFN_vkDestroyInstance>> = Mutex::new(BTreeMap::new());
+/// Functions of the layer below for each instance.
+static OF_INSTANCES: Mutex<BTreeMap<usize, OfInstance>> = Mutex::new(BTreeMap::new());
 /// Keys of the devices that are lost.
 static LOST: Mutex<BTreeSet<usize>> = Mutex::new(BTreeSet::new());
 
@@ -291,13 +301,21 @@ unsafe extern "system" fn vkCreateInstance(
         let Some(create) = create else { return vk::Result::ERROR_INITIALIZATION_FAILED };
         let result = create(info, callbacks, out);
         if result == vk::Result::SUCCESS {
-            // Asked now: later on the loader answers with the functions of the uppermost layer.
-            let destroy = std::mem::transmute::<VoidFunction, Option<vk::PFN_vkDestroyInstance>>(get(
-                *out,
-                c"vkDestroyInstance".as_ptr(),
-            ));
+            let below =
+                OfInstance {
+                    destroy: std::mem::transmute::<VoidFunction, Option<vk::PFN_vkDestroyInstance>>(get(
+                        *out,
+                        c"vkDestroyInstance".as_ptr(),
+                    )),
+                    properties: std::mem::transmute::<VoidFunction, Option<vk::PFN_vkGetPhysicalDeviceProperties>>(
+                        get(*out, c"vkGetPhysicalDeviceProperties".as_ptr()),
+                    ),
+                    properties2: std::mem::transmute::<VoidFunction, Option<vk::PFN_vkGetPhysicalDeviceProperties2>>(
+                        get(*out, c"vkGetPhysicalDeviceProperties2".as_ptr()),
+                    ),
+                };
             lock(&INSTANCES).insert(key(*out), Below { get, handle: (*out).as_raw() });
-            lock(&DESTROYERS).extend(destroy.map(|destroy| (key(*out), destroy)));
+            lock(&OF_INSTANCES).insert(key(*out), below);
             log(format_args!("made instance"));
         }
         result
@@ -307,7 +325,7 @@ unsafe extern "system" fn vkCreateInstance(
 unsafe extern "system" fn vkDestroyInstance(instance: vk::Instance, callbacks: Callbacks) {
     log(format_args!("gone instance"));
     lock(&INSTANCES).remove(&key(instance));
-    if let Some(destroy) = lock(&DESTROYERS).remove(&key(instance)) {
+    if let Some(OfInstance { destroy: Some(destroy), .. }) = lock(&OF_INSTANCES).remove(&key(instance)) {
         // SAFETY: it is the function of the layer below; the instance is the caller's.
         unsafe { destroy(instance, callbacks) };
     }
@@ -361,6 +379,43 @@ unsafe extern "system" fn vkDestroyDevice(device: vk::Device, callbacks: Callbac
     lock(&DEVICES).remove(&key);
 }
 
+/// The functions for the instance of a physical device, which has the same key.
+fn of_instance(physical: vk::PhysicalDevice) -> Option<OfInstance> {
+    lock(&OF_INSTANCES).get(&key(physical)).copied()
+}
+
+fn limit(limits: &mut vk::PhysicalDeviceLimits) {
+    if let Some(range) = std::env::var("LIGHTSUM_FAULT_RANGE").ok().and_then(|range| range.parse().ok()) {
+        limits.max_storage_buffer_range = range;
+    }
+}
+
+unsafe extern "system" fn vkGetPhysicalDeviceProperties(
+    physical: vk::PhysicalDevice,
+    out: *mut vk::PhysicalDeviceProperties,
+) {
+    if let Some(get) = of_instance(physical).and_then(|below| below.properties) {
+        // SAFETY: the function is that of the layer below; the arguments are the caller's.
+        unsafe {
+            get(physical, out);
+            limit(&mut (*out).limits);
+        }
+    }
+}
+
+unsafe extern "system" fn vkGetPhysicalDeviceProperties2(
+    physical: vk::PhysicalDevice,
+    out: *mut vk::PhysicalDeviceProperties2<'static>,
+) {
+    if let Some(get) = of_instance(physical).and_then(|below| below.properties2) {
+        // SAFETY: as for the first version.
+        unsafe {
+            get(physical, out);
+            limit(&mut (*out).properties.limits);
+        }
+    }
+}
+
 /// The functions of this layer; `None`: those of the layer below.
 fn own(name: &CStr) -> VoidFunction {
     let address: *const () = match name.to_bytes() {
@@ -370,6 +425,8 @@ fn own(name: &CStr) -> VoidFunction {
         b"vkDestroyInstance" => vkDestroyInstance as *const (),
         b"vkCreateDevice" => vkCreateDevice as *const (),
         b"vkDestroyDevice" => vkDestroyDevice as *const (),
+        b"vkGetPhysicalDeviceProperties" => vkGetPhysicalDeviceProperties as *const (),
+        b"vkGetPhysicalDeviceProperties2" => vkGetPhysicalDeviceProperties2 as *const (),
         _ => return fallible(name).or_else(|| destroying(name)),
     };
     // SAFETY: it is the address of a function.

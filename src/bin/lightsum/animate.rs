@@ -37,18 +37,26 @@ pub fn run(args: &Animate) -> Result<()> {
     let mut player = Player::new(script, scene, None, &interrupted)?;
 
     let mut progress = Progress::new();
-    let (mut frames, mut failed) = (Vec::new(), None);
-    let mut writing = 0.0;
+    let (mut frames, mut failed, mut opened_again) = (Vec::new(), None, false);
     let all = part.len();
+    let before_error = |count: usize| say_aside(&format!("{count} of {all} frames were done before the error"));
     for number in part {
         if interrupted.load(Ordering::Relaxed) {
             break;
         }
-        match player.write(number) {
-            Ok(frame) => {
-                writing += frame["write"].as_f64().unwrap_or_default();
-                frames.push(frame);
+        let mut written = player.write(number);
+        if let (Err(error @ Error::DeviceLost { .. }), false) = (&written, opened_again) {
+            log::warn!("{error}; opening it once more");
+            opened_again = true;
+            if !frames.is_empty() {
+                keep_times(&player, &frames);
             }
+            player = player.open_again().inspect_err(|_| before_error(frames.len()))?;
+            say_aside(&format!("the device was lost; the animation goes on with frame {number}"));
+            written = player.write(number);
+        }
+        match written {
+            Ok(frame) => frames.push(frame),
             Err(error) => {
                 failed = Some(error);
                 break;
@@ -58,38 +66,48 @@ pub fn run(args: &Animate) -> Result<()> {
         progress.show(|| format!("frame {done} of {all}"), done as f64 / all as f64);
     }
     progress.finish();
-    if frames.is_empty() {
+    let count = frames.len();
+    if count == 0 {
         return Err(failed.unwrap_or(Error::Interrupted));
     }
-    let count = frames.len();
-    if let Some(path) = &args.timings {
-        let statistics = player.renderer.statistics();
-        let of_device = (statistics.device.as_str(), statistics.driver.as_str(), statistics.triangles);
-        let written = write_json(path, &timings(&player.script.job, of_device, frames));
-        match &failed {
-            None => written?,
-            Some(_) => written.unwrap_or_else(|error| log::warn!("the timings before the error are lost: {error}")),
-        }
-    }
-    if let Some(path) = &args.stats {
-        let statistics = player.renderer.statistics();
-        let stages = player.script.job.stages.iter().chain(&statistics.stages).cloned();
-        let stages = stages.chain([(String::from("write"), writing)]).collect();
-        let written = Statistics { resolution: player.script.job.camera.resolution, stages, ..statistics }.write(path);
-        match &failed {
-            None => written?,
-            Some(_) => written.unwrap_or_else(|error| log::warn!("the statistics before the error are lost: {error}")),
-        }
-    }
     if let Some(error) = failed {
-        say_aside(&format!("{count} of {all} frames were done before the error"));
+        keep_times(&player, &frames);
+        before_error(count);
         return Err(error);
     }
+    write_timings(&player, &frames)?;
+    write_statistics(&player, &frames)?;
     if count < all {
         say_aside(&format!("interrupted after {count} of {all} frames"));
     }
     player.script.say_where(count, progress.elapsed());
     Ok(())
+}
+
+/// After an error: writes the times of the frames before it.
+fn keep_times(player: &Player, frames: &[Value]) {
+    write_timings(player, frames).unwrap_or_else(|error| log::warn!("the timings before the error are lost: {error}"));
+    write_statistics(player, frames)
+        .unwrap_or_else(|error| log::warn!("the statistics before the error are lost: {error}"));
+}
+
+/// Writes the times of frames, if they are wanted.
+fn write_timings(player: &Player, frames: &[Value]) -> Result<()> {
+    let Some(path) = &player.script.args.timings else { return Ok(()) };
+    let statistics = player.renderer.statistics();
+    let of_device = (statistics.device.as_str(), statistics.driver.as_str(), statistics.triangles);
+    write_json(path, &timings(&player.script.job, of_device, frames.to_vec()))
+}
+
+/// Writes the statistics, if they are wanted: since the device was opened.
+fn write_statistics(player: &Player, frames: &[Value]) -> Result<()> {
+    let Some(path) = &player.script.args.stats else { return Ok(()) };
+    let writing: f64 = frames.iter().filter_map(|frame| frame["write"].as_f64()).sum();
+    let job = &player.script.job;
+    let statistics = player.renderer.statistics();
+    let stages = job.stages.iter().chain(&statistics.stages).cloned();
+    let stages = stages.chain([(String::from("write"), writing)]).collect();
+    Statistics { resolution: job.camera.resolution, stages, ..statistics }.write(path)
 }
 
 /// Renders the frames of a script.
@@ -116,20 +134,20 @@ impl<'a> Player<'a> {
         traversal: Option<Traversal>,
         interrupted: &AtomicBool,
     ) -> Result<Player<'a>> {
-        let shown = &script.args.shown;
-        let options = RenderOptions {
-            device: shown.device.device.clone().unwrap_or_default(),
-            validation: shown.device.validation,
-            checked_shaders: false,
-            max_memory: shown.device.max_device_memory,
-            pipeline_cache: pipeline_cache(),
-            // Frames that several machines render shall not differ by what each of them measured.
-            traversal: traversal.or(script.is_part_of_many().then_some(Traversal::Auto)),
-            // Where nothing but the camera moves the scene may hold images of itself.
-            dynamic: !mirrors::wanted(&scene.render),
-            ..RenderOptions::default()
-        };
+        // Frames that several machines render shall not differ by what each of them measured.
+        let traversal = traversal.or(script.is_part_of_many().then_some(Traversal::Auto));
+        let options = options(&script, &scene, traversal);
         mirrors::sample(&mut scene, &script.job.settings, &options, interrupted)?;
+        let renderer = Renderer::new(scene, script.still, script.job.settings.clone(), &options)?;
+        Ok(Player { script, renderer, next: 0 })
+    }
+
+    /// Opens a lost device once more. Any frame may follow.
+    fn open_again(self) -> Result<Player<'a>> {
+        let Player { script, renderer, .. } = self;
+        let traversal = renderer.provenance().traversal;
+        let scene = renderer.into_scene();
+        let options = options(&script, &scene, Some(traversal));
         let renderer = Renderer::new(scene, script.still, script.job.settings.clone(), &options)?;
         Ok(Player { script, renderer, next: 0 })
     }
@@ -154,7 +172,11 @@ impl<'a> Player<'a> {
                 self.start(0);
                 self.in_turn(0)?;
             }
-            let first = self.script.first_of_still(number);
+            // A ring carries light from frame to frame.
+            let first = match self.script.job.settings.ring {
+                Some(_) => 0,
+                None => self.script.first_of_still(number),
+            };
             self.start(first);
             for before in first..number {
                 self.in_turn(before)?;
@@ -215,6 +237,21 @@ impl<'a> Player<'a> {
         }
         self.next = number + 1;
         Ok(Frame { timings, image })
+    }
+}
+
+/// How to render. `traversal`: the kernel where the flags leave it open; `None`: the faster one.
+fn options(script: &Script, scene: &Scene, traversal: Option<Traversal>) -> RenderOptions {
+    let device = &script.args.shown.device;
+    RenderOptions {
+        device: device.device.clone().unwrap_or_default(),
+        validation: device.validation,
+        max_memory: device.max_device_memory,
+        pipeline_cache: pipeline_cache(),
+        traversal,
+        // Where nothing but the camera moves the scene may hold images of itself.
+        dynamic: !mirrors::wanted(&scene.render),
+        ..RenderOptions::default()
     }
 }
 

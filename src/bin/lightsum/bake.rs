@@ -12,7 +12,7 @@ use lightsum::{Error, Result, Scene, scene};
 
 use crate::args;
 use crate::checkpoint::earlier_traversal;
-use crate::parts::{Job, View, part_path};
+use crate::parts::{Job, States, View, part_path};
 use crate::play;
 use crate::progress::{Progress, duration};
 use crate::render::{SOFTWARE, pipeline_cache};
@@ -27,15 +27,46 @@ pub fn run(args: &args::Bake) -> Result<()> {
     let (scene, settings) = prepare(args)?;
     output::check_apart([args.output.as_path(), &state], &scene.files)?;
     let interrupted = watch_for_interrupt();
-    let states = [state, part_path(&args.output, 0)];
-    let options = options(args, if args.stop.resume { earlier_traversal(&states)? } else { None });
-    let start = Instant::now();
-    let (context, settings) = standalone::open(settings, &options)?;
+    let earlier = [state, part_path(&args.output, 0)];
+    let options = options(args, if args.stop.resume { earlier_traversal(&earlier)? } else { None });
+    let mut opened = standalone::open(settings, &options)?;
     let clock = Clock::start(Stop::choose(&scene.render), &interrupted);
-    if let Some(adaptive) = args.adaptive.options() {
-        return crate::radiosity::run(args, (&context, &scene), &settings, adaptive, &clock);
+    let (mut states, mut opened_again) = (States::new(args), false);
+    loop {
+        let (context, settings) = opened;
+        let done = match args.adaptive.options() {
+            Some(adaptive) => {
+                crate::radiosity::run(args, (&context, &scene), &settings, adaptive, (&clock, &mut states))
+            }
+            None => uniformly(args, (&context, &scene), &settings, (&clock, &mut states)),
+        };
+        match done {
+            Err(error @ Error::DeviceLost { .. }) if !opened_again => {
+                log::warn!("{error}; opening it once more, and going on from the latest checkpoints");
+            }
+            Err(error @ Error::DeviceLost { .. }) => {
+                states.tell();
+                return Err(error);
+            }
+            done => return done,
+        }
+        opened_again = true;
+        // Its kernels go with it before another is opened.
+        drop(context);
+        let options = RenderOptions { traversal: Some(settings.traversal), ..options.clone() };
+        opened = standalone::open(settings, &options).inspect_err(|_| states.tell())?;
     }
-    let bake = Bake::new_unless(&context, &scene, settings.clone(), args.options(), &|| clock.is_over())
+}
+
+/// Bakes a scene with texels of one size.
+fn uniformly(
+    args: &args::Bake,
+    (context, scene): (&Context, &Scene),
+    settings: &Settings,
+    (clock, states): (&Clock, &mut States),
+) -> Result<()> {
+    let start = Instant::now();
+    let bake = Bake::new_unless(context, scene, settings.clone(), args.options(), &|| clock.is_over())
         .map_err(|error| clock.tell(error))?;
     let charts = bake.charts();
     let [device, host] = bake.memory()?.map(|bytes| bytes as f64 / f64::from(1 << 20));
@@ -57,7 +88,7 @@ pub fn run(args: &args::Bake) -> Result<()> {
     let views = bake.batches().iter().enumerate();
     let views = views.map(|(i, batch)| View { points: batch.texels(), state: state_path(i) }).collect();
     let mut progress = Progress::new();
-    let mut job = Job::new(args, views, &clock, &mut progress, 0.0);
+    let mut job = Job::new(views, clock, states, &mut progress, 0.0);
     let images = job.run(0, &|i, last| bake.renderer(i, last))?;
     if images.iter().all(Option::is_none) {
         return Err(Error::Interrupted);
@@ -67,8 +98,10 @@ pub fn run(args: &args::Bake) -> Result<()> {
     let (passes, error) = (job.passes, job.error);
     let images: Vec<Layers> = images.into_iter().map(|(image, _)| image).collect();
     let light = bake.finish(&images, passes)?;
-    write(args, (&context, &scene), &settings, &light, (passes, error), start)?;
-    job.remove_states();
+    write(args, (context, scene), settings, &light, (passes, error), start)?;
+    if !clock.is_interrupted() {
+        states.remove();
+    }
     Ok(())
 }
 

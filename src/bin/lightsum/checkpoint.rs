@@ -92,6 +92,16 @@ impl Checkpoints {
         Checkpoints { path: path.map(Path::to_path_buf), instead: None, every, last: Instant::now(), written: None }
     }
 
+    /// The file.
+    pub fn path(&self) -> Option<&Path> {
+        self.path.as_deref()
+    }
+
+    /// Whether this run wrote the state.
+    pub fn is_written(&self) -> bool {
+        self.written.is_some()
+    }
+
     /// The state in the file, if this run wrote it.
     pub fn latest(&self) -> Result<Option<(&Path, State)>> {
         match (&self.path, &self.written) {

@@ -32,6 +32,7 @@ mod render;
 mod shard;
 mod speak;
 mod stop;
+mod strips;
 #[cfg(feature = "viewer")]
 mod view;
 

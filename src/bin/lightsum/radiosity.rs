@@ -11,7 +11,7 @@ use lightsum::{Result, Scene};
 use crate::args;
 use crate::bake::write;
 use crate::checkpoint::Checkpoints;
-use crate::parts::{Job, View, part_path};
+use crate::parts::{Job, States, View, part_path};
 use crate::progress::Progress;
 use crate::say_aside;
 use crate::stop::{Clock, Stop};
@@ -22,7 +22,7 @@ pub fn run(
     (context, scene): (&Context, &Scene),
     settings: &Settings,
     (options, textures): (Options, TextureOptions),
-    clock: &Clock,
+    (clock, states): (&Clock, &mut States),
 ) -> Result<()> {
     let start = Instant::now();
     compute::check(&options, &textures, &args.options())?;
@@ -40,17 +40,15 @@ pub fn run(
     let mut progress = Progress::new();
     let mut growth = Growth::new(&radiosity, &options, passes)?;
     let path = State::path_for(&args.output);
-    let mut states = Checkpoints::new(Some(&path), args.stop.checkpoint.0);
-    if args.stop.resume && path.exists() {
-        let state = State::read(&path)?;
+    if let Some(state) = states.earlier(&path)? {
         state.check(&path, growth.fingerprint(), [state.width, state.height], &radiosity.provenance())?;
         growth.go_on(&state)?;
         log::info!("{}: going on after {} rounds", path.display(), growth.rounds());
     }
     // Of all work, where its end is known.
     let share = stop.passes().map_or(1.0, |all| f64::from(passes) / f64::from(all));
-    if let Err(error) = grow(&mut growth, &mut states, (clock, share, options.height), &mut progress) {
-        states.rescue(&growth);
+    if let Err(error) = grow(&mut growth, states.of(&path), (clock, share, options.height), &mut progress) {
+        states.rescue(&path, &growth, Some(&error));
         return Err(error);
     }
     let broken_off = clock.is_interrupted();
@@ -59,9 +57,9 @@ pub fn run(
         Err(error) => return Err(clock.tell(error)),
     };
     if broken_off {
-        states.rescue(&growth);
-    } else if args.stop.resume {
-        states.write(&growth)?;
+        states.rescue(&path, &growth, None);
+    } else {
+        states.keep(&path, &growth)?;
     }
     let times = growth.times();
     say_aside(&format!(
@@ -81,21 +79,21 @@ pub fn run(
     };
     let views = parts.iter().enumerate();
     let views = views.map(|(i, part)| View { points: part.len(), state: part_path(&args.output, i) }).collect();
-    let mut job = Job::new(args, views, clock, &mut progress, share);
+    let mut job = Job::new(views, clock, states, &mut progress, share);
     let images = job.run(passes, &|i, last| radiosity.renderer(&parts[i], passes, last))?;
+    let (least, error) = (job.passes, job.error);
     for (part, image) in parts.iter().zip(&images) {
         if let Some((image, more)) = image {
             part.add(&mut solution, passes, image, *more);
         }
     }
     if clock.is_interrupted() && !broken_off {
-        states.rescue(&growth);
+        states.rescue(&path, &growth, None);
     }
-    let all = if parts.is_empty() || images.contains(&None) { passes } else { job.passes };
+    let all = if parts.is_empty() || images.contains(&None) { passes } else { least };
     let light = radiosity.lightmap(&solution, &textures, &args.options())?;
-    write(args, (context, scene), settings, &light, (all, job.error), start)?;
-    job.remove_states();
-    if !args.stop.resume && !clock.is_interrupted() {
+    write(args, (context, scene), settings, &light, (all, error), start)?;
+    if !clock.is_interrupted() {
         states.remove();
     }
     Ok(())

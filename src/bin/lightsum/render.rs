@@ -6,7 +6,7 @@ use crate::live::Live;
 use crate::moment::Moment;
 use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due, error_of, watch_for_interrupt};
-use crate::{effect, mirrors, reference, say, say_aside, shard};
+use crate::{effect, mirrors, reference, say, say_aside, shard, strips};
 use glam::DVec3;
 use lightsum::engine::ShutterEnd;
 use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics, Surfaces, Wanted};
@@ -15,7 +15,7 @@ use lightsum::scene::{self, Camera, RenderDefaults, Scene};
 use lightsum::settings::{Settings, Traversal};
 use lightsum::standalone::{RenderOptions, Renderer};
 use lightsum::view::Region;
-use lightsum::{Error, Result, ring, tiles};
+use lightsum::{Error, Result, ring};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -187,7 +187,7 @@ fn radiosity(
         return part.run(&job, renderer, args, &interrupted);
     }
     if !renderer.strips().is_empty() {
-        return in_strips(job, renderer, args, &interrupted);
+        return strips::run(&job, renderer, args, (&options, &interrupted));
     }
     if let Some(path) = &args.output.export_lights {
         let count = renderer.export_lights(path)?;
@@ -292,53 +292,6 @@ fn open_again(
     }
     say_aside(&format!("the device was lost; rendering goes on after {}", count(renderer.passes())));
     Ok(renderer)
-}
-
-/// Renders an image that is too large for the device, strip by strip.
-fn in_strips(job: Job, mut renderer: Renderer, args: &Render, interrupted: &AtomicBool) -> Result<()> {
-    let [width, height] = job.camera.resolution;
-    let too_large = |name: &'static str| Error::Setting {
-        name,
-        message: format!("{width}x{height} is too large for the device at once, and strips take --passes alone"),
-    };
-    let keys = &renderer.scene().render;
-    let excluded = [
-        (keys.time.is_some(), "--time"),
-        (keys.target_error.is_some(), "--target-error"),
-        (args.stop.resume, "--resume"),
-        (args.output.export_lights.is_some(), "--export-lights"),
-        (args.output.preview.is_some(), "--preview"),
-        (args.output.display.is_some(), "--display"),
-    ];
-    if let Some((_, name)) = excluded.into_iter().find(|(given, _)| *given) {
-        return Err(too_large(name));
-    }
-    let passes = Stop::choose(keys).passes().ok_or_else(|| too_large("--passes"))?;
-    let strips = renderer.strips().to_vec();
-    log::info!("{width}x{height} is rendered in {} strips", strips.len());
-    let total = passes * strips.len() as u32;
-    let mut progress = Progress::new();
-    let rendered = tiles::render(&mut renderer, &strips, passes, |done| {
-        progress
-            .show(|| format!("strip {} of {}", done / passes + 1, strips.len()), f64::from(done) / f64::from(total));
-        !interrupted.load(Ordering::Relaxed)
-    })?;
-    progress.finish();
-    let mut layers = rendered.ok_or(Error::Interrupted)?;
-    job.add_surfaces(&mut layers, &renderer);
-    let statistics = renderer.statistics();
-    let mut metadata = metadata(&job, &statistics.device, statistics.driver.clone());
-    metadata.passes = passes;
-    let mut outcome = job.write_outputs(&layers, &metadata);
-    if let Some(path) = &args.output.stats {
-        let resolution = job.camera.resolution;
-        let statistics = Statistics { scene: job.name.clone(), resolution, passes, error_estimate: None, ..statistics };
-        outcome = outcome.and(statistics.write(path));
-    }
-    outcome?;
-    let what = format!("{} in {} strips, rendered in {}", count(passes), strips.len(), duration(progress.elapsed()));
-    job.say_where(&what);
-    Ok(())
 }
 
 /// Runs passes until `stop` or an interrupt; returns their time and the last error estimate.
