@@ -62,6 +62,8 @@ def broken(program, parent, passes, seconds, rng, sound, tally):
             early = run.returncode == 1 and "before the first" in text
             # Nor does one that comes while the program starts: the system ends it then.
             early |= run.returncode == -number and not text
+            # Or while it ends.
+            early |= run.returncode == 0
             if run.returncode != expected and not early:
                 return f"exit code {run.returncode} after {signal.Signals(number).name}: {text}"
     run = command(program, folder, passes)
