@@ -103,6 +103,7 @@ thread_local!(static PLACE: Place = Place::new());
 static PANICS: Mutex<Vec<String>> = Mutex::new(Vec::new());
 
 /// Places of the panics in the library since the last call.
+#[allow(dead_code, reason = "the test of the kept corpus asks, fuzzers do not")]
 pub fn panics() -> Vec<String> {
     std::mem::take(&mut PANICS.lock().unwrap_or_else(PoisonError::into_inner))
 }

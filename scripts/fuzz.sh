@@ -36,7 +36,7 @@ fi
 
 # Executions of a reader in all runs.
 executed() {
-  cat "$work/$1".*.log 2>/dev/null | sed -n 's/^stat::number_of_executed_units: *//p' | awk '{ n += $1 } END { print n + 0 }'
+  { cat "$work/$1".*.log 2>/dev/null || true; } | sed -n 's/^stat::number_of_executed_units: *//p' | awk '{ n += $1 } END { print n + 0 }'
 }
 
 crashed=0
@@ -61,7 +61,7 @@ all=0
 for file in fuzz/fuzz_targets/*.rs; do
   reader="$(basename "$file" .rs)"
   count="$(executed "$reader")"
-  edges="$(cat "$work/$reader".*.log 2>/dev/null | sed -n 's/.* cov: \([0-9]*\) .*/\1/p' | sort -n | tail -1)"
+  edges="$({ cat "$work/$reader".*.log 2>/dev/null || true; } | sed -n 's/.* cov: \([0-9]*\) .*/\1/p' | sort -n | tail -1)"
   all=$((all + count))
   echo "| $reader | $count | ${edges:-0} |"
 done
