@@ -3,9 +3,9 @@
 # make test               all tests: on lavapipe with the validation layer, a part of them again on SwiftShader; some half an hour
 # make test-swiftshader   the tests on the device again, on another driver
 # make test-web           baked models in the glTF validator and, in a browser, with three.js; needs node, npm and chromium
-# make test-wgpu          lightsum on the device of wgpu (examples/wgpu, a crate of its own)
+# make test-wgpu          lightsum on the device of wgpu (examples/wgpu, a crate of its own), which make test does too
 # make bench              seconds of each pass, for the Cornell box and a generated room
-# make lint               formatting, clippy and documentation
+# make lint               formatting, clippy, documentation, and the public interface against the list that is kept
 # make build              the programs alone
 # cargo bench             host stages and GPU passes by criterion; --bench host needs no device
 
@@ -45,6 +45,7 @@ test:
 	LP_NATIVE_VECTOR_WIDTH=512 cargo test --test gpu -- --test-threads=1 visibility::
 	scripts/swiftshader.sh cargo test --test gpu -- visibility:: traversal::clusters_may
 	cargo test --test cli -- --ignored drivers::
+	cargo run --quiet --manifest-path examples/wgpu/Cargo.toml
 
 test-swiftshader:
 	scripts/setup.sh --tests
@@ -67,3 +68,4 @@ lint:
 	cargo clippy --all-targets -- -D warnings
 	cargo clippy $(HOT_RELOAD) --lib -- -D warnings
 	RUSTDOCFLAGS=-Dwarnings cargo doc --no-deps
+	scripts/public_api.sh

@@ -69,6 +69,7 @@ fn room() -> lightsum::Result<Scene> {
         aperture: 0.0,
         focus: None,
         shutter: 0.0,
+        height: None,
         frustum: None,
     });
     // The path only names the scene in messages.

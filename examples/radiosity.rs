@@ -88,6 +88,7 @@ fn hall() -> Scene {
         aperture: 0.0,
         focus: None,
         shutter: 0.0,
+        height: None,
         frustum: None,
     });
     scene

@@ -15,9 +15,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let place = place_of_pixel(pixel);
     let at = vec2<f32>(place + frame.within.xy) + frame.pixel_offset.xy;
-    let d = towards(at.x, at.y);
+    let ray = ray_through(at.x, at.y);
+    let d = ray.d;
     // A ray of negative length meets nothing.
-    ray_origin[pixel] = vec4<f32>(frame.eye.xyz, select(-1.0, 3.0e38, in_task(place)));
+    ray_origin[pixel] = vec4<f32>(frame.eye.xyz + ray.start, select(-1.0, 3.0e38, in_task(place)));
     let length = sqrt(dot(d, d));
     ray_direction[pixel] = vec4<f32>(d / length, dot(d, frame.forward.xyz) / length);
     throughput[pixel] = vec4<f32>(1.0, 1.0, 1.0, 0.0);

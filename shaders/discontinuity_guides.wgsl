@@ -74,7 +74,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // Square of twice the extent of a pixel on the surface, along the longer diagonal.
     let size = vec2<f32>(frame.within.zw);
     let pixel = 2.0 * max(sqrt(dot(frame.right.xyz, frame.right.xyz)) / size.x, sqrt(dot(frame.up.xyz, frame.up.xyz)) / size.y);
-    let covered = 2.0 * depth * pixel / max(dot(normal, wo.xyz), 0.02);
+    let covered = 2.0 * depth_scale(depth) * pixel / max(dot(normal, wo.xyz), 0.02);
     // Behind curved mirrors and along lobes neighbours tell how far apart pixels are.
     let right_end = at.x + 1 == i32(frame.size.x);
     let lower_end = at.y + 1 == i32(frame.size.y);

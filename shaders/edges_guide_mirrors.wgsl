@@ -21,9 +21,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var second = vec2<u32>(NO_MIRROR, 0u);
     // Zero times for most pixels.
     for (var i = select(0u, 1u, is_plain_mirror(triangle)); i > 0u; i -= 1u) {
-        let d = eye_direction(place_of_pixel(pixel), frame.pixel_offset.xy);
+        let ray = eye_ray(place_of_pixel(pixel), frame.pixel_offset.xy);
         // The path may have gone on: then its last ray is another one.
-        let off = ray_direction[pixel].xyz - mirrored_direction(d, first_hit(triangle, 0.0, d).normal);
+        let off = ray_direction[pixel].xyz - mirrored_direction(ray.d, first_hit(triangle, 0.0, ray).normal);
         let hit = hits[pixel];
         second = select(second, vec2<u32>(bitcast<u32>(hit.w), bitcast<u32>(hit.x)), dot(off, off) < 1e-8);
     }

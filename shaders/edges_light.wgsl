@@ -6,6 +6,7 @@
 #include "surface.wgsl"
 #include "camera.wgsl"
 #include "edges.wgsl"
+#include "edge_rays.wgsl"
 #include "radiance.wgsl"
 #include "environment.wgsl"
 
@@ -24,10 +25,21 @@
 @group(0) @binding(21) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(22) var<storage, read_write> ray_light: array<vec4<f32>>;   // L; w: 0 nothing known, 1 a miss, 2 a hit
 @group(0) @binding(23) var<storage, read> list: array<u32>;
+@group(0) @binding(26) var<storage, read> edges: array<u32>;   // 16 * first ray of the tile + rays
 #if MIRRORS
 @group(0) @binding(24) var<storage, read> second_hits: array<vec2<u32>>;
 @group(0) @binding(25) var<storage, read> mirror_hits: array<vec2<u32>>;
 #endif
+
+// Origin less the eye of a ray of a pixel. That of a ray which a mirror has reflected is no longer known, but for its place in the pixel.
+fn start_of(ray: u32, at: vec2<u32>, pixel: u32) -> vec3<f32> {
+    let tile = at / 8u;
+    let part = part_of_tile(tile.x + tile.y * ((frame.size.x + 7u) / 8u));
+    let place = place_of_pixel(ray) - part.xy;
+    let packed = edges[pixel];
+    let offset = ray_offset(place.x + place.y * part.z - packed / 16u, packed % 16u);
+    return eye_ray(at, offset).start;
+}
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -40,25 +52,27 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let hit = hits[ray];
     let triangle = bitcast<u32>(hit.w);
     let found = triangle != 0xffffffffu;
+    let pixel = ray_pixel[ray];
+    let at_pixel = place_of_pixel(pixel);
+    let start = start_of(ray, at_pixel, pixel);
 #if MIRRORS
     // A ray that a mirror has reflected: the eye ray is its image in the mirror.
     let mirror = mirror_hits[ray];
     let turned = mirror.x != NO_MIRROR;
     let met = vec2<u32>(triangle, bitcast<u32>(hit.x));
-    let normal = first_hit(select(0xffffffffu, mirror.x, turned), 0.0, last_d).normal;
+    let normal = first_hit(select(0xffffffffu, mirror.x, turned), 0.0, EyeRay(start, last_d)).normal;
     let d = select(last_d, mirrored_direction(last_d, normal), turned);
     let length = hit.x + select(0.0, bitcast<f32>(mirror.y), turned);
-    let own = shown_by(select(met, mirror, turned), select(vec2<u32>(NO_MIRROR, 0u), met, turned), d);
+    let own = shown_by(select(met, mirror, turned), select(vec2<u32>(NO_MIRROR, 0u), met, turned), EyeRay(start, d));
 #else
     let turned = false;
     let d = last_d;
     let length = hit.x;
-    let own = first_hit(triangle, hit.x, d);
+    let own = first_hit(triangle, hit.x, EyeRay(start, d));
 #endif
     // Textures are averaged over the pixel, as for the pixel's own ray.
-    let s = surface_at(select(0u, triangle, found), hit.y, hit.z, last_d, frame.cones.x * dot(d, frame.forward.xyz) * length);
-    let pixel = ray_pixel[ray];
-    let at = vec2<i32>(place_of_pixel(pixel));
+    let s = surface_at(select(0u, triangle, found), hit.y, hit.z, last_d, frame.cones.x * depth_scale(dot(d, frame.forward.xyz) * length));
+    let at = vec2<i32>(at_pixel);
 
     // The nearest pixel of 3 x 3 that shows the surface.
     var nearest = pixel;
@@ -69,13 +83,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let there = vec2<u32>(clamp(p, vec2<i32>(0), vec2<i32>(frame.size.xy) - 1));
         let other = there.x + there.y * frame.size.x;
         let guide = first_hits[other];
-        let their_d = eye_direction(there, frame.pixel_offset.xy);
+        let their_ray = eye_ray(there, frame.pixel_offset.xy);
 #if MIRRORS
-        let shows = same_shown(own, shown_by(guide, second_hits[other], their_d));
+        let shows = same_shown(own, shown_by(guide, second_hits[other], their_ray));
 #else
-        let shows = same_surface(own, first_hit(guide.x, bitcast<f32>(guide.y), their_d));
+        let shows = same_surface(own, first_hit(guide.x, bitcast<f32>(guide.y), their_ray));
 #endif
-        let between = d - their_d;
+        // Rays from one eye differ in direction, parallel ones in where they start.
+        let between = (d - their_ray.d) + (start - their_ray.start);
         let distance2 = dot(between, between);
         let nearer = inside && shows && distance2 < least;
         nearest = select(nearest, other, nearer);

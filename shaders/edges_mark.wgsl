@@ -14,13 +14,13 @@
 @group(0) @binding(13) var<storage, read> second_hits: array<vec2<u32>>;
 
 fn shown_at(at: vec2<u32>, pixel: u32) -> Shown {
-    return shown_by(first_hits[pixel], second_hits[pixel], eye_direction(at, frame.pixel_offset.xy));
+    return shown_by(first_hits[pixel], second_hits[pixel], eye_ray(at, frame.pixel_offset.xy));
 }
 #else
 
 fn hit_of(at: vec2<u32>, pixel: u32) -> FirstHit {
     let guide = first_hits[pixel];
-    return first_hit(guide.x, bitcast<f32>(guide.y), eye_direction(at, frame.pixel_offset.xy));
+    return first_hit(guide.x, bitcast<f32>(guide.y), eye_ray(at, frame.pixel_offset.xy));
 }
 #endif
 

@@ -12,13 +12,8 @@
 @group(0) @binding(6) var<storage, read_write> ray_origin: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read_write> ray_direction: array<vec4<f32>>;
 
-// Host twins: pass::edges::{MAX_RAYS, ray_offset}.
+// Host twin: pass::edges::MAX_RAYS.
 const MAX_RAYS: u32 = 8u;
-
-// Offset of a ray in its pixel. With that of the pixel's own ray they fill the pixel evenly (a golden lattice).
-fn ray_offset(k: u32, each: u32) -> vec2<f32> {
-    return fract(frame.pixel_offset.xy + f32(k + 1u) * vec2<f32>(1.0 / f32(each + 1u), 0.618034));
-}
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -48,8 +43,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             for (var k = 0u; k < each; k += 1u) {
                 let ray = ray_of_tile(part, rays + k);
                 let offset = ray_offset(k, each);
-                let d = towards(f32(at.x + frame.within.x) + offset.x, f32(at.y + frame.within.y) + offset.y);
-                ray_origin[ray] = vec4<f32>(frame.eye.xyz, 3.0e38);
+                let through = ray_through(f32(at.x + frame.within.x) + offset.x, f32(at.y + frame.within.y) + offset.y);
+                let d = through.d;
+                ray_origin[ray] = vec4<f32>(frame.eye.xyz + through.start, 3.0e38);
                 ray_direction[ray] = vec4<f32>(d / sqrt(dot(d, d)), 0.0);
                 ray_pixel[ray] = pixel;
                 list_out[listed + rays + k] = ray;

@@ -30,7 +30,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // Zero times for most rays.
     for (var i = select(0u, 1u, turns); i > 0u; i -= 1u) {
         let d = ray_direction[ray].xyz;
-        let normal = first_hit(triangle, hit.x, d).normal;
+        let normal = first_hit(triangle, hit.x, EyeRay(vec3<f32>(0.0), d)).normal;
         let position = triangle_v0[triangle].xyz + hit.y * triangle_e1[triangle].xyz + hit.z * triangle_e2[triangle].xyz;
         ray_origin[ray] = vec4<f32>(offset_origin(position, normal, frame.eye.w), 3.0e38);
         ray_direction[ray] = vec4<f32>(mirrored_direction(d, normal), 0.0);

@@ -153,7 +153,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let ray = ray_direction[slot];
         let before = throughput[slot];
         let depth = before.w + ray.w * hit.x;
-        let s = surface_at(at, hit.y, hit.z, ray.xyz, frame.cones.x * depth);
+        let s = surface_at(at, hit.y, hit.z, ray.xyz, frame.cones.x * depth_scale(depth));
         let inside = select(media[slot], vec4<u32>(0u), first_hit);
         let other = specular_split(s, -ray.xyz, relative_index(inside, s));
         var split = other;

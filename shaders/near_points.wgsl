@@ -32,7 +32,7 @@
 // The nearest pixel of a class that shows a point of a surface with normal n, or NO_POINT.
 fn pixel_showing(p: vec3<f32>, n: vec3<f32>, of_class: u32) -> u32 {
     let d = p - frame.eye.xyz;
-    let z = max(dot(d, frame.forward.xyz), 1e-30);
+    let z = depth_scale(max(dot(d, frame.forward.xyz), 1e-30));
     let half_width = dot(frame.right.xyz, frame.right.xyz);
     let half_height = dot(frame.up.xyz, frame.up.xyz);
     let s = dot(d, frame.right.xyz) / (z * half_width) - frame.shift.x;

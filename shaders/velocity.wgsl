@@ -17,9 +17,9 @@ const NOTHING_SEEN: f32 = 3.0e38;
 // Least depth at the ends of the motion, as a share of the depth now: points nearer to the eye, or behind it, count as being there.
 const NEAREST: f32 = 0.05;
 
-// Place in the image of a point, in half widths and half heights. `seen`: the point less the eye, divided by the depth now.
+// Place in the image of a point, in half widths and half heights. `seen`: the point less the eye, divided by the depth now, unless rays are parallel.
 fn projected(seen: vec3<f32>, right: vec4<f32>, up: vec4<f32>, forward: vec4<f32>) -> vec2<f32> {
-    let depth = max(dot(seen, forward.xyz), NEAREST);
+    let depth = select(max(dot(seen, forward.xyz), NEAREST), 1.0, is_orthographic());
     return vec2<f32>(dot(seen, right.xyz), dot(seen, up.xyz)) / depth - vec2<f32>(right.w, up.w);
 }
 
@@ -50,9 +50,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         opening = displaced(first, weights);
         closing = displaced(first + 3u, weights);
     }
-    let nearness = select(0.0, 1.0 / max(depth, 1e-30), found);
+    let parallel = is_orthographic();
+    let nearness = select(0.0, select(1.0 / max(depth, 1e-30), 1.0, parallel), found);
     let at = vec2<f32>(place_of_pixel(pixel) + frame.within.xy) + frame.pixel_offset.xy;
-    let now = towards(at.x, at.y);
+    let ray = ray_through(at.x, at.y);
+    let now = select(ray.d, ray.start + select(0.0, depth, found) * ray.d, parallel);
     let seen = now + nearness * (shutter.shift[0].xyz + opening);
     let begin = projected(seen, shutter.right[0], shutter.up[0], shutter.forward[0]);
     let seen_later = now + nearness * (shutter.shift[1].xyz + closing);

@@ -227,10 +227,7 @@ impl Engine {
         if self.upload || self.clear || texels.is_some() {
             rec.begin();
         }
-        if let (true, Some(staging)) = (self.upload, &self.staging) {
-            rec.scope("upload", |rec| staging.record(rec))?;
-            self.frame.record_setup(rec)?;
-        }
+        self.record_uploads(rec)?;
         if let Some(staging) = &texels {
             rec.scope("texels", |rec| staging.record(rec))?;
         }
@@ -252,6 +249,15 @@ impl Engine {
         self.unchanged += 1;
         self.paths = paths;
         (self.upload, self.clear, self.new_image, self.particles) = (false, false, false, false);
+        Ok(())
+    }
+
+    /// Records the uploads that wait.
+    fn record_uploads(&self, rec: &mut Recorder) -> Result<()> {
+        if let (true, Some(staging)) = (self.upload, &self.staging) {
+            rec.scope("upload", |rec| staging.record(rec))?;
+            self.frame.record_setup(rec)?;
+        }
         Ok(())
     }
 
@@ -317,10 +323,7 @@ impl Engine {
                 message: format!("the engine renders {width}x{height}; use Engine::resize for another size"),
             });
         }
-        match self.plan.view {
-            View::Camera { region, .. } => self.set_view(View::Camera { camera, region }),
-            View::Atlas(_) => self.set_view(View::whole(camera)),
-        }
+        self.set_view(self.plan.view.with_camera(camera))
     }
 
     /// Changes the image size from the next pass on, and restarts. The camera keeps its vertical angle of view. Buffers
@@ -336,7 +339,10 @@ impl Engine {
                 message: String::from("an atlas has no camera; set another view"),
             });
         };
-        self.set_view(View::whole(Camera { resolution, ..*camera }))
+        self.set_view(match self.plan.view {
+            View::GBuffer { .. } => View::GBuffer { camera: Camera { resolution, ..*camera } },
+            _ => View::whole(Camera { resolution, ..*camera }),
+        })
     }
 
     /// Changes the view, as [`Engine::set_camera`] and [`Engine::resize`] do: to another camera, another region of its
@@ -347,7 +353,11 @@ impl Engine {
         }
         let plan = plan::derive(&self.scene, &self.plan.asked, &view)?;
         let same_size = view.size() == self.plan.view.size();
+        let same_projection = view.is_orthographic() == self.plan.view.is_orthographic();
         self.set_plan(plan)?;
+        if !same_projection {
+            self.shutter.ends = None;
+        }
         self.shutter.staged = false;
         if same_size {
             self.changed();
@@ -363,6 +373,10 @@ impl Engine {
         let Some(&camera) = self.plan.view.camera() else {
             return Err(Error::Setting { name: "--crop", message: String::from("an atlas has no camera") });
         };
+        if self.plan.view.is_g_buffer() {
+            let message = String::from("a G-buffer of the host is lit as a whole; set another view");
+            return Err(Error::Setting { name: "--crop", message });
+        }
         let whole = Region::whole(camera.resolution);
         let region = region.map_or(whole, |region| region.around(&self.plan.settings, camera.resolution));
         self.set_view(View::Camera { camera, region })

@@ -10,7 +10,7 @@ use glam::Vec3;
 
 use crate::accel::{Bvh, Hit, Ray, offset_origin};
 use crate::bsdf::basis;
-use crate::path_trace::camera_direction;
+use crate::path_trace::eye_ray;
 use crate::sampling::halton::radical_inverse;
 use crate::sampling::hammersley::hammersley;
 use crate::scene::Camera;
@@ -57,7 +57,7 @@ impl Extent {
     /// `albedos`: see [`crate::scene::Scene::mean_albedos`].
     pub fn of(bvh: &Bvh, albedos: &[f32], view: &View) -> Extent {
         let starts = match view {
-            View::Camera { camera, .. } => seen(bvh, camera),
+            View::Camera { camera, .. } | View::GBuffer { camera } => seen(bvh, camera),
             View::Atlas(atlas) => texels(bvh, atlas),
         };
         Extent::between(bvh, albedos, &starts)
@@ -120,7 +120,7 @@ fn seen(bvh: &Bvh, camera: &Camera) -> Vec<(Vec3, Vec3)> {
     cells
         .filter_map(|cell| {
             let at = |axis: usize| (cell[axis] as f32 + 0.5) / GRID[axis] as f32 * camera.resolution[axis] as f32;
-            let ray = Ray::new(camera.eye, camera_direction(camera, camera.resolution, at(0), at(1)));
+            let ray = eye_ray(camera, camera.resolution, at(0), at(1));
             let hit = bvh.closest(&ray)?;
             let n = bvh.normal(hit.triangle);
             Some((bvh.position(&hit), if n.dot(ray.direction) > 0.0 { -n } else { n }))

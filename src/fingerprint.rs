@@ -103,6 +103,7 @@ mod tests {
             aperture: 0.0,
             focus: None,
             shutter: 0.0,
+            height: None,
             frustum: None,
         }
     }

@@ -115,12 +115,12 @@ pub struct EyePlan {
 const MAX_LOBES: u32 = 3;
 
 impl EyePlan {
-    /// For a scene with these surfaces. The texels of an atlas are shaded as they are: only camera paths follow
+    /// For a scene with these surfaces. The texels of an atlas and the pixels of a host are shaded as they are: only camera paths follow
     /// mirrors.
     pub fn new(settings: &Settings, specular: SpecularFeatures, view: &View) -> EyePlan {
         let [width, height] = view.size();
         let pixels = width * height;
-        if view.camera().is_none() {
+        if !matches!(view, View::Camera { .. }) {
             return EyePlan {
                 pixels,
                 steps: 0,
@@ -411,7 +411,8 @@ impl Plan {
     /// Whether edges get more eye rays.
     pub fn antialiases(&self) -> bool {
         let settings = &self.settings;
-        settings.antialias && !settings.summands && self.view.camera().is_some() && !self.view.has_lens()
+        let own_rays = matches!(self.view, View::Camera { .. });
+        settings.antialias && !settings.summands && own_rays && !self.view.has_lens()
     }
 
     /// Whether near light comes from the irradiance of other pixels.
@@ -462,10 +463,11 @@ impl Plan {
             ..self.settings.clone()
         };
         let same_view = match (&self.view, &other.view) {
-            (View::Camera { .. }, View::Camera { .. }) => {
+            (View::Camera { .. }, View::Camera { .. }) | (View::GBuffer { .. }, View::GBuffer { .. }) => {
                 self.view.size() == other.view.size()
                     && self.view.has_lens() == other.view.has_lens()
                     && self.view.has_shutter() == other.view.has_shutter()
+                    && self.view.is_orthographic() == other.view.is_orthographic()
             }
             (one, another) => one == another,
         };

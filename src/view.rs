@@ -151,7 +151,7 @@ impl PartialEq for Atlas {
     }
 }
 
-/// A camera or an atlas.
+/// A camera, an atlas, or a G-buffer of a host.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub enum View {
@@ -164,6 +164,11 @@ pub enum View {
     },
     /// Texels on surfaces.
     Atlas(Arc<Atlas>),
+    /// What a host has found that its camera sees ([`crate::Engine::record_g_buffer`]), at the centres of all pixels.
+    GBuffer {
+        /// The host's camera, with the resolution of its images.
+        camera: Camera,
+    },
 }
 
 impl View {
@@ -177,6 +182,7 @@ impl View {
         match self {
             View::Camera { region, .. } => region.size,
             View::Atlas(atlas) => atlas.size,
+            View::GBuffer { camera } => camera.resolution,
         }
     }
 
@@ -185,21 +191,37 @@ impl View {
         match self {
             View::Camera { camera, region } => Region { origin: region.origin, size: camera.resolution },
             View::Atlas(atlas) => Region::whole(atlas.size),
+            View::GBuffer { camera } => Region::whole(camera.resolution),
         }
     }
 
     /// The camera; `None` for an atlas.
     pub fn camera(&self) -> Option<&Camera> {
         match self {
-            View::Camera { camera, .. } => Some(camera),
+            View::Camera { camera, .. } | View::GBuffer { camera } => Some(camera),
             View::Atlas(_) => None,
         }
+    }
+
+    /// The same with another camera of its resolution; in place of texels the whole image of the camera.
+    pub fn with_camera(&self, camera: Camera) -> View {
+        match *self {
+            View::Camera { region, .. } => View::Camera { camera, region },
+            View::Atlas(_) => View::whole(camera),
+            View::GBuffer { .. } => View::GBuffer { camera },
+        }
+    }
+
+    /// Whether a host finds what it shows.
+    pub fn is_g_buffer(&self) -> bool {
+        matches!(self, View::GBuffer { .. })
     }
 
     /// Errors: its pixels cannot be shaded task by task.
     pub fn check_tasks(&self, settings: &Settings) -> Result<()> {
         let why = match self {
             View::Atlas(_) => Some("texels are not shaded by several ranks"),
+            View::GBuffer { .. } => Some("the pixels of a host's G-buffer are not shaded by several ranks"),
             View::Camera { .. } if settings.ring.is_some() => Some("a ring keeps light from pass to pass"),
             View::Camera { .. } => self.needs_whole(settings),
         };
@@ -222,6 +244,11 @@ impl View {
         self.camera().is_some_and(Camera::has_lens)
     }
 
+    /// Whether its eye rays are parallel.
+    pub fn is_orthographic(&self) -> bool {
+        self.camera().is_some_and(Camera::is_orthographic)
+    }
+
     /// Whether its shutter is open for some time.
     pub fn has_shutter(&self) -> bool {
         self.camera().is_some_and(Camera::has_shutter)
@@ -235,7 +262,27 @@ impl View {
         if width == 0 || height == 0 || u64::from(width) * u64::from(height) > MAX_PIXELS {
             return Err(resolution(format!("{width}x{height} is empty or has more than {MAX_PIXELS} pixels")));
         }
+        let refused = |name, message: &str| Err(Error::Setting { name, message: message.to_owned() });
         match self {
+            View::GBuffer { camera } => {
+                camera.check().map_err(|message| Error::Scene(format!("camera: {message}")))?;
+                match settings {
+                    _ if camera.has_shutter() => {
+                        refused("--shutter", "a G-buffer of the host does not tell how things move; use 0")
+                    }
+                    Settings { superposition: Some(_), .. } => {
+                        refused("--superposition", "a G-buffer of the host does not show what planes mirror; use off")
+                    }
+                    Settings { splats: Some(_), .. } => refused(
+                        "--glossy",
+                        "splats belong to triangles, which a G-buffer of the host does not tell; use paths",
+                    ),
+                    Settings { ring: Some(_), .. } => {
+                        refused("--ring", "a ring keeps images of the engine's own camera; leave it out")
+                    }
+                    _ => Ok(()),
+                }
+            }
             View::Camera { camera, region } => {
                 camera.check().map_err(|message| Error::Scene(format!("camera: {message}")))?;
                 region.check(camera.resolution)?;
@@ -243,10 +290,15 @@ impl View {
                     let message = format!("{region:?} does not begin at a block of pixels of all classes");
                     return Err(Error::Setting { name: "--crop", message });
                 }
+                if camera.is_orthographic() && settings.superposition.is_some() {
+                    let message = "mirror images are spread as one eye sees them, and the rays of an orthographic camera have none in \
+                                   common; use off, or an angle of view";
+                    return refused("--superposition", message);
+                }
                 self.check_part(settings)
             }
             View::Atlas(atlas) => {
-                let refuse = |message: &str| Err(Error::Setting { name: "view", message: message.to_owned() });
+                let refuse = |message: &str| refused("view", message);
                 if atlas.texels.len() as u64 != u64::from(width) * u64::from(height) {
                     return refuse("an atlas has as many texels as its size says");
                 }

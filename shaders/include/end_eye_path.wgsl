@@ -23,7 +23,7 @@ fn end_eye_path(slot: u32, ray: vec4<f32>, hit: vec4<f32>, only_emits: bool) -> 
     let through = throughput[slot];
     let before = emitted[slot];
     // Flat mirrors keep the width of a pixel's cone; curved ones are taken for flat.
-    var met = met_by(ray.xyz, hit, frame.cones.x * (through.w + ray.w * hit.x));
+    var met = met_by(ray.xyz, hit, frame.cones.x * depth_scale(through.w + ray.w * hit.x));
     // A glossy plane seen directly shows only its base here; the lobe comes with the mirror image. At curved surfaces that depends on the
     // curvature, and `eye_paths` has said so.
     let triangle = select(0u, bitcast<u32>(hit.w), met.found);

@@ -57,6 +57,16 @@ fn pixel_of_tile(tile: u32, lane: u32) -> vec2<u32> {
     return 8u * divided(tile, (frame.size.x + 7u) / 8u).yx + vec2<u32>(lane & 7u, lane / 8u);
 }
 
+// Whether eye rays are parallel. Host twin: layout::FrameParameters::is_orthographic.
+fn is_orthographic() -> bool {
+    return frame.shift.z != 0.0;
+}
+
+// Width of a pixel at a depth, as cones.x has it of one at unit depth. Host twin: layout::FrameParameters::depth_scale.
+fn depth_scale(depth: f32) -> f32 {
+    return select(depth, 1.0, is_orthographic());
+}
+
 // Whether rays that leave the scene meet an environment. Host twin: layout::FrameParameters::ENVIRONMENT.
 fn has_environment() -> bool {
     return (frame.keys.z & 8u) != 0u;

@@ -1,8 +1,8 @@
 // Parameters of one pass of the renderer, written at its start. Host twin: pass::layout::FrameParameters.
 struct FrameParameters {
     eye: vec4<f32>,             // eye point; w: coordinate scale of the scene (for ray-origin offsets)
-    right: vec4<f32>,           // image half width at unit distance; w: clip distance squared
-    up: vec4<f32>,              // image half height at unit distance; w: clip distance
+    right: vec4<f32>,           // image half width at unit distance, orthographic: at any; w: clip distance squared
+    up: vec4<f32>,              // image half height likewise; w: clip distance
     forward: vec4<f32>,         // unit view direction; w: distance beyond every surface (directional lights)
     bounds_min: vec4<f32>,      // lower corner of the scene; w: 1 / maximum extent
     pixel_offset: vec4<f32>,    // offset of the sample in its pixel, [0,1)^2; z: minimum alpha of a light's lobe; w: irradiance that may be dropped
@@ -27,9 +27,9 @@ struct FrameParameters {
                                 // 1 + the only particle whose path begins in this pass, 0: all do
     lens: vec4<f32>,            // aperture diameter times the pixels of a unit of length at unit distance, 1 / focus distance; z: weight of neighbours;
                                 // w: photons in a footprint, 0: all have radius r
-    cones: vec4<f32>,           // widths that textures are averaged over: of a pixel at unit depth, of particles and of gather rays at unit
+    cones: vec4<f32>,           // widths that textures are averaged over: of a pixel at unit depth (orthographic: at any), of particles and of gather rays at unit
                                 // distance; w: probability that a particle survives a reflection, 0: all do (see ring.rs)
-    shift: vec4<f32>,           // displacement of the image's centre from the view direction, in half widths and half heights; zeros
+    shift: vec4<f32>,           // displacement of the image's centre from the view direction, in half widths and half heights; z: 1 if the camera is orthographic, else 0; 0
     soft: vec4<u32>,            // number of emitters whose shadows are convolved (see soft_shadow.rs); zeros
     soft_emitters: array<vec4<u32>, 2>, // their numbers
     task: array<vec4<u32>, 2>,  // pixels that take part: first column and row, end of columns and rows; 1, or 0: all do; 1 + their class, 0: all

@@ -46,6 +46,7 @@ struct SoftView {
     right: vec3<f32>,       // over its square, like `up`
     up: vec3<f32>,
     scale: vec2<f32>,       // half of the size of the image; rows count downwards
+    parallel: bool,         // an orthographic camera
 }
 
 // Kernels load it, and the emitter, before their first branch: behind one, lavapipe loads them lane by lane.
@@ -53,7 +54,7 @@ fn soft_view() -> SoftView {
     let right = frame.right.xyz;
     let up = frame.up.xyz;
     let scale = vec2<f32>(0.5, -0.5) * vec2<f32>(frame.within.zw);
-    return SoftView(frame.eye.xyz, frame.forward.xyz, right / dot(right, right), up / dot(up, up), scale);
+    return SoftView(frame.eye.xyz, frame.forward.xyz, right / dot(right, right), up / dot(up, up), scale, is_orthographic());
 }
 
 // The kernel of a point x with normal n in the image, for a ratio of 1: pixels along the edges of the light, and the change of depth
@@ -71,10 +72,11 @@ fn soft_kernel(view: SoftView, light: SoftLight, x: vec3<f32>, n: vec3<f32>) -> 
     let p = light.e1 - w * (dot(n, light.e1) / height);
     let q = light.e2 - w * (dot(n, light.e2) / height);
     let d = x - view.eye;
-    let z = max(dot(d, view.forward), 1e-30);
+    let z = select(max(dot(d, view.forward), 1e-30), 1.0, view.parallel);
     let scale = view.scale / z;
     let at = vec2<f32>(dot(d, view.right), dot(d, view.up)) / z;
-    let depth = vec2<f32>(dot(p, view.forward), dot(q, view.forward));
+    // Parallel rays show a thing of one size at any depth.
+    let depth = select(vec2<f32>(dot(p, view.forward), dot(q, view.forward)), vec2<f32>(0.0), view.parallel);
     let a = scale * (vec2<f32>(dot(p, view.right), dot(p, view.up)) - at * depth.x);
     let b = scale * (vec2<f32>(dot(q, view.right), dot(q, view.up)) - at * depth.y);
     return SoftKernel(a, b, depth / z);

@@ -1,5 +1,6 @@
 // Writes shading points and lists them. Needs work.wgsl, math.wgsl, bsdf.wgsl, point.wgsl and surface.wgsl.
 // The shader binds `list_out` and `work_out`.
+#include "list_point.wgsl"
 
 @group(0) @binding(21) var<storage, read_write> emitted: array<vec4<f32>>;
 @group(0) @binding(22) var<storage, read_write> point_position: array<vec4<f32>>;
@@ -53,17 +54,4 @@ fn write_point(slot: u32, met: Met, flags: u32) {
     point_kd[slot] = vec4<f32>(select(vec3<f32>(0.0), r.kd, met.found), diffuse);
     point_f0[slot] = vec4<f32>(select(vec3<f32>(0.0), r.f0, met.found), 0.0);
     point_wo[slot] = vec4<f32>(-met.d, bitcast<f32>(word));
-}
-
-// Puts a lit shading point on the list: at `place` where the list is `ordered`, which has a place for each slot, else at the end.
-fn list_point(slot: u32, lit: bool, ordered: bool, place: u32) {
-    var at = place;
-    // The count does not depend on the order of the invocations; a list that is appended to does.
-    if lit {
-        let appended = atomicAdd(&work_out.live, 1u);
-        at = select(appended, place, ordered);
-    }
-    if lit || ordered {
-        list_out[at] = select(NO_POINT, slot, lit);
-    }
 }

@@ -105,11 +105,17 @@ impl Builder {
             aperture: 0.0,
             focus: None,
             shutter: 0.0,
+            height: None,
             frustum: None,
         });
         self.0.validate(Path::new("test scene")).unwrap();
         self.0
     }
+}
+
+/// The scene from an orthographic camera at the place of its own.
+pub fn orthographic(scene: Scene) -> Scene {
+    Scene { camera: scene.camera.map(|camera| Camera { height: Some(3.4), ..camera }), ..scene }
 }
 
 /// Lights of every kind that a scene lists besides its emissive faces.

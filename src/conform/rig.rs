@@ -20,7 +20,7 @@ use crate::superposition::kernels::KernelLibrary;
 use bytemuck::Pod;
 use glam::{Vec3, Vec4};
 
-pub use super::gallery::{Builder, gallery, gallery_outdoors, gallery_with_alpha, gallery_with_tables};
+pub use super::gallery::{Builder, gallery, gallery_outdoors, gallery_with_alpha, gallery_with_tables, orthographic};
 pub use super::tally::{STRAYS, Tally, close};
 
 /// A scene whose stages run one by one.
@@ -42,8 +42,10 @@ impl<'a> Rig<'a> {
         let camera = scene.camera.unwrap();
         // The scene's angle of view, but along the longer side: a narrow image would see hardly anything with it.
         let [width, height] = resolution.map(|n| n as f32);
-        let tan = (0.5 * camera.fov_y).to_radians().tan() * (height / width.max(height));
-        let camera = Camera { resolution, fov_y: 2.0 * tan.atan().to_degrees(), ..camera };
+        let along = height / width.max(height);
+        let tan = (0.5 * camera.fov_y).to_radians().tan() * along;
+        let whole = camera.height.map(|height| height * along);
+        let camera = Camera { resolution, fov_y: 2.0 * tan.atan().to_degrees(), height: whole, ..camera };
         let mut engine = Engine::new(ctx, scene, camera, settings).must();
         let parameters = engine.plan().parameters(pass).must();
         ctx.submit_and_wait("setup", None, |rec| {

@@ -11,6 +11,7 @@
 use super::Engine;
 use crate::error::Result;
 use crate::gpu::Buffer;
+use crate::pass::g_buffer::Records;
 use crate::pass::kept_light::KeptBuffers;
 
 /// Buffers of the latest pass. Those of pixels are arrays of vec4 of 32-bit floats, row by row from the top, with a vec4 for each pixel;
@@ -44,6 +45,9 @@ pub struct PassBuffers<'a> {
     /// barrier to compute shaders; it calls [`Engine::restart`] when they show other points. They are not checked: the triangle must
     /// exist, and u and v lie in it.
     pub texels: Option<&'a Buffer>,
+    /// What the next pass lights, if the view is a G-buffer of the host ([`crate::View::GBuffer`]): [`Engine::record_g_buffer`] writes it, or the
+    /// host itself, after [`Engine::record_setup`] and before a pass, with a barrier to compute shaders.
+    pub g_buffer: Option<&'a Records>,
     /// Light kept in textures; `None`: the scene has none.
     pub kept_light: Option<&'a KeptBuffers>,
 }
@@ -125,6 +129,7 @@ impl Engine {
                 e2: &scene.e2,
             },
             texels: frame.eye.texels(),
+            g_buffer: frame.eye.g_buffer(),
             kept_light: scene.kept_light.as_ref(),
         })
     }

@@ -1,4 +1,4 @@
-//! For hosts: the view by matrices, light in images of the host.
+//! For hosts: the view by matrices or by a G-buffer, light in images of the host.
 
 use ash::vk;
 use glam::Mat4;
@@ -6,6 +6,7 @@ use glam::Mat4;
 use super::Engine;
 use crate::error::{Error, Result};
 use crate::gpu::{Image, Recorder};
+use crate::pass::g_buffer_read::GBufferImages;
 use crate::pass::resolve::Resolve;
 use crate::scene::Camera;
 
@@ -22,6 +23,32 @@ impl Engine {
             }
         };
         self.set_camera(camera)
+    }
+
+    /// Reads what the host's rasterizer shows, in place of eye rays: for a view [`View::GBuffer`], before a pass, and again only when the images have
+    /// changed. Then call [`Engine::restart`], and [`Engine::set_camera`] if the camera moved: the camera tells from where
+    /// points are seen. The scene of the engine lights them and casts their shadows, so it is the one that the host shows.
+    ///
+    /// Pixels whose numbers tell no surface see nothing ([`crate::pass::g_buffer`]); [`Records::refused`](crate::pass::g_buffer::Records::refused) counts them.
+    /// New buffers of pixels, as [`Engine::resize`] and some settings make them, see nothing until this is called again.
+    ///
+    /// Errors, after which the command buffer is not to be submitted: another view; before [`Engine::record_setup`]; those of the images, see
+    /// [`GBufferImages`].
+    pub fn record_g_buffer(&mut self, rec: &mut Recorder, images: &GBufferImages) -> Result<()> {
+        let misuse = |message: &str| Error::Resource { name: String::from("G-buffer"), message: message.to_owned() };
+        if !self.set_up {
+            return Err(misuse("the engine is not set up; record_setup comes before"));
+        }
+        self.apply_edits()?;
+        let records = self.frame.eye.g_buffer();
+        let records = records.ok_or_else(|| misuse("the view is none of a host; set View::GBuffer"))?;
+        images.check(self.plan.view.size())?;
+        rec.begin();
+        // Those of new buffers would overwrite what is read.
+        self.record_uploads(rec)?;
+        images.record(&self.context, rec, records)?;
+        self.upload = false;
+        Ok(())
     }
 
     /// [`Engine::record_image`] into an image of the host ([`Image::adopt`]): R32G32B32A32_SFLOAT or R16G16B16A16_SFLOAT, usage STORAGE, of

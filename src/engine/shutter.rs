@@ -15,7 +15,7 @@ use crate::scene::path::Motion;
 /// Where camera and objects are as the shutter opens or closes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShutterEnd {
-    /// The camera; only its place, direction and angle of view count.
+    /// The camera; only its place, direction and angle of view, or height, count.
     pub camera: Camera,
     /// The objects that are elsewhere than now.
     pub objects: Vec<PosedObject>,
@@ -42,9 +42,10 @@ pub(super) struct Moves {
 impl Engine {
     /// Sets where camera and objects are as the shutter opens and as it closes; `None`: nothing moves meanwhile. It stays so until it is set
     /// again. The scene as it is now is that in the middle of this time: what a pixel shows is blurred by half of the motion to either side.
-    /// Without effect while [`Camera::shutter`] is 0. Restarts if it differs.
+    /// Without effect while [`Camera::shutter`] is 0. Restarts if it differs. A view that is orthographic where the one before was not, or the other way
+    /// round, drops it.
     ///
-    /// Errors, which leave everything unchanged: a camera out of range or of another resolution; an object that does not exist, with another
+    /// Errors, which leave everything unchanged: a camera out of range, of another resolution, or orthographic where the view is not; an object that does not exist, with another
     /// number of vertices, or whose vertices would not be finite; objects in an engine of a static scene.
     pub fn set_shutter_ends(&mut self, ends: Option<[ShutterEnd; 2]>) -> Result<()> {
         if ends == self.shutter.ends {
@@ -71,6 +72,11 @@ impl Engine {
                 name: "--resolution",
                 message: format!("the cameras at both ends of the shutter's time have {width}x{height} pixels as well"),
             });
+        }
+        if end.camera.is_orthographic() != self.plan.view.is_orthographic() {
+            let message =
+                "the cameras at both ends of the shutter's time are orthographic if the camera is, or none is";
+            return Err(Error::Setting { name: "camera", message: String::from(message) });
         }
         if end.objects.is_empty() {
             return Ok(());

@@ -31,7 +31,8 @@ pub(super) fn compile_ahead(ctx: &Context, mut shaders: Vec<&'static Shader>) ->
     let known: BTreeSet<String> =
         std::fs::read_to_string(&file).unwrap_or_default().lines().map(str::to_owned).collect();
     // An image's format is a part of the code, and here it is not known.
-    shaders.retain(|shader| shader.bindings.iter().all(|binding| binding.kind != BindingKind::StorageImage));
+    let is_image = |kind| matches!(kind, BindingKind::StorageImage | BindingKind::SampledImage);
+    shaders.retain(|shader| !shader.bindings.iter().any(|binding| is_image(binding.kind)));
     shaders.retain(|shader| !known.contains(&key(ctx, shader)));
     if shaders.is_empty() {
         return Ok(0);

@@ -29,6 +29,8 @@ pub(super) struct ImageInner {
     view: vk::ImageView,
     /// Whether the image itself belongs to the host.
     adopted: bool,
+    /// Whether it is only read.
+    read_only: bool,
     /// None if the context measures, of the host's images, and while dropping.
     allocation: Option<Allocation>,
     /// Bytes in the context's sums.
@@ -177,6 +179,7 @@ impl Image {
             handle,
             view: vk::ImageView::null(),
             adopted: false,
+            read_only: false,
             allocation: None,
             counted: 0,
         };
@@ -207,15 +210,42 @@ impl Image {
     /// The image belongs to the device of the context, is as described, has one sample and one layer at least, and has memory. It
     /// outlives all clones of the returned image, and what was recorded with them.
     pub unsafe fn adopt(ctx: &Context, name: &str, image: HostImage) -> Result<Image> {
+        let texel_bytes = texel_bytes(name, image.format)?;
+        // SAFETY: the caller's promise.
+        unsafe { Image::of_host(ctx, name, image, vk::ImageUsageFlags::STORAGE, texel_bytes) }
+    }
+
+    /// Takes a host's image that is only read ([`crate::pass::g_buffer_read`]), of any format with colours or depths that can be sampled.
+    ///
+    /// Errors: no usage SAMPLED; an empty image; the device cannot read it.
+    ///
+    /// # Safety
+    /// As for [`Image::adopt`].
+    pub unsafe fn adopt_to_read(ctx: &Context, name: &str, image: HostImage) -> Result<Image> {
+        // Nothing is copied from it.
+        // SAFETY: the caller's promise.
+        unsafe { Image::of_host(ctx, name, image, vk::ImageUsageFlags::SAMPLED, 0) }
+    }
+
+    /// Takes a host's image for one usage.
+    ///
+    /// # Safety
+    /// As for [`Image::adopt`].
+    unsafe fn of_host(
+        ctx: &Context,
+        name: &str,
+        image: HostImage,
+        wanted: vk::ImageUsageFlags,
+        texel_bytes: u64,
+    ) -> Result<Image> {
         let HostImage { handle, format, size: [width, height], usage } = image;
         let misuse = |message: String| Error::Resource { name: name.to_owned(), message };
         if width == 0 || height == 0 || handle == vk::Image::null() {
             return Err(misuse(format!("an image of {width}x{height} pixels, or none, holds nothing")));
         }
-        if !usage.contains(vk::ImageUsageFlags::STORAGE) {
-            return Err(misuse(format!("has the usage {usage:?}; make it with STORAGE")));
+        if !usage.contains(wanted) {
+            return Err(misuse(format!("has the usage {usage:?}; make it with {wanted:?}")));
         }
-        let texel_bytes = texel_bytes(name, format)?;
         let mut inner = ImageInner {
             ctx: ctx.clone(),
             name: name.to_owned(),
@@ -227,11 +257,12 @@ impl Image {
             handle,
             view: vk::ImageView::null(),
             adopted: true,
+            read_only: !wanted.contains(vk::ImageUsageFlags::STORAGE),
             allocation: None,
             counted: 0,
         };
         // SAFETY: the caller promises that the image is alive, as described, and has memory.
-        unsafe { inner.make_view(vk::ImageUsageFlags::STORAGE)? };
+        unsafe { inner.make_view(wanted)? };
         Ok(Image(Arc::new(inner)))
     }
 
@@ -275,6 +306,16 @@ impl Image {
         self.0.layers.is_some()
     }
 
+    /// Whether it was adopted to be read.
+    pub(super) fn is_read_only(&self) -> bool {
+        self.0.read_only
+    }
+
+    /// Its one level and all layers.
+    pub(super) fn whole(&self) -> vk::ImageSubresourceRange {
+        self.0.whole()
+    }
+
     /// Whether it has memory: not if its context measures.
     pub(super) fn is_backed(&self) -> bool {
         self.0.view != vk::ImageView::null()
@@ -290,7 +331,7 @@ impl Image {
     }
 }
 
-/// The one level and all layers of an [`Image`].
+/// The one level and all layers of an [`Image`] of colours.
 pub(super) const WHOLE_IMAGE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
     aspect_mask: vk::ImageAspectFlags::COLOR,
     base_mip_level: 0,
@@ -300,13 +341,23 @@ pub(super) const WHOLE_IMAGE: vk::ImageSubresourceRange = vk::ImageSubresourceRa
 };
 
 impl ImageInner {
+    fn whole(&self) -> vk::ImageSubresourceRange {
+        let aspect_mask = match self.format {
+            vk::Format::D16_UNORM | vk::Format::X8_D24_UNORM_PACK32 | vk::Format::D32_SFLOAT => {
+                vk::ImageAspectFlags::DEPTH
+            }
+            _ => vk::ImageAspectFlags::COLOR,
+        };
+        vk::ImageSubresourceRange { aspect_mask, ..WHOLE_IMAGE }
+    }
+
     /// Makes the view of the whole image. `usage`: that of the view alone; empty: that of the image.
     ///
     /// # Safety
     /// The image is alive and has memory.
     unsafe fn make_view(&mut self, usage: vk::ImageUsageFlags) -> Result<()> {
         let of_layers = self.layers.map(|_| vk::ImageViewType::TYPE_2D_ARRAY);
-        let range = vk::ImageSubresourceRange { layer_count: self.layers.unwrap_or(1), ..WHOLE_IMAGE };
+        let range = vk::ImageSubresourceRange { layer_count: self.layers.unwrap_or(1), ..self.whole() };
         let mut of_view = vk::ImageViewUsageCreateInfo::default().usage(usage);
         let mut create = vk::ImageViewCreateInfo::default()
             .image(self.handle)

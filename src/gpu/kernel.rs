@@ -114,6 +114,8 @@ pub enum BindingKind {
     StorageImage,
     /// `texture_2d_array`, read without a sampler
     ImageLayers,
+    /// `texture_2d`, likewise
+    SampledImage,
 }
 
 impl BindingKind {
@@ -121,7 +123,7 @@ impl BindingKind {
         match self {
             BindingKind::StorageRead | BindingKind::StorageReadWrite => vk::DescriptorType::STORAGE_BUFFER,
             BindingKind::StorageImage => vk::DescriptorType::STORAGE_IMAGE,
-            BindingKind::ImageLayers => vk::DescriptorType::SAMPLED_IMAGE,
+            BindingKind::ImageLayers | BindingKind::SampledImage => vk::DescriptorType::SAMPLED_IMAGE,
         }
     }
 
@@ -444,8 +446,11 @@ impl Bound<'_> {
         match (self, binding.kind) {
             (Bound::Buffer(_), kind) if !kind.is_buffer() => Err(format!("wants an image, but {name} is a buffer")),
             (Bound::Image(_), kind) if kind.is_buffer() => Err(format!("wants a buffer, but {name} is an image")),
-            (Bound::Image(image), BindingKind::StorageImage) if image.is_layered() => {
-                Err(format!("wants an image to store to, but {name} has layers"))
+            (Bound::Image(image), BindingKind::StorageImage | BindingKind::SampledImage) if image.is_layered() => {
+                Err(format!("wants an image without layers, but {name} has some"))
+            }
+            (Bound::Image(image), BindingKind::StorageImage) if image.is_read_only() => {
+                Err(format!("wants an image to store to, but {name} was adopted to be read"))
             }
             (Bound::Image(image), BindingKind::ImageLayers) if !image.is_layered() => {
                 Err(format!("wants an image with layers, but {name} has none"))

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use ash::vk;
 
 use super::context::Context;
-use super::image::{Image, WHOLE_IMAGE};
+use super::image::Image;
 use super::kernel::{Bindings, Kernel};
 use super::memory::{Buffer, Memory};
 use super::timers::Timers;
@@ -409,7 +409,7 @@ impl<'a> Recorder<'a> {
             .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
             .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
             .image(image.handle())
-            .subresource_range(WHOLE_IMAGE)];
+            .subresource_range(image.whole())];
         // SAFETY: the command buffer is recording; the image is alive. All earlier use of the image is waited for.
         unsafe {
             self.ctx.device().cmd_pipeline_barrier(

@@ -38,6 +38,8 @@ pub enum Kind {
     Image,
     /// `texture_2d_array`
     Layers,
+    /// `texture_2d`
+    Sampled,
 }
 
 /// One variable of group 0.
@@ -410,8 +412,11 @@ fn reflect(source: &Source, module: &naga::Module, compiled: &mut Compiled) -> R
             }
             (_, naga::TypeInner::Image { class: naga::ImageClass::Storage { .. }, .. }) => Kind::Image,
             (_, naga::TypeInner::Image { class: naga::ImageClass::Sampled { .. }, arrayed: true, .. }) => Kind::Layers,
+            (_, naga::TypeInner::Image { class: naga::ImageClass::Sampled { .. }, arrayed: false, .. }) => {
+                Kind::Sampled
+            }
             _ => {
-                let taken = "storage buffers, storage textures and arrays of textures";
+                let taken = "storage buffers, storage textures, textures and arrays of them";
                 return Err(format!("{place}: {name}: kernels take {taken} only"));
             }
         };

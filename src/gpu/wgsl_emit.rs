@@ -112,6 +112,7 @@ pub fn emit_shaders(list: &[Built], prefix: &str) -> String {
                 Kind::ReadWrite => "StorageReadWrite",
                 Kind::Image => "StorageImage",
                 Kind::Layers => "ImageLayers",
+                Kind::Sampled => "SampledImage",
             };
             let _ = write!(
                 text,

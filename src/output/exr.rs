@@ -1,5 +1,6 @@
 //! OpenEXR: colour as `R`, `G`, `B`, `A`, every other layer as `layer.channel`, ZIP-compressed, with metadata.
 
+use super::cryptomatte::Mattes;
 use super::{Encoding, Layers, Metadata};
 use crate::error::{Error, Result};
 use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
@@ -24,6 +25,7 @@ const HALF_MAX: f32 = 65504.0;
 
 /// Encodes the layers as a file's bytes; `path` is for messages.
 pub fn encode(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Encoding) -> Result<Vec<u8>> {
+    let mattes = if encoding.color_only { Vec::new() } else { layers.surfaces.mattes() };
     let mut channels = Channels::default();
     channels.vectors("", ["R", "G", "B"], &layers.color, encoding.float);
     channels.scalars("A", &layers.alpha, encoding.float);
@@ -45,6 +47,9 @@ pub fn encode(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Enco
         channels.vectors("diffuse.", ["R", "G", "B"], &layers.diffuse, true);
         channels.vectors("specular.", ["R", "G", "B"], &layers.specular, true);
         layers.surfaces.channels().into_iter().for_each(|(name, values)| channels.scalars(name, values, true));
+        for (name, values) in mattes.iter().flat_map(Mattes::channels) {
+            channels.scalars(&name, values, true);
+        }
     }
 
     let mut channels = channels.list;
@@ -66,7 +71,7 @@ pub fn encode(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Enco
     };
     let header = Header::new(Text::default(), (width, height), list.collect())
         .with_encoding(Compression::ZIP16, BlockDescription::ScanLines, LineOrder::Increasing)
-        .with_attributes(attributes(metadata))
+        .with_attributes(attributes(metadata, &mattes))
         .with_shared_attributes(shared);
     let starts: Vec<usize> = (0..height).step_by(BLOCK_ROWS).collect();
     let rows = |start: usize| start..(start + BLOCK_ROWS).min(height);
@@ -184,7 +189,7 @@ fn compress(bytes: Vec<u8>) -> Vec<u8> {
     }
 }
 
-fn attributes(metadata: &Metadata) -> LayerAttributes {
+fn attributes(metadata: &Metadata, mattes: &[Mattes]) -> LayerAttributes {
     // The format's texts are bytes, which readers decode as UTF-8, so every name is accepted.
     let text = |s: &str| (!s.is_empty()).then(|| Text::from_slice_unchecked(s.as_bytes()));
     let mut attributes = LayerAttributes { software_name: text(&metadata.software), ..LayerAttributes::default() };
@@ -199,7 +204,8 @@ fn attributes(metadata: &Metadata) -> LayerAttributes {
         ("device", &metadata.device),
         ("driver", &metadata.driver),
     ];
-    for (name, value) in texts {
+    let texts = texts.map(|(name, value)| (String::from(name), value.as_str()));
+    for (name, value) in texts.into_iter().chain(mattes.iter().flat_map(Mattes::attributes)) {
         if let Some(value) = text(value) {
             attributes.other.insert(Text::from_slice_unchecked(name.as_bytes()), AttributeValue::Text(value));
         }

@@ -6,6 +6,7 @@
 
 mod claim;
 pub mod compare;
+mod cryptomatte;
 pub mod denoise;
 mod exr;
 mod film_file;

@@ -3,9 +3,10 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::accel::{Bvh, Ray};
+use super::cryptomatte::Mattes;
+use crate::accel::Bvh;
 use crate::pass::velocity::{self, Moving};
-use crate::path_trace::camera_direction;
+use crate::path_trace::eye_ray;
 use crate::scene::{Camera, Scene, TextureUse};
 
 /// The first surface at the centre of each pixel, not seen through mirrors and glass; all lists are empty, or hold a value for each pixel.
@@ -20,6 +21,8 @@ pub struct Surfaces {
     /// How far the surface, or the background, moves in the image while the shutter is open: to the right and down, pixels. Empty if the
     /// shutter is open for an instant.
     pub motion: [Vec<f32>; 2],
+    /// Names of all objects of the scene, and of all materials.
+    pub names: [Vec<String>; 2],
 }
 
 /// Cameras as the shutter opens and as it closes, and the triangles that move meanwhile.
@@ -36,11 +39,14 @@ impl Surfaces {
         };
         let seen = |i: u32| {
             let [x, y] = [i % width, i / width].map(|n| n as f32 + 0.5);
-            let ray = Ray::new(camera.eye, camera_direction(camera, camera.resolution, x, y));
+            let ray = eye_ray(camera, camera.resolution, x, y);
             // Where half of the light passes or more, what is behind counts.
             let Some(hit) = bvh.closest_stop(scene, &ray, |_| 0.5) else {
-                let direction = ray.direction / ray.direction.dot(forward);
-                return (-1.0, -1.0, Vec2::ZERO, motion_of([direction; 2], None));
+                let towards = match camera.is_orthographic() {
+                    true => ray.origin - camera.eye,
+                    false => ray.direction / ray.direction.dot(forward),
+                };
+                return (-1.0, -1.0, Vec2::ZERO, motion_of([towards; 2], None));
             };
             let triangle = &scene.triangles[bvh.scene_triangle(hit.triangle) as usize];
             let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
@@ -61,16 +67,25 @@ impl Surfaces {
                 None => Default::default(),
                 Some(_) => [0, 1].map(|axis| pixels.iter().map(|pixel| pixel.3[axis]).collect()),
             },
+            names: [scene.objects.clone(), scene.materials.iter().map(|material| material.name.clone()).collect()],
         }
     }
 
-    /// Every list.
+    /// Every list of numbers.
     pub(super) fn parts(&mut self) -> [&mut Vec<f32>; 6] {
         let ([u, v], [x, y]) = (&mut self.uv, &mut self.motion);
         [&mut self.object, &mut self.material, u, v, x, y]
     }
 
-    /// Every list with the name of its channel.
+    /// Mattes of the objects and of the materials; none without their numbers.
+    pub(super) fn mattes(&self) -> Vec<Mattes> {
+        let [objects, materials] = &self.names;
+        let all = [("CryptoObject", &self.object, objects), ("CryptoMaterial", &self.material, materials)];
+        let given = all.into_iter().filter(|(_, numbers, _)| !numbers.is_empty());
+        given.map(|(layer, numbers, names)| Mattes::new(layer, numbers, names)).collect()
+    }
+
+    /// Every list of numbers with the name of its channel.
     pub(super) fn channels(&self) -> [(&'static str, &[f32]); 6] {
         let ([u, v], [x, y]) = (&self.uv, &self.motion);
         let surface = [("object.ID", &self.object), ("material.ID", &self.material)];
@@ -96,6 +111,7 @@ mod tests {
             aperture: 0.0,
             focus: None,
             shutter: 0.0,
+            height: None,
             frustum: None,
         }
     }

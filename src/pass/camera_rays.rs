@@ -36,6 +36,9 @@ pub fn reference(frame: &layout::FrameParameters, pixel: u32) -> Ray {
     let [x, y, whole_width, whole_height] = frame.within;
     let s = 2.0 * ((pixel % width + x) as f32 + frame.pixel_offset[0]) / whole_width as f32 - 1.0 + frame.shift[0];
     let t = 1.0 - 2.0 * ((pixel / width + y) as f32 + frame.pixel_offset[1]) / whole_height as f32 + frame.shift[1];
-    let direction = (xyz(frame.forward) + s * xyz(frame.right) + t * xyz(frame.up)).normalize();
-    Ray { origin: xyz(frame.eye), t_max: 3.0e38, direction }
+    let (eye, forward, across) = (xyz(frame.eye), xyz(frame.forward), s * xyz(frame.right) + t * xyz(frame.up));
+    match frame.is_orthographic() {
+        true => Ray { origin: eye + across, t_max: 3.0e38, direction: forward },
+        false => Ray { origin: eye, t_max: 3.0e38, direction: (forward + across).normalize() },
+    }
 }

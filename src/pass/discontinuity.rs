@@ -272,7 +272,7 @@ pub fn guide(
     let [width, height, ..] = frame.size;
     let geometric = receiver.geometric.truncate();
     let pixel = 2.0 * (length(frame.right) / width as f32).max(length(frame.up) / height as f32);
-    let covered = receiver.depth * pixel / geometric.dot(receiver.wo.truncate()).max(0.02);
+    let covered = frame.depth_scale(receiver.depth) * pixel / geometric.dot(receiver.wo.truncate()).max(0.02);
     let distance = |p: Vec3| p.distance(receiver.position.truncate());
     let nearer = |axis: [Option<Vec3>; 2]| axis.into_iter().flatten().map(distance).reduce(f32::min);
     let spread = neighbours.into_iter().filter_map(nearer).fold(covered, f32::max).min(MAX_SPREAD * covered);

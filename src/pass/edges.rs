@@ -218,13 +218,13 @@ pub struct FirstHit {
 }
 
 impl FirstHit {
-    /// Of a ray in direction `d`.
-    pub fn new(scene: &Scene, bvh: &Bvh, hit: &Hit, d: Vec3) -> FirstHit {
+    /// Of a ray in direction `d` that starts at `start`, relative to the eye.
+    pub fn new(scene: &Scene, bvh: &Bvh, hit: &Hit, [start, d]: [Vec3; 2]) -> FirstHit {
         let face = bvh.normal(hit.triangle);
         let front = face.dot(d) < 0.0;
         let material = scene.triangles[bvh.scene_triangle(hit.triangle) as usize].material;
         let normal = if front { face } else { -face };
-        FirstHit { triangle: hit.triangle, material, front, normal, position: hit.t * d, t: hit.t }
+        FirstHit { triangle: hit.triangle, material, front, normal, position: start + hit.t * d, t: hit.t }
     }
 }
 
@@ -232,7 +232,7 @@ impl FirstHit {
 pub fn same_surface(frame: &FrameParameters, a: Option<&FirstHit>, b: Option<&FirstHit>) -> bool {
     let (Some(a), Some(b)) = (a, b) else { return a.is_none() && b.is_none() };
     let [x, y, z, _] = frame.up;
-    let tolerance = 2.0 * Vec3::new(x, y, z).length() / frame.within[3] as f32 * a.t.max(b.t);
+    let tolerance = 2.0 * Vec3::new(x, y, z).length() / frame.within[3] as f32 * frame.depth_scale(a.t.max(b.t));
     let between = b.position - a.position;
     let near = [a.normal, b.normal].iter().all(|n| n.dot(between).abs() <= tolerance);
     a.triangle == b.triangle
@@ -253,8 +253,8 @@ impl Shown {
     /// A hit `met` after the reflection of a ray in direction `d` by a flat mirror.
     pub fn mirrored(scene: &Scene, bvh: &Bvh, mirror: FirstHit, d: Vec3, met: Option<&Hit>) -> Shown {
         let beyond = |hit: &Hit| {
-            let own = FirstHit::new(scene, bvh, hit, d.reflect(mirror.normal));
-            FirstHit { position: mirror.position + own.position, t: mirror.t + own.t, ..own }
+            let own = FirstHit::new(scene, bvh, hit, [mirror.position, d.reflect(mirror.normal)]);
+            FirstHit { t: mirror.t + own.t, ..own }
         };
         Shown { first: Some(mirror), second: Some(met.map(beyond)) }
     }
@@ -295,8 +295,8 @@ pub fn ray_offset(frame: &FrameParameters, k: u32, each: u32) -> Vec2 {
 /// A pixel near a ray, for the oracle.
 #[derive(Clone, Copy, Debug)]
 pub struct Nearby {
-    /// Direction of its eye ray.
-    pub d: Vec3,
+    /// Origin of its eye ray, relative to the eye, and direction.
+    pub ray: [Vec3; 2],
     /// The surfaces that it shows.
     pub shown: Shown,
     /// Whether its shading point is the last of these hits.
@@ -307,14 +307,14 @@ pub struct Nearby {
     pub sums: [Vec3; 3],
 }
 
-/// Oracle: light along an eye ray in direction `d` that shows `own`, its last hit of this albedo and emission; `None`: unknown.
+/// Oracle: light along an eye ray (origin relative to the eye, and direction) that shows `own`, its last hit of this albedo and emission; `None`: unknown.
 pub fn reference(
     frame: &FrameParameters,
-    (d, own): (Vec3, &Shown),
+    (ray, own): ([Vec3; 2], &Shown),
     [kd, emission]: [Vec3; 2],
     nearby: &[Nearby],
 ) -> Option<Vec3> {
-    let distance = |pixel: &&Nearby| pixel.d.distance_squared(d);
+    let distance = |pixel: &&Nearby| pixel.ray[0].distance_squared(ray[0]) + pixel.ray[1].distance_squared(ray[1]);
     let shows = |pixel: &&Nearby| same_shown(frame, own, &pixel.shown);
     let nearest = nearby.iter().filter(shows).min_by(|a, b| distance(a).total_cmp(&distance(b)));
     let found = own.second.unwrap_or(own.first).is_some();

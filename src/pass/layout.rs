@@ -87,6 +87,16 @@ impl FrameParameters {
     /// Bit of `keys[2]`: rays that leave the scene meet an environment.
     pub const ENVIRONMENT: u32 = 8;
 
+    /// Whether eye rays are parallel.
+    pub fn is_orthographic(&self) -> bool {
+        self.shift[2] != 0.0
+    }
+
+    /// Width of a pixel at a depth, as `cones[0]` has it of one at unit depth.
+    pub fn depth_scale(&self, depth: f32) -> f32 {
+        if self.is_orthographic() { 1.0 } else { depth }
+    }
+
     /// With the pixels of a task alone.
     pub fn of_task(self, task: &Task) -> FrameParameters {
         let Region { origin: [x, y], size: [width, height] } = task.region;
@@ -228,6 +238,37 @@ pub struct DisplayPush {
     pub scale: f32,
     /// The curve, see [`super::display::Curve`].
     pub curve: u32,
+}
+
+/// Push constants of `g_buffer_read`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub struct GBufferPush {
+    /// Columns of the matrix from clip space to world space.
+    pub world_from_clip: [[f32; 4]; 4],
+    /// Depth of pixels that see nothing.
+    pub background: f32,
+    /// By which points are moved along their geometric normals, scene units.
+    pub offset: f32,
+    /// Bits, see below.
+    pub bits: u32,
+    /// Zero.
+    pub unused: u32,
+}
+
+impl GBufferPush {
+    /// Places are told by depth.
+    pub const BY_DEPTH: u32 = 1;
+    /// There are geometric normals.
+    pub const HAS_GEOMETRIC: u32 = 2;
+    /// There is specular reflectance.
+    pub const HAS_SPECULAR: u32 = 4;
+    /// There is emission.
+    pub const HAS_EMISSION: u32 = 8;
+    /// Normals are stored in [0, 1].
+    pub const NORMALS_FROM_0: u32 = 16;
+    /// Geometric normals are stored in [0, 1].
+    pub const GEOMETRIC_FROM_0: u32 = 32;
 }
 
 /// Push constants of `layer`.

@@ -23,6 +23,8 @@ pub mod edges;
 pub mod eye_paths;
 pub mod eye_points;
 pub mod finite;
+pub mod g_buffer;
+pub mod g_buffer_read;
 pub mod gain;
 pub mod gather;
 pub mod gathered_points;

@@ -164,9 +164,10 @@ pub fn pixel_of(frame: &FrameParameters, p: Vec3, class: u32) -> Option<u32> {
     let xyz = |a: [f32; 4]| Vec3::new(a[0], a[1], a[2]);
     let (d, right, up) = (p - xyz(frame.eye), xyz(frame.right), xyz(frame.up));
     let z = d.dot(xyz(frame.forward));
+    let scale = frame.depth_scale(z.max(1e-30));
     let [x, y, width, height] = frame.within.map(|n| n as f32);
-    let s = d.dot(right) / (z.max(1e-30) * right.length_squared()) - frame.shift[0];
-    let t = d.dot(up) / (z.max(1e-30) * up.length_squared()) - frame.shift[1];
+    let s = d.dot(right) / (scale * right.length_squared()) - frame.shift[0];
+    let t = d.dot(up) / (scale * up.length_squared()) - frame.shift[1];
     let nearest = |at: f32, pattern: u32, place: u32| {
         ((at - place as f32) / pattern as f32 + 0.5).floor() * pattern as f32 + place as f32
     };
@@ -182,7 +183,7 @@ pub fn pixel_of(frame: &FrameParameters, p: Vec3, class: u32) -> Option<u32> {
 pub fn shows(frame: &FrameParameters, seen: &Seen, p: Vec3, n: Vec3) -> bool {
     let xyz = |a: [f32; 4]| Vec3::new(a[0], a[1], a[2]);
     let z = (p - xyz(frame.eye)).dot(xyz(frame.forward));
-    let width = 2.0 * z * xyz(frame.right).length() / frame.within[2] as f32;
+    let width = 2.0 * frame.depth_scale(z) * xyz(frame.right).length() / frame.within[2] as f32;
     let apart = seen.position - p;
     let cosine = seen.geometric.dot(seen.wo).abs().max(0.1);
     let direct = seen.flags & (ShadingPoints::LIT | ShadingPoints::SEEN_BY_SPECULAR) == ShadingPoints::LIT;

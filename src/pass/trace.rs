@@ -2,7 +2,7 @@
 //!
 //! A ray's whole state is its best hit and the index of the next node, so a ray that runs out of steps continues in the
 //! next round. Rounds after the first are dispatched indirectly and cost nothing when no ray needs them. Eye rays share
-//! their origin, so clusters of 64 of them walk the eight-wide tree together, as shadow rays do in
+//! their origin, but for those of an orthographic camera, so clusters of 64 of them walk the eight-wide tree together, as shadow rays do in
 //! [`shade`](super::shade); the nearest child of a node is visited first. Where surfaces let rays pass, see
 //! [`crate::accel::alpha`], rays look up the coverage of each such triangle that they meet.
 //!

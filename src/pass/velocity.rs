@@ -125,7 +125,7 @@ pub fn shutter(now: &Camera, ends: [&Camera; 2], moving: u32) -> Shutter {
     }
 }
 
-/// Oracle: projects a point by the cameras at the ends. `places`: where it is then, or the direction to a point at infinity, of depth 1 now; `depth`: of the
+/// Oracle: projects a point by the cameras at the ends. `places`: where it is then, or the direction to a point at infinity, of depth 1 now (orthographic: the origin of the ray to it, less the eye); `depth`: of the
 /// point now, `None` for one at infinity.
 pub fn reference(ends: [&Camera; 2], places: [Vec3; 2], depth: Option<f32>) -> DVec2 {
     let project = |e: usize| {
@@ -134,7 +134,10 @@ pub fn reference(ends: [&Camera; 2], places: [Vec3; 2], depth: Option<f32>) -> D
         let from = if depth.is_some() { camera.eye } else { Vec3::ZERO };
         let seen = places[e].as_dvec3() - from.as_dvec3();
         let [width, height] = camera.resolution.map(f64::from);
-        let depth_then = seen.dot(forward.as_dvec3()).max(NEAREST * f64::from(depth.unwrap_or(1.0)));
+        let depth_then = match camera.is_orthographic() {
+            true => 1.0,
+            false => seen.dot(forward.as_dvec3()).max(NEAREST * f64::from(depth.unwrap_or(1.0))),
+        };
         let ([half_width, half_height], [across, upwards]) =
             (camera.half_extents().map(f64::from), camera.shift().map(f64::from));
         let s = seen.dot(right.as_dvec3()) / depth_then / half_width - across;

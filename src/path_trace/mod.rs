@@ -106,19 +106,24 @@ impl Rng {
     }
 }
 
-/// Unit direction of the ray of a camera through a point of the image, in pixels from the upper left corner.
-pub fn camera_direction(camera: &Camera, resolution: [u32; 2], x: f32, y: f32) -> Vec3 {
+/// The ray of a pinhole or an orthographic camera through a point of the image, in pixels from the upper left corner; its direction is of
+/// unit length.
+pub fn eye_ray(camera: &Camera, resolution: [u32; 2], x: f32, y: f32) -> Ray {
     let [width, height] = resolution.map(|n| n as f32);
     let (right, up, forward) = camera.world_from_camera();
     let half_extents = Camera { resolution, ..*camera }.half_extents();
     let across = (2.0 * x / width - 1.0 + camera.shift()[0]) * half_extents[0];
     let upwards = (1.0 - 2.0 * y / height + camera.shift()[1]) * half_extents[1];
-    (forward + right * across + up * upwards).normalize()
+    let across = right * across + up * upwards;
+    match camera.is_orthographic() {
+        true => Ray::new(camera.eye + across, forward),
+        false => Ray::new(camera.eye, (forward + across).normalize()),
+    }
 }
 
-/// Ray of a camera through a point of the image, as [`camera_direction`], from a point of its lens chosen uniformly by `u`.
+/// [`eye_ray`] of a camera with a lens, from a point of the lens chosen uniformly by `u`.
 pub fn camera_ray(camera: &Camera, resolution: [u32; 2], x: f32, y: f32, [u0, u1]: [f32; 2]) -> Ray {
-    let direction = camera_direction(camera, resolution, x, y);
+    let direction = eye_ray(camera, resolution, x, y).direction;
     let (right, up, forward) = camera.world_from_camera();
     let in_focus = camera.eye + direction * (camera.focus_distance() / direction.dot(forward));
     let (sin, cos) = (std::f32::consts::TAU * u1).sin_cos();
@@ -183,7 +188,7 @@ fn trace(
                     let ray = if camera.has_lens() {
                         camera_ray(camera, options.resolution, x, y, rng.pair())
                     } else {
-                        Ray::new(camera.eye, camera_direction(camera, options.resolution, x, y))
+                        eye_ray(camera, options.resolution, x, y)
                     };
                     let radiance = tracer.radiance(ray, &mut rng);
                     if finite::reference(&radiance.to_array()) {
@@ -470,7 +475,7 @@ mod tests {
         let bright = faulty.materials.len() as u32 - 1;
         faulty.materials[bright as usize].emission = Vec3::splat(2e30);
         // A triangle that covers a part of pixel 4,4.
-        let direction = camera_direction(&camera, [8, 8], 4.5, 4.5);
+        let direction = eye_ray(&camera, [8, 8], 4.5, 4.5).direction;
         let (right, up, _) = camera.world_from_camera();
         let first = faulty.positions.len() as u32;
         faulty.positions.extend([right - up, -right - up, up].map(|at| camera.eye + 0.3 * direction + 0.01 * at));

@@ -17,7 +17,7 @@ const MOST: f32 = 0.25;
 /// Widths of cones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cones {
-    /// Width of a pixel at unit depth.
+    /// Width of a pixel at unit depth; of an orthographic camera at any.
     pub pixel: f32,
     /// Width of the cone of a particle at unit distance.
     pub particle: f32,
@@ -55,6 +55,7 @@ mod tests {
             aperture: 0.0,
             focus: None,
             shutter: 0.0,
+            height: None,
             frustum: None,
         };
         let view = View::whole(camera);

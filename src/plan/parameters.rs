@@ -87,7 +87,7 @@ impl Plan {
             | bit(s.sequence == Sequence::Sobol, layout::FrameParameters::SOBOL)
             | bit(!s.interleave_photons, layout::FrameParameters::SHARED_PHOTONS)
             | bit(self.lights.environment, layout::FrameParameters::ENVIRONMENT);
-        let offset = pixel_offset(seed_key, pass);
+        let offset = if self.view.is_g_buffer() { [0.5; 2] } else { pixel_offset(seed_key, pass) };
         let cones = Cones::of(&self.view, self.particles, refined);
         let (photons, photon) = match self.photons {
             Some(plan) => plan.parameters(s, &self.lights, extent.size, (local, refined / INSTANCES))?,
@@ -155,7 +155,7 @@ impl Plan {
                 cones.gather,
                 s.ring.map_or(0.0, |_| ring::survival(extent.reflectivity)),
             ],
-            shift: [lookout.shift[0], lookout.shift[1], 0.0, 0.0],
+            shift: [lookout.shift[0], lookout.shift[1], if lookout.parallel { 1.0 } else { 0.0 }, 0.0],
             soft: [self.soft_emitters.len() as u32, 0, 0, 0],
             soft_emitters: [0, 1]
                 .map(|half| [0, 1, 2, 3].map(|k| self.soft_emitters.get(4 * half + k).copied().unwrap_or(NO_EMITTER))),
@@ -183,6 +183,7 @@ struct Lookout {
     forward: Vec3,
     lens: [f32; 2],
     shift: [f32; 2],
+    parallel: bool,
 }
 
 impl Lookout {
@@ -196,6 +197,7 @@ impl Lookout {
                 forward: Vec3::Z,
                 lens: [0.0; 2],
                 shift: [0.0; 2],
+                parallel: false,
             };
         };
         let height = camera.resolution[1] as f32;
@@ -208,6 +210,7 @@ impl Lookout {
             forward,
             lens: [0.5 * height / tan_y * camera.aperture, 1.0 / camera.focus_distance()],
             shift: camera.shift(),
+            parallel: camera.is_orthographic(),
         }
     }
 }

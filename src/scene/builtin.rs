@@ -10,7 +10,18 @@ use super::tessellate::{icosphere, octasphere};
 use super::{Camera, Light, Material, Scene};
 
 fn camera(eye: Vec3, target: Vec3, up: Vec3, fov_y: f32, resolution: [u32; 2]) -> Option<Camera> {
-    Some(Camera { eye, target, up, fov_y, resolution, aperture: 0.0, focus: None, shutter: 0.0, frustum: None })
+    Some(Camera {
+        eye,
+        target,
+        up,
+        fov_y,
+        resolution,
+        aperture: 0.0,
+        focus: None,
+        shutter: 0.0,
+        height: None,
+        frustum: None,
+    })
 }
 
 fn diffuse(name: &str, reflectance: f32, radiance: f32) -> Material {

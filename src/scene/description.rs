@@ -109,7 +109,10 @@ struct CameraEntry {
     target: DVec3,
     #[serde(default = "Camera::default_up")]
     up: Vec3,
-    fov_y: f32,
+    #[serde(default)]
+    projection: Projection,
+    fov_y: Option<f32>,
+    height: Option<f32>,
     #[serde(default = "Camera::default_resolution")]
     resolution: [u32; 2],
     #[serde(default)]
@@ -120,11 +123,39 @@ struct CameraEntry {
     shutter: f32,
 }
 
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Projection {
+    #[default]
+    Perspective,
+    Orthographic,
+}
+
 impl CameraEntry {
-    fn of(&self, scene: &Scene) -> Camera {
-        let CameraEntry { eye, target, up, fov_y, resolution, aperture, focus, shutter } = *self;
+    /// The message does not name the file.
+    fn of(&self, scene: &Scene) -> std::result::Result<Camera, String> {
+        let CameraEntry { eye, target, up, projection, fov_y, height, resolution, aperture, focus, shutter } = *self;
         let [eye, target] = [eye, target].map(|p| scene.from_world(p));
-        Camera { eye, target, up, fov_y, resolution, aperture, focus, shutter, frustum: None }
+        let fov_y = match (projection, fov_y, height) {
+            (Projection::Perspective, Some(fov_y), None) => fov_y,
+            (Projection::Perspective, None, None) => {
+                return Err(String::from("no `fov_y`, the vertical angle of view in degrees"));
+            }
+            (Projection::Perspective, _, Some(_)) => {
+                return Err(String::from(
+                    "`height` is of an orthographic camera; add `projection = \"orthographic\"`, or leave it out",
+                ));
+            }
+            (Projection::Orthographic, None, Some(_)) => Camera::default_fov(),
+            (Projection::Orthographic, _, None) => {
+                return Err(String::from("no `height`, that of the image of an orthographic camera in scene units"));
+            }
+            (Projection::Orthographic, Some(_), _) => {
+                return Err(String::from("`fov_y` has no meaning for an orthographic camera; leave it out"));
+            }
+        };
+        let camera = Camera { eye, target, up, fov_y, resolution, aperture, focus, shutter, height, frustum: None };
+        camera.check().map(|()| camera)
     }
 }
 
@@ -256,7 +287,7 @@ pub(super) fn load(path: &Path, photometric: Option<bool>, inputs: &mut Inputs) 
     }
     if let Some(camera) = description.camera {
         let entry = camera.get_ref().of(&scene);
-        entry.check().map_err(|m| error(Some(camera.span()), format!("[camera]: {m}")))?;
+        let entry = entry.map_err(|m| error(Some(camera.span()), format!("[camera]: {m}")))?;
         scene.camera = Some(entry);
     }
     for (name, entry) in &description.materials {

@@ -300,15 +300,28 @@ impl Writer {
     pub(crate) fn camera(&mut self, scene: &Scene) {
         let Some(camera) = scene.camera else { return };
         let [width, height] = camera.resolution.map(|r| r as f32);
-        self.cameras.push(json!({
-            "type": "perspective",
-            "perspective": {
-                "yfov": number(camera.fov_y.to_radians()),
-                "aspectRatio": number(width / height),
-                "znear": number(scene.diagonal() * 1e-4),
-            },
-            "extras": extras(CameraExtras { camera, origin: scene.origin }),
-        }));
+        let near = number(scene.diagonal() * 1e-4);
+        let extras = extras(CameraExtras { camera, origin: scene.origin });
+        self.cameras.push(match camera.height {
+            None => json!({
+                "type": "perspective",
+                "perspective": {
+                    "yfov": number(camera.fov_y.to_radians()),
+                    "aspectRatio": number(width / height),
+                    "znear": near,
+                },
+                "extras": extras,
+            }),
+            Some(_) => {
+                let [x, y] = camera.half_extents();
+                let far = number(scene.diagonal() + camera.eye.length());
+                json!({
+                    "type": "orthographic",
+                    "orthographic": { "xmag": number(x.abs()), "ymag": number(y), "znear": near, "zfar": far },
+                    "extras": extras,
+                })
+            }
+        });
         let (right, up, forward) = camera.world_from_camera();
         let world = Mat4::from_cols(right.extend(0.0), up.extend(0.0), (-forward).extend(0.0), camera.eye.extend(1.0));
         self.nodes.push(json!({ "name": "camera", "camera": 0, "matrix": vector(world.to_cols_array()) }));

@@ -152,6 +152,7 @@ impl Camera {
             aperture: 0.0,
             focus: None,
             shutter: 0.0,
+            height: None,
             frustum: None,
         }
     }

@@ -245,23 +245,19 @@ impl Reader<'_> {
             self.light(node, &light, world);
         }
         if let Some(camera) = node.camera() {
-            match camera.projection() {
-                Projection::Perspective(p) => {
-                    let exact = ours::<CameraExtras>(camera.extras());
-                    let place = exact.as_ref().map_or(world.w_axis.truncate(), |e| e.origin);
-                    let number = || format!("camera {}", self.cameras.len());
-                    let name = node.name().or(camera.name()).map_or_else(number, str::to_string);
-                    if exact.is_none() {
-                        self.nodes_of_cameras.push((self.cameras.len(), node.index()));
-                    }
-                    let camera = exact.map(|e| e.camera);
-                    let camera = camera.unwrap_or_else(|| perspective(world, p.yfov(), p.aspect_ratio()));
-                    self.cameras.push((place, NamedCamera { name, camera }));
-                }
-                Projection::Orthographic(_) => {
-                    self.leave_out("orthographic cameras");
-                }
+            let exact = ours::<CameraExtras>(camera.extras());
+            let place = exact.as_ref().map_or(world.w_axis.truncate(), |e| e.origin);
+            let number = || format!("camera {}", self.cameras.len());
+            let name = node.name().or(camera.name()).map_or_else(number, str::to_string);
+            if exact.is_none() {
+                self.nodes_of_cameras.push((self.cameras.len(), node.index()));
             }
+            let seen = || match camera.projection() {
+                Projection::Perspective(p) => perspective(world, p.yfov(), p.aspect_ratio()),
+                Projection::Orthographic(o) => orthographic(world, [o.xmag(), o.ymag()]),
+            };
+            let camera = exact.map_or_else(seen, |e| e.camera);
+            self.cameras.push((place, NamedCamera { name, camera }));
         }
         Ok(())
     }
@@ -484,7 +480,17 @@ fn perspective(world: DMat4, fov_y: f32, aspect: Option<f32>) -> Camera {
         aperture: 0.0,
         focus: None,
         shutter: 0.0,
+        height: None,
         frustum: None,
+    }
+}
+
+/// An orthographic camera relative to its eye, with half of the width and height that it sees; near and far planes cut nothing off.
+fn orthographic(world: DMat4, [half_width, half_height]: [f32; 2]) -> Camera {
+    let aspect = (half_width / half_height).abs();
+    Camera {
+        height: Some(2.0 * half_height.abs()),
+        ..perspective(world, Camera::default_fov().to_radians(), Some(aspect))
     }
 }
 

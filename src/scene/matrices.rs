@@ -1,8 +1,9 @@
-//! Cameras from the matrices of a host: perspective projections of any kind.
+//! Cameras from the matrices of a host: perspective and orthographic projections of any kind.
 //!
 //! A matrix takes a point to clip space, where x / w and y / w are its place in the image. So the rows of x, y and w tell the eye, where
 //! all three vanish, and the direction through each place of the image. The row of depth is not needed, which is why reversed and infinite
-//! depth, and depth from -1 or 0, make no difference.
+//! depth, and depth from -1 or 0, make no difference. Of an orthographic projection w is one number everywhere: x and y stay the same along
+//! the direction of view, the eye is where the view has it, and the row of depth tells only which way it looks.
 
 use glam::{DMat3, DMat4, DVec3, Mat4};
 use serde::{Deserialize, Serialize};
@@ -13,14 +14,17 @@ use crate::error::{Error, Result};
 /// Relative volume that the rows of a matrix span, below which it is singular.
 const SINGULAR: f64 = 1e-9;
 
+/// Distance of the middle of depth from the eye, in ranges of depth, below which an orthographic projection shows as much on both sides.
+const LEVEL: f64 = 1e-6;
+
 /// Cosine between the rows and columns of an image, above which it is no rectangle.
 const SKEWED: f64 = 1e-4;
 
-/// The image of a camera on the plane at unit distance.
+/// The image of a camera on the plane at unit distance; of an orthographic one at any.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Frustum {
-    /// Half width and half height at unit distance. A negative width mirrors the image: the view of a left-handed host. Lenses and shutters
+    /// Half width and half height at unit distance, of an orthographic camera at any. A negative width mirrors the image: the view of a left-handed host. Lenses and shutters
     /// take pixels to be square.
     pub half_extents: [f32; 2],
     /// Displacement of the image's centre from the direction of view, to the right and up, in half widths and half heights.
@@ -54,6 +58,8 @@ impl Camera {
     ///
     /// - Views may be right- or left-handed; the image is that of the matrices in either case.
     /// - Projections may be off-centre, jittered, or of pixels that are not square. Depth is not looked at.
+    /// - Orthographic projections: rays start in the plane through the view's eye (`height`), not in the near plane, so that with near below 0
+    ///   less is seen than by a rasterizer. The side of the eye on which the middle of the range of depth lies is looked at.
     /// - The top of the image is at y = w, as in OpenGL, Direct3D and WebGPU. For Vulkan's clip space with its y axis downwards (as of
     ///   `glam::camera::rh::proj::vulkan`) give `Mat4::from_scale(vec3(1.0, -1.0, 1.0)) * projection`.
     /// - The world is that of the scene: points relative to [`super::Scene::origin`].
@@ -61,21 +67,24 @@ impl Camera {
     /// lightsum spreads the samples of its passes over each pixel itself: a jitter that changes with each frame is not needed, and restarts
     /// the sums.
     ///
-    /// Errors: a matrix that is singular or not finite; an orthographic or skewed projection; a resolution out of range.
+    /// Errors: a matrix that is singular or not finite; a skewed projection; an orthographic one with near at -far; a resolution out of range.
     pub fn from_matrices(view: Mat4, projection: Mat4, resolution: [u32; 2]) -> Result<Camera> {
         let camera = of_matrices(view.as_dmat4(), projection.as_dmat4(), resolution);
         let checked = camera.and_then(|camera| camera.check().map(|()| camera));
         checked.map_err(|message| Error::Scene(format!("matrices of a camera: {message}")))
     }
 
-    /// Half width and half height of the image at unit distance. A negative width mirrors it.
+    /// Half width and half height of the image at unit distance, of an orthographic camera at any. A negative width mirrors it.
     pub fn half_extents(&self) -> [f32; 2] {
         if let Some(frustum) = self.frustum {
             return frustum.half_extents;
         }
         let [width, height] = self.resolution.map(|n| n as f32);
-        let tan_y = (0.5 * self.fov_y.to_radians()).tan();
-        [tan_y * width / height, tan_y]
+        let half = match self.height {
+            Some(whole) => 0.5 * whole,
+            None => (0.5 * self.fov_y.to_radians()).tan(),
+        };
+        [half * width / height, half]
     }
 
     /// Displacement of the image's centre from the direction of view, to the right and up, in half widths and half heights.
@@ -99,11 +108,10 @@ fn of_matrices(view: DMat4, projection: DMat4, resolution: [u32; 2]) -> Result<C
     if relative_volume([0, 1, 2].map(|i| view.row(i).truncate())) < SINGULAR {
         return Err(format!("the view is singular: {view}"));
     }
-    if projection.row(3).truncate() == DVec3::ZERO {
-        let advice = "rays of a camera leave one eye, so take a perspective projection from far away";
-        return Err(format!("the projection is orthographic; {advice}"));
-    }
     let clip = projection * view;
+    if projection.row(3).truncate() == DVec3::ZERO {
+        return orthographic(view, projection, resolution);
+    }
     let rows = [0, 1, 3].map(|i| clip.row(i));
     let [x, y, w] = rows.map(|row| row.truncate());
     if relative_volume([x, y, w]) < SINGULAR {
@@ -115,19 +123,73 @@ fn of_matrices(view: DMat4, projection: DMat4, resolution: [u32; 2]) -> Result<C
     // On the plane at unit distance.
     let (forward, depth) = (w.normalize(), w.length());
     let [right, up, centre] = [inverse.x_axis, inverse.y_axis, inverse.z_axis].map(|v| v * depth);
+    let frustum = frustum(forward, [right, up], centre, projection)?;
+    let fov_y = 2.0 * frustum.half_extents[1].atan().to_degrees();
+    Ok(Camera { fov_y, ..looking(eye, forward, up, frustum, resolution) })
+}
+
+/// The camera of an orthographic projection.
+fn orthographic(view: DMat4, projection: DMat4, resolution: [u32; 2]) -> Result<Camera, String> {
+    let singular = || format!("the projection is singular: {projection}");
+    let w = projection.row(3).w;
+    let clip = projection * view * (1.0 / w);
+    let (x, y) = (clip.row(0), clip.row(1));
+    let along = x.truncate().cross(y.truncate());
+    if !(clip.is_finite() && along.length() > SINGULAR * x.truncate().length() * y.truncate().length()) {
+        return Err(singular());
+    }
+    // Where the middle of depth is, from 0 or -1 to 1 or reversed, the host sees things.
+    let eye = view.inverse().w_axis.truncate();
+    let z = clip.row(2);
+    let forward = along.normalize();
+    let steepness = z.truncate().dot(forward);
+    let middle = (0.5 - (z.truncate().dot(eye) + z.w)) / steepness;
+    if !(steepness != 0.0 && middle.is_finite()) {
+        return Err(singular());
+    }
+    if middle.abs() * steepness.abs() < LEVEL {
+        return Err(String::from(
+            "the projection is orthographic, and shows as much on both sides of the eye; take near of 0 or more",
+        ));
+    }
+    let forward = forward * middle.signum();
+    // The steps by which x and y change by one, across the direction of view.
+    let area = along.length_squared();
+    let [right, up] = [y.truncate().cross(along) / area, along.cross(x.truncate()) / area];
+    let at = [x, y].map(|row| row.truncate().dot(eye) + row.w);
+    let frustum = frustum(forward, [right, up], -(at[0] * right + at[1] * up), projection)?;
+    let height = Some(2.0 * frustum.half_extents[1]);
+    Ok(Camera { height, ..looking(eye, forward, up, frustum, resolution) })
+}
+
+/// The image with these half axes and this centre, relative to the point that lies in the direction of view.
+fn frustum(forward: DVec3, [right, up]: [DVec3; 2], centre: DVec3, projection: DMat4) -> Result<Frustum, String> {
     if right.dot(up).abs() > SKEWED * right.length() * up.length() {
         return Err(format!("the rows and columns of the image are not at right angles: {projection}"));
     }
-    let frustum = Frustum {
+    Ok(Frustum {
         half_extents: [right.dot(forward.cross(up.normalize())) as f32, up.length() as f32],
         shift: [right, up].map(|axis| (centre.dot(axis) / axis.length_squared()) as f32),
-    };
+    })
+}
+
+/// A pinhole camera; its angle of view is not that of the frustum.
+fn looking(eye: DVec3, forward: DVec3, up: DVec3, frustum: Frustum, resolution: [u32; 2]) -> Camera {
     // As far as the eye is from the origin, so that rounding does not turn the direction.
     let eye = eye.as_vec3();
     let target = (eye.as_dvec3() + forward * f64::from(eye.abs().max_element().max(1.0))).as_vec3();
-    let fov_y = 2.0 * frustum.half_extents[1].atan().to_degrees();
-    let up = up.normalize().as_vec3();
-    Ok(Camera { eye, target, up, fov_y, resolution, aperture: 0.0, focus: None, shutter: 0.0, frustum: Some(frustum) })
+    Camera {
+        eye,
+        target,
+        up: up.normalize().as_vec3(),
+        fov_y: Camera::default_fov(),
+        resolution,
+        aperture: 0.0,
+        focus: None,
+        shutter: 0.0,
+        height: None,
+        frustum: Some(frustum),
+    }
 }
 
 #[cfg(test)]
@@ -136,7 +198,7 @@ mod tests {
     use glam::{Vec2, Vec3, Vec4};
 
     use super::*;
-    use crate::path_trace::camera_direction;
+    use crate::path_trace::eye_ray;
 
     const SIZE: [u32; 2] = [64, 40];
 
@@ -159,9 +221,10 @@ mod tests {
                 let p = world_from_clip * Vec4::new(place.x, place.y, z, 1.0).as_dvec4();
                 p.truncate() / p.w
             });
-            let ray = camera_direction(&camera, SIZE, x, y).as_dvec3();
+            let from = eye_ray(&camera, SIZE, x, y);
+            let ray = from.direction.as_dvec3();
             for p in [a, b] {
-                let to = p - camera.eye.as_dvec3();
+                let to = p - from.origin.as_dvec3();
                 let sine = to.normalize().cross(ray).length();
                 let rounding = 1e-6 + f64::from(camera.eye.abs().max_element()) * 1e-7 / to.length();
                 assert!(sine < rounding && to.dot(ray) > 0.0, "{what}: {x},{y} to {p}: sine {sine}");
@@ -203,11 +266,52 @@ mod tests {
     }
 
     #[test]
+    fn parallel_rays_go_where_the_matrices_put_points() {
+        let off_centre = |m: Mat4| Mat4::from_translation(Vec3::new(0.3, -0.7, 0.0)) * m;
+        let scaled = |m: Mat4| Mat4::from_cols(m.x_axis * 3.0, m.y_axis * 3.0, m.z_axis * 3.0, m.w_axis * 3.0);
+        let y_down = Mat4::from_scale(Vec3::new(1.0, -1.0, 1.0));
+        for (eye, direction) in eyes() {
+            let direction = direction.normalize();
+            for (half, near, far, name) in
+                [(2.0, 0.0, 10.0, "from the eye"), (300.0, 5.0, 900.0, "wide"), (1.0, -1.0, 8.0, "behind")]
+            {
+                let wide = 1.6 * half;
+                let right = rh::view::look_to_mat4(eye, direction, Vec3::Y);
+                let left = lh::view::look_to_mat4(eye, direction, Vec3::Y);
+                for (view, projection, kind) in [
+                    (right, rh::proj::directx::orthographic(-wide, wide, -half, half, near, far), "right-handed"),
+                    (right, rh::proj::opengl::orthographic(-wide, wide, -half, half, near, far), "OpenGL"),
+                    (right, y_down * rh::proj::vulkan::orthographic(-wide, wide, -half, half, near, far), "Vulkan"),
+                    (right, rh::proj::directx::orthographic(-wide, wide, -half, half, far, near), "reversed"),
+                    (left, lh::proj::directx::orthographic(-wide, wide, -half, half, near, far), "left-handed"),
+                    (
+                        left,
+                        lh::proj::directx::orthographic(-wide, wide, -half, half, far, near),
+                        "left-handed, reversed",
+                    ),
+                ] {
+                    let what = format!("{kind}, {name} from {eye}");
+                    assert_rays(view, projection, &what);
+                    assert_rays(view, off_centre(projection), &format!("{what}, off-centre"));
+                    assert_rays(view, scaled(projection), &format!("{what}, scaled"));
+                    let camera = Camera::from_matrices(view, projection, SIZE).unwrap();
+                    let whole = camera.height.unwrap();
+                    assert!((whole - 2.0 * half).abs() < 1e-5 * half, "{what}: {camera:?}");
+                    let off = camera.eye.distance(eye);
+                    assert!(off <= 1e-5 * eye.length().max(1.0) && camera.check().is_ok(), "{what}: {camera:?}");
+                    assert!(camera.world_from_camera().2.dot(direction) > 0.9999, "{what}: {camera:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
     fn matrices_of_a_symmetric_camera_give_that_camera() {
         for (eye, direction) in eyes() {
             let (target, up) = (eye + direction.normalize() * 10.0, Vec3::Y);
-            let (aperture, focus, shutter, frustum) = (0.0, None, 0.0, None);
-            let plain = Camera { eye, target, up, fov_y: 50.0, resolution: SIZE, aperture, focus, shutter, frustum };
+            let (aperture, focus, shutter, height, frustum) = (0.0, None, 0.0, None, None);
+            let plain =
+                Camera { eye, target, up, fov_y: 50.0, resolution: SIZE, aperture, focus, shutter, height, frustum };
             let projection = rh::proj::directx::perspective_infinite_reverse(50f32.to_radians(), 1.6, 0.1);
             let view = rh::view::look_at_mat4(eye, target, up);
             let found = Camera::from_matrices(view, projection, SIZE).unwrap();
@@ -243,9 +347,10 @@ mod tests {
             (view, projection * f32::NAN, SIZE, "projection has a number that is not finite"),
             (view * f32::INFINITY, projection, SIZE, "view has a number that is not finite"),
             (Mat4::ZERO, projection, SIZE, "view is singular"),
-            (view, Mat4::ZERO, SIZE, "orthographic"),
+            (view, Mat4::ZERO, SIZE, "projection is singular"),
             (view, Mat4::from_scale(Vec3::new(0.0, 1.0, 1.0)) * projection, SIZE, "projection is singular"),
-            (view, rh::proj::directx::orthographic(-1.0, 1.0, -1.0, 1.0, 0.1, 10.0), SIZE, "far away"),
+            (view, rh::proj::directx::orthographic(-1.0, 1.0, -1.0, 1.0, -5.0, 5.0), SIZE, "both sides of the eye"),
+            (view, Mat4::from_scale(Vec3::new(1.0, 1.0, 0.0)), SIZE, "projection is singular"),
             (view, skewed, SIZE, "right angles"),
             (view, projection, [0, 5], "resolution 0x5"),
         ] {

@@ -114,7 +114,7 @@ impl<'a> Reader<'a> {
 
     pub(super) fn sensor(&mut self, e: &'a Element) -> Result<()> {
         let kind = e.kind();
-        if !matches!(kind, "perspective" | "thinlens") {
+        if !matches!(kind, "perspective" | "thinlens" | "orthographic") {
             self.leave_out(format!("sensor {kind:?}"));
             return Ok(());
         }
@@ -131,16 +131,24 @@ impl<'a> Reader<'a> {
         let forward = world.transform_vector3(DVec3::Z).normalize();
         let up = world.transform_vector3(DVec3::Y).normalize();
         let lens = kind == "thinlens";
+        // It sees from -1 to 1 across, as wide as its transform scales that.
+        let parallel = kind == "orthographic";
+        let [across, upwards] = [DVec3::X, DVec3::Y].map(|axis| world.transform_vector3(axis).length());
+        let aspect = f64::from(resolution[0]) / f64::from(resolution[1]);
+        if parallel && (across - upwards).abs() > 1e-4 * across {
+            return Err(e.error("the transform of an orthographic sensor must scale its width and height alike"));
+        }
         let focus = if lens { e.number("focus_distance")? } else { None };
         let camera = Camera {
             eye: Vec3::ZERO,
             target: (forward * f64::from(focus.unwrap_or(1.0))).as_vec3(),
             up: up.as_vec3(),
-            fov_y: vertical_angle(e, resolution)?,
+            fov_y: if parallel { Camera::default_fov() } else { vertical_angle(e, resolution)? },
             resolution,
             aperture: if lens { 2.0 * e.number("aperture_radius")?.unwrap_or(0.0) } else { 0.0 },
             focus,
             shutter: 0.0,
+            height: parallel.then_some((2.0 * across / aspect) as f32),
             frustum: None,
         };
         camera.check().map_err(|m| e.error(m))?;

@@ -397,7 +397,7 @@ pub enum Light {
     },
 }
 
-/// A pinhole camera, or a thin-lens camera.
+/// A camera: a pinhole, a thin lens, or an orthographic one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
@@ -408,7 +408,8 @@ pub struct Camera {
     /// Up direction.
     #[serde(default = "Camera::default_up")]
     pub up: Vec3,
-    /// Full vertical angle of view, degrees, in (0, 180).
+    /// Full vertical angle of view, degrees, in (0, 180). Without meaning if `height` is set.
+    #[serde(default = "Camera::default_fov")]
     pub fov_y: f32,
     /// Width and height in pixels.
     #[serde(default = "Camera::default_resolution")]
@@ -425,7 +426,13 @@ pub struct Camera {
     /// told what moves meanwhile by [`crate::Engine::set_shutter_ends`].
     #[serde(default)]
     pub shutter: f32,
-    /// The image on the plane at unit distance, where it is not that of `fov_y`: off-centre, or with pixels that are not square. Default
+    /// Height of the image in scene units, above 0, of an orthographic camera: its rays are parallel to the direction of view and start in the
+    /// plane through `eye` across it, so that what lies behind that plane is not seen. Default `None`: rays start at `eye`. An orthographic
+    /// camera has no lens (`aperture` 0), and no mirror images by [`Settings::superposition`](crate::Settings::superposition); depth is the
+    /// distance from the plane.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub height: Option<f32>,
+    /// The image on the plane at unit distance (orthographic: at any), where it is not that of `fov_y` or `height`: off-centre, or with pixels that are not square. Default
     /// `None`. [`Camera::from_matrices`] sets it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frustum: Option<Frustum>,
@@ -446,6 +453,15 @@ impl Camera {
     }
     fn default_resolution() -> [u32; 2] {
         [640, 480]
+    }
+    /// The angle of a camera that tells none, degrees.
+    pub(crate) fn default_fov() -> f32 {
+        45.0
+    }
+
+    /// Whether its rays are parallel.
+    pub fn is_orthographic(&self) -> bool {
+        self.height.is_some()
     }
 
     /// Whether the aperture is above 0: surfaces out of focus are blurred.

@@ -7,7 +7,7 @@
 //! time = 0.0                      # seconds
 //! eye = [0, 1, 4]
 //! target = [0, 1, 0]
-//! fov = 40                        # vertical angle of view, degrees
+//! fov = 40                        # vertical angle of view, degrees; of an orthographic camera: height = 3
 //!
 //! [[object]]
 //! name = "box"                    # all objects of this name
@@ -52,6 +52,7 @@ struct CameraKey {
     eye: Option<DVec3>,
     target: Option<DVec3>,
     fov: Option<f32>,
+    height: Option<f32>,
 }
 
 #[derive(Deserialize)]
@@ -151,8 +152,18 @@ impl Motion {
             .map(|(time, key, span)| {
                 let eye = key.eye.map_or(camera.eye, |p| scene.from_world(p));
                 let target = key.target.map_or(camera.target, |p| scene.from_world(p));
-                let camera = Camera { eye, target, fov_y: key.fov.unwrap_or(camera.fov_y), ..camera };
-                camera.check().map_err(|message| at(span, format!("[[camera]]: {message}")))?;
+                let other = match camera.height {
+                    Some(_) => {
+                        key.fov.map(|_| "`fov` is of a perspective camera, and this one is orthographic; give `height`")
+                    }
+                    None => key.height.map(
+                        |_| "`height` is of an orthographic camera, and this one has an angle of view; give `fov`",
+                    ),
+                };
+                let (fov_y, height) = (key.fov.unwrap_or(camera.fov_y), key.height.or(camera.height));
+                let camera = Camera { eye, target, fov_y, height, ..camera };
+                let checked = other.map_or_else(|| camera.check(), |other| Err(String::from(other)));
+                checked.map_err(|message| at(span, format!("[[camera]]: {message}")))?;
                 Ok((time, camera))
             })
             .collect::<Result<Vec<_>>>()?;
@@ -214,6 +225,7 @@ impl Motion {
             eye: a.eye.lerp(b.eye, f),
             target: a.target.lerp(b.target, f),
             fov_y: lerp(a.fov_y, b.fov_y, f),
+            height: a.height.zip(b.height).map(|(a, b)| lerp(a, b, f)),
             ..a
         })
     }

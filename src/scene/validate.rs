@@ -346,13 +346,21 @@ impl Camera {
         if view.cross(self.up.normalize_or_zero()).length() < 1e-4 {
             return Err(format!("up {} is zero or parallel to the direction of view {view}", self.up));
         }
-        if !(self.fov_y > 0.0 && self.fov_y < 180.0) {
-            return Err(format!("fov_y {} must lie between 0 and 180 degrees", self.fov_y));
+        match self.height {
+            Some(height) => length("height", height, false)?,
+            None if self.fov_y > 0.0 && self.fov_y < 180.0 => {}
+            None => return Err(format!("fov_y {} must lie between 0 and 180 degrees", self.fov_y)),
         }
         if let Some(frustum) = &self.frustum {
             frustum.check()?;
         }
         length("aperture", self.aperture, true)?;
+        if self.is_orthographic() && self.has_lens() {
+            return Err(format!(
+                "aperture {}: an orthographic camera has no lens; set it to 0, or give an angle of view",
+                self.aperture
+            ));
+        }
         if let Some(focus) = self.focus {
             length("focus", focus, false)?;
         }

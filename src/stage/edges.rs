@@ -45,7 +45,9 @@ impl Edges {
     ) -> Result<Option<Edges>> {
         let Some(guides) = &eye.guides else { return Ok(None) };
         let mut table = StepTable::default();
-        let ray_clusters = Chunk::clusters(&plan.settings, scene.clusters(kit.context));
+        // Clusters of rays share their origin.
+        let shares_origin = !plan.view.is_orthographic();
+        let ray_clusters = Chunk::clusters(&plan.settings, scene.clusters(kit.context)).filter(|_| shares_origin);
         let edge_steps = EyeSteps::of_list(&mut table, &plan.settings, ray_clusters);
         let list_step = table.add_list();
         let rounds = if plan.eye.plain_mirrors { table.add_list_rounds(&plan.settings) } else { Vec::new() };
@@ -69,7 +71,7 @@ impl Edges {
             counts: Counts::new(kit, 1, [&list].into_iter().chain(turned))?,
             schedule: Schedule::new(kit, &list.work, &steps)?,
             list_step,
-            trace: Trace::of_edges(kit, &pass, rays, &list, &steps, scene.wide_nodes.is_some())?,
+            trace: Trace::of_edges(kit, &pass, rays, &list, &steps, shares_origin && scene.wide_nodes.is_some())?,
             steps: edge_steps,
             pass,
             reflected,

@@ -11,6 +11,7 @@ use crate::pass::clusters::{self, Clusters};
 use crate::pass::edges::EdgeGuides;
 use crate::pass::eye_paths::{self, EyePaths};
 use crate::pass::eye_points::{self, EyePoints};
+use crate::pass::g_buffer::{GBuffer, Records};
 use crate::pass::layout::Step;
 use crate::pass::mirror_image::Planes;
 use crate::pass::reproject::{self, Reproject};
@@ -55,7 +56,7 @@ pub struct Eye {
     first: FirstHits,
     tiles: Tiles,
     follow: Vec<Follow>,
-    eye_points: EyePoints,
+    last: LastHits,
     split_points: Option<SplitPoints>,
     finish: ListFinish,
     list_step: u32,
@@ -65,8 +66,21 @@ pub struct Eye {
 
 /// Where the first hits come from.
 enum FirstHits {
-    Camera { rays: CameraRays, trace: Trace, steps: EyeSteps, pixels: u32 },
+    Camera {
+        rays: CameraRays,
+        trace: Trace,
+        steps: EyeSteps,
+        pixels: u32,
+    },
     Atlas(Atlas),
+    /// There are none: the host tells what is seen.
+    OfHost,
+}
+
+/// Where shading points come from.
+enum LastHits {
+    Eye(EyePoints),
+    GBuffer(GBuffer),
 }
 
 /// One step of eye paths through mirrors and glass.
@@ -90,7 +104,9 @@ impl Eye {
         let lit = plan.lights_points();
 
         let mut table = StepTable::default();
-        let ray_clusters = Chunk::clusters(settings, scene.clusters(kit.context));
+        // Clusters of rays share their origin.
+        let shares_origin = !plan.view.is_orthographic();
+        let ray_clusters = Chunk::clusters(settings, scene.clusters(kit.context)).filter(|_| shares_origin);
         let first_steps = EyeSteps::new(&mut table, settings, pixels, ray_clusters);
         let follow_steps: Vec<u32> = (0..eye.steps)
             .map(|bounce| {
@@ -136,11 +152,12 @@ impl Eye {
         let first = match &plan.view {
             View::Camera { .. } => FirstHits::Camera {
                 rays: CameraRays::new(kit, &rays, &paths, &points, pixels)?,
-                trace: Trace::of_eye(kit, &rays, &batch, &steps, scene.wide_nodes.is_some())?,
+                trace: Trace::of_eye(kit, &rays, &batch, &steps, shares_origin && scene.wide_nodes.is_some())?,
                 steps: first_steps,
                 pixels,
             },
             View::Atlas(atlas) => FirstHits::Atlas(Atlas::new(kit, &scene.bvh, atlas, &rays, &paths, &points)?),
+            View::GBuffer { .. } => FirstHits::OfHost,
         };
         let tables = if eye.mirrors { scene.tables() } else { None };
         let follow = (lists.iter().zip(follow_steps).enumerate())
@@ -166,7 +183,13 @@ impl Eye {
         Ok(Eye {
             counts: Counts::new(kit, settings.classes(), lists.iter().chain([&list, &batch]))?,
             tiles: Tiles::new(kit, &rays, &ideal_tiles, tile_count)?,
-            eye_points: EyePoints::new(kit, &inputs, tile_count)?,
+            last: match first {
+                FirstHits::OfHost => {
+                    let records = Records::new(kit, pixels)?;
+                    LastHits::GBuffer(GBuffer::new(kit, records, (&points, &paths), (&filled, step), tile_count)?)
+                }
+                _ => LastHits::Eye(EyePoints::new(kit, &inputs, tile_count)?),
+            },
             split_points,
             finish: ListFinish::new(kit, &list, &points, sort, finish_steps, &steps)?,
             first,
@@ -201,8 +224,16 @@ impl Eye {
     /// Records of the texels, if the view is an atlas.
     pub fn texels(&self) -> Option<&Buffer> {
         match &self.first {
-            FirstHits::Camera { .. } => None,
+            FirstHits::Camera { .. } | FirstHits::OfHost => None,
             FirstHits::Atlas(atlas) => Some(&atlas.records),
+        }
+    }
+
+    /// Records of the pixels, if the view is a G-buffer of the host.
+    pub fn g_buffer(&self) -> Option<&Records> {
+        match &self.last {
+            LastHits::Eye(_) => None,
+            LastHits::GBuffer(pass) => Some(&pass.records),
         }
     }
 
@@ -226,6 +257,7 @@ impl Eye {
                 self.guides.as_ref().map_or(Ok(()), |guides| guides.record(rec))
             }
             FirstHits::Atlas(atlas) => atlas.record(rec),
+            FirstHits::OfHost => Ok(()),
         }
     }
 
@@ -266,7 +298,10 @@ impl Eye {
         if let Some(clusters) = &self.clusters {
             clusters.record_clear(rec)?;
         }
-        self.eye_points.record(rec)?;
+        match &self.last {
+            LastHits::Eye(pass) => pass.record(rec)?,
+            LastHits::GBuffer(pass) => rec.scope("g_buffer", |rec| pass.record(rec))?,
+        }
         if let Some(pass) = &self.split_points {
             pass.record(rec)?;
         }

@@ -144,7 +144,7 @@ fn a_ring_goes_on_from_frame_to_frame() {
 #[test]
 fn wrong_paths_are_refused_by_file_line_and_key() {
     let folder = tempfile::tempdir().unwrap();
-    let cases: [(&str, &[&str]); 14] = [
+    let cases: [(&str, &[&str]); 15] = [
         (
             "frames = 2\n[[object]]\nname = \"tal_block\"\nkeys = [{ time = 0 }]",
             &["p.toml:3", "tal_block", "\"tall_block\""],
@@ -166,6 +166,7 @@ fn wrong_paths_are_refused_by_file_line_and_key() {
         ("[[camera]]\ntime = 0", &["p.toml", "no `frames`"]),
         ("times = [0, inf]\n[[camera]]\ntime = 0", &["p.toml:1", "times"]),
         ("frames = 1\n[[camera]]\ntime = 0\nfov = 200", &["p.toml:2", "camera", "fov"]),
+        ("frames = 1\n[[camera]]\ntime = 0\nheight = 2", &["p.toml:2", "camera", "orthographic"]),
         ("frames = 1\n[[camera]]\ntime = 0\neyes = [0, 0, 0]", &["p.toml:4", "eyes"]),
         // Valid by itself, but impossible in the scene.
         (

@@ -168,6 +168,29 @@ fn images_with_depth_show_about_what_rays_show() {
 }
 
 #[test]
+fn orthographic_cameras_by_flag_and_by_file() {
+    let folder = folder();
+    let image = |scene: &str, flags: &str| render(folder.path(), scene, &format!("--passes 1 --particles 8 {flags}"));
+    let plan = SCENE.replace("fov_y = 34.0", "projection = \"orthographic\"\nheight = 2.0");
+    fs::write(folder.path().join("plan.toml"), plan).unwrap();
+    let by_file = image("plan.toml", "");
+    assert!(by_file == image("scene.toml", "--ortho 2") && by_file != image("scene.toml", ""));
+    assert!(image("plan.toml", "--fov 34") == image("scene.toml", ""), "an angle of view makes it a perspective one");
+    // The path tracer has the same rays.
+    let reference = image("plan.toml", "--reference --samples 64");
+    let ratio = energy(&image("plan.toml", "--passes 16"), &reference);
+    assert!((ratio - 1.0).abs() < 0.1, "energy {ratio}");
+    for (flags, names) in [
+        ("--ortho 0", ["--ortho", "above 0"]),
+        ("--ortho 2 --fov 40", ["--ortho", "--fov"]),
+        ("--ortho 2 --aperture 0.1", ["--aperture", "no lens"]),
+        ("--ortho 2 --superposition variant", ["--superposition", "use off"]),
+    ] {
+        fails(folder.path(), &format!("render scene.toml -o b.png {flags}"), 2, &names);
+    }
+}
+
+#[test]
 fn soft_shadows_change_the_image_and_hardly_its_energy() {
     let folder = folder();
     let image = |scene: &str, flags: &str| render(folder.path(), scene, &format!("--passes 2 --particles 32 {flags}"));

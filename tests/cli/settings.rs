@@ -1,6 +1,6 @@
 //! Settings by keys of `[render]`, by `--set` and by files of `--settings`.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::time::Instant;
 
@@ -122,6 +122,36 @@ fn surfaces_are_layers_of_the_image_and_of_its_parts() {
         assert!(part[name] == cut && !plain.contains_key(name), "{name}");
     }
     assert!(plain.iter().all(|(name, values)| &whole[name] == values), "layers change the image");
+
+    // The names beside the numbers, as compositing programs read them.
+    let attributes =
+        exr::prelude::read_first_flat_layer_from_file(folder.path().join("a.exr")).unwrap().layer_data.attributes;
+    let texts: BTreeMap<String, String> = attributes
+        .other
+        .iter()
+        .filter_map(|(name, value)| match value {
+            exr::prelude::AttributeValue::Text(text) => Some((name.to_string(), text.to_string())),
+            _ => None,
+        })
+        .collect();
+    for (layer, of) in [("CryptoObject", "object.ID"), ("CryptoMaterial", "material.ID")] {
+        let key = texts.iter().find(|(name, text)| name.ends_with("/name") && *text == layer).unwrap().0;
+        let get = |what: &str| &texts[&key.replace("/name", what)];
+        assert_eq!((get("/hash").as_str(), get("/conversion").as_str()), ("MurmurHash3_32", "uint32_to_float32"));
+        let manifest: BTreeMap<String, String> = serde_json::from_str(get("/manifest")).unwrap();
+        let named: BTreeMap<&str, &str> = manifest.iter().map(|(name, hash)| (hash.as_str(), name.as_str())).collect();
+        let (ids, coverage) = (&whole[&format!("{layer}00.R")], &whole[&format!("{layer}00.G")]);
+        for ((id, coverage), number) in ids.iter().zip(coverage).zip(&whole[of]) {
+            let name = named.get(format!("{:08x}", id.to_bits()).as_str());
+            assert_eq!(
+                (name.is_some(), *coverage),
+                (*number >= 0.0, if *number >= 0.0 { 1.0 } else { 0.0 }),
+                "{layer}"
+            );
+        }
+        let shown: BTreeSet<u32> = ids.iter().map(|id| id.to_bits()).collect();
+        assert!(shown.len() >= 2, "{layer} shows {shown:?}");
+    }
 }
 
 #[test]

@@ -246,6 +246,7 @@ fn without_a_display_it_says_what_to_do() {
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("DISPLAY") && said.contains("lightsum render") && !said.contains("panicked"), "{said}");
+    assert!(!said.contains(".rs:"), "no place in sources: {said}");
 }
 
 /// `cargo test` builds the examples, unless one binary of tests alone is asked for.
@@ -266,6 +267,22 @@ fn example(name: &str) -> std::path::PathBuf {
         assert!(build.arg("--target-dir").arg(profile.parent().unwrap()).status().unwrap().success());
     }
     program
+}
+
+#[test]
+fn examples_on_a_device_of_their_own_write_pictures() {
+    let folder = folder();
+    for (name, arguments) in [
+        ("render", &["scene.toml", "a.exr", "1"][..]),
+        ("build_scene", &["built.png", "1"]),
+        ("kernels", &["kernels.png", "0.3"]),
+    ] {
+        let output = Command::new(example(name)).args(arguments).current_dir(folder.path()).output().unwrap();
+        assert!(output.status.success(), "{name}: {}", text(&output.stderr));
+        let picture =
+            arguments.iter().find(|argument| argument.ends_with(".exr") || argument.ends_with(".png")).unwrap();
+        assert!(fs::metadata(folder.path().join(picture)).unwrap().len() > 100, "{name}");
+    }
 }
 
 #[test]

@@ -62,6 +62,26 @@ fn refused_description(toml: &str, parts: &[&str]) {
 }
 
 #[test]
+fn orthographic_cameras_are_read_and_checked() {
+    let place = "model = \"a.obj\"\n[camera]\neye = [0, 0, 5]\ntarget = [0, 0, 0]\n";
+    let camera = with_description(&format!("{place}projection = \"orthographic\"\nheight = 2.5\n")).camera.unwrap();
+    assert_eq!((camera.height, camera.half_extents()[1], camera.is_orthographic()), (Some(2.5), 1.25, true));
+    let usual = with_description(&format!("{place}projection = \"perspective\"\nfov_y = 30\n")).camera.unwrap();
+    assert_eq!((usual.height, usual.fov_y), (None, 30.0));
+    for (words, parts) in [
+        ("projection = \"orthographic\"", ["no `height`", "scene units"]),
+        ("projection = \"orthographic\"\nheight = 0", ["height 0", "above 0"]),
+        ("projection = \"orthographic\"\nheight = nan", ["height NaN", "above 0"]),
+        ("projection = \"orthographic\"\nheight = 2\nfov_y = 40", ["`fov_y` has no meaning", "leave it out"]),
+        ("projection = \"orthographic\"\nheight = 2\naperture = 0.1", ["aperture 0.1", "no lens"]),
+        ("fov_y = 40\nheight = 2", ["`height`", "projection = \"orthographic\""]),
+        ("projection = \"fisheye\"\nfov_y = 40", ["fisheye", "orthographic"]),
+    ] {
+        refused_description(&format!("{place}{words}\n"), &["scene.toml", parts[0], parts[1]]);
+    }
+}
+
+#[test]
 fn lenses_are_read_and_checked() {
     let camera = |words: &str| with_description(&format!("model = \"a.obj\"\n{CAMERA}{words}")).camera.unwrap();
     assert!((camera("").aperture, camera("").focus_distance(), camera("").has_lens()) == (0.0, 5.0, false));

@@ -342,12 +342,14 @@ fn lights_from_blender_are_photometric_and_all_cameras_are_there() {
             c.document["cameras"] = json!([
                 { "type": "perspective", "perspective": { "yfov": 0.5, "znear": 0.1 } },
                 { "type": "perspective", "perspective": { "yfov": 1.0, "znear": 0.1 } },
+                { "type": "orthographic", "orthographic": { "xmag": 3.0, "ymag": 2.0, "znear": 0.0, "zfar": 9.0 } },
             ]);
             c.document["nodes"] = json!([
-                { "mesh": 0, "children": [1, 2, 3] },
+                { "mesh": 0, "children": [1, 2, 3, 4] },
                 { "extensions": { "KHR_lights_punctual": { "light": 0 } } },
                 { "name": "near", "camera": 0, "translation": [0, 0, 1] },
                 { "name": "far", "camera": 1, "translation": [0, 0, 9] },
+                { "name": "plan", "camera": 2, "translation": [0, 0, 7], "scale": [5, 5, 5] },
             ]);
         });
         let scene = case.load().unwrap();
@@ -357,7 +359,10 @@ fn lights_from_blender_are_photometric_and_all_cameras_are_there() {
     let (in_watts, scene) = case("Khronos glTF Blender I/O v4.2.57", 6830.0);
     assert!((in_watts - 10.0).abs() < 1e-4);
     let cameras: Vec<(&str, f32)> = scene.cameras.iter().map(|c| (c.name.as_str(), c.camera.eye.z)).collect();
-    assert_eq!(cameras, [("near", 1.0), ("far", 9.0)]);
+    assert_eq!(cameras, [("near", 1.0), ("far", 9.0), ("plan", 7.0)]);
+    let plan = scene.cameras[2].camera;
+    assert_eq!((plan.height, plan.resolution, scene.ignored.len()), (Some(4.0), [720, 480], 0));
+    assert!(near(plan.world_from_camera().2, Vec3::NEG_Z) && !scene.cameras[0].camera.is_orthographic());
     assert_eq!(scene.camera, Some(scene.cameras[0].camera));
     assert_eq!(case("Khronos glTF Blender I/O v4.2.57", 10.0).0, 10.0);
     assert_eq!(case("another", 6830.0).0, 6830.0);

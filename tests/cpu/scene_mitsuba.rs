@@ -176,6 +176,22 @@ fn cameras_have_the_field_of_view_of_mitsuba() {
 }
 
 #[test]
+fn orthographic_sensors_see_what_mitsubas_see() {
+    let sensor = |scale: &str| {
+        let film = "<film type=\"hdrfilm\"><integer name=\"width\" value=\"200\"/><integer name=\"height\" value=\"100\"/></film>";
+        let placed = "<lookat origin=\"0, 0, 5\" target=\"0, 0, 0\" up=\"0, 1, 0\"/>";
+        let transform = format!("<transform name=\"to_world\">{scale}{placed}</transform>");
+        load_beside(&format!("<shape type=\"cube\"/><sensor type=\"orthographic\">{transform}{film}</sensor>"), &[])
+    };
+    // From -1 to 1 across, as the transform scales it.
+    let camera = sensor("<scale value=\"3\"/>").unwrap().camera.unwrap();
+    let [half_width, half_height] = camera.half_extents();
+    assert!((half_width - 3.0).abs() < 1e-5 && (half_height - 1.5).abs() < 1e-5, "{camera:?}");
+    assert!(near(camera.eye, [0.0, 0.0, 5.0], 1e-5) && near(camera.world_from_camera().2, [0.0, 0.0, -1.0], 1e-5));
+    assert!(sensor("<scale x=\"3\" y=\"2\" z=\"1\"/>").unwrap_err().to_string().contains("alike"));
+}
+
+#[test]
 fn materials_are_those_of_mitsuba_as_far_as_ours_go() {
     let m = material("diffuse", "<rgb name=\"reflectance\" value=\"0.1 0.2 0.3\"/>");
     assert!(near(m.base_color, [0.1, 0.2, 0.3], 1e-6) && m.specular == Vec3::ZERO && m.metallic == 0.0);
@@ -231,7 +247,7 @@ fn materials_are_those_of_mitsuba_as_far_as_ours_go() {
 fn left_out_things_are_named_once() {
     let scene = load(
         "<shape type=\"cube\"><bsdf type=\"hair\"/></shape><shape type=\"cube\"><bsdf type=\"hair\"/></shape>\n\
-         <shape type=\"hair\"/><emitter type=\"projector\"/><sensor type=\"orthographic\"/><medium type=\"homogeneous\"/>\n\
+         <shape type=\"hair\"/><emitter type=\"projector\"/><sensor type=\"distant\"/><medium type=\"homogeneous\"/>\n\
          <shape type=\"disk\"><bsdf type=\"bumpmap\"><texture type=\"noise\"/><bsdf type=\"roughdiffuse\"/></bsdf></shape>",
     );
     let expected = [
@@ -240,7 +256,7 @@ fn left_out_things_are_named_once() {
         "bsdf \"roughdiffuse\" (diffuse)",
         "emitter \"projector\"",
         "participating media",
-        "sensor \"orthographic\"",
+        "sensor \"distant\"",
         "shape \"hair\"",
     ];
     assert_eq!(scene.ignored, expected);

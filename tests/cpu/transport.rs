@@ -4,7 +4,7 @@
 use glam::{DVec3, Vec2, Vec3};
 use lightsum::accel::{Bvh, Ray};
 use lightsum::light::emitters::{Emitters, uniform_sphere};
-use lightsum::path_trace::{Options, Rng, SpecularPaths, Tracer, camera_direction, camera_ray, render};
+use lightsum::path_trace::{Options, Rng, SpecularPaths, Tracer, camera_ray, eye_ray, render};
 use lightsum::scene::{Camera, Light, Material, Scene, Surface, Texture, Triangle, Wrap};
 use std::f32::consts::PI;
 
@@ -440,6 +440,7 @@ fn room() -> (Scene, Camera) {
         aperture: 0.0,
         focus: None,
         shutter: 0.0,
+        height: None,
         frustum: None,
     };
     (b.0, camera)
@@ -497,7 +498,7 @@ fn a_stopped_image_is_the_mean_so_far() {
 #[test]
 fn camera_looks_the_right_way() {
     let (_, camera) = room();
-    let at = |x, y| camera_direction(&camera, [20, 12], x, y);
+    let at = |x, y| eye_ray(&camera, [20, 12], x, y).direction;
     assert!((at(10.0, 6.0) - Vec3::Z).length() < 1e-6);
     // Looking along +z with y up, +x is to the left; the angle of view is the vertical one.
     assert!(at(0.0, 6.0).x > 0.0 && at(20.0, 6.0).x < 0.0);
@@ -517,7 +518,7 @@ fn rays_of_a_lens_meet_in_focus() {
     let mut mean_square = 0.0;
     for i in 0..1000 {
         let (x, y) = (20.0 * rng.next_f32(), 12.0 * rng.next_f32());
-        let d = camera_direction(&camera, [20, 12], x, y);
+        let d = eye_ray(&camera, [20, 12], x, y).direction;
         let ray = camera_ray(&camera, [20, 12], x, y, [rng.next_f32(), rng.next_f32()]);
         let from = ray.origin - camera.eye;
         assert!(from.z.abs() < 1e-6 && from.length() <= 0.1 + 1e-6, "{i}: {from}");

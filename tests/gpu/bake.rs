@@ -133,6 +133,7 @@ pub fn room(screen: bool) -> Scene {
         aperture: 0.0,
         focus: None,
         shutter: 0.0,
+        height: None,
         frustum: None,
     });
     scene

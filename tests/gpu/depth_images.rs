@@ -154,6 +154,7 @@ fn above_the_pole(size: u32) -> Camera {
         aperture: 0.0,
         focus: None,
         shutter: 0.0,
+        height: None,
         frustum: None,
     }
 }

@@ -92,21 +92,21 @@ fn an_engine_takes_matrices_and_refuses_those_without_an_image() {
         assert_eq!((set.resolution, set.aperture, set.focus), (camera.resolution, 3.0, Some(camera.focus_distance())));
         assert!(set.half_extents()[0] < 0.0, "a left-handed view mirrors the right-handed one: {set:?}");
         let refused =
-            engine.set_matrices(view, lh::proj::directx::orthographic(-1.0, 1.0, -1.0, 1.0, 0.0, 1.0)).unwrap_err();
-        assert!(refused.to_string().contains("orthographic"), "{refused}");
+            engine.set_matrices(view, lh::proj::directx::orthographic(-1.0, 1.0, -1.0, 1.0, -1.0, 1.0)).unwrap_err();
+        assert!(refused.to_string().contains("both sides of the eye"), "{refused}");
         assert_eq!(engine.view().camera(), Some(&set));
     });
 }
 
 /// An image as a host makes it.
-struct HostsImage {
-    device: ash::Device,
-    image: HostImage,
+pub struct HostsImage {
+    pub device: ash::Device,
+    pub image: HostImage,
     memory: vk::DeviceMemory,
 }
 
 impl HostsImage {
-    fn new(ctx: &Context, format: vk::Format, size: [u32; 2], usage: vk::ImageUsageFlags) -> HostsImage {
+    pub fn new(ctx: &Context, format: vk::Format, size: [u32; 2], usage: vk::ImageUsageFlags) -> HostsImage {
         let create = vk::ImageCreateInfo::default()
             .image_type(vk::ImageType::TYPE_2D)
             .format(format)

@@ -41,12 +41,12 @@ fn velocities_follow_their_oracle() {
     gpu_test(|ctx| {
         let scene = gallery();
         let (mut moving, mut still, mut mirrored, mut nothing) = (0, 0, 0, 0);
-        for resolution in AWKWARD_IMAGES {
-            let now = Camera { resolution, shutter: 0.5, ..scene.camera.unwrap() };
+        for (resolution, height) in AWKWARD_IMAGES.into_iter().flat_map(|size| [(size, None), (size, Some(3.2))]) {
+            let now = Camera { resolution, shutter: 0.5, height, ..scene.camera.unwrap() };
             let shift = Vec3::new(0.02, 0.01, -0.03);
             let [a, b] =
                 [-1.0, 1.0].map(|s| Camera { eye: now.eye + s * shift, target: now.target + s * 0.2 * Vec3::X, ..now });
-            let cameras = [a, Camera { fov_y: now.fov_y * 1.1, ..b }];
+            let cameras = [a, Camera { fov_y: now.fov_y * 1.1, height: height.map(|h| 1.1 * h), ..b }];
             let turn = |s: f32| {
                 Affine3A::from_rotation_translation(Quat::from_rotation_y(0.1 * s), Vec3::new(0.1, 0.05, 0.02) * s)
             };
@@ -68,11 +68,13 @@ fn velocities_follow_their_oracle() {
             for (i, v) in found.iter().enumerate() {
                 let at = [i as u32 % resolution[0], i as u32 / resolution[0]].map(|n| n as f32);
                 let offset = rig.parameters.pixel_offset;
-                let d = lightsum::path_trace::camera_direction(&now, resolution, at[0] + offset[0], at[1] + offset[1]);
-                let seen = d / d.dot(now.world_from_camera().2);
+                let ray = path_trace::eye_ray(&now, resolution, at[0] + offset[0], at[1] + offset[1]);
+                let (d, start) = (ray.direction, ray.origin - now.eye);
+                let towards = d / d.dot(now.world_from_camera().2);
+                let seen = if height.is_some() { start } else { towards };
                 let hit = hit_of(hits[i]).filter(|_| has(wo[i], ShadingPoints::HIT));
                 let depth = hit.map(|_| through[i].w);
-                let unfolded = depth.map_or(seen, |z| now.eye + z * seen);
+                let unfolded = depth.map_or(seen, |z| ray.origin + z * towards);
                 let object = hit.filter(|_| !has(wo[i], ShadingPoints::SEEN_BY_SPECULAR)).map(|hit| {
                     let triangle = rig.bvh().scene_triangle(hit.triangle);
                     rig.engine.scene().unwrap().triangles[triangle as usize].object

@@ -1,8 +1,8 @@
 //! Lobes by a power of the cosine about the mirror direction, GGX lobes of two widths, and lobes from tables: whole images against the path tracer.
 
 use glam::Vec3;
-use lightsum::accel::{Bvh, Ray};
-use lightsum::path_trace::{Options, SpecularPaths, camera_direction};
+use lightsum::accel::Bvh;
+use lightsum::path_trace::{Options, SpecularPaths, eye_ray};
 use lightsum::scene::{Camera, Material, Scene};
 use lightsum::settings::{Settings, Superposition};
 
@@ -82,7 +82,7 @@ fn check((scene, view): &(Scene, Camera), mirrors: bool) {
         let bvh = Bvh::build(scene).unwrap();
         let on_floor = |i: usize| {
             let [x, y] = [i % 32, i / 32].map(|k| k as f32 + 0.5);
-            let hit = bvh.closest(&Ray::new(view.eye, camera_direction(view, view.resolution, x, y)));
+            let hit = bvh.closest(&eye_ray(view, view.resolution, x, y));
             hit.is_some_and(|hit| bvh.material(hit.triangle) == FLOOR)
         };
         let mirrored: Vec<Vec3> =

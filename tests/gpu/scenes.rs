@@ -101,6 +101,7 @@ pub fn camera(eye: Vec3, target: Vec3, fov_y: f32, resolution: [u32; 2]) -> Came
         aperture: 0.0,
         focus: None,
         shutter: 0.0,
+        height: None,
         frustum: None,
     }
 }

@@ -18,7 +18,9 @@ use lightsum::settings::{Compensation, Filter, Settings, SoftShadows, Traversal}
 use lightsum::stage::{self, Stage};
 use lightsum::view::View;
 
-use crate::rig::{Rig, STRAYS, Tally, close, gallery, gallery_with_alpha, has, hit_of, is_lit, ray_of, xyz};
+use crate::rig::{
+    Rig, STRAYS, Tally, close, gallery, gallery_with_alpha, has, hit_of, is_lit, orthographic, ray_of, xyz,
+};
 use crate::scenes::{Soup, camera, compare, fov, original, render, settings};
 use crate::support::gpu_test;
 use lightsum::conform::AWKWARD_IMAGES;
@@ -225,10 +227,10 @@ fn check_emitter(rig: &Rig, k: usize, light: &Light, soft: &[u32], before: &[Vec
 #[test]
 fn soft_shadows_follow_their_oracles() {
     gpu_test(|ctx| {
-        let scene = gallery();
+        let (gallery, from_afar) = (gallery(), orthographic(gallery()));
         let mut met = Met::default();
-        for resolution in AWKWARD_IMAGES {
-            let rig = rig(ctx, &scene, resolution, Traversal::Auto);
+        for (resolution, scene) in AWKWARD_IMAGES.into_iter().flat_map(|size| [(size, &gallery), (size, &from_afar)]) {
+            let rig = rig(ctx, scene, resolution, Traversal::Auto);
             let (p, plan) = (&rig.parameters, rig.engine.plan());
             let soft = check_list(&rig);
             let pass = &stage(&rig).pass;

@@ -6,7 +6,7 @@ use std::f32::consts::PI;
 
 use glam::{DVec3, Vec2, Vec3};
 use lightsum::gpu::Context;
-use lightsum::path_trace::camera_direction;
+use lightsum::path_trace::eye_ray;
 use lightsum::scene::{Camera, Light, Material, Scene, builtin};
 use lightsum::settings::{Clip, Compensation, Sequence, Settings};
 
@@ -240,7 +240,7 @@ fn a_sphere_of_unequal_patches() {
             let mut sums = [(0.0, 0); 8];
             for (i, color) in layers.color.iter().enumerate() {
                 let (x, y) = ((i as u32 % resolution[0]) as f32 + 0.5, (i as u32 / resolution[0]) as f32 + 0.5);
-                let d = camera_direction(&camera, resolution, x, y);
+                let d = eye_ray(&camera, resolution, x, y).direction;
                 // Pixels that are entirely in one octant.
                 if d.abs().min_element() > 0.12 {
                     let octant = usize::from(d.x < 0.0) | usize::from(d.y < 0.0) << 1 | usize::from(d.z < 0.0) << 2;

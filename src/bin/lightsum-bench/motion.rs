@@ -14,7 +14,7 @@ fn moved(camera: Camera, how: &str, pixels: f32, part: f32) -> Camera {
     let (right, _, forward) = camera.world_from_camera();
     let [width, height] = camera.resolution.map(|n| n as f32);
     let distance = (camera.target - camera.eye).length();
-    let focal = 0.5 * height / (0.5 * camera.fov_y.to_radians()).tan();
+    let focal = 0.5 * height / camera.half_extents()[1];
     match how {
         "turn" => Camera { target: camera.target + right * (part * pixels / focal * distance), ..camera },
         "sideways" => {

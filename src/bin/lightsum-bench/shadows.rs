@@ -53,6 +53,7 @@ fn boards(pixels: u32, resolution: [u32; 2]) -> Subject {
         aperture: 0.0,
         focus: None,
         shutter: 0.0,
+        height: None,
         frustum: None,
     };
     let unit = 0.5 * resolution[1] as f32 / (0.5 * fov_y.to_radians()).tan() / eye.length();

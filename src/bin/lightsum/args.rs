@@ -150,7 +150,8 @@ pub struct Animate {
     pub layers: bool,
     /// Also write what the centres of the pixels show as layers of EXR files: object and material by their numbers, texture coordinates, and with an open shutter motion in pixels.
     ///
-    /// Numbers count from 0 in the order of the scene; -1 is the background. Mirrors and glass are surfaces like others here.
+    /// Numbers count from 0 in the order of the scene; -1 is the background. Mirrors and glass are surfaces like others here. The names
+    /// are there as Cryptomatte layers, CryptoObject and CryptoMaterial, with one rank and hard edges.
     #[arg(long, requires = "layers")]
     pub surfaces: bool,
     /// Write the colour of EXR files as 32-bit float instead of 16-bit half. Doubles its size.
@@ -262,7 +263,8 @@ pub struct Output {
     pub display: Option<String>,
     /// Also write what the centres of the pixels show as layers of EXR files: object and material by their numbers, texture coordinates, and with an open shutter motion in pixels.
     ///
-    /// Numbers count from 0 in the order of the scene; -1 is the background. Mirrors and glass are surfaces like others here.
+    /// Numbers count from 0 in the order of the scene; -1 is the background. Mirrors and glass are surfaces like others here. The names
+    /// are there as Cryptomatte layers, CryptoObject and CryptoMaterial, with one rank and hard edges.
     #[arg(long, conflicts_with_all = ["no_layers", "reference", "shard"])]
     pub surfaces: bool,
     /// Write EXR files without layers: smaller, and for programs that read only colour and alpha.

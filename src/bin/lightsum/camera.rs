@@ -28,13 +28,14 @@ pub fn choose(scene: &Scene, flags: &args::Camera, resolution: Option<[u32; 2]>)
     camera.target = flags.target.map_or(camera.target, |p| scene.from_world(p));
     camera.up = flags.up.unwrap_or(camera.up);
     camera.fov_y = flags.fov.unwrap_or(camera.fov_y);
+    camera.height = if flags.fov.is_some() { None } else { flags.ortho.or(camera.height) };
     camera.aperture = flags.aperture.unwrap_or(camera.aperture);
     camera.focus = flags.focus.or(camera.focus);
     camera.shutter = flags.shutter.unwrap_or(camera.shutter);
     camera.resolution = resolution.unwrap_or(camera.resolution);
     args::check_resolution(camera.resolution).map_err(|message| Error::Setting { name: "--resolution", message })?;
     camera.check().map_err(|message| Error::Setting {
-        name: "--eye, --target, --up, --fov, --aperture, --focus, --shutter",
+        name: "--eye, --target, --up, --fov, --ortho, --aperture, --focus, --shutter",
         message,
     })?;
     Ok(camera)

@@ -1,14 +1,38 @@
 //! Tells of flags that have no effect.
 
+use std::path::PathBuf;
+
+use lightsum::output::Format;
 use lightsum::scene::{Scene, Surface};
 use lightsum::settings::keys::Key;
-use lightsum::settings::{Compensation, LightChoice, MirrorForm, RenderDefaults, Settings, Spread, Traversal};
+use lightsum::settings::{
+    Compensation, Exposure, LightChoice, MirrorForm, RenderDefaults, Settings, Spread, Traversal,
+};
+
+use crate::args::Curve;
 
 /// Warns of each setting of the command line that has no effect on the rendering of a scene.
 pub fn warn(given: &RenderDefaults, settings: &Settings, scene: &Scene) {
     for (flag, reason) in without_effect(given, settings, scene) {
         log::warn!("{flag} has no effect: {reason}");
     }
+}
+
+/// Warns of an exposure or a curve where no output takes them.
+pub fn warn_display(exposure: Option<Exposure>, curve: Curve, outputs: &[PathBuf]) {
+    for flag in without_display(exposure, curve, outputs) {
+        log::warn!("{flag} has no effect: no output is a PNG file, and EXR files hold radiance as it is");
+    }
+}
+
+/// Flags of the display that outputs do not take. Films keep an exposure.
+fn without_display(exposure: Option<Exposure>, curve: Curve, outputs: &[PathBuf]) -> Vec<&'static str> {
+    let linear = |path: &PathBuf| Format::of(path).is_ok_and(|format| format == Format::Exr);
+    if outputs.is_empty() || !outputs.iter().all(linear) {
+        return Vec::new();
+    }
+    let flags = [("--exposure", exposure.is_some()), ("--tonemap", curve != Curve::default())];
+    flags.into_iter().filter(|(_, given)| *given).map(|(flag, _)| flag).collect()
 }
 
 /// The flags without effect, and why.
@@ -100,6 +124,21 @@ mod tests {
         let mut scene = builtin::furnace(0.5, 1.0);
         scene.materials.push(Material { surface, ..Material::default() });
         without_effect(&given, &Settings::default().with_scene_defaults(&given), &scene)
+    }
+
+    #[test]
+    fn exposures_need_a_picture_for_display() {
+        let told = |exposure, curve, names: &[&str]| {
+            without_display(exposure, curve, &names.iter().map(PathBuf::from).collect::<Vec<_>>())
+        };
+        let stops = Some(Exposure::Stops(1.0));
+        assert_eq!(told(stops, Curve::Aces, &["a.exr"]), ["--exposure", "--tonemap"]);
+        assert_eq!(told(stops, Curve::default(), &["a.exr", "b.exr"]), ["--exposure"]);
+        let none: [&str; 0] = [];
+        for names in [&["a.exr", "a.png"][..], &["part.film"], &[]] {
+            assert_eq!(told(stops, Curve::Aces, names), none, "{names:?}");
+        }
+        assert_eq!(told(None, Curve::default(), &["a.exr"]), none);
     }
 
     #[test]

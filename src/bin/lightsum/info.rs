@@ -26,7 +26,11 @@ pub fn run(args: &args::Info) -> Result<()> {
             let [width, height] = camera.resolution;
             let eye = scene.to_world(camera.eye);
             let target = scene.to_world(camera.target);
-            say(&format!("camera: from {eye:.4} to {target:.4}, {} degrees, {width}x{height}", camera.fov_y));
+            let shown = match camera.height {
+                None => format!("{} degrees", camera.fov_y),
+                Some(height) => format!("orthographic, {height} high"),
+            };
+            say(&format!("camera: from {eye:.4} to {target:.4}, {shown}, {width}x{height}"));
         }
         None => say("camera: none; the scene is framed from the front and above"),
     }

@@ -7,7 +7,7 @@ use lightsum::{Error, Result};
 
 use crate::args::{Merge, is_film};
 use crate::render::{count, software, write_images};
-use crate::{say, say_aside};
+use crate::{effect, say, say_aside};
 
 /// Runs the command.
 pub fn run(args: &Merge) -> Result<()> {
@@ -29,6 +29,7 @@ pub fn run(args: &Merge) -> Result<()> {
         return Err(Error::file(first, "there is no pass in these films; render some first"));
     };
     let (films, images): (Vec<PathBuf>, Vec<PathBuf>) = args.outputs.iter().cloned().partition(|path| is_film(path));
+    effect::warn_display(args.exposure, args.tonemap, &images);
     let encoding = Encoding {
         float: args.float,
         color_only: args.no_layers,

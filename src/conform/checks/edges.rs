@@ -9,15 +9,20 @@ use crate::pass::{ShadingPoints, accumulate, camera_rays};
 use crate::settings::Settings;
 use glam::{Vec3, Vec4};
 
-use crate::conform::rig::{Rig, STRAYS, Tally, close, gallery, has, hit_of, is_lit};
+use crate::conform::rig::{Rig, STRAYS, Tally, close, gallery, has, hit_of, is_lit, orthographic};
 
 /// The surfaces that a ray shows, from its hits: the second one is that after a flat mirror.
-fn shown(rig: &Rig, d: Vec3, first: Option<&Hit>, second: Option<Option<&Hit>>) -> Shown {
-    let first = first.map(|hit| FirstHit::new(rig.scene, rig.bvh(), hit, d));
+fn shown(rig: &Rig, ray: [Vec3; 2], first: Option<&Hit>, second: Option<Option<&Hit>>) -> Shown {
+    let first = first.map(|hit| FirstHit::new(rig.scene, rig.bvh(), hit, ray));
     match (first, second) {
-        (Some(mirror), Some(met)) => Shown::mirrored(rig.scene, rig.bvh(), mirror, d, met),
+        (Some(mirror), Some(met)) => Shown::mirrored(rig.scene, rig.bvh(), mirror, ray[1], met),
         (first, _) => Shown { first, second: None },
     }
+}
+
+/// Origin of an eye ray, relative to the eye, and its direction.
+fn from_eye(frame: &FrameParameters, ray: &Ray) -> [Vec3; 2] {
+    [ray.origin - Vec4::from(frame.eye).truncate(), ray.direction]
 }
 
 /// The pixels as eye rays see them.
@@ -37,14 +42,14 @@ impl Pixels {
         let throughput = rig.vec4s(&eye.paths.throughput);
         let sums = [&lighting.direct, &lighting.indirect, &lighting.specular].map(|b| rig.vec4s(b));
         let nearby = |i: usize| {
-            let ray = camera_rays::reference(&rig.parameters, i as u32);
+            let ray = from_eye(&rig.parameters, &camera_rays::reference(&rig.parameters, i as u32));
             let hit = |guide: [u32; 2]| hit_of(Vec4::new(f32::from_bits(guide[1]), 0.0, 0.0, f32::from_bits(guide[0])));
             let mirrored = second[i][0] != edges::NO_MIRROR;
             let last = if mirrored { second[i] } else { first[i] };
             let second = mirrored.then(|| hit(second[i]));
             Nearby {
-                d: ray.direction,
-                shown: shown(rig, ray.direction, hit(first[i]).as_ref(), second.as_ref().map(Option::as_ref)),
+                ray,
+                shown: shown(rig, ray, hit(first[i]).as_ref(), second.as_ref().map(Option::as_ref)),
                 is_last: position[i].w == f32::from_bits(last[1]),
                 point: [emitted[i], throughput[i], kd[i]].map(Vec4::truncate),
                 sums: [0, 1, 2].map(|k| if is_lit(wo[i]) { sums[k][i].truncate() } else { Vec3::ZERO }),
@@ -82,11 +87,11 @@ impl Pixels {
 }
 
 pub fn edges_follow_their_oracle(bench: &Bench) {
-    let scene = gallery();
+    let (gallery, from_afar) = (gallery(), orthographic(gallery()));
     let (mut marked, mut unknown, mut compared, mut reflected) = (0, 0, 0, 0);
-    for (i, size) in bench.images().enumerate() {
+    for ((i, size), scene) in bench.images().enumerate().flat_map(|image| [(image, &gallery), (image, &from_afar)]) {
         let settings = Settings { particles: 3, antialias: true, split: i % 2 == 0, ..Settings::plain() };
-        let rig = bench.rig_at_pass(&scene, size, settings, 70 * i as u32);
+        let rig = bench.rig_at_pass(scene, size, settings, 70 * i as u32);
         rig.light();
         let before = Pixels::of(&rig);
         let stage = rig.frame().edges.as_ref().unwrap();
@@ -131,26 +136,27 @@ pub fn edges_follow_their_oracle(bench: &Bench) {
                         assert!(close(d, expected.direction, 1e-5, 1e-6), "ray {k} of {pixel}: {d}");
                         let hit = hit_of(hits[ray]);
                         tally.check_hit(&rig, &expected, hit, || format!("ray {k} of pixel {pixel}"));
-                        let mirror = hit.filter(|hit| edges::is_plain_mirror(&scene, rig.bvh(), hit.triangle));
+                        let mirror = hit.filter(|hit| edges::is_plain_mirror(scene, rig.bvh(), hit.triangle));
                         let (mut last, mut last_d) = (hit, d);
                         if let Some(mirror) = mirror {
                             reflected += 1;
                             (last, last_d) = (hit_of(last_hits[ray]), turned[ray].truncate());
-                            let n = FirstHit::new(&scene, rig.bvh(), &mirror, d).normal;
+                            let n = FirstHit::new(scene, rig.bvh(), &mirror, [Vec3::ZERO, d]).normal;
                             assert!(close(last_d, d.reflect(n), 1e-5, 1e-6), "ray {k} of {pixel}: {last_d}");
                             let scale = rig.bvh().typical_scale();
                             let origin = offset_origin(rig.bvh().position(&mirror), n, scale);
                             let onward = Ray::new(origin, d.reflect(n));
                             tally.check_hit(&rig, &onward, last, || format!("ray {k} of {pixel} in a mirror"));
                         }
-                        let own = shown(&rig, d, hit.as_ref(), mirror.map(|_| last.as_ref()));
+                        let from_eye = [from_eye(frame, &expected)[0], d];
+                        let own = shown(&rig, from_eye, hit.as_ref(), mirror.map(|_| last.as_ref()));
                         let length = last.map_or(0.0, |last| last.t) + mirror.map_or(0.0, |mirror| mirror.t);
                         let forward = Vec4::from(frame.forward).truncate();
-                        let width = frame.cones[0] * d.dot(forward) * length;
-                        let surface = last.map(|hit| surface_at(&scene, rig.bvh(), &hit, last_d, width));
+                        let width = frame.cones[0] * frame.depth_scale(d.dot(forward) * length);
+                        let surface = last.map(|hit| surface_at(scene, rig.bvh(), &hit, last_d, width));
                         let material = surface.map_or([Vec3::ZERO; 2], |s| [s.reflectance.kd, s.emission]);
                         let around = before.around(frame, pixel);
-                        match edges::reference(frame, (d, &own), material, &around) {
+                        match edges::reference(frame, (from_eye, &own), material, &around) {
                             Some(l) => rays.push(l.extend(f32::from(u8::from(hit.is_some())))),
                             None => unknown += 1,
                         }

@@ -13,8 +13,8 @@ use crate::settings::{Clip, Settings, Superposition, Traversal};
 use glam::{Vec3, Vec4};
 
 use crate::conform::rig::{
-    Rig, STRAYS, Tally, close, gallery_with_alpha, gallery_with_tables, has, hit_of, is_lit, ray_of, same_lobe,
-    untouched, xyz,
+    Rig, STRAYS, Tally, close, gallery_with_alpha, gallery_with_tables, has, hit_of, is_lit, orthographic, ray_of,
+    same_lobe, untouched, xyz,
 };
 
 /// Tolerance: a device's divisions, roots and powers are less exact than ours.
@@ -84,7 +84,7 @@ impl Found {
             tally.check(covered == (through.w > 0.0), || format!("coverage {i}"));
             return false;
         };
-        let width = rig.parameters.cones[0] * (through.w + cos_view * hit.t);
+        let width = rig.parameters.cones[0] * rig.parameters.depth_scale(through.w + cos_view * hit.t);
         let s = surface_at(rig.scene, rig.bvh(), &hit, d, width);
         let r = &s.reflectance;
         // A path along a lobe shares the light that it meets with virtual lights.
@@ -205,13 +205,15 @@ fn look(rig: &Rig) -> Vec<Option<Hit>> {
 
 pub fn camera_rays_trace_and_receivers_follow_their_oracles(bench: &Bench) {
     let scene = gallery_with_tables();
+    let from_afar = orthographic(scene.clone());
     let mut seen = vec![0; scene.materials.len()];
     let mut missed = 0;
-    for (resolution, superposition) in bench.images().flat_map(|r| [(r, None), (r, Some(Superposition::default()))]) {
+    let views = |r| [(r, &scene, None), (r, &scene, Some(Superposition::default())), (r, &from_afar, None)];
+    for (resolution, scene, superposition) in bench.images().flat_map(views) {
         // Points seen through mirrors and glass, and in the last image glass itself as well.
         let max_specular = if resolution == AWKWARD_IMAGES[4] { 1 } else { 8 };
         let settings = Settings { particles: 1, max_specular, superposition, ..Settings::plain() };
-        let rig = bench.rig(&scene, resolution, settings);
+        let rig = bench.rig(scene, resolution, settings);
         for hit in look(&rig) {
             match hit {
                 Some(hit) => seen[rig.bvh().material(hit.triangle) as usize] += 1,

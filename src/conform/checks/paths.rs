@@ -135,7 +135,7 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
             unlikely: step > 0 && has(before.emitted[i], ShadingPoints::UNLIKELY),
             chose: step > 0 && has(before.emitted[i], ShadingPoints::CHOSE),
         };
-        let width = rig.parameters.cones[0] * (path.depth + cos_view * hit.t);
+        let width = rig.parameters.cones[0] * rig.parameters.depth_scale(path.depth + cos_view * hit.t);
         let surface = surface_at(rig.scene, rig.bvh(), &hit, d, width);
         let way = (d, hit.t, cos_view);
         let number = (step as u32, sort::class_of(&rig.parameters, slot));

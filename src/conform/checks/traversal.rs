@@ -139,6 +139,7 @@ pub fn a_scene_of_one_triangle(bench: &Bench) {
         aperture: 0.0,
         focus: None,
         shutter: 0.0,
+        height: None,
         frustum: None,
     };
     compare(bench, "one triangle", &scene, camera, 4);

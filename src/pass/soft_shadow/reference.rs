@@ -84,12 +84,12 @@ impl Kernel {
         let height = n.dot(w).min(-LEAST_COSINE * w.length());
         let onto_plane = light.edges.map(|e| e - w * (n.dot(e) / height));
         let [eye, right, up, forward] = [frame.eye, frame.right, frame.up, frame.forward].map(xyz);
-        let z = (x - eye).dot(forward);
+        let z = frame.depth_scale((x - eye).dot(forward));
         let half = 0.5 * Vec2::new(frame.within[2] as f32, frame.within[3] as f32);
         // Half widths and half heights at unit distance; rows count downwards.
         let lateral =
             |v: Vec3| half * Vec2::new(v.dot(right) / right.length_squared(), -v.dot(up) / up.length_squared());
-        let depths = onto_plane.map(|p| p.dot(forward) / z);
+        let depths = onto_plane.map(|p| if frame.is_orthographic() { 0.0 } else { p.dot(forward) / z });
         let edge = |k: usize| lateral(onto_plane[k]) / z - lateral(x - eye) / z * depths[k];
         Kernel { edges: [edge(0), edge(1)], depth: Vec2::from(depths) }
     }

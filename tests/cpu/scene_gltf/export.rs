@@ -112,6 +112,21 @@ fn exported_lights_come_back() {
 }
 
 #[test]
+fn orthographic_cameras_are_written_as_such() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("plan.gltf");
+    let mut furnace = builtin::furnace(0.5, 3.0);
+    furnace.camera = furnace.camera.map(|camera| lightsum::Camera { height: Some(0.5), ..camera });
+    export_lights(&path, &furnace, &[]).unwrap();
+    assert_eq!(scene::load(&path).unwrap().camera, furnace.camera);
+    let mut document: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    document["cameras"][0].as_object_mut().unwrap().remove("extras");
+    std::fs::write(&path, document.to_string()).unwrap();
+    let camera = scene::load(&path).unwrap().camera.unwrap();
+    assert!((camera.height.unwrap() - 0.5).abs() < 1e-6, "{camera:?}");
+}
+
+#[test]
 fn exported_files_mean_the_same_to_others() {
     let light = VirtualLight { position: Vec3::ONE, normal: Vec3::X, power: Vec3::new(1.0, 2.0, 0.5), exponent: 1.0 };
     let folder = TempDir::new().unwrap();

@@ -81,6 +81,7 @@ impl<'a> Script<'a> {
             stages: vec![("load".into(), start.elapsed().as_secs_f64())],
         };
         let script = Script { args, job, motion, play, still, pattern };
+        effect::warn_display(shown.exposure, shown.tonemap, script.output(0).as_slice());
         script.check_part()?;
         let inputs: Vec<PathBuf> = scene.files.iter().chain(&args.path).cloned().collect();
         let outputs: Vec<PathBuf> =

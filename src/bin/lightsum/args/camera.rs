@@ -29,6 +29,12 @@ pub struct Camera {
     /// Vertical angle of view in degrees, between 0 and 180 [default: the scene's, or 45].
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = angle)]
     pub fov: Option<f32>,
+    /// Height of the image in scene units: an orthographic camera, whose rays are parallel [default: the scene's, or an angle of view].
+    ///
+    /// The rays start in the plane through the eye; what lies behind it is not seen. --fov makes an orthographic camera of a scene a
+    /// perspective one. Without a lens (--aperture 0) and mirror images (--superposition off).
+    #[arg(long, value_name = "HEIGHT", allow_negative_numbers = true, value_parser = positive, conflicts_with = "fov")]
+    pub ortho: Option<f32>,
     /// Diameter of the lens in scene units, for depth of field [default: the scene's, or 0, a pinhole].
     ///
     /// The blur grows in proportion. Any value but 0 costs a convolution in each pass.

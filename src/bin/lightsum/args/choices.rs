@@ -29,9 +29,10 @@ impl From<SpecularFlag> for SpecularPaths {
 }
 
 /// Values of `--tonemap`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Curve {
     /// sRGB curve, clipped at 1: exact below, highlights burn out.
+    #[default]
     Srgb,
     /// ACES as fitted by Hill: film-like contrast.
     Aces,

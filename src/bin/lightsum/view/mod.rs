@@ -32,9 +32,11 @@ pub fn run(args: &View) -> Result<()> {
     let script = args.script.as_deref().map(Script::load).transpose()?;
     let scripted = script.is_some();
     let no_window = |error: &dyn std::fmt::Display| {
+        let error = error.to_string();
         Error::NoDevice(format!(
-            "no window can be opened: {error}; set DISPLAY or WAYLAND_DISPLAY (over ssh: ssh -X), or use `lightsum render`, which needs \
-             no display"
+            "no window can be opened: {}; set DISPLAY or WAYLAND_DISPLAY (over ssh: ssh -X), or use `lightsum render`, which needs \
+             no display",
+            words(&error)
         ))
     };
     let events = event_loop().map_err(|error| no_window(&error))?;
@@ -45,6 +47,12 @@ pub fn run(args: &View) -> Result<()> {
         say(&summary.to_string());
     }
     outcome
+}
+
+/// The words of an error without the place in winit's sources that they begin with, and without a full stop.
+fn words(error: &str) -> &str {
+    let place = error.split_once(".rs:").and_then(|(_, rest)| rest.split_once(": "));
+    place.map_or(error, |(_, words)| words).trim_end_matches('.')
 }
 
 /// The connection to the display. winit panics where a library that it loads is missing; that is an error here like any other.
@@ -58,5 +66,19 @@ fn event_loop() -> Result<EventLoop<()>, String> {
         Err(panic) => {
             Err(panic.downcast_ref::<String>().cloned().unwrap_or_else(|| String::from("a library is missing")))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::words;
+
+    #[test]
+    fn errors_are_told_without_places_in_sources() {
+        assert_eq!(
+            words("os error at /a/winit/src/platform_impl/linux/mod.rs:765: no DISPLAY is set."),
+            "no DISPLAY is set"
+        );
+        assert_eq!(words("libX.so could not be loaded"), "libX.so could not be loaded");
     }
 }

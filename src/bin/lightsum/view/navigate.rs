@@ -42,13 +42,16 @@ pub fn turn(camera: Camera, mode: Mode, [dx, dy]: [f32; 2]) -> Camera {
 /// Moves the camera across its view, so that its target follows the mouse.
 pub fn pan(camera: Camera, [dx, dy]: [f32; 2]) -> Camera {
     let (right, top, _) = camera.world_from_camera();
-    let unit = pixel(&camera) * (camera.target - camera.eye).length();
+    let unit = pixel(&camera, (camera.target - camera.eye).length());
     let by = (-dx * right + dy * top) * unit;
     Camera { eye: camera.eye + by, target: camera.target + by, ..camera }
 }
 
-/// Moves the camera by steps of the wheel: towards its target, or on.
+/// Moves the camera by steps of the wheel: towards its target, or on. An orthographic one shows less instead.
 pub fn dolly(camera: Camera, mode: Mode, steps: f32) -> Camera {
+    if let Some(height) = camera.height {
+        return Camera { height: Some(height * (1.0 - STEP).powf(steps)), ..camera };
+    }
     let offset = camera.target - camera.eye;
     match mode {
         Mode::Orbit => Camera { eye: camera.target - offset * (1.0 - STEP).powf(steps), ..camera },
@@ -67,23 +70,29 @@ pub fn fly(camera: Camera, by: Vec3) -> Camera {
 pub fn ray(camera: &Camera, [x, y]: [f32; 2]) -> Ray {
     let (right, top, forward) = camera.world_from_camera();
     let [width, height] = camera.resolution.map(|n| n as f32);
-    let unit = pixel(camera);
-    Ray::new(camera.eye, forward + (x - 0.5 * width) * unit * right + (0.5 * height - y) * unit * top)
+    let unit = pixel(camera, 1.0);
+    let across = (x - 0.5 * width) * unit * right + (0.5 * height - y) * unit * top;
+    match camera.is_orthographic() {
+        true => Ray::new(camera.eye + across, forward),
+        false => Ray::new(camera.eye, forward + across),
+    }
 }
 
 /// Where a point is in the image, in pixels from its upper left corner; `None`: it is not before the eye.
 pub fn project(camera: &Camera, point: Vec3) -> Option<[f32; 2]> {
     let (right, top, forward) = camera.world_from_camera();
     let offset = point - camera.eye;
-    let depth = offset.dot(forward) * pixel(camera);
+    let depth = offset.dot(forward);
+    let unit = pixel(camera, depth);
     let [width, height] = camera.resolution.map(|n| n as f32);
-    let at = [0.5 * width + offset.dot(right) / depth, 0.5 * height - offset.dot(top) / depth];
+    let at = [0.5 * width + offset.dot(right) / unit, 0.5 * height - offset.dot(top) / unit];
     (depth > 0.0 && at.iter().all(|x| x.is_finite())).then_some(at)
 }
 
-/// Size of a pixel at unit distance.
-fn pixel(camera: &Camera) -> f32 {
-    2.0 * (0.5 * camera.fov_y.to_radians()).tan() / camera.resolution[1] as f32
+/// Size of a pixel at a depth.
+fn pixel(camera: &Camera, depth: f32) -> f32 {
+    let whole = camera.height.unwrap_or_else(|| 2.0 * (0.5 * camera.fov_y.to_radians()).tan() * depth);
+    whole / camera.resolution[1] as f32
 }
 
 /// Where a ray meets a plane, unless it runs along it or away from it.
@@ -107,6 +116,7 @@ mod tests {
             aperture: 0.0,
             focus: None,
             shutter: 0.0,
+            height: None,
             frustum: None,
         }
     }

@@ -265,14 +265,22 @@ fn camera(ui: &mut Ui, session: &Session, requests: &mut Vec<Request>) {
         }
     });
     ui.horizontal(|ui| {
-        ui.label("angle of view");
-        ui.add(DragValue::new(&mut camera.fov_y).range(1.0..=170.0).speed(0.2).suffix("°"));
+        if let Some(height) = &mut camera.height {
+            ui.label("height").on_hover_text("of the image of this orthographic camera, scene units");
+            let speed = 0.01 * *height;
+            ui.add(DragValue::new(height).range(1e-9..=1e9).speed(speed));
+        } else {
+            ui.label("angle of view");
+            ui.add(DragValue::new(&mut camera.fov_y).range(1.0..=170.0).speed(0.2).suffix("°"));
+        }
     });
-    ui.horizontal(|ui| {
-        ui.label("lens").on_hover_text("its diameter, scene units; 0: everything is sharp");
-        let speed = 1e-3 * (camera.target - camera.eye).length();
-        ui.add(DragValue::new(&mut camera.aperture).range(0.0..=f32::MAX).speed(speed));
-    });
+    if !camera.is_orthographic() {
+        ui.horizontal(|ui| {
+            ui.label("lens").on_hover_text("its diameter, scene units; 0: everything is sharp");
+            let speed = 1e-3 * (camera.target - camera.eye).length();
+            ui.add(DragValue::new(&mut camera.aperture).range(0.0..=f32::MAX).speed(speed));
+        });
+    }
     if let Some(scene) = session.scene() {
         for (name, point) in [("eye", camera.eye), ("target", camera.target)] {
             let world = scene.to_world(point);

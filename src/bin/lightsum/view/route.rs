@@ -69,12 +69,11 @@ impl Route {
         let mut text = format!("frames = {frames}\n");
         for (i, Key { camera, .. }) in self.0.iter().enumerate() {
             let (eye, target) = (numbers(scene.to_world(camera.eye)), numbers(scene.to_world(camera.target)));
-            let _ = write!(
-                text,
-                "\n[[camera]]\ntime = {:?}\neye = {eye}\ntarget = {target}\nfov = {:?}\n",
-                time(i),
-                camera.fov_y
-            );
+            let shown = match camera.height {
+                None => format!("fov = {:?}", camera.fov_y),
+                Some(height) => format!("height = {height:?}"),
+            };
+            let _ = write!(text, "\n[[camera]]\ntime = {:?}\neye = {eye}\ntarget = {target}\n{shown}\n", time(i));
         }
         let moved: BTreeMap<u32, Placed> =
             self.0.iter().flat_map(|key| &key.objects).map(|(&object, &placed)| (object, placed)).collect();
