@@ -426,7 +426,7 @@ pub struct Camera {
     /// told what moves meanwhile by [`crate::Engine::set_shutter_ends`].
     #[serde(default)]
     pub shutter: f32,
-    /// Height of the image in scene units, above 0, of an orthographic camera: its rays are parallel to the direction of view and start in the
+    /// Height of the image in scene units, in [1e-15, 1e9], of an orthographic camera: its rays are parallel to the direction of view and start in the
     /// plane through `eye` across it, so that what lies behind that plane is not seen. Default `None`: rays start at `eye`. An orthographic
     /// camera has no lens (`aperture` 0), and no mirror images by [`Settings::superposition`](crate::Settings::superposition); depth is the
     /// distance from the plane.

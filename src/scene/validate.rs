@@ -18,6 +18,9 @@ const THINNEST: f64 = 1e-9;
 /// of three lengths, are numbers of single precision then.
 pub const FARTHEST: f32 = 1e9;
 
+/// Least height of the image of an orthographic camera: squares of lengths in it are numbers.
+const LOWEST_IMAGE: f32 = 1e-15;
+
 /// Least length of an edge of a triangle that is sure to be kept: the square of its area is a number of single precision still.
 pub const SHORTEST: f32 = 1e-9;
 
@@ -347,7 +350,7 @@ impl Camera {
             return Err(format!("up {} is zero or parallel to the direction of view {view}", self.up));
         }
         match self.height {
-            Some(height) => length("height", height, false)?,
+            Some(height) => range("height", height, LOWEST_IMAGE, FARTHEST)?,
             None if self.fov_y > 0.0 && self.fov_y < 180.0 => {}
             None => return Err(format!("fov_y {} must lie between 0 and 180 degrees", self.fov_y)),
         }

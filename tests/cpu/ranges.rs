@@ -77,6 +77,11 @@ fn numbers_of_a_description() {
             &["0.0", "-0.0", "-1.0", "180.0", "1e39"],
         ),
         (
+            "[camera]\neye = [0, 1, 3]\ntarget = [0, 1, 0]\nprojection = \"orthographic\"\nheight = @",
+            &["1.01e-15", "1e9"],
+            &["0.0", "-0.0", "-1.0", "1e-16", "1.001e9", "1e39"],
+        ),
+        (
             "[camera]\neye = [0, 1, 3]\ntarget = [0, 1, 0]\nfov_y = 40\nresolution = [@, 7]",
             &["1", "65536"],
             &["0", "-1", "65537", "1.5"],

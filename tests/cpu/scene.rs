@@ -70,8 +70,8 @@ fn orthographic_cameras_are_read_and_checked() {
     assert_eq!((usual.height, usual.fov_y), (None, 30.0));
     for (words, parts) in [
         ("projection = \"orthographic\"", ["no `height`", "scene units"]),
-        ("projection = \"orthographic\"\nheight = 0", ["height 0", "above 0"]),
-        ("projection = \"orthographic\"\nheight = nan", ["height NaN", "above 0"]),
+        ("projection = \"orthographic\"\nheight = 0", ["height 0", "not in"]),
+        ("projection = \"orthographic\"\nheight = nan", ["height NaN", "not in"]),
         ("projection = \"orthographic\"\nheight = 2\nfov_y = 40", ["`fov_y` has no meaning", "leave it out"]),
         ("projection = \"orthographic\"\nheight = 2\naperture = 0.1", ["aperture 0.1", "no lens"]),
         ("fov_y = 40\nheight = 2", ["`height`", "projection = \"orthographic\""]),
