@@ -31,6 +31,9 @@
 @group(0) @binding(25) var<storage, read> mirror_hits: array<vec2<u32>>;
 #endif
 
+// Relative difference of squared distances up to which pixels count as equally near. Host twin: pass::edges::TIE.
+const TIE: f32 = 1e-4;
+
 // Origin less the eye of a ray of a pixel. That of a ray which a mirror has reflected is no longer known, but for its place in the pixel.
 fn start_of(ray: u32, at: vec2<u32>, pixel: u32) -> vec3<f32> {
     let tile = at / 8u;
@@ -91,7 +94,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #endif
         // Rays from one eye differ in direction, parallel ones in where they start.
         let between = (d - their_ray.d) + (start - their_ray.start);
-        let distance2 = dot(between, between);
+        // Parallel rays may pass halfway between pixels: the first of these counts, whatever rounding makes of it.
+        let behind = select(0.0, TIE * f32(i), is_orthographic());
+        let distance2 = dot(between, between) * (1.0 + behind);
         let nearer = inside && shows && distance2 < least;
         nearest = select(nearest, other, nearer);
         least = select(least, distance2, nearer);

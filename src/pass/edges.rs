@@ -37,6 +37,10 @@ use crate::scene::{Scene, Surface};
 /// Maximum number of rays of a pixel.
 pub const MAX_RAYS: u32 = 8;
 
+/// Relative difference of squared distances, for each place in the order of 3 x 3, up to which pixels count as equally near to a parallel ray:
+/// the first counts.
+pub const TIE: f32 = 1e-4;
+
 /// In [`EdgeGuides::second_hits`] and [`Mirrors::hits`] in place of a triangle: no reflection in a flat mirror.
 pub const NO_MIRROR: u32 = u32::MAX - 1;
 
@@ -314,11 +318,15 @@ pub fn reference(
     [kd, emission]: [Vec3; 2],
     nearby: &[Nearby],
 ) -> Option<Vec3> {
-    let distance = |pixel: &&Nearby| pixel.ray[0].distance_squared(ray[0]) + pixel.ray[1].distance_squared(ray[1]);
-    let shows = |pixel: &&Nearby| same_shown(frame, own, &pixel.shown);
-    let nearest = nearby.iter().filter(shows).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    let tie = if frame.is_orthographic() { TIE } else { 0.0 };
+    let distance = |(i, pixel): &(usize, &Nearby)| {
+        let between = pixel.ray[0].distance_squared(ray[0]) + pixel.ray[1].distance_squared(ray[1]);
+        between * (1.0 + tie * *i as f32)
+    };
+    let shows = |(_, pixel): &(usize, &Nearby)| same_shown(frame, own, &pixel.shown);
+    let nearest = nearby.iter().enumerate().filter(shows).min_by(|a, b| distance(a).total_cmp(&distance(b)));
     let found = own.second.unwrap_or(own.first).is_some();
-    let Some(nearest) = nearest else {
+    let Some((_, nearest)) = nearest else {
         return (found && own.second.is_none() && emission.element_sum() > 0.0).then_some(emission);
     };
     let [emitted, throughput, their_kd] = nearest.point;

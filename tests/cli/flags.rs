@@ -177,7 +177,7 @@ fn orthographic_cameras_by_flag_and_by_file() {
     assert!(by_file == image("scene.toml", "--ortho 2") && by_file != image("scene.toml", ""));
     assert!(image("plan.toml", "--fov 34") == image("scene.toml", ""), "an angle of view makes it a perspective one");
     // The path tracer has the same rays.
-    let reference = render(folder.path(), "plan.toml", "--reference --samples 64");
+    let reference = render(folder.path(), "plan.toml", "--reference --spp 64");
     let ratio = energy(&image("plan.toml", "--passes 16"), &reference);
     assert!((ratio - 1.0).abs() < 0.1, "energy {ratio}");
     for (flags, names) in [

@@ -271,14 +271,15 @@ fn lent(
     bytes: &[u8],
     layout: vk::ImageLayout,
 ) -> (HostsImage, Image) {
-    let usage = vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_DST;
+    let depth = format == vk::Format::D32_SFLOAT;
+    let drawn = if depth { vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT } else { vk::ImageUsageFlags::empty() };
+    let usage = vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_DST | drawn;
     let hosts = HostsImage::new(ctx, format, size, usage);
     // SAFETY: the image has memory, and lives until the device has finished.
     let image = unsafe { Image::adopt_to_read(ctx, "layer of the host", hosts.image) }.unwrap();
     let from = Buffer::new(ctx, "texels", bytes.len() as u64, Memory::Device).unwrap();
     let mut staging = Staging::new();
     staging.stage_into(ctx, &from, 0, bytes).unwrap();
-    let depth = format == vk::Format::D32_SFLOAT;
     let aspect = if depth { vk::ImageAspectFlags::DEPTH } else { vk::ImageAspectFlags::COLOR };
     let layers = vk::ImageSubresourceLayers::default().aspect_mask(aspect).layer_count(1);
     let extent = vk::Extent3D { width: size[0], height: size[1], depth: 1 };

@@ -38,6 +38,8 @@ fn stage<'a>(rig: &'a Rig) -> &'a stage::SoftShadows {
 fn rig<'a>(ctx: &'a Context, scene: &'a Scene, resolution: [u32; 2], traversal: Traversal) -> Rig<'a> {
     let settings = Settings { compensation: Compensation::Off, traversal, ..settings(64, 5) };
     let rig = Rig::new(ctx, scene, resolution, soft(settings));
+    // Second components that no path leads to are not written.
+    rig.prefill(&[&rig.frame().eye.points.wo]);
     rig.walk_and_look();
     rig
 }

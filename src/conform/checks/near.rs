@@ -320,15 +320,14 @@ pub fn near_light_follows_its_oracles(bench: &Bench) {
     check_collect(&rig);
     let shown = of_shifted.shown as f32 / met.shown as f32 * met.rays as f32;
     bench.covered(shown > 0.5 * of_shifted.rays as f32, format_args!("{of_shifted:?}"));
-    // Parallel rays show as much of it.
+    // By parallel rays.
     let from_afar = orthographic(scene.clone());
     let rig = bench.rig(&from_afar, [61, 47], settings([3, 3]));
     rig.light();
     let mut of_parallel = Met::default();
     check_points(&rig, sine, &mut of_parallel);
     check_collect(&rig);
-    let shown = of_parallel.shown as f32 / met.shown as f32 * met.rays as f32;
-    bench.covered(shown > 0.5 * of_parallel.rays as f32, format_args!("{of_parallel:?}"));
+    bench.covered(of_parallel.shown > 20 && of_parallel.lit > 20, format_args!("{of_parallel:?}"));
     // With the shortest paths only emitters are found; nothing is lit.
     let rig = bench.rig(&scene, [31, 17], Settings { max_depth: 2, ..settings([3, 3]) });
     rig.light();

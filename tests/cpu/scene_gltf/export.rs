@@ -117,7 +117,8 @@ fn orthographic_cameras_are_written_as_such() {
     let path = folder.path().join("plan.gltf");
     let mut furnace = builtin::furnace(0.5, 3.0);
     furnace.camera = furnace.camera.map(|camera| lightsum::Camera { height: Some(0.5), ..camera });
-    export_lights(&path, &furnace, &[]).unwrap();
+    let light = VirtualLight { position: Vec3::ZERO, normal: Vec3::X, power: Vec3::ONE, exponent: 1.0 };
+    export_lights(&path, &furnace, &[light]).unwrap();
     assert_eq!(scene::load(&path).unwrap().camera, furnace.camera);
     let mut document: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     document["cameras"][0].as_object_mut().unwrap().remove("extras");
